@@ -1,0 +1,45 @@
+# `make run` trains a policy, `make test` checks everything that takes seconds; both make their own environment first.
+PYTHON ?= python3
+VENV := .venv
+PY := $(VENV)/bin/python
+READY := $(VENV)/.ready
+
+.PHONY: run test test-slow lint format pins env clean
+.DEFAULT_GOAL := test
+
+run: $(READY)
+	$(PY) train/ppo.py --device cpu --num-envs 64 --out runs/walk
+
+test: $(READY)
+	$(PY) -m pytest -m "not slow"
+
+# pytest exits with 5 where no test is marked slow
+test-slow: $(READY)
+	$(PY) -m pytest -m slow || [ $$? -eq 5 ]
+
+lint: $(READY)
+	$(PY) -m ruff check .
+	$(PY) -m ruff format --check .
+	$(PY) -m pyright --pythonpath $(PY)
+
+format: $(READY)
+	$(PY) -m ruff check --fix .
+	$(PY) -m ruff format .
+
+env: $(READY)
+
+# a virtual environment that works is updated in place, a missing or broken one is made anew
+$(READY): pyproject.toml constraints.txt
+	$(PY) -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
+	$(PY) -m pip install -c constraints.txt -e '.[dev]'
+	touch $@
+
+# constraints.txt from what is installed, without local version tags; its heading stays
+pins: $(READY)
+	{ sed -n '/^#/p' constraints.txt; $(PY) -m pip freeze --all --exclude pip --exclude mrwarp | sed 's/+.*//'; } > $(VENV)/pins
+	mv $(VENV)/pins constraints.txt
+
+# the environment stays: `rm -rf .venv` to build it anew
+clean:
+	rm -rf build dist .pytest_cache .ruff_cache
+	find . -path ./$(VENV) -prune -o -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,1 @@
+"""mrwarp: a batched simulator of legged robots whose joints carry magnetorheological actuators."""

@@ -1,0 +1,297 @@
+"""MrActuator: the torque stages of one 5 ms step, and the only owner of the actuator's state.
+
+Stages, in the order of the paper: gate (eqs. 5, 8), coil, history (eq. 12), Bouc-Wen (eqs. 14, 15), learned residual
+(eq. 16), torque (eqs. 2, 6, 9, 19). What the joint feels depends on the coupling:
+
+* ``explicit``: the device's torque is computed from the state at the start of the step and applied (the paper's way).
+* ``constraint``: the device is a dry friction whose bound is the yield torque (held) or the predicted torque
+  (sliding, off); the solver finds the reaction. Passive in discrete time, and it truly sticks.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import warp as wp
+
+from mrwarp.kernels import joint_params, ledger, mr_stages, window
+from mrwarp.params import MrParams
+
+
+class Coupling(enum.Enum):
+    """How the device acts on the joint."""
+
+    EXPLICIT = "explicit"
+    CONSTRAINT = "constraint"
+
+
+class HoldCurrent(enum.Enum):
+    """Current while holding: the support current for the needed torque (section 5.2), or I_e (current sweeps)."""
+
+    SUPPORT = "support"
+    FIXED = "fixed"
+
+
+class ZStep(enum.Enum):
+    """Step of the hysteresis state: the paper's explicit Euler, or the closed form for constant velocity."""
+
+    EULER = "euler"
+    EXACT = "exact"
+
+
+class DrivenJoint(Protocol):
+    """What the actuator needs to know of a joint; ``mrwarp.asset.JointActuator`` is one."""
+
+    @property
+    def joint(self) -> str: ...
+    @property
+    def kp(self) -> float: ...
+    @property
+    def kd(self) -> float: ...
+    @property
+    def tau_limit(self) -> float: ...
+    @property
+    def mr(self) -> MrParams | None: ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class MrActuatorCfg:
+    """Choices of the actuator model."""
+
+    coupling: Coupling = Coupling.CONSTRAINT
+    """How the device acts on the joint."""
+    hold_current: HoldCurrent = HoldCurrent.SUPPORT
+    """Current while the holding gate is open."""
+    z_step: ZStep = ZStep.EULER
+    """Step of the hysteresis state."""
+    sal: bool = True
+    """Whether the gates may open (SAL on)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActuatorInputs:
+    """Arrays that the stages read at every step; the simulator keeps writing them in place."""
+
+    q_des: wp.array
+    """Joint targets [rad], shape (E, J)."""
+    q: wp.array
+    """Joint positions [rad], shape (E, J)."""
+    qd: wp.array
+    """Joint velocities [rad/s], shape (E, J)."""
+    f_foot: wp.array
+    """Norm of the contact force per leg [N], shape (E, L)."""
+    current_e: wp.array
+    """Current I_e each environment may use [A], shape (E,)."""
+    friction: wp.array
+    """Torque of the brake constraint during the last physics step [N·m], shape (E, J); unused when explicit."""
+
+
+Residual = Callable[[wp.array, wp.array, wp.array, wp.array], None]
+"""``residual(ring, head, m_dyn, tau_dyn)`` adds the learned torque to ``tau_dyn`` (E, M) where ``m_dyn`` is open.
+
+``ring`` is the history of shape (E, M, 50, 3) with its newest row at ``head[0]``, see ``mrwarp.kernels.window``.
+"""
+
+
+class MrActuator:
+    """Motor and MR device of every joint, batched over environments.
+
+    Args:
+        joints: The joints in the simulator's order; those with ``mr`` parameters carry a device. Length J.
+        legs: Column of ``inputs.f_foot`` of each joint. Length J.
+        inputs: Arrays read at each step.
+        dt: Torque step [s].
+        cfg: Choices of the model.
+        residual: Learned torque that is added to the Bouc-Wen prediction, or None.
+        share_params: Keep one row of parameters for all environments; False gives each its own row (randomisation).
+    """
+
+    def __init__(
+        self,
+        joints: Sequence[DrivenJoint],
+        legs: Sequence[int],
+        inputs: ActuatorInputs,
+        *,
+        dt: float,
+        cfg: MrActuatorCfg | None = None,
+        residual: Residual | None = None,
+        share_params: bool = True,
+    ) -> None:
+        self.cfg = cfg or MrActuatorCfg()
+        self.inputs = inputs
+        self.dt = dt
+        self.residual = residual
+        self.device = inputs.q.device
+        num_envs, num_joints = inputs.q.shape
+        if len(joints) != num_joints or len(legs) != num_joints:
+            raise ValueError(f"{len(joints)} joints and {len(legs)} legs given for arrays of {num_joints} joints")
+        self.num_envs, self.num_joints = num_envs, num_joints
+        self.mr_joints = tuple(i for i, joint in enumerate(joints) if joint.mr is not None)
+        num_mr = len(self.mr_joints)
+
+        slot_of = np.full(num_joints, -1, dtype=np.int32)
+        slot_of[list(self.mr_joints)] = np.arange(num_mr)
+        self.slot_of = self._array(slot_of, int)
+        self.joint_of = self._array(np.array(self.mr_joints, dtype=np.int32), int)
+        self.leg_of = self._array(np.array([legs[i] for i in self.mr_joints], dtype=np.int32), int)
+
+        rows = 1 if share_params else num_envs
+        self.kp = self._array(np.tile([j.kp for j in joints], (rows, 1)), float)
+        self.kd = self._array(np.tile([j.kd for j in joints], (rows, 1)), float)
+        self.tau_limit = self._array(np.tile([j.tau_limit for j in joints], (rows, 1)), float)
+        self.params = self._param_array([joints[i].mr for i in self.mr_joints], rows)
+        self._param_names = joint_params.FIELDS
+
+        def zeros(*shape: int) -> wp.array:
+            return wp.zeros(shape, dtype=float, device=self.device)
+
+        # state
+        self.z = zeros(num_envs, num_mr)
+        self.current = zeros(num_envs, num_mr)
+        self.ring = zeros(num_envs, num_mr, window.WINDOW, window.FEATURES)
+        self.head = wp.zeros(1, dtype=int, device=self.device)
+        self.ledger = zeros(num_envs, num_joints, len(ledger.ENTRIES))
+        # outputs of the last step
+        self.m_dyn, self.m_hold = zeros(num_envs, num_mr), zeros(num_envs, num_mr)
+        self.tau_dyn, self.tau_mr = zeros(num_envs, num_mr), zeros(num_envs, num_mr)
+        self.tau_motor = zeros(num_envs, num_joints)
+        self.tau = zeros(num_envs, num_joints)
+        self.bound = zeros(num_envs, num_joints)
+        self._record_launches()
+
+    def step(self) -> None:
+        """Run the stages: writes ``tau`` to apply [N·m] and the brake ``bound`` [N·m], both of shape (E, J)."""
+        if self.mr_joints:
+            self._advance_head.launch()
+            self._predict.launch()
+            if self.residual is not None:
+                self.residual(self.ring, self.head, self.m_dyn, self.tau_dyn)
+        self._torque.launch()
+
+    def account(self) -> None:
+        """Add the physics step that followed :meth:`step` to the energy ledger; reads ``inputs.qd`` and ``friction``."""
+        self._ledger.launch()
+
+    def reset(self, mask: wp.array | None = None) -> None:
+        """Forget the past of masked environments: z = 0, no current, a history at rest, an empty ledger.
+
+        Args:
+            mask: Environments to reset, bool, shape (E,); None resets all. Others stay bit-equal.
+        """
+        if mask is None:
+            mask = wp.full(self.num_envs, True, dtype=wp.bool, device=self.device)
+        wp.launch(
+            mr_stages.reset_kernel,
+            dim=(self.num_envs, self.num_joints),
+            inputs=[self.params, self.slot_of, mask, self.inputs.q],
+            outputs=[
+                self.z, self.current, self.m_dyn, self.m_hold, self.tau_dyn, self.tau_mr, self.ring, self.ledger,
+            ],
+            device=self.device,
+        )  # fmt: skip
+
+    def param(self, name: str) -> wp.array:
+        """Live float view of one MR parameter, shape (E or 1, M); writing to it changes the device.
+
+        Raises:
+            KeyError: there is no such parameter.
+        """
+        if name not in self._param_names:
+            raise KeyError(f"no MR parameter {name!r}; known: {', '.join(self._param_names)}")
+        rows, num_mr = self.params.shape
+        offset = self._param_names.index(name)
+        size = len(self._param_names) * 4
+        ptr = self.params.ptr + 4 * offset if self.params.ptr else None
+        return wp.array(
+            ptr=ptr, dtype=float, shape=(rows, num_mr), strides=(num_mr * size, size), device=self.device, copy=False
+        )
+
+    def set_param(self, name: str, values: Any) -> None:
+        """Write one MR parameter [unit as in ``mrwarp.params``], broadcast to shape (E or 1, M), unchecked."""
+        view = self.param(name)
+        wp.copy(view, self._array(np.broadcast_to(np.asarray(values, dtype=np.float32), view.shape), float))
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Copy of everything a resumed run needs, by name."""
+        arrays = {name: getattr(self, name).numpy().copy() for name in _STATE}
+        # the number of fields by name: a robot without devices has an empty array, whose -1 numpy cannot infer
+        shape = (*self.params.shape, len(self._param_names))
+        return {**arrays, "params": self.params.numpy().view(np.float32).reshape(shape).copy()}
+
+    def load_state(self, state: dict[str, np.ndarray]) -> None:
+        """Restore :meth:`state`, bit-equal."""
+        for name in _STATE:
+            getattr(self, name).assign(state[name])
+        dtype = joint_params.JointParams.numpy_dtype()
+        self.params.assign(np.ascontiguousarray(state["params"]).view(dtype).reshape(self.params.shape))
+
+    @property
+    def _constraint(self) -> int:
+        return int(self.cfg.coupling is Coupling.CONSTRAINT)
+
+    def _record_launches(self) -> None:
+        """Prepare the launches of :meth:`step` once; all their arrays live as long as the actuator."""
+        cfg, i = self.cfg, self.inputs
+        num_mr = len(self.mr_joints)
+        fixed = int(cfg.hold_current is HoldCurrent.FIXED)
+        if num_mr:
+            self._advance_head = wp.launch(
+                mr_stages.advance_head_kernel,
+                dim=1,
+                inputs=[window.WINDOW, self.head],
+                outputs=[self.head],
+                device=self.device,
+                record_cmd=True,
+            )
+            self._predict = wp.launch(
+                mr_stages.predict_kernel,
+                dim=(self.num_envs, num_mr),
+                inputs=[
+                    self.params, self.joint_of, self.leg_of, self.dt, int(cfg.sal), fixed,
+                    int(cfg.z_step is ZStep.EXACT), i.q_des, i.q, i.qd, i.f_foot, i.current_e, self.head, self.z,
+                    self.current,
+                ],
+                outputs=[self.m_dyn, self.m_hold, self.z, self.current, self.tau_dyn, self.ring],
+                device=self.device,
+                record_cmd=True,
+            )  # fmt: skip
+        self._torque = wp.launch(
+            mr_stages.torque_kernel,
+            dim=(self.num_envs, self.num_joints),
+            inputs=[
+                self.params, self.slot_of, self.kp, self.kd, self.tau_limit, self._constraint, i.q_des, i.q, i.qd,
+                self.m_dyn, self.m_hold, self.current, self.tau_dyn,
+            ],
+            outputs=[self.tau_motor, self.tau_mr, self.tau, self.bound],
+            device=self.device,
+            record_cmd=True,
+        )  # fmt: skip
+        self._ledger = wp.launch(
+            ledger.ledger_kernel,
+            dim=(self.num_envs, self.num_joints),
+            inputs=[
+                self.slot_of, self.dt, self._constraint, i.qd, self.tau_motor, i.friction, self.tau_mr, self.m_dyn,
+                self.m_hold, self.current, self.param("coil_resistance"),
+            ],
+            outputs=[self.tau_mr, self.ledger],
+            device=self.device,
+            record_cmd=True,
+        )  # fmt: skip
+
+    def _array(self, values: np.ndarray, dtype: type) -> wp.array:
+        return wp.array(np.ascontiguousarray(values), dtype=dtype, device=self.device)
+
+    def _param_array(self, params: Sequence[MrParams | None], rows: int) -> wp.array:
+        values = np.zeros((rows, len(params)), dtype=joint_params.JointParams.numpy_dtype())
+        for slot, mr in enumerate(params):
+            for name, value in mr or ():
+                values[name][:, slot] = value
+        return wp.array(values, dtype=joint_params.JointParams, device=self.device)
+
+
+_STATE = ("z", "current", "ring", "head", "ledger", "m_dyn", "m_hold", "tau_dyn", "tau_mr")
+"""Arrays that carry the actuator from one step to the next."""

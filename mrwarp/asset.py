@@ -1,0 +1,250 @@
+"""Robot and bench as USD: open a stage, pick variants, check every number, read and write the MR parameters.
+
+The files are edited by hand: what is missing, misspelt or out of range is refused by a message that says where.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import newton_usd_schemas  # noqa: F401  (registers Newton's schemas; must happen before the registry is first used)
+import numpy as np
+from pxr import Plug, Sdf, Tf, Usd, UsdUtils
+
+from .params import MotorParams, MrParams, ParameterError, ParamSpec
+from .robot import JOINTS
+
+SCHEMA = "MrwarpMRDriveAPI"
+"""Applied API schema that makes a ``NewtonActuator`` an MR joint."""
+
+PREFIX = "newton:mr:"
+"""Namespace of the MR parameters in USD."""
+
+_HERE = Path(__file__).resolve().parent
+ASSETS = next((p for p in (_HERE / "assets/usd", _HERE.parent / "assets/usd") if p.is_dir()), _HERE / "assets/usd")
+"""Folder of the USD assets: inside the package when installed as a wheel, beside it in a checkout."""
+
+_MOTOR = {spec.name: spec for spec in MotorParams.specs()}
+_PD = {"newton:kp": _MOTOR["kp_base"], "newton:kd": _MOTOR["kd"], "newton:maxEffort": _MOTOR["tau_limit"]}
+_NUMBER_TYPES = {"double", "float", "int"}
+
+
+class AssetError(ValueError):
+    """A USD asset was refused; the message names file, prim path, attribute, value and the allowed range or remedy."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointActuator:
+    """What drives one joint: gains [N·m/rad, N·m·s/rad], motor torque limit [N·m], MR device (``None``: motor only)."""
+
+    joint: str
+    prim_path: str
+    kp: float
+    kd: float
+    tau_limit: float
+    mr: MrParams | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotAsset:
+    """An opened, checked asset. ``actuators`` are in joint order; edits on ``stage`` never reach the file."""
+
+    path: Path
+    robot: str
+    payload: int
+    stage: Usd.Stage
+    actuators: tuple[JointActuator, ...]
+
+    def save(self, path: str | Path) -> None:
+        """Write the asset, with its variant choice and the edits made on ``stage``, to a new, self-contained file."""
+        merged = Sdf.Layer.CreateAnonymous(".usda")
+        merged.TransferContent(self.stage.GetSessionLayer())
+        UsdUtils.StitchLayers(merged, self.stage.GetRootLayer())
+        if not merged.Export(str(path)):
+            raise AssetError(f"{path}: cannot be written")
+
+
+def register_schema() -> None:
+    """Make USD know :data:`SCHEMA`; called on import. Too late once USD's registry is built: then loading warns."""
+    Plug.Registry().RegisterPlugins(str(ASSETS / "schema"))
+
+
+register_schema()
+
+
+def load_robot(
+    path: str | Path | None = None, *, robot: str = "mr_go", payload: int = 0, allow_external: bool = False
+) -> RobotAsset:
+    """Open the quadruped with one choice of variants and check it.
+
+    Args:
+        path: USD file; ``None`` is ``mr_go.usda`` of :data:`ASSETS`.
+        robot: variant ``robot``: ``mr_go`` (MR calves) or ``go1`` (PD motors only).
+        payload: variant ``payload`` [kg]: 0 or 3.
+        allow_external: accept references, payloads and sublayers outside the file's folder.
+
+    Raises:
+        AssetError: the file, a variant, a joint, an actuator or one of its numbers is not usable.
+    """
+    file = Path(path) if path is not None else ASSETS / "mr_go.usda"
+    stage = _open(file, allow_external)
+    for name, choice in (("robot", robot), ("payload", str(payload))):
+        variants = stage.GetDefaultPrim().GetVariantSet(name)
+        if choice not in variants.GetVariantNames():
+            allowed = f"allowed: {', '.join(variants.GetVariantNames())}"
+            raise AssetError(f"{file}: {stage.GetDefaultPrim().GetPath()}: no variant {name} = {choice!r}; {allowed}")
+        variants.SetVariantSelection(choice)
+    return RobotAsset(path=file, robot=robot, payload=payload, stage=stage, actuators=_actuators(stage, file, JOINTS))
+
+
+def load_bench(path: str | Path | None = None, *, allow_external: bool = False) -> RobotAsset:
+    """Open the one-joint torque bench (``mr_bench.usda``) and check it.
+
+    Raises:
+        AssetError: as :func:`load_robot`.
+    """
+    file = Path(path) if path is not None else ASSETS / "mr_bench.usda"
+    stage = _open(file, allow_external)
+    found = _actuators(stage, file, ("bench_joint",))
+    return RobotAsset(path=file, robot="bench", payload=0, stage=stage, actuators=found)
+
+
+def read_parameters(prim: Usd.Prim, file: str | Path = "stage") -> MrParams:
+    """Read and check the ``newton:mr:*`` attributes of one actuator prim.
+
+    Raises:
+        AssetError: an attribute is missing, misspelt, not a number or out of range.
+    """
+    where = f"{file}: {prim.GetPath()}"
+    try:
+        for attribute in prim.GetAuthoredPropertiesInNamespace(PREFIX.rstrip(":")):
+            MrParams.spec(attribute.GetName().removeprefix(PREFIX), where)
+        values = {spec.name: _number(prim, PREFIX + spec.name, spec, file) for spec in MrParams.specs()}
+        return MrParams.from_dict(values, where)
+    except ParameterError as error:
+        raise AssetError(str(error).replace("MR parameter '", f"MR parameter '{PREFIX}")) from None
+
+
+def write_parameters(prim: Usd.Prim, params: MrParams) -> None:
+    """Author all parameters on an actuator prim, in double precision, at the stage's edit target.
+
+    On the stage of a :class:`RobotAsset` that is the session layer: the file stays as it is (see ``RobotAsset.save``).
+
+    Raises:
+        AssetError: the prim is not an MR actuator.
+    """
+    if SCHEMA not in prim.GetPrimTypeInfo().GetAppliedAPISchemas():
+        raise AssetError(f"{prim.GetPath()}: {SCHEMA} is not applied; apply it, or choose variant robot = mr_go")
+    for name, value in params:
+        prim.CreateAttribute(PREFIX + name, Sdf.ValueTypeNames.Double, custom=False).Set(value)
+
+
+def _open(file: Path, allow_external: bool) -> Usd.Stage:
+    """Open ``file`` with a session layer of its own as edit target."""
+    if not file.is_file():
+        raise AssetError(f"{file}: no such file; give a .usda file or leave the path out for {ASSETS}")
+    try:
+        layer = Sdf.Layer.FindOrOpen(str(file.resolve()))
+        if layer is not None:
+            layer.Reload()  # the file may have been edited since an earlier load in this process
+            if not allow_external:
+                _refuse_external(layer, file.resolve().parent, set())
+        stage = Usd.Stage.Open(layer, Sdf.Layer.CreateAnonymous("session.usda")) if layer else None
+    except Tf.ErrorException as error:
+        raise AssetError(f"{file}: not readable as USD: {str(error).strip()}") from None
+    if stage is None or not stage.GetDefaultPrim():
+        raise AssetError(f"{file}: not readable as USD, or without a defaultPrim; name the robot's root prim there")
+    for error in stage.GetCompositionErrors():
+        raise AssetError(f"{file}: composition error: {error}; repair the reference or path named there")
+    if Usd.SchemaRegistry().FindAppliedAPIPrimDefinition(SCHEMA) is None:
+        warnings.warn(
+            f"USD built its schema registry before {SCHEMA} was registered; import mrwarp.asset before other USD code. "
+            "Parameters load as authored; USD tools show no units and defaults.",
+            stacklevel=3,
+        )
+    stage.SetEditTarget(stage.GetSessionLayer())
+    return stage
+
+
+def _refuse_external(layer: Sdf.Layer, folder: Path, seen: set[str]) -> None:
+    """Refuse any path in ``layer`` (layers, clips, asset attributes), and in what it names, that leaves ``folder``."""
+    seen.add(layer.identifier)
+    for name in itertools.chain(*UsdUtils.ExtractExternalReferences(layer.identifier)):
+        target = Path(layer.ComputeAbsolutePath(name)).resolve()
+        if "://" in name or not target.is_relative_to(folder):
+            raise AssetError(
+                f"{layer.identifier}: @{name}@ lies outside the asset's folder {folder}; "
+                "copy it there, or pass allow_external=True if you trust it"
+            )
+        inner = Sdf.Layer.FindOrOpen(str(target)) if Usd.Stage.IsSupportedFile(str(target)) else None
+        if inner is not None and inner.identifier not in seen:
+            _refuse_external(inner, folder, seen)
+
+
+def _actuators(stage: Usd.Stage, file: Path, names: tuple[str, ...]) -> tuple[JointActuator, ...]:
+    """Read the actuators of the named joints, in that order."""
+    root = stage.GetDefaultPrim().GetPath()
+    for name in names:
+        prim = stage.GetPrimAtPath(f"{root}/joints/{name}")
+        if not prim or prim.GetTypeName() != "PhysicsRevoluteJoint":
+            raise AssetError(f"{file}: {root}/joints/{name}: revolute joint is missing; needed: {', '.join(names)}")
+    found: dict[str, JointActuator] = {}
+    for prim in stage.Traverse():
+        if prim.GetTypeName() != "NewtonActuator":
+            continue
+        targets = prim.GetRelationship("newton:targets").GetTargets()
+        joint = stage.GetPrimAtPath(targets[0]) if len(targets) == 1 else None
+        if not joint or joint.GetPath().GetParentPath() != root.AppendChild("joints") or joint.GetName() not in names:
+            raise AssetError(
+                f"{file}: {prim.GetPath()}: newton:targets = {[str(t) for t in targets]} is not one joint; "
+                f"allowed: one of {', '.join(names)} under {root}/joints"
+            )
+        if joint.GetName() in found:
+            other = found[joint.GetName()].prim_path
+            raise AssetError(f"{file}: {prim.GetPath()}: {joint.GetPath()} is driven by {other} already; remove one")
+        found[joint.GetName()] = _actuator(prim, joint.GetName(), file)
+    for name in names:
+        if name not in found:
+            where = f"{file}: {root}/actuators/{name}"
+            raise AssetError(f"{where}: no NewtonActuator drives joint {name}; add one with newton:targets")
+    return tuple(found[name] for name in names)
+
+
+def _actuator(prim: Usd.Prim, joint: str, file: Path) -> JointActuator:
+    """Read one actuator prim: MR drive, or PD with torque limit."""
+    schemas = prim.GetPrimTypeInfo().GetAppliedAPISchemas()
+    path = str(prim.GetPath())
+    if SCHEMA in schemas:
+        mr = read_parameters(prim, file)
+        kp, kd, limit = mr.motor.kp_base, mr.motor.kd, mr.motor.tau_limit
+        return JointActuator(joint=joint, prim_path=path, kp=kp, kd=kd, tau_limit=limit, mr=mr)
+    if not {"NewtonPDControlAPI", "NewtonMaxEffortClampingAPI"} <= set(schemas):
+        allowed = f"allowed: {SCHEMA}, or NewtonPDControlAPI with NewtonMaxEffortClampingAPI"
+        raise AssetError(f"{file}: {path}: apiSchemas = {list(schemas)}; {allowed}")
+    kp, kd, limit = (_number(prim, name, spec, file) for name, spec in _PD.items())
+    return JointActuator(joint=joint, prim_path=path, kp=kp, kd=kd, tau_limit=limit, mr=None)
+
+
+def _number(prim: Usd.Prim, name: str, spec: ParamSpec, file: str | Path) -> float:
+    """The authored value of a numeric attribute, checked; a 32-bit value is read as its shortest decimal (23.7)."""
+    attribute = prim.GetAttribute(name)
+    where = f"{file}: {prim.GetPath()}"
+    if not attribute or not attribute.HasAuthoredValue():
+        raise AssetError(f"{where}: {name} is missing; {spec.allowed()}")
+    opinion = next(s for s in attribute.GetPropertyStack() if s.HasDefaultValue() or s.HasInfo("timeSamples"))
+    value: Any = opinion.default
+    if opinion.HasInfo("timeSamples"):
+        raise AssetError(f"{where}: {name} varies with time; author one value; {spec.allowed()}")
+    if str(opinion.typeName) not in _NUMBER_TYPES:
+        raise AssetError(f"{where}: {opinion.typeName} {name} = {value!r} is not a number; {spec.allowed()}")
+    if str(opinion.typeName) == "float" and math.isfinite(value):
+        value = float(str(np.float32(value)))
+    try:
+        return spec.check(value, where)
+    except ParameterError:
+        raise AssetError(f"{where}: {name} = {value:g} is out of range; {spec.allowed()}") from None

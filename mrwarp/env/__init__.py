@@ -1,0 +1,1 @@
+"""env of mrwarp; see the README's map."""

@@ -1,0 +1,155 @@
+"""The two ways of stepping one model: ``mujoco.batch`` on CPU threads, and MuJoCo-Warp on a GPU (or the CPU).
+
+Both hold their state in MuJoCo's layout and hand it out as Warp arrays over the same memory: float64 views of the
+batch's rows, or MuJoCo-Warp's own float32 arrays. A backend steps; what the numbers mean is :mod:`mrwarp.env.sim`'s.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import Protocol
+
+import mujoco
+import mujoco.batch
+import mujoco_warp
+import numpy as np
+import warp as wp
+
+
+class BackendKind(enum.Enum):
+    """Which engine steps the physics."""
+
+    MJBATCH = "mjbatch"
+    MJWARP = "mjwarp"
+
+
+STATE_FIELDS = ("qpos", "qvel", "qacc_warmstart", "qfrc_applied", "xfrc_applied")
+"""Writable per-environment fields that both backends offer."""
+
+SOLUTION_FIELDS = ("sensordata", "M", "qacc", "qacc_smooth", "qfrc_constraint")
+"""Read-only fields of the last step."""
+
+
+class Backend(Protocol):
+    """What :class:`mrwarp.env.sim.Sim` asks of an engine."""
+
+    kind: BackendKind
+    num_envs: int
+    residual_tolerance: float
+    """Largest residual of a converged solve [N·m], by the engine's precision."""
+
+    def field(self, name: str) -> wp.array:
+        """Live array of one of STATE_FIELDS or SOLUTION_FIELDS, shape (E, ...)."""
+        ...
+
+    def expand(self, name: str) -> wp.array:
+        """Live per-environment values of a model field, shape (E, ...)."""
+        ...
+
+    def set_const(self) -> None:
+        """Recompute the constants that follow from expanded masses and inertias."""
+        ...
+
+    def step(self) -> None:
+        """Advance every environment by one physics step."""
+        ...
+
+
+class MjBatchBackend:
+    """``mujoco.batch``: MuJoCo C over a pool of threads, float64, the same bits at any thread count."""
+
+    kind = BackendKind.MJBATCH
+    residual_tolerance = 1e-3
+
+    def __init__(self, model: mujoco.MjModel, num_envs: int, *, threads: int = 0) -> None:
+        self.num_envs = num_envs
+        self.batch = mujoco.batch.Batch(model, num_envs, threads, persistent=True)
+        self._views: dict[str, wp.array] = {}
+
+    def field(self, name: str) -> wp.array:
+        """See :class:`Backend`."""
+        return self._view(name, self.batch.bind)
+
+    def expand(self, name: str) -> wp.array:
+        """See :class:`Backend`."""
+        return self._view(f"model.{name}", lambda _: self.batch.expand(name))
+
+    def set_const(self) -> None:
+        """See :class:`Backend`."""
+        self.batch.set_const()
+
+    def step(self) -> None:
+        """See :class:`Backend`."""
+        self.batch.step()
+
+    def _view(self, key: str, get) -> wp.array:
+        if key not in self._views:
+            array: np.ndarray = get(key)
+            self._views[key] = wp.array(
+                ptr=array.ctypes.data,
+                dtype=wp.float64,
+                shape=array.shape,
+                strides=array.strides,
+                device="cpu",
+                copy=False,
+            )
+        return self._views[key]
+
+
+class MjWarpBackend:
+    """MuJoCo-Warp: kernels over all environments, float32, on a GPU; on the CPU it is the slow reference.
+
+    Args:
+        model: The model to step.
+        num_envs: Number of environments.
+        device: Warp device.
+        contacts: Contact points to allocate per environment (they share one pool).
+        constraints: Constraint rows to allocate per environment.
+    """
+
+    kind = BackendKind.MJWARP
+    residual_tolerance = 0.05
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        num_envs: int,
+        *,
+        device: str = "cpu",
+        contacts: int = 24,
+        constraints: int = 112,
+    ) -> None:
+        self.num_envs = num_envs
+        self.device = wp.get_device(device)
+        with wp.ScopedDevice(self.device):
+            self.model = mujoco_warp.put_model(model)
+            # float32 cannot reach the float64 tolerance; MuJoCo-Warp clamps it, we say it
+            self.model.opt.tolerance.fill_(max(float(model.opt.tolerance), 1e-6))
+            self.data = mujoco_warp.make_data(model, nworld=num_envs, nconmax=contacts, njmax=constraints)
+            qpos0 = np.tile(model.qpos0, (num_envs, 1)).astype(np.float32)
+            self.data.qpos.assign(qpos0)
+
+    def field(self, name: str) -> wp.array:
+        """See :class:`Backend`."""
+        return getattr(self.data, name)
+
+    def expand(self, name: str) -> wp.array:
+        """See :class:`Backend`."""
+        shared = getattr(self.model, name)
+        if shared.shape[0] != self.num_envs or (self.num_envs > 1 and shared.strides[0] == 0):
+            values = np.repeat(shared.numpy()[:1], self.num_envs, axis=0)
+            setattr(self.model, name, wp.array(values, dtype=shared.dtype, device=self.device))
+        return getattr(self.model, name)
+
+    def set_const(self) -> None:
+        """See :class:`Backend`."""
+        mujoco_warp.set_const(self.model, self.data)
+
+    def step(self) -> None:
+        """See :class:`Backend`."""
+        with wp.ScopedDevice(self.device):
+            mujoco_warp.step(self.model, self.data)
+
+    def overflow(self) -> np.ndarray:
+        """Overflow bits per environment (contacts or constraint rows dropped), shape (E,); reads the device back."""
+        return self.data.overflow.numpy()

@@ -1,0 +1,177 @@
+"""Configuration of the walking task. ``make_walk_cfg()`` builds a fresh object; a variant is ``dataclasses.replace``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from mrwarp.actuator import Coupling, HoldCurrent, MrActuatorCfg, ZStep
+from mrwarp.env.backend import BackendKind
+from mrwarp.env.sim import SimCfg
+from mrwarp.robot import CURRENT_GROUPS, GAIT_FREQUENCY
+
+ACTUATORS = ("none", "bouc_wen")
+"""Torque models of the MR joint that can be simulated: no device at all, or the current-aware Bouc-Wen model."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandCfg:
+    """Velocity commands, drawn uniformly."""
+
+    v_x: tuple[float, float] = (0.2, 0.6)
+    """Forward speed [m/s]; the paper's 1.5 Hz gait reaches about 0.6 m/s (section 7)."""
+    v_y: tuple[float, float] = (0.0, 0.0)
+    """Lateral speed [m/s]."""
+    yaw_rate: tuple[float, float] = (-0.2, 0.2)
+    """Yaw rate [rad/s]."""
+    period: float = 5.0
+    """Time between new commands [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseCfg:
+    """Half-widths of the uniform noise on the actor's observations; public quadruped practice."""
+
+    gyro: float = 0.1
+    """Angular velocity [rad/s]."""
+    gravity: float = 0.03
+    """Projected gravity [1]."""
+    q: float = 0.01
+    """Joint position [rad]."""
+    qd: float = 0.5
+    """Joint velocity [rad/s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomizeCfg:
+    """What differs between environments during training. Ranges are multiplied or added as the names say."""
+
+    friction: tuple[float, float] = (0.5, 1.1)
+    """Sliding friction of ground and feet [1]."""
+    added_mass: tuple[float, float] = (-0.5, 1.0)
+    """Mass added to the trunk [kg]."""
+    mr_scale: tuple[float, float] = (0.8, 1.2)
+    """Factor on the device's B, K0, K1 and T_max, drawn per environment and joint at every reset."""
+    gain_scale: tuple[float, float] = (0.9, 1.1)
+    """Factor on the motor gains kp and kd, per environment and joint."""
+    push_speed: float = 0.3
+    """Largest horizontal velocity kick [m/s]."""
+    push_interval: float = 6.0
+    """Mean time between kicks [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RewardCfg:
+    """Weights of the reward terms, per second; see ``rewards.py`` for the terms."""
+
+    track_velocity: float = 2.0
+    track_yaw: float = 0.5
+    contact_clock: float = 1.5
+    swing_height: float = -30.0
+    height: float = -40.0
+    tilt: float = -3.0
+    bounce: float = -1.0
+    roll_pitch_rate: float = -0.05
+    posture: float = -0.15
+    hip_posture: float = -1.0
+    effort: float = -3e-4
+    action_rate: float = -0.02
+    joint_acceleration: float = -1e-7
+    target_height: float = 0.32
+    """Wanted trunk height [m]; the paper's policies walk at 0.328 to 0.334."""
+    velocity_width: float = 0.04
+    """Squared velocity error at which tracking falls to 1/e [(m/s)^2]."""
+    yaw_width: float = 0.1
+    """Squared yaw-rate error at which tracking falls to 1/e [(rad/s)^2]."""
+    step_height: float = 0.06
+    """Clearance of a swinging foot at mid swing [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvCfg:
+    """The walking task."""
+
+    sim: SimCfg = field(default_factory=SimCfg)
+    """Physics."""
+    actuator: MrActuatorCfg = field(default_factory=MrActuatorCfg)
+    """Choices of the MR joint's model."""
+    actuator_model: str = "bouc_wen"
+    """One of :data:`ACTUATORS`."""
+    robot: str = "mr_go"
+    """Robot variant of the asset: ``mr_go`` or ``go1``."""
+    payload: int = 0
+    """Payload variant of the asset [kg]: 0 or 3."""
+    asset: str | None = None
+    """USD file; None takes ``assets/usd/mr_go.usda``."""
+    currents: tuple[float, ...] = CURRENT_GROUPS
+    """Fixed currents I_e over equal groups of environments [A], eq. 20."""
+    decimation: int = 4
+    """Torque steps per policy step: 200 Hz / 50 Hz."""
+    episode_seconds: float = 20.0
+    """Episode length [s]."""
+    action_scale: float = 0.25
+    """Joint target per action [rad]."""
+    gait_frequency: float = GAIT_FREQUENCY
+    """Stride frequency of the clock [Hz]."""
+    commands: CommandCfg = field(default_factory=CommandCfg)
+    noise: NoiseCfg | None = field(default_factory=NoiseCfg)
+    """Observation noise; None for none."""
+    randomize: RandomizeCfg | None = field(default_factory=RandomizeCfg)
+    """Domain randomisation; None for the nominal robot."""
+    rewards: RewardCfg = field(default_factory=RewardCfg)
+    fall_height: float = 0.16
+    """The robot has fallen when its trunk is lower than this [m]."""
+    fall_tilt: float = 0.9
+    """Or when it leans further than this [rad]."""
+    seed: int = 0
+    """Seed of every random draw of the environment."""
+
+    def __post_init__(self) -> None:
+        if self.actuator_model not in ACTUATORS:
+            raise ValueError(f"actuator_model = {self.actuator_model!r} is unknown; choose from {', '.join(ACTUATORS)}")
+        if not self.currents or min(self.currents) < 0.0:
+            raise ValueError(f"currents = {self.currents} must be at least one value, none below 0 A")
+        if self.decimation < 1:
+            raise ValueError(f"decimation = {self.decimation} must be at least 1")
+
+    @property
+    def step_dt(self) -> float:
+        """Policy step [s]."""
+        return self.sim.dt * self.decimation
+
+    @property
+    def episode_steps(self) -> int:
+        """Policy steps per episode."""
+        return round(self.episode_seconds / self.step_dt)
+
+
+def make_walk_cfg(
+    *,
+    num_envs: int = 64,
+    device: str = "cpu",
+    seed: int = 0,
+    robot: str = "mr_go",
+    payload: int = 0,
+    asset: str | None = None,
+    actuator_model: str = "bouc_wen",
+    coupling: Coupling = Coupling.CONSTRAINT,
+    hold_current: HoldCurrent = HoldCurrent.SUPPORT,
+    z_step: ZStep = ZStep.EULER,
+    sal: bool = True,
+    backend: BackendKind | None = None,
+    threads: int = 0,
+) -> EnvCfg:
+    """The training task: flat ground, MR joint, randomisation and noise on."""
+    return EnvCfg(
+        sim=SimCfg(num_envs=num_envs, device=device, backend=backend, threads=threads),
+        actuator=MrActuatorCfg(coupling=coupling, hold_current=hold_current, z_step=z_step, sal=sal),
+        actuator_model=actuator_model,
+        robot=robot,
+        payload=payload,
+        asset=asset,
+        seed=seed,
+    )
+
+
+def make_play_cfg(cfg: EnvCfg) -> EnvCfg:
+    """The same task for evaluation: nominal robot, no noise, no pushes, commands held."""
+    return replace(cfg, noise=None, randomize=None, commands=replace(cfg.commands, period=float("inf")))

@@ -1,0 +1,300 @@
+"""Sim: the only place that steps physics. One model, two engines, the same Warp arrays to read and write."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import warp as wp
+
+from mrwarp import brake_constraint
+from mrwarp.actuator import ActuatorInputs, Coupling, MrActuator, MrActuatorCfg, Residual
+from mrwarp.asset import RobotAsset, load_robot
+from mrwarp.env import sim_kernels
+from mrwarp.env.backend import Backend, BackendKind, MjBatchBackend, MjWarpBackend
+from mrwarp.env.sim_model import Scene, SolverCfg, build_scene, named
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimCfg:
+    """How the physics is stepped."""
+
+    num_envs: int = 64
+    """Number of environments E."""
+    device: str = "cpu"
+    """Warp device: ``cpu`` or ``cuda:N``."""
+    backend: BackendKind | None = None
+    """Engine; None takes ``mjbatch`` on the CPU and ``mjwarp`` on a GPU."""
+    dt: float = 0.005
+    """Physics and torque step [s], paper section 5.1."""
+    threads: int = 0
+    """CPU threads of ``mjbatch``; 0 = all. The results are the same bits for any number."""
+    solver: SolverCfg = field(default_factory=SolverCfg)
+    """Constraint solver options."""
+
+    def __post_init__(self) -> None:
+        if self.num_envs < 1:
+            raise ValueError(f"num_envs = {self.num_envs} must be at least 1")
+        if not 0.0 < self.dt <= 0.02:
+            raise ValueError(f"dt = {self.dt} s must lie in (0, 0.02]")
+
+    @property
+    def engine(self) -> BackendKind:
+        """The engine that ``backend`` and ``device`` choose.
+
+        Raises:
+            ValueError: ``mjbatch`` was asked for on a GPU.
+        """
+        kind = self.backend or (BackendKind.MJBATCH if self.device == "cpu" else BackendKind.MJWARP)
+        if kind is BackendKind.MJBATCH and self.device != "cpu":
+            raise ValueError(f"backend mjbatch runs on the CPU, not on {self.device!r}; use mjwarp there")
+        return kind
+
+
+class Sim:
+    """Physics of E copies of a scene.
+
+    Attributes (Warp arrays, float32, kept in place; E environments, J joints, L feet):
+        q, qd: Joint positions [rad] and velocities [rad/s], shape (E, J).
+        friction: Torque of the brake constraint in the last step [N·m], shape (E, J).
+        f_foot: Norm of the contact force per foot in the last step [N], shape (E, L).
+        root_pos, root_quat: Pose of the floating base [m], quaternion (w, x, y, z).
+        root_vel, root_ang: Its linear velocity in the world [m/s] and angular velocity in its own frame [rad/s].
+        residual: Largest component of the constraint solver's residual in the last step [N·m], shape (E,).
+        unsolved: Number of steps whose residual was too large, per environment, shape (E,).
+
+    Args:
+        scene: The model.
+        cfg: How to step it.
+        coupling: Whether the brake bounds reach the solver.
+    """
+
+    def __init__(self, scene: Scene, cfg: SimCfg, *, coupling: Coupling = Coupling.CONSTRAINT) -> None:
+        self.scene, self.cfg, self.coupling = scene, cfg, coupling
+        self.num_envs, self.dt = cfg.num_envs, cfg.dt
+        self.device = wp.get_device(cfg.device)
+        self.backend: Backend
+        if cfg.engine is BackendKind.MJBATCH:
+            self.backend = MjBatchBackend(scene.model, cfg.num_envs, threads=cfg.threads)
+        else:
+            self.backend = MjWarpBackend(scene.model, cfg.num_envs, device=cfg.device)
+        num_envs, num_joints, num_feet = cfg.num_envs, len(scene.actuators), max(len(scene.foot_adr), 1)
+
+        def zeros(*shape: int) -> wp.array:
+            return wp.zeros(shape, dtype=float, device=self.device)
+
+        self.q, self.qd, self.friction = (zeros(num_envs, num_joints) for _ in range(3))
+        self.f_foot = zeros(num_envs, num_feet)
+        self.root_pos, self.root_quat = zeros(num_envs, 3), zeros(num_envs, 4)
+        self.root_vel, self.root_ang = zeros(num_envs, 3), zeros(num_envs, 3)
+        self.residual = zeros(num_envs)
+        self.unsolved = wp.zeros(num_envs, dtype=int, device=self.device)
+        self._frictionloss = self.backend.expand("dof_frictionloss")
+        self._no_bound = zeros(num_envs, num_joints)
+        self._launches: dict[tuple[int, int], tuple[wp.Launch, wp.Launch]] = {}
+        self._q_adr = wp.array(scene.q_adr, dtype=int, device=self.device)
+        self._v_adr = wp.array(scene.v_adr, dtype=int, device=self.device)
+        self._foot_adr = wp.array(scene.foot_adr, dtype=int, device=self.device)
+        self._check = self._record_check()
+        self.reset()
+
+    def step(self, tau: wp.array, bound: wp.array) -> None:
+        """Advance by one step of ``cfg.dt``.
+
+        Args:
+            tau: Joint torques to apply [N·m], shape (E, J).
+            bound: Bounds of the brake constraint [N·m], shape (E, J); ignored with the explicit coupling.
+        """
+        key = (tau.ptr, bound.ptr)
+        if key not in self._launches:
+            self._launches[key] = (self._record_apply(tau, bound), self._record_gather(bound))
+        apply, gather = self._launches[key]
+        apply.launch()
+        self.backend.step()
+        gather.launch()
+        self._check.launch()
+
+    def reset(
+        self, mask: wp.array | None = None, qpos: wp.array | None = None, qvel: wp.array | None = None
+    ) -> None:
+        """Put masked environments into a state; the others stay bit-equal.
+
+        Args:
+            mask: Environments to reset, bool, shape (E,); None resets all.
+            qpos: Positions in MuJoCo's layout, float32, shape (E, nq); None takes the model's own.
+            qvel: Velocities, float32, shape (E, nv); None is at rest.
+        """
+        model = self.scene.model
+        if mask is None:
+            mask = wp.full(self.num_envs, True, dtype=wp.bool, device=self.device)
+        if qpos is None:
+            qpos = wp.array(np.tile(model.qpos0, (self.num_envs, 1)), dtype=float, device=self.device)
+        if qvel is None:
+            qvel = wp.zeros((self.num_envs, model.nv), dtype=float, device=self.device)
+        fields = [self.backend.field(name) for name in ("qpos", "qvel", "qacc_warmstart", "qfrc_applied")]
+        wp.launch(
+            sim_kernels.reset_kernel,
+            dim=self.num_envs,
+            inputs=[mask, qpos, qvel],
+            outputs=fields,
+            device=self.device,
+        )
+        self._clear_feet(mask)
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Read the state again after somebody wrote to it; foot forces keep their last value."""
+        f_foot = wp.clone(self.f_foot)
+        self._record_gather(self._no_bound).launch()
+        wp.copy(self.f_foot, f_foot)
+
+    def body_mass(self, body: str) -> float:
+        """Nominal mass of a body [kg].
+
+        Raises:
+            ValueError: there is no such body.
+        """
+        return float(self.scene.model.body_mass[self._body(body)])
+
+    def rescale_mass(self, body: str, mass: np.ndarray) -> None:
+        """Give a body another mass per environment [kg], shape (E,), its inertia in proportion.
+
+        Raises:
+            ValueError: there is no such body, or a mass is not positive.
+        """
+        model = self.scene.model
+        index = self._body(body)
+        if not np.all(mass > 0.0):
+            raise ValueError(f"mass of {body!r} must be positive, got {mass.min():g} kg")
+        ratio = np.asarray(mass) / model.body_mass[index]
+        for name in ("body_mass", "body_inertia"):
+            array = self.backend.expand(name)
+            values = array.numpy().reshape(self.num_envs, model.nbody, -1)
+            values[:, index] = getattr(model, name)[index] * ratio[:, None]
+            array.assign(values.reshape(array.numpy().shape))
+        self.backend.set_const()
+        if self.coupling is Coupling.CONSTRAINT:
+            invweight = self.backend.expand("dof_invweight0")
+            values = invweight.numpy()
+            dofs = [v for v, a in zip(self.scene.v_adr, self.scene.actuators, strict=True) if a.mr]
+            values[:, dofs] = brake_constraint.invweight(self.dt)
+            invweight.assign(values)
+
+    def set_friction(self, friction: np.ndarray) -> None:
+        """Set the sliding friction of every geom per environment [1], shape (E,)."""
+        array = self.backend.expand("geom_friction")
+        values = array.numpy()
+        values[..., 0] = np.asarray(friction)[:, None]
+        array.assign(values)
+
+    def _body(self, body: str) -> int:
+        model = self.scene.model
+        return named([model.body(i).name for i in range(model.nbody)], body, "body")
+
+    def _clear_feet(self, mask: wp.array) -> None:
+        feet = wp.to_torch(self.f_foot)
+        feet[wp.to_torch(mask)] = 0.0
+
+    def _record_apply(self, tau: wp.array, bound: wp.array) -> wp.Launch:
+        return wp.launch(
+            sim_kernels.apply_kernel,
+            dim=(self.num_envs, len(self.scene.actuators)),
+            inputs=[self._v_adr, int(self.coupling is Coupling.CONSTRAINT), tau, bound],
+            outputs=[self.backend.field("qfrc_applied"), self._frictionloss],
+            device=self.device,
+            record_cmd=True,
+        )
+
+    def _record_gather(self, bound: wp.array) -> wp.Launch:
+        backend = self.backend
+        return wp.launch(
+            sim_kernels.gather_kernel,
+            dim=self.num_envs,
+            inputs=[
+                self._q_adr, self._v_adr, self._foot_adr, int(self.scene.floating), brake_constraint.CREEP,
+                backend.field("qpos"), backend.field("qvel"), backend.field("sensordata"), bound,
+            ],
+            outputs=[
+                self.q, self.qd, self.friction, self.f_foot, self.root_pos, self.root_quat, self.root_vel,
+                self.root_ang,
+            ],
+            device=self.device,
+            record_cmd=True,
+        )  # fmt: skip
+
+    def _record_check(self) -> wp.Launch:
+        model, backend = self.scene.model, self.backend
+        pattern = [wp.array(a, dtype=int, device=self.device) for a in (
+            model.M_rowadr, model.M_rownnz, model.M_colind,
+        )]  # fmt: skip
+        scratch = wp.zeros((self.num_envs, model.nv), dtype=wp.float64, device=self.device)
+        self._pattern, self._scratch = pattern, scratch
+        return wp.launch(
+            sim_kernels.residual_kernel,
+            dim=self.num_envs,
+            inputs=[
+                *pattern, backend.residual_tolerance, backend.field("M"), backend.field("qacc"),
+                backend.field("qacc_smooth"), backend.field("qfrc_constraint"),
+            ],
+            outputs=[scratch, self.residual, self.unsolved],
+            device=self.device,
+            record_cmd=True,
+        )  # fmt: skip
+
+
+class ActuatedSim:
+    """A robot (or bench) with its actuators: torque stages, physics step and energy ledger as one ``step``.
+
+    Attributes:
+        sim: The physics.
+        actuator: The joints' motors and devices.
+        q_des: Joint targets [rad], shape (E, J); write them before stepping.
+        current_e: Current each environment may use [A], shape (E,).
+    """
+
+    def __init__(
+        self,
+        asset: RobotAsset | None = None,
+        cfg: SimCfg | None = None,
+        actuator_cfg: MrActuatorCfg | None = None,
+        *,
+        ground: bool = True,
+        residual: Residual | None = None,
+        share_params: bool = True,
+    ) -> None:
+        cfg, actuator_cfg = cfg or SimCfg(), actuator_cfg or MrActuatorCfg()
+        asset = asset or load_robot()
+        scene = build_scene(asset, dt=cfg.dt, coupling=actuator_cfg.coupling, solver=cfg.solver, ground=ground)
+        self.asset = asset
+        self.sim = Sim(scene, cfg, coupling=actuator_cfg.coupling)
+        shape = (cfg.num_envs, len(scene.actuators))
+        self.q_des = wp.zeros(shape, dtype=float, device=cfg.device)
+        self.current_e = wp.zeros(cfg.num_envs, dtype=float, device=cfg.device)
+        sim = self.sim
+        self.actuator = MrActuator(
+            scene.actuators,
+            scene.legs,
+            ActuatorInputs(
+                q_des=self.q_des, q=sim.q, qd=sim.qd, f_foot=sim.f_foot, current_e=self.current_e,
+                friction=sim.friction,
+            ),
+            dt=cfg.dt,
+            cfg=actuator_cfg,
+            residual=residual,
+            share_params=share_params,
+        )  # fmt: skip
+        self.actuator.reset()
+
+    def step(self) -> None:
+        """One torque step, one physics step, one line in the ledger."""
+        actuator = self.actuator
+        actuator.step()
+        self.sim.step(actuator.tau, actuator.bound)
+        actuator.account()
+
+    def reset(
+        self, mask: wp.array | None = None, qpos: wp.array | None = None, qvel: wp.array | None = None
+    ) -> None:
+        """Masked reset of physics and actuators, see :meth:`Sim.reset`."""
+        self.sim.reset(mask, qpos, qvel)
+        self.actuator.reset(mask)

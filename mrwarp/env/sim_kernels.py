@@ -1,0 +1,140 @@
+"""Kernels between the solver's state (float32 or float64, MuJoCo layout) and the arrays the rest of mrwarp reads."""
+
+from typing import Any
+
+import warp as wp
+
+from mrwarp.kernels.brake import constraint_torque
+
+
+@wp.kernel
+def gather_kernel(
+    # parameters: addresses, shapes (J,), (J,), (L,); floating base; brake creep [rad/s per N·m]
+    q_adr: wp.array[int],
+    v_adr: wp.array[int],
+    foot_adr: wp.array[int],
+    floating: int,
+    creep: float,
+    # in, shape (E, nq), (E, nv), (E, nsensordata), (E, J)
+    qpos_in: wp.array2d[Any],
+    qvel_in: wp.array2d[Any],
+    sensordata_in: wp.array2d[Any],
+    bound_in: wp.array2d[float],
+    # out, shape (E, J) [rad, rad/s, N·m], (E, L) [N], (E, 3) [m], (E, 4), (E, 3) [m/s], (E, 3) [rad/s]
+    q_out: wp.array2d[float],
+    qd_out: wp.array2d[float],
+    friction_out: wp.array2d[float],
+    f_foot_out: wp.array2d[float],
+    root_pos_out: wp.array2d[float],
+    root_quat_out: wp.array2d[float],
+    root_vel_out: wp.array2d[float],
+    root_ang_out: wp.array2d[float],
+):
+    """Joint state, brake torque, foot force norms and the floating base of one environment."""
+    env = wp.tid()
+    for joint in range(q_adr.shape[0]):
+        qd = wp.float64(qvel_in[env, v_adr[joint]])
+        q_out[env, joint] = wp.float32(qpos_in[env, q_adr[joint]])
+        qd_out[env, joint] = wp.float32(qd)
+        bound = wp.float64(bound_in[env, joint])
+        friction_out[env, joint] = wp.float32(constraint_torque(qd, bound, wp.float64(creep)))
+    for leg in range(foot_adr.shape[0]):
+        adr = foot_adr[leg]
+        x = wp.float32(sensordata_in[env, adr])
+        y = wp.float32(sensordata_in[env, adr + 1])
+        z = wp.float32(sensordata_in[env, adr + 2])
+        f_foot_out[env, leg] = wp.sqrt(x * x + y * y + z * z)
+    if floating == 1:
+        for k in range(3):
+            root_pos_out[env, k] = wp.float32(qpos_in[env, k])
+            root_vel_out[env, k] = wp.float32(qvel_in[env, k])
+            root_ang_out[env, k] = wp.float32(qvel_in[env, 3 + k])
+        for k in range(4):
+            root_quat_out[env, k] = wp.float32(qpos_in[env, 3 + k])
+
+
+@wp.kernel
+def apply_kernel(
+    # parameters: dof addresses, shape (J,); 1 = write the brake bounds
+    v_adr: wp.array[int],
+    constraint: int,
+    # in, shape (E, J) [N·m]
+    tau_in: wp.array2d[float],
+    bound_in: wp.array2d[float],
+    # out, shape (E, nv) [N·m]
+    qfrc_applied_out: wp.array2d[Any],
+    frictionloss_out: wp.array2d[Any],
+):
+    """Joint torques and brake bounds to the solver."""
+    env, joint = wp.tid()
+    dof = v_adr[joint]
+    qfrc_applied_out[env, dof] = qfrc_applied_out.dtype(tau_in[env, joint])
+    if constraint == 1:
+        frictionloss_out[env, dof] = frictionloss_out.dtype(bound_in[env, joint])
+
+
+@wp.kernel
+def reset_kernel(
+    # parameters: none
+    # in, shape (E,), (E, nq), (E, nv)
+    mask_in: wp.array[wp.bool],
+    qpos_in: wp.array2d[float],
+    qvel_in: wp.array2d[float],
+    # out, shape (E, nq), (E, nv), (E, nv), (E, nv)
+    qpos_out: wp.array2d[Any],
+    qvel_out: wp.array2d[Any],
+    warmstart_out: wp.array2d[Any],
+    qfrc_applied_out: wp.array2d[Any],
+):
+    """Put masked environments into a given state and forget the solver's last solution."""
+    env = wp.tid()
+    if mask_in[env]:
+        for k in range(qpos_out.shape[1]):
+            qpos_out[env, k] = qpos_out.dtype(qpos_in[env, k])
+        for k in range(qvel_out.shape[1]):
+            qvel_out[env, k] = qvel_out.dtype(qvel_in[env, k])
+            warmstart_out[env, k] = warmstart_out.dtype(0.0)
+            qfrc_applied_out[env, k] = qfrc_applied_out.dtype(0.0)
+
+
+@wp.kernel
+def residual_kernel(
+    # parameters: sparse pattern of the inertia matrix, shapes (nv,), (nv,), (nM,); largest residual [N·m]
+    M_rowadr: wp.array[int],
+    M_rownnz: wp.array[int],
+    M_colind: wp.array[int],
+    largest: float,
+    # in, shape (E, nM), (E, nv)
+    M_in: wp.array2d[Any],
+    qacc_in: wp.array2d[Any],
+    qacc_smooth_in: wp.array2d[Any],
+    qfrc_constraint_in: wp.array2d[Any],
+    # out, shape (E, nv) scratch, (E,) [N·m], (E,) counted steps
+    force_out: wp.array2d[wp.float64],
+    residual_out: wp.array[float],
+    unsolved_out: wp.array[int],
+):
+    """Largest component of M*(qacc - qacc_smooth) - qfrc_constraint [N·m]: 0 where the constraint solver converged."""
+    env = wp.tid()
+    nv = M_rowadr.shape[0]
+    for row in range(nv):
+        force_out[env, row] = -wp.float64(qfrc_constraint_in[env, row])
+    for row in range(nv):
+        delta_row = wp.float64(qacc_in[env, row]) - wp.float64(qacc_smooth_in[env, row])
+        for k in range(M_rowadr[row], M_rowadr[row] + M_rownnz[row]):
+            col = M_colind[k]
+            m = wp.float64(M_in[env, k])
+            # the lower triangle is stored: each off-diagonal entry acts twice
+            force_out[env, row] = force_out[env, row] + m * (
+                wp.float64(qacc_in[env, col]) - wp.float64(qacc_smooth_in[env, col])
+            )
+            if col != row:
+                force_out[env, col] = force_out[env, col] + m * delta_row
+    worst = wp.float64(0.0)
+    for row in range(nv):
+        # NaN fails every comparison: test for "small", so that a broken solve counts as unsolved
+        if not (wp.abs(force_out[env, row]) <= worst):
+            worst = wp.abs(force_out[env, row])
+    residual_out[env] = wp.float32(worst)
+    if not (wp.float32(worst) <= largest):
+        unsolved_out[env] = unsolved_out[env] + 1

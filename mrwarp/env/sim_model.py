@@ -1,0 +1,176 @@
+"""From a USD asset to the one MuJoCo model that both ways of stepping share.
+
+Newton reads the USD file and converts it; this file adds what the simulation needs on top: a contact-force sensor per
+foot, the solver's options and, for the constraint coupling, the parameters of the brake constraint.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import newton
+import numpy as np
+
+import mrwarp.drive  # noqa: F401  registers the MR drive, so that Newton can read the asset
+from mrwarp import brake_constraint
+from mrwarp.actuator import Coupling
+from mrwarp.asset import JointActuator, RobotAsset
+from mrwarp.robot import LEGS, leg_of
+
+FOOT_SENSOR = "{leg}_foot_force"
+"""Name of the contact sensor of a leg: net force on its foot [N]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolverCfg:
+    """Options of MuJoCo's constraint solver."""
+
+    iterations: int = 30
+    """Largest number of Newton iterations."""
+    ls_iterations: int = 50
+    """Largest number of line-search iterations. Below 30 the stiff brake constraint fails silently."""
+    tolerance: float = 1e-8
+    """Stop when the scaled gradient is below this; float32 stepping cannot use less than 1e-6."""
+
+    def __post_init__(self) -> None:
+        if self.ls_iterations < brake_constraint.MIN_LS_ITERATIONS:
+            raise ValueError(
+                f"ls_iterations = {self.ls_iterations} is too small: below {brake_constraint.MIN_LS_ITERATIONS} "
+                "line-search "
+                "iterations the brake constraint fails silently; use that many or more"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """What is simulated: the MuJoCo model and where the joints, feet and the floating base sit in it."""
+
+    model: mujoco.MjModel
+    actuators: tuple[JointActuator, ...]
+    """Joint drives in the order of the joint axis; length J."""
+    legs: tuple[int, ...]
+    """Leg of each joint; length J."""
+    q_adr: np.ndarray
+    """Address of each joint in qpos; shape (J,)."""
+    v_adr: np.ndarray
+    """Address of each joint in qvel; shape (J,)."""
+    foot_adr: np.ndarray
+    """Address of each foot's force in sensordata; shape (L,), empty without feet."""
+    floating: bool
+    """Whether qpos starts with a free joint."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joint names, length J."""
+        return tuple(actuator.joint for actuator in self.actuators)
+
+
+def build_scene(
+    asset: RobotAsset,
+    *,
+    dt: float,
+    coupling: Coupling = Coupling.CONSTRAINT,
+    solver: SolverCfg | None = None,
+    ground: bool = True,
+) -> Scene:
+    """Convert an asset through Newton into a :class:`Scene`.
+
+    Args:
+        asset: The asset with its variants chosen.
+        dt: Physics step [s].
+        coupling: With ``CONSTRAINT`` every MR joint gets the brake constraint of DESIGN: reference damping 1/dt, so
+            that the friction row sees the velocity after the step and cannot do positive work.
+        solver: Constraint solver options.
+        ground: Add a ground plane at z = 0.
+    """
+    solver = solver or SolverCfg()
+    builder = newton.ModelBuilder()
+    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
+    builder.add_usd(asset.stage)
+    if ground:
+        # no contact gap, as on the asset's shapes: feet near the ground would count as contacts
+        builder.add_ground_plane(cfg=newton.ModelBuilder.ShapeConfig(gap=0.0))
+    model = _with_sensors(newton.solvers.SolverMuJoCo, builder.finalize(device="cpu"))
+
+    model.opt.timestep = dt
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    model.opt.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    model.opt.iterations = solver.iterations
+    model.opt.ls_iterations = solver.ls_iterations
+    model.opt.tolerance = solver.tolerance
+
+    names = [model.joint(i).name for i in range(model.njnt)]
+    ids = [named(names, actuator.joint, "joint") for actuator in asset.actuators]
+    q_adr, v_adr = model.jnt_qposadr[ids], model.jnt_dofadr[ids]
+    model.dof_damping[v_adr] = 0.0  # Euler steps stay exactly qd_next = qd + dt*qdd, as the brake constraint needs
+    model.dof_frictionloss[v_adr] = 0.0
+    if coupling is Coupling.CONSTRAINT:
+        set_brake_constraint(model, [v for v, a in zip(v_adr, asset.actuators, strict=True) if a.mr], dt)
+    feet = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, FOOT_SENSOR.format(leg=leg)) for leg in LEGS]
+    return Scene(
+        model=model,
+        actuators=asset.actuators,
+        legs=tuple(leg_of(a.joint) if a.joint.split("_")[0] in LEGS else 0 for a in asset.actuators),
+        q_adr=q_adr.astype(np.int32),
+        v_adr=v_adr.astype(np.int32),
+        foot_adr=np.array([model.sensor_adr[i] for i in feet if i >= 0], dtype=np.int32),
+        floating=bool(model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE),
+    )
+
+
+def set_brake_constraint(model: mujoco.MjModel, dofs: list[int], dt: float) -> None:
+    """Make the dry friction of ``dofs`` a brake, see :mod:`mrwarp.brake_constraint`."""
+    model.dof_solref[dofs] = brake_constraint.solref(dt)
+    model.dof_solimp[dofs] = brake_constraint.SOLIMP
+    model.dof_invweight0[dofs] = brake_constraint.invweight(dt)
+
+
+def named(names: list[str], short: str, kind: str) -> int:
+    """Index of the one name that is ``short``, or its USD path's last part (Newton joins paths with underscores).
+
+    Raises:
+        ValueError: none or several match.
+    """
+    found = [i for i, name in enumerate(names) if name == short or name.endswith(f"_{short}")]
+    if len(found) != 1:
+        raise ValueError(f"{kind} {short!r} stands {len(found)} times in the converted model, among: {names}")
+    return found[0]
+
+
+def _with_sensors(solver_class: type, newton_model: newton.Model) -> mujoco.MjModel:
+    """Newton's MuJoCo model plus one net contact force sensor per foot sphere.
+
+    The model goes through its MJCF text because a compiled model cannot take sensors; every number of the compiled
+    original is then copied back, so that nothing is rounded.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        path = str(Path(folder) / "model.xml")
+        original = solver_class(newton_model, save_to_mjcf=path, use_mujoco_cpu=True).mj_model
+        spec = mujoco.MjSpec.from_file(path)
+    for leg in LEGS:
+        feet = [geom for geom in spec.geoms if f"/{leg}_foot" in geom.name]
+        if feet:
+            sensor = spec.add_sensor(name=FOOT_SENSOR.format(leg=leg), type=mujoco.mjtSensor.mjSENS_CONTACT)
+            sensor.objtype = mujoco.mjtObj.mjOBJ_GEOM
+            sensor.objname = feet[0].name
+            sensor.intprm = _contact_force_intprm()
+    model = spec.compile()
+    for name in dir(original):
+        value = getattr(original, name)
+        if isinstance(value, np.ndarray) and not name.startswith(("_", "names", "sensor")):
+            copy = getattr(model, name)
+            if copy.shape == value.shape and value.flags.writeable:
+                copy[...] = value
+    return model
+
+
+def _contact_force_intprm() -> np.ndarray:
+    """Integer parameters of a contact sensor that reports the net force: data spec, reduction, slots."""
+    reference = mujoco.MjSpec.from_string(
+        "<mujoco><worldbody><geom name='g' type='sphere' size='1'/></worldbody>"
+        "<sensor><contact geom1='g' data='force' reduce='netforce'/></sensor></mujoco>"
+    )
+    return reference.sensors[0].intprm

@@ -1,0 +1,234 @@
+"""WalkEnv: the walking task as an rsl-rl ``VecEnv``. ``step()`` is the method section of the paper."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+import warp as wp
+from rsl_rl.env import VecEnv
+from tensordict import TensorDict
+
+from mrwarp.asset import JointActuator, load_robot
+from mrwarp.env import commands, gait, observations, randomize, rewards, terminations
+from mrwarp.env.cfg import EnvCfg
+from mrwarp.env.sim import ActuatedSim
+from mrwarp.kernels import ledger
+from mrwarp.robot import DEFAULT_Q, LEGS, STAND_HEIGHT
+
+
+class WalkEnv(VecEnv):
+    """A batch of quadrupeds that follow velocity commands.
+
+    Args:
+        cfg: The task.
+
+    Attributes:
+        command: Commanded v_x, v_y [m/s] and yaw rate [rad/s], shape (E, 3).
+        phase: Gait clock in [0, 1), shape (E,).
+        clock_match: Whether each foot's contact is what the clock wants, bool, shape (E, 4).
+        body_velocity: Trunk velocity in the heading frame [m/s], shape (E, 3).
+        gravity: Direction of gravity in the trunk frame, shape (E, 3).
+        fallen: Environments that ended by a fall in the last step, bool, shape (E,).
+    """
+
+    def __init__(self, cfg: EnvCfg) -> None:
+        self.cfg = cfg  # type: ignore[assignment]
+        self.num_envs = cfg.sim.num_envs
+        self.device = torch.device(cfg.sim.device)
+        self.generator = torch.Generator(device=self.device)
+        self.generator.manual_seed(cfg.seed)
+        asset = load_robot(cfg.asset, robot=cfg.robot, payload=cfg.payload)
+        if cfg.actuator_model == "none":
+            asset = without_devices(asset)
+        self.robot = ActuatedSim(asset, cfg.sim, cfg.actuator, share_params=False)
+        self.sim, self.actuator = self.robot.sim, self.robot.actuator
+
+        sim = self.sim
+        self.q, self.qd, self.f_foot = self.view(sim.q), self.view(sim.qd), self.view(sim.f_foot)
+        self.root_pos, self.root_quat = self.view(sim.root_pos), self.view(sim.root_quat)
+        self.root_vel, self.root_ang = self.view(sim.root_vel), self.view(sim.root_ang)
+        self.qvel = self.view(sim.backend.field("qvel"))
+        self.q_des = self.view(self.robot.q_des)
+        self.current_e = self.view(self.robot.current_e)
+        self.nominal_mr = {name: self.view(self.actuator.param(name)).clone() for name in randomize.SCALED}
+        self.trunk_mass = float(sim.body_mass("trunk"))
+        self._motor_square = self.view(self.actuator.ledger)[:, :, int(ledger.MOTOR_SQUARE)]
+
+        num_envs = self.num_envs
+        self.num_actions = len(DEFAULT_Q)
+        self.max_episode_length = cfg.episode_steps
+        self.default_q = torch.tensor(DEFAULT_Q, device=self.device)
+        group = torch.arange(num_envs, device=self.device) * len(cfg.currents) // num_envs  # eq. 20
+        self.current_e.copy_(torch.tensor(cfg.currents, device=self.device)[group])
+        self.action = self._zeros(num_envs, self.num_actions)
+        self.last_action, self.last_qd = self._zeros(num_envs, self.num_actions), self._zeros(num_envs, self.num_actions)
+        self.command, self.phase = self._zeros(num_envs, 3), self._zeros(num_envs)
+        self.leg_phase = self._zeros(num_envs, len(LEGS))
+        self.clock_match = self._zeros(num_envs, len(LEGS)).bool()
+        self.gravity, self.body_velocity = self._zeros(num_envs, 3), self._zeros(num_envs, 3)
+        self.effort, self.privileged = self._zeros(num_envs), self._zeros(num_envs, 2)
+        self.fallen = self._zeros(num_envs).bool()
+        self.episode_length_buf = torch.zeros(num_envs, dtype=torch.long, device=self.device)
+        randomize.at_start(self)
+        self._reset(torch.ones(num_envs, dtype=torch.bool, device=self.device))
+        self._update_derived()
+        self.last_observations = self.get_observations()
+
+    @torch.no_grad()
+    def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
+        """One policy step of 20 ms: four torque and physics steps, then rewards, resets and observations.
+
+        Args:
+            actions: Joint targets relative to the neutral stance, in units of ``action_scale``, shape (E, 12).
+
+        Returns:
+            Observations, rewards (E,), dones (E,) and extras with ``time_outs`` (E,) for bootstrapping.
+        """
+        self.last_action.copy_(self.action)
+        self.last_qd.copy_(self.qd)
+        self.action.copy_(actions)
+        torch.add(self.default_q, self.action, alpha=self.cfg.action_scale, out=self.q_des)
+        effort_before = self._motor_square.sum(1)
+        randomize.push(self)
+        for _ in range(self.cfg.decimation):
+            self.robot.step()
+        self.effort = (self._motor_square.sum(1) - effort_before) / self.cfg.step_dt
+        self._advance_clock()
+        self._update_derived()
+
+        self.episode_length_buf += 1
+        self.fallen = terminations.fallen(self)
+        time_outs = terminations.timed_out(self) & ~self.fallen
+        done = self.fallen | time_outs
+        reward = rewards.total(self)
+        # a fallen robot may hold no numbers: its last reward must not reach the learner
+        reward = torch.nan_to_num(reward, nan=0.0, posinf=0.0, neginf=0.0)
+        if bool(done.any()):
+            self._reset(done)
+            self._update_derived()
+        self._sample_commands()
+        self.last_observations = self.get_observations()
+        return self.last_observations, reward, done, {"time_outs": time_outs}
+
+    @torch.no_grad()
+    def get_observations(self) -> TensorDict:
+        """Observation groups ``actor`` (E, 47) and ``critic``; see ``observations.py``."""
+        return TensorDict(
+            {"actor": observations.actor(self), "critic": observations.critic(self)}, batch_size=[self.num_envs]
+        )
+
+    def restart(self) -> None:
+        """Start over in every environment, with the same random draws as a new object of this configuration."""
+        self.generator.manual_seed(self.cfg.seed)
+        everyone = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
+        self._reset(everyone)
+        self._update_derived()
+
+    def set_command(self, command: torch.Tensor) -> None:
+        """Command v_x, v_y [m/s] and yaw rate [rad/s] from now on, shape (E, 3) or (3,)."""
+        self.command.copy_(command)
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """Copy of everything a resumed run needs, by name; see :meth:`load_state`."""
+        own = {name: getattr(self, name).clone() for name in _OWN_STATE}
+        own |= {f"last_{group}": self.last_observations[group].clone() for group in ("actor", "critic")}
+        physics = {f"sim/{name}": self.view(self.sim.backend.field(name)).clone() for name in _PHYSICS_STATE}
+        arrays = {f"sim/{name}": self.view(getattr(self.sim, name)).clone() for name in _SIM_ARRAYS}
+        device = {f"actuator/{name}": torch.from_numpy(value) for name, value in self.actuator.state().items()}
+        return {"generator": self.generator.get_state(), **own, **physics, **arrays, **device}
+
+    def load_state(self, state: dict[str, torch.Tensor]) -> None:
+        """Restore :meth:`state` of an environment with the same configuration; it goes on bit-equal."""
+        for name in _OWN_STATE:
+            getattr(self, name).copy_(state[name])
+        for name in _PHYSICS_STATE:
+            self.view(self.sim.backend.field(name)).copy_(state[f"sim/{name}"])
+        for name in _SIM_ARRAYS:
+            self.view(getattr(self.sim, name)).copy_(state[f"sim/{name}"])
+        prefix = "actuator/"
+        self.actuator.load_state({k.removeprefix(prefix): v.numpy() for k, v in state.items() if k.startswith(prefix)})
+        self._update_derived()
+        self.generator.set_state(state["generator"])
+        self.last_observations = TensorDict(
+            {"actor": state["last_actor"], "critic": state["last_critic"]}, batch_size=[self.num_envs]
+        )
+
+    def view(self, array: wp.array) -> torch.Tensor:
+        """Torch tensor over the memory of a Warp array."""
+        return wp.to_torch(array)
+
+    def uniform(self, *shape: int) -> torch.Tensor:
+        """Draws from [-1, 1)."""
+        return 2.0 * torch.rand(*shape, generator=self.generator, device=self.device) - 1.0
+
+    def between(self, low: float, high: float, *shape: int) -> torch.Tensor:
+        """Draws from [low, high)."""
+        return low + (high - low) * torch.rand(*shape, generator=self.generator, device=self.device)
+
+    def _reset(self, mask: torch.Tensor) -> None:
+        """Start a new episode in masked environments, bool (E,), near the neutral stance, at any gait phase."""
+        num_envs, model = self.num_envs, self.sim.scene.model
+        qpos = self._zeros(num_envs, model.nq)
+        qvel = self._zeros(num_envs, model.nv)
+        qpos[:, 2] = STAND_HEIGHT + 0.01
+        qpos[:, 3] = 1.0
+        qpos[:, 7:] = self.default_q + 0.1 * self.uniform(num_envs, self.num_actions)
+        qvel[:, :6] = 0.1 * self.uniform(num_envs, 6)
+        phase = self.between(0.0, 1.0, num_envs)
+        drawn = commands.sample(self.cfg.commands, num_envs, self.generator, self.device)
+
+        column = mask.unsqueeze(1)
+        self.command.copy_(torch.where(column, drawn, self.command))
+        self.phase.copy_(torch.where(mask, phase, self.phase))
+        for history in (self.action, self.last_action, self.last_qd):
+            history.masked_fill_(column, 0.0)
+        self.episode_length_buf.masked_fill_(mask, 0)
+        randomize.at_reset(self, mask)
+        self.robot.reset(wp.from_torch(mask), wp.from_torch(qpos), wp.from_torch(qvel))
+        self.q_des.copy_(torch.where(column, self.default_q, self.q_des))
+
+    def _sample_commands(self) -> None:
+        """Draw a new command every ``period``, at the same step of every episode."""
+        period = self.cfg.commands.period
+        if period == float("inf"):
+            return
+        due = (self.episode_length_buf % max(round(period / self.cfg.step_dt), 1) == 0) & (self.episode_length_buf > 0)
+        drawn = commands.sample(self.cfg.commands, self.num_envs, self.generator, self.device)
+        self.command.copy_(torch.where(due.unsqueeze(1), drawn, self.command))
+
+    def _advance_clock(self) -> None:
+        self.phase.add_(self.cfg.gait_frequency * self.cfg.step_dt).remainder_(1.0)
+
+    def _update_derived(self) -> None:
+        """Quantities that rewards, terminations and observations share."""
+        w, x, y, z = self.root_quat.unbind(1)
+        # third row of the rotation matrix: the world's vertical in the trunk frame, negated
+        self.gravity = -torch.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], dim=1)
+        yaw = torch.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        c, s = torch.cos(yaw), torch.sin(yaw)
+        v = self.root_vel
+        self.body_velocity = torch.stack([c * v[:, 0] + s * v[:, 1], c * v[:, 1] - s * v[:, 0], v[:, 2]], dim=1)
+        self.leg_phase = gait.leg_phase(self.phase)
+        self.clock_match = (self.f_foot > CONTACT_FORCE) == gait.clock_stance(self.leg_phase)
+
+    def _zeros(self, *shape: int) -> torch.Tensor:
+        return torch.zeros(*shape, device=self.device)
+
+
+_OWN_STATE = ("action", "last_action", "last_qd", "command", "phase", "privileged", "episode_length_buf", "q_des", "effort")
+_PHYSICS_STATE = ("qpos", "qvel", "qacc_warmstart", "qfrc_applied")
+_SIM_ARRAYS = (
+    "q", "qd", "friction", "f_foot", "root_pos", "root_quat", "root_vel", "root_ang", "residual", "unsolved",
+)  # fmt: skip
+
+CONTACT_FORCE = 5.0
+"""Foot force above which a foot counts as touching the ground [N]; the gates' f_th."""
+
+
+def without_devices(asset: Any) -> Any:
+    """The same robot as if no MR device were there: plain motors on all joints."""
+    from dataclasses import replace
+
+    plain: tuple[JointActuator, ...] = tuple(replace(actuator, mr=None) for actuator in asset.actuators)
+    return replace(asset, actuators=plain)

@@ -1,0 +1,1 @@
+"""evaluate of mrwarp; see the README's map."""

@@ -1,0 +1,170 @@
+"""Walking evaluation: roll a policy out, measure it, and judge it against the walking gate (written down once, here)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from tensordict import TensorDict
+
+from mrwarp.env.cfg import EnvCfg, make_play_cfg
+from mrwarp.env.vec_env import CONTACT_FORCE, WalkEnv
+from mrwarp.kernels import ledger
+
+Policy = Callable[[TensorDict], torch.Tensor]
+"""Observations to actions (E, 12), without exploration noise."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkingGate:
+    """What "has learned to walk" means. The limits are the project's; sources stand beside them."""
+
+    num_envs: int = 64
+    """Environments, spread evenly over the four current groups."""
+    speeds: tuple[float, ...] = (0.3, 0.5)
+    """Commanded forward speeds [m/s], alternating over the environments."""
+    warmup: float = 2.0
+    """Time to get going from the stance, not measured except for falls [s]."""
+    seconds: float = 20.0
+    """Measured time [s]."""
+    never_fell: float = 0.95
+    """Smallest share of environments that never fall."""
+    rmse_at: float = 0.5
+    """Commanded speed at which the tracking error counts [m/s]."""
+    rmse: float = 0.107
+    """Largest v_x RMSE there [m/s]: the paper's conventional policy (table 2, A: 0.1062)."""
+    rmse_aim: float = 0.071
+    """What to aim for [m/s]: the paper's actuator-aware policy with SAL (table 2, D: 0.0708)."""
+    height: tuple[float, float] = (0.30, 0.35)
+    """Mean trunk height [m]; the paper takes the root height for the CoM height (section 6.3)."""
+    frequency: float = 1.5
+    """Stride frequency [Hz], paper section 5.1."""
+    frequency_tolerance: float = 0.1
+    """Largest difference of the measured stride frequency [Hz]."""
+    clock_match: float = 0.80
+    """Smallest share of time in which a foot's contact is what the diagonal trot's clock wants."""
+
+    def judge(self, measured: dict[str, Any]) -> dict[str, bool]:
+        """Each condition by name, True where it holds."""
+        return {
+            "never_fell": measured["never_fell"] >= self.never_fell,
+            "rmse": measured["v_x_rmse"][f"{self.rmse_at:g}"] <= self.rmse,
+            "height": self.height[0] <= measured["height"] <= self.height[1],
+            "frequency": abs(measured["stride_frequency"] - self.frequency) <= self.frequency_tolerance,
+            "clock_match": measured["clock_match"] >= self.clock_match,
+        }
+
+
+class GateCheck:
+    """The walking gate's own batch of environments, built once and used for every check.
+
+    Args:
+        cfg: The training task; evaluated as the nominal robot without noise, randomisation and pushes, SAL on.
+        gate: The limits.
+        seed: Seed of the initial poses and gait phases.
+    """
+
+    def __init__(self, cfg: EnvCfg, *, gate: WalkingGate | None = None, seed: int = 1000) -> None:
+        self.gate = gate or WalkingGate()
+        self.env = make_env(cfg, self.gate.num_envs, seed)
+        speeds = torch.tensor(self.gate.speeds, device=self.env.device)
+        command = torch.zeros(self.gate.num_envs, 3, device=self.env.device)
+        command[:, 0] = speeds.repeat(-(-self.gate.num_envs // len(speeds)))[: self.gate.num_envs]
+        self.command = command
+
+    def __call__(self, policy: Policy) -> dict[str, Any]:
+        """Measure a policy: figures as in :func:`measure`, the verdicts, and ``passed``."""
+        self.env.restart()
+        measured = measure(self.env, policy, self.command, warmup=self.gate.warmup, seconds=self.gate.seconds)
+        verdicts = self.gate.judge(measured)
+        return {**measured, "conditions": verdicts, "passed": all(verdicts.values())}
+
+
+def make_env(cfg: EnvCfg, num_envs: int, seed: int) -> WalkEnv:
+    """The task as evaluated: nominal robot, no noise, commands held, as many environments as asked for."""
+    cfg = make_play_cfg(cfg)
+    return WalkEnv(
+        replace(cfg, sim=replace(cfg.sim, num_envs=num_envs), seed=seed, episode_seconds=float(10**6))
+    )
+
+
+@torch.no_grad()
+def measure(
+    env: WalkEnv, policy: Policy, command: torch.Tensor, *, warmup: float, seconds: float
+) -> dict[str, Any]:
+    """Roll a policy out and measure how it walks.
+
+    Args:
+        env: Evaluation environments, just restarted.
+        policy: The policy.
+        command: v_x, v_y [m/s] and yaw rate [rad/s], shape (E, 3), held throughout.
+        warmup: Time before measuring [s].
+        seconds: Measured time [s].
+
+    Returns:
+        ``never_fell`` share; ``v_x_rmse`` and ``v_x_bias`` by commanded speed and ``v_x_rmse_by_current`` [m/s];
+        ``height`` mean trunk height [m]; ``stride_frequency`` [Hz]; ``clock_match`` share; ``hold_share`` and
+        ``dynamic_share`` of time with open gates; ``work_mr`` and ``injected`` energy of the devices [J per env];
+        ``unsolved_steps``.
+    """
+    dt = env.cfg.step_dt
+    skip, steps = round(warmup / dt), round(seconds / dt)
+    v_x, height, match, contact, hold, dynamic = [], [], [], [], [], []
+    fell = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
+    unsolved = int(env.sim.unsolved.numpy().sum())
+    env.set_command(command)
+    obs = env.get_observations()
+    for step in range(skip + steps):
+        obs, _, _, _ = env.step(policy(obs))
+        env.set_command(command)
+        fell |= env.fallen
+        if step >= skip:
+            v_x.append(env.body_velocity[:, 0].clone())
+            height.append(env.root_pos[:, 2].clone())
+            match.append(env.clock_match.float().mean(1))
+            contact.append(env.f_foot > CONTACT_FORCE)
+            if env.actuator.mr_joints:
+                hold.append(env.view(env.actuator.m_hold).mean(1))
+                dynamic.append(env.view(env.actuator.m_dyn).mean(1))
+    error = torch.stack(v_x) - command[:, 0]
+    by_speed = {f"{speed:g}": command[:, 0] == speed for speed in sorted(set(command[:, 0].tolist()))}
+    by_speed = {f"{round(float(name), 3):g}": mask for name, mask in by_speed.items()}
+    by_current = {f"{amps:g}": env.current_e == amps for amps in sorted(set(env.current_e.tolist()))}
+    entries = env.view(env.actuator.ledger)
+    work_mr = entries[:, :, int(ledger.DYNAMIC) : int(ledger.DRAG) + 1].sum((1, 2))
+    return {
+        "never_fell": float((~fell).float().mean()),
+        "v_x_rmse": {name: _rms(error[:, mask]) for name, mask in by_speed.items()},
+        "v_x_bias": {name: float(error[:, mask].mean()) for name, mask in by_speed.items()},
+        "v_x_rmse_by_current": {name: _rms(error[:, mask]) for name, mask in by_current.items()},
+        "height": float(torch.stack(height).mean()),
+        "stride_frequency": stride_frequency(torch.stack(contact).cpu().numpy(), dt),
+        "clock_match": float(torch.stack(match).mean()),
+        "hold_share": float(torch.stack(hold).mean()) if hold else 0.0,
+        "dynamic_share": float(torch.stack(dynamic).mean()) if dynamic else 0.0,
+        "work_mr": float(work_mr.mean()),
+        "injected": float(entries[:, :, int(ledger.INJECTED)].sum(1).mean()),
+        "unsolved_steps": int(env.sim.unsolved.numpy().sum()) - unsolved,
+        "seconds": seconds,
+        "num_envs": env.num_envs,
+    }
+
+
+def stride_frequency(contact: np.ndarray, dt: float) -> float:
+    """Strongest frequency of the feet's contact signal [Hz], from its mean spectrum over feet and environments.
+
+    Args:
+        contact: Contact of each foot, bool, shape (T, E, 4).
+        dt: Sample time [s].
+    """
+    signal = contact.astype(np.float64)
+    signal = signal - signal.mean(axis=0)
+    power = (np.abs(np.fft.rfft(signal, axis=0)) ** 2).mean(axis=(1, 2))
+    return float(np.fft.rfftfreq(len(signal), dt)[np.argmax(power)])
+
+
+def _rms(values: torch.Tensor) -> float:
+    return float(values.square().mean().sqrt())

@@ -1,0 +1,1 @@
+"""kernels of mrwarp; see the README's map."""

@@ -1,0 +1,72 @@
+"""One MR joint step by step: the laws of the sibling files on a joint's parameter struct, in the order of the stages."""
+
+import warp as wp
+
+from mrwarp.kernels.bouc_wen import bouc_wen_euler, bouc_wen_exact, bouc_wen_torque
+from mrwarp.kernels.brake import oppose_velocity
+from mrwarp.kernels.gate import dynamic_gate, hold_gate
+from mrwarp.kernels.hold import holding_need, holding_torque, support_current, yield_torque
+from mrwarp.kernels.joint_params import JointParams
+
+SUPPORT = wp.constant(0)
+"""Holding current: the support current of the needed torque."""
+FIXED = wp.constant(1)
+"""Holding current: all the current the environment may use (current sweeps)."""
+
+
+@wp.func
+def gates(p: JointParams, f_foot: float, e: float, qd: float, limit: float) -> wp.vec2:
+    """(m_dyn, m_hold) of eqs. 5 and 8; with no current to hold with, holding stays closed and the motor stiff."""
+    m_dyn = dynamic_gate(f_foot, e, qd, p.f_th, p.eps_e, p.eps_v)
+    m_hold = float(0.0)
+    if limit > 0.0:
+        m_hold = hold_gate(f_foot, qd, m_dyn, p.f_th, p.eps_hold)
+    return wp.vec2(m_dyn, m_hold)
+
+
+@wp.func
+def coil_command(p: JointParams, m_dyn: float, m_hold: float, e: float, limit: float, hold_current: int) -> float:
+    """Commanded current [A]: ``limit`` while damping, the holding current while holding, else none."""
+    if m_hold > 0.0:
+        if hold_current == FIXED:
+            return limit
+        need = holding_need(e, p.kp_base, p.kp_low)
+        return support_current(need, p.safety_factor, limit, p.T_max, p.K, p.n)
+    return m_dyn * limit
+
+
+@wp.func
+def displacement(p: JointParams, q: float) -> float:
+    """Offset-corrected joint displacement q_c [rad] of eq. 14."""
+    return q - p.q_neutral - (p.q_offset + p.q_center)
+
+
+@wp.func
+def hysteresis(p: JointParams, qd: float, z: float, dt: float, exact: int) -> float:
+    """z after one step of eq. 15 [rad], in closed form (``exact`` = 1) or by the paper's Euler step."""
+    if exact == 1:
+        return bouc_wen_exact(qd, z, p.beta, p.gamma, dt)
+    return bouc_wen_euler(qd, z, p.beta, p.gamma, p.z_max, dt)
+
+
+@wp.func
+def sliding_torque(p: JointParams, qd: float, q_c: float, current: float, z: float) -> float:
+    """tau_BW of eq. 14 [N·m]."""
+    return bouc_wen_torque(qd, q_c, current, z, p.D, p.B, p.C, p.I1, p.K0, p.K1, p.alpha)
+
+
+@wp.func
+def brake_bound(p: JointParams, held: float, current: float, sliding: float) -> float:
+    """Bound of the brake constraint [N·m]: the yield torque where the device is held, the sliding torque elsewhere."""
+    bound = wp.abs(sliding)
+    if held > 0.0:
+        bound = wp.max(bound, yield_torque(current, p.T_max, p.K, p.n))
+    return bound
+
+
+@wp.func
+def device_torque(p: JointParams, m_hold: float, e: float, qd: float, current: float, sliding: float) -> float:
+    """Explicit torque of the device [N·m]: eq. 19 while holding, else eq. 6, which also serves as off-current drag."""
+    if m_hold > 0.0:
+        return holding_torque(holding_need(e, p.kp_base, p.kp_low), yield_torque(current, p.T_max, p.K, p.n))
+    return oppose_velocity(sliding, qd)

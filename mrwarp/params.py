@@ -1,0 +1,251 @@
+"""Parameters of one MR joint: every number with its unit, allowed range and source.
+
+The five groups follow the paper: the current-aware Bouc-Wen model (eqs. 14, 15), the pre-yield holding law (eqs. 18,
+19), the two gates (eqs. 5, 8), the motor that shares the joint (eqs. 2, 9) and the coil. :class:`MrParams` bundles them.
+All objects are frozen and keyword-only; a variant is ``dataclasses.replace``, never an edit in place.
+
+The same names are used in USD (``newton:mr:<name>``, see ``assets/usd/schema``), in ``model.json`` and in the kernels.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Self
+
+_PAPER_BW = "paper section 4.2, identified coefficients of eqs. 14 and 15"
+_PAPER_HOLD = "paper section 4.4, pre-yield fit of eq. 18"
+_PAPER_GATE = "paper section 3.2, nominal dynamic-gate thresholds"
+
+
+class ParameterError(ValueError):
+    """A parameter is missing, misspelt, not a number or out of its range; the message says which, and the remedy."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParamSpec:
+    """What is known about one parameter: ``unit``, closed range ``[low, high]``, ``default``, ``source``, ``doc``."""
+
+    name: str
+    group: str
+    unit: str
+    low: float
+    high: float
+    default: float
+    source: str
+    doc: str
+
+    def check(self, value: float, where: str) -> float:
+        """Return ``value`` as float, or raise :class:`ParameterError` naming ``where``, the value and the range."""
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            raise ParameterError(f"{where}: {self.name} = {value!r} is not a number; {self.allowed()}") from None
+        if not math.isfinite(number) or not self.low <= number <= self.high:
+            raise ParameterError(f"{where}: {self.name} = {number:g} is out of range; {self.allowed()}")
+        return number
+
+    def allowed(self) -> str:
+        """The allowed range as text, e.g. ``allowed: 0 to 1000 N·m/(rad·A), default 10.4133``."""
+        return f"allowed: {self.low:g} to {self.high:g} {self.unit}, default {self.default:g}"
+
+
+def _param(default: float, unit: str, low: float, high: float, source: str, doc: str) -> Any:
+    return field(default=default, metadata={"unit": unit, "low": low, "high": high, "source": source, "doc": doc})
+
+
+class _Group:
+    """Shared checks of the parameter groups: each field a float within its range."""
+
+    @classmethod
+    def specs(cls) -> tuple[ParamSpec, ...]:
+        """The specification of every field, in declaration order."""
+        return tuple(
+            ParamSpec(name=f.name, group=cls.__name__, default=f.default, **f.metadata)  # type: ignore[arg-type]
+            for f in dataclasses.fields(cls)  # type: ignore[arg-type]
+        )
+
+    def __post_init__(self) -> None:
+        for spec in self.specs():
+            # frozen: the checked float replaces what was given, such as an int or a numeric string
+            object.__setattr__(self, spec.name, spec.check(getattr(self, spec.name), type(self).__name__))
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoucWenParams(_Group):
+    """Current-aware Bouc-Wen torque, eqs. 14 and 15.
+
+    ``tau_BW = D + B*qd + C*q_c + I1*I + (K0 + K1*I)/(1 + alpha*|qd|) * z`` with
+    ``dz/dt = qd - beta*|qd|*z - gamma*qd*|z|`` and ``q_c = q - q_neutral - (q_offset + q_center)``.
+
+    Raises:
+        ParameterError: a value is out of range, or ``beta + gamma <= 0`` (then z would grow without bound).
+    """
+
+    q_neutral: float = _param(
+        -1.5, "rad", -3.2, 3.2, "neutral stance pose of mrwarp/robot.py",
+        "Joint angle from which the displacement q_c is measured.",
+    )  # fmt: skip
+    q_offset: float = _param(2.39638101e-4, "rad", -1.0, 1.0, _PAPER_BW, "Encoder offset of the bench.")
+    q_center: float = _param(-1.51224291e-17, "rad", -1.0, 1.0, _PAPER_BW, "Centre of the bench's motion.")
+    D: float = _param(-0.01917639, "N·m", -50.0, 50.0, _PAPER_BW, "Constant torque bias.")
+    B: float = _param(0.1013626, "N·m·s/rad", 0.0, 100.0, _PAPER_BW, "Viscous coefficient.")
+    C: float = _param(0.2160456, "N·m/rad", -100.0, 100.0, _PAPER_BW, "Stiffness about q_c = 0.")
+    I1: float = _param(-7.681742e-4, "N·m/A", -50.0, 50.0, _PAPER_BW, "Direct current term.")
+    K0: float = _param(0.3992754, "N·m/rad", 0.0, 1000.0, _PAPER_BW, "Hysteresis gain without current.")
+    K1: float = _param(10.413315, "N·m/(rad·A)", 0.0, 1000.0, _PAPER_BW, "Hysteresis gain per ampere.")
+    alpha: float = _param(0.7777051, "s/rad", 0.0, 100.0, _PAPER_BW, "Speed weakening of the hysteretic part.")
+    beta: float = _param(16.50618, "1/rad", 0.0, 1e4, _PAPER_BW, "Loop-shape coefficient.")
+    gamma: float = _param(-10.53036, "1/rad", -1e4, 1e4, _PAPER_BW, "Loop-shape coefficient.")
+    z_max: float = _param(
+        5.0, "rad", 0.0, 1e3, "paper section 4.3, bound of the integrated state", "Clip on |z| of the Euler step."
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.beta + self.gamma <= 0.0:
+            raise ParameterError(
+                f"BoucWenParams: need beta + gamma > 0 1/rad, got {self.beta:g} + {self.gamma:g}; "
+                "raise beta or gamma, else z has no bound"
+            )
+
+    @property
+    def z_bound(self) -> float:
+        """Bound 1/(beta + gamma) of |z| under monotonic loading [rad]."""
+        return 1.0 / (self.beta + self.gamma)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HoldParams(_Group):
+    """Pre-yield holding law, eqs. 18 and 19: ``tau_y(I) = T_max*I^n/(K^n + I^n)``."""
+
+    T_max: float = _param(26.59697, "N·m", 1e-6, 1e6, _PAPER_HOLD, "Saturation torque.")
+    K: float = _param(0.51272, "A", 1e-6, 1e3, _PAPER_HOLD, "Current at half of T_max.")
+    n: float = _param(2.87967, "1", 0.1, 20.0, _PAPER_HOLD, "Exponent of the current-torque curve.")
+    safety_factor: float = _param(
+        1.2, "1", 1.0, 10.0, "paper section 5.2", "Margin of the support current over the needed torque."
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class GateParams(_Group):
+    """Thresholds of the dynamic gate (eq. 5) and the holding gate (eq. 8)."""
+
+    f_th: float = _param(5.0, "N", 0.0, 1e4, _PAPER_GATE, "Foot force above which the leg counts as loaded.")
+    eps_e: float = _param(0.05, "rad", 0.0, 10.0, _PAPER_GATE, "Tracking error above which damping may act.")
+    eps_v: float = _param(0.20, "rad/s", 0.0, 100.0, _PAPER_GATE, "Speed above which damping may act.")
+    eps_hold: float = _param(0.20, "rad/s", 0.0, 100.0, "paper section 3.3", "Speed below which holding may act.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotorParams(_Group):
+    """The electric motor on the same joint: PD law of eq. 2 with the gain switch of eq. 9."""
+
+    kp_base: float = _param(
+        35.0, "N·m/rad", 0.0, 1e4,
+        "not in the paper; public Go1 practice is 20 to 35 (MuJoCo Playground's Go1: 35); 25 cannot stand open loop",
+        "Proportional gain with the holding gate closed.",
+    )  # fmt: skip
+    kp_low: float = _param(5.0, "N·m/rad", 0.0, 1e4, "paper section 7", "Proportional gain while the device holds.")
+    kd: float = _param(
+        0.6, "N·m·s/rad", 0.0, 1e3, "not in the paper; Go1 practice 0.5 to 0.7", "Derivative gain."
+    )
+    tau_limit: float = _param(
+        35.55, "N·m", 0.0, 1e4, "Go1 calf effort limit, unitree_go1 of MuJoCo Menagerie (knee forcerange)",
+        "Motor torque limit.",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoilParams(_Group):
+    """The coil and its current controller."""
+
+    coil_time_constant: float = _param(
+        0.0, "s", 0.0, 10.0, "the paper's model has no lag", "First-order lag from command to coil current; 0 = none."
+    )
+    coil_resistance: float = _param(
+        4.0, "Ohm", 0.0, 1e4, "assumption: not in the paper; small MR brakes lie between 2 and 10",
+        "Coil resistance, used by the energy ledger only.",
+    )  # fmt: skip
+    current_max: float = _param(1.5, "A", 0.0, 100.0, "paper section 4.1, largest current tested", "Controller limit.")
+
+
+_GROUPS: dict[str, type[_Group]] = {
+    "bouc_wen": BoucWenParams,
+    "hold": HoldParams,
+    "gate": GateParams,
+    "motor": MotorParams,
+    "coil": CoilParams,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class MrParams:
+    """All parameters of one MR joint. Defaults are the paper's MR_Go calf joint."""
+
+    bouc_wen: BoucWenParams = field(default_factory=BoucWenParams)
+    hold: HoldParams = field(default_factory=HoldParams)
+    gate: GateParams = field(default_factory=GateParams)
+    motor: MotorParams = field(default_factory=MotorParams)
+    coil: CoilParams = field(default_factory=CoilParams)
+
+    @classmethod
+    def specs(cls) -> tuple[ParamSpec, ...]:
+        """Specifications of all parameters, in the order of the groups. Names are unique over the groups."""
+        return tuple(spec for group in _GROUPS.values() for spec in group.specs())
+
+    @classmethod
+    def spec(cls, name: str, where: str = "MrParams") -> ParamSpec:
+        """The specification of one parameter.
+
+        Raises:
+            ParameterError: there is no such parameter; the message proposes the nearest name.
+        """
+        import difflib
+
+        by_name = {spec.name: spec for spec in cls.specs()}
+        if name not in by_name:
+            by_lower = {known.lower(): spec for known, spec in by_name.items()}
+            near = [by_lower[low] for low in difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.4)]
+            hint = f"did you mean {near[0].name!r}? {near[0].allowed()}" if near else f"known: {', '.join(by_name)}"
+            raise ParameterError(f"{where}: there is no MR parameter {name!r}; {hint}")
+        return by_name[name]
+
+    @classmethod
+    def from_dict(cls, values: dict[str, float], where: str = "MrParams") -> Self:
+        """Build from a flat ``{name: value}`` mapping that holds every parameter.
+
+        Raises:
+            ParameterError: a name is unknown or missing, or a value is out of range; names ``where`` it stood.
+        """
+        for name, value in values.items():
+            cls.spec(name, where).check(value, where)
+        missing = [spec for spec in cls.specs() if spec.name not in values]
+        if missing:
+            spec = missing[0]
+            raise ParameterError(f"{where}: {spec.name} is missing; {spec.allowed()}")
+        groups = {}
+        for key, group in _GROUPS.items():
+            try:
+                groups[key] = group(**{spec.name: float(values[spec.name]) for spec in group.specs()})
+            except ParameterError as error:
+                raise ParameterError(f"{where}: {error}") from None
+        return cls(**groups)
+
+    def to_dict(self) -> dict[str, float]:
+        """The flat ``{name: value}`` mapping; ``from_dict(to_dict())`` is the identity."""
+        return {name: value for name, value in self}
+
+    def __iter__(self) -> Iterator[tuple[str, float]]:
+        """Iterate over ``(name, value)`` in the order of :meth:`specs`."""
+        for key, group in _GROUPS.items():
+            for spec in group.specs():
+                yield spec.name, getattr(getattr(self, key), spec.name)
+
+    def replace(self, **changes: float) -> Self:
+        """A copy with some parameters changed, checked like any other."""
+        for name in changes:
+            self.spec(name)
+        return type(self).from_dict({**self.to_dict(), **changes})

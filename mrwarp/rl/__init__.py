@@ -1,0 +1,1 @@
+"""rl of mrwarp; see the README's map."""

@@ -1,0 +1,49 @@
+"""Checkpoints: everything a training needs to go on as if it had never stopped, written atomically, read as data."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from pathlib import Path
+from typing import Any
+
+import torch
+
+FORMAT = 1
+"""Version of the checkpoint's layout."""
+
+
+class CheckpointError(ValueError):
+    """A checkpoint cannot be used; the message names the file and the remedy."""
+
+
+def save(path: Path, content: dict[str, Any]) -> None:
+    """Write a checkpoint of tensors and plain values; the old file stays whole until the new one is complete."""
+    partial = path.with_suffix(path.suffix + ".part")
+    with partial.open("wb") as file:
+        torch.save({"format": FORMAT, **content}, file)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(partial, path)
+
+
+def load(path: Path) -> dict[str, Any]:
+    """Read a checkpoint as data only: nothing in the file is executed.
+
+    Raises:
+        CheckpointError: there is no such file, it is damaged, holds code, or is of another version.
+    """
+    if not path.is_file():
+        raise CheckpointError(f"{path}: no such checkpoint; name the file checkpoint.pt that training wrote")
+    try:
+        content = torch.load(path, map_location="cpu", weights_only=True)
+    except pickle.UnpicklingError as error:
+        raise CheckpointError(
+            f"{path}: refused, it holds more than tensors and plain values; use a checkpoint that mrwarp wrote"
+        ) from error
+    except (RuntimeError, EOFError, OSError, ValueError, KeyError) as error:
+        raise CheckpointError(f"{path}: damaged ({error}); use an earlier checkpoint or start anew") from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        found = content.get("format") if isinstance(content, dict) else type(content).__name__
+        raise CheckpointError(f"{path}: format {found!r} is not {FORMAT}; it was written by another version of mrwarp")
+    return content

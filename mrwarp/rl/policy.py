@@ -1,0 +1,112 @@
+"""Policies outside training: ONNX export with what is needed to run them, and a runtime for play and evaluation."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import torch
+from tensordict import TensorDict
+
+from mrwarp.env.observations import ACTOR_TERMS
+
+META = "mrwarp"
+"""Key of the ONNX metadata entry that holds the policy's description as JSON."""
+
+
+class PolicyError(ValueError):
+    """A policy file cannot be used; the message names the file and the remedy."""
+
+
+def export_onnx(actor: Any, path: Path, description: dict[str, Any]) -> None:
+    """Write the actor with its normaliser as ONNX: input ``obs`` (N, 47), output ``actions`` (N, 12).
+
+    Args:
+        actor: The rsl-rl actor model.
+        path: File to write.
+        description: What a user needs to run it, e.g. action scale, gains, command that made it; stored as metadata.
+    """
+    model = actor.as_onnx(verbose=False).to("cpu").eval()
+    partial = path.with_suffix(".part.onnx")
+    torch.onnx.export(
+        model, model.get_dummy_inputs(), str(partial), input_names=["obs"], output_names=["actions"],
+        opset_version=18, dynamo=False, dynamic_axes={"obs": {0: "n"}, "actions": {0: "n"}},
+    )  # fmt: skip
+    proto = onnx.load(str(partial))
+    onnx.helper.set_model_props(proto, {META: json.dumps({"observations": ACTOR_TERMS, **description})})
+    onnx.save(proto, str(partial))
+    partial.replace(path)
+
+
+class OnnxPolicy:
+    """An exported policy as a plain torch function: reads the ONNX file as data and runs its few layers.
+
+    Args:
+        path: A file that :func:`export_onnx` wrote.
+
+    Raises:
+        PolicyError: the file is missing, no ONNX, has another interface or layers that a policy does not have.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        path = Path(path)
+        if not path.is_file():
+            raise PolicyError(f"{path}: no such policy; name an .onnx file that train/ppo.py wrote")
+        try:
+            proto = onnx.load(str(path), load_external_data=False)
+            onnx.checker.check_model(proto)
+        except Exception as error:  # onnx and protobuf raise many types for a file that is no model
+            raise PolicyError(f"{path}: not a readable ONNX model ({error}); export it again") from error
+        props = {entry.key: entry.value for entry in proto.metadata_props}
+        if META not in props:
+            raise PolicyError(f"{path}: no mrwarp metadata; use a policy exported by train/ppo.py")
+        self.path = path
+        self.description: dict[str, Any] = json.loads(props[META])
+        if self.description.get("observations") != ACTOR_TERMS:
+            raise PolicyError(
+                f"{path}: made for observations {self.description.get('observations')}, this version gives "
+                f"{ACTOR_TERMS}; train it again"
+            )
+        self._weights = {w.name: torch.from_numpy(onnx.numpy_helper.to_array(w).copy()) for w in proto.graph.initializer}
+        self._nodes = list(proto.graph.node)
+        for node in self._nodes:
+            if node.op_type not in _OPS:
+                raise PolicyError(f"{path}: layer {node.op_type!r} is not one of {', '.join(sorted(_OPS))}")
+        self._input, self._output = proto.graph.input[0].name, proto.graph.output[0].name
+
+    @torch.no_grad()
+    def __call__(self, obs: TensorDict | torch.Tensor) -> torch.Tensor:
+        """Actions (E, 12) for observations (the ``actor`` group, or a tensor (E, 47))."""
+        values = dict(self._weights)
+        values[self._input] = obs["actor"] if isinstance(obs, TensorDict) else obs
+        for node in self._nodes:
+            attributes = {a.name: onnx.helper.get_attribute_value(a) for a in node.attribute}
+            values[node.output[0]] = _OPS[node.op_type](attributes, *(values[name] for name in node.input))
+        return values[self._output]
+
+
+def _gemm(attributes: dict[str, Any], x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
+    weight = weight.t() if attributes.get("transB") else weight
+    return attributes.get("alpha", 1.0) * (x @ weight) + attributes.get("beta", 1.0) * bias
+
+
+def _constant(attributes: dict[str, Any]) -> torch.Tensor:
+    return torch.from_numpy(np.array(onnx.numpy_helper.to_array(attributes["value"])))
+
+
+_OPS: dict[str, Any] = {
+    "Add": lambda _, a, b: a + b,
+    "Sub": lambda _, a, b: a - b,
+    "Mul": lambda _, a, b: a * b,
+    "Div": lambda _, a, b: a / b,
+    "Identity": lambda _, a: a,
+    "Constant": _constant,
+    "Gemm": _gemm,
+    "Elu": lambda attributes, a: torch.nn.functional.elu(a, attributes.get("alpha", 1.0)),
+    "Tanh": lambda _, a: torch.tanh(a),
+    "Relu": lambda _, a: torch.relu(a),
+}
+"""The layers a policy consists of."""

@@ -1,0 +1,40 @@
+"""PPO settings for rsl-rl, as fresh dictionaries (rsl-rl consumes what it is given)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+STEPS_PER_UPDATE = 24
+"""Policy steps per environment and update."""
+
+
+def make_ppo_cfg(*, hidden: tuple[int, ...] = (128, 64), entropy: float = 0.003, epochs: int = 5) -> dict[str, Any]:
+    """Settings of actor, critic and algorithm: small nets with observation normalisation, adaptive rate."""
+
+    def net() -> dict[str, Any]:
+        return {
+            "class_name": "MLPModel", "hidden_dims": list(hidden), "activation": "elu", "obs_normalization": True,
+        }  # fmt: skip
+
+    return {
+        "num_steps_per_env": STEPS_PER_UPDATE,
+        "obs_groups": {"actor": ["actor"], "critic": ["critic"]},
+        "actor": {**net(), "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": 0.6}},
+        "critic": net(),
+        "algorithm": {
+            "class_name": "PPO",
+            "num_learning_epochs": epochs,
+            "num_mini_batches": 4,
+            "clip_param": 0.2,
+            "gamma": 0.99,
+            "lam": 0.95,
+            "value_loss_coef": 1.0,
+            "entropy_coef": entropy,
+            "learning_rate": 1e-3,
+            "max_grad_norm": 1.0,
+            "use_clipped_value_loss": True,
+            "schedule": "adaptive",
+            "desired_kl": 0.01,
+        },
+        "multi_gpu": None,
+    }

@@ -1,0 +1,112 @@
+"""Command line of the training: ``python train/ppo.py`` and ``mrwarp train`` are this."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from pathlib import Path
+
+import torch
+import warp as wp
+
+from mrwarp.actuator import Coupling, HoldCurrent, ZStep
+from mrwarp.asset import AssetError
+from mrwarp.env.backend import BackendKind
+from mrwarp.env.cfg import ACTUATORS, make_walk_cfg
+from mrwarp.params import ParameterError
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The options of ``train/ppo.py``."""
+    parser = argparse.ArgumentParser(
+        prog="train/ppo.py", description="Train a quadruped with MR calf joints to walk, until the walking gate is met."
+    )
+    parser.add_argument("--device", default="cpu", help="cpu or cuda:N (default: cpu)")
+    parser.add_argument("--num-envs", type=positive, default=64, help="parallel environments (default: 64)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of everything random (default: 0)")
+    parser.add_argument("--iterations", type=positive, default=6000, help="most PPO updates (default: 6000)")
+    parser.add_argument("--no-gate", action="store_true", help="run all iterations instead of stopping at the gate")
+    parser.add_argument("--actuator", choices=ACTUATORS, default="bouc_wen", help="torque model of the MR joint")
+    parser.add_argument("--robot", choices=("mr_go", "go1"), default="mr_go", help="robot variant of the USD asset")
+    parser.add_argument("--payload", type=int, choices=(0, 3), default=0, help="payload variant [kg]")
+    parser.add_argument("--asset", help="another USD file than assets/usd/mr_go.usda")
+    parser.add_argument("--coupling", choices=_values(Coupling), default="constraint", help="how the device acts")
+    parser.add_argument("--hold-current", choices=_values(HoldCurrent), default="support", help="current while holding")
+    parser.add_argument("--z-step", choices=_values(ZStep), default="euler", help="step of the hysteresis state")
+    parser.add_argument("--sal", choices=("on", "off"), default="on", help="whether the gates may open")
+    parser.add_argument("--backend", choices=_values(BackendKind), help="physics engine (default: by device)")
+    parser.add_argument("--threads", type=int, default=0, help="CPU threads of the physics; 0 = all (default)")
+    parser.add_argument("--out", type=Path, default=Path("runs/walk"), help="output folder (default: runs/walk)")
+    parser.add_argument("--resume", type=Path, metavar="CHECKPOINT", help="go on from a checkpoint.pt")
+    return parser
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run a training; 0 when the gate was met or not asked for, 1 when it was missed, 130 after Ctrl-C, 2 on bad input."""
+    from mrwarp.rl.checkpoint import CheckpointError
+    from mrwarp.rl.trainer import TrainCfg, Trainer
+
+    args = make_parser().parse_args(argv)
+    wp.config.log_level = wp.LOG_WARNING
+    torch.set_num_threads(1)  # the nets are small: threads cost more than they give, and one keeps the bits
+    try:
+        check_device(args.device)
+        env = make_walk_cfg(
+            num_envs=args.num_envs,
+            device=args.device,
+            seed=args.seed,
+            robot=args.robot,
+            payload=args.payload,
+            asset=args.asset,
+            actuator_model=args.actuator,
+            coupling=Coupling(args.coupling),
+            hold_current=HoldCurrent(args.hold_current),
+            z_step=ZStep(args.z_step),
+            sal=args.sal == "on",
+            backend=BackendKind(args.backend) if args.backend else None,
+            threads=args.threads,
+        )
+        cfg = TrainCfg(
+            env=env,
+            out=args.out,
+            seed=args.seed,
+            iterations=args.iterations,
+            until_gate=not args.no_gate,
+            command="python train/ppo.py " + shlex.join(sys.argv[1:] if argv is None else argv),
+        )
+        print(
+            f"training {args.robot} ({args.actuator}, {args.coupling} coupling) in {args.num_envs} environments on "
+            f"{args.device}; first start compiles kernels; output in {args.out}",
+            flush=True,
+        )
+        trainer = Trainer(cfg, resume=args.resume)
+    except (AssetError, ParameterError, CheckpointError, ValueError, OSError) as error:
+        print(f"train/ppo.py: {error}", file=sys.stderr)
+        return 2
+    result = trainer.run()
+    if result["stopped"] == "interrupted":
+        print(f"stopped; go on with --resume {args.out / 'checkpoint.pt'}")
+        return 130
+    passed = "met" if result["gate_passed"] else "NOT met"
+    print(f"walking gate {passed} after {result['seconds'] / 60:.1f} min ({result['iterations']} updates); see {args.out}")
+    return 0 if result["gate_passed"] or args.no_gate else 1
+
+
+def check_device(device: str) -> None:
+    """Raise ValueError unless the device is there."""
+    known = ["cpu"] + [f"cuda:{i}" for i in range(wp.get_cuda_device_count())]
+    if device not in known:
+        raise ValueError(f"--device {device}: no such device here; choose from {', '.join(known)}")
+
+
+def positive(text: str) -> int:
+    """Argument type: an integer of at least 1."""
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{value} must be at least 1")
+    return value
+
+
+def _values(choices: type) -> list[str]:
+    return [member.value for member in choices]

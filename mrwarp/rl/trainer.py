@@ -1,0 +1,285 @@
+"""Training: rsl-rl's PPO on the walking task, until the walking gate is met; can be stopped and resumed at any time."""
+
+from __future__ import annotations
+
+import json
+import platform
+import signal
+import time
+from collections import deque
+from dataclasses import dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import torch
+from rsl_rl.algorithms import PPO
+from torch.utils.tensorboard import SummaryWriter
+
+from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.env.vec_env import WalkEnv
+from mrwarp.evaluate.walking import GateCheck
+from mrwarp.rl import checkpoint, curves, policy
+from mrwarp.rl.ppo_cfg import make_ppo_cfg
+
+WINDOW = 50
+"""Updates over which the progress figures are averaged."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainCfg:
+    """One training run."""
+
+    env: EnvCfg = field(default_factory=make_walk_cfg)
+    out: Path = Path("runs/walk")
+    """Folder for checkpoint, policy, curves and result."""
+    seed: int = 0
+    """Seed of networks, exploration and environment."""
+    iterations: int = 6000
+    """Most PPO updates; training stops earlier when the gate is met."""
+    until_gate: bool = True
+    """Stop at the walking gate; False runs all iterations."""
+    save_every: float = 30.0
+    """Time between checkpoints [s]."""
+    check_every: float = 20.0
+    """Least time between two gate checks [s]."""
+    check_below: float = 0.14
+    """Gate checks begin when the training's own v_x RMSE falls below this [m/s]."""
+    command: str = ""
+    """Command line, for the record."""
+
+
+class Trainer:
+    """Collects rollouts, updates the policy, checks the gate, reports and saves.
+
+    Args:
+        cfg: The run.
+        resume: Checkpoint to go on from, or None to start anew.
+
+    Raises:
+        CheckpointError: the checkpoint cannot be used.
+    """
+
+    def __init__(self, cfg: TrainCfg, *, resume: Path | None = None) -> None:
+        self.cfg = cfg
+        content = checkpoint.load(resume) if resume else None
+        torch.manual_seed(cfg.seed)
+        self.env = WalkEnv(replace(cfg.env, seed=cfg.seed))
+        self.ppo_cfg = make_ppo_cfg()
+        self.obs = self.env.get_observations()
+        self.algorithm = PPO.construct_algorithm(self.obs, self.env, self.ppo_cfg, str(self.env.device))
+        self.iteration = 0
+        self.seconds = 0.0
+        self.rows: list[dict[str, float]] = []
+        self.gate_rows: list[dict[str, Any]] = []
+        self.gate_check: GateCheck | None = None
+        self._window: deque[dict[str, float]] = deque(maxlen=WINDOW)
+        self._stop = False
+        # spread the episodes, so that resets do not come all at once
+        self.env.episode_length_buf = torch.randint_like(self.env.episode_length_buf, self.env.max_episode_length)
+        self.cfg.out.mkdir(parents=True, exist_ok=True)
+        if content:
+            self._load(content, resume)
+
+    @property
+    def gate_passed(self) -> bool:
+        """Whether the last gate check passed."""
+        return bool(self.gate_rows) and self.gate_rows[-1]["passed"]
+
+    def run(self) -> dict[str, Any]:
+        """Train until the gate is met, the iterations are used up, or Ctrl-C; returns what ``result.json`` holds."""
+        previous = signal.signal(signal.SIGINT, self._interrupt)
+        writer = SummaryWriter(str(self.cfg.out / "tensorboard"), purge_step=self.iteration + 1)
+        started = time.perf_counter() - self.seconds
+        saved, checked, printed = self.seconds, self.seconds, 0.0
+        try:
+            while self.iteration < self.cfg.iterations and not self._stop:
+                row = self._update()
+                self.seconds = time.perf_counter() - started
+                row["seconds"] = self.seconds
+                self.rows.append(row)
+                for name, value in row.items():
+                    writer.add_scalar(f"train/{name}", value, self.iteration)
+                if self.seconds - printed >= 5.0:
+                    self._print(row)
+                    printed = self.seconds
+                if row["v_x_rmse"] < self.cfg.check_below and self.seconds - checked >= self.cfg.check_every:
+                    self._check_gate(writer)
+                    checked = self.seconds = time.perf_counter() - started
+                    if self.gate_passed and self.cfg.until_gate:
+                        break
+                if self.seconds - saved >= self.cfg.save_every:
+                    self.save()
+                    saved = self.seconds
+            if not self._stop and not self.gate_passed:
+                self._check_gate(writer)
+            self.seconds = time.perf_counter() - started
+            return self._finish()
+        finally:
+            signal.signal(signal.SIGINT, previous)
+            writer.close()
+
+    def save(self) -> Path:
+        """Write ``checkpoint.pt``: networks, optimiser, random generators, environment and progress."""
+        path = self.cfg.out / "checkpoint.pt"
+        checkpoint.save(
+            path,
+            {
+                "algorithm": self.algorithm.save(),
+                "learning_rate": self.algorithm.learning_rate,
+                "torch_rng": torch.get_rng_state(),
+                "env": self.env.state(),
+                "iteration": self.iteration,
+                "seconds": self.seconds,
+                "rows": self.rows,
+                "window": list(self._window),
+                "gate_rows": self.gate_rows,
+                "seed": self.cfg.seed,
+                "task": task(self.cfg.env),
+            },
+        )
+        return path
+
+    def _load(self, content: dict[str, Any], path: Path | None) -> None:
+        """Go on from a checkpoint of the same task."""
+        own = task(self.cfg.env)
+        for name, value in content["task"].items():
+            if own.get(name) != value:
+                raise checkpoint.CheckpointError(
+                    f"{path}: trained with {name} = {value!r}, this run has {own.get(name)!r}; resume with the same task"
+                )
+        self.algorithm.load(content["algorithm"], None, strict=True)
+        self.algorithm.learning_rate = content["learning_rate"]
+        self.env.load_state(content["env"])
+        self.iteration, self.seconds = content["iteration"], content["seconds"]
+        self.rows, self.gate_rows = content["rows"], content["gate_rows"]
+        self._window.extend(content["window"])
+        self.obs = self.env.last_observations
+        torch.set_rng_state(content["torch_rng"])
+
+    def _update(self) -> dict[str, float]:
+        """One PPO update: collect, learn; returns the progress figures, averaged over the last updates."""
+        env, algorithm = self.env, self.algorithm
+        begin = time.perf_counter()
+        error, reward, match = 0.0, 0.0, 0.0
+        falls = torch.zeros((), device=env.device)
+        steps = self.ppo_cfg["num_steps_per_env"]
+        with torch.inference_mode():
+            for _ in range(steps):
+                self.obs, rewards, dones, extras = env.step(algorithm.act(self.obs))
+                algorithm.process_env_step(self.obs, rewards, dones, extras)
+                error = error + (env.body_velocity[:, 0] - env.command[:, 0]).square().mean()
+                reward = reward + rewards.mean()
+                match = match + env.clock_match.float().mean()
+                falls += env.fallen.sum()
+            algorithm.compute_returns(self.obs)
+        collected = time.perf_counter()
+        losses = algorithm.update()
+        learned = time.perf_counter()
+        self.iteration += 1
+        hours = steps * env.cfg.step_dt * env.num_envs / 3600.0
+        self._window.append(
+            {
+                "v_x_square": float(error) / steps,
+                "reward": float(reward) / steps / env.cfg.step_dt,
+                "clock_match": float(match) / steps,
+                "falls_per_hour": float(falls) / hours,
+                "collect_ms": 1e3 * (collected - begin),
+                "learn_ms": 1e3 * (learned - collected),
+                "value_loss": losses["value"],
+            }
+        )
+        row = {name: sum(w[name] for w in self._window) / len(self._window) for name in self._window[-1]}
+        row["v_x_rmse"] = row.pop("v_x_square") ** 0.5
+        row["steps_per_second"] = steps * env.num_envs / (1e-3 * (row["collect_ms"] + row["learn_ms"]))
+        row["learning_rate"] = float(self.algorithm.learning_rate)
+        row["action_std"] = float(self.algorithm.get_policy().output_std.mean())
+        row["iteration"] = float(self.iteration)
+        return row
+
+    def _check_gate(self, writer: SummaryWriter) -> None:
+        """Evaluate the policy without exploration against the walking gate."""
+        if self.gate_check is None:
+            self.gate_check = GateCheck(self.cfg.env)
+        actor = self.algorithm.get_policy()
+        measured = self.gate_check(lambda obs: actor(obs))
+        self.gate_rows.append({"iteration": self.iteration, "seconds": self.seconds, **measured})
+        gate = self.gate_check.gate
+        rmse = measured["v_x_rmse"][f"{gate.rmse_at:g}"]
+        writer.add_scalar("gate/v_x_rmse", rmse, self.iteration)
+        failed = [name for name, holds in measured["conditions"].items() if not holds]
+        print(
+            f"  walking gate: v_x RMSE {rmse:.3f} m/s (<= {gate.rmse}), never fell {measured['never_fell']:.0%}, "
+            f"height {measured['height']:.3f} m, stride {measured['stride_frequency']:.2f} Hz, "
+            f"clock {measured['clock_match']:.0%} -> " + ("passed" if not failed else f"not yet: {', '.join(failed)}"),
+            flush=True,
+        )
+
+    def _print(self, row: dict[str, float]) -> None:
+        left = (self.cfg.iterations - self.iteration) * 1e-3 * (row["collect_ms"] + row["learn_ms"])
+        print(
+            f"update {self.iteration:5d}  {self.seconds:5.0f} s  reward {row['reward']:6.2f}  "
+            f"v_x RMSE {row['v_x_rmse']:.3f} m/s  falls {row['falls_per_hour']:6.1f}/h  clock {row['clock_match']:.0%}  "
+            f"{row['steps_per_second']:6.0f} steps/s  at most {left / 60:.0f} min left",
+            flush=True,
+        )
+
+    def _interrupt(self, *_: Any) -> None:
+        print("\nstopping after this update; a second Ctrl-C stops at once", flush=True)
+        self._stop = True
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def _finish(self) -> dict[str, Any]:
+        """Write checkpoint, policy, curves and ``result.json``."""
+        out = self.cfg.out
+        self.save()
+        env_cfg = self.cfg.env
+        policy.export_onnx(
+            self.algorithm.get_policy(),
+            out / "policy.onnx",
+            {"task": task(env_cfg), "seed": self.cfg.seed, "iteration": self.iteration, "command": self.cfg.command},
+        )
+        curves.plot(self.rows, self.gate_rows, out / "learning_curve.png")
+        result = {
+            "schema": 1,
+            "gate": self.gate_rows[-1] if self.gate_rows else None,
+            "gate_passed": self.gate_passed,
+            "stopped": "interrupted" if self._stop else "gate" if self.gate_passed else "iterations",
+            "iterations": self.iteration,
+            "seconds": self.seconds,
+            "environment_steps": self.iteration * self.ppo_cfg["num_steps_per_env"] * self.env.num_envs,
+            "training": self.rows[-1] if self.rows else None,
+            "unsolved_steps": int(self.env.sim.unsolved.numpy().sum()),
+            "task": task(env_cfg),
+            "seed": self.cfg.seed,
+            "versions": versions(),
+            "command": self.cfg.command,
+        }
+        partial = out / "result.json.part"
+        partial.write_text(json.dumps(result, indent=2) + "\n")
+        partial.replace(out / "result.json")
+        return result
+
+
+def task(cfg: EnvCfg) -> dict[str, Any]:
+    """What a policy was trained on, as plain values."""
+    return {
+        "robot": cfg.robot,
+        "payload": cfg.payload,
+        "actuator": cfg.actuator_model,
+        "coupling": cfg.actuator.coupling.value,
+        "hold_current": cfg.actuator.hold_current.value,
+        "z_step": cfg.actuator.z_step.value,
+        "sal": cfg.actuator.sal,
+        "num_envs": cfg.sim.num_envs,
+        "device": cfg.sim.device,
+        "action_scale": cfg.action_scale,
+        "step_dt": cfg.step_dt,
+        "gait_frequency": cfg.gait_frequency,
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the libraries a result depends on."""
+    names = ("mrwarp", "warp-lang", "newton", "mujoco", "mujoco-warp", "torch", "rsl-rl-lib", "numpy", "usd-core")
+    return {"python": platform.python_version(), **{name: version(name) for name in names}}

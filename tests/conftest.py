@@ -1,0 +1,30 @@
+"""What all tests share: quiet Warp, one torch thread, skipped GPU tests, and the measured data beside the checkout."""
+
+from pathlib import Path
+
+import pytest
+import torch
+import warp as wp
+
+# before the first kernel: Warp prints its banner and every compiled module at LOG_INFO
+wp.config.log_level = wp.LOG_WARNING
+# results and timings must not depend on how many cores the machine has
+torch.set_num_threads(1)
+
+SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip tests marked ``gpu`` where Warp finds no CUDA device."""
+    gpu = [item for item in items if "gpu" in item.keywords]
+    if gpu and wp.get_cuda_device_count() == 0:
+        for item in gpu:
+            item.add_marker(pytest.mark.skip(reason="Warp finds no CUDA device"))
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Folder ``shared`` beside the checkout, which holds real measurements; skips where it is absent."""
+    if not SHARED.is_dir():
+        pytest.skip("no folder 'shared' with measurements beside the checkout")
+    return SHARED

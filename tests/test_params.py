@@ -1,0 +1,133 @@
+"""MrParams: ranges, helpful refusals, round trip."""
+
+import dataclasses
+import re
+
+import pytest
+
+from mrwarp.kernels.joint_params import FIELDS
+from mrwarp.params import (
+    BoucWenParams,
+    CoilParams,
+    GateParams,
+    HoldParams,
+    MotorParams,
+    MrParams,
+    ParameterError,
+    ParamSpec,
+)
+
+GROUPS = (BoucWenParams, HoldParams, GateParams, MotorParams, CoilParams)
+
+
+def test_defaults_are_the_numbers_of_the_paper():
+    """Each printed coefficient of the paper, sections 3.2, 3.3, 4.2, 4.4, 5.2 and 7, digit by digit."""
+    paper = {
+        "q_offset": 2.39638101e-4, "q_center": -1.51224291e-17, "D": -0.01917639, "B": 0.1013626, "C": 0.2160456,
+        "I1": -7.681742e-4, "K0": 0.3992754, "K1": 10.413315, "alpha": 0.7777051, "beta": 16.50618,
+        "gamma": -10.53036, "z_max": 5.0, "T_max": 26.59697, "K": 0.51272, "n": 2.87967, "safety_factor": 1.2,
+        "f_th": 5.0, "eps_e": 0.05, "eps_v": 0.20, "eps_hold": 0.20, "kp_low": 5.0, "current_max": 1.5,
+        "coil_time_constant": 0.0,
+    }  # fmt: skip
+    values = MrParams().to_dict()
+    assert {name: values[name] for name in paper} == paper
+    assert MrParams().bouc_wen.z_bound == pytest.approx(0.1673, abs=5e-5)
+
+
+def test_names_are_unique_and_those_of_the_kernels():
+    """The struct of the kernels holds the same names in the same order; every group is part of MrParams."""
+    names = [spec.name for spec in MrParams.specs()]
+    assert len(set(names)) == len(names)
+    assert tuple(names) == FIELDS
+    assert {spec.group for spec in MrParams.specs()} == {group.__name__ for group in GROUPS}
+    assert [name for name, _ in MrParams()] == names
+
+
+@pytest.mark.parametrize("spec", MrParams.specs(), ids=lambda spec: spec.name)
+def test_every_parameter_is_documented_and_in_its_range(spec: ParamSpec):
+    """Unit, source and doc are given; the ends of the range are allowed; beyond them or NaN is refused by name."""
+    assert spec.unit and spec.source and spec.doc
+    assert spec.low <= spec.default <= spec.high
+    assert spec.check(spec.low, "here") == spec.low
+    assert spec.check(spec.high, "here") == spec.high
+    step = 1e-6 * (spec.high - spec.low)
+    for value in (spec.low - step, spec.high + step, float("nan"), float("inf")):
+        with pytest.raises(
+            ParameterError, match=f"here: {spec.name} = .* is out of range; allowed: .* {re.escape(spec.unit)}"
+        ):
+            spec.check(value, "here")
+    for value in ("fast", None, [1.0]):
+        with pytest.raises(ParameterError, match=f"here: {spec.name} = .* is not a number; allowed"):
+            spec.check(value, "here")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_groups_check_their_fields(group: type):
+    """Each field of each group is checked when the object is built, and kept as a float."""
+    for spec in group.specs():
+        with pytest.raises(ParameterError, match=f"{group.__name__}: {spec.name} = "):
+            group(**{spec.name: spec.high + 1e6})
+        kept = getattr(group(**{spec.name: str(spec.default)}), spec.name)
+        assert (type(kept), kept) == (float, spec.default)
+
+
+def test_groups_are_frozen():
+    """A variant is made with replace, never by an edit in place."""
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        BoucWenParams().beta = 1.0  # type: ignore[misc]
+    assert dataclasses.replace(BoucWenParams(), beta=20.0).beta == 20.0
+
+
+@pytest.mark.parametrize(("beta", "gamma"), [(5.0, -5.0), (5.0, -6.0), (0.0, 0.0)])
+def test_unbounded_hysteresis_is_refused(beta: float, gamma: float):
+    """beta + gamma <= 0: both numbers and the remedy are in the message."""
+    with pytest.raises(ParameterError, match=rf"beta \+ gamma > 0 1/rad, got {beta:g} \+ {gamma:g}; raise beta"):
+        BoucWenParams(beta=beta, gamma=gamma)
+    with pytest.raises(ParameterError, match=r"model\.json: .*beta \+ gamma > 0"):
+        MrParams.from_dict({**MrParams().to_dict(), "beta": beta, "gamma": gamma}, "model.json")
+
+
+def test_dict_round_trip_is_the_identity():
+    """from_dict(to_dict()) equals the original for the defaults and for a variant, in both directions."""
+    for params in (MrParams(), MrParams().replace(K1=0.1 + 0.2, q_neutral=-1.0, coil_time_constant=1 / 3)):
+        values = params.to_dict()
+        assert MrParams.from_dict(values) == params
+        assert MrParams.from_dict(values).to_dict() == values
+        assert len(values) == len(FIELDS)
+
+
+def test_replace_changes_one_parameter_and_leaves_the_original():
+    """The copy differs in that name only; a value out of range is refused."""
+    before = MrParams()
+    after = before.replace(T_max=30.0)
+    assert {name for name, value in after if value != dict(before)[name]} == {"T_max"}
+    assert before.hold.T_max == 26.59697
+    with pytest.raises(ParameterError, match="T_max = -1 is out of range"):
+        before.replace(T_max=-1.0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "meant"),
+    [("K_1", "K1"), ("k1", "K1"), ("tmax", "T_max"), ("alfa", "alpha"), ("coil_resistence", "coil_resistance"),
+     ("kpbase", "kp_base"), ("GAMMA", "gamma"), ("Kd", "kd")],
+)  # fmt: skip
+def test_misspelt_name_is_refused_with_the_nearest(wrong: str, meant: str):
+    """The message names the place, the wrong name, the right one and its range."""
+    with pytest.raises(ParameterError, match=rf"asset\.usda: .*'{wrong}'; did you mean '{meant}'\? allowed: "):
+        MrParams.from_dict({**MrParams().to_dict(), wrong: 1.0}, "asset.usda")
+    with pytest.raises(ParameterError, match=f"did you mean '{meant}'"):
+        MrParams().replace(**{wrong: 1.0})
+
+
+def test_name_without_resemblance_is_refused_with_all_names():
+    """Nothing is near: every known name is listed."""
+    with pytest.raises(ParameterError, match=r"'#\?!'; known: q_neutral, .*, current_max"):
+        MrParams.spec("#?!")
+
+
+def test_missing_name_is_refused_with_its_range():
+    """A mapping must hold every parameter: defaults never slip in unseen."""
+    values = MrParams().to_dict()
+    del values["K1"]
+    with pytest.raises(ParameterError, match=r"model\.json: K1 is missing; allowed: 0 to 1000 N·m/\(rad·A\)"):
+        MrParams.from_dict(values, "model.json")

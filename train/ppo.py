@@ -1,0 +1,8 @@
+"""Train the walking policy: ``python train/ppo.py --device cpu --num-envs 64``."""
+
+import sys
+
+from mrwarp.rl.train_cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())
