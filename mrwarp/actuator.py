@@ -44,7 +44,10 @@ class ZStep(enum.Enum):
 
 
 class DrivenJoint(Protocol):
-    """What the actuator needs to know of a joint; ``mrwarp.asset.JointActuator`` is one."""
+    """What the actuator needs to know of a joint; ``mrwarp.asset.JointActuator`` is one.
+
+    Gains and limit are read from ``mr.motor`` where there is a device, else from the joint itself.
+    """
 
     @property
     def joint(self) -> str: ...

@@ -149,9 +149,7 @@ class MotorParams(_Group):
         "Proportional gain with the holding gate closed.",
     )  # fmt: skip
     kp_low: float = _param(5.0, "N·m/rad", 0.0, 1e4, "paper section 7", "Proportional gain while the device holds.")
-    kd: float = _param(
-        0.6, "N·m·s/rad", 0.0, 1e3, "not in the paper; Go1 practice 0.5 to 0.7", "Derivative gain."
-    )
+    kd: float = _param(0.6, "N·m·s/rad", 0.0, 1e3, "not in the paper; Go1 practice 0.5 to 0.7", "Derivative gain.")
     tau_limit: float = _param(
         35.55, "N·m", 0.0, 1e4, "Go1 calf effort limit, unitree_go1 of MuJoCo Menagerie (knee forcerange)",
         "Motor torque limit.",

@@ -22,11 +22,11 @@ def at_start(env: WalkEnv) -> None:
     added = env.between(*cfg.added_mass, env.num_envs)
     env.sim.set_friction(friction.cpu().numpy())
     env.sim.rescale_mass("trunk", (env.trunk_mass + added).cpu().numpy())
-    for gain in (env.actuator.kp, env.actuator.kd):
-        env.view(gain).mul_(env.between(*cfg.gain_scale, *gain.shape))
-    for name in ("kp_base", "kp_low"):
-        # the device's view of the motor's gains follows the motor's
-        env.view(env.actuator.param(name)).mul_(_calf_ratio(env))
+    for plain, own in ((env.actuator.kp, ("kp_base", "kp_low")), (env.actuator.kd, ("kd",))):
+        scale = env.between(*cfg.gain_scale, *plain.shape)
+        env.view(plain).mul_(scale)
+        for name in own if env.actuator.mr_joints else ():
+            env.view(env.actuator.param(name)).mul_(scale[:, list(env.actuator.mr_joints)])
     env.privileged[:, 0] = friction
     env.privileged[:, 1] = added
 
@@ -50,10 +50,3 @@ def push(env: WalkEnv) -> None:
     due = env.between(0.0, 1.0, env.num_envs) < env.cfg.step_dt / cfg.push_interval
     kick = cfg.push_speed * env.uniform(env.num_envs, 2)
     env.qvel[:, :2] += torch.where(due.unsqueeze(1), kick, 0.0)
-
-
-def _calf_ratio(env: WalkEnv) -> torch.Tensor:
-    """Drawn over nominal motor gain of the MR joints, shape (E, M)."""
-    joints = list(env.actuator.mr_joints)
-    nominal = torch.tensor([env.sim.scene.actuators[i].kp for i in joints], device=env.device)
-    return env.view(env.actuator.kp)[:, joints] / nominal

@@ -31,6 +31,8 @@ class SimCfg:
     """CPU threads of ``mjbatch``; 0 = all. The results are the same bits for any number."""
     solver: SolverCfg = field(default_factory=SolverCfg)
     """Constraint solver options."""
+    capture: bool = True
+    """Run MuJoCo-Warp's steps as captured graphs; ``mjbatch`` has nothing to capture."""
 
     def __post_init__(self) -> None:
         if self.num_envs < 1:
@@ -91,7 +93,7 @@ class Sim:
         self.unsolved = wp.zeros(num_envs, dtype=int, device=self.device)
         self._frictionloss = self.backend.expand("dof_frictionloss")
         self._no_bound = zeros(num_envs, num_joints)
-        self._launches: dict[tuple[int, int], tuple[wp.Launch, wp.Launch]] = {}
+        self._launches: dict[tuple[int | None, int | None], tuple[wp.Launch, wp.Launch]] = {}
         self._q_adr = wp.array(scene.q_adr, dtype=int, device=self.device)
         self._v_adr = wp.array(scene.v_adr, dtype=int, device=self.device)
         self._foot_adr = wp.array(scene.foot_adr, dtype=int, device=self.device)
@@ -114,9 +116,7 @@ class Sim:
         gather.launch()
         self._check.launch()
 
-    def reset(
-        self, mask: wp.array | None = None, qpos: wp.array | None = None, qvel: wp.array | None = None
-    ) -> None:
+    def reset(self, mask: wp.array | None = None, qpos: wp.array | None = None, qvel: wp.array | None = None) -> None:
         """Put masked environments into a state; the others stay bit-equal.
 
         Args:
@@ -245,6 +245,13 @@ class Sim:
 class ActuatedSim:
     """A robot (or bench) with its actuators: torque stages, physics step and energy ledger as one ``step``.
 
+    Args:
+        scene: What is simulated, e.g. :func:`robot_scene`; built for the same step and coupling.
+        cfg: How the physics is stepped.
+        actuator_cfg: Choices of the MR joint's model.
+        residual: Learned torque, see :class:`mrwarp.actuator.MrActuator`.
+        share_params: One set of actuator parameters for all environments.
+
     Attributes:
         sim: The physics.
         actuator: The joints' motors and devices.
@@ -254,23 +261,18 @@ class ActuatedSim:
 
     def __init__(
         self,
-        asset: RobotAsset | None = None,
-        cfg: SimCfg | None = None,
+        scene: Scene,
+        cfg: SimCfg,
         actuator_cfg: MrActuatorCfg | None = None,
         *,
-        ground: bool = True,
         residual: Residual | None = None,
         share_params: bool = True,
     ) -> None:
-        cfg, actuator_cfg = cfg or SimCfg(), actuator_cfg or MrActuatorCfg()
-        asset = asset or load_robot()
-        scene = build_scene(asset, dt=cfg.dt, coupling=actuator_cfg.coupling, solver=cfg.solver, ground=ground)
-        self.asset = asset
-        self.sim = Sim(scene, cfg, coupling=actuator_cfg.coupling)
+        actuator_cfg = actuator_cfg or MrActuatorCfg()
+        self.sim = sim = Sim(scene, cfg, coupling=actuator_cfg.coupling)
         shape = (cfg.num_envs, len(scene.actuators))
         self.q_des = wp.zeros(shape, dtype=float, device=cfg.device)
         self.current_e = wp.zeros(cfg.num_envs, dtype=float, device=cfg.device)
-        sim = self.sim
         self.actuator = MrActuator(
             scene.actuators,
             scene.legs,
@@ -283,18 +285,51 @@ class ActuatedSim:
             residual=residual,
             share_params=share_params,
         )  # fmt: skip
+        self._graphs: dict[int, wp.Graph] = {}
         self.actuator.reset()
 
-    def step(self) -> None:
-        """One torque step, one physics step, one line in the ledger."""
+    def step(self, count: int = 1) -> None:
+        """``count`` times: one torque step, one physics step, one line in the ledger.
+
+        With MuJoCo-Warp and ``cfg.capture`` the steps run as one captured graph, bit-equal to the eager ones.
+        """
+        if not (self.sim.cfg.capture and self.sim.backend.kind is BackendKind.MJWARP):
+            for _ in range(count):
+                self._step()
+            return
+        if count not in self._graphs:
+            self._graphs[count] = self._capture(count)
+        wp.capture_launch(self._graphs[count])
+
+    def reset(self, mask: wp.array | None = None, qpos: wp.array | None = None, qvel: wp.array | None = None) -> None:
+        """Masked reset of physics and actuators, see :meth:`Sim.reset`."""
+        self.sim.reset(mask, qpos, qvel)
+        self.actuator.reset(mask)
+
+    def _step(self) -> None:
         actuator = self.actuator
         actuator.step()
         self.sim.step(actuator.tau, actuator.bound)
         actuator.account()
 
-    def reset(
-        self, mask: wp.array | None = None, qpos: wp.array | None = None, qvel: wp.array | None = None
-    ) -> None:
-        """Masked reset of physics and actuators, see :meth:`Sim.reset`."""
-        self.sim.reset(mask, qpos, qvel)
-        self.actuator.reset(mask)
+    def _capture(self, count: int) -> wp.Graph:
+        """Record ``count`` steps; the recording itself advances nothing."""
+        with wp.ScopedDevice(self.sim.device):
+            with wp.ScopedCapture() as capture:
+                for _ in range(count):
+                    self._step()
+        return capture.graph
+
+
+def robot_scene(
+    asset: RobotAsset | None = None, cfg: SimCfg | None = None, coupling: Coupling = Coupling.CONSTRAINT
+) -> Scene:
+    """The robot of an asset on flat ground, as :class:`ActuatedSim` wants it.
+
+    Args:
+        asset: The asset; None loads ``assets/usd/mr_go.usda``.
+        cfg: How it will be stepped.
+        coupling: How its devices act.
+    """
+    cfg = cfg or SimCfg()
+    return build_scene(asset or load_robot(), dt=cfg.dt, coupling=coupling, solver=cfg.solver)

@@ -12,7 +12,7 @@ from tensordict import TensorDict
 from mrwarp.asset import JointActuator, load_robot
 from mrwarp.env import commands, gait, observations, randomize, rewards, terminations
 from mrwarp.env.cfg import EnvCfg
-from mrwarp.env.sim import ActuatedSim
+from mrwarp.env.sim import ActuatedSim, robot_scene
 from mrwarp.kernels import ledger
 from mrwarp.robot import DEFAULT_Q, LEGS, STAND_HEIGHT
 
@@ -41,7 +41,8 @@ class WalkEnv(VecEnv):
         asset = load_robot(cfg.asset, robot=cfg.robot, payload=cfg.payload)
         if cfg.actuator_model == "none":
             asset = without_devices(asset)
-        self.robot = ActuatedSim(asset, cfg.sim, cfg.actuator, share_params=False)
+        scene = robot_scene(asset, cfg.sim, cfg.actuator.coupling)
+        self.robot = ActuatedSim(scene, cfg.sim, cfg.actuator, share_params=False)
         self.sim, self.actuator = self.robot.sim, self.robot.actuator
 
         sim = self.sim
@@ -62,7 +63,10 @@ class WalkEnv(VecEnv):
         group = torch.arange(num_envs, device=self.device) * len(cfg.currents) // num_envs  # eq. 20
         self.current_e.copy_(torch.tensor(cfg.currents, device=self.device)[group])
         self.action = self._zeros(num_envs, self.num_actions)
-        self.last_action, self.last_qd = self._zeros(num_envs, self.num_actions), self._zeros(num_envs, self.num_actions)
+        self.last_action, self.last_qd = (
+            self._zeros(num_envs, self.num_actions),
+            self._zeros(num_envs, self.num_actions),
+        )
         self.command, self.phase = self._zeros(num_envs, 3), self._zeros(num_envs)
         self.leg_phase = self._zeros(num_envs, len(LEGS))
         self.clock_match = self._zeros(num_envs, len(LEGS)).bool()
@@ -91,8 +95,7 @@ class WalkEnv(VecEnv):
         torch.add(self.default_q, self.action, alpha=self.cfg.action_scale, out=self.q_des)
         effort_before = self._motor_square.sum(1)
         randomize.push(self)
-        for _ in range(self.cfg.decimation):
-            self.robot.step()
+        self.robot.step(self.cfg.decimation)
         self.effort = (self._motor_square.sum(1) - effort_before) / self.cfg.step_dt
         self._advance_clock()
         self._update_derived()
@@ -216,7 +219,17 @@ class WalkEnv(VecEnv):
         return torch.zeros(*shape, device=self.device)
 
 
-_OWN_STATE = ("action", "last_action", "last_qd", "command", "phase", "privileged", "episode_length_buf", "q_des", "effort")
+_OWN_STATE = (
+    "action",
+    "last_action",
+    "last_qd",
+    "command",
+    "phase",
+    "privileged",
+    "episode_length_buf",
+    "q_des",
+    "effort",
+)
 _PHYSICS_STATE = ("qpos", "qvel", "qacc_warmstart", "qfrc_applied")
 _SIM_ARRAYS = (
     "q", "qd", "friction", "f_foot", "root_pos", "root_quat", "root_vel", "root_ang", "residual", "unsolved",

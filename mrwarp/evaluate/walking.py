@@ -86,15 +86,11 @@ class GateCheck:
 def make_env(cfg: EnvCfg, num_envs: int, seed: int) -> WalkEnv:
     """The task as evaluated: nominal robot, no noise, commands held, as many environments as asked for."""
     cfg = make_play_cfg(cfg)
-    return WalkEnv(
-        replace(cfg, sim=replace(cfg.sim, num_envs=num_envs), seed=seed, episode_seconds=float(10**6))
-    )
+    return WalkEnv(replace(cfg, sim=replace(cfg.sim, num_envs=num_envs), seed=seed, episode_seconds=float(10**6)))
 
 
 @torch.no_grad()
-def measure(
-    env: WalkEnv, policy: Policy, command: torch.Tensor, *, warmup: float, seconds: float
-) -> dict[str, Any]:
+def measure(env: WalkEnv, policy: Policy, command: torch.Tensor, *, warmup: float, seconds: float) -> dict[str, Any]:
     """Roll a policy out and measure how it walks.
 
     Args:

@@ -94,8 +94,8 @@ def predict_kernel(
 
 @wp.kernel
 def torque_kernel(
-    # parameters: struct, shape (E or 1, M); slot of joint j or -1, shape (J,); motor gains, shape (E or 1, J);
-    # 1 = brake constraint, 0 = explicit torque
+    # parameters: struct, shape (E or 1, M); slot of joint j or -1, shape (J,); motor gains, shape (E or 1, J),
+    # of joints without a device (those with one have theirs in the struct); 1 = brake constraint, 0 = explicit torque
     params: wp.array2d[JointParams],
     slot_of: wp.array[int],
     kp: wp.array2d[float],
@@ -126,11 +126,12 @@ def torque_kernel(
     q, qd = q_in[env, joint], qd_in[env, joint]
     e = q_des_in[env, joint] - q
     slot = slot_of[joint]
-    gain, device, bound = float(kp[row, joint]), float(0.0), float(0.0)
+    gain, damping, limit = float(kp[row, joint]), float(kd[row, joint]), float(tau_limit[row, joint])
+    device, bound = float(0.0), float(0.0)
     if slot >= 0:
         p = params[env % params.shape[0], slot]
         m_hold = m_hold_in[env, slot]
-        gain = effective_kp(m_hold, p.kp_base, p.kp_low)
+        gain, damping, limit = effective_kp(m_hold, p.kp_base, p.kp_low), float(p.kd), float(p.tau_limit)
         current, sliding = current_in[env, slot], tau_dyn_in[env, slot]
         if constraint == 1:
             bound = brake_bound(p, m_hold, current, sliding)
@@ -138,7 +139,7 @@ def torque_kernel(
         else:
             device = device_torque(p, m_hold, e, qd, current, sliding)
             tau_mr_out[env, slot] = device
-    motor = pd_torque(e, qd, gain, kd[row, joint], tau_limit[row, joint])
+    motor = pd_torque(e, qd, gain, damping, limit)
     tau_motor_out[env, joint] = motor
     tau_out[env, joint] = motor + device
     bound_out[env, joint] = bound

@@ -70,7 +70,9 @@ class OnnxPolicy:
                 f"{path}: made for observations {self.description.get('observations')}, this version gives "
                 f"{ACTOR_TERMS}; train it again"
             )
-        self._weights = {w.name: torch.from_numpy(onnx.numpy_helper.to_array(w).copy()) for w in proto.graph.initializer}
+        self._weights = {
+            w.name: torch.from_numpy(onnx.numpy_helper.to_array(w).copy()) for w in proto.graph.initializer
+        }
         self._nodes = list(proto.graph.node)
         for node in self._nodes:
             if node.op_type not in _OPS:

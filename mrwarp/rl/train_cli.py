@@ -89,7 +89,9 @@ def main(argv: list[str] | None = None) -> int:
         print(f"stopped; go on with --resume {args.out / 'checkpoint.pt'}")
         return 130
     passed = "met" if result["gate_passed"] else "NOT met"
-    print(f"walking gate {passed} after {result['seconds'] / 60:.1f} min ({result['iterations']} updates); see {args.out}")
+    print(
+        f"walking gate {passed} after {result['seconds'] / 60:.1f} min ({result['iterations']} updates); see {args.out}"
+    )
     return 0 if result["gate_passed"] or args.no_gate else 1
 
 

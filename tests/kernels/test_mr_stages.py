@@ -43,7 +43,7 @@ def poisoned(*shape: int) -> wp.array:
 def struct(*params: MrParams) -> wp.array:
     """One row of parameters, shape (1, M)."""
     dtype: Any = JointParams.numpy_dtype()
-    values = np.zeros((1, len(params)), dtype=dtype)
+    values: Any = np.zeros((1, len(params)), dtype=dtype)
     for slot, mr in enumerate(params):
         for name, value in mr:
             values[name][0, slot] = value
@@ -164,15 +164,18 @@ def test_torque_equals_the_equations(constraint: int):
     got = torque(x, prediction, constraint)
     e, qd = x["q_des"].astype(float) - x["q"], x["qd"].astype(float)
     gain, device, bound = np.tile(KP, (300, 1)), np.zeros((300, 3)), np.zeros((300, 3))
+    # a joint with a device has its motor's damping and limit in the device's parameters
+    damping, limit = np.array(KD, dtype=float), np.array(TAU_LIMIT, dtype=float)
     for slot, joint in enumerate(JOINT_OF):
         mr, held = DEVICES[slot], prediction["m_hold"][:, slot] > 0
+        damping[joint], limit[joint] = mr.motor.kd, mr.motor.tau_limit
         motor, sliding = mr.motor, abs(prediction["tau_dyn"][:, slot].astype(float))
         tau_y = yield_torque(prediction["current"][:, slot].astype(float), mr)
         gain[:, joint] = np.where(held, motor.kp_low, motor.kp_base)
         need = np.clip((motor.kp_base - motor.kp_low) * e[:, joint], -tau_y, tau_y)
         device[:, joint] = (1 - constraint) * np.where(held, need, -np.sign(qd[:, joint]) * sliding)
         bound[:, joint] = constraint * np.where(held, np.maximum(tau_y, sliding), sliding)
-    tau_motor = np.clip(gain * e - KD * qd, -np.array(TAU_LIMIT), TAU_LIMIT)
+    tau_motor = np.clip(gain * e - damping * qd, -limit, limit)
     np.testing.assert_allclose(got["tau_motor"], tau_motor, rtol=1e-5, atol=2e-5)
     np.testing.assert_allclose(got["tau"], tau_motor + device, rtol=1e-5, atol=2e-5)
     np.testing.assert_allclose(got["bound"], bound, rtol=1e-5, atol=2e-5)
