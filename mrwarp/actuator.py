@@ -19,6 +19,7 @@ import numpy as np
 import warp as wp
 
 from mrwarp.kernels import joint_params, ledger, mr_stages, window
+from mrwarp.launch import record
 from mrwarp.params import MrParams
 
 
@@ -50,15 +51,29 @@ class DrivenJoint(Protocol):
     """
 
     @property
-    def joint(self) -> str: ...
+    def joint(self) -> str:
+        """Name."""
+        ...
+
     @property
-    def kp(self) -> float: ...
+    def kp(self) -> float:
+        """Proportional gain of the motor [N·m/rad]."""
+        ...
+
     @property
-    def kd(self) -> float: ...
+    def kd(self) -> float:
+        """Derivative gain [N·m·s/rad]."""
+        ...
+
     @property
-    def tau_limit(self) -> float: ...
+    def tau_limit(self) -> float:
+        """Motor torque limit [N·m]."""
+        ...
+
     @property
-    def mr(self) -> MrParams | None: ...
+    def mr(self) -> MrParams | None:
+        """The device, if there is one."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,7 +191,7 @@ class MrActuator:
         self._torque.launch()
 
     def account(self) -> None:
-        """Add the physics step that followed :meth:`step` to the energy ledger; reads ``inputs.qd`` and ``friction``."""
+        """Add the physics step that followed :meth:`step` to the energy ledger, from ``inputs.qd`` and ``friction``."""
         self._ledger.launch()
 
     def reset(self, mask: wp.array | None = None) -> None:
@@ -229,8 +244,7 @@ class MrActuator:
         """Restore :meth:`state`, bit-equal."""
         for name in _STATE:
             getattr(self, name).assign(state[name])
-        dtype = joint_params.JointParams.numpy_dtype()
-        self.params.assign(np.ascontiguousarray(state["params"]).view(dtype).reshape(self.params.shape))
+        self.params.assign(np.ascontiguousarray(state["params"]).view(_RECORD).reshape(self.params.shape))
 
     @property
     def _constraint(self) -> int:
@@ -242,15 +256,14 @@ class MrActuator:
         num_mr = len(self.mr_joints)
         fixed = int(cfg.hold_current is HoldCurrent.FIXED)
         if num_mr:
-            self._advance_head = wp.launch(
+            self._advance_head = record(
                 mr_stages.advance_head_kernel,
                 dim=1,
                 inputs=[window.WINDOW, self.head],
                 outputs=[self.head],
                 device=self.device,
-                record_cmd=True,
             )
-            self._predict = wp.launch(
+            self._predict = record(
                 mr_stages.predict_kernel,
                 dim=(self.num_envs, num_mr),
                 inputs=[
@@ -260,9 +273,8 @@ class MrActuator:
                 ],
                 outputs=[self.m_dyn, self.m_hold, self.z, self.current, self.tau_dyn, self.ring],
                 device=self.device,
-                record_cmd=True,
             )  # fmt: skip
-        self._torque = wp.launch(
+        self._torque = record(
             mr_stages.torque_kernel,
             dim=(self.num_envs, self.num_joints),
             inputs=[
@@ -271,9 +283,8 @@ class MrActuator:
             ],
             outputs=[self.tau_motor, self.tau_mr, self.tau, self.bound],
             device=self.device,
-            record_cmd=True,
         )  # fmt: skip
-        self._ledger = wp.launch(
+        self._ledger = record(
             ledger.ledger_kernel,
             dim=(self.num_envs, self.num_joints),
             inputs=[
@@ -282,19 +293,21 @@ class MrActuator:
             ],
             outputs=[self.tau_mr, self.ledger],
             device=self.device,
-            record_cmd=True,
         )  # fmt: skip
 
     def _array(self, values: np.ndarray, dtype: type) -> wp.array:
         return wp.array(np.ascontiguousarray(values), dtype=dtype, device=self.device)
 
     def _param_array(self, params: Sequence[MrParams | None], rows: int) -> wp.array:
-        values = np.zeros((rows, len(params)), dtype=joint_params.JointParams.numpy_dtype())
+        values = np.zeros((rows, len(params)), dtype=_RECORD)
         for slot, mr in enumerate(params):
             for name, value in mr or ():
                 values[name][:, slot] = value
         return wp.array(values, dtype=joint_params.JointParams, device=self.device)
 
+
+_RECORD: np.dtype = np.dtype(joint_params.JointParams.numpy_dtype())  # pyright: ignore[reportCallIssue,reportArgumentType]
+"""The parameter struct as a NumPy record."""
 
 _STATE = ("z", "current", "ring", "head", "ledger", "m_dyn", "m_hold", "tau_dyn", "tau_mr")
 """Arrays that carry the actuator from one step to the next."""

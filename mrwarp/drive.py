@@ -119,7 +119,7 @@ class DriveMR(DriveBase):
         if wrong := {name: array.shape for name, array in params.items() if array.shape != (first.size,)}:
             raise ParameterError(f"{_WHERE}: parameter arrays differ in shape: {wrong}, need ({first.size},)")
         self.coupling, self.hold_current, self.z_step = coupling, hold_current, z_step
-        self.params = wp.empty(first.size, dtype=JointParams, device=first.device)
+        self.params: wp.array = wp.empty(first.size, dtype=JointParams, device=first.device)  # pyright: ignore
         for name, array in params.items():
             wp.copy(self.param(name), array)
         self.brake_bound: wp.array = wp.zeros(first.size, dtype=float, device=first.device)
@@ -231,7 +231,7 @@ def prepare_brake(solver: newton.solvers.SolverMuJoCo, actuator: Actuator, dt: f
     if solver.use_mujoco_cpu:
         raise ValueError("the brake constraint needs the mujoco_warp backend: SolverMuJoCo(use_mujoco_cpu=False)")
     assert solver.mjc_dof_to_newton_dof is not None  # every solver of this backend has it
-    newton_dof = solver.mjc_dof_to_newton_dof.numpy()
+    newton_dof = np.asarray(solver.mjc_dof_to_newton_dof.numpy())  # pyright: ignore
     worlds, dofs = (
         np.array(index, dtype=np.int32)
         for index in zip(*(np.argwhere(newton_dof == dof)[0] for dof in actuator.indices.numpy()), strict=True)

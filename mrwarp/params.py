@@ -1,7 +1,8 @@
 """Parameters of one MR joint: every number with its unit, allowed range and source.
 
 The five groups follow the paper: the current-aware Bouc-Wen model (eqs. 14, 15), the pre-yield holding law (eqs. 18,
-19), the two gates (eqs. 5, 8), the motor that shares the joint (eqs. 2, 9) and the coil. :class:`MrParams` bundles them.
+19), the two gates (eqs. 5, 8), the motor that shares the joint (eqs. 2, 9) and the coil. :class:`MrParams` holds all.
+
 All objects are frozen and keyword-only; a variant is ``dataclasses.replace``, never an edit in place.
 
 The same names are used in USD (``newton:mr:<name>``, see ``assets/usd/schema``), in ``model.json`` and in the kernels.

@@ -1,4 +1,4 @@
-"""Configuration of the walking task. ``make_walk_cfg()`` builds a fresh object; a variant is ``dataclasses.replace``."""
+"""Configuration of the walking task. ``make_walk_cfg()`` builds a fresh object, ``dataclasses.replace`` a variant."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reward terms: velocity tracking, clocked gait, posture, effort and smoothness. Each returns one value per env (E,)."""
+"""Reward terms: velocity tracking, clocked gait, posture, effort and smoothness. Each gives one value per env (E,)."""
 
 from __future__ import annotations
 

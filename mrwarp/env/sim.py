@@ -13,6 +13,7 @@ from mrwarp.asset import RobotAsset, load_robot
 from mrwarp.env import sim_kernels
 from mrwarp.env.backend import Backend, BackendKind, MjBatchBackend, MjWarpBackend
 from mrwarp.env.sim_model import Scene, SolverCfg, build_scene, named
+from mrwarp.launch import record
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,18 +197,17 @@ class Sim:
         feet[wp.to_torch(mask)] = 0.0
 
     def _record_apply(self, tau: wp.array, bound: wp.array) -> wp.Launch:
-        return wp.launch(
+        return record(
             sim_kernels.apply_kernel,
             dim=(self.num_envs, len(self.scene.actuators)),
             inputs=[self._v_adr, int(self.coupling is Coupling.CONSTRAINT), tau, bound],
             outputs=[self.backend.field("qfrc_applied"), self._frictionloss],
             device=self.device,
-            record_cmd=True,
         )
 
     def _record_gather(self, bound: wp.array) -> wp.Launch:
         backend = self.backend
-        return wp.launch(
+        return record(
             sim_kernels.gather_kernel,
             dim=self.num_envs,
             inputs=[
@@ -219,7 +219,6 @@ class Sim:
                 self.root_ang,
             ],
             device=self.device,
-            record_cmd=True,
         )  # fmt: skip
 
     def _record_check(self) -> wp.Launch:
@@ -229,7 +228,7 @@ class Sim:
         )]  # fmt: skip
         scratch = wp.zeros((self.num_envs, model.nv), dtype=wp.float64, device=self.device)
         self._pattern, self._scratch = pattern, scratch
-        return wp.launch(
+        return record(
             sim_kernels.residual_kernel,
             dim=self.num_envs,
             inputs=[
@@ -238,7 +237,6 @@ class Sim:
             ],
             outputs=[scratch, self.residual, self.unsolved],
             device=self.device,
-            record_cmd=True,
         )  # fmt: skip
 
 
@@ -318,6 +316,7 @@ class ActuatedSim:
             with wp.ScopedCapture() as capture:
                 for _ in range(count):
                     self._step()
+        assert capture.graph is not None  # set when the capture ends
         return capture.graph
 
 

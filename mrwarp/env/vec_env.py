@@ -32,8 +32,10 @@ class WalkEnv(VecEnv):
         fallen: Environments that ended by a fall in the last step, bool, shape (E,).
     """
 
+    cfg: EnvCfg
+
     def __init__(self, cfg: EnvCfg) -> None:
-        self.cfg = cfg  # type: ignore[assignment]
+        self.cfg = cfg
         self.num_envs = cfg.sim.num_envs
         self.device = torch.device(cfg.sim.device)
         self.generator = torch.Generator(device=self.device)

@@ -1,4 +1,4 @@
-"""Walking evaluation: roll a policy out, measure it, and judge it against the walking gate (written down once, here)."""
+"""Walking evaluation: roll a policy out, measure it, judge it by the walking gate (written down once, here)."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def measure(env: WalkEnv, policy: Policy, command: torch.Tensor, *, warmup: floa
         "work_mr": float(work_mr.mean()),
         "injected": float(entries[:, :, int(ledger.INJECTED)].sum(1).mean()),
         "unsolved_steps": int(env.sim.unsolved.numpy().sum()) - unsolved,
-        "seconds": seconds,
+        "duration": seconds,
         "num_envs": env.num_envs,
     }
 

@@ -1,4 +1,4 @@
-"""One MR joint step by step: the laws of the sibling files on a joint's parameter struct, in the order of the stages."""
+"""One MR joint step by step: the laws of the sibling files on a joint's parameters, in the order of the stages."""
 
 import warp as wp
 

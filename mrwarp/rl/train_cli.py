@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
+from enum import Enum
 from pathlib import Path
 
 import torch
@@ -43,7 +44,7 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run a training; 0 when the gate was met or not asked for, 1 when it was missed, 130 after Ctrl-C, 2 on bad input."""
+    """Run a training; 0 when the gate was met or not asked for, 1 when missed, 130 after Ctrl-C, 2 on bad input."""
     from mrwarp.rl.checkpoint import CheckpointError
     from mrwarp.rl.trainer import TrainCfg, Trainer
 
@@ -110,5 +111,5 @@ def positive(text: str) -> int:
     return value
 
 
-def _values(choices: type) -> list[str]:
+def _values(choices: type[Enum]) -> list[str]:
     return [member.value for member in choices]

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import platform
 import signal
 import time
 from collections import deque
 from dataclasses import dataclass, field, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +16,7 @@ from torch.utils.tensorboard import SummaryWriter
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.evaluate.walking import GateCheck
+from mrwarp.results import write_result
 from mrwarp.rl import checkpoint, curves, policy
 from mrwarp.rl.ppo_cfg import make_ppo_cfg
 
@@ -75,6 +73,7 @@ class Trainer:
         self.gate_check: GateCheck | None = None
         self._window: deque[dict[str, float]] = deque(maxlen=WINDOW)
         self._stop = False
+        self._met_gate = False
         # spread the episodes, so that resets do not come all at once
         self.env.episode_length_buf = torch.randint_like(self.env.episode_length_buf, self.env.max_episode_length)
         self.cfg.out.mkdir(parents=True, exist_ok=True)
@@ -107,6 +106,7 @@ class Trainer:
                     self._check_gate(writer)
                     checked = self.seconds = time.perf_counter() - started
                     if self.gate_passed and self.cfg.until_gate:
+                        self._met_gate = True
                         break
                 if self.seconds - saved >= self.cfg.save_every:
                     self.save()
@@ -146,7 +146,7 @@ class Trainer:
         for name, value in content["task"].items():
             if own.get(name) != value:
                 raise checkpoint.CheckpointError(
-                    f"{path}: trained with {name} = {value!r}, this run has {own.get(name)!r}; resume with the same task"
+                    f"{path}: trained with {name} = {value!r}, this run has {own.get(name)!r}; resume the same task"
                 )
         self.algorithm.load(content["algorithm"], None, strict=True)
         self.algorithm.learning_rate = content["learning_rate"]
@@ -219,8 +219,8 @@ class Trainer:
         left = (self.cfg.iterations - self.iteration) * 1e-3 * (row["collect_ms"] + row["learn_ms"])
         print(
             f"update {self.iteration:5d}  {self.seconds:5.0f} s  reward {row['reward']:6.2f}  "
-            f"v_x RMSE {row['v_x_rmse']:.3f} m/s  falls {row['falls_per_hour']:6.1f}/h  clock {row['clock_match']:.0%}  "
-            f"{row['steps_per_second']:6.0f} steps/s  at most {left / 60:.0f} min left",
+            f"v_x RMSE {row['v_x_rmse']:.3f} m/s  falls {row['falls_per_hour']:5.0f}/h  "
+            f"clock {row['clock_match']:.0%}  {row['steps_per_second']:6.0f} steps/s  at most {left / 60:.0f} min left",
             flush=True,
         )
 
@@ -241,23 +241,17 @@ class Trainer:
         )
         curves.plot(self.rows, self.gate_rows, out / "learning_curve.png")
         result = {
-            "schema": 1,
             "gate": self.gate_rows[-1] if self.gate_rows else None,
             "gate_passed": self.gate_passed,
-            "stopped": "interrupted" if self._stop else "gate" if self.gate_passed else "iterations",
+            "stopped": "interrupted" if self._stop else "gate" if self._met_gate else "iterations",
             "iterations": self.iteration,
             "seconds": self.seconds,
             "environment_steps": self.iteration * self.ppo_cfg["num_steps_per_env"] * self.env.num_envs,
             "training": self.rows[-1] if self.rows else None,
             "unsolved_steps": int(self.env.sim.unsolved.numpy().sum()),
             "task": task(env_cfg),
-            "seed": self.cfg.seed,
-            "versions": versions(),
-            "command": self.cfg.command,
         }
-        partial = out / "result.json.part"
-        partial.write_text(json.dumps(result, indent=2) + "\n")
-        partial.replace(out / "result.json")
+        write_result(out, result, seed=self.cfg.seed, command=self.cfg.command)
         return result
 
 
@@ -277,9 +271,3 @@ def task(cfg: EnvCfg) -> dict[str, Any]:
         "step_dt": cfg.step_dt,
         "gait_frequency": cfg.gait_frequency,
     }
-
-
-def versions() -> dict[str, str]:
-    """Versions of Python and of the libraries a result depends on."""
-    names = ("mrwarp", "warp-lang", "newton", "mujoco", "mujoco-warp", "torch", "rsl-rl-lib", "numpy", "usd-core")
-    return {"python": platform.python_version(), **{name: version(name) for name in names}}

@@ -1,0 +1,41 @@
+"""``mrwarp <command>``: one entry for everything that computes. Each command's options live beside its code."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+COMMANDS = {
+    "train": ("mrwarp.rl.train_cli", "train a walking policy until the walking gate is met"),
+    "play": ("mrwarp.rl.play_cli", "run a policy and show it in rerun, or save an .rrd or a picture"),
+    "verify": ("mrwarp.evaluate.verify_cli", "measure what the simulator promises: passivity, holding, accuracy"),
+}
+"""Command name to the module whose ``main(argv)`` runs it, and its one-line help."""
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run a command; returns its exit code: 0 done, 1 measured but missed, 2 bad input, 130 stopped by Ctrl-C."""
+    argv = sys.argv[1:] if argv is None else argv
+    if not argv or argv[0] in ("-h", "--help"):
+        print(_usage())
+        return 0 if argv else 2
+    if argv[0] not in COMMANDS:
+        print(f"mrwarp: there is no command {argv[0]!r}\n\n{_usage()}", file=sys.stderr)
+        return 2
+    module, _ = COMMANDS[argv[0]]
+    try:
+        return importlib.import_module(module).main(argv[1:])
+    except KeyboardInterrupt:
+        print("\nstopped", file=sys.stderr)
+        return 130
+
+
+def _usage() -> str:
+    lines = [f"  {name:10s} {text}" for name, (_, text) in COMMANDS.items()]
+    return "\n".join(
+        ["usage: mrwarp COMMAND [options]", "", "commands:", *lines, "", "'mrwarp COMMAND --help' lists its options"]
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

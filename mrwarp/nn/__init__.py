@@ -1,0 +1,1 @@
+"""Learned torque models as plain torch modules; nothing here knows a simulator."""

@@ -1,0 +1,44 @@
+"""``result.json``: what every command that computes leaves beside its pictures."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+SCHEMA = 1
+"""Version of the result's layout."""
+
+_LIBRARIES = ("mrwarp", "warp-lang", "newton", "mujoco", "mujoco-warp", "torch", "rsl-rl-lib", "numpy", "usd-core")
+
+
+def write_result(out: Path, figures: dict[str, Any], *, seed: int, command: str) -> Path:
+    """Write ``out/result.json`` in one piece: the figures, the seed, the versions and the command line.
+
+    Args:
+        out: Folder, made if it is not there.
+        figures: What was measured; plain values.
+        seed: Seed of everything random.
+        command: Command line that made it.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    content = {"schema": SCHEMA, **figures, "seed": seed, "versions": versions(), "command": command}
+    path = out / "result.json"
+    partial = path.with_suffix(".json.part")
+    partial.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
+    os.replace(partial, path)
+    return path
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the libraries that a result depends on."""
+    found = {"python": platform.python_version()}
+    for name in _LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
