@@ -15,7 +15,8 @@ def fallen(env: WalkEnv) -> torch.Tensor:
     """Trunk too low or leaning too far, or a state that is no number; bool, shape (E,)."""
     # written as "not upright", so that NaN counts as fallen
     upright = (env.root_pos[:, 2] > env.cfg.fall_height) & (env.gravity[:, 2] < -math.cos(env.cfg.fall_tilt))
-    return ~upright
+    numbers = torch.isfinite(env.q.sum(1) + env.qd.sum(1) + env.root_vel.sum(1) + env.root_ang.sum(1))
+    return ~(upright & numbers)
 
 
 def timed_out(env: WalkEnv) -> torch.Tensor:

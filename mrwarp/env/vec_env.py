@@ -77,9 +77,8 @@ class WalkEnv(VecEnv):
         self.fallen = self._zeros(num_envs).bool()
         self.episode_length_buf = torch.zeros(num_envs, dtype=torch.long, device=self.device)
         randomize.at_start(self)
-        self._reset(torch.ones(num_envs, dtype=torch.bool, device=self.device))
-        self._update_derived()
-        self.last_observations = self.get_observations()
+        self._after_start = self.generator.get_state()
+        self.restart()
 
     @torch.no_grad()
     def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
@@ -98,7 +97,7 @@ class WalkEnv(VecEnv):
         effort_before = self._motor_square.sum(1)
         randomize.push(self)
         self.robot.step(self.cfg.decimation)
-        self.effort = (self._motor_square.sum(1) - effort_before) / self.cfg.step_dt
+        self.effort.copy_((self._motor_square.sum(1) - effort_before) / self.cfg.step_dt)
         self._advance_clock()
         self._update_derived()
 
@@ -123,12 +122,15 @@ class WalkEnv(VecEnv):
             {"actor": observations.actor(self), "critic": observations.critic(self)}, batch_size=[self.num_envs]
         )
 
+    @torch.no_grad()
     def restart(self) -> None:
-        """Start over in every environment, with the same random draws as a new object of this configuration."""
-        self.generator.manual_seed(self.cfg.seed)
-        everyone = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
-        self._reset(everyone)
+        """Start over in every environment: same robots, same random draws as a new object of this configuration."""
+        self.generator.set_state(self._after_start)
+        self._reset(torch.ones(self.num_envs, dtype=torch.bool, device=self.device))
+        self.effort.zero_()
+        self.fallen = torch.zeros_like(self.fallen)
         self._update_derived()
+        self.last_observations = self.get_observations()
 
     def set_command(self, command: torch.Tensor) -> None:
         """Command v_x, v_y [m/s] and yaw rate [rad/s] from now on, shape (E, 3) or (3,)."""
@@ -191,6 +193,7 @@ class WalkEnv(VecEnv):
         self.episode_length_buf.masked_fill_(mask, 0)
         randomize.at_reset(self, mask)
         self.robot.reset(wp.from_torch(mask), wp.from_torch(qpos), wp.from_torch(qvel))
+        self.view(self.actuator.tau_motor).masked_fill_(column, 0.0)  # the critic sees it
         self.q_des.copy_(torch.where(column, self.default_q, self.q_des))
 
     def _sample_commands(self) -> None:

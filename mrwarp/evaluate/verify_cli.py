@@ -8,9 +8,7 @@ import sys
 import time
 from pathlib import Path
 
-import torch
-import warp as wp
-
+from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
 
 
@@ -25,8 +23,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--policy", type=Path, help="exported policy for the walking checks (.onnx)")
     parser.add_argument("--seed", type=int, default=0, help="seed of random states (default: 0)")
     args = parser.parse_args(argv)
-    wp.config.log_level = wp.LOG_WARNING
-    torch.set_num_threads(1)
+    quiet_libraries()
     try:
         policy = OnnxPolicy(args.policy) if args.policy else None
         args.out.mkdir(parents=True, exist_ok=True)

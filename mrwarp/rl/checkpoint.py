@@ -20,11 +20,14 @@ class CheckpointError(ValueError):
 def save(path: Path, content: dict[str, Any]) -> None:
     """Write a checkpoint of tensors and plain values; the old file stays whole until the new one is complete."""
     partial = path.with_suffix(path.suffix + ".part")
-    with partial.open("wb") as file:
-        torch.save({"format": FORMAT, **content}, file)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(partial, path)
+    try:
+        with partial.open("wb") as file:
+            torch.save({"format": FORMAT, **content}, file)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def load(path: Path) -> dict[str, Any]:
@@ -39,10 +42,12 @@ def load(path: Path) -> dict[str, Any]:
         content = torch.load(path, map_location="cpu", weights_only=True)
     except pickle.UnpicklingError as error:
         raise CheckpointError(
-            f"{path}: refused, it holds more than tensors and plain values; use a checkpoint that mrwarp wrote"
+            f"{path}: refused, it is no checkpoint or holds more than tensors and plain values; "
+            "use a checkpoint that mrwarp wrote"
         ) from error
-    except (RuntimeError, EOFError, OSError, ValueError, KeyError) as error:
-        raise CheckpointError(f"{path}: damaged ({error}); use an earlier checkpoint or start anew") from error
+    except Exception as error:  # torch raises many types for damaged bytes, IndexError among them
+        cause = str(error).partition("\n")[0]
+        raise CheckpointError(f"{path}: damaged ({cause}); use an earlier checkpoint or start anew") from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         found = content.get("format") if isinstance(content, dict) else type(content).__name__
         raise CheckpointError(f"{path}: format {found!r} is not {FORMAT}; it was written by another version of mrwarp")

@@ -64,12 +64,17 @@ class OnnxPolicy:
         if META not in props:
             raise PolicyError(f"{path}: no mrwarp metadata; use a policy exported by train/ppo.py")
         self.path = path
-        self.description: dict[str, Any] = json.loads(props[META])
+        try:
+            self.description: dict[str, Any] = dict(json.loads(props[META]))
+        except (ValueError, TypeError) as error:
+            raise PolicyError(f"{path}: unreadable mrwarp metadata ({error}); export it again") from error
         if self.description.get("observations") != ACTOR_TERMS:
             raise PolicyError(
                 f"{path}: made for observations {self.description.get('observations')}, this version gives "
                 f"{ACTOR_TERMS}; train it again"
             )
+        if any(w.data_location == onnx.TensorProto.EXTERNAL for w in proto.graph.initializer):
+            raise PolicyError(f"{path}: weights in other files; export it again, as one file")
         self._weights = {
             w.name: torch.from_numpy(onnx.numpy_helper.to_array(w).copy()) for w in proto.graph.initializer
         }

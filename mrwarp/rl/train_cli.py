@@ -8,7 +8,6 @@ import sys
 from enum import Enum
 from pathlib import Path
 
-import torch
 import warp as wp
 
 from mrwarp.actuator import Coupling, HoldCurrent, ZStep
@@ -16,6 +15,7 @@ from mrwarp.asset import AssetError
 from mrwarp.env.backend import BackendKind
 from mrwarp.env.cfg import ACTUATORS, make_walk_cfg
 from mrwarp.params import ParameterError
+from mrwarp.quiet import quiet_libraries
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -49,8 +49,7 @@ def main(argv: list[str] | None = None) -> int:
     from mrwarp.rl.trainer import TrainCfg, Trainer
 
     args = make_parser().parse_args(argv)
-    wp.config.log_level = wp.LOG_WARNING
-    torch.set_num_threads(1)  # the nets are small: threads cost more than they give, and one keeps the bits
+    quiet_libraries()
     try:
         check_device(args.device)
         env = make_walk_cfg(

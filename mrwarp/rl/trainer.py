@@ -16,6 +16,7 @@ from torch.utils.tensorboard import SummaryWriter
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.evaluate.walking import GateCheck
+from mrwarp.quiet import silent
 from mrwarp.results import write_result
 from mrwarp.rl import checkpoint, curves, policy
 from mrwarp.rl.ppo_cfg import make_ppo_cfg
@@ -65,7 +66,8 @@ class Trainer:
         self.env = WalkEnv(replace(cfg.env, seed=cfg.seed))
         self.ppo_cfg = make_ppo_cfg()
         self.obs = self.env.get_observations()
-        self.algorithm = PPO.construct_algorithm(self.obs, self.env, self.ppo_cfg, str(self.env.device))
+        with silent():
+            self.algorithm = PPO.construct_algorithm(self.obs, self.env, self.ppo_cfg, str(self.env.device))
         self.iteration = 0
         self.seconds = 0.0
         self.rows: list[dict[str, float]] = []
@@ -193,7 +195,7 @@ class Trainer:
         row["v_x_rmse"] = row.pop("v_x_square") ** 0.5
         row["steps_per_second"] = steps * env.num_envs / (1e-3 * (row["collect_ms"] + row["learn_ms"]))
         row["learning_rate"] = float(self.algorithm.learning_rate)
-        row["action_std"] = float(self.algorithm.get_policy().output_std.mean())
+        row["action_std"] = float(self.algorithm.get_policy().output_std.detach().mean())
         row["iteration"] = float(self.iteration)
         return row
 

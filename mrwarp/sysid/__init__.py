@@ -1,1 +1,1 @@
-"""From bench data to a joint model: recordings, virtual bench, replay through the simulator's kernels, identification."""
+"""From bench data to a joint model: recordings, virtual bench, replay through the kernels, identification."""
