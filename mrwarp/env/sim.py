@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+import torch
 import warp as wp
 
 from mrwarp import brake_constraint
@@ -12,7 +13,7 @@ from mrwarp.actuator import ActuatorInputs, Coupling, MrActuator, MrActuatorCfg,
 from mrwarp.asset import RobotAsset, load_robot
 from mrwarp.env import sim_kernels
 from mrwarp.env.backend import Backend, BackendKind, MjBatchBackend, MjWarpBackend
-from mrwarp.env.sim_model import Scene, SolverCfg, build_scene, named
+from mrwarp.env.sim_model import Edit, Scene, SolverCfg, build_scene, named
 from mrwarp.launch import record
 
 
@@ -149,13 +150,22 @@ class Sim:
         self._record_gather(self._no_bound).launch()
         wp.copy(self.f_foot, f_foot)
 
+    def push(self, body: str, force: np.ndarray) -> None:
+        """Apply a force at a body's centre of mass from now on, until called again [N], world frame, shape (E, 3).
+
+        Raises:
+            ValueError: there is no such body.
+        """
+        view = wp.to_torch(self.backend.field("xfrc_applied")).reshape(self.num_envs, -1, 6)
+        view[:, self.body(body), :3] = torch.as_tensor(force, dtype=view.dtype, device=view.device)
+
     def body_mass(self, body: str) -> float:
         """Nominal mass of a body [kg].
 
         Raises:
             ValueError: there is no such body.
         """
-        return float(self.scene.model.body_mass[self._body(body)])
+        return float(self.scene.model.body_mass[self.body(body)])
 
     def rescale_mass(self, body: str, mass: np.ndarray) -> None:
         """Give a body another mass per environment [kg], shape (E,), its inertia in proportion.
@@ -164,7 +174,7 @@ class Sim:
             ValueError: there is no such body, or a mass is not positive.
         """
         model = self.scene.model
-        index = self._body(body)
+        index = self.body(body)
         if not np.all(mass > 0.0):
             raise ValueError(f"mass of {body!r} must be positive, got {mass.min():g} kg")
         ratio = np.asarray(mass) / model.body_mass[index]
@@ -188,7 +198,12 @@ class Sim:
         values[..., 0] = np.asarray(friction)[:, None]
         array.assign(values)
 
-    def _body(self, body: str) -> int:
+    def body(self, body: str) -> int:
+        """Index of a body in the model by its short name.
+
+        Raises:
+            ValueError: there is no such body.
+        """
         model = self.scene.model
         return named([model.body(i).name for i in range(model.nbody)], body, "body")
 
@@ -321,7 +336,10 @@ class ActuatedSim:
 
 
 def robot_scene(
-    asset: RobotAsset | None = None, cfg: SimCfg | None = None, coupling: Coupling = Coupling.CONSTRAINT
+    asset: RobotAsset | None = None,
+    cfg: SimCfg | None = None,
+    coupling: Coupling = Coupling.CONSTRAINT,
+    edit: Edit | None = None,
 ) -> Scene:
     """The robot of an asset on flat ground, as :class:`ActuatedSim` wants it.
 
@@ -329,6 +347,7 @@ def robot_scene(
         asset: The asset; None loads ``assets/usd/mr_go.usda``.
         cfg: How it will be stepped.
         coupling: How its devices act.
+        edit: Changes to the MuJoCo specification, see :func:`build_scene`.
     """
     cfg = cfg or SimCfg()
-    return build_scene(asset or load_robot(), dt=cfg.dt, coupling=coupling, solver=cfg.solver)
+    return build_scene(asset or load_robot(), dt=cfg.dt, coupling=coupling, solver=cfg.solver, edit=edit)

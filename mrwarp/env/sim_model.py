@@ -7,6 +7,7 @@ foot, the solver's options and, for the constraint coupling, the parameters of t
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +20,9 @@ from mrwarp import brake_constraint
 from mrwarp.actuator import Coupling
 from mrwarp.asset import JointActuator, RobotAsset
 from mrwarp.robot import LEGS, leg_of
+
+Edit = Callable[[mujoco.MjSpec], None]
+"""A change to the MuJoCo specification."""
 
 FOOT_SENSOR = "{leg}_foot_force"
 """Name of the contact sensor of a leg: net force on its foot [N]."""
@@ -75,6 +79,7 @@ def build_scene(
     coupling: Coupling = Coupling.CONSTRAINT,
     solver: SolverCfg | None = None,
     ground: bool = True,
+    edit: Edit | None = None,
 ) -> Scene:
     """Convert an asset through Newton into a :class:`Scene`.
 
@@ -85,6 +90,8 @@ def build_scene(
             that the friction row sees the velocity after the step and cannot do positive work.
         solver: Constraint solver options.
         ground: Add a ground plane at z = 0.
+        edit: Changes to the MuJoCo specification before it is compiled, e.g. a body that falls on the robot; bodies and
+            joints it adds must come after the robot's.
     """
     solver = solver or SolverCfg()
     builder = newton.ModelBuilder()
@@ -93,7 +100,7 @@ def build_scene(
     if ground:
         # no contact gap, as on the asset's shapes: feet near the ground would count as contacts
         builder.add_ground_plane(cfg=newton.ModelBuilder.ShapeConfig(gap=0.0))
-    model = _with_sensors(newton.solvers.SolverMuJoCo, builder.finalize(device="cpu"))
+    model = _with_sensors(newton.solvers.SolverMuJoCo, builder.finalize(device="cpu"), edit)
 
     model.opt.timestep = dt
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
@@ -140,7 +147,7 @@ def named(names: list[str], short: str, kind: str) -> int:
     return found[0]
 
 
-def _with_sensors(solver_class: type, newton_model: newton.Model) -> mujoco.MjModel:
+def _with_sensors(solver_class: type, newton_model: newton.Model, edit: Edit | None) -> mujoco.MjModel:
     """Newton's MuJoCo model plus one net contact force sensor per foot sphere.
 
     The model goes through its MJCF text because a compiled model cannot take sensors; every number of the compiled
@@ -157,8 +164,11 @@ def _with_sensors(solver_class: type, newton_model: newton.Model) -> mujoco.MjMo
             sensor.objtype = mujoco.mjtObj.mjOBJ_GEOM
             sensor.objname = feet[0].name
             sensor.intprm = _contact_force_intprm()
+    if edit is not None:
+        edit(spec)
     model = spec.compile()
-    for name in dir(original):
+    # an edited model has other sizes; it keeps the numbers of the text
+    for name in dir(original) if edit is None else ():
         value = getattr(original, name)
         if isinstance(value, np.ndarray) and not name.startswith(("_", "names", "sensor")):
             copy = getattr(model, name)

@@ -15,8 +15,8 @@ def fallen(env: WalkEnv) -> torch.Tensor:
     """Trunk too low or leaning too far, or a state that is no number; bool, shape (E,)."""
     # written as "not upright", so that NaN counts as fallen
     upright = (env.root_pos[:, 2] > env.cfg.fall_height) & (env.gravity[:, 2] < -math.cos(env.cfg.fall_tilt))
-    numbers = torch.isfinite(env.q.sum(1) + env.qd.sum(1) + env.root_vel.sum(1) + env.root_ang.sum(1))
-    return ~(upright & numbers)
+    state = (env.root_pos, env.gravity, env.root_vel, env.root_ang, env.q, env.qd)
+    return ~(upright & torch.isfinite(torch.cat(state, dim=1)).all(1))
 
 
 def timed_out(env: WalkEnv) -> torch.Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -13,6 +14,7 @@ from mrwarp.asset import JointActuator, load_robot
 from mrwarp.env import commands, gait, observations, randomize, rewards, terminations
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.env.sim import ActuatedSim, robot_scene
+from mrwarp.env.sim_model import Edit
 from mrwarp.kernels import ledger
 from mrwarp.robot import DEFAULT_Q, LEGS, STAND_HEIGHT
 
@@ -22,6 +24,7 @@ class WalkEnv(VecEnv):
 
     Args:
         cfg: The task.
+        edit: Changes to the MuJoCo specification, e.g. a body that falls on the robot.
 
     Attributes:
         command: Commanded v_x, v_y [m/s] and yaw rate [rad/s], shape (E, 3).
@@ -29,12 +32,13 @@ class WalkEnv(VecEnv):
         clock_match: Whether each foot's contact is what the clock wants, bool, shape (E, 4).
         body_velocity: Trunk velocity in the heading frame [m/s], shape (E, 3).
         gravity: Direction of gravity in the trunk frame, shape (E, 3).
+        substep_hooks: Called after every torque step of 5 ms, e.g. to record or to push; empty in training.
         fallen: Environments that ended by a fall in the last step, bool, shape (E,).
     """
 
     cfg: EnvCfg
 
-    def __init__(self, cfg: EnvCfg) -> None:
+    def __init__(self, cfg: EnvCfg, *, edit: Edit | None = None) -> None:
         self.cfg = cfg
         self.num_envs = cfg.sim.num_envs
         self.device = torch.device(cfg.sim.device)
@@ -43,17 +47,19 @@ class WalkEnv(VecEnv):
         asset = load_robot(cfg.asset, robot=cfg.robot, payload=cfg.payload)
         if cfg.actuator_model == "none":
             asset = without_devices(asset)
-        scene = robot_scene(asset, cfg.sim, cfg.actuator.coupling)
+        scene = robot_scene(asset, cfg.sim, cfg.actuator.coupling, edit)
         self.robot = ActuatedSim(scene, cfg.sim, cfg.actuator, share_params=False)
         self.sim, self.actuator = self.robot.sim, self.robot.actuator
 
         sim = self.sim
+        self._q_adr = torch.from_numpy(sim.scene.q_adr).long().to(self.device)
         self.q, self.qd, self.f_foot = self.view(sim.q), self.view(sim.qd), self.view(sim.f_foot)
         self.root_pos, self.root_quat = self.view(sim.root_pos), self.view(sim.root_quat)
         self.root_vel, self.root_ang = self.view(sim.root_vel), self.view(sim.root_ang)
         self.qvel = self.view(sim.backend.field("qvel"))
         self.q_des = self.view(self.robot.q_des)
         self.current_e = self.view(self.robot.current_e)
+        self.substep_hooks: list[Callable[[], None]] = []
         self.nominal_mr = {name: self.view(self.actuator.param(name)).clone() for name in randomize.SCALED}
         self.trunk_mass = float(sim.body_mass("trunk"))
         self._motor_square = self.view(self.actuator.ledger)[:, :, int(ledger.MOTOR_SQUARE)]
@@ -96,7 +102,10 @@ class WalkEnv(VecEnv):
         torch.add(self.default_q, self.action, alpha=self.cfg.action_scale, out=self.q_des)
         effort_before = self._motor_square.sum(1)
         randomize.push(self)
-        self.robot.step(self.cfg.decimation)
+        if self.substep_hooks:
+            self._step_with_hooks()
+        else:
+            self.robot.step(self.cfg.decimation)
         self.effort.copy_((self._motor_square.sum(1) - effort_before) / self.cfg.step_dt)
         self._advance_clock()
         self._update_derived()
@@ -131,6 +140,19 @@ class WalkEnv(VecEnv):
         self.fallen = torch.zeros_like(self.fallen)
         self._update_derived()
         self.last_observations = self.get_observations()
+
+    def copy_envs(self, source: torch.Tensor) -> None:
+        """Make every environment a bit-equal copy of another: environment e continues as ``source[e]``, shape (E,).
+
+        Their currents I_e and what randomisation gave them stay their own.
+        """
+        state = self.state()
+        copied = {
+            name: value[source] if value.ndim and value.shape[0] == self.num_envs and name != "generator" else value
+            for name, value in state.items()
+            if name != "actuator/params" and name != "privileged"
+        }
+        self.load_state({**state, **copied})
 
     def set_command(self, command: torch.Tensor) -> None:
         """Command v_x, v_y [m/s] and yaw rate [rad/s] from now on, shape (E, 3) or (3,)."""
@@ -180,7 +202,7 @@ class WalkEnv(VecEnv):
         qvel = self._zeros(num_envs, model.nv)
         qpos[:, 2] = STAND_HEIGHT + 0.01
         qpos[:, 3] = 1.0
-        qpos[:, 7:] = self.default_q + 0.1 * self.uniform(num_envs, self.num_actions)
+        qpos[:, self._q_adr] = self.default_q + 0.1 * self.uniform(num_envs, self.num_actions)
         qvel[:, :6] = 0.1 * self.uniform(num_envs, 6)
         phase = self.between(0.0, 1.0, num_envs)
         drawn = commands.sample(self.cfg.commands, num_envs, self.generator, self.device)
@@ -195,6 +217,13 @@ class WalkEnv(VecEnv):
         self.robot.reset(wp.from_torch(mask), wp.from_torch(qpos), wp.from_torch(qvel))
         self.view(self.actuator.tau_motor).masked_fill_(column, 0.0)  # the critic sees it
         self.q_des.copy_(torch.where(column, self.default_q, self.q_des))
+
+    def _step_with_hooks(self) -> None:
+        """The same torque steps one by one, with every hook called after each."""
+        for _ in range(self.cfg.decimation):
+            self.robot.step()
+            for hook in self.substep_hooks:
+                hook()
 
     def _sample_commands(self) -> None:
         """Draw a new command every ``period``, at the same step of every episode."""

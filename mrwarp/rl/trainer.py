@@ -78,9 +78,9 @@ class Trainer:
         self._met_gate = False
         # spread the episodes, so that resets do not come all at once
         self.env.episode_length_buf = torch.randint_like(self.env.episode_length_buf, self.env.max_episode_length)
-        self.cfg.out.mkdir(parents=True, exist_ok=True)
         if content:
             self._load(content, resume)
+        self.cfg.out.mkdir(parents=True, exist_ok=True)
 
     @property
     def gate_passed(self) -> bool:
@@ -143,21 +143,26 @@ class Trainer:
         return path
 
     def _load(self, content: dict[str, Any], path: Path | None) -> None:
-        """Go on from a checkpoint of the same task."""
-        own = task(self.cfg.env)
-        for name, value in content["task"].items():
-            if own.get(name) != value:
-                raise checkpoint.CheckpointError(
-                    f"{path}: trained with {name} = {value!r}, this run has {own.get(name)!r}; resume the same task"
-                )
-        self.algorithm.load(content["algorithm"], None, strict=True)
-        self.algorithm.learning_rate = content["learning_rate"]
-        self.env.load_state(content["env"])
-        self.iteration, self.seconds = content["iteration"], content["seconds"]
-        self.rows, self.gate_rows = content["rows"], content["gate_rows"]
-        self._window.extend(content["window"])
-        self.obs = self.env.last_observations
-        torch.set_rng_state(content["torch_rng"])
+        """Go on from a checkpoint of the same task and seed (which drew the frictions, masses and gains)."""
+        own = {**task(self.cfg.env), "seed": self.cfg.seed}
+        try:
+            for name, value in {**content["task"], "seed": content["seed"]}.items():
+                if own.get(name) != value:
+                    raise checkpoint.CheckpointError(
+                        f"{path}: trained with {name} = {value!r}, this run has {own.get(name)!r}; resume the same task"
+                    )
+            self.algorithm.load(content["algorithm"], None, strict=True)
+            self.algorithm.learning_rate = content["learning_rate"]
+            self.env.load_state(content["env"])
+            self.iteration, self.seconds = content["iteration"], content["seconds"]
+            self.rows, self.gate_rows = content["rows"], content["gate_rows"]
+            self._window.extend(content["window"])
+            self.obs = self.env.last_observations
+            torch.set_rng_state(content["torch_rng"])
+        except (KeyError, TypeError, AttributeError, RuntimeError) as error:
+            raise checkpoint.CheckpointError(
+                f"{path}: does not fit this version of mrwarp ({' '.join(str(error).split())}); start anew"
+            ) from error
 
     def _update(self) -> dict[str, float]:
         """One PPO update: collect, learn; returns the progress figures, averaged over the last updates."""

@@ -1,0 +1,125 @@
+"""The guided mass of the paper's hardware trial (section 6.3) as a real body that falls on the robot's back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import torch
+import warp as wp
+
+from mrwarp.env.sim_model import named
+from mrwarp.env.vec_env import WalkEnv
+
+JOINTS = ("mass_x", "mass_y", "mass_z")
+"""Slide joints of the mass: the guide moves with the robot sideways, the mass falls in it."""
+
+PARKED = 5.0
+"""Height at which the mass waits [m]."""
+
+HALF_SIZE = 0.05
+"""Half the edge of the mass, a cube [m]; not in the paper, which states no size."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MassCfg:
+    """The falling mass."""
+
+    mass: float = 10.0
+    """Mass [kg], paper section 6.3."""
+    drop: float = 0.30
+    """Distance from the contact surface at release [m], paper section 6.3."""
+    contact_speed: float = 1.5
+    """Speed at contact [m/s], paper section 6.3; less than free fall, so the guide brakes."""
+    travel: float = 0.05
+    """Further travel after contact until the stop [m], paper section 6.3."""
+
+    @property
+    def guide_friction(self) -> float:
+        """Friction of the guide [N] that turns free fall into ``contact_speed``: m*(g - v^2/(2*drop))."""
+        return self.mass * (9.81 - self.contact_speed**2 / (2.0 * self.drop))
+
+
+def add_mass(cfg: MassCfg):
+    """The specification change that adds the parked mass; see ``build_scene(edit=...)``."""
+
+    def edit(spec: mujoco.MjSpec) -> None:
+        body = spec.worldbody.add_body(name="mass", pos=[0.0, 0.0, PARKED])
+        for name, axis in zip(JOINTS, np.eye(3), strict=True):
+            body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+        body.joints[2].range = [-PARKED, PARKED]
+        body.joints[2].limited = mujoco.mjtLimited.mjLIMITED_TRUE
+        body.add_geom(
+            name="mass_geom", type=mujoco.mjtGeom.mjGEOM_BOX, size=[HALF_SIZE] * 3, mass=cfg.mass,
+            contype=0, conaffinity=0,
+        )  # fmt: skip
+        # it meets the trunk and nothing else
+        trunk = next(geom for geom in spec.geoms if "/trunk_shape" in geom.name)
+        spec.add_pair(name="mass_on_trunk", geomname1="mass_geom", geomname2=trunk.name)
+
+    return edit
+
+
+class FallingMass:
+    """Holds, releases and stops the mass in every environment.
+
+    Args:
+        env: Environments built with :func:`add_mass`.
+        cfg: The mass.
+    """
+
+    def __init__(self, env: WalkEnv, cfg: MassCfg) -> None:
+        self.env, self.cfg = env, cfg
+        model = env.sim.scene.model
+        names = [model.joint(i).name for i in range(model.njnt)]
+        self._joints = [named(names, name, "joint") for name in JOINTS]
+        self._q = torch.as_tensor(model.jnt_qposadr[self._joints]).long()
+        self._v = torch.as_tensor(model.jnt_dofadr[self._joints]).long()
+        backend = env.sim.backend
+        self._qpos, self._qvel = env.view(backend.field("qpos")), env.view(backend.field("qvel"))
+        self._friction = env.view(backend.expand("dof_frictionloss"))
+        self._range = wp.to_torch(backend.expand("jnt_range")).reshape(env.num_envs, model.njnt, 2)
+        self._geom = next(i for i in range(model.ngeom) if "/trunk_shape" in model.geom(i).name)
+        self._top = float(model.geom_size[self._geom][2] + model.geom_pos[self._geom][2])
+        self.touched = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
+        self.released = False
+        self.hold()
+
+    def hold(self) -> None:
+        """Park the mass: the guide's brake carries it."""
+        self.released = False
+        self.touched.zero_()
+        self._friction[:, self._v] = 1e4
+        self._qpos[:, self._q] = 0.0
+        self._qvel[:, self._v] = 0.0
+        self._range[:, self._joints[2], 0] = -PARKED
+        self._range[:, self._joints[2], 1] = PARKED
+
+    def release(self) -> None:
+        """Put the mass over each robot's back, ``drop`` above it, moving along with the robot, and let it fall."""
+        env = self.env
+        height = env.root_pos[:, 2] + self._top + self.cfg.drop + HALF_SIZE
+        self._qpos[:, self._q[:2]] = env.root_pos[:, :2].to(self._qpos.dtype)
+        self._qpos[:, self._q[2]] = (height - PARKED).to(self._qpos.dtype)
+        self._qvel[:, self._v] = 0.0
+        self._qvel[:, self._v[:2]] = env.root_vel[:, :2].to(self._qvel.dtype)
+        self._friction[:, self._v] = torch.tensor([0.0, 0.0, self.cfg.guide_friction], dtype=self._friction.dtype)
+        self.released = True
+
+    def update(self) -> None:
+        """Call after every torque step: notice the contact and put the travel stop below it."""
+        if not self.released:
+            return
+        env = self.env
+        z = self._qpos[:, self._q[2]]
+        bottom = z + PARKED - HALF_SIZE
+        now = (bottom <= (env.root_pos[:, 2] + self._top).to(z.dtype)) & ~self.touched
+        low = self._range[:, self._joints[2], 0]
+        self._range[:, self._joints[2], 0] = torch.where(now, (z - self.cfg.travel).to(low.dtype), low)
+        self.touched |= now
+
+    @property
+    def speed(self) -> torch.Tensor:
+        """Downward speed of the mass [m/s], shape (E,)."""
+        return -self._qvel[:, self._v[2]].float()
