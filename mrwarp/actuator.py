@@ -87,7 +87,11 @@ class MrActuatorCfg:
     z_step: ZStep = ZStep.EULER
     """Step of the hysteresis state."""
     sal: bool = True
-    """Whether the gates may open (SAL on)."""
+    """Whether the gates may open (SAL on); False closes both branches."""
+    damping: bool = True
+    """Whether the dynamic damping branch may open (eq. 5)."""
+    holding: bool = True
+    """Whether the holding branch may open (eq. 8); False leaves damping alone, as in the paper's section 6.3."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,7 +271,8 @@ class MrActuator:
                 mr_stages.predict_kernel,
                 dim=(self.num_envs, num_mr),
                 inputs=[
-                    self.params, self.joint_of, self.leg_of, self.dt, int(cfg.sal), fixed,
+                    self.params, self.joint_of, self.leg_of, self.dt, int(cfg.sal and cfg.damping),
+                    int(cfg.sal and cfg.holding), fixed,
                     int(cfg.z_step is ZStep.EXACT), i.q_des, i.q, i.qd, i.f_foot, i.current_e, self.head, self.z,
                     self.current,
                 ],

@@ -19,6 +19,7 @@ from mrwarp.env.vec_env import WalkEnv
 from mrwarp.evaluate.falling_mass import FallingMass, MassCfg, add_mass
 from mrwarp.evaluate.walking import Policy
 from mrwarp.kernels import ledger
+from mrwarp.params import MrParams
 from mrwarp.robot import CURRENT_GROUPS, LEGS
 
 MOTOR_WINDOW = 0.1
@@ -33,15 +34,25 @@ class ImpactKind(enum.Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Variant:
+    """One device setting under which every trial is repeated."""
+
+    current: float
+    """Current I_e [A]."""
+    params: dict[str, float] = field(default_factory=dict)
+    """MR parameters that differ from the asset, e.g. ``{"eps_e": 0.09}``."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class ImpactCfg:
     """One sweep of impact trials."""
 
     kind: ImpactKind = ImpactKind.PUSH
     """Push on the trunk, or the falling mass."""
-    currents: tuple[float, ...] = CURRENT_GROUPS
-    """Currents I_e [A]; every trial is repeated with each."""
+    variants: tuple[Variant, ...] = tuple(Variant(current=current) for current in CURRENT_GROUPS)
+    """Device settings; every trial is repeated with each. The first is the reference of the paired changes."""
     trials: int = 20
-    """Trials per current, at random gait phases."""
+    """Trials per setting, at random gait phases."""
     speed: float = 0.5
     """Commanded forward speed [m/s]."""
     warmup: float = 3.0
@@ -60,17 +71,25 @@ class ImpactCfg:
     """Seed of initial poses and gait phases."""
 
     def __post_init__(self) -> None:
-        if self.trials < 1 or not self.currents:
-            raise ValueError(f"need at least one trial and one current, got {self.trials} and {self.currents}")
+        if self.trials < 1 or not self.variants:
+            raise ValueError(f"need at least one trial and one current, got {self.trials} and {self.variants}")
         if not 0.0 < self.duration <= self.window:
             raise ValueError(f"duration = {self.duration} s must lie in (0, window = {self.window} s]")
         if min(self.currents) < 0.0:
             raise ValueError(f"currents = {self.currents} A: none may be below 0")
+        for variant in self.variants:
+            for name, value in variant.params.items():
+                MrParams.spec(name).check(value, "impact variant")
+
+    @property
+    def currents(self) -> tuple[float, ...]:
+        """Current of each setting [A]."""
+        return tuple(variant.current for variant in self.variants)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImpactTrace:
-    """Time series of a sweep at 200 Hz from the impact's onset; C currents, N trials, T samples, 4 legs."""
+    """Time series of a sweep at 200 Hz from the impact's onset; C settings, N trials, T samples, 4 legs."""
 
     t: np.ndarray
     """Time since onset [s], shape (T,)."""
@@ -113,7 +132,7 @@ class ImpactSweep:
     def __init__(self, cfg: ImpactCfg, policy: Policy) -> None:
         self.cfg, self.policy = cfg, policy
         env_cfg = make_play_cfg(cfg.env)
-        count = cfg.trials * len(cfg.currents)
+        count = cfg.trials * len(cfg.variants)
         env_cfg = replace(
             env_cfg, sim=replace(env_cfg.sim, num_envs=count), currents=cfg.currents, seed=cfg.seed,
             episode_seconds=1e6, fall_height=-1e3, fall_tilt=3.2,
@@ -122,6 +141,10 @@ class ImpactSweep:
         self.env = WalkEnv(env_cfg, edit=add_mass(cfg.mass) if drop else None)
         self.mass = FallingMass(self.env, cfg.mass) if drop else None
         self.currents = self.env.current_e.clone()
+        for i, variant in enumerate(cfg.variants):
+            rows = slice(i * cfg.trials, (i + 1) * cfg.trials)
+            for name, value in variant.params.items():
+                self.env.view(self.env.actuator.param(name))[rows] = value
         self.hooks: list[Callable[[], None]] = []
 
     def run(self) -> ImpactTrace:

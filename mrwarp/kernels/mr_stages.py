@@ -38,12 +38,14 @@ def advance_head_kernel(
 
 @wp.kernel
 def predict_kernel(
-    # parameters: struct, shape (E or 1, M); joint and leg of each device, shape (M,); step [s]; switches
+    # parameters: struct, shape (E or 1, M); joint and leg of each device, shape (M,); step [s]; switches:
+    # damping and holding branch allowed, holding current, exact step of z
     params: wp.array2d[JointParams],
     joint_of: wp.array[int],
     leg_of: wp.array[int],
     dt: float,
-    sal_on: int,
+    damping: int,
+    holding: int,
     hold_current: int,
     exact: int,
     # in, shape (E, J) [rad, rad, rad/s], (E, 4) [N], (E,) [A], (1,), state of shape (E, M)
@@ -71,10 +73,9 @@ def predict_kernel(
     e = q_des_in[env, joint] - q
 
     limit = wp.min(current_e_in[env], p.current_max)
-    m_dyn, m_hold = float(0.0), float(0.0)
-    if sal_on == 1:
-        open_gates = gates(p, f_foot_in[env, leg_of[slot]], e, qd, limit)
-        m_dyn, m_hold = open_gates[0], open_gates[1]
+    open_gates = gates(p, f_foot_in[env, leg_of[slot]], e, qd, limit)
+    m_dyn = float(damping) * open_gates[0]
+    m_hold = float(holding) * open_gates[1]
     command = coil_command(p, m_dyn, m_hold, e, limit, hold_current)
     current = coil_current(current_in[env, slot], command, p.coil_time_constant, dt)
 
