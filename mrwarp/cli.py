@@ -8,6 +8,7 @@ import sys
 COMMANDS = {
     "train": ("mrwarp.rl.train_cli", "train a walking policy until the walking gate is met"),
     "play": ("mrwarp.rl.play_cli", "run a policy and show it in rerun, or save an .rrd or a picture"),
+    "impact": ("mrwarp.evaluate.impact_cli", "hit walking robots with each current; live view, recording, pictures"),
     "verify": ("mrwarp.evaluate.verify_cli", "measure what the simulator promises: passivity, holding, accuracy"),
 }
 """Command name to the module whose ``main(argv)`` runs it, and its one-line help."""

@@ -127,6 +127,10 @@ class ImpactSweep:
     Args:
         cfg: The sweep.
         policy: The walking policy.
+
+    Attributes:
+        env: The environments; setting i, trial k is environment ``i*trials + k``.
+        watchers: Called after every torque step with the time relative to the impact's onset [s], e.g. to show it.
     """
 
     def __init__(self, cfg: ImpactCfg, policy: Policy) -> None:
@@ -145,7 +149,7 @@ class ImpactSweep:
             rows = slice(i * cfg.trials, (i + 1) * cfg.trials)
             for name, value in variant.params.items():
                 self.env.view(self.env.actuator.param(name))[rows] = value
-        self.hooks: list[Callable[[], None]] = []
+        self.watchers: list[Callable[[float], None]] = []
 
     def run(self) -> ImpactTrace:
         """Walk in, hit, and record."""
@@ -161,6 +165,9 @@ class ImpactSweep:
         env.copy_envs(source)
         env.set_command(command)
         obs = env.get_observations()
+        clock = _Clock(-cfg.warmup, dt, self.watchers)
+        if self.watchers:
+            env.substep_hooks.append(clock.tick)
         for _ in range(round(cfg.warmup / env.cfg.step_dt)):
             obs, _, _, _ = env.step(self.policy(obs))
             env.set_command(command)
@@ -170,7 +177,8 @@ class ImpactSweep:
         if self.mass is not None:
             self._fall_until_contact(obs)
             obs = env.get_observations()
-        env.substep_hooks += [recorder.sample, *self.hooks]
+        clock.time = 0.0
+        env.substep_hooks.append(recorder.sample)
         steps_left = round(cfg.duration / dt)
         if self.mass is None:
             env.sim.push("trunk", np.tile(cfg.force, (env.num_envs, 1)))
@@ -205,6 +213,19 @@ class ImpactSweep:
             mass.update()
         env.current_e.copy_(self.currents)
         env.actuator.ledger.zero_()
+
+
+class _Clock:
+    """Tells the watchers the time after every torque step."""
+
+    def __init__(self, start: float, dt: float, watchers: list[Callable[[float], None]]) -> None:
+        self.time, self._dt, self._watchers = start, dt, watchers
+
+    def tick(self) -> None:
+        """One torque step has passed."""
+        self.time += self._dt
+        for watch in self._watchers:
+            watch(self.time)
 
 
 class _Recorder:

@@ -17,6 +17,14 @@ META = "mrwarp"
 """Key of the ONNX metadata entry that holds the policy's description as JSON."""
 
 
+_HERE = Path(__file__).resolve().parents[1]
+POLICIES = next((p for p in (_HERE / "policies", _HERE.parent / "policies") if p.is_dir()), _HERE / "policies")
+"""Folder of the shipped policies: inside the package when installed as a wheel, beside it in a checkout."""
+
+DEFAULT_POLICY = POLICIES / "mr_go_walk.onnx"
+"""The shipped walking policy of the quadruped with MR calves."""
+
+
 class PolicyError(ValueError):
     """A policy file cannot be used; the message names the file and the remedy."""
 
@@ -59,7 +67,8 @@ class OnnxPolicy:
             proto = onnx.load(str(path), load_external_data=False)
             onnx.checker.check_model(proto)
         except Exception as error:  # onnx and protobuf raise many types for a file that is no model
-            raise PolicyError(f"{path}: not a readable ONNX model ({error}); export it again") from error
+            cause = " ".join(str(error).split())
+            raise PolicyError(f"{path}: not a readable ONNX model ({cause}); export it again") from error
         props = {entry.key: entry.value for entry in proto.metadata_props}
         if META not in props:
             raise PolicyError(f"{path}: no mrwarp metadata; use a policy exported by train/ppo.py")
