@@ -6,6 +6,7 @@ batch's rows, or MuJoCo-Warp's own float32 arrays. A backend steps; what the num
 
 from __future__ import annotations
 
+import copy
 import enum
 from typing import Protocol
 
@@ -63,6 +64,9 @@ class MjBatchBackend:
 
     def __init__(self, model: mujoco.MjModel, num_envs: int, *, threads: int = 0) -> None:
         self.num_envs = num_envs
+        # a state that is no number has to show and to count as unsolved, not to jump back to the model's own start
+        model = copy.copy(model)
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.batch = mujoco.batch.Batch(model, num_envs, threads, persistent=True)
         self._views: dict[str, wp.array] = {}
 
@@ -143,6 +147,9 @@ class MjWarpBackend:
 
     def set_const(self) -> None:
         """See :class:`Backend`."""
+        # what follows from a mass per environment needs a row per environment too: MuJoCo-Warp makes none
+        for name in ("body_subtreemass", "body_invweight0", "dof_invweight0"):
+            self.expand(name)
         mujoco_warp.set_const(self.model, self.data)
 
     def step(self) -> None:

@@ -101,15 +101,26 @@ def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     return dense
 
 
-def set_load(robot: ActuatedSim, torque: np.ndarray) -> None:
-    """Load the rig's only joint from outside [N·m], shape (E,); stays until it is changed."""
-    model, field = robot.sim.scene.model, robot.sim.backend.field("xfrc_applied")
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    joint = int(np.flatnonzero(model.jnt_dofadr == robot.sim.scene.v_adr[0])[0])
-    values = np.zeros((robot.sim.num_envs, model.nbody, 6))
-    values[:, model.jnt_bodyid[joint], 3:] = np.asarray(torque)[:, None] * data.xaxis[joint]
-    field.assign(values.reshape(field.numpy().shape))
+class Load:
+    """Torque on a rig's only joint from outside.
+
+    Args:
+        robot: A rig with one joint.
+    """
+
+    def __init__(self, robot: ActuatedSim) -> None:
+        model = robot.sim.scene.model
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        joint = int(np.flatnonzero(model.jnt_dofadr == robot.sim.scene.v_adr[0])[0])
+        self._body, self._axis = int(model.jnt_bodyid[joint]), data.xaxis[joint].copy()
+        self._field = robot.sim.backend.field("xfrc_applied")
+        self._values = np.zeros((robot.sim.num_envs, model.nbody, 6))
+
+    def set(self, torque: np.ndarray) -> None:
+        """Load the joint [N·m], shape (E,); stays until it is changed."""
+        self._values[:, self._body, 3:] = torque[:, None] * self._axis
+        self._field.assign(self._values.reshape(self._field.numpy().shape))
 
 
 def stance(scene: Scene, num_envs: int, *, lift: float = 0.0) -> wp.array:
@@ -126,7 +137,7 @@ def standing_robot(
     coupling: Coupling = Coupling.CONSTRAINT,
     backend: BackendKind = BackendKind.MJBATCH,
     lift: float = 0.0,
-    edit: Callable[[mujoco.MjModel], None] | None = None,
+    options: Callable[[mujoco.MjModel], None] | None = None,
 ) -> ActuatedSim:
     """The robot in its stance, one environment per holding current [A]; its motors hold the stance.
 
@@ -135,12 +146,12 @@ def standing_robot(
         coupling: How the devices act.
         backend: The engine.
         lift: Height of the feet above the ground [m].
-        edit: Change to the model before it is stepped, past every check.
+        options: Changes the compiled model's options, past every check.
     """
     cfg = SimCfg(num_envs=len(currents), backend=backend)
     scene = robot_scene(None, cfg, coupling)
-    if edit is not None:
-        edit(scene.model)
+    if options is not None:
+        options(scene.model)
     robot = ActuatedSim(scene, cfg, MrActuatorCfg(coupling=coupling, hold_current=HoldCurrent.FIXED))
     robot.current_e.assign(np.array(currents, dtype=np.float32))
     robot.q_des.assign(np.tile(np.array(DEFAULT_Q, dtype=np.float32), (len(currents), 1)))
@@ -192,7 +203,7 @@ class WorkMeter:
 
     def attach(self) -> WorkMeter:
         """Meter every step that others make through ``robot.step``."""
-        self.robot.step = self.step  # type: ignore[method-assign]
+        self.robot.step = self.step
         return self
 
     def step(self, count: int = 1) -> None:

@@ -1,0 +1,196 @@
+"""Sim: brake closed form, resets, masses, the solver's counter, refusals, and a USD edit that reaches the torque."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+
+from mrwarp import brake_constraint
+from mrwarp.asset import ASSETS, load_robot
+from mrwarp.env.backend import BackendKind
+from mrwarp.env.sim import ActuatedSim, Sim, SimCfg, robot_scene
+from mrwarp.env.sim_model import Scene, SolverCfg
+from mrwarp.evaluate.physics_holding import bench_rig, stand_on_brakes
+from mrwarp.evaluate.physics_rigs import stance
+from mrwarp.params import MrParams
+
+K1 = "double newton:mr:K1 = 10.413315"
+
+
+def f32(values: object) -> wp.array:
+    """The values as a Warp array of float32."""
+    return wp.array(np.asarray(values, dtype=np.float32), dtype=float, device="cpu")
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    """The robot on flat ground."""
+    return robot_scene()
+
+
+def test_sim_brake_stops_a_rotor_like_coulomb_friction():
+    """A spinning rotor loses bound*dt/J per step, stops in the step in which that suffices, and stays.
+
+    J*dqd/dt = -sgn(qd)*bound, so qd = 20 - 3/0.01*t until t = 0.0667 s: step 14 of 5 ms ends at rest. The sum of 14
+    float64 steps is exact to 1e-12; the rotor's inertia is a float32 in USD, 2e-9 away from 0.01. At rest nothing but
+    the creep of the regularised row is left, and without a load that decays to 0.
+    """
+    inertia, bound, start = float(np.float32(0.01)), 3.0, 20.0
+    sim = Sim(bench_rig(), SimCfg(num_envs=1))
+    sim.reset(None, qvel=f32([[start]]))
+    tau, bounds = f32([[0.0]]), f32([[bound]])
+    qd = []
+    for _ in range(30):
+        sim.step(tau, bounds)
+        qd.append(float(sim.backend.field("qvel").numpy()[0, 0]))
+    expected = start - bound / inertia * sim.dt * np.arange(1, 14)
+    np.testing.assert_allclose(qd[:13], expected, rtol=0.0, atol=1e-7)
+    # the row stops it but for creep*torque, and the torque that stopped it is at most the bound
+    assert abs(qd[13]) <= brake_constraint.CREEP * bound
+    assert abs(qd[-1]) < 1e-9
+
+
+def test_sim_masked_reset_leaves_others_bit_equal(scene):
+    """Resetting one environment leaves every bit of the other two where it was."""
+    sim = Sim(scene, SimCfg(num_envs=3))
+    sim.reset(None, stance(scene, 3, lift=0.01))
+    tau, bound = f32(np.zeros((3, 12))), f32(np.ones((3, 12)))
+    for _ in range(5):
+        sim.step(tau, bound)
+    names = ("qpos", "qvel", "qacc_warmstart", "qfrc_applied")
+    before = {name: sim.backend.field(name).numpy().copy() for name in names}
+    reads = {name: getattr(sim, name).numpy().copy() for name in ("q", "qd", "f_foot", "root_pos", "root_vel")}
+    sim.reset(wp.array([False, True, False], dtype=wp.bool, device="cpu"), stance(scene, 3))
+    for name, value in before.items():
+        np.testing.assert_array_equal(sim.backend.field(name).numpy()[[0, 2]], value[[0, 2]])
+    for name, value in reads.items():
+        np.testing.assert_array_equal(getattr(sim, name).numpy()[[0, 2]], value[[0, 2]])
+    assert not sim.backend.field("qvel").numpy()[1].any()
+    np.testing.assert_allclose(sim.q.numpy()[1], stance(scene, 1).numpy()[0, scene.q_adr])
+
+
+@pytest.mark.parametrize("kind", list(BackendKind))
+def test_sim_mass_change_keeps_the_brake(scene, kind):
+    """A heavier trunk changes masses and their constants per environment, but not the brakes' regularisation."""
+    sim = Sim(scene, SimCfg(num_envs=2, backend=kind))
+    nominal = sim.body_mass("trunk")
+    sim.rescale_mass("trunk", np.array([nominal, nominal + 3.0]))
+    masses = sim.backend.expand("body_mass").numpy().reshape(2, -1)
+    np.testing.assert_allclose(masses[1].sum() - masses[0].sum(), 3.0, rtol=1e-5)  # float32: 2^-24 * 15 kg, summed
+    calves = [v for v, a in zip(scene.v_adr, scene.actuators, strict=True) if a.mr]
+    invweight = sim.backend.expand("dof_invweight0").numpy()
+    np.testing.assert_allclose(invweight[:, calves], brake_constraint.invweight(sim.dt), rtol=1e-6)
+    # the floating base is lighter to move with the lighter trunk: the constants were recomputed
+    assert (invweight[1, :3] < invweight[0, :3]).all()
+
+
+def test_sim_counts_unsolved_steps():
+    """Too few line-search iterations are never silent: the counter rises; with enough it stays at zero.
+
+    The robot on its four brakes with calf motors off; 3 iterations are forced on the model past SolverCfg's check.
+    """
+    starved = stand_on_brakes(BackendKind.MJBATCH, seconds=0.5, settle=0.5, ls_iterations=3)
+    enough = stand_on_brakes(BackendKind.MJBATCH, seconds=0.5, settle=0.5)
+    assert starved.unsolved > 20
+    assert np.abs(starved.calf - starved.calf[0]).max() > 0.1  # [rad] it collapsed
+    assert enough.unsolved == 0
+
+
+@pytest.mark.parametrize("kind", list(BackendKind))
+def test_sim_counts_nan_as_unsolved(scene, kind, tmp_path, monkeypatch):
+    """A state that is not a number shows, counts as unsolved in its own environment only, and a reset mends it.
+
+    (MuJoCo by itself would put the environment back to the model's start and go on. It also writes a log file.)
+    """
+    monkeypatch.chdir(tmp_path)
+    sim = Sim(scene, SimCfg(num_envs=2, backend=kind))
+    sim.reset(None, stance(scene, 2, lift=0.1))
+    tau, none = np.zeros((2, 12)), f32(np.zeros((2, 12)))
+    tau[1, 0] = np.nan
+    sim.step(f32(tau), none)
+    assert sim.unsolved.numpy().tolist() == [0, 1]
+    assert np.isnan(sim.q.numpy()[1]).any()
+    assert np.isfinite(sim.q.numpy()[0]).all()
+    sim.reset(wp.array([False, True], dtype=wp.bool, device="cpu"), stance(scene, 2, lift=0.1))
+    sim.step(none, none)
+    assert sim.unsolved.numpy().tolist() == [0, 1]
+    assert np.isfinite(sim.q.numpy()).all()
+
+
+def test_solver_cfg_refuses_few_line_search_iterations():
+    """Below the measured minimum the message names the value and the remedy."""
+    with pytest.raises(ValueError, match="ls_iterations = 29 is too small.*use that many or more"):
+        SolverCfg(ls_iterations=29)
+    assert SolverCfg(ls_iterations=brake_constraint.MIN_LS_ITERATIONS).ls_iterations == 30
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"num_envs": 0}, "num_envs = 0 must be at least 1"),
+        ({"dt": 0.0}, r"dt = 0.0 s must lie in \(0, 0.02\]"),
+        ({"dt": 0.05}, r"dt = 0.05 s must lie in \(0, 0.02\]"),
+    ],
+)
+def test_sim_cfg_refuses_nonsense(wrong, message):
+    """Sizes and steps out of range are refused with their value."""
+    with pytest.raises(ValueError, match=message):
+        SimCfg(**wrong)
+
+
+def test_sim_cfg_chooses_the_engine():
+    """CPU threads on the CPU, MuJoCo-Warp on a GPU; the CPU engine is refused on a GPU."""
+    assert SimCfg().engine is BackendKind.MJBATCH
+    assert SimCfg(device="cuda:0").engine is BackendKind.MJWARP
+    assert SimCfg(backend=BackendKind.MJWARP).engine is BackendKind.MJWARP
+    with pytest.raises(ValueError, match="mjbatch runs on the CPU, not on 'cuda:0'"):
+        _ = SimCfg(device="cuda:0", backend=BackendKind.MJBATCH).engine
+
+
+def test_sim_refuses_unknown_bodies_and_masses(scene):
+    """A misspelt body is refused with the names there are; so is a mass that is not positive."""
+    sim = Sim(scene, SimCfg(num_envs=1))
+    with pytest.raises(ValueError, match="body 'trunc' stands 0 times .*trunk"):
+        sim.body_mass("trunc")
+    with pytest.raises(ValueError, match="mass of 'trunk' must be positive, got 0 kg"):
+        sim.rescale_mass("trunk", np.array([0.0]))
+
+
+def test_sim_usd_edit_doubles_the_current_dependent_torque(tmp_path: Path):
+    """Doubling newton:mr:K1 in the USD file doubles what the current adds to the simulated torque, and the bound.
+
+    Eq. 14: tau(I) - tau(0) = I1*I + K1*I/(1 + alpha*|qd|)*z, with the same z in both environments (it does not depend
+    on the current). I1 is not edited, so its part is taken off first. Float32 torques of 3 N·m are exact to 2e-7 N·m.
+    """
+    text = (ASSETS / "mr_go.usda").read_text(encoding="utf-8")
+    assert text.count(K1) == 1
+    path = tmp_path / "doubled.usda"
+    path.write_text(text.replace(K1, "double newton:mr:K1 = 20.82663"), encoding="utf-8")
+    current = 1.5
+    gain = {name: _current_gain(file, current) for name, file in (("asset", None), ("doubled", path))}
+    direct = MrParams().bouc_wen.I1 * current
+    assert (np.abs(gain["asset"] - direct) > 0.3).all()  # [N·m] there is something to double
+    np.testing.assert_allclose(gain["doubled"] - direct, 2.0 * (gain["asset"] - direct), rtol=1e-5)
+
+
+def _current_gain(path: Path | None, current: float) -> np.ndarray:
+    """tau_dyn(I) - tau_dyn(0) of the four calves after ten steps in a robot that is held in the air [N·m]."""
+    scene = robot_scene(load_robot(path))
+    robot = ActuatedSim(scene, SimCfg(num_envs=2))
+    calves, sim = list(robot.actuator.mr_joints), robot.sim
+    robot.current_e.assign(np.array([0.0, current], dtype=np.float32))
+    qvel = np.zeros((2, scene.model.nv))
+    qvel[:, scene.v_adr[calves]] = 4.0
+    target = stance(scene, 2).numpy()[:, scene.q_adr]
+    target[:, calves] -= 0.5  # behind the motion: the dynamic gate is open
+    robot.q_des.assign(target.astype(np.float32))
+    for _ in range(10):
+        # both environments are put back into the same motion, so that only z and the current differ from a fresh start
+        sim.reset(None, stance(scene, 2, lift=0.5), f32(qvel))
+        sim.f_foot.fill_(50.0)
+        robot.step()
+    torque = robot.actuator.tau_dyn.numpy().astype(np.float64)
+    assert robot.actuator.m_dyn.numpy().all()
+    np.testing.assert_array_equal(robot.actuator.bound.numpy()[:, calves], np.abs(robot.actuator.tau_dyn.numpy()))
+    return torque[1] - torque[0]
