@@ -26,8 +26,8 @@ COLUMNS = ("t", "q", "qd", "current", "torque")
 MIN_SAMPLES = 50
 """Fewest samples of a trajectory: one history window of the learned models."""
 
-MAX_BYTES = 2**30
-"""Largest recording that is read, all files together and uncompressed [bytes]: 1 GiB, about 20 million samples."""
+MAX_BYTES = 2**29
+"""Largest recording that is read, all files together and uncompressed [bytes]: 512 MiB, 14 hours at 200 Hz."""
 
 MAX_JITTER = 0.5
 """Largest deviation of a sampling interval from the median interval, as a share of it; above, it is a gap."""
@@ -39,7 +39,8 @@ SUFFIXES = (".csv", ".csv.gz", ".parquet")
 """File types that are recordings."""
 
 _SI = {"t": "s", "q": "rad", "qd": "rad/s", "current": "A", "torque": "N·m", "temperature": "degC"}
-_OPTIONAL = ("qd", "temperature")
+_REQUIRED = ("t", "q", "current", "torque")
+_HOLDING = ("current", "torque")
 _NULLS = ["", "NA", "N/A", "NaN", "nan", "-nan", "null", "NULL", "None"]
 
 
@@ -94,6 +95,18 @@ class Recording:
         return sum(len(trajectory.t) for trajectory in self.trajectories)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Holding:
+    """Break-away tests of a device at rest; both arrays float64, shape (N,)."""
+
+    current: np.ndarray
+    """Coil current [A] (or driver voltage [V])."""
+    torque: np.ndarray
+    """Torque at which the joint started to slip [N·m], or force [N]."""
+    header: dict[str, Any] = field(default_factory=dict)
+    """What the file says about how it was made."""
+
+
 # --- reading ---
 
 
@@ -111,7 +124,7 @@ def load_recording(path: str | Path) -> Recording:
     left = MAX_BYTES
     trajectories: list[Trajectory] = []
     for file in files:
-        table, size = _read_table(file, left)
+        table, size = _read_table(file, left, _REQUIRED)
         left -= size
         prefix = f"{_stem(file)}/" if path.is_dir() else ""
         trajectories += _trajectories(table, units, prefix)
@@ -125,6 +138,32 @@ def load_recording(path: str | Path) -> Recording:
         source=path,
         header=_common([trajectory.header for trajectory in trajectories]),
     )
+
+
+def find_holding(path: str | Path) -> Path | None:
+    """The break-away tests that belong to a recording: ``holding.csv`` in its folder or in the folder above."""
+    path = Path(path)
+    folder = path if path.is_dir() else path.parent
+    return next((f / HOLDING_FILE for f in (folder, folder.absolute().parent) if (f / HOLDING_FILE).is_file()), None)
+
+
+def load_holding(path: str | Path) -> Holding:
+    """Read break-away tests: columns ``current`` [A] and ``torque`` [N·m], one row per test (docs/data.md).
+
+    Args:
+        path: The file (``.csv``, ``.csv.gz``, ``.parquet``), or the folder that holds ``holding.csv``.
+
+    Raises:
+        RecordingError: the file is refused; the message names file, row and column, and the remedy.
+    """
+    path = Path(path)
+    file = _files(path / HOLDING_FILE if path.is_dir() else path)[0]
+    table, _ = _read_table(file, MAX_BYTES, _HOLDING)
+    units = _read_units(file.parent)
+    columns = _converted(table, units)
+    for name in _HOLDING:
+        _plausible(table, name, float(np.abs(columns[name]).max()), units)
+    return Holding(current=columns["current"], torque=columns["torque"], header=table.header)
 
 
 @dataclass(frozen=True)
@@ -186,7 +225,7 @@ def _common(headers: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return {k: v for k, v in first.items() if all(k in h and h[k] == v for h in headers[1:])}
 
 
-def _read_table(file: Path, limit: int) -> tuple[_Table, int]:
+def _read_table(file: Path, limit: int, required: Sequence[str]) -> tuple[_Table, int]:
     """One file's columns and how many bytes they took of the limit."""
     try:
         size = file.stat().st_size
@@ -200,19 +239,19 @@ def _read_table(file: Path, limit: int) -> tuple[_Table, int]:
         raise _too_large(file, size)
     suffix = _suffix(file)
     if suffix == ".parquet" or start == b"PAR1":
-        return _read_parquet(file, limit)
+        return _read_parquet(file, limit, required)
     data = _gunzip(file, limit) if start[:2] == b"\x1f\x8b" else file.read_bytes()
     if suffix == ".csv.gz" and start[:2] != b"\x1f\x8b":
         raise RecordingError(f"{file}: named .gz, but not compressed with gzip; rename it to .csv or compress it")
     if not data:
         raise RecordingError(f"{file}: the file is empty; record it again")
-    return _read_csv(file, data), len(data)
+    return _read_csv(file, data, required), len(data)
 
 
 def _too_large(file: Path, size: int) -> RecordingError:
     return RecordingError(
         f"{file}: {'more than ' if size == MAX_BYTES + 1 else ''}{size / 2**30:.1f} GiB is more than is read at once "
-        f"({MAX_BYTES / 2**30:g} GiB per recording, uncompressed); split it into several recordings"
+        f"({MAX_BYTES / 2**20:g} MiB per recording, uncompressed); split it into several recordings"
     )
 
 
@@ -241,7 +280,7 @@ def _refuse_binary(file: Path, data: bytes) -> None:
         )
 
 
-def _read_csv(file: Path, data: bytes) -> _Table:
+def _read_csv(file: Path, data: bytes, required: Sequence[str]) -> _Table:
     _refuse_binary(file, data)
     if data.startswith(b"\xef\xbb\xbf"):  # the mark that spreadsheets put before UTF-8
         data = data[3:]
@@ -255,18 +294,19 @@ def _read_csv(file: Path, data: bytes) -> _Table:
         elif line:
             break
         if end < 0:
-            raise RecordingError(f"{file}: no columns; the first line must name them: t, q, qd, current, torque")
+            raise RecordingError(f"{file}: no columns; the first line must name them: {', '.join(required)}")
         position, lines = end + 1, lines + 1
     names = [name.strip().strip('"').strip() for name in line.split(",")]
-    body = data[end + 1 :] if end >= 0 else b""
-    blank_lines = b"\n\n" in body.rstrip() or b"\n\r\n" in body.rstrip()
+    first = end + 1 if end >= 0 else len(data)
+    blank_lines = any(0 <= data.find(blank, first) < len(data) - 8 for blank in (b"\n\n", b"\n\r\n"))
     table = _Table(file, {}, None, header, None if blank_lines else lines + 2)
-    _check_names(table, names, line)
-    if not body.strip():
-        raise table.refuse(f"no samples, only the column names; at least {MIN_SAMPLES} are needed")
+    _check_names(table, names, line, required)
+    body = pa.py_buffer(data).slice(first)
+    if not data[first : first + 256].strip():
+        raise table.refuse("no samples, only the column names; record it again")
     try:
         content = pyarrow.csv.read_csv(
-            io.BytesIO(body),
+            pa.BufferReader(body),
             read_options=pyarrow.csv.ReadOptions(column_names=names),
             convert_options=pyarrow.csv.ConvertOptions(
                 column_types={n: pa.string() if n == "trajectory" else pa.float64() for n in names},
@@ -275,7 +315,7 @@ def _read_csv(file: Path, data: bytes) -> _Table:
             ),
         )
     except (pa.ArrowInvalid, UnicodeDecodeError) as error:
-        raise _bad_line(table, names, body, str(error)) from None
+        raise _bad_line(table, names, data[first:], str(error)) from None
     return _with_columns(table, content)
 
 
@@ -289,14 +329,14 @@ def _read_comment(line: str, header: dict[str, Any]) -> None:
             header[key.strip()] = value.strip()
 
 
-def _check_names(table: _Table, names: list[str], line: str) -> None:
+def _check_names(table: _Table, names: list[str], line: str, required: Sequence[str]) -> None:
     """Refuse missing and double columns, with the likely reason."""
-    missing = [name for name in COLUMNS if name not in names and name not in _OPTIONAL]
+    missing = [name for name in required if name not in names]
     if missing:
         if len(names) == 1 and re.search(r"[;\t]", line):
             hint = "columns must be separated by commas, numbers written with a decimal point"
         elif all(re.fullmatch(r"[-+.\deE]+", name) for name in names):
-            hint = f"the first line must name the columns: {', '.join(COLUMNS)}"
+            hint = f"the first line must name the columns: {', '.join(required)}"
         else:
             near = [name for name in names if name.lower() in (missing[0], *_ALIASES[missing[0]])]
             hint = f"rename {near[0]!r} to {missing[0]!r}" if near else f"add it [{_SI[missing[0]]}]"
@@ -318,7 +358,7 @@ def _bad_line(table: _Table, names: list[str], body: bytes, message: str) -> Rec
     """Find the line that the fast reader could not take."""
     numeric = [(i, name) for i, name in enumerate(names) if name in _SI]
     row = -1
-    for number, raw in enumerate(io.BytesIO(body)):
+    for raw in io.BytesIO(body):
         text = raw.decode("utf-8", "replace").strip()
         if not text:
             continue
@@ -331,7 +371,6 @@ def _bad_line(table: _Table, names: list[str], body: bytes, message: str) -> Rec
             if cell not in _NULLS and not _is_number(cell):
                 remedy = "write a plain number with a decimal point, or remove the line"
                 return table.refuse(f"{cell[:40]!r} is no number; {remedy}", row=row, column=name)
-        del number
     return table.refuse(f"not readable as CSV ({message.splitlines()[0][:200]}); export it again")
 
 
@@ -343,7 +382,7 @@ def _is_number(text: str) -> bool:
     return "_" not in text
 
 
-def _read_parquet(file: Path, limit: int) -> tuple[_Table, int]:
+def _read_parquet(file: Path, limit: int, required: Sequence[str]) -> tuple[_Table, int]:
     table = _Table(file, {}, None, {}, None)
     try:
         with pa.OSFile(str(file)) as stream:
@@ -354,7 +393,7 @@ def _read_parquet(file: Path, limit: int) -> tuple[_Table, int]:
             size = 8 * parquet.metadata.num_rows * max(len(wanted), 1)
             if size > limit:
                 raise _too_large(file, size)
-            _check_names(table, names, ",".join(names))
+            _check_names(table, names, ",".join(names), required)
             header = json.loads((parquet.schema_arrow.metadata or {}).get(b"mrwarp", b"{}"))
             content = parquet.read(columns=wanted)
     except (pa.ArrowException, OSError, ValueError) as error:
@@ -363,7 +402,7 @@ def _read_parquet(file: Path, limit: int) -> tuple[_Table, int]:
         reason = str(error).splitlines()[0][:200]
         raise table.refuse(f"not a readable Parquet file ({reason}); export it again") from None
     if content.num_rows == 0:
-        raise table.refuse(f"no samples; at least {MIN_SAMPLES} are needed")
+        raise table.refuse("no samples; record it again")
     return _with_columns(replace(table, header=header if isinstance(header, dict) else {}), content), size
 
 
@@ -390,12 +429,7 @@ def _with_columns(table: _Table, content: pa.Table) -> _Table:
 
 def _trajectories(table: _Table, units: _Units, prefix: str) -> list[Trajectory]:
     """The trajectories of one file, converted and checked."""
-    for name, values in table.columns.items():
-        if not np.isfinite(values).all():
-            row = int(np.flatnonzero(~np.isfinite(values))[0])
-            what = "an empty cell or NaN" if np.isnan(values[row]) else "infinite"
-            raise table.refuse(f"{what}, not a number; remove the samples or record again", row=row, column=name)
-    columns = {name: units.convert(name, values) for name, values in table.columns.items()}
+    columns = _converted(table, units)
     flag = bool(table.header.get("qd_derived", False))
     parts = []
     for name, rows in _groups(table.ids):
@@ -415,6 +449,16 @@ def _trajectories(table: _Table, units: _Units, prefix: str) -> list[Trajectory]
     if not units.trusted:
         _check_units(table, parts, units)
     return parts
+
+
+def _converted(table: _Table, units: _Units) -> dict[str, np.ndarray]:
+    """The columns in the units that are kept, each value a finite number."""
+    for name, values in table.columns.items():
+        if not np.isfinite(values).all():
+            row = int(np.flatnonzero(~np.isfinite(values))[0])
+            what = "an empty cell or NaN" if np.isnan(values[row]) else "infinity"
+            raise table.refuse(f"{what} instead of a number; cut it out or record again", row=row, column=name)
+    return {name: units.convert(name, values) for name, values in table.columns.items()}
 
 
 def _groups(ids: np.ndarray | None) -> Iterator[tuple[str | None, np.ndarray | None]]:
@@ -474,37 +518,40 @@ _DEGREES = 180.0 / np.pi
 
 def _check_units(table: _Table, parts: list[Trajectory], units: _Units) -> None:
     """Refuse values that are clearly in another unit than declared."""
-    for key in ("q", "current", "torque"):
-        base = units.base(key)
-        limit, likely = _PLAUSIBLE[base]
-        largest = max(
-            float(np.abs(getattr(part, key) - (np.median(part.q) if key == "q" else 0.0)).max()) for part in parts
-        )
-        if largest > limit:
-            what = "from its median" if key == "q" else "at most"
-            raise table.refuse(
-                f"values up to {largest:g} {base} {what}: these look like {likely}, not {base}; convert them or declare "
-                f'the unit in units.json beside the file: {{"{key}": "{likely}"}} (if they really are {base}: '
-                '{"trust_units": true})',
-                column=key,
-            )
+    _plausible(table, "q", max(float(np.abs(part.q - np.median(part.q)).max()) for part in parts), units)
+    _plausible(table, "current", max(float(np.abs(part.current).max()) for part in parts), units)
+    _plausible(table, "torque", max(float(np.abs(part.torque).max()) for part in parts), units)
     if units.base("q") != "rad":
         return
     for part in parts:
-        ratio = _derivative_ratio(part)
+        ratio = derivative_ratio(part)
         if part.qd_derived or not (0.6 < ratio / _DEGREES < 1.6 or 0.6 < ratio * _DEGREES < 1.6):
             continue
         key, unit, other = ("q", "deg", "qd") if ratio > 1.0 else ("qd", "deg/s", "q")
+        declared = {"q": "deg", "qd": "rad/s"} if key == "q" else {"q": "rad", "qd": "deg/s"}
         raise table.refuse(
-            f"{part.id}: dq/dt is {ratio:.3g} times qd, so {key} looks like {unit} where {other} is in radians; convert "
-            f'it or declare it in units.json: {{"q": "{"deg" if key == "q" else "rad"}", '
-            f'"qd": "{"rad/s" if key == "q" else "deg/s"}"}}',
+            f"dq/dt is {ratio:.3g} times qd in trajectory {part.id!r}, so {key} looks like {unit} where {other} is in "
+            f"radians; convert it, or declare it in units.json beside the file: {json.dumps(declared)}",
             column=key,
         )
 
 
-def _derivative_ratio(part: Trajectory) -> float:
-    """RMS of dq/dt over RMS of the recorded qd; 1 where either rests."""
+def _plausible(table: _Table, key: str, largest: float, units: _Units) -> None:
+    """Refuse a column whose largest value no device of this kind reaches."""
+    base = units.base(key)
+    limit, likely = _PLAUSIBLE[base]
+    if units.trusted or largest <= limit:
+        return
+    what = "away from their median" if key == "q" else "in size"
+    raise table.refuse(
+        f"values up to {largest:.4g} {base} {what} look like {likely}; convert them, or declare the unit in units.json "
+        f'beside the file: {{"{key}": "{likely}"}} (if they really are {base}: {{"trust_units": true}})',
+        column=key,
+    )
+
+
+def derivative_ratio(part: Trajectory) -> float:
+    """RMS of dq/dt over RMS of the trajectory's qd; 1 where either rests."""
     derived = differentiate(part.q, part.dt)
     own, other = float(np.sqrt(np.mean(part.qd**2))), float(np.sqrt(np.mean(derived**2)))
     return other / own if own > 1e-9 and other > 1e-9 else 1.0
@@ -603,24 +650,44 @@ def save_recording(
 
     Returns:
         The files written.
+
+    Raises:
+        RecordingError: the folder holds files in other units, or two ids give one file name.
     """
     path = Path(path)
+    folder = path.parent if _suffix(path) else path
+    folder.mkdir(parents=True, exist_ok=True)
+    _write_units(folder, recording.units)
     added = {**recording.header, **(header or {})}
     if _suffix(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
         _write(recording.trajectories, path, added, with_ids=True)
-        files = [path]
-    else:
-        path.mkdir(parents=True, exist_ok=True)
-        files = []
-        for trajectory in recording.trajectories:
-            file = path / f"{trajectory.id.replace('/', '_')}{kind}"
-            _write((trajectory,), file, {**trajectory.header, **added}, with_ids=False)
-            files.append(file)
-    folder = path.parent if _suffix(path) else path
-    if recording.units["q"] != "rad" or recording.units["current"] != "A":
-        _replace(folder / "units.json", json.dumps(recording.units, ensure_ascii=False, indent=1).encode())
+        return [path]
+    files = [folder / (re.sub(r"[^\w.+=-]", "_", run.id) + kind) for run in recording.trajectories]
+    if len(set(files)) < len(files):
+        raise RecordingError(f"{folder}: two trajectories would be written to one file; rename one")
+    for run, file in zip(recording.trajectories, files, strict=True):
+        _write((run,), file, {**run.header, **added}, with_ids=False)
     return files
+
+
+def _write_units(folder: Path, units: dict[str, str]) -> None:
+    """Write ``units.json`` where it is needed; refuse a folder whose files are in other units."""
+    path, usual = folder / "units.json", {key: _SI[key] for key in units}
+    if path.is_file():
+        there = _read_units(folder)
+        if any(there.declared[key] != unit for key, unit in units.items()):
+            raise RecordingError(f"{path}: the files beside it are in other units; choose another folder")
+    elif units != usual:
+        _replace(path, (json.dumps(units, ensure_ascii=False, indent=1) + "\n").encode())
+
+
+def save_holding(holding: Holding, folder: str | Path) -> Path:
+    """Write break-away tests as ``folder/holding.csv``, with their header."""
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    file = Path(folder) / HOLDING_FILE
+    table = pa.table({name: pa.array(getattr(holding, name)) for name in _HOLDING})
+    _replace(file, _csv(table, holding.header))
+    return file
 
 
 def _write(trajectories: Sequence[Trajectory], file: Path, header: dict[str, Any], *, with_ids: bool) -> None:
@@ -634,20 +701,24 @@ def _write(trajectories: Sequence[Trajectory], file: Path, header: dict[str, Any
     if any(t.qd_derived for t in trajectories):
         header = {**header, "qd_derived": True}
     table = pa.table(columns)
-    sink = io.BytesIO()
     if file.name.endswith(".parquet"):
-        table = table.replace_schema_metadata({"mrwarp": json.dumps(header)})
-        pyarrow.parquet.write_table(table, sink)
+        sink = io.BytesIO()
+        pyarrow.parquet.write_table(table.replace_schema_metadata({"mrwarp": json.dumps(header)}), sink)
         _replace(file, sink.getvalue())
         return
+    data = _csv(table, header)
+    # no time stamp and a fixed level: the same recording gives the same bytes
+    _replace(file, gzip.compress(data, 6, mtime=0) if file.name.endswith(".gz") else data)
+
+
+def _csv(table: pa.Table, header: dict[str, Any]) -> bytes:
+    """CSV text with the header as ``# key: JSON`` lines; numbers have as many digits as bring them back exactly."""
+    sink = io.BytesIO()
     for key, value in header.items():
         sink.write(f"# {key}: {json.dumps(value)}\n".encode())
     sink.write((",".join(table.column_names) + "\n").encode())
-    options = pyarrow.csv.WriteOptions(include_header=False, quoting_style="needed")
-    pyarrow.csv.write_csv(table, sink, options)
-    # no time stamp and a fixed level: the same recording gives the same bytes
-    data = sink.getvalue()
-    _replace(file, gzip.compress(data, 6, mtime=0) if file.name.endswith(".gz") else data)
+    pyarrow.csv.write_csv(table, sink, pyarrow.csv.WriteOptions(include_header=False, quoting_style="needed"))
+    return sink.getvalue()
 
 
 def _replace(path: Path, data: bytes) -> None:
