@@ -37,6 +37,8 @@ class SimCfg:
     """Run MuJoCo-Warp's steps as captured graphs; ``mjbatch`` has nothing to capture."""
 
     def __post_init__(self) -> None:
+        if self.threads < 0:
+            raise ValueError(f"threads = {self.threads} must be 0 (all) or more")
         if self.num_envs < 1:
             raise ValueError(f"num_envs = {self.num_envs} must be at least 1")
         if not 0.0 < self.dt <= 0.02:
@@ -141,14 +143,15 @@ class Sim:
             outputs=fields,
             device=self.device,
         )
-        self._clear_feet(mask)
+        self._clear_last_step(mask)
         self.refresh()
 
     def refresh(self) -> None:
-        """Read the state again after somebody wrote to it; foot forces keep their last value."""
-        f_foot = wp.clone(self.f_foot)
+        """Read the state again after somebody wrote to it; foot forces and brake torques keep their last value."""
+        kept = [(array, wp.clone(array)) for array in (self.f_foot, self.friction)]
         self._record_gather(self._no_bound).launch()
-        wp.copy(self.f_foot, f_foot)
+        for array, copy in kept:
+            wp.copy(array, copy)
 
     def push(self, body: str, force: np.ndarray) -> None:
         """Apply a force at a body's centre of mass from now on, until called again [N], world frame, shape (E, 3).
@@ -207,9 +210,11 @@ class Sim:
         model = self.scene.model
         return named([model.body(i).name for i in range(model.nbody)], body, "body")
 
-    def _clear_feet(self, mask: wp.array) -> None:
-        feet = wp.to_torch(self.f_foot)
-        feet[wp.to_torch(mask)] = 0.0
+    def _clear_last_step(self, mask: wp.array) -> None:
+        """Masked environments forget foot forces, brake torques and pushes."""
+        rows = wp.to_torch(mask)
+        for array in (self.f_foot, self.friction, self.backend.field("xfrc_applied")):
+            wp.to_torch(array)[rows] = 0.0
 
     def _record_apply(self, tau: wp.array, bound: wp.array) -> wp.Launch:
         return record(

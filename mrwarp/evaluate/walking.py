@@ -62,7 +62,8 @@ class GateCheck:
     """The walking gate's own batch of environments, built once and used for every check.
 
     Args:
-        cfg: The training task; evaluated as the nominal robot without noise, randomisation and pushes, SAL on.
+        cfg: The training task; evaluated as the nominal robot without noise, randomisation and pushes, with SAL
+            on unless the task has it off.
         gate: The limits.
         seed: Seed of the initial poses and gait phases.
     """

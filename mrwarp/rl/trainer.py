@@ -113,7 +113,8 @@ class Trainer:
                 if self.seconds - saved >= self.cfg.save_every:
                     self.save()
                     saved = self.seconds
-            if not self._stop and not self.gate_passed:
+            checked_now = bool(self.gate_rows) and self.gate_rows[-1]["iteration"] == self.iteration
+            if not self._stop and not checked_now:
                 self._check_gate(writer)
             self.seconds = time.perf_counter() - started
             return self._finish()
@@ -267,13 +268,16 @@ def task(cfg: EnvCfg) -> dict[str, Any]:
     return {
         "robot": cfg.robot,
         "payload": cfg.payload,
+        "asset": cfg.asset,
         "actuator": cfg.actuator_model,
+        "actuator_file": cfg.actuator_file,
         "coupling": cfg.actuator.coupling.value,
         "hold_current": cfg.actuator.hold_current.value,
         "z_step": cfg.actuator.z_step.value,
         "sal": cfg.actuator.sal,
         "num_envs": cfg.sim.num_envs,
         "device": cfg.sim.device,
+        "engine": cfg.sim.engine.value,
         "action_scale": cfg.action_scale,
         "step_dt": cfg.step_dt,
         "gait_frequency": cfg.gait_frequency,

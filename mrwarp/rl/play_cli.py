@@ -1,0 +1,304 @@
+"""Command line of the player: ``python train/play.py`` and ``mrwarp play`` are this."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import shlex
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import torch
+
+from mrwarp.actuator import Coupling, HoldCurrent, ZStep
+from mrwarp.asset import AssetError
+from mrwarp.env.cfg import ACTUATORS, EnvCfg, make_walk_cfg
+from mrwarp.params import ParameterError
+from mrwarp.quiet import quiet_libraries
+from mrwarp.results import write_result
+from mrwarp.rl.policy import OnnxPolicy, PolicyError
+from mrwarp.rl.train_cli import check_device, positive
+from mrwarp.robot import CURRENT_GROUPS
+
+if TYPE_CHECKING:
+    from mrwarp.rl.play import Player
+
+PROG = "train/play.py"
+WARMUP = 2.0
+"""Longest time to get going that is shown but not measured [s]; at most a quarter of the run."""
+
+MAX_SHOWN = 8
+"""Most robots that are drawn; with more environments these are spread over all of them."""
+
+Actor = Callable[[Any], torch.Tensor]
+"""Observations to actions (E, 12)."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Refuses in one line, without the usage."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}; see --help\n")
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The options of ``train/play.py``."""
+    parser = _Parser(
+        prog=PROG,
+        description="Run a policy with one robot per MR current side by side, and show it in rerun, in a recording or "
+        "in a picture. Without --rrd, --connect, --serve-web, --png and --out, rerun's window opens.",
+    )
+    who = parser.add_mutually_exclusive_group(required=True)
+    who.add_argument("--policy", metavar="FILE", help="exported policy (.onnx), as train/ppo.py writes it")
+    who.add_argument("--agent", choices=("zero", "random"), help="no policy: stand still, or move at random")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--live", action="store_true", help="open rerun's window, also beside --png and --out")
+    where.add_argument("--rrd", type=Path, metavar="FILE", help="save a recording for 'rerun FILE'")
+    where.add_argument("--connect", nargs="?", const="", metavar="URL", help="send to a viewer that runs already")
+    where.add_argument("--serve-web", action="store_true", help="show in a browser on this machine")
+    parser.add_argument("--web-port", type=positive, metavar="PORT", help="port of --serve-web (default: 9090 if free)")
+    parser.add_argument("--png", type=Path, metavar="FILE", help="save a picture: five instants and time series")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for result.json, the measured figures")
+    parser.add_argument("--num-envs", type=positive, default=len(CURRENT_GROUPS), help="robots (default: 4)")
+    parser.add_argument("--current", type=_current, nargs="+", metavar="A", default=list(CURRENT_GROUPS),
+                        help="currents I_e [A], over equal groups of robots (default: 0 0.5 1 1.5)")  # fmt: skip
+    parser.add_argument("--speed", type=_finite, default=0.5, help="commanded forward speed [m/s] (default: 0.5)")
+    parser.add_argument("--seconds", type=_duration, default=10.0, help="time shown [s] (default: 10)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of initial poses and of --agent random (default: 0)")
+    parser.add_argument("--device", default="cpu", help="cpu or cuda:N (default: cpu)")
+    task = parser.add_argument_group("robot", "the default of each is what the policy was trained with")
+    task.add_argument("--robot", choices=("mr_go", "go1"), help="robot variant of the USD asset")
+    task.add_argument("--payload", type=int, choices=(0, 3), help="payload variant [kg]")
+    task.add_argument("--sal", choices=("on", "off"), help="whether the gates may open")
+    task.add_argument("--asset", help="another USD file than assets/usd/mr_go.usda")
+    task.add_argument("--actuator", choices=ACTUATORS, help="torque model of the MR joint")
+    task.add_argument("--actuator-model", metavar="FILE", help="trained network of --actuator mlp, lstm or pg_rlstm")
+    task.add_argument("--coupling", choices=_values(Coupling), help="how the device acts")
+    task.add_argument("--hold-current", choices=_values(HoldCurrent), help="current while holding")
+    return parser
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run and show; 0 when done, 1 when a recording failed, 2 on bad input, 130 after Ctrl-C."""
+    argv = sys.argv[1:] if argv is None else argv
+    try:
+        args = make_parser().parse_args(argv)
+    except SystemExit as leaving:
+        return leaving.code if isinstance(leaving.code, int) else 2
+    quiet_libraries()
+    try:
+        return _play(args, argv)
+    except KeyboardInterrupt:
+        print("\nstopped", file=sys.stderr)
+        return 130
+
+
+def _play(args: argparse.Namespace, argv: list[str]) -> int:
+    """Prepare everything, so that nothing is written when something is wrong, then play."""
+    from mrwarp.evaluate.walking import make_env
+    from mrwarp.rl.play import Player
+    from mrwarp.viewing.stream import ViewerError
+
+    try:
+        check_device(args.device)
+        for path, suffix in ((args.rrd, ".rrd"), (args.png, ".png"), (args.out, "")):
+            check_output(path, suffix)
+        policy = load_policy(args.policy) if args.policy else None
+        cfg = make_cfg(args, policy.description.get("task", {}) if policy else {})
+        env = make_env(cfg, args.num_envs, args.seed)
+        actor = on_device(policy, env.device) if policy else make_agent(args.agent, env)
+        player = Player(env, actor, speed=args.speed, shown=shown(args.num_envs))
+        player.open(
+            rrd=args.rrd,
+            url=None if args.connect is None else args.connect or "default",
+            web=args.serve_web,
+            web_port=args.web_port,
+            window=args.live or not any((args.rrd, args.connect is not None, args.serve_web, args.png, args.out)),
+            keep=args.png is not None,
+        )
+    except (AssetError, ParameterError, PolicyError, ViewerError, ValueError, OSError) as error:
+        print(f"{PROG}: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    try:
+        return _run(args, argv, player)
+    finally:
+        player.end()
+
+
+def _run(args: argparse.Namespace, argv: list[str], player: Player) -> int:
+    """Play, then write what was asked for."""
+    cfg, agent = player.env.cfg, args.policy or f"agent {args.agent}"
+    print(
+        f"{agent}: {len(player.currents)} of {args.num_envs} robots shown ({cfg.robot}, payload {cfg.payload} kg, "
+        f"SAL {'on' if cfg.actuator.sal else 'off'}), {args.speed:g} m/s for {args.seconds:g} s",
+        flush=True,
+    )
+    if player.page:
+        print(f"open {player.page}", flush=True)
+    started = time.perf_counter()
+    figures: dict[str, Any] = {}
+    code = 0
+    try:
+        figures = player.play(args.seconds, warmup=min(WARMUP, 0.25 * args.seconds))
+    except KeyboardInterrupt:
+        print("\nstopped", file=sys.stderr)
+        code = 130
+    except RuntimeError as error:
+        print(f"{PROG}: {error}", file=sys.stderr)
+        code = 1
+    wall = time.perf_counter() - started
+    if not player.close():
+        print(f"{PROG}: the viewer did not take everything ({player.dropped} frames dropped)", file=sys.stderr)
+    if args.rrd:
+        print(f"recording: {args.rrd}; open it with: rerun {args.rrd}")
+    if args.png and len(player.frames) > 1:
+        where = f"{cfg.robot}, payload {cfg.payload} kg, command {args.speed:g} m/s, seed {args.seed}"
+        player.picture(args.png, f"{Path(agent).name} on {where}")
+        print(f"picture: {args.png}")
+    if figures:
+        _report(figures, wall)
+        if args.out:
+            figures |= {"wall_seconds": wall, "dropped_frames": player.dropped, "currents": player.currents}
+            command = f"python {PROG} {shlex.join(argv)}"
+            print(f"figures: {write_result(args.out, figures, seed=args.seed, command=command)}")
+        if player.page:
+            _wait_for_interrupt()
+    return code
+
+
+def make_cfg(args: argparse.Namespace, task: dict[str, Any]) -> EnvCfg:
+    """The task to play: what the command line says, else what the policy was trained with.
+
+    Args:
+        args: Parsed options.
+        task: The policy's task, as :func:`mrwarp.rl.trainer.task` describes it; empty without a policy.
+
+    Raises:
+        ValueError: the policy was made for another action scale or rate than this version has.
+    """
+
+    def chosen(option: Any, name: str, default: Any) -> Any:
+        return task.get(name, default) if option is None else option
+
+    sal = task.get("sal", True) if args.sal is None else args.sal == "on"
+    cfg = make_walk_cfg(
+        num_envs=args.num_envs,
+        device=args.device,
+        seed=args.seed,
+        robot=chosen(args.robot, "robot", "mr_go"),
+        payload=chosen(args.payload, "payload", 0),
+        asset=args.asset,
+        actuator_model=chosen(args.actuator, "actuator", "bouc_wen"),
+        actuator_file=args.actuator_model,
+        coupling=Coupling(chosen(args.coupling, "coupling", "constraint")),
+        hold_current=HoldCurrent(chosen(args.hold_current, "hold_current", "support")),
+        z_step=ZStep(task.get("z_step", "euler")),
+        sal=sal,
+    )
+    for name in ("action_scale", "step_dt", "gait_frequency"):
+        if name in task and not math.isclose(task[name], getattr(cfg, name)):
+            raise ValueError(f"{args.policy}: made for {name} = {task[name]}, this version has {getattr(cfg, name)}")
+    return replace(cfg, currents=tuple(args.current))
+
+
+def load_policy(path: str) -> OnnxPolicy:
+    """Load a policy and try it once.
+
+    Raises:
+        PolicyError: it cannot be used.
+    """
+    policy = OnnxPolicy(path)
+    try:
+        actions = policy(torch.zeros(1, 47))
+    except Exception as error:  # a graph of other layers or sizes fails in as many ways as torch knows
+        raise PolicyError(f"{path}: does not run ({error}); use a policy exported by train/ppo.py") from error
+    if tuple(actions.shape) != (1, 12):
+        raise PolicyError(f"{path}: gives actions of shape {tuple(actions.shape)}, needed is (1, 12)")
+    return policy
+
+
+def on_device(policy: OnnxPolicy, device: torch.device | str) -> Actor:
+    """The policy for observations on another device; it runs on the CPU."""
+    return lambda obs: policy(obs["actor"].cpu()).to(device)
+
+
+def make_agent(name: str, env: Any) -> Actor:
+    """Actions without a policy: ``zero`` keeps the neutral stance, ``random`` draws from [-1, 1)."""
+    shape = (env.num_envs, env.num_actions)
+    if name == "zero":
+        return lambda _: torch.zeros(shape, device=env.device)
+    generator = torch.Generator(device=env.device).manual_seed(env.cfg.seed)
+    return lambda _: 2.0 * torch.rand(shape, generator=generator, device=env.device) - 1.0
+
+
+def shown(num_envs: int) -> list[int]:
+    """Which environments are drawn: all, or :data:`MAX_SHOWN` spread over them."""
+    count = min(num_envs, MAX_SHOWN)
+    return [(2 * k + 1) * num_envs // (2 * count) for k in range(count)]
+
+
+def check_output(path: Path | None, suffix: str) -> None:
+    """Raise ValueError unless the path can become a file (or with no suffix, a folder)."""
+    if path is None:
+        return
+    if suffix and path.suffix != suffix:
+        raise ValueError(f"{path}: the file's name must end with {suffix}")
+    if path.is_dir() if suffix else path.exists() and not path.is_dir():
+        raise ValueError(f"{path}: is a {'folder, name a file in it' if suffix else 'file, name a folder'}")
+    existing = next(parent for parent in (path.absolute(), *path.absolute().parents) if parent.exists())
+    if existing != path.absolute() and not existing.is_dir() or not os.access(existing, os.W_OK):
+        raise ValueError(f"{path}: cannot be written, {existing} is no folder with write access")
+
+
+def _report(figures: dict[str, Any], wall: float) -> None:
+    """Print what was measured."""
+    simulated = figures["shown_seconds"]
+    print(f"simulated {simulated:g} s in {wall:.1f} s ({simulated / wall:.1f} times real time)")
+    print("current [A]   v_x RMSE [m/s]")
+    for current, rmse in figures["v_x_rmse_by_current"].items():
+        print(f"{current:>11s}   {rmse:14.3f}")
+    print(
+        f"trunk height {figures['height']:.3f} m, stride {figures['stride_frequency']:.2f} Hz, contacts on the clock "
+        f"{figures['clock_match']:.0%}, gates open: hold {figures['hold_share']:.0%}, dynamic "
+        f"{figures['dynamic_share']:.0%}, falls {len(figures['falls'])}"
+    )
+
+
+def _wait_for_interrupt() -> None:
+    print("the page stays until Ctrl-C", flush=True)
+    try:
+        while True:
+            time.sleep(1.0)
+    except KeyboardInterrupt:
+        print()
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text} must be a finite number")
+    return value
+
+
+def _duration(text: str) -> float:
+    value = _finite(text)
+    if value < 1.0:
+        raise argparse.ArgumentTypeError(f"{text} must be at least 1 s")
+    return value
+
+
+def _current(text: str) -> float:
+    value = _finite(text)
+    if value < 0.0:
+        raise argparse.ArgumentTypeError(f"{text} must not be below 0 A")
+    return value
+
+
+def _values(choices: type[Enum]) -> list[str]:
+    return [member.value for member in choices]

@@ -1,0 +1,110 @@
+"""The gait clock and the feet: diagonal trot, swing profile, and forward kinematics against MuJoCo."""
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from mrwarp.env import gait
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.sim import robot_scene
+from mrwarp.env.sim_model import Scene
+from mrwarp.env.vec_env import WalkEnv
+from mrwarp.robot import DEFAULT_Q, LEGS, STAND_HEIGHT
+
+STEP_HEIGHT = 0.06
+
+FK_TOLERANCE = 1e-6
+"""Lengths of 0.4 m in float32 (2.4e-8 m) after some twenty roundings, with margin [m]."""
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    """The robot as MuJoCo sees it."""
+    return robot_scene()
+
+
+@pytest.fixture()
+def clock() -> torch.Tensor:
+    """A fine clock over one cycle, without the exact switching instants."""
+    return (torch.arange(400) + 0.5) / 400
+
+
+def test_leg_phase_is_a_diagonal_trot(clock: torch.Tensor) -> None:
+    """FL goes with RR, FR with RL, and the pairs are half a cycle apart."""
+    legs = gait.leg_phase(clock)
+    assert legs.shape == (400, 4) and float(legs.min()) >= 0.0 and float(legs.max()) < 1.0
+    fl, fr, rl, rr = (legs[:, LEGS.index(leg)] for leg in ("FL", "FR", "RL", "RR"))
+    assert torch.equal(fl, rr) and torch.equal(fr, rl) and torch.equal(fl, clock)
+    half = torch.remainder(fl - fr, 1.0)
+    torch.testing.assert_close(half, torch.full_like(half, 0.5), rtol=0.0, atol=1e-6)  # two float32 roundings near 1
+
+
+def test_clock_wants_exactly_one_diagonal_pair_on_the_ground(clock: torch.Tensor) -> None:
+    """At any instant two feet stand, a diagonal pair, and each foot stands half of the time."""
+    stance = gait.clock_stance(gait.leg_phase(clock))
+    assert stance.dtype == torch.bool
+    assert bool((stance.sum(1) == 2).all())
+    assert torch.equal(stance[:, 0], stance[:, 3]) and torch.equal(stance[:, 1], stance[:, 2])
+    assert stance.sum(0).tolist() == [200] * 4
+
+
+def test_swing_clearance_is_zero_in_stance_and_a_half_sine_in_swing(clock: torch.Tensor) -> None:
+    """Exactly 0 on the ground; h*sin(pi*s) over the swing with its top at mid swing."""
+    legs = gait.leg_phase(clock)
+    clearance = gait.swing_clearance(legs, STEP_HEIGHT)
+    stance = gait.clock_stance(legs)
+    assert bool((clearance[stance] == 0.0).all())
+    swing = 2.0 * legs[~stance].double().numpy() - 1.0
+    expected = STEP_HEIGHT * np.sin(np.pi * swing)
+    np.testing.assert_allclose(clearance[~stance].numpy(), expected, rtol=0.0, atol=3e-8)  # float32 of 0.06 and sin
+    top = gait.swing_clearance(torch.tensor([0.75]), STEP_HEIGHT)
+    assert float(top) == pytest.approx(STEP_HEIGHT, rel=1e-6)
+
+
+def test_foot_height_equals_mujocos_kinematics(scene: Scene) -> None:
+    """Lowest point of each foot sphere for random joints, trunk heights and any attitude, against ``mj_kinematics``."""
+    model, data, rng = scene.model, mujoco.MjData(scene.model), np.random.default_rng(0)
+    names = [model.geom(i).name for i in range(model.ngeom)]
+    feet = [next(i for i, name in enumerate(names) if f"/{leg}_foot" in name) for leg in LEGS]
+    assert model.geom_size[feet, 0] == pytest.approx(gait.FOOT_RADIUS, rel=1e-6)  # float32 on its way through Newton
+    count = 50
+    q = np.stack([rng.uniform(model.jnt_range[1:, 0], model.jnt_range[1:, 1]) for _ in range(count)])
+    quat = rng.normal(size=(count, 4))
+    quat /= np.linalg.norm(quat, axis=1, keepdims=True)
+    root_z = rng.uniform(0.1, 0.6, size=count)
+    expected, up = np.empty((count, 4)), np.empty((count, 3))
+    for k in range(count):
+        data.qpos[:3], data.qpos[3:7] = (0.3, -0.2, root_z[k]), quat[k]
+        data.qpos[scene.q_adr] = q[k]
+        mujoco.mj_kinematics(model, data)
+        expected[k] = data.geom_xpos[feet, 2] - gait.FOOT_RADIUS
+        up[k] = data.xmat[1].reshape(3, 3)[2]
+    found = gait.foot_height(*(torch.tensor(a, dtype=torch.float32) for a in (q, root_z, up)))
+    np.testing.assert_allclose(found.numpy(), expected, rtol=0.0, atol=FK_TOLERANCE)
+
+
+def test_feet_of_the_neutral_stance_touch_the_ground() -> None:
+    """At the stance height, which robot.py rounds to a millimetre, all four feet are at 0."""
+    q, up = torch.tensor([DEFAULT_Q]), torch.tensor([[0.0, 0.0, 1.0]])
+    height = gait.foot_height(q, torch.tensor([STAND_HEIGHT]), up)
+    np.testing.assert_allclose(height.numpy(), 0.0, atol=5e-4)
+
+
+def test_env_clock_runs_at_the_gait_frequency() -> None:
+    """1.5 Hz at 20 ms steps: 0.03 cycles per step, and after 2 s, three cycles, the clock is where it was."""
+    env = WalkEnv(make_walk_cfg(num_envs=3, seed=1))
+    start = env.phase.clone()
+    env.step(torch.zeros(3, 12))
+    first = torch.remainder(env.phase - start, 1.0)
+    torch.testing.assert_close(first, torch.full_like(first, 0.03), rtol=0.0, atol=2e-7)  # float32 near 1
+    for _ in range(99):
+        env.step(torch.zeros(3, 12))
+    assert bool((env.phase >= 0.0).all()) and bool((env.phase < 1.0).all())
+    angle = 2.0 * math.pi * (env.phase - start)
+    torch.testing.assert_close(torch.cos(angle), torch.ones(3), rtol=0.0, atol=1e-6)
+    torch.testing.assert_close(
+        torch.sin(angle), torch.zeros(3), rtol=0.0, atol=6e-5
+    )  # 100 roundings of 6e-8, times 2pi

@@ -1,0 +1,72 @@
+"""When an episode ends: falls by height, tilt or broken state, and the time limit."""
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import torch
+
+from mrwarp.env import terminations
+from mrwarp.env.cfg import EnvCfg
+
+NAN, INF = float("nan"), float("inf")
+
+
+def make_state(num_envs: int = 4) -> Any:
+    """Robots that stand upright at 0.32 m, at rest."""
+    return SimpleNamespace(
+        cfg=EnvCfg(),
+        root_pos=torch.tensor([0.0, 0.0, 0.32]).repeat(num_envs, 1),
+        gravity=torch.tensor([0.0, 0.0, -1.0]).repeat(num_envs, 1),
+        root_vel=torch.zeros(num_envs, 3),
+        root_ang=torch.zeros(num_envs, 3),
+        q=torch.zeros(num_envs, 12),
+        qd=torch.zeros(num_envs, 12),
+        episode_length_buf=torch.zeros(num_envs, dtype=torch.long),
+        max_episode_length=10,
+    )
+
+
+def test_upright_robots_have_not_fallen() -> None:
+    """The neutral state ends no episode; the answer is bool of shape (E,)."""
+    fallen = terminations.fallen(make_state())
+    assert fallen.dtype == torch.bool and fallen.tolist() == [False] * 4
+
+
+def test_fallen_by_height_at_the_limit() -> None:
+    """Just above the limit stands, at and below it has fallen."""
+    state = make_state()
+    limit = state.cfg.fall_height
+    state.root_pos[:, 2] = torch.tensor([limit + 1e-3, limit, limit - 1e-3, -0.5])
+    assert terminations.fallen(state).tolist() == [False, True, True, True]
+
+
+def test_fallen_by_tilt_at_the_limit() -> None:
+    """Leaning by less than the limit stands, by more has fallen, also upside down; the direction does not matter."""
+    state = make_state(5)
+    limit = state.cfg.fall_tilt
+    for env, (tilt, heading) in enumerate([(limit - 0.01, 0), (limit + 0.01, 0), (limit + 0.01, 2), (3.1, 1), (0, 0)]):
+        horizontal = math.sin(tilt)
+        direction = [horizontal * math.cos(heading), horizontal * math.sin(heading), -math.cos(tilt)]
+        state.gravity[env] = torch.tensor(direction)
+    assert terminations.fallen(state).tolist() == [False, True, True, True, False]
+
+
+@pytest.mark.parametrize("value", [NAN, INF, -INF])
+@pytest.mark.parametrize("name", ["root_pos", "gravity", "root_vel", "root_ang", "q", "qd"])
+def test_a_state_that_is_no_number_counts_as_fallen(name: str, value: float) -> None:
+    """NaN or infinity in the pose, a velocity or a joint of one environment ends that one and no other."""
+    state = make_state()
+    getattr(state, name)[2, 2] = -value  # infinitely high is as broken as infinitely low
+    getattr(state, name)[1, 2] = value
+    fallen = terminations.fallen(state).tolist()
+    assert (fallen[0], fallen[3]) == (False, False)
+    assert (fallen[1], fallen[2]) == (True, True)
+
+
+def test_timed_out_at_the_episodes_length() -> None:
+    """The episode is over at its last step, not before."""
+    state = make_state()
+    state.episode_length_buf = torch.tensor([0, 9, 10, 11])
+    assert terminations.timed_out(state).tolist() == [False, False, True, True]

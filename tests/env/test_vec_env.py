@@ -1,0 +1,423 @@
+"""WalkEnv as an rsl-rl ``VecEnv``: the contract, episodes, masked reset, resume, and reproducibility to the bit."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from rsl_rl.env import VecEnv
+from tensordict import TensorDict
+
+from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.env.vec_env import WalkEnv
+from mrwarp.robot import DEFAULT_Q, STAND_HEIGHT
+
+NEUTRAL = torch.tensor(DEFAULT_Q)
+
+
+def make_cfg(num_envs: int = 8, *, seed: int = 0, threads: int = 0, **changes: Any) -> EnvCfg:
+    """The training task, with noise and randomisation, and changes to it."""
+    return replace(make_walk_cfg(num_envs=num_envs, seed=seed, threads=threads), **changes)
+
+
+def random_actions(steps: int, num_envs: int, *, scale: float = 0.5, seed: int = 0) -> list[torch.Tensor]:
+    """Uniform actions in [-scale, scale)."""
+    generator = torch.Generator().manual_seed(seed)
+    return [scale * (2.0 * torch.rand(num_envs, 12, generator=generator) - 1.0) for _ in range(steps)]
+
+
+def assert_same_step(first: tuple, second: tuple, rows: Any = slice(None)) -> None:
+    """Observations, rewards, dones and time-outs of two steps have the same bits in the given environments."""
+    for group in ("actor", "critic"):
+        assert torch.equal(first[0][group][rows], second[0][group][rows]), group
+    assert torch.equal(first[1][rows], second[1][rows])
+    assert torch.equal(first[2][rows], second[2][rows])
+    assert torch.equal(first[3]["time_outs"][rows], second[3]["time_outs"][rows])
+
+
+def assert_same_state(first: WalkEnv, second: WalkEnv) -> None:
+    """Everything that a resumed run needs has the same bits."""
+    ours, theirs = first.state(), second.state()
+    assert ours.keys() == theirs.keys()
+    for name in ours:
+        assert torch.equal(ours[name], theirs[name]), name
+
+
+def test_contract_of_shapes_types_and_devices() -> None:
+    """What rsl-rl reads: attributes, groups with the batch size, float rewards, bool dones, time-outs in extras."""
+    env = WalkEnv(make_cfg(8))
+    assert isinstance(env, VecEnv)
+    assert (env.num_envs, env.num_actions, env.max_episode_length) == (8, 12, 1000)
+    assert torch.device(env.device) == torch.device("cpu")
+    assert env.episode_length_buf.dtype == torch.long and env.episode_length_buf.tolist() == [0] * 8
+    start = env.get_observations()
+    obs, reward, done, extras = env.step(torch.zeros(8, 12))
+    for groups in (start, obs):
+        assert isinstance(groups, TensorDict) and groups.batch_size == torch.Size([8])
+        assert set(groups.keys()) == {"actor", "critic"}
+        assert groups["actor"].shape == (8, 47)
+        assert groups["critic"].shape == start["critic"].shape == (8, 82)
+        assert {groups[name].dtype for name in ("actor", "critic")} == {torch.float32}
+        assert {groups[name].device for name in ("actor", "critic")} == {torch.device("cpu")}
+    assert reward.shape == (8,) and reward.dtype == torch.float32
+    assert done.shape == (8,) and done.dtype == torch.bool
+    assert set(extras) == {"time_outs"}
+    assert extras["time_outs"].shape == (8,) and extras["time_outs"].dtype == torch.bool
+    assert env.episode_length_buf.tolist() == [1] * 8
+
+
+def test_two_hundred_random_steps_stay_finite_and_solved() -> None:
+    """Strong random actions, with falls and resets: all numbers finite, one solve in a thousand may be unconverged."""
+    env = WalkEnv(make_cfg(16, seed=3))
+    falls = 0
+    for action in random_actions(200, 16, scale=3.0, seed=1):
+        obs, reward, done, extras = env.step(action)
+        for values in (obs["actor"], obs["critic"], reward):
+            assert bool(torch.isfinite(values).all())
+        assert not bool((extras["time_outs"] & ~done).any())
+        falls += int(done.sum())
+    assert falls > 0
+    assert int(env.sim.unsolved.numpy().sum()) <= 1e-3 * 200 * 4 * 16
+
+
+@pytest.mark.parametrize("num_envs", [1, 8, 10, 64])
+def test_current_groups_are_eq_20(num_envs: int) -> None:
+    """Environment e may use the current of group floor(4e/N), also where N is no multiple of 4."""
+    env = WalkEnv(make_cfg(num_envs))
+    expected = [(0.0, 0.5, 1.0, 1.5)[4 * e // num_envs] for e in range(num_envs)]
+    assert env.current_e.tolist() == expected
+    env.step(torch.zeros(num_envs, 12))
+    env._reset(torch.ones(num_envs, dtype=torch.bool))
+    assert env.current_e.tolist() == expected
+
+
+def test_actions_are_targets_relative_to_the_neutral_stance() -> None:
+    """q_des = q_default + 0.25*action, unclipped, joint by joint; the last two actions are kept."""
+    env = WalkEnv(make_cfg(4))
+    first, second = random_actions(2, 4, scale=2.0)
+    env.step(first)
+    torch.testing.assert_close(env.q_des, NEUTRAL + 0.25 * first, rtol=0.0, atol=2e-7)  # one float32 rounding
+    obs, _, _, _ = env.step(second)
+    torch.testing.assert_close(env.q_des, NEUTRAL + 0.25 * second, rtol=0.0, atol=2e-7)
+    assert torch.equal(env.action, second) and torch.equal(env.last_action, first)
+    assert torch.equal(obs["actor"][:, 33:45], second)
+
+
+def test_actions_are_copied() -> None:
+    """The caller may overwrite the tensor it passed without touching the environment."""
+    env = WalkEnv(make_cfg(4))
+    action = torch.ones(4, 12)
+    env.step(action)
+    action.fill_(9.0)
+    assert torch.equal(env.action, torch.ones(4, 12))
+
+
+def test_returned_tensors_keep_their_values() -> None:
+    """A rollout may store what a step returned: later steps do not write into it."""
+    env = WalkEnv(make_cfg(4, seed=2))
+    actions = random_actions(6, 4)
+    obs, reward, done, extras = env.step(actions[0])
+    held = [obs["actor"], obs["critic"], reward, done, extras["time_outs"], env.body_velocity, env.fallen]
+    copies = [tensor.clone() for tensor in held]
+    for action in actions[1:]:
+        env.step(action)
+    for tensor, copy in zip(held, copies, strict=True):
+        assert torch.equal(tensor, copy)
+
+
+def test_effort_is_the_mean_squared_torque_of_the_policy_step() -> None:
+    """With one torque step per policy step it is the sum of the squared motor torques, from the energy ledger."""
+    env = WalkEnv(make_cfg(4, decimation=1))
+    for action in random_actions(5, 4):
+        env.step(action)
+        expected = env.view(env.actuator.tau_motor).double().square().sum(1)
+        # difference of float32 sums over 5 steps, each 1e-7 of at most 5 times the value
+        torch.testing.assert_close(env.effort.double(), expected, rtol=1e-5, atol=0.0)
+
+
+def test_time_out_comes_at_the_end_of_the_episode() -> None:
+    """Episodes of 0.1 s: steps 1 to 4 end nothing, step 5 is done by time-out in all environments, and so on."""
+    env = WalkEnv(make_cfg(4, episode_seconds=0.1))
+    for step in range(1, 11):
+        _, _, done, extras = env.step(torch.zeros(4, 12))
+        last = step % 5 == 0
+        assert done.tolist() == extras["time_outs"].tolist() == [last] * 4
+        assert env.fallen.tolist() == [False] * 4
+        assert env.episode_length_buf.tolist() == [step % 5] * 4
+
+
+def test_a_fall_is_no_time_out_even_in_the_last_step() -> None:
+    """A robot on its back is done without bootstrapping, whether or not its time is also up."""
+    env = WalkEnv(make_cfg(4, episode_seconds=0.1))
+    for _ in range(3):
+        env.step(torch.zeros(4, 12))
+    qpos = env.view(env.sim.backend.field("qpos"))
+    qpos[1, 3:7] = torch.tensor([0.0, 1.0, 0.0, 0.0], dtype=qpos.dtype)
+    _, _, done, extras = env.step(torch.zeros(4, 12))
+    assert done.tolist() == env.fallen.tolist() == [False, True, False, False]
+    assert extras["time_outs"].tolist() == [False] * 4
+    assert env.episode_length_buf.tolist() == [4, 0, 4, 4]
+    qpos[2, 3:7] = torch.tensor([0.0, 1.0, 0.0, 0.0], dtype=qpos.dtype)
+    _, _, done, extras = env.step(torch.zeros(4, 12))
+    assert done.tolist() == [True, False, True, True]
+    assert env.fallen.tolist() == [False, False, True, False]
+    assert extras["time_outs"].tolist() == [True, False, False, True]
+    assert env.episode_length_buf.tolist() == [0, 1, 0, 0]
+
+
+def test_episode_length_buf_may_be_replaced() -> None:
+    """rsl-rl assigns a new tensor to spread the episodes; the time limit follows it."""
+    env = WalkEnv(make_cfg(4, episode_seconds=0.2))
+    env.episode_length_buf = torch.tensor([0, 3, 8, 9])
+    _, _, done, _ = env.step(torch.zeros(4, 12))
+    assert done.tolist() == [False, False, False, True]
+    _, _, done, _ = env.step(torch.zeros(4, 12))
+    assert done.tolist() == [False, False, True, False]
+
+
+def test_a_new_episode_starts_near_the_neutral_stance() -> None:
+    """After a reset: pose and speed near the stance, no contact, no past in action, actuator or critic."""
+    env = WalkEnv(make_cfg(16, episode_seconds=0.2))
+    for action in random_actions(10, 16, scale=1.0):
+        obs, _, done, _ = env.step(action)
+    assert bool(done.all())
+    np.testing.assert_allclose(env.root_pos[:, 2].numpy(), STAND_HEIGHT + 0.01, rtol=1e-6)
+    assert torch.equal(env.root_pos[:, :2], torch.zeros(16, 2))
+    assert torch.equal(env.gravity, torch.tensor([0.0, 0.0, -1.0]).expand(16, 3))
+    assert float((env.q - NEUTRAL).abs().max()) <= 0.1 + 1e-6
+    assert float(env.root_vel.abs().max()) <= 0.1 and float(env.root_ang.abs().max()) <= 0.1
+    assert float((env.q - NEUTRAL).abs().max()) > 0.05 and len(env.phase.unique()) == 16
+    device = env.actuator
+    for zero in (env.action, env.last_action, env.qd, env.f_foot, obs["actor"][:, 33:45]):
+        assert not bool(zero.any())
+    for array in (device.z, device.current, device.ledger, device.tau_motor, device.m_dyn, device.m_hold):
+        assert not array.numpy().any()
+    torch.testing.assert_close(env.q_des, NEUTRAL.expand(16, 12), rtol=0.0, atol=0.0)
+
+
+def test_observations_of_a_done_step_belong_to_the_new_episode() -> None:
+    """What step returns with done is the first observation of the next episode (reset, then observe)."""
+    env = WalkEnv(make_cfg(4, episode_seconds=0.1, noise=None))
+    for action in random_actions(5, 4, scale=1.0):
+        obs, _, done, _ = env.step(action)
+    assert bool(done.all())
+    again = env.get_observations()
+    assert torch.equal(obs["actor"], again["actor"]) and torch.equal(obs["critic"], again["critic"])
+    assert torch.equal(obs["actor"][:, 9:21], env.q - NEUTRAL)
+
+
+def test_masked_reset_leaves_other_environments_bit_equal() -> None:
+    """Environments 1 and 4 start over; the others keep their state and their next 20 steps.
+
+    All random draws are made for the whole batch, so a twin that draws from the same point of the generator gets the
+    same noise, pushes and commands; only who uses them differs.
+    """
+    env, twin = WalkEnv(make_cfg(8, seed=5)), WalkEnv(make_cfg(8, seed=5))
+    actions = random_actions(35, 8)
+    for action in actions[:15]:
+        env.step(action)
+        twin.step(action)
+    mask = torch.tensor([False, True, False, False, True, False, False, False])
+    env._reset(mask)
+    env._update_derived()
+    twin.generator.set_state(env.generator.get_state())
+    ours, theirs = env.state(), twin.state()
+    for name in ours.keys() - {"generator", "actuator/head", "sim/friction"}:
+        assert torch.equal(ours[name][~mask], theirs[name][~mask]), name
+    assert torch.equal(ours["actuator/head"], theirs["actuator/head"])
+    assert bool((ours["q_des"][mask] != theirs["q_des"][mask]).any())
+    for action in actions[15:]:
+        first, second = env.step(action), twin.step(action)
+        assert not bool(first[2].any()) and not bool(second[2].any())  # a later reset would shift the draws
+        assert_same_step(first, second, rows=~mask)
+        assert bool((first[0]["actor"][mask] != second[0]["actor"][mask]).any())
+
+
+def test_masked_reset_leaves_the_brake_torque_of_others() -> None:
+    """The brake torque of the last step belongs to the environments that go on; a reset of others leaves it."""
+    env = WalkEnv(make_cfg(4, seed=5))
+    for action in random_actions(5, 4):
+        env.step(action)
+    before = env.view(env.sim.friction).clone()
+    assert bool(before[1:].any(1).all())
+    env._reset(torch.tensor([True, False, False, False]))
+    assert torch.equal(env.view(env.sim.friction)[1:], before[1:])
+
+
+def test_a_step_with_resets_leaves_other_environments_bit_equal() -> None:
+    """The same through step itself, without draws: two robots fall over, six go on as if nothing had happened."""
+    changes = {"noise": None, "randomize": None}
+    changes["commands"] = replace(make_cfg().commands, period=float("inf"))
+    env, twin = WalkEnv(make_cfg(8, seed=6, **changes)), WalkEnv(make_cfg(8, seed=6, **changes))
+    mask = torch.tensor([False, False, True, False, False, False, False, True])
+    actions = random_actions(30, 8)
+    for step, action in enumerate(actions):
+        env.view(env.sim.backend.field("qpos"))[mask, 2] += -0.3 * (step == 10)
+        first, second = env.step(action), twin.step(action)
+        assert torch.equal(first[2], mask & (step == 10)) and not bool(second[2].any())
+        assert_same_step(first, second, rows=~mask)
+
+
+@pytest.mark.parametrize("inference", [False, True])
+def test_state_goes_on_bit_equal(inference: bool) -> None:
+    """With noise, randomisation, pushes and resets: another object that loads the state repeats 30 steps exactly.
+
+    The other object has a past of its own, also one under ``torch.inference_mode``, as in training.
+    """
+    cfg = make_cfg(8, seed=7, episode_seconds=0.7)
+    env, other = WalkEnv(cfg), WalkEnv(cfg)
+    actions = random_actions(50, 8, scale=1.0)
+    for action in actions[:20]:
+        env.step(action)
+    with torch.inference_mode(inference):
+        for action in actions[30:37]:
+            other.step(action)
+    state = {name: value.clone() for name, value in env.state().items()}
+    other.load_state(state)
+    assert_same_state(env, other)
+    resets = 0
+    for action in actions[20:]:
+        first, second = env.step(action), other.step(action)
+        assert_same_step(first, second)
+        assert_same_state(env, other)  # float64: sees what observations round away
+        resets += int(first[2].sum())
+    assert resets > 0
+
+
+def test_state_is_a_copy() -> None:
+    """Stepping on does not change a state that was taken, and loading does not tie the environment to it."""
+    env = WalkEnv(make_cfg(4))
+    actions = random_actions(6, 4)
+    env.step(actions[0])
+    state = env.state()
+    copies = {name: value.clone() for name, value in state.items()}
+    env.step(actions[1])
+    env.load_state(state)
+    for action in actions[2:]:
+        env.step(action)
+    for name, value in state.items():
+        assert torch.equal(value, copies[name]), name
+
+
+def test_load_state_restores_the_last_observations() -> None:
+    """The policy's next input is what it was when the state was taken, noise included."""
+    env = WalkEnv(make_cfg(4))
+    obs = env.step(torch.ones(4, 12))[0]
+    state = env.state()
+    env.step(torch.zeros(4, 12))
+    env.load_state(state)
+    for group in ("actor", "critic"):
+        assert torch.equal(env.last_observations[group], obs[group])
+
+
+def test_same_seed_same_bits_at_any_thread_count() -> None:
+    """Two objects, and one and two threads, give the same bits over 25 steps with resets; another seed does not."""
+    runs: list[list[tuple]] = []
+    actions = random_actions(25, 6, scale=1.0)
+    envs = [
+        WalkEnv(make_cfg(6, seed=seed, threads=threads, episode_seconds=0.3))
+        for seed, threads in ((0, 1), (0, 1), (0, 2), (1, 1))
+    ]
+    runs = [[env.step(action) for action in actions] for env in envs]
+    for reference, same_threads, two_threads in zip(*runs[:3], strict=True):
+        assert_same_step(reference, same_threads)
+        assert_same_step(reference, two_threads)
+    assert_same_state(envs[0], envs[1])
+    assert_same_state(envs[0], envs[2])
+    assert not torch.equal(runs[0][0][0]["critic"], runs[3][0][0]["critic"])
+    assert not torch.equal(runs[0][-1][1], runs[3][-1][1])
+    for name in ("q", "command", "phase", "privileged"):
+        assert not torch.equal(getattr(envs[0], name), getattr(envs[3], name)), name
+
+
+def test_environment_draws_nothing_from_the_global_generator() -> None:
+    """Exploration noise comes from torch's global generator; the environment has its own and leaves that alone."""
+    env = WalkEnv(make_cfg(4, episode_seconds=0.1))
+    before = torch.get_rng_state()
+    for action in random_actions(7, 4):
+        env.step(action)
+    assert torch.equal(torch.get_rng_state(), before)
+
+
+def test_restart_repeats_a_new_object() -> None:
+    """Also with noise and randomisation: a restarted environment does what a new one of its configuration does."""
+    cfg = make_cfg(6, seed=8, episode_seconds=0.3)
+    used, new = WalkEnv(cfg), WalkEnv(cfg)
+    for action in random_actions(20, 6, scale=1.0):
+        used.step(action)
+    used.restart()
+    assert torch.equal(used.last_observations["actor"], new.last_observations["actor"])
+    assert torch.equal(used.last_observations["critic"], new.last_observations["critic"])
+    for action in random_actions(20, 6, scale=1.0, seed=2):
+        assert_same_step(used.step(action), new.step(action))
+
+
+def test_copy_envs_makes_bit_equal_copies() -> None:
+    """Environment e goes on as source[e] did: nominal robots with equal currents and no draws repeat it exactly."""
+    changes: dict[str, Any] = {"noise": None, "randomize": None, "currents": (1.0,)}
+    changes["commands"] = replace(make_cfg().commands, period=float("inf"))
+    env, twin = WalkEnv(make_cfg(4, seed=2, **changes)), WalkEnv(make_cfg(4, seed=2, **changes))
+    actions = random_actions(30, 4)
+    for action in actions[:10]:
+        env.step(action)
+        twin.step(action)
+    source = torch.tensor([2, 0, 2, 3])
+    env.copy_envs(source)
+    for action in actions[10:]:
+        obs, reward, done, _ = env.step(action[source])
+        expected, expected_reward, expected_done, _ = twin.step(action)
+        assert torch.equal(obs["critic"], expected["critic"][source])
+        assert torch.equal(reward, expected_reward[source])
+        assert not bool(done.any()) and not bool(expected_done.any())
+
+
+def test_substep_hooks_see_every_torque_step_and_change_nothing() -> None:
+    """A hook is called after each of the four torque steps; an environment with one has the same bits as without."""
+    env, twin = WalkEnv(make_cfg(4, seed=2)), WalkEnv(make_cfg(4, seed=2))
+    seen: list[torch.Tensor] = []
+    env.substep_hooks.append(lambda: seen.append(env.q.clone()))
+    for action in random_actions(5, 4):
+        assert_same_step(env.step(action), twin.step(action))
+    assert len(seen) == 5 * 4
+    assert torch.equal(seen[-1], twin.q)
+    assert all(not torch.equal(before, after) for before, after in zip(seen, seen[1:], strict=False))
+
+
+@pytest.mark.parametrize("field", ["qpos", "qvel"])
+def test_a_broken_state_ends_the_episode_and_stays_alone(
+    field: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """NaN in one environment: it counts as fallen with reward 0 and starts over; the others do not notice."""
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its warnings to MUJOCO_LOG.TXT
+    changes: dict[str, Any] = {"noise": None, "randomize": None}
+    env, twin = WalkEnv(make_cfg(4, seed=9, **changes)), WalkEnv(make_cfg(4, seed=9, **changes))
+    actions = random_actions(10, 4)
+    for action in actions[:5]:
+        env.step(action)
+        twin.step(action)
+    env.view(env.sim.backend.field(field))[1, 9] = float("nan")
+    others = torch.tensor([True, False, True, True])
+    first, second = env.step(actions[5]), twin.step(actions[5])
+    assert env.fallen.tolist() == first[2].tolist() == [False, True, False, False]
+    assert not bool(first[3]["time_outs"].any())
+    assert float(first[1][1]) == 0.0
+    assert torch.equal(first[1][others], second[1][others])
+    assert int(env.sim.unsolved.numpy()[1]) > 0
+    for action in actions[6:]:
+        obs, reward, done, _ = env.step(action)
+        assert all(bool(torch.isfinite(values).all()) for values in (obs["actor"], obs["critic"], reward))
+        assert not bool(done.any())
+        twin_obs = twin.step(action)[0]
+        assert torch.equal(obs["critic"][others, 9:], twin_obs["critic"][others, 9:])
+
+
+@pytest.mark.parametrize(("robot", "model"), [("go1", "bouc_wen"), ("mr_go", "none")])
+def test_robots_without_devices_are_environments_too(robot: str, model: str) -> None:
+    """``go1`` and ``actuator none`` keep the contract, without device columns in the critic."""
+    env = WalkEnv(make_cfg(4, robot=robot, actuator_model=model))
+    for action in random_actions(5, 4):
+        obs, reward, _, _ = env.step(action)
+    assert obs["actor"].shape == (4, 47) and obs["critic"].shape == (4, 70)
+    assert bool(torch.isfinite(obs["critic"]).all()) and bool(torch.isfinite(reward).all())

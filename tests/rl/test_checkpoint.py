@@ -1,0 +1,194 @@
+"""Checkpoints: round trip, atomic write, and refusal of everything that is not one, without executing it."""
+
+import os
+import pickle
+import random
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from mrwarp.rl import checkpoint
+from mrwarp.rl.checkpoint import CheckpointError
+
+
+class Bomb:
+    """An object whose unpickling runs code: it creates the file it was made for."""
+
+    def __init__(self, target: Path) -> None:
+        self.target = target
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What pickle stores: a call."""
+        return os.mkdir, (str(self.target),)
+
+
+def content() -> dict[str, Any]:
+    """A small checkpoint of all kinds of values that training stores."""
+    generator = torch.Generator().manual_seed(0)
+    return {
+        "weights": {"a": torch.randn(5, 3, generator=generator), "b": torch.arange(4)},
+        "double": torch.randn(2, dtype=torch.float64, generator=generator),
+        "generator": generator.get_state(),
+        "rows": [{"reward": 0.1, "iteration": 3.0}, {"gate": {"passed": False, "0.5": 0.2}}],
+        "flag": True,
+        "name": "mr_go",
+    }
+
+
+def assert_same(found: Any, expected: Any) -> None:
+    """Equal values, tensors with equal bits and types."""
+    if isinstance(expected, torch.Tensor):
+        assert found.dtype == expected.dtype and torch.equal(found, expected)
+    elif isinstance(expected, dict):
+        assert found.keys() == expected.keys()
+        for name in expected:
+            assert_same(found[name], expected[name])
+    else:
+        assert found == expected
+
+
+def test_round_trip_keeps_every_bit(tmp_path: Path) -> None:
+    """What was saved is what is loaded, with the format's version added; nothing else is left in the folder."""
+    path = tmp_path / "checkpoint.pt"
+    checkpoint.save(path, content())
+    assert_same(checkpoint.load(path), {"format": checkpoint.FORMAT, **content()})
+    assert [file.name for file in tmp_path.iterdir()] == ["checkpoint.pt"]
+
+
+def test_saving_replaces_the_old_file(tmp_path: Path) -> None:
+    """The second save wins, whatever the first one held."""
+    path = tmp_path / "checkpoint.pt"
+    checkpoint.save(path, {"value": 1})
+    checkpoint.save(path, {"value": 2})
+    assert checkpoint.load(path)["value"] == 2
+
+
+@pytest.mark.parametrize("moment", ["fsync", "replace", None])
+def test_a_failing_write_leaves_the_old_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str | None
+) -> None:
+    """Whether the disk, the rename or (None) a value fails: the old checkpoint stays whole and alone."""
+    path = tmp_path / "checkpoint.pt"
+    checkpoint.save(path, content())
+    before = path.read_bytes()
+
+    def fail(*_: Any) -> None:
+        raise OSError("no space left on device")
+
+    new: dict[str, Any] = {"value": (x for x in "ab")}  # a generator cannot be written
+    with monkeypatch.context() as patch:
+        if moment is not None:
+            new = {"value": 2}
+            patch.setattr(os, moment, fail)
+        with pytest.raises((OSError, TypeError)):
+            checkpoint.save(path, new)
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["checkpoint.pt"]
+
+
+def test_new_file_appears_only_when_complete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before the rename, the data has been written and synced to another name."""
+    path, seen = tmp_path / "checkpoint.pt", []
+    rename = os.replace
+
+    def spy(source: Path, target: Path) -> None:
+        seen.append((Path(source).name, Path(target).exists(), torch.load(source, weights_only=True)["value"]))
+        rename(source, target)
+
+    monkeypatch.setattr(os, "replace", spy)
+    checkpoint.save(path, {"value": 3})
+    assert seen == [("checkpoint.pt.part", False, 3)]
+
+
+@pytest.mark.filterwarnings("ignore:Detected pickle protocol")
+@pytest.mark.parametrize("kind", ["torch", "pickle", "inside"])
+def test_code_is_refused_and_not_executed(tmp_path: Path, kind: str) -> None:
+    """A file whose unpickling would run a command is refused by name, and the command does not run."""
+    path, trap = tmp_path / "checkpoint.pt", tmp_path / "trap"
+    bomb = Bomb(trap)
+    if kind == "torch":
+        torch.save(bomb, path)
+    elif kind == "pickle":
+        path.write_bytes(pickle.dumps(bomb))
+    else:
+        torch.save({"format": checkpoint.FORMAT, "env": {"q": torch.zeros(2), "extra": [bomb]}}, path)
+    with pytest.raises(CheckpointError, match="refused.*use a checkpoint that mrwarp wrote") as info:
+        checkpoint.load(path)
+    assert str(path) in str(info.value)
+    assert not trap.exists()
+
+
+def test_the_bomb_would_go_off(tmp_path: Path) -> None:
+    """The payload of the test above is a working one: trusting torch.load runs it."""
+    path, trap = tmp_path / "checkpoint.pt", tmp_path / "trap"
+    torch.save({"x": Bomb(trap)}, path)
+    torch.load(path, weights_only=False)
+    assert trap.is_dir()
+
+
+def test_missing_file_is_refused_with_a_remedy(tmp_path: Path) -> None:
+    """No file, and a folder in its place: the message names it and what to give instead."""
+    for path in (tmp_path / "none.pt", tmp_path):
+        with pytest.raises(CheckpointError, match="no such checkpoint; name the file checkpoint.pt") as info:
+            checkpoint.load(path)
+        assert str(path) in str(info.value)
+
+
+def write_zip(path: Path) -> None:
+    """A zip archive that torch did not write."""
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("hello.txt", "hello")
+
+
+DAMAGE = {
+    "empty": lambda path, raw: path.write_bytes(b""),
+    "first half": lambda path, raw: path.write_bytes(raw[: len(raw) // 2]),
+    "last byte missing": lambda path, raw: path.write_bytes(raw[:-1]),
+    "text": lambda path, raw: path.write_text("not a checkpoint\n"),
+    "other zip": lambda path, raw: write_zip(path),
+    "zeros": lambda path, raw: path.write_bytes(bytes(len(raw))),
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGE)
+def test_damaged_files_are_refused(tmp_path: Path, kind: str) -> None:
+    """Truncated or foreign bytes end in one line that names the file and a remedy."""
+    path = tmp_path / "checkpoint.pt"
+    checkpoint.save(path, content())
+    DAMAGE[kind](path, path.read_bytes())
+    with pytest.raises(CheckpointError, match="use an earlier checkpoint|use a checkpoint that mrwarp wrote") as info:
+        checkpoint.load(path)
+    assert str(info.value).startswith(f"{path}: ") and "\n" not in str(info.value)
+
+
+@pytest.mark.filterwarnings("ignore")  # torch warns about pickles of odd versions
+def test_random_bytes_never_escape_as_another_error(tmp_path: Path) -> None:
+    """500 files of random bytes, cut or flipped checkpoints and pickles: CheckpointError or a dictionary, no more."""
+    path, rng = tmp_path / "checkpoint.pt", random.Random(0)
+    checkpoint.save(path, {"a": torch.zeros(20), "b": {"c": [1, 2.0, "d"]}})
+    good, pickled = path.read_bytes(), pickle.dumps({"a": 1, "b": [1, 2, {"c": "d"}]})
+    refused = 0
+    for trial in range(500):
+        data = bytearray((good, pickled, rng.randbytes(rng.randrange(1, 200)))[trial % 3])
+        for _ in range(rng.randrange(1, 6)):
+            data[rng.randrange(len(data))] = rng.randrange(256)
+        path.write_bytes(data[: rng.randrange(1, len(data) + 1)])
+        try:
+            assert isinstance(checkpoint.load(path), dict)
+        except CheckpointError as error:
+            refused += 1
+            assert str(error).startswith(f"{path}: ")
+    assert refused > 400
+
+
+@pytest.mark.parametrize("value", [{"weights": torch.zeros(2)}, {"format": 0}, {"format": "1"}, [1, 2], torch.zeros(3)])
+def test_another_format_is_refused(tmp_path: Path, value: Any) -> None:
+    """Data without this version's mark, or that is no dictionary, was not written by this mrwarp."""
+    path = tmp_path / "checkpoint.pt"
+    torch.save(value, path)
+    with pytest.raises(CheckpointError, match="format .* is not 1; it was written by another version") as info:
+        checkpoint.load(path)
+    assert str(path) in str(info.value)

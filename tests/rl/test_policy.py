@@ -1,0 +1,191 @@
+"""Exported policies: the ONNX file equals the torch actor, carries what is needed to run it, and nothing else runs."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import onnx
+import onnx.reference
+import pytest
+import torch
+from onnx import TensorProto, helper, numpy_helper
+from rsl_rl.algorithms import PPO
+from tensordict import TensorDict
+
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.observations import ACTOR_TERMS
+from mrwarp.rl import policy
+from mrwarp.rl.policy import OnnxPolicy, PolicyError, export_onnx
+from mrwarp.rl.ppo_cfg import make_ppo_cfg
+from mrwarp.rl.trainer import task
+
+TASK = task(make_walk_cfg(seed=3))
+
+
+def observations(count: int, seed: int, scale: float = 1.0) -> TensorDict:
+    """Random observations of both groups."""
+    generator = torch.Generator().manual_seed(seed)
+    groups = {
+        name: scale * torch.randn(count, size, generator=generator) for name, size in (("actor", 47), ("critic", 82))
+    }
+    return TensorDict(groups, batch_size=[count])
+
+
+@pytest.fixture(scope="module")
+def actor() -> Any:
+    """An actor as training makes it, with observation statistics that are not trivial."""
+    torch.manual_seed(0)
+    env: Any = SimpleNamespace(num_envs=4, num_actions=12)
+    algorithm = PPO.construct_algorithm(observations(4, 0), env, make_ppo_cfg(), "cpu")
+    model = algorithm.get_policy()
+    shifted = observations(500, 1, 3.0)
+    shifted["actor"] += torch.linspace(-2.0, 2.0, 47)
+    model.update_normalization(shifted)
+    return model
+
+
+@pytest.fixture(scope="module")
+def exported(actor: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The actor's ONNX file; tests only read it."""
+    path = tmp_path_factory.mktemp("policy") / "policy.onnx"
+    export_onnx(actor, path, {"task": TASK, "seed": 3, "iteration": 7, "command": "python train/ppo.py"})
+    return path
+
+
+def edited(source: Path, target: Path, change: Any) -> Path:
+    """A copy of a policy file with its protobuf changed."""
+    proto = onnx.load(str(source))
+    change(proto)
+    target.write_bytes(proto.SerializeToString())
+    return target
+
+
+@pytest.mark.parametrize(("count", "scale"), [(1, 1.0), (7, 1.0), (300, 4.0)])
+def test_exported_policy_equals_the_actor(actor: Any, exported: Path, count: int, scale: float) -> None:
+    """Same actions as the torch actor without exploration, normaliser included, for any batch size."""
+    obs = observations(count, 5, scale)
+    with torch.no_grad():
+        expected = actor(obs)
+    run = OnnxPolicy(exported)
+    found = run(obs)
+    assert found.shape == (count, 12) and found.dtype == torch.float32
+    # three float32 layers of up to 128 products: 1e-6 relative to actions of order one
+    torch.testing.assert_close(found, expected, rtol=1e-5, atol=1e-5)
+    assert torch.equal(run(obs["actor"]), found)  # a plain tensor does as well
+
+
+def test_exported_policy_agrees_with_onnxs_own_evaluator(exported: Path) -> None:
+    """An independent runtime reads the same function from the file."""
+    obs = observations(9, 6, 2.0)
+    reference = onnx.reference.ReferenceEvaluator(str(exported))
+    expected = np.asarray(reference.run(None, {"obs": obs["actor"].numpy()})[0])
+    np.testing.assert_allclose(OnnxPolicy(exported)(obs).numpy(), expected, rtol=1e-5, atol=1e-5)
+
+
+def test_export_leaves_the_actor_training(actor: Any, exported: Path) -> None:
+    """Exporting in the middle of a training changes no parameter and no mode."""
+    assert exported.is_file()
+    before = {name: value.clone() for name, value in actor.state_dict().items()}
+    mode = actor.training
+    export_onnx(actor, exported.with_name("again.onnx"), {})
+    assert actor.training == mode
+    for name, value in actor.state_dict().items():
+        assert torch.equal(value, before[name]), name
+
+
+def test_metadata_say_what_the_policy_is_for(exported: Path) -> None:
+    """Task, seed, command and the observation layout travel in the file, as JSON."""
+    description = OnnxPolicy(exported).description
+    assert description["task"] == TASK
+    assert description["observations"] == ACTOR_TERMS
+    assert (description["seed"], description["iteration"]) == (3, 7)
+    assert description["command"] == "python train/ppo.py"
+    assert {"robot", "actuator", "coupling", "action_scale", "step_dt", "gait_frequency"} <= set(description["task"])
+    proto = onnx.load(str(exported))
+    assert [value.name for value in (*proto.graph.input, *proto.graph.output)] == ["obs", "actions"]
+
+
+def test_export_writes_in_one_piece(exported: Path) -> None:
+    """No partial file stays behind."""
+    assert not list(exported.parent.glob("*.part*"))
+
+
+def refusal(path: Path) -> str:
+    """The message with which a file is refused; it names the file."""
+    with pytest.raises(PolicyError) as info:
+        OnnxPolicy(path)
+    assert str(info.value).startswith(f"{path}: ") and "\n" not in str(info.value)
+    return str(info.value)
+
+
+def test_missing_file_is_refused(tmp_path: Path) -> None:
+    """The message says what to name instead."""
+    assert "no such policy" in refusal(tmp_path / "none.onnx")
+
+
+@pytest.mark.parametrize("content", [b"", b"not an onnx model\n", bytes(range(256)), b"\x80\x04}."])
+def test_a_file_that_is_no_onnx_is_refused(tmp_path: Path, content: bytes) -> None:
+    """Text, random bytes, a pickle and nothing at all are no model."""
+    path = tmp_path / "policy.onnx"
+    path.write_bytes(content)
+    message = refusal(path)
+    assert "not a readable ONNX model" in message and "export it again" in message
+
+
+def test_a_truncated_policy_is_refused(exported: Path, tmp_path: Path) -> None:
+    """Half a file is no model."""
+    path = tmp_path / "policy.onnx"
+    path.write_bytes(exported.read_bytes()[: exported.stat().st_size // 2])
+    assert "not a readable ONNX model" in refusal(path)
+
+
+def test_a_policy_without_metadata_is_refused(exported: Path, tmp_path: Path) -> None:
+    """Nobody knows what an unlabelled network expects."""
+    path = edited(exported, tmp_path / "p.onnx", lambda proto: proto.ClearField("metadata_props"))
+    assert "no mrwarp metadata" in refusal(path)
+
+
+@pytest.mark.parametrize("text", ["{", "[1, 2]", "3", '"text"'])
+def test_unreadable_metadata_are_refused(exported: Path, tmp_path: Path, text: str) -> None:
+    """Metadata that are no JSON object are refused like missing ones."""
+    path = edited(exported, tmp_path / "p.onnx", lambda proto: helper.set_model_props(proto, {policy.META: text}))
+    assert "metadata" in refusal(path)
+
+
+def test_another_observation_layout_is_refused(exported: Path, tmp_path: Path) -> None:
+    """A policy of another version would read the wrong columns."""
+    description = json.dumps({"observations": {**ACTOR_TERMS, "gyro": 4}})
+    path = edited(
+        exported, tmp_path / "p.onnx", lambda proto: helper.set_model_props(proto, {policy.META: description})
+    )
+    assert "made for observations" in refusal(path) and "train it again" in refusal(path)
+
+
+def test_an_unknown_layer_is_refused(exported: Path, tmp_path: Path) -> None:
+    """Only the layers of a policy are run; another operator is named in the refusal."""
+
+    def change(proto: onnx.ModelProto) -> None:
+        node = next(node for node in proto.graph.node if node.op_type == "Elu")
+        node.op_type = "Sigmoid"
+        node.ClearField("attribute")
+
+    message = refusal(edited(exported, tmp_path / "p.onnx", change))
+    assert "'Sigmoid'" in message and "Gemm" in message
+
+
+def test_weights_in_another_file_are_refused(exported: Path, tmp_path: Path) -> None:
+    """A policy is one file: it cannot make the reader open another path."""
+    secret = tmp_path / "weights.bin"
+    secret.write_bytes(bytes(4 * 12))
+
+    def change(proto: onnx.ModelProto) -> None:
+        weight = next(w for w in proto.graph.initializer if list(w.dims) == [12])
+        name = weight.name
+        weight.CopyFrom(numpy_helper.from_array(np.zeros(12, dtype=np.float32), name))
+        weight.ClearField("raw_data")
+        weight.data_location = TensorProto.EXTERNAL
+        weight.external_data.add(key="location", value=secret.name)
+
+    refusal(edited(exported, tmp_path / "p.onnx", change))

@@ -1,0 +1,276 @@
+"""Trainer: stop and resume to the bit, refusal of foreign checkpoints, when it stops, and what it leaves behind."""
+
+import json
+import math
+import signal
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.evaluate.walking import GateCheck, WalkingGate
+from mrwarp.rl import checkpoint, curves, trainer
+from mrwarp.rl.checkpoint import CheckpointError
+from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.rl.trainer import TrainCfg, Trainer, task
+
+ENV = make_walk_cfg(num_envs=8)
+TINY_GATE = WalkingGate(num_envs=4, warmup=0.0, seconds=0.2)
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Gate checks of 0.2 s on 4 environments instead of 22 s on 64, and no picture: the training itself is the same."""
+    monkeypatch.setattr(trainer, "GateCheck", lambda cfg: GateCheck(cfg, gate=TINY_GATE))
+    monkeypatch.setattr(curves, "plot", lambda *_: None)
+
+
+def make_cfg(out: Path, iterations: int, **changes: Any) -> TrainCfg:
+    """A run of a few updates with 8 environments, episodes of which end by time-out and fall."""
+    env = replace(ENV, episode_seconds=1.0)
+    return replace(TrainCfg(env=env, out=out, seed=3, iterations=iterations, until_gate=False), **changes)
+
+
+def content(run: Trainer) -> dict[str, Any]:
+    """The run's last checkpoint."""
+    return checkpoint.load(run.cfg.out / "checkpoint.pt")
+
+
+def assert_same_bits(found: Any, expected: Any, where: str = "") -> None:
+    """Equal nested values; tensors with equal bits."""
+    if isinstance(expected, torch.Tensor):
+        assert torch.equal(found, expected), where
+    elif isinstance(expected, dict):
+        assert found.keys() == expected.keys(), where
+        for name in expected:
+            assert_same_bits(found[name], expected[name], f"{where}/{name}")
+    elif isinstance(expected, list):
+        assert len(found) == len(expected), where
+        for i, (ours, theirs) in enumerate(zip(found, expected, strict=True)):
+            assert_same_bits(ours, theirs, f"{where}/{i}")
+    else:
+        assert found == expected, where
+
+
+def without_times(values: Any) -> Any:
+    """The same progress figures without wall times, which no two runs share."""
+    if isinstance(values, list):
+        return [without_times(value) for value in values]
+    return {k: v for k, v in values.items() if k not in ("seconds", "collect_ms", "learn_ms", "steps_per_second")}
+
+
+def test_resume_equals_an_uninterrupted_run(tmp_path: Path) -> None:
+    """2 updates, stop, new process state, 2 more = 4 updates: networks, optimiser, draws, environment, figures."""
+    whole = Trainer(make_cfg(tmp_path / "whole", 4))
+    whole.run()
+    Trainer(make_cfg(tmp_path / "part", 2)).run()
+    torch.manual_seed(999)  # whatever happens in between
+    torch.rand(17)
+    resumed = Trainer(make_cfg(tmp_path / "part", 4), resume=tmp_path / "part" / "checkpoint.pt")
+    assert resumed.iteration == 2
+    resumed.run()
+    ours, theirs = content(resumed), content(whole)
+    for name in ("algorithm", "learning_rate", "torch_rng", "env", "iteration", "seed", "task"):
+        assert_same_bits(ours[name], theirs[name], name)
+    for name in ("rows", "window"):
+        assert without_times(ours[name]) == without_times(theirs[name])
+    assert torch.equal(resumed.obs["actor"], whole.obs["actor"])
+    assert [row["iteration"] for row in resumed.rows] == [1, 2, 3, 4]
+    # the run in two parts was checked against the gate after 2 updates too, which must leave no trace
+    assert [row["iteration"] for row in resumed.gate_rows] == [2, 4]
+    assert without_times(resumed.gate_rows[-1]) == without_times(whole.gate_rows[-1])
+
+
+def test_training_repeats_with_its_seed(tmp_path: Path) -> None:
+    """Same seed, same bits; another seed, other networks."""
+    states = []
+    for seed in (3, 3, 4):
+        run = Trainer(make_cfg(tmp_path, 1, seed=seed))
+        run._update()
+        run.save()
+        states.append(content(run))
+    for name in ("algorithm", "env", "torch_rng"):
+        assert_same_bits(states[1][name], states[0][name], name)
+    networks = [state["algorithm"]["actor_state_dict"] for state in states]
+    assert not torch.equal(networks[2]["mlp.0.weight"], networks[0]["mlp.0.weight"])
+
+
+def test_training_changes_the_policy_and_stays_finite(tmp_path: Path) -> None:
+    """An update moves actor, critic and observation statistics; all parameters and figures are finite."""
+    run = Trainer(make_cfg(tmp_path, 2))
+    before = {name: value.clone() for name, value in run.algorithm.get_policy().state_dict().items()}
+    result = run.run()
+    after = run.algorithm.get_policy().state_dict()
+    for name in ("mlp.0.weight", "obs_normalizer._mean", "distribution.std_param"):
+        assert not torch.equal(after[name], before[name]), name
+    assert all(bool(torch.isfinite(value).all()) for value in after.values())
+    assert all(math.isfinite(value) for row in run.rows for value in row.values())
+    assert result["training"] == run.rows[-1]
+
+
+CHANGES: dict[str, tuple[Callable[[TrainCfg], TrainCfg], str]] = {
+    "num_envs": (lambda c: replace(c, env=replace(c.env, sim=replace(c.env.sim, num_envs=4))), "num_envs = 8.* has 4"),
+    "robot": (lambda c: replace(c, env=replace(c.env, robot="go1")), "robot = 'mr_go'.* has 'go1'"),
+    "payload": (lambda c: replace(c, env=replace(c.env, payload=3)), "payload = 0.* has 3"),
+    "sal": (lambda c: replace(c, env=replace(c.env, actuator=replace(c.env.actuator, sal=False))), "sal = True"),
+    "seed": (lambda c: replace(c, seed=4), "seed = 3.* has 4"),
+}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a finished training of one update; tests only read it."""
+    out = tmp_path_factory.mktemp("finished")
+    with pytest.MonkeyPatch.context() as patch:  # before the fixture above: with the picture
+        patch.setattr(trainer, "GateCheck", lambda cfg: GateCheck(cfg, gate=TINY_GATE))
+        Trainer(make_cfg(out, 1, command="python train/ppo.py --iterations 1")).run()
+    return out
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_resume_refuses_another_task(finished: Path, tmp_path: Path, name: str) -> None:
+    """A checkpoint of another task or seed is refused with both values, before anything is written."""
+    change, message = CHANGES[name]
+    with pytest.raises(CheckpointError, match=message) as info:
+        Trainer(change(make_cfg(tmp_path / "out", 2)), resume=finished / "checkpoint.pt")
+    assert str(finished) in str(info.value)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("part", ["task", "seed", "algorithm", "env", "window", "env/qpos", "algorithm/weights"])
+def test_resume_refuses_an_incomplete_checkpoint(finished: Path, tmp_path: Path, part: str) -> None:
+    """Missing or misshapen parts end in a CheckpointError that names the file, not in a traceback."""
+    values = checkpoint.load(finished / "checkpoint.pt")
+    values.pop("format")
+    if part == "env/qpos":
+        values["env"]["sim/qpos"] = torch.zeros(3, 19)
+    elif part == "algorithm/weights":
+        values["algorithm"]["actor_state_dict"]["mlp.0.weight"] = torch.zeros(2, 2)
+    else:
+        del values[part]
+    path = tmp_path / "broken.pt"
+    checkpoint.save(path, values)
+    with pytest.raises(CheckpointError, match="does not fit this version.*start anew") as info:
+        Trainer(make_cfg(tmp_path / "out", 2), resume=path)
+    assert str(info.value).startswith(f"{path}: ") and "\n" not in str(info.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_run_leaves_checkpoint_policy_curve_and_result(finished: Path) -> None:
+    """The files of a run, nothing half-written, and the documented keys of ``result.json``."""
+    names = {path.name for path in finished.iterdir()}
+    assert names == {"checkpoint.pt", "policy.onnx", "learning_curve.png", "result.json", "tensorboard"}
+    assert (finished / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
+    result = json.loads((finished / "result.json").read_text())
+    assert set(result) == {
+        "schema", "gate", "gate_passed", "stopped", "iterations", "seconds", "environment_steps", "training",
+        "unsolved_steps", "task", "seed", "versions", "command",
+    }  # fmt: skip
+    assert result["stopped"] == "iterations" and result["gate_passed"] is False
+    assert (result["iterations"], result["seed"], result["environment_steps"]) == (1, 3, 24 * 8)
+    assert result["command"] == "python train/ppo.py --iterations 1"
+    assert result["task"] == task(make_cfg(finished, 1).env)
+    assert set(result["gate"]["conditions"]) == {"never_fell", "rmse", "height", "frequency", "clock_match"}
+    assert {"v_x_rmse", "reward", "falls_per_hour", "clock_match", "learning_rate"} <= set(result["training"])
+    assert {"python", "torch", "mujoco", "warp-lang", "newton", "rsl-rl-lib"} <= set(result["versions"])
+
+
+def test_exported_policy_is_the_trained_actor(tmp_path: Path) -> None:
+    """``policy.onnx`` gives the actions of the networks in memory on real observations."""
+    run = Trainer(make_cfg(tmp_path, 1))
+    run.run()
+    exported = OnnxPolicy(tmp_path / "policy.onnx")
+    with torch.no_grad():
+        expected = run.algorithm.get_policy()(run.obs)
+    torch.testing.assert_close(exported(run.obs), expected, rtol=1e-5, atol=1e-5)
+    assert exported.description["task"] == task(run.cfg.env)
+
+
+def verdict(passed: bool) -> dict[str, Any]:
+    """What a gate check reports, as far as the trainer reads it."""
+    return {
+        "v_x_rmse": {"0.3": 0.1, "0.5": 0.1}, "never_fell": 1.0, "height": 0.32, "stride_frequency": 1.5,
+        "clock_match": 0.9, "conditions": {"rmse": passed}, "passed": passed,
+    }  # fmt: skip
+
+
+class ScriptedGate:
+    """A gate whose verdicts are given; it counts its checks."""
+
+    def __init__(self, verdicts: list[bool]) -> None:
+        self.gate, self.left = WalkingGate(), list(verdicts)
+
+    def __call__(self, _: Any) -> dict[str, Any]:
+        """The next verdict."""
+        return verdict(self.left.pop(0))
+
+
+def test_training_stops_when_the_gate_is_met(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first passing check ends the run and is not repeated; the result says so."""
+    gate = ScriptedGate([False, True])
+    monkeypatch.setattr(trainer, "GateCheck", lambda _: gate)
+    cfg = make_cfg(tmp_path, 5, until_gate=True, check_every=0.0, check_below=1e9)
+    result = Trainer(cfg).run()
+    assert (result["stopped"], result["gate_passed"], result["iterations"]) == ("gate", True, 2)
+    assert gate.left == []
+
+
+def test_last_policy_is_the_one_that_was_judged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A gate met on the way does not count for the policy that is written at the end of a run without stopping."""
+    gate = ScriptedGate([True, False])
+    monkeypatch.setattr(trainer, "GateCheck", lambda _: gate)
+    run = Trainer(make_cfg(tmp_path, 2, check_every=0.0, check_below=1e9))
+    update = run._update
+
+    def late() -> dict[str, float]:
+        row = update()
+        return {**row, "v_x_rmse": 0.0 if run.iteration == 1 else 1e10}  # the first update asks for a check
+
+    run._update = late
+    result = run.run()
+    assert (result["gate_passed"], result["stopped"]) == (False, "iterations")
+    assert result["gate"]["iteration"] == result["iterations"] == 2
+
+
+def test_ctrl_c_stops_after_the_update_and_can_be_resumed(tmp_path: Path) -> None:
+    """SIGINT during the second update: it is finished and saved; resuming gives the bits of an unbroken run."""
+    handler = signal.getsignal(signal.SIGINT)
+    run = Trainer(make_cfg(tmp_path / "part", 3))
+    update = run._update
+
+    def interrupted() -> dict[str, float]:
+        signal.raise_signal(signal.SIGINT) if run.iteration == 1 else None
+        return update()
+
+    run._update = interrupted
+    result = run.run()
+    assert (result["stopped"], result["iterations"], result["gate"]) == ("interrupted", 2, None)
+    assert signal.getsignal(signal.SIGINT) is handler
+    resumed = Trainer(make_cfg(tmp_path / "part", 3), resume=tmp_path / "part" / "checkpoint.pt")
+    assert resumed.run()["stopped"] == "iterations"
+    whole = Trainer(make_cfg(tmp_path / "whole", 3))
+    whole.run()
+    for name in ("algorithm", "env", "torch_rng"):
+        assert_same_bits(content(resumed)[name], content(whole)[name], name)
+
+
+def test_checkpoints_are_written_on_the_way(tmp_path: Path) -> None:
+    """A run that dies between two updates has a checkpoint of the last one to go on from."""
+    run = Trainer(make_cfg(tmp_path, 3, save_every=0.0))
+    update = run._update
+
+    def dying() -> dict[str, float]:
+        if run.iteration == 2:
+            raise MemoryError
+        return update()
+
+    run._update = dying
+    with pytest.raises(MemoryError):
+        run.run()
+    assert content(run)["iteration"] == 2
+    resumed = Trainer(make_cfg(tmp_path, 3), resume=tmp_path / "checkpoint.pt")
+    assert resumed.iteration == 2 and len(resumed.rows) == 2
