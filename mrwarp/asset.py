@@ -16,7 +16,7 @@ import newton_usd_schemas  # noqa: F401  (registers Newton's schemas; must happe
 import numpy as np
 from pxr import Plug, Sdf, Tf, Usd, UsdUtils
 
-from .params import MotorParams, MrParams, ParameterError, ParamSpec
+from .params import MrParams, ParameterError, ParamSpec
 from .robot import JOINTS
 
 SCHEMA = "MrwarpMRDriveAPI"
@@ -29,8 +29,8 @@ _HERE = Path(__file__).resolve().parent
 ASSETS = next((p for p in (_HERE / "assets/usd", _HERE.parent / "assets/usd") if p.is_dir()), _HERE / "assets/usd")
 """Folder of the USD assets: inside the package when installed as a wheel, beside it in a checkout."""
 
-_MOTOR = {spec.name: spec for spec in MotorParams.specs()}
-_PD = {"newton:kp": _MOTOR["kp_base"], "newton:kd": _MOTOR["kd"], "newton:maxEffort": _MOTOR["tau_limit"]}
+PD = {f"newton:{n}": MrParams.spec(s) for n, s in (("kp", "kp_base"), ("kd", "kd"), ("maxEffort", "tau_limit"))}
+"""What is known about the attributes of a plain motor."""
 _NUMBER_TYPES = {"double", "float", "int"}
 
 
@@ -69,6 +69,11 @@ class RobotAsset:
             raise AssetError(f"{path}: cannot be written")
 
 
+def is_mr(prim: Usd.Prim) -> bool:
+    """Whether :data:`SCHEMA` is applied to a prim, directly or through what it inherits."""
+    return SCHEMA in prim.GetPrimTypeInfo().GetAppliedAPISchemas()
+
+
 def register_schema() -> None:
     """Make USD know :data:`SCHEMA`; called on import. Too late once USD's registry is built: then loading warns."""
     Plug.Registry().RegisterPlugins(str(ASSETS / "schema"))
@@ -85,31 +90,27 @@ def load_robot(
     Args:
         path: USD file; ``None`` is ``mr_go.usda`` of :data:`ASSETS`.
         robot: variant ``robot``: ``mr_go`` (MR calves) or ``go1`` (PD motors only).
-        payload: variant ``payload`` [kg]: 0 or 3.
+        payload: variant ``payload`` [kg]: 0 or 3. A file without variant sets, as flattening leaves it, has one choice.
         allow_external: accept references, payloads and sublayers outside the file's folder.
 
     Raises:
         AssetError: the file, a variant, a joint, an actuator or one of its numbers is not usable.
     """
     file = Path(path) if path is not None else ASSETS / "mr_go.usda"
-    stage = _open(file, allow_external)
+    stage = open_stage(file, allow_external)
     for name, choice in (("robot", robot), ("payload", str(payload))):
-        variants = stage.GetDefaultPrim().GetVariantSet(name)
-        if choice not in variants.GetVariantNames():
-            allowed = f"allowed: {', '.join(variants.GetVariantNames())}"
-            raise AssetError(f"{file}: {stage.GetDefaultPrim().GetPath()}: no variant {name} = {choice!r}; {allowed}")
-        variants.SetVariantSelection(choice)
+        root, offered = stage.GetDefaultPrim(), variant_choices(stage, name)
+        if choice not in offered:
+            raise AssetError(f"{file}: {root.GetPath()}: no variant {name} = {choice!r}; allowed: {', '.join(offered)}")
+        if root.GetVariantSets().HasVariantSet(name):
+            root.GetVariantSet(name).SetVariantSelection(choice)
     return RobotAsset(path=file, robot=robot, payload=payload, stage=stage, actuators=_actuators(stage, file, JOINTS))
 
 
 def load_bench(path: str | Path | None = None, *, allow_external: bool = False) -> RobotAsset:
-    """Open the one-joint torque bench (``mr_bench.usda``) and check it.
-
-    Raises:
-        AssetError: as :func:`load_robot`.
-    """
+    """Open the one-joint torque bench (``mr_bench.usda``) and check it; raises as :func:`load_robot`."""
     file = Path(path) if path is not None else ASSETS / "mr_bench.usda"
-    stage = _open(file, allow_external)
+    stage = open_stage(file, allow_external)
     found = _actuators(stage, file, ("bench_joint",))
     return RobotAsset(path=file, robot="bench", payload=0, stage=stage, actuators=found)
 
@@ -138,14 +139,25 @@ def write_parameters(prim: Usd.Prim, params: MrParams) -> None:
     Raises:
         AssetError: the prim is not an MR actuator.
     """
-    if SCHEMA not in prim.GetPrimTypeInfo().GetAppliedAPISchemas():
+    if not is_mr(prim):
         raise AssetError(f"{prim.GetPath()}: {SCHEMA} is not applied; apply it, or choose variant robot = mr_go")
     for name, value in params:
         prim.CreateAttribute(PREFIX + name, Sdf.ValueTypeNames.Double, custom=False).Set(value)
 
 
-def _open(file: Path, allow_external: bool) -> Usd.Stage:
-    """Open ``file`` with a session layer of its own as edit target."""
+def variant_choices(stage: Usd.Stage, name: str) -> list[str]:
+    """The choices of variant set ``robot`` or ``payload``; without it (in a flattened file) the one that is there."""
+    root = stage.GetDefaultPrim()
+    if root.GetVariantSets().HasVariantSet(name):
+        return root.GetVariantSet(name).GetVariantNames()
+    if name == "robot":
+        return ["mr_go" if any(is_mr(prim) for prim in stage.Traverse()) else "go1"]
+    load = stage.GetAttributeAtPath(root.GetPath().AppendPath("payload.physics:mass"))
+    return [f"{load.Get() or 0:g}" if load else "0"]
+
+
+def open_stage(file: Path, allow_external: bool = False) -> Usd.Stage:
+    """Open ``file`` with a session layer of its own as edit target; nothing but its composition is checked."""
     if not file.is_file():
         raise AssetError(f"{file}: no such file; give a .usda file or leave the path out for {ASSETS}")
     try:
@@ -217,16 +229,15 @@ def _actuators(stage: Usd.Stage, file: Path, names: tuple[str, ...]) -> tuple[Jo
 
 def _actuator(prim: Usd.Prim, joint: str, file: Path) -> JointActuator:
     """Read one actuator prim: MR drive, or PD with torque limit."""
-    schemas = prim.GetPrimTypeInfo().GetAppliedAPISchemas()
-    path = str(prim.GetPath())
-    if SCHEMA in schemas:
+    path, schemas = str(prim.GetPath()), prim.GetPrimTypeInfo().GetAppliedAPISchemas()
+    if is_mr(prim):
         mr = read_parameters(prim, file)
         kp, kd, limit = mr.motor.kp_base, mr.motor.kd, mr.motor.tau_limit
         return JointActuator(joint=joint, prim_path=path, kp=kp, kd=kd, tau_limit=limit, mr=mr)
     if not {"NewtonPDControlAPI", "NewtonMaxEffortClampingAPI"} <= set(schemas):
         allowed = f"allowed: {SCHEMA}, or NewtonPDControlAPI with NewtonMaxEffortClampingAPI"
         raise AssetError(f"{file}: {path}: apiSchemas = {list(schemas)}; {allowed}")
-    kp, kd, limit = (_number(prim, name, spec, file) for name, spec in _PD.items())
+    kp, kd, limit = (_number(prim, name, spec, file) for name, spec in PD.items())
     return JointActuator(joint=joint, prim_path=path, kp=kp, kd=kd, tau_limit=limit, mr=None)
 
 

@@ -9,6 +9,11 @@ COMMANDS = {
     "train": ("mrwarp.rl.train_cli", "train a walking policy until the walking gate is met"),
     "play": ("mrwarp.rl.play_cli", "run a policy and show it in rerun, or save an .rrd or a picture"),
     "impact": ("mrwarp.evaluate.impact_cli", "hit walking robots with each current; live view, recording, pictures"),
+    "bench": ("mrwarp.sysid.bench_cli", "virtual torque bench: recordings with known hidden effects"),
+    "check": ("mrwarp.sysid.check_cli", "explain a recording, or what is wrong with it"),
+    "fit": ("mrwarp.sysid.fit_cli", "identify the joint from recordings"),
+    "learn": ("mrwarp.sysid.learn_cli", "train and evaluate the learned torque models"),
+    "asset": ("mrwarp.asset_cli", "show, check, change and compare USD assets"),
     "verify": ("mrwarp.evaluate.verify_cli", "measure what the simulator promises: passivity, holding, accuracy"),
 }
 """Command name to the module whose ``main(argv)`` runs it, and its one-line help."""

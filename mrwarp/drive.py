@@ -18,6 +18,9 @@ Couplings: ``explicit`` (the default here) adds the device's torque to the motor
 torque only and writes ``brake_bound``, which :func:`apply_brake_bounds` hands to a ``SolverMuJoCo`` as dry friction:
 passive in discrete time, and it truly sticks.
 
+A learned torque (``mrwarp learn``) runs in it after ``actuator.drive.use_learned(model, dt=...)``, with states made
+afterwards.
+
 This is the only file that touches Newton's actuator API, which is marked experimental. After an upgrade of Newton
 check: the signature of ``DriveBase.compute`` and the name of the base class (``Controller`` until 1.8), that the USD
 parser still hands attributes over as lower-case ``mr:<name>`` and takes a callable, that ``Control`` still gets the
@@ -37,9 +40,18 @@ from newton.actuators import Actuator, ComponentKind, DriveBase, register_actuat
 import mrwarp.asset  # registers the USD schema; must come before the first stage is opened
 from mrwarp import brake_constraint
 from mrwarp.actuator import Coupling, HoldCurrent, ZStep
-from mrwarp.kernels.drive_mr import brake_bounds_kernel, drive_kernel, drive_reset_kernel
+from mrwarp.kernels.drive_mr import (
+    brake_bounds_kernel,
+    drive_predict_kernel,
+    drive_reset_kernel,
+    drive_torque_kernel,
+)
 from mrwarp.kernels.joint_params import FIELDS, JointParams
+from mrwarp.kernels.mr_stages import advance_head_kernel
+from mrwarp.kernels.window import FEATURES, WINDOW
+from mrwarp.nn.model_file import LearnedModel
 from mrwarp.params import MrParams, ParameterError
+from mrwarp.residual import LearnedTorque, with_bouc_wen
 
 _CHOICES = {"coupling": Coupling, "hold_current": HoldCurrent, "z_step": ZStep}
 _DEFAULTS = {"coupling": Coupling.EXPLICIT, "hold_current": HoldCurrent.SUPPORT, "z_step": ZStep.EULER}
@@ -77,6 +89,12 @@ class DriveMR(DriveBase):
         """Hysteresis state [rad], shape (N,)."""
         current: wp.array[float] | None = None
         """Coil current [A], shape (N,)."""
+        fresh: wp.array[int] | None = None
+        """1 where the history starts with the next step, shape (N,)."""
+        ring: wp.array4d[float] | None = None
+        """History, shape (N, 1, 50, 3), see ``mrwarp.kernels.window``; only with a learned torque."""
+        head: wp.array[int] | None = None
+        """Row of its newest sample, shape (1,)."""
 
         def reset(self, mask: wp.array[wp.bool] | None = None) -> None:
             """No stress and no current where ``mask`` (shape (N,), None = everywhere) is true; others stay bit-equal.
@@ -84,14 +102,15 @@ class DriveMR(DriveBase):
             Raises:
                 ValueError: the mask is not a Boolean array of shape (N,).
             """
-            assert self.z is not None and self.current is not None  # set by DriveMR.state
+            assert self.z is not None and self.current is not None and self.fresh is not None  # set by DriveMR.state
             if mask is None:
                 self.z.zero_()
                 self.current.zero_()
+                self.fresh.fill_(1)
                 return
             if mask.dtype is not wp.bool or mask.shape != self.z.shape:
                 raise ValueError(f"reset mask is {mask.dtype} of shape {mask.shape}; need bool of shape {self.z.shape}")
-            outputs = [self.z, self.current]
+            outputs = [self.z, self.current, self.fresh]
             wp.launch(drive_reset_kernel, dim=len(mask), inputs=[mask], outputs=outputs, device=self.z.device)
 
     @classmethod
@@ -125,6 +144,12 @@ class DriveMR(DriveBase):
         self.brake_bound: wp.array = wp.zeros(first.size, dtype=float, device=first.device)
         self._z_next = wp.zeros_like(self.brake_bound)
         self._current_next = wp.zeros_like(self.brake_bound)
+        self._m_hold = wp.zeros_like(self.brake_bound)
+        self._m_dyn = wp.zeros((first.size, 1), dtype=float, device=first.device)
+        self._sliding = wp.zeros_like(self._m_dyn)
+        self._learned: LearnedTorque | None = None
+        self._ring: wp.array | None = None
+        self._head = wp.zeros(1, dtype=int, device=first.device)
         self._brake: _Brake | None = None
 
     def param(self, name: str) -> wp.array:
@@ -134,6 +159,26 @@ class DriveMR(DriveBase):
         return wp.array(
             ptr=ptr, dtype=float, shape=self.params.shape, strides=(size,), device=self.params.device, copy=False
         )
+
+    def use_learned(self, model: LearnedModel, *, dt: float, threads: int = 0) -> None:
+        """Run a learned torque in every joint of this drive, beside the Bouc-Wen coefficients of its file.
+
+        It acts where the dynamic gate is open; without a foot load, always. Make the states afterwards.
+
+        Args:
+            model: The network.
+            dt: Step [s].
+            threads: CPU threads of the LSTM; 0 = all.
+
+        Raises:
+            SamplingRateError: the model was trained at another rate than 1/dt.
+        """
+        self._learned = LearnedTorque(model, dt=dt, threads=threads)
+        for name, value in with_bouc_wen(MrParams(), model):
+            if name in model.bouc_wen and name != "q_neutral":
+                self.param(name).fill_(value)
+        shape = (self.params.size, 1, WINDOW, FEATURES)
+        self._ring = wp.zeros(shape, dtype=float, device=self.params.device)
 
     def finalize(self, device: wp.Device, num_actuators: int) -> None:
         """Check that there is one set of parameters per actuator."""
@@ -145,7 +190,7 @@ class DriveMR(DriveBase):
         return True
 
     def is_graphable(self) -> bool:
-        """Yes: one launch, no host read-back."""
+        """Yes: launches only, no host read-back."""
         return True
 
     def state(self, num_actuators: int, device: wp.Device) -> DriveMR.State:
@@ -153,6 +198,9 @@ class DriveMR(DriveBase):
         return DriveMR.State(
             z=wp.zeros(num_actuators, dtype=float, device=device),
             current=wp.zeros(num_actuators, dtype=float, device=device),
+            fresh=wp.full(num_actuators, 1, dtype=int, device=device),
+            ring=None if self._ring is None else wp.zeros(self._ring.shape, dtype=float, device=device),  # pyright: ignore[reportArgumentType]
+            head=wp.zeros(1, dtype=int, device=device),
         )
 
     def compute(
@@ -183,24 +231,47 @@ class DriveMR(DriveBase):
             raise ValueError(f"{_WHERE} needs its states and dt: actuator.step(state, control, now, after, dt=...)")
         if inputs.get("mr_current") is None:
             raise ValueError(f"{_WHERE} needs control.mr_current: coil current [A], shape (joint_dof_count,)")
+        if self._ring is not None:
+            if state.ring is None:
+                raise ValueError(f"{_WHERE}: these states have no history; make them after use_learned()")
+            wp.copy(self._ring, state.ring)  # pyright: ignore[reportArgumentType]
+            wp.launch(advance_head_kernel, dim=1, inputs=[WINDOW, state.head], outputs=[self._head], device=device)
+        foot_load = inputs.get("mr_foot_load")
         wp.launch(
-            drive_kernel,
+            drive_predict_kernel,
             dim=len(forces),
             inputs=[
-                self.params, pos_indices, vel_indices, target_pos_indices, target_vel_indices, float(dt),
-                int(self.coupling is Coupling.CONSTRAINT), int(self.hold_current is HoldCurrent.FIXED),
-                int(self.z_step is ZStep.EXACT), positions, velocities, target_pos, target_vel, feedforward,
-                inputs["mr_current"], inputs.get("mr_foot_load"), state.z, state.current,
+                self.params, pos_indices, vel_indices, target_pos_indices, float(dt),
+                int(self.hold_current is HoldCurrent.FIXED), int(self.z_step is ZStep.EXACT), positions, velocities,
+                target_pos, inputs["mr_current"], foot_load, state.z, state.current, state.fresh, self._head,
             ],
-            outputs=[self._z_next, self._current_next, self.brake_bound, forces],
+            outputs=[self._z_next, self._current_next, self._m_hold, self._m_dyn, self._sliding, self._ring],
+            device=device,
+        )  # fmt: skip
+        if self._learned is not None and self._ring is not None:
+            self._learned(self._ring, self._head, self._m_dyn, self._sliding)
+        wp.launch(
+            drive_torque_kernel,
+            dim=len(forces),
+            inputs=[
+                self.params, pos_indices, vel_indices, target_pos_indices, target_vel_indices,
+                int(self.coupling is Coupling.CONSTRAINT), positions, velocities, target_pos, target_vel, feedforward,
+                foot_load, self._current_next, self._m_hold, self._sliding,
+            ],
+            outputs=[self.brake_bound, forces],
             device=device,
         )  # fmt: skip
 
     def update_state(self, current_state: DriveBase.State, next_state: DriveBase.State) -> None:
-        """Hand z and the coil current on."""
+        """Hand z, the coil current and the history on."""
         assert isinstance(next_state, DriveMR.State) and next_state.z is not None and next_state.current is not None
         wp.copy(next_state.z, self._z_next)
         wp.copy(next_state.current, self._current_next)
+        assert next_state.fresh is not None and next_state.head is not None  # set by DriveMR.state
+        next_state.fresh.zero_()
+        wp.copy(next_state.head, self._head)
+        if self._ring is not None and next_state.ring is not None:
+            wp.copy(next_state.ring, self._ring)  # pyright: ignore[reportArgumentType]
 
 
 @dataclass(frozen=True)

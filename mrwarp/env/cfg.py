@@ -9,8 +9,12 @@ from mrwarp.env.backend import BackendKind
 from mrwarp.env.sim import SimCfg
 from mrwarp.robot import CURRENT_GROUPS, GAIT_FREQUENCY
 
-ACTUATORS = ("none", "bouc_wen")
-"""Torque models of the MR joint that can be simulated: no device at all, or the current-aware Bouc-Wen model."""
+LEARNED = ("mlp", "lstm", "pg_rlstm")
+"""Torque models that come from a file: ``mrwarp learn`` writes it."""
+
+ACTUATORS = ("none", "mlp", "lstm", "bouc_wen", "pg_rlstm")
+"""Torque models of the MR joint that can be simulated: no device at all, the current-aware Bouc-Wen model, a learned
+torque in its place, or a learned residual on it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,6 +100,8 @@ class EnvCfg:
     """Choices of the MR joint's model."""
     actuator_model: str = "bouc_wen"
     """One of :data:`ACTUATORS`."""
+    actuator_file: str | None = None
+    """Trained network (.safetensors) of a learned ``actuator_model``; none for the others."""
     robot: str = "mr_go"
     """Robot variant of the asset: ``mr_go`` or ``go1``."""
     payload: int = 0
@@ -128,6 +134,12 @@ class EnvCfg:
     def __post_init__(self) -> None:
         if self.actuator_model not in ACTUATORS:
             raise ValueError(f"actuator_model = {self.actuator_model!r} is unknown; choose from {', '.join(ACTUATORS)}")
+        if (self.actuator_model in LEARNED) != (self.actuator_file is not None):
+            need = "needs an actuator_file (--actuator-model FILE) from 'mrwarp learn'"
+            raise ValueError(
+                f"actuator_model = {self.actuator_model!r} "
+                + (need if self.actuator_model in LEARNED else f"takes no actuator_file, got {self.actuator_file!r}")
+            )
         if not self.currents or min(self.currents) < 0.0:
             raise ValueError(f"currents = {self.currents} must be at least one value, none below 0 A")
         if self.decimation < 1:
@@ -153,6 +165,7 @@ def make_walk_cfg(
     payload: int = 0,
     asset: str | None = None,
     actuator_model: str = "bouc_wen",
+    actuator_file: str | None = None,
     coupling: Coupling = Coupling.CONSTRAINT,
     hold_current: HoldCurrent = HoldCurrent.SUPPORT,
     z_step: ZStep = ZStep.EULER,
@@ -165,6 +178,7 @@ def make_walk_cfg(
         sim=SimCfg(num_envs=num_envs, device=device, backend=backend, threads=threads),
         actuator=MrActuatorCfg(coupling=coupling, hold_current=hold_current, z_step=z_step, sal=sal),
         actuator_model=actuator_model,
+        actuator_file=actuator_file,
         robot=robot,
         payload=payload,
         asset=asset,

@@ -12,10 +12,12 @@ from tensordict import TensorDict
 
 from mrwarp.asset import JointActuator, load_robot
 from mrwarp.env import commands, gait, observations, randomize, rewards, terminations
-from mrwarp.env.cfg import EnvCfg
+from mrwarp.env.cfg import LEARNED, EnvCfg
 from mrwarp.env.sim import ActuatedSim, robot_scene
 from mrwarp.env.sim_model import Edit
 from mrwarp.kernels import ledger
+from mrwarp.nn import model_file
+from mrwarp.residual import LearnedTorque, with_bouc_wen
 from mrwarp.robot import DEFAULT_Q, LEGS, STAND_HEIGHT
 
 
@@ -47,8 +49,11 @@ class WalkEnv(VecEnv):
         asset = load_robot(cfg.asset, robot=cfg.robot, payload=cfg.payload)
         if cfg.actuator_model == "none":
             asset = without_devices(asset)
+        residual = None
+        if cfg.actuator_model in LEARNED:
+            asset, residual = with_learned_torque(asset, cfg)
         scene = robot_scene(asset, cfg.sim, cfg.actuator.coupling, edit)
-        self.robot = ActuatedSim(scene, cfg.sim, cfg.actuator, share_params=False)
+        self.robot = ActuatedSim(scene, cfg.sim, cfg.actuator, residual=residual, share_params=False)
         self.sim, self.actuator = self.robot.sim, self.robot.actuator
 
         sim = self.sim
@@ -264,7 +269,7 @@ _OWN_STATE = (
     "q_des",
     "effort",
 )
-_PHYSICS_STATE = ("qpos", "qvel", "qacc_warmstart", "qfrc_applied")
+_PHYSICS_STATE = ("qpos", "qvel", "qacc_warmstart", "qfrc_applied", "xfrc_applied")
 _SIM_ARRAYS = (
     "q", "qd", "friction", "f_foot", "root_pos", "root_quat", "root_vel", "root_ang", "residual", "unsolved",
 )  # fmt: skip
@@ -279,3 +284,23 @@ def without_devices(asset: Any) -> Any:
 
     plain: tuple[JointActuator, ...] = tuple(replace(actuator, mr=None) for actuator in asset.actuators)
     return replace(asset, actuators=plain)
+
+
+def with_learned_torque(asset: Any, cfg: EnvCfg) -> tuple[Any, LearnedTorque]:
+    """The robot whose devices have the Bouc-Wen coefficients of the learned model's file, and that model in the loop.
+
+    Raises:
+        ModelFileError: the file cannot be used, or holds another kind of model than ``cfg.actuator_model``.
+        SamplingRateError: the model was trained at another rate than the torque loop's.
+    """
+    from dataclasses import replace
+
+    assert cfg.actuator_file is not None  # EnvCfg has checked
+    model = model_file.load(cfg.actuator_file)
+    if model.kind != cfg.actuator_model:
+        raise model_file.ModelFileError(
+            f"{cfg.actuator_file}: holds a {model.kind} model; use --actuator {model.kind} or another file"
+        )
+    residual = LearnedTorque(model, dt=cfg.sim.dt, threads=cfg.sim.threads)
+    actuators = tuple(replace(a, mr=with_bouc_wen(a.mr, model)) if a.mr else a for a in asset.actuators)
+    return replace(asset, actuators=actuators), residual

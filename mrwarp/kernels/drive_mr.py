@@ -1,4 +1,7 @@
-"""The MR joint over the flat arrays of ``newton.actuators``: the steps of ``mr_joint`` for actuator i of N."""
+"""The MR joint over the flat arrays of ``newton.actuators``: the steps of ``mr_joint`` for actuator i of N.
+
+As in ``mr_stages``, two kernels around the learned torque: gate, coil, history and Bouc-Wen; motor and device torque.
+"""
 
 import warp as wp
 
@@ -15,56 +18,106 @@ from mrwarp.kernels.mr_joint import (
     sliding_torque,
 )
 from mrwarp.kernels.pd import pd_torque
+from mrwarp.kernels.window import WINDOW
 
 
 @wp.kernel
-def drive_kernel(
+def drive_predict_kernel(
     # parameters, shape (N,): struct and the addresses in Newton's flat arrays; step [s]; switches
     params: wp.array[JointParams],
     q_adr: wp.array[wp.uint32],
     v_adr: wp.array[wp.uint32],
     q_des_adr: wp.array[wp.uint32],
-    v_des_adr: wp.array[wp.uint32],
     dt: float,
-    constraint: int,
     hold_current: int,
     exact: int,
-    # in, Newton's flat arrays [rad, rad/s, rad, rad/s, N·m or none, A, N or none]; state of shape (N,) [rad, A]
+    # in, Newton's flat arrays [rad, rad/s, rad, A, N or none]; state of shape (N,) [rad, A], fresh = just reset; (1,)
     q_in: wp.array[float],
     qd_in: wp.array[float],
     q_des_in: wp.array[float],
-    qd_des_in: wp.array[float],
-    feedforward_in: wp.array[float],
     mr_current_in: wp.array[float],
     foot_load_in: wp.array[float],
     z_in: wp.array[float],
     current_in: wp.array[float],
-    # out, shape (N,) [rad, A, N·m, N·m]
+    fresh_in: wp.array[int],
+    head_in: wp.array[int],
+    # out, shape (N,) [rad, A, 1]; (N, 1) [1, N·m]; ring of shape (N, 1, WINDOW, FEATURES) or none
     z_out: wp.array[float],
     current_out: wp.array[float],
-    bound_out: wp.array[float],
-    tau_out: wp.array[float],
+    m_hold_out: wp.array[float],
+    m_dyn_out: wp.array2d[float],
+    sliding_out: wp.array2d[float],
+    ring_out: wp.array4d[float],
 ):
-    """One step of the MR joint, in the order of ``mr_stages``: gate, coil, Bouc-Wen, torque or brake bound."""
+    """Gates (5, 8), coil current, history, z (15) and tau_BW (14). Without a foot load the dynamic gate is open."""
     i = wp.tid()
     p = params[i]
-    dof, dof_des = v_adr[i], v_des_adr[i]
+    dof = v_adr[i]
     q, qd = q_in[q_adr[i]], qd_in[dof]
     e = q_des_in[q_des_adr[i]] - q
 
     # without a foot load the device is plainly current-driven
     limit = wp.min(mr_current_in[dof], p.current_max)
-    command, m_hold = float(limit), float(0.0)
-    held = hold_gate(wp.inf, qd, 0.0, p.f_th, p.eps_hold)
+    command, m_dyn, m_hold = float(limit), float(1.0), float(0.0)
     if foot_load_in:
         open_gates = gates(p, foot_load_in[dof], e, qd, limit)
-        m_hold = open_gates[1]
-        held = m_hold
-        command = coil_command(p, open_gates[0], m_hold, e, limit, hold_current)
+        m_dyn, m_hold = open_gates[0], open_gates[1]
+        command = coil_command(p, m_dyn, m_hold, e, limit, hold_current)
     current = coil_current(current_in[i], command, p.coil_time_constant, dt)
 
+    q_c = displacement(p, q)
+    if ring_out:
+        if fresh_in[i] == 1:  # a joint that has rested where it is
+            for row in range(WINDOW):
+                ring_out[i, 0, row, 0] = q_c
+                ring_out[i, 0, row, 1] = 0.0
+                ring_out[i, 0, row, 2] = 0.0
+        newest = head_in[0]
+        ring_out[i, 0, newest, 0] = q_c
+        ring_out[i, 0, newest, 1] = qd
+        ring_out[i, 0, newest, 2] = current
+
     z = hysteresis(p, qd, z_in[i], dt, exact)
-    sliding = sliding_torque(p, qd, displacement(p, q), current, z)
+    z_out[i] = z
+    current_out[i] = current
+    m_hold_out[i] = m_hold
+    m_dyn_out[i, 0] = m_dyn
+    sliding_out[i, 0] = sliding_torque(p, qd, q_c, current, z)
+
+
+@wp.kernel
+def drive_torque_kernel(
+    # parameters, shape (N,): struct and the addresses in Newton's flat arrays; 1 = brake constraint
+    params: wp.array[JointParams],
+    q_adr: wp.array[wp.uint32],
+    v_adr: wp.array[wp.uint32],
+    q_des_adr: wp.array[wp.uint32],
+    v_des_adr: wp.array[wp.uint32],
+    constraint: int,
+    # in, Newton's flat arrays [rad, rad/s, rad, rad/s, N·m or none, N or none]; shape (N,) [A, 1]; (N, 1) [N·m]
+    q_in: wp.array[float],
+    qd_in: wp.array[float],
+    q_des_in: wp.array[float],
+    qd_des_in: wp.array[float],
+    feedforward_in: wp.array[float],
+    foot_load_in: wp.array[float],
+    current_in: wp.array[float],
+    m_hold_in: wp.array[float],
+    sliding_in: wp.array2d[float],
+    # out, shape (N,) [N·m]
+    bound_out: wp.array[float],
+    tau_out: wp.array[float],
+):
+    """Motor torque (2, 9), and the device's torque (6, 19) or the bound of its brake constraint."""
+    i = wp.tid()
+    p = params[i]
+    dof, dof_des = v_adr[i], v_des_adr[i]
+    q, qd = q_in[q_adr[i]], qd_in[dof]
+    e = q_des_in[q_des_adr[i]] - q
+    current, m_hold, sliding = current_in[i], m_hold_in[i], sliding_in[i, 0]
+    held = float(m_hold)
+    if not foot_load_in:  # plainly current-driven: it holds whenever it is slow
+        held = hold_gate(wp.inf, qd, 0.0, p.f_th, p.eps_hold)
     device, bound = float(0.0), float(0.0)
     if constraint == 1:
         bound = brake_bound(p, held, current, sliding)
@@ -78,8 +131,6 @@ def drive_kernel(
         motor = motor + feedforward_in[dof_des]
     motor = wp.clamp(motor, -p.tau_limit, p.tau_limit)
 
-    z_out[i] = z
-    current_out[i] = current
     bound_out[i] = bound
     tau_out[i] = motor + device
 
@@ -91,10 +142,12 @@ def drive_reset_kernel(
     # out, shape (N,)
     z_out: wp.array[float],
     current_out: wp.array[float],
+    fresh_out: wp.array[int],
 ):
-    """Masked reset: no stress, no current."""
+    """Masked reset: no stress, no current, and a history that the next step starts anew."""
     i = wp.tid()
     if mask_in[i]:
+        fresh_out[i] = 1
         z_out[i] = 0.0
         current_out[i] = 0.0
 

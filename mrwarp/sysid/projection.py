@@ -3,7 +3,7 @@
 Eq. 14 is linear in D, B, C, I1, K0, K1 once alpha, beta, gamma are given. So only the few *shape* parameters are
 searched; for each trial the *linear* ones follow from a small linear system (Golub and Pereyra 1973, with Kaufman's
 simplification of the Jacobian). All that the search, the intervals and the warnings need is one Gram matrix per
-trajectory.
+cluster (trajectory, or block of one).
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from mrwarp.sysid.replay import Replay, Samples
 
 _STEP = 1e-2
 """Step of the central differences in (logarithmic) shape parameters: truncation and float32 noise both below 1e-4."""
+FEW = 8
+"""Fewer trajectories than this are cut into blocks to judge the errors."""
 _RANK = 1e-9
 """Eigenvalues of a correlation matrix below this count as zero."""
 
@@ -57,7 +59,7 @@ class Point:
     sse: float
     """Weighted sum of squared mismatch."""
     gram: np.ndarray
-    """Per trajectory: Gram matrix of [columns, d torque/d theta, measured], shape (T, L + p + 1, L + p + 1)."""
+    """Per cluster: Gram matrix of [columns, d torque/d theta, measured], shape (G, L + p + 1, L + p + 1)."""
     simulated: np.ndarray
     """Torque, shape (N,)."""
 
@@ -74,6 +76,7 @@ class Projection:
     def __init__(self, structure: Structure, replay: Replay, weight: np.ndarray | None = None) -> None:
         self.structure, self.replay, self.samples = structure, replay, replay.samples
         self.weight = np.ones(len(self.samples.q)) if weight is None else weight
+        self.clusters = _clusters(self.samples)
         self._bounded = np.array([name in structure.non_negative for name in structure.linear])
 
     def costs(self, thetas: Sequence[np.ndarray]) -> np.ndarray:
@@ -93,12 +96,12 @@ class Projection:
         slopes = [(tau[j] - tau[num + j]) / (2 * _STEP) for j in range(num)]
         table = np.column_stack([base, *slopes, self.samples.torque]) * np.sqrt(self.weight)[:, None]
         size = len(s.linear) + num + 1
-        gram = np.empty((len(self.samples.dt), size, size))
-        for k, part in enumerate(self.samples.parts):
+        gram = np.empty((len(self.clusters), size, size))
+        for k, part in enumerate(self.clusters):
             gram[k] = table[part].T @ table[part]
         return Point(theta=theta, linear=linear, free=free, sse=sse, gram=gram, simulated=base @ linear)
 
-    def descend(self, theta: np.ndarray, *, iterations: int = 30, tolerance: float = 1e-9) -> Point:
+    def descend(self, theta: np.ndarray, *, iterations: int = 30, tolerance: float = 1e-7) -> Point:
         """Levenberg-Marquardt within the bounds, from ``theta`` to the nearest minimum."""
         s = self.structure
         point, damping = self.evaluate(np.clip(theta, s.low, s.high)), 1e-3
@@ -117,7 +120,7 @@ class Projection:
                 point, damping = self.evaluate(trial), max(damping / 5, 1e-12)
             else:
                 damping *= 10
-            if moved < 1e-7 or (0 <= gain < tolerance and moved < 1e-3) or damping > 1e8:
+            if moved < 1e-7 or (0 <= gain < tolerance and moved < 1e-2) or damping > 1e8:
                 break
         return point
 
@@ -141,7 +144,7 @@ class Projection:
         for theta in thetas:
             rows += self.structure.elements(theta)
         torque = self.replay.torque(rows)
-        per = len(rows) // len(thetas)
+        per = len(torque) // len(thetas)
         for i, theta in enumerate(thetas):
             yield self.structure.columns(self.samples, torque[i * per : (i + 1) * per], theta)
 
@@ -171,6 +174,16 @@ def bounded_solve(gram: np.ndarray, moment: np.ndarray, bounded: np.ndarray) -> 
         if not outside.any():
             return solution, free
         free[np.argmin(np.where(outside, solution * scale, np.inf))] = False
+
+
+def _clusters(samples: Samples) -> list[slice]:
+    """Parts whose errors count as independent: trajectories, or blocks of them where there are few."""
+    parts = samples.parts
+    if len(parts) >= FEW:
+        return parts
+    blocks = -(-2 * FEW // len(parts))
+    cuts = [np.linspace(part.start, part.stop, blocks + 1).astype(int) for part in parts]
+    return [slice(int(a), int(b)) for cut in cuts for a, b in zip(cut[:-1], cut[1:], strict=True)]
 
 
 def _reduced(point: Point) -> tuple[np.ndarray, np.ndarray]:

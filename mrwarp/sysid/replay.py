@@ -6,7 +6,7 @@ steps are the same for a 26 N·m joint and a 2 kN damper. Time stays in seconds.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -14,10 +14,11 @@ import numpy as np
 import warp as wp
 
 from mrwarp.kernels.joint_params import JointParams
-from mrwarp.kernels.replay import replay_kernel
+from mrwarp.kernels.replay import Extension, replay_kernel
 from mrwarp.sysid.recording import Recording
 
 _RECORD: np.dtype = np.dtype(JointParams.numpy_dtype())  # pyright: ignore[reportCallIssue,reportArgumentType]
+_EXTENSION: np.dtype = np.dtype(Extension.numpy_dtype())  # pyright: ignore[reportCallIssue,reportArgumentType]
 _BATCH = 16_000_000
 """Samples times candidates of one launch: bounds the memory of its output to 64 MB."""
 
@@ -25,6 +26,7 @@ DIMENSIONS: dict[str, tuple[int, int, int]] = {
     "q_neutral": (1, 0, 0), "q_offset": (1, 0, 0), "q_center": (1, 0, 0), "z_max": (1, 0, 0),
     "D": (0, 0, 1), "B": (-1, 0, 1), "C": (-1, 0, 1), "I1": (0, -1, 1), "K0": (-1, 0, 1), "K1": (-1, -1, 1),
     "alpha": (-1, 0, 0), "beta": (-1, 0, 0), "gamma": (-1, 0, 0),
+    "B_current": (-1, -1, 1), "B_direction": (-1, 0, 1), "B_direction_current": (-1, -1, 1),
 }  # fmt: skip
 """Powers of the scales (q, current, torque) in each parameter; the others carry none of them, or only seconds."""
 
@@ -94,13 +96,13 @@ class Replay:
     Args:
         samples: The recorded motion.
         exact: Step z by its closed form; False: the paper's Euler step.
-        substeps: Parts of each sampling step, through linearly interpolated velocity. 0: the simulator's own step, which
-            holds the newest velocity. A simulated velocity is the mean over its step, a measured one is not: so 0 suits
-            simulated motion and 1 or more suits measured motion.
+        substeps: Parts of each sampling step, through interpolated velocity. 0: the simulator's own step,
+            which holds the newest velocity. A simulated velocity is the mean over its step, a measured one is not:
+            so 0 suits simulated motion and 1 or more suits measured motion.
         device: Warp device.
     """
 
-    def __init__(self, samples: Samples, *, exact: bool = True, substeps: int = 1, device: str = "cpu") -> None:
+    def __init__(self, samples: Samples, *, exact: bool = True, substeps: int = 2, device: str = "cpu") -> None:
         self.samples = samples
         self.exact, self.substeps, self.device = exact, substeps, device
         s = samples
@@ -114,13 +116,14 @@ class Replay:
         tau = np.empty((size, num), dtype=np.float32)
         step = max(1, _BATCH // num)
         for at in range(0, size, step):
-            rows = _rows(candidates[at : at + step])
+            rows, extension = _rows(candidates[at : at + step])
             out = wp.empty((len(rows), num), dtype=float, device=self.device)
+            params = wp.array(rows, dtype=JointParams, device=self.device)
+            extensions = wp.array(extension, dtype=Extension, device=self.device)
             wp.launch(
                 replay_kernel,
                 dim=(len(rows), len(self.samples.dt)),
-                inputs=[wp.array(rows, dtype=JointParams, device=self.device), int(self.exact), self.substeps]
-                + self._arrays,
+                inputs=[params, extensions, int(self.exact), self.substeps, *self._arrays],
                 outputs=[out],
                 device=self.device,
             )
@@ -129,7 +132,7 @@ class Replay:
 
 
 def simulate(
-    values: Mapping[str, float], recording: Recording, *, exact: bool = True, substeps: int = 1
+    values: Mapping[str, float], recording: Recording, *, exact: bool = True, substeps: int = 2
 ) -> list[np.ndarray]:
     """Torque [unit of the recording] that eqs. 14 and 15 give along each trajectory; ``q_neutral`` is 0 on a bench.
 
@@ -147,12 +150,11 @@ def simulate(
     return [tau[part] for part in samples.parts]
 
 
-def _rows(candidates: Iterable[Mapping[str, float]]) -> np.ndarray:
-    """Parameter structs of the candidates, shape (C,)."""
-    candidates = list(candidates)
-    rows = np.zeros(len(candidates), dtype=_RECORD)
+def _rows(candidates: Sequence[Mapping[str, float]]) -> tuple[np.ndarray, np.ndarray]:
+    """Parameter and extension structs of the candidates, each of shape (C,)."""
+    rows, extension = np.zeros(len(candidates), dtype=_RECORD), np.zeros(len(candidates), dtype=_EXTENSION)
     rows["z_max"] = np.inf
-    for row, values in enumerate(candidates):
+    for k, values in enumerate(candidates):
         for name, value in values.items():
-            rows[name][row] = value
-    return rows
+            (rows if name in JointParams.vars else extension)[name][k] = value
+    return rows, extension

@@ -1,0 +1,173 @@
+"""Command line of the USD assets: ``mrwarp asset show | set | check | diff | apply | export``."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from mrwarp.asset import ASSETS, AssetError, is_mr, open_stage, read_parameters
+from mrwarp.asset_edit import Change, edit_asset, find_prim
+from mrwarp.asset_report import check_asset, diff_assets, load_variants, show_asset
+from mrwarp.model_file import (
+    JOINT_UNITS,
+    FittedOn,
+    Model,
+    ModelFileError,
+    Parameter,
+    load_model,
+    parameter_unit,
+    save_model,
+)
+from mrwarp.results import versions
+
+DEFAULT = ASSETS / "mr_go.usda"
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The options of ``mrwarp asset``."""
+    parser = argparse.ArgumentParser(
+        prog="mrwarp asset", description="Look at, edit, check and compare USD files of the robot or the bench."
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    show = commands.add_parser("show", help="joints, gains, MR numbers with unit, default and source, and masses")
+    show.add_argument("file", nargs="?", type=Path, default=DEFAULT, help="USD file (default: the robot's own)")
+    show.add_argument("--robot", help="variant: mr_go or go1 (default: mr_go where the file has it)")
+    show.add_argument("--payload", help="variant: 0 or 3 kg (default: 0 where the file has it)")
+    show.add_argument("--full", action="store_true", help="list every number of every device")
+
+    edit = commands.add_parser("set", help="change one number; comments and layout of a text file stay")
+    edit.add_argument("file", type=Path, help="USD file")
+    edit.add_argument("prim", help="joint such as FL_calf, class such as MRDevice (all four), or a prim path")
+    edit.add_argument("attribute", help="such as K1 or newton:mr:K1; kp, kd or maxEffort of a plain motor")
+    edit.add_argument("value", help="number in the attribute's unit, see 'mrwarp asset show'")
+    edit.add_argument("--out", type=Path, metavar="F", help="write here and leave FILE alone")
+
+    check = commands.add_parser("check", help="load every variant, check every number, convert it with Newton")
+    check.add_argument("file", nargs="?", type=Path, default=DEFAULT, help="USD file (default: the robot's own)")
+
+    diff = commands.add_parser("diff", help="numbers that differ; exit code 0 none, 1 some, 2 trouble")
+    diff.add_argument("a", type=Path, help="USD file")
+    diff.add_argument("b", type=Path, help="USD file")
+
+    apply = commands.add_parser("apply", help="write the numbers of a model.json onto the MR devices")
+    apply.add_argument("file", type=Path, help="USD file")
+    apply.add_argument("model", type=Path, help="model.json, as 'mrwarp fit' writes it")
+    apply.add_argument("--prim", default="MRDevice", help="joint or class (default: MRDevice, all four)")
+    apply.add_argument("--out", type=Path, metavar="F", help="write here and leave FILE alone")
+
+    export = commands.add_parser("export", help="write the numbers of an MR device as model.json")
+    export.add_argument("file", type=Path, help="USD file")
+    export.add_argument("prim", nargs="?", help="joint or class (default: the joints, if their numbers are the same)")
+    export.add_argument("--out", type=Path, required=True, metavar="MODEL.json", help="file to write")
+    return parser
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run a command; 0 done, 1 the files of ``diff`` differ, 2 bad input: then nothing was written."""
+    args = make_parser().parse_args([_shielded(word) for word in (sys.argv[1:] if argv is None else argv)])
+    try:
+        code = _COMMANDS[args.command](args)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:  # the reader, such as head, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (AssetError, ModelFileError, OSError) as error:
+        print(f"mrwarp asset {args.command}: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+
+
+def _shielded(word: str) -> str:
+    """``word``, with a blank before a negative number, which argparse would take for an option (``-1e-3``)."""
+    try:
+        float(word)
+    except ValueError:
+        return word
+    return f" {word}" if word.startswith("-") else word
+
+
+def _show(args: argparse.Namespace) -> int:
+    asset = next(load_variants(args.file, args.robot, args.payload))
+    for line in show_asset(asset, args.full):
+        print(line)
+    return 0
+
+
+def _set(args: argparse.Namespace) -> int:
+    return _edit(args, {args.attribute: args.value.strip()})
+
+
+def _apply(args: argparse.Namespace) -> int:
+    model = load_model(args.model)
+    model.to_params()  # refuses other units than the simulator's
+    if model.effects:
+        names = ", ".join(effect.name for effect in model.effects)
+        text = f"left out, as a USD asset holds no effects beyond eqs. 14 and 15: {names}"
+        print(f"mrwarp asset apply: notice: {text}", file=sys.stderr)
+    return _edit(args, model.values)
+
+
+def _edit(args: argparse.Namespace, values: Mapping[str, float | str]) -> int:
+    """Edit, and say what changed."""
+    report = edit_asset(args.file, args.prim, dict(values), args.out, check=lambda copy: list(check_asset(copy)))
+    for change in report.changes:
+        print(_change(change))
+    for line in report.kept:
+        print(line)
+    if not report.changes:
+        print(f"{args.prim} has these numbers already: {', '.join(values)}")
+    if report.notice:
+        print(f"mrwarp asset {args.command}: notice: {report.notice}", file=sys.stderr)
+    print(f"wrote {report.path}")
+    return 0
+
+
+def _export(args: argparse.Namespace) -> int:
+    if args.prim is None:
+        devices = {a.joint: a.mr for a in next(load_variants(args.file)).actuators if a.mr is not None}
+        if len(set(devices.values())) != 1:
+            text = "differ" if devices else "are missing"
+            raise AssetError(f"{args.file}: the joints' MR devices {text}; name one of: {', '.join(devices) or 'none'}")
+        params, source = next(iter(devices.values())), f"{args.file}: {', '.join(devices)}"
+    else:
+        stage = open_stage(args.file)
+        prim = find_prim(stage, args.prim, args.file)
+        if not is_mr(prim):
+            raise AssetError(f"{args.file}: {prim.GetPath()} is a plain motor; name a joint with an MR device")
+        params, source = read_parameters(prim, args.file), f"{args.file}: {prim.GetPath()}"
+    model = Model(
+        parameters={
+            name: Parameter(value=value, unit=parameter_unit(name, JOINT_UNITS))
+            for name, value in params
+            if name != "q_neutral"  # belongs to the robot, see mrwarp.model_file
+        },
+        fitted_on=FittedOn(source=source, trajectories=0, samples=0, rate=0.0),
+        versions=versions(),
+    )
+    print(f"wrote {save_model(model, args.out)}")
+    return 0
+
+
+def _change(change: Change) -> str:
+    before = "none" if change.before is None else f"{change.before:.10g}"
+    return f"{change.prim} {change.attribute}: {before} -> {change.after:.10g} {change.unit}"
+
+
+def _check(args: argparse.Namespace) -> int:
+    for line in check_asset(args.file):
+        print(line, flush=True)
+    return 0
+
+
+def _diff(args: argparse.Namespace) -> int:
+    lines = diff_assets(args.a, args.b)
+    for line in lines:
+        print(line)
+    return 1 if lines else 0
+
+
+_COMMANDS = {"show": _show, "set": _set, "check": _check, "diff": _diff, "apply": _apply, "export": _export}

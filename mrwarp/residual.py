@@ -1,0 +1,187 @@
+"""The learned torque in the loop: reads the history ring where it lies, writes the torque of the open windows.
+
+The torch module is the master (``mrwarp.nn``); here its weights are laid out once for Warp kernels that compute the
+same function. torch's own LSTM would need the windows in time order (a copy), the number of open ones on the host (a
+wait on a GPU, and no graph capture), and its bits depend on the size of the batch.
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import torch
+import warp as wp
+
+from mrwarp.kernels import learned, lstm_lanes
+from mrwarp.kernels.window import FEATURES, WINDOW
+from mrwarp.launch import record
+from mrwarp.nn.model_file import LearnedModel
+from mrwarp.params import BoucWenParams, MrParams, ParameterError
+
+KINDS = ("mlp", "lstm", "pg_rlstm")
+"""Learned models that can run in the loop."""
+
+
+class LearnedTorque:
+    """A trained network as ``MrActuator(residual=...)``; one object serves one actuator.
+
+    ``pg_rlstm`` is added to tau_BW (eq. 16); ``mlp`` and ``lstm`` take its place. Both only where the dynamic gate is
+    open: elsewhere the device keeps the Bouc-Wen drag.
+
+    Args:
+        model: The network.
+        dt: Torque step [s].
+        threads: CPU threads for the LSTM; 0 = all. The results are the same bits for any number.
+        evaluate_all: Compute closed windows too, without using them (to test that nothing depends on it).
+
+    Raises:
+        SamplingRateError: the model was trained at another rate than 1/dt.
+    """
+
+    def __init__(self, model: LearnedModel, *, dt: float, threads: int = 0, evaluate_all: bool = False) -> None:
+        model.check_rate(dt)
+        self.model = model
+        self.threads = threads or os.cpu_count() or 1
+        self.evaluate_all = evaluate_all
+        self._arrays: tuple[int | None, ...] = ()
+        self._pool: ThreadPoolExecutor | None = None
+
+    def __call__(self, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
+        """Write the predicted torque to ``tau_dyn`` (E, M) where ``m_dyn`` (E, M) is open.
+
+        Args:
+            ring: History, shape (E, M, 50, 3), see ``mrwarp.kernels.window``.
+            head: Row of its newest sample, shape (1,).
+            m_dyn: Dynamic gate, shape (E, M).
+            tau_dyn: tau_BW on entry, the prediction on return [N·m], shape (E, M).
+        """
+        arrays = (ring.ptr, head.ptr, m_dyn.ptr, tau_dyn.ptr)
+        if arrays != self._arrays:
+            self._prepare(ring, head, m_dyn, tau_dyn)
+            self._arrays = arrays
+        self._count.zero_()
+        self._gather.launch()
+        if len(self._launches) == 1 or wp.get_device(str(tau_dyn.device)).is_capturing:
+            for launch in self._launches:
+                launch.launch()
+        else:
+            assert self._pool is not None  # made with the launches
+            others = [self._pool.submit(launch.launch) for launch in self._launches[1:]]
+            self._launches[0].launch()
+            for other in others:
+                other.result()
+
+    def _prepare(self, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
+        """Record the launches on these arrays."""
+        if ring.shape[2:] != (WINDOW, FEATURES) or not (ring.is_contiguous and tau_dyn.is_contiguous):
+            raise ValueError(f"history of shape {ring.shape}; need a contiguous (E, M, {WINDOW}, {FEATURES})")
+        device, windows = wp.get_device(str(tau_dyn.device)), m_dyn.size
+        self._count = wp.zeros(1, dtype=int, device=device)
+        index = wp.zeros(max(windows, 1), dtype=int, device=device)
+        self._gather = record(
+            learned.open_windows_kernel,
+            dim=m_dyn.shape,
+            inputs=[int(self.evaluate_all), m_dyn],
+            outputs=[self._count, index],
+            device=device,
+        )
+        inputs = [self._count, index, head, ring, m_dyn]
+        whole = int(not self.model.is_residual)
+        state = {name: t.double().numpy() for name, t in self.model.net.state_dict().items()}
+
+        def array(values: np.ndarray) -> wp.array:
+            return wp.array(np.ascontiguousarray(values, dtype=np.float32), dtype=float, device=device)
+
+        def scratch(rows: int) -> wp.array:
+            return wp.empty((rows, learned.HIDDEN, windows), dtype=float, device=device)
+
+        if self.model.kind == "mlp":
+            layers = [array(layer) for layer in mlp_layers(state)]
+            self._launches = [
+                record(
+                    learned.mlp_window_kernel,
+                    windows,
+                    [*layers, whole, *inputs, tau_dyn],
+                    [scratch(2), tau_dyn],
+                    device,
+                )
+            ]
+        elif device.is_cpu:
+            weights, out = array(lane_weights(lstm_weights(state))), array(output_layer(state))
+            threads = max(min(self.threads, windows // 8), 1)
+            self._launches = [
+                record(
+                    lstm_lanes.lstm_lanes_kernel, 1, [weights, out, whole, part, threads, *inputs], [tau_dyn], device
+                )
+                for part in range(threads)
+            ]
+            if threads > 1 and self._pool is None:
+                self._pool = ThreadPoolExecutor(self.threads - 1, thread_name_prefix="residual")
+        else:
+            weights, out = array(lstm_weights(state)), array(output_layer(state))
+            self._launches = [
+                record(
+                    learned.lstm_window_kernel, windows, [weights, out, whole, *inputs, tau_dyn], [scratch(3), tau_dyn],
+                    device,
+                )
+            ]  # fmt: skip
+        self._keep = (index, ring, head, m_dyn, tau_dyn)
+
+
+def lstm_weights(state: dict[str, np.ndarray]) -> np.ndarray:
+    """LSTM weights as ``lstm_window_kernel`` wants them, float64, shape (HIDDEN, 1 + FEATURES + HIDDEN, 4).
+
+    The standardisation is folded in: W (x - mean)/std + b = (W/std) x + (b - W mean/std).
+    """
+    scale, mean = 1.0 / state["scaler.std"], state["scaler.mean"]
+    w_in = state["lstm.weight_ih_l0"] * scale
+    bias = state["lstm.bias_ih_l0"] + state["lstm.bias_hh_l0"] - w_in @ mean
+    rows = np.concatenate([bias[:, None], w_in, state["lstm.weight_hh_l0"]], axis=1)
+    return rows.reshape(learned.GATES, learned.HIDDEN, -1).transpose(1, 2, 0)
+
+
+def lane_weights(weights: np.ndarray) -> np.ndarray:
+    """The same for ``lstm_lanes_kernel``: flat, [units in fours][row][gate][unit of the four]."""
+    hidden, rows, gates = weights.shape
+    return weights.reshape(hidden // lstm_lanes.UNITS, lstm_lanes.UNITS, rows, gates).transpose(0, 2, 3, 1).reshape(-1)
+
+
+def output_layer(state: dict[str, np.ndarray]) -> np.ndarray:
+    """Output weights with the bias last, shape (HIDDEN + 1,)."""
+    return np.concatenate([state["out.weight"][0], state["out.bias"]])
+
+
+def mlp_layers(state: dict[str, np.ndarray]) -> list[np.ndarray]:
+    """The MLP's three layers with the bias as the last column, the standardisation folded into the first."""
+    layers = [np.concatenate([state[f"net.{i}.weight"], state[f"net.{i}.bias"][:, None]], axis=1) for i in (0, 2, 4)]
+    scale = np.tile(1.0 / state["scaler.std"], learned.MLP_SAMPLES)
+    mean = np.tile(state["scaler.mean"], learned.MLP_SAMPLES)
+    layers[0][:, :-1] *= scale
+    layers[0][:, -1] -= layers[0][:, :-1] @ mean
+    return layers
+
+
+def with_bouc_wen(mr: MrParams, model: LearnedModel) -> MrParams:
+    """A joint's parameters with the Bouc-Wen coefficients that the model was trained beside.
+
+    The joint keeps its own neutral angle; the bench's displacement is about its own zero.
+
+    Raises:
+        ParameterError: the model's coefficients are not those of ``BoucWenParams``, or out of a joint's range.
+    """
+    if model.is_residual and not model.bouc_wen:
+        raise ParameterError("this pg_rlstm model is a residual on another physical model and cannot run in the loop")
+    try:
+        bouc_wen = BoucWenParams(**{**model.bouc_wen, "q_neutral": mr.bouc_wen.q_neutral})
+    except TypeError as error:
+        raise ParameterError(f"the {model.kind} model's Bouc-Wen parameters are not ours ({error})") from None
+    return replace(mr, bouc_wen=bouc_wen)
+
+
+def window_now(ring: wp.array, head: wp.array) -> torch.Tensor:
+    """The history in time order, oldest first, shape (E, M, 50, 3): a copy, for checks against the torch module."""
+    rows = (int(head.numpy()[0]) + 1 + torch.arange(WINDOW)) % WINDOW
+    return wp.to_torch(ring)[:, :, rows]

@@ -1,0 +1,235 @@
+"""Figure 4 of the paper on the virtual bench: RMSE of four torque models on ten unseen trajectories per current.
+
+All networks are trained by one recipe on the bench's fitting data, the Bouc-Wen model is identified on the same data.
+The bench's effects are what they are; strengths 0.5 and 2 show how the ranking depends on them. Each model is kept in
+the output folder as soon as it is done, so an interrupted run goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import warp as wp
+from matplotlib.figure import Figure
+
+from mrwarp.nn import model_file
+from mrwarp.nn.models import SAMPLES
+from mrwarp.nn.train import FitCfg
+from mrwarp.results import write_result
+from mrwarp.sysid import learn
+from mrwarp.sysid.bench import BenchCfg, BenchData, run_bench
+from mrwarp.sysid.bench_effects import Effects
+from mrwarp.sysid.fit import fit
+from mrwarp.sysid.learn_cli import plot_history, print_epoch
+
+MODELS = ("mlp", "bouc_wen", "lstm", "pg_rlstm")
+"""The models of Fig. 4."""
+
+PAPER = {
+    "mlp": {"1": (0.802, 0.503), "1.2": (0.802, 0.349), "1.5": (0.876, 0.244)},
+    "bouc_wen": {"1": (0.423, 0.268), "1.2": (0.640, 0.421), "1.5": (0.777, 0.474)},
+    "lstm": {"1": (0.429, 0.166), "1.2": (0.519, 0.299), "1.5": (0.662, 0.377)},
+    "pg_rlstm": {"1": (0.292, 0.181), "1.2": (0.422, 0.223), "1.5": (0.350, 0.199)},
+}
+"""Mean and sample standard deviation of the RMSE [N·m] by current [A], paper section 6.1."""
+
+AVERAGE = 0.355
+"""Average RMSE of PG-RLSTM to reach [N·m], paper section 6.1."""
+
+REDUCTIONS = {"bouc_wen": 0.421, "lstm": 0.339, "mlp": 0.571}
+"""Reduction of the average RMSE by PG-RLSTM to reach, relative to each other model, paper section 6.1."""
+
+_COLOURS = {"mlp": "#9aa5b1", "bouc_wen": "#c98b3c", "lstm": "#5b8fc7", "pg_rlstm": "#2f7d4f"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figure4Cfg:
+    """What is trained and judged."""
+
+    bench: BenchCfg = field(default_factory=BenchCfg)
+    """The session; its effects are replaced by the default ones times each strength."""
+    fit: FitCfg = field(default_factory=FitCfg)
+    """Recipe of all networks."""
+    strengths: tuple[float, ...] = (1.0, 0.5, 2.0)
+    """Factors on the bench's effects; the first one is judged."""
+
+
+def figure4(cfg: Figure4Cfg, out: Path) -> dict[str, Any]:
+    """Train and evaluate all models at all strengths; returns the figures of ``result.json``.
+
+    Args:
+        cfg: What to do.
+        out: Folder for models, curves and what is needed to go on.
+
+    Raises:
+        KeyboardInterrupt: the run was stopped; what is done is kept.
+    """
+    results: dict[str, Any] = {}
+    for strength in cfg.strengths:
+        bench = replace(cfg.bench, effects=Effects.defaults(strength))
+        results[f"{strength:g}"] = _one_strength(bench, cfg.fit, out / f"strength_{strength:g}")
+        print(f"\neffects times {strength:g}\n{learn.table(results[f'{strength:g}'])}\n", flush=True)
+    first = results[f"{cfg.strengths[0]:g}"]
+    plot(results, out / "figure4.png")
+    return {
+        "strengths": results,
+        "reductions": {name: _reductions(rows) for name, rows in results.items()},
+        "verdicts": judge(first),
+        "paper": {name: {amps: list(pair) for amps, pair in rows.items()} for name, rows in PAPER.items()},
+        "recipe": asdict(cfg.fit),
+        "bench": {"samples": cfg.bench.samples, "trajectories": cfg.bench.trajectories, "seed": cfg.bench.seed},
+    }
+
+
+def judge(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, bool]:
+    """Each claim of the paper by name, True where it holds; ``rows`` holds a ``learn.summary`` per model."""
+    best, others = rows["pg_rlstm"], [rows[name] for name in REDUCTIONS]
+    lowest = all(
+        cell["mean"] < other["by_current"][amps]["mean"]
+        for other in others
+        for amps, cell in best["by_current"].items()
+    )
+    reductions = _reductions(rows)
+    return {
+        "pg_rlstm_lowest_at_each_current": lowest,
+        "pg_rlstm_average": best["average"] <= AVERAGE,
+        **{f"lower_than_{name}": reductions[name] >= wanted for name, wanted in REDUCTIONS.items()},
+    }
+
+
+def plot(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:
+    """Bars per current and model as in the paper, its values as marks; beside them the averages per strength."""
+    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    first = next(iter(results.values()))
+    currents = list(first["pg_rlstm"]["by_current"])
+    width = 0.8 / len(MODELS)
+    for k, name in enumerate(MODELS):
+        x = np.arange(len(currents)) + (k - 1.5) * width
+        cells = [first[name]["by_current"][amps] for amps in currents]
+        means, sds = [c["mean"] for c in cells], [c["sd"] for c in cells]
+        left.bar(x, means, width, yerr=sds, capsize=3, color=_COLOURS[name], label=name)
+        paper = [PAPER[name].get(amps, (np.nan, np.nan))[0] for amps in currents]
+        left.plot(x, paper, "k_", markersize=14, label="paper" if k == 0 else None)
+        averages = [rows[name]["average"] for rows in results.values()]
+        right.bar(np.arange(len(results)) + (k - 1.5) * width, averages, width, color=_COLOURS[name])
+    left.set_xticks(range(len(currents)), [f"{amps} A" for amps in currents])
+    left.set_ylabel("RMSE on ten unseen trajectories [N·m]")
+    left.legend(ncols=2, fontsize="small")
+    right.set_xticks(range(len(results)), [f"effects × {name}" for name in results])
+    right.set_ylabel("average RMSE [N·m]")
+    for axis in (left, right):
+        axis.grid(axis="y", alpha=0.3)
+        axis.set_axisbelow(True)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=120)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Make Figure 4; 0 when every claim holds at full strength, 1 when one does not, 2 on bad input."""
+    argv = sys.argv[1:] if argv is None else argv
+    args = _parser().parse_args(argv)
+    wp.config.log_level = wp.LOG_WARNING
+    torch.set_num_threads(1)
+    try:
+        bench = BenchCfg(samples=args.samples, trajectories=args.trajectories, seed=args.seed)
+        recipe = FitCfg(epochs=args.epochs, windows_per_epoch=args.windows_per_epoch, seed=args.seed)
+        cfg = Figure4Cfg(bench=bench, fit=recipe, strengths=tuple(args.strengths))
+        result = figure4(cfg, args.out)
+    except (ValueError, OSError) as error:
+        print(f"mrwarp reproduce fig4: {error}", file=sys.stderr)
+        return 2
+    write_result(args.out, result, seed=args.seed, command="python -m mrwarp.sysid.figure4 " + shlex.join(argv))
+    for name, holds in result["verdicts"].items():
+        print(f"{name:34s} {'holds' if holds else 'MISSED'}")
+    return 0 if all(result["verdicts"].values()) else 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    recipe, bench = FitCfg(), BenchCfg()
+    parser = argparse.ArgumentParser(prog="mrwarp reproduce fig4", description=figure4.__doc__)
+    parser.add_argument("--out", type=Path, required=True, help="output folder; a stopped run goes on there")
+    parser.add_argument("--strengths", type=float, nargs="+", default=[1.0, 0.5, 2.0], help="factors on the effects")
+    parser.add_argument("--epochs", type=int, default=recipe.epochs, help="most epochs per network")
+    parser.add_argument("--windows-per-epoch", type=int, default=recipe.windows_per_epoch)
+    parser.add_argument("--samples", type=int, default=bench.samples, help="samples of the fitting data")
+    parser.add_argument("--trajectories", type=int, default=bench.trajectories, help="trajectories of the fitting data")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the bench and of the training")
+    return parser
+
+
+def _one_strength(bench: BenchCfg, recipe: FitCfg, out: Path) -> dict[str, Any]:
+    """A ``learn.summary`` per model."""
+    data: BenchData | None = None
+    bouc_wen: dict[str, float] | None = None
+    rows: dict[str, Any] = {}
+    for name in ("bouc_wen", *(name for name in MODELS if name in SAMPLES)):
+        key = {"effects": dict(bench.effects), "params": bench.params.to_dict(), "samples": bench.samples,
+               "trajectories": bench.trajectories, "evaluation_samples": bench.evaluation_samples,
+               "seed": bench.seed, "recipe": asdict(recipe), "model": name}  # fmt: skip
+        done = _read(out / f"{name}.json", key)
+        if done is None:
+            if data is None:
+                print(f"running the bench for {out}", flush=True)
+                data = run_bench(bench)
+            done = _train(name, data, bouc_wen, recipe, out)
+            _write(out / f"{name}.json", {"key": key, **done})
+        if name == "bouc_wen":
+            bouc_wen = done["bouc_wen"]
+        rows[name] = done["summary"]
+    return {name: rows[name] for name in MODELS}
+
+
+def _train(name: str, data: BenchData, bouc_wen: dict[str, float] | None, recipe: FitCfg, out: Path) -> dict[str, Any]:
+    """Fit or train one model and judge it on the evaluation trajectories."""
+    assert data.evaluation is not None  # BenchCfg here always asks for them
+    if name == "bouc_wen":
+        print("fitting bouc_wen", flush=True)
+        fitted = learn.bench_parameters(fit(data.fit, exact=False, substeps=0, seed=recipe.seed).values)
+        errors = learn.errors(learn.bouc_wen_torque(data.evaluation, fitted), data.evaluation)
+        return {"summary": learn.summary(errors), "errors": _text_keys(errors), "bouc_wen": fitted}
+    print(f"training {name}", flush=True)
+    learned = learn.learn(data.fit, kind=name, bouc_wen=bouc_wen, cfg=recipe, report=print_epoch)
+    if learned.history.stopped == "interrupted":
+        raise KeyboardInterrupt
+    errors = learn.errors(learn.predict(learned.model, data.evaluation), data.evaluation)
+    model_file.save(replace(learned.model, source="mrwarp virtual bench"), out / f"{name}.safetensors")
+    plot_history(learned.history, name, out / f"{name}_curves.png")
+    return {"summary": learn.summary(errors), "errors": _text_keys(errors), "training": learned.figures}
+
+
+def _reductions(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
+    """Relative reduction of the average RMSE by PG-RLSTM [1]."""
+    return {name: 1.0 - rows["pg_rlstm"]["average"] / rows[name]["average"] for name in REDUCTIONS}
+
+
+def _text_keys(errors: Mapping[float, Sequence[float]]) -> dict[str, list[float]]:
+    return {f"{amps:g}": list(values) for amps, values in errors.items()}
+
+
+def _read(path: Path, key: dict[str, Any]) -> dict[str, Any] | None:
+    """What was kept under the same key, or None."""
+    if not path.is_file():
+        return None
+    content = json.loads(path.read_text())
+    return content if content.get("key") == json.loads(json.dumps(key)) else None
+
+
+def _write(path: Path, content: dict[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(".part")
+    partial.write_text(json.dumps(content, indent=1))
+    partial.replace(path)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

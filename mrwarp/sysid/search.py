@@ -1,0 +1,105 @@
+"""The search for the best parameters: starts on a subset of the samples, refinement on all of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from mrwarp.sysid.projection import Point, Projection, Structure
+from mrwarp.sysid.replay import Replay, Samples
+
+Progress = Callable[[str], None]
+
+_SUBSET = 20_000
+"""Samples on which the starts are searched."""
+_STARTS = 3
+_SPIKE = 0.05
+"""Smallest spike that counts, as a share of the torque's 95th percentile."""
+_SETTLED = 4.0
+"""Yield travels after which the unknown initial z is forgotten to exp(-4) = 2 %."""
+
+
+def search(
+    structure: Structure,
+    replay: Replay,
+    samples: Samples,
+    *,
+    starts: tuple[np.ndarray, ...] = (),
+    robust: bool = False,
+    seed: int = 0,
+    told: Progress = lambda text: None,
+) -> tuple[Point, list[str]]:
+    """Grid of starts on a subset, descent from the best, refinement on all samples.
+
+    Returns:
+        The optimum and warnings about the search.
+    """
+    told("searching starts")
+    small = subset(samples, _SUBSET, seed)
+    rough = Projection(structure, Replay(small, exact=replay.exact, substeps=replay.substeps))
+    points = [rough.descend(theta, tolerance=1e-5) for theta in (*starts, *rough.starts(_STARTS))]
+    points.sort(key=lambda p: p.sse)
+    warnings = []
+    rivals = [p for p in points[1:] if p.sse < 1.01 * points[0].sse and np.abs(p.theta - points[0].theta).max() > 0.3]
+    if rivals:
+        warnings.append("two different parameter sets fit a part of the data equally well: record richer motion")
+    told(f"refining on {len(samples.q)} samples")
+    projection = Projection(structure, replay, _settled(samples, points[0].theta))
+    projection.samples = samples
+    point = projection.descend(points[0].theta)
+    for rival in rivals[:1]:
+        point = min(point, projection.descend(rival.theta), key=lambda p: p.sse)
+    outliers = _spikes(point.simulated - samples.torque)
+    base = projection.weight
+    for _ in range(4 if robust else 0):
+        told("weighing down outliers")
+        deviation = 1.4826 * float(np.median(np.abs(point.simulated - samples.torque)))
+        far = np.abs(point.simulated - samples.torque) / (1.345 * deviation)
+        projection.weight = base / np.maximum(far, 1.0)
+        point = projection.descend(point.theta, iterations=8)
+    if outliers > 1e-4 and not robust:
+        warnings.append(f"{100 * outliers:.2f} % of the samples are single spikes: consider --robust")
+    return point, warnings
+
+
+def subset(samples: Samples, limit: int, seed: int) -> Samples:
+    """At most about ``limit`` samples: a stretch of each of up to 24 trajectories spread over current and speed."""
+    if len(samples.q) <= limit:
+        return samples
+    parts = samples.parts
+    order = sorted(
+        range(len(parts)), key=lambda k: (np.abs(samples.current[parts[k]]).mean(), samples.qd[parts[k]].std())
+    )
+    chosen = [order[i] for i in np.unique(np.linspace(0, len(order) - 1, min(24, len(order))).astype(int))]
+    length = max(50, limit // len(chosen))
+    rng = np.random.default_rng(seed)
+    index = []
+    for k in chosen:
+        spare = max(0, parts[k].stop - parts[k].start - length)
+        first = parts[k].start + int(rng.integers(spare + 1))
+        index.append(np.arange(first, min(first + length, parts[k].stop)))
+    pick = np.concatenate(index)
+    start = np.concatenate([[0], np.cumsum([len(i) for i in index])])
+    arrays = {name: getattr(samples, name)[pick] for name in ("q", "qd", "current", "torque")}
+    return dataclasses.replace(samples, **arrays, start=start, dt=samples.dt[chosen])
+
+
+def _spikes(mismatch: np.ndarray) -> float:
+    """Share of samples that stand out from their four neighbours; a missing mechanism would be smooth."""
+    windows = np.lib.stride_tricks.sliding_window_view(mismatch, 5)
+    alone = np.abs(windows[:, 2] - np.median(windows, axis=1))
+    deviation = float(np.median(alone[alone > 0])) if (alone > 0).any() else 0.0
+    return float(np.mean(alone > max(15.0 * deviation, _SPIKE)))
+
+
+def _settled(samples: Samples, theta: np.ndarray) -> np.ndarray:
+    """Weight 0 while the unknown initial z still shows, at most a tenth of each trajectory; else 1."""
+    weight = np.ones(len(samples.q))
+    rate = float(np.exp(min(theta[1], theta[2])))
+    for part, dt in zip(samples.parts, samples.dt, strict=True):
+        path = np.cumsum(np.abs(samples.qd[part])) * dt
+        first = min(int(np.searchsorted(path, _SETTLED / rate)), (part.stop - part.start) // 10)
+        weight[part.start : part.start + first] = 0.0
+    return weight

@@ -1,0 +1,262 @@
+"""RobotLogger: shows robots side by side in rerun, as shapes in 3D and as time series, on the timeline ``sim_time``.
+
+Entities, for every shown environment ``<k>_<current>A``::
+
+    robots/3_1.5A/                 place of the robot in the row
+        body/<body>/               pose of a body; below it its shapes, logged once; calves take their gate's colour
+        foot_force/                forces of the ground on the feet, as arrows
+        series/<name>              time series, see SERIES; the unit is logged beside each
+        gate/<leg>                 state of a device's gates: off, dynamic, hold
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import rerun as rr
+
+from mrwarp.env.sim_model import Scene
+from mrwarp.kernels import ledger
+from mrwarp.robot import CALVES, LEGS
+from mrwarp.viewing.frames import Frames, Gate
+from mrwarp.viewing.shapes import (
+    CURRENT_COLORS,
+    GATE_COLORS,
+    LEG_COLORS,
+    Color,
+    Kind,
+    Kinematics,
+    Part,
+    Shape,
+    body_names,
+    robot_shapes,
+    rotate,
+)
+
+TIMELINE = "sim_time"
+"""Name of the timeline: simulated time [s]."""
+
+FORCE_SCALE = 0.25 / 100.0
+"""Length of a foot force's arrow [m/N]: 100 N are 0.25 m."""
+
+LABEL_COLOR: Color = (235, 235, 235)
+ARROW_COLOR: Color = (225, 60, 90)
+COMMAND_COLOR: Color = (140, 145, 150)
+ENERGY_COLORS: tuple[Color, ...] = ((130, 130, 140), GATE_COLORS[Gate.DYNAMIC], GATE_COLORS[Gate.HOLD], (120, 90, 170),
+                                    (60, 170, 130))  # fmt: skip
+ENERGY = {
+    "motor": ledger.MOTOR, "device, dynamic": ledger.DYNAMIC, "device, hold": ledger.HOLD, "device, drag": ledger.DRAG,
+    "coil loss": ledger.COIL,
+}  # fmt: skip
+"""Plotted ledger entries: work of motors and devices on the joints, and the coils' loss."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Series:
+    """One time series entity of a robot."""
+
+    title: str
+    """What it is, for people."""
+    unit: str
+    """Unit of its values."""
+    needs_device: bool = False
+    """Only of a robot with MR devices."""
+
+
+SERIES = {
+    "trunk_height": Series(title="trunk height", unit="m"),
+    "forward_velocity": Series(title="forward velocity", unit="m/s"),
+    "forward_velocity_command": Series(title="commanded forward velocity", unit="m/s"),
+    "calf_motor_torque": Series(title="calf motor torque", unit="N·m"),
+    "mr_torque": Series(title="MR torque", unit="N·m", needs_device=True),
+    "coil_current": Series(title="coil current", unit="A", needs_device=True),
+    "foot_force": Series(title="foot force", unit="N"),
+    "energy": Series(title="work and coil loss", unit="J"),
+}
+"""Time series of each robot by entity name."""
+
+
+def robot_names(currents: Sequence[float]) -> list[str]:
+    """Entity name of each shown robot: its place in the row and its current I_e [A]."""
+    return [f"{k}_{current:g}A" for k, current in enumerate(currents)]
+
+
+class RobotLogger:
+    """Logs robots of one scene into a recording. Not thread-safe: use it from one thread at a time.
+
+    Args:
+        scene: What is simulated.
+        currents: Current I_e of each shown environment [A]; length K.
+        recording: rerun recording, its sinks set.
+        spacing: Distance between neighbours in the row along y [m].
+    """
+
+    def __init__(
+        self, scene: Scene, currents: Sequence[float], recording: rr.RecordingStream, *, spacing: float = 1.0
+    ) -> None:
+        self.names = robot_names(currents)
+        self._recording = recording
+        self._kinematics = Kinematics(scene.model)
+        self._bodies = body_names(scene.model)
+        self._shapes = robot_shapes(scene)
+        self._feet = [next((s for s in self._shapes if s.name == f"{leg}_foot"), None) for leg in LEGS]
+        self._calves = [i for i, name in enumerate(scene.joints) if name in CALVES]
+        self.device_legs = [LEGS[leg] for leg, a in zip(scene.legs, scene.actuators, strict=True) if a.mr is not None]
+        self._gates: dict[str, np.ndarray] = {}
+        self._spacing = spacing
+        self._log_static(currents)
+
+    @property
+    def series(self) -> list[str]:
+        """Names of the series that these robots have."""
+        return [name for name, kind in SERIES.items() if self.device_legs or not kind.needs_device]
+
+    def place(self, k: int) -> tuple[float, float, float]:
+        """Where robot k's world has its origin [m]: the row goes to the right of the walking direction."""
+        return 0.0, -self._spacing * k, 0.0
+
+    def trunk_shape(self, k: int) -> str | None:
+        """Entity of robot k's trunk, for a camera to follow: one that is drawn, rerun follows no bare pose."""
+        found = next((shape for shape in self._shapes if shape.part is Part.TRUNK), None)
+        return self._shape_path(f"/robots/{self.names[k]}", found) if found else None
+
+    def log(self, frames: Frames) -> None:
+        """Add instants of all shown robots; several at once are cheaper than one by one."""
+        times = rr.TimeColumn(TIMELINE, duration=np.round(1e9 * frames.time).astype("timedelta64[ns]"))
+        pos, quat = self._kinematics(frames.qpos)
+        for k, name in enumerate(self.names):
+            self._log_poses(f"robots/{name}", times, pos[:, k], quat[:, k])
+            self._log_forces(f"robots/{name}", times, pos[:, k], quat[:, k], frames.foot_force[:, k])
+            self._log_gates(f"robots/{name}", times, frames.gate[:, k])
+            self._log_series(f"robots/{name}/series", times, frames, k)
+
+    def _log_static(self, currents: Sequence[float]) -> None:
+        """Log what never changes: shapes, places in the row, names, colours and units of the series."""
+        log = self._recording.log
+        log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        for k, (name, current) in enumerate(zip(self.names, currents, strict=True)):
+            root = f"robots/{name}"
+            log(root, rr.Transform3D(translation=self.place(k)), static=True)
+            for shape in self._shapes:
+                log(self._shape_path(root, shape), _primitive(shape), static=True)
+            log(f"{root}/foot_force", rr.Arrows3D.from_fields(colors=[ARROW_COLOR], radii=[0.007]), static=True)
+            if "trunk" in self._bodies:
+                label = rr.Points3D(
+                    [[0.0, 0.0, 0.16]], radii=0.0, labels=f"{current:g} A", show_labels=True, colors=[LABEL_COLOR]
+                )
+                log(f"{root}/body/trunk/label", label, static=True)
+            self._log_series_style(root, f"{current:g} A", CURRENT_COLORS[k % len(CURRENT_COLORS)])
+
+    def _log_series_style(self, root: str, label: str, color: Color) -> None:
+        lines: dict[str, tuple[list[str], Sequence[Color]]] = {
+            "trunk_height": ([label], [color]),
+            "forward_velocity": ([label], [color]),
+            "forward_velocity_command": (["command"], [COMMAND_COLOR]),
+            "calf_motor_torque": (list(LEGS), LEG_COLORS),
+            "mr_torque": (self.device_legs, LEG_COLORS),
+            "coil_current": (self.device_legs, LEG_COLORS),
+            "foot_force": (list(LEGS), LEG_COLORS),
+            "energy": (list(ENERGY), ENERGY_COLORS),
+        }
+        for name in self.series:
+            names, colors = lines[name]
+            style = rr.SeriesLines(names=names, colors=list(colors), widths=[1.5] * len(names))
+            self._recording.log(f"{root}/series/{name}", style, rr.AnyValues(unit=SERIES[name].unit), static=True)
+        for leg in self.device_legs:
+            states = rr.StateConfiguration(
+                values=[gate.name.lower() for gate in Gate],
+                colors=[GATE_COLORS[gate] for gate in Gate],
+                visible=[gate is not Gate.OFF for gate in Gate],
+            )
+            self._recording.log(f"{root}/gate/{leg}", states, static=True)
+
+    def _log_poses(self, root: str, times: rr.TimeColumn, pos: np.ndarray, quat: np.ndarray) -> None:
+        for body in range(1, len(self._bodies)):
+            poses = rr.Transform3D.columns(translation=pos[:, body], quaternion=np.roll(quat[:, body], -1, axis=1))
+            self._send(f"{root}/body/{self._bodies[body]}", times, poses)
+
+    def _log_forces(
+        self, root: str, times: rr.TimeColumn, pos: np.ndarray, quat: np.ndarray, force: np.ndarray
+    ) -> None:
+        feet = [(leg, foot) for leg, foot in enumerate(self._feet) if foot is not None and leg < force.shape[1]]
+        if not feet:
+            return
+        origins = [pos[:, foot.body] + rotate(quat[:, foot.body], foot.pos) for _, foot in feet]
+        arrows = rr.Arrows3D.columns(
+            origins=np.stack(origins, axis=1).reshape(-1, 3),
+            vectors=FORCE_SCALE * force[:, [leg for leg, _ in feet]].reshape(-1, 3),
+        )
+        self._send(f"{root}/foot_force", times, arrows.partition([len(feet)] * len(pos)))
+
+    def _log_gates(self, root: str, times: rr.TimeColumn, gate: np.ndarray) -> None:
+        """Colours of the gated shapes and states of the gates, where they changed."""
+        last = self._gates.get(root, np.full(gate.shape[1:], -1))
+        self._gates[root] = gate[-1]
+        changed = np.diff(gate, axis=0, prepend=last[None]) != 0
+        for device, leg in enumerate(self.device_legs):
+            rows = np.flatnonzero(changed[:, device])
+            if not len(rows):
+                continue
+            when = rr.TimeColumn(TIMELINE, duration=times.times.to_numpy(zero_copy_only=False)[rows])
+            gates = [Gate(value) for value in gate[rows, device]]
+            self._send(f"{root}/gate/{leg}", when, rr.StateChange.columns(state=[g.name.lower() for g in gates]))
+            colors = np.array([GATE_COLORS[g] for g in gates], dtype=np.uint8)
+            for shape in self._shapes:
+                if shape.device == device:
+                    columns = _ARCHETYPES[shape.kind].columns(colors=colors)
+                    self._send(self._shape_path(root, shape), when, columns)
+
+    def _log_series(self, root: str, times: rr.TimeColumn, frames: Frames, k: int) -> None:
+        entries = [int(entry) for entry in ENERGY.values()]
+        values = {
+            "trunk_height": frames.qpos[:, k, 2:3],
+            "forward_velocity": frames.v_x[:, k, None],
+            "forward_velocity_command": frames.v_x_command[:, k, None],
+            "calf_motor_torque": frames.tau_motor[:, k, self._calves],
+            "mr_torque": frames.tau_mr[:, k],
+            "coil_current": frames.current[:, k],
+            "foot_force": np.linalg.norm(frames.foot_force[:, k], axis=-1),
+            "energy": frames.ledger[:, k].sum(1)[:, entries],
+        }
+        for name in self.series:
+            table = np.asarray(values[name], dtype=np.float64)
+            columns = rr.Scalars.columns(scalars=table.ravel()).partition([table.shape[1]] * len(table))
+            self._send(f"{root}/{name}", times, columns)
+
+    def _shape_path(self, root: str, shape: Shape) -> str:
+        return f"{root}/body/{self._bodies[shape.body]}/{shape.name}"
+
+    def _send(self, path: str, times: rr.TimeColumn, columns: rr.ComponentColumnList) -> None:
+        self._recording.send_columns(path, [times], columns)
+
+
+_ARCHETYPES = {
+    Kind.BOX: rr.Boxes3D, Kind.SPHERE: rr.Ellipsoids3D, Kind.CAPSULE: rr.Capsules3D, Kind.CYLINDER: rr.Cylinders3D,
+}  # fmt: skip
+
+
+def _primitive(shape: Shape) -> rr.Boxes3D | rr.Ellipsoids3D | rr.Capsules3D | rr.Cylinders3D:
+    """A shape as rerun draws it; the colour of a gated one comes with the gate."""
+    colors = None if shape.device >= 0 else [shape.part.value]
+    quaternions = [rr.Quaternion(xyzw=np.roll(shape.quat, -1))]
+    solid = rr.components.FillMode.Solid
+    if shape.kind is Kind.BOX:
+        return rr.Boxes3D(
+            centers=[shape.pos], half_sizes=[shape.size], quaternions=quaternions, colors=colors, fill_mode=solid
+        )
+    if shape.kind is Kind.SPHERE:
+        return rr.Ellipsoids3D(centers=[shape.pos], radii=list(shape.size), colors=colors, fill_mode=solid)
+    radius, half = shape.size
+    if shape.kind is Kind.CYLINDER:
+        return rr.Cylinders3D(
+            centers=[shape.pos], lengths=[2.0 * half], radii=[radius], quaternions=quaternions, colors=colors,
+            fill_mode=solid,
+        )  # fmt: skip
+    # rerun's capsule starts at its translation, MuJoCo's is centred
+    start = shape.pos - rotate(shape.quat, np.array([0.0, 0.0, half]))
+    return rr.Capsules3D(
+        translations=[start], lengths=[2.0 * half], radii=[radius], quaternions=quaternions, colors=colors,
+        fill_mode=solid,
+    )  # fmt: skip

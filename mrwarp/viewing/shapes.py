@@ -1,0 +1,202 @@
+"""The robot as primitive shapes, from the geoms of its MuJoCo model, and where its bodies are for a given qpos."""
+
+from __future__ import annotations
+
+import enum
+import re
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from mrwarp.env.sim_model import Scene
+from mrwarp.robot import JOINTS, LEGS
+from mrwarp.viewing.frames import Gate
+
+Color = tuple[int, int, int]
+
+GATE_COLORS: dict[Gate, Color] = {Gate.OFF: (152, 160, 168), Gate.DYNAMIC: (235, 126, 30), Gate.HOLD: (45, 125, 225)}
+"""Colour of a calf by the state of its device's gates."""
+
+LEG_COLORS: tuple[Color, ...] = ((214, 84, 80), (70, 150, 220), (226, 160, 50), (60, 170, 130))
+"""Colour of the plotted lines of each leg, in the order of ``robot.LEGS``."""
+
+CURRENT_COLORS: tuple[Color, ...] = ((140, 146, 152), (70, 185, 200), (150, 115, 235), (215, 60, 170))
+"""Colours of lines that compare currents, from the smallest to the largest; used in turn."""
+
+DEVICE_RADIUS, DEVICE_WIDTH = 0.034, 0.036
+"""The disc that marks an MR device on its joint's axis [m]; a symbol, not the device's size."""
+
+LINK_RADIUS = 0.022
+"""Links of bodies without shapes of their own, e.g. the hips [m]; drawn from their joint to the next."""
+
+
+class Kind(enum.Enum):
+    """Form of a shape."""
+
+    BOX = "box"
+    SPHERE = "sphere"
+    CAPSULE = "capsule"
+    CYLINDER = "cylinder"
+
+
+class Part(enum.Enum):
+    """What a shape is a part of; decides its colour."""
+
+    TRUNK = (74, 84, 98)
+    LIMB = (108, 118, 130)
+    FOOT = (40, 44, 50)
+    GATED = GATE_COLORS[Gate.OFF]
+    OTHER = (160, 130, 90)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shape:
+    """One primitive, fixed to a body."""
+
+    name: str
+    """Unique on its body."""
+    body: int
+    """Body of the model that it moves with."""
+    kind: Kind
+    """Form."""
+    size: tuple[float, ...]
+    """Box: half lengths; sphere: radius; capsule, cylinder: radius, half length along z without caps [m]."""
+    pos: np.ndarray
+    """Centre in the body's frame [m], shape (3,)."""
+    quat: np.ndarray
+    """Orientation in the body's frame, (w, x, y, z)."""
+    part: Part
+    """What it belongs to."""
+    device: int = -1
+    """Device whose gate it shows, or -1."""
+
+
+_KINDS = {
+    int(mujoco.mjtGeom.mjGEOM_BOX): Kind.BOX,
+    int(mujoco.mjtGeom.mjGEOM_SPHERE): Kind.SPHERE,
+    int(mujoco.mjtGeom.mjGEOM_CAPSULE): Kind.CAPSULE,
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): Kind.CYLINDER,
+}
+_SIZES = {Kind.BOX: 3, Kind.SPHERE: 1, Kind.CAPSULE: 2, Kind.CYLINDER: 2}
+
+
+def body_names(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Short name of each body, world first: the robot's without the path of its root, others as they are called."""
+    names = [model.body(i).name for i in range(model.nbody)]
+    # Newton joins USD paths with underscores: the root's path is what stands before "trunk"
+    root = next((name.removesuffix("trunk") for name in names if name.endswith("_trunk")), "")
+    return tuple(name.removeprefix(root).strip("/_") or f"body_{i}" for i, name in enumerate(names))
+
+
+def robot_shapes(scene: Scene) -> tuple[Shape, ...]:
+    """Every box, sphere, capsule and cylinder of the model, and two kinds of symbols; planes and meshes are left out.
+
+    The symbols are links of bodies that have no geoms, and a disc on the axis of each joint with an MR device.
+    """
+    model, names = scene.model, body_names(scene.model)
+    device_of = {actuator.joint: i for i, actuator in enumerate(a for a in scene.actuators if a.mr is not None)}
+    shapes: list[Shape] = []
+    for geom in range(model.ngeom):
+        if int(model.geom_type[geom]) in _KINDS:
+            shape = _geom_shape(model, geom, names, device_of)
+            taken = any(other.body == shape.body and other.name == shape.name for other in shapes)
+            shapes.append(replace(shape, name=f"{shape.name}_{geom}") if taken else shape)
+    used = {shape.body for shape in shapes}
+    for child in range(1, model.nbody):
+        parent = int(model.body_parentid[child])
+        if parent > 0 and parent not in used and np.linalg.norm(model.body_pos[child]) > 1e-6:
+            shapes.append(_link(parent, f"link_to_{names[child]}", model.body_pos[child]))
+    for joint, device in device_of.items():
+        # the scene knows a joint by its dof
+        dof = int(scene.v_adr[scene.joints.index(joint)])
+        body, index = int(model.dof_bodyid[dof]), int(model.dof_jntid[dof])
+        shapes.append(
+            Shape(
+                name="mr_device", body=body, kind=Kind.CYLINDER, size=(DEVICE_RADIUS, 0.5 * DEVICE_WIDTH),
+                pos=model.jnt_pos[index].copy(), quat=_z_to(model.jnt_axis[index]), part=Part.GATED, device=device,
+            )
+        )  # fmt: skip
+    return tuple(shapes)
+
+
+class Kinematics:
+    """Poses of all bodies from positions; owns scratch data, so use one per thread.
+
+    Args:
+        model: The model.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._model = model
+        self._data = mujoco.MjData(model)
+
+    def __call__(self, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions [m], shape (..., nbody, 3), and quaternions (w, x, y, z), shape (..., nbody, 4).
+
+        Args:
+            qpos: Positions in MuJoCo's layout, shape (..., nq).
+        """
+        rows = qpos.reshape(-1, qpos.shape[-1])
+        nbody = self._model.nbody
+        pos, quat = np.empty((len(rows), nbody, 3)), np.empty((len(rows), nbody, 4))
+        for i, row in enumerate(rows):
+            self._data.qpos[:] = row
+            mujoco.mj_kinematics(self._model, self._data)
+            pos[i], quat[i] = self._data.xpos, self._data.xquat
+        return pos.reshape(*qpos.shape[:-1], nbody, 3), quat.reshape(*qpos.shape[:-1], nbody, 4)
+
+
+def rotate(quat: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Rotate vectors (..., 3) by quaternions (w, x, y, z), shape (..., 4)."""
+    w, axis = quat[..., :1], quat[..., 1:]
+    t = 2.0 * np.cross(axis, vector)
+    return vector + w * t + np.cross(axis, t)
+
+
+def compose(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Quaternion of ``second``, given in the frame of ``first``, both (w, x, y, z)."""
+    product = np.empty(4)
+    mujoco.mju_mulQuat(product, first, second)
+    return product
+
+
+def _geom_shape(model: mujoco.MjModel, geom: int, names: tuple[str, ...], device_of: dict[str, int]) -> Shape:
+    """One geom; a leg's segment with a device on its joint shows the gate, its foot does not."""
+    body = int(model.geom_bodyid[geom])
+    kind = _KINDS[int(model.geom_type[geom])]
+    # Newton names a geom by its USD path and a running number
+    name = re.sub(r"_\d+$", "", model.geom(geom).name.split("/")[-1]) or f"geom_{geom}"
+    foot = any(name == f"{leg}_foot" for leg in LEGS)
+    device = -1 if foot else device_of.get(names[body], -1)
+    if foot:
+        part = Part.FOOT
+    elif device >= 0:
+        part = Part.GATED
+    else:
+        part = Part.TRUNK if names[body] == "trunk" else Part.LIMB if names[body] in JOINTS else Part.OTHER
+    return Shape(
+        name=name,
+        body=body,
+        kind=kind,
+        size=tuple(float(value) for value in model.geom_size[geom][: _SIZES[kind]]),
+        pos=model.geom_pos[geom].copy(),
+        quat=model.geom_quat[geom].copy(),
+        part=part,
+        device=device,
+    )
+
+
+def _link(body: int, name: str, end: np.ndarray) -> Shape:
+    """A capsule from a body's origin to a point in its frame."""
+    return Shape(
+        name=name, body=body, kind=Kind.CAPSULE, size=(LINK_RADIUS, 0.5 * float(np.linalg.norm(end))),
+        pos=0.5 * np.asarray(end), quat=_z_to(end), part=Part.LIMB,
+    )  # fmt: skip
+
+
+def _z_to(direction: np.ndarray) -> np.ndarray:
+    """Quaternion that turns z into a direction."""
+    quat = np.empty(4)
+    mujoco.mju_quatZ2Vec(quat, np.asarray(direction, dtype=np.float64))
+    return quat

@@ -1,0 +1,160 @@
+"""Model files: lossless round trips through JSON and USD, and one clear refusal for each kind of damage."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mrwarp.asset import load_bench, load_robot, read_parameters
+from mrwarp.model_file import (
+    JOINT_UNITS,
+    Effect,
+    FittedOn,
+    Model,
+    ModelFileError,
+    Parameter,
+    load_model,
+    parameter_unit,
+    save_model,
+)
+from mrwarp.params import MrParams
+
+VALUES = {
+    "D": -0.1 / 3, "B": 0.1, "C": 0.2, "I1": -1e-4 / 7, "K0": 0.4, "K1": 10.4, "alpha": 0.77, "beta": 16.5,
+    "gamma": -10.5, "q_offset": 1e-5 / 3, "T_max": 20.0, "K": 0.5, "n": 3.0,
+}  # fmt: skip
+
+
+def model(units: dict[str, str] = JOINT_UNITS) -> Model:
+    """A model with awkward numbers."""
+    parameters = {
+        name: Parameter(value=value, unit=parameter_unit(name, units), ci95=(value - 1 / 3, value + 1 / 3))
+        for name, value in VALUES.items()
+    }
+    origin = FittedOn(source="bench/fit", trajectories=12, samples=9600, rate=200.0)
+    effect = Effect(name="coil_lag", parameters={"time_constant": 0.01 / 3})
+    return Model(
+        parameters=parameters, fitted_on=origin, units=units, effects=(effect,), seed=5, versions={"numpy": "2"}
+    )
+
+
+def test_json_round_trip_is_lossless(tmp_path: Path) -> None:
+    """A saved and loaded model equals the one it was, to the last bit."""
+    assert load_model(save_model(model(), tmp_path / "sub/model.json")) == model()
+
+
+def test_missing_groups_take_defaults() -> None:
+    """What a bench does not identify comes from the defaults, or from a given joint."""
+    params = model().to_params()
+    assert params.bouc_wen.D == VALUES["D"]
+    assert params.hold.T_max == 20.0
+    assert params.gate == MrParams().gate and params.motor == MrParams().motor
+    assert params.bouc_wen.q_neutral == MrParams().bouc_wen.q_neutral
+    assert model().to_params(MrParams().replace(q_neutral=-1.0, kp_low=7.0)).motor.kp_low == 7.0
+
+
+def test_usd_round_trip_is_lossless(tmp_path: Path) -> None:
+    """Written on a calf of the robot and saved, the values read back to the last bit; the stance pose stays."""
+    robot = load_robot()
+    mr = next(a for a in robot.actuators if a.mr is not None)
+    model().write_usd(robot.stage.GetPrimAtPath(mr.prim_path))
+    robot.save(tmp_path / "robot.usda")
+    back = next(a.mr for a in load_robot(tmp_path / "robot.usda").actuators if a.joint == mr.joint)
+    assert back is not None and mr.mr is not None
+    assert back == model().to_params(mr.mr)
+    assert {name: back.to_dict()[name] for name in VALUES} == VALUES
+
+
+def test_bench_asset_takes_the_model() -> None:
+    """The one-joint bench accepts the same model on its stage."""
+    bench = load_bench()
+    prim = bench.stage.GetPrimAtPath(bench.actuators[0].prim_path)
+    model().write_usd(prim)
+    assert read_parameters(prim).hold.n == 3.0
+
+
+def test_linear_damper_keeps_its_units_and_is_no_joint(tmp_path: Path) -> None:
+    """A damper in m and N round-trips with its own units; the simulator's joint refuses it with the remedy."""
+    units = {"q": "m", "current": "A", "torque": "N"}
+    loaded = load_model(save_model(model(units), tmp_path / "model.json"))
+    assert loaded.parameters["K1"].unit == "N/(m·A)"
+    assert loaded.parameters["B"].unit == "N·s/m"
+    with pytest.raises(ModelFileError, match="converted by the lever"):
+        loaded.to_params()
+
+
+def edit(*keys: Any, to: Any) -> Callable[[dict], None]:
+    """A change of one entry; ``...`` removes it."""
+
+    def change(content: dict) -> None:
+        for key in keys[:-1]:
+            content = content[key]
+        if to is ...:
+            del content[keys[-1]]
+        else:
+            content[keys[-1]] = to
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (edit("schema", to=2), "schema = 2; allowed: 1"),
+        (
+            edit("parameters", "beta", "value", to=-1.0),
+            "parameters.beta.value: beta = -1 is out of range; allowed: 0 to",
+        ),
+        (edit("parameters", "beta", "value", to="fast"), "parameters.beta.value = 'fast'; allowed: a finite number"),
+        (edit("parameters", "beta", "value", to=True), "parameters.beta.value = True; allowed: a finite number"),
+        (edit("parameters", "beta", "unit", to="1/deg"), "parameters.beta.unit = '1/deg'; allowed: '1/rad'"),
+        (edit("parameters", "beta", "ci95", to=[1.0, 2.0]), "parameters.beta.ci95 = [1.0, 2.0] leaves out the value"),
+        (edit("parameters", "beta", "ci95", to=[1.0]), "parameters.beta.ci95 = [1.0]; allowed: [low, high] or null"),
+        (edit("parameters", "beta", to=...), "parameters.beta is missing"),
+        (edit("parameters", "Beta", to={}), "parameters.Beta: there is no such parameter"),
+        (edit("parameters", to=[]), "parameters = []; allowed: an object"),
+        (edit("units", "q", to=...), "units: q is missing"),
+        (edit("effects", to={}), "effects = {}; allowed: a list"),
+        (edit("effects", 0, "parameters", "time_constant", to=None), "effects[0].parameters.time_constant = None"),
+        (edit("fitted_on", "rate", to="fast"), "fitted_on.rate = 'fast'"),
+        (edit("note", to="hello"), "there is no key 'note'"),
+    ],
+)
+def test_damage_is_refused_with_path_key_and_remedy(tmp_path: Path, change: Callable, words: str) -> None:
+    """Each broken entry is named with its file, key, value and what is allowed."""
+    path = save_model(model(), tmp_path / "model.json")
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ModelFileError) as error:
+        load_model(path)
+    assert str(error.value).startswith(str(path))
+    assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("raw", "words"),
+    [
+        (b"", "not JSON"),
+        (b"\x80\x04model", "not JSON"),
+        (b"[" * 100_000, "not JSON"),
+        (b"[1, 2]", "schema = 'list'"),
+        (b'{"schema": 1, "schema": 1}', "schema stands twice"),
+        (b'{"schema": 1, "seed": NaN}', "units is missing"),
+        (b" " * (2**20 + 1), "a model file has at most"),
+    ],
+)
+def test_files_that_are_no_model_are_refused(tmp_path: Path, raw: bytes, words: str) -> None:
+    """Empty, binary (a pickle), deeply nested, listed, doubled and huge files get one clear error."""
+    path = tmp_path / "model.json"
+    path.write_bytes(raw)
+    with pytest.raises(ModelFileError, match=words):
+        load_model(path)
+
+
+def test_missing_file_is_named(tmp_path: Path) -> None:
+    """A path that does not exist is named with the remedy."""
+    with pytest.raises(ModelFileError, match="nowhere.json: No such file or directory; give the model.json"):
+        load_model(tmp_path / "nowhere.json")

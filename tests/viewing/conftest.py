@@ -1,0 +1,81 @@
+"""What the viewing tests share: four robots that move at random, and everything they did."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from rerun.chunk import RrdReader
+
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.vec_env import WalkEnv
+from mrwarp.evaluate.walking import make_env
+from mrwarp.robot import CURRENT_GROUPS
+from mrwarp.viewing.frames import FrameReader, Frames
+
+
+@dataclass(frozen=True)
+class Walk:
+    """Environments, the frames of 60 steps, and the environments' own numbers at each of them."""
+
+    env: WalkEnv
+    frames: Frames
+    truth: list[dict[str, Any]]
+    currents: tuple[float, ...] = CURRENT_GROUPS
+
+
+@pytest.fixture(scope="session")
+def walk() -> Walk:
+    """Four robots, one per current; random actions first, then the neutral stance, so that all gates occur."""
+    env = make_env(make_walk_cfg(num_envs=4), 4, seed=5)
+    reader = FrameReader(env.robot, range(4))
+    generator = torch.Generator().manual_seed(5)
+    frames, truth = [], []
+    for step in range(60):
+        scale = 1.5 if step < 40 else 0.0
+        env.step(scale * (2.0 * torch.rand(4, 12, generator=generator) - 1.0))
+        frames.append(reader.read(0.02 * (step + 1), [0.5] * 4))
+        now = {"v_x": env.body_velocity[:, 0], "height": env.root_pos[:, 2], "f_foot": env.f_foot}
+        now |= {name: env.view(getattr(env.actuator, name)) for name in ("m_dyn", "m_hold", "tau_motor", "ledger")}
+        truth.append({name: value.clone().numpy() for name, value in now.items()})
+    return Walk(env, Frames.join(frames), truth)
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What an ``.rrd`` file holds, read with rerun's own reader."""
+
+    path: Path
+
+    def columns(self, entity: str, component: str, *, static: bool = False) -> Iterator[tuple[Any, Any]]:
+        """Time [ns] (None if static) and value of every row of one component."""
+        for chunk in RrdReader(self.path).stream().filter(is_static=static):
+            if chunk.entity_path != entity:
+                continue
+            batch = chunk.to_record_batch()
+            if component in batch.schema.names:
+                times = batch.column("sim_time").cast("int64").to_pylist() if not static else [None] * batch.num_rows
+                yield from zip(times, batch.column(component).to_pylist(), strict=True)
+
+    def entities(self) -> set[str]:
+        """Paths of all entities."""
+        return {chunk.entity_path for chunk in RrdReader(self.path).stream()}
+
+    def blueprint(self, component: str) -> list[Any]:
+        """Values of one component in all layouts of the file."""
+        reader = RrdReader(self.path)
+        found = []
+        for store in reader.blueprints():
+            for chunk in reader.stream(store=store):
+                batch = chunk.to_record_batch()
+                if component in batch.schema.names:
+                    found += batch.column(component).to_pylist()
+        return found
+
+
+@pytest.fixture
+def read_rrd() -> type[Recorded]:
+    """Reader of recordings."""
+    return Recorded

@@ -1,0 +1,165 @@
+"""Streaming: the simulation never waits for a viewer, a viewer may vanish or hang, and nobody else can listen."""
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mrwarp.viewing import stream
+from mrwarp.viewing.robot_view import RobotLogger
+from mrwarp.viewing.stream import FrameStream, Viewer, ViewerError
+
+
+@pytest.fixture
+def viewer() -> Iterator[Viewer]:
+    """rerun's server, as a viewer without a window."""
+    running = Viewer("--serve-grpc")
+    yield running
+    if running.process.poll() is None:
+        os.killpg(running.process.pid, signal.SIGCONT)
+        os.killpg(running.process.pid, signal.SIGKILL)
+        running.process.wait()
+
+
+def test_live_stream_drops_instead_of_waiting(walk: Any) -> None:
+    """Behind a logger that hangs, 50 frames are taken in no time and what does not fit the queue is counted."""
+    release, taken = threading.Event(), []
+
+    def hang(frames: Any) -> None:
+        release.wait(30.0)
+        taken.append(len(frames))
+
+    frames = FrameStream(hang, drop=True, batch=5, capacity=10)
+    started = time.perf_counter()
+    for i in range(50):
+        frames.log(walk.frames[i : i + 1])
+    assert time.perf_counter() - started < 2.0
+    assert frames.dropped >= 50 - 10 - 5
+    assert not frames.close(timeout=0.2)
+    release.set()
+    frames._thread.join(10.0)
+    # a full queue had no room for the end: the frames in it are logged all the same
+    assert sum(taken) >= 10
+
+
+def test_file_stream_keeps_every_frame_in_order(walk: Any) -> None:
+    """With a slow logger and a short queue nothing is lost, nothing is reordered, and batches are as asked for."""
+    batches: list[list[float]] = []
+
+    def slow(frames: Any) -> None:
+        time.sleep(0.005)
+        batches.append(list(frames.time))
+
+    frames = FrameStream(slow, drop=False, batch=7, capacity=3)
+    for i in range(60):
+        frames.log(walk.frames[i : i + 1])
+    assert frames.close()
+    assert [t for batch in batches for t in batch] == list(walk.frames.time)
+    assert [len(batch) for batch in batches] == [7] * 8 + [4] and frames.dropped == 0
+
+
+@pytest.mark.parametrize("drop", [True, False])
+def test_failed_logging_is_reported_or_counted(walk: Any, drop: bool) -> None:
+    """After an error a file's stream raises; a live one goes on and counts what is lost."""
+
+    def fail(frames: Any) -> None:
+        raise OSError("no space left")
+
+    frames = FrameStream(fail, drop=drop, batch=1)
+    frames.log(walk.frames[:1])
+    frames._queue.put(None)
+    frames._thread.join(10.0)
+    if drop:
+        frames.log(walk.frames[1:4])
+        assert frames.dropped == 3
+    else:
+        with pytest.raises(RuntimeError, match="no space left"):
+            frames.log(walk.frames[1:4])
+
+
+@pytest.mark.parametrize("end", ["killed", "hangs"])
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs POSIX signals")
+def test_viewer_that_goes_away_is_survived(walk: Any, viewer: Viewer, end: str) -> None:
+    """Killed or frozen in the middle: no call takes longer than 0.5 s, and closing ends within its time limit."""
+    recording = stream.new_recording()
+    stream.connect(recording, viewer.url)
+    robots = RobotLogger(walk.env.sim.scene, walk.currents, recording)
+    frames = FrameStream(robots.log, drop=True, batch=5)
+    longest = 0.0
+    for i in range(60):
+        if i == 20:
+            os.killpg(viewer.process.pid, signal.SIGKILL if end == "killed" else signal.SIGSTOP)
+        started = time.perf_counter()
+        frames.log(walk.frames[i : i + 1])
+        longest = max(longest, time.perf_counter() - started)
+        time.sleep(0.005)
+    started = time.perf_counter()
+    frames.close(timeout=5.0)
+    assert not stream.close(recording, timeout=1.0)
+    assert longest < 0.5 and time.perf_counter() - started < 8.0
+
+
+def test_complete_stream_says_so(walk: Any, viewer: Viewer) -> None:
+    """A viewer that takes everything: closing returns True."""
+    recording = stream.new_recording()
+    stream.connect(recording, viewer.url)
+    robots = RobotLogger(walk.env.sim.scene, walk.currents, recording)
+    frames = FrameStream(robots.log, drop=True, batch=5)
+    for i in range(60):
+        frames.log(walk.frames[i : i + 1])
+    assert frames.close(timeout=20.0) and stream.close(recording, timeout=20.0)
+    assert frames.dropped == 0
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc/net/tcp")
+def test_viewer_listens_on_this_machine_only(viewer: Viewer) -> None:
+    """The data port is bound to 127.0.0.1, in IPv4 and not at all in IPv6."""
+    port = f"{viewer.port:04X}"
+    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    assert [row[1] for row in rows if row[1].endswith(":" + port) and row[3] == "0A"] == [f"0100007F:{port}"]
+    assert f":{port} 0000" not in Path("/proc/net/tcp6").read_text()
+
+
+def test_viewer_runs_without_the_outside(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Analytics are off even where someone forces them on, and every proxy leads nowhere; own addresses are exempt."""
+    monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
+    monkeypatch.setenv("HTTPS_PROXY", "http://proxy.example:3128")
+    environment = stream.offline_environment()
+    assert environment["CI"] and "FORCE_RERUN_ANALYTICS" not in environment
+    for name in ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY", "http_proxy", "https_proxy", "all_proxy"):
+        assert environment[name] == "http://127.0.0.1:9"
+    assert environment["NO_PROXY"] == environment["no_proxy"] == "127.0.0.1,localhost"
+    assert environment["PATH"] == os.environ["PATH"]
+
+
+def test_connect_refuses_what_is_no_viewer() -> None:
+    """Nobody there, and addresses that are none of rerun's: a message that says what to do."""
+    recording = stream.new_recording()
+    with pytest.raises(ViewerError, match=r"no viewer listens there.*--rrd"):
+        stream.connect(recording, f"rerun+http://127.0.0.1:{stream.free_port()}/proxy")
+    for url in ("http://127.0.0.1:9876/proxy", "rerun+http://127.0.0.1:9876", "rerun+http://:9876/proxy", "9876",
+                "rerun+http://127.0.0.1:99999/proxy"):  # fmt: skip
+        with pytest.raises(ViewerError):
+            stream.connect(recording, url)
+
+
+def test_viewer_that_does_not_start_says_why() -> None:
+    """A wrong option: rerun's own last line is in the message."""
+    with pytest.raises(ViewerError, match="did not start .*; save a file with --rrd"):
+        Viewer("--no-such-option")
+
+
+def test_window_needs_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a display there is one clear message, not a failed process."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(stream, "DEFAULT_URL", f"rerun+http://127.0.0.1:{stream.free_port()}/proxy")
+    monkeypatch.setattr(sys, "platform", "linux")
+    with pytest.raises(ViewerError, match="no display"):
+        stream.open_window()

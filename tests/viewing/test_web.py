@@ -1,0 +1,94 @@
+"""The web viewer: rerun's page on this machine, with a policy that keeps it there."""
+
+import json
+import shutil
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import pytest
+
+from mrwarp.viewing import stream
+from mrwarp.viewing.blueprint import make_blueprint
+from mrwarp.viewing.robot_view import RobotLogger
+from mrwarp.viewing.web import WebViewer, policy
+
+
+@pytest.fixture
+def web() -> Iterator[WebViewer]:
+    """A page on a free port."""
+    viewer = WebViewer(stream.free_port())
+    yield viewer
+    viewer.close()
+
+
+def test_page_names_this_machine_only(web: WebViewer) -> None:
+    """Every answer carries the policy, the page opens on the data's address, and both are 127.0.0.1."""
+    page = urlsplit(web.page)
+    assert page.hostname == "127.0.0.1"
+    assert parse_qs(page.query)["url"] == [web.url] and web.url.startswith("rerun+http://127.0.0.1:")
+    for path in ("/", "/re_viewer.js"):
+        with urllib.request.urlopen(f"http://{page.netloc}{path}", timeout=20.0) as answer:
+            assert answer.status == 200 and len(answer.read()) > 1000
+            assert answer.headers["Content-Security-Policy"] == policy(urlsplit(web.url).port or 0)
+    with pytest.raises(urllib.error.HTTPError):
+        urllib.request.urlopen(f"http://{page.netloc}/no-such-file", timeout=20.0)
+
+
+def test_policy_allows_no_other_address() -> None:
+    """The only host in the policy is 127.0.0.1, with the port of the data."""
+    words = policy(4711).replace(";", " ").split()
+    assert [word for word in words if "://" in word] == ["http://127.0.0.1:4711"]
+    assert not {"*", "http:", "https:", "ws:", "wss:"} & set(words)
+    assert words[:2] == ["default-src", "'self'"]
+
+
+@pytest.mark.slow
+def test_browser_shows_the_robots(walk: Any, web: WebViewer, tmp_path: Path) -> None:
+    """A headless Chromium draws the layout, and asks nobody but this machine for anything that it gets."""
+    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium drives the browser")
+    if not shutil.which("chromium") or not shutil.which("chromedriver"):
+        pytest.skip("no chromium with its driver")
+    recording = stream.new_recording()
+    stream.connect(recording, web.url)
+    robots = RobotLogger(walk.env.sim.scene, walk.currents, recording)
+    recording.send_blueprint(make_blueprint(robots))
+    robots.log(walk.frames)
+    assert stream.close(recording, timeout=20.0)
+
+    options = webdriver.ChromeOptions()
+    for option in ("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+                   "--ignore-gpu-blocklist", "--window-size=1600,900"):  # fmt: skip
+        options.add_argument(option)
+    options.set_capability("goog:loggingPrefs", {"performance": "ALL"})
+    service = webdriver.ChromeService(shutil.which("chromedriver"))
+    browser = webdriver.Chrome(options=options, service=service)
+    try:
+        browser.get(web.page)
+        end = time.monotonic() + 90.0
+        colors = 0
+        while time.monotonic() < end and colors < 1000:
+            time.sleep(3.0)
+            colors = count_colors(browser.get_screenshot_as_png())
+        events = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+    finally:
+        browser.quit()
+    assert colors >= 1000  # the loading page has a few dozen
+    asked = {e["params"]["requestId"]: e["params"]["request"]["url"] for e in events
+             if e["method"] == "Network.requestWillBeSent"}  # fmt: skip
+    answered = {e["params"]["requestId"] for e in events if e["method"] == "Network.responseReceived"}
+    hosts = {urlsplit(url).hostname for request, url in asked.items() if request in answered}
+    assert hosts == {"127.0.0.1"}
+
+
+def count_colors(png: bytes) -> int:
+    """Number of different colours in a picture."""
+    import io
+
+    from PIL import Image
+
+    return len(Image.open(io.BytesIO(png)).convert("RGB").getcolors(2**24) or [])

@@ -1,0 +1,8 @@
+"""Watch a policy walk: ``python train/play.py --policy runs/walk/policy.onnx``."""
+
+import sys
+
+from mrwarp.rl.play_cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())
