@@ -111,7 +111,7 @@ def show_asset(asset: RobotAsset, full: bool = False) -> Iterator[str]:
         asset: A loaded asset.
         full: List every number of every device.
     """
-    yield f"{os.path.relpath(asset.path)}: {label(asset)}   (* differs from the default)"
+    yield f"{min(str(asset.path), os.path.relpath(asset.path), key=len)}: {label(asset)}   (* differs from the default)"
     yield "\nbodies"
     bodies = masses(asset)
     for name, value in bodies.items():

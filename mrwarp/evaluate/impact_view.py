@@ -38,7 +38,7 @@ class ImpactView:
         env = sweep.env
         self._env, self._shown, self._recording = env, shown, recording
         self._robots = RobotLogger(env.sim.scene, sweep.cfg.currents, recording)
-        recording.send_blueprint(make_blueprint(self._robots, live=live))
+        recording.send_blueprint(make_blueprint(self._robots, live=live, impact=True))
         self._reader = FrameReader(env.robot, shown)
         self._stream = FrameStream(self._robots.log, drop=live, batch=10 if live else 200)
         self._command = [sweep.cfg.speed] * len(shown)

@@ -16,18 +16,24 @@ WINDOW = 3.0
 """Time that the plots show up to the cursor [s]: four and a half strides."""
 
 
-def make_blueprint(robots: RobotLogger, *, live: bool = False) -> rrb.Blueprint:
+def make_blueprint(robots: RobotLogger, *, live: bool = False, impact: bool = False) -> rrb.Blueprint:
     """Layout for what a logger shows.
 
     Args:
         robots: The logger.
         live: Follow the newest data instead of playing from the start.
+        impact: Compare the vertical velocity instead of the forward velocity.
     """
     names = robots.names
+    velocity = (
+        _compare(names, "vertical_velocity")
+        if impact
+        else _compare(names, "forward_velocity", extra=[f"/robots/{names[0]}/series/forward_velocity_command"])
+    )
     right = rrb.Vertical(
         rrb.Horizontal(
             _compare(names, "trunk_height"),
-            _compare(names, "forward_velocity", extra=[f"/robots/{names[0]}/series/forward_velocity_command"]),
+            velocity,
         ),
         # the largest current stands last and has most to show
         rrb.Tabs(*[_details(name, robots) for name in names], active_tab=len(names) - 1, name="joints"),

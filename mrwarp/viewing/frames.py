@@ -31,6 +31,8 @@ class Frames:
     """Positions in MuJoCo's layout, shape (T, K, nq)."""
     v_x: np.ndarray
     """Forward velocity in the heading frame [m/s], shape (T, K)."""
+    v_z: np.ndarray
+    """Vertical velocity [m/s], shape (T, K)."""
     v_x_command: np.ndarray
     """Commanded forward velocity [m/s], NaN without a command, shape (T, K)."""
     tau_motor: np.ndarray
@@ -119,6 +121,7 @@ class FrameReader:
             time=np.array([time]),
             qpos=now["qpos"].astype(np.float64)[None],
             v_x=v_x[None],
+            v_z=now["vel"][:, 2][None],
             v_x_command=command[None],
             tau_motor=now["tau_motor"][None],
             tau_mr=now["tau_mr"][None],

@@ -17,7 +17,7 @@ from mrwarp.viewing.robot_view import ENERGY, FORCE_SCALE, SERIES, RobotLogger, 
 from mrwarp.viewing.shapes import GATE_COLORS, Kinematics, body_names, robot_shapes
 
 UNITS = {
-    "trunk_height": "m", "forward_velocity": "m/s", "forward_velocity_command": "m/s", "calf_motor_torque": "N·m",
+    "trunk_height": "m", "forward_velocity": "m/s", "forward_velocity_command": "m/s", "vertical_velocity": "m/s", "calf_motor_torque": "N·m",
     "mr_torque": "N·m", "coil_current": "A", "foot_force": "N", "energy": "J",
 }  # fmt: skip
 
@@ -51,6 +51,7 @@ def test_every_series_is_there_with_its_unit(walk: Any, recording: Path, read_rr
             "trunk_height": frames.qpos[:, k, 2:3],
             "forward_velocity": frames.v_x[:, k, None],
             "forward_velocity_command": np.full((60, 1), 0.5),
+            "vertical_velocity": frames.v_z[:, k, None],
             "calf_motor_torque": frames.tau_motor[:, k][:, calves],
             "mr_torque": frames.tau_mr[:, k],
             "coil_current": frames.current[:, k],
