@@ -193,7 +193,7 @@ def test_load_robot_actuators():
         assert tuple(actuator.joint for actuator in asset.actuators) == JOINTS
         for actuator in asset.actuators:
             calf = actuator.joint in CALVES
-            assert (actuator.kp, actuator.kd, actuator.tau_limit) == (25.0, 0.6, 35.55 if calf else 23.7)
+            assert (actuator.kp, actuator.kd, actuator.tau_limit) == (35.0, 0.6, 35.55 if calf else 23.7)
             assert actuator.mr == (MrParams() if calf and robot == "mr_go" else None)
 
 
@@ -248,7 +248,7 @@ def test_load_robot_refuses_mr_values(tmp_path, change, words):
 @pytest.mark.parametrize(
     ("change", "prim", "words"),
     [
-        (("float newton:kp = 25", "float newton:kp = -1"), "FL_hip", ["newton:kp = -1", "0 to 10000"]),
+        (("float newton:kp = 35", "float newton:kp = -1"), "FL_hip", ["newton:kp = -1", "0 to 10000"]),
         (("float newton:kd = 0.6", ""), "FL_hip", ["newton:kd is missing", "0 to 1000"]),
         (("float newton:maxEffort = 23.7", "float newton:maxEffort = nan"), "FL_hip", ["= nan", "0 to 10000"]),
         (('"NewtonPDControlAPI", ', ""), "FL_hip", ["apiSchemas", "allowed: MrwarpMRDriveAPI, or NewtonPDControlAPI"]),

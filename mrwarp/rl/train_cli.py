@@ -7,6 +7,7 @@ import shlex
 import sys
 from enum import Enum
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import warp as wp
 
@@ -16,6 +17,10 @@ from mrwarp.env.backend import BackendKind
 from mrwarp.env.cfg import ACTUATORS, make_walk_cfg
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
+
+if TYPE_CHECKING:
+    from mrwarp.rl.trainer import Trainer
+    from mrwarp.viewing.live_training import LiveTraining
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -40,6 +45,10 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--backend", choices=_values(BackendKind), help="physics engine (default: by device)")
     parser.add_argument("--threads", type=int, default=0, help="CPU threads of the physics; 0 = all (default)")
     parser.add_argument("--out", type=Path, default=Path("runs/walk"), help="output folder (default: runs/walk)")
+    view = parser.add_mutually_exclusive_group()
+    view.add_argument("--live", action="store_true", help="watch four robots in rerun while they train")
+    view.add_argument("--rrd", type=Path, metavar="FILE", help="save that view as a recording")
+    view.add_argument("--connect", metavar="URL", help="send it to a rerun viewer that runs already")
     parser.add_argument("--resume", type=Path, metavar="CHECKPOINT", help="go on from a checkpoint.pt")
     return parser
 
@@ -48,6 +57,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run a training; 0 when the gate was met or not asked for, 1 when missed, 130 after Ctrl-C, 2 on bad input."""
     from mrwarp.rl.checkpoint import CheckpointError
     from mrwarp.rl.trainer import TrainCfg, Trainer
+    from mrwarp.viewing.stream import ViewerError
 
     args = make_parser().parse_args(argv)
     quiet_libraries()
@@ -83,10 +93,13 @@ def main(argv: list[str] | None = None) -> int:
             flush=True,
         )
         trainer = Trainer(cfg, resume=args.resume)
-    except (AssetError, ParameterError, CheckpointError, ValueError, OSError) as error:
+        view = _open_view(args, trainer)
+    except (ViewerError, AssetError, ParameterError, CheckpointError, ValueError, OSError) as error:
         print(f"train/ppo.py: {error}", file=sys.stderr)
         return 2
     result = trainer.run()
+    if view is not None:
+        view.close()
     if result["stopped"] == "interrupted":
         print(f"stopped; go on with --resume {args.out / 'checkpoint.pt'}")
         return 130
@@ -95,6 +108,17 @@ def main(argv: list[str] | None = None) -> int:
         f"walking gate {passed} after {result['seconds'] / 60:.1f} min ({result['iterations']} updates); see {args.out}"
     )
     return 0 if result["gate_passed"] or args.no_gate else 1
+
+
+def _open_view(args: argparse.Namespace, trainer: Trainer) -> LiveTraining | None:
+    """Show a few robots while they train, if asked to."""
+    if not (args.live or args.rrd or args.connect):
+        return None
+    from mrwarp.viewing.live_training import LiveTraining
+
+    view = LiveTraining(trainer.env, rrd=args.rrd, url=args.connect)
+    trainer.watchers.append(view.update)
+    return view
 
 
 def check_device(device: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,9 @@ class Trainer:
         cfg: The run.
         resume: Checkpoint to go on from, or None to start anew.
 
+    Attributes:
+        watchers: Called after every policy step, e.g. to show it.
+
     Raises:
         CheckpointError: the checkpoint cannot be used.
     """
@@ -74,6 +78,7 @@ class Trainer:
         self.gate_rows: list[dict[str, Any]] = []
         self.gate_check: GateCheck | None = None
         self._window: deque[dict[str, float]] = deque(maxlen=WINDOW)
+        self.watchers: list[Callable[[], None]] = []
         self._stop = False
         self._met_gate = False
         # spread the episodes, so that resets do not come all at once
@@ -176,6 +181,8 @@ class Trainer:
             for _ in range(steps):
                 self.obs, rewards, dones, extras = env.step(algorithm.act(self.obs))
                 algorithm.process_env_step(self.obs, rewards, dones, extras)
+                for watch in self.watchers:
+                    watch()
                 error = error + (env.body_velocity[:, 0] - env.command[:, 0]).square().mean()
                 reward = reward + rewards.mean()
                 match = match + env.clock_match.float().mean()

@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 
 from mrwarp.viewing.robot_view import SERIES, TIMELINE, RobotLogger
 
-CAMERA = (1.75, -1.9, 0.95)
+CAMERA = (2.0, -2.4, 1.05)
 """Position of the camera relative to the middle of the row [m]; it travels with the robots."""
 
 WINDOW = 3.0

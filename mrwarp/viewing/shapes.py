@@ -21,7 +21,7 @@ GATE_COLORS: dict[Gate, Color] = {Gate.OFF: (152, 160, 168), Gate.DYNAMIC: (235,
 LEG_COLORS: tuple[Color, ...] = ((214, 84, 80), (70, 150, 220), (226, 160, 50), (60, 170, 130))
 """Colour of the plotted lines of each leg, in the order of ``robot.LEGS``."""
 
-CURRENT_COLORS: tuple[Color, ...] = ((140, 146, 152), (70, 185, 200), (150, 115, 235), (215, 60, 170))
+CURRENT_COLORS: tuple[Color, ...] = ((160, 165, 70), (70, 185, 200), (150, 115, 235), (215, 60, 170))
 """Colours of lines that compare currents, from the smallest to the largest; used in turn."""
 
 DEVICE_RADIUS, DEVICE_WIDTH = 0.034, 0.036

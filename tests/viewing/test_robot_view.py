@@ -17,7 +17,8 @@ from mrwarp.viewing.robot_view import ENERGY, FORCE_SCALE, SERIES, RobotLogger, 
 from mrwarp.viewing.shapes import GATE_COLORS, Kinematics, body_names, robot_shapes
 
 UNITS = {
-    "trunk_height": "m", "forward_velocity": "m/s", "forward_velocity_command": "m/s", "vertical_velocity": "m/s", "calf_motor_torque": "N·m",
+    "trunk_height": "m", "forward_velocity": "m/s", "forward_velocity_command": "m/s", "vertical_velocity": "m/s",
+    "calf_motor_torque": "N·m",
     "mr_torque": "N·m", "coil_current": "A", "foot_force": "N", "energy": "J",
 }  # fmt: skip
 
