@@ -3,104 +3,28 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Patch, Polygon
+from matplotlib.patches import Patch
 from PIL import Image
 
 from mrwarp.env.sim_model import Scene
 from mrwarp.kernels import ledger
 from mrwarp.robot import CALVES, GAIT_FREQUENCY, LEGS
 from mrwarp.viewing.frames import Frames, Gate
-from mrwarp.viewing.shapes import (
-    CURRENT_COLORS,
-    GATE_COLORS,
-    LEG_COLORS,
-    Color,
-    Kind,
-    Kinematics,
-    Part,
-    Shape,
-    compose,
-    robot_shapes,
-    rotate,
-)
+from mrwarp.viewing.shapes import CURRENT_COLORS, GATE_COLORS, LEG_COLORS
+from mrwarp.viewing.side_view import FORCE_COLOR, SideView, rgb
 
 INSTANTS = 5
 """Instants in a row, evenly over one stride."""
 
 PITCH = 0.8
 """Distance between the drawn robots of a row [m]."""
-
-FORCE_SCALE = 0.16 / 100.0
-"""Length of a drawn foot force [m/N]: 100 N are 0.16 m."""
-
-FORCE_COLOR = "#d6335c"
-"""Foot forces."""
-
-
-class SideView:
-    """Draws robots of a scene from their right side, as parallel projections of their shapes.
-
-    Args:
-        scene: What is simulated.
-    """
-
-    def __init__(self, scene: Scene) -> None:
-        self._kinematics = Kinematics(scene.model)
-        self._shapes = robot_shapes(scene)
-        self._trunk = next((s.body for s in self._shapes if s.part is Part.TRUNK), 1)
-        self._feet = [next((s for s in self._shapes if s.name == f"{leg}_foot"), None) for leg in LEGS]
-
-    def draw(self, axis: Axes, qpos: np.ndarray, gate: np.ndarray, force: np.ndarray, *, x: float = 0.0) -> None:
-        """Draw one robot with its trunk above ``x``, looking at its own right side whatever its heading.
-
-        Args:
-            axis: Axes in metres, equal aspect.
-            qpos: Positions, shape (nq,).
-            gate: Gates of its devices, shape (M,).
-            force: Forces of the ground on its feet [N], shape (L, 3).
-            x: Where to draw it [m].
-        """
-        pos, quat = self._kinematics(qpos)
-        heading = rotate(quat[self._trunk], np.array([1.0, 0.0, 0.0]))
-        yaw = np.arctan2(heading[1], heading[0])
-        forward, right = np.array([np.cos(yaw), np.sin(yaw), 0.0]), np.array([np.sin(yaw), -np.cos(yaw), 0.0])
-        origin = pos[self._trunk] * (1.0, 1.0, 0.0)
-
-        def flat(points: np.ndarray) -> np.ndarray:
-            relative = points - origin
-            return np.stack([relative @ forward + x, relative[..., 2]], axis=-1)
-
-        depth = {id(s): float((pos[s.body] + rotate(quat[s.body], s.pos) - origin) @ right) for s in self._shapes}
-        for shape in sorted(self._shapes, key=lambda s: depth[id(s)]):
-            centre = pos[shape.body] + rotate(quat[shape.body], shape.pos)
-            color = GATE_COLORS[Gate(int(gate[shape.device]))] if shape.device >= 0 else shape.part.value
-            # what lies behind the trunk fades towards the paper
-            face = _fade(color, 0.5 if depth[id(shape)] < -0.03 else 0.0)
-            edge = _fade(_darker(color), 0.5 if depth[id(shape)] < -0.03 else 0.0)
-            for patch in _patches(shape, centre, compose(quat[shape.body], shape.quat), flat):
-                patch.set(facecolor=face, edgecolor=edge, linewidth=0.5, zorder=2.0 + depth[id(shape)])
-                axis.add_patch(patch)
-        for leg, foot in enumerate(self._feet):
-            if foot is None or leg >= len(force) or np.linalg.norm(force[leg]) < 5.0:
-                continue
-            start = flat(pos[foot.body] + rotate(quat[foot.body], foot.pos))
-            end = start + FORCE_SCALE * np.array([force[leg] @ forward, force[leg][2]])
-            arrow = {
-                "arrowstyle": "-|>",
-                "color": FORCE_COLOR,
-                "lw": 1.3,
-                "mutation_scale": 7,
-                "shrinkA": 0,
-                "shrinkB": 0,
-            }
-            axis.annotate("", xy=tuple(end), xytext=tuple(start), arrowprops=arrow, zorder=4.0)
 
 
 def contact_sheet(
@@ -201,14 +125,14 @@ def _draw_legend(axis: Axes, currents: Sequence[float], has_device: bool) -> Non
     robot: list[Patch | Line2D] = []
     if has_device:
         names = {Gate.OFF: "gates closed", Gate.DYNAMIC: "dynamic gate open", Gate.HOLD: "holding gate open"}
-        robot = [Patch(facecolor=_rgb(GATE_COLORS[gate]), label=f"calf: {text}") for gate, text in names.items()]
+        robot = [Patch(facecolor=rgb(GATE_COLORS[gate]), label=f"calf: {text}") for gate, text in names.items()]
     robot.append(Line2D([], [], color=FORCE_COLOR, marker="^", markersize=4, label="foot force"))
     lines = [Line2D([], [], color="0.4", linestyle="--", linewidth=1, label="command")]
     lines += [
-        Line2D([], [], color=_rgb(CURRENT_COLORS[k % len(CURRENT_COLORS)]), label=f"{current:g} A")
+        Line2D([], [], color=rgb(CURRENT_COLORS[k % len(CURRENT_COLORS)]), label=f"{current:g} A")
         for k, current in enumerate(currents)
     ]
-    lines += [Line2D([], [], color=_rgb(LEG_COLORS[leg]), label=name) for leg, name in enumerate(LEGS)]
+    lines += [Line2D([], [], color=rgb(LEG_COLORS[leg]), label=name) for leg, name in enumerate(LEGS)]
     style = {"fontsize": 8, "frameon": False, "borderpad": 0.0, "borderaxespad": 0.0, "handlelength": 1.6}
     axis.add_artist(axis.legend(handles=robot, loc="upper center", ncols=len(robot), **style))
     axis.legend(handles=lines, loc="lower center", ncols=len(lines), **style)
@@ -218,7 +142,7 @@ def _plot_motion(axes: Sequence[Axes], frames: Frames, currents: Sequence[float]
     """Forward velocity and trunk height of all robots."""
     axes[0].plot(frames.time, frames.v_x_command[:, 0], color="0.4", linewidth=1, linestyle="--")
     for k, _ in enumerate(currents):
-        color = _rgb(CURRENT_COLORS[k % len(CURRENT_COLORS)])
+        color = rgb(CURRENT_COLORS[k % len(CURRENT_COLORS)])
         axes[0].plot(frames.time, frames.v_x[:, k], color=color, linewidth=1.2)
         axes[1].plot(frames.time, frames.qpos[:, k, 2], color=color, linewidth=1.2)
     _title(axes[0], "forward velocity [m/s]")
@@ -229,15 +153,15 @@ def _plot_devices(axes: Sequence[Sequence[Axes]], frames: Frames, legs: Sequence
     """Torque, current and gates of one robot's devices."""
     (torque, coil), (gates, force) = axes
     for device, leg in enumerate(legs):
-        color = _rgb(LEG_COLORS[LEGS.index(leg)])
+        color = rgb(LEG_COLORS[LEGS.index(leg)])
         torque.plot(frames.time, frames.tau_mr[:, k, device], color=color, linewidth=1.2)
         coil.step(frames.time, frames.current[:, k, device], color=color, linewidth=1.2, where="post")
         for gate in (Gate.DYNAMIC, Gate.HOLD):
             spans = _spans(frames.time, frames.gate[:, k, device] == gate)
-            gates.broken_barh(spans, (len(legs) - 1 - device + 0.12, 0.76), color=_rgb(GATE_COLORS[gate]), linewidth=0)
+            gates.broken_barh(spans, (len(legs) - 1 - device + 0.12, 0.76), color=rgb(GATE_COLORS[gate]), linewidth=0)
     for leg in range(len(LEGS)):
         norm = np.linalg.norm(frames.foot_force[:, k, leg], axis=-1)
-        force.plot(frames.time, norm, color=_rgb(LEG_COLORS[leg]), linewidth=1.2)
+        force.plot(frames.time, norm, color=rgb(LEG_COLORS[leg]), linewidth=1.2)
     gates.set_yticks([len(legs) - 1 - i + 0.5 for i in range(len(legs))], legs)
     gates.set_ylim(0, len(legs))
     _title(torque, f"MR torque at {current:g} A [N·m]")
@@ -250,7 +174,7 @@ def _plot_motor(axis: Axes, scene: Scene, frames: Frames, k: int, current: float
     """Calf motors of one robot."""
     for joint, name in enumerate(scene.joints):
         if name in CALVES:
-            color = _rgb(LEG_COLORS[scene.legs[joint]])
+            color = rgb(LEG_COLORS[scene.legs[joint]])
             axis.plot(frames.time, frames.tau_motor[:, k, joint], color=color, linewidth=1.2)
     _title(axis, f"calf motor torque at {current:g} A [N·m]")
 
@@ -260,7 +184,7 @@ def _plot_energy(axis: Axes, frames: Frames, currents: Sequence[float]) -> None:
     used = (frames.ledger - frames.ledger[:1]).sum(2)
     device = used[:, :, int(ledger.DYNAMIC) : int(ledger.DRAG) + 1].sum(-1)
     for k, _ in enumerate(currents):
-        color = _rgb(CURRENT_COLORS[k % len(CURRENT_COLORS)])
+        color = rgb(CURRENT_COLORS[k % len(CURRENT_COLORS)])
         axis.plot(frames.time, used[:, k, int(ledger.MOTOR)], color=color, linewidth=1.2)
         axis.plot(frames.time, device[:, k], color=color, linewidth=1.2, linestyle=":")
     styles = [Line2D([], [], color="0.4", label="motors"), Line2D([], [], color="0.4", linestyle=":", label="devices")]
@@ -277,57 +201,3 @@ def _spans(time: np.ndarray, active: np.ndarray) -> list[tuple[float, float]]:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], active.astype(int), [0]])))
     step = float(time[1] - time[0]) if len(time) > 1 else 0.0
     return [(float(time[a]), float(time[b - 1] - time[a]) + step) for a, b in edges.reshape(-1, 2)]
-
-
-def _patches(
-    shape: Shape, centre: np.ndarray, quat: np.ndarray, flat: Callable[[np.ndarray], np.ndarray]
-) -> list[Patch]:
-    """Outline of a shape in the drawing plane."""
-    if shape.kind is Kind.SPHERE:
-        return [Circle(tuple(flat(centre)), shape.size[0])]
-    if shape.kind is Kind.BOX:
-        corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * shape.size
-        return [Polygon(_hull(flat(centre + rotate(quat, corners))))]
-    radius, half = shape.size
-    ends = flat(centre + rotate(quat, np.array([[0.0, 0.0, -half], [0.0, 0.0, half]])))
-    angle = np.linspace(0.0, 2.0 * np.pi, 25)
-    if shape.kind is Kind.CAPSULE:
-        circle = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        return [Polygon(_hull(np.concatenate([ends[0] + circle, ends[1] + circle])))]
-    rim = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
-    sides = [flat(centre + rotate(quat, rim + [0.0, 0.0, z])) for z in (-half, half)]
-    return [Polygon(_hull(np.concatenate(sides)))]
-
-
-def _hull(points: np.ndarray) -> np.ndarray:
-    """Convex hull of points in the plane, counter-clockwise (monotone chain)."""
-    ordered = points[np.lexsort((points[:, 1], points[:, 0]))]
-
-    def chain(rows: np.ndarray) -> list[np.ndarray]:
-        kept: list[np.ndarray] = []
-        for row in rows:
-            while len(kept) > 1 and _turn(kept[-2], kept[-1], row) <= 0.0:
-                kept.pop()
-            kept.append(row)
-        return kept[:-1]
-
-    return np.array(chain(ordered) + chain(ordered[::-1]))
-
-
-def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
-
-
-def _rgb(color: Color) -> tuple[float, float, float]:
-    return color[0] / 255.0, color[1] / 255.0, color[2] / 255.0
-
-
-def _fade(color: Color, share: float) -> tuple[float, float, float]:
-    """A colour mixed with white."""
-    r, g, b = (c + (1.0 - c) * share for c in _rgb(color))
-    return r, g, b
-
-
-def _darker(color: Color) -> Color:
-    r, g, b = (int(0.6 * c) for c in color)
-    return r, g, b

@@ -32,6 +32,14 @@ DEFAULT_URL = f"rerun+http://{LOCALHOST}:9876/proxy"
 """Where rerun's own viewer listens."""
 
 
+MOST_TOGETHER = 100
+"""Most frames in one batch."""
+
+
+LIVE_INTERVAL = 0.1
+"""Least time between two batches to a viewer [s]."""
+
+
 class ViewerError(RuntimeError):
     """A viewer cannot be reached or started; the message says what to do."""
 
@@ -42,7 +50,7 @@ class FrameStream:
     Args:
         log: What takes the frames, e.g. ``RobotLogger.log``; called on the thread only.
         drop: With a full queue drop frames (live) instead of waiting (file).
-        batch: Frames that are logged together.
+        batch: Least number of frames that are logged together, up to MOST_TOGETHER.
         capacity: Longest queue, in frames.
 
     Attributes:
@@ -86,16 +94,21 @@ class FrameStream:
 
     def _run(self) -> None:
         waiting: list[Frames] = []
+        logged = -LIVE_INTERVAL
         while True:
             frames = self._queue.get()
             if frames is not None:
                 waiting.append(frames)
-            if waiting and (frames is None or len(waiting) >= self._batch) and self._error is None:
+            # behind a fast simulation the batches grow: each frame costs less, and leaves the interpreter to others
+            rested = not self._drop or time.monotonic() - logged >= LIVE_INTERVAL
+            full = len(waiting) >= self._batch and rested and self._queue.empty() or len(waiting) >= MOST_TOGETHER
+            if waiting and (frames is None or full):
                 try:
-                    self._log(Frames.join(waiting))
+                    if self._error is None:
+                        self._log(Frames.join(waiting))
                 except Exception as error:  # whatever it is: the simulation goes on, or hears of it in log()
                     self._error = error
-                waiting = []
+                waiting, logged = [], time.monotonic()
             if frames is None:
                 return
 

@@ -88,12 +88,13 @@ def test_falling_mass_arrives_with_the_papers_speed(policy: OnnxPolicy) -> None:
     """The guided mass meets the back at about 1.5 m/s and stops after 0.05 m."""
     cfg = make_cfg(kind=ImpactKind.DROP, window=0.6)
     sweep = ImpactSweep(cfg, policy)
-    assert sweep.mass is not None
+    mass = sweep.mass
+    assert mass is not None
     speeds, heights = [], []
 
     def watch(time: float) -> None:
-        speeds.append(torch.where(sweep.mass.touched, torch.nan, sweep.mass.speed))
-        heights.append(sweep.mass._qpos[:, sweep.mass._q[2]].clone())
+        speeds.append(torch.where(mass.touched, torch.nan, mass.speed))
+        heights.append(mass._qpos[:, mass._q[2]].clone())
 
     sweep.watchers.append(watch)
     trace = sweep.run()
@@ -101,7 +102,7 @@ def test_falling_mass_arrives_with_the_papers_speed(policy: OnnxPolicy) -> None:
     arrival = torch.where(speed.isnan(), -torch.inf, speed).max(dim=0).values
     # the robot's back moves while the mass falls: +-0.03 m of 0.30 m change v = sqrt(2*a*s) by 5 %
     np.testing.assert_allclose(arrival.numpy(), 1.5, rtol=0.08)
-    assert bool(sweep.mass.touched.all())
+    assert bool(mass.touched.all())
     height = torch.stack(heights)
     at_contact = torch.stack([height[int((~s.isnan()).sum()), e] for e, s in enumerate(speed.T)])
     # the travel stop is a soft joint limit

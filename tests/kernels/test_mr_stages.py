@@ -75,7 +75,8 @@ def predict(x: dict[str, np.ndarray], *, sal: int = 1, hold: int = SUPPORT, exac
     out = {name: poisoned(num_envs, 2) for name in names} | {"ring": poisoned(num_envs, 2, rows, FEATURES)}
     arrays = [floats(x[name]) for name in ("q_des", "q", "qd", "f_foot", "current_e")]
     inputs = [
-        struct(*DEVICES), ints(JOINT_OF), ints(LEG_OF), DT, sal, sal, int(hold), exact, *arrays, ints([0]), floats(x["z"]),
+        struct(*DEVICES), ints(JOINT_OF), ints(LEG_OF), DT, sal, sal, int(hold), exact, *arrays, ints([0]),
+        floats(x["z"]),
         floats(x["current"]),
     ]  # fmt: skip
     wp.launch(predict_kernel, dim=(num_envs, 2), inputs=inputs, outputs=list(out.values()), device="cpu")

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,15 @@ def walk() -> Walk:
     return Walk(env, Frames.join(frames), truth)
 
 
+@cache
+def tables(path: Path) -> tuple[list[tuple[str, bool, Any]], list[Any]]:
+    """Everything in an ``.rrd`` file: entity, whether static, and table of each chunk; and the layouts' tables."""
+    reader = RrdReader(path)
+    chunks = [(chunk.entity_path, chunk.is_static, chunk.to_record_batch()) for chunk in reader.stream()]
+    layouts = [chunk.to_record_batch() for store in reader.blueprints() for chunk in reader.stream(store=store)]
+    return chunks, layouts
+
+
 @dataclass(frozen=True)
 class Recorded:
     """What an ``.rrd`` file holds, read with rerun's own reader."""
@@ -51,28 +61,21 @@ class Recorded:
 
     def columns(self, entity: str, component: str, *, static: bool = False) -> Iterator[tuple[Any, Any]]:
         """Time [ns] (None if static) and value of every row of one component."""
-        for chunk in RrdReader(self.path).stream().filter(is_static=static):
-            if chunk.entity_path != entity:
-                continue
-            batch = chunk.to_record_batch()
-            if component in batch.schema.names:
-                times = batch.column("sim_time").cast("int64").to_pylist() if not static else [None] * batch.num_rows
-                yield from zip(times, batch.column(component).to_pylist(), strict=True)
+        for path, is_static, table in tables(self.path)[0]:
+            if path == entity and is_static is static and component in table.schema.names:
+                times = [None] * table.num_rows if static else table.column("sim_time").cast("int64").to_pylist()
+                yield from zip(times, table.column(component).to_pylist(), strict=True)
 
     def entities(self) -> set[str]:
         """Paths of all entities."""
-        return {chunk.entity_path for chunk in RrdReader(self.path).stream()}
+        return {path for path, _, _ in tables(self.path)[0]}
 
     def blueprint(self, component: str) -> list[Any]:
         """Values of one component in all layouts of the file."""
-        reader = RrdReader(self.path)
-        found = []
-        for store in reader.blueprints():
-            for chunk in reader.stream(store=store):
-                batch = chunk.to_record_batch()
-                if component in batch.schema.names:
-                    found += batch.column(component).to_pylist()
-        return found
+        found = [
+            table.column(component).to_pylist() for table in tables(self.path)[1] if component in table.schema.names
+        ]
+        return [value for rows in found for value in rows]
 
 
 @pytest.fixture

@@ -11,8 +11,9 @@ from PIL import Image
 from mrwarp.asset import load_robot
 from mrwarp.env.sim import robot_scene
 from mrwarp.viewing.frames import Frames, Gate
-from mrwarp.viewing.pictures import SideView, _hull, _spans, contact_sheet
+from mrwarp.viewing.pictures import _spans, contact_sheet
 from mrwarp.viewing.shapes import GATE_COLORS, robot_shapes
+from mrwarp.viewing.side_view import SideView, _hull
 
 
 def test_contact_sheet_is_not_blank(walk: Any, tmp_path: Path) -> None:
