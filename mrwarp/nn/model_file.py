@@ -91,6 +91,7 @@ def save(model: LearnedModel, path: Path) -> None:
     partial = path.with_suffix(path.suffix + ".part")
     weights = {name: tensor.contiguous() for name, tensor in model.net.state_dict().items()}
     save_file(weights, str(partial), metadata={META: json.dumps(model.description(), allow_nan=False)})
+    partial.chmod(0o644)  # safetensors keeps its files to their owner
     partial.replace(path)
 
 

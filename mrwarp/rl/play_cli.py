@@ -154,7 +154,9 @@ def _run(args: argparse.Namespace, argv: list[str], player: Player) -> int:
         code = 1
     wall = time.perf_counter() - started
     if not player.close():
-        print(f"{PROG}: the viewer did not take everything ({player.dropped} frames dropped)", file=sys.stderr)
+        where = "recording is not complete" if args.rrd else "viewer did not take everything"
+        print(f"{PROG}: the {where} ({player.dropped} frames dropped)", file=sys.stderr)
+        code = code or int(args.rrd is not None)
     if args.rrd:
         print(f"recording: {args.rrd}; open it with: rerun {args.rrd}")
     if args.png and len(player.frames) > 1:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -39,10 +40,13 @@ def export_onnx(actor: Any, path: Path, description: dict[str, Any]) -> None:
     """
     model = actor.as_onnx(verbose=False).to("cpu").eval()
     partial = path.with_suffix(".part.onnx")
-    torch.onnx.export(
-        model, model.get_dummy_inputs(), str(partial), input_names=["obs"], output_names=["actions"],
-        opset_version=18, dynamo=False, dynamic_axes={"obs": {0: "n"}, "actions": {0: "n"}},
-    )  # fmt: skip
+    with warnings.catch_warnings():
+        # deprecated, but its graph is the net's few layers by name, which is what OnnxPolicy reads
+        warnings.simplefilter("ignore", DeprecationWarning)
+        torch.onnx.export(
+            model, model.get_dummy_inputs(), str(partial), input_names=["obs"], output_names=["actions"],
+            opset_version=18, dynamo=False, dynamic_axes={"obs": {0: "n"}, "actions": {0: "n"}},
+        )  # fmt: skip
     proto = onnx.load(str(partial))
     onnx.helper.set_model_props(proto, {META: json.dumps({"observations": ACTOR_TERMS, **description})})
     onnx.save(proto, str(partial))

@@ -84,13 +84,13 @@ class FrameStream:
             self._queue.put(frames)
 
     def close(self, timeout: float | None = None) -> bool:
-        """Log what is queued and end the thread; False if that took longer than ``timeout`` [s]."""
+        """Log what is queued and end the thread; False if that failed or took longer than ``timeout`` [s]."""
         try:
             self._queue.put(None, timeout=timeout)
         except queue.Full:
             return False
         self._thread.join(timeout)
-        return not self._thread.is_alive()
+        return not self._thread.is_alive() and self._error is None
 
     def _run(self) -> None:
         waiting: list[Frames] = []

@@ -93,8 +93,7 @@ def test_failed_logging_is_reported_or_counted(walk: Any, drop: bool) -> None:
 
     frames = FrameStream(fail, drop=drop, batch=1)
     frames.log(walk.frames[:1])
-    frames._queue.put(None)
-    frames._thread.join(10.0)
+    assert not frames.close(10.0)
     if drop:
         frames.log(walk.frames[1:4])
         assert frames.dropped == 3
