@@ -13,6 +13,7 @@ COMMANDS = {
     "check": ("mrwarp.sysid.check_cli", "explain a recording, or what is wrong with it"),
     "fit": ("mrwarp.sysid.fit_cli", "identify the joint from recordings"),
     "learn": ("mrwarp.sysid.learn_cli", "train and evaluate the learned torque models"),
+    "reproduce": ("mrwarp.evaluate.reproduce_cli", "the paper's figures and tables, ours beside theirs"),
     "asset": ("mrwarp.asset_cli", "show, check, change and compare USD assets"),
     "verify": ("mrwarp.evaluate.verify_cli", "measure what the simulator promises: passivity, holding, accuracy"),
 }

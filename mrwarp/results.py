@@ -13,7 +13,18 @@ from typing import Any
 SCHEMA = 1
 """Version of the result's layout."""
 
-_LIBRARIES = ("mrwarp", "warp-lang", "newton", "mujoco", "mujoco-warp", "torch", "rsl-rl-lib", "numpy", "usd-core")
+_LIBRARIES = (
+    "mrwarp",
+    "warp-lang",
+    "newton",
+    "mujoco",
+    "mujoco-warp",
+    "torch",
+    "rsl-rl-lib",
+    "numpy",
+    "usd-core",
+    "safetensors",
+)
 
 
 def write_result(out: Path, figures: dict[str, Any], *, seed: int, command: str) -> Path:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from mrwarp.evaluate.impact import ImpactSweep, ImpactTrace
 from mrwarp.robot import LEGS
 from mrwarp.viewing.frames import Gate
-from mrwarp.viewing.pictures import SideView
+from mrwarp.viewing.side_view import SideView
 
 INSTANTS = (0.0, 0.05, 0.1, 0.2, 0.4)
 """Instants after the impact's onset at which the robots are drawn [s]."""

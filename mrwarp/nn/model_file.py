@@ -24,6 +24,17 @@ SCHEMA = 1
 """Version of the description."""
 
 
+_HERE = Path(__file__).resolve().parents[1]
+MODELS = next((p for p in (_HERE / "models", _HERE.parent / "models") if p.is_dir()), _HERE / "models")
+"""Folder of the shipped networks: inside the package when installed as a wheel, beside it in a checkout."""
+
+
+def shipped_model(kind: str) -> str | None:
+    """File of the shipped network of a kind (``mlp``, ``lstm``, ``pg_rlstm``); None for what is not learned."""
+    path = MODELS / f"{kind}.safetensors"
+    return str(path) if path.is_file() else None
+
+
 class ModelFileError(ValueError):
     """A model file cannot be used; the message names the file and the remedy."""
 

@@ -19,6 +19,7 @@ import torch
 from mrwarp.actuator import Coupling, HoldCurrent, ZStep
 from mrwarp.asset import AssetError
 from mrwarp.env.cfg import ACTUATORS, EnvCfg, make_walk_cfg
+from mrwarp.nn.model_file import shipped_model
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
@@ -197,7 +198,7 @@ def make_cfg(args: argparse.Namespace, task: dict[str, Any]) -> EnvCfg:
         payload=chosen(args.payload, "payload", 0),
         asset=args.asset,
         actuator_model=chosen(args.actuator, "actuator", "bouc_wen"),
-        actuator_file=args.actuator_model,
+        actuator_file=args.actuator_model or shipped_model(chosen(args.actuator, "actuator", "bouc_wen")),
         coupling=Coupling(chosen(args.coupling, "coupling", "constraint")),
         hold_current=HoldCurrent(chosen(args.hold_current, "hold_current", "support")),
         z_step=ZStep(task.get("z_step", "euler")),

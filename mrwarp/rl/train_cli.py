@@ -15,6 +15,7 @@ from mrwarp.actuator import Coupling, HoldCurrent, ZStep
 from mrwarp.asset import AssetError
 from mrwarp.env.backend import BackendKind
 from mrwarp.env.cfg import ACTUATORS, make_walk_cfg
+from mrwarp.nn.model_file import shipped_model
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
 
@@ -34,7 +35,8 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--iterations", type=positive, default=6000, help="most PPO updates (default: 6000)")
     parser.add_argument("--no-gate", action="store_true", help="run all iterations instead of stopping at the gate")
     parser.add_argument("--actuator", choices=ACTUATORS, default="bouc_wen", help="torque model of the MR joint")
-    parser.add_argument("--actuator-model", metavar="FILE", help="trained network of --actuator mlp, lstm or pg_rlstm")
+    network = "trained network of --actuator mlp, lstm or pg_rlstm (default: the shipped one)"
+    parser.add_argument("--actuator-model", metavar="FILE", help=network)
     parser.add_argument("--robot", choices=("mr_go", "go1"), default="mr_go", help="robot variant of the USD asset")
     parser.add_argument("--payload", type=int, choices=(0, 3), default=0, help="payload variant [kg]")
     parser.add_argument("--asset", help="another USD file than assets/usd/mr_go.usda")
@@ -71,7 +73,7 @@ def main(argv: list[str] | None = None) -> int:
             payload=args.payload,
             asset=args.asset,
             actuator_model=args.actuator,
-            actuator_file=args.actuator_model,
+            actuator_file=args.actuator_model or shipped_model(args.actuator),
             coupling=Coupling(args.coupling),
             hold_current=HoldCurrent(args.hold_current),
             z_step=ZStep(args.z_step),

@@ -148,7 +148,7 @@ def main(argv: list[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(f"mrwarp reproduce fig4: {error}", file=sys.stderr)
         return 2
-    write_result(args.out, result, seed=args.seed, command="python -m mrwarp.sysid.figure4 " + shlex.join(argv))
+    write_result(args.out, result, seed=args.seed, command="mrwarp reproduce fig4 " + shlex.join(argv))
     for name, holds in result["verdicts"].items():
         print(f"{name:34s} {'holds' if holds else 'MISSED'}")
     return 0 if all(result["verdicts"].values()) else 1

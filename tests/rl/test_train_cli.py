@@ -54,7 +54,6 @@ REFUSED: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "half an environment": (["--num-envs", "0.5"], ("--num-envs", "0.5")),
     "no iterations": (["--iterations", "0"], ("--iterations", "0 must be at least 1")),
     "an unknown actuator": (["--actuator", "magic"], ("--actuator", "magic", "bouc_wen")),
-    "a learned actuator without its file": (["--actuator", "lstm"], ("lstm", "--actuator-model")),
     "a file for an actuator that learns nothing": (["--actuator-model", "{text}"], ("bouc_wen", "{text}")),
     "a missing network": (["--actuator", "mlp", "--actuator-model", "{tmp}/none.st"], ("{tmp}/none.st",)),
     "an unknown robot": (["--robot", "spot"], ("--robot", "spot", "mr_go")),
