@@ -14,7 +14,7 @@ TRICKY = '''#usda 1.0
 )
 
 # def "comment" { double a = 1 }
-def Xform "root" (
+def Xform "top" (
     customData = {
         string text = "} def \\"x\\" {"
     }
@@ -33,7 +33,7 @@ def Xform "root" (
         0: 1,
         1: 2,
     }
-    rel target = </root/inner>
+    rel target = </top/inner>
     asset file = @some{file}.txt@
     double declared
     uniform token[] order = ["a", "}"] # a comment with }
@@ -86,15 +86,15 @@ def test_scan_finds_what_usd_finds(text):
 @pytest.mark.parametrize(
     ("path", "name"),
     [
-        ("/root", "a"),
-        ("/root", "declared"),
-        ("/root", "new"),
-        ("/root/empty", "new"),
-        ("/root{size=big}inner", "c"),
-        ("/root{size=big}inner", "d"),
-        ("/root{size=big}inner", "new"),
-        ("/root{size=big}{colour=red}deep", "e"),
-        ("/root{size=big}{colour=red}deep", "new"),
+        ("/top", "a"),
+        ("/top", "declared"),
+        ("/top", "new"),
+        ("/top/empty", "new"),
+        ("/top{size=big}inner", "c"),
+        ("/top{size=big}inner", "d"),
+        ("/top{size=big}inner", "new"),
+        ("/top{size=big}{colour=red}deep", "e"),
+        ("/top{size=big}{colour=red}deep", "new"),
     ],
 )
 def test_set_value_in_tricky_text(path, name, newline):
