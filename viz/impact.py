@@ -1,0 +1,8 @@
+"""Impact trials, live: ``python viz/impact.py --live`` is ``mrwarp impact --live``."""
+
+import sys
+
+from mrwarp.evaluate.impact_cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())
