@@ -10,11 +10,11 @@ import time
 
 import numpy as np
 import torch
-import warp as wp
 
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.evaluate.walking import make_env
 from mrwarp.nn import model_file
+from mrwarp.quiet import quiet_libraries
 from mrwarp.rl.policy import OnnxPolicy
 
 
@@ -66,8 +66,7 @@ def measure_speed(
 
 
 if __name__ == "__main__":
-    wp.config.log_level = wp.LOG_WARNING
-    torch.set_num_threads(1)
+    quiet_libraries()
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--policy", required=True, help="policy.onnx of train/ppo.py")
     parser.add_argument("--model", required=True, help="model.safetensors of mrwarp learn")

@@ -17,13 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-import warp as wp
 from matplotlib.figure import Figure
 
 from mrwarp.nn import model_file
 from mrwarp.nn.models import SAMPLES
 from mrwarp.nn.train import FitCfg
+from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
 from mrwarp.sysid import learn
 from mrwarp.sysid.bench import BenchCfg, BenchData, run_bench
@@ -138,8 +137,7 @@ def main(argv: list[str] | None = None) -> int:
     """Make Figure 4; 0 when every claim holds at full strength, 1 when one does not, 2 on bad input."""
     argv = sys.argv[1:] if argv is None else argv
     args = _parser().parse_args(argv)
-    wp.config.log_level = wp.LOG_WARNING
-    torch.set_num_threads(1)
+    quiet_libraries()
     try:
         bench = BenchCfg(samples=args.samples, trajectories=args.trajectories, seed=args.seed)
         recipe = FitCfg(epochs=args.epochs, windows_per_epoch=args.windows_per_epoch, seed=args.seed)

@@ -12,9 +12,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-import warp as wp
-
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, parameter_unit, save_model
+from mrwarp.quiet import quiet_libraries
 from mrwarp.results import versions, write_result
 from mrwarp.sysid.damper import (
     ExtendedFit,
@@ -34,7 +33,7 @@ def main(argv: list[str] | None = None) -> int:
     """Identify a joint; 0 when its model is written, 2 on bad input (then nothing is written)."""
     argv = sys.argv[1:] if argv is None else argv
     args = _parser().parse_args(argv)
-    wp.config.log_level = wp.LOG_WARNING
+    quiet_libraries()
     started = time.perf_counter()
 
     def progress(text: str) -> None:

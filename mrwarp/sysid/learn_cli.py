@@ -8,14 +8,13 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import torch
-import warp as wp
 from matplotlib.figure import Figure
 
 from mrwarp.model_file import load_model
 from mrwarp.nn import model_file
 from mrwarp.nn.models import SAMPLES
 from mrwarp.nn.train import FitCfg, History
+from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
 from mrwarp.sysid import learn
 from mrwarp.sysid.recording import load_recording
@@ -47,8 +46,7 @@ def main(argv: list[str] | None = None) -> int:
     """Train and evaluate; 0 when done, 2 on bad input (nothing is written), 130 after Ctrl-C (the best is written)."""
     argv = sys.argv[1:] if argv is None else argv
     args = make_parser().parse_args(argv)
-    wp.config.log_level = wp.LOG_WARNING
-    torch.set_num_threads(1)  # windows are trained in small batches: threads cost more than they give
+    quiet_libraries()
     try:
         cfg = FitCfg(
             epochs=args.epochs, windows_per_epoch=args.windows_per_epoch, patience=args.patience, seed=args.seed
