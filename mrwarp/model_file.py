@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import os
+import reprlib
+import sys
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,6 +34,11 @@ JOINT_UNITS = {"q": "rad", "current": "A", "torque": "N·m"}
 _KEYS = ("schema", "units", "parameters", "effects", "fitted_on", "seed", "versions")
 _NAMES = tuple(spec.name for spec in MrParams.specs() if spec.name != "q_neutral")
 _REQUIRED = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
+
+
+_LARGEST = sys.float_info.max
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother, _SHORT.maxlong = 2, 80, 80, 80
 
 
 class ModelFileError(ValueError):
@@ -126,10 +133,10 @@ def parameter_unit(name: str, units: Mapping[str, str]) -> str:
 def save_model(model: Model, path: str | Path) -> Path:
     """Write a model in one piece; every number is stored without loss."""
     path = Path(path)
-    content = {"schema": SCHEMA, **dataclasses.asdict(model)}
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(path.name + ".part")
-    partial.write_text(json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8")
+    text = json.dumps(model_to_dict(model), indent=2, allow_nan=False, ensure_ascii=False)
+    partial.write_text(text + "\n", encoding="utf-8")
     os.replace(partial, path)
     return path
 
@@ -144,45 +151,95 @@ def load_model(path: str | Path) -> Model:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise ModelFileError(f"{path}: {path.stat().st_size} bytes; a model file has at most {MAX_BYTES}")
-        content = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_unique)
+        text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise ModelFileError(f"{path}: {error.strerror}; give the model.json that 'mrwarp fit' wrote") from None
-    except ModelFileError as error:
-        raise error if str(error).startswith(str(path)) else ModelFileError(f"{path}: {error}") from None
-    except (ValueError, RecursionError) as error:
+    except UnicodeDecodeError as error:
         raise ModelFileError(f"{path}: not JSON: {error}; give the model.json that 'mrwarp fit' wrote") from None
+    return model_from_dict(read_json(text, str(path)), str(path))
+
+
+def model_to_dict(model: Model) -> dict[str, Any]:
+    """The content of a model file: objects, lists, texts and numbers as JSON has them."""
+    return _as_json({"schema": SCHEMA, **dataclasses.asdict(model)})
+
+
+def model_from_dict(content: Any, where: str = "model") -> Model:
+    """Check the content of a model file, as JSON gives it; the inverse of :func:`model_to_dict`.
+
+    Args:
+        content: What the file holds.
+        where: Its place, at the front of every message.
+
+    Raises:
+        ModelFileError: it is of another schema, or one of its entries is unusable.
+    """
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         found = content.get("schema") if isinstance(content, dict) else type(content).__name__
-        raise ModelFileError(f"{path}: schema = {found!r}; allowed: {SCHEMA}; run 'mrwarp fit' again")
-    _same_keys(content, _KEYS, f"{path}")
-    units = _mapping(content["units"], f"{path}: units")
-    _same_keys(units, tuple(JOINT_UNITS), f"{path}: units")
-    parameters = _mapping(content["parameters"], f"{path}: parameters")
+        raise ModelFileError(f"{where}: schema = {shown(found)}; allowed: {SCHEMA}; run 'mrwarp fit' again")
+    _same_keys(content, _KEYS, where)
+    units = _texts(content["units"], f"{where}: units")
+    _same_keys(units, tuple(JOINT_UNITS), f"{where}: units")
+    parameters = _mapping(content["parameters"], f"{where}: parameters")
     missing = [name for name in _REQUIRED if name not in parameters]
     if missing:
-        raise ModelFileError(f"{path}: parameters.{missing[0]} is missing; needed: {', '.join(_REQUIRED)}")
+        raise ModelFileError(f"{where}: parameters.{missing[0]} is missing; needed: {', '.join(_REQUIRED)}")
     effects = content["effects"]
     if not isinstance(effects, list):
-        raise ModelFileError(f"{path}: effects = {effects!r}; allowed: a list of {{name, parameters}}")
+        raise ModelFileError(f"{where}: effects = {shown(effects)}; allowed: a list of {{name, parameters}}")
     return Model(
-        parameters={name: _parameter(name, entry, units, path) for name, entry in parameters.items()},
-        fitted_on=_fitted_on(content["fitted_on"], f"{path}: fitted_on"),
-        units={key: str(value) for key, value in units.items()},
-        effects=tuple(_effect(entry, f"{path}: effects[{i}]") for i, entry in enumerate(effects)),
-        seed=int(_number(content["seed"], f"{path}: seed")),
-        versions={str(k): str(v) for k, v in _mapping(content["versions"], f"{path}: versions").items()},
+        parameters={name: _parameter(name, entry, units, where) for name, entry in parameters.items()},
+        fitted_on=_fitted_on(content["fitted_on"], f"{where}: fitted_on"),
+        units=units,
+        effects=tuple(_effect(entry, f"{where}: effects[{i}]") for i, entry in enumerate(effects)),
+        seed=_whole(content["seed"], f"{where}: seed"),
+        versions=_texts(content["versions"], f"{where}: versions"),
     )
 
 
-def _parameter(name: str, entry: Any, units: Mapping[str, str], path: Path) -> Parameter:
+def read_json(text: str, where: str, remedy: str = "give the model.json that 'mrwarp fit' wrote") -> Any:
+    """What a JSON text holds.
+
+    Raises:
+        ModelFileError: it is not JSON, or a key stands twice in one object.
+    """
+    try:
+        return json.loads(text, object_pairs_hook=_unique)
+    except ModelFileError as error:
+        raise ModelFileError(f"{where}: {error}") from None
+    except (ValueError, RecursionError) as error:
+        raise ModelFileError(f"{where}: not JSON: {error}; {remedy}") from None
+
+
+def shown(value: Any) -> str:
+    """A value of a file for a message: as Python writes it, on one line, shortened."""
+    found = _SHORT.repr(value)
+    return found if len(found) <= _SHORT.maxstring else found[: _SHORT.maxstring - 3] + "..."
+
+
+def key_shown(name: str) -> str:
+    """A key of a file for a message: as it is, unless it is long or cannot be printed."""
+    return name if name.isprintable() and len(name) <= _SHORT.maxstring else shown(name)
+
+
+def _as_json(value: Any) -> Any:
+    """The same with lists for tuples."""
+    if isinstance(value, dict):
+        return {key: _as_json(item) for key, item in value.items()}
+    return [_as_json(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def _parameter(name: str, entry: Any, units: Mapping[str, str], file: str) -> Parameter:
     """One checked entry of ``parameters``."""
-    where = f"{path}: parameters.{name}"
+    where = f"{file}: parameters.{key_shown(name)}"
     if name not in _NAMES:
         raise ModelFileError(f"{where}: there is no such parameter; known: {', '.join(_NAMES)}")
     _same_keys(_mapping(entry, where), ("value", "unit", "ci95"), where)
-    value, unit = _number(entry["value"], f"{where}.value"), parameter_unit(name, units)
+    value, unit = checked_number(entry["value"], f"{where}.value"), parameter_unit(name, units)
     if entry["unit"] != unit:
-        raise ModelFileError(f"{where}.unit = {entry['unit']!r}; allowed: {unit!r}; convert the value, then the unit")
+        raise ModelFileError(
+            f"{where}.unit = {shown(entry['unit'])}; allowed: {unit!r}; convert the value, then the unit"
+        )
     if dict(units) == JOINT_UNITS:
         try:
             MrParams.spec(name).check(value, f"{where}.value")
@@ -191,8 +248,8 @@ def _parameter(name: str, entry: Any, units: Mapping[str, str], path: Path) -> P
     ci95 = entry["ci95"]
     if ci95 is not None:
         if not isinstance(ci95, list) or len(ci95) != 2:
-            raise ModelFileError(f"{where}.ci95 = {ci95!r}; allowed: [low, high] or null")
-        ci95 = (_number(ci95[0], f"{where}.ci95[0]"), _number(ci95[1], f"{where}.ci95[1]"))
+            raise ModelFileError(f"{where}.ci95 = {shown(ci95)}; allowed: [low, high] or null")
+        ci95 = (checked_number(ci95[0], f"{where}.ci95[0]"), checked_number(ci95[1], f"{where}.ci95[1]"))
         if not ci95[0] <= value <= ci95[1]:
             raise ModelFileError(f"{where}.ci95 = {list(ci95)} leaves out the value {value:g}; correct either")
     return Parameter(value=value, unit=unit, ci95=ci95)
@@ -201,31 +258,57 @@ def _parameter(name: str, entry: Any, units: Mapping[str, str], path: Path) -> P
 def _effect(entry: Any, where: str) -> Effect:
     _same_keys(_mapping(entry, where), ("name", "parameters"), where)
     if not isinstance(entry["name"], str) or not entry["name"]:
-        raise ModelFileError(f"{where}.name = {entry['name']!r}; allowed: the name of an effect")
+        raise ModelFileError(f"{where}.name = {shown(entry['name'])}; allowed: the name of an effect")
     parameters = _mapping(entry["parameters"], f"{where}.parameters")
-    return Effect(
-        name=entry["name"], parameters={k: _number(v, f"{where}.parameters.{k}") for k, v in parameters.items()}
-    )
+    numbers = {k: checked_number(v, f"{where}.parameters.{key_shown(k)}") for k, v in parameters.items()}
+    return Effect(name=_text(entry["name"], f"{where}.name"), parameters=numbers)
 
 
 def _fitted_on(entry: Any, where: str) -> FittedOn:
     _same_keys(_mapping(entry, where), tuple(f.name for f in dataclasses.fields(FittedOn)), where)
-    numbers = {key: _number(entry[key], f"{where}.{key}") for key in ("trajectories", "samples", "rate")}
     return FittedOn(
-        source=str(entry["source"]), trajectories=int(numbers["trajectories"]), samples=int(numbers["samples"]),
-        rate=numbers["rate"],
-    )  # fmt: skip
+        source=_text(entry["source"], f"{where}.source"),
+        trajectories=_whole(entry["trajectories"], f"{where}.trajectories"),
+        samples=_whole(entry["samples"], f"{where}.samples"),
+        rate=checked_number(entry["rate"], f"{where}.rate"),
+    )
 
 
-def _number(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ModelFileError(f"{where} = {value!r}; allowed: a finite number")
-    return float(value)
+def checked_number(value: Any, where: str) -> float:
+    """A finite number of a file, as float.
+
+    Raises:
+        ModelFileError: it is none.
+    """
+    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST:
+        return float(value)
+    raise ModelFileError(f"{where} = {shown(value)}; allowed: a finite number")
+
+
+def _whole(value: Any, where: str) -> int:
+    """A whole number; an integer of any length keeps all its digits."""
+    checked_number(value, where)
+    if value != int(value):
+        raise ModelFileError(f"{where} = {shown(value)}; allowed: a whole number")
+    return int(value)
+
+
+def _text(value: Any, where: str) -> str:
+    """A text that UTF-8 can write."""
+    if not isinstance(value, str) or any("\ud800" <= c <= "\udfff" for c in value):
+        raise ModelFileError(f"{where} = {shown(value)}; allowed: a text")
+    return value
+
+
+def _texts(value: Any, where: str) -> dict[str, str]:
+    """An object of texts."""
+    found = _mapping(value, where)
+    return {_text(k, f"{where}: key"): _text(v, f"{where}.{key_shown(k)}") for k, v in found.items()}
 
 
 def _mapping(value: Any, where: str) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise ModelFileError(f"{where} = {value!r}; allowed: an object {{...}}")
+        raise ModelFileError(f"{where} = {shown(value)}; allowed: an object {{...}}")
     return value
 
 
@@ -235,13 +318,13 @@ def _same_keys(content: dict[str, Any], keys: tuple[str, ...], where: str) -> No
             raise ModelFileError(f"{where}: {key} is missing; needed: {', '.join(keys)}")
     for key in content:
         if key not in keys:
-            raise ModelFileError(f"{where}: there is no key {key!r}; known: {', '.join(keys)}; remove it")
+            raise ModelFileError(f"{where}: there is no key {shown(key)}; known: {', '.join(keys)}; remove it")
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """A JSON object whose keys stand once each."""
     content = dict(pairs)
     if len(content) != len(pairs):
-        twice = next(key for key, _ in pairs if sum(k == key for k, _ in pairs) > 1)
-        raise ModelFileError(f"{twice} stands twice in one object; remove one")
+        [(twice, _)] = Counter(key for key, _ in pairs).most_common(1)
+        raise ModelFileError(f"{key_shown(twice)} stands twice in one object; remove one")
     return content

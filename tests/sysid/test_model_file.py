@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from mrwarp.model_file import (
     ModelFileError,
     Parameter,
     load_model,
+    model_from_dict,
+    model_to_dict,
     parameter_unit,
     save_model,
 )
@@ -43,6 +46,16 @@ def model(units: dict[str, str] = JOINT_UNITS) -> Model:
 def test_json_round_trip_is_lossless(tmp_path: Path) -> None:
     """A saved and loaded model equals the one it was, to the last bit."""
     assert load_model(save_model(model(), tmp_path / "sub/model.json")) == model()
+
+
+def test_dictionary_round_trip() -> None:
+    """The content as JSON types makes the same model; a seed of any length keeps its digits."""
+    long = replace(model(), seed=2**62 + 1)
+    content = model_to_dict(long)
+    assert json.loads(json.dumps(content)) == content
+    assert model_from_dict(content) == long
+    with pytest.raises(ModelFileError, match="here: schema = 'list'"):
+        model_from_dict([], "here")
 
 
 def test_missing_groups_take_defaults() -> None:
@@ -117,6 +130,14 @@ def edit(*keys: Any, to: Any) -> Callable[[dict], None]:
         (edit("parameters", to=[]), "parameters = []; allowed: an object"),
         (edit("units", "q", to=...), "units: q is missing"),
         (edit("effects", to={}), "effects = {}; allowed: a list"),
+        (edit("effects", 0, "name", to="\ud800"), "effects[0].name = '\\ud800'; allowed: a text"),
+        (edit("seed", to=0.5), "seed = 0.5; allowed: a whole number"),
+        (edit("seed", to=10**400), "; allowed: a finite number"),
+        (
+            edit("fitted_on", "source", to=["a"] * 1000),
+            "fitted_on.source = ['a', 'a', 'a', 'a', 'a', 'a', ...]; allowed",
+        ),
+        (edit("versions", "k" * 1000, to=3), "kkkkk' = 3; allowed: a text"),
         (edit("effects", 0, "parameters", "time_constant", to=None), "effects[0].parameters.time_constant = None"),
         (edit("fitted_on", "rate", to="fast"), "fitted_on.rate = 'fast'"),
         (edit("note", to="hello"), "there is no key 'note'"),
