@@ -31,6 +31,8 @@ ASSETS = next((p for p in (_HERE / "assets/usd", _HERE.parent / "assets/usd") if
 
 PD = {f"newton:{n}": MrParams.spec(s) for n, s in (("kp", "kp_base"), ("kd", "kd"), ("maxEffort", "tau_limit"))}
 """What is known about the attributes of a plain motor."""
+_LONGEST = 400
+"""Most characters of USD's own messages, which quote from the file."""
 _NUMBER_TYPES = {"double", "float", "int"}
 
 
@@ -168,7 +170,7 @@ def open_stage(file: Path, allow_external: bool = False) -> Usd.Stage:
                 _refuse_external(layer, file.resolve().parent, set())
         stage = Usd.Stage.Open(layer, Sdf.Layer.CreateAnonymous("session.usda")) if layer else None
     except Tf.ErrorException as error:
-        raise AssetError(f"{file}: not readable as USD: {str(error).strip()}") from None
+        raise AssetError(f"{file}: not readable as USD: {str(error).strip()[:_LONGEST]}") from None
     if stage is None or not stage.GetDefaultPrim():
         raise AssetError(f"{file}: not readable as USD, or without a defaultPrim; name the robot's root prim there")
     for error in stage.GetCompositionErrors():

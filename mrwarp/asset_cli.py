@@ -5,23 +5,17 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
+
+from pxr import Usd
 
 from mrwarp.asset import ASSETS, AssetError, is_mr, open_stage, read_parameters
 from mrwarp.asset_edit import Change, edit_asset, find_prim
-from mrwarp.asset_report import check_asset, diff_assets, load_variants, show_asset
-from mrwarp.model_file import (
-    JOINT_UNITS,
-    FittedOn,
-    Model,
-    ModelFileError,
-    Parameter,
-    load_model,
-    parameter_unit,
-    save_model,
-)
-from mrwarp.results import versions
+from mrwarp.asset_record import RECORD, PrimModel, read_model, record_text, summary
+from mrwarp.asset_report import check_asset, diff_assets, load_variants, models, show_asset, value_text
+from mrwarp.model_file import Model, ModelFileError, Parameter, load_model, save_model
 
 DEFAULT = ASSETS / "mr_go.usda"
 
@@ -104,16 +98,14 @@ def _set(args: argparse.Namespace) -> int:
 def _apply(args: argparse.Namespace) -> int:
     model = load_model(args.model)
     model.to_params()  # refuses other units than the simulator's
-    if model.effects:
-        names = ", ".join(effect.name for effect in model.effects)
-        text = f"left out, as a USD asset holds no effects beyond eqs. 14 and 15: {names}"
-        print(f"mrwarp asset apply: notice: {text}", file=sys.stderr)
-    return _edit(args, model.values)
+    return _edit(args, model.values, lambda prim: record_text(model, read_parameters(prim, args.file)))
 
 
-def _edit(args: argparse.Namespace, values: Mapping[str, float | str]) -> int:
+def _edit(
+    args: argparse.Namespace, values: Mapping[str, float | str], record: Callable[[Usd.Prim], str] | None = None
+) -> int:
     """Edit, and say what changed."""
-    report = edit_asset(args.file, args.prim, dict(values), args.out, check=lambda copy: list(check_asset(copy)))
+    report = edit_asset(args.file, args.prim, dict(values), args.out, lambda copy: list(check_asset(copy)), record)
     for change in report.changes:
         print(_change(change))
     for line in report.kept:
@@ -128,33 +120,39 @@ def _edit(args: argparse.Namespace, values: Mapping[str, float | str]) -> int:
 
 def _export(args: argparse.Namespace) -> int:
     if args.prim is None:
-        devices = {a.joint: a.mr for a in next(load_variants(args.file)).actuators if a.mr is not None}
-        if len(set(devices.values())) != 1:
-            text = "differ" if devices else "are missing"
-            raise AssetError(f"{args.file}: the joints' MR devices {text}; name one of: {', '.join(devices) or 'none'}")
-        params, source = next(iter(devices.values())), f"{args.file}: {', '.join(devices)}"
+        asset = next(load_variants(args.file))
+        params = {a.joint: a.mr for a in asset.actuators if a.mr is not None}
+        held = models(asset)
+        [first, *others] = held or [""]
+        if not first or any((params[j], _content(held[j])) != (params[first], _content(held[first])) for j in others):
+            text = "differ" if held else "are missing"
+            raise AssetError(f"{args.file}: the joints' MR devices {text}; name one of: {', '.join(held) or 'none'}")
+        found, source = held[first], f"{args.file}: {', '.join(held)}"
     else:
         stage = open_stage(args.file)
         prim = find_prim(stage, args.prim, args.file)
         if not is_mr(prim):
             raise AssetError(f"{args.file}: {prim.GetPath()} is a plain motor; name a joint with an MR device")
-        params, source = read_parameters(prim, args.file), f"{args.file}: {prim.GetPath()}"
-    model = Model(
-        parameters={
-            name: Parameter(value=value, unit=parameter_unit(name, JOINT_UNITS))
-            for name, value in params
-            if name != "q_neutral"  # belongs to the robot, see mrwarp.model_file
-        },
-        fitted_on=FittedOn(source=source, trajectories=0, samples=0, rate=0.0),
-        versions=versions(),
-    )
+        found, source = read_model(prim, args.file), f"{args.file}: {prim.GetPath()}"
+    model = found.model
+    if found.applied is None:
+        model = replace(model, fitted_on=replace(model.fitted_on, source=source))
+    if found.changed:
+        print(f"mrwarp asset export: notice: {found.note()}", file=sys.stderr)
     print(f"wrote {save_model(model, args.out)}")
     return 0
 
 
+def _content(held: PrimModel) -> tuple[Mapping[str, Parameter], Model | None]:
+    """What must be the same for two prims to be exported as one."""
+    return held.model.parameters, held.applied
+
+
 def _change(change: Change) -> str:
+    if change.attribute == RECORD:
+        return f"{change.prim} {RECORD}: {summary(change.before)} -> {summary(change.after)}"
     before = "none" if change.before is None else f"{change.before:.10g}"
-    return f"{change.prim} {change.attribute}: {before} -> {change.after:.10g} {change.unit}"
+    return f"{change.prim} {change.attribute}: {before} -> {value_text(change.attribute, change.after)}"
 
 
 def _check(args: argparse.Namespace) -> int:

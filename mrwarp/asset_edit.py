@@ -18,9 +18,10 @@ from typing import Any
 from pxr import Sdf, Tf, Usd
 
 from mrwarp.asset import PD, PREFIX, AssetError, is_mr, open_stage
-from mrwarp.asset_report import decimal, plain, unit_of
+from mrwarp.asset_record import RECORD
+from mrwarp.asset_report import decimal, plain, value_text
 from mrwarp.params import MrParams, ParameterError
-from mrwarp.usda_text import UsdaTextError, set_value
+from mrwarp.usda_text import UsdaTextError, quoted, set_value
 
 SUFFIXES = (".usda", ".usdc", ".usd")
 Key = tuple[tuple[str, ...], str, str]
@@ -29,13 +30,12 @@ Key = tuple[tuple[str, ...], str, str]
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """What an edit did to one actuator: attribute, unit, value before (``None``: there was none) and after."""
+    """What an edit did to one actuator: attribute, value before (``None``: there was none) and after."""
 
     prim: str
     attribute: str
-    unit: str
     before: Any
-    after: float
+    after: float | str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +56,7 @@ def edit_asset(
     values: dict[str, Any],
     out: Path | None = None,
     check: Callable[[Path], object] | None = None,
+    record: Callable[[Usd.Prim], str] | None = None,
 ) -> EditReport:
     """Set attributes of one actuator, or of the class that several inherit.
 
@@ -65,6 +66,7 @@ def edit_asset(
         values: Attribute name, with or without ``newton:mr:``, to number.
         out: File to write; ``None`` is ``file`` itself.
         check: Called with the edited copy; raises ``AssetError`` when it is not usable.
+        record: Gives the record of the model that the values are of, see :mod:`mrwarp.asset_record`.
 
     Raises:
         AssetError: a prim, name or number is refused, or the result is not usable; then nothing was written.
@@ -74,8 +76,11 @@ def edit_asset(
     if target.suffix not in SUFFIXES or not target.parent.is_dir():
         raise AssetError(f"{out or file}: cannot be written; give a name ending in {', '.join(SUFFIXES)} in a folder")
     found = find_prim(stage, prim, file)
-    path, numbers = str(found.GetPath()), check_values(found, values, file)
-    sites = [(*_site(found, name), name, number) for name, number in numbers.items()]
+    path = str(found.GetPath())
+    wanted: dict[str, float | str] = {**check_values(found, values, file)}
+    if record is not None:
+        wanted[RECORD] = record(found)
+    sites = [(*_site(found, name), name, value) for name, value in wanted.items()]
     before, reach = snapshot(stage, path)
     if found.IsAbstract() and reach == {path}:
         raise AssetError(f"{file}: no actuator inherits {path} (a flattened file?); name the joint, such as FL_calf")
@@ -85,7 +90,7 @@ def edit_asset(
         if check is not None:
             check(copy)
         after, _ = snapshot(open_stage(copy), path)
-        changes = _verified(before, after, reach, path, numbers)
+        changes = _verified(before, after, reach, path, wanted)
         shutil.copymode(target if target.exists() else file, copy)
         os.replace(copy, target)
     except (AssetError, OSError, Tf.ErrorException) as error:
@@ -94,9 +99,9 @@ def edit_asset(
     finally:
         copy.unlink(missing_ok=True)
     kept = {
-        f"{where} keeps its own {name} = {value:.10g} {unit_of(name)}"
+        f"{where} keeps its own {name} = {value_text(name, value)}"
         for (_, where, name), value in after.items()
-        if where in reach and name in numbers and value not in _readings(name, numbers[name])
+        if where in reach and name in wanted and value not in _readings(name, wanted[name])
     }
     return EditReport(path=out or file, changes=changes, kept=tuple(sorted(kept)), notice=notice)
 
@@ -175,48 +180,51 @@ def snapshot(stage: Usd.Stage, path: str = "") -> tuple[dict[Key, Any], set[str]
 def _site(prim: Usd.Prim, name: str) -> tuple[str, str]:
     """Where to write an attribute: Sdf path of the prim's strongest opinion, else of the block that makes it MR; type.
 
-    Numbers of MR devices are written as ``double``; a motor's keep their type, ``float`` in Newton's schema.
+    Numbers of MR devices are written as ``double``, records as ``string``; a motor's numbers keep their type, ``float``
+    in Newton's schema.
     """
     root = prim.GetStage().GetRootLayer()
     own = [s for s in prim.GetPrimStack() if s.layer == root and s.path.StripAllVariantSelections() == prim.GetPath()]
     held = [s for s in own if name in s.attributes and s.attributes[name].HasDefaultValue()]
     spec = held[0] if held else own[-1] if own else None
-    kind = "double" if name.startswith(PREFIX) else str(held[0].attributes[name].typeName) if held else "float"
+    kind = str(held[0].attributes[name].typeName) if held else "float"
+    kind = "double" if name.startswith(PREFIX) else "string" if name == RECORD else kind
     return str(spec.path if spec else prim.GetPath()), kind
 
 
-def _write(stage: Usd.Stage, file: Path, copy: Path, sites: list[tuple[str, str, str, float]]) -> str:
+def _write(stage: Usd.Stage, file: Path, copy: Path, sites: list[tuple[str, str, str, float | str]]) -> str:
     """Write the edited copy; returns a notice when the text could not be edited and comments are lost."""
     is_text = file.read_bytes()[:5] == b"#usda"
     reason = f"{file} is not a text file" if not is_text else f"{copy.suffix} is not a text format"
     if is_text and copy.suffix != ".usdc":
         try:
             text = file.read_bytes().decode("utf-8")
-            for path, kind, name, number in sites:
-                text = set_value(text, path, name, repr(number).removesuffix(".0"), kind)
+            for path, kind, name, value in sites:
+                literal = quoted(value) if isinstance(value, str) else repr(value).removesuffix(".0")
+                text = set_value(text, path, name, literal, kind)
             copy.write_bytes(text.encode("utf-8"))
             return ""
         except (UsdaTextError, UnicodeDecodeError) as error:
             reason = str(error)
     layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.TransferContent(stage.GetRootLayer())
-    for path, kind, name, number in sites:
+    for path, kind, name, value in sites:
         prim = Sdf.CreatePrimInLayer(layer, path)
         spec = prim.attributes.get(name) or Sdf.AttributeSpec(prim, name, Sdf.ValueTypeNames.Find(kind))
         spec.SetInfo("typeName", kind)
-        spec.default = number
+        spec.default = value
     if not layer.Export(str(copy), args={"format": "usda"} if is_text and copy.suffix == ".usd" else {}):
         raise AssetError(f"{copy}: cannot be written")
     return f"written through USD, which keeps no comments and lays the text out anew: {reason}"
 
 
-def _readings(name: str, number: float) -> set[float]:
-    """What a written number may read back as: a motor's is stored in 32 bits."""
-    return {number, decimal(number, "float")} if name in PD else {number}
+def _readings(name: str, value: float | str) -> set[float | str]:
+    """What a written value may read back as: a motor's number is stored in 32 bits."""
+    return {value, decimal(value, "float")} if name in PD else {value}
 
 
 def _verified(
-    before: dict[Key, Any], after: dict[Key, Any], reach: set[str], path: str, numbers: dict[str, float]
+    before: dict[Key, Any], after: dict[Key, Any], reach: set[str], path: str, wanted: dict[str, float | str]
 ) -> tuple[Change, ...]:
     """What changed, at most the wanted attributes of ``path`` and of what inherits from it.
 
@@ -225,13 +233,14 @@ def _verified(
     """
     changed = [key for key in before | after if before.get(key) != after.get(key)]
     for choice, where, name in changed:
-        if name not in numbers or where not in reach:
+        if name not in wanted or where not in reach:
             raise AssetError(f"{where}.{name} ({' '.join(choice)}) would change too; edit the file by hand")
-    for name, number in numbers.items():
-        if not any(key[1:] == (path, name) and value in _readings(name, number) for key, value in after.items()):
-            raise AssetError(f"{path}: {name} = {number:g} does not take effect: a stronger opinion stands elsewhere")
+    for name, value in wanted.items():
+        if not any(key[1:] == (path, name) and found in _readings(name, value) for key, found in after.items()):
+            text = f"{path}: {name} = {value_text(name, value)}"
+            raise AssetError(f"{text} does not take effect: a stronger opinion stands elsewhere")
     found = {(key[1], key[2]): (before.get(key), after[key]) for key in reversed(changed)}
     return tuple(
-        Change(prim=where, attribute=name, unit=unit_of(name), before=old, after=new)
+        Change(prim=where, attribute=name, before=old, after=new)
         for (where, name), (old, new) in sorted(found.items(), key=lambda item: (item[0][0] != path, item[0]))
     )

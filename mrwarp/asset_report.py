@@ -12,6 +12,7 @@ import numpy as np
 from pxr import Sdf, Usd
 
 from mrwarp.asset import PD, PREFIX, AssetError, RobotAsset, load_bench, load_robot, open_stage, variant_choices
+from mrwarp.asset_record import RECORD, PrimModel, read_model, record_difference, summary
 from mrwarp.params import MrParams
 
 _UNITS = {
@@ -80,7 +81,7 @@ def masses(asset: RobotAsset) -> dict[str, float]:
 
 
 def check_asset(file: Path) -> Iterator[str]:
-    """Load and convert every variant; yields a line for each that is usable.
+    """Load and convert every variant; yields a line for each that is usable, and where numbers left their model.
 
     Raises:
         AssetError: the first thing that is wrong.
@@ -90,7 +91,10 @@ def check_asset(file: Path) -> Iterator[str]:
     quiet_libraries()  # before the import below starts Warp
     from mrwarp.env.sim_model import build_scene
 
+    notes: dict[str, dict[str, None]] = {}
     for asset in load_variants(file):
+        for joint, held in models(asset).items():
+            notes.setdefault(held.note(), {})[joint] = None
         total, devices = sum(masses(asset).values()), sum(a.mr is not None for a in asset.actuators)
         try:
             with silent():
@@ -102,6 +106,17 @@ def check_asset(file: Path) -> Iterator[str]:
             f"ok  {label(asset):24s} {len(asset.actuators)} joints, {devices} MR devices, {total:.7g} kg, "
             f"{model.nv} degrees of freedom in MuJoCo"
         )
+    yield from (f"note  {', '.join(joints)}: {note}" for note, joints in notes.items() if note)
+
+
+def models(asset: RobotAsset) -> dict[str, PrimModel]:
+    """The model that each MR joint holds.
+
+    Raises:
+        AssetError: a record is unusable.
+    """
+    stage, devices = asset.stage, [a for a in asset.actuators if a.mr is not None]
+    return {a.joint: read_model(stage.GetPrimAtPath(a.prim_path), asset.path) for a in devices}
 
 
 def show_asset(asset: RobotAsset, full: bool = False) -> Iterator[str]:
@@ -119,7 +134,8 @@ def show_asset(asset: RobotAsset, full: bool = False) -> Iterator[str]:
     yield f"  {'total':14s} {sum(bodies.values()):10.7g} kg"
     yield "\njoints"
     first: dict[str, tuple[str, ...]] = {}
-    model = ""
+    origin: list[str] = []
+    model, held = "", models(asset)
     for actuator in asset.actuators:
         prim = asset.stage.GetPrimAtPath(actuator.prim_path)
         kind = "MR + motor" if actuator.mr else "motor"
@@ -130,14 +146,17 @@ def show_asset(asset: RobotAsset, full: bool = False) -> Iterator[str]:
         yield f"  {actuator.joint:12s} {kind:11s} {actuator.prim_path:26s} {gains}"
         if actuator.mr is None:
             continue
-        rows = {spec.name: _row(prim, actuator.mr, spec.name) for spec in MrParams.specs()}
+        lines = list(held[actuator.joint].lines())
+        if lines != origin or full:
+            yield from (f"    {line}" for line in lines or ["model: none"])
+        rows = {spec.name: _row(prim, actuator.mr, spec.name, held[actuator.joint]) for spec in MrParams.specs()}
         listed = [name for name in rows if full or rows[name] != first.get(name)]
         if first and not full:
             yield f"    MR numbers as {model}{', except:' if listed else ''}"
         for name in listed:
             yield "    " + "  ".join(rows[name])
         if not first:
-            first, model = rows, actuator.joint
+            first, model, origin = rows, actuator.joint, lines
 
 
 def authored_at(item: Usd.Property) -> str:
@@ -153,8 +172,15 @@ def authored_at(item: Usd.Property) -> str:
 
 
 def unit_of(attribute: str) -> str:
-    """Unit of an actuator's attribute."""
+    """Unit of an actuator's number."""
     return PD[attribute].unit if attribute in PD else MrParams.spec(attribute.removeprefix(PREFIX)).unit
+
+
+def value_text(attribute: str, value: Any) -> str:
+    """The value of an actuator's attribute with its unit; of a record, where the model comes from."""
+    if attribute == RECORD:
+        return summary(value)
+    return "none" if value is None else f"{value:.10g} {unit_of(attribute)}"
 
 
 def plain(item: Usd.Property) -> Any:
@@ -177,12 +203,17 @@ def decimal(value: Any, type_name: str) -> Any:
     return value if isinstance(value, (bool, str, type(None))) else str(value)
 
 
-def _row(prim: Usd.Prim, params: MrParams, name: str) -> tuple[str, ...]:
+def _row(prim: Usd.Prim, params: MrParams, name: str, held: PrimModel) -> tuple[str, ...]:
     """One MR number as text: name, value, unit, default, where it stands, source."""
     spec, value = MrParams.spec(name), params.to_dict()[name]
     mark = " " if value == spec.default else "*"
     where = authored_at(prim.GetAttribute(PREFIX + name))
     source = spec.source if mark == " " else f"this file (default: {spec.source})"
+    if name in held.changed:
+        source = f"this file; {held.changed[name]:.10g} when the model was applied"
+    elif held.applied and name in held.applied.parameters:
+        ci95 = held.applied.parameters[name].ci95
+        source = f"model; 95 % interval {ci95[0]:.6g} to {ci95[1]:.6g}" if ci95 else "model; no interval"
     number = f"{mark} {value:<15.10g}"
     return f"{name:19s}", number, f"{spec.unit:12s}", f"default {spec.default:<15.10g}", f"{where:24s}", source
 
@@ -207,7 +238,12 @@ def diff_assets(a: Path, b: Path) -> list[str]:
             old, new = left[name].get(key), right[name].get(key)
             other_kind = left[name].get((key[0], "")) != right[name].get((key[0], ""))
             if old != new and not (other_kind and key[1] and None in (old, new)):
-                found.setdefault(_difference(*key, old, new), []).append(name)
+                if key[1] == RECORD:
+                    text = record_difference(old, new, (f"{a}: {key[0]}", f"{b}: {key[0]}"))
+                    line = f"{key[0]} {RECORD}: {text}"
+                else:
+                    line = _difference(*key, old, new)
+                found.setdefault(line, []).append(name)
     for line, names in found.items():
         lines.append(line if len(names) == len(shared) else f"{line}   [{'; '.join(names)}]")
     return lines

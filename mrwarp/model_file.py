@@ -2,6 +2,8 @@
 
 The file is data only. Its angle is about the bench's own zero, so ``q_neutral``, which says where the joint stands in a
 robot, is no part of it: that, and the groups a bench does not identify (gate, motor), come from the robot.
+
+An MR prim of a USD asset carries all that the file holds, see :mod:`mrwarp.asset_record`.
 """
 
 from __future__ import annotations
@@ -38,7 +40,7 @@ _REQUIRED = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
 
 _LARGEST = sys.float_info.max
 _SHORT = reprlib.Repr()
-_SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother, _SHORT.maxlong = 2, 80, 80, 80
+_SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother, _SHORT.maxlong = 3, 80, 80, 80
 
 
 class ModelFileError(ValueError):
@@ -109,15 +111,31 @@ class Model:
             raise ModelFileError(str(error)) from None
 
     def write_usd(self, prim: Usd.Prim) -> None:
-        """Author the joint on an MR actuator prim; what the model does not hold stays as it is there.
+        """Author the joint and its record on an MR actuator prim; what the model does not hold stays as it is there.
 
         Raises:
             AssetError: the prim is not an MR actuator.
             ModelFileError: as :meth:`to_params`.
         """
         from mrwarp.asset import read_parameters, write_parameters
+        from mrwarp.asset_record import write_record
 
-        write_parameters(prim, self.to_params(read_parameters(prim)))
+        params = self.to_params(read_parameters(prim))
+        write_parameters(prim, params)
+        write_record(prim, self, params)
+
+    @staticmethod
+    def read_usd(prim: Usd.Prim) -> Model:
+        """The model that an MR actuator prim holds; what :meth:`write_usd` wrote, to the last bit.
+
+        A number that was changed since has no interval; without a record the prim's bare numbers are the model.
+
+        Raises:
+            AssetError: the prim is not an MR actuator, or an attribute of it is unusable.
+        """
+        from mrwarp.asset_record import read_model
+
+        return read_model(prim).model
 
 
 def parameter_unit(name: str, units: Mapping[str, str]) -> str:
@@ -177,9 +195,8 @@ def model_from_dict(content: Any, where: str = "model") -> Model:
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         found = content.get("schema") if isinstance(content, dict) else type(content).__name__
         raise ModelFileError(f"{where}: schema = {shown(found)}; allowed: {SCHEMA}; run 'mrwarp fit' again")
-    _same_keys(content, _KEYS, where)
-    units = _texts(content["units"], f"{where}: units")
-    _same_keys(units, tuple(JOINT_UNITS), f"{where}: units")
+    checked_object(content, where, _KEYS)
+    units = _texts(checked_object(content["units"], f"{where}: units", tuple(JOINT_UNITS)), f"{where}: units")
     parameters = _mapping(content["parameters"], f"{where}: parameters")
     missing = [name for name in _REQUIRED if name not in parameters]
     if missing:
@@ -234,7 +251,7 @@ def _parameter(name: str, entry: Any, units: Mapping[str, str], file: str) -> Pa
     where = f"{file}: parameters.{key_shown(name)}"
     if name not in _NAMES:
         raise ModelFileError(f"{where}: there is no such parameter; known: {', '.join(_NAMES)}")
-    _same_keys(_mapping(entry, where), ("value", "unit", "ci95"), where)
+    checked_object(entry, where, ("value", "unit", "ci95"))
     value, unit = checked_number(entry["value"], f"{where}.value"), parameter_unit(name, units)
     if entry["unit"] != unit:
         raise ModelFileError(
@@ -256,7 +273,7 @@ def _parameter(name: str, entry: Any, units: Mapping[str, str], file: str) -> Pa
 
 
 def _effect(entry: Any, where: str) -> Effect:
-    _same_keys(_mapping(entry, where), ("name", "parameters"), where)
+    checked_object(entry, where, ("name", "parameters"))
     if not isinstance(entry["name"], str) or not entry["name"]:
         raise ModelFileError(f"{where}.name = {shown(entry['name'])}; allowed: the name of an effect")
     parameters = _mapping(entry["parameters"], f"{where}.parameters")
@@ -265,7 +282,7 @@ def _effect(entry: Any, where: str) -> Effect:
 
 
 def _fitted_on(entry: Any, where: str) -> FittedOn:
-    _same_keys(_mapping(entry, where), tuple(f.name for f in dataclasses.fields(FittedOn)), where)
+    checked_object(entry, where, tuple(f.name for f in dataclasses.fields(FittedOn)))
     return FittedOn(
         source=_text(entry["source"], f"{where}.source"),
         trajectories=_whole(entry["trajectories"], f"{where}.trajectories"),
@@ -312,13 +329,20 @@ def _mapping(value: Any, where: str) -> dict[str, Any]:
     return value
 
 
-def _same_keys(content: dict[str, Any], keys: tuple[str, ...], where: str) -> None:
+def checked_object(value: Any, where: str, keys: tuple[str, ...]) -> dict[str, Any]:
+    """A JSON object that has these keys and no others.
+
+    Raises:
+        ModelFileError: it is none.
+    """
+    content = _mapping(value, where)
     for key in keys:
         if key not in content:
             raise ModelFileError(f"{where}: {key} is missing; needed: {', '.join(keys)}")
     for key in content:
         if key not in keys:
             raise ModelFileError(f"{where}: there is no key {shown(key)}; known: {', '.join(keys)}; remove it")
+    return content
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

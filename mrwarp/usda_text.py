@@ -1,4 +1,4 @@
-"""Change one number in the text of a ``.usda`` file; comments and layout stay.
+"""Change one attribute in the text of a ``.usda`` file; comments and layout stay.
 
 A small scanner finds the place. It knows prims, variants and properties and skips the rest as balanced brackets, so it
 reads what USD reads but refuses less: callers must open the result with USD (see :mod:`mrwarp.asset_edit`).
@@ -140,8 +140,9 @@ class _Scanner:
         if not self.tokens[self.at].first:
             self.metadata()
         kind, end = words[0], self.tokens[self.at - 1].end
+        kind_end = head[-2].end if kind is not head[-1] else kind.end  # with the brackets of an array
         if head[0].text != "reorder":
-            block.properties[words[-1].text] = Property((kind.start, kind.end), value, end)
+            block.properties[words[-1].text] = Property((kind.start, kind_end), value, end)
 
 
 def scan(text: str) -> dict[str, Block]:
@@ -153,8 +154,15 @@ def scan(text: str) -> dict[str, Block]:
     return _Scanner(text).blocks
 
 
-def set_value(text: str, path: str, name: str, number: str, type_name: str) -> str:
+def quoted(value: str) -> str:
+    """A text of one line as USD writes it; single quotes outside leave the double ones of JSON readable."""
+    return "'" + value.replace("\\", "\\\\").replace("'", "\\'") + "'"
+
+
+def set_value(text: str, path: str, name: str, value: str, type_name: str) -> str:
     """``text`` with attribute ``name`` of the prim at Sdf path ``path`` set: replaced where it stands, else added.
+
+    ``value`` is a number, or a :func:`quoted` text.
 
     Raises:
         UsdaTextError: the prim does not stand in the text, or the text is not understood.
@@ -164,10 +172,10 @@ def set_value(text: str, path: str, name: str, number: str, type_name: str) -> s
         raise UsdaTextError(f"{path} does not stand in the text")
     known = block.properties.get(name)
     if known is None:
-        return _added(text, block, f"{type_name} {name} = {number}")
+        return _added(text, block, f"{type_name} {name} = {value}")
     first, last = known.type_span
     start, end = known.value_span or (known.end, known.end)
-    head = text[:first] + type_name + text[last:start] + ("" if known.value_span else " = ") + number
+    head = text[:first] + type_name + text[last:start] + ("" if known.value_span else " = ") + value
     gap = re.match(r"   +(?=#|//)", text[end:])
     if gap is None:
         return head + text[end:]

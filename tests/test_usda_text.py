@@ -6,7 +6,7 @@ import pytest
 from pxr import Sdf
 
 from mrwarp.asset import ASSETS
-from mrwarp.usda_text import UsdaTextError, scan, set_value
+from mrwarp.usda_text import UsdaTextError, quoted, scan, set_value
 
 TRICKY = '''#usda 1.0
 (
@@ -130,6 +130,22 @@ def test_set_value_changes_the_type_too():
     """A number stored in 32 bits becomes a double, in the same line."""
     text = '#usda 1.0\ndef "a"\n{\n    float x = 1  # unit\n}\n'
     assert set_value(text, "/a", "x", "0.1", "double") == text.replace("float x = 1", "double x = 0.1")
+    array = text.replace("float x = 1", "uniform float[] x = [1, 2]")
+    assert set_value(array, "/a", "x", "0.1", "double") == text.replace("float x = 1", "uniform double x = 0.1")
+
+
+@pytest.mark.parametrize("value", ["", "it's", '{"a": "b\\\\n"}', "\\", "'\\''", "} # {"])
+def test_quoted_text_reads_back(value):
+    """USD reads a quoted text as it was, new or in place of another; the scanner reads on behind it."""
+    text = '#usda 1.0\ndef "a"\n{\n    double x = 1\n}\n'
+    for old in ("none", "another"):
+        text = set_value(text, "/a", "note", quoted(old), "string")
+    text = set_value(text, "/a", "note", quoted(value), "string")
+    text = set_value(text, "/a", "x", "2", "double")
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    layer.ImportFromString(text)
+    assert layer.GetAttributeAtPath("/a.note").default == value
+    assert layer.GetAttributeAtPath("/a.x").default == 2.0
 
 
 @pytest.mark.parametrize(
