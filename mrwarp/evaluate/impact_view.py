@@ -12,8 +12,7 @@ from mrwarp.evaluate.impact import ImpactSweep
 from mrwarp.viewing.blueprint import make_blueprint
 from mrwarp.viewing.frames import FrameReader
 from mrwarp.viewing.robot_view import RobotLogger
-from mrwarp.viewing.stream import FrameStream, close, new_recording, open_window, save_to
-from mrwarp.viewing.stream import connect as connect_to
+from mrwarp.viewing.stream import FrameStream, close, open_sink
 from mrwarp.viewing.web import WebViewer
 
 BEFORE = 1.0
@@ -59,20 +58,9 @@ class ImpactView:
         """
         if not (live or rrd or connect or serve_web):
             return None
-        recording = new_recording()
-        web = None
-        if rrd:
-            rrd.parent.mkdir(parents=True, exist_ok=True)
-            save_to(recording, rrd)
-        elif connect:
-            connect_to(recording, connect)
-        elif serve_web:
-            web = WebViewer()
-            connect_to(recording, web.url)
-        else:
-            connect_to(recording, open_window())
-        view = cls(sweep, recording, live=rrd is None)
-        view._web = web
+        sink = open_sink(rrd=rrd, url=connect, web=serve_web)
+        view = cls(sweep, sink.recording, live=sink.live)
+        view._web = sink.web
         return view
 
     def close(self) -> None:

@@ -86,20 +86,14 @@ class Player:
         self._keep = keep
         if not (rrd or url or web or window):
             return
-        self._recording = stream.new_recording()
-        self._live = rrd is None
-        if rrd is not None:
-            rrd.parent.mkdir(parents=True, exist_ok=True)
-            self._rrd = rrd
-            stream.save_to(self._recording, _partial(rrd))
-        elif web:
-            self._web = WebViewer(web_port)
-            self.page = self._web.page
-            stream.connect(self._recording, self._web.url)
-        elif window:
-            stream.connect(self._recording, stream.open_window())
-        else:
-            stream.connect(self._recording, stream.DEFAULT_URL if url in (None, "default") else url)
+        sink = stream.open_sink(
+            rrd=_partial(rrd) if rrd else None,
+            url=stream.DEFAULT_URL if url == "default" else url,
+            web=web,
+            web_port=web_port,
+        )
+        self._recording, self._live, self._web, self._rrd = sink.recording, sink.live, sink.web, rrd
+        self.page = sink.web.page if sink.web else None
         robots = RobotLogger(self.env.sim.scene, self.currents, self._recording)
         self._recording.send_blueprint(make_blueprint(robots, live=self._live))
         batch = LIVE_BATCH if self._live else FILE_BATCH

@@ -33,15 +33,11 @@ class LiveTraining:
     """
 
     def __init__(self, env: WalkEnv, *, rrd: Path | None = None, url: str | None = None) -> None:
-        self._recording = stream.new_recording()
-        if rrd is not None:
-            rrd.parent.mkdir(parents=True, exist_ok=True)
-            stream.save_to(self._recording, rrd)
-        else:
-            stream.connect(self._recording, url or stream.open_window())
+        sink = stream.open_sink(rrd=rrd, url=url)
+        self._recording = sink.recording
         shown = [i * env.num_envs // SHOWN for i in range(min(SHOWN, env.num_envs))]
         robots = RobotLogger(env.sim.scene, [float(env.current_e[i]) for i in shown], self._recording)
-        self._recording.send_blueprint(make_blueprint(robots, live=rrd is None))
+        self._recording.send_blueprint(make_blueprint(robots, live=sink.live))
         self._stream = stream.FrameStream(robots.log, drop=True, batch=BATCH)
         self._env, self._shown, self._steps = env, shown, 0
         self._reader = FrameReader(env.robot, shown)

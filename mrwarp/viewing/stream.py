@@ -17,12 +17,17 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 import rerun as rr
 
 from mrwarp.viewing.frames import Frames
+
+if TYPE_CHECKING:
+    from mrwarp.viewing.web import WebViewer
 
 APPLICATION = "mrwarp"
 """rerun's application id: recordings with the same one share a layout in the viewer."""
@@ -139,6 +144,45 @@ def connect(recording: rr.RecordingStream, url: str = DEFAULT_URL) -> None:
     if not _listens(parts.hostname, port or 443):
         raise ViewerError(f"{url}: no viewer listens there; start one with 'rerun', or save a file with --rrd")
     recording.connect_grpc(url)
+
+
+@dataclass(frozen=True)
+class Sink:
+    """A recording and where it goes; ``live``: to a viewer, not into a file; ``web``: the page it is served on."""
+
+    recording: rr.RecordingStream
+    live: bool
+    web: WebViewer | None = None
+
+
+def open_sink(
+    *, rrd: Path | None = None, url: str | None = None, web: bool = False, web_port: int | None = None
+) -> Sink:
+    """A new recording into a file, to a viewer that runs already, to a browser, or else to rerun's window.
+
+    Args:
+        rrd: File to write; its folder is made.
+        url: Viewer to send to.
+        web: Serve a page.
+        web_port: Port of the page; None takes :data:`mrwarp.viewing.web.DEFAULT_PORT`, or a free one.
+
+    Raises:
+        ViewerError: the viewer is not there or does not start.
+        OSError: the folder cannot be made, or the port is taken.
+    """
+    recording = new_recording()
+    if rrd is not None:
+        rrd.parent.mkdir(parents=True, exist_ok=True)
+        save_to(recording, rrd)
+        return Sink(recording, live=False)
+    if web and not url:
+        from mrwarp.viewing.web import WebViewer  # which imports this module
+
+        page = WebViewer(web_port)
+        connect(recording, page.url)
+        return Sink(recording, live=True, web=page)
+    connect(recording, url or open_window())
+    return Sink(recording, live=True)
 
 
 def close(recording: rr.RecordingStream, timeout: float = 5.0) -> bool:

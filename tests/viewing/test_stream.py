@@ -182,3 +182,30 @@ def test_window_needs_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", "linux")
     with pytest.raises(ViewerError, match="no display"):
         stream.open_window()
+
+
+def test_sink_is_what_was_asked_for(tmp_path: Path, viewer: Viewer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file in a new folder, a running viewer, a page in a browser, and without any of them rerun's window."""
+    path = tmp_path / "new/robots.rrd"
+    file = stream.open_sink(rrd=path)
+    assert not file.live and file.web is None
+    stream.close(file.recording)
+    assert path.exists()
+
+    sink = stream.open_sink(url=viewer.url)
+    assert sink.live and sink.web is None
+    assert stream.close(sink.recording)
+
+    page = stream.open_sink(web=True, web_port=stream.free_port())
+    assert page.live and page.web is not None and page.web.page.startswith("http://127.0.0.1:")
+    stream.close(page.recording)
+    page.web.close()
+
+    monkeypatch.setattr(stream, "open_window", lambda: viewer.url)
+    window = stream.open_sink()
+    assert window.live and window.web is None
+    assert stream.close(window.recording)
+
+    nobody = f"rerun+http://127.0.0.1:{stream.free_port()}/proxy"
+    with pytest.raises(ViewerError, match="no viewer listens there"):
+        stream.open_sink(url=nobody)
