@@ -1,0 +1,108 @@
+"""Rate-independent memory over a prescribed path: turning points, play operators and the hysteresis of eq. 15.
+
+Between two turning points the path is monotonic, and both operators have a closed form along it. So the memory is
+carried from turning point to turning point, without a time step, and every sample in between is exact. Arrays are
+(T, N): trajectories by samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turns:
+    """Monotonic stretches of paths; S is the largest number of stretches of a path."""
+
+    at: np.ndarray
+    """Sample where each stretch begins, shape (T, S); paths with fewer stretches end in empty ones."""
+    sign: np.ndarray
+    """Direction of each stretch, +1 or -1, shape (T, S)."""
+    stretch: np.ndarray
+    """Stretch of each sample, shape (T, N); a turning point counts to the stretch that ends there."""
+
+    @classmethod
+    def of(cls, x: np.ndarray) -> Turns:
+        """Find the stretches of paths of shape (T, N); a pause belongs to the stretch before it."""
+        count, samples = x.shape
+        step = np.sign(np.diff(x, axis=1)).astype(np.int8)
+        last = np.where(step != 0, np.arange(samples - 1), 0)
+        np.maximum.accumulate(last, axis=1, out=last)
+        step = np.take_along_axis(step, last, axis=1)
+        first = np.take_along_axis(step, np.argmax(step != 0, axis=1)[:, None], axis=1)
+        step = np.where(step == 0, np.where(first == 0, 1, first), step)
+        turned = np.zeros((count, samples - 1), dtype=np.int64)
+        turned[:, 1:] = step[:, 1:] != step[:, :-1]
+        stretch = np.zeros((count, samples), dtype=np.int64)
+        np.cumsum(turned, axis=1, out=stretch[:, 1:])
+        at = np.full((count, int(stretch.max()) + 1), samples - 1, dtype=np.int64)
+        at[:, 0] = 0
+        rows, columns = np.nonzero(turned)
+        at[rows, stretch[rows, columns + 1]] = columns
+        sign = np.take_along_axis(step, np.minimum(at, samples - 2), axis=1).astype(float)
+        return cls(at=at, sign=sign, stretch=stretch)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Path:
+    """A path with what its hysteresis needs at the samples that are asked for."""
+
+    turning: np.ndarray
+    """Position at the beginning of each stretch, shape (T, S)."""
+    sign: np.ndarray
+    """Direction of each stretch, shape (T, S)."""
+    stretch: np.ndarray
+    """Stretch of each sample, shape (T, M)."""
+    travelled: np.ndarray
+    """Way from the beginning of its stretch to each sample, shape (T, M)."""
+
+    @classmethod
+    def of(cls, x: np.ndarray, turns: Turns, samples: slice) -> Path:
+        """The path ``x``, shape (T, N), seen at some of its samples."""
+        turning = np.take_along_axis(x, turns.at, axis=1)
+        stretch = turns.stretch[:, samples]
+        travelled = np.abs(x[:, samples] - np.take_along_axis(turning, stretch, axis=1))
+        return cls(turning=turning, sign=turns.sign, stretch=stretch, travelled=travelled)
+
+    def hysteresis(self, beta: float, gamma: float) -> np.ndarray:
+        """z of eq. 15 at the samples, shape (T, M), from z = 0 at the beginning."""
+        ways = np.abs(np.diff(self.turning, axis=1))
+        z = np.zeros_like(self.turning)
+        for k in range(ways.shape[1]):
+            z[:, k + 1] = self.sign[:, k] * _loaded(self.sign[:, k] * z[:, k], ways[:, k], beta, gamma)
+        start = np.take_along_axis(self.sign * z, self.stretch, axis=1)
+        return np.take_along_axis(self.sign, self.stretch, axis=1) * _loaded(start, self.travelled, beta, gamma)
+
+
+def _loaded(u: np.ndarray, way: np.ndarray, beta: float, gamma: float) -> np.ndarray:
+    """Where u = z*sgn(qd) is after a way in one direction: du/ds = 1 - (beta -+ gamma)*u below and above zero."""
+    unloading, loading = beta - gamma, beta + gamma
+    debt = np.maximum(-u, 0.0)
+    to_zero = np.log1p(unloading * debt) / unloading
+    below = 1.0 / unloading - (1.0 / unloading + debt) * np.exp(-unloading * way)
+    above = 1.0 / loading - (1.0 / loading - np.maximum(u, 0.0)) * np.exp(-loading * np.maximum(way - to_zero, 0.0))
+    return np.where(way < to_zero, below, above)
+
+
+def play(x: np.ndarray, turns: Turns, half_gap: float, samples: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What a path drives through play; it begins in the middle of the gap.
+
+    Args:
+        x: Driving path, shape (T, N).
+        turns: Its stretches.
+        half_gap: Half of the gap.
+        samples: Samples that are asked for.
+
+    Returns:
+        The driven position at the samples, shape (T, M), whether it is being driven there, shape (T, M), and its
+        position at the beginning of each stretch, shape (T, S).
+    """
+    turning = np.take_along_axis(x, turns.at, axis=1)
+    held = turning.copy()
+    for k in range(1, held.shape[1]):
+        held[:, k] = np.clip(held[:, k - 1], turning[:, k] - half_gap, turning[:, k] + half_gap)
+    before = np.take_along_axis(held, turns.stretch[:, samples], axis=1)
+    driven = np.clip(before, x[:, samples] - half_gap, x[:, samples] + half_gap)
+    return driven, driven != before, held

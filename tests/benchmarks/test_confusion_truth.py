@@ -1,0 +1,151 @@
+"""The generator of hidden effects: its base, its levels, what is absent at null, its files."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from benchmarks.confusion.case import NOISES, Noise, make_case, write_case
+from benchmarks.confusion.effects import CALIBRATION, EFFECTS, PAIRS, SINGLE, UNCATALOGUED, Effect
+from benchmarks.confusion.motion import make_session
+from benchmarks.confusion.truth import BASE, Device, Signals, simulate
+from mrwarp.sysid.recording import load_recording
+from mrwarp.sysid.replay import simulate as replay
+
+SIGMA = NOISES["realistic"].sigma
+SILENT = Noise(white=0.0, coloured=0.0, offset=0.0, gain=0.0, velocity=0.0, encoder=0.0)
+
+
+def test_the_contract_is_complete() -> None:
+    """Every token of the contract can be hidden, and what is outside says which variables count."""
+    assert len(SINGLE) == 16 and len(CALIBRATION) == 4 and len(UNCATALOGUED) == 6
+    assert len(PAIRS) == 6 and {name for pair in PAIRS for name in pair} <= set(SINGLE)
+    assert {name for name in EFFECTS if EFFECTS[name].depends_on} == set(UNCATALOGUED)
+
+
+@pytest.mark.parametrize("size", ["large", "small"])
+def test_base_is_eqs_14_and_15(size: str) -> None:
+    """Without effects and noise the log is what the simulator's kernels give, to their step at 200 Hz."""
+    case = make_case("none", level=0.0, seed=5, size=size)
+    clean = case.record(case.motion, stream=9, noise=SILENT)
+    values = {**case.device.base, "q_offset": case.device.zero}
+    for substeps, limit in ((1, 0.05), (2, 0.015), (8, 0.002)):
+        simulated = replay(values, clean, substeps=substeps)
+        errors = [sim - run.torque for sim, run in zip(simulated, clean.trajectories, strict=True)]
+        floor = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+        print(f"{size}, {substeps} substeps: {floor:.6f} N·m RMS, {floor / SIGMA:.2%} of sigma")
+        assert floor < limit * SIGMA
+
+
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_null_changes_nothing(name: str) -> None:
+    """At its null an effect leaves every channel as it is; slightly off, some channel moves."""
+    motion = make_session(size="small", seed=np.random.SeedSequence([1, 0]))
+    plain = Device.drawn(0.02, np.random.SeedSequence([1, 1]))
+    spec = EFFECTS[name]
+    draws = spec.draw(np.random.default_rng(3))
+
+    def run(strength: float) -> Signals:
+        return simulate(plain.with_effects({name: Effect(strength=strength, draws=draws)}), motion)
+
+    null = 1.0 if name.endswith("_gain") and name in CALIBRATION else 0.0
+    base, at_null, acting = simulate(plain, motion), run(null), run(null + spec.guess)
+    for channel in ("q", "qd", "current", "torque"):
+        np.testing.assert_allclose(getattr(at_null, channel), getattr(base, channel), rtol=0.0, atol=1e-12)
+    assert any(np.abs(getattr(acting, c) - getattr(base, c)).max() > 1e-6 for c in ("q", "qd", "torque"))
+
+
+@pytest.mark.parametrize("name", [*SINGLE, *UNCATALOGUED])
+def test_levels_come_out(name: str) -> None:
+    """The level is the one that was asked for, and its strength is stated in a unit."""
+    case = make_case(name, level=0.4, seed=2, size="small")
+    stated = case.truth.parameters[name]
+    print(f"{name:20s} {stated['parameter']:14s} {stated['value']:11.4g} {stated['unit']:14s} level {case.level:.3f}")
+    assert case.level == pytest.approx(0.4, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["coulomb_friction", "coil_lag", "velocity_lag", "position_gain"])
+def test_level_is_what_a_fit_of_the_simulator_leaves(name: str) -> None:
+    """An independent fit (the simulator's kernels, trust region) of the noise-free log leaves the level."""
+    case = make_case(name, level=0.4, seed=3, size="small")
+    clean = case.record(case.motion, stream=9, noise=SILENT)
+    measured = np.concatenate([run.torque for run in clean.trajectories])
+    start = np.array([case.device.base[key] for key in BASE])
+
+    def left(factors: np.ndarray) -> np.ndarray:
+        values = {**dict(zip(BASE, start * factors, strict=True)), "q_offset": case.device.zero}
+        return np.concatenate(replay(values, clean, substeps=4)) - measured
+
+    fit = least_squares(left, np.ones(len(BASE)), diff_step=1e-3, x_scale="jac")
+    assert np.sqrt(np.mean(fit.fun**2)) / SIGMA == pytest.approx(0.4, rel=0.05)
+
+
+def test_calibration_leaves_nothing() -> None:
+    """Shifts of calibration have a physical size and no level."""
+    for name in CALIBRATION:
+        case = make_case(name, level=0.4, seed=4, size="small")
+        assert case.truth.parameters[name]["value"] == EFFECTS[name].size and case.level < 0.02
+
+
+def test_seed_decides_everything() -> None:
+    """The same seed gives the same bits; another one another device, motion and noise."""
+    one, same, other = (make_case("backlash", level=0.4, seed=seed, size="small") for seed in (7, 7, 8))
+    for channel in ("t", "q", "qd", "current", "torque"):
+        for a, b in zip(one.recording.trajectories, same.recording.trajectories, strict=True):
+            np.testing.assert_array_equal(getattr(a, channel), getattr(b, channel))
+    assert one.truth == same.truth and one.truth.base != other.truth.base
+    first, fresh, another = (r.trajectories[0].torque for r in (one.recording, one.untouched, other.recording))
+    assert not np.allclose(first, fresh) and not np.allclose(first, another)
+
+
+def test_noise_is_as_stated() -> None:
+    """RMS of the noise is sigma (with zero and gain errors off), and the encoder has its step."""
+    noise = dataclasses.replace(NOISES["realistic"], offset=0.0, gain=0.0)
+    case = make_case("none", level=0.0, seed=9, noise=noise)
+    clean = case.record(case.motion, stream=9, noise=SILENT)
+    pairs = list(zip(case.recording.trajectories, clean.trajectories, strict=True))
+    assert np.sqrt(np.mean([(a.torque - b.torque) ** 2 for a, b in pairs])) == pytest.approx(SIGMA, rel=0.02)
+    assert np.std([a.qd - b.qd for a, b in pairs]) == pytest.approx(noise.velocity, rel=0.02)
+    counts = pairs[0][0].q / noise.encoder
+    assert np.abs(counts - np.round(counts)).max() < 1e-4
+
+
+def test_two_effects_and_a_background() -> None:
+    """Pairs and backgrounds hold both effects; together they leave more than one alone."""
+    pair = make_case(PAIRS[5], level=0.8, seed=1, size="small")
+    assert pair.truth.kinds == PAIRS[5] and pair.truth.background == () and pair.level > 0.9
+    behind = make_case("stribeck", level=0.4, seed=1, size="small", background="creep")
+    assert behind.truth.kinds == ("stribeck",) and behind.truth.background == ("creep",)
+    assert behind.truth.depends_on == {"memory"} and behind.level > 0.45
+
+
+def test_edges_fall_between_samples() -> None:
+    """The current is held between updates that do not coincide with samples, within 0 to 1.5 A."""
+    session = make_session(seed=np.random.SeedSequence([6, 0]))
+    assert session.kind.count("sine") == 16 and len(session.kind) == 32
+    edges = session.command.edge[:, 1:]
+    phase = (edges[np.isfinite(edges)] * 200.0) % 1.0
+    assert 0.4 < phase.mean() < 0.6 and 0.2 < phase.std() < 0.4
+    current = session.command.at(session.t)
+    assert current.min() >= 0.0 and 1.3 < current.max() <= 1.5
+    assert np.all(session.qd[:, 0] == 0.0) and 4.0 < np.abs(session.qd).max() <= 8.0
+
+
+def test_files_hold_the_recording(tmp_path) -> None:
+    """A linear damper with a voltage and no velocity at 1 kHz: the loader reads back what the case holds."""
+    case = make_case(
+        "backlash", level=0.4, seed=11, size="small", rate=1000.0, linear=True, voltage=True, velocity=False
+    )
+    assert case.truth.parameters["backlash"]["unit"] == "m"
+    write_case(case, tmp_path)
+    read = load_recording(tmp_path)
+    assert read.units == {"q": "m", "current": "V", "torque": "N"} and (tmp_path / "truth.json").is_file()
+    for a, b in zip(read.trajectories, case.recording.trajectories, strict=True):
+        assert a.id == b.id and a.qd_derived and b.qd_derived and a.dt == pytest.approx(1e-3, rel=1e-6)
+        for channel in ("t", "q", "current", "torque"):
+            np.testing.assert_allclose(getattr(a, channel), getattr(b, channel), rtol=1e-8, atol=1e-9)
+        np.testing.assert_allclose(a.qd, b.qd, rtol=0.0, atol=1e-5)
+    assert len(load_recording(tmp_path / "untouched").trajectories) == len(read.trajectories)
+    with pytest.raises(ValueError, match="without velocity"):
+        make_case("velocity_lag", level=0.4, seed=0, velocity=False)
