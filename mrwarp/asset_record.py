@@ -131,6 +131,7 @@ def origin(model: Model) -> str:
     """Where a model comes from, on one line."""
     at = model.fitted_on
     size = f"{at.trajectories} trajectories, {at.samples} samples at {at.rate:g} 1/s, seed {model.seed}"
+    size = size if at.trajectories or at.samples else "not fitted"
     by = f", mrwarp {key_shown(model.versions['mrwarp'])}" if "mrwarp" in model.versions else ""
     return f"{shown(at.source)}, {size}{by}"
 
