@@ -157,7 +157,9 @@ def record_difference(old: Any, new: Any, places: tuple[str, str]) -> str:
     left, right = _leaves(*parse_record(old, places[0])), _leaves(*parse_record(new, places[1]))
     keys = [key for key in left | right if left.get(key) != right.get(key)]
     parts = [f"{key_shown(key)} {shown(left.get(key))} -> {shown(right.get(key))}" for key in keys[:_LISTED]]
-    return ", ".join(parts) + (f" and {len(keys) - _LISTED} more" if len(keys) > _LISTED else "")
+    return (", ".join(parts) or "the same, written otherwise") + (
+        f" and {len(keys) - _LISTED} more" if len(keys) > _LISTED else ""
+    )
 
 
 def _leaves(model: Model, rest: Mapping[str, float]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from mrwarp import asset_record
 from mrwarp.asset import ASSETS, PREFIX, AssetError, load_bench, load_robot, read_parameters
 from mrwarp.asset_cli import main
 from mrwarp.asset_edit import edit_asset, find_prim
-from mrwarp.asset_record import RECORD, read_model, record_text
+from mrwarp.asset_record import RECORD, read_model, record_difference, record_text
 from mrwarp.model_file import JOINT_UNITS, Effect, FittedOn, Model, Parameter, load_model, parameter_unit, save_model
 from mrwarp.params import MrParams
 
@@ -195,6 +195,8 @@ def test_a_leg_keeps_its_own_model(robot: Path, model: Model, capsys: pytest.Cap
     variants = "[robot=mr_go payload=0; robot=mr_go payload=3]"
     effects = "effects [{'name': 'coil_lag', 'parameters': {'time_constant': 0.01}}] -> []"
     assert capsys.readouterr().out == f"actuators/RR_calf {RECORD}: {effects}, seed 6 -> 7   {variants}\n"
+    text = record_text(model, MrParams())
+    assert record_difference(text, text.replace(",", ", "), ("a", "b")) == "the same, written otherwise"
     assert main(["diff", str(SHIPPED), str(robot)]) == 1
     assert f"actuators/FL_calf {RECORD}: none -> model 'bench/größe', 12 traj" in capsys.readouterr().out
     assert main(["apply", str(robot), str(save_model(model, robot.with_name("m.json")))]) == 0
