@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,12 +15,18 @@ from benchmarks.confusion.truth import BASE, Device, Signals, simulate
 TOLERANCE = 0.01
 """Relative error of the level at which the search for a strength stops."""
 
-_STEPS = 3
-"""Gauss-Newton steps of a refit; the last one moves the level by less than the tolerance."""
+_STEPS = 5
+"""Most Gauss-Newton steps of a refit."""
+
+_SETTLED = 0.002
+"""Share of the residual's energy below which a step ends the refit: a tenth of a per cent of the level."""
+
+_RATE = 200.0
+"""Logs of a higher rate are thinned to no less than this to search a strength [1/s]."""
 
 
-def baseline(values: np.ndarray, signals: Signals, zero: float) -> tuple[np.ndarray, np.ndarray]:
-    """Eqs. 14 and 15 along logged signals, and their derivatives.
+def baseline(values: np.ndarray, signals: Signals, zero: float) -> np.ndarray:
+    """Eqs. 14 and 15 along logged signals.
 
     Args:
         values: Coefficients in the order of :data:`~benchmarks.confusion.truth.BASE`.
@@ -27,24 +34,26 @@ def baseline(values: np.ndarray, signals: Signals, zero: float) -> tuple[np.ndar
         zero: Position where the stiffness is zero [rad].
 
     Returns:
-        Torque [N·m], shape (T, M), and its derivatives with respect to the coefficients, shape (9, T, M).
+        Torque [N·m], shape (T, M).
     """
     d, b, c, i1, k0, k1, alpha, beta, gamma = values
-    z = signals.path.hysteresis(beta, gamma)
-    weak = 1.0 + alpha * np.abs(signals.qd)
-    gain = k0 + k1 * signals.current
-    shape = []
-    for x, other in ((beta, (0.0, 1.0)), (gamma, (1.0, 0.0))):
-        h = 1e-4 * abs(x)
-        up, down = (
-            signals.path.hysteresis(beta + sign * h * other[1], gamma + sign * h * other[0]) for sign in (1.0, -1.0)
-        )
-        shape.append(gain / weak * (up - down) / (2.0 * h))
-    hysteretic = gain * z / weak
-    q = signals.q - zero
-    columns = [np.ones_like(z), signals.qd, q, signals.current, z / weak, signals.current * z / weak]
-    columns += [-hysteretic * np.abs(signals.qd) / weak, *shape]
-    return d + b * signals.qd + c * q + i1 * signals.current + hysteretic, np.stack(columns)
+    gain = (k0 + k1 * signals.current) / (1.0 + alpha * np.abs(signals.qd))
+    straight = d + b * signals.qd + c * (signals.q - zero) + i1 * signals.current
+    return straight + gain * signals.path.hysteresis(beta, gamma)
+
+
+def derivatives(values: np.ndarray, signals: Signals, zero: float) -> np.ndarray:
+    """Derivatives of :func:`baseline` with respect to the coefficients by central differences, shape (9, T * M)."""
+    out = []
+    for k, value in enumerate(values):
+        if k < 6:  # the torque is linear in these
+            continue
+        h = 1e-4 * abs(value)
+        up, down = (baseline(np.where(np.arange(9) == k, value + s * h, values), signals, zero) for s in (1.0, -1.0))
+        out.append((up - down).ravel() / (2.0 * h))
+    shape = signals.path.hysteresis(values[7], values[8]) / (1.0 + values[6] * np.abs(signals.qd))
+    linear = (np.ones_like(shape), signals.qd, signals.q - zero, signals.current, shape, signals.current * shape)
+    return np.stack([*(x.ravel() for x in linear), *out])
 
 
 def refitted(device: Device, signals: Signals) -> np.ndarray:
@@ -53,22 +62,23 @@ def refitted(device: Device, signals: Signals) -> np.ndarray:
     Gauss-Newton from the device's own coefficients; noise-free signals need no more.
     """
     start = values = np.array([device.base[name] for name in BASE])
-    torque, slopes = baseline(values, signals, device.zero)
-    best = left = signals.torque - torque
+    best = left = signals.torque - baseline(values, signals, device.zero)
+    size = np.sum(best * best)
     for _ in range(_STEPS):
-        flat = slopes.reshape(len(BASE), -1)
-        norm = np.sqrt(np.sum(flat * flat, axis=1))
-        flat = flat / norm[:, None]
-        step = np.linalg.lstsq(flat @ flat.T, flat @ left.ravel(), rcond=1e-12)[0] / norm
+        slopes = derivatives(values, signals, device.zero)
+        norm = np.sqrt(np.sum(slopes * slopes, axis=1))
+        slopes /= norm[:, None]
+        values = values + np.linalg.lstsq(slopes @ slopes.T, slopes @ left.ravel(), rcond=1e-12)[0] / norm
         # on the way alpha, beta and gamma may not leave the range where eq. 15 is stable
-        values = values + step
         values[6] = max(values[6], 0.2 * start[6])
         values[7] = np.clip(values[7], 0.5 * start[7], 2.0 * start[7])
         values[8] = np.clip(values[8], -0.95 * values[7], 0.95 * values[7])
-        torque, slopes = baseline(values, signals, device.zero)
-        left = signals.torque - torque
-        if np.sum(left * left) < np.sum(best * best):
-            best = left
+        left = signals.torque - baseline(values, signals, device.zero)
+        before, now = size, np.sum(left * left)
+        if now < size:
+            best, size = left, now
+        if now > before * (1.0 - _SETTLED):
+            break
     return best
 
 
@@ -86,6 +96,9 @@ def strength_for(
     enter one by one) or the law ends before.
     """
     spec = EFFECTS[name]
+    thin = math.floor(motion.rate / _RATE)
+    if thin > 1 and name != "command_delay":  # which acts on few samples
+        motion = replace(motion, rate=motion.rate / thin, substeps=motion.substeps * thin)
 
     def measure(strength: float) -> float:
         return level_of(device.with_effects({name: Effect(strength=strength, draws=draws)}), motion, sigma)

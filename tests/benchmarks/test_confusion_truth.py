@@ -1,16 +1,24 @@
-"""The generator of hidden effects: its base, its levels, what is absent at null, its files."""
+"""The generator of hidden effects: its base, its levels, what is absent at null, its files, its suite."""
 
 import dataclasses
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from benchmarks.confusion.case import NOISES, Noise, make_case, write_case
+from benchmarks.confusion.case import NOISES, Noise, Truth, make_case, write_case
 from benchmarks.confusion.effects import CALIBRATION, EFFECTS, PAIRS, SINGLE, UNCATALOGUED, Effect
-from benchmarks.confusion.motion import make_session
+from benchmarks.confusion.families import FAMILIES, Plan
+from benchmarks.confusion.motion import Motion, make_session
+from benchmarks.confusion.suite import SuiteError, run_case, run_suite
+from benchmarks.confusion.tables import report
 from benchmarks.confusion.truth import BASE, Device, Signals, simulate
-from mrwarp.sysid.recording import load_recording
+from benchmarks.confusion.verdicts import judge, record_of
+from mrwarp.sysid.recording import Recording, load_recording
 from mrwarp.sysid.replay import simulate as replay
 
 SIGMA = NOISES["realistic"].sigma
@@ -132,7 +140,24 @@ def test_edges_fall_between_samples() -> None:
     assert np.all(session.qd[:, 0] == 0.0) and 4.0 < np.abs(session.qd).max() <= 8.0
 
 
-def test_files_hold_the_recording(tmp_path) -> None:
+def test_a_proposed_experiment_runs_on_the_same_device() -> None:
+    """Motion and current given at samples: the held current steps at its samples, and a delay shows behind them."""
+    case = make_case("command_delay", level=0.4, seed=3, size="small")
+    t = np.arange(400) / 200.0
+    q = np.stack([0.3 * np.sin(2.0 * np.pi * t), 0.2 * np.sin(4.0 * np.pi * t)])
+    command = np.where((t * 5.0) % 1.0 < 0.5, 1.2, 0.2) * np.ones((2, 1))
+    motion = Motion.of_samples(q, command, rate=200.0)
+    recording = case.record(motion, stream=6, noise=SILENT)
+    run = recording.trajectories[1]
+    np.testing.assert_allclose(run.q, q[1], atol=1e-8)
+    np.testing.assert_allclose(run.current, command[1], atol=1e-8)
+    plain = dataclasses.replace(case, device=case.device.with_effects({})).record(motion, stream=6, noise=SILENT)
+    differs = np.abs(run.torque - plain.trajectories[1].torque) > 1e-3
+    stepped = np.diff(command[1], prepend=command[1, 0]) != 0.0
+    assert differs.any() and stepped[differs].all()
+
+
+def test_files_hold_the_recording(tmp_path: Path) -> None:
     """A linear damper with a voltage and no velocity at 1 kHz: the loader reads back what the case holds."""
     case = make_case(
         "backlash", level=0.4, seed=11, size="small", rate=1000.0, linear=True, voltage=True, velocity=False
@@ -149,3 +174,127 @@ def test_files_hold_the_recording(tmp_path) -> None:
     assert len(load_recording(tmp_path / "untouched").trajectories) == len(read.trajectories)
     with pytest.raises(ValueError, match="without velocity"):
         make_case("velocity_lag", level=0.4, seed=0, velocity=False)
+
+
+# --- the suite, with a stub in place of the diagnosis ---
+
+
+def _result(verdict: str | None, *causes: tuple[str, tuple[str, ...]], depends_on: tuple[str, ...] = ()) -> Any:
+    """A result as the diagnosis returns it."""
+    parameter = SimpleNamespace(value=0.0043, ci95=(0.0, 1.0), unit="s")
+    return SimpleNamespace(
+        verdict=verdict,
+        causes=[
+            SimpleNamespace(name=name, parameters={"time_constant": parameter}, p_value=1e-4, alternatives=list(others))
+            for name, others in causes
+        ],
+        parameter_shift=[],
+        unexplained=SimpleNamespace(depends_on=list(depends_on), share=0.5) if depends_on else None,
+        gain=SimpleNamespace(rmse_reduction=0.07, ci95=(0.05, 0.09), held_out=[]),
+        seconds=0.0,
+        baseline_rmse=lambda recording: 0.0241,
+        extended_rmse=lambda recording: 0.0224,
+    )
+
+
+def blames_the_coil(recording: Recording, *, seed: int) -> Any:
+    """A diagnosis that knows one cause."""
+    assert len(recording.trajectories) == 12 and seed >= 0
+    return _result("named", ("coil_lag", ()))
+
+
+@pytest.mark.parametrize(
+    ("kinds", "background", "result", "outcome"),
+    [
+        (("coil_lag",), (), _result("named", ("coil_lag", ())), "right"),
+        (("coil_lag",), (), _result("named", ("command_delay", ("coil_lag",))), "ambiguous"),
+        (("coil_lag",), (), _result("named", ("command_delay", ())), "wrong"),
+        (("coil_lag",), (), _result("named", ("coil_lag", ()), ("cogging", ())), "wrong"),
+        (("coil_lag",), (), _result("none"), "missed"),
+        (("coil_lag",), (), _result(None), "missed"),
+        (("coil_lag",), (), _result("unexplained", depends_on=("current",)), "missed"),
+        (("coil_lag",), (), _result("named_and_unexplained", ("coil_lag", ()), depends_on=("q",)), "other"),
+        (("coil_lag", "cogging"), (), _result("named", ("cogging", ()), ("coil_lag", ())), "right"),
+        (("coil_lag", "cogging"), (), _result("named", ("cogging", ())), "missed"),
+        (("coil_lag", "cogging"), (), _result("named", ("cogging", ()), ("stribeck", ())), "wrong"),
+        (("wear",), ("creep",), _result("named_and_unexplained", ("wear", ()), depends_on=("memory",)), "right"),
+        (("wear",), ("creep",), _result("named", ("wear", ())), "other"),
+        ((), ("creep",), _result("unexplained", depends_on=("current", "memory")), "right"),
+        ((), ("creep",), _result("unexplained", depends_on=("current", "q", "memory")), "other"),
+        ((), ("creep",), _result("named", ("coil_lag", ())), "wrong"),
+        ((), (), _result("none"), "right"),
+        ((), (), _result("unexplained", depends_on=("q",)), "wrong"),
+    ],
+)
+def test_outcomes(kinds: tuple[str, ...], background: tuple[str, ...], result: Any, outcome: str) -> None:
+    """Each pair of truth and result has the outcome that is counted."""
+    depends_on = frozenset().union(*(EFFECTS[name].depends_on for name in background))
+    truth = Truth(kinds=kinds, background=background, parameters={}, depends_on=depends_on, base={})
+    assert judge(truth, False, record_of(result))[0] == outcome
+
+
+def test_exact_rivals_of_a_calibration_shift_are_ambiguous() -> None:
+    """Bias and offset cannot be told apart: naming one with the other beside it counts as ambiguous."""
+    truth = Truth(kinds=("torque_bias",), background=(), parameters={}, depends_on=frozenset(), base={})
+    result = _result("none")
+    result.parameter_shift = [
+        SimpleNamespace(name="encoder_offset", value=0.1, ci95=(0.0, 0.2), alternatives=["torque_bias"])
+    ]
+    assert judge(truth, True, record_of(result))[0] == "ambiguous"
+    none = Truth(kinds=(), background=(), parameters={}, depends_on=frozenset(), base={})
+    assert judge(none, False, record_of(result))[0] == "other"
+
+
+def test_suite_resumes_and_prints(tmp_path: Path) -> None:
+    """A suite stopped half way goes on where it stopped, with the same cases; its tables hold every case."""
+    plan = Plan(family="single", size="small", kinds=("coil_lag", "cogging"), seed=3)
+    lines: list[str] = []
+    run_suite(plan, 2, tmp_path, jobs=0, diagnose=blames_the_coil, told=lines.append)
+    with (tmp_path / "cases.jsonl").open("a") as stream:
+        stream.write('{"index": 2, "cut o')  # a process that was killed while it wrote
+    cases = run_suite(plan, 4, tmp_path, jobs=0, diagnose=blames_the_coil, told=lines.append)
+    assert len(lines) == 4 and [case["index"] for case in cases] == [0, 1, 2, 3]
+    assert [case["outcome"] for case in cases] == ["right", "wrong", "right", "wrong"]
+    assert cases[0]["seed"] == 3 * 100_003 and cases[0]["coverage"][0]["covered"]
+    again = run_suite(plan, 4, tmp_path, jobs=0, diagnose=blames_the_coil, told=lines.append)
+    assert len(lines) == 4 and again == json.loads(json.dumps(cases))
+    text = report(plan, cases)
+    print(text)
+    assert "2/4" in text and "NOT MET" in text and "coil_lag" in text and "median" in text
+    with pytest.raises(SuiteError, match="another suite"):
+        run_suite(dataclasses.replace(plan, level=0.8), 4, tmp_path, jobs=0, diagnose=blames_the_coil)
+
+
+def test_failures_are_outcomes() -> None:
+    """A diagnosis that raises does not end the suite."""
+
+    def breaks(recording: Recording, *, seed: int) -> Any:
+        raise ZeroDivisionError("by seed")
+
+    case = run_case(Plan(family="none", size="small"), 0, diagnose=breaks)
+    assert case["outcome"] == "failed" and "ZeroDivisionError" in case["remark"]
+
+
+def test_gain_on_the_untouched_session() -> None:
+    """The claimed gain is compared with one on a session that was not diagnosed."""
+    plan = Plan(family="single", size="small", kinds=("coil_lag",))
+    case = run_case(plan, 0, check_gain=True, diagnose=blames_the_coil)
+    assert case["untouched_gain"] == pytest.approx(1.0 - 0.0224 / 0.0241)
+    assert "within 20 %" in report(plan, [case])
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_every_family_has_its_cases(family: str) -> None:
+    """Every case of a family can be asked for; families rotate through effects, noises, sizes and renderings."""
+    plan = Plan(family=family)
+    arguments = [plan.arguments(index) for index in range(200)]
+    assert len({a["seed"] for a in arguments}) == 200
+    assert all(a.get("velocity", True) for a in arguments if a["kind"] == "velocity_lag")
+    expected = {"single": 16, "none": 1, "uncatalogued": 6, "pairs": 6, "background": 16, "calibration": 4, "other": 16}
+    assert len({a["kind"] for a in arguments}) == expected[family]
+    if family == "none":
+        assert len({(a["noise"], a["size"], a["base_spread"]) for a in arguments}) == 12
+    if family == "background":
+        assert len({(a["kind"], a["background"]) for a in arguments}) > 40
+    with pytest.raises(ValueError, match="not in family"):
+        Plan(family=family, kinds=("nothing",))

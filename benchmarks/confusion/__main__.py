@@ -1,0 +1,72 @@
+"""Command of the benchmark: hide effects, diagnose, print the confusion matrix."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import Any
+
+from benchmarks.confusion.case import NOISES, write_case
+from benchmarks.confusion.families import FAMILIES, Plan
+from benchmarks.confusion.motion import SIZES
+from benchmarks.confusion.suite import SuiteError, read_cases, run_case, run_suite
+from benchmarks.confusion.tables import report
+
+
+def main() -> int:
+    """Run the command."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.confusion", description=__doc__)
+    parser.add_argument("--family", choices=FAMILIES, default="single", help="what is hidden (default: single)")
+    parser.add_argument("--level", type=float, default=0.4, help="RMS of what refitting leaves over the noise's RMS")
+    parser.add_argument("--sets", type=int, default=16, help="number of data sets")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the suite")
+    parser.add_argument("--kinds", nargs="+", default=[], metavar="EFFECT", help="only these; a pair as a+b")
+    parser.add_argument("--size", choices=SIZES, help="size of every data set (default: large; none: both in turn)")
+    parser.add_argument("--noise", choices=NOISES, help="noise of every data set (default: realistic; none: in turn)")
+    parser.add_argument("--spread", type=float, help="spread of the base coefficients (default: 0.02; none: and 0.2)")
+    parser.add_argument("--jobs", type=int, default=2, help="processes; 0 runs in this one")
+    parser.add_argument("--check-gain", action="store_true", help="compare claimed gains with an untouched session")
+    parser.add_argument("--out", metavar="DIR", help="folder of cases.jsonl; cases in it are not run again")
+    parser.add_argument("--report", action="store_true", help="print the tables of --out without running anything")
+    parser.add_argument("--only", type=int, metavar="INDEX", help="run this case alone and print what was found")
+    parser.add_argument("--keep", metavar="DIR", help="with --only: write the case's files instead of running it")
+    args = parser.parse_args()
+    try:
+        plan = Plan(
+            family=args.family, level=args.level, seed=args.seed, size=args.size, noise=args.noise,
+            base_spread=args.spread, kinds=tuple(args.kinds),
+        )  # fmt: skip
+        if args.only is not None:
+            _one(plan, args)
+            return 0
+        if args.keep:
+            parser.error("--keep needs --only INDEX")
+        if not args.out:
+            parser.error("--out DIR is needed")
+        cases = read_cases(args.out) if args.report else _run(plan, args)
+    except (SuiteError, ValueError) as error:
+        parser.error(str(error))
+    print(f"\n{report(plan, cases)}")
+    return 0
+
+
+def _run(plan: Plan, args: argparse.Namespace) -> list[dict[str, Any]]:
+    def told(line: str) -> None:
+        print(line, flush=True)
+
+    return run_suite(plan, args.sets, args.out, jobs=args.jobs, check_gain=args.check_gain, told=told)
+
+
+def _one(plan: Plan, args: argparse.Namespace) -> None:
+    if args.keep:
+        case = plan.make(args.only)
+        write_case(case, args.keep)
+        print(f"{args.keep}: {len(case.recording.trajectories)} trajectories, {'+'.join(case.truth.kinds) or 'none'}")
+        return
+    print(
+        json.dumps(run_case(plan, args.only, check_gain=args.check_gain), indent=1, default=float, ensure_ascii=False)
+    )
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,81 @@
+"""Families of cases: which effect, size, noise and rendering the case of an index has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from benchmarks.confusion.case import Case, make_case
+from benchmarks.confusion.effects import CALIBRATION, PAIRS, SINGLE, UNCATALOGUED
+
+FAMILIES = ("single", "none", "uncatalogued", "pairs", "background", "calibration", "other")
+"""Families by name."""
+
+SEED_STEP = 100_003
+"""Case ``index`` of a suite with seed S has the seed S*100003 + index."""
+
+VARIANTS: dict[str, dict[str, Any]] = {
+    "linear": {"linear": True},
+    "voltage": {"voltage": True},
+    "without velocity": {"velocity": False},
+    "100 Hz": {"rate": 100.0},
+    "1 kHz": {"rate": 1000.0},
+    "3 kHz": {"rate": 3000.0},
+    "trajectory clock": {"session_clock": False},
+    "linear, voltage, without velocity, 1 kHz": {"linear": True, "voltage": True, "velocity": False, "rate": 1000.0},
+}
+"""Other recordings, for the family "other"."""
+
+_NONE = [(noise, size, spread) for spread in (0.02, 0.2) for size in ("large", "small") for noise in
+         ("realistic", "harsh", "clean")]  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What a suite consists of."""
+
+    family: str
+    level: float = 0.4
+    """Level of each effect."""
+    seed: int = 0
+    size: str | None = None
+    """Size of all data sets; None: large, in the family "none" both in turn."""
+    noise: str | None = None
+    """Noise of all data sets; None: realistic, in the family "none" all in turn."""
+    base_spread: float | None = None
+    """Spread of all coefficients; None: 0.02, in the family "none" 0.02 and 0.2 in turn."""
+    kinds: tuple[str, ...] = ()
+    """Only these effects (a pair as ``a+b``); empty for all."""
+
+    def __post_init__(self) -> None:
+        if self.family not in FAMILIES:
+            raise ValueError(f"family = {self.family!r} is unknown; one of {', '.join(FAMILIES)}")
+        unknown = set(self.kinds) - set(self._known())
+        if unknown:
+            raise ValueError(f"kind {min(unknown)!r} is not in family {self.family!r}; of {', '.join(self._known())}")
+
+    def _known(self) -> list[str]:
+        kinds = {"uncatalogued": UNCATALOGUED, "calibration": CALIBRATION, "none": ("none",)}
+        if self.family == "pairs":
+            return ["+".join(pair) for pair in PAIRS]
+        return list(kinds.get(self.family, SINGLE))
+
+    def arguments(self, index: int) -> dict[str, Any]:
+        """Keyword arguments of :func:`~benchmarks.confusion.case.make_case` for the case ``index``."""
+        kinds = [kind for kind in self._known() if not self.kinds or kind in self.kinds]
+        kind, turn = kinds[index % len(kinds)], index // len(kinds)
+        out: dict[str, Any] = {"kind": tuple(kind.split("+")) if "+" in kind else kind, "level": self.level}
+        out["seed"] = self.seed * SEED_STEP + index
+        if self.family == "none":
+            out["noise"], out["size"], out["base_spread"] = _NONE[index % len(_NONE)]
+        elif self.family == "background":
+            out["background"] = UNCATALOGUED[(turn + index) % len(UNCATALOGUED)]
+        elif self.family == "other":
+            names = [name for name in VARIANTS if kind != "velocity_lag" or VARIANTS[name].get("velocity", True)]
+            out |= VARIANTS[names[(turn + index) % len(names)]]
+        fixed = {"size": self.size, "noise": self.noise, "base_spread": self.base_spread}
+        return {**out, **{key: value for key, value in fixed.items() if value is not None}}
+
+    def make(self, index: int) -> Case:
+        """Make the case ``index``."""
+        return make_case(**self.arguments(index))

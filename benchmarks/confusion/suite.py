@@ -1,0 +1,187 @@
+"""Run a family of cases through the diagnosis: one JSON line per case, resumable, several processes."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
+from importlib import import_module
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.confusion.case import Case
+from benchmarks.confusion.effects import CALIBRATION
+from benchmarks.confusion.families import Plan
+from benchmarks.confusion.verdicts import coverage, judge, record_of
+
+Diagnose = Callable[..., Any]
+"""``diagnose(recording, seed=...)`` -> result."""
+
+CASES = "cases.jsonl"
+"""File of the cases, in the output folder."""
+
+SETTINGS = "settings.json"
+"""File of the plan, in the output folder."""
+
+_ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+
+
+class SuiteError(ValueError):
+    """A suite cannot be run as asked; the message says why."""
+
+
+def run_case(plan: Plan, index: int, *, check_gain: bool = False, diagnose: Diagnose | None = None) -> dict[str, Any]:
+    """Make a case, diagnose it and judge the result; what the diagnosis raises is recorded, not passed on.
+
+    Args:
+        plan: The suite.
+        index: Which case.
+        check_gain: Compare the claimed gain with the gain on the untouched session.
+        diagnose: The diagnosis; None takes ``mrwarp.diagnose.diagnose``.
+    """
+    if diagnose is None:
+        diagnose = import_module("mrwarp.diagnose").diagnose
+    begin = time.perf_counter()
+    case = plan.make(index)
+    truth, recording = case.truth, case.recording
+    out: dict[str, Any] = {
+        "index": index,
+        **{key: value for key, value in plan.arguments(index).items() if key not in ("kind", "background")},
+        "kinds": list(truth.kinds),
+        "background": list(truth.background),
+        "level": case.level,
+        "parameters": {k: {**v, "draws": dict(v["draws"])} for k, v in truth.parameters.items()},
+        "making": time.perf_counter() - begin,
+    }
+    begin = time.perf_counter()
+    try:
+        assert diagnose is not None
+        result = diagnose(recording, seed=case.seed)
+        found = record_of(result)
+    except Exception as error:  # a failure is an outcome of the benchmark; the line says where
+        where = traceback.format_exc(limit=-3)
+        return {**out, "outcome": "failed", "remark": f"{type(error).__name__}: {error}", "traceback": where}
+    out["wall"] = time.perf_counter() - begin
+    calibration = any(kind in CALIBRATION for kind in truth.kinds)
+    outcome, remark = judge(truth, calibration, found)
+    out |= {**found, "outcome": outcome, "remark": remark, "coverage": coverage(truth, found)}
+    if check_gain:
+        out["untouched_gain"] = _untouched_gain(result, case)
+    return out
+
+
+def _untouched_gain(result: Any, case: Case) -> float | None:
+    """1 - RMSE(extended)/RMSE(baseline) on the untouched session, which is what ``gain.rmse_reduction`` claims.
+
+    None where nothing was named or the result lacks the methods ``baseline_rmse`` and ``extended_rmse``.
+    """
+    if not (result.causes and hasattr(result, "extended_rmse") and hasattr(result, "baseline_rmse")):
+        return None
+    return 1.0 - float(result.extended_rmse(case.untouched)) / float(result.baseline_rmse(case.untouched))
+
+
+def run_suite(
+    plan: Plan,
+    sets: int,
+    out: str | Path,
+    *,
+    jobs: int = 1,
+    check_gain: bool = False,
+    diagnose: Diagnose | None = None,
+    told: Callable[[str], None] = print,
+) -> list[dict[str, Any]]:
+    """Run the cases 0 to ``sets`` - 1 that are not in ``out`` yet, and return all of them in order.
+
+    Args:
+        plan: The suite.
+        sets: Number of cases.
+        out: Folder of ``cases.jsonl``; made if needed.
+        jobs: Processes, each with one thread; 0 runs in this process.
+        check_gain: As in :func:`run_case`.
+        diagnose: As in :func:`run_case`; must be importable by name where ``jobs`` > 0.
+        told: Takes the lines of progress.
+
+    Raises:
+        SuiteError: the folder holds another suite.
+    """
+    out = Path(out)
+    out.mkdir(parents=True, exist_ok=True)
+    settings = json.loads(json.dumps({**asdict(plan), "check_gain": check_gain}))
+    known = out / SETTINGS
+    if known.exists() and json.loads(known.read_text(encoding="utf-8")) != settings:
+        raise SuiteError(f"{out} holds another suite ({known.name} differs); choose another folder")
+    known.write_text(json.dumps(settings, indent=1) + "\n", encoding="utf-8")
+    done = {case["index"]: case for case in read_cases(out)}
+    left = [index for index in range(sets) if index not in done]
+    with (out / CASES).open("a", encoding="utf-8") as stream:
+        for case in _cases(plan, left, jobs, check_gain, diagnose):
+            stream.write(json.dumps(case, default=_plain, ensure_ascii=False) + "\n")
+            stream.flush()
+            done[case["index"]] = case
+            told(f"[{len(done)}/{sets}] {_line(case)}")
+    return [done[index] for index in sorted(done) if index < sets]
+
+
+def read_cases(out: str | Path) -> list[dict[str, Any]]:
+    """The cases of a folder; a last line that was cut off is left out and removed from the file."""
+    file = Path(out) / CASES
+    if not file.exists():
+        return []
+    text = file.read_text(encoding="utf-8")
+    whole = text[: text.rfind("\n") + 1]
+    if whole != text:
+        file.write_text(whole, encoding="utf-8")
+    return [json.loads(line) for line in whole.splitlines()]
+
+
+def _cases(
+    plan: Plan, left: list[int], jobs: int, check_gain: bool, diagnose: Diagnose | None
+) -> Iterator[dict[str, Any]]:
+    if jobs <= 0:
+        for index in left:
+            yield run_case(plan, index, check_gain=check_gain, diagnose=diagnose)
+        return
+    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # what is spawned reads it before NumPy is imported
+    try:
+        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_quiet) as pool:
+            waiting = [pool.submit(run_case, plan, k, check_gain=check_gain, diagnose=diagnose) for k in left]
+            try:
+                for future in as_completed(waiting):
+                    yield future.result()
+            finally:  # an interrupt does not wait for what has not begun
+                pool.shutdown(cancel_futures=True)
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _quiet() -> None:
+    from mrwarp.quiet import quiet_libraries
+
+    quiet_libraries()
+
+
+def _plain(value: Any) -> Any:
+    """NumPy values for JSON."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} cannot be written as JSON")
+
+
+def _line(case: dict[str, Any]) -> str:
+    truth = "+".join([*case["kinds"], *case["background"]]) or "none"
+    names = "+".join("|".join([c["name"], *c["alternatives"]]) for c in case.get("causes", []))
+    found = f"{case.get('verdict')} {names}".strip()
+    remark = f" ({case['remark']})" if case["remark"] else ""
+    return f"#{case['index']} {truth} -> {found}: {case['outcome']}{remark}, {case.get('wall', 0.0):.1f} s"

@@ -1,0 +1,192 @@
+"""What a suite showed: confusion matrix, outcomes against what is asked for, coverage, gain, time."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+from scipy.stats import binomtest
+
+from benchmarks.confusion.families import Plan
+from benchmarks.confusion.verdicts import OUTCOMES
+
+_Case = dict[str, Any]
+
+
+def report(plan: Plan, cases: list[_Case]) -> str:
+    """All tables of a suite as text."""
+    if not cases:
+        return "no cases"
+    parts = [matrix(cases), by_kind(cases), "\n".join(acceptance(plan, cases))]
+    extra = [*_coverage_lines(cases), *_gain_lines(cases), _ambiguity_line(cases), _time_line(cases)]
+    return "\n\n".join([*parts, "\n".join(line for line in extra if line)])
+
+
+def matrix(cases: list[_Case]) -> str:
+    """Counts of truth (rows) against what was named (columns, numbered like the rows)."""
+    rows = list(dict.fromkeys(_truth(case) for case in sorted(cases, key=lambda c: c["index"])))
+    cells = Counter((_truth(case), _found(case)) for case in cases)
+    columns = [*rows, *sorted({found for _, found in cells} - set(rows))]
+    used = [c for c in columns if c in rows or any(cells[row, c] for row in rows)]
+    width = max(len(name) for name in used) + 1
+    lines = ["truth (rows) against what was named (columns)"]
+    lines.append(" " * (width + 4) + "".join(f"{k + 1:4d}" for k in range(len(used))))
+    for k, name in enumerate(used):
+        counts = "".join(f"{cells[name, c] or '.':>4}" for c in used) if name in rows else "    (no truth)"
+        lines.append(f"{k + 1:3d} {name:{width}s}{counts}")
+    return "\n".join(lines)
+
+
+def by_kind(cases: list[_Case]) -> str:
+    """Outcomes of each kind of truth."""
+    rows = list(dict.fromkeys(_truth(case) for case in sorted(cases, key=lambda c: c["index"])))
+    counts = Counter((_truth(case), case["outcome"]) for case in cases)
+    width = max(len(row) for row in [*rows, "all"])
+    lines = [f"{'':{width}s}" + "".join(f"{outcome:>10s}" for outcome in OUTCOMES)]
+    lines += [f"{row:{width}s}" + "".join(f"{counts[row, o]:10d}" for o in OUTCOMES) for row in rows]
+    total = Counter(case["outcome"] for case in cases)
+    return "\n".join([*lines, f"{'all':{width}s}" + "".join(f"{total[o]:10d}" for o in OUTCOMES)])
+
+
+def acceptance(plan: Plan, cases: list[_Case]) -> list[str]:
+    """Shares with Clopper-Pearson intervals against what is asked for."""
+
+    def line(label: str, chosen: Iterable[str], *, least: float | None = None, most: float | None = None) -> str:
+        return share(label, cases, lambda case: case["outcome"] in chosen, least=least, most=most)
+
+    wrong = ("wrong", "failed")
+    if plan.family in ("single", "other"):
+        right, either = (0.98, None) if plan.level >= 0.8 else (0.95, None) if plan.level >= 0.4 else (None, 0.85)
+        return [
+            line("right", ("right",), least=right),
+            line("right or ambiguous with the truth", ("right", "ambiguous"), least=either),
+            line("missed", ("missed",)),
+            line("name right, rest not", ("other",)),
+            line("wrong", wrong, most=0.01),
+        ]
+    if plan.family == "none":
+        groups = sorted({(case.get("noise", "realistic"), case.get("size", "large")) for case in cases})
+        lines = [line("false alarms", ("wrong", "failed", "other"), most=0.01)]
+        for noise, size in groups:
+            chosen = [c for c in cases if (c.get("noise", "realistic"), c.get("size", "large")) == (noise, size)]
+            lines.append(share(f"false alarms, {noise}, {size}", chosen, lambda c: c["outcome"] != "right", most=0.01))
+        for spread in sorted({case.get("base_spread", 0.02) for case in cases}):
+            chosen = [c for c in cases if c.get("base_spread", 0.02) == spread]
+            lines.append(share(f"false alarms, base ±{spread:.0%}", chosen, lambda c: c["outcome"] != "right"))
+        return lines
+    if plan.family == "uncatalogued":
+        return [
+            line("unexplained on the right variable", ("right",), least=0.90),
+            line("unexplained on another", ("other",)),
+            line("missed", ("missed",)),
+            line("named", wrong, most=0.01),
+        ]
+    if plan.family == "pairs":
+        return [
+            line("exact", ("right",), least=0.85),
+            line("exact or ambiguous with the truth", ("right", "ambiguous"), least=0.95),
+            line("names right, rest not", ("other",)),
+            line("missed (one of two, or both)", ("missed",)),
+            line("wrong", wrong, most=0.02),
+        ]
+    if plan.family == "background":
+        on = [c for c in cases if c["outcome"] == "right"]
+        hit = share("  unexplained on the right variable", on, _right_variable) if on else ""
+        return [
+            line("right name and unexplained", ("right",), least=0.80),
+            *([hit] if hit else []),
+            line("or ambiguous", ("right", "ambiguous")),
+            line("name right, rest not", ("other",)),
+            line("missed", ("missed",)),
+            line("wrong", wrong, most=0.02),
+        ]
+    return [
+        line("right", ("right",)),
+        line("right or ambiguous with the truth", ("right", "ambiguous")),
+        line("missed", ("missed",)),
+        line("wrong", wrong),
+    ]
+
+
+def share(
+    label: str,
+    cases: list[_Case],
+    chosen: Callable[[_Case], bool],
+    *,
+    least: float | None = None,
+    most: float | None = None,
+) -> str:
+    """One line: count, share, Clopper-Pearson interval, and whether the asked-for share is met."""
+    count, total = sum(chosen(case) for case in cases), len(cases)
+    ci = binomtest(count, total).proportion_ci(0.95, method="exact")
+    text = f"{label:42s} {count:4d}/{total:<4d} {count / total:7.1%}  [{ci.low:.1%}, {ci.high:.1%}]"
+    for limit, met, sign in (
+        (least, count >= (least or 0.0) * total, "≥"),
+        (most, count <= (most or 0.0) * total, "≤"),
+    ):
+        if limit is not None:
+            text += f"  {sign} {limit:.0%}: {'met' if met else 'NOT MET'}"
+    return text
+
+
+def _coverage_lines(cases: list[_Case]) -> list[str]:
+    found = [entry for case in cases for entry in case.get("coverage", [])]
+    if not found:
+        return []
+    lines = [share("95 % intervals that cover the truth", found, lambda entry: entry["covered"])]
+    for name in dict.fromkeys(entry["name"] for entry in found):
+        own = [entry for entry in found if entry["name"] == name]
+        ratio = np.median([entry["value"] / entry["truth"] for entry in own])
+        lines.append(share(f"  {name}, median {ratio:.3f} of the truth", own, lambda entry: entry["covered"]))
+    return lines
+
+
+def _gain_lines(cases: list[_Case]) -> list[str]:
+    both = [(c["gain"], c["untouched_gain"]) for c in cases if c.get("untouched_gain") and c.get("gain")]
+    if not both:
+        return []
+    claimed, real = np.array(both).T
+    near = [{"near": bool(abs(a - b) <= 0.2 * abs(b))} for a, b in zip(claimed, real, strict=True)]
+    ratio = f"claimed {claimed.mean():.4f}, untouched {real.mean():.4f}, median ratio {np.median(claimed / real):.3f}"
+    return [share("claimed gain within 20 % of the untouched", near, lambda entry: entry["near"]), f"  {ratio}"]
+
+
+def _ambiguity_line(cases: list[_Case]) -> str:
+    sets = [
+        {"held": bool({cause["name"], *cause["alternatives"]} & set(case["kinds"]))}
+        for case in cases
+        for cause in [*case.get("causes", []), *case.get("parameter_shift", [])]
+        if cause["alternatives"]
+    ]
+    return share("alternatives that hold the truth", sets, lambda entry: entry["held"], least=0.95) if sets else ""
+
+
+def _time_line(cases: list[_Case]) -> str:
+    wall = [case["wall"] for case in cases if "wall" in case]
+    if not wall:
+        return ""
+    making = np.mean([case["making"] for case in cases])
+    return f"seconds per diagnosis: median {np.median(wall):.1f}, max {max(wall):.1f}; making a case: mean {making:.2f}"
+
+
+def _right_variable(case: _Case) -> bool:
+    from benchmarks.confusion.effects import EFFECTS
+
+    right = frozenset().union(*(EFFECTS[name].depends_on for name in case["background"]))
+    return bool(case.get("unexplained") and right & set(case["unexplained"]["depends_on"][:2]))
+
+
+def _truth(case: _Case) -> str:
+    return "+".join(case["kinds"]) or ("+".join(case["background"]) or "none")
+
+
+def _found(case: _Case) -> str:
+    if case["outcome"] == "failed":
+        return "(failed)"
+    names = sorted(cause["name"] for cause in [*case["causes"], *case["parameter_shift"]])
+    order = sorted(case["kinds"])
+    if names:
+        return "+".join(case["kinds"]) if names == order else "+".join(names)
+    return {None: "(no verdict)", "none": "none"}.get(case["verdict"], f"({case['verdict']})")
