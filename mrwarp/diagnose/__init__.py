@@ -1,0 +1,1 @@
+"""What does the simulation get wrong, and why: ``mrwarp diagnose``."""

@@ -1,0 +1,180 @@
+"""What a diagnosis says, as typed data: the source of ``result.json`` and of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from mrwarp.model_file import Model
+from mrwarp.sysid.recording import Recording
+
+Verdict = Literal["none", "named", "unexplained", "named_and_unexplained"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Value:
+    """A number with its 95 % interval and unit."""
+
+    value: float
+    ci95: tuple[float, float]
+    unit: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cause:
+    """A named effect."""
+
+    name: str
+    parameters: Mapping[str, Value]
+    p_value: float
+    """Chance that noise alone would give as much, after looking at every candidate."""
+    alternatives: tuple[str, ...]
+    """Effects that these data cannot tell from it."""
+    gain: float
+    """Reduction of the held-out squared mismatch that is this effect's alone [1]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shift:
+    """A shift of calibration against the nominal model."""
+
+    name: str
+    value: float
+    ci95: tuple[float, float]
+    unit: str
+    alternatives: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unexplained:
+    """Structure that no effect of the catalogue explains."""
+
+    depends_on: tuple[str, ...]
+    """Variables, the most telling first."""
+    form: str
+    """How it depends on them, in words."""
+    share: float
+    """Its part of all that could be predicted beyond eqs. 14 and 15 [1]."""
+    formula: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tried:
+    """One effect of the catalogue and what came of it."""
+
+    name: str
+    gain: float
+    """Reduction of the held-out squared mismatch, alone on top of the baseline [1]; negative: it only fits noise."""
+    error: float
+    """Standard error of it over trajectories [1]."""
+    values: Mapping[str, float]
+    """Its best parameters, units of the recording."""
+    outcome: str
+    """named, alternative, rejected or not visible, with the reason in a few words."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Error:
+    """Size of a mismatch."""
+
+    rmse: float
+    nrmse: float
+    """rmse over the standard deviation of the measured torque."""
+    unit: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gain:
+    """What the extension gains on trajectories that took no part in choosing or fitting it."""
+
+    rmse_reduction: float
+    """1 - rmse(extended)/rmse(baseline) [1]."""
+    ci95: tuple[float, float]
+    held_out: tuple[str, ...]
+    per_regime: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """RMSE of baseline and extension for hold, slip, reversal, current step; units of the recording."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NextExperiment:
+    """A recording that would settle what this one leaves open."""
+
+    what: str
+    """The experiment in one sentence."""
+    seconds: float
+    separates: tuple[str, ...]
+    """Effects that it tells apart, or shows."""
+    kind: str
+    """Name of the standard experiment."""
+    settings: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accounting:
+    """Where the baseline's mean squared mismatch goes; the three parts add up to 1."""
+
+    named: float
+    predictable: float
+    """Predictable by smooth functions of what was measured, but not by the named effects."""
+    noise: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Traces:
+    """Arrays for pictures; units of the recording, all trajectories end to end, shape (N,)."""
+
+    torque: np.ndarray
+    baseline: np.ndarray
+    extended: np.ndarray
+    q: np.ndarray
+    qd: np.ndarray
+    qdd: np.ndarray
+    current: np.ndarray
+    time: np.ndarray
+    start: np.ndarray
+    """First sample of each trajectory and the end of the last, shape (T + 1,)."""
+    regime: np.ndarray
+    """Index into ``REGIMES`` of each sample."""
+    noise_rms: float
+
+
+REGIMES = ("hold", "slip", "reversal", "current step")
+"""hold: nearly at rest; reversal: 0.1 s after the velocity changed sign; current step: 0.1 s after a jump."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Diagnosis:
+    """The result of :func:`mrwarp.diagnose.diagnose`."""
+
+    verdict: Verdict | None
+    """None: the data cannot carry a verdict; ``cannot_know`` says why."""
+    sentence: str
+    """The verdict in one sentence."""
+    causes: tuple[Cause, ...]
+    parameter_shift: tuple[Shift, ...]
+    unexplained: Unexplained | None
+    detectable: Mapping[str, Value]
+    """Smallest size of each effect that these data would have shown; effects missing here are invisible in them."""
+    invisible: Mapping[str, str]
+    """Effects that no size would show in these data, and why."""
+    cannot_know: tuple[str, ...]
+    """What these data cannot answer, each with the recording to make."""
+    baseline: Error
+    extended: Error
+    gain: Gain | None
+    next_experiment: NextExperiment | None
+    tried: tuple[Tried, ...]
+    accounting: Accounting
+    per_trajectory: Mapping[str, tuple[float, float]]
+    """RMSE of baseline and extension."""
+    per_regime: Mapping[str, tuple[float, float]]
+    notes: tuple[str, ...]
+    model: Model | None
+    """The extended model."""
+    recording: Recording
+    traces: Traces | None
+    seconds: float
+    seed: int

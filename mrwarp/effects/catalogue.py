@@ -1,0 +1,78 @@
+"""The catalogue: one line per effect, by stage in the order of the path. Adding one = its file and its line."""
+
+from __future__ import annotations
+
+from mrwarp.effects import (
+    backlash,
+    cogging,
+    coil_lag,
+    command_delay,
+    coulomb_friction,
+    current_gain,
+    current_saturation,
+    current_viscosity,
+    encoder_offset,
+    friction_asymmetry,
+    remanence,
+    rotor_inertia,
+    speed_weakening,
+    stribeck,
+    temperature_drift,
+    torque_bias,
+    torque_gain,
+    torque_sensor_lag,
+    velocity_lag,
+    wear,
+)
+from mrwarp.effects.law import STAGES, EffectLaw, EffectParameter
+
+LAWS: tuple[EffectLaw, ...] = (
+    command_delay.LAW,
+    coil_lag.LAW,
+    current_gain.LAW,
+    remanence.LAW,
+    current_saturation.LAW,
+    velocity_lag.LAW,
+    encoder_offset.LAW,
+    backlash.LAW,
+    rotor_inertia.LAW,
+    coulomb_friction.LAW,
+    friction_asymmetry.LAW,
+    stribeck.LAW,
+    cogging.LAW,
+    current_viscosity.LAW,
+    speed_weakening.LAW,
+    temperature_drift.LAW,
+    wear.LAW,
+    torque_sensor_lag.LAW,
+    torque_gain.LAW,
+    torque_bias.LAW,
+)
+
+CATALOGUE: dict[str, EffectLaw] = {law.name: law for stage in STAGES for law in LAWS if law.stage == stage}
+"""All effects by name."""
+
+
+def _offsets() -> tuple[dict[str, int], dict[str, int], int, int]:
+    columns, slots, column, slot = {}, {}, 0, 0
+    for law in CATALOGUE.values():
+        columns[law.name], slots[law.name] = column, slot
+        column, slot = column + len(law.parameters), slot + law.states
+    return columns, slots, column, slot
+
+
+COLUMN, SLOT, COLUMNS, SLOTS = _offsets()
+"""First parameter column and first state of each effect; number of columns and of states."""
+
+NULLS: tuple[float, ...] = tuple(p.null for law in CATALOGUE.values() for p in law.parameters)
+"""The row of parameters at which no effect acts."""
+
+
+def column_of(effect: str, parameter: str) -> int:
+    """Column of a parameter in a row of values."""
+    return COLUMN[effect] + [p.name for p in CATALOGUE[effect].parameters].index(parameter)
+
+
+def parameter_of(effect: str, parameter: str) -> EffectParameter:
+    """Specification of a parameter."""
+    return next(p for p in CATALOGUE[effect].parameters if p.name == parameter)

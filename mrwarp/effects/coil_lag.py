@@ -1,0 +1,51 @@
+"""Coil lag: ``T dI/dt = I_cmd - I``."""
+
+import warp as wp
+
+from mrwarp.effects.law import EffectLaw, EffectParameter, Path
+
+
+@wp.func
+def coil_lag_law(
+    s: Path, values: wp.array2d[float], row: int, at: int, memory: wp.array2d[float], line: int, slot: int
+) -> Path:
+    """The current in the coil follows its command with a first-order lag."""
+    time_constant = values[row, at]
+    if time_constant > 0.0:
+        before = s.command_before
+        # between two logged samples the command ramps (hold = 0), or keeps its value up to the second (hold = 1)
+        slope = (1.0 - values[row, at + 1]) * (s.command - before) / s.dt
+        current = float(s.command)
+        if s.begins == 0:
+            lag = slope * time_constant
+            current = before + slope * s.dt - lag + (memory[line, slot] - before + lag) * wp.exp(-s.dt / time_constant)
+        memory[line, slot] = current
+        s.current = current
+        s.field = current
+    return s
+
+
+LAW = EffectLaw(
+    name="coil_lag",
+    title="coil lag",
+    sentence="The current in the coil follows its command with a first-order lag.",
+    equation="T dI/dt = I_cmd - I",
+    kind="mechanism",
+    stage="current",
+    parameters=(
+        EffectParameter(
+            name="time_constant",
+            unit="s",
+            negative=False,
+            low=lambda r: 1e-4,
+            high=lambda r: 0.5,
+            starts=lambda r: (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.03, 0.08),
+        ),
+        EffectParameter(name="hold", unit="1", choices=(0.0, 1.0)),
+    ),
+    law=coil_lag_law,
+    states=1,
+    source="paper section 4.3, current-response delay; an R-L circuit",
+    depends_on=("current", "memory"),
+    remedy="raise the current controller's bandwidth or its supply voltage",
+)

@@ -1,0 +1,33 @@
+"""Coulomb friction: ``F*tanh(qd/v)``."""
+
+import warp as wp
+
+from mrwarp.effects.law import EffectLaw, EffectParameter, Path
+
+
+@wp.func
+def coulomb_friction_law(
+    s: Path, values: wp.array2d[float], row: int, at: int, memory: wp.array2d[float], line: int, slot: int
+) -> Path:
+    """Dry friction that does not depend on the speed."""
+    if values[row, at] != 0.0:
+        s.torque = s.torque + values[row, at] * wp.tanh(s.qd / values[row, at + 1])
+    return s
+
+
+LAW = EffectLaw(
+    name="coulomb_friction",
+    title="Coulomb friction",
+    sentence="Dry friction that does not depend on the speed.",
+    equation="F*tanh(qd/v)",
+    kind="mechanism",
+    stage="torque",
+    parameters=(
+        EffectParameter(name="torque", unit="N·m", scale=(0, 0, 1)),
+        EffectParameter(name="speed", unit="rad/s", scale=(1, 0, 0), negative=False, preset=lambda r: 0.02 * r.qd),
+    ),
+    law=coulomb_friction_law,
+    source="Coulomb; seals and bearings",
+    depends_on=("qd",),
+    remedy="check seals and bearings",
+)

@@ -1,0 +1,35 @@
+"""Friction that differs by direction: ``F*|tanh(qd/v)| + B*|qd|``."""
+
+import warp as wp
+
+from mrwarp.effects.law import EffectLaw, EffectParameter, Path
+
+
+@wp.func
+def friction_asymmetry_law(
+    s: Path, values: wp.array2d[float], row: int, at: int, memory: wp.array2d[float], line: int, slot: int
+) -> Path:
+    """Friction is larger in one direction than in the other."""
+    if values[row, at] != 0.0 or values[row, at + 1] != 0.0:
+        s.torque = s.torque + values[row, at] * wp.abs(wp.tanh(s.qd / values[row, at + 2]))
+        s.torque = s.torque + values[row, at + 1] * wp.abs(s.qd)
+    return s
+
+
+LAW = EffectLaw(
+    name="friction_asymmetry",
+    title="friction that differs by direction",
+    sentence="Friction is larger in one direction than in the other.",
+    equation="F*|tanh(qd/v)| + B*|qd|",
+    kind="mechanism",
+    stage="torque",
+    parameters=(
+        EffectParameter(name="coulomb", unit="N·m", scale=(0, 0, 1)),
+        EffectParameter(name="viscous", unit="N·m·s/rad", scale=(-1, 0, 1)),
+        EffectParameter(name="speed", unit="rad/s", scale=(1, 0, 0), negative=False, preset=lambda r: 0.02 * r.qd),
+    ),
+    law=friction_asymmetry_law,
+    source="paper section 4.3, friction asymmetry; Janot, Gautier and Brunot 2019 for a ball screw",
+    depends_on=("qd",),
+    remedy="check the seal's lip and the preload of the bearings",
+)

@@ -1,0 +1,146 @@
+"""What an effect is: a named physical law beyond eqs. 14 and 15, with its parameters and its place in the path.
+
+A law is a ``@wp.func`` that changes a :class:`Path`, the quantities of one joint at one step. All laws have the same
+arguments, so that the path can be composed of whatever the catalogue holds (:mod:`mrwarp.effects.path`):
+
+``law(s, values, row, at, memory, line, slot) -> Path`` with ``values[row, at]`` the law's first parameter and
+``memory[line, slot]`` its first state. At null values a law returns the path untouched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import warp as wp
+
+
+@wp.struct
+class Path:
+    """One joint at one step, from the commanded current to the sensor's reading."""
+
+    dt: wp.float32
+    """Step [s]."""
+    time: wp.float32
+    """Time in the session [s]."""
+    begins: wp.int32
+    """1 at the first step, where states are set."""
+    command: wp.float32
+    """Commanded current at the step's end [A]."""
+    command_before: wp.float32
+    """Commanded current at the step's begin [A]."""
+    current: wp.float32
+    """Current that flows [A]."""
+    field: wp.float32
+    """Current that magnetises: what K1 is multiplied by [A]."""
+    q: wp.float32
+    """Angle of the device's shaft [rad]."""
+    qd: wp.float32
+    """Its velocity [rad/s]."""
+    qdd: wp.float32
+    """Its acceleration [rad/s²]."""
+    qd_before: wp.float32
+    """Velocity at the step's begin [rad/s]."""
+    qdd_before: wp.float32
+    """Acceleration at the step's begin [rad/s²]."""
+    way_1: wp.float32
+    """Way of the shaft in this step up to a reversal, 0 without one [rad]."""
+    way_2: wp.float32
+    """Way after it [rad]."""
+    z: wp.float32
+    """Hysteresis state [rad]."""
+    yield_gain: wp.float32
+    """Factor of the hysteretic torque."""
+    viscous_gain: wp.float32
+    """Factor of the viscous torque."""
+    weakening: wp.float32
+    """Power of ``1 + alpha*|qd|``."""
+    heat: wp.float32
+    """Energy turned to heat and not yet lost [J]."""
+    torque: wp.float32
+    """Torque [N·m]: in the stage ``torque`` what is added to eq. 14, in the stage ``sensor`` the reading."""
+
+
+Stage = Literal["current", "motion", "shaft", "torque", "sensor"]
+STAGES: tuple[Stage, ...] = ("current", "motion", "shaft", "torque", "sensor")
+"""Order of the path: command to field, measured to true motion, that to the device's shaft, torque, its sensor."""
+
+Kind = Literal["mechanism", "sensor", "calibration"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ranges:
+    """What a data set (or a joint's use) covers; in the units of the samples."""
+
+    q: float = 1.0
+    """Whole range of the angle."""
+    qd: float = 5.0
+    """95th percentile of the speed."""
+    current: float = 1.5
+    """Largest current."""
+    torque: float = 1.0
+    """Typical torque."""
+    dt: float = 0.005
+    """Sampling interval [s]."""
+    session: float = 600.0
+    """Length of the session [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectParameter:
+    """One number of a law."""
+
+    name: str
+    unit: str
+    """Unit for a joint in rad, A and N·m."""
+    scale: tuple[int, int, int] = (0, 0, 0)
+    """Powers of the units of angle, current and torque in it, so that it can be converted; seconds stay."""
+    null: float = 0.0
+    """Value at which the law does nothing."""
+    low: Callable[[Ranges], float] = lambda r: -float("inf")
+    high: Callable[[Ranges], float] = lambda r: float("inf")
+    """Where it is searched."""
+    starts: Callable[[Ranges], tuple[float, ...]] | None = None
+    """Values from which a non-linear parameter is searched; None: the torque is smooth in it at its null value."""
+    preset: Callable[[Ranges], float] | None = None
+    """Value of a parameter that is not searched but set by what the data cover."""
+    choices: tuple[float, ...] = ()
+    """Values of a parameter that says how the data were logged; tried in turn, and no part of the device."""
+    negative: bool = True
+    """Whether the sign is free."""
+
+    def allowed(self) -> str:
+        """What values make sense, in words."""
+        return "any finite number" if self.negative else "0 or more"
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectLaw:
+    """One effect of the catalogue."""
+
+    name: str
+    """Token, as in reports, ``model.json`` and ``result.json``."""
+    title: str
+    """The effect in two or three words."""
+    sentence: str
+    """What it means to a mechanical engineer, in one sentence."""
+    equation: str
+    kind: Kind
+    """``mechanism``: part of the device; ``sensor``: only in what is measured; ``calibration``: a shift of constants
+    that re-fitting eq. 14 takes up without a trace."""
+    stage: Stage
+    parameters: tuple[EffectParameter, ...]
+    law: Any
+    """The ``@wp.func``."""
+    states: int = 0
+    """Numbers that the law remembers from step to step."""
+    source: str = ""
+    depends_on: tuple[str, ...] = ()
+    """Variables along which it shows."""
+    remedy: str = ""
+    """What to do about it on the bench or the device."""
+
+    def defaults(self) -> dict[str, float]:
+        """All parameters at null."""
+        return {p.name: p.null for p in self.parameters}

@@ -1,0 +1,110 @@
+"""The path of one joint at one step: eqs. 14 and 15 with every effect of the catalogue at its place.
+
+The stages are composed from the catalogue when this module is loaded. At null values of all effects the torque is that
+of the plain laws. Two effects need more than one step's quantities, so the caller provides them: the command as it was
+``command_delay`` ago, and the heat that ``temperature_drift`` has stored.
+"""
+
+import warp as wp
+
+from mrwarp.effects.catalogue import CATALOGUE, COLUMN, SLOT
+from mrwarp.effects.law import Path
+from mrwarp.kernels.bouc_wen import bouc_wen_exact
+
+_CURRENT = [law for law in CATALOGUE.values() if law.stage == "current"]
+_MOTION = [law for law in CATALOGUE.values() if law.stage == "motion"]
+_SHAFT = [law for law in CATALOGUE.values() if law.stage == "shaft"]
+_TORQUE = [law for law in CATALOGUE.values() if law.stage == "torque"]
+_SENSOR = [law for law in CATALOGUE.values() if law.stage == "sensor"]
+
+
+@wp.func
+def current_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int):
+    """From the command to the current that flows and the one that magnetises."""
+    s.current = s.command
+    s.field = s.command
+    for i in range(wp.static(len(_CURRENT))):
+        s = wp.static(_CURRENT[i].law)(
+            s, values, row, wp.static(COLUMN[_CURRENT[i].name]), memory, line, wp.static(SLOT[_CURRENT[i].name])
+        )
+    return s
+
+
+@wp.func
+def motion_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int):
+    """From the measured motion to that of the device's shaft, with the way of this step on both sides of a reversal."""
+    for i in range(wp.static(len(_MOTION))):
+        s = wp.static(_MOTION[i].law)(
+            s, values, row, wp.static(COLUMN[_MOTION[i].name]), memory, line, wp.static(SLOT[_MOTION[i].name])
+        )
+    before, after = s.qd_before, s.qd
+    if before * after < 0.0:
+        turn = s.dt * before / (before - after)
+        s.way_1 = 0.5 * before * turn
+        s.way_2 = 0.5 * after * (s.dt - turn)
+    else:
+        # a cubic with the slopes of both ends: a chord would shorten the way of a sine
+        s.way_1 = 0.0
+        s.way_2 = s.dt * (0.5 * (before + after) + s.dt / 12.0 * (s.qdd_before - s.qdd))
+        if s.way_2 * (before + after) < 0.0:
+            s.way_2 = 0.0
+    if s.begins == 1:
+        s.way_1 = 0.0
+        s.way_2 = 0.0
+    for i in range(wp.static(len(_SHAFT))):
+        s = wp.static(_SHAFT[i].law)(
+            s, values, row, wp.static(COLUMN[_SHAFT[i].name]), memory, line, wp.static(SLOT[_SHAFT[i].name])
+        )
+    return s
+
+
+@wp.func
+def torque_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int):
+    """Factors of eq. 14 and what is added to it (``s.torque``)."""
+    s.yield_gain = 1.0
+    s.viscous_gain = 1.0
+    s.weakening = 1.0
+    s.torque = 0.0
+    for i in range(wp.static(len(_TORQUE))):
+        s = wp.static(_TORQUE[i].law)(
+            s, values, row, wp.static(COLUMN[_TORQUE[i].name]), memory, line, wp.static(SLOT[_TORQUE[i].name])
+        )
+    return s
+
+
+@wp.func
+def sensor_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int):
+    """From the torque to its reading."""
+    for i in range(wp.static(len(_SENSOR))):
+        s = wp.static(_SENSOR[i].law)(
+            s, values, row, wp.static(COLUMN[_SENSOR[i].name]), memory, line, wp.static(SLOT[_SENSOR[i].name])
+        )
+    return s
+
+
+@wp.func
+def way_hysteresis(z: float, way: float, beta: float, gamma: float) -> float:
+    """z after a way of the shaft in one direction, eq. 15, which knows no time."""
+    if way == 0.0:
+        return z
+    return bouc_wen_exact(way, z, beta, gamma, 1.0)
+
+
+@wp.func
+def path_torque(
+    s: Path,
+    q_c: float,
+    D: float,
+    B: float,
+    C: float,
+    I1: float,
+    K0: float,
+    K1: float,
+    alpha: float,
+) -> float:
+    """tau_BW of eq. 14 with the effects' factors, and what they add [N·m]."""
+    weakening = 1.0 + alpha * wp.abs(s.qd)
+    if s.weakening != 1.0:
+        weakening = wp.pow(weakening, s.weakening)
+    loop = s.yield_gain * (K0 + K1 * s.field) / weakening * s.z
+    return D + s.viscous_gain * B * s.qd + C * q_c + I1 * s.current + loop + s.torque

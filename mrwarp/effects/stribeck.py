@@ -1,0 +1,43 @@
+"""Stribeck friction: ``F*exp(-(qd/v)^2)*tanh(qd/w)``."""
+
+import warp as wp
+
+from mrwarp.effects.law import EffectLaw, EffectParameter, Path
+
+
+@wp.func
+def stribeck_law(
+    s: Path, values: wp.array2d[float], row: int, at: int, memory: wp.array2d[float], line: int, slot: int
+) -> Path:
+    """Friction that is larger just above standstill than at speed."""
+    if values[row, at] != 0.0:
+        ratio = s.qd / values[row, at + 1]
+        s.torque = s.torque + values[row, at] * wp.exp(-ratio * ratio) * wp.tanh(s.qd / values[row, at + 2])
+    return s
+
+
+LAW = EffectLaw(
+    name="stribeck",
+    title="Stribeck friction",
+    sentence="Friction that is larger just above standstill than at speed.",
+    equation="F*exp(-(qd/v)^2)*tanh(qd/w)",
+    kind="mechanism",
+    stage="torque",
+    parameters=(
+        EffectParameter(name="torque", unit="N·m", scale=(0, 0, 1)),
+        EffectParameter(
+            name="stribeck_speed",
+            unit="rad/s",
+            scale=(1, 0, 0),
+            negative=False,
+            low=lambda r: 0.008 * r.qd,
+            high=lambda r: 0.7 * r.qd,
+            starts=lambda r: tuple(x * r.qd for x in (0.02, 0.05, 0.1, 0.2, 0.4)),
+        ),
+        EffectParameter(name="speed", unit="rad/s", scale=(1, 0, 0), negative=False, preset=lambda r: 0.02 * r.qd),
+    ),
+    law=stribeck_law,
+    source="Stribeck 1902, in the form of Armstrong-Helouvry 1991",
+    depends_on=("qd",),
+    remedy="other lubricant or seal",
+)

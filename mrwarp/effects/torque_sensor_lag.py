@@ -1,0 +1,48 @@
+"""Lag of the torque sensor: ``T dtau_m/dt = tau - tau_m``."""
+
+import warp as wp
+
+from mrwarp.effects.law import EffectLaw, EffectParameter, Path
+
+
+@wp.func
+def torque_sensor_lag_law(
+    s: Path, values: wp.array2d[float], row: int, at: int, memory: wp.array2d[float], line: int, slot: int
+) -> Path:
+    """The torque is read through a first-order filter."""
+    time_constant = values[row, at]
+    if time_constant > 0.0:
+        reading = float(s.torque)
+        if s.begins == 0:
+            before = memory[line, slot + 1]
+            lag = (s.torque - before) / s.dt * time_constant
+            reading = s.torque - lag + (memory[line, slot] - before + lag) * wp.exp(-s.dt / time_constant)
+        memory[line, slot] = reading
+        memory[line, slot + 1] = s.torque
+        s.torque = reading
+    return s
+
+
+LAW = EffectLaw(
+    name="torque_sensor_lag",
+    title="lag of the torque sensor",
+    sentence="The torque is read through a first-order filter.",
+    equation="T dtau_m/dt = tau - tau_m",
+    kind="sensor",
+    stage="sensor",
+    parameters=(
+        EffectParameter(
+            name="time_constant",
+            unit="s",
+            negative=False,
+            low=lambda r: 1e-4,
+            high=lambda r: 0.1,
+            starts=lambda r: (0.0006, 0.0015, 0.003, 0.006, 0.015),
+        ),
+    ),
+    law=torque_sensor_lag_law,
+    states=2,
+    source="low-pass of a bridge amplifier",
+    depends_on=("memory",),
+    remedy="log the torque with more bandwidth",
+)
