@@ -62,9 +62,13 @@ class PrimModel:
         if self.applied is None:
             return
         yield f"model: {origin(self.applied)}"
-        for effect in model_to_dict(self.applied)["effects"]:
-            parts = [f"{key_shown(name)} = {shown(value)}" for name, value in effect["parameters"].items()]
-            yield f"effect: {key_shown(effect['name'])}{': ' if parts else ''}{', '.join(parts)}"
+        if self.applied.effects:
+            from mrwarp.effects.device import acts, effect_text, silent_note
+
+            for effect in self.applied.effects:
+                yield f"effect{'' if acts(effect) else ' (does not act)'}: {effect_text(effect)}"
+            if note := silent_note(self.applied.effects):
+                yield note
         if self.changed:
             yield self.note()
 
@@ -172,7 +176,9 @@ def _leaves(model: Model, rest: Mapping[str, float]) -> dict[str, Any]:
             else:
                 yield prefix + key, item
 
-    return dict(entries({**model_to_dict(model), "rest": dict(rest)}, ""))
+    content = model_to_dict(model)
+    content["effects"] = {str(i): effect for i, effect in enumerate(content["effects"])}
+    return dict(entries({**content, "rest": dict(rest)}, ""))
 
 
 def _record(prim: Usd.Prim, place: str) -> str:

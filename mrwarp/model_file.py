@@ -58,10 +58,15 @@ class Parameter:
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """A named mechanism beyond eqs. 14 and 15 with its parameters."""
+    """A named mechanism beyond eqs. 14 and 15 with its parameters; which of them act: :mod:`mrwarp.effects.device`."""
 
     name: str
-    parameters: Mapping[str, float]
+    parameters: Mapping[str, Parameter]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The parameters as plain numbers."""
+        return {name: p.value for name, p in self.parameters.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,11 +209,15 @@ def model_from_dict(content: Any, where: str = "model") -> Model:
     effects = content["effects"]
     if not isinstance(effects, list):
         raise ModelFileError(f"{where}: effects = {shown(effects)}; allowed: a list of {{name, parameters}}")
+    if effects:
+        from mrwarp.model_effects import read_effects
+
+        effects = read_effects(effects, units, f"{where}: effects")
     return Model(
         parameters={name: _parameter(name, entry, units, where) for name, entry in parameters.items()},
         fitted_on=_fitted_on(content["fitted_on"], f"{where}: fitted_on"),
         units=units,
-        effects=tuple(_effect(entry, f"{where}: effects[{i}]") for i, entry in enumerate(effects)),
+        effects=tuple(effects),
         seed=_whole(content["seed"], f"{where}: seed"),
         versions=_texts(content["versions"], f"{where}: versions"),
     )
@@ -262,23 +271,7 @@ def _parameter(name: str, entry: Any, units: Mapping[str, str], file: str) -> Pa
             MrParams.spec(name).check(value, f"{where}.value")
         except ParameterError as error:
             raise ModelFileError(str(error)) from None
-    ci95 = entry["ci95"]
-    if ci95 is not None:
-        if not isinstance(ci95, list) or len(ci95) != 2:
-            raise ModelFileError(f"{where}.ci95 = {shown(ci95)}; allowed: [low, high] or null")
-        ci95 = (checked_number(ci95[0], f"{where}.ci95[0]"), checked_number(ci95[1], f"{where}.ci95[1]"))
-        if not ci95[0] <= value <= ci95[1]:
-            raise ModelFileError(f"{where}.ci95 = {list(ci95)} leaves out the value {value:g}; correct either")
-    return Parameter(value=value, unit=unit, ci95=ci95)
-
-
-def _effect(entry: Any, where: str) -> Effect:
-    checked_object(entry, where, ("name", "parameters"))
-    if not isinstance(entry["name"], str) or not entry["name"]:
-        raise ModelFileError(f"{where}.name = {shown(entry['name'])}; allowed: the name of an effect")
-    parameters = _mapping(entry["parameters"], f"{where}.parameters")
-    numbers = {k: checked_number(v, f"{where}.parameters.{key_shown(k)}") for k, v in parameters.items()}
-    return Effect(name=_text(entry["name"], f"{where}.name"), parameters=numbers)
+    return Parameter(value=value, unit=unit, ci95=checked_interval(entry["ci95"], value, f"{where}.ci95"))
 
 
 def _fitted_on(entry: Any, where: str) -> FittedOn:
@@ -300,6 +293,22 @@ def checked_number(value: Any, where: str) -> float:
     if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST:
         return float(value)
     raise ModelFileError(f"{where} = {shown(value)}; allowed: a finite number")
+
+
+def checked_interval(ci95: Any, value: float, where: str) -> tuple[float, float] | None:
+    """A 95 % interval of a file around a value; None if there is none.
+
+    Raises:
+        ModelFileError: it is none, or leaves the value out.
+    """
+    if ci95 is None:
+        return None
+    if not isinstance(ci95, list) or len(ci95) != 2:
+        raise ModelFileError(f"{where} = {shown(ci95)}; allowed: [low, high] or null")
+    low, high = checked_number(ci95[0], f"{where}[0]"), checked_number(ci95[1], f"{where}[1]")
+    if not low <= value <= high:
+        raise ModelFileError(f"{where} = {[low, high]} leaves out the value {value:g}; correct either")
+    return low, high
 
 
 def _whole(value: Any, where: str) -> int:

@@ -45,6 +45,10 @@ def random_model(rng: np.random.Generator) -> Model:
             return float((low, high, np.nextafter(low, high), np.nextafter(high, low))[rng.integers(4)])
         return float(rng.uniform(max(low, -1e3), min(high, 1e3)))
 
+    def effect_parameter(value: float) -> Parameter:
+        ci95 = (value - 1.0, value + 1.0) if rng.random() < 0.5 else None
+        return Parameter(value=value, unit=text(), ci95=ci95)
+
     values = {}
     for name in [*rng.permutation(REQUIRED), *rng.permutation(OPTIONAL)[: rng.integers(len(OPTIONAL) + 1)]]:
         spec = MrParams.spec(str(name))
@@ -57,7 +61,10 @@ def random_model(rng: np.random.Generator) -> Model:
         ci95 = (value - below, value + above) if rng.random() < 0.6 else None
         parameters[name] = Parameter(value=value, unit=parameter_unit(name, JOINT_UNITS), ci95=ci95)
     effects = tuple(
-        Effect(name=text() or "stribeck", parameters={f"{text()}{k}": number(-1e308, 1e308) for k in range(size)})
+        Effect(
+            name=text() or "uncatalogued",
+            parameters={f"{text()}{k}": effect_parameter(number(-1e307, 1e307)) for k in range(size)},
+        )
         for size in rng.integers(4, size=rng.integers(4))
     )
     counts = [int(n) for n in rng.integers(2**60, size=2)]
@@ -93,7 +100,7 @@ def model() -> Model:
         for name, v in values.items()
     }
     origin = FittedOn(source="bench/größe", trajectories=12, samples=9600, rate=200.0)
-    effect = Effect(name="coil_lag", parameters={"time_constant": 0.01})
+    effect = Effect(name="coil_lag", parameters={"time_constant": Parameter(value=0.01, unit="s", ci95=(0.009, 0.012))})
     return Model(parameters=parameters, fitted_on=origin, effects=(effect,), seed=5, versions={"mrwarp": "0.1.0"})
 
 
@@ -168,7 +175,7 @@ def test_an_edited_attribute_wins(robot: Path, model: Model, tmp_path: Path, cap
     shown = capsys.readouterr().out
     assert shown.count(line) == 1
     assert "model: 'bench/größe', 12 trajectories, 9600 samples at 200 1/s, seed 5, mrwarp 0.1.0" in shown
-    assert "effect: coil_lag: time_constant = 0.01" in shown
+    assert "effect: coil_lag: time_constant = 0.01 s, 95 % interval 0.009 to 0.012" in shown
     assert "model; 95 % interval 19.75 to 20.5" in shown and "model; no interval" in shown
     assert "this file; -0.03333333333 when the model was applied" in shown
     assert main(["check", str(robot)]) == 0
@@ -193,8 +200,9 @@ def test_a_leg_keeps_its_own_model(robot: Path, model: Model, capsys: pytest.Cap
     other = applied(robot, replace(own, seed=7, effects=()), "RR_calf", robot.with_name("other.usda"))
     assert main(["diff", str(robot), str(other)]) == 1
     variants = "[robot=mr_go payload=0; robot=mr_go payload=3]"
-    effects = "effects [{'name': 'coil_lag', 'parameters': {'time_constant': 0.01}}] -> []"
-    assert capsys.readouterr().out == f"actuators/RR_calf {RECORD}: {effects}, seed 6 -> 7   {variants}\n"
+    value = "effects.0.parameters.time_constant.value 0.01 -> None"
+    effects = f"effects.0.name 'coil_lag' -> None, {value}, effects.0.parameters.time_constant.unit 's' -> None"
+    assert capsys.readouterr().out == f"actuators/RR_calf {RECORD}: {effects} and 2 more   {variants}\n"
     text = record_text(model, MrParams())
     assert record_difference(text, text.replace(",", ", "), ("a", "b")) == "the same, written otherwise"
     assert main(["diff", str(SHIPPED), str(robot)]) == 1

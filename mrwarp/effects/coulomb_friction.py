@@ -24,7 +24,14 @@ LAW = EffectLaw(
     stage="torque",
     parameters=(
         EffectParameter(name="torque", unit="N·m", scale=(0, 0, 1)),
-        EffectParameter(name="speed", unit="rad/s", scale=(1, 0, 0), negative=False, preset=lambda r: 0.02 * r.qd),
+        EffectParameter(
+            name="speed",
+            unit="rad/s",
+            scale=(1, 0, 0),
+            negative=False,
+            divides=True,
+            preset=lambda r: 0.02 * r.qd,
+        ),
     ),
     law=coulomb_friction_law,
     source="Coulomb; seals and bearings",

@@ -26,7 +26,14 @@ LAW = EffectLaw(
     parameters=(
         EffectParameter(name="coulomb", unit="N·m", scale=(0, 0, 1)),
         EffectParameter(name="viscous", unit="N·m·s/rad", scale=(-1, 0, 1)),
-        EffectParameter(name="speed", unit="rad/s", scale=(1, 0, 0), negative=False, preset=lambda r: 0.02 * r.qd),
+        EffectParameter(
+            name="speed",
+            unit="rad/s",
+            scale=(1, 0, 0),
+            negative=False,
+            divides=True,
+            preset=lambda r: 0.02 * r.qd,
+        ),
     ),
     law=friction_asymmetry_law,
     source="paper section 4.3, friction asymmetry; Janot, Gautier and Brunot 2019 for a ball screw",

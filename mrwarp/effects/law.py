@@ -109,10 +109,16 @@ class EffectParameter:
     """Values of a parameter that says how the data were logged; tried in turn, and no part of the device."""
     negative: bool = True
     """Whether the sign is free."""
+    divides: bool = False
+    """Whether the law divides by it, so that it must be above 0."""
 
     def allowed(self) -> str:
         """What values make sense, in words."""
-        return "any finite number" if self.negative else "0 or more"
+        return "above 0" if self.divides else "any finite number" if self.negative else "0 or more"
+
+    def allows(self, value: float) -> bool:
+        """Whether a finite value makes sense."""
+        return value > 0.0 if self.divides else value >= 0.0 or self.negative
 
 
 @dataclass(frozen=True, kw_only=True)

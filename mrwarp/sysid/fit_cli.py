@@ -9,6 +9,7 @@ import math
 import shlex
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -112,7 +113,7 @@ def to_model(result: FitResult, extended: ExtendedFit | None = None) -> Model:
     for name, e in result.estimates.items():
         estimates[name] = Parameter(value=e.value, unit=parameter_unit(name, result.units), ci95=e.ci95)
     origin = FittedOn(source=result.source, trajectories=result.trajectories, samples=result.samples, rate=result.rate)
-    effects = (Effect(name="extended_damper", parameters=extended.values),) if extended else ()
+    effects = (extended_damper(extended, result.units),) if extended else ()
     return Model(
         parameters=estimates,
         fitted_on=origin,
@@ -120,6 +121,24 @@ def to_model(result: FitResult, extended: ExtendedFit | None = None) -> Model:
         effects=effects,
         seed=result.seed,
         versions=versions(),
+    )
+
+
+def extended_damper(extended: ExtendedFit, units: Mapping[str, str]) -> Effect:
+    """The extended model as an effect, every number with its unit and interval."""
+    q, current, torque = (units[key] for key in ("q", "current", "torque"))
+    unit = {
+        "B_current": f"{torque}·s/({q}·{current})", "B_direction": f"{torque}·s/{q}",
+        "B_direction_current": f"{torque}·s/({q}·{current})", "saturation": "1", "softening": "1", "creep": "1/s",
+        "current_full": current,
+    }  # fmt: skip
+    intervals = {name: e.ci95 for name, e in extended.estimates.items()}
+    return Effect(
+        name="extended_damper",
+        parameters={
+            name: Parameter(value=value, unit=unit.get(name) or parameter_unit(name, units), ci95=intervals.get(name))
+            for name, value in extended.values.items()
+        },
     )
 
 

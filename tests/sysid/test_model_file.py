@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 
 from mrwarp.asset import load_bench, load_robot, read_parameters
+from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.model_effects import make_effect
 from mrwarp.model_file import (
     JOINT_UNITS,
     Effect,
@@ -37,15 +39,47 @@ def model(units: dict[str, str] = JOINT_UNITS) -> Model:
         for name, value in VALUES.items()
     }
     origin = FittedOn(source="bench/fit", trajectories=12, samples=9600, rate=200.0)
-    effect = Effect(name="coil_lag", parameters={"time_constant": 0.01 / 3})
-    return Model(
-        parameters=parameters, fitted_on=origin, units=units, effects=(effect,), seed=5, versions={"numpy": "2"}
-    )
+    lag = Parameter(value=0.01 / 3, unit="s", ci95=(0.003, 0.0035))
+    other = {"slope": Parameter(value=-1 / 3, unit="m/s"), "rise": Parameter(value=0.1, unit="", ci95=(0.0, 1 / 7))}
+    effects = (Effect(name="coil_lag", parameters={"time_constant": lag}), Effect(name="leak", parameters=other))
+    return Model(parameters=parameters, fitted_on=origin, units=units, effects=effects, seed=5, versions={"numpy": "2"})
 
 
 def test_json_round_trip_is_lossless(tmp_path: Path) -> None:
     """A saved and loaded model equals the one it was, to the last bit."""
     assert load_model(save_model(model(), tmp_path / "sub/model.json")) == model()
+
+
+def test_bare_numbers_of_effects_take_the_units_of_the_catalogue() -> None:
+    """A bare number has no interval; its unit is the catalogue's in the device's units, or empty if it is not there."""
+    units = {"q": "mm", "current": "V", "torque": "kN"}
+    laws = {
+        "coil_lag": {"time_constant": 0.01}, "current_viscosity": {"B1": 1.0}, "current_saturation": {"u": 0.5},
+        "rotor_inertia": {"inertia": 2.0}, "wear": {"rate": -1e-4}, "unheard": {"x": 3},
+        "temperature_drift": {"yield_loss": 0.1, "viscosity_loss": 0.0, "time_constant": 60.0},
+    }  # fmt: skip
+    content = model_to_dict(model(units))
+    content["effects"] = [{"name": name, "parameters": values} for name, values in laws.items()]
+    loaded = model_from_dict(content)
+    assert {e.name: e.values for e in loaded.effects} == laws
+    found = [p for e in loaded.effects for p in e.parameters.values()]
+    assert [p.unit for p in found] == [
+        "s", "kN·s/(mm·V)", "1/V", "kN·s²/mm", "1/s", "", "1/(kN·mm)", "1/(kN·mm)", "s",
+    ]  # fmt: skip
+    assert all(p.ci95 is None for p in found)
+    assert model_from_dict(model_to_dict(loaded)) == loaded
+
+
+def test_every_effect_of_the_catalogue_can_be_written() -> None:
+    """Each effect of the catalogue at null, but for what the law divides by, is accepted and comes back."""
+    effects = tuple(
+        make_effect(law.name, {p.name: 0.1 if p.divides else p.null for p in law.parameters})
+        for law in CATALOGUE.values()
+    )
+    extended = replace(model(), effects=effects)
+    assert model_from_dict(model_to_dict(extended)) == extended
+    with pytest.raises(ModelFileError, match="there is no effect 'coil_lagg'; did you mean 'coil_lag'"):
+        make_effect("coil_lagg", {})
 
 
 def test_dictionary_round_trip() -> None:
@@ -112,6 +146,9 @@ def edit(*keys: Any, to: Any) -> Callable[[dict], None]:
     return change
 
 
+LAG = ("effects", 0, "parameters", "time_constant")
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -139,6 +176,18 @@ def edit(*keys: Any, to: Any) -> Callable[[dict], None]:
         ),
         (edit("versions", "k" * 1000, to=3), "kkkkk' = 3; allowed: a text"),
         (edit("effects", 0, "parameters", "time_constant", to=None), "effects[0].parameters.time_constant = None"),
+        (edit(*LAG, to=-0.01), "time_constant = -0.01; allowed: 0 or more, in s"),
+        (edit(*LAG, "value", to=-0.01), "time_constant.ci95 = [0.003, 0.0035] leaves out the value"),
+        (edit(*LAG, "value", to=10**400), "time_constant.value = 1000"),
+        (edit(*LAG, "unit", to="ms"), "time_constant.unit = 'ms'; allowed: 's'; convert the value, then the unit"),
+        (edit(*LAG, "ci95", to=[0.1, 0.2]), "time_constant.ci95 = [0.1, 0.2] leaves out the value"),
+        (edit(*LAG, to=...), "effects[0].parameters.time_constant is missing; needed: 0 or more, in s"),
+        (edit("effects", 0, "parameters", "T", to=0.1), "parameters.T: coil_lag has no such parameter"),
+        (edit("effects", 1, "name", to="coil_lag"), "effects[1]: coil_lag stands twice; remove one"),
+        (
+            edit("effects", 1, to={"name": "coulomb_friction", "parameters": {"torque": 1.0, "speed": 0.0}}),
+            "effects[1].parameters.speed = 0; allowed: above 0, in rad/s",
+        ),
         (edit("fitted_on", "rate", to="fast"), "fitted_on.rate = 'fast'"),
         (edit("note", to="hello"), "there is no key 'note'"),
     ],
