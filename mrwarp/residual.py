@@ -8,8 +8,11 @@ wait on a GPU, and no graph capture), and its bits depend on the size of the bat
 from __future__ import annotations
 
 import os
-from concurrent.futures import ThreadPoolExecutor
+import threading
+import weakref
+from collections.abc import Callable
 from dataclasses import replace
+from queue import SimpleQueue
 
 import numpy as np
 import torch
@@ -47,7 +50,7 @@ class LearnedTorque:
         self.threads = threads or os.cpu_count() or 1
         self.evaluate_all = evaluate_all
         self._arrays: tuple[int | None, ...] = ()
-        self._pool: ThreadPoolExecutor | None = None
+        self._helpers: list[_Helper] = []
 
     def __call__(self, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
         """Write the predicted torque to ``tau_dyn`` (E, M) where ``m_dyn`` (E, M) is open.
@@ -62,23 +65,23 @@ class LearnedTorque:
         if arrays != self._arrays:
             self._prepare(ring, head, m_dyn, tau_dyn)
             self._arrays = arrays
+        if self._helpers and self._device.is_capturing:
+            for helper in self._helpers:
+                helper.settle()  # one that is still awake would be recorded
         self._count.zero_()
         self._gather.launch()
-        if len(self._launches) == 1 or wp.get_device(str(tau_dyn.device)).is_capturing:
-            for launch in self._launches:
-                launch.launch()
-        else:
-            assert self._pool is not None  # made with the launches
-            others = [self._pool.submit(launch.launch) for launch in self._launches[1:]]
-            self._launches[0].launch()
-            for other in others:
-                other.result()
+        if self._helpers and not self._device.is_capturing:
+            eights = (int(self._open[0]) + 7) // 8
+            for helper in self._helpers[: max(eights - 1, 0)]:
+                helper.wake(self._help)
+        self._evaluate.launch()
 
     def _prepare(self, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
         """Record the launches on these arrays."""
         if ring.shape[2:] != (WINDOW, FEATURES) or not (ring.is_contiguous and tau_dyn.is_contiguous):
             raise ValueError(f"history of shape {ring.shape}; need a contiguous (E, M, {WINDOW}, {FEATURES})")
-        device, windows = wp.get_device(str(tau_dyn.device)), m_dyn.size
+        self._device = device = wp.get_device(str(tau_dyn.device))
+        windows = m_dyn.size
         self._count = wp.zeros(1, dtype=int, device=device)
         index = wp.zeros(max(windows, 1), dtype=int, device=device)
         self._gather = record(
@@ -98,37 +101,59 @@ class LearnedTorque:
         def scratch(rows: int) -> wp.array:
             return wp.empty((rows, learned.HIDDEN, windows), dtype=float, device=device)
 
+        helpers = 0
         if self.model.kind == "mlp":
             layers = [array(layer) for layer in mlp_layers(state)]
-            self._launches = [
-                record(
-                    learned.mlp_window_kernel,
-                    windows,
-                    [*layers, whole, *inputs, tau_dyn],
-                    [scratch(2), tau_dyn],
-                    device,
-                )
-            ]
+            self._evaluate = record(
+                learned.mlp_window_kernel, windows, [*layers, whole, *inputs, tau_dyn], [scratch(2), tau_dyn], device
+            )
         elif device.is_cpu:
             weights, out = array(lane_weights(lstm_weights(state))), array(output_layer(state))
             threads = max(min(self.threads, windows // 8), 1)
-            self._launches = [
-                record(
-                    lstm_lanes.lstm_lanes_kernel, 1, [weights, out, whole, part, threads, *inputs], [tau_dyn], device
-                )
-                for part in range(threads)
-            ]
-            if threads > 1 and self._pool is None:
-                self._pool = ThreadPoolExecutor(self.threads - 1, thread_name_prefix="residual")
+            helpers = threads - 1
+            outputs = [wp.zeros(2, dtype=wp.int64, device=device), tau_dyn]
+            self._evaluate, self._help = (
+                record(lstm_lanes.lstm_lanes_kernel, 1, [weights, out, whole, owner, threads, *inputs], outputs, device)
+                for owner in (1, 0)
+            )
+            self._open = self._count.numpy()  # the same memory
         else:
             weights, out = array(lstm_weights(state)), array(output_layer(state))
-            self._launches = [
-                record(
-                    learned.lstm_window_kernel, windows, [weights, out, whole, *inputs, tau_dyn], [scratch(3), tau_dyn],
-                    device,
-                )
-            ]  # fmt: skip
+            self._evaluate = record(
+                learned.lstm_window_kernel, windows, [weights, out, whole, *inputs, tau_dyn], [scratch(3), tau_dyn],
+                device,
+            )  # fmt: skip
+        self._helpers = [_Helper() for _ in range(helpers)]
         self._keep = (index, ring, head, m_dyn, tau_dyn)
+
+
+class _Helper:
+    """A thread that repeats a launch when woken; it ends with this object.
+
+    A ``concurrent.futures`` pool wakes its threads half as fast, and one waits for its answers: here the kernel itself
+    waits for work that a helper has taken, and nobody for a helper that came too late.
+    """
+
+    def __init__(self) -> None:
+        self._calls: SimpleQueue[Callable[[], object] | None] = SimpleQueue()
+        threading.Thread(target=_repeat, args=(self._calls,), name="residual", daemon=True).start()
+        weakref.finalize(self, self._calls.put, None)
+
+    def wake(self, launch: wp.Launch) -> None:
+        """Launch on the thread, unless it has not yet got round to the last one."""
+        if self._calls.empty():
+            self._calls.put(launch.launch)
+
+    def settle(self) -> None:
+        """Wait until the thread sleeps."""
+        done = threading.Event()
+        self._calls.put(done.set)
+        done.wait()
+
+
+def _repeat(calls: SimpleQueue[Callable[[], object] | None]) -> None:
+    while (call := calls.get()) is not None:
+        call()
 
 
 def lstm_weights(state: dict[str, np.ndarray]) -> np.ndarray:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import asdict, dataclass
 
 import newton
@@ -169,6 +170,36 @@ def test_learned_torque_of_open_windows_is_bit_equal_to_all(kind: str) -> None:
         single = np.zeros_like(m_dyn)
         single[env, joint] = 1.0
         assert evaluate(alone, ring, head, single, tau)[env, joint] == want[env, joint]
+
+
+def test_learned_torque_is_bit_equal_for_any_threads_when_calls_follow_each_other() -> None:
+    """Helpers that wake up late, after other gates have opened, take only work that is there: 200 calls in a row."""
+    model, rng = make_model("pg_rlstm", seed=16), np.random.default_rng(17)
+    ring, head, _, tau = make_window(16, seed=18)
+    gate, out = wp.zeros((16, MR), dtype=float, device="cpu"), wp.array(tau, dtype=float, device="cpu")
+    alone = evaluate(LearnedTorque(model, dt=DT, threads=1), ring, head, np.ones_like(tau), tau)
+    for threads in (2, 4):
+        residual = LearnedTorque(model, dt=DT, threads=threads)
+        for _ in range(100):
+            m_dyn = rng.permuted(np.arange(tau.size) < rng.integers(0, tau.size)).reshape(tau.shape)
+            gate.assign(m_dyn.astype(np.float32))
+            out.assign(tau)
+            residual(ring, head, gate, out)
+            np.testing.assert_array_equal(out.numpy(), np.where(m_dyn, alone, tau))
+
+
+def test_helper_threads_end_with_their_torque() -> None:
+    """A learned torque that nobody holds leaves no thread behind."""
+    before = set(threading.enumerate())
+    ring, head, m_dyn, tau = make_window(16, seed=19)
+    residual = LearnedTorque(make_model("lstm"), dt=DT, threads=3)
+    evaluate(residual, ring, head, m_dyn, tau)
+    helpers = set(threading.enumerate()) - before
+    assert len(helpers) == 2
+    del residual
+    for helper in helpers:
+        helper.join(timeout=10.0)
+        assert not helper.is_alive()
 
 
 def test_learned_torque_with_all_gates_closed_changes_nothing() -> None:

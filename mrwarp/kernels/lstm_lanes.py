@@ -1,8 +1,12 @@
 """The LSTM of ``learned.lstm_window_kernel`` for a CPU: windows side by side in the lanes of its vector registers.
 
 Every lane does the same operations in the same order, so a window's bits depend neither on its lane nor on its
-neighbours. It runs at the processor's multiply-add rate: 22 us per window on one core of an EPYC with AVX-512. The
-module is of its own because only a CPU compiler (Warp's clang) knows these vector types.
+neighbours. It runs near the processor's multiply-add rate: 19 us per window in sixteens and 21 us in eights, on one
+core of an EPYC with AVX-512 (14.7 us were the matrix products alone at the full rate). The module is of its own because
+only a CPU compiler (Warp's clang) knows these vector types.
+
+Several threads may run the kernel at once, one as the owner and the others as helpers. They take the windows in eights,
+two at a time up to a fair share, from one counter: a helper that wakes up late takes fewer, or none.
 """
 
 import warp as wp
@@ -10,28 +14,38 @@ import warp as wp
 UNITS = 4
 """Hidden units worked on together: 4 units x 4 gates are the accumulators that fit into registers."""
 
-_SHARE = """
+_WINDOWS = """
 typedef float lanes8 __attribute__((ext_vector_type(8)));
 typedef float lanes16 __attribute__((ext_vector_type(16)));
 constexpr int UNITS = 4, HIDDEN = 64, GATES = 4 * UNITS;
 const int length = ring.shape[2];
 
+// a * b + c in one rounding, said outright: this compiler fuses nothing by itself
+auto fma = [](auto a, auto b, decltype(b) c) {
+#if defined(__FMA__) || defined(__aarch64__)
+    return __builtin_elementwise_fma((decltype(b))a, b, c);
+#else
+    return a * b + c;
+#endif
+};
+
 // tanh(x) = p/q to 4e-7 in float32: rational fit of tanh on [-8.3, 8.3] (8e-9 before rounding)
-auto ratio = [](auto x, auto& p, auto& q) {
+auto ratio = [&](auto x, auto& p, auto& q) {
     typedef decltype(x) lanes;
     x = __builtin_elementwise_min(__builtin_elementwise_max(x, (lanes)-8.3f), (lanes)8.3f);
     const lanes s = x * x;
-    p = x * (0.99999995677f + s * (0.134191296754f + s * (0.00354127223822f
-        + s * (2.13822237440e-5f + s * 1.44787282562e-8f))));
-    q = 1.0f + s * (0.467524453382f + s * (0.0260496341669f + s * (3.36120328409e-4f + s * 8.22465864445e-7f)));
+    p = fma(1.44787282562e-8f, s, (lanes)2.13822237440e-5f);
+    p = x * fma(fma(fma(p, s, (lanes)0.00354127223822f), s, (lanes)0.134191296754f), s, (lanes)0.99999995677f);
+    q = fma(8.22465864445e-7f, s, (lanes)3.36120328409e-4f);
+    q = fma(fma(fma(q, s, (lanes)0.0260496341669f), s, (lanes)0.467524453382f), s, (lanes)1.0f);
 };
 
-auto run = [&](auto zero, int first) {
+auto run = [&](auto zero, int first, int end) {
     typedef decltype(zero) lanes;
     constexpr int COUNT = sizeof(lanes) / sizeof(float);
     lanes hidden[2][HIDDEN], cell[HIDDEN];
     for (int k = 0; k < HIDDEN; ++k) hidden[0][k] = cell[k] = zero;
-    const float* window[COUNT];  // lanes beyond the share's last window repeat it
+    const float* window[COUNT];  // lanes beyond the last window repeat it
     for (int l = 0; l < COUNT; ++l)
         window[l] = ring.data + size_t(index.data[first + l < end ? first + l : end - 1]) * length * 3;
     for (int sample = 0; sample < length; ++sample) {
@@ -47,11 +61,15 @@ auto run = [&](auto zero, int first) {
             for (int g = 0; g < GATES; ++g) sum[g] = w[g] + zero;
             w += GATES;
             for (int k = 0; k < 3; ++k, w += GATES)
-                for (int g = 0; g < GATES; ++g) sum[g] += w[g] * x[k];
-            for (int k = 0; k < HIDDEN; ++k, w += GATES) {
+                for (int g = 0; g < GATES; ++g) sum[g] = fma(w[g], x[k], sum[g]);
+            const int inputs = sample ? HIDDEN : 0;  // the first sample's hidden state is zero
+            for (int k = 0; k < inputs; ++k, w += GATES) {
                 const lanes h = before[k];
-                for (int g = 0; g < GATES; ++g) sum[g] += w[g] * h;
+                for (int g = 0; g < GATES; ++g) sum[g] = fma(w[g], h, sum[g]);
             }
+            w += (HIDDEN - inputs) * GATES;
+// unrolled, or the sums would be an array in memory, stored again at every multiply-add
+#pragma clang loop unroll(full)
             for (int u = 0; u < UNITS; ++u) {
                 // sigmoid(x) = (q + p)/(2q) with tanh(x/2) = p/q; products of ratios share a division
                 lanes ip, iq, fp, fq, gp, gq, op, oq, cp, cq;
@@ -73,50 +91,76 @@ auto run = [&](auto zero, int first) {
     }
 };
 
-for (int first = begin; first < end; first += 16) {
-    if (end - first > 8) run((lanes16)0.0f, first);
-    else run((lanes8)0.0f, first);
+// work[0] = eights in all, eights taken (high and low half); work[1] = eights done
+typedef unsigned long long word;
+word* const taken = (word*)work.data;
+word* const done = taken + 1;
+const word eights = (count.data[0] + 7) / 8;
+if (owner) {
+    __atomic_store_n(done, 0, __ATOMIC_RELAXED);
+    __atomic_store_n(taken, eights << 32, __ATOMIC_RELEASE);
+}
+word seen = __atomic_load_n(taken, __ATOMIC_ACQUIRE);
+unsigned mine = 0;
+while (unsigned(seen) < seen >> 32) {
+    const unsigned first = unsigned(seen), all = unsigned(seen >> 32);
+    const unsigned share = (all + threads - 1) / threads;  // in pairs, and a last odd one alone
+    const unsigned take = mine + 2 <= share && first + 2 <= all ? 2 : 1;
+    if (!__atomic_compare_exchange_n(taken, &seen, seen + take, false, __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE)) continue;
+    mine += take;
+    if (take == 2) run((lanes16)0.0f, 8 * first, count.data[0]);
+    else run((lanes8)0.0f, 8 * first, count.data[0]);
+    __atomic_fetch_add(done, take, __ATOMIC_RELEASE);
+    seen = __atomic_load_n(taken, __ATOMIC_ACQUIRE);
+}
+while (owner && __atomic_load_n(done, __ATOMIC_ACQUIRE) != eights) {
+#if defined(__x86_64__)
+    __builtin_ia32_pause();
+#endif
 }
 """
 
 
-@wp.func_native(_SHARE)
-def lstm_share(
-    begin: int,
-    end: int,
+@wp.func_native(_WINDOWS)
+def lstm_windows(
     weights: wp.array[float],
     readout: wp.array[float],
     replace: int,
+    owner: int,
+    threads: int,
+    count: wp.array[int],
     index: wp.array[int],
     head: wp.array[int],
     ring: wp.array4d[float],
     m_dyn: wp.array2d[float],
+    work: wp.array[wp.int64],
     tau_dyn: wp.array2d[float],
 ):
-    """LSTM over the open windows ``begin`` to ``end - 1`` of ``index``; writes their torque."""
+    """LSTM over the open windows that no other thread takes; writes their torque."""
     ...
 
 
 @wp.kernel(enable_backward=False)
 def lstm_lanes_kernel(
     # parameters: weights by fours of units, flat (see above); output layer, shape (HIDDEN + 1,), bias last; 1 = the
-    # network gives the whole torque, 0 = a residual; this launch's share of the windows: number ``part`` of ``parts``
+    # network gives the whole torque, 0 = a residual; 1 = the owner, which starts the work and leaves when all of it is
+    # done, 0 = a helper, which leaves when nothing is left to take; number of threads, owner and helpers
     weights: wp.array[float],
     readout: wp.array[float],
     replace: int,
-    part: int,
-    parts: int,
+    owner: int,
+    threads: int,
     # in, shape (1,), (E*M,), (1,), (E, M, WINDOW, FEATURES), (E, M), contiguous
     count_in: wp.array[int],
     index_in: wp.array[int],
     head_in: wp.array[int],
     ring_in: wp.array4d[float],
     m_dyn_in: wp.array2d[float],
-    # out, shape (E, M), contiguous [N·m]
+    # out, the threads' common state, shape (2,), zero at first; torque, shape (E, M), contiguous [N·m]
+    work_out: wp.array[wp.int64],
     tau_dyn_out: wp.array2d[float],
 ):
-    """LSTM over the open windows (table 1): one thread, one share of them, in whole eights."""
-    size = (count_in[0] + 8 * parts - 1) // (8 * parts) * 8
-    begin = wp.min((part + wp.tid()) * size, count_in[0])
-    end = wp.min(begin + size, count_in[0])
-    lstm_share(begin, end, weights, readout, replace, index_in, head_in, ring_in, m_dyn_in, tau_dyn_out)
+    """LSTM over the open windows (table 1), together with the other threads that run it."""
+    lstm_windows(
+        weights, readout, replace, owner, threads, count_in, index_in, head_in, ring_in, m_dyn_in, work_out, tau_dyn_out
+    )
