@@ -13,14 +13,18 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import warp as wp
 
 from mrwarp.kernels import joint_params, ledger, mr_stages, window
 from mrwarp.launch import record
+from mrwarp.model_file import Effect
 from mrwarp.params import MrParams
+
+if TYPE_CHECKING:
+    from mrwarp.effects.runtime import DeviceEffects
 
 
 class Coupling(enum.Enum):
@@ -73,6 +77,11 @@ class DrivenJoint(Protocol):
     @property
     def mr(self) -> MrParams | None:
         """The device, if there is one."""
+        ...
+
+    @property
+    def effects(self) -> Sequence[Effect]:
+        """Named effects of the device, see :mod:`mrwarp.effects.device`; empty without."""
         ...
 
 
@@ -130,6 +139,10 @@ class MrActuator:
         cfg: Choices of the model.
         residual: Learned torque that is added to the Bouc-Wen prediction, or None.
         share_params: Keep one row of parameters for all environments; False gives each its own row (randomisation).
+
+    Attributes:
+        effects: Values and states of the devices' effects; None if no device has one that acts in the kernels. Then
+            the kernels are those of the plain laws.
     """
 
     def __init__(
@@ -167,6 +180,7 @@ class MrActuator:
         self.tau_limit = self._array(np.tile([j.tau_limit for j in joints], (rows, 1)), float)
         self.params = self._param_array([joints[i].mr for i in self.mr_joints], rows)
         self._param_names = joint_params.FIELDS
+        self.effects = self._make_effects([joints[i].effects for i in self.mr_joints], rows)
 
         def zeros(*shape: int) -> wp.array:
             return wp.zeros(shape, dtype=float, device=self.device)
@@ -215,6 +229,13 @@ class MrActuator:
             ],
             device=self.device,
         )  # fmt: skip
+        if self.effects is not None:
+            self.effects.reset(mask)
+
+    def begin_session(self) -> None:
+        """Set the time in the session, with which devices wear, to 0."""
+        if self.effects is not None:
+            self.effects.clock.zero_()
 
     def param(self, name: str) -> wp.array:
         """Live float view of one MR parameter, shape (E or 1, M); writing to it changes the device.
@@ -242,12 +263,15 @@ class MrActuator:
         arrays = {name: getattr(self, name).numpy().copy() for name in _STATE}
         # the number of fields by name: a robot without devices has an empty array, whose -1 numpy cannot infer
         shape = (*self.params.shape, len(self._param_names))
+        arrays |= self.effects.state() if self.effects is not None else {}
         return {**arrays, "params": self.params.numpy().view(np.float32).reshape(shape).copy()}
 
     def load_state(self, state: dict[str, np.ndarray]) -> None:
         """Restore :meth:`state`, bit-equal."""
         for name in _STATE:
             getattr(self, name).assign(state[name])
+        if self.effects is not None:
+            self.effects.load_state(state)
         self.params.assign(np.ascontiguousarray(state["params"]).view(_RECORD).reshape(self.params.shape))
 
     @property
@@ -259,7 +283,18 @@ class MrActuator:
         cfg, i = self.cfg, self.inputs
         num_mr = len(self.mr_joints)
         fixed = int(cfg.hold_current is HoldCurrent.FIXED)
-        if num_mr:
+        switches = [
+            self.dt, int(cfg.sal and cfg.damping), int(cfg.sal and cfg.holding), fixed, int(cfg.z_step is ZStep.EXACT),
+        ]  # fmt: skip
+        before = [
+            self.params, self.joint_of, self.leg_of, *switches, i.q_des, i.q, i.qd, i.f_foot, i.current_e, self.head,
+        ]  # fmt: skip
+        outputs = [self.m_dyn, self.m_hold, self.z, self.current, self.tau_dyn, self.ring]
+        params = self.params
+        if self.effects is not None:
+            self._advance_head, self._predict = self.effects.record(self.head, window.WINDOW, before, [self.z], outputs)
+            params = self.effects.params
+        elif num_mr:
             self._advance_head = record(
                 mr_stages.advance_head_kernel,
                 dim=1,
@@ -270,20 +305,15 @@ class MrActuator:
             self._predict = record(
                 mr_stages.predict_kernel,
                 dim=(self.num_envs, num_mr),
-                inputs=[
-                    self.params, self.joint_of, self.leg_of, self.dt, int(cfg.sal and cfg.damping),
-                    int(cfg.sal and cfg.holding), fixed,
-                    int(cfg.z_step is ZStep.EXACT), i.q_des, i.q, i.qd, i.f_foot, i.current_e, self.head, self.z,
-                    self.current,
-                ],
-                outputs=[self.m_dyn, self.m_hold, self.z, self.current, self.tau_dyn, self.ring],
+                inputs=[*before, self.z, self.current],
+                outputs=outputs,
                 device=self.device,
-            )  # fmt: skip
+            )
         self._torque = record(
             mr_stages.torque_kernel,
             dim=(self.num_envs, self.num_joints),
             inputs=[
-                self.params, self.slot_of, self.kp, self.kd, self.tau_limit, self._constraint, i.q_des, i.q, i.qd,
+                params, self.slot_of, self.kp, self.kd, self.tau_limit, self._constraint, i.q_des, i.q, i.qd,
                 self.m_dyn, self.m_hold, self.current, self.tau_dyn,
             ],
             outputs=[self.tau_motor, self.tau_mr, self.tau, self.bound],
@@ -299,6 +329,17 @@ class MrActuator:
             outputs=[self.tau_mr, self.ledger],
             device=self.device,
         )  # fmt: skip
+
+    def _make_effects(self, effects: list[Sequence[Effect]], rows: int) -> DeviceEffects | None:
+        """What the devices' effects need, if one acts in the kernels."""
+        if not any(effects):
+            return None
+        from mrwarp.effects.device import in_kernels
+        from mrwarp.effects.runtime import DeviceEffects
+
+        if not any(in_kernels(found) for found in effects):
+            return None
+        return DeviceEffects(effects, num_envs=self.num_envs, dt=self.dt, device=self.device, rows=rows)
 
     def _array(self, values: np.ndarray, dtype: type) -> wp.array:
         return wp.array(np.ascontiguousarray(values), dtype=dtype, device=self.device)

@@ -16,6 +16,7 @@ import newton_usd_schemas  # noqa: F401  (registers Newton's schemas; must happe
 import numpy as np
 from pxr import Plug, Sdf, Tf, Usd, UsdUtils
 
+from .model_file import Effect
 from .params import MrParams, ParameterError, ParamSpec
 from .robot import JOINTS
 
@@ -42,7 +43,10 @@ class AssetError(ValueError):
 
 @dataclass(frozen=True, kw_only=True)
 class JointActuator:
-    """What drives one joint: gains [N·m/rad, N·m·s/rad], motor torque limit [N·m], MR device (``None``: motor only)."""
+    """What drives one joint: gains [N·m/rad, N·m·s/rad], motor torque limit [N·m], MR device (``None``: motor only).
+
+    The device's ``effects`` are those of the model that was applied to the prim, see :mod:`mrwarp.asset_record`.
+    """
 
     joint: str
     prim_path: str
@@ -50,6 +54,9 @@ class JointActuator:
     kd: float
     tau_limit: float
     mr: MrParams | None
+    effects: tuple[Effect, ...] = ()
+    lost: str = ""
+    """Why the prim's effects cannot be read, if they cannot."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,12 +242,25 @@ def _actuator(prim: Usd.Prim, joint: str, file: Path) -> JointActuator:
     if is_mr(prim):
         mr = read_parameters(prim, file)
         kp, kd, limit = mr.motor.kp_base, mr.motor.kd, mr.motor.tau_limit
-        return JointActuator(joint=joint, prim_path=path, kp=kp, kd=kd, tau_limit=limit, mr=mr)
+        effects, lost = _effects(prim, file)
+        return JointActuator(
+            joint=joint, prim_path=path, kp=kp, kd=kd, tau_limit=limit, mr=mr, effects=effects, lost=lost
+        )
     if not {"NewtonPDControlAPI", "NewtonMaxEffortClampingAPI"} <= set(schemas):
         allowed = f"allowed: {SCHEMA}, or NewtonPDControlAPI with NewtonMaxEffortClampingAPI"
         raise AssetError(f"{file}: {path}: apiSchemas = {list(schemas)}; {allowed}")
     kp, kd, limit = (_number(prim, name, spec, file) for name, spec in PD.items())
     return JointActuator(joint=joint, prim_path=path, kp=kp, kd=kd, tau_limit=limit, mr=None)
+
+
+def _effects(prim: Usd.Prim, file: Path) -> tuple[tuple[Effect, ...], str]:
+    """Effects of the model that was applied to a prim, or why they cannot be read."""
+    from .asset_record import read_effects  # that file is built on this one
+
+    try:
+        return read_effects(prim, file), ""
+    except AssetError as error:
+        return (), str(error)
 
 
 def _number(prim: Usd.Prim, name: str, spec: ParamSpec, file: str | Path) -> float:

@@ -98,7 +98,16 @@ def _set(args: argparse.Namespace) -> int:
 def _apply(args: argparse.Namespace) -> int:
     model = load_model(args.model)
     model.to_params()  # refuses other units than the simulator's
-    return _edit(args, model.values, lambda prim: record_text(model, read_parameters(prim, args.file)))
+    code = _edit(args, model.values, lambda prim: record_text(model, read_parameters(prim, args.file)))
+    if model.effects:
+        from mrwarp.effects.device import acts, effect_text, silent_note  # starts Warp
+
+        for effect in model.effects:
+            if acts(effect):
+                print(f"acts in the simulator: {effect_text(effect)}")
+        if note := silent_note(model.effects):
+            print(note)
+    return code
 
 
 def _edit(

@@ -20,6 +20,7 @@ from mrwarp.asset import PREFIX, AssetError, read_parameters
 from mrwarp.model_file import (
     JOINT_UNITS,
     MAX_BYTES,
+    Effect,
     FittedOn,
     Model,
     ModelFileError,
@@ -97,6 +98,17 @@ def read_model(prim: Usd.Prim, file: str | Path = "stage") -> PrimModel:
     changed = {name: recorded[name] for name in values if not _same(prim, name, values[name], recorded[name])}
     parameters = {**applied.parameters, **{name: bare[name] for name in changed}}
     return PrimModel(model=replace(applied, parameters=parameters), applied=applied, changed=changed)
+
+
+def read_effects(prim: Usd.Prim, file: str | Path = "stage") -> tuple[Effect, ...]:
+    """The effects of the model that was applied to a prim; none without a record.
+
+    Raises:
+        AssetError: the record is unusable.
+    """
+    place = f"{file}: {prim.GetPath()}"
+    found = _record(prim, place)
+    return parse_record(found, place)[0].effects if found else ()
 
 
 def record_text(model: Model, params: MrParams) -> str:

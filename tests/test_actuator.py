@@ -12,6 +12,7 @@ from mrwarp.actuator import ActuatorInputs, Coupling, HoldCurrent, MrActuator, M
 from mrwarp.kernels.joint_params import FIELDS
 from mrwarp.kernels.ledger import ENTRIES
 from mrwarp.kernels.window import FEATURES, WINDOW
+from mrwarp.model_file import Effect
 from mrwarp.params import MrParams
 
 
@@ -36,6 +37,7 @@ class Joint:
     kd: float
     tau_limit: float
     mr: MrParams | None
+    effects: tuple[Effect, ...] = ()
 
 
 def make_joints(mr: bool = True) -> list[Joint]:

@@ -19,7 +19,7 @@ _SENSOR = [law for law in CATALOGUE.values() if law.stage == "sensor"]
 
 
 @wp.func
-def current_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int):
+def current_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int) -> Path:
     """From the command to the current that flows and the one that magnetises."""
     s.current = s.command
     s.field = s.command
@@ -31,7 +31,7 @@ def current_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2
 
 
 @wp.func
-def motion_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int):
+def motion_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int) -> Path:
     """From the measured motion to that of the device's shaft, with the way of this step on both sides of a reversal."""
     for i in range(wp.static(len(_MOTION))):
         s = wp.static(_MOTION[i].law)(
@@ -59,7 +59,7 @@ def motion_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d
 
 
 @wp.func
-def torque_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int):
+def torque_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int) -> Path:
     """Factors of eq. 14 and what is added to it (``s.torque``)."""
     s.yield_gain = 1.0
     s.viscous_gain = 1.0
@@ -73,7 +73,7 @@ def torque_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d
 
 
 @wp.func
-def sensor_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int):
+def sensor_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int) -> Path:
     """From the torque to its reading."""
     for i in range(wp.static(len(_SENSOR))):
         s = wp.static(_SENSOR[i].law)(

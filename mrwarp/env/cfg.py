@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from mrwarp.actuator import Coupling, HoldCurrent, MrActuatorCfg, ZStep
 from mrwarp.env.backend import BackendKind
 from mrwarp.env.sim import SimCfg
+from mrwarp.model_file import Model
 from mrwarp.robot import CURRENT_GROUPS, GAIT_FREQUENCY
 
 LEARNED = ("mlp", "lstm", "pg_rlstm")
@@ -102,6 +103,8 @@ class EnvCfg:
     """One of :data:`ACTUATORS`."""
     actuator_file: str | None = None
     """Trained network (.safetensors) of a learned ``actuator_model``; none for the others."""
+    model: Model | str | None = None
+    """Identified joint with its effects (a model.json) for all MR joints; None keeps the asset's own."""
     robot: str = "mr_go"
     """Robot variant of the asset: ``mr_go`` or ``go1``."""
     payload: int = 0
@@ -166,6 +169,7 @@ def make_walk_cfg(
     asset: str | None = None,
     actuator_model: str = "bouc_wen",
     actuator_file: str | None = None,
+    model: Model | str | None = None,
     coupling: Coupling = Coupling.CONSTRAINT,
     hold_current: HoldCurrent = HoldCurrent.SUPPORT,
     z_step: ZStep = ZStep.EULER,
@@ -179,6 +183,7 @@ def make_walk_cfg(
         actuator=MrActuatorCfg(coupling=coupling, hold_current=hold_current, z_step=z_step, sal=sal),
         actuator_model=actuator_model,
         actuator_file=actuator_file,
+        model=model,
         robot=robot,
         payload=payload,
         asset=asset,

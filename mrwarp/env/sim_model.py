@@ -7,7 +7,8 @@ foot, the solver's options and, for the constraint coupling, the parameters of t
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -93,6 +94,8 @@ def build_scene(
         edit: Changes to the MuJoCo specification before it is compiled, e.g. a body that falls on the robot; bodies and
             joints it adds must come after the robot's.
     """
+    if lost := [a.lost for a in asset.actuators if a.lost]:
+        warnings.warn(f"simulated without effects: {lost[0]}", stacklevel=2)
     solver = solver or SolverCfg()
     builder = newton.ModelBuilder()
     newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
@@ -114,6 +117,7 @@ def build_scene(
     q_adr, v_adr = model.jnt_qposadr[ids], model.jnt_dofadr[ids]
     model.dof_damping[v_adr] = 0.0  # Euler steps stay exactly qd_next = qd + dt*qdd, as the brake constraint needs
     model.dof_frictionloss[v_adr] = 0.0
+    add_inertia(model, v_adr, asset.actuators)
     if coupling is Coupling.CONSTRAINT:
         set_brake_constraint(model, [v for v, a in zip(v_adr, asset.actuators, strict=True) if a.mr], dt)
     feet = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, FOOT_SENSOR.format(leg=leg)) for leg in LEGS]
@@ -126,6 +130,26 @@ def build_scene(
         foot_adr=np.array([model.sensor_adr[i] for i in feet if i >= 0], dtype=np.int32),
         floating=bool(model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE),
     )
+
+
+def add_inertia(model: mujoco.MjModel, dofs: np.ndarray, actuators: Sequence[JointActuator]) -> None:
+    """Give each joint the inertia that its device's effects add, as armature: the solver takes it implicitly.
+
+    Raises:
+        ValueError: a joint's armature would be negative.
+    """
+    from mrwarp.effects.device import added_inertia  # starts Warp's laws, which a robot without effects needs not
+
+    added = np.array([added_inertia(a.effects) if a.effects else 0.0 for a in actuators])
+    for actuator, own, more in zip(actuators, model.dof_armature[dofs], added, strict=True):
+        if own + more < 0.0:
+            raise ValueError(
+                f"{actuator.joint}: effect rotor_inertia.inertia = {more:g} kg·m² leaves a negative armature; "
+                f"allowed: {-own:g} or more"
+            )
+    if np.any(added):
+        model.dof_armature[dofs] += added
+        mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
 def set_brake_constraint(model: mujoco.MjModel, dofs: list[int], dt: float) -> None:

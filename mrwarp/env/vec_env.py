@@ -11,6 +11,7 @@ from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 
 from mrwarp.asset import JointActuator, load_robot
+from mrwarp.effects.applied import with_model
 from mrwarp.env import commands, gait, observations, randomize, rewards, terminations
 from mrwarp.env.cfg import LEARNED, EnvCfg
 from mrwarp.env.sim import ActuatedSim, robot_scene
@@ -49,6 +50,8 @@ class WalkEnv(VecEnv):
         asset = load_robot(cfg.asset, robot=cfg.robot, payload=cfg.payload)
         if cfg.actuator_model == "none":
             asset = without_devices(asset)
+        if cfg.model is not None:
+            asset = with_model(asset, cfg.model)
         residual = None
         if cfg.actuator_model in LEARNED:
             asset, residual = with_learned_torque(asset, cfg)
@@ -140,6 +143,7 @@ class WalkEnv(VecEnv):
     def restart(self) -> None:
         """Start over in every environment: same robots, same random draws as a new object of this configuration."""
         self.generator.set_state(self._after_start)
+        self.actuator.begin_session()
         self._reset(torch.ones(self.num_envs, dtype=torch.bool, device=self.device))
         self.effort.zero_()
         self.fallen = torch.zeros_like(self.fallen)
@@ -155,7 +159,7 @@ class WalkEnv(VecEnv):
         copied = {
             name: value[source] if value.ndim and value.shape[0] == self.num_envs and name != "generator" else value
             for name, value in state.items()
-            if name != "actuator/params" and name != "privileged"
+            if name not in ("actuator/params", "actuator/effects_values", "privileged")
         }
         self.load_state({**state, **copied})
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from mrwarp.actuator import Coupling, HoldCurrent
 from mrwarp.asset import AssetError
+from mrwarp.effects.applied import effect_lines
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
@@ -41,6 +42,7 @@ def make_parser() -> argparse.ArgumentParser:
     add("--branches", choices=("damping", "both"), default="damping", help=branches)
     add("--robot", choices=("mr_go", "go1"), default="mr_go", help="robot variant")
     add("--payload", type=int, choices=(0, 3), default=0, help="payload variant [kg]")
+    add("--model", metavar="MODEL.json", help="identified joint with its effects, on all MR joints")
     add("--asset", help="another USD file than assets/usd/mr_go.usda")
     add("--sensitivity", action="store_true", help="also vary the gates' thresholds (paper section 3.2)")
     add("--seed", type=int, default=0, help="seed of poses and gait phases (default: 0)")
@@ -66,6 +68,8 @@ def main(argv: list[str] | None = None) -> int:
         policy = OnnxPolicy(args.policy)
         couplings = list(Coupling) if args.coupling == "both" else [Coupling(args.coupling)]
         sweeps = {c: ImpactSweep(_cfg(args, c), policy) for c in couplings}
+        for line in effect_lines(sweeps[couplings[0]].env.sim.scene.actuators):
+            print(line, flush=True)
         shown = sweeps.get(Coupling.CONSTRAINT) or sweeps[couplings[0]]
         view = ImpactView.open(shown, live=args.live, rrd=args.rrd, connect=args.connect, serve_web=args.serve_web)
         args.out.mkdir(parents=True, exist_ok=True)
@@ -113,8 +117,9 @@ def _cfg(args: argparse.Namespace, coupling: Coupling, **changes: Any):
 
 def _env(args: argparse.Namespace, coupling: Coupling) -> EnvCfg:
     env = make_walk_cfg(
-        robot=args.robot, payload=args.payload, asset=args.asset, coupling=coupling, hold_current=HoldCurrent.FIXED
-    )
+        robot=args.robot, payload=args.payload, asset=args.asset, model=args.model, coupling=coupling,
+        hold_current=HoldCurrent.FIXED,
+    )  # fmt: skip
     return replace(env, actuator=replace(env.actuator, holding=args.branches == "both"))
 
 

@@ -18,6 +18,7 @@ import torch
 
 from mrwarp.actuator import Coupling, HoldCurrent, ZStep
 from mrwarp.asset import AssetError
+from mrwarp.effects.applied import effect_lines
 from mrwarp.env.cfg import ACTUATORS, EnvCfg, make_walk_cfg
 from mrwarp.nn.model_file import shipped_model
 from mrwarp.params import ParameterError
@@ -80,6 +81,7 @@ def make_parser() -> argparse.ArgumentParser:
     task.add_argument("--asset", help="another USD file than assets/usd/mr_go.usda")
     task.add_argument("--actuator", choices=ACTUATORS, help="torque model of the MR joint")
     task.add_argument("--actuator-model", metavar="FILE", help="trained network of --actuator mlp, lstm or pg_rlstm")
+    task.add_argument("--model", metavar="MODEL.json", help="identified joint with its effects, on all MR joints")
     task.add_argument("--coupling", choices=_values(Coupling), help="how the device acts")
     task.add_argument("--hold-current", choices=_values(HoldCurrent), help="current while holding")
     return parser
@@ -113,6 +115,8 @@ def _play(args: argparse.Namespace, argv: list[str]) -> int:
         policy = load_policy(args.policy) if args.policy else None
         cfg = make_cfg(args, policy.description.get("task", {}) if policy else {})
         env = make_env(cfg, args.num_envs, args.seed)
+        for line in effect_lines(env.sim.scene.actuators):
+            print(line, flush=True)
         actor = on_device(policy, env.device) if policy else make_agent(args.agent, env)
         player = Player(env, actor, speed=args.speed, shown=shown(args.num_envs))
         player.open(
@@ -199,6 +203,7 @@ def make_cfg(args: argparse.Namespace, task: dict[str, Any]) -> EnvCfg:
         asset=args.asset,
         actuator_model=chosen(args.actuator, "actuator", "bouc_wen"),
         actuator_file=args.actuator_model or shipped_model(chosen(args.actuator, "actuator", "bouc_wen")),
+        model=args.model,
         coupling=Coupling(chosen(args.coupling, "coupling", "constraint")),
         hold_current=HoldCurrent(chosen(args.hold_current, "hold_current", "support")),
         z_step=ZStep(task.get("z_step", "euler")),

@@ -13,6 +13,7 @@ import warp as wp
 
 from mrwarp.actuator import Coupling, HoldCurrent, ZStep
 from mrwarp.asset import AssetError
+from mrwarp.effects.applied import effect_lines
 from mrwarp.env.backend import BackendKind
 from mrwarp.env.cfg import ACTUATORS, make_walk_cfg
 from mrwarp.nn.model_file import shipped_model
@@ -37,6 +38,8 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--actuator", choices=ACTUATORS, default="bouc_wen", help="torque model of the MR joint")
     network = "trained network of --actuator mlp, lstm or pg_rlstm (default: the shipped one)"
     parser.add_argument("--actuator-model", metavar="FILE", help=network)
+    identified = "identified joint with its effects, on all MR joints (default: the asset's own numbers)"
+    parser.add_argument("--model", metavar="MODEL.json", help=identified)
     parser.add_argument("--robot", choices=("mr_go", "go1"), default="mr_go", help="robot variant of the USD asset")
     parser.add_argument("--payload", type=int, choices=(0, 3), default=0, help="payload variant [kg]")
     parser.add_argument("--asset", help="another USD file than assets/usd/mr_go.usda")
@@ -74,6 +77,7 @@ def main(argv: list[str] | None = None) -> int:
             asset=args.asset,
             actuator_model=args.actuator,
             actuator_file=args.actuator_model or shipped_model(args.actuator),
+            model=args.model,
             coupling=Coupling(args.coupling),
             hold_current=HoldCurrent(args.hold_current),
             z_step=ZStep(args.z_step),
@@ -95,6 +99,8 @@ def main(argv: list[str] | None = None) -> int:
             flush=True,
         )
         trainer = Trainer(cfg, resume=args.resume)
+        for line in effect_lines(trainer.env.sim.scene.actuators):
+            print(line, flush=True)
         view = _open_view(args, trainer)
     except (ViewerError, AssetError, ParameterError, CheckpointError, ValueError, OSError) as error:
         print(f"train/ppo.py: {error}", file=sys.stderr)

@@ -278,6 +278,7 @@ def task(cfg: EnvCfg) -> dict[str, Any]:
         "asset": cfg.asset,
         "actuator": cfg.actuator_model,
         "actuator_file": cfg.actuator_file,
+        "model": cfg.model if isinstance(cfg.model, str | None) else cfg.model.fitted_on.source,
         "coupling": cfg.actuator.coupling.value,
         "hold_current": cfg.actuator.hold_current.value,
         "z_step": cfg.actuator.z_step.value,
