@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from mrwarp.diagnose.predictor import Predictor
 from mrwarp.model_file import Model
 from mrwarp.sysid.recording import Recording
 
@@ -176,5 +177,21 @@ class Diagnosis:
     """The extended model."""
     recording: Recording
     traces: Traces | None
+    predictor: Predictor | None = None
+    """Baseline and extended model, for other recordings of the device."""
     seconds: float
     seed: int
+
+    def baseline_rmse(self, recording: Recording) -> float:
+        """RMSE of the baseline on another recording of the device [its unit of torque]."""
+        return self._rmse(recording, 0)
+
+    def extended_rmse(self, recording: Recording) -> float:
+        """RMSE of the extended model on another recording of the device [its unit of torque]."""
+        return self._rmse(recording, 1)
+
+    def _rmse(self, recording: Recording, which: int) -> float:
+        if self.predictor is None:
+            raise ValueError("a diagnosis without a verdict has no model")
+        measured = np.concatenate([run.torque for run in recording.trajectories])
+        return float(np.sqrt(np.mean((self.predictor.torque(recording)[which] - measured) ** 2)))

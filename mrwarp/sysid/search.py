@@ -37,10 +37,7 @@ def search(
         The optimum and warnings about the search.
     """
     told("searching starts")
-    small = subset(samples, _SUBSET, seed)
-    rough = Projection(structure, Replay(small, exact=replay.exact, substeps=replay.substeps))
-    points = [rough.descend(theta, tolerance=1e-5) for theta in (*starts, *rough.starts(_STARTS))]
-    points.sort(key=lambda p: p.sse)
+    points = search_starts(structure, replay, samples, starts=starts, seed=seed)
     warnings = []
     rivals = [p for p in points[1:] if p.sse < 1.01 * points[0].sse and np.abs(p.theta - points[0].theta).max() > 0.3]
     if rivals:
@@ -62,6 +59,22 @@ def search(
     if outliers > 1e-4 and not robust:
         warnings.append(f"{100 * outliers:.2f} % of the samples are single spikes: consider --robust")
     return point, warnings
+
+
+def search_starts(
+    structure: Structure,
+    replay: Replay,
+    samples: Samples,
+    *,
+    starts: tuple[np.ndarray, ...] = (),
+    limit: int = _SUBSET,
+    seed: int = 0,
+) -> list[Point]:
+    """Optima on about ``limit`` samples, from given starts and from the structure's grid, best first."""
+    small = subset(samples, limit, seed)
+    rough = Projection(structure, Replay(small, exact=replay.exact, substeps=replay.substeps))
+    points = [rough.descend(theta, tolerance=1e-5) for theta in (*starts, *rough.starts(_STARTS))]
+    return sorted(points, key=lambda p: p.sse)
 
 
 def subset(samples: Samples, limit: int, seed: int) -> Samples:

@@ -1,0 +1,310 @@
+"""Which effects to name: candidates, pairs, rivals, and what is left when they are in.
+
+All figures are held-out: a trajectory counts by how well the others foretell it. They are in units of the noise's
+variance, after whitening and with offsets and factors of trajectories taken out, so a gain compares with chi-squared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mrwarp.diagnose.engine import Candidate, Engine, Fitted
+from mrwarp.diagnose.features import Group
+from mrwarp.diagnose.grams import losses
+
+FLOOR = 0.003
+"""Smallest gain that is worth a name, as a share of the noise's energy: the replay's own step errs by about as much."""
+CHI2 = 30.0
+"""Smallest gain in units of the noise's variance: one chance in a million over a hundred starts."""
+KEPT = 0.2
+"""Part of an effect's gain that must remain beside free functions of what it leaves unexplained."""
+_MOST = 3
+"""Most effects that are named together."""
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """Structure that a model leaves: one group of features and what it would gain, held-out."""
+
+    group: Group
+    gain: float
+    t: float
+    """Gain over its standard error over trajectories."""
+
+
+@dataclass
+class Choice:
+    """The outcome of the search for causes."""
+
+    base: Fitted
+    final: Fitted
+    first_look: list[Candidate]
+    """Every candidate on top of the baseline."""
+    fits: dict[tuple[str, ...], Fitted] = field(default_factory=dict)
+    alternatives: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    own_gain: dict[str, float] = field(default_factory=dict)
+    """What each named effect adds to the others."""
+    kept: dict[str, float] = field(default_factory=dict)
+    """Part of each effect's gain that remains beside free functions of what is left."""
+    left_before: list[Leftover] = field(default_factory=list)
+    left_after: list[Leftover] = field(default_factory=list)
+
+    @property
+    def gain(self) -> float:
+        """Held-out gain of the final model."""
+        return _total(self.base) - _total(self.final)
+
+
+def threshold(fit: Fitted) -> float:
+    """Gain below which nothing is named."""
+    return max(CHI2, FLOOR * fit.grams.count)
+
+
+def choose(
+    engine: Engine,
+    base: Fitted,
+    groups_of: Callable[[Fitted], list[Group]],
+    candidates: list[str],
+    told: Callable[[str], None] = lambda text: None,
+) -> Choice:
+    """Search the effects that explain a data set."""
+    look = engine.screen(base, candidates, hopeless=0.3 * threshold(base))
+    choice = Choice(base=base, final=base, first_look=look)
+    choice.fits[base.effects] = base
+    choice.left_before = leftovers(engine, base, groups_of(base))
+    passing = [c for c in look if _total(base) - float(c.left_out.sum()) > threshold(base)]
+    if not passing:
+        choice.left_after = choice.left_before
+        return choice
+    told(f"refining {', '.join(c.effect for c in passing[:4])}")
+    best = _grow(engine, choice, base, passing)
+    if _believed(engine, choice, best, groups_of) is base:
+        # smooth functions of other variables explain it better: the search for partners would only fit them piecemeal
+        others = [f for f in choice.fits.values() if len(f.effects) == len(base.effects) + 1 and f is not best]
+        others = [f for f in others if _believed(engine, choice, f, groups_of) is not base]
+        if not others:
+            choice.left_after = choice.left_before
+            return choice
+        best = min(others, key=_total)
+    seconds = _passing(engine, choice, best, candidates)
+    if seconds:
+        told(f"pairs: {' + '.join(best.effects)} with {', '.join(c.effect for c in seconds[:3])}")
+        best = _pairs(engine, choice, base, passing, candidates, best, seconds)
+        thirds = _passing(engine, choice, best, candidates)
+        if thirds and len(best.effects) - len(base.effects) < _MOST:
+            grown = _grow(engine, choice, best, thirds[:3])
+            if _worth(choice, grown):
+                best = grown
+    best = _pruned(engine, choice, best)
+    choice.final = best = _believed(engine, choice, best, groups_of)
+    _rivals(engine, choice, best, candidates)
+    choice.left_after = leftovers(engine, best, groups_of(best))
+    return choice
+
+
+def best_single(engine: Engine, base: Fitted, candidates: list[str]) -> Fitted | None:
+    """The best model with one more effect, if any gains enough: a first guess, to learn the noise without it."""
+    look = engine.screen(base, candidates, hopeless=threshold(base))
+    if not look or _total(base) - float(look[0].left_out.sum()) < threshold(base):
+        return None
+    return _full(engine, Choice(base=base, final=base, first_look=look), base, look[0])
+
+
+def leftovers(engine: Engine, fit: Fitted, groups: list[Group]) -> list[Leftover]:
+    """What each group of features would gain on top of a model, best first."""
+    rows = np.vstack([fit.slopes, *(g.rows for g in groups), (engine.samples.torque - fit.torque)[None]])
+    table = engine.grams(rows, fit.torque)
+    size, at, found = len(fit.slopes), len(fit.slopes), []
+    for group in groups:
+        use = [*range(size), *range(at, at + len(group.rows))]
+        _, _, outside = losses(table, use, len(rows) - 1, ridge=1e-7)
+        found.append(Leftover(group, *_gain(fit.left_out, outside)))
+        at += len(group.rows)
+    return sorted(found, key=lambda f: -f.gain)
+
+
+def _gain(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
+    """Sum of the differences and its ratio to its standard error."""
+    d = before - after
+    error = float(np.std(d, ddof=1) * np.sqrt(len(d))) if len(d) > 1 else float("inf")
+    return float(d.sum()), float(d.sum()) / max(error, 1e-12)
+
+
+def _total(fit: Fitted) -> float:
+    return float(fit.left_out.sum())
+
+
+def _full(engine: Engine, choice: Choice, on: Fitted, candidate: Candidate) -> Fitted:
+    """Everything searched together: a model plus a candidate."""
+    c = engine.coordinates((*on.effects, candidate.effect), {**on.coordinates.choices, **candidate.choices})
+    if c.effects in choice.fits:
+        return choice.fits[c.effects]
+    x = on.coordinates.grown(on.x, c.effects)
+    own = [i for i, s in enumerate(c.slots, start=9) if s.effect == candidate.effect]
+    x[own] = candidate.values
+    choice.fits[c.effects] = engine.fit(c, x)
+    return choice.fits[c.effects]
+
+
+def _grow(engine: Engine, choice: Choice, on: Fitted, passing: list[Candidate]) -> Fitted:
+    """Best of the models with one more effect, among candidates with at least half of the best first look's gain."""
+    top = _total(on) - float(passing[0].left_out.sum())
+    near = [c for c in passing if _total(on) - float(c.left_out.sum()) > 0.5 * top][:5]
+    fits = [_full(engine, choice, on, c) for c in near]
+    return _simplest(fits, on)
+
+
+def _simplest(fits: list[Fitted], on: Fitted) -> Fitted:
+    """The best model, or a simpler one that foretells as well."""
+    best = min(fits, key=_total)
+    for fit in sorted(fits, key=lambda f: f.coordinates.size):
+        if fit.coordinates.size < best.coordinates.size and _as_good(fit, best, on):
+            return fit
+    return best
+
+
+def _as_good(fit: Fitted, best: Fitted, base: Fitted) -> bool:
+    """Whether a model cannot be told from a better one, by what both gain on a base."""
+    loss, t = _gain(fit.left_out, best.left_out)
+    own = _total(base) - _total(best)
+    return loss < 12.0 or (t < 2.0 and loss < 0.04 * own)
+
+
+def _passing(engine: Engine, choice: Choice, on: Fitted, candidates: list[str]) -> list[Candidate]:
+    """Candidates that would add enough to a model."""
+    need = max(threshold(on), 0.06 * (_total(choice.base) - _total(on)))
+    look = engine.screen(on, [c for c in candidates if c not in on.effects], hopeless=need)
+    return [c for c in look if _total(on) - float(c.left_out.sum()) > need]
+
+
+def _worth(choice: Choice, fit: Fitted) -> bool:
+    """Whether each effect of a model adds enough to the others."""
+    total = _total(choice.base) - _total(fit)
+    for effect in fit.effects:
+        rest = tuple(e for e in fit.effects if e != effect)
+        if rest in choice.fits and _total(choice.fits[rest]) - _total(fit) < max(threshold(fit), 0.08 * total):
+            return False
+    return True
+
+
+def _pairs(
+    engine: Engine,
+    choice: Choice,
+    base: Fitted,
+    passing: list[Candidate],
+    candidates: list[str],
+    best: Fitted,
+    seconds: list[Candidate],
+) -> Fitted:
+    """Best pair: the best single may be neither cause, so the three best singles each look for a partner."""
+    pairs = [_full(engine, choice, best, c) for c in seconds[:3]]
+    singles = sorted((f for f in choice.fits.values() if len(f.effects) == len(base.effects) + 1), key=_total)
+    others = [f for f in singles if f is not best][:2]
+    if len(others) < 2:
+        others += [
+            _full(engine, choice, base, c)
+            for c in passing
+            if c.effect not in {*best.effects, *(e for f in others for e in f.effects)}
+        ][: 2 - len(others)]
+    for single in others:
+        partners = _passing(engine, choice, single, candidates)
+        pairs += [_full(engine, choice, single, c) for c in partners[:2]]
+    pair = _simplest(pairs, best)
+    return pair if _total(best) - _total(pair) > threshold(best) else best
+
+
+def _pruned(engine: Engine, choice: Choice, best: Fitted) -> Fitted:
+    """The model without effects that add too little to the others."""
+    while len(best.effects) > len(choice.base.effects) + 1:
+        without = {}
+        for effect in best.effects:
+            if effect in choice.base.effects:
+                continue
+            rest = tuple(e for e in best.effects if e != effect)
+            if rest not in choice.fits:
+                choice.fits[rest] = _refit_without(engine, best, effect)
+            without[effect] = choice.fits[rest]
+        total = _total(choice.base) - _total(best)
+        weakest = min(without, key=lambda e: _total(without[e]))
+        add = _total(without[weakest]) - _total(best)
+        if add > max(threshold(best), 0.08 * total):
+            break
+        best = without[weakest]
+    return best
+
+
+def _believed(engine: Engine, choice: Choice, fit: Fitted, groups_of: Callable[[Fitted], list[Group]]) -> Fitted:
+    """The model without effects that only stand in for structure of another kind.
+
+    Whatever structure a model leaves is offered to it as free functions. An effect that is real still adds what it
+    did; one that was a poor man's version of that structure adds little.
+    """
+    while fit is not choice.base:
+        before = {(f.group.variables, f.group.form): f.gain for f in choice.left_before}
+        left = [f for f in leftovers(engine, fit, groups_of(fit)) if f.gain > threshold(fit)]
+        # what the effects have mostly taken up is their own law in another form, not another structure
+        left = [f for f in left if f.gain > 0.3 * before[f.group.variables, f.group.form]][:2]
+        if not left:
+            return fit
+        offered = np.vstack([f.group.rows for f in left])
+        full = _with_rows(engine, fit, offered)
+        kept: dict[str, float] = {}
+        for effect in fit.effects:
+            if effect in choice.base.effects:
+                continue
+            rest = tuple(e for e in fit.effects if e != effect)
+            if rest not in choice.fits:
+                choice.fits[rest] = _refit_without(engine, fit, effect)
+            alone = _total(choice.fits[rest]) - _total(fit)
+            beside = _with_rows(engine, choice.fits[rest], offered) - full
+            kept[effect] = beside / max(alone, 1e-9)
+            if beside < threshold(fit):
+                kept[effect] = min(kept[effect], 0.0)
+        choice.kept = kept
+        doubtful = min(kept, key=lambda e: kept[e])
+        if kept[doubtful] > KEPT:
+            return fit
+        fit = choice.fits[tuple(e for e in fit.effects if e != doubtful)]
+    return fit
+
+
+def _with_rows(engine: Engine, fit: Fitted, rows: np.ndarray) -> float:
+    """Held-out loss of a model with free functions beside it."""
+    table = engine.grams(np.vstack([fit.slopes, rows, (engine.samples.torque - fit.torque)[None]]), fit.torque)
+    size = len(fit.slopes) + len(rows)
+    return float(losses(table, list(range(size)), size, ridge=1e-7)[2].sum())
+
+
+def _refit_without(engine: Engine, fit: Fitted, effect: str) -> Fitted:
+    c = engine.coordinates([e for e in fit.effects if e != effect], fit.coordinates.choices)
+    values = {(s.effect, s.parameter.name): v for s, v in zip(fit.coordinates.slots, fit.x[9:], strict=True)}
+    x = np.array([*fit.x[:9], *(values[s.effect, s.parameter.name] for s in c.slots)])
+    return engine.fit(c, x)
+
+
+def _rivals(engine: Engine, choice: Choice, final: Fitted, candidates: list[str]) -> None:
+    """For each named effect: what it adds, and which others would do as well in its place."""
+    for effect in final.effects:
+        if effect in choice.base.effects:
+            continue
+        rest = tuple(e for e in final.effects if e != effect)
+        if rest not in choice.fits:
+            choice.fits[rest] = _refit_without(engine, final, effect)
+        without = choice.fits[rest]
+        add = _total(without) - _total(final)
+        choice.own_gain[effect] = add
+        if rest == choice.base.effects:
+            look = choice.first_look
+        else:
+            look = engine.screen(without, [c for c in candidates if c not in final.effects])
+        close = [
+            c for c in look
+            if c.effect != effect and _total(without) - float(c.left_out.sum()) > 0.6 * add
+        ][:4]  # fmt: skip
+        fits = {c.effect: _full(engine, choice, without, c) for c in close}
+        choice.alternatives[effect] = tuple(
+            name for name, fit in sorted(fits.items(), key=lambda kv: _total(kv[1])) if _as_good(fit, final, without)
+        )

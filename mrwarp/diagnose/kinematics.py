@@ -1,0 +1,145 @@
+"""The motion behind a log: angle and velocity channel brought together, and whether the velocity lags behind.
+
+The hysteresis follows the *way* of the joint: noise of a velocity channel, summed up as way while the joint rests,
+would wear its stress away. So angle and velocity are smoothed together, by the least squares of a joint whose jerk is
+white noise (a Kalman smoother written as one banded system), without any phase.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solveh_banded
+from scipy.signal import lfilter, savgol_filter
+
+from mrwarp.sysid.recording import Recording, Trajectory
+
+_BANDWIDTH = 2.0 * np.pi * 25.0
+"""Bandwidth of the smoother [rad/s]; above that the motion of a joint holds nothing and its noise all."""
+_LAG_T = 5.0
+"""The velocity lags when its time constant is this many standard errors from 0."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kinematics:
+    """Motion of all trajectories end to end; float64, shape (N,), units of the recording."""
+
+    qd: np.ndarray
+    """Velocity as logged, without its noise: it still lags if the channel does."""
+    qdd: np.ndarray
+    """Its derivative."""
+    velocity_lag: float
+    """Time constant by which the velocity channel lags behind the angle [s]; 0 if none can be shown."""
+    velocity_lag_error: float
+    """Its standard error [s]; infinity where there is no velocity channel."""
+
+
+def reconstruct(recording: Recording) -> Kinematics:
+    """Smooth the motion of a recording."""
+    runs = recording.trajectories
+    sigma_q = _median([_angle_noise(run) for run in runs])
+    sigma_v = _median([_velocity_noise(run) for run in runs])
+    if any(run.qd_derived for run in runs):
+        sigma_v = float("inf")
+    lag, error = 0.0, float("inf")
+    if np.isfinite(sigma_v):
+        lag, error = _lag_of(recording, sigma_q)
+        if lag < _LAG_T * error or lag < 1e-4:
+            lag = 0.0
+    qd, qdd = [], []
+    for run in runs:
+        v = run.qd
+        if lag > 0.0:
+            v = v + lag * smooth(run.q * 0.0 + np.nan, run.qd, run.dt, float("inf"), sigma_v)[1]
+        v, a = smooth(run.q, v, run.dt, sigma_q, sigma_v)
+        if lag > 0.0:
+            keep = np.exp(-run.dt / lag)
+            ramp = lag * (1.0 - keep) / run.dt  # first-order hold: exact for a velocity that is linear in between
+            late, _ = lfilter([1.0 - ramp, ramp - keep], [1.0, -keep], v, zi=[v[0] - (1.0 - ramp) * v[0]])
+            v, a = late, (v - late) / lag
+        qd.append(v)
+        qdd.append(a)
+    return Kinematics(qd=np.concatenate(qd), qdd=np.concatenate(qdd), velocity_lag=lag, velocity_lag_error=error)
+
+
+def smooth(q: np.ndarray, qd: np.ndarray, dt: float, sigma_q: float, sigma_v: float) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity and acceleration of one trajectory, shape (N,) each.
+
+    Args:
+        q: Angle, ignored for infinite ``sigma_q``.
+        qd: Velocity, ignored for infinite ``sigma_v``.
+        dt: Sampling interval [s].
+        sigma_q: Standard deviation of the angle's noise.
+        sigma_v: Standard deviation of the velocity's noise.
+    """
+    # states x, v*dt, a*dt^2; white jerk of the intensity that gives the bandwidth
+    by_q = _BANDWIDTH**6 * sigma_q**2 * dt if np.isfinite(sigma_q) else 0.0
+    by_v = _BANDWIDTH**4 * sigma_v**2 * dt if np.isfinite(sigma_v) else 0.0
+    jerk = max(by_q, by_v) * dt**5
+    step = np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
+    spread = np.array([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1.0]])
+    inverse = np.linalg.inv(spread) / jerk
+    count = len(qd)
+    weight = np.array([0.0 if np.isinf(sigma_q) else sigma_q**-2, 0.0 if np.isinf(sigma_v) else (sigma_v * dt) ** -2])
+    measured = np.diag([*weight, 0.0])
+    ahead = step.T @ inverse @ step
+    diagonal = np.broadcast_to(measured + ahead + inverse, (count, 3, 3)).copy()
+    diagonal[0] = measured + ahead
+    diagonal[-1] = measured + inverse
+    beside = -step.T @ inverse
+    band = np.zeros((6, 3 * count))
+    for i in range(3):
+        for j in range(3):
+            if j >= i:
+                band[5 - (j - i), j::3] = diagonal[:, i, j]
+            offset = 3 + j - i
+            if offset <= 5:
+                band[5 - offset, 3 + j :: 3] = beside[i, j]
+    right = np.zeros((count, 3))
+    if weight[0] > 0.0:
+        right[:, 0] = weight[0] * (q - q[0])
+    if weight[1] > 0.0:
+        right[:, 1] = weight[1] * qd * dt
+    if weight[0] == 0.0:
+        band[5, 0] += inverse[0, 0]  # the angle's origin is free
+    scale = band[5].max()
+    state = solveh_banded(band / scale, right.ravel() / scale).reshape(count, 3)
+    return state[:, 1] / dt, state[:, 2] / dt**2
+
+
+def _lag_of(recording: Recording, sigma_q: float) -> tuple[float, float]:
+    """Time constant of the velocity channel against the angle, and its standard error over trajectories [s]."""
+    tops, bottoms = [], []
+    for run in recording.trajectories:
+        v, a = smooth(run.q, run.qd, run.dt, sigma_q, float("inf"))
+        inner = slice(20, -20)
+        tops.append(float(((v - run.qd) * a)[inner].sum()))
+        bottoms.append(float((a**2)[inner].sum()))
+    top, bottom = np.array(tops), np.array(bottoms)
+    if bottom.sum() <= 0.0:
+        return 0.0, float("inf")
+    lag = float(top.sum() / bottom.sum())
+    error = float(np.sqrt(((top - lag * bottom) ** 2).sum()) / bottom.sum())
+    return lag, max(error, 2e-5)
+
+
+def _angle_noise(run: Trajectory) -> float:
+    """Noise of the angle: what a cubic over nine samples leaves, at least what its steps make."""
+    steps = np.abs(np.diff(run.q))
+    steps = steps[steps > 1e-9 * max(float(np.ptp(run.q)), 1e-300)]
+    quantum = float(steps.min()) / np.sqrt(12.0) if len(steps) else 0.0
+    rest = run.q - savgol_filter(run.q, 9, 3)
+    robust = 1.4826 * float(np.median(np.abs(rest)))
+    typical = float(np.ptp(run.q)) * 1e-6
+    return max(robust, min(quantum, float(rest.std()) + typical), typical, 1e-12)
+
+
+def _velocity_noise(run: Trajectory) -> float:
+    """Noise of the velocity: what a cubic over nine samples leaves."""
+    rest = run.qd - savgol_filter(run.qd, 9, 3)
+    return max(1.4826 * float(np.median(np.abs(rest))), 1e-5 * float(np.abs(run.qd).max()), 1e-12)
+
+
+def _median(x: list[float]) -> float:
+    return float(np.median(x))

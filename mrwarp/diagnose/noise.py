@@ -1,0 +1,95 @@
+"""The noise of a data set: its spectrum, and what differs from trajectory to trajectory.
+
+Measured torque errs in three ways: sample by sample, with the sensor's and the stand's spectrum, by an offset per
+trajectory and by a factor per trajectory. Counting samples as independent would make every drift an effect. So
+mismatch is compared after an autoregressive whitening, and with offsets and factors of a known spread taken out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_toeplitz
+
+from mrwarp.sysid.replay import Samples
+
+_ORDER = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noise:
+    """A noise model."""
+
+    whitening: np.ndarray
+    """Filter that makes it white, first coefficient 1, shape (order + 1,)."""
+    sigma: float
+    """Standard deviation of a whitened sample [inner torque]."""
+    rms: float
+    """Standard deviation of a sample before whitening [inner torque]."""
+    offset: float
+    """Spread of the trajectories' offsets [inner torque]."""
+    gain: float
+    """Spread of the trajectories' factors [1]."""
+
+    def white(self, rows: np.ndarray) -> np.ndarray:
+        """Whitened signals in units of sigma, shape (..., N); the first samples of a trajectory have no past."""
+        out = rows / self.sigma
+        for lag, coefficient in enumerate(self.whitening[1:] / self.sigma, start=1):
+            out[..., lag:] += coefficient * rows[..., :-lag]
+        return out
+
+
+def estimate_noise(residual: np.ndarray, torque: np.ndarray, samples: Samples, offset: float, gain: float) -> Noise:
+    """Noise from what no model explains.
+
+    Args:
+        residual: Mismatch after everything predictable was taken out, shape (N,).
+        torque: Simulated torque, shape (N,).
+        samples: The samples.
+        offset: Spread of the trajectories' offsets.
+        gain: Spread of the trajectories' factors.
+    """
+    shortest = min(part.stop - part.start for part in samples.parts)
+    order = max(1, min(_ORDER, shortest // 50))
+    covariance, count = np.zeros(order + 1), 0
+    for part in samples.parts:
+        r = residual[part] - residual[part].mean()
+        covariance += [float(r[: len(r) - k] @ r[k:]) for k in range(order + 1)]
+        count += len(r)
+    covariance /= max(count, 1)
+    floor = 1e-12 * max(float(torque.var()), 1e-300)
+    covariance[0] = covariance[0] * (1.0 + 1e-6) + floor
+    coefficients = solve_toeplitz(covariance[:-1], covariance[1:])
+    variance = float(covariance[0] - coefficients @ covariance[1:])
+    return Noise(
+        whitening=np.concatenate([[1.0], -coefficients]), sigma=float(np.sqrt(max(variance, floor))),
+        rms=float(np.sqrt(covariance[0])), offset=offset, gain=gain,
+    )  # fmt: skip
+
+
+def trajectory_spread(mismatch: np.ndarray, torque: np.ndarray, samples: Samples) -> tuple[float, float]:
+    """Spread of offsets and of factors between trajectories, after the errors of finding them are taken out.
+
+    Args:
+        mismatch: Measured minus simulated, shape (N,).
+        torque: Simulated, shape (N,).
+        samples: The samples.
+    """
+    found, variances = [], []
+    for part in samples.parts:
+        f = torque[part] - torque[part].mean()
+        table = np.column_stack([np.ones(len(f)), f])
+        gram = table.T @ table
+        gram[np.diag_indices(2)] += 1e-12 * np.trace(gram)
+        solution = np.linalg.solve(gram, table.T @ mismatch[part])
+        rest = mismatch[part] - table @ solution
+        # samples are correlated over about 50 ms: count blocks of that length
+        effective = float(np.mean(rest**2)) * max(1.0, 0.05 / samples.dt[0])
+        found.append(solution)
+        variances.append(effective * np.diag(np.linalg.inv(gram)))
+    found, variances = np.array(found), np.array(variances)
+    weight = 1.0 / (variances + np.median(variances, axis=0))
+    centre = (weight * found).sum(0) / weight.sum(0)
+    excess = (weight * ((found - centre) ** 2 - variances)).sum(0) / weight.sum(0)
+    return float(np.sqrt(max(excess[0], 0.0))), float(np.sqrt(max(excess[1], 0.0)))

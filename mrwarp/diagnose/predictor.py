@@ -1,0 +1,37 @@
+"""Baseline and extended model of a diagnosis, run along other recordings of the same device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mrwarp.diagnose.replay import ExtendedReplay, Motion
+from mrwarp.sysid.recording import Recording
+from mrwarp.sysid.replay import Scales
+
+if TYPE_CHECKING:
+    from mrwarp.diagnose.choose import Choice
+    from mrwarp.diagnose.engine import Engine
+
+
+@dataclass(frozen=True, kw_only=True)
+class Predictor:
+    """Two rows of parameters in inner units: baseline and extended model."""
+
+    rows: np.ndarray
+    """Shape (2, WIDTH)."""
+    scales: Scales
+    resistance: float
+
+    @classmethod
+    def of(cls, engine: Engine, choice: Choice) -> Predictor:
+        """The models of a search."""
+        rows = np.stack([fit.coordinates.row(fit.x) for fit in (choice.base, choice.final)])
+        return cls(rows=rows, scales=engine.samples.scales, resistance=engine.motion.resistance)
+
+    def torque(self, recording: Recording) -> np.ndarray:
+        """Torque of both models along all trajectories end to end, shape (2, N) [unit of the recording]."""
+        motion = Motion.of(recording, self.scales, resistance=self.resistance)
+        return ExtendedReplay(motion).torque(self.rows).astype(float) * self.scales.torque

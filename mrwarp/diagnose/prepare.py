@@ -1,0 +1,170 @@
+"""From a recording to a fitted baseline with its noise model: what every diagnosis starts from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mrwarp.diagnose.engine import Engine, Fitted
+from mrwarp.diagnose.features import Group, make_groups
+from mrwarp.diagnose.grams import ridge_solve
+from mrwarp.diagnose.model import LINEAR, Coordinates
+from mrwarp.diagnose.noise import Noise, estimate_noise, trajectory_spread
+from mrwarp.diagnose.replay import ExtendedReplay, Motion
+from mrwarp.model_file import JOINT_UNITS, Model
+from mrwarp.params import MrParams
+from mrwarp.sysid.fit import BoucWenStructure
+from mrwarp.sysid.projection import Point
+from mrwarp.sysid.recording import Recording
+from mrwarp.sysid.replay import Replay
+from mrwarp.sysid.search import Progress, search_starts
+
+_STARTS_ON = 8000
+"""Samples on which the starts of the baseline are searched."""
+
+
+_ABSORBED = 10
+"""Half the number of trajectories from which on the features cannot take up their offsets."""
+
+
+@dataclass
+class Baseline:
+    """A data set with eqs. 14 and 15 fitted to it."""
+
+    engine: Engine
+    fitted: Fitted
+    groups: list[Group]
+
+
+def prepare(
+    recording: Recording,
+    *,
+    known: tuple[str, ...] = (),
+    model: Model | None = None,
+    threads: int = 1,
+    seed: int = 0,
+    told: Progress = lambda text: None,
+) -> Baseline:
+    """Fit eqs. 14 and 15, and learn the noise.
+
+    Args:
+        recording: Measured runs.
+        known: Effects of ``model`` that are part of the baseline.
+        model: A model that is known already: one more start, and the values of its effects.
+        threads: CPU threads.
+        seed: Seed of the samples on which starts are searched.
+        told: Told what is being done.
+    """
+    motion = Motion.of(recording, resistance=_resistance(recording))
+    samples = motion.samples
+    zero = _zero(recording, model) / samples.scales.q
+    structure = BoucWenStructure(samples, zero)
+    told("eqs. 14 and 15: starts")
+    points = search_starts(structure, Replay(samples), samples, limit=_STARTS_ON, seed=seed)[:3]
+    starts = [_coordinates_of(structure, point, motion) for point in points]
+    rate = min(float(np.exp(point.theta[1])) for point in points)
+    weight = _settled(motion, rate)
+    engine = Engine(ExtendedReplay(motion, threads=threads), zero, weight, recording.units)
+    told("noise")
+    c = engine.coordinates(known)
+    if model is not None:
+        starts.append(_start_of(model, structure, motion))
+    plain = engine.coordinates(())
+    starts = [plain.grown(x, known) for x in starts]
+    for x in starts if model is not None else []:
+        _known_values(c, x, model, motion)
+    rms = float(samples.torque.std()) or 1.0
+    engine.noise = Noise(whitening=np.ones(1), sigma=rms, rms=rms, offset=0.0, gain=0.0)
+    fitted = min((engine.fit(c, x, tolerance=1e-4) for x in starts), key=lambda f: float(f.loss.sum()))
+    for _ in range(2):
+        groups = groups_of(engine, c, fitted.x)
+        engine.noise = learn_noise(engine, fitted.torque, groups)
+        fitted = engine.fit(c, fitted.x)
+    return Baseline(engine, fitted, groups)
+
+
+def _coordinates_of(structure: BoucWenStructure, point: Point, motion: Motion) -> np.ndarray:
+    """Vector of a point of the search."""
+    linear = dict(zip(structure.linear, point.linear, strict=True))
+    alpha = structure.loop(point.theta)["alpha"]
+    shape = (np.log1p(alpha * motion.ranges.qd), point.theta[1], point.theta[2])
+    return np.array([*(linear[name] for name in LINEAR), *shape])
+
+
+def _zero(recording: Recording, model: Model | None) -> float:
+    """Angle from which q_c counts: the model's, the paper's for a joint in its units, else the encoder's zero."""
+    if model is not None:
+        return model.values.get("q_offset", 0.0) + model.values.get("q_center", 0.0)
+    if recording.units == JOINT_UNITS:
+        paper = MrParams().bouc_wen
+        return paper.q_offset + paper.q_center
+    return 0.0
+
+
+def _start_of(model: Model, structure: BoucWenStructure, motion: Motion) -> np.ndarray:
+    """Vector of a known model without its effects."""
+    scales, values = motion.samples.scales, model.values
+    inner = {name: values[name] / scales.factor(name) for name in (*LINEAR, "alpha", "beta", "gamma")}
+    rates = np.maximum([inner["beta"] + inner["gamma"], inner["beta"] - inner["gamma"]], 1e-3)
+    shape = (np.log1p(inner["alpha"] * motion.ranges.qd), *np.log(rates))
+    return np.array([*(inner[name] for name in LINEAR), *shape])
+
+
+def _known_values(c: Coordinates, x: np.ndarray, model: Model | None, motion: Motion) -> None:
+    """Put the effects of a known model into a vector."""
+    effects = {e.name: e.parameters for e in model.effects} if model else {}
+    for i, slot in enumerate(c.slots, start=9):
+        given = effects.get(slot.effect, {}).get(slot.parameter.name)
+        if given is None:
+            continue
+        q, current, torque = slot.parameter.scale
+        scales = motion.samples.scales
+        inner = given.value / (scales.q**q * scales.current**current * scales.torque**torque)
+        x[i] = np.log(max(inner, 1e-12)) if slot.logarithmic else inner
+
+
+def groups_of(engine: Engine, c: Coordinates, x: np.ndarray) -> list[Group]:
+    """Groups of features along the hysteresis of a model."""
+    rows = np.stack([c.row(x)] * 3)
+    rows[1:, :6] = 0.0
+    rows[1:, 4:6] = rows[0, 4:6]
+    rows[2, 4:6] = (1.0, 0.0)
+    _, hysteretic, loop = engine.replay.torque(rows).astype(float)
+    return make_groups(engine.motion, loop, hysteretic)
+
+
+def learn_noise(engine: Engine, torque: np.ndarray, groups: list[Group]) -> Noise:
+    """Noise from what neither the model nor any smooth function of the measured variables explains."""
+    s = engine.samples
+    mismatch = s.torque - torque
+    table = np.vstack([np.ones((1, len(torque))), torque[None], *(g.rows for g in groups)]).astype(np.float32)
+    table /= np.maximum(np.sqrt(np.mean(table**2, axis=1, keepdims=True)), 1e-9)
+    gram, moment = (table @ table.T).astype(float), (table @ mismatch.astype(np.float32)).astype(float)
+    rest = mismatch - ridge_solve(gram, moment, 1e-5) @ table
+    slow = [g.rows for g in groups if g.slow]
+    few = np.vstack([np.ones((1, len(torque))), torque[None], *slow])
+    solution = ridge_solve(few @ few.T, few @ mismatch, 1e-6)
+    # many functions take up offsets and factors of few trajectories with what they explain
+    counted = len(s.parts) > 2 * _ABSORBED
+    offset, gain = trajectory_spread(rest if counted else mismatch - solution @ few, torque, s)
+    inside = rest.copy()
+    for part in s.parts:
+        f = np.column_stack([np.ones(part.stop - part.start), torque[part] - torque[part].mean()])
+        inside[part] -= f @ np.linalg.lstsq(f, rest[part], rcond=None)[0]
+    return estimate_noise(inside, torque, s, offset, gain)
+
+
+def _resistance(recording: Recording) -> float:
+    return MrParams().coil.coil_resistance if recording.units.get("current") == "A" else 0.0
+
+
+def _settled(motion: Motion, rate: float) -> np.ndarray:
+    """0 while the unknown initial z still shows, at most a tenth of each trajectory; else 1."""
+    samples = motion.samples
+    weight = np.ones(len(samples.q))
+    for part, dt in zip(samples.parts, samples.dt, strict=True):
+        way = np.cumsum(np.abs(samples.qd[part])) * dt
+        first = min(int(np.searchsorted(way, 4.0 / rate)), (part.stop - part.start) // 10)
+        weight[part.start : part.start + first] = 0.0
+    return weight

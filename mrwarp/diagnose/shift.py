@@ -1,0 +1,73 @@
+"""Shifts of calibration: whether the re-fitted eq. 14 lies off its nominal values along one telling direction.
+
+Re-fitting takes up a bias, a gain or an offset without a trace, so only nominal parameters can show them. Nominal
+values vary from device to device; what they may is 2 % each, and 3 mN·m of D for a joint of the paper's size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mrwarp.diagnose.engine import Fitted
+from mrwarp.diagnose.model import LINEAR
+from mrwarp.diagnose.uncertainty import covariance
+
+SPREAD = 0.02
+"""What a parameter may differ from device to device, one standard deviation [1]."""
+BIAS_SPREAD = 0.0008
+"""The same for D, as a share of the torque's range: 3 mN·m of the paper's 2 N·m."""
+_DROP = 16.0
+_APART = 6.0
+_LEFT = 18.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """A shift, in inner units."""
+
+    name: str
+    value: float
+    error: float
+    alternatives: tuple[str, ...]
+
+
+def find_shifts(fit: Fitted, nominal: Mapping[str, float], torque_range: float) -> list[Found]:
+    """Shifts of calibration that the re-fitted parameters show against nominal ones.
+
+    Args:
+        fit: The final model.
+        nominal: D, B, C, I1, K0, K1 in inner units.
+        torque_range: Range of the torque, inner units.
+    """
+    base = np.array([nominal[name] for name in LINEAR])
+    delta = fit.x[:6] - base
+    prior = np.maximum(SPREAD * np.abs(base), 1e-9)
+    prior[0] = max(prior[0], BIAS_SPREAD * torque_range)
+    prior[3] = max(prior[3], BIAS_SPREAD * torque_range)  # I1 is a bias that grows with the current
+    spread = covariance(fit)[:6, :6] + np.diag(prior**2)
+    weight = np.linalg.inv(spread)
+    whole = float(delta @ weight @ delta)
+    directions = {
+        "torque_bias": np.array([1.0, 0, 0, 0, 0, 0]),
+        "torque_gain": base.copy(),
+        "current_gain": np.array([0, 0, 0, base[3], 0, base[5]]),
+    }
+    rank = []
+    for name, d in directions.items():
+        information = float(d @ weight @ d)
+        if information <= 0.0:
+            continue
+        size = float(d @ weight @ delta) / information
+        rank.append((whole - size**2 * information, name, size, information**-0.5))
+    rank.sort()
+    if not rank or whole - rank[0][0] < _DROP or rank[0][0] > _LEFT:
+        return []
+    best = rank[0]
+    near = tuple(r[1] for r in rank[1:] if r[0] - best[0] < _APART)
+    value = best[2] + (0.0 if best[1] == "torque_bias" else 1.0)
+    if best[1] == "torque_bias":
+        near = ("encoder_offset", "friction_asymmetry", *near)
+    return [Found(name=best[1], value=value, error=best[3], alternatives=near)]

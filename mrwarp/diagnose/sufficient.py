@@ -1,0 +1,85 @@
+"""What a recording cannot answer, found before any fit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mrwarp.sysid.recording import Recording
+
+MIN_TRAJECTORIES = 3
+"""Fewest trajectories: with fewer nothing can be foretold by the others."""
+MIN_SECONDS = 10.0
+"""Shortest recording, all trajectories together [s]."""
+MIN_SAMPLES = 1500
+"""Fewest samples, all trajectories together."""
+_CLIPPED = 0.02
+"""Share of samples at the very largest torque above which the sensor counts as saturated."""
+
+STANDARD = (
+    "record at least 12 trajectories of 4 s or more: current steps while the joint moves, sines of several amplitudes "
+    "at several constant currents, in random order"
+)
+
+
+def hindrances(recording: Recording) -> list[str]:
+    """Reasons why no verdict can be given; each names the recording to make."""
+    runs = recording.trajectories
+    seconds = sum(float(run.t[-1] - run.t[0]) + run.dt for run in runs)
+    found = []
+    if len(runs) < MIN_TRAJECTORIES:
+        found.append(
+            f"only {len(runs)} {'trajectory' if len(runs) == 1 else 'trajectories'}: an effect is only believed when it "
+            f"foretells a trajectory that it was not fitted to, so nothing can be named; {STANDARD}"
+        )
+    if seconds < MIN_SECONDS or recording.samples < MIN_SAMPLES:
+        found.append(
+            f"too little data: {seconds:.3g} s, {recording.samples} samples; a cause needs at least {MIN_SECONDS:g} s "
+            f"and {MIN_SAMPLES} samples; {STANDARD}"
+        )
+    q = np.concatenate([run.q - run.q[0] for run in runs])
+    qd = np.concatenate([run.qd for run in runs])
+    noise = float(np.median([np.abs(np.diff(run.q, 2)).mean() for run in runs]))
+    reach = float(np.median([np.ptp(run.q) for run in runs]))
+    if reach <= 20.0 * noise or not np.any(np.abs(qd) > 0.0) or not np.any(q):
+        found.append(
+            "the joint does not move: friction, hysteresis and everything else in the torque shows along motion only; "
+            "move it by at least ten times what it takes to make it yield, at 0.5 to 2 Hz and several amplitudes"
+        )
+    torque = np.concatenate([run.torque for run in runs])
+    clipped = max(_at_limit(torque), _at_limit(-torque))
+    if clipped > _CLIPPED:
+        found.append(
+            f"the torque sensor is saturated: {100 * clipped:.0f} % of the samples stand at its largest reading "
+            f"({np.abs(torque).max():.4g}), so the torque beyond is unknown; use a larger range or less current"
+        )
+    if float(np.ptp(torque)) == 0.0:
+        found.append("the torque is constant: is the sensor connected? " + STANDARD)
+    return found
+
+
+def gaps(recording: Recording) -> list[str]:
+    """What cannot be known although a verdict can be given; each names the recording to make."""
+    runs = recording.trajectories
+    current = np.concatenate([run.current for run in runs])
+    top = float(np.abs(current).max())
+    levels = np.unique(np.round(current / (top or 1.0), 2))
+    found = []
+    if len(levels) == 1:
+        found.append(
+            f"the current is {current[0]:.3g} throughout: nothing that depends on it can be known (coil lag, command "
+            "delay, remanence, saturation, viscosity over current); record several constant levels and steps between "
+            "them while the joint moves"
+        )
+    elif all(np.ptp(run.current) <= 0.02 * top for run in runs):
+        found.append(
+            "the current is constant within each trajectory: coil lag, command delay and remanence cannot be seen; "
+            "record steps of the current while the joint moves"
+        )
+    return found
+
+
+def _at_limit(x: np.ndarray) -> float:
+    """Share of samples that stand, in runs, at the largest value."""
+    at = x >= x.max() - 1e-9 * max(float(np.ptp(x)), 1e-300)
+    runs = at[1:] & at[:-1]
+    return float(runs.mean())
