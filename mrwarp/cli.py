@@ -12,6 +12,7 @@ COMMANDS = {
     "bench": ("mrwarp.sysid.bench_cli", "virtual torque bench: recordings with known hidden effects"),
     "check": ("mrwarp.sysid.check_cli", "explain a recording, or what is wrong with it"),
     "fit": ("mrwarp.sysid.fit_cli", "identify the joint from recordings"),
+    "diagnose": ("mrwarp.diagnose.cli", "what the simulation gets wrong, why, and what it gains to put that right"),
     "learn": ("mrwarp.sysid.learn_cli", "train and evaluate the learned torque models"),
     "reproduce": ("mrwarp.evaluate.reproduce_cli", "the paper's figures and tables, ours beside theirs"),
     "asset": ("mrwarp.asset_cli", "show, check, change and compare USD assets"),

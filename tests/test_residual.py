@@ -38,6 +38,7 @@ class Joint:
     kd: float = 0.6
     tau_limit: float = 35.0
     mr: MrParams = MrParams()
+    effects: tuple = ()
 
 
 def make_model(kind: str, seed: int = 0, dt: float = DT) -> LearnedModel:

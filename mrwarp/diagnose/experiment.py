@@ -44,7 +44,7 @@ def propose(engine: Engine, choice: Choice, seed: int) -> NextExperiment | None:
         names = (effect, *rivals)
         if set(names) <= {"wear", "temperature_drift", "current_saturation"}:
             return NextExperiment(
-                what="repeat the first trajectory after a rest of several thermal time constants, and once more at the end",
+                what="repeat the first trajectory after a rest of several thermal time constants, and again at the end",
                 seconds=3.0 * 600.0, separates=names, kind="rest and repeat",
             )  # fmt: skip
         rng = np.random.default_rng(seed)
@@ -58,13 +58,12 @@ def propose(engine: Engine, choice: Choice, seed: int) -> NextExperiment | None:
         rate = 1.0 / engine.motion.ranges.dt
         seconds = _SAFETY * _SIGMAS**2 / (rate * max(separation, 1e-9) ** 2)
         scales = engine.samples.scales
+        seconds = float(np.clip(seconds, 2.0, 36000.0))
         settings = {
             "separation_sigma": float(separation), "range": engine.motion.ranges.q * scales.q,
             "current_max": engine.motion.ranges.current * scales.current, "rate": rate,
         }  # fmt: skip
-        return NextExperiment(
-            what=_WORDS[kind], seconds=float(np.clip(seconds, 2.0, 36000.0)), separates=names, kind=kind, settings=settings
-        )  # fmt: skip
+        return NextExperiment(what=_WORDS[kind], seconds=seconds, separates=names, kind=kind, settings=settings)
     return None
 
 

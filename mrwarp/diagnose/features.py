@@ -80,7 +80,8 @@ def make_groups(motion: Motion, loop: np.ndarray, hysteretic: np.ndarray) -> lis
         Group(("q", "current"), "product", _stack(
             *(cheb(q, k) * cheb(2 * current - 1, j) for k in (1, 2, 3, 4, 5) for j in (1, 2)),
             *(cheb(q, k) * current for k in (2, 3, 4, 5)))),
-        Group(("qd", "current"), "product", _stack(*(f * g for f in (v, a, v * a, sign) for g in (current, current**2)))),
+        Group(("qd", "current"), "product", _stack(
+            *(f * g for f in (v, a, v * a, sign) for g in (current, current**2)))),
         Group(("qd", "memory"), "loop", _stack(*(f * g for f in (h, hi) for g in (a, v**2, v, sign)))),
         Group(("q", "memory"), "loop", _stack(*(cheb(q, k) * f for k in (1, 2, 3, 4) for f in (h, hi)))),
         Group(("time",), "drift", _stack(time * h, time * hi, time * v, time * sign, time**2 * hi), slow=True),

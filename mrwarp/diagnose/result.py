@@ -175,6 +175,8 @@ class Diagnosis:
     notes: tuple[str, ...]
     model: Model | None
     """The extended model."""
+    baseline_model: Model | None = None
+    """The baseline, fitted to the same data without the causes."""
     recording: Recording
     traces: Traces | None
     predictor: Predictor | None = None

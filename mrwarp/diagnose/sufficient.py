@@ -28,8 +28,8 @@ def hindrances(recording: Recording) -> list[str]:
     found = []
     if len(runs) < MIN_TRAJECTORIES:
         found.append(
-            f"only {len(runs)} {'trajectory' if len(runs) == 1 else 'trajectories'}: an effect is only believed when it "
-            f"foretells a trajectory that it was not fitted to, so nothing can be named; {STANDARD}"
+            f"only {len(runs)} {'trajectory' if len(runs) == 1 else 'trajectories'}: an effect is only believed when "
+            f"it foretells a trajectory that it was not fitted to, so nothing can be named; {STANDARD}"
         )
     if seconds < MIN_SECONDS or recording.samples < MIN_SAMPLES:
         found.append(

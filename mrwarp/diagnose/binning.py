@@ -1,0 +1,294 @@
+"""Mismatch against a variable: bin means with the band that noise alone would fill, and where it shows best.
+
+An effect on the yield torque has the sign of the motion: along most variables its plain mean is zero. So a mismatch is
+looked at as it is, along the motion, and along the torque, whichever lets more of it through.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mrwarp.diagnose.result import Traces
+
+_BINS = 25
+_LEAST = 20
+"""Fewest samples of a bin."""
+_WINDOW = 0.3
+"""How long after a step of the current, or a reversal, is looked at [s]."""
+_PREFER_PLAIN = 1.3
+"""How much more a signed view must show to be taken instead of the plain one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Axis:
+    """What mismatch is drawn against."""
+
+    label: str
+    """With its unit."""
+    x: np.ndarray
+    """Shape (N,); NaN where it does not apply."""
+    signs: dict[str, np.ndarray]
+    """Views: how the mismatch is turned, by what the turned one means. The first is the plain one."""
+    logarithmic: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Profile:
+    """Bin means; arrays of shape (B,)."""
+
+    axis: Axis
+    meaning: str
+    """What a positive mismatch means; empty for the plain one."""
+    x: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    band: np.ndarray
+    """Half-width of what the means would scatter by without any structure, 95 %."""
+    share: float
+    """Part of the baseline's mean square that the bins explain [1]."""
+    left: float
+    """Part of it that they still explain in the extension's mismatch [1]."""
+
+
+def profile(axis: Axis, traces: Traces) -> Profile | None:
+    """The view of an axis that shows most of the baseline's mismatch; None if the variable does not vary."""
+    labels = _labels(axis)
+    if labels is None:
+        return None
+    best: Profile | None = None
+    for meaning, sign in axis.signs.items():
+        found = _profile(axis, meaning, sign, labels, traces)
+        if found is not None and (best is None or found.share > best.share * (1.0 if best.meaning else _PREFER_PLAIN)):
+            best = found
+    return best
+
+
+def best_profile(axes: Iterable[Axis], traces: Traces) -> Profile | None:
+    """The axis along which most of the baseline's mismatch lies and the extension takes most away."""
+    found = [p for p in (profile(axis, traces) for axis in axes) if p is not None]
+    return max(found, key=lambda p: p.share + max(0.0, p.share - p.left), default=None)
+
+
+def axes_of(variable: str, traces: Traces, units: dict[str, str]) -> list[Axis]:
+    """What can stand for a variable of ``depends_on``; several for ``memory``, none for ``frequency``."""
+    t, q, amps, torque = traces, units["q"], units["current"], units["torque"]
+    views = _views(t)
+    minutes = float(np.ptp(t.time)) > 180.0
+    plain: dict[str, tuple[np.ndarray, str]] = {
+        "q": (t.q, f"{'angle' if q == 'rad' else 'displacement'} [{q}]"),
+        "qd": (t.qd, f"velocity [{q}/s]"),
+        "qdd": (t.qdd, f"acceleration [{q}/s²]"),
+        "current": (t.current, f"{'current' if amps == 'A' else 'driver voltage'} [{amps}]"),
+        "time": (t.time / 60.0, "time in the session [min]") if minutes else (t.time, "time in the session [s]"),
+        "torque": (t.baseline, f"simulated {'torque' if torque == 'N·m' else 'force'} [{torque}]"),
+    }
+    if variable in plain:
+        x, label = plain[variable]
+        return [Axis(label=label, x=x, signs=views)]
+    if variable != "memory":
+        return []
+    rate = _rate(t.current, t)
+    loading = _rate(t.baseline, t)
+    name = "current" if amps == "A" else "driver voltage"
+    quick = {**views, "the change goes further than simulated": np.sign(loading)}
+    jump = _jumps(t)
+    step = {**views, f"the change of the {name} acts more than simulated": _held(np.sign(jump), jump != 0.0, t) * (
+        views["the device gives more than simulated"])}  # fmt: skip
+    reversal = _reversals(t)
+    found = [
+        Axis(label=f"rate of the {name} [{amps}/s]", x=_clipped(rate), signs=views),
+        Axis(label=f"rate of the simulated {'torque' if torque == 'N·m' else 'force'} [{torque}/s]",
+             x=_clipped(loading), signs=views),
+        Axis(label="time since the last reversal [s]", x=_since(reversal, t), signs=quick, logarithmic=True),
+    ]  # fmt: skip
+    if (jump != 0.0).sum() >= 3:
+        since = _since(jump != 0.0, t)
+        found.insert(
+            0, Axis(label=f"time since the last step of the {name} [s]", x=since, signs=step, logarithmic=True)
+        )
+    return found
+
+
+def predicted(traces: Traces, units: dict[str, str]) -> Axis:
+    """What the extension adds, as an axis: if it is the cause, the mismatch follows it one to one."""
+    return Axis(
+        label=f"what the named cause adds [{units['torque']}]",
+        x=_clipped(traces.extended - traces.baseline),
+        signs={"": np.ones(len(traces.torque))},
+    )
+
+
+def is_extended(traces: Traces) -> bool:
+    """Whether the extension differs from the baseline."""
+    return not np.allclose(traces.extended, traces.baseline, rtol=1e-6, atol=1e-9 * float(np.abs(traces.torque).max()))
+
+
+def _views(t: Traces) -> dict[str, np.ndarray]:
+    centre = float(np.median(t.baseline))
+    return {
+        "": np.ones(len(t.torque)),
+        "the device resists more than simulated": np.sign(t.qd),
+        "the device gives more than simulated": np.sign(t.baseline - centre),
+    }
+
+
+def _labels(axis: Axis) -> tuple[np.ndarray, np.ndarray] | None:
+    """Bin of each sample (-1: none) and the bins' centres."""
+    good = np.isfinite(axis.x)
+    x = axis.x[good]
+    if len(x) < 2 * _LEAST or np.ptp(x) <= 1e-9 * max(1e-300, float(np.abs(x).max())):
+        return None
+    values = np.unique(np.round(x / np.ptp(x), 6)) * np.ptp(x)
+    if len(values) <= _BINS:
+        edges = 0.5 * (values[1:] + values[:-1])
+    elif axis.logarithmic:
+        edges = np.geomspace(x[x > 0.0].min(), x.max(), _BINS + 1)[1:-1] if (x > 0.0).any() else np.zeros(0)
+    else:
+        share = np.linspace(0.0, 1.0, _BINS + 1)[1:-1]
+        low, high = np.quantile(x, (0.002, 0.998))
+        edges = 0.5 * (np.quantile(x, share) + low + share * (high - low))
+    labels = np.full(len(axis.x), -1)
+    labels[good] = np.searchsorted(np.sort(edges), x)
+    count = np.bincount(labels[good], minlength=len(edges) + 1)
+    centre = np.bincount(labels[good], weights=x, minlength=len(edges) + 1) / np.maximum(count, 1)
+    keep = count >= _LEAST
+    if keep.sum() < 2:
+        return None
+    number = np.where(keep, np.cumsum(keep) - 1, -1)
+    labels[good] = number[labels[good]]
+    return labels, centre[keep]
+
+
+def _profile(
+    axis: Axis, meaning: str, sign: np.ndarray, labels: tuple[np.ndarray, np.ndarray], t: Traces
+) -> Profile | None:
+    label, centre = labels
+    good = (label >= 0) & (sign != 0.0)
+    bins, runs = len(centre), len(t.start) - 1
+    run = np.repeat(np.arange(runs), np.diff(t.start))
+    cell = run[good] * bins + label[good]
+
+    def sums(x: np.ndarray) -> np.ndarray:
+        return np.bincount(cell, weights=x[good], minlength=runs * bins).reshape(runs, bins)
+
+    count = sums(np.ones(len(sign)))
+    total = count.sum(0)
+    if (total < 2).any():
+        return None
+    before = sums(sign * (t.torque - t.baseline)).sum(0) / total
+    rest = sums(sign * (t.torque - t.extended))
+    after = rest.sum(0) / total
+    band = _band(rest, count, after, _correlated_noise(t))
+    mean_square = float(np.mean((t.torque - t.baseline) ** 2)) * len(sign)
+    error = (band / 1.96) ** 2
+
+    def explained(mean: np.ndarray) -> float:
+        return float((total * np.maximum(mean**2 - error, 0.0)).sum()) / max(mean_square, 1e-300)
+
+    return Profile(
+        axis=axis, meaning=meaning, x=centre, before=before, after=after, band=band,
+        share=explained(before), left=explained(after),
+    )  # fmt: skip
+
+
+def _band(rest: np.ndarray, count: np.ndarray, mean: np.ndarray, noise: float) -> np.ndarray:
+    """From the scatter between trajectories, which holds the sensor's offsets and slow noise; shape (B,).
+
+    Args:
+        rest: Sum of the extension's mismatch per trajectory and bin, shape (T, B).
+        count: Samples in them.
+        mean: Its bin means.
+        noise: Standard deviation of a correlated sample, as if it were alone.
+    """
+    weight = count / count.sum(0)
+    own = np.divide(rest, count, out=np.zeros_like(rest), where=count > 0) - mean
+    spread = (weight**2 * own**2).sum(0)
+    used = (count > 0).sum(0)
+    several = used >= 3
+    alone = noise**2 / count.sum(0)
+    if not several.any():  # along time a bin belongs to one trajectory: neighbours that differ tell the scatter
+        jumps = 0.5 * float(np.median(np.diff(mean) ** 2)) / 0.455 if len(mean) > 4 else 0.0
+        return 1.96 * np.sqrt(np.maximum(alone, jumps) + 1e-30)
+    # few trajectories give an uncertain scatter: draw it towards that of all bins
+    each = np.where(several, spread * used / np.maximum(used - 1, 1), np.nan)
+    typical = np.nanmedian(each / alone) * alone
+    spread = np.where(several, (each * used + 4.0 * typical) / (used + 4.0), typical)
+    return 1.96 * np.sqrt(np.maximum(spread, 1e-30))
+
+
+def _correlated_noise(t: Traces) -> float:
+    """Noise whose mean over n samples has the variance ``noise²/n``: its RMS times the root of samples per draw."""
+    rest = t.torque - t.extended
+    top, most = np.zeros(0), max(1, round(0.2 / _dt(t, _parts(t)[0])))
+    for part in _parts(t):
+        r = rest[part] - rest[part].mean()
+        lags = np.array([float(r[: len(r) - k] @ r[k:]) for k in range(min(most, len(r) - 1) + 1)])
+        lags = np.pad(lags, (0, most + 1 - len(lags)))
+        top = top + lags if len(top) else lags
+    shape = top / max(float(top[0]), 1e-300)
+    below = np.flatnonzero(shape < 0.05)
+    return t.noise_rms * float(np.sqrt(1.0 + 2.0 * shape[1 : below[0] if len(below) else None].sum()))
+
+
+def _parts(t: Traces) -> list[slice]:
+    return [slice(a, b) for a, b in zip(t.start[:-1], t.start[1:], strict=True)]
+
+
+def _dt(t: Traces, part: slice) -> float:
+    return float(t.time[part.stop - 1] - t.time[part.start]) / max(part.stop - part.start - 1, 1) or 1.0
+
+
+def _rate(x: np.ndarray, t: Traces) -> np.ndarray:
+    out = np.zeros_like(x, dtype=float)
+    for part in _parts(t):
+        out[part] = np.gradient(x[part], _dt(t, part))
+    return out
+
+
+def _clipped(x: np.ndarray) -> np.ndarray:
+    """The same without its rarest values, which would squeeze all others into one bin."""
+    low, high = np.quantile(x, (0.002, 0.998))
+    return np.where((x < low) | (x > high), np.nan, x) if high > low else x
+
+
+def _jumps(t: Traces) -> np.ndarray:
+    """Step of the current at each sample, 0 where there is none."""
+    out = np.zeros(len(t.current))
+    for part in _parts(t):
+        out[part][1:] = np.diff(t.current[part])
+    limit = max(0.08 * float(np.ptp(t.current)), 8.0 * float(np.median(np.abs(out))))
+    return np.where(np.abs(out) > limit, out, 0.0)
+
+
+def _reversals(t: Traces) -> np.ndarray:
+    out = np.zeros(len(t.qd), dtype=bool)
+    limit = 0.02 * float(np.percentile(np.abs(t.qd), 95))
+    for part in _parts(t):
+        moving = np.flatnonzero(np.abs(t.qd[part]) > limit)
+        turned = moving[1:][np.diff(np.sign(t.qd[part][moving])) != 0.0]
+        out[part.start + turned] = True
+    return out
+
+
+def _since(event: np.ndarray, t: Traces) -> np.ndarray:
+    """Time since the last event [s], NaN before the first and after the window; a sample's own interval at an event."""
+    out = np.full(len(event), np.nan)
+    for part in _parts(t):
+        index = np.arange(part.stop - part.start)
+        last = np.maximum.accumulate(np.where(event[part], index, -1))
+        since = (index - last + 1) * _dt(t, part)
+        out[part] = np.where((last >= 0) & (since <= _WINDOW), since, np.nan)
+    return out
+
+
+def _held(x: np.ndarray, event: np.ndarray, t: Traces) -> np.ndarray:
+    """Value at the last event, 0 before the first."""
+    out = np.zeros(len(x))
+    for part in _parts(t):
+        index = np.arange(part.stop - part.start)
+        last = np.maximum.accumulate(np.where(event[part], index, -1))
+        out[part] = np.where(last >= 0, x[part][np.maximum(last, 0)], 0.0)
+    return out

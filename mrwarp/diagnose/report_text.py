@@ -1,0 +1,151 @@
+"""Numbers and names of a diagnosis in an engineer's words: sensible units, as many digits as the interval carries."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from mrwarp.diagnose.result import Value
+from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.effects.law import EffectParameter
+
+_STEPS: dict[str, tuple[tuple[float, float, str], ...]] = {
+    "s": ((0.0, 1e3, "ms"), (1.0, 1.0, "s"), (600.0, 1.0 / 60.0, "min")),
+    "rad": ((0.0, 1e3, "mrad"), (0.2, 1.0, "rad")),
+    "m": ((0.0, 1e6, "µm"), (1e-3, 1e3, "mm"), (1.0, 1.0, "m")),
+    "rad/s": ((0.0, 1e3, "mrad/s"), (0.1, 1.0, "rad/s")),
+    "m/s": ((0.0, 1e3, "mm/s"), (1.0, 1.0, "m/s")),
+    "A": ((0.0, 1e3, "mA"), (0.5, 1.0, "A")),
+    "V": ((0.0, 1e3, "mV"), (0.5, 1.0, "V")),
+    "N·m": ((0.0, 1e3, "mN·m"), (0.5, 1.0, "N·m"), (1e4, 1e-3, "kN·m")),
+    "N": ((0.0, 1e3, "mN"), (0.5, 1.0, "N"), (1e4, 1e-3, "kN")),
+    "kg·m²": ((0.0, 1e4, "kg·cm²"), (0.1, 1.0, "kg·m²")),
+    "kg": ((0.0, 1e3, "g"), (0.5, 1.0, "kg")),
+    "1/s": ((0.0, 6e3, "% per minute"),),
+    "1/J": ((0.0, 1e5, "% per kJ"),),
+    "N·m·s/rad": ((0.0, 1e3, "mN·m·s/rad"), (0.1, 1.0, "N·m·s/rad")),
+}
+"""Unit: from which size on, what factor gives what readable unit."""
+
+_NAMES = {"rad": "angle", "m": "displacement", "A": "current", "V": "driver voltage", "N·m": "torque", "N": "force"}
+
+
+@dataclass(frozen=True)
+class Readable:
+    """One number as text."""
+
+    value: str
+    interval: str
+    """Its 95 % interval, or an empty text."""
+    si: str
+    """The plain number with the recording's unit, or an empty text where that is what ``value`` shows."""
+
+
+def quantity(unit: str) -> str:
+    """What is measured in a unit: angle or displacement, current or voltage, torque or force."""
+    return _NAMES.get(unit, "quantity")
+
+
+def scale(size: float, unit: str) -> tuple[float, str]:
+    """Factor and unit in which numbers of a size are readable."""
+    found = (1.0, "" if unit == "1" else unit)
+    for least, factor, name in _STEPS.get(unit, ()):
+        if abs(size) >= least:
+            found = (factor, name)
+    return found
+
+
+def digits(value: float, half: float | None = None) -> str:
+    """A number with the digits that its half interval leaves, two more than its first uncertain one; else four."""
+    if not math.isfinite(value):
+        return "unknown"
+    if value == 0.0:
+        return "0"
+    if half is None or not math.isfinite(half) or half <= 0.0:
+        return f"{value:.4g}"
+    places = 1 - math.floor(math.log10(half))
+    if places > 6 or places < -6:
+        return f"{value:.4g}"
+    return f"{value:.{places}f}" if places >= 0 else f"{round(value, places):.0f}"
+
+
+def measured(value: float, unit: str) -> str:
+    """A number with its readable unit."""
+    factor, name = scale(value, unit)
+    return f"{value * factor:.3g} {name}".strip() if math.isfinite(value) else "unknown"
+
+
+def readable(value: Value, parameter: EffectParameter | None = None) -> Readable:
+    """A value, its interval and the same in the recording's unit.
+
+    A gain is given as its change in per cent.
+    """
+    low, high = value.ci95
+    plain = f"{value.value:.6g} {'' if value.unit == '1' else value.unit}".strip()
+    if is_gain(parameter) and value.unit == "1":
+        return Readable(_signed(value.value), f"{_signed(low)} to {_signed(high)}" if low < high else "", plain)
+    factor, name = scale(value.value, value.unit)
+    half = 0.5 * (high - low) * factor
+    text = f"{digits(value.value * factor, half)} {name}".strip()
+    interval = f"{digits(low * factor, half)} to {digits(high * factor, half)} {name}".strip() if low < high else ""
+    return Readable(text, interval, "" if factor == 1.0 else plain)
+
+
+def is_gain(parameter: EffectParameter | None) -> bool:
+    """Whether a parameter is a factor on a measured quantity."""
+    return parameter is not None and parameter.name == "gain" and parameter.null == 1.0
+
+
+def percent(share: float, places: int = 1) -> str:
+    """A share in per cent."""
+    return f"{100.0 * share:.{places}f} %" if math.isfinite(share) else "unknown"
+
+
+def chance(p: float) -> str:
+    """A probability for people."""
+    if not math.isfinite(p):
+        return "unknown"
+    if p < 1e-6:
+        return "less than one in a million"
+    return f"1 in {round(1.0 / p):,}" if p < 0.01 else f"{100.0 * p:.0f} %"
+
+
+def title(token: str) -> str:
+    """What an effect is called in the catalogue."""
+    return CATALOGUE[token].title if token in CATALOGUE else token
+
+
+def either(tokens: Iterable[str]) -> str:
+    """Titles joined by commas and "or"."""
+    return _joined([title(token) for token in tokens], "or")
+
+
+def both(words: Iterable[str]) -> str:
+    """Words joined by commas and "and"."""
+    return _joined(list(words), "and")
+
+
+def variable(name: str, units: Mapping[str, str]) -> str:
+    """A variable of ``depends_on`` in words."""
+    q = quantity(units["q"])
+    words = {
+        "q": f"the {q}",
+        "qd": "the velocity",
+        "qdd": "the acceleration",
+        "current": f"the {quantity(units['current'])}",
+        "torque": f"the {quantity(units['torque'])}",
+        "time": "the time in the session",
+        "memory": "what happened shortly before (memory)",
+        "frequency": "the frequency",
+        "temperature": "the temperature",
+    }
+    return words.get(name, name)
+
+
+def _joined(words: list[str], last: str) -> str:
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + f" {last} {words[-1]}" if words else ""
+
+
+def _signed(factor: float) -> str:
+    return f"{100.0 * (factor - 1.0):+.2f} %"
