@@ -25,6 +25,7 @@ LAW = EffectLaw(
     stage="current",
     parameters=(EffectParameter(name="gain", unit="1", null=1.0, low=lambda r: 0.1, high=lambda r: 10.0),),
     law=current_gain_law,
+    source="error of a shunt's or Hall sensor's factor",
     depends_on=("current",),
     remedy="calibrate the current sensor",
 )

@@ -23,6 +23,7 @@ LAW = EffectLaw(
     stage="motion",
     parameters=(EffectParameter(name="offset", unit="rad", scale=(1, 0, 0)),),
     law=encoder_offset_law,
+    source="homing of an incremental encoder",
     depends_on=("q",),
     remedy="home the encoder",
 )

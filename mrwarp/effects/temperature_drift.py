@@ -23,8 +23,8 @@ LAW = EffectLaw(
     kind="mechanism",
     stage="torque",
     parameters=(
-        EffectParameter(name="yield_loss", unit="1/J", scale=(0, 0, -1)),
-        EffectParameter(name="viscosity_loss", unit="1/J", scale=(0, 0, -1)),
+        EffectParameter(name="yield_loss", unit="1/J", scale=(-1, 0, -1)),
+        EffectParameter(name="viscosity_loss", unit="1/J", scale=(-1, 0, -1)),
         EffectParameter(
             name="time_constant",
             unit="s",

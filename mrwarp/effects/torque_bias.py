@@ -23,5 +23,6 @@ LAW = EffectLaw(
     stage="sensor",
     parameters=(EffectParameter(name="bias", unit="N·m", scale=(0, 0, 1)),),
     law=torque_bias_law,
+    source="zero error of a strain-gauge bridge",
     remedy="unload the sensor and zero it",
 )

@@ -23,6 +23,7 @@ LAW = EffectLaw(
     stage="sensor",
     parameters=(EffectParameter(name="gain", unit="1", null=1.0, low=lambda r: 0.1, high=lambda r: 10.0),),
     law=torque_gain_law,
+    source="error of a strain-gauge bridge's factor",
     depends_on=("torque",),
     remedy="hang a known weight on the sensor",
 )

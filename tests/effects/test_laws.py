@@ -1,0 +1,389 @@
+"""Every law of the catalogue through the path: closed forms, signs, limits."""
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mrwarp.diagnose.kernels import HEAT_TIMES
+
+_SPEC = importlib.util.spec_from_file_location("along", Path(__file__).with_name("along.py"))
+assert _SPEC is not None and _SPEC.loader is not None
+along = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(along)
+
+Shaft, TRUTH, EPS, torque, play, loop = along.Shaft, along.TRUTH, along.EPS, along.torque, along.play, along.loop
+Effects = dict[str, dict[str, float]]
+DT = 0.005
+CURRENT = {"I1": 1.0}
+"""Base whose torque is the current that flows."""
+FIELD = {"K1": 20.0, "beta": 15.0, "gamma": 5.0}
+"""Base whose torque is the current that magnetises, once z has saturated at 1/20."""
+RUN_IN = 300
+"""Samples at 1 rad/s after which z has saturated to 1e-13."""
+
+
+def current_of(command: np.ndarray, effects: Effects, dt: float = DT) -> np.ndarray:
+    """Current that flows for a command."""
+    return torque(Shaft.steady(command, dt), CURRENT, effects)
+
+
+def field_of(command: np.ndarray, effects: Effects, dt: float = DT) -> np.ndarray:
+    """Current that magnetises for a command that stands at its first value before."""
+    wait = np.full(round(RUN_IN * DT / dt), command[0])
+    return torque(Shaft.steady(np.concatenate([wait, command]), dt), FIELD, effects)[len(wait) :]
+
+
+def added(shaft: Any, effects: Effects, base: dict | None = None) -> np.ndarray:
+    """What effects add to the torque of the paper's joint."""
+    base = TRUTH if base is None else base
+    return torque(shaft, base, effects) - torque(shaft, base)
+
+
+# --- from the command to the field ---
+
+
+@pytest.mark.parametrize("lag", [0.0005, 0.003, 0.02, 0.3])
+def test_coil_lag_of_a_step_is_an_exponential(lag: float) -> None:
+    """A command that steps after a sample, and one that ramps between two samples, both exactly."""
+    command = np.where(np.arange(60) < 10, 0.4, 1.4)
+    since = DT * np.arange(60 - 9)
+    held = 0.4 + 1.0 - np.exp(-since / lag)
+    found = current_of(command, {"coil_lag": {"time_constant": lag, "hold": 1.0}})
+    np.testing.assert_allclose(found[:10], 0.4, rtol=2 * EPS)
+    np.testing.assert_allclose(found[10:], held[:-1], rtol=0, atol=20 * EPS)
+    ramped = 1.4 - lag / DT * -np.expm1(-DT / lag) * np.exp(-since[:-1] / lag)
+    found = current_of(command, {"coil_lag": {"time_constant": lag}})
+    # the ramp's lag is lag/DT times as large as what is left of it
+    np.testing.assert_allclose(found[10:], ramped, rtol=0, atol=20 * EPS * max(1.0, lag / DT))
+
+
+def test_coil_lag_reaches_field_and_current_alike() -> None:
+    """A swept command comes out smaller and late as 1/(1 + i*w*T) says, in both, to the ramp's second order."""
+    lag, w, t = 0.02, 2.0 * np.pi * 3.0, DT * np.arange(400)
+    command = 0.7 + 0.5 * np.sin(w * t)
+    gain = 1.0 / (1.0 + 1j * w * lag)
+    want = 0.7 + 0.5 * np.imag(gain * np.exp(1j * w * t))
+    for found in (current_of(command, {"coil_lag": {"time_constant": lag}}),
+                  field_of(command, {"coil_lag": {"time_constant": lag}})):  # fmt: skip
+        np.testing.assert_allclose(found[100:], want[100:], rtol=0, atol=0.5 * (w * DT) ** 2 / 12.0 * 1.5)
+
+
+def test_command_delay_shifts_the_command() -> None:
+    """Whole samples: the command itself, late; parts of one: linear in between; before it, the first command."""
+    rng = np.random.default_rng(1)
+    command = rng.uniform(0.0, 1.5, 80)
+    early = np.concatenate([np.full(9, command[0]), command])
+    for samples in (1, 3, 8):
+        found = current_of(command, {"command_delay": {"delay": samples * DT}})
+        np.testing.assert_allclose(found, early[9 - samples : 9 - samples + 80], rtol=0, atol=20 * EPS)
+    want = 0.6 * early[7:87] + 0.4 * early[6:86]
+    for found in (current_of(command, {"command_delay": {"delay": 2.4 * DT}}),
+                  field_of(command, {"command_delay": {"delay": 2.4 * DT}})):  # fmt: skip
+        np.testing.assert_allclose(found, want, rtol=0, atol=50 * EPS)
+
+
+def test_delayed_command_lags_after_the_delay() -> None:
+    """Delay and lag together: the step's exponential begins late."""
+    command = np.where(np.arange(60) < 10, 0.0, 1.0)
+    late = {"command_delay": {"delay": 3 * DT}, "coil_lag": {"time_constant": 0.02, "hold": 1.0}}
+    found, alone = current_of(command, late), current_of(command, {"coil_lag": late["coil_lag"]})
+    np.testing.assert_allclose(found[3:], alone[:-3], rtol=0, atol=20 * EPS)
+
+
+def test_remanence_is_a_play_on_the_current() -> None:
+    """Up and down the field stays behind by the half-width, in between it stands; what flows is untouched."""
+    width = 0.2
+    command = np.concatenate([np.linspace(0.5, 1.5, 51), np.linspace(1.5, 0.1, 71), np.linspace(0.1, 0.8, 36)])
+    found = field_of(command, {"remanence": {"half_width": width}})
+    np.testing.assert_allclose(found, play(command, width, 0.5), rtol=0, atol=20 * EPS)
+    assert found[50] == pytest.approx(1.3) and found[121] == pytest.approx(0.3) and found[125] == pytest.approx(0.3)
+    np.testing.assert_allclose(current_of(command, {"remanence": {"half_width": width}}), command, rtol=2 * EPS)
+    # wider than every change: the field never moves
+    np.testing.assert_allclose(field_of(command, {"remanence": {"half_width": 1.1}}), 0.5, rtol=20 * EPS)
+
+
+def test_current_saturation_bends_the_field_alone() -> None:
+    """tanh(u*I)/u, odd, never above 1/u, equal to I for a small one; what flows is untouched."""
+    command, u = np.linspace(-3.0, 3.0, 61), 0.8
+    found = field_of(command, {"current_saturation": {"u": u}})
+    np.testing.assert_allclose(found, np.tanh(u * command) / u, rtol=0, atol=50 * EPS)
+    assert np.abs(found).max() < 1.0 / u
+    np.testing.assert_allclose(found, -found[::-1], rtol=0, atol=50 * EPS)
+    weak = field_of(command, {"current_saturation": {"u": 1e-3}})
+    np.testing.assert_allclose(weak, command, rtol=0, atol=3.0 * (3e-3) ** 2)
+    np.testing.assert_allclose(current_of(command, {"current_saturation": {"u": u}}), command, rtol=2 * EPS)
+
+
+def test_current_gain_multiplies_both_currents() -> None:
+    """A gain of 1.2 lets 1.2 times the command flow and magnetise."""
+    command = np.linspace(0.0, 1.5, 40)
+    effects = {"current_gain": {"gain": 1.2}}
+    np.testing.assert_allclose(current_of(command, effects), 1.2 * command, rtol=0, atol=10 * EPS)
+    np.testing.assert_allclose(field_of(command, effects), 1.2 * command, rtol=0, atol=50 * EPS)
+
+
+def test_saturation_acts_on_the_remanent_field_of_the_true_current() -> None:
+    """Order of the path: gain, then remanence, then saturation."""
+    command = 0.8 + 0.6 * np.sin(0.1 * np.arange(200))
+    effects = {"current_saturation": {"u": 0.7}, "remanence": {"half_width": 0.1}, "current_gain": {"gain": 1.5}}
+    want = np.tanh(0.7 * play(1.5 * command, 0.1, 1.5 * command[0])) / 0.7
+    np.testing.assert_allclose(field_of(command, effects), want, rtol=0, atol=50 * EPS)
+
+
+# --- from the measured motion to the shaft's ---
+
+
+def test_velocity_lag_recovers_the_true_motion() -> None:
+    """From a velocity that passed a first-order filter come the true velocity and the true way of the hysteresis."""
+    lag, shaft = 0.02, Shaft.swinging()
+    logged, slope = np.zeros(len(shaft.q)), np.zeros(len(shaft.q))
+    for amplitude, f, phase in ((0.3, 0.7, 0.2), (0.12, 1.7, 1.1), (0.05, 3.1, 2.0)):
+        w = 2.0 * np.pi * f
+        filtered = amplitude * w / (1.0 + 1j * w * lag) * np.exp(1j * (w * shaft.time + phase))
+        logged, slope = logged + np.real(filtered), slope + np.real(1j * w * filtered)
+    late = along.replace(shaft, qd=logged, qdd=slope)
+    effects = {"velocity_lag": {"time_constant": lag}}
+    np.testing.assert_allclose(torque(late, {"B": 1.0}, effects), shaft.qd, rtol=0, atol=30 * EPS)
+    assert np.abs(late.qd - shaft.qd).max() > 0.2
+    loop_alone = {"K0": 1.0, "beta": 16.0, "gamma": -10.0}
+    found, want = torque(late, loop_alone, effects), torque(shaft, loop_alone)
+    # the cubic between samples takes the filtered velocity's slope: lag*third derivative*dt^2/12 of the way per sample
+    np.testing.assert_allclose(found, want, rtol=0, atol=2e-3 * np.abs(want).max())
+    assert np.abs(torque(late, loop_alone) - want).max() > 0.2 * np.abs(want).max()
+
+
+def test_encoder_offset_shifts_the_angle_alone() -> None:
+    """The stiffness and the cogging see q - o; velocity and hysteresis do not."""
+    shaft = Shaft.swinging(seconds=1.0)
+    effects = {"encoder_offset": {"offset": 0.07}}
+    np.testing.assert_allclose(torque(shaft, {"C": 2.0}, effects), 2.0 * (shaft.q - 0.07), rtol=0, atol=20 * EPS)
+    np.testing.assert_allclose(added(shaft, effects), -0.07 * TRUTH["C"], rtol=0, atol=30 * EPS)
+    cogging = {"cogging": {"sine": 0.5, "cosine": 0.0, "periods": 20.0}}
+    found = torque(shaft, {}, {**cogging, **effects})
+    np.testing.assert_allclose(found, 0.5 * np.sin(20.0 * (shaft.q - 0.07)), rtol=0, atol=20 * 20 * EPS)
+
+
+def test_backlash_is_a_play_on_the_angle() -> None:
+    """The shaft's angle is that of a play operator from the middle of the gap; in the gap the shaft stands."""
+    shaft, gap = Shaft.swinging(dt=0.001), 0.03
+    effects = {"backlash": {"half_gap": gap}}
+    driven = play(shaft.q, gap, shaft.q[0])
+    # the play is on the way between samples: fourth order of the step, and rounding of 4000 samples
+    np.testing.assert_allclose(torque(shaft, {"C": 1.0}, effects), driven, rtol=0, atol=2e-5)
+    speed = torque(shaft, {"B": 1.0}, effects)
+    moved = np.diff(driven, prepend=driven[0]) != 0.0
+    stands, turns = ~moved, moved & np.roll(moved, 1) & np.roll(moved, -1)  # not where the gap opens or closes
+    assert stands.sum() > 100 and turns.sum() > 1000
+    np.testing.assert_allclose(speed[stands][1:], 0.0, atol=1e-8 / shaft.dt)  # rounding of the way in the gap
+    np.testing.assert_allclose(speed[turns], shaft.qd[turns], rtol=0, atol=1e-8 / shaft.dt)
+
+
+def test_backlash_drives_the_hysteresis_by_the_shafts_way() -> None:
+    """z is that of the driven angle; a gap wider than the motion never turns the shaft."""
+    shaft, gap = Shaft.swinging(dt=0.0005), 0.03
+    alone = {"K0": 1.0, "beta": TRUTH["beta"], "gamma": TRUTH["gamma"]}
+    want = loop(play(shaft.q, gap, shaft.q[0]), TRUTH["beta"], TRUTH["gamma"])
+    found = torque(shaft, alone, {"backlash": {"half_gap": gap}})
+    np.testing.assert_allclose(found, want, rtol=0, atol=5e-5)
+    assert np.abs(found - torque(shaft, alone)).max() > 0.02
+    found = torque(shaft, alone, {"backlash": {"half_gap": 2.0}})
+    np.testing.assert_allclose(found, 0.0, atol=8000 * EPS * 2e-2)  # rounding of the way in the gap
+
+
+# --- torques of their own ---
+
+
+def test_rotor_inertia_is_mass_times_acceleration() -> None:
+    """J*qdd, positive where the joint gains speed; none while a backlash is open."""
+    shaft = Shaft.swinging(seconds=1.0)
+    np.testing.assert_allclose(
+        added(shaft, {"rotor_inertia": {"inertia": 0.01}}), 0.01 * shaft.qdd, rtol=0, atol=30 * EPS
+    )
+    lost = torque(shaft, {}, {"rotor_inertia": {"inertia": 0.01}, "backlash": {"half_gap": 2.0}})
+    np.testing.assert_allclose(lost[1:], 0.0, atol=1e-3 * 0.01 * np.abs(shaft.qdd).max())
+
+
+def test_coulomb_friction_opposes_motion() -> None:
+    """Positive with positive velocity, odd, all of it well above its speed, in proportion well below it."""
+    for qd, share in ((1.0, 1.0), (-1.0, -1.0), (0.05, np.tanh(1.0)), (5e-4, 0.01), (0.0, 0.0)):
+        shaft = Shaft.steady(np.full(20, 1.0), qd=qd)
+        found = added(shaft, {"coulomb_friction": {"torque": 0.3, "speed": 0.05}})
+        np.testing.assert_allclose(found, 0.3 * share, rtol=0, atol=1e-5)
+
+
+def test_friction_asymmetry_is_even_in_the_velocity() -> None:
+    """Coulomb and viscous part add the same in both directions, and nothing at rest."""
+    effects = {"friction_asymmetry": {"coulomb": 0.2, "viscous": 0.03, "speed": 0.05}}
+    for qd in (0.02, 0.4, 3.0):
+        want = 0.2 * np.tanh(qd / 0.05) + 0.03 * qd
+        for sign in (1.0, -1.0):
+            found = torque(Shaft.steady(np.full(20, 1.0), qd=sign * qd), {}, effects)
+            np.testing.assert_allclose(found, want, rtol=0, atol=10 * EPS)
+    assert not torque(Shaft.steady(np.full(20, 1.0), qd=0.0), {}, effects).any()
+    one = {"friction_asymmetry": {"coulomb": 0.0, "viscous": 0.03, "speed": 0.05}}
+    shaft = Shaft.swinging(seconds=1.0)
+    np.testing.assert_allclose(added(shaft, one), 0.03 * np.abs(shaft.qd), rtol=0, atol=30 * EPS)
+
+
+def test_stribeck_falls_with_speed() -> None:
+    """F*exp(-(qd/v)^2)*tanh(qd/w): odd, 1/e at the Stribeck speed, gone at three times it."""
+    effects = {"stribeck": {"torque": 0.5, "stribeck_speed": 0.4, "speed": 0.01}}
+
+    def at(qd: float) -> float:
+        return float(torque(Shaft.steady(np.full(5, 1.0), qd=qd), {}, effects)[-1])
+
+    assert at(0.4) == pytest.approx(0.5 * np.exp(-1.0), rel=1e-5) == -at(-0.4)
+    assert at(1.2) == pytest.approx(0.5 * np.exp(-9.0), rel=1e-4)
+    assert at(0.005) == pytest.approx(0.5 * np.tanh(0.5) * np.exp(-((0.005 / 0.4) ** 2)), rel=1e-5)
+    assert at(0.0) == 0.0
+
+
+def test_cogging_repeats_along_the_angle() -> None:
+    """Period 2*pi/N; the cosine at angle 0, the sine a quarter period on; the amplitude is that of both."""
+    count, sine, cosine = 24.0, 0.3, -0.4
+    effects = {"cogging": {"sine": sine, "cosine": cosine, "periods": count}}
+    period = 2.0 * np.pi / count
+    shaft = Shaft.steady(np.zeros(4001), dt=period / 1000.0)
+    found = torque(shaft, {}, effects)
+    atol = count * float(shaft.q[-1]) * 4 * EPS
+    assert found[0] == pytest.approx(cosine, abs=atol) and found[250] == pytest.approx(sine, abs=atol)
+    np.testing.assert_allclose(found[1000:], found[:-1000], rtol=0, atol=atol)
+    assert found.max() == pytest.approx(0.5, abs=1e-5) and found.min() == pytest.approx(-0.5, abs=1e-5)
+    swing = Shaft.swinging(seconds=1.0)
+    want = sine * np.sin(count * swing.q) + cosine * np.cos(count * swing.q)
+    np.testing.assert_allclose(added(swing, effects), want, rtol=0, atol=30 * EPS + atol)
+
+
+def test_current_viscosity_takes_the_current_that_flows() -> None:
+    """B1*I*qd with the current behind its lag and gain, not the field behind saturation."""
+    shaft = Shaft.swinging(seconds=1.0)
+    effect = {"current_viscosity": {"B1": 0.05}}
+    np.testing.assert_allclose(added(shaft, effect), 0.05 * shaft.current * shaft.qd, rtol=0, atol=30 * EPS)
+    before = {"coil_lag": {"time_constant": 0.05}, "current_gain": {"gain": 1.2}, "current_saturation": {"u": 1.0}}
+    flowing = torque(shaft, CURRENT, before)
+    found = torque(shaft, {}, {**before, **effect})
+    np.testing.assert_allclose(found, 0.05 * flowing * shaft.qd, rtol=0, atol=30 * EPS)
+
+
+# --- factors of eq. 14 ---
+
+
+@pytest.mark.parametrize("power", [0.3, 1.4, 2.0])
+def test_speed_weakening_changes_the_power(power: float) -> None:
+    """The loop divides by (1 + alpha*|qd|)^p; what is not the loop stays."""
+    shaft = Shaft.swinging()
+    loop_alone = {key: TRUTH[key] for key in ("K0", "K1", "alpha", "beta", "gamma")}
+    weak = 1.0 + TRUTH["alpha"] * np.abs(shaft.qd)
+    want = torque(shaft, loop_alone) * weak ** (1.0 - power)
+    effects = {"speed_weakening": {"power": power}}
+    np.testing.assert_allclose(torque(shaft, loop_alone, effects), want, rtol=0, atol=100 * EPS)
+    np.testing.assert_allclose(added(shaft, effects), want - torque(shaft, loop_alone), rtol=0, atol=100 * EPS)
+
+
+def test_temperature_drift_weakens_with_the_stored_heat() -> None:
+    """exp(-a*s) on the loop and exp(-b*s) on the viscous torque, s interpolated over the logarithm of the time."""
+    shaft = Shaft.swinging()
+    loop_alone = {key: TRUTH[key] for key in ("K0", "K1", "alpha", "beta", "gamma")}
+    a, b = 0.05, 0.02
+    for time_constant in (HEAT_TIMES[2], HEAT_TIMES[0], float(np.sqrt(HEAT_TIMES[3] * HEAT_TIMES[4])), 100.0):
+        heat = np.array(
+            [np.interp(np.log(time_constant), np.log(HEAT_TIMES), column) for column in shaft.heat.T]
+        )  # fmt: skip
+        effects = {"temperature_drift": {"yield_loss": a, "viscosity_loss": b, "time_constant": time_constant}}
+        found = torque(shaft, loop_alone, effects)
+        np.testing.assert_allclose(found, torque(shaft, loop_alone) * np.exp(-a * heat), rtol=0, atol=100 * EPS)
+        found = torque(shaft, {"B": 0.5, "D": 0.1, "C": 0.3}, effects)
+        want = 0.1 + 0.3 * shaft.q + 0.5 * shaft.qd * np.exp(-b * heat)
+        np.testing.assert_allclose(found, want, rtol=0, atol=30 * EPS)
+
+
+def test_heat_outside_the_prepared_times_is_that_of_the_nearest() -> None:
+    """A time constant below or above all that were prepared takes the first or the last."""
+    shaft = Shaft.swinging(seconds=1.0)
+    for time_constant, row in ((1.0, 0), (1e5, -1)):
+        effects = {"temperature_drift": {"yield_loss": 0.0, "viscosity_loss": 0.1, "time_constant": time_constant}}
+        want = shaft.qd * np.exp(-0.1 * shaft.heat[row])
+        np.testing.assert_allclose(torque(shaft, {"B": 1.0}, effects), want, rtol=0, atol=50 * EPS)
+
+
+def test_wear_takes_yield_torque_over_the_session() -> None:
+    """The loop alone falls in proportion to the time since the session began, also in a later trajectory."""
+    first = Shaft.swinging(seconds=1.0)
+    both = Shaft.swinging(seconds=1.0, begin=50.0).after(first)
+    loop_alone = {key: TRUTH[key] for key in ("K0", "K1", "alpha", "beta", "gamma")}
+    effects = {"wear": {"rate": 0.004}}
+    want = torque(both, loop_alone) * (1.0 - 0.004 * both.time)
+    np.testing.assert_allclose(torque(both, loop_alone, effects), want, rtol=0, atol=30 * EPS)
+    assert both.time[-1] > 50.0
+    others = {key: TRUTH[key] for key in ("D", "B", "C", "I1")}
+    assert not added(both, effects, others).any()
+
+
+def test_yield_losses_multiply() -> None:
+    """Heat and wear each take their share of what is left."""
+    shaft = Shaft.swinging(seconds=1.0, begin=20.0)
+    loop_alone = {key: TRUTH[key] for key in ("K0", "K1", "alpha", "beta", "gamma")}
+    heat = {"temperature_drift": {"yield_loss": 0.1, "viscosity_loss": 0.0, "time_constant": HEAT_TIMES[1]}}
+    worn = {"wear": {"rate": 0.01}}
+    whole = torque(shaft, loop_alone)
+    product = torque(shaft, loop_alone, heat) * torque(shaft, loop_alone, worn)
+    np.testing.assert_allclose(torque(shaft, loop_alone, heat | worn) * whole, product, rtol=0, atol=100 * EPS)
+
+
+# --- the sensor ---
+
+
+@pytest.mark.parametrize("lag", [0.0006, 0.004, 0.05])
+def test_torque_sensor_lag_is_of_first_order(lag: float) -> None:
+    """A torque that ramps between samples comes out as the filter's exact answer, settled at the first sample."""
+    command = np.where(np.arange(60) < 10, 0.4, 1.4)
+    want = 1.4 - lag / DT * -np.expm1(-DT / lag) * np.exp(-DT * np.arange(50) / lag)
+    found = current_of(command, {"torque_sensor_lag": {"time_constant": lag}})
+    np.testing.assert_allclose(found[:10], 0.4, rtol=5 * EPS)
+    np.testing.assert_allclose(found[10:], want, rtol=0, atol=20 * EPS * max(1.0, lag / DT))
+
+
+def test_torque_sensor_lag_takes_the_whole_torque() -> None:
+    """Every part of the torque passes the filter: it equals a float64 filter behind the torque without it."""
+    lag, shaft = 0.01, Shaft.swinging()
+    tau = torque(shaft, TRUTH, {"rotor_inertia": {"inertia": 0.01}})
+    keep, want = np.exp(-DT / lag), np.empty(len(tau))
+    want[0] = tau[0]
+    for k in range(1, len(tau)):
+        slope = (tau[k] - tau[k - 1]) / DT
+        want[k] = tau[k] - slope * lag + (want[k - 1] - tau[k - 1] + slope * lag) * keep
+    found = torque(shaft, TRUTH, {"rotor_inertia": {"inertia": 0.01}, "torque_sensor_lag": {"time_constant": lag}})
+    np.testing.assert_allclose(found, want, rtol=0, atol=200 * EPS)
+
+
+def test_torque_gain_and_bias_make_the_reading() -> None:
+    """The reading is g*tau + b, in this order: the bias is not multiplied."""
+    shaft = Shaft.swinging(seconds=1.0)
+    tau = torque(shaft, TRUTH)
+    effects = {"torque_bias": {"bias": 0.2}, "torque_gain": {"gain": 1.1}}
+    np.testing.assert_allclose(torque(shaft, TRUTH, effects), 1.1 * tau + 0.2, rtol=0, atol=30 * EPS)
+
+
+# --- limits ---
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "atol"),
+    [
+        ("coil_lag", {"time_constant": 1e-6}, 1e-3),  # the command moves by up to 1 A within a sample of 5 ms
+        ("command_delay", {"delay": 1e-6}, 2e-3),
+        ("remanence", {"half_width": 1e-6}, 1e-5),
+        ("current_saturation", {"u": 1e-3}, 1e-5),
+        ("velocity_lag", {"time_constant": 1e-6}, 1e-3),
+        ("backlash", {"half_gap": 1e-6}, 1e-2),  # a reversal just before a sample
+        ("torque_sensor_lag", {"time_constant": 1e-6}, 1e-3),
+        ("speed_weakening", {"power": 1.0 + 1e-5}, 1e-4),
+    ],
+)
+def test_weak_effect_is_nearly_none(name: str, parameters: dict[str, float], atol: float) -> None:
+    """Towards its null a law that is searched by its logarithm joins the torque without it: there is no jump."""
+    shaft = Shaft.swinging()
+    np.testing.assert_allclose(added(shaft, {name: parameters}), 0.0, rtol=0, atol=atol)
