@@ -26,6 +26,25 @@ GROUPS = ("parameters", "in", "out")
 GROUP_COMMENT = re.compile(rf"\s*#\s*({'|'.join(GROUPS)})\b(?!-)", re.IGNORECASE)
 
 KERNEL_IMPORTS = ("warp", "typing", "__future__", "mrwarp.kernels")
+PATH_FILES = (
+    "mrwarp/effects/path.py",
+    "mrwarp/effects/joint.py",
+    "mrwarp/effects/stages.py",
+    "mrwarp/diagnose/kernels.py",
+)
+PATH_IMPORTS = (
+    *KERNEL_IMPORTS,
+    "mrwarp.effects.catalogue",
+    "mrwarp.effects.law",
+    "mrwarp.effects.path",
+    "mrwarp.effects.joint",
+)
+LAW_IMPORTS = ("warp", "mrwarp.effects.law")
+LAW_ARGUMENTS = (
+    ("s", "Path"), ("values", "wp.array2d[float]"), ("row", "int"), ("at", "int"), ("memory", "wp.array2d[float]"),
+    ("line", "int"), ("slot", "int"),
+)  # fmt: skip
+EFFECTS_FORBIDDEN = ("mrwarp.diagnose", "mrwarp.sysid", "mrwarp.env", "torch")
 NN_FORBIDDEN = ("newton", "mujoco", "mujoco_warp", "mrwarp.env")
 NEWTON_ALLOWED = ("mrwarp/env/sim*.py", "mrwarp/env/backend*.py", "mrwarp/drive.py", "mrwarp/asset.py")
 
@@ -95,6 +114,24 @@ def law_problems(law: ast.FunctionDef) -> Iterator[tuple[int, str]]:
             yield arg.lineno, f"{law.name}: argument '{arg.arg}' has no type"
 
 
+def effect_problems(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Line and text of what is wrong with the file of one effect: one law, with the arguments that all laws have."""
+    laws = list(decorated(tree, "func"))
+    if len(laws) != 1:
+        yield 1, f"has {len(laws)} functions under @wp.func, want the law alone"
+    for law in laws:
+        found = tuple((arg.arg, ast.unparse(arg.annotation) if arg.annotation else "") for arg in law.args.args)
+        if not law.name.endswith("_law"):
+            yield law.lineno, f"law '{law.name}' does not end in '_law'"
+        if found != LAW_ARGUMENTS or law.returns is None or ast.unparse(law.returns) != "Path":
+            yield law.lineno, f"law '{law.name}' has not the arguments of all laws, see mrwarp/effects/law.py"
+
+
+def is_effect(tree: ast.Module) -> bool:
+    """Whether a file defines an effect of the catalogue."""
+    return any(isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "LAW" for node in tree.body)
+
+
 def imports(file: str, tree: ast.AST) -> Iterator[tuple[int, str]]:
     """Line and absolute name of every module that a file imports, at any depth of nesting."""
     for node in ast.walk(tree):
@@ -116,6 +153,10 @@ def boundary_problem(file: str, module: str) -> str | None:
     """Why a file must not import a module, or None."""
     if file.startswith("mrwarp/kernels/") and not within(module, KERNEL_IMPORTS):
         return f"kernels import only {', '.join(KERNEL_IMPORTS)}, not {module}"
+    if file in PATH_FILES and not within(module, PATH_IMPORTS):
+        return f"the path's kernels import only {', '.join(PATH_IMPORTS)}, not {module}"
+    if file.startswith("mrwarp/effects/") and within(module, EFFECTS_FORBIDDEN):
+        return f"mrwarp/effects is part of the joint and knows no user of it, but imports {module}"
     if file.startswith("mrwarp/nn/") and within(module, NN_FORBIDDEN):
         return f"mrwarp/nn knows no simulator, but imports {module}"
     if within(module, ("newton",)) and not any(fnmatch(file, pattern) for pattern in NEWTON_ALLOWED):
@@ -152,6 +193,55 @@ def test_imports_keep_the_boundaries() -> None:
         if (problem := boundary_problem(file, module))
     ]
     assert not findings, "\n" + "\n".join(findings)
+
+
+def test_effects_are_one_law_per_file() -> None:
+    """Every file of an effect holds one law of the common signature, and knows Warp and the frame of laws only."""
+    effects, findings = 0, []
+    for file, _, tree in parsed("mrwarp/effects"):
+        if is_effect(tree):
+            effects += 1
+            findings += [f"{file}:{line}: {text}" for line, text in effect_problems(tree)]
+            findings += [
+                f"{file}:{line}: an effect imports only {', '.join(LAW_IMPORTS)}, not {module}"
+                for line, module in imports(file, tree)
+                if not within(module, LAW_IMPORTS)
+            ]
+    assert effects, "no effect under mrwarp/effects: does the test look in the right place?"
+    assert not findings, "\n" + "\n".join(findings)
+
+
+def test_path_files_exist() -> None:
+    """The files whose imports are held to the kernels' rule are there, and hold laws or kernels."""
+    for file in PATH_FILES:
+        tree = ast.parse((ROOT / file).read_text(encoding="utf-8"))
+        assert [*decorated(tree, "kernel"), *decorated(tree, "func")], file
+
+
+GOOD_EFFECT = """@wp.func
+def a_law(
+    s: Path, values: wp.array2d[float], row: int, at: int, memory: wp.array2d[float], line: int, slot: int
+) -> Path:
+    'Doc.'
+    return s
+LAW = EffectLaw(law=a_law)
+"""
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (("a_law(s", "a(s"), "does not end in '_law'"),
+        (("row: int, at: int", "at: int, row: int"), "has not the arguments"),
+        (("-> Path", "-> float"), "has not the arguments"),
+        (("@wp.func", "@wp.kernel"), "has 0 functions"),
+    ],
+)
+def test_style_check_sees_a_broken_effect(change: tuple[str, str], text: str) -> None:
+    """Each rule, broken alone in a good effect, is found; the good one passes."""
+    good, broken = (ast.parse(source) for source in (GOOD_EFFECT, GOOD_EFFECT.replace(*change)))
+    assert is_effect(good) and not list(effect_problems(good))
+    assert any(text in problem for _, problem in effect_problems(broken))
 
 
 GOOD = """@wp.kernel
@@ -197,6 +287,11 @@ def test_style_check_sees_a_broken_kernel(change: tuple[str, str], line: int, te
         ("mrwarp/kernels/gate.py", "import numpy", True),
         ("mrwarp/nn/lstm.py", "from mrwarp import env", True),
         ("mrwarp/nn/lstm.py", "from ..env import sim", True),
+        ("mrwarp/effects/path.py", "from mrwarp.kernels.bouc_wen import bouc_wen_exact", False),
+        ("mrwarp/effects/path.py", "import numpy", True),
+        ("mrwarp/diagnose/kernels.py", "from mrwarp.diagnose.replay import Motion", True),
+        ("mrwarp/effects/device.py", "import numpy", False),
+        ("mrwarp/effects/device.py", "from mrwarp.diagnose.model import Slot", True),
         ("mrwarp/env/sim.py", "import newton", False),
         ("mrwarp/env/rewards.py", "def f():\n    from newton.solvers import SolverMuJoCo", True),
     ],
