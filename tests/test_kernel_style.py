@@ -231,7 +231,7 @@ LAW = EffectLaw(law=a_law)
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (("a_law(s", "a(s"), "does not end in '_law'"),
+        (("def a_law(", "def a("), "does not end in '_law'"),
         (("row: int, at: int", "at: int, row: int"), "has not the arguments"),
         (("-> Path", "-> float"), "has not the arguments"),
         (("@wp.func", "@wp.kernel"), "has 0 functions"),
