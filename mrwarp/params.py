@@ -53,12 +53,13 @@ class ParamSpec:
         return f"allowed: {self.low:g} to {self.high:g} {self.unit}, default {self.default:g}"
 
 
-def _param(default: float, unit: str, low: float, high: float, source: str, doc: str) -> Any:
+def param(default: float, unit: str, low: float, high: float, source: str, doc: str) -> Any:
+    """A field of a :class:`ParamGroup`; the arguments are those of :class:`ParamSpec`."""
     return field(default=default, metadata={"unit": unit, "low": low, "high": high, "source": source, "doc": doc})
 
 
-class _Group:
-    """Shared checks of the parameter groups: each field a float within its range."""
+class ParamGroup:
+    """Base of frozen groups of numbers that each have unit, range and source: every field a float within its range."""
 
     @classmethod
     def specs(cls) -> tuple[ParamSpec, ...]:
@@ -75,7 +76,7 @@ class _Group:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BoucWenParams(_Group):
+class BoucWenParams(ParamGroup):
     """Current-aware Bouc-Wen torque, eqs. 14 and 15.
 
     ``tau_BW = D + B*qd + C*q_c + I1*I + (K0 + K1*I)/(1 + alpha*|qd|) * z`` with
@@ -85,22 +86,22 @@ class BoucWenParams(_Group):
         ParameterError: a value is out of range, or ``beta + gamma <= 0`` (then z would grow without bound).
     """
 
-    q_neutral: float = _param(
+    q_neutral: float = param(
         -1.5, "rad", -3.2, 3.2, "neutral stance pose of mrwarp/robot.py",
         "Joint angle from which the displacement q_c is measured.",
     )  # fmt: skip
-    q_offset: float = _param(2.39638101e-4, "rad", -1.0, 1.0, _PAPER_BW, "Encoder offset of the bench.")
-    q_center: float = _param(-1.51224291e-17, "rad", -1.0, 1.0, _PAPER_BW, "Centre of the bench's motion.")
-    D: float = _param(-0.01917639, "N·m", -50.0, 50.0, _PAPER_BW, "Constant torque bias.")
-    B: float = _param(0.1013626, "N·m·s/rad", 0.0, 100.0, _PAPER_BW, "Viscous coefficient.")
-    C: float = _param(0.2160456, "N·m/rad", -100.0, 100.0, _PAPER_BW, "Stiffness about q_c = 0.")
-    I1: float = _param(-7.681742e-4, "N·m/A", -50.0, 50.0, _PAPER_BW, "Direct current term.")
-    K0: float = _param(0.3992754, "N·m/rad", 0.0, 1000.0, _PAPER_BW, "Hysteresis gain without current.")
-    K1: float = _param(10.413315, "N·m/(rad·A)", 0.0, 1000.0, _PAPER_BW, "Hysteresis gain per ampere.")
-    alpha: float = _param(0.7777051, "s/rad", 0.0, 100.0, _PAPER_BW, "Speed weakening of the hysteretic part.")
-    beta: float = _param(16.50618, "1/rad", 0.0, 1e4, _PAPER_BW, "Loop-shape coefficient.")
-    gamma: float = _param(-10.53036, "1/rad", -1e4, 1e4, _PAPER_BW, "Loop-shape coefficient.")
-    z_max: float = _param(
+    q_offset: float = param(2.39638101e-4, "rad", -1.0, 1.0, _PAPER_BW, "Encoder offset of the bench.")
+    q_center: float = param(-1.51224291e-17, "rad", -1.0, 1.0, _PAPER_BW, "Centre of the bench's motion.")
+    D: float = param(-0.01917639, "N·m", -50.0, 50.0, _PAPER_BW, "Constant torque bias.")
+    B: float = param(0.1013626, "N·m·s/rad", 0.0, 100.0, _PAPER_BW, "Viscous coefficient.")
+    C: float = param(0.2160456, "N·m/rad", -100.0, 100.0, _PAPER_BW, "Stiffness about q_c = 0.")
+    I1: float = param(-7.681742e-4, "N·m/A", -50.0, 50.0, _PAPER_BW, "Direct current term.")
+    K0: float = param(0.3992754, "N·m/rad", 0.0, 1000.0, _PAPER_BW, "Hysteresis gain without current.")
+    K1: float = param(10.413315, "N·m/(rad·A)", 0.0, 1000.0, _PAPER_BW, "Hysteresis gain per ampere.")
+    alpha: float = param(0.7777051, "s/rad", 0.0, 100.0, _PAPER_BW, "Speed weakening of the hysteretic part.")
+    beta: float = param(16.50618, "1/rad", 0.0, 1e4, _PAPER_BW, "Loop-shape coefficient.")
+    gamma: float = param(-10.53036, "1/rad", -1e4, 1e4, _PAPER_BW, "Loop-shape coefficient.")
+    z_max: float = param(
         5.0, "rad", 0.0, 1e3, "paper section 4.3, bound of the integrated state", "Clip on |z| of the Euler step."
     )
 
@@ -119,59 +120,59 @@ class BoucWenParams(_Group):
 
 
 @dataclass(frozen=True, kw_only=True)
-class HoldParams(_Group):
+class HoldParams(ParamGroup):
     """Pre-yield holding law, eqs. 18 and 19: ``tau_y(I) = T_max*I^n/(K^n + I^n)``."""
 
-    T_max: float = _param(26.59697, "N·m", 1e-6, 1e6, _PAPER_HOLD, "Saturation torque.")
-    K: float = _param(0.51272, "A", 1e-6, 1e3, _PAPER_HOLD, "Current at half of T_max.")
-    n: float = _param(2.87967, "1", 0.1, 20.0, _PAPER_HOLD, "Exponent of the current-torque curve.")
-    safety_factor: float = _param(
+    T_max: float = param(26.59697, "N·m", 1e-6, 1e6, _PAPER_HOLD, "Saturation torque.")
+    K: float = param(0.51272, "A", 1e-6, 1e3, _PAPER_HOLD, "Current at half of T_max.")
+    n: float = param(2.87967, "1", 0.1, 20.0, _PAPER_HOLD, "Exponent of the current-torque curve.")
+    safety_factor: float = param(
         1.2, "1", 1.0, 10.0, "paper section 5.2", "Margin of the support current over the needed torque."
     )
 
 
 @dataclass(frozen=True, kw_only=True)
-class GateParams(_Group):
+class GateParams(ParamGroup):
     """Thresholds of the dynamic gate (eq. 5) and the holding gate (eq. 8)."""
 
-    f_th: float = _param(5.0, "N", 0.0, 1e4, _PAPER_GATE, "Foot force above which the leg counts as loaded.")
-    eps_e: float = _param(0.05, "rad", 0.0, 10.0, _PAPER_GATE, "Tracking error above which damping may act.")
-    eps_v: float = _param(0.20, "rad/s", 0.0, 100.0, _PAPER_GATE, "Speed above which damping may act.")
-    eps_hold: float = _param(0.20, "rad/s", 0.0, 100.0, "paper section 3.3", "Speed below which holding may act.")
+    f_th: float = param(5.0, "N", 0.0, 1e4, _PAPER_GATE, "Foot force above which the leg counts as loaded.")
+    eps_e: float = param(0.05, "rad", 0.0, 10.0, _PAPER_GATE, "Tracking error above which damping may act.")
+    eps_v: float = param(0.20, "rad/s", 0.0, 100.0, _PAPER_GATE, "Speed above which damping may act.")
+    eps_hold: float = param(0.20, "rad/s", 0.0, 100.0, "paper section 3.3", "Speed below which holding may act.")
 
 
 @dataclass(frozen=True, kw_only=True)
-class MotorParams(_Group):
+class MotorParams(ParamGroup):
     """The electric motor on the same joint: PD law of eq. 2 with the gain switch of eq. 9."""
 
-    kp_base: float = _param(
+    kp_base: float = param(
         35.0, "N·m/rad", 0.0, 1e4,
         "not in the paper; public Go1 practice is 20 to 35 (MuJoCo Playground's Go1: 35); 25 cannot stand open loop",
         "Proportional gain with the holding gate closed.",
     )  # fmt: skip
-    kp_low: float = _param(5.0, "N·m/rad", 0.0, 1e4, "paper section 7", "Proportional gain while the device holds.")
-    kd: float = _param(0.6, "N·m·s/rad", 0.0, 1e3, "not in the paper; Go1 practice 0.5 to 0.7", "Derivative gain.")
-    tau_limit: float = _param(
+    kp_low: float = param(5.0, "N·m/rad", 0.0, 1e4, "paper section 7", "Proportional gain while the device holds.")
+    kd: float = param(0.6, "N·m·s/rad", 0.0, 1e3, "not in the paper; Go1 practice 0.5 to 0.7", "Derivative gain.")
+    tau_limit: float = param(
         35.55, "N·m", 0.0, 1e4, "Go1 calf effort limit, unitree_go1 of MuJoCo Menagerie (knee forcerange)",
         "Motor torque limit.",
     )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
-class CoilParams(_Group):
+class CoilParams(ParamGroup):
     """The coil and its current controller."""
 
-    coil_time_constant: float = _param(
+    coil_time_constant: float = param(
         0.0, "s", 0.0, 10.0, "the paper's model has no lag", "First-order lag from command to coil current; 0 = none."
     )
-    coil_resistance: float = _param(
+    coil_resistance: float = param(
         4.0, "Ohm", 0.0, 1e4, "assumption: not in the paper; small MR brakes lie between 2 and 10",
         "Coil resistance, used by the energy ledger only.",
     )  # fmt: skip
-    current_max: float = _param(1.5, "A", 0.0, 100.0, "paper section 4.1, largest current tested", "Controller limit.")
+    current_max: float = param(1.5, "A", 0.0, 100.0, "paper section 4.1, largest current tested", "Controller limit.")
 
 
-_GROUPS: dict[str, type[_Group]] = {
+_GROUPS: dict[str, type[ParamGroup]] = {
     "bouc_wen": BoucWenParams,
     "hold": HoldParams,
     "gate": GateParams,
