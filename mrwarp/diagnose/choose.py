@@ -14,6 +14,7 @@ import numpy as np
 from mrwarp.diagnose.engine import Candidate, Engine, Fitted
 from mrwarp.diagnose.features import Group
 from mrwarp.diagnose.grams import losses
+from mrwarp.diagnose.slow import drift_p_value, gain_within, is_slow
 
 FLOOR = 0.003
 """Smallest gain that is worth a name, as a share of the noise's energy: the replay's own step errs by about as much."""
@@ -21,6 +22,8 @@ CHI2 = 30.0
 """Smallest gain in units of the noise's variance: one chance in a million over a hundred starts."""
 KEPT = 0.2
 """Part of an effect's gain that must remain beside free functions of what it leaves unexplained."""
+DRIFT_P = 1e-3
+"""Largest chance at which an effect that only shows between trajectories is believed."""
 _MOST = 3
 """Most effects that are named together."""
 
@@ -223,10 +226,7 @@ def _pruned(engine: Engine, choice: Choice, best: Fitted) -> Fitted:
         for effect in best.effects:
             if effect in choice.base.effects:
                 continue
-            rest = tuple(e for e in best.effects if e != effect)
-            if rest not in choice.fits:
-                choice.fits[rest] = _refit_without(engine, best, effect)
-            without[effect] = choice.fits[rest]
+            without[effect] = _without(engine, choice, best, effect)
         total = _total(choice.base) - _total(best)
         weakest = min(without, key=lambda e: _total(without[e]))
         add = _total(without[weakest]) - _total(best)
@@ -242,6 +242,7 @@ def _believed(engine: Engine, choice: Choice, fit: Fitted, groups_of: Callable[[
     Whatever structure a model leaves is offered to it as free functions. An effect that is real still adds what it
     did; one that was a poor man's version of that structure adds little.
     """
+    fit = _not_by_chance(engine, choice, fit)
     while fit is not choice.base:
         before = {(f.group.variables, f.group.form): f.gain for f in choice.left_before}
         left = [f for f in leftovers(engine, fit, groups_of(fit)) if f.gain > threshold(fit)]
@@ -255,11 +256,9 @@ def _believed(engine: Engine, choice: Choice, fit: Fitted, groups_of: Callable[[
         for effect in fit.effects:
             if effect in choice.base.effects:
                 continue
-            rest = tuple(e for e in fit.effects if e != effect)
-            if rest not in choice.fits:
-                choice.fits[rest] = _refit_without(engine, fit, effect)
-            alone = _total(choice.fits[rest]) - _total(fit)
-            beside = _with_rows(engine, choice.fits[rest], offered) - full
+            without = _without(engine, choice, fit, effect)
+            alone = _total(without) - _total(fit)
+            beside = _with_rows(engine, without, offered) - full
             kept[effect] = beside / max(alone, 1e-9)
             if beside < threshold(fit):
                 kept[effect] = min(kept[effect], 0.0)
@@ -269,6 +268,26 @@ def _believed(engine: Engine, choice: Choice, fit: Fitted, groups_of: Callable[[
             return fit
         fit = choice.fits[tuple(e for e in fit.effects if e != doubtful)]
     return fit
+
+
+def _not_by_chance(engine: Engine, choice: Choice, fit: Fitted) -> Fitted:
+    """The model without effects that may only follow the order of the trajectories by chance."""
+    for effect in fit.effects:
+        if effect in choice.base.effects or not is_slow(effect):
+            continue
+        without = _without(engine, choice, fit, effect)
+        if gain_within(engine, fit, without) > threshold(fit) or drift_p_value(engine, fit, without) < DRIFT_P:
+            continue
+        return _not_by_chance(engine, choice, without)
+    return fit
+
+
+def _without(engine: Engine, choice: Choice, fit: Fitted, effect: str) -> Fitted:
+    """The model refitted without one of its effects."""
+    rest = tuple(e for e in fit.effects if e != effect)
+    if rest not in choice.fits:
+        choice.fits[rest] = _refit_without(engine, fit, effect)
+    return choice.fits[rest]
 
 
 def _with_rows(engine: Engine, fit: Fitted, rows: np.ndarray) -> float:
@@ -290,13 +309,10 @@ def _rivals(engine: Engine, choice: Choice, final: Fitted, candidates: list[str]
     for effect in final.effects:
         if effect in choice.base.effects:
             continue
-        rest = tuple(e for e in final.effects if e != effect)
-        if rest not in choice.fits:
-            choice.fits[rest] = _refit_without(engine, final, effect)
-        without = choice.fits[rest]
+        without = _without(engine, choice, final, effect)
         add = _total(without) - _total(final)
         choice.own_gain[effect] = add
-        if rest == choice.base.effects:
+        if without.effects == choice.base.effects:
             look = choice.first_look
         else:
             look = engine.screen(without, [c for c in candidates if c not in final.effects])

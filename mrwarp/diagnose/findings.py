@@ -9,7 +9,7 @@ from mrwarp.diagnose.choose import Choice, threshold
 from mrwarp.diagnose.engine import Engine, Fitted
 from mrwarp.diagnose.features import Group
 from mrwarp.diagnose.lines import Line
-from mrwarp.diagnose.model import LINEAR, Slot
+from mrwarp.diagnose.model import LINEAR, SHAPE, Slot
 from mrwarp.diagnose.result import (
     Cause,
     Shift,
@@ -99,11 +99,11 @@ def shifts_of(engine: Engine, choice: Choice, recording: Recording, model: Model
         nominal = model.values
     elif recording.units == JOINT_UNITS:
         paper = MrParams().bouc_wen
-        nominal = {name: getattr(paper, name) for name in LINEAR}
+        nominal = {name: getattr(paper, name) for name in (*LINEAR, *SHAPE)}
     else:
         return []
     scales = engine.samples.scales
-    inner = {name: nominal[name] / scales.factor(name) for name in LINEAR}
+    inner = {name: nominal[name] / scales.factor(name) for name in (*LINEAR, *SHAPE)}
     found = find_shifts(choice.final, inner, float(np.ptp(engine.samples.torque)))
     return [_shift(f, engine, recording) for f in found]
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
+from scipy.optimize import brentq
 
 from mrwarp.sysid.replay import Samples
 
@@ -68,13 +69,17 @@ def estimate_noise(residual: np.ndarray, torque: np.ndarray, samples: Samples, o
     )  # fmt: skip
 
 
-def trajectory_spread(mismatch: np.ndarray, torque: np.ndarray, samples: Samples) -> tuple[float, float]:
+def trajectory_spread(
+    mismatch: np.ndarray, torque: np.ndarray, samples: Samples, trends: np.ndarray
+) -> tuple[float, float]:
     """Spread of offsets and of factors between trajectories, after the errors of finding them are taken out.
 
     Args:
         mismatch: Measured minus simulated, shape (N,).
         torque: Simulated, shape (N,).
         samples: The samples.
+        trends: What offsets and factors may depend on from trajectory to trajectory without being noise, shape (T, k);
+            each costs one of the T trajectories.
     """
     found, variances = [], []
     for part in samples.parts:
@@ -88,8 +93,32 @@ def trajectory_spread(mismatch: np.ndarray, torque: np.ndarray, samples: Samples
         effective = float(np.mean(rest**2)) * max(1.0, 0.05 / samples.dt[0])
         found.append(solution)
         variances.append(effective * np.diag(np.linalg.inv(gram)))
-    found, variances = np.array(found), np.array(variances)
-    weight = 1.0 / (variances + np.median(variances, axis=0))
-    centre = (weight * found).sum(0) / weight.sum(0)
-    excess = (weight * ((found - centre) ** 2 - variances)).sum(0) / weight.sum(0)
-    return float(np.sqrt(max(excess[0], 0.0))), float(np.sqrt(max(excess[1], 0.0)))
+    table = np.column_stack([np.ones(len(found)), trends])
+    table = table[:, : max(1, len(found) // 2)]
+    values, errors = np.array(found).T, np.array(variances).T
+    return excess_spread(values[0], errors[0], table), excess_spread(values[1], errors[1], table)
+
+
+def excess_spread(values: np.ndarray, variances: np.ndarray, table: np.ndarray) -> float:
+    """Standard deviation beyond the known errors of values about a regression, one standard error on the safe side.
+
+    The estimate is that of Paule and Mandel (1982).
+
+    Args:
+        values: Shape (T,).
+        variances: Of their known errors, shape (T,).
+        table: Regressors, shape (T, k), k < T.
+    """
+    free = len(values) - np.linalg.matrix_rank(table)
+    if free < 1:
+        return 0.0
+
+    def surplus(square: float) -> float:
+        root = 1.0 / np.sqrt(variances + square)
+        solution = np.linalg.lstsq(table * root[:, None], values * root, rcond=None)[0]
+        return float((((values - table @ solution) * root) ** 2).sum()) - free
+
+    square, high = 0.0, float(np.var(values)) * len(values) / free
+    if surplus(0.0) > 0.0 and high > 0.0:
+        square = high if surplus(high) >= 0.0 else brentq(surplus, 0.0, high, xtol=1e-6 * high)
+    return float(np.sqrt(square + (square + float(np.median(variances))) * np.sqrt(2.0 / free)))

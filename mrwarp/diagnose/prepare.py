@@ -9,7 +9,7 @@ import numpy as np
 from mrwarp.diagnose.engine import Engine, Fitted
 from mrwarp.diagnose.features import Group, make_groups
 from mrwarp.diagnose.grams import ridge_solve
-from mrwarp.diagnose.model import LINEAR, Coordinates
+from mrwarp.diagnose.model import LINEAR, SHAPE, Coordinates
 from mrwarp.diagnose.noise import Noise, estimate_noise, trajectory_spread
 from mrwarp.diagnose.replay import ExtendedReplay, Motion
 from mrwarp.model_file import JOINT_UNITS, Model
@@ -22,10 +22,8 @@ from mrwarp.sysid.search import Progress, search_starts
 
 _STARTS_ON = 8000
 """Samples on which the starts of the baseline are searched."""
-
-
-_ABSORBED = 10
-"""Half the number of trajectories from which on the features cannot take up their offsets."""
+_MANY = 20
+"""Trajectories above which the features take up little of their offsets and factors; below, they take up most."""
 
 
 @dataclass
@@ -105,7 +103,7 @@ def _zero(recording: Recording, model: Model | None) -> float:
 def _start_of(model: Model, structure: BoucWenStructure, motion: Motion) -> np.ndarray:
     """Vector of a known model without its effects."""
     scales, values = motion.samples.scales, model.values
-    inner = {name: values[name] / scales.factor(name) for name in (*LINEAR, "alpha", "beta", "gamma")}
+    inner = {name: values[name] / scales.factor(name) for name in (*LINEAR, *SHAPE)}
     rates = np.maximum([inner["beta"] + inner["gamma"], inner["beta"] - inner["gamma"]], 1e-3)
     shape = (np.log1p(inner["alpha"] * motion.ranges.qd), *np.log(rates))
     return np.array([*(inner[name] for name in LINEAR), *shape])
@@ -142,12 +140,12 @@ def learn_noise(engine: Engine, torque: np.ndarray, groups: list[Group]) -> Nois
     table /= np.maximum(np.sqrt(np.mean(table**2, axis=1, keepdims=True)), 1e-9)
     gram, moment = (table @ table.T).astype(float), (table @ mismatch.astype(np.float32)).astype(float)
     rest = mismatch - ridge_solve(gram, moment, 1e-5) @ table
-    slow = [g.rows for g in groups if g.slow]
-    few = np.vstack([np.ones((1, len(torque))), torque[None], *slow])
-    solution = ridge_solve(few @ few.T, few @ mismatch, 1e-6)
-    # many functions take up offsets and factors of few trajectories with what they explain
-    counted = len(s.parts) > 2 * _ABSORBED
-    offset, gain = trajectory_spread(rest if counted else mismatch - solution @ few, torque, s)
+    if len(s.parts) > _MANY:
+        offset, gain = trajectory_spread(rest, torque, s, np.empty((len(s.parts), 0)))
+    else:
+        middle = np.array([[engine.motion.time[p].mean(), engine.motion.heat[2][p].mean()] for p in s.parts])
+        trends = (middle - middle.mean(axis=0)) / np.maximum(middle.std(axis=0), 1e-12)
+        offset, gain = trajectory_spread(mismatch, torque, s, trends)
     inside = rest.copy()
     for part in s.parts:
         f = np.column_stack([np.ones(part.stop - part.start), torque[part] - torque[part].mean()])

@@ -12,16 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrwarp.diagnose.engine import Fitted
-from mrwarp.diagnose.model import LINEAR
+from mrwarp.diagnose.model import LINEAR, SHAPE
 from mrwarp.diagnose.uncertainty import covariance
 
 SPREAD = 0.02
 """What a parameter may differ from device to device, one standard deviation [1]."""
 BIAS_SPREAD = 0.0008
 """The same for D, as a share of the torque's range: 3 mN·m of the paper's 2 N·m."""
+OTHER_DEVICE = 0.2
+"""What each parameter may differ where the nominal values are those of another device, one standard deviation [1]."""
+_MARGIN = 5.0
+"""Logarithm of the odds that a single shift must have against another device."""
 _DROP = 16.0
 _APART = 6.0
-_LEFT = 18.0
+_LEFT = 22.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,24 +41,34 @@ class Found:
 def find_shifts(fit: Fitted, nominal: Mapping[str, float], torque_range: float) -> list[Found]:
     """Shifts of calibration that the re-fitted parameters show against nominal ones.
 
+    No shift of calibration touches alpha, beta and gamma: where these lie off too, it is another device.
+
     Args:
         fit: The final model.
-        nominal: D, B, C, I1, K0, K1 in inner units.
+        nominal: D, B, C, I1, K0, K1, alpha, beta, gamma in inner units.
         torque_range: Range of the torque, inner units.
     """
     base = np.array([nominal[name] for name in LINEAR])
-    delta = fit.x[:6] - base
+    shape = np.array([nominal[name] for name in SHAPE])
+    centre = _shape_coordinates(shape, fit.coordinates.ranges.qd)
+    steps = [
+        _shape_coordinates(np.where(np.arange(3) == i, shape * (1.0 + SPREAD), shape), fit.coordinates.ranges.qd)
+        - centre for i in range(3)
+    ]  # fmt: skip
+    delta = fit.x[:9] - np.concatenate([base, centre])
     prior = np.maximum(SPREAD * np.abs(base), 1e-9)
     prior[0] = max(prior[0], BIAS_SPREAD * torque_range)
     prior[3] = max(prior[3], BIAS_SPREAD * torque_range)  # I1 is a bias that grows with the current
-    spread = covariance(fit)[:6, :6] + np.diag(prior**2)
-    weight = np.linalg.inv(spread)
+    device = np.zeros((9, 9))
+    device[:6, :6] = np.diag(prior**2)
+    device[6:, 6:] = sum(np.outer(step, step) for step in steps)
+    measured = covariance(fit)[:9, :9]
+    weight = np.linalg.inv(measured + device)
     whole = float(delta @ weight @ delta)
-    directions = {
-        "torque_bias": np.array([1.0, 0, 0, 0, 0, 0]),
-        "torque_gain": base.copy(),
-        "current_gain": np.array([0, 0, 0, base[3], 0, base[5]]),
-    }
+    directions = {name: np.zeros(9) for name in ("torque_bias", "torque_gain", "current_gain")}
+    directions["torque_bias"][0] = 1.0
+    directions["torque_gain"][:6] = base
+    directions["current_gain"][[3, 5]] = base[[3, 5]]
     rank = []
     for name, d in directions.items():
         information = float(d @ weight @ d)
@@ -66,8 +80,21 @@ def find_shifts(fit: Fitted, nominal: Mapping[str, float], torque_range: float) 
     if not rank or whole - rank[0][0] < _DROP or rank[0][0] > _LEFT:
         return []
     best = rank[0]
+    shifted = _log_likelihood(delta, measured + device) + 0.5 * (whole - best[0])
+    if shifted < _log_likelihood(delta, measured + (OTHER_DEVICE / SPREAD) ** 2 * device) + _MARGIN:
+        return []
     near = tuple(r[1] for r in rank[1:] if r[0] - best[0] < _APART)
     value = best[2] + (0.0 if best[1] == "torque_bias" else 1.0)
     if best[1] == "torque_bias":
         near = ("encoder_offset", "friction_asymmetry", *near)
     return [Found(name=best[1], value=value, error=best[3], alternatives=near)]
+
+
+def _shape_coordinates(shape: np.ndarray, speed: float) -> np.ndarray:
+    """Coordinates of alpha, beta, gamma in a fit."""
+    alpha, beta, gamma = shape
+    return np.array([np.log1p(alpha * speed), *np.log(np.maximum([beta + gamma, beta - gamma], 1e-3))])
+
+
+def _log_likelihood(delta: np.ndarray, spread: np.ndarray) -> float:
+    return -0.5 * float(delta @ np.linalg.solve(spread, delta) + np.linalg.slogdet(spread)[1])

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from mrwarp.diagnose.engine import Engine, Fitted
-from mrwarp.diagnose.model import LINEAR
+from mrwarp.diagnose.model import LINEAR, SHAPE
 from mrwarp.diagnose.uncertainty import covariance, interval
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
@@ -44,7 +44,7 @@ def outer_model(engine: Engine, fit: Fitted, recording: Recording, seed: int) ->
     scales, units, spread = engine.samples.scales, recording.units, covariance(fit)
     row = fit.coordinates.row(fit.x)
     parameters = {}
-    for i, name in enumerate((*LINEAR, "alpha", "beta", "gamma")):
+    for i, name in enumerate((*LINEAR, *SHAPE)):
         factor = scales.factor(name)
         low, high = interval(fit, i, spread)
         value, ci95 = float(row[i]) * factor, None
