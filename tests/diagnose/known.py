@@ -1,0 +1,120 @@
+"""Data of known devices, made by the diagnosis' own kernel along exact motion: what a fit must find again."""
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from mrwarp.diagnose.engine import Engine, Fitted
+from mrwarp.diagnose.kernels import HEAT_TIMES
+from mrwarp.diagnose.kinematics import Kinematics
+from mrwarp.diagnose.model import Coordinates
+from mrwarp.diagnose.noise import Noise
+from mrwarp.diagnose.replay import ExtendedReplay, Motion
+from mrwarp.effects.law import Ranges
+from mrwarp.sysid.recording import Recording, Trajectory
+from mrwarp.sysid.replay import Samples, Scales
+
+TRUTH = {
+    "D": -0.01917639, "B": 0.1013626, "C": 0.2160456, "I1": -7.681742e-4, "K0": 0.3992754, "K1": 10.413315,
+    "alpha": 0.7777051, "beta": 16.50618, "gamma": -10.53036,
+}  # fmt: skip
+"""Paper section 4.2."""
+DT = 0.005
+SIGMA = 0.02
+
+
+def swing(rng: np.random.Generator, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sum of three sines of 0.5 to 2 Hz with its exact derivatives."""
+    q, qd, qdd = (np.zeros(len(t)) for _ in range(3))
+    for _ in range(3):
+        w, amplitude, phase = 2 * np.pi * rng.uniform(0.5, 2.0), rng.uniform(0.1, 0.35), rng.uniform(0, 2 * np.pi)
+        q += amplitude * np.sin(w * t + phase)
+        qd += amplitude * w * np.cos(w * t + phase)
+        qdd -= amplitude * w * w * np.sin(w * t + phase)
+    return q, qd, qdd
+
+
+def motion(
+    seed: int = 1, *, runs: int = 8, seconds: float = 4.0, dt: float = DT, current: float | None = None
+) -> Motion:
+    """Exact motion of several runs with stepped current, or a constant one; torque 0, units of the joint."""
+    rng = np.random.default_rng(seed)
+    count = round(seconds / dt)
+    t = np.arange(count) * dt
+    parts = [swing(rng, t) for _ in range(runs)]
+    q, qd, qdd = (np.concatenate(x) for x in zip(*parts, strict=True))
+    steps = rng.uniform(0.0, 1.5, (runs, 10)).repeat(-(-count // 10), axis=1)[:, :count].ravel()
+    if current is not None:
+        steps = np.full(runs * count, current)
+    samples = Samples(
+        q=q, qd=qd, current=steps, torque=np.zeros(len(q)), start=np.arange(runs + 1) * count, dt=np.full(runs, dt),
+        scales=Scales(),
+    )  # fmt: skip
+    ranges = Ranges(
+        q=float(np.ptp(q)), qd=float(np.percentile(np.abs(qd), 95)), current=1.5, torque=0.8, dt=dt,
+        session=runs * seconds,
+    )  # fmt: skip
+    time = np.arange(len(q)) * dt
+    heat = np.outer(np.ones(len(HEAT_TIMES)), 0.5 * time)
+    kinematics = Kinematics(qd=qd, qdd=qdd, velocity_lag=0.0, velocity_lag_error=float("inf"))
+    return Motion(samples=samples, qdd=qdd, time=time, heat=heat, ranges=ranges, kinematics=kinematics)
+
+
+def vector(c: Coordinates, effects: Mapping[str, Mapping[str, float]] | None = None, **changes: float) -> np.ndarray:
+    """Coordinates of the paper's joint with some effects."""
+    p = {**TRUTH, **changes}
+    x = [p[name] for name in ("D", "B", "C", "I1", "K0", "K1")]
+    x += [np.log1p(p["alpha"] * c.ranges.qd), np.log(p["beta"] + p["gamma"]), np.log(p["beta"] - p["gamma"])]
+    for slot in c.slots:
+        value = (effects or {})[slot.effect][slot.parameter.name]
+        x.append(np.log(value) if slot.logarithmic else value)
+    return np.array(x)
+
+
+def white(sigma: float, offset: float = 0.0, gain: float = 0.0) -> Noise:
+    """Noise without memory."""
+    return Noise(whitening=np.ones(1), sigma=sigma, rms=sigma, offset=offset, gain=gain)
+
+
+def engine(
+    effects: Mapping[str, Mapping[str, float]] | None = None,
+    *,
+    seed: int = 1,
+    sigma: float = SIGMA,
+    plus: np.ndarray | float = 0.0,
+    at: Motion | None = None,
+    **changes: float,
+) -> Engine:
+    """An engine on data of the paper's joint with effects, white noise of a known size and whatever is added."""
+    at = at or motion(seed)
+    c = Coordinates(tuple(effects or {}), at.ranges, 0.0)
+    torque = ExtendedReplay(at).torque(c.row(vector(c, effects, **changes))[None])[0].astype(float) + plus
+    torque += sigma * np.random.default_rng([seed, 7]).normal(size=len(torque))
+    at = dataclasses.replace(at, samples=dataclasses.replace(at.samples, torque=torque))
+    made = Engine(ExtendedReplay(at), 0.0, np.ones(len(torque)), {"q": "rad", "current": "A", "torque": "N·m"})
+    made.noise = white(max(sigma, 1e-4))
+    return made
+
+
+def fitted(on: Engine, effects: Mapping[str, Mapping[str, float]] | None = None, off: float = 0.0) -> Fitted:
+    """A model fitted to an engine's data, from the paper's joint with effects, all numbers ``off`` by a share."""
+    c = on.coordinates(tuple(effects or {}))
+    x = vector(c, effects)
+    return on.fit(c, x + off * np.where(np.arange(len(x)) < 6, x, 1.0))
+
+
+def recording(at: Motion, torque: np.ndarray, *, q: float = 1.0, current: float = 1.0, size: float = 1.0) -> Recording:
+    """A motion with a torque as a recording, in other units if asked."""
+    s, runs = at.samples, []
+    for k, part in enumerate(s.parts):
+        runs.append(
+            Trajectory(
+                id=f"run {k}", t=at.time[part], q=q * s.q[part], qd=q * s.qd[part], current=current * s.current[part],
+                torque=size * torque[part],
+            )
+        )  # fmt: skip
+    units = {"q": "rad", "current": "A", "torque": "N·m"}
+    if (q, current, size) != (1.0, 1.0, 1.0):
+        units = {"q": "m", "current": "V", "torque": "N"}
+    return Recording(trajectories=tuple(runs), units=units)

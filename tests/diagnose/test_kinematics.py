@@ -1,0 +1,125 @@
+"""Motion behind a log: velocity and acceleration without phase, and the lag of a velocity channel."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mrwarp.diagnose.kinematics import reconstruct, smooth
+from mrwarp.sysid.differentiate import differentiate
+from mrwarp.sysid.recording import Recording, Trajectory
+
+STEP, V_NOISE = 3e-4, 0.01
+
+
+def swing(seed: int, t: np.ndarray, lag: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sum of three sines of 0.5 to 2 Hz with its exact derivatives, all behind a settled first-order filter."""
+    rng = np.random.default_rng(seed)
+    q, qd, qdd = (np.zeros(len(t)) for _ in range(3))
+    for _ in range(3):
+        w, amplitude, phase = 2 * np.pi * rng.uniform(0.5, 2.0), rng.uniform(0.1, 0.35), rng.uniform(0, 2 * np.pi)
+        turn = amplitude / (1.0 + 1j * w * lag) * np.exp(1j * (w * t + phase))
+        q, qd, qdd = q + np.imag(turn), qd + w * np.real(turn), qdd - w * w * np.imag(turn)
+    return q, qd, qdd
+
+
+def logged(
+    seed: int, *, lag: float = 0.0, runs: int = 6, seconds: float = 4.0, dt: float = 0.005
+) -> tuple[Recording, np.ndarray, np.ndarray]:
+    """Runs with encoder steps, a noisy and perhaps late velocity channel; true velocity and acceleration beside it."""
+    rng = np.random.default_rng([seed, 1])
+    t = np.arange(round(seconds / dt)) * dt
+    found, speeds, slopes = [], [], []
+    for k in range(runs):
+        q, qd, qdd = swing(100 * seed + k, t)
+        _, late, _ = swing(100 * seed + k, t, lag)
+        found.append(
+            Trajectory(
+                id=f"run{k}", t=t + 2.0 * k * seconds, q=np.round(q / STEP) * STEP,
+                qd=late + V_NOISE * rng.normal(size=len(t)), current=np.zeros(len(t)), torque=np.zeros(len(t)),
+            )
+        )  # fmt: skip
+        speeds.append(qd)
+        slopes.append(qdd)
+    return Recording(trajectories=tuple(found)), np.concatenate(speeds), np.concatenate(slopes)
+
+
+def rms(x: np.ndarray) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def test_smooth_follows_a_clean_motion() -> None:
+    """From an exact angle and from an exact velocity come the derivatives, to the smoother's bandwidth of 25 Hz."""
+    t = np.arange(800) * 0.005
+    q, qd, qdd = swing(3, t)
+    inner = slice(30, -30)
+    for sigma_q, sigma_v in ((1e-5, float("inf")), (float("inf"), 1e-3), (1e-5, 1e-3)):
+        v, a = smooth(q, qd, 0.005, sigma_q, sigma_v)
+        assert rms((v - qd)[inner]) < 2e-3 * rms(qd)
+        assert rms((a - qdd)[inner]) < 2e-2 * rms(qdd)
+
+
+def test_smooth_has_no_phase() -> None:
+    """The reversed motion gives the reversed result: neither channel is shifted."""
+    t = np.arange(400) * 0.005
+    q, qd, _ = swing(4, t)
+    noise = np.random.default_rng(5).normal(size=(2, 400))
+    q, qd = q + 1e-4 * noise[0], qd + 0.01 * noise[1]
+    v, a = smooth(q, qd, 0.005, 1e-4, 0.01)
+    back, slope = smooth(q[::-1], -qd[::-1], 0.005, 1e-4, 0.01)
+    inner = slice(40, -40)
+    np.testing.assert_allclose(back[::-1][inner], -v[inner], atol=1e-6)
+    np.testing.assert_allclose(slope[::-1][inner], a[inner], atol=1e-3)
+
+
+def test_both_channels_together_beat_the_velocity_channel() -> None:
+    """A quantised angle and a noisy velocity give a velocity of a third of the channel's noise, at any rate."""
+    for dt in (0.01, 0.005, 0.001):
+        recording, qd, _ = logged(6, runs=2, dt=dt)
+        found = reconstruct(recording)
+        assert found.velocity_lag == 0.0
+        assert rms(found.qd - qd) < 0.6 * V_NOISE
+
+
+def test_velocity_is_derived_where_there_is_none() -> None:
+    """Without a velocity channel the angle gives it; no lag can be told."""
+    recording, qd, qdd = logged(7)
+    runs = tuple(
+        replace(run, qd=differentiate(run.q, run.dt), qd_derived=True) for run in recording.trajectories
+    )  # fmt: skip
+    found = reconstruct(replace(recording, trajectories=runs))
+    assert found.velocity_lag == 0.0 and np.isinf(found.velocity_lag_error)
+    assert rms(found.qd - qd) < 0.01 * rms(qd)
+    assert rms(found.qdd - qdd) < 0.1 * rms(qdd)
+
+
+@pytest.mark.parametrize("lag", [0.001, 0.004, 0.012])
+def test_velocity_lag_is_found(lag: float) -> None:
+    """The time constant of a filtered velocity channel within 3 % or 0.1 ms, as long as it is short for the motion."""
+    for seed in (1, 2):
+        recording, qd, _ = logged(seed, lag=lag)
+        found = reconstruct(recording)
+        # the lag is read from the first order in w*T: up to 2 Hz it is too short by (w*T)^2 at most
+        longest = 1.0 + (2.0 * np.pi * 2.0 * lag) ** 2
+        assert lag / longest * 0.97 - 1e-4 < found.velocity_lag < 1.03 * lag + 1e-4
+        assert found.velocity_lag_error < 0.05 * lag
+        # as logged it is late; with its derivative it is the true one
+        true = found.qd + found.velocity_lag * found.qdd
+        assert rms(true - qd) < 0.6 * V_NOISE
+        assert rms(found.qd - qd) > 2.0 * rms(true - qd)
+
+
+def test_no_velocity_lag_is_made_up() -> None:
+    """In ten recordings whose velocity is not late none is found."""
+    assert [reconstruct(logged(seed, runs=4, seconds=2.0)[0]).velocity_lag for seed in range(10, 20)] == [0.0] * 10
+
+
+def test_noise_at_rest_makes_no_way() -> None:
+    """While a joint rests, the noise of its velocity channel adds up to a fifth of its way at most."""
+    recording, _, _ = logged(8, runs=1)
+    run = recording.trajectories[0]
+    still = replace(run, q=np.full(len(run.t), 0.3), qd=V_NOISE * np.random.default_rng(9).normal(size=len(run.t)))
+    found = reconstruct(replace(recording, trajectories=(run, replace(still, id="still", t=run.t + 100.0))))
+    rest = found.qd[len(run.t) :]
+    assert np.abs(rest).sum() < 0.2 * np.abs(still.qd).sum()
