@@ -56,7 +56,7 @@ def motion(
         session=runs * seconds,
     )  # fmt: skip
     time = np.arange(len(q)) * dt
-    heat = np.outer(np.ones(len(HEAT_TIMES)), 0.5 * time)
+    heat = np.stack([-0.5 * T * np.expm1(-time / T) for T in HEAT_TIMES])  # at a constant 0.5 W
     kinematics = Kinematics(qd=qd, qdd=qdd, velocity_lag=0.0, velocity_lag_error=float("inf"))
     return Motion(samples=samples, qdd=qdd, time=time, heat=heat, ranges=ranges, kinematics=kinematics)
 
