@@ -1,0 +1,145 @@
+"""Fitting: known parameters of data made by the kernel itself come back, first looks point at what was hidden."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrwarp.diagnose.uncertainty import covariance
+from mrwarp.effects.catalogue import CATALOGUE
+
+_SPEC = importlib.util.spec_from_file_location("known", Path(__file__).with_name("known.py"))
+assert _SPEC is not None and _SPEC.loader is not None
+known = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(known)
+
+CANDIDATES = [name for name, law in CATALOGUE.items() if law.kind != "calibration" and name != "velocity_lag"]
+HIDDEN = {
+    "command_delay": {"delay": 0.012},
+    "coil_lag": {"time_constant": 0.01},
+    "remanence": {"half_width": 0.04},
+    "current_saturation": {"u": 0.3},
+    "backlash": {"half_gap": 0.003},
+    "rotor_inertia": {"inertia": 0.002},
+    "coulomb_friction": {"torque": 0.06},
+    "friction_asymmetry": {"coulomb": 0.05, "viscous": 0.01},
+    "stribeck": {"torque": 0.08, "stribeck_speed": 0.5},
+    "cogging": {"sine": 0.03, "cosine": -0.02, "periods": 31.0},
+    "current_viscosity": {"B1": 0.02},
+    "speed_weakening": {"power": 1.3},
+    "temperature_drift": {"yield_loss": 0.02, "viscosity_loss": 0.01, "time_constant": 60.0},
+    "wear": {"rate": 0.004},
+    "torque_sensor_lag": {"time_constant": 0.003},
+}
+
+
+def assert_recovers(fit, truth: np.ndarray, sigmas: float = 4.0) -> None:
+    """Every coordinate within some standard errors of the truth."""
+    error = np.sqrt(np.diag(covariance(fit)))
+    assert (np.abs(fit.x - truth) < sigmas * error).all(), (fit.x - truth) / error
+
+
+def test_fit_recovers_the_joint_from_far_off() -> None:
+    """From numbers 30 % off, loss and coordinates are those of the truth: chi-squared, within four errors."""
+    engine = known.engine()
+    fit = known.fitted(engine, off=0.3)
+    assert_recovers(fit, known.vector(engine.coordinates(())))
+    count = fit.grams.count
+    assert fit.loss.sum() == pytest.approx(count, abs=4.0 * np.sqrt(2.0 * count))
+    assert 0.0 < fit.left_out.sum() - fit.loss.sum() < 60.0  # twice nine coordinates, and their scatter
+
+
+def test_fit_without_noise_is_exact() -> None:
+    """Noise-free data give the numbers back to the rounding of float32."""
+    engine = known.engine(sigma=0.0)
+    fit = known.fitted(engine, off=0.1)
+    np.testing.assert_allclose(fit.x, known.vector(fit.coordinates), rtol=2e-3, atol=2e-4)
+    assert np.abs(engine.samples.torque - fit.torque).max() < 1e-4
+
+
+@pytest.mark.parametrize("effect", list(HIDDEN))
+def test_fit_recovers_an_effect_with_the_joint(effect: str) -> None:
+    """Effect and joint searched together from numbers 20 % off; the loss is that of the noise."""
+    engine = known.engine({effect: HIDDEN[effect]}, seed=2)
+    c = engine.coordinates((effect,))
+    truth = known.vector(c, {effect: HIDDEN[effect]})
+    start = truth.copy()
+    start[:6] *= 1.2
+    for i, slot in enumerate(c.slots, start=9):
+        if slot.parameter.name != "periods":  # found by its starts
+            start[i] = start[i] + 0.2 if slot.logarithmic else 0.8 * start[i]
+    fit = engine.fit(c, start, iterations=25)
+    assert_recovers(fit, truth, 5.0 if effect in ("backlash", "remanence") else 4.0)
+    assert fit.loss.sum() == pytest.approx(fit.grams.count, abs=4.0 * np.sqrt(2.0 * fit.grams.count))
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        pytest.param(name, marks=[] if name in ("coil_lag", "backlash", "cogging", "wear") else [pytest.mark.slow])
+        for name in HIDDEN
+    ],
+)
+def test_first_look_finds_what_was_hidden(effect: str) -> None:
+    """On top of the fitted joint the hidden effect promises the most, or nearly, and its gain is most of what is."""
+    engine = known.engine({effect: HIDDEN[effect]}, seed=3, at=known.motion(3, runs=6, seconds=3.0))
+    base = known.fitted(engine)
+    look = engine.screen(base, CANDIDATES)
+    assert {c.effect for c in look} == set(CANDIDATES)
+    gains = {c.effect: float(base.left_out.sum() - c.left_out.sum()) for c in look}
+    possible = float(base.left_out.sum()) - base.grams.count
+    assert possible > 100.0, "the hidden effect is too weak to test anything"
+    assert gains[effect] > 0.8 * possible
+    assert gains[effect] > max(gains.values()) - 0.1 * possible
+
+
+def test_first_look_at_clean_data_promises_little() -> None:
+    """Without a hidden effect no candidate gains more than noise does: 30 in units of its variance."""
+    engine = known.engine(seed=4, at=known.motion(4, runs=6, seconds=3.0))
+    base = known.fitted(engine)
+    look = engine.screen(base, CANDIDATES)
+    assert max(float(base.left_out.sum() - c.left_out.sum()) for c in look) < 30.0
+
+
+def test_fit_keeps_its_bounds() -> None:
+    """A joint with a negative viscosity is fitted by none, and nothing leaves its range."""
+    engine = known.engine(B=-0.05)
+    fit = known.fitted(engine)
+    assert fit.x[1] == 0.0
+    assert (fit.x >= fit.coordinates.low).all() and (fit.x <= fit.coordinates.high).all()
+
+
+def test_samples_without_weight_do_not_count() -> None:
+    """Spoiled samples of weight 0 leave the fit as it is without them."""
+    engine = known.engine()
+    clean = known.fitted(engine)
+    spoiled = known.engine()
+    at = np.arange(len(spoiled.weight)) % 50 < 5
+    spoiled.weight[at] = 0.0
+    spoiled.samples.torque[at] += 30.0
+    fit = known.fitted(spoiled)
+    error = np.sqrt(np.diag(covariance(clean)))
+    assert (np.abs(fit.x - clean.x) < 3.0 * error).all()
+    assert fit.grams.count < 0.92 * clean.grams.count
+
+
+def test_line_is_set_aside_with_its_phase_in_each_trajectory() -> None:
+    """A line of known frequency leaves the torque; what remains is the noise, and the measured torque is kept."""
+    motion = known.motion()
+    rng = np.random.default_rng(6)
+    t = motion.time - np.repeat(motion.time[motion.samples.start[:-1]], np.diff(motion.samples.start))
+    phase = np.repeat(rng.uniform(0, 2 * np.pi, 8), np.diff(motion.samples.start))
+    line = 0.05 * np.sin(2 * np.pi * 17.3 * t + phase)
+    engine = known.engine(plus=line)
+    plain = known.engine()
+    engine.set_aside(17.28, known.fitted(plain).torque)
+    left = engine.samples.torque - plain.samples.torque
+    assert np.sqrt(np.mean(left**2)) < 0.1 * np.sqrt(np.mean(line**2))
+    np.testing.assert_allclose(engine.measured - plain.samples.torque, line, atol=1e-9)
+
+
+def test_coordinates_follow_the_path() -> None:
+    """Effects stand in the catalogue's order, however they were named."""
+    engine = known.engine()
+    assert engine.coordinates(("wear", "coil_lag", "backlash")).effects == ("coil_lag", "backlash", "wear")
