@@ -1,0 +1,194 @@
+"""Temperatures: winding and housing of every motor, and the fluid of every MR device.
+
+    C_w dT_w/dt = P_copper - (T_w - T_h)/R_wh
+    C_h dT_h/dt = (T_w - T_h)/R_wh - (T_h - T_a)/R_ha
+    C_f dT_f/dt = P_coil + P_friction - (T_f - T_a)/R_fa
+
+with T_a the ambient temperature. Constant losses are stepped exactly, by the matrix exponential. The devices sit at the
+knee, the calf motors at the hip end of the thigh: no heat flows between them. What the robot's software reports as a
+motor's temperature is taken to be the housing's, where the drive's sensor sits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mrwarp.params import ParamGroup, param
+
+CALIBRATED = ("housing_capacity", "housing_resistance")
+"""Fields of :class:`ThermalCfg` that are fitted to Go1's temperature rises; the others are assumed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThermalCfg(ParamGroup):
+    """Numbers of the thermal model."""
+
+    winding_capacity: float = param(
+        35.0, "J/K", 1.0, 1e4, "Mini Cheetah's public motor code: 1/0.02825 to 1/0.03125", "Heat capacity C_w."
+    )
+    winding_resistance: float = param(
+        1.25, "K/W", 1e-3, 1e3, "Mini Cheetah's public motor code", "From winding to housing, R_wh."
+    )
+    housing_capacity: float = param(
+        600.0, "J/K", 1.0, 1e5, "calibrated on Go1's temperature rises of section 6.5, `mrwarp mission --calibrate`",
+        "Heat capacity C_h of the housing and what warms up with it; the motor alone, 0.53 kg, has about 300.",
+    )  # fmt: skip
+    housing_resistance: float = param(
+        20.0, "K/W", 1e-3, 1e6, "calibrated on Go1's temperature rises of section 6.5, `mrwarp mission --calibrate`",
+        "From housing to air, R_ha.",
+    )  # fmt: skip
+    fluid_capacity: float = param(
+        65.0, "J/K", 1.0, 1e4, "assumed: 0.14 kg device (asset) of steel at 460 J/(kg·K)", "Heat capacity C_f."
+    )
+    fluid_resistance: float = param(
+        8.0, "K/W", 1e-3, 1e4, "assumed: 0.008 m2 of surface at 15 W/(m2·K); 4 to 15", "From fluid to air, R_fa."
+    )
+    yield_coefficient: float = param(
+        0.002, "1/K", 0.0, 0.05, "assumed: MR fluids lose 5 to 20 % from 20 to 80 degC; 0.001 to 0.004",
+        "Relative loss of yield stress per kelvin of the fluid.",
+    )  # fmt: skip
+    viscosity_coefficient: float = param(
+        0.02, "1/K", 0.0, 0.2, "assumed: oil-based fluids halve over 30 to 40 K; 0.01 to 0.03",
+        "Exponential loss of viscosity per kelvin of the fluid.",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Temperatures:
+    """Temperatures above ambient [K]; leading axes are free."""
+
+    winding: np.ndarray
+    """Shape (..., J)."""
+    housing: np.ndarray
+    """Shape (..., J)."""
+    fluid: np.ndarray
+    """Shape (..., M)."""
+
+    @classmethod
+    def ambient(cls, lead: tuple[int, ...], joints: int, devices: int) -> Temperatures:
+        """Everything at the temperature of the air."""
+        return cls(winding=np.zeros((*lead, joints)), housing=np.zeros((*lead, joints)),
+                   fluid=np.zeros((*lead, devices)))  # fmt: skip
+
+
+def step(
+    now: Temperatures, motor_loss: np.ndarray, device_loss: np.ndarray, seconds: float, cfg: ThermalCfg
+) -> Temperatures:
+    """Temperatures after constant losses, exactly.
+
+    Args:
+        now: Temperatures at the start.
+        motor_loss: Heat in the windings [W], shape (..., J).
+        device_loss: Heat in the devices [W], shape (..., M).
+        seconds: Duration [s].
+        cfg: The numbers.
+    """
+    # final state: all heat goes through both resistances
+    end_h = motor_loss * cfg.housing_resistance
+    end_w = end_h + motor_loss * cfg.winding_resistance
+    matrix = _exponential(motor_matrix(cfg), seconds)
+    w, h = now.winding - end_w, now.housing - end_h
+    end_f = device_loss * cfg.fluid_resistance
+    decay = np.exp(-seconds / (cfg.fluid_resistance * cfg.fluid_capacity))
+    return Temperatures(
+        winding=end_w + matrix[0, 0] * w + matrix[0, 1] * h,
+        housing=end_h + matrix[1, 0] * w + matrix[1, 1] * h,
+        fluid=end_f + decay * (now.fluid - end_f),
+    )
+
+
+def motor_matrix(cfg: ThermalCfg) -> np.ndarray:
+    """Matrix A of ``d(T_w, T_h)/dt = A (T_w, T_h) + b`` [1/s]."""
+    flow = 1.0 / cfg.winding_resistance
+    loss = 1.0 / cfg.housing_resistance
+    return np.array(
+        [
+            [-flow / cfg.winding_capacity, flow / cfg.winding_capacity],
+            [flow / cfg.housing_capacity, -(flow + loss) / cfg.housing_capacity],
+        ]
+    )
+
+
+def softened(fluid: np.ndarray, cfg: ThermalCfg) -> tuple[np.ndarray, np.ndarray]:
+    """Factors on yield torque and on viscous torque of devices whose fluid is so much above ambient [K]."""
+    return np.maximum(1.0 - cfg.yield_coefficient * fluid, 0.0), np.exp(-cfg.viscosity_coefficient * fluid)
+
+
+def calibrate(
+    motor_loss: dict[str, np.ndarray],
+    seconds: dict[str, float],
+    *,
+    calf_walking: float,
+    calf_standby: float,
+    calves: tuple[int, ...],
+    cfg: ThermalCfg | None = None,
+) -> tuple[ThermalCfg, dict[str, float]]:
+    """Housing capacity and resistance that give the calves' measured rises, by bounded least squares.
+
+    Args:
+        motor_loss: Heat per motor [W] in the phases ``outbound``, ``standby``, ``return``, each of shape (J,).
+        seconds: Duration of each phase [s].
+        calf_walking: Rise of the calves' mean over both walks [K].
+        calf_standby: Rise over the standby [K].
+        calves: Columns of the calves.
+        cfg: Other numbers and the start.
+
+    Returns:
+        The numbers, and what they give: ``calf_walking``, ``calf_standby``.
+    """
+    from scipy.optimize import least_squares
+
+    start = cfg or ThermalCfg()
+
+    def at(x: np.ndarray) -> ThermalCfg:
+        return replace(start, housing_capacity=float(np.exp(x[0])), housing_resistance=float(np.exp(x[1])))
+
+    def rises(x: np.ndarray) -> dict[str, float]:
+        trace = mission(motor_loss, {name: np.zeros(0) for name in motor_loss}, seconds, at(x))
+        return rise_figures(trace, calves)
+
+    def mismatch(x: np.ndarray) -> list[float]:
+        got = rises(x)
+        return [got["calf_walking"] - calf_walking, got["calf_standby"] - calf_standby]
+
+    bounds = ([np.log(50.0), np.log(0.5)], [np.log(1e4), np.log(1e3)])
+    fit = least_squares(mismatch, [np.log(start.housing_capacity), np.log(start.housing_resistance)], bounds=bounds)
+    got = rises(fit.x)
+    return at(fit.x), {name: got[name] for name in ("calf_walking", "calf_standby")}
+
+
+def mission(
+    motor_loss: dict[str, np.ndarray], device_loss: dict[str, np.ndarray], seconds: dict[str, float], cfg: ThermalCfg
+) -> list[tuple[str, Temperatures, Temperatures]]:
+    """Name, temperatures before and after each phase, one after the other from ambient."""
+    first = next(iter(motor_loss.values()))
+    now = Temperatures.ambient(first.shape[:-1], first.shape[-1], next(iter(device_loss.values())).shape[-1])
+    trace = []
+    for name, loss in motor_loss.items():
+        after = step(now, loss, device_loss[name], seconds[name], cfg)
+        trace.append((name, now, after))
+        now = after
+    return trace
+
+
+def rise_figures(
+    trace: list[tuple[str, Temperatures, Temperatures]], calves: tuple[int, ...]
+) -> dict[str, float]:
+    """Mean rises [K] as in figure 11: ``calf_walking``, ``calf_standby``, ``all``, and the devices' ``fluid``."""
+    change = {name: after.housing - before.housing for name, before, after in trace}
+    calf = {name: float(values[..., list(calves)].mean()) for name, values in change.items()}
+    last = trace[-1][2]
+    return {
+        "calf_walking": sum(value for name, value in calf.items() if name != "standby"),
+        "calf_standby": calf.get("standby", 0.0),
+        "all": float(last.housing.mean()),
+        "fluid": float(last.fluid.mean()) if last.fluid.size else 0.0,
+    }
+
+
+def _exponential(matrix: np.ndarray, seconds: float) -> np.ndarray:
+    """exp(A t) of a matrix with real, distinct eigenvalues, as that of two coupled thermal masses."""
+    values, vectors = np.linalg.eig(matrix)
+    return (vectors * np.exp(values * seconds)) @ np.linalg.inv(vectors)

@@ -1,0 +1,148 @@
+"""From walking trials to the figures of tables 6 and 7 and of figure 8(c), ours beside the paper's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from mrwarp.electrical import calibrate as calibration
+from mrwarp.electrical import consistency, paper
+from mrwarp.electrical.power import CALF_COLUMNS, ElectricalCfg, Power, Use, battery_power, copper, cost_of_transport
+from mrwarp.evaluate.impact import spread
+from mrwarp.evaluate.meter import BIN, RANGE, SHOWN
+from mrwarp.evaluate.walk_trials import WalkResult
+from mrwarp.robot import JOINTS, LEGS
+
+STANDBY = "Go1 standby"
+"""Name of the row of the standing robot."""
+
+
+def row(result: WalkResult, cfg: ElectricalCfg) -> dict[str, Any]:
+    """All figures of one condition; spreads are over its trials."""
+    key = (result.robot, result.payload, result.command)
+    reference = paper.TABLE_6.get(key)  # type: ignore[arg-type]
+    power = battery_power(result.use, cfg)
+    cot = cost_of_transport(power.total, result.mass, result.speed)
+    activation = paper.TABLE_7.get(key[1:]) if result.robot == "mr_go_sal" else None  # type: ignore[arg-type]
+    return {
+        "robot": result.robot, "payload": result.payload, "command": result.command, "mass": result.mass,
+        "calibrated": result.robot == "go1" and reference is not None,
+        "trials": len(result.speed), "fell": result.fell, "late": result.late,
+        "speed": _spread(result.speed), "power": _spread(power.total), "parts": parts(result.use, cfg),
+        "cot": _spread(cot), "paper": None if reference is None else {
+            **asdict(reference), "power": reference.power, "power_sd": reference.power_sd,
+        },
+        "difference": None if reference is None else _difference(cot, reference.cot, reference.sd),
+        "v_x_rmse": _spread(result.v_x_rmse), "v_x_bias": _spread(result.speed - result.command),
+        "height": _spread(result.height), "height_rmse": _spread(result.height_rmse),
+        "height_sd": _spread(result.height_sd), "roll_pitch_rms": _spread(result.tilt_rms),
+        "yaw_rate_rmse": _spread(result.yaw_rate_rmse),
+        "hold_share": dict(zip(LEGS, map(_spread, result.hold.T), strict=False)),
+        "hold_mean": _spread(result.hold.mean(-1)) if result.hold.size else None,
+        "dynamic_share": dict(zip(LEGS, map(_spread, result.dynamic.T), strict=False)),
+        "paper_hold_mean": activation,
+        "torque": torques(result),
+    }  # fmt: skip
+
+
+def parts(use: Use, cfg: ElectricalCfg) -> dict[str, float]:
+    """Mean power by part [W], the copper loss split into calves and the other joints."""
+    power: Power = battery_power(use, cfg)
+    loss = copper(use, cfg)
+    calf = float(loss[..., list(CALF_COLUMNS)].sum(-1).mean())
+    named = {name: float(np.mean(value)) for name, value in power.parts().items()}
+    total = named.pop("copper")
+    return {"copper_calves": calf, "copper_hips_thighs": total - calf, **named}
+
+
+def torques(result: WalkResult) -> dict[str, dict[str, float]]:
+    """Figures of the distribution of |motor torque| of the front-right joints [N·m]; to half a bin, 0.25 N·m."""
+    centres = np.abs((np.arange(result.counts.shape[1]) + 0.5) * BIN - RANGE)
+    order = np.argsort(centres, kind="stable")
+    found = {}
+    for joint, counts in zip(SHOWN, result.counts, strict=True):
+        share = np.cumsum(counts[order]) / max(counts.sum(), 1.0)
+        quantiles = {f"p{q}": float(centres[order][min(np.searchsorted(share, q / 100.0), len(order) - 1)])
+                     for q in (5, 25, 50, 75, 95, 99)}  # fmt: skip
+        found[JOINTS[joint]] = {"mean": float((centres * counts).sum() / max(counts.sum(), 1.0)), **quantiles}
+    return found
+
+
+def calibration_rows(results: Sequence[WalkResult], standing: Use) -> list[calibration.Row]:
+    """Go1's rows of table 6 and its standby power with what the simulated robot does there."""
+    rows = [
+        calibration.Row(
+            name=f"Go1 {result.payload:g} kg, {result.command:g} m/s", use=result.use.mean(),
+            measured=paper.TABLE_6[key].power,  # type: ignore[index]
+        )
+        for result in results
+        if result.robot == "go1" and len(result.speed)
+        and (key := (result.robot, result.payload, result.command)) in paper.TABLE_6
+    ]  # fmt: skip
+    return [*rows, calibration.Row(name=STANDBY, use=standing, measured=paper.MISSION_POWER["go1"]["standby"])]
+
+
+def savings(
+    results: Sequence[WalkResult], cfg: ElectricalCfg, standing_saving: float | None, standing_mass: float
+) -> list[dict[str, Any]]:
+    """What SAL saves in each condition: simulated, the paper's, and the closed-form bound.
+
+    Args:
+        results: Trials with MR_Go and MR_Go-SAL.
+        cfg: The numbers.
+        standing_saving: What holding saves the simulated robot while it stands [W].
+        standing_mass: Mass that stood, the paper's and ours [kg].
+    """
+    by_key = {(r.robot, r.payload, r.command): r for r in results if len(r.speed)}
+    rows = []
+    for (robot, payload, command), on in by_key.items():
+        off = by_key.get(("mr_go", payload, command))
+        if robot != "mr_go_sal" or off is None:
+            continue
+        before, after = parts(off.use, cfg), parts(on.use, cfg)
+        powers = [float(battery_power(r.use, cfg).total.mean()) for r in (off, on)]
+        cots = [float(cost_of_transport(battery_power(r.use, cfg).total, r.mass, r.speed).mean()) for r in (off, on)]
+        share = float(on.hold.mean())
+        theirs = paper.TABLE_6.get(("mr_go", payload, command)), paper.TABLE_6.get((robot, payload, command))  # type: ignore[arg-type]
+        reference = None
+        if theirs[0] is not None and theirs[1] is not None:
+            reference = {"saving": theirs[0].power - theirs[1].power, "cot_reduction": 1.0 - theirs[1].cot / theirs[0].cot}
+        bounds = {"paper_standing": consistency.holding_bound(share, on.mass, reference=standing_mass)}
+        if standing_saving is not None:
+            bounds["our_standing"] = consistency.holding_bound(
+                share, on.mass, standing=standing_saving, reference=standing_mass
+            )
+        rows.append({
+            "payload": payload, "command": command, "calibrated": False, "hold_share": share,
+            "saving": powers[0] - powers[1], "cot_reduction": 1.0 - cots[1] / cots[0],
+            "power_reduction": 1.0 - powers[1] / powers[0],
+            "saving_by_part": {name: before[name] - after[name] for name in before}, "bound": bounds,
+            "paper": reference,
+        })  # fmt: skip
+    return rows
+
+
+def sensitivity(results: Sequence[WalkResult], rows: Sequence[calibration.Row], cfg: ElectricalCfg) -> dict[str, Any]:
+    """COT reduction per condition, with each assumed number at the ends of its range."""
+
+    def figure(varied: ElectricalCfg) -> dict[str, float]:
+        found = savings(results, varied, None, 1.0)
+        return {f"{r['payload']:g} kg, {r['command']:g} m/s": r["cot_reduction"] for r in found}
+
+    return calibration.sensitivity(rows, figure, cfg)
+
+
+def _spread(values: np.ndarray) -> dict[str, float]:
+    values = np.asarray(values, dtype=float)
+    return spread(values) if values.size else {"mean": float("nan"), "sd": float("nan")}
+
+
+def _difference(ours: np.ndarray, theirs: float, sd: float) -> dict[str, float]:
+    """Ours minus the paper's: absolute, relative, and in units of the joint spread."""
+    mine = _spread(ours)
+    joint = float(np.hypot(mine["sd"], sd))
+    delta = mine["mean"] - theirs
+    return {"absolute": delta, "relative": delta / theirs, "in_sd": delta / joint}
