@@ -78,7 +78,12 @@ def effect_unit(parameter: EffectParameter, units: Mapping[str, str]) -> str:
     if dict(units) == JOINT_UNITS:
         return unit
     # derived units hide angle and torque
-    unit = {"kg·m²": "N·m·s²/rad", "1/J": "1/(N·m·rad)"}.get(unit, unit)
+    hidden = {"kg·m²": "N·m·s²/rad", "1/J": "1/(N·m·rad)"}
+    if (units["torque"], units["q"]) == ("N·m", "rad"):
+        hidden = {}
+    elif (units["torque"], units["q"]) == ("N", "m"):
+        hidden = {"kg·m²": "kg", "1/J": "1/J"}
+    unit = hidden.get(unit, unit)
     for plain, key in (("rad", "q"), ("N·m", "torque"), ("A", "current")):
         unit = unit.replace(plain, f"<{key}>")
     for key in ("q", "current", "torque"):

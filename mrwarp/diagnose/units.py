@@ -11,6 +11,7 @@ from mrwarp.diagnose.model import LINEAR, SHAPE
 from mrwarp.diagnose.uncertainty import covariance, interval
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
+from mrwarp.model_effects import effect_unit
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, parameter_unit
 from mrwarp.results import versions
 from mrwarp.sysid.recording import Recording
@@ -25,22 +26,25 @@ def factor_of(parameter: EffectParameter, scales: Scales) -> float:
 
 def unit_of(parameter: EffectParameter, units: Mapping[str, str]) -> str:
     """Unit of a parameter for a device with these units of q, current and torque."""
-    if dict(units) == {"q": "rad", "current": "A", "torque": "N·m"}:
-        return parameter.unit
-    unit = parameter.unit
-    if unit == "kg·m²":
-        return "kg" if (units["torque"], units["q"]) == ("N", "m") else f"{units['torque']}·s²/{units['q']}"
-    if unit == "1/J":
-        return "1/J" if units["torque"] in ("N", "N·m") else f"1/({units['torque']}·{units['q']})"
-    for plain, key in (("rad", "q"), ("A", "current"), ("N·m", "torque")):
-        unit = unit.replace(plain, f"<{key}>")
-    for key, value in units.items():
-        unit = unit.replace(f"<{key}>", value)
-    return unit
+    return effect_unit(parameter, units)
 
 
-def outer_model(engine: Engine, fit: Fitted, recording: Recording, seed: int) -> Model:
-    """The fitted model in the units of the recording, for ``model.json``."""
+def outer_model(
+    engine: Engine,
+    fit: Fitted,
+    recording: Recording,
+    seed: int,
+    refined: Mapping[tuple[str, str], tuple[float, float, float]] | None = None,
+) -> Model:
+    """The fitted model in the units of the recording, for ``model.json``.
+
+    Args:
+        engine: The data set.
+        fit: The model.
+        recording: What it was fitted to.
+        seed: Seed of the diagnosis.
+        refined: Value and interval of parameters that are known better than by the fit, inner units.
+    """
     scales, units, spread = engine.samples.scales, recording.units, covariance(fit)
     row = fit.coordinates.row(fit.x)
     parameters = {}
@@ -65,7 +69,11 @@ def outer_model(engine: Engine, fit: Fitted, recording: Recording, seed: int) ->
             for i, slot in enumerate(fit.coordinates.slots, start=9):
                 if slot.effect == effect and slot.parameter is p:
                     ci95 = outer_interval(fit, i, spread, slot.logarithmic, factor)
-            entries[p.name] = Parameter(value=values[effect][p.name] * factor, unit=unit_of(p, units), ci95=ci95)
+            value = values[effect][p.name]
+            if refined and (effect, p.name) in refined:
+                value, *bounds = refined[effect, p.name]
+                ci95 = (bounds[0] * factor, bounds[1] * factor)
+            entries[p.name] = Parameter(value=value * factor, unit=unit_of(p, units), ci95=ci95)
         effects.append(Effect(name=effect, parameters=entries))
     runs = recording.trajectories
     return Model(

@@ -34,7 +34,7 @@ def test_whitening_makes_coloured_noise_white() -> None:
     """White noise plus first-order noise of 50 ms: whitened, nothing up to 60 ms correlates; variance 1."""
     runs, count, rng = 12, 1500, np.random.default_rng(1)
     keep = np.exp(-DT / 0.05)
-    noise = 0.01 * lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], rng.normal(size=runs * count))
+    noise = 0.01 * np.asarray(lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], rng.normal(size=runs * count)))
     noise = noise + 0.02 * rng.normal(size=runs * count)
     at = samples(runs, count)
     found = estimate_noise(noise, torque(runs, count), at, offset=0.1, gain=0.2)
@@ -108,7 +108,7 @@ def test_noise_alone_gives_no_spread() -> None:
     """What noise makes of offsets and factors is taken out: what is left is below their standard error."""
     runs, count, rng = 60, 400, np.random.default_rng(6)
     keep = np.exp(-DT / 0.05)
-    noise = 0.02 * lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], rng.normal(size=runs * count))
+    noise = 0.02 * np.asarray(lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], rng.normal(size=runs * count)))
     offset, gain = trajectory_spread(noise, torque(runs, count), samples(runs, count), np.empty((runs, 0)))
     # a mean over 400 samples correlated over 10 on each side
     assert offset < 0.02 * np.sqrt(20.0 / count) and gain < 0.02 * np.sqrt(2.0 * 20.0 / count)
