@@ -1,0 +1,108 @@
+"""The search for causes: thresholds, singles, pairs, rivals, poor man's versions of other structure."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrwarp.diagnose.choose import CHI2, FLOOR, Choice, best_single, choose, threshold
+from mrwarp.diagnose.prepare import groups_of
+from mrwarp.effects.catalogue import CATALOGUE
+
+_SPEC = importlib.util.spec_from_file_location("known", Path(__file__).with_name("known.py"))
+assert _SPEC is not None and _SPEC.loader is not None
+known = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(known)
+
+CANDIDATES = [name for name, law in CATALOGUE.items() if law.kind != "calibration" and name != "velocity_lag"]
+
+
+def searched(engine, candidates: list[str] | None = None) -> Choice:
+    """The outcome on an engine's data."""
+    base = known.fitted(engine)
+    return choose(engine, base, lambda f: groups_of(engine, f.coordinates, f.x), candidates or CANDIDATES)
+
+
+def made(hidden: dict | None = None, seed: int = 50, **more):
+    """An engine on six runs of 3 s."""
+    return known.engine(hidden, seed=seed, at=known.motion(seed, runs=6, seconds=3.0), **more)
+
+
+def test_threshold_is_chi_squared_or_a_share_of_the_samples() -> None:
+    """30 for few samples; 0.3 % of them where they are many, for the replay itself errs by as much."""
+    small = known.fitted(made())
+    assert threshold(small) == CHI2
+    small.grams.count = 100_000.0
+    assert threshold(small) == pytest.approx(FLOOR * 100_000.0)
+
+
+def test_nothing_is_named_in_clean_data() -> None:
+    """The final model is the baseline; it gains nothing, and no structure is left above the threshold."""
+    for seed in (50, 51):
+        choice = searched(made(seed=seed))
+        assert choice.final is choice.base and choice.gain == 0.0 and not choice.alternatives
+        assert max(f.gain for f in choice.left_after) < threshold(choice.base)
+        assert best_single(made(seed=seed), choice.base, CANDIDATES) is None
+
+
+@pytest.mark.parametrize(
+    ("effect", "numbers"),
+    [("coil_lag", {"time_constant": 0.008}), ("cogging", {"sine": 0.02, "cosine": 0.0, "periods": 25.0}),
+     ("coulomb_friction", {"torque": 0.05})],
+)  # fmt: skip
+def test_hidden_effect_is_named(effect: str, numbers: dict[str, float]) -> None:
+    """Alone, with its numbers, and what it adds is what the final model gains."""
+    engine = made({effect: numbers})
+    choice = searched(engine)
+    assert choice.final.effects == (effect,)
+    found = choice.final.coordinates.values(choice.final.x)[effect]
+    for name, value in numbers.items():
+        assert found[name] == pytest.approx(value, rel=0.15, abs=2e-3)
+    assert choice.own_gain[effect] == pytest.approx(choice.gain) and choice.gain > threshold(choice.base)
+    assert max(f.gain for f in choice.left_after) < threshold(choice.base)
+    single = best_single(engine, choice.base, CANDIDATES)
+    assert single is not None and effect in single.effects
+
+
+def test_pair_is_found_whole() -> None:
+    """Two effects that are not each other's rivals are both named, in the order of the path."""
+    choice = searched(
+        made({"coil_lag": {"time_constant": 0.008}, "cogging": {"sine": 0.03, "cosine": 0.0, "periods": 25}})
+    )
+    assert choice.final.effects == ("coil_lag", "cogging")
+    assert min(choice.own_gain.values()) > threshold(choice.base)
+
+
+def test_effects_that_data_cannot_tell_apart_are_alternatives() -> None:
+    """A short lag seen 200 times a second through much noise may be a delay: the truth is among those said, no third."""
+    groups = []
+    for seed in (50, 51):
+        choice = searched(made({"coil_lag": {"time_constant": 0.003}}, seed=seed, sigma=0.15))
+        (named,) = choice.final.effects
+        groups.append({named, *choice.alternatives[named]})
+    assert all("coil_lag" in group and group <= {"coil_lag", "command_delay"} for group in groups)
+    assert any(len(group) == 2 for group in groups)
+
+
+def test_structure_outside_the_catalogue_is_not_named() -> None:
+    """A viscosity that changes along the angle is left over, and says on what it depends."""
+    at = known.motion(52, runs=6, seconds=3.0)
+    s = at.samples
+    choice = searched(known.engine(seed=52, at=at, plus=0.15 * s.q**2 * s.qd))
+    assert choice.final is choice.base
+    assert set(choice.left_after[0].group.variables[:2]) & {"q", "qd"}
+    assert choice.left_after[0].gain > threshold(choice.base)
+
+
+def test_only_candidates_are_named() -> None:
+    """An effect that is not offered is not found; what remains of it is left over."""
+    choice = searched(made({"rotor_inertia": {"inertia": 0.01}}), ["wear", "coil_lag"])
+    assert "rotor_inertia" not in choice.final.effects
+    assert choice.left_after[0].gain > threshold(choice.base)
+
+
+def test_search_is_the_same_twice() -> None:
+    """No draw is left to chance: bit-equal numbers."""
+    one, two = (searched(made({"coil_lag": {"time_constant": 0.008}}), ["coil_lag", "command_delay"]) for _ in range(2))
+    assert np.array_equal(one.final.x, two.final.x) and one.own_gain == two.own_gain
