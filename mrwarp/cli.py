@@ -9,6 +9,8 @@ COMMANDS = {
     "train": ("mrwarp.rl.train_cli", "train a walking policy until the walking gate is met"),
     "play": ("mrwarp.rl.play_cli", "run a policy and show it in rerun, or save an .rrd or a picture"),
     "impact": ("mrwarp.evaluate.impact_cli", "hit walking robots with each current; live view, recording, pictures"),
+    "walk": ("mrwarp.evaluate.walk_cli", "walk 30 m with three robots: cost of transport, support activation, torques"),
+    "mission": ("mrwarp.evaluate.mission_cli", "150 m out, stand, 150 m back: power, state of charge, temperatures"),
     "bench": ("mrwarp.sysid.bench_cli", "virtual torque bench: recordings with known hidden effects"),
     "check": ("mrwarp.sysid.check_cli", "explain a recording, or what is wrong with it"),
     "fit": ("mrwarp.sysid.fit_cli", "identify the joint from recordings"),

@@ -106,6 +106,7 @@ def sensitivity(
     for name, half in calibrate(rows, cfg).half_width.items():
         nominal = getattr(cfg, name)
         found[name] = [
-            {"value": value, **figure(replace(cfg, **{name: value}))} for value in (max(nominal - half, 0.0), nominal + half)
+            {"value": value, **figure(replace(cfg, **{name: value}))}
+            for value in (max(nominal - half, 0.0), nominal + half)
         ]
     return found

@@ -32,11 +32,11 @@ class ThermalCfg(ParamGroup):
         1.25, "K/W", 1e-3, 1e3, "Mini Cheetah's public motor code", "From winding to housing, R_wh."
     )
     housing_capacity: float = param(
-        600.0, "J/K", 1.0, 1e5, "calibrated on Go1's temperature rises of section 6.5, `mrwarp mission --calibrate`",
+        508.0, "J/K", 1.0, 1e5, "calibrated on Go1's temperature rises of section 6.5, `mrwarp mission --calibrate`",
         "Heat capacity C_h of the housing and what warms up with it; the motor alone, 0.53 kg, has about 300.",
     )  # fmt: skip
     housing_resistance: float = param(
-        20.0, "K/W", 1e-3, 1e6, "calibrated on Go1's temperature rises of section 6.5, `mrwarp mission --calibrate`",
+        10.5, "K/W", 1e-3, 1e6, "calibrated on Go1's temperature rises of section 6.5, `mrwarp mission --calibrate`",
         "From housing to air, R_ha.",
     )  # fmt: skip
     fluid_capacity: float = param(
@@ -173,9 +173,7 @@ def mission(
     return trace
 
 
-def rise_figures(
-    trace: list[tuple[str, Temperatures, Temperatures]], calves: tuple[int, ...]
-) -> dict[str, float]:
+def rise_figures(trace: list[tuple[str, Temperatures, Temperatures]], calves: tuple[int, ...]) -> dict[str, float]:
     """Mean rises [K] as in figure 11: ``calf_walking``, ``calf_standby``, ``all``, and the devices' ``fluid``."""
     change = {name: after.housing - before.housing for name, before, after in trace}
     calf = {name: float(values[..., list(calves)].mean()) for name, values in change.items()}

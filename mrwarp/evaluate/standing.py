@@ -1,4 +1,4 @@
-"""A robot that stands in its neutral pose: what its joints use, with the calves held by the motors or by the devices."""
+"""A robot standing in its neutral pose: what its joints use with the calves held by motors or by devices."""
 
 from __future__ import annotations
 

@@ -16,6 +16,9 @@ from mrwarp.evaluate.meter import BIN, RANGE, SHOWN
 from mrwarp.evaluate.walk_trials import WalkResult
 from mrwarp.robot import JOINTS, LEGS
 
+STANCE_SHARE = 0.5
+"""Share of a stride in which the trot's clock has a leg on the ground."""
+
 STANDBY = "Go1 standby"
 """Name of the row of the standing robot."""
 
@@ -95,6 +98,11 @@ def savings(
         cfg: The numbers.
         standing_saving: What holding saves the simulated robot while it stands [W].
         standing_mass: Mass that stood, the paper's and ours [kg].
+
+    Returns:
+        Per condition, the saving with its parts and three estimates of what holding saves at most: from the paper's
+        and from our standing saving by :func:`consistency.holding_bound`, and ``walking_copper``, the copper loss of
+        the calves that the closed gate leaves in the stance, times the share of the stance that is held.
     """
     by_key = {(r.robot, r.payload, r.command): r for r in results if len(r.speed)}
     rows = []
@@ -109,8 +117,15 @@ def savings(
         theirs = paper.TABLE_6.get(("mr_go", payload, command)), paper.TABLE_6.get((robot, payload, command))  # type: ignore[arg-type]
         reference = None
         if theirs[0] is not None and theirs[1] is not None:
-            reference = {"saving": theirs[0].power - theirs[1].power, "cot_reduction": 1.0 - theirs[1].cot / theirs[0].cot}
-        bounds = {"paper_standing": consistency.holding_bound(share, on.mass, reference=standing_mass)}
+            reference = {
+                "saving": theirs[0].power - theirs[1].power,
+                "cot_reduction": 1.0 - theirs[1].cot / theirs[0].cot,
+            }
+        stance = float(np.clip(share / STANCE_SHARE, 0.0, 1.0))
+        bounds = {
+            "walking_copper": stance * before["copper_calves"],
+            "paper_standing": consistency.holding_bound(share, on.mass, reference=standing_mass),
+        }
         if standing_saving is not None:
             bounds["our_standing"] = consistency.holding_bound(
                 share, on.mass, standing=standing_saving, reference=standing_mass

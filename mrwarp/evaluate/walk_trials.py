@@ -15,6 +15,7 @@ import torch
 from mrwarp.electrical.paper import NAMES, ROBOTS
 from mrwarp.electrical.power import Use
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.env.vec_env import WalkEnv
 from mrwarp.evaluate.load import VARIANT, set_load, total_mass
 from mrwarp.evaluate.meter import JointMeter
 from mrwarp.evaluate.traces import GaitTrace, TraceRecorder
@@ -44,6 +45,8 @@ class WalkCfg:
     """A trial fails when it takes this many times ``distance/speed``."""
     current: float = 1.5
     """Current the devices may use with SAL on [A]."""
+    soften: Callable[[WalkEnv, Sequence[str]], None] | None = None
+    """Change of the devices before the walk, given the environments and their robots in order; see ``mission``."""
     env: EnvCfg = field(default_factory=make_walk_cfg)
     """Actuator model, coupling and engine; robot, payload and currents are set here."""
     seed: int = 0
@@ -152,6 +155,8 @@ class WalkBatch:
         self._per_env(env.current_e, [cfg.current if on else 0.0 for on in sal])
         self.command = torch.zeros(count, 3, device=env.device)
         self._per_env(self.command[:, 0], [speed for _, speed in self.conditions])
+        if cfg.soften is not None:
+            cfg.soften(env, robots)
         self.meter = JointMeter(env)
         self.recorder = TraceRecorder(env, [i * cfg.trials for i in range(len(self.conditions))])
 

@@ -1,0 +1,170 @@
+"""What ``mrwarp walk`` and ``mrwarp mission`` share: options for robots, policies and the numbers of the models."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mrwarp.actuator import Coupling
+from mrwarp.electrical.battery import BatteryCfg
+from mrwarp.electrical.paper import ROBOTS
+from mrwarp.electrical.power import ElectricalCfg
+from mrwarp.electrical.thermal import ThermalCfg
+from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.evaluate.walking import Policy
+from mrwarp.params import ParameterError, ParamGroup
+from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
+
+GROUPS: dict[str, type[ParamGroup]] = {"electrical": ElectricalCfg, "thermal": ThermalCfg, "battery": BatteryCfg}
+"""Groups of numbers by the name under which a file holds them."""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the shared options."""
+    add = parser.add_argument
+    add("--policy", type=Path, default=DEFAULT_POLICY, help=f"policy of all robots (default: {DEFAULT_POLICY.name})")
+    for robot in ROBOTS:
+        add(f"--policy-{robot.replace('_', '-')}", type=Path, metavar="P", help=f"another policy for {robot}")
+    add("--numbers", type=Path, metavar="FILE", help="JSON with numbers of the models, as --calibrate writes it")
+    add("--set", nargs="*", default=[], metavar="NAME=VALUE", help="single numbers, e.g. regeneration=0")
+    add("--coupling", choices=[c.value for c in Coupling], default="constraint", help="how the device acts")
+    add(
+        "--branches", choices=("both", "holding"), default="both", help="SAL with damping and holding, or holding alone"
+    )
+    add("--current", type=positive, default=1.5, metavar="A", help="current the devices may use (default: 1.5)")
+    add("--model", metavar="MODEL.json", help="identified joint with its effects, on all MR joints")
+    add("--asset", help="another USD file than assets/usd/mr_go.usda")
+    add("--threads", type=int, default=0, help="CPU threads; 0 = all, the figures are the same for any number")
+    add("--seed", type=int, default=0, help="seed of poses and gait phases (default: 0)")
+
+
+def env_cfg(args: argparse.Namespace) -> EnvCfg:
+    """The task that the options ask for."""
+    env = make_walk_cfg(coupling=Coupling(args.coupling), asset=args.asset, model=args.model, threads=args.threads)
+    return replace(env, currents=(args.current,), actuator=replace(env.actuator, damping=args.branches == "both"))
+
+
+def policies(args: argparse.Namespace) -> dict[str, Policy]:
+    """Policy of each robot; files that are the same are loaded once.
+
+    Raises:
+        PolicyError: a file cannot be used.
+    """
+    paths = {robot: getattr(args, f"policy_{robot}") or args.policy for robot in ROBOTS}
+    loaded = {path: OnnxPolicy(path) for path in set(paths.values())}
+    return {robot: loaded[path] for robot, path in paths.items()}
+
+
+def numbers(args: argparse.Namespace) -> dict[str, Any]:
+    """The groups of numbers: defaults, then ``--numbers``, then ``--set``.
+
+    Raises:
+        ParameterError: a name is unknown or a value out of range; the message says which.
+        OSError: the file cannot be read.
+    """
+    changes: dict[str, dict[str, Any]] = {name: {} for name in GROUPS}
+    if args.numbers is not None:
+        try:
+            content = json.loads(args.numbers.read_text())
+        except ValueError as error:
+            raise ParameterError(f"{args.numbers}: not a JSON file ({error})") from None
+        if not isinstance(content, dict) or not all(isinstance(group, dict) for group in content.values()):
+            raise ParameterError(f"{args.numbers}: needs one object per group: {', '.join(GROUPS)}")
+        for group, values in content.items():
+            if group not in GROUPS:
+                raise ParameterError(f"{args.numbers}: unknown group {group!r}; known: {', '.join(GROUPS)}")
+            for name, value in values.items():
+                changes[_group_of(name, str(args.numbers), group)][name] = value
+    for text in args.set:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ParameterError(f"--set {text}: write NAME=VALUE")
+        where, _, bare = name.rpartition(".")
+        changes[_group_of(bare, "--set", where or None)][bare] = value
+    return {name: group(**changes[name]) for name, group in GROUPS.items()}
+
+
+def _group_of(name: str, where: str, group: str | None) -> str:
+    """The group that has a number of this name; ``winding_resistance`` stands in two and needs its group."""
+    found = [key for key, cls in GROUPS.items() if name in {spec.name for spec in cls.specs()}]
+    if group is not None:
+        if group not in found:
+            raise ParameterError(f"{where}: there is no {group}.{name}; {name} is in: {', '.join(found) or 'no group'}")
+        return group
+    if len(found) != 1:
+        known = ", ".join(spec.name for cls in GROUPS.values() for spec in cls.specs())
+        hint = f"write {' or '.join(f'{key}.{name}' for key in found)}" if found else f"known: {known}"
+        raise ParameterError(f"{where}: {name!r} is not one number; {hint}")
+    return found[0]
+
+
+def described(groups: dict[str, Any], calibrated: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Every number with unit, range, source and whether it was calibrated, for ``result.json``."""
+    return {
+        name: {
+            spec.name: {
+                "value": getattr(cfg, spec.name), "unit": spec.unit, "range": [spec.low, spec.high],
+                "source": spec.source, "calibrated": spec.source.startswith("calibrated"),
+                "fitted_in_this_run": f"{name}.{spec.name}" in calibrated,
+            }
+            for spec in type(cfg).specs()
+        }
+        for name, cfg in groups.items()
+    }  # fmt: skip
+
+
+def write_numbers(path: Path, groups: dict[str, Any]) -> None:
+    """Write the numbers as ``--numbers`` reads them."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    content = {name: {spec.name: getattr(cfg, spec.name) for spec in type(cfg).specs()} for name, cfg in groups.items()}
+    path.write_text(json.dumps(content, indent=2) + "\n")
+
+
+class Progress:
+    """One line that says how far the work is; a fifth at a time where the output is no terminal."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream, self._live, self._last = stream, stream.isatty(), (None, -1)
+
+    def __call__(self, text: str, share: float) -> None:
+        """Show that ``share`` of the work is done, at ``text``."""
+        if self._live:
+            print(f"\r\033[K{share:4.0%}  {text}", end="", file=self._stream, flush=True)
+        elif (now := (text, int(share * 5.0))) != self._last:
+            print(f"{share:4.0%}  {text}", file=self._stream, flush=True)
+            self._last = now
+
+    def done(self) -> None:
+        """Clear the line."""
+        if self._live:
+            print("\r\033[K", end="", file=self._stream, flush=True)
+
+
+def positive(text: str) -> float:
+    """A positive, finite number."""
+    value = float(text)
+    if not (math.isfinite(value) and value > 0.0):
+        raise argparse.ArgumentTypeError(f"{text} must be a positive number")
+    return value
+
+
+def not_negative(text: str) -> float:
+    """A finite number that is not negative."""
+    value = float(text)
+    if not (math.isfinite(value) and value >= 0.0):
+        raise argparse.ArgumentTypeError(f"{text} must be a number that is not negative")
+    return value
+
+
+def folder(path: Path) -> Path:
+    """Make an output folder.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    path.mkdir(parents=True, exist_ok=True)
+    return path

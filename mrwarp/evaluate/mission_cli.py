@@ -1,0 +1,190 @@
+"""``mrwarp mission``: 150 m out, ten minutes of standing, 150 m back loaded: power, state of charge, temperatures."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mrwarp.asset import AssetError
+from mrwarp.electrical import consistency, paper
+from mrwarp.electrical.battery import BatteryError
+from mrwarp.evaluate import energy_cli
+from mrwarp.params import ParameterError
+from mrwarp.quiet import quiet_libraries
+from mrwarp.results import write_result
+from mrwarp.rl.policy import PolicyError
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The options of ``mrwarp mission``."""
+    parser = argparse.ArgumentParser(
+        prog="mrwarp mission",
+        description="The pickup-and-return task with Go1, MR_Go and MR_Go-SAL. A window of every phase is simulated "
+        "and carried over the whole phase by the electrical, battery and thermal models.",
+    )
+    add = parser.add_argument
+    add("--out", type=Path, required=True, help="output folder")
+    add("--robot", nargs="+", choices=paper.ROBOTS, default=list(paper.ROBOTS), help="robots (default: all three)")
+    add("--speed", type=energy_cli.positive, default=0.3, metavar="V", help="command [m/s], not in the paper (0.3)")
+    add("--distance", type=energy_cli.positive, default=paper.DISTANCE, metavar="M", help="one way [m] (150)")
+    add("--standby", type=energy_cli.positive, default=paper.STANDBY, metavar="S", help="standing [s] (600)")
+    arm = f"load out and while standing [kg] (the arm: {paper.arm_load():.1f}, from Go1's own rows)"
+    add("--outbound-load", type=energy_cli.not_negative, default=paper.arm_load(), metavar="KG", help=arm)
+    add("--return-load", type=energy_cli.not_negative, default=3.0, metavar="KG", help="load back [kg] (3)")
+    add(
+        "--window", type=energy_cli.positive, default=10.0, metavar="M", help="simulated distance of each walk [m] (10)"
+    )
+    add("--seeds", type=int, default=3, help="repetitions (default: 3)")
+    add("--feedback", action="store_true", help="warm windings and fluids act back; a second pass")
+    add("--calibrate", action="store_true", help="fit thermal numbers and capacity to Go1's, write numbers.json")
+    energy_cli.add_options(parser)
+    return parser
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the mission; 0 done, 1 when a robot could not finish, 2 on bad input."""
+    argv = sys.argv[1:] if argv is None else argv
+    args = make_parser().parse_args(argv)
+    quiet_libraries()
+    from mrwarp.evaluate import mission, mission_pictures
+
+    started, progress = time.perf_counter(), energy_cli.Progress(sys.stdout)
+    try:
+        groups, policies = energy_cli.numbers(args), energy_cli.policies(args)
+        cfg = _cfg(args)
+        if args.calibrate and "go1" not in cfg.robots:
+            raise ValueError("--calibrate needs Go1 among the robots")
+        out = energy_cli.folder(args.out)
+        phases = mission.measure(cfg, policies, progress)
+        fit = None
+        if "go1" in cfg.robots:
+            heat, battery, fit = mission.calibrate(phases["go1"], *groups.values())
+            fit["numbers"] = {"housing_capacity": heat.housing_capacity, "housing_resistance": heat.housing_resistance,
+                              "capacity": battery.capacity}  # fmt: skip
+            if args.calibrate:
+                groups |= {"thermal": heat, "battery": battery}
+        traces = {robot: mission.run(found, *groups.values(), feedback=False) for robot, found in phases.items()}
+        cold = {robot: _row(robot, trace) for robot, trace in traces.items()} if args.feedback else None
+        if args.feedback:
+            fluid = {robot: mission.fluid_rises(trace) for robot, trace in traces.items()}
+            phases = mission.measure(cfg, policies, progress, fluid, groups["thermal"])
+            traces = {robot: mission.run(found, *groups.values(), feedback=True) for robot, found in phases.items()}
+        progress.done()
+    except mission.MissionError as error:
+        print(f"\nmrwarp mission: {error}", file=sys.stderr)
+        return 1
+    except (PolicyError, AssetError, ParameterError, BatteryError, ValueError, OSError) as error:
+        print(f"mrwarp mission: {error}", file=sys.stderr)
+        return 2
+    rows = {robot: _row(robot, trace) for robot, trace in traces.items()}
+    fitted = ("thermal.housing_capacity", "thermal.housing_resistance", "battery.capacity") if args.calibrate else ()
+    figures = {
+        "simulated": f"{args.window:g} m of each walk and 5 s of standing; carried over the phases by the models",
+        "task": {"speed": cfg.speed, "distance": cfg.distance, "standby": cfg.standby, "feedback": args.feedback,
+                 "outbound_load": cfg.outbound_load, "return_load": cfg.return_load, "seeds": cfg.seeds},
+        "robots": rows, "without_feedback": cold, "changes": _changes(rows), "calibration": fit,
+        "numbers": energy_cli.described(groups, fitted), "consistency": consistency.check(),
+        "wall_seconds": time.perf_counter() - started,
+    }  # fmt: skip
+    if args.calibrate:
+        energy_cli.write_numbers(out / "numbers.json", groups)
+    write_result(out, figures, seed=args.seed, command="mrwarp mission " + shlex.join(argv))
+    mission_pictures.power(traces, out / "power.png")
+    mission_pictures.temperature(traces, rows, out / "temperature.png")
+    _print(figures)
+    print(f"\nfigures and pictures in {out}")
+    return 0
+
+
+def _cfg(args: argparse.Namespace) -> Any:
+    from mrwarp.evaluate.mission import MissionCfg
+
+    return MissionCfg(
+        robots=tuple(robot for robot in paper.ROBOTS if robot in args.robot), speed=args.speed, distance=args.distance,
+        standby=args.standby, outbound_load=args.outbound_load, return_load=args.return_load, window=args.window,
+        seeds=args.seeds, current=args.current, feedback=args.feedback, env=energy_cli.env_cfg(args), seed=args.seed,
+    )  # fmt: skip
+
+
+CALIBRATED = {"power": {"outbound": True, "standby": True, "return": False}, "depletion": True,
+              "rise": {"calf_walking": True, "calf_standby": True, "all": False}}  # fmt: skip
+"""Go1's figures that fixed a number: its way out the arm's mass, its standby the electrical model, its depletion the
+capacity, its calves the thermal model. Every figure of the other robots is a prediction."""
+
+
+def _row(robot: str, trace: Any) -> dict[str, Any]:
+    """One robot's figures beside the paper's."""
+    own = robot == "go1"
+    theirs = paper.MISSION_POWER[robot]
+    mean, sd = paper.MISSION_DEPLETION[robot]
+    return {
+        "power": {name: {**_spread(values), "paper": theirs[name], "calibrated": own and CALIBRATED["power"][name]}
+                  for name, values in trace.power.items()},
+        "seconds": {name: _spread(values) for name, values in trace.seconds.items()},
+        "depletion": {**_spread(trace.depletion), "paper": mean, "paper_sd": sd, "calibrated": own},
+        "rise": {name: {**_spread(values), "paper": _paper_rise(robot, name),
+                        "calibrated": own and CALIBRATED["rise"].get(name, False)}
+                 for name, values in trace.rise.items()},
+    }  # fmt: skip
+
+
+def _paper_rise(robot: str, name: str) -> float | None:
+    """The paper's rise [K]; that of hips and thighs follows from its other two means, the fluid's is not given."""
+    return paper.proximal_rise(robot) if name == "proximal" else paper.MISSION_RISE[robot].get(name)
+
+
+def _changes(rows: dict[str, Any]) -> dict[str, Any]:
+    """Relative change from MR_Go to MR_Go-SAL, ours and the paper's; predictions."""
+    if not {"mr_go", "mr_go_sal"} <= set(rows):
+        return {}
+    before, after = rows["mr_go"], rows["mr_go_sal"]
+
+    def change(pick: Any, name: str) -> float:
+        a, b = pick(before), pick(after)
+        return b[name] / a[name] - 1.0
+
+    picks = {
+        "outbound_power": lambda row: row["power"]["outbound"], "return_power": lambda row: row["power"]["return"],
+        "depletion": lambda row: row["depletion"], "calf_walking_rise": lambda row: row["rise"]["calf_walking"],
+        "all_rise": lambda row: row["rise"]["all"],
+    }  # fmt: skip
+    return {
+        name: {"ours": change(pick, "mean"), "paper": change(pick, "paper"), "calibrated": False}
+        for name, pick in picks.items()
+    }  # fmt: skip
+
+
+def _spread(values: np.ndarray) -> dict[str, float]:
+    from mrwarp.evaluate.impact import spread
+
+    return spread(np.asarray(values, dtype=float))
+
+
+def _print(figures: dict[str, Any]) -> None:
+    """The tables."""
+    print(f"simulated: {figures['simulated']}; ours (paper); * used to calibrate")
+    print(f"{'robot':10s} {'out [W]':>16s} {'standby [W]':>16s} {'back [W]':>16s} {'charge [pp]':>16s} "
+          f"{'calf walk [K]':>16s} {'calf stand [K]':>16s} {'all [K]':>16s}")  # fmt: skip
+    for robot, row in figures["robots"].items():
+        cells = [*(row["power"][name] for name in ("outbound", "standby", "return")), row["depletion"],
+                 *(row["rise"][name] for name in ("calf_walking", "calf_standby", "all"))]  # fmt: skip
+        print(f"{paper.NAMES[robot]:10s} " + " ".join(
+            f"{cell['mean']:7.1f} ({cell['paper']:.1f}){'*' if cell['calibrated'] else ' '}".rjust(16) for cell in cells
+        ))  # fmt: skip
+    for name, change in figures["changes"].items():
+        print(f"MR_Go to MR_Go-SAL, {name.replace('_', ' ')}: {change['ours']:+.1%} (paper {change['paper']:+.1%})")
+    check = figures["consistency"]
+    first = check["by_speed"][0]
+    by = first["reconciled_by"]
+    print(
+        f"the paper's own numbers: SAL at {check['walking_power_ratio']:.3f} of MR_Go's walking power and "
+        f"{check['depletion_ratio']:.3f} of its depletion; {first['energy_ratio']:.3f} of the energy at equal "
+        f"{first['speed']:g} m/s. SAL walking at {by['sal_speed']:.2f} m/s would reconcile them, or "
+        f"{by['hidden_load']:.0f} W beside the meter, or a gauge with exponent {by['gauge_exponent']:.2f}"
+    )
