@@ -169,8 +169,7 @@ class WalkBatch:
         env, cfg, meter = self.env, self.cfg, self.meter
         dt, count = env.cfg.step_dt, env.num_envs
         env.restart()
-        # the same poses and phases for every condition
-        env.copy_envs(torch.arange(count, device=env.device) % cfg.trials)
+        self._begin()
         env.set_command(self.command)
         meter.clear()
         sums = {name: torch.zeros(count, dtype=torch.float64, device=env.device) for name in _SUMS}
@@ -195,6 +194,19 @@ class WalkBatch:
             if not bool(going.any()):
                 break
         return list(self._results(sums, fell.cpu().numpy(), going.cpu().numpy()))
+
+    def _begin(self) -> None:
+        """Give every condition the same poses and phases: those of a batch with one environment per repetition.
+
+        A batch's random draws depend on its size; without this, a robot would start differently in other company.
+        """
+        env, start = self.env, make_env(self.env.cfg, self.cfg.trials, self.cfg.seed).state()
+        source = torch.arange(env.num_envs, device=env.device) % self.cfg.trials
+        state = env.state()
+        for name, value in start.items():
+            if name not in ("actuator/params", "actuator/effects_values", "privileged", "generator"):
+                state[name] = value if value.shape == state[name].shape else value[source]
+        env.load_state(state)
 
     def _actions(self, obs) -> torch.Tensor:
         """Actions of every robot's own policy."""

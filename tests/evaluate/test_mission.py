@@ -1,0 +1,92 @@
+"""Mission: the models carry windows over phases as they should; a short mission from the command line."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrwarp.cli import main
+from mrwarp.electrical.battery import BatteryCfg, depletion
+from mrwarp.electrical.power import ElectricalCfg, Use, battery_power
+from mrwarp.electrical.thermal import ThermalCfg
+from mrwarp.evaluate.mission import PHASES, PhaseUse, calibrate, run
+
+
+def phase(square: float, seconds: float, *, seeds: int = 2, coil: float = 0.0) -> PhaseUse:
+    """A phase in which all joints do the same."""
+    use = Use(
+        torque_square=np.full((seeds, 12), square), work_out=np.zeros((seeds, 12)), work_in=np.zeros((seeds, 12)),
+        coil=np.full((seeds, 4), coil), friction=np.zeros((seeds, 4)),
+    )  # fmt: skip
+    return PhaseUse(use=use, seconds=np.full(seeds, seconds), speed=np.full(seeds, 0.3))
+
+
+PHASE_USES = {
+    "outbound": phase(20.0, 500.0, coil=1.0), "standby": phase(9.0, 600.0, seeds=1), "return": phase(25.0, 500.0)
+}  # fmt: skip
+NUMBERS = (ElectricalCfg(), ThermalCfg(), BatteryCfg())
+
+
+def test_power_and_charge_are_those_of_the_phases() -> None:
+    """Constant phases: power as the electrical model says, depletion as the battery's sum over phases."""
+    trace = run(PHASE_USES, *NUMBERS, feedback=False)
+    expected = {name: float(battery_power(PHASE_USES[name].use, NUMBERS[0]).total[0]) for name in PHASES}
+    for name in PHASES:
+        np.testing.assert_allclose(trace.power[name], expected[name])
+    phases = [(expected[name], float(PHASE_USES[name].seconds[0])) for name in PHASES]
+    np.testing.assert_allclose(trace.depletion, depletion(phases, NUMBERS[2]))
+    assert trace.t[-1] == pytest.approx(1600.0)
+    assert np.all(np.diff(trace.charge) > 0.0)
+
+
+def test_all_motors_are_the_mean_of_calves_and_the_others() -> None:
+    """(4 calves + 8 others)/12, and the calves' rise is walking plus standing."""
+    rise = run(PHASE_USES, *NUMBERS, feedback=False).rise
+    calves = rise["calf_walking"] + rise["calf_standby"]
+    np.testing.assert_allclose(rise["all"], (4.0 * calves + 8.0 * rise["proximal"]) / 12.0)
+    assert np.all(rise["proximal"] > calves)  # the same torque behind a smaller gear
+    assert np.all(rise["fluid"] > 0.0)
+
+
+def test_feedback_costs_power_and_is_off_by_default() -> None:
+    """Warm windings draw more, in the way back more than on the way out."""
+    cold, warm = (run(PHASE_USES, *NUMBERS, feedback=on) for on in (False, True))
+    added = {name: float((warm.power[name] - cold.power[name])[0]) for name in PHASES}
+    assert 0.0 < added["outbound"] < added["return"]
+    # a few tens of kelvin at 0.4 % per kelvin of the copper loss
+    assert added["return"] < 0.2 * float(battery_power(PHASE_USES["return"].use, NUMBERS[0]).copper[0])
+
+
+def test_calibration_meets_go1() -> None:
+    """Calves and depletion of Go1 come out as in the paper when its own windows are carried over."""
+    heat, battery, _ = calibrate(PHASE_USES, *NUMBERS)
+    trace = run(PHASE_USES, NUMBERS[0], heat, battery, feedback=False)
+    assert trace.depletion.mean() == pytest.approx(64.7)
+    assert trace.rise["calf_walking"].mean() == pytest.approx(19.75, abs=0.05)
+    assert trace.rise["calf_standby"].mean() == pytest.approx(4.5, abs=0.05)
+
+
+def test_a_short_mission_from_the_command_line(tmp_path: Path) -> None:
+    """MR_Go and MR_Go-SAL over a window of 0.3 m: result, pictures, predictions marked as such."""
+    out = tmp_path / "mission"
+    options = ["--robot", "mr_go", "mr_go_sal", "--window", "0.3", "--seeds", "1", "--threads", "1"]
+    assert main(["mission", "--out", str(out), *options]) == 0
+    result = json.loads((out / "result.json").read_text())
+    for robot in ("mr_go", "mr_go_sal"):
+        row = result["robots"][robot]
+        assert not any(cell["calibrated"] for cell in (*row["power"].values(), *row["rise"].values(), row["depletion"]))
+    assert set(result["changes"]) >= {"depletion", "calf_walking_rise"}
+    assert {path.name for path in out.iterdir()} == {"result.json", "power.png", "temperature.png"}
+
+
+@pytest.mark.parametrize(
+    ("options", "message"), [(["--robot", "mr_go", "--calibrate"], "needs Go1"), (["--seeds", "0"], "trials = 0")]
+)
+def test_bad_input_ends_with_2(
+    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line on stderr, no result."""
+    assert main(["mission", "--out", str(tmp_path / "out"), *options]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out" / "result.json").exists()
