@@ -112,7 +112,7 @@ def assembled(
             for name, a, b, n in zip(names, held.baseline, held.extended, np.diff(samples.start), strict=True)
         },
         per_regime=_per_regime(base_error, extended_error, regime, scales.torque), notes=tuple(notes),
-        model=outer_model(engine, choice.final, recording, seed),
+        model=outer_model(engine, choice.final, recording, seed, choice.refined),
         baseline_model=outer_model(engine, choice.base, recording, seed), recording=recording,
         traces=Traces(
             torque=measured * scales.torque, baseline=choice.base.torque * scales.torque,

@@ -11,10 +11,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mrwarp.diagnose.edges import DELAY, LAG, find_edges, size_from, told_apart
 from mrwarp.diagnose.engine import Candidate, Engine, Fitted
 from mrwarp.diagnose.features import Group
 from mrwarp.diagnose.grams import losses
 from mrwarp.diagnose.slow import drift_p_value, gain_within, is_slow
+from mrwarp.effects.catalogue import CATALOGUE
 
 FLOOR = 0.003
 """Smallest gain that is worth a name, as a share of the noise's energy: the replay's own step errs by about as much."""
@@ -24,6 +26,8 @@ KEPT = 0.2
 """Part of an effect's gain that must remain beside free functions of what it leaves unexplained."""
 DRIFT_P = 1e-3
 """Largest chance at which an effect that only shows between trajectories is believed."""
+_NEAR = 0.15
+"""Part of an effect's gain by which its like may be behind, and single events still decide between them."""
 _MOST = 3
 """Most effects that are named together."""
 
@@ -52,6 +56,10 @@ class Choice:
     """What each named effect adds to the others."""
     kept: dict[str, float] = field(default_factory=dict)
     """Part of each effect's gain that remains beside free functions of what is left."""
+    settled: set[str] = field(default_factory=set)
+    """Effects that are no alternative to a similar one, because single events tell."""
+    refined: dict[tuple[str, str], tuple[float, float, float]] = field(default_factory=dict)
+    """Parameters, and their intervals, that single events give better than the fit; inner units."""
     left_before: list[Leftover] = field(default_factory=list)
     left_after: list[Leftover] = field(default_factory=list)
 
@@ -102,7 +110,8 @@ def choose(
             if _worth(choice, grown):
                 best = grown
     best = _pruned(engine, choice, best)
-    choice.final = best = _believed(engine, choice, best, groups_of)
+    best = _believed(engine, choice, best, groups_of)
+    choice.final = best = _timed(engine, choice, best, candidates)
     _rivals(engine, choice, best, candidates)
     choice.left_after = leftovers(engine, best, groups_of(best))
     return choice
@@ -173,7 +182,7 @@ def _as_good(fit: Fitted, best: Fitted, base: Fitted) -> bool:
     """Whether a model cannot be told from a better one, by what both gain on a base."""
     loss, t = _gain(fit.left_out, best.left_out)
     own = _total(base) - _total(best)
-    return loss < 12.0 or (t < 2.0 and loss < 0.04 * own)
+    return loss < 12.0 or (t < 1.5 and loss < 0.01 * own)
 
 
 def _passing(engine: Engine, choice: Choice, on: Fitted, candidates: list[str]) -> list[Candidate]:
@@ -304,6 +313,32 @@ def _refit_without(engine: Engine, fit: Fitted, effect: str) -> Fitted:
     return engine.fit(c, x)
 
 
+def _timed(engine: Engine, choice: Choice, final: Fitted, candidates: list[str]) -> Fitted:
+    """The model with whichever of lag and delay the single steps of the command speak for."""
+    named = [e for e in (LAG, DELAY) if e in final.effects and e not in choice.base.effects]
+    if len(named) != 1:
+        return final
+    other = DELAY if named[0] == LAG else LAG
+    without = _without(engine, choice, final, named[0])
+    look = engine.screen(without, [other]) if other in candidates else []
+    if not look:
+        return final
+    rival = _full(engine, choice, without, look[0])
+    behind = (_total(rival) - _total(final)) / max(_total(without) - _total(final), 1e-9)
+    edges = find_edges(engine, final if named[0] == LAG else rival)
+    if behind > _NEAR or edges is None:
+        return final
+    told = told_apart(edges)
+    if told is None:
+        return final
+    choice.settled.add(DELAY if told == LAG else LAG)
+    if told == DELAY:
+        size = size_from(edges, DELAY)
+        if size[0] < 2.0 * edges.dt:  # the fit has a delay of parts of a sample as a mean of two samples
+            choice.refined[DELAY, CATALOGUE[DELAY].parameters[0].name] = size
+    return final if told == named[0] else rival
+
+
 def _rivals(engine: Engine, choice: Choice, final: Fitted, candidates: list[str]) -> None:
     """For each named effect: what it adds, and which others would do as well in its place."""
     for effect in final.effects:
@@ -322,5 +357,7 @@ def _rivals(engine: Engine, choice: Choice, final: Fitted, candidates: list[str]
         ][:4]  # fmt: skip
         fits = {c.effect: _full(engine, choice, without, c) for c in close}
         choice.alternatives[effect] = tuple(
-            name for name, fit in sorted(fits.items(), key=lambda kv: _total(kv[1])) if _as_good(fit, final, without)
+            name
+            for name, fit in sorted(fits.items(), key=lambda kv: _total(kv[1]))
+            if name not in choice.settled and _as_good(fit, final, without)
         )

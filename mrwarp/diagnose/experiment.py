@@ -130,6 +130,6 @@ def _motion(like: Motion, kind: str, rng: np.random.Generator) -> Motion:
     )  # fmt: skip
     qdd = np.gradient(qd, dt)
     return Motion(
-        samples=samples, qdd=qdd, time=t, heat=np.zeros((len(HEAT_TIMES), len(t))), ranges=r,
+        samples=samples, qdd=qdd, time=t, slid_time=t, heat=np.zeros((len(HEAT_TIMES), len(t))), ranges=r,
         kinematics=Kinematics(qd=qd, qdd=qdd, velocity_lag=0.0, velocity_lag_error=float("inf")),
     )  # fmt: skip

@@ -68,7 +68,8 @@ def causes_of(engine: Engine, choice: Choice, candidates: list[str]) -> list[Cau
         parameters = {}
         for i, slot in enumerate(final.coordinates.slots, start=9):
             if slot.effect == effect:
-                parameters[slot.parameter.name] = _value(engine, final, slot, i, spread)
+                refined = choice.refined.get((effect, slot.parameter.name))
+                parameters[slot.parameter.name] = _value(engine, final, slot, i, spread, refined)
         own = choice.own_gain.get(effect, choice.gain)
         count = len(parameters)
         causes.append(
@@ -83,11 +84,12 @@ def causes_of(engine: Engine, choice: Choice, candidates: list[str]) -> list[Cau
     return sorted(causes, key=lambda c: -c.gain)
 
 
-def _value(engine: Engine, fit: Fitted, slot: Slot, index: int, spread: np.ndarray) -> Value:
+def _value(
+    engine: Engine, fit: Fitted, slot: Slot, index: int, spread: np.ndarray, refined: tuple[float, ...] | None
+) -> Value:
     factor = factor_of(slot.parameter, engine.samples.scales)
-    low, high = interval(fit, index, spread)
-    numbers = np.array([fit.x[index], low, high])
-    if slot.logarithmic:
+    numbers = np.array(refined or (fit.x[index], *interval(fit, index, spread)))
+    if slot.logarithmic and refined is None:
         numbers = np.exp(numbers)
     value, low, high = numbers * factor
     return Value(value=float(value), ci95=(float(low), float(high)), unit=unit_of(slot.parameter, engine.units))

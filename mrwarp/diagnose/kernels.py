@@ -50,6 +50,7 @@ def extended_replay_kernel(
     qdd_in: wp.array[float],
     current_in: wp.array[float],
     time_in: wp.array[float],
+    slid_in: wp.array[float],
     heat_in: wp.array2d[float],
     start_in: wp.array[int],
     dt_in: wp.array[float],
@@ -72,6 +73,7 @@ def extended_replay_kernel(
         s = Path()
         s.dt = dt
         s.time = time_in[k]
+        s.slid_time = slid_in[k]
         s.begins = wp.where(k == first, 1, 0)
         s.command = current_in[k]
         s.command_before = current_in[before]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from mrwarp.sysid.replay import Samples
 
@@ -120,5 +120,5 @@ def excess_spread(values: np.ndarray, variances: np.ndarray, table: np.ndarray) 
 
     square, high = 0.0, float(np.var(values)) * len(values) / free
     if surplus(0.0) > 0.0 and high > 0.0:
-        square = high if surplus(high) >= 0.0 else brentq(surplus, 0.0, high, xtol=1e-6 * high)
+        square = high if surplus(high) >= 0.0 else root_scalar(surplus, bracket=(0.0, high), rtol=1e-6).root
     return float(np.sqrt(square + (square + float(np.median(variances))) * np.sqrt(2.0 / free)))

@@ -38,6 +38,8 @@ class Motion:
     """Acceleration by zero-phase local polynomials, shape (N,)."""
     time: np.ndarray
     """Time in the session [s], shape (N,)."""
+    slid_time: np.ndarray
+    """Time in the session counted by the way slid, as long as the session, shape (N,)."""
     heat: np.ndarray
     """Heat stored for each of ``HEAT_TIMES``, shape (len(HEAT_TIMES), N)."""
     ranges: Ranges
@@ -72,8 +74,17 @@ class Motion:
             session=float(time.max()) or 1.0,
         )  # fmt: skip
         heat = np.stack([_heat(power, time, samples, tau) for tau in HEAT_TIMES])
+        slid = _slid(samples, time)
+        slid_time = slid * time.max() / max(float(slid.max()), 1e-12)
         return cls(
-            samples=samples, qdd=qdd, time=time, heat=heat, ranges=ranges, kinematics=kinematics, resistance=resistance
+            samples=samples,
+            qdd=qdd,
+            time=time,
+            slid_time=slid_time,
+            heat=heat,
+            ranges=ranges,
+            kinematics=kinematics,
+            resistance=resistance,
         )
 
 
@@ -98,7 +109,7 @@ class ExtendedReplay:
     def __init__(self, motion: Motion, *, device: str = "cpu", threads: int = 1) -> None:
         self.motion, self.device, self.threads = motion, device, threads
         s = motion.samples
-        self._arrays = [_array(x, device) for x in (s.q, s.qd, motion.qdd, s.current, motion.time)]
+        self._arrays = [_array(x, device) for x in (s.q, s.qd, motion.qdd, s.current, motion.time, motion.slid_time)]
         self._arrays.append(wp.array(motion.heat.astype(np.float32), dtype=float, device=device))
         self._arrays.append(wp.array(s.start.astype(np.int32), dtype=int, device=device))
         self._arrays.append(_array(s.dt, device))
@@ -140,6 +151,16 @@ class ExtendedReplay:
 
 def _array(x: np.ndarray, device: str) -> wp.array:
     return wp.array(x.astype(np.float32), dtype=float, device=device)
+
+
+def _slid(samples: Samples, time: np.ndarray) -> np.ndarray:
+    """Way slid since the session began, shape (N,)."""
+    out, before = np.empty_like(time), 0.0
+    for k in np.argsort([time[part.start] for part in samples.parts], kind="stable"):
+        part = samples.parts[k]
+        way = before + np.cumsum(np.abs(samples.qd[part])) * samples.dt[k]
+        out[part], before = way, float(way[-1])
+    return out
 
 
 def _heat(power: np.ndarray, time: np.ndarray, samples: Samples, time_constant: float) -> np.ndarray:

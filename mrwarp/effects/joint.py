@@ -84,6 +84,7 @@ def joint_path(
     s = Path()
     s.dt = dt
     s.time = time
+    s.slid_time = time
     s.command = command
     s.command_before = command
     s = current_path(s, values, row, memory, line)

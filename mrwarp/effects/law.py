@@ -24,6 +24,8 @@ class Path:
     """Step [s]."""
     time: wp.float32
     """Time in the session [s]."""
+    slid_time: wp.float32
+    """Time in the session, counted by sliding: the way slid so far over its mean speed [s]."""
     begins: wp.int32
     """1 at the first step, where states are set."""
     command: wp.float32

@@ -10,7 +10,10 @@ def wear_law(
     s: Path, values: wp.array2d[float], row: int, at: int, memory: wp.array2d[float], line: int, slot: int
 ) -> Path:
     """The device loses yield torque steadily over the session."""
-    s.yield_gain = s.yield_gain * (1.0 - values[row, at] * s.time)
+    # the same loss per second of the session (clock = 0), or as the surfaces slid (clock = 1)
+    clock = values[row, at + 1]
+    elapsed = (1.0 - clock) * s.time + clock * s.slid_time
+    s.yield_gain = s.yield_gain * (1.0 - values[row, at] * elapsed)
     return s
 
 
@@ -23,6 +26,7 @@ LAW = EffectLaw(
     stage="torque",
     parameters=(
         EffectParameter(name="rate", unit="1/s", low=lambda r: -0.9 / r.session, high=lambda r: 0.9 / r.session),
+        EffectParameter(name="clock", unit="1", choices=(0.0, 1.0)),
     ),
     law=wear_law,
     source="settling and degradation of the fluid's particles",

@@ -58,7 +58,7 @@ def motion(
     time = np.arange(len(q)) * dt
     heat = np.stack([-0.5 * T * np.expm1(-time / T) for T in HEAT_TIMES])  # at a constant 0.5 W
     kinematics = Kinematics(qd=qd, qdd=qdd, velocity_lag=0.0, velocity_lag_error=float("inf"))
-    return Motion(samples=samples, qdd=qdd, time=time, heat=heat, ranges=ranges, kinematics=kinematics)
+    return Motion(samples=samples, qdd=qdd, time=time, slid_time=time, heat=heat, ranges=ranges, kinematics=kinematics)
 
 
 def vector(c: Coordinates, effects: Mapping[str, Mapping[str, float]] | None = None, **changes: float) -> np.ndarray:
