@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mrwarp.diagnose.between import drift_p_value, gain_within
 from mrwarp.diagnose.edges import DELAY, LAG, find_edges, size_from, told_apart
 from mrwarp.diagnose.engine import Candidate, Engine, Fitted
 from mrwarp.diagnose.features import Group
 from mrwarp.diagnose.grams import losses
-from mrwarp.diagnose.slow import drift_p_value, gain_within, is_slow
 from mrwarp.effects.catalogue import CATALOGUE
 
 FLOOR = 0.003
@@ -24,6 +24,8 @@ CHI2 = 30.0
 """Smallest gain in units of the noise's variance: one chance in a million over a hundred starts."""
 KEPT = 0.2
 """Part of an effect's gain that must remain beside free functions of what it leaves unexplained."""
+WITHIN = 60.0
+"""Gain within trajectories, in units of the noise's variance, below which an effect must show between them."""
 DRIFT_P = 1e-3
 """Largest chance at which an effect that only shows between trajectories is believed."""
 _NEAR = 0.15
@@ -280,14 +282,14 @@ def _believed(engine: Engine, choice: Choice, fit: Fitted, groups_of: Callable[[
 
 
 def _not_by_chance(engine: Engine, choice: Choice, fit: Fitted) -> Fitted:
-    """The model without effects that may only follow the order of the trajectories by chance."""
+    """The model without effects that may only follow offsets and factors of the trajectories by chance."""
     for effect in fit.effects:
-        if effect in choice.base.effects or not is_slow(effect):
+        if effect in choice.base.effects:
             continue
         without = _without(engine, choice, fit, effect)
-        if gain_within(engine, fit, without) > threshold(fit) or drift_p_value(engine, fit, without) < DRIFT_P:
-            continue
-        return _not_by_chance(engine, choice, without)
+        if gain_within(engine, fit, without) < max(WITHIN, 0.5 * threshold(fit)):
+            if drift_p_value(engine, fit, without) > DRIFT_P:
+                return _not_by_chance(engine, choice, without)
     return fit
 
 

@@ -75,7 +75,7 @@ def test_pair_is_found_whole() -> None:
 
 
 def test_effects_that_data_cannot_tell_apart_are_alternatives() -> None:
-    """A short lag seen 200 times a second through much noise may be a delay: the truth is among those said, no third."""
+    """A short lag seen 200 times a second through much noise may be a delay: the truth is said, and no third."""
     groups = []
     for seed in (50, 51):
         choice = searched(made({"coil_lag": {"time_constant": 0.003}}, seed=seed, sigma=0.15))

@@ -22,7 +22,7 @@ Effects = Mapping[str, Mapping[str, float]]
 
 @dataclass(frozen=True, kw_only=True)
 class Shaft:
-    """Motion, command, time and heat at N samples; several trajectories end to end where ``start`` says so."""
+    """Motion, command, time (also as the way slid counts it), heat at N samples; ``start`` cuts trajectories."""
 
     dt: float
     q: np.ndarray
@@ -30,6 +30,7 @@ class Shaft:
     qdd: np.ndarray
     current: np.ndarray
     time: np.ndarray
+    slid_time: np.ndarray
     heat: np.ndarray
     start: tuple[int, ...]
 
@@ -45,7 +46,11 @@ class Shaft:
             qdd -= amplitude * w * w * np.sin(w * t + phase)
         current = np.where(np.sin(3.0 * t) > 0.0, 1.0, 0.25) + 0.2 * np.sin(7.0 * t)
         heat = np.linspace(0.0, 5.0, len(t)) * np.linspace(1.0, 2.0, len(HEAT_TIMES))[:, None]
-        return cls(dt=dt, q=q, qd=qd, qdd=qdd, current=current, time=t, heat=heat, start=(0, len(t)))
+        slid = np.cumsum(np.abs(qd))
+        return cls(
+            dt=dt, q=q, qd=qd, qdd=qdd, current=current, time=t, slid_time=slid * t[-1] / slid[-1], heat=heat,
+            start=(0, len(t)),
+        )  # fmt: skip
 
     @classmethod
     def steady(cls, current: np.ndarray, dt: float = 0.005, qd: float = 1.0) -> Self:
@@ -54,14 +59,15 @@ class Shaft:
         t, zero = np.arange(count) * dt, np.zeros(count)
         heat = np.zeros((len(HEAT_TIMES), count))
         return cls(
-            dt=dt, q=qd * t, qd=zero + qd, qdd=zero, current=current, time=t, heat=heat, start=(0, count)
+            dt=dt, q=qd * t, qd=zero + qd, qdd=zero, current=current, time=t, slid_time=t, heat=heat,
+            start=(0, count),
         )  # fmt: skip
 
     def after(self, other: Self) -> Self:
         """This trajectory behind another one."""
         joined = {
             name: np.concatenate([getattr(other, name), getattr(self, name)], axis=-1)
-            for name in ("q", "qd", "qdd", "current", "time", "heat")
+            for name in ("q", "qd", "qdd", "current", "time", "slid_time", "heat")
         }
         return replace(self, **joined, start=(*other.start, *(other.start[-1] + n for n in self.start[1:])))
 
@@ -85,12 +91,12 @@ def torques(shaft: Shaft, base: Mapping[str, float], candidates: list[Effects]) 
     trajectories = len(shaft.start) - 1
     tau = wp.full((len(made), len(shaft.q)), float("nan"), dtype=float, device="cpu")
     memory = wp.zeros((len(made) * trajectories, SLOTS), dtype=float, device="cpu")
-    inputs = [
-        array(np.stack([b for b, _ in made])), array(np.stack([v for _, v in made])), array(shaft.q), array(shaft.qd),
-        array(shaft.qdd), array(shaft.current), array(shaft.time), array(shaft.heat),
-        wp.array(np.array(shaft.start, dtype=np.int32), dtype=int, device="cpu"),
-        array(np.full(trajectories, shaft.dt)),
-    ]  # fmt: skip
+    signals = {"q", "qd", "qdd", "current", "time", "slid_time", "heat"}
+    arrays = {f"{name.split('_')[0]}_in": array(getattr(shaft, name)) for name in signals}
+    arrays |= {"base": array(np.stack([b for b, _ in made])), "values": array(np.stack([v for _, v in made]))}
+    arrays["start_in"] = wp.array(np.array(shaft.start, dtype=np.int32), dtype=int, device="cpu")
+    arrays["dt_in"] = array(np.full(trajectories, shaft.dt))
+    inputs = [arrays[arg.label] for arg in extended_replay_kernel.adj.args if arg.label in arrays]
     dim = (len(made), trajectories)
     wp.launch(extended_replay_kernel, dim=dim, inputs=inputs, outputs=[memory, tau], device="cpu")
     return tau.numpy().copy()

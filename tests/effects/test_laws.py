@@ -310,11 +310,14 @@ def test_heat_outside_the_prepared_times_is_that_of_the_nearest() -> None:
 
 
 def test_wear_takes_yield_torque_over_the_session() -> None:
-    """The loop alone falls in proportion to the time since the session began, also in a later trajectory."""
+    """The loop alone falls in proportion to the time since the session began, or to the way slid."""
     first = Shaft.swinging(seconds=1.0)
     both = Shaft.swinging(seconds=1.0, begin=50.0).after(first)
     loop_alone = {key: TRUTH[key] for key in ("K0", "K1", "alpha", "beta", "gamma")}
     effects = {"wear": {"rate": 0.004}}
+    slid = {"wear": {"rate": 0.004, "clock": 1.0}}
+    want = torque(both, loop_alone) * (1.0 - 0.004 * both.slid_time)
+    np.testing.assert_allclose(torque(both, loop_alone, slid), want, rtol=0, atol=30 * EPS)
     want = torque(both, loop_alone) * (1.0 - 0.004 * both.time)
     np.testing.assert_allclose(torque(both, loop_alone, effects), want, rtol=0, atol=30 * EPS)
     assert both.time[-1] > 50.0

@@ -94,7 +94,7 @@ def test_units_of_the_parameters_are_those_of_the_law(names: list[str]) -> None:
     q, current, size = 4.0, 0.5, 8.0  # what an old unit is in new ones: powers of two, so that rounding is the same
     other = Shaft(
         dt=shaft.dt, q=q * shaft.q, qd=q * shaft.qd, qdd=q * shaft.qdd, current=current * shaft.current,
-        time=shaft.time, heat=size * q * shaft.heat, start=shaft.start,
+        time=shaft.time, slid_time=shaft.slid_time, heat=size * q * shaft.heat, start=shaft.start,
     )  # fmt: skip
 
     def factor(powers: tuple[int, int, int]) -> float:

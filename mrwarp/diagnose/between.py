@@ -1,4 +1,4 @@
-"""Effects that act from trajectory to trajectory: their evidence is as many numbers as there are trajectories.
+"""Evidence within trajectories and between them: the latter is as many numbers as there are trajectories.
 
 A factor of the torque that drifts over a session looks like wear and like a sensor whose gain is set anew for each
 trajectory. Samples do not tell these apart, trajectories do.
@@ -10,12 +10,6 @@ import numpy as np
 from scipy.stats import t as student
 
 from mrwarp.diagnose.engine import Engine, Fitted
-from mrwarp.effects.catalogue import CATALOGUE
-
-
-def is_slow(effect: str) -> bool:
-    """Whether an effect develops over the session."""
-    return "time" in CATALOGUE[effect].depends_on
 
 
 def drift_p_value(engine: Engine, fit: Fitted, without: Fitted) -> float:
