@@ -203,7 +203,8 @@ def replayed(effects: tuple[Effect, ...], command: np.ndarray, heat: np.ndarray)
     tau = wp.full((1, count), float("nan"), dtype=float, device="cpu")
     inputs = [
         array(np.array([[values[name] for name in BASE]])), array(row[None]), array(q), array(qd), array(qdd),
-        array(command), array(DT * np.arange(1, count + 1)), array(np.tile(heat, (len(HEAT_TIMES), 1))),
+        array(command), array(DT * np.arange(1, count + 1)), array(DT * np.arange(1, count + 1)),
+        array(np.tile(heat, (len(HEAT_TIMES), 1))),
         wp.array([0, count], dtype=int, device="cpu"), array(np.array([DT])),
     ]  # fmt: skip
     outputs = [wp.zeros((1, SLOTS), dtype=float, device="cpu"), tau]
