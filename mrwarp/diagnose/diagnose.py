@@ -54,7 +54,7 @@ def diagnose(
     known = tuple(e.name for e in model.effects if e.name in CATALOGUE) if model else ()
     baseline = prepare(recording, known=known, model=model, threads=threads, seed=seed, told=told)
     engine, base = baseline.engine, baseline.fitted
-    line = find_line(engine.samples.torque - base.torque, engine.samples, engine.noise_model)
+    line = find_line(engine.samples.torque - base.torque, base.torque, engine.samples, engine.noise_model)
     if line:
         told(f"a line at {line.frequency:.2f} Hz is set aside")
         engine.set_aside(line.frequency, base.torque)

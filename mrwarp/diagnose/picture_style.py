@@ -6,8 +6,8 @@ from typing import Any
 
 from mrwarp.diagnose.report_text import quantity
 
-MEASURED, BEFORE, AFTER, NOISE, OTHER = "#222222", "#d55e00", "#0072b2", "#d9d9d9", "#e69f00"
-"""Okabe and Ito's colours: baseline, extension; grey for noise, yellow for what stays unexplained."""
+MEASURED, BEFORE, AFTER, ALTERNATIVE, NOISE, OTHER = "#222222", "#d55e00", "#0072b2", "#56b4e9", "#d0d0d0", "#e69f00"
+"""Okabe and Ito's colours: baseline, extension, its alternatives; grey for noise, yellow for what stays unexplained."""
 
 STYLE: dict[Any, Any] = {
     "font.size": 12.0, "axes.titlesize": 12.5, "axes.titleweight": "bold", "axes.titlelocation": "left",

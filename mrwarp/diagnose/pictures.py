@@ -10,13 +10,16 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from mrwarp.diagnose import trace_pictures
 from mrwarp.diagnose.picture_style import (
     AFTER,
+    ALTERNATIVE,
     BEFORE,
     DPI,
     MEASURED,
+    NOISE,
     OTHER,
     STYLE,
     WIDTH,
@@ -78,7 +81,7 @@ def accounting_picture(d: Diagnosis) -> Figure:
 
 def gain_picture(d: Diagnosis) -> Figure | None:
     """RMSE of every trajectory and every regime, before and after."""
-    rows = [(name, *pair) for name, pair in d.per_trajectory.items()]
+    rows = [(name, *(pair if d.causes else pair[:1] * 2)) for name, pair in d.per_trajectory.items()]
     if not rows:
         return None
     rows.sort(key=lambda row: row[1])
@@ -111,7 +114,10 @@ def gain_picture(d: Diagnosis) -> Figure | None:
 
 
 def tried_picture(d: Diagnosis) -> Figure | None:
-    """What every effect of the catalogue gains on trajectories left out, alone on top of the baseline."""
+    """What every effect of the catalogue gains on trajectories left out, alone on top of the baseline.
+
+    Less than nothing is drawn as nothing: at size zero every effect is the baseline.
+    """
     rows = sorted((t for t in d.tried if np.isfinite(t.gain)), key=lambda t: t.gain)
     if not rows:
         return None
@@ -120,24 +126,20 @@ def tried_picture(d: Diagnosis) -> Figure | None:
     figure = Figure(figsize=(WIDTH, 0.29 * len(rows) + 1.5), layout="constrained")
     ax = figure.subplots()
     for k, t in enumerate(rows):
-        color = AFTER if t.name in causes else "#56b4e9" if t.name in others else "#bdbdbd"
-        error = 1.96 * t.error if np.isfinite(t.error) else 0.0
-        ax.barh(k, 100.0 * t.gain, color=color, height=0.72, hatch="///" if t.name in others else None,
-                edgecolor="white" if t.name not in others else MEASURED, xerr=100.0 * error,
-                error_kw={"elinewidth": 1.1, "ecolor": "0.2", "capsize": 2.5})  # fmt: skip
+        color = AFTER if t.name in causes else ALTERNATIVE if t.name in others else NOISE
+        ax.barh(k, 100.0 * max(t.gain, 0.0), color=color, height=0.72, hatch="///" if t.name in others else None,
+                edgecolor=MEASURED if t.name in others else "white")  # fmt: skip
+        if t.gain > 0.0 and np.isfinite(t.error):
+            ax.errorbar(100.0 * t.gain, k, xerr=196.0 * t.error, fmt="none", elinewidth=1.1, ecolor="0.2", capsize=2.5)
     ax.set_yticks(range(len(rows)), [title(t.name) for t in rows], fontsize=10.5)
     ax.axvline(0.0, color=MEASURED, lw=0.8)
     ax.set_xlabel("squared mismatch taken away [%]")
     ax.set_ylim(-0.7, len(rows) - 0.3)
-    for label, color, hatch in (
-        ("named", AFTER, None), ("alternative", "#56b4e9", "///"), ("rejected", "#bdbdbd", None),
-    ):  # fmt: skip
-        if label == "rejected" or (causes if label == "named" else others):
-            ax.bar(0, 0, color=color, hatch=hatch, edgecolor=MEASURED if hatch else "white", label=label)
-    ax.legend(loc="lower right")
-    lowest, highest = (100.0 * f(t.gain for t in rows) for f in (min, max))
-    reach = max(highest, 1.0)
-    ax.set_xlim(max(min(1.1 * lowest, 0.0), -0.5 * reach), min(ax.get_xlim()[1], 1.4 * reach, max(105.0, 1.1 * reach)))
+    shown = [Patch(facecolor=AFTER, label="named")] * bool(causes)
+    shown += [Patch(facecolor=ALTERNATIVE, edgecolor=MEASURED, hatch="///", label="alternative")] * bool(others)
+    ax.legend(handles=[*shown, Patch(facecolor=NOISE, label="rejected")], loc="lower right")
+    reach = 100.0 * max(t.gain + 1.96 * (t.error if np.isfinite(t.error) else 0.0) for t in rows)
+    ax.set_xlim(-0.02 * max(reach, 1.0), min(1.04 * max(reach, 1.0), max(102.0, 110.0 * rows[-1].gain)))
     return figure
 
 
@@ -154,11 +156,11 @@ def data_picture(d: Diagnosis) -> Figure | None:
     for row, name in enumerate(("q", "current", "torque")):
         ax = figure.add_subplot(grid[row], sharex=above)
         above = above or ax
-        ax.plot(run.t[:end], getattr(run, name)[:end], color=MEASURED, lw=1.1)
+        ax.plot(run.t[:end] - run.t[0], getattr(run, name)[:end], color=MEASURED, lw=1.1)
         ax.set_ylabel(f"{measurand(name, units)}\n[{units[name]}]")
         if row < 2:
             ax.tick_params(labelbottom=False)
-    ax.set_xlabel(f"time in trajectory {short(run.id, 30)} [s]")
+    ax.set_xlabel(f"time from the start of {short(run.id, 30)} [s]")
     ax = figure.add_subplot(grid[3])
     some = runs[:: -(-len(runs) // 40)]
     step = -(-sum(len(r.t) for r in some) // 20_000)

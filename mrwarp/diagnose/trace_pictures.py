@@ -14,6 +14,7 @@ from mrwarp.diagnose.binning import Profile, axes_of, best_profile, is_extended,
 from mrwarp.diagnose.picture_style import AFTER, BEFORE, MEASURED, NOISE, WIDTH, axis_label, capital, measurand, short
 from mrwarp.diagnose.report_text import title
 from mrwarp.diagnose.result import Diagnosis, Traces
+from mrwarp.diagnose.surface import Surface, surface
 from mrwarp.effects.catalogue import CATALOGUE
 
 _WORST = 2.0
@@ -30,20 +31,25 @@ def evidence_picture(d: Diagnosis) -> Figure | None:
         law = CATALOGUE.get(cause.name)
         axes = [axis for v in (law.depends_on if law else ()) for axis in axes_of(v, t, units)]
         rows.append((best_profile(axes, t), title(cause.name)))
-    if d.unexplained is not None:
+    plane = _plane(d)
+    if d.unexplained is not None and plane is None:
         for name in d.unexplained.depends_on[:2]:
             rows.append((best_profile(axes_of(name, t, units), t), "not explained by any known effect"))
     if d.causes and is_extended(t):
         rows.append((profile(predicted(t, units), t), "does the mismatch follow what the cause predicts?"))
-    if not rows:
+    if not rows and plane is None:
         variables = ("q", "qd", "qdd", "current", "time", "memory")
         axes = [axis for name in variables for axis in axes_of(name, t, units)]
         rows.append((best_profile(axes, t), "where the mismatch is largest: no more than noise"))
     shown = [(found, text) for found, text in rows if found is not None][:4]
-    if not shown:
+    if not shown and plane is None:
         return None
-    figure = Figure(figsize=(WIDTH, 0.5 + 3.1 * len(shown)), layout="constrained")
-    panels = figure.subplots(len(shown), 1, squeeze=False)[:, 0]
+    ratios = [3.1] * len(shown) + [4.2] * (plane is not None)
+    figure = Figure(figsize=(WIDTH, 0.5 + sum(ratios)), layout="constrained")
+    panels = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]
+    if plane is not None:
+        _surface_panel(figure, panels[-1], plane, units["torque"])
+        panels = panels[:-1]
     for k, (ax, (found, text)) in enumerate(zip(panels, shown, strict=True)):
         _profile_panel(ax, found, d, legend=k == 0)
         ax.set_title(capital(text))
@@ -85,7 +91,7 @@ def worst_picture(d: Diagnosis) -> Figure:
     k = int(np.searchsorted(t.start, part.start, side="right")) - 1
     run = d.recording.trajectories[k]
     first = part.start - int(t.start[k])
-    clock = run.t[first : first + part.stop - part.start]
+    clock = run.t[first : first + part.stop - part.start] - run.t[0]
     figure = Figure(figsize=(WIDTH, 8.6), layout="constrained")
     panels = figure.subplots(4, 1, sharex=True, height_ratios=(3, 2, 2, 1.3))
     _three(panels[0], clock, t, part)
@@ -102,7 +108,7 @@ def worst_picture(d: Diagnosis) -> Figure:
     panels[2].set_ylabel(f"velocity\n[{units['q']}/s]")
     panels[3].plot(clock, t.current[part], color=MEASURED, lw=1.3)
     panels[3].set_ylabel(f"{measurand('current', units)}\n[{units['current']}]")
-    panels[3].set_xlabel(f"time in trajectory {short(run.id, 30)} [s]")
+    panels[3].set_xlabel(f"time from the start of {short(run.id, 30)} [s]")
     figure.align_ylabels(panels)
     return figure
 
@@ -153,13 +159,32 @@ MAKERS: dict[str, Callable[[Diagnosis], Figure | None]] = {
 # --- parts ---
 
 
+def _plane(d: Diagnosis) -> Surface | None:
+    """The plane of the first two variables that unexplained structure lies along, where it has two that span one."""
+    names = [v for v in d.unexplained.depends_on if v in ("q", "qd", "qdd", "current", "time")] if d.unexplained else []
+    if len(names) < 2:
+        return None
+    across, up = (axes_of(name, _traces(d), d.recording.units)[0] for name in names[:2])
+    return surface(across, up, _traces(d))
+
+
+def _surface_panel(figure: Figure, ax: Axes, s: Surface, unit: str) -> None:
+    reach = float(np.nanquantile(np.abs(s.mean), 0.97))
+    image = ax.pcolormesh(s.x, s.y, s.mean, cmap="PuOr_r", vmin=-reach, vmax=reach)
+    ax.set(xlabel=s.across.label, ylabel=s.up.label)
+    ax.set_title("Not explained by any known effect")
+    ax.grid(visible=False)
+    bar = figure.colorbar(image, ax=ax, extend="both", location="bottom", aspect=45.0)
+    bar.set_label(f"mean mismatch [{unit}]" + (f", positive: {s.meaning}" if s.meaning else ""))
+
+
 def _profile_panel(ax: Axes, p: Profile, d: Diagnosis, *, legend: bool) -> None:
     t = _traces(d)
     unit = d.recording.units["torque"]
     ax.fill_between(p.x, -p.band, p.band, color=NOISE, label="noise, 95 %", lw=0.0)
     ax.axhline(0.0, color=MEASURED, lw=0.6)
     extended = is_extended(t)
-    ax.plot(p.x, p.before, color=BEFORE, marker="o", ms=4.5, label="before" if extended else "mismatch")
+    ax.plot(p.x, p.before, color=BEFORE, marker="o", ms=4.5, label="baseline")
     if extended:
         ax.plot(p.x, p.after, color=AFTER, marker="s", ms=4.0, ls="--", label="with the extension")
     if p.axis.logarithmic:

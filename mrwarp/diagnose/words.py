@@ -18,16 +18,17 @@ def sentence_of(d: Diagnosis) -> str:
         return "No verdict: " + "; ".join(reason.split(":")[0] for reason in d.cannot_know) + "."
     parts = []
     if d.causes:
-        parts.append("the model lacks " + " and ".join(_cause(c.name, c.alternatives) for c in d.causes))
+        parts.append("the model lacks " + _listed([_cause(c.name, c.alternatives, len(d.causes)) for c in d.causes]))
         if d.gain is not None:
             low, high = d.gain.ci95
+            them = "it" if len(d.causes) == 1 else "them"
             parts.append(
-                f"with it the error on unseen trajectories falls by {100 * d.gain.rmse_reduction:.3g} % "
+                f"with {them} the error on unseen trajectories falls by {100 * d.gain.rmse_reduction:.3g} % "
                 f"(95 %: {100 * low:.3g} to {100 * high:.3g})"
             )
     if d.unexplained is not None:
         along = " and ".join(_ALONG.get(v, v) for v in d.unexplained.depends_on[:2])
-        beside = "beside that " if d.causes else ""
+        beside = "besides, " if d.causes else ""
         parts.append(f"{beside}there is structure along {along} that no effect of the catalogue explains")
     if not parts:
         parts.append("nothing is missing that these data could show")
@@ -38,8 +39,15 @@ def sentence_of(d: Diagnosis) -> str:
     return text[0].upper() + text[1:]
 
 
-def _cause(name: str, alternatives: tuple[str, ...]) -> str:
-    return " or ".join(CATALOGUE[n].title for n in (name, *alternatives))
+def _cause(name: str, alternatives: tuple[str, ...], causes: int) -> str:
+    first, *others = (CATALOGUE[n].title for n in (name, *alternatives))
+    if causes > 1 and others:
+        return f"{first} (or {_listed(others, 'or')})"
+    return _listed([first, *others], "or")
+
+
+def _listed(words: list[str], last: str = "and") -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
 
 
 def experiment_sentence(reasons: list[str]) -> NextExperiment:
