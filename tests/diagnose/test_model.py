@@ -46,7 +46,7 @@ def motion() -> Motion:
 @pytest.mark.parametrize("effect", list(CATALOGUE))
 def test_row_holds_the_numbers_of_the_vector(effect: str, motion: Motion) -> None:
     """Base, effect, presets and choices stand in their columns; all other effects are at null."""
-    c = Coordinates((effect,), motion.ranges, 0.2, {("coil_lag", "hold"): 1.0})
+    c = Coordinates((effect,), motion.ranges, 0.2, {("coil_lag", "hold"): 1.0, ("wear", "clock"): 1.0})
     values = STRONG.get(effect, {p.name: 1.1 for p in CATALOGUE[effect].parameters})
     row = c.row(known.vector(c, {effect: values}))
     assert row[: len(BASE)] == pytest.approx([*(known.TRUTH[name] for name in BASE[:9]), 0.2])
