@@ -78,8 +78,8 @@ def verdict_table(d: Diagnosis, tables: Mapping[str, Any] | None = None) -> str:
         if d.gain is not None and d.causes:
             low, high = d.gain.ci95
             lines.append(
-                f"on {len(d.gain.held_out)} trajectories, each unseen by the model that foretells it, the RMS mismatch "
-                f"falls by {text.percent(d.gain.rmse_reduction)} ({text.percent(low)} to {text.percent(high)})"
+                f"RMS mismatch on {len(d.gain.held_out)} trajectories, each predicted without it: "
+                f"{100.0 * -d.gain.rmse_reduction:+.1f} % ({100.0 * -high:+.1f} to {100.0 * -low:+.1f} %)"
             )
     if d.next_experiment is not None:
         lines.append(f"next experiment, {d.next_experiment.seconds:.0f} s: {d.next_experiment.what}")

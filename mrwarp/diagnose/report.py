@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mrwarp.diagnose import report_text as text
 from mrwarp.diagnose.pictures import draw
-from mrwarp.diagnose.result import Cause, Diagnosis, NextExperiment, Shift, Value
+from mrwarp.diagnose.result import Cause, Diagnosis, NextExperiment, Shift, Tried, Value
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
 from mrwarp.results import versions
@@ -112,15 +112,19 @@ def _content(d: Diagnosis) -> dict[str, Any]:
         "detectable": [_detectable(name, v) for name, v in d.detectable.items()],
         "invisible": _invisible(d),
         "cannot_know": d.cannot_know,
-        "tried": [
-            (_capital(text.title(t.name)), f"{text.percent(t.gain)} ± {text.percent(1.96 * t.error)}", t.outcome)
-            for t in sorted(d.tried, key=lambda t: -t.gain)
-        ],
+        "tried": [(_capital(text.title(t.name)), _taken(t), t.outcome) for t in sorted(d.tried, key=lambda t: -t.gain)],
         "data": _data(d),
         "notes": d.notes,
         "seconds": f"Computed in {d.seconds:.1f} s",
         "seed": d.seed,
     }
+
+
+def _taken(t: Tried) -> str:
+    """What an effect takes away; at size zero it is the baseline, so less than nothing is nothing."""
+    if t.gain < 5e-4:
+        return "nothing"
+    return f"{text.percent(t.gain)} ± {text.percent(1.96 * t.error)}"
 
 
 def _facts(d: Diagnosis) -> list[tuple[str, str]]:
@@ -150,7 +154,10 @@ def _evidence(d: Diagnosis) -> str:
             "the extension. Grey: where means would lie if there were nothing but noise."
         )
     if d.unexplained:
-        return "The evidence: mean mismatch along the variables that it depends on. Grey: what noise alone would give."
+        return (
+            "The evidence: mean mismatch (measured minus simulated) along the variables that it depends on. In a map "
+            "white cells hold too few samples; along one variable grey is where noise alone would lie."
+        )
     return "The view in which the mismatch is largest. Grey: where means would lie if there were nothing but noise."
 
 
@@ -218,18 +225,22 @@ def _gain(d: Diagnosis) -> dict[str, Any] | None:
     who = f"On {count} whole {'trajectory' if count == 1 else 'trajectories'} that took no part in choosing and fitting"
     held = f"Held out: {', '.join(g.held_out[:40])}" + (f" and {count - 40} more." if count > 40 else ".")
     if _in_turn(d):
-        who = f"On {count} whole trajectories, each foretold by a model that was fitted and chosen without it"
+        who = f"On {count} whole trajectories, each predicted by a model that was fitted and chosen without it"
         held = ""
     unit = d.baseline.unit
     return {
-        "text": f"{who}, the RMS mismatch falls by {text.percent(g.rmse_reduction)} "
-        f"(95 % interval over trajectories: {text.percent(low)} to {text.percent(high)}).",
+        "text": f"{who}, the RMS mismatch "
+        f"{_falls(g.rmse_reduction)} (95 % interval over trajectories: {text.percent(low)} to {text.percent(high)}).",
         "regimes": [
             (name, text.measured(before, unit), text.measured(after, unit), _change(before, after))
             for name, (before, after) in g.per_regime.items()
         ],
         "held_out": held,
     }
+
+
+def _falls(reduction: float) -> str:
+    return f"falls by {text.percent(reduction)}" if reduction > 0.0 else f"rises by {text.percent(-reduction)}"
 
 
 def _invisible(d: Diagnosis) -> list[tuple[str, str]]:

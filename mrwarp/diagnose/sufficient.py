@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mrwarp.diagnose.report_text import quantity
 from mrwarp.sysid.recording import Recording
 
 MIN_TRAJECTORIES = 3
@@ -52,6 +53,12 @@ def hindrances(recording: Recording) -> list[str]:
             f"the torque sensor is saturated: {100 * clipped:.0f} % of the samples stand at its largest reading "
             f"({np.abs(torque).max():.4g}), so the torque beyond is unknown; use a larger range or less current"
         )
+    current = np.concatenate([run.current for run in runs])
+    if current.max() <= 0.0 and current.min() < 0.0:
+        found.append(
+            f"the {quantity(recording.units['current'])} is negative throughout ({current.min():.4g} to "
+            f"{current.max():.4g}): eq. 14 counts it as a size; turn its sign and diagnose again"
+        )
     if float(np.ptp(torque)) == 0.0:
         found.append("the torque is constant: is the sensor connected? " + STANDARD)
     return found
@@ -63,17 +70,17 @@ def gaps(recording: Recording) -> list[str]:
     current = np.concatenate([run.current for run in runs])
     top = float(np.abs(current).max())
     levels = np.unique(np.round(current / (top or 1.0), 2))
-    found = []
+    name, found = quantity(recording.units["current"]), []
     if len(levels) == 1:
         found.append(
-            f"the current is {current[0]:.3g} throughout: nothing that depends on it can be known (coil lag, command "
+            f"the {name} is {current[0]:.3g} throughout: nothing that depends on it can be known (coil lag, command "
             "delay, remanence, saturation, viscosity over current); record several constant levels and steps between "
             "them while the joint moves"
         )
     elif all(np.ptp(run.current) <= 0.02 * top for run in runs):
         found.append(
-            "the current is constant within each trajectory: coil lag, command delay and remanence cannot be seen; "
-            "record steps of the current while the joint moves"
+            f"the {name} is constant within each trajectory: coil lag, command delay and remanence cannot be seen; "
+            f"record steps of the {name} while the joint moves"
         )
     return found
 
