@@ -41,7 +41,7 @@ LAW = EffectLaw(
             scale=(1, 0, 0),
             negative=False,
             divides=True,
-            preset=lambda r: 0.02 * r.qd,
+            preset=lambda r: 0.005 * r.qd,
         ),
     ),
     law=stribeck_law,
