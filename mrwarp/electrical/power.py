@@ -32,7 +32,7 @@ class ElectricalCfg(ParamGroup):
     """Numbers of the electrical model. Only ``winding_resistance/torque_constant**2`` acts, not the two apart."""
 
     electronics: float = param(
-        58.7, "W", 0.0, 200.0, "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`",
+        58.6, "W", 0.0, 200.0, "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`",
         "Computers, sensors and drives while the motors give no torque.",
     )  # fmt: skip
     winding_resistance: float = param(

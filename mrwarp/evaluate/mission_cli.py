@@ -85,7 +85,8 @@ def main(argv: list[str] | None = None) -> int:
     rows = {robot: _row(robot, trace) for robot, trace in traces.items()}
     fitted = ("thermal.housing_capacity", "thermal.housing_resistance", "battery.capacity") if args.calibrate else ()
     figures = {
-        "simulated": f"{args.window:g} m of each walk and 5 s of standing; carried over the phases by the models",
+        "simulated": f"{args.window:g} m of each walk and 5 s of standing; carried over the phases by the models"
+        + ("; with feedback, which the calibration was without" if args.feedback else ""),
         "task": {"speed": cfg.speed, "distance": cfg.distance, "standby": cfg.standby, "feedback": args.feedback,
                  "outbound_load": cfg.outbound_load, "return_load": cfg.return_load, "seeds": cfg.seeds},
         "robots": rows, "without_feedback": cold, "changes": _changes(rows), "calibration": fit,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,11 @@ from mrwarp.electrical.power import CALF_COLUMNS, ElectricalCfg, Power, Use, bat
 from mrwarp.evaluate.impact import spread
 from mrwarp.evaluate.meter import BIN, RANGE, SHOWN
 from mrwarp.evaluate.walk_trials import WalkResult
+from mrwarp.params import MrParams
 from mrwarp.robot import JOINTS, LEGS
+
+COIL_RESISTANCES = (2.0, 10.0)
+"""Plausible range of the coil's resistance [Ohm], see :class:`mrwarp.params.CoilParams`."""
 
 STANCE_SHARE = 0.5
 """Share of a stride in which the trot's clock has a leg on the ground."""
@@ -141,13 +145,28 @@ def savings(
 
 
 def sensitivity(results: Sequence[WalkResult], rows: Sequence[calibration.Row], cfg: ElectricalCfg) -> dict[str, Any]:
-    """COT reduction per condition, with each assumed number at the ends of its range."""
+    """COT reduction per condition, with each assumed number at the ends of its range.
+
+    The coil's resistance is the asset's; its loss is taken in proportion to the nominal one.
+    """
 
     def figure(varied: ElectricalCfg) -> dict[str, float]:
-        found = savings(results, varied, None, 1.0)
-        return {f"{r['payload']:g} kg, {r['command']:g} m/s": r["cot_reduction"] for r in found}
+        return {_name(r): r["cot_reduction"] for r in savings(results, varied, None, 1.0)}
 
-    return calibration.sensitivity(rows, figure, cfg)
+    found = calibration.sensitivity(rows, figure, cfg)
+    nominal = MrParams().coil.coil_resistance
+    found["coil_resistance"] = []
+    for value in COIL_RESISTANCES:
+        scaled = [
+            replace(r, use=replace(r.use, coil=r.use.coil * value / nominal)) if r.use.coil.size else r for r in results
+        ]
+        reductions = {_name(r): r["cot_reduction"] for r in savings(scaled, cfg, None, 1.0)}
+        found["coil_resistance"].append({"value": value, **reductions})
+    return found
+
+
+def _name(condition: dict[str, Any]) -> str:
+    return f"{condition['payload']:g} kg, {condition['command']:g} m/s"
 
 
 def _spread(values: np.ndarray) -> dict[str, float]:
