@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zlib
+
 from mrwarp.effects import (
     backlash,
     cogging,
@@ -63,6 +65,9 @@ def _offsets() -> tuple[dict[str, int], dict[str, int], int, int]:
 
 COLUMN, SLOT, COLUMNS, SLOTS = _offsets()
 """First parameter column and first state of each effect; number of columns and of states."""
+
+SOURCES: int = zlib.crc32(f"{[law.law.adj.source for law in CATALOGUE.values()]}{COLUMN}{SLOT}".encode()) // 2
+"""Checksum of all laws as they are written and of their places, for kernels that are composed of them."""
 
 NULLS: tuple[float, ...] = tuple(p.null for law in CATALOGUE.values() for p in law.parameters)
 """The row of parameters at which no effect acts."""

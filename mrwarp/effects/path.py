@@ -3,11 +3,14 @@
 The stages are composed from the catalogue when this module is loaded. At null values of all effects the torque is that
 of the plain laws. Two effects need more than one step's quantities, so the caller provides them: the command as it was
 ``command_delay`` ago, and the heat that ``temperature_drift`` has stored.
+
+Warp compiles a kernel anew when its source changes, or that of a function it names. A law that a static loop picks is
+not among those, so each stage names the checksum of all laws: an edited law never runs as it was compiled before.
 """
 
 import warp as wp
 
-from mrwarp.effects.catalogue import CATALOGUE, COLUMN, SLOT
+from mrwarp.effects.catalogue import CATALOGUE, COLUMN, SLOT, SOURCES
 from mrwarp.effects.law import Path
 from mrwarp.kernels.bouc_wen import bouc_wen_exact
 
@@ -23,6 +26,7 @@ def current_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2
     """From the command to the current that flows and the one that magnetises."""
     s.current = s.command
     s.field = s.command
+    wp.static(SOURCES)
     for i in range(wp.static(len(_CURRENT))):
         s = wp.static(_CURRENT[i].law)(
             s, values, row, wp.static(COLUMN[_CURRENT[i].name]), memory, line, wp.static(SLOT[_CURRENT[i].name])
@@ -33,6 +37,7 @@ def current_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2
 @wp.func
 def motion_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int) -> Path:
     """From the measured motion to that of the device's shaft, with the way of this step on both sides of a reversal."""
+    wp.static(SOURCES)
     for i in range(wp.static(len(_MOTION))):
         s = wp.static(_MOTION[i].law)(
             s, values, row, wp.static(COLUMN[_MOTION[i].name]), memory, line, wp.static(SLOT[_MOTION[i].name])
@@ -65,6 +70,7 @@ def torque_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d
     s.viscous_gain = 1.0
     s.weakening = 1.0
     s.torque = 0.0
+    wp.static(SOURCES)
     for i in range(wp.static(len(_TORQUE))):
         s = wp.static(_TORQUE[i].law)(
             s, values, row, wp.static(COLUMN[_TORQUE[i].name]), memory, line, wp.static(SLOT[_TORQUE[i].name])
@@ -75,6 +81,7 @@ def torque_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d
 @wp.func
 def sensor_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int) -> Path:
     """From the torque to its reading."""
+    wp.static(SOURCES)
     for i in range(wp.static(len(_SENSOR))):
         s = wp.static(_SENSOR[i].law)(
             s, values, row, wp.static(COLUMN[_SENSOR[i].name]), memory, line, wp.static(SLOT[_SENSOR[i].name])

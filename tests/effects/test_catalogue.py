@@ -137,7 +137,7 @@ import sys
 
 import numpy as np
 
-folder, along_file = sys.argv[1:]
+folder, along_file, sign = sys.argv[1:]
 import mrwarp.effects as package
 
 package.__path__.append(folder)
@@ -157,7 +157,7 @@ sys.modules["along"] = along
 spec.loader.exec_module(along)
 shaft = along.Shaft.swinging(seconds=1.0)
 plain, hum = along.torques(shaft, along.TRUTH, [{}, {"hum": {"size": 0.3, "frequency": 50.0}}]).astype(float)
-want = 0.3 * np.sin(2.0 * np.pi * 50.0 * shaft.time)
+want = float(f"{sign}0.3") * np.sin(2.0 * np.pi * 50.0 * shaft.time)
 np.testing.assert_allclose(hum - plain, want, rtol=0, atol=1e-4)
 assert np.abs(want).max() > 0.2
 
@@ -173,11 +173,14 @@ print("hum acts")
 def test_effect_is_added_by_one_file_and_one_line(tmp_path: Path) -> None:
     """A made-up law in a file of its own, named in the catalogue, acts in the kernels, is searched and can be stored.
 
-    In a process of its own, for the path is composed when it is loaded.
+    Then its sign is edited: the kernels are compiled anew. In processes of their own, for the path is composed when it
+    is loaded.
     """
-    (tmp_path / "hum.py").write_text(NEW_LAW, encoding="utf-8")
     along = Path(__file__).with_name("along.py")
-    command = [sys.executable, "-c", textwrap.dedent(RUN), str(tmp_path), str(along)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split("\n")[-2] == "hum acts"
+    for sign in ("+", "-"):
+        text = NEW_LAW.replace("s.torque + values", f"s.torque {sign} values")
+        (tmp_path / "hum.py").write_text(text, encoding="utf-8")
+        command = [sys.executable, "-c", textwrap.dedent(RUN), str(tmp_path), str(along), sign]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.split("\n")[-2] == "hum acts"

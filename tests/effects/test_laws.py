@@ -177,8 +177,8 @@ def test_backlash_is_a_play_on_the_angle() -> None:
     moved = np.diff(driven, prepend=driven[0]) != 0.0
     stands, turns = ~moved, moved & np.roll(moved, 1) & np.roll(moved, -1)  # not where the gap opens or closes
     assert stands.sum() > 100 and turns.sum() > 1000
-    np.testing.assert_allclose(speed[stands][1:], 0.0, atol=1e-8 / shaft.dt)  # rounding of the way in the gap
-    np.testing.assert_allclose(speed[turns], shaft.qd[turns], rtol=0, atol=1e-8 / shaft.dt)
+    np.testing.assert_allclose(speed[stands][1:], 0.0, atol=1e-7 / shaft.dt)  # rounding of the way in the gap
+    np.testing.assert_allclose(speed[turns], shaft.qd[turns], rtol=0, atol=1e-7 / shaft.dt)
 
 
 def test_backlash_drives_the_hysteresis_by_the_shafts_way() -> None:
@@ -189,8 +189,8 @@ def test_backlash_drives_the_hysteresis_by_the_shafts_way() -> None:
     found = torque(shaft, alone, {"backlash": {"half_gap": gap}})
     np.testing.assert_allclose(found, want, rtol=0, atol=5e-5)
     assert np.abs(found - torque(shaft, alone)).max() > 0.02
-    found = torque(shaft, alone, {"backlash": {"half_gap": 2.0}})
-    np.testing.assert_allclose(found, 0.0, atol=8000 * EPS * 2e-2)  # rounding of the way in the gap
+    found = torque(Shaft.swinging(), alone, {"backlash": {"half_gap": 2.0}})
+    np.testing.assert_allclose(found, 0.0, atol=800 * EPS * 2e-2)  # rounding of the way in the gap
 
 
 # --- torques of their own ---
