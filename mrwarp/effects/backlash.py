@@ -19,11 +19,20 @@ def backlash_law(
         free_2 = wp.clamp(free_1 + s.way_2, -half_gap, half_gap)
         s.way_1 = s.way_1 - (free_1 - gap)
         s.q = s.q - free_2
-        if s.way_2 != 0.0:
-            engaged = 1.0 - (free_2 - free_1) / s.way_2
-            s.qd = engaged * s.qd
-            s.qdd = engaged * s.qdd
-        s.way_2 = s.way_2 - (free_2 - free_1)
+        driven = s.way_2 - (free_2 - free_1)
+        engaged = float(1.0)
+        if s.begins == 0:
+            if wp.abs(free_2) < half_gap:
+                engaged = 0.0
+                driven = float(0.0)
+            elif s.way_2 != 0.0:
+                # at the end of the step: all but within the first part of the way, so that it has a slope
+                engaged = wp.clamp(20.0 * driven / s.way_2, 0.0, 1.0)
+            elif free_2 * s.qd <= 0.0:
+                engaged = 0.0
+        s.qd = engaged * s.qd
+        s.qdd = engaged * s.qdd
+        s.way_2 = driven
         memory[line, slot] = free_2
     return s
 
@@ -43,7 +52,7 @@ LAW = EffectLaw(
             negative=False,
             low=lambda r: 2e-5 * r.q,
             high=lambda r: 0.2 * r.q,
-            starts=lambda r: tuple(x * r.q for x in (1e-4, 3e-4, 7e-4, 0.0015, 0.003, 0.006, 0.012, 0.025, 0.05)),
+            starts=lambda r: tuple(x * r.q for x in (4e-5, 1e-4, 3e-4, 7e-4, 0.0015, 0.003, 0.006, 0.012, 0.025, 0.05)),
         ),
     ),
     law=backlash_law,

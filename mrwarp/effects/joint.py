@@ -92,7 +92,10 @@ def joint_path(
     s.qd = qd
     s.qd_before = qd
     s = motion_path(s, values, row, memory, line)
-    s.z = hysteresis(p, s.qd, z, dt, exact)
+    speed = float(qd)
+    if s.way_2 != dt * qd:  # play has shortened the way of the shaft
+        speed = s.way_2 / dt
+    s.z = hysteresis(p, speed, z, dt, exact)
     s.heat = heat
     s = torque_path(s, values, row, memory, line)
     s.yield_gain = wp.max(s.yield_gain, 0.0)  # a device that has worn out does not push

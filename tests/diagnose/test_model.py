@@ -167,7 +167,7 @@ def test_jacobian_of_an_effect_converges(effect: str, motion: Motion) -> None:
         size = np.sqrt(np.mean(want**2))
         assert size * c.steps[i] > 1e-6 * np.abs(tau).max()
         # rounding of float32 over the step; a play turns on and off at samples
-        loose = 0.2 if effect in ("backlash", "remanence", "command_delay") else 0.02
+        loose = {"backlash": 0.6, "remanence": 0.2, "command_delay": 0.2}.get(effect, 0.02)
         rounding = 2e-7 * np.abs(tau).max() / h
         assert np.sqrt(np.mean((slopes[i] - want) ** 2)) < loose * size + rounding, c.slots[i - 9]
 
