@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 import shlex
 import signal
 import sys
@@ -57,7 +58,8 @@ def main(argv: list[str] | None = None) -> int:
 def verdict_table(d: Diagnosis, tables: Mapping[str, Any] | None = None) -> str:
     """The verdict and a short table as text."""
     lines = ["", d.sentence]
-    lines += [f"  cannot be known: {why}" for why in d.cannot_know]
+    advice = f"; {d.next_experiment.what}" if d.next_experiment is not None else ""
+    lines += [f"  cannot be known: {why.removesuffix(advice)}" for why in d.cannot_know]
     rows = []
     for cause in d.causes:
         for name, value in cause.parameters.items():
@@ -140,7 +142,7 @@ def _diagnose(args: argparse.Namespace, told: Told) -> tuple[Diagnosis, dict[str
             f"{', '.join(JOINT_UNITS.values())}; leave --impact out"
         )
     unseen = load_recording(args.predict) if args.predict else None
-    diagnosis = diagnose(recording, model=model, seed=args.seed, progress=told)
+    diagnosis = diagnose(recording, model=model, seed=args.seed, progress=told, threads=_threads())
     besides: dict[str, Any] = {}
     tables: dict[str, Any] = {}
     if unseen is not None:
@@ -150,6 +152,12 @@ def _diagnose(args: argparse.Namespace, told: Told) -> tuple[Diagnosis, dict[str
     if args.impact:
         _impact(diagnosis, args.seed, besides, tables, told)
     return diagnosis, besides, tables
+
+
+def _threads() -> int:
+    """CPU threads for the replay: what this process may use, up to 8."""
+    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(allowed, 8)
 
 
 def _check_out(out: Path, model: Path | None) -> None:

@@ -13,8 +13,10 @@ MIN_SECONDS = 10.0
 """Shortest recording, all trajectories together [s]."""
 MIN_SAMPLES = 1500
 """Fewest samples, all trajectories together."""
-_CLIPPED = 0.02
-"""Share of samples at the very largest torque above which the sensor counts as saturated."""
+_CLIPPED = 0.002
+"""Share of samples that stand, in runs, at the very largest torque above which the sensor counts as saturated."""
+_FOLLOWED = 0.02
+"""Part of the torque's variance that motion and current must foretell, by the plainest of laws."""
 
 STANDARD = (
     "record at least 12 trajectories of 4 s or more: current steps while the joint moves, sines of several amplitudes "
@@ -47,11 +49,14 @@ def hindrances(recording: Recording) -> list[str]:
             "move it by at least ten times what it takes to make it yield, at 0.5 to 2 Hz and several amplitudes"
         )
     torque = np.concatenate([run.torque for run in runs])
-    clipped = max(_at_limit(torque), _at_limit(-torque))
+    if float(np.ptp(torque)) == 0.0:
+        found.append(f"the torque is {torque[0]:.4g} throughout: is the sensor connected? Then {STANDARD}")
+        return found
+    clipped, limit = max((_at_limit(torque), torque.max()), (_at_limit(-torque), torque.min()))
     if clipped > _CLIPPED:
         found.append(
-            f"the torque sensor is saturated: {100 * clipped:.0f} % of the samples stand at its largest reading "
-            f"({np.abs(torque).max():.4g}), so the torque beyond is unknown; use a larger range or less current"
+            f"the torque sensor is saturated: {100 * clipped:.2g} % of the samples stand at its largest reading "
+            f"({limit:.4g}), so the torque beyond is unknown; use a larger range or less current"
         )
     current = np.concatenate([run.current for run in runs])
     if current.max() <= 0.0 and current.min() < 0.0:
@@ -59,9 +64,31 @@ def hindrances(recording: Recording) -> list[str]:
             f"the {quantity(recording.units['current'])} is negative throughout ({current.min():.4g} to "
             f"{current.max():.4g}): eq. 14 counts it as a size; turn its sign and diagnose again"
         )
-    if float(np.ptp(torque)) == 0.0:
-        found.append("the torque is constant: is the sensor connected? " + STANDARD)
+    if not found:
+        found += _unrelated(qd, current, torque, recording)
     return found
+
+
+def _unrelated(qd: np.ndarray, current: np.ndarray, torque: np.ndarray, recording: Recording) -> list[str]:
+    """Whether the torque has nothing to do with the motion, or drives it where it should resist."""
+    q = np.concatenate([run.q for run in recording.trajectories])
+    qdd = np.concatenate([np.gradient(run.qd, run.dt) for run in recording.trajectories])
+    table = np.stack([np.ones_like(q), q, qd, np.sign(qd), qdd, current, current * np.sign(qd), current * qd], axis=1)
+    table /= np.maximum(np.abs(table).max(axis=0), 1e-300)
+    rest = torque - table @ np.linalg.lstsq(table, torque, rcond=None)[0]
+    what = quantity(recording.units["torque"])
+    if float(rest.var()) > (1.0 - _FOLLOWED) * float(torque.var()):
+        return [
+            f"the {what} does not follow motion or {quantity(recording.units['current'])}: is the sensor connected, "
+            f"and does its log belong to this motion? Then {STANDARD}"
+        ]
+    power = (torque - torque.mean()) * qd
+    if float(power.sum()) < -0.3 * float(np.abs(power).sum()):
+        return [
+            f"the {what} drives the motion instead of resisting it: its sign, or that of the "
+            f"{quantity(recording.units['q'])}, is turned against eq. 14; turn one of them and diagnose again"
+        ]
+    return []
 
 
 def gaps(recording: Recording) -> list[str]:
@@ -86,7 +113,8 @@ def gaps(recording: Recording) -> list[str]:
 
 
 def _at_limit(x: np.ndarray) -> float:
-    """Share of samples that stand, in runs, at the largest value."""
-    at = x >= x.max() - 1e-9 * max(float(np.ptp(x)), 1e-300)
-    runs = at[1:] & at[:-1]
-    return float(runs.mean())
+    """Share of samples that stand, in runs, at the largest value; 0 where more are just below it, as at a peak."""
+    reach = max(float(np.ptp(x)), 1e-300)
+    at = x >= x.max() - 1e-9 * reach
+    below = (x >= x.max() - 0.01 * reach) & ~at
+    return float((at[1:] & at[:-1]).mean()) if at.sum() >= below.sum() else 0.0

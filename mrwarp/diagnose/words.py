@@ -43,7 +43,9 @@ def _cause(name: str, alternatives: tuple[str, ...], causes: int) -> str:
     return either((name, *alternatives))
 
 
-def experiment_sentence(reasons: list[str]) -> NextExperiment:
-    """The recording to make where no verdict is possible."""
+def experiment_sentence(reasons: list[str]) -> NextExperiment | None:
+    """The recording to make where no verdict is possible; None where these data only need a change."""
     first = reasons[0].rsplit("; ", 1)[-1] if "; " in reasons[0] else STANDARD
+    if first.endswith("diagnose again"):
+        return None
     return NextExperiment(what=first, seconds=60.0, separates=(), kind="recording")

@@ -46,15 +46,31 @@ def test_good_recording_has_no_hindrance() -> None:
         (good(runs=4, seconds=4.0, dt=0.02), "800 samples"),
         (changed(good(), q=lambda run: 0.3 + 0.0 * run.q, qd=lambda run: 0.0 * run.q), "does not move"),
         (changed(good(), torque=lambda run: np.clip(run.torque, -0.3, 0.3)), "torque sensor is saturated"),
-        (changed(good(), torque=lambda run: 0.0 * run.torque + 1.0), "torque is constant"),
+        (changed(good(), torque=lambda run: np.minimum(run.torque, 1.85)), "torque sensor is saturated"),
+        (changed(good(), torque=lambda run: 0.0 * run.torque + 1.0), "torque is 1 throughout"),
+        (changed(good(), torque=lambda run: 0.02 * np.sin(7e4 * run.t**2)), "torque does not follow"),
+        (changed(good(), torque=lambda run: -run.torque), "drives the motion"),
+        (changed(good(), current=lambda run: -run.current), "current is negative"),
     ],
-    ids=["one run", "two runs", "6 s", "50 Hz", "at rest", "clipped", "constant torque"],
+    ids=[
+        "one run",
+        "two runs",
+        "6 s",
+        "50 Hz",
+        "at rest",
+        "clipped",
+        "clipped at peaks",
+        "constant torque",
+        "torque of something else",
+        "turned torque",
+        "turned current",
+    ],
 )
 def test_hindrance_is_named_with_a_remedy(recording: Recording, words: str) -> None:
     """The reason says what is wrong, with its number, and which recording to make."""
     found = [text for text in hindrances(recording) if words in text]
     assert len(found) == 1
-    assert any(verb in found[0] for verb in ("record", "move it", "use a larger", "is the sensor connected"))
+    assert any(verb in found[0] for verb in ("record", "move it", "use a larger", "diagnose again"))
 
 
 def test_joint_that_trembles_does_not_move() -> None:
