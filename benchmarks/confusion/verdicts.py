@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from benchmarks.confusion.case import Truth
@@ -10,7 +11,10 @@ OUTCOMES = ("right", "ambiguous", "missed", "wrong", "other", "failed")
 """Outcomes of a case: named exactly; named with alternatives that include the truth; (one of) it not named; something
 else named; right in the name but not in the rest (see ``remark``); the diagnosis raised."""
 
-PARAMETER_NAMES: dict[tuple[str, str], tuple[str, ...]] = {}
+PARAMETER_NAMES: dict[tuple[str, str], tuple[str, ...]] = {
+    ("friction_asymmetry", "torque"): ("coulomb",),
+    ("friction_asymmetry", "viscosity"): ("viscous",),
+}
 """Names under which a diagnosis reports a parameter, by effect and :class:`~benchmarks.confusion.effects.Spec` name.
 Where none of them occurs the same name is looked for, then the first parameter is taken."""
 
@@ -106,7 +110,7 @@ def coverage(truth: Truth, found: dict[str, Any]) -> list[dict[str, Any]]:
             continue
         own = stated["parameter"]
         names = (*PARAMETER_NAMES.get((name, own), ()), own, next(iter(parameters)))
-        got = parameters[next(n for n in names if n in parameters)]
+        got = _amplitude(parameters) if own == "amplitude" else parameters[next(n for n in names if n in parameters)]
         if got["ci95"] is None:
             continue
         sign = -1.0 if name in _EITHER_SIGN and got["value"] * stated["value"] < 0.0 else 1.0
@@ -118,3 +122,11 @@ def coverage(truth: Truth, found: dict[str, Any]) -> list[dict[str, Any]]:
             }
         )  # fmt: skip
     return out
+
+
+def _amplitude(parameters: dict[str, Any]) -> dict[str, Any]:
+    """Amplitude of a sine and a cosine, with its interval to first order."""
+    sine, cosine = parameters["sine"], parameters["cosine"]
+    size = math.hypot(sine["value"], cosine["value"])
+    half = [0.5 * (p["ci95"][1] - p["ci95"][0]) * p["value"] / size for p in (sine, cosine)]
+    return {"value": size, "ci95": [size - math.hypot(*half), size + math.hypot(*half)]}
