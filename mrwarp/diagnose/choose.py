@@ -60,6 +60,8 @@ class Choice:
     """Part of each effect's gain that remains beside free functions of what is left."""
     settled: set[str] = field(default_factory=set)
     """Effects that are no alternative to a similar one, because single events tell."""
+    untold: set[str] = field(default_factory=set)
+    """Effects that are an alternative to a similar one, whatever the fits say."""
     refined: dict[tuple[str, str], tuple[float, float, float]] = field(default_factory=dict)
     """Parameters, and their intervals, that single events give better than the fit; inner units."""
     left_before: list[Leftover] = field(default_factory=list)
@@ -329,11 +331,12 @@ def _timed(engine: Engine, choice: Choice, final: Fitted, candidates: list[str])
         return final
     rival = _full(engine, choice, without, look[0])
     behind = (_total(rival) - _total(final)) / max(_total(without) - _total(final), 1e-9)
-    edges = find_edges(engine, final if named[0] == LAG else rival)
-    if behind > _NEAR or edges is None:
+    if behind > _NEAR:
         return final
-    told = told_apart(edges)
-    if told is None:
+    edges = find_edges(engine, final if named[0] == LAG else rival)
+    told = told_apart(edges) if edges is not None else None
+    if edges is None or told is None:  # neither law knows when the command changed: their fits do not decide
+        choice.untold.add(other)
         return final
     choice.settled.add(DELAY if told == LAG else LAG)
     if told == DELAY:
@@ -363,5 +366,5 @@ def _rivals(engine: Engine, choice: Choice, final: Fitted, candidates: list[str]
         choice.alternatives[effect] = tuple(
             name
             for name, fit in sorted(fits.items(), key=lambda kv: _total(kv[1]))
-            if name not in choice.settled and _as_good(fit, final, without)
+            if name not in choice.settled and (name in choice.untold or _as_good(fit, final, without))
         )

@@ -18,7 +18,7 @@ from mrwarp.effects.catalogue import CATALOGUE, column_of
 LAG, DELAY = "coil_lag", "command_delay"
 _AGES = 48
 """Times of the step between two samples that are integrated over."""
-_ENOUGH = 8
+_ENOUGH = 3
 """Fewest steps for an answer."""
 _CLEAR = 6.0
 """Difference of the logarithms of two likelihoods from which one is believed."""
@@ -66,7 +66,7 @@ def find_edges(engine: Engine, lag: Fitted) -> Edges | None:
         return None
     row = lag.coordinates.row(lag.x)
     constant = column_of(LAG, CATALOGUE[LAG].parameters[0].name)
-    reach = int(np.clip(np.ceil(4.0 * row[len(BASE) + constant] / dt), 3, 40))
+    reach = int(np.clip(np.ceil(1.6 * row[len(BASE) + constant] / dt), 3, 40))
     rows = np.stack([row, row])
     rows[:, len(BASE) + constant] = 0.0
     rows[1, len(BASE) + column_of(DELAY, CATALOGUE[DELAY].parameters[0].name)] = reach * dt

@@ -25,6 +25,8 @@ from mrwarp.sysid.recording import Recording
 
 _UNEXPLAINED_T = 2.0
 """Structure is only reported when it foretells trajectories with this ratio to its standard error."""
+_BEYOND_DOUBT = 10.0
+"""Gain, in thresholds, above which it is reported although a few trajectories carry it."""
 _SLOW_T = 2.5
 _SHARE = 0.2
 """Part of the predictable mismatch above which what is left beside named effects is reported."""
@@ -33,7 +35,12 @@ _SHARE = 0.2
 def unexplained_of(choice: Choice, line: Line | None) -> Unexplained | None:
     """Structure that stays when the named effects are in, or None."""
     final = choice.final
-    left = [f for f in choice.left_after if f.gain > 1.5 * threshold(final) and f.t > _needed_t(f.group)]
+    need = threshold(final)
+    left = [
+        f
+        for f in choice.left_after
+        if f.gain > _BEYOND_DOUBT * need or (f.gain > 1.5 * need and f.t > _needed_t(f.group))
+    ]
     gain = max([f.gain for f in left], default=0.0)
     if line is None and not left:
         return None
