@@ -25,7 +25,7 @@ from mrwarp.sysid.recording import Recording
 
 _UNEXPLAINED_T = 2.0
 """Structure is only reported when it foretells trajectories with this ratio to its standard error."""
-_BEYOND_DOUBT = 10.0
+_BEYOND_DOUBT = 5.0
 """Gain, in thresholds, above which it is reported although a few trajectories carry it."""
 _SLOW_T = 2.5
 _SHARE = 0.2
