@@ -221,11 +221,16 @@ def _impact(d: Diagnosis, seed: int, besides: dict[str, Any], tables: dict[str, 
         return
     found = impact_change(d.baseline_model, d.model, seed=seed, progress=told)
     besides["impact"] = found.to_dict()
-    rows = [
-        (f"{row.current:g} A, {words}", f"{figure.before:.4g} {unit}", f"{figure.after:.4g} {unit}",
-         f"{figure.ci95[0]:+.2g} to {figure.ci95[1]:+.2g} {unit}")
-        for row in found.rows for name, (words, unit) in FIGURES.items() for figure in [row.figures[name]]
-    ]  # fmt: skip
+    rows = []
+    for row in found.rows:
+        for name, (words, unit) in FIGURES.items():
+            figure, factor = row.figures[name], 100.0 if unit == "1" else 1.0
+            unit = "%" if unit == "1" else unit
+            low, high = (factor * x for x in figure.ci95)
+            rows.append((
+                f"{row.current:g} A, {words}", f"{factor * figure.before:.4g} {unit}",
+                f"{factor * figure.after:.4g} {unit}", f"{low:+.2g} to {high:+.2g} {unit}",
+            ))  # fmt: skip
     head = ("Impact on the walking robot", "Baseline", "With the extension", "Change, 95 %")
     tables["impact"] = Table(head=head, rows=rows)
 

@@ -81,7 +81,7 @@ def accounting_picture(d: Diagnosis) -> Figure:
 
 def gain_picture(d: Diagnosis) -> Figure | None:
     """RMSE of every trajectory and every regime, before and after."""
-    rows = [(name, *(pair if d.causes else pair[:1] * 2)) for name, pair in d.per_trajectory.items()]
+    rows = [(name, before, after if d.causes else before) for name, (before, after) in d.per_trajectory.items()]
     if not rows:
         return None
     rows.sort(key=lambda row: row[1])
