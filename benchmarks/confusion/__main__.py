@@ -26,6 +26,9 @@ def main() -> int:
     parser.add_argument("--spread", type=float, help="spread of the base coefficients (default: 0.02; none: and 0.2)")
     parser.add_argument("--jobs", type=int, default=2, help="processes; 0 runs in this one")
     parser.add_argument("--check-gain", action="store_true", help="compare claimed gains with an untouched session")
+    parser.add_argument(
+        "--resolve", action="store_true", help="where the verdict is ambiguous, make the proposed experiment as well"
+    )
     parser.add_argument("--out", metavar="DIR", help="folder of cases.jsonl; cases in it are not run again")
     parser.add_argument("--report", action="store_true", help="print the tables of --out without running anything")
     parser.add_argument("--only", type=int, metavar="INDEX", help="run this case alone and print what was found")
@@ -54,7 +57,9 @@ def _run(plan: Plan, args: argparse.Namespace) -> list[dict[str, Any]]:
     def told(line: str) -> None:
         print(line, flush=True)
 
-    return run_suite(plan, args.sets, args.out, jobs=args.jobs, check_gain=args.check_gain, told=told)
+    return run_suite(
+        plan, args.sets, args.out, jobs=args.jobs, check_gain=args.check_gain, resolve=args.resolve, told=told
+    )
 
 
 def _one(plan: Plan, args: argparse.Namespace) -> None:
@@ -63,9 +68,8 @@ def _one(plan: Plan, args: argparse.Namespace) -> None:
         write_case(case, args.keep)
         print(f"{args.keep}: {len(case.recording.trajectories)} trajectories, {'+'.join(case.truth.kinds) or 'none'}")
         return
-    print(
-        json.dumps(run_case(plan, args.only, check_gain=args.check_gain), indent=1, default=float, ensure_ascii=False)
-    )
+    found = run_case(plan, args.only, check_gain=args.check_gain, resolve=args.resolve)
+    print(json.dumps(found, indent=1, default=float, ensure_ascii=False))
 
 
 if __name__ == "__main__":

@@ -176,7 +176,7 @@ def _steps(t: np.ndarray, rng: np.random.Generator) -> _Row:
         speed *= np.maximum(_smooth((begin - t) / 0.1)[0], _smooth((t - begin - length) / 0.1)[0])
     warped = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t))])
     q, qd = _waves(warped, waves)
-    q, qd = _started(t, q, qd * speed, rng.uniform(0.1, 0.6), rng)
+    q, qd = started(t, q, qd * speed, rng.uniform(0.1, 0.6), rng)
     edges = np.cumsum(rng.uniform(*DWELL, math.ceil(t[-1] / DWELL[0])))
     edges = np.concatenate([[0.0], edges[edges < t[-1]]])
     level = rng.uniform(0.0, CURRENT_MAX, len(edges))
@@ -197,7 +197,7 @@ def _sines(t: np.ndarray, count: int, rng: np.random.Generator) -> list[_Row]:
     rows = []
     for a, i, f in zip(amplitude, current, frequency, strict=True):
         q, qd = _waves(t, [(1.0, f, 0.0)])
-        q, qd = _started(t, q, qd, a, rng, peak=1.0)
+        q, qd = started(t, q, qd, a, rng, peak=1.0)
         rows.append((q, qd, np.zeros(1), np.array([i])))
     return rows
 
@@ -206,7 +206,7 @@ def _gait(t: np.ndarray, rng: np.random.Generator, clock_error: float) -> _Row:
     """Six harmonics of a stride; the current follows the stride smoothly and is held between its updates."""
     f = rng.uniform(0.8, 1.8)
     waves = [(rng.uniform(0.5, 1.0) / k**1.7, k * f, rng.uniform(0.0, 2.0 * np.pi)) for k in range(1, 7)]
-    q, qd = _started(t, *_waves(t, waves), rng.uniform(0.1, 0.6), rng)
+    q, qd = started(t, *_waves(t, waves), rng.uniform(0.1, 0.6), rng)
     period = (1.0 + rng.uniform(-clock_error, clock_error)) / UPDATE_RATE
     edges = np.arange(rng.uniform(0.0, period), t[-1], period)
     height = rng.uniform(0.2, 0.7)
@@ -233,7 +233,7 @@ def _smooth(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return s**3 * (10.0 - 15.0 * s + 6.0 * s**2), 30.0 * s**2 * (1.0 - s) ** 2
 
 
-def _started(
+def started(
     t: np.ndarray, x: np.ndarray, xd: np.ndarray, amplitude: float, rng: np.random.Generator, peak: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Motion scaled to its amplitude, about a centre within 0.05 rad of zero, that begins at rest."""

@@ -18,6 +18,7 @@ import numpy as np
 
 from benchmarks.confusion.case import Case
 from benchmarks.confusion.effects import CALIBRATION
+from benchmarks.confusion.experiment import Proposal, with_experiment
 from benchmarks.confusion.families import Plan
 from benchmarks.confusion.verdicts import coverage, judge, record_of
 
@@ -37,13 +38,16 @@ class SuiteError(ValueError):
     """A suite cannot be run as asked; the message says why."""
 
 
-def run_case(plan: Plan, index: int, *, check_gain: bool = False, diagnose: Diagnose | None = None) -> dict[str, Any]:
+def run_case(
+    plan: Plan, index: int, *, check_gain: bool = False, resolve: bool = False, diagnose: Diagnose | None = None
+) -> dict[str, Any]:
     """Make a case, diagnose it and judge the result; what the diagnosis raises is recorded, not passed on.
 
     Args:
         plan: The suite.
         index: Which case.
         check_gain: Compare the claimed gain with the gain on the untouched session.
+        resolve: Where the verdict is ambiguous, make the experiment that it asks for and diagnose again.
         diagnose: The diagnosis; None takes ``mrwarp.diagnose.diagnose``.
     """
     if diagnose is None:
@@ -74,7 +78,26 @@ def run_case(plan: Plan, index: int, *, check_gain: bool = False, diagnose: Diag
     out |= {**found, "outcome": outcome, "remark": remark, "coverage": coverage(truth, found)}
     if check_gain:
         out["untouched_gain"] = _untouched_gain(result, case)
+    if resolve and "ambiguous" in (outcome, remark.split(",")[0]):
+        out["resolved"] = _resolved(result, case, diagnose)
     return out
+
+
+def _resolved(result: Any, case: Case, diagnose: Diagnose) -> dict[str, Any]:
+    """What comes of the experiment that an ambiguous verdict asks for."""
+    proposal = Proposal.of(result)
+    if proposal is None:
+        return {"result": "not proposed"}
+    out = {**asdict(proposal), "what": result.next_experiment.what}
+    recording = with_experiment(case, proposal)
+    out["trajectories"] = len(recording.trajectories) - len(case.recording.trajectories)
+    try:
+        found = record_of(diagnose(recording, seed=case.seed))
+    except Exception as error:
+        return {**out, "result": "failed", "remark": f"{type(error).__name__}: {error}"}
+    outcome, remark = judge(case.truth, any(kind in CALIBRATION for kind in case.truth.kinds), found)
+    result = "resolved" if outcome == "right" else outcome
+    return {**out, "result": result, "remark": remark, "verdict": found["verdict"], "causes": found["causes"]}
 
 
 def _untouched_gain(result: Any, case: Case) -> float | None:
@@ -94,6 +117,7 @@ def run_suite(
     *,
     jobs: int = 1,
     check_gain: bool = False,
+    resolve: bool = False,
     diagnose: Diagnose | None = None,
     told: Callable[[str], None] = print,
 ) -> list[dict[str, Any]]:
@@ -105,6 +129,7 @@ def run_suite(
         out: Folder of ``cases.jsonl``; made if needed.
         jobs: Processes, each with one thread; 0 runs in this process.
         check_gain: As in :func:`run_case`.
+        resolve: As in :func:`run_case`.
         diagnose: As in :func:`run_case`; must be importable by name where ``jobs`` > 0.
         told: Takes the lines of progress.
 
@@ -114,6 +139,8 @@ def run_suite(
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     settings = json.loads(json.dumps({**asdict(plan), "check_gain": check_gain}))
+    if resolve:
+        settings["resolve"] = True
     known = out / SETTINGS
     if known.exists() and json.loads(known.read_text(encoding="utf-8")) != settings:
         raise SuiteError(f"{out} holds another suite ({known.name} differs); choose another folder")
@@ -121,7 +148,7 @@ def run_suite(
     done = {case["index"]: case for case in read_cases(out)}
     left = [index for index in range(sets) if index not in done]
     with (out / CASES).open("a", encoding="utf-8") as stream:
-        for case in _cases(plan, left, jobs, check_gain, diagnose):
+        for case in _cases(plan, left, jobs, {"check_gain": check_gain, "resolve": resolve, "diagnose": diagnose}):
             stream.write(json.dumps(case, default=_plain, ensure_ascii=False) + "\n")
             stream.flush()
             done[case["index"]] = case
@@ -141,18 +168,16 @@ def read_cases(out: str | Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in whole.splitlines()]
 
 
-def _cases(
-    plan: Plan, left: list[int], jobs: int, check_gain: bool, diagnose: Diagnose | None
-) -> Iterator[dict[str, Any]]:
+def _cases(plan: Plan, left: list[int], jobs: int, how: dict[str, Any]) -> Iterator[dict[str, Any]]:
     if jobs <= 0:
         for index in left:
-            yield run_case(plan, index, check_gain=check_gain, diagnose=diagnose)
+            yield run_case(plan, index, **how)
         return
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # what is spawned reads it before NumPy is imported
     try:
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_quiet) as pool:
-            waiting = [pool.submit(run_case, plan, k, check_gain=check_gain, diagnose=diagnose) for k in left]
+            waiting = [pool.submit(run_case, plan, k, **how) for k in left]
             try:
                 for future in as_completed(waiting):
                     yield future.result()
@@ -184,4 +209,14 @@ def _line(case: dict[str, Any]) -> str:
     names = "+".join("|".join([c["name"], *c["alternatives"]]) for c in case.get("causes", []))
     found = f"{case.get('verdict')} {names}".strip()
     remark = f" ({case['remark']})" if case["remark"] else ""
+    if "resolved" in case:
+        remark += f", then {_then(case['resolved'])}"
     return f"#{case['index']} {truth} -> {found}: {case['outcome']}{remark}, {case.get('wall', 0.0):.1f} s"
+
+
+def _then(resolved: dict[str, Any]) -> str:
+    if "kind" not in resolved:
+        return str(resolved["result"])
+    names = "+".join("|".join([c["name"], *c["alternatives"]]) for c in resolved.get("causes", []))
+    made = f"{resolved['trajectories']} runs of {resolved['kind']} ({resolved['seconds']:.0f} s asked for)"
+    return f"{made} -> {names or resolved.get('verdict')}: {resolved['result']}"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
+from benchmarks.confusion.experiment import RESULTS
 from benchmarks.confusion.families import Plan
 from benchmarks.confusion.verdicts import OUTCOMES
 
@@ -20,7 +21,13 @@ def report(plan: Plan, cases: list[_Case]) -> str:
     if not cases:
         return "no cases"
     parts = [matrix(cases), by_kind(cases), "\n".join(acceptance(plan, cases))]
-    extra = [*_coverage_lines(cases), *_gain_lines(cases), _ambiguity_line(cases), _time_line(cases)]
+    extra = [
+        *_coverage_lines(cases),
+        *_gain_lines(cases),
+        _ambiguity_line(cases),
+        *_resolved_lines(cases),
+        _time_line(cases),
+    ]
     return "\n\n".join([*parts, "\n".join(line for line in extra if line)])
 
 
@@ -161,6 +168,27 @@ def _ambiguity_line(cases: list[_Case]) -> str:
         if cause["alternatives"]
     ]
     return share("alternatives that hold the truth", sets, lambda entry: entry["held"], least=0.95) if sets else ""
+
+
+def _resolved_lines(cases: list[_Case]) -> list[str]:
+    """What came of the proposed experiments: all together, and by what they were to tell apart."""
+    made = [case for case in cases if "resolved" in case]
+    if not made:
+        return []
+    results = [case["resolved"] for case in made]
+    lines = [
+        share("resolved by the proposed experiment", results, lambda r: r["result"] == "resolved", least=0.90),
+        "  " + ", ".join(f"{n} {name}" for name in RESULTS if (n := sum(r["result"] == name for r in results))),
+    ]
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for case in made:
+        rivals = ["|".join([c["name"], *c["alternatives"]]) for c in case["causes"] if c["alternatives"]]
+        experiment = case["resolved"].get("kind", "no experiment")
+        label = f"  {_truth(case)}, was {', '.join(rivals)}: {experiment}"
+        groups.setdefault(label, []).append(case["resolved"])
+    for label in sorted(groups):
+        lines.append(share(label, groups[label], lambda r: r["result"] == "resolved"))
+    return lines
 
 
 def _time_line(cases: list[_Case]) -> str:
