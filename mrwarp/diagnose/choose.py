@@ -30,6 +30,7 @@ DRIFT_P = 1e-3
 """Largest chance at which an effect that only shows between trajectories is believed."""
 _NEAR = 0.15
 """Part of an effect's gain by which its like may be behind, and single events still decide between them."""
+_ADDED, _ADDED_SLOWLY = 0.07, 0.02
 _MOST = 3
 """Most effects that are named together."""
 
@@ -186,16 +187,29 @@ def _as_good(fit: Fitted, best: Fitted, base: Fitted) -> bool:
     """Whether a model cannot be told from a better one, by what both gain on a base."""
     loss, t = _gain(fit.left_out, best.left_out)
     own = _total(base) - _total(best)
-    if all("time" in CATALOGUE[e].depends_on for e in set(fit.effects) ^ set(best.effects)):
+    if all(_drifts(e) for e in set(fit.effects) ^ set(best.effects)):
         return loss < 12.0 or (t < 2.0 and loss < 0.05 * own)  # what drifts is told by trajectories, not by samples
     return loss < 12.0 or (t < 1.5 and loss < 0.01 * own)
 
 
 def _passing(engine: Engine, choice: Choice, on: Fitted, candidates: list[str]) -> list[Candidate]:
     """Candidates that would add enough to a model."""
-    need = max(threshold(on), 0.06 * (_total(choice.base) - _total(on)))
-    look = engine.screen(on, [c for c in candidates if c not in on.effects], hopeless=need)
-    return [c for c in look if _total(on) - float(c.left_out.sum()) > need]
+    total = _total(choice.base) - _total(on)
+    rest = [c for c in candidates if c not in on.effects]
+    look = engine.screen(on, rest, hopeless=max(threshold(on), min(_part(c) for c in rest) * total)) if rest else []
+    return [c for c in look if _total(on) - float(c.left_out.sum()) > max(threshold(on), _part(c.effect) * total)]
+
+
+def _part(effect: str) -> float:
+    """Part of the whole gain that an effect must add: a law in a wrong form leaves as much for others to take up.
+
+    What drifts over the session is nobody else's wrong form.
+    """
+    return _ADDED_SLOWLY if _drifts(effect) else _ADDED
+
+
+def _drifts(effect: str) -> bool:
+    return "time" in CATALOGUE[effect].depends_on
 
 
 def _worth(choice: Choice, fit: Fitted) -> bool:
@@ -203,7 +217,7 @@ def _worth(choice: Choice, fit: Fitted) -> bool:
     total = _total(choice.base) - _total(fit)
     for effect in fit.effects:
         rest = tuple(e for e in fit.effects if e != effect)
-        if rest in choice.fits and _total(choice.fits[rest]) - _total(fit) < max(threshold(fit), 0.08 * total):
+        if rest in choice.fits and _total(choice.fits[rest]) - _total(fit) < max(threshold(fit), _part(effect) * total):
             return False
     return True
 
@@ -245,7 +259,7 @@ def _pruned(engine: Engine, choice: Choice, best: Fitted) -> Fitted:
         total = _total(choice.base) - _total(best)
         weakest = min(without, key=lambda e: _total(without[e]))
         add = _total(without[weakest]) - _total(best)
-        if add > max(threshold(best), 0.08 * total):
+        if add > max(threshold(best), _part(weakest) * total):
             break
         best = without[weakest]
     return best
@@ -346,6 +360,14 @@ def _timed(engine: Engine, choice: Choice, final: Fitted, candidates: list[str])
     return final if told == named[0] else rival
 
 
+def _worn(engine: Engine, fit: Fitted, effect: str) -> bool:
+    """Whether a drift with temperature recovers in no rest: then it is wear under another name."""
+    if effect != "temperature_drift":
+        return False
+    slow = next(p for p in CATALOGUE[effect].parameters if p.name == "time_constant")
+    return fit.coordinates.values(fit.x)[effect][slow.name] > 0.5 * slow.high(engine.motion.ranges)
+
+
 def _rivals(engine: Engine, choice: Choice, final: Fitted, candidates: list[str]) -> None:
     """For each named effect: what it adds, and which others would do as well in its place."""
     for effect in final.effects:
@@ -366,5 +388,7 @@ def _rivals(engine: Engine, choice: Choice, final: Fitted, candidates: list[str]
         choice.alternatives[effect] = tuple(
             name
             for name, fit in sorted(fits.items(), key=lambda kv: _total(kv[1]))
-            if name not in choice.settled and (name in choice.untold or _as_good(fit, final, without))
+            if name not in choice.settled
+            and not _worn(engine, fit, name)
+            and (name in choice.untold or _as_good(fit, final, without))
         )

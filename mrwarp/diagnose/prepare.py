@@ -22,6 +22,8 @@ from mrwarp.sysid.search import Progress, search_starts
 
 _STARTS_ON = 8000
 """Samples on which the starts of the baseline are searched."""
+_SHAPES = ((0.5, 1.0, 1.0), (1.5, 1.5, 1.5), (1.5, 2.5, 2.5))
+"""More starts: coordinates of alpha, beta, gamma with a hysteresis that yields within 1/3 to 1/12 of the scale."""
 _MANY = 20
 """Trajectories above which the features take up little of their offsets and factors; below, they take up most."""
 
@@ -59,7 +61,7 @@ def prepare(
     zero = _zero(recording, model) / samples.scales.q
     structure = BoucWenStructure(samples, zero)
     told("eqs. 14 and 15: starts")
-    points = search_starts(structure, Replay(samples), samples, limit=_STARTS_ON, seed=seed)[:3]
+    points = search_starts(structure, Replay(samples), samples, limit=_STARTS_ON, seed=seed)[:2]
     starts = [_coordinates_of(structure, point, motion) for point in points]
     rate = min(float(np.exp(point.theta[1])) for point in points)
     weight = _settled(motion, rate)
@@ -69,6 +71,8 @@ def prepare(
     if model is not None:
         starts.append(_start_of(model, structure, motion))
     plain = engine.coordinates(())
+    for shape in _SHAPES:  # the search sees few samples: now and then it ends in a corner
+        starts.append(np.array([*starts[0][:6], *shape]))
     starts = [plain.grown(x, known) for x in starts]
     for x in starts if model is not None else []:
         _known_values(c, x, model, motion)
