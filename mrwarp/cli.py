@@ -8,6 +8,7 @@ import sys
 COMMANDS = {
     "train": ("mrwarp.rl.train_cli", "train a walking policy until the walking gate is met"),
     "play": ("mrwarp.rl.play_cli", "run a policy and show it in rerun, or save an .rrd or a picture"),
+    "replay-dump": ("mrwarp.env.replay_dump_cli", "what went wrong first where a training met NaN or a blow-up"),
     "impact": ("mrwarp.evaluate.impact_cli", "hit walking robots with each current; live view, recording, pictures"),
     "walk": ("mrwarp.evaluate.walk_cli", "walk 30 m with three robots: cost of transport, support activation, torques"),
     "mission": ("mrwarp.evaluate.mission_cli", "150 m out, stand, 150 m back: power, state of charge, temperatures"),
@@ -41,7 +42,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _usage() -> str:
-    lines = [f"  {name:10s} {text}" for name, (_, text) in COMMANDS.items()]
+    lines = [f"  {name:12s} {text}" for name, (_, text) in COMMANDS.items()]
     return "\n".join(
         ["usage: mrwarp COMMAND [options]", "", "commands:", *lines, "", "'mrwarp COMMAND --help' lists its options"]
     )

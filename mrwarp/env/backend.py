@@ -15,6 +15,7 @@ import mujoco.batch
 import mujoco_warp
 import numpy as np
 import warp as wp
+from mujoco_warp import OverflowType
 
 
 class BackendKind(enum.Enum):
@@ -38,6 +39,10 @@ class Backend(Protocol):
     num_envs: int
     residual_tolerance: float
     """Largest residual of a converged solve [N·m], by the engine's precision."""
+    overflow: wp.array
+    """What the engine says of dropped contacts and constraint rows, int, shape (E, C); it rises and stays."""
+    overflow_mask: int
+    """Its bits that mean one was dropped."""
 
     def field(self, name: str) -> wp.array:
         """Live array of one of STATE_FIELDS or SOLUTION_FIELDS, shape (E, ...)."""
@@ -61,6 +66,7 @@ class MjBatchBackend:
 
     kind = BackendKind.MJBATCH
     residual_tolerance = 1e-3
+    overflow_mask = -1
 
     def __init__(self, model: mujoco.MjModel, num_envs: int, *, threads: int = 0) -> None:
         self.num_envs = num_envs
@@ -69,6 +75,11 @@ class MjBatchBackend:
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.batch = mujoco.batch.Batch(model, num_envs, threads, persistent=True)
         self._views: dict[str, wp.array] = {}
+        first = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
+        counts = self.batch.warning[:, first : int(mujoco.mjtWarning.mjWARN_CNSTRFULL) + 1, 1]
+        self.overflow = wp.array(
+            ptr=counts.ctypes.data, dtype=int, shape=counts.shape, strides=counts.strides, device="cpu", copy=False
+        )
 
     def field(self, name: str) -> wp.array:
         """See :class:`Backend`."""
@@ -113,6 +124,13 @@ class MjWarpBackend:
 
     kind = BackendKind.MJWARP
     residual_tolerance = 0.05
+    overflow_mask = int(
+        OverflowType.NEFC
+        | OverflowType.NJMAX_NNZ
+        | OverflowType.BROADPHASE
+        | OverflowType.NARROWPHASE
+        | OverflowType.CONTACT_MATCH
+    )
 
     def __init__(
         self,
@@ -132,6 +150,7 @@ class MjWarpBackend:
             self.data = mujoco_warp.make_data(model, nworld=num_envs, nconmax=contacts, njmax=constraints)
             qpos0 = np.tile(model.qpos0, (num_envs, 1)).astype(np.float32)
             self.data.qpos.assign(qpos0)
+        self.overflow = self.data.overflow.reshape((num_envs, 1))
 
     def field(self, name: str) -> wp.array:
         """See :class:`Backend`."""
@@ -156,7 +175,3 @@ class MjWarpBackend:
         """See :class:`Backend`."""
         with wp.ScopedDevice(self.device):
             mujoco_warp.step(self.model, self.data)
-
-    def overflow(self) -> np.ndarray:
-        """Overflow bits per environment (contacts or constraint rows dropped), shape (E,); reads the device back."""
-        return self.data.overflow.numpy()

@@ -275,6 +275,7 @@ class ActuatedSim:
         actuator: The joints' motors and devices.
         q_des: Joint targets [rad], shape (E, J); write them before stepping.
         current_e: Current each environment may use [A], shape (E,).
+        watchers: Launched in every step once its torques are known, before the physics; set before the first step.
     """
 
     def __init__(
@@ -303,6 +304,7 @@ class ActuatedSim:
             residual=residual,
             share_params=share_params,
         )  # fmt: skip
+        self.watchers: list[wp.Launch] = []
         self._graphs: dict[int, wp.Graph] = {}
         self.actuator.reset()
 
@@ -327,6 +329,8 @@ class ActuatedSim:
     def _step(self) -> None:
         actuator = self.actuator
         actuator.step()
+        for watcher in self.watchers:
+            watcher.launch()
         self.sim.step(actuator.tau, actuator.bound)
         actuator.account()
 

@@ -16,6 +16,7 @@ from mrwarp.env import commands, gait, observations, randomize, rewards, termina
 from mrwarp.env.cfg import LEARNED, EnvCfg
 from mrwarp.env.sim import ActuatedSim, robot_scene
 from mrwarp.env.sim_model import Edit
+from mrwarp.env.watch import Watch
 from mrwarp.kernels import ledger
 from mrwarp.nn import model_file
 from mrwarp.residual import LearnedTorque, with_bouc_wen
@@ -37,6 +38,8 @@ class WalkEnv(VecEnv):
         gravity: Direction of gravity in the trunk frame, shape (E, 3).
         substep_hooks: Called after every torque step of 5 ms, e.g. to record or to push; empty in training.
         fallen: Environments that ended by a fall in the last step, bool, shape (E,).
+        broken: Those of them in which a number went wrong, bool, shape (E,); see :class:`mrwarp.env.watch.Watch`.
+        watch: Counts them and keeps their last states.
     """
 
     cfg: EnvCfg
@@ -88,7 +91,8 @@ class WalkEnv(VecEnv):
         self.clock_match = self._zeros(num_envs, len(LEGS)).bool()
         self.gravity, self.body_velocity = self._zeros(num_envs, 3), self._zeros(num_envs, 3)
         self.effort, self.privileged = self._zeros(num_envs), self._zeros(num_envs, 2)
-        self.fallen = self._zeros(num_envs).bool()
+        self.fallen, self.broken = self._zeros(num_envs).bool(), self._zeros(num_envs).bool()
+        self.watch = Watch(self.robot, self.action)
         self.episode_length_buf = torch.zeros(num_envs, dtype=torch.long, device=self.device)
         randomize.at_start(self)
         self._after_start = self.generator.get_state()
@@ -119,15 +123,17 @@ class WalkEnv(VecEnv):
         self._update_derived()
 
         self.episode_length_buf += 1
-        self.fallen = terminations.fallen(self)
+        reward = rewards.total(self)
+        self.broken = self.watch.judge(reward)
+        self.fallen = terminations.fallen(self) | self.broken
         time_outs = terminations.timed_out(self) & ~self.fallen
         done = self.fallen | time_outs
-        reward = rewards.total(self)
-        # a fallen robot may hold no numbers: its last reward must not reach the learner
-        reward = torch.nan_to_num(reward, nan=0.0, posinf=0.0, neginf=0.0)
+        # the last reward of a robot that holds no numbers must not reach the learner
+        reward = torch.where(self.broken, 0.0, reward)
         if bool(done.any()):
             self._reset(done)
             self._update_derived()
+        self.watch.clear(done)
         self._sample_commands()
         self.last_observations = self.get_observations()
         return self.last_observations, reward, done, {"time_outs": time_outs}
@@ -146,7 +152,8 @@ class WalkEnv(VecEnv):
         self.actuator.begin_session()
         self._reset(torch.ones(self.num_envs, dtype=torch.bool, device=self.device))
         self.effort.zero_()
-        self.fallen = torch.zeros_like(self.fallen)
+        self.fallen, self.broken = torch.zeros_like(self.fallen), torch.zeros_like(self.broken)
+        self.watch.forget()
         self._update_derived()
         self.last_observations = self.get_observations()
 

@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from mrwarp.kernels.clip import clip
+
 
 @wp.func
 def bouc_wen_rate(qd: float, z: float, beta: float, gamma: float) -> float:
@@ -15,7 +17,7 @@ def bouc_wen_euler(qd: float, z: float, beta: float, gamma: float, z_max: float,
 
     Keeps ``|z| <= 1/(beta + gamma)`` only while ``max(beta, beta + gamma)*|qd|*dt <= 1``.
     """
-    return wp.clamp(z + dt * bouc_wen_rate(qd, z, beta, gamma), -z_max, z_max)
+    return clip(z + dt * bouc_wen_rate(qd, z, beta, gamma), z_max)
 
 
 @wp.func

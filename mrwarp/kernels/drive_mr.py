@@ -5,6 +5,7 @@ As in ``mr_stages``, two kernels around the learned torque: gate, coil, history 
 
 import warp as wp
 
+from mrwarp.kernels.clip import clip
 from mrwarp.kernels.coil import coil_current
 from mrwarp.kernels.gate import effective_kp, hold_gate
 from mrwarp.kernels.joint_params import JointParams
@@ -129,7 +130,7 @@ def drive_torque_kernel(
     motor = pd_torque(e, qd - qd_des_in[dof_des], gain, p.kd, wp.inf)
     if feedforward_in:
         motor = motor + feedforward_in[dof_des]
-    motor = wp.clamp(motor, -p.tau_limit, p.tau_limit)
+    motor = clip(motor, p.tau_limit)
 
     bound_out[i] = bound
     tau_out[i] = motor + device

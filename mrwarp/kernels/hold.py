@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from mrwarp.kernels.clip import clip
+
 
 @wp.func
 def yield_torque(current: float, T_max: float, K: float, n: float) -> float:
@@ -28,7 +30,7 @@ def holding_need(e: float, kp_base: float, kp_low: float) -> float:
 @wp.func
 def holding_torque(need: float, tau_y: float) -> float:
     """Explicit holding torque of eq. 19 [N·m]: the need, clipped to the capacity."""
-    return wp.clamp(need, -tau_y, tau_y)
+    return clip(need, tau_y)
 
 
 @wp.kernel

@@ -2,11 +2,13 @@
 
 import warp as wp
 
+from mrwarp.kernels.clip import clip
+
 
 @wp.func
 def pd_torque(e: float, qd: float, kp: float, kd: float, tau_limit: float) -> float:
-    """clip(kp*e - kd*qd, +-tau_limit) [N·m]."""
-    return wp.clamp(kp * e - kd * qd, -tau_limit, tau_limit)
+    """clip(kp*e - kd*qd, +-tau_limit) [N·m]; NaN stays NaN."""
+    return clip(kp * e - kd * qd, tau_limit)
 
 
 @wp.kernel

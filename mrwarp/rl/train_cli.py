@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import shlex
 import sys
 from enum import Enum
@@ -49,6 +50,9 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--sal", choices=("on", "off"), default="on", help="whether the gates may open")
     parser.add_argument("--backend", choices=_values(BackendKind), help="physics engine (default: by device)")
     parser.add_argument("--threads", type=int, default=0, help="CPU threads of the physics; 0 = all (default)")
+    parser.add_argument(
+        "--save-every", type=duration, default=30.0, metavar="S", help="time between checkpoints [s] (default: 30)"
+    )
     parser.add_argument("--out", type=Path, default=Path("runs/walk"), help="output folder (default: runs/walk)")
     view = parser.add_mutually_exclusive_group()
     view.add_argument("--live", action="store_true", help="watch four robots in rerun while they train")
@@ -59,9 +63,14 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run a training; 0 when the gate was met or not asked for, 1 when missed, 130 after Ctrl-C, 2 on bad input."""
+    """Run a training.
+
+    Returns:
+        0 when the gate was met or not asked for, 1 when missed or broken off, 130 after Ctrl-C, 2 on bad input.
+    """
     from mrwarp.rl.checkpoint import CheckpointError
-    from mrwarp.rl.trainer import TrainCfg, Trainer
+    from mrwarp.rl.folder import FolderError
+    from mrwarp.rl.trainer import TrainCfg, Trainer, TrainingError
     from mrwarp.viewing.stream import ViewerError
 
     args = make_parser().parse_args(argv)
@@ -91,6 +100,7 @@ def main(argv: list[str] | None = None) -> int:
             seed=args.seed,
             iterations=args.iterations,
             until_gate=not args.no_gate,
+            save_every=args.save_every,
             command="python train/ppo.py " + shlex.join(sys.argv[1:] if argv is None else argv),
         )
         print(
@@ -105,9 +115,14 @@ def main(argv: list[str] | None = None) -> int:
     except (ViewerError, AssetError, ParameterError, CheckpointError, ValueError, OSError) as error:
         print(f"train/ppo.py: {error}", file=sys.stderr)
         return 2
-    result = trainer.run()
-    if view is not None:
-        view.close()
+    try:
+        result = trainer.run()
+    except (TrainingError, FolderError) as error:
+        print(f"train/ppo.py: {error}", file=sys.stderr)
+        return 1 if isinstance(error, TrainingError) else 2
+    finally:
+        if view is not None:
+            view.close()
     if result["stopped"] == "interrupted":
         print(f"stopped; go on with --resume {args.out / 'checkpoint.pt'}")
         return 130
@@ -141,6 +156,14 @@ def positive(text: str) -> int:
     value = int(text)
     if value < 1:
         raise argparse.ArgumentTypeError(f"{value} must be at least 1")
+    return value
+
+
+def duration(text: str) -> float:
+    """Argument type: a time of at least 0 [s]."""
+    value = float(text)
+    if not (math.isfinite(value) and value >= 0.0):
+        raise argparse.ArgumentTypeError(f"{text} must be a time of at least 0 s")
     return value
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +15,30 @@ import torch
 from rsl_rl.algorithms import PPO
 from torch.utils.tensorboard import SummaryWriter
 
+from mrwarp.env import dump
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.evaluate.walking import GateCheck
 from mrwarp.quiet import silent
 from mrwarp.results import write_result
 from mrwarp.rl import checkpoint, curves, policy
+from mrwarp.rl.folder import check_writable, claim
 from mrwarp.rl.ppo_cfg import make_ppo_cfg
 
 WINDOW = 50
 """Updates over which the progress figures are averaged."""
+
+
+MAX_BROKEN = 0.01
+"""Largest share of environments in which a number may go wrong: in one update (one environment always may), and on
+average over the last :data:`WINDOW` updates."""
+
+MAX_DUMPS = 20
+"""Most files that one run writes of environments in which a number went wrong."""
+
+
+class TrainingError(RuntimeError):
+    """A training cannot go on; the message says why, and which checkpoint is left."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,9 +73,11 @@ class Trainer:
 
     Attributes:
         watchers: Called after every policy step, e.g. to show it.
+        breaks: Episodes that ended because a number went wrong.
 
     Raises:
         CheckpointError: the checkpoint cannot be used.
+        FolderError: the output folder cannot be written.
     """
 
     def __init__(self, cfg: TrainCfg, *, resume: Path | None = None) -> None:
@@ -83,9 +100,12 @@ class Trainer:
         self._met_gate = False
         # spread the episodes, so that resets do not come all at once
         self.env.episode_length_buf = torch.randint_like(self.env.episode_length_buf, self.env.max_episode_length)
+        self.breaks = 0
+        self._broken_window: deque[int] = deque(maxlen=WINDOW)
+        self._dumps = 0
         if content:
             self._load(content, resume)
-        self.cfg.out.mkdir(parents=True, exist_ok=True)
+        check_writable(cfg.out)
 
     @property
     def gate_passed(self) -> bool:
@@ -93,47 +113,66 @@ class Trainer:
         return bool(self.gate_rows) and self.gate_rows[-1]["passed"]
 
     def run(self) -> dict[str, Any]:
-        """Train until the gate is met, the iterations are used up, or Ctrl-C; returns what ``result.json`` holds."""
-        previous = signal.signal(signal.SIGINT, self._interrupt)
-        writer = SummaryWriter(str(self.cfg.out / "tensorboard"), purge_step=self.iteration + 1)
+        """Train until the gate is met, the iterations are used up, or Ctrl-C; returns what ``result.json`` holds.
+
+        Raises:
+            FolderError: another training writes into the folder.
+            TrainingError: too many environments or the networks hold no numbers, or the disk takes no more.
+        """
+        with claim(self.cfg.out):
+            previous = signal.signal(signal.SIGINT, self._interrupt)
+            writer = None
+            try:
+                writer = SummaryWriter(str(self.cfg.out / "tensorboard"), purge_step=self.iteration + 1)
+                return self._run(writer)
+            except OSError as error:
+                where = f"{error.filename}: " if error.filename else ""
+                cause = error.strerror or " ".join(str(error).split())
+                raise TrainingError(f"{where}{cause} (update {self.iteration}); {self._left()}") from error
+            finally:
+                signal.signal(signal.SIGINT, previous)
+                if writer is not None:
+                    with contextlib.suppress(OSError):  # the same full disk again
+                        writer.close()
+
+    def _run(self, writer: SummaryWriter) -> dict[str, Any]:
         started = time.perf_counter() - self.seconds
         saved, checked, printed = self.seconds, self.seconds, 0.0
-        try:
-            while self.iteration < self.cfg.iterations and not self._stop:
-                row = self._update()
-                self.seconds = time.perf_counter() - started
-                row["seconds"] = self.seconds
-                self.rows.append(row)
-                for name, value in row.items():
-                    writer.add_scalar(f"train/{name}", value, self.iteration)
-                if self.seconds - printed >= 5.0:
-                    self._print(row)
-                    printed = self.seconds
-                if row["v_x_rmse"] < self.cfg.check_below and self.seconds - checked >= self.cfg.check_every:
-                    self._check_gate(writer)
-                    checked = self.seconds = time.perf_counter() - started
-                    if self.gate_passed and self.cfg.until_gate:
-                        self._met_gate = True
-                        break
-                if self.seconds - saved >= self.cfg.save_every:
-                    self.save()
-                    saved = self.seconds
-            checked_now = bool(self.gate_rows) and self.gate_rows[-1]["iteration"] == self.iteration
-            if not self._stop and not checked_now:
-                self._check_gate(writer)
+        while self.iteration < self.cfg.iterations and not self._stop:
+            row = self._update()
             self.seconds = time.perf_counter() - started
-            return self._finish()
-        finally:
-            signal.signal(signal.SIGINT, previous)
-            writer.close()
+            row["seconds"] = self.seconds
+            self.rows.append(row)
+            for name, value in row.items():
+                writer.add_scalar(f"train/{name}", value, self.iteration)
+            if self.seconds - printed >= 5.0:
+                self._print(row)
+                printed = self.seconds
+            if row["v_x_rmse"] < self.cfg.check_below and self.seconds - checked >= self.cfg.check_every:
+                self._check_gate(writer)
+                checked = self.seconds = time.perf_counter() - started
+                if self.gate_passed and self.cfg.until_gate:
+                    self._met_gate = True
+                    break
+            if self.seconds - saved >= self.cfg.save_every:
+                self.save()
+                saved = self.seconds
+        checked_now = bool(self.gate_rows) and self.gate_rows[-1]["iteration"] == self.iteration
+        if not self._stop and not checked_now:
+            self._check_gate(writer)
+        self.seconds = time.perf_counter() - started
+        return self._finish()
 
     def save(self) -> Path:
         """Write ``checkpoint.pt``: networks, optimiser, random generators, environment and progress."""
         path = self.cfg.out / "checkpoint.pt"
+        algorithm = self.algorithm.save()
+        if wrong := _not_finite(algorithm):
+            raise TrainingError(f"{wrong} holds no numbers after update {self.iteration}; {self._left()}")
         checkpoint.save(
             path,
             {
-                "algorithm": self.algorithm.save(),
+                "algorithm": algorithm,
                 "learning_rate": self.algorithm.learning_rate,
                 "torch_rng": torch.get_rng_state(),
                 "env": self.env.state(),
@@ -142,6 +181,9 @@ class Trainer:
                 "rows": self.rows,
                 "window": list(self._window),
                 "gate_rows": self.gate_rows,
+                "breaks": self.breaks,
+                "broken_window": list(self._broken_window),
+                "dumps": self._dumps,
                 "seed": self.cfg.seed,
                 "task": task(self.cfg.env),
             },
@@ -163,6 +205,9 @@ class Trainer:
             self.iteration, self.seconds = content["iteration"], content["seconds"]
             self.rows, self.gate_rows = content["rows"], content["gate_rows"]
             self._window.extend(content["window"])
+            # files of an earlier version count no breaks
+            self.breaks, self._dumps = content.get("breaks", 0), content.get("dumps", 0)
+            self._broken_window.extend(content.get("broken_window", []))
             self.obs = self.env.last_observations
             torch.set_rng_state(content["torch_rng"])
         except (KeyError, TypeError, AttributeError, RuntimeError) as error:
@@ -189,7 +234,12 @@ class Trainer:
                 falls += env.fallen.sum()
             algorithm.compute_returns(self.obs)
         collected = time.perf_counter()
-        losses = algorithm.update()
+        if self._check_numbers():
+            losses = algorithm.update()
+            self._check_networks()
+        else:
+            algorithm.storage.clear()
+            losses = {"value": self._window[-1]["value_loss"] if self._window else 0.0}
         learned = time.perf_counter()
         self.iteration += 1
         hours = steps * env.cfg.step_dt * env.num_envs / 3600.0
@@ -211,6 +261,49 @@ class Trainer:
         row["action_std"] = float(self.algorithm.get_policy().output_std.detach().mean())
         row["iteration"] = float(self.iteration)
         return row
+
+    def _check_numbers(self) -> bool:
+        """Count, dump and print the environments that broke in this update; False if they must not be learned from.
+
+        Raises:
+            TrainingError: they are more than :data:`MAX_BROKEN`.
+        """
+        found = self.env.watch.take()
+        self._broken_window.append(len(found))
+        self.breaks += len(found)
+        num_envs, update = self.env.num_envs, self.iteration + 1
+        for item in found[: MAX_DUMPS - self._dumps]:
+            self._dumps += 1
+            path = self.cfg.out / "broken" / f"update{update:06d}-env{item.env:05d}.safetensors"
+            run = {"update": update, "seed": self.cfg.seed, "num_envs": num_envs, "task": task(self.cfg.env)}
+            dump.save(item, path, run)
+            print(f"  broken: {item}; started over, last states in {path}", flush=True)
+        share, window = len(found) / num_envs, sum(self._broken_window) / (WINDOW * num_envs)
+        at_once = len(found) > max(1.0, MAX_BROKEN * num_envs)
+        if at_once or window > MAX_BROKEN:
+            when = f"in update {update}" if at_once else f"per update over the last {WINDOW}"
+            raise TrainingError(
+                f"numbers went wrong in {share if at_once else window:.1%} of the environments {when}, more than "
+                f"{MAX_BROKEN:.0%}; first: {found[0]}; see 'mrwarp replay-dump' on the files in "
+                f"{self.cfg.out / 'broken'}; {self._left()}"
+            )
+        # a wrong state or torque ends in the environment; a wrong action stands in the rollout itself
+        return all(item.finite or item.columns[item.column].quantity != "action" for item in found)
+
+    def _check_networks(self) -> None:
+        """Stop at once when an update left networks without numbers.
+
+        Raises:
+            TrainingError: it did.
+        """
+        weights = [*self.algorithm.actor.parameters(), *self.algorithm.critic.parameters()]
+        if not bool(torch.isfinite(torch.stack([weight.detach().sum() for weight in weights]).sum())):
+            raise TrainingError(f"update {self.iteration + 1} left networks without numbers; {self._left()}")
+
+    def _left(self) -> str:
+        """What the user can go on from."""
+        path = self.cfg.out / "checkpoint.pt"
+        return f"go on from {path}" if path.is_file() else "no checkpoint was written yet"
 
     def _check_gate(self, writer: SummaryWriter) -> None:
         """Evaluate the policy without exploration against the walking gate."""
@@ -264,10 +357,20 @@ class Trainer:
             "environment_steps": self.iteration * self.ppo_cfg["num_steps_per_env"] * self.env.num_envs,
             "training": self.rows[-1] if self.rows else None,
             "unsolved_steps": int(self.env.sim.unsolved.numpy().sum()),
+            "broken_episodes": self.breaks,
+            "noticed": asdict(self.env.watch.noticed()),
             "task": task(env_cfg),
         }
         write_result(out, result, seed=self.cfg.seed, command=self.cfg.command)
         return result
+
+
+def _not_finite(values: Any, name: str = "") -> str:
+    """Name of the first tensor in nested dictionaries and lists that holds NaN or infinity; empty without."""
+    if isinstance(values, torch.Tensor):
+        return "" if not values.is_floating_point() or bool(torch.isfinite(values).all()) else name
+    items = values.items() if isinstance(values, dict) else enumerate(values) if isinstance(values, list) else ()
+    return next((wrong for key, value in items if (wrong := _not_finite(value, f"{name}.{key}".lstrip(".")))), "")
 
 
 def task(cfg: EnvCfg) -> dict[str, Any]:

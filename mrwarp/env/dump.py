@@ -1,0 +1,95 @@
+"""The last states of an environment in which a number went wrong, as a file of plain numbers and text (safetensors)."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
+from mrwarp.env.watch import KEPT, Break, Column
+
+META = "mrwarp_dump"
+SCHEMA = 1
+"""Version of the dump's layout."""
+
+
+class DumpError(ValueError):
+    """A dump cannot be read; the message names the file and the remedy."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dump:
+    """A break and where it happened."""
+
+    found: Break
+    """What went wrong, and the last states."""
+    run: dict[str, Any]
+    """Seed, update and task of the run, plain values."""
+
+
+def save(found: Break, path: Path, run: dict[str, Any]) -> None:
+    """Write a break in one piece; other values than numbers, text and null in ``run`` cannot be written."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(path.name + ".part")
+    meta = {
+        "schema": SCHEMA,
+        "env": found.env,
+        "column": found.column,
+        "finite": found.finite,
+        "columns": [[column.quantity, column.part, column.unit] for column in found.columns],
+        "run": run,
+    }
+    arrays = {"states": found.states.astype(np.float32), "bounds": found.bounds.astype(np.float64)}
+    try:
+        save_file(arrays, str(partial), metadata={META: json.dumps(meta)})
+        partial.chmod(0o644)  # safetensors keeps its files to their owner
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def load(path: Path) -> Dump:
+    """Read what :func:`save` wrote, as data only.
+
+    Raises:
+        DumpError: the file is missing, no dump, or damaged.
+    """
+    if not path.is_file():
+        raise DumpError(f"{path}: no such dump; name a .safetensors file from the folder 'broken' of a training")
+    try:
+        with safe_open(str(path), framework="np") as content:
+            meta = json.loads((content.metadata() or {}).get(META, "null"))
+            if not isinstance(meta, dict):
+                raise DumpError(f"{path}: no dump of mrwarp; name a file from the folder 'broken' of a training")
+            if meta.get("schema") != SCHEMA:
+                raise DumpError(f"{path}: schema {meta.get('schema')!r} is not {SCHEMA}; open it with its own version")
+            states, bounds = content.get_tensor("states"), content.get_tensor("bounds")
+        return Dump(found=_break(meta, states, bounds), run=dict(meta["run"]))
+    except DumpError:
+        raise
+    except (SafetensorError, OSError, KeyError, TypeError, ValueError, RecursionError) as error:
+        cause = " ".join(str(error).split())[:200]
+        raise DumpError(f"{path}: damaged dump ({cause}); run the training again") from error
+
+
+def _break(meta: dict[str, Any], states: np.ndarray, bounds: np.ndarray) -> Break:
+    columns = tuple(Column(quantity=str(q), part=str(p), unit=str(u)) for q, p, u in meta["columns"])
+    size = len(columns)
+    if states.ndim != 2 or not 1 <= len(states) <= KEPT or states.shape[1] != size or bounds.shape != (2, size):
+        raise ValueError(f"states {states.shape} and bounds {bounds.shape} do not fit {size} columns")
+    if states.dtype != np.float32 or bounds.dtype != np.float64:
+        raise ValueError(f"states are {states.dtype}, bounds {bounds.dtype}; float32 and float64 are wanted")
+    env, column = meta["env"], meta["column"]
+    if not (isinstance(env, int) and isinstance(column, int) and 0 <= column < size and env >= 0):
+        raise ValueError(f"environment {env!r} and column {column!r} of {size}")
+    if not math.isfinite(float(states[-1, 0])) or columns[0].quantity != "time":
+        raise ValueError("the first column is no time")
+    return Break(
+        env=env, column=column, finite=bool(meta["finite"]), columns=columns, states=states, bounds=bounds
+    )  # fmt: skip

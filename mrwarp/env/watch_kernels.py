@@ -1,0 +1,126 @@
+"""Kernel that keeps the last states of every environment and names the first number that is wrong."""
+
+from typing import Any
+
+import warp as wp
+
+
+@wp.func
+def put(
+    value: float,
+    row: wp.array2d[float],
+    env: int,
+    column: int,
+) -> int:
+    """Write one value and return the next column."""
+    row[env, column] = value
+    return column + 1
+
+
+@wp.kernel
+def watch_kernel(
+    # parameters: 1 = end of a policy step; step [s]; bits that count as overflow; bounds of a state that is not
+    # broken, and of one that is not noticed, for the columns of qpos and qvel, shape (nq + nv,)
+    last: int,
+    dt: float,
+    overflow_mask: int,
+    low: wp.array[float],
+    high: wp.array[float],
+    notice_low: wp.array[float],
+    notice_high: wp.array[float],
+    # in, shapes (E, A), (E, M), (E, M) [A], (E, J) [N·m], (E, J) [N·m], (E, nq), (E, nv), (E, L) [N], (E,), (E, C)
+    action_in: wp.array2d[float],
+    z_in: wp.array2d[float],
+    current_in: wp.array2d[float],
+    tau_in: wp.array2d[float],
+    bound_in: wp.array2d[float],
+    qpos_in: wp.array2d[Any],
+    qvel_in: wp.array2d[Any],
+    f_foot_in: wp.array2d[float],
+    reward_in: wp.array[float],
+    overflow_in: wp.array2d[int],
+    # out, shapes (E,), (N + 1, E, D), five times (E,), (E, 2), (E, C)
+    age_out: wp.array[int],
+    history_out: wp.array3d[float],
+    rows_out: wp.array[int],
+    cause_out: wp.array[int],
+    broken_out: wp.array[int],
+    breaks_out: wp.array[int],
+    noticed_column_out: wp.array[int],
+    noticed_out: wp.array2d[int],
+    overflow_seen_out: wp.array2d[int],
+):
+    """Add the state to the ring of the last N, unless the ring waits to be read; find the first wrong column.
+
+    ``cause`` is -1, or the column that is no finite number, or D + the column that is beyond its bounds. The last row
+    of the history is where states go that are checked but not kept.
+    """
+    env = wp.tid()
+    kept = history_out.shape[0] - 1
+    size = history_out.shape[2]
+    frozen = cause_out[env] >= 0
+    slot = rows_out[env] % kept
+    if frozen:
+        slot = kept
+    row = history_out[slot]
+    k = put(float(age_out[env]) * dt, row, env, 0)
+    for i in range(action_in.shape[1]):
+        k = put(action_in[env, i], row, env, k)
+    for i in range(z_in.shape[1]):
+        k = put(z_in[env, i], row, env, k)
+    for i in range(current_in.shape[1]):
+        k = put(current_in[env, i], row, env, k)
+    # qpos and qvel before the torques that follow from them
+    for i in range(qpos_in.shape[1]):
+        k = put(wp.float32(qpos_in[env, i]), row, env, k)
+    for i in range(qvel_in.shape[1]):
+        k = put(wp.float32(qvel_in[env, i]), row, env, k)
+    for i in range(f_foot_in.shape[1]):
+        k = put(f_foot_in[env, i], row, env, k)
+    for i in range(tau_in.shape[1]):
+        k = put(tau_in[env, i], row, env, k)
+    for i in range(bound_in.shape[1]):
+        k = put(bound_in[env, i], row, env, k)
+    k = put(reward_in[env], row, env, k)
+
+    # 0*x is NaN where x is no finite number: one sum tells whether to look closer
+    total = float(0.0)
+    for i in range(size):
+        total = total + row[env, i] * 0.0
+    cause = int(-1)
+    if total != 0.0:
+        for i in range(size):
+            if cause < 0 and not wp.isfinite(row[env, i]):
+                cause = i
+    first = 1 + action_in.shape[1] + z_in.shape[1] + current_in.shape[1]
+    if cause < 0:
+        for i in range(first, first + low.shape[0]):
+            value = row[env, i]
+            if cause < 0 and (value < low[i - first] or value > high[i - first]):
+                cause = size + i
+    if cause < 0:
+        for i in range(first, first + low.shape[0]):
+            value = row[env, i]
+            if value < notice_low[i - first] or value > notice_high[i - first]:
+                noticed_column_out[env] = i
+                noticed_out[env, 0] = noticed_out[env, 0] + 1
+    dropped = int(0)
+    for i in range(overflow_in.shape[1]):
+        # counters and flags of the engine rise and stay: only a change is news
+        now = overflow_in[env, i] & overflow_mask
+        if now != overflow_seen_out[env, i]:
+            dropped = 1
+            overflow_seen_out[env, i] = now
+    noticed_out[env, 1] = noticed_out[env, 1] + dropped
+
+    if cause >= 0:
+        if broken_out[env] == 0:
+            breaks_out[env] = breaks_out[env] + 1
+        broken_out[env] = 1
+        if not frozen:
+            cause_out[env] = cause
+    if last == 0:
+        age_out[env] = age_out[env] + 1
+    # at the end of a policy step the state is only checked: the next torque step keeps it
+    if not frozen and (last == 0 or cause >= 0):
+        rows_out[env] = rows_out[env] + 1

@@ -1,0 +1,159 @@
+"""Trainer: numbers that go wrong, full disks and shared folders end in a clear message, never in a lost checkpoint."""
+
+import errno
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from mrwarp.env import dump
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.evaluate.walking import GateCheck, WalkingGate
+from mrwarp.rl import checkpoint, curves, folder, train_cli, trainer
+from mrwarp.rl.folder import FolderError
+from mrwarp.rl.trainer import TrainCfg, Trainer, TrainingError
+
+NAN = float("nan")
+GATE = WalkingGate(num_envs=4, warmup=0.0, seconds=0.2)
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Gate checks of 0.2 s, no picture; MuJoCo's log goes to the temporary folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(trainer, "GateCheck", lambda cfg: GateCheck(cfg, gate=GATE))
+    monkeypatch.setattr(curves, "plot", lambda *_: None)
+
+
+def make_trainer(out: Path, *, iterations: int = 2, **changes: Any) -> Trainer:
+    """A run of a few updates with 8 environments."""
+    env = replace(make_walk_cfg(num_envs=8), episode_seconds=1.0)
+    return Trainer(replace(TrainCfg(env=env, out=out, seed=3, iterations=iterations, until_gate=False), **changes))
+
+
+def spoil(run: Trainer, envs: list[int], step: int) -> None:
+    """Write NaN into a joint speed of some environments at one policy step."""
+    count = [0]
+
+    def watch() -> None:
+        count[0] += 1
+        if count[0] == step:
+            run.env.view(run.env.sim.backend.field("qvel"))[envs, 12] = NAN
+
+    run.watchers.append(watch)
+
+
+def test_one_broken_environment_is_dumped_and_training_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """NaN in one environment: a line, a dump that opens, a count in the result, finite networks at the end."""
+    run = make_trainer(tmp_path / "run", save_every=0.0)
+    spoil(run, [5], 10)
+    result = run.run()
+    assert (result["broken_episodes"], result["iterations"]) == (1, 2)
+    (path,) = (tmp_path / "run" / "broken").iterdir()
+    found = dump.load(path)
+    assert found.found.env == 5 and found.run["update"] == 1 and "velocity" in str(found.found)
+    assert "broken: environment 5" in capsys.readouterr().out
+    kept = checkpoint.load(tmp_path / "run" / "checkpoint.pt")
+    assert kept["breaks"] == 1 and trainer._not_finite(kept["algorithm"]) == ""
+    assert Trainer(run.cfg, resume=tmp_path / "run" / "checkpoint.pt").breaks == 1
+
+
+def test_too_many_broken_environments_stop_the_training(tmp_path: Path) -> None:
+    """2 of 8 in the third update: the message names the share, the first cause and the checkpoint of the second."""
+    run = make_trainer(tmp_path / "run", iterations=5, save_every=0.0)
+    spoil(run, [1, 6], 2 * 24 + 7)
+    with pytest.raises(
+        TrainingError, match=r"25.0% of the environments in update 3, more.*first: environment 1"
+    ):
+        run.run()
+    assert checkpoint.load(tmp_path / "run" / "checkpoint.pt")["iteration"] == 2
+    assert len(list((tmp_path / "run" / "broken").iterdir())) == 2
+
+
+def test_an_environment_that_breaks_again_and_again_stops_the_training(tmp_path: Path) -> None:
+    """One environment per update is 12.5 % of 8: above 1 % of 50 updates from the fifth on."""
+    run = make_trainer(tmp_path / "run", iterations=50)
+    run.watchers.append(lambda: run.env.view(run.env.sim.backend.field("qvel"))[0].__setitem__(9, NAN))
+    with pytest.raises(TrainingError, match="per update over the last 50"):
+        run.run()
+    assert run.iteration == 4
+
+
+def test_an_action_that_is_no_number_is_not_learned_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One NaN among the actions of a rollout would reach every weight: that rollout is left out."""
+    run = make_trainer(tmp_path / "run")
+    act, calls = run.algorithm.act, [0]
+
+    def broken(obs: Any) -> torch.Tensor:
+        actions = act(obs)
+        calls[0] += 1
+        if calls[0] == 5:
+            actions[2, 4] = NAN
+        return actions
+
+    monkeypatch.setattr(run.algorithm, "act", broken)
+    assert run.run()["broken_episodes"] == 1
+    assert trainer._not_finite(run.algorithm.save()) == ""
+
+
+def test_networks_without_numbers_are_never_saved(tmp_path: Path) -> None:
+    """A NaN weight: every action is NaN, the training stops, and the checkpoint before stays."""
+    run = make_trainer(tmp_path / "run")
+    path = run.save()
+    before = path.read_bytes()
+    with torch.no_grad():
+        list(run.algorithm.get_policy().parameters())[-1].fill_(NAN)
+    with pytest.raises(TrainingError, match=f"holds no numbers after update 0; go on from {path}"):
+        run.save()
+    with pytest.raises(TrainingError, match="100.0% of the environments in update 1.*action of"):
+        run.run()
+    assert path.read_bytes() == before
+
+
+def fail(code: int) -> Callable[..., Any]:
+    """A function of the operating system that fails."""
+
+    def raising(*_: Any, **__: Any) -> None:
+        raise OSError(code, os.strerror(code))
+
+    return raising
+
+
+@pytest.mark.parametrize("name", ["fsync", "replace"])
+def test_a_full_disk_stops_with_the_earlier_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """No space for the next checkpoint: the file, the reason and what to go on from; the old one is intact."""
+    run = make_trainer(tmp_path / "run", save_every=0.0)
+    path = run.save()
+    before = path.read_bytes()
+    monkeypatch.setattr(os, name, fail(errno.ENOSPC))
+    with pytest.raises(TrainingError, match=f"{path}: No space left on device .update 1.; go on from {path}"):
+        run.run()
+    assert path.read_bytes() == before and not list(path.parent.glob("*.part"))
+
+
+def test_a_folder_without_write_access_is_refused_before_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Checked by writing, as rights and full disks cannot be told otherwise; exit code 2 of the command."""
+    monkeypatch.setattr(Path, "write_bytes", fail(errno.EACCES))
+    code = train_cli.main(["--num-envs", "2", "--out", str(tmp_path / "run")])
+    error = capsys.readouterr().err
+    assert code == 2 and f"{tmp_path / 'run'}: cannot be written (Permission denied)" in error
+
+
+def test_a_second_training_in_the_same_folder_is_refused(tmp_path: Path) -> None:
+    """While one writes the other is told so; afterwards the folder is free, and no lock file is left."""
+    run = make_trainer(tmp_path / "run")
+    with folder.claim(tmp_path / "run"), pytest.raises(FolderError, match="another training writes here; wait"):
+        run.run()
+    assert not any((tmp_path / "run").iterdir())
+    with folder.claim(tmp_path / "run"):
+        pass
