@@ -251,7 +251,7 @@ def _columns(sim: Sim, actuator: MrActuator, num_actions: int) -> list[Column]:
 def _bounds(sim: Sim, columns: Sequence[Column]) -> tuple[np.ndarray, np.ndarray]:
     """Least and largest value per column of a state that is not broken, and of one that is not noticed; (2, D) each."""
     largest = {"m/s": MAX_SPEED, "m": math.inf, "rad": MAX_Q, "rad/s": MAX_QD}
-    bounds, notice = np.full((2, len(columns)), np.inf), np.full((2, len(columns)), np.inf)
+    bounds = np.full((2, len(columns)), np.inf)
     model, joints = sim.scene.model, sim.scene.joints
     ranges = {}
     for joint, adr in zip(joints, sim.scene.q_adr, strict=True):
@@ -265,7 +265,8 @@ def _bounds(sim: Sim, columns: Sequence[Column]) -> tuple[np.ndarray, np.ndarray
             )  # fmt: skip
         elif column.quantity == "angular velocity":
             bounds[1, i] = MAX_RATE
-    bounds[0], notice[0] = -bounds[1], -notice[1]
+    bounds[0] = -bounds[1]
+    notice = bounds.copy()
     for i, column in enumerate(columns):
         if column.quantity == "position" and column.part in ranges:
             low, high = ranges[column.part]

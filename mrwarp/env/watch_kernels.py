@@ -5,18 +5,6 @@ from typing import Any
 import warp as wp
 
 
-@wp.func
-def put(
-    value: float,
-    row: wp.array2d[float],
-    env: int,
-    column: int,
-) -> int:
-    """Write one value and return the next column."""
-    row[env, column] = value
-    return column + 1
-
-
 @wp.kernel
 def watch_kernel(
     # parameters: 1 = end of a policy step; step [s]; bits that count as overflow; bounds of a state that is not
@@ -62,48 +50,71 @@ def watch_kernel(
     slot = rows_out[env] % kept
     if frozen:
         slot = kept
-    row = history_out[slot]
-    k = put(float(age_out[env]) * dt, row, env, 0)
-    for i in range(action_in.shape[1]):
-        k = put(action_in[env, i], row, env, k)
-    for i in range(z_in.shape[1]):
-        k = put(z_in[env, i], row, env, k)
-    for i in range(current_in.shape[1]):
-        k = put(current_in[env, i], row, env, k)
-    # qpos and qvel before the torques that follow from them
-    for i in range(qpos_in.shape[1]):
-        k = put(wp.float32(qpos_in[env, i]), row, env, k)
-    for i in range(qvel_in.shape[1]):
-        k = put(wp.float32(qvel_in[env, i]), row, env, k)
-    for i in range(f_foot_in.shape[1]):
-        k = put(f_foot_in[env, i], row, env, k)
-    for i in range(tau_in.shape[1]):
-        k = put(tau_in[env, i], row, env, k)
-    for i in range(bound_in.shape[1]):
-        k = put(bound_in[env, i], row, env, k)
-    k = put(reward_in[env], row, env, k)
-
+    history_out[slot, env, 0] = float(age_out[env]) * dt
     # 0*x is NaN where x is no finite number: one sum tells whether to look closer
     total = float(0.0)
-    for i in range(size):
-        total = total + row[env, i] * 0.0
+    k = int(1)
+    for i in range(action_in.shape[1]):
+        value = action_in[env, i]
+        history_out[slot, env, k] = value
+        total += 0.0 * value
+        k += 1
+    for i in range(z_in.shape[1]):
+        value = z_in[env, i]
+        history_out[slot, env, k] = value
+        total += 0.0 * value
+        k += 1
+    for i in range(current_in.shape[1]):
+        value = current_in[env, i]
+        history_out[slot, env, k] = value
+        total += 0.0 * value
+        k += 1
+    # qpos and qvel before the torques that follow from them
+    first = k
+    for i in range(qpos_in.shape[1]):
+        value = wp.float32(qpos_in[env, i])
+        history_out[slot, env, k] = value
+        total += 0.0 * value
+        k += 1
+    for i in range(qvel_in.shape[1]):
+        value = wp.float32(qvel_in[env, i])
+        history_out[slot, env, k] = value
+        total += 0.0 * value
+        k += 1
+    for i in range(f_foot_in.shape[1]):
+        value = f_foot_in[env, i]
+        history_out[slot, env, k] = value
+        total += 0.0 * value
+        k += 1
+    for i in range(tau_in.shape[1]):
+        value = tau_in[env, i]
+        history_out[slot, env, k] = value
+        total += 0.0 * value
+        k += 1
+    for i in range(bound_in.shape[1]):
+        value = bound_in[env, i]
+        history_out[slot, env, k] = value
+        total += 0.0 * value
+        k += 1
+    history_out[slot, env, k] = reward_in[env]
+    total += 0.0 * reward_in[env]
+
     cause = int(-1)
     if total != 0.0:
         for i in range(size):
-            if cause < 0 and not wp.isfinite(row[env, i]):
+            if cause < 0 and not wp.isfinite(history_out[slot, env, i]):
                 cause = i
-    first = 1 + action_in.shape[1] + z_in.shape[1] + current_in.shape[1]
     if cause < 0:
-        for i in range(first, first + low.shape[0]):
-            value = row[env, i]
-            if cause < 0 and (value < low[i - first] or value > high[i - first]):
-                cause = size + i
-    if cause < 0:
-        for i in range(first, first + low.shape[0]):
-            value = row[env, i]
-            if value < notice_low[i - first] or value > notice_high[i - first]:
-                noticed_column_out[env] = i
-                noticed_out[env, 0] = noticed_out[env, 0] + 1
+        for i in range(low.shape[0]):
+            state = history_out[slot, env, first + i]
+            # what is broken is beyond the bounds of what is noticed too
+            if state < notice_low[i] or state > notice_high[i]:
+                if state < low[i] or state > high[i]:
+                    if cause < 0:
+                        cause = size + first + i
+                else:
+                    noticed_column_out[env] = first + i
+                    noticed_out[env, 0] = noticed_out[env, 0] + 1
     dropped = int(0)
     for i in range(overflow_in.shape[1]):
         # counters and flags of the engine rise and stay: only a change is news

@@ -68,9 +68,7 @@ def test_too_many_broken_environments_stop_the_training(tmp_path: Path) -> None:
     """2 of 8 in the third update: the message names the share, the first cause and the checkpoint of the second."""
     run = make_trainer(tmp_path / "run", iterations=5, save_every=0.0)
     spoil(run, [1, 6], 2 * 24 + 7)
-    with pytest.raises(
-        TrainingError, match=r"25.0% of the environments in update 3, more.*first: environment 1"
-    ):
+    with pytest.raises(TrainingError, match=r"25.0% of the environments in update 3, more.*first: environment 1"):
         run.run()
     assert checkpoint.load(tmp_path / "run" / "checkpoint.pt")["iteration"] == 2
     assert len(list((tmp_path / "run" / "broken").iterdir())) == 2
