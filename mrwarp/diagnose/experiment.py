@@ -35,6 +35,8 @@ _RUN = (3.0, 10.0)
 """Shortest and longest run [s]."""
 _RUNS = 4
 """Fewest runs, and as many as are simulated: an effect has to foretell runs that it was not fitted to."""
+_MANY_RUNS = 24
+"""Runs above which they are made longer instead."""
 _LONGEST = 36000.0
 _AWAY = (-1.4, -0.7, 0.7, 1.4)
 """Where else the logarithm of a number is tried."""
@@ -223,7 +225,10 @@ def _described(engine: Engine, kind: str, trial: Motion, missed: float, names: t
     seconds = simulated * _CHI2 / max(missed, 1e-9)
     if {LAG, DELAY} <= set(names):
         seconds = _EDGES * 0.35
-    runs = max(_RUNS, math.ceil(min(seconds, _LONGEST) / run))
+    seconds = min(max(seconds, _RUNS * run), _LONGEST)
+    if seconds > _MANY_RUNS * run:
+        run = float(math.ceil(seconds / _MANY_RUNS))
+    runs = math.ceil(seconds / run)
     size, low, high = _swing(engine.motion, standard)
     top = engine.motion.ranges.current * scales.current
     settings = {
@@ -238,7 +243,7 @@ def _described(engine: Engine, kind: str, trial: Motion, missed: float, names: t
     current = _CURRENTS[standard.current].format(name=quantity(unit), top=measured(top, unit))
     return NextExperiment(
         what=f"in {runs} runs of {run:.3g} s, {current} while the joint {motion}",
-        seconds=min(max(seconds, _RUNS * run), _LONGEST), separates=names, kind=kind, settings=settings,
+        seconds=seconds, separates=names, kind=kind, settings=settings,
     )  # fmt: skip
 
 
