@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -177,7 +178,7 @@ def open_stage(file: Path, allow_external: bool = False) -> Usd.Stage:
                 _refuse_external(layer, file.resolve().parent, set())
         stage = Usd.Stage.Open(layer, Sdf.Layer.CreateAnonymous("session.usda")) if layer else None
     except Tf.ErrorException as error:
-        raise AssetError(f"{file}: not readable as USD: {str(error).strip()[:_LONGEST]}") from None
+        raise AssetError(f"{file}: not readable as USD: {_said(error)}; repair the file there") from None
     if stage is None or not stage.GetDefaultPrim():
         raise AssetError(f"{file}: not readable as USD, or without a defaultPrim; name the robot's root prim there")
     for error in stage.GetCompositionErrors():
@@ -190,6 +191,16 @@ def open_stage(file: Path, allow_external: bool = False) -> Usd.Stage:
         )
     stage.SetEditTarget(stage.GetSessionLayer())
     return stage
+
+
+def _said(error: Exception) -> str:
+    """What USD's errors say, on one line, without where in USD's own source they were raised."""
+    try:
+        text = str(error)
+    except UnicodeDecodeError:  # the message quotes the file
+        return "the text is not UTF-8"
+    found = re.findall(r" at line \d+ in file \S+ : '(.*?)'(?=\n|$)", text.strip(), flags=re.DOTALL)
+    return " ".join(" ".join(found or [text]).split())[:_LONGEST]
 
 
 def _refuse_external(layer: Sdf.Layer, folder: Path, seen: set[str]) -> None:

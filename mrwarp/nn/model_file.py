@@ -132,7 +132,8 @@ def load(path: str | Path) -> LearnedModel:
             seed=int(meta["seed"]), training=dict(meta["training"]),
         )  # fmt: skip
     except (RuntimeError, KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ModelFileError(f"{path}: weights or description are incomplete ({error}); train it again") from error
+        cause = " ".join(str(error).split())  # torch writes one line per tensor
+        raise ModelFileError(f"{path}: weights or description are incomplete ({cause}); train it again") from error
     if not all(bool(torch.isfinite(tensor).all()) for tensor in weights.values()):
         raise ModelFileError(f"{path}: holds weights that are no numbers; train it again")
     return model
