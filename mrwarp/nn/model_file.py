@@ -119,9 +119,9 @@ def load(path: str | Path) -> LearnedModel:
         with safe_open(str(path), framework="pt") as content:
             meta = json.loads((content.metadata() or {}).get(META, "null"))
             weights = {name: content.get_tensor(name) for name in content.keys()}  # noqa: SIM118 (no mapping)
-    except (SafetensorError, OSError, json.JSONDecodeError) as error:
+    except (SafetensorError, OSError, ValueError, RecursionError) as error:
         raise ModelFileError(f"{path}: not a readable safetensors file ({error}); train it again") from error
-    if not isinstance(meta, dict) or meta.get("schema") != SCHEMA or meta.get("kind") not in SAMPLES:
+    if not isinstance(meta, dict) or meta.get("schema") != SCHEMA or str(meta.get("kind")) not in SAMPLES:
         raise ModelFileError(f"{path}: no learned torque model of this version; make one with 'mrwarp learn'")
     try:
         net = make_net(meta["kind"])

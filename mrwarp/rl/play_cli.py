@@ -210,7 +210,8 @@ def make_cfg(args: argparse.Namespace, task: dict[str, Any]) -> EnvCfg:
         sal=sal,
     )
     for name in ("action_scale", "step_dt", "gait_frequency"):
-        if name in task and not math.isclose(task[name], getattr(cfg, name)):
+        same = isinstance(task.get(name, 0.0), int | float) and math.isclose(task.get(name, 0.0), getattr(cfg, name))
+        if name in task and not same:
             raise ValueError(f"{args.policy}: made for {name} = {task[name]}, this version has {getattr(cfg, name)}")
     return replace(cfg, currents=tuple(args.current))
 

@@ -79,7 +79,8 @@ class OnnxPolicy:
         self.path = path
         try:
             self.description: dict[str, Any] = dict(json.loads(props[META]))
-        except (ValueError, TypeError) as error:
+            dict(self.description.get("task", {}))
+        except (ValueError, TypeError, RecursionError) as error:
             raise PolicyError(f"{path}: unreadable mrwarp metadata ({error}); export it again") from error
         if self.description.get("observations") != ACTOR_TERMS:
             raise PolicyError(

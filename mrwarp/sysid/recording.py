@@ -325,7 +325,7 @@ def _read_comment(line: str, header: dict[str, Any]) -> None:
     if colon:
         try:
             header[key.strip()] = json.loads(value)
-        except ValueError:
+        except (ValueError, RecursionError):
             header[key.strip()] = value.strip()
 
 
@@ -395,8 +395,9 @@ def _read_parquet(file: Path, limit: int, required: Sequence[str]) -> tuple[_Tab
                 raise _too_large(file, size)
             _check_names(table, names, ",".join(names), required)
             header = json.loads((parquet.schema_arrow.metadata or {}).get(b"mrwarp", b"{}"))
+            header = header if isinstance(header, dict) else {"header": header}
             content = parquet.read(columns=wanted)
-    except (pa.ArrowException, OSError, ValueError) as error:
+    except (pa.ArrowException, OSError, ValueError, RecursionError) as error:
         if isinstance(error, RecordingError):
             raise
         reason = str(error).splitlines()[0][:200]
@@ -607,7 +608,7 @@ def _read_units(folder: Path) -> _Units:
     if path.is_file():
         try:
             declared = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise RecordingError(f"{path}: not readable as JSON ({error}); repair or remove it") from None
         if not isinstance(declared, dict):
             raise RecordingError(f'{path}: must hold one object, e.g. {{"q": "deg", "current": "mA"}}')
@@ -618,7 +619,7 @@ def _read_units(folder: Path) -> _Units:
     for key, unit in declared.items():
         if key not in _CONVERSIONS:
             raise RecordingError(f"{path}: there is no column {key!r}; known: {', '.join(_CONVERSIONS)}")
-        if unit not in _CONVERSIONS[key]:
+        if not isinstance(unit, str) or unit not in _CONVERSIONS[key]:
             known = ", ".join(_CONVERSIONS[key])
             raise RecordingError(f"{path}: the unit {unit!r} of {key} is not known; use one of {known}")
         units[key] = unit

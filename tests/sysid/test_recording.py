@@ -434,3 +434,17 @@ def test_public_set_loads(shared_data: Path, name: str, trajectories: int, curre
     assert {float(x) for run in got.trajectories for x in np.unique(run.current)} == currents
     stroke = max(float(np.ptp(run.q)) for run in got.trajectories) / 2
     assert stroke == pytest.approx(amplitude, rel=0.25)
+
+
+def test_a_header_nested_without_end_is_kept_as_text(tmp_path: Path) -> None:
+    """A comment of 100,000 brackets is no JSON that Python can read: the recording is, and the comment stays text."""
+    rows = "\n".join(f"{0.005 * k:.3f},{0.01 * k},0.5,{0.1 * k}" for k in range(60))
+    path = tmp_path / "a.csv"
+    path.write_text("# source: " + "[" * 100_000 + "\nt,q,current,torque\n" + rows + "\n")
+    assert load_recording(path).header["source"] == "[" * 100_000
+    (tmp_path / "units.json").write_text("[" * 100_000)
+    with pytest.raises(RecordingError, match=r"units.json: not readable as JSON .*; repair or remove it"):
+        load_recording(path)
+    (tmp_path / "units.json").write_text('{"q": ["deg"]}')
+    with pytest.raises(RecordingError, match=r"the unit \['deg'\] of q is not known; use one of"):
+        load_recording(path)
