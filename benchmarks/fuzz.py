@@ -517,7 +517,7 @@ def run(kind: str, cases: int, *, seed: int, out: Path, seconds: float) -> dict[
 
 def main(argv: list[str] | None = None) -> int:
     """Fuzz; 0 without failures, 1 with."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.fuzz", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.fuzz", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--kind", choices=[*KINDS, "cli", "all"], default="all", help="what is read (default: all)")
     parser.add_argument("--cases", type=int, default=100_000, help="cases per kind (default: 100000)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the mutations (default: 0)")

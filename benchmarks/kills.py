@@ -128,7 +128,7 @@ def measure(kills: int, updates: int, out: Path, *, seed: int, longest: float) -
             time.sleep(0.002)
         run.join(rng.uniform(0.0, longest))
         alive = run.is_alive()
-        if alive:
+        if alive and run.pid is not None:
             os.kill(run.pid, signal.SIGKILL)
             run.join()
         elif run.exitcode != 0:

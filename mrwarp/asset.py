@@ -284,7 +284,8 @@ def _number(prim: Usd.Prim, name: str, spec: ParamSpec, file: str | Path) -> flo
     value: Any = opinion.default
     if opinion.HasInfo("timeSamples"):
         raise AssetError(f"{where}: {name} varies with time; author one value; {spec.allowed()}")
-    if str(opinion.typeName) not in _NUMBER_TYPES:
+    # USD keeps a path or a list that stands in place of a number, whatever the attribute's type says
+    if str(opinion.typeName) not in _NUMBER_TYPES or not isinstance(value, int | float):
         raise AssetError(f"{where}: {opinion.typeName} {name} = {value!r} is not a number; {spec.allowed()}")
     if str(opinion.typeName) == "float" and math.isfinite(value):
         value = float(str(np.float32(value)))

@@ -1,6 +1,7 @@
 """The USD assets: masses, order and limits as Newton and MuJoCo see them; refusals; round trips; the schema."""
 
 import math
+import re
 import sys
 from pathlib import Path
 
@@ -386,3 +387,20 @@ def test_newton_parser_sees_inherited_parameters():
     authored = {p.GetName() for p in prim.GetAuthoredPropertiesInNamespace("newton")}
     assert authored == {"newton:targets"} | {PREFIX + spec.name for spec in MrParams.specs()}
     assert prim.HasAPI(SCHEMA)
+
+
+def test_a_path_in_place_of_a_number_is_refused(tmp_path: Path) -> None:
+    """USD's parser takes ``double x = </a>`` for a value that is no number."""
+    text = (ASSETS / "mr_go.usda").read_text(encoding="utf-8")
+    path = tmp_path / "a.usda"
+    path.write_text(re.sub(r"(double newton:mr:T_max = )[\d.]+", r"\1</x>", text, count=1), encoding="utf-8")
+    with pytest.raises(AssetError, match="newton:mr:T_max.*is not a number"):
+        load_robot(path)
+
+
+def test_a_file_that_is_not_utf8_is_refused_in_one_line(tmp_path: Path) -> None:
+    """USD's own message quotes the file's bytes, which Python cannot decode."""
+    path = tmp_path / "a.usda"
+    path.write_bytes(b"#usda 1.0\n(\n    defaultPrim = \xff\xfe\n)\n")
+    with pytest.raises(AssetError, match="not readable as USD: the text is not UTF-8; repair the file there"):
+        load_robot(path)

@@ -209,7 +209,7 @@ class Watch:
         beyond = np.flatnonzero(counts[:, 0])
         return Noticed(
             beyond_limit=len(beyond),
-            joint=self.columns[columns[beyond[0]]].part if len(beyond) else "",
+            joint=self.columns[int(columns[beyond[0]])].part if len(beyond) else "",
             overflow=int((counts[:, 1] > 0).sum()),
         )
 
