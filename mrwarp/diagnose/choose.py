@@ -30,7 +30,8 @@ DRIFT_P = 1e-3
 """Largest chance at which an effect that only shows between trajectories is believed."""
 _NEAR = 0.15
 """Part of an effect's gain by which its like may be behind, and single events still decide between them."""
-_ADDED, _ADDED_SLOWLY = 0.07, 0.02
+_ADDED, _ADDED_SLOWLY = 0.13, 0.02
+"""Part of the gain so far that one more effect must add."""
 _MOST = 3
 """Most effects that are named together."""
 
@@ -194,10 +195,15 @@ def _as_good(fit: Fitted, best: Fitted, base: Fitted) -> bool:
 
 def _passing(engine: Engine, choice: Choice, on: Fitted, candidates: list[str]) -> list[Candidate]:
     """Candidates that would add enough to a model."""
-    total = _total(choice.base) - _total(on)
+    total = _scale(choice, on)
     rest = [c for c in candidates if c not in on.effects]
     look = engine.screen(on, rest, hopeless=max(threshold(on), min(_part(c) for c in rest) * total)) if rest else []
     return [c for c in look if _total(on) - float(c.left_out.sum()) > max(threshold(on), _part(c.effect) * total)]
+
+
+def _scale(choice: Choice, fit: Fitted) -> float:
+    """What a further effect's gain is measured by: the model's gain, or all that it leaves if that is less."""
+    return min(_total(choice.base) - _total(fit), _total(fit))
 
 
 def _part(effect: str) -> float:
@@ -214,7 +220,7 @@ def _drifts(effect: str) -> bool:
 
 def _worth(choice: Choice, fit: Fitted) -> bool:
     """Whether each effect of a model adds enough to the others."""
-    total = _total(choice.base) - _total(fit)
+    total = _scale(choice, fit)
     for effect in fit.effects:
         rest = tuple(e for e in fit.effects if e != effect)
         if rest in choice.fits and _total(choice.fits[rest]) - _total(fit) < max(threshold(fit), _part(effect) * total):
@@ -256,7 +262,7 @@ def _pruned(engine: Engine, choice: Choice, best: Fitted) -> Fitted:
             if effect in choice.base.effects:
                 continue
             without[effect] = _without(engine, choice, best, effect)
-        total = _total(choice.base) - _total(best)
+        total = _scale(choice, best)
         weakest = min(without, key=lambda e: _total(without[e]))
         add = _total(without[weakest]) - _total(best)
         if add > max(threshold(best), _part(weakest) * total):
@@ -369,7 +375,11 @@ def _worn(engine: Engine, fit: Fitted, effect: str) -> bool:
 
 
 def _rivals(engine: Engine, choice: Choice, final: Fitted, candidates: list[str]) -> None:
-    """For each named effect: what it adds, and which others would do as well in its place."""
+    """For each named effect: what it adds, and which others would do as well in its place.
+
+    Stribeck friction whose speed lies beyond the recorded ones is Coulomb friction, with one number more: where it
+    does not even foretell better it is no alternative.
+    """
     for effect in final.effects:
         if effect in choice.base.effects:
             continue
@@ -385,10 +395,15 @@ def _rivals(engine: Engine, choice: Choice, final: Fitted, candidates: list[str]
             if c.effect != effect and _total(without) - float(c.left_out.sum()) > 0.6 * add
         ][:4]  # fmt: skip
         fits = {c.effect: _full(engine, choice, without, c) for c in close}
+        for effects, fit in choice.fits.items():  # what was fitted on the way, whatever its first look
+            other = set(effects) - set(without.effects)
+            if len(other) == 1 and len(effects) == len(without.effects) + 1 and effect not in other:
+                fits.setdefault(other.pop(), fit)
         choice.alternatives[effect] = tuple(
             name
             for name, fit in sorted(fits.items(), key=lambda kv: _total(kv[1]))
             if name not in choice.settled
             and not _worn(engine, fit, name)
+            and not (effect == "coulomb_friction" and name == "stribeck" and _total(fit) > _total(final))
             and (name in choice.untold or _as_good(fit, final, without))
         )

@@ -71,6 +71,8 @@ class Engine:
         self.units = dict(units or {})
         self.measured = self.samples.torque
         self.noise: Noise | None = None
+        self.misfit = False
+        """Whether the mismatch is so large that its statistics say nothing about noise."""
 
     @property
     def noise_model(self) -> Noise:
@@ -132,27 +134,34 @@ class Engine:
                     break
         use, target = list(range(len(x))), len(x)
         _, inside, outside = losses(table, use, target)
-        return Fitted(coordinates=c, x=x, torque=torque, slopes=slopes, loss=inside, left_out=outside, grams=table)
+        # what stands is the loss at x; the linear model only says what leaving a trajectory out adds to it
+        loss = table.parts[:, -1, -1]
+        return Fitted(
+            coordinates=c, x=x, torque=torque, slopes=slopes, loss=loss, left_out=loss + outside - inside, grams=table
+        )
 
     @staticmethod
     def _step(gram: np.ndarray, c: Coordinates, x: np.ndarray, damping: float) -> np.ndarray:
         """Damped step with the numbers at a bound that they push against held."""
+        reach = np.full(len(x), np.inf)
+        reach[6:9] = 1.0
+        for i, slot in enumerate(c.slots, start=9):
+            if slot.logarithmic:
+                reach[i] = 0.7
+        low, high = np.maximum(c.low - x, -reach), np.minimum(c.high - x, reach)
         free = np.ones(len(x), dtype=bool)
         step = np.zeros(len(x))
-        for _ in range(4):
+        for _ in range(8):
             index = np.flatnonzero(free)
-            step[:] = 0.0
             normal = gram[np.ix_(index, index)]
             normal = normal + damping * np.diag(np.diag(normal))
-            step[index] = ridge_solve(normal, gram[index, -1])
-            step[6:9] = np.clip(step[6:9], -1.0, 1.0)
-            for i, slot in enumerate(c.slots, start=9):
-                if slot.logarithmic:
-                    step[i] = np.clip(step[i], -0.7, 0.7)
-            stuck = ((x <= c.low) & (step < 0)) | ((x >= c.high) & (step > 0))
-            if not (stuck & free).any():
+            held = np.where(free, 0.0, step)
+            step[index] = ridge_solve(normal, gram[index, -1] - gram[index, :-1] @ held)
+            out = ((step < low) | (step > high)) & free
+            if not out.any():
                 return step
-            free &= ~stuck
+            step = np.clip(step, low, high)
+            free &= ~out
         return step
 
     # --- a first look at what one more effect would give ---

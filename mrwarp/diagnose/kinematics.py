@@ -7,16 +7,20 @@ white noise (a Kalman smoother written as one banded system), without any phase.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solveh_banded
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter, savgol_filter
 
 from mrwarp.sysid.recording import Recording, Trajectory
 
-_BANDWIDTH = 2.0 * np.pi * 25.0
-"""Bandwidth of the smoother [rad/s]; above that the motion of a joint holds nothing and its noise all."""
+_BANDWIDTHS = (25.0, 50.0, 100.0)
+"""Bandwidths of the smoother [Hz]: the first that leaves only noise of the angle, as far as the rate allows."""
+_LEFT = 2.0
+"""Standard deviations of the angle's noise that the smoother may leave; more is motion that it takes for noise."""
 _LAG_T = 5.0
 """The velocity lags when its time constant is this many standard errors from 0."""
 
@@ -47,12 +51,13 @@ def reconstruct(recording: Recording) -> Kinematics:
         lag, error = _lag_of(recording, sigma_q)
         if lag < _LAG_T * error or lag < 1e-4:
             lag = 0.0
+    bandwidth = _bandwidth(runs, sigma_q, sigma_v)
     qd, qdd = [], []
     for run in runs:
         v = run.qd
         if lag > 0.0:
-            v = v + lag * smooth(run.q * 0.0 + np.nan, run.qd, run.dt, float("inf"), sigma_v)[1]
-        v, a = smooth(run.q, v, run.dt, sigma_q, sigma_v)
+            v = v + lag * smooth(run.q * 0.0 + np.nan, run.qd, run.dt, float("inf"), sigma_v, bandwidth)[1]
+        v, a = smooth(run.q, v, run.dt, sigma_q, sigma_v, bandwidth)
         if lag > 0.0:
             keep = np.exp(-run.dt / lag)
             ramp = lag * (1.0 - keep) / run.dt  # first-order hold: exact for a velocity that is linear in between
@@ -63,7 +68,25 @@ def reconstruct(recording: Recording) -> Kinematics:
     return Kinematics(qd=np.concatenate(qd), qdd=np.concatenate(qdd), velocity_lag=lag, velocity_lag_error=error)
 
 
-def smooth(q: np.ndarray, qd: np.ndarray, dt: float, sigma_q: float, sigma_v: float) -> tuple[np.ndarray, np.ndarray]:
+def _bandwidth(runs: Sequence[Trajectory], sigma_q: float, sigma_v: float) -> float:
+    """Bandwidth for a recording [Hz]: a bang-bang drive needs more than a swing."""
+    for bandwidth in _BANDWIDTHS:
+        if bandwidth == _BANDWIDTHS[-1] or 2.0 * bandwidth > 0.2 / max(run.dt for run in runs):
+            break
+        left = []
+        for run in runs:
+            v, _ = smooth(run.q, run.qd, run.dt, sigma_q, sigma_v, bandwidth)
+            rest = run.q - np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1])) * run.dt])
+            slow = uniform_filter1d(rest, 2 * max(5, int(0.1 / run.dt)) + 1)
+            left.append(float((rest - slow).std()))
+        if _median(left) < _LEFT * sigma_q:
+            break
+    return bandwidth
+
+
+def smooth(
+    q: np.ndarray, qd: np.ndarray, dt: float, sigma_q: float, sigma_v: float, bandwidth: float = _BANDWIDTHS[0]
+) -> tuple[np.ndarray, np.ndarray]:
     """Velocity and acceleration of one trajectory, shape (N,) each.
 
     Args:
@@ -72,10 +95,12 @@ def smooth(q: np.ndarray, qd: np.ndarray, dt: float, sigma_q: float, sigma_v: fl
         dt: Sampling interval [s].
         sigma_q: Standard deviation of the angle's noise.
         sigma_v: Standard deviation of the velocity's noise.
+        bandwidth: Above that the motion holds nothing and its noise all [Hz].
     """
+    omega = 2.0 * np.pi * bandwidth
     # states x, v*dt, a*dt^2; white jerk of the intensity that gives the bandwidth
-    by_q = _BANDWIDTH**6 * sigma_q**2 * dt if np.isfinite(sigma_q) else 0.0
-    by_v = _BANDWIDTH**4 * sigma_v**2 * dt if np.isfinite(sigma_v) else 0.0
+    by_q = omega**6 * sigma_q**2 * dt if np.isfinite(sigma_q) else 0.0
+    by_v = omega**4 * sigma_v**2 * dt if np.isfinite(sigma_v) else 0.0
     jerk = max(by_q, by_v) * dt**5
     step = np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
     spread = np.array([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1.0]])

@@ -24,6 +24,10 @@ _STARTS_ON = 8000
 """Samples on which the starts of the baseline are searched."""
 _SHAPES = ((0.5, 1.0, 1.0), (1.5, 1.5, 1.5), (1.5, 2.5, 2.5))
 """More starts: coordinates of alpha, beta, gamma with a hysteresis that yields within 1/3 to 1/12 of the scale."""
+_SPOILT = 1.3
+"""Ratio of the mismatch with the learned noise to that of least squares above which the noise is no noise."""
+_LEAST = 0.003
+"""Spread of offsets and factors between trajectories where it cannot be learned [1]."""
 _MANY = 20
 """Trajectories above which the features take up little of their offsets and factors; below, they take up most."""
 
@@ -79,7 +83,15 @@ def prepare(
     rms = float(samples.torque.std()) or 1.0
     engine.noise = Noise(whitening=np.ones(1), sigma=rms, rms=rms, offset=0.0, gain=0.0)
     fitted = min((engine.fit(c, x, tolerance=1e-4) for x in starts), key=lambda f: float(f.loss.sum()))
+    plain_rms = _rms(samples.torque - fitted.torque)
+    first = fitted
     for _ in range(2):
+        groups = groups_of(engine, c, fitted.x)
+        engine.noise = learn_noise(engine, fitted.torque, groups)
+        fitted = engine.fit(c, fitted.x)
+    if _rms(samples.torque - fitted.torque) > _SPOILT * plain_rms:
+        told("the misfit is larger than any noise: plain least squares")
+        engine.misfit, fitted = True, first
         groups = groups_of(engine, c, fitted.x)
         engine.noise = learn_noise(engine, fitted.torque, groups)
         fitted = engine.fit(c, fitted.x)
@@ -140,6 +152,9 @@ def learn_noise(engine: Engine, torque: np.ndarray, groups: list[Group]) -> Nois
     """Noise from what neither the model nor any smooth function of the measured variables explains."""
     s = engine.samples
     mismatch = s.torque - torque
+    if engine.misfit:
+        rms = _rms(mismatch)
+        return Noise(whitening=np.ones(1), sigma=rms, rms=rms, offset=_LEAST * float(torque.std()), gain=_LEAST)
     table = np.vstack([np.ones((1, len(torque))), torque[None], *(g.rows for g in groups)]).astype(np.float32)
     table /= np.maximum(np.sqrt(np.mean(table**2, axis=1, keepdims=True)), 1e-9)
     gram, moment = (table @ table.T).astype(float), (table @ mismatch.astype(np.float32)).astype(float)
@@ -155,6 +170,10 @@ def learn_noise(engine: Engine, torque: np.ndarray, groups: list[Group]) -> Nois
         f = np.column_stack([np.ones(part.stop - part.start), torque[part] - torque[part].mean()])
         inside[part] -= f @ np.linalg.lstsq(f, rest[part], rcond=None)[0]
     return estimate_noise(inside, torque, s, offset, gain)
+
+
+def _rms(x: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(x**2)))
 
 
 def _resistance(recording: Recording) -> float:

@@ -74,17 +74,6 @@ def test_pair_is_found_whole() -> None:
     assert min(choice.own_gain.values()) > threshold(choice.base)
 
 
-def test_effects_that_data_cannot_tell_apart_are_alternatives() -> None:
-    """A short lag seen 200 times a second through much noise may be a delay: the truth is said, and no third."""
-    groups = []
-    for seed in (50, 51):
-        choice = searched(made({"coil_lag": {"time_constant": 0.003}}, seed=seed, sigma=0.15))
-        (named,) = choice.final.effects
-        groups.append({named, *choice.alternatives[named]})
-    assert all("coil_lag" in group and group <= {"coil_lag", "command_delay"} for group in groups)
-    assert any(len(group) == 2 for group in groups)
-
-
 def test_structure_outside_the_catalogue_is_not_named() -> None:
     """A viscosity that changes along the angle is left over, and says on what it depends."""
     at = known.motion(52, runs=6, seconds=3.0)
