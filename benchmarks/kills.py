@@ -134,6 +134,8 @@ def measure(kills: int, updates: int, out: Path, *, seed: int, longest: float) -
         elif run.exitcode != 0:
             raise RuntimeError(f"the training ended by itself with {run.exitcode}")
         found["kills"] += int(alive)
+        if alive and found["kills"] % 10 == 0:
+            print(f"{found['kills']} of {kills} kills: {found}", flush=True)
         found["in_write"] += int(path.with_suffix(".pt.part").exists())
         last = finished.value
         if not path.is_file():
