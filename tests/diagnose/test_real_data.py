@@ -59,7 +59,6 @@ def test_emps_lacks_its_moving_mass(emps: Diagnosis) -> None:
     assert any("current is 0" in text for text in emps.cannot_know)
 
 
-@pytest.mark.xfail(reason="the second effect is too small beside the first", strict=False)
 def test_emps_has_friction_that_differs_by_direction(emps: Diagnosis) -> None:
     """Viscous friction of 167 and 240 N·s/m by the authors: half the difference is 36.5, the Coulomb part is equal."""
     friction = {c.name: c for c in emps.causes}["friction_asymmetry"].parameters
