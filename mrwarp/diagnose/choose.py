@@ -22,15 +22,15 @@ FLOOR = 0.003
 """Smallest gain that is worth a name, as a share of the noise's energy: the replay's own step errs by about as much."""
 CHI2 = 30.0
 """Smallest gain in units of the noise's variance: one chance in a million over a hundred starts."""
-KEPT = 0.2
-"""Part of an effect's gain that must remain beside free functions of what it leaves unexplained."""
+KEPT, KEPT_BESIDE_MORE = 0.35, 0.5
+"""Part of an effect's gain that must remain beside free functions of what it leaves, the latter if that is more."""
 WITHIN = 60.0
 """Gain within trajectories, in units of the noise's variance, below which an effect must show between them."""
 DRIFT_P = 1e-3
 """Largest chance at which an effect that only shows between trajectories is believed."""
 _NEAR = 0.15
 """Part of an effect's gain by which its like may be behind, and single events still decide between them."""
-_ADDED, _ADDED_SLOWLY = 0.13, 0.02
+_ADDED, _ADDED_SLOWLY = 0.13, 0.06
 """Part of the gain so far that one more effect must add."""
 _MOST = 3
 """Most effects that are named together."""
@@ -295,6 +295,8 @@ def _believed(engine: Engine, choice: Choice, fit: Fitted, groups_of: Callable[[
             alone = _total(without) - _total(fit)
             beside = _with_rows(engine, without, offered) - full
             kept[effect] = beside / max(alone, 1e-9)
+            if left[0].gain > 1.5 * alone:
+                kept[effect] *= KEPT / KEPT_BESIDE_MORE
             if beside < threshold(fit):
                 kept[effect] = min(kept[effect], 0.0)
         choice.kept = kept
