@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from mrwarp.diagnose.choose import Choice, threshold
+from mrwarp.diagnose.choice import Choice, threshold
 from mrwarp.diagnose.engine import Engine
 from mrwarp.diagnose.heldout import HeldOut, reduction
 from mrwarp.diagnose.lines import Line
@@ -32,6 +32,7 @@ from mrwarp.diagnose.units import factor_of, outer_model, unit_of
 from mrwarp.diagnose.words import sentence_of
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.sysid.recording import Recording
+from mrwarp.sysid.replay import rms
 
 
 def assembled(
@@ -94,15 +95,15 @@ def assembled(
             "without one of the trajectories another model would have been chosen "
             f"in {100 * (1 - held.agreed):.0f} % of cases"
         )
-    total = float(choice.base.left_out.sum())
+    total = choice.base.total
     left = max([f.gain for f in choice.left_after], default=0.0) + (line.gain if line else 0.0)
     named_share = max(0.0, choice.gain) / total
     predictable = max(0.0, left) / total if unexplained else 0.0
     result = Diagnosis(
         verdict=verdict, sentence="", causes=tuple(causes), parameter_shift=tuple(shifts), unexplained=unexplained,
         detectable=visible, invisible=invisible, cannot_know=tuple(gaps(recording)),
-        baseline=Error(rmse=_rms(base_error) * scales.torque, nrmse=_rms(base_error) / spread, unit=unit),
-        extended=Error(rmse=_rms(extended_error) * scales.torque, nrmse=_rms(extended_error) / spread, unit=unit),
+        baseline=Error(rmse=rms(base_error) * scales.torque, nrmse=rms(base_error) / spread, unit=unit),
+        extended=Error(rmse=rms(extended_error) * scales.torque, nrmse=rms(extended_error) / spread, unit=unit),
         gain=gain, next_experiment=following, tried=tuple(_tried(engine, choice, causes)),
         accounting=Accounting(
             named=named_share, predictable=predictable, noise=max(0.0, 1.0 - named_share - predictable)
@@ -128,7 +129,7 @@ def assembled(
 def _tried(engine: Engine, choice: Choice, causes: list[Cause]) -> list[Tried]:
     named = {c.name for c in causes}
     rivals = {a for c in causes for a in c.alternatives}
-    total = float(choice.base.left_out.sum())
+    total = choice.base.total
     need = threshold(choice.base)
     rows = []
     for c in choice.first_look:
@@ -188,9 +189,5 @@ def _per_regime(
     for i, name in enumerate(REGIMES):
         at = regime == i
         if at.any():
-            found[name] = (_rms(before[at]) * scale, _rms(after[at]) * scale)
+            found[name] = (rms(before[at]) * scale, rms(after[at]) * scale)
     return found
-
-
-def _rms(x: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(x**2)))

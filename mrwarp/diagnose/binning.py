@@ -222,8 +222,8 @@ def _band(rest: np.ndarray, count: np.ndarray, mean: np.ndarray, noise: float) -
 def _correlated_noise(t: Traces) -> float:
     """Noise whose mean over n samples has the variance ``noise²/n``: its RMS times the root of samples per draw."""
     rest = t.torque - t.extended
-    top, most = np.zeros(0), max(1, round(0.2 / _dt(t, _parts(t)[0])))
-    for part in _parts(t):
+    top, most = np.zeros(0), max(1, round(0.2 / _dt(t, t.parts[0])))
+    for part in t.parts:
         r = rest[part] - rest[part].mean()
         lags = np.array([float(r[: len(r) - k] @ r[k:]) for k in range(min(most, len(r) - 1) + 1)])
         lags = np.pad(lags, (0, most + 1 - len(lags)))
@@ -233,17 +233,13 @@ def _correlated_noise(t: Traces) -> float:
     return t.noise_rms * float(np.sqrt(1.0 + 2.0 * shape[1 : below[0] if len(below) else None].sum()))
 
 
-def _parts(t: Traces) -> list[slice]:
-    return [slice(a, b) for a, b in zip(t.start[:-1], t.start[1:], strict=True)]
-
-
 def _dt(t: Traces, part: slice) -> float:
     return float(t.time[part.stop - 1] - t.time[part.start]) / max(part.stop - part.start - 1, 1) or 1.0
 
 
 def _rate(x: np.ndarray, t: Traces) -> np.ndarray:
     out = np.zeros_like(x, dtype=float)
-    for part in _parts(t):
+    for part in t.parts:
         out[part] = np.gradient(x[part], _dt(t, part))
     return out
 
@@ -257,7 +253,7 @@ def _clipped(x: np.ndarray) -> np.ndarray:
 def _jumps(t: Traces) -> np.ndarray:
     """Step of the current at each sample, 0 where there is none."""
     out = np.zeros(len(t.current))
-    for part in _parts(t):
+    for part in t.parts:
         out[part][1:] = np.diff(t.current[part])
     limit = max(0.08 * float(np.ptp(t.current)), 8.0 * float(np.median(np.abs(out))))
     return np.where(np.abs(out) > limit, out, 0.0)
@@ -266,7 +262,7 @@ def _jumps(t: Traces) -> np.ndarray:
 def _reversals(t: Traces) -> np.ndarray:
     out = np.zeros(len(t.qd), dtype=bool)
     limit = 0.02 * float(np.percentile(np.abs(t.qd), 95))
-    for part in _parts(t):
+    for part in t.parts:
         moving = np.flatnonzero(np.abs(t.qd[part]) > limit)
         turned = moving[1:][np.diff(np.sign(t.qd[part][moving])) != 0.0]
         out[part.start + turned] = True
@@ -276,7 +272,7 @@ def _reversals(t: Traces) -> np.ndarray:
 def _since(event: np.ndarray, t: Traces) -> np.ndarray:
     """Time since the last event [s], NaN before the first and after the window; a sample's own interval at an event."""
     out = np.full(len(event), np.nan)
-    for part in _parts(t):
+    for part in t.parts:
         index = np.arange(part.stop - part.start)
         last = np.maximum.accumulate(np.where(event[part], index, -1))
         since = (index - last + 1) * _dt(t, part)
@@ -287,7 +283,7 @@ def _since(event: np.ndarray, t: Traces) -> np.ndarray:
 def _held(x: np.ndarray, event: np.ndarray, t: Traces) -> np.ndarray:
     """Value at the last event, 0 before the first."""
     out = np.zeros(len(x))
-    for part in _parts(t):
+    for part in t.parts:
         index = np.arange(part.stop - part.start)
         last = np.maximum.accumulate(np.where(event[part], index, -1))
         out[part] = np.where(last >= 0, x[part][np.maximum(last, 0)], 0.0)

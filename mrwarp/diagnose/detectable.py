@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mrwarp.diagnose.choose import threshold
+from mrwarp.diagnose.choice import threshold
 from mrwarp.diagnose.engine import Engine, Fitted
 from mrwarp.diagnose.grams import losses
 from mrwarp.diagnose.model import simulate, slots_of

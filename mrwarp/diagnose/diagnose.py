@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 
 from mrwarp.diagnose.assemble import assembled
-from mrwarp.diagnose.choose import best_single, choose
+from mrwarp.diagnose.choose import best_single, choose, first_look
 from mrwarp.diagnose.detectable import detectable
 from mrwarp.diagnose.experiment import propose
 from mrwarp.diagnose.findings import causes_of, shifts_of, unexplained_of
@@ -68,12 +68,14 @@ def diagnose(
         if law.kind != "calibration" and name not in known and (name != "velocity_lag" or lag > 0.0)
     ]  # fmt: skip
     told(f"{len(candidates)} effects as candidates")
-    first = best_single(engine, base, candidates)
-    if first is not None:
-        told(f"noise without {first.effects[-1]}")
-        engine.noise = learn_noise(engine, first.torque, groups_of(engine, first.coordinates, first.x))
+    look = first_look(engine, base, candidates)
+    single = best_single(engine, base, look)
+    if single is not None:
+        told(f"noise without {look[0].effect}")
+        engine.noise = learn_noise(engine, single.torque, groups_of(engine, single.coordinates, single.x))
         base = engine.fit(base.coordinates, base.x)
-    choice = choose(engine, base, lambda f: groups_of(engine, f.coordinates, f.x), candidates, told)
+        look = first_look(engine, base, candidates)
+    choice = choose(engine, base, lambda f: groups_of(engine, f.coordinates, f.x), look, told)
 
     told("smallest sizes that would have shown")
     sizes, unseen = detectable(engine, choice.final, candidates)

@@ -36,6 +36,11 @@ class Fitted:
     """Of [slopes, residual]."""
 
     @property
+    def total(self) -> float:
+        """Held-out loss of all trajectories."""
+        return float(self.left_out.sum())
+
+    @property
     def effects(self) -> tuple[str, ...]:
         """Names of the effects that act."""
         return self.coordinates.effects
@@ -52,6 +57,11 @@ class Candidate:
     loss: float
     left_out: np.ndarray
     """Shape (T,)."""
+
+    @property
+    def total(self) -> float:
+        """Held-out loss of all trajectories."""
+        return float(self.left_out.sum())
 
 
 class Engine:
@@ -203,7 +213,7 @@ class Engine:
             p = min((p for p in best if p.effect == effect), key=lambda p: p.loss)
             short = max(0.0, p.held - p.loss)  # at a bound, or not settled: what the linear look promises too much
             found.append(Candidate(effect, p.choices, p.values, p.held, p.left_out + short / len(p.left_out)))
-        return sorted(found, key=lambda f: float(f.left_out.sum()))
+        return sorted(found, key=lambda f: f.total)
 
     def _evaluate(self, base: Fitted, trials: list[_Trial]) -> None:
         """Losses and next steps of trials: one launch for their torques and their derivative columns."""

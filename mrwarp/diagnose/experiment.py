@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mrwarp.diagnose.choose import Choice
+from mrwarp.diagnose.choice import Choice
 from mrwarp.diagnose.edges import DELAY, LAG
 from mrwarp.diagnose.engine import Engine, Fitted
 from mrwarp.diagnose.grams import ridge_solve

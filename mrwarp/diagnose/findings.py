@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2
 
-from mrwarp.diagnose.choose import Choice, threshold
+from mrwarp.diagnose.choice import Choice, threshold
 from mrwarp.diagnose.engine import Engine, Fitted
 from mrwarp.diagnose.features import Group
 from mrwarp.diagnose.lines import Line
@@ -69,9 +69,7 @@ def causes_of(engine: Engine, choice: Choice, candidates: list[str]) -> list[Cau
     spread = covariance(final)
     starts = sum(1 for _ in candidates) * 6
     causes = []
-    for effect in final.effects:
-        if effect in choice.base.effects:
-            continue
+    for effect in choice.own(final):
         parameters = {}
         for i, slot in enumerate(final.coordinates.slots, start=9):
             if slot.effect == effect:
@@ -85,7 +83,7 @@ def causes_of(engine: Engine, choice: Choice, candidates: list[str]) -> list[Cau
                 parameters=parameters,
                 p_value=float(min(1.0, starts * chi2.sf(max(own, 0.0), count))),
                 alternatives=choice.alternatives.get(effect, ()),
-                gain=own / float(choice.base.left_out.sum()),
+                gain=own / choice.base.total,
             )  # fmt: skip
         )
     return sorted(causes, key=lambda c: -c.gain)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mrwarp.diagnose.choose import Choice
+from mrwarp.diagnose.choice import Choice
 from mrwarp.diagnose.engine import Engine, Fitted
 from mrwarp.diagnose.grams import ridge_solve
 

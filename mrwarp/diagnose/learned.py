@@ -13,6 +13,7 @@ from mrwarp.nn.train import FitCfg, History
 from mrwarp.nn.windows import split
 from mrwarp.sysid import learn
 from mrwarp.sysid.recording import RecordingError
+from mrwarp.sysid.replay import rms
 
 RECIPE = FitCfg(epochs=10, windows_per_epoch=8192, validation_windows=4096, patience=10)
 """Enough to compare two residuals; ``mrwarp learn`` trains one in full."""
@@ -81,15 +82,11 @@ def left_to_learn(
         if learned.history.stopped == "interrupted":
             raise KeyboardInterrupt
         rest = traces.torque - torque
-        target.append(_rms(rest))
-        physical.append(_rms(np.concatenate([rest[parts[k]][learn.SAMPLES["pg_rlstm"] - 1 :] for k in held])))
+        target.append(rms(rest))
+        physical.append(rms(np.concatenate([rest[parts[k]][learn.SAMPLES["pg_rlstm"] - 1 :] for k in held])))
         with_learned.append(float(learned.figures["validation_rmse"]))
     return LeftToLearn(
         target=(target[0], target[1]), physical=(physical[0], physical[1]),
         with_learned=(with_learned[0], with_learned[1]),
         held_out=tuple(recording.trajectories[k].id for k in held), recipe=recipe,
     )  # fmt: skip
-
-
-def _rms(x: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(x**2)))

@@ -12,7 +12,7 @@ from mrwarp.sysid.recording import Recording
 from mrwarp.sysid.replay import Scales
 
 if TYPE_CHECKING:
-    from mrwarp.diagnose.choose import Choice
+    from mrwarp.diagnose.choice import Choice
     from mrwarp.diagnose.engine import Engine
 
 

@@ -17,7 +17,7 @@ from mrwarp.params import MrParams
 from mrwarp.sysid.fit import BoucWenStructure
 from mrwarp.sysid.projection import Point
 from mrwarp.sysid.recording import Recording
-from mrwarp.sysid.replay import Replay
+from mrwarp.sysid.replay import Replay, rms
 from mrwarp.sysid.search import Progress, search_starts
 
 _STARTS_ON = 8000
@@ -68,7 +68,7 @@ def prepare(
     points = search_starts(structure, Replay(samples), samples, limit=_STARTS_ON, seed=seed)[:2]
     starts = [_coordinates_of(structure, point, motion) for point in points]
     rate = min(float(np.exp(point.theta[1])) for point in points)
-    weight = _settled(motion, rate)
+    weight = samples.settled(rate)
     engine = Engine(ExtendedReplay(motion, threads=threads), zero, weight, recording.units)
     told("noise")
     c = engine.coordinates(known)
@@ -80,16 +80,16 @@ def prepare(
     starts = [plain.grown(x, known) for x in starts]
     for x in starts if model is not None else []:
         _known_values(c, x, model, motion)
-    rms = float(samples.torque.std()) or 1.0
-    engine.noise = Noise(whitening=np.ones(1), sigma=rms, rms=rms, offset=0.0, gain=0.0)
+    level = float(samples.torque.std()) or 1.0
+    engine.noise = Noise(whitening=np.ones(1), sigma=level, rms=level, offset=0.0, gain=0.0)
     fitted = min((engine.fit(c, x, tolerance=1e-4) for x in starts), key=lambda f: float(f.loss.sum()))
-    plain_rms = _rms(samples.torque - fitted.torque)
+    plain_rms = rms(samples.torque - fitted.torque)
     first = fitted
     for _ in range(2):
         groups = groups_of(engine, c, fitted.x)
         engine.noise = learn_noise(engine, fitted.torque, groups)
         fitted = engine.fit(c, fitted.x)
-    if _rms(samples.torque - fitted.torque) > _SPOILT * plain_rms:
+    if rms(samples.torque - fitted.torque) > _SPOILT * plain_rms:
         told("the misfit is larger than any noise: plain least squares")
         engine.misfit, fitted = True, first
         groups = groups_of(engine, c, fitted.x)
@@ -153,8 +153,8 @@ def learn_noise(engine: Engine, torque: np.ndarray, groups: list[Group]) -> Nois
     s = engine.samples
     mismatch = s.torque - torque
     if engine.misfit:
-        rms = _rms(mismatch)
-        return Noise(whitening=np.ones(1), sigma=rms, rms=rms, offset=_LEAST * float(torque.std()), gain=_LEAST)
+        level = rms(mismatch)
+        return Noise(whitening=np.ones(1), sigma=level, rms=level, offset=_LEAST * float(torque.std()), gain=_LEAST)
     table = np.vstack([np.ones((1, len(torque))), torque[None], *(g.rows for g in groups)]).astype(np.float32)
     table /= np.maximum(np.sqrt(np.mean(table**2, axis=1, keepdims=True)), 1e-9)
     gram, moment = (table @ table.T).astype(float), (table @ mismatch.astype(np.float32)).astype(float)
@@ -172,20 +172,5 @@ def learn_noise(engine: Engine, torque: np.ndarray, groups: list[Group]) -> Nois
     return estimate_noise(inside, torque, s, offset, gain)
 
 
-def _rms(x: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(x**2)))
-
-
 def _resistance(recording: Recording) -> float:
     return MrParams().coil.coil_resistance if recording.units.get("current") == "A" else 0.0
-
-
-def _settled(motion: Motion, rate: float) -> np.ndarray:
-    """0 while the unknown initial z still shows, at most a tenth of each trajectory; else 1."""
-    samples = motion.samples
-    weight = np.ones(len(samples.q))
-    for part, dt in zip(samples.parts, samples.dt, strict=True):
-        way = np.cumsum(np.abs(samples.qd[part])) * dt
-        first = min(int(np.searchsorted(way, 4.0 / rate)), (part.stop - part.start) // 10)
-        weight[part.start : part.start + first] = 0.0
-    return weight

@@ -11,6 +11,7 @@ import numpy as np
 from mrwarp.diagnose.predictor import Predictor
 from mrwarp.model_file import Model
 from mrwarp.sysid.recording import Recording
+from mrwarp.sysid.replay import parts_of, rms
 
 Verdict = Literal["none", "named", "unexplained", "named_and_unexplained"]
 
@@ -141,6 +142,11 @@ class Traces:
     """Index into ``REGIMES`` of each sample."""
     noise_rms: float
 
+    @property
+    def parts(self) -> list[slice]:
+        """The samples of each trajectory."""
+        return parts_of(self.start)
+
 
 REGIMES = ("hold", "slip", "reversal", "current step")
 """hold: nearly at rest; reversal: 0.1 s after the velocity changed sign; current step: 0.1 s after a jump."""
@@ -196,4 +202,4 @@ class Diagnosis:
         if self.predictor is None:
             raise ValueError("a diagnosis without a verdict has no model")
         measured = np.concatenate([run.torque for run in recording.trajectories])
-        return float(np.sqrt(np.mean((self.predictor.torque(recording)[which] - measured) ** 2)))
+        return rms(self.predictor.torque(recording)[which] - measured)

@@ -16,6 +16,7 @@ from mrwarp.diagnose.report_text import title
 from mrwarp.diagnose.result import Diagnosis, Traces
 from mrwarp.diagnose.surface import Surface, surface
 from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.sysid.replay import rms
 
 _WORST = 2.0
 """Length of the stretch that is shown in detail [s]."""
@@ -63,14 +64,14 @@ def evidence_picture(d: Diagnosis) -> Figure | None:
 def loops_picture(d: Diagnosis) -> Figure:
     """Measured against simulated torque over angle and velocity: a typical and the worst trajectory."""
     t = _traces(d)
-    rmse = np.array([float(np.sqrt(np.mean((t.torque[p] - t.baseline[p]) ** 2))) for p in _parts(t)])
+    rmse = np.array([rms(t.torque[p] - t.baseline[p]) for p in t.parts])
     typical, worst = int(np.argsort(rmse)[len(rmse) // 2]), int(np.argmax(rmse))
     chosen = [(typical, "typical")] + [(worst, "worst")] * (worst != typical)
     figure = Figure(figsize=(WIDTH * (1.15 if len(chosen) == 2 else 0.8), 7.4), layout="constrained")
     panels = figure.subplots(2, len(chosen), squeeze=False)
     units = d.recording.units
     for column, (k, text) in enumerate(chosen):
-        part = _stretch(t, _parts(t)[k], _LOOP)
+        part = _stretch(t, t.parts[k], _LOOP)
         for row, (x, label) in enumerate(((t.q, axis_label("q", units)), (t.qd, axis_label("qd", units)))):
             ax = panels[row, column]
             _three(ax, x[part], t, part)
@@ -85,9 +86,7 @@ def loops_picture(d: Diagnosis) -> Figure:
 def worst_picture(d: Diagnosis) -> Figure:
     """The stretch with the largest mismatch: torque, mismatch, motion and current."""
     t, units = _traces(d), d.recording.units
-    part = max(
-        (_stretch(t, p, _WORST) for p in _parts(t)), key=lambda p: float(np.mean((t.torque - t.baseline)[p] ** 2))
-    )
+    part = max((_stretch(t, p, _WORST) for p in t.parts), key=lambda p: float(np.mean((t.torque - t.baseline)[p] ** 2)))
     k = int(np.searchsorted(t.start, part.start, side="right")) - 1
     run = d.recording.trajectories[k]
     first = part.start - int(t.start[k])
@@ -133,7 +132,7 @@ def spectrum_picture(d: Diagnosis) -> Figure:
     figure = Figure(figsize=(WIDTH, 3.9), layout="constrained")
     ax = figure.subplots()
     dt = np.array([run.dt for run in d.recording.trajectories])
-    same = [p for p, step in zip(_parts(t), dt, strict=True) if abs(step / np.median(dt) - 1.0) < 0.01]
+    same = [p for p, step in zip(t.parts, dt, strict=True) if abs(step / np.median(dt) - 1.0) < 0.01]
     rate = 1.0 / float(np.median(dt))
     series = [("baseline", t.torque - t.baseline, BEFORE, "-")]
     if is_extended(t):
@@ -232,10 +231,6 @@ def _stretch(t: Traces, part: slice, seconds: float) -> slice:
     total = np.concatenate([[0.0], np.cumsum((t.torque[part] - t.baseline[part]) ** 2)])
     first = part.start + int(np.argmax(total[length:] - total[:-length]))
     return slice(first, first + length)
-
-
-def _parts(t: Traces) -> list[slice]:
-    return [slice(int(a), int(b)) for a, b in zip(t.start[:-1], t.start[1:], strict=True)]
 
 
 def _traces(d: Diagnosis) -> Traces:

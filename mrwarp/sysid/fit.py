@@ -16,7 +16,7 @@ from mrwarp.sysid.holding import fit_holding
 from mrwarp.sysid.identifiability import Estimate, assess
 from mrwarp.sysid.projection import FEW, Point, Structure
 from mrwarp.sysid.recording import Holding, Recording
-from mrwarp.sysid.replay import Replay, Samples, Scales
+from mrwarp.sysid.replay import Replay, Samples, Scales, rms
 from mrwarp.sysid.search import Progress, search
 
 PARAMETERS = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
@@ -155,12 +155,12 @@ def summary(recording: Recording, simulated: list[np.ndarray]) -> dict:
     for run, error in zip(runs, errors, strict=True):
         constant = np.ptp(run.current) <= 0.02 * max(1e-9, float(np.abs(run.current).max()))
         groups.setdefault(f"{np.median(run.current):.3g}" if constant else "varying", []).append(error)
-    rmse = _rms(np.concatenate(errors))
+    rmse = rms(np.concatenate(errors))
     return {
         "rmse": rmse,
         "nrmse": rmse / (float(np.concatenate([run.torque for run in runs]).std()) or 1.0),
-        "rmse_per_trajectory": {run.id: _rms(e) for run, e in zip(runs, errors, strict=True)},
-        "rmse_per_current": {key: _rms(np.concatenate(groups[key])) for key in sorted(groups)},
+        "rmse_per_trajectory": {run.id: rms(e) for run, e in zip(runs, errors, strict=True)},
+        "rmse_per_current": {key: rms(np.concatenate(groups[key])) for key in sorted(groups)},
         "simulated": tuple(simulated),
         "units": dict(recording.units),
         "source": str(recording.source or "in memory"),
@@ -168,10 +168,6 @@ def summary(recording: Recording, simulated: list[np.ndarray]) -> dict:
         "trajectories": len(runs),
         "rate": float(np.median([1.0 / run.dt for run in runs])),
     }
-
-
-def _rms(x: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(x**2)))
 
 
 def _fixed(start: MrParams | None) -> dict[str, float]:

@@ -22,6 +22,9 @@ _EXTENSION: np.dtype = np.dtype(Extension.numpy_dtype())  # pyright: ignore[repo
 _BATCH = 16_000_000
 """Samples times candidates of one launch: bounds the memory of its output to 64 MB."""
 
+_SETTLED = 4.0
+"""Yield travels after which the unknown initial z is forgotten to exp(-4) = 2 %."""
+
 DIMENSIONS: dict[str, tuple[int, int, int]] = {
     "q_neutral": (1, 0, 0), "q_offset": (1, 0, 0), "q_center": (1, 0, 0), "z_max": (1, 0, 0),
     "D": (0, 0, 1), "B": (-1, 0, 1), "C": (-1, 0, 1), "I1": (0, -1, 1), "K0": (-1, 0, 1), "K1": (-1, -1, 1),
@@ -87,7 +90,30 @@ class Samples:
     @property
     def parts(self) -> list[slice]:
         """The samples of each trajectory."""
-        return [slice(a, b) for a, b in zip(self.start[:-1], self.start[1:], strict=True)]
+        return parts_of(self.start)
+
+    def settled(self, rate: float) -> np.ndarray:
+        """Weight 0 while the unknown initial z still shows, at most a tenth of each trajectory; else 1; shape (N,).
+
+        Args:
+            rate: How fast z forgets along the way, beta plus or minus gamma, the slower [1/inner unit of q].
+        """
+        weight = np.ones(len(self.q))
+        for part, dt in zip(self.parts, self.dt, strict=True):
+            way = np.cumsum(np.abs(self.qd[part])) * dt
+            first = min(int(np.searchsorted(way, _SETTLED / rate)), (part.stop - part.start) // 10)
+            weight[part.start : part.start + first] = 0.0
+        return weight
+
+
+def parts_of(start: np.ndarray) -> list[slice]:
+    """Slices between the first samples of trajectories laid end to end and the end of the last, shape (T + 1,)."""
+    return [slice(int(a), int(b)) for a, b in zip(start[:-1], start[1:], strict=True)]
+
+
+def rms(x: np.ndarray) -> float:
+    """Root of the mean square of all values."""
+    return float(np.sqrt(np.mean(x**2)))
 
 
 class Replay:

@@ -17,8 +17,6 @@ _SUBSET = 20_000
 _STARTS = 3
 _SPIKE = 0.05
 """Smallest spike that counts, as a share of the torque's 95th percentile."""
-_SETTLED = 4.0
-"""Yield travels after which the unknown initial z is forgotten to exp(-4) = 2 %."""
 
 
 def search(
@@ -43,7 +41,8 @@ def search(
     if rivals:
         warnings.append("two different parameter sets fit a part of the data equally well: record richer motion")
     told(f"refining on {len(samples.q)} samples")
-    projection = Projection(structure, replay, _settled(samples, points[0].theta))
+    rate = float(np.exp(min(points[0].theta[1], points[0].theta[2])))
+    projection = Projection(structure, replay, samples.settled(rate))
     projection.samples = samples
     point = projection.descend(points[0].theta)
     for rival in rivals[:1]:
@@ -105,14 +104,3 @@ def _spikes(mismatch: np.ndarray) -> float:
     alone = np.abs(windows[:, 2] - np.median(windows, axis=1))
     deviation = float(np.median(alone[alone > 0])) if (alone > 0).any() else 0.0
     return float(np.mean(alone > max(15.0 * deviation, _SPIKE)))
-
-
-def _settled(samples: Samples, theta: np.ndarray) -> np.ndarray:
-    """Weight 0 while the unknown initial z still shows, at most a tenth of each trajectory; else 1."""
-    weight = np.ones(len(samples.q))
-    rate = float(np.exp(min(theta[1], theta[2])))
-    for part, dt in zip(samples.parts, samples.dt, strict=True):
-        path = np.cumsum(np.abs(samples.qd[part])) * dt
-        first = min(int(np.searchsorted(path, _SETTLED / rate)), (part.stop - part.start) // 10)
-        weight[part.start : part.start + first] = 0.0
-    return weight

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.choose import CHI2, FLOOR, Choice, best_single, choose, threshold
+from mrwarp.diagnose.choice import CHI2, FLOOR, Choice, threshold
+from mrwarp.diagnose.choose import best_single, choose, first_look
 from mrwarp.diagnose.prepare import groups_of
 from mrwarp.effects.catalogue import CATALOGUE
 
@@ -21,7 +22,12 @@ CANDIDATES = [name for name, law in CATALOGUE.items() if law.kind != "calibratio
 def searched(engine, candidates: list[str] | None = None) -> Choice:
     """The outcome on an engine's data."""
     base = known.fitted(engine)
-    return choose(engine, base, lambda f: groups_of(engine, f.coordinates, f.x), candidates or CANDIDATES)
+    return choose(
+        engine,
+        base,
+        lambda f: groups_of(engine, f.coordinates, f.x),
+        first_look(engine, base, candidates or CANDIDATES),
+    )
 
 
 def made(hidden: dict | None = None, seed: int = 50, **more):
@@ -43,7 +49,7 @@ def test_nothing_is_named_in_clean_data() -> None:
         choice = searched(made(seed=seed))
         assert choice.final is choice.base and choice.gain == 0.0 and not choice.alternatives
         assert max(f.gain for f in choice.left_after) < threshold(choice.base)
-        assert best_single(made(seed=seed), choice.base, CANDIDATES) is None
+        assert best_single(made(seed=seed), choice.base, choice.first_look) is None
 
 
 @pytest.mark.parametrize(
@@ -61,7 +67,7 @@ def test_hidden_effect_is_named(effect: str, numbers: dict[str, float]) -> None:
         assert found[name] == pytest.approx(value, rel=0.15, abs=2e-3)
     assert choice.own_gain[effect] == pytest.approx(choice.gain) and choice.gain > threshold(choice.base)
     assert max(f.gain for f in choice.left_after) < threshold(choice.base)
-    single = best_single(engine, choice.base, CANDIDATES)
+    single = best_single(engine, choice.base, choice.first_look)
     assert single is not None and effect in single.effects
 
 

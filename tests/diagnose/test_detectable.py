@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.choose import threshold
+from mrwarp.diagnose.choice import threshold
 from mrwarp.diagnose.detectable import detectable
 from mrwarp.diagnose.grams import losses
 from mrwarp.effects.catalogue import CATALOGUE

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.choose import Choice
+from mrwarp.diagnose.choice import Choice
 from mrwarp.diagnose.experiment import _repeated, propose
 
 _SPEC = importlib.util.spec_from_file_location("known", Path(__file__).with_name("known.py"))

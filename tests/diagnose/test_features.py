@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.choose import leftovers, threshold
+from mrwarp.diagnose.choice import leftovers, threshold
 from mrwarp.diagnose.features import Group, make_groups
 from mrwarp.diagnose.prepare import groups_of
 from mrwarp.diagnose.replay import Motion
