@@ -5,6 +5,19 @@ from typing import Any
 import warp as wp
 
 
+@wp.func
+def keep_row(
+    values: wp.array2d[Any], env: int, slot: int, column: int, total: float, history_out: wp.array3d[float]
+) -> tuple[int, float]:
+    """Copy the values of an environment into its history; the next column, and the total, NaN if one is not finite."""
+    for i in range(values.shape[1]):
+        value = wp.float32(values[env, i])
+        history_out[slot, env, column + i] = value
+        # 0*x is NaN where x is no finite number
+        total += 0.0 * value
+    return column + values.shape[1], total
+
+
 @wp.kernel
 def watch_kernel(
     # parameters: 1 = end of a policy step; step [s]; bits that count as overflow; bounds of a state that is not
@@ -51,51 +64,19 @@ def watch_kernel(
     if frozen:
         slot = kept
     history_out[slot, env, 0] = float(age_out[env]) * dt
-    # 0*x is NaN where x is no finite number: one sum tells whether to look closer
+    # one sum tells whether to look closer
     total = float(0.0)
     k = int(1)
-    for i in range(action_in.shape[1]):
-        value = action_in[env, i]
-        history_out[slot, env, k] = value
-        total += 0.0 * value
-        k += 1
-    for i in range(z_in.shape[1]):
-        value = z_in[env, i]
-        history_out[slot, env, k] = value
-        total += 0.0 * value
-        k += 1
-    for i in range(current_in.shape[1]):
-        value = current_in[env, i]
-        history_out[slot, env, k] = value
-        total += 0.0 * value
-        k += 1
+    k, total = keep_row(action_in, env, slot, k, total, history_out)
+    k, total = keep_row(z_in, env, slot, k, total, history_out)
+    k, total = keep_row(current_in, env, slot, k, total, history_out)
     # qpos and qvel before the torques that follow from them
     first = k
-    for i in range(qpos_in.shape[1]):
-        value = wp.float32(qpos_in[env, i])
-        history_out[slot, env, k] = value
-        total += 0.0 * value
-        k += 1
-    for i in range(qvel_in.shape[1]):
-        value = wp.float32(qvel_in[env, i])
-        history_out[slot, env, k] = value
-        total += 0.0 * value
-        k += 1
-    for i in range(f_foot_in.shape[1]):
-        value = f_foot_in[env, i]
-        history_out[slot, env, k] = value
-        total += 0.0 * value
-        k += 1
-    for i in range(tau_in.shape[1]):
-        value = tau_in[env, i]
-        history_out[slot, env, k] = value
-        total += 0.0 * value
-        k += 1
-    for i in range(bound_in.shape[1]):
-        value = bound_in[env, i]
-        history_out[slot, env, k] = value
-        total += 0.0 * value
-        k += 1
+    k, total = keep_row(qpos_in, env, slot, k, total, history_out)
+    k, total = keep_row(qvel_in, env, slot, k, total, history_out)
+    k, total = keep_row(f_foot_in, env, slot, k, total, history_out)
+    k, total = keep_row(tau_in, env, slot, k, total, history_out)
+    k, total = keep_row(bound_in, env, slot, k, total, history_out)
     history_out[slot, env, k] = reward_in[env]
     total += 0.0 * reward_in[env]
 
