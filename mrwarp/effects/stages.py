@@ -8,7 +8,7 @@ import warp as wp
 from mrwarp.effects.joint import delayed_command, joint_path, stored_heat
 from mrwarp.kernels.coil import coil_current
 from mrwarp.kernels.joint_params import JointParams
-from mrwarp.kernels.mr_joint import coil_command, displacement, gates
+from mrwarp.kernels.mr_joint import displacement, gated_command
 
 
 @wp.kernel
@@ -80,11 +80,8 @@ def predict_effects_kernel(
     q, qd = q_in[env, joint], qd_in[env, joint]
     e = q_des_in[env, joint] - q
 
-    limit = wp.min(current_e_in[env], p.current_max)
-    open_gates = gates(p, f_foot_in[env, leg_of[slot]], e, qd, limit)
-    m_dyn = float(damping) * open_gates[0]
-    m_hold = float(holding) * open_gates[1]
-    command = coil_command(p, m_dyn, m_hold, e, limit, hold_current)
+    f_foot, allowed = f_foot_in[env, leg_of[slot]], current_e_in[env]
+    m_dyn, m_hold, command = gated_command(p, f_foot, e, qd, allowed, damping, holding, hold_current)
     coil = coil_current(coil_in[env, slot], command, p.coil_time_constant, dt)
 
     head = head_in[0]

@@ -11,10 +11,9 @@ from mrwarp.kernels.gate import effective_kp, hold_gate
 from mrwarp.kernels.joint_params import JointParams
 from mrwarp.kernels.mr_joint import (
     brake_bound,
-    coil_command,
     device_torque,
     displacement,
-    gates,
+    gated_command,
     hysteresis,
     sliding_torque,
 )
@@ -58,12 +57,9 @@ def drive_predict_kernel(
     e = q_des_in[q_des_adr[i]] - q
 
     # without a foot load the device is plainly current-driven
-    limit = wp.min(mr_current_in[dof], p.current_max)
-    command, m_dyn, m_hold = float(limit), float(1.0), float(0.0)
+    m_dyn, m_hold, command = float(1.0), float(0.0), wp.min(mr_current_in[dof], p.current_max)
     if foot_load_in:
-        open_gates = gates(p, foot_load_in[dof], e, qd, limit)
-        m_dyn, m_hold = open_gates[0], open_gates[1]
-        command = coil_command(p, m_dyn, m_hold, e, limit, hold_current)
+        m_dyn, m_hold, command = gated_command(p, foot_load_in[dof], e, qd, mr_current_in[dof], 1, 1, hold_current)
     current = coil_current(current_in[i], command, p.coil_time_constant, dt)
 
     q_c = displacement(p, q)

@@ -15,13 +15,13 @@ FIXED = wp.constant(1)
 
 
 @wp.func
-def gates(p: JointParams, f_foot: float, e: float, qd: float, limit: float) -> wp.vec2:
+def gates(p: JointParams, f_foot: float, e: float, qd: float, limit: float) -> tuple[float, float]:
     """(m_dyn, m_hold) of eqs. 5 and 8; with no current to hold with, holding stays closed and the motor stiff."""
     m_dyn = dynamic_gate(f_foot, e, qd, p.f_th, p.eps_e, p.eps_v)
     m_hold = float(0.0)
     if limit > 0.0:
         m_hold = hold_gate(f_foot, qd, m_dyn, p.f_th, p.eps_hold)
-    return wp.vec2(m_dyn, m_hold)
+    return m_dyn, m_hold
 
 
 @wp.func
@@ -33,6 +33,17 @@ def coil_command(p: JointParams, m_dyn: float, m_hold: float, e: float, limit: f
         need = holding_need(e, p.kp_base, p.kp_low)
         return support_current(need, p.safety_factor, limit, p.T_max, p.K, p.n)
     return m_dyn * limit
+
+
+@wp.func
+def gated_command(
+    p: JointParams, f_foot: float, e: float, qd: float, allowed: float, damping: int, holding: int, hold_current: int
+) -> tuple[float, float, float]:
+    """(m_dyn, m_hold, commanded current [A]), up to the allowed current [A]; each branch may be switched off (0)."""
+    limit = wp.min(allowed, p.current_max)
+    may_damp, may_hold = gates(p, f_foot, e, qd, limit)
+    m_dyn, m_hold = float(damping) * may_damp, float(holding) * may_hold
+    return m_dyn, m_hold, coil_command(p, m_dyn, m_hold, e, limit, hold_current)
 
 
 @wp.func

@@ -12,10 +12,9 @@ from mrwarp.kernels.gate import effective_kp
 from mrwarp.kernels.joint_params import JointParams
 from mrwarp.kernels.mr_joint import (
     brake_bound,
-    coil_command,
     device_torque,
     displacement,
-    gates,
+    gated_command,
     hysteresis,
     sliding_torque,
 )
@@ -72,11 +71,8 @@ def predict_kernel(
     q, qd = q_in[env, joint], qd_in[env, joint]
     e = q_des_in[env, joint] - q
 
-    limit = wp.min(current_e_in[env], p.current_max)
-    open_gates = gates(p, f_foot_in[env, leg_of[slot]], e, qd, limit)
-    m_dyn = float(damping) * open_gates[0]
-    m_hold = float(holding) * open_gates[1]
-    command = coil_command(p, m_dyn, m_hold, e, limit, hold_current)
+    f_foot, allowed = f_foot_in[env, leg_of[slot]], current_e_in[env]
+    m_dyn, m_hold, command = gated_command(p, f_foot, e, qd, allowed, damping, holding, hold_current)
     current = coil_current(current_in[env, slot], command, p.coil_time_constant, dt)
 
     q_c = displacement(p, q)
