@@ -17,6 +17,7 @@ import torch
 from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.evaluate.falling_mass import FallingMass, MassCfg, add_mass
+from mrwarp.evaluate.spread import spread
 from mrwarp.evaluate.walking import Policy
 from mrwarp.kernels import ledger
 from mrwarp.params import MrParams
@@ -327,11 +328,6 @@ def figures(trace: ImpactTrace, currents: tuple[float, ...]) -> dict[str, Any]:
             "peak_down_velocity": bool(np.all(np.diff(np.abs(down).mean(axis=1)) < 0.0)),
         },
     }
-
-
-def spread(values: np.ndarray) -> dict[str, float]:
-    """Mean and sample standard deviation."""
-    return {"mean": float(values.mean()), "sd": float(values.std(ddof=1)) if len(values) > 1 else 0.0}
 
 
 def paired_change(first: np.ndarray, last: np.ndarray) -> dict[str, Any]:

@@ -9,12 +9,11 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from mrwarp.asset import AssetError
 from mrwarp.electrical import consistency, paper
 from mrwarp.electrical.battery import BatteryError
 from mrwarp.evaluate import energy_cli
+from mrwarp.evaluate.spread import spread
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
@@ -125,11 +124,11 @@ def _row(robot: str, trace: Any) -> dict[str, Any]:
     theirs = paper.MISSION_POWER[robot]
     mean, sd = paper.MISSION_DEPLETION[robot]
     return {
-        "power": {name: {**_spread(values), "paper": theirs[name], "calibrated": own and CALIBRATED["power"][name]}
+        "power": {name: {**spread(values), "paper": theirs[name], "calibrated": own and CALIBRATED["power"][name]}
                   for name, values in trace.power.items()},
-        "seconds": {name: _spread(values) for name, values in trace.seconds.items()},
-        "depletion": {**_spread(trace.depletion), "paper": mean, "paper_sd": sd, "calibrated": own},
-        "rise": {name: {**_spread(values), "paper": _paper_rise(robot, name),
+        "seconds": {name: spread(values) for name, values in trace.seconds.items()},
+        "depletion": {**spread(trace.depletion), "paper": mean, "paper_sd": sd, "calibrated": own},
+        "rise": {name: {**spread(values), "paper": _paper_rise(robot, name),
                         "calibrated": own and CALIBRATED["rise"].get(name, False)}
                  for name, values in trace.rise.items()},
     }  # fmt: skip
@@ -159,12 +158,6 @@ def _changes(rows: dict[str, Any]) -> dict[str, Any]:
         name: {"ours": change(pick, "mean"), "paper": change(pick, "paper"), "calibrated": False}
         for name, pick in picks.items()
     }  # fmt: skip
-
-
-def _spread(values: np.ndarray) -> dict[str, float]:
-    from mrwarp.evaluate.impact import spread
-
-    return spread(np.asarray(values, dtype=float))
 
 
 def _print(figures: dict[str, Any]) -> None:

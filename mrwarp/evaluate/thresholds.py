@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from mrwarp.evaluate.impact import MOTOR_WINDOW, ImpactTrace, Variant, spread
+from mrwarp.evaluate.impact import MOTOR_WINDOW, ImpactTrace, Variant
+from mrwarp.evaluate.spread import spread
 
 VALUES: dict[str, tuple[float, ...]] = {
     "f_th": (3.0, 5.0, 7.0, 13.0),

@@ -11,8 +11,8 @@ import numpy as np
 from mrwarp.electrical import calibrate as calibration
 from mrwarp.electrical import consistency, paper
 from mrwarp.electrical.power import CALF_COLUMNS, ElectricalCfg, Power, Use, battery_power, copper, cost_of_transport
-from mrwarp.evaluate.impact import spread
 from mrwarp.evaluate.meter import BIN, RANGE, SHOWN
+from mrwarp.evaluate.spread import spread
 from mrwarp.evaluate.walk_trials import WalkResult
 from mrwarp.params import MrParams
 from mrwarp.robot import JOINTS, LEGS
@@ -38,18 +38,18 @@ def row(result: WalkResult, cfg: ElectricalCfg) -> dict[str, Any]:
         "robot": result.robot, "payload": result.payload, "command": result.command, "mass": result.mass,
         "calibrated": result.robot == "go1" and reference is not None,
         "trials": len(result.speed), "fell": result.fell, "late": result.late,
-        "speed": _spread(result.speed), "power": _spread(power.total), "parts": parts(result.use, cfg),
-        "cot": _spread(cot), "paper": None if reference is None else {
+        "speed": spread(result.speed), "power": spread(power.total), "parts": parts(result.use, cfg),
+        "cot": spread(cot), "paper": None if reference is None else {
             **asdict(reference), "power": reference.power, "power_sd": reference.power_sd,
         },
         "difference": None if reference is None else _difference(cot, reference.cot, reference.sd),
-        "v_x_rmse": _spread(result.v_x_rmse), "v_x_bias": _spread(result.speed - result.command),
-        "height": _spread(result.height), "height_rmse": _spread(result.height_rmse),
-        "height_sd": _spread(result.height_sd), "roll_pitch_rms": _spread(result.tilt_rms),
-        "yaw_rate_rmse": _spread(result.yaw_rate_rmse),
-        "hold_share": dict(zip(LEGS, map(_spread, result.hold.T), strict=False)),
-        "hold_mean": _spread(result.hold.mean(-1)) if result.hold.size else None,
-        "dynamic_share": dict(zip(LEGS, map(_spread, result.dynamic.T), strict=False)),
+        "v_x_rmse": spread(result.v_x_rmse), "v_x_bias": spread(result.speed - result.command),
+        "height": spread(result.height), "height_rmse": spread(result.height_rmse),
+        "height_sd": spread(result.height_sd), "roll_pitch_rms": spread(result.tilt_rms),
+        "yaw_rate_rmse": spread(result.yaw_rate_rmse),
+        "hold_share": dict(zip(LEGS, map(spread, result.hold.T), strict=False)),
+        "hold_mean": spread(result.hold.mean(-1)) if result.hold.size else None,
+        "dynamic_share": dict(zip(LEGS, map(spread, result.dynamic.T), strict=False)),
         "paper_hold_mean": activation,
         "torque": torques(result),
     }  # fmt: skip
@@ -169,14 +169,9 @@ def _name(condition: dict[str, Any]) -> str:
     return f"{condition['payload']:g} kg, {condition['command']:g} m/s"
 
 
-def _spread(values: np.ndarray) -> dict[str, float]:
-    values = np.asarray(values, dtype=float)
-    return spread(values) if values.size else {"mean": float("nan"), "sd": float("nan")}
-
-
 def _difference(ours: np.ndarray, theirs: float, sd: float) -> dict[str, float]:
     """Ours minus the paper's: absolute, relative, and in units of the joint spread."""
-    mine = _spread(ours)
+    mine = spread(ours)
     joint = float(np.hypot(mine["sd"], sd))
     delta = mine["mean"] - theirs
     return {"absolute": delta, "relative": delta / theirs, "in_sd": delta / joint}
