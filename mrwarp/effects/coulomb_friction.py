@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mrwarp.effects.law import EffectLaw, EffectParameter, Path
+from mrwarp.effects.law import DRY_FRICTION_SPEED, EffectLaw, EffectParameter, Path
 
 
 @wp.func
@@ -24,14 +24,7 @@ LAW = EffectLaw(
     stage="torque",
     parameters=(
         EffectParameter(name="torque", unit="N·m", scale=(0, 0, 1)),
-        EffectParameter(
-            name="speed",
-            unit="rad/s",
-            scale=(1, 0, 0),
-            negative=False,
-            divides=True,
-            preset=lambda r: 0.005 * r.qd,
-        ),
+        DRY_FRICTION_SPEED,
     ),
     law=coulomb_friction_law,
     source="Coulomb; seals and bearings",

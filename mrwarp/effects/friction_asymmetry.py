@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mrwarp.effects.law import EffectLaw, EffectParameter, Path
+from mrwarp.effects.law import DRY_FRICTION_SPEED, EffectLaw, EffectParameter, Path
 
 
 @wp.func
@@ -26,14 +26,7 @@ LAW = EffectLaw(
     parameters=(
         EffectParameter(name="coulomb", unit="N·m", scale=(0, 0, 1)),
         EffectParameter(name="viscous", unit="N·m·s/rad", scale=(-1, 0, 1)),
-        EffectParameter(
-            name="speed",
-            unit="rad/s",
-            scale=(1, 0, 0),
-            negative=False,
-            divides=True,
-            preset=lambda r: 0.005 * r.qd,
-        ),
+        DRY_FRICTION_SPEED,
     ),
     law=friction_asymmetry_law,
     source="paper section 4.3, friction asymmetry; Janot, Gautier and Brunot 2019 for a ball screw",

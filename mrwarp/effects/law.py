@@ -123,6 +123,17 @@ class EffectParameter:
         return value > 0.0 if self.divides else value >= 0.0 or self.negative
 
 
+DRY_FRICTION_SPEED = EffectParameter(
+    name="speed",
+    unit="rad/s",
+    scale=(1, 0, 0),
+    negative=False,
+    divides=True,
+    preset=lambda r: 0.005 * r.qd,
+)
+"""Width of the change of sign of dry friction, ``tanh(qd/speed)``: small against the speeds that the data cover."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class EffectLaw:
     """One effect of the catalogue."""

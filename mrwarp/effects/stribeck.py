@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mrwarp.effects.law import EffectLaw, EffectParameter, Path
+from mrwarp.effects.law import DRY_FRICTION_SPEED, EffectLaw, EffectParameter, Path
 
 
 @wp.func
@@ -35,14 +35,7 @@ LAW = EffectLaw(
             high=lambda r: 0.7 * r.qd,
             starts=lambda r: tuple(x * r.qd for x in (0.02, 0.05, 0.1, 0.2, 0.4)),
         ),
-        EffectParameter(
-            name="speed",
-            unit="rad/s",
-            scale=(1, 0, 0),
-            negative=False,
-            divides=True,
-            preset=lambda r: 0.005 * r.qd,
-        ),
+        DRY_FRICTION_SPEED,
     ),
     law=stribeck_law,
     source="Stribeck 1902, in the form of Armstrong-Helouvry 1991",
