@@ -1,8 +1,5 @@
 """The search for causes: thresholds, singles, pairs, rivals, poor man's versions of other structure."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,11 +7,7 @@ from mrwarp.diagnose.choice import CHI2, FLOOR, Choice, threshold
 from mrwarp.diagnose.choose import best_single, choose, first_look
 from mrwarp.diagnose.prepare import groups_of
 from mrwarp.effects.catalogue import CATALOGUE
-
-_SPEC = importlib.util.spec_from_file_location("known", Path(__file__).with_name("known.py"))
-assert _SPEC is not None and _SPEC.loader is not None
-known = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(known)
+from tests.diagnose import known
 
 CANDIDATES = [name for name, law in CATALOGUE.items() if law.kind != "calibration" and name != "velocity_lag"]
 

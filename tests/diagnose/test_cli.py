@@ -1,6 +1,5 @@
 """``mrwarp diagnose``: what it writes, and that bad input or Ctrl-C leaves nothing behind."""
 
-import importlib.util
 import json
 import sys
 import types
@@ -13,11 +12,7 @@ from mrwarp import cli as entry
 from mrwarp.diagnose import cli
 from mrwarp.model_file import load_model, save_model
 from mrwarp.nn.train import FitCfg
-
-_SPEC = importlib.util.spec_from_file_location("made_up", Path(__file__).with_name("made_up.py"))
-assert _SPEC and _SPEC.loader
-made_up = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(made_up)
+from tests.diagnose import made_up
 
 
 @pytest.fixture

@@ -1,8 +1,5 @@
 """Smallest sizes that would have shown: against the closed form, over noise and length, and by hiding them."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,11 +7,7 @@ from mrwarp.diagnose.choice import threshold
 from mrwarp.diagnose.detectable import detectable
 from mrwarp.diagnose.grams import losses
 from mrwarp.effects.catalogue import CATALOGUE
-
-_SPEC = importlib.util.spec_from_file_location("known", Path(__file__).with_name("known.py"))
-assert _SPEC is not None and _SPEC.loader is not None
-known = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(known)
+from tests.diagnose import known
 
 ALL = [name for name, law in CATALOGUE.items() if law.kind != "calibration"]
 

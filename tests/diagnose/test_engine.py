@@ -1,18 +1,11 @@
 """Fitting: known parameters of data made by the kernel itself come back, first looks point at what was hidden."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from mrwarp.diagnose.uncertainty import covariance
 from mrwarp.effects.catalogue import CATALOGUE
-
-_SPEC = importlib.util.spec_from_file_location("known", Path(__file__).with_name("known.py"))
-assert _SPEC is not None and _SPEC.loader is not None
-known = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(known)
+from tests.diagnose import known
 
 CANDIDATES = [name for name, law in CATALOGUE.items() if law.kind != "calibration" and name != "velocity_lag"]
 HIDDEN = {

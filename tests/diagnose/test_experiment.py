@@ -1,18 +1,11 @@
 """The experiment that separates rivals: which, how long, and nothing where nothing is open."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from mrwarp.diagnose.choice import Choice
 from mrwarp.diagnose.experiment import _repeated, propose
-
-_SPEC = importlib.util.spec_from_file_location("known", Path(__file__).with_name("known.py"))
-assert _SPEC is not None and _SPEC.loader is not None
-known = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(known)
+from tests.diagnose import known
 
 CURRENT = ("current steps", "current steps, slow swing", "current staircase")
 

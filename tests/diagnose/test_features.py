@@ -1,8 +1,6 @@
 """Groups of smooth functions: what they depend on, in any units, and that they find structure along it."""
 
 import dataclasses
-import importlib.util
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,11 +9,7 @@ from mrwarp.diagnose.choice import leftovers, threshold
 from mrwarp.diagnose.features import Group, make_groups
 from mrwarp.diagnose.prepare import groups_of
 from mrwarp.diagnose.replay import Motion
-
-_SPEC = importlib.util.spec_from_file_location("known", Path(__file__).with_name("known.py"))
-assert _SPEC is not None and _SPEC.loader is not None
-known = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(known)
+from tests.diagnose import known
 
 WORDS = {"q", "qd", "qdd", "current", "time", "memory"}
 

@@ -1,18 +1,11 @@
 """Gain on trajectories that took no part: against brute-force refits, and its interval."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from mrwarp.diagnose.choice import Choice
 from mrwarp.diagnose.heldout import HeldOut, hold_out, reduction
-
-_SPEC = importlib.util.spec_from_file_location("known", Path(__file__).with_name("known.py"))
-assert _SPEC is not None and _SPEC.loader is not None
-known = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(known)
+from tests.diagnose import known
 
 HIDDEN = {"rotor_inertia": {"inertia": 0.01}}
 

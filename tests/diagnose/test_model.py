@@ -1,8 +1,5 @@
 """A model as a vector: there and back, bounds, growth; its derivatives against float64 differences."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,11 +7,7 @@ from mrwarp.diagnose.kernels import BASE
 from mrwarp.diagnose.model import LINEAR, Coordinates, jacobian, neutral, simulate, slots_of
 from mrwarp.diagnose.replay import ExtendedReplay, Motion
 from mrwarp.effects.catalogue import CATALOGUE, column_of
-
-_SPEC = importlib.util.spec_from_file_location("known", Path(__file__).with_name("known.py"))
-assert _SPEC is not None and _SPEC.loader is not None
-known = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(known)
+from tests.diagnose import known
 
 STRONG = {
     "command_delay": {"delay": 0.0172},

@@ -1,9 +1,7 @@
 """Pictures of a diagnosis: there for every verdict, of the right size, and the binning shows what is hidden."""
 
 import dataclasses
-import importlib.util
 import io
-from pathlib import Path
 
 import matplotlib.image
 import numpy as np
@@ -11,11 +9,7 @@ import pytest
 
 from mrwarp.diagnose import binning, pictures
 from mrwarp.diagnose.report_text import quantity
-
-_SPEC = importlib.util.spec_from_file_location("made_up", Path(__file__).with_name("made_up.py"))
-assert _SPEC and _SPEC.loader
-made_up = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(made_up)
+from tests.diagnose import made_up
 
 UNITS = {"q": "rad", "current": "A", "torque": "N·m"}
 
@@ -81,6 +75,7 @@ def test_noise_stays_in_its_band(name: str) -> None:
     inside = []
     for seed in range(6):
         t = made_up.make("none").traces
+        assert t is not None
         noise = made_up.NOISE * np.random.default_rng(seed).normal(size=len(t.torque))
         t = dataclasses.replace(t, torque=t.baseline + noise)
         [axis] = binning.axes_of(name, t, UNITS)
@@ -93,6 +88,7 @@ def test_noise_stays_in_its_band(name: str) -> None:
 def test_a_variable_that_does_not_vary_has_no_profile() -> None:
     """A constant current is no axis."""
     t = made_up.make("none").traces
+    assert t is not None
     t = dataclasses.replace(t, current=np.ones_like(t.current))
     [axis] = binning.axes_of("current", t, UNITS)
     assert binning.profile(axis, t) is None

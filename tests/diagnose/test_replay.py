@@ -1,7 +1,5 @@
 """Replay with effects: the session's clock, the stored heat, units inside, threads."""
 
-import importlib.util
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,11 +10,7 @@ from mrwarp.diagnose.replay import ExtendedReplay, Motion, null_row, session_clo
 from mrwarp.effects.catalogue import column_of
 from mrwarp.sysid.recording import Recording, Trajectory
 from mrwarp.sysid.replay import Scales, simulate
-
-_SPEC = importlib.util.spec_from_file_location("known", Path(__file__).with_name("known.py"))
-assert _SPEC is not None and _SPEC.loader is not None
-known = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(known)
+from tests.diagnose import known
 
 
 def run(begin: float, torque: float = 2.0, seconds: float = 2.0, dt: float = 0.005) -> Trajectory:

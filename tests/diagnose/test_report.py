@@ -1,7 +1,6 @@
 """The report: every verdict, everything from data escaped, one offline file."""
 
 import dataclasses
-import importlib.util
 import re
 from pathlib import Path
 
@@ -12,11 +11,7 @@ from mrwarp.diagnose.pictures import NAMES
 from mrwarp.diagnose.report import Table, render, write_report
 from mrwarp.diagnose.result import Value
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
-
-_SPEC = importlib.util.spec_from_file_location("made_up", Path(__file__).with_name("made_up.py"))
-assert _SPEC and _SPEC.loader
-made_up = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(made_up)
+from tests.diagnose import made_up
 
 EVIL = "<script>alert('x')</script>\" onload=\"y"
 

@@ -1,7 +1,6 @@
 """``result.json``: the keys that other programs rely on, for every verdict."""
 
 import dataclasses
-import importlib.util
 import json
 from pathlib import Path
 
@@ -10,17 +9,13 @@ import pytest
 
 from mrwarp.diagnose import result_json
 from mrwarp.diagnose.result import Value
+from tests.diagnose import made_up
 
 CONTRACT = {
     "schema", "verdict", "causes", "parameter_shift", "unexplained", "detectable", "baseline", "extended", "gain",
     "next_experiment", "seconds", "seed", "versions", "command",
 }  # fmt: skip
 VERDICTS = ("none", "named", "unexplained", "named_and_unexplained", None)
-
-_SPEC = importlib.util.spec_from_file_location("made_up", Path(__file__).with_name("made_up.py"))
-assert _SPEC and _SPEC.loader
-made_up = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(made_up)
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)

@@ -1,17 +1,10 @@
 """Shifts of calibration against nominal numbers: which, how large, and not where none is."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from mrwarp.diagnose.shift import find_shifts
-
-_SPEC = importlib.util.spec_from_file_location("known", Path(__file__).with_name("known.py"))
-assert _SPEC is not None and _SPEC.loader is not None
-known = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(known)
+from tests.diagnose import known
 
 
 def shifts(seed: int = 20, **changes: float) -> list:

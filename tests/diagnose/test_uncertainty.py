@@ -1,7 +1,5 @@
 """Intervals against the closed form of linear regression, and the scatter between trajectories."""
 
-import importlib.util
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,11 +11,7 @@ from mrwarp.diagnose.grams import Grams
 from mrwarp.diagnose.noise import Noise
 from mrwarp.diagnose.uncertainty import covariance, interval
 from mrwarp.sysid.replay import Samples, Scales
-
-_SPEC = importlib.util.spec_from_file_location("known", Path(__file__).with_name("known.py"))
-assert _SPEC is not None and _SPEC.loader is not None
-known = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(known)
+from tests.diagnose import known
 
 TRUE = np.array([1.0, -2.0, 0.5])
 

@@ -1,6 +1,5 @@
 """Units: what the diagnosis writes for any device can be read again, and numbers scale as the device does."""
 
-import importlib.util
 import itertools
 from pathlib import Path
 
@@ -14,11 +13,7 @@ from mrwarp.effects.catalogue import CATALOGUE, parameter_of
 from mrwarp.model_effects import effect_unit
 from mrwarp.model_file import load_model, save_model
 from mrwarp.sysid.replay import Scales
-
-_SPEC = importlib.util.spec_from_file_location("known", Path(__file__).with_name("known.py"))
-assert _SPEC is not None and _SPEC.loader is not None
-known = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(known)
+from tests.diagnose import known
 
 DEVICES = [
     {"q": q, "current": current, "torque": torque}

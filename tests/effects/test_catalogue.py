@@ -14,6 +14,8 @@ from mrwarp.effects import catalogue
 from mrwarp.effects.catalogue import CATALOGUE, COLUMN, COLUMNS, LAWS, NULLS, SLOT, SLOTS, column_of, parameter_of
 from mrwarp.effects.law import STAGES, Ranges
 
+ROOT = Path(__file__).resolve().parents[2]
+
 TOKENS = {
     "coil_lag", "command_delay", "remanence", "current_saturation", "current_gain", "torque_sensor_lag",
     "velocity_lag", "encoder_offset", "torque_bias", "torque_gain", "backlash", "rotor_inertia", "coulomb_friction",
@@ -137,7 +139,7 @@ import sys
 
 import numpy as np
 
-folder, along_file, sign = sys.argv[1:]
+folder, sign = sys.argv[1:]
 import mrwarp.effects as package
 
 package.__path__.append(folder)
@@ -151,10 +153,8 @@ exec(compile(source, spec.name, "exec"), module.__dict__)
 import warp as wp
 
 wp.config.log_level = wp.LOG_WARNING
-spec = importlib.util.spec_from_file_location("along", along_file)
-along = importlib.util.module_from_spec(spec)
-sys.modules["along"] = along
-spec.loader.exec_module(along)
+from tests.effects import along
+
 shaft = along.Shaft.swinging(seconds=1.0)
 plain, hum = along.torques(shaft, along.TRUTH, [{}, {"hum": {"size": 0.3, "frequency": 50.0}}]).astype(float)
 want = float(f"{sign}0.3") * np.sin(2.0 * np.pi * 50.0 * shaft.time)
@@ -176,11 +176,10 @@ def test_effect_is_added_by_one_file_and_one_line(tmp_path: Path) -> None:
     Then its sign is edited: the kernels are compiled anew. In processes of their own, for the path is composed when it
     is loaded.
     """
-    along = Path(__file__).with_name("along.py")
     for sign in ("+", "-"):
         text = NEW_LAW.replace("s.torque + values", f"s.torque {sign} values")
         (tmp_path / "hum.py").write_text(text, encoding="utf-8")
-        command = [sys.executable, "-c", textwrap.dedent(RUN), str(tmp_path), str(along), sign]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+        command = [sys.executable, "-c", textwrap.dedent(RUN), str(tmp_path), sign]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300, check=False)
         assert done.returncode == 0, done.stderr
         assert done.stdout.split("\n")[-2] == "hum acts"

@@ -1,18 +1,12 @@
 """Every law of the catalogue through the path: closed forms, signs, limits."""
 
-import importlib.util
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from mrwarp.diagnose.kernels import HEAT_TIMES
-
-_SPEC = importlib.util.spec_from_file_location("along", Path(__file__).with_name("along.py"))
-assert _SPEC is not None and _SPEC.loader is not None
-along = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(along)
+from tests.effects import along
 
 Shaft, TRUTH, EPS, torque, play, loop = along.Shaft, along.TRUTH, along.EPS, along.torque, along.play, along.loop
 Effects = dict[str, dict[str, float]]

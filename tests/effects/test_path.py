@@ -1,8 +1,5 @@
 """The path without effects is eqs. 14 and 15; at null each effect is absent; units, batch and trajectories."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,11 +7,7 @@ from mrwarp.diagnose.kernels import BASE
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
 from mrwarp.effects.law import Ranges
 from mrwarp.sysid.replay import DIMENSIONS
-
-_SPEC = importlib.util.spec_from_file_location("along", Path(__file__).with_name("along.py"))
-assert _SPEC is not None and _SPEC.loader is not None
-along = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(along)
+from tests.effects import along
 
 Shaft, TRUTH, EPS, torque, torques = along.Shaft, along.TRUTH, along.EPS, along.torque, along.torques
 

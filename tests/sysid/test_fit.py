@@ -1,7 +1,6 @@
 """Identification: recovers what was simulated, says how well, warns where it cannot, refuses bad data."""
 
 import dataclasses
-import importlib.util
 import json
 from pathlib import Path
 
@@ -18,11 +17,8 @@ from mrwarp.sysid.holding import fit_holding, holding_curve
 from mrwarp.sysid.identifiability import student
 from mrwarp.sysid.recording import Recording, RecordingError, Trajectory
 from mrwarp.sysid.replay import Scales, simulate
+from tests.sysid import synthetic
 
-_SPEC = importlib.util.spec_from_file_location("synthetic", Path(__file__).with_name("synthetic.py"))
-assert _SPEC is not None and _SPEC.loader is not None
-synthetic = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(synthetic)
 TRUTH = synthetic.TRUTH
 
 

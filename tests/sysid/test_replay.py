@@ -1,8 +1,6 @@
 """Replay of recordings: units, scales, initial state and the accuracy of finite-difference derivatives."""
 
 import dataclasses
-import importlib.util
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,11 +9,7 @@ from mrwarp.sysid.fit import BoucWenStructure
 from mrwarp.sysid.projection import Projection, bounded_solve
 from mrwarp.sysid.recording import Recording, Trajectory
 from mrwarp.sysid.replay import Replay, Samples, Scales, simulate
-
-_SPEC = importlib.util.spec_from_file_location("synthetic", Path(__file__).with_name("synthetic.py"))
-assert _SPEC is not None and _SPEC.loader is not None
-synthetic = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(synthetic)
+from tests.sysid import synthetic
 
 
 def test_simulation_equals_the_independent_truth() -> None:
