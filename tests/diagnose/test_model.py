@@ -8,25 +8,9 @@ from mrwarp.diagnose.model import LINEAR, Coordinates, jacobian, neutral, simula
 from mrwarp.diagnose.replay import ExtendedReplay, Motion
 from mrwarp.effects.catalogue import CATALOGUE, column_of
 from tests.diagnose import known
+from tests.effects.strengths import STRENGTHS
 
-STRONG = {
-    "command_delay": {"delay": 0.0172},
-    "coil_lag": {"time_constant": 0.03},
-    "remanence": {"half_width": 0.1},
-    "current_saturation": {"u": 0.6},
-    "velocity_lag": {"time_constant": 0.01},
-    "backlash": {"half_gap": 0.01},
-    "rotor_inertia": {"inertia": 0.01},
-    "coulomb_friction": {"torque": 0.4},
-    "friction_asymmetry": {"coulomb": 0.2, "viscous": 0.05},
-    "stribeck": {"torque": 0.5, "stribeck_speed": 0.4},
-    "cogging": {"sine": 0.2, "cosine": -0.1, "periods": 24.0},
-    "current_viscosity": {"B1": 0.05},
-    "speed_weakening": {"power": 0.6},
-    "temperature_drift": {"yield_loss": 0.02, "viscosity_loss": 0.03, "time_constant": 37.0},
-    "wear": {"rate": 0.01},
-    "torque_sensor_lag": {"time_constant": 0.006},
-}
+STRONG = {name: STRENGTHS[name] for name, law in CATALOGUE.items() if law.kind != "calibration"}
 """A visible strength of every effect that is searched."""
 
 
@@ -172,6 +156,7 @@ def test_columns_of_an_inertia_and_a_wear_are_known(motion: Motion) -> None:
     tau, slopes = jacobian(ExtendedReplay(motion), c, x)
     np.testing.assert_allclose(slopes[9], motion.qdd, rtol=0, atol=1e-3 * np.abs(motion.qdd).max())
     s, p = motion.samples, known.TRUTH
-    straight = p["D"] + p["B"] * s.qd + p["C"] * s.q + p["I1"] * s.current + 0.01 * motion.qdd
-    loop = (tau - straight) / (1.0 - 0.01 * motion.time)
+    inertia, wear = STRONG["rotor_inertia"]["inertia"], STRONG["wear"]["rate"]
+    straight = p["D"] + p["B"] * s.qd + p["C"] * s.q + p["I1"] * s.current + inertia * motion.qdd
+    loop = (tau - straight) / (1.0 - wear * motion.time)
     np.testing.assert_allclose(slopes[10], -motion.time * loop, rtol=0, atol=1e-2 * np.abs(motion.time * loop).max())

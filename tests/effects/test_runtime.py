@@ -14,25 +14,12 @@ from mrwarp.kernels.mr_stages import predict_kernel
 from mrwarp.model_effects import make_effect
 from mrwarp.model_file import Effect
 from mrwarp.params import MrParams
+from tests.effects.strengths import STRENGTHS
 
 DT = 0.005
 ENVS, JOINTS = 4, 2
-STRENGTHS = {
-    "command_delay": {"delay": 0.0172},
-    "coil_lag": {"time_constant": 0.03},
-    "remanence": {"half_width": 0.15},
-    "current_saturation": {"u": 0.6},
-    "backlash": {"half_gap": 0.01},
-    "coulomb_friction": {"torque": 0.4, "speed": 0.05},
-    "friction_asymmetry": {"coulomb": 0.2, "viscous": 0.05, "speed": 0.05},
-    "stribeck": {"torque": 0.5, "stribeck_speed": 0.4, "speed": 0.05},
-    "cogging": {"sine": 0.2, "cosine": -0.1, "periods": 24.0},
-    "current_viscosity": {"B1": 0.05},
-    "speed_weakening": {"power": 0.6},
-    "temperature_drift": {"yield_loss": 0.02, "viscosity_loss": 0.03, "time_constant": 25.0},
-    "wear": {"rate": 0.05},
-}
-"""A visible strength of every mechanism that acts in the kernels."""
+MECHANISMS = [name for name, law in CATALOGUE.items() if law.kind == "mechanism" and name != "rotor_inertia"]
+"""Effects that act in the kernels; inertia acts in the model, see tests/env/test_sim.py."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +39,7 @@ def effect(name: str) -> Effect:
     return make_effect(name, STRENGTHS[name])
 
 
-ALL = tuple(effect(name) for name in STRENGTHS)
+ALL = tuple(effect(name) for name in MECHANISMS)
 
 
 class Rig:
@@ -113,11 +100,6 @@ def rows(arrays: dict[str, np.ndarray], env: int) -> dict[str, np.ndarray]:
 def assert_bit_equal(got: dict[str, np.ndarray], want: dict[str, np.ndarray]) -> None:
     """Same bytes of everything that both have, NaN included."""
     assert [name for name in want if got[name].tobytes() != want[name].tobytes()] == []
-
-
-def test_strengths_cover_every_mechanism() -> None:
-    """No mechanism of the catalogue is left out below; inertia acts in the model, see tests/env/test_sim.py."""
-    assert {law.name for law in CATALOGUE.values() if law.kind == "mechanism"} == {*STRENGTHS, "rotor_inertia"}
 
 
 @pytest.mark.parametrize("coupling", list(Coupling))
@@ -212,7 +194,7 @@ def replayed(effects: tuple[Effect, ...], command: np.ndarray, heat: np.ndarray)
     return tau.numpy()[0]
 
 
-@pytest.mark.parametrize("names", [[name] for name in STRENGTHS] + [list(STRENGTHS)], ids=lambda names: "+".join(names))
+@pytest.mark.parametrize("names", [[name] for name in MECHANISMS] + [MECHANISMS], ids=lambda names: "+".join(names))
 def test_simulated_torque_is_that_of_the_diagnosis(names: list[str]) -> None:
     """Along a prescribed motion each effect, and all together, gives the torque of the kernel that names it."""
     effects = tuple(effect(name) for name in names)

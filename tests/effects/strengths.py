@@ -1,0 +1,25 @@
+"""Every effect of the catalogue at a strength that shows, for tests that need them all."""
+
+STRENGTHS = {
+    "command_delay": {"delay": 0.0172},
+    "coil_lag": {"time_constant": 0.03},
+    "current_gain": {"gain": 1.3},
+    "remanence": {"half_width": 0.15},
+    "current_saturation": {"u": 0.6},
+    "velocity_lag": {"time_constant": 0.01},
+    "encoder_offset": {"offset": 0.1},
+    "backlash": {"half_gap": 0.01},
+    "rotor_inertia": {"inertia": 0.01},
+    "coulomb_friction": {"torque": 0.4, "speed": 0.05},
+    "friction_asymmetry": {"coulomb": 0.2, "viscous": 0.05, "speed": 0.05},
+    "stribeck": {"torque": 0.5, "stribeck_speed": 0.4, "speed": 0.05},
+    "cogging": {"sine": 0.2, "cosine": -0.1, "periods": 24.0},
+    "current_viscosity": {"B1": 0.05},
+    "speed_weakening": {"power": 0.6},
+    "temperature_drift": {"yield_loss": 0.02, "viscosity_loss": 0.03, "time_constant": 37.0},
+    "wear": {"rate": 0.05},
+    "torque_sensor_lag": {"time_constant": 0.006},
+    "torque_gain": {"gain": 0.8},
+    "torque_bias": {"bias": 0.1},
+}
+"""A visible strength of every effect."""
