@@ -9,6 +9,7 @@ import numpy as np
 
 from mrwarp.diagnose.choice import Choice, threshold
 from mrwarp.diagnose.engine import Engine
+from mrwarp.diagnose.formula import find_formula
 from mrwarp.diagnose.heldout import HeldOut, reduction
 from mrwarp.diagnose.lines import Line
 from mrwarp.diagnose.predictor import Predictor
@@ -74,6 +75,15 @@ def assembled(
         for name, size in sizes.items()
         for p in [CATALOGUE[name].parameters[0]]
     }
+    traces = Traces(
+        torque=measured * scales.torque, baseline=choice.base.torque * scales.torque,
+        extended=choice.final.torque * scales.torque, q=samples.q * scales.q, qd=samples.qd * scales.q,
+        qdd=engine.motion.qdd * scales.q, current=samples.current * scales.current, time=engine.motion.time,
+        start=samples.start, regime=regime, noise_rms=engine.noise_model.rms * scales.torque,
+    )  # fmt: skip
+    if unexplained is not None:
+        formula = find_formula(traces, unexplained, recording.units, seed=seed)
+        unexplained = dataclasses.replace(unexplained, formula=formula)
     invisible = {name: _why_unseen(name, recording) for name in unseen}
     for name, law in CATALOGUE.items():
         if law.kind == "calibration":
@@ -110,18 +120,14 @@ def assembled(
         ),
         per_trajectory={
             name: (float(np.sqrt(a / n)) * scales.torque, float(np.sqrt(b / n)) * scales.torque)
-            for name, a, b, n in zip(names, held.baseline, held.extended, np.diff(samples.start), strict=True)
+            for name, a, b, n in zip(
+                names, held.baseline, held.extended if causes else held.baseline, np.diff(samples.start), strict=True
+            )
         },
         per_regime=_per_regime(base_error, extended_error, regime, scales.torque), notes=tuple(notes),
         model=outer_model(engine, choice.final, recording, seed, choice.refined),
         baseline_model=outer_model(engine, choice.base, recording, seed), recording=recording,
-        traces=Traces(
-            torque=measured * scales.torque, baseline=choice.base.torque * scales.torque,
-            extended=choice.final.torque * scales.torque, q=samples.q * scales.q, qd=samples.qd * scales.q,
-            qdd=engine.motion.qdd * scales.q, current=samples.current * scales.current, time=engine.motion.time,
-            start=samples.start, regime=regime, noise_rms=engine.noise_model.rms * scales.torque,
-        ),
-        predictor=Predictor.of(engine, choice), seconds=time.perf_counter() - begun, seed=seed,
+        traces=traces, predictor=Predictor.of(engine, choice), seconds=time.perf_counter() - begun, seed=seed,
     )  # fmt: skip
     return dataclasses.replace(result, sentence=sentence_of(result))
 

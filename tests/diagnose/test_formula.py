@@ -1,0 +1,84 @@
+"""Formulas for unexplained structure: found again by their values, none where there is none."""
+
+import re
+
+import numpy as np
+import pytest
+
+from mrwarp.diagnose import formula
+from mrwarp.diagnose.formula import find_formula
+from mrwarp.diagnose.result import Traces, Unexplained
+
+N = 20_000
+K = np.arange(N)
+Q, QD = 0.2 + 0.5 * np.sin(0.01 * K), 3.0 * np.cos(0.0131 * K)
+UNITS = {"q": "rad", "current": "A", "torque": "N·m"}
+
+
+def found(left: np.ndarray, along: tuple[str, ...] = ("q", "qd"), noise: float = 0.05) -> str | None:
+    """Formula for a mismatch with noise."""
+    zero = np.zeros(N)
+    traces = Traces(
+        torque=left + np.random.default_rng(0).normal(0.0, noise, N), baseline=zero, extended=zero, q=Q, qd=QD,
+        qdd=zero, current=zero, time=zero, start=np.array([0, N]), regime=zero, noise_rms=noise,
+    )  # fmt: skip
+    return find_formula(traces, Unexplained(depends_on=along, form="product", share=0.5), UNITS)
+
+
+def value(text: str) -> np.ndarray:
+    """What a formula says along the motion; its variables as it defines them."""
+    body, scales = re.fullmatch(r"\((.*)\) N·m with (.*)", text).groups()  # pyright: ignore[reportOptionalMemberAccess]
+    names = {"q": Q, "qd": QD, "sin": np.sin}
+    for part in scales.split(", "):
+        letter, expression = part.split(" = ")
+        plain = re.sub(r" rad(/s)?", "", expression).replace("−", "-")
+        names[letter] = eval(plain, {}, names)
+    body = re.sub(r"\|(\w)\|", r"abs(\1)", body).replace("·", "*").replace("^", "**")
+    return np.broadcast_to(eval(body, {}, names), N)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        lambda q, qd: 0.8 * q**2 * qd - 0.25 * qd,
+        lambda q, qd: 0.4 * q * np.abs(qd),
+        lambda q, qd: 0.2 * np.sin(3.0 * q),
+    ],
+)
+def test_law_is_found_again(law) -> None:
+    """Within a tenth of its own size, from cell means under noise."""
+    pytest.importorskip("gplearn")
+    left = law((Q - 0.2) / 0.5, QD / 3.0)
+    text = found(left)
+    assert text is not None
+    inside = np.abs(Q - 0.2) < 0.48
+    error = (value(text) - left)[inside]
+    assert error.std() < 0.1 * left.std(), text
+
+
+def test_noise_has_no_formula() -> None:
+    """Cell means of noise alone."""
+    pytest.importorskip("gplearn")
+    assert found(np.zeros(N)) is None
+
+
+def test_memory_and_lines_have_no_formula() -> None:
+    """What is no function of the moment."""
+    assert found(0.5 * QD, ("memory",)) is None and found(0.5 * QD, ("frequency",)) is None
+
+
+def test_nothing_without_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The package is optional."""
+    monkeypatch.setitem(__import__("sys").modules, "gplearn.genetic", None)
+    assert found(0.5 * QD) is None
+
+
+def test_programs_are_read_not_run() -> None:
+    """A program is data: an unknown name is refused."""
+    import sympy
+
+    x = sympy.Symbol("x")
+    known = {"mul": lambda a, b: a * b, "X0": x}
+    assert formula._parsed("mul(X0, mul(-0.5, X0))", known) == -0.5 * x**2
+    with pytest.raises((KeyError, ValueError)):
+        formula._parsed("exit(X0)", known)
