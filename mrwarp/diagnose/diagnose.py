@@ -13,7 +13,7 @@ from mrwarp.diagnose.experiment import propose
 from mrwarp.diagnose.findings import causes_of, shifts_of, unexplained_of
 from mrwarp.diagnose.heldout import hold_out
 from mrwarp.diagnose.lines import find_line
-from mrwarp.diagnose.prepare import groups_of, learn_noise, prepare
+from mrwarp.diagnose.prepare import begin_under_way, groups_of, learn_noise, prepare
 from mrwarp.diagnose.result import (
     Accounting,
     Diagnosis,
@@ -70,6 +70,9 @@ def diagnose(
     told(f"{len(candidates)} effects as candidates")
     look = first_look(engine, base, candidates)
     single = best_single(engine, base, look)
+    if begin_under_way(engine, single or base):
+        told("trajectories begin under way")
+        base = engine.fit(base.coordinates, base.x)
     if single is not None:
         told(f"noise without {look[0].effect}")
         engine.noise = learn_noise(engine, single.torque, groups_of(engine, single.coordinates, single.x))

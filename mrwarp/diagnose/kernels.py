@@ -44,7 +44,7 @@ def extended_replay_kernel(
     # parameters, shape (C, len(BASE)), (C, COLUMNS)
     base: wp.array2d[float],
     values: wp.array2d[float],
-    # in, samples of all trajectories end to end, shape (N,); (len(HEAT_TIMES), N); (T + 1,); (T,)
+    # in, samples of all trajectories end to end, shape (N,); (len(HEAT_TIMES), N); (T + 1,); (T,); (T,)
     q_in: wp.array[float],
     qd_in: wp.array[float],
     qdd_in: wp.array[float],
@@ -54,11 +54,15 @@ def extended_replay_kernel(
     heat_in: wp.array2d[float],
     start_in: wp.array[int],
     dt_in: wp.array[float],
+    begin_in: wp.array[float],
     # out: states, shape (C*T, SLOTS); torque, shape (C, N)
     memory_out: wp.array2d[float],
     tau_out: wp.array2d[float],
 ):
-    """Torque along every trajectory with every row of parameters: z starts at 0, the coil at its first command."""
+    """Torque along every trajectory with every row of parameters; the coil starts at its first command.
+
+    z starts at its steady value in the direction of ``begin_in``, or at 0 where that is 0.
+    """
     row, trajectory = wp.tid()
     line = row * dt_in.shape[0] + trajectory
     first, last = start_in[trajectory], start_in[trajectory + 1]
@@ -68,6 +72,8 @@ def extended_replay_kernel(
     beta, gamma, q_zero = base[row, 7], base[row, 8], base[row, 9]
     delay, thermal = values[row, _DELAY], values[row, _THERMAL]
     z = float(0.0)
+    if begin_in[trajectory] != 0.0:
+        z = begin_in[trajectory] / wp.max(beta + gamma, 1.0e-6)
     for k in range(first, last):
         before = wp.max(k - 1, first)
         s = Path()

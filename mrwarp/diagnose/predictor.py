@@ -24,14 +24,21 @@ class Predictor:
     """Shape (2, WIDTH)."""
     scales: Scales
     resistance: float
+    under_way: bool = False
+    """Whether trajectories that begin in motion are taken as cut out of a longer motion."""
 
     @classmethod
     def of(cls, engine: Engine, choice: Choice) -> Predictor:
         """The models of a search."""
         rows = np.stack([fit.coordinates.row(fit.x) for fit in (choice.base, choice.final)])
-        return cls(rows=rows, scales=engine.samples.scales, resistance=engine.motion.resistance)
+        motion = engine.motion
+        return cls(
+            rows=rows, scales=motion.samples.scales, resistance=motion.resistance, under_way=motion.begin is not None
+        )  # fmt: skip
 
     def torque(self, recording: Recording) -> np.ndarray:
         """Torque of both models along all trajectories end to end, shape (2, N) [unit of the recording]."""
         motion = Motion.of(recording, self.scales, resistance=self.resistance)
+        if self.under_way:
+            motion = motion.under_way()
         return ExtendedReplay(motion).torque(self.rows).astype(float) * self.scales.torque

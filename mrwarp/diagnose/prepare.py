@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,8 @@ _SHAPES = ((0.5, 1.0, 1.0), (1.5, 1.5, 1.5), (1.5, 2.5, 2.5))
 """More starts: coordinates of alpha, beta, gamma with a hysteresis that yields within 1/3 to 1/12 of the scale."""
 _SPOILT = 1.3
 """Ratio of the mismatch with the learned noise to that of least squares above which the noise is no noise."""
+_BEGUN = 0.8
+"""Ratio of squared mismatches of a trajectory's head below which it begins under way instead of without stress."""
 _LEAST = 0.003
 """Spread of offsets and factors between trajectories where it cannot be learned [1]."""
 _MANY = 20
@@ -96,6 +99,30 @@ def prepare(
         engine.noise = learn_noise(engine, fitted.torque, groups)
         fitted = engine.fit(c, fitted.x)
     return Baseline(engine, fitted, groups)
+
+
+def begin_under_way(engine: Engine, fitted: Fitted) -> bool:
+    """Let z start as if joints that move at their first sample had slid before, where the heads say so.
+
+    The heads are the samples that fits leave out because the unknown start of z shows in them.
+
+    Args:
+        engine: The data set; its motion is changed.
+        fitted: The best model so far.
+    """
+    moving = engine.motion.under_way()
+    if moving.begin is None or not moving.begin.any():
+        return False
+    torque = ExtendedReplay(moving).torque(fitted.coordinates.row(fitted.x))[0].astype(float)
+    head = engine.weight == 0.0
+    before, after = (np.where(head, engine.samples.torque - tau, 0.0) ** 2 for tau in (fitted.torque, torque))
+    parts = engine.samples.parts
+    better = np.array([after[part].sum() < _BEGUN * before[part].sum() for part in parts])
+    if 2 * np.sum(better & (moving.begin != 0.0)) < np.sum(moving.begin != 0.0):
+        return False
+    engine.motion = dataclasses.replace(moving, begin=np.where(better, moving.begin, 0.0))
+    engine.replay = ExtendedReplay(engine.motion, threads=engine.replay.threads)
+    return True
 
 
 def _coordinates_of(structure: BoucWenStructure, point: Point, motion: Motion) -> np.ndarray:

@@ -20,6 +20,8 @@ from mrwarp.effects.law import Ranges
 from mrwarp.sysid.recording import Recording
 from mrwarp.sysid.replay import Samples, Scales
 
+_MOVING = 0.05
+"""Part of the typical speed above which the joint moves."""
 WIDTH = len(BASE) + COLUMNS
 """Length of a row: the parameters of eqs. 14 and 15, then those of all effects."""
 
@@ -46,6 +48,15 @@ class Motion:
     kinematics: Kinematics
     resistance: float = 0.0
     """Coil resistance that the heat is reckoned with [Ohm]."""
+    begin: np.ndarray | None = None
+    """Direction in which the joint had slid before the first sample of each trajectory: -1, 1, or 0 for a device at
+    rest without stress; None: 0 for all; shape (T,)."""
+
+    def under_way(self) -> Motion:
+        """The same motion with trajectories that begin while the joint moves cut out of a longer motion."""
+        first = self.samples.qd[self.samples.start[:-1]]
+        begin = np.where(np.abs(first) > _MOVING * self.ranges.qd, np.sign(first), 0.0)
+        return dataclasses.replace(self, begin=begin)
 
     @classmethod
     def of(cls, recording: Recording, scales: Scales | None = None, *, resistance: float = 0.0) -> Motion:
@@ -112,7 +123,8 @@ class ExtendedReplay:
         self._arrays = [_array(x, device) for x in (s.q, s.qd, motion.qdd, s.current, motion.time, motion.slid_time)]
         self._arrays.append(wp.array(motion.heat.astype(np.float32), dtype=float, device=device))
         self._arrays.append(wp.array(s.start.astype(np.int32), dtype=int, device=device))
-        self._arrays.append(_array(s.dt, device))
+        begin = np.zeros(len(s.dt)) if motion.begin is None else motion.begin
+        self._arrays += [_array(s.dt, device), _array(begin, device)]
 
     def torque(self, rows: np.ndarray) -> np.ndarray:
         """Simulated torque, float32, shape (C, N), of rows of inner parameters, shape (C, WIDTH)."""

@@ -96,6 +96,7 @@ def torques(shaft: Shaft, base: Mapping[str, float], candidates: list[Effects]) 
     arrays |= {"base": array(np.stack([b for b, _ in made])), "values": array(np.stack([v for _, v in made]))}
     arrays["start_in"] = wp.array(np.array(shaft.start, dtype=np.int32), dtype=int, device="cpu")
     arrays["dt_in"] = array(np.full(trajectories, shaft.dt))
+    arrays["begin_in"] = array(np.zeros(trajectories))
     inputs = [arrays[arg.label] for arg in extended_replay_kernel.adj.args if arg.label in arrays]
     dim = (len(made), trajectories)
     wp.launch(extended_replay_kernel, dim=dim, inputs=inputs, outputs=[memory, tau], device="cpu")

@@ -187,7 +187,7 @@ def replayed(effects: tuple[Effect, ...], command: np.ndarray, heat: np.ndarray)
         array(np.array([[values[name] for name in BASE]])), array(row[None]), array(q), array(qd), array(qdd),
         array(command), array(DT * np.arange(1, count + 1)), array(DT * np.arange(1, count + 1)),
         array(np.tile(heat, (len(HEAT_TIMES), 1))),
-        wp.array([0, count], dtype=int, device="cpu"), array(np.array([DT])),
+        wp.array([0, count], dtype=int, device="cpu"), array(np.array([DT])), array(np.zeros(1)),
     ]  # fmt: skip
     outputs = [wp.zeros((1, SLOTS), dtype=float, device="cpu"), tau]
     wp.launch(extended_replay_kernel, dim=(1, 1), inputs=inputs, outputs=outputs, device="cpu")
