@@ -37,14 +37,14 @@ def value(text: str) -> np.ndarray:
     return np.broadcast_to(eval(body, {}, names), N)
 
 
-@pytest.mark.parametrize(
-    "law",
-    [
-        lambda q, qd: 0.8 * q**2 * qd - 0.25 * qd,
-        lambda q, qd: 0.4 * q * np.abs(qd),
-        lambda q, qd: 0.2 * np.sin(3.0 * q),
-    ],
-)
+LAWS = {
+    "product": lambda q, qd: 0.8 * q**2 * qd - 0.25 * qd,
+    "modulus": lambda q, qd: 0.4 * q * np.abs(qd),
+    "wave": lambda q, qd: 0.2 * np.sin(3.0 * q),
+}
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS.keys())
 def test_law_is_found_again(law) -> None:
     """Within a tenth of its own size, from cell means under noise."""
     pytest.importorskip("gplearn")
