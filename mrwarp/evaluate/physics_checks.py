@@ -20,13 +20,23 @@ from mrwarp.evaluate.physics_holding import (
     drift_tolerance,
     expected_drift,
 )
+from mrwarp.evaluate.physics_hysteresis import Hysteresis
+from mrwarp.evaluate.physics_ledger import LedgerRun
+from mrwarp.evaluate.physics_order import Order
 from mrwarp.evaluate.physics_passivity import ROUNDING, PassivityRun
+from mrwarp.evaluate.physics_states import StateAgreement
 
 UNSOLVED_SHARE = 0.005
 """Largest share of steps that may end unsolved in a run with impacts and moving joints."""
 
 ORDER = (0.8, 1.2)
 """Order of convergence of the constraint coupling: first, as semi-implicit Euler; stick events scatter it."""
+
+LEDGER_GAP = 1e-5
+"""Largest part of the turned-over energy that no source explains; the ledger is summed in float32."""
+
+HYSTERESIS_ORDER = {"euler": (0.9, 1.1), "exact": (0.95, 1.05), "exact, interpolated": (1.9, 2.1)}
+"""Order of the replayed torque: first with the newest velocity held, second with it interpolated."""
 
 Row = dict[str, Any]
 """One check: ``name``, ``value``, ``limit`` (text), ``unit``, ``holds``."""
@@ -92,6 +102,43 @@ def engine_checks(cases: list[Agreement], bits: dict[str, Any]) -> list[Row]:
         rows.append(_row(f"environment alone minus in a batch ({engine})", difference, high=0.0, unit="any"))
     threads = 0.0 if bits["same_at_1_and_2_threads"] else 1.0
     rows.append(_row("1 and 2 threads differ", threads, high=0.0, unit="yes/no"))
+    return rows
+
+
+def ledger_checks(runs: list[LedgerRun]) -> list[Row]:
+    """Motor, device, contact, limits, gravity and the step itself explain the change of kinetic energy."""
+    rows = []
+    for run in runs:
+        gap = run.figures()["largest_gap_share"]
+        rows.append(_row(f"energy, {run.name}: unexplained part of the turnover", gap, high=LEDGER_GAP, unit="share"))
+    return rows
+
+
+def order_checks(results: list[Order]) -> list[Row]:
+    """The robot's motion converges in first order."""
+    rows = []
+    for result in results:
+        for order, quantity in zip(result.order, ("positions", "velocities"), strict=True):
+            name = f"order of the robot's {quantity}, {result.name}"
+            rows.append(_row(name, float(order), low=ORDER[0], high=ORDER[1], unit=""))
+    return rows
+
+
+def state_checks(groups: list[StateAgreement]) -> list[Row]:
+    """One step of both engines from random states differs by no more than rounding."""
+    rows = []
+    for group in groups:
+        name = f"engines at {len(group.steep)} random states {group.name}: velocity difference"
+        rows.append(_row(name, group.share, high=1.0, unit="of rounding"))
+    return rows
+
+
+def hysteresis_checks(result: Hysteresis) -> list[Row]:
+    """The replayed torque converges to eqs. 14 and 15 in the order of its step."""
+    rows = []
+    for method, (low, high) in HYSTERESIS_ORDER.items():
+        order = result.order(method)
+        rows.append(_row(f"order of the hysteretic torque, {method}", order, low=low, high=high, unit=""))
     return rows
 
 

@@ -191,7 +191,7 @@ def test_physics_run_all(tmp_path: Path):
     figures = run_all(tmp_path, seed=0, policy=None, progress=lines.append)
     assert [row["name"] for row in figures["checks"] if not row["holds"]] == []
     assert figures["passed"]
-    assert len(lines) == 4
+    assert len(lines) == 6
     json.dumps(figures, allow_nan=False)
     assert {path.name for path in tmp_path.iterdir()} == set(figures["pictures"])
 
