@@ -36,7 +36,7 @@ JOINT_UNITS = {"q": "rad", "current": "A", "torque": "N·m"}
 _KEYS = ("schema", "units", "parameters", "effects", "fitted_on", "seed", "versions")
 _NAMES = tuple(spec.name for spec in MrParams.specs() if spec.name != "q_neutral")
 _REQUIRED = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
-
+_REMEDY = "give the model.json that 'mrwarp fit' wrote"
 
 _LARGEST = sys.float_info.max
 _SHORT = reprlib.Repr()
@@ -174,12 +174,10 @@ def load_model(path: str | Path) -> Model:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise ModelFileError(f"{path}: {path.stat().st_size} bytes; a model file has at most {MAX_BYTES}")
-        text = path.read_text(encoding="utf-8")
+        content = read_json_file(path)
     except OSError as error:
-        raise ModelFileError(f"{path}: {error.strerror}; give the model.json that 'mrwarp fit' wrote") from None
-    except UnicodeDecodeError as error:
-        raise ModelFileError(f"{path}: not JSON: {error}; give the model.json that 'mrwarp fit' wrote") from None
-    return model_from_dict(read_json(text, str(path)), str(path))
+        raise ModelFileError(f"{path}: {error.strerror}; {_REMEDY}") from None
+    return model_from_dict(content, str(path))
 
 
 def model_to_dict(model: Model) -> dict[str, Any]:
@@ -223,7 +221,21 @@ def model_from_dict(content: Any, where: str = "model") -> Model:
     )
 
 
-def read_json(text: str, where: str, remedy: str = "give the model.json that 'mrwarp fit' wrote") -> Any:
+def read_json_file(path: Path, remedy: str = _REMEDY) -> Any:
+    """What a JSON file holds.
+
+    Raises:
+        ModelFileError: it is not JSON, or a key stands twice in one object.
+        OSError: it cannot be read.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ModelFileError(f"{path}: not JSON: {error}; {remedy}") from None
+    return read_json(text, str(path), remedy)
+
+
+def read_json(text: str, where: str, remedy: str = _REMEDY) -> Any:
     """What a JSON text holds.
 
     Raises:

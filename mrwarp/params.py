@@ -44,6 +44,8 @@ class ParamSpec:
             number = float(value)
         except (TypeError, ValueError):
             raise ParameterError(f"{where}: {self.name} = {value!r} is not a number; {self.allowed()}") from None
+        except OverflowError:  # a whole number of more than 308 digits
+            number = math.inf if value > 0 else -math.inf
         if not math.isfinite(number) or not self.low <= number <= self.high:
             raise ParameterError(f"{where}: {self.name} = {number:g} is out of range; {self.allowed()}")
         return number

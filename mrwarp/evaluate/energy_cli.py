@@ -16,6 +16,7 @@ from mrwarp.electrical.power import ElectricalCfg
 from mrwarp.electrical.thermal import ThermalCfg
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.evaluate.walking import Policy
+from mrwarp.model_file import read_json_file
 from mrwarp.params import ParameterError, ParamGroup
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 
@@ -64,14 +65,12 @@ def numbers(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises:
         ParameterError: a name is unknown or a value out of range; the message says which.
+        ModelFileError: the file is not JSON.
         OSError: the file cannot be read.
     """
     changes: dict[str, dict[str, Any]] = {name: {} for name in GROUPS}
     if args.numbers is not None:
-        try:
-            content = json.loads(args.numbers.read_text())
-        except ValueError as error:
-            raise ParameterError(f"{args.numbers}: not a JSON file ({error})") from None
+        content = read_json_file(args.numbers, "give the numbers.json that --calibrate wrote")
         if not isinstance(content, dict) or not all(isinstance(group, dict) for group in content.values()):
             raise ParameterError(f"{args.numbers}: needs one object per group: {', '.join(GROUPS)}")
         for group, values in content.items():

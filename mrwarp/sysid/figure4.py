@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from mrwarp.model_file import read_json_file
 from mrwarp.nn import model_file
 from mrwarp.nn.models import SAMPLES
 from mrwarp.nn.train import FitCfg
@@ -218,8 +219,9 @@ def _read(path: Path, key: dict[str, Any]) -> dict[str, Any] | None:
     """What was kept under the same key, or None."""
     if not path.is_file():
         return None
-    content = json.loads(path.read_text())
-    return content if content.get("key") == json.loads(json.dumps(key)) else None
+    content = read_json_file(path, "remove it, and the model is made again")
+    same = isinstance(content, dict) and content.get("key") == json.loads(json.dumps(key))
+    return content if same else None
 
 
 def _write(path: Path, content: dict[str, Any]) -> None:

@@ -154,3 +154,29 @@ def test_bad_input_ends_with_2(
     assert main(["walk", "--out", str(tmp_path / "out"), *options]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out" / "result.json").exists()
+
+
+@pytest.mark.parametrize("command", ["walk", "mission"])
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"[" * 100_000, "not JSON"),
+        (b'{"electrical": ' * 2000, "not JSON"),
+        (b'{"electrical": {', "not JSON"),
+        (b"\xff\xfe", "not JSON"),
+        (b'{"electrical": {"regeneration": 0, "regeneration": 1}}', "regeneration stands twice"),
+        (b'{"electrical": {"regeneration": 1' + 400 * b"0" + b"}}", "regeneration = inf is out of range"),
+        (b'{"electrical": {"regeneration": [[[]]]}}', "is not a number"),
+        (b"[]", "one object per group"),
+    ],
+)  # fmt: skip
+def test_unusable_numbers_end_with_2(
+    command: str, content: bytes, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A file of ``--numbers`` that is damaged, nested without end or out of range: one line, no traceback."""
+    file = tmp_path / "numbers.json"
+    file.write_bytes(content)
+    assert main([command, "--out", str(tmp_path / "out"), "--numbers", str(file)]) == 2
+    shown = capsys.readouterr().err
+    assert message in shown and len(shown.splitlines()) == 1
+    assert not (tmp_path / "out").exists()

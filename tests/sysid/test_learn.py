@@ -160,3 +160,8 @@ def test_figure4_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.Mo
     assert calls == ["bouc_wen", "mlp", "lstm", "pg_rlstm"]
     figure4.figure4(replace(cfg, fit=replace(cfg.fit, epochs=7)), tmp_path)
     assert len(calls) == 8
+    [kept] = tmp_path.rglob("mlp.json")
+    for damage in ("[" * 100_000, "{"):
+        kept.write_text(damage)
+        with pytest.raises(ValueError, match="mlp.json: not JSON: .*; remove it"):
+            figure4.figure4(cfg, tmp_path)
