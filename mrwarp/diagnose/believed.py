@@ -66,6 +66,7 @@ def _not_by_chance(engine: Engine, choice: Choice, fit: Fitted) -> Fitted:
 
 def _with_rows(engine: Engine, fit: Fitted, rows: np.ndarray) -> float:
     """Held-out loss of a model with free functions beside it."""
-    table = engine.grams(np.vstack([fit.slopes, rows, (engine.samples.torque - fit.torque)[None]]), fit.torque)
-    size = len(fit.slopes) + len(rows)
-    return float(losses(table, list(range(size)), size, ridge=1e-7)[2].sum())
+    table = engine.grams([fit.slopes, rows, (engine.samples.torque - fit.torque)[None]], fit.torque)
+    size = len(fit.slopes)
+    use = [*fit.free, *range(size, size + len(rows))]
+    return float(losses(table, use, size + len(rows), ridge=1e-7)[2].sum())

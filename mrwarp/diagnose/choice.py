@@ -116,12 +116,13 @@ def as_good(fit: Fitted, best: Fitted, base: Fitted) -> bool:
 
 def leftovers(engine: Engine, fit: Fitted, groups: list[Group]) -> list[Leftover]:
     """What each group of features would gain on top of a model, best first."""
-    rows = np.vstack([fit.slopes, *(g.rows for g in groups), (engine.samples.torque - fit.torque)[None]])
+    rows = [fit.slopes, *(g.rows for g in groups), (engine.samples.torque - fit.torque)[None]]
     table = engine.grams(rows, fit.torque)
-    size, at, found = len(fit.slopes), len(fit.slopes), []
+    target = sum(len(r) for r in rows) - 1
+    at, found = len(fit.slopes), []
     for group in groups:
-        use = [*range(size), *range(at, at + len(group.rows))]
-        _, _, outside = losses(table, use, len(rows) - 1, ridge=1e-7)
+        use = [*fit.free, *range(at, at + len(group.rows))]
+        _, _, outside = losses(table, use, target, ridge=1e-7)
         found.append(Leftover(group, *gain_and_t(fit.left_out, outside)))
         at += len(group.rows)
     return sorted(found, key=lambda f: -f.gain)

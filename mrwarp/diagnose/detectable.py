@@ -50,10 +50,10 @@ def detectable(engine: Engine, fit: Fitted, effects: list[str]) -> tuple[dict[st
     for first in range(0, len(points), 24):
         some = points[first : first + 24]
         rows = tau[1 + first : 1 + first + len(some)] - tau[0]
-        table = engine.grams(np.vstack([fit.slopes, rows]), fit.torque)
+        table = engine.grams([fit.slopes, rows], fit.torque)
         size = len(fit.slopes)
         for k, (effect, value) in enumerate(some):
-            _, inside, _ = losses(table, list(range(size)), size + k)
+            _, inside, _ = losses(table, fit.free, size + k)
             curves.setdefault(effect, []).append((value, max(float(inside.sum()), 1e-12)))
     for effect, curve in curves.items():
         values, gains = np.log([v for v, _ in curve]), np.log([g for _, g in curve])

@@ -20,6 +20,7 @@ from mrwarp.diagnose.result import (
     Error,
 )
 from mrwarp.diagnose.sufficient import gaps, hindrances
+from mrwarp.diagnose.thin import thinned
 from mrwarp.diagnose.words import experiment_sentence, sentence_of
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.model_file import Model
@@ -51,10 +52,13 @@ def diagnose(
     reasons = hindrances(recording)
     if reasons:
         return _no_verdict(recording, reasons, seed, time.perf_counter() - begun)
+    recording, thinning = thinned(recording)
     known = tuple(e.name for e in model.effects if e.name in CATALOGUE) if model else ()
     baseline = prepare(recording, known=known, model=model, threads=threads, seed=seed, told=told)
     engine, base = baseline.engine, baseline.fitted
-    line = find_line(engine.samples.torque - base.torque, base.torque, engine.samples, engine.noise_model)
+    line = None
+    if not engine.misfit:  # beside a large misfit any of its harmonics would pass for a line
+        line = find_line(engine.samples.torque - base.torque, base.torque, engine.samples, engine.noise_model)
     if line:
         told(f"a line at {line.frequency:.2f} Hz is set aside")
         engine.set_aside(line.frequency, base.torque)
@@ -88,9 +92,10 @@ def diagnose(
     shifts = shifts_of(engine, choice, recording, model)
     told("next experiment")
     following = propose(engine, choice, seed)
-    return assembled(
+    result = assembled(
         engine, choice, held, line, unexplained, causes, shifts, sizes, unseen, following, recording, seed, begun
     )
+    return dataclasses.replace(result, notes=(*result.notes, thinning)) if thinning else result
 
 
 def _no_verdict(recording: Recording, reasons: list[str], seed: int, seconds: float) -> Diagnosis:

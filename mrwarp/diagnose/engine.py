@@ -27,13 +27,15 @@ class Fitted:
     torque: np.ndarray
     """Simulated torque, shape (N,)."""
     slopes: np.ndarray
-    """Its derivatives, shape (P, N)."""
+    """Its derivatives, float32, shape (P, N)."""
     loss: np.ndarray
     """Whitened sum of squares of each trajectory, shape (T,)."""
     left_out: np.ndarray
     """The same with the trajectory left out of the fit, shape (T,)."""
     grams: Grams
     """Of [slopes, residual]."""
+    free: list[int]
+    """Coordinates that are not held at a bound which they push against: linear models may not cross it either."""
 
     @property
     def total(self) -> float:
@@ -117,8 +119,8 @@ class Engine:
         order = [name for name in CATALOGUE if name in effects]
         return Coordinates(order, self.motion.ranges, self.q_zero, choices)
 
-    def grams(self, rows: np.ndarray, torque: np.ndarray) -> Grams:
-        """Whitened Gram matrices of signals, shape (M, N)."""
+    def grams(self, rows: np.ndarray | Sequence[np.ndarray], torque: np.ndarray) -> Grams:
+        """Whitened Gram matrices of signals, shape (M, N), or of blocks of them."""
         return Grams(rows, torque, self.samples, self.noise_model, self.weight)
 
     def fit(self, c: Coordinates, x: np.ndarray, *, iterations: int = 12, tolerance: float = 1e-5) -> Fitted:
@@ -126,7 +128,7 @@ class Engine:
         x = np.clip(x, c.low, c.high)
         torque, slopes = jacobian(self.replay, c, x)
         damping = 1e-4
-        table = self.grams(np.vstack([slopes, self.samples.torque - torque]), torque)
+        table = self.grams([slopes, (self.samples.torque - torque)[None]], torque)
         for _ in range(iterations):
             loss = float(table.total[-1, -1])
             step = self._step(table.total, c, x, damping)
@@ -135,20 +137,21 @@ class Engine:
             if predicted < tolerance * loss and predicted < 0.02 * len(x):
                 break
             torque_new, slopes_new = jacobian(self.replay, c, trial)
-            table_new = self.grams(np.vstack([slopes_new, self.samples.torque - torque_new]), torque_new)
+            table_new = self.grams([slopes_new, (self.samples.torque - torque_new)[None]], torque_new)
             if float(table_new.total[-1, -1]) < loss:
                 x, torque, slopes, table, damping = trial, torque_new, slopes_new, table_new, max(damping / 10, 1e-9)
             else:
                 damping *= 30
                 if damping > 1e4:
                     break
-        use, target = list(range(len(x))), len(x)
-        _, inside, outside = losses(table, use, target)
+        free = _free(table.total, c, x)
+        _, inside, outside = losses(table, free, len(x))
         # what stands is the loss at x; the linear model only says what leaving a trajectory out adds to it
         loss = table.parts[:, -1, -1]
         return Fitted(
-            coordinates=c, x=x, torque=torque, slopes=slopes, loss=loss, left_out=loss + outside - inside, grams=table
-        )
+            coordinates=c, x=x, torque=torque, slopes=slopes, loss=loss, left_out=loss + outside - inside, grams=table,
+            free=free,
+        )  # fmt: skip
 
     @staticmethod
     def _step(gram: np.ndarray, c: Coordinates, x: np.ndarray, damping: float) -> np.ndarray:
@@ -237,16 +240,16 @@ class Engine:
                 blocks.append((tau[at + 1 : at + 1 + num] - here) / t.coordinates.steps[t.own, None])
                 blocks.append((self.samples.torque - here)[None])
                 at += 1 + num
-            table = self.grams(np.vstack(blocks), base.torque)
+            table = self.grams(blocks, base.torque)
             column = size
             for t in some:
                 count = len(t.own)
-                use = [*range(size), *range(column, column + count)]
+                use = [*base.free, *range(column, column + count)]
                 # what eq. 14 alone can take up, with the effect's numbers held: decides between starts
                 solution, inside, outside = losses(table, use, column + count)
-                t.step, t.loss, t.left_out = solution[size:], float(inside.sum()), outside
-                held, _, _ = losses(table, list(range(size)), column + count)
-                t.held = float(_loss_of(table, list(range(size)), column + count, held))
+                t.step, t.loss, t.left_out = solution[len(base.free) :], float(inside.sum()), outside
+                held, _, _ = losses(table, base.free, column + count)
+                t.held = float(_loss_of(table, base.free, column + count, held))
                 column += count + 1
 
 
@@ -313,6 +316,14 @@ def _apart(trials: list[_Trial], count: int) -> list[_Trial]:
         if len(taken) == count:
             break
     return taken
+
+
+def _free(gram: np.ndarray, c: Coordinates, x: np.ndarray) -> list[int]:
+    """Coordinates of eqs. 14 and 15 that are not at a bound and push against it, and all of the effects."""
+    slope, near = gram[:-1, -1], 1e-9
+    held = ((x <= c.low + near) & (slope < 0.0)) | ((x >= c.high - near) & (slope > 0.0))
+    held[9:] = False
+    return [int(i) for i in np.flatnonzero(~held)]
 
 
 def _loss_of(table: Grams, use: list[int], target: int, solution: np.ndarray) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mrwarp.diagnose.noise import Noise
@@ -12,7 +14,7 @@ class Grams:
     """Whitened Gram matrices of signals, one per trajectory, with offsets and factors marginalised.
 
     Args:
-        rows: The signals, shape (M, N).
+        rows: The signals, shape (M, N), or blocks of them.
         torque: Simulated torque, for the factor of each trajectory, shape (N,).
         samples: The samples.
         noise: The noise model.
@@ -20,28 +22,35 @@ class Grams:
     """
 
     def __init__(
-        self, rows: np.ndarray, torque: np.ndarray, samples: Samples, noise: Noise, weight: np.ndarray
+        self,
+        rows: np.ndarray | Sequence[np.ndarray],
+        torque: np.ndarray,
+        samples: Samples,
+        noise: Noise,
+        weight: np.ndarray,
     ) -> None:
-        size, count = len(rows), rows.shape[1]
-        table = np.empty((size + 2, count))
-        table[:size], table[size], table[size + 1] = rows, 1.0, torque
-        table = noise.white(table)
-        counted = weight.copy()
-        for part in samples.parts:
-            counted[part.start : part.start + len(noise.whitening) - 1] = 0.0
-        table *= counted
+        blocks = [rows] if isinstance(rows, np.ndarray) else rows
+        cuts = np.cumsum([0, *(len(block) for block in blocks)])
+        size, first = int(cuts[-1]), len(noise.whitening) - 1
         spread = np.maximum([noise.offset, noise.gain], 1e-9)
         parts = []
-        for part in samples.parts:
-            here = table[:, part]
-            gram = here @ here.T
+        self.count = 0.0
+        for part in samples.parts:  # one after the other: a whole table would be many times the recording
+            table = np.empty((size + 2, part.stop - part.start))
+            for at, block in zip(cuts[:-1], blocks, strict=True):
+                table[at : at + len(block)] = block[:, part]
+            table[size], table[size + 1] = 1.0, torque[part]
+            counted = weight[part].copy()
+            counted[:first] = 0.0
+            table = noise.white(table) * counted
+            gram = table @ table.T
             inner = gram[size:, size:] + np.diag(1.0 / spread**2)
             cross = gram[:size, size:]
             parts.append(gram[:size, :size] - cross @ np.linalg.solve(inner, cross.T))
+            self.count += float(counted.sum())
         self.parts = np.array(parts)
         """Shape (T, M, M)."""
         self.total = self.parts.sum(axis=0)
-        self.count = float(counted.sum())
 
 
 def ridge_solve(gram: np.ndarray, moment: np.ndarray, ridge: float = 1e-9) -> np.ndarray:

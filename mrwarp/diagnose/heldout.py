@@ -53,14 +53,15 @@ def hold_out(engine: Engine, choice: Choice) -> HeldOut:
 
 def _foretold(engine: Engine, fit: Fitted) -> np.ndarray:
     """Torque of each trajectory by the fit without it, shape (N,)."""
-    parts, size = fit.grams.parts, len(fit.x)
-    total, moment = fit.grams.total[:size, :size], fit.grams.total[:size, size]
+    size, free = len(fit.x), fit.free
+    parts = fit.grams.parts[:, [*free, size]][:, :, [*free, size]]
+    total, moment = parts[:, :-1, :-1].sum(axis=0), parts[:, :-1, -1].sum(axis=0)
     out = fit.torque.copy()
     if len(parts) < 2:
         return out
-    left = ridge_solve(total - parts[:, :size, :size], moment - parts[:, :size, size])
+    left = ridge_solve(total - parts[:, :-1, :-1], moment - parts[:, :-1, -1])
     for delta, part in zip(left, engine.samples.parts, strict=True):
-        out[part] += delta @ fit.slopes[:, part]
+        out[part] += delta @ fit.slopes[free, part]
     return out
 
 

@@ -7,7 +7,6 @@ white noise (a Kalman smoother written as one banded system), without any phase.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +17,11 @@ from scipy.signal import lfilter, savgol_filter
 from mrwarp.sysid.recording import Recording, Trajectory
 
 _BANDWIDTHS = (25.0, 50.0, 100.0)
-"""Bandwidths of the smoother [Hz]: the first that leaves only noise of the angle, as far as the rate allows."""
+"""Bandwidths of the smoother [Hz], narrowest first: wider where the angle holds more motion and the rate allows it."""
 _LEFT = 2.0
-"""Standard deviations of the angle's noise that the smoother may leave; more is motion that it takes for noise."""
+"""Standard deviations of the angle's noise that the smoother may leave; more may be motion that it takes for noise."""
+_MOTION = 0.5
+"""Part of it that a wider smoother leaves, at most, where it was motion."""
 _LAG_T = 5.0
 """The velocity lags when its time constant is this many standard errors from 0."""
 
@@ -51,9 +52,9 @@ def reconstruct(recording: Recording) -> Kinematics:
         lag, error = _lag_of(recording, sigma_q)
         if lag < _LAG_T * error or lag < 1e-4:
             lag = 0.0
-    bandwidth = _bandwidth(runs, sigma_q, sigma_v)
     qd, qdd = [], []
     for run in runs:
+        bandwidth = _bandwidth(run, sigma_q, sigma_v)
         v = run.qd
         if lag > 0.0:
             v = v + lag * smooth(run.q * 0.0 + np.nan, run.qd, run.dt, float("inf"), sigma_v, bandwidth)[1]
@@ -68,20 +69,25 @@ def reconstruct(recording: Recording) -> Kinematics:
     return Kinematics(qd=np.concatenate(qd), qdd=np.concatenate(qdd), velocity_lag=lag, velocity_lag_error=error)
 
 
-def _bandwidth(runs: Sequence[Trajectory], sigma_q: float, sigma_v: float) -> float:
-    """Bandwidth for a recording [Hz]: a bang-bang drive needs more than a swing."""
-    for bandwidth in _BANDWIDTHS:
-        if bandwidth == _BANDWIDTHS[-1] or 2.0 * bandwidth > 0.2 / max(run.dt for run in runs):
+def _bandwidth(run: Trajectory, sigma_q: float, sigma_v: float) -> float:
+    """Bandwidth for a trajectory [Hz]: a bang-bang drive or a chirp needs more than a swing."""
+    best = _BANDWIDTHS[0]
+    left = _left(run, sigma_q, sigma_v, best)
+    for bandwidth in _BANDWIDTHS[1:]:
+        if left < _LEFT * sigma_q or bandwidth > 0.2 / run.dt:
             break
-        left = []
-        for run in runs:
-            v, _ = smooth(run.q, run.qd, run.dt, sigma_q, sigma_v, bandwidth)
-            rest = run.q - np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1])) * run.dt])
-            slow = uniform_filter1d(rest, 2 * max(5, int(0.1 / run.dt)) + 1)
-            left.append(float((rest - slow).std()))
-        if _median(left) < _LEFT * sigma_q:
+        wider = _left(run, sigma_q, sigma_v, bandwidth)
+        if wider > _MOTION * left:
             break
-    return bandwidth
+        best, left = bandwidth, wider
+    return best
+
+
+def _left(run: Trajectory, sigma_q: float, sigma_v: float, bandwidth: float) -> float:
+    """Standard deviation of what the smoother leaves of the angle, slow drifts apart."""
+    v, _ = smooth(run.q, run.qd, run.dt, sigma_q, sigma_v, bandwidth)
+    rest = run.q - np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1])) * run.dt])
+    return float((rest - uniform_filter1d(rest, 2 * max(5, int(0.1 / run.dt)) + 1)).std())
 
 
 def smooth(

@@ -156,7 +156,7 @@ def simulate(replay: ExtendedReplay, pairs: Sequence[tuple[Coordinates, np.ndarr
 
 
 def jacobian(replay: ExtendedReplay, c: Coordinates, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Torque, shape (N,), and its derivatives by every coordinate, shape (P, N), from one launch."""
+    """Torque, shape (N,), and its derivatives by every coordinate, float32, shape (P, N), from one launch."""
     pairs, linear = [(c, x)], len(LINEAR)
     for i in range(c.size):
         for sign in (1.0,) if i < linear else (1.0, -1.0):
@@ -164,7 +164,8 @@ def jacobian(replay: ExtendedReplay, c: Coordinates, x: np.ndarray) -> tuple[np.
             y[i] += sign * c.steps[i]
             pairs.append((c, y))
     tau = simulate(replay, pairs)
-    slopes = np.empty((c.size, tau.shape[1]))
-    slopes[:linear] = (tau[1 : 1 + linear] - tau[0]) / c.steps[:linear, None]
-    slopes[linear:] = (tau[1 + linear :: 2] - tau[2 + linear :: 2]) / (2.0 * c.steps[linear:, None])
+    steps = c.steps[:, None].astype(np.float32)
+    slopes = np.empty((c.size, tau.shape[1]), dtype=np.float32)
+    slopes[:linear] = (tau[1 : 1 + linear] - tau[0]) / steps[:linear]
+    slopes[linear:] = (tau[1 + linear :: 2] - tau[2 + linear :: 2]) / (2.0 * steps[linear:])
     return tau[0].astype(float), slopes

@@ -29,8 +29,6 @@ _SPOILT = 1.3
 """Ratio of the mismatch with the learned noise to that of least squares above which the noise is no noise."""
 _BEGUN = 0.8
 """Ratio of squared mismatches of a trajectory's head below which it begins under way instead of without stress."""
-_LEAST = 0.003
-"""Spread of offsets and factors between trajectories where it cannot be learned [1]."""
 _MANY = 20
 """Trajectories above which the features take up little of their offsets and factors; below, they take up most."""
 
@@ -181,7 +179,7 @@ def learn_noise(engine: Engine, torque: np.ndarray, groups: list[Group]) -> Nois
     mismatch = s.torque - torque
     if engine.misfit:
         level = rms(mismatch)
-        return Noise(whitening=np.ones(1), sigma=level, rms=level, offset=_LEAST * float(torque.std()), gain=_LEAST)
+        return Noise(whitening=np.ones(1), sigma=level, rms=level, offset=0.0, gain=0.0)
     table = np.vstack([np.ones((1, len(torque))), torque[None], *(g.rows for g in groups)]).astype(np.float32)
     table /= np.maximum(np.sqrt(np.mean(table**2, axis=1, keepdims=True)), 1e-9)
     gram, moment = (table @ table.T).astype(float), (table @ mismatch.astype(np.float32)).astype(float)

@@ -117,6 +117,15 @@ def test_samples_without_weight_do_not_count() -> None:
     assert fit.grams.count < 0.92 * clean.grams.count
 
 
+def test_an_effect_that_cannot_act_gains_nothing_where_a_number_is_at_its_bound() -> None:
+    """Linear looks do not cross the bound either: at a constant current a lag of it changes nothing."""
+    engine = known.engine(B=-0.02, at=known.motion(current=1.0))
+    base = known.fitted(engine)
+    assert base.x[1] == 0.0 and 1 not in base.free
+    (look,) = engine.screen(base, ["coil_lag"])
+    assert look.total == pytest.approx(base.total, rel=1e-6)
+
+
 def test_line_is_set_aside_with_its_phase_in_each_trajectory() -> None:
     """A line of known frequency leaves the torque; what remains is the noise, and the measured torque is kept."""
     motion = known.motion()

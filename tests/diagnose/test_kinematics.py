@@ -12,6 +12,23 @@ from mrwarp.sysid.recording import Recording, Trajectory
 STEP, V_NOISE = 3e-4, 0.01
 
 
+def test_a_quick_trajectory_is_smoothed_less_than_its_neighbours() -> None:
+    """A chirp up to 15 Hz among slow swings keeps its amplitude, and the swings their quiet velocity."""
+    recording, _, _ = logged(3, runs=5, dt=0.002)
+    t = np.arange(4000) * 0.002
+    phase = 2 * np.pi * (1.0 + 0.5 * 1.75 * t) * t  # 1 to 15 Hz
+    q, qd = 0.05 * np.sin(phase), 0.05 * np.cos(phase) * 2 * np.pi * (1.0 + 1.75 * t)
+    chirp = replace(recording.trajectories[0], t=100.0 + t, q=np.round(q / STEP) * STEP, qd=qd, id="chirp")
+    chirp = replace(chirp, current=np.zeros(len(t)), torque=np.zeros(len(t)))
+    runs = tuple(replace(run, qd=differentiate(run.q, run.dt), qd_derived=True) for run in recording.trajectories)
+    swings = reconstruct(replace(recording, trajectories=runs))
+    both = reconstruct(replace(recording, trajectories=(*runs, replace(chirp, qd_derived=True))))
+    count = len(swings.qd)
+    np.testing.assert_allclose(both.qd[:count], swings.qd, atol=1e-2 * np.abs(swings.qd).max())
+    late = slice(count + 3000, count + 3900)
+    assert np.dot(both.qd[late], qd[3000:3900]) / np.dot(qd[3000:3900], qd[3000:3900]) == pytest.approx(1.0, abs=0.01)
+
+
 def swing(seed: int, t: np.ndarray, lag: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sum of three sines of 0.5 to 2 Hz with its exact derivatives, all behind a settled first-order filter."""
     rng = np.random.default_rng(seed)
