@@ -54,7 +54,8 @@ def assembled(
     """The typed result from what was found."""
     samples, scales = engine.samples, engine.samples.scales
     measured = engine.measured
-    base_error, extended_error = measured - choice.base.torque, measured - choice.final.torque
+    baseline, extended = choice.stated(engine, choice.base), choice.stated(engine, choice.final)
+    base_error, extended_error = measured - baseline.torque, measured - extended.torque
     regime = regimes(engine)
     names = [run.id for run in recording.trajectories]
     unit = recording.units["torque"]
@@ -76,8 +77,8 @@ def assembled(
         for p in [CATALOGUE[name].parameters[0]]
     }
     traces = Traces(
-        torque=measured * scales.torque, baseline=choice.base.torque * scales.torque,
-        extended=choice.final.torque * scales.torque, q=samples.q * scales.q, qd=samples.qd * scales.q,
+        torque=measured * scales.torque, baseline=baseline.torque * scales.torque,
+        extended=extended.torque * scales.torque, q=samples.q * scales.q, qd=samples.qd * scales.q,
         qdd=engine.motion.qdd * scales.q, current=samples.current * scales.current, time=engine.motion.time,
         start=samples.start, regime=regime, noise_rms=engine.noise_model.rms * scales.torque,
     )  # fmt: skip
@@ -125,8 +126,8 @@ def assembled(
             )
         },
         per_regime=_per_regime(base_error, extended_error, regime, scales.torque), notes=tuple(notes),
-        model=outer_model(engine, choice.final, recording, seed, choice.refined),
-        baseline_model=outer_model(engine, choice.base, recording, seed), recording=recording,
+        model=outer_model(engine, extended, recording, seed, choice.refined),
+        baseline_model=outer_model(engine, baseline, recording, seed), recording=recording,
         traces=traces, predictor=Predictor.of(engine, choice), seconds=time.perf_counter() - begun, seed=seed,
     )  # fmt: skip
     return dataclasses.replace(result, sentence=sentence_of(result))

@@ -6,13 +6,14 @@ variance, after whitening and with offsets and factors of trajectories taken out
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from mrwarp.diagnose.engine import Candidate, Engine, Fitted
 from mrwarp.diagnose.features import Group
 from mrwarp.diagnose.grams import losses
+from mrwarp.diagnose.uncertainty import covariance
 from mrwarp.effects.catalogue import CATALOGUE
 
 FLOOR = 0.003
@@ -45,6 +46,8 @@ class Choice:
     """What each named effect adds to the others."""
     kept: dict[str, float] = field(default_factory=dict)
     """Part of each effect's gain that remains beside free functions of what is left."""
+    plain: dict[tuple[str, ...], Fitted] = field(default_factory=dict)
+    """See :meth:`stated`."""
     settled: set[str] = field(default_factory=set)
     """Effects that are no alternative to a similar one, because single events tell."""
     untold: set[str] = field(default_factory=set)
@@ -76,6 +79,16 @@ class Choice:
             x[own] = candidate.values
             self.fits[c.effects] = engine.fit(c, x)
         return self.fits[c.effects]
+
+    def stated(self, engine: Engine, fit: Fitted) -> Fitted:
+        """A model fitted again by plain least squares: the numbers that are stated.
+
+        Whitened differences decide what is there, for chance is reckoned in them. But they weigh what is quick, and
+        there a motion that is known to some milliseconds only, or a law in a slightly wrong form, shrinks an effect.
+        """
+        if fit.effects not in self.plain:
+            self.plain[fit.effects] = replace(engine.plain_fit(fit), least_variance=np.diag(covariance(fit)))
+        return self.plain[fit.effects]
 
     def without(self, engine: Engine, fit: Fitted, effect: str) -> Fitted:
         """A model refitted without one of its effects."""
@@ -119,10 +132,11 @@ def leftovers(engine: Engine, fit: Fitted, groups: list[Group]) -> list[Leftover
     rows = [fit.slopes, *(g.rows for g in groups), (engine.samples.torque - fit.torque)[None]]
     table = engine.grams(rows, fit.torque)
     target = sum(len(r) for r in rows) - 1
+    _, _, plain = losses(table, fit.free, target, ridge=1e-7)
     at, found = len(fit.slopes), []
     for group in groups:
         use = [*fit.free, *range(at, at + len(group.rows))]
         _, _, outside = losses(table, use, target, ridge=1e-7)
-        found.append(Leftover(group, *gain_and_t(fit.left_out, outside)))
+        found.append(Leftover(group, *gain_and_t(plain, outside)))
         at += len(group.rows)
     return sorted(found, key=lambda f: -f.gain)

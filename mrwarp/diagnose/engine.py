@@ -36,6 +36,8 @@ class Fitted:
     """Of [slopes, residual]."""
     free: list[int]
     """Coordinates that are not held at a bound which they push against: linear models may not cross it either."""
+    least_variance: np.ndarray | None = None
+    """What the coordinates' variances are at least, shape (P,), or None."""
 
     @property
     def total(self) -> float:
@@ -152,6 +154,14 @@ class Engine:
             coordinates=c, x=x, torque=torque, slopes=slopes, loss=loss, left_out=loss + outside - inside, grams=table,
             free=free,
         )  # fmt: skip
+
+    def plain_fit(self, fit: Fitted) -> Fitted:
+        """The same model by least squares without whitening; offsets and factors of trajectories are still let go."""
+        noise = self.noise_model
+        self.noise = dataclasses.replace(noise, whitening=np.ones(1), sigma=noise.rms)
+        plain = self.fit(fit.coordinates, fit.x)
+        self.noise = noise
+        return plain
 
     @staticmethod
     def _step(gram: np.ndarray, c: Coordinates, x: np.ndarray, damping: float) -> np.ndarray:

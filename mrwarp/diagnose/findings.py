@@ -65,7 +65,7 @@ def _needed_t(group: Group) -> float:
 
 def causes_of(engine: Engine, choice: Choice, candidates: list[str]) -> list[Cause]:
     """The named effects, largest gain first, with the intervals of their parameters."""
-    final = choice.final
+    final = choice.stated(engine, choice.final)
     spread = covariance(final)
     starts = sum(1 for _ in candidates) * 6
     causes = []

@@ -39,8 +39,8 @@ def hold_out(engine: Engine, choice: Choice) -> HeldOut:
     picked = np.where(
         others[final] <= others.min(axis=0) + 0.05 * (others[base_index] - others[final]), final, others.argmin(axis=0)
     )
-    base, extended = _foretold(engine, choice.base), np.empty(len(engine.samples.q))
-    by_model = {int(k): _foretold(engine, models[int(k)]) for k in np.unique(picked)}
+    base, extended = _foretold(engine, choice.stated(engine, choice.base)), np.empty(len(engine.samples.q))
+    by_model = {int(k): _foretold(engine, choice.stated(engine, models[int(k)])) for k in np.unique(picked)}
     for k, part in zip(picked, engine.samples.parts, strict=True):
         extended[part] = by_model[int(k)][part]
     measured = engine.samples.torque

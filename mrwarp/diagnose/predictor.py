@@ -30,7 +30,12 @@ class Predictor:
     @classmethod
     def of(cls, engine: Engine, choice: Choice) -> Predictor:
         """The models of a search."""
-        rows = np.stack([fit.coordinates.row(fit.x) for fit in (choice.base, choice.final)])
+        rows = np.stack(
+            [
+                fit.coordinates.row(fit.x)
+                for fit in (choice.stated(engine, choice.base), choice.stated(engine, choice.final))
+            ]
+        )
         motion = engine.motion
         return cls(
             rows=rows, scales=motion.samples.scales, resistance=motion.resistance, under_way=motion.begin is not None

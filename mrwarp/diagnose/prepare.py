@@ -166,11 +166,11 @@ def _known_values(c: Coordinates, x: np.ndarray, model: Model | None, motion: Mo
 def groups_of(engine: Engine, c: Coordinates, x: np.ndarray) -> list[Group]:
     """Groups of features along the hysteresis of a model."""
     rows = np.stack([c.row(x)] * 3)
-    rows[1:, :6] = 0.0
-    rows[1:, 4:6] = rows[0, 4:6]
-    rows[2, 4:6] = (1.0, 0.0)
-    _, hysteretic, loop = engine.replay.torque(rows).astype(float)
-    return make_groups(engine.motion, loop, hysteretic)
+    yielding = rows[0, 4:6].copy()
+    rows[:, :6] = 0.0
+    rows[0, 4:6], rows[1, 4:6] = yielding, (1.0, 0.0)
+    hysteretic, loop, added = engine.replay.torque(rows).astype(float)  # effects may add torque of their own
+    return make_groups(engine.motion, loop - added, hysteretic - added)
 
 
 def learn_noise(engine: Engine, torque: np.ndarray, groups: list[Group]) -> Noise:

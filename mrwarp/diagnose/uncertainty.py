@@ -17,12 +17,12 @@ def covariance(fit: Fitted) -> np.ndarray:
     inverse = np.linalg.pinv(total / np.outer(scale, scale), rcond=1e-12, hermitian=True) / np.outer(scale, scale)
     noise = inverse * max(1.0, float(fit.grams.total[size, size]) / fit.grams.count)
     count = len(parts)
-    if count < 3:
-        return noise
-    left = ridge_solve(total - parts[:, :size, :size], fit.grams.total[:size, size] - parts[:, :size, size])
-    left = left - left.mean(axis=0)
-    jackknife = (count - 1) / count * left.T @ left
-    ratio = np.sqrt(np.maximum(1.0, np.diag(jackknife) / np.maximum(np.diag(noise), 1e-300)))
+    least = np.zeros(size) if fit.least_variance is None else fit.least_variance
+    if count >= 3:
+        left = ridge_solve(total - parts[:, :size, :size], fit.grams.total[:size, size] - parts[:, :size, size])
+        left = left - left.mean(axis=0)
+        least = np.maximum(least, (count - 1) / count * np.einsum("ti,ti->i", left, left))
+    ratio = np.sqrt(np.maximum(1.0, least / np.maximum(np.diag(noise), 1e-300)))
     return noise * np.outer(ratio, ratio)
 
 

@@ -6,6 +6,7 @@ import pytest
 from mrwarp.diagnose.choice import CHI2, FLOOR, Choice, threshold
 from mrwarp.diagnose.choose import best_single, choose, first_look
 from mrwarp.diagnose.prepare import groups_of
+from mrwarp.diagnose.uncertainty import covariance
 from mrwarp.effects.catalogue import CATALOGUE
 from tests.diagnose import known
 
@@ -94,3 +95,17 @@ def test_search_is_the_same_twice() -> None:
     """No draw is left to chance: bit-equal numbers."""
     one, two = (searched(made({"coil_lag": {"time_constant": 0.008}}), ["coil_lag", "command_delay"]) for _ in range(2))
     assert np.array_equal(one.final.x, two.final.x) and one.own_gain == two.own_gain
+
+
+def test_stated_numbers_are_those_of_plain_least_squares() -> None:
+    """Same effects; they miss fewer newton metres than the numbers that decided, with intervals at least as wide."""
+    engine = made({"friction_asymmetry": {"coulomb": 0.0, "viscous": 0.02, "speed": 0.02}})
+    choice = searched(engine, ["friction_asymmetry"])
+    noise, stated = engine.noise, choice.stated(engine, choice.final)
+    assert engine.noise is noise and choice.stated(engine, choice.final) is stated
+    assert stated.effects == choice.final.effects == ("friction_asymmetry",)
+    torque = engine.samples.torque
+    assert np.sum((torque - stated.torque) ** 2) <= np.sum((torque - choice.final.torque) ** 2) * (1.0 + 1e-6)
+    assert (np.diag(covariance(stated)) >= np.diag(covariance(choice.final)) * (1.0 - 1e-9)).all()
+    found = stated.coordinates.values(stated.x)["friction_asymmetry"]
+    assert found["viscous"] == pytest.approx(0.02, rel=0.15)

@@ -30,7 +30,7 @@ def regression(seed: int, runs: int, *, count: int = 100, sigma: float = 0.3, sc
     noise = Noise(whitening=np.ones(1), sigma=sigma, rms=sigma, offset=0.0, gain=0.0)
     plain = np.linalg.lstsq(x.T, y, rcond=None)[0]
     grams = Grams(np.vstack([x, y - plain @ x]), zero, samples, noise, np.ones(runs * count))
-    return SimpleNamespace(x=plain, grams=grams, table=x, sigma=sigma)
+    return SimpleNamespace(x=plain, grams=grams, table=x, sigma=sigma, least_variance=None)
 
 
 def test_covariance_of_few_trajectories_is_that_of_the_noise() -> None:
@@ -92,8 +92,17 @@ def test_redundant_column_has_a_finite_interval() -> None:
     )  # fmt: skip
     noise = Noise(whitening=np.ones(1), sigma=0.3, rms=0.3, offset=0.0, gain=0.0)
     rows = np.vstack([table, np.random.default_rng(6).normal(size=len(zero))])
-    twice: Any = SimpleNamespace(x=np.zeros(4), grams=Grams(rows, zero, samples, noise, np.ones(len(zero))))
+    grams = Grams(rows, zero, samples, noise, np.ones(len(zero)))
+    twice: Any = SimpleNamespace(x=np.zeros(4), grams=grams, least_variance=None)
     assert np.isfinite(covariance(twice)).all()
+
+
+def test_least_variance_is_kept() -> None:
+    """A variance that is known to be larger widens its own coordinate alone."""
+    fit = regression(1, 2)
+    plain = covariance(fit)
+    fit.least_variance = np.diag(plain) * [4.0, 1.0, 0.1]
+    np.testing.assert_allclose(np.diag(covariance(fit)), np.diag(plain) * [4.0, 1.0, 1.0], rtol=1e-12)
 
 
 def test_noise_of_the_joint_is_covered() -> None:
