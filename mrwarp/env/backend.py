@@ -15,7 +15,7 @@ import mujoco.batch
 import mujoco_warp
 import numpy as np
 import warp as wp
-from mujoco_warp import OverflowType
+from mujoco_warp import DeterminismType, OverflowType
 
 
 class BackendKind(enum.Enum):
@@ -120,6 +120,7 @@ class MjWarpBackend:
         device: Warp device.
         contacts: Contact points to allocate per environment (they share one pool).
         constraints: Constraint rows to allocate per environment.
+        deterministic: Order contacts and constraint rows, and sum in an order that does not depend on the threads.
     """
 
     kind = BackendKind.MJWARP
@@ -140,11 +141,13 @@ class MjWarpBackend:
         device: str = "cpu",
         contacts: int = 24,
         constraints: int = 112,
+        deterministic: bool = False,
     ) -> None:
         self.num_envs = num_envs
         self.device = wp.get_device(device)
         with wp.ScopedDevice(self.device):
             self.model = mujoco_warp.put_model(model)
+            self.model.opt.deterministic = DeterminismType.ALL if deterministic else DeterminismType.NONE
             # float32 cannot reach the float64 tolerance; MuJoCo-Warp clamps it, we say it
             self.model.opt.tolerance.fill_(max(float(model.opt.tolerance), 1e-6))
             self.data = mujoco_warp.make_data(model, nworld=num_envs, nconmax=contacts, njmax=constraints)

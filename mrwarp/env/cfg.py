@@ -176,10 +176,11 @@ def make_walk_cfg(
     sal: bool = True,
     backend: BackendKind | None = None,
     threads: int = 0,
+    deterministic: bool = False,
 ) -> EnvCfg:
     """The training task: flat ground, MR joint, randomisation and noise on."""
     return EnvCfg(
-        sim=SimCfg(num_envs=num_envs, device=device, backend=backend, threads=threads),
+        sim=SimCfg(num_envs=num_envs, device=device, backend=backend, threads=threads, deterministic=deterministic),
         actuator=MrActuatorCfg(coupling=coupling, hold_current=hold_current, z_step=z_step, sal=sal),
         actuator_model=actuator_model,
         actuator_file=actuator_file,

@@ -35,6 +35,8 @@ class SimCfg:
     """Constraint solver options."""
     capture: bool = True
     """Run MuJoCo-Warp's steps as captured graphs; ``mjbatch`` has nothing to capture."""
+    deterministic: bool = False
+    """Sort MuJoCo-Warp's contacts, rows and sums, so that a GPU repeats its bits; on the CPU both engines do anyway."""
 
     def __post_init__(self) -> None:
         if self.threads < 0:
@@ -83,7 +85,7 @@ class Sim:
         if cfg.engine is BackendKind.MJBATCH:
             self.backend = MjBatchBackend(scene.model, cfg.num_envs, threads=cfg.threads)
         else:
-            self.backend = MjWarpBackend(scene.model, cfg.num_envs, device=cfg.device)
+            self.backend = MjWarpBackend(scene.model, cfg.num_envs, device=cfg.device, deterministic=cfg.deterministic)
         num_envs, num_joints, num_feet = cfg.num_envs, len(scene.actuators), max(len(scene.foot_adr), 1)
 
         def zeros(*shape: int) -> wp.array:

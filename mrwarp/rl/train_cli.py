@@ -50,6 +50,8 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--sal", choices=("on", "off"), default="on", help="whether the gates may open")
     parser.add_argument("--backend", choices=_values(BackendKind), help="physics engine (default: by device)")
     parser.add_argument("--threads", type=int, default=0, help="CPU threads of the physics; 0 = all (default)")
+    repeat = "make a GPU repeat its bits, at some cost in speed (the CPU repeats them anyway)"
+    parser.add_argument("--deterministic", action="store_true", help=repeat)
     parser.add_argument(
         "--save-every", type=duration, default=30.0, metavar="S", help="time between checkpoints [s] (default: 30)"
     )
@@ -93,6 +95,7 @@ def main(argv: list[str] | None = None) -> int:
             sal=args.sal == "on",
             backend=BackendKind(args.backend) if args.backend else None,
             threads=args.threads,
+            deterministic=args.deterministic,
         )
         cfg = TrainCfg(
             env=env,

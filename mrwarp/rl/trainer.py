@@ -19,7 +19,7 @@ from mrwarp.env import dump
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.evaluate.walking import GateCheck
-from mrwarp.quiet import silent
+from mrwarp.quiet import one_torch_thread, repeating_torch, silent
 from mrwarp.results import write_result
 from mrwarp.rl import checkpoint, curves, policy
 from mrwarp.rl.folder import check_writable, claim
@@ -119,7 +119,7 @@ class Trainer:
             FolderError: another training writes into the folder.
             TrainingError: too many environments or the networks hold no numbers, or the disk takes no more.
         """
-        with claim(self.cfg.out):
+        with claim(self.cfg.out), one_torch_thread(), repeating_torch(self.cfg.env.sim.deterministic):
             previous = signal.signal(signal.SIGINT, self._interrupt)
             writer = None
             try:

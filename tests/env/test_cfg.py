@@ -23,7 +23,9 @@ def test_make_walk_cfg_passes_every_choice_on() -> None:
         num_envs=3, device="cpu", seed=7, robot="go1", payload=3, asset="x.usda", actuator_model="mlp",
         actuator_file="net.safetensors", coupling=Coupling.EXPLICIT, hold_current=HoldCurrent.FIXED,
         z_step=ZStep.EXACT, sal=False, backend=BackendKind.MJWARP, threads=2,
+        deterministic=True,
     )  # fmt: skip
+    assert cfg.sim.deterministic
     assert (cfg.sim.num_envs, cfg.sim.device, cfg.sim.backend, cfg.sim.threads) == (3, "cpu", BackendKind.MJWARP, 2)
     assert (cfg.seed, cfg.robot, cfg.payload, cfg.asset) == (7, "go1", 3, "x.usda")
     assert (cfg.actuator_model, cfg.actuator_file) == ("mlp", "net.safetensors")
