@@ -87,7 +87,9 @@ class Choice:
         there a motion that is known to some milliseconds only, or a law in a slightly wrong form, shrinks an effect.
         """
         if fit.effects not in self.plain:
-            self.plain[fit.effects] = replace(engine.plain_fit(fit), least_variance=np.diag(covariance(fit)))
+            resolution = np.array([0.0] * 9 + [slot.parameter.resolution for slot in fit.coordinates.slots])
+            least = np.diag(covariance(fit)) + resolution**2
+            self.plain[fit.effects] = replace(engine.plain_fit(fit), least_variance=least)
         return self.plain[fit.effects]
 
     def without(self, engine: Engine, fit: Fitted, effect: str) -> Fitted:

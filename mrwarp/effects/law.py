@@ -107,6 +107,8 @@ class EffectParameter:
     """Values from which a non-linear parameter is searched; None: the torque is smooth in it at its null value."""
     preset: Callable[[Ranges], float] | None = None
     """Value of a parameter that is not searched but set by what the data cover."""
+    resolution: float = 0.0
+    """Relative standard error that stays however much is recorded, of a number that is searched by its logarithm."""
     choices: tuple[float, ...] = ()
     """Values of a parameter that says how the data were logged; tried in turn, and no part of the device."""
     negative: bool = True

@@ -65,6 +65,15 @@ def test_hidden_effect_is_named(effect: str, numbers: dict[str, float]) -> None:
     assert single is not None and effect in single.effects
 
 
+def test_resolution_widens_the_stated_interval() -> None:
+    """A half gap is known to 2.5 % at best, one standard error."""
+    engine = made({"backlash": {"half_gap": 0.002}})
+    choice = searched(engine, ["backlash"])
+    assert choice.final.effects == ("backlash",)
+    stated = choice.stated(engine, choice.final)
+    assert covariance(stated)[9, 9] >= max(covariance(choice.final)[9, 9], 0.025**2)
+
+
 def test_pair_is_found_whole() -> None:
     """Two effects that are not each other's rivals are both named, in the order of the path."""
     choice = searched(
