@@ -52,7 +52,7 @@ LAW = EffectLaw(
             negative=False,
             low=lambda r: 2e-5 * r.q,
             high=lambda r: 0.2 * r.q,
-            # made data of benchmarks.confusion come back at 0.93 to 1.00 of the truth: the way between samples is not known
+            # data of benchmarks.confusion come back at 0.93 to 1.00 of the truth: nobody sees the way between samples
             resolution=0.025,
             starts=lambda r: tuple(x * r.q for x in (4e-5, 1e-4, 3e-4, 7e-4, 0.0015, 0.003, 0.006, 0.012, 0.025, 0.05)),
         ),
