@@ -21,6 +21,7 @@ from mrwarp.diagnose.result import (
 )
 from mrwarp.diagnose.sufficient import gaps, hindrances
 from mrwarp.diagnose.thin import thinned
+from mrwarp.diagnose.timing import find_timing, timing_note
 from mrwarp.diagnose.words import experiment_sentence, sentence_of
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.model_file import Model
@@ -56,16 +57,6 @@ def diagnose(
     known = tuple(e.name for e in model.effects if e.name in CATALOGUE) if model else ()
     baseline = prepare(recording, known=known, model=model, threads=threads, seed=seed, told=told)
     engine, base = baseline.engine, baseline.fitted
-    line = None
-    if not engine.misfit:  # beside a large misfit any of its harmonics would pass for a line
-        line = find_line(engine.samples.torque - base.torque, base.torque, engine.samples, engine.noise_model)
-    if line:
-        told(f"a line at {line.frequency:.2f} Hz is set aside")
-        engine.set_aside(line.frequency, base.torque)
-        base = engine.fit(base.coordinates, base.x)
-        engine.noise = learn_noise(engine, base.torque, groups_of(engine, base.coordinates, base.x))
-        base = engine.fit(base.coordinates, base.x)
-
     lag = engine.motion.kinematics.velocity_lag
     candidates = [
         name for name, law in CATALOGUE.items()
@@ -74,12 +65,28 @@ def diagnose(
     told(f"{len(candidates)} effects as candidates")
     look = first_look(engine, base, candidates)
     single = best_single(engine, base, look)
-    if begin_under_way(engine, single or base):
+    best, changed = single or base, single is not None
+    if begin_under_way(engine, best):
         told("trajectories begin under way")
-        base = engine.fit(base.coordinates, base.x)
-    if single is not None:
-        told(f"noise without {look[0].effect}")
-        engine.noise = learn_noise(engine, single.torque, groups_of(engine, single.coordinates, single.x))
+        changed = True
+    line = None
+    if not engine.misfit:  # beside a large misfit any of its harmonics would pass for a line
+        line = find_line(engine.samples.torque - best.torque, best.torque, engine.samples, engine.noise_model)
+    if line:
+        told(f"a line at {line.frequency:.2f} Hz is set aside")
+        engine.set_aside(line.frequency, best.torque)
+        best = engine.fit(best.coordinates, best.x)
+        changed = True
+    if changed:
+        told(f"noise without {', '.join(best.effects) or 'line'}")
+        engine.noise = learn_noise(engine, best.torque, groups_of(engine, best.coordinates, best.x))
+        best = engine.fit(best.coordinates, best.x)
+    if find_timing(engine, best):
+        told(f"torque is logged {engine.motion.ahead:.2f} samples ahead of the motion")
+        best = engine.fit(best.coordinates, best.x)
+        engine.noise = learn_noise(engine, best.torque, groups_of(engine, best.coordinates, best.x))
+        changed = True
+    if changed:
         base = engine.fit(base.coordinates, base.x)
         look = first_look(engine, base, candidates)
     choice = choose(engine, base, lambda f: groups_of(engine, f.coordinates, f.x), look, told)
@@ -95,7 +102,10 @@ def diagnose(
     result = assembled(
         engine, choice, held, line, unexplained, causes, shifts, sizes, unseen, following, recording, seed, begun
     )
-    return dataclasses.replace(result, notes=(*result.notes, thinning)) if thinning else result
+    notes = [*result.notes, *([thinning] if thinning else [])]
+    if engine.motion.ahead:
+        notes.append(timing_note(engine.motion.ahead, engine.motion.ranges.dt))
+    return dataclasses.replace(result, notes=tuple(notes))
 
 
 def _no_verdict(recording: Recording, reasons: list[str], seed: int, seconds: float) -> Diagnosis:

@@ -133,9 +133,12 @@ class Engine:
         table = self.grams([slopes, (self.samples.torque - torque)[None]], torque)
         for _ in range(iterations):
             loss = float(table.total[-1, -1])
-            step = self._step(table.total, c, x, damping)
-            trial = np.clip(x + step, c.low, c.high)
-            predicted = loss - _quadratic(table.total, trial - x)
+            while True:
+                trial = np.clip(x + self._step(table.total, c, x, damping), c.low, c.high)
+                predicted = loss - _quadratic(table.total, trial - x)
+                if predicted > 0.0 or damping > 1e4:
+                    break
+                damping *= 30  # bounds have bent the step so far that it leads uphill
             if predicted < tolerance * loss and predicted < 0.02 * len(x):
                 break
             torque_new, slopes_new = jacobian(self.replay, c, trial)

@@ -26,6 +26,8 @@ class Predictor:
     resistance: float
     under_way: bool = False
     """Whether trajectories that begin in motion are taken as cut out of a longer motion."""
+    ahead: float = 0.0
+    """Samples by which the torque is logged ahead of the motion."""
 
     @classmethod
     def of(cls, engine: Engine, choice: Choice) -> Predictor:
@@ -38,12 +40,15 @@ class Predictor:
         )
         motion = engine.motion
         return cls(
-            rows=rows, scales=motion.samples.scales, resistance=motion.resistance, under_way=motion.begin is not None
+            rows=rows, scales=motion.samples.scales, resistance=motion.resistance, under_way=motion.begin is not None,
+            ahead=motion.ahead,
         )  # fmt: skip
 
     def torque(self, recording: Recording) -> np.ndarray:
         """Torque of both models along all trajectories end to end, shape (2, N) [unit of the recording]."""
         motion = Motion.of(recording, self.scales, resistance=self.resistance)
+        if self.ahead:
+            motion = motion.later(self.ahead)
         if self.under_way:
             motion = motion.under_way()
         return ExtendedReplay(motion).torque(self.rows).astype(float) * self.scales.torque

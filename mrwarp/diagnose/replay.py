@@ -52,6 +52,21 @@ class Motion:
     """Direction in which the joint had slid before the first sample of each trajectory: -1, 1, or 0 for a device at
     rest without stress; None: 0 for all; shape (T,)."""
 
+    ahead: float = 0.0
+    """Samples by which the motion was shifted because the torque is logged ahead of it."""
+
+    def later(self, shift: float) -> Motion:
+        """The motion that was ``shift`` samples later; the last sample of a trajectory is held."""
+        s = self.samples
+        q, qd, qdd = s.q.copy(), s.qd.copy(), self.qdd.copy()
+        for part in s.parts:
+            at = np.arange(part.stop - part.start)
+            for x in (q, qd, qdd):
+                x[part] = np.interp(at + shift, at, x[part])
+        return dataclasses.replace(
+            self, samples=dataclasses.replace(s, q=q, qd=qd), qdd=qdd, ahead=self.ahead + shift
+        )  # fmt: skip
+
     def under_way(self) -> Motion:
         """The same motion with trajectories that begin while the joint moves cut out of a longer motion."""
         first = self.samples.qd[self.samples.start[:-1]]
