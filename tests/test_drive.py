@@ -3,6 +3,7 @@
 # Newton's arrays are Optional and its custom attributes dynamic; pyright cannot follow either
 # pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
 
+import ast
 import warnings
 from pathlib import Path
 from typing import Any
@@ -366,3 +367,20 @@ def test_brake_needs_its_coupling_and_its_backend() -> None:
     rig.drive.brake_bound.fill_(3.0)
     apply_brake_bounds(solver, rig.actuator, DT)
     np.testing.assert_array_equal(solver.mjw_model.dof_frictionloss.numpy(), [[3.25]])
+
+
+def test_actuator_api_is_touched_in_one_file() -> None:
+    """Newton marks ``newton.actuators`` experimental: an upgrade has one file to look at."""
+    root = Path(__file__).resolve().parents[1]
+    users = [
+        str(path.relative_to(root))
+        for folder in ("mrwarp", "train", "viz", "benchmarks")
+        for path in sorted((root / folder).rglob("*.py"))
+        if any(
+            (isinstance(node, ast.ImportFrom) and (node.module or "").startswith("newton.actuators"))
+            or (isinstance(node, ast.Import) and any(alias.name.startswith("newton.actuators") for alias in node.names))
+            or (isinstance(node, ast.Attribute) and ast.unparse(node).startswith("newton.actuators"))
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        )
+    ]
+    assert users == ["mrwarp/drive.py"]
