@@ -123,7 +123,7 @@ def test_predictor_speaks_the_recordings_units() -> None:
     found = []
     for q, current, size in ((1.0, 1.0, 1.0), (0.04, 6.0, 250.0)):
         engine, fit, recording = fitted_recording(q, current, size)
-        choice = SimpleNamespace(base=fit, final=fit)
+        choice = SimpleNamespace(base=fit, final=fit, stated=lambda _, fit: fit)
         tau = Predictor.of(engine, choice).torque(recording)
         np.testing.assert_allclose(tau[1], fit.torque * engine.samples.scales.torque, rtol=1e-5, atol=1e-4 * size)
         np.testing.assert_array_equal(tau[0], tau[1])
