@@ -146,12 +146,48 @@ def one_process(kind: str, setting: dict[str, Any], *, hash_seed: int) -> dict[s
     return json.loads(done.stdout.splitlines()[-1])
 
 
+def cost(device: str, *, num_envs: int = 64, rounds: int = 25, steps: int = 40) -> dict[str, float]:
+    """Time of a captured MuJoCo-Warp step of falling robots, without and with ``deterministic`` [ms].
+
+    Both take turns, and the best round counts: other work on the machine only adds.
+    """
+    import warp as wp
+
+    from mrwarp.env.backend import BackendKind
+    from mrwarp.env.sim import ActuatedSim, SimCfg, robot_scene
+
+    best: dict[str, float] = {}
+    robots = {}
+    for name, wanted in (("without", False), ("with", True)):
+        cfg = SimCfg(num_envs=num_envs, device=device, backend=BackendKind.MJWARP, deterministic=wanted)
+        robots[name] = ActuatedSim(robot_scene(None, cfg), cfg)
+        robots[name].step(4)
+    for _ in range(rounds):
+        for name, robot in robots.items():
+            robot.reset()
+            wp.synchronize_device(device)
+            begin = time.perf_counter()
+            for _ in range(steps // 4):
+                robot.step(4)
+            wp.synchronize_device(device)
+            best[name] = min(best.get(name, float("inf")), 1e3 * (time.perf_counter() - begin) / steps)
+    return best
+
+
 def main(argv: list[str] | None = None) -> int:
     """Compare; 0 when all runs of every row are the same bits."""
     summary = (__doc__ or "").splitlines()[0]
     parser = argparse.ArgumentParser(prog="python -m benchmarks.determinism", description=summary)
     parser.add_argument("--one", nargs=2, metavar=("KIND", "SETTING"), help=argparse.SUPPRESS)
+    timing = "only time MuJoCo-Warp's step on a device, without and with --deterministic"
+    parser.add_argument("--cost", metavar="DEVICE", help=timing)
     args = parser.parse_args(argv)
+    if args.cost:
+        from mrwarp.quiet import quiet_libraries
+
+        quiet_libraries()
+        print(", ".join(f"{name} {ms:.3f} ms" for name, ms in cost(args.cost).items()))
+        return 0
     if args.one:
         from mrwarp.quiet import quiet_libraries
 

@@ -146,3 +146,9 @@ def test_kernels_sum_nothing_atomically() -> None:
             is_sum = isinstance(node, ast.Attribute) and node.attr.startswith("atomic_")
             found += [str(path.relative_to(ROOT))] if is_sum else []
     assert found == ["mrwarp/kernels/learned.py"]
+
+
+def test_cost_times_both() -> None:
+    """One positive time each."""
+    times = determinism.cost("cpu", num_envs=2, rounds=1, steps=4)
+    assert list(times) == ["without", "with"] and min(times.values()) > 0.0
