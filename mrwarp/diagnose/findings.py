@@ -25,6 +25,8 @@ from mrwarp.sysid.recording import Recording
 
 _UNEXPLAINED_T = 2.0
 """Structure is only reported when it foretells trajectories with this ratio to its standard error."""
+_CLEARLY = 2.0
+"""Gain, in thresholds, from which it is reported at all."""
 _BEYOND_DOUBT = 5.0
 """Gain, in thresholds, above which it is reported although a few trajectories carry it."""
 _SLOW_T = 2.5
@@ -39,7 +41,7 @@ def unexplained_of(choice: Choice, line: Line | None) -> Unexplained | None:
     left = [
         f
         for f in choice.left_after
-        if f.gain > _BEYOND_DOUBT * need or (f.gain > 1.5 * need and f.t > _needed_t(f.group))
+        if f.gain > _BEYOND_DOUBT * need or (f.gain > _CLEARLY * need and f.t > _needed_t(f.group))
     ]
     gain = max([f.gain for f in left], default=0.0)
     if line is None and not left:

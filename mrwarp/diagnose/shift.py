@@ -21,8 +21,8 @@ BIAS_SPREAD = 0.0008
 """The same for D, as a share of the torque's range: 3 mN·m of the paper's 2 N·m."""
 OTHER_DEVICE = 0.2
 """What each parameter may differ where the nominal values are those of another device, one standard deviation [1]."""
-_MARGIN = 5.0
-"""Logarithm of the odds that a single shift must have against another device."""
+_MARGIN = 11.0
+"""Logarithm of the odds that a single shift must have against another device; of real shifts it is 17 to 20."""
 _DROP = 16.0
 _APART = 6.0
 _LEFT = 22.0
