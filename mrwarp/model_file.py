@@ -33,6 +33,8 @@ MAX_BYTES = 2**20
 JOINT_UNITS = {"q": "rad", "current": "A", "torque": "N·m"}
 """Units of a model that the simulator can run."""
 
+_LONGEST_UNIT = 20
+"""Characters of a unit; others stand in messages about parameters."""
 _KEYS = ("schema", "units", "parameters", "effects", "fitted_on", "seed", "versions")
 _NAMES = tuple(spec.name for spec in MrParams.specs() if spec.name != "q_neutral")
 _REQUIRED = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
@@ -200,6 +202,11 @@ def model_from_dict(content: Any, where: str = "model") -> Model:
         raise ModelFileError(f"{where}: schema = {shown(found)}; allowed: {SCHEMA}; run 'mrwarp fit' again")
     checked_object(content, where, _KEYS)
     units = _texts(checked_object(content["units"], f"{where}: units", tuple(JOINT_UNITS)), f"{where}: units")
+    for key, unit in units.items():
+        if not unit.isprintable() or len(unit) > _LONGEST_UNIT:
+            raise ModelFileError(
+                f"{where}: units.{key} = {shown(unit)}; allowed: a unit of at most {_LONGEST_UNIT} characters"
+            )
     parameters = _mapping(content["parameters"], f"{where}: parameters")
     missing = [name for name in _REQUIRED if name not in parameters]
     if missing:

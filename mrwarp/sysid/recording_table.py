@@ -54,7 +54,8 @@ def check_names(table: Table, names: list[str], line: str, required: Sequence[st
         else:
             near = [name for name in names if name.lower() in (missing[0], *_ALIASES[missing[0]])]
             hint = f"rename {near[0]!r} to {missing[0]!r}" if near else f"add it [{UNITS[missing[0]]}]"
-        raise table.refuse(f"column {missing[0]!r} is missing (found: {', '.join(names)[:200]}); {hint}")
+        found = ", ".join(name if name.isprintable() else repr(name) for name in names)[:200]
+        raise table.refuse(f"column {missing[0]!r} is missing (found: {found}); {hint}")
     double = [name for name in names if names.count(name) > 1]
     if double:
         raise table.refuse(f"two columns are called {double[0]!r}; remove or rename one")

@@ -166,6 +166,8 @@ LAG = ("effects", 0, "parameters", "time_constant")
         (edit("parameters", "Beta", to={}), "parameters.Beta: there is no such parameter"),
         (edit("parameters", to=[]), "parameters = []; allowed: an object"),
         (edit("units", "q", to=...), "units: q is missing"),
+        (edit("units", "q", to="(" * 10_000), "; allowed: a unit of at most 20 characters"),
+        (edit("units", "q", to="a\nb"), "units.q = 'a\\nb'; allowed: a unit of at most 20 characters"),
         (edit("effects", to={}), "effects = {}; allowed: a list"),
         (edit("effects", 0, "name", to="\ud800"), "effects[0].name = '\\ud800'; allowed: a text"),
         (edit("seed", to=0.5), "seed = 0.5; allowed: a whole number"),

@@ -109,6 +109,15 @@ def test_holding_loads_back_and_is_found_beside_recordings(tmp_path: Path):
 # --- what is accepted ---
 
 
+def test_names_that_break_lines_are_shown_on_one(tmp_path: Path):
+    """A Parquet file may call its columns anything; the refusal stays one line."""
+    path = tmp_path / "a.parquet"
+    pyarrow.parquet.write_table(pa.table({"t": [0.0], "q": [0.0], "cu\nrrent": [0.0], "torque": [0.0]}), path)
+    with pytest.raises(RecordingError, match="'current' is missing") as refusal:
+        load_recording(path)
+    assert "\n" not in str(refusal.value) and r"'cu\nrrent'" in str(refusal.value)
+
+
 def test_missing_velocity_is_derived_and_said(tmp_path: Path):
     """Without qd it is the derivative of q, and flagged; saving and loading keeps the flag."""
     data = columns()
