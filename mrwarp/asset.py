@@ -182,7 +182,8 @@ def open_stage(file: Path, allow_external: bool = False) -> Usd.Stage:
     if stage is None or not stage.GetDefaultPrim():
         raise AssetError(f"{file}: not readable as USD, or without a defaultPrim; name the robot's root prim there")
     for error in stage.GetCompositionErrors():
-        raise AssetError(f"{file}: composition error: {error}; repair the reference or path named there")
+        said = " ".join(str(error).split())[:_LONGEST]
+        raise AssetError(f"{file}: composition error: {said}; repair the reference or path named there")
     if Usd.SchemaRegistry().FindAppliedAPIPrimDefinition(SCHEMA) is None:
         warnings.warn(
             f"USD built its schema registry before {SCHEMA} was registered; import mrwarp.asset before other USD code. "

@@ -272,6 +272,15 @@ def test_load_robot_refuses_missing_joint(tmp_path):
         load_robot(edited(tmp_path, ('PhysicsRevoluteJoint "RL_thigh"', 'PhysicsRevoluteJoint "RL_tigh"')))
 
 
+def test_load_robot_refuses_cycles_on_one_line(tmp_path):
+    """USD tells of a prim that inherits from itself on several lines; the refusal is one."""
+    joint = 'def PhysicsRevoluteJoint "RL_thigh" (\n            prepend inherits = </mr_go/%s>'
+    path = edited(tmp_path, (joint % "parts/ThighJoint", joint % "joints/RL_thigh"))
+    with pytest.raises(AssetError, match=r"composition error: Cycle detected.*; repair the reference") as refusal:
+        load_robot(path)
+    assert "\n" not in str(refusal.value)
+
+
 def test_load_robot_refuses_files_and_variants(tmp_path):
     """No file, a file that is not USD, no default prim and an unknown variant are refused with the remedy."""
     with pytest.raises(AssetError, match="nowhere.usda: no such file"):
