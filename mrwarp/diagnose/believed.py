@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from mrwarp.diagnose.between import drift_p_value, gain_within
-from mrwarp.diagnose.choice import Choice, leftovers, threshold
+from mrwarp.diagnose.choice import Choice, gain_and_t, leftovers, threshold
 from mrwarp.diagnose.engine import Engine, Fitted
 from mrwarp.diagnose.features import Group
 from mrwarp.diagnose.grams import losses
@@ -18,6 +18,8 @@ WITHIN = 60.0
 """Gain within trajectories, in units of the noise's variance, below which an effect must show between them."""
 DRIFT_P = 1e-3
 """Largest chance at which an effect that only shows between trajectories is believed."""
+EDGE_T = 2.0
+"""Least ratio of a gain to its standard error over trajectories, of an effect at the edge of its range."""
 
 
 def believed(engine: Engine, choice: Choice, fit: Fitted, groups_of: Callable[[Fitted], list[Group]]) -> Fitted:
@@ -26,7 +28,7 @@ def believed(engine: Engine, choice: Choice, fit: Fitted, groups_of: Callable[[F
     Whatever structure a model leaves is offered to it as free functions. An effect that is real still adds what it
     did; one that was a poor man's version of that structure adds little.
     """
-    fit = _not_by_chance(engine, choice, fit)
+    fit = _inside(engine, choice, _not_by_chance(engine, choice, fit))
     while fit is not choice.base:
         before = {(f.group.variables, f.group.form): f.gain for f in choice.left_before}
         left = [f for f in leftovers(engine, fit, groups_of(fit)) if f.gain > threshold(fit)]
@@ -61,6 +63,21 @@ def _not_by_chance(engine: Engine, choice: Choice, fit: Fitted) -> Fitted:
         if gain_within(engine, fit, without) < max(WITHIN, 0.5 * threshold(fit)):
             if drift_p_value(engine, fit, without) > DRIFT_P:
                 return _not_by_chance(engine, choice, without)
+    return fit
+
+
+def _inside(engine: Engine, choice: Choice, fit: Fitted) -> Fitted:
+    """The model without effects that end at the edge of their range and show in a few trajectories only.
+
+    An effect that would be more itself beyond what makes sense for it is another structure's poor man's version.
+    """
+    for effect in choice.own(fit):
+        c = fit.coordinates
+        room = np.minimum(fit.x - c.low, c.high - fit.x)
+        if any(slot.effect == effect and room[i] < 1e-3 for i, slot in enumerate(c.slots, start=9) if slot.logarithmic):
+            without = choice.without(engine, fit, effect)
+            if gain_and_t(without.left_out, fit.left_out)[1] < EDGE_T:
+                return _inside(engine, choice, without)
     return fit
 
 

@@ -1,8 +1,11 @@
 """The search for causes: thresholds, singles, pairs, rivals, poor man's versions of other structure."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from mrwarp.diagnose.believed import _inside
 from mrwarp.diagnose.choice import CHI2, FLOOR, Choice, threshold
 from mrwarp.diagnose.choose import best_single, choose, first_look
 from mrwarp.diagnose.prepare import groups_of
@@ -118,3 +121,16 @@ def test_stated_numbers_are_those_of_plain_least_squares() -> None:
     assert (np.diag(covariance(stated)) >= np.diag(covariance(choice.final)) * (1.0 - 1e-9)).all()
     found = stated.coordinates.values(stated.x)["friction_asymmetry"]
     assert found["viscous"] == pytest.approx(0.02, rel=0.15)
+
+
+def test_effect_at_the_edge_of_its_range_must_show_in_most_trajectories() -> None:
+    """In clean data a cogging with the fewest periods is dropped; inside its range that rule does not touch it."""
+    engine = made()
+    choice = searched(engine, ["cogging"])
+    fit = choice.full(engine, choice.base, choice.first_look[0])
+    assert fit.effects == ("cogging",)
+    inside, edge = fit.x.copy(), fit.x.copy()
+    inside[-1] = 0.5 * (fit.coordinates.low[-1] + fit.coordinates.high[-1])
+    edge[-1] = fit.coordinates.low[-1]
+    assert _inside(engine, choice, replace(fit, x=inside)).effects == ("cogging",)
+    assert _inside(engine, choice, replace(fit, x=edge)) is choice.base
