@@ -182,8 +182,7 @@ def open_stage(file: Path, allow_external: bool = False) -> Usd.Stage:
     if stage is None or not stage.GetDefaultPrim():
         raise AssetError(f"{file}: not readable as USD, or without a defaultPrim; name the robot's root prim there")
     for error in stage.GetCompositionErrors():
-        said = " ".join(str(error).split())[:_LONGEST]
-        raise AssetError(f"{file}: composition error: {said}; repair the reference or path named there")
+        raise AssetError(f"{file}: composition error: {_said(error)}; repair the reference or path named there")
     if Usd.SchemaRegistry().FindAppliedAPIPrimDefinition(SCHEMA) is None:
         warnings.warn(
             f"USD built its schema registry before {SCHEMA} was registered; import mrwarp.asset before other USD code. "
@@ -194,7 +193,7 @@ def open_stage(file: Path, allow_external: bool = False) -> Usd.Stage:
     return stage
 
 
-def _said(error: Exception) -> str:
+def _said(error: object) -> str:
     """What USD's errors say, on one line, without where in USD's own source they were raised."""
     try:
         text = str(error)

@@ -69,7 +69,7 @@ def causes_of(engine: Engine, choice: Choice, candidates: list[str]) -> list[Cau
     """The named effects, largest gain first, with the intervals of their parameters."""
     final = choice.stated(engine, choice.final)
     spread = covariance(final)
-    starts = sum(1 for _ in candidates) * 6
+    starts = len(candidates) * 6
     causes = []
     for effect in choice.own(final):
         parameters = {}

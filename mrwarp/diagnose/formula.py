@@ -6,7 +6,9 @@ give the terms; their coefficients are then fitted again, and only terms that th
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from itertools import combinations_with_replacement
 
 import numpy as np
 
@@ -119,8 +121,6 @@ def _terms(programs: list, symbols: list) -> list:
 
 def _monomials(symbols: list) -> list:
     """Products of up to three variables, one of which may be an absolute value: simple terms are always looked at."""
-    from itertools import combinations_with_replacement
-
     import sympy
 
     atoms = [*symbols, *(sympy.Abs(x) for x in symbols)]
@@ -130,8 +130,6 @@ def _monomials(symbols: list) -> list:
 
 def _parsed(text: str, known: dict):
     """Expression of a program written as nested calls; the text is read, never evaluated."""
-    import re
-
     tokens = re.findall(r"[A-Za-z]+\d*|-?\d+\.?\d*(?:e-?\d+)?|[(),]", text)
     at = 0
 
@@ -188,8 +186,6 @@ def _selected(terms: list, symbols: list, cells: np.ndarray, mean: np.ndarray, w
 
 def _written(term) -> str:
     """A product as an engineer writes it."""
-    import re
-
     short = re.sub(r"\d+\.\d{3,}", lambda m: f"{float(m.group()):.3g}", str(term))
     return re.sub(r"Abs\((\w+)\)", r"|\1|", short).replace("**", "^").replace("*", "·")
 
