@@ -17,7 +17,7 @@ COMMANDS = {
     "fit": ("mrwarp.sysid.fit_cli", "identify the joint from recordings"),
     "diagnose": ("mrwarp.diagnose.cli", "what the simulation gets wrong, why, and what it gains to put that right"),
     "learn": ("mrwarp.sysid.learn_cli", "train and evaluate the learned torque models"),
-    "reproduce": ("mrwarp.evaluate.reproduce_cli", "the paper's figures and tables, ours beside theirs"),
+    "reproduce": ("mrwarp.reproduce.cli", "the paper's figures and tables, ours beside theirs"),
     "asset": ("mrwarp.asset_cli", "show, check, change and compare USD assets"),
     "verify": ("mrwarp.evaluate.verify_cli", "measure what the simulator promises: passivity, holding, accuracy"),
 }

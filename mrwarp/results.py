@@ -40,17 +40,17 @@ def write_result(out: Path, figures: dict[str, Any], *, seed: int, command: str)
     content = {"schema": SCHEMA, **figures, "seed": seed, "versions": versions(), "command": command}
     path = out / "result.json"
     partial = path.with_suffix(".json.part")
-    partial.write_text(json.dumps(_finite(content), indent=2, allow_nan=False) + "\n")
+    partial.write_text(json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
     os.replace(partial, path)
     return path
 
 
-def _finite(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """The same with null for NaN and infinity, which JSON does not have."""
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
+        return [plain(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

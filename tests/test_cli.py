@@ -1,11 +1,8 @@
 """The one entry: every command it names is there, and what it does not know is refused."""
 
-import importlib
-
 import pytest
 
 from mrwarp import cli
-from mrwarp.evaluate import reproduce_cli
 
 
 @pytest.mark.parametrize("name", list(cli.COMMANDS))
@@ -30,11 +27,3 @@ def test_help_lists_every_command(capsys: pytest.CaptureFixture) -> None:
 def test_what_is_no_command_is_refused(argv: list[str]) -> None:
     """No command, or an unknown one: exit code 2."""
     assert cli.main(argv) == 2
-
-
-def test_every_part_to_reproduce_has_a_main() -> None:
-    """The modules behind ``mrwarp reproduce`` can be run; an unknown part is refused with 2."""
-    for module, _ in reproduce_cli.PARTS.values():
-        assert callable(importlib.import_module(module).main)
-    assert reproduce_cli.main(["table99"]) == 2
-    assert reproduce_cli.main([]) == 2

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mrwarp.electrical import paper
+from mrwarp import paper
 
 _PHASES = ("outbound", "standby", "return")
 

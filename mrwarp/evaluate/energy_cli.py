@@ -11,12 +11,12 @@ from typing import Any
 
 from mrwarp.actuator import Coupling
 from mrwarp.electrical.battery import BatteryCfg
-from mrwarp.electrical.paper import ROBOTS
 from mrwarp.electrical.power import ElectricalCfg
 from mrwarp.electrical.thermal import ThermalCfg
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.evaluate.walking import Policy
 from mrwarp.model_file import read_json_file
+from mrwarp.paper import ROBOTS
 from mrwarp.params import ParameterError, ParamGroup
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from mrwarp import paper
 from mrwarp.actuator import Coupling, HoldCurrent
 from mrwarp.asset import AssetError
 from mrwarp.effects.applied import effect_lines
@@ -17,9 +18,6 @@ from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, PolicyError
-
-PAPER = {"min_height": {"push": 14.7, "drop": 14.3}, "peak_down_velocity": {"push": -19.3, "drop": -35.4}}
-"""The paper's change from 0 to 1.5 A [%], simulation (push) and hardware (drop), abstract and table 4."""
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -76,7 +74,9 @@ def main(argv: list[str] | None = None) -> int:
     except (PolicyError, AssetError, ParameterError, ViewerError, ValueError, OSError) as error:
         print(f"mrwarp impact: {error}", file=sys.stderr)
         return 2
-    result: dict[str, Any] = {"kind": args.kind, "branches": args.branches, "paper_change": PAPER, "couplings": {}}
+    result: dict[str, Any] = {
+        "kind": args.kind, "branches": args.branches, "paper_change": paper.IMPACT_CHANGE, "couplings": {},
+    }  # fmt: skip
     for coupling, sweep in sweeps.items():
         print(
             f"{args.kind}, {coupling.value} coupling: {args.trials} trials at {len(args.current)} currents", flush=True
@@ -135,7 +135,7 @@ def _sensitivity(args: argparse.Namespace, policy: OnnxPolicy) -> dict[str, Any]
     for name, entries in rows.items():
         text = ", ".join(f"{e['value']:g}: {e['drop']['mean']:.2f} / {e['motor']['mean']:.2f} %" for e in entries)
         print(f"  {name:6s} reduction of CoM drop / motor torque: {text}")
-    return {"current": current, "ours": rows, "paper": thresholds.PAPER}
+    return {"current": current, "ours": rows, "paper": paper.THRESHOLDS}
 
 
 def _print(found: dict[str, Any], kind: str) -> None:
@@ -153,5 +153,5 @@ def _print(found: dict[str, Any], kind: str) -> None:
         monotone = "monotone" if found["monotone"][name] else "not monotone"
         print(
             f"  {text}: {change['percent']:+.2f} % [{low:+.2f}, {high:+.2f}] from first to last current, {monotone} "
-            f"(paper {PAPER[name][kind]:+.1f} %)"
+            f"(paper {paper.IMPACT_CHANGE[name][kind]:+.1f} %)"
         )

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from mrwarp.electrical import paper, thermal
+from mrwarp import paper
+from mrwarp.electrical import thermal
 from mrwarp.electrical.battery import BatteryCfg, cell_power
 from mrwarp.electrical.power import ElectricalCfg, Use, battery_power, copper
 from mrwarp.electrical.thermal import Temperatures, ThermalCfg
@@ -37,7 +38,7 @@ class MissionCfg:
     """The task and how it is simulated."""
 
     robots: tuple[str, ...] = paper.ROBOTS
-    """Of :data:`mrwarp.electrical.paper.ROBOTS`."""
+    """Of :data:`mrwarp.paper.ROBOTS`."""
     speed: float = 0.3
     """Commanded speed [m/s]; not in the paper. At 0.3 m/s table 6 and the mission's powers agree."""
     distance: float = paper.DISTANCE

@@ -9,8 +9,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+from mrwarp import paper
 from mrwarp.asset import AssetError
-from mrwarp.electrical import consistency, paper
+from mrwarp.electrical import consistency
 from mrwarp.electrical.battery import BatteryError
 from mrwarp.evaluate import energy_cli
 from mrwarp.evaluate.spread import spread

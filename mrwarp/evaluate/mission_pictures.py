@@ -8,9 +8,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from mrwarp.electrical.paper import NAMES
 from mrwarp.evaluate.mission import MissionTrace
 from mrwarp.evaluate.walk_pictures import COLORS
+from mrwarp.paper import NAMES
 
 
 def power(traces: Mapping[str, MissionTrace], path: Path) -> None:

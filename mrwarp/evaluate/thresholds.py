@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from mrwarp import paper
 from mrwarp.evaluate.impact import MOTOR_WINDOW, ImpactTrace, Variant
 from mrwarp.evaluate.spread import spread
 
@@ -17,13 +18,6 @@ VALUES: dict[str, tuple[float, ...]] = {
     "eps_v": (0.10, 0.15, 0.20, 0.25, 0.30),
 }
 """Values of each threshold [N, rad, rad/s], paper section 3.2; one is varied at a time."""
-
-PAPER: dict[str, dict[str, tuple[float, float]]] = {
-    "f_th": {"drop": (13.47, 15.25), "motor": (10.20, 10.50)},
-    "eps_e": {"drop": (15.33, 12.61), "motor": (10.32, 8.82)},
-    "eps_v": {"drop": (16.25, 13.19)},
-}
-"""The paper's reductions of CoM drop and motor torque [%] over each range, section 3.2 (first to last value)."""
 
 
 def variants(current: float) -> tuple[Variant, ...]:
@@ -74,8 +68,9 @@ def plot(rows: dict[str, list[dict[str, Any]]], path: Path) -> None:
                 x, [e[quantity]["mean"] for e in entries], [e[quantity]["sd"] for e in entries],
                 marker="o", color="#1f6fb4", capsize=3, label="ours: mean, SD over trials",
             )  # fmt: skip
-            if quantity in PAPER[name]:
-                axis.plot([x[0], x[-1]], PAPER[name][quantity], "s--", color="#b4451f", label="paper: ends of range")
+            if quantity in paper.THRESHOLDS[name]:
+                ends = paper.THRESHOLDS[name][quantity]
+                axis.plot([x[0], x[-1]], ends, "s--", color="#b4451f", label="paper: ends of range")
             axis.grid(alpha=0.3)
             axis.axhline(0.0, color="0.6", linewidth=0.8)
             if column == 0:

@@ -9,8 +9,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from mrwarp import paper
 from mrwarp.asset import AssetError
-from mrwarp.electrical import paper
 from mrwarp.evaluate import energy_cli
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries

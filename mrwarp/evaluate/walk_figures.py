@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from mrwarp import paper
 from mrwarp.electrical import calibrate as calibration
-from mrwarp.electrical import consistency, paper
+from mrwarp.electrical import consistency
 from mrwarp.electrical.power import CALF_COLUMNS, ElectricalCfg, Power, Use, battery_power, copper, cost_of_transport
 from mrwarp.evaluate.meter import BIN, RANGE, SHOWN
 from mrwarp.evaluate.spread import spread

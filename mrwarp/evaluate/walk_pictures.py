@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from mrwarp.electrical.paper import NAMES, ROBOTS
 from mrwarp.evaluate.meter import BIN, RANGE
 from mrwarp.evaluate.walk_trials import WalkResult
+from mrwarp.paper import NAMES, ROBOTS
 
 COLORS = {"go1": "#8a8f98", "mr_go": "#c98b3c", "mr_go_sal": "#1f6fb4"}
 """Colour of each robot."""

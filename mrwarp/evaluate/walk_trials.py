@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import torch
 
-from mrwarp.electrical.paper import NAMES, ROBOTS
 from mrwarp.electrical.power import Use
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
@@ -20,6 +19,7 @@ from mrwarp.evaluate.load import VARIANT, set_load, total_mass
 from mrwarp.evaluate.meter import JointMeter
 from mrwarp.evaluate.traces import GaitTrace, TraceRecorder
 from mrwarp.evaluate.walking import Policy, make_env
+from mrwarp.paper import NAMES, ROBOTS
 
 ASSET_ROBOT = {"go1": "go1", "mr_go": "mr_go", "mr_go_sal": "mr_go"}
 """Robot variant of the asset."""
@@ -30,7 +30,7 @@ class WalkCfg:
     """Which conditions are walked, and how far."""
 
     robots: tuple[str, ...] = ROBOTS
-    """Of :data:`mrwarp.electrical.paper.ROBOTS`."""
+    """Of :data:`mrwarp.paper.ROBOTS`."""
     payloads: tuple[float, ...] = (0.0, 3.0)
     """Loads on the back [kg]; 0 is the asset's variant without payload, all others its payload with another mass."""
     speeds: tuple[float, ...] = (0.3, 0.5)
@@ -81,6 +81,8 @@ class WalkResult:
     """Total mass [kg]."""
     use: Use
     """Shapes (n, J) and (n, M)."""
+    trial: np.ndarray
+    """Number of each trial among the repetitions, shape (n,); those that fell or were late are missing."""
     seconds: np.ndarray
     """Time over the distance [s], shape (n,)."""
     speed: np.ndarray
@@ -244,7 +246,8 @@ class WalkBatch:
             height, square = mean["height"][done], mean["height_square"][done]
             yield WalkResult(
                 robot=robot, payload=self.payload, command=command, mass=self.mass, use=use[done],
-                seconds=time[done], speed=mean["distance"][done], v_x_rmse=np.sqrt(mean["v_x"][done]), height=height,
+                trial=done - rows[0], seconds=time[done], speed=mean["distance"][done],
+                v_x_rmse=np.sqrt(mean["v_x"][done]), height=height,
                 height_rmse=np.sqrt(np.maximum(square - 2.0 * target * height + target**2, 0.0)),
                 height_sd=np.sqrt(np.maximum(square - height**2, 0.0)),
                 tilt_rms=np.degrees(np.sqrt(mean["tilt"][done])), yaw_rate_rmse=np.sqrt(mean["yaw_rate"][done]),

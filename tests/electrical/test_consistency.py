@@ -2,7 +2,8 @@
 
 import pytest
 
-from mrwarp.electrical import consistency, paper
+from mrwarp import paper
+from mrwarp.electrical import consistency
 
 
 @pytest.mark.parametrize("speed", [0.2, 0.3, 0.5])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import torch
 
+from mrwarp import paper
 from mrwarp.cli import main
-from mrwarp.electrical import paper
 from mrwarp.electrical.power import ElectricalCfg
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate import walk_figures

@@ -12,7 +12,7 @@ from mrwarp.nn import model_file
 from mrwarp.nn.model_file import SamplingRateError
 from mrwarp.nn.train import FitCfg
 from mrwarp.params import MrParams
-from mrwarp.sysid import figure4, learn, learn_cli
+from mrwarp.sysid import learn, learn_cli
 from mrwarp.sysid.recording import Recording, RecordingError, Trajectory, load_recording, save_recording
 
 PAPER = learn.bench_parameters(None)
@@ -126,42 +126,3 @@ def test_residual_on_another_physical_model() -> None:
     assert learn.summary(learn.errors(tau, evaluation))["average"] < 0.1
     with pytest.raises(ValueError, match="give its torque as baseline"):
         learn.predict(learned.model, evaluation)
-
-
-def test_figure4_judges_by_the_papers_claims_and_draws(tmp_path: Path) -> None:
-    """The paper's values pass, and a good LSTM at one current fails the ranking.
-
-    PG-RLSTM is taken 1 % better than in the paper, whose 57.1 % over the MLP is rounded up.
-    """
-    paper = {name: {float(amps): [mean] * 10 for amps, (mean, _) in row.items()} for name, row in figure4.PAPER.items()}
-    paper["pg_rlstm"] = {amps: [0.99 * value for value in values] for amps, values in paper["pg_rlstm"].items()}
-    rows = {name: learn.summary(values) for name, values in paper.items()}
-    assert all(figure4.judge(rows).values())
-    equal = {**rows, "lstm": learn.summary({**paper["lstm"], 1.2: [0.41] * 10})}
-    assert not figure4.judge(equal)["pg_rlstm_lowest_at_each_current"]
-    figure4.plot({"1": rows, "2": rows}, tmp_path / "figure4.png")
-    assert (tmp_path / "figure4.png").stat().st_size > 10_000
-
-
-def test_figure4_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A model that is done is not trained again, unless the recipe or the bench changed."""
-    calls: list[str] = []
-
-    def train(name: str, *_: object) -> dict[str, object]:
-        calls.append(name)
-        values = {1.0: [0.3], 1.2: [0.3], 1.5: [0.3]}
-        return {"summary": learn.summary(values), "bouc_wen": PAPER}
-
-    monkeypatch.setattr(figure4, "_train", train)
-    monkeypatch.setattr(figure4, "run_bench", lambda cfg: None)
-    cfg = figure4.Figure4Cfg(strengths=(1.0,))
-    figure4.figure4(cfg, tmp_path)
-    figure4.figure4(cfg, tmp_path)
-    assert calls == ["bouc_wen", "mlp", "lstm", "pg_rlstm"]
-    figure4.figure4(replace(cfg, fit=replace(cfg.fit, epochs=7)), tmp_path)
-    assert len(calls) == 8
-    [kept] = tmp_path.rglob("mlp.json")
-    for damage in ("[" * 100_000, "{"):
-        kept.write_text(damage)
-        with pytest.raises(ValueError, match="mlp.json: not JSON: .*; remove it"):
-            figure4.figure4(cfg, tmp_path)

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from mrwarp import paper
 from mrwarp.model_file import read_json_file
 from mrwarp.nn import model_file
 from mrwarp.nn.models import SAMPLES
@@ -33,20 +34,6 @@ from mrwarp.sysid.learn_cli import plot_history, print_epoch
 
 MODELS = ("mlp", "bouc_wen", "lstm", "pg_rlstm")
 """The models of Fig. 4."""
-
-PAPER = {
-    "mlp": {"1": (0.802, 0.503), "1.2": (0.802, 0.349), "1.5": (0.876, 0.244)},
-    "bouc_wen": {"1": (0.423, 0.268), "1.2": (0.640, 0.421), "1.5": (0.777, 0.474)},
-    "lstm": {"1": (0.429, 0.166), "1.2": (0.519, 0.299), "1.5": (0.662, 0.377)},
-    "pg_rlstm": {"1": (0.292, 0.181), "1.2": (0.422, 0.223), "1.5": (0.350, 0.199)},
-}
-"""Mean and sample standard deviation of the RMSE [N·m] by current [A], paper section 6.1."""
-
-AVERAGE = 0.355
-"""Average RMSE of PG-RLSTM to reach [N·m], paper section 6.1."""
-
-REDUCTIONS = {"bouc_wen": 0.421, "lstm": 0.339, "mlp": 0.571}
-"""Reduction of the average RMSE by PG-RLSTM to reach, relative to each other model, paper section 6.1."""
 
 _COLOURS = {"mlp": "#9aa5b1", "bouc_wen": "#c98b3c", "lstm": "#5b8fc7", "pg_rlstm": "#2f7d4f"}
 
@@ -84,7 +71,10 @@ def figure4(cfg: Figure4Cfg, out: Path) -> dict[str, Any]:
         "strengths": results,
         "reductions": {name: _reductions(rows) for name, rows in results.items()},
         "verdicts": judge(first),
-        "paper": {name: {amps: list(pair) for amps, pair in rows.items()} for name, rows in PAPER.items()},
+        "paper": {
+            name: {f"{amps:g}": [cell.mean, cell.sd] for amps, cell in rows.items()}
+            for name, rows in paper.FIGURE_4.items()
+        },
         "recipe": asdict(cfg.fit),
         "bench": {"samples": cfg.bench.samples, "trajectories": cfg.bench.trajectories, "seed": cfg.bench.seed},
     }
@@ -92,7 +82,7 @@ def figure4(cfg: Figure4Cfg, out: Path) -> dict[str, Any]:
 
 def judge(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, bool]:
     """Each claim of the paper by name, True where it holds; ``rows`` holds a ``learn.summary`` per model."""
-    best, others = rows["pg_rlstm"], [rows[name] for name in REDUCTIONS]
+    best, others = rows["pg_rlstm"], [rows[name] for name in paper.FIGURE_4_REDUCTION]
     lowest = all(
         cell["mean"] < other["by_current"][amps]["mean"]
         for other in others
@@ -101,8 +91,8 @@ def judge(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, bool]:
     reductions = _reductions(rows)
     return {
         "pg_rlstm_lowest_at_each_current": lowest,
-        "pg_rlstm_average": best["average"] <= AVERAGE,
-        **{f"lower_than_{name}": reductions[name] >= wanted for name, wanted in REDUCTIONS.items()},
+        "pg_rlstm_average": best["average"] <= paper.FIGURE_4_AVERAGE,
+        **{f"lower_than_{name}": reductions[name] >= wanted for name, wanted in paper.FIGURE_4_REDUCTION.items()},
     }
 
 
@@ -118,8 +108,8 @@ def plot(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         cells = [first[name]["by_current"][amps] for amps in currents]
         means, sds = [c["mean"] for c in cells], [c["sd"] for c in cells]
         left.bar(x, means, width, yerr=sds, capsize=3, color=_COLOURS[name], label=name)
-        paper = [PAPER[name].get(amps, (np.nan, np.nan))[0] for amps in currents]
-        left.plot(x, paper, "k_", markersize=14, label="paper" if k == 0 else None)
+        marks = [cell.mean if (cell := paper.FIGURE_4[name].get(float(amps))) else np.nan for amps in currents]
+        left.plot(x, marks, "k_", markersize=14, label="paper" if k == 0 else None)
         averages = [rows[name]["average"] for rows in results.values()]
         right.bar(np.arange(len(results)) + (k - 1.5) * width, averages, width, color=_COLOURS[name])
     left.set_xticks(range(len(currents)), [f"{amps} A" for amps in currents])
@@ -145,9 +135,9 @@ def main(argv: list[str] | None = None) -> int:
         cfg = Figure4Cfg(bench=bench, fit=recipe, strengths=tuple(args.strengths))
         result = figure4(cfg, args.out)
     except (ValueError, OSError) as error:
-        print(f"mrwarp reproduce fig4: {error}", file=sys.stderr)
+        print(f"mrwarp reproduce fig4 --train: {error}", file=sys.stderr)
         return 2
-    write_result(args.out, result, seed=args.seed, command="mrwarp reproduce fig4 " + shlex.join(argv))
+    write_result(args.out, result, seed=args.seed, command="mrwarp reproduce fig4 --train " + shlex.join(argv))
     for name, holds in result["verdicts"].items():
         print(f"{name:34s} {'holds' if holds else 'MISSED'}")
     return 0 if all(result["verdicts"].values()) else 1
@@ -155,7 +145,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     recipe, bench = FitCfg(), BenchCfg()
-    parser = argparse.ArgumentParser(prog="mrwarp reproduce fig4", description=figure4.__doc__)
+    parser = argparse.ArgumentParser(prog="mrwarp reproduce fig4 --train", description=figure4.__doc__)
     parser.add_argument("--out", type=Path, required=True, help="output folder; a stopped run goes on there")
     parser.add_argument("--strengths", type=float, nargs="+", default=[1.0, 0.5, 2.0], help="factors on the effects")
     parser.add_argument("--epochs", type=int, default=recipe.epochs, help="most epochs per network")
@@ -208,7 +198,7 @@ def _train(name: str, data: BenchData, bouc_wen: dict[str, float] | None, recipe
 
 def _reductions(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
     """Relative reduction of the average RMSE by PG-RLSTM [1]."""
-    return {name: 1.0 - rows["pg_rlstm"]["average"] / rows[name]["average"] for name in REDUCTIONS}
+    return {name: 1.0 - rows["pg_rlstm"]["average"] / rows[name]["average"] for name in paper.FIGURE_4_REDUCTION}
 
 
 def _text_keys(errors: Mapping[float, Sequence[float]]) -> dict[str, list[float]]:

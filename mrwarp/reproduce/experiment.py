@@ -1,0 +1,175 @@
+"""What one table or figure of the report is: how it is made, on what it depends, and what it found."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mrwarp.paper import Measured
+from mrwarp.reproduce.settings import Settings
+
+RELATIVE = 0.05
+"""Relative difference that needs a reason where neither side states a spread."""
+
+
+class NotYet(RuntimeError):
+    """What the experiment needs is not there yet; the message says what."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One figure of the paper beside ours."""
+
+    condition: str
+    """What was done, e.g. ``MR_Go-SAL, 3 kg, 0.3 m/s``."""
+    quantity: str
+    """What was measured."""
+    unit: str
+    """Unit; empty for a pure number."""
+    paper: Measured | None
+    """None where the paper gives no figure."""
+    ours: float
+    """Mean."""
+    sd: float | None = None
+    """Its sample standard deviation over seeds or trials; None for one value."""
+    n: int = 1
+    """Seeds or trials."""
+    calibrated: bool = False
+    """Whether the paper's figure was used to fit a number of ours; else ours is a prediction."""
+    digits: int = 3
+    """Digits behind the point."""
+    why: str = ""
+    """One sentence on a difference beyond the joint spread."""
+
+    @property
+    def joint_sd(self) -> float | None:
+        """Root of the summed squared spreads; None if neither side has one."""
+        known = [sd for sd in (self.sd, self.paper.sd if self.paper else None) if sd is not None]
+        return math.hypot(*known) if known and math.hypot(*known) > 0.0 else None
+
+    @property
+    def in_sd(self) -> float | None:
+        """Ours minus the paper's in units of the joint spread; None without both."""
+        if self.paper is None or self.joint_sd is None:
+            return None
+        return (self.ours - self.paper.mean) / self.joint_sd
+
+    @property
+    def relative(self) -> float | None:
+        """Ours minus the paper's, relative to the size of the paper's."""
+        if self.paper is None or self.paper.mean == 0.0:
+            return None
+        return (self.ours - self.paper.mean) / abs(self.paper.mean)
+
+    @property
+    def differs(self) -> bool:
+        """Whether the difference exceeds the joint spread, or 5 % where neither side states one."""
+        if self.paper is None or not math.isfinite(self.ours):
+            return self.paper is not None
+        if self.in_sd is not None:
+            return abs(self.in_sd) > 1.0
+        return self.relative is None or abs(self.relative) > RELATIVE
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A further table: rows of text."""
+
+    title: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Findings:
+    """What an experiment found."""
+
+    rows: Sequence[Row] = ()
+    claims: Mapping[str, bool] = field(default_factory=dict)
+    """Each claim of the paper as a sentence, and whether ours agrees."""
+    notes: Sequence[str] = ()
+    """Sentences with the evidence behind the rows."""
+    tables: Sequence[Table] = ()
+    pictures: Mapping[str, str] = field(default_factory=dict)
+    """File in the experiment's folder to caption."""
+    figures: Mapping[str, Any] = field(default_factory=dict)
+    """Everything else that was computed; plain values."""
+
+    def __post_init__(self) -> None:
+        for name in ("rows", "notes", "tables"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values, see :meth:`from_json`."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, content: dict[str, Any]) -> Findings:
+        """The inverse of :meth:`to_json`."""
+        rows = [
+            Row(**{**row, "paper": Measured(**row["paper"]) if row["paper"] else None, "ours": _number(row["ours"])})
+            for row in content["rows"]
+        ]
+        return cls(**{**content, "rows": rows, "tables": [Table(**table) for table in content["tables"]]})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What an experiment is given."""
+
+    settings: Settings
+    out: Path
+    """Its own folder."""
+    folders: Mapping[str, Path]
+    """Folders of the experiments it needs, by name."""
+    report: Callable[[str, float], None]
+    """Told what runs and the share that is done."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """One entry of the report, or a simulation that several entries read."""
+
+    name: str
+    """As on the command line."""
+    title: str
+    """Heading."""
+    compute: Callable[[Job], Findings]
+    """Makes the rows; its module and all that it imports are what the entry depends on."""
+    needs: tuple[str, ...] = ()
+    """Experiments whose folders it reads."""
+    settings: tuple[str, ...] = ()
+    """Names of the :class:`Settings` it depends on."""
+    files: Callable[[Settings], Sequence[Path]] = lambda settings: ()
+    """Further input files."""
+    shown: bool = True
+    """Whether it is an entry of the report; a simulation that others read is not."""
+
+
+def over_seeds(values: np.ndarray, seeds: np.ndarray | None = None) -> dict[str, Any]:
+    """``ours``, ``sd`` and ``n`` of a :class:`Row`: rollouts are averaged within each seed first, as in section 6.2.
+
+    Args:
+        values: One per rollout.
+        seeds: Seed of each rollout; None, or a single seed, takes every rollout as its own.
+    """
+    values = np.asarray(values, dtype=float)
+    if seeds is not None and len(set(np.asarray(seeds).tolist())) > 1:
+        values = np.array([values[seeds == seed].mean() for seed in np.unique(seeds)])
+    if not len(values):
+        return {"ours": math.nan, "sd": None, "n": 0}
+    return {
+        "ours": float(values.mean()),
+        "sd": float(values.std(ddof=1)) if len(values) > 1 else None,
+        "n": len(values),
+    }
+
+
+def _number(value: float | None) -> float:
+    """A number that JSON could not hold comes back as NaN."""
+    return math.nan if value is None else value

@@ -1,0 +1,89 @@
+"""What a reproduction is run with; every number that changes a result stands here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import torch
+
+from mrwarp.paper import ROBOTS
+from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Choices of a reproduction; the defaults are those of the report."""
+
+    policies: Mapping[str, tuple[Path, ...]] = field(
+        default_factory=lambda: {robot: (DEFAULT_POLICY,) for robot in ROBOTS}
+    )
+    """Policies of each robot, one per training seed."""
+    rollouts: int = 3
+    """Rollouts per policy, paper section 6.2."""
+    distance: float = 30.0
+    """Walked distance of tables 6 and 7 [m]."""
+    window: float = 10.0
+    """Simulated distance of each walk of the mission [m]."""
+    impacts: int = 12
+    """Impacts per policy and current."""
+    seed: int = 0
+    """Seed of poses and gait phases."""
+    threads: int = 0
+    """CPU threads; 0 = all. The figures are the same for any number."""
+
+    def __post_init__(self) -> None:
+        for robot in ROBOTS:
+            if not self.policies.get(robot):
+                raise ValueError(f"policies: name at least one for {robot}")
+        counts = {len(self.policies[robot]) for robot in ROBOTS}
+        if len(counts) > 1:
+            raise ValueError(f"policies: every robot needs the same number of seeds, got {sorted(counts)}")
+        if min(self.rollouts, self.impacts) < 1:
+            raise ValueError(f"rollouts = {self.rollouts} and impacts = {self.impacts} must be at least 1")
+        if not min(self.distance, self.window) > 0.0:
+            raise ValueError(f"distance = {self.distance} m and window = {self.window} m must be positive")
+
+    @property
+    def policy_seeds(self) -> int:
+        """Policies per robot."""
+        return len(self.policies[ROBOTS[0]])
+
+
+class Ensemble:
+    """Several policies as one: row i of a batch is driven by policy ``i % n``.
+
+    Args:
+        paths: The policies, one per seed; a batch repeats them over its trials.
+
+    Raises:
+        PolicyError: a file cannot be used.
+    """
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self._policies = [OnnxPolicy(path) for path in paths]
+
+    def __call__(self, obs) -> torch.Tensor:
+        """Actions (E, 12)."""
+        n = len(self._policies)
+        if n == 1:
+            return self._policies[0](obs)
+        rows = obs["actor"] if not isinstance(obs, torch.Tensor) else obs
+        actions = torch.empty(len(rows), 12, device=rows.device)
+        for k, policy in enumerate(self._policies):
+            actions[k::n] = policy(rows[k::n])
+        return actions
+
+
+def ensembles(settings: Settings) -> dict[str, Ensemble]:
+    """The policies of each robot; robots with the same files share one object, and so one evaluation.
+
+    Raises:
+        PolicyError: a file cannot be used.
+    """
+    made: dict[tuple[Path, ...], Ensemble] = {}
+    for paths in settings.policies.values():
+        if tuple(paths) not in made:
+            made[tuple(paths)] = Ensemble(paths)
+    return {robot: made[tuple(paths)] for robot, paths in settings.policies.items()}

@@ -1,0 +1,119 @@
+"""Table 6: cost of transport of three robots; Go1's rows calibrate the electrical model, the others are predicted."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mrwarp import paper
+from mrwarp.electrical.power import battery_power, cost_of_transport
+from mrwarp.evaluate import walk_figures
+from mrwarp.evaluate.walk_trials import WalkResult
+from mrwarp.paper import Measured
+from mrwarp.reproduce import walking
+from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, Table, over_seeds
+from mrwarp.reproduce.walking import Walks
+
+CLAIMED = (0.20, 0.25)
+"""Reduction of COT by SAL over the four conditions, section 6.4."""
+
+
+def compute(job: Job) -> Findings:
+    """COT per robot and condition, what SAL saves and where the rest goes."""
+    walks = walking.read(job.folders["walks"])
+    fit = walks.calibrated()
+    conditions = [walk_figures.row(result, fit.cfg) for result in walks.both]
+    standing = {name: float(battery_power(use, fit.cfg).total) for name, use in walks.standing.items()}
+    mass = paper.MASS["mr_go"] + paper.arm_load()
+    saving = standing["mr_go"] - standing["mr_go_hold"]
+    savings = walk_figures.savings(walks.both, fit.cfg, saving, mass)
+    plain = [r for r in walks.both if r.robot != "mr_go_sal"]
+    alone = walk_figures.savings([*plain, *walks.holding], fit.cfg, saving, mass)
+    rows = [_cot(result, walks, condition) for result, condition in zip(walks.both, conditions, strict=True)]
+    rows += [_reduction(saved, held) for saved, held in zip(savings, alone, strict=True)]
+    reductions = [saved["cot_reduction"] for saved in savings]
+    return Findings(
+        rows=[row for row in rows if row is not None],
+        claims={
+            "SAL lowers COT in all four conditions": min(reductions) > 0.0,
+            "by 20 to 25 %": all(CLAIMED[0] <= value <= CLAIMED[1] + 0.005 for value in reductions),
+            "at 0.3 m/s no less with payload than without": _at(savings, 3, 0.3) >= _at(savings, 0, 0.3),
+        },
+        notes=[
+            f"Go1's four rows and its 92 W of standing give electronics {fit.cfg.electronics:.1f} ± "
+            f"{fit.half_width['electronics']:.1f} W and a winding of {fit.cfg.winding_resistance:.3f} ± "
+            f"{fit.half_width['winding_resistance']:.3f} Ohm (95 %), to {fit.rmse:.1f} W (RMS). Every row of MR_Go and "
+            "MR_Go-SAL is a prediction.",
+        ],
+        tables=[_parts(savings)],
+        figures={"savings": savings, "holding_alone": alone, "standing": standing, "conditions": conditions,
+                 "calibration": {"electronics": fit.cfg.electronics, "winding_resistance": fit.cfg.winding_resistance,
+                                 "half_width": fit.half_width, "rmse": fit.rmse}},
+    )  # fmt: skip
+
+
+def condition_name(payload: float, command: float) -> str:
+    """As every row names a condition."""
+    return f"{payload:g} kg, {command:g} m/s"
+
+
+def _cot(result: WalkResult, walks: Walks, condition: dict[str, Any]) -> Row | None:
+    reference = condition["paper"]
+    if reference is None:
+        return None
+    cot = cost_of_transport(battery_power(result.use, walks.calibrated().cfg).total, result.mass, result.speed)
+    ours = over_seeds(cot, walks.seed_of(result))
+    power = condition["power"]["mean"]
+    why = (
+        f"Ours draws {power:.0f} W at {condition['speed']['mean']:.2f} m/s, the paper's {reference['power']:.0f} W at "
+        f"{reference['speed']:.2f} m/s: power explains {power / reference['power'] - 1.0:+.0%}, speed "
+        f"{reference['speed'] / condition['speed']['mean'] - 1.0:+.0%}."
+    )
+    return Row(
+        condition=f"{paper.NAMES[result.robot]}, {condition_name(result.payload, result.command)}", quantity="COT",
+        unit="", paper=Measured(mean=reference["cot"], sd=reference["sd"]), **ours,
+        calibrated=condition["calibrated"], why=why,
+    )  # fmt: skip
+
+
+def _reduction(saved: dict[str, Any], alone: dict[str, Any]) -> Row:
+    """What SAL saves against MR_Go, with the part that takes the most away as the reason."""
+    part = saved["saving_by_part"]
+    need = saved["paper"]["saving"]
+    lost = sorted((name for name in part if part[name] < -0.5), key=lambda name: part[name])
+    text = ", ".join(f"{_PARTS[name]} {part[name]:+.1f} W" for name in lost) or "nothing"
+    why = (
+        f"The calves' copper saves {part['copper_calves']:+.1f} W of the {need:.0f} W the paper's saving needs "
+        f"(at most {saved['bound']['walking_copper']:.0f} W here, all of it gone while held); {text} take from it; "
+        f"holding alone: {100.0 * alone['cot_reduction']:.1f} %."
+    )
+    return Row(
+        condition=f"SAL against MR_Go, {condition_name(saved['payload'], saved['command'])}",
+        quantity="reduction of COT", unit="%", paper=Measured(mean=100.0 * saved["paper"]["cot_reduction"]),
+        ours=100.0 * saved["cot_reduction"], digits=1, why=why,
+    )  # fmt: skip
+
+
+_PARTS = {
+    "copper_calves": "calves", "copper_hips_thighs": "hips and thighs", "electronics": "electronics",
+    "mechanical": "mechanical power", "regenerated": "regenerated power", "coil": "coils",
+    "controllers": "current controllers",
+}  # fmt: skip
+
+
+def _parts(savings: list[dict[str, Any]]) -> Table:
+    return Table(
+        title="What SAL saves, by part of the battery's power [W]; negative = draws more",
+        head=["condition", *_PARTS.values(), "sum", "paper"],
+        rows=[
+            [condition_name(s["payload"], s["command"]), *(f"{s['saving_by_part'][name]:+.1f}" for name in _PARTS),
+             f"{s['saving']:+.1f}", f"{s['paper']['saving']:+.1f}"]
+            for s in savings
+        ],
+    )  # fmt: skip
+
+
+def _at(savings: list[dict[str, Any]], payload: float, command: float) -> float:
+    return next(s["cot_reduction"] for s in savings if (s["payload"], s["command"]) == (payload, command))
+
+
+EXPERIMENT = Experiment(name="table6", title="Table 6: cost of transport", compute=compute, needs=("walks",))

@@ -1,0 +1,88 @@
+"""``mrwarp reproduce``: bad input is refused, small walks go through end to end and are not made twice."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from mrwarp.reproduce import catalogue, cli
+from mrwarp.reproduce.experiment import Findings
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (["table99", "--out", "x"], "invalid choice: 'table99'"),
+        (["--out", "x"], "required: PART"),
+        (["table6"], "required: --out"),
+    ],
+)
+def test_unknown_parts_are_refused(argv: list[str], message: str, capsys: pytest.CaptureFixture) -> None:
+    """With exit code 2 and the reason."""
+    with pytest.raises(SystemExit) as stop:
+        cli.main(argv)
+    assert stop.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--policy", "nothing.onnx"], "nothing.onnx: no such policy"),
+        (["--distance", "0"], "distance = 0.0 m"),
+        (["--distance", "nan"], "distance = nan m"),
+        (["--rollouts", "0"], "rollouts = 0"),
+        (["--policy-go1", "a.onnx", "b.onnx"], "same number of seeds, got [1, 2]"),
+    ],
+)
+def test_bad_input_is_one_line_and_nothing_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture, options: list[str], message: str
+) -> None:
+    """Exit code 2, no folder."""
+    assert cli.main(["table6", "--out", str(tmp_path / "out"), *options]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_catalogue_is_ordered_and_described() -> None:
+    """Every need is known and comes before; names are unique; ``all`` leaves out what only others read."""
+    seen: list[str] = []
+    for name, experiment in catalogue.CATALOGUE.items():
+        assert name == experiment.name
+        assert set(experiment.needs) <= set(seen)
+        assert experiment.compute.__doc__
+        seen.append(name)
+    assert "walks" not in catalogue.SHOWN
+    assert "table6" in catalogue.SHOWN
+
+
+def test_stopped_run_leaves_a_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C: exit code 130, and the report says what was not run."""
+
+    def stop(job: object) -> Findings:
+        """Stopped."""
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(catalogue.CATALOGUE, "walks", replace(catalogue.CATALOGUE["walks"], compute=stop))
+    assert cli.main(["table6", "--out", str(tmp_path)]) == 130
+    assert json.loads((tmp_path / "result.json").read_text())["parts"]["table6"]["status"] == "not run"
+    assert "not run" in (tmp_path / "report.md").read_text()
+
+
+@pytest.mark.slow
+def test_short_walks_go_through_end_to_end(tmp_path: Path) -> None:
+    """Tables 6 and 7 and figures 8 and 9 over one metre: rows, pictures, report; the second run keeps all of it."""
+    argv = ["table6", "table7", "fig8", "fig9", "--out", str(tmp_path), "--distance", "1", "--rollouts", "1"]
+    assert cli.main(argv) == 0
+    result = json.loads((tmp_path / "result.json").read_text())
+    rows = result["parts"]["table6"]["rows"]
+    assert [row["calibrated"] for row in rows] == [True] * 4 + [False] * 12
+    assert {part["status"] for part in result["parts"].values()} == {"made"}
+    assert (tmp_path / "fig8" / "torques.png").stat().st_size > 10_000
+    assert (tmp_path / "report.html").read_text().count("data:image/png;base64") == 3
+    assert cli.main(argv) == 0
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert {part["status"] for part in result["parts"].values()} == {"kept"}

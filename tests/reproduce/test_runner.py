@@ -1,0 +1,198 @@
+"""The runner: what changed is made again, failures stay alone, a stopped run goes on, damaged results are not used."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from mrwarp.paper import Measured
+from mrwarp.reproduce import fingerprint
+from mrwarp.reproduce.experiment import Experiment, Findings, Job, NotYet, Row, over_seeds
+from mrwarp.reproduce.runner import KEPT, Runner, in_order
+from mrwarp.reproduce.settings import Settings
+
+CALLS: list[str] = []
+
+
+@pytest.fixture(autouse=True)
+def _forget() -> None:
+    CALLS.clear()
+
+
+def base(job: Job) -> Findings:
+    """Leaves a file that others read."""
+    CALLS.append("base")
+    (job.out / "data.txt").write_text(str(job.settings.seed))
+    return Findings()
+
+
+def reader(job: Job) -> Findings:
+    """Reads it."""
+    CALLS.append("reader")
+    value = float((job.folders["base"] / "data.txt").read_text())
+    return Findings(rows=[Row(condition="c", quantity="x", unit="m", paper=Measured(mean=1.0, sd=0.5), ours=value)])
+
+
+def failing(job: Job) -> Findings:
+    """Always fails."""
+    CALLS.append("failing")
+    raise RuntimeError("no\nluck")
+
+
+def waiting(job: Job) -> Findings:
+    """Its input is not there yet."""
+    raise NotYet("no policies yet")
+
+
+def catalogue(*functions) -> dict[str, Experiment]:
+    """Experiments of these functions; ``base`` depends on the seed, all others on ``base``."""
+    return {
+        f.__name__: Experiment(
+            name=f.__name__, title=f.__name__.title(), compute=f, needs=() if f is base else ("base",),
+            settings=("seed",) if f is base else (),
+        )
+        for f in (base, *functions)
+    }  # fmt: skip
+
+
+def run(out: Path, *functions, settings: Settings | None = None) -> Runner:
+    """Run all of them."""
+    runner = Runner(catalogue(*functions), settings or Settings(), out)
+    runner.run([f.__name__ for f in functions])
+    return runner
+
+
+def test_runner_makes_only_what_changed(tmp_path: Path) -> None:
+    """The same run keeps everything; another setting makes what depends on it again, and what depends on that."""
+    first = run(tmp_path, reader).outcomes
+    again = run(tmp_path, reader).outcomes
+    assert CALLS == ["base", "reader"]
+    assert [o.status for o in first.values()] == ["made", "made"]
+    assert [o.status for o in again.values()] == ["kept", "kept"]
+    assert again["reader"].findings == first["reader"].findings
+    run(tmp_path, reader, settings=Settings(impacts=3))
+    assert len(CALLS) == 2  # neither depends on the impacts
+    run(tmp_path, reader, settings=Settings(seed=1))
+    assert CALLS[2:] == ["base", "reader"]
+
+
+def test_runner_makes_it_again_when_the_code_or_an_input_changed(tmp_path: Path, monkeypatch) -> None:
+    """The hash of the code and of the files belongs to the key."""
+    run(tmp_path, reader)
+    real = fingerprint.code_hash
+    monkeypatch.setattr(fingerprint, "code_hash", lambda module: real(module) + "x")
+    run(tmp_path, reader)
+    assert CALLS == ["base", "reader"] * 2
+    data = tmp_path / "input"
+    hashes = []
+    for text in ("a", "b"):
+        data.write_text(text)
+        experiment = replace(catalogue()["base"], files=lambda settings: (data,))
+        hashes.append(fingerprint.key(experiment, Settings(), {}))
+    assert hashes[0]["files"] != hashes[1]["files"]
+
+
+def test_one_failure_loses_nothing_else(tmp_path: Path) -> None:
+    """The others are made; the failed one says why on one line, keeps its traceback and is tried again."""
+    outcomes = run(tmp_path, failing, waiting, reader).outcomes
+    assert {name: o.status for name, o in outcomes.items()} == {
+        "base": "made", "failing": "failed", "waiting": "waiting", "reader": "made",
+    }  # fmt: skip
+    assert outcomes["failing"].message == "no luck"
+    assert "RuntimeError" in (tmp_path / "failing" / "error.txt").read_text()
+    assert outcomes["waiting"].message == "no policies yet"
+    run(tmp_path, failing, reader)
+    assert CALLS == ["base", "failing", "reader", "failing"]
+
+
+def test_what_needs_a_failed_experiment_is_not_run(tmp_path: Path) -> None:
+    """It says which one, and its own function is never called."""
+    both = catalogue(failing, reader)
+    both["reader"] = replace(both["reader"], needs=("failing",))
+    runner = Runner(both, Settings(), tmp_path)
+    runner.run(["reader"])
+    assert runner.outcomes["reader"].status == "failed"
+    assert runner.outcomes["reader"].message == "needs failing: no luck"
+    assert "reader" not in CALLS
+
+
+def test_a_stopped_run_goes_on(tmp_path: Path) -> None:
+    """Ctrl-C leaves what was done, and the next run makes the rest."""
+
+    def stopped(job: Job) -> Findings:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path, stopped)
+    assert run(tmp_path, reader).outcomes["base"].status == "kept"
+
+
+@pytest.mark.parametrize("damage", ["", "{", "[]", '{"key": 1}', "null", '{"key": {}, "findings": {}, "seconds": 1}'])
+def test_a_damaged_result_is_made_again(tmp_path: Path, damage: str) -> None:
+    """Whatever stands in the file: nothing of it is used."""
+    run(tmp_path, reader)
+    (tmp_path / "reader" / KEPT).write_text(damage)
+    assert run(tmp_path, reader).outcomes["reader"].status == "made"
+
+
+def test_findings_survive_json() -> None:
+    """Rows, spreads and tables come back equal; a missing figure comes back as no number."""
+    rows = [
+        Row(condition="a", quantity="b", unit="", paper=Measured(mean=1.0), ours=2.0, sd=0.1, n=3, why="because"),
+        Row(condition="a", quantity="b", unit="", paper=None, ours=3.0, calibrated=True),
+    ]
+    found = Findings(rows=rows, claims={"yes": True}, notes=["n"], pictures={"a.png": "c"}, figures={"x": [1.0]})
+    assert Findings.from_json(json.loads(json.dumps(found.to_json()))) == found
+
+
+def test_order_puts_needs_first() -> None:
+    """Each experiment stands once, after what it needs; an unknown name is an error."""
+    assert in_order(catalogue(reader, waiting), ["waiting", "reader"]) == ["base", "waiting", "reader"]
+    with pytest.raises(KeyError):
+        in_order(catalogue(), ["nothing"])
+
+
+def test_code_hash_ignores_comments_and_sees_what_is_imported(tmp_path: Path) -> None:
+    """Comments, docstrings and layout do not count; a constant of a module imported in a function does."""
+    root = tmp_path / "pack"
+    root.mkdir()
+    for name, text in {
+        "__init__": "", "a": '"""A."""\ndef f():\n    from pack import b\n    return b.X\n', "b": "X = 1\n",
+        "c": "Y = 1\n",
+    }.items():  # fmt: skip
+        (root / f"{name}.py").write_text(text)
+
+    def now() -> str:
+        fingerprint.imports.cache_clear()
+        fingerprint.module_hash.cache_clear()
+        return fingerprint.code_hash("pack.a", root)
+
+    first = now()
+    assert set(fingerprint.reached("pack.a", root)) == {"pack", "pack.a", "pack.b"}
+    (root / "a.py").write_text('"""Other words."""\ndef f():  # why\n\n    from pack import b\n    return (b.X)\n')
+    (root / "c.py").write_text("Y = 2\n")
+    assert now() == first
+    (root / "b.py").write_text("X = 2\n")
+    assert now() != first
+
+
+def test_rollouts_are_averaged_within_each_seed_first() -> None:
+    """Section 6.2: three seeds of two rollouts are three values; one seed leaves its rollouts as they are."""
+    values = [1.0, 10.0, 100.0, 3.0, 30.0, 300.0]
+    found = over_seeds(values, [0, 1, 2] * 2)
+    assert (found["ours"], found["n"]) == (pytest.approx((2.0 + 20.0 + 200.0) / 3.0), 3)
+    single = over_seeds(values, [0] * 6)
+    assert (single["ours"], single["n"]) == (pytest.approx(74.0), 6)
+
+
+def test_differences_are_told_in_the_joint_spread() -> None:
+    """(3 - 1)/sqrt(0.3^2 + 0.4^2) = 4; without any spread the 5 % rule decides."""
+    row = Row(condition="", quantity="", unit="", paper=Measured(mean=1.0, sd=0.3), ours=3.0, sd=0.4)
+    assert row.in_sd == pytest.approx(4.0)
+    assert row.differs
+    assert not replace(row, ours=1.4).differs
+    bare = replace(row, paper=Measured(mean=-2.0), sd=None, ours=-2.05)
+    assert bare.in_sd is None
+    assert not bare.differs
+    assert replace(bare, ours=-2.2).differs
