@@ -42,6 +42,8 @@ class Variant:
     """Current I_e [A]."""
     params: dict[str, float] = field(default_factory=dict)
     """MR parameters that differ from the asset, e.g. ``{"eps_e": 0.09}``."""
+    duration: float | None = None
+    """Duration of the push [s]; None takes the sweep's."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +66,11 @@ class ImpactCfg:
     """Push on the trunk [N], world frame; the paper's is 100 N downward."""
     duration: float = 0.2
     """Duration of the push [s]; not in the paper, see DESIGN's reading of table 4."""
+    phases: tuple[float, float] | None = None
+    """Gait phases at the push's onset, evenly spread over the trials; None leaves them random. FL and RR stand in the
+    first half of the clock, FR and RL in the second."""
+    gains: tuple[float, float] | None = None
+    """Kp [N·m/rad] and Kd [N·m·s/rad] of all motors; None keeps the asset's. The low gain while holding stays."""
     mass: MassCfg = field(default_factory=MassCfg)
     """The falling mass."""
     env: EnvCfg = field(default_factory=make_walk_cfg)
@@ -74,13 +81,21 @@ class ImpactCfg:
     def __post_init__(self) -> None:
         if self.trials < 1 or not self.variants:
             raise ValueError(f"need at least one trial and one current, got {self.trials} and {self.variants}")
-        if not 0.0 < self.duration <= self.window:
-            raise ValueError(f"duration = {self.duration} s must lie in (0, window = {self.window} s]")
+        for duration in self.durations:
+            if not 0.0 < duration <= self.window:
+                raise ValueError(f"duration = {duration} s must lie in (0, window = {self.window} s]")
+        if self.phases is not None and self.kind is not ImpactKind.PUSH:
+            raise ValueError("phases are those of a push's onset: the falling mass meets each robot when it does")
         if min(self.currents) < 0.0:
             raise ValueError(f"currents = {self.currents} A: none may be below 0")
         for variant in self.variants:
             for name, value in variant.params.items():
                 MrParams.spec(name).check(value, "impact variant")
+
+    @property
+    def durations(self) -> tuple[float, ...]:
+        """Duration of the push in each setting [s]."""
+        return tuple(self.duration if v.duration is None else v.duration for v in self.variants)
 
     @property
     def currents(self) -> tuple[float, ...]:
@@ -150,6 +165,11 @@ class ImpactSweep:
             rows = slice(i * cfg.trials, (i + 1) * cfg.trials)
             for name, value in variant.params.items():
                 self.env.view(self.env.actuator.param(name))[rows] = value
+        if cfg.gains is not None:
+            actuator = self.env.actuator
+            for name, array, gain in (("kp_base", actuator.kp, cfg.gains[0]), ("kd", actuator.kd, cfg.gains[1])):
+                self.env.view(array).fill_(gain)
+                self.env.view(actuator.param(name)).fill_(gain)
         self.watchers: list[Callable[[float], None]] = []
 
     def run(self) -> ImpactTrace:
@@ -163,6 +183,10 @@ class ImpactSweep:
         command = torch.tensor([cfg.speed, 0.0, 0.0], device=env.device)
         env.current_e.zero_()
         source = torch.arange(env.num_envs, device=env.device) % cfg.trials
+        if cfg.phases is not None:
+            low, high = cfg.phases
+            onset = low + (high - low) * (source + 0.5) / cfg.trials
+            env.phase.copy_((onset - cfg.warmup * env.cfg.gait_frequency).remainder(1.0))
         env.copy_envs(source)
         env.set_command(command)
         obs = env.get_observations()
@@ -180,20 +204,7 @@ class ImpactSweep:
             obs = env.get_observations()
         clock.time = 0.0
         env.substep_hooks.append(recorder.sample)
-        steps_left = round(cfg.duration / dt)
-        if self.mass is None:
-            env.sim.push("trunk", np.tile(cfg.force, (env.num_envs, 1)))
-
-        def stop_push() -> None:
-            nonlocal steps_left
-            steps_left -= 1
-            if steps_left == 0:
-                env.sim.push("trunk", np.zeros((env.num_envs, 3)))
-
-        if self.mass is None:
-            env.substep_hooks.append(stop_push)
-        else:
-            env.substep_hooks.append(self.mass.update)
+        env.substep_hooks.append(_Push(env, cfg).tick if self.mass is None else self.mass.update)
         for _ in range(round(cfg.window / env.cfg.step_dt)):
             obs, _, _, _ = env.step(self.policy(obs))
             env.set_command(command)
@@ -214,6 +225,22 @@ class ImpactSweep:
             mass.update()
         env.current_e.copy_(self.currents)
         env.actuator.ledger.zero_()
+
+
+class _Push:
+    """Pushes the trunks from now on, each for its setting's duration."""
+
+    def __init__(self, env: WalkEnv, cfg: ImpactCfg) -> None:
+        self._sim = env.sim
+        self._left = np.repeat([round(duration / env.sim.dt) for duration in cfg.durations], cfg.trials)
+        self._force = np.tile(cfg.force, (env.num_envs, 1))
+        self._sim.push("trunk", self._force)
+
+    def tick(self) -> None:
+        """One torque step has passed."""
+        self._left -= 1
+        if (self._left == 0).any():
+            self._sim.push("trunk", np.where(self._left[:, None] > 0, self._force, 0.0))
 
 
 class _Clock:

@@ -14,7 +14,6 @@ from mrwarp.asset import AssetError
 from mrwarp.electrical import consistency
 from mrwarp.electrical.battery import BatteryError
 from mrwarp.evaluate import energy_cli
-from mrwarp.evaluate.spread import spread
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
@@ -52,7 +51,7 @@ def main(argv: list[str] | None = None) -> int:
     argv = sys.argv[1:] if argv is None else argv
     args = make_parser().parse_args(argv)
     quiet_libraries()
-    from mrwarp.evaluate import mission, mission_pictures
+    from mrwarp.evaluate import mission, mission_figures, mission_pictures
 
     started, progress = time.perf_counter(), energy_cli.Progress(sys.stdout)
     try:
@@ -70,7 +69,7 @@ def main(argv: list[str] | None = None) -> int:
             if args.calibrate:
                 groups |= {"thermal": heat, "battery": battery}
         traces = {robot: mission.run(found, *groups.values(), feedback=False) for robot, found in phases.items()}
-        cold = {robot: _row(robot, trace) for robot, trace in traces.items()} if args.feedback else None
+        cold = {robot: mission_figures.row(robot, trace) for robot, trace in traces.items()} if args.feedback else None
         if args.feedback:
             fluid = {robot: mission.fluid_rises(trace) for robot, trace in traces.items()}
             phases = mission.measure(cfg, policies, progress, fluid, groups["thermal"])
@@ -82,14 +81,14 @@ def main(argv: list[str] | None = None) -> int:
     except (PolicyError, AssetError, ParameterError, BatteryError, ValueError, OSError) as error:
         print(f"mrwarp mission: {error}", file=sys.stderr)
         return 2
-    rows = {robot: _row(robot, trace) for robot, trace in traces.items()}
+    rows = {robot: mission_figures.row(robot, trace) for robot, trace in traces.items()}
     fitted = ("thermal.housing_capacity", "thermal.housing_resistance", "battery.capacity") if args.calibrate else ()
     figures = {
         "simulated": f"{args.window:g} m of each walk and 5 s of standing; carried over the phases by the models"
         + ("; with feedback, which the calibration was without" if args.feedback else ""),
         "task": {"speed": cfg.speed, "distance": cfg.distance, "standby": cfg.standby, "feedback": args.feedback,
                  "outbound_load": cfg.outbound_load, "return_load": cfg.return_load, "seeds": cfg.seeds},
-        "robots": rows, "without_feedback": cold, "changes": _changes(rows), "calibration": fit,
+        "robots": rows, "without_feedback": cold, "changes": mission_figures.changes(rows), "calibration": fit,
         "numbers": energy_cli.described(groups, fitted), "consistency": consistency.check(),
         "wall_seconds": time.perf_counter() - started,
     }  # fmt: skip
@@ -111,54 +110,6 @@ def _cfg(args: argparse.Namespace) -> Any:
         standby=args.standby, outbound_load=args.outbound_load, return_load=args.return_load, window=args.window,
         seeds=args.seeds, current=args.current, feedback=args.feedback, env=energy_cli.env_cfg(args), seed=args.seed,
     )  # fmt: skip
-
-
-CALIBRATED = {"power": {"outbound": True, "standby": True, "return": False}, "depletion": True,
-              "rise": {"calf_walking": True, "calf_standby": True, "all": False}}  # fmt: skip
-"""Go1's figures that fixed a number: its way out the arm's mass, its standby the electrical model, its depletion the
-capacity, its calves the thermal model. Every figure of the other robots is a prediction."""
-
-
-def _row(robot: str, trace: Any) -> dict[str, Any]:
-    """One robot's figures beside the paper's."""
-    own = robot == "go1"
-    theirs = paper.MISSION_POWER[robot]
-    mean, sd = paper.MISSION_DEPLETION[robot]
-    return {
-        "power": {name: {**spread(values), "paper": theirs[name], "calibrated": own and CALIBRATED["power"][name]}
-                  for name, values in trace.power.items()},
-        "seconds": {name: spread(values) for name, values in trace.seconds.items()},
-        "depletion": {**spread(trace.depletion), "paper": mean, "paper_sd": sd, "calibrated": own},
-        "rise": {name: {**spread(values), "paper": _paper_rise(robot, name),
-                        "calibrated": own and CALIBRATED["rise"].get(name, False)}
-                 for name, values in trace.rise.items()},
-    }  # fmt: skip
-
-
-def _paper_rise(robot: str, name: str) -> float | None:
-    """The paper's rise [K]; that of hips and thighs follows from its other two means, the fluid's is not given."""
-    return paper.proximal_rise(robot) if name == "proximal" else paper.MISSION_RISE[robot].get(name)
-
-
-def _changes(rows: dict[str, Any]) -> dict[str, Any]:
-    """Relative change from MR_Go to MR_Go-SAL, ours and the paper's; predictions."""
-    if not {"mr_go", "mr_go_sal"} <= set(rows):
-        return {}
-    before, after = rows["mr_go"], rows["mr_go_sal"]
-
-    def change(pick: Any, name: str) -> float:
-        a, b = pick(before), pick(after)
-        return b[name] / a[name] - 1.0
-
-    picks = {
-        "outbound_power": lambda row: row["power"]["outbound"], "return_power": lambda row: row["power"]["return"],
-        "depletion": lambda row: row["depletion"], "calf_walking_rise": lambda row: row["rise"]["calf_walking"],
-        "all_rise": lambda row: row["rise"]["all"],
-    }  # fmt: skip
-    return {
-        name: {"ours": change(pick, "mean"), "paper": change(pick, "paper"), "calibrated": False}
-        for name, pick in picks.items()
-    }  # fmt: skip
 
 
 def _print(figures: dict[str, Any]) -> None:

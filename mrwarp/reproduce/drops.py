@@ -1,0 +1,70 @@
+"""The falling mass behind the hardware rows of table 4, figure 7 and table 5: 10 kg on the backs of walking robots."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mrwarp.actuator import HoldCurrent
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.evaluate.impact import MOTOR_WINDOW, ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace
+from mrwarp.reproduce import readings, store
+from mrwarp.reproduce.experiment import Experiment, Findings, Job
+from mrwarp.reproduce.settings import ensembles
+from mrwarp.robot import LEGS
+
+DATA = "drops.npz"
+"""File with the data."""
+
+GAINS = {"Kp 20, Kd 0.5": readings.PUBLIC_GAINS, "Kp 35, Kd 0.6": None}
+"""Gains of all motors by name, which the paper does not state; None is the asset's."""
+
+
+def simulate(job: Job) -> Findings:
+    """Drop the mass at every current with both sets of gains; the device is the brake that it is on hardware."""
+    settings = job.settings
+    policy = ensembles(settings)["mr_go_sal"]
+    env = make_walk_cfg(hold_current=HoldCurrent.FIXED, threads=settings.threads)
+    env = replace(env, actuator=replace(env.actuator, holding=False))
+    found = {}
+    for k, (name, gains) in enumerate(GAINS.items()):
+        job.report(name, k / len(GAINS))
+        cfg = ImpactCfg(
+            kind=ImpactKind.DROP, trials=settings.policy_seeds * settings.impacts, gains=gains, env=env,
+            seed=settings.seed,
+        )  # fmt: skip
+        found[name] = measured(ImpactSweep(cfg, policy).run())
+    store.save(job.out / DATA, {"found": found, "policies": settings.policy_seeds})
+    return Findings()
+
+
+def measured(trace: ImpactTrace) -> dict[str, np.ndarray]:
+    """Figures of every trial: table 4's cells and table 5's, shape (C, N).
+
+    Returns:
+        ``min_height`` [m], ``peak_down_velocity`` [m/s], ``acceleration``, the mean |a_z - g| over 0.1 s [m/s^2], and
+        per leg the mean calf motor torque over 0.1 s [N·m].
+    """
+    early = trace.t <= MOTOR_WINDOW
+    dt = float(trace.t[1] - trace.t[0])
+    motor = np.abs(trace.tau_motor[:, :, early]).mean(axis=2)
+    return {
+        **readings.cells(trace),
+        "acceleration": np.abs(np.diff(trace.velocity[:, :, early], axis=2) / dt).mean(axis=2),
+        **{leg: motor[..., k] for k, leg in enumerate(LEGS)},
+    }
+
+
+def read(folder: Path) -> tuple[dict[str, dict[str, np.ndarray]], np.ndarray]:
+    """Figures by gains, and the policy of each trial."""
+    tree = store.load(folder / DATA)
+    count = next(iter(tree["found"].values()))["min_height"].shape[1]
+    return tree["found"], np.arange(count) % tree["policies"]
+
+
+EXPERIMENT = Experiment(
+    name="drops", title="A falling mass on walking robots", compute=simulate, shown=False,
+    settings=("policies", "impacts", "seed"),
+)  # fmt: skip

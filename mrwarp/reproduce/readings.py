@@ -1,0 +1,198 @@
+"""Readings of section 6.3's simulated push: what the paper leaves open, one choice at a time.
+
+The paper states the force, not its duration, the motors' gains, the gait phase or which torque its dynamic branch had
+in the end. Each reading has its own push duration, calibrated on the 0 A row alone; the other rows are predictions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mrwarp import paper
+from mrwarp.actuator import Coupling, HoldCurrent
+from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.evaluate.impact import ImpactCfg, ImpactSweep, ImpactTrace, Variant
+from mrwarp.evaluate.walking import Policy
+from mrwarp.nn.model_file import shipped_model
+from mrwarp.params import BoucWenParams, HoldParams
+from mrwarp.robot import CURRENT_GROUPS
+
+CELLS = ("min_height", "peak_down_velocity")
+"""The two columns of table 4."""
+
+PUBLIC_GAINS = (20.0, 0.5)
+"""Kp [N·m/rad] and Kd [N·m·s/rad] of public Go1 policies trained in Isaac Gym (walk-these-ways)."""
+
+FL_RR_STANCE = (0.0, 0.5)
+"""Gait phases in which FL and RR stand, the pair that carries the paper's simulated impact (figure 6b)."""
+
+COARSE = tuple(round(0.05 * k, 2) for k in range(1, 13))
+"""Durations tried first [s]."""
+
+WINDOW = 0.8
+"""Time after the push's onset over which minima are taken [s]."""
+
+NEARLY_OFF = 1e-3
+"""Current that holds nothing but lets the holding gate open [A]: the low gain also without current."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """One set of choices."""
+
+    name: str
+    coupling: Coupling = Coupling.EXPLICIT
+    """The paper's torque, or the brake constraint."""
+    holding: bool = False
+    """Whether the holding branch may open beside the dynamic one."""
+    soft_at_zero: bool = False
+    """Whether the holding gate lowers the motor's gain at 0 A too, where nothing holds (eqs. 8, 9 to the letter)."""
+    gains: tuple[float, float] | None = PUBLIC_GAINS
+    """Kp, Kd of all motors; None is the asset's 35 and 0.6, with which the policy was trained."""
+    phases: tuple[float, float] | None = FL_RR_STANCE
+    """Gait phase at onset; None is any."""
+    torque: str = "eq. 14"
+    """Sliding torque of the dynamic branch: ``eq. 14``, ``pg_rlstm`` (eq. 16), ``unweakened`` (eq. 14 with
+    alpha = 0) or ``yield`` (eq. 18 as if it slid at its yield torque)."""
+
+
+BASE = Reading(name="base: explicit, damping alone, Kp 20, FL-RR stance, eq. 14")
+"""What the text says, with public gains."""
+
+READINGS = (
+    BASE,
+    replace(BASE, name="Kp 35, Kd 0.6 (our asset)", gains=None),
+    replace(BASE, name="any gait phase", phases=None),
+    replace(BASE, name="FR-RL stance", phases=(0.5, 1.0)),
+    replace(BASE, name="brake constraint", coupling=Coupling.CONSTRAINT),
+    replace(BASE, name="with holding", holding=True),
+    replace(BASE, name="with holding, brake constraint", holding=True, coupling=Coupling.CONSTRAINT),
+    replace(BASE, name="with holding, low gain at 0 A too", holding=True, soft_at_zero=True),
+    replace(BASE, name="PG-RLSTM torque (eq. 16)", torque="pg_rlstm"),
+    replace(BASE, name="no speed weakening", torque="unweakened"),
+    replace(BASE, name="sliding at the yield torque (eq. 18)", torque="yield"),
+    replace(BASE, name="no speed weakening, with holding, low gain at 0 A too", torque="unweakened", holding=True,
+            soft_at_zero=True),
+)  # fmt: skip
+"""The base and what differs from it."""
+
+ADOPTED = BASE
+"""The reading that table 4 shows."""
+
+REASON = "It is what section 6.3 says."
+"""Why it was adopted."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pushed:
+    """What a reading gave."""
+
+    reading: Reading
+    duration: float
+    """Calibrated on the 0 A row [s]."""
+    cells: dict[str, np.ndarray]
+    """Minimum height [m] and peak downward velocity [m/s], shape (C, N)."""
+    trace: ImpactTrace
+
+    def worst(self) -> float:
+        """Largest relative difference from the paper's six predicted cells."""
+        return max(abs(value) for value in self.errors())
+
+    def errors(self) -> list[float]:
+        """Relative differences of the six predicted cells."""
+        return [
+            float(self.cells[cell][i].mean()) / paper.TABLE_4["simulation"][amps][cell].mean - 1.0
+            for cell in CELLS for i, amps in enumerate(CURRENT_GROUPS) if amps > 0.0
+        ]  # fmt: skip
+
+    def monotone(self) -> bool:
+        """Whether height rises and speed falls with every step of the current."""
+        height, speed = self.cells["min_height"].mean(1), -self.cells["peak_down_velocity"].mean(1)
+        return bool((np.diff(height) > 0.0).all() and (np.diff(speed) < 0.0).all())
+
+    def change(self) -> dict[str, float]:
+        """Change of both from 0 to 1.5 A, relative."""
+        return {cell: float(self.cells[cell][-1].mean() / self.cells[cell][0].mean()) - 1.0 for cell in CELLS}
+
+
+def push(reading: Reading, policy: Policy, *, trials: int, seed: int, threads: int = 0) -> Pushed:
+    """Calibrate the duration on the 0 A row, then push with every current."""
+    cfg = config(reading, trials=trials, seed=seed, threads=threads)
+    duration = calibrate(cfg, policy, cfg.variants[0])
+    trace = ImpactSweep(replace(cfg, duration=duration), policy).run()
+    return Pushed(reading=reading, duration=duration, cells=cells(trace), trace=trace)
+
+
+def calibrate(cfg: ImpactCfg, policy: Policy, off: Variant) -> float:
+    """Duration [s] that brings both cells of the 0 A row nearest to the paper's, relative least squares.
+
+    All durations of a grid are pushed as one batch; a second, finer grid follows.
+    """
+    durations = COARSE
+    for step in (0.01, None):
+        variants = tuple(replace(off, duration=duration) for duration in durations)
+        found = cells(ImpactSweep(replace(cfg, variants=variants, duration=durations[0]), policy).run())
+        best = durations[int(np.argmin(mismatch({name: value.mean(1) for name, value in found.items()})))]
+        if step is None:
+            break
+        durations = tuple(t for k in range(-4, 5) if 0.0 < (t := round(best + k * step, 3)) <= cfg.window)
+    return best
+
+
+def mismatch(found: dict[str, np.ndarray]) -> np.ndarray:
+    """Sum of the squared relative differences from the 0 A row, shape of the cells."""
+    target = paper.TABLE_4["simulation"][0.0]
+    return sum((found[cell] / target[cell].mean - 1.0) ** 2 for cell in CELLS)  # type: ignore[return-value]
+
+
+def cells(trace: ImpactTrace) -> dict[str, np.ndarray]:
+    """Both columns of table 4, shape (C, N)."""
+    return {"min_height": trace.height.min(axis=2), "peak_down_velocity": trace.velocity.min(axis=2)}
+
+
+def config(reading: Reading, *, trials: int, seed: int, threads: int = 0) -> ImpactCfg:
+    """The sweep of a reading, with the duration still to be found."""
+    return ImpactCfg(
+        variants=tuple(_variant(reading, amps) for amps in CURRENT_GROUPS), trials=trials, window=WINDOW,
+        phases=reading.phases, gains=reading.gains, env=_env(reading, threads), seed=seed,
+    )  # fmt: skip
+
+
+def _env(reading: Reading, threads: int) -> EnvCfg:
+    learned = reading.torque == "pg_rlstm"
+    env = make_walk_cfg(
+        coupling=reading.coupling, hold_current=HoldCurrent.FIXED, threads=threads,
+        actuator_model="pg_rlstm" if learned else "bouc_wen",
+        actuator_file=shipped_model("pg_rlstm") if learned else None,
+    )  # fmt: skip
+    return replace(env, actuator=replace(env.actuator, holding=reading.holding))
+
+
+def _variant(reading: Reading, amps: float) -> Variant:
+    params: dict[str, float] = {}
+    if reading.torque in ("unweakened", "yield"):
+        params["alpha"] = 0.0
+    if reading.torque == "yield" and amps > 0.0:
+        # loaded in one direction z settles at its bound, where K1*I*z is then the yield torque
+        law = HoldParams()
+        ratio = (amps / law.K) ** law.n
+        params["K1"] = law.T_max * ratio / (1.0 + ratio) / (amps * BoucWenParams().z_bound)
+    return Variant(current=NEARLY_OFF if reading.soft_at_zero and amps == 0.0 else amps, params=params)
+
+
+def summary(pushed: Sequence[Pushed]) -> list[dict[str, Any]]:
+    """Plain figures of every reading."""
+    return [
+        {
+            "reading": p.reading.name, "duration": p.duration, "worst": p.worst(), "monotone": p.monotone(),
+            "change": p.change(), "off_mismatch": [
+                float(p.cells[cell][0].mean()) / paper.TABLE_4["simulation"][0.0][cell].mean - 1.0 for cell in CELLS
+            ],
+            **{cell: p.cells[cell].mean(1).tolist() for cell in CELLS},
+        }
+        for p in pushed
+    ]  # fmt: skip

@@ -1,0 +1,170 @@
+"""Table 4: minimum height and peak downward velocity over the current, pushed (simulation) and hit (hardware)."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from mrwarp import paper
+from mrwarp.evaluate.impact_pictures import COLORS
+from mrwarp.reproduce import drops, pushes, readings
+from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, Table, over_seeds
+from mrwarp.robot import CURRENT_GROUPS
+
+TITLES = {"min_height": ("minimum height", "m"), "peak_down_velocity": ("peak downward velocity", "m/s")}
+"""Columns of the table and their units."""
+
+WANTED = 0.05
+"""Largest relative difference of a predicted simulation cell that counts as reproduced."""
+
+
+def compute(job: Job) -> Findings:
+    """The adopted reading's rows, the drop's rows, and what every other reading gives."""
+    found = pushes.read(job.folders["pushes"])
+    place = found.place(readings.ADOPTED)
+    cells, summary = found.cells[place], found.readings[place]
+    rows = []
+    for i, amps in enumerate(CURRENT_GROUPS):
+        for cell, (title, unit) in TITLES.items():
+            rows.append(
+                Row(condition=f"push, {amps:g} A", quantity=title, unit=unit, digits=4,
+                    paper=paper.TABLE_4["simulation"][amps][cell], **over_seeds(cells[cell][i], found.seeds()),
+                    calibrated=amps == 0.0, why=_why(found, cell, amps))
+            )  # fmt: skip
+    dropped, seeds = drops.read(job.folders["drops"])
+    for name, values in dropped.items():
+        for i, amps in enumerate(CURRENT_GROUPS):
+            for cell, (title, unit) in TITLES.items():
+                rows.append(
+                    Row(condition=f"drop of 10 kg, {amps:g} A, {name}", quantity=title, unit=unit, digits=4,
+                        paper=paper.TABLE_4["hardware"][amps][cell], **over_seeds(values[cell][i], seeds),
+                        why=_drop(values, cell))
+                )  # fmt: skip
+    _plot(found, dropped, job)
+    within = [abs(value) <= WANTED for value in _errors(found, place)]
+    return Findings(
+        rows=rows,
+        claims={
+            f"the six predicted simulation cells lie within 5 % ({sum(within)} do)": all(within),
+            "height rises and speed falls with every step of the current": summary["monotone"],
+        },
+        notes=[
+            f"Adopted reading: {summary['reading']}. Push of {summary['duration']:.2f} s, calibrated on the 0 A row "
+            f"alone; the largest difference of the six predicted cells is {100.0 * summary['worst']:.1f} %. "
+            + readings.REASON,
+            _causes(found),
+        ],
+        tables=[table(found)],
+        pictures={"table4.png": "Both figures over the current: ours (lines), the paper's (marks)"},
+        figures={"readings": found.readings},
+    )  # fmt: skip
+
+
+def table(found: pushes.Pushes) -> Table:
+    """Every reading's cells beside the paper's."""
+    theirs = paper.TABLE_4["simulation"]
+
+    def line(name: str, duration: str, heights: list[float], speeds: list[float], rest: list[str]) -> list[str]:
+        return [name, duration, *(f"{h:.4f}" for h in heights), *(f"{v:.3f}" for v in speeds), *rest]
+
+    head = ["reading", "push [s]", *(f"z {amps:g} A" for amps in CURRENT_GROUPS),
+            *(f"v {amps:g} A" for amps in CURRENT_GROUPS), "z change", "v change", "worst", "monotone"]  # fmt: skip
+    rows = [
+        line("paper", "not stated", [theirs[a]["min_height"].mean for a in CURRENT_GROUPS],
+             [theirs[a]["peak_down_velocity"].mean for a in CURRENT_GROUPS],
+             ["+14.7 %", "-19.3 %", "", "yes"])
+    ]  # fmt: skip
+    for entry in found.readings:
+        change = entry["change"]
+        rest = [f"{100.0 * change[cell]:+.1f} %" for cell in TITLES]
+        rest += [f"{100.0 * entry['worst']:.0f} %", "yes" if entry["monotone"] else "no"]
+        rows.append(
+            line(entry["reading"], f"{entry['duration']:.2f}", entry["min_height"], entry["peak_down_velocity"], rest)
+        )
+    return Table(
+        title="Readings of the simulated push: z [m], v [m/s]; durations calibrated on 0 A; worst of six predictions",
+        head=head, rows=rows,
+    )  # fmt: skip
+
+
+def _errors(found: pushes.Pushes, place: int) -> list[float]:
+    theirs, entry = paper.TABLE_4["simulation"], found.readings[place]
+    return [
+        entry[cell][i] / theirs[amps][cell].mean - 1.0
+        for cell in TITLES for i, amps in enumerate(CURRENT_GROUPS) if amps > 0.0
+    ]  # fmt: skip
+
+
+def _why(found: pushes.Pushes, cell: str, amps: float) -> str:
+    """What of the difference stands at 0 A already, and what the current leaves over."""
+    entry = found.readings[found.place(readings.ADOPTED)]
+    theirs, i = paper.TABLE_4["simulation"], CURRENT_GROUPS.index(amps)
+    ours = np.array(entry[cell])
+    off = ours[0] / theirs[0.0][cell].mean - 1.0
+    if i == 0:
+        return (
+            f"One duration cannot meet both cells of the row: it is the least-squares compromise, {100.0 * off:+.1f} % "
+            "off here."
+        )
+    gain = ours[i] / ours[0] - 1.0
+    wanted = theirs[amps][cell].mean / theirs[0.0][cell].mean - 1.0
+    return (
+        f"{100.0 * off:+.1f} % stand at 0 A already; the current changes it by {100.0 * gain:+.1f} %, in the paper by "
+        f"{100.0 * wanted:+.1f} %."
+    )
+
+
+def _drop(values: dict[str, np.ndarray], cell: str) -> str:
+    change = values[cell][-1].mean() / values[cell][0].mean() - 1.0
+    theirs = paper.TABLE_4["hardware"]
+    wanted = theirs[1.5][cell].mean / theirs[0.0][cell].mean - 1.0
+    return (
+        f"From 0 to 1.5 A ours changes by {100.0 * change:+.1f} %, the hardware by {100.0 * wanted:+.1f} %; the "
+        "readings show what torque the device would need."
+    )
+
+
+def _causes(found: pushes.Pushes) -> str:
+    """Which choice moves the effect of 1.5 A by how much, largest first."""
+    base = found.readings[found.place(readings.BASE)]["change"]
+    moved = sorted(
+        ((entry["reading"], {cell: entry["change"][cell] - base[cell] for cell in TITLES}) for entry in found.readings),
+        key=lambda item: -abs(item[1]["min_height"]),
+    )
+    text = "; ".join(
+        f"{name}: {100.0 * by['min_height']:+.1f} and {100.0 * by['peak_down_velocity']:+.1f} points"
+        for name, by in moved[:5]
+    )
+    return (
+        f"The base reading's 1.5 A change height by {100.0 * base['min_height']:+.1f} % and speed by "
+        f"{100.0 * base['peak_down_velocity']:+.1f} %. What moves these most: {text}."
+    )
+
+
+def _plot(found: pushes.Pushes, dropped: dict[str, dict[str, np.ndarray]], job: Job) -> None:
+    figure = Figure(figsize=(11, 4.4), layout="constrained")
+    axes = figure.subplots(1, 2)
+    x = list(CURRENT_GROUPS)
+    for axis, (cell, (title, unit)) in zip(axes, TITLES.items(), strict=True):
+        for k, entry in enumerate(found.readings):
+            adopted = entry["reading"] == readings.ADOPTED.name
+            axis.plot(x, entry[cell], color="#1f6fb4" if adopted else "0.8", linewidth=2.5 if adopted else 1.0,
+                      zorder=2 if adopted else 1,
+                      label="push, adopted" if adopted else "push, other readings" if k == len(found.readings) - 1
+                      else None)  # fmt: skip
+        for (name, values), color in zip(dropped.items(), (COLORS[2], COLORS[5]), strict=True):
+            axis.errorbar(x, values[cell].mean(1), values[cell].std(1), color=color, linestyle="--", capsize=3,
+                          label=f"drop, {name}")  # fmt: skip
+        for source, marker, color in (("simulation", "s", "black"), ("hardware", "o", COLORS[3])):
+            theirs = [paper.TABLE_4[source][amps][cell] for amps in x]
+            axis.errorbar(x, [v.mean for v in theirs], [v.sd for v in theirs], fmt=marker, color=color, capsize=3,
+                          label=f"paper, {source}")  # fmt: skip
+        axis.set(xlabel="current [A]", ylabel=f"{title} [{unit}]")
+        axis.grid(alpha=0.3)
+    axes[0].legend(fontsize=7)
+    figure.savefig(job.out / "table4.png", dpi=110)
+
+
+EXPERIMENT = Experiment(
+    name="table4", title="Table 4: disturbance response", compute=compute, needs=("pushes", "drops")
+)
