@@ -15,19 +15,24 @@ from mrwarp.reproduce import (
     mission,
     pushes,
     sensitivity,
+    studies,
     table4,
+    table5,
     table6,
     table7,
     walking,
 )
 from mrwarp.reproduce.experiment import Experiment
 
-_ORDER = (
-    fig4, pushes, drops, table4, sensitivity, fig6, fig7, walking, table6, table7, electrical, fig8, fig9, mission,
-    fig10, fig11,
-)  # fmt: skip
+_ALL: tuple[Experiment, ...] = (
+    fig4.EXPERIMENT,
+    *studies.EXPERIMENTS,
+    *(module.EXPERIMENT for module in (pushes, drops, table4, sensitivity, fig6, fig7, table5)),
+    *(module.EXPERIMENT for module in (walking, table6, table7, electrical, fig8, fig9)),
+    *(module.EXPERIMENT for module in (mission, fig10, fig11)),
+)
 
-CATALOGUE: dict[str, Experiment] = {module.EXPERIMENT.name: module.EXPERIMENT for module in _ORDER}
+CATALOGUE: dict[str, Experiment] = {experiment.name: experiment for experiment in _ALL}
 """Experiments by name."""
 
 SHOWN: tuple[str, ...] = tuple(name for name, experiment in CATALOGUE.items() if experiment.shown)
