@@ -31,8 +31,10 @@ def make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="train/ppo.py", description="Train a quadruped with MR calf joints to walk, until the walking gate is met."
     )
-    parser.add_argument("--device", default="cpu", help="cpu or cuda:N (default: cpu)")
-    parser.add_argument("--num-envs", type=positive, default=64, help="parallel environments (default: 64)")
+    where = "cpu, cuda:N, or cuda: under torchrun a GPU for each process (default: cpu)"
+    parser.add_argument("--device", default="cpu", help=where)
+    envs = "parallel environments, in each process of torchrun (default: 64)"
+    parser.add_argument("--num-envs", type=positive, default=64, help=envs)
     parser.add_argument("--seed", type=int, default=0, help="seed of everything random (default: 0)")
     parser.add_argument("--iterations", type=positive, default=6000, help="most PPO updates (default: 6000)")
     parser.add_argument("--no-gate", action="store_true", help="run all iterations instead of stopping at the gate")
@@ -72,16 +74,21 @@ def main(argv: list[str] | None = None) -> int:
     """
     from mrwarp.rl.checkpoint import CheckpointError
     from mrwarp.rl.folder import FolderError
+    from mrwarp.rl.ranks import RankLostError, Ranks, one_voice
     from mrwarp.rl.trainer import TrainCfg, Trainer, TrainingError
     from mrwarp.viewing.stream import ViewerError
 
-    args = make_parser().parse_args(argv)
+    with one_voice():
+        args = make_parser().parse_args(argv)
     quiet_libraries()
+    ranks = Ranks()
     try:
-        check_device(args.device)
+        ranks = Ranks.join()
+        device = ranks.device(args.device)
+        check_device(device)
         env = make_walk_cfg(
             num_envs=args.num_envs,
-            device=args.device,
+            device=device,
             seed=args.seed,
             robot=args.robot,
             payload=args.payload,
@@ -94,7 +101,7 @@ def main(argv: list[str] | None = None) -> int:
             z_step=ZStep(args.z_step),
             sal=args.sal == "on",
             backend=BackendKind(args.backend) if args.backend else None,
-            threads=args.threads,
+            threads=ranks.threads(args.threads),
             deterministic=args.deterministic,
         )
         cfg = TrainCfg(
@@ -106,26 +113,31 @@ def main(argv: list[str] | None = None) -> int:
             save_every=args.save_every,
             command="python train/ppo.py " + shlex.join(sys.argv[1:] if argv is None else argv),
         )
-        print(
-            f"training {args.robot} ({args.actuator}, {args.coupling} coupling) in {args.num_envs} environments on "
-            f"{args.device}; first start compiles kernels; output in {args.out}",
-            flush=True,
-        )
-        trainer = Trainer(cfg, resume=args.resume)
-        for line in effect_lines(trainer.env.sim.scene.actuators):
+        if ranks.main:
+            together = f"{ranks.world} processes with {args.num_envs} each" if ranks.world > 1 else f"{args.num_envs}"
+            print(
+                f"training {args.robot} ({args.actuator}, {args.coupling} coupling) in {together} environments on "
+                f"{args.device}; first start compiles kernels; output in {args.out}",
+                flush=True,
+            )
+        trainer = Trainer(cfg, resume=args.resume, ranks=ranks)
+        for line in effect_lines(trainer.env.sim.scene.actuators) if ranks.main else ():
             print(line, flush=True)
-        view = _open_view(args, trainer)
-    except (ViewerError, AssetError, ParameterError, CheckpointError, ValueError, OSError) as error:
-        print(f"train/ppo.py: {error}", file=sys.stderr)
-        return 2
+        view = _open_view(args, trainer) if ranks.main else None
+    except (ViewerError, AssetError, ParameterError, CheckpointError, RankLostError, ValueError, OSError) as error:
+        ranks.complain(f"train/ppo.py: {error}")
+        return ranks.exit(1 if isinstance(error, RankLostError) else 2)
     try:
         result = trainer.run()
     except (TrainingError, FolderError) as error:
-        print(f"train/ppo.py: {error}", file=sys.stderr)
-        return 1 if isinstance(error, TrainingError) else 2
+        ranks.complain(f"train/ppo.py: {error}")
+        return ranks.exit(1 if isinstance(error, TrainingError) else 2)
     finally:
         if view is not None:
             view.close()
+    ranks.leave()
+    if not ranks.main:
+        return 0
     if result["stopped"] == "interrupted":
         print(f"stopped; go on with --resume {args.out / 'checkpoint.pt'}")
         return 130

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from rsl_rl.algorithms import PPO
 from torch.utils.tensorboard import SummaryWriter
 
 from mrwarp.env import dump
@@ -24,6 +23,7 @@ from mrwarp.results import write_result
 from mrwarp.rl import checkpoint, curves, policy
 from mrwarp.rl.folder import check_writable, claim
 from mrwarp.rl.ppo_cfg import make_ppo_cfg
+from mrwarp.rl.ranks import Ranks
 
 WINDOW = 50
 """Updates over which the progress figures are averaged."""
@@ -70,6 +70,7 @@ class Trainer:
     Args:
         cfg: The run.
         resume: Checkpoint to go on from, or None to start anew.
+        ranks: The processes that train together, each with ``cfg``'s environments; None trains alone.
 
     Attributes:
         watchers: Called after every policy step, e.g. to show it.
@@ -80,15 +81,21 @@ class Trainer:
         FolderError: the output folder cannot be written.
     """
 
-    def __init__(self, cfg: TrainCfg, *, resume: Path | None = None) -> None:
+    def __init__(self, cfg: TrainCfg, *, resume: Path | None = None, ranks: Ranks | None = None) -> None:
         self.cfg = cfg
-        content = checkpoint.load(resume) if resume else None
-        torch.manual_seed(cfg.seed)
-        self.env = WalkEnv(replace(cfg.env, seed=cfg.seed))
+        self.ranks = ranks = ranks or Ranks()
+        content = _of_as_many(checkpoint.load(resume), resume, ranks.world) if resume else None
+        self._seed = ranks.seed(cfg.seed)
+        torch.manual_seed(self._seed)
+        self.env = WalkEnv(replace(cfg.env, seed=self._seed))
         self.ppo_cfg = make_ppo_cfg()
+        self.ppo_cfg["multi_gpu"] = ranks.ppo_setting
         self.obs = self.env.get_observations()
         with silent():
-            self.algorithm = PPO.construct_algorithm(self.obs, self.env, self.ppo_cfg, str(self.env.device))
+            self.ppo_cfg["algorithm"]["class_name"] = ranks.ppo
+            self.algorithm = ranks.ppo.construct_algorithm(self.obs, self.env, self.ppo_cfg, str(self.env.device))
+        if ranks.world > 1:
+            self.algorithm.broadcast_parameters()
         self.iteration = 0
         self.seconds = 0.0
         self.rows: list[dict[str, float]] = []
@@ -96,7 +103,7 @@ class Trainer:
         self.gate_check: GateCheck | None = None
         self._window: deque[dict[str, float]] = deque(maxlen=WINDOW)
         self.watchers: list[Callable[[], None]] = []
-        self._stop = False
+        self._interrupted = self._stop = False
         self._met_gate = False
         # spread the episodes, so that resets do not come all at once
         self.env.episode_length_buf = torch.randint_like(self.env.episode_length_buf, self.env.max_episode_length)
@@ -105,7 +112,8 @@ class Trainer:
         self._dumps = 0
         if content:
             self._load(content, resume)
-        check_writable(cfg.out)
+        if ranks.main:
+            check_writable(cfg.out)
 
     @property
     def gate_passed(self) -> bool:
@@ -117,14 +125,21 @@ class Trainer:
 
         Raises:
             FolderError: another training writes into the folder.
-            TrainingError: too many environments or the networks hold no numbers, or the disk takes no more.
+            TrainingError: too many environments or the networks hold no numbers, the disk takes no more, or another
+                process of this training ended.
         """
-        with claim(self.cfg.out), one_torch_thread(), repeating_torch(self.cfg.env.sim.deterministic):
+        claimed = claim(self.cfg.out) if self.ranks.main else contextlib.nullcontext()
+        with claimed, one_torch_thread(), repeating_torch(self.cfg.env.sim.deterministic):
             previous = signal.signal(signal.SIGINT, self._interrupt)
             writer = None
             try:
-                writer = SummaryWriter(str(self.cfg.out / "tensorboard"), purge_step=self.iteration + 1)
+                if self.ranks.main:
+                    writer = SummaryWriter(str(self.cfg.out / "tensorboard"), purge_step=self.iteration + 1)
                 return self._run(writer)
+            except RuntimeError as error:
+                if isinstance(error, TrainingError) or not self.ranks.lost(error):
+                    raise
+                raise TrainingError(f"another process of this training ended; {self._left()}") from error
             except OSError as error:
                 where = f"{error.filename}: " if error.filename else ""
                 cause = error.strerror or " ".join(str(error).split())
@@ -135,26 +150,32 @@ class Trainer:
                     with contextlib.suppress(OSError):  # the same full disk again
                         writer.close()
 
-    def _run(self, writer: SummaryWriter) -> dict[str, Any]:
+    def _run(self, writer: SummaryWriter | None) -> dict[str, Any]:
         started = time.perf_counter() - self.seconds
         saved, checked, printed = self.seconds, self.seconds, 0.0
-        while self.iteration < self.cfg.iterations and not self._stop:
+        while self.iteration < self.cfg.iterations and not self._asked_to_stop():
             row = self._update()
             self.seconds = time.perf_counter() - started
             row["seconds"] = self.seconds
             self.rows.append(row)
-            for name, value in row.items():
-                writer.add_scalar(f"train/{name}", value, self.iteration)
+            if writer is not None:
+                for name, value in row.items():
+                    writer.add_scalar(f"train/{name}", value, self.iteration)
             if self.seconds - printed >= 5.0:
                 self._print(row)
                 printed = self.seconds
-            if row["v_x_rmse"] < self.cfg.check_below and self.seconds - checked >= self.cfg.check_every:
+            check, save = self.ranks.decided(
+                row["v_x_rmse"] < self.cfg.check_below and self.seconds - checked >= self.cfg.check_every,
+                self.seconds - saved >= self.cfg.save_every,
+            )
+            if check:
                 self._check_gate(writer)
                 checked = self.seconds = time.perf_counter() - started
-                if self.gate_passed and self.cfg.until_gate:
+                (passed,) = self.ranks.decided(self.gate_passed)
+                if passed and self.cfg.until_gate:
                     self._met_gate = True
                     break
-            if self.seconds - saved >= self.cfg.save_every:
+            if save:
                 self.save()
                 saved = self.seconds
         checked_now = bool(self.gate_rows) and self.gate_rows[-1]["iteration"] == self.iteration
@@ -169,13 +190,16 @@ class Trainer:
         algorithm = self.algorithm.save()
         if wrong := _not_finite(algorithm):
             raise TrainingError(f"{wrong} holds no numbers after update {self.iteration}; {self._left()}")
+        ranks = self.ranks.gather(self._own_state())
+        if not self.ranks.main:
+            return path
         checkpoint.save(
             path,
             {
                 "algorithm": algorithm,
                 "learning_rate": self.algorithm.learning_rate,
-                "torch_rng": torch.get_rng_state(),
-                "env": self.env.state(),
+                **ranks[0],
+                "other_ranks": ranks[1:],
                 "iteration": self.iteration,
                 "seconds": self.seconds,
                 "rows": self.rows,
@@ -190,6 +214,11 @@ class Trainer:
         )
         return path
 
+    def _own_state(self) -> dict[str, Any]:
+        """What every process of a training has for itself: random generator and environment."""
+        env = {name: value.cpu() for name, value in self.env.state().items()}
+        return {"torch_rng": torch.get_rng_state(), "env": env}
+
     def _load(self, content: dict[str, Any], path: Path | None) -> None:
         """Go on from a checkpoint of the same task and seed (which drew the frictions, masses and gains)."""
         own = {**task(self.cfg.env), "seed": self.cfg.seed}
@@ -199,9 +228,10 @@ class Trainer:
                     raise checkpoint.CheckpointError(
                         f"{path}: trained with {name} = {value!r}, this run has {own.get(name)!r}; resume the same task"
                     )
+            mine = content if self.ranks.main else content["other_ranks"][self.ranks.rank - 1]
             self.algorithm.load(content["algorithm"], None, strict=True)
             self.algorithm.learning_rate = content["learning_rate"]
-            self.env.load_state(content["env"])
+            self.env.load_state(mine["env"])
             self.iteration, self.seconds = content["iteration"], content["seconds"]
             self.rows, self.gate_rows = content["rows"], content["gate_rows"]
             self._window.extend(content["window"])
@@ -209,7 +239,7 @@ class Trainer:
             self.breaks, self._dumps = content.get("breaks", 0), content.get("dumps", 0)
             self._broken_window.extend(content.get("broken_window", []))
             self.obs = self.env.last_observations
-            torch.set_rng_state(content["torch_rng"])
+            torch.set_rng_state(mine["torch_rng"])
         except (KeyError, TypeError, AttributeError, RuntimeError) as error:
             raise checkpoint.CheckpointError(
                 f"{path}: does not fit this version of mrwarp ({' '.join(str(error).split())}); start anew"
@@ -244,19 +274,23 @@ class Trainer:
         self.iteration += 1
         hours = steps * env.cfg.step_dt * env.num_envs / 3600.0
         self._window.append(
-            {
-                "v_x_square": float(error) / steps,
-                "reward": float(reward) / steps / env.cfg.step_dt,
-                "clock_match": float(match) / steps,
-                "falls_per_hour": float(falls) / hours,
-                "collect_ms": 1e3 * (collected - begin),
-                "learn_ms": 1e3 * (learned - collected),
-                "value_loss": losses["value"],
-            }
+            self.ranks.means(
+                {
+                    "v_x_square": float(error) / steps,
+                    "reward": float(reward) / steps / env.cfg.step_dt,
+                    "clock_match": float(match) / steps,
+                    "falls_per_hour": float(falls) / hours,
+                    "collect_ms": 1e3 * (collected - begin),
+                    "learn_ms": 1e3 * (learned - collected),
+                    "value_loss": losses["value"],
+                }
+            )
         )
         row = {name: sum(w[name] for w in self._window) / len(self._window) for name in self._window[-1]}
         row["v_x_rmse"] = row.pop("v_x_square") ** 0.5
-        row["steps_per_second"] = steps * env.num_envs / (1e-3 * (row["collect_ms"] + row["learn_ms"]))
+        row["steps_per_second"] = (
+            steps * env.num_envs * self.ranks.world / (1e-3 * (row["collect_ms"] + row["learn_ms"]))
+        )
         row["learning_rate"] = float(self.algorithm.learning_rate)
         row["action_std"] = float(self.algorithm.get_policy().output_std.detach().mean())
         row["iteration"] = float(self.iteration)
@@ -269,26 +303,30 @@ class Trainer:
             TrainingError: they are more than :data:`MAX_BROKEN`.
         """
         found = self.env.watch.take()
-        self._broken_window.append(len(found))
-        self.breaks += len(found)
-        num_envs, update = self.env.num_envs, self.iteration + 1
+        # a wrong state or torque ends in the environment; a wrong action stands in the rollout itself
+        unusable = any(not item.finite and item.columns[item.column].quantity == "action" for item in found)
+        count, spoilt = (round(total) for total in self.ranks.total(len(found), unusable))
+        self._broken_window.append(count)
+        self.breaks += count
+        num_envs, update = self.env.num_envs * self.ranks.world, self.iteration + 1
         for item in found[: MAX_DUMPS - self._dumps]:
             self._dumps += 1
-            path = self.cfg.out / "broken" / f"update{update:06d}-env{item.env:05d}.safetensors"
-            run = {"update": update, "seed": self.cfg.seed, "num_envs": num_envs, "task": task(self.cfg.env)}
+            rank = f"-rank{self.ranks.rank}" if self.ranks.world > 1 else ""
+            path = self.cfg.out / "broken" / f"update{update:06d}{rank}-env{item.env:05d}.safetensors"
+            run = {"update": update, "seed": self._seed, "num_envs": self.env.num_envs, "task": task(self.cfg.env)}
             dump.save(item, path, run)
             print(f"  broken: {item}; started over, last states in {path}", flush=True)
-        share, window = len(found) / num_envs, sum(self._broken_window) / (WINDOW * num_envs)
-        at_once = len(found) > max(1.0, MAX_BROKEN * num_envs)
+        share, window = count / num_envs, sum(self._broken_window) / (WINDOW * num_envs)
+        at_once = count > max(1.0, MAX_BROKEN * num_envs)
         if at_once or window > MAX_BROKEN:
+            first = next(item for items in self.ranks.share(found) for item in items)
             when = f"in update {update}" if at_once else f"per update over the last {WINDOW}"
             raise TrainingError(
                 f"numbers went wrong in {share if at_once else window:.1%} of the environments {when}, more than "
-                f"{MAX_BROKEN:.0%}; first: {found[0]}; see 'mrwarp replay-dump' on the files in "
+                f"{MAX_BROKEN:.0%}; first: {first}; see 'mrwarp replay-dump' on the files in "
                 f"{self.cfg.out / 'broken'}; {self._left()}"
             )
-        # a wrong state or torque ends in the environment; a wrong action stands in the rollout itself
-        return all(item.finite or item.columns[item.column].quantity != "action" for item in found)
+        return not spoilt
 
     def _check_networks(self) -> None:
         """Stop at once when an update left networks without numbers.
@@ -305,8 +343,10 @@ class Trainer:
         path = self.cfg.out / "checkpoint.pt"
         return f"go on from {path}" if path.is_file() else "no checkpoint was written yet"
 
-    def _check_gate(self, writer: SummaryWriter) -> None:
-        """Evaluate the policy without exploration against the walking gate."""
+    def _check_gate(self, writer: SummaryWriter | None) -> None:
+        """Evaluate the policy without exploration against the walking gate; one process does it for all."""
+        if writer is None:
+            return
         if self.gate_check is None:
             self.gate_check = GateCheck(self.cfg.env)
         actor = self.algorithm.get_policy()
@@ -324,6 +364,8 @@ class Trainer:
         )
 
     def _print(self, row: dict[str, float]) -> None:
+        if not self.ranks.main:
+            return
         left = (self.cfg.iterations - self.iteration) * 1e-3 * (row["collect_ms"] + row["learn_ms"])
         print(
             f"update {self.iteration:5d}  {self.seconds:5.0f} s  reward {row['reward']:6.2f}  "
@@ -333,36 +375,64 @@ class Trainer:
         )
 
     def _interrupt(self, *_: Any) -> None:
-        print("\nstopping after this update; a second Ctrl-C stops at once", flush=True)
-        self._stop = True
+        if self.ranks.main:
+            print("\nstopping after this update; a second Ctrl-C stops at once", flush=True)
+        self._interrupted = True
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def _asked_to_stop(self) -> bool:
+        """Whether Ctrl-C came to any process, so that all stop after the same update."""
+        self._stop = self.ranks.any(self._interrupted)
+        return self._stop
 
     def _finish(self) -> dict[str, Any]:
         """Write checkpoint, policy, curves and ``result.json``."""
         out = self.cfg.out
         self.save()
         env_cfg = self.cfg.env
-        policy.export_onnx(
-            self.algorithm.get_policy(),
-            out / "policy.onnx",
-            {"task": task(env_cfg), "seed": self.cfg.seed, "iteration": self.iteration, "command": self.cfg.command},
-        )
-        curves.plot(self.rows, self.gate_rows, out / "learning_curve.png")
+        unsolved = round(self.ranks.total(float(self.env.sim.unsolved.numpy().sum()))[0])
         result = {
             "gate": self.gate_rows[-1] if self.gate_rows else None,
             "gate_passed": self.gate_passed,
             "stopped": "interrupted" if self._stop else "gate" if self._met_gate else "iterations",
             "iterations": self.iteration,
             "seconds": self.seconds,
-            "environment_steps": self.iteration * self.ppo_cfg["num_steps_per_env"] * self.env.num_envs,
+            "environment_steps": self.iteration
+            * self.ppo_cfg["num_steps_per_env"]
+            * self.env.num_envs
+            * self.ranks.world,
             "training": self.rows[-1] if self.rows else None,
-            "unsolved_steps": int(self.env.sim.unsolved.numpy().sum()),
+            "unsolved_steps": unsolved,
             "broken_episodes": self.breaks,
             "noticed": asdict(self.env.watch.noticed()),
             "task": task(env_cfg),
+            "processes": self.ranks.world,
         }
+        if not self.ranks.main:
+            return result
+        policy.export_onnx(
+            self.algorithm.get_policy(),
+            out / "policy.onnx",
+            {"task": task(env_cfg), "seed": self.cfg.seed, "iteration": self.iteration, "command": self.cfg.command},
+        )
+        curves.plot(self.rows, self.gate_rows, out / "learning_curve.png")
         write_result(out, result, seed=self.cfg.seed, command=self.cfg.command)
         return result
+
+
+def _of_as_many(content: dict[str, Any], path: Path, processes: int) -> dict[str, Any]:
+    """A checkpoint's content, if as many processes wrote it: each one's environments and draws are in it.
+
+    Raises:
+        CheckpointError: others wrote it.
+    """
+    wrote = 1 + len(content.get("other_ranks", []))  # files of an earlier version are of one process
+    if wrote != processes:
+        remedy = "without torchrun" if wrote == 1 else f"with 'torchrun --nproc-per-node {wrote}'"
+        raise checkpoint.CheckpointError(
+            f"{path}: trained by {wrote} process{'es' * (wrote > 1)}, this run has {processes}; resume {remedy}"
+        )
+    return content
 
 
 def _not_finite(values: Any, name: str = "") -> str:

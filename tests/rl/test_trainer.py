@@ -168,7 +168,8 @@ def test_run_leaves_checkpoint_policy_curve_and_result(finished: Path) -> None:
     result = json.loads((finished / "result.json").read_text())
     assert set(result) == {
         "schema", "gate", "gate_passed", "stopped", "iterations", "seconds", "environment_steps", "training",
-        "unsolved_steps", "noticed", "broken_episodes", "task", "seed", "versions", "command",
+        "unsolved_steps", "noticed", "broken_episodes", "task", "processes", "seed", "versions",
+        "command",
     }  # fmt: skip
     assert result["stopped"] == "iterations" and result["gate_passed"] is False
     assert (result["iterations"], result["seed"], result["environment_steps"]) == (1, 3, 24 * 8)
