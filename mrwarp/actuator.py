@@ -203,6 +203,9 @@ class MrActuator:
         """Run the stages: writes ``tau`` to apply [N·m] and the brake ``bound`` [N·m], both of shape (E, J)."""
         if self.mr_joints:
             self._advance_head.launch()
+            if self._fused is not None:
+                self._fused.launch()
+                return
             self._predict.launch()
             if self.residual is not None:
                 self.residual(self.ring, self.head, self.m_dyn, self.tau_dyn)
@@ -282,6 +285,7 @@ class MrActuator:
         """Prepare the launches of :meth:`step` once; all their arrays live as long as the actuator."""
         cfg, i = self.cfg, self.inputs
         num_mr = len(self.mr_joints)
+        lanes = 1 if wp.get_device(str(self.device)).is_cpu else self.num_joints  # see step_kernel
         fixed = int(cfg.hold_current is HoldCurrent.FIXED)
         switches = [
             self.dt, int(cfg.sal and cfg.damping), int(cfg.sal and cfg.holding), fixed, int(cfg.z_step is ZStep.EXACT),
@@ -290,7 +294,9 @@ class MrActuator:
             self.params, self.joint_of, self.leg_of, *switches, i.q_des, i.q, i.qd, i.f_foot, i.current_e, self.head,
         ]  # fmt: skip
         outputs = [self.m_dyn, self.m_hold, self.z, self.current, self.tau_dyn, self.ring]
+        torques = [self.tau_motor, self.tau_mr, self.tau, self.bound]
         params = self.params
+        self._fused: wp.Launch | None = None
         if self.effects is not None:
             self._advance_head, self._predict = self.effects.record(self.head, window.WINDOW, before, [self.z], outputs)
             params = self.effects.params
@@ -309,6 +315,18 @@ class MrActuator:
                 outputs=outputs,
                 device=self.device,
             )
+            if self.residual is None:
+                self._fused = record(
+                    mr_stages.step_kernel,
+                    dim=(self.num_envs, lanes),
+                    inputs=[
+                        lanes, params, self.slot_of, self.joint_of, self.leg_of, self.kp, self.kd, self.tau_limit,
+                        *switches, self._constraint, i.q_des, i.q, i.qd, i.f_foot, i.current_e, self.head, self.z,
+                        self.current,
+                    ],
+                    outputs=[*outputs, *torques],
+                    device=self.device,
+                )  # fmt: skip
         self._torque = record(
             mr_stages.torque_kernel,
             dim=(self.num_envs, self.num_joints),
@@ -316,15 +334,15 @@ class MrActuator:
                 params, self.slot_of, self.kp, self.kd, self.tau_limit, self._constraint, i.q_des, i.q, i.qd,
                 self.m_dyn, self.m_hold, self.current, self.tau_dyn,
             ],
-            outputs=[self.tau_motor, self.tau_mr, self.tau, self.bound],
+            outputs=torques,
             device=self.device,
         )  # fmt: skip
         self._ledger = record(
             ledger.ledger_kernel,
-            dim=(self.num_envs, self.num_joints),
+            dim=(self.num_envs, lanes),
             inputs=[
-                self.slot_of, self.dt, self._constraint, i.qd, self.tau_motor, i.friction, self.tau_mr, self.m_dyn,
-                self.m_hold, self.current, self.param("coil_resistance"),
+                lanes, self.slot_of, self.dt, self._constraint, i.qd, self.tau_motor, i.friction, self.tau_mr,
+                self.m_dyn, self.m_hold, self.current, self.param("coil_resistance"),
             ],
             outputs=[self.tau_mr, self.ledger],
             device=self.device,

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import torch
+import warp as wp
+
+from mrwarp.env.cfg import NoiseCfg
+from mrwarp.env.task_kernels.observations import observe_kernel
+from mrwarp.launch import record
 
 if TYPE_CHECKING:
     from mrwarp.env.vec_env import WalkEnv
@@ -15,36 +19,50 @@ ACTOR_TERMS = {
 }  # fmt: skip
 """Actor observation terms and their sizes, in order; 47 in total."""
 
-QD_SCALE = 0.05
-"""Factor on joint velocities, so that all terms are of order one."""
+QD_SCALE, F_FOOT_SCALE, TORQUE_SCALE = 0.05, 0.02, 0.05
+"""Factors on joint velocities, foot forces and torques, so that all terms are of order one."""
 
 
-def actor(env: WalkEnv) -> torch.Tensor:
-    """Gyro [rad/s], projected gravity, command, joint positions, velocities, last action, gait clock; (E, 47)."""
-    gyro, gravity, q, qd = env.root_ang, env.gravity, env.q - env.default_q, env.qd
-    noise = env.cfg.noise
-    if noise is not None:
-        u = env.uniform(env.num_envs, 30)
-        gyro = gyro + noise.gyro * u[:, 0:3]
-        gravity = gravity + noise.gravity * u[:, 3:6]
-        q = q + noise.q * u[:, 6:18]
-        qd = qd + noise.qd * u[:, 18:30]
-    return torch.cat([gyro, gravity, env.command, q, QD_SCALE * qd, env.action, _clock(env)], dim=1)
+class Observations:
+    """The observations of an environment whose tensors stay where they are.
 
+    Args:
+        env: The environment.
+    """
 
-def critic(env: WalkEnv) -> torch.Tensor:
-    """The actor's terms without noise, and base velocity, height, foot forces, gates, currents and torques."""
-    device = env.actuator
-    own = [
-        env.root_ang, env.gravity, env.command, env.q - env.default_q, QD_SCALE * env.qd, env.action, _clock(env),
-        env.body_velocity, env.root_pos[:, 2:3], 0.02 * env.f_foot, env.current_e.unsqueeze(1),
-        0.05 * env.view(device.tau_motor), env.privileged,
-    ]  # fmt: skip
-    if device.mr_joints:
-        own += [env.view(device.m_dyn), env.view(device.m_hold), env.view(device.current)]
-    return torch.cat(own, dim=1)
+    def __init__(self, env: WalkEnv) -> None:
+        self._env = env
+        device, num_envs, actuator = env.device, env.num_envs, env.actuator
+        joints, actions = env.q.shape[1], sum(ACTOR_TERMS.values())
+        columns = actions + 3 + 1 + env.f_foot.shape[1] + 1 + joints + 2 + 3 * len(actuator.mr_joints)
+        self._actor = torch.zeros(num_envs, actions, device=device)
+        self._critic = torch.zeros(num_envs, columns, device=device)
+        self._draws = torch.zeros(num_envs, 6 + 2 * joints, device=device)
+        noise = env.cfg.noise or NoiseCfg(gyro=0.0, gravity=0.0, q=0.0, qd=0.0)
+        self._launch = record(
+            observe_kernel,
+            dim=num_envs,
+            inputs=[
+                noise.gyro, noise.gravity, noise.q, noise.qd, QD_SCALE, F_FOOT_SCALE, TORQUE_SCALE,
+                *(wp.from_torch(tensor) for tensor in (
+                    env.default_q, self._draws, env.root_ang, env.gravity, env.command, env.q, env.qd, env.action,
+                    env.phase, env.body_velocity, env.height, env.f_foot, env.current_e,
+                )),
+                actuator.tau_motor, wp.from_torch(env.privileged), actuator.m_dyn, actuator.m_hold, actuator.current,
+            ],
+            outputs=[wp.from_torch(self._actor), wp.from_torch(self._critic)],
+            device=str(device),
+        )  # fmt: skip
 
+    def __call__(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """What actor and critic see now, as tensors of their own.
 
-def _clock(env: WalkEnv) -> torch.Tensor:
-    angle = (2.0 * math.pi) * env.phase.unsqueeze(1)
-    return torch.cat([torch.sin(angle), torch.cos(angle)], dim=1)
+        Returns:
+            Actor, shape (E, 47): gyro [rad/s], projected gravity, command, joint positions and velocities, last action,
+            gait clock. Critic: the same without noise, and base velocity, height, foot forces, I_e, motor torques,
+            friction and added mass, gates and coil currents.
+        """
+        if self._env.cfg.noise is not None:
+            torch.rand(self._draws.shape, generator=self._env.generator, out=self._draws)
+        self._launch.launch()
+        return self._actor.clone(), self._critic.clone()

@@ -5,6 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import torch
+import warp as wp
+
+from mrwarp.env.task_kernels.derived import push_kernel
+from mrwarp.launch import record
 
 if TYPE_CHECKING:
     from mrwarp.env.vec_env import WalkEnv
@@ -42,11 +46,29 @@ def at_reset(env: WalkEnv, mask: torch.Tensor) -> None:
         view.copy_(torch.where(mask.unsqueeze(1), scaled, view))
 
 
-def push(env: WalkEnv) -> None:
-    """Kick the trunk sideways by up to ``push_speed`` at random times."""
-    cfg = env.cfg.randomize
-    if cfg is None or cfg.push_speed <= 0.0:
-        return
-    due = env.between(0.0, 1.0, env.num_envs) < env.cfg.step_dt / cfg.push_interval
-    kick = cfg.push_speed * env.uniform(env.num_envs, 2)
-    env.qvel[:, :2] += torch.where(due.unsqueeze(1), kick, 0.0)
+class Pushes:
+    """Kicks that move the trunk sideways by up to ``push_speed`` at random times; none without randomisation.
+
+    Args:
+        env: The environment.
+    """
+
+    def __init__(self, env: WalkEnv) -> None:
+        cfg = env.cfg.randomize
+        self._launch: wp.Launch | None = None
+        if cfg is None or cfg.push_speed <= 0.0:
+            return
+        self._generator, self._draws = env.generator, torch.zeros(env.num_envs, 3, device=env.device)
+        self._launch = record(
+            push_kernel,
+            dim=env.num_envs,
+            inputs=[env.cfg.step_dt / cfg.push_interval, cfg.push_speed, wp.from_torch(self._draws)],
+            outputs=[env.sim.backend.field("qvel")],
+            device=env.sim.device,
+        )
+
+    def __call__(self) -> None:
+        """Draw for one policy step, and kick."""
+        if self._launch is not None:
+            torch.rand(self._draws.shape, generator=self._generator, out=self._draws)
+            self._launch.launch()

@@ -14,7 +14,7 @@ from mrwarp.asset import RobotAsset, load_robot
 from mrwarp.env import sim_kernels
 from mrwarp.env.backend import Backend, BackendKind, MjBatchBackend, MjWarpBackend
 from mrwarp.env.sim_model import Edit, Scene, SolverCfg, build_scene, named
-from mrwarp.launch import record
+from mrwarp.launch import capture, record
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class SimCfg:
     solver: SolverCfg = field(default_factory=SolverCfg)
     """Constraint solver options."""
     capture: bool = True
-    """Run MuJoCo-Warp's steps as captured graphs; ``mjbatch`` has nothing to capture."""
+    """Run what can be captured as graphs: MuJoCo-Warp's whole steps, with ``mjbatch`` the kernels around each."""
     deterministic: bool = False
     """Sort MuJoCo-Warp's contacts, rows and sums, so that a GPU repeats its bits; on the CPU both engines do anyway."""
 
@@ -113,13 +113,17 @@ class Sim:
             tau: Joint torques to apply [N·m], shape (E, J).
             bound: Bounds of the brake constraint [N·m], shape (E, J); ignored with the explicit coupling.
         """
-        key = (tau.ptr, bound.ptr)
-        if key not in self._launches:
-            self._launches[key] = (self._record_apply(tau, bound), self._record_gather(bound))
-        apply, gather = self._launches[key]
-        apply.launch()
+        self.before_step(tau, bound)
         self.backend.step()
-        gather.launch()
+        self.after_step(tau, bound)
+
+    def before_step(self, tau: wp.array, bound: wp.array) -> None:
+        """The part of :meth:`step` before the engine's: torques and bounds to the solver."""
+        self._launches_for(tau, bound)[0].launch()
+
+    def after_step(self, tau: wp.array, bound: wp.array) -> None:
+        """The part of :meth:`step` after the engine's: read the state, check the solver."""
+        self._launches_for(tau, bound)[1].launch()
         self._check.launch()
 
     def reset(self, mask: wp.array | None = None, qpos: wp.array | None = None, qvel: wp.array | None = None) -> None:
@@ -218,11 +222,18 @@ class Sim:
         for array in (self.f_foot, self.friction, self.backend.field("xfrc_applied")):
             wp.to_torch(array)[rows] = 0.0
 
+    def _launches_for(self, tau: wp.array, bound: wp.array) -> tuple[wp.Launch, wp.Launch]:
+        key = (tau.ptr, bound.ptr)
+        if key not in self._launches:
+            self._launches[key] = (self._record_apply(tau, bound), self._record_gather(bound))
+        return self._launches[key]
+
     def _record_apply(self, tau: wp.array, bound: wp.array) -> wp.Launch:
+        lanes = 1 if self.device.is_cpu else len(self.scene.actuators)
         return record(
             sim_kernels.apply_kernel,
-            dim=(self.num_envs, len(self.scene.actuators)),
-            inputs=[self._v_adr, int(self.coupling is Coupling.CONSTRAINT), tau, bound],
+            dim=(self.num_envs, lanes),
+            inputs=[lanes, self._v_adr, int(self.coupling is Coupling.CONSTRAINT), tau, bound],
             outputs=[self.backend.field("qfrc_applied"), self._frictionloss],
             device=self.device,
         )
@@ -248,7 +259,10 @@ class Sim:
         pattern = [wp.array(a, dtype=int, device=self.device) for a in (
             model.M_rowadr, model.M_rownnz, model.M_colind,
         )]  # fmt: skip
-        scratch = wp.zeros((self.num_envs, model.nv), dtype=wp.float64, device=self.device)
+        ends = model.M_colind[model.M_rowadr + model.M_rownnz - 1]
+        assert np.array_equal(ends, np.arange(model.nv))  # the kernel relies on it
+        shape = (self.num_envs, model.nv)
+        scratch = [wp.zeros(shape, dtype=wp.float64, device=self.device) for _ in range(2)]
         self._pattern, self._scratch = pattern, scratch
         return record(
             sim_kernels.residual_kernel,
@@ -257,7 +271,7 @@ class Sim:
                 *pattern, backend.residual_tolerance, backend.field("M"), backend.field("qacc"),
                 backend.field("qacc_smooth"), backend.field("qfrc_constraint"),
             ],
-            outputs=[scratch, self.residual, self.unsolved],
+            outputs=[*scratch, self.residual, self.unsolved],
             device=self.device,
         )  # fmt: skip
 
@@ -308,20 +322,24 @@ class ActuatedSim:
         )  # fmt: skip
         self.watchers: list[wp.Launch] = []
         self._graphs: dict[int, wp.Graph] = {}
+        self._brackets: list[wp.Graph] = []
         self.actuator.reset()
 
     def step(self, count: int = 1) -> None:
         """``count`` times: one torque step, one physics step, one line in the ledger.
 
-        With MuJoCo-Warp and ``cfg.capture`` the steps run as one captured graph, bit-equal to the eager ones.
+        With ``cfg.capture`` the steps run as captured graphs, bit-equal to the eager ones: MuJoCo-Warp's as one, around
+        ``mjbatch`` one before and one after each of its steps. A CPU replays a graph in half the time of its launches.
         """
-        if not (self.sim.cfg.capture and self.sim.backend.kind is BackendKind.MJWARP):
+        if not self.sim.cfg.capture:
             for _ in range(count):
                 self._step()
-            return
-        if count not in self._graphs:
-            self._graphs[count] = self._capture(count)
-        wp.capture_launch(self._graphs[count])
+        elif self.sim.backend.kind is BackendKind.MJWARP:
+            if count not in self._graphs:
+                self._graphs[count] = capture(lambda: [self._step() for _ in range(count)], self.sim.device)
+            wp.capture_launch(self._graphs[count])
+        else:
+            self._step_between_graphs(count)
 
     def reset(self, mask: wp.array | None = None, qpos: wp.array | None = None, qvel: wp.array | None = None) -> None:
         """Masked reset of physics and actuators, see :meth:`Sim.reset`."""
@@ -329,21 +347,34 @@ class ActuatedSim:
         self.actuator.reset(mask)
 
     def _step(self) -> None:
+        self._before()
+        self.sim.backend.step()
+        self._after()
+
+    def _before(self) -> None:
         actuator = self.actuator
         actuator.step()
         for watcher in self.watchers:
             watcher.launch()
-        self.sim.step(actuator.tau, actuator.bound)
-        actuator.account()
+        self.sim.before_step(actuator.tau, actuator.bound)
 
-    def _capture(self, count: int) -> wp.Graph:
-        """Record ``count`` steps; the recording itself advances nothing."""
-        with wp.ScopedDevice(self.sim.device):
-            with wp.ScopedCapture() as capture:
-                for _ in range(count):
-                    self._step()
-        assert capture.graph is not None  # set when the capture ends
-        return capture.graph
+    def _after(self) -> None:
+        self.sim.after_step(self.actuator.tau, self.actuator.bound)
+        self.actuator.account()
+
+    def _step_between_graphs(self, count: int) -> None:
+        # a residual on the CPU wakes threads of its own, which a graph cannot
+        captured = self.actuator.residual is None
+        if not self._brackets:
+            self._brackets = [capture(self._before, self.sim.device)] if captured else []
+            self._brackets.append(capture(self._after, self.sim.device))
+        for _ in range(count):
+            if captured:
+                wp.capture_launch(self._brackets[0])
+            else:
+                self._before()
+            self.sim.backend.step()
+            wp.capture_launch(self._brackets[-1])
 
 
 def robot_scene(

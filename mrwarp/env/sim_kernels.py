@@ -55,7 +55,9 @@ def gather_kernel(
 
 @wp.kernel
 def apply_kernel(
-    # parameters: dof addresses, shape (J,); 1 = write the brake bounds
+    # parameters: joints that a thread takes are this far apart (a GPU: J threads, a CPU: one); dof addresses, shape
+    # (J,); 1 = write the brake bounds
+    lanes: int,
     v_adr: wp.array[int],
     constraint: int,
     # in, shape (E, J) [N·m]
@@ -66,11 +68,12 @@ def apply_kernel(
     frictionloss_out: wp.array2d[Any],
 ):
     """Joint torques and brake bounds to the solver."""
-    env, joint = wp.tid()
-    dof = v_adr[joint]
-    qfrc_applied_out[env, dof] = qfrc_applied_out.dtype(tau_in[env, joint])
-    if constraint == 1:
-        frictionloss_out[env, dof] = frictionloss_out.dtype(bound_in[env, joint])
+    env, lane = wp.tid()
+    for joint in range(lane, v_adr.shape[0], lanes):
+        dof = v_adr[joint]
+        qfrc_applied_out[env, dof] = qfrc_applied_out.dtype(tau_in[env, joint])
+        if constraint == 1:
+            frictionloss_out[env, dof] = frictionloss_out.dtype(bound_in[env, joint])
 
 
 @wp.kernel
@@ -109,7 +112,8 @@ def residual_kernel(
     qacc_in: wp.array2d[Any],
     qacc_smooth_in: wp.array2d[Any],
     qfrc_constraint_in: wp.array2d[Any],
-    # out, shape (E, nv) scratch, (E,) [N·m], (E,) counted steps
+    # out, scratch twice, shape (E, nv), (E,) [N·m], (E,) counted steps
+    delta_out: wp.array2d[wp.float64],
     force_out: wp.array2d[wp.float64],
     residual_out: wp.array[float],
     unsolved_out: wp.array[int],
@@ -119,17 +123,18 @@ def residual_kernel(
     nv = M_rowadr.shape[0]
     for row in range(nv):
         force_out[env, row] = -wp.float64(qfrc_constraint_in[env, row])
+        delta_out[env, row] = wp.float64(qacc_in[env, row]) - wp.float64(qacc_smooth_in[env, row])
     for row in range(nv):
-        delta_row = wp.float64(qacc_in[env, row]) - wp.float64(qacc_smooth_in[env, row])
-        for k in range(M_rowadr[row], M_rowadr[row] + M_rownnz[row]):
+        delta = delta_out[env, row]
+        # the lower triangle is stored, the diagonal last: each entry off it acts twice
+        last = M_rowadr[row] + M_rownnz[row] - 1
+        force = force_out[env, row] + wp.float64(M_in[env, last]) * delta
+        for k in range(M_rowadr[row], last):
             col = M_colind[k]
             m = wp.float64(M_in[env, k])
-            # the lower triangle is stored: each off-diagonal entry acts twice
-            force_out[env, row] = force_out[env, row] + m * (
-                wp.float64(qacc_in[env, col]) - wp.float64(qacc_smooth_in[env, col])
-            )
-            if col != row:
-                force_out[env, col] = force_out[env, col] + m * delta_row
+            force += m * delta_out[env, col]
+            force_out[env, col] = force_out[env, col] + m * delta
+        force_out[env, row] = force
     worst = wp.float64(0.0)
     for row in range(nv):
         # NaN fails every comparison: test for "small", so that a broken solve counts as unsolved

@@ -6,17 +6,38 @@ import math
 from typing import TYPE_CHECKING
 
 import torch
+import warp as wp
+
+from mrwarp.env.task_kernels.rewards import fallen_kernel
+from mrwarp.launch import record
 
 if TYPE_CHECKING:
     from mrwarp.env.vec_env import WalkEnv
 
+_INPUTS = ("height", "root_pos", "gravity", "root_vel", "root_ang", "q", "qd")
 
-def fallen(env: WalkEnv) -> torch.Tensor:
-    """Trunk too low or leaning too far, or a state that is no number; bool, shape (E,)."""
-    # written as "not upright", so that NaN counts as fallen
-    upright = (env.root_pos[:, 2] > env.cfg.fall_height) & (env.gravity[:, 2] < -math.cos(env.cfg.fall_tilt))
-    state = (env.root_pos, env.gravity, env.root_vel, env.root_ang, env.q, env.qd)
-    return ~(upright & torch.isfinite(torch.cat(state, dim=1)).all(1))
+
+class Fallen:
+    """Trunk too low or leaning too far, or a state that is no number.
+
+    Args:
+        env: The environment; its tensors stay where they are.
+
+    Attributes:
+        fallen: The answer, bool, shape (E,).
+        launch: What computes it.
+    """
+
+    def __init__(self, env: WalkEnv) -> None:
+        self._keep = [getattr(env, name) for name in _INPUTS]
+        self.fallen = torch.zeros(len(env.height), dtype=torch.bool, device=env.height.device)
+        self.launch = record(
+            fallen_kernel,
+            dim=len(env.height),
+            inputs=[env.cfg.fall_height, -math.cos(env.cfg.fall_tilt), *map(wp.from_torch, self._keep)],
+            outputs=[wp.from_torch(self.fallen)],
+            device=str(env.height.device),
+        )
 
 
 def timed_out(env: WalkEnv) -> torch.Tensor:

@@ -12,12 +12,15 @@ from tensordict import TensorDict
 
 from mrwarp.asset import JointActuator, load_robot
 from mrwarp.effects.applied import with_model
-from mrwarp.env import commands, gait, observations, randomize, rewards, terminations
+from mrwarp.env import commands, randomize, terminations
 from mrwarp.env.cfg import LEARNED, EnvCfg
+from mrwarp.env.observations import Observations
+from mrwarp.env.rewards import Rewards
 from mrwarp.env.sim import ActuatedSim, robot_scene
 from mrwarp.env.sim_model import Edit
+from mrwarp.env.task_kernels import derived
 from mrwarp.env.watch import Watch
-from mrwarp.kernels import ledger
+from mrwarp.launch import capture, record
 from mrwarp.nn import model_file
 from mrwarp.residual import LearnedTorque, with_bouc_wen
 from mrwarp.robot import DEFAULT_Q, LEGS, STAND_HEIGHT
@@ -30,12 +33,16 @@ class WalkEnv(VecEnv):
         cfg: The task.
         edit: Changes to the MuJoCo specification, e.g. a body that falls on the robot.
 
-    Attributes:
+    Attributes (kept in place: the next step writes into them):
         command: Commanded v_x, v_y [m/s] and yaw rate [rad/s], shape (E, 3).
         phase: Gait clock in [0, 1), shape (E,).
         clock_match: Whether each foot's contact is what the clock wants, bool, shape (E, 4).
         body_velocity: Trunk velocity in the heading frame [m/s], shape (E, 3).
         gravity: Direction of gravity in the trunk frame, shape (E, 3).
+        height: Height of the trunk over the ground [m], shape (E,).
+        ground, foot_ground: Height of the ground below the trunk and below each foot [m], shapes (E,) and (E, 4).
+        rewards: Terms and sum of the last policy step.
+        push: Kicks the trunks at random; called in every policy step.
         substep_hooks: Called after every torque step of 5 ms, e.g. to record or to push; empty in training.
         fallen: Environments that ended by a fall in the last step, bool, shape (E,).
         broken: Those of them in which a number went wrong, bool, shape (E,); see :class:`mrwarp.env.watch.Watch`.
@@ -73,7 +80,6 @@ class WalkEnv(VecEnv):
         self.substep_hooks: list[Callable[[], None]] = []
         self.nominal_mr = {name: self.view(self.actuator.param(name)).clone() for name in randomize.SCALED}
         self.trunk_mass = float(sim.body_mass("trunk"))
-        self._motor_square = self.view(self.actuator.ledger)[:, :, int(ledger.MOTOR_SQUARE)]
 
         num_envs = self.num_envs
         self.num_actions = len(DEFAULT_Q)
@@ -90,9 +96,12 @@ class WalkEnv(VecEnv):
         self.leg_phase = self._zeros(num_envs, len(LEGS))
         self.clock_match = self._zeros(num_envs, len(LEGS)).bool()
         self.gravity, self.body_velocity = self._zeros(num_envs, 3), self._zeros(num_envs, 3)
+        self.height, self.ground = self._zeros(num_envs), self._zeros(num_envs)
+        self.foot_ground = self._zeros(num_envs, len(LEGS))
         self.effort, self.privileged = self._zeros(num_envs), self._zeros(num_envs, 2)
         self.fallen, self.broken = self._zeros(num_envs).bool(), self._zeros(num_envs).bool()
         self.watch = Watch(self.robot, self.action)
+        self._record_launches()
         self.episode_length_buf = torch.zeros(num_envs, dtype=torch.long, device=self.device)
         randomize.at_start(self)
         self._after_start = self.generator.get_state()
@@ -108,42 +117,35 @@ class WalkEnv(VecEnv):
         Returns:
             Observations, rewards (E,), dones (E,) and extras with ``time_outs`` (E,) for bootstrapping.
         """
-        self.last_action.copy_(self.action)
-        self.last_qd.copy_(self.qd)
-        self.action.copy_(actions)
-        torch.add(self.default_q, self.action, alpha=self.cfg.action_scale, out=self.q_des)
-        effort_before = self._motor_square.sum(1)
-        randomize.push(self)
+        self._actions.copy_(actions)
+        self._begin.launch()
+        self.push()
         if self.substep_hooks:
             self._step_with_hooks()
         else:
             self.robot.step(self.cfg.decimation)
-        self.effort.copy_((self._motor_square.sum(1) - effort_before) / self.cfg.step_dt)
-        self._advance_clock()
-        self._update_derived()
+        self._conclude()
 
         self.episode_length_buf += 1
-        reward = rewards.total(self)
-        self.broken = self.watch.judge(reward)
-        self.fallen = terminations.fallen(self) | self.broken
+        self.broken = self.watch.broken > 0
+        self.fallen = self._has_fallen.fallen | self.broken
         time_outs = terminations.timed_out(self) & ~self.fallen
         done = self.fallen | time_outs
         # the last reward of a robot that holds no numbers must not reach the learner
-        reward = torch.where(self.broken, 0.0, reward)
+        reward = torch.where(self.broken, 0.0, self.rewards.total)
         if bool(done.any()):
             self._reset(done)
             self._update_derived()
         self.watch.clear(done)
-        self._sample_commands()
+        self._new_commands()
         self.last_observations = self.get_observations()
         return self.last_observations, reward, done, {"time_outs": time_outs}
 
     @torch.no_grad()
     def get_observations(self) -> TensorDict:
         """Observation groups ``actor`` (E, 47) and ``critic``; see ``observations.py``."""
-        return TensorDict(
-            {"actor": observations.actor(self), "critic": observations.critic(self)}, batch_size=[self.num_envs]
-        )
+        actor, critic = self._observe()
+        return TensorDict({"actor": actor, "critic": critic}, batch_size=[self.num_envs])
 
     @torch.no_grad()
     def restart(self) -> None:
@@ -241,29 +243,55 @@ class WalkEnv(VecEnv):
             for hook in self.substep_hooks:
                 hook()
 
-    def _sample_commands(self) -> None:
-        """Draw a new command every ``period``, at the same step of every episode."""
-        period = self.cfg.commands.period
-        if period == float("inf"):
-            return
-        due = (self.episode_length_buf % max(round(period / self.cfg.step_dt), 1) == 0) & (self.episode_length_buf > 0)
-        drawn = commands.sample(self.cfg.commands, self.num_envs, self.generator, self.device)
-        self.command.copy_(torch.where(due.unsqueeze(1), drawn, self.command))
-
-    def _advance_clock(self) -> None:
-        self.phase.add_(self.cfg.gait_frequency * self.cfg.step_dt).remainder_(1.0)
-
     def _update_derived(self) -> None:
         """Quantities that rewards, terminations and observations share."""
-        w, x, y, z = self.root_quat.unbind(1)
-        # third row of the rotation matrix: the world's vertical in the trunk frame, negated
-        self.gravity = -torch.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], dim=1)
-        yaw = torch.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        c, s = torch.cos(yaw), torch.sin(yaw)
-        v = self.root_vel
-        self.body_velocity = torch.stack([c * v[:, 0] + s * v[:, 1], c * v[:, 1] - s * v[:, 0], v[:, 2]], dim=1)
-        self.leg_phase = gait.leg_phase(self.phase)
-        self.clock_match = (self.f_foot > CONTACT_FORCE) == gait.clock_stance(self.leg_phase)
+        self._derive.launch()
+
+    def _conclude(self) -> None:
+        """What follows the torque steps: derived quantities, rewards, falls, and the watch, as one captured graph."""
+        if not self.cfg.sim.capture:
+            for launch in self._after:
+                launch.launch()
+            return
+        if self._graph is None:
+            self._graph = capture(lambda: [launch.launch() for launch in self._after], self.sim.device)
+        wp.capture_launch(self._graph)
+
+    def _record_launches(self) -> None:
+        """Prepare what brackets the torque steps of a policy step."""
+        sim, cfg, array = self.sim, self.cfg, wp.from_torch
+        self._motor_square = wp.zeros(self.num_envs, dtype=float, device=sim.device)
+        self._actions = self._zeros(self.num_envs, self.num_actions)
+        entries = self.actuator.ledger
+
+        def recorded(kernel: Any, inputs: list[Any], outputs: list[Any]) -> wp.Launch:
+            return record(kernel, dim=self.num_envs, inputs=inputs, outputs=outputs, device=sim.device)
+
+        remembered = [array(self.action), array(self.last_action), self.robot.q_des, array(self.last_qd)]
+        self._begin = recorded(
+            derived.begin_kernel,
+            [cfg.action_scale, array(self.default_q), array(self._actions), sim.qd, entries],
+            [*remembered, self._motor_square],
+        )
+        self._end = recorded(
+            derived.end_kernel,
+            [cfg.gait_frequency * cfg.step_dt, cfg.step_dt, entries, self._motor_square, array(self.phase)],
+            [array(self.effort), array(self.phase)],
+        )
+        shared = (self.height, self.gravity, self.body_velocity, self.leg_phase, self.clock_match)
+        self._derive = recorded(
+            derived.derived_kernel,
+            [
+                CONTACT_FORCE, sim.root_pos, sim.root_quat, sim.root_vel, array(self.phase), sim.f_foot,
+                array(self.ground),
+            ],
+            [array(tensor) for tensor in shared],
+        )  # fmt: skip
+        self.rewards, self._observe = Rewards(self, self.watch.reward), Observations(self)
+        self._has_fallen = terminations.Fallen(self)
+        self._after = [self._end, self._derive, self.rewards.launch, self._has_fallen.launch, self.watch.check]
+        self._graph: wp.Graph | None = None
+        self.push, self._new_commands = randomize.Pushes(self), commands.NewCommands(self)
 
     def _zeros(self, *shape: int) -> torch.Tensor:
         return torch.zeros(*shape, device=self.device)

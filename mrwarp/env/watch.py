@@ -100,7 +100,7 @@ class Noticed:
 
 
 class Watch:
-    """Watches a robot's environments. Adds itself to the torque steps of ``robot``; call :meth:`judge` after them.
+    """Watches a robot's environments. Adds itself to the torque steps of ``robot``; launch ``check`` after them.
 
     Args:
         robot: The simulation.
@@ -109,7 +109,8 @@ class Watch:
     Attributes:
         broken: 1 where a number went wrong since :meth:`clear`, int, shape (E,).
         breaks: Policy steps in which each environment broke, int, shape (E,).
-        reward: Copy of the last rewards, shape (E,).
+        reward: Last rewards; write them before :attr:`check`, shape (E,).
+        check: Launch that checks state and reward at the end of a policy step.
         columns: What is kept of a state.
     """
 
@@ -152,16 +153,10 @@ class Watch:
         ]  # fmt: skip
         self._keep = (bounds, seen)
         robot.watchers.append(launches[0])
-        self._judge = launches[1]
+        self.check = launches[1]
         self.broken, self.breaks = wp.to_torch(self._broken), wp.to_torch(self._breaks)
         self.reward = wp.to_torch(self._reward)
         self._ages = wp.to_torch(self._age)
-
-    def judge(self, reward: torch.Tensor) -> torch.Tensor:
-        """Check the state at the end of a policy step; environments that broke in it, bool, shape (E,)."""
-        self.reward.copy_(reward)
-        self._judge.launch()
-        return self.broken > 0
 
     def clear(self, reset: torch.Tensor) -> None:
         """Begin the next policy step; environments in the mask start a new episode.

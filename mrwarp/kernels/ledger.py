@@ -37,7 +37,9 @@ def branch_of(m_dyn: float, m_hold: float) -> int:
 
 @wp.kernel
 def ledger_kernel(
-    # parameters, slot of joint j in the MR arrays or -1, shape (J,); step [s]; 1 = brake constraint, 0 = explicit
+    # parameters: joints that a thread takes are this far apart (a GPU: J threads, a CPU: one); slot of joint j in the
+    # MR arrays or -1, shape (J,); step [s]; 1 = brake constraint, 0 = explicit
+    lanes: int,
     slot_of: wp.array[int],
     dt: float,
     constraint: int,
@@ -58,21 +60,22 @@ def ledger_kernel(
 
     With the constraint coupling the device's torque is the friction that the solver found; it is stored in ``tau_mr``.
     """
-    env, joint = wp.tid()
-    dq = qd_next_in[env, joint] * dt
-    tau = tau_motor_in[env, joint]
-    ledger_out[env, joint, MOTOR] = ledger_out[env, joint, MOTOR] + step_work(tau, dq)
-    ledger_out[env, joint, MOTOR_SQUARE] = ledger_out[env, joint, MOTOR_SQUARE] + tau * tau * dt
-    slot = slot_of[joint]
-    if slot >= 0:
-        device = float(tau_mr_in[env, slot])
-        if constraint == 1:
-            device = friction_in[env, joint]
-        tau_mr_out[env, slot] = device
-        work = step_work(device, dq)
-        entry = branch_of(m_dyn_in[env, slot], m_hold_in[env, slot])
-        ledger_out[env, joint, entry] = ledger_out[env, joint, entry] + work
-        ledger_out[env, joint, INJECTED] = ledger_out[env, joint, INJECTED] + wp.max(work, 0.0)
-        current = current_in[env, slot]
-        loss = resistance_in[env % resistance_in.shape[0], slot] * current * current * dt
-        ledger_out[env, joint, COIL] = ledger_out[env, joint, COIL] + loss
+    env, lane = wp.tid()
+    for joint in range(lane, slot_of.shape[0], lanes):
+        dq = qd_next_in[env, joint] * dt
+        tau = tau_motor_in[env, joint]
+        ledger_out[env, joint, MOTOR] = ledger_out[env, joint, MOTOR] + step_work(tau, dq)
+        ledger_out[env, joint, MOTOR_SQUARE] = ledger_out[env, joint, MOTOR_SQUARE] + tau * tau * dt
+        slot = slot_of[joint]
+        if slot >= 0:
+            device = float(tau_mr_in[env, slot])
+            if constraint == 1:
+                device = friction_in[env, joint]
+            tau_mr_out[env, slot] = device
+            work = step_work(device, dq)
+            entry = branch_of(m_dyn_in[env, slot], m_hold_in[env, slot])
+            ledger_out[env, joint, entry] = ledger_out[env, joint, entry] + work
+            ledger_out[env, joint, INJECTED] = ledger_out[env, joint, INJECTED] + wp.max(work, 0.0)
+            current = current_in[env, slot]
+            loss = resistance_in[env % resistance_in.shape[0], slot] * current * current * dt
+            ledger_out[env, joint, COIL] = ledger_out[env, joint, COIL] + loss

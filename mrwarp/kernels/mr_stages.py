@@ -35,6 +35,58 @@ def advance_head_kernel(
     head_out[0] = (head_in[0] + 1) % length
 
 
+@wp.func
+def predict(
+    env: int,
+    slot: int,
+    params: wp.array2d[JointParams],
+    joint_of: wp.array[int],
+    leg_of: wp.array[int],
+    dt: float,
+    damping: int,
+    holding: int,
+    hold_current: int,
+    exact: int,
+    q_des_in: wp.array2d[float],
+    q_in: wp.array2d[float],
+    qd_in: wp.array2d[float],
+    f_foot_in: wp.array2d[float],
+    current_e_in: wp.array[float],
+    head_in: wp.array[int],
+    z_in: wp.array2d[float],
+    current_in: wp.array2d[float],
+    m_dyn_out: wp.array2d[float],
+    m_hold_out: wp.array2d[float],
+    z_out: wp.array2d[float],
+    current_out: wp.array2d[float],
+    tau_dyn_out: wp.array2d[float],
+    ring_out: wp.array4d[float],
+) -> float:
+    """Gates, coil, history, z and tau_BW of one device; returns m_dyn. Arguments as in ``predict_kernel``."""
+    p = params[env % params.shape[0], slot]
+    joint = joint_of[slot]
+    q, qd = q_in[env, joint], qd_in[env, joint]
+    e = q_des_in[env, joint] - q
+
+    f_foot, allowed = f_foot_in[env, leg_of[slot]], current_e_in[env]
+    m_dyn, m_hold, command = gated_command(p, f_foot, e, qd, allowed, damping, holding, hold_current)
+    current = coil_current(current_in[env, slot], command, p.coil_time_constant, dt)
+
+    q_c = displacement(p, q)
+    row = head_in[0]
+    ring_out[env, slot, row, 0] = q_c
+    ring_out[env, slot, row, 1] = qd
+    ring_out[env, slot, row, 2] = current
+
+    z = hysteresis(p, qd, z_in[env, slot], dt, exact)
+    tau_dyn_out[env, slot] = sliding_torque(p, qd, q_c, current, z)
+    m_dyn_out[env, slot] = m_dyn
+    m_hold_out[env, slot] = m_hold
+    z_out[env, slot] = z
+    current_out[env, slot] = current
+    return m_dyn
+
+
 @wp.kernel
 def predict_kernel(
     # parameters: struct, shape (E or 1, M); joint and leg of each device, shape (M,); step [s]; switches:
@@ -66,27 +118,57 @@ def predict_kernel(
 ):
     """Gates (5, 8), coil command and current, history, z (15) and tau_BW (14) of every device."""
     env, slot = wp.tid()
-    p = params[env % params.shape[0], slot]
-    joint = joint_of[slot]
+    predict(
+        env, slot, params, joint_of, leg_of, dt, damping, holding, hold_current, exact, q_des_in, q_in, qd_in,
+        f_foot_in, current_e_in, head_in, z_in, current_in, m_dyn_out, m_hold_out, z_out, current_out, tau_dyn_out,
+        ring_out,
+    )  # fmt: skip
+
+
+@wp.func
+def drive(
+    env: int,
+    joint: int,
+    params: wp.array2d[JointParams],
+    slot_of: wp.array[int],
+    kp: wp.array2d[float],
+    kd: wp.array2d[float],
+    tau_limit: wp.array2d[float],
+    constraint: int,
+    q_des_in: wp.array2d[float],
+    q_in: wp.array2d[float],
+    qd_in: wp.array2d[float],
+    m_hold_in: wp.array2d[float],
+    current_in: wp.array2d[float],
+    tau_dyn_in: wp.array2d[float],
+    tau_motor_out: wp.array2d[float],
+    tau_mr_out: wp.array2d[float],
+    tau_out: wp.array2d[float],
+    bound_out: wp.array2d[float],
+) -> float:
+    """Motor and device of one joint; returns the motor's torque [N·m]. Arguments as in ``torque_kernel``."""
+    row = env % kp.shape[0]
     q, qd = q_in[env, joint], qd_in[env, joint]
     e = q_des_in[env, joint] - q
-
-    f_foot, allowed = f_foot_in[env, leg_of[slot]], current_e_in[env]
-    m_dyn, m_hold, command = gated_command(p, f_foot, e, qd, allowed, damping, holding, hold_current)
-    current = coil_current(current_in[env, slot], command, p.coil_time_constant, dt)
-
-    q_c = displacement(p, q)
-    row = head_in[0]
-    ring_out[env, slot, row, 0] = q_c
-    ring_out[env, slot, row, 1] = qd
-    ring_out[env, slot, row, 2] = current
-
-    z = hysteresis(p, qd, z_in[env, slot], dt, exact)
-    tau_dyn_out[env, slot] = sliding_torque(p, qd, q_c, current, z)
-    m_dyn_out[env, slot] = m_dyn
-    m_hold_out[env, slot] = m_hold
-    z_out[env, slot] = z
-    current_out[env, slot] = current
+    slot = slot_of[joint]
+    gain, damping, limit = float(kp[row, joint]), float(kd[row, joint]), float(tau_limit[row, joint])
+    device, bound = float(0.0), float(0.0)
+    if slot >= 0:
+        p = params[env % params.shape[0], slot]
+        m_hold = m_hold_in[env, slot]
+        gain, damping, limit = effective_kp(m_hold, p.kp_base, p.kp_low), float(p.kd), float(p.tau_limit)
+        current, sliding = current_in[env, slot], tau_dyn_in[env, slot]
+        if constraint == 1:
+            bound = brake_bound(p, m_hold, current, sliding)
+            tau_mr_out[env, slot] = wp.nan
+        else:
+            device = device_torque(p, m_hold, e, qd, current, sliding)
+            tau_mr_out[env, slot] = device
+    motor = pd_torque(e, qd, gain, damping, limit)
+    tau_motor_out[env, joint] = motor
+    tau_out[env, joint] = motor + device
+    bound_out[env, joint] = bound
+    return motor
 
 
 @wp.kernel
@@ -119,27 +201,67 @@ def torque_kernel(
     coupling ``tau_mr`` is known only after the step; it is NaN until then.
     """
     env, joint = wp.tid()
-    row = env % kp.shape[0]
-    q, qd = q_in[env, joint], qd_in[env, joint]
-    e = q_des_in[env, joint] - q
-    slot = slot_of[joint]
-    gain, damping, limit = float(kp[row, joint]), float(kd[row, joint]), float(tau_limit[row, joint])
-    device, bound = float(0.0), float(0.0)
-    if slot >= 0:
-        p = params[env % params.shape[0], slot]
-        m_hold = m_hold_in[env, slot]
-        gain, damping, limit = effective_kp(m_hold, p.kp_base, p.kp_low), float(p.kd), float(p.tau_limit)
-        current, sliding = current_in[env, slot], tau_dyn_in[env, slot]
-        if constraint == 1:
-            bound = brake_bound(p, m_hold, current, sliding)
-            tau_mr_out[env, slot] = wp.nan
-        else:
-            device = device_torque(p, m_hold, e, qd, current, sliding)
-            tau_mr_out[env, slot] = device
-    motor = pd_torque(e, qd, gain, damping, limit)
-    tau_motor_out[env, joint] = motor
-    tau_out[env, joint] = motor + device
-    bound_out[env, joint] = bound
+    drive(
+        env, joint, params, slot_of, kp, kd, tau_limit, constraint, q_des_in, q_in, qd_in, m_hold_in, current_in,
+        tau_dyn_in, tau_motor_out, tau_mr_out, tau_out, bound_out,
+    )  # fmt: skip
+
+
+@wp.kernel
+def step_kernel(
+    # parameters: joints that a thread takes are this far apart; the rest as in predict_kernel and torque_kernel
+    lanes: int,
+    params: wp.array2d[JointParams],
+    slot_of: wp.array[int],
+    joint_of: wp.array[int],
+    leg_of: wp.array[int],
+    kp: wp.array2d[float],
+    kd: wp.array2d[float],
+    tau_limit: wp.array2d[float],
+    dt: float,
+    damping: int,
+    holding: int,
+    hold_current: int,
+    exact: int,
+    constraint: int,
+    # in, shape (E, J) [rad, rad, rad/s], (E, 4) [N], (E,) [A], (1,), state of shape (E, M)
+    q_des_in: wp.array2d[float],
+    q_in: wp.array2d[float],
+    qd_in: wp.array2d[float],
+    f_foot_in: wp.array2d[float],
+    current_e_in: wp.array[float],
+    head_in: wp.array[int],
+    z_in: wp.array2d[float],
+    current_in: wp.array2d[float],
+    # out, those of predict_kernel and of torque_kernel
+    m_dyn_out: wp.array2d[float],
+    m_hold_out: wp.array2d[float],
+    z_out: wp.array2d[float],
+    current_out: wp.array2d[float],
+    tau_dyn_out: wp.array2d[float],
+    ring_out: wp.array4d[float],
+    tau_motor_out: wp.array2d[float],
+    tau_mr_out: wp.array2d[float],
+    tau_out: wp.array2d[float],
+    bound_out: wp.array2d[float],
+):
+    """Both kernels in one, where no residual comes between them: a GPU takes a thread per joint, a CPU one per robot.
+
+    A CPU runs the threads one after the other, and starting one costs as much as the laws of a joint.
+    """
+    env, lane = wp.tid()
+    for joint in range(lane, slot_of.shape[0], lanes):
+        slot = slot_of[joint]
+        if slot >= 0:
+            predict(
+                env, slot, params, joint_of, leg_of, dt, damping, holding, hold_current, exact, q_des_in, q_in, qd_in,
+                f_foot_in, current_e_in, head_in, z_in, current_in, m_dyn_out, m_hold_out, z_out, current_out,
+                tau_dyn_out, ring_out,
+            )  # fmt: skip
+        drive(
+            env, joint, params, slot_of, kp, kd, tau_limit, constraint, q_des_in, q_in, qd_in, m_hold_out, current_out,
+            tau_dyn_out, tau_motor_out, tau_mr_out, tau_out, bound_out,
+        )  # fmt: skip
 
 
 @wp.kernel

@@ -6,11 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+import warp as wp
 
-from mrwarp.env import gait
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.sim import robot_scene
 from mrwarp.env.sim_model import Scene
+from mrwarp.env.task_kernels import gait
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.robot import DEFAULT_Q, LEGS, STAND_HEIGHT
 
@@ -18,6 +19,56 @@ STEP_HEIGHT = 0.06
 
 FK_TOLERANCE = 1e-6
 """Lengths of 0.4 m in float32 (2.4e-8 m) after some twenty roundings, with margin [m]."""
+
+
+@wp.kernel
+def leg_phase_kernel(clock_in: wp.array[float], legs_out: wp.array2d[float], stance_out: wp.array2d[wp.bool]):
+    """Phase of every leg, and whether the clock wants it on the ground."""
+    i, leg = wp.tid()
+    legs_out[i, leg] = gait.leg_phase(clock_in[i], leg)
+    stance_out[i, leg] = gait.clock_stance(gait.leg_phase(clock_in[i], leg))
+
+
+@wp.kernel
+def clearance_kernel(height: float, legs_in: wp.array2d[float], clearance_out: wp.array2d[float]):
+    """Wanted clearance of every leg."""
+    i, leg = wp.tid()
+    clearance_out[i, leg] = gait.swing_clearance(legs_in[i, leg], height)
+
+
+@wp.kernel
+def foot_height_kernel(
+    q_in: wp.array2d[float], root_z_in: wp.array[float], up_in: wp.array[wp.vec3], height_out: wp.array2d[float]
+):
+    """Height of every foot."""
+    i, leg = wp.tid()
+    hip, thigh, calf = q_in[i, 3 * leg], q_in[i, 3 * leg + 1], q_in[i, 3 * leg + 2]
+    height_out[i, leg] = gait.foot_height(leg, hip, thigh, calf, root_z_in[i], up_in[i])
+
+
+def leg_phases(clock: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Phase of every leg and wanted stance, shape (N, 4), of clock phases (N,)."""
+    legs, stance = torch.full((len(clock), 4), torch.nan), torch.zeros(len(clock), 4, dtype=torch.bool)
+    wp.launch(leg_phase_kernel, legs.shape, [clock], [legs, stance], device="cpu")
+    return legs, stance
+
+
+def clearances(legs: torch.Tensor) -> torch.Tensor:
+    """Wanted clearance [m] of legs (N, 4)."""
+    found = torch.full_like(legs, torch.nan)
+    wp.launch(clearance_kernel, legs.shape, [STEP_HEIGHT, legs], [found], device="cpu")
+    return found
+
+
+def foot_heights(q: np.ndarray, root_z: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Height of every foot [m], shape (N, 4), of joints (N, 12), trunk heights (N,) and verticals (N, 3)."""
+    found = wp.full((len(q), 4), float("nan"), dtype=float, device="cpu")
+    inputs = [
+        wp.array(q, dtype=float, device="cpu"), wp.array(root_z, dtype=float, device="cpu"),
+        wp.array(up, dtype=wp.vec3, device="cpu"),
+    ]  # fmt: skip
+    wp.launch(foot_height_kernel, found.shape, inputs, [found], device="cpu")
+    return found.numpy()
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +85,7 @@ def clock() -> torch.Tensor:
 
 def test_leg_phase_is_a_diagonal_trot(clock: torch.Tensor) -> None:
     """FL goes with RR, FR with RL, and the pairs are half a cycle apart."""
-    legs = gait.leg_phase(clock)
+    legs, _ = leg_phases(clock)
     assert legs.shape == (400, 4) and float(legs.min()) >= 0.0 and float(legs.max()) < 1.0
     fl, fr, rl, rr = (legs[:, LEGS.index(leg)] for leg in ("FL", "FR", "RL", "RR"))
     assert torch.equal(fl, rr) and torch.equal(fr, rl) and torch.equal(fl, clock)
@@ -44,7 +95,7 @@ def test_leg_phase_is_a_diagonal_trot(clock: torch.Tensor) -> None:
 
 def test_clock_wants_exactly_one_diagonal_pair_on_the_ground(clock: torch.Tensor) -> None:
     """At any instant two feet stand, a diagonal pair, and each foot stands half of the time."""
-    stance = gait.clock_stance(gait.leg_phase(clock))
+    _, stance = leg_phases(clock)
     assert stance.dtype == torch.bool
     assert bool((stance.sum(1) == 2).all())
     assert torch.equal(stance[:, 0], stance[:, 3]) and torch.equal(stance[:, 1], stance[:, 2])
@@ -53,14 +104,13 @@ def test_clock_wants_exactly_one_diagonal_pair_on_the_ground(clock: torch.Tensor
 
 def test_swing_clearance_is_zero_in_stance_and_a_half_sine_in_swing(clock: torch.Tensor) -> None:
     """Exactly 0 on the ground; h*sin(pi*s) over the swing with its top at mid swing."""
-    legs = gait.leg_phase(clock)
-    clearance = gait.swing_clearance(legs, STEP_HEIGHT)
-    stance = gait.clock_stance(legs)
+    legs, stance = leg_phases(clock)
+    clearance = clearances(legs)
     assert bool((clearance[stance] == 0.0).all())
     swing = 2.0 * legs[~stance].double().numpy() - 1.0
     expected = STEP_HEIGHT * np.sin(np.pi * swing)
     np.testing.assert_allclose(clearance[~stance].numpy(), expected, rtol=0.0, atol=3e-8)  # float32 of 0.06 and sin
-    top = gait.swing_clearance(torch.tensor([0.75]), STEP_HEIGHT)
+    top = clearances(torch.tensor([[0.75]]))
     assert float(top) == pytest.approx(STEP_HEIGHT, rel=1e-6)
 
 
@@ -82,15 +132,14 @@ def test_foot_height_equals_mujocos_kinematics(scene: Scene) -> None:
         mujoco.mj_kinematics(model, data)
         expected[k] = data.geom_xpos[feet, 2] - gait.FOOT_RADIUS
         up[k] = data.xmat[1].reshape(3, 3)[2]
-    found = gait.foot_height(*(torch.tensor(a, dtype=torch.float32) for a in (q, root_z, up)))
-    np.testing.assert_allclose(found.numpy(), expected, rtol=0.0, atol=FK_TOLERANCE)
+    found = foot_heights(q, root_z, up)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=FK_TOLERANCE)
 
 
 def test_feet_of_the_neutral_stance_touch_the_ground() -> None:
     """At the stance height, which robot.py rounds to a millimetre, all four feet are at 0."""
-    q, up = torch.tensor([DEFAULT_Q]), torch.tensor([[0.0, 0.0, 1.0]])
-    height = gait.foot_height(q, torch.tensor([STAND_HEIGHT]), up)
-    np.testing.assert_allclose(height.numpy(), 0.0, atol=5e-4)
+    height = foot_heights(np.array([DEFAULT_Q]), np.array([STAND_HEIGHT]), np.array([[0.0, 0.0, 1.0]]))
+    np.testing.assert_allclose(height, 0.0, atol=5e-4)
 
 
 def test_env_clock_runs_at_the_gait_frequency() -> None:

@@ -51,7 +51,7 @@ def test_actor_terms_add_up_to_47() -> None:
 def test_actor_layout_without_noise() -> None:
     """Each column is the quantity that the table names, in its unit and scale."""
     env = make_env()
-    obs = observations.actor(env)
+    obs = env.get_observations()["actor"]
     assert obs.shape == (6, 47) and obs.dtype == torch.float32
     angle = 2 * np.pi * env.phase.double().numpy()
     expected = {
@@ -88,7 +88,7 @@ def test_gravity_and_heading_velocity_for_any_attitude() -> None:
 def test_actor_sees_no_privileged_quantity() -> None:
     """Speed, height, contact forces, friction, mass, device, torques and currents change; the actor's bits do not."""
     env = make_env()
-    actor, critic = observations.actor(env), observations.critic(env)
+    actor, critic = env.get_observations()["actor"], env.get_observations()["critic"]
     env.root_vel.add_(1.3)
     env.root_pos.add_(0.2)
     env._update_derived()
@@ -103,8 +103,8 @@ def test_actor_sees_no_privileged_quantity() -> None:
         env.view(device.param(name)).mul_(1.7)
     for array in (device.kp, device.z, device.current, device.m_dyn, device.m_hold, device.tau_motor, device.tau_mr):
         env.view(array).add_(0.5)
-    assert torch.equal(observations.actor(env), actor)
-    changed = (observations.critic(env) != critic).all(0)
+    assert torch.equal(env.get_observations()["actor"], actor)
+    changed = (env.get_observations()["critic"] != critic).all(0)
     # velocity 3, height 1, foot forces 4, current I_e 1, motor torques 12, friction and mass 2, gates 8, currents 4
     assert int(changed.sum()) == 35
     assert not bool(changed[:47].any())
@@ -125,9 +125,9 @@ SENSORS: dict[str, Callable[[WalkEnv], torch.Tensor]] = {
 def test_actor_sees_each_sensor_in_its_own_columns(name: str) -> None:
     """A changed sensor shows in all columns of its term and in no other."""
     env = make_env()
-    before = observations.actor(env)
+    before = env.get_observations()["actor"]
     SENSORS[name](env).add_(0.11)
-    changed = (observations.actor(env) != before).all(0)
+    changed = (env.get_observations()["actor"] != before).all(0)
     expected = torch.zeros(47, dtype=torch.bool)
     expected[SLICES[name]] = True
     assert torch.equal(changed, expected)
@@ -137,8 +137,8 @@ def test_noise_is_bounded_by_the_cfg_and_fills_its_range() -> None:
     """Uniform noise: never beyond the half-width, nearly reaching it, without bias; none on command, action, clock."""
     noise = NoiseCfg(gyro=0.1, gravity=0.03, q=0.01, qd=0.5)
     env = make_env(noise)
-    clean = observations.critic(env)[:, :47]
-    draws = torch.stack([observations.actor(env) for _ in range(200)]).double() - clean.double()
+    clean = env.get_observations()["critic"][:, :47]
+    draws = torch.stack([env.get_observations()["actor"] for _ in range(200)]).double() - clean.double()
     width = {"gyro": 0.1, "gravity": 0.03, "q": 0.01, "qd": 0.5 * observations.QD_SCALE}
     for name, half in width.items():
         error = draws[:, :, SLICES[name]]
@@ -154,7 +154,7 @@ def test_noise_is_bounded_by_the_cfg_and_fills_its_range() -> None:
 def test_noise_of_one_sensor_is_independent_of_the_others() -> None:
     """Noise on the gyro alone leaves the other columns exact: each term has its own width and draws."""
     env = make_env(NoiseCfg(gyro=0.2, gravity=0.0, q=0.0, qd=0.0))
-    noisy, clean = observations.actor(env), observations.critic(env)[:, :47]
+    noisy, clean = env.get_observations()["actor"], env.get_observations()["critic"][:, :47]
     assert torch.equal(noisy[:, 3:], clean[:, 3:])
     assert bool((noisy[:, :3] != clean[:, :3]).all())
 
@@ -163,16 +163,16 @@ def test_noise_is_off_with_none() -> None:
     """Without noise the actor's observation repeats, draws nothing, and is the critic's beginning."""
     env = make_env(noise=None)
     before = env.generator.get_state()
-    first, second = observations.actor(env), observations.actor(env)
+    first, second = env.get_observations()["actor"], env.get_observations()["actor"]
     assert torch.equal(first, second)
-    assert torch.equal(first, observations.critic(env)[:, :47])
+    assert torch.equal(first, env.get_observations()["critic"][:, :47])
     assert torch.equal(env.generator.get_state(), before)
 
 
 def test_critic_layout() -> None:
     """After the 47 clean columns: velocity, height, foot forces, I_e, torques, friction and mass, gates, currents."""
     env = make_env()
-    rest = observations.critic(env)[:, 47:]
+    rest = env.get_observations()["critic"][:, 47:]
     device = env.actuator
     parts = [
         env.body_velocity, env.root_pos[:, 2:], 0.02 * env.f_foot, env.current_e[:, None],

@@ -174,7 +174,7 @@ def test_push_kicks_only_the_horizontal_speed() -> None:
     """Kicks change the trunk's horizontal velocity, by no more than the cfg says, and nothing else."""
     env = make_env(RandomizeCfg(push_speed=0.3, push_interval=0.02), 256)  # one kick per step on average: always
     before = {name: env.view(env.sim.backend.field(name)).clone() for name in ("qpos", "qvel", "qfrc_applied")}
-    randomize.push(env)
+    env.push()
     kick = env.qvel - before["qvel"]
     assert float(kick[:, :2].abs().max()) <= 0.3 + 1e-7
     assert bool((kick[:, :2] != 0.0).all())
@@ -190,7 +190,7 @@ def test_push_rate_is_that_of_the_interval() -> None:
     steps, kicks = 300, 0
     for _ in range(steps):
         env.qvel[:, :2] = 0.0
-        randomize.push(env)
+        env.push()
         kicks += int((env.qvel[:, 0] != 0.0).sum())
     expected = steps * 256 * 0.02 / 6.0
     assert abs(kicks - expected) <= 4 * expected**0.5
@@ -202,7 +202,7 @@ def test_push_can_be_switched_off(cfg: RandomizeCfg | None) -> None:
     env = make_env(cfg, 4)
     velocity, generator = env.qvel.clone(), env.generator.get_state()
     for _ in range(20):
-        randomize.push(env)
+        env.push()
     assert torch.equal(env.qvel, velocity) and torch.equal(env.generator.get_state(), generator)
 
 

@@ -18,14 +18,16 @@ E, SLOT_OF, DT = 6, np.array([-1, 1, 0]), 0.005
 JOINT_OF = [2, 1]
 
 
-def account(ledger: wp.array, tau_mr_out: wp.array, constraint: int, step: dict[str, np.ndarray], resistance) -> None:
+def account(
+    ledger: wp.array, tau_mr_out: wp.array, constraint: int, step: dict[str, np.ndarray], resistance, lanes: int = 1
+) -> None:
     """Add one step given as NumPy arrays."""
     names = ("qd_next", "tau_motor", "friction", "tau_mr", "m_dyn", "m_hold", "current")
     arrays = [wp.array(f32(step[name]), dtype=float, device="cpu") for name in names]
     arrays.append(wp.array(f32(resistance), dtype=float, device="cpu"))
     slot_of = wp.array(SLOT_OF, dtype=int, device="cpu")
-    inputs = [slot_of, DT, constraint, *arrays]
-    wp.launch(ledger_kernel, dim=(E, 3), inputs=inputs, outputs=[tau_mr_out, ledger], device="cpu")
+    inputs = [lanes, slot_of, DT, constraint, *arrays]
+    wp.launch(ledger_kernel, dim=(E, lanes), inputs=inputs, outputs=[tau_mr_out, ledger], device="cpu")
 
 
 def random_step(rng: np.random.Generator) -> dict[str, np.ndarray]:
@@ -43,9 +45,10 @@ def test_ledger_entries_are_named_in_order():
     assert [int(index) for index in order] == list(range(len(ENTRIES)))
 
 
+@pytest.mark.parametrize("lanes", [1, 3])
 @pytest.mark.parametrize("constraint", [0, 1])
 @pytest.mark.parametrize("rows", [1, E])
-def test_ledger_equals_numpy_sums(constraint: int, rows: int):
+def test_ledger_equals_numpy_sums(constraint: int, rows: int, lanes: int):
     """40 random steps: work per branch, positive work alone as injected, squared motor torque, coil loss."""
     rng = np.random.default_rng(5)
     resistance = rng.uniform(2, 6, (rows, 2))
@@ -54,7 +57,7 @@ def test_ledger_equals_numpy_sums(constraint: int, rows: int):
     for _ in range(40):
         step = random_step(rng)
         tau_mr = wp.full((E, 2), float("nan"), dtype=float, device="cpu")
-        account(ledger, tau_mr, constraint, step, resistance)
+        account(ledger, tau_mr, constraint, step, resistance, lanes)
         device = [step["tau_mr"], step["friction"][:, JOINT_OF]][constraint]
         np.testing.assert_array_equal(tau_mr.numpy(), f32(device))
         work = device * step["qd_next"][:, JOINT_OF] * DT

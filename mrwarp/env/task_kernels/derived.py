@@ -1,0 +1,140 @@
+"""What rewards, terminations and observations share: once per policy step, before and after its torque steps."""
+
+from typing import Any
+
+import warp as wp
+
+from mrwarp.env.task_kernels.gait import clock_stance, leg_phase
+from mrwarp.kernels.ledger import MOTOR_SQUARE
+
+
+@wp.func
+def motor_square(ledger: wp.array3d[float], env: int) -> float:
+    """Integral of the squared motor torques of all joints since the reset [(N·m)^2 s]."""
+    total = float(0.0)
+    for joint in range(ledger.shape[1]):
+        total += ledger[env, joint, MOTOR_SQUARE]
+    return total
+
+
+@wp.kernel
+def begin_kernel(
+    # parameters: action scale [rad]; neutral stance [rad], shape (A,)
+    action_scale: float,
+    default_q: wp.array[float],
+    # in, shapes (E, A), (E, J) [rad/s], (E, J, entries)
+    actions_in: wp.array2d[float],
+    qd_in: wp.array2d[float],
+    ledger_in: wp.array3d[float],
+    # out, shapes (E, A), (E, A), (E, J) [rad], (E, J) [rad/s], (E,) [(N·m)^2 s]
+    action_out: wp.array2d[float],
+    last_action_out: wp.array2d[float],
+    q_des_out: wp.array2d[float],
+    last_qd_out: wp.array2d[float],
+    motor_square_out: wp.array[float],
+):
+    """Take the new action, and remember what the coming policy step is compared with."""
+    env = wp.tid()
+    for k in range(actions_in.shape[1]):
+        last_action_out[env, k] = action_out[env, k]
+        action_out[env, k] = actions_in[env, k]
+        q_des_out[env, k] = default_q[k] + action_scale * actions_in[env, k]
+        last_qd_out[env, k] = qd_in[env, k]
+    motor_square_out[env] = motor_square(ledger_in, env)
+
+
+@wp.kernel
+def push_kernel(
+    # parameters: chance of a kick in a policy step [1], largest kick along x and y [m/s]
+    chance: float,
+    push_speed: float,
+    # in, draws from [0, 1), shape (E, 3)
+    draws_in: wp.array2d[float],
+    # out, shape (E, nv)
+    qvel_out: wp.array2d[Any],
+):
+    """Kick the trunk sideways at random times."""
+    env = wp.tid()
+    if draws_in[env, 0] < chance:
+        for k in range(2):
+            kick = push_speed * (2.0 * draws_in[env, 1 + k] - 1.0)
+            qvel_out[env, k] = qvel_out[env, k] + qvel_out.dtype(kick)
+
+
+@wp.kernel
+def command_kernel(
+    # parameters: policy steps between two commands; least and largest command, shape (3,) [m/s, m/s, rad/s]
+    period: int,
+    low: wp.array[float],
+    high: wp.array[float],
+    # in, shape (E,) [steps], draws from [0, 1), shape (E, 3)
+    episode_length_in: wp.array[wp.int64],
+    draws_in: wp.array2d[float],
+    # out, shape (E, 3) [m/s, m/s, rad/s]
+    command_out: wp.array2d[float],
+):
+    """Draw a new command every ``period`` steps of an episode, but not at its start."""
+    env = wp.tid()
+    step = int(episode_length_in[env])
+    if step > 0 and step % period == 0:
+        for k in range(3):
+            command_out[env, k] = low[k] + (high[k] - low[k]) * draws_in[env, k]
+
+
+@wp.kernel
+def end_kernel(
+    # parameters: clock advance per policy step [1], policy step [s]
+    advance: float,
+    step_dt: float,
+    # in, shapes (E, J, entries), (E,) [(N·m)^2 s], (E,)
+    ledger_in: wp.array3d[float],
+    motor_square_in: wp.array[float],
+    phase_in: wp.array[float],
+    # out, shapes (E,) [(N·m)^2], (E,)
+    effort_out: wp.array[float],
+    phase_out: wp.array[float],
+):
+    """Squared motor torques, averaged over the policy step, and the gait clock at its end."""
+    env = wp.tid()
+    effort_out[env] = (motor_square(ledger_in, env) - motor_square_in[env]) / step_dt
+    phase = phase_in[env] + advance
+    phase_out[env] = phase - wp.floor(phase)
+
+
+@wp.kernel
+def derived_kernel(
+    # parameters: foot force above which a foot touches the ground [N]
+    contact_force: float,
+    # in, shapes (E, 3) [m], (E, 4), (E, 3) [m/s], (E,), (E, 4) [N]; height of the ground below the trunk, (E,) [m]
+    root_pos_in: wp.array2d[float],
+    root_quat_in: wp.array2d[float],
+    root_vel_in: wp.array2d[float],
+    phase_in: wp.array[float],
+    f_foot_in: wp.array2d[float],
+    ground_in: wp.array[float],
+    # out, shapes (E,) [m], (E, 3), (E, 3) [m/s], (E, 4), (E, 4)
+    height_out: wp.array[float],
+    gravity_out: wp.array2d[float],
+    body_velocity_out: wp.array2d[float],
+    leg_phase_out: wp.array2d[float],
+    clock_match_out: wp.array2d[wp.bool],
+):
+    """Height, gravity in the trunk frame, velocity in the heading frame, and the legs on the gait clock."""
+    env = wp.tid()
+    height_out[env] = root_pos_in[env, 2] - ground_in[env]
+    w, x = root_quat_in[env, 0], root_quat_in[env, 1]
+    y, z = root_quat_in[env, 2], root_quat_in[env, 3]
+    # third row of the rotation matrix: the world's vertical in the trunk frame, negated
+    gravity_out[env, 0] = -2.0 * (x * z - w * y)
+    gravity_out[env, 1] = -2.0 * (y * z + w * x)
+    gravity_out[env, 2] = 2.0 * (x * x + y * y) - 1.0
+    yaw = wp.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    c, s = wp.cos(yaw), wp.sin(yaw)
+    v_x, v_y = root_vel_in[env, 0], root_vel_in[env, 1]
+    body_velocity_out[env, 0] = c * v_x + s * v_y
+    body_velocity_out[env, 1] = c * v_y - s * v_x
+    body_velocity_out[env, 2] = root_vel_in[env, 2]
+    for leg in range(4):
+        phase = leg_phase(phase_in[env], leg)
+        leg_phase_out[env, leg] = phase
+        clock_match_out[env, leg] = (f_foot_in[env, leg] > contact_force) == clock_stance(phase)

@@ -1,0 +1,149 @@
+"""Reward terms: velocity tracking, clocked gait, posture, effort and smoothness. Each is one number per environment."""
+
+import warp as wp
+
+from mrwarp.env.task_kernels.gait import foot_height, swing_clearance
+
+
+@wp.func
+def tracking(squared_error: float, width: float) -> float:
+    """exp(-error^2/width): 1 on target, 1/e where the squared error is the width."""
+    return wp.exp(-squared_error / width)
+
+
+@wp.func
+def square_to(values: wp.array2d[float], wanted: wp.array2d[float], env: int) -> float:
+    """Squared distance of an environment's values from what is wanted of it."""
+    total = float(0.0)
+    for k in range(values.shape[1]):
+        difference = values[env, k] - wanted[env, k]
+        total += difference * difference
+    return total
+
+
+@wp.func
+def contact_share(clock_match: wp.array2d[wp.bool], env: int) -> float:
+    """Share of feet whose contact is what the gait clock wants."""
+    total = float(0.0)
+    for leg in range(clock_match.shape[1]):
+        total += wp.where(clock_match[env, leg], 1.0, 0.0)
+    return total / float(clock_match.shape[1])
+
+
+@wp.func
+def clearance_error(
+    q: wp.array2d[float],
+    leg_phase: wp.array2d[float],
+    ground: wp.array2d[float],
+    root_z: float,
+    up: wp.vec3,
+    step_height: float,
+    env: int,
+) -> float:
+    """Squared error of the swinging feet's clearance over the ground [m^2], summed."""
+    total = float(0.0)
+    for leg in range(4):
+        phase = leg_phase[env, leg]
+        if phase >= 0.5:
+            height = foot_height(leg, q[env, 3 * leg], q[env, 3 * leg + 1], q[env, 3 * leg + 2], root_z, up)
+            error = height - ground[env, leg] - swing_clearance(phase, step_height)
+            total += error * error
+    return total
+
+
+@wp.kernel
+def terms_kernel(
+    # parameters: squared widths of the tracking rewards, swing clearance [m], trunk height [m], policy step [s];
+    # neutral stance [rad], shape (J,); weights in the order of ``rewards.TERMS``, shape (T,)
+    velocity_width: float,
+    yaw_width: float,
+    step_height: float,
+    target_height: float,
+    step_dt: float,
+    default_q: wp.array[float],
+    weights: wp.array[float],
+    # in, shapes (E, 3) twice, (E,) over the ground, (E, 3) four times, (E, J) three times, (E, A) twice, (E,), (E, 4)
+    # three times: height of the ground below each foot [m], phases, contacts
+    body_velocity_in: wp.array2d[float],
+    command_in: wp.array2d[float],
+    height_in: wp.array[float],
+    root_pos_in: wp.array2d[float],
+    root_vel_in: wp.array2d[float],
+    root_ang_in: wp.array2d[float],
+    gravity_in: wp.array2d[float],
+    q_in: wp.array2d[float],
+    qd_in: wp.array2d[float],
+    last_qd_in: wp.array2d[float],
+    action_in: wp.array2d[float],
+    last_action_in: wp.array2d[float],
+    effort_in: wp.array[float],
+    foot_ground_in: wp.array2d[float],
+    leg_phase_in: wp.array2d[float],
+    clock_match_in: wp.array2d[wp.bool],
+    # out, shapes (E, T), (E,)
+    terms_out: wp.array2d[float],
+    total_out: wp.array[float],
+):
+    """All terms, and their weighted sum over one policy step."""
+    env = wp.tid()
+    roll_rate, pitch_rate = root_ang_in[env, 0], root_ang_in[env, 1]
+    gravity = wp.vec3(gravity_in[env, 0], gravity_in[env, 1], gravity_in[env, 2])
+    z, v_z = height_in[env], root_vel_in[env, 2]
+
+    error_x = body_velocity_in[env, 0] - command_in[env, 0]
+    error_y = body_velocity_in[env, 1] - command_in[env, 1]
+    terms_out[env, 0] = tracking(error_x * error_x + error_y * error_y, velocity_width)
+    error_yaw = root_ang_in[env, 2] - command_in[env, 2]
+    terms_out[env, 1] = tracking(error_yaw * error_yaw, yaw_width)
+    terms_out[env, 2] = contact_share(clock_match_in, env) - 0.5
+    terms_out[env, 3] = clearance_error(
+        q_in, leg_phase_in, foot_ground_in, root_pos_in[env, 2], -gravity, step_height, env
+    )
+    terms_out[env, 4] = (z - target_height) * (z - target_height)
+    terms_out[env, 5] = gravity[0] * gravity[0] + gravity[1] * gravity[1]
+    terms_out[env, 6] = v_z * v_z
+    terms_out[env, 7] = roll_rate * roll_rate + pitch_rate * pitch_rate
+    posture, hips = float(0.0), float(0.0)
+    for joint in range(q_in.shape[1]):
+        q = q_in[env, joint]
+        posture += (q - default_q[joint]) * (q - default_q[joint])
+        if joint % 3 == 0:
+            hips += q * q
+    terms_out[env, 8] = posture
+    terms_out[env, 9] = hips
+    terms_out[env, 10] = effort_in[env]
+    terms_out[env, 11] = square_to(action_in, last_action_in, env)
+    terms_out[env, 12] = square_to(qd_in, last_qd_in, env) / (step_dt * step_dt)
+
+    total = float(0.0)
+    for term in range(weights.shape[0]):
+        total += weights[term] * terms_out[env, term]
+    total_out[env] = total * step_dt
+
+
+@wp.kernel
+def fallen_kernel(
+    # parameters: least height of the trunk [m], largest z of gravity in its frame
+    least_height: float,
+    largest_z: float,
+    # in, shapes (E,) [m], (E, 3) four times, (E, J) twice
+    height_in: wp.array[float],
+    root_pos_in: wp.array2d[float],
+    gravity_in: wp.array2d[float],
+    root_vel_in: wp.array2d[float],
+    root_ang_in: wp.array2d[float],
+    q_in: wp.array2d[float],
+    qd_in: wp.array2d[float],
+    # out, shape (E,)
+    fallen_out: wp.array[wp.bool],
+):
+    """Trunk too low or leaning too far, or a state that is no number."""
+    env = wp.tid()
+    # 0*x is NaN where x is no finite number, and NaN fails every comparison
+    total = float(0.0)
+    for k in range(3):
+        total += 0.0 * (root_pos_in[env, k] + gravity_in[env, k]) + 0.0 * (root_vel_in[env, k] + root_ang_in[env, k])
+    for k in range(q_in.shape[1]):
+        total += 0.0 * (q_in[env, k] + qd_in[env, k])
+    upright = height_in[env] > least_height and gravity_in[env, 2] < largest_z
+    fallen_out[env] = not (upright and total == 0.0)
