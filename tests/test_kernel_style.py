@@ -46,7 +46,13 @@ LAW_ARGUMENTS = (
 )  # fmt: skip
 EFFECTS_FORBIDDEN = ("mrwarp.diagnose", "mrwarp.sysid", "mrwarp.env", "torch")
 NN_FORBIDDEN = ("newton", "mujoco", "mujoco_warp", "mrwarp.env")
-NEWTON_ALLOWED = ("mrwarp/env/sim*.py", "mrwarp/env/backend*.py", "mrwarp/drive.py", "mrwarp/asset.py")
+NEWTON_ALLOWED = (
+    "mrwarp/env/sim*.py",
+    "mrwarp/env/backend*.py",
+    "mrwarp/drive.py",
+    "mrwarp/asset.py",
+    "mrwarp/perf/newton_lstm.py",
+)
 
 
 def decorated(tree: ast.AST, name: str) -> Iterator[ast.FunctionDef]:

@@ -1,0 +1,87 @@
+"""The learned torque by itself: our kernel, torch's LSTM on the same windows, and Newton's neural LSTM drive.
+
+They do not compute the same. Ours and torch's replay the last 50 samples of each open window (eq. 12), so a window owes
+nothing to what was before it. Newton's drive carries hidden and cell state along: one sample per step and joint.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+import warp as wp
+
+from mrwarp.kernels.window import FEATURES, WINDOW
+from mrwarp.nn import model_file
+from mrwarp.perf.newton_lstm import NewtonLstm
+from mrwarp.perf.timing import Turn
+from mrwarp.residual import LearnedTorque, window_now
+
+TOLERANCE = 2e-5
+"""Largest difference of our kernel and torch's LSTM [N·m]: float32 over 50 samples."""
+
+
+class LstmCost:
+    """The three side by side on N joints, all windows open.
+
+    Args:
+        count: Number of joints N.
+        folder: Where Newton's checkpoint is written.
+        threads: CPU threads of our kernel; torch keeps the one it has.
+
+    Attributes:
+        difference: Largest difference of our torques and torch's [N·m].
+
+    Raises:
+        ValueError: it is more than rounding explains.
+    """
+
+    def __init__(self, count: int, folder: Path, *, threads: int = 0) -> None:
+        path = model_file.shipped_model("pg_rlstm")
+        assert path is not None  # it is shipped
+        model = model_file.load(path)
+        self._ours = LearnedTorque(model, dt=model.dt, threads=threads)
+        rng = np.random.default_rng(0)
+        scale = np.array([0.3, 3.0, 0.7])
+        windows = (rng.normal(size=(count, 1, WINDOW, FEATURES)) * scale).astype(np.float32)
+        self._ring, self._head = wp.array(windows, device="cpu"), wp.array([WINDOW - 1], dtype=int, device="cpu")
+        self._open = wp.ones((count, 1), dtype=float, device="cpu")
+        self._torque = wp.zeros((count, 1), dtype=float, device="cpu")
+        self._newton = NewtonLstm(count, folder)
+        self._net = model.net
+        self._step_ours()
+        ordered = window_now(self._ring, self._head)[:, 0]
+        with torch.inference_mode():
+            wanted = self._net(ordered)
+        self.difference = float((wp.to_torch(self._torque)[:, 0] - wanted).abs().max())
+        if not self.difference <= TOLERANCE:
+            raise ValueError(f"our LSTM and torch's differ by {self.difference:.2g} N·m")
+
+    def turns(self, repeat: int = 5) -> dict[str, Turn]:
+        """Seconds per step of all joints."""
+        return {
+            "ours": _timed(self._step_ours, repeat),
+            "torch": _timed(self._step_torch, repeat),
+            "newton": _timed(self._newton.step, repeat),
+        }
+
+    def _step_ours(self) -> None:
+        self._torque.zero_()
+        self._ours(self._ring, self._head, self._open, self._torque)
+
+    def _step_torch(self) -> None:
+        with torch.inference_mode():
+            self._net(window_now(self._ring, self._head)[:, 0])
+
+
+def _timed(step: Callable[[], None], repeat: int) -> Turn:
+    def turn() -> dict[str, float]:
+        begin = time.perf_counter()
+        for _ in range(repeat):
+            step()
+        return {"step": (time.perf_counter() - begin) / repeat}
+
+    return turn
