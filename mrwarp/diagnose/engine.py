@@ -162,7 +162,7 @@ class Engine:
         """The same model by least squares without whitening; offsets and factors of trajectories are still let go."""
         noise = self.noise_model
         self.noise = dataclasses.replace(noise, whitening=np.ones(1), sigma=noise.rms)
-        plain = self.fit(fit.coordinates, fit.x)
+        plain = self.fit(fit.coordinates.steeper(), fit.x)
         self.noise = noise
         return plain
 

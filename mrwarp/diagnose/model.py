@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,12 @@ SHAPE = ("alpha", "beta", "gamma")
 _STEP = 1e-2
 """Step of the central differences in non-linear coordinates."""
 _POSITIVE = ("B", "K0", "K1")
+
+_STEEPEST, _DRY = (5.0, 8.0, 9.0), (5.0, 11.0, 12.0)
+"""Largest log(1 + alpha*v), log(beta + gamma), log(beta - gamma): while effects are searched, and of stated numbers.
+
+The latter is a hysteresis that is over after 1e-5 of a unit of way, less than a step of an encoder.
+"""
 
 
 @dataclass(frozen=True)
@@ -70,7 +77,7 @@ class Coordinates:
         for i, name in enumerate(LINEAR):
             if name in _POSITIVE:
                 low[i] = 0.0
-        low[6:9], high[6:9] = (0.0, -3.0, -3.0), (5.0, 8.0, 9.0)
+        low[6:9], high[6:9] = (0.0, -3.0, -3.0), _STEEPEST
         for i, slot in enumerate(self.slots, start=9):
             a, b = slot.parameter.low(ranges), slot.parameter.high(ranges)
             low[i], high[i] = (np.log(a), np.log(b)) if slot.logarithmic else (a, b)
@@ -82,6 +89,17 @@ class Coordinates:
                 self.steps[i] = 0.05  # on and off at samples: a small step would meet single ones
             if slot.linear:
                 self.steps[i] = _linear_step(slot.parameter, ranges)
+
+    def steeper(self) -> Coordinates:
+        """The same with room for a hysteresis that is nearly dry friction.
+
+        Where effects are searched that room is closed: a steep loop foretells each reversal by its sample, and whitened
+        differences are then all about that.
+        """
+        other = copy.copy(self)
+        other.high = self.high.copy()
+        other.high[6:9] = _DRY
+        return other
 
     def row(self, x: np.ndarray) -> np.ndarray:
         """The kernel's row for a vector."""

@@ -103,6 +103,19 @@ def test_fit_keeps_its_bounds() -> None:
     assert (fit.x >= fit.coordinates.low).all() and (fit.x <= fit.coordinates.high).all()
 
 
+def test_stated_numbers_may_be_nearly_dry_friction() -> None:
+    """A hysteresis that is over after 0.05 mrad is steeper than the search allows; plain numbers come near it."""
+    steep = {"beta": 2e4, "gamma": 0.0, "K0": 2e4}
+    engine = known.engine(sigma=0.002, at=known.motion(dt=5e-4), **steep)
+    c = engine.coordinates(())
+    searched = engine.fit(c, known.vector(c, **steep))
+    assert searched.x[7] == searched.coordinates.high[7] < np.log(2e4)
+    stated = engine.plain_fit(searched)
+    assert stated.x[7] > searched.x[7] + 0.5
+    measured = engine.samples.torque
+    assert np.square(measured - stated.torque).sum() < 0.9 * np.square(measured - searched.torque).sum()
+
+
 def test_samples_without_weight_do_not_count() -> None:
     """Spoiled samples of weight 0 leave the fit as it is without them."""
     engine = known.engine()

@@ -66,9 +66,14 @@ def test_emps_has_friction_that_differs_by_direction(emps: Diagnosis) -> None:
     assert abs(friction["coulomb"].value) < 2.0
 
 
-@pytest.mark.xfail(reason="3.07 %: friction saturates with speed, which no effect of the catalogue does", strict=False)
 def test_emps_is_simulated_better_than_published(emps: Diagnosis) -> None:
     """The published models leave 4.08 % (symmetric friction) and 3.11 % (viscous friction by direction)."""
+    assert relative_error(emps) <= 0.029
+
+
+@pytest.mark.xfail(reason="2.77 %: friction saturates with speed, which no effect of the catalogue does", strict=False)
+def test_emps_meets_its_target(emps: Diagnosis) -> None:
+    """A third friction law would meet it (by hand: dry friction 2.59 %, Stribeck's 2.57 %), but adds too little."""
     assert relative_error(emps) <= 0.026
 
 
