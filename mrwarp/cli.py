@@ -18,6 +18,7 @@ COMMANDS = {
     "diagnose": ("mrwarp.diagnose.cli", "what the simulation gets wrong, why, and what it gains to put that right"),
     "learn": ("mrwarp.sysid.learn_cli", "train and evaluate the learned torque models"),
     "reproduce": ("mrwarp.reproduce.cli", "the paper's figures and tables, ours beside theirs"),
+    "study": ("mrwarp.study.cli", "actuator-aware against conventional training: train the policies, tables 2 and 3"),
     "perf": ("mrwarp.perf.perf_cli", "what a step costs, part by part, and whether that got worse"),
     "asset": ("mrwarp.asset_cli", "show, check, change and compare USD assets"),
     "verify": ("mrwarp.evaluate.verify_cli", "measure what the simulator promises: passivity, holding, accuracy"),

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from mrwarp.actuator import Coupling, HoldCurrent, MrActuatorCfg, ZStep
 from mrwarp.env.backend import BackendKind
 from mrwarp.env.sim import SimCfg
+from mrwarp.env.terrain import TerrainCfg
 from mrwarp.model_file import Model
 from mrwarp.robot import CURRENT_GROUPS, GAIT_FREQUENCY
 
@@ -16,6 +17,9 @@ LEARNED = ("mlp", "lstm", "pg_rlstm")
 ACTUATORS = ("none", "mlp", "lstm", "bouc_wen", "pg_rlstm")
 """Torque models of the MR joint that can be simulated: no device at all, the current-aware Bouc-Wen model, a learned
 torque in its place, or a learned residual on it."""
+
+TERRAINS = ("flat", "rough")
+"""Grounds to train on: a plane, or the height field of :mod:`mrwarp.env.terrain`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,6 +126,8 @@ class EnvCfg:
     gait_frequency: float = GAIT_FREQUENCY
     """Stride frequency of the clock [Hz]."""
     commands: CommandCfg = field(default_factory=CommandCfg)
+    terrain: TerrainCfg | None = None
+    """Height field and its curriculum; None is flat ground."""
     noise: NoiseCfg | None = field(default_factory=NoiseCfg)
     """Observation noise; None for none."""
     randomize: RandomizeCfg | None = field(default_factory=RandomizeCfg)
@@ -177,8 +183,15 @@ def make_walk_cfg(
     backend: BackendKind | None = None,
     threads: int = 0,
     deterministic: bool = False,
+    terrain: str = "flat",
 ) -> EnvCfg:
-    """The training task: flat ground, MR joint, randomisation and noise on."""
+    """The training task: MR joint, randomisation and noise on; ``terrain`` is one of :data:`TERRAINS`.
+
+    Raises:
+        ValueError: a choice is unknown.
+    """
+    if terrain not in TERRAINS:
+        raise ValueError(f"terrain = {terrain!r} is unknown; choose from {', '.join(TERRAINS)}")
     return EnvCfg(
         sim=SimCfg(num_envs=num_envs, device=device, backend=backend, threads=threads, deterministic=deterministic),
         actuator=MrActuatorCfg(coupling=coupling, hold_current=hold_current, z_step=z_step, sal=sal),
@@ -188,10 +201,13 @@ def make_walk_cfg(
         robot=robot,
         payload=payload,
         asset=asset,
+        terrain=TerrainCfg() if terrain == "rough" else None,
         seed=seed,
     )
 
 
 def make_play_cfg(cfg: EnvCfg) -> EnvCfg:
-    """The same task for evaluation: nominal robot, no noise, no pushes, commands held."""
-    return replace(cfg, noise=None, randomize=None, commands=replace(cfg.commands, period=float("inf")))
+    """The same task for evaluation: nominal robot, no noise, no pushes, commands held, terrain of all levels."""
+    terrain = replace(cfg.terrain, curriculum=False) if cfg.terrain else None
+    commands = replace(cfg.commands, period=float("inf"))
+    return replace(cfg, noise=None, randomize=None, commands=commands, terrain=terrain)

@@ -14,6 +14,7 @@ from mrwarp.asset import RobotAsset, load_robot
 from mrwarp.env import sim_kernels
 from mrwarp.env.backend import Backend, BackendKind, MjBatchBackend, MjWarpBackend
 from mrwarp.env.sim_model import Edit, Scene, SolverCfg, build_scene, named
+from mrwarp.env.terrain import Field
 from mrwarp.launch import capture, record
 
 
@@ -382,14 +383,18 @@ def robot_scene(
     cfg: SimCfg | None = None,
     coupling: Coupling = Coupling.CONSTRAINT,
     edit: Edit | None = None,
+    ground: Field | None = None,
 ) -> Scene:
-    """The robot of an asset on flat ground, as :class:`ActuatedSim` wants it.
+    """The robot of an asset on the ground, as :class:`ActuatedSim` wants it.
 
     Args:
         asset: The asset; None loads ``assets/usd/mr_go.usda``.
         cfg: How it will be stepped.
         coupling: How its devices act.
         edit: Changes to the MuJoCo specification, see :func:`build_scene`.
+        ground: Heights of the ground; None is flat.
     """
     cfg = cfg or SimCfg()
-    return build_scene(asset or load_robot(), dt=cfg.dt, coupling=coupling, solver=cfg.solver, edit=edit)
+    return build_scene(
+        asset or load_robot(), dt=cfg.dt, coupling=coupling, solver=cfg.solver, ground=ground or True, edit=edit
+    )

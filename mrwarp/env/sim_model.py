@@ -20,6 +20,7 @@ import mrwarp.drive  # noqa: F401  registers the MR drive, so that Newton can re
 from mrwarp import brake_constraint
 from mrwarp.actuator import Coupling
 from mrwarp.asset import JointActuator, RobotAsset
+from mrwarp.env.terrain import Field
 from mrwarp.robot import LEGS, leg_of
 
 Edit = Callable[[mujoco.MjSpec], None]
@@ -79,7 +80,7 @@ def build_scene(
     dt: float,
     coupling: Coupling = Coupling.CONSTRAINT,
     solver: SolverCfg | None = None,
-    ground: bool = True,
+    ground: bool | Field = True,
     edit: Edit | None = None,
 ) -> Scene:
     """Convert an asset through Newton into a :class:`Scene`.
@@ -90,7 +91,7 @@ def build_scene(
         coupling: With ``CONSTRAINT`` every MR joint gets the brake constraint of DESIGN: reference damping 1/dt, so
             that the friction row sees the velocity after the step and cannot do positive work.
         solver: Constraint solver options.
-        ground: Add a ground plane at z = 0.
+        ground: Add a ground plane at z = 0, or a height field.
         edit: Changes to the MuJoCo specification before it is compiled, e.g. a body that falls on the robot; bodies and
             joints it adds must come after the robot's.
     """
@@ -100,9 +101,12 @@ def build_scene(
     builder = newton.ModelBuilder()
     newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
     builder.add_usd(asset.stage)
-    if ground:
-        # no contact gap, as on the asset's shapes: feet near the ground would count as contacts
-        builder.add_ground_plane(cfg=newton.ModelBuilder.ShapeConfig(gap=0.0))
+    # no contact gap, as on the asset's shapes: feet near the ground would count as contacts
+    surface = newton.ModelBuilder.ShapeConfig(gap=0.0)
+    if isinstance(ground, Field):
+        _add_field(builder, ground, surface)
+    elif ground:
+        builder.add_ground_plane(cfg=surface)
     model = _with_sensors(newton.solvers.SolverMuJoCo, builder.finalize(device="cpu"), edit)
 
     model.opt.timestep = dt
@@ -130,6 +134,15 @@ def build_scene(
         foot_adr=np.array([model.sensor_adr[i] for i in feet if i >= 0], dtype=np.int32),
         floating=bool(model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE),
     )
+
+
+def _add_field(builder: newton.ModelBuilder, ground: Field, surface: newton.ModelBuilder.ShapeConfig) -> None:
+    """The field as ground, half a metre thick below its lowest point, so that a foot pressed into it stays inside."""
+    rows, columns = ground.heights.shape
+    half_x, half_y = ground.half
+    shape = newton.Heightfield(data=ground.heights, nrow=rows, ncol=columns, hx=half_x, hy=half_y)
+    thick = {"mujoco:hfield_base": 0.5}
+    builder.add_shape_heightfield(heightfield=shape, cfg=surface, label="terrain", custom_attributes=thick)
 
 
 def add_inertia(model: mujoco.MjModel, dofs: np.ndarray, actuators: Sequence[JointActuator]) -> None:

@@ -19,6 +19,7 @@ from mrwarp.env.rewards import Rewards
 from mrwarp.env.sim import ActuatedSim, robot_scene
 from mrwarp.env.sim_model import Edit
 from mrwarp.env.task_kernels import derived
+from mrwarp.env.terrain import Terrain
 from mrwarp.env.watch import Watch
 from mrwarp.launch import capture, record
 from mrwarp.nn import model_file
@@ -40,6 +41,7 @@ class WalkEnv(VecEnv):
         body_velocity: Trunk velocity in the heading frame [m/s], shape (E, 3).
         gravity: Direction of gravity in the trunk frame, shape (E, 3).
         height: Height of the trunk over the ground [m], shape (E,).
+        terrain: The height field and where each environment stands on it; None on flat ground.
         ground, foot_ground: Height of the ground below the trunk and below each foot [m], shapes (E,) and (E, 4).
         rewards: Terms and sum of the last policy step.
         push: Kicks the trunks at random; called in every policy step.
@@ -65,7 +67,9 @@ class WalkEnv(VecEnv):
         residual = None
         if cfg.actuator_model in LEARNED:
             asset, residual = with_learned_torque(asset, cfg)
-        scene = robot_scene(asset, cfg.sim, cfg.actuator.coupling, edit)
+        self.terrain = Terrain(cfg.terrain, self.num_envs, self.device, seed=cfg.seed) if cfg.terrain else None
+        field = self.terrain.field if self.terrain else None
+        scene = robot_scene(asset, cfg.sim, cfg.actuator.coupling, edit, field)
         self.robot = ActuatedSim(scene, cfg.sim, cfg.actuator, residual=residual, share_params=False)
         self.sim, self.actuator = self.robot.sim, self.robot.actuator
 
@@ -125,6 +129,8 @@ class WalkEnv(VecEnv):
         else:
             self.robot.step(self.cfg.decimation)
         self._conclude()
+        if self.terrain is not None:
+            self.terrain.advance(self.body_velocity[:, 0], self.command[:, 0], self.cfg.step_dt)
 
         self.episode_length_buf += 1
         self.broken = self.watch.broken > 0
@@ -134,7 +140,7 @@ class WalkEnv(VecEnv):
         # the last reward of a robot that holds no numbers must not reach the learner
         reward = torch.where(self.broken, 0.0, self.rewards.total)
         if bool(done.any()):
-            self._reset(done)
+            self._reset(done, time_outs)
             self._update_derived()
         self.watch.clear(done)
         self._new_commands()
@@ -183,7 +189,8 @@ class WalkEnv(VecEnv):
         physics = {f"sim/{name}": self.view(self.sim.backend.field(name)).clone() for name in _PHYSICS_STATE}
         arrays = {f"sim/{name}": self.view(getattr(self.sim, name)).clone() for name in _SIM_ARRAYS}
         device = {f"actuator/{name}": torch.from_numpy(value) for name, value in self.actuator.state().items()}
-        return {"generator": self.generator.get_state(), **own, **physics, **arrays, **device}
+        ground = {f"terrain/{name}": value.clone() for name, value in self._terrain_state()}
+        return {"generator": self.generator.get_state(), **own, **physics, **arrays, **device, **ground}
 
     def load_state(self, state: dict[str, torch.Tensor]) -> None:
         """Restore :meth:`state` of an environment with the same configuration; it goes on bit-equal."""
@@ -193,6 +200,8 @@ class WalkEnv(VecEnv):
             self.view(self.sim.backend.field(name)).copy_(state[f"sim/{name}"])
         for name in _SIM_ARRAYS:
             self.view(getattr(self.sim, name)).copy_(state[f"sim/{name}"])
+        for name, value in self._terrain_state():
+            value.copy_(state[f"terrain/{name}"])
         prefix = "actuator/"
         self.actuator.load_state({k.removeprefix(prefix): v.numpy() for k, v in state.items() if k.startswith(prefix)})
         self._update_derived()
@@ -213,12 +222,21 @@ class WalkEnv(VecEnv):
         """Draws from [low, high)."""
         return low + (high - low) * torch.rand(*shape, generator=self.generator, device=self.device)
 
-    def _reset(self, mask: torch.Tensor) -> None:
-        """Start a new episode in masked environments, bool (E,), near the neutral stance, at any gait phase."""
+    def _terrain_state(self) -> list[tuple[str, torch.Tensor]]:
+        """What the terrain knows of each environment, by name; nothing on flat ground."""
+        return [(name, getattr(self.terrain, name)) for name in Terrain.STATE] if self.terrain else []
+
+    def _reset(self, mask: torch.Tensor, time_outs: torch.Tensor | None = None) -> None:
+        """Start a new episode in masked environments, bool (E,), near the neutral stance, at any gait phase.
+
+        ``time_outs`` tells the curriculum who ended a whole episode; None starts it over.
+        """
         num_envs, model = self.num_envs, self.sim.scene.model
         qpos = self._zeros(num_envs, model.nq)
         qvel = self._zeros(num_envs, model.nv)
         qpos[:, 2] = STAND_HEIGHT + 0.01
+        if self.terrain is not None:
+            qpos[:, :3] += self.terrain.start(mask, time_outs, self.generator)
         qpos[:, 3] = 1.0
         qpos[:, self._q_adr] = self.default_q + 0.1 * self.uniform(num_envs, self.num_actions)
         qvel[:, :6] = 0.1 * self.uniform(num_envs, 6)
@@ -245,7 +263,8 @@ class WalkEnv(VecEnv):
 
     def _update_derived(self) -> None:
         """Quantities that rewards, terminations and observations share."""
-        self._derive.launch()
+        for launch in self._derive:
+            launch.launch()
 
     def _conclude(self) -> None:
         """What follows the torque steps: derived quantities, rewards, falls, and the watch, as one captured graph."""
@@ -279,7 +298,8 @@ class WalkEnv(VecEnv):
             [array(self.effort), array(self.phase)],
         )
         shared = (self.height, self.gravity, self.body_velocity, self.leg_phase, self.clock_match)
-        self._derive = recorded(
+        below = [self.terrain.record(self)] if self.terrain else []
+        derive = recorded(
             derived.derived_kernel,
             [
                 CONTACT_FORCE, sim.root_pos, sim.root_quat, sim.root_vel, array(self.phase), sim.f_foot,
@@ -287,9 +307,10 @@ class WalkEnv(VecEnv):
             ],
             [array(tensor) for tensor in shared],
         )  # fmt: skip
+        self._derive = [*below, derive]
         self.rewards, self._observe = Rewards(self, self.watch.reward), Observations(self)
         self._has_fallen = terminations.Fallen(self)
-        self._after = [self._end, self._derive, self.rewards.launch, self._has_fallen.launch, self.watch.check]
+        self._after = [self._end, *self._derive, self.rewards.launch, self._has_fallen.launch, self.watch.check]
         self._graph: wp.Graph | None = None
         self.push, self._new_commands = randomize.Pushes(self), commands.NewCommands(self)
 

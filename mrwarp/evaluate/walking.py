@@ -103,9 +103,9 @@ def measure(env: WalkEnv, policy: Policy, command: torch.Tensor, *, warmup: floa
 
     Returns:
         ``never_fell`` share; ``v_x_rmse`` and ``v_x_bias`` by commanded speed and ``v_x_rmse_by_current`` [m/s];
-        ``height`` mean trunk height [m]; ``stride_frequency`` [Hz]; ``clock_match`` share; ``hold_share`` and
-        ``dynamic_share`` of time with open gates; ``work_mr`` and ``injected`` energy of the devices [J per env];
-        ``unsolved_steps``.
+        ``height`` mean trunk height above the ground [m]; ``stride_frequency`` [Hz]; ``clock_match`` share;
+        ``hold_share`` and ``dynamic_share`` of time with open gates; ``work_mr`` and ``injected`` energy of the
+        devices [J per env]; ``unsolved_steps``.
     """
     dt = env.cfg.step_dt
     skip, steps = round(warmup / dt), round(seconds / dt)
@@ -120,7 +120,7 @@ def measure(env: WalkEnv, policy: Policy, command: torch.Tensor, *, warmup: floa
         fell |= env.fallen
         if step >= skip:
             v_x.append(env.body_velocity[:, 0].clone())
-            height.append(env.root_pos[:, 2].clone())
+            height.append(env.height.clone())
             match.append(env.clock_match.float().mean(1))
             contact.append(env.f_foot > CONTACT_FORCE)
             if env.actuator.mr_joints:

@@ -18,6 +18,7 @@ from mrwarp.env import dump
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.evaluate.walking import GateCheck
+from mrwarp.nn.model_file import MODELS, shipped_model
 from mrwarp.quiet import one_torch_thread, repeating_torch, silent
 from mrwarp.results import write_result
 from mrwarp.rl import checkpoint, curves, policy
@@ -293,6 +294,8 @@ class Trainer:
         )
         row["learning_rate"] = float(self.algorithm.learning_rate)
         row["action_std"] = float(self.algorithm.get_policy().output_std.detach().mean())
+        if self.env.terrain is not None:
+            row["level"] = float(self.env.terrain.level.float().mean())
         row["iteration"] = float(self.iteration)
         return row
 
@@ -450,12 +453,13 @@ def task(cfg: EnvCfg) -> dict[str, Any]:
         "payload": cfg.payload,
         "asset": cfg.asset,
         "actuator": cfg.actuator_model,
-        "actuator_file": cfg.actuator_file,
+        "actuator_file": _portable(cfg),
         "model": cfg.model if isinstance(cfg.model, str | None) else cfg.model.fitted_on.source,
         "coupling": cfg.actuator.coupling.value,
         "hold_current": cfg.actuator.hold_current.value,
         "z_step": cfg.actuator.z_step.value,
         "sal": cfg.actuator.sal,
+        "terrain": "rough" if cfg.terrain else "flat",
         "num_envs": cfg.sim.num_envs,
         "device": cfg.sim.device,
         "engine": cfg.sim.engine.value,
@@ -463,3 +467,9 @@ def task(cfg: EnvCfg) -> dict[str, Any]:
         "step_dt": cfg.step_dt,
         "gait_frequency": cfg.gait_frequency,
     }
+
+
+def _portable(cfg: EnvCfg) -> str | None:
+    """The learned model's file; of a shipped one its name, which is the same in every checkout."""
+    file = cfg.actuator_file
+    return f"{MODELS.name}/{Path(file).name}" if file and file == shipped_model(cfg.actuator_model) else file

@@ -46,6 +46,13 @@ def foot_height_kernel(
     height_out[i, leg] = gait.foot_height(leg, hip, thigh, calf, root_z_in[i], up_in[i])
 
 
+@wp.kernel
+def foot_point_kernel(q_in: wp.array2d[float], point_out: wp.array2d[wp.vec3]):
+    """Centre of every foot."""
+    i, leg = wp.tid()
+    point_out[i, leg] = gait.foot_point(leg, q_in[i, 3 * leg], q_in[i, 3 * leg + 1], q_in[i, 3 * leg + 2])
+
+
 def leg_phases(clock: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Phase of every leg and wanted stance, shape (N, 4), of clock phases (N,)."""
     legs, stance = torch.full((len(clock), 4), torch.nan), torch.zeros(len(clock), 4, dtype=torch.bool)
@@ -114,8 +121,8 @@ def test_swing_clearance_is_zero_in_stance_and_a_half_sine_in_swing(clock: torch
     assert float(top) == pytest.approx(STEP_HEIGHT, rel=1e-6)
 
 
-def test_foot_height_equals_mujocos_kinematics(scene: Scene) -> None:
-    """Lowest point of each foot sphere for random joints, trunk heights and any attitude, against ``mj_kinematics``."""
+def test_feet_are_where_mujocos_kinematics_puts_them(scene: Scene) -> None:
+    """Lowest point and place of each foot for random joints, trunk poses, any attitude, against ``mj_kinematics``."""
     model, data, rng = scene.model, mujoco.MjData(scene.model), np.random.default_rng(0)
     names = [model.geom(i).name for i in range(model.ngeom)]
     feet = [next(i for i, name in enumerate(names) if f"/{leg}_foot" in name) for leg in LEGS]
@@ -125,15 +132,19 @@ def test_foot_height_equals_mujocos_kinematics(scene: Scene) -> None:
     quat = rng.normal(size=(count, 4))
     quat /= np.linalg.norm(quat, axis=1, keepdims=True)
     root_z = rng.uniform(0.1, 0.6, size=count)
-    expected, up = np.empty((count, 4)), np.empty((count, 3))
+    expected, up, points = np.empty((count, 4)), np.empty((count, 3)), np.empty((count, 4, 3))
     for k in range(count):
         data.qpos[:3], data.qpos[3:7] = (0.3, -0.2, root_z[k]), quat[k]
         data.qpos[scene.q_adr] = q[k]
         mujoco.mj_kinematics(model, data)
         expected[k] = data.geom_xpos[feet, 2] - gait.FOOT_RADIUS
         up[k] = data.xmat[1].reshape(3, 3)[2]
+        points[k] = (data.geom_xpos[feet] - data.xpos[1]) @ data.xmat[1].reshape(3, 3)
     found = foot_heights(q, root_z, up)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=FK_TOLERANCE)
+    centres = wp.full((count, 4), wp.vec3(float("nan")), dtype=wp.vec3, device="cpu")
+    wp.launch(foot_point_kernel, centres.shape, [wp.array(q, dtype=float, device="cpu")], [centres], device="cpu")
+    np.testing.assert_allclose(centres.numpy(), points, rtol=0.0, atol=FK_TOLERANCE)
 
 
 def test_feet_of_the_neutral_stance_touch_the_ground() -> None:

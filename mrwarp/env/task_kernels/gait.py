@@ -41,15 +41,22 @@ def swing_clearance(leg: float, height: float) -> float:
 
 
 @wp.func
-def foot_height(leg: int, hip: float, thigh: float, calf: float, root_z: float, up: wp.vec3) -> float:
-    """Height of a foot's lowest point over z = 0 [m], by forward kinematics of hip, thigh and calf [rad].
-
-    ``root_z`` is the trunk's height [m], ``up`` the world's vertical in the trunk frame.
-    """
+def foot_point(leg: int, hip: float, thigh: float, calf: float) -> wp.vec3:
+    """Centre of a foot in the trunk frame [m], by forward kinematics of hip, thigh and calf [rad]."""
     front, side = wp.where(leg < 2, 1.0, -1.0), wp.where(leg % 2 == 0, 1.0, -1.0)
     x = -THIGH_LENGTH * wp.sin(thigh) - CALF_LENGTH * wp.sin(thigh + calf)
     down = -THIGH_LENGTH * wp.cos(thigh) - CALF_LENGTH * wp.cos(thigh + calf)
     c, s = wp.cos(hip), wp.sin(hip)
     y = side * HIP_OFFSET * c - down * s
     z = side * HIP_OFFSET * s + down * c
-    return root_z + (front * HIP_X + x) * up[0] + (side * HIP_Y + y) * up[1] + z * up[2] - FOOT_RADIUS
+    return wp.vec3(front * HIP_X + x, side * HIP_Y + y, z)
+
+
+@wp.func
+def foot_height(leg: int, hip: float, thigh: float, calf: float, root_z: float, up: wp.vec3) -> float:
+    """Height of a foot's lowest point over z = 0 [m].
+
+    ``root_z`` is the trunk's height [m], ``up`` the world's vertical in the trunk frame.
+    """
+    foot = foot_point(leg, hip, thigh, calf)
+    return root_z + foot[0] * up[0] + foot[1] * up[1] + foot[2] * up[2] - FOOT_RADIUS

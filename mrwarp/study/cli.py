@@ -1,0 +1,226 @@
+"""``mrwarp study``: train, collect and evaluate the policies of tables 2 and 3 and figure 5."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mrwarp.quiet import quiet_libraries
+
+if TYPE_CHECKING:
+    from mrwarp.study.tables import EvaluationCfg, Row, Table2, Table3
+
+UNITS = {
+    "v_x_rmse": "m/s", "v_x_bias": "m/s", "height": "m", "height_rmse": "m", "tilt_rms": "deg",
+    "yaw_rate_rmse": "rad/s",
+}  # fmt: skip
+"""Unit of each metric."""
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The options of ``mrwarp study``."""
+    from mrwarp.env.cfg import TERRAINS
+    from mrwarp.rl.train_cli import positive
+    from mrwarp.study.plan import AWARE, MODELS, PLANTS, SEEDS, STUDY, StudyCfg
+
+    default = StudyCfg()
+    parser = argparse.ArgumentParser(
+        prog="mrwarp study",
+        description="Actuator-aware against conventional training (table 2), torque models in training (table 3), "
+        "learning curves (figure 5).",
+    )
+    parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
+    train = parts.add_parser("train", help="train what is not finished; resumable, any number of processes at once")
+    collect = parts.add_parser("collect", help="copy finished policies and their training records into a folder")
+    for part in (train, collect):
+        part.add_argument("--plants", nargs="+", choices=PLANTS, default=list(PLANTS), help="what to train on")
+        part.add_argument("--num-envs", type=positive, default=default.num_envs, help="parallel environments")
+        part.add_argument("--iterations", type=positive, default=default.iterations, help="PPO updates of every policy")
+        part.add_argument("--terrain", choices=TERRAINS, default=default.terrain, help="ground of every training")
+        part.add_argument("--runs", type=Path, default=Path("runs/study"), help="folder of the runs")
+    collect.add_argument("--out", type=Path, default=STUDY, help="where policies and records go")
+    tables = {
+        "table2": "conventional and actuator-aware policies, SAL off and on",
+        "table3": "torque models in training",
+    }
+    for name, text in {**tables, "fig5": "learning curves"}.items():
+        part = parts.add_parser(name, help=text)
+        part.add_argument("--out", type=Path, required=True, help="output folder")
+        part.add_argument(
+            "--policies", type=Path, default=STUDY, help="policies and records (default: the shipped ones)"
+        )
+        if name in tables:
+            part.add_argument("--plant", choices=MODELS, default=AWARE, help=f"what all walk on (default: {AWARE})")
+            part.add_argument("--rollouts", type=positive, default=3, help="rollouts per policy (default: 3)")
+            part.add_argument("--seed", type=int, default=0, help="seed of poses and gait phases (default: 0)")
+        if name == "table2":
+            part.add_argument("--aware", choices=MODELS, default=AWARE, help=f"aware policies (default: {AWARE})")
+    for part in parts.choices.values():
+        part.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS), metavar="S", help="training seeds")
+        part.add_argument("--threads", type=int, default=0, help="CPU threads; 0 = all, the figures are the same")
+    return parser
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run a part; 0 done, 1 when a training broke off or a target is missed, 2 on bad input, 130 when stopped."""
+    from mrwarp.rl.checkpoint import CheckpointError
+    from mrwarp.rl.policy import PolicyError
+    from mrwarp.rl.trainer import TrainingError
+    from mrwarp.study.curves import RecordError
+
+    argv = sys.argv[1:] if argv is None else argv
+    args = make_parser().parse_args(argv)
+    quiet_libraries()
+    command = "mrwarp study " + shlex.join(argv)
+    try:
+        if args.part in ("train", "collect"):
+            return _train(args) if args.part == "train" else _collect(args)
+        return _figure5(args, command) if args.part == "fig5" else _table(args, command)
+    except TrainingError as error:
+        print(f"mrwarp study: {error}", file=sys.stderr)
+        return 1
+    except (PolicyError, RecordError, CheckpointError, ValueError, OSError) as error:
+        print(f"mrwarp study: {error}", file=sys.stderr)
+        return 2
+
+
+def _study_cfg(args: argparse.Namespace) -> Any:
+    from mrwarp.study.plan import StudyCfg
+
+    return StudyCfg(
+        num_envs=args.num_envs, iterations=args.iterations, terrain=args.terrain, seeds=tuple(args.seeds),
+        plants=tuple(args.plants),
+    )  # fmt: skip
+
+
+def _train(args: argparse.Namespace) -> int:
+    from mrwarp.study.training import train
+
+    if train(_study_cfg(args), args.runs, threads=args.threads):
+        print(f"all finished in {args.runs}; 'mrwarp study collect' takes the policies")
+        return 0
+    print("not all finished: the same command goes on")
+    return 130
+
+
+def _collect(args: argparse.Namespace) -> int:
+    from mrwarp.study.training import collect
+
+    written = collect(_study_cfg(args), args.runs, args.out)
+    print(f"{len(written)} policies in {args.out}")
+    return 0
+
+
+def _table(args: argparse.Namespace, command: str) -> int:
+    from mrwarp.evaluate.energy_cli import Progress
+    from mrwarp.results import write_result
+    from mrwarp.study import tables
+
+    cfg = tables.EvaluationCfg(
+        folder=args.policies, seeds=tuple(args.seeds), rollouts=args.rollouts, seed=args.seed, plant=args.plant,
+        threads=args.threads,
+    )  # fmt: skip
+    progress = Progress(sys.stdout)
+
+    def report(share: float) -> None:
+        progress(args.part, share)
+
+    if args.part == "table2":
+        table = tables.table2(cfg, aware=args.aware, report=report)
+        progress.done()
+        lines, met = _print2(table)
+    else:
+        table = tables.table3(cfg, report=report)
+        progress.done()
+        lines, met = _print3(table), True
+    print("\n".join(lines))
+    write_result(args.out, {**figures(table), "evaluation": _evaluation(cfg)}, seed=args.seed, command=command)
+    print(f"\nfigures in {args.out}")
+    return 0 if met else 1
+
+
+def _figure5(args: argparse.Namespace, command: str) -> int:
+    from mrwarp.results import write_result
+    from mrwarp.study import curves
+
+    found = curves.figure5(args.policies, seeds=args.seeds)
+    args.out.mkdir(parents=True, exist_ok=True)
+    curves.plot(found, args.out / "fig5.png")
+    content = {
+        plant: {"update": c.update.tolist(), "mean": c.mean.tolist(), "sd": c.sd.tolist()} for plant, c in found.items()
+    }
+    for plant, curve in found.items():
+        title = curves.TITLES.get(plant, plant)
+        print(f"{title:20s} reward at the end {curve.mean[-1]:.2f} ± {curve.sd[-1]:.2f} per second")
+    write_result(args.out, {"curves": content}, seed=args.seeds[0], command=command)
+    print(f"\npicture and figures in {args.out}")
+    return 0
+
+
+def figures(table: Table2 | Table3) -> dict[str, Any]:
+    """Everything a table found, as plain values."""
+    found: dict[str, Any] = {"rows": {name: _row(row) for name, row in table.rows.items()}, "units": UNITS}
+    for name in ("rmse", "bias", "ranking", "pairs"):
+        if hasattr(table, name):
+            value = getattr(table, name)
+            found[name] = (
+                [asdict(item) for item in value]
+                if name == "pairs"
+                else {key: list(v) if name == "ranking" else asdict(v) for key, v in value.items()}
+            )
+    return found
+
+
+def _row(row: Row) -> dict[str, Any]:
+    metrics = {
+        m: {**row.spread(m), "seeds": row.seeds[m].tolist(), "rollouts": row.rollouts[m].tolist()} for m in UNITS
+    }
+    return {"training": row.plant, "current": row.current, "fell": row.fell, **metrics}
+
+
+def _evaluation(cfg: EvaluationCfg) -> dict[str, Any]:
+    return {**asdict(cfg), "folder": str(cfg.folder)}
+
+
+def _line(name: str, row: Row) -> str:
+    cells = "".join(f"{_cell(row, metric):>23s}" for metric in UNITS)
+    return f"{name:13s} {row.plant:13s} {row.current:4g}{cells}" + (f"  fell {row.fell}" if row.fell else "")
+
+
+def _cell(row: Row, metric: str) -> str:
+    found = row.spread(metric)
+    digits = 2 if metric == "tilt_rms" else 4
+    return f"{found['mean']:.{digits}f} ± {found['sd']:.{digits}f}"
+
+
+def _header() -> str:
+    return f"{'':13s} {'training':13s} {'A':>4s}" + "".join(f"{f'{m} [{unit}]':>23s}" for m, unit in UNITS.items())
+
+
+def _print2(table: Table2) -> tuple[list[str], bool]:
+    lines, met = [_header(), *(_line(name, row) for name, row in table.rows.items())], True
+    for sal in ("off", "on"):
+        rmse, bias = table.rmse[sal], table.bias[sal]
+        met = met and rmse.reduction >= RMSE_TARGET and bias.reduction >= BIAS_TARGET
+        lines.append(
+            f"SAL {sal}: actuator-aware training lowers v_x RMSE by {rmse.reduction:.1%} (p = {rmse.p:.3f}, Welch over "
+            f"seeds; asked for {RMSE_TARGET:.0%}), the absolute bias by {bias.reduction:.1%} (p = {bias.p:.3f}; "
+            f"{BIAS_TARGET:.0%})"
+        )
+    return lines, met
+
+
+RMSE_TARGET, BIAS_TARGET = 0.30, 0.80
+"""What actuator-aware training is asked to lower RMSE and absolute bias by."""
+
+
+def _print3(table: Table3) -> list[str]:
+    lines = [_header(), *(_line(name, row) for name, row in table.rows.items())]
+    for metric, order in table.ranking.items():
+        sure = [f"{p.better} < {p.worse}" for p in table.pairs if p.metric == metric and p.p < 0.05]
+        lines.append(f"{metric}: {' < '.join(order)}; beyond chance (p < 0.05): {', '.join(sure) or 'no pair'}")
+    return lines

@@ -1,0 +1,82 @@
+"""Which policies the studies of section 6.2 compare, how all of them are trained, and where their files lie."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.nn.model_file import shipped_model
+from mrwarp.rl.policy import POLICIES
+
+CONVENTIONAL = "conventional"
+"""Trained on Go1, whose joints have no MR device: configurations A and B of table 2."""
+
+MODELS = ("mlp", "bouc_wen", "lstm", "pg_rlstm")
+"""Torque models of table 3, one training plant each: MR_Go with SAL on and four currents (eq. 20)."""
+
+AWARE = "pg_rlstm"
+"""The actuator-aware policies of configurations C and D: the paper's deployed torque model (section 6.1)."""
+
+PLANTS = (CONVENTIONAL, *MODELS)
+"""What a policy was trained on, by name."""
+
+SEEDS = (0, 1, 2)
+"""Training seeds of every plant."""
+
+STUDY = POLICIES / "study"
+"""Shipped policies of the studies, with their training records."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyCfg:
+    """What all trainings share: everything but plant and seed."""
+
+    num_envs: int = 64
+    """Parallel environments."""
+    iterations: int = 700
+    """PPO updates, the same for every policy."""
+    terrain: str = "rough"
+    """Ground and its curriculum."""
+    seeds: tuple[int, ...] = SEEDS
+    """Training seeds."""
+    plants: tuple[str, ...] = field(default=PLANTS)
+    """Which plants to train on."""
+
+    def __post_init__(self) -> None:
+        if unknown := [name for name in self.plants if name not in PLANTS]:
+            raise ValueError(f"plants = {unknown}: choose from {', '.join(PLANTS)}")
+        if self.iterations < 1:
+            raise ValueError(f"iterations = {self.iterations} must be at least 1")
+
+
+def name(plant: str, seed: int) -> str:
+    """Name of a policy's files, without ending."""
+    return f"{plant}_seed{seed}"
+
+
+def policy_file(folder: Path, plant: str, seed: int) -> Path:
+    """The exported policy."""
+    return folder / f"{name(plant, seed)}.onnx"
+
+
+def record_file(folder: Path, plant: str, seed: int) -> Path:
+    """Its training record."""
+    return folder / f"{name(plant, seed)}.json"
+
+
+def plant_cfg(plant: str, *, num_envs: int = 64, terrain: str = "flat", threads: int = 0) -> EnvCfg:
+    """The walking task on a plant; observations, actions, rewards, commands and randomisation are the same for all.
+
+    Raises:
+        ValueError: there is no such plant.
+    """
+    if plant not in PLANTS:
+        raise ValueError(f"plant = {plant!r}: choose from {', '.join(PLANTS)}")
+    if plant == CONVENTIONAL:
+        return make_walk_cfg(
+            num_envs=num_envs, robot="go1", actuator_model="none", sal=False, terrain=terrain, threads=threads
+        )
+    return make_walk_cfg(
+        num_envs=num_envs, actuator_model=plant, actuator_file=shipped_model(plant), terrain=terrain, threads=threads
+    )

@@ -1,0 +1,146 @@
+"""Rollouts of many policies in one batch on one plant: velocity, height and attitude of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from tensordict import TensorDict
+
+from mrwarp.env.cfg import EnvCfg
+from mrwarp.env.vec_env import WalkEnv
+from mrwarp.evaluate.walking import Policy, make_env
+
+METRICS = ("v_x_rmse", "v_x_bias", "height", "height_rmse", "tilt_rms", "yaw_rate_rmse")
+"""What is measured of a rollout, by name; see :class:`Measured`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RolloutCfg:
+    """How policies are rolled out."""
+
+    env: EnvCfg
+    """The plant; evaluated as the nominal robot without noise."""
+    speed: float = 0.5
+    """Commanded forward speed [m/s]."""
+    rollouts: int = 3
+    """Rollouts per policy, from random poses and gait phases that are the same for every policy."""
+    warmup: float = 2.0
+    """Walking before the measurement [s]."""
+    seconds: float = 20.0
+    """Measured time [s]."""
+    seed: int = 0
+    """Seed of poses and phases."""
+
+    def __post_init__(self) -> None:
+        if self.rollouts < 1:
+            raise ValueError(f"rollouts = {self.rollouts} must be at least 1")
+        if not (self.seconds > 0.0 and self.warmup >= 0.0):
+            raise ValueError(f"seconds = {self.seconds} must be positive and warmup = {self.warmup} not negative")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """What the rollouts of each policy gave; arrays of shape (policies, rollouts)."""
+
+    v_x_rmse: np.ndarray
+    """Root of the mean squared error of the forward speed in the heading frame, every 20 ms [m/s]."""
+    v_x_bias: np.ndarray
+    """Mean error of the forward speed, positive if too fast [m/s]."""
+    height: np.ndarray
+    """Mean trunk height, the paper's proxy of the centre of mass [m]."""
+    height_rmse: np.ndarray
+    """About the height that the reward asks for [m]."""
+    tilt_rms: np.ndarray
+    """Root of mean roll^2 + pitch^2 [deg]."""
+    yaw_rate_rmse: np.ndarray
+    """Root of the mean squared yaw rate; the command is 0 [rad/s]."""
+    fell: np.ndarray
+    """Whether the rollout fell; its figures count up to there, or are NaN if it never began, bool."""
+
+
+@torch.no_grad()
+def roll_out(
+    cfg: RolloutCfg,
+    policies: Sequence[Policy],
+    currents: Sequence[float],
+    report: Callable[[float], None] | None = None,
+) -> Measured:
+    """Roll policies out side by side.
+
+    Args:
+        cfg: How.
+        policies: One policy per row.
+        currents: Current its devices may use [A]; 0 is SAL off. Same length.
+        report: Called now and then with the share that is done.
+    """
+    count = len(policies)
+    env = make_env(cfg.env, count * cfg.rollouts, cfg.seed)
+    _same_starts(env, cfg)
+    env.current_e.copy_(torch.tensor(currents, dtype=torch.float32, device=env.device).repeat_interleave(cfg.rollouts))
+    command = torch.zeros(env.num_envs, 3, device=env.device)
+    command[:, 0] = cfg.speed
+    env.set_command(command)
+    obs = env.get_observations()
+    sums: dict[str, torch.Tensor] = {}
+    going = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
+    skip, steps = round(cfg.warmup / env.cfg.step_dt), round(cfg.seconds / env.cfg.step_dt)
+    for step in range(skip + steps):
+        obs, _, _, _ = env.step(_actions(policies, obs, cfg.rollouts))
+        env.set_command(command)
+        going = going & ~env.fallen
+        if step >= skip:
+            for name, value in _figures(env, cfg.speed).items():
+                sums[name] = sums.get(name, 0.0) + torch.where(going, value.to(torch.float64), 0.0)
+        if report and step % 100 == 99:
+            report((step + 1) / (skip + steps))
+    total = {name: value.reshape(count, cfg.rollouts).cpu().numpy() for name, value in sums.items()}
+    with np.errstate(invalid="ignore"):  # a rollout that fell at once has no steps
+        mean = {name: value / total["steps"] for name, value in total.items()}
+    return Measured(
+        v_x_rmse=np.sqrt(mean["v_x_square"]),
+        v_x_bias=mean["v_x"],
+        height=mean["height"],
+        height_rmse=np.sqrt(mean["height_square"]),
+        tilt_rms=np.degrees(np.sqrt(mean["tilt_square"])),
+        yaw_rate_rmse=np.sqrt(mean["yaw_rate_square"]),
+        fell=~going.reshape(count, cfg.rollouts).cpu().numpy(),
+    )
+
+
+def _figures(env: WalkEnv, speed: float) -> dict[str, torch.Tensor]:
+    """What is summed over the steps of a rollout; each (E,)."""
+    error = env.body_velocity[:, 0] - speed
+    roll = torch.atan2(-env.gravity[:, 1], -env.gravity[:, 2])
+    pitch = torch.asin(env.gravity[:, 0].clamp(-1.0, 1.0))
+    return {
+        "steps": torch.ones_like(error),
+        "v_x": error,
+        "v_x_square": error.square(),
+        "height": env.height,
+        "height_square": (env.height - env.cfg.rewards.target_height).square(),
+        "tilt_square": roll.square() + pitch.square(),
+        "yaw_rate_square": env.root_ang[:, 2].square(),
+    }
+
+
+def _actions(policies: Sequence[Policy], obs: TensorDict, rollouts: int) -> torch.Tensor:
+    """Actions of each policy in its own environments."""
+    rows = [obs[k * rollouts : (k + 1) * rollouts] for k in range(len(policies))]
+    return torch.cat([policy(own) for policy, own in zip(policies, rows, strict=True)])
+
+
+def _same_starts(env: WalkEnv, cfg: RolloutCfg) -> None:
+    """Give every policy the poses and phases of a batch with one environment per rollout.
+
+    Its figures then do not depend on the company it is in.
+    """
+    start = make_env(cfg.env, cfg.rollouts, cfg.seed).state()
+    source = torch.arange(env.num_envs, device=env.device) % cfg.rollouts
+    state = env.state()
+    for name, value in start.items():
+        if name not in ("actuator/params", "actuator/effects_values", "privileged", "generator"):
+            state[name] = value if value.shape == state[name].shape else value[source]
+    env.load_state(state)

@@ -1,0 +1,257 @@
+"""Tables 2 and 3: what actuator-aware training changes, and what the torque model in training changes (section 6.2).
+
+Every policy is rolled out on the MR_Go plant at one command. The rollouts of a training seed are averaged first; means
+and sample standard deviations are those of the seeds' averages, as in the paper.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from scipy import stats
+
+from mrwarp.evaluate.spread import spread
+from mrwarp.quiet import one_torch_thread
+from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, SEEDS, STUDY, plant_cfg, policy_file
+from mrwarp.study.rollouts import METRICS, RolloutCfg, roll_out
+
+CURRENT = 1.5
+"""Current that the devices may use with SAL on [A], table 2."""
+
+PLANT = AWARE
+"""Torque model of the plant that all policies are evaluated on: the most accurate one."""
+
+CONFIGURATIONS = {"A": (False, 0.0), "B": (False, CURRENT), "C": (True, 0.0), "D": (True, CURRENT)}
+"""Table 2: whether the policy is actuator-aware, and the current its devices may use [A]."""
+
+RANKED = tuple(metric for metric in METRICS if metric != "height")
+"""Metrics of table 3 in which less is better, of the bias its absolute value."""
+
+Report = Callable[[float], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationCfg:
+    """Which policies are rolled out, and how."""
+
+    folder: Path = STUDY
+    """Policies, as :func:`mrwarp.study.training.collect` leaves them."""
+    seeds: tuple[int, ...] = SEEDS
+    """Training seeds."""
+    rollouts: int = 3
+    """Rollouts per policy."""
+    seed: int = 0
+    """Seed of their poses and gait phases."""
+    plant: str = PLANT
+    """What all policies walk on, one of :data:`mrwarp.study.plan.PLANTS`."""
+    speed: float = 0.5
+    """Commanded speed [m/s]."""
+    warmup: float = 2.0
+    """Walking before the measurement [s]."""
+    seconds: float = 20.0
+    """Measured time [s]."""
+    threads: int = 0
+    """CPU threads of the physics; 0 = all. The figures are the same for any number."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """Policies of one training under one condition."""
+
+    plant: str
+    """What they were trained on, one of :data:`mrwarp.study.plan.PLANTS`."""
+    current: float
+    """Current that the devices may use [A]; 0 is SAL off."""
+    seeds: dict[str, np.ndarray]
+    """Average over its rollouts of each seed, by metric, shape (seeds,); see ``rollouts.Measured`` for units."""
+    rollouts: dict[str, np.ndarray]
+    """The single rollouts, by metric, shape (seeds, rollouts)."""
+    fell: int
+    """Rollouts that fell."""
+
+    def spread(self, metric: str) -> dict[str, float]:
+        """Mean and sample standard deviation over the seeds' averages."""
+        return spread(self.seeds[metric])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """How much lower a figure is with one training than with another."""
+
+    first: float
+    """Mean over seeds of the first."""
+    second: float
+    """And of the second."""
+    reduction: float
+    """1 - second/first."""
+    interval: tuple[float, float]
+    """95 % interval of the difference second - first (Welch, over seeds), in the figure's unit."""
+    p: float
+    """Two-sided p-value of Welch's test over seeds."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table2:
+    """Configurations A to D."""
+
+    rows: dict[str, Row]
+    """By configuration."""
+    rmse: dict[str, Change]
+    """RMSE of the aware against the conventional policies, with SAL ``off`` and ``on``."""
+    bias: dict[str, Change]
+    """Absolute value of the mean bias, likewise; its interval and p-value are those of the signed bias."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pair:
+    """Two models compared on one metric."""
+
+    metric: str
+    better: str
+    """Model with the lower mean (of the absolute value)."""
+    worse: str
+    difference: float
+    """Worse minus better."""
+    p: float
+    """Two-sided p-value of Welch's test over seeds, Holm-corrected over the pairs of the metric."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table3:
+    """One row per torque model in training."""
+
+    rows: dict[str, Row]
+    """By model."""
+    ranking: dict[str, tuple[str, ...]]
+    """Models from best to worst, by metric; the mean height has none."""
+    pairs: tuple[Pair, ...]
+    """All pairs of models on all ranked metrics."""
+
+
+def table2(cfg: EvaluationCfg | None = None, *, aware: str = AWARE, report: Report | None = None) -> Table2:
+    """Roll conventional and actuator-aware policies out with SAL off and on.
+
+    Args:
+        cfg: Which policies, and how they are rolled out.
+        aware: Training plant of the actuator-aware policies.
+        report: Called with the share that is done.
+
+    Raises:
+        PolicyError: a policy is missing or unreadable.
+    """
+    cells = [(aware if is_aware else CONVENTIONAL, current) for is_aware, current in CONFIGURATIONS.values()]
+    rows = dict(zip(CONFIGURATIONS, evaluate(cfg or EvaluationCfg(), cells, report), strict=True))
+    pairs = {"off": (rows["A"], rows["C"]), "on": (rows["B"], rows["D"])}
+    return Table2(
+        rows=rows,
+        rmse={name: change(a.seeds["v_x_rmse"], b.seeds["v_x_rmse"]) for name, (a, b) in pairs.items()},
+        bias={name: change(a.seeds["v_x_bias"], b.seeds["v_x_bias"], absolute=True) for name, (a, b) in pairs.items()},
+    )
+
+
+def table3(
+    cfg: EvaluationCfg | None = None,
+    *,
+    models: Sequence[str] = MODELS,
+    current: float = CURRENT,
+    report: Report | None = None,
+) -> Table3:
+    """Roll the policies of every torque model out on one and the same plant, with SAL on.
+
+    Args:
+        cfg: Which policies, and how they are rolled out.
+        models: Torque models in training.
+        current: Current the devices may use [A].
+        report: Called with the share that is done.
+
+    Raises:
+        PolicyError: a policy is missing or unreadable.
+    """
+    rows = evaluate(cfg or EvaluationCfg(), [(model, current) for model in models], report)
+    by_model = dict(zip(models, rows, strict=True))
+    size = {metric: {m: abs(row.spread(metric)["mean"]) for m, row in by_model.items()} for metric in RANKED}
+    return Table3(
+        rows=by_model,
+        ranking={metric: tuple(sorted(models, key=size[metric].__getitem__)) for metric in RANKED},
+        pairs=tuple(pair for metric in RANKED for pair in _pairs(metric, by_model, size[metric])),
+    )
+
+
+def evaluate(cfg: EvaluationCfg, cells: Sequence[tuple[str, float]], report: Report | None = None) -> list[Row]:
+    """Roll out the policies of several trainings in one batch.
+
+    Args:
+        cfg: Which policies, and how they are rolled out.
+        cells: Training plant, and current that the devices may use [A].
+        report: Called with the share that is done.
+
+    Raises:
+        PolicyError: a policy is missing or unreadable.
+    """
+    names = dict.fromkeys(name for name, _ in cells)
+    loaded = {(name, seed): OnnxPolicy(policy_file(cfg.folder, name, seed)) for name in names for seed in cfg.seeds}
+    rollout = RolloutCfg(
+        env=plant_cfg(cfg.plant, threads=cfg.threads), speed=cfg.speed, rollouts=cfg.rollouts, seed=cfg.seed,
+        warmup=cfg.warmup, seconds=cfg.seconds,
+    )  # fmt: skip
+    policies = [loaded[name, seed] for name, _ in cells for seed in cfg.seeds]
+    currents = [current for _, current in cells for _ in cfg.seeds]
+    with one_torch_thread(), torch.no_grad():
+        found = roll_out(rollout, policies, currents, report)
+    rows = []
+    for k, (name, current) in enumerate(cells):
+        own = slice(k * len(cfg.seeds), (k + 1) * len(cfg.seeds))
+        single = {metric: getattr(found, metric)[own] for metric in METRICS}
+        averages = {metric: values.mean(axis=1) for metric, values in single.items()}
+        fell = int(found.fell[own].sum())
+        rows.append(Row(plant=name, current=current, seeds=averages, rollouts=single, fell=fell))
+    return rows
+
+
+def change(first: np.ndarray, second: np.ndarray, *, absolute: bool = False) -> Change:
+    """Compare the seeds' averages of two trainings.
+
+    Args:
+        first: Of the first, shape (seeds,).
+        second: Of the second, shape (seeds,).
+        absolute: Compare the absolute values of the means.
+    """
+    means = [float(values.mean()) for values in (first, second)]
+    if absolute:
+        means = [abs(mean) for mean in means]
+    interval, p = (float("nan"), float("nan")), float("nan")
+    if min(len(first), len(second)) > 1:
+        interval, p = welch(second, first)
+    return Change(first=means[0], second=means[1], reduction=1.0 - means[1] / means[0], interval=interval, p=p)
+
+
+def welch(first: np.ndarray, second: np.ndarray) -> tuple[tuple[float, float], float]:
+    """95 % interval of the difference of two means, first - second, and its two-sided p-value (Welch)."""
+    test: Any = stats.ttest_ind(first, second, equal_var=False)
+    bounds = test.confidence_interval(0.95)
+    return (float(bounds.low), float(bounds.high)), float(test.pvalue)
+
+
+def _pairs(metric: str, rows: dict[str, Row], size: dict[str, float]) -> list[Pair]:
+    """All pairs of models, with Holm's correction."""
+    found = []
+    for first, second in combinations(rows, 2):
+        better, worse = sorted((first, second), key=size.__getitem__)
+        values = [np.abs(rows[name].seeds[metric]) for name in (better, worse)]
+        p = welch(*values)[1] if len(values[0]) > 1 else float("nan")
+        found.append((better, worse, size[worse] - size[better], p))
+    order, corrected, running = np.argsort([p for *_, p in found]), np.zeros(len(found)), 0.0
+    for place, index in enumerate(order):
+        running = max(running, min(1.0, (len(found) - place) * found[index][3]))
+        corrected[index] = running
+    return [
+        Pair(metric=metric, better=better, worse=worse, difference=difference, p=float(corrected[k]))
+        for k, (better, worse, difference, _) in enumerate(found)
+    ]

@@ -1,0 +1,126 @@
+"""Training of the studies' policies, one after another; any number of processes may share the work."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from mrwarp.rl import checkpoint
+from mrwarp.rl.folder import FolderError, claim
+from mrwarp.rl.trainer import TrainCfg, Trainer
+from mrwarp.study.plan import StudyCfg, name, plant_cfg, policy_file, record_file
+
+POINTS = 100
+"""Most points of the learning curves that a record keeps."""
+
+KEPT = ("iteration", "reward", "v_x_rmse", "falls_per_hour", "clock_match", "level")
+"""Figures of a learning curve in a record."""
+
+
+def train(cfg: StudyCfg, out: Path, *, threads: int = 0, report: Callable[[str], None] = print) -> bool:
+    """Train every policy that is not finished; go on from checkpoints, leave out what another process trains.
+
+    Args:
+        cfg: The trainings.
+        out: Folder for the runs; each gets a subfolder.
+        threads: CPU threads of the physics; 0 = all.
+        report: Called with a line for each policy.
+
+    Returns:
+        Whether all policies are finished; False after Ctrl-C, or when others are still at work.
+
+    Raises:
+        CheckpointError: a checkpoint is of another task.
+        TrainingError: a training broke off.
+    """
+    finished = True
+    for seed in cfg.seeds:
+        for plant in cfg.plants:
+            run = out / name(plant, seed)
+            if _iterations(run) >= cfg.iterations:
+                report(f"{run.name}: finished")
+                continue
+            report(f"{run.name}: training")
+            try:
+                run.mkdir(parents=True, exist_ok=True)
+                with claim(run):  # before its checkpoint is read
+                    pass
+                result = _trainer(cfg, plant, seed, run, threads).run()
+            except FolderError as error:
+                report(f"{run.name}: left out ({error})")
+                finished = False
+                continue
+            if result["stopped"] == "interrupted":
+                return False
+    return finished
+
+
+def collect(cfg: StudyCfg, out: Path, folder: Path) -> list[Path]:
+    """Copy finished policies into a folder and write their training records beside them.
+
+    Args:
+        cfg: The trainings.
+        out: Folder of the runs.
+        folder: Where policies and records go.
+
+    Raises:
+        FileNotFoundError: a training is not finished.
+    """
+    runs = [(plant, seed, out / name(plant, seed)) for plant in cfg.plants for seed in cfg.seeds]
+    for _, _, run in runs:
+        if _iterations(run) < cfg.iterations:
+            raise FileNotFoundError(f"{run}: not finished ({_iterations(run)} of {cfg.iterations} updates)")
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for plant, seed, run in runs:
+        shutil.copyfile(run / "policy.onnx", policy_file(folder, plant, seed))
+        record_file(folder, plant, seed).write_text(json.dumps(_record(run, plant, seed), indent=1) + "\n")
+        written.append(policy_file(folder, plant, seed))
+    return written
+
+
+def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> Trainer:
+    checkpoint = run / "checkpoint.pt"
+    train_cfg = TrainCfg(
+        env=plant_cfg(plant, num_envs=cfg.num_envs, terrain=cfg.terrain, threads=threads),
+        out=run,
+        seed=seed,
+        iterations=cfg.iterations,
+        until_gate=False,
+        check_every=float("inf"),
+        command=f"mrwarp study train --plants {plant} --seeds {seed} --num-envs {cfg.num_envs} --iterations "
+        f"{cfg.iterations} --terrain {cfg.terrain}",
+    )
+    return Trainer(train_cfg, resume=checkpoint if checkpoint.is_file() else None)
+
+
+def _iterations(run: Path) -> int:
+    """Updates of a run that ended by itself; 0 without one."""
+    path = run / "result.json"
+    return int(json.loads(path.read_text())["iterations"]) if path.is_file() else 0
+
+
+def _record(run: Path, plant: str, seed: int) -> dict[str, Any]:
+    """What is kept of a training beside its policy."""
+    result = json.loads((run / "result.json").read_text())
+    rows = checkpoint.load(run / "checkpoint.pt")["rows"]
+    stride = max(-(-len(rows) // POINTS), 1)
+    kept = rows[stride - 1 :: stride]
+    return {
+        "plant": plant,
+        "seed": seed,
+        "command": result["command"],
+        "iterations": result["iterations"],
+        "environment_steps": result["environment_steps"],
+        "seconds": result["seconds"],
+        "task": result["task"],
+        "gate": result["gate"],
+        "gate_passed": result["gate_passed"],
+        "broken_episodes": result["broken_episodes"],
+        "unsolved_steps": result["unsolved_steps"],
+        "curve": {key: [row[key] for row in kept] for key in KEPT if kept and key in kept[0]},
+        "versions": result["versions"],
+    }

@@ -1,0 +1,201 @@
+"""Terrain: the field's shape, its height under a point, the curriculum, and robots that stand and resume on it."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+import warp as wp
+
+from mrwarp.env.backend import BackendKind
+from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
+from mrwarp.env.sim import robot_scene
+from mrwarp.env.task_kernels import gait
+from mrwarp.env.task_kernels.ground import ground_height
+from mrwarp.env.terrain import KINDS, Terrain, TerrainCfg, make_field
+from mrwarp.env.vec_env import CONTACT_FORCE, WalkEnv
+from mrwarp.robot import STAND_HEIGHT
+
+CPU = torch.device("cpu")
+
+
+@pytest.fixture
+def terrain() -> Terrain:
+    """Twelve environments on the default field."""
+    return Terrain(TerrainCfg(), 12, CPU, seed=0)
+
+
+@wp.kernel
+def height_kernel(heights: wp.array2d[float], cell: float, points_in: wp.array2d[float], height_out: wp.array[float]):
+    """Height of the ground at each point."""
+    i = wp.tid()
+    height_out[i] = ground_height(heights, cell, points_in[i, 0], points_in[i, 1])
+
+
+def heights(terrain: Terrain, points: np.ndarray) -> np.ndarray:
+    """Height of the ground [m], shape (N,), at points (N, 2)."""
+    found = wp.full(len(points), float("nan"), dtype=float, device="cpu")
+    field, at = (wp.array(a, dtype=float, device="cpu") for a in (terrain.field.heights, points))
+    wp.launch(height_kernel, len(points), [field, terrain.field.cell, at], [found], device="cpu")
+    return found.numpy()
+
+
+def rough_cfg(num_envs: int, **changes: object) -> EnvCfg:
+    """The training task on the field, with changes."""
+    return replace(make_walk_cfg(num_envs=num_envs, terrain="rough", seed=3), **changes)
+
+
+def test_field_is_flat_at_level_zero_and_at_every_edge_and_as_steep_as_configured() -> None:
+    """Level 0 and the tiles' borders are at 0; the last level has the slope, the steps and the roughness asked for."""
+    cfg = TerrainCfg()
+    field = make_field(cfg)
+    size, border = round(cfg.tile / cfg.cell), round(cfg.border / cfg.cell)
+    inner = field.heights[border:-border, border:-border]
+    assert not field.heights[:border].any() and not field.heights[:, :border].any()
+    assert not inner[::size].any() and not inner[:, ::size].any()
+    assert not inner[:, : size + 1].any()
+    last = {kind: inner[k * size : (k + 1) * size + 1, -size - 1 :] for k, kind in enumerate(KINDS)}
+    inside = 0.5 * cfg.tile - cfg.platform
+    assert last["slope_down"].max() == pytest.approx(cfg.slope * inside, rel=1e-6)
+    assert last["slope_up"].min() == pytest.approx(-cfg.slope * inside, rel=1e-6)
+    rise = np.diff(last["step_up"], axis=1)
+    assert np.unique(np.abs(rise).round(6)).tolist() == pytest.approx([0.0, cfg.step])
+    assert 0.9 * cfg.roughness < np.abs(last["rough"]).max() <= cfg.roughness
+
+
+def test_height_is_that_of_the_surface_that_mujoco_collides_with(terrain: Terrain) -> None:
+    """At 500 random points, against a ray from above, on all kinds of tiles; float32 of heights up to 0.6 m."""
+    model = robot_scene(ground=terrain.field).model
+    data = mujoco.MjData(model)
+    data.qpos[2] = 50.0
+    mujoco.mj_forward(model, data)
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, size=(500, 2)) * np.array(terrain.field.half)
+    geom, down = np.zeros(1, np.int32), np.array([0.0, 0.0, -1.0])
+    expected = [5.0 - mujoco.mj_ray(model, data, np.array([x, y, 5.0]), down, None, 1, -1, geom) for x, y in points]
+    np.testing.assert_allclose(heights(terrain, points), expected, rtol=0.0, atol=1e-5)
+    assert np.ptp(expected) > 0.5  # the points saw hills and pits
+
+
+def test_height_beyond_the_field_and_for_nan_is_a_number(terrain: Terrain) -> None:
+    """A robot that is lost gets the edge's height; one without a position must not stop the batch."""
+    far = np.array([1e6, -1e6, np.nan, np.inf])
+    assert np.isfinite(heights(terrain, np.stack([far, far[::-1]], axis=1))).all()
+    assert heights(terrain, np.stack([far[:2], far[:2]], axis=1)).tolist() == [0.0, 0.0]
+
+
+def test_curriculum_moves_those_that_are_reset_by_how_far_they_walked(terrain: Terrain) -> None:
+    """Up after 0.9 of the way, stay at 0.7, down at 0.3 and after a fall, never below 0; others stay where they are."""
+    generator = torch.Generator().manual_seed(0)
+    terrain.level.fill_(2)
+    terrain.level[5] = 0
+    terrain.commanded.fill_(8.0)
+    terrain.walked.copy_(8.0 * torch.tensor([0.9, 0.7, 0.3, 0.9, 0.9, 0.3] + [0.9] * 6))
+    mask = torch.tensor([True] * 4 + [False] + [True] + [False] * 6)
+    time_outs = mask & (torch.arange(12) != 3)
+    place = terrain.start(mask, time_outs, generator)
+    assert terrain.level[:6].tolist() == [3, 2, 1, 1, 2, 0]
+    assert terrain.walked[:6].tolist() == pytest.approx([0.0, 0.0, 0.0, 0.0, 7.2, 0.0])
+    expected = terrain.field.origins[terrain.level.numpy(), terrain.kind.numpy()]
+    np.testing.assert_array_equal(place.numpy(), expected)
+
+
+def test_curriculum_sends_those_that_passed_the_last_level_to_any(terrain: Terrain) -> None:
+    """Levels of 12 robots that pass the last one are drawn from all of them, and none is beyond."""
+    terrain.level.fill_(terrain.cfg.levels - 1)
+    terrain.commanded.fill_(1.0)
+    terrain.walked.fill_(1.0)
+    everyone = torch.ones(12, dtype=torch.bool)
+    terrain.start(everyone, everyone, torch.Generator().manual_seed(0))
+    assert int(terrain.level.min()) >= 0 and int(terrain.level.max()) < terrain.cfg.levels
+    assert len(set(terrain.level.tolist())) >= 4
+
+
+def test_play_task_spreads_over_all_levels_and_kinds_and_stays_there() -> None:
+    """Without the curriculum 36 environments stand on 36 tiles, and episodes end without moving them."""
+    cfg = make_play_cfg(rough_cfg(36, episode_seconds=0.1))
+    env = WalkEnv(cfg)
+    assert env.terrain is not None
+    tiles = set(zip(env.terrain.level.tolist(), env.terrain.kind.tolist(), strict=True))
+    assert len(tiles) == 36
+    before = env.terrain.level.clone()
+    for _ in range(6):
+        env.step(torch.zeros(36, 12))
+    assert torch.equal(env.terrain.level, before)
+
+
+def test_robots_stand_on_every_tile() -> None:
+    """After 0.6 s at zero action: no fall, feet that carry load within 12 mm of the ground, trunks about 0.3 m over it.
+
+    12 mm: a sphere of 23 mm rests beside, not on, the point right below its centre where the ground is steep.
+    """
+    env = WalkEnv(make_play_cfg(rough_cfg(36)))
+    assert env.terrain is not None
+    for _ in range(30):
+        env.step(torch.zeros(36, 12))
+        assert not bool(env.fallen.any())
+    model, batch = env.sim.scene.model, env.sim.backend.field("qpos").numpy()
+    feet = [i for i in range(model.ngeom) if "_foot" in model.geom(i).name]
+    lowest, data = np.empty((36, 4)), mujoco.MjData(model)
+    for k in range(36):
+        data.qpos[:] = batch[k]
+        mujoco.mj_kinematics(model, data)
+        lowest[k] = data.geom_xpos[feet, 2] - gait.FOOT_RADIUS
+    clearance = torch.from_numpy(lowest) - env.foot_ground
+    loaded = env.f_foot > CONTACT_FORCE
+    assert float(loaded.float().mean()) > 0.7
+    assert float(clearance[loaded].abs().max()) < 0.012
+    assert bool(((env.height - STAND_HEIGHT).abs() < 0.08).all())
+    assert int(env.sim.unsolved.numpy().sum()) <= 2
+
+
+def test_training_on_the_field_resumes_to_the_bit() -> None:
+    """60 steps with resets and moves between levels, saved and loaded: the next 60 have the same bits."""
+    cfg = rough_cfg(12, episode_seconds=0.4)
+    generator = torch.Generator().manual_seed(0)
+    actions = [2.0 * torch.rand(12, 12, generator=generator) - 1.0 for _ in range(120)]
+    first, second = WalkEnv(cfg), WalkEnv(cfg)
+    for action in actions[:60]:
+        first.step(action)
+    state = first.state()
+    assert {f"terrain/{name}" for name in Terrain.STATE} <= state.keys()
+    second.load_state(state)
+    for action in actions[60:]:
+        ours, theirs = first.step(action), second.step(action)
+        assert torch.equal(ours[0]["critic"], theirs[0]["critic"]) and torch.equal(ours[1], theirs[1])
+    assert first.terrain is not None and second.terrain is not None
+    assert torch.equal(first.terrain.level, second.terrain.level)
+
+
+def test_flat_ground_has_no_terrain_in_its_state() -> None:
+    """Flat training is what it was: no field, no state of it, no draws for it."""
+    env = WalkEnv(make_walk_cfg(num_envs=2))
+    assert env.terrain is None and not any(name.startswith("terrain/") for name in env.state())
+    assert not env.ground.any() and not env.foot_ground.any()
+
+
+@pytest.mark.slow
+def test_both_engines_let_a_robot_stand_on_steps() -> None:
+    """Half a second at zero action on the hardest tiles: trunk heights of the engines agree within 5 mm."""
+    heights = []
+    for backend in (BackendKind.MJBATCH, BackendKind.MJWARP):
+        cfg = make_play_cfg(make_walk_cfg(num_envs=6, terrain="rough", backend=backend))
+        env = WalkEnv(replace(cfg, terrain=TerrainCfg(levels=2, curriculum=False)))
+        for _ in range(25):
+            env.step(torch.zeros(6, 12))
+        assert not bool(env.fallen.any())
+        assert env.watch.noticed().overflow == 0
+        heights.append(env.height.clone())
+    torch.testing.assert_close(heights[0], heights[1], rtol=0.0, atol=5e-3)
+
+
+def test_terrain_refuses_what_does_not_fit() -> None:
+    """One line that names value and remedy."""
+    with pytest.raises(ValueError, match=r"levels = 1 must be at least 2"):
+        TerrainCfg(levels=1)
+    with pytest.raises(ValueError, match=r"cell = 0\.5 m must be positive and at most a quarter"):
+        TerrainCfg(cell=0.5)
+    with pytest.raises(ValueError, match=r"tile = 2\.0 m must be at least four times platform"):
+        TerrainCfg(tile=2.0)
+    with pytest.raises(ValueError, match=r"terrain = 'hilly' is unknown; choose from flat, rough"):
+        make_walk_cfg(terrain="hilly")

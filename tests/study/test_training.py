@@ -1,0 +1,98 @@
+"""Trainings of the studies: resumed to the same policy, shared by processes, collected with a record."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from mrwarp.evaluate.walking import GateCheck, WalkingGate
+from mrwarp.rl import curves as training_curves
+from mrwarp.rl import trainer
+from mrwarp.rl.folder import claim
+from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.study import curves
+from mrwarp.study.plan import CONVENTIONAL, PLANTS, StudyCfg, name, plant_cfg, policy_file, record_file
+from mrwarp.study.training import collect, train
+
+TINY_GATE = WalkingGate(num_envs=4, warmup=0.0, seconds=0.2)
+CFG = StudyCfg(num_envs=4, iterations=2, terrain="flat", seeds=(0,), plants=(CONVENTIONAL, "bouc_wen"))
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Gate checks of 0.2 s on 4 environments, and no picture."""
+    monkeypatch.setattr(trainer, "GateCheck", lambda cfg: GateCheck(cfg, gate=TINY_GATE))
+    monkeypatch.setattr(training_curves, "plot", lambda *_: None)
+
+
+def test_plants_differ_in_the_device_alone() -> None:
+    """Commands, noise, randomisation, rewards, terrain and rates are the same objects' values for all plants."""
+    cfgs = [plant_cfg(plant, terrain="rough") for plant in PLANTS]
+    for shared in ("commands", "noise", "randomize", "rewards", "terrain", "action_scale", "gait_frequency"):
+        assert len({repr(getattr(cfg, shared)) for cfg in cfgs}) == 1, shared
+    assert [cfg.robot for cfg in cfgs] == ["go1"] + ["mr_go"] * 4
+    assert [cfg.actuator_model for cfg in cfgs] == ["none", "mlp", "bouc_wen", "lstm", "pg_rlstm"]
+    with pytest.raises(ValueError, match="plant = 'spring': choose from conventional"):
+        plant_cfg("spring")
+
+
+def test_training_in_two_goes_gives_the_policy_of_one_and_a_record(tmp_path: Path) -> None:
+    """One update, then on to two, equals two at once; the record says how it was made and holds the curve."""
+    once, twice = tmp_path / "once", tmp_path / "twice"
+    lines: list[str] = []
+    assert train(CFG, once, report=lines.append)
+    assert train(replace(CFG, iterations=1), twice, report=lines.append)
+    assert train(CFG, twice, report=lines.append)
+    written = [collect(CFG, runs, tmp_path / f"{runs.name}_policies") for runs in (once, twice)]
+    obs = torch.linspace(-1.0, 1.0, 94).reshape(2, 47)
+    for first, second in zip(*written, strict=True):
+        assert torch.equal(OnnxPolicy(first)(obs), OnnxPolicy(second)(obs))
+    record = json.loads(record_file(tmp_path / "once_policies", "bouc_wen", 0).read_text())
+    assert record["command"] == (
+        "mrwarp study train --plants bouc_wen --seeds 0 --num-envs 4 --iterations 2 --terrain flat"
+    )
+    assert (record["iterations"], record["environment_steps"], record["task"]["terrain"]) == (2, 2 * 24 * 4, "flat")
+    assert record["curve"]["iteration"] == [1.0, 2.0] and len(record["curve"]["reward"]) == 2
+    lines.clear()
+    assert train(CFG, once, report=lines.append)
+    assert lines == ["conventional_seed0: finished", "bouc_wen_seed0: finished"]
+
+    found = curves.figure5(tmp_path / "once_policies", plants=(CONVENTIONAL, "bouc_wen"), seeds=(0,))
+    assert found["bouc_wen"].reward.tolist() == [record["curve"]["reward"]]
+    np.testing.assert_array_equal(found["bouc_wen"].sd, 0.0)
+    curves.plot(found, tmp_path / "fig5.png")
+    assert (tmp_path / "fig5.png").stat().st_size > 5000
+
+
+def test_policy_that_another_process_trains_is_left_out(tmp_path: Path) -> None:
+    """Its folder is claimed: nothing is trained, and the work is not called finished."""
+    run = tmp_path / name(CONVENTIONAL, 0)
+    run.mkdir()
+    lines: list[str] = []
+    with claim(run):
+        assert not train(replace(CFG, plants=(CONVENTIONAL,)), tmp_path, report=lines.append)
+    assert "another training writes here" in lines[-1]
+    assert list(run.iterdir()) == []
+
+
+def test_unfinished_training_is_not_collected(tmp_path: Path) -> None:
+    """The message names the run and how far it is."""
+    with pytest.raises(FileNotFoundError, match=r"conventional_seed0: not finished \(0 of 2 updates\)"):
+        collect(CFG, tmp_path, tmp_path / "policies")
+    assert not policy_file(tmp_path / "policies", CONVENTIONAL, 0).exists()
+
+
+def test_record_that_cannot_be_used_is_named(tmp_path: Path) -> None:
+    """Missing, damaged, and of another length."""
+    with pytest.raises(curves.RecordError, match=r"conventional_seed0\.json: no such record"):
+        curves.figure5(tmp_path, seeds=(0,))
+    for seed, text in ((0, "{}"), (1, '{"curve": {"iteration": [1], "reward": [0.5]}}')):
+        record_file(tmp_path, CONVENTIONAL, seed).write_text(text)
+    with pytest.raises(curves.RecordError, match=r"conventional_seed0\.json: no training record"):
+        curves.figure5(tmp_path, plants=(CONVENTIONAL,), seeds=(0,))
+    record_file(tmp_path, CONVENTIONAL, 0).write_text('{"curve": {"iteration": [1, 2], "reward": [0.5, 0.6]}}')
+    with pytest.raises(curves.RecordError, match="records of conventional differ in length"):
+        curves.figure5(tmp_path, plants=(CONVENTIONAL,), seeds=(0, 1))
