@@ -47,7 +47,7 @@ class PerfCfg:
     num_envs: tuple[int, ...] = (1, 4, 16, 64, 256, 1024, 4096)
     """Numbers of robots."""
     rounds: int = 30
-    """Turns of each variant; an odd end is better than none."""
+    """Turns of each variant with up to 256 robots; fewer with more, at least three."""
     mjwarp_up_to: int = 256
     """Largest number of robots for which MuJoCo-Warp is stepped too: on a CPU it is slow."""
     updates: int = 12

@@ -33,6 +33,8 @@ def main(argv: list[str] | None = None) -> int:
     add("--rounds", type=int, default=default.rounds, help=f"turns of each variant (default: {default.rounds})")
     add("--parts", nargs="+", choices=default.parts, default=default.parts, help="what to measure (default: all)")
     add("--quick", action="store_true", help="64 and 256 robots, half of the turns, no training: one minute")
+    add("--steps", type=int, default=0, metavar="N", help="policy steps per turn; 0 = about 640 robot steps")
+    add("--mjwarp-up-to", type=int, default=default.mjwarp_up_to, metavar="N", help="most robots on MuJoCo-Warp")
     add("--threads", type=int, default=0, help="CPU threads of the simulation; 0 = all")
     add("--device", default="cpu", help="only cpu for now: the GPU's figures need a machine with one")
     add("--policy", type=Path, default=DEFAULT_POLICY, help=f"policy that walks (default: {DEFAULT_POLICY.name})")
@@ -44,7 +46,10 @@ def main(argv: list[str] | None = None) -> int:
             raise ValueError(f"--device {args.device}: only cpu is benchmarked; leave it out")
         if args.threads < 0:
             raise ValueError(f"--threads {args.threads} must be 0 (all) or more")
-        cfg = replace(default, rounds=args.rounds, threads=args.threads, parts=tuple(args.parts))
+        cfg = replace(
+            default, rounds=args.rounds, threads=args.threads, parts=tuple(args.parts), steps=args.steps,
+            mjwarp_up_to=args.mjwarp_up_to,
+        )  # fmt: skip
         if args.quick:
             cfg = replace(cfg, num_envs=(64, 256), rounds=max(2, args.rounds // 2), updates=0)
         if args.num_envs:

@@ -89,7 +89,7 @@ class Walk:
             env.load_state(like.env.state())
         self._obs = env.get_observations()
         self._falls, self._walked = 0, 0
-        self._error, self._height = 0.0, 0.0
+        self._error, self._height, self._open = 0.0, 0.0, 0.0
         self._robot_seconds, self._physics_seconds = 0.0, 0.0
         self._on_physics: Callable[[], None] | None = None
         self._step_robot, self._step_physics = env.robot.step, env.sim.backend.step
@@ -97,7 +97,7 @@ class Walk:
         for _ in range(round(seconds / env.cfg.step_dt)):
             self._walk()
         self._falls, self._walked = 0, 0
-        self._error, self._height = 0.0, 0.0
+        self._error, self._height, self._open = 0.0, 0.0, 0.0
 
     def turn(self) -> dict[str, float]:
         """A few policy steps; seconds per policy step of environment, robot (torques and physics) and physics."""
@@ -150,6 +150,8 @@ class Walk:
     def check(self) -> dict[str, float]:
         """What was timed walks: share of robots that fall per second, mean height [m] and error of the speed [m/s].
 
+        Also the mean number of open dynamic gates, and the share of steps whose solve did not converge.
+
         Raises:
             NotWalkingError: it does not, or the state is not finite, or the solver did not converge.
         """
@@ -159,6 +161,7 @@ class Walk:
             "falls_per_second": self._falls / env.num_envs / seconds,
             "height": self._height / self._walked,
             "speed_error": self._error / self._walked,
+            "open_gates": self._open / self._walked,
             "unsolved_share": float(env.sim.unsolved.numpy().mean()) / max(self._walked * env.cfg.decimation, 1),
         }
         finite = all(np.isfinite(array.numpy()).all() for array in (env.sim.q, env.sim.qd, env.sim.root_pos))
@@ -183,6 +186,7 @@ class Walk:
         self._walked += 1
         self._falls += int(env.fallen.sum())
         self._height += float(env.root_pos[:, 2].mean())
+        self._open += float(env.actuator.m_dyn.numpy().sum())
         self._error += float((env.body_velocity[:, 0] - env.command[:, 0]).mean())
         return spent
 
