@@ -39,6 +39,9 @@ LIMITS = {
 AIMED_AT = (64, 256)
 """Numbers of robots for which the limits hold."""
 
+FEW = 64
+"""Robots that get going from the stance; more begin as copies of them."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PerfCfg:
@@ -124,15 +127,11 @@ def walking(
 ) -> tuple[dict[str, Any], dict[str, Spread]]:
     """Plain physics, plain motors, Bouc-Wen in both couplings, the LSTM residual, and MuJoCo-Warp, walking."""
     steps = cfg.steps or max(1, 640 // count)
-    walks = {
-        name: Walk(name, policy, num_envs=count, threads=cfg.threads, steps=steps)
-        for name in ("pd", "bouc_wen", "explicit", "lstm")
-    }
+    walks = {name: _walk(name, cfg, count, steps, policy) for name in ("pd", "bouc_wen", "explicit", "lstm")}
     if count <= cfg.mjwarp_up_to:
         for name in ("mjwarp_eager", "mjwarp_captured"):
-            walks[name] = Walk(
-                name, policy, num_envs=count, steps=max(1, steps // 5), seconds=0.2, like=walks["bouc_wen"]
-            )
+            few = max(1, steps // 5)
+            walks[name] = Walk(name, policy, num_envs=count, steps=few, seconds=0.2, like=walks["bouc_wen"])
     turns = {"plain": walks["bouc_wen"].plain_turn, "pd_plain": walks["pd"].plain_turn}
     turns |= {name: walk.turn for name, walk in walks.items()}
     rounds = max(3, cfg.rounds * 256 // count) if count > 256 else cfg.rounds
@@ -155,6 +154,14 @@ def walking(
         "checks": checks,
     }
     return found, ratios
+
+
+def _walk(name: str, cfg: PerfCfg, count: int, steps: int, policy: Policy) -> Walk:
+    """Robots that walk; many of them begin as copies of a few that do, to save the time of getting going."""
+    few = Walk(name, policy, num_envs=min(count, FEW), threads=cfg.threads, steps=steps)
+    if count <= FEW:
+        return few
+    return Walk(name, policy, num_envs=count, threads=cfg.threads, steps=steps, seconds=0.3, like=few)
 
 
 def breakdown(times: Times, name: str) -> dict[str, float]:

@@ -55,6 +55,15 @@ def variant_cfg(name: str, *, num_envs: int, threads: int = 0, seed: int = 0) ->
     return replace(cfg, sim=replace(cfg.sim, capture=name != "mjwarp_eager"))
 
 
+def repeated(state: dict[str, torch.Tensor], count: int, wanted: int) -> dict[str, torch.Tensor]:
+    """State of ``wanted`` environments by repeating that of ``count``."""
+    rows = torch.arange(wanted) % count
+    return {
+        name: value[rows] if value.ndim and value.shape[0] == count and name != "generator" else value
+        for name, value in state.items()
+    }
+
+
 class Walk:
     """Robots of the training task that a policy walks, timed while they do.
 
@@ -65,7 +74,7 @@ class Walk:
         steps: Policy steps per turn.
         threads: CPU threads of the simulation; 0 = all.
         seconds: How long they walk before anything is timed [s].
-        like: Robots of another engine whose state they take over first; they must be of the same kind.
+        like: Walking robots of the same kind whose state they take over first, repeated where they are more.
     """
 
     def __init__(
@@ -86,7 +95,7 @@ class Walk:
         generator = torch.Generator().manual_seed(0)
         env.episode_length_buf[:] = torch.randint(env.cfg.episode_steps, (num_envs,), generator=generator)
         if like is not None:
-            env.load_state(like.env.state())
+            env.load_state(repeated(like.env.state(), like.env.num_envs, num_envs))
         self._obs = env.get_observations()
         self._falls, self._walked = 0, 0
         self._error, self._height, self._open = 0.0, 0.0, 0.0

@@ -421,3 +421,20 @@ def test_robots_without_devices_are_environments_too(robot: str, model: str) -> 
         obs, reward, _, _ = env.step(action)
     assert obs["actor"].shape == (4, 47) and obs["critic"].shape == (4, 70)
     assert bool(torch.isfinite(obs["critic"]).all()) and bool(torch.isfinite(reward).all())
+
+
+def test_captured_graphs_give_the_bits_of_eager_launches() -> None:
+    """Around ``mjbatch`` and after the torque steps: the same observations, rewards and state, resets included."""
+    found = []
+    for wanted in (True, False):
+        cfg = make_cfg(6, seed=3)
+        env = WalkEnv(replace(cfg, sim=replace(cfg.sim, capture=wanted), episode_seconds=0.2))
+        rows, ended = [], 0
+        for actions in random_actions(25, 6):
+            obs, reward, done, _ = env.step(actions)
+            rows.append(torch.cat([obs["actor"], obs["critic"], reward[:, None]], dim=1))
+            ended += int(done.sum())
+        assert ended >= 6
+        found.append((torch.stack(rows), env.state()))
+    assert torch.equal(found[0][0], found[1][0])
+    assert all(torch.equal(value, found[1][1][name]) for name, value in found[0][1].items())
