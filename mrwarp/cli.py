@@ -8,6 +8,7 @@ import sys
 COMMANDS = {
     "train": ("mrwarp.rl.train_cli", "train a walking policy until the walking gate is met"),
     "play": ("mrwarp.rl.play_cli", "run a policy and show it in rerun, or save an .rrd or a picture"),
+    "sweep": ("mrwarp.sweep.cli", "run a command over a grid of seeds, models, currents; resumable"),
     "replay-dump": ("mrwarp.env.replay_dump_cli", "what went wrong first where a training met NaN or a blow-up"),
     "impact": ("mrwarp.evaluate.impact_cli", "hit walking robots with each current; live view, recording, pictures"),
     "walk": ("mrwarp.evaluate.walk_cli", "walk 30 m with three robots: cost of transport, support activation, torques"),

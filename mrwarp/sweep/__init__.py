@@ -1,0 +1,1 @@
+"""sweep of mrwarp; see the README's map."""

@@ -1,0 +1,14 @@
+"""What the tests of the sweep share."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from mrwarp.sweep import trial
+
+
+@pytest.fixture
+def fake(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trials run a counter of half a second instead of a training."""
+    monkeypatch.setattr(trial, "LAUNCH", (sys.executable, str(Path(__file__).with_name("fake_command.py"))))

@@ -1,0 +1,82 @@
+"""Figures of trials side by side: read from results, chosen, averaged over seeds, in table, CSV and picture."""
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from mrwarp.sweep import compare
+from mrwarp.sweep.compare import Row
+from mrwarp.sweep.grid import Trial
+from mrwarp.sweep.trial import State, Status
+
+
+def make_row(seed: int, current: str, state: State = State.DONE, **figures: float) -> Row:
+    """A trial with given figures."""
+    values = {"seed": str(seed), "current": current}
+    trial = Trial(name=f"seed={seed}_current={current}", values=values, command="walk", args=())
+    return Row(trial=trial, status=Status(state=state), figures=figures)
+
+
+ROWS = [
+    make_row(0, "0", a=1.0, b=5.0), make_row(1, "0", a=3.0, b=5.0), make_row(0, "1.5", a=7.0, b=5.0),
+    make_row(1, "1.5", State.FAILED),
+]  # fmt: skip
+
+
+def test_figures_are_the_numbers_of_a_result(tmp_path: Path) -> None:
+    """Nested numbers by dotted name; texts, nulls, versions and the command are none."""
+    content = {"a": {"b": [1, {"c": 2.5}]}, "ok": True, "text": "x", "none": None, "versions": {"numpy": 2}, "seed": 3}
+    (tmp_path / "result.json").write_text(json.dumps(content))
+    assert compare.read_figures(tmp_path) == {"a.b.0": 1.0, "a.b.1.c": 2.5, "ok": 1.0}
+    assert compare.read_figures(tmp_path / "none") == {}
+
+
+def test_means_over_seeds_leave_out_failed_trials() -> None:
+    """Two seeds at 0 A: 2 ± sqrt(2); one at 1.5 A has no spread."""
+    first, second = compare.summary(ROWS, ["a"])
+    assert first["condition"] == "current=0" and first["figures"]["a"] == {"mean": 2.0, "sd": math.sqrt(2.0), "n": 2}
+    assert second["figures"]["a"]["mean"] == 7.0 and second["figures"]["a"]["n"] == 1
+    assert math.isnan(second["figures"]["a"]["sd"])
+
+
+def test_chosen_figures() -> None:
+    """Named ones, else those that differ; a name that is nowhere is refused with what there is."""
+    assert compare.choose(ROWS, "walk", []) == ["a"]
+    assert compare.choose(ROWS, "walk", ["b"]) == ["b"]
+    with pytest.raises(ValueError, match=r"--figure x: in no result; there are a, b, \.\.\."):
+        compare.choose(ROWS, "walk", ["x"])
+
+
+def test_table_has_a_line_per_trial_and_per_repeated_condition() -> None:
+    """The failed trial stands there without numbers."""
+    lines = compare.lines(ROWS, ["a", "b"])
+    assert len(lines) == 1 + 4 + 1 + 1
+    assert lines[4].split() == ["seed=1_current=1.5", "failed", "-", "-"]
+    assert lines[6].split() == ["current=0", "n", "=", "2", "2", "±", "1.414", "5", "±", "0"]
+
+
+def test_csv_holds_everything(tmp_path: Path) -> None:
+    """One line per trial with its options, state and all figures."""
+    compare.write_csv(ROWS, tmp_path / "trials.csv")
+    with (tmp_path / "trials.csv").open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert [line["current"] for line in lines] == ["0", "0", "1.5", "1.5"]
+    assert [line["a"] for line in lines] == ["1.0", "3.0", "7.0", ""]
+    assert lines[3]["state"] == "failed"
+
+
+@pytest.mark.parametrize("rows", [ROWS, ROWS[3:], ROWS[:1]])
+def test_picture_of_any_number_of_results(tmp_path: Path, rows: list[Row]) -> None:
+    """Also where every trial failed."""
+    compare.plot(rows, ["a", "b"], tmp_path / "trials.png")
+    assert (tmp_path / "trials.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_short_names_stay_distinct() -> None:
+    """As many last parts as tell the figures apart."""
+    assert compare._short(["x.mean", "y.sd"]) == ["mean", "sd"]
+    assert compare._short(["p.x.mean", "p.y.mean"]) == ["x.mean", "y.mean"]
+    assert compare._short(["gate.v_x_rmse.0.5", "seconds"]) == ["v_x_rmse.0.5", "seconds"]
