@@ -114,14 +114,16 @@ def run_trial(
     Returns:
         How it ended.
     """
-    status = Status(args=[trial.command, *trial.args], seconds=read_status(folder).seconds)
-    before = status.seconds
+    before = read_status(folder)
+    status = Status(args=[trial.command, *trial.args])
+    if before.state is State.RUNNING:  # Ray began it again on another worker
+        status.attempts, status.why = before.attempts, "its worker was killed"
     started = time.monotonic()
     while True:
         status.attempts, status.state = status.attempts + 1, State.RUNNING
         code, interrupted = _run_once(trial, folder, status, environment or {}, stopped)
         status.code, status.pid = code, None
-        status.seconds = before + time.monotonic() - started
+        status.seconds = before.seconds + time.monotonic() - started
         status.state, status.why = _verdict(code, interrupted, (folder / "result.json").is_file())
         if status.state is State.FAILED:
             status.lines = last_lines(folder)
