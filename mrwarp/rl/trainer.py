@@ -295,7 +295,7 @@ class Trainer:
         row["learning_rate"] = float(self.algorithm.learning_rate)
         row["action_std"] = float(self.algorithm.get_policy().output_std.detach().mean())
         if self.env.terrain is not None:
-            row["level"] = float(self.env.terrain.level.float().mean())
+            row |= self.ranks.means({"level": float(self.env.terrain.level.float().mean())})
         row["iteration"] = float(self.iteration)
         return row
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import queue
 import threading
+import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Protocol
@@ -150,7 +151,11 @@ class RayRunner:
         """Cancel the tasks, which stop their processes."""
         for reference in self._tasks:
             self._ray.cancel(reference)
-        self._ray.wait(list(self._tasks), num_returns=len(self._tasks), timeout=PATIENCE)
+        # Ray calls a task done as soon as it is cancelled, while its process still saves
+        deadline = time.monotonic() + PATIENCE
+        folders = list(self._tasks.values())
+        while any(read_status(folder).state is State.RUNNING for folder in folders) and time.monotonic() < deadline:
+            time.sleep(0.2)
         self._tasks.clear()
 
     def close(self) -> None:
