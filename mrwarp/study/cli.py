@@ -25,7 +25,7 @@ def make_parser() -> argparse.ArgumentParser:
     """The options of ``mrwarp study``."""
     from mrwarp.env.cfg import TERRAINS
     from mrwarp.rl.train_cli import positive
-    from mrwarp.study.plan import AWARE, MODELS, PLANTS, SEEDS, STUDY, StudyCfg
+    from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, PLANTS, SEEDS, STUDY, StudyCfg
 
     default = StudyCfg()
     parser = argparse.ArgumentParser(
@@ -46,6 +46,7 @@ def make_parser() -> argparse.ArgumentParser:
     tables = {
         "table2": "conventional and actuator-aware policies, SAL off and on",
         "table3": "torque models in training",
+        "causes": "which part of the plant makes a policy's velocity error",
     }
     for name, text in {**tables, "fig5": "learning curves"}.items():
         part = parts.add_parser(name, help=text)
@@ -53,8 +54,12 @@ def make_parser() -> argparse.ArgumentParser:
         part.add_argument(
             "--policies", type=Path, default=STUDY, help="policies and records (default: the shipped ones)"
         )
-        if name in tables:
+        if name == "causes":
+            part.add_argument("--plants", nargs="+", choices=PLANTS, default=[CONVENTIONAL, AWARE], help="trainings")
+            part.set_defaults(plant="bouc_wen")
+        elif name in tables:
             part.add_argument("--plant", choices=MODELS, default=AWARE, help=f"what all walk on (default: {AWARE})")
+        if name in tables:
             part.add_argument("--rollouts", type=positive, default=3, help="rollouts per policy (default: 3)")
             part.add_argument("--seed", type=int, default=0, help="seed of poses and gait phases (default: 0)")
         if name == "table2":
@@ -129,6 +134,8 @@ def _table(args: argparse.Namespace, command: str) -> int:
     def report(share: float) -> None:
         progress(args.part, share)
 
+    if args.part == "causes":
+        return _causes(args, cfg, report, command)
     if args.part == "table2":
         table = tables.table2(cfg, aware=args.aware, report=report)
         progress.done()
@@ -141,6 +148,22 @@ def _table(args: argparse.Namespace, command: str) -> int:
     write_result(args.out, {**figures(table), "evaluation": _evaluation(cfg)}, seed=args.seed, command=command)
     print(f"\nfigures in {args.out}")
     return 0 if met else 1
+
+
+def _causes(args: argparse.Namespace, cfg: EvaluationCfg, report: Any, command: str) -> int:
+    from mrwarp.results import write_result
+    from mrwarp.study.causes import STEPS, causes
+
+    found = causes(cfg, args.plants, report)
+    print(_header())
+    for item in found.values():
+        for step, row in item.rows.items():
+            print(_line(step, row))
+    rows = {plant: {step: _row(row) for step, row in item.rows.items()} for plant, item in found.items()}
+    content = {"rows": rows, "steps": STEPS, "units": UNITS, "evaluation": _evaluation(cfg)}
+    write_result(args.out, content, seed=args.seed, command=command)
+    print(f"\nfigures in {args.out}")
+    return 0
 
 
 def _figure5(args: argparse.Namespace, command: str) -> int:

@@ -20,7 +20,7 @@ from mrwarp.evaluate.spread import spread
 from mrwarp.quiet import one_torch_thread
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, SEEDS, STUDY, plant_cfg, policy_file
-from mrwarp.study.rollouts import METRICS, RolloutCfg, roll_out
+from mrwarp.study.rollouts import METRICS, Measured, RolloutCfg, roll_out
 
 CURRENT = 1.5
 """Current that the devices may use with SAL on [A], table 2."""
@@ -205,14 +205,15 @@ def evaluate(cfg: EvaluationCfg, cells: Sequence[tuple[str, float]], report: Rep
     currents = [current for _, current in cells for _ in cfg.seeds]
     with one_torch_thread(), torch.no_grad():
         found = roll_out(rollout, policies, currents, report)
-    rows = []
-    for k, (name, current) in enumerate(cells):
-        own = slice(k * len(cfg.seeds), (k + 1) * len(cfg.seeds))
-        single = {metric: getattr(found, metric)[own] for metric in METRICS}
-        averages = {metric: values.mean(axis=1) for metric, values in single.items()}
-        fell = int(found.fell[own].sum())
-        rows.append(Row(plant=name, current=current, seeds=averages, rollouts=single, fell=fell))
-    return rows
+    count = len(cfg.seeds)
+    return [make_row(*cell, found, slice(k * count, (k + 1) * count)) for k, cell in enumerate(cells)]
+
+
+def make_row(plant: str, current: float, found: Measured, own: slice) -> Row:
+    """The row of some policies of a batch: their rollouts, averaged within each seed."""
+    single = {metric: getattr(found, metric)[own] for metric in METRICS}
+    averages = {metric: values.mean(axis=1) for metric, values in single.items()}
+    return Row(plant=plant, current=current, seeds=averages, rollouts=single, fell=int(found.fell[own].sum()))
 
 
 def change(first: np.ndarray, second: np.ndarray, *, absolute: bool = False) -> Change:

@@ -34,7 +34,7 @@ def test_plants_differ_in_the_device_alone() -> None:
     for shared in ("commands", "noise", "randomize", "rewards", "terrain", "action_scale", "gait_frequency"):
         assert len({repr(getattr(cfg, shared)) for cfg in cfgs}) == 1, shared
     assert [cfg.robot for cfg in cfgs] == ["go1"] + ["mr_go"] * 4
-    assert [cfg.actuator_model for cfg in cfgs] == ["none", "mlp", "bouc_wen", "lstm", "pg_rlstm"]
+    assert [cfg.actuator_model for cfg in cfgs] == ["none", "pg_rlstm", "mlp", "bouc_wen", "lstm"]
     with pytest.raises(ValueError, match="plant = 'spring': choose from conventional"):
         plant_cfg("spring")
 

@@ -1,0 +1,36 @@
+"""Causes: every step changes the plant in one thing, and the rows are those of the tables."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrwarp.rl.policy import DEFAULT_POLICY
+from mrwarp.study.causes import STEPS, _plant, causes
+from mrwarp.study.plan import CONVENTIONAL, policy_file
+from mrwarp.study.tables import EvaluationCfg, evaluate
+
+
+def test_every_step_changes_one_thing() -> None:
+    """Robot, then devices, then current with one branch or both."""
+    cfgs = {step: _plant(step, 0) for step in STEPS}
+    assert [cfg.robot for cfg, _ in cfgs.values()] == ["go1"] + ["mr_go"] * 5
+    assert [cfg.actuator_model for cfg, _ in cfgs.values()] == ["none"] * 2 + ["bouc_wen"] * 4
+    assert [current for _, current in cfgs.values()] == [0.0, 0.0, 0.0, 1.5, 1.5, 1.5]
+    branches = [(cfg.actuator.damping, cfg.actuator.holding) for cfg, _ in list(cfgs.values())[2:]]
+    assert branches == [(True, True), (True, False), (False, True), (True, True)]
+
+
+@pytest.mark.slow
+def test_first_and_last_plant_of_mr_go_are_those_of_table_2(tmp_path: Path) -> None:
+    """Devices at 0 A and at 1.5 A with both branches: the figures of ``evaluate``, to the bit."""
+    shutil.copyfile(DEFAULT_POLICY, policy_file(tmp_path, CONVENTIONAL, 0))
+    cfg = EvaluationCfg(folder=tmp_path, seeds=(0,), rollouts=2, plant="bouc_wen", warmup=0.0, seconds=0.3)
+    rows = causes(cfg, [CONVENTIONAL])[CONVENTIONAL].rows
+    assert list(rows) == list(STEPS)
+    off, on = evaluate(cfg, [(CONVENTIONAL, 0.0), (CONVENTIONAL, 1.5)])
+    for step, row in (("drag", off), ("both", on)):
+        for metric, values in row.rollouts.items():
+            np.testing.assert_array_equal(rows[step].rollouts[metric], values, err_msg=f"{step} {metric}")
+    assert not np.array_equal(rows["go1"].rollouts["v_x_rmse"], off.rollouts["v_x_rmse"])
