@@ -56,10 +56,9 @@ class Ranks:
         Raises:
             RankLostError: the others cannot be met.
         """
-        world = int(os.environ.get("WORLD_SIZE") or 1)
-        if world == 1 or not all(os.environ.get(name) for name in NAMED_BY):
+        if not _named():
             return cls()
-        rank = int(os.environ["RANK"])
+        rank, world = int(os.environ["RANK"]), int(os.environ["WORLD_SIZE"])
         ranks = cls(
             rank=rank,
             world=world,
@@ -71,6 +70,8 @@ class Ranks:
             store, _, _ = next(iter(rendezvous("env://", timeout=TIMEOUT)))
             ranks._store = store
             gpu = torch.cuda.is_available()
+            if gpu:
+                torch.cuda.set_device(ranks.local_rank % torch.cuda.device_count())
             dist.init_process_group(
                 "cpu:gloo,cuda:nccl" if gpu else "gloo", store=store, rank=rank, world_size=world, timeout=TIMEOUT
             )
@@ -84,7 +85,7 @@ class Ranks:
     def leave(self) -> None:
         """Part in peace, after the last agreement."""
         if self.world > 1:
-            dist.barrier()
+            self.total(0.0)
             dist.destroy_process_group()
 
     def __str__(self) -> str:
@@ -202,10 +203,15 @@ class Ranks:
 _LOST = ("gloo", "NCCL", "Connection closed", "Connection reset", "Broken pipe", "Socket Timeout", "wait timeout")
 
 
+def _named() -> bool:
+    """Whether this process was started as one of several."""
+    return all(os.environ.get(name) for name in NAMED_BY) and os.environ["WORLD_SIZE"] != "1"
+
+
 @contextlib.contextmanager
 def one_voice() -> Iterator[None]:
     """Only rank 0 prints, before the ranks have met."""
-    if int(os.environ.get("RANK") or 0) == 0:
+    if not _named() or os.environ["RANK"] == "0":
         yield
         return
     with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):

@@ -129,14 +129,17 @@ def main(argv: list[str] | None = None) -> int:
     except (ViewerError, AssetError, ParameterError, CheckpointError, RankLostError, ValueError, OSError) as error:
         ranks.complain(f"train/ppo.py: {error}")
         return ranks.exit(1 if isinstance(error, RankLostError) else 2)
+    result, code = {}, 0
     try:
         result = trainer.run()
     except (TrainingError, FolderError) as error:
         ranks.complain(f"train/ppo.py: {error}")
-        return ranks.exit(1 if isinstance(error, TrainingError) else 2)
+        code = 1 if isinstance(error, TrainingError) else 2
     finally:
         if view is not None:
             view.close()
+    if code:
+        return ranks.exit(code)
     ranks.leave()
     if not ranks.main:
         return 0

@@ -224,6 +224,8 @@ class Trainer:
         """Go on from a checkpoint of the same task and seed (which drew the frictions, masses and gains)."""
         own = {**task(self.cfg.env), "seed": self.cfg.seed}
         try:
+            if not self.ranks.main:
+                own["device"] = content["task"]["device"]  # that of the first process, which compares it
             for name, value in {**content["task"], "seed": content["seed"]}.items():
                 if own.get(name) != value:
                     raise checkpoint.CheckpointError(
