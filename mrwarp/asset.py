@@ -5,41 +5,26 @@ The files are edited by hand: what is missing, misspelt or out of range is refus
 
 from __future__ import annotations
 
-import itertools
 import math
-import re
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import newton_usd_schemas  # noqa: F401  (registers Newton's schemas; must happen before the registry is first used)
 import numpy as np
-from pxr import Plug, Sdf, Tf, Usd, UsdUtils
+from pxr import Sdf, Usd, UsdUtils
 
+from .asset_open import ASSETS, SCHEMA, AssetError
+from .asset_trial import open_stage
 from .model_file import Effect
 from .params import MrParams, ParameterError, ParamSpec
 from .robot import JOINTS
 
-SCHEMA = "MrwarpMRDriveAPI"
-"""Applied API schema that makes a ``NewtonActuator`` an MR joint."""
-
 PREFIX = "newton:mr:"
 """Namespace of the MR parameters in USD."""
 
-_HERE = Path(__file__).resolve().parent
-ASSETS = next((p for p in (_HERE / "assets/usd", _HERE.parent / "assets/usd") if p.is_dir()), _HERE / "assets/usd")
-"""Folder of the USD assets: inside the package when installed as a wheel, beside it in a checkout."""
-
 PD = {f"newton:{n}": MrParams.spec(s) for n, s in (("kp", "kp_base"), ("kd", "kd"), ("maxEffort", "tau_limit"))}
 """What is known about the attributes of a plain motor."""
-_LONGEST = 400
-"""Most characters of USD's own messages, which quote from the file."""
 _NUMBER_TYPES = {"double", "float", "int"}
-
-
-class AssetError(ValueError):
-    """A USD asset was refused; the message names file, prim path, attribute, value and the allowed range or remedy."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,14 +67,6 @@ class RobotAsset:
 def is_mr(prim: Usd.Prim) -> bool:
     """Whether :data:`SCHEMA` is applied to a prim, directly or through what it inherits."""
     return SCHEMA in prim.GetPrimTypeInfo().GetAppliedAPISchemas()
-
-
-def register_schema() -> None:
-    """Make USD know :data:`SCHEMA`; called on import. Too late once USD's registry is built: then loading warns."""
-    Plug.Registry().RegisterPlugins(str(ASSETS / "schema"))
-
-
-register_schema()
 
 
 def load_robot(
@@ -164,58 +141,6 @@ def variant_choices(stage: Usd.Stage, name: str) -> list[str]:
         return ["mr_go" if any(is_mr(prim) for prim in stage.Traverse()) else "go1"]
     load = stage.GetAttributeAtPath(root.GetPath().AppendPath("payload.physics:mass"))
     return [f"{load.Get() or 0:g}" if load else "0"]
-
-
-def open_stage(file: Path, allow_external: bool = False) -> Usd.Stage:
-    """Open ``file`` with a session layer of its own as edit target; nothing but its composition is checked."""
-    if not file.is_file():
-        raise AssetError(f"{file}: no such file; give a .usda file or leave the path out for {ASSETS}")
-    try:
-        layer = Sdf.Layer.FindOrOpen(str(file.resolve()))
-        if layer is not None:
-            layer.Reload()  # the file may have been edited since an earlier load in this process
-            if not allow_external:
-                _refuse_external(layer, file.resolve().parent, set())
-        stage = Usd.Stage.Open(layer, Sdf.Layer.CreateAnonymous("session.usda")) if layer else None
-    except Tf.ErrorException as error:
-        raise AssetError(f"{file}: not readable as USD: {_said(error)}; repair the file there") from None
-    if stage is None or not stage.GetDefaultPrim():
-        raise AssetError(f"{file}: not readable as USD, or without a defaultPrim; name the robot's root prim there")
-    for error in stage.GetCompositionErrors():
-        raise AssetError(f"{file}: composition error: {_said(error)}; repair the reference or path named there")
-    if Usd.SchemaRegistry().FindAppliedAPIPrimDefinition(SCHEMA) is None:
-        warnings.warn(
-            f"USD built its schema registry before {SCHEMA} was registered; import mrwarp.asset before other USD code. "
-            "Parameters load as authored; USD tools show no units and defaults.",
-            stacklevel=3,
-        )
-    stage.SetEditTarget(stage.GetSessionLayer())
-    return stage
-
-
-def _said(error: object) -> str:
-    """What USD's errors say, on one line, without where in USD's own source they were raised."""
-    try:
-        text = str(error)
-    except UnicodeDecodeError:  # the message quotes the file
-        return "the text is not UTF-8"
-    found = re.findall(r" at line \d+ in file \S+ : '(.*?)'(?=\n|$)", text.strip(), flags=re.DOTALL)
-    return " ".join(" ".join(found or [text]).split())[:_LONGEST]
-
-
-def _refuse_external(layer: Sdf.Layer, folder: Path, seen: set[str]) -> None:
-    """Refuse any path in ``layer`` (layers, clips, asset attributes), and in what it names, that leaves ``folder``."""
-    seen.add(layer.identifier)
-    for name in itertools.chain(*UsdUtils.ExtractExternalReferences(layer.identifier)):
-        target = Path(layer.ComputeAbsolutePath(name)).resolve()
-        if "://" in name or not target.is_relative_to(folder):
-            raise AssetError(
-                f"{layer.identifier}: @{name}@ lies outside the asset's folder {folder}; "
-                "copy it there, or pass allow_external=True if you trust it"
-            )
-        inner = Sdf.Layer.FindOrOpen(str(target)) if Usd.Stage.IsSupportedFile(str(target)) else None
-        if inner is not None and inner.identifier not in seen:
-            _refuse_external(inner, folder, seen)
 
 
 def _actuators(stage: Usd.Stage, file: Path, names: tuple[str, ...]) -> tuple[JointActuator, ...]:

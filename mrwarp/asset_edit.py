@@ -7,10 +7,9 @@ it, compare it with the original attribute by attribute, and only then let it re
 from __future__ import annotations
 
 import difflib
-import itertools
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from typing import Any
 from pxr import Sdf, Tf, Usd
 
 from mrwarp.asset import PD, PREFIX, AssetError, is_mr, open_stage
+from mrwarp.asset_open import choices
 from mrwarp.asset_record import RECORD
 from mrwarp.asset_report import decimal, plain, value_text
 from mrwarp.params import MrParams, ParameterError
@@ -104,17 +104,6 @@ def edit_asset(
         if where in reach and name in wanted and value not in _readings(name, wanted[name])
     }
     return EditReport(path=out or file, changes=changes, kept=tuple(sorted(kept)), notice=notice)
-
-
-def choices(stage: Usd.Stage) -> Iterator[tuple[str, ...]]:
-    """Select every combination of the default prim's variants in turn; yields its labels, ``robot=mr_go`` first."""
-    sets = stage.GetDefaultPrim().GetVariantSets()
-    names = sorted(sets.GetNames(), reverse=True)
-    offered = [sorted(sets.GetVariantSet(name).GetVariantNames(), key=lambda n: (n != "mr_go", n)) for name in names]
-    for choice in itertools.product(*offered):
-        for name, variant in zip(names, choice, strict=True):
-            sets.SetSelection(name, variant)
-        yield tuple(f"{name}={variant}" for name, variant in zip(names, choice, strict=True))
 
 
 def find_prim(stage: Usd.Stage, name: str, file: Path) -> Usd.Prim:

@@ -37,7 +37,7 @@ import numpy as np
 import warp as wp
 from newton.actuators import Actuator, ComponentKind, DriveBase, register_actuator_component
 
-import mrwarp.asset  # registers the USD schema; must come before the first stage is opened
+import mrwarp.asset_open  # registers the USD schema; must come before the first stage is opened
 from mrwarp import brake_constraint
 from mrwarp.actuator import Coupling, HoldCurrent, ZStep
 from mrwarp.kernels.drive_mr import (
@@ -353,8 +353,8 @@ def register() -> None:
     """Make Newton and USD know the MR drive. Called on import of this module; a second call does nothing."""
     global _registered
     if not _registered:
-        mrwarp.asset.register_schema()
-        register_actuator_component(mrwarp.asset.SCHEMA, _drive_from_usd, ComponentKind.DRIVE)
+        mrwarp.asset_open.register_schema()
+        register_actuator_component(mrwarp.asset_open.SCHEMA, _drive_from_usd, ComponentKind.DRIVE)
         _registered = True
 
 
@@ -368,7 +368,7 @@ def _drive_from_usd(kwargs: dict[str, Any]) -> type[DriveMR]:
     ``newton:`` attributes, those of other schemas included.
     """
     values = {_parameter(key): value for key, value in kwargs.items() if key.startswith("mr:")}
-    MrParams.from_dict(values, mrwarp.asset.SCHEMA)
+    MrParams.from_dict(values, mrwarp.asset_open.SCHEMA)
     kwargs.clear()
     kwargs.update(values)
     return DriveMR

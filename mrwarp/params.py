@@ -11,6 +11,7 @@ The same names are used in USD (``newton:mr:<name>``, see ``assets/usd/schema``)
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -64,6 +65,7 @@ class ParamGroup:
     """Base of frozen groups of numbers that each have unit, range and source: every field a float within its range."""
 
     @classmethod
+    @functools.cache
     def specs(cls) -> tuple[ParamSpec, ...]:
         """The specification of every field, in declaration order."""
         return tuple(
@@ -194,6 +196,7 @@ class MrParams:
     coil: CoilParams = field(default_factory=CoilParams)
 
     @classmethod
+    @functools.cache
     def specs(cls) -> tuple[ParamSpec, ...]:
         """Specifications of all parameters, in the order of the groups. Names are unique over the groups."""
         return tuple(spec for group in _GROUPS.values() for spec in group.specs())

@@ -1,10 +1,13 @@
 """The fuzzers' short version: a few hundred cases per kind of input, each a good read or a refusal that helps."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from benchmarks import fuzz
+from benchmarks.fuzz import runner
+from benchmarks.fuzz.kinds import KINDS
+from benchmarks.fuzz.runner import run
 
 CASES = {"csv": 300, "parquet": 200, "model": 300, "usd": 60, "usd-attr": 40, "checkpoint": 300, "onnx": 60,
          "safetensors": 150, "dump": 300}  # fmt: skip
@@ -13,7 +16,7 @@ CASES = {"csv": 300, "parquet": 200, "model": 300, "usd": 60, "usd-attr": 40, "c
 @pytest.mark.parametrize("kind", CASES)
 def test_mutated_files_are_read_or_refused(kind: str, tmp_path: Path) -> None:
     """No exception but the reader's own, no hang, nothing left behind; every refusal names the file and a remedy."""
-    state = fuzz.run(kind, CASES[kind], seed=1, out=tmp_path, seconds=100.0)
+    state = run(kind, CASES[kind], seed=1, out=tmp_path, seconds=100.0)
     assert state["cases"] == CASES[kind] == sum(state["counts"].values())
     assert state["failures"] == 0, [path.read_text() for path in (tmp_path / "failures").glob("*.txt")][:3]
     assert len(state["counts"]) >= 2
@@ -21,28 +24,28 @@ def test_mutated_files_are_read_or_refused(kind: str, tmp_path: Path) -> None:
 
 def test_command_lines_are_refused(tmp_path: Path) -> None:
     """150 random command lines that cannot be right: exit code 2 and a reason, or help."""
-    state = fuzz.run("cli", 150, seed=1, out=tmp_path, seconds=100.0)
+    state = run("cli", 150, seed=1, out=tmp_path, seconds=100.0)
     assert state["failures"] == 0, [path.read_text() for path in (tmp_path / "failures").glob("*.txt")][:3]
 
 
 def test_a_run_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two halves count the same as a whole."""
-    monkeypatch.setattr(fuzz, "BATCH", 40)
-    fuzz.run("checkpoint", 40, seed=2, out=tmp_path / "parts", seconds=100.0)
-    parts = fuzz.run("checkpoint", 80, seed=2, out=tmp_path / "parts", seconds=100.0)
-    whole = fuzz.run("checkpoint", 80, seed=2, out=tmp_path / "whole", seconds=100.0)
+    monkeypatch.setattr(runner, "BATCH", 40)
+    run("checkpoint", 40, seed=2, out=tmp_path / "parts", seconds=100.0)
+    parts = run("checkpoint", 80, seed=2, out=tmp_path / "parts", seconds=100.0)
+    whole = run("checkpoint", 80, seed=2, out=tmp_path / "whole", seconds=100.0)
     assert parts["counts"] == whole["counts"] and parts["cases"] == 80
 
 
 def test_failures_are_found_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A reader that lets other errors escape, hangs or leaves files behind is caught, with its input."""
-    original = fuzz.KINDS["checkpoint"]
+    original = KINDS["checkpoint"]
 
     def careless(path: Path) -> None:
         (path.parent / "left.part").write_text("x")
         raise KeyError(path.read_bytes()[:2])
 
-    monkeypatch.setitem(fuzz.KINDS, "checkpoint", fuzz.replace(original, read=careless))
-    state = fuzz.run("checkpoint", 3, seed=0, out=tmp_path, seconds=100.0)
+    monkeypatch.setitem(KINDS, "checkpoint", replace(original, read=careless))
+    state = run("checkpoint", 3, seed=0, out=tmp_path, seconds=100.0)
     assert state["failures"] == 3 and state["counts"] == {"FAILED": 3}
     assert "KeyError" in next((tmp_path / "failures").glob("*.txt")).read_text()
