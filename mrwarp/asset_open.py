@@ -43,6 +43,7 @@ _OPAQUE = re.compile(
 )
 """Texts, comments and file names of a ``.usda`` file; unfinished ones match too, so that time is linear."""
 
+_MARKS = re.compile(rb"(?P<bracket>[()\[\]{}])|" + _OPAQUE.pattern, re.DOTALL)
 _NO_BRACKETS = bytes(set(range(256)) - set(b"()[]{}"))
 
 
@@ -107,9 +108,8 @@ def too_deep(text: bytes, most: int = MAX_NESTING) -> int:
     first = next((index for index, depth in enumerate(depths) if depth > most), None)
     if first is None:
         return 0
-    lines = _OPAQUE.sub(lambda found: b"\n" * found[0].count(b"\n"), text)
-    place = next(itertools.islice(re.finditer(rb"[()\[\]{}]", lines), first, None))
-    return lines.count(b"\n", 0, place.start()) + 1
+    brackets = (found.start() for found in _MARKS.finditer(text) if found["bracket"])
+    return text.count(b"\n", 0, next(itertools.islice(brackets, first, None))) + 1
 
 
 def choices(stage: Usd.Stage) -> Iterator[tuple[str, ...]]:

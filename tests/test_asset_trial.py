@@ -104,9 +104,9 @@ def test_what_kills_the_helper_is_refused(
 
 
 def test_the_command_line_refuses_what_crashes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """``mrwarp asset check`` of a file that crashes USD: one line, exit code 2."""
+    """``mrwarp asset show`` of a file that crashes USD: one line, exit code 2."""
     path = written(tmp_path / "a.usda", 'pathExpression x = "' + 100_000 * "(" + "/a" + 100_000 * ")" + '"')
-    assert main(["check", str(path)]) == 2
+    assert main(["show", str(path)]) == 2
     said = capsys.readouterr()
     assert said.out == "" and said.err.count("\n") == 1 and f"{path}: USD's reader crashes" in said.err
 
