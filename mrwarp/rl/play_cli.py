@@ -226,7 +226,8 @@ def load_policy(path: str) -> OnnxPolicy:
     try:
         actions = policy(torch.zeros(1, 47))
     except Exception as error:  # a graph of other layers or sizes fails in as many ways as torch knows
-        raise PolicyError(f"{path}: does not run ({error}); use a policy exported by train/ppo.py") from error
+        cause = " ".join(str(error).split())
+        raise PolicyError(f"{path}: does not run ({cause}); use a policy exported by train/ppo.py") from error
     if tuple(actions.shape) != (1, 12):
         raise PolicyError(f"{path}: gives actions of shape {tuple(actions.shape)}, needed is (1, 12)")
     return policy

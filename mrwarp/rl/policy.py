@@ -89,13 +89,19 @@ class OnnxPolicy:
             )
         if any(w.data_location == onnx.TensorProto.EXTERNAL for w in proto.graph.initializer):
             raise PolicyError(f"{path}: weights in other files; export it again, as one file")
-        self._weights = {
-            w.name: torch.from_numpy(onnx.numpy_helper.to_array(w).copy()) for w in proto.graph.initializer
-        }
+        try:
+            self._weights = {
+                w.name: torch.from_numpy(onnx.numpy_helper.to_array(w).copy()) for w in proto.graph.initializer
+            }
+        except Exception as error:  # the checker lets shapes and types pass that numpy or torch do not have
+            cause = " ".join(str(error).split())
+            raise PolicyError(f"{path}: unreadable weights ({cause}); export it again") from error
         self._nodes = list(proto.graph.node)
         for node in self._nodes:
             if node.op_type not in _OPS:
                 raise PolicyError(f"{path}: layer {node.op_type!r} is not one of {', '.join(sorted(_OPS))}")
+        if not (proto.graph.input and proto.graph.output):
+            raise PolicyError(f"{path}: no input or no output; export it again")
         self._input, self._output = proto.graph.input[0].name, proto.graph.output[0].name
 
     @torch.no_grad()
