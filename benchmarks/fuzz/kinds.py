@@ -52,13 +52,6 @@ def read_usd(path: Path) -> None:
         pass
 
 
-def read_policy(path: Path) -> None:
-    """Load and try a policy, as the player does."""
-    from mrwarp.rl.play_cli import load_policy
-
-    load_policy(str(path))
-
-
 def _read(module: str, name: str) -> Callable[[Path], Any]:
     def read(path: Path) -> Any:
         return getattr(__import__(module, fromlist=[name]), name)(path)
@@ -85,7 +78,8 @@ KINDS = {
     "usd-attr": Kind(".usda", seeds.usd_seeds, read_usd, _ASSET, mutate=mutate_attributes),
     "checkpoint": Kind(".pt", seeds.checkpoint_seeds, _read("mrwarp.rl.checkpoint", "load"),
                        _errors("mrwarp.rl.checkpoint.CheckpointError")),
-    "onnx": Kind(".onnx", seeds.policy_seeds, read_policy, _errors("mrwarp.rl.policy.PolicyError"), mutate=mutate_onnx),
+    "onnx": Kind(".onnx", seeds.policy_seeds, _read("mrwarp.rl.policy", "OnnxPolicy"),
+                 _errors("mrwarp.rl.policy.PolicyError"), mutate=mutate_onnx),
     "safetensors": Kind(".safetensors", seeds.network_seeds, _read("mrwarp.nn.model_file", "load"),
                         _errors("mrwarp.nn.model_file.ModelFileError")),
     "dump": Kind(".safetensors", seeds.dump_seeds, _read("mrwarp.env.dump", "load"),

@@ -13,6 +13,7 @@ import torch
 from tensordict import TensorDict
 
 from mrwarp.env.observations import ACTOR_TERMS
+from mrwarp.robot import JOINTS
 
 META = "mrwarp"
 """Key of the ONNX metadata entry that holds the policy's description as JSON."""
@@ -60,7 +61,8 @@ class OnnxPolicy:
         path: A file that :func:`export_onnx` wrote.
 
     Raises:
-        PolicyError: the file is missing, no ONNX, has another interface or layers that a policy does not have.
+        PolicyError: the file is missing, no ONNX, has another interface or layers that a policy does not have,
+            or does not run.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -103,6 +105,19 @@ class OnnxPolicy:
         if not (proto.graph.input and proto.graph.output):
             raise PolicyError(f"{path}: no input or no output; export it again")
         self._input, self._output = proto.graph.input[0].name, proto.graph.output[0].name
+        self._try()
+
+    def _try(self) -> None:
+        """Run once: a graph of other layers or sizes fails in as many ways as torch knows."""
+        try:
+            shape = tuple(self(torch.zeros(1, sum(ACTOR_TERMS.values()))).shape)
+        except Exception as error:
+            cause = " ".join(str(error).split())
+            raise PolicyError(f"{self.path}: does not run ({cause}); use a policy exported by train/ppo.py") from error
+        if shape != (1, len(JOINTS)):
+            raise PolicyError(
+                f"{self.path}: gives actions of shape {shape}, needed is {(1, len(JOINTS))}; train it again"
+            )
 
     @torch.no_grad()
     def __call__(self, obs: TensorDict | torch.Tensor) -> torch.Tensor:

@@ -1,6 +1,7 @@
 """Exported policies: the ONNX file equals the torch actor, carries what is needed to run it, and nothing else runs."""
 
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -189,3 +190,20 @@ def test_weights_in_another_file_are_refused(exported: Path, tmp_path: Path) -> 
         weight.external_data.add(key="location", value=secret.name)
 
     refusal(edited(exported, tmp_path / "p.onnx", change))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda proto: proto.graph.initializer[0].ClearField("dims"), "unreadable weights|not a readable"),
+        (lambda proto: proto.graph.ClearField("output"), "no input or no output|not a readable"),
+        (lambda proto: proto.graph.node[-1].ClearField("attribute"), "does not run|gives actions of shape"),
+        (lambda proto: setattr(proto.graph.output[0], "name", "obs"), "gives actions of shape|not a readable"),
+    ],
+)
+def test_graphs_that_cannot_run_are_refused_when_loaded(
+    exported: Path, tmp_path: Path, change: Any, words: str
+) -> None:
+    """Shapes, connections and attributes that ONNX's own checker lets pass: refused when loaded."""
+    message = refusal(edited(exported, tmp_path / "p.onnx", change))
+    assert re.search(words, message) and "\n" not in message
