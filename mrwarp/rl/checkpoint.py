@@ -60,3 +60,28 @@ def load(path: Path) -> dict[str, Any]:
         found = content.get("format") if isinstance(content, dict) else type(content).__name__
         raise CheckpointError(f"{path}: format {found!r} is not {FORMAT}; it was written by another version of mrwarp")
     return content
+
+
+def random_state(device: torch.device) -> dict[str, torch.Tensor]:
+    """State of torch's random generators: the CPU's, and that of ``device`` if it is a GPU."""
+    state = {"torch_rng": torch.get_rng_state()}
+    if device.type == "cuda":
+        state["cuda_rng"] = torch.cuda.get_rng_state(device)
+    return state
+
+
+def set_random_state(content: dict[str, Any], device: torch.device) -> str:
+    """Put back what :func:`random_state` gave; a note if there is none of the GPU's, as in earlier versions.
+
+    Raises:
+        KeyError: the CPU's state is missing.
+        RuntimeError: a state is not one of torch's.
+        TypeError: a state is no tensor.
+    """
+    torch.set_rng_state(content["torch_rng"])
+    if device.type != "cuda":
+        return ""
+    if "cuda_rng" not in content:
+        return f"holds no random state of {device}, as earlier versions wrote it; goes on, but with other draws"
+    torch.cuda.set_rng_state(content["cuda_rng"], device)
+    return ""

@@ -218,7 +218,7 @@ class Trainer:
     def _own_state(self) -> dict[str, Any]:
         """What every process of a training has for itself: random generator and environment."""
         env = {name: value.cpu() for name, value in self.env.state().items()}
-        return {"torch_rng": torch.get_rng_state(), "env": env}
+        return {**checkpoint.random_state(torch.device(self.env.device)), "env": env}
 
     def _load(self, content: dict[str, Any], path: Path | None) -> None:
         """Go on from a checkpoint of the same task and seed (which drew the frictions, masses and gains)."""
@@ -242,7 +242,8 @@ class Trainer:
             self.breaks, self._dumps = content.get("breaks", 0), content.get("dumps", 0)
             self._broken_window.extend(content.get("broken_window", []))
             self.obs = self.env.last_observations
-            torch.set_rng_state(mine["torch_rng"])
+            if note := checkpoint.set_random_state(mine, torch.device(self.env.device)):
+                print(f"  {path}: {note}", flush=True)
         except (KeyError, TypeError, AttributeError, RuntimeError) as error:
             raise checkpoint.CheckpointError(
                 f"{path}: does not fit this version of mrwarp ({' '.join(str(error).split())}); start anew"

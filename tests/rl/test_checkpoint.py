@@ -192,3 +192,47 @@ def test_another_format_is_refused(tmp_path: Path, value: Any) -> None:
     with pytest.raises(CheckpointError, match="format .* is not 1; it was written by another version") as info:
         checkpoint.load(path)
     assert str(path) in str(info.value)
+
+
+GPU = torch.device("cuda:1")
+
+
+@pytest.fixture
+def gpu_states(monkeypatch: pytest.MonkeyPatch) -> dict[torch.device, torch.Tensor]:
+    """Stands in for the generators of GPUs, where there is none."""
+    states = {GPU: torch.arange(16, dtype=torch.uint8)}
+    monkeypatch.setattr(torch.cuda, "get_rng_state", lambda device: states[device].clone())
+    monkeypatch.setattr(torch.cuda, "set_rng_state", lambda state, device: states.update({device: state.clone()}))
+    return states
+
+
+def test_random_states_come_back(tmp_path: Path, gpu_states: dict[torch.device, torch.Tensor]) -> None:
+    """Draws after loading are those after saving; the GPU's generator, and no other, gets its state back."""
+    torch.manual_seed(5)
+    checkpoint.save(tmp_path / "c.pt", checkpoint.random_state(GPU))
+    drawn = torch.rand(3)
+    gpu_states[GPU] = torch.zeros(16, dtype=torch.uint8)
+    assert checkpoint.set_random_state(checkpoint.load(tmp_path / "c.pt"), GPU) == ""
+    assert torch.equal(torch.rand(3), drawn)
+    assert list(gpu_states) == [GPU] and torch.equal(gpu_states[GPU], torch.arange(16, dtype=torch.uint8))
+
+
+def test_a_checkpoint_without_the_gpus_state_goes_on_with_a_note(gpu_states: dict[torch.device, torch.Tensor]) -> None:
+    """As earlier versions wrote them; on the CPU nothing is missing, and nothing of a GPU is asked."""
+    cpu = torch.device("cpu")
+    before = gpu_states[GPU].clone()
+    state = checkpoint.random_state(cpu)
+    assert list(state) == ["torch_rng"] and checkpoint.set_random_state(state, cpu) == ""
+    assert "no random state of cuda:1" in checkpoint.set_random_state(state, GPU)
+    assert torch.equal(gpu_states[GPU], before)
+
+
+def test_random_states_of_a_gpu(tmp_path: Path) -> None:
+    """The same on a real one."""
+    if not torch.cuda.is_available():
+        pytest.skip("torch finds no CUDA device")
+    device = torch.device("cuda:0")
+    checkpoint.save(tmp_path / "c.pt", checkpoint.random_state(device))
+    drawn = torch.rand(5, device=device)
+    checkpoint.set_random_state(checkpoint.load(tmp_path / "c.pt"), device)
+    assert torch.equal(torch.rand(5, device=device), drawn)
