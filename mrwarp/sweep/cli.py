@@ -66,6 +66,9 @@ def main(argv: list[str] | None = None) -> int:
     except (GridError, FolderError, ValueError) as error:
         print(f"mrwarp sweep: {error}", file=sys.stderr)
         return 2
+    except OSError as error:  # a full disk: what is finished stays
+        print(f"mrwarp sweep: {error}; the same command goes on", file=sys.stderr)
+        return 1
 
 
 def _runner(args: argparse.Namespace) -> Runner:
