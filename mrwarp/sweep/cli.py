@@ -61,6 +61,9 @@ def main(argv: list[str] | None = None) -> int:
             runner = _runner(args)
             try:
                 return _sweep(args, folders, runner, "mrwarp sweep " + shlex.join(argv))
+            except OSError:
+                runner.stop()
+                raise
             finally:
                 runner.close()
     except (GridError, FolderError, ValueError) as error:
