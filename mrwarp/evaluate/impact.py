@@ -67,8 +67,8 @@ class ImpactCfg:
     duration: float = 0.2
     """Duration of the push [s]; not in the paper, see DESIGN's reading of table 4."""
     phases: tuple[float, float] | None = None
-    """Gait phases at the push's onset, evenly spread over the trials; None leaves them random. FL and RR stand in the
-    first half of the clock, FR and RL in the second."""
+    """Gait phases at the push's onset, or when the mass should meet a robot at rest, evenly spread over the trials;
+    None leaves them random. FL and RR stand in the first half of the clock, FR and RL in the second."""
     gains: tuple[float, float] | None = None
     """Kp [N·m/rad] and Kd [N·m·s/rad] of all motors; None keeps the asset's. The low gain while holding stays."""
     mass: MassCfg = field(default_factory=MassCfg)
@@ -84,8 +84,6 @@ class ImpactCfg:
         for duration in self.durations:
             if not 0.0 < duration <= self.window:
                 raise ValueError(f"duration = {duration} s must lie in (0, window = {self.window} s]")
-        if self.phases is not None and self.kind is not ImpactKind.PUSH:
-            raise ValueError("phases are those of a push's onset: the falling mass meets each robot when it does")
         if min(self.currents) < 0.0:
             raise ValueError(f"currents = {self.currents} A: none may be below 0")
         for variant in self.variants:
@@ -135,6 +133,8 @@ class ImpactTrace:
     """Energy by ledger entry summed over joints, at the end of the window [J], shape (C, N, entries)."""
     fell: np.ndarray
     """Whether the robot fell within the window, bool, shape (C, N)."""
+    contact: np.ndarray
+    """Time after the onset at which the mass met the trunk [s], NaN if it did not; 0 for a push; shape (C, N)."""
 
 
 class ImpactSweep:
@@ -186,7 +186,8 @@ class ImpactSweep:
         if cfg.phases is not None:
             low, high = cfg.phases
             onset = low + (high - low) * (source + 0.5) / cfg.trials
-            env.phase.copy_((onset - cfg.warmup * env.cfg.gait_frequency).remainder(1.0))
+            before = cfg.warmup + (self.fall_time if self.mass is not None else 0.0)
+            env.phase.copy_((onset - before * env.cfg.gait_frequency).remainder(1.0))
         env.copy_envs(source)
         env.set_command(command)
         obs = env.get_observations()
@@ -204,14 +205,32 @@ class ImpactSweep:
             obs = env.get_observations()
         clock.time = 0.0
         env.substep_hooks.append(recorder.sample)
-        env.substep_hooks.append(_Push(env, cfg).tick if self.mass is None else self.mass.update)
+        contact = torch.zeros(env.num_envs, device=env.device)
+        if self.mass is None:
+            env.substep_hooks.append(_Push(env, cfg).tick)
+        else:
+            contact[~self.mass.touched] = float("nan")
+            env.substep_hooks.append(lambda: self._meet(contact, recorder))
         for _ in range(round(cfg.window / env.cfg.step_dt)):
             obs, _, _, _ = env.step(self.policy(obs))
             env.set_command(command)
         env.substep_hooks.clear()
         if self.mass is None:
             env.sim.push("trunk", np.zeros((env.num_envs, 3)))
-        return recorder.trace(len(cfg.currents), cfg.trials)
+        return recorder.trace(len(cfg.currents), cfg.trials, contact)
+
+    @property
+    def fall_time(self) -> float:
+        """Time from the mass' release to its contact with a trunk that stays where it is [s]."""
+        return 2.0 * self.cfg.mass.drop / self.cfg.mass.contact_speed
+
+    def _meet(self, contact: torch.Tensor, recorder: _Recorder) -> None:
+        """Advance the mass and note when it meets each trunk."""
+        assert self.mass is not None
+        before = self.mass.touched.clone()
+        self.mass.update()
+        met = self.mass.touched & ~before
+        contact[met] = len(recorder.rows["height"]) * self.env.sim.dt
 
     def _fall_until_contact(self, obs: Any) -> None:
         """Release the mass and walk on, still without current, until just before the first robot is touched."""
@@ -219,8 +238,7 @@ class ImpactSweep:
         assert mass is not None
         mass.release()
         env.current_e.zero_()
-        fall_time = 2.0 * self.cfg.mass.drop / self.cfg.mass.contact_speed
-        for _ in range(int(fall_time / env.cfg.step_dt) - 2):
+        for _ in range(int(self.fall_time / env.cfg.step_dt) - 2):
             obs, _, _, _ = env.step(self.policy(obs))
             mass.update()
         env.current_e.copy_(self.currents)
@@ -280,7 +298,7 @@ class _Recorder:
             self.rows.setdefault(name, []).append(value.clone())
         self.fell |= env.root_pos[:, 2] < FALL_HEIGHT
 
-    def trace(self, currents: int, trials: int) -> ImpactTrace:
+    def trace(self, currents: int, trials: int, contact: torch.Tensor) -> ImpactTrace:
         """Everything sampled so far, by current and trial."""
 
         def split(name: str) -> np.ndarray:
@@ -295,6 +313,7 @@ class _Recorder:
             qpos=split("qpos")[:, 0],
             ledger=env.view(env.actuator.ledger).sum(1).cpu().numpy().reshape(currents, trials, -1),
             fell=self.fell.cpu().numpy().reshape(currents, trials),
+            contact=contact.cpu().numpy().reshape(currents, trials),
             **series,
         )
 

@@ -14,7 +14,7 @@ from mrwarp.paper import Measured
 from mrwarp.reproduce.settings import Settings
 
 RELATIVE = 0.05
-"""Relative difference that needs a reason where neither side states a spread."""
+"""Relative difference that needs a reason where the paper states no spread."""
 
 
 class NotYet(RuntimeError):
@@ -48,9 +48,9 @@ class Row:
 
     @property
     def joint_sd(self) -> float | None:
-        """Root of the summed squared spreads; None if neither side has one."""
-        known = [sd for sd in (self.sd, self.paper.sd if self.paper else None) if sd is not None]
-        return math.hypot(*known) if known and math.hypot(*known) > 0.0 else None
+        """Root of the summed squared spreads; None where the paper states none: ours alone is no measure of both."""
+        theirs = self.paper.sd if self.paper else None
+        return math.hypot(theirs, self.sd or 0.0) if theirs else None
 
     @property
     def in_sd(self) -> float | None:
@@ -68,7 +68,7 @@ class Row:
 
     @property
     def differs(self) -> bool:
-        """Whether the difference exceeds the joint spread, or 5 % where neither side states one."""
+        """Whether the difference exceeds the joint spread, or 5 % where the paper states none."""
         if self.paper is None or not math.isfinite(self.ours):
             return self.paper is not None
         if self.in_sd is not None:

@@ -24,7 +24,7 @@ def compute(job: Job) -> Findings:
                 rows.append(
                     Row(condition=f"{leg}, {amps:g} A, {name}", quantity="calf motor torque", unit="N·m", digits=2,
                         paper=cell, **over_seeds(values[leg][CURRENT_GROUPS.index(amps)], seeds),
-                        why=f"Ours are hit at any gait phase, the paper's FR and RL in stance; current changes ours by "
+                        why=f"The gains behind the hardware's torques are not stated; current changes ours by "
                         f"{100.0 * fall:+.1f} %, the paper's by {100.0 * paired:+.1f} %.")
                 )  # fmt: skip
     _plot(found, job)

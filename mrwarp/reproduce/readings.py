@@ -75,8 +75,11 @@ READINGS = (
     replace(BASE, name="PG-RLSTM torque (eq. 16)", torque="pg_rlstm"),
     replace(BASE, name="no speed weakening", torque="unweakened"),
     replace(BASE, name="sliding at the yield torque (eq. 18)", torque="yield"),
+    replace(BASE, name="Kd 0.1", gains=(20.0, 0.1)),
     replace(BASE, name="no speed weakening, with holding, low gain at 0 A too", torque="unweakened", holding=True,
             soft_at_zero=True),
+    replace(BASE, name="the same, Kd 0.1, FR-RL stance", torque="unweakened", holding=True, soft_at_zero=True,
+            gains=(20.0, 0.1), phases=(0.5, 1.0)),
 )  # fmt: skip
 """The base and what differs from it."""
 

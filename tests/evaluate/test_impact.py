@@ -127,6 +127,7 @@ def test_figures_of_a_made_up_trace() -> None:
         t=t, height=height, velocity=-5.0 * dip[..., None] * np.ones(40), tau_motor=legs + 3.0, tau_mr=legs,
         current=legs, m_dyn=legs, m_hold=legs, f_foot=legs, q=legs, qd=legs, qpos=np.zeros((2, 40, 19)),
         ledger=np.zeros((2, 2, 7)), fell=np.zeros((2, 2), dtype=bool),
+        contact=np.zeros((2, 2)),
     )  # fmt: skip
     found = figures(trace, (0.0, 1.5))
     first, last = found["by_current"]
@@ -135,6 +136,23 @@ def test_figures_of_a_made_up_trace() -> None:
     assert first["motor_mean"]["FL"]["mean"] == pytest.approx(3.0)
     assert found["monotone"] == {"min_height": True, "peak_down_velocity": True}
     assert found["change"]["peak_down_velocity"]["percent"] == pytest.approx(100 * (0.085 - 0.11) / 0.11)
+
+
+def test_each_setting_may_have_its_own_duration_gains_and_phase(policy: OnnxPolicy) -> None:
+    """A setting that pushes for 0.1 s gives the bits of a sweep that does; the clock at onset is the one asked for."""
+    both = make_cfg(
+        variants=(Variant(current=0.0, duration=0.1), Variant(current=0.0)), duration=0.3, phases=(0.0, 0.5),
+        gains=(25.0, 0.5),
+    )  # fmt: skip
+    sweep = ImpactSweep(both, policy)
+    trace = sweep.run()
+    alone = ImpactSweep(replace(both, variants=both.variants[1:], duration=0.1), policy).run()
+    np.testing.assert_array_equal(trace.height[0], alone.height[0])
+    assert (trace.height[0] != trace.height[1]).any()
+    onset = (sweep.env.phase - both.window * sweep.env.cfg.gait_frequency).remainder(1.0).numpy()
+    np.testing.assert_allclose(onset, [0.125, 0.375] * 2, atol=1e-4)
+    assert set(sweep.env.view(sweep.env.actuator.kp).unique().tolist()) == {25.0}
+    assert set(sweep.env.view(sweep.env.actuator.param("kd")).unique().tolist()) == {0.5}
 
 
 def test_paired_change_interval_covers_the_truth() -> None:
