@@ -6,6 +6,7 @@ in the end. Each reading has its own push duration, calibrated on the 0 A row al
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -86,8 +87,20 @@ READINGS = (
 ADOPTED = BASE
 """The reading that table 4 shows."""
 
-REASON = "It is what section 6.3 says."
-"""Why it was adopted."""
+ASSET = next(reading for reading in READINGS if reading.gains is None)
+"""The same with the gains of the asset, with which the policy was trained."""
+
+
+UNDAMPED = next(reading for reading in READINGS if reading.name == "Kd 0.1")
+"""The same with hardly any damping by the motors."""
+
+
+def undamped_speed(drop: float, *, force: float = 100.0, mass: float = paper.MASS["mr_go"]) -> float:
+    """Peak speed [m/s] of a mass on a linear spring that a lasting force presses down by ``drop`` [m] without damping.
+
+    With ``drop = 2F/k`` and ``v = F/sqrt(k m)`` it is ``sqrt(F*drop/(2m))``; any damping lowers it at the same drop.
+    """
+    return math.sqrt(force * drop / (2.0 * mass))
 
 
 @dataclass(frozen=True, kw_only=True)

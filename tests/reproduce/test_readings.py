@@ -38,6 +38,18 @@ def test_mismatch_is_zero_at_the_papers_row_alone() -> None:
     np.testing.assert_allclose(readings.mismatch(exact), [0.0, 0.01], atol=1e-12)
 
 
+def test_undamped_speed_is_that_of_an_integrated_spring() -> None:
+    """Stepped finely, the spring that 100 N press down by 0.15 m falls at that speed at most."""
+    k = 2.0 * 100.0 / 0.15
+    x, v, peak, lowest, dt = 0.0, 0.0, 0.0, 0.0, 1e-5
+    for _ in range(60_000):
+        v += dt * (100.0 - k * x) / 12.6
+        x += dt * v
+        peak, lowest = max(peak, v), max(lowest, x)
+    assert lowest == pytest.approx(0.15, rel=1e-3)
+    assert readings.undamped_speed(0.15) == pytest.approx(peak, rel=1e-3)
+
+
 def test_names_tell_the_readings_apart() -> None:
     """Each stands once, and the adopted one is among them."""
     names = [reading.name for reading in readings.READINGS]
