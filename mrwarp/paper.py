@@ -47,13 +47,13 @@ TABLE_2 = {
 
 TABLE_3 = {
     "mlp": {"v_x_rmse": _m(0.0851, 0.0071), "v_x_bias": _m(-0.0352, 0.0049), "height_rmse": _m(0.0143, 0.0004),
-            "roll_pitch_rms": _m(0.7237, 0.3241), "yaw_rate_rmse": _m(0.2602, 0.0194)},
+            "tilt_rms": _m(0.7237, 0.3241), "yaw_rate_rmse": _m(0.2602, 0.0194)},
     "bouc_wen": {"v_x_rmse": _m(0.0713, 0.0075), "v_x_bias": _m(-0.0351, 0.0048), "height_rmse": _m(0.0139, 0.0002),
-                 "roll_pitch_rms": _m(0.6706, 0.2919), "yaw_rate_rmse": _m(0.2581, 0.0033)},
+                 "tilt_rms": _m(0.6706, 0.2919), "yaw_rate_rmse": _m(0.2581, 0.0033)},
     "lstm": {"v_x_rmse": _m(0.0703, 0.0072), "v_x_bias": _m(-0.0307, 0.0045), "height_rmse": _m(0.0143, 0.0005),
-             "roll_pitch_rms": _m(0.6043, 0.2223), "yaw_rate_rmse": _m(0.2524, 0.0052)},
+             "tilt_rms": _m(0.6043, 0.2223), "yaw_rate_rmse": _m(0.2524, 0.0052)},
     "pg_rlstm": {"v_x_rmse": _m(0.0606, 0.0075), "v_x_bias": _m(-0.0265, 0.0053), "height_rmse": _m(0.0134, 0.0005),
-                 "roll_pitch_rms": _m(0.5177, 0.3041), "yaw_rate_rmse": _m(0.2203, 0.0045)},
+                 "tilt_rms": _m(0.5177, 0.3041), "yaw_rate_rmse": _m(0.2203, 0.0045)},
 }  # fmt: skip
 """By the actuator model in training, at 0.5 m/s: [m/s], [m/s], [m], [deg], [rad/s]."""
 

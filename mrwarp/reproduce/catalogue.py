@@ -6,6 +6,7 @@ from mrwarp.reproduce import (
     drops,
     electrical,
     fig4,
+    fig5,
     fig6,
     fig7,
     fig8,
@@ -15,7 +16,8 @@ from mrwarp.reproduce import (
     mission,
     pushes,
     sensitivity,
-    studies,
+    table2,
+    table3,
     table4,
     table5,
     table6,
@@ -25,8 +27,7 @@ from mrwarp.reproduce import (
 from mrwarp.reproduce.experiment import Experiment
 
 _ALL: tuple[Experiment, ...] = (
-    fig4.EXPERIMENT,
-    *studies.EXPERIMENTS,
+    *(module.EXPERIMENT for module in (fig4, fig5, table2, table3)),
     *(module.EXPERIMENT for module in (pushes, drops, table4, sensitivity, fig6, fig7, table5)),
     *(module.EXPERIMENT for module in (walking, table6, table7, electrical, fig8, fig9)),
     *(module.EXPERIMENT for module in (mission, fig10, fig11)),

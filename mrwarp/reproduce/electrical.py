@@ -25,6 +25,8 @@ def compute(job: Job) -> Findings:
     standing = standing_saving(walks, fit.cfg)
     savings = walk_figures.savings(walks.both, fit.cfg, standing, paper.MASS["mr_go"] + paper.arm_load())
     tables = [budget(savings, [walk_figures.row(result, fit.cfg) for result in walks.both])]
+    exact = walk_figures.savings(walks.explicit, fit.cfg, None, 1.0)
+    tables.append(explicit(exact, savings))
     figures: dict[str, Any] = {}
     for branches, results in (("both branches", walks.both), ("holding alone", [*others, *walks.holding])):
         found = walk_figures.sensitivity(results, walks.calibration_rows(), fit.cfg)
@@ -86,6 +88,21 @@ def budget(savings: list[dict[str, Any]], conditions: list[dict[str, Any]]) -> T
         "closed form, our standing [W]", "closed form, the paper's [W]", "paper saved [W]", "speed", "height [mm]",
     ]  # fmt: skip
     return Table(title="Why not 20 to 25 %: what there is to save, and what SAL changes besides", head=head, rows=rows)
+
+
+def explicit(exact: list[dict[str, Any]], stuck: list[dict[str, Any]]) -> Table:
+    """SAL's savings with the holding torque of eq. 19, which leaves the gait as it is, beside those of a stuck joint."""
+    rows = [
+        [_name(e), f"{100.0 * e['hold_share']:.1f} %", f"{100.0 * s['hold_share']:.1f} %",
+         f"{100.0 * paper.TABLE_7[int(e['payload']), e['command']]['simulation']:.1f} %",
+         f"{e['saving_by_part']['copper_calves']:+.1f}", f"{e['saving_by_part']['copper_hips_thighs']:+.1f}",
+         f"{100.0 * e['cot_reduction']:.1f} %", f"{100.0 * e['cot_reduction'] / e['hold_share']:.0f} %"]
+        for e, s in zip(exact, stuck, strict=True)
+    ]  # fmt: skip
+    head = ["condition", "held", "held, stuck joint", "held, paper", "calves save [W]", "hips and thighs save [W]",
+            "reduction of COT", "if always held"]  # fmt: skip
+    return Table(title="Holding alone with the explicit torque of eq. 19 instead of a device that sticks", head=head,
+                 rows=rows)  # fmt: skip
 
 
 def _name(condition: Mapping[str, Any]) -> str:

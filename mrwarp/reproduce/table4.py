@@ -137,7 +137,7 @@ def _off(found: pushes.Pushes, summary: dict[str, Any]) -> str:
     little = found.readings[found.place(readings.UNDAMPED)]["peak_down_velocity"][0]
     return (
         f"The paper's 0 A row is nearly that of an undamped spring: pressed down by {drop:.3f} m with a lasting 100 N, "
-        f"12.6 kg reach at most sqrt(F drop/2m) = {bound:.3f} m/s, and the paper has {speed:.3f} m/s. Motors with a Kd of "
+        f"12.6 kg reach at most sqrt(F drop/2m) = {bound:.3f} m/s; the paper has {speed:.3f} m/s. Motors with a Kd of "
         f"0.5 and the device's off-current drag leave {-summary['peak_down_velocity'][0]:.3f} m/s here, a Kd of 0.1 "
         f"{-little:.3f} m/s."
     )

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -12,16 +10,16 @@ from mrwarp import paper
 from mrwarp.actuator import HoldCurrent
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate.impact import ImpactCfg, ImpactKind, ImpactSweep, Variant
-from mrwarp.reproduce import drops
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, NotYet, Row, over_seeds
-from mrwarp.reproduce.settings import Ensemble, Settings
-from mrwarp.rl.policy import POLICIES
+from mrwarp.reproduce import drops, studied
+from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds
+from mrwarp.reproduce.settings import Ensemble
+from mrwarp.study.plan import AWARE, CONVENTIONAL
 
 CONFIGURATIONS = {
-    "A": ("conventional", 0.0),
-    "B": ("conventional", 1.5),
-    "C": ("pg_rlstm", 0.0),
-    "D": ("pg_rlstm", 1.5),
+    "A": (CONVENTIONAL, 0.0),
+    "B": (CONVENTIONAL, 1.5),
+    "C": (AWARE, 0.0),
+    "D": (AWARE, 1.5),
 }
 """Training and current of table 2's configurations; 0 A is SAL off."""
 
@@ -32,21 +30,8 @@ TITLES = {
 """Columns and their units."""
 
 
-def policies(settings: Settings | None = None) -> Sequence[Path]:
-    """The study's policies of both trainings, seeds in order.
-
-    Raises:
-        NotYet: there are none.
-    """
-    found = [path for training in ("conventional", "pg_rlstm") for path in _of(training)]
-    if not found:
-        raise NotYet("no policies yet: the study's are not in policies/study")
-    return found
-
-
 def compute(job: Job) -> Findings:
     """Means over 0.1 s from the contact on."""
-    policies()
     settings, rows = job.settings, []
     env = make_walk_cfg(hold_current=HoldCurrent.FIXED, threads=settings.threads)
     env = replace(env, actuator=replace(env.actuator, holding=False))
@@ -55,7 +40,7 @@ def compute(job: Job) -> Findings:
     seeds = np.zeros(0)
     for k, training in enumerate(dict.fromkeys(name for name, _ in CONFIGURATIONS.values())):
         job.report(training, k / 2.0)
-        paths = _of(training)
+        paths = studied.policies((training,))
         cfg = ImpactCfg(
             kind=ImpactKind.DROP, trials=len(paths) * settings.impacts, env=env, seed=settings.seed,
             phases=drops.FR_RL_STANCE,
@@ -99,11 +84,7 @@ def _why(found: dict[tuple[str, float], dict[str, np.ndarray]], cell: tuple[str,
     )
 
 
-def _of(training: str) -> list[Path]:
-    return sorted((POLICIES / "study").glob(f"{training}_seed*.onnx"))
-
-
 EXPERIMENT = Experiment(
-    name="table5", title="Table 5: training and SAL under the falling mass", compute=compute, files=policies,
-    settings=("impacts", "seed"),
+    name="table5", title="Table 5: training and SAL under the falling mass", compute=compute,
+    settings=("impacts", "seed"), files=lambda settings: studied.policies((CONVENTIONAL, AWARE)),
 )  # fmt: skip

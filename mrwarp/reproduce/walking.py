@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mrwarp import paper
+from mrwarp.actuator import Coupling
 from mrwarp.electrical.calibrate import Calibration, Row, calibrate
 from mrwarp.electrical.power import ElectricalCfg, Use
 from mrwarp.env.cfg import make_walk_cfg
@@ -23,8 +24,12 @@ from mrwarp.reproduce.settings import ensembles
 DATA = "walks.npz"
 """File with the data."""
 
-BRANCHES = {"both": True, "holding": False}
-"""SAL with damping and holding as in sections 3 and 6, and with holding alone: whether it damps."""
+VARIANTS: dict[str, tuple[tuple[str, ...], bool, Coupling]] = {
+    "both": (paper.ROBOTS, True, Coupling.CONSTRAINT),
+    "holding": (("mr_go_sal",), False, Coupling.CONSTRAINT),
+    "explicit": (("mr_go", "mr_go_sal"), False, Coupling.EXPLICIT),
+}
+"""Robots, whether SAL damps too, and how the devices act, see :class:`Walks`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +40,8 @@ class Walks:
     """Go1, MR_Go and MR_Go-SAL with both branches, over payloads and speeds."""
     holding: list[WalkResult]
     """The same with MR_Go-SAL's holding branch alone."""
+    explicit: list[WalkResult]
+    """MR_Go, and MR_Go-SAL holding with the torque of eq. 19 in place of a device that sticks."""
     standing: dict[str, Use]
     """Standing robots by name: ``go1``, ``mr_go`` on its motors, ``mr_go_hold`` on its devices; shapes (J,), (M,)."""
     policies: int
@@ -54,18 +61,17 @@ class Walks:
 
 
 def simulate(job: Job) -> Findings:
-    """Walk all conditions twice, with both branches and with holding alone, and stand."""
+    """Walk all conditions with every variant of SAL, and stand."""
     settings, load = job.settings, paper.arm_load()
     env = make_walk_cfg(threads=settings.threads)
     loaded = ensembles(settings)
     found: dict[str, list[WalkResult]] = {}
-    for k, (name, damping) in enumerate(BRANCHES.items()):
+    for k, (name, (robots, damping, coupling)) in enumerate(VARIANTS.items()):
         cfg = WalkCfg(
             trials=settings.policy_seeds * settings.rollouts, distance=settings.distance, seed=settings.seed,
-            robots=paper.ROBOTS if damping else ("mr_go_sal",),
-            env=replace(env, actuator=replace(env.actuator, damping=damping)),
+            robots=robots, env=replace(env, actuator=replace(env.actuator, damping=damping, coupling=coupling)),
         )  # fmt: skip
-        found[name] = walk(cfg, loaded, lambda text, share, k=k: job.report(text, (k + share) / 2.1))
+        found[name] = walk(cfg, loaded, lambda text, share, k=k: job.report(text, (k + share) / 3.1))
     job.report("standing", 0.96)
     standing = {
         name: standing_use(replace(env, robot=robot, payload=VARIANT, currents=(1.5,)), load=load, hold=hold)[0]
@@ -81,7 +87,7 @@ def read(folder: Path) -> Walks:
     """The data of :func:`simulate`."""
     tree = store.load(folder / DATA)
     return Walks(
-        both=[_result(item) for item in tree["both"]], holding=[_result(item) for item in tree["holding"]],
+        **{name: [_result(item) for item in tree[name]] for name in VARIANTS},
         standing={name: Use(**use) for name, use in tree["standing"].items()}, policies=tree["policies"],
     )  # fmt: skip
 
