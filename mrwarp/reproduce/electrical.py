@@ -91,7 +91,7 @@ def budget(savings: list[dict[str, Any]], conditions: list[dict[str, Any]]) -> T
 
 
 def explicit(exact: list[dict[str, Any]], stuck: list[dict[str, Any]]) -> Table:
-    """SAL's savings with the holding torque of eq. 19, which leaves the gait as it is, beside those of a stuck joint."""
+    """What SAL saves with the holding torque of eq. 19, which leaves the gait as it is."""
     rows = [
         [_name(e), f"{100.0 * e['hold_share']:.1f} %", f"{100.0 * s['hold_share']:.1f} %",
          f"{100.0 * paper.TABLE_7[int(e['payload']), e['command']]['simulation']:.1f} %",
