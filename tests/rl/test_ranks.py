@@ -18,7 +18,7 @@ from mrwarp.rl import checkpoint, curves, trainer
 from mrwarp.rl.checkpoint import CheckpointError
 from mrwarp.rl.ppo_cfg import STEPS_PER_UPDATE, make_ppo_cfg
 from mrwarp.rl.ranks import Ranks, RanksPPO
-from mrwarp.rl.trainer import TrainCfg, Trainer
+from mrwarp.rl.trainer import TrainCfg, Trainer, TrainingError
 from tests.rl.test_trainer import assert_same_bits
 from tests.rl.together import together
 
@@ -184,7 +184,7 @@ def test_update_of_two_processes_is_that_of_one(parts: list[dict[str, Any]]) -> 
     for part in parts:
         moved = relative(part["start_parameters"], exact["parameters"])
         rounding = relative(single["parameters"], exact["parameters"])
-        assert relative(part["parameters"], exact["parameters"]) < 8.0 * rounding < 1e-3 * moved
+        assert relative(part["parameters"], exact["parameters"]) < min(8.0 * max(rounding, 1e-6), 1e-2 * moved)
         assert part["learning_rate"] == pytest.approx(exact["learning_rate"], rel=1e-6)  # float32 on its way to all
         assert part["learning_rate"] != 1e-3
         for net in ("actor_state_dict", "critic_state_dict"):
@@ -272,6 +272,30 @@ def test_two_processes_resume_to_the_bit(tmp_path: Path) -> None:
         assert_same_bits(kept[0][name], kept[1][name])
     with pytest.raises(CheckpointError, match="by 2 processes, this run has 1; resume with 'torchrun"):
         Trainer(make_cfg(tmp_path / "part", 3), resume=tmp_path / "part" / "checkpoint.pt")
+
+
+def spoilt(ranks: Ranks, out: Path) -> str:
+    """A training in which two of rank 1's environments break in the first update; what both ranks say."""
+    run = Trainer(make_cfg(out, 2), ranks=ranks)
+    if ranks.rank == 1:
+
+        def spoil() -> None:
+            run.watchers.clear()
+            run.env.view(run.env.sim.backend.field("qvel"))[[2, 5], 12] = float("nan")
+
+        run.watchers.append(spoil)
+    with pytest.raises(TrainingError) as info:
+        run.run()
+    return str(info.value)
+
+
+def test_all_stop_where_the_environments_of_one_break(tmp_path: Path) -> None:
+    """2 of 16 environments, both on rank 1: both ranks stop in the same update and name the same cause."""
+    first, second = together(spoilt, tmp_path, tmp_path / "run")
+    assert first == second
+    assert "in 12.5% of the environments in update 1" in first and "first: environment 2" in first
+    names = sorted(path.name for path in (tmp_path / "run" / "broken").iterdir())
+    assert names == [f"update000001-rank1-env{env:05d}.safetensors" for env in (2, 5)]
 
 
 def test_one_process_is_not_resumed_by_two(tmp_path: Path) -> None:
