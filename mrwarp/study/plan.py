@@ -34,7 +34,7 @@ class StudyCfg:
 
     num_envs: int = 64
     """Parallel environments."""
-    iterations: int = 1000
+    iterations: int = 800
     """PPO updates, the same for every policy."""
     terrain: str = "flat"
     """Ground and its curriculum."""
