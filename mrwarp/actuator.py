@@ -286,6 +286,7 @@ class MrActuator:
         cfg, i = self.cfg, self.inputs
         num_mr = len(self.mr_joints)
         lanes = 1 if wp.get_device(str(self.device)).is_cpu else self.num_joints  # see step_kernel
+        rows = 1 if lanes == 1 else self.num_envs
         fixed = int(cfg.hold_current is HoldCurrent.FIXED)
         switches = [
             self.dt, int(cfg.sal and cfg.damping), int(cfg.sal and cfg.holding), fixed, int(cfg.z_step is ZStep.EXACT),
@@ -318,9 +319,9 @@ class MrActuator:
             if self.residual is None:
                 self._fused = record(
                     mr_stages.step_kernel,
-                    dim=(self.num_envs, lanes),
+                    dim=(rows, lanes),
                     inputs=[
-                        lanes, params, self.slot_of, self.joint_of, self.leg_of, self.kp, self.kd, self.tau_limit,
+                        rows, lanes, params, self.slot_of, self.joint_of, self.leg_of, self.kp, self.kd, self.tau_limit,
                         *switches, self._constraint, i.q_des, i.q, i.qd, i.f_foot, i.current_e, self.head, self.z,
                         self.current,
                     ],

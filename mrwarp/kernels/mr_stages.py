@@ -63,7 +63,7 @@ def predict(
     ring_out: wp.array4d[float],
 ) -> float:
     """Gates, coil, history, z and tau_BW of one device; returns m_dyn. Arguments as in ``predict_kernel``."""
-    p = params[env % params.shape[0], slot]
+    p = params[wp.min(env, params.shape[0] - 1), slot]
     joint = joint_of[slot]
     q, qd = q_in[env, joint], qd_in[env, joint]
     e = q_des_in[env, joint] - q
@@ -147,14 +147,14 @@ def drive(
     bound_out: wp.array2d[float],
 ) -> float:
     """Motor and device of one joint; returns the motor's torque [N·m]. Arguments as in ``torque_kernel``."""
-    row = env % kp.shape[0]
+    row = wp.min(env, kp.shape[0] - 1)
     q, qd = q_in[env, joint], qd_in[env, joint]
     e = q_des_in[env, joint] - q
     slot = slot_of[joint]
     gain, damping, limit = float(kp[row, joint]), float(kd[row, joint]), float(tau_limit[row, joint])
     device, bound = float(0.0), float(0.0)
     if slot >= 0:
-        p = params[env % params.shape[0], slot]
+        p = params[wp.min(env, params.shape[0] - 1), slot]
         m_hold = m_hold_in[env, slot]
         gain, damping, limit = effective_kp(m_hold, p.kp_base, p.kp_low), float(p.kd), float(p.tau_limit)
         current, sliding = current_in[env, slot], tau_dyn_in[env, slot]
@@ -209,7 +209,9 @@ def torque_kernel(
 
 @wp.kernel
 def step_kernel(
-    # parameters: joints that a thread takes are this far apart; the rest as in predict_kernel and torque_kernel
+    # parameters: environments and joints that a thread takes are this far apart; the rest as in predict_kernel and
+    # torque_kernel
+    rows: int,
     lanes: int,
     params: wp.array2d[JointParams],
     slot_of: wp.array[int],
@@ -245,23 +247,24 @@ def step_kernel(
     tau_out: wp.array2d[float],
     bound_out: wp.array2d[float],
 ):
-    """Both kernels in one, where no residual comes between them: a GPU takes a thread per joint, a CPU one per robot.
+    """Both kernels in one, where no residual comes between them: a GPU takes a thread per joint, a CPU one for all.
 
-    A CPU runs the threads one after the other, and starting one costs as much as the laws of a joint.
+    A CPU runs the threads one after the other, and starting one, which copies all arguments, costs as much as the laws.
     """
-    env, lane = wp.tid()
-    for joint in range(lane, slot_of.shape[0], lanes):
-        slot = slot_of[joint]
-        if slot >= 0:
-            predict(
-                env, slot, params, joint_of, leg_of, dt, damping, holding, hold_current, exact, q_des_in, q_in, qd_in,
-                f_foot_in, current_e_in, head_in, z_in, current_in, m_dyn_out, m_hold_out, z_out, current_out,
-                tau_dyn_out, ring_out,
+    first, lane = wp.tid()
+    for env in range(first, q_in.shape[0], rows):
+        for joint in range(lane, slot_of.shape[0], lanes):
+            slot = slot_of[joint]
+            if slot >= 0:
+                predict(
+                    env, slot, params, joint_of, leg_of, dt, damping, holding, hold_current, exact, q_des_in, q_in,
+                    qd_in, f_foot_in, current_e_in, head_in, z_in, current_in, m_dyn_out, m_hold_out, z_out, current_out,
+                    tau_dyn_out, ring_out,
+                )  # fmt: skip
+            drive(
+                env, joint, params, slot_of, kp, kd, tau_limit, constraint, q_des_in, q_in, qd_in, m_hold_out,
+                current_out, tau_dyn_out, tau_motor_out, tau_mr_out, tau_out, bound_out,
             )  # fmt: skip
-        drive(
-            env, joint, params, slot_of, kp, kd, tau_limit, constraint, q_des_in, q_in, qd_in, m_hold_out, current_out,
-            tau_dyn_out, tau_motor_out, tau_mr_out, tau_out, bound_out,
-        )  # fmt: skip
 
 
 @wp.kernel
@@ -295,7 +298,7 @@ def reset_kernel(
             m_hold_out[env, slot] = 0.0
             tau_dyn_out[env, slot] = 0.0
             tau_mr_out[env, slot] = 0.0
-            p = params[env % params.shape[0], slot]
+            p = params[wp.min(env, params.shape[0] - 1), slot]
             q_c = displacement(p, q_in[env, joint])
             for row in range(WINDOW):
                 ring_out[env, slot, row, 0] = q_c

@@ -9,9 +9,11 @@ import time
 from pathlib import Path
 
 import numpy as np
+import warp as wp
 
 from mrwarp.env.sim import ActuatedSim, SimCfg, robot_scene
 from mrwarp.perf.timing import Turn
+from mrwarp.robot import DEFAULT_Q, STAND_HEIGHT
 
 SOURCE = Path(__file__).resolve().parents[2] / "benchmarks" / "mr_loop.c"
 """The loop in C; it is in the repository, not in the installed package."""
@@ -69,15 +71,20 @@ class CLoop:
         self._run(*self._sizes, *self._before, self._dt, ctypes.c_int(int(self._head[0])), *self._rest)
 
 
-def standing_robots(num_envs: int) -> ActuatedSim:
-    """Robots in the middle of a movement: half of the joints hold, some damp, with all the current they may use."""
+def mixed_robots(num_envs: int) -> ActuatedSim:
+    """Robots of which half stand on held calves, and half fight targets that jump: all branches of the laws occur."""
     cfg = SimCfg(num_envs=num_envs, threads=1)
     robot = ActuatedSim(robot_scene(None, cfg), cfg, share_params=False)
-    robot.reset()
+    stance = np.tile(robot.sim.scene.model.qpos0.astype(np.float32), (num_envs, 1))
+    stance[:, 2] = STAND_HEIGHT
+    stance[:, robot.sim.scene.q_adr] = DEFAULT_Q
+    robot.reset(None, wp.array(stance, device="cpu"))
     robot.current_e.fill_(1.5)
     rng = np.random.default_rng(0)
-    for _ in range(40):
-        robot.q_des.assign((robot.sim.q.numpy() + rng.normal(0.0, 0.15, robot.q_des.shape)).astype(np.float32))
+    targets = np.tile(np.array(DEFAULT_Q, dtype=np.float32), (num_envs, 1))
+    for _ in range(60):
+        targets[num_envs // 2 :] = DEFAULT_Q + rng.normal(0.0, 0.15, (num_envs - num_envs // 2, len(DEFAULT_Q)))
+        robot.q_des.assign(targets)
         robot.step(2)
     return robot
 

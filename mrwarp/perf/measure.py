@@ -174,7 +174,7 @@ def breakdown(times: Times, name: str) -> dict[str, float]:
 def joint(cfg: PerfCfg, folder: Path, progress: Callable[[float], None]) -> tuple[dict[str, Any], dict[str, Spread]]:
     """Gates, coil, history, Bouc-Wen and hold of four calves on one core, and the same loop in C."""
     count = 256
-    robot = c_loop.standing_robots(count)
+    robot = c_loop.mixed_robots(count)
     try:
         loop = c_loop.CLoop(robot, folder)
     except c_loop.NoCompilerError as error:
