@@ -258,8 +258,8 @@ def step_kernel(
             if slot >= 0:
                 predict(
                     env, slot, params, joint_of, leg_of, dt, damping, holding, hold_current, exact, q_des_in, q_in,
-                    qd_in, f_foot_in, current_e_in, head_in, z_in, current_in, m_dyn_out, m_hold_out, z_out, current_out,
-                    tau_dyn_out, ring_out,
+                    qd_in, f_foot_in, current_e_in, head_in, z_in, current_in, m_dyn_out, m_hold_out, z_out,
+                    current_out, tau_dyn_out, ring_out,
                 )  # fmt: skip
             drive(
                 env, joint, params, slot_of, kp, kd, tau_limit, constraint, q_des_in, q_in, qd_in, m_hold_out,
