@@ -20,6 +20,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--cases", type=int, default=100_000, help="cases per kind (default: 100000)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the mutations (default: 0)")
     parser.add_argument("--seconds", type=float, default=1e9, help="longest time per kind [s]; goes on when run again")
+    parser.add_argument("--coverage", action="store_true", help="keep inputs that reach new lines (slower)")
     parser.add_argument("--out", type=Path, default=Path("out/fuzz"), help="state and failures (default: out/fuzz)")
     args = parser.parse_args(argv)
     from mrwarp.quiet import quiet_libraries
@@ -27,7 +28,9 @@ def main(argv: list[str] | None = None) -> int:
     quiet_libraries()
     failed = 0
     for kind in [*KINDS, "cli"] if args.kind == "all" else [args.kind]:
-        state = run(kind, args.cases, seed=args.seed, out=args.out.absolute(), seconds=args.seconds)
+        state = run(
+            kind, args.cases, seed=args.seed, out=args.out.absolute(), seconds=args.seconds, coverage=args.coverage
+        )
         failed += state["failures"]
         print(f"\n{kind}: {state['cases']} cases, peak {state.get('peak_mib', 0)} MiB")
         for text, count in sorted(state["counts"].items(), key=lambda item: -item[1])[:25]:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.fuzz.command_line import run_cli
+from benchmarks.fuzz.coverage import Lines
 from benchmarks.fuzz.kinds import KINDS
 
 BATCH = 500
@@ -48,8 +49,20 @@ def reason(message: str, path: Path) -> str:
     return " ".join(text.split())[:110]
 
 
-def run_batch(kind: str, seed: int, batch: int, cases: int, folder: Path, at: Any = None) -> dict[str, Any]:
-    """Run the cases of a batch in this process: counts of refusals by reason, and failures with their input."""
+def run_batch(
+    kind: str, seed: int, batch: int, cases: int, folder: Path, at: Any = None, *, coverage: bool = False
+) -> dict[str, Any]:
+    """Run the cases of a batch in this process: counts of refusals by reason, and failures with their input.
+
+    Args:
+        kind: One of :data:`KINDS`, or ``cli``.
+        seed: Seed of the run.
+        batch: Number of the batch.
+        cases: Cases of the batch.
+        folder: Where the input is written.
+        at: Shared number that holds the current case.
+        coverage: Also keep inputs that reach new lines of mrwarp.
+    """
     rng = random.Random(f"{kind}/{seed}/{batch}")
     counts: Counter[str] = Counter()
     failures: list[dict[str, Any]] = []
@@ -59,6 +72,7 @@ def run_batch(kind: str, seed: int, batch: int, cases: int, folder: Path, at: An
     path = folder / f"input{spec.suffix if spec else ''}"
     (folder / "file").write_text("a file where a folder is wanted")
     known = {"file", path.name}
+    lines = Lines() if coverage and spec else None
     signal.signal(signal.SIGALRM, _hang)
     for case in range(cases):
         if at is not None:
@@ -66,7 +80,7 @@ def run_batch(kind: str, seed: int, batch: int, cases: int, folder: Path, at: An
         data, argv, message, problem = b"", [], "good", ""
         signal.setitimer(signal.ITIMER_REAL, HANG)
         try:
-            with warnings.catch_warnings():
+            with warnings.catch_warnings(), lines or contextlib.nullcontext():
                 warnings.simplefilter("ignore")
                 if spec is None:
                     message, argv = run_cli(folder, rng)
@@ -87,7 +101,8 @@ def run_batch(kind: str, seed: int, batch: int, cases: int, folder: Path, at: An
             problem = problem or f"left behind: {sorted(left)}"
             known |= left
         key = reason(message, path)
-        if spec and message != "good" and key not in counts and len(corpus) < 60:
+        reached = message != "good" and key not in counts or lines is not None and lines.new > 0
+        if spec and reached and len(corpus) < 60:
             corpus.append(data)
         counts["FAILED" if problem else key] += 1
         if problem:
@@ -101,7 +116,7 @@ def _hang(*_: Any) -> None:
     raise HangError(f"longer than {HANG} s")
 
 
-def _child(kind: str, seed: int, batch: int, cases: int, at: Any, out: Any, said: str) -> None:
+def _child(kind: str, seed: int, batch: int, cases: int, coverage: bool, at: Any, out: Any, said: str) -> None:
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
     os.dup2(os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)  # USD and MuJoCo write there from C
@@ -109,15 +124,15 @@ def _child(kind: str, seed: int, batch: int, cases: int, at: Any, out: Any, said
         os.chdir(folder)
         work = Path(folder) / "work"
         work.mkdir()
-        out.put(run_batch(kind, seed, batch, cases, work, at))
+        out.put(run_batch(kind, seed, batch, cases, work, at, coverage=coverage))
 
 
-def isolated(kind: str, seed: int, batch: int, cases: int) -> dict[str, Any]:
+def isolated(kind: str, seed: int, batch: int, cases: int, *, coverage: bool = False) -> dict[str, Any]:
     """Run a batch in a process of its own; a crash, a hang in C or a memory blow-up is a failure like others."""
     context = multiprocessing.get_context("fork")
     at, out = context.Value("i", -1), context.SimpleQueue()
     said = tempfile.NamedTemporaryFile(suffix=".txt")
-    process = context.Process(target=_child, args=(kind, seed, batch, cases, at, out, said.name))
+    process = context.Process(target=_child, args=(kind, seed, batch, cases, coverage, at, out, said.name))
     process.start()
     last, since = -1, time.monotonic()
     while process.is_alive() and out.empty():
@@ -136,10 +151,11 @@ def isolated(kind: str, seed: int, batch: int, cases: int) -> dict[str, Any]:
     return result
 
 
-def run(kind: str, cases: int, *, seed: int, out: Path, seconds: float) -> dict[str, Any]:
+def run(kind: str, cases: int, *, seed: int, out: Path, seconds: float, coverage: bool = False) -> dict[str, Any]:
     """Run up to ``cases`` cases of a kind, from where the state file says, for at most ``seconds``; the new state."""
     out.mkdir(parents=True, exist_ok=True)
-    file = out / f"{kind}-{seed}.json"
+    name = f"{kind}-{seed}{'-coverage' if coverage else ''}"
+    file = out / f"{name}.json"
     state: dict[str, Any] = {"kind": kind, "seed": seed, "cases": 0, "batches": 0, "counts": {}, "failures": 0}
     if file.is_file():
         state = json.loads(file.read_text())
@@ -157,7 +173,7 @@ def run(kind: str, cases: int, *, seed: int, out: Path, seconds: float) -> dict[
     end = time.monotonic() + seconds
     while state["cases"] < cases and time.monotonic() < end:
         size = min(BATCH, cases - state["cases"])
-        found = isolated(kind, seed, state["batches"], size)
+        found = isolated(kind, seed, state["batches"], size, coverage=coverage)
         state["counts"] = dict(Counter(state["counts"]) + Counter(found["counts"]))
         state["cases"], state["batches"] = state["cases"] + size, state["batches"] + 1
         state["peak_mib"] = max(state.get("peak_mib", 0), found.get("peak", 0) // 1024)
@@ -165,7 +181,7 @@ def run(kind: str, cases: int, *, seed: int, out: Path, seconds: float) -> dict[
             state["failures"] += 1
             if state["failures"] <= 50:
                 (out / "failures").mkdir(exist_ok=True)
-                stem = out / "failures" / f"{kind}-{seed}-{state['batches'] - 1}-{failure['case']}"
+                stem = out / "failures" / f"{name}-{state['batches'] - 1}-{failure['case']}"
                 stem.with_suffix(".txt").write_text(f"{failure['problem']}\n{failure['argv']}\n")
                 stem.with_suffix(".bin").write_bytes(bytes.fromhex(failure["data"]))
         partial = file.with_suffix(".part")

@@ -6,8 +6,10 @@ from pathlib import Path
 import pytest
 
 from benchmarks.fuzz import runner
+from benchmarks.fuzz.coverage import Lines
 from benchmarks.fuzz.kinds import KINDS
-from benchmarks.fuzz.runner import run
+from benchmarks.fuzz.runner import isolated, run
+from mrwarp.asset_open import too_deep
 
 CASES = {"csv": 300, "parquet": 200, "model": 300, "usd": 60, "usd-attr": 40, "checkpoint": 300, "onnx": 60,
          "safetensors": 150, "dump": 300}  # fmt: skip
@@ -49,3 +51,25 @@ def test_failures_are_found_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyP
     state = run("checkpoint", 3, seed=0, out=tmp_path, seconds=100.0)
     assert state["failures"] == 3 and state["counts"] == {"FAILED": 3}
     assert "KeyError" in next((tmp_path / "failures").glob("*.txt")).read_text()
+
+
+def test_lines_are_new_once() -> None:
+    """A line of mrwarp counts when it runs for the first time; other code never does."""
+    lines = Lines()
+    with lines:
+        too_deep(b"()")
+    assert lines.new > 0
+    with lines:
+        too_deep(b"[]")
+        sorted([2, 1], key=lambda x: -x)
+    assert lines.new == 0
+    with lines:
+        too_deep(b"(" * 200)
+    assert lines.new > 0
+
+
+def test_new_lines_lead_further() -> None:
+    """Guided by lines: other cases than without, the same ones each time, no failures."""
+    batches = [isolated("dump", 3, 0, 150, coverage=guided) for guided in (False, True, True)]
+    assert all(batch["failures"] == [] for batch in batches)
+    assert batches[1]["counts"] == batches[2]["counts"] != batches[0]["counts"]
