@@ -54,17 +54,17 @@ class Row:
 
     @property
     def in_sd(self) -> float | None:
-        """Ours minus the paper's in units of the joint spread; None without both."""
+        """Ours minus the paper's in units of the joint spread, positive where ours is further from 0; None without."""
         if self.paper is None or self.joint_sd is None:
             return None
-        return (self.ours - self.paper.mean) / self.joint_sd
+        return math.copysign(1.0, self.paper.mean) * (self.ours - self.paper.mean) / self.joint_sd
 
     @property
     def relative(self) -> float | None:
-        """Ours minus the paper's, relative to the size of the paper's."""
+        """Ours over the paper's, less 1."""
         if self.paper is None or self.paper.mean == 0.0:
             return None
-        return (self.ours - self.paper.mean) / abs(self.paper.mean)
+        return self.ours / self.paper.mean - 1.0
 
     @property
     def differs(self) -> bool:

@@ -194,5 +194,7 @@ def test_differences_are_told_in_the_joint_spread() -> None:
     assert not replace(row, ours=1.4).differs
     bare = replace(row, paper=Measured(mean=-2.0), sd=None, ours=-2.05)
     assert bare.in_sd is None
+    assert bare.relative == pytest.approx(0.025)
+    assert replace(row, paper=Measured(mean=-1.0, sd=0.3), ours=-3.0).in_sd == pytest.approx(4.0)
     assert not bare.differs
     assert replace(bare, ours=-2.2).differs
