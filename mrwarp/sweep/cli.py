@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import shlex
+import signal
 import sys
 import time
 from collections import Counter
@@ -59,12 +61,15 @@ def main(argv: list[str] | None = None) -> int:
         check_writable(args.out)
         with claim(args.out):
             runner = _runner(args)
+            # a scheduler that takes the machine away says so by SIGTERM: as Ctrl-C
+            previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
             try:
                 return _sweep(args, folders, runner, "mrwarp sweep " + shlex.join(argv))
             except OSError:
                 runner.stop()
                 raise
             finally:
+                signal.signal(signal.SIGTERM, previous)
                 runner.close()
     except (GridError, FolderError, ValueError) as error:
         print(f"mrwarp sweep: {error}", file=sys.stderr)
@@ -175,9 +180,6 @@ def _tell_running(folders: dict[Path, Trial], seen: dict[Path, Status]) -> None:
 
 def _kill(left: dict[Path, Trial]) -> None:
     """End the processes on this machine at once."""
-    import contextlib
-    import signal
-
     for folder in left:
         if pid := read_status(folder).pid:
             with contextlib.suppress(ProcessLookupError, PermissionError):

@@ -119,8 +119,11 @@ def sweep_beside(args: list[str], out: Path) -> None:
 
 
 @pytest.mark.usefixtures("fake")
-def test_ctrl_c_stops_the_workers_and_the_same_command_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """SIGINT: exit code 130, no process left, checkpoints kept; the next call finishes from them."""
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_stops_the_workers_and_the_same_command_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sent: signal.Signals
+) -> None:
+    """SIGINT, or SIGTERM of a scheduler: code 130, no process left, checkpoints kept; the next call finishes."""
     args = ["--out", str(tmp_path), "--command", "train", "--grid", "seed=0,1,2", "--workers", "2"]
     monkeypatch.setenv("FAKE_STEP_TIME", "0.5")
     run = multiprocessing.get_context("fork").Process(target=sweep_beside, args=(args, tmp_path))
@@ -131,7 +134,7 @@ def test_ctrl_c_stops_the_workers_and_the_same_command_goes_on(tmp_path: Path, m
         assert time.monotonic() < deadline and run.is_alive()
         time.sleep(0.1)
     pids = [read_status(tmp_path / f"seed={k}").pid for k in (0, 1)]
-    os.kill(run.pid, signal.SIGINT)
+    os.kill(run.pid, sent)
     run.join(30)
     errors = (tmp_path / "errors").read_text()
     assert run.exitcode == 130, errors
