@@ -27,8 +27,8 @@ STATUS = {
 INTRODUCTION = (
     "Each row has the paper's figure (mean ± SD), ours (mean ± sample SD), the difference relative to the paper's and "
     "in units of the joint spread, the root of the two variances' sum (positive: ours is further from 0). A row "
-    "differs if it is off by more than one joint spread or by more than 5 % where the paper states no spread. 'Calibrated' "
-    "rows were used to fit a number of our model; all others are predictions."
+    "differs if it is off by more than one joint spread, or by more than 5 % where the paper states no spread. "
+    "'Calibrated' rows were used to fit a number of our model; all others are predictions."
 )
 """How to read the tables."""
 
