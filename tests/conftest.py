@@ -8,6 +8,7 @@ import warp as wp
 
 # before the first kernel: Warp prints its banner and every compiled module at LOG_INFO
 wp.config.log_level = wp.LOG_WARNING
+wp.init()  # torch tensors are wrapped in some tests before anything of Warp has run
 # results and timings must not depend on how many cores the machine has
 torch.set_num_threads(1)
 
