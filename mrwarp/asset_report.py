@@ -71,13 +71,22 @@ def masses(asset: RobotAsset) -> dict[str, float]:
                 raise AssetError(f"{asset.path}: {prim.GetPath()}: physics:mass {text}; state a mass above 0 kg")
             inertia = prim.GetAttribute("physics:diagonalInertia").Get()
             # Newton would quietly correct these; written so that nan is refused too
-            if inertia is not None and not (min(inertia) > 0.0 and 2.0 * max(inertia) <= sum(inertia) * (1.0 + 1e-6)):
+            if inertia is not None and not _is_inertia(inertia):
                 raise AssetError(
                     f"{asset.path}: {prim.GetPath()}: physics:diagonalInertia = {inertia} is no body's; "
                     "state three numbers above 0 kg·m2, none larger than the sum of the others"
                 )
             found[prim.GetName()] = value
     return found
+
+
+def _is_inertia(value: Any) -> bool:
+    """Whether a value, which USD may have let be of any type, holds principal inertias of a body."""
+    try:
+        numbers = [float(number) for number in value]
+    except (TypeError, ValueError):
+        return False
+    return len(numbers) == 3 and min(numbers) > 0.0 and 2.0 * max(numbers) <= sum(numbers) * (1.0 + 1e-6)
 
 
 def check_asset(file: Path) -> Iterator[str]:

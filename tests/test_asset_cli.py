@@ -3,6 +3,7 @@
 import difflib
 import itertools
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -202,3 +203,15 @@ def test_model_file_refusals(robot, capsys):
     assert "/mr_go/actuators/FL_hip is a plain motor" in capsys.readouterr().err
     assert robot.read_bytes() == SHIPPED.read_bytes()
     assert not missing.exists()
+
+
+@pytest.mark.parametrize("value", ["</x>", '"abc"', "(1, 2)"])
+def test_an_inertia_of_another_type_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], value: str) -> None:
+    """USD's parser takes a path for any type, and a text where the type says so."""
+    kind = {"</x>": "float3", '"abc"': "string", "(1, 2)": "float2"}[value]
+    text = (ASSETS / "mr_go.usda").read_text(encoding="utf-8")
+    path = tmp_path / "a.usda"
+    path.write_text(re.sub(r"float3 (physics:diagonalInertia) = .*", rf"{kind} \1 = {value}", text), encoding="utf-8")
+    assert main(["show", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "physics:diagonalInertia" in said
