@@ -36,6 +36,7 @@ import newton
 import numpy as np
 import warp as wp
 from newton.actuators import Actuator, ComponentKind, DriveBase, register_actuator_component
+from newton.actuators import DriveNeuralLSTM as DriveNeuralLSTM  # timed beside ours by mrwarp/perf/newton_lstm.py
 
 import mrwarp.asset_open  # registers the USD schema; must come before the first stage is opened
 from mrwarp import brake_constraint

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import torch
 import warp as wp
-from newton.actuators import DriveNeuralLSTM
 
+from mrwarp.drive import DriveNeuralLSTM
 from mrwarp.nn.models import HIDDEN
 
 
@@ -31,7 +31,7 @@ class _Cell(torch.nn.Module):
 
 
 class NewtonLstm:
-    """The drive on N joints, from a torch checkpoint (its ONNX backend wants a package that is not on this machine).
+    """The drive on N joints, from a torch checkpoint (its ONNX backend wants another package, warp_nn).
 
     Args:
         count: Number of joints N.
