@@ -124,7 +124,9 @@ def _metadata(proto: Any, rng: random.Random) -> None:
     if rng.random() < 0.1:
         entry.key = rng.choice(("", "mrwarp ", "task"))
     else:
-        entry.value = mutate(entry.value.encode(), rng).decode(errors="ignore")
+        value = entry.value  # protobuf gives bytes where an earlier change left no UTF-8
+        value = value if isinstance(value, bytes) else value.encode()
+        entry.value = mutate(value, rng).decode(errors="ignore")
         if rng.random() < 0.3:
             entry.value = rng.choice((*NUMBERS, '{"task": 3}', '{"task": {"robot": []}}')).replace("\x00", "")
 

@@ -13,6 +13,7 @@ import torch
 from tensordict import TensorDict
 
 from mrwarp.env.observations import ACTOR_TERMS
+from mrwarp.model_file import shown
 from mrwarp.robot import JOINTS
 
 META = "mrwarp"
@@ -83,10 +84,11 @@ class OnnxPolicy:
             self.description: dict[str, Any] = dict(json.loads(props[META]))
             dict(self.description.get("task", {}))
         except (ValueError, TypeError, RecursionError) as error:
-            raise PolicyError(f"{path}: unreadable mrwarp metadata ({error}); export it again") from error
+            cause = " ".join(str(error).split())
+            raise PolicyError(f"{path}: unreadable mrwarp metadata ({cause}); export it again") from error
         if self.description.get("observations") != ACTOR_TERMS:
             raise PolicyError(
-                f"{path}: made for observations {self.description.get('observations')}, this version gives "
+                f"{path}: made for observations {shown(self.description.get('observations'))}, this version gives "
                 f"{ACTOR_TERMS}; train it again"
             )
         if any(w.data_location == onnx.TensorProto.EXTERNAL for w in proto.graph.initializer):
@@ -101,7 +103,10 @@ class OnnxPolicy:
         self._nodes = list(proto.graph.node)
         for node in self._nodes:
             if node.op_type not in _OPS:
-                raise PolicyError(f"{path}: layer {node.op_type!r} is not one of {', '.join(sorted(_OPS))}")
+                raise PolicyError(
+                    f"{path}: layer {shown(node.op_type)} is not one of {', '.join(sorted(_OPS))}; "
+                    "use a policy exported by train/ppo.py"
+                )
         if not (proto.graph.input and proto.graph.output):
             raise PolicyError(f"{path}: no input or no output; export it again")
         self._input, self._output = proto.graph.input[0].name, proto.graph.output[0].name

@@ -164,6 +164,16 @@ def test_another_observation_layout_is_refused(exported: Path, tmp_path: Path) -
     assert "made for observations" in refusal(path) and "train it again" in refusal(path)
 
 
+def test_a_long_description_makes_a_short_refusal(exported: Path, tmp_path: Path) -> None:
+    """The refusal stays one readable line, whatever stands in the file."""
+    description = json.dumps({"observations": {"gy" + 100_000 * "(": 3}})
+    path = edited(
+        exported, tmp_path / "p.onnx", lambda proto: helper.set_model_props(proto, {policy.META: description})
+    )
+    message = refusal(path)
+    assert len(message) < 1000 and "train it again" in message
+
+
 def test_an_unknown_layer_is_refused(exported: Path, tmp_path: Path) -> None:
     """Only the layers of a policy are run; another operator is named in the refusal."""
 
@@ -173,7 +183,7 @@ def test_an_unknown_layer_is_refused(exported: Path, tmp_path: Path) -> None:
         node.ClearField("attribute")
 
     message = refusal(edited(exported, tmp_path / "p.onnx", change))
-    assert "'Sigmoid'" in message and "Gemm" in message
+    assert "'Sigmoid'" in message and "Gemm" in message and "train/ppo.py" in message
 
 
 def test_weights_in_another_file_are_refused(exported: Path, tmp_path: Path) -> None:
