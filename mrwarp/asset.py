@@ -133,10 +133,17 @@ def write_parameters(prim: Usd.Prim, params: MrParams) -> None:
 
 
 def variant_choices(stage: Usd.Stage, name: str) -> list[str]:
-    """The choices of variant set ``robot`` or ``payload``; without it (in a flattened file) the one that is there."""
+    """The choices of variant set ``robot`` or ``payload``; without it (in a flattened file) the one that is there.
+
+    Raises:
+        AssetError: the set is there, but empty.
+    """
     root = stage.GetDefaultPrim()
     if root.GetVariantSets().HasVariantSet(name):
-        return root.GetVariantSet(name).GetVariantNames()
+        if names := root.GetVariantSet(name).GetVariantNames():
+            return names
+        file = stage.GetRootLayer().identifier
+        raise AssetError(f"{file}: {root.GetPath()}: variant set {name!r} is empty; write its variants, or unlist it")
     if name == "robot":
         return ["mr_go" if any(is_mr(prim) for prim in stage.Traverse()) else "go1"]
     load = stage.GetAttributeAtPath(root.GetPath().AppendPath("payload.physics:mass"))
