@@ -294,7 +294,8 @@ def test_load_robot_refuses_files_and_variants(tmp_path):
     with pytest.raises(AssetError, match="no variant robot = 'go2'; allowed: go1, mr_go"):
         load_robot(robot="go2")
     empty = tmp_path / "empty.usda"
-    empty.write_text((ASSETS / "mr_go.usda").read_text().replace('variantSet "payload" = {', 'variantSet "payloads" = {'))
+    text = (ASSETS / "mr_go.usda").read_text()
+    empty.write_text(text.replace('variantSet "payload" = {', 'variantSet "payloads" = {'))
     with pytest.raises(AssetError, match="empty.usda: /mr_go: variant set 'payload' is empty; write"):
         load_robot(empty)
     with pytest.raises(AssetError, match="no variant payload = '5'; allowed: 0, 3"):

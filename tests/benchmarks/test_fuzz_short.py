@@ -1,5 +1,6 @@
 """The fuzzers' short version: a few hundred cases per kind of input, each a good read or a refusal that helps."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,8 +20,8 @@ CASES = {"csv": 300, "parquet": 200, "model": 300, "usd": 60, "usd-attr": 40, "c
 def test_mutated_files_are_read_or_refused(kind: str, tmp_path: Path) -> None:
     """No exception but the reader's own, no hang, nothing left behind; every refusal names the file and a remedy."""
     state = run(kind, CASES[kind], seed=1, out=tmp_path, seconds=100.0)
-    assert state["cases"] == CASES[kind] == sum(state["counts"].values())
     assert state["failures"] == 0, [path.read_text() for path in (tmp_path / "failures").glob("*.txt")][:3]
+    assert state["cases"] == CASES[kind] == sum(state["counts"].values())
     assert len(state["counts"]) >= 2
 
 
@@ -51,6 +52,24 @@ def test_failures_are_found_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyP
     state = run("checkpoint", 3, seed=0, out=tmp_path, seconds=100.0)
     assert state["failures"] == 3 and state["counts"] == {"FAILED": 3}
     assert "KeyError" in next((tmp_path / "failures").glob("*.txt")).read_text()
+
+
+def test_a_process_that_ends_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ended from outside, once: the batch counts. Ended by its input, each time: a failure."""
+    original, flag = KINDS["checkpoint"], tmp_path / "ended"
+
+    def ends(path: Path) -> None:
+        if not flag.exists():
+            flag.touch()
+            os._exit(3)
+        original.read(path)
+
+    monkeypatch.setitem(KINDS, "checkpoint", replace(original, read=ends))
+    assert isolated("checkpoint", 0, 0, 5)["failures"] == []
+
+    monkeypatch.setitem(KINDS, "checkpoint", replace(original, read=lambda path: os._exit(3)))
+    (failure,) = isolated("checkpoint", 0, 0, 5)["failures"]
+    assert "process ended with 3" in failure["problem"]
 
 
 def test_lines_are_new_once() -> None:
