@@ -47,8 +47,20 @@ _MARKS = re.compile(rb"(?P<bracket>[()\[\]{}])|" + _OPAQUE.pattern, re.DOTALL)
 _NO_BRACKETS = bytes(set(range(256)) - set(b"()[]{}"))
 
 
+_LONGEST = 1500
+"""Length of a refusal [characters]."""
+
+
 class AssetError(ValueError):
-    """A USD asset was refused; the message names file, prim path, attribute, value and the allowed range or remedy."""
+    """A USD asset was refused; the message names file, prim path, attribute, value and the allowed range or remedy.
+
+    Names and values come from the file and may be of any length: the middle of a long message is left out.
+    """
+
+    def __init__(self, message: str) -> None:
+        if len(message) > _LONGEST:
+            message = f"{message[: _LONGEST - 400]} ... {message[-395:]}"
+        super().__init__(message)
 
 
 def register_schema() -> None:

@@ -281,6 +281,15 @@ def test_load_robot_refuses_cycles_on_one_line(tmp_path):
     assert "\n" not in str(refusal.value)
 
 
+def test_refusals_of_long_names_stay_readable(tmp_path):
+    """A schema's name of 100,000 letters leaves place and remedy in the message."""
+    long = tmp_path / "long.usda"
+    long.write_text((ASSETS / "mr_go.usda").read_text().replace('"NewtonPDControlAPI"', f'"{100_000 * "x"}"'))
+    with pytest.raises(AssetError, match="apiSchemas = .* allowed: ") as refused:
+        load_robot(long, robot="go1")
+    assert len(str(refused.value)) <= 1500 and str(long) in str(refused.value)
+
+
 def test_load_robot_refuses_files_and_variants(tmp_path):
     """No file, a file that is not USD, no default prim and an unknown variant are refused with the remedy."""
     with pytest.raises(AssetError, match="nowhere.usda: no such file"):
