@@ -108,6 +108,8 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path: Path, capsys: pytest
 
 def sweep_beside(args: list[str], out: Path) -> None:
     """A sweep in a process of its own; what it says goes to files."""
+    # a shell that starts the tests in the background has it ignored
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with (out / "said").open("w") as said, (out / "errors").open("w") as errors:
         os.dup2(said.fileno(), 1)
         os.dup2(errors.fileno(), 2)
