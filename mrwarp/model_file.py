@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import reprlib
 import sys
 from collections import Counter
@@ -19,6 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mrwarp.in_one_piece import write_text
 from mrwarp.params import MrParams, ParameterError
 
 if TYPE_CHECKING:
@@ -157,13 +157,8 @@ def parameter_unit(name: str, units: Mapping[str, str]) -> str:
 
 def save_model(model: Model, path: str | Path) -> Path:
     """Write a model in one piece; every number is stored without loss."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".part")
     text = json.dumps(model_to_dict(model), indent=2, allow_nan=False, ensure_ascii=False)
-    partial.write_text(text + "\n", encoding="utf-8")
-    os.replace(partial, path)
-    return path
+    return write_text(Path(path), text + "\n")
 
 
 def load_model(path: str | Path) -> Model:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
+
+from mrwarp.in_one_piece import write_text
 
 SCHEMA = 1
 """Version of the result's layout."""
@@ -36,13 +37,8 @@ def write_result(out: Path, figures: dict[str, Any], *, seed: int, command: str)
         seed: Seed of everything random.
         command: Command line that made it.
     """
-    out.mkdir(parents=True, exist_ok=True)
     content = {"schema": SCHEMA, **figures, "seed": seed, "versions": versions(), "command": command}
-    path = out / "result.json"
-    partial = path.with_suffix(".json.part")
-    partial.write_text(json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
-    os.replace(partial, path)
-    return path
+    return write_text(out / "result.json", json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
 
 
 def plain(value: Any) -> Any:

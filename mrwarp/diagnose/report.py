@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from mrwarp.diagnose.pictures import draw
 from mrwarp.diagnose.result import Cause, Diagnosis, NextExperiment, Shift, Tried, Value
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
+from mrwarp.in_one_piece import write_text
 from mrwarp.results import versions
 
 _KINDS = {"mechanism": "part of the device", "sensor": "only in what is measured", "calibration": "calibration"}
@@ -58,12 +58,7 @@ def write_report(
 
 def write_page(page: str, out: Path) -> Path:
     """Write a rendered page as ``out/report.html`` in one piece."""
-    out.mkdir(parents=True, exist_ok=True)
-    path = out / "report.html"
-    partial = path.with_suffix(".html.part")
-    partial.write_text(page, encoding="utf-8")
-    os.replace(partial, path)
-    return path
+    return write_text(out / "report.html", page)
 
 
 def render(

@@ -13,6 +13,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from mrwarp.env.watch import KEPT, Break, Column
+from mrwarp.in_one_piece import replacing
 
 META = "mrwarp_dump"
 SCHEMA = 1
@@ -35,8 +36,6 @@ class Dump:
 
 def save(found: Break, path: Path, run: dict[str, Any]) -> None:
     """Write a break in one piece; other values than numbers, text and null in ``run`` cannot be written."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".part")
     meta = {
         "schema": SCHEMA,
         "env": found.env,
@@ -46,12 +45,9 @@ def save(found: Break, path: Path, run: dict[str, Any]) -> None:
         "run": run,
     }
     arrays = {"states": found.states.astype(np.float32), "bounds": found.bounds.astype(np.float64)}
-    try:
+    with replacing(path) as partial:
         save_file(arrays, str(partial), metadata={META: json.dumps(meta)})
         partial.chmod(0o644)  # safetensors keeps its files to their owner
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def load(path: Path) -> Dump:

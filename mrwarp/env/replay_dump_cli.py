@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mrwarp.env.dump import Dump, DumpError, load
+from mrwarp.in_one_piece import replacing
 from mrwarp.rl.play_cli import check_output
 
 SHOWN = 10
@@ -120,10 +121,8 @@ def plot(dump: Dump, path: Path) -> None:
     for axis in axes[1]:
         axis.set_xlabel("torque steps of 5 ms before the wrong one [ms]")
     figure.suptitle(str(found), wrap=True)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".part")
-    figure.savefig(partial, dpi=110, format="png")
-    partial.replace(path)
+    with replacing(path) as partial:
+        figure.savefig(partial, dpi=110, format="png")
 
 
 def _grown(dump: Dump) -> str:

@@ -15,6 +15,7 @@ from mrwarp.electrical.power import ElectricalCfg
 from mrwarp.electrical.thermal import ThermalCfg
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.evaluate.walking import Policy
+from mrwarp.in_one_piece import write_text
 from mrwarp.model_file import read_json_file
 from mrwarp.paper import ROBOTS
 from mrwarp.params import ParameterError, ParamGroup
@@ -118,9 +119,8 @@ def described(groups: dict[str, Any], calibrated: tuple[str, ...] = ()) -> dict[
 
 def write_numbers(path: Path, groups: dict[str, Any]) -> None:
     """Write the numbers as ``--numbers`` reads them."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     content = {name: {spec.name: getattr(cfg, spec.name) for spec in type(cfg).specs()} for name, cfg in groups.items()}
-    path.write_text(json.dumps(content, indent=2) + "\n")
+    write_text(path, json.dumps(content, indent=2) + "\n")
 
 
 class Progress:

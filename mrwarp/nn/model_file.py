@@ -15,6 +15,7 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
+from mrwarp.in_one_piece import replacing
 from mrwarp.nn.models import FEATURES, SAMPLES, TorqueNet, make_net
 
 META = "mrwarp"
@@ -98,12 +99,10 @@ class LearnedModel:
 
 def save(model: LearnedModel, path: Path) -> None:
     """Write weights and description as safetensors, in one piece."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(path.suffix + ".part")
     weights = {name: tensor.contiguous() for name, tensor in model.net.state_dict().items()}
-    save_file(weights, str(partial), metadata={META: json.dumps(model.description(), allow_nan=False)})
-    partial.chmod(0o644)  # safetensors keeps its files to their owner
-    partial.replace(path)
+    with replacing(path) as partial:
+        save_file(weights, str(partial), metadata={META: json.dumps(model.description(), allow_nan=False)})
+        partial.chmod(0o644)  # safetensors keeps its files to their owner
 
 
 def load(path: str | Path) -> LearnedModel:
@@ -142,19 +141,17 @@ def load(path: str | Path) -> LearnedModel:
 def export_onnx(model: LearnedModel, path: Path) -> None:
     """Write as ONNX: input ``window`` (N, samples, 3) of raw features, output ``torque`` (N,), scaler inside."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(".part.onnx")
     example = torch.zeros(1, model.samples, FEATURES)
-    with warnings.catch_warnings():
+    with replacing(path) as partial, warnings.catch_warnings():
         # the exporter warns of its own age and of batch sizes, which the tests cover
         warnings.simplefilter("ignore")
         torch.onnx.export(
             model.net, (example,), str(partial), input_names=["window"], output_names=["torque"], opset_version=18,
             dynamo=False, dynamic_axes={"window": {0: "n"}, "torque": {0: "n"}},
         )  # fmt: skip
-    proto = onnx.load(str(partial))
-    onnx.helper.set_model_props(proto, {META: json.dumps(model.description(), allow_nan=False)})
-    onnx.save(proto, str(partial))
-    partial.replace(path)
+        proto = onnx.load(str(partial))
+        onnx.helper.set_model_props(proto, {META: json.dumps(model.description(), allow_nan=False)})
+        onnx.save(proto, str(partial))
 
 
 @torch.no_grad()

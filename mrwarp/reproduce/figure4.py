@@ -20,6 +20,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mrwarp import paper
+from mrwarp.in_one_piece import write_text
 from mrwarp.model_file import read_json_file
 from mrwarp.nn import model_file
 from mrwarp.nn.models import SAMPLES
@@ -171,7 +172,7 @@ def _one_strength(bench: BenchCfg, recipe: FitCfg, out: Path) -> dict[str, Any]:
                 print(f"running the bench for {out}", flush=True)
                 data = run_bench(bench)
             done = _train(name, data, bouc_wen, recipe, out)
-            _write(out / f"{name}.json", {"key": key, **done})
+            write_text(out / f"{name}.json", json.dumps({"key": key, **done}, indent=1))
         if name == "bouc_wen":
             bouc_wen = done["bouc_wen"]
         rows[name] = done["summary"]
@@ -212,13 +213,6 @@ def _read(path: Path, key: dict[str, Any]) -> dict[str, Any] | None:
     content = read_json_file(path, "remove it, and the model is made again")
     same = isinstance(content, dict) and content.get("key") == json.loads(json.dumps(key))
     return content if same else None
-
-
-def _write(path: Path, content: dict[str, Any]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(".part")
-    partial.write_text(json.dumps(content, indent=1))
-    partial.replace(path)
 
 
 if __name__ == "__main__":

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import base64
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from mrwarp.in_one_piece import write_text
 from mrwarp.reproduce import words
 from mrwarp.reproduce.experiment import Experiment, Findings
 from mrwarp.reproduce.runner import Outcome
@@ -54,7 +54,7 @@ def write(
         lstrip_blocks=True,
     )  # fmt: skip
     html = environment.get_template("report.html.jinja").render(**page)
-    return _write(out / "report.html", html), _write(out / "report.md", markdown(page, out))
+    return write_text(out / "report.html", html), write_text(out / "report.md", markdown(page, out))
 
 
 def markdown(page: dict[str, Any], out: Path) -> str:
@@ -111,11 +111,3 @@ def _text(text: str) -> str:
     for mark in "|`*[]#":
         text = text.replace(mark, "\\" + mark)
     return text.replace("_", "\\_") if "__" in text or text.startswith("_") else text
-
-
-def _write(path: Path, text: str) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".part")
-    partial.write_text(text, encoding="utf-8")
-    os.replace(partial, path)
-    return path

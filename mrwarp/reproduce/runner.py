@@ -7,7 +7,6 @@ piece with the key of everything it depends on. A run that was stopped goes on w
 from __future__ import annotations
 
 import json
-import os
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
@@ -15,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mrwarp.in_one_piece import write_text
 from mrwarp.model_file import ModelFileError, read_json_file
 from mrwarp.reproduce import fingerprint
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, NotYet
@@ -94,7 +94,8 @@ class Runner:
             job.report("", 0.0)
             findings = experiment.compute(job)
             seconds = time.perf_counter() - started
-            _write(folder / KEPT, {"key": key, "seconds": seconds, "findings": findings.to_json()})
+            content = plain({"key": key, "seconds": seconds, "findings": findings.to_json()})
+            write_text(folder / KEPT, json.dumps(content, indent=1, allow_nan=False))
         except NotYet as error:
             return Outcome(name=name, status="waiting", message=str(error))
         except Exception as error:  # whatever one experiment meets, the others go on
@@ -135,9 +136,3 @@ def _read(path: Path, key: dict[str, Any]) -> tuple[Findings, float] | None:
         return Findings.from_json(content["findings"]), float(content["seconds"])
     except (ModelFileError, KeyError, TypeError, ValueError):  # damaged or of another layout: made again
         return None
-
-
-def _write(path: Path, content: dict[str, Any]) -> None:
-    partial = path.with_suffix(".part")
-    partial.write_text(json.dumps(plain(content), indent=1, allow_nan=False), encoding="utf-8")
-    os.replace(partial, path)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from mrwarp.in_one_piece import replacing
 
 
 def save(path: Path, tree: Any) -> None:
@@ -28,9 +29,8 @@ def save(path: Path, tree: Any) -> None:
         return value
 
     skeleton = np.array(json.dumps(strip(tree)))
-    partial = path.with_suffix(".part.npz")
-    np.savez_compressed(partial, tree=skeleton, **arrays)  # type: ignore[arg-type]
-    os.replace(partial, path)
+    with replacing(path) as partial, partial.open("wb") as file:
+        np.savez_compressed(file, tree=skeleton, **arrays)  # type: ignore[arg-type]
 
 
 def load(path: Path) -> Any:

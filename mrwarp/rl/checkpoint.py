@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import os
 import pickle
@@ -10,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import torch
+
+from mrwarp.in_one_piece import replacing
 
 FORMAT = 1
 """Version of the checkpoint's layout."""
@@ -24,18 +25,13 @@ def save(path: Path, content: dict[str, Any]) -> None:
     # in memory first: torch answers a full disk with errors of its own, in a half-written archive
     data = io.BytesIO()
     torch.save({"format": FORMAT, **content}, data)
-    partial = path.with_suffix(path.suffix + ".part")
     try:
-        with partial.open("wb") as file:
+        with replacing(path) as partial, partial.open("wb") as file:
             file.write(data.getbuffer())
             file.flush()
             os.fsync(file.fileno())
-        os.replace(partial, path)
     except OSError as error:
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
-    finally:
-        with contextlib.suppress(OSError):
-            partial.unlink(missing_ok=True)
 
 
 def load(path: Path) -> dict[str, Any]:

@@ -13,6 +13,7 @@ import torch
 from tensordict import TensorDict
 
 from mrwarp.env.observations import ACTOR_TERMS
+from mrwarp.in_one_piece import replacing
 from mrwarp.model_file import shown
 from mrwarp.robot import JOINTS
 
@@ -41,18 +42,16 @@ def export_onnx(actor: Any, path: Path, description: dict[str, Any]) -> None:
         description: What a user needs to run it, e.g. action scale, gains, command that made it; stored as metadata.
     """
     model = actor.as_onnx(verbose=False).to("cpu").eval()
-    partial = path.with_suffix(".part.onnx")
-    with warnings.catch_warnings():
+    with replacing(path) as partial, warnings.catch_warnings():
         # deprecated, but its graph is the net's few layers by name, which is what OnnxPolicy reads
         warnings.simplefilter("ignore", DeprecationWarning)
         torch.onnx.export(
             model, model.get_dummy_inputs(), str(partial), input_names=["obs"], output_names=["actions"],
             opset_version=18, dynamo=False, dynamic_axes={"obs": {0: "n"}, "actions": {0: "n"}},
         )  # fmt: skip
-    proto = onnx.load(str(partial))
-    onnx.helper.set_model_props(proto, {META: json.dumps({"observations": ACTOR_TERMS, **description})})
-    onnx.save(proto, str(partial))
-    partial.replace(path)
+        proto = onnx.load(str(partial))
+        onnx.helper.set_model_props(proto, {META: json.dumps({"observations": ACTOR_TERMS, **description})})
+        onnx.save(proto, str(partial))
 
 
 class OnnxPolicy:

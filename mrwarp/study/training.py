@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from mrwarp.in_one_piece import write_text
 from mrwarp.rl import checkpoint
 from mrwarp.rl.folder import FolderError, claim
 from mrwarp.rl.trainer import TrainCfg, Trainer
@@ -77,13 +78,13 @@ def collect(cfg: StudyCfg, out: Path, folder: Path) -> list[Path]:
     written = []
     for plant, seed, run in runs:
         shutil.copyfile(run / "policy.onnx", policy_file(folder, plant, seed))
-        record_file(folder, plant, seed).write_text(json.dumps(_record(run, plant, seed), indent=1) + "\n")
+        write_text(record_file(folder, plant, seed), json.dumps(_record(run, plant, seed), indent=1) + "\n")
         written.append(policy_file(folder, plant, seed))
     return written
 
 
 def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> Trainer:
-    checkpoint = run / "checkpoint.pt"
+    saved = run / "checkpoint.pt"
     train_cfg = TrainCfg(
         env=plant_cfg(plant, num_envs=cfg.num_envs, terrain=cfg.terrain, threads=threads),
         out=run,
@@ -94,7 +95,7 @@ def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> T
         command=f"mrwarp study train --plants {plant} --seeds {seed} --num-envs {cfg.num_envs} --iterations "
         f"{cfg.iterations} --terrain {cfg.terrain}",
     )
-    return Trainer(train_cfg, resume=checkpoint if checkpoint.is_file() else None)
+    return Trainer(train_cfg, resume=saved if saved.is_file() else None)
 
 
 def _iterations(run: Path) -> int:

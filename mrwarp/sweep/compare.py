@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import math
-import os
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from mrwarp.in_one_piece import replacing
 from mrwarp.sweep.grid import Trial
 from mrwarp.sweep.trial import FINISHED, State, Status
 
@@ -144,8 +144,7 @@ def write_csv(rows: Sequence[Row], path: Path) -> None:
     """All numbers of all trials, one line for each trial."""
     options = list(dict.fromkeys(key for row in rows for key in row.trial.values))
     names = list(dict.fromkeys(name for row in rows for name in row.figures))
-    partial = path.with_name(path.name + ".part")
-    with partial.open("w", newline="", encoding="utf-8") as file:
+    with replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["trial", *options, "state", "attempts", "wall_seconds", *names])
         for row in rows:
@@ -153,7 +152,6 @@ def write_csv(rows: Sequence[Row], path: Path) -> None:
             fixed = [status.state.value, status.attempts, f"{status.seconds:.3f}"]
             values = [row.figures.get(name, "") for name in names]
             writer.writerow([row.trial.name, *(row.trial.values.get(key, "") for key in options), *fixed, *values])
-    os.replace(partial, path)
 
 
 def plot(rows: Sequence[Row], names: Sequence[str], path: Path) -> None:

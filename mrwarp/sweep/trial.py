@@ -16,6 +16,7 @@ from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
+from mrwarp.in_one_piece import write_text
 from mrwarp.sweep.grid import Trial
 
 LAUNCH = (sys.executable, "-m", "mrwarp.cli")
@@ -80,10 +81,7 @@ def read_status(folder: Path) -> Status:
 
 def write_status(folder: Path, status: Status) -> None:
     """Write a trial's status in one piece."""
-    folder.mkdir(parents=True, exist_ok=True)
-    partial = folder / "trial.json.part"
-    partial.write_text(json.dumps(asdict(status), indent=2) + "\n", encoding="utf-8")
-    os.replace(partial, folder / "trial.json")
+    write_text(folder / "trial.json", json.dumps(asdict(status), indent=2) + "\n")
 
 
 def command_line(trial: Trial, folder: Path) -> list[str]:

@@ -1,8 +1,7 @@
-"""Files of a recording: which they are, the error for one that is too large, and writing in one piece."""
+"""Files of a recording: which they are, and the error for one that is too large."""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from mrwarp.sysid.recording_data import RecordingError
@@ -52,10 +51,3 @@ def too_large(file: Path, size: int, most: int) -> RecordingError:
         f"{file}: {'more than ' if size == most + 1 else ''}{size / 2**30:.1f} GiB is more than is read at once "
         f"({most / 2**20:g} MiB per recording, uncompressed); split it into several recordings"
     )
-
-
-def write_file(path: Path, data: bytes) -> None:
-    """Write in one piece: whoever reads sees the old file or the new one."""
-    partial = path.with_name(path.name + ".part")
-    partial.write_bytes(data)
-    os.replace(partial, path)

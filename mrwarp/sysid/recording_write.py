@@ -14,9 +14,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
+from mrwarp.in_one_piece import write_bytes
 from mrwarp.sysid.recording_csv import csv_bytes
 from mrwarp.sysid.recording_data import COLUMNS, HOLDING_COLUMNS, UNITS, Holding, Recording, RecordingError, Trajectory
-from mrwarp.sysid.recording_files import HOLDING_FILE, suffix_of, write_file
+from mrwarp.sysid.recording_files import HOLDING_FILE, suffix_of
 from mrwarp.sysid.recording_units import read_units
 
 
@@ -61,7 +62,7 @@ def _write_units(folder: Path, units: dict[str, str]) -> None:
         if any(there.declared[key] != unit for key, unit in units.items()):
             raise RecordingError(f"{path}: the files beside it are in other units; choose another folder")
     elif units != usual:
-        write_file(path, (json.dumps(units, ensure_ascii=False, indent=1) + "\n").encode())
+        write_bytes(path, (json.dumps(units, ensure_ascii=False, indent=1) + "\n").encode())
 
 
 def save_holding(holding: Holding, folder: str | Path) -> Path:
@@ -69,7 +70,7 @@ def save_holding(holding: Holding, folder: str | Path) -> Path:
     Path(folder).mkdir(parents=True, exist_ok=True)
     file = Path(folder) / HOLDING_FILE
     table = pa.table({name: pa.array(getattr(holding, name)) for name in HOLDING_COLUMNS})
-    write_file(file, csv_bytes(table, holding.header))
+    write_bytes(file, csv_bytes(table, holding.header))
     return file
 
 
@@ -87,8 +88,8 @@ def _write(trajectories: Sequence[Trajectory], file: Path, header: dict[str, Any
     if file.name.endswith(".parquet"):
         sink = io.BytesIO()
         pyarrow.parquet.write_table(table.replace_schema_metadata({"mrwarp": json.dumps(header)}), sink)
-        write_file(file, sink.getvalue())
+        write_bytes(file, sink.getvalue())
         return
     data = csv_bytes(table, header)
     # no time stamp and a fixed level: the same recording gives the same bytes
-    write_file(file, gzip.compress(data, 6, mtime=0) if file.name.endswith(".gz") else data)
+    write_bytes(file, gzip.compress(data, 6, mtime=0) if file.name.endswith(".gz") else data)

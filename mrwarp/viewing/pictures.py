@@ -14,6 +14,7 @@ from matplotlib.patches import Patch
 from PIL import Image
 
 from mrwarp.env.sim_model import Scene
+from mrwarp.in_one_piece import replacing
 from mrwarp.kernels import ledger
 from mrwarp.robot import CALVES, GAIT_FREQUENCY, LEGS
 from mrwarp.viewing.frames import Frames, Gate
@@ -88,10 +89,8 @@ def _save(figure: Figure, path: Path) -> None:
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=110, format="png", facecolor="white")
     image = Image.open(buffer).convert("RGB").quantize(255, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".part")
-    image.save(partial, format="PNG", optimize=True)
-    partial.replace(path)
+    with replacing(path) as partial:
+        image.save(partial, format="PNG", optimize=True)
 
 
 def _frame_row(axis: Axes, height: float) -> None:
