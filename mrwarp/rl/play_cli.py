@@ -184,7 +184,7 @@ def make_cfg(args: argparse.Namespace, task: dict[str, Any]) -> EnvCfg:
 
     Args:
         args: Parsed options.
-        task: The policy's task, as :func:`mrwarp.rl.trainer.task` describes it; empty without a policy.
+        task: The policy's task, as :func:`mrwarp.rl.task.task` describes it; empty without a policy.
 
     Raises:
         ValueError: the policy was made for another action scale or rate than this version has.

@@ -14,28 +14,17 @@ from typing import Any
 import torch
 from torch.utils.tensorboard import SummaryWriter
 
-from mrwarp.env import dump
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.evaluate.walking import GateCheck
-from mrwarp.nn.model_file import MODELS, shipped_model
 from mrwarp.quiet import one_torch_thread, repeating_torch, silent
 from mrwarp.results import write_result
 from mrwarp.rl import checkpoint, curves, policy
+from mrwarp.rl.breaks import WINDOW, Breaks, TooManyBreaks, not_finite
 from mrwarp.rl.folder import check_writable, claim
 from mrwarp.rl.ppo_cfg import make_ppo_cfg
 from mrwarp.rl.ranks import Ranks
-
-WINDOW = 50
-"""Updates over which the progress figures are averaged."""
-
-
-MAX_BROKEN = 0.01
-"""Largest share of environments in which a number may go wrong: in one update (one environment always may), and on
-average over the last :data:`WINDOW` updates."""
-
-MAX_DUMPS = 20
-"""Most files that one run writes of environments in which a number went wrong."""
+from mrwarp.rl.task import task
 
 
 class TrainingError(RuntimeError):
@@ -75,7 +64,8 @@ class Trainer:
 
     Attributes:
         watchers: Called after every policy step, e.g. to show it.
-        breaks: Episodes that ended because a number went wrong.
+        window: Figures of the last updates, one dictionary each.
+        breaks: Episodes that ended because a number went wrong, of all processes.
 
     Raises:
         CheckpointError: the checkpoint cannot be used.
@@ -102,15 +92,14 @@ class Trainer:
         self.rows: list[dict[str, float]] = []
         self.gate_rows: list[dict[str, Any]] = []
         self.gate_check: GateCheck | None = None
-        self._window: deque[dict[str, float]] = deque(maxlen=WINDOW)
+        self.window: deque[dict[str, float]] = deque(maxlen=WINDOW)
         self.watchers: list[Callable[[], None]] = []
         self._interrupted = self._stop = False
         self._met_gate = False
         # spread the episodes, so that resets do not come all at once
         self.env.episode_length_buf = torch.randint_like(self.env.episode_length_buf, self.env.max_episode_length)
-        self.breaks = 0
-        self._broken_window: deque[int] = deque(maxlen=WINDOW)
-        self._dumps = 0
+        run = {"seed": self._seed, "num_envs": self.env.num_envs, "task": task(cfg.env)}
+        self.breaks = Breaks(self.env, ranks, cfg.out / "broken", run)
         if content:
             self._load(content, resume)
         if ranks.main:
@@ -155,7 +144,7 @@ class Trainer:
         started = time.perf_counter() - self.seconds
         saved, checked, printed = self.seconds, self.seconds, 0.0
         while self.iteration < self.cfg.iterations and not self._asked_to_stop():
-            row = self._update()
+            row = self.update()
             self.seconds = time.perf_counter() - started
             row["seconds"] = self.seconds
             self.rows.append(row)
@@ -189,7 +178,7 @@ class Trainer:
         """Write ``checkpoint.pt``: networks, optimiser, random generators, environment and progress."""
         path = self.cfg.out / "checkpoint.pt"
         algorithm = self.algorithm.save()
-        if wrong := _not_finite(algorithm):
+        if wrong := not_finite(algorithm):
             raise TrainingError(f"{wrong} holds no numbers after update {self.iteration}; {self._left()}")
         ranks = self.ranks.gather(self._own_state())
         if not self.ranks.main:
@@ -204,11 +193,9 @@ class Trainer:
                 "iteration": self.iteration,
                 "seconds": self.seconds,
                 "rows": self.rows,
-                "window": list(self._window),
+                "window": list(self.window),
                 "gate_rows": self.gate_rows,
-                "breaks": self.breaks,
-                "broken_window": list(self._broken_window),
-                "dumps": self._dumps,
+                **self.breaks.state(),
                 "seed": self.cfg.seed,
                 "task": task(self.cfg.env),
             },
@@ -237,10 +224,8 @@ class Trainer:
             self.env.load_state(mine["env"])
             self.iteration, self.seconds = content["iteration"], content["seconds"]
             self.rows, self.gate_rows = content["rows"], content["gate_rows"]
-            self._window.extend(content["window"])
-            # files of an earlier version count no breaks
-            self.breaks, self._dumps = content.get("breaks", 0), content.get("dumps", 0)
-            self._broken_window.extend(content.get("broken_window", []))
+            self.window.extend(content["window"])
+            self.breaks.load_state(content)
             self.obs = self.env.last_observations
             if note := checkpoint.set_random_state(mine, torch.device(self.env.device)):
                 print(f"  {path}: {note}", flush=True)
@@ -249,7 +234,7 @@ class Trainer:
                 f"{path}: does not fit this version of mrwarp ({' '.join(str(error).split())}); start anew"
             ) from error
 
-    def _update(self) -> dict[str, float]:
+    def update(self) -> dict[str, float]:
         """One PPO update: collect, learn; returns the progress figures, averaged over the last updates."""
         env, algorithm = self.env, self.algorithm
         begin = time.perf_counter()
@@ -268,16 +253,16 @@ class Trainer:
                 falls += env.fallen.sum()
             algorithm.compute_returns(self.obs)
         collected = time.perf_counter()
-        if self._check_numbers():
+        if self._usable():
             losses = algorithm.update()
             self._check_networks()
         else:
             algorithm.storage.clear()
-            losses = {"value": self._window[-1]["value_loss"] if self._window else 0.0}
+            losses = {"value": self.window[-1]["value_loss"] if self.window else 0.0}
         learned = time.perf_counter()
         self.iteration += 1
         hours = steps * env.cfg.step_dt * env.num_envs / 3600.0
-        self._window.append(
+        self.window.append(
             self.ranks.means(
                 {
                     "v_x_square": float(error) / steps,
@@ -290,7 +275,7 @@ class Trainer:
                 }
             )
         )
-        row = {name: sum(w[name] for w in self._window) / len(self._window) for name in self._window[-1]}
+        row = {name: sum(w[name] for w in self.window) / len(self.window) for name in self.window[-1]}
         row["v_x_rmse"] = row.pop("v_x_square") ** 0.5
         row["steps_per_second"] = (
             steps * env.num_envs * self.ranks.world / (1e-3 * (row["collect_ms"] + row["learn_ms"]))
@@ -302,37 +287,16 @@ class Trainer:
         row["iteration"] = float(self.iteration)
         return row
 
-    def _check_numbers(self) -> bool:
-        """Count, dump and print the environments that broke in this update; False if they must not be learned from.
+    def _usable(self) -> bool:
+        """Whether the rollout may be learned from.
 
         Raises:
-            TrainingError: they are more than :data:`MAX_BROKEN`.
+            TrainingError: too many environments broke.
         """
-        found = self.env.watch.take()
-        # a wrong state or torque ends in the environment; a wrong action stands in the rollout itself
-        unusable = any(not item.finite and item.columns[item.column].quantity == "action" for item in found)
-        count, spoilt = (round(total) for total in self.ranks.total(len(found), unusable))
-        self._broken_window.append(count)
-        self.breaks += count
-        num_envs, update = self.env.num_envs * self.ranks.world, self.iteration + 1
-        for item in found[: MAX_DUMPS - self._dumps]:
-            self._dumps += 1
-            rank = f"-rank{self.ranks.rank}" if self.ranks.world > 1 else ""
-            path = self.cfg.out / "broken" / f"update{update:06d}{rank}-env{item.env:05d}.safetensors"
-            run = {"update": update, "seed": self._seed, "num_envs": self.env.num_envs, "task": task(self.cfg.env)}
-            dump.save(item, path, run)
-            print(f"  broken: {item}; started over, last states in {path}", flush=True)
-        share, window = count / num_envs, sum(self._broken_window) / (WINDOW * num_envs)
-        at_once = count > max(1.0, MAX_BROKEN * num_envs)
-        if at_once or window > MAX_BROKEN:
-            first = next(item for items in self.ranks.share(found) for item in items)
-            when = f"in update {update}" if at_once else f"per update over the last {WINDOW}"
-            raise TrainingError(
-                f"numbers went wrong in {share if at_once else window:.1%} of the environments {when}, more than "
-                f"{MAX_BROKEN:.0%}; first: {first}; see 'mrwarp replay-dump' on the files in "
-                f"{self.cfg.out / 'broken'}; {self._left()}"
-            )
-        return not spoilt
+        try:
+            return self.breaks.take(self.iteration + 1)
+        except TooManyBreaks as error:
+            raise TrainingError(f"{error}; {self._left()}") from error
 
     def _check_networks(self) -> None:
         """Stop at once when an update left networks without numbers.
@@ -409,7 +373,7 @@ class Trainer:
             * self.ranks.world,
             "training": self.rows[-1] if self.rows else None,
             "unsolved_steps": unsolved,
-            "broken_episodes": self.breaks,
+            "broken_episodes": self.breaks.count,
             "noticed": asdict(self.env.watch.noticed()),
             "task": task(env_cfg),
             "processes": self.ranks.world,
@@ -439,40 +403,3 @@ def _of_as_many(content: dict[str, Any], path: Path, processes: int) -> dict[str
             f"{path}: trained by {wrote} process{'es' * (wrote > 1)}, this run has {processes}; resume {remedy}"
         )
     return content
-
-
-def _not_finite(values: Any, name: str = "") -> str:
-    """Name of the first tensor in nested dictionaries and lists that holds NaN or infinity; empty without."""
-    if isinstance(values, torch.Tensor):
-        return "" if not values.is_floating_point() or bool(torch.isfinite(values).all()) else name
-    items = values.items() if isinstance(values, dict) else enumerate(values) if isinstance(values, list) else ()
-    return next((wrong for key, value in items if (wrong := _not_finite(value, f"{name}.{key}".lstrip(".")))), "")
-
-
-def task(cfg: EnvCfg) -> dict[str, Any]:
-    """What a policy was trained on, as plain values."""
-    return {
-        "robot": cfg.robot,
-        "payload": cfg.payload,
-        "asset": cfg.asset,
-        "actuator": cfg.actuator_model,
-        "actuator_file": _portable(cfg),
-        "model": cfg.model if isinstance(cfg.model, str | None) else cfg.model.fitted_on.source,
-        "coupling": cfg.actuator.coupling.value,
-        "hold_current": cfg.actuator.hold_current.value,
-        "z_step": cfg.actuator.z_step.value,
-        "sal": cfg.actuator.sal,
-        "terrain": "rough" if cfg.terrain else "flat",
-        "num_envs": cfg.sim.num_envs,
-        "device": cfg.sim.device,
-        "engine": cfg.sim.engine.value,
-        "action_scale": cfg.action_scale,
-        "step_dt": cfg.step_dt,
-        "gait_frequency": cfg.gait_frequency,
-    }
-
-
-def _portable(cfg: EnvCfg) -> str | None:
-    """The learned model's file; of a shipped one its name, which is the same in every checkout."""
-    file = cfg.actuator_file
-    return f"{MODELS.name}/{Path(file).name}" if file and file == shipped_model(cfg.actuator_model) else file

@@ -18,7 +18,7 @@ from mrwarp.evaluate.walking import make_env, measure
 from mrwarp.rl import play_cli
 from mrwarp.rl.play import Player
 from mrwarp.rl.policy import META, OnnxPolicy
-from mrwarp.rl.trainer import task
+from mrwarp.rl.task import task
 from mrwarp.viewing import stream
 
 

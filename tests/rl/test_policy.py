@@ -20,7 +20,7 @@ from mrwarp.env.observations import ACTOR_TERMS
 from mrwarp.rl import policy
 from mrwarp.rl.policy import OnnxPolicy, PolicyError, export_onnx
 from mrwarp.rl.ppo_cfg import make_ppo_cfg
-from mrwarp.rl.trainer import task
+from mrwarp.rl.task import task
 
 TASK = task(make_walk_cfg(seed=3))
 

@@ -85,7 +85,7 @@ def update(ranks: Ranks, out: Path, ppo: str) -> dict[str, Any]:
     algorithm.update = away
     patch.setattr(torch, "randperm", kept)
     algorithm.reduce_parameters = reduced
-    run._update()
+    run.update()
     patch.undo()
     storage = algorithm.storage
     return {

@@ -16,7 +16,8 @@ from mrwarp.evaluate.walking import GateCheck, WalkingGate
 from mrwarp.rl import checkpoint, curves, trainer
 from mrwarp.rl.checkpoint import CheckpointError
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.rl.trainer import TrainCfg, Trainer, task
+from mrwarp.rl.task import task
+from mrwarp.rl.trainer import TrainCfg, Trainer
 
 ENV = make_walk_cfg(num_envs=8)
 TINY_GATE = WalkingGate(num_envs=4, warmup=0.0, seconds=0.2)
@@ -90,7 +91,7 @@ def test_training_repeats_with_its_seed(tmp_path: Path) -> None:
     states = []
     for seed in (3, 3, 4):
         run = Trainer(make_cfg(tmp_path, 1, seed=seed))
-        run._update()
+        run.update()
         run.save()
         states.append(content(run))
     for name in ("algorithm", "env", "torch_rng"):
@@ -225,13 +226,13 @@ def test_last_policy_is_the_one_that_was_judged(tmp_path: Path, monkeypatch: pyt
     gate = ScriptedGate([True, False])
     monkeypatch.setattr(trainer, "GateCheck", lambda _: gate)
     run = Trainer(make_cfg(tmp_path, 2, check_every=0.0, check_below=1e9))
-    update = run._update
+    update = run.update
 
     def late() -> dict[str, float]:
         row = update()
         return {**row, "v_x_rmse": 0.0 if run.iteration == 1 else 1e10}  # the first update asks for a check
 
-    run._update = late
+    run.update = late
     result = run.run()
     assert (result["gate_passed"], result["stopped"]) == (False, "iterations")
     assert result["gate"]["iteration"] == result["iterations"] == 2
@@ -241,13 +242,13 @@ def test_ctrl_c_stops_after_the_update_and_can_be_resumed(tmp_path: Path) -> Non
     """SIGINT during the second update: it is finished and saved; resuming gives the bits of an unbroken run."""
     handler = signal.getsignal(signal.SIGINT)
     run = Trainer(make_cfg(tmp_path / "part", 3))
-    update = run._update
+    update = run.update
 
     def interrupted() -> dict[str, float]:
         signal.raise_signal(signal.SIGINT) if run.iteration == 1 else None
         return update()
 
-    run._update = interrupted
+    run.update = interrupted
     result = run.run()
     assert (result["stopped"], result["iterations"], result["gate"]) == ("interrupted", 2, None)
     assert signal.getsignal(signal.SIGINT) is handler
@@ -262,14 +263,14 @@ def test_ctrl_c_stops_after_the_update_and_can_be_resumed(tmp_path: Path) -> Non
 def test_checkpoints_are_written_on_the_way(tmp_path: Path) -> None:
     """A run that dies between two updates has a checkpoint of the last one to go on from."""
     run = Trainer(make_cfg(tmp_path, 3, save_every=0.0))
-    update = run._update
+    update = run.update
 
     def dying() -> dict[str, float]:
         if run.iteration == 2:
             raise MemoryError
         return update()
 
-    run._update = dying
+    run.update = dying
     with pytest.raises(MemoryError):
         run.run()
     assert content(run)["iteration"] == 2

@@ -14,6 +14,7 @@ from mrwarp.env import dump
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate.walking import GateCheck, WalkingGate
 from mrwarp.rl import checkpoint, curves, folder, train_cli, trainer
+from mrwarp.rl.breaks import not_finite
 from mrwarp.rl.folder import FolderError
 from mrwarp.rl.trainer import TrainCfg, Trainer, TrainingError
 
@@ -60,8 +61,8 @@ def test_one_broken_environment_is_dumped_and_training_goes_on(
     assert found.found.env == 5 and found.run["update"] == 1 and "velocity" in str(found.found)
     assert "broken: environment 5" in capsys.readouterr().out
     kept = checkpoint.load(tmp_path / "run" / "checkpoint.pt")
-    assert kept["breaks"] == 1 and trainer._not_finite(kept["algorithm"]) == ""
-    assert Trainer(run.cfg, resume=tmp_path / "run" / "checkpoint.pt").breaks == 1
+    assert kept["breaks"] == 1 and not_finite(kept["algorithm"]) == ""
+    assert Trainer(run.cfg, resume=tmp_path / "run" / "checkpoint.pt").breaks.count == 1
 
 
 def test_too_many_broken_environments_stop_the_training(tmp_path: Path) -> None:
@@ -97,7 +98,7 @@ def test_an_action_that_is_no_number_is_not_learned_from(tmp_path: Path, monkeyp
 
     monkeypatch.setattr(run.algorithm, "act", broken)
     assert run.run()["broken_episodes"] == 1
-    assert trainer._not_finite(run.algorithm.save()) == ""
+    assert not_finite(run.algorithm.save()) == ""
 
 
 def test_networks_without_numbers_are_never_saved(tmp_path: Path) -> None:

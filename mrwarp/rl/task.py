@@ -1,0 +1,38 @@
+"""What a policy was trained on: the part of a configuration that checkpoints and policies carry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from mrwarp.env.cfg import EnvCfg
+from mrwarp.nn.model_file import MODELS, shipped_model
+
+
+def task(cfg: EnvCfg) -> dict[str, Any]:
+    """What a policy was trained on, as plain values."""
+    return {
+        "robot": cfg.robot,
+        "payload": cfg.payload,
+        "asset": cfg.asset,
+        "actuator": cfg.actuator_model,
+        "actuator_file": _portable(cfg),
+        "model": cfg.model if isinstance(cfg.model, str | None) else cfg.model.fitted_on.source,
+        "coupling": cfg.actuator.coupling.value,
+        "hold_current": cfg.actuator.hold_current.value,
+        "z_step": cfg.actuator.z_step.value,
+        "sal": cfg.actuator.sal,
+        "terrain": "rough" if cfg.terrain else "flat",
+        "num_envs": cfg.sim.num_envs,
+        "device": cfg.sim.device,
+        "engine": cfg.sim.engine.value,
+        "action_scale": cfg.action_scale,
+        "step_dt": cfg.step_dt,
+        "gait_frequency": cfg.gait_frequency,
+    }
+
+
+def _portable(cfg: EnvCfg) -> str | None:
+    """The learned model's file; of a shipped one its name, which is the same in every checkout."""
+    file = cfg.actuator_file
+    return f"{MODELS.name}/{Path(file).name}" if file and file == shipped_model(cfg.actuator_model) else file
