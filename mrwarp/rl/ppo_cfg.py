@@ -7,9 +7,25 @@ from typing import Any
 STEPS_PER_UPDATE = 24
 """Policy steps per environment and update."""
 
+MINI_BATCH = 768
+"""Least samples of a mini-batch: with less, the noise of the gradient uses up the step that the divergence allows."""
 
-def make_ppo_cfg(*, hidden: tuple[int, ...] = (128, 64), entropy: float = 0.003, epochs: int = 5) -> dict[str, Any]:
-    """Settings of actor, critic and algorithm: small nets with observation normalisation, adaptive rate."""
+DESIRED_KL = 0.04
+"""Divergence between the policies of two updates that the learning rate is adapted to. With rsl-rl's usual 0.01 and
+mini-batches of 384 samples, 64 robots need more than twice the updates (docs/performance.md)."""
+
+
+def make_ppo_cfg(
+    num_envs: int, *, hidden: tuple[int, ...] = (128, 64), entropy: float = 0.003, epochs: int = 5
+) -> dict[str, Any]:
+    """Settings of actor, critic and algorithm: small nets with observation normalisation, adaptive rate.
+
+    Args:
+        num_envs: Environments of all processes together.
+        hidden: Widths of the hidden layers.
+        entropy: Weight of the entropy in the loss.
+        epochs: Passes over a rollout.
+    """
 
     def net() -> dict[str, Any]:
         return {
@@ -24,7 +40,7 @@ def make_ppo_cfg(*, hidden: tuple[int, ...] = (128, 64), entropy: float = 0.003,
         "algorithm": {
             "class_name": "PPO",
             "num_learning_epochs": epochs,
-            "num_mini_batches": 4,
+            "num_mini_batches": min(4, max(1, num_envs * STEPS_PER_UPDATE // MINI_BATCH)),
             "clip_param": 0.2,
             "gamma": 0.99,
             "lam": 0.95,
@@ -34,7 +50,7 @@ def make_ppo_cfg(*, hidden: tuple[int, ...] = (128, 64), entropy: float = 0.003,
             "max_grad_norm": 1.0,
             "use_clipped_value_loss": True,
             "schedule": "adaptive",
-            "desired_kl": 0.01,
+            "desired_kl": DESIRED_KL,
         },
         "multi_gpu": None,
     }

@@ -79,7 +79,7 @@ class Trainer:
         self._seed = ranks.seed(cfg.seed)
         torch.manual_seed(self._seed)
         self.env = WalkEnv(replace(cfg.env, seed=self._seed))
-        self.ppo_cfg = make_ppo_cfg()
+        self.ppo_cfg = make_ppo_cfg(self.env.num_envs * ranks.world)
         self.ppo_cfg["multi_gpu"] = ranks.ppo_setting
         self.obs = self.env.get_observations()
         with silent():

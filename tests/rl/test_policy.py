@@ -39,7 +39,7 @@ def actor() -> Any:
     """An actor as training makes it, with observation statistics that are not trivial."""
     torch.manual_seed(0)
     env: Any = SimpleNamespace(num_envs=4, num_actions=12)
-    algorithm = PPO.construct_algorithm(observations(4, 0), env, make_ppo_cfg(), "cpu")
+    algorithm = PPO.construct_algorithm(observations(4, 0), env, make_ppo_cfg(4), "cpu")
     model = algorithm.get_policy()
     shifted = observations(500, 1, 3.0)
     shifted["actor"] += torch.linspace(-2.0, 2.0, 47)

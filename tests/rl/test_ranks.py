@@ -115,7 +115,7 @@ def alone(parts: list[dict[str, Any]], dtype: torch.dtype) -> dict[str, Any]:
     class Shape:
         num_envs, num_actions = ENVS * len(parts), parts[0]["storage"]["actions"].shape[-1]
 
-    cfg, last = make_ppo_cfg(), union("last", 0)
+    cfg, last = make_ppo_cfg(Shape.num_envs), union("last", 0)
     with silent():
         algorithm = PPO.construct_algorithm(last, Shape(), cfg, "cpu")
     algorithm.load(parts[0]["start"], None, strict=True)
