@@ -11,15 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from mrwarp.paper import FIGURE_4
 from mrwarp.params import MrParams
 from mrwarp.results import write_result
 from mrwarp.sysid.bench import PAPER_SAMPLES, BenchCfg, BenchData, run_bench
 from mrwarp.sysid.bench_effects import EFFECTS, EffectError, Effects
 from mrwarp.sysid.excitation import EVALUATION_CURRENTS
 from mrwarp.sysid.recording import HOLDING_FILE, Recording, save_holding, save_recording
-
-PAPER_RMSE = {"1": 0.423, "1.2": 0.640, "1.5": 0.777}
-"""Bouc-Wen RMSE over ten unseen trajectories by current [N·m], paper Fig. 4."""
 
 _PARTS = ("fit", "evaluation")
 
@@ -216,7 +214,7 @@ def _table(figures: dict[str, Any], cfg: BenchCfg) -> str:
         lines.append(f"{'current':>8s} {'mean':>7s} {'SD':>7s} {'torque RMS':>11s} {'paper':>7s}")
         for amps, row in figures["plain_rmse"].items():
             rms = figures["torque_rms"][amps]["mean"]
-            lines.append(f"{amps:>6s} A {row['mean']:7.3f} {row['sd']:7.3f} {rms:11.3f} {PAPER_RMSE[amps]:7.3f}")
+            lines.append(f"{amps:>6s} A {row['mean']:7.3f} {row['sd']:7.3f} {rms:11.3f} {FIGURE_4["bouc_wen"][float(amps)].mean:7.3f}")
     return "\n".join(lines)
 
 
