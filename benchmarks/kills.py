@@ -52,26 +52,32 @@ def digest(content: dict[str, Any]) -> str:
     return state.hexdigest()
 
 
-def make_trainer(out: Path, updates: int, *, resume: Path | None = None) -> Any:
+def make_trainer(
+    out: Path, updates: int, *, actuator: str = "bouc_wen", terrain: str = "flat", resume: Path | None = None
+) -> Any:
     """A training of a few robots that saves after every update; its gate check and picture are left out."""
     from dataclasses import replace
 
     from mrwarp.env.cfg import make_walk_cfg
+    from mrwarp.nn.model_file import shipped_model
     from mrwarp.rl.trainer import TrainCfg, Trainer
 
-    env = replace(make_walk_cfg(num_envs=4, threads=1), episode_seconds=1.0)
+    env = make_walk_cfg(
+        num_envs=4, threads=1, actuator_model=actuator, actuator_file=shipped_model(actuator), terrain=terrain
+    )  # fmt: skip
+    env = replace(env, episode_seconds=1.0)
     cfg = TrainCfg(
         env=env, out=out, seed=5, iterations=updates, until_gate=False, save_every=0.0, check_below=0.0
     )  # fmt: skip
     return Trainer(cfg, resume=resume)
 
 
-def train(out: Path, updates: int, finished: Any, digests: Any = None) -> None:
+def train(out: Path, updates: int, task: dict[str, str], finished: Any, digests: Any = None) -> None:
     """Train from the folder's checkpoint, if there is one; tells the number of finished updates."""
     from mrwarp.rl import checkpoint
 
     path = out / "checkpoint.pt"
-    trainer = make_trainer(out, updates, resume=path if path.is_file() else None)
+    trainer = make_trainer(out, updates, **task, resume=path if path.is_file() else None)
     save = trainer.save
 
     def saved() -> Path:
@@ -88,7 +94,9 @@ def train(out: Path, updates: int, finished: Any, digests: Any = None) -> None:
         trainer.run()
 
 
-def measure(kills: int, updates: int, out: Path, *, seed: int, longest: float) -> dict[str, Any]:
+def measure(
+    kills: int, updates: int, out: Path, *, seed: int, longest: float, task: dict[str, str] | None = None
+) -> dict[str, Any]:
     """Kill a training ``kills`` times and check every checkpoint it leaves.
 
     Args:
@@ -97,6 +105,7 @@ def measure(kills: int, updates: int, out: Path, *, seed: int, longest: float) -
         out: Folder to work in.
         seed: Seed of the moments.
         longest: Longest life from the first update on [s].
+        task: ``actuator`` and ``terrain`` of :func:`make_trainer`.
 
     Returns:
         ``kills``, ``unreadable``, ``old``, ``different``, ``in_write`` (kills that left a half-written file),
@@ -104,10 +113,10 @@ def measure(kills: int, updates: int, out: Path, *, seed: int, longest: float) -
     """
     from mrwarp.rl import checkpoint
 
-    context, rng = multiprocessing.get_context("fork"), random.Random(seed)
+    context, rng, task = multiprocessing.get_context("fork"), random.Random(seed), task or {}
     with context.Manager() as manager:
         digests = manager.dict()
-        run = context.Process(target=train, args=(out / "whole", updates, context.Value("i", 0), digests))
+        run = context.Process(target=train, args=(out / "whole", updates, task, context.Value("i", 0), digests))
         run.start()
         run.join()
         expected = dict(digests)
@@ -122,7 +131,7 @@ def measure(kills: int, updates: int, out: Path, *, seed: int, longest: float) -
             shutil.rmtree(part)
             at, found["rounds"] = 0, found["rounds"] + 1
         finished = context.Value("i", at)
-        run = context.Process(target=train, args=(part, updates, finished))
+        run = context.Process(target=train, args=(part, updates, task, finished))
         run.start()
         while finished.value == at and run.is_alive() and rng.random() < 0.9999:  # now and then already while it starts
             time.sleep(0.002)
@@ -157,24 +166,28 @@ def measure(kills: int, updates: int, out: Path, *, seed: int, longest: float) -
 
 def main(argv: list[str] | None = None) -> int:
     """Measure; 0 when every checkpoint was readable, young enough and bit-equal."""
+    from mrwarp.env.cfg import ACTUATORS, TERRAINS
+    from mrwarp.quiet import quiet_libraries
+
     parser = argparse.ArgumentParser(prog="python -m benchmarks.kills", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--kills", type=int, default=200, help="kills (default: 200)")
     parser.add_argument("--updates", type=int, default=60, help="length of the training (default: 60)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the moments (default: 0)")
     parser.add_argument("--longest", type=float, default=0.6, help="longest life after an update [s] (default: 0.6)")
+    parser.add_argument("--actuator", choices=ACTUATORS, default="bouc_wen", help="torque model (default: bouc_wen)")
+    parser.add_argument("--terrain", choices=TERRAINS, default="flat", help="ground; rough has a curriculum")
     parser.add_argument(
         "--out", type=Path, default=Path("out/kills"), help="folder, emptied first (default: out/kills)"
     )
     args = parser.parse_args(argv)
-    from mrwarp.quiet import quiet_libraries
-
     quiet_libraries()
     for name in ("whole", "part"):
         shutil.rmtree(args.out / name, ignore_errors=True)
     import mrwarp.rl.trainer  # noqa: F401  once, not in every life
 
     start = time.perf_counter()
-    found = measure(args.kills, args.updates, args.out, seed=args.seed, longest=args.longest)
+    task = {"actuator": args.actuator, "terrain": args.terrain}
+    found = measure(args.kills, args.updates, args.out, seed=args.seed, longest=args.longest, task=task)
     print(json.dumps({**found, "seconds": round(time.perf_counter() - start)}))
     return int(any(found[name] for name in ("unreadable", "old", "different")))
 

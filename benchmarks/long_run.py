@@ -17,8 +17,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.cfg import ACTUATORS, TERRAINS, EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
+from mrwarp.nn.model_file import shipped_model
 from mrwarp.quiet import quiet_libraries
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 
@@ -87,17 +88,16 @@ def _growth(values: list[float]) -> float:
     return float(np.median(values[-size:]) / np.median(values[:size]) - 1.0)
 
 
-def walk_long(policy: OnnxPolicy, *, seconds: float, num_envs: int = 64, seed: int = 0) -> LongRun:
+def walk_long(policy: OnnxPolicy, cfg: EnvCfg, *, seconds: float) -> LongRun:
     """Walk for a wall time.
 
     Args:
         policy: Walking policy.
+        cfg: Training task; its seed is that of all draws.
         seconds: Wall time [s].
-        num_envs: Robots.
-        seed: Of all draws.
     """
-    torch.manual_seed(seed)
-    env = WalkEnv(make_walk_cfg(num_envs=num_envs, seed=seed))
+    torch.manual_seed(cfg.seed)
+    env, num_envs = WalkEnv(cfg), cfg.sim.num_envs
     out, obs, begun = LongRun(num_envs=num_envs), env.get_observations(), time.perf_counter()
     told = begun
     while time.perf_counter() - begun < seconds:
@@ -159,12 +159,21 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--hours", type=float, default=8.0, help="fewest robot hours (default: 8)")
     parser.add_argument("--num-envs", type=int, default=64, help="robots (default: 64)")
     parser.add_argument("--seed", type=int, default=0, help="of all draws (default: 0)")
+    parser.add_argument("--actuator", choices=ACTUATORS, default="bouc_wen", help="torque model (default: bouc_wen)")
+    parser.add_argument("--terrain", choices=TERRAINS, default="flat", help="ground (default: flat)")
     parser.add_argument("--policy", default=DEFAULT_POLICY, help="exported walking policy")
     parser.add_argument("--out", type=Path, default=Path("out/long_run"), help="folder (default: out/long_run)")
     args = parser.parse_args(argv)
     quiet_libraries()
     args.out.mkdir(parents=True, exist_ok=True)
-    run = walk_long(OnnxPolicy(args.policy), seconds=60.0 * args.minutes, num_envs=args.num_envs, seed=args.seed)
+    cfg = make_walk_cfg(
+        num_envs=args.num_envs,
+        seed=args.seed,
+        actuator_model=args.actuator,
+        actuator_file=shipped_model(args.actuator),
+        terrain=args.terrain,
+    )
+    run = walk_long(OnnxPolicy(args.policy), cfg, seconds=60.0 * args.minutes)
     grown = {"memory_growth": run.memory_growth, "step_growth": run.step_growth}
     (args.out / "long_run.json").write_text(json.dumps({**asdict(run), **grown}, indent=1) + "\n")
     draw(run, args.out / "long_run.png")

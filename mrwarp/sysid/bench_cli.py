@@ -214,7 +214,8 @@ def _table(figures: dict[str, Any], cfg: BenchCfg) -> str:
         lines.append(f"{'current':>8s} {'mean':>7s} {'SD':>7s} {'torque RMS':>11s} {'paper':>7s}")
         for amps, row in figures["plain_rmse"].items():
             rms = figures["torque_rms"][amps]["mean"]
-            lines.append(f"{amps:>6s} A {row['mean']:7.3f} {row['sd']:7.3f} {rms:11.3f} {FIGURE_4["bouc_wen"][float(amps)].mean:7.3f}")
+            theirs = FIGURE_4["bouc_wen"][float(amps)].mean
+            lines.append(f"{amps:>6s} A {row['mean']:7.3f} {row['sd']:7.3f} {rms:11.3f} {theirs:7.3f}")
     return "\n".join(lines)
 
 
