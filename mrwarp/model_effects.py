@@ -117,7 +117,7 @@ def _effect(name: str, content: dict[str, Any], law: EffectLaw | None, units: Ma
             raise ModelFileError(f"{place}: {name} has no such parameter; {hint}known: {', '.join(known)}")
         parameters[key] = _parameter(entry, known.get(key), units, place)
     for key, spec in known.items():
-        if key not in parameters and not spec.choices:
+        if key not in parameters and not (spec.choices or spec.form):
             text = f"needed: {spec.allowed()}, in {effect_unit(spec, units)}"
             raise ModelFileError(f"{where}.parameters.{key} is missing; {text}")
     return Effect(name=name, parameters=parameters)

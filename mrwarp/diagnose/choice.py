@@ -18,6 +18,8 @@ from mrwarp.effects.catalogue import CATALOGUE
 
 FLOOR = 0.003
 """Smallest gain that is worth a name, as a share of the noise's energy: the replay's own step errs by about as much."""
+BENT, BENT_T = 0.05, 4.0
+"""Least gain, as a share of what a model leaves, and its least ratio to its standard error, for a bent law."""
 CHI2 = 30.0
 """Smallest gain in units of the noise's variance: one chance in a million over a hundred starts."""
 
@@ -89,7 +91,13 @@ class Choice:
         if fit.effects not in self.plain:
             resolution = np.array([0.0] * 9 + [slot.parameter.resolution for slot in fit.coordinates.slots])
             least = np.diag(covariance(fit)) + resolution**2
-            self.plain[fit.effects] = replace(engine.plain_fit(fit), least_variance=least)
+            plain = replace(engine.plain_fit(fit), least_variance=least)
+            if any(p.form for effect in fit.effects for p in CATALOGUE[effect].parameters):
+                bent = engine.plain_fit(fit, bent=True)
+                gain, t = gain_and_t(plain.left_out, bent.left_out)
+                if gain > BENT * plain.total and t > BENT_T:
+                    plain = replace(bent, least_variance=fit.coordinates.moved(least, bent.coordinates))
+            self.plain[fit.effects] = plain
         return self.plain[fit.effects]
 
     def without(self, engine: Engine, fit: Fitted, effect: str) -> Fitted:

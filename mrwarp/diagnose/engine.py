@@ -158,11 +158,17 @@ class Engine:
             free=free,
         )  # fmt: skip
 
-    def plain_fit(self, fit: Fitted) -> Fitted:
-        """The same model by least squares without whitening; offsets and factors of trajectories are still let go."""
+    def plain_fit(self, fit: Fitted, *, bent: bool = False) -> Fitted:
+        """The same model by least squares without whitening; offsets and factors of trajectories are still let go.
+
+        Args:
+            fit: The model.
+            bent: Whether the numbers that bend its laws are fitted as well.
+        """
         noise = self.noise_model
+        c = fit.coordinates.bent() if bent else fit.coordinates
         self.noise = dataclasses.replace(noise, whitening=np.ones(1), sigma=noise.rms)
-        plain = self.fit(fit.coordinates.steeper(), fit.x)
+        plain = self.fit(c.steeper(), fit.coordinates.moved(fit.x, c))
         self.noise = noise
         return plain
 

@@ -44,9 +44,13 @@ class Slot:
         return self.parameter.starts is None
 
 
-def slots_of(effect: str) -> list[Slot]:
-    """The searched numbers of an effect."""
-    return [Slot(effect, p) for p in CATALOGUE[effect].parameters if p.preset is None and not p.choices]
+def slots_of(effect: str, *, form: bool = False) -> list[Slot]:
+    """The searched numbers of an effect, with those that bend its law or without."""
+    return [
+        Slot(effect, p)
+        for p in CATALOGUE[effect].parameters
+        if p.preset is None and not p.choices and (form or not p.form)
+    ]
 
 
 class Coordinates:
@@ -59,7 +63,7 @@ class Coordinates:
         ranges: What the data cover.
         q_zero: Angle from which q_c counts.
         choices: Values of parameters that say how the data were logged, by (effect, name).
-        frozen: Effects with all their parameters (name -> value) that act but are not searched.
+        form: Whether numbers that bend a law are searched; else they are null.
     """
 
     def __init__(
@@ -68,10 +72,12 @@ class Coordinates:
         ranges: Ranges,
         q_zero: float,
         choices: Mapping[tuple[str, str], float] | None = None,
+        *,
+        form: bool = False,
     ) -> None:
         self.effects, self.ranges, self.q_zero = tuple(effects), ranges, q_zero
         self.choices = dict(choices or {})
-        self.slots = [slot for effect in self.effects for slot in slots_of(effect)]
+        self.slots = [slot for effect in self.effects for slot in slots_of(effect, form=form)]
         self.size = len(LINEAR) + len(SHAPE) + len(self.slots)
         low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
         for i, name in enumerate(LINEAR):
@@ -101,6 +107,10 @@ class Coordinates:
         other.high[6:9] = _DRY
         return other
 
+    def bent(self) -> Coordinates:
+        """The same with the numbers that bend the laws."""
+        return Coordinates(self.effects, self.ranges, self.q_zero, self.choices, form=True)
+
     def row(self, x: np.ndarray) -> np.ndarray:
         """The kernel's row for a vector."""
         row = null_row()
@@ -122,20 +132,23 @@ class Coordinates:
         return row
 
     def values(self, x: np.ndarray) -> dict[str, dict[str, float]]:
-        """Parameters of each effect in inner units, without those that only say how the data were logged."""
-        row = self.row(x)
+        """Parameters of each effect in inner units, without those that say how the data were logged or are null."""
+        row, searched = self.row(x), {(slot.effect, slot.parameter.name) for slot in self.slots}
         return {
             effect: {
                 p.name: float(row[len(BASE) + column_of(effect, p.name)])
                 for p in CATALOGUE[effect].parameters
-                if not p.choices
+                if not p.choices and (not p.form or (effect, p.name) in searched)
             }
             for effect in self.effects
         }
 
     def grown(self, x: np.ndarray, effects: Sequence[str]) -> np.ndarray:
         """Vector of this model's numbers in a model with more effects; theirs are at null, or the first start."""
-        other = Coordinates(effects, self.ranges, self.q_zero, self.choices)
+        return self.moved(x, Coordinates(effects, self.ranges, self.q_zero, self.choices))
+
+    def moved(self, x: np.ndarray, other: Coordinates) -> np.ndarray:
+        """Vector of this model's numbers in other coordinates; what they lack here is at null, or the first start."""
         out = np.zeros(other.size)
         out[:9] = x[:9]
         mine = {(s.effect, s.parameter.name): v for s, v in zip(self.slots, x[9:], strict=True)}

@@ -63,7 +63,7 @@ def outer_model(
     for effect in fit.effects:
         entries = {}
         for p in CATALOGUE[effect].parameters:
-            if p.choices:
+            if p.name not in values[effect]:
                 continue
             factor, ci95 = factor_of(p, scales), None
             for i, slot in enumerate(fit.coordinates.slots, start=9):

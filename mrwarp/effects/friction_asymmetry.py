@@ -1,4 +1,4 @@
-"""Friction that differs by direction: ``F*|tanh(qd/v)| + B*|qd|``."""
+"""Friction that differs by direction: ``F*|tanh(qd/v)| + B*|qd|`` beside eq. 14's viscous torque, which may thin."""
 
 import warp as wp
 
@@ -10,6 +10,8 @@ def friction_asymmetry_law(
     s: Path, values: wp.array2d[float], row: int, at: int, memory: wp.array2d[float], line: int, slot: int
 ) -> Path:
     """Friction is larger in one direction than in the other."""
+    if values[row, at + 3] != 0.0:
+        s.viscous_gain = s.viscous_gain / (1.0 + values[row, at + 3] * wp.abs(s.qd))
     if values[row, at] != 0.0 or values[row, at + 1] != 0.0:
         s.torque = s.torque + values[row, at] * wp.abs(wp.tanh(s.qd / values[row, at + 2]))
         s.torque = s.torque + values[row, at + 1] * wp.abs(s.qd)
@@ -20,13 +22,22 @@ LAW = EffectLaw(
     name="friction_asymmetry",
     title="friction that differs by direction",
     sentence="Friction is larger in one direction than in the other.",
-    equation="F*|tanh(qd/v)| + B*|qd|",
+    equation="F*|tanh(qd/v)| + B*|qd|; eq. 14's viscous torque over 1 + c*|qd|",
     kind="mechanism",
     stage="torque",
     parameters=(
         EffectParameter(name="coulomb", unit="N·m", scale=(0, 0, 1)),
         EffectParameter(name="viscous", unit="N·m·s/rad", scale=(-1, 0, 1)),
         DRY_FRICTION_SPEED,
+        EffectParameter(
+            name="thinning",
+            unit="s/rad",
+            scale=(-1, 0, 0),
+            form=True,
+            negative=False,
+            low=lambda r: 0.0,
+            high=lambda r: 10.0 / r.qd,
+        ),
     ),
     law=friction_asymmetry_law,
     source="paper section 4.3, friction asymmetry; Janot, Gautier and Brunot 2019 for a ball screw",

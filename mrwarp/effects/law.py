@@ -111,6 +111,9 @@ class EffectParameter:
     """Relative standard error that stays however much is recorded, of a number that is searched by its logarithm."""
     choices: tuple[float, ...] = ()
     """Values of a parameter that says how the data were logged; tried in turn, and no part of the device."""
+    form: bool = False
+    """Whether it only bends the law: null while causes are searched, fitted to stated numbers where that foretells
+    clearly better, and absent from a model otherwise."""
     negative: bool = True
     """Whether the sign is free."""
     divides: bool = False

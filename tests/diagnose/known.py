@@ -88,7 +88,7 @@ def engine(
 ) -> Engine:
     """An engine on data of the paper's joint with effects, white noise of a known size and whatever is added."""
     at = at or motion(seed)
-    c = Coordinates(tuple(effects or {}), at.ranges, 0.0)
+    c = Coordinates(tuple(effects or {}), at.ranges, 0.0, form=any("thinning" in p for p in (effects or {}).values()))
     torque = ExtendedReplay(at).torque(c.row(vector(c, effects, **changes))[None])[0].astype(float) + plus
     torque += sigma * np.random.default_rng([seed, 7]).normal(size=len(torque))
     at = dataclasses.replace(at, samples=dataclasses.replace(at.samples, torque=torque))

@@ -120,7 +120,20 @@ def test_stated_numbers_are_those_of_plain_least_squares() -> None:
     assert np.sum((torque - stated.torque) ** 2) <= np.sum((torque - choice.final.torque) ** 2) * (1.0 + 1e-6)
     assert (np.diag(covariance(stated)) >= np.diag(covariance(choice.final)) * (1.0 - 1e-9)).all()
     found = stated.coordinates.values(stated.x)["friction_asymmetry"]
-    assert found["viscous"] == pytest.approx(0.02, rel=0.15)
+    assert found["viscous"] == pytest.approx(0.02, rel=0.15) and "thinning" not in found
+
+
+def test_law_bends_where_that_foretells_better() -> None:
+    """Viscous friction that thins: the same effect is named, and its stated numbers hold the thinning."""
+    truth = {"friction_asymmetry": {"coulomb": 0.0, "viscous": 0.04, "speed": 0.02, "thinning": 0.4}}
+    engine = made(truth)
+    choice = searched(engine, ["friction_asymmetry"])
+    stated = choice.stated(engine, choice.final)
+    found = stated.coordinates.values(stated.x)["friction_asymmetry"]
+    assert choice.final.effects == ("friction_asymmetry",)
+    assert "thinning" not in choice.final.coordinates.values(choice.final.x)["friction_asymmetry"]
+    assert found["viscous"] == pytest.approx(0.04, rel=0.1) and found["thinning"] == pytest.approx(0.4, rel=0.5)
+    assert covariance(stated).shape == (len(stated.x),) * 2
 
 
 def test_effect_at_the_edge_of_its_range_must_show_in_most_trajectories() -> None:

@@ -33,9 +33,11 @@ def test_row_holds_the_numbers_of_the_vector(effect: str, motion: Motion) -> Non
     for p in CATALOGUE[effect].parameters:
         at = len(BASE) + column_of(effect, p.name)
         mine.add(at)
-        want = p.preset(motion.ranges) if p.preset else 1.0 if p.choices else values[p.name]
+        want = p.preset(motion.ranges) if p.preset else 1.0 if p.choices else p.null if p.form else values[p.name]
         assert row[at] == pytest.approx(want)
-        if not p.choices:
+        if p.form:
+            assert p.name not in c.values(known.vector(c, {effect: values}))[effect]
+        elif not p.choices:
             assert c.values(known.vector(c, {effect: values}))[effect][p.name] == pytest.approx(want)
     rest = [at for at in range(len(BASE), len(row)) if at not in mine]
     assert np.array_equal(row[rest], others[rest])
@@ -51,6 +53,18 @@ def test_null_and_starts_lie_within_the_bounds(effect: str, motion: Motion) -> N
         starts = slot.parameter.starts
         for start in starts(motion.ranges) if starts else ():
             assert low <= (np.log(start) if slot.logarithmic else start) <= high
+
+
+def test_bent_model_has_one_number_more(motion: Motion) -> None:
+    """At first the same row; its new number is searched within its bounds and stands among the values."""
+    c = Coordinates(("friction_asymmetry", "wear"), motion.ranges, 0.0)
+    x, bent = known.vector(c, STRONG), c.bent()
+    y = c.moved(x, bent)
+    assert bent.size == c.size + 1 and np.array_equal(c.row(x), bent.row(y))
+    at = next(i for i, slot in enumerate(bent.slots, start=9) if slot.parameter.form)
+    assert y[at] == bent.low[at] == 0.0 < bent.high[at] and bent.steeper().low[at] == 0.0
+    y[at] = 0.2
+    assert bent.values(y)["friction_asymmetry"]["thinning"] == pytest.approx(0.2)
 
 
 def test_grown_model_is_the_same_model(motion: Motion) -> None:

@@ -222,6 +222,16 @@ def test_friction_asymmetry_is_even_in_the_velocity() -> None:
     np.testing.assert_allclose(added(shaft, one), 0.03 * np.abs(shaft.qd), rtol=0, atol=30 * EPS)
 
 
+def test_thinning_bends_viscous_torque_alone() -> None:
+    """B*qd of eq. 14 is divided by 1 + c*|qd|; what differs by direction and the rest of eq. 14 stay."""
+    bent = {"friction_asymmetry": {"coulomb": 0.0, "viscous": 0.03, "speed": 0.05, "thinning": 0.5}}
+    for qd in (-3.0, 0.4):
+        shaft = Shaft.steady(np.full(20, 1.0), qd=qd)
+        found = torque(shaft, {"B": 0.1, "D": 0.2}, bent)
+        want = 0.2 + 0.1 * qd / (1.0 + 0.5 * abs(qd)) + 0.03 * abs(qd)
+        np.testing.assert_allclose(found, want, rtol=0, atol=10 * EPS)
+
+
 def test_stribeck_falls_with_speed() -> None:
     """F*exp(-(qd/v)^2)*tanh(qd/w): odd, 1/e at the Stribeck speed, gone at three times it."""
     effects = {"stribeck": {"torque": 0.5, "stribeck_speed": 0.4, "speed": 0.01}}
