@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
+
+from mrwarp.folder import place_and_cause
 
 COMMANDS = {
     "train": ("mrwarp.rl.train_cli", "train a walking policy until the walking gate is met"),
@@ -42,6 +45,13 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("\nstopped", file=sys.stderr)
         return 130
+    except BrokenPipeError:  # whoever read the output has gone, as in `mrwarp ... | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except OSError as error:  # most of them a disk that is full when the results are written
+        remedy = "make room or name another folder, then run it again"
+        print(f"mrwarp {argv[0]}: {place_and_cause(error)}; {remedy}", file=sys.stderr)
+        return 1
 
 
 def _usage() -> str:

@@ -16,6 +16,7 @@ from typing import Any
 
 from mrwarp.diagnose import report_text as text
 from mrwarp.diagnose.result import Diagnosis
+from mrwarp.folder import check_writable
 from mrwarp.model_file import JOINT_UNITS, Model, ModelFileError, load_model, save_model
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
@@ -164,6 +165,7 @@ def _check_out(out: Path, model: Path | None) -> None:
     """Refuse before minutes of work what could not be written after them."""
     if out.exists() and not out.is_dir():
         raise _Refused(f"--out {out}: is a file; name a folder")
+    check_writable(out)
     if model is not None and model.exists() and (out / "model.json").exists() and model.samefile(out / "model.json"):
         raise _Refused(
             f"--out {out}: its model.json is the nominal model and would be overwritten; name another folder"

@@ -157,13 +157,3 @@ def not_negative(text: str) -> float:
     if not (math.isfinite(value) and value >= 0.0):
         raise argparse.ArgumentTypeError(f"{text} must be a number that is not negative")
     return value
-
-
-def folder(path: Path) -> Path:
-    """Make an output folder.
-
-    Raises:
-        OSError: it cannot be made.
-    """
-    path.mkdir(parents=True, exist_ok=True)
-    return path

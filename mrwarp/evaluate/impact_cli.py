@@ -14,6 +14,7 @@ from mrwarp.actuator import Coupling, HoldCurrent
 from mrwarp.asset import AssetError
 from mrwarp.effects.applied import effect_lines
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.folder import check_writable
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
@@ -63,6 +64,7 @@ def main(argv: list[str] | None = None) -> int:
     from mrwarp.viewing.stream import ViewerError
 
     try:
+        check_writable(args.out)
         policy = OnnxPolicy(args.policy)
         couplings = list(Coupling) if args.coupling == "both" else [Coupling(args.coupling)]
         sweeps = {c: ImpactSweep(_cfg(args, c), policy) for c in couplings}
@@ -70,10 +72,10 @@ def main(argv: list[str] | None = None) -> int:
             print(line, flush=True)
         shown = sweeps.get(Coupling.CONSTRAINT) or sweeps[couplings[0]]
         view = ImpactView.open(shown, live=args.live, rrd=args.rrd, connect=args.connect, serve_web=args.serve_web)
-        args.out.mkdir(parents=True, exist_ok=True)
     except (PolicyError, AssetError, ParameterError, ViewerError, ValueError, OSError) as error:
         print(f"mrwarp impact: {error}", file=sys.stderr)
         return 2
+    args.out.mkdir(parents=True, exist_ok=True)
     result: dict[str, Any] = {
         "kind": args.kind, "branches": args.branches, "paper_change": paper.IMPACT_CHANGE, "couplings": {},
     }  # fmt: skip

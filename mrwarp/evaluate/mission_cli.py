@@ -14,6 +14,7 @@ from mrwarp.asset import AssetError
 from mrwarp.electrical import consistency
 from mrwarp.electrical.battery import BatteryError
 from mrwarp.evaluate import energy_cli
+from mrwarp.folder import check_writable
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
@@ -53,13 +54,14 @@ def main(argv: list[str] | None = None) -> int:
     quiet_libraries()
     from mrwarp.evaluate import mission, mission_figures, mission_pictures
 
+    out: Path = args.out
     started, progress = time.perf_counter(), energy_cli.Progress(sys.stdout)
     try:
+        check_writable(out)
         groups, policies = energy_cli.numbers(args), energy_cli.policies(args)
         cfg = _cfg(args)
         if args.calibrate and "go1" not in cfg.robots:
             raise ValueError("--calibrate needs Go1 among the robots")
-        out = energy_cli.folder(args.out)
         phases = mission.measure(cfg, policies, progress)
         fit = None
         if "go1" in cfg.robots:

@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+from mrwarp.folder import check_writable
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
 
@@ -26,7 +27,7 @@ def main(argv: list[str] | None = None) -> int:
     quiet_libraries()
     try:
         policy = OnnxPolicy(args.policy) if args.policy else None
-        args.out.mkdir(parents=True, exist_ok=True)
+        check_writable(args.out)
     except (PolicyError, OSError) as error:
         print(f"mrwarp verify: {error}", file=sys.stderr)
         return 2

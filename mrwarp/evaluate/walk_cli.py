@@ -12,6 +12,7 @@ from typing import Any
 from mrwarp import paper
 from mrwarp.asset import AssetError
 from mrwarp.evaluate import energy_cli
+from mrwarp.folder import check_writable
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
@@ -47,13 +48,14 @@ def main(argv: list[str] | None = None) -> int:
     quiet_libraries()
     from mrwarp.evaluate.walk_trials import WalkCfg, walk
 
+    out: Path = args.out
     try:
+        check_writable(out)
         groups, policies = energy_cli.numbers(args), energy_cli.policies(args)
         cfg = WalkCfg(
             robots=_robots(args), payloads=tuple(args.payload), speeds=tuple(args.speed), trials=args.trials,
             distance=args.distance, current=args.current, env=energy_cli.env_cfg(args), seed=args.seed,
         )  # fmt: skip
-        out = energy_cli.folder(args.out)
         started, progress = time.perf_counter(), energy_cli.Progress(sys.stdout)
         results = walk(cfg, policies, progress)
         figures, code = _figures(args, cfg, results, groups)

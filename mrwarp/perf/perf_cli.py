@@ -10,6 +10,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
+from mrwarp.folder import check_writable
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
 
@@ -56,7 +57,7 @@ def main(argv: list[str] | None = None) -> int:
             cfg = replace(cfg, num_envs=tuple(sorted(set(args.num_envs))))
         before = load_ratios(args.compare) if args.compare else {}
         policy = OnnxPolicy(args.policy)
-        args.out.mkdir(parents=True, exist_ok=True)
+        check_writable(args.out)
     except (PolicyError, CompareError, ValueError, OSError) as error:
         print(f"mrwarp perf: {error}", file=sys.stderr)
         return 2
@@ -71,6 +72,7 @@ def main(argv: list[str] | None = None) -> int:
     rows = compare(before, figures["ratios"])
     figures["date"] = date.today().isoformat()
     figures["compared"] = [{**vars(row), "regressed": row.regressed} for row in rows]
+    args.out.mkdir(parents=True, exist_ok=True)
     if figures["walking"]:
         cost_picture(figures["walking"], args.out / "cost.png")
         breakdown_picture(figures["walking"], args.out / "breakdown.png")

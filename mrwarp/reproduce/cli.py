@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from mrwarp.folder import FolderError, check_writable, claim, place_and_cause
 from mrwarp.paper import ROBOTS
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import plain, write_result
@@ -60,7 +61,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         settings = _settings(args)
         ensembles(settings)
-        args.out.mkdir(parents=True, exist_ok=True)
+        check_writable(args.out)
     except (PolicyError, ValueError, OSError) as error:
         print(f"mrwarp reproduce: {error}", file=sys.stderr)
         return 2
@@ -69,11 +70,21 @@ def main(argv: list[str] | None = None) -> int:
     runner = Runner(CATALOGUE, settings, args.out, progress)
     started, stopped = time.perf_counter(), False
     try:
-        runner.run(wanted)
-    except KeyboardInterrupt:
-        stopped = True
-    progress.done()
-    _finish(runner, wanted, args, "mrwarp reproduce " + shlex.join(argv), time.perf_counter() - started)
+        with claim(args.out):
+            try:
+                runner.run(wanted)
+            except KeyboardInterrupt:
+                stopped = True
+            progress.done()
+            _finish(runner, wanted, args, "mrwarp reproduce " + shlex.join(argv), time.perf_counter() - started)
+    except FolderError as error:
+        progress.done()
+        print(f"mrwarp reproduce: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:  # a full disk: what is finished stays
+        progress.done()
+        print(f"mrwarp reproduce: {place_and_cause(error)}; the same command goes on", file=sys.stderr)
+        return 1
     if stopped:
         print(f"\nstopped; the same command goes on in {args.out}", file=sys.stderr)
         return 130
@@ -130,5 +141,5 @@ def _print(outcome: Any, title: str) -> None:
         widths = [max(len(row[i]) for row in (*rows, words.HEAD[:-1])) for i in range(len(rows[0]))]
         for row in (words.HEAD[:-1], *rows):
             print("  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
-    for claim, holds in outcome.findings.claims.items():
-        print(f"  {'holds ' if holds else 'MISSED'}  {claim}")
+    for text, holds in outcome.findings.claims.items():
+        print(f"  {'holds ' if holds else 'MISSED'}  {text}")

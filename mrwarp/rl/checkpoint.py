@@ -25,13 +25,10 @@ def save(path: Path, content: dict[str, Any]) -> None:
     # in memory first: torch answers a full disk with errors of its own, in a half-written archive
     data = io.BytesIO()
     torch.save({"format": FORMAT, **content}, data)
-    try:
-        with replacing(path) as partial, partial.open("wb") as file:
-            file.write(data.getbuffer())
-            file.flush()
-            os.fsync(file.fileno())
-    except OSError as error:
-        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+    with replacing(path) as partial, partial.open("wb") as file:
+        file.write(data.getbuffer())
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def load(path: Path) -> dict[str, Any]:

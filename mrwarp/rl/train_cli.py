@@ -73,8 +73,8 @@ def main(argv: list[str] | None = None) -> int:
     Returns:
         0 when the gate was met or not asked for, 1 when missed or broken off, 130 after Ctrl-C, 2 on bad input.
     """
+    from mrwarp.folder import FolderError
     from mrwarp.rl.checkpoint import CheckpointError
-    from mrwarp.rl.folder import FolderError
     from mrwarp.rl.ranks import RankLostError, Ranks, one_voice
     from mrwarp.rl.trainer import TrainCfg, Trainer, TrainingError
     from mrwarp.viewing.stream import ViewerError

@@ -17,11 +17,11 @@ from torch.utils.tensorboard import SummaryWriter
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.evaluate.walking import GateCheck
+from mrwarp.folder import check_writable, claim, place_and_cause
 from mrwarp.quiet import one_torch_thread, repeating_torch, silent
 from mrwarp.results import write_result
 from mrwarp.rl import checkpoint, curves, policy
 from mrwarp.rl.breaks import WINDOW, Breaks, TooManyBreaks, not_finite
-from mrwarp.rl.folder import check_writable, claim
 from mrwarp.rl.ppo_cfg import make_ppo_cfg
 from mrwarp.rl.ranks import Ranks
 from mrwarp.rl.task import task
@@ -114,7 +114,7 @@ class Trainer:
         """Train until the gate is met, the iterations are used up, or Ctrl-C; returns what ``result.json`` holds.
 
         Raises:
-            FolderError: another training writes into the folder.
+            FolderError: another run writes into the folder.
             TrainingError: too many environments or the networks hold no numbers, the disk takes no more, or another
                 process of this training ended.
         """
@@ -131,9 +131,7 @@ class Trainer:
                     raise
                 raise TrainingError(f"another process of this training ended; {self._left()}") from error
             except OSError as error:
-                where = f"{error.filename}: " if error.filename else ""
-                cause = error.strerror or " ".join(str(error).split())
-                raise TrainingError(f"{where}{cause} (update {self.iteration}); {self._left()}") from error
+                raise TrainingError(f"{place_and_cause(error)} (update {self.iteration}); {self._left()}") from error
             finally:
                 signal.signal(signal.SIGINT, previous)
                 if writer is not None:

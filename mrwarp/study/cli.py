@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mrwarp.folder import check_writable
 from mrwarp.quiet import quiet_libraries
 
 if TYPE_CHECKING:
@@ -82,6 +83,7 @@ def main(argv: list[str] | None = None) -> int:
     quiet_libraries()
     command = "mrwarp study " + shlex.join(argv)
     try:
+        check_writable(args.runs if args.part == "train" else args.out)
         if args.part in ("train", "collect"):
             return _train(args) if args.part == "train" else _collect(args)
         return _figure5(args, command) if args.part == "fig5" else _table(args, command)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from mrwarp.in_one_piece import write_text
+from mrwarp.folder import FolderError, claim
+from mrwarp.in_one_piece import write_bytes, write_text
+from mrwarp.model_file import read_json_file
 from mrwarp.rl import checkpoint
-from mrwarp.rl.folder import FolderError, claim
 from mrwarp.rl.trainer import TrainCfg, Trainer
 from mrwarp.study.plan import StudyCfg, name, plant_cfg, policy_file, record_file
 
@@ -77,7 +77,7 @@ def collect(cfg: StudyCfg, out: Path, folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for plant, seed, run in runs:
-        shutil.copyfile(run / "policy.onnx", policy_file(folder, plant, seed))
+        write_bytes(policy_file(folder, plant, seed), (run / "policy.onnx").read_bytes())
         write_text(record_file(folder, plant, seed), json.dumps(_record(run, plant, seed), indent=1) + "\n")
         written.append(policy_file(folder, plant, seed))
     return written
@@ -100,28 +100,41 @@ def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> T
 
 def _iterations(run: Path) -> int:
     """Updates of a run that ended by itself; 0 without one."""
+    return int(_result(run)["iterations"]) if (run / "result.json").is_file() else 0
+
+
+def _result(run: Path) -> dict[str, Any]:
+    """What a training left in its folder.
+
+    Raises:
+        ValueError: it is no result of a training.
+    """
     path = run / "result.json"
-    return int(json.loads(path.read_text())["iterations"]) if path.is_file() else 0
+    content = read_json_file(path, _REMEDY)
+    lacks = [key for key in _COPIED if not isinstance(content, dict) or key not in content]
+    if lacks or not isinstance(content["iterations"], int):
+        raise ValueError(f"{path}: no result of a training ({(lacks or ['iterations'])[0]} is missing); {_REMEDY}")
+    return content
+
+
+_REMEDY = "remove the folder to train anew"
+
+_COPIED = (
+    "command", "iterations", "environment_steps", "seconds", "task", "gate", "gate_passed", "broken_episodes",
+    "unsolved_steps", "versions",
+)  # fmt: skip
+"""What a training's record takes from its result."""
 
 
 def _record(run: Path, plant: str, seed: int) -> dict[str, Any]:
     """What is kept of a training beside its policy."""
-    result = json.loads((run / "result.json").read_text())
+    result = _result(run)
     rows = checkpoint.load(run / "checkpoint.pt")["rows"]
     stride = max(-(-len(rows) // POINTS), 1)
     kept = rows[stride - 1 :: stride]
     return {
         "plant": plant,
         "seed": seed,
-        "command": result["command"],
-        "iterations": result["iterations"],
-        "environment_steps": result["environment_steps"],
-        "seconds": result["seconds"],
-        "task": result["task"],
-        "gate": result["gate"],
-        "gate_passed": result["gate_passed"],
-        "broken_episodes": result["broken_episodes"],
-        "unsolved_steps": result["unsolved_steps"],
+        **{key: result[key] for key in _COPIED},
         "curve": {key: [row[key] for row in kept] for key in KEPT if kept and key in kept[0]},
-        "versions": result["versions"],
     }

@@ -12,8 +12,8 @@ import time
 from collections import Counter
 from pathlib import Path
 
+from mrwarp.folder import FolderError, check_writable, claim, place_and_cause
 from mrwarp.results import write_result
-from mrwarp.rl.folder import FolderError, check_writable, claim
 from mrwarp.sweep import compare
 from mrwarp.sweep.grid import Command, GridError, Trial, make_trials
 from mrwarp.sweep.runners import LocalRunner, RayRunner, Runner
@@ -75,7 +75,7 @@ def main(argv: list[str] | None = None) -> int:
         print(f"mrwarp sweep: {error}", file=sys.stderr)
         return 2
     except OSError as error:  # a full disk: what is finished stays
-        print(f"mrwarp sweep: {error}; the same command goes on", file=sys.stderr)
+        print(f"mrwarp sweep: {place_and_cause(error)}; the same command goes on", file=sys.stderr)
         return 1
 
 

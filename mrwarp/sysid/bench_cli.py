@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from mrwarp.folder import check_writable
 from mrwarp.paper import FIGURE_4
 from mrwarp.params import MrParams
 from mrwarp.results import write_result
@@ -32,6 +33,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         cfg = _cfg(args)
         _check_free(args.out, args.overwrite)
+        check_writable(args.out)
         return _run(cfg, args, "mrwarp bench " + shlex.join(argv))
     except (ValueError, OSError) as error:
         print(f"mrwarp bench: {error}", file=sys.stderr)

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from mrwarp.folder import check_writable
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, parameter_unit, save_model
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import versions, write_result
@@ -41,6 +42,7 @@ def main(argv: list[str] | None = None) -> int:
         print(f"[{time.perf_counter() - started:5.1f} s] {text}", flush=True)
 
     try:
+        check_writable(args.out)
         progress(f"reading {args.data}")
         recording = _without(load_recording(args.data), args.exclude)
         holding = load_holding(args.holding) if args.holding else None
@@ -52,7 +54,6 @@ def main(argv: list[str] | None = None) -> int:
             extended = fit_extended(recording, seed=args.seed, progress=lambda t: progress(f"extended: {t}"))
         unseen = load_recording(args.predict) if args.predict else None
         predicted = predictions(unseen, result, extended, args.averaged) if unseen else {}
-        args.out.mkdir(parents=True, exist_ok=True)
     except (RecordingError, OSError) as error:
         print(f"mrwarp fit: {error}", file=sys.stderr)
         return 2

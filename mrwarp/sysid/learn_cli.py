@@ -10,6 +10,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from mrwarp.folder import check_writable
 from mrwarp.model_file import load_model
 from mrwarp.nn import model_file
 from mrwarp.nn.models import SAMPLES
@@ -52,6 +53,7 @@ def main(argv: list[str] | None = None) -> int:
             epochs=args.epochs, windows_per_epoch=args.windows_per_epoch, patience=args.patience, seed=args.seed
         )
         bouc_wen = learn.bench_parameters(load_model(args.bouc_wen).values if args.bouc_wen else None)
+        check_writable(args.out)
         folder, held_out = parts(args.data)
         recording = load_recording(folder)
         evaluation = load_recording(held_out) if held_out.is_dir() else None

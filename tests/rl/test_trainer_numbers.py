@@ -13,9 +13,10 @@ import torch
 from mrwarp.env import dump
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate.walking import GateCheck, WalkingGate
-from mrwarp.rl import checkpoint, curves, folder, train_cli, trainer
+from mrwarp import folder
+from mrwarp.folder import FolderError
+from mrwarp.rl import checkpoint, curves, train_cli, trainer
 from mrwarp.rl.breaks import not_finite
-from mrwarp.rl.folder import FolderError
 from mrwarp.rl.trainer import TrainCfg, Trainer, TrainingError
 
 NAN = float("nan")
@@ -151,7 +152,7 @@ def test_a_folder_without_write_access_is_refused_before_training(
 def test_a_second_training_in_the_same_folder_is_refused(tmp_path: Path) -> None:
     """While one writes the other is told so; afterwards the folder is free, and no lock file is left."""
     run = make_trainer(tmp_path / "run")
-    with folder.claim(tmp_path / "run"), pytest.raises(FolderError, match="another training writes here; wait"):
+    with folder.claim(tmp_path / "run"), pytest.raises(FolderError, match="another run writes here; wait"):
         run.run()
     assert not any((tmp_path / "run").iterdir())
     with folder.claim(tmp_path / "run"):

@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from mrwarp.evaluate.walking import GateCheck, WalkingGate
+from mrwarp.folder import claim
 from mrwarp.rl import curves as training_curves
 from mrwarp.rl import trainer
-from mrwarp.rl.folder import claim
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.study import curves
 from mrwarp.study.plan import CONVENTIONAL, PLANTS, StudyCfg, name, plant_cfg, policy_file, record_file
@@ -74,7 +74,7 @@ def test_policy_that_another_process_trains_is_left_out(tmp_path: Path) -> None:
     lines: list[str] = []
     with claim(run):
         assert not train(replace(CFG, plants=(CONVENTIONAL,)), tmp_path, report=lines.append)
-    assert "another training writes here" in lines[-1]
+    assert "another run writes here" in lines[-1]
     assert list(run.iterdir()) == []
 
 

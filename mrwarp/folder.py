@@ -1,4 +1,4 @@
-"""The output folder of a training: writable, and used by one process at a time."""
+"""The output folder of a command: writable, and used by one process at a time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 try:
     import fcntl
-except ImportError:  # Windows has no such locks: there two trainings in one folder are not told apart
+except ImportError:  # Windows has no such locks: there two runs in one folder are not told apart
     fcntl = None
 
 
@@ -18,12 +18,13 @@ class FolderError(OSError):
 
 
 def check_writable(out: Path) -> None:
-    """Make a folder and try to write in it.
+    """Refuse before the work what could not be written after it; leaves nothing behind.
 
     Raises:
-        FolderError: it cannot be made or written.
+        FolderError: the folder cannot be made or written.
     """
     probe = out / ".probe.part"
+    made = [folder for folder in (out, *out.parents) if not folder.exists()]
     try:
         out.mkdir(parents=True, exist_ok=True)
         try:
@@ -32,15 +33,26 @@ def check_writable(out: Path) -> None:
             probe.unlink(missing_ok=True)
     except OSError as error:
         raise FolderError(f"{out}: cannot be written ({error.strerror}); free it or name another --out") from error
+    finally:
+        with contextlib.suppress(OSError):
+            for folder in made:
+                folder.rmdir()
+
+
+def place_and_cause(error: OSError) -> str:
+    """What cannot be read or written and why, on one line."""
+    where = f"{error.filename}: " if error.filename else ""
+    return where + " ".join((error.strerror or str(error) or type(error).__name__).split())
 
 
 @contextlib.contextmanager
 def claim(out: Path) -> Iterator[None]:
-    """Keep other trainings out of a folder; ends with the process, however that ends, and leaves no file behind.
+    """Keep other processes out of a folder, which is made; ends with the process, however that ends.
 
     Raises:
-        FolderError: another training writes into it.
+        FolderError: another process writes into it.
     """
+    out.mkdir(parents=True, exist_ok=True)
     if fcntl is None:
         yield
         return
@@ -49,7 +61,7 @@ def claim(out: Path) -> Iterator[None]:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise FolderError(f"{out}: another training writes here; wait for it or name another --out") from error
+            raise FolderError(f"{out}: another run writes here; wait for it or name another --out") from error
         except OSError:
             pass  # a file system without locks
         yield
