@@ -41,7 +41,9 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     module, _ = COMMANDS[argv[0]]
     try:
-        return importlib.import_module(module).main(argv[1:])
+        code = importlib.import_module(module).main(argv[1:])
+        sys.stdout.flush()
+        return code
     except KeyboardInterrupt:
         print("\nstopped", file=sys.stderr)
         return 130

@@ -1,5 +1,11 @@
 """The one entry: every command it names is there, and what it does not know is refused."""
 
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
 from mrwarp import cli
@@ -27,3 +33,32 @@ def test_help_lists_every_command(capsys: pytest.CaptureFixture) -> None:
 def test_what_is_no_command_is_refused(argv: list[str]) -> None:
     """No command, or an unknown one: exit code 2."""
     assert cli.main(argv) == 2
+
+
+@pytest.mark.parametrize("named", [None, "out/result.json"])
+def test_a_full_disk_ends_in_one_line(
+    named: str | None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    """Whatever command it stops: exit code 1, place, cause and remedy."""
+
+    def main(argv: list[str]) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), named)
+
+    monkeypatch.setattr("mrwarp.sysid.check_cli.main", main)
+    assert cli.main(["check", "x"]) == 1
+    where = f"{named}: " if named else ""
+    remedy = "make room or name another folder, then run it again"
+    assert capsys.readouterr().err == f"mrwarp check: {where}No space left on device; {remedy}\n"
+
+
+def test_a_reader_that_has_gone_is_no_error() -> None:
+    """``mrwarp COMMAND | true`` says nothing on stderr."""
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "mrwarp.cli", "bench", "--list-effects"]
+    done = subprocess.run(
+        command, stdout=write, stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[1], check=False
+    )
+    os.close(write)
+    assert done.returncode == 1
+    assert "Broken" not in done.stderr and "Traceback" not in done.stderr

@@ -1,5 +1,7 @@
 """Files are whole or not there."""
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -30,3 +32,13 @@ def test_a_partial_file_of_a_killed_process_is_no_obstacle(tmp_path: Path) -> No
     (tmp_path / "a.txt.part").write_text("left behind, and longer than what comes now")
     assert write_text(tmp_path / "a.txt", "new").read_text() == "new"
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_a_full_disk_is_an_error_that_names_the_file(tmp_path: Path) -> None:
+    """A write to a full disk names no file by itself; errors about other files keep theirs."""
+    path = tmp_path / "a.txt"
+    with pytest.raises(OSError, match=r"No space left on device: .*a\.txt'"), replacing(path):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    with pytest.raises(FileNotFoundError, match=r"other\.txt'"), replacing(path):
+        (tmp_path / "other.txt").read_text()
+    assert list(tmp_path.iterdir()) == []

@@ -1,12 +1,15 @@
 """``mrwarp reproduce``: bad input is refused, small walks go through end to end and are not made twice."""
 
+import errno
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from mrwarp.reproduce import catalogue, cli
+from mrwarp.folder import claim
+from mrwarp.reproduce import catalogue, cli, runner
 from mrwarp.reproduce.experiment import Findings
 
 
@@ -70,6 +73,40 @@ def test_stopped_run_leaves_a_report(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert cli.main(["table6", "--out", str(tmp_path)]) == 130
     assert json.loads((tmp_path / "result.json").read_text())["parts"]["table6"]["status"] == "not run"
     assert "not run" in (tmp_path / "report.md").read_text()
+
+
+def test_a_folder_that_cannot_be_used_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """A file in its place, and one that another process writes to: exit code 2, one line."""
+    (tmp_path / "file").write_text("mine")
+    assert cli.main(["fig5", "--out", str(tmp_path / "file")]) == 2
+    assert "file: cannot be written (File exists); free it or name another --out" in capsys.readouterr().err
+    with claim(tmp_path / "out"):
+        assert cli.main(["fig5", "--out", str(tmp_path / "out")]) == 2
+    assert "out: another run writes here; wait for it" in capsys.readouterr().err
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_full_disk_stops_the_run_and_keeps_what_is_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    """It is not taken for a failure of one experiment after the other."""
+    parts = {name: replace(catalogue.CATALOGUE[name], compute=lambda _: Findings()) for name in ("fig5", "fig11")}
+    parts = {name: replace(part, needs=()) for name, part in parts.items()}
+    for name, part in parts.items():
+        monkeypatch.setitem(catalogue.CATALOGUE, name, part)
+    assert cli.main(["fig5", "--out", str(tmp_path)]) == 0
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+
+    def full(path: Path, *_: object, **__: object) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr(runner, "write_text", full)
+    capsys.readouterr()
+    assert cli.main(["fig11", "fig5", "--out", str(tmp_path)]) == 1
+    error = capsys.readouterr().err
+    assert error.endswith("No space left on device; the same command goes on\n") and error.count("\n") == 1
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
 @pytest.mark.slow

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 import torch
 
+from mrwarp import folder
 from mrwarp.env import dump
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate.walking import GateCheck, WalkingGate
-from mrwarp import folder
 from mrwarp.folder import FolderError
 from mrwarp.rl import checkpoint, curves, train_cli, trainer
 from mrwarp.rl.breaks import not_finite

@@ -85,6 +85,18 @@ def test_unfinished_training_is_not_collected(tmp_path: Path) -> None:
     assert not policy_file(tmp_path / "policies", CONVENTIONAL, 0).exists()
 
 
+@pytest.mark.parametrize("text", ["", "[]", '{"iterations": 2}', "{"])
+def test_a_damaged_result_is_named(tmp_path: Path, text: str) -> None:
+    """By its file and with the remedy, before anything is trained or collected."""
+    run = tmp_path / name(CONVENTIONAL, 0)
+    run.mkdir()
+    (run / "result.json").write_text(text)
+    for act in (lambda: train(CFG, tmp_path), lambda: collect(CFG, tmp_path, tmp_path / "policies")):
+        with pytest.raises(ValueError, match=r"conventional_seed0/result\.json: .*remove the folder to train anew"):
+            act()
+    assert not (tmp_path / "policies").exists()
+
+
 def test_record_that_cannot_be_used_is_named(tmp_path: Path) -> None:
     """Missing, damaged, and of another length."""
     with pytest.raises(curves.RecordError, match=r"conventional_seed0\.json: no such record"):
