@@ -25,7 +25,7 @@ def main() -> int:
     parser.add_argument("--noise", choices=NOISES, help="noise of every data set (default: realistic; none: in turn)")
     parser.add_argument("--spread", type=float, help="spread of the base coefficients (default: 0.02; none: and 0.2)")
     parser.add_argument("--jobs", type=int, default=2, help="processes; 0 runs in this one")
-    parser.add_argument("--check-gain", action="store_true", help="compare claimed gains with an untouched session")
+    parser.add_argument("--check-gain", action="store_true", help="compare claimed gains with untouched sessions")
     parser.add_argument(
         "--resolve", action="store_true", help="where the verdict is ambiguous, make the proposed experiment as well"
     )

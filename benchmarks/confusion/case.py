@@ -25,6 +25,9 @@ _NEAR = 0.04
 _ATTEMPTS = 8
 """Sessions that are drawn at most; then the one with the nearest level is taken."""
 
+_REPEATED, _SESSIONS = 8, 100
+"""The seed's streams for the noise of a repeated session, and of further ones."""
+
 COLOUR_TIME = 0.05
 """Correlation time of the coloured noise [s]."""
 
@@ -147,20 +150,29 @@ class Case:
     @cached_property
     def untouched(self) -> Recording:
         """Another session with the same device: new motion, new noise."""
+        return self.session(0)
+
+    def session(self, k: int) -> Recording:
+        """One of many such sessions."""
         motion = make_session(
             size=self.settings.get("size", "large"),
             rate=self.motion.rate,
-            seed=_stream(self.seed, 4),
+            seed=_stream(self.seed, 4, *([k] if k else [])),
             clock_error=self.settings.get("clock_error", 0.005),
         )
-        return self.record(motion, stream=5)
+        return self.record(motion, stream=_SESSIONS + k if k else 5)
+
+    @cached_property
+    def repeated(self) -> Recording:
+        """The same programme of motion and current once more, from the session's begin: new noise only."""
+        return self.record(self.motion, stream=_REPEATED)
 
     def record(self, motion: Motion, *, stream: int, noise: Noise | None = None) -> Recording:
         """Run the case's device through any motion and log it.
 
         Args:
             motion: Motion and command.
-            stream: Which of the seed's streams the noise takes; 3 and 5 are taken.
+            stream: Which of the seed's streams the noise takes; 3, 5, 8 and those from 100 are taken.
             noise: Other noise than the case's.
         """
         return _log(

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -279,8 +280,23 @@ def test_gain_on_the_untouched_session() -> None:
     """The claimed gain is compared with one on a session that was not diagnosed."""
     plan = Plan(family="single", size="small", kinds=("coil_lag",))
     case = run_case(plan, 0, check_gain=True, diagnose=blames_the_coil)
-    assert case["untouched_gain"] == pytest.approx(1.0 - 0.0224 / 0.0241)
-    assert "within 20 %" in report(plan, [case])
+    gains = [case["untouched_gain"], case["repeated_gain"], *case["session_gains"]]
+    assert len(gains) == 6 and gains == pytest.approx([1.0 - 0.0224 / 0.0241] * 6)
+    text = report(plan, [case])
+    assert re.search(r"same motion again +1/1 ", text) and re.search(r"such session of another\) +12/12 ", text)
+    assert re.search(r"interval holds that of new motion +1/1 ", text)
+
+
+def test_sessions_differ_in_motion_and_repeats_in_noise_alone() -> None:
+    """A repeated session has the recording's motion and current to the encoder's step, and other noise."""
+    case = make_case("coil_lag", level=0.4, seed=7, size="small")
+    first, again = case.recording.trajectories[0], case.repeated.trajectories[0]
+    np.testing.assert_array_equal(first.current, again.current)
+    np.testing.assert_allclose(first.q, again.q, rtol=0, atol=2 * case.noise.encoder)
+    assert 0.5 * case.noise.sigma < np.std(first.torque - again.torque) < 3.0 * case.noise.sigma
+    runs = [case.session(k).trajectories[0].q for k in range(3)]
+    assert np.array_equal(runs[0], case.untouched.trajectories[0].q)
+    assert all(np.abs(a - b).max() > 0.01 for a, b in ((runs[0], runs[1]), (runs[1], runs[2]), (runs[0], first.q)))
 
 
 @pytest.mark.parametrize("family", FAMILIES)
