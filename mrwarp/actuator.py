@@ -202,7 +202,8 @@ class MrActuator:
     def step(self) -> None:
         """Run the stages: writes ``tau`` to apply [N·m] and the brake ``bound`` [N·m], both of shape (E, J)."""
         if self.mr_joints:
-            self._advance_head.launch()
+            if self._fused is None or not self._one_thread:
+                self._advance_head.launch()
             if self._fused is not None:
                 self._fused.launch()
                 return
@@ -285,8 +286,8 @@ class MrActuator:
         """Prepare the launches of :meth:`step` once; all their arrays live as long as the actuator."""
         cfg, i = self.cfg, self.inputs
         num_mr = len(self.mr_joints)
-        lanes = 1 if wp.get_device(str(self.device)).is_cpu else self.num_joints  # see step_kernel
-        rows = 1 if lanes == 1 else self.num_envs
+        rows, lanes = (1, 1) if wp.get_device(str(self.device)).is_cpu else (self.num_envs, self.num_joints)
+        self._one_thread = rows * lanes == 1  # see step_kernel
         fixed = int(cfg.hold_current is HoldCurrent.FIXED)
         switches = [
             self.dt, int(cfg.sal and cfg.damping), int(cfg.sal and cfg.holding), fixed, int(cfg.z_step is ZStep.EXACT),
@@ -316,16 +317,17 @@ class MrActuator:
                 outputs=outputs,
                 device=self.device,
             )
-            if self.residual is None:
+            flat = (i.q_des, i.q, i.qd, i.f_foot)  # step_kernel counts in elements, not in strides
+            if self.residual is None and all(array.is_contiguous for array in flat):
                 self._fused = record(
                     mr_stages.step_kernel,
                     dim=(rows, lanes),
                     inputs=[
-                        rows, lanes, params, self.slot_of, self.joint_of, self.leg_of, self.kp, self.kd, self.tau_limit,
+                        rows, lanes, params, self.slot_of, self.leg_of, self.kp, self.kd, self.tau_limit,
                         *switches, self._constraint, i.q_des, i.q, i.qd, i.f_foot, i.current_e, self.head, self.z,
                         self.current,
                     ],
-                    outputs=[*outputs, *torques],
+                    outputs=[*outputs, self.head, *torques],
                     device=self.device,
                 )  # fmt: skip
         self._torque = record(
@@ -333,7 +335,7 @@ class MrActuator:
             dim=(self.num_envs, self.num_joints),
             inputs=[
                 params, self.slot_of, self.kp, self.kd, self.tau_limit, self._constraint, i.q_des, i.q, i.qd,
-                self.m_dyn, self.m_hold, self.current, self.tau_dyn,
+                self.m_hold, self.current, self.tau_dyn,
             ],
             outputs=torques,
             device=self.device,

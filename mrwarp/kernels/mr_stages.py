@@ -8,6 +8,7 @@ prediction; ``torque_kernel`` turns the prediction into motor torque and device 
 import warp as wp
 
 from mrwarp.kernels.coil import coil_current
+from mrwarp.kernels.flat import flat, put, put4
 from mrwarp.kernels.gate import effective_kp
 from mrwarp.kernels.joint_params import JointParams
 from mrwarp.kernels.mr_joint import (
@@ -19,7 +20,7 @@ from mrwarp.kernels.mr_joint import (
     sliding_torque,
 )
 from mrwarp.kernels.pd import pd_torque
-from mrwarp.kernels.window import WINDOW
+from mrwarp.kernels.window import FEATURES, WINDOW
 
 
 @wp.kernel
@@ -37,54 +38,26 @@ def advance_head_kernel(
 
 @wp.func
 def predict(
-    env: int,
-    slot: int,
-    params: wp.array2d[JointParams],
-    joint_of: wp.array[int],
-    leg_of: wp.array[int],
+    p: JointParams,
+    q: float,
+    qd: float,
+    e: float,
+    f_foot: float,
+    allowed: float,
+    z: float,
+    current: float,
     dt: float,
     damping: int,
     holding: int,
     hold_current: int,
     exact: int,
-    q_des_in: wp.array2d[float],
-    q_in: wp.array2d[float],
-    qd_in: wp.array2d[float],
-    f_foot_in: wp.array2d[float],
-    current_e_in: wp.array[float],
-    head_in: wp.array[int],
-    z_in: wp.array2d[float],
-    current_in: wp.array2d[float],
-    m_dyn_out: wp.array2d[float],
-    m_hold_out: wp.array2d[float],
-    z_out: wp.array2d[float],
-    current_out: wp.array2d[float],
-    tau_dyn_out: wp.array2d[float],
-    ring_out: wp.array4d[float],
-) -> float:
-    """Gates, coil, history, z and tau_BW of one device; returns m_dyn. Arguments as in ``predict_kernel``."""
-    p = params[wp.min(env, params.shape[0] - 1), slot]
-    joint = joint_of[slot]
-    q, qd = q_in[env, joint], qd_in[env, joint]
-    e = q_des_in[env, joint] - q
-
-    f_foot, allowed = f_foot_in[env, leg_of[slot]], current_e_in[env]
+) -> tuple[float, float, float, float, float, float]:
+    """(m_dyn, m_hold, coil current [A], q_c [rad], z [rad], tau_BW [N·m]) of one device after a step."""
     m_dyn, m_hold, command = gated_command(p, f_foot, e, qd, allowed, damping, holding, hold_current)
-    current = coil_current(current_in[env, slot], command, p.coil_time_constant, dt)
-
+    coil = coil_current(current, command, p.coil_time_constant, dt)
     q_c = displacement(p, q)
-    row = head_in[0]
-    ring_out[env, slot, row, 0] = q_c
-    ring_out[env, slot, row, 1] = qd
-    ring_out[env, slot, row, 2] = current
-
-    z = hysteresis(p, qd, z_in[env, slot], dt, exact)
-    tau_dyn_out[env, slot] = sliding_torque(p, qd, q_c, current, z)
-    m_dyn_out[env, slot] = m_dyn
-    m_hold_out[env, slot] = m_hold
-    z_out[env, slot] = z
-    current_out[env, slot] = current
-    return m_dyn
+    z_next = hysteresis(p, qd, z, dt, exact)
+    return m_dyn, m_hold, coil, q_c, z_next, sliding_torque(p, qd, q_c, coil, z_next)
 
 
 @wp.kernel
@@ -118,57 +91,43 @@ def predict_kernel(
 ):
     """Gates (5, 8), coil command and current, history, z (15) and tau_BW (14) of every device."""
     env, slot = wp.tid()
-    predict(
-        env, slot, params, joint_of, leg_of, dt, damping, holding, hold_current, exact, q_des_in, q_in, qd_in,
-        f_foot_in, current_e_in, head_in, z_in, current_in, m_dyn_out, m_hold_out, z_out, current_out, tau_dyn_out,
-        ring_out,
+    p = params[wp.min(env, params.shape[0] - 1), slot]
+    joint = joint_of[slot]
+    q, qd = q_in[env, joint], float(qd_in[env, joint])
+    f_foot, allowed = f_foot_in[env, leg_of[slot]], current_e_in[env]
+    m_dyn, m_hold, current, q_c, z, sliding = predict(
+        p, q, qd, q_des_in[env, joint] - q, f_foot, allowed, z_in[env, slot], current_in[env, slot], dt, damping,
+        holding, hold_current, exact,
     )  # fmt: skip
+    row = head_in[0]
+    ring_out[env, slot, row, 0] = q_c
+    ring_out[env, slot, row, 1] = qd
+    ring_out[env, slot, row, 2] = current
+    m_dyn_out[env, slot] = m_dyn
+    m_hold_out[env, slot] = m_hold
+    z_out[env, slot] = z
+    current_out[env, slot] = current
+    tau_dyn_out[env, slot] = sliding
 
 
 @wp.func
-def drive(
-    env: int,
-    joint: int,
-    params: wp.array2d[JointParams],
-    slot_of: wp.array[int],
-    kp: wp.array2d[float],
-    kd: wp.array2d[float],
-    tau_limit: wp.array2d[float],
-    constraint: int,
-    q_des_in: wp.array2d[float],
-    q_in: wp.array2d[float],
-    qd_in: wp.array2d[float],
-    m_hold_in: wp.array2d[float],
-    current_in: wp.array2d[float],
-    tau_dyn_in: wp.array2d[float],
-    tau_motor_out: wp.array2d[float],
-    tau_mr_out: wp.array2d[float],
-    tau_out: wp.array2d[float],
-    bound_out: wp.array2d[float],
-) -> float:
-    """Motor and device of one joint; returns the motor's torque [N·m]. Arguments as in ``torque_kernel``."""
-    row = wp.min(env, kp.shape[0] - 1)
-    q, qd = q_in[env, joint], qd_in[env, joint]
-    e = q_des_in[env, joint] - q
-    slot = slot_of[joint]
-    gain, damping, limit = float(kp[row, joint]), float(kd[row, joint]), float(tau_limit[row, joint])
-    device, bound = float(0.0), float(0.0)
-    if slot >= 0:
-        p = params[wp.min(env, params.shape[0] - 1), slot]
-        m_hold = m_hold_in[env, slot]
-        gain, damping, limit = effective_kp(m_hold, p.kp_base, p.kp_low), float(p.kd), float(p.tau_limit)
-        current, sliding = current_in[env, slot], tau_dyn_in[env, slot]
-        if constraint == 1:
-            bound = brake_bound(p, m_hold, current, sliding)
-            tau_mr_out[env, slot] = wp.nan
-        else:
-            device = device_torque(p, m_hold, e, qd, current, sliding)
-            tau_mr_out[env, slot] = device
-    motor = pd_torque(e, qd, gain, damping, limit)
-    tau_motor_out[env, joint] = motor
-    tau_out[env, joint] = motor + device
-    bound_out[env, joint] = bound
-    return motor
+def device_share(
+    p: JointParams, constraint: int, m_hold: float, e: float, qd: float, current: float, sliding: float
+) -> tuple[float, float, float]:
+    """(known torque, applied torque, bound of the brake constraint) of one device [N·m].
+
+    With the constraint coupling the torque is known only after the step: NaN, and nothing is applied.
+    """
+    if constraint == 1:
+        return wp.nan, 0.0, brake_bound(p, m_hold, current, sliding)
+    device = device_torque(p, m_hold, e, qd, current, sliding)
+    return device, device, 0.0
+
+
+@wp.func
+def motor_torque(p: JointParams, m_hold: float, e: float, qd: float) -> float:
+    """Torque of the motor beside a device [N·m], eqs. 2 and 9."""
+    return pd_torque(e, qd, effective_kp(m_hold, p.kp_base, p.kp_low), p.kd, p.tau_limit)
 
 
 @wp.kernel
@@ -181,11 +140,10 @@ def torque_kernel(
     kd: wp.array2d[float],
     tau_limit: wp.array2d[float],
     constraint: int,
-    # in, shape (E, J) [rad, rad, rad/s], (E, M) [1, 1, A, N·m]
+    # in, shape (E, J) [rad, rad, rad/s], (E, M) [1, A, N·m]
     q_des_in: wp.array2d[float],
     q_in: wp.array2d[float],
     qd_in: wp.array2d[float],
-    m_dyn_in: wp.array2d[float],
     m_hold_in: wp.array2d[float],
     current_in: wp.array2d[float],
     tau_dyn_in: wp.array2d[float],
@@ -201,13 +159,25 @@ def torque_kernel(
     coupling ``tau_mr`` is known only after the step; it is NaN until then.
     """
     env, joint = wp.tid()
-    drive(
-        env, joint, params, slot_of, kp, kd, tau_limit, constraint, q_des_in, q_in, qd_in, m_hold_in, current_in,
-        tau_dyn_in, tau_motor_out, tau_mr_out, tau_out, bound_out,
-    )  # fmt: skip
+    qd = float(qd_in[env, joint])
+    e = q_des_in[env, joint] - q_in[env, joint]
+    slot = slot_of[joint]
+    motor, device, bound = float(0.0), float(0.0), float(0.0)
+    if slot >= 0:
+        p = params[wp.min(env, params.shape[0] - 1), slot]
+        m_hold = m_hold_in[env, slot]
+        known, device, bound = device_share(p, constraint, m_hold, e, qd, current_in[env, slot], tau_dyn_in[env, slot])
+        tau_mr_out[env, slot] = known
+        motor = motor_torque(p, m_hold, e, qd)
+    else:
+        row = wp.min(env, kp.shape[0] - 1)
+        motor = pd_torque(e, qd, kp[row, joint], kd[row, joint], tau_limit[row, joint])
+    tau_motor_out[env, joint] = motor
+    tau_out[env, joint] = motor + device
+    bound_out[env, joint] = bound
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def step_kernel(
     # parameters: environments and joints that a thread takes are this far apart; the rest as in predict_kernel and
     # torque_kernel
@@ -215,7 +185,6 @@ def step_kernel(
     lanes: int,
     params: wp.array2d[JointParams],
     slot_of: wp.array[int],
-    joint_of: wp.array[int],
     leg_of: wp.array[int],
     kp: wp.array2d[float],
     kd: wp.array2d[float],
@@ -242,6 +211,7 @@ def step_kernel(
     current_out: wp.array2d[float],
     tau_dyn_out: wp.array2d[float],
     ring_out: wp.array4d[float],
+    head_out: wp.array[int],
     tau_motor_out: wp.array2d[float],
     tau_mr_out: wp.array2d[float],
     tau_out: wp.array2d[float],
@@ -250,21 +220,47 @@ def step_kernel(
     """Both kernels in one, where no residual comes between them: a GPU takes a thread per joint, a CPU one for all.
 
     A CPU runs the threads one after the other, and starting one, which copies all arguments, costs as much as the laws.
+    A single thread moves the ring's head itself. Arrays (E, ...) have to be contiguous.
     """
     first, lane = wp.tid()
+    joints, devices, legs = q_in.shape[1], z_in.shape[1], f_foot_in.shape[1]
+    row = head_in[0]
+    if rows == 1 and lanes == 1:
+        row = (row + 1) % WINDOW
+        head_out[0] = row
     for env in range(first, q_in.shape[0], rows):
-        for joint in range(lane, slot_of.shape[0], lanes):
+        allowed = current_e_in[env]
+        for joint in range(lane, joints, lanes):
+            at = env * joints + joint
+            q, qd = flat(q_in, at), flat(qd_in, at)
+            e = flat(q_des_in, at) - q
             slot = slot_of[joint]
+            motor, device, bound = float(0.0), float(0.0), float(0.0)
             if slot >= 0:
-                predict(
-                    env, slot, params, joint_of, leg_of, dt, damping, holding, hold_current, exact, q_des_in, q_in,
-                    qd_in, f_foot_in, current_e_in, head_in, z_in, current_in, m_dyn_out, m_hold_out, z_out,
-                    current_out, tau_dyn_out, ring_out,
+                k = env * devices + slot
+                p = params[wp.min(env, params.shape[0] - 1), slot]
+                m_dyn, m_hold, current, q_c, z, sliding = predict(
+                    p, q, qd, e, flat(f_foot_in, env * legs + leg_of[slot]), allowed, flat(z_in, k),
+                    flat(current_in, k), dt, damping, holding, hold_current, exact,
                 )  # fmt: skip
-            drive(
-                env, joint, params, slot_of, kp, kd, tau_limit, constraint, q_des_in, q_in, qd_in, m_hold_out,
-                current_out, tau_dyn_out, tau_motor_out, tau_mr_out, tau_out, bound_out,
-            )  # fmt: skip
+                known, device, bound = device_share(p, constraint, m_hold, e, qd, current, sliding)
+                motor = motor_torque(p, m_hold, e, qd)
+                sample = (k * WINDOW + row) * FEATURES
+                put4(ring_out, sample, q_c)
+                put4(ring_out, sample + 1, qd)
+                put4(ring_out, sample + 2, current)
+                put(m_dyn_out, k, m_dyn)
+                put(m_hold_out, k, m_hold)
+                put(z_out, k, z)
+                put(current_out, k, current)
+                put(tau_dyn_out, k, sliding)
+                put(tau_mr_out, k, known)
+            else:
+                own = wp.min(env, kp.shape[0] - 1) * joints + joint
+                motor = pd_torque(e, qd, flat(kp, own), flat(kd, own), flat(tau_limit, own))
+            put(tau_motor_out, at, motor)
+            put(tau_out, at, motor + device)
+            put(bound_out, at, bound)
 
 
 @wp.kernel

@@ -91,7 +91,7 @@ def torque(x: dict[str, np.ndarray], prediction: dict[str, np.ndarray], constrai
     inputs = [
         struct(*DEVICES), ints(SLOT_OF), floats([KP]), floats([KD]), floats([TAU_LIMIT]), constraint,
         *(floats(x[name]) for name in ("q_des", "q", "qd")),
-        *(floats(prediction[name]) for name in ("m_dyn", "m_hold", "current", "tau_dyn")),
+        *(floats(prediction[name]) for name in ("m_hold", "current", "tau_dyn")),
     ]  # fmt: skip
     wp.launch(torque_kernel, dim=(num_envs, 3), inputs=inputs, outputs=list(out.values()), device="cpu")
     return {name: array.numpy() for name, array in out.items()}
