@@ -96,7 +96,10 @@ class Choice:
                 bent = engine.plain_fit(fit, bent=True)
                 gain, t = gain_and_t(plain.left_out, bent.left_out)
                 if gain > BENT * plain.total and t > BENT_T:
-                    plain = replace(bent, least_variance=fit.coordinates.moved(least, bent.coordinates))
+                    slots = bent.coordinates.slots
+                    own = iter(least[9:])
+                    least = [*least[:9], *(0.0 if slot.parameter.form else next(own) for slot in slots)]
+                    plain = replace(bent, least_variance=np.array(least))
             self.plain[fit.effects] = plain
         return self.plain[fit.effects]
 

@@ -62,8 +62,8 @@ class Coordinates:
         effects: Names of the effects that act.
         ranges: What the data cover.
         q_zero: Angle from which q_c counts.
-        choices: Values of parameters that say how the data were logged, by (effect, name).
-        form: Whether numbers that bend a law are searched; else they are null.
+        choices: Values of parameters that say how the data were logged, and of known bends, by (effect, name).
+        form: Whether numbers that bend a law are searched; else they are as known, or null.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Coordinates:
         form: bool = False,
     ) -> None:
         self.effects, self.ranges, self.q_zero = tuple(effects), ranges, q_zero
-        self.choices = dict(choices or {})
+        self.choices, self.form = dict(choices or {}), form
         self.slots = [slot for effect in self.effects for slot in slots_of(effect, form=form)]
         self.size = len(LINEAR) + len(SHAPE) + len(self.slots)
         low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
@@ -129,16 +129,18 @@ class Coordinates:
                     row[at] = p.preset(self.ranges)
                 elif p.choices:
                     row[at] = self.choices.get((effect, p.name), p.choices[0])
+                elif p.form and not self.form:
+                    row[at] = self.choices.get((effect, p.name), p.null)
         return row
 
     def values(self, x: np.ndarray) -> dict[str, dict[str, float]]:
         """Parameters of each effect in inner units, without those that say how the data were logged or are null."""
-        row, searched = self.row(x), {(slot.effect, slot.parameter.name) for slot in self.slots}
+        row = self.row(x)
         return {
             effect: {
                 p.name: float(row[len(BASE) + column_of(effect, p.name)])
                 for p in CATALOGUE[effect].parameters
-                if not p.choices and (not p.form or (effect, p.name) in searched)
+                if not p.choices and (not p.form or self.form or (effect, p.name) in self.choices)
             }
             for effect in self.effects
         }
@@ -154,7 +156,7 @@ class Coordinates:
         mine = {(s.effect, s.parameter.name): v for s, v in zip(self.slots, x[9:], strict=True)}
         for i, slot in enumerate(other.slots, start=9):
             key = (slot.effect, slot.parameter.name)
-            out[i] = mine[key] if key in mine else neutral(slot, self.ranges)
+            out[i] = mine[key] if key in mine else self.choices.get(key, neutral(slot, self.ranges))
         return out
 
 

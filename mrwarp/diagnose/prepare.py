@@ -13,6 +13,8 @@ from mrwarp.diagnose.grams import ridge_solve
 from mrwarp.diagnose.model import LINEAR, SHAPE, Coordinates
 from mrwarp.diagnose.noise import Noise, estimate_noise, trajectory_spread
 from mrwarp.diagnose.replay import ExtendedReplay, Motion
+from mrwarp.diagnose.units import factor_of
+from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.model_file import JOINT_UNITS, Model
 from mrwarp.params import MrParams
 from mrwarp.sysid.fit import BoucWenStructure
@@ -72,7 +74,7 @@ def prepare(
     weight = samples.settled(rate)
     engine = Engine(ExtendedReplay(motion, threads=threads), zero, weight, recording.units)
     told("noise")
-    c = engine.coordinates(known)
+    c = engine.coordinates(known, _known_bends(known, model, motion))
     if model is not None:
         starts.append(_start_of(model, structure, motion))
     plain = engine.coordinates(())
@@ -150,6 +152,17 @@ def _start_of(model: Model, structure: BoucWenStructure, motion: Motion) -> np.n
     return np.array([*(inner[name] for name in LINEAR), *shape])
 
 
+def _known_bends(known: tuple[str, ...], model: Model | None, motion: Motion) -> dict[tuple[str, str], float]:
+    """Numbers of a known model that bend its laws, inner units."""
+    return {
+        (e.name, p.name): e.parameters[p.name].value / factor_of(p, motion.samples.scales)
+        for e in (model.effects if model else ())
+        if e.name in known
+        for p in CATALOGUE[e.name].parameters
+        if p.form and p.name in e.parameters
+    }
+
+
 def _known_values(c: Coordinates, x: np.ndarray, model: Model | None, motion: Motion) -> None:
     """Put the effects of a known model into a vector."""
     effects = {e.name: e.parameters for e in model.effects} if model else {}
@@ -157,9 +170,7 @@ def _known_values(c: Coordinates, x: np.ndarray, model: Model | None, motion: Mo
         given = effects.get(slot.effect, {}).get(slot.parameter.name)
         if given is None:
             continue
-        q, current, torque = slot.parameter.scale
-        scales = motion.samples.scales
-        inner = given.value / (scales.q**q * scales.current**current * scales.torque**torque)
+        inner = given.value / factor_of(slot.parameter, motion.samples.scales)
         x[i] = np.log(max(inner, 1e-12)) if slot.logarithmic else inner
 
 

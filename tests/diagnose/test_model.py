@@ -67,6 +67,20 @@ def test_bent_model_has_one_number_more(motion: Motion) -> None:
     assert bent.values(y)["friction_asymmetry"]["thinning"] == pytest.approx(0.2)
 
 
+def test_known_bend_acts_without_being_searched(motion: Motion) -> None:
+    """It stands in the row and among the values; where bends are searched, it is where the search begins."""
+    key = ("friction_asymmetry", "thinning")
+    c = Coordinates(("friction_asymmetry",), motion.ranges, 0.0, {key: 0.3})
+    x, at = known.vector(c, STRONG), len(BASE) + column_of(*key)
+    assert c.size == 11 and c.row(x)[at] == 0.3 == c.values(x)["friction_asymmetry"]["thinning"]
+    y = c.moved(x, c.bent())
+    assert np.array_equal(c.row(x), c.bent().row(y))
+    y[-1] = 0.1
+    assert c.bent().row(y)[at] == 0.1
+    more = Coordinates(("friction_asymmetry", "wear"), motion.ranges, 0.0, c.choices)
+    assert more.row(c.grown(x, more.effects))[at] == 0.3
+
+
 def test_grown_model_is_the_same_model(motion: Motion) -> None:
     """A vector keeps its numbers when effects are added, wherever they go in the order; linear ones come in at null."""
     c = Coordinates(("coil_lag", "cogging"), motion.ranges, 0.0)
