@@ -7,6 +7,7 @@ wait on a GPU, and no graph capture), and its bits depend on the size of the bat
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 import weakref
@@ -39,13 +40,23 @@ class LearnedTorque:
         dt: Torque step [s].
         threads: CPU threads for the LSTM; 0 = all. The results are the same bits for any number.
         evaluate_all: Compute closed windows too, without using them (to test that nothing depends on it).
+        capacity: Threads of the kernels that a GPU runs, as a share of all windows in (0, 1]. If more are open, threads
+            take several in turn: the same bits, later.
+        lanes: Run the LSTM in the vector lanes of a CPU; False takes the GPU's kernel there too, to test it.
 
     Raises:
         SamplingRateError: the model was trained at another rate than 1/dt.
+        ValueError: the capacity is out of its range.
     """
 
-    def __init__(self, model: LearnedModel, *, dt: float, threads: int = 0, evaluate_all: bool = False) -> None:
+    def __init__(
+        self, model: LearnedModel, *, dt: float, threads: int = 0, evaluate_all: bool = False, capacity: float = 1.0,
+        lanes: bool = True,
+    ) -> None:  # fmt: skip
         model.check_rate(dt)
+        if not 0.0 < capacity <= 1.0:
+            raise ValueError(f"capacity = {capacity} must lie in (0, 1], a share of all windows")
+        self.capacity, self.lanes = capacity, lanes
         self.model = model
         self.threads = threads or os.cpu_count() or 1
         self.evaluate_all = evaluate_all
@@ -82,6 +93,7 @@ class LearnedTorque:
             raise ValueError(f"history of shape {ring.shape}; need a contiguous (E, M, {WINDOW}, {FEATURES})")
         self._device = device = wp.get_device(str(tau_dyn.device))
         windows = m_dyn.size
+        places = math.ceil(self.capacity * windows)
         self._count = wp.zeros(1, dtype=int, device=device)
         index = wp.zeros(max(windows, 1), dtype=int, device=device)
         self._gather = record(
@@ -99,15 +111,15 @@ class LearnedTorque:
             return wp.array(np.ascontiguousarray(values, dtype=np.float32), dtype=float, device=device)
 
         def scratch(rows: int) -> wp.array:
-            return wp.empty((rows, learned.HIDDEN, windows), dtype=float, device=device)
+            return wp.empty((rows, learned.HIDDEN, places), dtype=float, device=device)
 
         helpers = 0
         if self.model.kind == "mlp":
             layers = [array(layer) for layer in mlp_layers(state)]
             self._evaluate = record(
-                learned.mlp_window_kernel, windows, [*layers, whole, *inputs, tau_dyn], [scratch(2), tau_dyn], device
+                learned.mlp_window_kernel, places, [*layers, whole, *inputs, tau_dyn], [scratch(2), tau_dyn], device
             )
-        elif device.is_cpu:
+        elif device.is_cpu and self.lanes:
             weights, out = array(lane_weights(lstm_weights(state))), array(output_layer(state))
             threads = max(min(self.threads, windows // 8), 1)
             helpers = threads - 1
@@ -120,7 +132,7 @@ class LearnedTorque:
         else:
             weights, out = array(lstm_weights(state)), array(output_layer(state))
             self._evaluate = record(
-                learned.lstm_window_kernel, windows, [weights, out, whole, *inputs, tau_dyn], [scratch(3), tau_dyn],
+                learned.lstm_window_kernel, places, [weights, out, whole, *inputs, tau_dyn], [scratch(3), tau_dyn],
                 device,
             )  # fmt: skip
         self._helpers = [_Helper() for _ in range(helpers)]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import asdict, dataclass
+from functools import partial
 
 import newton
 import numpy as np
@@ -17,7 +18,7 @@ import warp as wp
 from mrwarp.actuator import ActuatorInputs, Coupling, HoldCurrent, MrActuator, MrActuatorCfg
 from mrwarp.drive import DriveMR
 from mrwarp.kernels import learned
-from mrwarp.launch import record
+from mrwarp.launch import capture, record
 from mrwarp.nn.model_file import LearnedModel, SamplingRateError
 from mrwarp.nn.models import make_net
 from mrwarp.params import BoucWenParams, MrParams
@@ -201,6 +202,35 @@ def test_helper_threads_end_with_their_torque() -> None:
     for helper in helpers:
         helper.join(timeout=10.0)
         assert not helper.is_alive()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("captured", [False, True])
+def test_a_full_set_of_open_windows_overflows_into_later_turns(kind: str, captured: bool) -> None:
+    """Room for 1, 3 or 13 of 64 windows gives the bits of room for all, with none, a third or all of them open."""
+    model, (ring, head, some, tau) = make_model(kind, seed=20), make_window(16, seed=21)
+    gate, out = wp.zeros(some.shape, dtype=float, device="cpu"), wp.array(tau, dtype=float, device="cpu")
+    whole = LearnedTorque(model, dt=DT, lanes=False)
+    for capacity in (1 / 64, 3 / 64, 0.2):
+        small = LearnedTorque(model, dt=DT, lanes=False, capacity=capacity)
+        launch = partial(small, ring, head, gate, out)
+        if captured:
+            launch()
+            launch = partial(wp.capture_launch, capture(launch, "cpu"))
+        for m_dyn in (np.zeros_like(some), some, np.ones_like(some)):
+            gate.assign(m_dyn)
+            out.assign(tau)
+            launch()
+            want = evaluate(whole, ring, head, m_dyn, tau)
+            np.testing.assert_array_equal(out.numpy(), want)
+            assert ((out.numpy() != tau) == (m_dyn > 0.0)).all()
+
+
+@pytest.mark.parametrize("capacity", [0.0, -0.5, 1.5, float("nan")])
+def test_a_capacity_out_of_range_is_refused(capacity: float) -> None:
+    """It is a share of all windows."""
+    with pytest.raises(ValueError, match="capacity"):
+        LearnedTorque(make_model("mlp"), dt=DT, capacity=capacity)
 
 
 def test_learned_torque_with_all_gates_closed_changes_nothing() -> None:

@@ -107,6 +107,9 @@ class EnvCfg:
     """One of :data:`ACTUATORS`."""
     actuator_file: str | None = None
     """Trained network (.safetensors) of a learned ``actuator_model``; none for the others."""
+    window_capacity: float = 1.0
+    """GPU threads for a learned torque as a share of all devices; if more gates are open they take several in turn.
+    16 % are while walking."""
     model: Model | str | None = None
     """Identified joint with its effects (a model.json) for all MR joints; None keeps the asset's own."""
     robot: str = "mr_go"
@@ -151,6 +154,8 @@ class EnvCfg:
             )
         if not self.currents or min(self.currents) < 0.0:
             raise ValueError(f"currents = {self.currents} must be at least one value, none below 0 A")
+        if not 0.0 < self.window_capacity <= 1.0:
+            raise ValueError(f"window_capacity = {self.window_capacity} must lie in (0, 1]")
         if self.decimation < 1:
             raise ValueError(f"decimation = {self.decimation} must be at least 1")
 

@@ -36,6 +36,8 @@ class SimCfg:
     """Constraint solver options."""
     capture: bool = True
     """Run what can be captured as graphs: MuJoCo-Warp's whole steps, with ``mjbatch`` the kernels around each."""
+    keep_data: bool = False
+    """Keep each environment's whole ``MjData`` after a step of ``mjbatch``, for checks that read the solver's rows."""
     deterministic: bool = False
     """Sort MuJoCo-Warp's contacts, rows and sums, so that a GPU repeats its bits; on the CPU both engines do anyway."""
 
@@ -84,7 +86,9 @@ class Sim:
         self.device = wp.get_device(cfg.device)
         self.backend: Backend
         if cfg.engine is BackendKind.MJBATCH:
-            self.backend = MjBatchBackend(scene.model, cfg.num_envs, threads=cfg.threads)
+            self.backend = MjBatchBackend(
+                scene.model, cfg.num_envs, threads=cfg.threads, keep_data=cfg.keep_data
+            )  # fmt: skip
         else:
             self.backend = MjWarpBackend(scene.model, cfg.num_envs, device=cfg.device, deterministic=cfg.deterministic)
         num_envs, num_joints, num_feet = cfg.num_envs, len(scene.actuators), max(len(scene.foot_adr), 1)
@@ -104,7 +108,7 @@ class Sim:
         self._q_adr = wp.array(scene.q_adr, dtype=int, device=self.device)
         self._v_adr = wp.array(scene.v_adr, dtype=int, device=self.device)
         self._foot_adr = wp.array(scene.foot_adr, dtype=int, device=self.device)
-        self._check = self._record_check()
+        self._check, self._read_state = self._record_check(), self._record_gather(self._no_bound)
         self.reset()
 
     def step(self, tau: wp.array, bound: wp.array) -> None:
@@ -156,7 +160,7 @@ class Sim:
     def refresh(self) -> None:
         """Read the state again after somebody wrote to it; foot forces and brake torques keep their last value."""
         kept = [(array, wp.clone(array)) for array in (self.f_foot, self.friction)]
-        self._record_gather(self._no_bound).launch()
+        self._read_state.launch()
         for array, copy in kept:
             wp.copy(array, copy)
 

@@ -84,7 +84,7 @@ class EnergyMeter:
     def __init__(self, robot: ActuatedSim) -> None:
         backend = robot.sim.backend
         assert isinstance(backend, MjBatchBackend)
-        self.robot, self.model, self._batch = robot, robot.sim.scene.model, backend.batch
+        self.robot, self.model, self._backend = robot, robot.sim.scene.model, backend
         self._solved, self._state = mujoco.MjData(self.model), mujoco.MjData(self.model)
         self._qpos, self._qvel = (backend.field(name).numpy() for name in ("qpos", "qvel"))
         num_envs = robot.sim.num_envs
@@ -122,7 +122,7 @@ class EnergyMeter:
     def _book(self, env: int, before: np.ndarray) -> dict[str, float]:
         """Contact, limits, gravity and step of one robot's last step; moves its inertia and potential on."""
         solved, after, dt = self._solved, self._qvel[env], self.robot.sim.dt
-        self._batch.get_data(env, solved)
+        self._backend.data(env, solved)
         motion = dt * after
         friction, limit = (
             solved.efc_type == int(kind)
@@ -201,7 +201,7 @@ def walking(policy: Policy, *, seed: int, dt: float = DT, coupling: Coupling = C
     """
     num_envs = len(CURRENT_GROUPS)
     cfg = make_walk_cfg(num_envs=num_envs, seed=seed, coupling=coupling, threads=1)
-    cfg = replace(cfg, sim=replace(cfg.sim, dt=dt), decimation=round(cfg.step_dt / dt))
+    cfg = replace(cfg, sim=replace(cfg.sim, dt=dt, keep_data=True), decimation=round(cfg.step_dt / dt))
     env = make_env(cfg, num_envs, seed)
     meter = EnergyMeter(env.robot).attach()
     env.set_command(torch.tensor([0.4, 0.0, 0.0]))
@@ -215,7 +215,7 @@ def walking(policy: Policy, *, seed: int, dt: float = DT, coupling: Coupling = C
 
 def _robot(dt: float, coupling: Coupling, *, lift: float) -> ActuatedSim:
     """The robot above or on the ground, its motors holding the stance; one per current."""
-    cfg = SimCfg(num_envs=len(CURRENT_GROUPS), dt=dt, threads=1)
+    cfg = SimCfg(num_envs=len(CURRENT_GROUPS), dt=dt, threads=1, keep_data=True)
     scene = robot_scene(None, cfg, coupling)
     robot = ActuatedSim(scene, cfg, MrActuatorCfg(coupling=coupling, hold_current=HoldCurrent.FIXED))
     robot.current_e.assign(np.array(CURRENT_GROUPS, dtype=np.float32))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -68,7 +68,7 @@ def falling_link(
     """
     mr = MrParams().replace(kp_base=0.0, kp_low=0.0, kd=0.0, D=level, B=0.0, C=0.0, I1=0.0, K0=0.0, K1=0.0)
     scene = link_scene(mr, dt=DT, link=Link(), brake=coupling is Coupling.CONSTRAINT)
-    cfg = SimCfg(num_envs=1, dt=DT, backend=backend)
+    cfg = SimCfg(num_envs=1, dt=DT, backend=backend, keep_data=True)
     robot = ActuatedSim(scene, cfg, MrActuatorCfg(coupling=coupling, sal=False))
     robot.reset(None, qvel=wp.array([[FALLING_SPEED]], dtype=float, device="cpu"))
     return _run(f"falling link, {level:g} N·m", robot, round(seconds / DT))
@@ -101,7 +101,8 @@ def walking_robot(
         backend: The engine.
     """
     num_envs = len(CURRENT_GROUPS)
-    env = make_env(make_walk_cfg(num_envs=num_envs, seed=seed, coupling=coupling, backend=backend), num_envs, seed)
+    cfg = make_walk_cfg(num_envs=num_envs, seed=seed, coupling=coupling, backend=backend)
+    env = make_env(replace(cfg, sim=replace(cfg.sim, keep_data=True)), num_envs, seed)
     meter, generator = WorkMeter(env.robot).attach(), torch.Generator().manual_seed(seed)
     env.set_command(torch.tensor([0.4, 0.0, 0.0]))
     obs, action = env.get_observations(), torch.zeros(env.num_envs, len(JOINTS))

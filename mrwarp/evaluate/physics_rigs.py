@@ -148,7 +148,7 @@ def standing_robot(
         lift: Height of the feet above the ground [m].
         options: Changes the compiled model's options, past every check.
     """
-    cfg = SimCfg(num_envs=len(currents), backend=backend)
+    cfg = SimCfg(num_envs=len(currents), backend=backend, keep_data=True)
     scene = robot_scene(None, cfg, coupling)
     if options is not None:
         options(scene.model)
@@ -176,7 +176,7 @@ def solver_friction(sim: Sim) -> np.ndarray:
         assert isinstance(backend, MjBatchBackend)
         data = mujoco.MjData(sim.scene.model)
         for env in range(sim.num_envs):
-            backend.batch.get_data(env, data)
+            backend.data(env, data)
             used = data.efc_type == kind
             torque[env, data.efc_id[used]] = data.efc_force[used]
     return torque[:, sim.scene.v_adr]

@@ -4,6 +4,9 @@ A network is evaluated only for devices whose dynamic gate is open. Each window 
 order of operations, so its bits do not depend on which other windows are open. Inputs are the raw features: the
 standardisation is folded into the first layer's weights.
 
+The launch has a fixed size, the capacity, which may be smaller than the number of open windows: then a thread takes
+another one when it is done. So a graph needs no number from the device, and no window is left out.
+
 These kernels run on any device; on a CPU ``lstm_lanes`` does the LSTM thirty times as fast.
 """
 
@@ -68,38 +71,38 @@ def lstm_window_kernel(
     ring_in: wp.array4d[float],
     m_dyn_in: wp.array2d[float],
     tau_dyn_in: wp.array2d[float],
-    # out, scratch of shape (3, HIDDEN, E*M), then shape (E, M) [N·m]
+    # out, scratch of shape (3, HIDDEN, capacity), then shape (E, M) [N·m]
     scratch_out: wp.array3d[float],
     tau_dyn_out: wp.array2d[float],
 ):
-    """LSTM over one window (table 1), one thread per open window."""
-    i = wp.tid()
-    if i >= count_in[0]:
-        return
-    env, joint = index_in[i] // m_dyn_in.shape[1], index_in[i] % m_dyn_in.shape[1]
-    length = ring_in.shape[2]
-    for unit in range(HIDDEN):
-        scratch_out[0, unit, i] = 0.0
-        scratch_out[2, unit, i] = 0.0
-    for sample in range(length):
-        row = window_row(sample, head_in[0], length)
-        before, after = sample % 2, 1 - sample % 2
+    """LSTM over one window after the other (table 1); with room for all, one thread per open window."""
+    place, capacity = wp.tid(), scratch_out.shape[2]
+    for i in range(place, count_in[0], capacity):
+        env, joint = index_in[i] // m_dyn_in.shape[1], index_in[i] % m_dyn_in.shape[1]
+        length = ring_in.shape[2]
         for unit in range(HIDDEN):
-            gates = wp.vec4(weights[unit, 0, 0], weights[unit, 0, 1], weights[unit, 0, 2], weights[unit, 0, 3])
-            for k in range(1, 1 + FEATURES + HIDDEN):
-                x = float(0.0)
-                if k <= FEATURES:
-                    x = ring_in[env, joint, row, k - 1]
-                else:
-                    x = scratch_out[before, k - 1 - FEATURES, i]
-                gates += x * wp.vec4(weights[unit, k, 0], weights[unit, k, 1], weights[unit, k, 2], weights[unit, k, 3])
-            cell = sigmoid(gates[1]) * scratch_out[2, unit, i] + sigmoid(gates[0]) * wp.tanh(gates[2])
-            scratch_out[2, unit, i] = cell
-            scratch_out[after, unit, i] = sigmoid(gates[3]) * wp.tanh(cell)
-    learned = float(readout[HIDDEN])
-    for unit in range(HIDDEN):
-        learned += readout[unit] * scratch_out[length % 2, unit, i]
-    tau_dyn_out[env, joint] = write_torque(m_dyn_in[env, joint], tau_dyn_in[env, joint], learned, replace)
+            scratch_out[0, unit, place] = 0.0
+            scratch_out[2, unit, place] = 0.0
+        for sample in range(length):
+            row = window_row(sample, head_in[0], length)
+            before, after = sample % 2, 1 - sample % 2
+            for unit in range(HIDDEN):
+                gates = wp.vec4(weights[unit, 0, 0], weights[unit, 0, 1], weights[unit, 0, 2], weights[unit, 0, 3])
+                for k in range(1, 1 + FEATURES + HIDDEN):
+                    x = float(0.0)
+                    if k <= FEATURES:
+                        x = ring_in[env, joint, row, k - 1]
+                    else:
+                        x = scratch_out[before, k - 1 - FEATURES, place]
+                    own = wp.vec4(weights[unit, k, 0], weights[unit, k, 1], weights[unit, k, 2], weights[unit, k, 3])
+                    gates += x * own
+                cell = sigmoid(gates[1]) * scratch_out[2, unit, place] + sigmoid(gates[0]) * wp.tanh(gates[2])
+                scratch_out[2, unit, place] = cell
+                scratch_out[after, unit, place] = sigmoid(gates[3]) * wp.tanh(cell)
+        learned = float(readout[HIDDEN])
+        for unit in range(HIDDEN):
+            learned += readout[unit] * scratch_out[length % 2, unit, place]
+        tau_dyn_out[env, joint] = write_torque(m_dyn_in[env, joint], tau_dyn_in[env, joint], learned, replace)
 
 
 @wp.kernel
@@ -117,27 +120,26 @@ def mlp_window_kernel(
     ring_in: wp.array4d[float],
     m_dyn_in: wp.array2d[float],
     tau_dyn_in: wp.array2d[float],
-    # out, scratch of shape (2, HIDDEN, E*M), then shape (E, M) [N·m]
+    # out, scratch of shape (2, HIDDEN, capacity), then shape (E, M) [N·m]
     scratch_out: wp.array3d[float],
     tau_dyn_out: wp.array2d[float],
 ):
-    """MLP over the newest three samples, one thread per open window."""
-    i = wp.tid()
-    if i >= count_in[0]:
-        return
-    env, joint = index_in[i] // m_dyn_in.shape[1], index_in[i] % m_dyn_in.shape[1]
-    length = ring_in.shape[2]
-    for unit in range(HIDDEN):
-        total = float(layer1[unit, MLP_SAMPLES * FEATURES])
-        for sample in range(MLP_SAMPLES):
-            row = window_row(length - MLP_SAMPLES + sample, head_in[0], length)
-            for k in range(FEATURES):
-                total += layer1[unit, sample * FEATURES + k] * ring_in[env, joint, row, k]
-        scratch_out[0, unit, i] = wp.tanh(total)
-    learned = float(layer3[0, HIDDEN])
-    for unit in range(HIDDEN):
-        total = float(layer2[unit, HIDDEN])
-        for k in range(HIDDEN):
-            total += layer2[unit, k] * scratch_out[0, k, i]
-        learned += layer3[0, unit] * wp.tanh(total)
-    tau_dyn_out[env, joint] = write_torque(m_dyn_in[env, joint], tau_dyn_in[env, joint], learned, replace)
+    """MLP over the newest three samples of one window after the other; with room for all, one thread per window."""
+    place, capacity = wp.tid(), scratch_out.shape[2]
+    for i in range(place, count_in[0], capacity):
+        env, joint = index_in[i] // m_dyn_in.shape[1], index_in[i] % m_dyn_in.shape[1]
+        length = ring_in.shape[2]
+        for unit in range(HIDDEN):
+            total = float(layer1[unit, MLP_SAMPLES * FEATURES])
+            for sample in range(MLP_SAMPLES):
+                row = window_row(length - MLP_SAMPLES + sample, head_in[0], length)
+                for k in range(FEATURES):
+                    total += layer1[unit, sample * FEATURES + k] * ring_in[env, joint, row, k]
+            scratch_out[0, unit, place] = wp.tanh(total)
+        learned = float(layer3[0, HIDDEN])
+        for unit in range(HIDDEN):
+            total = float(layer2[unit, HIDDEN])
+            for k in range(HIDDEN):
+                total += layer2[unit, k] * scratch_out[0, k, place]
+            learned += layer3[0, unit] * wp.tanh(total)
+        tau_dyn_out[env, joint] = write_torque(m_dyn_in[env, joint], tau_dyn_in[env, joint], learned, replace)

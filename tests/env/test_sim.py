@@ -2,13 +2,14 @@
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 import warp as wp
 
 from mrwarp import brake_constraint
 from mrwarp.asset import ASSETS, load_robot
-from mrwarp.env.backend import BackendKind
+from mrwarp.env.backend import BackendKind, MjBatchBackend
 from mrwarp.env.sim import ActuatedSim, Sim, SimCfg, robot_scene
 from mrwarp.env.sim_model import Scene, SolverCfg
 from mrwarp.evaluate.physics_holding import bench_rig, stand_on_brakes
@@ -49,6 +50,26 @@ def test_sim_brake_stops_a_rotor_like_coulomb_friction():
     # the row stops it but for creep*torque, and the torque that stopped it is at most the bound
     assert abs(qd[13]) <= brake_constraint.CREEP * bound
     assert abs(qd[-1]) < 1e-9
+
+
+def test_sim_kept_data_change_no_bits_and_are_asked_for(scene):
+    """Whether each environment keeps its MjData changes nothing; the solver's rows are there only if kept."""
+    kept, shared = (Sim(scene, SimCfg(num_envs=4, threads=2, keep_data=keep)) for keep in (True, False))
+    rng, fields = np.random.default_rng(0), ("qpos", "qvel", "qacc", "sensordata", "M", "qfrc_constraint")
+    for sim in (kept, shared):
+        sim.reset(None, stance(scene, 4, lift=0.02))
+    for _ in range(60):
+        tau, bound = f32(rng.normal(0.0, 3.0, (4, 12))), f32(rng.uniform(0.0, 3.0, (4, 12)))
+        for sim in (kept, shared):
+            sim.step(tau, bound)
+    for name in fields:
+        np.testing.assert_array_equal(kept.backend.field(name).numpy(), shared.backend.field(name).numpy())
+    data = mujoco.MjData(scene.model)
+    assert isinstance(kept.backend, MjBatchBackend) and isinstance(shared.backend, MjBatchBackend)
+    kept.backend.data(3, data)
+    np.testing.assert_array_equal(data.qfrc_constraint, kept.backend.field("qfrc_constraint").numpy()[3])
+    with pytest.raises(RuntimeError, match="keep_data"):
+        shared.backend.data(3, data)
 
 
 def test_sim_masked_reset_leaves_others_bit_equal(scene):
