@@ -27,7 +27,9 @@ if seed == BAD:
 while step < STEPS:
     time.sleep(step_time)
     step += 1
-    checkpoint.write_text(str(step))
+    partial = checkpoint.with_suffix(".part")
+    partial.write_text(str(step))
+    partial.replace(checkpoint)
     if step >= STEPS // 2 and seed == CRASHING:
         raise RuntimeError("seed 91 crashes")
     if step == STEPS // 2 and seed == KILLED and "--resume" not in argv:

@@ -42,8 +42,11 @@ def kill_one_worker(out: Path, *, begun: Callable[[Path], bool]) -> threading.Th
 
 
 @pytest.mark.usefixtures("fake")
-def test_six_trials_survive_a_killed_worker(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_six_trials_survive_a_killed_worker(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """SIGKILL to a trial's process in mid-run: it is begun again from its checkpoint, and all six have results."""
+    monkeypatch.setenv("FAKE_STEP_TIME", "0.1")  # the second life lasts longer than between two looks at it
     watch = kill_one_worker(tmp_path, begun=lambda folder: (folder / "checkpoint.pt").is_file())
     assert cli.main(["--out", str(tmp_path), *SIX]) == 0
     watch.join()

@@ -1,6 +1,5 @@
 """One trial: begun again from its checkpoint when it is killed, not when its input is bad; stopped; its last lines."""
 
-import threading
 from pathlib import Path
 
 import pytest
@@ -48,11 +47,10 @@ def test_how_a_trial_ends(tmp_path: Path, seed: int, state: State, attempts: int
 
 def test_stopping_lets_the_trial_save(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Stopped in the middle: state stopped, a checkpoint to go on from, and the next call finishes it."""
-    monkeypatch.setenv("FAKE_STEP_TIME", "0.1")
-    stop = threading.Event()
-    threading.Timer(1.0, stop.set).start()
-    assert run_trial(make_trial(0), tmp_path, retries=2, stopped=stop.is_set) is State.STOPPED
-    reached = int((tmp_path / "checkpoint.pt").read_text())
+    monkeypatch.setenv("FAKE_STEP_TIME", "0.5")
+    saved = tmp_path / "checkpoint.pt"
+    assert run_trial(make_trial(0), tmp_path, retries=2, stopped=saved.is_file) is State.STOPPED
+    reached = int(saved.read_text())
     assert 0 < reached < 20 and read_status(tmp_path).code == 130
     monkeypatch.setenv("FAKE_STEP_TIME", "0")
     assert run_trial(make_trial(0), tmp_path, retries=0) is State.DONE
