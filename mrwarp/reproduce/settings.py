@@ -9,7 +9,8 @@ from pathlib import Path
 import torch
 
 from mrwarp.paper import ROBOTS
-from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
+from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.study.plan import AWARE, SEEDS, STUDY, policy_file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,9 +18,9 @@ class Settings:
     """Choices of a reproduction; the defaults are those of the report."""
 
     policies: Mapping[str, tuple[Path, ...]] = field(
-        default_factory=lambda: {robot: (DEFAULT_POLICY,) for robot in ROBOTS}
+        default_factory=lambda: {robot: tuple(policy_file(STUDY, AWARE, seed) for seed in SEEDS) for robot in ROBOTS}
     )
-    """Policies of each robot, one per training seed."""
+    """Policies of each robot, one per training seed; all robots walk with the actuator-aware ones of table 2."""
     rollouts: int = 3
     """Rollouts per policy, paper section 6.2."""
     distance: float = 30.0

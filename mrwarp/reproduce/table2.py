@@ -39,9 +39,10 @@ def compute(job: Job) -> Findings:
 def _said(name: str, sal: str, change: Change) -> str:
     low, high = change.interval
     what = "RMSE" if name == "rmse" else "absolute bias"
+    unsigned = f"; averaged over seeds without sign {-100.0 * change.by_seed:+.0f} %" if name == "bias" else ""
     return (
         f"v_x {what}, SAL {sal}: {change.first:.4f} to {change.second:.4f} m/s, {-100.0 * change.reduction:+.0f} % "
-        f"(95 % interval of the difference over seeds {low:+.4f} to {high:+.4f} m/s, p = {change.p:.2g})."
+        f"(95 % interval of the difference over seeds {low:+.4f} to {high:+.4f} m/s, p = {change.p:.2g}){unsigned}."
     )
 
 

@@ -91,6 +91,8 @@ class Change:
     """And of the second."""
     reduction: float
     """1 - second/first."""
+    by_seed: float
+    """The same of the absolute values averaged over seeds, where signs cannot cancel."""
     interval: tuple[float, float]
     """95 % interval of the difference second - first (Welch, over seeds), in the figure's unit."""
     p: float
@@ -230,7 +232,10 @@ def change(first: np.ndarray, second: np.ndarray, *, absolute: bool = False) -> 
     interval, p = (float("nan"), float("nan")), float("nan")
     if min(len(first), len(second)) > 1:
         interval, p = welch(second, first)
-    return Change(first=means[0], second=means[1], reduction=1.0 - means[1] / means[0], interval=interval, p=p)
+    by_seed = 1.0 - float(np.abs(second).mean() / np.abs(first).mean())
+    return Change(
+        first=means[0], second=means[1], reduction=1.0 - means[1] / means[0], by_seed=by_seed, interval=interval, p=p
+    )
 
 
 def welch(first: np.ndarray, second: np.ndarray) -> tuple[tuple[float, float], float]:

@@ -42,6 +42,8 @@ def test_change_compares_absolute_means_of_a_bias() -> None:
     found = change(np.array([-0.21, -0.19]), np.array([0.09, 0.11]), absolute=True)
     assert (found.first, found.second, found.reduction) == pytest.approx((0.2, 0.1, 0.5))
     assert found.interval[0] < 0.3 < found.interval[1]
+    opposite = change(np.array([-0.2, -0.2]), np.array([-0.1, 0.1]), absolute=True)
+    assert (opposite.reduction, opposite.by_seed) == pytest.approx((1.0, 0.5))
 
 
 def test_table2_of_equal_policies_finds_no_difference_and_currents_matter(cfg: EvaluationCfg) -> None:
