@@ -186,7 +186,9 @@ def main(argv: list[str] | None = None) -> int:
         from mrwarp.quiet import quiet_libraries
 
         quiet_libraries()
-        print(", ".join(f"{name} {ms:.3f} ms" for name, ms in cost(args.cost).items()))
+        found = cost(args.cost)
+        times = ", ".join(f"{name} {ms:.3f} ms" for name, ms in found.items())
+        print(f"{times}: {found['with'] / found['without']:.3f} times as long")
         return 0
     if args.one:
         from mrwarp.quiet import quiet_libraries
