@@ -1,14 +1,17 @@
-"""The learned torque by itself: our kernel, torch's LSTM on the same windows, and Newton's neural LSTM drive.
+"""The learned torque by itself: our kernel, torch's and onnxruntime's LSTM on the same windows, Newton's LSTM drive.
 
-They do not compute the same. Ours and torch's replay the last 50 samples of each open window (eq. 12), so a window owes
-nothing to what was before it. Newton's drive carries hidden and cell state along: one sample per step and joint.
+onnxruntime is timed where it is installed; mrwarp does without. They do not all compute the same. The first three
+replay the last 50 samples of each open window (eq. 12), so a window owes nothing to what was before it. Newton's drive
+carries hidden and cell state along: one sample per step and joint.
 """
 
 from __future__ import annotations
 
+import importlib
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,6 +19,7 @@ import warp as wp
 
 from mrwarp.kernels.window import FEATURES, WINDOW
 from mrwarp.nn import model_file
+from mrwarp.nn.model_file import LearnedModel
 from mrwarp.perf.newton_lstm import NewtonLstm
 from mrwarp.perf.timing import Turn
 from mrwarp.residual import LearnedTorque, window_now
@@ -25,15 +29,15 @@ TOLERANCE = 2e-5
 
 
 class LstmCost:
-    """The three side by side on N joints, all windows open.
+    """All of them side by side on N joints, all windows open.
 
     Args:
         count: Number of joints N.
         folder: Where Newton's checkpoint is written.
-        threads: CPU threads of our kernel; torch keeps the one it has.
+        threads: CPU threads of our kernel; torch keeps the one it has, onnxruntime gets one.
 
     Attributes:
-        difference: Largest difference of our torques and torch's [N·m].
+        difference: Largest difference of our torques to torch's and onnxruntime's [N·m].
 
     Raises:
         ValueError: it is more than rounding explains.
@@ -57,16 +61,21 @@ class LstmCost:
         with torch.inference_mode():
             wanted = self._net(ordered)
         self.difference = float((wp.to_torch(self._torque)[:, 0] - wanted).abs().max())
+        self._session = onnx_session(model, folder / "lstm.onnx")
+        if self._session is not None:
+            found = torch.from_numpy(self._step_onnx())
+            self.difference = max(self.difference, float((wp.to_torch(self._torque)[:, 0] - found).abs().max()))
         if not self.difference <= TOLERANCE:
-            raise ValueError(f"our LSTM and torch's differ by {self.difference:.2g} N·m")
+            raise ValueError(f"our LSTM and that of torch or onnxruntime differ by {self.difference:.2g} N·m")
 
     def turns(self, repeat: int = 5) -> dict[str, Turn]:
         """Seconds per step of all joints."""
-        return {
+        found = {
             "ours": _timed(self._step_ours, repeat),
             "torch": _timed(self._step_torch, repeat),
             "newton": _timed(self._newton.step, repeat),
         }
+        return found if self._session is None else {**found, "onnxruntime": _timed(self._step_onnx, repeat)}
 
     def _step_ours(self) -> None:
         self._torque.zero_()
@@ -76,8 +85,30 @@ class LstmCost:
         with torch.inference_mode():
             self._net(window_now(self._ring, self._head)[:, 0])
 
+    def _step_onnx(self) -> np.ndarray:
+        assert self._session is not None  # turns() asks
+        ordered = window_now(self._ring, self._head)[:, 0]
+        return self._session.run(None, {"window": ordered.numpy()})[0]
 
-def _timed(step: Callable[[], None], repeat: int) -> Turn:
+
+def onnx_session(model: LearnedModel, path: Path) -> Any:
+    """An onnxruntime session of the model on one thread, or None where onnxruntime is not installed.
+
+    Args:
+        model: The model.
+        path: Where its ONNX file is written.
+    """
+    try:
+        onnxruntime = importlib.import_module("onnxruntime")
+    except ImportError:
+        return None
+    model_file.export_onnx(model, path)
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+
+
+def _timed(step: Callable[[], object], repeat: int) -> Turn:
     def turn() -> dict[str, float]:
         begin = time.perf_counter()
         for _ in range(repeat):

@@ -192,7 +192,7 @@ def joint(cfg: PerfCfg, folder: Path, progress: Callable[[float], None]) -> tupl
 
 
 def lstm(cfg: PerfCfg, folder: Path, progress: Callable[[float], None]) -> tuple[dict[str, Any], dict[str, Spread]]:
-    """The learned torque of 64 robots' calves by our kernel, by torch and by Newton's drive."""
+    """The learned torque of 64 robots' calves by our kernel, torch, Newton's drive and onnxruntime."""
     cost = LstmCost(256, folder, threads=cfg.threads)
     times = interleave(cost.turns(), rounds=cfg.rounds, progress=progress)
     found = {
@@ -200,10 +200,8 @@ def lstm(cfg: PerfCfg, folder: Path, progress: Callable[[float], None]) -> tuple
         "milliseconds": {part: Spread.of(1e3 * t for t in values).plain() for part, values in times.items()},
         "largest_difference": cost.difference,
     }
-    return found, {
-        "lstm ours/torch": ratio(times, "ours.step", "torch.step"),
-        "lstm ours/newton": ratio(times, "ours.step", "newton.step"),
-    }
+    others = [part.removesuffix(".step") for part in times if part != "ours.step"]
+    return found, {f"lstm ours/{name}": ratio(times, "ours.step", f"{name}.step") for name in others}
 
 
 def _processor() -> str:
