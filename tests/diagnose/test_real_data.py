@@ -76,7 +76,8 @@ def test_emps_repeats_itself() -> None:
     """One record in five parts, four cycles: what a model leaves above 0.6 % of the force is not noise."""
     runs = _recording("emps").trajectories
     q, force = np.concatenate([run.q for run in runs]), np.concatenate([run.torque for run in runs])
-    force, cycle = filtfilt(*butter(4, 50.0 / 500.0), force), 6240
+    b, a = butter(4, 50.0 / 500.0)
+    force, cycle = filtfilt(b, a, force), 6240
     assert np.abs(q[cycle:] - q[:-cycle]).max() < 2e-6
     differs = np.sqrt(np.mean((force[cycle:] - force[:-cycle]) ** 2) / 2.0) / np.sqrt(np.mean(force**2))
     assert differs == pytest.approx(0.0056, abs=0.0002)
