@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import faulthandler
+import gc
 import json
 import multiprocessing
 import os
@@ -79,6 +81,7 @@ def run_batch(
             at.value = case
         data, argv, message, problem = b"", [], "good", ""
         signal.setitimer(signal.ITIMER_REAL, HANG)
+        faulthandler.dump_traceback_later(2.5 * HANG)  # of a hang in C, which the alarm cannot end
         try:
             with warnings.catch_warnings(), lines or contextlib.nullcontext():
                 warnings.simplefilter("ignore")
@@ -96,6 +99,7 @@ def run_batch(
             problem = traceback.format_exc(limit=-6)
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
+            faulthandler.cancel_dump_traceback_later()
         left = {file.name for file in folder.iterdir()} - known
         if left:
             problem = problem or f"left behind: {sorted(left)}"
@@ -120,6 +124,7 @@ def _child(kind: str, seed: int, batch: int, cases: int, coverage: bool, at: Any
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
     os.dup2(os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)  # USD and MuJoCo write there from C
+    gc.freeze()  # a fork has none of the parent's threads: to collect its simulators here would wait for them for ever
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         work = Path(folder) / "work"

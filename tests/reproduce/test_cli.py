@@ -36,7 +36,7 @@ def test_unknown_parts_are_refused(argv: list[str], message: str, capsys: pytest
         (["--distance", "0"], "distance = 0.0 m"),
         (["--distance", "nan"], "distance = nan m"),
         (["--rollouts", "0"], "rollouts = 0"),
-        (["--policy-go1", "a.onnx", "b.onnx"], "same number of seeds, got [1, 2]"),
+        (["--policy-go1", "a.onnx", "b.onnx"], "same number of seeds, got [2, 3]"),
     ],
 )
 def test_bad_input_is_one_line_and_nothing_is_written(
