@@ -14,6 +14,7 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter, savgol_filter
 
+from mrwarp.diagnose.resting import known_velocity
 from mrwarp.sysid.recording import Recording, Trajectory
 
 _BANDWIDTHS = (25.0, 50.0, 100.0)
@@ -22,6 +23,8 @@ _LEFT = 2.0
 """Standard deviations of the angle's noise that the smoother may leave; more may be motion that it takes for noise."""
 _MOTION = 0.5
 """Part of it that a wider smoother leaves, at most, where it was motion."""
+_CERTAIN = 1e4
+"""Weight of a velocity that is known, over all others."""
 _LAG_T = 5.0
 """The velocity lags when its time constant is this many standard errors from 0."""
 
@@ -38,10 +41,17 @@ class Kinematics:
     """Time constant by which the velocity channel lags behind the angle [s]; 0 if none can be shown."""
     velocity_lag_error: float
     """Its standard error [s]; infinity where there is no velocity channel."""
+    rests: bool = False
+    """Whether the joint was held still where it seems to rest."""
 
 
-def reconstruct(recording: Recording) -> Kinematics:
-    """Smooth the motion of a recording."""
+def reconstruct(recording: Recording, *, rests: bool = True) -> Kinematics:
+    """Smooth the motion of a recording.
+
+    Args:
+        recording: Measured runs.
+        rests: Whether nothing moves where angle and velocity change by no more than their noise.
+    """
     runs = recording.trajectories
     sigma_q = _median([_angle_noise(run) for run in runs])
     sigma_v = _median([_velocity_noise(run) for run in runs])
@@ -52,13 +62,15 @@ def reconstruct(recording: Recording) -> Kinematics:
         lag, error = _lag_of(recording, sigma_q)
         if lag < _LAG_T * error or lag < 1e-4:
             lag = 0.0
-    qd, qdd = [], []
+    qd, qdd, rested = [], [], False
     for run in runs:
         bandwidth = _bandwidth(run, sigma_q, sigma_v)
         v = run.qd
         if lag > 0.0:
             v = v + lag * smooth(run.q * 0.0 + np.nan, run.qd, run.dt, float("inf"), sigma_v, bandwidth)[1]
-        v, a = smooth(run.q, v, run.dt, sigma_q, sigma_v, bandwidth)
+        known = known_velocity(run, sigma_q, sigma_v) if rests else None
+        rested |= known is not None and bool(np.isfinite(known).any())
+        v, a = smooth(run.q, v, run.dt, sigma_q, sigma_v, bandwidth, known)
         if lag > 0.0:
             keep = np.exp(-run.dt / lag)
             ramp = lag * (1.0 - keep) / run.dt  # first-order hold: exact for a velocity that is linear in between
@@ -66,7 +78,9 @@ def reconstruct(recording: Recording) -> Kinematics:
             v, a = late, (v - late) / lag
         qd.append(v)
         qdd.append(a)
-    return Kinematics(qd=np.concatenate(qd), qdd=np.concatenate(qdd), velocity_lag=lag, velocity_lag_error=error)
+    return Kinematics(
+        qd=np.concatenate(qd), qdd=np.concatenate(qdd), velocity_lag=lag, velocity_lag_error=error, rests=rested
+    )
 
 
 def _bandwidth(run: Trajectory, sigma_q: float, sigma_v: float) -> float:
@@ -91,7 +105,13 @@ def _left(run: Trajectory, sigma_q: float, sigma_v: float, bandwidth: float) -> 
 
 
 def smooth(
-    q: np.ndarray, qd: np.ndarray, dt: float, sigma_q: float, sigma_v: float, bandwidth: float = _BANDWIDTHS[0]
+    q: np.ndarray,
+    qd: np.ndarray,
+    dt: float,
+    sigma_q: float,
+    sigma_v: float,
+    bandwidth: float = _BANDWIDTHS[0],
+    known: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Velocity and acceleration of one trajectory, shape (N,) each.
 
@@ -102,6 +122,7 @@ def smooth(
         sigma_q: Standard deviation of the angle's noise.
         sigma_v: Standard deviation of the velocity's noise.
         bandwidth: Above that the motion holds nothing and its noise all [Hz].
+        known: Velocity where it is known, shape (N,), NaN elsewhere.
     """
     omega = 2.0 * np.pi * bandwidth
     # states x, v*dt, a*dt^2; white jerk of the intensity that gives the bandwidth
@@ -118,6 +139,9 @@ def smooth(
     diagonal = np.broadcast_to(measured + ahead + inverse, (count, 3, 3)).copy()
     diagonal[0] = measured + ahead
     diagonal[-1] = measured + inverse
+    sure = np.zeros(count, dtype=bool) if known is None else np.isfinite(known)
+    certain = (_CERTAIN * np.abs(diagonal).max(axis=(1, 2)))[sure]
+    diagonal[sure, 1, 1] += certain
     beside = -step.T @ inverse
     band = np.zeros((6, 3 * count))
     for i in range(3):
@@ -134,6 +158,8 @@ def smooth(
         right[:, 1] = weight[1] * qd * dt
     if weight[0] == 0.0:
         band[5, 0] += inverse[0, 0]  # the angle's origin is free
+    if known is not None:
+        right[sure, 1] += certain * known[sure] * dt
     scale = band[5].max()
     state = solveh_banded(band / scale, right.ravel() / scale).reshape(count, 3)
     return state[:, 1] / dt, state[:, 2] / dt**2

@@ -28,6 +28,8 @@ class Predictor:
     """Whether trajectories that begin in motion are taken as cut out of a longer motion."""
     ahead: float = 0.0
     """Samples by which the torque is logged ahead of the motion."""
+    rests: bool = False
+    """Whether the joint is held still where it seems to rest."""
 
     @classmethod
     def of(cls, engine: Engine, choice: Choice) -> Predictor:
@@ -41,12 +43,12 @@ class Predictor:
         motion = engine.motion
         return cls(
             rows=rows, scales=motion.samples.scales, resistance=motion.resistance, under_way=motion.begin is not None,
-            ahead=motion.ahead,
+            ahead=motion.ahead, rests=motion.kinematics.rests,
         )  # fmt: skip
 
     def torque(self, recording: Recording) -> np.ndarray:
         """Torque of both models along all trajectories end to end, shape (2, N) [unit of the recording]."""
-        motion = Motion.of(recording, self.scales, resistance=self.resistance)
+        motion = Motion.of(recording, self.scales, resistance=self.resistance, rests=self.rests)
         if self.ahead:
             motion = motion.later(self.ahead)
         if self.under_way:

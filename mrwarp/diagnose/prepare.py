@@ -86,6 +86,10 @@ def prepare(
     level = float(samples.torque.std()) or 1.0
     engine.noise = Noise(whitening=np.ones(1), sigma=level, rms=level, offset=0.0, gain=0.0)
     fitted = min((engine.fit(c, x, tolerance=1e-4) for x in starts), key=lambda f: float(f.loss.sum()))
+    if hold_rests(engine, recording, fitted):
+        told("the joint rests now and then")
+        samples, engine.weight = engine.samples, engine.samples.settled(rate)
+        fitted = engine.fit(c, fitted.x, tolerance=1e-4)
     plain_rms = rms(samples.torque - fitted.torque)
     first = fitted
     for _ in range(2):
@@ -99,6 +103,29 @@ def prepare(
         engine.noise = learn_noise(engine, fitted.torque, groups)
         fitted = engine.fit(c, fitted.x)
     return Baseline(engine, fitted, groups)
+
+
+def hold_rests(engine: Engine, recording: Recording, fitted: Fitted) -> bool:
+    """Hold the joint still where it seems to rest, where the torque agrees.
+
+    A stress that decays in a rest may be a motion below the sensor's noise, then the noise is the better guess.
+
+    Args:
+        engine: The data set; its motion is changed.
+        recording: Measured runs.
+        fitted: The best model so far.
+    """
+    motion = engine.motion
+    held = Motion.of(recording, motion.samples.scales, resistance=motion.resistance, rests=True)
+    if not held.kinematics.rests:
+        return False
+    torque = ExtendedReplay(held).torque(fitted.coordinates.row(fitted.x))[0].astype(float)
+    before, after = (engine.weight @ (engine.samples.torque - tau) ** 2 for tau in (fitted.torque, torque))
+    if after >= before:
+        return False
+    engine.motion, engine.samples = held, held.samples
+    engine.replay = ExtendedReplay(held, threads=engine.replay.threads)
+    return True
 
 
 def begin_under_way(engine: Engine, fitted: Fitted) -> bool:

@@ -74,17 +74,20 @@ class Motion:
         return dataclasses.replace(self, begin=begin)
 
     @classmethod
-    def of(cls, recording: Recording, scales: Scales | None = None, *, resistance: float = 0.0) -> Motion:
+    def of(
+        cls, recording: Recording, scales: Scales | None = None, *, resistance: float = 0.0, rests: bool = False
+    ) -> Motion:
         """Prepare a recording.
 
         Args:
             recording: Measured runs.
             scales: Units inside; None: those of the recording.
             resistance: Coil resistance for the heat [Ohm].
+            rests: Whether the joint is held still where it seems to rest.
         """
         scales = scales or Scales.of(recording)
         samples = Samples.of(recording, scales)
-        kinematics = reconstruct(recording)
+        kinematics = reconstruct(recording, rests=rests)
         samples = dataclasses.replace(samples, qd=kinematics.qd / scales.q)
         qdd = kinematics.qdd / scales.q
         clock = session_clock(recording)

@@ -7,8 +7,11 @@ from mrwarp.diagnose.edges import DELAY, LAG, find_edges, size_from, told_apart
 from mrwarp.diagnose.engine import Engine, Fitted
 from mrwarp.effects.catalogue import CATALOGUE
 
-_NEAR = 0.15
-"""Part of an effect's gain by which its like may be behind, and single events still decide between them."""
+_NEAR = 0.7
+"""Part of an effect's gain by which its like may be behind, and single events still decide between them.
+
+Wide, since each step falls where it likes between two samples: with few steps the fits' difference is their luck.
+"""
 
 
 def timed(engine: Engine, choice: Choice, final: Fitted, candidates: list[str]) -> Fitted:
