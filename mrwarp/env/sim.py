@@ -266,8 +266,7 @@ class Sim:
         )]  # fmt: skip
         ends = model.M_colind[model.M_rowadr + model.M_rownnz - 1]
         assert np.array_equal(ends, np.arange(model.nv))  # the kernel relies on it
-        shape = (self.num_envs, model.nv)
-        scratch = [wp.zeros(shape, dtype=wp.float64, device=self.device) for _ in range(2)]
+        scratch = wp.zeros((self.num_envs, 2 * model.nv), dtype=wp.float64, device=self.device)
         self._pattern, self._scratch = pattern, scratch
         return record(
             sim_kernels.residual_kernel,
@@ -276,7 +275,7 @@ class Sim:
                 *pattern, backend.residual_tolerance, backend.field("M"), backend.field("qacc"),
                 backend.field("qacc_smooth"), backend.field("qfrc_constraint"),
             ],
-            outputs=[*scratch, self.residual, self.unsolved],
+            outputs=[scratch, self.residual, self.unsolved],
             device=self.device,
         )  # fmt: skip
 

@@ -100,6 +100,57 @@ def reset_kernel(
             qfrc_applied_out[env, k] = qfrc_applied_out.dtype(0.0)
 
 
+_LARGEST = """
+const int nv = rowadr.shape[0];
+const auto* inertia = (const decltype(M.data))((const char*)M.data + size_t(env) * M.strides[0]);
+const auto* a = (const decltype(qacc.data))((const char*)qacc.data + size_t(env) * qacc.strides[0]);
+const auto* free = (const decltype(qacc.data))((const char*)qacc_smooth.data + size_t(env) * qacc_smooth.strides[0]);
+const auto* pull = (const decltype(qacc.data))((const char*)qfrc.data + size_t(env) * qfrc.strides[0]);
+double* delta = scratch.data + size_t(env) * 2 * nv;
+double* force = delta + nv;
+for (int row = 0; row < nv; ++row) {
+    force[row] = -(double)pull[row];
+    delta[row] = (double)a[row] - (double)free[row];
+}
+for (int row = 0; row < nv; ++row) {
+    // the lower triangle is stored, the diagonal last: each entry off it acts twice
+    const int last = rowadr.data[row] + rownnz.data[row] - 1;
+    const double own = delta[row];
+    double sum = force[row] + (double)inertia[last] * own;
+    for (int k = rowadr.data[row]; k < last; ++k) {
+        const int col = colind.data[k];
+        const double m = inertia[k];
+        sum += m * delta[col];
+        force[col] += m * own;
+    }
+    force[row] = sum;
+}
+double worst = 0.0;
+// NaN fails every comparison: test for "small", so that a broken solve counts as unsolved
+for (int row = 0; row < nv; ++row) if (!(fabs(force[row]) <= worst)) worst = fabs(force[row]);
+return (float)worst;
+"""
+
+
+@wp.func_native(_LARGEST)
+def largest_residual(  # pyright: ignore[reportRedeclaration]
+    rowadr: wp.array[int], rownnz: wp.array[int], colind: wp.array[int], env: int, M: wp.array2d[wp.float64],
+    qacc: wp.array2d[wp.float64], qacc_smooth: wp.array2d[wp.float64], qfrc: wp.array2d[wp.float64],
+    scratch: wp.array2d[wp.float64],
+) -> float:  # fmt: skip
+    """Largest component of M*(qacc - qacc_smooth) - qfrc of an environment [N·m]; the scratch has 2 nv columns."""
+    ...
+
+
+@wp.func_native(_LARGEST)
+def largest_residual(  # noqa: F811 - Warp takes the one whose types fit
+    rowadr: wp.array[int], rownnz: wp.array[int], colind: wp.array[int], env: int, M: wp.array2d[float],
+    qacc: wp.array2d[float], qacc_smooth: wp.array2d[float], qfrc: wp.array2d[float], scratch: wp.array2d[wp.float64],
+) -> float:  # fmt: skip
+    """The same for a solver in single precision."""
+    ...
+
+
 @wp.kernel
 def residual_kernel(
     # parameters: sparse pattern of the inertia matrix, shapes (nv,), (nv,), (nM,); largest residual [N·m]
@@ -107,39 +158,21 @@ def residual_kernel(
     M_rownnz: wp.array[int],
     M_colind: wp.array[int],
     largest: float,
-    # in, shape (E, nM), (E, nv)
+    # in, shape (E, nM), (E, nv); columns without gaps
     M_in: wp.array2d[Any],
     qacc_in: wp.array2d[Any],
     qacc_smooth_in: wp.array2d[Any],
     qfrc_constraint_in: wp.array2d[Any],
-    # out, scratch twice, shape (E, nv), (E,) [N·m], (E,) counted steps
-    delta_out: wp.array2d[wp.float64],
-    force_out: wp.array2d[wp.float64],
+    # out, scratch, shape (E, 2*nv), (E,) [N·m], (E,) counted steps
+    scratch_out: wp.array2d[wp.float64],
     residual_out: wp.array[float],
     unsolved_out: wp.array[int],
 ):
     """Largest component of M*(qacc - qacc_smooth) - qfrc_constraint [N·m]: 0 where the constraint solver converged."""
     env = wp.tid()
-    nv = M_rowadr.shape[0]
-    for row in range(nv):
-        force_out[env, row] = -wp.float64(qfrc_constraint_in[env, row])
-        delta_out[env, row] = wp.float64(qacc_in[env, row]) - wp.float64(qacc_smooth_in[env, row])
-    for row in range(nv):
-        delta = delta_out[env, row]
-        # the lower triangle is stored, the diagonal last: each entry off it acts twice
-        last = M_rowadr[row] + M_rownnz[row] - 1
-        force = force_out[env, row] + wp.float64(M_in[env, last]) * delta
-        for k in range(M_rowadr[row], last):
-            col = M_colind[k]
-            m = wp.float64(M_in[env, k])
-            force += m * delta_out[env, col]
-            force_out[env, col] = force_out[env, col] + m * delta
-        force_out[env, row] = force
-    worst = wp.float64(0.0)
-    for row in range(nv):
-        # NaN fails every comparison: test for "small", so that a broken solve counts as unsolved
-        if not (wp.abs(force_out[env, row]) <= worst):
-            worst = wp.abs(force_out[env, row])
-    residual_out[env] = wp.float32(worst)
-    if not (wp.float32(worst) <= largest):
+    worst = largest_residual(
+        M_rowadr, M_rownnz, M_colind, env, M_in, qacc_in, qacc_smooth_in, qfrc_constraint_in, scratch_out
+    )
+    residual_out[env] = worst
+    if not (worst <= largest):
         unsolved_out[env] = unsolved_out[env] + 1

@@ -4,18 +4,54 @@ from typing import Any
 
 import warp as wp
 
+_COPY = """
+const auto* from = (const decltype(values.data))((const char*)values.data + size_t(env) * values.strides[0]);
+float* to = &wp::index(history, slot, env, column);
+int wrong = 0;
+for (int i = 0; i < values.shape[1]; ++i) {
+    to[i] = (float)from[i];
+    wrong |= to[i] - to[i] != 0.0f;  // what is no finite number
+}
+return wrong;
+"""
+_BEYOND = """
+const float* state = &wp::index(history, slot, env, first);
+int beyond = 0;
+for (int i = 0; i < low.shape[0]; ++i) beyond |= (state[i] < low.data[i]) | (state[i] > high.data[i]);
+return beyond;
+"""
+
+
+@wp.func_native(_COPY)
+def copy_row(  # pyright: ignore[reportRedeclaration]
+    values: wp.array2d[float], env: int, history: wp.array3d[float], slot: int, column: int
+) -> int:
+    """Copy the values of an environment, contiguous, into its history; 1 if one is not finite."""
+    ...
+
+
+@wp.func_native(_COPY)
+def copy_row(  # noqa: F811 - Warp takes the one whose types fit
+    values: wp.array2d[wp.float64], env: int, history: wp.array3d[float], slot: int, column: int
+) -> int:
+    """The same in double precision."""
+    ...
+
+
+@wp.func_native(_BEYOND)
+def beyond(
+    low: wp.array[float], high: wp.array[float], env: int, history: wp.array3d[float], slot: int, first: int
+) -> int:
+    """1 if one of the columns from ``first`` on is out of its bounds; NaN is not."""
+    ...
+
 
 @wp.func
 def keep_row(
-    values: wp.array2d[Any], env: int, slot: int, column: int, total: float, history_out: wp.array3d[float]
-) -> tuple[int, float]:
-    """Copy the values of an environment into its history; the next column, and the total, NaN if one is not finite."""
-    for i in range(values.shape[1]):
-        value = wp.float32(values[env, i])
-        history_out[slot, env, column + i] = value
-        # 0*x is NaN where x is no finite number
-        total += 0.0 * value
-    return column + values.shape[1], total
+    values: wp.array2d[Any], env: int, slot: int, column: int, wrong: int, history_out: wp.array3d[float]
+) -> tuple[int, int]:
+    """Copy the values of an environment into its history; the next column, and 1 if one so far is not finite."""
+    return column + values.shape[1], wrong | copy_row(values, env, history_out, slot, column)
 
 
 @wp.kernel
@@ -64,31 +100,31 @@ def watch_kernel(
     if frozen:
         slot = kept
     history_out[slot, env, 0] = float(age_out[env]) * dt
-    # one sum tells whether to look closer
-    total = float(0.0)
+    wrong = int(0)
     k = int(1)
-    k, total = keep_row(action_in, env, slot, k, total, history_out)
-    k, total = keep_row(z_in, env, slot, k, total, history_out)
-    k, total = keep_row(current_in, env, slot, k, total, history_out)
+    k, wrong = keep_row(action_in, env, slot, k, wrong, history_out)
+    k, wrong = keep_row(z_in, env, slot, k, wrong, history_out)
+    k, wrong = keep_row(current_in, env, slot, k, wrong, history_out)
     # qpos and qvel before the torques that follow from them
     first = k
-    k, total = keep_row(qpos_in, env, slot, k, total, history_out)
-    k, total = keep_row(qvel_in, env, slot, k, total, history_out)
-    k, total = keep_row(f_foot_in, env, slot, k, total, history_out)
-    k, total = keep_row(tau_in, env, slot, k, total, history_out)
-    k, total = keep_row(bound_in, env, slot, k, total, history_out)
+    k, wrong = keep_row(qpos_in, env, slot, k, wrong, history_out)
+    k, wrong = keep_row(qvel_in, env, slot, k, wrong, history_out)
+    k, wrong = keep_row(f_foot_in, env, slot, k, wrong, history_out)
+    k, wrong = keep_row(tau_in, env, slot, k, wrong, history_out)
+    k, wrong = keep_row(bound_in, env, slot, k, wrong, history_out)
     history_out[slot, env, k] = reward_in[env]
-    total += 0.0 * reward_in[env]
+    if reward_in[env] - reward_in[env] != 0.0:
+        wrong = 1
 
     cause = int(-1)
-    if total != 0.0:
+    if wrong == 1:
         for i in range(size):
             if cause < 0 and not wp.isfinite(history_out[slot, env, i]):
                 cause = i
-    if cause < 0:
+    # what is broken is beyond the bounds of what is noticed too
+    if cause < 0 and beyond(notice_low, notice_high, env, history_out, slot, first) == 1:
         for i in range(low.shape[0]):
             state = history_out[slot, env, first + i]
-            # what is broken is beyond the bounds of what is noticed too
             if state < notice_low[i] or state > notice_high[i]:
                 if state < low[i] or state > high[i]:
                     if cause < 0:
