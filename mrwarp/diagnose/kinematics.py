@@ -43,6 +43,8 @@ class Kinematics:
     """Its standard error [s]; infinity where there is no velocity channel."""
     rests: bool = False
     """Whether the joint was held still where it seems to rest."""
+    doubtful: np.ndarray | None = None
+    """Whether a sample is at the edge of such a rest, shape (N,); None: none is."""
 
 
 def reconstruct(recording: Recording, *, rests: bool = True) -> Kinematics:
@@ -62,14 +64,15 @@ def reconstruct(recording: Recording, *, rests: bool = True) -> Kinematics:
         lag, error = _lag_of(recording, sigma_q)
         if lag < _LAG_T * error or lag < 1e-4:
             lag = 0.0
-    qd, qdd, rested = [], [], False
+    qd, qdd, doubtful, rested = [], [], [], False
     for run in runs:
         bandwidth = _bandwidth(run, sigma_q, sigma_v)
         v = run.qd
         if lag > 0.0:
             v = v + lag * smooth(run.q * 0.0 + np.nan, run.qd, run.dt, float("inf"), sigma_v, bandwidth)[1]
-        known = known_velocity(run, sigma_q, sigma_v) if rests else None
+        known, at_edge = known_velocity(run, sigma_q, sigma_v) if rests else (None, np.zeros(len(run.q), dtype=bool))
         rested |= known is not None and bool(np.isfinite(known).any())
+        doubtful.append(at_edge)
         v, a = smooth(run.q, v, run.dt, sigma_q, sigma_v, bandwidth, known)
         if lag > 0.0:
             keep = np.exp(-run.dt / lag)
@@ -79,8 +82,9 @@ def reconstruct(recording: Recording, *, rests: bool = True) -> Kinematics:
         qd.append(v)
         qdd.append(a)
     return Kinematics(
-        qd=np.concatenate(qd), qdd=np.concatenate(qdd), velocity_lag=lag, velocity_lag_error=error, rests=rested
-    )
+        qd=np.concatenate(qd), qdd=np.concatenate(qdd), velocity_lag=lag, velocity_lag_error=error,
+        rests=rested, doubtful=np.concatenate(doubtful),
+    )  # fmt: skip
 
 
 def _bandwidth(run: Trajectory, sigma_q: float, sigma_v: float) -> float:

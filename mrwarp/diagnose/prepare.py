@@ -88,7 +88,8 @@ def prepare(
     fitted = min((engine.fit(c, x, tolerance=1e-4) for x in starts), key=lambda f: float(f.loss.sum()))
     if hold_rests(engine, recording, fitted):
         told("the joint rests now and then")
-        samples, engine.weight = engine.samples, engine.samples.settled(rate)
+        samples = engine.samples
+        engine.weight = samples.settled(rate) * ~engine.motion.doubtful
         fitted = engine.fit(c, fitted.x, tolerance=1e-4)
     plain_rms = rms(samples.torque - fitted.torque)
     first = fitted
@@ -141,7 +142,7 @@ def begin_under_way(engine: Engine, fitted: Fitted) -> bool:
     if moving.begin is None or not moving.begin.any():
         return False
     torque = ExtendedReplay(moving).torque(fitted.coordinates.row(fitted.x))[0].astype(float)
-    head = engine.weight == 0.0
+    head = (engine.weight == 0.0) & ~engine.motion.doubtful
     before, after = (np.where(head, engine.samples.torque - tau, 0.0) ** 2 for tau in (fitted.torque, torque))
     parts = engine.samples.parts
     better = np.array([after[part].sum() < _BEGUN * before[part].sum() for part in parts])

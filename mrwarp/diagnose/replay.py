@@ -55,6 +55,12 @@ class Motion:
     ahead: float = 0.0
     """Samples by which the motion was shifted because the torque is logged ahead of it."""
 
+    @property
+    def doubtful(self) -> np.ndarray:
+        """Samples of which nobody knows whether the joint moves, bool, shape (N,)."""
+        doubtful = self.kinematics.doubtful
+        return np.zeros(len(self.qdd), dtype=bool) if doubtful is None else doubtful
+
     def later(self, shift: float) -> Motion:
         """The motion that was ``shift`` samples later; the last sample of a trajectory is held."""
         s = self.samples

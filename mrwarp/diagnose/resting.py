@@ -9,29 +9,38 @@ import numpy as np
 
 from mrwarp.sysid.recording import Trajectory
 
-_SHORTEST = 0.1
-"""Shortest rest that is looked for [s], and at least ten samples."""
+_WINDOW = 0.1
+"""Time in which nothing moves beyond the noise [s], and at least ten samples."""
+_SHORTEST = 0.25
+"""Shortest rest [s]: a turning point of slow motion looks like a shorter one."""
+_EDGE = 0.03
+"""Time at each end of a rest in which nobody knows whether the joint moves already, or still [s]."""
 _SCATTER = 1.8
 """Largest standard deviation of a resting angle over that of its noise; 1.73 for a reading that flips by one step."""
 _T = 3.0
 """Standard errors by which the halves of a rest, or its velocity and 0, may differ."""
 
 
-def known_velocity(run: Trajectory, sigma_q: float, sigma_v: float) -> np.ndarray:
-    """Velocity where a joint rests, shape (N,), NaN elsewhere: 0, or the slope of the angle where it creeps.
+def known_velocity(run: Trajectory, sigma_q: float, sigma_v: float) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity where a joint rests: 0, or the slope of the angle where it creeps.
 
     Args:
         run: Trajectory of N samples.
         sigma_q: Standard deviation of the angle's noise.
         sigma_v: Standard deviation of the velocity's noise; infinite: not looked at.
+
+    Returns:
+        The velocity, NaN where it is not known, and whether a sample is at the edge of a rest; both of shape (N,).
     """
-    known = np.full(len(run.q), np.nan)
+    size, edge = len(run.q), round(_EDGE / run.dt)
+    known, doubtful = np.full(size, np.nan), np.zeros(size, dtype=bool)
     for part in resting(run.q, run.qd, run.dt, sigma_q, sigma_v):
-        count = part.stop - part.start
-        t = (np.arange(count) - 0.5 * (count - 1)) * run.dt
-        slope, error = float(t @ run.q[part] / (t @ t)), sigma_q / float(np.sqrt(t @ t))
-        known[part] = slope if abs(slope) > _T * error else 0.0
-    return known
+        begin, end = (part.start and part.start + edge), (part.stop if part.stop == size else part.stop - edge)
+        t = (np.arange(end - begin) - 0.5 * (end - begin - 1)) * run.dt
+        slope, error = float(t @ run.q[begin:end] / (t @ t)), sigma_q / float(np.sqrt(t @ t))
+        known[begin:end] = slope if abs(slope) > _T * error else 0.0
+        doubtful[part.start : begin] = doubtful[end : part.stop] = True
+    return known, doubtful
 
 
 def resting(q: np.ndarray, qd: np.ndarray, dt: float, sigma_q: float, sigma_v: float) -> list[slice]:
@@ -44,7 +53,7 @@ def resting(q: np.ndarray, qd: np.ndarray, dt: float, sigma_q: float, sigma_v: f
         sigma_q: Standard deviation of the angle's noise.
         sigma_v: Standard deviation of the velocity's noise; infinite: not looked at.
     """
-    half = max(5, round(0.5 * _SHORTEST / dt))
+    half = max(5, round(0.5 * _WINDOW / dt))
     width = 2 * half
     if len(q) < width:
         return []
@@ -60,4 +69,4 @@ def resting(q: np.ndarray, qd: np.ndarray, dt: float, sigma_q: float, sigma_v: f
         still &= np.abs(way[width:] - way[:-width]) < _T * sigma_v * np.sqrt(width)
     inside = np.convolve(still, np.ones(width)) > 0.5  # every sample of a window that is still
     edges = np.flatnonzero(np.diff(inside, prepend=False, append=False))
-    return [slice(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]
+    return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2) if (b - a) * dt > _SHORTEST]
