@@ -86,11 +86,10 @@ def prepare(
     level = float(samples.torque.std()) or 1.0
     engine.noise = Noise(whitening=np.ones(1), sigma=level, rms=level, offset=0.0, gain=0.0)
     fitted = min((engine.fit(c, x, tolerance=1e-4) for x in starts), key=lambda f: float(f.loss.sum()))
-    if hold_rests(engine, recording, fitted):
+    held = hold_rests(engine, recording, fitted, rate)
+    if held is not None:
         told("the joint rests now and then")
-        samples = engine.samples
-        engine.weight = samples.settled(rate) * ~engine.motion.doubtful
-        fitted = engine.fit(c, fitted.x, tolerance=1e-4)
+        samples, fitted = engine.samples, held
     plain_rms = rms(samples.torque - fitted.torque)
     first = fitted
     for _ in range(2):
@@ -106,27 +105,34 @@ def prepare(
     return Baseline(engine, fitted, groups)
 
 
-def hold_rests(engine: Engine, recording: Recording, fitted: Fitted) -> bool:
-    """Hold the joint still where it seems to rest, where the torque agrees.
+def hold_rests(engine: Engine, recording: Recording, fitted: Fitted, rate: float) -> Fitted | None:
+    """Hold the joint still where it seems to rest, if that fits the torque better.
 
     A stress that decays in a rest may be a motion below the sensor's noise, then the noise is the better guess.
 
     Args:
-        engine: The data set; its motion is changed.
+        engine: The data set; its motion is changed if the joint is held.
         recording: Measured runs.
         fitted: The best model so far.
+        rate: How fast z forgets along the way [1/inner unit of q].
+
+    Returns:
+        The model fitted to the motion with rests; None if the motion stays as it is.
     """
-    motion = engine.motion
+    motion, replay, weight = engine.motion, engine.replay, engine.weight
     held = Motion.of(recording, motion.samples.scales, resistance=motion.resistance, rests=True)
     if not held.kinematics.rests:
-        return False
-    torque = ExtendedReplay(held).torque(fitted.coordinates.row(fitted.x))[0].astype(float)
-    before, after = (engine.weight @ (engine.samples.torque - tau) ** 2 for tau in (fitted.torque, torque))
-    if after >= before:
-        return False
-    engine.motion, engine.samples = held, held.samples
-    engine.replay = ExtendedReplay(held, threads=engine.replay.threads)
-    return True
+        return None
+    engine.motion, engine.replay = held, ExtendedReplay(held, threads=replay.threads)
+    samples, engine.samples = engine.samples, held.samples
+    engine.weight = held.samples.settled(rate) * ~held.doubtful
+    refitted = engine.fit(fitted.coordinates, fitted.x, tolerance=1e-4)
+    known = weight * engine.weight
+    before, after = (known @ (held.samples.torque - fit.torque) ** 2 for fit in (fitted, refitted))
+    if after < before:
+        return refitted
+    engine.motion, engine.replay, engine.samples, engine.weight = motion, replay, samples, weight
+    return None
 
 
 def begin_under_way(engine: Engine, fitted: Fitted) -> bool:

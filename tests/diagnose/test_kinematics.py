@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from mrwarp.diagnose.kinematics import reconstruct, smooth
-from mrwarp.diagnose.resting import resting
 from mrwarp.sysid.differentiate import differentiate
 from mrwarp.sysid.recording import Recording, Trajectory
 
@@ -141,53 +140,3 @@ def test_noise_at_rest_makes_no_way() -> None:
     found = reconstruct(replace(recording, trajectories=(run, replace(still, id="still", t=run.t + 100.0))))
     rest = found.qd[len(run.t) :]
     assert np.abs(rest).sum() < 0.2 * np.abs(still.qd).sum()
-
-
-def stops(seed: int, dt: float = 0.005) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """True velocity, read angle and read velocity of a joint that rests from 2 to 3.5 s and after 6 s."""
-    t = np.arange(round(8.0 / dt)) * dt
-    moving = (t < 2.0) | ((t >= 3.5) & (t < 6.0))
-    qd = np.where(moving, 2.0 * np.sin(2.0 * np.pi * (t - 3.5 * (t >= 3.5))), 0.0)
-    q = np.concatenate([[0.0], np.cumsum(0.5 * (qd[1:] + qd[:-1])) * dt])
-    noise = np.random.default_rng(seed).normal(size=(2, len(t)))
-    return qd, np.round((q + 2e-5 * noise[0]) / 3e-4) * 3e-4, qd + V_NOISE * noise[1]
-
-
-@pytest.mark.parametrize("dt", [0.01, 0.005, 0.0005])
-def test_rests_are_found(dt: float) -> None:
-    """Both rests and nothing else, to 30 ms, at any rate."""
-    _, q, read = stops(1, dt)
-    found = [(part.start * dt, part.stop * dt) for part in resting(q, read, dt, 3e-4 / np.sqrt(12.0), V_NOISE)]
-    np.testing.assert_allclose(found, [(2.0, 3.5), (6.0, 8.0)], atol=0.03)
-
-
-def test_slow_motion_is_no_rest() -> None:
-    """A sine of 0.05 rad in 5 s rests nowhere, but at its turning points for a tenth of a second."""
-    t = np.arange(2000) * 0.005
-    q, qd = 0.05 * np.sin(0.4 * np.pi * t), 0.02 * np.pi * np.cos(0.4 * np.pi * t)
-    noise = np.random.default_rng(3).normal(size=2000)
-    parts = resting(np.round(q / 3e-4) * 3e-4, qd + V_NOISE * noise, 0.005, 3e-4 / np.sqrt(12.0), V_NOISE)
-    assert all(np.abs(qd[part]).max() < 0.01 and np.ptp(q[part]) < 5e-4 for part in parts)
-
-
-def test_a_resting_joint_goes_no_way() -> None:
-    """Noise of the channels makes no motion in a rest, and the motion beside it is as good as before."""
-    qd, q, read = stops(2)
-    run = replace(logged(4, runs=1)[0].trajectories[0], q=q, qd=read, t=np.arange(len(q)) * 0.005, current=0.0 * q,
-                  torque=0.0 * q)  # fmt: skip
-    found = reconstruct(replace(logged(4, runs=1)[0], trajectories=(run,)))
-    rest = np.zeros(len(q), dtype=bool)
-    rest[410:690] = rest[1210:1590] = True
-    assert np.abs(found.qd[rest]).max() < 1e-6
-    assert rms(found.qd - qd) < 0.6 * V_NOISE
-
-
-def test_a_creeping_joint_creeps_on() -> None:
-    """What looks like a rest for a moment but moves on keeps its mean velocity."""
-    t = np.arange(1600) * 0.005
-    q = 2e-4 * t
-    noise = np.random.default_rng(5).normal(size=(2, 1600))
-    run = replace(logged(4, runs=1)[0].trajectories[0], q=q + 1e-4 * noise[0], qd=2e-4 + V_NOISE * noise[1], t=t,
-                  current=0.0 * q, torque=0.0 * q)  # fmt: skip
-    found = reconstruct(replace(logged(4, runs=1)[0], trajectories=(run,)))
-    assert found.qd.mean() == pytest.approx(2e-4, rel=0.1)
