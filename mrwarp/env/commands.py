@@ -35,14 +35,13 @@ class NewCommands:
         if cfg.period == float("inf"):
             return
         self._env, self._draws = env, torch.zeros(env.num_envs, 3, device=device)
-        self._steps = torch.zeros(env.num_envs, dtype=torch.long, device=device)
         ranges = [torch.tensor(side, device=device) for side in zip(cfg.v_x, cfg.v_y, cfg.yaw_rate, strict=True)]
         self._keep = ranges
         period = max(round(cfg.period / env.cfg.step_dt), 1)
         self._launch = record(
             command_kernel,
             dim=env.num_envs,
-            inputs=[period, *map(wp.from_torch, (*ranges, self._steps, self._draws))],
+            inputs=[period, *map(wp.from_torch, (*ranges, env.episode_length_buf, self._draws))],
             outputs=[wp.from_torch(env.command)],
             device=str(device),
         )
@@ -50,6 +49,5 @@ class NewCommands:
     def __call__(self) -> None:
         """Draw for one policy step."""
         if self._launch is not None:
-            self._steps.copy_(self._env.episode_length_buf)
             torch.rand(self._draws.shape, generator=self._env.generator, out=self._draws)
             self._launch.launch()

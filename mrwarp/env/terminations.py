@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import torch
 import warp as wp
 
-from mrwarp.env.task_kernels.rewards import fallen_kernel
+from mrwarp.env.task_kernels.ends import DONE, ends_kernel
 from mrwarp.launch import record
 
 if TYPE_CHECKING:
@@ -17,29 +17,45 @@ if TYPE_CHECKING:
 _INPUTS = ("height", "root_pos", "gravity", "root_vel", "root_ang", "q", "qd")
 
 
-class Fallen:
-    """Trunk too low or leaning too far, or a state that is no number.
+class Terminations:
+    """A fall (trunk too low or leaning too far, or a state that is no number), a wrong number, or the time limit.
 
     Args:
         env: The environment; its tensors stay where they are.
+        broken: 1 where a number went wrong in the policy step, int, shape (E,).
+        reward: Rewards of the policy step, shape (E,).
 
     Attributes:
-        fallen: The answer, bool, shape (E,).
-        launch: What computes it.
+        launch: What computes it, once per policy step: it counts the step.
+        done: Episodes that end now, bool, shape (E,).
+        any: 1 if one ends, int, shape (1,); to be set to 0 before the launch.
     """
 
-    def __init__(self, env: WalkEnv) -> None:
-        self._keep = [getattr(env, name) for name in _INPUTS]
-        self.fallen = torch.zeros(len(env.height), dtype=torch.bool, device=env.height.device)
+    def __init__(self, env: WalkEnv, broken: torch.Tensor, reward: torch.Tensor) -> None:
+        device, num_envs = env.height.device, len(env.height)
+        self._flags = torch.zeros(4, num_envs, dtype=torch.bool, device=device)
+        self._reward = torch.zeros(num_envs, device=device)
+        self._keep = [*(getattr(env, name) for name in _INPUTS), broken, reward]
+        self.done = wp.from_torch(self._flags[DONE])
+        self.any = wp.zeros(1, dtype=int, device=str(device))
         self.launch = record(
-            fallen_kernel,
-            dim=len(env.height),
-            inputs=[env.cfg.fall_height, -math.cos(env.cfg.fall_tilt), *map(wp.from_torch, self._keep)],
-            outputs=[wp.from_torch(self.fallen)],
-            device=str(env.height.device),
-        )
+            ends_kernel,
+            dim=num_envs,
+            inputs=[
+                env.cfg.fall_height, -math.cos(env.cfg.fall_tilt), env.max_episode_length,
+                *map(wp.from_torch, self._keep),
+            ],
+            outputs=[*map(wp.from_torch, (env.episode_length_buf, self._flags, self._reward)), self.any],
+            device=str(device),
+        )  # fmt: skip
 
+    def flags(self) -> tuple[torch.Tensor, ...]:
+        """Who has fallen, who holds a wrong number, whose time is up without a fall, and who is done; bool, (E,) each.
 
-def timed_out(env: WalkEnv) -> torch.Tensor:
-    """The episode reached its length; bool, shape (E,)."""
-    return env.episode_length_buf >= env.max_episode_length
+        They are tensors of their own: later steps do not write into them.
+        """
+        return self._flags.clone().unbind()
+
+    def reward(self) -> torch.Tensor:
+        """Rewards, 0 where a number went wrong, as a tensor of its own, shape (E,)."""
+        return self._reward.clone()

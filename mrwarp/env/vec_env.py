@@ -104,9 +104,9 @@ class WalkEnv(VecEnv):
         self.foot_ground = self._zeros(num_envs, len(LEGS))
         self.effort, self.privileged = self._zeros(num_envs), self._zeros(num_envs, 2)
         self.fallen, self.broken = self._zeros(num_envs).bool(), self._zeros(num_envs).bool()
+        self._episode_length = torch.zeros(num_envs, dtype=torch.long, device=self.device)
         self.watch = Watch(self.robot, self.action)
         self._record_launches()
-        self.episode_length_buf = torch.zeros(num_envs, dtype=torch.long, device=self.device)
         randomize.at_start(self)
         self._after_start = self.generator.get_state()
         self.restart()
@@ -132,17 +132,11 @@ class WalkEnv(VecEnv):
         if self.terrain is not None:
             self.terrain.advance(self.body_velocity[:, 0], self.command[:, 0], self.cfg.step_dt)
 
-        self.episode_length_buf += 1
-        self.broken = self.watch.broken > 0
-        self.fallen = self._has_fallen.fallen | self.broken
-        time_outs = terminations.timed_out(self) & ~self.fallen
-        done = self.fallen | time_outs
-        # the last reward of a robot that holds no numbers must not reach the learner
-        reward = torch.where(self.broken, 0.0, self.rewards.total)
-        if bool(done.any()):
+        self.fallen, self.broken, time_outs, done = self._terminations.flags()
+        reward = self._terminations.reward()
+        if self._terminations.any.numpy()[0]:
             self._reset(done, time_outs)
             self._update_derived()
-        self.watch.clear(done)
         self._new_commands()
         self.last_observations = self.get_observations()
         return self.last_observations, reward, done, {"time_outs": time_outs}
@@ -177,6 +171,15 @@ class WalkEnv(VecEnv):
             if name not in ("actuator/params", "actuator/effects_values", "privileged")
         }
         self.load_state({**state, **copied})
+
+    @property
+    def episode_length_buf(self) -> torch.Tensor:
+        """Policy steps since each episode began, shape (E,); rsl-rl's name. Assigning writes into it."""
+        return self._episode_length
+
+    @episode_length_buf.setter
+    def episode_length_buf(self, steps: torch.Tensor) -> None:
+        self._episode_length.copy_(steps)
 
     def set_command(self, command: torch.Tensor) -> None:
         """Command v_x, v_y [m/s] and yaw rate [rad/s] from now on, shape (E, 3) or (3,)."""
@@ -282,6 +285,7 @@ class WalkEnv(VecEnv):
         self._motor_square = wp.zeros(self.num_envs, dtype=float, device=sim.device)
         self._actions = self._zeros(self.num_envs, self.num_actions)
         entries = self.actuator.ledger
+        self._terminations = terminations.Terminations(self, self.watch.broken, self.watch.reward)
 
         def recorded(kernel: Any, inputs: list[Any], outputs: list[Any]) -> wp.Launch:
             return record(kernel, dim=self.num_envs, inputs=inputs, outputs=outputs, device=sim.device)
@@ -290,7 +294,7 @@ class WalkEnv(VecEnv):
         self._begin = recorded(
             derived.begin_kernel,
             [cfg.action_scale, array(self.default_q), array(self._actions), sim.qd, entries],
-            [*remembered, self._motor_square],
+            [*remembered, self._motor_square, self._terminations.any],
         )
         self._end = recorded(
             derived.end_kernel,
@@ -309,8 +313,10 @@ class WalkEnv(VecEnv):
         )  # fmt: skip
         self._derive = [*below, derive]
         self.rewards, self._observe = Rewards(self, self.watch.reward), Observations(self)
-        self._has_fallen = terminations.Fallen(self)
-        self._after = [self._end, *self._derive, self.rewards.launch, self._has_fallen.launch, self.watch.check]
+        self._after = [
+            self._end, *self._derive, self.rewards.launch, self.watch.check, self._terminations.launch,
+            self.watch.clear(self._terminations.done),
+        ]  # fmt: skip
         self._graph: wp.Graph | None = None
         self.push, self._new_commands = randomize.Pushes(self), commands.NewCommands(self)
 

@@ -107,7 +107,7 @@ class Watch:
         action: Actions in use, shape (E, A).
 
     Attributes:
-        broken: 1 where a number went wrong since :meth:`clear`, int, shape (E,).
+        broken: 1 where a number went wrong since the launch of :meth:`clear`, int, shape (E,).
         breaks: Policy steps in which each environment broke, int, shape (E,).
         reward: Last rewards; write them before :attr:`check`, shape (E,).
         check: Launch that checks state and reward at the end of a policy step.
@@ -156,17 +156,20 @@ class Watch:
         self.check = launches[1]
         self.broken, self.breaks = wp.to_torch(self._broken), wp.to_torch(self._breaks)
         self.reward = wp.to_torch(self._reward)
-        self._ages = wp.to_torch(self._age)
 
-    def clear(self, reset: torch.Tensor) -> None:
-        """Begin the next policy step; environments in the mask start a new episode.
+    def clear(self, done: wp.array) -> wp.Launch:
+        """What begins the next policy step, and a new episode where one is done.
 
         Args:
-            reset: Environments that were reset, bool, shape (E,).
+            done: Episodes that end, bool, shape (E,).
         """
-        self.broken.zero_()
-        self.reward.zero_()
-        self._ages.masked_fill_(reset, 0)
+        return record(
+            watch_kernels.clear_kernel,
+            dim=len(done),
+            inputs=[done],
+            outputs=[self._age, self._broken, self._reward],
+            device=str(done.device),
+        )
 
     def forget(self) -> None:
         """Begin anew in all environments, without history; the counts go on."""

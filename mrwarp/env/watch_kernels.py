@@ -152,3 +152,20 @@ def watch_kernel(
     # at the end of a policy step the state is only checked: the next torque step keeps it
     if not frozen and (last == 0 or cause >= 0):
         rows_out[env] = rows_out[env] + 1
+
+
+@wp.kernel
+def clear_kernel(
+    # in, shape (E,)
+    done_in: wp.array[wp.bool],
+    # out, shape (E,) three times
+    age_out: wp.array[int],
+    broken_out: wp.array[int],
+    reward_out: wp.array[float],
+):
+    """Begin the next policy step, and a new episode where one is done."""
+    env = wp.tid()
+    broken_out[env] = 0
+    reward_out[env] = 0.0
+    if done_in[env]:
+        age_out[env] = 0

@@ -29,12 +29,20 @@ def make_state(num_envs: int = 4) -> Any:
     )
 
 
+def step(state: Any, broken: tuple[int, ...] = ()) -> tuple[terminations.Terminations, list[list[bool]]]:
+    """One policy step with a reward of 1: fallen, broken, time-out, done of each robot."""
+    count = len(state.height)
+    state.height.copy_(state.root_pos[:, 2])
+    wrong = torch.tensor([int(env in broken) for env in range(count)], dtype=torch.int32)
+    found = terminations.Terminations(state, wrong, torch.ones(count))
+    found.launch.launch()
+    return found, [flag.tolist() for flag in found.flags()]
+
+
 def fallen_now(state: Any) -> torch.Tensor:
     """Which robots of a state have fallen, bool, shape (E,)."""
-    state.height.copy_(state.root_pos[:, 2])
-    fallen = terminations.Fallen(state)
-    fallen.launch.launch()
-    return fallen.fallen
+    found, _ = step(state)
+    return found.flags()[0]
 
 
 def test_upright_robots_have_not_fallen() -> None:
@@ -75,7 +83,32 @@ def test_a_state_that_is_no_number_counts_as_fallen(name: str, value: float) -> 
 
 
 def test_timed_out_at_the_episodes_length() -> None:
-    """The episode is over at its last step, not before."""
+    """The episode is over at its last step, not before; the step is counted."""
     state = make_state()
-    state.episode_length_buf = torch.tensor([0, 9, 10, 11])
-    assert terminations.timed_out(state).tolist() == [False, False, True, True]
+    state.episode_length_buf = torch.tensor([0, 8, 9, 10])
+    found, (fallen, broken, time_out, done) = step(state)
+    assert state.episode_length_buf.tolist() == [1, 9, 10, 11]
+    assert time_out == done == [False, False, True, True]
+    assert fallen == broken == [False] * 4 and found.any.numpy().tolist() == [1]
+
+
+def test_a_fall_is_no_time_out() -> None:
+    """Where both come in the same step, the episode is not bootstrapped."""
+    state = make_state()
+    state.episode_length_buf[:] = 9
+    state.root_pos[1, 2] = 0.0
+    _, (fallen, _, time_out, done) = step(state)
+    assert fallen == [False, True, False, False] and time_out == [True, False, True, True] and done == [True] * 4
+
+
+def test_a_wrong_number_is_a_fall_without_reward() -> None:
+    """The others keep theirs."""
+    found, (fallen, broken, time_out, done) = step(make_state(), broken=(2,))
+    assert fallen == broken == done == [False, False, True, False] and time_out == [False] * 4
+    assert found.reward().tolist() == [1.0, 1.0, 0.0, 1.0]
+
+
+def test_nothing_ends_a_quiet_step() -> None:
+    """The flag that the host reads stays 0."""
+    found, flags = step(make_state())
+    assert flags == [[False] * 4] * 4 and found.any.numpy().tolist() == [0]

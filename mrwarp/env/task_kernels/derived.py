@@ -26,12 +26,13 @@ def begin_kernel(
     actions_in: wp.array2d[float],
     qd_in: wp.array2d[float],
     ledger_in: wp.array3d[float],
-    # out, shapes (E, A), (E, A), (E, J) [rad], (E, J) [rad/s], (E,) [(N·m)^2 s]
+    # out, shapes (E, A), (E, A), (E, J) [rad], (E, J) [rad/s], (E,) [(N·m)^2 s], (1,) set to 0
     action_out: wp.array2d[float],
     last_action_out: wp.array2d[float],
     q_des_out: wp.array2d[float],
     last_qd_out: wp.array2d[float],
     motor_square_out: wp.array[float],
+    any_done_out: wp.array[int],
 ):
     """Take the new action, and remember what the coming policy step is compared with."""
     env = wp.tid()
@@ -41,6 +42,8 @@ def begin_kernel(
         q_des_out[env, k] = default_q[k] + action_scale * actions_in[env, k]
         last_qd_out[env, k] = qd_in[env, k]
     motor_square_out[env] = motor_square(ledger_in, env)
+    if env == 0:
+        any_done_out[0] = 0
 
 
 @wp.kernel

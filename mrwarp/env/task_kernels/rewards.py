@@ -119,31 +119,3 @@ def terms_kernel(
     for term in range(weights.shape[0]):
         total += weights[term] * terms_out[env, term]
     total_out[env] = total * step_dt
-
-
-@wp.kernel
-def fallen_kernel(
-    # parameters: least height of the trunk [m], largest z of gravity in its frame
-    least_height: float,
-    largest_z: float,
-    # in, shapes (E,) [m], (E, 3) four times, (E, J) twice
-    height_in: wp.array[float],
-    root_pos_in: wp.array2d[float],
-    gravity_in: wp.array2d[float],
-    root_vel_in: wp.array2d[float],
-    root_ang_in: wp.array2d[float],
-    q_in: wp.array2d[float],
-    qd_in: wp.array2d[float],
-    # out, shape (E,)
-    fallen_out: wp.array[wp.bool],
-):
-    """Trunk too low or leaning too far, or a state that is no number."""
-    env = wp.tid()
-    # 0*x is NaN where x is no finite number, and NaN fails every comparison
-    total = float(0.0)
-    for k in range(3):
-        total += 0.0 * (root_pos_in[env, k] + gravity_in[env, k]) + 0.0 * (root_vel_in[env, k] + root_ang_in[env, k])
-    for k in range(q_in.shape[1]):
-        total += 0.0 * (q_in[env, k] + qd_in[env, k])
-    upright = height_in[env] > least_height and gravity_in[env, 2] < largest_z
-    fallen_out[env] = not (upright and total == 0.0)
