@@ -23,6 +23,7 @@ from typing import Any
 from benchmarks.fuzz.command_line import run_cli
 from benchmarks.fuzz.coverage import Lines
 from benchmarks.fuzz.kinds import KINDS
+from mrwarp.in_one_piece import write_text
 
 BATCH = 500
 """Cases of one process."""
@@ -201,9 +202,7 @@ def run(kind: str, cases: int, *, seed: int, out: Path, seconds: float, coverage
                 stem = out / "failures" / f"{name}-{state['batches'] - 1}-{failure['case']}"
                 stem.with_suffix(".txt").write_text(f"{failure['problem']}\n{failure['argv']}\n")
                 stem.with_suffix(".bin").write_bytes(bytes.fromhex(failure["data"]))
-        partial = file.with_suffix(".part")
-        partial.write_text(json.dumps(state, indent=1))
-        partial.replace(file)
+        write_text(file, json.dumps(state, indent=1))
         print(
             f"{kind}: {state['cases']} of {cases} cases, {state['failures']} failures, {len(state['counts'])} outcomes",
             flush=True,

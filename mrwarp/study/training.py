@@ -14,6 +14,15 @@ from mrwarp.rl import checkpoint
 from mrwarp.rl.trainer import TrainCfg, Trainer
 from mrwarp.study.plan import StudyCfg, name, plant_cfg, policy_file, record_file
 
+_REMEDY = "remove the folder to train anew"
+
+_COPIED = (
+    "command", "iterations", "environment_steps", "seconds", "task", "gate", "gate_passed", "broken_episodes",
+    "unsolved_steps", "versions",
+)  # fmt: skip
+"""What a training's record takes from its result."""
+
+
 POINTS = 100
 """Most points of the learning curves that a record keeps."""
 
@@ -115,15 +124,6 @@ def _result(run: Path) -> dict[str, Any]:
     if lacks or not isinstance(content["iterations"], int):
         raise ValueError(f"{path}: no result of a training ({(lacks or ['iterations'])[0]} is missing); {_REMEDY}")
     return content
-
-
-_REMEDY = "remove the folder to train anew"
-
-_COPIED = (
-    "command", "iterations", "environment_steps", "seconds", "task", "gate", "gate_passed", "broken_episodes",
-    "unsolved_steps", "versions",
-)  # fmt: skip
-"""What a training's record takes from its result."""
 
 
 def _record(run: Path, plant: str, seed: int) -> dict[str, Any]:
