@@ -35,7 +35,8 @@ def known_velocity(run: Trajectory, sigma_q: float, sigma_v: float) -> tuple[np.
     size, edge = len(run.q), round(_EDGE / run.dt)
     known, doubtful = np.full(size, np.nan), np.zeros(size, dtype=bool)
     for part in resting(run.q, run.qd, run.dt, sigma_q, sigma_v):
-        begin, end = (part.start and part.start + edge), (part.stop if part.stop == size else part.stop - edge)
+        begin = part.start + edge if part.start else 0
+        end = part.stop - edge if part.stop < size else size
         t = (np.arange(end - begin) - 0.5 * (end - begin - 1)) * run.dt
         slope, error = float(t @ run.q[begin:end] / (t @ t)), sigma_q / float(np.sqrt(t @ t))
         known[begin:end] = slope if abs(slope) > _T * error else 0.0
