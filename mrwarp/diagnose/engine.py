@@ -11,7 +11,7 @@ import numpy as np
 from mrwarp.diagnose.grams import Grams, losses, ridge_solve
 from mrwarp.diagnose.model import Coordinates, Slot, jacobian, neutral, simulate, slots_of
 from mrwarp.diagnose.noise import Noise
-from mrwarp.diagnose.replay import ExtendedReplay
+from mrwarp.diagnose.replay import ExtendedReplay, Motion
 from mrwarp.effects.catalogue import CATALOGUE
 
 _SLAB = 12
@@ -93,6 +93,11 @@ class Engine:
         """The noise model; it must have been learned."""
         assert self.noise is not None
         return self.noise
+
+    def follow(self, motion: Motion) -> None:
+        """Take another reading of the same recording's motion; the measured torque stays as it is."""
+        self.motion, self.replay = motion, ExtendedReplay(motion, threads=self.replay.threads)
+        self.samples = dataclasses.replace(self.samples, q=motion.samples.q, qd=motion.samples.qd)
 
     def set_aside(self, frequency: float, torque: np.ndarray) -> None:
         """Take a line out of the measured torque, with its own phase and size in each trajectory.

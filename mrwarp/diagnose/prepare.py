@@ -119,19 +119,19 @@ def hold_rests(engine: Engine, recording: Recording, fitted: Fitted, rate: float
     Returns:
         The model fitted to the motion with rests; None if the motion stays as it is.
     """
-    motion, replay, weight = engine.motion, engine.replay, engine.weight
+    motion, weight = engine.motion, engine.weight
     held = Motion.of(recording, motion.samples.scales, resistance=motion.resistance, rests=True)
     if not held.kinematics.rests:
         return None
-    engine.motion, engine.replay = held, ExtendedReplay(held, threads=replay.threads)
-    samples, engine.samples = engine.samples, held.samples
+    engine.follow(held)
     engine.weight = held.samples.settled(rate) * ~held.doubtful
     refitted = engine.fit(fitted.coordinates, fitted.x, tolerance=1e-4)
     known = weight * engine.weight
     before, after = (known @ (held.samples.torque - fit.torque) ** 2 for fit in (fitted, refitted))
     if after < before:
         return refitted
-    engine.motion, engine.replay, engine.samples, engine.weight = motion, replay, samples, weight
+    engine.follow(motion)
+    engine.weight = weight
     return None
 
 
@@ -154,8 +154,7 @@ def begin_under_way(engine: Engine, fitted: Fitted) -> bool:
     better = np.array([after[part].sum() < _BEGUN * before[part].sum() for part in parts])
     if 2 * np.sum(better & (moving.begin != 0.0)) < np.sum(moving.begin != 0.0):
         return False
-    engine.motion = dataclasses.replace(moving, begin=np.where(better, moving.begin, 0.0))
-    engine.replay = ExtendedReplay(engine.motion, threads=engine.replay.threads)
+    engine.follow(dataclasses.replace(moving, begin=np.where(better, moving.begin, 0.0)))
     return True
 
 

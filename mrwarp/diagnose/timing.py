@@ -7,13 +7,11 @@ effect of the catalogue acts before its cause, so what speaks for such a shift s
 from __future__ import annotations
 
 import copy
-import dataclasses
 
 import numpy as np
 
 from mrwarp.diagnose.choice import gain_and_t, threshold
 from mrwarp.diagnose.engine import Engine, Fitted
-from mrwarp.diagnose.replay import ExtendedReplay, Motion
 
 _TRIED = (0.25, 0.5, 0.75, 1.0)
 """Shifts that are tried [samples]."""
@@ -33,7 +31,7 @@ def find_timing(engine: Engine, fitted: Fitted) -> float:
     best = fitted
     for shift in _TRIED:
         trial = copy.copy(engine)
-        _shift(trial, original, shift)
+        trial.follow(original.later(shift))
         best = trial.fit(best.coordinates, best.x)
         shifts.append(shift)
         losses.append(best.left_out)
@@ -48,16 +46,8 @@ def find_timing(engine: Engine, fitted: Fitted) -> float:
     if 0 < k < len(totals) - 1:  # the vertex of the parabola through the best and its neighbours
         before, here, after = totals[k - 1 : k + 2]
         found += 0.5 * _TRIED[0] * (before - after) / (before - 2.0 * here + after)
-    _shift(engine, original, found)
+    engine.follow(original.later(found))
     return found
-
-
-def _shift(engine: Engine, motion: Motion, shift: float) -> None:
-    """Give an engine the motion that was ``shift`` samples later."""
-    engine.motion = motion.later(shift)
-    samples = engine.motion.samples
-    engine.samples = dataclasses.replace(engine.samples, q=samples.q, qd=samples.qd)
-    engine.replay = ExtendedReplay(engine.motion, threads=engine.replay.threads)
 
 
 def timing_note(ahead: float, dt: float) -> str:
