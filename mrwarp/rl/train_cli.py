@@ -63,7 +63,10 @@ def make_parser() -> argparse.ArgumentParser:
     view.add_argument("--live", action="store_true", help="watch four robots in rerun while they train")
     view.add_argument("--rrd", type=Path, metavar="FILE", help="save that view as a recording")
     view.add_argument("--connect", metavar="URL", help="send it to a rerun viewer that runs already")
-    parser.add_argument("--resume", type=Path, metavar="CHECKPOINT", help="go on from a checkpoint.pt")
+    begin = parser.add_mutually_exclusive_group()
+    begin.add_argument("--resume", type=Path, metavar="CHECKPOINT", help="go on from a checkpoint.pt")
+    networks = "a new training that begins with the networks of another task's checkpoint.pt, e.g. rough after flat"
+    begin.add_argument("--start-from", type=Path, metavar="CHECKPOINT", help=networks)
     return parser
 
 
@@ -122,7 +125,7 @@ def main(argv: list[str] | None = None) -> int:
                 f"{args.device}; first start compiles kernels; output in {args.out}",
                 flush=True,
             )
-        trainer = Trainer(cfg, resume=args.resume, ranks=ranks)
+        trainer = Trainer(cfg, resume=args.resume, start_from=args.start_from, ranks=ranks)
         for line in effect_lines(trainer.env.sim.scene.actuators) if ranks.main else ():
             print(line, flush=True)
         view = _open_view(args, trainer) if ranks.main else None

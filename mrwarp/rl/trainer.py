@@ -25,6 +25,7 @@ from mrwarp.rl.breaks import WINDOW, Breaks, TooManyBreaks, not_finite
 from mrwarp.rl.ppo_cfg import make_ppo_cfg
 from mrwarp.rl.ranks import Ranks
 from mrwarp.rl.task import task
+from mrwarp.rl.warm_start import take_networks
 
 
 class TrainingError(RuntimeError):
@@ -60,19 +61,30 @@ class Trainer:
     Args:
         cfg: The run.
         resume: Checkpoint to go on from, or None to start anew.
+        start_from: Checkpoint of another task whose networks a new training begins with; not with ``resume``.
         ranks: The processes that train together, each with ``cfg``'s environments; None trains alone.
 
     Attributes:
         watchers: Called after every policy step, e.g. to show it.
         window: Figures of the last updates, one dictionary each.
         breaks: Episodes that ended because a number went wrong, of all processes.
+        started_from: Where the first networks came from (see :func:`take_networks`), None if they were drawn.
 
     Raises:
-        CheckpointError: the checkpoint cannot be used.
+        CheckpointError: a checkpoint cannot be used.
         FolderError: the output folder cannot be written.
     """
 
-    def __init__(self, cfg: TrainCfg, *, resume: Path | None = None, ranks: Ranks | None = None) -> None:
+    def __init__(
+        self,
+        cfg: TrainCfg,
+        *,
+        resume: Path | None = None,
+        start_from: Path | None = None,
+        ranks: Ranks | None = None,
+    ) -> None:
+        if resume and start_from:
+            raise ValueError("a training goes on from a checkpoint or starts from one, not both")
         self.cfg = cfg
         self.ranks = ranks = ranks or Ranks()
         content = _of_as_many(checkpoint.load(resume), resume, ranks.world) if resume else None
@@ -85,6 +97,7 @@ class Trainer:
         with silent():
             self.ppo_cfg["algorithm"]["class_name"] = ranks.ppo
             self.algorithm = ranks.ppo.construct_algorithm(self.obs, self.env, self.ppo_cfg, str(self.env.device))
+        self.started_from = take_networks(self.algorithm, start_from) if start_from else None
         if ranks.world > 1:
             self.algorithm.broadcast_parameters()
         self.iteration = 0
@@ -196,6 +209,7 @@ class Trainer:
                 **self.breaks.state(),
                 "seed": self.cfg.seed,
                 "task": task(self.cfg.env),
+                "started_from": self.started_from,
             },
         )
         return path
@@ -222,6 +236,7 @@ class Trainer:
             self.env.load_state(mine["env"])
             self.iteration, self.seconds = content["iteration"], content["seconds"]
             self.rows, self.gate_rows = content["rows"], content["gate_rows"]
+            self.started_from = content.get("started_from")  # earlier versions had none
             self.window.extend(content["window"])
             self.breaks.load_state(content)
             self.obs = self.env.last_observations
@@ -374,6 +389,7 @@ class Trainer:
             "broken_episodes": self.breaks.count,
             "noticed": asdict(self.env.watch.noticed()),
             "task": task(env_cfg),
+            "started_from": self.started_from,
             "processes": self.ranks.world,
         }
         if not self.ranks.main:
@@ -381,8 +397,11 @@ class Trainer:
         policy.export_onnx(
             self.algorithm.get_policy(),
             out / "policy.onnx",
-            {"task": task(env_cfg), "seed": self.cfg.seed, "iteration": self.iteration, "command": self.cfg.command},
-        )
+            {
+                "task": task(env_cfg), "seed": self.cfg.seed, "iteration": self.iteration,
+                "command": self.cfg.command, "started_from": self.started_from,
+            },
+        )  # fmt: skip
         curves.plot(self.rows, self.gate_rows, out / "learning_curve.png")
         write_result(out, result, seed=self.cfg.seed, command=self.cfg.command)
         return result

@@ -1,0 +1,139 @@
+"""Warm start: a training of another task begins with an earlier one's networks, and refuses those that do not fit."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.evaluate.walking import GateCheck, WalkingGate
+from mrwarp.rl import checkpoint, curves, train_cli, trainer
+from mrwarp.rl.checkpoint import CheckpointError
+from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.rl.trainer import TrainCfg, Trainer
+
+GATE = WalkingGate(num_envs=4, warmup=0.0, seconds=0.1)
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Gate checks of 0.1 s on 4 environments, and no picture."""
+    monkeypatch.setattr(trainer, "GateCheck", lambda cfg: GateCheck(cfg, gate=GATE))
+    monkeypatch.setattr(curves, "plot", lambda *_: None)
+
+
+def make_cfg(out: Path, iterations: int = 1, **env: Any) -> TrainCfg:
+    """A run of a few updates with 4 robots."""
+    return TrainCfg(env=make_walk_cfg(num_envs=4, **env), out=out, seed=5, iterations=iterations, until_gate=False)
+
+
+@pytest.fixture(scope="module")
+def flat(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Checkpoint of two updates on flat ground; tests only read it."""
+    run = Trainer(make_cfg(tmp_path_factory.mktemp("flat"), 2))
+    run.update()
+    run.update()
+    return run.save()
+
+
+def networks(run: Trainer) -> dict[str, dict[str, torch.Tensor]]:
+    """Weights, noise and normalisers of a run's networks, as they are now."""
+    nets = {"actor": run.algorithm.actor, "critic": run.algorithm.critic}
+    return {name: {key: value.clone() for key, value in net.state_dict().items()} for name, net in nets.items()}
+
+
+def test_networks_and_normalisers_are_taken_over_and_the_rest_is_new(flat: Path, tmp_path: Path) -> None:
+    """Rough ground begins with the flat checkpoint's networks, and else as a run of its own: update 0, own draws."""
+    run = Trainer(make_cfg(tmp_path / "rough", terrain="rough"), start_from=flat)
+    fresh = Trainer(make_cfg(tmp_path / "fresh", terrain="rough"))
+    saved, own, drawn = checkpoint.load(flat), networks(run), networks(fresh)
+    for name in ("actor", "critic"):
+        expected = saved["algorithm"][f"{name}_state_dict"]
+        assert own[name].keys() == expected.keys()
+        for key, value in expected.items():
+            assert torch.equal(own[name][key], value), (name, key)
+        assert not torch.equal(own[name]["mlp.0.weight"], drawn[name]["mlp.0.weight"])
+        assert not torch.equal(own[name]["obs_normalizer._mean"], drawn[name]["obs_normalizer._mean"])
+    assert (run.iteration, run.rows, run.algorithm.learning_rate) == (0, [], fresh.algorithm.learning_rate)
+    assert saved["algorithm"]["optimizer_state_dict"]["state"] and not run.algorithm.optimizer.state
+    assert torch.equal(run.obs["actor"], fresh.obs["actor"])
+
+
+def test_the_origin_stands_in_result_policy_and_checkpoint_also_after_a_resume(flat: Path, tmp_path: Path) -> None:
+    """Stopped and resumed, a warm-started run still tells where its first networks came from; others say None."""
+    out = tmp_path / "rough"
+    cfg = make_cfg(out, terrain="rough")
+    assert Trainer(make_cfg(tmp_path / "fresh")).run()["started_from"] is None
+    origin = Trainer(cfg, start_from=flat).run()["started_from"]
+    assert (origin["checkpoint"], origin["iteration"], origin["seed"]) == (str(flat), 2, 5)
+    assert origin["task"]["terrain"] == "flat"
+    Trainer(replace(cfg, iterations=2), resume=out / "checkpoint.pt").run()
+    result = json.loads((out / "result.json").read_text())
+    assert (result["iterations"], result["task"]["terrain"], result["started_from"]) == (2, "rough", origin)
+    assert OnnxPolicy(out / "policy.onnx").description["started_from"] == origin
+
+
+def broken(flat: Path, folder: Path, what: str) -> Path:
+    """The checkpoint with one thing wrong."""
+    values = checkpoint.load(flat)
+    values.pop("format")
+    actor = values["algorithm"]["actor_state_dict"]
+    if what == "a missing layer":
+        del actor["mlp.2.bias"]
+    elif what == "a layer more":
+        actor["mlp.8.bias"] = torch.zeros(1)
+    elif what == "no numbers":
+        actor["mlp.0.weight"][0, 0] = float("nan")
+    elif what == "text for a layer":
+        actor["mlp.0.weight"] = "weights"
+    elif what == "a list for networks":
+        values["algorithm"] = []
+    else:
+        del values[what]
+    path = folder / "broken.pt"
+    checkpoint.save(path, values)
+    return path
+
+
+REFUSED = {
+    "a missing layer": "its actor has mlp.2.bias of shape none, this training needs \\(64,\\)",
+    "a layer more": "its actor has mlp.8.bias of shape \\(1,\\), this training needs none",
+    "no numbers": "its actor holds no numbers in mlp.0.weight",
+    "text for a layer": "does not fit this version.*start from another checkpoint",
+    "a list for networks": "does not fit this version",
+    "algorithm": "does not fit this version",
+    "task": "does not fit this version",
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_a_checkpoint_that_does_not_fit_is_refused(what: str, flat: Path, tmp_path: Path) -> None:
+    """One line that names file, part and remedy, and no output folder."""
+    path = broken(flat, tmp_path, what)
+    with pytest.raises(CheckpointError, match=REFUSED[what]) as info:
+        Trainer(make_cfg(tmp_path / "out"), start_from=path)
+    assert str(info.value).startswith(f"{path}: ") and "\n" not in str(info.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_refuses_networks_of_another_robot(
+    flat: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Go1 has no devices, so its critic sees less: exit code 2 and one line with both shapes."""
+    args = ["--num-envs", "4", "--robot", "go1", "--actuator", "none", "--sal", "off", "--out", str(tmp_path / "out")]
+    assert train_cli.main([*args, "--start-from", str(flat)]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "critic has mlp.0.weight of shape (128, " in error
+    assert "trained on mr_go with bouc_wen" in error and not (tmp_path / "out").exists()
+
+
+def test_start_from_and_resume_exclude_each_other(flat: Path, tmp_path: Path) -> None:
+    """A run is either gone on with or new."""
+    with pytest.raises(ValueError, match="not both"):
+        Trainer(make_cfg(tmp_path / "out"), resume=flat, start_from=flat)
+    with pytest.raises(SystemExit) as leaving:
+        train_cli.main(["--resume", str(flat), "--start-from", str(flat), "--out", str(tmp_path / "out")])
+    assert leaving.value.code == 2 and not (tmp_path / "out").exists()
