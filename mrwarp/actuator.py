@@ -11,7 +11,7 @@ Stages, in the order of the paper: gate (eqs. 5, 8), coil, history (eq. 12), Bou
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -121,11 +121,36 @@ class ActuatorInputs:
     """Torque of the brake constraint during the last physics step [N·m], shape (E, J); unused when explicit."""
 
 
-Residual = Callable[[wp.array, wp.array, wp.array, wp.array], None]
-"""``residual(ring, head, m_dyn, tau_dyn)`` adds the learned torque to ``tau_dyn`` (E, M) where ``m_dyn`` is open.
+class Residual(Protocol):
+    """A learned torque in the loop; ``mrwarp.residual.LearnedTorque`` is one."""
 
-``ring`` is the history of shape (E, M, 50, 3) with its newest row at ``head[0]``, see ``mrwarp.kernels.window``.
-"""
+    def bind(self, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
+        """Prepare to work on the actuator's arrays."""
+        ...
+
+    def __call__(self, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
+        """Add the learned torque to ``tau_dyn`` (E, M) where ``m_dyn`` is open.
+
+        ``ring`` is the history of shape (E, M, 50, 3), newest row at ``head[0]``, see ``mrwarp.kernels.window``.
+        """
+        ...
+
+    @property
+    def graphable(self) -> bool:
+        """Whether its launches may as well be a graph."""
+        ...
+
+    def reset(self, mask: wp.array) -> None:
+        """Forget the past of masked environments, bool, shape (E,)."""
+        ...
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Copy of what it carries from one step to the next, by name."""
+        ...
+
+    def load_state(self, state: dict[str, np.ndarray]) -> None:
+        """Restore :meth:`state`, bit-equal."""
+        ...
 
 
 class MrActuator:
@@ -197,6 +222,8 @@ class MrActuator:
         self.tau_motor = zeros(num_envs, num_joints)
         self.tau = zeros(num_envs, num_joints)
         self.bound = zeros(num_envs, num_joints)
+        if residual is not None:
+            residual.bind(self.ring, self.head, self.m_dyn, self.tau_dyn)
         self._record_launches()
 
     def step(self) -> None:
@@ -206,6 +233,9 @@ class MrActuator:
                 self._advance_head.launch()
             if self._fused is not None:
                 self._fused.launch()
+                if self.residual is not None:
+                    self.residual(self.ring, self.head, self.m_dyn, self.tau_dyn)
+                    self._learned.launch()
                 return
             self._predict.launch()
             if self.residual is not None:
@@ -235,6 +265,8 @@ class MrActuator:
         )  # fmt: skip
         if self.effects is not None:
             self.effects.reset(mask)
+        if self.residual is not None:
+            self.residual.reset(mask)
 
     def begin_session(self) -> None:
         """Set the time in the session, with which devices wear, to 0."""
@@ -268,6 +300,7 @@ class MrActuator:
         # the number of fields by name: a robot without devices has an empty array, whose -1 numpy cannot infer
         shape = (*self.params.shape, len(self._param_names))
         arrays |= self.effects.state() if self.effects is not None else {}
+        arrays |= self.residual.state() if self.residual is not None else {}
         return {**arrays, "params": self.params.numpy().view(np.float32).reshape(shape).copy()}
 
     def load_state(self, state: dict[str, np.ndarray]) -> None:
@@ -276,6 +309,8 @@ class MrActuator:
             getattr(self, name).assign(state[name])
         if self.effects is not None:
             self.effects.load_state(state)
+        if self.residual is not None:
+            self.residual.load_state(state)
         self.params.assign(np.ascontiguousarray(state["params"]).view(_RECORD).reshape(self.params.shape))
 
     @property
@@ -318,7 +353,7 @@ class MrActuator:
                 device=self.device,
             )
             flat = (i.q_des, i.q, i.qd, i.f_foot)  # step_kernel counts in elements, not in strides
-            if self.residual is None and all(array.is_contiguous for array in flat):
+            if all(array.is_contiguous for array in flat):
                 self._fused = record(
                     mr_stages.step_kernel,
                     dim=(rows, lanes),
@@ -330,6 +365,16 @@ class MrActuator:
                     outputs=[*outputs, self.head, *torques],
                     device=self.device,
                 )  # fmt: skip
+            self._learned = record(
+                mr_stages.learned_torque_kernel,
+                dim=(rows, min(lanes, num_mr)),
+                inputs=[
+                    rows, min(lanes, num_mr), params, self.joint_of, self._constraint, i.q_des, i.q, i.qd, self.m_dyn,
+                    self.m_hold, self.current, self.tau_dyn, self.tau_motor,
+                ],
+                outputs=[self.tau_mr, self.tau, self.bound],
+                device=self.device,
+            )  # fmt: skip
         self._torque = record(
             mr_stages.torque_kernel,
             dim=(self.num_envs, self.num_joints),

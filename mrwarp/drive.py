@@ -51,6 +51,7 @@ from mrwarp.kernels.joint_params import FIELDS, JointParams
 from mrwarp.kernels.mr_stages import advance_head_kernel
 from mrwarp.kernels.window import FEATURES, WINDOW
 from mrwarp.nn.model_file import LearnedModel
+from mrwarp.nn.models import LstmState
 from mrwarp.params import MrParams, ParameterError
 from mrwarp.residual import LearnedTorque, with_bouc_wen
 
@@ -174,7 +175,8 @@ class DriveMR(DriveBase):
         Raises:
             SamplingRateError: the model was trained at another rate than 1/dt.
         """
-        self._learned = LearnedTorque(model, dt=dt, threads=threads)
+        # its states are handed over twice in a step, so none is carried here
+        self._learned = LearnedTorque(model, dt=dt, lstm_state=LstmState.WINDOW, threads=threads)
         for name, value in with_bouc_wen(MrParams(), model):
             if name in model.bouc_wen and name != "q_neutral":
                 self.param(name).fill_(value)

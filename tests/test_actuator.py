@@ -358,15 +358,38 @@ def test_robot_without_devices_is_plain_pd():
     assert_bit_equal(bench.actuator.state(), state)
 
 
+class Shift:
+    """A residual of 0.75 N·m that remembers nothing but its calls."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[tuple[int, ...], int]] = []
+
+    graphable = False
+
+    def bind(self, *arrays: wp.array) -> None:
+        """Nothing to prepare."""
+
+    def __call__(self, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
+        """Count the call, shift the torque."""
+        self.calls.append((ring.shape, int(head.numpy()[0])))
+        tau_dyn.assign(tau_dyn.numpy() + f32(0.75) * m_dyn.numpy())
+
+    def reset(self, mask: wp.array) -> None:
+        """Nothing to forget."""
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Nothing to keep."""
+        return {}
+
+    def load_state(self, state: dict[str, np.ndarray]) -> None:
+        """Nothing to restore."""
+
+
 @pytest.mark.parametrize("coupling", list(Coupling))
 def test_residual_is_added_to_the_prediction_alone(coupling: Coupling):
     """A residual that adds 0.75 N·m where the damping gate is open: tau_dyn shifts by that, the state does not."""
-    calls = []
-
-    def residual(ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
-        calls.append((ring.shape, int(head.numpy()[0])))
-        tau_dyn.assign(tau_dyn.numpy() + f32(0.75) * m_dyn.numpy())
-
+    residual = Shift()
+    calls = residual.calls
     cfg = MrActuatorCfg(coupling=coupling)
     plain, learned = Bench(6, cfg), Bench(6, cfg, residual=residual)
     rng = np.random.default_rng(29)

@@ -15,12 +15,13 @@ import pytest
 import torch
 import warp as wp
 
+import mrwarp.residual
 from mrwarp.actuator import ActuatorInputs, Coupling, HoldCurrent, MrActuator, MrActuatorCfg
 from mrwarp.drive import DriveMR
 from mrwarp.kernels import learned
 from mrwarp.launch import capture, record
 from mrwarp.nn.model_file import LearnedModel, SamplingRateError
-from mrwarp.nn.models import make_net
+from mrwarp.nn.models import LstmState, make_net
 from mrwarp.params import BoucWenParams, MrParams
 from mrwarp.residual import KINDS, LearnedTorque, lstm_weights, output_layer, window_now, with_bouc_wen
 from mrwarp.sysid import learn
@@ -132,12 +133,14 @@ def test_learned_torque_is_the_torch_module(kind: str) -> None:
     np.testing.assert_array_equal(got[~is_open], tau[~is_open])
 
 
+@pytest.mark.parametrize("lanes", [True, False])
+@pytest.mark.parametrize("lstm_state", list(LstmState))
 @pytest.mark.parametrize("kind", KINDS)
-def test_learned_torque_in_the_loop_equals_offline_prediction(kind: str) -> None:
+def test_learned_torque_in_the_loop_equals_offline_prediction(kind: str, lstm_state: LstmState, lanes: bool) -> None:
     """A motion in the loop and the same motion offline, led in by the rest that a reset assumes: 1e-5 N·m."""
     model = make_model(kind, seed=3)
     motion = make_motion(2, 150, seed=4)
-    loop = Loop(2, LearnedTorque(model, dt=DT))
+    loop = Loop(2, LearnedTorque(model, dt=DT, lstm_state=lstm_state, lanes=lanes))
     loop.inputs.q.assign(motion["q"][0].astype(np.float32))
     loop.actuator.reset()
     got = loop.run(motion)
@@ -151,7 +154,7 @@ def test_learned_torque_in_the_loop_equals_offline_prediction(kind: str) -> None
             t = DT * np.arange(len(q))
             name = f"{env}/{joint}"
             runs.append(Trajectory(id=name, t=t, q=q + 1.5, qd=qd, current=current, torque=np.zeros_like(q)))
-    offline = learn.predict(model, Recording(trajectories=tuple(runs)))
+    offline = learn.predict(model, Recording(trajectories=tuple(runs)), lstm_state=lstm_state)
     want = np.stack([tau[rest:] for tau in offline], axis=1).reshape(-1, 2, MR)
     is_open = got["m_dyn"] > 0.0
     assert is_open.mean() > 0.2
@@ -179,9 +182,10 @@ def test_learned_torque_is_bit_equal_for_any_threads_when_calls_follow_each_othe
     model, rng = make_model("pg_rlstm", seed=16), np.random.default_rng(17)
     ring, head, _, tau = make_window(16, seed=18)
     gate, out = wp.zeros((16, MR), dtype=float, device="cpu"), wp.array(tau, dtype=float, device="cpu")
-    alone = evaluate(LearnedTorque(model, dt=DT, threads=1), ring, head, np.ones_like(tau), tau)
+    windows = partial(LearnedTorque, model, dt=DT, lstm_state=LstmState.WINDOW)
+    alone = evaluate(windows(threads=1), ring, head, np.ones_like(tau), tau)
     for threads in (2, 4):
-        residual = LearnedTorque(model, dt=DT, threads=threads)
+        residual = windows(threads=threads)
         for _ in range(100):
             m_dyn = rng.permuted(np.arange(tau.size) < rng.integers(0, tau.size)).reshape(tau.shape)
             gate.assign(m_dyn.astype(np.float32))
@@ -190,11 +194,53 @@ def test_learned_torque_is_bit_equal_for_any_threads_when_calls_follow_each_othe
             np.testing.assert_array_equal(out.numpy(), np.where(m_dyn, alone, tau))
 
 
+@pytest.mark.parametrize("lanes", [True, False])
+def test_carried_states_are_bit_equal_for_any_threads_and_gates(lanes: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """36 joints, three parts of the work: every joint's torque is that of a joint alone, whatever gates were open."""
+    monkeypatch.setattr(mrwarp.residual, "_WORTH_WAKING", 1)
+    model, rng = make_model("pg_rlstm", seed=22), np.random.default_rng(23)
+    ring, head, _, tau = make_window(9, seed=24)
+    gate, out = wp.zeros(tau.shape, dtype=float, device="cpu"), wp.array(tau, dtype=float, device="cpu")
+    ones, alone = wp.ones(tau.shape, dtype=float, device="cpu"), wp.array(tau, dtype=float, device="cpu")
+    want = LearnedTorque(model, dt=DT, threads=1, lanes=lanes)
+    others = [LearnedTorque(model, dt=DT, threads=threads, lanes=lanes) for threads in (1, 2, 4)]
+    for k in range(60):
+        head.assign([k % 50])
+        values = ring.numpy()
+        values[:, :, k % 50] = rng.normal(0.0, [0.3, 3.0, 0.6], (9, MR, 3))
+        ring.assign(values)
+        alone.assign(tau)
+        want(ring, head, ones, alone)
+        m_dyn = rng.random(tau.shape) < 0.3
+        gate.assign(m_dyn.astype(np.float32))
+        begun = rng.random(9) < 0.05
+        for residual in others:
+            out.assign(tau)
+            residual(ring, head, gate, out)
+            np.testing.assert_array_equal(out.numpy(), np.where(m_dyn, alone.numpy(), tau))
+        for residual in (want, *others):
+            residual.reset(wp.array(begun, dtype=wp.bool, device="cpu"))
+
+
+def test_a_carried_state_is_restored_bit_equal() -> None:
+    """A loop that takes over another one's state goes on as it does, on the CPU's kernel and on the GPU's."""
+    model, motion = make_model("lstm", seed=25), make_motion(3, 70, seed=26)
+    for lanes in (True, False):
+        first, second = (Loop(3, LearnedTorque(model, dt=DT, lanes=lanes)) for _ in range(2))
+        first.run(motion, 0, 40)
+        state = first.actuator.state()
+        assert np.abs(state["lstm"]).max() > 0.1
+        assert not state["lstm_fresh"].any()
+        want = first.run(motion, 40)
+        second.actuator.load_state(state)
+        np.testing.assert_array_equal(second.run(motion, 40)["tau_dyn"], want["tau_dyn"])
+
+
 def test_helper_threads_end_with_their_torque() -> None:
     """A learned torque that nobody holds leaves no thread behind."""
     before = set(threading.enumerate())
     ring, head, m_dyn, tau = make_window(16, seed=19)
-    residual = LearnedTorque(make_model("lstm"), dt=DT, threads=3)
+    residual = LearnedTorque(make_model("lstm"), dt=DT, lstm_state=LstmState.WINDOW, threads=3)
     evaluate(residual, ring, head, m_dyn, tau)
     helpers = set(threading.enumerate()) - before
     assert len(helpers) == 2
@@ -210,9 +256,10 @@ def test_a_full_set_of_open_windows_overflows_into_later_turns(kind: str, captur
     """Room for 1, 3 or 13 of 64 windows gives the bits of room for all, with none, a third or all of them open."""
     model, (ring, head, some, tau) = make_model(kind, seed=20), make_window(16, seed=21)
     gate, out = wp.zeros(some.shape, dtype=float, device="cpu"), wp.array(tau, dtype=float, device="cpu")
-    whole = LearnedTorque(model, dt=DT, lanes=False)
+    windows = partial(LearnedTorque, model, dt=DT, lstm_state=LstmState.WINDOW, lanes=False)
+    whole = windows()
     for capacity in (1 / 64, 3 / 64, 0.2):
-        small = LearnedTorque(model, dt=DT, lanes=False, capacity=capacity)
+        small = windows(capacity=capacity)
         launch = partial(small, ring, head, gate, out)
         if captured:
             launch()
@@ -275,13 +322,15 @@ def test_reset_of_one_environment_leaves_the_others_history_and_torque() -> None
     assert not np.array_equal(got["tau_dyn"][:, 1], want["tau_dyn"][:, 1])
 
 
-def test_learned_torque_in_a_captured_step_is_bit_equal() -> None:
+@pytest.mark.parametrize("lstm_state", list(LstmState))
+def test_learned_torque_in_a_captured_step_is_bit_equal(lstm_state: LstmState) -> None:
     """Recorded once and replayed on other gates, the evaluation gives the same bits as a direct call."""
     model = make_model("lstm", seed=12)
     ring, head, m_dyn, tau = make_window(8, seed=13)
-    residual = LearnedTorque(model, dt=DT, threads=2)
+    residual = LearnedTorque(model, dt=DT, lstm_state=lstm_state, threads=2)
     gate, out = wp.zeros(m_dyn.shape, dtype=float, device="cpu"), wp.array(tau, dtype=float, device="cpu")
     residual(ring, head, gate, out)
+    residual.reset(wp.full(8, True, dtype=wp.bool, device="cpu"))
     with wp.ScopedDevice("cpu"), wp.ScopedCapture() as capture:
         residual(ring, head, gate, out)
     assert capture.graph is not None
@@ -331,7 +380,9 @@ def test_newton_drive_with_a_learned_torque_is_the_actuator_with_it(kind: str) -
     )
     cfg = MrActuatorCfg(coupling=Coupling.EXPLICIT, hold_current=HoldCurrent.FIXED)
     joints = [Joint(mr=with_bouc_wen(MrParams(), model))]
-    other = MrActuator(joints, [0], inputs, dt=DT, cfg=cfg, residual=LearnedTorque(model, dt=DT))
+    other = MrActuator(
+        joints, [0], inputs, dt=DT, cfg=cfg, residual=LearnedTorque(model, dt=DT, lstm_state=LstmState.WINDOW)
+    )
     inputs.q.assign(motion["q"][0].astype(np.float32))
     other.reset()
     mask = wp.array([False, True, False], dtype=wp.bool, device="cpu")

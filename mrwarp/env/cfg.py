@@ -9,6 +9,7 @@ from mrwarp.env.backend import BackendKind
 from mrwarp.env.sim import SimCfg
 from mrwarp.env.terrain import TerrainCfg
 from mrwarp.model_file import Model
+from mrwarp.nn.models import LstmState
 from mrwarp.robot import CURRENT_GROUPS, GAIT_FREQUENCY
 
 LEARNED = ("mlp", "lstm", "pg_rlstm")
@@ -107,6 +108,8 @@ class EnvCfg:
     """One of :data:`ACTUATORS`."""
     actuator_file: str | None = None
     """Trained network (.safetensors) of a learned ``actuator_model``; none for the others."""
+    lstm_state: LstmState = LstmState.CARRIED
+    """What the LSTM of a learned ``actuator_model`` begins each sample with."""
     window_capacity: float = 1.0
     """GPU threads for a learned torque as a share of all devices; if more gates are open they take several in turn.
     16 % are while walking."""
@@ -185,6 +188,7 @@ def make_walk_cfg(
     hold_current: HoldCurrent = HoldCurrent.SUPPORT,
     z_step: ZStep = ZStep.EULER,
     sal: bool = True,
+    lstm_state: LstmState = LstmState.CARRIED,
     backend: BackendKind | None = None,
     threads: int = 0,
     deterministic: bool = False,
@@ -202,6 +206,7 @@ def make_walk_cfg(
         actuator=MrActuatorCfg(coupling=coupling, hold_current=hold_current, z_step=z_step, sal=sal),
         actuator_model=actuator_model,
         actuator_file=actuator_file,
+        lstm_state=lstm_state,
         model=model,
         robot=robot,
         payload=payload,

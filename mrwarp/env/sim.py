@@ -367,8 +367,8 @@ class ActuatedSim:
         self.actuator.account()
 
     def _step_between_graphs(self, count: int) -> None:
-        # a residual on the CPU wakes threads of its own, which a graph cannot
-        captured = self.actuator.residual is None
+        # a residual on the CPU may wake threads of its own, which a graph cannot
+        captured = self.actuator.residual is None or self.actuator.residual.graphable
         if not self._brackets:
             self._brackets = [capture(self._before, self.sim.device)] if captured else []
             self._brackets.append(capture(self._after, self.sim.device))

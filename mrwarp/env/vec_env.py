@@ -367,6 +367,8 @@ def with_learned_torque(asset: Any, cfg: EnvCfg) -> tuple[Any, LearnedTorque]:
         raise model_file.ModelFileError(
             f"{cfg.actuator_file}: holds a {model.kind} model; use --actuator {model.kind} or another file"
         )
-    residual = LearnedTorque(model, dt=cfg.sim.dt, threads=cfg.sim.threads, capacity=cfg.window_capacity)
+    residual = LearnedTorque(
+        model, dt=cfg.sim.dt, lstm_state=cfg.lstm_state, threads=cfg.sim.threads, capacity=cfg.window_capacity
+    )
     actuators = tuple(replace(a, mr=with_bouc_wen(a.mr, model)) if a.mr else a for a in asset.actuators)
     return replace(asset, actuators=actuators), residual

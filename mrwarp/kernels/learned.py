@@ -1,11 +1,11 @@
-"""The learned torque in the loop: which windows are open, and the MLP and LSTM over one window per thread.
+"""The learned torque in the loop: the LSTM carried on by one sample per joint, or networks over the open windows.
 
-A network is evaluated only for devices whose dynamic gate is open. Each window is computed on its own, in one fixed
-order of operations, so its bits do not depend on which other windows are open. Inputs are the raw features: the
+A network over windows is evaluated only for devices whose dynamic gate is open. Each joint is computed on its own, in
+one fixed order of operations, so its bits do not depend on the others. Inputs are the raw features: the
 standardisation is folded into the first layer's weights.
 
-The launch has a fixed size, the capacity, which may be smaller than the number of open windows: then a thread takes
-another one when it is done. So a graph needs no number from the device, and no window is left out.
+A launch over windows has a fixed size, the capacity, which may be smaller than the number of open windows: then a
+thread takes another one when it is done. So a graph needs no number from the device, and no window is left out.
 
 These kernels run on any device; on a CPU ``lstm_lanes`` does the LSTM thirty times as fast.
 """
@@ -47,6 +47,19 @@ def open_windows_kernel(
         index_out[place] = env * m_dyn_in.shape[1] + joint
 
 
+@wp.kernel
+def begin_kernel(
+    # in, shape (E,)
+    mask_in: wp.array[wp.bool],
+    # out, shape (E*M,)
+    fresh_out: wp.array[int],
+):
+    """The joints of masked environments begin anew: their next state is made from their history."""
+    i = wp.tid()
+    if mask_in[i * mask_in.shape[0] // fresh_out.shape[0]]:
+        fresh_out[i] = 1
+
+
 @wp.func
 def write_torque(m_dyn: float, tau_bw: float, learned: float, replace: int) -> float:
     """Torque prediction [N·m]: tau_BW + residual (eq. 16) or the learned torque itself, where the gate is open."""
@@ -55,6 +68,46 @@ def write_torque(m_dyn: float, tau_bw: float, learned: float, replace: int) -> f
             return learned
         return tau_bw + learned
     return tau_bw
+
+
+@wp.func
+def lstm_sample(
+    weights: wp.array3d[float],
+    ring: wp.array4d[float],
+    env: int,
+    joint: int,
+    row: int,
+    before: int,
+    state: wp.array3d[float],
+    place: int,
+) -> int:
+    """One sample of a joint's history through the LSTM; returns the row of ``state`` with the hidden state after it.
+
+    Its rows are the hidden state before the sample (row ``before``, 0 or 1), after it (the other), and the cell state.
+    """
+    for unit in range(HIDDEN):
+        gates = wp.vec4(weights[unit, 0, 0], weights[unit, 0, 1], weights[unit, 0, 2], weights[unit, 0, 3])
+        for k in range(1, 1 + FEATURES + HIDDEN):
+            x = float(0.0)
+            if k <= FEATURES:
+                x = ring[env, joint, row, k - 1]
+            else:
+                x = state[before, k - 1 - FEATURES, place]
+            own = wp.vec4(weights[unit, k, 0], weights[unit, k, 1], weights[unit, k, 2], weights[unit, k, 3])
+            gates += x * own
+        cell = sigmoid(gates[1]) * state[2, unit, place] + sigmoid(gates[0]) * wp.tanh(gates[2])
+        state[2, unit, place] = cell
+        state[1 - before, unit, place] = sigmoid(gates[3]) * wp.tanh(cell)
+    return 1 - before
+
+
+@wp.func
+def lstm_readout(readout: wp.array[float], hidden: int, state: wp.array3d[float], place: int) -> float:
+    """Output of the network [N·m] from the hidden state in a row of ``state``."""
+    learned = float(readout[HIDDEN])
+    for unit in range(HIDDEN):
+        learned += readout[unit] * state[hidden, unit, place]
+    return learned
 
 
 @wp.kernel
@@ -83,26 +136,50 @@ def lstm_window_kernel(
         for unit in range(HIDDEN):
             scratch_out[0, unit, place] = 0.0
             scratch_out[2, unit, place] = 0.0
+        hidden = int(0)
         for sample in range(length):
             row = window_row(sample, head_in[0], length)
-            before, after = sample % 2, 1 - sample % 2
-            for unit in range(HIDDEN):
-                gates = wp.vec4(weights[unit, 0, 0], weights[unit, 0, 1], weights[unit, 0, 2], weights[unit, 0, 3])
-                for k in range(1, 1 + FEATURES + HIDDEN):
-                    x = float(0.0)
-                    if k <= FEATURES:
-                        x = ring_in[env, joint, row, k - 1]
-                    else:
-                        x = scratch_out[before, k - 1 - FEATURES, place]
-                    own = wp.vec4(weights[unit, k, 0], weights[unit, k, 1], weights[unit, k, 2], weights[unit, k, 3])
-                    gates += x * own
-                cell = sigmoid(gates[1]) * scratch_out[2, unit, place] + sigmoid(gates[0]) * wp.tanh(gates[2])
-                scratch_out[2, unit, place] = cell
-                scratch_out[after, unit, place] = sigmoid(gates[3]) * wp.tanh(cell)
-        learned = float(readout[HIDDEN])
-        for unit in range(HIDDEN):
-            learned += readout[unit] * scratch_out[length % 2, unit, place]
+            hidden = lstm_sample(weights, ring_in, env, joint, row, hidden, scratch_out, place)
+        learned = lstm_readout(readout, hidden, scratch_out, place)
         tau_dyn_out[env, joint] = write_torque(m_dyn_in[env, joint], tau_dyn_in[env, joint], learned, replace)
+
+
+@wp.kernel
+def lstm_carried_kernel(
+    # parameters: as of lstm_window_kernel
+    weights: wp.array3d[float],
+    readout: wp.array[float],
+    replace: int,
+    # in, shape (1,), (E, M, WINDOW, FEATURES), (E, M), (E, M)
+    head_in: wp.array[int],
+    ring_in: wp.array4d[float],
+    m_dyn_in: wp.array2d[float],
+    tau_dyn_in: wp.array2d[float],
+    # out, 1 where a state is still to be made from the history, shape (E*M,); hidden state, scratch, cell state, shape
+    # (3, HIDDEN, at least E*M); torque, shape (E, M) [N·m]
+    fresh_out: wp.array[int],
+    state_out: wp.array3d[float],
+    tau_dyn_out: wp.array2d[float],
+):
+    """One sample more for a joint's LSTM (table 1), open or not; after a reset, its whole history first."""
+    env, joint = wp.tid()
+    place, length = env * m_dyn_in.shape[1] + joint, ring_in.shape[2]
+    before = int(0)
+    if fresh_out[place] > 0:
+        fresh_out[place] = 0
+        for unit in range(HIDDEN):
+            state_out[0, unit, place] = 0.0
+            state_out[2, unit, place] = 0.0
+        for sample in range(length - 1):
+            row = window_row(sample, head_in[0], length)
+            before = lstm_sample(weights, ring_in, env, joint, row, before, state_out, place)
+    if (
+        lstm_sample(weights, ring_in, env, joint, head_in[0], before, state_out, place) == 1
+    ):  # the next step reads row 0
+        for unit in range(HIDDEN):
+            state_out[0, unit, place] = state_out[1, unit, place]
+    learned = lstm_readout(readout, 0, state_out, place)
+    tau_dyn_out[env, joint] = write_torque(m_dyn_in[env, joint], tau_dyn_in[env, joint], learned, replace)
 
 
 @wp.kernel

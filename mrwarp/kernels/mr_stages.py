@@ -1,8 +1,9 @@
-"""The MR joint's stages of one torque step, fused into two kernels around the learned residual.
+"""The MR joint's stages of one torque step, fused into two kernels or one.
 
-``predict_kernel`` runs gate, coil, history and Bouc-Wen over (env, MR joint); then a residual may be added to its
-prediction; ``torque_kernel`` turns the prediction into motor torque and device torque, or brake bound, over
-(env, joint). The steps are those of ``mr_joint``; nothing is written here but their order.
+``predict_kernel`` runs gate, coil, history and Bouc-Wen over (env, MR joint); ``torque_kernel`` turns the prediction
+into motor torque and device torque, or brake bound, over (env, joint). ``step_kernel`` is both; where a learned torque
+then takes the place of the prediction, ``learned_torque_kernel`` mends what hangs on it. The steps are those of
+``mr_joint``; nothing is written here but their order.
 """
 
 import warp as wp
@@ -217,7 +218,7 @@ def step_kernel(
     tau_out: wp.array2d[float],
     bound_out: wp.array2d[float],
 ):
-    """Both kernels in one, where no residual comes between them: a GPU takes a thread per joint, a CPU one for all.
+    """Both kernels in one: a GPU takes a thread per joint, a CPU one for all.
 
     A CPU runs the threads one after the other, and starting one, which copies all arguments, costs as much as the laws.
     A single thread moves the ring's head itself. Arrays (E, ...) have to be contiguous.
@@ -261,6 +262,45 @@ def step_kernel(
             put(tau_motor_out, at, motor)
             put(tau_out, at, motor + device)
             put(bound_out, at, bound)
+
+
+@wp.kernel(enable_backward=False)
+def learned_torque_kernel(
+    # parameters: environments and devices that a thread takes are this far apart; the rest as in predict_kernel and
+    # torque_kernel
+    rows: int,
+    lanes: int,
+    params: wp.array2d[JointParams],
+    joint_of: wp.array[int],
+    constraint: int,
+    # in, shape (E, J) [rad, rad, rad/s], (E, M) [1, 1, A, N·m], (E, J) [N·m]
+    q_des_in: wp.array2d[float],
+    q_in: wp.array2d[float],
+    qd_in: wp.array2d[float],
+    m_dyn_in: wp.array2d[float],
+    m_hold_in: wp.array2d[float],
+    current_in: wp.array2d[float],
+    tau_dyn_in: wp.array2d[float],
+    tau_motor_in: wp.array2d[float],
+    # out, as of torque_kernel
+    tau_mr_out: wp.array2d[float],
+    tau_out: wp.array2d[float],
+    bound_out: wp.array2d[float],
+):
+    """What step_kernel gave with tau_BW, again for the open gates with the learned torque that has taken its place."""
+    first, lane = wp.tid()
+    for env in range(first, q_in.shape[0], rows):
+        for slot in range(lane, m_dyn_in.shape[1], lanes):
+            if m_dyn_in[env, slot] > 0.0:
+                joint = joint_of[slot]
+                p = params[wp.min(env, params.shape[0] - 1), slot]
+                known, device, bound = device_share(
+                    p, constraint, m_hold_in[env, slot], q_des_in[env, joint] - q_in[env, joint], qd_in[env, joint],
+                    current_in[env, slot], tau_dyn_in[env, slot],
+                )  # fmt: skip
+                tau_mr_out[env, slot] = known
+                tau_out[env, joint] = tau_motor_in[env, joint] + device
+                bound_out[env, joint] = bound
 
 
 @wp.kernel

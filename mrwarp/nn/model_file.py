@@ -16,7 +16,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
 from mrwarp.in_one_piece import replacing
-from mrwarp.nn.models import FEATURES, SAMPLES, TorqueNet, make_net
+from mrwarp.nn.models import FEATURES, SAMPLES, LstmState, LstmTorque, TorqueNet, make_net
 
 META = "mrwarp"
 """Key of the metadata entry that holds the description as JSON, in both kinds of file."""
@@ -155,16 +155,22 @@ def export_onnx(model: LearnedModel, path: Path) -> None:
 
 
 @torch.no_grad()
-def torque_of(model: LearnedModel, features: np.ndarray) -> np.ndarray:
+def torque_of(model: LearnedModel, features: np.ndarray, lstm_state: LstmState = LstmState.WINDOW) -> np.ndarray:
     """Output of the network along one trajectory [N·m], shape (N,); NaN where the window is not yet full.
 
     Args:
         model: The model.
         features: Raw (q_c, qd, current), shape (N, 3).
+        lstm_state: What an LSTM begins each sample with; an MLP has no state.
     """
     x = torch.from_numpy(np.ascontiguousarray(features, dtype=np.float32))
     result = np.full(len(x), np.nan)
-    if len(x) >= model.samples:
-        windows = x.unfold(0, model.samples, 1).transpose(1, 2)
-        result[model.samples - 1 :] = torch.cat([model.net(part) for part in windows.split(512)]).numpy()
+    full = model.samples - 1
+    if len(x) <= full:
+        return result
+    if lstm_state is LstmState.CARRIED and isinstance(model.net, LstmTorque):
+        result[full:] = model.net.carried(x)[full:].numpy()
+        return result
+    windows = x.unfold(0, model.samples, 1).transpose(1, 2)
+    result[full:] = torch.cat([model.net(part) for part in windows.split(512)]).numpy()
     return result

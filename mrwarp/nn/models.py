@@ -7,6 +7,8 @@
 
 from __future__ import annotations
 
+import enum
+
 import torch
 from torch import nn
 
@@ -18,6 +20,16 @@ HIDDEN = 64
 
 SAMPLES = {"mlp": 3, "lstm": 50, "pg_rlstm": 50}
 """Samples that each kind of model sees; its keys are the kinds there are."""
+
+
+class LstmState(enum.Enum):
+    """What an LSTM's hidden and cell state are at the newest sample."""
+
+    CARRIED = "carried"
+    """Those of the sample before, carried on: one sample of work per step. What is further back than the window of
+    eq. 12 still counts, and predictions are better for it (models/README.md)."""
+    WINDOW = "window"
+    """Zero at the beginning of the last 50 samples (eq. 12), which are gone through again at every step."""
 
 
 class StandardScaler(nn.Module):
@@ -87,6 +99,11 @@ class LstmTorque(nn.Module):
         """The same of standardised windows with time first, shape (50, N, FEATURES)."""
         output, _ = self.lstm(window)
         return self.out(output[-1]).squeeze(1)
+
+    def carried(self, x: torch.Tensor) -> torch.Tensor:
+        """Torque [N·m] at every sample of one trajectory, the state carried on, shape (N,), of raw x (N, FEATURES)."""
+        output, _ = self.lstm(self.scaler(x).unsqueeze(1))
+        return self.out(output).flatten()
 
 
 TorqueNet = MlpTorque | LstmTorque

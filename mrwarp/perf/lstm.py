@@ -1,8 +1,8 @@
-"""The learned torque by itself: our kernel, torch's and onnxruntime's LSTM on the same windows, Newton's LSTM drive.
+"""The learned torque by itself: our kernels, torch's and onnxruntime's LSTM, Newton's LSTM drive.
 
-onnxruntime is timed where it is installed; mrwarp does without. They do not all compute the same. The first three
-replay the last 50 samples of each open window (eq. 12), so a window owes nothing to what was before it. Newton's drive
-carries hidden and cell state along: one sample per step and joint.
+onnxruntime is timed where it is installed; mrwarp does without. They do not all compute the same. Our kernel over
+windows, torch and onnxruntime replay the last 50 samples of each open window (eq. 12), so a window owes nothing to what
+was before it. Our carried states and Newton's drive take one sample per step and joint.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ import warp as wp
 from mrwarp.kernels.window import FEATURES, WINDOW
 from mrwarp.nn import model_file
 from mrwarp.nn.model_file import LearnedModel
+from mrwarp.nn.models import LstmState
 from mrwarp.perf.newton_lstm import NewtonLstm
 from mrwarp.perf.timing import Turn
 from mrwarp.residual import LearnedTorque, window_now
@@ -47,7 +49,9 @@ class LstmCost:
         path = model_file.shipped_model("pg_rlstm")
         assert path is not None  # it is shipped
         model = model_file.load(path)
-        self._ours = LearnedTorque(model, dt=model.dt, threads=threads)
+        self._ours = {
+            state: LearnedTorque(model, dt=model.dt, lstm_state=state, threads=threads) for state in LstmState
+        }
         rng = np.random.default_rng(0)
         scale = np.array([0.3, 3.0, 0.7])
         windows = (rng.normal(size=(count, 1, WINDOW, FEATURES)) * scale).astype(np.float32)
@@ -56,7 +60,7 @@ class LstmCost:
         self._torque = wp.zeros((count, 1), dtype=float, device="cpu")
         self._newton = NewtonLstm(count, folder)
         self._net = model.net
-        self._step_ours()
+        self._step_ours(LstmState.WINDOW)
         ordered = window_now(self._ring, self._head)[:, 0]
         with torch.inference_mode():
             wanted = self._net(ordered)
@@ -71,15 +75,15 @@ class LstmCost:
     def turns(self, repeat: int = 5) -> dict[str, Turn]:
         """Seconds per step of all joints."""
         found = {
-            "ours": _timed(self._step_ours, repeat),
+            **{state.value: _timed(partial(self._step_ours, state), repeat) for state in LstmState},
             "torch": _timed(self._step_torch, repeat),
             "newton": _timed(self._newton.step, repeat),
         }
         return found if self._session is None else {**found, "onnxruntime": _timed(self._step_onnx, repeat)}
 
-    def _step_ours(self) -> None:
+    def _step_ours(self, state: LstmState) -> None:
         self._torque.zero_()
-        self._ours(self._ring, self._head, self._open, self._torque)
+        self._ours[state](self._ring, self._head, self._open, self._torque)
 
     def _step_torch(self) -> None:
         with torch.inference_mode():

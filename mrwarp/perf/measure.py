@@ -27,6 +27,9 @@ PARTS = {
 }
 """Parts of a walking step, from the bottom of the picture to its top."""
 
+BRACKETED = ("pd", "bouc_wen", "explicit", "lstm", "lstm_window")
+"""Robots on ``mujoco.batch``, of :data:`mrwarp.perf.walks.VARIANTS`."""
+
 LIMITS = {
     "bouc_wen/pd": 1.10,
     "env/plain": 1.0 / 0.70,
@@ -127,7 +130,7 @@ def walking(
 ) -> tuple[dict[str, Any], dict[str, Spread]]:
     """Plain physics, plain motors, Bouc-Wen in both couplings, the LSTM residual, and MuJoCo-Warp, walking."""
     steps = cfg.steps or max(1, 640 // count)
-    walks = {name: _walk(name, cfg, count, steps, policy) for name in ("pd", "bouc_wen", "explicit", "lstm")}
+    walks = {name: _walk(name, cfg, count, steps, policy) for name in BRACKETED}
     if count <= cfg.mjwarp_up_to:
         for name in ("mjwarp_eager", "mjwarp_captured"):
             few = max(1, steps // 5)
@@ -143,6 +146,7 @@ def walking(
         f"explicit/pd{at}": ratio(times, "explicit.robot", "pd.robot"),
         f"env/plain{at}": ratio(times, "bouc_wen.env", "plain.plain"),
         f"lstm env/plain{at}": ratio(times, "lstm.env", "plain.plain"),
+        f"lstm window env/plain{at}": ratio(times, "lstm_window.env", "plain.plain"),
     }
     if "mjwarp_eager" in walks:
         ratios[f"mjwarp captured/eager{at}"] = ratio(times, "mjwarp_captured.robot", "mjwarp_eager.robot")
@@ -150,7 +154,7 @@ def walking(
     found = {
         "steps_per_turn": steps,
         "seconds": {part: Spread.of(values).plain() for part, values in times.items()},
-        "breakdown": {name: breakdown(times, name) for name in ("pd", "bouc_wen", "explicit", "lstm")},
+        "breakdown": {name: breakdown(times, name) for name in BRACKETED},
         "checks": checks,
     }
     return found, ratios
@@ -200,8 +204,12 @@ def lstm(cfg: PerfCfg, folder: Path, progress: Callable[[float], None]) -> tuple
         "milliseconds": {part: Spread.of(1e3 * t for t in values).plain() for part, values in times.items()},
         "largest_difference": cost.difference,
     }
-    others = [part.removesuffix(".step") for part in times if part != "ours.step"]
-    return found, {f"lstm ours/{name}": ratio(times, "ours.step", f"{name}.step") for name in others}
+    windows = [part for part in ("torch", "onnxruntime") if f"{part}.step" in times]
+    return found, {
+        "lstm carried/newton": ratio(times, "carried.step", "newton.step"),
+        "lstm carried/window": ratio(times, "carried.step", "window.step"),
+        **{f"lstm window/{name}": ratio(times, "window.step", f"{name}.step") for name in windows},
+    }
 
 
 def _processor() -> str:

@@ -16,17 +16,20 @@ from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.evaluate.walking import Policy
 from mrwarp.nn.model_file import shipped_model
+from mrwarp.nn.models import LstmState
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "pd": {"actuator_model": "none"},
     "bouc_wen": {},
     "explicit": {"coupling": Coupling.EXPLICIT},
     "lstm": {"actuator_model": "pg_rlstm"},
+    "lstm_window": {"actuator_model": "pg_rlstm", "lstm_state": LstmState.WINDOW},
     "mjwarp_eager": {"backend": BackendKind.MJWARP},
     "mjwarp_captured": {"backend": BackendKind.MJWARP},
 }
 """Robots by name: plain motors; Bouc-Wen, gates and hold as brake constraint and as explicit torque; with the LSTM
-residual; Bouc-Wen on MuJoCo-Warp, step by step and as a captured graph."""
+residual, its state carried on or made from 50 samples at every step; Bouc-Wen on MuJoCo-Warp, step by step and as a
+captured graph."""
 
 INPUTS = ("qpos", "qvel", "qacc_warmstart", "qfrc_applied", "xfrc_applied")
 """What decides a physics step, besides the brake bounds."""

@@ -17,6 +17,7 @@ def task(cfg: EnvCfg) -> dict[str, Any]:
         "asset": cfg.asset,
         "actuator": cfg.actuator_model,
         "actuator_file": _portable(cfg),
+        "lstm_state": cfg.lstm_state.value if "lstm" in cfg.actuator_model else None,
         "model": cfg.model if isinstance(cfg.model, str | None) else cfg.model.fitted_on.source,
         "coupling": cfg.actuator.coupling.value,
         "hold_current": cfg.actuator.hold_current.value,

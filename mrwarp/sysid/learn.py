@@ -11,7 +11,7 @@ import numpy as np
 
 from mrwarp.nn import model_file, windows
 from mrwarp.nn.model_file import LearnedModel
-from mrwarp.nn.models import SAMPLES, make_net
+from mrwarp.nn.models import SAMPLES, LstmState, make_net
 from mrwarp.nn.train import FitCfg, History, Report, fit, rmse
 from mrwarp.params import BoucWenParams
 from mrwarp.sysid.recording import Recording, RecordingError, Trajectory
@@ -145,7 +145,10 @@ def bouc_wen_torque(recording: Recording, bouc_wen: Mapping[str, float]) -> list
 
 
 def predict(
-    model: LearnedModel, recording: Recording, baseline: Sequence[np.ndarray] | None = None
+    model: LearnedModel,
+    recording: Recording,
+    baseline: Sequence[np.ndarray] | None = None,
+    lstm_state: LstmState = LstmState.WINDOW,
 ) -> list[np.ndarray]:
     """Predicted torque along each trajectory [N·m], tau_BW included (eq. 16); NaN where the window is not full.
 
@@ -153,6 +156,7 @@ def predict(
         model: The model.
         recording: The motion.
         baseline: As in :func:`learn`, for a model that was trained with one.
+        lstm_state: What an LSTM begins each sample with; with ``CARRIED``, its state since the trajectory's beginning.
 
     Raises:
         SamplingRateError: the recording has another rate than the model.
@@ -161,7 +165,7 @@ def predict(
     if model.is_residual and not model.bouc_wen and baseline is None:
         raise ValueError("this pg_rlstm model was trained on another physical model; give its torque as baseline")
     model.check_rate(sampling_interval(recording))
-    tau = [model_file.torque_of(model, x) for x in features(recording, model.bouc_wen)]
+    tau = [model_file.torque_of(model, x, lstm_state) for x in features(recording, model.bouc_wen)]
     if model.is_residual:
         physical = baseline or bouc_wen_torque(recording, model.bouc_wen)
         tau = [a + b for a, b in zip(tau, physical, strict=True)]
@@ -199,9 +203,10 @@ def summary(by_current: Mapping[float, Sequence[float]]) -> dict[str, Any]:
 def table(figures: Mapping[str, dict[str, Any]]) -> str:
     """RMSE per model and current as text; ``figures`` holds a :func:`summary` per model."""
     currents = list(next(iter(figures.values()))["by_current"])
-    lines = ["RMSE [N·m]".ljust(12) + "".join(f"{amps + ' A':>16s}" for amps in currents) + "     average"]
+    width = max(12, *(len(name) + 1 for name in figures))
+    lines = ["RMSE [N·m]".ljust(width) + "".join(f"{amps + ' A':>16s}" for amps in currents) + "     average"]
     for name, row in figures.items():
         cells = (row["by_current"][amps] for amps in currents)
         text = "".join(f"{cell['mean']:8.3f} ± {cell['sd']:.3f}" for cell in cells)
-        lines.append(name.ljust(12) + text + f"{row['average']:12.3f}")
+        lines.append(name.ljust(width) + text + f"{row['average']:12.3f}")
     return "\n".join(lines)

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from mrwarp.folder import check_writable
 from mrwarp.model_file import load_model
 from mrwarp.nn import model_file
-from mrwarp.nn.models import SAMPLES
+from mrwarp.nn.models import SAMPLES, LstmState
 from mrwarp.nn.train import FitCfg, History
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
@@ -67,6 +67,8 @@ def main(argv: list[str] | None = None) -> int:
     figures = {**learned.figures, "bouc_wen": model.bouc_wen, "evaluation": None}
     if evaluation:
         names = {"bouc_wen": learn.bouc_wen_torque(evaluation, bouc_wen), args.model: learn.predict(model, evaluation)}
+        if "lstm" in args.model:  # as the simulation runs it
+            names[f"{args.model}, carried"] = learn.predict(model, evaluation, lstm_state=LstmState.CARRIED)
         figures["evaluation"] = {
             name: learn.summary(learn.errors(tau, evaluation)) for name, tau in names.items()
         }  # fmt: skip

@@ -74,4 +74,4 @@ def test_bad_input_is_refused_on_one_line(
 def test_limits_hold_where_they_are_aimed_at() -> None:
     """64 and 256 robots have limits, other numbers none; ratios without a number have theirs."""
     assert limit_of("env/plain @64") == LIMITS["env/plain"] and limit_of("env/plain @1024") is None
-    assert limit_of("kernels/c") == 1.5 and limit_of("lstm ours/torch") is None
+    assert limit_of("kernels/c") == 1.5 and limit_of("lstm window/torch") is None
