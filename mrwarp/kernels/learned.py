@@ -173,9 +173,8 @@ def lstm_carried_kernel(
         for sample in range(length - 1):
             row = window_row(sample, head_in[0], length)
             before = lstm_sample(weights, ring_in, env, joint, row, before, state_out, place)
-    if (
-        lstm_sample(weights, ring_in, env, joint, head_in[0], before, state_out, place) == 1
-    ):  # the next step reads row 0
+    after = lstm_sample(weights, ring_in, env, joint, head_in[0], before, state_out, place)
+    if after == 1:  # the next step reads row 0
         for unit in range(HIDDEN):
             state_out[0, unit, place] = state_out[1, unit, place]
     learned = lstm_readout(readout, 0, state_out, place)
