@@ -133,6 +133,18 @@ class OnnxPolicy:
             values[node.output[0]] = _OPS[node.op_type](attributes, *(values[name] for name in node.input))
         return values[self._output]
 
+    def actor(self) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
+        """Weights under the actor's own names, and what its normaliser divides by, shape (1, 47).
+
+        Raises:
+            KeyError: it has no normaliser.
+        """
+        divisors = [node.input[1] for node in self._nodes if node.op_type == "Div"]
+        if len(divisors) != 1 or divisors[0] not in self._weights:
+            raise KeyError("an observation normaliser")
+        named = {name: value for name, value in self._weights.items() if name != divisors[0]}
+        return named, self._weights[divisors[0]]
+
 
 def _gemm(attributes: dict[str, Any], x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
     weight = weight.t() if attributes.get("transB") else weight

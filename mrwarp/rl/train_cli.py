@@ -65,8 +65,10 @@ def make_parser() -> argparse.ArgumentParser:
     view.add_argument("--connect", metavar="URL", help="send it to a rerun viewer that runs already")
     begin = parser.add_mutually_exclusive_group()
     begin.add_argument("--resume", type=Path, metavar="CHECKPOINT", help="go on from a checkpoint.pt")
-    networks = "a new training that begins with the networks of another task's checkpoint.pt, e.g. rough after flat"
-    begin.add_argument("--start-from", type=Path, metavar="CHECKPOINT", help=networks)
+    networks = (
+        "a new training that begins with the networks of another task's checkpoint.pt, or a policy's actor (.onnx)"
+    )
+    begin.add_argument("--start-from", type=Path, metavar="FILE", help=networks)
     return parser
 
 

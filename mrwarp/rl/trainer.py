@@ -61,7 +61,7 @@ class Trainer:
     Args:
         cfg: The run.
         resume: Checkpoint to go on from, or None to start anew.
-        start_from: Checkpoint of another task whose networks a new training begins with; not with ``resume``.
+        start_from: Checkpoint or policy of another task whose networks a new training begins with; not with ``resume``.
         ranks: The processes that train together, each with ``cfg``'s environments; None trains alone.
 
     Attributes:
@@ -72,6 +72,7 @@ class Trainer:
 
     Raises:
         CheckpointError: a checkpoint cannot be used.
+        PolicyError: a policy to start from cannot.
         FolderError: the output folder cannot be written.
     """
 

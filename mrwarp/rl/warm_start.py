@@ -8,50 +8,88 @@ from typing import Any
 import torch
 
 from mrwarp.rl import checkpoint
+from mrwarp.rl.policy import OnnxPolicy, PolicyError
+from mrwarp.rl.ppo_cfg import STEPS_PER_UPDATE
 
 NETWORKS = ("actor", "critic")
-"""What is taken over, with observation normalisers and exploration noise; optimiser, environment and draws are new."""
+"""What is taken from a checkpoint, with normalisers and exploration noise; optimiser, environment and draws are new."""
+
+NOISE = 0.15
+"""Exploration to begin with when the file holds none: a policy's. Trained ones have 0.10 to 0.22, new ones 0.6, with
+which a gait falls."""
 
 
 def take_networks(algorithm: Any, path: Path) -> dict[str, Any]:
-    """Give actor and critic the weights of a checkpoint.
+    """Give the networks of a new training the weights of an earlier one.
 
     Args:
         algorithm: rsl-rl's PPO of the new training.
-        path: Checkpoint of any task whose observations and actions are as many, by any number of processes.
+        path: A checkpoint of any task whose observations and actions are as many, by any number of processes: actor and
+            critic. Or an exported policy (.onnx): the actor alone, with :data:`NOISE`; the critic stays as drawn.
 
     Returns:
-        Where the networks come from, for the record: ``checkpoint``, its ``task``, ``seed`` and ``iteration``.
+        Where the networks come from, for the record: ``file``, its ``task``, ``seed`` and ``iteration``.
 
     Raises:
-        CheckpointError: it cannot be read, or its networks do not fit the new task; nothing has been taken over.
+        CheckpointError: a checkpoint cannot be read, or networks do not fit the new task; nothing has been taken over.
+        PolicyError: a policy cannot be read, or its metadata lack something.
     """
+    origin, saved = _of_policy(algorithm, path) if path.suffix == ".onnx" else _of_checkpoint(path)
+    own = {name: getattr(algorithm, name) for name in saved}
+    for name, weights in saved.items():
+        _check(own[name].state_dict(), weights, f"{path}: its {name}", origin["task"])
+    for name, weights in saved.items():
+        own[name].load_state_dict(weights, strict=True)
+    return {"file": str(path), **origin}
+
+
+def _of_checkpoint(path: Path) -> tuple[dict[str, Any], dict[str, dict[str, torch.Tensor]]]:
+    """Origin, and weights of actor and critic by name."""
     content = checkpoint.load(path)
     try:
-        source = {"checkpoint": str(path), **{name: content[name] for name in ("task", "seed", "iteration")}}
+        origin = {name: content[name] for name in ("task", "seed", "iteration")}
         saved = {name: dict(content["algorithm"][f"{name}_state_dict"]) for name in NETWORKS}
-        for name in NETWORKS:
-            _check_shapes(getattr(algorithm, name).state_dict(), saved[name], name, path, content["task"])
+        if not isinstance(origin["task"], dict):
+            raise TypeError("task is no table")
+        if wrong := [key for net in saved.values() for key, value in net.items() if not torch.is_tensor(value)]:
+            raise TypeError(f"{wrong[0]} is no tensor")
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        if isinstance(error, checkpoint.CheckpointError):
-            raise
         cause = " ".join(str(error).split())
         raise checkpoint.CheckpointError(
             f"{path}: does not fit this version of mrwarp ({cause}); start from another checkpoint"
         ) from error
-    for name in NETWORKS:
-        getattr(algorithm, name).load_state_dict(saved[name], strict=True)
-    return source
+    return origin, saved
 
 
-def _check_shapes(own: dict[str, torch.Tensor], saved: dict[str, Any], name: str, path: Path, task: Any) -> None:
-    """Raise CheckpointError unless the saved tensors are those of the new network, all of them numbers."""
-    trained = f"it was trained on {task['robot']} with {task['actuator']}"
-    remedy = "start from a checkpoint of a robot with the same joints and devices"
+def _of_policy(algorithm: Any, path: Path) -> tuple[dict[str, Any], dict[str, dict[str, torch.Tensor]]]:
+    """Origin, and weights of the actor; its statistics weigh as much as the samples that the policy was trained on."""
+    policy = OnnxPolicy(path)
+    try:
+        origin = {name: policy.description[name] for name in ("task", "seed", "iteration")}
+        samples = int(origin["iteration"]) * STEPS_PER_UPDATE * int(origin["task"]["num_envs"])
+        weights, divisor = policy.actor()
+    except (KeyError, TypeError, ValueError) as error:
+        raise PolicyError(f"{path}: lacks {' '.join(str(error).split())}; use a policy of train/ppo.py") from error
+    std = (divisor - algorithm.actor.obs_normalizer.eps).clamp(min=0.0)
+    return origin, {
+        "actor": {
+            **weights,
+            "obs_normalizer._std": std,
+            "obs_normalizer._var": std.square(),
+            "obs_normalizer.count": torch.tensor(max(samples, 1)),
+            "distribution.std_param": torch.full_like(algorithm.actor.state_dict()["distribution.std_param"], NOISE),
+        }
+    }
+
+
+def _check(own: dict[str, torch.Tensor], saved: dict[str, torch.Tensor], what: str, task: dict[str, Any]) -> None:
+    """Raise CheckpointError unless the saved tensors have the shapes of the new network, and hold numbers."""
     for key in sorted(own.keys() | saved.keys()):
-        shapes = [tuple(net[key].shape) if key in net else "none" for net in (saved, own)]
-        if shapes[0] != shapes[1]:
-            differ = f"its {name} has {key} of shape {shapes[0]}, this training needs {shapes[1]}"
-            raise checkpoint.CheckpointError(f"{path}: {differ} ({trained}); {remedy}")
+        theirs, ours = (tuple(net[key].shape) if key in net else "none" for net in (saved, own))
+        if theirs != ours:
+            raise checkpoint.CheckpointError(
+                f"{what} has {key} of shape {theirs}, this training needs {ours} (it was trained on "
+                f"{task.get('robot')} with {task.get('actuator')}); start from a robot with the same joints and devices"
+            )
         if not bool(torch.isfinite(saved[key]).all()):
-            raise checkpoint.CheckpointError(f"{path}: its {name} holds no numbers in {key}; use an earlier checkpoint")
+            raise checkpoint.CheckpointError(f"{what} holds no numbers in {key}; use an earlier one")

@@ -43,6 +43,8 @@ def make_parser() -> argparse.ArgumentParser:
         part.add_argument("--iterations", type=positive, default=default.iterations, help="PPO updates of every policy")
         part.add_argument("--terrain", choices=TERRAINS, default=default.terrain, help="ground of every training")
         part.add_argument("--runs", type=Path, default=Path("runs/study"), help="folder of the runs")
+    begin = "folder of policies to begin with, e.g. policies/study; each training takes the one of its plant and seed"
+    train.add_argument("--start-from", type=Path, metavar="DIR", help=begin)
     collect.add_argument("--out", type=Path, default=STUDY, help="where policies and records go")
     tables = {
         "table2": "conventional and actuator-aware policies, SAL off and on",
@@ -100,7 +102,7 @@ def _study_cfg(args: argparse.Namespace) -> Any:
 
     return StudyCfg(
         num_envs=args.num_envs, iterations=args.iterations, terrain=args.terrain, seeds=tuple(args.seeds),
-        plants=tuple(args.plants),
+        plants=tuple(args.plants), start_from=getattr(args, "start_from", None),
     )  # fmt: skip
 
 

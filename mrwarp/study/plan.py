@@ -38,6 +38,8 @@ class StudyCfg:
     """PPO updates, the same for every policy."""
     terrain: str = "flat"
     """Ground and its curriculum."""
+    start_from: Path | None = None
+    """Folder of policies that the trainings begin with, each with that of its plant and seed; None draws networks."""
     seeds: tuple[int, ...] = SEEDS
     """Training seeds."""
     plants: tuple[str, ...] = field(default=PLANTS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from mrwarp.folder import FolderError, claim
 from mrwarp.in_one_piece import write_bytes, write_text
 from mrwarp.model_file import read_json_file
 from mrwarp.rl import checkpoint
+from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.rl.trainer import TrainCfg, Trainer
 from mrwarp.study.plan import StudyCfg, name, plant_cfg, policy_file, record_file
 
@@ -44,8 +46,12 @@ def train(cfg: StudyCfg, out: Path, *, threads: int = 0, report: Callable[[str],
 
     Raises:
         CheckpointError: a checkpoint is of another task.
+        PolicyError: a policy to start from is missing or unreadable.
         TrainingError: a training broke off.
     """
+    if cfg.start_from is not None:
+        for plant, seed in product(cfg.plants, cfg.seeds):
+            OnnxPolicy(policy_file(cfg.start_from, plant, seed))  # all of them, before anything is written
     finished = True
     for seed in cfg.seeds:
         for plant in cfg.plants:
@@ -94,6 +100,7 @@ def collect(cfg: StudyCfg, out: Path, folder: Path) -> list[Path]:
 
 def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> Trainer:
     saved = run / "checkpoint.pt"
+    begin = None if saved.is_file() or cfg.start_from is None else policy_file(cfg.start_from, plant, seed)
     train_cfg = TrainCfg(
         env=plant_cfg(plant, num_envs=cfg.num_envs, terrain=cfg.terrain, threads=threads),
         out=run,
@@ -102,9 +109,9 @@ def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> T
         until_gate=False,
         check_every=float("inf"),
         command=f"mrwarp study train --plants {plant} --seeds {seed} --num-envs {cfg.num_envs} --iterations "
-        f"{cfg.iterations} --terrain {cfg.terrain}",
+        f"{cfg.iterations} --terrain {cfg.terrain}" + (f" --start-from {cfg.start_from}" if cfg.start_from else ""),
     )
-    return Trainer(train_cfg, resume=saved if saved.is_file() else None)
+    return Trainer(train_cfg, resume=saved if saved.is_file() else None, start_from=begin)
 
 
 def _iterations(run: Path) -> int:
@@ -136,5 +143,6 @@ def _record(run: Path, plant: str, seed: int) -> dict[str, Any]:
         "plant": plant,
         "seed": seed,
         **{key: result[key] for key in _COPIED},
+        "started_from": result.get("started_from"),  # results of earlier versions have none
         "curve": {key: [row[key] for row in kept] for key in KEPT if kept and key in kept[0]},
     }

@@ -1,6 +1,7 @@
 """Warm start: a training of another task begins with an earlier one's networks, and refuses those that do not fit."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,9 @@ from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate.walking import GateCheck, WalkingGate
 from mrwarp.rl import checkpoint, curves, train_cli, trainer
 from mrwarp.rl.checkpoint import CheckpointError
-from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, export_onnx
 from mrwarp.rl.trainer import TrainCfg, Trainer
+from mrwarp.rl.warm_start import NOISE
 
 GATE = WalkingGate(num_envs=4, warmup=0.0, seconds=0.1)
 
@@ -68,7 +70,7 @@ def test_the_origin_stands_in_result_policy_and_checkpoint_also_after_a_resume(f
     cfg = make_cfg(out, terrain="rough")
     assert Trainer(make_cfg(tmp_path / "fresh")).run()["started_from"] is None
     origin = Trainer(cfg, start_from=flat).run()["started_from"]
-    assert (origin["checkpoint"], origin["iteration"], origin["seed"]) == (str(flat), 2, 5)
+    assert (origin["file"], origin["iteration"], origin["seed"]) == (str(flat), 2, 5)
     assert origin["task"]["terrain"] == "flat"
     Trainer(replace(cfg, iterations=2), resume=out / "checkpoint.pt").run()
     result = json.loads((out / "result.json").read_text())
@@ -96,6 +98,34 @@ def broken(flat: Path, folder: Path, what: str) -> Path:
     path = folder / "broken.pt"
     checkpoint.save(path, values)
     return path
+
+
+def test_a_policy_gives_its_actor_and_the_critic_is_new(flat: Path, tmp_path: Path) -> None:
+    """From the shipped policy: its actions to rounding, its statistics with their weight, little noise, no critic."""
+    fresh = Trainer(make_cfg(tmp_path / "fresh", terrain="rough"))
+    run = Trainer(make_cfg(tmp_path / "out", terrain="rough"), start_from=DEFAULT_POLICY)
+    policy, actor = OnnxPolicy(DEFAULT_POLICY), run.algorithm.actor
+    with torch.no_grad():
+        torch.testing.assert_close(actor(run.obs), policy(run.obs), rtol=1e-5, atol=1e-5)
+    assert int(actor.obs_normalizer.count) == policy.description["iteration"] * 24 * 64
+    assert torch.equal(actor.state_dict()["distribution.std_param"], torch.full((12,), NOISE))
+    assert torch.equal(networks(run)["critic"]["mlp.0.weight"], networks(fresh)["critic"]["mlp.0.weight"])
+    assert run.started_from is not None and run.started_from["file"] == str(DEFAULT_POLICY)
+    assert math.isfinite(run.update()["reward"])
+
+
+def test_the_command_refuses_a_policy_without_its_record(
+    flat: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A policy that does not tell what it was trained on, and a file that is none: exit code 2 and one line."""
+    run = Trainer(make_cfg(tmp_path / "run"))
+    export_onnx(run.algorithm.get_policy(), tmp_path / "bare.onnx", {"task": {}})
+    for name, message in {"bare.onnx": "lacks 'seed'", "none.onnx": "no such policy"}.items():
+        path = tmp_path / name
+        assert train_cli.main(["--num-envs", "4", "--out", str(tmp_path / "out"), "--start-from", str(path)]) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1 and error.startswith(f"train/ppo.py: {path}: ") and message in error
+    assert not (tmp_path / "out").exists()
 
 
 REFUSED = {

@@ -12,9 +12,9 @@ from mrwarp.evaluate.walking import GateCheck, WalkingGate
 from mrwarp.folder import claim
 from mrwarp.rl import curves as training_curves
 from mrwarp.rl import trainer
-from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.rl.policy import OnnxPolicy, PolicyError
 from mrwarp.study import curves
-from mrwarp.study.plan import CONVENTIONAL, PLANTS, StudyCfg, name, plant_cfg, policy_file, record_file
+from mrwarp.study.plan import CONVENTIONAL, PLANTS, STUDY, StudyCfg, name, plant_cfg, policy_file, record_file
 from mrwarp.study.training import collect, train
 
 TINY_GATE = WalkingGate(num_envs=4, warmup=0.0, seconds=0.2)
@@ -37,6 +37,21 @@ def test_plants_differ_in_the_device_alone() -> None:
     assert [cfg.actuator_model for cfg in cfgs] == ["none", "pg_rlstm", "mlp", "bouc_wen", "lstm"]
     with pytest.raises(ValueError, match="plant = 'spring': choose from conventional"):
         plant_cfg("spring")
+
+
+def test_trainings_begin_with_the_policies_of_a_folder(tmp_path: Path) -> None:
+    """Rough ground from the shipped policy of the plant and seed, resumed without it; the record names it."""
+    cfg = replace(CFG, terrain="rough", plants=(CONVENTIONAL,), seeds=(1,), start_from=STUDY)
+    assert train(replace(cfg, iterations=1), tmp_path / "runs", report=lambda line: None)
+    assert train(cfg, tmp_path / "runs", report=lambda line: None)
+    collect(cfg, tmp_path / "runs", tmp_path / "policies")
+    record = json.loads(record_file(tmp_path / "policies", CONVENTIONAL, 1).read_text())
+    assert record["started_from"]["file"] == str(policy_file(STUDY, CONVENTIONAL, 1))
+    assert record["started_from"]["seed"] == 1 and record["task"]["terrain"] == "rough"
+    assert record["command"].endswith(f"--terrain rough --start-from {STUDY}")
+    with pytest.raises(PolicyError, match="no such policy"):
+        train(replace(cfg, start_from=tmp_path), tmp_path / "others", report=lambda line: None)
+    assert not (tmp_path / "others").exists()
 
 
 def test_training_in_two_goes_gives_the_policy_of_one_and_a_record(tmp_path: Path) -> None:
