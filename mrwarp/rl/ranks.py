@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 import torch
 import torch.distributed as dist
-from rsl_rl.algorithms import PPO
 from tensordict import TensorDict
 from torch.distributed.rendezvous import rendezvous
+
+from mrwarp.rl.ppo import PPO
 
 TIMEOUT = timedelta(minutes=10)
 """Longest wait for another rank, e.g. while rank 0 checks the gate or compiles kernels."""

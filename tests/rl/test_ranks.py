@@ -14,7 +14,7 @@ from tensordict import TensorDict
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate.walking import GateCheck, WalkingGate
 from mrwarp.quiet import silent
-from mrwarp.rl import checkpoint, curves, trainer
+from mrwarp.rl import checkpoint, curves, ppo, trainer
 from mrwarp.rl.checkpoint import CheckpointError
 from mrwarp.rl.ppo_cfg import STEPS_PER_UPDATE, make_ppo_cfg
 from mrwarp.rl.ranks import Ranks, RanksPPO
@@ -221,12 +221,12 @@ def test_seeds_of_ranks_do_not_meet() -> None:
 
 
 def test_a_lone_process_agrees_with_itself() -> None:
-    """Without other ranks nothing is changed, and the algorithm is rsl-rl's own."""
+    """Without other ranks nothing is changed, and the algorithm is that of one process."""
     ranks = Ranks()
     assert ranks.means({"a": 0.1}) == {"a": 0.1} and ranks.total(0.1, 2.0) == [0.1, 2.0]
     assert ranks.decided(True, False) == [True, False] and not ranks.any(False)
     assert ranks.gather("x") == ranks.share("x") == ["x"]
-    assert ranks.ppo is PPO and ranks.ppo_setting is None and ranks.threads(0) == 0
+    assert ranks.ppo is ppo.PPO and ranks.ppo_setting is None and ranks.threads(0) == 0
     assert Ranks(world=2).ppo is RanksPPO
 
 
