@@ -41,7 +41,7 @@ class LearnedTorque:
     open: elsewhere the device keeps the Bouc-Wen drag.
 
     An LSTM's state is carried on from step to step for all joints, open or not; a joint's first one after a reset is
-    made from its history, which a reset fills with rest. With ``LstmState.WINDOW`` it is made from the last 50 samples
+    that of its history, which a reset fills with rest. With ``LstmState.WINDOW`` it is made from the last 50 samples
     at every step, for open gates only: fifty times the work (eq. 12 to the letter).
 
     Args:
@@ -74,6 +74,7 @@ class LearnedTorque:
         self._arrays: tuple[int | None, ...] = ()
         self._helpers: list[_Helper] = []
         self._gather: wp.Launch | None = None
+        self._units: wp.Launch | None = None
 
     def bind(self, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
         """Prepare to work on these arrays, see :meth:`__call__`; every state begins anew."""
@@ -111,6 +112,8 @@ class LearnedTorque:
             parts = len(self._helpers) + 1 if self.carries else (int(self._open[0]) + 7) // 8
             for helper in self._helpers[: max(parts - 1, 0)]:
                 helper.wake(self._help)
+        if self._units is not None:
+            self._units.launch()
         self._evaluate.launch()
 
     def reset(self, mask: wp.array) -> None:
@@ -133,7 +136,8 @@ class LearnedTorque:
         if not self.carries:
             return {}
         count = self._fresh.size
-        state = self._state.numpy()[[0, 2], :, :count].transpose(2, 0, 1).reshape(*self._shape, 2, learned.HIDDEN)
+        now = 0 if self._units is None else int(self._keep[1].numpy()[0]) % 2  # see lstm_unit_kernel
+        state = self._state.numpy()[[now, 2], :, :count].transpose(2, 0, 1).reshape(*self._shape, 2, learned.HIDDEN)
         return {"lstm": np.ascontiguousarray(state), "lstm_fresh": self._fresh.numpy().reshape(self._shape).copy()}
 
     def load_state(self, state: dict[str, np.ndarray]) -> None:
@@ -141,8 +145,9 @@ class LearnedTorque:
         if not self.carries:
             return
         count = self._fresh.size
+        hidden, cell = state["lstm"].reshape(count, 2, learned.HIDDEN).transpose(1, 2, 0)
         values = self._state.numpy()
-        values[[0, 2], :, :count] = state["lstm"].reshape(count, 2, learned.HIDDEN).transpose(1, 2, 0)
+        values[:, :, :count] = hidden, hidden, cell
         self._state.assign(values)
         self._fresh.assign(np.ascontiguousarray(state["lstm_fresh"], dtype=np.int32).reshape(-1))
 
@@ -168,10 +173,15 @@ class LearnedTorque:
             )  # fmt: skip
             self._helpers = [_Helper() for _ in range(threads - 1)]
         else:
+            assert isinstance(self.model.net, LstmTorque)  # or nothing would be carried
+            rest = self._array(states_at_rest(self.model.net))
+            self._units = record(
+                learned.lstm_unit_kernel, (learned.HIDDEN, joints),
+                [self._array(lstm_weights(state)), rest, head, ring, self._fresh], [self._state], device,
+            )  # fmt: skip
             self._evaluate = record(
-                learned.lstm_carried_kernel, m_dyn.shape,
-                [self._array(lstm_weights(state)), out, whole, head, ring, m_dyn, tau_dyn],
-                [self._fresh, self._state, tau_dyn], device,
+                learned.lstm_torque_kernel, m_dyn.shape, [out, whole, head, self._state, m_dyn, tau_dyn],
+                [self._fresh, tau_dyn], device,
             )  # fmt: skip
 
     def _bind_windows(
@@ -259,6 +269,19 @@ def lstm_weights(state: dict[str, np.ndarray]) -> np.ndarray:
     bias = state["lstm.bias_ih_l0"] + state["lstm.bias_hh_l0"] - w_in @ mean
     rows = np.concatenate([bias[:, None], w_in, state["lstm.weight_hh_l0"]], axis=1)
     return rows.reshape(learned.GATES, learned.HIDDEN, -1).transpose(1, 2, 0)
+
+
+@torch.no_grad()
+def states_at_rest(net: LstmTorque) -> np.ndarray:
+    """Hidden and cell states after resting for all but one sample of a window, without current.
+
+    Returns:
+        Shape (2, HIDDEN, REST_POINTS), for displacements evenly from -REST_RANGE to REST_RANGE.
+    """
+    x = torch.zeros(WINDOW - 1, learned.REST_POINTS, FEATURES)
+    x[:, :, 0] = torch.linspace(-learned.REST_RANGE, learned.REST_RANGE, learned.REST_POINTS)
+    _, (hidden, cell) = net.lstm(net.scaler(x))
+    return torch.stack([hidden[0].T, cell[0].T]).numpy()
 
 
 def lane_weights(weights: np.ndarray) -> np.ndarray:

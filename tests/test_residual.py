@@ -20,10 +20,18 @@ from mrwarp.actuator import ActuatorInputs, Coupling, HoldCurrent, MrActuator, M
 from mrwarp.drive import DriveMR
 from mrwarp.kernels import learned
 from mrwarp.launch import capture, record
-from mrwarp.nn.model_file import LearnedModel, SamplingRateError
-from mrwarp.nn.models import LstmState, make_net
+from mrwarp.nn.model_file import LearnedModel, SamplingRateError, load, shipped_model
+from mrwarp.nn.models import LstmState, LstmTorque, make_net
 from mrwarp.params import BoucWenParams, MrParams
-from mrwarp.residual import KINDS, LearnedTorque, lstm_weights, output_layer, window_now, with_bouc_wen
+from mrwarp.residual import (
+    KINDS,
+    LearnedTorque,
+    lstm_weights,
+    output_layer,
+    states_at_rest,
+    window_now,
+    with_bouc_wen,
+)
 from mrwarp.sysid import learn
 from mrwarp.sysid.recording import Recording, Trajectory
 
@@ -220,6 +228,27 @@ def test_carried_states_are_bit_equal_for_any_threads_and_gates(lanes: bool, mon
             np.testing.assert_array_equal(out.numpy(), np.where(m_dyn, alone.numpy(), tau))
         for residual in (want, *others):
             residual.reset(wp.array(begun, dtype=wp.bool, device="cpu"))
+
+
+@pytest.mark.parametrize("kind", ["lstm", "pg_rlstm"])
+def test_states_at_rest_lie_close_enough_to_interpolate(kind: str) -> None:
+    """The torque of a shipped network after resting anywhere within half a turn, against its own LSTM: 1e-3 N·m."""
+    path = shipped_model(kind)
+    assert path is not None
+    net = load(path).net
+    assert isinstance(net, LstmTorque)
+    table = states_at_rest(net)
+    q_c = np.random.default_rng(27).uniform(-3.1, 3.1, 1000)
+    x = torch.zeros(50, len(q_c), 3)
+    x[:, :, 0] = torch.from_numpy(q_c)
+    at = (q_c + np.pi) / (2.0 * np.pi) * (table.shape[2] - 1)
+    low = at.astype(int)
+    hidden, cell = (
+        torch.from_numpy(table[:, :, low] * (1.0 - at + low) + table[:, :, low + 1] * (at - low)).float().mT
+    ).contiguous()
+    with torch.no_grad():
+        output, _ = net.lstm(net.scaler(x[-1:]), (hidden[None], cell[None]))
+        np.testing.assert_allclose(net.out(output[0])[:, 0], net.scaled(net.scaler(x)), rtol=0.0, atol=1e-3)
 
 
 def test_a_carried_state_is_restored_bit_equal() -> None:

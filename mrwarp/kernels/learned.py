@@ -1,5 +1,7 @@
 """The learned torque in the loop: the LSTM carried on by one sample per joint, or networks over the open windows.
 
+The carried LSTM takes a thread per unit and joint, so that a few thousand joints fill a GPU.
+
 A network over windows is evaluated only for devices whose dynamic gate is open. Each joint is computed on its own, in
 one fixed order of operations, so its bits do not depend on the others. Inputs are the raw features: the
 standardisation is folded into the first layer's weights.
@@ -19,6 +21,12 @@ HIDDEN = 64
 
 GATES = 4
 """Gates of an LSTM cell in torch's order: input, forget, cell, output."""
+
+REST_RANGE = 3.1415927
+"""Displacements for which states at rest are kept: within half a turn [rad]."""
+
+REST_POINTS = 4097
+"""Points of that table; between them the shipped networks' torque is off by less than 1e-3 N·m."""
 
 MLP_SAMPLES = 3
 """Samples that the MLP sees, paper section 4.1."""
@@ -144,41 +152,72 @@ def lstm_window_kernel(
         tau_dyn_out[env, joint] = write_torque(m_dyn_in[env, joint], tau_dyn_in[env, joint], learned, replace)
 
 
+@wp.func
+def at_rest(rest: wp.array3d[float], row: int, unit: int, q_c: float) -> float:
+    """Hidden (row 0) or cell state (row 1) of a joint that has rested at q_c [rad], between the points of a table."""
+    last = rest.shape[2] - 1
+    x = wp.clamp((q_c + REST_RANGE) * (0.5 * float(last) / REST_RANGE), 0.0, float(last))
+    i = wp.min(int(x), last - 1)
+    return wp.lerp(rest[row, unit, i], rest[row, unit, i + 1], x - float(i))
+
+
 @wp.kernel
-def lstm_carried_kernel(
-    # parameters: as of lstm_window_kernel
+def lstm_unit_kernel(
+    # parameters: rows (bias, features, hidden) of each unit's gates, shape (HIDDEN, 1 + FEATURES + HIDDEN, GATES);
+    # hidden and cell states at rest, shape (2, HIDDEN, points) for q_c from -REST_RANGE to REST_RANGE
     weights: wp.array3d[float],
-    readout: wp.array[float],
-    replace: int,
-    # in, shape (1,), (E, M, WINDOW, FEATURES), (E, M), (E, M)
+    rest: wp.array3d[float],
+    # in, shape (1,), (E, M, WINDOW, FEATURES), (E*M,): 1 where a joint has rested until now
     head_in: wp.array[int],
     ring_in: wp.array4d[float],
+    fresh_in: wp.array[int],
+    # out, hidden states of two steps by turns and cell state, shape (3, HIDDEN, at least E*M)
+    state_out: wp.array3d[float],
+):
+    """One sample more for one unit of a joint's LSTM (table 1); the joint is the fastest index."""
+    unit, place = wp.tid()
+    env, joint, row = place // ring_in.shape[1], place % ring_in.shape[1], head_in[0]
+    after = row % 2  # the ring's length is even: rows of the ring and of the state take turns alike
+    q_c, fresh = ring_in[env, joint, (row + 1) % ring_in.shape[2], 0], fresh_in[place] > 0
+    gates = wp.vec4(weights[unit, 0, 0], weights[unit, 0, 1], weights[unit, 0, 2], weights[unit, 0, 3])
+    for k in range(1, 1 + FEATURES + HIDDEN):
+        x = float(0.0)
+        if k <= FEATURES:
+            x = ring_in[env, joint, row, k - 1]
+        elif fresh:
+            x = at_rest(rest, 0, k - 1 - FEATURES, q_c)
+        else:
+            x = state_out[1 - after, k - 1 - FEATURES, place]
+        gates += x * wp.vec4(weights[unit, k, 0], weights[unit, k, 1], weights[unit, k, 2], weights[unit, k, 3])
+    before = state_out[2, unit, place]
+    if fresh:
+        before = at_rest(rest, 1, unit, q_c)
+    cell = sigmoid(gates[1]) * before + sigmoid(gates[0]) * wp.tanh(gates[2])
+    state_out[2, unit, place] = cell
+    state_out[after, unit, place] = sigmoid(gates[3]) * wp.tanh(cell)
+
+
+@wp.kernel
+def lstm_torque_kernel(
+    # parameters: output layer, shape (HIDDEN + 1,), bias last; 1 = the network gives the whole torque, 0 = a residual
+    readout: wp.array[float],
+    replace: int,
+    # in, shape (1,), (3, HIDDEN, at least E*M), (E, M), (E, M)
+    head_in: wp.array[int],
+    state_in: wp.array3d[float],
     m_dyn_in: wp.array2d[float],
     tau_dyn_in: wp.array2d[float],
-    # out, 1 where a state is still to be made from the history, shape (E*M,); hidden state, scratch, cell state, shape
-    # (3, HIDDEN, at least E*M); torque, shape (E, M) [N·m]
+    # out, shape (E*M,), (E, M) [N·m]
     fresh_out: wp.array[int],
-    state_out: wp.array3d[float],
     tau_dyn_out: wp.array2d[float],
 ):
-    """One sample more for a joint's LSTM (table 1), open or not; after a reset, its whole history first."""
+    """Torque of the joints whose gate is open from the hidden state that ``lstm_unit_kernel`` left."""
     env, joint = wp.tid()
-    place, length = env * m_dyn_in.shape[1] + joint, ring_in.shape[2]
-    before = int(0)
-    if fresh_out[place] > 0:
-        fresh_out[place] = 0
-        for unit in range(HIDDEN):
-            state_out[0, unit, place] = 0.0
-            state_out[2, unit, place] = 0.0
-        for sample in range(length - 1):
-            row = window_row(sample, head_in[0], length)
-            before = lstm_sample(weights, ring_in, env, joint, row, before, state_out, place)
-    after = lstm_sample(weights, ring_in, env, joint, head_in[0], before, state_out, place)
-    if after == 1:  # the next step reads row 0
-        for unit in range(HIDDEN):
-            state_out[0, unit, place] = state_out[1, unit, place]
-    learned = lstm_readout(readout, 0, state_out, place)
-    tau_dyn_out[env, joint] = write_torque(m_dyn_in[env, joint], tau_dyn_in[env, joint], learned, replace)
+    place = env * m_dyn_in.shape[1] + joint
+    fresh_out[place] = 0
+    if m_dyn_in[env, joint] > 0.0:
+        learned = lstm_readout(readout, head_in[0] % 2, state_in, place)
+        tau_dyn_out[env, joint] = write_torque(m_dyn_in[env, joint], tau_dyn_in[env, joint], learned, replace)
 
 
 @wp.kernel
