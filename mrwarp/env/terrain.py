@@ -150,7 +150,9 @@ class Terrain:
         # permuted, so that tiles do not follow the currents' groups
         place = torch.from_numpy(np.random.default_rng(seed).permutation(num_envs)).to(device)
         self.kind = place % len(KINDS)
-        self._first = torch.zeros_like(place) if cfg.curriculum else place // len(KINDS) % cfg.levels
+        tiles = cfg.levels * len(KINDS)
+        spread = place // len(KINDS) % cfg.levels if num_envs >= tiles else place * cfg.levels // num_envs
+        self._first = torch.zeros_like(place) if cfg.curriculum else spread
         self.level = self._first.clone()
         self.walked, self.commanded = (torch.zeros(num_envs, device=device) for _ in range(2))
 

@@ -19,7 +19,7 @@ import torch
 from mrwarp.actuator import Coupling, HoldCurrent, ZStep
 from mrwarp.asset import AssetError
 from mrwarp.effects.applied import effect_lines
-from mrwarp.env.cfg import ACTUATORS, EnvCfg, make_walk_cfg
+from mrwarp.env.cfg import ACTUATORS, TERRAINS, EnvCfg, make_walk_cfg
 from mrwarp.nn.model_file import shipped_model
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
@@ -82,6 +82,7 @@ def make_parser() -> argparse.ArgumentParser:
     task.add_argument("--actuator", choices=ACTUATORS, help="torque model of the MR joint")
     task.add_argument("--actuator-model", metavar="FILE", help="trained network of --actuator mlp, lstm or pg_rlstm")
     task.add_argument("--model", metavar="MODEL.json", help="identified joint with its effects, on all MR joints")
+    task.add_argument("--terrain", choices=TERRAINS, help="ground; on rough ground the robots stand on different tiles")
     task.add_argument("--coupling", choices=_values(Coupling), help="how the device acts")
     task.add_argument("--hold-current", choices=_values(HoldCurrent), help="current while holding")
     return parser
@@ -141,7 +142,8 @@ def _run(args: argparse.Namespace, argv: list[str], player: Player) -> int:
     cfg, agent = player.env.cfg, args.policy or f"agent {args.agent}"
     print(
         f"{agent}: {len(player.currents)} of {args.num_envs} robots shown ({cfg.robot}, payload {cfg.payload} kg, "
-        f"SAL {'on' if cfg.actuator.sal else 'off'}), {args.speed:g} m/s for {args.seconds:g} s",
+        f"SAL {'on' if cfg.actuator.sal else 'off'}, {'rough' if cfg.terrain else 'flat'} ground), "
+        f"{args.speed:g} m/s for {args.seconds:g} s",
         flush=True,
     )
     if player.page:
@@ -166,6 +168,7 @@ def _run(args: argparse.Namespace, argv: list[str], player: Player) -> int:
         print(f"recording: {args.rrd}; open it with: rerun {args.rrd}")
     if args.png and len(player.frames) > 1:
         where = f"{cfg.robot}, payload {cfg.payload} kg, command {args.speed:g} m/s, seed {args.seed}"
+        where += ", rough ground" if cfg.terrain else ""
         player.picture(args.png, f"{Path(agent).name} on {where}")
         print(f"picture: {args.png}")
     if figures:
@@ -208,6 +211,7 @@ def make_cfg(args: argparse.Namespace, task: dict[str, Any]) -> EnvCfg:
         hold_current=HoldCurrent(chosen(args.hold_current, "hold_current", "support")),
         z_step=ZStep(task.get("z_step", "euler")),
         sal=sal,
+        terrain=chosen(args.terrain, "terrain", "flat"),
     )
     for name in ("action_scale", "step_dt", "gait_frequency"):
         same = isinstance(task.get(name, 0.0), int | float) and math.isclose(task.get(name, 0.0), getattr(cfg, name))

@@ -18,8 +18,9 @@ from mrwarp.in_one_piece import replacing
 from mrwarp.kernels import ledger
 from mrwarp.robot import CALVES, GAIT_FREQUENCY, LEGS
 from mrwarp.viewing.frames import Frames, Gate
+from mrwarp.viewing.ground import ground_of, trunk_height
 from mrwarp.viewing.shapes import CURRENT_COLORS, GATE_COLORS, LEG_COLORS
-from mrwarp.viewing.side_view import FORCE_COLOR, SideView, rgb
+from mrwarp.viewing.side_view import FORCE_COLOR, GROUND_COLOR, GROUND_EDGE, SideView, rgb
 
 INSTANTS = 5
 """Instants in a row, evenly over one stride."""
@@ -59,7 +60,7 @@ def contact_sheet(
         _draw_row(figure.add_subplot(grid[k + 1, :]), side, frames, k, instants, f"{current:g} A")
     _draw_legend(figure.add_subplot(grid[num + 1, :]), currents, has_device)
     axes = [[figure.add_subplot(grid[num + 2 + row, column]) for column in range(2)] for row in range(plots)]
-    _plot_motion(axes[0], frames, currents)
+    _plot_motion(axes[0], scene, frames, currents)
     if has_device:
         legs = [LEGS[leg] for leg, a in zip(scene.legs, scene.actuators, strict=True) if a.mr is not None]
         _plot_devices(axes[1:3], frames, legs, num - 1, currents[-1])
@@ -109,8 +110,9 @@ def _draw_times(axis: Axes, times: np.ndarray) -> None:
 
 def _draw_row(axis: Axes, side: SideView, frames: Frames, k: int, instants: Sequence[int], label: str) -> None:
     """One robot at the instants, from left to right."""
-    axis.axhspan(-0.05, 0.0, color="#e4e6e9", zorder=0)
-    axis.axhline(0.0, color="#9aa0a8", linewidth=0.8, zorder=1)
+    if not side.uneven:
+        axis.axhspan(-0.05, 0.0, color=GROUND_COLOR, zorder=0)
+        axis.axhline(0.0, color=GROUND_EDGE, linewidth=0.8, zorder=1)
     for place, i in enumerate(instants):
         x = PITCH * (place + 0.5)
         side.draw(axis, frames.qpos[i, k], frames.gate[i, k], frames.foot_force[i, k], x=x)
@@ -137,13 +139,14 @@ def _draw_legend(axis: Axes, currents: Sequence[float], has_device: bool) -> Non
     axis.legend(handles=lines, loc="lower center", ncols=len(lines), **style)
 
 
-def _plot_motion(axes: Sequence[Axes], frames: Frames, currents: Sequence[float]) -> None:
-    """Forward velocity and trunk height of all robots."""
+def _plot_motion(axes: Sequence[Axes], scene: Scene, frames: Frames, currents: Sequence[float]) -> None:
+    """Forward velocity and trunk height over the ground of all robots."""
+    height = trunk_height(ground_of(scene.model), frames.qpos)
     axes[0].plot(frames.time, frames.v_x_command[:, 0], color="0.4", linewidth=1, linestyle="--")
     for k, _ in enumerate(currents):
         color = rgb(CURRENT_COLORS[k % len(CURRENT_COLORS)])
         axes[0].plot(frames.time, frames.v_x[:, k], color=color, linewidth=1.2)
-        axes[1].plot(frames.time, frames.qpos[:, k, 2], color=color, linewidth=1.2)
+        axes[1].plot(frames.time, height[:, k], color=color, linewidth=1.2)
     _title(axes[0], "forward velocity [m/s]")
     _title(axes[1], "trunk height [m]")
 

@@ -1,6 +1,6 @@
 """RobotLogger: shows robots side by side in rerun, as shapes in 3D and as time series, on the timeline ``sim_time``.
 
-Entities, for every shown environment ``<k>_<current>A``::
+Entities, for every shown environment ``<k>_<current>A``, and ``ground`` if it has heights::
 
     robots/3_1.5A/                 place of the robot in the row
         body/<body>/               pose of a body; below it its shapes, logged once; calves take their gate's colour
@@ -21,6 +21,7 @@ from mrwarp.env.sim_model import Scene
 from mrwarp.kernels import ledger
 from mrwarp.robot import CALVES, LEGS
 from mrwarp.viewing.frames import Frames, Gate
+from mrwarp.viewing.ground import ground_of, trunk_height
 from mrwarp.viewing.shapes import (
     CURRENT_COLORS,
     GATE_COLORS,
@@ -43,6 +44,7 @@ FORCE_SCALE = 0.25 / 100.0
 
 LABEL_COLOR: Color = (235, 235, 235)
 ARROW_COLOR: Color = (225, 60, 90)
+GROUND_COLOR: Color = (86, 92, 100)
 COMMAND_COLOR: Color = (140, 145, 150)
 ENERGY_COLORS: tuple[Color, ...] = ((130, 130, 140), GATE_COLORS[Gate.DYNAMIC], GATE_COLORS[Gate.HOLD], (120, 90, 170),
                                     (60, 170, 130))  # fmt: skip
@@ -91,7 +93,7 @@ class RobotLogger:
         scene: What is simulated.
         currents: Current I_e of each shown environment [A]; length K.
         recording: rerun recording, its sinks set.
-        spacing: Distance between neighbours in the row along y [m].
+        spacing: Distance between neighbours in the row along y [m]; on a height field they stand where they are.
     """
 
     def __init__(
@@ -106,7 +108,8 @@ class RobotLogger:
         self._calves = [i for i, name in enumerate(scene.joints) if name in CALVES]
         self.device_legs = [LEGS[leg] for leg, a in zip(scene.legs, scene.actuators, strict=True) if a.mr is not None]
         self._gates: dict[str, np.ndarray] = {}
-        self._spacing = spacing
+        self._ground = ground_of(scene.model)
+        self._spacing = 0.0 if self._ground else spacing  # on heights robots stay where they are
         self._log_static(currents)
 
     @property
@@ -137,6 +140,10 @@ class RobotLogger:
         """Log what never changes: shapes, places in the row, names, colours and units of the series."""
         log = self._recording.log
         log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        if self._ground is not None:
+            vertices, triangles = self._ground.mesh()
+            surface = rr.Mesh3D(vertex_positions=vertices, triangle_indices=triangles, albedo_factor=GROUND_COLOR)
+            log("ground", surface, static=True)
         for k, (name, current) in enumerate(zip(self.names, currents, strict=True)):
             root = f"robots/{name}"
             log(root, rr.Transform3D(translation=self.place(k)), static=True)
@@ -213,7 +220,7 @@ class RobotLogger:
     def _log_series(self, root: str, times: rr.TimeColumn, frames: Frames, k: int) -> None:
         entries = [int(entry) for entry in ENERGY.values()]
         values = {
-            "trunk_height": frames.qpos[:, k, 2:3],
+            "trunk_height": trunk_height(self._ground, frames.qpos[:, k])[:, None],
             "forward_velocity": frames.v_x[:, k, None],
             "forward_velocity_command": frames.v_x_command[:, k, None],
             "vertical_velocity": frames.v_z[:, k, None],

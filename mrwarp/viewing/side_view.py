@@ -11,6 +11,7 @@ from matplotlib.patches import Circle, Patch, Polygon
 from mrwarp.env.sim_model import Scene
 from mrwarp.robot import LEGS
 from mrwarp.viewing.frames import Gate
+from mrwarp.viewing.ground import ground_of
 from mrwarp.viewing.shapes import GATE_COLORS, Color, Kind, Kinematics, Part, Shape, compose, robot_shapes, rotate
 
 FORCE_SCALE = 0.16 / 100.0
@@ -18,6 +19,12 @@ FORCE_SCALE = 0.16 / 100.0
 
 FORCE_COLOR = "#d6335c"
 """Foot forces."""
+
+GROUND_COLOR, GROUND_EDGE = "#e4e6e9", "#9aa0a8"
+"""Ground and its surface."""
+
+GROUND_DRAWN = 0.38
+"""Ground with heights is drawn this far before and behind the trunk [m]."""
 
 
 class SideView:
@@ -32,9 +39,17 @@ class SideView:
         self._shapes = robot_shapes(scene)
         self._trunk = next((s.body for s in self._shapes if s.part is Part.TRUNK), 1)
         self._feet = [next((s for s in self._shapes if s.name == f"{leg}_foot"), None) for leg in LEGS]
+        self._ground = ground_of(scene.model)
+
+    @property
+    def uneven(self) -> bool:
+        """Whether it draws the ground itself, because that has heights."""
+        return self._ground is not None
 
     def draw(self, axis: Axes, qpos: np.ndarray, gate: np.ndarray, force: np.ndarray, *, x: float = 0.0) -> None:
         """Draw one robot with its trunk above ``x``, looking at its own right side whatever its heading.
+
+        Ground with heights is drawn in the plane of the trunk, which is at height 0 below it.
 
         Args:
             axis: Axes in metres, equal aspect.
@@ -48,11 +63,18 @@ class SideView:
         yaw = np.arctan2(heading[1], heading[0])
         forward, right = np.array([np.cos(yaw), np.sin(yaw), 0.0]), np.array([np.sin(yaw), -np.cos(yaw), 0.0])
         origin = pos[self._trunk] * (1.0, 1.0, 0.0)
+        if self._ground is not None:
+            origin[2] = self._ground.height(origin[:2])
 
         def flat(points: np.ndarray) -> np.ndarray:
             relative = points - origin
             return np.stack([relative @ forward + x, relative[..., 2]], axis=-1)
 
+        if self._ground is not None:
+            along = np.linspace(-GROUND_DRAWN, GROUND_DRAWN, 61)
+            height = self._ground.height(origin[:2] + along[:, None] * forward[:2]) - origin[2]
+            axis.fill_between(along + x, height, -0.3, color=GROUND_COLOR, linewidth=0, zorder=0.5)
+            axis.plot(along + x, height, color=GROUND_EDGE, linewidth=0.8, zorder=1)
         depth = {id(s): float((pos[s.body] + rotate(quat[s.body], s.pos) - origin) @ right) for s in self._shapes}
         for shape in sorted(self._shapes, key=lambda s: depth[id(s)]):
             centre = pos[shape.body] + rotate(quat[shape.body], shape.pos)
