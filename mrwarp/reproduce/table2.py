@@ -29,6 +29,7 @@ def compute(job: Job) -> Findings:
             for name, by_sal in changes.items() for sal, change in by_sal.items()
         },
         notes=[_said(name, sal, change) for name, by_sal in changes.items() for sal, change in by_sal.items()]
+        + [f"SAL {sal}: {limit}." for sal, limit in table.limits().items()]
         + [f"{sum(row.fell for row in table.rows.values())} of all rollouts fell."],
     )  # fmt: skip
 

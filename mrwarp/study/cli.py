@@ -59,9 +59,11 @@ def make_parser() -> argparse.ArgumentParser:
         )
         if name == "causes":
             part.add_argument("--plants", nargs="+", choices=PLANTS, default=[CONVENTIONAL, AWARE], help="trainings")
-            part.set_defaults(plant="bouc_wen")
+            part.set_defaults(plant="bouc_wen", terrain="flat")
         elif name in tables:
             part.add_argument("--plant", choices=MODELS, default=AWARE, help=f"what all walk on (default: {AWARE})")
+            ground = "ground that all walk on (default: flat); rough has 36 tiles, so take as many --rollouts"
+            part.add_argument("--terrain", choices=TERRAINS, default="flat", help=ground)
         if name in tables:
             part.add_argument("--rollouts", type=positive, default=3, help="rollouts per policy (default: 3)")
             part.add_argument("--seed", type=int, default=0, help="seed of poses and gait phases (default: 0)")
@@ -131,7 +133,7 @@ def _table(args: argparse.Namespace, command: str) -> int:
 
     cfg = tables.EvaluationCfg(
         folder=args.policies, seeds=tuple(args.seeds), rollouts=args.rollouts, seed=args.seed, plant=args.plant,
-        threads=args.threads,
+        terrain=args.terrain, threads=args.threads,
     )  # fmt: skip
     progress = Progress(sys.stdout)
 
@@ -240,6 +242,7 @@ def _print2(table: Table2) -> tuple[list[str], bool]:
             f"seeds; asked for {LEAST['rmse']:.0%}), the absolute bias by {bias.reduction:.1%} (p = {bias.p:.3f}; "
             f"{LEAST['bias']:.0%}; averaged over seeds without sign {bias.by_seed:.1%})"
         )
+        lines.append(f"SAL {sal}: {table.limits()[sal]}")
     return lines, met
 
 

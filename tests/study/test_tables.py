@@ -57,8 +57,18 @@ def test_table2_of_equal_policies_finds_no_difference_and_currents_matter(cfg: E
             np.testing.assert_array_equal(values, table.rows[second].rollouts[metric])
     assert table.rmse["on"].reduction == pytest.approx(0.0, abs=1e-12)
     row = table.rows["B"]
+    ripple = np.sqrt(row.rollouts["v_x_rmse"] ** 2 - row.rollouts["v_x_bias"] ** 2)
+    assert row.ripple == pytest.approx(float(ripple.mean()))
+    assert f"by {1.0 - row.ripple / float(row.seeds['v_x_rmse'].mean()):.0%}" in table.limits()["on"]
     np.testing.assert_allclose(row.seeds["v_x_rmse"], row.rollouts["v_x_rmse"].mean(axis=1))
     assert not np.array_equal(row.rollouts["v_x_rmse"], table.rows["A"].rollouts["v_x_rmse"])
+
+
+def test_rough_ground_is_walked_on(cfg: EvaluationCfg) -> None:
+    """Six rollouts stand on six tiles: their figures differ from those of flat ground, and from each other."""
+    flat, rough = (table2(replace(cfg, rollouts=6, terrain=ground)).rows["A"] for ground in ("flat", "rough"))
+    changed = ~np.isclose(flat.rollouts["v_x_rmse"], rough.rollouts["v_x_rmse"], rtol=1e-3)
+    assert changed.sum() >= 2 and rough.fell == 0
 
 
 def test_table3_ranks_models_and_corrects_for_six_pairs(cfg: EvaluationCfg) -> None:
