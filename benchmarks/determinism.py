@@ -115,7 +115,7 @@ def train(
         "networks": digest({k: v for k, v in networks.items() if "normalizer" not in k}),
         "normalisers": digest({k: v for k, v in networks.items() if "normalizer" in k}),
         "optimiser": digest({"state": algorithm["optimizer_state_dict"], "rate": content["learning_rate"]}),
-        "draws": digest({"torch": content["torch_rng"], "env": content["env"]["generator"]}),
+        "draws": digest({"torch": content["torch_rng"], "env": content["env"]["key"]}),
         "environment": digest(content["env"]),
         "log": digest({"rows": content["rows"], "window": content["window"]}),
         "everything": digest(content),

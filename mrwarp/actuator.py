@@ -256,8 +256,8 @@ class MrActuator:
             mask = wp.full(self.num_envs, True, dtype=wp.bool, device=self.device)
         wp.launch(
             mr_stages.reset_kernel,
-            dim=(self.num_envs, self.num_joints),
-            inputs=[self.params, self.slot_of, mask, self.inputs.q],
+            dim=self._lanes,
+            inputs=[*self._lanes, self.params, self.slot_of, mask, self.inputs.q],
             outputs=[
                 self.z, self.current, self.m_dyn, self.m_hold, self.tau_dyn, self.tau_mr, self.ring, self.ledger,
             ],
@@ -322,7 +322,7 @@ class MrActuator:
         cfg, i = self.cfg, self.inputs
         num_mr = len(self.mr_joints)
         rows, lanes = (1, 1) if wp.get_device(str(self.device)).is_cpu else (self.num_envs, self.num_joints)
-        self._one_thread = rows * lanes == 1  # see step_kernel
+        self._lanes, self._one_thread = (rows, lanes), rows * lanes == 1  # see step_kernel
         fixed = int(cfg.hold_current is HoldCurrent.FIXED)
         switches = [
             self.dt, int(cfg.sal and cfg.damping), int(cfg.sal and cfg.holding), fixed, int(cfg.z_step is ZStep.EXACT),

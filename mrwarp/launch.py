@@ -2,10 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Container, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import warp as wp
+
+Work = Callable[[], object]
+"""Launches on arrays that stay where they are."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Around:
+    """What a task does around a robot's steps, on the device: no number is read back."""
+
+    before: Sequence[Work]
+    """Launched before the first step, in order."""
+    after: Sequence[Work]
+    """Launched after the last step, in order."""
 
 
 def record(kernel: Any, dim: int | tuple[int, ...], inputs: list[Any], outputs: list[Any], device: Any) -> wp.Launch:
@@ -23,7 +39,17 @@ def record(kernel: Any, dim: int | tuple[int, ...], inputs: list[Any], outputs: 
     return command
 
 
-def capture(work: Callable[[], object], device: Any) -> wp.Graph:
+def record_per_env(kernel: Any, num_envs: int, inputs: list[Any], outputs: list[Any], device: Any) -> wp.Launch:
+    """The same for a kernel whose first parameter ``rows`` is how far apart the environments are that a thread takes.
+
+    A GPU takes a thread for each. A CPU takes one for all: it runs threads one after the other, and starting one copies
+    all arguments.
+    """
+    rows = 1 if wp.get_device(str(device)).is_cpu else num_envs
+    return record(kernel, rows, [rows, *inputs], outputs, device)
+
+
+def capture(work: Work, device: Any) -> wp.Graph:
     """Record what ``work`` launches, to be repeated by ``wp.capture_launch``; the recording itself changes nothing.
 
     Args:
@@ -34,3 +60,34 @@ def capture(work: Callable[[], object], device: Any) -> wp.Graph:
         work()
     assert recorded.graph is not None  # set when the capture ends
     return recorded.graph
+
+
+def in_graphs(works: Sequence[Work], host: Container[Work], device: Any) -> list[Work]:
+    """Works in as few calls as possible: neighbours become one captured graph, and equal runs of them share one.
+
+    Args:
+        works: What is done, in order.
+        host: Those that no graph can take.
+        device: Warp device.
+    """
+    graphs: dict[tuple[Work, ...], Work] = {}
+    calls: list[Work] = []
+    for alone, found in itertools.groupby(works, lambda work: work in host):
+        run = tuple(found)
+        if alone:
+            calls.extend(run)
+            continue
+        if run not in graphs:
+            graphs[run] = partial(wp.capture_launch, capture(in_turn(run), device))
+        calls.append(graphs[run])
+    return calls
+
+
+def in_turn(works: Sequence[Work]) -> Work:
+    """Works as one, in order."""
+
+    def run() -> None:
+        for work in works:
+            work()
+
+    return run

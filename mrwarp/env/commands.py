@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import torch
 import warp as wp
 
-from mrwarp.env.cfg import CommandCfg
 from mrwarp.env.task_kernels.derived import command_kernel
 from mrwarp.launch import record
 
@@ -15,39 +14,29 @@ if TYPE_CHECKING:
     from mrwarp.env.vec_env import WalkEnv
 
 
-def sample(cfg: CommandCfg, count: int, generator: torch.Generator, device: torch.device | str) -> torch.Tensor:
-    """Draw commands: forward and lateral speed [m/s] and yaw rate [rad/s], shape (count, 3)."""
-    low = torch.tensor([cfg.v_x[0], cfg.v_y[0], cfg.yaw_rate[0]], device=device)
-    high = torch.tensor([cfg.v_x[1], cfg.v_y[1], cfg.yaw_rate[1]], device=device)
-    return low + (high - low) * torch.rand(count, 3, generator=generator, device=device)
-
-
-class NewCommands:
-    """Draws a new command every ``period``, at the same step of every episode; never where the period is infinite.
+class Commands:
+    """Draws a new command for every episode, and every ``period`` at the same step of all; never if it is infinite.
 
     Args:
         env: The environment.
+        begins: Environments whose episode begins, bool, shape (E,).
+
+    Attributes:
+        launch: What draws them, once per policy step.
     """
 
-    def __init__(self, env: WalkEnv) -> None:
-        cfg, device = env.cfg.commands, env.device
-        self._launch: wp.Launch | None = None
-        if cfg.period == float("inf"):
-            return
-        self._env, self._draws = env, torch.zeros(env.num_envs, 3, device=device)
-        ranges = [torch.tensor(side, device=device) for side in zip(cfg.v_x, cfg.v_y, cfg.yaw_rate, strict=True)]
+    def __init__(self, env: WalkEnv, begins: wp.array) -> None:
+        cfg = env.cfg.commands
+        ranges = [torch.tensor(side, device=env.device) for side in zip(cfg.v_x, cfg.v_y, cfg.yaw_rate, strict=True)]
         self._keep = ranges
-        period = max(round(cfg.period / env.cfg.step_dt), 1)
-        self._launch = record(
+        held = cfg.period == float("inf")
+        self.launch = record(
             command_kernel,
             dim=env.num_envs,
-            inputs=[period, *map(wp.from_torch, (*ranges, env.episode_length_buf, self._draws))],
+            inputs=[
+                0 if held else max(round(cfg.period / env.cfg.step_dt), 1),
+                *map(wp.from_torch, (*ranges, env.key, env.episode_length_buf)), begins,
+            ],
             outputs=[wp.from_torch(env.command)],
-            device=str(device),
-        )
-
-    def __call__(self) -> None:
-        """Draw for one policy step."""
-        if self._launch is not None:
-            torch.rand(self._draws.shape, generator=self._env.generator, out=self._draws)
-            self._launch.launch()
+            device=str(env.device),
+        )  # fmt: skip

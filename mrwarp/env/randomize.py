@@ -8,7 +8,9 @@ import torch
 import warp as wp
 
 from mrwarp.env.task_kernels.derived import push_kernel
-from mrwarp.launch import record
+from mrwarp.env.task_kernels.draws import WIDTH
+from mrwarp.env.task_kernels.episodes import device_kernel
+from mrwarp.launch import record, record_per_env
 
 if TYPE_CHECKING:
     from mrwarp.env.vec_env import WalkEnv
@@ -22,12 +24,17 @@ def at_start(env: WalkEnv) -> None:
     cfg = env.cfg.randomize
     if cfg is None:
         return
-    friction = env.between(*cfg.friction, env.num_envs)
-    added = env.between(*cfg.added_mass, env.num_envs)
+    generator = torch.Generator(device=env.device).manual_seed(env.cfg.seed)
+
+    def between(low: float, high: float, *shape: int) -> torch.Tensor:
+        return low + (high - low) * torch.rand(*shape, generator=generator, device=env.device)
+
+    friction = between(*cfg.friction, env.num_envs)
+    added = between(*cfg.added_mass, env.num_envs)
     env.sim.set_friction(friction.cpu().numpy())
     env.sim.rescale_mass("trunk", (env.trunk_mass + added).cpu().numpy())
     for plain, own in ((env.actuator.kp, ("kp_base", "kp_low")), (env.actuator.kd, ("kd",))):
-        scale = env.between(*cfg.gain_scale, *plain.shape)
+        scale = between(*cfg.gain_scale, *plain.shape)
         env.view(plain).mul_(scale)
         for name in own if env.actuator.mr_joints else ():
             env.view(env.actuator.param(name)).mul_(scale[:, list(env.actuator.mr_joints)])
@@ -35,15 +42,33 @@ def at_start(env: WalkEnv) -> None:
     env.privileged[:, 1] = added
 
 
-def at_reset(env: WalkEnv, mask: torch.Tensor) -> None:
-    """Draw a new device for the masked environments, bool, shape (E,)."""
-    cfg = env.cfg.randomize
-    if cfg is None or not env.actuator.mr_joints:
-        return
-    for name in SCALED:
-        view = env.view(env.actuator.param(name))
-        scaled = env.nominal_mr[name] * env.between(*cfg.mr_scale, *view.shape)
-        view.copy_(torch.where(mask.unsqueeze(1), scaled, view))
+class Devices:
+    """Draws new devices in masked environments: a factor on each of :data:`SCALED`; none without randomisation.
+
+    Args:
+        env: The environment.
+        mask: Environments that get them, bool, shape (E,).
+
+    Attributes:
+        launches: What draws them, one per parameter.
+    """
+
+    def __init__(self, env: WalkEnv, mask: wp.array) -> None:
+        cfg, actuator = env.cfg.randomize, env.actuator
+        self.launches: list[wp.Launch] = []
+        if cfg is None or not actuator.mr_joints:
+            return
+        assert len(SCALED) * len(actuator.mr_joints) <= WIDTH
+        for number, name in enumerate(SCALED):
+            nominal = wp.from_torch(env.nominal_mr[name])
+            launch = record_per_env(
+                device_kernel,
+                env.num_envs,
+                inputs=[number, *cfg.mr_scale, wp.from_torch(env.key), mask, nominal],
+                outputs=[actuator.param(name)],
+                device=env.sim.device,
+            )
+            self.launches.append(launch)
 
 
 class Pushes:
@@ -58,17 +83,15 @@ class Pushes:
         self._launch: wp.Launch | None = None
         if cfg is None or cfg.push_speed <= 0.0:
             return
-        self._generator, self._draws = env.generator, torch.zeros(env.num_envs, 3, device=env.device)
         self._launch = record(
             push_kernel,
             dim=env.num_envs,
-            inputs=[env.cfg.step_dt / cfg.push_interval, cfg.push_speed, wp.from_torch(self._draws)],
+            inputs=[env.cfg.step_dt / cfg.push_interval, cfg.push_speed, wp.from_torch(env.key)],
             outputs=[env.sim.backend.field("qvel")],
             device=env.sim.device,
         )
 
     def __call__(self) -> None:
-        """Draw for one policy step, and kick."""
+        """Draw for this policy step, and kick."""
         if self._launch is not None:
-            torch.rand(self._draws.shape, generator=self._generator, out=self._draws)
             self._launch.launch()

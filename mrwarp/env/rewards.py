@@ -8,7 +8,7 @@ import torch
 import warp as wp
 
 from mrwarp.env.task_kernels.rewards import terms_kernel
-from mrwarp.launch import record
+from mrwarp.launch import record_per_env
 
 if TYPE_CHECKING:
     from mrwarp.env.vec_env import WalkEnv
@@ -55,9 +55,9 @@ class Rewards:
         self.total = torch.zeros(env.num_envs, device=device) if total is None else total
         weights = torch.tensor([getattr(cfg, name) for name in TERMS], device=device)
         self._keep = (weights, *(getattr(env, name) for name in _INPUTS))
-        self.launch = record(
+        self.launch = record_per_env(
             terms_kernel,
-            dim=env.num_envs,
+            env.num_envs,
             inputs=[
                 cfg.velocity_width, cfg.yaw_width, cfg.step_height, cfg.target_height, env.cfg.step_dt,
                 *(wp.from_torch(tensor) for tensor in (env.default_q, *self._keep)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,7 +16,7 @@ from mrwarp.env import sim_kernels
 from mrwarp.env.backend import Backend, BackendKind, MjBatchBackend, MjWarpBackend
 from mrwarp.env.sim_model import Edit, Scene, SolverCfg, build_scene, named
 from mrwarp.env.terrain import Field
-from mrwarp.launch import capture, record
+from mrwarp.launch import Around, Work, in_graphs, record, record_per_env
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,16 +147,23 @@ class Sim:
             qpos = wp.array(np.tile(model.qpos0, (self.num_envs, 1)), dtype=float, device=self.device)
         if qvel is None:
             qvel = wp.zeros((self.num_envs, model.nv), dtype=float, device=self.device)
-        fields = [self.backend.field(name) for name in ("qpos", "qvel", "qacc_warmstart", "qfrc_applied")]
-        wp.launch(
+        self.record_reset(mask, qpos, qvel).launch()
+
+    def record_reset(self, mask: wp.array, qpos: wp.array, qvel: wp.array) -> wp.Launch:
+        """What :meth:`reset` launches, to be repeated: it reads the arrays each time."""
+        # plain numbers, shape (E, 6*nbody): one engine has them so, the other six to an element
+        pushes = wp.from_torch(wp.to_torch(self.backend.field("xfrc_applied")).view(self.num_envs, -1))
+        return record_per_env(
             sim_kernels.reset_kernel,
-            dim=self.num_envs,
-            inputs=[mask, qpos, qvel],
-            outputs=fields,
+            self.num_envs,
+            inputs=[self._q_adr, self._v_adr, int(self.scene.floating), mask, qpos, qvel],
+            outputs=[
+                *(self.backend.field(name) for name in ("qpos", "qvel", "qacc_warmstart", "qfrc_applied")),
+                pushes, self.f_foot, self.friction, self.q, self.qd,
+                self.root_pos, self.root_quat, self.root_vel, self.root_ang,
+            ],
             device=self.device,
-        )
-        self._clear_last_step(mask)
-        self.refresh()
+        )  # fmt: skip
 
     def refresh(self) -> None:
         """Read the state again after somebody wrote to it; foot forces and brake torques keep their last value."""
@@ -220,12 +228,6 @@ class Sim:
         """
         model = self.scene.model
         return named([model.body(i).name for i in range(model.nbody)], body, "body")
-
-    def _clear_last_step(self, mask: wp.array) -> None:
-        """Masked environments forget foot forces, brake torques and pushes."""
-        rows = wp.to_torch(mask)
-        for array in (self.f_foot, self.friction, self.backend.field("xfrc_applied")):
-            wp.to_torch(array)[rows] = 0.0
 
     def _launches_for(self, tau: wp.array, bound: wp.array) -> tuple[wp.Launch, wp.Launch]:
         key = (tau.ptr, bound.ptr)
@@ -325,35 +327,47 @@ class ActuatedSim:
             share_params=share_params,
         )  # fmt: skip
         self.watchers: list[wp.Launch] = []
-        self._graphs: dict[int, wp.Graph] = {}
-        self._brackets: list[wp.Graph] = []
+        self._pieces: dict[tuple[int, Around | None], Sequence[Work]] = {}
         self.actuator.reset()
 
-    def step(self, count: int = 1) -> None:
+    def step(self, count: int = 1, around: Around | None = None) -> None:
         """``count`` times: one torque step, one physics step, one line in the ledger.
 
-        With ``cfg.capture`` the steps run as captured graphs, bit-equal to the eager ones: MuJoCo-Warp's as one, around
-        ``mjbatch`` one before and one after each of its steps. A CPU replays a graph in half the time of its launches.
+        With ``cfg.capture`` all this runs as captured graphs, bit-equal to the eager launches: on MuJoCo-Warp as one
+        graph, with ``mjbatch`` as one before, between and after its steps.
+
+        Args:
+            count: Number of steps.
+            around: What a task does before the first and after the last of them; it becomes part of the graphs.
         """
-        if not self.sim.cfg.capture:
-            for _ in range(count):
-                self._step()
-        elif self.sim.backend.kind is BackendKind.MJWARP:
-            if count not in self._graphs:
-                self._graphs[count] = capture(lambda: [self._step() for _ in range(count)], self.sim.device)
-            wp.capture_launch(self._graphs[count])
-        else:
-            self._step_between_graphs(count)
+        key = (count, around)
+        if key not in self._pieces:
+            self._pieces[key] = self._plan(count, around)
+        for piece in self._pieces[key]:
+            piece()
 
     def reset(self, mask: wp.array | None = None, qpos: wp.array | None = None, qvel: wp.array | None = None) -> None:
         """Masked reset of physics and actuators, see :meth:`Sim.reset`."""
         self.sim.reset(mask, qpos, qvel)
         self.actuator.reset(mask)
 
-    def _step(self) -> None:
-        self._before()
+    def _plan(self, count: int, around: Around | None) -> Sequence[Work]:
+        """What :meth:`step` calls one after the other."""
+        works: list[Work] = [self._before, self._physics, self._after] * count
+        if around is not None:
+            works = [*around.before, *works, *around.after]
+        if not self.sim.cfg.capture:
+            return works
+        host: list[Work] = []
+        if self.sim.backend.kind is BackendKind.MJBATCH:
+            host.append(self._physics)
+            residual = self.actuator.residual
+            if residual is not None and not residual.graphable:
+                host.append(self._before)  # on the CPU it wakes threads of its own, which a graph cannot
+        return in_graphs(works, host, self.sim.device)
+
+    def _physics(self) -> None:
         self.sim.backend.step()
-        self._after()
 
     def _before(self) -> None:
         actuator = self.actuator
@@ -365,20 +379,6 @@ class ActuatedSim:
     def _after(self) -> None:
         self.sim.after_step(self.actuator.tau, self.actuator.bound)
         self.actuator.account()
-
-    def _step_between_graphs(self, count: int) -> None:
-        # a residual on the CPU may wake threads of its own, which a graph cannot
-        captured = self.actuator.residual is None or self.actuator.residual.graphable
-        if not self._brackets:
-            self._brackets = [capture(self._before, self.sim.device)] if captured else []
-            self._brackets.append(capture(self._after, self.sim.device))
-        for _ in range(count):
-            if captured:
-                wp.capture_launch(self._brackets[0])
-            else:
-                self._before()
-            self.sim.backend.step()
-            wp.capture_launch(self._brackets[-1])
 
 
 def robot_scene(

@@ -7,6 +7,34 @@ import warp as wp
 from mrwarp.kernels.brake import constraint_torque
 
 
+@wp.func
+def read_state(
+    env: int,
+    q_adr: wp.array[int],
+    v_adr: wp.array[int],
+    floating: int,
+    qpos: wp.array2d[Any],
+    qvel: wp.array2d[Any],
+    q_out: wp.array2d[float],
+    qd_out: wp.array2d[float],
+    root_pos_out: wp.array2d[float],
+    root_quat_out: wp.array2d[float],
+    root_vel_out: wp.array2d[float],
+    root_ang_out: wp.array2d[float],
+) -> None:
+    """Joint state and floating base of one environment."""
+    for joint in range(q_adr.shape[0]):
+        q_out[env, joint] = wp.float32(qpos[env, q_adr[joint]])
+        qd_out[env, joint] = wp.float32(qvel[env, v_adr[joint]])
+    if floating == 1:
+        for k in range(3):
+            root_pos_out[env, k] = wp.float32(qpos[env, k])
+            root_vel_out[env, k] = wp.float32(qvel[env, k])
+            root_ang_out[env, k] = wp.float32(qvel[env, 3 + k])
+        for k in range(4):
+            root_quat_out[env, k] = wp.float32(qpos[env, 3 + k])
+
+
 @wp.kernel
 def gather_kernel(
     # parameters: addresses, shapes (J,), (J,), (L,); floating base; brake creep [rad/s per N·m]
@@ -32,11 +60,12 @@ def gather_kernel(
 ):
     """Joint state, brake torque, foot force norms and the floating base of one environment."""
     env = wp.tid()
+    read_state(
+        env, q_adr, v_adr, floating, qpos_in, qvel_in, q_out, qd_out, root_pos_out, root_quat_out, root_vel_out,
+        root_ang_out,
+    )  # fmt: skip
     for joint in range(q_adr.shape[0]):
-        qd = wp.float64(qvel_in[env, v_adr[joint]])
-        q_out[env, joint] = wp.float32(qpos_in[env, q_adr[joint]])
-        qd_out[env, joint] = wp.float32(qd)
-        bound = wp.float64(bound_in[env, joint])
+        qd, bound = wp.float64(qvel_in[env, v_adr[joint]]), wp.float64(bound_in[env, joint])
         friction_out[env, joint] = wp.float32(constraint_torque(qd, bound, wp.float64(creep)))
     for leg in range(foot_adr.shape[0]):
         adr = foot_adr[leg]
@@ -44,13 +73,6 @@ def gather_kernel(
         y = wp.float32(sensordata_in[env, adr + 1])
         z = wp.float32(sensordata_in[env, adr + 2])
         f_foot_out[env, leg] = wp.sqrt(x * x + y * y + z * z)
-    if floating == 1:
-        for k in range(3):
-            root_pos_out[env, k] = wp.float32(qpos_in[env, k])
-            root_vel_out[env, k] = wp.float32(qvel_in[env, k])
-            root_ang_out[env, k] = wp.float32(qvel_in[env, 3 + k])
-        for k in range(4):
-            root_quat_out[env, k] = wp.float32(qpos_in[env, 3 + k])
 
 
 @wp.kernel
@@ -78,26 +100,50 @@ def apply_kernel(
 
 @wp.kernel
 def reset_kernel(
-    # parameters: none
-    # in, shape (E,), (E, nq), (E, nv)
+    # parameters: environments that a thread takes are this far apart; addresses, shapes (J,) twice; floating base
+    rows: int,
+    q_adr: wp.array[int],
+    v_adr: wp.array[int],
+    floating: int,
+    # in, shapes (E,), (E, nq), (E, nv)
     mask_in: wp.array[wp.bool],
     qpos_in: wp.array2d[float],
     qvel_in: wp.array2d[float],
-    # out, shape (E, nq), (E, nv), (E, nv), (E, nv)
+    # out, shapes (E, nq), (E, nv) three times, (E, 6*nbody), (E, L), (E, J) three times, (E, 3), (E, 4), (E, 3) twice
     qpos_out: wp.array2d[Any],
     qvel_out: wp.array2d[Any],
     warmstart_out: wp.array2d[Any],
     qfrc_applied_out: wp.array2d[Any],
+    xfrc_applied_out: wp.array2d[Any],
+    f_foot_out: wp.array2d[float],
+    friction_out: wp.array2d[float],
+    q_out: wp.array2d[float],
+    qd_out: wp.array2d[float],
+    root_pos_out: wp.array2d[float],
+    root_quat_out: wp.array2d[float],
+    root_vel_out: wp.array2d[float],
+    root_ang_out: wp.array2d[float],
 ):
-    """Put masked environments into a given state and forget the solver's last solution."""
-    env = wp.tid()
-    if mask_in[env]:
-        for k in range(qpos_out.shape[1]):
-            qpos_out[env, k] = qpos_out.dtype(qpos_in[env, k])
-        for k in range(qvel_out.shape[1]):
-            qvel_out[env, k] = qvel_out.dtype(qvel_in[env, k])
-            warmstart_out[env, k] = warmstart_out.dtype(0.0)
-            qfrc_applied_out[env, k] = qfrc_applied_out.dtype(0.0)
+    """Put masked environments into a state; the solver's last solution, foot forces, brake torques, pushes are gone."""
+    first = wp.tid()
+    for env in range(first, mask_in.shape[0], rows):
+        if mask_in[env]:
+            for k in range(qpos_out.shape[1]):
+                qpos_out[env, k] = qpos_out.dtype(qpos_in[env, k])
+            for k in range(qvel_out.shape[1]):
+                qvel_out[env, k] = qvel_out.dtype(qvel_in[env, k])
+                warmstart_out[env, k] = warmstart_out.dtype(0.0)
+                qfrc_applied_out[env, k] = qfrc_applied_out.dtype(0.0)
+            for k in range(xfrc_applied_out.shape[1]):
+                xfrc_applied_out[env, k] = xfrc_applied_out.dtype(0.0)
+            for leg in range(f_foot_out.shape[1]):
+                f_foot_out[env, leg] = 0.0
+            for joint in range(friction_out.shape[1]):
+                friction_out[env, joint] = 0.0
+            read_state(
+                env, q_adr, v_adr, floating, qpos_out, qvel_out, q_out, qd_out, root_pos_out, root_quat_out,
+                root_vel_out, root_ang_out,
+            )  # fmt: skip
 
 
 _LARGEST = """

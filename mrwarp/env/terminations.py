@@ -27,8 +27,8 @@ class Terminations:
 
     Attributes:
         launch: What computes it, once per policy step: it counts the step.
-        done: Episodes that end now, bool, shape (E,).
-        any: 1 if one ends, int, shape (1,); to be set to 0 before the launch.
+        rows: Fallen, broken, timed out and done, see ``task_kernels.ends``, bool, shape (4, E).
+        done: The last of them: episodes that end now, bool, shape (E,).
     """
 
     def __init__(self, env: WalkEnv, broken: torch.Tensor, reward: torch.Tensor) -> None:
@@ -36,8 +36,7 @@ class Terminations:
         self._flags = torch.zeros(4, num_envs, dtype=torch.bool, device=device)
         self._reward = torch.zeros(num_envs, device=device)
         self._keep = [*(getattr(env, name) for name in _INPUTS), broken, reward]
-        self.done = wp.from_torch(self._flags[DONE])
-        self.any = wp.zeros(1, dtype=int, device=str(device))
+        self.rows, self.done = wp.from_torch(self._flags), wp.from_torch(self._flags[DONE])
         self.launch = record(
             ends_kernel,
             dim=num_envs,
@@ -45,9 +44,13 @@ class Terminations:
                 env.cfg.fall_height, -math.cos(env.cfg.fall_tilt), env.max_episode_length,
                 *map(wp.from_torch, self._keep),
             ],
-            outputs=[*map(wp.from_torch, (env.episode_length_buf, self._flags, self._reward)), self.any],
+            outputs=[*map(wp.from_torch, (env.episode_length_buf, self._flags, self._reward))],
             device=str(device),
         )  # fmt: skip
+
+    def end(self, mask: torch.Tensor) -> None:
+        """Let the episodes of the mask, bool (E,), end here, whatever the robots do."""
+        self._flags[DONE] = mask
 
     def flags(self) -> tuple[torch.Tensor, ...]:
         """Who has fallen, who holds a wrong number, whose time is up without a fall, and who is done; bool, (E,) each.

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 import warp as wp
 
+from mrwarp.env.task_kernels.curriculum import course_kernel
 from mrwarp.env.task_kernels.ground import ground_kernel
 from mrwarp.launch import record
 
@@ -136,6 +137,7 @@ class Terrain:
 
     Attributes:
         field: The heights.
+        origins: Middle of each tile (x, y) and the highest ground there [m], shape (levels, kinds, 3).
         level, kind: Tile of each environment, int64, shape (E,).
         walked, commanded: Way along the heading in this episode, and what was commanded [m], shape (E,).
     """
@@ -146,7 +148,7 @@ class Terrain:
     def __init__(self, cfg: TerrainCfg, num_envs: int, device: torch.device, *, seed: int) -> None:
         self.cfg, self.field = cfg, make_field(cfg)
         self._heights = torch.from_numpy(self.field.heights).to(device)
-        self._origins = torch.from_numpy(self.field.origins).to(device)
+        self.origins = torch.from_numpy(self.field.origins).to(device)
         # permuted, so that tiles do not follow the currents' groups
         place = torch.from_numpy(np.random.default_rng(seed).permutation(num_envs)).to(device)
         self.kind = place % len(KINDS)
@@ -156,43 +158,38 @@ class Terrain:
         self.level = self._first.clone()
         self.walked, self.commanded = (torch.zeros(num_envs, device=device) for _ in range(2))
 
-    def record(self, env: WalkEnv) -> wp.Launch:
-        """What writes ``env.ground`` and ``env.foot_ground``; the environment's tensors stay where they are."""
+    def record(self, env: WalkEnv, mask: wp.array) -> wp.Launch:
+        """What writes ``env.ground`` and ``env.foot_ground`` where the mask, bool (E,), is set."""
         sim = env.sim
         return record(
             ground_kernel,
             dim=env.num_envs,
-            inputs=[wp.from_torch(self._heights), self.field.cell, sim.root_pos, sim.root_quat, sim.q],
+            inputs=[wp.from_torch(self._heights), self.field.cell, mask, sim.root_pos, sim.root_quat, sim.q],
             outputs=[wp.from_torch(env.ground), wp.from_torch(env.foot_ground)],
             device=sim.device,
         )
 
-    def advance(self, v_x: torch.Tensor, command: torch.Tensor, dt: float) -> None:
-        """Count the way of one step: speed along the heading and its command [m/s], shape (E,)."""
-        self.walked += v_x * dt
-        self.commanded += command * dt
-
-    def start(self, mask: torch.Tensor, time_outs: torch.Tensor | None, generator: torch.Generator) -> torch.Tensor:
-        """Choose the tiles of the episodes that begin.
+    def record_course(self, env: WalkEnv, flags: wp.array) -> wp.Launch:
+        """What counts the way of a policy step and chooses the levels of the episodes that begin.
 
         Args:
-            mask: Environments that are reset, bool, shape (E,).
-            time_outs: Those that ended a whole episode; None at the very start, at the first levels.
-            generator: Draws the level of a robot that has passed the last one.
-
-        Returns:
-            Where to start: x, y and the highest ground there [m], shape (E, 3).
+            env: The environment.
+            flags: Which episodes end, and how, see ``task_kernels.ends``, shape (4, E).
         """
-        if time_outs is None:
-            self.level.copy_(torch.where(mask, self._first, self.level))
-        elif self.cfg.curriculum:
-            share = self.walked / self.commanded.clamp(min=1e-3)
-            up = mask & time_outs & (share > self.cfg.up_at)
-            down = mask & (~time_outs | (share < self.cfg.down_at))
-            level = self.level + up.long() - down.long()
-            drawn = torch.randint(self.cfg.levels, level.shape, generator=generator, device=level.device)
-            level = torch.where(level >= self.cfg.levels, drawn, level.clamp(min=0))
-            self.level.copy_(level)
-        self.walked.masked_fill_(mask, 0.0)
-        self.commanded.masked_fill_(mask, 0.0)
-        return self._origins[self.level, self.kind]
+        cfg = self.cfg
+        return record(
+            course_kernel,
+            dim=len(self.level),
+            inputs=[
+                cfg.levels, int(cfg.curriculum), cfg.up_at, cfg.down_at, env.cfg.step_dt,
+                *map(wp.from_torch, (env.key, env.body_velocity, env.command)), flags,
+            ],
+            outputs=[*map(wp.from_torch, (self.level, self.walked, self.commanded))],
+            device=flags.device,
+        )  # fmt: skip
+
+    def restart(self) -> None:
+        """Every environment at its first level, without a way behind it."""
+        self.level.copy_(self._first)
+        self.walked.zero_()
+        self.commanded.zero_()

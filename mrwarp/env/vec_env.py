@@ -12,19 +12,21 @@ from tensordict import TensorDict
 
 from mrwarp.asset import JointActuator, load_robot
 from mrwarp.effects.applied import with_model
-from mrwarp.env import commands, randomize, terminations
+from mrwarp.env import randomize, terminations
 from mrwarp.env.cfg import LEARNED, EnvCfg
+from mrwarp.env.episodes import Episodes
 from mrwarp.env.observations import Observations
 from mrwarp.env.rewards import Rewards
 from mrwarp.env.sim import ActuatedSim, robot_scene
 from mrwarp.env.sim_model import Edit
 from mrwarp.env.task_kernels import derived
+from mrwarp.env.task_kernels.draws import first_key
 from mrwarp.env.terrain import Terrain
 from mrwarp.env.watch import Watch
-from mrwarp.launch import capture, record
+from mrwarp.launch import Around, Work, in_graphs, in_turn, record
 from mrwarp.nn import model_file
 from mrwarp.residual import LearnedTorque, with_bouc_wen
-from mrwarp.robot import DEFAULT_Q, LEGS, STAND_HEIGHT
+from mrwarp.robot import DEFAULT_Q, LEGS
 
 
 class WalkEnv(VecEnv):
@@ -41,6 +43,7 @@ class WalkEnv(VecEnv):
         body_velocity: Trunk velocity in the heading frame [m/s], shape (E, 3).
         gravity: Direction of gravity in the trunk frame, shape (E, 3).
         height: Height of the trunk over the ground [m], shape (E,).
+        key: What the random draws of the control step follow from, see ``task_kernels.draws``, int64, shape (2,).
         terrain: The height field and where each environment stands on it; None on flat ground.
         ground, foot_ground: Height of the ground below the trunk and below each foot [m], shapes (E,) and (E, 4).
         rewards: Terms and sum of the last policy step.
@@ -57,8 +60,7 @@ class WalkEnv(VecEnv):
         self.cfg = cfg
         self.num_envs = cfg.sim.num_envs
         self.device = torch.device(cfg.sim.device)
-        self.generator = torch.Generator(device=self.device)
-        self.generator.manual_seed(cfg.seed)
+        self.key = torch.tensor(first_key(cfg.seed), device=self.device)
         asset = load_robot(cfg.asset, robot=cfg.robot, payload=cfg.payload)
         if cfg.actuator_model == "none":
             asset = without_devices(asset)
@@ -74,7 +76,6 @@ class WalkEnv(VecEnv):
         self.sim, self.actuator = self.robot.sim, self.robot.actuator
 
         sim = self.sim
-        self._q_adr = torch.from_numpy(sim.scene.q_adr).long().to(self.device)
         self.q, self.qd, self.f_foot = self.view(sim.q), self.view(sim.qd), self.view(sim.f_foot)
         self.root_pos, self.root_quat = self.view(sim.root_pos), self.view(sim.root_quat)
         self.root_vel, self.root_ang = self.view(sim.root_vel), self.view(sim.root_ang)
@@ -106,14 +107,16 @@ class WalkEnv(VecEnv):
         self.fallen, self.broken = self._zeros(num_envs).bool(), self._zeros(num_envs).bool()
         self._episode_length = torch.zeros(num_envs, dtype=torch.long, device=self.device)
         self.watch = Watch(self.robot, self.action)
-        self._record_launches()
+        self._around = self._control_step()
+        self._apart: list[Work] | None = None
         randomize.at_start(self)
-        self._after_start = self.generator.get_state()
         self.restart()
 
     @torch.no_grad()
     def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
         """One policy step of 20 ms: four torque and physics steps, then rewards, resets and observations.
+
+        On MuJoCo-Warp all of it is one captured graph, see :meth:`_control_step`; the host reads no number.
 
         Args:
             actions: Joint targets relative to the neutral stance, in units of ``action_scale``, shape (E, 12).
@@ -122,41 +125,34 @@ class WalkEnv(VecEnv):
             Observations, rewards (E,), dones (E,) and extras with ``time_outs`` (E,) for bootstrapping.
         """
         self._actions.copy_(actions)
-        self._begin.launch()
-        self.push()
         if self.substep_hooks:
             self._step_with_hooks()
         else:
-            self.robot.step(self.cfg.decimation)
-        self._conclude()
-        if self.terrain is not None:
-            self.terrain.advance(self.body_velocity[:, 0], self.command[:, 0], self.cfg.step_dt)
-
+            self.robot.step(self.cfg.decimation, self._around)
         self.fallen, self.broken, time_outs, done = self._terminations.flags()
-        reward = self._terminations.reward()
-        if self._terminations.any.numpy()[0]:
-            self._reset(done, time_outs)
-            self._update_derived()
-        self._new_commands()
-        self.last_observations = self.get_observations()
-        return self.last_observations, reward, done, {"time_outs": time_outs}
+        self.last_observations = self._copied_observations()
+        return self.last_observations, self._terminations.reward(), done, {"time_outs": time_outs}
 
     @torch.no_grad()
     def get_observations(self) -> TensorDict:
-        """Observation groups ``actor`` (E, 47) and ``critic``; see ``observations.py``."""
-        actor, critic = self._observe()
-        return TensorDict({"actor": actor, "critic": critic}, batch_size=[self.num_envs])
+        """Observation groups ``actor`` (E, 47) and ``critic``; see ``observations.py``.
+
+        The noise belongs to the policy step: seen twice, the same state has the same noise.
+        """
+        self._observe.launch.launch()
+        return self._copied_observations()
 
     @torch.no_grad()
     def restart(self) -> None:
         """Start over in every environment: same robots, same random draws as a new object of this configuration."""
-        self.generator.set_state(self._after_start)
+        self.key.copy_(torch.tensor(first_key(self.cfg.seed)))
         self.actuator.begin_session()
+        if self.terrain is not None:
+            self.terrain.restart()
         self._reset(torch.ones(self.num_envs, dtype=torch.bool, device=self.device))
         self.effort.zero_()
         self.fallen, self.broken = torch.zeros_like(self.fallen), torch.zeros_like(self.broken)
         self.watch.forget()
-        self._update_derived()
         self.last_observations = self.get_observations()
 
     def copy_envs(self, source: torch.Tensor) -> None:
@@ -166,7 +162,7 @@ class WalkEnv(VecEnv):
         """
         state = self.state()
         copied = {
-            name: value[source] if value.ndim and value.shape[0] == self.num_envs and name != "generator" else value
+            name: value[source] if value.ndim and value.shape[0] == self.num_envs and name != "key" else value
             for name, value in state.items()
             if name not in ("actuator/params", "actuator/effects_values", "privileged")
         }
@@ -193,7 +189,7 @@ class WalkEnv(VecEnv):
         arrays = {f"sim/{name}": self.view(getattr(self.sim, name)).clone() for name in _SIM_ARRAYS}
         device = {f"actuator/{name}": torch.from_numpy(value) for name, value in self.actuator.state().items()}
         ground = {f"terrain/{name}": value.clone() for name, value in self._terrain_state()}
-        return {"generator": self.generator.get_state(), **own, **physics, **arrays, **device, **ground}
+        return {**own, **physics, **arrays, **device, **ground}
 
     def load_state(self, state: dict[str, torch.Tensor]) -> None:
         """Restore :meth:`state` of an environment with the same configuration; it goes on bit-equal."""
@@ -208,7 +204,6 @@ class WalkEnv(VecEnv):
         prefix = "actuator/"
         self.actuator.load_state({k.removeprefix(prefix): v.numpy() for k, v in state.items() if k.startswith(prefix)})
         self._update_derived()
-        self.generator.set_state(state["generator"])
         self.last_observations = TensorDict(
             {"actor": state["last_actor"], "critic": state["last_critic"]}, batch_size=[self.num_envs]
         )
@@ -217,108 +212,96 @@ class WalkEnv(VecEnv):
         """Torch tensor over the memory of a Warp array."""
         return wp.to_torch(array)
 
-    def uniform(self, *shape: int) -> torch.Tensor:
-        """Draws from [-1, 1)."""
-        return 2.0 * torch.rand(*shape, generator=self.generator, device=self.device) - 1.0
-
-    def between(self, low: float, high: float, *shape: int) -> torch.Tensor:
-        """Draws from [low, high)."""
-        return low + (high - low) * torch.rand(*shape, generator=self.generator, device=self.device)
-
     def _terrain_state(self) -> list[tuple[str, torch.Tensor]]:
         """What the terrain knows of each environment, by name; nothing on flat ground."""
         return [(name, getattr(self.terrain, name)) for name in Terrain.STATE] if self.terrain else []
 
-    def _reset(self, mask: torch.Tensor, time_outs: torch.Tensor | None = None) -> None:
-        """Start a new episode in masked environments, bool (E,), near the neutral stance, at any gait phase.
-
-        ``time_outs`` tells the curriculum who ended a whole episode; None starts it over.
-        """
-        num_envs, model = self.num_envs, self.sim.scene.model
-        qpos = self._zeros(num_envs, model.nq)
-        qvel = self._zeros(num_envs, model.nv)
-        qpos[:, 2] = STAND_HEIGHT + 0.01
-        if self.terrain is not None:
-            qpos[:, :3] += self.terrain.start(mask, time_outs, self.generator)
-        qpos[:, 3] = 1.0
-        qpos[:, self._q_adr] = self.default_q + 0.1 * self.uniform(num_envs, self.num_actions)
-        qvel[:, :6] = 0.1 * self.uniform(num_envs, 6)
-        phase = self.between(0.0, 1.0, num_envs)
-        drawn = commands.sample(self.cfg.commands, num_envs, self.generator, self.device)
-
-        column = mask.unsqueeze(1)
-        self.command.copy_(torch.where(column, drawn, self.command))
-        self.phase.copy_(torch.where(mask, phase, self.phase))
-        for history in (self.action, self.last_action, self.last_qd):
-            history.masked_fill_(column, 0.0)
-        self.episode_length_buf.masked_fill_(mask, 0)
-        randomize.at_reset(self, mask)
-        self.robot.reset(wp.from_torch(mask), wp.from_torch(qpos), wp.from_torch(qvel))
-        self.view(self.actuator.tau_motor).masked_fill_(column, 0.0)  # the critic sees it
-        self.q_des.copy_(torch.where(column, self.default_q, self.q_des))
+    def _reset(self, mask: torch.Tensor) -> None:
+        """Start a new episode in masked environments, bool (E,), on the tile where each is."""
+        self._terminations.end(mask)
+        for work in self._episodes.works:
+            work()
 
     def _step_with_hooks(self) -> None:
         """The same torque steps one by one, with every hook called after each."""
+        if self._apart is None:
+            around, captured = (self._around.before, self._around.after), self.cfg.sim.capture
+            self._apart = [in_graphs(works, (), self.sim.device)[0] if captured else in_turn(works) for works in around]
+        self._apart[0]()
         for _ in range(self.cfg.decimation):
             self.robot.step()
             for hook in self.substep_hooks:
                 hook()
+        self._apart[1]()
+
+    def _copied_observations(self) -> TensorDict:
+        actor, critic = self._observe.copies()
+        return TensorDict({"actor": actor, "critic": critic}, batch_size=[self.num_envs])
 
     def _update_derived(self) -> None:
         """Quantities that rewards, terminations and observations share."""
         for launch in self._derive:
-            launch.launch()
+            launch()
 
-    def _conclude(self) -> None:
-        """What follows the torque steps: derived quantities, rewards, falls, and the watch, as one captured graph."""
-        if not self.cfg.sim.capture:
-            for launch in self._after:
-                launch.launch()
-            return
-        if self._graph is None:
-            self._graph = capture(lambda: [launch.launch() for launch in self._after], self.sim.device)
-        wp.capture_launch(self._graph)
+    def derive(self, mask: wp.array) -> list[wp.Launch]:
+        """What computes them where the mask, bool (E,), is set."""
+        sim, array = self.sim, wp.from_torch
+        shared = (self.height, self.gravity, self.body_velocity, self.leg_phase, self.clock_match)
+        launch = record(
+            derived.derived_kernel,
+            dim=self.num_envs,
+            inputs=[
+                CONTACT_FORCE, mask, sim.root_pos, sim.root_quat, sim.root_vel, array(self.phase), sim.f_foot,
+                array(self.ground),
+            ],
+            outputs=[array(tensor) for tensor in shared],
+            device=sim.device,
+        )  # fmt: skip
+        return [self.terrain.record(self, mask), launch] if self.terrain else [launch]
 
-    def _record_launches(self) -> None:
-        """Prepare what brackets the torque steps of a policy step."""
+    def _control_step(self) -> Around:
+        """What a policy step does before and after its torque and physics steps, in this order; all on the device."""
         sim, cfg, array = self.sim, self.cfg, wp.from_torch
         self._motor_square = wp.zeros(self.num_envs, dtype=float, device=sim.device)
         self._actions = self._zeros(self.num_envs, self.num_actions)
-        entries = self.actuator.ledger
-        self._terminations = terminations.Terminations(self, self.watch.broken, self.watch.reward)
+        self._everywhere = wp.full(self.num_envs, True, dtype=wp.bool, device=sim.device)
+        self._terminations = ends = terminations.Terminations(self, self.watch.broken, self.watch.reward)
+        self.rewards, self._observe = Rewards(self, self.watch.reward), Observations(self)
+        self.push, self._episodes = randomize.Pushes(self), Episodes(self, ends.done)
+        self._derive = [launch.launch for launch in self.derive(self._everywhere)]
+        course = self.terrain.record_course(self, ends.rows).launch if self.terrain else None
 
-        def recorded(kernel: Any, inputs: list[Any], outputs: list[Any]) -> wp.Launch:
-            return record(kernel, dim=self.num_envs, inputs=inputs, outputs=outputs, device=sim.device)
+        def recorded(kernel: Any, inputs: list[Any], outputs: list[Any]) -> Work:
+            return record(kernel, dim=self.num_envs, inputs=inputs, outputs=outputs, device=sim.device).launch
 
         remembered = [array(self.action), array(self.last_action), self.robot.q_des, array(self.last_qd)]
-        self._begin = recorded(
+        begin = recorded(
             derived.begin_kernel,
-            [cfg.action_scale, array(self.default_q), array(self._actions), sim.qd, entries],
-            [*remembered, self._motor_square, self._terminations.any],
+            [cfg.action_scale, array(self.default_q), array(self._actions), sim.qd, self.actuator.ledger],
+            [*remembered, self._motor_square],
         )
-        self._end = recorded(
+        end = recorded(
             derived.end_kernel,
-            [cfg.gait_frequency * cfg.step_dt, cfg.step_dt, entries, self._motor_square, array(self.phase)],
-            [array(self.effort), array(self.phase)],
-        )
-        shared = (self.height, self.gravity, self.body_velocity, self.leg_phase, self.clock_match)
-        below = [self.terrain.record(self)] if self.terrain else []
-        derive = recorded(
-            derived.derived_kernel,
             [
-                CONTACT_FORCE, sim.root_pos, sim.root_quat, sim.root_vel, array(self.phase), sim.f_foot,
-                array(self.ground),
+                cfg.gait_frequency * cfg.step_dt, cfg.step_dt, self.actuator.ledger, self._motor_square,
+                array(self.phase),
             ],
-            [array(tensor) for tensor in shared],
+            [array(self.effort), array(self.phase), array(self.key)],
         )  # fmt: skip
-        self._derive = [*below, derive]
-        self.rewards, self._observe = Rewards(self, self.watch.reward), Observations(self)
-        self._after = [
-            self._end, *self._derive, self.rewards.launch, self.watch.check, self._terminations.launch,
-            self.watch.clear(self._terminations.done),
-        ]  # fmt: skip
-        self._graph: wp.Graph | None = None
-        self.push, self._new_commands = randomize.Pushes(self), commands.NewCommands(self)
+        return Around(
+            before=[begin, self.push],
+            after=[
+                end,
+                *self._derive,
+                self.rewards.launch.launch,
+                self.watch.check.launch,
+                ends.launch.launch,
+                self.watch.clear(ends.done).launch,
+                *([course] if course else []),
+                *self._episodes.works,
+                self._observe.launch.launch,
+            ],
+        )
 
     def _zeros(self, *shape: int) -> torch.Tensor:
         return torch.zeros(*shape, device=self.device)
@@ -334,6 +317,7 @@ _OWN_STATE = (
     "episode_length_buf",
     "q_des",
     "effort",
+    "key",
 )
 _PHYSICS_STATE = ("qpos", "qvel", "qacc_warmstart", "qfrc_applied", "xfrc_applied")
 _SIM_ARRAYS = (

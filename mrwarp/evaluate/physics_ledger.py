@@ -27,6 +27,7 @@ from mrwarp.env.sim import ActuatedSim, SimCfg, robot_scene
 from mrwarp.evaluate.physics_rigs import mass_matrix, stance
 from mrwarp.evaluate.walking import Policy, make_env
 from mrwarp.kernels import ledger
+from mrwarp.launch import Around
 from mrwarp.robot import CURRENT_GROUPS, DEFAULT_Q
 
 SOURCES = ("motor", "device", "contact", "limits", "gravity", "step")
@@ -98,8 +99,10 @@ class EnergyMeter:
         self.robot.step = self.step
         return self
 
-    def step(self, count: int = 1) -> None:
-        """``count`` booked steps."""
+    def step(self, count: int = 1, around: Around | None = None) -> None:
+        """``count`` booked steps, and what a task does around them."""
+        for launch in around.before if around else ():
+            launch()
         for _ in range(count):
             before, booked = self._qvel.copy(), self._booked()
             self._step(1)
@@ -110,6 +113,8 @@ class EnergyMeter:
             for name, value in work.items():
                 self._work[name] += value
             self._turnover += sum(np.abs(value) for value in work.values())
+        for launch in around.after if around else ():
+            launch()
 
     def run(self, name: str) -> LedgerRun:
         """All that was booked so far."""

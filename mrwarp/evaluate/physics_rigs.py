@@ -15,6 +15,7 @@ from mrwarp.env.backend import BackendKind, MjBatchBackend, MjWarpBackend
 from mrwarp.env.sim import ActuatedSim, Sim, SimCfg, robot_scene
 from mrwarp.env.sim_model import Scene, SolverCfg, set_brake_constraint
 from mrwarp.kernels import ledger
+from mrwarp.launch import Around
 from mrwarp.params import MrParams
 from mrwarp.robot import DEFAULT_Q, STAND_HEIGHT
 
@@ -206,10 +207,14 @@ class WorkMeter:
         self.robot.step = self.step
         return self
 
-    def step(self, count: int = 1) -> None:
-        """``count`` metered steps."""
+    def step(self, count: int = 1, around: Around | None = None) -> None:
+        """``count`` metered steps, and what a task does around them."""
+        for launch in around.before if around else ():
+            launch()
         for _ in range(count):
             self._metered_step()
+        for launch in around.after if around else ():
+            launch()
 
     def _metered_step(self) -> None:
         sim, actuator = self.robot.sim, self.robot.actuator

@@ -200,13 +200,14 @@ class WalkBatch:
     def _begin(self) -> None:
         """Give every condition the same poses and phases: those of a batch with one environment per repetition.
 
-        A batch's random draws depend on its size; without this, a robot would start differently in other company.
+        Random draws belong to an environment's place in its batch; without this, a robot would start differently in
+        other company.
         """
         env, start = self.env, make_env(self.env.cfg, self.cfg.trials, self.cfg.seed).state()
         source = torch.arange(env.num_envs, device=env.device) % self.cfg.trials
         state = env.state()
         for name, value in start.items():
-            if name not in ("actuator/params", "actuator/effects_values", "privileged", "generator"):
+            if name not in ("actuator/params", "actuator/effects_values", "privileged", "key"):
                 state[name] = value if value.shape == state[name].shape else value[source]
         env.load_state(state)
 

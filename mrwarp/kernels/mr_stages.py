@@ -305,7 +305,10 @@ def learned_torque_kernel(
 
 @wp.kernel
 def reset_kernel(
-    # parameters: struct, shape (E or 1, M); slot of joint j or -1, shape (J,)
+    # parameters: environments and joints that a thread takes are this far apart; struct, shape (E or 1, M); slot of
+    # joint j or -1, shape (J,)
+    rows: int,
+    lanes: int,
     params: wp.array2d[JointParams],
     slot_of: wp.array[int],
     # in, shape (E,), (E, J) [rad]
@@ -322,21 +325,23 @@ def reset_kernel(
     ledger_out: wp.array3d[float],
 ):
     """Masked reset: a device without current and stress whose joint has rested where it is."""
-    env, joint = wp.tid()
-    if mask_in[env]:
-        for entry in range(ledger_out.shape[2]):
-            ledger_out[env, joint, entry] = 0.0
-        slot = slot_of[joint]
-        if slot >= 0:
-            z_out[env, slot] = 0.0
-            current_out[env, slot] = 0.0
-            m_dyn_out[env, slot] = 0.0
-            m_hold_out[env, slot] = 0.0
-            tau_dyn_out[env, slot] = 0.0
-            tau_mr_out[env, slot] = 0.0
-            p = params[wp.min(env, params.shape[0] - 1), slot]
-            q_c = displacement(p, q_in[env, joint])
-            for row in range(WINDOW):
-                ring_out[env, slot, row, 0] = q_c
-                ring_out[env, slot, row, 1] = 0.0
-                ring_out[env, slot, row, 2] = 0.0
+    first, lane = wp.tid()
+    for env in range(first, mask_in.shape[0], rows):
+        if mask_in[env]:
+            for joint in range(lane, slot_of.shape[0], lanes):
+                for entry in range(ledger_out.shape[2]):
+                    ledger_out[env, joint, entry] = 0.0
+                slot = slot_of[joint]
+                if slot >= 0:
+                    z_out[env, slot] = 0.0
+                    current_out[env, slot] = 0.0
+                    m_dyn_out[env, slot] = 0.0
+                    m_hold_out[env, slot] = 0.0
+                    tau_dyn_out[env, slot] = 0.0
+                    tau_mr_out[env, slot] = 0.0
+                    p = params[wp.min(env, params.shape[0] - 1), slot]
+                    q_c = displacement(p, q_in[env, joint])
+                    for row in range(WINDOW):
+                        ring_out[env, slot, row, 0] = q_c
+                        ring_out[env, slot, row, 1] = 0.0
+                        ring_out[env, slot, row, 2] = 0.0

@@ -15,6 +15,7 @@ from mrwarp.env.backend import BackendKind, MjBatchBackend
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.evaluate.walking import Policy
+from mrwarp.launch import Around
 from mrwarp.nn.model_file import shipped_model
 from mrwarp.nn.models import LstmState
 
@@ -65,7 +66,7 @@ def repeated(state: dict[str, torch.Tensor], count: int, wanted: int) -> dict[st
     """State of ``wanted`` environments by repeating that of ``count``."""
     rows = torch.arange(wanted) % count
     return {
-        name: value[rows] if value.ndim and value.shape[0] == count and name != "generator" else value
+        name: value[rows] if value.ndim and value.shape[0] == count and name != "key" else value
         for name, value in state.items()
     }
 
@@ -106,6 +107,7 @@ class Walk:
         self._falls, self._walked = 0, 0
         self._error, self._height, self._open = 0.0, 0.0, 0.0
         self._robot_seconds, self._physics_seconds = 0.0, 0.0
+        self._apart = False
         self._on_physics: Callable[[], None] | None = None
         self._step_robot, self._step_physics = env.robot.step, env.sim.backend.step
         env.robot.step, env.sim.backend.step = self._timed_robot, self._timed_physics
@@ -116,9 +118,17 @@ class Walk:
         self._error, self._height, self._open = 0.0, 0.0, 0.0
 
     def turn(self) -> dict[str, float]:
-        """A few policy steps; seconds per policy step of environment, robot (torques and physics) and physics."""
-        self._robot_seconds = self._physics_seconds = 0.0
+        """A few policy steps; seconds per policy step of environment, robot (torques and physics) and physics.
+
+        The task's launches are part of the robot's graphs. So the robot is timed in as many further policy steps, in
+        which they are launched by themselves.
+        """
         spent = sum(self._walk() for _ in range(self.steps))
+        self._robot_seconds = self._physics_seconds = 0.0
+        self._apart = True
+        for _ in range(self.steps):
+            self._walk()
+        self._apart = False
         return {
             "env": spent / self.steps,
             "robot": self._robot_seconds / self.steps,
@@ -206,10 +216,17 @@ class Walk:
         self._error += float((env.body_velocity[:, 0] - env.command[:, 0]).mean())
         return spent
 
-    def _timed_robot(self, count: int = 1) -> None:
+    def _timed_robot(self, count: int = 1, around: Around | None = None) -> None:
+        if around is None or not self._apart:
+            self._step_robot(count, around)
+            return
+        for launch in around.before:
+            launch()
         begin = time.perf_counter()
         self._step_robot(count)
         self._robot_seconds += time.perf_counter() - begin
+        for launch in around.after:
+            launch()
 
     def _timed_physics(self) -> None:
         if self._on_physics is not None:

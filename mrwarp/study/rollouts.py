@@ -141,6 +141,6 @@ def _same_starts(env: WalkEnv, cfg: RolloutCfg) -> None:
     source = torch.arange(env.num_envs, device=env.device) % cfg.rollouts
     state = env.state()
     for name, value in start.items():
-        if name not in ("actuator/params", "actuator/effects_values", "privileged", "generator"):
+        if name not in ("actuator/params", "actuator/effects_values", "privileged", "key"):
             state[name] = value if value.shape == state[name].shape else value[source]
     env.load_state(state)

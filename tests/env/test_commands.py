@@ -5,28 +5,36 @@ from dataclasses import replace
 import pytest
 import torch
 
-from mrwarp.env import commands
 from mrwarp.env.cfg import CommandCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 
-CPU = torch.device("cpu")
 
-
-def make_env(period: float, num_envs: int = 4, episode_seconds: float = 20.0) -> WalkEnv:
+def make_env(
+    period: float,
+    num_envs: int = 4,
+    episode_seconds: float = 20.0,
+    commands: CommandCfg | None = None,
+    seed: int = 5,
+) -> WalkEnv:
     """Environments whose only random draws after the start are commands and resets."""
-    cfg = make_walk_cfg(num_envs=num_envs, seed=5)
-    cfg = replace(cfg, noise=None, randomize=None, commands=CommandCfg(period=period), episode_seconds=episode_seconds)
-    return WalkEnv(cfg)
+    cfg = make_walk_cfg(num_envs=num_envs, seed=seed)
+    commands = commands or CommandCfg(period=period)
+    return WalkEnv(replace(cfg, noise=None, randomize=None, commands=commands, episode_seconds=episode_seconds))
 
 
-def test_sample_is_uniform_in_its_ranges() -> None:
+def drawn(commands: CommandCfg, count: int, seed: int = 5) -> torch.Tensor:
+    """Commands at the start of ``count`` environments, shape (count, 3)."""
+    return make_env(commands.period, count, commands=commands, seed=seed).command
+
+
+def test_commands_are_uniform_in_their_ranges() -> None:
     """Every draw lies in its range, and mean and spread are those of the uniform distribution."""
     cfg = CommandCfg(v_x=(0.2, 0.6), v_y=(-0.1, 0.3), yaw_rate=(-0.2, 0.2))
     count = 4000
-    drawn = commands.sample(cfg, count, torch.Generator().manual_seed(0), CPU)
-    assert drawn.shape == (count, 3) and drawn.dtype == torch.float32
+    commands = drawn(cfg, count)
+    assert commands.shape == (count, 3) and commands.dtype == torch.float32
     for column, (low, high) in enumerate((cfg.v_x, cfg.v_y, cfg.yaw_rate)):
-        values = drawn[:, column].double()
+        values = commands[:, column].double()
         assert low - 1e-7 <= float(values.min()) and float(values.max()) <= high + 1e-7  # float32 bounds
         # the mean of n draws has standard deviation width/sqrt(12 n); five of them
         assert float(values.mean()) == pytest.approx((low + high) / 2, abs=5 * (high - low) / (12 * count) ** 0.5)
@@ -34,19 +42,18 @@ def test_sample_is_uniform_in_its_ranges() -> None:
         assert float(values.std()) == pytest.approx((high - low) / 12**0.5, rel=0.05)
 
 
-def test_sample_of_an_empty_range_is_its_value() -> None:
+def test_an_empty_range_is_its_value() -> None:
     """A range of zero width commands exactly that value."""
-    cfg = CommandCfg(v_x=(0.5, 0.5), v_y=(0.0, 0.0), yaw_rate=(-0.1, -0.1))
-    drawn = commands.sample(cfg, 10, torch.Generator().manual_seed(0), CPU)
-    assert torch.equal(drawn, torch.tensor([0.5, 0.0, -0.1]).expand(10, 3))
+    commands = drawn(CommandCfg(v_x=(0.5, 0.5), v_y=(0.0, 0.0), yaw_rate=(-0.1, -0.1)), 10)
+    assert torch.equal(commands, torch.tensor([0.5, 0.0, -0.1]).expand(10, 3))
 
 
-def test_sample_repeats_with_the_generators_seed() -> None:
-    """The generator alone decides the draw."""
-    first, again, other = (
-        commands.sample(CommandCfg(), 8, torch.Generator().manual_seed(seed), CPU) for seed in (1, 1, 2)
+def test_commands_repeat_with_the_seed_and_not_with_the_number_of_robots() -> None:
+    """The seed decides the draws; a robot's are the same in a larger batch."""
+    first, again, other, larger = (
+        drawn(CommandCfg(), count, seed) for count, seed in ((8, 1), (8, 1), (8, 2), (20, 1))
     )
-    assert torch.equal(first, again)
+    assert torch.equal(first, again) and torch.equal(first, larger[:8])
     assert not torch.equal(first, other)
 
 

@@ -9,6 +9,7 @@ import torch
 
 from mrwarp.env import observations
 from mrwarp.env.cfg import NoiseCfg, make_walk_cfg
+from mrwarp.env.task_kernels.draws import SEED, STEP
 from mrwarp.env.vec_env import WalkEnv
 
 SLICES = {
@@ -138,7 +139,11 @@ def test_noise_is_bounded_by_the_cfg_and_fills_its_range() -> None:
     noise = NoiseCfg(gyro=0.1, gravity=0.03, q=0.01, qd=0.5)
     env = make_env(noise)
     clean = env.get_observations()["critic"][:, :47]
-    draws = torch.stack([env.get_observations()["actor"] for _ in range(200)]).double() - clean.double()
+    seen = []
+    for _ in range(200):
+        env.key[STEP] += 1  # the draws of another policy step
+        seen.append(env.get_observations()["actor"])
+    draws = torch.stack(seen).double() - clean.double()
     width = {"gyro": 0.1, "gravity": 0.03, "q": 0.01, "qd": 0.5 * observations.QD_SCALE}
     for name, half in width.items():
         error = draws[:, :, SLICES[name]]
@@ -160,13 +165,26 @@ def test_noise_of_one_sensor_is_independent_of_the_others() -> None:
 
 
 def test_noise_is_off_with_none() -> None:
-    """Without noise the actor's observation repeats, draws nothing, and is the critic's beginning."""
+    """Without noise the actor's observation depends on no draw, and is the critic's beginning."""
     env = make_env(noise=None)
-    before = env.generator.get_state()
-    first, second = env.get_observations()["actor"], env.get_observations()["actor"]
-    assert torch.equal(first, second)
+    first = env.get_observations()["actor"]
+    env.key[STEP] += 1
+    assert torch.equal(first, env.get_observations()["actor"])
     assert torch.equal(first, env.get_observations()["critic"][:, :47])
-    assert torch.equal(env.generator.get_state(), before)
+
+
+def test_noise_belongs_to_the_policy_step() -> None:
+    """Looking twice shows the same noise; the next step, another environment and another seed have their own."""
+    env = make_env(NoiseCfg())
+    first = env.get_observations()["actor"]
+    assert torch.equal(first, env.last_observations["actor"])
+    assert torch.equal(first, env.get_observations()["actor"])
+    noise = first - env.get_observations()["critic"][:, :47]
+    assert len(noise[:, 0].unique()) == len(noise)
+    for entry in (STEP, SEED):
+        env.key[entry] += 1
+        other = env.get_observations()["actor"]
+        assert bool((other[:, :6] != first[:, :6]).all())
 
 
 def test_critic_layout() -> None:

@@ -10,6 +10,7 @@ from mrwarp import brake_constraint
 from mrwarp.actuator import Coupling
 from mrwarp.env import randomize
 from mrwarp.env.cfg import RandomizeCfg, make_walk_cfg
+from mrwarp.env.task_kernels.draws import STEP
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels.joint_params import FIELDS
 from mrwarp.robot import CALVES, JOINTS
@@ -145,12 +146,13 @@ def test_device_parameters_are_drawn_in_their_range(drawn: WalkEnv) -> None:
         assert (values == values[0]).all(), name
 
 
-def test_at_reset_redraws_only_masked_devices() -> None:
+def test_a_reset_redraws_only_masked_devices() -> None:
     """Masked environments get another device, the others keep every bit of theirs."""
     env = make_env(RandomizeCfg(push_speed=0.0), 6)
     before = env.actuator.state()["params"]
     mask = torch.tensor([False, True, False, False, True, False])
-    randomize.at_reset(env, mask)
+    env.key[STEP] += 1  # as after a step: in the same one the same devices would be drawn again
+    env._reset(mask)
     after = env.actuator.state()["params"]
     np.testing.assert_array_equal(after[~mask.numpy()], before[~mask.numpy()])
     columns = [FIELDS.index(name) for name in randomize.SCALED]
@@ -159,12 +161,13 @@ def test_at_reset_redraws_only_masked_devices() -> None:
     np.testing.assert_array_equal(after[..., others], before[..., others])
 
 
-def test_at_reset_does_not_compound() -> None:
+def test_resets_do_not_compound() -> None:
     """A hundred resets later the factors are still those of the nominal device."""
     env = make_env(RandomizeCfg(push_speed=0.0), 8)
     everyone = torch.ones(8, dtype=torch.bool)
     for _ in range(100):
-        randomize.at_reset(env, everyone)
+        env.key[STEP] += 1
+        env._reset(everyone)
     for name in randomize.SCALED:
         ratio = env.actuator.param(name).numpy() / env.nominal_mr[name].numpy()
         assert ratio.min() >= 0.8 * (1 - FLOAT32) and ratio.max() <= 1.2 * (1 + FLOAT32), name
@@ -190,6 +193,7 @@ def test_push_rate_is_that_of_the_interval() -> None:
     steps, kicks = 300, 0
     for _ in range(steps):
         env.qvel[:, :2] = 0.0
+        env.key[STEP] += 1
         env.push()
         kicks += int((env.qvel[:, 0] != 0.0).sum())
     expected = steps * 256 * 0.02 / 6.0
@@ -198,12 +202,13 @@ def test_push_rate_is_that_of_the_interval() -> None:
 
 @pytest.mark.parametrize("cfg", [None, RandomizeCfg(push_speed=0.0)])
 def test_push_can_be_switched_off(cfg: RandomizeCfg | None) -> None:
-    """Without randomisation, or with a kick of 0 m/s, nothing is drawn and nothing moves."""
+    """Without randomisation, or with a kick of 0 m/s, nothing moves."""
     env = make_env(cfg, 4)
-    velocity, generator = env.qvel.clone(), env.generator.get_state()
+    velocity = env.qvel.clone()
     for _ in range(20):
+        env.key[STEP] += 1
         env.push()
-    assert torch.equal(env.qvel, velocity) and torch.equal(env.generator.get_state(), generator)
+    assert torch.equal(env.qvel, velocity)
 
 
 def test_nominal_robot_without_randomisation(nominal: WalkEnv) -> None:
@@ -225,6 +230,6 @@ def test_robot_without_devices_is_randomised_too() -> None:
     env = WalkEnv(cfg)
     assert env.actuator.mr_joints == ()
     assert len(np.unique(env.actuator.kp.numpy()[:, PLAIN[0]])) == 8
-    randomize.at_reset(env, torch.ones(8, dtype=torch.bool))
+    env._reset(torch.ones(8, dtype=torch.bool))
     env.step(torch.zeros(8, 12))
     assert bool(torch.isfinite(env.q).all())

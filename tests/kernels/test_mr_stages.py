@@ -214,7 +214,7 @@ def test_reset_overwrites_masked_environments_only():
     mask = np.array([True, False, True, False, False])
     state = [poisoned(5, 2) for _ in range(6)]
     ring, ledger = poisoned(5, 2, WINDOW, FEATURES), poisoned(5, 3, len(ENTRIES))
-    inputs = [struct(*DEVICES), ints(SLOT_OF), wp.array(mask, dtype=wp.bool, device="cpu"), floats(q)]
+    inputs = [5, 3, struct(*DEVICES), ints(SLOT_OF), wp.array(mask, dtype=wp.bool, device="cpu"), floats(q)]
     wp.launch(reset_kernel, dim=(5, 3), inputs=inputs, outputs=[*state, ring, ledger], device="cpu")
     for array in [*state, ledger]:
         assert (array.numpy()[mask] == 0.0).all()

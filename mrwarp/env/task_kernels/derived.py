@@ -4,6 +4,7 @@ from typing import Any
 
 import warp as wp
 
+from mrwarp.env.task_kernels.draws import COMMAND, PUSH, STEP, between, draw, place
 from mrwarp.env.task_kernels.gait import clock_stance, leg_phase
 from mrwarp.kernels.ledger import MOTOR_SQUARE
 
@@ -26,13 +27,12 @@ def begin_kernel(
     actions_in: wp.array2d[float],
     qd_in: wp.array2d[float],
     ledger_in: wp.array3d[float],
-    # out, shapes (E, A), (E, A), (E, J) [rad], (E, J) [rad/s], (E,) [(N·m)^2 s], (1,) set to 0
+    # out, shapes (E, A), (E, A), (E, J) [rad], (E, J) [rad/s], (E,) [(N·m)^2 s]
     action_out: wp.array2d[float],
     last_action_out: wp.array2d[float],
     q_des_out: wp.array2d[float],
     last_qd_out: wp.array2d[float],
     motor_square_out: wp.array[float],
-    any_done_out: wp.array[int],
 ):
     """Take the new action, and remember what the coming policy step is compared with."""
     env = wp.tid()
@@ -42,8 +42,6 @@ def begin_kernel(
         q_des_out[env, k] = default_q[k] + action_scale * actions_in[env, k]
         last_qd_out[env, k] = qd_in[env, k]
     motor_square_out[env] = motor_square(ledger_in, env)
-    if env == 0:
-        any_done_out[0] = 0
 
 
 @wp.kernel
@@ -51,37 +49,44 @@ def push_kernel(
     # parameters: chance of a kick in a policy step [1], largest kick along x and y [m/s]
     chance: float,
     push_speed: float,
-    # in, draws from [0, 1), shape (E, 3)
-    draws_in: wp.array2d[float],
+    # in, shape (2,)
+    key_in: wp.array[wp.int64],
     # out, shape (E, nv)
     qvel_out: wp.array2d[Any],
 ):
     """Kick the trunk sideways at random times."""
     env = wp.tid()
-    if draws_in[env, 0] < chance:
+    begin = place(key_in, env, PUSH)
+    if draw(begin, 0) < chance:
         for k in range(2):
-            kick = push_speed * (2.0 * draws_in[env, 1 + k] - 1.0)
+            kick = between(-push_speed, push_speed, begin, 1 + k)
             qvel_out[env, k] = qvel_out[env, k] + qvel_out.dtype(kick)
 
 
 @wp.kernel
 def command_kernel(
-    # parameters: policy steps between two commands; least and largest command, shape (3,) [m/s, m/s, rad/s]
+    # parameters: policy steps between two commands, 0 = they are held; least and largest command, shape (3,) [m/s, m/s,
+    # rad/s]
     period: int,
     low: wp.array[float],
     high: wp.array[float],
-    # in, shape (E,) [steps], draws from [0, 1), shape (E, 3)
+    # in, shapes (2,), (E,) [policy steps], (E,)
+    key_in: wp.array[wp.int64],
     episode_length_in: wp.array[wp.int64],
-    draws_in: wp.array2d[float],
+    mask_in: wp.array[wp.bool],
     # out, shape (E, 3) [m/s, m/s, rad/s]
     command_out: wp.array2d[float],
 ):
-    """Draw a new command every ``period`` steps of an episode, but not at its start."""
+    """Draw a new command where an episode begins (the mask), and every ``period`` steps of an episode."""
     env = wp.tid()
-    step = int(episode_length_in[env])
-    if step > 0 and step % period == 0:
+    due = mask_in[env]
+    if period > 0:
+        step = int(episode_length_in[env])
+        due = due or (step > 0 and step % period == 0)
+    if due:
+        begin = place(key_in, env, COMMAND)
         for k in range(3):
-            command_out[env, k] = low[k] + (high[k] - low[k]) * draws_in[env, k]
+            command_out[env, k] = between(low[k], high[k], begin, k)
 
 
 @wp.kernel
@@ -93,12 +98,15 @@ def end_kernel(
     ledger_in: wp.array3d[float],
     motor_square_in: wp.array[float],
     phase_in: wp.array[float],
-    # out, shapes (E,) [(N·m)^2], (E,)
+    # out, shapes (E,) [(N·m)^2], (E,), (2,)
     effort_out: wp.array[float],
     phase_out: wp.array[float],
+    key_out: wp.array[wp.int64],
 ):
-    """Squared motor torques, averaged over the policy step, and the gait clock at its end."""
+    """Squared motor torques, averaged over the policy step, and the gait clock at its end; count the step."""
     env = wp.tid()
+    if env == 0:
+        key_out[STEP] = key_out[STEP] + wp.int64(1)  # nothing is drawn in this launch
     effort_out[env] = (motor_square(ledger_in, env) - motor_square_in[env]) / step_dt
     phase = phase_in[env] + advance
     phase_out[env] = phase - wp.floor(phase)
@@ -108,7 +116,9 @@ def end_kernel(
 def derived_kernel(
     # parameters: foot force above which a foot touches the ground [N]
     contact_force: float,
-    # in, shapes (E, 3) [m], (E, 4), (E, 3) [m/s], (E,), (E, 4) [N]; height of the ground below the trunk, (E,) [m]
+    # in, shapes (E,) where to compute, (E, 3) [m], (E, 4), (E, 3) [m/s], (E,), (E, 4) [N]; height of the ground below
+    # the trunk, (E,) [m]
+    mask_in: wp.array[wp.bool],
     root_pos_in: wp.array2d[float],
     root_quat_in: wp.array2d[float],
     root_vel_in: wp.array2d[float],
@@ -124,6 +134,8 @@ def derived_kernel(
 ):
     """Height, gravity in the trunk frame, velocity in the heading frame, and the legs on the gait clock."""
     env = wp.tid()
+    if not mask_in[env]:
+        return
     height_out[env] = root_pos_in[env, 2] - ground_in[env]
     w, x = root_quat_in[env, 0], root_quat_in[env, 1]
     y, z = root_quat_in[env, 2], root_quat_in[env, 3]

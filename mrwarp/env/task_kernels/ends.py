@@ -22,11 +22,10 @@ def ends_kernel(
     qd_in: wp.array2d[float],
     broken_in: wp.array[int],
     reward_in: wp.array[float],
-    # out, shapes (E,) [policy steps], (4, E), (E,) 0 where a number went wrong, (1,) 1 where any episode ends
+    # out, shapes (E,) [policy steps], (4, E), (E,) 0 where a number went wrong
     episode_length_out: wp.array[wp.int64],
     flags_out: wp.array2d[wp.bool],
     reward_out: wp.array[float],
-    any_out: wp.array[int],
 ):
     """Count the policy step; a trunk too low or leaning too far, a state that is no number, or the time ends it."""
     env = wp.tid()
@@ -48,5 +47,3 @@ def ends_kernel(
     flags_out[DONE, env] = fallen or time_out
     # the last reward of a robot that holds no numbers must not reach the learner
     reward_out[env] = wp.where(broken, 0.0, reward_in[env])
-    if fallen or time_out:
-        any_out[0] = 1  # the same from every thread

@@ -37,7 +37,8 @@ def ground_kernel(
     # parameters: heights [m], shape (rows, columns); their spacing [m]
     heights: wp.array2d[float],
     cell: float,
-    # in, shapes (E, 3) [m], (E, 4), (E, J) [rad]
+    # in, shapes (E,), (E, 3) [m], (E, 4), (E, J) [rad]
+    mask_in: wp.array[wp.bool],
     root_pos_in: wp.array2d[float],
     root_quat_in: wp.array2d[float],
     q_in: wp.array2d[float],
@@ -47,6 +48,8 @@ def ground_kernel(
 ):
     """Height of the ground below the trunk and below each foot."""
     env = wp.tid()
+    if not mask_in[env]:
+        return
     x, y = root_pos_in[env, 0], root_pos_in[env, 1]
     ground_out[env] = ground_height(heights, cell, x, y)
     # Warp's quaternions end with the real part

@@ -2,25 +2,42 @@
 
 import warp as wp
 
+from mrwarp.env.task_kernels.draws import NOISE, between, place
+
+_COPY = """
+const float* from = (const float*)((const char*)values.data + size_t(env) * values.strides[0]);
+float* to = &wp::index(out, env, column);
+for (int i = 0; i < values.shape[1]; ++i) to[i] = scale * from[i];
+"""
+
+
+@wp.func_native(_COPY)
+def copy_row(values: wp.array2d[float], env: int, scale: float, column: int, out: wp.array2d[float]) -> None:
+    """Write an environment's values, contiguous, scaled, from a column on."""
+    ...
+
 
 @wp.func
 def put(values: wp.array2d[float], env: int, scale: float, column: int, out: wp.array2d[float]) -> int:
-    """Write an environment's values, scaled, from a column on; returns the next column."""
-    for k in range(values.shape[1]):
-        out[env, column + k] = scale * values[env, k]
+    """The same; returns the next column."""
+    copy_row(values, env, scale, column, out)
     return column + values.shape[1]
 
 
 @wp.func
-def noisy(value: float, width: float, draw: float) -> float:
-    """A value with uniform noise of a half-width; the draw is from [0, 1)."""
-    return value + width * (2.0 * draw - 1.0)
+def noisy(value: float, width: float, begin: wp.uint64, k: int) -> float:
+    """A value with uniform noise of a half-width, the k-th draw; a width of 0 draws nothing."""
+    if width > 0.0:
+        return value + between(-width, width, begin, k)
+    return value
 
 
 @wp.kernel
 def observe_kernel(
-    # parameters: noise half-widths of gyro [rad/s], gravity, joint position [rad] and velocity [rad/s]; factors on
-    # joint velocities, foot forces and torques; neutral stance [rad], shape (J,)
+    # parameters: environments that a thread takes are this far apart; noise half-widths of gyro [rad/s], gravity, joint
+    # position [rad] and velocity [rad/s]; factors on joint velocities, foot forces and torques; neutral stance [rad],
+    # shape (J,)
+    rows: int,
     gyro_noise: float,
     gravity_noise: float,
     q_noise: float,
@@ -29,10 +46,9 @@ def observe_kernel(
     f_foot_scale: float,
     torque_scale: float,
     default_q: wp.array[float],
-    # in, draws from [0, 1), shape (E, 6 + 2*J); sensors, shapes (E, 3) three times, (E, J) twice, (E, A), (E,); what
-    # the critic sees besides, shapes (E, 3) [m/s], (E,) [m], (E, L) [N], (E,) [A], (E, J) [N·m], (E, 2), (E, M) three
-    # times
-    draws_in: wp.array2d[float],
+    # in, shape (2,); sensors, shapes (E, 3) three times, (E, J) twice, (E, A), (E,); what the critic sees besides,
+    # shapes (E, 3) [m/s], (E,) [m], (E, L) [N], (E,) [A], (E, J) [N·m], (E, 2), (E, M) three times
+    key_in: wp.array[wp.int64],
     root_ang_in: wp.array2d[float],
     gravity_in: wp.array2d[float],
     command_in: wp.array2d[float],
@@ -54,37 +70,39 @@ def observe_kernel(
     critic_out: wp.array2d[float],
 ):
     """Actor: noisy sensors. Critic: the same without noise, and what only the simulator knows."""
-    env = wp.tid()
-    joints = q_in.shape[1]
-    for k in range(3):
-        gyro, gravity = float(root_ang_in[env, k]), float(gravity_in[env, k])
-        actor_out[env, k] = noisy(gyro, gyro_noise, draws_in[env, k])
-        critic_out[env, k] = gyro
-        actor_out[env, 3 + k] = noisy(gravity, gravity_noise, draws_in[env, 3 + k])
-        critic_out[env, 3 + k] = gravity
-        actor_out[env, 6 + k] = command_in[env, k]
-        critic_out[env, 6 + k] = command_in[env, k]
-    for k in range(joints):
-        q, qd = q_in[env, k] - default_q[k], float(qd_in[env, k])
-        actor_out[env, 9 + k] = noisy(q, q_noise, draws_in[env, 6 + k])
-        critic_out[env, 9 + k] = q
-        actor_out[env, 9 + joints + k] = qd_scale * noisy(qd, qd_noise, draws_in[env, 6 + joints + k])
-        critic_out[env, 9 + joints + k] = qd_scale * qd
-    column = put(action_in, env, 1.0, 9 + 2 * joints, actor_out)
-    put(action_in, env, 1.0, 9 + 2 * joints, critic_out)
-    angle = 2.0 * wp.pi * phase_in[env]
-    s, c = wp.sin(angle), wp.cos(angle)
-    actor_out[env, column] = s
-    actor_out[env, column + 1] = c
-    critic_out[env, column] = s
-    critic_out[env, column + 1] = c
+    first = wp.tid()
+    for env in range(first, q_in.shape[0], rows):
+        joints = q_in.shape[1]
+        begin = place(key_in, env, NOISE)
+        for k in range(3):
+            gyro, gravity = float(root_ang_in[env, k]), float(gravity_in[env, k])
+            actor_out[env, k] = noisy(gyro, gyro_noise, begin, k)
+            critic_out[env, k] = gyro
+            actor_out[env, 3 + k] = noisy(gravity, gravity_noise, begin, 3 + k)
+            critic_out[env, 3 + k] = gravity
+            actor_out[env, 6 + k] = command_in[env, k]
+            critic_out[env, 6 + k] = command_in[env, k]
+        for k in range(joints):
+            q, qd = q_in[env, k] - default_q[k], float(qd_in[env, k])
+            actor_out[env, 9 + k] = noisy(q, q_noise, begin, 6 + k)
+            critic_out[env, 9 + k] = q
+            actor_out[env, 9 + joints + k] = qd_scale * noisy(qd, qd_noise, begin, 6 + joints + k)
+            critic_out[env, 9 + joints + k] = qd_scale * qd
+        column = put(action_in, env, 1.0, 9 + 2 * joints, actor_out)
+        put(action_in, env, 1.0, 9 + 2 * joints, critic_out)
+        angle = 2.0 * wp.pi * phase_in[env]
+        s, c = wp.sin(angle), wp.cos(angle)
+        actor_out[env, column] = s
+        actor_out[env, column + 1] = c
+        critic_out[env, column] = s
+        critic_out[env, column + 1] = c
 
-    column = put(body_velocity_in, env, 1.0, column + 2, critic_out)
-    critic_out[env, column] = height_in[env]
-    column = put(f_foot_in, env, f_foot_scale, column + 1, critic_out)
-    critic_out[env, column] = current_e_in[env]
-    column = put(tau_motor_in, env, torque_scale, column + 1, critic_out)
-    column = put(privileged_in, env, 1.0, column, critic_out)
-    column = put(m_dyn_in, env, 1.0, column, critic_out)
-    column = put(m_hold_in, env, 1.0, column, critic_out)
-    column = put(current_in, env, 1.0, column, critic_out)
+        column = put(body_velocity_in, env, 1.0, column + 2, critic_out)
+        critic_out[env, column] = height_in[env]
+        column = put(f_foot_in, env, f_foot_scale, column + 1, critic_out)
+        critic_out[env, column] = current_e_in[env]
+        column = put(tau_motor_in, env, torque_scale, column + 1, critic_out)
+        column = put(privileged_in, env, 1.0, column, critic_out)
+        column = put(m_dyn_in, env, 1.0, column, critic_out)
+        column = put(m_hold_in, env, 1.0, column, critic_out)
+        column = put(current_in, env, 1.0, column, critic_out)

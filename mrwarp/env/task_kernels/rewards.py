@@ -53,8 +53,10 @@ def clearance_error(
 
 @wp.kernel
 def terms_kernel(
-    # parameters: squared widths of the tracking rewards, swing clearance [m], trunk height [m], policy step [s];
-    # neutral stance [rad], shape (J,); weights in the order of ``rewards.TERMS``, shape (T,)
+    # parameters: environments that a thread takes are this far apart; squared widths of the tracking rewards, swing
+    # clearance [m], trunk height [m], policy step [s]; neutral stance [rad], shape (J,); weights in the order of
+    # ``rewards.TERMS``, shape (T,)
+    rows: int,
     velocity_width: float,
     yaw_width: float,
     step_height: float,
@@ -85,37 +87,38 @@ def terms_kernel(
     total_out: wp.array[float],
 ):
     """All terms, and their weighted sum over one policy step."""
-    env = wp.tid()
-    roll_rate, pitch_rate = root_ang_in[env, 0], root_ang_in[env, 1]
-    gravity = wp.vec3(gravity_in[env, 0], gravity_in[env, 1], gravity_in[env, 2])
-    z, v_z = height_in[env], root_vel_in[env, 2]
+    first = wp.tid()
+    for env in range(first, q_in.shape[0], rows):
+        roll_rate, pitch_rate = root_ang_in[env, 0], root_ang_in[env, 1]
+        gravity = wp.vec3(gravity_in[env, 0], gravity_in[env, 1], gravity_in[env, 2])
+        z, v_z = height_in[env], root_vel_in[env, 2]
 
-    error_x = body_velocity_in[env, 0] - command_in[env, 0]
-    error_y = body_velocity_in[env, 1] - command_in[env, 1]
-    terms_out[env, 0] = tracking(error_x * error_x + error_y * error_y, velocity_width)
-    error_yaw = root_ang_in[env, 2] - command_in[env, 2]
-    terms_out[env, 1] = tracking(error_yaw * error_yaw, yaw_width)
-    terms_out[env, 2] = contact_share(clock_match_in, env) - 0.5
-    terms_out[env, 3] = clearance_error(
-        q_in, leg_phase_in, foot_ground_in, root_pos_in[env, 2], -gravity, step_height, env
-    )
-    terms_out[env, 4] = (z - target_height) * (z - target_height)
-    terms_out[env, 5] = gravity[0] * gravity[0] + gravity[1] * gravity[1]
-    terms_out[env, 6] = v_z * v_z
-    terms_out[env, 7] = roll_rate * roll_rate + pitch_rate * pitch_rate
-    posture, hips = float(0.0), float(0.0)
-    for joint in range(q_in.shape[1]):
-        q = q_in[env, joint]
-        posture += (q - default_q[joint]) * (q - default_q[joint])
-        if joint % 3 == 0:
-            hips += q * q
-    terms_out[env, 8] = posture
-    terms_out[env, 9] = hips
-    terms_out[env, 10] = effort_in[env]
-    terms_out[env, 11] = square_to(action_in, last_action_in, env)
-    terms_out[env, 12] = square_to(qd_in, last_qd_in, env) / (step_dt * step_dt)
+        error_x = body_velocity_in[env, 0] - command_in[env, 0]
+        error_y = body_velocity_in[env, 1] - command_in[env, 1]
+        terms_out[env, 0] = tracking(error_x * error_x + error_y * error_y, velocity_width)
+        error_yaw = root_ang_in[env, 2] - command_in[env, 2]
+        terms_out[env, 1] = tracking(error_yaw * error_yaw, yaw_width)
+        terms_out[env, 2] = contact_share(clock_match_in, env) - 0.5
+        terms_out[env, 3] = clearance_error(
+            q_in, leg_phase_in, foot_ground_in, root_pos_in[env, 2], -gravity, step_height, env
+        )
+        terms_out[env, 4] = (z - target_height) * (z - target_height)
+        terms_out[env, 5] = gravity[0] * gravity[0] + gravity[1] * gravity[1]
+        terms_out[env, 6] = v_z * v_z
+        terms_out[env, 7] = roll_rate * roll_rate + pitch_rate * pitch_rate
+        posture, hips = float(0.0), float(0.0)
+        for joint in range(q_in.shape[1]):
+            q = q_in[env, joint]
+            posture += (q - default_q[joint]) * (q - default_q[joint])
+            if joint % 3 == 0:
+                hips += q * q
+        terms_out[env, 8] = posture
+        terms_out[env, 9] = hips
+        terms_out[env, 10] = effort_in[env]
+        terms_out[env, 11] = square_to(action_in, last_action_in, env)
+        terms_out[env, 12] = square_to(qd_in, last_qd_in, env) / (step_dt * step_dt)
 
-    total = float(0.0)
-    for term in range(weights.shape[0]):
-        total += weights[term] * terms_out[env, term]
-    total_out[env] = total * step_dt
+        total = float(0.0)
+        for term in range(weights.shape[0]):
+            total += weights[term] * terms_out[env, term]
+        total_out[env] = total * step_dt

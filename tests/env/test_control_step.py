@@ -1,0 +1,117 @@
+"""The control step as captured graphs: one on MuJoCo-Warp, no number read back, the bits of eager launches."""
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import torch
+import warp as wp
+
+from mrwarp.env.backend import BackendKind
+from mrwarp.env.cfg import EnvCfg, RandomizeCfg, make_walk_cfg
+from mrwarp.env.vec_env import WalkEnv
+from mrwarp.nn.model_file import shipped_model
+from mrwarp.nn.models import LstmState
+
+MJBATCH, MJWARP = BackendKind
+
+
+def make_cfg(
+    backend: BackendKind, *, capture: bool = True, threads: int = 1, terrain: str = "flat", **changes: Any
+) -> EnvCfg:
+    """The training task with short episodes, many kicks and a new command every 0.1 s."""
+    cfg = make_walk_cfg(num_envs=6, seed=3, backend=backend, threads=threads, terrain=terrain)
+    often = replace(cfg.commands, period=0.1)
+    shaken = RandomizeCfg(push_speed=1.0, push_interval=0.1)
+    return replace(
+        cfg, sim=replace(cfg.sim, capture=capture), episode_seconds=0.3, commands=often, randomize=shaken, **changes
+    )
+
+
+def walk(env: WalkEnv, steps: int) -> tuple[torch.Tensor, dict[str, int]]:
+    """Everything that strong random actions make the steps return, shape (steps, 6, D), and how episodes ended."""
+    generator, rows = torch.Generator().manual_seed(1), []
+    ends = {"falls": 0, "time_outs": 0}
+    for step in range(steps):
+        if step % 20 == 7:  # lay one on its back: falls of their own take longer than these episodes
+            env.view(env.sim.backend.field("qpos"))[step % 6, 3:7] = env.root_quat.new_tensor([0, 1, 0, 0]).double()
+        obs, reward, done, extras = env.step(3.0 * (2.0 * torch.rand(6, 12, generator=generator) - 1.0))
+        flags = torch.stack([reward, done, extras["time_outs"], env.fallen, env.broken], dim=1)
+        rows.append(torch.cat([obs["actor"], obs["critic"], flags], dim=1))
+        ends["falls"] += int(env.fallen.sum())
+        ends["time_outs"] += int(extras["time_outs"].sum())
+    return torch.stack(rows), ends
+
+
+def assert_same(first: WalkEnv, second: WalkEnv, steps: int) -> None:
+    """Two environments walk alike to the bit, with falls and time-outs, and end in the same state."""
+    (ours, ends), (theirs, _) = walk(first, steps), walk(second, steps)
+    assert ends["falls"] > 0 and ends["time_outs"] > 0
+    assert torch.equal(ours, theirs)
+    left, right = first.state(), second.state()
+    assert all(torch.equal(left[name], right[name]) for name in left)
+
+
+@pytest.mark.parametrize("terrain", ["flat", "rough"])
+@pytest.mark.parametrize("backend", list(BackendKind))
+def test_graphs_give_the_bits_of_eager_launches(backend: BackendKind, terrain: str) -> None:
+    """40 policy steps with kicks, new commands, falls and time-outs, on both engines and grounds."""
+    graphs, eager = (WalkEnv(make_cfg(backend, capture=capture, terrain=terrain)) for capture in (True, False))
+    assert_same(graphs, eager, 40)
+
+
+def test_threads_give_the_same_bits_on_rough_ground() -> None:
+    """``mjbatch`` on one and two threads."""
+    one, two = (WalkEnv(make_cfg(MJBATCH, threads=threads, terrain="rough")) for threads in (1, 2))
+    assert_same(one, two, 40)
+
+
+@pytest.mark.slow
+def test_two_hundred_steps_on_mujoco_warp_with_resets() -> None:
+    """One graph, replayed 200 times."""
+    graphs, eager = (WalkEnv(make_cfg(MJWARP, capture=capture)) for capture in (True, False))
+    assert_same(graphs, eager, 200)
+
+
+@pytest.mark.slow
+def test_a_learned_residual_is_part_of_the_graph() -> None:
+    """PG-RLSTM on MuJoCo-Warp: the same bits eager and captured, and one graph."""
+    learned = {"actuator_model": "pg_rlstm", "actuator_file": shipped_model("pg_rlstm")}
+    graphs, eager = (WalkEnv(make_cfg(MJWARP, capture=capture, **learned)) for capture in (True, False))
+    assert_same(graphs, eager, 40)
+
+
+def read_back(*_: Any, **__: Any) -> None:
+    """In the place of what the host must not do in a step."""
+    raise AssertionError("the host read a number, or launched a kernel by itself, within a step")
+
+
+def test_a_step_on_mujoco_warp_is_one_graph_and_reads_nothing_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither while it is captured nor later does the host look at a number, whatever ends in the step."""
+    env, done = WalkEnv(make_cfg(MJWARP)), []
+    with monkeypatch.context() as patched:
+        for owner, name in ((wp.array, "numpy"), (torch.Tensor, "__bool__"), (torch.Tensor, "item")):
+            patched.setattr(owner, name, read_back)
+        env.step(torch.zeros(6, 12))
+        for name in ("launch", "copy", "synchronize"):
+            patched.setattr(wp, name, read_back)
+        patched.setattr(wp.Launch, "launch", read_back)
+        for _ in range(31):
+            done.append(env.step(torch.zeros(6, 12))[2])
+    assert int(torch.stack(done).sum()) == 2 * 6
+    (pieces,) = env.robot._pieces.values()
+    assert len(pieces) == 1
+
+
+@pytest.mark.parametrize("learned", [False, True])
+def test_a_step_on_mjbatch_is_a_graph_before_between_and_after_its_physics(learned: bool) -> None:
+    """Nine calls, four of them physics, and three different graphs; a learned torque's threads stay out of them."""
+    # whole windows at every step are so much work that a second thread helps
+    model = {"actuator_model": "pg_rlstm", "lstm_state": LstmState.WINDOW} if learned else {}
+    env = WalkEnv(make_cfg(MJBATCH, threads=2, actuator_file=shipped_model("pg_rlstm") if learned else None, **model))
+    env.step(torch.zeros(6, 12))
+    (pieces,) = env.robot._pieces.values()
+    host = [*([env.robot._before] if learned else []), env.robot._physics]
+    graphs = [piece for piece in pieces if piece not in host]
+    assert len(graphs) == 5 and len(set(map(id, graphs))) == 3
+    assert [piece for piece in pieces if piece in host] == host * 4
