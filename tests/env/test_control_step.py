@@ -7,9 +7,11 @@ import pytest
 import torch
 import warp as wp
 
+from mrwarp.env import episodes, observations, randomize, rewards, sim
 from mrwarp.env.backend import BackendKind
 from mrwarp.env.cfg import EnvCfg, RandomizeCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
+from mrwarp.launch import record
 from mrwarp.nn.model_file import shipped_model
 from mrwarp.nn.models import LstmState
 
@@ -79,6 +81,35 @@ def test_a_learned_residual_is_part_of_the_graph() -> None:
     learned = {"actuator_model": "pg_rlstm", "actuator_file": shipped_model("pg_rlstm")}
     graphs, eager = (WalkEnv(make_cfg(MJWARP, capture=capture, **learned)) for capture in (True, False))
     assert_same(graphs, eager, 40)
+
+
+def test_a_thread_per_environment_gives_the_bits_of_one_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernels that a CPU launches as one thread, launched as on a GPU; on rough ground, with resets."""
+    one_for_all = WalkEnv(make_cfg(MJBATCH, terrain="rough"))
+
+    def a_thread_each(kernel: Any, num_envs: int, inputs: list[Any], outputs: list[Any], device: Any) -> wp.Launch:
+        return record(kernel, num_envs, [num_envs, *inputs], outputs, device)
+
+    for module in (episodes, observations, randomize, rewards, sim):
+        monkeypatch.setattr(module, "record_per_env", a_thread_each)
+    assert_same(WalkEnv(make_cfg(MJBATCH, terrain="rough")), one_for_all, 30)
+
+
+@pytest.mark.parametrize("backend", list(BackendKind))
+def test_a_fall_changes_nothing_of_the_other_robots(backend: BackendKind) -> None:
+    """One robot falls or not: noise, kicks, commands, devices and later starts of the others keep every bit."""
+    env, twin = (WalkEnv(make_cfg(backend)) for _ in range(2))
+    others = torch.arange(6) != 2
+    for step in range(20):  # the 15th ends all other episodes
+        if step == 4:
+            env.view(env.sim.backend.field("qpos"))[2, 3:7] = env.root_quat.new_tensor([0, 1, 0, 0]).double()
+        action = torch.full((6, 12), 0.5)
+        ours, theirs = env.step(action), twin.step(action)
+        assert ours[2].tolist() == [step in ((4, 19) if robot == 2 else (14,)) for robot in range(6)]
+        assert theirs[2].tolist() == [step == 14] * 6
+        for group in ("actor", "critic"):
+            assert torch.equal(ours[0][group][others], theirs[0][group][others])
+        assert torch.equal(ours[1][others], theirs[1][others])
 
 
 def read_back(*_: Any, **__: Any) -> None:

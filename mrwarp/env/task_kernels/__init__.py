@@ -1,1 +1,1 @@
-"""The walking task's arithmetic as batched kernels, one thread per environment: gait, derived state, rewards, sight."""
+"""The walking task as batched kernels: random draws, gait, derived state, rewards, ends and begins, sight."""
