@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
@@ -14,12 +15,18 @@ from mrwarp.folder import check_writable
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
 
+Run = Callable[[Any, Callable[[str, float], None]], dict[str, Any]]
+"""Measures with a policy, and tells what is measured and the share of it that is done."""
+
+_NAMES = ("name", "machine", "processor")
+
 
 def main(argv: list[str] | None = None) -> int:
     """Time physics, joints, environment and training, walking; 0 done, 1 a ratio regressed (--compare), 2 bad input."""
     from mrwarp.evaluate.energy_cli import Progress
     from mrwarp.perf.compare import CompareError, compare, load_ratios
-    from mrwarp.perf.measure import PerfCfg, run_all
+    from mrwarp.perf.gpu import GpuCfg
+    from mrwarp.perf.measure import PerfCfg
     from mrwarp.perf.pictures import breakdown_picture, cost_picture
     from mrwarp.perf.walks import NotWalkingError
     from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, PolicyError
@@ -31,30 +38,19 @@ def main(argv: list[str] | None = None) -> int:
     add("--out", type=Path, default=Path("runs/perf"), help="output folder (default: runs/perf)")
     counts = " ".join(map(str, default.num_envs))
     add("--num-envs", type=int, nargs="+", metavar="N", help=f"numbers of robots (default: {counts})")
-    add("--rounds", type=int, default=default.rounds, help=f"turns of each variant (default: {default.rounds})")
+    add("--rounds", type=int, help=f"turns of each variant (default: {default.rounds}; on a GPU {GpuCfg.rounds})")
     add("--parts", nargs="+", choices=default.parts, default=default.parts, help="what to measure (default: all)")
     add("--quick", action="store_true", help="64 and 256 robots, half of the turns, no training: one minute")
     add("--steps", type=int, default=0, metavar="N", help="policy steps per turn; 0 = about 640 robot steps")
-    add("--mjwarp-up-to", type=int, default=default.mjwarp_up_to, metavar="N", help="most robots on MuJoCo-Warp")
+    add("--mjwarp-up-to", type=int, metavar="N", help="most robots on MuJoCo-Warp; on a GPU, on it without a graph")
     add("--threads", type=int, default=0, help="CPU threads of the simulation; 0 = all")
-    add("--device", default="cpu", help="only cpu for now: the GPU's figures need a machine with one")
+    add("--device", default="cpu", help="cpu, or a GPU such as cuda:0, which has figures of its own")
     add("--policy", type=Path, default=DEFAULT_POLICY, help=f"policy that walks (default: {DEFAULT_POLICY.name})")
     add("--compare", type=Path, metavar="FILE", help="earlier result; exit with 1 if a ratio got worse")
     args = parser.parse_args(argv)
     quiet_libraries()
     try:
-        if args.device != "cpu":
-            raise ValueError(f"--device {args.device}: only cpu is benchmarked; leave it out")
-        if args.threads < 0:
-            raise ValueError(f"--threads {args.threads} must be 0 (all) or more")
-        cfg = replace(
-            default, rounds=args.rounds, threads=args.threads, parts=tuple(args.parts), steps=args.steps,
-            mjwarp_up_to=args.mjwarp_up_to,
-        )  # fmt: skip
-        if args.quick:
-            cfg = replace(cfg, num_envs=(64, 256), rounds=max(2, args.rounds // 2), updates=0)
-        if args.num_envs:
-            cfg = replace(cfg, num_envs=tuple(sorted(set(args.num_envs))))
+        run = _gpu(args) if args.device != "cpu" else _cpu(args)
         before = load_ratios(args.compare) if args.compare else {}
         policy = OnnxPolicy(args.policy)
         check_writable(args.out)
@@ -63,7 +59,7 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     progress = Progress(sys.stderr)
     try:
-        figures = run_all(cfg, policy, progress)
+        figures = run(policy, progress)
     except NotWalkingError as error:
         progress.done()
         print(f"mrwarp perf: {error}", file=sys.stderr)
@@ -75,6 +71,7 @@ def main(argv: list[str] | None = None) -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     if figures["walking"]:
         cost_picture(figures["walking"], args.out / "cost.png")
+    if figures["walking"] and args.device == "cpu":
         breakdown_picture(figures["walking"], args.out / "breakdown.png")
     write_result(args.out, figures, seed=0, command="mrwarp perf " + shlex.join(argv))
     _print(figures)
@@ -87,15 +84,63 @@ def main(argv: list[str] | None = None) -> int:
     return 1 if worse else 0
 
 
+def _cpu(args: argparse.Namespace) -> Run:
+    """What to measure on this machine's cores.
+
+    Raises:
+        ValueError: an option is out of range.
+    """
+    from mrwarp.perf.measure import PerfCfg, run_all
+
+    if args.threads < 0:
+        raise ValueError(f"--threads {args.threads} must be 0 (all) or more")
+    cfg = PerfCfg(
+        rounds=PerfCfg.rounds if args.rounds is None else args.rounds, threads=args.threads, parts=tuple(args.parts),
+        steps=args.steps,
+    )  # fmt: skip
+    if args.quick:
+        cfg = replace(cfg, num_envs=(64, 256), rounds=max(2, cfg.rounds // 2), updates=0)
+    if args.num_envs:
+        cfg = replace(cfg, num_envs=tuple(sorted(set(args.num_envs))))
+    if args.mjwarp_up_to is not None:
+        cfg = replace(cfg, mjwarp_up_to=args.mjwarp_up_to)
+    return lambda policy, progress: run_all(cfg, policy, progress)
+
+
+def _gpu(args: argparse.Namespace) -> Run:
+    """What to measure on a GPU.
+
+    Raises:
+        ValueError: an option is out of range, or there is no such device.
+    """
+    from mrwarp.perf.gpu import GpuCfg, run_all
+
+    cfg = GpuCfg(
+        device="cuda:0" if args.device == "cuda" else args.device,
+        rounds=GpuCfg.rounds if args.rounds is None else args.rounds, steps=args.steps or GpuCfg.steps,
+        parts=tuple(part for part in args.parts if part in GpuCfg.parts),
+    )  # fmt: skip
+    if args.quick:
+        cfg = replace(cfg, num_envs=(4096,), rounds=max(2, cfg.rounds // 2), updates=0)
+    if args.num_envs:
+        cfg = replace(cfg, num_envs=tuple(sorted(set(args.num_envs))))
+    if args.mjwarp_up_to is not None:
+        cfg = replace(cfg, eager_up_to=args.mjwarp_up_to)
+    return lambda policy, progress: run_all(cfg, policy, progress)
+
+
 def _print(figures: dict[str, Any]) -> None:
     """The table."""
-    print(f"\n{figures['device']['machine']}, {figures['device']['processor']}\n")
+    print(f"\n{', '.join(str(figures['device'][key]) for key in _NAMES if key in figures['device'])}\n")
     print(f"{'cost in units of':34s} {'median':>7s} {'quartiles':>15s}  limit")
     for name, row in figures["ratios"].items():
         limit = row["limit"]
         mark = "" if limit is None else f"{limit:.3f} {'ok' if row['median'] <= limit else 'MISSED'}"
         print(f"{name:34s} {row['median']:7.3f} {row['low']:7.3f} {row['high']:7.3f}  {mark}")
-    if "joint" in figures:
+    for row in figures.get("targets", []):
+        mark = "ok" if row["met"] else "MISSED"
+        print(f"{row['figure']}: {row['value']:.4g} {row['unit']} (target {row['limit']:.4g}) {mark}")
+    if "microseconds_per_robot_and_step" in figures.get("joint", {}):
         for part, row in figures["joint"]["microseconds_per_robot_and_step"].items():
             print(f"gates, Bouc-Wen, hold of a robot, {part}: {row['median']:.3f} µs per step on one core")
     for count, row in figures.get("training", {}).items():

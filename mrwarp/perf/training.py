@@ -13,7 +13,13 @@ from mrwarp.rl.trainer import TrainCfg, Trainer
 
 
 def measure(
-    out: Path, *, num_envs: int, updates: int, threads: int = 0, progress: Callable[[float], None] | None = None
+    out: Path,
+    *,
+    num_envs: int,
+    updates: int,
+    threads: int = 0,
+    device: str = "cpu",
+    progress: Callable[[float], None] | None = None,
 ) -> dict[str, Any]:
     """The first updates of a training from scratch; the first two are not counted.
 
@@ -22,12 +28,13 @@ def measure(
         num_envs: Robots.
         updates: Counted updates.
         threads: CPU threads of the simulation; 0 = all.
+        device: Warp device.
         progress: Called with the share that is done.
 
     Returns:
         Spread of ``collect`` and ``learn`` [s] and of ``learn_share``, and ``steps_per_second``.
     """
-    env = make_walk_cfg(num_envs=num_envs, threads=threads)
+    env = make_walk_cfg(num_envs=num_envs, threads=threads, device=device)
     trainer = Trainer(TrainCfg(env=env, out=out, iterations=updates + 2, until_gate=False))
     collect, learn = [], []
     with one_torch_thread():

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import torch
+import warp as wp
 
 from mrwarp.actuator import Coupling
 from mrwarp.env.backend import BackendKind, MjBatchBackend
@@ -52,12 +53,23 @@ class NotWalkingError(RuntimeError):
     """What was timed does not walk: its times mean nothing."""
 
 
-def variant_cfg(name: str, *, num_envs: int, threads: int = 0, seed: int = 0) -> EnvCfg:
-    """The training task (noise, random robots, pushes, resets) with one of :data:`VARIANTS`."""
-    settings = dict(VARIANTS[name])
+def variant_cfg(
+    name: str,
+    *,
+    num_envs: int,
+    threads: int = 0,
+    seed: int = 0,
+    device: str = "cpu",
+    backend: BackendKind | None = None,
+) -> EnvCfg:
+    """The training task (noise, random robots, pushes, resets) with one of :data:`VARIANTS`.
+
+    ``backend`` is the engine of variants that do not name theirs; None takes the device's own.
+    """
+    settings = {"backend": backend, **VARIANTS[name]}
     kind = settings.get("actuator_model", "bouc_wen")
     cfg = make_walk_cfg(
-        num_envs=num_envs, threads=threads, seed=seed, actuator_file=shipped_model(kind), **settings,
+        num_envs=num_envs, threads=threads, seed=seed, device=device, actuator_file=shipped_model(kind), **settings,
     )  # fmt: skip
     return replace(cfg, sim=replace(cfg.sim, capture=name != "mjwarp_eager"))
 
@@ -82,6 +94,7 @@ class Walk:
         threads: CPU threads of the simulation; 0 = all.
         seconds: How long they walk before anything is timed [s].
         like: Walking robots of the same kind whose state they take over first, repeated where they are more.
+        device, backend: As of :func:`variant_cfg`.
     """
 
     def __init__(
@@ -94,13 +107,15 @@ class Walk:
         threads: int = 0,
         seconds: float = 2.0,
         like: Walk | None = None,
+        device: str = "cpu",
+        backend: BackendKind | None = None,
     ) -> None:
         self.name, self.policy, self.steps = name, policy, steps
-        self.env = WalkEnv(variant_cfg(name, num_envs=num_envs, threads=threads))
+        self.env = WalkEnv(variant_cfg(name, num_envs=num_envs, threads=threads, device=device, backend=backend))
         env = self.env
         # spread the episodes, as a training does
         generator = torch.Generator().manual_seed(0)
-        env.episode_length_buf[:] = torch.randint(env.cfg.episode_steps, (num_envs,), generator=generator)
+        env.episode_length_buf = torch.randint(env.cfg.episode_steps, (num_envs,), generator=generator)
         if like is not None:
             env.load_state(repeated(like.env.state(), like.env.num_envs, num_envs))
         self._obs = env.get_observations()
@@ -206,9 +221,9 @@ class Walk:
         """One policy step; its time without the policy [s]."""
         env = self.env
         action = self.policy(self._obs)
-        begin = time.perf_counter()
+        begin = self._now()
         self._obs, _, _, _ = env.step(action)
-        spent = time.perf_counter() - begin
+        spent = self._now() - begin
         self._walked += 1
         self._falls += int(env.fallen.sum())
         self._height += float(env.root_pos[:, 2].mean())
@@ -222,11 +237,17 @@ class Walk:
             return
         for launch in around.before:
             launch()
-        begin = time.perf_counter()
+        begin = self._now()
         self._step_robot(count)
-        self._robot_seconds += time.perf_counter() - begin
+        self._robot_seconds += self._now() - begin
         for launch in around.after:
             launch()
+
+    def _now(self) -> float:
+        """Time when all that was launched is done [s]; a CPU does it at once."""
+        if not self.env.sim.device.is_cpu:
+            wp.synchronize_device(self.env.sim.device)
+        return time.perf_counter()
 
     def _timed_physics(self) -> None:
         if self._on_physics is not None:

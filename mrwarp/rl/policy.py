@@ -99,6 +99,7 @@ class OnnxPolicy:
         except Exception as error:  # the checker lets shapes and types pass that numpy or torch do not have
             cause = " ".join(str(error).split())
             raise PolicyError(f"{path}: unreadable weights ({cause}); export it again") from error
+        self._on: dict[torch.device, dict[str, torch.Tensor]] = {}
         self._nodes = list(proto.graph.node)
         for node in self._nodes:
             if node.op_type not in _OPS:
@@ -126,11 +127,14 @@ class OnnxPolicy:
     @torch.no_grad()
     def __call__(self, obs: TensorDict | torch.Tensor) -> torch.Tensor:
         """Actions (E, 12) for observations (the ``actor`` group, or a tensor (E, 47))."""
-        values = dict(self._weights)
-        values[self._input] = obs["actor"] if isinstance(obs, TensorDict) else obs
+        x = obs["actor"] if isinstance(obs, TensorDict) else obs
+        if x.device not in self._on:
+            self._on[x.device] = {name: weight.to(x.device) for name, weight in self._weights.items()}
+        values = {**self._on[x.device], self._input: x}
         for node in self._nodes:
             attributes = {a.name: onnx.helper.get_attribute_value(a) for a in node.attribute}
-            values[node.output[0]] = _OPS[node.op_type](attributes, *(values[name] for name in node.input))
+            found = _OPS[node.op_type](attributes, *(values[name] for name in node.input))
+            values[node.output[0]] = found.to(x.device)
         return values[self._output]
 
     def actor(self) -> tuple[dict[str, torch.Tensor], torch.Tensor]:

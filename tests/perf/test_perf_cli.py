@@ -56,7 +56,6 @@ def test_compare_passes_against_itself_and_fails_when_slowed(
         (["--num-envs", "0"], "at least one"),
         (["--rounds", "1"], "at least 2"),
         (["--threads", "-1"], "0 (all)"),
-        (["--device", "cuda:0"], "only cpu"),
         (["--compare", "/no/such/file.json"], "file.json"),
         (["--policy", "/no/such/policy.onnx"], "policy.onnx"),
     ],
