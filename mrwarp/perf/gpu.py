@@ -84,6 +84,8 @@ class GpuCfg:
             raise ValueError(f"num_envs = {self.num_envs} must be at least one number, none below 1")
         if self.rounds < 2 or self.steps < 1:
             raise ValueError(f"rounds = {self.rounds} must be at least 2 and steps = {self.steps} at least 1")
+        if not self.parts:
+            raise ValueError("parts: choose from walking, joint and training on a GPU")
         if self.device not in {"cpu", *(found.alias for found in wp.get_cuda_devices())}:
             raise ValueError(f"device {self.device!r} is not here; Warp has {', '.join(map(str, wp.get_devices()))}")
 

@@ -54,9 +54,14 @@ def test_every_target_that_was_measured_is_judged(figures: dict) -> None:
 
 @pytest.mark.parametrize(
     ("options", "text"),
-    [(["--device", "cuda:7"], "cuda:7"), (["--device", "tpu"], "tpu"), (["--device", "cuda:7", "--rounds", "1"], "2")],
+    [
+        (["--device", "cuda:7"], "cuda:7"),
+        (["--device", "tpu"], "tpu"),
+        (["--device", "cuda:7", "--rounds", "1"], "at least 2"),
+        (["--device", "cuda:7", "--parts", "lstm"], "walking, joint and training"),
+    ],
 )
-def test_a_device_that_is_not_here_is_refused_on_one_line(
+def test_what_cannot_be_measured_is_refused_on_one_line(
     options: list[str], text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Exit code 2, nothing written."""
