@@ -20,18 +20,11 @@ from mrwarp.actuator import ActuatorInputs, Coupling, HoldCurrent, MrActuator, M
 from mrwarp.drive import DriveMR
 from mrwarp.kernels import learned
 from mrwarp.launch import capture, record
+from mrwarp.nn.layout import lstm_weights, output_layer, states_at_rest
 from mrwarp.nn.model_file import LearnedModel, SamplingRateError, load, shipped_model
 from mrwarp.nn.models import LstmState, LstmTorque, make_net
 from mrwarp.params import BoucWenParams, MrParams
-from mrwarp.residual import (
-    KINDS,
-    LearnedTorque,
-    lstm_weights,
-    output_layer,
-    states_at_rest,
-    window_now,
-    with_bouc_wen,
-)
+from mrwarp.residual import KINDS, LearnedTorque, window_now, with_bouc_wen
 from mrwarp.sysid import learn
 from mrwarp.sysid.recording import Recording, Trajectory
 
