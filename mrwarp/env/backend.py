@@ -81,6 +81,8 @@ class MjBatchBackend:
         # a state that is no number has to show and to count as unsolved, not to jump back to the model's own start
         model = copy.copy(model)
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        # a robot's constraints all hang together: looking for islands among them costs up to a tenth of a step
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
         self.batch = mujoco.batch.Batch(model, num_envs, threads, persistent=keep_data)
         self._views: dict[str, wp.array] = {}
         first = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
