@@ -22,6 +22,9 @@ torque in its place, or a learned residual on it."""
 TERRAINS = ("flat", "rough")
 """Grounds to train on: a plane, or the height field of :mod:`mrwarp.env.terrain`."""
 
+RANDOMIZATIONS = ("all", "ground", "none")
+"""What differs between training environments, see :func:`make_randomize_cfg`."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class CommandCfg:
@@ -69,6 +72,25 @@ class RandomizeCfg:
     """Mean time between kicks [s]."""
 
 
+def make_randomize_cfg(kind: str = "all") -> RandomizeCfg | None:
+    """What differs between training environments.
+
+    Args:
+        kind: One of :data:`RANDOMIZATIONS`. ``all``: everything that :class:`RandomizeCfg` has. ``ground``: friction
+            and kicks, what legged_gym, the common walking environments for Isaac Gym, randomises by default, and
+            nothing of the robot. ``none``.
+
+    Raises:
+        ValueError: there is no such kind.
+    """
+    if kind not in RANDOMIZATIONS:
+        raise ValueError(f"randomize = {kind!r} is unknown; choose from {', '.join(RANDOMIZATIONS)}")
+    if kind == "none":
+        return None
+    nominal = {"added_mass": (0.0, 0.0), "mr_scale": (1.0, 1.0), "gain_scale": (1.0, 1.0)}
+    return RandomizeCfg(**nominal) if kind == "ground" else RandomizeCfg()
+
+
 @dataclass(frozen=True, kw_only=True)
 class RewardCfg:
     """Weights of the reward terms, per second; see ``rewards.py`` for the terms."""
@@ -86,6 +108,8 @@ class RewardCfg:
     effort: float = -3e-4
     action_rate: float = -0.02
     joint_acceleration: float = -1e-7
+    power: float = 0.0
+    """Per watt of electrical power of motors and coils."""
     target_height: float = 0.32
     """Wanted trunk height [m]; the paper's policies walk at 0.328 to 0.334."""
     velocity_width: float = 0.04
@@ -193,8 +217,9 @@ def make_walk_cfg(
     threads: int = 0,
     deterministic: bool = False,
     terrain: str = "flat",
+    randomize: str = "all",
 ) -> EnvCfg:
-    """The training task: MR joint, randomisation and noise on; ``terrain`` is one of :data:`TERRAINS`.
+    """The training task: MR joint and noise on; ``terrain`` of :data:`TERRAINS`, ``randomize`` of RANDOMIZATIONS.
 
     Raises:
         ValueError: a choice is unknown.
@@ -212,6 +237,7 @@ def make_walk_cfg(
         payload=payload,
         asset=asset,
         terrain=TerrainCfg() if terrain == "rough" else None,
+        randomize=make_randomize_cfg(randomize),
         seed=seed,
     )
 

@@ -27,12 +27,13 @@ TERMS = {
     "effort": "squared motor torques [(N·m)^2], averaged over the torque steps",
     "action_rate": "squared change of the action",
     "joint_acceleration": "squared joint acceleration over the policy step [(rad/s^2)^2]",
+    "power": "electrical power of motors and coils [W]: copper loss, mechanical power, coil loss",
 }
 """All terms, by the name of their weight in ``RewardCfg``, in the order of the kernel."""
 
 _INPUTS = (
     "body_velocity", "command", "height", "root_pos", "root_vel", "root_ang", "gravity", "q", "qd", "last_qd", "action",
-    "last_action", "effort", "foot_ground", "leg_phase", "clock_match",
+    "last_action", "effort", "power", "foot_ground", "leg_phase", "clock_match",
 )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from tensordict import TensorDict
 
 from mrwarp.asset import JointActuator, load_robot
 from mrwarp.effects.applied import with_model
+from mrwarp.electrical.power import ElectricalCfg, copper_factor
 from mrwarp.env import randomize, terminations
 from mrwarp.env.cfg import LEARNED, EnvCfg
 from mrwarp.env.episodes import Episodes
@@ -103,7 +104,8 @@ class WalkEnv(VecEnv):
         self.gravity, self.body_velocity = self._zeros(num_envs, 3), self._zeros(num_envs, 3)
         self.height, self.ground = self._zeros(num_envs), self._zeros(num_envs)
         self.foot_ground = self._zeros(num_envs, len(LEGS))
-        self.effort, self.privileged = self._zeros(num_envs), self._zeros(num_envs, 2)
+        self.effort, self.power = self._zeros(num_envs), self._zeros(num_envs)
+        self.privileged = self._zeros(num_envs, 2)
         self.fallen, self.broken = self._zeros(num_envs).bool(), self._zeros(num_envs).bool()
         self._episode_length = torch.zeros(num_envs, dtype=torch.long, device=self.device)
         self.watch = Watch(self.robot, self.action)
@@ -151,6 +153,7 @@ class WalkEnv(VecEnv):
             self.terrain.restart()
         self._reset(torch.ones(self.num_envs, dtype=torch.bool, device=self.device))
         self.effort.zero_()
+        self.power.zero_()
         self.fallen, self.broken = torch.zeros_like(self.fallen), torch.zeros_like(self.broken)
         self.watch.forget()
         self.last_observations = self.get_observations()
@@ -262,7 +265,8 @@ class WalkEnv(VecEnv):
     def _control_step(self) -> Around:
         """What a policy step does before and after its torque and physics steps, in this order; all on the device."""
         sim, cfg, array = self.sim, self.cfg, wp.from_torch
-        self._motor_square = wp.zeros(self.num_envs, dtype=float, device=sim.device)
+        self._spent = wp.zeros(self.num_envs, dtype=wp.vec2, device=sim.device)
+        self._copper = copper = wp.array(copper_factor(ElectricalCfg()), dtype=float, device=sim.device)
         self._actions = self._zeros(self.num_envs, self.num_actions)
         self._everywhere = wp.full(self.num_envs, True, dtype=wp.bool, device=sim.device)
         self._terminations = ends = terminations.Terminations(self, self.watch.broken, self.watch.reward)
@@ -277,16 +281,16 @@ class WalkEnv(VecEnv):
         remembered = [array(self.action), array(self.last_action), self.robot.q_des, array(self.last_qd)]
         begin = recorded(
             derived.begin_kernel,
-            [cfg.action_scale, array(self.default_q), array(self._actions), sim.qd, self.actuator.ledger],
-            [*remembered, self._motor_square],
+            [cfg.action_scale, array(self.default_q), copper, array(self._actions), sim.qd, self.actuator.ledger],
+            [*remembered, self._spent],
         )
         end = recorded(
             derived.end_kernel,
             [
-                cfg.gait_frequency * cfg.step_dt, cfg.step_dt, self.actuator.ledger, self._motor_square,
+                cfg.gait_frequency * cfg.step_dt, cfg.step_dt, copper, self.actuator.ledger, self._spent,
                 array(self.phase),
             ],
-            [array(self.effort), array(self.phase), array(self.key)],
+            [array(self.effort), array(self.power), array(self.phase), array(self.key)],
         )  # fmt: skip
         return Around(
             before=[begin, self.push],
@@ -317,6 +321,7 @@ _OWN_STATE = (
     "episode_length_buf",
     "q_des",
     "effort",
+    "power",
     "key",
 )
 _PHYSICS_STATE = ("qpos", "qvel", "qacc_warmstart", "qfrc_applied", "xfrc_applied")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +26,8 @@ def task(cfg: EnvCfg) -> dict[str, Any]:
         "z_step": cfg.actuator.z_step.value,
         "sal": cfg.actuator.sal,
         "terrain": "rough" if cfg.terrain else "flat",
+        "randomize": _plain(cfg.randomize),
+        "rewards": _plain(cfg.rewards),
         "num_envs": cfg.sim.num_envs,
         "device": cfg.sim.device,
         "engine": cfg.sim.engine.value,
@@ -31,6 +35,11 @@ def task(cfg: EnvCfg) -> dict[str, Any]:
         "step_dt": cfg.step_dt,
         "gait_frequency": cfg.gait_frequency,
     }
+
+
+def _plain(part: Any) -> dict[str, Any] | None:
+    """A part of a configuration as JSON gives it back, so that it can be compared with a saved one."""
+    return json.loads(json.dumps(asdict(part))) if part else None
 
 
 def _portable(cfg: EnvCfg) -> str | None:

@@ -16,7 +16,7 @@ from mrwarp.actuator import Coupling, HoldCurrent, ZStep
 from mrwarp.asset import AssetError
 from mrwarp.effects.applied import effect_lines
 from mrwarp.env.backend import BackendKind
-from mrwarp.env.cfg import ACTUATORS, TERRAINS, make_walk_cfg
+from mrwarp.env.cfg import ACTUATORS, RANDOMIZATIONS, TERRAINS, make_walk_cfg
 from mrwarp.nn.model_file import shipped_model
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
@@ -51,6 +51,8 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--z-step", choices=_values(ZStep), default="euler", help="step of the hysteresis state")
     parser.add_argument("--sal", choices=("on", "off"), default="on", help="whether the gates may open")
     parser.add_argument("--terrain", choices=TERRAINS, default="flat", help="ground (rough: with a curriculum)")
+    differs = "what differs between environments: friction, kicks, mass, gains and devices; friction and kicks; nothing"
+    parser.add_argument("--randomize", choices=RANDOMIZATIONS, default="all", help=f"{differs} (default: all)")
     parser.add_argument("--backend", choices=_values(BackendKind), help="physics engine (default: by device)")
     parser.add_argument("--threads", type=int, default=0, help="CPU threads of the physics; 0 = all (default)")
     repeat = "make a GPU repeat its bits, at some cost in speed (the CPU repeats them anyway)"
@@ -110,6 +112,7 @@ def main(argv: list[str] | None = None) -> int:
             threads=ranks.threads(args.threads),
             deterministic=args.deterministic,
             terrain=args.terrain,
+            randomize=args.randomize,
         )
         cfg = TrainCfg(
             env=env,

@@ -24,7 +24,7 @@ UNITS = {
 
 def make_parser() -> argparse.ArgumentParser:
     """The options of ``mrwarp study``."""
-    from mrwarp.env.cfg import TERRAINS
+    from mrwarp.env.cfg import RANDOMIZATIONS, TERRAINS
     from mrwarp.rl.train_cli import positive
     from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, PLANTS, SEEDS, STUDY, StudyCfg
 
@@ -42,6 +42,8 @@ def make_parser() -> argparse.ArgumentParser:
         part.add_argument("--num-envs", type=positive, default=default.num_envs, help="parallel environments")
         part.add_argument("--iterations", type=positive, default=default.iterations, help="PPO updates of every policy")
         part.add_argument("--terrain", choices=TERRAINS, default=default.terrain, help="ground of every training")
+        differs = "what differs between environments (default: friction and kicks, as in legged_gym)"
+        part.add_argument("--randomize", choices=RANDOMIZATIONS, default=default.randomize, help=differs)
         part.add_argument("--runs", type=Path, default=Path("runs/study"), help="folder of the runs")
     begin = "folder of policies to begin with, e.g. policies/study; each training takes the one of its plant and seed"
     train.add_argument("--start-from", type=Path, metavar="DIR", help=begin)
@@ -104,7 +106,7 @@ def _study_cfg(args: argparse.Namespace) -> Any:
 
     return StudyCfg(
         num_envs=args.num_envs, iterations=args.iterations, terrain=args.terrain, seeds=tuple(args.seeds),
-        plants=tuple(args.plants), start_from=getattr(args, "start_from", None),
+        plants=tuple(args.plants), randomize=args.randomize, start_from=getattr(args, "start_from", None),
     )  # fmt: skip
 
 

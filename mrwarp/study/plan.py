@@ -24,6 +24,10 @@ PLANTS = (CONVENTIONAL, AWARE, *(model for model in MODELS if model != AWARE))
 SEEDS = (0, 1, 2)
 """Training seeds of every plant."""
 
+RANDOMIZE = "ground"
+"""What differs between environments in the studies' trainings: the paper (section 6.2) lists what it matched between
+policies and names no randomisation of robot or device, so it is what legged_gym randomises by default."""
+
 STUDY = POLICIES / "study"
 """Shipped policies of the studies, with their training records."""
 
@@ -38,6 +42,8 @@ class StudyCfg:
     """PPO updates, the same for every policy."""
     terrain: str = "flat"
     """Ground and its curriculum."""
+    randomize: str = RANDOMIZE
+    """What differs between the environments, the same for every plant."""
     start_from: Path | None = None
     """Folder of policies that the trainings begin with, each with that of its plant and seed; None draws networks."""
     seeds: tuple[int, ...] = SEEDS
@@ -67,18 +73,31 @@ def record_file(folder: Path, plant: str, seed: int) -> Path:
     return folder / f"{name(plant, seed)}.json"
 
 
-def plant_cfg(plant: str, *, num_envs: int = 64, terrain: str = "flat", threads: int = 0) -> EnvCfg:
+def plant_cfg(
+    plant: str, *, num_envs: int = 64, terrain: str = "flat", threads: int = 0, randomize: str = RANDOMIZE
+) -> EnvCfg:
     """The walking task on a plant; observations, actions, rewards, commands and randomisation are the same for all.
 
     Raises:
-        ValueError: there is no such plant.
+        ValueError: there is no such plant, or no such randomisation.
     """
     if plant not in PLANTS:
         raise ValueError(f"plant = {plant!r}: choose from {', '.join(PLANTS)}")
     if plant == CONVENTIONAL:
         return make_walk_cfg(
-            num_envs=num_envs, robot="go1", actuator_model="none", sal=False, terrain=terrain, threads=threads
+            num_envs=num_envs,
+            robot="go1",
+            actuator_model="none",
+            sal=False,
+            terrain=terrain,
+            threads=threads,
+            randomize=randomize,
         )
     return make_walk_cfg(
-        num_envs=num_envs, actuator_model=plant, actuator_file=shipped_model(plant), terrain=terrain, threads=threads
+        num_envs=num_envs,
+        actuator_model=plant,
+        actuator_file=shipped_model(plant),
+        terrain=terrain,
+        threads=threads,
+        randomize=randomize,
     )

@@ -102,14 +102,15 @@ def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> T
     saved = run / "checkpoint.pt"
     begin = None if saved.is_file() or cfg.start_from is None else policy_file(cfg.start_from, plant, seed)
     train_cfg = TrainCfg(
-        env=plant_cfg(plant, num_envs=cfg.num_envs, terrain=cfg.terrain, threads=threads),
+        env=plant_cfg(plant, num_envs=cfg.num_envs, terrain=cfg.terrain, threads=threads, randomize=cfg.randomize),
         out=run,
         seed=seed,
         iterations=cfg.iterations,
         until_gate=False,
         check_every=float("inf"),
         command=f"mrwarp study train --plants {plant} --seeds {seed} --num-envs {cfg.num_envs} --iterations "
-        f"{cfg.iterations} --terrain {cfg.terrain}" + (f" --start-from {cfg.start_from}" if cfg.start_from else ""),
+        f"{cfg.iterations} --terrain {cfg.terrain} --randomize {cfg.randomize}"
+        + (f" --start-from {cfg.start_from}" if cfg.start_from else ""),
     )
     return Trainer(train_cfg, resume=saved if saved.is_file() else None, start_from=begin)
 

@@ -6,7 +6,7 @@ import pytest
 
 from mrwarp.actuator import Coupling, HoldCurrent, ZStep
 from mrwarp.env.backend import BackendKind
-from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
+from mrwarp.env.cfg import EnvCfg, RandomizeCfg, make_play_cfg, make_randomize_cfg, make_walk_cfg
 
 
 def test_make_walk_cfg_returns_equal_but_separate_objects() -> None:
@@ -23,14 +23,23 @@ def test_make_walk_cfg_passes_every_choice_on() -> None:
         num_envs=3, device="cpu", seed=7, robot="go1", payload=3, asset="x.usda", actuator_model="mlp",
         actuator_file="net.safetensors", coupling=Coupling.EXPLICIT, hold_current=HoldCurrent.FIXED,
         z_step=ZStep.EXACT, sal=False, backend=BackendKind.MJWARP, threads=2,
-        deterministic=True,
+        deterministic=True, randomize="none",
     )  # fmt: skip
-    assert cfg.sim.deterministic
+    assert cfg.sim.deterministic and cfg.randomize is None
     assert (cfg.sim.num_envs, cfg.sim.device, cfg.sim.backend, cfg.sim.threads) == (3, "cpu", BackendKind.MJWARP, 2)
     assert (cfg.seed, cfg.robot, cfg.payload, cfg.asset) == (7, "go1", 3, "x.usda")
     assert (cfg.actuator_model, cfg.actuator_file) == ("mlp", "net.safetensors")
     chosen = (cfg.actuator.coupling, cfg.actuator.hold_current, cfg.actuator.z_step, cfg.actuator.sal)
     assert chosen == (Coupling.EXPLICIT, HoldCurrent.FIXED, ZStep.EXACT, False)
+
+
+def test_ground_randomises_friction_and_kicks_alone() -> None:
+    """Mass, devices and gains are nominal; everything else is as with all."""
+    ground, everything = make_randomize_cfg("ground"), make_randomize_cfg("all")
+    assert ground is not None and everything == RandomizeCfg()
+    assert (ground.added_mass, ground.mr_scale, ground.gain_scale) == ((0.0, 0.0), (1.0, 1.0), (1.0, 1.0))
+    of_the_robot = {name: getattr(everything, name) for name in ("added_mass", "mr_scale", "gain_scale")}
+    assert replace(ground, **of_the_robot) == everything
 
 
 def test_cfg_cannot_be_edited_in_place() -> None:

@@ -46,6 +46,7 @@ def make_state(seed: int) -> Any:
         action=random(NUM_ENVS, 12),
         last_action=random(NUM_ENVS, 12),
         effort=random(NUM_ENVS, scale=50.0).abs(),
+        power=random(NUM_ENVS, scale=100.0).abs(),
         leg_phase=torch.tensor(rng.uniform(size=(NUM_ENVS, 4)), dtype=torch.float32),
         clock_match=torch.tensor(rng.uniform(size=(NUM_ENVS, 4)) < 0.5),
     )
@@ -115,6 +116,7 @@ FORMULAS: dict[str, Callable[[Any], np.ndarray]] = {
     "posture": lambda s: squares(s.q - torch.tensor(DEFAULT_Q)),
     "hip_posture": lambda s: squares(s.q[:, [0, 3, 6, 9]]),
     "effort": lambda s: s.effort.numpy(),
+    "power": lambda s: s.power.numpy(),
     "action_rate": lambda s: squares(s.action - s.last_action),
     "joint_acceleration": lambda s: squares((s.qd - s.last_qd) / 0.02),
 }
@@ -126,7 +128,7 @@ def make_best(s: Any) -> None:
     s.clock_match[:] = True
     s.root_pos[:, 2] = s.cfg.rewards.target_height
     s.gravity[:] = torch.tensor([0.0, 0.0, -1.0])
-    s.root_vel[:, 2], s.root_ang[:, :2], s.effort[:] = 0.0, 0.0, 0.0
+    s.root_vel[:, 2], s.root_ang[:, :2], s.effort[:], s.power[:] = 0.0, 0.0, 0.0, 0.0
     s.q[:] = s.default_q
     s.action[:], s.qd[:] = s.last_action, s.last_qd
     s.leg_phase[:] = 0.2  # all in stance: no clearance wanted
@@ -168,7 +170,7 @@ def test_term_is_best_where_it_should_be(name: str) -> None:
 
 
 def test_weights_pull_towards_the_best_values() -> None:
-    """Rewards are weighted positively, penalties (squares) negatively."""
+    """Rewards are weighted positively, penalties (squares, power) negatively or, power by default, not at all."""
     signs = {name: value > 0 for name, value in weights(RewardCfg()).items()}
     assert {name for name, positive in signs.items() if positive} == {"track_velocity", "track_yaw", "contact_clock"}
 
@@ -210,7 +212,7 @@ def test_total_is_the_weighted_sum_over_one_policy_step() -> None:
 def test_total_keeps_a_broken_environment_to_itself() -> None:
     """NaN in one environment's state does not reach the reward of another."""
     state, clean = make_state(7), make_state(7)
-    for name in ("q", "qd", "root_pos", "root_vel", "gravity", "effort"):
+    for name in ("q", "qd", "root_pos", "root_vel", "gravity", "effort", "power"):
         getattr(state, name)[3] = float("nan")
     found, expected = total(state), total(clean)
     others = torch.arange(NUM_ENVS) != 3

@@ -10,6 +10,7 @@ import torch
 from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 
+from mrwarp.electrical.power import ElectricalCfg, copper_factor
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.robot import DEFAULT_Q, STAND_HEIGHT
@@ -135,6 +136,29 @@ def test_effort_is_the_mean_squared_torque_of_the_policy_step() -> None:
         expected = env.view(env.actuator.tau_motor).double().square().sum(1)
         # difference of float32 sums over 5 steps, each 1e-7 of at most 5 times the value
         torch.testing.assert_close(env.effort.double(), expected, rtol=1e-5, atol=0.0)
+
+
+def test_power_is_the_electrical_models_without_losses_of_gears_and_supply() -> None:
+    """Copper loss, mechanical power and coil loss from torques, velocities and currents of the four torque steps."""
+    env = WalkEnv(make_cfg(8, currents=(1.5,)))
+    factor, coils = torch.tensor(copper_factor(ElectricalCfg())), []
+    resistance = env.view(env.actuator.param("coil_resistance")).double()
+    rows: list[torch.Tensor] = []
+
+    def count() -> None:
+        tau, qd = env.view(env.actuator.tau_motor).double(), env.qd.double()
+        coil = (resistance * env.view(env.actuator.current).double().square()).sum(1)
+        coils.append(float(coil.sum()))
+        rows.append((factor * tau.square() + tau * qd).sum(1) + coil)
+
+    env.substep_hooks.append(count)
+    for action in random_actions(10, 8):
+        rows.clear()
+        env.step(action)
+        expected = torch.stack(rows).mean(0)
+        # differences of float32 sums over 40 steps: 1e-7 of some 100 J within 20 ms are 5e-4 W
+        torch.testing.assert_close(env.power.double(), expected, rtol=1e-4, atol=5e-3)
+    assert sum(coils) > 0.0
 
 
 def test_time_out_comes_at_the_end_of_the_episode() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from mrwarp.env.cfg import make_randomize_cfg
 from mrwarp.evaluate.walking import GateCheck, WalkingGate
 from mrwarp.folder import claim
 from mrwarp.rl import curves as training_curves
@@ -33,10 +34,13 @@ def test_plants_differ_in_the_device_alone() -> None:
     cfgs = [plant_cfg(plant, terrain="rough") for plant in PLANTS]
     for shared in ("commands", "noise", "randomize", "rewards", "terrain", "action_scale", "gait_frequency"):
         assert len({repr(getattr(cfg, shared)) for cfg in cfgs}) == 1, shared
+    assert cfgs[0].randomize == make_randomize_cfg("ground")
     assert [cfg.robot for cfg in cfgs] == ["go1"] + ["mr_go"] * 4
     assert [cfg.actuator_model for cfg in cfgs] == ["none", "pg_rlstm", "mlp", "bouc_wen", "lstm"]
     with pytest.raises(ValueError, match="plant = 'spring': choose from conventional"):
         plant_cfg("spring")
+    with pytest.raises(ValueError, match="randomize = 'moon' is unknown; choose from all, ground, none"):
+        plant_cfg("mlp", randomize="moon")
 
 
 def test_trainings_begin_with_the_policies_of_a_folder(tmp_path: Path) -> None:
@@ -48,7 +52,7 @@ def test_trainings_begin_with_the_policies_of_a_folder(tmp_path: Path) -> None:
     record = json.loads(record_file(tmp_path / "policies", CONVENTIONAL, 1).read_text())
     assert record["started_from"]["file"] == str(policy_file(STUDY, CONVENTIONAL, 1))
     assert record["started_from"]["seed"] == 1 and record["task"]["terrain"] == "rough"
-    assert record["command"].endswith(f"--terrain rough --start-from {STUDY}")
+    assert record["command"].endswith(f"--terrain rough --randomize ground --start-from {STUDY}")
     with pytest.raises(PolicyError, match="no such policy"):
         train(replace(cfg, start_from=tmp_path), tmp_path / "others", report=lambda line: None)
     assert not (tmp_path / "others").exists()
@@ -67,7 +71,7 @@ def test_training_in_two_goes_gives_the_policy_of_one_and_a_record(tmp_path: Pat
         assert torch.equal(OnnxPolicy(first)(obs), OnnxPolicy(second)(obs))
     record = json.loads(record_file(tmp_path / "once_policies", "bouc_wen", 0).read_text())
     assert record["command"] == (
-        "mrwarp study train --plants bouc_wen --seeds 0 --num-envs 4 --iterations 2 --terrain flat"
+        "mrwarp study train --plants bouc_wen --seeds 0 --num-envs 4 --iterations 2 --terrain flat --randomize ground"
     )
     assert (record["iterations"], record["environment_steps"], record["task"]["terrain"]) == (2, 2 * 24 * 4, "flat")
     assert record["curve"]["iteration"] == [1.0, 2.0] and len(record["curve"]["reward"]) == 2

@@ -6,33 +6,45 @@ import warp as wp
 
 from mrwarp.env.task_kernels.draws import COMMAND, PUSH, STEP, between, draw, place
 from mrwarp.env.task_kernels.gait import clock_stance, leg_phase
-from mrwarp.kernels.ledger import MOTOR_SQUARE
+from mrwarp.kernels.ledger import COIL, MOTOR, MOTOR_SQUARE
 
 
 @wp.func
-def motor_square(ledger: wp.array3d[float], env: int) -> float:
-    """Integral of the squared motor torques of all joints since the reset [(N·m)^2 s]."""
-    total = float(0.0)
+def spent(ledger: wp.array3d[float], copper: wp.array[float], env: int) -> wp.vec2:
+    """What all joints spent since the reset: integral of the squared motor torques [(N·m)^2 s]; electrical energy [J].
+
+    The energy is the motors' copper loss and mechanical work, given-back work counted in full, and the coils' loss.
+
+    Args:
+        ledger: Energy ledger, shape (E, J, entries).
+        copper: Copper loss per torque squared, shape (J,) [W/(N·m)^2].
+        env: Environment.
+    """
+    square, energy = float(0.0), float(0.0)
     for joint in range(ledger.shape[1]):
-        total += ledger[env, joint, MOTOR_SQUARE]
-    return total
+        square += ledger[env, joint, MOTOR_SQUARE]
+        energy += (
+            copper[joint] * ledger[env, joint, MOTOR_SQUARE] + ledger[env, joint, MOTOR] + ledger[env, joint, COIL]
+        )
+    return wp.vec2(square, energy)
 
 
 @wp.kernel
 def begin_kernel(
-    # parameters: action scale [rad]; neutral stance [rad], shape (A,)
+    # parameters: action scale [rad]; neutral stance [rad], shape (A,); copper loss [W/(N·m)^2], shape (J,)
     action_scale: float,
     default_q: wp.array[float],
+    copper: wp.array[float],
     # in, shapes (E, A), (E, J) [rad/s], (E, J, entries)
     actions_in: wp.array2d[float],
     qd_in: wp.array2d[float],
     ledger_in: wp.array3d[float],
-    # out, shapes (E, A), (E, A), (E, J) [rad], (E, J) [rad/s], (E,) [(N·m)^2 s]
+    # out, shapes (E, A), (E, A), (E, J) [rad], (E, J) [rad/s], (E,) [(N·m)^2 s, J]
     action_out: wp.array2d[float],
     last_action_out: wp.array2d[float],
     q_des_out: wp.array2d[float],
     last_qd_out: wp.array2d[float],
-    motor_square_out: wp.array[float],
+    spent_out: wp.array[wp.vec2],
 ):
     """Take the new action, and remember what the coming policy step is compared with."""
     env = wp.tid()
@@ -41,7 +53,7 @@ def begin_kernel(
         action_out[env, k] = actions_in[env, k]
         q_des_out[env, k] = default_q[k] + action_scale * actions_in[env, k]
         last_qd_out[env, k] = qd_in[env, k]
-    motor_square_out[env] = motor_square(ledger_in, env)
+    spent_out[env] = spent(ledger_in, copper, env)
 
 
 @wp.kernel
@@ -91,23 +103,27 @@ def command_kernel(
 
 @wp.kernel
 def end_kernel(
-    # parameters: clock advance per policy step [1], policy step [s]
+    # parameters: clock advance per policy step [1], policy step [s]; copper loss [W/(N·m)^2], shape (J,)
     advance: float,
     step_dt: float,
-    # in, shapes (E, J, entries), (E,) [(N·m)^2 s], (E,)
+    copper: wp.array[float],
+    # in, shapes (E, J, entries), (E,) [(N·m)^2 s, J], (E,)
     ledger_in: wp.array3d[float],
-    motor_square_in: wp.array[float],
+    spent_in: wp.array[wp.vec2],
     phase_in: wp.array[float],
-    # out, shapes (E,) [(N·m)^2], (E,), (2,)
+    # out, shapes (E,) [(N·m)^2], (E,) [W], (E,), (2,)
     effort_out: wp.array[float],
+    power_out: wp.array[float],
     phase_out: wp.array[float],
     key_out: wp.array[wp.int64],
 ):
-    """Squared motor torques, averaged over the policy step, and the gait clock at its end; count the step."""
+    """Squared motor torques and electrical power, means over the policy step; the gait clock at its end; count it."""
     env = wp.tid()
     if env == 0:
         key_out[STEP] = key_out[STEP] + wp.int64(1)  # nothing is drawn in this launch
-    effort_out[env] = (motor_square(ledger_in, env) - motor_square_in[env]) / step_dt
+    mean = (spent(ledger_in, copper, env) - spent_in[env]) / step_dt
+    effort_out[env] = mean[0]
+    power_out[env] = mean[1]
     phase = phase_in[env] + advance
     phase_out[env] = phase - wp.floor(phase)
 

@@ -64,8 +64,8 @@ def terms_kernel(
     step_dt: float,
     default_q: wp.array[float],
     weights: wp.array[float],
-    # in, shapes (E, 3) twice, (E,) over the ground, (E, 3) four times, (E, J) three times, (E, A) twice, (E,), (E, 4)
-    # three times: height of the ground below each foot [m], phases, contacts
+    # in, shapes (E, 3) twice, (E,) over the ground, (E, 3) four times, (E, J) three times, (E, A) twice, (E,) twice,
+    # (E, 4) three times: height of the ground below each foot [m], phases, contacts
     body_velocity_in: wp.array2d[float],
     command_in: wp.array2d[float],
     height_in: wp.array[float],
@@ -79,6 +79,7 @@ def terms_kernel(
     action_in: wp.array2d[float],
     last_action_in: wp.array2d[float],
     effort_in: wp.array[float],
+    power_in: wp.array[float],
     foot_ground_in: wp.array2d[float],
     leg_phase_in: wp.array2d[float],
     clock_match_in: wp.array2d[wp.bool],
@@ -117,6 +118,8 @@ def terms_kernel(
         terms_out[env, 10] = effort_in[env]
         terms_out[env, 11] = square_to(action_in, last_action_in, env)
         terms_out[env, 12] = square_to(qd_in, last_qd_in, env) / (step_dt * step_dt)
+
+        terms_out[env, 13] = power_in[env]
 
         total = float(0.0)
         for term in range(weights.shape[0]):
