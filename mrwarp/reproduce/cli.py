@@ -33,7 +33,14 @@ def make_parser() -> argparse.ArgumentParser:
     add("--out", type=Path, required=True, help="output folder")
     add("--policy", type=Path, nargs="+", metavar="P", help="policies of all robots, one per training seed")
     for robot in ROBOTS:
-        add(f"--policy-{robot.replace('_', '-')}", type=Path, nargs="+", metavar="P", help=f"of {robot} alone")
+        add(f"--policy-{robot.replace('_', '-')}", type=Path, nargs="+", metavar="P", help=f"of {robot}'s walks alone")
+    add(
+        "--policy-impacted",
+        type=Path,
+        nargs="+",
+        metavar="P",
+        help="of MR_Go-SAL under pushes and falling masses alone",
+    )
     for name, text in (("rollouts", "walks per policy and condition"), ("impacts", "impacts per policy and current")):
         add(f"--{name}", type=int, default=getattr(default, name), help=f"{text} ({getattr(default, name)})")
     for name, text in (("distance", "walk of table 6 [m]"), ("window", "simulated walk of the mission [m]")):
@@ -55,12 +62,13 @@ def main(argv: list[str] | None = None) -> int:
     from mrwarp.evaluate.energy_cli import Progress
     from mrwarp.reproduce.catalogue import CATALOGUE, SHOWN
     from mrwarp.reproduce.runner import Runner
-    from mrwarp.reproduce.settings import ensembles
+    from mrwarp.reproduce.settings import Ensemble, ensembles
     from mrwarp.rl.policy import PolicyError
 
     try:
         settings = _settings(args)
         ensembles(settings)
+        Ensemble(settings.impacted)
         check_writable(args.out)
     except (PolicyError, ValueError, OSError) as error:
         print(f"mrwarp reproduce: {error}", file=sys.stderr)
@@ -99,7 +107,8 @@ def _settings(args: argparse.Namespace) -> Any:
         robot: tuple(getattr(args, f"policy_{robot}") or args.policy or default.policies[robot]) for robot in ROBOTS
     }
     return Settings(
-        policies=policies, rollouts=args.rollouts, impacts=args.impacts, distance=args.distance, window=args.window,
+        policies=policies, impacted=tuple(args.policy_impacted or args.policy or default.impacted),
+        rollouts=args.rollouts, impacts=args.impacts, distance=args.distance, window=args.window,
         seed=args.seed, threads=args.threads,
     )  # fmt: skip
 

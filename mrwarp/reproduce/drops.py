@@ -12,7 +12,7 @@ from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate.impact import MOTOR_WINDOW, ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace
 from mrwarp.reproduce import readings, store
 from mrwarp.reproduce.experiment import Experiment, Findings, Job
-from mrwarp.reproduce.settings import ensembles
+from mrwarp.reproduce.settings import Ensemble
 from mrwarp.robot import LEGS
 
 DATA = "drops.npz"
@@ -28,18 +28,18 @@ GAINS = {"Kp 20, Kd 0.5": readings.PUBLIC_GAINS, "Kp 35, Kd 0.6": None}
 def simulate(job: Job) -> Findings:
     """Drop the mass at every current with both sets of gains; the device is the brake that it is on hardware."""
     settings = job.settings
-    policy = ensembles(settings)["mr_go_sal"]
+    policy = Ensemble(settings.impacted)
     env = make_walk_cfg(hold_current=HoldCurrent.FIXED, threads=settings.threads)
     env = replace(env, actuator=replace(env.actuator, holding=False))
     found = {}
     for k, (name, gains) in enumerate(GAINS.items()):
         job.report(name, k / len(GAINS))
         cfg = ImpactCfg(
-            kind=ImpactKind.DROP, trials=settings.policy_seeds * settings.impacts, gains=gains, env=env,
+            kind=ImpactKind.DROP, trials=len(settings.impacted) * settings.impacts, gains=gains, env=env,
             phases=FR_RL_STANCE, seed=settings.seed,
         )  # fmt: skip
         found[name] = measured(ImpactSweep(cfg, policy).run())
-    store.save(job.out / DATA, {"found": found, "policies": settings.policy_seeds})
+    store.save(job.out / DATA, {"found": found, "policies": len(settings.impacted)})
     return Findings()
 
 
@@ -72,5 +72,5 @@ def read(folder: Path) -> tuple[dict[str, dict[str, np.ndarray]], np.ndarray]:
 
 EXPERIMENT = Experiment(
     name="drops", title="A falling mass on walking robots", compute=simulate, shown=False,
-    settings=("policies", "impacts", "seed"),
+    settings=("impacted", "impacts", "seed"),
 )  # fmt: skip

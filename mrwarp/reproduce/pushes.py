@@ -11,7 +11,7 @@ import numpy as np
 from mrwarp.nn.model_file import shipped_model
 from mrwarp.reproduce import readings, store
 from mrwarp.reproduce.experiment import Experiment, Findings, Job
-from mrwarp.reproduce.settings import ensembles
+from mrwarp.reproduce.settings import Ensemble
 
 DATA = "pushes.npz"
 """File with the data."""
@@ -45,12 +45,12 @@ class Pushes:
 def simulate(job: Job) -> Findings:
     """Calibrate the duration of every reading on the 0 A row and push at all currents."""
     settings = job.settings
-    policy = ensembles(settings)["mr_go_sal"]
+    policy = Ensemble(settings.impacted)
     done, trace = [], None
     for k, reading in enumerate(readings.READINGS):
         job.report(reading.name, k / len(readings.READINGS))
         pushed = readings.push(
-            reading, policy, trials=settings.policy_seeds * settings.impacts, seed=settings.seed,
+            reading, policy, trials=len(settings.impacted) * settings.impacts, seed=settings.seed,
             threads=settings.threads,
         )  # fmt: skip
         done.append(pushed)
@@ -59,7 +59,7 @@ def simulate(job: Job) -> Findings:
     store.save(
         job.out / DATA,
         {"readings": readings.summary(done), "cells": [p.cells for p in done], "trace": trace,
-         "policies": settings.policy_seeds},
+         "policies": len(settings.impacted)},
     )  # fmt: skip
     return Findings()
 
@@ -76,5 +76,5 @@ def networks(settings: object) -> list[Path]:
 
 EXPERIMENT = Experiment(
     name="pushes", title="Pushes on walking robots", compute=simulate, shown=False,
-    settings=("policies", "impacts", "seed"), files=networks,
+    settings=("impacted", "impacts", "seed"), files=networks,
 )  # fmt: skip

@@ -10,7 +10,7 @@ from mrwarp.evaluate.impact import ImpactSweep, Variant
 from mrwarp.paper import Measured
 from mrwarp.reproduce import pushes, readings
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row
-from mrwarp.reproduce.settings import ensembles
+from mrwarp.reproduce.settings import Ensemble
 
 TITLES = {
     "f_th": ("contact threshold", "N"),
@@ -28,7 +28,7 @@ def compute(job: Job) -> Findings:
     settings, found = job.settings, pushes.read(job.folders["pushes"])
     duration = found.readings[found.place(readings.ADOPTED)]["duration"]
     cfg = readings.config(
-        readings.ADOPTED, trials=settings.policy_seeds * settings.impacts, seed=settings.seed, threads=settings.threads
+        readings.ADOPTED, trials=len(settings.impacted) * settings.impacts, seed=settings.seed, threads=settings.threads
     )
     off, on = cfg.variants[0], cfg.variants[-1]
     variants = tuple(
@@ -36,7 +36,7 @@ def compute(job: Job) -> Findings:
                 params={**(off if v.current == 0.0 else on).params, **v.params})
         for v in thresholds.variants(on.current)
     )  # fmt: skip
-    sweep = ImpactSweep(replace(cfg, variants=variants, duration=duration), ensembles(settings)["mr_go_sal"])
+    sweep = ImpactSweep(replace(cfg, variants=variants, duration=duration), Ensemble(settings.impacted))
     reductions = thresholds.reductions(sweep.run())
     thresholds.plot(reductions, job.out / "thresholds.png")
     rows, claims = [], {}
@@ -64,5 +64,5 @@ def compute(job: Job) -> Findings:
 
 EXPERIMENT = Experiment(
     name="sensitivity", title="Section 3.2: sensitivity to the gates' thresholds", compute=compute, needs=("pushes",),
-    settings=("policies", "impacts", "seed"),
+    settings=("impacted", "impacts", "seed"),
 )  # fmt: skip

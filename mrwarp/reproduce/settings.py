@@ -10,7 +10,7 @@ import torch
 
 from mrwarp.paper import ROBOTS
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.study.plan import AWARE, SEEDS, STUDY, policy_file
+from mrwarp.study.plan import AWARE, ENERGY, SEEDS, STUDY, policy_file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,9 +18,11 @@ class Settings:
     """Choices of a reproduction; the defaults are those of the report."""
 
     policies: Mapping[str, tuple[Path, ...]] = field(
-        default_factory=lambda: {robot: tuple(policy_file(STUDY, AWARE, seed) for seed in SEEDS) for robot in ROBOTS}
+        default_factory=lambda: {robot: tuple(policy_file(ENERGY, robot, seed) for seed in SEEDS) for robot in ROBOTS}
     )
-    """Policies of each robot, one per training seed; all robots walk with the actuator-aware ones of table 2."""
+    """Policies of each robot's walks, one per training seed; each robot walks with its own, trained alike."""
+    impacted: tuple[Path, ...] = field(default_factory=lambda: tuple(policy_file(STUDY, AWARE, seed) for seed in SEEDS))
+    """Policies of MR_Go-SAL under pushes and falling masses; the actuator-aware ones of table 2."""
     rollouts: int = 3
     """Rollouts per policy, paper section 6.2."""
     distance: float = 30.0
@@ -41,6 +43,8 @@ class Settings:
         counts = {len(self.policies[robot]) for robot in ROBOTS}
         if len(counts) > 1:
             raise ValueError(f"policies: every robot needs the same number of seeds, got {sorted(counts)}")
+        if not self.impacted:
+            raise ValueError("impacted: name at least one policy")
         if min(self.rollouts, self.impacts) < 1:
             raise ValueError(f"rollouts = {self.rollouts} and impacts = {self.impacts} must be at least 1")
         if not min(self.distance, self.window) > 0.0:

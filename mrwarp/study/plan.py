@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.nn.model_file import shipped_model
+from mrwarp.paper import ROBOTS
 from mrwarp.rl.policy import POLICIES
+from mrwarp.robot import CURRENT_GROUPS
 
 CONVENTIONAL = "conventional"
 """Trained on Go1, whose joints have no MR device: configurations A and B of table 2."""
@@ -23,6 +25,20 @@ PLANTS = (CONVENTIONAL, AWARE, *(model for model in MODELS if model != AWARE))
 
 SEEDS = (0, 1, 2)
 """Training seeds of every plant."""
+
+POWER = -0.003
+"""Reward per watt of motors and coils when robots are trained for tables 6 and 7: the largest of 0.001, 0.003 and 0.01
+whose policies pass the walking gate on all three robots (docs/policies.md)."""
+
+HEIGHT = -150.0
+"""Weight of the squared error of the trunk's height there: with the usual -40, a robot that pays for power walks with
+straighter legs."""
+
+LOAD = (-0.5, 3.5)
+"""Mass added to the trunk there [kg]: tables 6 and 7 are walked with 0 and 3 kg."""
+
+ENERGY = POLICIES / "energy"
+"""Shipped policies of the robots of tables 6 and 7, each trained on its own robot, with their training records."""
 
 RANDOMIZE = "ground"
 """What differs between environments in the studies' trainings: the paper (section 6.2) lists what it matched between
@@ -52,8 +68,8 @@ class StudyCfg:
     """Which plants to train on."""
 
     def __post_init__(self) -> None:
-        if unknown := [name for name in self.plants if name not in PLANTS]:
-            raise ValueError(f"plants = {unknown}: choose from {', '.join(PLANTS)}")
+        if unknown := [name for name in self.plants if name not in (*PLANTS, *ROBOTS)]:
+            raise ValueError(f"plants = {unknown}: choose from {', '.join((*PLANTS, *ROBOTS))}")
         if self.iterations < 1:
             raise ValueError(f"iterations = {self.iterations} must be at least 1")
 
@@ -76,28 +92,30 @@ def record_file(folder: Path, plant: str, seed: int) -> Path:
 def plant_cfg(
     plant: str, *, num_envs: int = 64, terrain: str = "flat", threads: int = 0, randomize: str = RANDOMIZE
 ) -> EnvCfg:
-    """The walking task on a plant; observations, actions, rewards, commands and randomisation are the same for all.
+    """The walking task on a plant.
+
+    Observations, actions, rewards, commands and randomisation are the same for all of :data:`PLANTS`, and for all of
+    ``paper.ROBOTS``, which in addition pay for power and carry loads.
 
     Raises:
         ValueError: there is no such plant, or no such randomisation.
     """
-    if plant not in PLANTS:
-        raise ValueError(f"plant = {plant!r}: choose from {', '.join(PLANTS)}")
-    if plant == CONVENTIONAL:
-        return make_walk_cfg(
-            num_envs=num_envs,
-            robot="go1",
-            actuator_model="none",
-            sal=False,
-            terrain=terrain,
-            threads=threads,
-            randomize=randomize,
-        )
-    return make_walk_cfg(
-        num_envs=num_envs,
-        actuator_model=plant,
-        actuator_file=shipped_model(plant),
-        terrain=terrain,
-        threads=threads,
-        randomize=randomize,
+    if plant not in (*PLANTS, *ROBOTS):
+        raise ValueError(f"plant = {plant!r}: choose from {', '.join((*PLANTS, *ROBOTS))}")
+    bare = plant in (CONVENTIONAL, "go1")
+    model = "none" if bare else plant if plant in MODELS else "bouc_wen"
+    cfg = make_walk_cfg(
+        num_envs=num_envs, robot="go1" if bare else "mr_go", actuator_model=model, actuator_file=shipped_model(model),
+        sal=not (bare or plant == "mr_go"), terrain=terrain, threads=threads, randomize=randomize,
+    )  # fmt: skip
+    return _paying(cfg) if plant in ROBOTS else cfg
+
+
+def _paying(cfg: EnvCfg) -> EnvCfg:
+    """The task with a price on power and with loads; devices may use the current of tables 6 and 7."""
+    return replace(
+        cfg,
+        rewards=replace(cfg.rewards, power=POWER, height=HEIGHT),
+        randomize=replace(cfg.randomize, added_mass=LOAD) if cfg.randomize else None,
+        currents=(CURRENT_GROUPS[-1],),
     )

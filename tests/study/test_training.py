@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import torch
 
-from mrwarp.env.cfg import make_randomize_cfg
+from mrwarp.env.cfg import RandomizeCfg, RewardCfg, make_randomize_cfg
 from mrwarp.evaluate.walking import GateCheck, WalkingGate
 from mrwarp.folder import claim
+from mrwarp.paper import ROBOTS
 from mrwarp.rl import curves as training_curves
 from mrwarp.rl import trainer
 from mrwarp.rl.policy import OnnxPolicy, PolicyError
@@ -41,6 +42,19 @@ def test_plants_differ_in_the_device_alone() -> None:
         plant_cfg("spring")
     with pytest.raises(ValueError, match="randomize = 'moon' is unknown; choose from all, ground, none"):
         plant_cfg("mlp", randomize="moon")
+
+
+def test_robots_of_tables_6_and_7_pay_alike_for_power_and_carry_loads() -> None:
+    """Rewards, commands, noise and randomisation are the same; SAL is on for MR_Go-SAL alone, at 1.5 A."""
+    cfgs = [plant_cfg(robot, randomize="all") for robot in ROBOTS]
+    for shared in ("commands", "noise", "randomize", "rewards", "currents", "action_scale", "gait_frequency"):
+        assert len({repr(getattr(cfg, shared)) for cfg in cfgs}) == 1, shared
+    assert cfgs[0].rewards == RewardCfg(power=-0.003, height=-150.0) and cfgs[0].currents == (1.5,)
+    assert cfgs[0].randomize == RandomizeCfg(added_mass=(-0.5, 3.5))
+    assert [(cfg.robot, cfg.actuator_model, cfg.actuator.sal) for cfg in cfgs] == [
+        ("go1", "none", False), ("mr_go", "bouc_wen", False), ("mr_go", "bouc_wen", True)
+    ]  # fmt: skip
+    assert plant_cfg("go1", randomize="none").randomize is None
 
 
 def test_trainings_begin_with_the_policies_of_a_folder(tmp_path: Path) -> None:
