@@ -110,6 +110,9 @@ class RewardCfg:
     joint_acceleration: float = -1e-7
     power: float = 0.0
     """Per watt of electrical power of motors and coils."""
+    winding_resistance: float = 0.128
+    """Phase resistance that the power is computed with [Ohm]; a public motor of this size has 0.105 to 0.13 (see
+    ``ElectricalCfg``). Not the calibrated number: the calibration needs trained policies."""
     target_height: float = 0.32
     """Wanted trunk height [m]; the paper's policies walk at 0.328 to 0.334."""
     velocity_width: float = 0.04

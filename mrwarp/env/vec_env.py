@@ -266,7 +266,8 @@ class WalkEnv(VecEnv):
         """What a policy step does before and after its torque and physics steps, in this order; all on the device."""
         sim, cfg, array = self.sim, self.cfg, wp.from_torch
         self._spent = wp.zeros(self.num_envs, dtype=wp.vec2, device=sim.device)
-        self._copper = copper = wp.array(copper_factor(ElectricalCfg()), dtype=float, device=sim.device)
+        motors = ElectricalCfg(winding_resistance=cfg.rewards.winding_resistance)
+        self._copper = copper = wp.array(copper_factor(motors), dtype=float, device=sim.device)
         self._actions = self._zeros(self.num_envs, self.num_actions)
         self._everywhere = wp.full(self.num_envs, True, dtype=wp.bool, device=sim.device)
         self._terminations = ends = terminations.Terminations(self, self.watch.broken, self.watch.reward)

@@ -19,7 +19,8 @@ from mrwarp.in_one_piece import write_text
 from mrwarp.model_file import read_json_file
 from mrwarp.paper import ROBOTS
 from mrwarp.params import ParameterError, ParamGroup
-from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
+from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.study.plan import ENERGY, SEEDS, policy_file
 
 GROUPS: dict[str, type[ParamGroup]] = {"electrical": ElectricalCfg, "thermal": ThermalCfg, "battery": BatteryCfg}
 """Groups of numbers by the name under which a file holds them."""
@@ -28,7 +29,8 @@ GROUPS: dict[str, type[ParamGroup]] = {"electrical": ElectricalCfg, "thermal": T
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the shared options."""
     add = parser.add_argument
-    add("--policy", type=Path, default=DEFAULT_POLICY, help=f"policy of all robots (default: {DEFAULT_POLICY.name})")
+    own = f"policy of all robots (default: each robot's own of policies/{ENERGY.name}, training seed {SEEDS[0]})"
+    add("--policy", type=Path, metavar="P", help=own)
     for robot in ROBOTS:
         add(f"--policy-{robot.replace('_', '-')}", type=Path, metavar="P", help=f"another policy for {robot}")
     add("--numbers", type=Path, metavar="FILE", help="JSON with numbers of the models, as --calibrate writes it")
@@ -56,7 +58,10 @@ def policies(args: argparse.Namespace) -> dict[str, Policy]:
     Raises:
         PolicyError: a file cannot be used.
     """
-    paths = {robot: getattr(args, f"policy_{robot}") or args.policy for robot in ROBOTS}
+    paths = {
+        robot: getattr(args, f"policy_{robot}") or args.policy or policy_file(ENERGY, robot, SEEDS[0])
+        for robot in ROBOTS
+    }
     loaded = {path: OnnxPolicy(path) for path in set(paths.values())}
     return {robot: loaded[path] for robot, path in paths.items()}
 

@@ -34,13 +34,8 @@ def make_parser() -> argparse.ArgumentParser:
     add("--policy", type=Path, nargs="+", metavar="P", help="policies of all robots, one per training seed")
     for robot in ROBOTS:
         add(f"--policy-{robot.replace('_', '-')}", type=Path, nargs="+", metavar="P", help=f"of {robot}'s walks alone")
-    add(
-        "--policy-impacted",
-        type=Path,
-        nargs="+",
-        metavar="P",
-        help="of MR_Go-SAL under pushes and falling masses alone",
-    )
+    unpaid = "of pushes, falling masses and walks without a price on power (default: the aware ones of table 2)"
+    add("--policy-impacted", type=Path, nargs="+", metavar="P", help=unpaid)
     for name, text in (("rollouts", "walks per policy and condition"), ("impacts", "impacts per policy and current")):
         add(f"--{name}", type=int, default=getattr(default, name), help=f"{text} ({getattr(default, name)})")
     for name, text in (("distance", "walk of table 6 [m]"), ("window", "simulated walk of the mission [m]")):

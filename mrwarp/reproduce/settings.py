@@ -22,7 +22,8 @@ class Settings:
     )
     """Policies of each robot's walks, one per training seed; each robot walks with its own, trained alike."""
     impacted: tuple[Path, ...] = field(default_factory=lambda: tuple(policy_file(STUDY, AWARE, seed) for seed in SEEDS))
-    """Policies of MR_Go-SAL under pushes and falling masses; the actuator-aware ones of table 2."""
+    """Policies of MR_Go-SAL under pushes and falling masses, and of walks without a price on power: the actuator-aware
+    ones of table 2."""
     rollouts: int = 3
     """Rollouts per policy, paper section 6.2."""
     distance: float = 30.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mrwarp import paper
-from mrwarp.electrical.power import battery_power, cost_of_transport
+from mrwarp.electrical.power import ElectricalCfg, battery_power, cost_of_transport
 from mrwarp.evaluate import walk_figures
 from mrwarp.evaluate.walk_trials import WalkResult
 from mrwarp.paper import Measured
@@ -44,7 +44,7 @@ def compute(job: Job) -> Findings:
             f"{fit.half_width['winding_resistance']:.3f} Ohm (95 %), to {fit.rmse:.1f} W (RMS). Every row of MR_Go and "
             "MR_Go-SAL is a prediction.",
         ],
-        tables=[_parts(savings)],
+        tables=[_parts(savings), _training(walks, fit.cfg)],
         figures={"savings": savings, "holding_alone": alone, "standing": standing, "conditions": conditions,
                  "calibration": {"electronics": fit.cfg.electronics, "winding_resistance": fit.cfg.winding_resistance,
                                  "half_width": fit.half_width, "rmse": fit.rmse}},
@@ -109,6 +109,38 @@ def _parts(savings: list[dict[str, Any]]) -> Table:
              f"{s['saving']:+.1f}", f"{s['paper']['saving']:+.1f}"]
             for s in savings
         ],
+    )  # fmt: skip
+
+
+def _training(walks: Walks, cfg: ElectricalCfg) -> Table:
+    """What the device gives and what the training gives: each robot's policies on either robot."""
+    unpaid = walks.calibrated_unpaid().cfg
+
+    def cots(results: list[WalkResult], numbers: ElectricalCfg) -> dict[tuple[str, float, float], float]:
+        return {
+            (r.robot, r.payload, r.command): float(
+                cost_of_transport(battery_power(r.use, numbers).total, r.mass, r.speed).mean()
+            )
+            for r in results
+        }
+
+    own, crossed, plain = cots(walks.both, cfg), cots(walks.crossed, cfg), cots(walks.unpaid, unpaid)
+    cells = list(dict.fromkeys((r.payload, r.command) for r in walks.both))
+
+    def lower(after: dict, before: dict, cell: tuple[float, float]) -> str:
+        return f"{100.0 * (1.0 - after['mr_go_sal', *cell] / before['mr_go', *cell]):.1f}"
+
+    lines = [
+        [condition_name(*cell), lower(own, own, cell), lower(crossed, own, cell), lower(own, crossed, cell),
+         lower(plain, plain, cell)]
+        for cell in cells
+    ]  # fmt: skip
+    head = ["condition", "each robot its own policies", "both MR_Go's", "both MR_Go-SAL's",
+            "both table 2's, no price on power"]  # fmt: skip
+    return Table(
+        title="Reduction of COT by SAL [%] by the policies that walk; the last column is calibrated on Go1's walks "
+        f"with them (electronics {unpaid.electronics:.1f} W, winding {unpaid.winding_resistance:.3f} Ohm)",
+        head=head, rows=lines,
     )  # fmt: skip
 
 

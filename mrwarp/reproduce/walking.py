@@ -19,17 +19,35 @@ from mrwarp.evaluate.walk_figures import calibration_rows
 from mrwarp.evaluate.walk_trials import WalkCfg, WalkResult, walk
 from mrwarp.reproduce import store
 from mrwarp.reproduce.experiment import Experiment, Findings, Job
-from mrwarp.reproduce.settings import ensembles
+from mrwarp.reproduce.settings import Ensemble, ensembles
 
 DATA = "walks.npz"
 """File with the data."""
 
-VARIANTS: dict[str, tuple[tuple[str, ...], bool, Coupling]] = {
-    "both": (paper.ROBOTS, True, Coupling.CONSTRAINT),
-    "holding": (("mr_go_sal",), False, Coupling.CONSTRAINT),
-    "explicit": (("mr_go", "mr_go_sal"), False, Coupling.EXPLICIT),
+
+@dataclass(frozen=True, kw_only=True)
+class Variant:
+    """Walks over all payloads and speeds."""
+
+    robots: tuple[str, ...]
+    """Of ``paper.ROBOTS``."""
+    damping: bool = True
+    """Whether MR_Go-SAL damps too, or only holds."""
+    coupling: Coupling = Coupling.CONSTRAINT
+    """How the devices act."""
+    policy: str = "own"
+    """``own``: each robot's; ``crossed``: MR_Go and MR_Go-SAL walk with each other's; ``unpaid``: all with those of
+    table 2, whose training has no price on power."""
+
+
+VARIANTS = {
+    "both": Variant(robots=paper.ROBOTS),
+    "holding": Variant(robots=("mr_go_sal",), damping=False),
+    "explicit": Variant(robots=("mr_go", "mr_go_sal"), damping=False, coupling=Coupling.EXPLICIT),
+    "crossed": Variant(robots=("mr_go", "mr_go_sal"), policy="crossed"),
+    "unpaid": Variant(robots=paper.ROBOTS, policy="unpaid"),
 }
-"""Robots, whether SAL damps too, and how the devices act, see :class:`Walks`."""
+"""What is walked, by the names in :class:`Walks`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +60,10 @@ class Walks:
     """The same with MR_Go-SAL's holding branch alone."""
     explicit: list[WalkResult]
     """MR_Go, and MR_Go-SAL holding with the torque of eq. 19 in place of a device that sticks."""
+    crossed: list[WalkResult]
+    """MR_Go with MR_Go-SAL's policies and the other way round."""
+    unpaid: list[WalkResult]
+    """All three robots with the actuator-aware policies of table 2, which pay no price for power."""
     standing: dict[str, Use]
     """Standing robots by name: ``go1``, ``mr_go`` on its motors, ``mr_go_hold`` on its devices; shapes (J,), (M,)."""
     policies: int
@@ -55,6 +77,10 @@ class Walks:
         """Go1's rows and standby."""
         return calibration_rows(self.both, self.standing["go1"])
 
+    def calibrated_unpaid(self) -> Calibration:
+        """The same from Go1's walks with the policies of table 2."""
+        return calibrate(calibration_rows(self.unpaid, self.standing["go1"]))
+
     def seed_of(self, result: WalkResult) -> np.ndarray:
         """Policy of each trial, shape (n,)."""
         return result.trial % self.policies
@@ -64,15 +90,25 @@ def simulate(job: Job) -> Findings:
     """Walk all conditions with every variant of SAL, and stand."""
     settings, load = job.settings, paper.arm_load()
     env = make_walk_cfg(threads=settings.threads)
-    loaded = ensembles(settings)
+    own, unpaid = ensembles(settings), Ensemble(settings.impacted)
+    policies = {
+        "own": own,
+        "crossed": {"mr_go": own["mr_go_sal"], "mr_go_sal": own["mr_go"]},
+        "unpaid": dict.fromkeys(paper.ROBOTS, unpaid),
+    }
     found: dict[str, list[WalkResult]] = {}
-    for k, (name, (robots, damping, coupling)) in enumerate(VARIANTS.items()):
+    for k, (name, variant) in enumerate(VARIANTS.items()):
+        seeds = len(settings.impacted) if variant.policy == "unpaid" else settings.policy_seeds
+        actuator = replace(env.actuator, damping=variant.damping, coupling=variant.coupling)
         cfg = WalkCfg(
-            trials=settings.policy_seeds * settings.rollouts, distance=settings.distance, seed=settings.seed,
-            robots=robots, env=replace(env, actuator=replace(env.actuator, damping=damping, coupling=coupling)),
+            trials=seeds * settings.rollouts, distance=settings.distance, seed=settings.seed, robots=variant.robots,
+            env=replace(env, actuator=actuator),
         )  # fmt: skip
-        found[name] = walk(cfg, loaded, lambda text, share, k=k: job.report(text, (k + share) / 3.1))
-    job.report("standing", 0.96)
+        found[name] = walk(
+            cfg, policies[variant.policy],
+            lambda text, share, k=k: job.report(text, (k + share) / (len(VARIANTS) + 0.1)),
+        )  # fmt: skip
+    job.report("standing", 0.98)
     standing = {
         name: standing_use(replace(env, robot=robot, payload=VARIANT, currents=(1.5,)), load=load, hold=hold)[0]
         for name, (robot, hold) in {
@@ -98,5 +134,5 @@ def _result(item: dict) -> WalkResult:
 
 EXPERIMENT = Experiment(
     name="walks", title="Walks of Go1, MR_Go and MR_Go-SAL", compute=simulate, shown=False,
-    settings=("policies", "rollouts", "distance", "seed"),
+    settings=("policies", "impacted", "rollouts", "distance", "seed"),
 )  # fmt: skip

@@ -6,6 +6,7 @@ import argparse
 import math
 import shlex
 import sys
+from dataclasses import replace
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -53,12 +54,14 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--terrain", choices=TERRAINS, default="flat", help="ground (rough: with a curriculum)")
     differs = "what differs between environments: friction, kicks, mass, gains and devices; friction and kicks; nothing"
     parser.add_argument("--randomize", choices=RANDOMIZATIONS, default="all", help=f"{differs} (default: all)")
+    price = "reward taken per watt of motors and coils (default: 0; the policies in policies/energy pay 0.003)"
+    parser.add_argument("--power-price", type=not_negative, default=0.0, metavar="R", help=price)
     parser.add_argument("--backend", choices=_values(BackendKind), help="physics engine (default: by device)")
     parser.add_argument("--threads", type=int, default=0, help="CPU threads of the physics; 0 = all (default)")
     repeat = "make a GPU repeat its bits, at some cost in speed (the CPU repeats them anyway)"
     parser.add_argument("--deterministic", action="store_true", help=repeat)
     parser.add_argument(
-        "--save-every", type=duration, default=30.0, metavar="S", help="time between checkpoints [s] (default: 30)"
+        "--save-every", type=not_negative, default=30.0, metavar="S", help="time between checkpoints [s] (default: 30)"
     )
     parser.add_argument("--out", type=Path, default=Path("runs/walk"), help="output folder (default: runs/walk)")
     view = parser.add_mutually_exclusive_group()
@@ -115,7 +118,7 @@ def main(argv: list[str] | None = None) -> int:
             randomize=args.randomize,
         )
         cfg = TrainCfg(
-            env=env,
+            env=replace(env, rewards=replace(env.rewards, power=0.0 - args.power_price)),
             out=args.out,
             seed=args.seed,
             iterations=args.iterations,
@@ -187,11 +190,11 @@ def positive(text: str) -> int:
     return value
 
 
-def duration(text: str) -> float:
-    """Argument type: a time of at least 0 [s]."""
+def not_negative(text: str) -> float:
+    """Argument type: a number of at least 0."""
     value = float(text)
     if not (math.isfinite(value) and value >= 0.0):
-        raise argparse.ArgumentTypeError(f"{text} must be a time of at least 0 s")
+        raise argparse.ArgumentTypeError(f"{text} must be at least 0")
     return value
 
 

@@ -14,7 +14,7 @@ from mrwarp.env.cfg import EnvCfg, RewardCfg
 from mrwarp.robot import DEFAULT_Q
 
 NUM_ENVS = 7
-SHAPES = {"target_height", "velocity_width", "yaw_width", "step_height"}
+SHAPES = {"target_height", "velocity_width", "yaw_width", "step_height", "winding_resistance"}
 """Fields of RewardCfg that are no weights."""
 
 

@@ -141,7 +141,7 @@ def test_effort_is_the_mean_squared_torque_of_the_policy_step() -> None:
 def test_power_is_the_electrical_models_without_losses_of_gears_and_supply() -> None:
     """Copper loss, mechanical power and coil loss from torques, velocities and currents of the four torque steps."""
     env = WalkEnv(make_cfg(8, currents=(1.5,)))
-    factor, coils = torch.tensor(copper_factor(ElectricalCfg())), []
+    factor, coils = torch.tensor(copper_factor(ElectricalCfg(winding_resistance=0.128))), []
     resistance = env.view(env.actuator.param("coil_resistance")).double()
     rows: list[torch.Tensor] = []
 

@@ -56,6 +56,8 @@ REFUSED: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "an unknown actuator": (["--actuator", "magic"], ("--actuator", "magic", "bouc_wen")),
     "a file for an actuator that learns nothing": (["--actuator-model", "{text}"], ("bouc_wen", "{text}")),
     "a missing network": (["--actuator", "mlp", "--actuator-model", "{tmp}/none.st"], ("{tmp}/none.st",)),
+    "a negative price of power": (["--power-price", "-1"], ("--power-price", "-1 must be at least 0")),
+    "an unknown randomisation": (["--randomize", "moon"], ("--randomize", "moon", "ground")),
     "an unknown robot": (["--robot", "spot"], ("--robot", "spot", "mr_go")),
     "an unknown option": (["--gpu"], ("--gpu",)),
     "a missing checkpoint": (["--resume", "{tmp}/none.pt"], ("{tmp}/none.pt", "no such checkpoint")),
@@ -115,6 +117,7 @@ def test_short_training_from_end_to_end(tmp_path: Path) -> None:
     """Two updates with 8 environments: exit code 0, quiet, and the four files that a run leaves."""
     out = tmp_path / "run"
     args = ["--device", "cpu", "--num-envs", "8", "--iterations", "2", "--no-gate", "--out", str(out)]
+    args += ["--randomize", "ground", "--power-price", "0.01"]
     process = start(*args)
     stdout, stderr = process.communicate(timeout=300)
     assert process.returncode == 0, stderr
@@ -133,7 +136,8 @@ def test_short_training_from_end_to_end(tmp_path: Path) -> None:
     assert result["gate"]["num_envs"] == 64 and result["gate"]["duration"] == 20.0
     assert result["command"] == "python train/ppo.py " + " ".join(args)
     assert checkpoint.load(out / "checkpoint.pt")["iteration"] == 2
-    assert OnnxPolicy(out / "policy.onnx").description["task"]["num_envs"] == 8
+    task = OnnxPolicy(out / "policy.onnx").description["task"]
+    assert (task["num_envs"], task["rewards"]["power"], task["randomize"]["gain_scale"]) == (8, -0.01, [1.0, 1.0])
     assert (out / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
 
 
