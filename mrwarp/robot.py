@@ -33,6 +33,10 @@ GAIT_FREQUENCY = 1.5
 TROT_PHASE = (0.0, 0.5, 0.5, 0.0)
 """Phase offset of each leg in a diagonal trot (FL with RR, FR with RL), in the order of :data:`LEGS`."""
 
+PUBLIC_GAINS = (20.0, 0.5)
+"""Kp [N·m/rad] and Kd [N·m·s/rad] of public policies for such robots trained in Isaac Gym: walk-these-ways (Go1),
+legged_gym (A1). The asset's are stiffer, see ``assets/usd``."""
+
 CURRENT_GROUPS = (0.0, 0.5, 1.0, 1.5)
 """Fixed currents I_e over the environments [A], eq. 20."""
 

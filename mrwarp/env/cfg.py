@@ -148,6 +148,8 @@ class EnvCfg:
     """Payload variant of the asset [kg]: 0 or 3."""
     asset: str | None = None
     """USD file; None takes ``assets/usd/mr_go.usda``."""
+    gains: tuple[float, float] | None = None
+    """Kp [N·m/rad] and Kd [N·m·s/rad] of all motors; None keeps the asset's. The low gain while holding stays."""
     currents: tuple[float, ...] = CURRENT_GROUPS
     """Fixed currents I_e over equal groups of environments [A], eq. 20."""
     decimation: int = 4
@@ -184,6 +186,8 @@ class EnvCfg:
             )
         if not self.currents or min(self.currents) < 0.0:
             raise ValueError(f"currents = {self.currents} must be at least one value, none below 0 A")
+        if self.gains is not None and not (self.gains[0] > 0.0 and self.gains[1] >= 0.0):
+            raise ValueError(f"gains = {self.gains}: Kp must be positive and Kd not negative")
         if not 0.0 < self.window_capacity <= 1.0:
             raise ValueError(f"window_capacity = {self.window_capacity} must lie in (0, 1]")
         if self.decimation < 1:

@@ -75,6 +75,8 @@ class WalkEnv(VecEnv):
         scene = robot_scene(asset, cfg.sim, cfg.actuator.coupling, edit, field)
         self.robot = ActuatedSim(scene, cfg.sim, cfg.actuator, residual=residual, share_params=False)
         self.sim, self.actuator = self.robot.sim, self.robot.actuator
+        if cfg.gains is not None:
+            self._set_gains(*cfg.gains)
 
         sim = self.sim
         self.q, self.qd, self.f_foot = self.view(sim.q), self.view(sim.qd), self.view(sim.f_foot)
@@ -307,6 +309,13 @@ class WalkEnv(VecEnv):
                 self._observe.launch.launch,
             ],
         )
+
+    def _set_gains(self, kp: float, kd: float) -> None:
+        """Give all motors these gains; those with a device keep their low gain while holding."""
+        for name, plain, gain in (("kp_base", self.actuator.kp, kp), ("kd", self.actuator.kd, kd)):
+            self.view(plain).fill_(gain)
+            if self.actuator.mr_joints:
+                self.view(self.actuator.param(name)).fill_(gain)
 
     def _zeros(self, *shape: int) -> torch.Tensor:
         return torch.zeros(*shape, device=self.device)

@@ -70,7 +70,7 @@ class ImpactCfg:
     """Gait phases at the push's onset, or when the mass should meet a robot at rest, evenly spread over the trials;
     None leaves them random. FL and RR stand in the first half of the clock, FR and RL in the second."""
     gains: tuple[float, float] | None = None
-    """Kp [N·m/rad] and Kd [N·m·s/rad] of all motors; None keeps the asset's. The low gain while holding stays."""
+    """Kp [N·m/rad] and Kd [N·m·s/rad] of all motors; None keeps those of ``env``."""
     mass: MassCfg = field(default_factory=MassCfg)
     """The falling mass."""
     env: EnvCfg = field(default_factory=make_walk_cfg)
@@ -155,6 +155,7 @@ class ImpactSweep:
         count = cfg.trials * len(cfg.variants)
         env_cfg = replace(
             env_cfg, sim=replace(env_cfg.sim, num_envs=count), currents=cfg.currents, seed=cfg.seed,
+            gains=cfg.gains or env_cfg.gains,
             episode_seconds=1e6, fall_height=-1e3, fall_tilt=3.2,
         )  # fmt: skip
         drop = cfg.kind is ImpactKind.DROP
@@ -165,11 +166,6 @@ class ImpactSweep:
             rows = slice(i * cfg.trials, (i + 1) * cfg.trials)
             for name, value in variant.params.items():
                 self.env.view(self.env.actuator.param(name))[rows] = value
-        if cfg.gains is not None:
-            actuator = self.env.actuator
-            for name, array, gain in (("kp_base", actuator.kp, cfg.gains[0]), ("kd", actuator.kd, cfg.gains[1])):
-                self.env.view(array).fill_(gain)
-                self.env.view(actuator.param(name)).fill_(gain)
         self.watchers: list[Callable[[float], None]] = []
 
     def run(self) -> ImpactTrace:

@@ -87,7 +87,7 @@ def budget(savings: list[dict[str, Any]], conditions: list[dict[str, Any]]) -> T
         "condition", "MR_Go's calf copper [W]", "of its power", "the paper's saving is", "SAL saves",
         "closed form, our standing [W]", "closed form, the paper's [W]", "paper saved [W]", "speed", "height [mm]",
     ]  # fmt: skip
-    return Table(title="Why not 20 to 25 %: what there is to save, and what SAL changes besides", head=head, rows=rows)
+    return Table(title="What there is to save, and what SAL changes besides", head=head, rows=rows)
 
 
 def explicit(exact: list[dict[str, Any]], stuck: list[dict[str, Any]]) -> Table:

@@ -26,6 +26,7 @@ def task(cfg: EnvCfg) -> dict[str, Any]:
         "z_step": cfg.actuator.z_step.value,
         "sal": cfg.actuator.sal,
         "terrain": "rough" if cfg.terrain else "flat",
+        "gains": list(cfg.gains) if cfg.gains else None,
         "randomize": _plain(cfg.randomize),
         "rewards": _plain(cfg.rewards),
         "num_envs": cfg.sim.num_envs,

@@ -25,9 +25,8 @@ UNITS = {
 def make_parser() -> argparse.ArgumentParser:
     """The options of ``mrwarp study``."""
     from mrwarp.env.cfg import RANDOMIZATIONS, TERRAINS
-    from mrwarp.paper import ROBOTS
     from mrwarp.rl.train_cli import positive
-    from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, PLANTS, SEEDS, STUDY, StudyCfg
+    from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, PLANTS, SEEDS, STUDY, TRAINABLE, StudyCfg
 
     default = StudyCfg()
     parser = argparse.ArgumentParser(
@@ -39,9 +38,8 @@ def make_parser() -> argparse.ArgumentParser:
     train = parts.add_parser("train", help="train what is not finished; resumable, any number of processes at once")
     collect = parts.add_parser("collect", help="copy finished policies and their training records into a folder")
     for part in (train, collect):
-        known = (*PLANTS, *ROBOTS)
-        plants = "what to train on; robots of tables 6 and 7 (go1, mr_go, mr_go_sal) pay for power and carry loads"
-        part.add_argument("--plants", nargs="+", choices=known, default=list(PLANTS), help=plants)
+        plants = "what to train on (default: tables 2 and 3); go1, mr_go, mr_go_sal pay for power and carry loads"
+        part.add_argument("--plants", nargs="+", choices=TRAINABLE, default=list(PLANTS), help=plants)
         part.add_argument("--num-envs", type=positive, default=default.num_envs, help="parallel environments")
         part.add_argument("--iterations", type=positive, default=default.iterations, help="PPO updates of every policy")
         part.add_argument("--terrain", choices=TERRAINS, default=default.terrain, help="ground of every training")
