@@ -34,8 +34,12 @@ def make_parser() -> argparse.ArgumentParser:
     add("--policy", type=Path, nargs="+", metavar="P", help="policies of all robots, one per training seed")
     for robot in ROBOTS:
         add(f"--policy-{robot.replace('_', '-')}", type=Path, nargs="+", metavar="P", help=f"of {robot}'s walks alone")
-    unpaid = "of pushes, falling masses and walks without a price on power (default: the aware ones of table 2)"
-    add("--policy-impacted", type=Path, nargs="+", metavar="P", help=unpaid)
+    struck = "of pushes and falling masses alone, trained with the public gains (default: public_gains of the studies)"
+    add("--policy-impacted", type=Path, nargs="+", metavar="P", help=struck)
+    aware = (
+        "of those with the asset's gains, and of walks without a price on power (default: the aware ones of table 2)"
+    )
+    add("--policy-aware", type=Path, nargs="+", metavar="P", help=aware)
     for name, text in (("rollouts", "walks per policy and condition"), ("impacts", "impacts per policy and current")):
         add(f"--{name}", type=int, default=getattr(default, name), help=f"{text} ({getattr(default, name)})")
     for name, text in (("distance", "walk of table 6 [m]"), ("window", "simulated walk of the mission [m]")):
@@ -57,13 +61,15 @@ def main(argv: list[str] | None = None) -> int:
     from mrwarp.evaluate.energy_cli import Progress
     from mrwarp.reproduce.catalogue import CATALOGUE, SHOWN
     from mrwarp.reproduce.runner import Runner
-    from mrwarp.reproduce.settings import Ensemble, ensembles
+    from mrwarp.reproduce.settings import ensembles
     from mrwarp.rl.policy import PolicyError
+    from mrwarp.robot import PUBLIC_GAINS
 
     try:
         settings = _settings(args)
         ensembles(settings)
-        Ensemble(settings.impacted)
+        for gains in (PUBLIC_GAINS, None):
+            settings.struck(gains)
         check_writable(args.out)
     except (PolicyError, ValueError, OSError) as error:
         print(f"mrwarp reproduce: {error}", file=sys.stderr)
@@ -103,6 +109,7 @@ def _settings(args: argparse.Namespace) -> Any:
     }
     return Settings(
         policies=policies, impacted=tuple(args.policy_impacted or args.policy or default.impacted),
+        aware=tuple(args.policy_aware or args.policy or default.aware),
         rollouts=args.rollouts, impacts=args.impacts, distance=args.distance, window=args.window,
         seed=args.seed, threads=args.threads,
     )  # fmt: skip

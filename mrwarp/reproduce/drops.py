@@ -12,8 +12,7 @@ from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate.impact import MOTOR_WINDOW, ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace
 from mrwarp.reproduce import readings, store
 from mrwarp.reproduce.experiment import Experiment, Findings, Job
-from mrwarp.reproduce.settings import Ensemble
-from mrwarp.robot import LEGS
+from mrwarp.robot import LEGS, PUBLIC_GAINS
 
 DATA = "drops.npz"
 """File with the data."""
@@ -21,14 +20,13 @@ DATA = "drops.npz"
 FR_RL_STANCE = (0.5, 1.0)
 """Gait phases in which FR and RL stand, the pair that the hardware's impacts were applied to (section 6.3)."""
 
-GAINS = {"Kp 20, Kd 0.5": readings.PUBLIC_GAINS, "Kp 35, Kd 0.6": None}
+GAINS = {"Kp 20, Kd 0.5": PUBLIC_GAINS, "Kp 35, Kd 0.6": None}
 """Gains of all motors by name, which the paper does not state; None is the asset's."""
 
 
 def simulate(job: Job) -> Findings:
     """Drop the mass at every current with both sets of gains; the device is the brake that it is on hardware."""
     settings = job.settings
-    policy = Ensemble(settings.impacted)
     env = make_walk_cfg(hold_current=HoldCurrent.FIXED, threads=settings.threads)
     env = replace(env, actuator=replace(env.actuator, holding=False))
     found = {}
@@ -38,7 +36,7 @@ def simulate(job: Job) -> Findings:
             kind=ImpactKind.DROP, trials=len(settings.impacted) * settings.impacts, gains=gains, env=env,
             phases=FR_RL_STANCE, seed=settings.seed,
         )  # fmt: skip
-        found[name] = measured(ImpactSweep(cfg, policy).run())
+        found[name] = measured(ImpactSweep(cfg, settings.struck(gains)).run())
     store.save(job.out / DATA, {"found": found, "policies": len(settings.impacted)})
     return Findings()
 
@@ -72,5 +70,5 @@ def read(folder: Path) -> tuple[dict[str, dict[str, np.ndarray]], np.ndarray]:
 
 EXPERIMENT = Experiment(
     name="drops", title="A falling mass on walking robots", compute=simulate, shown=False,
-    settings=("impacted", "impacts", "seed"),
+    settings=("impacted", "aware", "impacts", "seed"),
 )  # fmt: skip

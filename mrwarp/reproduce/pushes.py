@@ -11,7 +11,6 @@ import numpy as np
 from mrwarp.nn.model_file import shipped_model
 from mrwarp.reproduce import readings, store
 from mrwarp.reproduce.experiment import Experiment, Findings, Job
-from mrwarp.reproduce.settings import Ensemble
 
 DATA = "pushes.npz"
 """File with the data."""
@@ -45,13 +44,12 @@ class Pushes:
 def simulate(job: Job) -> Findings:
     """Calibrate the duration of every reading on the 0 A row and push at all currents."""
     settings = job.settings
-    policy = Ensemble(settings.impacted)
     done, trace = [], None
     for k, reading in enumerate(readings.READINGS):
         job.report(reading.name, k / len(readings.READINGS))
         pushed = readings.push(
-            reading, policy, trials=len(settings.impacted) * settings.impacts, seed=settings.seed,
-            threads=settings.threads,
+            reading, settings.struck(reading.gains), trials=len(settings.impacted) * settings.impacts,
+            seed=settings.seed, threads=settings.threads,
         )  # fmt: skip
         done.append(pushed)
         if reading is readings.ADOPTED:
@@ -76,5 +74,5 @@ def networks(settings: object) -> list[Path]:
 
 EXPERIMENT = Experiment(
     name="pushes", title="Pushes on walking robots", compute=simulate, shown=False,
-    settings=("impacted", "impacts", "seed"), files=networks,
+    settings=("impacted", "aware", "impacts", "seed"), files=networks,
 )  # fmt: skip

@@ -20,13 +20,10 @@ from mrwarp.evaluate.impact import ImpactCfg, ImpactSweep, ImpactTrace, Variant
 from mrwarp.evaluate.walking import Policy
 from mrwarp.nn.model_file import shipped_model
 from mrwarp.params import BoucWenParams, HoldParams
-from mrwarp.robot import CURRENT_GROUPS
+from mrwarp.robot import CURRENT_GROUPS, PUBLIC_GAINS
 
 CELLS = ("min_height", "peak_down_velocity")
 """The two columns of table 4."""
-
-PUBLIC_GAINS = (20.0, 0.5)
-"""Kp [N·m/rad] and Kd [N·m·s/rad] of public Go1 policies trained in Isaac Gym (walk-these-ways)."""
 
 FL_RR_STANCE = (0.0, 0.5)
 """Gait phases in which FL and RR stand, the pair that carries the paper's simulated impact (figure 6b)."""
@@ -53,7 +50,7 @@ class Reading:
     soft_at_zero: bool = False
     """Whether the holding gate lowers the motor's gain at 0 A too, where nothing holds (eqs. 8, 9 to the letter)."""
     gains: tuple[float, float] | None = PUBLIC_GAINS
-    """Kp, Kd of all motors; None is the asset's 35 and 0.6, with which the policy was trained."""
+    """Kp, Kd of all motors; None is the asset's 35 and 0.6. The policies were trained with the same, but for Kd 0.1."""
     phases: tuple[float, float] | None = FL_RR_STANCE
     """Gait phase at onset; None is any."""
     torque: str = "eq. 14"
@@ -88,7 +85,7 @@ ADOPTED = BASE
 """The reading that table 4 shows."""
 
 ASSET = next(reading for reading in READINGS if reading.gains is None)
-"""The same with the gains of the asset, with which the policy was trained."""
+"""The same with the gains of the asset, by policies trained with them."""
 
 
 UNDAMPED = next(reading for reading in READINGS if reading.name == "Kd 0.1")

@@ -10,7 +10,6 @@ from mrwarp.evaluate.impact import ImpactSweep, Variant
 from mrwarp.paper import Measured
 from mrwarp.reproduce import pushes, readings
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row
-from mrwarp.reproduce.settings import Ensemble
 
 TITLES = {
     "f_th": ("contact threshold", "N"),
@@ -36,7 +35,7 @@ def compute(job: Job) -> Findings:
                 params={**(off if v.current == 0.0 else on).params, **v.params})
         for v in thresholds.variants(on.current)
     )  # fmt: skip
-    sweep = ImpactSweep(replace(cfg, variants=variants, duration=duration), Ensemble(settings.impacted))
+    sweep = ImpactSweep(replace(cfg, variants=variants, duration=duration), settings.struck(readings.ADOPTED.gains))
     reductions = thresholds.reductions(sweep.run())
     thresholds.plot(reductions, job.out / "thresholds.png")
     rows, claims = [], {}
@@ -64,5 +63,5 @@ def compute(job: Job) -> Findings:
 
 EXPERIMENT = Experiment(
     name="sensitivity", title="Section 3.2: sensitivity to the gates' thresholds", compute=compute, needs=("pushes",),
-    settings=("impacted", "impacts", "seed"),
+    settings=("impacted", "aware", "impacts", "seed"),
 )  # fmt: skip

@@ -10,7 +10,7 @@ import torch
 
 from mrwarp.paper import ROBOTS
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.study.plan import AWARE, ENERGY, SEEDS, STUDY, policy_file
+from mrwarp.study.plan import AWARE, ENERGY, PUBLIC, SEEDS, STUDY, policy_file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,9 +21,11 @@ class Settings:
         default_factory=lambda: {robot: tuple(policy_file(ENERGY, robot, seed) for seed in SEEDS) for robot in ROBOTS}
     )
     """Policies of each robot's walks, one per training seed; each robot walks with its own, trained alike."""
-    impacted: tuple[Path, ...] = field(default_factory=lambda: tuple(policy_file(STUDY, AWARE, seed) for seed in SEEDS))
-    """Policies of MR_Go-SAL under pushes and falling masses, and of walks without a price on power: the actuator-aware
-    ones of table 2."""
+    impacted: tuple[Path, ...] = field(default_factory=lambda: tuple(policy_file(STUDY, PUBLIC, n) for n in SEEDS))
+    """Policies of MR_Go-SAL under pushes and falling masses, trained with the public gains."""
+    aware: tuple[Path, ...] = field(default_factory=lambda: tuple(policy_file(STUDY, AWARE, n) for n in SEEDS))
+    """Policies under pushes and falling masses with the asset's gains, and of walks without a price on power: the
+    actuator-aware ones of table 2."""
     rollouts: int = 3
     """Rollouts per policy, paper section 6.2."""
     distance: float = 30.0
@@ -44,12 +46,21 @@ class Settings:
         counts = {len(self.policies[robot]) for robot in ROBOTS}
         if len(counts) > 1:
             raise ValueError(f"policies: every robot needs the same number of seeds, got {sorted(counts)}")
-        if not self.impacted:
-            raise ValueError("impacted: name at least one policy")
+        if not self.impacted or len(self.impacted) != len(self.aware):
+            counts = f"{len(self.impacted)} and {len(self.aware)}"
+            raise ValueError(f"impacted and aware need the same number of policies, at least one; got {counts}")
         if min(self.rollouts, self.impacts) < 1:
             raise ValueError(f"rollouts = {self.rollouts} and impacts = {self.impacts} must be at least 1")
         if not min(self.distance, self.window) > 0.0:
             raise ValueError(f"distance = {self.distance} m and window = {self.window} m must be positive")
+
+    def struck(self, gains: tuple[float, float] | None) -> Ensemble:
+        """Policies for pushes and falling masses on robots with these gains; None is the asset's.
+
+        Raises:
+            PolicyError: a file cannot be used.
+        """
+        return Ensemble(self.aware if gains is None else self.impacted)
 
     @property
     def policy_seeds(self) -> int:

@@ -90,7 +90,7 @@ def simulate(job: Job) -> Findings:
     """Walk all conditions with every variant of SAL, and stand."""
     settings, load = job.settings, paper.arm_load()
     env = make_walk_cfg(threads=settings.threads)
-    own, unpaid = ensembles(settings), Ensemble(settings.impacted)
+    own, unpaid = ensembles(settings), Ensemble(settings.aware)
     policies = {
         "own": own,
         "crossed": {"mr_go": own["mr_go_sal"], "mr_go_sal": own["mr_go"]},
@@ -98,7 +98,7 @@ def simulate(job: Job) -> Findings:
     }
     found: dict[str, list[WalkResult]] = {}
     for k, (name, variant) in enumerate(VARIANTS.items()):
-        seeds = len(settings.impacted) if variant.policy == "unpaid" else settings.policy_seeds
+        seeds = len(settings.aware) if variant.policy == "unpaid" else settings.policy_seeds
         actuator = replace(env.actuator, damping=variant.damping, coupling=variant.coupling)
         cfg = WalkCfg(
             trials=seeds * settings.rollouts, distance=settings.distance, seed=settings.seed, robots=variant.robots,
@@ -134,5 +134,5 @@ def _result(item: dict) -> WalkResult:
 
 EXPERIMENT = Experiment(
     name="walks", title="Walks of Go1, MR_Go and MR_Go-SAL", compute=simulate, shown=False,
-    settings=("policies", "impacted", "rollouts", "distance", "seed"),
+    settings=("policies", "aware", "rollouts", "distance", "seed"),
 )  # fmt: skip

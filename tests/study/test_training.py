@@ -8,15 +8,30 @@ import numpy as np
 import pytest
 import torch
 
-from mrwarp.env.cfg import RandomizeCfg, RewardCfg, make_randomize_cfg
+from mrwarp.env.cfg import RandomizeCfg, RewardCfg, make_play_cfg, make_randomize_cfg
+from mrwarp.env.vec_env import WalkEnv
 from mrwarp.evaluate.walking import GateCheck, WalkingGate
 from mrwarp.folder import claim
 from mrwarp.paper import ROBOTS
 from mrwarp.rl import curves as training_curves
 from mrwarp.rl import trainer
 from mrwarp.rl.policy import OnnxPolicy, PolicyError
+from mrwarp.robot import PUBLIC_GAINS
 from mrwarp.study import curves
-from mrwarp.study.plan import CONVENTIONAL, PLANTS, STUDY, StudyCfg, name, plant_cfg, policy_file, record_file
+from mrwarp.study.plan import (
+    AWARE,
+    CONVENTIONAL,
+    HEIGHT,
+    PLANTS,
+    POWER,
+    PUBLIC,
+    STUDY,
+    StudyCfg,
+    name,
+    plant_cfg,
+    policy_file,
+    record_file,
+)  # fmt: skip
 from mrwarp.study.training import collect, train
 
 TINY_GATE = WalkingGate(num_envs=4, warmup=0.0, seconds=0.2)
@@ -49,12 +64,23 @@ def test_robots_of_tables_6_and_7_pay_alike_for_power_and_carry_loads() -> None:
     cfgs = [plant_cfg(robot, randomize="all") for robot in ROBOTS]
     for shared in ("commands", "noise", "randomize", "rewards", "currents", "action_scale", "gait_frequency"):
         assert len({repr(getattr(cfg, shared)) for cfg in cfgs}) == 1, shared
-    assert cfgs[0].rewards == RewardCfg(power=-0.003, height=-150.0) and cfgs[0].currents == (1.5,)
+    assert cfgs[0].rewards == RewardCfg(power=POWER, height=HEIGHT) and cfgs[0].currents == (1.5,)
     assert cfgs[0].randomize == RandomizeCfg(added_mass=(-0.5, 3.5))
     assert [(cfg.robot, cfg.actuator_model, cfg.actuator.sal) for cfg in cfgs] == [
         ("go1", "none", False), ("mr_go", "bouc_wen", False), ("mr_go", "bouc_wen", True)
     ]  # fmt: skip
     assert plant_cfg("go1", randomize="none").randomize is None
+
+
+def test_public_gains_are_those_of_every_motor() -> None:
+    """The aware plant with another Kp and Kd: in motors and devices, of the trained and of the judged robot."""
+    cfg = plant_cfg(PUBLIC, num_envs=2, randomize="none")
+    assert replace(cfg, gains=None) == plant_cfg(AWARE, num_envs=2, randomize="none")
+    for env in (WalkEnv(cfg), WalkEnv(make_play_cfg(cfg))):
+        kp, kd = (env.view(array) for array in (env.actuator.kp, env.actuator.kd))
+        assert bool((kp == PUBLIC_GAINS[0]).all()) and bool((kd == PUBLIC_GAINS[1]).all())
+        for gain_name, gain in (("kp_base", PUBLIC_GAINS[0]), ("kd", PUBLIC_GAINS[1]), ("kp_low", 5.0)):
+            assert bool((env.view(env.actuator.param(gain_name)) == gain).all()), gain_name
 
 
 def test_trainings_begin_with_the_policies_of_a_folder(tmp_path: Path) -> None:
