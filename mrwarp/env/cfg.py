@@ -87,8 +87,9 @@ def make_randomize_cfg(kind: str = "all") -> RandomizeCfg | None:
         raise ValueError(f"randomize = {kind!r} is unknown; choose from {', '.join(RANDOMIZATIONS)}")
     if kind == "none":
         return None
-    nominal = {"added_mass": (0.0, 0.0), "mr_scale": (1.0, 1.0), "gain_scale": (1.0, 1.0)}
-    return RandomizeCfg(**nominal) if kind == "ground" else RandomizeCfg()
+    if kind == "ground":
+        return RandomizeCfg(added_mass=(0.0, 0.0), mr_scale=(1.0, 1.0), gain_scale=(1.0, 1.0))
+    return RandomizeCfg()
 
 
 @dataclass(frozen=True, kw_only=True)

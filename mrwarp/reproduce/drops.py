@@ -17,9 +17,6 @@ from mrwarp.robot import LEGS, PUBLIC_GAINS
 DATA = "drops.npz"
 """File with the data."""
 
-FR_RL_STANCE = (0.5, 1.0)
-"""Gait phases in which FR and RL stand, the pair that the hardware's impacts were applied to (section 6.3)."""
-
 GAINS = {"Kp 20, Kd 0.5": PUBLIC_GAINS, "Kp 35, Kd 0.6": None}
 """Gains of all motors by name, which the paper does not state; None is the asset's."""
 
@@ -34,7 +31,7 @@ def simulate(job: Job) -> Findings:
         job.report(name, k / len(GAINS))
         cfg = ImpactCfg(
             kind=ImpactKind.DROP, trials=len(settings.impacted) * settings.impacts, gains=gains, env=env,
-            phases=FR_RL_STANCE, seed=settings.seed,
+            phases=readings.FR_RL_STANCE, seed=settings.seed,
         )  # fmt: skip
         found[name] = measured(ImpactSweep(cfg, settings.struck(gains)).run())
     store.save(job.out / DATA, {"found": found, "policies": len(settings.impacted)})

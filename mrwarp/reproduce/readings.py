@@ -28,6 +28,9 @@ CELLS = ("min_height", "peak_down_velocity")
 FL_RR_STANCE = (0.0, 0.5)
 """Gait phases in which FL and RR stand, the pair that carries the paper's simulated impact (figure 6b)."""
 
+FR_RL_STANCE = (0.5, 1.0)
+"""Gait phases in which FR and RL stand, the pair that the hardware's impacts were applied to (section 6.3)."""
+
 COARSE = tuple(round(0.05 * k, 2) for k in range(1, 13))
 """Durations tried first [s]."""
 
@@ -50,7 +53,8 @@ class Reading:
     soft_at_zero: bool = False
     """Whether the holding gate lowers the motor's gain at 0 A too, where nothing holds (eqs. 8, 9 to the letter)."""
     gains: tuple[float, float] | None = PUBLIC_GAINS
-    """Kp, Kd of all motors; None is the asset's 35 and 0.6. The policies were trained with the same, but for Kd 0.1."""
+    """Kp, Kd of all motors; None is the asset's 35 and 0.6, with policies trained with these. All others are walked by
+    policies that were trained with :data:`mrwarp.robot.PUBLIC_GAINS`."""
     phases: tuple[float, float] | None = FL_RR_STANCE
     """Gait phase at onset; None is any."""
     torque: str = "eq. 14"
@@ -61,11 +65,16 @@ class Reading:
 BASE = Reading(name="base: explicit, damping alone, Kp 20, FL-RR stance, eq. 14")
 """What the text says, with public gains."""
 
+LETTER = replace(
+    BASE, name="both branches, eqs. 8, 9 to the letter, FR-RL stance, Kp 18, Kd 0.1", holding=True, soft_at_zero=True,
+    gains=(18.0, 0.1), phases=FR_RL_STANCE,
+)  # fmt: skip
+"""All that the scheduler does, with gains that were chosen, like the duration, by the 0 A row alone."""
+
 READINGS = (
     BASE,
     replace(BASE, name="Kp 35, Kd 0.6 (our asset)", gains=None),
-    replace(BASE, name="any gait phase", phases=None),
-    replace(BASE, name="FR-RL stance", phases=(0.5, 1.0)),
+    replace(BASE, name="FR-RL stance", phases=FR_RL_STANCE),
     replace(BASE, name="brake constraint", coupling=Coupling.CONSTRAINT),
     replace(BASE, name="with holding", holding=True),
     replace(BASE, name="with holding, brake constraint", holding=True, coupling=Coupling.CONSTRAINT),
@@ -74,19 +83,24 @@ READINGS = (
     replace(BASE, name="no speed weakening", torque="unweakened"),
     replace(BASE, name="sliding at the yield torque (eq. 18)", torque="yield"),
     replace(BASE, name="Kd 0.1", gains=(20.0, 0.1)),
-    replace(BASE, name="no speed weakening, with holding, low gain at 0 A too", torque="unweakened", holding=True,
-            soft_at_zero=True),
-    replace(BASE, name="the same, Kd 0.1, FR-RL stance", torque="unweakened", holding=True, soft_at_zero=True,
-            gains=(20.0, 0.1), phases=(0.5, 1.0)),
-)  # fmt: skip
-"""The base and what differs from it."""
+    LETTER,
+    replace(LETTER, name="the same, Kp 20, Kd 0.5", gains=PUBLIC_GAINS),
+    replace(LETTER, name="the same, Kp 20, Kd 0.1", gains=(20.0, 0.1)),
+    replace(LETTER, name="the same, Kp 16, Kd 0.3", gains=(16.0, 0.3)),
+    replace(LETTER, name="the same as with Kp 18, Kd 0.1, PG-RLSTM torque", torque="pg_rlstm"),
+    replace(LETTER, name="the same as with Kp 18, Kd 0.1, no speed weakening", torque="unweakened"),
+)
+"""The base, what differs from it, and the same for the reading that is adopted."""
 
-ADOPTED = BASE
-"""The reading that table 4 shows."""
+ADOPTED = LETTER
+"""The reading that table 4 shows: of those with the paper's law, eq. 14, its 0 A row is nearest to the paper's."""
 
 ASSET = next(reading for reading in READINGS if reading.gains is None)
 """The same with the gains of the asset, by policies trained with them."""
 
+
+UNWEAKENED = READINGS[-1]
+"""The adopted reading without the speed weakening of eq. 14."""
 
 UNDAMPED = next(reading for reading in READINGS if reading.name == "Kd 0.1")
 """The same with hardly any damping by the motors."""

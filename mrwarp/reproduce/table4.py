@@ -51,11 +51,13 @@ def compute(job: Job) -> Findings:
             "height rises and speed falls with every step of the current": summary["monotone"],
         },
         notes=[
-            f"Adopted reading: {summary['reading']}. Push of {summary['duration']:.2f} s, calibrated on the 0 A row "
-            f"alone; the largest difference of the six predicted cells is {100.0 * summary['worst']:.1f} %. It is what "
-            "section 6.3 and figure 6(b) say, with the gains of public Go1 policies; the asset's Kp of 35 lets no push "
-            f"of 100 N lower the trunk below {found.readings[found.place(readings.ASSET)]['min_height'][0]:.3f} m.",
+            f"Adopted reading: {summary['reading']}. Push of {summary['duration']:.2f} s. Duration and gains, which "
+            "the paper does not state, are chosen by the 0 A row alone; the largest difference of the six predicted "
+            f"cells is {100.0 * summary['worst']:.1f} %. Policies walk with the gains that they were trained with, Kp "
+            "20 and Kd 0.5, or near them; the asset's Kp of 35 lets no push of 100 N lower the trunk below "
+            f"{found.readings[found.place(readings.ASSET)]['min_height'][0]:.3f} m.",
             _off(found, summary),
+            _shape(found, place),
             _causes(found),
             _nearest(found),
         ],
@@ -108,8 +110,8 @@ def _why(found: pushes.Pushes, cell: str, amps: float) -> str:
     off = ours[0] / theirs[0.0][cell].mean - 1.0
     if i == 0:
         return (
-            f"One duration cannot meet both cells of the row: it is the least-squares compromise, {100.0 * off:+.1f} % "
-            "off here."
+            f"Duration and gains are the least-squares compromise of both cells of this row, {100.0 * off:+.1f} % off "
+            "here."
         )
     gain = ours[i] / ours[0] - 1.0
     wanted = theirs[amps][cell].mean / theirs[0.0][cell].mean - 1.0
@@ -134,12 +136,31 @@ def _off(found: pushes.Pushes, summary: dict[str, Any]) -> str:
     theirs = paper.TABLE_4["simulation"][0.0]
     drop = paper.TABLE_2["D"]["height"].mean - theirs["min_height"].mean
     bound, speed = readings.undamped_speed(drop), -theirs["peak_down_velocity"].mean
-    little = found.readings[found.place(readings.UNDAMPED)]["peak_down_velocity"][0]
+    stiff, little = (
+        -found.readings[found.place(reading)]["peak_down_velocity"][0] for reading in (readings.BASE, readings.UNDAMPED)
+    )
     return (
         f"The paper's 0 A row is nearly that of an undamped spring: pressed down by {drop:.3f} m with a lasting 100 N, "
-        f"12.6 kg reach at most sqrt(F drop/2m) = {bound:.3f} m/s; the paper has {speed:.3f} m/s. Motors with a Kd of "
-        f"0.5 and the device's off-current drag leave {-summary['peak_down_velocity'][0]:.3f} m/s here, a Kd of 0.1 "
-        f"{-little:.3f} m/s."
+        f"12.6 kg reach at most sqrt(F drop/2m) = {bound:.3f} m/s; the paper has {speed:.3f} m/s. Motors with Kp 20, a "
+        f"Kd of 0.5 and the device's off-current drag leave {stiff:.3f} m/s here, a Kd of 0.1 {little:.3f} m/s, and "
+        f"the adopted reading {-summary['peak_down_velocity'][0]:.3f} m/s."
+    )
+
+
+def _shape(found: pushes.Pushes, place: int) -> str:
+    """What is left when the level at 0 A is the paper's: the effect of the current."""
+    entry, theirs = found.readings[place], paper.TABLE_4["simulation"]
+    parts = [
+        f"{title} {100.0 * entry['change'][cell]:+.1f} % (the paper "
+        f"{100.0 * (theirs[1.5][cell].mean / theirs[0.0][cell].mean - 1.0):+.1f} %)"
+        for cell, (title, _) in TITLES.items()
+    ]
+    free = next(e for e in found.readings if e["reading"] == readings.UNWEAKENED.name)
+    return (
+        f"From 0 to 1.5 A: {', '.join(parts)}. Eq. 14 divides its torque by 1 + 0.78 |qd|; without that the changes "
+        f"are {100.0 * free['change']['min_height']:+.1f} and "
+        f"{100.0 * free['change']['peak_down_velocity']:+.1f} %, and the largest difference of the six cells "
+        f"{100.0 * free['worst']:.1f} %."
     )
 
 

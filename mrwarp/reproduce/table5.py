@@ -10,7 +10,7 @@ from mrwarp import paper
 from mrwarp.actuator import HoldCurrent
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate.impact import ImpactCfg, ImpactKind, ImpactSweep, Variant
-from mrwarp.reproduce import drops, studied
+from mrwarp.reproduce import drops, readings, studied
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds
 from mrwarp.reproduce.settings import Ensemble
 from mrwarp.study.plan import AWARE, CONVENTIONAL
@@ -43,7 +43,7 @@ def compute(job: Job) -> Findings:
         paths = studied.policies((training,))
         cfg = ImpactCfg(
             kind=ImpactKind.DROP, trials=len(paths) * settings.impacts, env=env, seed=settings.seed,
-            phases=drops.FR_RL_STANCE,
+            phases=readings.FR_RL_STANCE,
             variants=tuple(Variant(current=current) for current in currents),
         )  # fmt: skip
         figures = drops.measured(ImpactSweep(cfg, Ensemble(paths)).run())
