@@ -37,8 +37,8 @@ class ElectricalCfg(ParamGroup):
     )  # fmt: skip
     winding_resistance: float = param(
         0.474, "Ohm", 0.0, 2.0,
-        "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`; a public motor of this size (Mini "
-        "Cheetah's code) has 0.105 to 0.13: the trained gaits load the motors less than the real robot's seems to",
+        "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`; a public motor of this size "
+        "(Mini Cheetah's code) has 0.105 to 0.13: trained gaits load the motors less than the real robot's seems to",
         "Phase resistance of a motor with its drive, as if all that grows with torque squared were copper loss.",
     )  # fmt: skip
     torque_constant: float = param(

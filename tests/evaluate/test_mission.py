@@ -25,7 +25,7 @@ def phase(square: float, seconds: float, *, seeds: int = 2, coil: float = 0.0) -
 PHASE_USES = {
     "outbound": phase(20.0, 500.0, coil=1.0), "standby": phase(9.0, 600.0, seeds=1), "return": phase(25.0, 500.0)
 }  # fmt: skip
-NUMBERS = (ElectricalCfg(), ThermalCfg(), BatteryCfg())
+NUMBERS = (ElectricalCfg(winding_resistance=0.128), ThermalCfg(), BatteryCfg())  # a public motor
 
 
 def test_power_and_charge_are_those_of_the_phases() -> None:
