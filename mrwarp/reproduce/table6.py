@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from mrwarp import paper
 from mrwarp.electrical.power import ElectricalCfg, battery_power, cost_of_transport
 from mrwarp.evaluate import walk_figures
@@ -121,14 +123,16 @@ def _training(walks: Walks, cfg: ElectricalCfg) -> Table:
             (r.robot, r.payload, r.command): float(
                 cost_of_transport(battery_power(r.use, numbers).total, r.mass, r.speed).mean()
             )
+            if len(r.speed) else np.nan
             for r in results
-        }
+        }  # fmt: skip
 
     own, crossed, plain = cots(walks.both, cfg), cots(walks.crossed, cfg), cots(walks.unpaid, unpaid)
     cells = list(dict.fromkeys((r.payload, r.command) for r in walks.both))
 
     def lower(after: dict, before: dict, cell: tuple[float, float]) -> str:
-        return f"{100.0 * (1.0 - after['mr_go_sal', *cell] / before['mr_go', *cell]):.1f}"
+        reduction = 1.0 - after["mr_go_sal", *cell] / before["mr_go", *cell]
+        return "no robot arrived" if np.isnan(reduction) else f"{100.0 * reduction:.1f}"
 
     lines = [
         [condition_name(*cell), lower(own, own, cell), lower(crossed, own, cell), lower(own, crossed, cell),

@@ -36,14 +36,14 @@ class Variant:
     coupling: Coupling = Coupling.CONSTRAINT
     """How the devices act."""
     policy: str = "own"
-    """``own``: each robot's; ``crossed``: MR_Go and MR_Go-SAL walk with each other's; ``unpaid``: all with those of
-    table 2, whose training has no price on power."""
+    """``own``: each robot's; ``mr_go``: MR_Go's on both; ``crossed``: MR_Go and MR_Go-SAL walk with each other's;
+    ``unpaid``: all with those of table 2, whose training has no price on power."""
 
 
 VARIANTS = {
     "both": Variant(robots=paper.ROBOTS),
     "holding": Variant(robots=("mr_go_sal",), damping=False),
-    "explicit": Variant(robots=("mr_go", "mr_go_sal"), damping=False, coupling=Coupling.EXPLICIT),
+    "explicit": Variant(robots=("mr_go", "mr_go_sal"), damping=False, coupling=Coupling.EXPLICIT, policy="mr_go"),
     "crossed": Variant(robots=("mr_go", "mr_go_sal"), policy="crossed"),
     "unpaid": Variant(robots=paper.ROBOTS, policy="unpaid"),
 }
@@ -59,7 +59,8 @@ class Walks:
     holding: list[WalkResult]
     """The same with MR_Go-SAL's holding branch alone."""
     explicit: list[WalkResult]
-    """MR_Go, and MR_Go-SAL holding with the torque of eq. 19 in place of a device that sticks."""
+    """MR_Go, and MR_Go-SAL holding with the torque of eq. 19 in place of a device that sticks, both with MR_Go's
+    policies: this torque leaves the gait as it is."""
     crossed: list[WalkResult]
     """MR_Go with MR_Go-SAL's policies and the other way round."""
     unpaid: list[WalkResult]
@@ -93,6 +94,7 @@ def simulate(job: Job) -> Findings:
     own, unpaid = ensembles(settings), Ensemble(settings.aware)
     policies = {
         "own": own,
+        "mr_go": dict.fromkeys(("mr_go", "mr_go_sal"), own["mr_go"]),
         "crossed": {"mr_go": own["mr_go_sal"], "mr_go_sal": own["mr_go"]},
         "unpaid": dict.fromkeys(paper.ROBOTS, unpaid),
     }

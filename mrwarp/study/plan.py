@@ -34,8 +34,8 @@ SEEDS = (0, 1, 2)
 """Training seeds of every plant."""
 
 POWER = -0.01
-"""Reward per watt of motors and coils when robots are trained for tables 6 and 7: the largest of 0.001, 0.003 and 0.01
-whose policies pass the walking gate on all three robots (docs/policies.md)."""
+"""Reward per watt of motors and coils when robots are trained for tables 6 and 7; others were tried, see
+docs/policies.md."""
 
 HEIGHT = -300.0
 """Weight of the squared error of the trunk's height there: with the usual -40, a robot that pays for power walks with

@@ -59,6 +59,7 @@ def test_cfg_cannot_be_edited_in_place() -> None:
         ({"currents": ()}, r"\(\)"),
         ({"currents": (0.5, -0.1)}, "-0.1"),
         ({"decimation": 0}, "0"),
+        ({"gains": (0.0, 0.5)}, r"gains = \(0.0, 0.5\): Kp must be positive"),
     ],
 )
 def test_cfg_refuses_nonsense_and_names_the_value(change: dict, value: str) -> None:
