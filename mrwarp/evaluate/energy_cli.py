@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from mrwarp.actuator import Coupling
+from mrwarp.arguments import positive
 from mrwarp.electrical.battery import BatteryCfg
 from mrwarp.electrical.power import ElectricalCfg
 from mrwarp.electrical.thermal import ThermalCfg
@@ -146,19 +146,3 @@ class Progress:
         """Clear the line."""
         if self._live:
             print("\r\033[K", end="", file=self._stream, flush=True)
-
-
-def positive(text: str) -> float:
-    """A positive, finite number."""
-    value = float(text)
-    if not (math.isfinite(value) and value > 0.0):
-        raise argparse.ArgumentTypeError(f"{text} must be a positive number")
-    return value
-
-
-def not_negative(text: str) -> float:
-    """A finite number that is not negative."""
-    value = float(text)
-    if not (math.isfinite(value) and value >= 0.0):
-        raise argparse.ArgumentTypeError(f"{text} must be a number that is not negative")
-    return value

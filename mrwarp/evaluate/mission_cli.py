@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mrwarp import paper
+from mrwarp.arguments import not_negative, positive
 from mrwarp.asset import AssetError
 from mrwarp.electrical import consistency
 from mrwarp.electrical.battery import BatteryError
@@ -31,15 +32,13 @@ def make_parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--out", type=Path, required=True, help="output folder")
     add("--robot", nargs="+", choices=paper.ROBOTS, default=list(paper.ROBOTS), help="robots (default: all three)")
-    add("--speed", type=energy_cli.positive, default=0.3, metavar="V", help="command [m/s], not in the paper (0.3)")
-    add("--distance", type=energy_cli.positive, default=paper.DISTANCE, metavar="M", help="one way [m] (150)")
-    add("--standby", type=energy_cli.positive, default=paper.STANDBY, metavar="S", help="standing [s] (600)")
+    add("--speed", type=positive, default=0.3, metavar="V", help="command [m/s], not in the paper (0.3)")
+    add("--distance", type=positive, default=paper.DISTANCE, metavar="M", help="one way [m] (150)")
+    add("--standby", type=positive, default=paper.STANDBY, metavar="S", help="standing [s] (600)")
     arm = f"load out and while standing [kg] (the arm: {paper.arm_load():.1f}, from Go1's own rows)"
-    add("--outbound-load", type=energy_cli.not_negative, default=paper.arm_load(), metavar="KG", help=arm)
-    add("--return-load", type=energy_cli.not_negative, default=3.0, metavar="KG", help="load back [kg] (3)")
-    add(
-        "--window", type=energy_cli.positive, default=10.0, metavar="M", help="simulated distance of each walk [m] (10)"
-    )
+    add("--outbound-load", type=not_negative, default=paper.arm_load(), metavar="KG", help=arm)
+    add("--return-load", type=not_negative, default=3.0, metavar="KG", help="load back [kg] (3)")
+    add("--window", type=positive, default=10.0, metavar="M", help="simulated distance of each walk [m] (10)")
     add("--seeds", type=int, default=3, help="repetitions (default: 3)")
     add("--feedback", action="store_true", help="warm windings and fluids act back; a second pass")
     add("--calibrate", action="store_true", help="fit thermal numbers and capacity to Go1's, write numbers.json")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mrwarp import paper
+from mrwarp.arguments import not_negative, positive
 from mrwarp.asset import AssetError
 from mrwarp.evaluate import energy_cli
 from mrwarp.folder import check_writable
@@ -30,9 +31,9 @@ def make_parser() -> argparse.ArgumentParser:
     add("--out", type=Path, required=True, help="output folder")
     add("--robot", nargs="+", choices=paper.ROBOTS, default=None, help="robots (default: all three)")
     add("--sal", choices=("on", "off"), help="only MR_Go-SAL (on) or MR_Go (off)")
-    add("--speed", type=energy_cli.positive, nargs="+", default=[0.3, 0.5], metavar="V", help="commands [m/s]")
-    add("--payload", type=energy_cli.not_negative, nargs="+", default=[0.0, 3.0], metavar="KG", help="loads [kg]")
-    add("--distance", type=energy_cli.positive, default=30.0, metavar="M", help="measured distance (default: 30)")
+    add("--speed", type=positive, nargs="+", default=[0.3, 0.5], metavar="V", help="commands [m/s]")
+    add("--payload", type=not_negative, nargs="+", default=[0.0, 3.0], metavar="KG", help="loads [kg]")
+    add("--distance", type=positive, default=30.0, metavar="M", help="measured distance (default: 30)")
     add("--trials", type=int, default=3, help="repetitions per condition (default: 3)")
     add(
         "--calibrate", action="store_true", help="fit the electrical numbers to this run's Go1 rows, write numbers.json"

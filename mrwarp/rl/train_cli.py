@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import shlex
 import sys
 from dataclasses import replace
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING
 import warp as wp
 
 from mrwarp.actuator import Coupling, HoldCurrent, ZStep
+from mrwarp.arguments import not_negative
 from mrwarp.asset import AssetError
 from mrwarp.effects.applied import effect_lines
 from mrwarp.env.backend import BackendKind
@@ -21,6 +21,7 @@ from mrwarp.env.cfg import ACTUATORS, RANDOMIZATIONS, TERRAINS, make_walk_cfg
 from mrwarp.nn.model_file import shipped_model
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
+from mrwarp.study.plan import POWER
 
 if TYPE_CHECKING:
     from mrwarp.rl.trainer import Trainer
@@ -54,7 +55,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--terrain", choices=TERRAINS, default="flat", help="ground (rough: with a curriculum)")
     differs = "what differs between environments: friction, kicks, mass, gains and devices; friction and kicks; nothing"
     parser.add_argument("--randomize", choices=RANDOMIZATIONS, default="all", help=f"{differs} (default: all)")
-    price = "reward taken per watt of motors and coils (default: 0; the policies in policies/energy pay 0.003)"
+    price = f"reward taken per watt of motors and coils (default: 0; the policies in policies/energy pay {-POWER:g})"
     parser.add_argument("--power-price", type=not_negative, default=0.0, metavar="R", help=price)
     parser.add_argument("--backend", choices=_values(BackendKind), help="physics engine (default: by device)")
     parser.add_argument("--threads", type=int, default=0, help="CPU threads of the physics; 0 = all (default)")
@@ -187,14 +188,6 @@ def positive(text: str) -> int:
     value = int(text)
     if value < 1:
         raise argparse.ArgumentTypeError(f"{value} must be at least 1")
-    return value
-
-
-def not_negative(text: str) -> float:
-    """Argument type: a number of at least 0."""
-    value = float(text)
-    if not (math.isfinite(value) and value >= 0.0):
-        raise argparse.ArgumentTypeError(f"{text} must be at least 0")
     return value
 
 

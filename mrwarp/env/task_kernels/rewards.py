@@ -118,7 +118,6 @@ def terms_kernel(
         terms_out[env, 10] = effort_in[env]
         terms_out[env, 11] = square_to(action_in, last_action_in, env)
         terms_out[env, 12] = square_to(qd_in, last_qd_in, env) / (step_dt * step_dt)
-
         terms_out[env, 13] = power_in[env]
 
         total = float(0.0)
