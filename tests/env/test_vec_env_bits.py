@@ -1,0 +1,190 @@
+"""WalkEnv to the bit: masked reset, saved state, restart, copies, seeds and threads, captured graphs."""
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import torch
+
+from mrwarp.env.vec_env import WalkEnv
+from tests.env_bench import assert_same_state, assert_same_step, make_cfg, random_actions
+
+
+def test_masked_reset_leaves_other_environments_bit_equal() -> None:
+    """Environments 1 and 4 start over; the others keep their state and their next 20 steps.
+
+    Noise, pushes and commands of the others are the same draws: they follow from seed, step and environment.
+    """
+    env, twin = WalkEnv(make_cfg(8, seed=5)), WalkEnv(make_cfg(8, seed=5))
+    actions = random_actions(35, 8)
+    for action in actions[:15]:
+        env.step(action)
+        twin.step(action)
+    mask = torch.tensor([False, True, False, False, True, False, False, False])
+    env._reset(mask)
+    ours, theirs = env.state(), twin.state()
+    for name in ours.keys() - {"key", "actuator/head"}:
+        assert torch.equal(ours[name][~mask], theirs[name][~mask]), name
+    for name in ("key", "actuator/head"):
+        assert torch.equal(ours[name], theirs[name]), name
+    assert bool((ours["q_des"][mask] != theirs["q_des"][mask]).any())
+    for action in actions[15:]:
+        first, second = env.step(action), twin.step(action)
+        assert not bool(first[2].any()) and not bool(second[2].any())
+        assert_same_step(first, second, rows=~mask)
+        assert bool((first[0]["actor"][mask] != second[0]["actor"][mask]).any())
+
+
+def test_masked_reset_leaves_the_brake_torque_of_others() -> None:
+    """The brake torque of the last step belongs to the environments that go on; a reset of others leaves it."""
+    env = WalkEnv(make_cfg(4, seed=5))
+    for action in random_actions(5, 4):
+        env.step(action)
+    before = env.view(env.sim.friction).clone()
+    assert bool(before[1:].any(1).all())
+    env._reset(torch.tensor([True, False, False, False]))
+    assert torch.equal(env.view(env.sim.friction)[1:], before[1:])
+
+
+def test_a_step_with_resets_leaves_other_environments_bit_equal() -> None:
+    """The same through step itself, without draws: two robots fall over, six go on as if nothing had happened."""
+    changes = {"noise": None, "randomize": None}
+    changes["commands"] = replace(make_cfg().commands, period=float("inf"))
+    env, twin = WalkEnv(make_cfg(8, seed=6, **changes)), WalkEnv(make_cfg(8, seed=6, **changes))
+    mask = torch.tensor([False, False, True, False, False, False, False, True])
+    actions = random_actions(30, 8)
+    for step, action in enumerate(actions):
+        env.view(env.sim.backend.field("qpos"))[mask, 2] += -0.3 * (step == 10)
+        first, second = env.step(action), twin.step(action)
+        assert torch.equal(first[2], mask & (step == 10)) and not bool(second[2].any())
+        assert_same_step(first, second, rows=~mask)
+
+
+@pytest.mark.parametrize("inference", [False, True])
+def test_state_goes_on_bit_equal(inference: bool) -> None:
+    """With noise, randomisation, pushes and resets: another object that loads the state repeats 30 steps exactly.
+
+    The other object has a past of its own, also one under ``torch.inference_mode``, as in training.
+    """
+    cfg = make_cfg(8, seed=7, episode_seconds=0.7)
+    env, other = WalkEnv(cfg), WalkEnv(cfg)
+    actions = random_actions(50, 8, scale=1.0)
+    for action in actions[:20]:
+        env.step(action)
+    with torch.inference_mode(inference):
+        for action in actions[30:37]:
+            other.step(action)
+    state = {name: value.clone() for name, value in env.state().items()}
+    other.load_state(state)
+    assert_same_state(env, other)
+    resets = 0
+    for action in actions[20:]:
+        first, second = env.step(action), other.step(action)
+        assert_same_step(first, second)
+        assert_same_state(env, other)  # float64: sees what observations round away
+        resets += int(first[2].sum())
+    assert resets > 0
+
+
+def test_state_is_a_copy() -> None:
+    """Stepping on does not change a state that was taken, and loading does not tie the environment to it."""
+    env = WalkEnv(make_cfg(4))
+    actions = random_actions(6, 4)
+    env.step(actions[0])
+    state = env.state()
+    copies = {name: value.clone() for name, value in state.items()}
+    env.step(actions[1])
+    env.load_state(state)
+    for action in actions[2:]:
+        env.step(action)
+    for name, value in state.items():
+        assert torch.equal(value, copies[name]), name
+
+
+def test_load_state_restores_the_last_observations() -> None:
+    """The policy's next input is what it was when the state was taken, noise included."""
+    env = WalkEnv(make_cfg(4))
+    obs = env.step(torch.ones(4, 12))[0]
+    state = env.state()
+    env.step(torch.zeros(4, 12))
+    env.load_state(state)
+    for group in ("actor", "critic"):
+        assert torch.equal(env.last_observations[group], obs[group])
+
+
+def test_same_seed_same_bits_at_any_thread_count() -> None:
+    """Two objects, and one and two threads, give the same bits over 25 steps with resets; another seed does not."""
+    runs: list[list[tuple]] = []
+    actions = random_actions(25, 6, scale=1.0)
+    envs = [
+        WalkEnv(make_cfg(6, seed=seed, threads=threads, episode_seconds=0.3))
+        for seed, threads in ((0, 1), (0, 1), (0, 2), (1, 1))
+    ]
+    runs = [[env.step(action) for action in actions] for env in envs]
+    for reference, same_threads, two_threads in zip(*runs[:3], strict=True):
+        assert_same_step(reference, same_threads)
+        assert_same_step(reference, two_threads)
+    assert_same_state(envs[0], envs[1])
+    assert_same_state(envs[0], envs[2])
+    assert not torch.equal(runs[0][0][0]["critic"], runs[3][0][0]["critic"])
+    assert not torch.equal(runs[0][-1][1], runs[3][-1][1])
+    for name in ("q", "command", "phase", "privileged"):
+        assert not torch.equal(getattr(envs[0], name), getattr(envs[3], name)), name
+
+
+def test_environment_draws_nothing_from_the_global_generator() -> None:
+    """Exploration noise comes from torch's global generator; the environment has its own and leaves that alone."""
+    env = WalkEnv(make_cfg(4, episode_seconds=0.1))
+    before = torch.get_rng_state()
+    for action in random_actions(7, 4):
+        env.step(action)
+    assert torch.equal(torch.get_rng_state(), before)
+
+
+def test_restart_repeats_a_new_object() -> None:
+    """Also with noise and randomisation: a restarted environment does what a new one of its configuration does."""
+    cfg = make_cfg(6, seed=8, episode_seconds=0.3)
+    used, new = WalkEnv(cfg), WalkEnv(cfg)
+    for action in random_actions(20, 6, scale=1.0):
+        used.step(action)
+    used.restart()
+    assert torch.equal(used.last_observations["actor"], new.last_observations["actor"])
+    assert torch.equal(used.last_observations["critic"], new.last_observations["critic"])
+    for action in random_actions(20, 6, scale=1.0, seed=2):
+        assert_same_step(used.step(action), new.step(action))
+
+
+def test_copy_envs_makes_bit_equal_copies() -> None:
+    """Environment e goes on as source[e] did: nominal robots with equal currents and no draws repeat it exactly."""
+    changes: dict[str, Any] = {"noise": None, "randomize": None, "currents": (1.0,)}
+    changes["commands"] = replace(make_cfg().commands, period=float("inf"))
+    env, twin = WalkEnv(make_cfg(4, seed=2, **changes)), WalkEnv(make_cfg(4, seed=2, **changes))
+    actions = random_actions(30, 4)
+    for action in actions[:10]:
+        env.step(action)
+        twin.step(action)
+    source = torch.tensor([2, 0, 2, 3])
+    env.copy_envs(source)
+    for action in actions[10:]:
+        obs, reward, done, _ = env.step(action[source])
+        expected, expected_reward, expected_done, _ = twin.step(action)
+        assert torch.equal(obs["critic"], expected["critic"][source])
+        assert torch.equal(reward, expected_reward[source])
+        assert not bool(done.any()) and not bool(expected_done.any())
+
+
+def test_captured_graphs_give_the_bits_of_eager_launches() -> None:
+    """Around ``mjbatch`` and after the torque steps: the same observations, rewards and state, resets included."""
+    found = []
+    for wanted in (True, False):
+        cfg = make_cfg(6, seed=3)
+        env = WalkEnv(replace(cfg, sim=replace(cfg.sim, capture=wanted), episode_seconds=0.2))
+        rows, ended = [], 0
+        for actions in random_actions(25, 6):
+            obs, reward, done, _ = env.step(actions)
+            rows.append(torch.cat([obs["actor"], obs["critic"], reward[:, None]], dim=1))
+            ended += int(done.sum())
+        assert ended >= 6
+        found.append((torch.stack(rows), env.state()))
+    assert torch.equal(found[0][0], found[1][0])
+    assert all(torch.equal(value, found[1][1][name]) for name, value in found[0][1].items())
