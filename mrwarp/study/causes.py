@@ -17,10 +17,10 @@ from mrwarp.study.tables import CURRENT, EvaluationCfg, Row, make_row
 STEPS = {
     "go1": "Go1",
     "mass": "MR_Go's masses, no devices",
-    "drag": "with devices at 0 A: off-current drag (table 2: SAL off)",
+    "drag": "with devices at 0 A: off-current drag (table 2 on this plant: SAL off)",
     "damping": f"SAL at {CURRENT:g} A, damping branch alone",
     "holding": f"SAL at {CURRENT:g} A, holding branch alone",
-    "both": f"SAL at {CURRENT:g} A, both branches (table 2: SAL on)",
+    "both": f"SAL at {CURRENT:g} A, both branches (table 2 on this plant: SAL on)",
 }
 """Plants by name, in order, and what each is."""
 
@@ -41,7 +41,7 @@ def causes(
     """Roll the policies of some trainings out on every plant, with the Bouc-Wen device.
 
     Args:
-        cfg: Which policies, and how they are rolled out; its ``plant`` is not used.
+        cfg: Which policies, and how they are rolled out, on flat ground; its ``plant`` and ``terrain`` are not used.
         plants: Training plants.
         report: Called with the share that is done.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import shlex
 import sys
 from dataclasses import asdict
@@ -72,14 +73,20 @@ def make_parser() -> argparse.ArgumentParser:
             part.add_argument("--seed", type=int, default=0, help="seed of poses and gait phases (default: 0)")
         if name == "table2":
             part.add_argument("--aware", choices=MODELS, default=AWARE, help=f"aware policies (default: {AWARE})")
-    for part in parts.choices.values():
+    for name, part in parts.choices.items():
         part.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS), metavar="S", help="training seeds")
-        part.add_argument("--threads", type=int, default=0, help="CPU threads; 0 = all, the figures are the same")
+        if name in ("train", *tables):
+            part.add_argument("--threads", type=int, default=0, help="CPU threads; 0 = all, the figures are the same")
     return parser
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run a part; 0 done, 1 when a training broke off or a target is missed, 2 on bad input, 130 when stopped."""
+    """Run a part.
+
+    Returns:
+        0 done, 1 when a training broke off or a target is missed, 2 on bad input, 130 when trainings are left: after
+        Ctrl-C, or for the processes that are at them.
+    """
     from mrwarp.rl.checkpoint import CheckpointError
     from mrwarp.rl.policy import PolicyError
     from mrwarp.rl.trainer import TrainingError
@@ -115,7 +122,7 @@ def _train(args: argparse.Namespace) -> int:
     from mrwarp.study.training import train
 
     if train(_study_cfg(args), args.runs, threads=args.threads):
-        print(f"all finished in {args.runs}; 'mrwarp study collect' takes the policies")
+        print(f"all finished in {args.runs}; 'mrwarp study collect' with the same choices takes the policies")
         return 0
     print("not all finished: the same command goes on")
     return 130
@@ -252,6 +259,8 @@ def _print2(table: Table2) -> tuple[list[str], bool]:
 def _print3(table: Table3) -> list[str]:
     lines = [_header(), *(_line(name, row) for name, row in table.rows.items())]
     for metric, order in table.ranking.items():
-        sure = [f"{p.better} < {p.worse}" for p in table.pairs if p.metric == metric and p.p < 0.05]
-        lines.append(f"{metric}: {' < '.join(order)}; beyond chance (p < 0.05): {', '.join(sure) or 'no pair'}")
+        pairs = [pair for pair in table.pairs if pair.metric == metric]
+        sure = [f"{pair.better} < {pair.worse}" for pair in pairs if pair.p < 0.05]
+        none = "not tested" if pairs and all(math.isnan(pair.p) for pair in pairs) else "no pair"
+        lines.append(f"{metric}: {' < '.join(order)}; beyond chance (p < 0.05): {', '.join(sure) or none}")
     return lines

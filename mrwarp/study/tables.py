@@ -6,6 +6,7 @@ and sample standard deviations are those of the seeds' averages, as in the paper
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -36,7 +37,7 @@ LEAST = {"rmse": 0.30, "bias": 0.80}
 and 0.874."""
 
 RANKED = tuple(metric for metric in METRICS if metric != "height")
-"""Metrics of table 3 in which less is better, of the bias its absolute value."""
+"""Metrics of table 3 in which less is better: of the bias each seed's absolute value, in ranking and test alike."""
 
 Report = Callable[[float], None]
 
@@ -98,7 +99,7 @@ class Change:
     """How much lower a figure is with one training than with another."""
 
     first: float
-    """Mean over seeds of the first."""
+    """Mean over seeds of the first, or its absolute value."""
     second: float
     """And of the second."""
     reduction: float
@@ -106,9 +107,9 @@ class Change:
     by_seed: float
     """The same of the absolute values averaged over seeds, where signs cannot cancel."""
     interval: tuple[float, float]
-    """95 % interval of the difference second - first (Welch, over seeds), in the figure's unit."""
+    """95 % interval of the difference ``second`` - ``first`` (Welch, over seeds), in the figure's unit."""
     p: float
-    """Two-sided p-value of Welch's test over seeds."""
+    """Two-sided p-value of that difference; NaN with one seed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +121,7 @@ class Table2:
     rmse: dict[str, Change]
     """RMSE of the aware against the conventional policies, with SAL ``off`` and ``on``."""
     bias: dict[str, Change]
-    """Absolute value of the mean bias, likewise; its interval and p-value are those of the signed bias."""
+    """Absolute value of the mean bias, likewise."""
 
     def limits(self) -> dict[str, str]:
         """What bounds the reduction of the RMSE, SAL ``off`` and ``on``: how much of each RMSE is not bias."""
@@ -134,12 +135,13 @@ class Pair:
 
     metric: str
     better: str
-    """Model with the lower mean (of the absolute value)."""
+    """Model with the lower mean over seeds (of the absolute values)."""
     worse: str
     difference: float
     """Worse minus better."""
     p: float
-    """Two-sided p-value of Welch's test over seeds, Holm-corrected over the pairs of the metric."""
+    """Two-sided p-value of Welch's test of that difference, Holm-corrected over the pairs of the metric; NaN with one
+    seed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,12 +197,18 @@ def table3(
     """
     rows = evaluate(cfg or EvaluationCfg(), [(model, current) for model in models], report)
     by_model = dict(zip(models, rows, strict=True))
-    size = {metric: {m: abs(row.spread(metric)["mean"]) for m, row in by_model.items()} for metric in RANKED}
+    size = {metric: {m: _size(row, metric) for m, row in by_model.items()} for metric in RANKED}
     return Table3(
         rows=by_model,
         ranking={metric: tuple(sorted(models, key=size[metric].__getitem__)) for metric in RANKED},
         pairs=tuple(pair for metric in RANKED for pair in _pairs(metric, by_model, size[metric])),
     )
+
+
+def _size(row: Row, metric: str) -> float:
+    """What models are ranked by: the mean over seeds of the absolute values; infinite, so last, without figures."""
+    mean = float(np.abs(row.seeds[metric]).mean())
+    return math.inf if math.isnan(mean) else mean
 
 
 def _limit(first: Row, second: Row) -> str:
@@ -249,15 +257,16 @@ def change(first: np.ndarray, second: np.ndarray, *, absolute: bool = False) -> 
     Args:
         first: Of the first, shape (seeds,).
         second: Of the second, shape (seeds,).
-        absolute: Compare the absolute values of the means.
+        absolute: Compare the absolute values of the means. Each training's seeds are tested with the sign that makes
+            their mean positive, so that interval and p-value are those of the difference of ``first`` and ``second``.
     """
-    means = [float(values.mean()) for values in (first, second)]
+    by_seed = 1.0 - float(np.abs(second).mean() / np.abs(first).mean())
     if absolute:
-        means = [abs(mean) for mean in means]
+        first, second = (values * np.copysign(1.0, values.mean()) for values in (first, second))
+    means = [float(values.mean()) for values in (first, second)]
     interval, p = (float("nan"), float("nan")), float("nan")
     if min(len(first), len(second)) > 1:
         interval, p = welch(second, first)
-    by_seed = 1.0 - float(np.abs(second).mean() / np.abs(first).mean())
     return Change(
         first=means[0], second=means[1], reduction=1.0 - means[1] / means[0], by_seed=by_seed, interval=interval, p=p
     )
@@ -278,11 +287,19 @@ def _pairs(metric: str, rows: dict[str, Row], size: dict[str, float]) -> list[Pa
         values = [np.abs(rows[name].seeds[metric]) for name in (better, worse)]
         p = welch(*values)[1] if len(values[0]) > 1 else float("nan")
         found.append((better, worse, size[worse] - size[better], p))
-    order, corrected, running = np.argsort([p for *_, p in found]), np.zeros(len(found)), 0.0
-    for place, index in enumerate(order):
-        running = max(running, min(1.0, (len(found) - place) * found[index][3]))
-        corrected[index] = running
+    corrected = holm([p for *_, p in found])
     return [
-        Pair(metric=metric, better=better, worse=worse, difference=difference, p=float(corrected[k]))
-        for k, (better, worse, difference, _) in enumerate(found)
+        Pair(metric=metric, better=better, worse=worse, difference=difference, p=p)
+        for (better, worse, difference, _), p in zip(found, corrected, strict=True)
     ]
+
+
+def holm(values: Sequence[float]) -> list[float]:
+    """Holm's correction of p-values; NaN, where nothing could be tested, stays NaN and counts as a comparison."""
+    corrected, running = [math.nan] * len(values), 0.0
+    for place, index in enumerate(np.argsort(values)):  # NaN last
+        if math.isnan(values[index]):
+            break
+        running = max(running, min(1.0, (len(values) - place) * values[index]))
+        corrected[index] = running
+    return corrected

@@ -11,7 +11,8 @@ from scipy import stats
 from mrwarp.rl.policy import DEFAULT_POLICY, PolicyError
 from mrwarp.study import cli
 from mrwarp.study.plan import CONVENTIONAL, MODELS, policy_file
-from mrwarp.study.tables import EvaluationCfg, change, table2, table3, welch
+from mrwarp.study.rollouts import METRICS
+from mrwarp.study.tables import EvaluationCfg, Row, Table3, change, holm, table2, table3, welch
 
 pytestmark = pytest.mark.filterwarnings("ignore:Precision loss")  # equal seeds have no spread
 
@@ -37,11 +38,53 @@ def test_welch_interval_and_p_value_are_the_closed_form() -> None:
     assert p == pytest.approx(2.0 * stats.t.sf(delta / error, dof))
 
 
+def biased(monkeypatch: pytest.MonkeyPatch, bias: dict[str, list[float]]) -> Table3:
+    """Table 3 of seeds with these biases by model; all other figures are 1 to 3."""
+    rows = {}
+    for model, values in bias.items():
+        seeds = {m: np.array(values) if m == "v_x_bias" else np.arange(1.0, 1.0 + len(values)) for m in METRICS}
+        rollouts = {metric: averages[:, None] for metric, averages in seeds.items()}
+        rows[model] = Row(plant=model, current=1.5, seeds=seeds, rollouts=rollouts, fell=0)
+    monkeypatch.setattr("mrwarp.study.tables.evaluate", lambda cfg, cells, report: [rows[model] for model, _ in cells])
+    return table3(models=tuple(bias))
+
+
+def test_table3_ranks_a_bias_by_what_it_tests(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seeds of +0.040, -0.041 and +0.001 cancel in the mean; without sign they are 0.027 against 0.010."""
+    first, second = [0.040, -0.041, 0.001], [0.010, 0.011, 0.009]
+    table = biased(monkeypatch, {"mlp": first, "lstm": second})
+    assert table.ranking["v_x_bias"] == ("lstm", "mlp")
+    (pair,) = (pair for pair in table.pairs if pair.metric == "v_x_bias")
+    assert (pair.better, pair.worse) == ("lstm", "mlp")
+    assert pair.difference == pytest.approx(0.082 / 3 - 0.010)
+    assert pair.p == pytest.approx(welch(np.abs(first), np.array(second))[1])
+
+
+def test_a_model_without_figures_is_ranked_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A seed whose rollouts fell before the measurement."""
+    table = biased(monkeypatch, {"mlp": [float("nan"), 0.0], "lstm": [0.2, 0.3], "bouc_wen": [0.1, 0.2]})
+    assert table.ranking["v_x_bias"] == ("bouc_wen", "lstm", "mlp")
+
+
+def test_one_seed_is_no_test(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its p-values are NaN, not 1, and the printed table says so; Holm's correction lets a NaN pass."""
+    table = biased(monkeypatch, {"mlp": [0.2], "lstm": [-0.1], "pg_rlstm": [0.0]})
+    assert all(np.isnan(pair.p) for pair in table.pairs)
+    lines = cli._print3(table)
+    assert lines[-4] == "v_x_bias: pg_rlstm < lstm < mlp; beyond chance (p < 0.05): not tested"
+    assert holm([0.02, float("nan"), 0.01, 0.4]) == pytest.approx([0.06, float("nan"), 0.04, 0.8], nan_ok=True)
+    assert holm([]) == []
+
+
 def test_change_compares_absolute_means_of_a_bias() -> None:
-    """-0.2 against +0.1 m/s is a reduction of one half; the interval is that of the signed difference, +0.3."""
+    """-0.2 against +0.1 m/s is a reduction of one half; interval and p-value are those of the difference, -0.1."""
     found = change(np.array([-0.21, -0.19]), np.array([0.09, 0.11]), absolute=True)
     assert (found.first, found.second, found.reduction) == pytest.approx((0.2, 0.1, 0.5))
-    assert found.interval[0] < 0.3 < found.interval[1]
+    assert (sum(found.interval) / 2.0, found.p) == pytest.approx(
+        (-0.1, welch(np.array([0.21, 0.19]), np.array([0.09, 0.11]))[1])
+    )
+    mirrored = change(np.array([-0.21, -0.19]), np.array([0.21, 0.19]), absolute=True)
+    assert (mirrored.reduction, mirrored.p) == pytest.approx((0.0, 1.0))
     opposite = change(np.array([-0.2, -0.2]), np.array([-0.1, 0.1]), absolute=True)
     assert (opposite.reduction, opposite.by_seed) == pytest.approx((1.0, 0.5))
 
