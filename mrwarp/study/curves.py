@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ TITLES = {CONVENTIONAL: "baseline Go1 policy", AWARE: "MRA-SAL policy"}
 """Names of figure 5's curves."""
 
 COLOURS = ("#b4451f", "#1f6fb4", "#3a8f3a", "#7a4fa3", "#555555")
+"""Of the curves in their order; a sixth begins anew."""
 
 
 class RecordError(ValueError):
@@ -72,9 +74,7 @@ def plot(curves: dict[str, Curve], path: Path) -> None:
     """
     figure = Figure(figsize=(7, 4.2), layout="constrained")
     axes = figure.subplots()
-    for (plant, curve), colour in zip(
-        curves.items(), ("#b4451f", "#1f6fb4", "#3a8f3a", "#7a4fa3", "#555555"), strict=False
-    ):
+    for (plant, curve), colour in zip(curves.items(), cycle(COLOURS), strict=False):
         axes.plot(curve.update, curve.mean, color=colour, label=TITLES.get(plant, plant), linewidth=1.4)
         axes.fill_between(curve.update, curve.mean - curve.sd, curve.mean + curve.sd, color=colour, alpha=0.2)
     axes.set_xlabel("PPO update")

@@ -3,10 +3,12 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from matplotlib.axes import Axes
 
 from mrwarp.env.cfg import RandomizeCfg, RewardCfg, make_play_cfg, make_randomize_cfg
 from mrwarp.env.vec_env import WalkEnv
@@ -17,7 +19,7 @@ from mrwarp.rl import curves as training_curves
 from mrwarp.rl import trainer
 from mrwarp.rl.policy import OnnxPolicy, PolicyError
 from mrwarp.robot import PUBLIC_GAINS
-from mrwarp.study import curves
+from mrwarp.study import cli, curves, plan
 from mrwarp.study.plan import (
     AWARE,
     CONVENTIONAL,
@@ -32,7 +34,7 @@ from mrwarp.study.plan import (
     policy_file,
     record_file,
 )  # fmt: skip
-from mrwarp.study.training import collect, train
+from mrwarp.study.training import RunError, collect, train
 
 TINY_GATE = WalkingGate(num_envs=4, warmup=0.0, seconds=0.2)
 CFG = StudyCfg(num_envs=4, iterations=2, terrain="flat", seeds=(0,), plants=(CONVENTIONAL, "bouc_wen"))
@@ -93,6 +95,9 @@ def test_trainings_begin_with_the_policies_of_a_folder(tmp_path: Path) -> None:
     assert record["started_from"]["file"] == str(policy_file(STUDY, CONVENTIONAL, 1))
     assert record["started_from"]["seed"] == 1 and record["task"]["terrain"] == "rough"
     assert record["command"].endswith(f"--terrain rough --randomize ground --start-from {STUDY}")
+    for other in (None, tmp_path / "policies"):
+        with pytest.raises(RunError, match=r"started from .*policies/study/conventional_seed1\.onnx \(update 800\)"):
+            train(replace(cfg, start_from=other), tmp_path / "runs", report=lambda line: None)
     with pytest.raises(PolicyError, match="no such policy"):
         train(replace(cfg, start_from=tmp_path), tmp_path / "others", report=lambda line: None)
     assert not (tmp_path / "others").exists()
@@ -124,6 +129,115 @@ def test_training_in_two_goes_gives_the_policy_of_one_and_a_record(tmp_path: Pat
     np.testing.assert_array_equal(found["bouc_wen"].sd, 0.0)
     curves.plot(found, tmp_path / "fig5.png")
     assert (tmp_path / "fig5.png").stat().st_size > 5000
+
+
+def test_runs_of_other_choices_are_neither_finished_nor_collected(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Randomisation, ground, environments, updates and seed: exit code 2, one line, nothing written."""
+    runs, out = tmp_path / "runs", tmp_path / "out"
+    options = ["--plants", CONVENTIONAL, "--seeds", "0", "--num-envs", "4", "--iterations", "2", "--runs", str(runs)]
+    assert cli.main(["train", *options]) == 0
+    before = sorted(runs.rglob("*"))
+    for choice, text in (
+        (["--randomize", "all"], "randomize.added_mass = [0.0, 0.0] (asked: [-0.5, 1.0])"),
+        (["--randomize", "none"], "(asked: None)"),
+        (["--terrain", "rough"], "terrain = 'flat' (asked: 'rough')"),
+        (["--num-envs", "5"], "num_envs = 4 (asked: 5)"),
+        (["--iterations", "1"], "iterations = 2 (asked: 1)"),
+    ):
+        for part in (["train"], ["collect", "--out", str(out)]):
+            capsys.readouterr()
+            assert cli.main([*part, *options, *choice]) == 2, choice
+            error = capsys.readouterr().err
+            assert (
+                error.count("\n") == 1 and f"{runs / name(CONVENTIONAL, 0)}: trained with " in error and text in error
+            )
+            assert "--iterations 2 --terrain flat --randomize ground' or name another --runs to train anew" in error
+    assert sorted(runs.rglob("*")) == before and not out.exists()
+    (runs / name(CONVENTIONAL, 0)).rename(runs / name(CONVENTIONAL, 1))
+    with pytest.raises(RunError, match=r"seed = 0 \(asked: 1\)"):
+        collect(replace(CFG, plants=(CONVENTIONAL,), seeds=(1,)), runs, out)
+    (runs / name(CONVENTIONAL, 1)).rename(runs / name(CONVENTIONAL, 0))
+    assert cli.main(["collect", *options, "--out", str(out)]) == 0
+    assert sorted(path.name for path in out.iterdir()) == ["conventional_seed0.json", "conventional_seed0.onnx"]
+
+
+def test_a_run_that_was_not_ended_is_compared_before_others_train(tmp_path: Path) -> None:
+    """A checkpoint of another task in the second run, or of more updates: the first is not begun."""
+    cfg = replace(CFG, plants=("bouc_wen",))
+    assert train(cfg, tmp_path, report=lambda line: None)
+    run = tmp_path / name("bouc_wen", 0)
+    (run / "result.json").unlink()
+    with pytest.raises(FileNotFoundError, match=r"not finished \(2 of 3 updates\)"):
+        collect(replace(cfg, iterations=3), tmp_path, tmp_path / "policies")
+    for other, text in (
+        (replace(CFG, randomize="none"), r"trained with randomize = .* \(asked: None\)"),
+        (replace(CFG, iterations=1), r"trained with iterations = 2 \(asked: 1\)"),
+        (replace(CFG, start_from=STUDY), "started from networks as drawn, asked for is .*bouc_wen_seed0.onnx"),
+    ):
+        with pytest.raises(RunError, match=text):
+            train(other, tmp_path, report=lambda line: None)
+    assert [path.name for path in tmp_path.iterdir()] == [run.name]
+
+
+def test_an_interrupted_training_is_not_finished(tmp_path: Path) -> None:
+    """Even with the updates asked for: its gate was not checked; the same command does it."""
+    cfg = replace(CFG, plants=(CONVENTIONAL,))
+    assert train(cfg, tmp_path, report=lambda line: None)
+    result = tmp_path / name(CONVENTIONAL, 0) / "result.json"
+    content = json.loads(result.read_text())
+    result.write_text(json.dumps({**content, "stopped": "interrupted", "gate": None}))
+    with pytest.raises(FileNotFoundError, match=r"not finished \(2 of 2 updates\)"):
+        collect(cfg, tmp_path, tmp_path / "policies")
+    assert train(cfg, tmp_path, report=lambda line: None)
+    assert json.loads(result.read_text())["gate"] is not None
+    assert len(collect(cfg, tmp_path, tmp_path / "policies")) == 1
+
+
+def test_nothing_is_collected_when_a_file_is_missing(tmp_path: Path) -> None:
+    """The second policy is gone: the first is not written either."""
+    assert train(CFG, tmp_path, report=lambda line: None)
+    (tmp_path / name("bouc_wen", 0) / "policy.onnx").unlink()
+    with pytest.raises(FileNotFoundError, match=r"bouc_wen_seed0.*policy\.onnx"):
+        collect(CFG, tmp_path, tmp_path / "policies")
+    assert not (tmp_path / "policies").exists()
+
+
+def test_a_record_ends_where_its_policy_does(tmp_path: Path) -> None:
+    """A run that was collected while a longer training was under way: the checkpoint holds more updates."""
+    cfg = replace(CFG, plants=(CONVENTIONAL,))
+    short, long = tmp_path / "short", tmp_path / "long"
+    assert train(cfg, short, report=lambda line: None)
+    assert train(replace(cfg, iterations=3), long, report=lambda line: None)
+    (long / name(CONVENTIONAL, 0) / "checkpoint.pt").replace(short / name(CONVENTIONAL, 0) / "checkpoint.pt")
+    collect(cfg, short, tmp_path / "policies")
+    record = json.loads(record_file(tmp_path / "policies", CONVENTIONAL, 0).read_text())
+    assert record["iterations"] == 2 and record["curve"]["iteration"] == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("part", ["collect", "fig5"])
+def test_parts_without_physics_take_no_threads(part: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """An option that would do nothing."""
+    with pytest.raises(SystemExit):
+        cli.main([part, "--out", "anywhere", "--threads", "2"])
+    assert "unrecognized arguments: --threads 2" in capsys.readouterr().err
+
+
+def test_more_curves_than_colours_are_all_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nine plants: the colours begin anew."""
+    drawn, original = [], Axes.plot
+
+    def spy(self: Axes, *args: Any, **kwargs: Any) -> Any:
+        drawn.append(kwargs["label"])
+        return original(self, *args, **kwargs)
+
+    monkeypatch.setattr(Axes, "plot", spy)
+    found = {
+        plant: curves.Curve(plant=plant, update=np.arange(2.0), reward=np.zeros((1, 2))) for plant in plan.TRAINABLE
+    }
+    curves.plot(found, tmp_path / "fig5.png")
+    assert len(drawn) == len(plan.TRAINABLE) > len(curves.COLOURS)
 
 
 def test_policy_that_another_process_trains_is_left_out(tmp_path: Path) -> None:
