@@ -1,14 +1,26 @@
-"""Argument types that several commands share."""
+"""Argument types that several commands share; each refuses with the value and what is allowed."""
 
 from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable
+
+LARGEST_SEED = 2**63 - 1
+"""Largest seed that all random generators take."""
+
+
+def finite(text: str) -> float:
+    """A finite number."""
+    value = _number(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text} must be a finite number")
+    return value
 
 
 def positive(text: str) -> float:
     """A positive, finite number."""
-    value = float(text)
+    value = _number(text)
     if not (math.isfinite(value) and value > 0.0):
         raise argparse.ArgumentTypeError(f"{text} must be a positive number")
     return value
@@ -16,7 +28,62 @@ def positive(text: str) -> float:
 
 def not_negative(text: str) -> float:
     """A finite number of at least 0."""
-    value = float(text)
+    value = _number(text)
     if not (math.isfinite(value) and value >= 0.0):
         raise argparse.ArgumentTypeError(f"{text} must be at least 0")
     return value
+
+
+def within(low: float, high: float, unit: str) -> Callable[[str], float]:
+    """Type of a number in a closed range."""
+
+    def checked(text: str) -> float:
+        value = _number(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text}; allowed: {low:g} to {high:g} {unit}")
+        return value
+
+    return checked
+
+
+averaged = within(0.0, 60.0, "s")
+"""Length of a moving average [s]; 0 is none."""
+
+
+def whole(text: str) -> int:
+    """A whole number of at least 0."""
+    return _at_least(0, text)
+
+
+def count(text: str) -> int:
+    """A whole number of at least 1."""
+    return _at_least(1, text)
+
+
+def seed(text: str) -> int:
+    """Seed of random draws."""
+    value = _integer(text)
+    if not 0 <= value <= LARGEST_SEED:
+        raise argparse.ArgumentTypeError(f"{text}; allowed: a whole number from 0 to 2^63 - 1")
+    return value
+
+
+def _at_least(low: int, text: str) -> int:
+    value = _integer(text)
+    if value < low:
+        raise argparse.ArgumentTypeError(f"{value} must be at least {low}")
+    return value
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+
+
+def _integer(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from mrwarp.arguments import averaged, seed
 from mrwarp.diagnose import report_text as text
 from mrwarp.diagnose.result import Diagnosis
 from mrwarp.folder import check_writable
@@ -106,27 +107,13 @@ def _parser() -> argparse.ArgumentParser:
     add("data", type=Path, metavar="DATA", help="recording: a CSV or Parquet file, or a folder of them")
     add("--out", type=Path, default=Path("runs/diagnose"), help="output folder (default: runs/diagnose)")
     add("--model", type=Path, metavar="JSON", help="nominal model.json, against which shifts of calibration count")
-    add("--seed", type=_whole, default=0, help="seed of everything random (default: 0)")
+    add("--seed", type=seed, default=0, help="seed of everything random (default: 0)")
     add("--predict", type=Path, metavar="DIR", help="recordings that take no part but are predicted")
-    add("--averaged", type=_seconds, default=0.0, metavar="S",
+    add("--averaged", type=averaged, default=0.0, metavar="S",
         help="moving average [s] that q and torque of --predict passed before they were published")  # fmt: skip
     add("--impact", action="store_true", help="also show what the extension changes when a walking robot is hit")
     add("--learn", action="store_true", help="also train a residual on top of baseline and extension (minutes)")
     return parser
-
-
-def _whole(value: str) -> int:
-    number = int(value)
-    if number < 0:
-        raise argparse.ArgumentTypeError(f"{value} is negative; allowed: 0 or more")
-    return number
-
-
-def _seconds(value: str) -> float:
-    number = float(value)
-    if not 0.0 <= number < 60.0:
-        raise argparse.ArgumentTypeError(f"{value}; allowed: 0 to 60 s")
-    return number
 
 
 def _diagnose(args: argparse.Namespace, told: Told) -> tuple[Diagnosis, dict[str, Any], dict[str, Any]]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from mrwarp import paper
 from mrwarp.actuator import Coupling, HoldCurrent
+from mrwarp.arguments import seed
 from mrwarp.asset import AssetError
 from mrwarp.effects.applied import effect_lines
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
@@ -44,7 +45,7 @@ def make_parser() -> argparse.ArgumentParser:
     add("--model", metavar="MODEL.json", help="identified joint with its effects, on all MR joints")
     add("--asset", help="another USD file than assets/usd/mr_go.usda")
     add("--sensitivity", action="store_true", help="also vary the gates' thresholds (paper section 3.2)")
-    add("--seed", type=int, default=0, help="seed of poses and gait phases (default: 0)")
+    add("--seed", type=seed, default=0, help="seed of poses and gait phases (default: 0)")
     view = parser.add_mutually_exclusive_group()
     view.add_argument("--live", action="store_true", help="open rerun and watch the first trial of every current")
     view.add_argument("--rrd", type=Path, metavar="FILE", help="save that view as a rerun recording")

@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+from mrwarp.arguments import seed
 from mrwarp.folder import check_writable
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
@@ -22,7 +23,7 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="mrwarp verify", description=main.__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/verify"), help="output folder (default: runs/verify)")
     parser.add_argument("--policy", type=Path, help="exported policy for the walking checks (.onnx)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of random states (default: 0)")
+    parser.add_argument("--seed", type=seed, default=0, help="seed of random states (default: 0)")
     args = parser.parse_args(argv)
     quiet_libraries()
     try:

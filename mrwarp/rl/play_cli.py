@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import torch
 
 from mrwarp.actuator import Coupling, HoldCurrent, ZStep
+from mrwarp.arguments import seed
 from mrwarp.asset import AssetError
 from mrwarp.effects.applied import effect_lines
 from mrwarp.env.cfg import ACTUATORS, TERRAINS, EnvCfg, make_walk_cfg
@@ -72,7 +73,7 @@ def make_parser() -> argparse.ArgumentParser:
                         help="currents I_e [A], over equal groups of robots (default: 0 0.5 1 1.5)")  # fmt: skip
     parser.add_argument("--speed", type=_finite, default=0.5, help="commanded forward speed [m/s] (default: 0.5)")
     parser.add_argument("--seconds", type=_duration, default=10.0, help="time shown [s] (default: 10)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of initial poses and of --agent random (default: 0)")
+    parser.add_argument("--seed", type=seed, default=0, help="seed of initial poses and of --agent random (default: 0)")
     parser.add_argument("--device", default="cpu", help="cpu or cuda:N (default: cpu)")
     task = parser.add_argument_group("robot", "the default of each is what the policy was trained with")
     task.add_argument("--robot", choices=("mr_go", "go1"), help="robot variant of the USD asset")

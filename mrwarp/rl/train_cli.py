@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import warp as wp
 
 from mrwarp.actuator import Coupling, HoldCurrent, ZStep
-from mrwarp.arguments import not_negative
+from mrwarp.arguments import not_negative, seed
 from mrwarp.asset import AssetError
 from mrwarp.effects.applied import effect_lines
 from mrwarp.env.backend import BackendKind
@@ -37,7 +37,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--device", default="cpu", help=where)
     envs = "parallel environments, in each process of torchrun (default: 64)"
     parser.add_argument("--num-envs", type=positive, default=64, help=envs)
-    parser.add_argument("--seed", type=int, default=0, help="seed of everything random (default: 0)")
+    parser.add_argument("--seed", type=seed, default=0, help="seed of everything random (default: 0)")
     parser.add_argument("--iterations", type=positive, default=6000, help="most PPO updates (default: 6000)")
     parser.add_argument("--no-gate", action="store_true", help="run all iterations instead of stopping at the gate")
     parser.add_argument("--actuator", choices=ACTUATORS, default="bouc_wen", help="torque model of the MR joint")

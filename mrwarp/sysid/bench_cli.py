@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from mrwarp.arguments import seed
 from mrwarp.folder import check_writable
 from mrwarp.paper import FIGURE_4
 from mrwarp.params import MrParams
@@ -71,7 +72,7 @@ def _parser() -> argparse.ArgumentParser:
         "--scale-effects", type=float, default=1.0, metavar="X",
         help="multiply the default strength of all effects and noise; 0 leaves only those given by --effect",
     )  # fmt: skip
-    parser.add_argument("--seed", type=int, default=0, help="seed of motions, currents and noise (default: 0)")
+    parser.add_argument("--seed", type=seed, default=0, help="seed of motions, currents and noise (default: 0)")
     parser.add_argument("--trajectories", type=int, default=120, help="trajectories to fit (default: 120)")
     parser.add_argument("--samples", type=int, default=PAPER_SAMPLES, help="their samples in total (default: 665442)")
     parser.add_argument(

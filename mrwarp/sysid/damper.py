@@ -134,7 +134,7 @@ def undo_moving_average(recording: Recording, window: float, *, floor: float = 0
     """
     runs = []
     for run in recording.trajectories:
-        count, size = round(window / run.dt), len(run.q)
+        count, size = _samples_in(window, run.dt), len(run.q)
         pad = 10 * count
         q = np.pad(run.q, pad, mode="edge")
         kernel = np.zeros(len(q))
@@ -155,10 +155,15 @@ def prediction_errors(recording: Recording, simulated: Sequence[np.ndarray], win
     for run, tau in zip(recording.trajectories, simulated, strict=True):
         error = tau - run.torque
         if window > 0.0:
-            error = moving_average(tau, round(window / run.dt)) - run.torque
+            error = moving_average(tau, _samples_in(window, run.dt)) - run.torque
             error -= error.mean()
         figures[run.id] = float(np.sqrt(np.mean(error**2)) / (run.torque.std() or 1.0))
     return figures
+
+
+def _samples_in(window: float, dt: float) -> int:
+    """Samples that a moving average covers: one at least, which changes nothing."""
+    return max(round(window / dt), 1)
 
 
 def _elements(loop: Mapping[str, float]) -> list[dict[str, float]]:

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from mrwarp.arguments import averaged, seed
 from mrwarp.folder import check_writable
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, parameter_unit, save_model
 from mrwarp.quiet import quiet_libraries
@@ -85,10 +86,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--exclude", metavar="PATTERN", help="leave out trajectories by name, such as 'chirp*'")
     parser.add_argument("--predict", type=Path, help="recordings that are not fitted but predicted")
     parser.add_argument(
-        "--averaged", type=float, default=0.0, metavar="S",
+        "--averaged", type=averaged, default=0.0, metavar="S",
         help="moving average [s] that q and torque of --predict passed before they were published (default: 0, none)",
     )  # fmt: skip
-    parser.add_argument("--seed", type=int, default=0, help="seed of the search's subset (default: 0)")
+    parser.add_argument("--seed", type=seed, default=0, help="seed of the search's subset (default: 0)")
     return parser
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from mrwarp.arguments import seed
 from mrwarp.folder import check_writable
 from mrwarp.model_file import load_model
 from mrwarp.nn import model_file
@@ -39,7 +40,7 @@ def make_parser() -> argparse.ArgumentParser:
         help=f"training windows drawn per epoch (default: {cfg.windows_per_epoch})",
     )  # fmt: skip
     parser.add_argument("--patience", type=int, default=cfg.patience, help="epochs without gain before stopping")
-    parser.add_argument("--seed", type=int, default=cfg.seed, help="seed of division, weights and batches")
+    parser.add_argument("--seed", type=seed, default=cfg.seed, help="seed of division, weights and batches")
     return parser
 
 

@@ -163,7 +163,6 @@ def test_command_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["--samples", "100"], "fewer than 50 for each of 120"),
         (["--trajectories", "0"], "at least 1"),
         (["--evaluation-samples", "10"], "0 or at least 200"),
-        (["--seed", "-1"], "must not be negative"),
         (["--policy", "/nowhere.onnx"], "no such policy"),
     ],
 )

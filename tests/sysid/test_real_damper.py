@@ -96,3 +96,15 @@ def test_undoing_the_average_restores_the_motion() -> None:
     run = Trajectory(id="a", t=t, q=moving_average(q, 300), qd=zero, current=zero, torque=zero)
     back = undo_moving_average(Recording(trajectories=(run,)), 0.3).trajectories[0].q
     assert np.abs(back - q).max() < 0.01 * np.abs(q).max()
+
+
+def test_an_average_shorter_than_a_sample_is_none() -> None:
+    """0.4 ms at 1 kHz: the motion stays but for the bands' floor of 1e-4, and the error is that without an average."""
+    t = np.arange(2000) * 1e-3
+    q, torque = np.sin(2 * np.pi * t), np.cos(2 * np.pi * t)
+    run = Trajectory(id="a", t=t, q=q, qd=q, current=np.ones_like(t), torque=torque)
+    recording = Recording(trajectories=(run,))
+    back = undo_moving_average(recording, 4e-4).trajectories[0].q
+    np.testing.assert_allclose(back, q, atol=2e-4)
+    errors = prediction_errors(recording, [torque + 0.1 * q], 4e-4)
+    assert errors["a"] == pytest.approx(0.1, rel=1e-3)
