@@ -39,17 +39,23 @@ def make_parser() -> argparse.ArgumentParser:
     train = parts.add_parser("train", help="train what is not finished; resumable, any number of processes at once")
     collect = parts.add_parser("collect", help="copy finished policies and their training records into a folder")
     for part in (train, collect):
-        plants = "what to train on (default: tables 2 and 3); go1, mr_go, mr_go_sal pay for power and carry loads"
+        plants = "what to train on (default: tables 2 and 3); go1, mr_go, mr_go_sal* pay for power and carry loads"
         part.add_argument("--plants", nargs="+", choices=TRAINABLE, default=list(PLANTS), help=plants)
-        part.add_argument("--num-envs", type=positive, default=default.num_envs, help="parallel environments")
-        part.add_argument("--iterations", type=positive, default=default.iterations, help="PPO updates of every policy")
-        part.add_argument("--terrain", choices=TERRAINS, default=default.terrain, help="ground of every training")
+        envs = f"parallel environments (default: {default.num_envs})"
+        part.add_argument("--num-envs", type=positive, default=default.num_envs, help=envs)
+        updates = f"PPO updates of every policy (default: {default.iterations})"
+        part.add_argument("--iterations", type=positive, default=default.iterations, help=updates)
+        ground = f"ground of every training (default: {default.terrain})"
+        part.add_argument("--terrain", choices=TERRAINS, default=default.terrain, help=ground)
         differs = "what differs between environments (default: friction and kicks, as in legged_gym)"
         part.add_argument("--randomize", choices=RANDOMIZATIONS, default=default.randomize, help=differs)
-        part.add_argument("--runs", type=Path, default=Path("runs/study"), help="folder of the runs")
+        part.add_argument(
+            "--runs", type=Path, default=Path("runs/study"), help="folder of the runs (default: runs/study)"
+        )
     begin = "folder of policies to begin with, e.g. policies/study; each training takes the one of its plant and seed"
     train.add_argument("--start-from", type=Path, metavar="DIR", help=begin)
-    collect.add_argument("--out", type=Path, default=STUDY, help="where policies and records go")
+    where = "where policies and records go (default: runs/policies)"
+    collect.add_argument("--out", type=Path, default=Path("runs/policies"), help=where)
     tables = {
         "table2": "conventional and actuator-aware policies, SAL off and on",
         "table3": "torque models in training",
@@ -57,7 +63,7 @@ def make_parser() -> argparse.ArgumentParser:
     }
     for name, text in {**tables, "fig5": "learning curves"}.items():
         part = parts.add_parser(name, help=text)
-        part.add_argument("--out", type=Path, required=True, help="output folder")
+        part.add_argument("--out", type=Path, default=Path("runs") / name, help=f"output folder (default: runs/{name})")
         part.add_argument(
             "--policies", type=Path, default=STUDY, help="policies and records (default: the shipped ones)"
         )
@@ -129,10 +135,13 @@ def _train(args: argparse.Namespace) -> int:
 
 
 def _collect(args: argparse.Namespace) -> int:
-    from mrwarp.study.training import collect
+    from mrwarp.study.training import collect, failed_conditions
 
     written = collect(_study_cfg(args), args.runs, args.out)
     print(f"{len(written)} policies in {args.out}")
+    for policy in written:
+        if failed := failed_conditions(policy.with_suffix(".json")):
+            print(f"{policy.stem} did not pass the walking gate: {', '.join(failed)}")
     return 0
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from mrwarp.actuator import Coupling
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.nn.model_file import shipped_model
 from mrwarp.paper import ROBOTS
@@ -27,7 +28,11 @@ PUBLIC = "public_gains"
 """The actuator-aware plant with :data:`mrwarp.robot.PUBLIC_GAINS`: policies for the pushes and falling masses of table
 4, which the asset's stiffer motors hardly feel."""
 
-TRAINABLE = (*PLANTS, PUBLIC, *ROBOTS)
+EXPLICIT = "mr_go_sal_explicit"
+"""MR_Go-SAL whose devices act by the paper's explicit torque (eqs. 6, 19) instead of a brake that sticks; otherwise
+trained as the robots of tables 6 and 7."""
+
+TRAINABLE = (*PLANTS, PUBLIC, *ROBOTS, EXPLICIT)
 """Everything that :func:`plant_cfg` knows."""
 
 SEEDS = (0, 1, 2)
@@ -102,7 +107,8 @@ def plant_cfg(
     """The walking task on a plant.
 
     Observations, actions, rewards, commands and randomisation are the same for all of :data:`PLANTS` and
-    :data:`PUBLIC`, and for all of ``paper.ROBOTS``, which in addition pay for power and carry loads.
+    :data:`PUBLIC`, and for all of ``paper.ROBOTS`` and :data:`EXPLICIT`, which in addition pay for power and carry
+    loads.
 
     Raises:
         ValueError: there is no such plant, or no such randomisation.
@@ -110,14 +116,16 @@ def plant_cfg(
     if plant not in TRAINABLE:
         raise ValueError(f"plant = {plant!r}: choose from {', '.join(TRAINABLE)}")
     bare = plant in (CONVENTIONAL, "go1")
-    model = "none" if bare else "bouc_wen" if plant in ROBOTS else AWARE if plant == PUBLIC else plant
+    paying = plant in (*ROBOTS, EXPLICIT)
+    model = "none" if bare else "bouc_wen" if paying else AWARE if plant == PUBLIC else plant
     cfg = make_walk_cfg(
         num_envs=num_envs, robot="go1" if bare else "mr_go", actuator_model=model, actuator_file=shipped_model(model),
         sal=not (bare or plant == "mr_go"), terrain=terrain, threads=threads, randomize=randomize,
+        coupling=Coupling.EXPLICIT if plant == EXPLICIT else Coupling.CONSTRAINT,
     )  # fmt: skip
     if plant == PUBLIC:
         return replace(cfg, gains=PUBLIC_GAINS)
-    return _paying(cfg) if plant in ROBOTS else cfg
+    return _paying(cfg) if paying else cfg
 
 
 def _paying(cfg: EnvCfg) -> EnvCfg:

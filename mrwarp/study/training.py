@@ -132,6 +132,12 @@ def collect(cfg: StudyCfg, out: Path, folder: Path) -> list[Path]:
     return [policy_file(folder, plant, seed) for plant, seed, _, _ in files]
 
 
+def failed_conditions(record: Path) -> list[str]:
+    """Conditions of the walking gate that a collected policy did not meet, by its record."""
+    gate = json.loads(record.read_text(encoding="utf-8"))["gate"]
+    return [name for name, met in gate["conditions"].items() if not met]
+
+
 def _found(cfg: StudyCfg, plant: str, seed: int, run: Path) -> _Run | None:
     """What lies in a run's folder, None without anything to use or go on from.
 

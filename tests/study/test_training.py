@@ -17,7 +17,7 @@ from mrwarp.folder import claim
 from mrwarp.paper import ROBOTS
 from mrwarp.rl import curves as training_curves
 from mrwarp.rl import trainer
-from mrwarp.rl.policy import OnnxPolicy, PolicyError
+from mrwarp.rl.policy import POLICIES, OnnxPolicy, PolicyError
 from mrwarp.robot import PUBLIC_GAINS
 from mrwarp.study import cli, curves, plan
 from mrwarp.study.plan import (
@@ -34,7 +34,7 @@ from mrwarp.study.plan import (
     policy_file,
     record_file,
 )  # fmt: skip
-from mrwarp.study.training import RunError, collect, train
+from mrwarp.study.training import RunError, collect, failed_conditions, train
 
 TINY_GATE = WalkingGate(num_envs=4, warmup=0.0, seconds=0.2)
 CFG = StudyCfg(num_envs=4, iterations=2, terrain="flat", seeds=(0,), plants=(CONVENTIONAL, "bouc_wen"))
@@ -159,7 +159,10 @@ def test_runs_of_other_choices_are_neither_finished_nor_collected(
     with pytest.raises(RunError, match=r"seed = 0 \(asked: 1\)"):
         collect(replace(CFG, plants=(CONVENTIONAL,), seeds=(1,)), runs, out)
     (runs / name(CONVENTIONAL, 1)).rename(runs / name(CONVENTIONAL, 0))
+    capsys.readouterr()
     assert cli.main(["collect", *options, "--out", str(out)]) == 0
+    failed = failed_conditions(record_file(out, CONVENTIONAL, 0))
+    assert failed and f"did not pass the walking gate: {', '.join(failed)}" in capsys.readouterr().out
     assert sorted(path.name for path in out.iterdir()) == ["conventional_seed0.json", "conventional_seed0.onnx"]
 
 
@@ -281,3 +284,12 @@ def test_record_that_cannot_be_used_is_named(tmp_path: Path) -> None:
     record_file(tmp_path, CONVENTIONAL, 0).write_text('{"curve": {"iteration": [1, 2], "reward": [0.5, 0.6]}}')
     with pytest.raises(curves.RecordError, match="records of conventional differ in length"):
         curves.figure5(tmp_path, plants=(CONVENTIONAL,), seeds=(0, 1))
+
+
+@pytest.mark.parametrize(
+    "record", sorted(POLICIES.glob("*/*.json")), ids=lambda path: f"{path.parent.name}/{path.stem}"
+)
+def test_shipped_policies_of_the_studies_pass_the_walking_gate(record: Path) -> None:
+    """Every record says so, and lies beside its policy."""
+    assert failed_conditions(record) == []
+    assert record.with_suffix(".onnx").is_file()
