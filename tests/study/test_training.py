@@ -10,6 +10,7 @@ import pytest
 import torch
 from matplotlib.axes import Axes
 
+from mrwarp.actuator import Coupling
 from mrwarp.env.cfg import RandomizeCfg, RewardCfg, make_play_cfg, make_randomize_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.evaluate.walking import GateCheck, WalkingGate
@@ -23,6 +24,7 @@ from mrwarp.study import cli, curves, plan
 from mrwarp.study.plan import (
     AWARE,
     CONVENTIONAL,
+    EXPLICIT,
     HEIGHT,
     PLANTS,
     POWER,
@@ -72,6 +74,9 @@ def test_robots_of_tables_6_and_7_pay_alike_for_power_and_carry_loads() -> None:
         ("go1", "none", False), ("mr_go", "bouc_wen", False), ("mr_go", "bouc_wen", True)
     ]  # fmt: skip
     assert plant_cfg("go1", randomize="none").randomize is None
+    explicit = plant_cfg(EXPLICIT, randomize="all")
+    assert explicit.actuator.coupling is Coupling.EXPLICIT
+    assert replace(explicit, actuator=replace(explicit.actuator, coupling=Coupling.CONSTRAINT)) == cfgs[2]
 
 
 def test_public_gains_are_those_of_every_motor() -> None:
