@@ -1,10 +1,13 @@
 """Bad input to any command: exit code 2, one line that names place, value and remedy, nothing written."""
 
+import importlib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mrwarp import cli
+from mrwarp.sysid.recording import Holding
 
 
 def refused(argv: list[str], capsys: pytest.CaptureFixture[str]) -> str:
@@ -54,3 +57,110 @@ def test_a_moving_average_out_of_range(command: str, length: str, capsys: pytest
     line = refused([command, "nowhere.csv", "--predict", "nowhere.csv", "--averaged", length], capsys)
     assert "--averaged" in line and length in line
     assert "allowed: 0 to 60 s" in line or "is not a number" in line
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Path:
+    """A folder with a short recording of known motion and, beside it, break-away tests."""
+    rng, t = np.random.default_rng(3), np.arange(200) * 0.005
+    rows = [f"{x:.3f},{np.sin(9 * x):.6f},{9 * np.cos(9 * x):.6f},1.0,{np.cos(9 * x) + rng.normal():.6f}" for x in t]
+    for name in ("data", "feet"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "run.csv").write_text("t,q,qd,current,torque\n" + "\n".join(rows) + "\n")
+    (tmp_path / "feet/units.json").write_text('{"q": "m", "qd": "m/s", "torque": "N"}')
+    (tmp_path / "few.csv").write_text("current,torque\n0.5,10\n1.0,20\n")
+    (tmp_path / "five.csv").write_text("current,torque\n0.5,10\n1.0,20\n1.5,25\n0.7,15\n1.2,22\n")
+    return tmp_path
+
+
+def not_reached(*_: object, **__: object) -> None:
+    """Stands for the work that a refusal must come before."""
+    raise AssertionError("the work has begun")
+
+
+LATE: dict[str, tuple[list[str], tuple[str, ...]]] = {
+    "nothing to predict": (["--predict", "nofile"], ("nofile", "no such file")),
+    "other units to predict": (["--predict", "feet"], ("feet", "m, A, N", "rad, A, N·m", "convert one of them")),
+    "a recording for tests": (["--holding", "data/run.csv"], ("data/run.csv", "200 break-away tests at 1 currents")),
+    "two tests": (["--holding", "few.csv"], ("few.csv", "2 break-away tests at 2 currents", "needs 5 tests")),
+    "no tests": (["--holding", "nofile.csv"], ("nofile.csv", "no such file")),
+    "an output that is a file": (["--out", "few.csv"], ("few.csv", "cannot be written")),
+}
+
+
+@pytest.mark.parametrize("what", LATE)
+def test_fit_refuses_before_it_fits(
+    what: str, bench: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What comes after the search is read and checked before it."""
+    monkeypatch.chdir(bench)
+    monkeypatch.setattr("mrwarp.sysid.fit_cli.fit", not_reached)
+    args, parts = LATE[what]
+    before = sorted(bench.rglob("*"))
+    line = refused(["fit", "data", "--out", "out", *args], capsys)
+    assert all(part in line for part in parts), line
+    assert sorted(bench.rglob("*")) == before
+
+
+@pytest.mark.parametrize("what", ["five.csv", "few.csv", ""])
+def test_fit_takes_the_tests_beside_the_data(
+    what: str, bench: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As ``mrwarp check`` finds them, and it says so; too few are left out."""
+
+    class Seen(Exception):
+        """Ends the command where it would fit."""
+
+    def fit(*_: object, holding: Holding | None, **__: object) -> None:
+        assert (len(holding.current) if holding else 0) == (5 if what == "five.csv" else 0)
+        raise Seen
+
+    monkeypatch.setattr("mrwarp.sysid.fit_cli.fit", fit)
+    if what:
+        (bench / "data/holding.csv").write_bytes((bench / what).read_bytes())
+    with pytest.raises(Seen):
+        cli.main(["fit", str(bench / "data"), "--out", str(bench / "out")])
+    out = capsys.readouterr().out
+    file = bench / "data/holding.csv"
+    assert (f"eq. 18: break-away torques of {file}\n" in out) == (what == "five.csv")
+    assert (f"no eq. 18: {file} is not used: 2 break-away tests" in out) == (what == "few.csv")
+
+
+def test_diagnose_compares_the_units_before_it_diagnoses(
+    bench: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Recordings to predict in other units."""
+    monkeypatch.setattr(importlib.import_module("mrwarp.diagnose.diagnose"), "diagnose", not_reached)
+    line = refused(["diagnose", str(bench / "data"), "--predict", str(bench / "feet")], capsys)
+    assert "convert one of them" in line
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (["--out", "few.csv"], "few.csv: cannot be written"),
+        (["--start-from", "bad.onnx"], "bad.onnx: not a readable ONNX model"),
+        (["--start-from", "nofile.onnx"], "nofile.onnx: no such policy"),
+        (["--start-from", "nofile.pt"], "nofile.pt: no such checkpoint"),
+        (["--resume", "nofile.pt"], "nofile.pt: no such checkpoint"),
+    ],
+)
+def test_train_refuses_before_it_builds_robots(
+    args: list[str], message: str, bench: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Output folder and the file to begin with are looked at first."""
+    monkeypatch.chdir(bench)
+    monkeypatch.setattr("mrwarp.rl.trainer.WalkEnv", not_reached)
+    (bench / "bad.onnx").write_text("this is no policy")
+    before = sorted(bench.rglob("*"))
+    assert message in refused(["train", "--num-envs", "2", "--out", "out", *args], capsys)
+    assert sorted(bench.rglob("*")) == before
+
+
+def test_figure_4_tries_its_folder_before_the_bench(
+    bench: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """``reproduce fig4 --train`` with a file as output."""
+    monkeypatch.setattr("mrwarp.reproduce.figure4.run_bench", not_reached)
+    line = refused(["reproduce", "fig4", "--train", "--out", str(bench / "few.csv")], capsys)
+    assert "few.csv: cannot be written" in line

@@ -21,7 +21,7 @@ from mrwarp.folder import check_writable
 from mrwarp.model_file import JOINT_UNITS, Model, ModelFileError, load_model, save_model
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
-from mrwarp.sysid.recording import Recording, RecordingError, load_recording
+from mrwarp.sysid.recording import Recording, RecordingError, check_same_units, load_recording
 
 Told = Callable[[str], None]
 
@@ -130,6 +130,8 @@ def _diagnose(args: argparse.Namespace, told: Told) -> tuple[Diagnosis, dict[str
             f"{', '.join(JOINT_UNITS.values())}; leave --impact out"
         )
     unseen = load_recording(args.predict) if args.predict else None
+    if unseen is not None:
+        check_same_units(unseen, recording)
     diagnosis = diagnose(recording, model=model, seed=args.seed, progress=told, threads=_threads())
     besides: dict[str, Any] = {}
     tables: dict[str, Any] = {}

@@ -9,7 +9,7 @@ import numpy as np
 
 from mrwarp.diagnose.result import Diagnosis
 from mrwarp.sysid.damper import prediction_errors, undo_moving_average
-from mrwarp.sysid.recording import Recording, RecordingError
+from mrwarp.sysid.recording import Recording, RecordingError, check_same_units
 
 MODELS = ("baseline", "extended")
 
@@ -31,11 +31,7 @@ def predicted_errors(
     """
     if diagnosis.predictor is None:
         raise RecordingError(f"{recording.source}: a diagnosis without a verdict foretells nothing; leave it out")
-    if recording.units != diagnosis.recording.units:
-        raise RecordingError(
-            f"{recording.source}: in {_units(recording)}, but {diagnosis.recording.source} in "
-            f"{_units(diagnosis.recording)}; convert one of them"
-        )
+    check_same_units(recording, diagnosis.recording)
     told = progress or (lambda text: None)
     told(f"predicting {len(recording.trajectories)} trajectories of {recording.source}")
     readings = {"": recording} if averaged == 0.0 else {
@@ -62,7 +58,3 @@ def summary(found: dict[str, dict[str, dict[str, float]]]) -> dict[str, Any]:
             "trajectories": len(before),
         }  # fmt: skip
     return out
-
-
-def _units(recording: Recording) -> str:
-    return ", ".join(recording.units.values())

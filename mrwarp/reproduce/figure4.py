@@ -20,6 +20,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mrwarp import paper
+from mrwarp.folder import check_writable
 from mrwarp.in_one_piece import write_text
 from mrwarp.model_file import read_json_file
 from mrwarp.nn import model_file
@@ -131,6 +132,7 @@ def main(argv: list[str] | None = None) -> int:
     args = _parser().parse_args(argv)
     quiet_libraries()
     try:
+        check_writable(args.out)
         bench = BenchCfg(samples=args.samples, trajectories=args.trajectories, seed=args.seed)
         recipe = FitCfg(epochs=args.epochs, windows_per_epoch=args.windows_per_epoch, seed=args.seed)
         cfg = Figure4Cfg(bench=bench, fit=recipe, strengths=tuple(args.strengths))

@@ -25,7 +25,7 @@ from mrwarp.rl.breaks import WINDOW, Breaks, TooManyBreaks, not_finite
 from mrwarp.rl.ppo_cfg import make_ppo_cfg
 from mrwarp.rl.ranks import Ranks
 from mrwarp.rl.task import task
-from mrwarp.rl.warm_start import take_networks
+from mrwarp.rl.warm_start import read_networks, take_networks
 
 
 class TrainingError(RuntimeError):
@@ -88,7 +88,10 @@ class Trainer:
             raise ValueError("a training goes on from a checkpoint or starts from one, not both")
         self.cfg = cfg
         self.ranks = ranks = ranks or Ranks()
+        if ranks.main:
+            check_writable(cfg.out)
         content = _of_as_many(checkpoint.load(resume), resume, ranks.world) if resume else None
+        networks = read_networks(start_from) if start_from else None
         self._seed = ranks.seed(cfg.seed)
         torch.manual_seed(self._seed)
         self.env = WalkEnv(replace(cfg.env, seed=self._seed))
@@ -98,7 +101,7 @@ class Trainer:
         with silent():
             self.ppo_cfg["algorithm"]["class_name"] = ranks.ppo
             self.algorithm = ranks.ppo.construct_algorithm(self.obs, self.env, self.ppo_cfg, str(self.env.device))
-        self.started_from = take_networks(self.algorithm, start_from) if start_from else None
+        self.started_from = take_networks(self.algorithm, networks) if networks else None
         if ranks.world > 1:
             self.algorithm.broadcast_parameters()
         self.iteration = 0
@@ -116,8 +119,6 @@ class Trainer:
         self.breaks = Breaks(self.env, ranks, cfg.out / "broken", run)
         if content:
             self._load(content, resume)
-        if ranks.main:
-            check_writable(cfg.out)
 
     @property
     def gate_passed(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,32 +20,60 @@ NOISE = 0.15
 which a gait falls."""
 
 
-def take_networks(algorithm: Any, path: Path) -> dict[str, Any]:
+@dataclass(frozen=True, kw_only=True)
+class Networks:
+    """Networks of an earlier training, read but not yet compared with those of the new one."""
+
+    path: Path
+    """File they stand in."""
+    origin: dict[str, Any]
+    """What the file says of its training: ``task``, ``seed`` and ``iteration``."""
+    weights: dict[str, dict[str, torch.Tensor]]
+    """Weights by network."""
+    divisor: torch.Tensor | None = None
+    """What a policy's normaliser divides by, shape (1, 47); its statistics follow from it. None from a checkpoint."""
+
+
+def read_networks(path: Path) -> Networks:
+    """Read what a new training shall begin with; needs no environment.
+
+    Args:
+        path: A checkpoint of any task whose observations and actions are as many, by any number of processes: actor and
+            critic. Or an exported policy (.onnx): the actor alone, with :data:`NOISE`; the critic stays as drawn.
+
+    Raises:
+        CheckpointError: a checkpoint cannot be read.
+        PolicyError: a policy cannot be read, or its metadata lack something.
+    """
+    return _of_policy(path) if path.suffix == ".onnx" else _of_checkpoint(path)
+
+
+def take_networks(algorithm: Any, networks: Networks) -> dict[str, Any]:
     """Give the networks of a new training the weights of an earlier one.
 
     Args:
         algorithm: rsl-rl's PPO of the new training.
-        path: A checkpoint of any task whose observations and actions are as many, by any number of processes: actor and
-            critic. Or an exported policy (.onnx): the actor alone, with :data:`NOISE`; the critic stays as drawn.
+        networks: What :func:`read_networks` gave.
 
     Returns:
         Where the networks come from, for the record: ``file``, its ``task``, ``seed`` and ``iteration``.
 
     Raises:
-        CheckpointError: a checkpoint cannot be read, or networks do not fit the new task; nothing has been taken over.
-        PolicyError: a policy cannot be read, or its metadata lack something.
+        CheckpointError: networks do not fit the new task; nothing has been taken over.
     """
-    origin, saved = _of_policy(algorithm, path) if path.suffix == ".onnx" else _of_checkpoint(path)
+    saved = networks.weights
+    if networks.divisor is not None:
+        saved = {"actor": _completed(algorithm, saved["actor"], networks.divisor)}
     own = {name: getattr(algorithm, name) for name in saved}
     for name, weights in saved.items():
-        _check(own[name].state_dict(), weights, f"{path}: its {name}", origin["task"])
+        _check(own[name].state_dict(), weights, f"{networks.path}: its {name}", networks.origin["task"])
     for name, weights in saved.items():
         own[name].load_state_dict(weights, strict=True)
-    return {"file": str(path), **origin}
+    return {"file": str(networks.path), **networks.origin}
 
 
-def _of_checkpoint(path: Path) -> tuple[dict[str, Any], dict[str, dict[str, torch.Tensor]]]:
-    """Origin, and weights of actor and critic by name."""
+def _of_checkpoint(path: Path) -> Networks:
+    """Actor and critic."""
     content = checkpoint.load(path)
     try:
         origin = {name: content[name] for name in ("task", "seed", "iteration")}
@@ -58,11 +87,11 @@ def _of_checkpoint(path: Path) -> tuple[dict[str, Any], dict[str, dict[str, torc
         raise checkpoint.CheckpointError(
             f"{path}: does not fit this version of mrwarp ({cause}); start from another checkpoint"
         ) from error
-    return origin, saved
+    return Networks(path=path, origin=origin, weights=saved)
 
 
-def _of_policy(algorithm: Any, path: Path) -> tuple[dict[str, Any], dict[str, dict[str, torch.Tensor]]]:
-    """Origin, and weights of the actor; its statistics weigh as much as the samples that the policy was trained on."""
+def _of_policy(path: Path) -> Networks:
+    """The actor; its statistics weigh as much as the samples that the policy was trained on."""
     policy = OnnxPolicy(path)
     try:
         origin = {name: policy.description[name] for name in ("task", "seed", "iteration")}
@@ -70,15 +99,18 @@ def _of_policy(algorithm: Any, path: Path) -> tuple[dict[str, Any], dict[str, di
         weights, divisor = policy.actor()
     except (KeyError, TypeError, ValueError) as error:
         raise PolicyError(f"{path}: lacks {' '.join(str(error).split())}; use a policy of train/ppo.py") from error
+    weights["obs_normalizer.count"] = torch.tensor(max(samples, 1))
+    return Networks(path=path, origin=origin, weights={"actor": weights}, divisor=divisor)
+
+
+def _completed(algorithm: Any, weights: dict[str, torch.Tensor], divisor: torch.Tensor) -> dict[str, torch.Tensor]:
+    """An actor from a policy, with what its file does not hold: the normaliser's spread and the noise."""
     std = (divisor - algorithm.actor.obs_normalizer.eps).clamp(min=0.0)
-    return origin, {
-        "actor": {
-            **weights,
-            "obs_normalizer._std": std,
-            "obs_normalizer._var": std.square(),
-            "obs_normalizer.count": torch.tensor(max(samples, 1)),
-            "distribution.std_param": torch.full_like(algorithm.actor.state_dict()["distribution.std_param"], NOISE),
-        }
+    return {
+        **weights,
+        "obs_normalizer._std": std,
+        "obs_normalizer._var": std.square(),
+        "distribution.std_param": torch.full_like(algorithm.actor.state_dict()["distribution.std_param"], NOISE),
     }
 
 

@@ -121,8 +121,12 @@ def fit(
         substeps: As there.
         seed: Seed of the samples on which the starts are searched.
         progress: Told what is being done.
+
+    Raises:
+        RecordingError: too few break-away torques for eq. 18; before the work.
     """
     told = progress or (lambda text: None)
+    at_rest = {} if holding is None else fit_holding(holding.current, holding.torque)
     scales = Scales.of(recording)
     samples, fixed = Samples.of(recording, scales), _fixed(start)
     replay = Replay(samples, exact=exact, substeps=substeps)
@@ -135,11 +139,9 @@ def fit(
     names = structure.linear + structure.shape
     top = 1.0 if not samples.current.any() else float(np.abs(samples.current).max())
     assessment = assess(point, lambda x: _named(structure, scales, x, top), len(names), names)
-    parameters = {name: assessment.estimates[name] for name in PARAMETERS}
+    parameters = {name: assessment.estimates[name] for name in PARAMETERS} | at_rest
     combinations = {name: e for name, e in assessment.estimates.items() if name not in PARAMETERS}
     warnings += _notes(recording, point, structure, assessment.together)
-    if holding is not None:
-        parameters |= fit_holding(holding.current, holding.torque)
     tau = point.simulated * scales.torque
     return FitResult(
         estimates=parameters, combinations=combinations, fixed=fixed, warnings=tuple(warnings),

@@ -27,9 +27,20 @@ from mrwarp.sysid.damper import (
 )
 from mrwarp.sysid.fit import FitResult, fit
 from mrwarp.sysid.fit_pictures import loops_picture, residual_picture
+from mrwarp.sysid.holding import fit_holding
 from mrwarp.sysid.identifiability import Estimate
-from mrwarp.sysid.recording import Recording, RecordingError, load_holding, load_recording
+from mrwarp.sysid.recording import (
+    HOLDING_FILE,
+    Holding,
+    Recording,
+    RecordingError,
+    check_same_units,
+    find_holding,
+    load_holding,
+    load_recording,
+)
 from mrwarp.sysid.replay import simulate
+from mrwarp.sysid.search import Progress
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -46,14 +57,16 @@ def main(argv: list[str] | None = None) -> int:
         check_writable(args.out)
         progress(f"reading {args.data}")
         recording = _without(load_recording(args.data), args.exclude)
-        holding = load_holding(args.holding) if args.holding else None
+        unseen = load_recording(args.predict) if args.predict else None
+        if unseen is not None:
+            check_same_units(unseen, recording)
+        holding = _holding(args, recording, progress)
         result = fit(
             recording, holding=holding, robust=args.robust, seed=args.seed, progress=lambda t: progress(f"eq. 14: {t}")
         )
         extended = None
         if args.extended:
             extended = fit_extended(recording, seed=args.seed, progress=lambda t: progress(f"extended: {t}"))
-        unseen = load_recording(args.predict) if args.predict else None
         predicted = predictions(unseen, result, extended, args.averaged) if unseen else {}
     except (RecordingError, OSError) as error:
         print(f"mrwarp fit: {error}", file=sys.stderr)
@@ -80,7 +93,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("data", type=Path, help="recording: a CSV or Parquet file, or a folder of them")
     parser.add_argument("--out", type=Path, default=Path("runs/fit"), help="output folder (default: runs/fit)")
-    parser.add_argument("--holding", type=Path, help="break-away torques for eq. 18 (current, torque)")
+    parser.add_argument(
+        "--holding", type=Path, help=f"break-away torques for eq. 18 (default: a {HOLDING_FILE} beside the data)"
+    )
     parser.add_argument("--extended", action="store_true", help="also fit the extended physical model")
     parser.add_argument("--robust", action="store_true", help="weigh down outliers")
     parser.add_argument("--exclude", metavar="PATTERN", help="leave out trajectories by name, such as 'chirp*'")
@@ -107,6 +122,30 @@ def _without(recording: Recording, pattern: str | None) -> Recording:
         which = "no" if kept else "every"
         raise RecordingError(f"--exclude {pattern!r} matches {which} trajectory; they are named {names} ...")
     return dataclasses.replace(recording, trajectories=kept)
+
+
+def _holding(args: argparse.Namespace, recording: Recording, told: Progress) -> Holding | None:
+    """Break-away torques: those of ``--holding``, else those beside the data if they can be used.
+
+    Raises:
+        RecordingError: the file is refused; or that of ``--holding`` holds too few tests or is in other units.
+    """
+    file = args.holding or find_holding(args.data)
+    if file is None:
+        return None
+    holding = load_holding(file)
+    try:
+        if any(recording.units[key] != unit for key, unit in holding.units.items()):
+            theirs, ours = (", ".join(x.units[key] for key in holding.units) for x in (holding, recording))
+            raise RecordingError(f"in {theirs}, but {recording.source} in {ours}; convert one of them")
+        fit_holding(holding.current, holding.torque)
+    except RecordingError as error:
+        if args.holding is None:
+            told(f"no eq. 18: {file} is not used: {error}")
+            return None
+        raise RecordingError(f"{file}: {error}") from None
+    told(f"eq. 18: break-away torques of {file}")
+    return holding
 
 
 def to_model(result: FitResult, extended: ExtendedFit | None = None) -> Model:

@@ -28,7 +28,7 @@ def fit_holding(current: np.ndarray, torque: np.ndarray) -> dict[str, Estimate]:
     levels = len(np.unique(np.round(current[current > 0], 4)))
     if len(current) < 5 or levels < 3:
         raise RecordingError(
-            f"holding data: {len(current)} tests at {levels} currents above 0 A; eq. 18 needs 5 tests at 3 currents"
+            f"{len(current)} break-away tests at {levels} currents above 0; eq. 18 needs 5 tests at 3 currents"
         )
     scale = float(np.median(current[current > 0]))
 

@@ -43,6 +43,7 @@ __all__ = [
     "Recording",
     "RecordingError",
     "Trajectory",
+    "check_same_units",
     "derivative_ratio",
     "find_holding",
     "load_holding",
@@ -85,6 +86,17 @@ def load_recording(path: str | Path) -> Recording:
     )
 
 
+def check_same_units(recording: Recording, fitted: Recording) -> None:
+    """Refuse recordings to predict in other units than what is fitted.
+
+    Raises:
+        RecordingError: they differ.
+    """
+    if recording.units != fitted.units:
+        theirs, ours = (", ".join(x.units.values()) for x in (recording, fitted))
+        raise RecordingError(f"{recording.source}: in {theirs}, but {fitted.source} in {ours}; convert one of them")
+
+
 def find_holding(path: str | Path) -> Path | None:
     """The break-away tests that belong to a recording: ``holding.csv`` in its folder or in the folder above."""
     path = Path(path)
@@ -108,7 +120,12 @@ def load_holding(path: str | Path) -> Holding:
     columns = converted(table, units)
     for name in HOLDING_COLUMNS:
         check_plausible(table, name, float(np.abs(columns[name]).max()), units)
-    return Holding(current=columns["current"], torque=columns["torque"], header=table.header)
+    return Holding(
+        current=columns["current"],
+        torque=columns["torque"],
+        units={name: units.base(name) for name in HOLDING_COLUMNS},
+        header=table.header,
+    )
 
 
 def _read_table(file: Path, limit: int, required: Sequence[str]) -> tuple[Table, int]:

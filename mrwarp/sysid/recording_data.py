@@ -80,5 +80,7 @@ class Holding:
     """Coil current [A] (or driver voltage [V])."""
     torque: np.ndarray
     """Torque at which the joint started to slip [N·m], or force [N]."""
+    units: dict[str, str] = field(default_factory=lambda: {"current": "A", "torque": "N·m"})
+    """Units of both as held here."""
     header: dict[str, Any] = field(default_factory=dict)
     """What the file says about how it was made."""
