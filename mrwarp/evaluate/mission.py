@@ -73,7 +73,7 @@ class MissionCfg:
 
 @dataclass(frozen=True, kw_only=True)
 class PhaseUse:
-    """What the window of one phase measured; n seeds."""
+    """What the window of one phase measured; n repetitions."""
 
     use: Use
     """Shapes (n, J), (n, M)."""
@@ -81,6 +81,23 @@ class PhaseUse:
     """Duration of the whole phase [s], shape (n,)."""
     speed: np.ndarray
     """Mean speed [m/s], shape (n,)."""
+    trial: np.ndarray | None = None
+    """Number of each repetition, shape (n,); None for one that stands for all."""
+    tried: int = 1
+    """Repetitions that began."""
+    fell: int = 0
+    """Of these fell in this phase."""
+    late: int = 0
+    """Of these did not cover the window in time."""
+
+    def of(self, trials: np.ndarray) -> PhaseUse:
+        """The same for some repetitions; what stands for all stays."""
+        if self.trial is None:
+            return self
+        rows = np.isin(self.trial, trials)
+        return replace(
+            self, use=self.use[rows], seconds=self.seconds[rows], speed=self.speed[rows], trial=self.trial[rows]
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +137,7 @@ def measure(
     fluid: Mapping[str, np.ndarray] | None = None,
     thermal_cfg: ThermalCfg | None = None,
 ) -> dict[str, dict[str, PhaseUse]]:
-    """Simulate a window of every phase for every robot.
+    """Simulate a window of every phase for every robot; what fell on one way is left out of the other too.
 
     Args:
         cfg: The task.
@@ -130,7 +147,7 @@ def measure(
         thermal_cfg: How fluids soften.
 
     Raises:
-        MissionError: a robot did not finish a window in any repetition.
+        MissionError: a robot did not finish a window in any repetition, or both windows in the same one.
     """
     found: dict[str, dict[str, PhaseUse]] = {robot: {} for robot in cfg.robots}
     loads = {"outbound": cfg.outbound_load, "return": cfg.return_load}
@@ -150,8 +167,10 @@ def measure(
                     f"fell, {result.late} too slow; lighten the load or choose another speed or policy"
                 )
             found[result.robot][phase] = PhaseUse(
-                use=result.use, seconds=cfg.distance / result.speed, speed=result.speed
-            )
+                use=result.use, seconds=cfg.distance / result.speed, speed=result.speed, trial=result.trial,
+                tried=cfg.seeds, fell=result.fell, late=result.late,
+            )  # fmt: skip
+    found = {robot: _paired(robot, walked) for robot, walked in found.items()}
     if report:
         report("standing", 0.9)
     standing: dict[str, Use] = {}
@@ -166,6 +185,18 @@ def measure(
     return {robot: {phase: uses[phase] for phase in PHASES} for robot, uses in found.items()}
 
 
+def _paired(robot: str, walked: Mapping[str, PhaseUse]) -> dict[str, PhaseUse]:
+    """Both walks of the repetitions that finished both, the same rows in each."""
+    numbers = [phase.trial for phase in walked.values()]
+    both = np.intersect1d(*numbers)  # type: ignore[arg-type]
+    if not len(both):
+        raise MissionError(
+            f"{paper.NAMES[robot]}: no repetition finished both windows, only {numbers[0]} and {numbers[1]}; use more "
+            "--seeds or another policy"
+        )
+    return {name: phase.of(both) for name, phase in walked.items()}
+
+
 def run(
     phases: Mapping[str, PhaseUse], electrical: ElectricalCfg, heat: ThermalCfg, battery: BatteryCfg, *, feedback: bool
 ) -> MissionTrace:
@@ -177,8 +208,14 @@ def run(
         heat: Numbers of the thermal model.
         battery: Numbers of the battery.
         feedback: Whether warm windings have more resistance.
+
+    Raises:
+        ValueError: the two walks are not of the same repetitions.
     """
-    count = min(len(phases[name].speed) for name in ("outbound", "return"))
+    out, back = phases["outbound"], phases["return"]
+    if len(out.speed) != len(back.speed) or not np.array_equal(out.trial, back.trial):  # type: ignore[arg-type]
+        raise ValueError(f"repetitions {out.trial} went out and {back.trial} came back; they must be the same")
+    count = len(out.speed)
     devices = phases["outbound"].use.coil.shape[-1]
     now = Temperatures.ambient((count,), 12, devices)
     calves = [2, 5, 8, 11]

@@ -1,16 +1,21 @@
 """Mission: the models carry windows over phases as they should; a short mission from the command line."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from mrwarp import paper
 from mrwarp.cli import main
 from mrwarp.electrical.battery import BatteryCfg, depletion
 from mrwarp.electrical.power import ElectricalCfg, Use, battery_power
 from mrwarp.electrical.thermal import ThermalCfg
+from mrwarp.evaluate import mission, mission_figures
 from mrwarp.evaluate.mission import PHASES, PhaseUse, calibrate, run
+from mrwarp.evaluate.walk_trials import WalkCfg
 
 
 def phase(square: float, seconds: float, *, seeds: int = 2, coil: float = 0.0) -> PhaseUse:
@@ -67,6 +72,47 @@ def test_calibration_meets_go1() -> None:
     assert trace.rise["calf_standby"].mean() == pytest.approx(4.5, abs=0.05)
 
 
+def test_a_repetition_counts_if_it_finished_both_ways(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Number 0 falls on the way out and number 2 comes back too late: number 1 alone is left, with its own figures."""
+    ways = {2.8: np.array([1, 2]), 3.0: np.array([0, 1])}
+
+    def walk(cfg: WalkCfg, *_: object) -> list[SimpleNamespace]:
+        load = cfg.payloads[0]
+        trial = ways[round(load, 1)]
+        use = replace(PHASE_USES["outbound"].use, torque_square=np.full((2, 12), 1.0) * (10.0 * load + trial[:, None]))
+        fell, late = (1, 0) if load < 3.0 else (0, 1)
+        return [SimpleNamespace(robot="go1", use=use, speed=0.1 * (1 + trial), trial=trial, fell=fell, late=late)]
+
+    monkeypatch.setattr(mission, "walk", walk)
+    monkeypatch.setattr(mission, "standing_use", lambda *_, **__: PHASE_USES["standby"].use)
+    found = mission.measure(mission.MissionCfg(robots=("go1",)), {})["go1"]
+    for name, load in (("outbound", paper.arm_load()), ("return", 3.0)):
+        np.testing.assert_array_equal(found[name].trial, [1])
+        np.testing.assert_allclose(found[name].speed, 0.2)
+        np.testing.assert_allclose(found[name].seconds, paper.DISTANCE / 0.2)
+        np.testing.assert_allclose(found[name].use.torque_square, 10.0 * load + 1.0)
+    assert [(found[n].tried, found[n].fell, found[n].late) for n in ("outbound", "return")] == [(3, 1, 0), (3, 0, 1)]
+    assert run(found, *NUMBERS, feedback=False).depletion.shape == (1,)
+    ways[3.0] = np.array([0, 3])
+    with pytest.raises(mission.MissionError, match="Go1: no repetition finished both windows"):
+        mission.measure(mission.MissionCfg(robots=("go1",)), {})
+
+
+def test_walks_of_different_repetitions_are_not_joined() -> None:
+    """The same number of rows is not enough."""
+    out, back = (replace(PHASE_USES["outbound"], trial=np.array(trial)) for trial in ([0, 1], [1, 2]))
+    with pytest.raises(ValueError, match=r"\[0 1\] went out and \[1 2\] came back"):
+        run({**PHASE_USES, "outbound": out, "return": back}, *NUMBERS, feedback=False)
+
+
+def test_all_powers_of_go1_are_calibrated() -> None:
+    """Its way back fixed the load and the speed; no power of another robot fixed anything."""
+    trace = run(PHASE_USES, *NUMBERS, feedback=False)
+    for robot in paper.ROBOTS:
+        cells = mission_figures.row(robot, trace)["power"].values()
+        assert [cell["calibrated"] for cell in cells] == [robot == "go1"] * 3
+
+
 def test_a_short_mission_from_the_command_line(tmp_path: Path) -> None:
     """MR_Go and MR_Go-SAL over a window of 0.3 m: result, pictures, predictions marked as such."""
     out = tmp_path / "mission"
@@ -81,7 +127,8 @@ def test_a_short_mission_from_the_command_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "message"), [(["--robot", "mr_go", "--calibrate"], "needs Go1"), (["--seeds", "0"], "trials = 0")]
+    ("options", "message"),
+    [(["--robot", "mr_go", "--calibrate"], "needs Go1"), (["--calibrate", "--distance", "50"], "paper's task")],
 )
 def test_bad_input_ends_with_2(
     options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
