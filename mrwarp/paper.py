@@ -156,6 +156,9 @@ TABLE_6 = {
 }
 """Cost of transport by robot, payload [kg] and commanded speed [m/s]."""
 
+COT_REDUCTION = (0.202, 0.254)
+"""Least and largest reduction of the cost of transport by SAL against MR_Go over the four conditions [1], abstract."""
+
 TABLE_7 = {
     (0, 0.3): {"hardware": 0.2735, "simulation": 0.2228},
     (0, 0.5): {"hardware": 0.2020, "simulation": 0.1943},

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from mrwarp.arguments import count, positive, seed, whole
 from mrwarp.folder import FolderError, check_writable, claim, place_and_cause
 from mrwarp.paper import ROBOTS
 from mrwarp.quiet import quiet_libraries
@@ -41,11 +42,11 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add("--policy-aware", type=Path, nargs="+", metavar="P", help=aware)
     for name, text in (("rollouts", "walks per policy and condition"), ("impacts", "impacts per policy and current")):
-        add(f"--{name}", type=int, default=getattr(default, name), help=f"{text} ({getattr(default, name)})")
+        add(f"--{name}", type=count, default=getattr(default, name), help=f"{text} ({getattr(default, name)})")
     for name, text in (("distance", "walk of table 6 [m]"), ("window", "simulated walk of the mission [m]")):
-        add(f"--{name}", type=float, default=getattr(default, name), help=f"{text} ({getattr(default, name):g})")
-    add("--seed", type=int, default=0, help="seed of poses and gait phases (default: 0)")
-    add("--threads", type=int, default=0, help="CPU threads; 0 = all, the figures are the same for any number")
+        add(f"--{name}", type=positive, default=getattr(default, name), help=f"{text} ({getattr(default, name):g})")
+    add("--seed", type=seed, default=0, help="seed of poses and gait phases (default: 0)")
+    add("--threads", type=whole, default=0, help="CPU threads; 0 = all, the figures are the same for any number")
     return parser
 
 

@@ -11,7 +11,7 @@ from mrwarp.actuator import HoldCurrent
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate.impact import MOTOR_WINDOW, ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace
 from mrwarp.reproduce import readings, store
-from mrwarp.reproduce.experiment import Experiment, Findings, Job
+from mrwarp.reproduce.experiment import Experiment, Findings, Job, seeds_of
 from mrwarp.robot import LEGS, PUBLIC_GAINS
 
 DATA = "drops.npz"
@@ -58,11 +58,11 @@ def measured(trace: ImpactTrace) -> dict[str, np.ndarray]:
     }
 
 
-def read(folder: Path) -> tuple[dict[str, dict[str, np.ndarray]], np.ndarray]:
-    """Figures by gains, and the policy of each trial."""
+def read(folder: Path) -> tuple[dict[str, dict[str, np.ndarray]], np.ndarray | None]:
+    """Figures by gains, and the policy of each trial, None with a single one."""
     tree = store.load(folder / DATA)
     count = next(iter(tree["found"].values()))["min_height"].shape[1]
-    return tree["found"], np.arange(count) % tree["policies"]
+    return tree["found"], seeds_of(np.arange(count), tree["policies"])
 
 
 EXPERIMENT = Experiment(

@@ -151,15 +151,25 @@ class Experiment:
     """Whether it is an entry of the report; a simulation that others read is not."""
 
 
+def seeds_of(trials: np.ndarray, policies: int) -> np.ndarray | None:
+    """Seed of each trial, of which number i was walked by policy ``i % policies``; None with a single policy.
+
+    A single policy's trials are the only repetitions there are. Of several policies one may be all that arrived: its
+    trials are still one seed.
+    """
+    return np.asarray(trials) % policies if policies > 1 else None
+
+
 def over_seeds(values: np.ndarray, seeds: np.ndarray | None = None) -> dict[str, Any]:
     """``ours``, ``sd`` and ``n`` of a :class:`Row`: rollouts are averaged within each seed first, as in section 6.2.
 
     Args:
         values: One per rollout.
-        seeds: Seed of each rollout; None, or a single seed, takes every rollout as its own.
+        seeds: Seed of each rollout, see :func:`seeds_of`; None takes every rollout as its own.
     """
     values = np.asarray(values, dtype=float)
-    if seeds is not None and len(set(np.asarray(seeds).tolist())) > 1:
+    if seeds is not None:
+        seeds = np.asarray(seeds)
         values = np.array([values[seeds == seed].mean() for seed in np.unique(seeds)])
     if not len(values):
         return {"ours": math.nan, "sd": None, "n": 0}

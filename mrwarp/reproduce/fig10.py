@@ -44,9 +44,13 @@ def compute(job: Job) -> Findings:
     mission_pictures.power(found.traces, job.out / "power.png")
     return Findings(
         rows=rows,
-        claims={"SAL lowers the depletion against MR_Go": changes["depletion"]["ours"] < 0.0,
-                "by 11.5 %": changes["depletion"]["ours"] <= changes["depletion"]["paper"]},
+        claims={
+            "SAL lowers the depletion against MR_Go": changes["depletion"]["ours"] < 0.0,
+            f"by at least {-100.0 * changes['depletion']['paper']:.1f} %": changes["depletion"]["ours"]
+            <= changes["depletion"]["paper"],
+        },
         notes=[
+            *found.arrivals,
             f"The paper's own numbers: SAL walks on {check['walking_power_ratio']:.3f} of MR_Go's power, so at equal "
             f"speeds on {first['energy_ratio']:.3f} of its energy, but depletes {check['depletion_ratio']:.3f} of its "
             f"charge ({first['deviation_in_sd']:.1f} SD apart). A walk of MR_Go-SAL at "
@@ -76,12 +80,14 @@ def _change(found: mission.Mission, name: str, energy_ratio: float) -> str:
 
 
 def _walking(robot: str, found: mission.Mission, phase: str) -> str:
-    ours = float(found.traces[robot].power[phase].mean())
-    before = float(found.traces["mr_go"].power[phase].mean())
+    ours, theirs = float(found.traces[robot].power[phase].mean()), paper.MISSION_POWER
     if robot != "mr_go_sal":
-        return "Within the misfit of Go1's calibration rows, see table 6."
-    theirs = paper.MISSION_POWER["mr_go"][phase] - paper.MISSION_POWER["mr_go_sal"][phase]
-    return f"SAL saves {before - ours:.0f} W here and {theirs:.0f} W in the paper, see table 6 for the parts."
+        off = ours - theirs[robot][phase]
+        place = "within" if abs(off) <= found.misfit else "beyond"
+        return f"{off:+.1f} W are {place} the {found.misfit:.1f} W (RMS) to which Go1's rows fit, see table 6."
+    before = float(found.traces["mr_go"].power[phase].mean())
+    saved = theirs["mr_go"][phase] - theirs[robot][phase]
+    return f"SAL saves {before - ours:.0f} W here and {saved:.0f} W in the paper, see table 6 for the parts."
 
 
 def _depletion(robot: str, found: mission.Mission) -> str:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from matplotlib.figure import Figure
 
 from mrwarp import paper
 from mrwarp.paper import Measured
 from mrwarp.reproduce import pushes, readings
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds
+from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds, seeds_of
 from mrwarp.robot import LEGS
 
 LAST = -1
@@ -20,11 +22,12 @@ def compute(job: Job) -> Findings:
     found = pushes.read(job.folders["pushes"])
     torque, gate = np.abs(found.trace["tau_motor"]), found.trace["m_dyn"][LAST] > 0.0
     rows, lower = [], []
+    pairs = {leg: same_load(leg, readings.ADOPTED.phases) for leg in paper.FIGURE_6_PUSH}
     for leg, theirs in paper.FIGURE_6_PUSH.items():
-        k = LEGS.index(leg)
+        k, name = LEGS.index(pairs[leg]), leg if pairs[leg] == leg else f"{pairs[leg]} for the paper's {leg}"
         on, off = (_over(torque[place, :, :, k], gate[:, :, k]) for place in (LAST, 0))
         damped = ~np.isnan(on["mean"])
-        seeds = found.seeds()[damped]
+        seeds = seeds_of(np.flatnonzero(damped), found.policies)
         for kind in ("mean", "peak"):
             with_current, without = on[kind][damped], off[kind][damped]
             change = with_current / without - 1.0
@@ -32,21 +35,40 @@ def compute(job: Job) -> Findings:
             reference = float(without.mean()) if len(without) else float("nan")
             why = (
                 f"Without current ours is {reference:.1f} N·m, the paper's "
-                f"{theirs[kind] / (1.0 + theirs[f'{kind}_change']):.1f} N·m; gait phase and gains are not stated."
+                f"{theirs[kind] / (1.0 + theirs[f'{kind}_change']):.1f} N·m; its gains are not stated."
             )
             rows += [
-                Row(condition=f"{leg}, {kind}, 1.5 A", quantity="calf motor torque", unit="N·m", digits=2,
+                Row(condition=f"{name}, {kind}, 1.5 A", quantity="calf motor torque", unit="N·m", digits=2,
                     paper=Measured(mean=theirs[kind]), **over_seeds(with_current, seeds), why=why),
-                Row(condition=f"{leg}, {kind}, 0 to 1.5 A", quantity="change", unit="%", digits=1,
+                Row(condition=f"{name}, {kind}, 0 to 1.5 A", quantity="change", unit="%", digits=1,
                     paper=Measured(mean=100.0 * theirs[f"{kind}_change"]), **over_seeds(100.0 * change, seeds),
                     why="The device takes over what its sliding torque can carry, see the readings of table 4."),
             ]  # fmt: skip
     _plot(found.trace, job)
     return Findings(
         rows=rows, claims={"current lowers the motor's torque on the loaded pair": all(lower)},
-        notes=[f"Push of table 4, reading: {readings.ADOPTED.name}."],
+        notes=[f"Push of table 4, reading: {readings.ADOPTED.name}.", *_mirrored(pairs)],
         pictures={"torque.png": "Calf motor torque of the first trial at 0 and 1.5 A; damping gate open where shaded"},
     )  # fmt: skip
+
+
+def same_load(leg: str, phases: tuple[float, float] | None) -> str:
+    """The leg that is loaded here where ``leg`` of the paper's pair is: the one that stands at the same end.
+
+    Args:
+        leg: Of :data:`mrwarp.robot.LEGS`.
+        phases: Gait phases at onset; None is any, and every leg stands for itself.
+    """
+    return next((stands for stands in readings.stance_legs(phases) if stands[0] == leg[0]), leg)
+
+
+def _mirrored(pairs: Mapping[str, str]) -> list[str]:
+    if all(leg == ours for leg, ours in pairs.items()):
+        return []
+    theirs, ours = " and ".join(pairs), " and ".join(pairs.values())
+    return [
+        f"This push meets the robot while {ours} stand, the paper's while {theirs} do: the mirrored legs are compared."
+    ]
 
 
 def _over(torque: np.ndarray, gate: np.ndarray) -> dict[str, np.ndarray]:

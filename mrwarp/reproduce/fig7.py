@@ -27,7 +27,7 @@ def compute(job: Job) -> Findings:
                         why=f"The gains behind the hardware's torques are not stated; current changes ours by "
                         f"{100.0 * fall:+.1f} %, the paper's by {100.0 * paired:+.1f} %.")
                 )  # fmt: skip
-    _plot(found, job)
+    _plot(found, seeds, job)
     return Findings(
         rows=rows,
         claims={
@@ -39,15 +39,16 @@ def compute(job: Job) -> Findings:
     )
 
 
-def _plot(found: dict[str, dict[str, np.ndarray]], job: Job) -> None:
+def _plot(found: dict[str, dict[str, np.ndarray]], seeds: np.ndarray | None, job: Job) -> None:
     figure = Figure(figsize=(11, 4.2), layout="constrained")
     axes = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
     width = 0.8 / len(CURRENT_GROUPS)
     for axis, (name, values) in zip(axes, found.items(), strict=True):
         for i, amps in enumerate(CURRENT_GROUPS):
             x = np.arange(len(LEGS)) + (i - 1.5) * width
-            axis.bar(x, [values[leg][i].mean() for leg in LEGS], width, color=COLORS[i], label=f"{amps:g} A",
-                     yerr=[values[leg][i].std() for leg in LEGS], capsize=2)  # fmt: skip
+            ours = [over_seeds(values[leg][i], seeds) for leg in LEGS]
+            axis.bar(x, [o["ours"] for o in ours], width, color=COLORS[i], label=f"{amps:g} A",
+                     yerr=[o["sd"] or 0.0 for o in ours], capsize=2)  # fmt: skip
             for leg, theirs in paper.FIGURE_7.items():
                 if amps in theirs:
                     axis.errorbar(x[LEGS.index(leg)], theirs[amps].mean, theirs[amps].sd, color="black", marker="_",

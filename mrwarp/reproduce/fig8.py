@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 from mrwarp import paper
-from mrwarp.evaluate import walk_figures, walk_pictures
+from mrwarp.evaluate import meter, walk_figures, walk_pictures
 from mrwarp.reproduce import walking
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Table
-from mrwarp.reproduce.table6 import condition_name
+from mrwarp.reproduce.walking import condition_name
+from mrwarp.robot import JOINTS
+
+PAIR = ("go1", "mr_go_sal")
+"""The robots that the figure compares."""
+
+SHOWN = tuple(JOINTS[joint] for joint in meter.SHOWN)
+"""Joints of the front-right leg."""
+
+SIMILAR = 0.15
+"""Largest relative difference of means that counts as broadly similar."""
 
 
 def compute(job: Job) -> Findings:
@@ -14,27 +24,36 @@ def compute(job: Job) -> Findings:
     walks = walking.read(job.folders["walks"])
     walk_pictures.holding(walks.both, job.out / "holding.png")
     walk_pictures.distributions(walks.both, job.out / "torques.png")
-    torque = {(r.robot, r.payload, r.command): walk_figures.torques(r) for r in walks.both}
+    compared = [r for r in walks.both if r.robot in PAIR]
+    whole = walking.complete(compared)
+    torque = {(r.robot, r.payload, r.command): walk_figures.torques(r) for r in walks.both if len(r.speed)}
     cells = list(dict.fromkeys((r.payload, r.command) for r in walks.both))
+
+    def figure(key: tuple[str, float, float], joint: str, name: str) -> str:
+        return f"{torque[key][joint][name]:.1f}" if key in torque else "none arrived"
+
     lines = [
-        [condition_name(*cell), joint, *(f"{torque[robot, *cell][joint][name]:.1f}"
-         for name in ("mean", "p95") for robot in ("go1", "mr_go_sal"))]
-        for cell in cells for joint in torque["go1", *cell]
+        [condition_name(*cell), joint, *(figure((robot, *cell), joint, name) for name in ("mean", "p95")
+         for robot in PAIR)]
+        for cell in cells for joint in SHOWN
     ]  # fmt: skip
+
+    def ratios(joint: str, name: str) -> list[float]:
+        """MR_Go-SAL over Go1 by condition."""
+        return [torque["mr_go_sal", *cell][joint][name] / torque["go1", *cell][joint][name] for cell in cells]
 
     def lower(joint: str, name: str) -> bool:
-        return all(torque["mr_go_sal", *cell][joint][name] < torque["go1", *cell][joint][name] for cell in cells)
+        return whole and max(ratios(joint, name)) < 1.0
 
-    others = [
-        abs(torque["mr_go_sal", *cell][joint]["mean"] / torque["go1", *cell][joint]["mean"] - 1.0)
-        for cell in cells for joint in ("FR_hip", "FR_thigh")
-    ]  # fmt: skip
     return Findings(
         claims={
             "SAL lowers the calf's mean torque in every condition": lower("FR_calf", "mean"),
             "SAL shortens the calf's high-torque tail (95th percentile) in every condition": lower("FR_calf", "p95"),
-            "hip and thigh stay broadly similar (means within 15 %)": max(others) < 0.15,
+            f"hip and thigh stay broadly similar (means within {100.0 * SIMILAR:.0f} %)": whole and all(
+                abs(ratio - 1.0) < SIMILAR for joint in ("FR_hip", "FR_thigh") for ratio in ratios(joint, "mean")
+            ),
         },
+        notes=walking.arrivals(compared),
         tables=[Table(title=f"|motor torque| [N·m], {paper.NAMES['go1']} and {paper.NAMES['mr_go_sal']}; to 0.25 N·m",
                       head=["condition", "joint", "mean, Go1", "mean, SAL", "95 %, Go1", "95 %, SAL"], rows=lines)],
         pictures={"holding.png": "Figures 8(a, b): the front-right calf, holding intervals blue, damping orange",

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from mrwarp.nn.model_file import shipped_model
-from mrwarp.reproduce import readings, store
-from mrwarp.reproduce.experiment import Experiment, Findings, Job
+from mrwarp.reproduce import readings, store, studied
+from mrwarp.reproduce.experiment import Experiment, Findings, Job, seeds_of
 
 DATA = "pushes.npz"
 """File with the data."""
@@ -36,9 +35,9 @@ class Pushes:
         """Index of a reading."""
         return next(i for i, entry in enumerate(self.readings) if entry["reading"] == reading.name)
 
-    def seeds(self) -> np.ndarray:
-        """Policy of each trial, shape (N,)."""
-        return np.arange(self.cells[0]["min_height"].shape[1]) % self.policies
+    def seeds(self) -> np.ndarray | None:
+        """Policy of each trial, shape (N,); None with a single policy."""
+        return seeds_of(np.arange(self.cells[0]["min_height"].shape[1]), self.policies)
 
 
 def simulate(job: Job) -> Findings:
@@ -67,12 +66,8 @@ def read(folder: Path) -> Pushes:
     return Pushes(**store.load(folder / DATA))
 
 
-def networks(settings: object) -> list[Path]:
-    """The network that one reading runs."""
-    return [Path(path)] if (path := shipped_model("pg_rlstm")) else []
-
-
 EXPERIMENT = Experiment(
     name="pushes", title="Pushes on walking robots", compute=simulate, shown=False,
-    settings=("impacted", "aware", "impacts", "seed"), files=networks,
+    settings=("impacted", "aware", "impacts", "seed"),
+    files=lambda settings: studied.networks(dict.fromkeys(reading.torque for reading in readings.READINGS)),
 )  # fmt: skip

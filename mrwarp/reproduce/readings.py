@@ -1,13 +1,14 @@
 """Readings of section 6.3's simulated push: what the paper leaves open, one choice at a time.
 
-The paper states the force, not its duration, the motors' gains, the gait phase or which torque its dynamic branch had
-in the end. Each reading has its own push duration, calibrated on the 0 A row alone; the other rows are predictions.
+The paper states the force, not its duration, the motors' gains, where in the stance it began (figure 6b names the pair
+that stood) or which torque its dynamic branch had in the end. Each reading has its own push duration, calibrated on the
+0 A row alone; the other rows are predictions.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,7 +21,7 @@ from mrwarp.evaluate.impact import ImpactCfg, ImpactSweep, ImpactTrace, Variant
 from mrwarp.evaluate.walking import Policy
 from mrwarp.nn.model_file import shipped_model
 from mrwarp.params import BoucWenParams, HoldParams
-from mrwarp.robot import CURRENT_GROUPS, PUBLIC_GAINS
+from mrwarp.robot import CURRENT_GROUPS, LEGS, PUBLIC_GAINS, TROT_PHASE
 
 CELLS = ("min_height", "peak_down_velocity")
 """The two columns of table 4."""
@@ -93,17 +94,34 @@ READINGS = (
 """The base, what differs from it, and the same for the reading that is adopted."""
 
 ADOPTED = LETTER
-"""The reading that table 4 shows: of those with the paper's law, eq. 14, its 0 A row is nearest to the paper's."""
+"""The reading that table 4 shows. Its gains were chosen by the 0 A row; whether that row is indeed the nearest of
+:data:`CANDIDATES` is a claim of table 4."""
+
+CANDIDATES = tuple(reading for reading in READINGS if reading.torque == "eq. 14")
+"""What it was chosen among: readings with the paper's law, which differ in gains, phases, coupling and branches. Those
+with another torque show what the law moves, two of them in the adopted reading and made after the choice."""
 
 ASSET = next(reading for reading in READINGS if reading.gains is None)
 """The same with the gains of the asset, by policies trained with them."""
-
 
 UNWEAKENED = READINGS[-1]
 """The adopted reading without the speed weakening of eq. 14."""
 
 UNDAMPED = next(reading for reading in READINGS if reading.name == "Kd 0.1")
 """The same with hardly any damping by the motors."""
+
+
+def stance_legs(phases: tuple[float, float] | None) -> tuple[str, ...]:
+    """Legs that the gait clock has on the ground over all of these phases at onset; none where any phase may be."""
+    if phases is None:
+        return ()
+    low, high = phases
+    return tuple(leg for leg, at in zip(LEGS, TROT_PHASE, strict=True) if (low + at) % 1.0 + high - low <= 0.5)
+
+
+def off_mismatch(entry: Mapping[str, Any]) -> float:
+    """:func:`mismatch` of an entry of :func:`summary`."""
+    return sum(value**2 for value in entry["off_mismatch"])
 
 
 def undamped_speed(drop: float, *, force: float = 100.0, mass: float = paper.MASS["mr_go"]) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -51,8 +52,8 @@ class Settings:
             raise ValueError(f"impacted and aware need the same number of policies, at least one; got {counts}")
         if min(self.rollouts, self.impacts) < 1:
             raise ValueError(f"rollouts = {self.rollouts} and impacts = {self.impacts} must be at least 1")
-        if not min(self.distance, self.window) > 0.0:
-            raise ValueError(f"distance = {self.distance} m and window = {self.window} m must be positive")
+        if not all(math.isfinite(length) and length > 0.0 for length in (self.distance, self.window)):
+            raise ValueError(f"distance = {self.distance} m and window = {self.window} m must be positive and finite")
 
     def struck(self, gains: tuple[float, float] | None) -> Ensemble:
         """Policies for pushes and falling masses on robots with these gains; None is the asset's.

@@ -1,10 +1,12 @@
-"""The study's policies and training records, for the entries that need them."""
+"""The study's policies and training records and the shipped networks, for the entries that need them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from mrwarp.nn import model_file
+from mrwarp.nn.models import SAMPLES
 from mrwarp.reproduce.experiment import NotYet
 from mrwarp.study.plan import MODELS, SEEDS, STUDY, policy_file, record_file
 
@@ -35,6 +37,18 @@ def records(plants: Sequence[str]) -> list[Path]:
         NotYet: one is not there.
     """
     return _present([record_file(STUDY, plant, seed) for plant in plants for seed in SEEDS])
+
+
+def networks(kinds: Iterable[str]) -> list[Path]:
+    """Shipped networks of some torque models, in their order; those that learn nothing have none.
+
+    Raises:
+        NotYet: one is not there.
+    """
+    found = {kind: model_file.shipped_model(kind) for kind in kinds if kind in SAMPLES}
+    if missing := [kind for kind, path in found.items() if path is None]:
+        raise NotYet(f"no trained network for {', '.join(missing)}; run 'mrwarp reproduce fig4 --train'")
+    return [Path(path) for path in found.values() if path is not None]
 
 
 def _present(paths: list[Path]) -> list[Path]:

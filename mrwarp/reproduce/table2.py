@@ -6,7 +6,7 @@ from mrwarp import paper
 from mrwarp.reproduce import studied
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row
 from mrwarp.study.plan import AWARE, CONVENTIONAL
-from mrwarp.study.tables import LEAST, Change, EvaluationCfg, Table2, table2
+from mrwarp.study.tables import LEAST, PLANT, Change, EvaluationCfg, Table2, table2
 
 
 def compute(job: Job) -> Findings:
@@ -56,5 +56,6 @@ def _why(table: Table2, name: str, metric: str) -> str:
 
 EXPERIMENT = Experiment(
     name="table2", title="Table 2: actuator-aware training", compute=compute,
-    settings=("rollouts", "seed"), files=lambda settings: studied.policies((CONVENTIONAL, AWARE)),
+    settings=("rollouts", "seed"),
+    files=lambda settings: [*studied.policies((CONVENTIONAL, AWARE)), *studied.networks((PLANT,))],
 )  # fmt: skip

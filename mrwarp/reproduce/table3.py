@@ -6,7 +6,7 @@ from mrwarp import paper
 from mrwarp.reproduce import studied
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, Table
 from mrwarp.study.plan import MODELS
-from mrwarp.study.tables import EvaluationCfg, Table3, table3
+from mrwarp.study.tables import PLANT, EvaluationCfg, Table3, table3
 
 LEVEL = 0.05
 """Holm-corrected p-value below which two models are told apart."""
@@ -62,5 +62,6 @@ def _why(table: Table3, model: str, metric: str) -> str:
 
 EXPERIMENT = Experiment(
     name="table3", title="Table 3: actuator models in training", compute=compute,
-    settings=("rollouts", "seed"), files=lambda settings: studied.policies(MODELS),
+    settings=("rollouts", "seed"),
+    files=lambda settings: [*studied.policies(MODELS), *studied.networks((PLANT,))],
 )  # fmt: skip

@@ -11,7 +11,7 @@ from mrwarp.actuator import HoldCurrent
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate.impact import ImpactCfg, ImpactKind, ImpactSweep, Variant
 from mrwarp.reproduce import drops, readings, studied
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds
+from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds, seeds_of
 from mrwarp.reproduce.settings import Ensemble
 from mrwarp.study.plan import AWARE, CONVENTIONAL
 
@@ -37,7 +37,7 @@ def compute(job: Job) -> Findings:
     env = replace(env, actuator=replace(env.actuator, holding=False))
     currents = sorted({current for _, current in CONFIGURATIONS.values()})
     found: dict[tuple[str, float], dict[str, np.ndarray]] = {}
-    seeds = np.zeros(0)
+    seeds: np.ndarray | None = None
     for k, training in enumerate(dict.fromkeys(name for name, _ in CONFIGURATIONS.values())):
         job.report(training, k / 2.0)
         paths = studied.policies((training,))
@@ -47,7 +47,7 @@ def compute(job: Job) -> Findings:
             variants=tuple(Variant(current=current) for current in currents),
         )  # fmt: skip
         figures = drops.measured(ImpactSweep(cfg, Ensemble(paths)).run())
-        seeds = np.arange(cfg.trials) % len(paths)
+        seeds = seeds_of(np.arange(cfg.trials), len(paths))
         for i, current in enumerate(currents):
             found[training, current] = {name: values[i] for name, values in figures.items()}
     for name, cell in CONFIGURATIONS.items():

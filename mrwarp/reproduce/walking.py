@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from mrwarp.evaluate.traces import GaitTrace
 from mrwarp.evaluate.walk_figures import calibration_rows
 from mrwarp.evaluate.walk_trials import WalkCfg, WalkResult, walk
 from mrwarp.reproduce import store
-from mrwarp.reproduce.experiment import Experiment, Findings, Job
+from mrwarp.reproduce.experiment import Experiment, Findings, Job, seeds_of
 from mrwarp.reproduce.settings import Ensemble, ensembles
 
 DATA = "walks.npz"
@@ -82,9 +83,43 @@ class Walks:
         """The same from Go1's walks with the policies of table 2."""
         return calibrate(calibration_rows(self.unpaid, self.standing["go1"]))
 
-    def seed_of(self, result: WalkResult) -> np.ndarray:
-        """Policy of each trial, shape (n,)."""
-        return result.trial % self.policies
+    def seed_of(self, result: WalkResult) -> np.ndarray | None:
+        """Policy of each trial that arrived, shape (n,); None with a single policy."""
+        return seeds_of(result.trial, self.policies)
+
+
+def condition_name(payload: float, command: float) -> str:
+    """As every row names a condition: load on the back [kg] and commanded speed [m/s]."""
+    return f"{payload:g} kg, {command:g} m/s"
+
+
+def complete(results: Sequence[WalkResult]) -> bool:
+    """Whether a trial of every condition arrived; without, no claim over all of them can hold."""
+    return bool(results) and all(len(result.speed) for result in results)
+
+
+def arrivals(results: Sequence[WalkResult]) -> list[str]:
+    """The note of :func:`lost` on some walks; rows and claims see only the trials that arrived."""
+    return lost({
+        f"{paper.NAMES[r.robot]}, {condition_name(r.payload, r.command)}": (
+            len(r.speed) + r.fell + r.late, r.fell, r.late
+        )
+        for r in results
+    })  # fmt: skip
+
+
+def lost(counts: Mapping[str, tuple[int, int, int]]) -> list[str]:
+    """One note on what fell or came too late; none if nothing did.
+
+    Args:
+        counts: By condition, how many trials began, how many of them fell and how many came too late.
+    """
+    parts = [
+        f"{name}: {fell} fell and {late} came too late of {began}"
+        + (", which leaves no figure" if fell + late == began else "")
+        for name, (began, fell, late) in counts.items() if fell or late
+    ]  # fmt: skip
+    return [f"Only trials that arrived count. {'; '.join(parts)}."] if parts else []
 
 
 def simulate(job: Job) -> Findings:

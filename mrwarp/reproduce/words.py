@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from mrwarp.paper import Measured
-from mrwarp.reproduce.experiment import Row
+from mrwarp.reproduce.experiment import RELATIVE, Row
 
 HEAD = ("condition", "quantity", "paper", "ours", "difference", "in joint SD", "kind", "why it differs")
 """Columns of the rows' table."""
@@ -43,12 +43,13 @@ def ours(row: Row) -> str:
 
 
 def agreement(rows: list[Row]) -> str:
-    """How many rows lie within the joint spread."""
+    """How many rows agree by the measure of :attr:`Row.differs`."""
     judged = [row for row in rows if row.paper is not None]
     if not judged:
         return ""
     predicted = [row for row in judged if not row.calibrated]
     near = sum(not row.differs for row in predicted)
-    text = f"{near} of {len(predicted)} predicted rows within the joint spread"
+    measure = f"within the joint spread, or {100.0 * RELATIVE:.0f} % where the paper states none"
+    text = f"{near} of {len(predicted)} predicted rows {measure}"
     fitted = len(judged) - len(predicted)
     return text + (f"; {fitted} rows were used to calibrate" if fitted else "")

@@ -2,6 +2,7 @@
 
 import errno
 import json
+import math
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from mrwarp.folder import claim
 from mrwarp.reproduce import catalogue, cli, runner
 from mrwarp.reproduce.experiment import Findings
+from mrwarp.reproduce.settings import Settings
 
 
 @pytest.mark.parametrize(
@@ -19,9 +21,17 @@ from mrwarp.reproduce.experiment import Findings
         (["table99", "--out", "x"], "invalid choice: 'table99'"),
         (["--out", "x"], "required: PART"),
         (["table6"], "required: --out"),
+        (["table6", "--out", "x", "--distance", "0"], "--distance: 0 must be a positive number"),
+        (["table6", "--out", "x", "--distance", "nan"], "--distance: nan must be a positive number"),
+        (["table6", "--out", "x", "--distance", "inf"], "--distance: inf must be a positive number"),
+        (["table6", "--out", "x", "--rollouts", "0"], "--rollouts: 0 must be at least 1"),
+        (["table4", "--out", "x", "--impacts", "1.5"], "--impacts: '1.5' is not a whole number"),
+        (["table4", "--out", "x", "--threads", "-1"], "--threads: -1 must be at least 0"),
+        (["fig10", "--out", "x", "--window", "nan"], "--window: nan must be a positive number"),
+        (["fig10", "--out", "x", "--window", "inf"], "--window: inf must be a positive number"),
     ],
 )
-def test_unknown_parts_are_refused(argv: list[str], message: str, capsys: pytest.CaptureFixture) -> None:
+def test_unusable_words_are_refused(argv: list[str], message: str, capsys: pytest.CaptureFixture) -> None:
     """With exit code 2 and the reason."""
     with pytest.raises(SystemExit) as stop:
         cli.main(argv)
@@ -33,9 +43,6 @@ def test_unknown_parts_are_refused(argv: list[str], message: str, capsys: pytest
     ("options", "message"),
     [
         (["--policy", "nothing.onnx"], "nothing.onnx: no such policy"),
-        (["--distance", "0"], "distance = 0.0 m"),
-        (["--distance", "nan"], "distance = nan m"),
-        (["--rollouts", "0"], "rollouts = 0"),
         (["--policy-go1", "a.onnx", "b.onnx"], "same number of seeds, got [2, 3]"),
     ],
 )
@@ -48,6 +55,14 @@ def test_bad_input_is_one_line_and_nothing_is_written(
     assert message in error
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("length", [0.0, math.nan, math.inf])
+@pytest.mark.parametrize("name", ["distance", "window"])
+def test_settings_refuse_lengths_that_end_no_walk(name: str, length: float) -> None:
+    """From Python too, whichever of the two it is."""
+    with pytest.raises(ValueError, match=f"{name} = {length} m"):
+        Settings(**{name: length})
 
 
 def test_catalogue_is_ordered_and_described() -> None:

@@ -51,6 +51,14 @@ def test_a_row_says_difference_kind_and_reason(tmp_path: Path) -> None:
     assert report.words.cells(near)[-1] == ""
 
 
+def test_agreement_names_both_measures() -> None:
+    """A row without a spread of the paper's is judged by 5 %."""
+    row = Row(condition="", quantity="", unit="", paper=Measured(mean=1.0), ours=1.04)
+    far = Row(condition="", quantity="", unit="", paper=Measured(mean=1.0, sd=0.1), ours=2.0)
+    text = report.words.agreement([row, far])
+    assert text == "1 of 2 predicted rows within the joint spread, or 5 % where the paper states none"
+
+
 def test_an_experiment_without_findings_says_why(tmp_path: Path) -> None:
     """In both files, and nothing else of it is shown."""
     html, text = made(tmp_path, status="failed", findings=None, message=EVIL)

@@ -4,11 +4,12 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mrwarp.paper import Measured
 from mrwarp.reproduce import fingerprint
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, NotYet, Row, over_seeds
+from mrwarp.reproduce.experiment import Experiment, Findings, Job, NotYet, Row, over_seeds, seeds_of
 from mrwarp.reproduce.runner import KEPT, Runner, in_order
 from mrwarp.reproduce.settings import Settings
 
@@ -178,11 +179,13 @@ def test_code_hash_ignores_comments_and_sees_what_is_imported(tmp_path: Path) ->
 
 
 def test_rollouts_are_averaged_within_each_seed_first() -> None:
-    """Section 6.2: three seeds of two rollouts are three values; one seed leaves its rollouts as they are."""
+    """Section 6.2: three seeds are three values, one that is left of them is one; a single policy's rollouts stay."""
     values = [1.0, 10.0, 100.0, 3.0, 30.0, 300.0]
-    found = over_seeds(values, [0, 1, 2] * 2)
+    found = over_seeds(values, seeds_of(np.arange(6), 3))
     assert (found["ours"], found["n"]) == (pytest.approx((2.0 + 20.0 + 200.0) / 3.0), 3)
-    single = over_seeds(values, [0] * 6)
+    left = over_seeds(values, seeds_of(np.arange(6) * 3, 3))
+    assert (left["ours"], left["sd"], left["n"]) == (pytest.approx(74.0), None, 1)
+    single = over_seeds(values, seeds_of(np.arange(6), 1))
     assert (single["ours"], single["n"]) == (pytest.approx(74.0), 6)
 
 

@@ -1,0 +1,111 @@
+"""Figures 10 and 11 on made-up missions: their sentences follow the figures."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrwarp import paper
+from mrwarp.electrical.battery import BatteryCfg
+from mrwarp.electrical.power import ElectricalCfg, Use
+from mrwarp.electrical.thermal import ThermalCfg
+from mrwarp.evaluate.mission import PHASES, MissionTrace, PhaseUse
+from mrwarp.reproduce import fig10, fig11, mission
+from mrwarp.reproduce.experiment import Findings, Job, Row
+from mrwarp.reproduce.settings import Settings
+
+
+def trace(robot: str, *, power: float = 0.0, share: float = 1.0) -> MissionTrace:
+    """The paper's figures of a robot, with so many watts more and its depletion and rises times a share."""
+    three, t = np.ones(3), np.arange(2.0)
+    rise = {name: share * value * three for name, value in paper.MISSION_RISE[robot].items()}
+    return MissionTrace(
+        power={name: (value + power) * three for name, value in paper.MISSION_POWER[robot].items()},
+        seconds={name: 500.0 * three for name in PHASES}, depletion=share * paper.MISSION_DEPLETION[robot][0] * three,
+        rise={**rise, "proximal": paper.proximal_rise(robot) * three, "fluid": 0.0 * three}, t=t, power_over_time=t,
+        charge=t, calf=t, proximal=t, fluid=np.zeros((3, 3)),
+    )  # fmt: skip
+
+
+def made(
+    module, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, traces: dict[str, MissionTrace], **changed
+) -> Findings:
+    """What an entry finds in these missions."""
+    found = mission.Mission(
+        **{"traces": traces, "electrical": ElectricalCfg(), "thermal": ThermalCfg(), "battery": BatteryCfg(),
+           "misfit": 16.0, "held": 0.43, "arrivals": [], **changed}
+    )  # fmt: skip
+    monkeypatch.setattr(mission, "read", lambda job: found)
+    return module.compute(Job(settings=Settings(), out=tmp_path, folders={}, report=lambda text, share: None))
+
+
+def row(found: Findings, condition: str, quantity: str) -> Row:
+    """The row of a condition."""
+    return next(r for r in found.rows if (r.condition, r.quantity) == (condition, quantity))
+
+
+@pytest.mark.parametrize("share", [1.02, 0.98, 0.6])
+def test_claims_take_the_least_reduction_from_the_paper(
+    share: float, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """What saves 40 % more than the paper saves at least its share, and the sentence says so."""
+    traces = {robot: trace(robot) for robot in paper.ROBOTS}
+    traces["mr_go_sal"] = trace("mr_go_sal", share=share)
+    claims = made(fig10, monkeypatch, tmp_path, traces).claims
+    assert claims["by at least 11.5 %"] == (share < 1.0)
+    claims = made(fig11, monkeypatch, tmp_path, traces).claims
+    assert claims["SAL lowers the calves' rise while walking by at least 48.3 %"] == (share < 1.0)
+
+
+@pytest.mark.parametrize(("off", "place"), [(15.0, "+15.0 W are within the 16.0 W"), (-20.0, "-20.0 W are beyond")])
+def test_a_power_is_held_against_the_misfit(
+    off: float, place: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Of Go1's calibration rows; SAL's rows tell the saving instead."""
+    found = made(fig10, monkeypatch, tmp_path, {robot: trace(robot, power=off) for robot in paper.ROBOTS})
+    assert row(found, "MR_Go, outbound", "power").why.startswith(place)
+    assert "SAL saves 55 W here and 55 W in the paper" in row(found, "MR_Go-SAL, outbound", "power").why
+
+
+def test_go1s_way_back_is_calibrated_and_its_calves_are_no_prediction(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Its 194.8 W fixed the load; its calves the housings. The same figures of MR_Go are predictions."""
+    traces = {robot: trace(robot, power=30.0, share=1.1) for robot in paper.ROBOTS}
+    found = made(fig10, monkeypatch, tmp_path, traces)
+    assert row(found, "Go1, return", "power").calibrated
+    assert not row(found, "MR_Go, return", "power").calibrated
+    found = made(fig11, monkeypatch, tmp_path, traces)
+    own = row(found, "Go1, calves, both walks", "rise")
+    assert own.calibrated and own.differs
+    assert "prediction" not in own.why
+    assert "leaves +1.98 K" in own.why
+    assert "A prediction from Go1's calves" in row(found, "MR_Go, calves, both walks", "rise").why
+
+
+def test_figure11_tells_both_shares_of_time(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Ours beside table 7's, whichever is longer; without ours, neither."""
+    traces = {robot: trace(robot, share=1.1) for robot in paper.ROBOTS}
+    why = row(made(fig11, monkeypatch, tmp_path, traces, held=0.2), "MR_Go, calves, both walks", "rise").why
+    assert "at 3 kg and 0.3 m/s are held for 20 % of the time and the paper's for 26 % (table 7)" in why
+    assert "longer" not in why
+    why = row(made(fig11, monkeypatch, tmp_path, traces, held=np.nan), "MR_Go, calves, both walks", "rise").why
+    assert "held" not in why
+
+
+def test_lost_windows_are_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Once, with the way on which they were lost, in both figures."""
+    use = Use(**dict.fromkeys(("torque_square", "work_out", "work_in", "coil", "friction"), np.zeros((1, 12))))
+    whole = PhaseUse(use=use, seconds=np.ones(1), speed=np.ones(1), trial=np.zeros(1), tried=3)
+    phases = {"go1": dict.fromkeys(PHASES, whole), "mr_go": {**dict.fromkeys(PHASES, whole)}}
+    assert mission.arrivals(phases) == []
+    phases["mr_go"]["return"] = replace(whole, fell=1, late=1)
+    told = mission.arrivals(phases)
+    assert told == [
+        "Only trials that arrived count. MR_Go, return: 1 fell and 1 came too late of 3. A repetition counts if it "
+        "finished both ways."
+    ]
+    for module in (fig10, fig11):
+        found = made(module, monkeypatch, tmp_path, {robot: trace(robot) for robot in paper.ROBOTS}, arrivals=told)
+        assert found.notes[0] == told[0]

@@ -1,0 +1,142 @@
+"""Entries that read pushes and falling masses, on made-up trials."""
+
+from pathlib import Path
+
+import matplotlib.axes
+import numpy as np
+import pytest
+
+from mrwarp import paper
+from mrwarp.evaluate import thresholds
+from mrwarp.evaluate.impact import ImpactTrace
+from mrwarp.reproduce import drops, fig6, fig7, pushes, readings, sensitivity, table4
+from mrwarp.reproduce.experiment import Findings, Job, seeds_of
+from mrwarp.reproduce.settings import Settings
+from mrwarp.robot import LEGS
+
+TRIALS = 6
+"""Two of each of three policies."""
+
+
+def pushed(off: dict[str, float]) -> pushes.Pushes:
+    """Pushes whose 0 A rows are off by so much, relative, by the name of the reading; 0.1 where it is not given."""
+    entry = {"duration": 0.2, "worst": 0.1, "monotone": True, "change": dict.fromkeys(readings.CELLS, 0.05)}
+    entries = [
+        {**entry, "reading": reading.name, "min_height": [0.2] * 4, "peak_down_velocity": [-0.5] * 4,
+         "off_mismatch": [off.get(reading.name, 0.1)] * 2}
+        for reading in readings.READINGS
+    ]  # fmt: skip
+    cells = [{"min_height": np.full((4, TRIALS), 0.2), "peak_down_velocity": np.full((4, TRIALS), -0.5)}] * len(entries)
+    shape = (4, TRIALS, 5, 4)
+    torque = np.zeros(shape) + np.arange(1.0, 5.0)
+    torque[-1] *= 0.9
+    trace = {"t": np.arange(5.0), "tau_motor": torque, "m_dyn": np.ones(shape)}
+    return pushes.Pushes(readings=entries, cells=cells, trace=trace, policies=3)
+
+
+def dropped() -> tuple[dict[str, dict[str, np.ndarray]], np.ndarray | None]:
+    """Falling masses: policies differ by 1, the trials of each by 0.1."""
+    values = np.tile([0.0, 1.0, 2.0, 0.1, 1.1, 2.1], (4, 1))
+    names = (*readings.CELLS, *LEGS)
+    return {name: {figure: values.copy() for figure in names} for name in drops.GAINS}, seeds_of(np.arange(TRIALS), 3)
+
+
+def made(module, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: pushes.Pushes) -> Findings:
+    """What an entry finds in these pushes and falling masses."""
+    monkeypatch.setattr(pushes, "read", lambda folder: found)
+    monkeypatch.setattr(drops, "read", lambda folder: dropped())
+    folders = {"pushes": tmp_path, "drops": tmp_path}
+    return module.compute(Job(settings=Settings(), out=tmp_path, folders=folders, report=lambda text, share: None))
+
+
+def test_figure6_reads_the_leg_that_is_loaded(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The adopted push meets FR and RL, the mirror image of the paper's FL and RR; rows and a note say so."""
+    assert readings.ADOPTED.phases == readings.FR_RL_STANCE
+    found = made(fig6, monkeypatch, tmp_path, pushed({}))
+    ours = {row.condition: row.ours for row in found.rows}
+    assert ours["FR for the paper's FL, mean, 1.5 A"] == pytest.approx(0.9 * (1 + LEGS.index("FR")))
+    assert ours["RL for the paper's RR, peak, 1.5 A"] == pytest.approx(0.9 * (1 + LEGS.index("RL")))
+    assert ours["RL for the paper's RR, peak, 0 to 1.5 A"] == pytest.approx(-10.0)
+    assert "while FR and RL stand, the paper's while FL and RR do" in found.notes[1]
+    assert not any("phase" in row.why for row in found.rows)
+
+
+@pytest.mark.parametrize(
+    ("phases", "legs"),
+    [(readings.FL_RR_STANCE, {"FL": "FL", "RR": "RR"}), (readings.FR_RL_STANCE, {"FL": "FR", "RR": "RL"}),
+     ((0.1, 0.3), {"FL": "FL", "RR": "RR"}), ((0.25, 0.75), {"FL": "FL"}), (None, {"FL": "FL", "RR": "RR"})],
+)  # fmt: skip
+def test_legs_follow_from_the_phases(phases: tuple[float, float] | None, legs: dict[str, str]) -> None:
+    """The leg at the same end of the pair that stands; phases over both stances leave the paper's."""
+    assert {leg: fig6.same_load(leg, phases) for leg in legs} == legs
+
+
+def test_table4_claims_that_the_adopted_0_a_row_is_nearest(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Among readings with eq. 14; one with another torque may be nearer, another with eq. 14 may not."""
+    claim = "of the 12 readings with eq. 14, the adopted one's 0 A row is nearest"
+    adopted, other = readings.ADOPTED.name, "the same, Kp 16, Kd 0.3"
+    near = {adopted: 0.001, readings.UNWEAKENED.name: 0.0}
+    found = made(table4, monkeypatch, tmp_path, pushed(near))
+    assert found.claims[claim]
+    assert f"'{adopted}' is off by +0.1 %" in found.notes[1]
+    assert not made(table4, monkeypatch, tmp_path, pushed({**near, other: -0.0005})).claims[claim]
+
+
+def test_table4_takes_the_papers_changes_and_the_mean_of_the_calibrated_push(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """From ``paper``; the note does not speak of every push."""
+    found = made(table4, monkeypatch, tmp_path, pushed({}))
+    assert found.tables[0].rows[0][-4:-2] == ["+14.7 %", "-19.3 %"]
+    assert "the calibrated push lowers the trunk to 0.200 m on average" in found.notes[0]
+
+
+@pytest.mark.parametrize(("module", "method"), [(table4, "errorbar"), (fig7, "bar")])
+def test_bars_show_the_spread_of_the_rows(module, method: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Three policies at 0.05, 1.05 and 2.05: mean 1.05 and SD 1, not the 0.82 of the six trials together."""
+    drawn, real = [], getattr(matplotlib.axes.Axes, method)
+
+    def spy(axes, x, y, *args, **kwargs):
+        drawn.append((y, args[0] if args and method == "errorbar" else kwargs.get("yerr")))
+        return real(axes, x, y, *args, **kwargs)
+
+    monkeypatch.setattr(matplotlib.axes.Axes, method, spy)
+    found = made(module, monkeypatch, tmp_path, pushed({}))
+    row = next(row for row in found.rows if "drop of" in row.condition or module is fig7)
+    bars = [(y[0], sd[0]) for y, sd in drawn if np.isclose(y, 1.05).all()]
+    assert bars == [pytest.approx((row.ours, row.sd))] * (4 if module is table4 else 8)
+    assert (row.ours, row.sd, row.n) == (pytest.approx(1.05), pytest.approx(1.0), 3)
+
+
+def test_sensitivity_is_over_seeds() -> None:
+    """Policies whose drop shrinks by 10, 20 and 30 %: 20 % with SD 10 over three, however many trials each had."""
+    count = len(thresholds.variants(1.5))
+    share = np.tile([0.9, 0.8, 0.7], 4)
+    drop = np.where(np.arange(count)[:, None] == 0, 0.1, 0.1 * share)
+    height = np.stack([np.full_like(drop, 0.3), 0.3 - drop], axis=2)
+    blank = np.zeros((count, 12, 2, 4))
+    trace = ImpactTrace(
+        t=np.array([0.005, 0.01]), height=height, velocity=np.zeros_like(height),
+        tau_motor=drop[..., None, None] + blank, tau_mr=blank, current=blank, m_dyn=blank, m_hold=blank, f_foot=blank,
+        q=blank, qd=blank, qpos=np.zeros((count, 2, 19)), ledger=np.zeros((count, 12, 7)),
+        fell=np.zeros((count, 12), dtype=bool), contact=np.zeros((count, 12)),
+    )  # fmt: skip
+    for entries in sensitivity.by_seed(trace, 3).values():
+        for entry in entries:
+            for quantity in sensitivity.QUANTITIES:
+                cell = entry[quantity]
+                assert (cell["ours"], cell["sd"], cell["n"]) == (pytest.approx(20.0), pytest.approx(10.0), 3)
+    single = sensitivity.by_seed(trace, 1)["f_th"][0]["drop"]
+    assert (single["ours"], single["n"]) == (pytest.approx(20.0), 12)
+    assert single["sd"] == pytest.approx(float(np.std(100.0 * (1.0 - share), ddof=1)))
+
+
+def test_papers_changes_are_those_of_its_cells() -> None:
+    """The abstract's percentages follow from table 4 to their last digit, and those of COT from table 6."""
+    for cell, change in paper.IMPACT_CHANGE.items():
+        for kind, source in (("push", "simulation"), ("drop", "hardware")):
+            rows = paper.TABLE_4[source]
+            assert 100.0 * (rows[1.5][cell].mean / rows[0.0][cell].mean - 1.0) == pytest.approx(change[kind], abs=0.06)
+    keys = [key[1:] for key in paper.TABLE_6 if key[0] == "mr_go"]
+    lower = [1.0 - paper.TABLE_6["mr_go_sal", *key].cot / paper.TABLE_6["mr_go", *key].cot for key in keys]
+    assert (min(lower), max(lower)) == pytest.approx(paper.COT_REDUCTION, abs=5e-4)

@@ -1,0 +1,28 @@
+"""Entries on the studies' policies: what they depend on, and sentences of figure 4."""
+
+import pytest
+
+from mrwarp.nn import model_file
+from mrwarp.reproduce import fig4, pushes, studied, table2, table3
+from mrwarp.reproduce.experiment import NotYet
+from mrwarp.reproduce.settings import Settings
+
+
+@pytest.mark.parametrize("module", [table2, table3, pushes, fig4])
+def test_entries_depend_on_the_network_they_run(module) -> None:
+    """Another PG-RLSTM must make them anew: it walks in tables 2 and 3 and pushes in a reading."""
+    assert "pg_rlstm.safetensors" in {path.name for path in module.EXPERIMENT.files(Settings())}
+
+
+def test_networks_are_those_that_learn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A law has none; a network that is not there is named."""
+    assert [path.name for path in studied.networks(("bouc_wen", "lstm"))] == ["lstm.safetensors"]
+    monkeypatch.setattr(model_file, "shipped_model", lambda kind: None)
+    with pytest.raises(NotYet, match="no trained network for lstm"):
+        studied.networks(("bouc_wen", "lstm"))
+
+
+def test_figure4_compares_the_bench_with_the_device() -> None:
+    """By what either leaves to its own Bouc-Wen model."""
+    assert "are milder here" in fig4.why(1.5, 0.777, 0.3)
+    assert "are no milder here" in fig4.why(1.5, 0.777, 0.9)

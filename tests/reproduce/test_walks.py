@@ -1,0 +1,128 @@
+"""Entries that read the walks, on made-up trials: what fell or came late is told, and no claim holds without it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrwarp import paper
+from mrwarp.electrical.power import Use
+from mrwarp.evaluate.traces import CHANNELS, GaitTrace
+from mrwarp.evaluate.walk_trials import WalkResult
+from mrwarp.reproduce import fig8, fig9, store, table7, walking
+from mrwarp.reproduce.experiment import Findings, Job, over_seeds
+from mrwarp.reproduce.settings import Settings
+
+TRIALS = np.arange(9)
+"""Three rollouts of each of three policies."""
+
+HOLD = {(0.0, 0.3): 0.4, (0.0, 0.5): 0.3, (3.0, 0.3): 0.5, (3.0, 0.5): 0.35}
+"""Share of time held: longer at low speed and with payload, and longer than the paper's."""
+
+
+def walked(robot: str, payload: float, command: float, trial: np.ndarray = TRIALS, late: int = 0) -> WalkResult:
+    """Trials that arrived; calves of MR_Go-SAL turn with less torque, so that all claims hold."""
+    n, devices = len(trial), 0 if robot == "go1" else 4
+    blank, idle = np.zeros(n), np.zeros((n, 12))
+    power = paper.TABLE_6["go1", int(payload), command].power
+    square = np.full((n, 12), _square(power) * (1.0 if robot == "go1" else 1.1))
+    counts = np.zeros((3, 160))
+    counts[:, 90] = n * 100.0
+    if robot == "mr_go_sal":
+        square[:, 2::3] *= 0.2
+        counts[2] = np.roll(counts[2], -5)
+    return WalkResult(
+        robot=robot, payload=payload, command=command, mass=12.0 + payload, trial=trial,
+        use=Use(torque_square=square, work_out=idle, work_in=idle, coil=np.zeros((n, devices)),
+                friction=np.zeros((n, devices))),
+        seconds=blank + 30.0 / command, speed=blank + command, v_x_rmse=blank, height=blank, height_rmse=blank,
+        height_sd=blank, tilt_rms=blank, yaw_rate_rmse=blank,
+        hold=np.full((n, devices), HOLD[payload, command]) + 0.01 * trial[:, None] % 3,
+        dynamic=np.zeros((n, devices)), counts=counts, fell=len(TRIALS) - n - late, late=late,
+        trace=GaitTrace(t=np.arange(2.0), values=dict.fromkeys(CHANNELS, np.zeros(2))),
+    )  # fmt: skip
+
+
+def _square(power: float) -> float:
+    """Torque squared [(N·m)^2] of motors that draw a power [W] beside electronics of 60 W, for some resistance."""
+    return 0.25 * (power - 60.0)
+
+
+def folder(tmp_path: Path, *changed: WalkResult, policies: int = 3) -> Path:
+    """A folder of walks in which all arrived but for the changed conditions."""
+    results = {(robot, *cell): walked(robot, *cell) for robot in paper.ROBOTS for cell in HOLD}
+    results |= {(r.robot, r.payload, r.command): r for r in changed}
+    square = _square(paper.MISSION_POWER["go1"]["standby"])
+    standing = Use(torque_square=np.full(12, square), work_out=np.zeros(12), work_in=np.zeros(12), coil=np.zeros(0),
+                   friction=np.zeros(0))  # fmt: skip
+    store.save(
+        tmp_path / walking.DATA,
+        {"both": list(results.values()), **{name: [] for name in walking.VARIANTS if name != "both"},
+         "standing": {"go1": standing}, "policies": policies},
+    )  # fmt: skip
+    return tmp_path
+
+
+def made(module, folder: Path) -> Findings:
+    """What an entry finds in the walks of a folder."""
+    job = Job(settings=Settings(), out=folder, folders={"walks": folder}, report=lambda text, share: None)
+    return module.compute(job)
+
+
+@pytest.mark.parametrize("module", [table7, fig8, fig9])
+def test_claims_hold_and_nothing_is_said_when_all_arrived(module, tmp_path: Path) -> None:
+    """The made-up robots do as the paper says."""
+    found = made(module, folder(tmp_path))
+    assert all(found.claims.values())
+    assert not any("fell" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("module", "robot"), [(table7, "mr_go_sal"), (fig8, "mr_go_sal"), (fig8, "go1"), (fig9, "mr_go")]
+)
+def test_no_claim_holds_without_every_condition(module, robot: str, tmp_path: Path) -> None:
+    """A condition in which nobody arrived is neither lower nor longer than another, and one note counts its trials."""
+    found = made(module, folder(tmp_path, walked(robot, 3.0, 0.5, TRIALS[:0], late=2)))
+    assert found.claims and not any(found.claims.values())
+    told = [note for note in found.notes if "fell" in note]
+    name = paper.NAMES[robot]
+    assert told == [
+        f"Only trials that arrived count. {name}, 3 kg, 0.5 m/s: 7 fell and 2 came too late of 9, which leaves no "
+        "figure."
+    ]
+
+
+def test_some_lost_trials_are_told_and_do_not_spoil_the_claims(tmp_path: Path) -> None:
+    """One note over both conditions that lost some."""
+    lost = walked("mr_go_sal", 0.0, 0.3, TRIALS[1:]), walked("mr_go_sal", 0.0, 0.5, TRIALS[2:], late=2)
+    found = made(table7, folder(tmp_path, *lost))
+    assert all(found.claims.values())
+    assert found.notes == (
+        "Only trials that arrived count. MR_Go-SAL, 0 kg, 0.3 m/s: 1 fell and 0 came too late of 9; MR_Go-SAL, 0 kg, "
+        "0.5 m/s: 0 fell and 2 came too late of 9.",
+    )
+
+
+def test_table7_says_longer_only_where_it_is(tmp_path: Path) -> None:
+    """Calves that are held for 10 % of the time stand still for less than the paper's; without a trial it says so."""
+    short = walked("mr_go_sal", 3.0, 0.3)
+    short = replace(short, hold=np.full((9, 4), 0.1))
+    found = made(table7, folder(tmp_path, short, walked("mr_go_sal", 3.0, 0.5, TRIALS[:0])))
+    why = {row.condition: row.why for row in found.rows}
+    assert "stand still for less time: 10 to 10 %" in why["3 kg, 0.3 m/s, paper's simulation"]
+    assert "stand still longer" in why["0 kg, 0.3 m/s, paper's simulation"]
+    assert why["3 kg, 0.5 m/s, paper's simulation"] == "No trial arrived."
+
+
+def test_one_surviving_policy_is_one_seed(tmp_path: Path) -> None:
+    """Of three policies one arrived, three times: a single value, unlike three seeds or rollouts of one policy."""
+    left = walked("mr_go_sal", 0.0, 0.3, TRIALS[1::3])
+    several = walking.read(folder(tmp_path, left))
+    assert over_seeds(left.hold.mean(-1), several.seed_of(left))["n"] == 1
+    assert over_seeds(left.hold.mean(-1), several.seed_of(left))["sd"] is None
+    single = walking.read(folder(tmp_path, left, policies=1))
+    assert over_seeds(left.hold.mean(-1), single.seed_of(left))["n"] == 3
+    rows = {row.condition: row for row in made(table7, folder(tmp_path, left)).rows}
+    assert rows["0 kg, 0.3 m/s, paper's simulation"].n == 1
+    assert rows["0 kg, 0.5 m/s, paper's simulation"].n == 3
