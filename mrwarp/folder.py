@@ -24,7 +24,7 @@ def check_writable(out: Path) -> None:
         FolderError: the folder cannot be made or written.
     """
     probe = out / ".probe.part"
-    made = [folder for folder in (out, *out.parents) if not folder.exists()]
+    made = _missing(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
         try:
@@ -34,9 +34,19 @@ def check_writable(out: Path) -> None:
     except OSError as error:
         raise FolderError(f"{out}: cannot be written ({error.strerror}); free it or name another --out") from error
     finally:
-        with contextlib.suppress(OSError):
-            for folder in made:
-                folder.rmdir()
+        _remove_empty(made)
+
+
+def _missing(out: Path) -> list[Path]:
+    """The folders that making ``out`` would make, innermost first."""
+    return [folder for folder in (out, *out.parents) if not folder.exists()]
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    """Remove folders, innermost first, up to one that holds something."""
+    with contextlib.suppress(OSError):
+        for folder in folders:
+            folder.rmdir()
 
 
 def place_and_cause(error: OSError) -> str:
@@ -49,10 +59,23 @@ def place_and_cause(error: OSError) -> str:
 def claim(out: Path) -> Iterator[None]:
     """Keep other processes out of a folder, which is made; ends with the process, however that ends.
 
+    A folder that was made for work that fails is removed again if it is still empty.
+
     Raises:
         FolderError: another process writes into it.
     """
+    made = _missing(out)
     out.mkdir(parents=True, exist_ok=True)
+    try:
+        with _locked(out):
+            yield
+    except BaseException:
+        _remove_empty(made)
+        raise
+
+
+@contextlib.contextmanager
+def _locked(out: Path) -> Iterator[None]:
     if fcntl is None:
         yield
         return

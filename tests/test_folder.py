@@ -49,6 +49,19 @@ def test_a_claim_makes_the_folder_and_keeps_others_out(tmp_path: Path) -> None:
         assert list(out.iterdir()) == []
 
 
+def test_a_claim_for_work_that_fails_leaves_no_empty_folder(tmp_path: Path) -> None:
+    """What was there before stays, and so does a folder with something in it."""
+    for before, inside in (("", ""), ("a", ""), ("a/b", ""), ("", "kept")):
+        root = tmp_path / f"{before.replace('/', '')}{inside}_case"
+        (root / before).mkdir(parents=True)
+        with pytest.raises(ValueError, match="work"), claim(root / "a" / "b"):
+            if inside:
+                (root / "a" / "b" / inside).touch()
+            raise ValueError("work")
+        assert (root / "a/b").exists() == bool(inside or before == "a/b")
+        assert (root / "a").exists() == bool(inside or before)
+
+
 def test_place_and_cause_are_one_line() -> None:
     """With and without what the system says."""
     assert place_and_cause(OSError(errno.EROFS, "Read-only file system", "out/a")) == "out/a: Read-only file system"

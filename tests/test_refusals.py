@@ -1,6 +1,8 @@
 """Bad input to any command: exit code 2, one line that names place, value and remedy, nothing written."""
 
 import importlib
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -164,3 +166,39 @@ def test_figure_4_tries_its_folder_before_the_bench(
     monkeypatch.setattr("mrwarp.reproduce.figure4.run_bench", not_reached)
     line = refused(["reproduce", "fig4", "--train", "--out", str(bench / "few.csv")], capsys)
     assert "few.csv: cannot be written" in line
+
+
+def test_bench_reads_the_policy_before_it_begins(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A policy that is none: one line, without progress before it, and no folder."""
+    (bench / "bad.onnx").write_text("this is no policy")
+    assert cli.main(["bench", "--out", str(bench / "out"), "--policy", str(bench / "bad.onnx")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"mrwarp bench: {bench}/bad.onnx: not a readable ONNX model") and error.count("\n") == 1
+    assert not (bench / "out").exists()
+
+
+def test_an_error_stands_on_a_line_of_its_own_below_the_progress(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What ends the bench in its course leaves the line that says how far it was."""
+
+    def fail(_: object, told: Callable[[float, str], None]) -> None:
+        told(0.5, "walking")
+        raise ValueError("it fell")
+
+    monkeypatch.setattr("mrwarp.sysid.bench_cli.run_bench", fail)
+    assert cli.main(["bench", "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == "mrwarp bench: it fell"
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("runner", ["local", "ray"])
+def test_a_sweep_without_a_runner_leaves_no_folder(
+    runner: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Options that exclude each other, and a Ray that is not installed."""
+    monkeypatch.setitem(sys.modules, "ray", None)
+    args = ["--out", str(tmp_path / "out"), "--command", "train", "--grid", "seed=0,1", "--runner", runner]
+    line = refused(["sweep", *args, "--address", "host:1"], capsys)
+    assert ("leave --runner out" if runner == "local" else "pip install") in line
+    assert not (tmp_path / "out").exists()

@@ -55,6 +55,8 @@ def main(argv: list[str] | None = None) -> int:
     cut = argv.index("--") if "--" in argv else len(argv)
     args = make_parser().parse_args(argv[:cut])
     try:
+        if args.address and args.runner == "local":
+            raise GridError("--address needs --runner ray; leave --runner out")
         trials = make_trials(Command(args.command), args.grid, argv[cut + 1 :], args.out, threads=args.cpus)
         folders = {(args.out / trial.name).absolute(): trial for trial in trials}
         _refuse_others(folders)
@@ -87,8 +89,6 @@ def _runner(args: argparse.Namespace) -> Runner:
     """
     workers = args.workers or max((os.cpu_count() or 1) // args.cpus, 1)
     if args.address or args.runner == "ray":
-        if args.runner == "local":
-            raise GridError("--address needs --runner ray; leave --runner out")
         return RayRunner(workers, cpus=args.cpus, gpus=args.gpus, address=args.address)
     return LocalRunner(workers, cpus=args.cpus, gpus=args.gpus, visible=_gpus() if args.gpus else ())
 

@@ -7,7 +7,7 @@ import shlex
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -35,12 +35,17 @@ def main(argv: list[str] | None = None) -> int:
         cfg = _cfg(args)
         _check_free(args.out, args.overwrite)
         check_writable(args.out)
+        if cfg.policy is not None:
+            from mrwarp.rl.policy import OnnxPolicy  # starts torch
+
+            OnnxPolicy(cfg.policy)
         return _run(cfg, args, "mrwarp bench " + shlex.join(argv))
     except (ValueError, OSError) as error:
         print(f"mrwarp bench: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print(f"\nstopped; what {args.out} holds is not complete", file=sys.stderr)
+        left = f"what {args.out} holds is not complete" if args.out.exists() else "nothing was written"
+        print(f"stopped; {left}", file=sys.stderr)
         return 130
 
 
@@ -122,9 +127,18 @@ def _check_free(out: Path, overwrite: bool) -> None:
 
 def _run(cfg: BenchCfg, args: argparse.Namespace, command: str) -> int:
     started = time.perf_counter()
-    show = _Progress(args.progress, started)
-    args.out.mkdir(parents=True, exist_ok=True)
-    data = run_bench(cfg, show)
+    with _Progress(args.progress, started) as show:
+        data = run_bench(cfg, show)
+        figures = _write(data, cfg, args, show)
+        figures["seconds"] = round(time.perf_counter() - started, 1)
+        write_result(args.out, figures, seed=cfg.seed, command=command)
+    print(_table(figures, cfg))
+    print(f"\nrecordings, {HOLDING_FILE}, bench.png and result.json in {args.out}")
+    return 0
+
+
+def _write(data: BenchData, cfg: BenchCfg, args: argparse.Namespace, show: _Progress) -> dict[str, Any]:
+    """Write recordings and picture; returns the session's figures."""
     kind = ".csv.gz" if args.format == "csv" else ".parquet"
     for part, recording in zip(_PARTS, (data.fit, data.evaluation), strict=True):
         for old in sorted((args.out / part).glob("*")) if args.overwrite else []:
@@ -137,17 +151,11 @@ def _run(cfg: BenchCfg, args: argparse.Namespace, command: str) -> int:
     show(1.0, "comparing with eq. 14")
     figures = measure(data, cfg)
     draw(data, cfg, args.out / "bench.png")
-    write_result(
-        args.out, {**figures, "seconds": round(time.perf_counter() - started, 1)}, seed=cfg.seed, command=command
-    )
-    show.close()
-    print(_table(figures, cfg))
-    print(f"\nrecordings, {HOLDING_FILE}, bench.png and result.json in {args.out}")
-    return 0
+    return figures
 
 
 class _Progress:
-    """One line that is written over."""
+    """One line that is written over, and left behind however the work ends."""
 
     def __init__(self, on: bool, started: float) -> None:
         self.on, self.started, self.last = on, started, ""
@@ -158,9 +166,11 @@ class _Progress:
             print(f"\r{line:60s}", end="", file=sys.stderr, flush=True)
             self.last = line
 
-    def close(self) -> None:
-        """Leave the line."""
-        if self.on:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.last:
             print(file=sys.stderr)
 
 
