@@ -49,6 +49,15 @@ def within(low: float, high: float, unit: str) -> Callable[[str], float]:
 averaged = within(0.0, 60.0, "s")
 """Length of a moving average [s]; 0 is none."""
 
+coil_current = within(0.0, 100.0, "A")
+"""Coil current; what a robot's devices take is known when it is loaded, see ``mrwarp.asset.check_currents``."""
+
+speed = within(-5.0, 5.0, "m/s")
+"""Commanded forward speed; quadrupeds of this size run at 3 to 5 m/s."""
+
+force = within(-1e4, 1e4, "N")
+"""Push on a robot of 15 kg; the paper's is 100 N."""
+
 
 def whole(text: str) -> int:
     """A whole number of at least 0."""

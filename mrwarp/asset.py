@@ -6,6 +6,7 @@ The files are edited by hand: what is missing, misspelt or out of range is refus
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -92,6 +93,20 @@ def load_robot(
         if root.GetVariantSets().HasVariantSet(name):
             root.GetVariantSet(name).SetVariantSelection(choice)
     return RobotAsset(path=file, robot=robot, payload=payload, stage=stage, actuators=_actuators(stage, file, JOINTS))
+
+
+def check_currents(actuators: Sequence[JointActuator], currents: Sequence[float]) -> None:
+    """Refuse currents that the coils' controllers would cut down to their own maximum.
+
+    Raises:
+        AssetError: one is larger than a device's ``current_max``.
+    """
+    for a in actuators:
+        if a.mr is not None and max(currents) > a.mr.coil.current_max:
+            raise AssetError(
+                f"--current {max(currents):g}: {a.joint} takes 0 to {a.mr.coil.current_max:g} A; give currents up to "
+                "that, or an --asset with another current_max"
+            )
 
 
 def load_bench(path: str | Path | None = None, *, allow_external: bool = False) -> RobotAsset:

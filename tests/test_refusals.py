@@ -1,14 +1,18 @@
 """Bad input to any command: exit code 2, one line that names place, value and remedy, nothing written."""
 
 import importlib
+import math
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mrwarp import cli
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.evaluate.impact import ImpactCfg, Variant
 from mrwarp.sysid.recording import Holding
 
 
@@ -202,3 +206,74 @@ def test_a_sweep_without_a_runner_leaves_no_folder(
     line = refused(["sweep", *args, "--address", "host:1"], capsys)
     assert ("leave --runner out" if runner == "local" else "pip install") in line
     assert not (tmp_path / "out").exists()
+
+
+OUT_OF_RANGE: dict[str, list[tuple[list[str], str]]] = {
+    "impact": [
+        (["--current", "nan"], "nan; allowed: 0 to 100 A"),
+        (["--current", "0", "-1"], "-1; allowed: 0 to 100 A"),
+        (["--force", "nan", "0", "0"], "nan; allowed: -10000 to 10000 N"),
+        (["--force", "0", "0", "1e9"], "1e9; allowed: -10000 to 10000 N"),
+        (["--speed", "nan"], "nan; allowed: -5 to 5 m/s"),
+        (["--speed", "1e9"], "1e9; allowed: -5 to 5 m/s"),
+        (["--duration", "inf"], "inf must be a positive number"),
+        (["--trials", "0"], "0 must be at least 1"),
+    ],
+    "bench": [(["--trajectories", "0"], "0 must be at least 1"), (["--evaluation-samples", "-1"], "at least 0")],
+    "learn": [(["data", "--out", "o", "--epochs", "0"], "0 must be at least 1")],
+    "perf": [
+        (["--steps", "-1"], "-1 must be at least 0"),
+        (["--threads", "-1"], "-1 must be at least 0"),
+        (["--num-envs", "4", "0"], "0 must be at least 1"),
+    ],
+    "train": [(["--threads", "-1"], "-1 must be at least 0"), (["--save-every", "nan"], "nan must be at least 0")],
+    "play": [
+        (["--agent", "zero", "--current", "inf"], "inf; allowed: 0 to 100 A"),
+        (["--agent", "zero", "--speed", "6"], "6; allowed: -5 to 5 m/s"),
+        (["--agent", "zero", "--seconds", "nan"], "nan must be a finite number"),
+        (["--agent", "zero", "--web-port", "65536"], "65536; allowed: 1 to 65535"),
+    ],
+    "sweep": [(["--out", "o", "--command", "fit", "--grid", "seed=1", "--gpus", "-1"], "-1 must be at least 0")],
+    "replay-dump": [(["dump.safetensors", "--rows", "0"], "0 must be at least 1")],
+}
+
+
+@pytest.mark.parametrize(
+    ("command", "args", "message"),
+    [pytest.param(command, *case, id=f"{command} {' '.join(case[0])}") for command, cases in OUT_OF_RANGE.items()
+     for case in cases],
+)  # fmt: skip
+def test_a_number_out_of_range(
+    command: str, args: list[str], message: str, capsys: pytest.CaptureFixture[str], tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """Refused when the arguments are read, with the option's name."""
+    monkeypatch.chdir(tmp_path)
+    line = refused([command, *args], capsys)
+    assert message in line and "argument --" in line
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "args", [["impact", "--trials", "1", "--coupling", "constraint"], ["play", "--agent", "zero", "--num-envs", "1"]]
+)
+def test_more_current_than_the_coils_take(args: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The asset's devices are limited to 1.5 A: what is asked for above that is refused, not cut down silently."""
+    line = refused([*args, "--out", str(tmp_path / "out"), "--current", "1.6"], capsys)
+    assert "--current 1.6" in line and "takes 0 to 1.5 A" in line
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("current", [-1.0, float("nan"), float("inf")])
+def test_currents_of_a_task_are_numbers(current: float) -> None:
+    """Wherever in the list they stand: the least of numbers and NaN is either."""
+    for currents in ((0.5, current), (current, 0.5)):
+        with pytest.raises(ValueError, match="finite and none below 0 A"):
+            replace(make_walk_cfg(), currents=currents)
+        with pytest.raises(ValueError, match="must be finite, none below 0"):
+            ImpactCfg(variants=tuple(Variant(current=x) for x in currents))
+    for wrong in ({"speed": math.nan}, {"force": (0.0, math.inf, 0.0)}):
+        with pytest.raises(ValueError, match="must be finite"):
+            ImpactCfg(**wrong)
+    with pytest.raises(ValueError, match="^trials = 0 must be at least 1$"):
+        ImpactCfg(trials=0)

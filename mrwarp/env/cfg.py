@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 from mrwarp.actuator import Coupling, HoldCurrent, MrActuatorCfg, ZStep
@@ -185,8 +186,8 @@ class EnvCfg:
                 f"actuator_model = {self.actuator_model!r} "
                 + (need if self.actuator_model in LEARNED else f"takes no actuator_file, got {self.actuator_file!r}")
             )
-        if not self.currents or min(self.currents) < 0.0:
-            raise ValueError(f"currents = {self.currents} must be at least one value, none below 0 A")
+        if not self.currents or not all(0.0 <= current < math.inf for current in self.currents):
+            raise ValueError(f"currents = {self.currents} must be at least one value, finite and none below 0 A")
         if self.gains is not None and not (self.gains[0] > 0.0 and self.gains[1] >= 0.0):
             raise ValueError(f"gains = {self.gains}: Kp must be positive and Kd not negative")
         if not 0.0 < self.window_capacity <= 1.0:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mrwarp.arguments import count
 from mrwarp.env.dump import Dump, DumpError, load
 from mrwarp.in_one_piece import replacing
 from mrwarp.rl.play_cli import check_output
@@ -35,7 +36,7 @@ def make_parser() -> argparse.ArgumentParser:
         "how the state got there. A training writes such files to the folder 'broken' of its output.",
     )
     parser.add_argument("file", type=Path, metavar="FILE", help="dump, a .safetensors file")
-    parser.add_argument("--rows", type=_rows, default=SHOWN, help=f"last states to print (default: {SHOWN})")
+    parser.add_argument("--rows", type=count, default=SHOWN, help=f"last states to print (default: {SHOWN})")
     parser.add_argument("--png", type=Path, metavar="FILE", help="save a picture of the states over time")
     return parser
 
@@ -151,13 +152,6 @@ def _pick(dump: Dump, quantity: str, unit: str) -> np.ndarray:
 def _largest(values: np.ndarray) -> Any:
     """Largest magnitude per state, NaN where one is; None without columns."""
     return np.abs(values).max(1) if values.size else None
-
-
-def _rows(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{value} must be at least 1")
-    return value
 
 
 if __name__ == "__main__":

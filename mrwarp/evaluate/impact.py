@@ -7,6 +7,7 @@ as a real body, and a push from any direction. All currents run in one batch as 
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -79,13 +80,17 @@ class ImpactCfg:
     """Seed of initial poses and gait phases."""
 
     def __post_init__(self) -> None:
-        if self.trials < 1 or not self.variants:
-            raise ValueError(f"need at least one trial and one current, got {self.trials} and {self.variants}")
+        if self.trials < 1:
+            raise ValueError(f"trials = {self.trials} must be at least 1")
+        if not self.variants:
+            raise ValueError("variants = () must be at least one setting of the device")
+        if not all(map(math.isfinite, (self.speed, *self.force))):
+            raise ValueError(f"speed = {self.speed} m/s and force = {self.force} N must be finite")
         for duration in self.durations:
             if not 0.0 < duration <= self.window:
                 raise ValueError(f"duration = {duration} s must lie in (0, window = {self.window} s]")
-        if min(self.currents) < 0.0:
-            raise ValueError(f"currents = {self.currents} A: none may be below 0")
+        if not all(0.0 <= current < math.inf for current in self.currents):
+            raise ValueError(f"currents = {self.currents} A: must be finite, none below 0")
         for variant in self.variants:
             for name, value in variant.params.items():
                 MrParams.spec(name).check(value, "impact variant")

@@ -11,8 +11,8 @@ from typing import Any
 
 from mrwarp import paper
 from mrwarp.actuator import Coupling, HoldCurrent
-from mrwarp.arguments import seed
-from mrwarp.asset import AssetError
+from mrwarp.arguments import coil_current, count, force, positive, seed, speed
+from mrwarp.asset import AssetError, check_currents
 from mrwarp.effects.applied import effect_lines
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.folder import check_writable
@@ -31,12 +31,12 @@ def make_parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--out", type=Path, default=Path("runs/impact"), help="output folder (default: runs/impact)")
     add("--policy", type=Path, default=DEFAULT_POLICY, help=f"walking policy (default: {DEFAULT_POLICY.name})")
-    add("--current", type=float, nargs="+", default=[0.0, 0.5, 1.0, 1.5], metavar="A", help="currents I_e [A]")
+    add("--current", type=coil_current, nargs="+", default=[0.0, 0.5, 1.0, 1.5], metavar="A", help="currents I_e [A]")
     add("--kind", choices=("push", "drop"), default="push", help="push on the trunk, or the guided 10 kg mass")
-    add("--force", type=float, nargs=3, default=[0.0, 0.0, -100.0], metavar="N", help="push, world frame [N]")
-    add("--duration", type=float, default=0.2, help="duration of the push [s] (default: 0.2)")
-    add("--trials", type=int, default=20, help="trials per current (default: 20)")
-    add("--speed", type=float, default=0.5, help="commanded speed [m/s] (default: 0.5)")
+    add("--force", type=force, nargs=3, default=[0.0, 0.0, -100.0], metavar="N", help="push, world frame [N]")
+    add("--duration", type=positive, default=0.2, help="duration of the push [s] (default: 0.2)")
+    add("--trials", type=count, default=20, help="trials per current (default: 20)")
+    add("--speed", type=speed, default=0.5, help="commanded speed [m/s] (default: 0.5)")
     add("--coupling", choices=("constraint", "explicit", "both"), default="both", help="how the device acts")
     branches = "the dynamic branch alone, as the paper's section 6.3 evaluates it (default), or with holding"
     add("--branches", choices=("damping", "both"), default="damping", help=branches)
@@ -69,7 +69,9 @@ def main(argv: list[str] | None = None) -> int:
         policy = OnnxPolicy(args.policy)
         couplings = list(Coupling) if args.coupling == "both" else [Coupling(args.coupling)]
         sweeps = {c: ImpactSweep(_cfg(args, c), policy) for c in couplings}
-        for line in effect_lines(sweeps[couplings[0]].env.sim.scene.actuators):
+        actuators = sweeps[couplings[0]].env.sim.scene.actuators
+        check_currents(actuators, args.current)
+        for line in effect_lines(actuators):
             print(line, flush=True)
         shown = sweeps.get(Coupling.CONSTRAINT) or sweeps[couplings[0]]
         view = ImpactView.open(shown, live=args.live, rrd=args.rrd, connect=args.connect, serve_web=args.serve_web)

@@ -11,6 +11,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
+from mrwarp.arguments import count, whole
 from mrwarp.folder import check_writable
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
@@ -37,13 +38,13 @@ def main(argv: list[str] | None = None) -> int:
     add = parser.add_argument
     add("--out", type=Path, default=Path("runs/perf"), help="output folder (default: runs/perf)")
     counts = " ".join(map(str, default.num_envs))
-    add("--num-envs", type=int, nargs="+", metavar="N", help=f"numbers of robots (default: {counts})")
-    add("--rounds", type=int, help=f"turns of each variant (default: {default.rounds}; on a GPU {GpuCfg.rounds})")
+    add("--num-envs", type=count, nargs="+", metavar="N", help=f"numbers of robots (default: {counts})")
+    add("--rounds", type=count, help=f"turns of each variant (default: {default.rounds}; on a GPU {GpuCfg.rounds})")
     add("--parts", nargs="+", choices=default.parts, default=default.parts, help="what to measure (default: all)")
     add("--quick", action="store_true", help="64 and 256 robots, half of the turns, no training: one minute")
-    add("--steps", type=int, default=0, metavar="N", help="policy steps per turn; 0 = about 640 robot steps")
-    add("--mjwarp-up-to", type=int, metavar="N", help="most robots on MuJoCo-Warp; on a GPU, on it without a graph")
-    add("--threads", type=int, default=0, help="CPU threads of the simulation; 0 = all")
+    add("--steps", type=whole, default=0, metavar="N", help="policy steps per turn; 0 = about 640 robot steps")
+    add("--mjwarp-up-to", type=whole, metavar="N", help="most robots on MuJoCo-Warp; on a GPU, on it without a graph")
+    add("--threads", type=whole, default=0, help="CPU threads of the simulation; 0 = all")
     add("--device", default="cpu", help="cpu, or a GPU such as cuda:0, which has figures of its own")
     add("--policy", type=Path, default=DEFAULT_POLICY, help=f"policy that walks (default: {DEFAULT_POLICY.name})")
     add("--compare", type=Path, metavar="FILE", help="earlier result; exit with 1 if a ratio got worse")
@@ -92,8 +93,6 @@ def _cpu(args: argparse.Namespace) -> Run:
     """
     from mrwarp.perf.measure import PerfCfg, run_all
 
-    if args.threads < 0:
-        raise ValueError(f"--threads {args.threads} must be 0 (all) or more")
     cfg = PerfCfg(
         rounds=PerfCfg.rounds if args.rounds is None else args.rounds, threads=args.threads, parts=tuple(args.parts),
         steps=args.steps,
@@ -143,5 +142,5 @@ def _print(figures: dict[str, Any]) -> None:
     if "microseconds_per_robot_and_step" in figures.get("joint", {}):
         for part, row in figures["joint"]["microseconds_per_robot_and_step"].items():
             print(f"gates, Bouc-Wen, hold of a robot, {part}: {row['median']:.3f} µs per step on one core")
-    for count, row in figures.get("training", {}).items():
-        print(f"training, {count} robots: {row['steps_per_second']:.0f} policy steps/s")
+    for number, row in figures.get("training", {}).items():
+        print(f"training, {number} robots: {row['steps_per_second']:.0f} policy steps/s")

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import torch
 
 from mrwarp.actuator import Coupling, HoldCurrent, ZStep
-from mrwarp.arguments import seed
-from mrwarp.asset import AssetError
+from mrwarp.arguments import coil_current, count, finite, seed, speed
+from mrwarp.asset import AssetError, check_currents
 from mrwarp.effects.applied import effect_lines
 from mrwarp.env.cfg import ACTUATORS, TERRAINS, EnvCfg, make_walk_cfg
 from mrwarp.nn.model_file import shipped_model
@@ -26,7 +26,7 @@ from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
 from mrwarp.rl.policy import OnnxPolicy, PolicyError
-from mrwarp.rl.train_cli import check_device, positive
+from mrwarp.rl.train_cli import check_device
 from mrwarp.robot import CURRENT_GROUPS
 
 if TYPE_CHECKING:
@@ -65,13 +65,13 @@ def make_parser() -> argparse.ArgumentParser:
     where.add_argument("--rrd", type=Path, metavar="FILE", help="save a recording for 'rerun FILE'")
     where.add_argument("--connect", nargs="?", const="", metavar="URL", help="send to a viewer that runs already")
     where.add_argument("--serve-web", action="store_true", help="show in a browser on this machine")
-    parser.add_argument("--web-port", type=positive, metavar="PORT", help="port of --serve-web (default: 9090 if free)")
+    parser.add_argument("--web-port", type=_port, metavar="PORT", help="port of --serve-web (default: 9090 if free)")
     parser.add_argument("--png", type=Path, metavar="FILE", help="save a picture: five instants and time series")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for result.json, the measured figures")
-    parser.add_argument("--num-envs", type=positive, default=len(CURRENT_GROUPS), help="robots (default: 4)")
-    parser.add_argument("--current", type=_current, nargs="+", metavar="A", default=list(CURRENT_GROUPS),
+    parser.add_argument("--num-envs", type=count, default=len(CURRENT_GROUPS), help="robots (default: 4)")
+    parser.add_argument("--current", type=coil_current, nargs="+", metavar="A", default=list(CURRENT_GROUPS),
                         help="currents I_e [A], over equal groups of robots (default: 0 0.5 1 1.5)")  # fmt: skip
-    parser.add_argument("--speed", type=_finite, default=0.5, help="commanded forward speed [m/s] (default: 0.5)")
+    parser.add_argument("--speed", type=speed, default=0.5, help="commanded forward speed [m/s] (default: 0.5)")
     parser.add_argument("--seconds", type=_duration, default=10.0, help="time shown [s] (default: 10)")
     parser.add_argument("--seed", type=seed, default=0, help="seed of initial poses and of --agent random (default: 0)")
     parser.add_argument("--device", default="cpu", help="cpu or cuda:N (default: cpu)")
@@ -117,6 +117,7 @@ def _play(args: argparse.Namespace, argv: list[str]) -> int:
         policy = OnnxPolicy(args.policy) if args.policy else None
         cfg = make_cfg(args, policy.description.get("task", {}) if policy else {})
         env = make_env(cfg, args.num_envs, args.seed)
+        check_currents(env.sim.scene.actuators, args.current)
         for line in effect_lines(env.sim.scene.actuators):
             print(line, flush=True)
         actor = on_device(policy, env.device) if policy else make_agent(args.agent, env)
@@ -277,24 +278,17 @@ def _wait_for_interrupt() -> None:
         print()
 
 
-def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text} must be a finite number")
+def _port(text: str) -> int:
+    value = count(text)
+    if value > 65535:
+        raise argparse.ArgumentTypeError(f"{text}; allowed: 1 to 65535")
     return value
 
 
 def _duration(text: str) -> float:
-    value = _finite(text)
+    value = finite(text)
     if value < 1.0:
         raise argparse.ArgumentTypeError(f"{text} must be at least 1 s")
-    return value
-
-
-def _current(text: str) -> float:
-    value = _finite(text)
-    if value < 0.0:
-        raise argparse.ArgumentTypeError(f"{text} must not be below 0 A")
     return value
 
 

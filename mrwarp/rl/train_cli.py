@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import warp as wp
 
 from mrwarp.actuator import Coupling, HoldCurrent, ZStep
-from mrwarp.arguments import not_negative, seed
+from mrwarp.arguments import count, not_negative, seed, whole
 from mrwarp.asset import AssetError
 from mrwarp.effects.applied import effect_lines
 from mrwarp.env.backend import BackendKind
@@ -36,9 +36,9 @@ def make_parser() -> argparse.ArgumentParser:
     where = "cpu, cuda:N, or cuda: under torchrun a GPU for each process (default: cpu)"
     parser.add_argument("--device", default="cpu", help=where)
     envs = "parallel environments, in each process of torchrun (default: 64)"
-    parser.add_argument("--num-envs", type=positive, default=64, help=envs)
+    parser.add_argument("--num-envs", type=count, default=64, help=envs)
     parser.add_argument("--seed", type=seed, default=0, help="seed of everything random (default: 0)")
-    parser.add_argument("--iterations", type=positive, default=6000, help="most PPO updates (default: 6000)")
+    parser.add_argument("--iterations", type=count, default=6000, help="most PPO updates (default: 6000)")
     parser.add_argument("--no-gate", action="store_true", help="run all iterations instead of stopping at the gate")
     parser.add_argument("--actuator", choices=ACTUATORS, default="bouc_wen", help="torque model of the MR joint")
     network = "trained network of --actuator mlp, lstm or pg_rlstm (default: the shipped one)"
@@ -58,7 +58,7 @@ def make_parser() -> argparse.ArgumentParser:
     price = f"reward taken per watt of motors and coils (default: 0; the policies in policies/energy pay {-POWER:g})"
     parser.add_argument("--power-price", type=not_negative, default=0.0, metavar="R", help=price)
     parser.add_argument("--backend", choices=_values(BackendKind), help="physics engine (default: by device)")
-    parser.add_argument("--threads", type=int, default=0, help="CPU threads of the physics; 0 = all (default)")
+    parser.add_argument("--threads", type=whole, default=0, help="CPU threads of the physics; 0 = all (default)")
     repeat = "make a GPU repeat its bits, at some cost in speed (the CPU repeats them anyway)"
     parser.add_argument("--deterministic", action="store_true", help=repeat)
     parser.add_argument(
@@ -181,14 +181,6 @@ def check_device(device: str) -> None:
     known = ["cpu"] + [f"cuda:{i}" for i in range(wp.get_cuda_device_count())]
     if device not in known:
         raise ValueError(f"--device {device}: no such device here; choose from {', '.join(known)}")
-
-
-def positive(text: str) -> int:
-    """Argument type: an integer of at least 1."""
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{value} must be at least 1")
-    return value
 
 
 def _values(choices: type[Enum]) -> list[str]:

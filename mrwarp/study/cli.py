@@ -10,6 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mrwarp.arguments import count
 from mrwarp.folder import check_writable
 from mrwarp.quiet import quiet_libraries
 
@@ -26,7 +27,6 @@ UNITS = {
 def make_parser() -> argparse.ArgumentParser:
     """The options of ``mrwarp study``."""
     from mrwarp.env.cfg import RANDOMIZATIONS, TERRAINS
-    from mrwarp.rl.train_cli import positive
     from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, PLANTS, SEEDS, STUDY, TRAINABLE, StudyCfg
 
     default = StudyCfg()
@@ -42,9 +42,9 @@ def make_parser() -> argparse.ArgumentParser:
         plants = "what to train on (default: tables 2 and 3); go1, mr_go, mr_go_sal* pay for power and carry loads"
         part.add_argument("--plants", nargs="+", choices=TRAINABLE, default=list(PLANTS), help=plants)
         envs = f"parallel environments (default: {default.num_envs})"
-        part.add_argument("--num-envs", type=positive, default=default.num_envs, help=envs)
+        part.add_argument("--num-envs", type=count, default=default.num_envs, help=envs)
         updates = f"PPO updates of every policy (default: {default.iterations})"
-        part.add_argument("--iterations", type=positive, default=default.iterations, help=updates)
+        part.add_argument("--iterations", type=count, default=default.iterations, help=updates)
         ground = f"ground of every training (default: {default.terrain})"
         part.add_argument("--terrain", choices=TERRAINS, default=default.terrain, help=ground)
         differs = "what differs between environments (default: friction and kicks, as in legged_gym)"
@@ -75,7 +75,7 @@ def make_parser() -> argparse.ArgumentParser:
             ground = "ground that all walk on (default: flat); rough has 36 tiles, so take as many --rollouts"
             part.add_argument("--terrain", choices=TERRAINS, default="flat", help=ground)
         if name in tables:
-            part.add_argument("--rollouts", type=positive, default=3, help="rollouts per policy (default: 3)")
+            part.add_argument("--rollouts", type=count, default=3, help="rollouts per policy (default: 3)")
             part.add_argument("--seed", type=int, default=0, help="seed of poses and gait phases (default: 0)")
         if name == "table2":
             part.add_argument("--aware", choices=MODELS, default=AWARE, help=f"aware policies (default: {AWARE})")

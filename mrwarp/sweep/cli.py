@@ -12,6 +12,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
+from mrwarp.arguments import count, whole
 from mrwarp.folder import FolderError, check_writable, claim, place_and_cause
 from mrwarp.results import write_result
 from mrwarp.sweep import compare
@@ -38,10 +39,10 @@ def make_parser() -> argparse.ArgumentParser:
     add("--command", required=True, metavar="NAME", help="what to run, e.g. train, walk, impact, fit, diagnose, learn")
     grid = "values of the command's options; a value of several words stands in quotes, a flag is on or off"
     add("--grid", nargs="+", required=True, metavar="OPTION=V,V", help=grid)
-    add("--workers", type=_positive, help="trials at a time on this machine (default: cores / --cpus)")
-    add("--cpus", type=_positive, default=1, help="CPU threads of a trial (default: 1)")
-    add("--gpus", type=int, default=0, help="GPUs of a trial, which sees them from cuda:0 on (default: 0)")
-    add("--retries", type=_not_negative, default=2, help="new starts of a trial that is killed (default: 2)")
+    add("--workers", type=count, help="trials at a time on this machine (default: cores / --cpus)")
+    add("--cpus", type=count, default=1, help="CPU threads of a trial (default: 1)")
+    add("--gpus", type=whole, default=0, help="GPUs of a trial, which sees them from cuda:0 on (default: 0)")
+    add("--retries", type=whole, default=2, help="new starts of a trial that is killed (default: 2)")
     add("--figure", nargs="+", default=[], metavar="NAME", help="figures to compare, e.g. gate.v_x_rmse.0.5")
     runner = "local: processes of this machine; ray: Ray's workers (pip install 'mrwarp[sweep]'); default: local"
     add("--runner", choices=("local", "ray"), help=runner)
@@ -221,15 +222,3 @@ def _report(args: argparse.Namespace, folders: dict[Path, Trial], command: str, 
         print("the same command runs the failed ones again")
         return 1
     return 0
-
-
-def _positive(text: str) -> int:
-    if (value := int(text)) < 1:
-        raise argparse.ArgumentTypeError(f"{value} must be at least 1")
-    return value
-
-
-def _not_negative(text: str) -> int:
-    if (value := int(text)) < 0:
-        raise argparse.ArgumentTypeError(f"{value} must be at least 0")
-    return value

@@ -11,7 +11,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from mrwarp.arguments import seed
+from mrwarp.arguments import count, seed, whole
 from mrwarp.folder import check_writable
 from mrwarp.paper import FIGURE_4
 from mrwarp.params import MrParams
@@ -78,10 +78,10 @@ def _parser() -> argparse.ArgumentParser:
         help="multiply the default strength of all effects and noise; 0 leaves only those given by --effect",
     )  # fmt: skip
     parser.add_argument("--seed", type=seed, default=0, help="seed of motions, currents and noise (default: 0)")
-    parser.add_argument("--trajectories", type=int, default=120, help="trajectories to fit (default: 120)")
-    parser.add_argument("--samples", type=int, default=PAPER_SAMPLES, help="their samples in total (default: 665442)")
+    parser.add_argument("--trajectories", type=count, default=120, help="trajectories to fit (default: 120)")
+    parser.add_argument("--samples", type=count, default=PAPER_SAMPLES, help="their samples in total (default: 665442)")
     parser.add_argument(
-        "--evaluation-samples", type=int, default=4000, metavar="N",
+        "--evaluation-samples", type=whole, default=4000, metavar="N",
         help="samples of each of the 30 evaluation trajectories; 0 for none (default: 4000)",
     )  # fmt: skip
     parser.add_argument("--policy", type=Path, help="take the calf motion from this walking policy (.onnx)")

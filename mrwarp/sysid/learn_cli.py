@@ -10,7 +10,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from mrwarp.arguments import seed
+from mrwarp.arguments import count, seed
 from mrwarp.folder import check_writable
 from mrwarp.model_file import load_model
 from mrwarp.nn import model_file
@@ -34,12 +34,12 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, required=True, help="output folder")
     parser.add_argument("--model", choices=tuple(SAMPLES), default="pg_rlstm", help="kind (default: pg_rlstm)")
     parser.add_argument("--bouc-wen", type=Path, metavar="JSON", help="model.json of 'mrwarp fit' (default: the paper)")
-    parser.add_argument("--epochs", type=int, default=cfg.epochs, help=f"most epochs (default: {cfg.epochs})")
+    parser.add_argument("--epochs", type=count, default=cfg.epochs, help=f"most epochs (default: {cfg.epochs})")
     parser.add_argument(
-        "--windows-per-epoch", type=int, default=cfg.windows_per_epoch,
+        "--windows-per-epoch", type=count, default=cfg.windows_per_epoch,
         help=f"training windows drawn per epoch (default: {cfg.windows_per_epoch})",
     )  # fmt: skip
-    parser.add_argument("--patience", type=int, default=cfg.patience, help="epochs without gain before stopping")
+    parser.add_argument("--patience", type=count, default=cfg.patience, help="epochs without gain before stopping")
     parser.add_argument("--seed", type=seed, default=cfg.seed, help="seed of division, weights and batches")
     return parser
 

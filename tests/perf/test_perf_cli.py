@@ -53,9 +53,7 @@ def test_compare_passes_against_itself_and_fails_when_slowed(
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        (["--num-envs", "0"], "at least one"),
         (["--rounds", "1"], "at least 2"),
-        (["--threads", "-1"], "0 (all)"),
         (["--compare", "/no/such/file.json"], "file.json"),
         (["--policy", "/no/such/policy.onnx"], "policy.onnx"),
     ],

@@ -161,7 +161,6 @@ def test_command_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["--effect", "coil_lag=9"], "allowed: 0 to 1 s"),
         (["--scale-effects", "-1"], "allowed: 0 to 10"),
         (["--samples", "100"], "fewer than 50 for each of 120"),
-        (["--trajectories", "0"], "at least 1"),
         (["--evaluation-samples", "10"], "0 or at least 200"),
         (["--policy", "/nowhere.onnx"], "no such policy"),
     ],
