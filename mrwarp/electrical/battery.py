@@ -14,6 +14,9 @@ import numpy as np
 
 from mrwarp.params import ParamGroup, param
 
+CALIBRATED = ("capacity",)
+"""Field of :class:`BatteryCfg` that is fitted to Go1's depletion; the others are assumed."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class BatteryCfg(ParamGroup):
@@ -55,8 +58,3 @@ def depletion(phases: Sequence[tuple[float, float]], cfg: BatteryCfg) -> float:
     """Fall of the state of charge [percentage points] over phases of (power [W], time [s])."""
     energy = sum(float(cell_power(power, cfg)) * seconds for power, seconds in phases)
     return 100.0 * energy / 3600.0 / cfg.capacity
-
-
-def capacity_for(phases: Sequence[tuple[float, float]], percent: float, cfg: BatteryCfg) -> float:
-    """Capacity [W·h] with which the phases deplete ``percent`` percentage points."""
-    return cfg.capacity * depletion(phases, cfg) / percent

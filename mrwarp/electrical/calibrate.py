@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy import optimize, stats
 
 from mrwarp.electrical.power import ElectricalCfg, Use, battery_power
 
@@ -28,7 +28,10 @@ class Calibration:
 
     cfg: ElectricalCfg
     half_width: dict[str, float]
-    """Half width of the 95 % interval of each fitted number, from the scatter about the fit."""
+    """Half width of the 95 % interval of each fitted number, from the scatter about the fit, as if nothing bounded
+    it."""
+    at_bound: tuple[str, ...]
+    """Fitted numbers that the rows would have out of their range, and that stand at its end."""
     fitted: dict[str, float]
     """Power by row [W]."""
     measured: dict[str, float]
@@ -38,16 +41,21 @@ class Calibration:
 
 
 class CalibrationError(ValueError):
-    """The rows cannot determine the numbers, or give one out of its range."""
+    """The rows cannot determine the numbers."""
 
 
-def calibrate(rows: Sequence[Row], cfg: ElectricalCfg | None = None) -> Calibration:
-    """Electronics and winding resistance by linear least squares over the rows; every other number stays.
+def calibrate(rows: Sequence[Row], cfg: ElectricalCfg | None = None, *, hold: str | None = None) -> Calibration:
+    """Electronics and winding resistance by least squares over the rows, within their ranges; the others stay.
 
     ``P_i = electronics + R a_i + m_i`` with a_i the copper loss per ohm and m_i the mechanical terms.
 
+    Args:
+        rows: Measured powers and what the simulated robot did.
+        cfg: The other numbers.
+        hold: One of ``power.CALIBRATED`` that keeps its value of ``cfg``; the other alone is fitted.
+
     Raises:
-        CalibrationError: fewer than three rows, rows that all have the same loss, or a fitted number that is negative.
+        CalibrationError: fewer than three rows, or rows that all have the same loss where both numbers are fitted.
     """
     cfg = cfg or ElectricalCfg()
     if len(rows) < 3:
@@ -55,22 +63,26 @@ def calibrate(rows: Sequence[Row], cfg: ElectricalCfg | None = None) -> Calibrat
     unit = replace(cfg, electronics=0.0, winding_resistance=1.0)
     parts = [battery_power(row.use, unit) for row in rows]
     per_ohm = np.array([float(p.copper) for p in parts])
-    fixed = np.array([float(p.total) for p in parts]) - per_ohm
-    measured = np.array([row.measured for row in rows])
-    matrix = np.column_stack([np.ones(len(rows)), per_ohm])
-    if np.ptp(per_ohm) <= 1e-9 * max(per_ohm.max(), 1.0):
+    if hold is None and np.ptp(per_ohm) <= 1e-9 * max(per_ohm.max(), 1.0):
         raise CalibrationError("all rows have the same copper loss: electronics and resistance cannot be told apart")
-    fit, *_ = np.linalg.lstsq(matrix, measured - fixed, rcond=None)
-    if fit.min() < 0.0:
-        raise CalibrationError(f"fitted electronics {fit[0]:g} W and resistance {fit[1]:g} Ohm: both must be positive")
-    values = matrix @ fit + fixed
-    free = len(rows) - 2
+    measured = np.array([row.measured for row in rows])
+    columns = {"electronics": np.ones(len(rows)), "winding_resistance": per_ohm}
+    rest = np.array([float(p.total) for p in parts]) - per_ohm
+    if hold is not None:
+        rest = rest + getattr(cfg, hold) * columns.pop(hold)
+    specs = {spec.name: spec for spec in cfg.specs()}
+    matrix = np.column_stack(list(columns.values()))
+    low, high = ([getattr(specs[name], end) for name in columns] for end in ("low", "high"))
+    fit = optimize.lsq_linear(matrix, measured - rest, bounds=(low, high))
+    values = matrix @ fit.x + rest
+    free = len(rows) - len(columns)
     variance = float(((measured - values) ** 2).sum()) / free
     error = np.sqrt(np.diag(np.linalg.inv(matrix.T @ matrix)) * variance) * stats.t.ppf(0.975, free)
     names = [row.name for row in rows]
     return Calibration(
-        cfg=replace(cfg, electronics=float(fit[0]), winding_resistance=float(fit[1])),
-        half_width={"electronics": float(error[0]), "winding_resistance": float(error[1])},
+        cfg=replace(cfg, **dict(zip(columns, fit.x.tolist(), strict=True))),
+        half_width=dict(zip(columns, error.tolist(), strict=True)),
+        at_bound=tuple(name for name, side in zip(columns, fit.active_mask, strict=True) if side),
         fitted=dict(zip(names, values.tolist(), strict=True)),
         measured=dict(zip(names, measured.tolist(), strict=True)),
         rmse=float(np.sqrt(((measured - values) ** 2).mean())),
@@ -79,18 +91,23 @@ def calibrate(rows: Sequence[Row], cfg: ElectricalCfg | None = None) -> Calibrat
 
 VARIED = {
     "calf_gear": (1.0, 1.5),
-    "gear_efficiency": (0.8, 0.97),
+    "gear_efficiency": (0.85, 0.95),
     "regeneration": (0.0, 1.0),
-    "coil_efficiency": (0.7, 0.95),
+    "coil_efficiency": (0.8, 0.95),
     "controller_idle": (0.1, 1.0),
 }
-"""Plausible range of every assumed number; the torque constant only scales the fitted resistance."""
+"""Plausible range of every assumed number, as its source in :class:`ElectricalCfg` gives it; the torque constant only
+scales the fitted resistance."""
 
 
 def sensitivity(
     rows: Sequence[Row], figure: Callable[[ElectricalCfg], dict[str, float]], cfg: ElectricalCfg
 ) -> dict[str, list[dict[str, float]]]:
-    """Predicted figures with each assumed number at the ends of its range, calibrated anew each time.
+    """Predicted figures with each number at the ends of its range, calibrated anew each time.
+
+    An assumed number stands at the ends of :data:`VARIED` and both calibrated ones are fitted; a calibrated number
+    stands at the ends of its 95 % interval, cut to its range, and the other one is fitted: together they still have
+    to give the measured rows, which one of them alone at an end would miss.
 
     Args:
         rows: The rows to calibrate on.
@@ -99,14 +116,17 @@ def sensitivity(
     """
     found: dict[str, list[dict[str, float]]] = {}
     for name, ends in VARIED.items():
-        found[name] = []
-        for value in ends:
-            varied = calibrate(rows, replace(cfg, **{name: value})).cfg
-            found[name].append({"value": value, **figure(varied)})
-    for name, half in calibrate(rows, cfg).half_width.items():
-        nominal = getattr(cfg, name)
-        found[name] = [
-            {"value": value, **figure(replace(cfg, **{name: value}))}
-            for value in (max(nominal - half, 0.0), nominal + half)
-        ]
+        fits = [calibrate(rows, replace(cfg, **{name: value})) for value in ends]
+        found[name] = [_end(value, fit, figure) for value, fit in zip(ends, fits, strict=True)]
+    fit = calibrate(rows, cfg)
+    specs = {spec.name: spec for spec in cfg.specs()}
+    for name, half in fit.half_width.items():
+        nominal = getattr(fit.cfg, name)
+        ends = max(nominal - half, specs[name].low), min(nominal + half, specs[name].high)
+        fits = [calibrate(rows, replace(cfg, **{name: value}), hold=name) for value in ends]
+        found[name] = [_end(value, held, figure) for value, held in zip(ends, fits, strict=True)]
     return found
+
+
+def _end(value: float, fit: Calibration, figure: Callable[[ElectricalCfg], dict[str, float]]) -> dict[str, float]:
+    return {"value": value, "rmse": fit.rmse, **figure(fit.cfg)}

@@ -156,9 +156,10 @@ def battery_power(use: Use, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) 
 
 
 def cost_of_transport(power: np.ndarray | float, mass: float, speed: np.ndarray | float) -> np.ndarray:
-    """COT of eq. 21 [1]: ``P/(m g v)``; infinite for a robot that does not move."""
-    moving = np.maximum(np.asarray(speed, dtype=float), 1e-9)
-    return np.asarray(power) / (mass * GRAVITY * moving)
+    """COT of eq. 21 [1]: ``P/(m g v)``; infinite for a robot that stands still or walks backwards."""
+    moving = np.maximum(np.asarray(speed, dtype=float), 0.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(power) / (mass * GRAVITY * moving)
 
 
 GRAVITY = 9.81

@@ -153,8 +153,9 @@ def calibrate(
         got = rises(x)
         return [got["calf_walking"] - calf_walking, got["calf_standby"] - calf_standby]
 
-    bounds = ([np.log(50.0), np.log(0.5)], [np.log(1e4), np.log(1e3)])
-    fit = least_squares(mismatch, [np.log(start.housing_capacity), np.log(start.housing_resistance)], bounds=bounds)
+    bounds = np.log([[50.0, 0.5], [1e4, 1e3]])
+    begin = np.clip(np.log([start.housing_capacity, start.housing_resistance]), *bounds)
+    fit = least_squares(mismatch, begin, bounds=tuple(bounds))
     got = rises(fit.x)
     return at(fit.x), {name: got[name] for name in ("calf_walking", "calf_standby")}
 

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from mrwarp.actuator import Coupling
-from mrwarp.arguments import positive
+from mrwarp.arguments import seed, whole, within
+from mrwarp.electrical import battery, power, thermal
 from mrwarp.electrical.battery import BatteryCfg
 from mrwarp.electrical.power import ElectricalCfg
 from mrwarp.electrical.thermal import ThermalCfg
@@ -26,6 +27,16 @@ GROUPS: dict[str, type[ParamGroup]] = {"electrical": ElectricalCfg, "thermal": T
 """Groups of numbers by the name under which a file holds them."""
 
 
+speed = within(0.05, 1.0, "m/s")
+"""Command; the 1.5 Hz trot reaches about 0.6 m/s (section 7)."""
+load = within(0.0, 20.0, "kg")
+"""Mass on the back; the robot has 12 kg."""
+distance = within(0.01, 1e4, "m")
+"""Way walked."""
+current = within(0.01, 100.0, "A")
+"""Coil current; each device clips it to its own ``current_max``."""
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the shared options."""
     add = parser.add_argument
@@ -35,15 +46,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         add(f"--policy-{robot.replace('_', '-')}", type=Path, metavar="P", help=f"another policy for {robot}")
     add("--numbers", type=Path, metavar="FILE", help="JSON with numbers of the models, as --calibrate writes it")
     add("--set", nargs="*", default=[], metavar="NAME=VALUE", help="single numbers, e.g. regeneration=0")
-    add("--coupling", choices=[c.value for c in Coupling], default="constraint", help="how the device acts")
+    coupling = "how the device acts (default: constraint)"
+    add("--coupling", choices=[c.value for c in Coupling], default="constraint", help=coupling)
     add(
         "--branches", choices=("both", "holding"), default="both", help="SAL with damping and holding, or holding alone"
     )
-    add("--current", type=positive, default=1.5, metavar="A", help="current the devices may use (default: 1.5)")
+    add("--current", type=current, default=1.5, metavar="A", help="current the devices may use (default: 1.5)")
     add("--model", metavar="MODEL.json", help="identified joint with its effects, on all MR joints")
     add("--asset", help="another USD file than assets/usd/mr_go.usda")
-    add("--threads", type=int, default=0, help="CPU threads; 0 = all, the figures are the same for any number")
-    add("--seed", type=int, default=0, help="seed of poses and gait phases (default: 0)")
+    add("--threads", type=whole, default=0, help="CPU threads; 0 = all, the figures are the same for any number")
+    add("--seed", type=seed, default=0, help="seed of poses and gait phases (default: 0)")
 
 
 def env_cfg(args: argparse.Namespace) -> EnvCfg:
@@ -107,19 +119,30 @@ def _group_of(name: str, where: str, group: str | None) -> str:
     return found[0]
 
 
-def described(groups: dict[str, Any], calibrated: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Every number with unit, range, source and whether it was calibrated, for ``result.json``."""
-    return {
-        name: {
-            spec.name: {
-                "value": getattr(cfg, spec.name), "unit": spec.unit, "range": [spec.low, spec.high],
-                "source": spec.source, "calibrated": spec.source.startswith("calibrated"),
-                "fitted_in_this_run": f"{name}.{spec.name}" in calibrated,
-            }
-            for spec in type(cfg).specs()
-        }
-        for name, cfg in groups.items()
-    }  # fmt: skip
+CALIBRATED = {"electrical": power.CALIBRATED, "thermal": thermal.CALIBRATED, "battery": battery.CALIBRATED}
+"""Numbers of each group that are fitted to Go1; their defaults are what ``--calibrate`` gave with the shipped
+policies."""
+
+
+def described(groups: dict[str, Any], fitted: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Every number with unit, range, source and whether it was calibrated, for ``result.json``.
+
+    Args:
+        groups: The groups in use.
+        fitted: What this run fitted, as ``group.name``.
+    """
+    found: dict[str, Any] = {}
+    for name, cfg in groups.items():
+        found[name] = {}
+        for spec in type(cfg).specs():
+            value, here = getattr(cfg, spec.name), f"{name}.{spec.name}" in fitted
+            given = not here and value != spec.default
+            found[name][spec.name] = {
+                "value": value, "unit": spec.unit, "range": [spec.low, spec.high],
+                "source": "given by --numbers or --set" if given else spec.source,
+                "calibrated": here or (spec.name in CALIBRATED[name] and not given), "fitted_in_this_run": here,
+            }  # fmt: skip
+    return found
 
 
 def write_numbers(path: Path, groups: dict[str, Any]) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mrwarp import paper
-from mrwarp.arguments import not_negative, positive
+from mrwarp.arguments import count, positive
 from mrwarp.asset import AssetError
 from mrwarp.electrical import consistency
 from mrwarp.electrical.battery import BatteryError
@@ -30,16 +30,18 @@ def make_parser() -> argparse.ArgumentParser:
         "and carried over the whole phase by the electrical, battery and thermal models.",
     )
     add = parser.add_argument
-    add("--out", type=Path, required=True, help="output folder")
+    add("--out", type=Path, default=Path("runs/mission"), help="output folder (default: runs/mission)")
     add("--robot", nargs="+", choices=paper.ROBOTS, default=list(paper.ROBOTS), help="robots (default: all three)")
-    add("--speed", type=positive, default=0.3, metavar="V", help="command [m/s], not in the paper (0.3)")
-    add("--distance", type=positive, default=paper.DISTANCE, metavar="M", help="one way [m] (150)")
+    add("--speed", type=energy_cli.speed, default=0.3, metavar="V", help="command [m/s], not in the paper (0.3)")
+    add("--distance", type=energy_cli.distance, default=paper.DISTANCE, metavar="M", help="one way [m] (150)")
     add("--standby", type=positive, default=paper.STANDBY, metavar="S", help="standing [s] (600)")
     arm = f"load out and while standing [kg] (the arm: {paper.arm_load():.1f}, from Go1's own rows)"
-    add("--outbound-load", type=not_negative, default=paper.arm_load(), metavar="KG", help=arm)
-    add("--return-load", type=not_negative, default=3.0, metavar="KG", help="load back [kg] (3)")
-    add("--window", type=positive, default=10.0, metavar="M", help="simulated distance of each walk [m] (10)")
-    add("--seeds", type=int, default=3, help="repetitions (default: 3)")
+    add("--outbound-load", type=energy_cli.load, default=paper.arm_load(), metavar="KG", help=arm)
+    add("--return-load", type=energy_cli.load, default=3.0, metavar="KG", help="load back [kg] (3)")
+    add(
+        "--window", type=energy_cli.distance, default=10.0, metavar="M", help="simulated distance of each walk [m] (10)"
+    )
+    add("--seeds", type=count, default=3, help="repetitions (default: 3)")
     add("--feedback", action="store_true", help="warm windings and fluids act back; a second pass")
     add("--calibrate", action="store_true", help="fit thermal numbers and capacity to Go1's, write numbers.json")
     energy_cli.add_options(parser)
@@ -59,18 +61,21 @@ def main(argv: list[str] | None = None) -> int:
         check_writable(out)
         groups, policies = energy_cli.numbers(args), energy_cli.policies(args)
         cfg = _cfg(args)
+        of_paper = _task(cfg) == _task(mission.MissionCfg())
         if args.calibrate and "go1" not in cfg.robots:
             raise ValueError("--calibrate needs Go1 among the robots")
+        if args.calibrate and not of_paper:
+            raise ValueError(f"--calibrate needs the paper's task, whose figures it fits; leave out {_OPTIONS}")
         phases = mission.measure(cfg, policies, progress)
         fit = None
-        if "go1" in cfg.robots:
+        if "go1" in cfg.robots and of_paper:
             heat, battery, fit = mission.calibrate(phases["go1"], *groups.values())
             fit["numbers"] = {"housing_capacity": heat.housing_capacity, "housing_resistance": heat.housing_resistance,
                               "capacity": battery.capacity}  # fmt: skip
             if args.calibrate:
                 groups |= {"thermal": heat, "battery": battery}
         traces = {robot: mission.run(found, *groups.values(), feedback=False) for robot, found in phases.items()}
-        cold = {robot: mission_figures.row(robot, trace) for robot, trace in traces.items()} if args.feedback else None
+        cold = _rows(traces, of_paper) if args.feedback else None
         if args.feedback:
             fluid = {robot: mission.fluid_rises(trace) for robot, trace in traces.items()}
             phases = mission.measure(cfg, policies, progress, fluid, groups["thermal"])
@@ -82,13 +87,12 @@ def main(argv: list[str] | None = None) -> int:
     except (PolicyError, AssetError, ParameterError, BatteryError, ValueError, OSError) as error:
         print(f"mrwarp mission: {error}", file=sys.stderr)
         return 2
-    rows = {robot: mission_figures.row(robot, trace) for robot, trace in traces.items()}
+    rows = _rows(traces, of_paper)
     fitted = ("thermal.housing_capacity", "thermal.housing_resistance", "battery.capacity") if args.calibrate else ()
     figures = {
         "simulated": f"{args.window:g} m of each walk and 5 s of standing; carried over the phases by the models"
         + ("; with feedback, which the calibration was without" if args.feedback else ""),
-        "task": {"speed": cfg.speed, "distance": cfg.distance, "standby": cfg.standby, "feedback": args.feedback,
-                 "outbound_load": cfg.outbound_load, "return_load": cfg.return_load, "seeds": cfg.seeds},
+        "task": {**_task(cfg), "feedback": args.feedback, "seeds": cfg.seeds, "of_paper": of_paper},
         "robots": rows, "without_feedback": cold, "changes": mission_figures.changes(rows), "calibration": fit,
         "numbers": energy_cli.described(groups, fitted), "consistency": consistency.check(),
         "wall_seconds": time.perf_counter() - started,
@@ -103,6 +107,22 @@ def main(argv: list[str] | None = None) -> int:
     return 0
 
 
+_OPTIONS = "--speed, --distance, --standby, --outbound-load and --return-load"
+
+
+def _task(cfg: Any) -> dict[str, float]:
+    """What makes a mission the paper's or another."""
+    return {
+        name: getattr(cfg, name) for name in ("speed", "distance", "standby", "outbound_load", "return_load")
+    }  # fmt: skip
+
+
+def _rows(traces: dict[str, Any], of_paper: bool) -> dict[str, Any]:
+    from mrwarp.evaluate import mission_figures
+
+    return {robot: mission_figures.row(robot, trace, of_paper=of_paper) for robot, trace in traces.items()}
+
+
 def _cfg(args: argparse.Namespace) -> Any:
     from mrwarp.evaluate.mission import MissionCfg
 
@@ -115,7 +135,8 @@ def _cfg(args: argparse.Namespace) -> Any:
 
 def _print(figures: dict[str, Any]) -> None:
     """The tables."""
-    print(f"simulated: {figures['simulated']}; ours (paper); * used to calibrate")
+    theirs = "paper" if figures["task"]["of_paper"] else "paper, whose task is another: see --help"
+    print(f"simulated: {figures['simulated']}; ours ({theirs}); * used to calibrate")
     print(f"{'robot':10s} {'out [W]':>16s} {'standby [W]':>16s} {'back [W]':>16s} {'charge [pp]':>16s} "
           f"{'calf walk [K]':>16s} {'calf stand [K]':>16s} {'all [K]':>16s}")  # fmt: skip
     for robot, row in figures["robots"].items():

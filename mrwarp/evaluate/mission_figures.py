@@ -15,9 +15,15 @@ item are the 3 kg of table 6, its standby the electrical model, its depletion th
 model. Every figure of the other robots is a prediction."""
 
 
-def row(robot: str, trace: MissionTrace) -> dict[str, Any]:
-    """One robot's figures beside the paper's."""
-    own = robot == "go1"
+def row(robot: str, trace: MissionTrace, *, of_paper: bool = True) -> dict[str, Any]:
+    """One robot's figures beside the paper's.
+
+    Args:
+        robot: Of ``paper.ROBOTS``.
+        trace: Its mission.
+        of_paper: Whether the task is the paper's; no figure of another task is marked as calibrated.
+    """
+    own = robot == "go1" and of_paper
     theirs = paper.MISSION_POWER[robot]
     mean, sd = paper.MISSION_DEPLETION[robot]
     return {

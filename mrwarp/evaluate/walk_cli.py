@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mrwarp import paper
-from mrwarp.arguments import not_negative, positive
+from mrwarp.arguments import count
 from mrwarp.asset import AssetError
 from mrwarp.evaluate import energy_cli
 from mrwarp.folder import check_writable
@@ -28,13 +28,22 @@ def make_parser() -> argparse.ArgumentParser:
         "transport (table 6), support activation (table 7), torques (figure 8) and tracking.",
     )
     add = parser.add_argument
-    add("--out", type=Path, required=True, help="output folder")
+    add("--out", type=Path, default=Path("runs/walk-energy"), help="output folder (default: runs/walk-energy)")
     add("--robot", nargs="+", choices=paper.ROBOTS, default=None, help="robots (default: all three)")
     add("--sal", choices=("on", "off"), help="only MR_Go-SAL (on) or MR_Go (off)")
-    add("--speed", type=positive, nargs="+", default=[0.3, 0.5], metavar="V", help="commands [m/s]")
-    add("--payload", type=not_negative, nargs="+", default=[0.0, 3.0], metavar="KG", help="loads [kg]")
-    add("--distance", type=positive, default=30.0, metavar="M", help="measured distance (default: 30)")
-    add("--trials", type=int, default=3, help="repetitions per condition (default: 3)")
+    add(
+        "--speed",
+        type=energy_cli.speed,
+        nargs="+",
+        default=[0.3, 0.5],
+        metavar="V",
+        help="commands [m/s] (default: 0.3 0.5)",
+    )
+    add(
+        "--payload", type=energy_cli.load, nargs="+", default=[0.0, 3.0], metavar="KG", help="loads [kg] (default: 0 3)"
+    )
+    add("--distance", type=energy_cli.distance, default=30.0, metavar="M", help="measured distance (default: 30)")
+    add("--trials", type=count, default=3, help="repetitions per condition (default: 3)")
     add(
         "--calibrate", action="store_true", help="fit the electrical numbers to this run's Go1 rows, write numbers.json"
     )
@@ -57,6 +66,9 @@ def main(argv: list[str] | None = None) -> int:
             robots=_robots(args), payloads=tuple(args.payload), speeds=tuple(args.speed), trials=args.trials,
             distance=args.distance, current=args.current, env=energy_cli.env_cfg(args), seed=args.seed,
         )  # fmt: skip
+        if args.calibrate and not _can_calibrate(cfg):
+            raise ValueError("--calibrate needs Go1 at 0.3 and 0.5 m/s with 0 and 3 kg; leave out --robot, --sal, "
+                             "--speed and --payload")  # fmt: skip
         started, progress = time.perf_counter(), energy_cli.Progress(sys.stdout)
         results = walk(cfg, policies, progress)
         figures, code = _figures(args, cfg, results, groups)
@@ -91,11 +103,17 @@ def _robots(args: argparse.Namespace) -> tuple[str, ...]:
     return ("mr_go_sal",) if args.sal == "on" else ("mr_go",)
 
 
+def _can_calibrate(cfg: Any) -> bool:
+    """Whether all four conditions of Go1 in table 6 are walked."""
+    walked = {(robot, load, speed) for robot in cfg.robots for load in cfg.payloads for speed in cfg.speeds}
+    return {key for key in paper.TABLE_6 if key[0] == "go1"} <= walked
+
+
 def _figures(args: argparse.Namespace, cfg: Any, results: list[Any], groups: dict[str, Any]) -> tuple[dict, int]:
     """Everything for ``result.json``, and the exit code; ``--calibrate`` replaces the electrical numbers.
 
     Raises:
-        ValueError: --calibrate without Go1's four rows.
+        ValueError: --calibrate, and Go1 did not arrive in one of its four conditions.
     """
     from dataclasses import asdict
 
@@ -106,9 +124,9 @@ def _figures(args: argparse.Namespace, cfg: Any, results: list[Any], groups: dic
     stand = _Standing(cfg.env, load)
     found: dict[str, Any] = {"consistency": consistency.check()}
     rows = figures.calibration_rows(results, stand.use("go1")) if "go1" in cfg.robots else []
-    complete = len(rows) == 5
+    complete = _can_calibrate(cfg) and len(rows) == 5
     if args.calibrate and not complete:
-        raise ValueError("--calibrate needs Go1 at 0.3 and 0.5 m/s with 0 and 3 kg")
+        raise ValueError("--calibrate: Go1 did not arrive in all four conditions; name another --policy-go1")
     fitted: tuple[str, ...] = ()
     if complete:
         fit = calibrate.calibrate(rows, groups["electrical"])
@@ -190,6 +208,7 @@ def _print(figures: dict[str, Any]) -> None:
             f"\nGo1 alone gives: electronics {cfg['electronics']:.1f} ± {half['electronics']:.1f} W, winding "
             f"{cfg['winding_resistance']:.3f} ± {half['winding_resistance']:.3f} Ohm; its five rows to "
             f"{fit['rmse']:.1f} W (RMS)"
+            + "".join(f"; {name} stands at the end of its range" for name in fit["at_bound"])
         )
     for row in figures.get("savings", []):
         bound, reference = row["bound"], row["paper"]

@@ -62,6 +62,9 @@ class WalkCfg:
             raise ValueError(f"speeds = {self.speeds} m/s must be positive")
         if self.trials < 1:
             raise ValueError(f"trials = {self.trials} must be at least 1")
+        for name in ("robots", "payloads", "speeds"):
+            if len(set(getattr(self, name))) < len(getattr(self, name)):
+                raise ValueError(f"{name} = {getattr(self, name)}: name each once")
         if not self.distance > 0.0 or self.warmup < 0.0:
             raise ValueError(f"distance = {self.distance} m must be positive and warmup = {self.warmup} s not negative")
         if self.current <= 0.0:
@@ -176,9 +179,11 @@ class WalkBatch:
         meter.clear()
         sums = {name: torch.zeros(count, dtype=torch.float64, device=env.device) for name in _SUMS}
         fell = torch.zeros(count, dtype=torch.bool, device=env.device)
+        late = torch.zeros_like(fell)
         going = ~fell
         skip = round(cfg.warmup / dt)
-        most = skip + round(cfg.patience * cfg.distance / min(cfg.speeds) / dt)
+        patience = cfg.patience * cfg.distance / self.command[:, 0].to(torch.float64)
+        most = skip + round(float(patience.max()) / dt)
         obs = env.get_observations()
         for step in range(most):
             meter.on.copy_(going & (step >= skip))
@@ -189,13 +194,15 @@ class WalkBatch:
             if step >= skip:
                 self._add(sums, going.to(torch.float64) * dt)
                 going = going & ~fell & (sums["distance"] < cfg.distance)
+                late |= going & (sums["time"] > patience - 0.5 * dt)
+                going = going & ~late
             else:
                 going = going & ~fell
             if report and step % 100 == 99:
                 report(float((sums["distance"] / cfg.distance).clamp(max=1.0).mean()))
             if not bool(going.any()):
                 break
-        return list(self._results(sums, fell.cpu().numpy(), going.cpu().numpy()))
+        return list(self._results(sums, fell.cpu().numpy(), (late | going).cpu().numpy()))
 
     def _begin(self) -> None:
         """Give every condition the same poses and phases: those of a batch with one environment per repetition.

@@ -1,9 +1,9 @@
-"""Battery: linear gauge, internal loss in closed form, the most it gives, capacity from a depletion."""
+"""Battery: linear gauge, internal loss in closed form, the most it gives."""
 
 import numpy as np
 import pytest
 
-from mrwarp.electrical.battery import BatteryCfg, BatteryError, capacity_for, cell_power, depletion
+from mrwarp.electrical.battery import BatteryCfg, BatteryError, cell_power, depletion
 
 IDEAL = BatteryCfg(capacity=100.0, resistance=0.0)
 
@@ -29,11 +29,3 @@ def test_more_than_the_battery_can_give_is_refused() -> None:
     assert cell_power(1000.0, cfg) == pytest.approx(2000.0)
     with pytest.raises(BatteryError, match="1001 W asked .* at most 1000 W"):
         cell_power(1001.0, cfg)
-
-
-def test_capacity_for_a_depletion() -> None:
-    """With the capacity it returns, the phases deplete what was asked."""
-    phases = [(190.0, 500.0), (92.0, 600.0)]
-    cfg = BatteryCfg()
-    fitted = BatteryCfg(capacity=capacity_for(phases, 64.7, cfg))
-    assert depletion(phases, fitted) == pytest.approx(64.7)

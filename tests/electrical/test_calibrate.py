@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mrwarp.electrical.calibrate import VARIED, CalibrationError, Row, calibrate, sensitivity
-from mrwarp.electrical.power import ElectricalCfg, Use, battery_power
+from mrwarp.electrical.power import CALIBRATED, ElectricalCfg, Use, battery_power
 
 TRUTH = ElectricalCfg(electronics=47.0, winding_resistance=0.17)
 
@@ -45,6 +45,32 @@ def test_interval_holds_the_truth() -> None:
     assert hits >= 34  # 95 % each, jointly about 92 %
 
 
+def test_a_number_out_of_its_range_stands_at_the_end_and_the_other_is_fitted() -> None:
+    """Rows that ask for negative electronics: 0 W, named, and the resistance that then fits them best."""
+    made = [replace(row, measured=row.measured - 60.0) for row in rows(noise=1.0)]
+    found = calibrate(made, ElectricalCfg())
+    assert found.at_bound == ("electronics",)
+    assert found.cfg.electronics == pytest.approx(0.0, abs=1e-6)
+    held = calibrate(made, replace(ElectricalCfg(), electronics=0.0), hold="electronics")
+    assert found.cfg.winding_resistance == pytest.approx(held.cfg.winding_resistance, rel=1e-6)
+    assert calibrate(rows(noise=1.0), ElectricalCfg()).at_bound == ()
+
+
+def test_a_held_number_stays_and_the_other_makes_the_best_of_it() -> None:
+    """No other resistance fits better with electronics held."""
+    made, held = rows(noise=3.0), replace(ElectricalCfg(), electronics=30.0)
+    found = calibrate(made, held, hold="electronics")
+    assert found.cfg.electronics == 30.0
+    assert set(found.half_width) == {"winding_resistance"}
+
+    def misfit(resistance: float) -> float:
+        cfg = replace(held, winding_resistance=resistance)
+        return sum((float(battery_power(row.use, cfg).total) - row.measured) ** 2 for row in made)
+
+    best = found.cfg.winding_resistance
+    assert misfit(best) < min(misfit(0.99 * best), misfit(1.01 * best))
+
+
 def test_rows_that_cannot_tell_are_refused() -> None:
     """Too few, or all with the same loss."""
     with pytest.raises(CalibrationError, match="at least 3"):
@@ -66,5 +92,16 @@ def test_sensitivity_calibrates_anew_and_covers_all_assumed_numbers() -> None:
     assert set(found) == {*VARIED, "electronics", "winding_resistance"}
     assert all(len(entries) == 2 for entries in found.values())
     assert replace(nominal) == nominal
+    # a calibrated number at its end, the other fitted: the mean power of the rows stays what was measured
+    noisy = rows(noise=2.0)
+
+    def mean(cfg: ElectricalCfg) -> dict[str, float]:
+        return {"power": float(np.mean([battery_power(row.use, cfg).total for row in noisy]))}
+
+    measured = np.mean([row.measured for row in noisy])
+    for name in CALIBRATED:
+        for entry in sensitivity(noisy, mean, calibrate(noisy).cfg)[name]:
+            assert entry["power"] == pytest.approx(measured, rel=0.02)
+            assert entry["rmse"] < 5.0
     for entry in found["controller_idle"]:  # Go1 has no controllers
         assert entry["power"] == pytest.approx(made[0].measured, rel=1e-9)

@@ -11,7 +11,7 @@ from mrwarp import paper
 from mrwarp.cli import main
 from mrwarp.electrical.power import ElectricalCfg
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.evaluate import walk_figures
+from mrwarp.evaluate import energy_cli, walk_figures
 from mrwarp.evaluate.load import set_load
 from mrwarp.evaluate.meter import JointMeter
 from mrwarp.evaluate.standing import standing_use
@@ -138,7 +138,7 @@ def test_standing_on_the_devices_spares_the_calf_motors() -> None:
     ("options", "message"),
     [
         (["--policy", "nowhere.onnx"], "no such policy"),
-        (["--trials", "0"], "trials = 0"),
+        (["--speed", "0.3", "0.3"], "speeds = (0.3, 0.3): name each once"),
         (["--sal", "on", "--robot", "go1"], "exclude each other"),
         (["--set", "gear=1"], "'gear' is not one number"),
         (["--set", "winding_resistance=1"], "electrical.winding_resistance or thermal.winding_resistance"),
@@ -180,3 +180,41 @@ def test_unusable_numbers_end_with_2(
     shown = capsys.readouterr().err
     assert message in shown and len(shown.splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", ["walk", "mission"])
+@pytest.mark.parametrize(
+    "options",
+    [["--current", "nan"], ["--current", "500"], ["--speed", "1e9"], ["--distance", "1e12"], ["--seed", "-1"]],
+)
+def test_numbers_out_of_range_end_with_2(
+    command: str, options: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The option and what is allowed stand in the last line; nothing is written."""
+    with pytest.raises(SystemExit) as ended:
+        main([command, "--out", str(tmp_path / "out"), *options])
+    assert ended.value.code == 2
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert options[0] in last and "allowed" in last
+    assert not (tmp_path / "out").exists()
+
+
+def test_calibration_is_refused_before_the_walk(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Not all four conditions of Go1: nothing is simulated for it."""
+    for options in (["--speed", "0.4"], ["--sal", "on"], ["--payload", "0"]):
+        assert main(["walk", "--out", str(tmp_path / "out"), "--calibrate", *options]) == 2
+        shown = capsys.readouterr()
+        assert "--calibrate needs Go1 at 0.3 and 0.5 m/s with 0 and 3 kg" in shown.err and "%" not in shown.out
+
+
+def test_numbers_that_were_given_are_not_called_calibrated() -> None:
+    """A default came from ``--calibrate``; another value only if this run fitted it."""
+    groups = {"electrical": ElectricalCfg(electronics=50.0)}
+    found = energy_cli.described(groups)["electrical"]
+    assert (found["electronics"]["calibrated"], found["electronics"]["source"]) == (
+        False,
+        "given by --numbers or --set",
+    )
+    assert found["winding_resistance"]["calibrated"] and not found["calf_gear"]["calibrated"]
+    fitted = energy_cli.described(groups, ("electrical.electronics",))["electrical"]["electronics"]
+    assert fitted["calibrated"] and fitted["fitted_in_this_run"] and fitted["source"].startswith("calibrated on Go1")
