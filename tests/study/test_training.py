@@ -82,7 +82,8 @@ def test_robots_of_tables_6_and_7_pay_alike_for_power_and_carry_loads() -> None:
 def test_public_gains_are_those_of_every_motor() -> None:
     """The aware plant with another Kp and Kd: in motors and devices, of the trained and of the judged robot."""
     cfg = plant_cfg(PUBLIC, num_envs=2, randomize="none")
-    assert replace(cfg, gains=None) == plant_cfg(AWARE, num_envs=2, randomize="none")
+    aware = plant_cfg(AWARE, num_envs=2, randomize="none")
+    assert cfg == replace(aware, gains=PUBLIC_GAINS, rewards=replace(aware.rewards, height=HEIGHT))
     for env in (WalkEnv(cfg), WalkEnv(make_play_cfg(cfg))):
         kp, kd = (env.view(array) for array in (env.actuator.kp, env.actuator.kd))
         assert bool((kp == PUBLIC_GAINS[0]).all()) and bool((kd == PUBLIC_GAINS[1]).all())
