@@ -108,8 +108,8 @@ def plant_cfg(
     """The walking task on a plant.
 
     Observations, actions, rewards, commands and randomisation are the same for all of :data:`PLANTS`; for
-    :data:`PUBLIC` but for the weight of the height; and for all of ``paper.ROBOTS`` and :data:`EXPLICIT`, which in addition pay for power and carry
-    loads.
+    :data:`PUBLIC` but for the weight of the height; and for all of ``paper.ROBOTS`` and :data:`EXPLICIT`, which in
+    addition pay for power and carry loads.
 
     Raises:
         ValueError: there is no such plant, or no such randomisation.
