@@ -6,6 +6,8 @@ import argparse
 import math
 from collections.abc import Callable
 
+from mrwarp.params import with_unit
+
 LARGEST_SEED = 2**63 - 1
 """Largest seed that all random generators take."""
 
@@ -40,7 +42,7 @@ def within(low: float, high: float, unit: str) -> Callable[[str], float]:
     def checked(text: str) -> float:
         value = _number(text)
         if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text}; allowed: {low:g} to {high:g} {unit}")
+            raise argparse.ArgumentTypeError(f"{text}; allowed: {low:g} to {high:g}{with_unit(unit)}")
         return value
 
     return checked

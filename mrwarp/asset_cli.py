@@ -15,6 +15,7 @@ from mrwarp.asset import ASSETS, AssetError, is_mr, open_stage, read_parameters
 from mrwarp.asset_edit import Change, edit_asset, find_prim
 from mrwarp.asset_record import RECORD, PrimModel, read_model, record_text, summary
 from mrwarp.asset_report import check_asset, diff_assets, load_variants, models, show_asset, value_text
+from mrwarp.folder import one_line, place_and_cause
 from mrwarp.model_file import Model, ModelFileError, Parameter, load_model, save_model
 
 DEFAULT = ASSETS / "mr_go.usda"
@@ -70,8 +71,11 @@ def main(argv: list[str] | None = None) -> int:
     except BrokenPipeError:  # the reader, such as head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except (AssetError, ModelFileError, OSError) as error:
-        print(f"mrwarp asset {args.command}: {' '.join(str(error).split())}", file=sys.stderr)
+    except (AssetError, ModelFileError) as error:
+        print(f"mrwarp asset {args.command}: {one_line(error)}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"mrwarp asset {args.command}: {place_and_cause(error)}; name another file", file=sys.stderr)
         return 2
 
 

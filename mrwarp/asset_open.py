@@ -15,6 +15,8 @@ from pathlib import Path
 import newton_usd_schemas  # noqa: F401  (registers Newton's schemas; must happen before the registry is first used)
 from pxr import Plug, Sdf, Tf, Usd, UsdUtils
 
+from .folder import no_file
+
 SCHEMA = "MrwarpMRDriveAPI"
 """Applied API schema that makes a ``NewtonActuator`` an MR joint."""
 
@@ -100,7 +102,7 @@ def open_here(file: Path, allow_external: bool = False) -> Usd.Stage:
 def check_layer(file: Path) -> None:
     """Refuse what USD must not even begin to read: no file, too large, brackets nested too deep."""
     if not file.is_file():
-        raise AssetError(f"{file}: no such file; give a .usda file or leave the path out for {ASSETS}")
+        raise AssetError(f"{file}: {no_file(file, 'file')}; name a .usda file, such as those in {ASSETS}")
     try:
         if file.stat().st_size > MAX_BYTES:
             raise AssetError(f"{file}: {file.stat().st_size} bytes; allowed: {MAX_BYTES}; put meshes into other files")

@@ -42,9 +42,12 @@ def load_variants(file: Path, robot: str | None = None, payload: str | None = No
     if stage.GetPrimAtPath(stage.GetDefaultPrim().GetPath().AppendPath("joints/bench_joint")):
         yield load_bench(file)
         return
-    robots = [robot] if robot else sorted(variant_choices(stage, "robot"), reverse=True)
+    for name, chosen in (("robot", robot), ("payload", payload)):
+        if chosen is not None and chosen not in (offered := variant_choices(stage, name)):
+            raise AssetError(f"{name} = {chosen!r}; allowed: {', '.join(offered)}, the variants of {file}")
+    robots = sorted(variant_choices(stage, "robot"), reverse=True) if robot is None else [robot]
     for name in robots:
-        for load in [payload] if payload else sorted(variant_choices(stage, "payload")):
+        for load in sorted(variant_choices(stage, "payload")) if payload is None else [payload]:
             if not load.isdigit():
                 raise AssetError(f"{file}: variant payload = {load!r} is not a whole number of kg; rename it")
             yield load_robot(file, robot=name, payload=int(load))

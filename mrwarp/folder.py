@@ -1,4 +1,4 @@
-"""The output folder of a command: writable, and used by one process at a time."""
+"""Files and folders of a command: what is wrong with one, and an output folder that one process uses at a time."""
 
 from __future__ import annotations
 
@@ -53,6 +53,18 @@ def place_and_cause(error: OSError) -> str:
     """What cannot be read or written and why, on one line."""
     where = f"{error.filename}: " if error.filename else ""
     return where + " ".join((error.strerror or str(error) or type(error).__name__).split())
+
+
+def one_line(error: BaseException) -> str:
+    """What an error says, on one line; of one of the system's, place and cause."""
+    return place_and_cause(error) if isinstance(error, OSError) else " ".join(str(error).split())
+
+
+def no_file(path: Path, kind: str) -> str:
+    """What a path is that should be a file: not there, or something else, such as ``is a folder, no policy``."""
+    if path.is_dir():
+        return f"is a folder, no {kind}"
+    return f"is no regular file, so no {kind}" if path.exists() else f"no such {kind}"
 
 
 @contextlib.contextmanager

@@ -118,9 +118,14 @@ def _effect(name: str, content: dict[str, Any], law: EffectLaw | None, units: Ma
         parameters[key] = _parameter(entry, known.get(key), units, place)
     for key, spec in known.items():
         if key not in parameters and not (spec.choices or spec.form):
-            text = f"needed: {spec.allowed()}, in {effect_unit(spec, units)}"
+            text = f"needed: {spec.allowed()}{_in(effect_unit(spec, units))}"
             raise ModelFileError(f"{where}.parameters.{key} is missing; {text}")
     return Effect(name=name, parameters=parameters)
+
+
+def _in(unit: str | None) -> str:
+    """The unit of a range that was just named; nothing for that of a ratio."""
+    return f", in {unit}" if unit not in (None, "", "1") else ""
 
 
 def _parameter(entry: Any, spec: EffectParameter | None, units: Mapping[str, str], where: str) -> Parameter:
@@ -136,5 +141,5 @@ def _parameter(entry: Any, spec: EffectParameter | None, units: Mapping[str, str
         value = checked_number(entry["value"], f"{where}.value")
         parameter = Parameter(value=value, unit=unit, ci95=checked_interval(entry["ci95"], value, f"{where}.ci95"))
     if spec is not None and not spec.allows(parameter.value):
-        raise ModelFileError(f"{where} = {parameter.value:g}; allowed: {spec.allowed()}, in {expected}")
+        raise ModelFileError(f"{where} = {parameter.value:g}; allowed: {spec.allowed()}{_in(expected)}")
     return parameter

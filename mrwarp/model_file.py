@@ -8,6 +8,7 @@ An MR prim of a USD asset carries all that the file holds, see :mod:`mrwarp.asse
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import reprlib
@@ -168,13 +169,10 @@ def load_model(path: str | Path) -> Model:
         ModelFileError: the file is missing, too large, not JSON, of another schema, or one of its entries is unusable.
     """
     path = Path(path)
-    try:
+    with contextlib.suppress(OSError):  # told when it is read
         if path.stat().st_size > MAX_BYTES:
             raise ModelFileError(f"{path}: {path.stat().st_size} bytes; a model file has at most {MAX_BYTES}")
-        content = read_json_file(path)
-    except OSError as error:
-        raise ModelFileError(f"{path}: {error.strerror}; {_REMEDY}") from None
-    return model_from_dict(content, str(path))
+    return model_from_dict(read_json_file(path), str(path))
 
 
 def model_to_dict(model: Model) -> dict[str, Any]:
@@ -192,9 +190,11 @@ def model_from_dict(content: Any, where: str = "model") -> Model:
     Raises:
         ModelFileError: it is of another schema, or one of its entries is unusable.
     """
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        found = content.get("schema") if isinstance(content, dict) else type(content).__name__
-        raise ModelFileError(f"{where}: schema = {shown(found)}; allowed: {SCHEMA}; run 'mrwarp fit' again")
+    if not isinstance(content, dict):
+        raise ModelFileError(f"{where}: holds {shown(content)}; allowed: an object {{...}}; {_REMEDY}")
+    if content.get("schema") != SCHEMA:
+        found = shown(content.get("schema"))
+        raise ModelFileError(f"{where}: schema = {found}; allowed: {SCHEMA}; run 'mrwarp fit' again")
     checked_object(content, where, _KEYS)
     units = _texts(checked_object(content["units"], f"{where}: units", tuple(JOINT_UNITS)), f"{where}: units")
     for key, unit in units.items():
@@ -227,13 +227,14 @@ def read_json_file(path: Path, remedy: str = _REMEDY) -> Any:
     """What a JSON file holds.
 
     Raises:
-        ModelFileError: it is not JSON, or a key stands twice in one object.
-        OSError: it cannot be read.
+        ModelFileError: it cannot be read, is not JSON, or a key stands twice in one object.
     """
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise ModelFileError(f"{path}: not JSON: {error}; {remedy}") from None
+    except OSError as error:
+        raise ModelFileError(f"{path}: {error.strerror}; {remedy}") from None
     return read_json(text, str(path), remedy)
 
 

@@ -53,7 +53,12 @@ class ParamSpec:
 
     def allowed(self) -> str:
         """The allowed range as text, e.g. ``allowed: 0 to 1000 N·m/(rad·A), default 10.4133``."""
-        return f"allowed: {self.low:g} to {self.high:g} {self.unit}, default {self.default:g}"
+        return f"allowed: {self.low:g} to {self.high:g}{with_unit(self.unit)}, default {self.default:g}"
+
+
+def with_unit(unit: str) -> str:
+    """A unit to stand behind a number: with a blank before it, nothing for that of a ratio."""
+    return f" {unit}" if unit not in ("", "1") else ""
 
 
 def param(default: float, unit: str, low: float, high: float, source: str, doc: str) -> Any:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from mrwarp import cli
+from mrwarp.asset import ASSETS
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate.impact import ImpactCfg, Variant
 from mrwarp.sysid.recording import Holding
@@ -277,3 +278,39 @@ def test_currents_of_a_task_are_numbers(current: float) -> None:
             ImpactCfg(**wrong)
     with pytest.raises(ValueError, match="^trials = 0 must be at least 1$"):
         ImpactCfg(trials=0)
+
+
+MESSAGES: dict[str, tuple[str, str]] = {
+    "no numbers": ("walk --numbers no.json", "{tmp}/no.json: No such file or directory; give the numbers.json"),
+    "numbers that are a folder": ("walk --numbers {tmp}", "{tmp}: Is a directory; give the numbers.json"),
+    "a ratio's range": ("walk --set regeneration=9", "regeneration = 9 is out of range; allowed: 0 to 1, default"),
+    "no earlier result": ("perf --compare no.json", "no.json: No such file or directory; give a result.json"),
+    "a folder for a result": ("perf --compare {tmp}", "{tmp}: Is a directory; give a result.json"),
+    "a folder to export to": ("asset export {usd} FL_calf --out {tmp}", "export: {tmp}: Is a directory; name another"),
+    "a folder for an asset": ("asset show {tmp}", "{tmp}: is a folder, no file; name a .usda file, such as those in"),
+    "no asset to change": ("asset set no.usda FL_calf K1 9", "no.usda: no such file; name a .usda file, such as those"),
+    "an unknown payload": ("asset show {usd} --payload 3kg", "show: payload = '3kg'; allowed: 0, 3, the variants of"),
+    "an unknown robot": ("asset show {usd} --robot spot", "show: robot = 'spot'; allowed: go1, mr_go, the variants"),
+    "a list for a model": ("asset apply {usd} {tmp}/list.json", "list.json: holds [1, 2]; allowed: an object {{...}}"),
+    "a folder for a model": ("asset apply {usd} {tmp}", "{tmp}: Is a directory; give the model.json that"),
+    "a folder for a policy": ("impact --policy {tmp}", "{tmp}: is a folder, no policy; name an .onnx file"),
+    "a folder for the bench's policy": ("bench --policy {tmp}", "{tmp}: is a folder, no policy; name an .onnx file"),
+    "a folder for a checkpoint": ("train --resume {tmp}", "{tmp}: is a folder, no checkpoint; name the file"),
+    "a folder for a dump": ("replay-dump {tmp}", "{tmp}: is a folder, no dump; name a .safetensors file"),
+    "a ratio of the bench": ("bench --effect current_gain=99", "allowed: 0.1 to 10, "),
+}
+
+
+@pytest.mark.parametrize("what", MESSAGES)
+def test_a_refusal_says_what_is_wrong_and_what_to_do(
+    what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Files that are not there or something else, and names and values that are none."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "list.json").write_text("[1, 2]")
+    command, message = MESSAGES[what]
+    names = {"tmp": tmp_path, "usd": ASSETS / "mr_go.usda"}
+    line = refused([word.format(**names) for word in command.split()], capsys)
+    assert message.format(**names).removeprefix(f"{tmp_path}/") in line
+    assert "Errno" not in line
+    assert [path.name for path in tmp_path.iterdir()] == ["list.json"]

@@ -17,7 +17,7 @@ from typing import Any
 from mrwarp.arguments import averaged, seed
 from mrwarp.diagnose import report_text as text
 from mrwarp.diagnose.result import Diagnosis
-from mrwarp.folder import check_writable
+from mrwarp.folder import check_writable, one_line
 from mrwarp.model_file import JOINT_UNITS, Model, ModelFileError, load_model, save_model
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
@@ -41,7 +41,7 @@ def main(argv: list[str] | None = None) -> int:
         pictures = _draw(diagnosis, told)
         page = _page(diagnosis, argv, tables, pictures)
     except (RecordingError, ModelFileError, ParameterError, _Refused, OSError) as error:
-        print(f"mrwarp diagnose: {error}", file=sys.stderr)
+        print(f"mrwarp diagnose: {one_line(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("\nmrwarp diagnose: stopped; nothing was written", file=sys.stderr)
@@ -50,7 +50,7 @@ def main(argv: list[str] | None = None) -> int:
         with _undisturbed():
             written = _write(diagnosis, args.out, argv, besides, page, pictures)
     except OSError as error:
-        print(f"mrwarp diagnose: {error}; name another --out", file=sys.stderr)
+        print(f"mrwarp diagnose: {one_line(error)}; name another --out", file=sys.stderr)
         return 2
     print(verdict_table(diagnosis, tables))
     print(f"\n{', '.join(written)} in {args.out} ({time.perf_counter() - started:.0f} s)")

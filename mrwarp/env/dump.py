@@ -13,6 +13,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from mrwarp.env.watch import KEPT, Break, Column
+from mrwarp.folder import no_file
 from mrwarp.in_one_piece import replacing
 
 META = "mrwarp_dump"
@@ -57,7 +58,9 @@ def load(path: Path) -> Dump:
         DumpError: the file is missing, no dump, or damaged.
     """
     if not path.is_file():
-        raise DumpError(f"{path}: no such dump; name a .safetensors file from the folder 'broken' of a training")
+        raise DumpError(
+            f"{path}: {no_file(path, 'dump')}; name a .safetensors file from the folder 'broken' of a training"
+        )
     try:
         with safe_open(str(path), framework="np") as content:
             meta = json.loads((content.metadata() or {}).get(META, "null"))

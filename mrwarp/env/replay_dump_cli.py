@@ -11,6 +11,7 @@ import numpy as np
 
 from mrwarp.arguments import count
 from mrwarp.env.dump import Dump, DumpError, load
+from mrwarp.folder import one_line
 from mrwarp.in_one_piece import replacing
 from mrwarp.rl.play_cli import check_output
 
@@ -52,7 +53,7 @@ def main(argv: list[str] | None = None) -> int:
             plot(dump, args.png)
             print(f"picture: {args.png}")
     except (DumpError, ValueError, OSError) as error:
-        print(f"mrwarp replay-dump: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"mrwarp replay-dump: {one_line(error)}", file=sys.stderr)
         return 2
     return 0
 

@@ -15,7 +15,7 @@ from mrwarp.arguments import coil_current, count, force, positive, seed, speed
 from mrwarp.asset import AssetError, check_currents
 from mrwarp.effects.applied import effect_lines
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
-from mrwarp.folder import check_writable
+from mrwarp.folder import check_writable, one_line
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
@@ -76,7 +76,7 @@ def main(argv: list[str] | None = None) -> int:
         shown = sweeps.get(Coupling.CONSTRAINT) or sweeps[couplings[0]]
         view = ImpactView.open(shown, live=args.live, rrd=args.rrd, connect=args.connect, serve_web=args.serve_web)
     except (PolicyError, AssetError, ParameterError, ViewerError, ValueError, OSError) as error:
-        print(f"mrwarp impact: {error}", file=sys.stderr)
+        print(f"mrwarp impact: {one_line(error)}", file=sys.stderr)
         return 2
     args.out.mkdir(parents=True, exist_ok=True)
     result: dict[str, Any] = {

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from mrwarp.arguments import seed
-from mrwarp.folder import check_writable
+from mrwarp.folder import check_writable, one_line
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
 
@@ -30,7 +30,7 @@ def main(argv: list[str] | None = None) -> int:
         policy = OnnxPolicy(args.policy) if args.policy else None
         check_writable(args.out)
     except (PolicyError, OSError) as error:
-        print(f"mrwarp verify: {error}", file=sys.stderr)
+        print(f"mrwarp verify: {one_line(error)}", file=sys.stderr)
         return 2
     started = time.perf_counter()
 

@@ -15,6 +15,7 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
+from mrwarp.folder import no_file
 from mrwarp.in_one_piece import replacing
 from mrwarp.nn.models import FEATURES, SAMPLES, LstmState, LstmTorque, TorqueNet, make_net
 
@@ -113,7 +114,7 @@ def load(path: str | Path) -> LearnedModel:
     """
     path = Path(path)
     if not path.is_file():
-        raise ModelFileError(f"{path}: no such model; name a .safetensors file that 'mrwarp learn' wrote")
+        raise ModelFileError(f"{path}: {no_file(path, 'model')}; name a .safetensors file that 'mrwarp learn' wrote")
     try:
         with safe_open(str(path), framework="pt") as content:
             meta = json.loads((content.metadata() or {}).get(META, "null"))

@@ -43,8 +43,7 @@ def load_ratios(path: Path) -> dict[str, dict[str, float]]:
     """The ratios of a result that ``mrwarp perf`` wrote.
 
     Raises:
-        CompareError: the file is no such result.
-        OSError: it cannot be read.
+        CompareError: the file cannot be read, or is no such result.
     """
     remedy = "give a result.json of 'mrwarp perf', or benchmarks/perf_cpu.json"
     try:

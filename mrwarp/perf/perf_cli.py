@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from mrwarp.arguments import count, whole
-from mrwarp.folder import check_writable
+from mrwarp.folder import check_writable, one_line
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
 
@@ -56,14 +56,14 @@ def main(argv: list[str] | None = None) -> int:
         policy = OnnxPolicy(args.policy)
         check_writable(args.out)
     except (PolicyError, CompareError, ValueError, OSError) as error:
-        print(f"mrwarp perf: {error}", file=sys.stderr)
+        print(f"mrwarp perf: {one_line(error)}", file=sys.stderr)
         return 2
     progress = Progress(sys.stderr)
     try:
         figures = run(policy, progress)
     except NotWalkingError as error:
         progress.done()
-        print(f"mrwarp perf: {error}", file=sys.stderr)
+        print(f"mrwarp perf: {one_line(error)}", file=sys.stderr)
         return 1
     progress.done()
     rows = compare(before, figures["ratios"])

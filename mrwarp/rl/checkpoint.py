@@ -10,6 +10,7 @@ from typing import Any
 
 import torch
 
+from mrwarp.folder import no_file
 from mrwarp.in_one_piece import replacing
 
 FORMAT = 1
@@ -38,7 +39,7 @@ def load(path: Path) -> dict[str, Any]:
         CheckpointError: there is no such file, it is damaged, holds code, or is of another version.
     """
     if not path.is_file():
-        raise CheckpointError(f"{path}: no such checkpoint; name the file checkpoint.pt that training wrote")
+        raise CheckpointError(f"{path}: {no_file(path, 'checkpoint')}; name the file checkpoint.pt that training wrote")
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
     except pickle.UnpicklingError as error:

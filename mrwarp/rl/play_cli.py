@@ -21,6 +21,7 @@ from mrwarp.arguments import coil_current, count, finite, seed, speed
 from mrwarp.asset import AssetError, check_currents
 from mrwarp.effects.applied import effect_lines
 from mrwarp.env.cfg import ACTUATORS, TERRAINS, EnvCfg, make_walk_cfg
+from mrwarp.folder import one_line
 from mrwarp.nn.model_file import shipped_model
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
@@ -131,7 +132,7 @@ def _play(args: argparse.Namespace, argv: list[str]) -> int:
             keep=args.png is not None,
         )
     except (AssetError, ParameterError, PolicyError, ViewerError, ValueError, OSError) as error:
-        print(f"{PROG}: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"{PROG}: {one_line(error)}", file=sys.stderr)
         return 2
     try:
         return _run(args, argv, player)

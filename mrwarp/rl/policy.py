@@ -13,6 +13,7 @@ import torch
 from tensordict import TensorDict
 
 from mrwarp.env.observations import ACTOR_TERMS
+from mrwarp.folder import no_file
 from mrwarp.in_one_piece import replacing
 from mrwarp.model_file import shown
 from mrwarp.robot import JOINTS
@@ -68,7 +69,7 @@ class OnnxPolicy:
     def __init__(self, path: str | Path) -> None:
         path = Path(path)
         if not path.is_file():
-            raise PolicyError(f"{path}: no such policy; name an .onnx file that train/ppo.py wrote")
+            raise PolicyError(f"{path}: {no_file(path, 'policy')}; name an .onnx file that train/ppo.py wrote")
         try:
             proto = onnx.load(str(path), load_external_data=False)
             onnx.checker.check_model(proto)

@@ -84,7 +84,7 @@ def main(argv: list[str] | None = None) -> int:
     Returns:
         0 when the gate was met or not asked for, 1 when missed or broken off, 130 after Ctrl-C, 2 on bad input.
     """
-    from mrwarp.folder import FolderError
+    from mrwarp.folder import FolderError, one_line
     from mrwarp.rl.checkpoint import CheckpointError
     from mrwarp.rl.ranks import RankLostError, Ranks, one_voice
     from mrwarp.rl.trainer import TrainCfg, Trainer, TrainingError
@@ -139,7 +139,7 @@ def main(argv: list[str] | None = None) -> int:
             print(line, flush=True)
         view = _open_view(args, trainer) if ranks.main else None
     except (ViewerError, AssetError, ParameterError, CheckpointError, RankLostError, ValueError, OSError) as error:
-        ranks.complain(f"train/ppo.py: {error}")
+        ranks.complain(f"train/ppo.py: {one_line(error)}")
         return ranks.exit(1 if isinstance(error, RankLostError) else 2)
     result, code = {}, 0
     try:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mrwarp.folder import no_file
 from mrwarp.params import MrParams
 from mrwarp.sysid.bench_effects import LOG_DT, Drive, Effects, breakaway_torque, simulate
 from mrwarp.sysid.excitation import CalfPool, Excitation, calf_trajectories, evaluation_excitations, fit_excitations
@@ -59,7 +60,9 @@ class BenchCfg:
         if 0 < self.evaluation_samples < 4 * MIN_SAMPLES or self.evaluation_samples < 0:
             raise ValueError(f"evaluation_samples = {self.evaluation_samples} must be 0 or at least {4 * MIN_SAMPLES}")
         if self.policy is not None and not self.policy.is_file():
-            raise ValueError(f"{self.policy}: no such policy; name an .onnx file that train/ppo.py wrote")
+            raise ValueError(
+                f"{self.policy}: {no_file(self.policy, 'policy')}; name an .onnx file that train/ppo.py wrote"
+            )
         if self.seed < 0:
             raise ValueError(f"seed = {self.seed} must not be negative")
 

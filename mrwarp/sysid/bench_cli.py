@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 
 from mrwarp.arguments import count, seed, whole
-from mrwarp.folder import check_writable
+from mrwarp.folder import check_writable, one_line
 from mrwarp.paper import FIGURE_4
 from mrwarp.params import MrParams
 from mrwarp.results import write_result
@@ -41,7 +41,7 @@ def main(argv: list[str] | None = None) -> int:
             OnnxPolicy(cfg.policy)
         return _run(cfg, args, "mrwarp bench " + shlex.join(argv))
     except (ValueError, OSError) as error:
-        print(f"mrwarp bench: {error}", file=sys.stderr)
+        print(f"mrwarp bench: {one_line(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         left = f"what {args.out} holds is not complete" if args.out.exists() else "nothing was written"

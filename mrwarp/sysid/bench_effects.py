@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mrwarp.params import MrParams
+from mrwarp.params import MrParams, with_unit
 
 SUBSTEPS = 10
 """Integration steps per logged sample: 2 kHz for 200 Hz."""
@@ -154,7 +154,7 @@ def _checked(name: str, value: float) -> float:
     spec = EFFECTS[name]
     if not spec.low <= value <= spec.high:
         raise EffectError(
-            f"effect {name} = {value:g} is out of range; allowed: {spec.low:g} to {spec.high:g} {spec.unit}, "
+            f"effect {name} = {value:g} is out of range; allowed: {spec.low:g} to {spec.high:g}{with_unit(spec.unit)}, "
             f"absent at {spec.null:g}"
         )
     return float(value)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from mrwarp.arguments import averaged, seed
-from mrwarp.folder import check_writable
+from mrwarp.folder import check_writable, one_line
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, parameter_unit, save_model
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import versions, write_result
@@ -69,7 +69,7 @@ def main(argv: list[str] | None = None) -> int:
             extended = fit_extended(recording, seed=args.seed, progress=lambda t: progress(f"extended: {t}"))
         predicted = predictions(unseen, result, extended, args.averaged) if unseen else {}
     except (RecordingError, OSError) as error:
-        print(f"mrwarp fit: {error}", file=sys.stderr)
+        print(f"mrwarp fit: {one_line(error)}", file=sys.stderr)
         return 2
     save_model(to_model(result, extended), args.out / "model.json")
     progress("pictures")

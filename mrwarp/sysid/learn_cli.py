@@ -11,7 +11,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from mrwarp.arguments import count, seed
-from mrwarp.folder import check_writable
+from mrwarp.folder import check_writable, one_line
 from mrwarp.model_file import load_model
 from mrwarp.nn import model_file
 from mrwarp.nn.models import SAMPLES, LstmState
@@ -62,7 +62,7 @@ def main(argv: list[str] | None = None) -> int:
             raise ValueError(f"{held_out}: sampled at another rate than {args.data}; resample one of them")
         learned = learn.learn(recording, kind=args.model, bouc_wen=bouc_wen, cfg=cfg, report=print_epoch)
     except (ValueError, OSError) as error:  # recordings, parameters and recipe raise kinds of ValueError
-        print(f"mrwarp learn: {error}", file=sys.stderr)
+        print(f"mrwarp learn: {one_line(error)}", file=sys.stderr)
         return 2
     model = replace(learned.model, source=str(args.data))
     figures = {**learned.figures, "bouc_wen": model.bouc_wen, "evaluation": None}
