@@ -52,8 +52,10 @@ def test_every_parameter_is_documented_and_in_its_range(spec: ParamSpec):
     assert spec.check(spec.high, "here") == spec.high
     step = 1e-6 * (spec.high - spec.low)
     for value in (spec.low - step, spec.high + step, float("nan"), float("inf"), -(10**400)):
+        unit = "" if spec.unit == "1" else f" {re.escape(spec.unit)}"
+        high = re.escape(f"{spec.high:g}")
         with pytest.raises(
-            ParameterError, match=f"here: {spec.name} = .* is out of range; allowed: .* {re.escape(spec.unit)}"
+            ParameterError, match=f"here: {spec.name} = .* is out of range; allowed: .* to {high}{unit}, default"
         ):
             spec.check(value, "here")
     for value in ("fast", None, [1.0]):

@@ -212,7 +212,7 @@ def test_damage_is_refused_with_path_key_and_remedy(tmp_path: Path, change: Call
         (b"", "not JSON"),
         (b"\x80\x04model", "not JSON"),
         (b"[" * 100_000, "not JSON"),
-        (b"[1, 2]", r"holds [1, 2]; allowed: an object {...}"),
+        (b"[1, 2]", r"holds \[1, 2\]; allowed: an object \{...\}; give the model.json"),
         (b'{"schema": 1, "schema": 1}', "schema stands twice"),
         (b'{"schema": 1, "seed": NaN}', "units is missing"),
         (b" " * (2**20 + 1), "a model file has at most"),
