@@ -31,7 +31,7 @@ def make_parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add = parser.add_argument
     add("part", nargs="+", choices=(*SHOWN, "all"), metavar="PART", help="tables and figures, or all")
-    add("--out", type=Path, required=True, help="output folder")
+    add("--out", type=Path, default=Path("runs/report"), help="output folder (default: runs/report)")
     add("--policy", type=Path, nargs="+", metavar="P", help="policies of all robots, one per training seed")
     for robot in ROBOTS:
         add(f"--policy-{robot.replace('_', '-')}", type=Path, nargs="+", metavar="P", help=f"of {robot}'s walks alone")
@@ -41,6 +41,8 @@ def make_parser() -> argparse.ArgumentParser:
         "of those with the asset's gains, and of walks without a price on power (default: the aware ones of table 2)"
     )
     add("--policy-aware", type=Path, nargs="+", metavar="P", help=aware)
+    explicit = "of MR_Go-SAL's walks with the paper's explicit torque (default: those trained with it)"
+    add("--policy-explicit", type=Path, nargs="+", metavar="P", help=explicit)
     for name, text in (("rollouts", "walks per policy and condition"), ("impacts", "impacts per policy and current")):
         add(f"--{name}", type=count, default=getattr(default, name), help=f"{text} ({getattr(default, name)})")
     for name, text in (("distance", "walk of table 6 [m]"), ("window", "simulated walk of the mission [m]")):
@@ -62,13 +64,14 @@ def main(argv: list[str] | None = None) -> int:
     from mrwarp.evaluate.energy_cli import Progress
     from mrwarp.reproduce.catalogue import CATALOGUE, SHOWN
     from mrwarp.reproduce.runner import Runner
-    from mrwarp.reproduce.settings import ensembles
+    from mrwarp.reproduce.settings import Ensemble, ensembles
     from mrwarp.rl.policy import PolicyError
     from mrwarp.robot import PUBLIC_GAINS
 
     try:
         settings = _settings(args)
         ensembles(settings)
+        Ensemble(settings.explicit)
         for gains in (PUBLIC_GAINS, None):
             settings.struck(gains)
         check_writable(args.out)
@@ -111,6 +114,7 @@ def _settings(args: argparse.Namespace) -> Any:
     return Settings(
         policies=policies, impacted=tuple(args.policy_impacted or args.policy or default.impacted),
         aware=tuple(args.policy_aware or args.policy or default.aware),
+        explicit=tuple(args.policy_explicit or args.policy or default.explicit),
         rollouts=args.rollouts, impacts=args.impacts, distance=args.distance, window=args.window,
         seed=args.seed, threads=args.threads,
     )  # fmt: skip

@@ -11,7 +11,7 @@ import torch
 
 from mrwarp.paper import ROBOTS
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.study.plan import AWARE, ENERGY, PUBLIC, SEEDS, STUDY, policy_file
+from mrwarp.study.plan import AWARE, ENERGY, EXPLICIT, PUBLIC, SEEDS, STUDY, policy_file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +27,8 @@ class Settings:
     aware: tuple[Path, ...] = field(default_factory=lambda: tuple(policy_file(STUDY, AWARE, n) for n in SEEDS))
     """Policies under pushes and falling masses with the asset's gains, and of walks without a price on power: the
     actuator-aware ones of table 2."""
+    explicit: tuple[Path, ...] = field(default_factory=lambda: tuple(policy_file(ENERGY, EXPLICIT, n) for n in SEEDS))
+    """Policies of MR_Go-SAL's walks with the paper's explicit torque, trained with it; as many as of the robots."""
     rollouts: int = 3
     """Rollouts per policy, paper section 6.2."""
     distance: float = 30.0
@@ -46,7 +48,15 @@ class Settings:
                 raise ValueError(f"policies: name at least one for {robot}")
         counts = {len(self.policies[robot]) for robot in ROBOTS}
         if len(counts) > 1:
-            raise ValueError(f"policies: every robot needs the same number of seeds, got {sorted(counts)}")
+            raise ValueError(
+                "policies: " + ", ".join(f"{len(self.policies[robot])} for {robot}" for robot in ROBOTS)
+                + "; name the same number, one per training seed, for every robot (--policy-ROBOT)"
+            )  # fmt: skip
+        if counts != {len(self.explicit)}:
+            raise ValueError(
+                f"explicit: {len(self.explicit)} policies, but {self.policy_seeds} for every robot; name as many "
+                "(--policy-explicit)"
+            )
         if not self.impacted or len(self.impacted) != len(self.aware):
             counts = f"{len(self.impacted)} and {len(self.aware)}"
             raise ValueError(f"impacted and aware need the same number of policies, at least one; got {counts}")

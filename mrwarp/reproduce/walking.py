@@ -38,13 +38,15 @@ class Variant:
     """How the devices act."""
     policy: str = "own"
     """``own``: each robot's; ``mr_go``: MR_Go's on both; ``crossed``: MR_Go and MR_Go-SAL walk with each other's;
-    ``unpaid``: all with those of table 2, whose training has no price on power."""
+    ``trained``: MR_Go-SAL with those that were trained with the explicit torque; ``unpaid``: all with those of table
+    2, whose training has no price on power."""
 
 
 VARIANTS = {
     "both": Variant(robots=paper.ROBOTS),
     "holding": Variant(robots=("mr_go_sal",), damping=False),
     "explicit": Variant(robots=("mr_go", "mr_go_sal"), damping=False, coupling=Coupling.EXPLICIT, policy="mr_go"),
+    "trained": Variant(robots=("mr_go", "mr_go_sal"), coupling=Coupling.EXPLICIT, policy="trained"),
     "crossed": Variant(robots=("mr_go", "mr_go_sal"), policy="crossed"),
     "unpaid": Variant(robots=paper.ROBOTS, policy="unpaid"),
 }
@@ -62,6 +64,9 @@ class Walks:
     explicit: list[WalkResult]
     """MR_Go, and MR_Go-SAL holding with the torque of eq. 19 in place of a device that sticks, both with MR_Go's
     policies: this torque leaves the gait as it is."""
+    trained: list[WalkResult]
+    """MR_Go, and MR_Go-SAL with both branches, whose devices act by the paper's explicit torque (eqs. 6, 19), each with
+    its own policies: those of MR_Go-SAL were trained with this torque."""
     crossed: list[WalkResult]
     """MR_Go with MR_Go-SAL's policies and the other way round."""
     unpaid: list[WalkResult]
@@ -130,6 +135,7 @@ def simulate(job: Job) -> Findings:
     policies = {
         "own": own,
         "mr_go": dict.fromkeys(("mr_go", "mr_go_sal"), own["mr_go"]),
+        "trained": {"mr_go": own["mr_go"], "mr_go_sal": Ensemble(settings.explicit)},
         "crossed": {"mr_go": own["mr_go_sal"], "mr_go_sal": own["mr_go"]},
         "unpaid": dict.fromkeys(paper.ROBOTS, unpaid),
     }
@@ -171,5 +177,5 @@ def _result(item: dict) -> WalkResult:
 
 EXPERIMENT = Experiment(
     name="walks", title="Walks of Go1, MR_Go and MR_Go-SAL", compute=simulate, shown=False,
-    settings=("policies", "aware", "rollouts", "distance", "seed"),
+    settings=("policies", "aware", "explicit", "rollouts", "distance", "seed"),
 )  # fmt: skip

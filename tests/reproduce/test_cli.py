@@ -20,7 +20,6 @@ from mrwarp.reproduce.settings import Settings
     [
         (["table99", "--out", "x"], "invalid choice: 'table99'"),
         (["--out", "x"], "required: PART"),
-        (["table6"], "required: --out"),
         (["table6", "--out", "x", "--distance", "0"], "--distance: 0 must be a positive number"),
         (["table6", "--out", "x", "--distance", "nan"], "--distance: nan must be a positive number"),
         (["table6", "--out", "x", "--distance", "inf"], "--distance: inf must be a positive number"),
@@ -43,7 +42,11 @@ def test_unusable_words_are_refused(argv: list[str], message: str, capsys: pytes
     ("options", "message"),
     [
         (["--policy", "nothing.onnx"], "nothing.onnx: no such policy"),
-        (["--policy-go1", "a.onnx", "b.onnx"], "same number of seeds, got [2, 3]"),
+        (["--policy-explicit", "a.onnx"], "explicit: 1 policies, but 3 for every robot; name as many"),
+        (
+            ["--policy-go1", "a.onnx", "b.onnx"],
+            "policies: 2 for go1, 3 for mr_go, 3 for mr_go_sal; name the same",
+        ),
     ],
 )
 def test_bad_input_is_one_line_and_nothing_is_written(
@@ -131,7 +134,7 @@ def test_short_walks_go_through_end_to_end(tmp_path: Path) -> None:
     assert cli.main(argv) == 0
     result = json.loads((tmp_path / "result.json").read_text())
     rows = result["parts"]["table6"]["rows"]
-    assert [row["calibrated"] for row in rows] == [True] * 4 + [False] * 12
+    assert [row["calibrated"] for row in rows] == [True] * 4 + [False] * 16
     assert {part["status"] for part in result["parts"].values()} == {"made"}
     assert (tmp_path / "fig8" / "torques.png").stat().st_size > 10_000
     assert (tmp_path / "report.html").read_text().count("data:image/png;base64") == 3
