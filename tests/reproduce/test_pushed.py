@@ -73,8 +73,9 @@ def test_legs_follow_from_the_phases(phases: tuple[float, float] | None, legs: d
 
 def test_table4_claims_that_the_adopted_0_a_row_is_nearest(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Among readings with eq. 14; one with another torque may be nearer, another with eq. 14 may not."""
-    claim = "of the 12 readings with eq. 14, the adopted one's 0 A row is nearest"
-    adopted, other = readings.ADOPTED.name, "the same, Kp 16, Kd 0.3"
+    claim = f"of the {len(readings.CANDIDATES)} readings with eq. 14, the adopted one's 0 A row is nearest"
+    assert readings.ADOPTED in readings.CANDIDATES and readings.UNWEAKENED not in readings.CANDIDATES
+    adopted, other = readings.ADOPTED.name, readings.BASE.name
     near = {adopted: 0.001, readings.UNWEAKENED.name: 0.0}
     found = made(table4, monkeypatch, tmp_path, pushed(near))
     assert found.claims[claim]
