@@ -1,15 +1,37 @@
-"""Argument types that several commands share; each refuses with the value and what is allowed."""
+"""What the commands share of reading arguments: the parser, and types that refuse with value and what is allowed."""
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
+import re
+import shlex
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
 
 from mrwarp.params import with_unit
 
+_NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$|-(inf|infinity|nan)$", re.IGNORECASE)
+
 LARGEST_SEED = 2**63 - 1
 """Largest seed that all random generators take."""
+
+
+class Parser(argparse.ArgumentParser):
+    """Refuses in one line, without the usage, and takes every negative number for a value, ``-1e-3`` too."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self._negative_number_matcher = _NEGATIVE
+
+    def error(self, message: str) -> NoReturn:
+        """End with exit code 2."""
+        self.exit(2, f"{self.prog}: {' '.join(message.split())}; see --help\n")
+
+
+def typed(prog: str, argv: Sequence[str]) -> str:
+    """The command line as it can be typed again; ``prog`` is a command such as ``mrwarp train``, or a script."""
+    return f"{'python ' * prog.endswith('.py')}{prog} {shlex.join(argv)}"
 
 
 def finite(text: str) -> float:

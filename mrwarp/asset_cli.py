@@ -11,6 +11,7 @@ from pathlib import Path
 
 from pxr import Usd
 
+from mrwarp.arguments import Parser
 from mrwarp.asset import ASSETS, AssetError, is_mr, open_stage, read_parameters
 from mrwarp.asset_edit import Change, edit_asset, find_prim
 from mrwarp.asset_record import RECORD, PrimModel, read_model, record_text, summary
@@ -23,7 +24,7 @@ DEFAULT = ASSETS / "mr_go.usda"
 
 def make_parser() -> argparse.ArgumentParser:
     """The options of ``mrwarp asset``."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="mrwarp asset", description="Look at, edit, check and compare USD files of the robot or the bench."
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -63,7 +64,7 @@ def make_parser() -> argparse.ArgumentParser:
 
 def main(argv: list[str] | None = None) -> int:
     """Run a command; 0 done, 1 the files of ``diff`` differ, 2 bad input: then nothing was written."""
-    args = make_parser().parse_args([_shielded(word) for word in (sys.argv[1:] if argv is None else argv)])
+    args = make_parser().parse_args(argv)
     try:
         code = _COMMANDS[args.command](args)
         sys.stdout.flush()
@@ -79,15 +80,6 @@ def main(argv: list[str] | None = None) -> int:
         return 2
 
 
-def _shielded(word: str) -> str:
-    """``word``, with a blank before a negative number, which argparse would take for an option (``-1e-3``)."""
-    try:
-        float(word)
-    except ValueError:
-        return word
-    return f" {word}" if word.startswith("-") else word
-
-
 def _show(args: argparse.Namespace) -> int:
     asset = next(load_variants(args.file, args.robot, args.payload))
     for line in show_asset(asset, args.full):
@@ -96,7 +88,7 @@ def _show(args: argparse.Namespace) -> int:
 
 
 def _set(args: argparse.Namespace) -> int:
-    return _edit(args, {args.attribute: args.value.strip()})
+    return _edit(args, {args.attribute: args.value})
 
 
 def _apply(args: argparse.Namespace) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import os
 import sys
@@ -37,7 +38,9 @@ def main(argv: list[str] | None = None) -> int:
         print(_usage())
         return 0 if argv else 2
     if argv[0] not in COMMANDS:
-        print(f"mrwarp: there is no command {argv[0]!r}\n\n{_usage()}", file=sys.stderr)
+        near = difflib.get_close_matches(argv[0], COMMANDS, n=1)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        print(f"mrwarp: there is no command {argv[0]!r}; {hint}see mrwarp --help", file=sys.stderr)
         return 2
     module, _ = COMMANDS[argv[0]]
     try:

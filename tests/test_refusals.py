@@ -2,6 +2,7 @@
 
 import importlib
 import math
+import runpy
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from mrwarp import cli
+from mrwarp.arguments import Parser, typed
 from mrwarp.asset import ASSETS
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate.impact import ImpactCfg, Variant
@@ -26,9 +28,9 @@ def refused(argv: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     captured = capsys.readouterr()
     assert code == 2
     assert "Traceback" not in captured.err
-    line = captured.err.splitlines()[-1]
-    assert argv[0] in line.partition(":")[0]
-    return line
+    assert captured.err.startswith(f"mrwarp {argv[0]}") and captured.err.endswith("\n")
+    assert captured.err.count("\n") == 1, captured.err
+    return captured.err
 
 
 SEEDED: dict[str, list[str]] = {
@@ -314,3 +316,52 @@ def test_a_refusal_says_what_is_wrong_and_what_to_do(
     assert message.format(**names).removeprefix(f"{tmp_path}/") in line
     assert "Errno" not in line
     assert [path.name for path in tmp_path.iterdir()] == ["list.json"]
+
+
+@pytest.mark.parametrize("command", sorted({*cli.COMMANDS} - {"walk", "mission", "study", "reproduce"}))
+def test_a_flag_that_is_none(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every command names it in one line and says where the options stand."""
+    line = refused([command, "--nonsense"], capsys)
+    assert line.startswith(f"mrwarp {command}") and line.endswith("; see --help\n")
+
+
+@pytest.mark.parametrize(
+    ("script", "flag"), [("ppo", "--num-envs=x"), ("play", "--nonsense"), ("play", "--agent=zero --web-port 0")]
+)
+def test_the_scripts_call_themselves_what_they_are(
+    script: str, flag: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """``train/ppo.py`` and ``train/play.py`` are ``mrwarp train`` and ``mrwarp play`` under names of their own."""
+    path = Path(__file__).parents[1] / "train" / f"{script}.py"
+    monkeypatch.setattr(sys, "argv", [str(path), *flag.split()])
+    with pytest.raises(SystemExit) as leaving:
+        runpy.run_path(str(path), run_name="__main__")
+    assert leaving.value.code == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"train/{script}.py: ") and error.count("\n") == 1
+
+
+def test_a_command_line_can_be_typed_again() -> None:
+    """What results keep: scripts are run by python, commands by themselves."""
+    assert typed("train/ppo.py", ["--out", "a b"]) == "python train/ppo.py --out 'a b'"
+    assert typed("mrwarp train", ["--seed", "1"]) == "mrwarp train --seed 1"
+
+
+@pytest.mark.parametrize("number", ["-1e30", "-1E-3", "-.5", "-1.", "-inf", "-nan", "-5", "-1.5e+3"])
+def test_negative_numbers_are_values(number: str) -> None:
+    """However they are written; a word that begins with a minus is not."""
+    parser = Parser(prog="p")
+    parser.add_argument("--force", nargs=3)
+    parser.add_argument("value", nargs="?")
+    parsed = parser.parse_args(["--force", "0", number, "0", number])
+    assert parsed.force == ["0", number, "0"] and parsed.value == number
+    with pytest.raises(SystemExit):
+        parser.parse_args(["-x"])
+
+
+@pytest.mark.parametrize(("word", "hint"), [("fitt", "did you mean 'fit'? see"), ("--version", "; see mrwarp --help")])
+def test_a_misspelt_command(word: str, hint: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line with the nearest name."""
+    assert cli.main([word]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and f"there is no command {word!r}" in error and hint in error

@@ -5,4 +5,4 @@ import sys
 from mrwarp.rl.play_cli import main
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(prog="train/play.py"))

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from mrwarp.arguments import averaged, seed
+from mrwarp.arguments import Parser, averaged, seed
 from mrwarp.diagnose import report_text as text
 from mrwarp.diagnose.result import Diagnosis
 from mrwarp.folder import check_writable, one_line
@@ -98,7 +98,7 @@ class _Refused(ValueError):
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="mrwarp diagnose",
         description="Show what the simulation of a measured joint gets wrong, name the cause, extend the model and "
         "measure the gain.",

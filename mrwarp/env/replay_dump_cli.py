@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mrwarp.arguments import count
+from mrwarp.arguments import Parser, count
 from mrwarp.env.dump import Dump, DumpError, load
 from mrwarp.folder import one_line
 from mrwarp.in_one_piece import replacing
@@ -31,7 +31,7 @@ PANELS = (
 
 def make_parser() -> argparse.ArgumentParser:
     """The options of ``mrwarp replay-dump``."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="mrwarp replay-dump",
         description="Open the last states of an environment in which a number went wrong: what was first, when, and "
         "how the state got there. A training writes such files to the folder 'broken' of its output.",

@@ -11,7 +11,7 @@ from typing import Any
 
 from mrwarp import paper
 from mrwarp.actuator import Coupling, HoldCurrent
-from mrwarp.arguments import coil_current, count, force, positive, seed, speed
+from mrwarp.arguments import Parser, coil_current, count, force, positive, seed, speed
 from mrwarp.asset import AssetError, check_currents
 from mrwarp.effects.applied import effect_lines
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
@@ -24,7 +24,7 @@ from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, PolicyError
 
 def make_parser() -> argparse.ArgumentParser:
     """The options of ``mrwarp impact``."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="mrwarp impact",
         description="Hit walking robots at random gait phases; the same trials are repeated with each current.",
     )

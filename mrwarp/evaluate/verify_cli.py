@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 import shlex
 import sys
 import time
 from pathlib import Path
 
-from mrwarp.arguments import seed
+from mrwarp.arguments import Parser, seed
 from mrwarp.folder import check_writable, one_line
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
@@ -20,7 +19,7 @@ def main(argv: list[str] | None = None) -> int:
     from mrwarp.rl.policy import OnnxPolicy, PolicyError
 
     argv = sys.argv[1:] if argv is None else argv
-    parser = argparse.ArgumentParser(prog="mrwarp verify", description=main.__doc__)
+    parser = Parser(prog="mrwarp verify", description=main.__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/verify"), help="output folder (default: runs/verify)")
     parser.add_argument("--policy", type=Path, help="exported policy for the walking checks (.onnx)")
     parser.add_argument("--seed", type=seed, default=0, help="seed of random states (default: 0)")

@@ -11,7 +11,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from mrwarp.arguments import count, whole
+from mrwarp.arguments import Parser, count, whole
 from mrwarp.folder import check_writable, one_line
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
@@ -34,7 +34,7 @@ def main(argv: list[str] | None = None) -> int:
 
     argv = sys.argv[1:] if argv is None else argv
     default = PerfCfg()
-    parser = argparse.ArgumentParser(prog="mrwarp perf", description=main.__doc__)
+    parser = Parser(prog="mrwarp perf", description=main.__doc__)
     add = parser.add_argument
     add("--out", type=Path, default=Path("runs/perf"), help="output folder (default: runs/perf)")
     counts = " ".join(map(str, default.num_envs))

@@ -5,19 +5,18 @@ from __future__ import annotations
 import argparse
 import math
 import os
-import shlex
 import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import torch
 
 from mrwarp.actuator import Coupling, HoldCurrent, ZStep
-from mrwarp.arguments import coil_current, count, finite, seed, speed
+from mrwarp.arguments import Parser, coil_current, count, finite, seed, speed, typed
 from mrwarp.asset import AssetError, check_currents
 from mrwarp.effects.applied import effect_lines
 from mrwarp.env.cfg import ACTUATORS, TERRAINS, EnvCfg, make_walk_cfg
@@ -33,7 +32,6 @@ from mrwarp.robot import CURRENT_GROUPS
 if TYPE_CHECKING:
     from mrwarp.rl.play import Player
 
-PROG = "train/play.py"
 WARMUP = 2.0
 """Longest time to get going that is shown but not measured [s]; at most a quarter of the run."""
 
@@ -44,20 +42,14 @@ Actor = Callable[[Any], torch.Tensor]
 """Observations to actions (E, 12)."""
 
 
-class _Parser(argparse.ArgumentParser):
-    """Refuses in one line, without the usage."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}; see --help\n")
-
-
-def make_parser() -> argparse.ArgumentParser:
-    """The options of ``train/play.py``."""
-    parser = _Parser(
-        prog=PROG,
+def make_parser(prog: str = "mrwarp play") -> argparse.ArgumentParser:
+    """The options of ``mrwarp play`` and ``train/play.py``."""
+    parser = Parser(
+        prog=prog,
         description="Run a policy with one robot per MR current side by side, and show it in rerun, in a recording or "
         "in a picture. Without --rrd, --connect, --serve-web, --png and --out, rerun's window opens.",
     )
+    parser.set_defaults(prog=prog)
     who = parser.add_mutually_exclusive_group(required=True)
     who.add_argument("--policy", metavar="FILE", help="exported policy (.onnx), as train/ppo.py writes it")
     who.add_argument("--agent", choices=("zero", "random"), help="no policy: stand still, or move at random")
@@ -90,11 +82,16 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run and show; 0 when done, 1 when a recording failed, 2 on bad input, 130 after Ctrl-C."""
+def main(argv: list[str] | None = None, prog: str = "mrwarp play") -> int:
+    """Run and show; 0 when done, 1 when a recording failed, 2 on bad input, 130 after Ctrl-C.
+
+    Args:
+        argv: Arguments; None takes those of the process.
+        prog: What the command is called, as a user types it.
+    """
     argv = sys.argv[1:] if argv is None else argv
     try:
-        args = make_parser().parse_args(argv)
+        args = make_parser(prog).parse_args(argv)
     except SystemExit as leaving:
         return leaving.code if isinstance(leaving.code, int) else 2
     quiet_libraries()
@@ -132,7 +129,7 @@ def _play(args: argparse.Namespace, argv: list[str]) -> int:
             keep=args.png is not None,
         )
     except (AssetError, ParameterError, PolicyError, ViewerError, ValueError, OSError) as error:
-        print(f"{PROG}: {one_line(error)}", file=sys.stderr)
+        print(f"{args.prog}: {one_line(error)}", file=sys.stderr)
         return 2
     try:
         return _run(args, argv, player)
@@ -160,12 +157,12 @@ def _run(args: argparse.Namespace, argv: list[str], player: Player) -> int:
         print("\nstopped", file=sys.stderr)
         code = 130
     except RuntimeError as error:
-        print(f"{PROG}: {error}", file=sys.stderr)
+        print(f"{args.prog}: {error}", file=sys.stderr)
         code = 1
     wall = time.perf_counter() - started
     if not player.close():
         where = "recording is not complete" if args.rrd else "viewer did not take everything"
-        print(f"{PROG}: the {where} ({player.dropped} frames dropped)", file=sys.stderr)
+        print(f"{args.prog}: the {where} ({player.dropped} frames dropped)", file=sys.stderr)
         code = code or int(args.rrd is not None)
     if args.rrd:
         print(f"recording: {args.rrd}; open it with: rerun {args.rrd}")
@@ -178,8 +175,8 @@ def _run(args: argparse.Namespace, argv: list[str], player: Player) -> int:
         _report(figures, wall)
         if args.out:
             figures |= {"wall_seconds": wall, "dropped_frames": player.dropped, "currents": player.currents}
-            command = f"python {PROG} {shlex.join(argv)}"
-            print(f"figures: {write_result(args.out, figures, seed=args.seed, command=command)}")
+            written = write_result(args.out, figures, seed=args.seed, command=typed(args.prog, argv))
+            print(f"figures: {written}")
         if player.page:
             _wait_for_interrupt()
     return code

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import shlex
 import sys
 from dataclasses import replace
 from enum import Enum
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING
 import warp as wp
 
 from mrwarp.actuator import Coupling, HoldCurrent, ZStep
-from mrwarp.arguments import count, not_negative, seed, whole
+from mrwarp.arguments import Parser, count, not_negative, seed, typed, whole
 from mrwarp.asset import AssetError
 from mrwarp.effects.applied import effect_lines
 from mrwarp.env.backend import BackendKind
@@ -28,10 +27,10 @@ if TYPE_CHECKING:
     from mrwarp.viewing.live_training import LiveTraining
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """The options of ``train/ppo.py``."""
-    parser = argparse.ArgumentParser(
-        prog="train/ppo.py", description="Train a quadruped with MR calf joints to walk, until the walking gate is met."
+def make_parser(prog: str = "mrwarp train") -> argparse.ArgumentParser:
+    """The options of ``mrwarp train`` and ``train/ppo.py``."""
+    parser = Parser(
+        prog=prog, description="Train a quadruped with MR calf joints to walk, until the walking gate is met."
     )
     where = "cpu, cuda:N, or cuda: under torchrun a GPU for each process (default: cpu)"
     parser.add_argument("--device", default="cpu", help=where)
@@ -78,8 +77,12 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def main(argv: list[str] | None = None) -> int:
+def main(argv: list[str] | None = None, prog: str = "mrwarp train") -> int:
     """Run a training.
+
+    Args:
+        argv: Arguments; None takes those of the process.
+        prog: What the command is called, as a user types it.
 
     Returns:
         0 when the gate was met or not asked for, 1 when missed or broken off, 130 after Ctrl-C, 2 on bad input.
@@ -91,7 +94,7 @@ def main(argv: list[str] | None = None) -> int:
     from mrwarp.viewing.stream import ViewerError
 
     with one_voice():
-        args = make_parser().parse_args(argv)
+        args = make_parser(prog).parse_args(argv)
     quiet_libraries()
     ranks = Ranks()
     try:
@@ -125,7 +128,7 @@ def main(argv: list[str] | None = None) -> int:
             iterations=args.iterations,
             until_gate=not args.no_gate,
             save_every=args.save_every,
-            command="python train/ppo.py " + shlex.join(sys.argv[1:] if argv is None else argv),
+            command=typed(prog, sys.argv[1:] if argv is None else argv),
         )
         if ranks.main:
             together = f"{ranks.world} processes with {args.num_envs} each" if ranks.world > 1 else f"{args.num_envs}"
@@ -139,13 +142,13 @@ def main(argv: list[str] | None = None) -> int:
             print(line, flush=True)
         view = _open_view(args, trainer) if ranks.main else None
     except (ViewerError, AssetError, ParameterError, CheckpointError, RankLostError, ValueError, OSError) as error:
-        ranks.complain(f"train/ppo.py: {one_line(error)}")
+        ranks.complain(f"{prog}: {one_line(error)}")
         return ranks.exit(1 if isinstance(error, RankLostError) else 2)
     result, code = {}, 0
     try:
         result = trainer.run()
     except (TrainingError, FolderError) as error:
-        ranks.complain(f"train/ppo.py: {error}")
+        ranks.complain(f"{prog}: {error}")
         code = 1 if isinstance(error, TrainingError) else 2
     finally:
         if view is not None:

@@ -12,7 +12,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from mrwarp.arguments import count, whole
+from mrwarp.arguments import Parser, count, whole
 from mrwarp.folder import FolderError, check_writable, claim, place_and_cause
 from mrwarp.results import write_result
 from mrwarp.sweep import compare
@@ -26,7 +26,7 @@ EVERY = 30.0
 
 def make_parser() -> argparse.ArgumentParser:
     """The options of ``mrwarp sweep``."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="mrwarp sweep",
         usage="mrwarp sweep --out DIR --command NAME --grid OPTION=V,V,... [...] [options] -- [options of the command]",
         description="Run a command for every combination of a grid of its options. Each trial has a folder of its own; "

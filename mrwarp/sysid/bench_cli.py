@@ -11,7 +11,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from mrwarp.arguments import count, seed, whole
+from mrwarp.arguments import Parser, count, seed, whole
 from mrwarp.folder import check_writable, one_line
 from mrwarp.paper import FIGURE_4
 from mrwarp.params import MrParams
@@ -61,7 +61,7 @@ def effect_table(effects: Effects) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="mrwarp bench",
         description="Virtual torque bench: drives one MR joint along prescribed motion and logs it at 200 Hz. Writes "
         "DIR/fit, DIR/evaluation, DIR/holding.csv, DIR/bench.png and DIR/result.json.",

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from pathlib import Path
 
 import numpy as np
 
+from mrwarp.arguments import Parser
 from mrwarp.sysid.differentiate import HALF_WIDTH, frequency_response, half_samples
 from mrwarp.sysid.recording import (
     Recording,
@@ -23,7 +23,7 @@ from mrwarp.sysid.recording import (
 
 def main(argv: list[str] | None = None) -> int:
     """Explain a recording; 0 when it is good to use, 2 when it is refused."""
-    parser = argparse.ArgumentParser(prog="mrwarp check", description=main.__doc__)
+    parser = Parser(prog="mrwarp check", description=main.__doc__)
     parser.add_argument("data", type=Path, metavar="DATA", help="CSV or Parquet file, or a folder of them")
     args = parser.parse_args(sys.argv[1:] if argv is None else argv)
     try:

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mrwarp.arguments import averaged, seed
+from mrwarp.arguments import Parser, averaged, seed
 from mrwarp.folder import check_writable, one_line
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, parameter_unit, save_model
 from mrwarp.quiet import quiet_libraries
@@ -87,7 +87,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="mrwarp fit",
         description="Identify eqs. 14 and 15 (and 18 with --holding) from bench recordings by simulation error.",
     )

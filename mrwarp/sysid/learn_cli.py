@@ -10,7 +10,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from mrwarp.arguments import count, seed
+from mrwarp.arguments import Parser, count, seed
 from mrwarp.folder import check_writable, one_line
 from mrwarp.model_file import load_model
 from mrwarp.nn import model_file
@@ -25,7 +25,7 @@ from mrwarp.sysid.recording import load_recording
 def make_parser() -> argparse.ArgumentParser:
     """The options of ``mrwarp learn``."""
     cfg = FitCfg()
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="mrwarp learn",
         description="Train a torque model of an MR joint on bench recordings: a network alone (mlp, lstm), or an LSTM "
         "on what the Bouc-Wen model leaves (pg_rlstm). DATA/fit is used if it is there; DATA/evaluation judges only.",

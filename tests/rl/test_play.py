@@ -95,7 +95,7 @@ def test_bad_input_is_refused_in_one_line(what: str, tmp_path: Path, capsys: pyt
     code = play_cli.main([*(arg.format(**names) for arg in args), *outputs])
     captured = capsys.readouterr()
     assert code == 2
-    assert captured.err.startswith("train/play.py: ")
+    assert captured.err.startswith("mrwarp play: ")
     assert captured.err.count("\n") == 1 and captured.err.endswith("\n") and "Traceback" not in captured.err
     for part in parts:
         assert part.format(**names) in captured.err
@@ -129,7 +129,7 @@ def test_policy_from_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[st
     expected = measure(env, OnnxPolicy(policy), command.repeat(4, 1), warmup=0.5, seconds=1.5)
     assert {name: result[name] for name in expected} == json.loads(json.dumps(expected))
     assert (result["speed"], result["shown_seconds"], result["currents"]) == (0.5, 2.0, [0.0, 0.5, 1.0, 1.5])
-    assert result["command"] == "python train/play.py " + " ".join(args) and result["seed"] == 0
+    assert result["command"] == "mrwarp play " + " ".join(args) and result["seed"] == 0
 
     heights = last_heights(rrd)
     assert set(heights) == {"0_0A", "1_0.5A", "2_1A", "3_1.5A"}

@@ -124,7 +124,7 @@ def test_the_command_refuses_a_policy_without_its_record(
         path = tmp_path / name
         assert train_cli.main(["--num-envs", "4", "--out", str(tmp_path / "out"), "--start-from", str(path)]) == 2
         error = capsys.readouterr().err
-        assert error.count("\n") == 1 and error.startswith(f"train/ppo.py: {path}: ") and message in error
+        assert error.count("\n") == 1 and error.startswith(f"mrwarp train: {path}: ") and message in error
     assert not (tmp_path / "out").exists()
 
 

@@ -27,7 +27,7 @@ def test_values_of_several_words_and_flags() -> None:
         ("--current=1.5", "--sensitivity"), ("--current=1.5",),
     ]  # fmt: skip
     assert impact[0].name == "current=0-0.5_sensitivity=on"
-    assert make_trials(Command("train"), ["seed=-1"], [], OUT)[0].args == ("--seed=-1",)
+    assert make_trials(Command("impact"), ["speed=-0.5"], [], OUT)[0].args == ("--speed=-0.5",)
 
 
 def test_threads_are_the_users_where_given() -> None:
