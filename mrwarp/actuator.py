@@ -10,7 +10,6 @@ Stages, in the order of the paper: gate (eqs. 5, 8), coil, history (eq. 12), Bou
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import warp as wp
 
+from mrwarp.choices import Coupling, HoldCurrent, ZStep
 from mrwarp.kernels import joint_params, ledger, mr_stages, window
 from mrwarp.launch import record
 from mrwarp.model_file import Effect
@@ -25,27 +25,6 @@ from mrwarp.params import MrParams
 
 if TYPE_CHECKING:
     from mrwarp.effects.runtime import DeviceEffects
-
-
-class Coupling(enum.Enum):
-    """How the device acts on the joint."""
-
-    EXPLICIT = "explicit"
-    CONSTRAINT = "constraint"
-
-
-class HoldCurrent(enum.Enum):
-    """Current while holding: the support current for the needed torque (section 5.2), or I_e (current sweeps)."""
-
-    SUPPORT = "support"
-    FIXED = "fixed"
-
-
-class ZStep(enum.Enum):
-    """Step of the hysteresis state: the paper's explicit Euler, or the closed form for constant velocity."""
-
-    EULER = "euler"
-    EXACT = "exact"
 
 
 class DrivenJoint(Protocol):

@@ -49,6 +49,19 @@ def _remove_empty(folders: list[Path]) -> None:
             folder.rmdir()
 
 
+def check_output(path: Path | None, suffix: str) -> None:
+    """Raise ValueError unless the path can become a file (or with no suffix, a folder)."""
+    if path is None:
+        return
+    if suffix and path.suffix != suffix:
+        raise ValueError(f"{path}: the file's name must end with {suffix}")
+    if path.is_dir() if suffix else path.exists() and not path.is_dir():
+        raise ValueError(f"{path}: is a {'folder, name a file in it' if suffix else 'file, name a folder'}")
+    existing = next(parent for parent in (path.absolute(), *path.absolute().parents) if parent.exists())
+    if existing != path.absolute() and not existing.is_dir() or not os.access(existing, os.W_OK):
+        raise ValueError(f"{path}: cannot be written, {existing} is no folder with write access")
+
+
 def place_and_cause(error: OSError) -> str:
     """What cannot be read or written and why, on one line."""
     where = f"{error.filename}: " if error.filename else ""

@@ -1,4 +1,7 @@
-"""What the commands set up before they start: libraries that speak only when something is wrong, one torch thread."""
+"""What the commands set up before they start: quiet libraries, one torch thread, one process that prints.
+
+Torch and Warp are loaded when they are first set up, so that ``--help`` need not wait for them.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,30 @@ import logging
 import os
 from collections.abc import Iterator
 
-import torch
-import warp as wp
+NAMED_BY = ("RANK", "WORLD_SIZE", "MASTER_ADDR", "MASTER_PORT")
+"""Environment variables by which torchrun (or a scheduler) names a rank and where it meets the others."""
+
+
+def one_of_several() -> bool:
+    """Whether this process was started as one of several that train together."""
+    return all(os.environ.get(name) for name in NAMED_BY) and os.environ["WORLD_SIZE"] != "1"
+
+
+@contextlib.contextmanager
+def one_voice() -> Iterator[None]:
+    """Only rank 0 prints, before the ranks have met."""
+    if not one_of_several() or os.environ["RANK"] == "0":
+        yield
+        return
+    with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
+        yield
 
 
 def quiet_libraries() -> None:
     """Silence the libraries' start-up notes, and keep torch on one thread as :func:`one_torch_thread` does."""
+    import torch
+    import warp as wp
+
     wp.config.log_level = wp.LOG_WARNING
     logging.getLogger("newton").setLevel(logging.WARNING)
     torch.set_num_threads(1)
@@ -26,6 +47,8 @@ def one_torch_thread() -> Iterator[None]:
     The networks are small: more threads cost more than they give. And torch splits sums of more than 32,768 numbers
     among its threads, so that with three of them the bits of a training with 700 environments are others.
     """
+    import torch
+
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -37,6 +60,8 @@ def one_torch_thread() -> Iterator[None]:
 @contextlib.contextmanager
 def repeating_torch(wanted: bool) -> Iterator[None]:
     """Have torch take algorithms that repeat their bits on a GPU, and warn where it has none; on the CPU all do."""
+    import torch
+
     before = torch.are_deterministic_algorithms_enabled(), torch.is_deterministic_algorithms_warn_only_enabled()
     if wanted:
         os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # without it matrix products may not repeat

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from mrwarp import cli
+from mrwarp.choices import LEARNED
+from mrwarp.shipped import DEFAULT_POLICY, shipped_model
 
 
 @pytest.mark.parametrize("name", list(cli.COMMANDS))
@@ -62,3 +64,30 @@ def test_a_reader_that_has_gone_is_no_error() -> None:
     os.close(write)
     assert done.returncode == 1
     assert "Broken" not in done.stderr and "Traceback" not in done.stderr
+
+
+QUICK = ("train", "play", "sweep", "replay-dump", "impact", "bench", "check", "perf", "asset", "verify")
+"""Commands that read their arguments before they load an engine."""
+
+
+def test_arguments_are_read_before_engines_are_loaded() -> None:
+    """Help and refusals of these take a fraction of a second: no torch, Warp, Newton or MuJoCo is loaded for them."""
+    script = f"""
+import contextlib, io, sys
+from mrwarp import cli
+for name in {QUICK}:
+    for flag in ("--help", "--nonsense"):
+        with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):
+            with contextlib.redirect_stderr(io.StringIO()):
+                cli.main([name, flag])
+    loaded = sorted({{"torch", "warp", "newton", "mujoco"}} & set(sys.modules))
+    assert not loaded, (name, loaded)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_shipped_files_are_there() -> None:
+    """The default policy and a network of every learned kind."""
+    assert DEFAULT_POLICY.is_file() and all(shipped_model(kind) for kind in LEARNED)
+    assert shipped_model("bouc_wen") is None

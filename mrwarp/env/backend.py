@@ -7,7 +7,6 @@ batch's rows, or MuJoCo-Warp's own float32 arrays. A backend steps; what the num
 from __future__ import annotations
 
 import copy
-import enum
 from typing import Protocol
 
 import mujoco
@@ -17,13 +16,7 @@ import numpy as np
 import warp as wp
 from mujoco_warp import DeterminismType, OverflowType
 
-
-class BackendKind(enum.Enum):
-    """Which engine steps the physics."""
-
-    MJBATCH = "mjbatch"
-    MJWARP = "mjwarp"
-
+from mrwarp.choices import BackendKind
 
 STATE_FIELDS = ("qpos", "qvel", "qacc_warmstart", "qfrc_applied", "xfrc_applied")
 """Writable per-environment fields that both backends offer."""

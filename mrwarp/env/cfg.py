@@ -5,26 +5,22 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-from mrwarp.actuator import Coupling, HoldCurrent, MrActuatorCfg, ZStep
-from mrwarp.env.backend import BackendKind
+from mrwarp.actuator import MrActuatorCfg
+from mrwarp.choices import (
+    ACTUATORS,
+    LEARNED,
+    RANDOMIZATIONS,
+    TERRAINS,
+    BackendKind,
+    Coupling,
+    HoldCurrent,
+    ZStep,
+)
 from mrwarp.env.sim import SimCfg
 from mrwarp.env.terrain import TerrainCfg
 from mrwarp.model_file import Model
 from mrwarp.nn.models import LstmState
 from mrwarp.robot import CURRENT_GROUPS, GAIT_FREQUENCY
-
-LEARNED = ("mlp", "lstm", "pg_rlstm")
-"""Torque models that come from a file: ``mrwarp learn`` writes it."""
-
-ACTUATORS = ("none", "mlp", "lstm", "bouc_wen", "pg_rlstm")
-"""Torque models of the MR joint that can be simulated: no device at all, the current-aware Bouc-Wen model, a learned
-torque in its place, or a learned residual on it."""
-
-TERRAINS = ("flat", "rough")
-"""Grounds to train on: a plane, or the height field of :mod:`mrwarp.env.terrain`."""
-
-RANDOMIZATIONS = ("all", "ground", "none")
-"""What differs between training environments, see :func:`make_randomize_cfg`."""
 
 
 @dataclass(frozen=True, kw_only=True)

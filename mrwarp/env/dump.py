@@ -12,7 +12,7 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
-from mrwarp.env.watch import KEPT, Break, Column
+from mrwarp.env.broken import KEPT, Break, Column
 from mrwarp.folder import no_file
 from mrwarp.in_one_piece import replacing
 

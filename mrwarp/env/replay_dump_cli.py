@@ -11,9 +11,8 @@ import numpy as np
 
 from mrwarp.arguments import Parser, count
 from mrwarp.env.dump import Dump, DumpError, load
-from mrwarp.folder import one_line
+from mrwarp.folder import check_output, one_line
 from mrwarp.in_one_piece import replacing
-from mrwarp.rl.play_cli import check_output
 
 SHOWN = 10
 """Last states that are printed by default."""

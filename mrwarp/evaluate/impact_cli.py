@@ -7,19 +7,20 @@ import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mrwarp import paper
-from mrwarp.actuator import Coupling, HoldCurrent
 from mrwarp.arguments import Parser, coil_current, count, force, positive, seed, speed
-from mrwarp.asset import AssetError, check_currents
-from mrwarp.effects.applied import effect_lines
-from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.choices import Coupling, HoldCurrent
 from mrwarp.folder import check_writable, one_line
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
-from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, PolicyError
+from mrwarp.shipped import DEFAULT_POLICY
+
+if TYPE_CHECKING:
+    from mrwarp.env.cfg import EnvCfg
+    from mrwarp.rl.policy import OnnxPolicy
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -59,9 +60,12 @@ def main(argv: list[str] | None = None) -> int:
     argv = sys.argv[1:] if argv is None else argv
     args = make_parser().parse_args(argv)
     quiet_libraries()
+    from mrwarp.asset import AssetError, check_currents
+    from mrwarp.effects.applied import effect_lines
     from mrwarp.evaluate import impact_pictures
     from mrwarp.evaluate.impact import ImpactSweep, figures
     from mrwarp.evaluate.impact_view import ImpactView
+    from mrwarp.rl.policy import OnnxPolicy, PolicyError
     from mrwarp.viewing.stream import ViewerError
 
     try:
@@ -121,6 +125,8 @@ def _cfg(args: argparse.Namespace, coupling: Coupling, **changes: Any):
 
 
 def _env(args: argparse.Namespace, coupling: Coupling) -> EnvCfg:
+    from mrwarp.env.cfg import make_walk_cfg
+
     env = make_walk_cfg(
         robot=args.robot, payload=args.payload, asset=args.asset, model=args.model, coupling=coupling,
         hold_current=HoldCurrent.FIXED,

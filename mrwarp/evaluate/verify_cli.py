@@ -15,9 +15,6 @@ from mrwarp.results import write_result
 
 def main(argv: list[str] | None = None) -> int:
     """Run all physics checks; 0 when every limit holds, 1 when one is missed, 2 on bad input."""
-    from mrwarp.evaluate import physics
-    from mrwarp.rl.policy import OnnxPolicy, PolicyError
-
     argv = sys.argv[1:] if argv is None else argv
     parser = Parser(prog="mrwarp verify", description=main.__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/verify"), help="output folder (default: runs/verify)")
@@ -25,6 +22,9 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=seed, default=0, help="seed of random states (default: 0)")
     args = parser.parse_args(argv)
     quiet_libraries()
+    from mrwarp.evaluate import physics
+    from mrwarp.rl.policy import OnnxPolicy, PolicyError
+
     try:
         policy = OnnxPolicy(args.policy) if args.policy else None
         check_writable(args.out)

@@ -18,23 +18,13 @@ from safetensors.torch import save_file
 from mrwarp.folder import no_file
 from mrwarp.in_one_piece import replacing
 from mrwarp.nn.models import FEATURES, SAMPLES, LstmState, LstmTorque, TorqueNet, make_net
+from mrwarp.shipped import MODELS, shipped_model  # noqa: F401  (where networks are looked for)
 
 META = "mrwarp"
 """Key of the metadata entry that holds the description as JSON, in both kinds of file."""
 
 SCHEMA = 1
 """Version of the description."""
-
-
-_HERE = Path(__file__).resolve().parents[1]
-MODELS = next((p for p in (_HERE / "models", _HERE.parent / "models") if p.is_dir()), _HERE / "models")
-"""Folder of the shipped networks: inside the package when installed as a wheel, beside it in a checkout."""
-
-
-def shipped_model(kind: str) -> str | None:
-    """File of the shipped network of a kind (``mlp``, ``lstm``, ``pg_rlstm``); None for what is not learned."""
-    path = MODELS / f"{kind}.safetensors"
-    return str(path) if path.is_file() else None
 
 
 class ModelFileError(ValueError):

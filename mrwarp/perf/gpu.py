@@ -19,6 +19,7 @@ from mrwarp.env.vec_env import WalkEnv
 from mrwarp.evaluate.walking import Policy
 from mrwarp.launch import capture
 from mrwarp.perf import training
+from mrwarp.perf.perf_cfg import GpuCfg
 from mrwarp.perf.timing import Spread, Times, Turn, interleave, ratio
 from mrwarp.perf.walks import Walk, variant_cfg
 
@@ -58,36 +59,6 @@ TARGETS = {
     "training": Target(unit="policy steps/s", limit=450_000.0, least=True),
 }
 """Targets by figure; ``bouc_wen/pd`` is the cost of the robot's step in units of that with plain motors."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class GpuCfg:
-    """What is measured, and how long."""
-
-    device: str = "cuda:0"
-    """Warp device."""
-    num_envs: tuple[int, ...] = (16, 64, 256, 1024, 4096, 16384, 65536)
-    """Numbers of robots."""
-    rounds: int = 10
-    """Turns of each variant."""
-    steps: int = 10
-    """Policy steps per turn."""
-    eager_up_to: int = 4096
-    """Largest number of robots that are stepped without a graph too."""
-    updates: int = 12
-    """Training updates; 0 leaves training out."""
-    parts: tuple[str, ...] = ("walking", "joint", "training")
-    """What is measured."""
-
-    def __post_init__(self) -> None:
-        if not self.num_envs or min(self.num_envs) < 1:
-            raise ValueError(f"num_envs = {self.num_envs} must be at least one number, none below 1")
-        if self.rounds < 2 or self.steps < 1:
-            raise ValueError(f"rounds = {self.rounds} must be at least 2 and steps = {self.steps} at least 1")
-        if not self.parts:
-            raise ValueError("parts: choose from walking, joint and training on a GPU")
-        if self.device not in {"cpu", *(found.alias for found in wp.get_cuda_devices())}:
-            raise ValueError(f"device {self.device!r} is not here; Warp has {', '.join(map(str, wp.get_devices()))}")
 
 
 def run_all(cfg: GpuCfg, policy: Policy, progress: Callable[[str, float], None]) -> dict[str, Any]:

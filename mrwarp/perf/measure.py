@@ -6,7 +6,6 @@ import os
 import platform
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ import warp as wp
 from mrwarp.evaluate.walking import Policy
 from mrwarp.perf import c_loop, training
 from mrwarp.perf.lstm import LstmCost
+from mrwarp.perf.perf_cfg import PerfCfg
 from mrwarp.perf.timing import Spread, Times, interleave, ratio
 from mrwarp.perf.walks import Walk
 
@@ -44,32 +44,6 @@ AIMED_AT = (64, 256)
 
 FEW = 64
 """Robots that get going from the stance; more begin as copies of them."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PerfCfg:
-    """What is measured, and how long."""
-
-    num_envs: tuple[int, ...] = (1, 4, 16, 64, 256, 1024, 4096)
-    """Numbers of robots."""
-    rounds: int = 30
-    """Turns of each variant with up to 256 robots; fewer with more, at least three."""
-    mjwarp_up_to: int = 256
-    """Largest number of robots for which MuJoCo-Warp is stepped too: on a CPU it is slow."""
-    updates: int = 12
-    """Training updates; 0 leaves training out."""
-    threads: int = 0
-    """CPU threads of the simulation; 0 = all."""
-    steps: int = 0
-    """Policy steps per turn; 0 takes about 640 robot steps."""
-    parts: tuple[str, ...] = field(default=("walking", "joint", "lstm", "training"))
-    """What is measured."""
-
-    def __post_init__(self) -> None:
-        if not self.num_envs or min(self.num_envs) < 1:
-            raise ValueError(f"num_envs = {self.num_envs} must be at least one number, none below 1")
-        if self.rounds < 2:
-            raise ValueError(f"rounds = {self.rounds} must be at least 2")
 
 
 def device() -> dict[str, Any]:

@@ -13,8 +13,11 @@ from typing import Any
 
 from mrwarp.arguments import Parser, count, whole
 from mrwarp.folder import check_writable, one_line
+from mrwarp.perf.compare import CompareError, compare, load_ratios
+from mrwarp.perf.perf_cfg import GpuCfg, PerfCfg
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
+from mrwarp.shipped import DEFAULT_POLICY
 
 Run = Callable[[Any, Callable[[str, float], None]], dict[str, Any]]
 """Measures with a policy, and tells what is measured and the share of it that is done."""
@@ -24,14 +27,6 @@ _NAMES = ("name", "machine", "processor")
 
 def main(argv: list[str] | None = None) -> int:
     """Time physics, joints, environment and training, walking; 0 done, 1 a ratio regressed (--compare), 2 bad input."""
-    from mrwarp.evaluate.energy_cli import Progress
-    from mrwarp.perf.compare import CompareError, compare, load_ratios
-    from mrwarp.perf.gpu import GpuCfg
-    from mrwarp.perf.measure import PerfCfg
-    from mrwarp.perf.pictures import breakdown_picture, cost_picture
-    from mrwarp.perf.walks import NotWalkingError
-    from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, PolicyError
-
     argv = sys.argv[1:] if argv is None else argv
     default = PerfCfg()
     parser = Parser(prog="mrwarp perf", description=main.__doc__)
@@ -50,6 +45,11 @@ def main(argv: list[str] | None = None) -> int:
     add("--compare", type=Path, metavar="FILE", help="earlier result; exit with 1 if a ratio got worse")
     args = parser.parse_args(argv)
     quiet_libraries()
+    from mrwarp.evaluate.energy_cli import Progress
+    from mrwarp.perf.pictures import breakdown_picture, cost_picture
+    from mrwarp.perf.walks import NotWalkingError
+    from mrwarp.rl.policy import OnnxPolicy, PolicyError
+
     try:
         run = _gpu(args) if args.device != "cpu" else _cpu(args)
         before = load_ratios(args.compare) if args.compare else {}
@@ -91,7 +91,7 @@ def _cpu(args: argparse.Namespace) -> Run:
     Raises:
         ValueError: an option is out of range.
     """
-    from mrwarp.perf.measure import PerfCfg, run_all
+    from mrwarp.perf.measure import run_all
 
     cfg = PerfCfg(
         rounds=PerfCfg.rounds if args.rounds is None else args.rounds, threads=args.threads, parts=tuple(args.parts),
@@ -112,7 +112,7 @@ def _gpu(args: argparse.Namespace) -> Run:
     Raises:
         ValueError: an option is out of range, or there is no such device.
     """
-    from mrwarp.perf.gpu import GpuCfg, run_all
+    from mrwarp.perf.gpu import run_all
 
     cfg = GpuCfg(
         device="cuda:0" if args.device == "cuda" else args.device,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -13,24 +12,22 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import torch
-
-from mrwarp.actuator import Coupling, HoldCurrent, ZStep
 from mrwarp.arguments import Parser, coil_current, count, finite, seed, speed, typed
-from mrwarp.asset import AssetError, check_currents
-from mrwarp.effects.applied import effect_lines
-from mrwarp.env.cfg import ACTUATORS, TERRAINS, EnvCfg, make_walk_cfg
-from mrwarp.folder import one_line
-from mrwarp.nn.model_file import shipped_model
+from mrwarp.choices import ACTUATORS, TERRAINS, Coupling, HoldCurrent, ZStep
+from mrwarp.folder import check_output, one_line
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
-from mrwarp.rl.policy import OnnxPolicy, PolicyError
 from mrwarp.rl.train_cli import check_device
 from mrwarp.robot import CURRENT_GROUPS
+from mrwarp.shipped import shipped_model
 
 if TYPE_CHECKING:
+    import torch
+
+    from mrwarp.env.cfg import EnvCfg
     from mrwarp.rl.play import Player
+    from mrwarp.rl.policy import OnnxPolicy
 
 WARMUP = 2.0
 """Longest time to get going that is shown but not measured [s]; at most a quarter of the run."""
@@ -38,7 +35,7 @@ WARMUP = 2.0
 MAX_SHOWN = 8
 """Most robots that are drawn; with more environments these are spread over all of them."""
 
-Actor = Callable[[Any], torch.Tensor]
+Actor = Callable[[Any], "torch.Tensor"]
 """Observations to actions (E, 12)."""
 
 
@@ -104,8 +101,11 @@ def main(argv: list[str] | None = None, prog: str = "mrwarp play") -> int:
 
 def _play(args: argparse.Namespace, argv: list[str]) -> int:
     """Prepare everything, so that nothing is written when something is wrong, then play."""
+    from mrwarp.asset import AssetError, check_currents
+    from mrwarp.effects.applied import effect_lines
     from mrwarp.evaluate.walking import make_env
     from mrwarp.rl.play import Player
+    from mrwarp.rl.policy import OnnxPolicy, PolicyError
     from mrwarp.viewing.stream import ViewerError
 
     try:
@@ -192,6 +192,7 @@ def make_cfg(args: argparse.Namespace, task: dict[str, Any]) -> EnvCfg:
     Raises:
         ValueError: the policy was made for another action scale or rate than this version has.
     """
+    from mrwarp.env.cfg import make_walk_cfg
 
     def chosen(option: Any, name: str, default: Any) -> Any:
         return task.get(name, default) if option is None else option
@@ -227,6 +228,8 @@ def on_device(policy: OnnxPolicy, device: torch.device | str) -> Actor:
 
 def make_agent(name: str, env: Any) -> Actor:
     """Actions without a policy: ``zero`` keeps the neutral stance, ``random`` draws from [-1, 1)."""
+    import torch
+
     shape = (env.num_envs, env.num_actions)
     if name == "zero":
         return lambda _: torch.zeros(shape, device=env.device)
@@ -238,19 +241,6 @@ def shown(num_envs: int) -> list[int]:
     """Which environments are drawn: all, or :data:`MAX_SHOWN` spread over them."""
     count = min(num_envs, MAX_SHOWN)
     return [(2 * k + 1) * num_envs // (2 * count) for k in range(count)]
-
-
-def check_output(path: Path | None, suffix: str) -> None:
-    """Raise ValueError unless the path can become a file (or with no suffix, a folder)."""
-    if path is None:
-        return
-    if suffix and path.suffix != suffix:
-        raise ValueError(f"{path}: the file's name must end with {suffix}")
-    if path.is_dir() if suffix else path.exists() and not path.is_dir():
-        raise ValueError(f"{path}: is a {'folder, name a file in it' if suffix else 'file, name a folder'}")
-    existing = next(parent for parent in (path.absolute(), *path.absolute().parents) if parent.exists())
-    if existing != path.absolute() and not existing.is_dir() or not os.access(existing, os.W_OK):
-        raise ValueError(f"{path}: cannot be written, {existing} is no folder with write access")
 
 
 def _report(figures: dict[str, Any], wall: float) -> None:

@@ -17,17 +17,10 @@ from mrwarp.folder import no_file
 from mrwarp.in_one_piece import replacing
 from mrwarp.model_file import shown
 from mrwarp.robot import JOINTS
+from mrwarp.shipped import DEFAULT_POLICY, POLICIES  # noqa: F401  (where policies are looked for)
 
 META = "mrwarp"
 """Key of the ONNX metadata entry that holds the policy's description as JSON."""
-
-
-_HERE = Path(__file__).resolve().parents[1]
-POLICIES = next((p for p in (_HERE / "policies", _HERE.parent / "policies") if p.is_dir()), _HERE / "policies")
-"""Folder of the shipped policies: inside the package when installed as a wheel, beside it in a checkout."""
-
-DEFAULT_POLICY = POLICIES / "mr_go_walk.onnx"
-"""The shipped walking policy of the quadruped with MR calves."""
 
 
 class PolicyError(ValueError):

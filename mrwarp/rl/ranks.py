@@ -9,11 +9,9 @@ normalised over all environments, small agreements, and one message when a rank 
 from __future__ import annotations
 
 import contextlib
-import io
 import os
 import signal
 import sys
-from collections.abc import Iterator
 from datetime import timedelta
 from typing import Any
 
@@ -23,13 +21,11 @@ import torch.distributed as dist
 from tensordict import TensorDict
 from torch.distributed.rendezvous import rendezvous
 
+from mrwarp.quiet import one_of_several
 from mrwarp.rl.ppo import PPO
 
 TIMEOUT = timedelta(minutes=10)
 """Longest wait for another rank, e.g. while rank 0 checks the gate or compiles kernels."""
-
-NAMED_BY = ("RANK", "WORLD_SIZE", "MASTER_ADDR", "MASTER_PORT")
-"""Environment variables by which torchrun (or a scheduler) names a rank and where it meets the others."""
 
 
 class RankLostError(RuntimeError):
@@ -57,7 +53,7 @@ class Ranks:
         Raises:
             RankLostError: the others cannot be met.
         """
-        if not _named():
+        if not one_of_several():
             return cls()
         rank, world = int(os.environ["RANK"]), int(os.environ["WORLD_SIZE"])
         ranks = cls(
@@ -202,21 +198,6 @@ class Ranks:
 
 
 _LOST = ("gloo", "NCCL", "Connection closed", "Connection reset", "Broken pipe", "Socket Timeout", "wait timeout")
-
-
-def _named() -> bool:
-    """Whether this process was started as one of several."""
-    return all(os.environ.get(name) for name in NAMED_BY) and os.environ["WORLD_SIZE"] != "1"
-
-
-@contextlib.contextmanager
-def one_voice() -> Iterator[None]:
-    """Only rank 0 prints, before the ranks have met."""
-    if not _named() or os.environ["RANK"] == "0":
-        yield
-        return
-    with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-        yield
 
 
 class RanksPPO(PPO):

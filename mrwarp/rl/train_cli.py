@@ -9,18 +9,11 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import warp as wp
-
-from mrwarp.actuator import Coupling, HoldCurrent, ZStep
 from mrwarp.arguments import Parser, count, not_negative, seed, typed, whole
-from mrwarp.asset import AssetError
-from mrwarp.effects.applied import effect_lines
-from mrwarp.env.backend import BackendKind
-from mrwarp.env.cfg import ACTUATORS, RANDOMIZATIONS, TERRAINS, make_walk_cfg
-from mrwarp.nn.model_file import shipped_model
+from mrwarp.choices import ACTUATORS, RANDOMIZATIONS, TERRAINS, BackendKind, Coupling, HoldCurrent, ZStep
 from mrwarp.params import ParameterError
-from mrwarp.quiet import quiet_libraries
-from mrwarp.study.plan import POWER
+from mrwarp.quiet import one_voice, quiet_libraries
+from mrwarp.shipped import shipped_model
 
 if TYPE_CHECKING:
     from mrwarp.rl.trainer import Trainer
@@ -54,7 +47,7 @@ def make_parser(prog: str = "mrwarp train") -> argparse.ArgumentParser:
     parser.add_argument("--terrain", choices=TERRAINS, default="flat", help="ground (rough: with a curriculum)")
     differs = "what differs between environments: friction, kicks, mass, gains and devices; friction and kicks; nothing"
     parser.add_argument("--randomize", choices=RANDOMIZATIONS, default="all", help=f"{differs} (default: all)")
-    price = f"reward taken per watt of motors and coils (default: 0; the policies in policies/energy pay {-POWER:g})"
+    price = "reward taken per watt of motors and coils (default: 0; the policies in policies/energy pay 0.01)"
     parser.add_argument("--power-price", type=not_negative, default=0.0, metavar="R", help=price)
     parser.add_argument("--backend", choices=_values(BackendKind), help="physics engine (default: by device)")
     parser.add_argument("--threads", type=whole, default=0, help="CPU threads of the physics; 0 = all (default)")
@@ -87,15 +80,18 @@ def main(argv: list[str] | None = None, prog: str = "mrwarp train") -> int:
     Returns:
         0 when the gate was met or not asked for, 1 when missed or broken off, 130 after Ctrl-C, 2 on bad input.
     """
-    from mrwarp.folder import FolderError, one_line
-    from mrwarp.rl.checkpoint import CheckpointError
-    from mrwarp.rl.ranks import RankLostError, Ranks, one_voice
-    from mrwarp.rl.trainer import TrainCfg, Trainer, TrainingError
-    from mrwarp.viewing.stream import ViewerError
-
     with one_voice():
         args = make_parser(prog).parse_args(argv)
     quiet_libraries()
+    from mrwarp.asset import AssetError
+    from mrwarp.effects.applied import effect_lines
+    from mrwarp.env.cfg import make_walk_cfg
+    from mrwarp.folder import FolderError, one_line
+    from mrwarp.rl.checkpoint import CheckpointError
+    from mrwarp.rl.ranks import RankLostError, Ranks
+    from mrwarp.rl.trainer import TrainCfg, Trainer, TrainingError
+    from mrwarp.viewing.stream import ViewerError
+
     ranks = Ranks()
     try:
         ranks = Ranks.join()
@@ -181,6 +177,8 @@ def _open_view(args: argparse.Namespace, trainer: Trainer) -> LiveTraining | Non
 
 def check_device(device: str) -> None:
     """Raise ValueError unless the device is there."""
+    import warp as wp
+
     known = ["cpu"] + [f"cuda:{i}" for i in range(wp.get_cuda_device_count())]
     if device not in known:
         raise ValueError(f"--device {device}: no such device here; choose from {', '.join(known)}")
