@@ -1,5 +1,6 @@
 """The one entry: every command it names is there, and what it does not know is refused."""
 
+import argparse
 import errno
 import os
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from mrwarp import cli
+from mrwarp.arguments import Parser
 from mrwarp.choices import LEARNED
 from mrwarp.shipped import DEFAULT_POLICY, shipped_model
 
@@ -91,3 +93,29 @@ def test_shipped_files_are_there() -> None:
     """The default policy and a network of every learned kind."""
     assert DEFAULT_POLICY.is_file() and all(shipped_model(kind) for kind in LEARNED)
     assert shipped_model("bouc_wen") is None
+
+
+class Read(Exception):
+    """Ends a command where it reads its arguments."""
+
+
+@pytest.mark.parametrize("name", sorted({*cli.COMMANDS} - {"walk", "mission", "study", "reproduce"}))
+def test_help_names_every_default(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each option is explained, with its default where it has one."""
+    seen: list[argparse.ArgumentParser] = []
+
+    def stop(parser: argparse.ArgumentParser, *_: object) -> None:
+        seen.append(parser)
+        raise Read
+
+    monkeypatch.setattr(Parser, "parse_args", stop)
+    with pytest.raises(Read):
+        cli.main([name])
+    for parser in seen:
+        for action in parser._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                seen += action.choices.values()
+            elif action.option_strings:
+                assert action.help
+                needed = action.default not in (None, False, [], argparse.SUPPRESS)
+                assert not needed or "default" in action.help, f"{parser.prog} {action.option_strings[0]}"

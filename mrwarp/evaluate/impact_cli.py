@@ -16,6 +16,7 @@ from mrwarp.folder import check_writable, one_line
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
+from mrwarp.robot import CURRENT_GROUPS
 from mrwarp.shipped import DEFAULT_POLICY
 
 if TYPE_CHECKING:
@@ -32,17 +33,21 @@ def make_parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--out", type=Path, default=Path("runs/impact"), help="output folder (default: runs/impact)")
     add("--policy", type=Path, default=DEFAULT_POLICY, help=f"walking policy (default: {DEFAULT_POLICY.name})")
-    add("--current", type=coil_current, nargs="+", default=[0.0, 0.5, 1.0, 1.5], metavar="A", help="currents I_e [A]")
-    add("--kind", choices=("push", "drop"), default="push", help="push on the trunk, or the guided 10 kg mass")
-    add("--force", type=force, nargs=3, default=[0.0, 0.0, -100.0], metavar="N", help="push, world frame [N]")
+    currents = "currents I_e [A] (default: 0 0.5 1 1.5)"
+    add("--current", type=coil_current, nargs="+", default=list(CURRENT_GROUPS), metavar="A", help=currents)
+    kind = "push on the trunk, or the guided 10 kg mass (default: push)"
+    add("--kind", choices=("push", "drop"), default="push", help=kind)
+    push = "push, world frame [N] (default: 0 0 -100)"
+    add("--force", type=force, nargs=3, default=[0.0, 0.0, -100.0], metavar="N", help=push)
     add("--duration", type=positive, default=0.2, help="duration of the push [s] (default: 0.2)")
     add("--trials", type=count, default=20, help="trials per current (default: 20)")
     add("--speed", type=speed, default=0.5, help="commanded speed [m/s] (default: 0.5)")
-    add("--coupling", choices=("constraint", "explicit", "both"), default="both", help="how the device acts")
+    coupling = "how the device acts: a brake that sticks, the paper's explicit torque, or each in turn (default: both)"
+    add("--coupling", choices=("constraint", "explicit", "both"), default="both", help=coupling)
     branches = "the dynamic branch alone, as the paper's section 6.3 evaluates it (default), or with holding"
     add("--branches", choices=("damping", "both"), default="damping", help=branches)
-    add("--robot", choices=("mr_go", "go1"), default="mr_go", help="robot variant")
-    add("--payload", type=int, choices=(0, 3), default=0, help="payload variant [kg]")
+    add("--robot", choices=("mr_go", "go1"), default="mr_go", help="robot variant (default: mr_go)")
+    add("--payload", type=int, choices=(0, 3), default=0, help="payload variant [kg] (default: 0)")
     add("--model", metavar="MODEL.json", help="identified joint with its effects, on all MR joints")
     add("--asset", help="another USD file than assets/usd/mr_go.usda")
     add("--sensitivity", action="store_true", help="also vary the gates' thresholds (paper section 3.2)")

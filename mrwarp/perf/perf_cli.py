@@ -37,10 +37,12 @@ def main(argv: list[str] | None = None) -> int:
     add("--rounds", type=count, help=f"turns of each variant (default: {default.rounds}; on a GPU {GpuCfg.rounds})")
     add("--parts", nargs="+", choices=default.parts, default=default.parts, help="what to measure (default: all)")
     add("--quick", action="store_true", help="64 and 256 robots, half of the turns, no training: one minute")
-    add("--steps", type=whole, default=0, metavar="N", help="policy steps per turn; 0 = about 640 robot steps")
+    add(
+        "--steps", type=whole, default=0, metavar="N", help="policy steps per turn; 0 = about 640 robot steps (default)"
+    )
     add("--mjwarp-up-to", type=whole, metavar="N", help="most robots on MuJoCo-Warp; on a GPU, on it without a graph")
-    add("--threads", type=whole, default=0, help="CPU threads of the simulation; 0 = all")
-    add("--device", default="cpu", help="cpu, or a GPU such as cuda:0, which has figures of its own")
+    add("--threads", type=whole, default=0, help="CPU threads of the simulation; 0 = all (default)")
+    add("--device", default="cpu", help="cpu (default), or a GPU such as cuda:0, which has figures of its own")
     add("--policy", type=Path, default=DEFAULT_POLICY, help=f"policy that walks (default: {DEFAULT_POLICY.name})")
     add("--compare", type=Path, metavar="FILE", help="earlier result; exit with 1 if a ratio got worse")
     args = parser.parse_args(argv)

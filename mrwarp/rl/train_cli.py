@@ -32,19 +32,26 @@ def make_parser(prog: str = "mrwarp train") -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=seed, default=0, help="seed of everything random (default: 0)")
     parser.add_argument("--iterations", type=count, default=6000, help="most PPO updates (default: 6000)")
     parser.add_argument("--no-gate", action="store_true", help="run all iterations instead of stopping at the gate")
-    parser.add_argument("--actuator", choices=ACTUATORS, default="bouc_wen", help="torque model of the MR joint")
+    parser.add_argument(
+        "--actuator", choices=ACTUATORS, default="bouc_wen", help="torque model of the MR joint (default: bouc_wen)"
+    )
     network = "trained network of --actuator mlp, lstm or pg_rlstm (default: the shipped one)"
     parser.add_argument("--actuator-model", metavar="FILE", help=network)
     identified = "identified joint with its effects, on all MR joints (default: the asset's own numbers)"
     parser.add_argument("--model", metavar="MODEL.json", help=identified)
-    parser.add_argument("--robot", choices=("mr_go", "go1"), default="mr_go", help="robot variant of the USD asset")
-    parser.add_argument("--payload", type=int, choices=(0, 3), default=0, help="payload variant [kg]")
+    variant = "robot variant of the USD asset (default: mr_go)"
+    parser.add_argument("--robot", choices=("mr_go", "go1"), default="mr_go", help=variant)
+    parser.add_argument("--payload", type=int, choices=(0, 3), default=0, help="payload variant [kg] (default: 0)")
     parser.add_argument("--asset", help="another USD file than assets/usd/mr_go.usda")
-    parser.add_argument("--coupling", choices=_values(Coupling), default="constraint", help="how the device acts")
-    parser.add_argument("--hold-current", choices=_values(HoldCurrent), default="support", help="current while holding")
-    parser.add_argument("--z-step", choices=_values(ZStep), default="euler", help="step of the hysteresis state")
-    parser.add_argument("--sal", choices=("on", "off"), default="on", help="whether the gates may open")
-    parser.add_argument("--terrain", choices=TERRAINS, default="flat", help="ground (rough: with a curriculum)")
+    coupling = "how the device acts: the paper's explicit torque, or a brake that sticks (default: constraint)"
+    parser.add_argument("--coupling", choices=_values(Coupling), default="constraint", help=coupling)
+    holding = "current while holding: as much as the load needs, or the environment's own (default: support)"
+    parser.add_argument("--hold-current", choices=_values(HoldCurrent), default="support", help=holding)
+    step = "step of the hysteresis state: the paper's, or the closed form for constant speed (default: euler)"
+    parser.add_argument("--z-step", choices=_values(ZStep), default="euler", help=step)
+    parser.add_argument("--sal", choices=("on", "off"), default="on", help="whether the gates may open (default: on)")
+    ground = "ground; rough has a curriculum (default: flat)"
+    parser.add_argument("--terrain", choices=TERRAINS, default="flat", help=ground)
     differs = "what differs between environments: friction, kicks, mass, gains and devices; friction and kicks; nothing"
     parser.add_argument("--randomize", choices=RANDOMIZATIONS, default="all", help=f"{differs} (default: all)")
     price = "reward taken per watt of motors and coils (default: 0; the policies in policies/energy pay 0.01)"

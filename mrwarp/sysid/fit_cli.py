@@ -89,7 +89,8 @@ def main(argv: list[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog="mrwarp fit",
-        description="Identify eqs. 14 and 15 (and 18 with --holding) from bench recordings by simulation error.",
+        description="Identify eqs. 14 and 15, and 18 where there are break-away torques, from bench recordings by "
+        "simulation error.",
     )
     parser.add_argument("data", type=Path, help="recording: a CSV or Parquet file, or a folder of them")
     parser.add_argument("--out", type=Path, default=Path("runs/fit"), help="output folder (default: runs/fit)")

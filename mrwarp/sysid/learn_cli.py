@@ -39,8 +39,10 @@ def make_parser() -> argparse.ArgumentParser:
         "--windows-per-epoch", type=count, default=cfg.windows_per_epoch,
         help=f"training windows drawn per epoch (default: {cfg.windows_per_epoch})",
     )  # fmt: skip
-    parser.add_argument("--patience", type=count, default=cfg.patience, help="epochs without gain before stopping")
-    parser.add_argument("--seed", type=seed, default=cfg.seed, help="seed of division, weights and batches")
+    patience = f"epochs without gain before stopping (default: {cfg.patience})"
+    parser.add_argument("--patience", type=count, default=cfg.patience, help=patience)
+    drawn = f"seed of division, weights and batches (default: {cfg.seed})"
+    parser.add_argument("--seed", type=seed, default=cfg.seed, help=drawn)
     return parser
 
 
