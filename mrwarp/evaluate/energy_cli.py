@@ -6,22 +6,22 @@ import argparse
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mrwarp.actuator import Coupling
 from mrwarp.arguments import seed, whole, within
+from mrwarp.choices import Coupling
 from mrwarp.electrical import battery, power, thermal
 from mrwarp.electrical.battery import BatteryCfg
 from mrwarp.electrical.power import ElectricalCfg
 from mrwarp.electrical.thermal import ThermalCfg
-from mrwarp.env.cfg import EnvCfg, make_walk_cfg
-from mrwarp.evaluate.walking import Policy
 from mrwarp.in_one_piece import write_text
 from mrwarp.model_file import read_json_file
 from mrwarp.paper import ROBOTS
 from mrwarp.params import ParameterError, ParamGroup
-from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.study.plan import ENERGY, SEEDS, policy_file
+
+if TYPE_CHECKING:  # what help need not wait for
+    from mrwarp.env.cfg import EnvCfg
+    from mrwarp.evaluate.walking import Policy
 
 GROUPS: dict[str, type[ParamGroup]] = {"electrical": ElectricalCfg, "thermal": ThermalCfg, "battery": BatteryCfg}
 """Groups of numbers by the name under which a file holds them."""
@@ -40,7 +40,7 @@ current = within(0.01, 100.0, "A")
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the shared options."""
     add = parser.add_argument
-    own = f"policy of all robots (default: each robot's own of policies/{ENERGY.name}, training seed {SEEDS[0]})"
+    own = "policy of all robots (default: each robot's own of policies/energy, training seed 0)"
     add("--policy", type=Path, metavar="P", help=own)
     for robot in ROBOTS:
         add(f"--policy-{robot.replace('_', '-')}", type=Path, metavar="P", help=f"another policy for {robot}")
@@ -60,6 +60,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def env_cfg(args: argparse.Namespace) -> EnvCfg:
     """The task that the options ask for."""
+    from mrwarp.env.cfg import make_walk_cfg
+
     env = make_walk_cfg(coupling=Coupling(args.coupling), asset=args.asset, model=args.model, threads=args.threads)
     return replace(env, currents=(args.current,), actuator=replace(env.actuator, damping=args.branches == "both"))
 
@@ -70,6 +72,9 @@ def policies(args: argparse.Namespace) -> dict[str, Policy]:
     Raises:
         PolicyError: a file cannot be used.
     """
+    from mrwarp.rl.policy import OnnxPolicy
+    from mrwarp.study.plan import ENERGY, SEEDS, policy_file
+
     paths = {
         robot: getattr(args, f"policy_{robot}") or args.policy or policy_file(ENERGY, robot, SEEDS[0])
         for robot in ROBOTS

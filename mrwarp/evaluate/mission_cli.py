@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mrwarp import paper
-from mrwarp.arguments import count, positive
+from mrwarp.arguments import Parser, count, positive
 from mrwarp.asset import AssetError
 from mrwarp.electrical import consistency
 from mrwarp.electrical.battery import BatteryError
@@ -19,12 +19,11 @@ from mrwarp.folder import check_writable
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
-from mrwarp.rl.policy import PolicyError
 
 
 def make_parser() -> argparse.ArgumentParser:
     """The options of ``mrwarp mission``."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="mrwarp mission",
         description="The pickup-and-return task with Go1, MR_Go and MR_Go-SAL. A window of every phase is simulated "
         "and carried over the whole phase by the electrical, battery and thermal models.",
@@ -84,7 +83,7 @@ def main(argv: list[str] | None = None) -> int:
     except mission.MissionError as error:
         print(f"\nmrwarp mission: {error}", file=sys.stderr)
         return 1
-    except (PolicyError, AssetError, ParameterError, BatteryError, ValueError, OSError) as error:
+    except (AssetError, ParameterError, BatteryError, ValueError, OSError) as error:
         print(f"mrwarp mission: {error}", file=sys.stderr)
         return 2
     rows = _rows(traces, of_paper)

@@ -10,19 +10,18 @@ from pathlib import Path
 from typing import Any
 
 from mrwarp import paper
-from mrwarp.arguments import count
+from mrwarp.arguments import Parser, count
 from mrwarp.asset import AssetError
 from mrwarp.evaluate import energy_cli
 from mrwarp.folder import check_writable
 from mrwarp.params import ParameterError
 from mrwarp.quiet import quiet_libraries
 from mrwarp.results import write_result
-from mrwarp.rl.policy import PolicyError
 
 
 def make_parser() -> argparse.ArgumentParser:
     """The options of ``mrwarp walk``."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="mrwarp walk",
         description="Walk a measured distance with Go1, MR_Go (SAL off) and MR_Go-SAL: battery power and cost of "
         "transport (table 6), support activation (table 7), torques (figure 8) and tracking.",
@@ -73,7 +72,7 @@ def main(argv: list[str] | None = None) -> int:
         results = walk(cfg, policies, progress)
         figures, code = _figures(args, cfg, results, groups)
         progress.done()
-    except (PolicyError, AssetError, ParameterError, ValueError, OSError) as error:
+    except (AssetError, ParameterError, ValueError, OSError) as error:
         print(f"mrwarp walk: {error}", file=sys.stderr)
         return 2
     from mrwarp.evaluate import walk_pictures
