@@ -109,8 +109,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--model", type=Path, metavar="JSON", help="nominal model.json, against which shifts of calibration count")
     add("--seed", type=seed, default=0, help="seed of everything random (default: 0)")
     add("--predict", type=Path, metavar="DIR", help="recordings that take no part but are predicted")
-    add("--averaged", type=averaged, default=0.0, metavar="S",
-        help="moving average [s] that q and torque of --predict passed before they were published (default: 0, none)")  # fmt: skip
+    average = "moving average [s] that q and torque of --predict passed before they were published (default: 0, none)"
+    add("--averaged", type=averaged, default=0.0, metavar="S", help=average)
     add("--impact", action="store_true", help="also show what the extension changes when a walking robot is hit")
     add("--learn", action="store_true", help="also train a residual on top of baseline and extension (minutes)")
     return parser

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from mrwarp.arguments import count, positive, seed, whole
+from mrwarp.arguments import Parser, count, positive, seed, whole
 from mrwarp.folder import FolderError, check_writable, claim, place_and_cause
 from mrwarp.paper import ROBOTS
 from mrwarp.quiet import quiet_libraries
@@ -22,7 +22,7 @@ def make_parser() -> argparse.ArgumentParser:
     from mrwarp.reproduce.settings import Settings
 
     default = Settings()
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="mrwarp reproduce", formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Tables and figures of the paper with our row beside each, as report.html and report.md.\n\n"
         + "\n".join(f"  {name:12s} {CATALOGUE[name].title}" for name in SHOWN),

@@ -20,6 +20,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mrwarp import paper
+from mrwarp.arguments import Parser, seed
 from mrwarp.folder import check_writable
 from mrwarp.in_one_piece import write_text
 from mrwarp.model_file import read_json_file
@@ -148,14 +149,14 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     recipe, bench = FitCfg(), BenchCfg()
-    parser = argparse.ArgumentParser(prog="mrwarp reproduce fig4 --train", description=figure4.__doc__)
+    parser = Parser(prog="mrwarp reproduce fig4 --train", description=figure4.__doc__)
     parser.add_argument("--out", type=Path, required=True, help="output folder; a stopped run goes on there")
     parser.add_argument("--strengths", type=float, nargs="+", default=[1.0, 0.5, 2.0], help="factors on the effects")
     parser.add_argument("--epochs", type=int, default=recipe.epochs, help="most epochs per network")
     parser.add_argument("--windows-per-epoch", type=int, default=recipe.windows_per_epoch)
     parser.add_argument("--samples", type=int, default=bench.samples, help="samples of the fitting data")
     parser.add_argument("--trajectories", type=int, default=bench.trajectories, help="trajectories of the fitting data")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the bench and of the training")
+    parser.add_argument("--seed", type=seed, default=0, help="seed of the bench and of the training")
     return parser
 
 

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mrwarp.arguments import count
+from mrwarp.arguments import Parser, count, seed, whole
 from mrwarp.folder import check_writable
 from mrwarp.quiet import quiet_libraries
 
@@ -30,7 +30,7 @@ def make_parser() -> argparse.ArgumentParser:
     from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, PLANTS, SEEDS, STUDY, TRAINABLE, StudyCfg
 
     default = StudyCfg()
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="mrwarp study",
         description="Actuator-aware against conventional training (table 2), torque models in training (table 3), "
         "learning curves (figure 5).",
@@ -76,13 +76,13 @@ def make_parser() -> argparse.ArgumentParser:
             part.add_argument("--terrain", choices=TERRAINS, default="flat", help=ground)
         if name in tables:
             part.add_argument("--rollouts", type=count, default=3, help="rollouts per policy (default: 3)")
-            part.add_argument("--seed", type=int, default=0, help="seed of poses and gait phases (default: 0)")
+            part.add_argument("--seed", type=seed, default=0, help="seed of poses and gait phases (default: 0)")
         if name == "table2":
             part.add_argument("--aware", choices=MODELS, default=AWARE, help=f"aware policies (default: {AWARE})")
     for name, part in parts.choices.items():
-        part.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS), metavar="S", help="training seeds")
+        part.add_argument("--seeds", type=seed, nargs="+", default=list(SEEDS), metavar="S", help="training seeds")
         if name in ("train", *tables):
-            part.add_argument("--threads", type=int, default=0, help="CPU threads; 0 = all, the figures are the same")
+            part.add_argument("--threads", type=whole, default=0, help="CPU threads; 0 = all, the figures are the same")
     return parser
 
 

@@ -75,7 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--list-effects", action="store_true", help="print all effects with defaults and reasons")
     parser.add_argument(
         "--scale-effects", type=float, default=1.0, metavar="X",
-        help="multiply the default strength of all effects and noise; 0 leaves only those given by --effect (default: 1)",
+        help="factor on the strength of all effects and noise; 0 leaves only those given by --effect (default: 1)",
     )  # fmt: skip
     parser.add_argument("--seed", type=seed, default=0, help="seed of motions, currents and noise (default: 0)")
     parser.add_argument("--trajectories", type=count, default=120, help="trajectories to fit (default: 120)")
