@@ -31,7 +31,7 @@ def compute(job: Job) -> Findings:
     savings = walk_figures.savings(walks.both, fit.cfg, saving, mass)
     plain = [r for r in walks.both if r.robot != "mr_go_sal"]
     alone = walk_figures.savings([*plain, *walks.holding], fit.cfg, saving, mass)
-    rows = [_cot(result, walks, condition) for result, condition in zip(walks.both, conditions, strict=True)]
+    rows = [_cot(result, walks, fit.cfg, condition) for result, condition in zip(walks.both, conditions, strict=True)]
     rows += [_reduction(saved, _at(alone, saved)) for saved in savings]
     trained = walk_figures.savings(walks.trained, fit.cfg, saving, mass)
     rows += [_reduction_explicit(saved) for saved in trained]
@@ -55,11 +55,11 @@ def compute(job: Job) -> Findings:
     )  # fmt: skip
 
 
-def _cot(result: WalkResult, walks: Walks, condition: dict[str, Any]) -> Row | None:
+def _cot(result: WalkResult, walks: Walks, cfg: ElectricalCfg, condition: dict[str, Any]) -> Row | None:
     reference = condition["paper"]
     if reference is None:
         return None
-    cot = cost_of_transport(battery_power(result.use, walks.calibrated().cfg).total, result.mass, result.speed)
+    cot = cost_of_transport(battery_power(result.use, cfg).total, result.mass, result.speed)
     ours = over_seeds(cot, walks.seed_of(result))
     power = condition["power"]["mean"]
     why = (
@@ -98,11 +98,7 @@ def _reduction(saved: dict[str, Any], alone: dict[str, Any] | None) -> Row:
         f"(at most {saved['bound']['walking_copper']:.0f} W here, all of it gone while held); {text} take from it; "
         f"holding alone: {'no robot arrived' if alone is None else format(alone['cot_reduction'], '.1%')}."
     )
-    return Row(
-        condition=f"SAL against MR_Go, {condition_name(saved['payload'], saved['command'])}",
-        quantity="reduction of COT", unit="%", paper=Measured(mean=100.0 * saved["paper"]["cot_reduction"]),
-        ours=100.0 * saved["cot_reduction"], digits=1, why=why,
-    )  # fmt: skip
+    return _reduction_row("SAL against MR_Go", saved, why)
 
 
 def _reduction_explicit(saved: dict[str, Any]) -> Row:
@@ -113,8 +109,13 @@ def _reduction_explicit(saved: dict[str, Any]) -> Row:
         f"the time, the paper's for {held:.1%} in its simulation. {saved['saving']:.0f} W are saved, the paper's "
         f"{saved['paper']['saving']:.0f} W."
     )
+    return _reduction_row("SAL against MR_Go, explicit torque", saved, why)
+
+
+def _reduction_row(robots: str, saved: dict[str, Any], why: str) -> Row:
+    """Row of what SAL saves in a condition."""
     return Row(
-        condition=f"SAL against MR_Go, explicit torque, {condition_name(saved['payload'], saved['command'])}",
+        condition=f"{robots}, {condition_name(saved['payload'], saved['command'])}",
         quantity="reduction of COT", unit="%", paper=Measured(mean=100.0 * saved["paper"]["cot_reduction"]),
         ours=100.0 * saved["cot_reduction"], digits=1, why=why,
     )  # fmt: skip

@@ -9,35 +9,19 @@ from mrwarp.paper import Measured
 from mrwarp.params import GateParams
 from mrwarp.reproduce import walking
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds
-from mrwarp.reproduce.walking import condition_name
+from mrwarp.reproduce.walking import Walks, condition_name
 
 
 def compute(job: Job) -> Findings:
     """Mean activation over the calves beside the paper's simulation and hardware."""
     walks = walking.read(job.folders["walks"])
-    rows, share, share_explicit = [], {}, {}
-    results = [result for result in walks.both if result.robot == "mr_go_sal"]
-    explicit = [result for result in walks.trained if result.robot == "mr_go_sal"]
-    for result in results:
-        cell = (result.payload, result.command)
-        ours = over_seeds(100.0 * result.hold.mean(-1), walks.seed_of(result))
-        share[cell] = ours["ours"]
-        for source, value in paper.TABLE_7[cell].items():  # type: ignore[index]
-            rows.append(
-                Row(condition=f"{condition_name(*cell)}, paper's {source}", quantity="activation", unit="%",
-                    paper=Measured(mean=100.0 * value), **ours, digits=1, why=_why(result, ours["ours"], 100.0 * value))
-            )  # fmt: skip
-    for result in explicit:
-        cell = (result.payload, result.command)
-        ours = over_seeds(100.0 * result.hold.mean(-1), walks.seed_of(result))
-        share_explicit[cell] = ours["ours"]
-        value = 100.0 * paper.TABLE_7[cell]["simulation"]  # type: ignore[index]
-        rows.append(
-            Row(condition=f"{condition_name(*cell)}, paper's simulation, explicit torque", quantity="activation",
-                unit="%", paper=Measured(mean=value), **ours, digits=1, why=_why(result, ours["ours"], value))
-        )  # fmt: skip
+    results, explicit = (
+        [result for result in walked if result.robot == "mr_go_sal"] for walked in (walks.both, walks.trained)
+    )
+    rows, share = _rows(results, walks, {"hardware": "paper's hardware", "simulation": "paper's simulation"})
+    more, share_explicit = _rows(explicit, walks, {"simulation": "paper's simulation, explicit torque"})
     return Findings(
-        rows=rows,
+        rows=[*rows, *more],
         claims=_claims(share, walking.complete(results))
         | {
             f"explicit torque: {name}": holds
@@ -49,6 +33,24 @@ def compute(job: Job) -> Findings:
             "activation_explicit": {condition_name(*cell): value for cell, value in share_explicit.items()},
         },
     )
+
+
+def _rows(
+    results: list[WalkResult], walks: Walks, sources: dict[str, str]
+) -> tuple[list[Row], dict[tuple[float, float], float]]:
+    """Rows beside the paper's sources, by their names in the table, and our shares of time [%] by condition."""
+    rows, share = [], {}
+    for result in results:
+        cell = (result.payload, result.command)
+        ours = over_seeds(100.0 * result.hold.mean(-1), walks.seed_of(result))
+        share[cell] = ours["ours"]
+        for source, shown in sources.items():
+            value = 100.0 * paper.TABLE_7[cell][source]  # type: ignore[index]
+            rows.append(
+                Row(condition=f"{condition_name(*cell)}, {shown}", quantity="activation", unit="%",
+                    paper=Measured(mean=value), **ours, digits=1, why=_why(result, ours["ours"], value))
+            )  # fmt: skip
+    return rows, share
 
 
 def _claims(share: dict[tuple[float, float], float], whole: bool) -> dict[str, bool]:
