@@ -67,18 +67,20 @@ def env_cfg(args: argparse.Namespace) -> EnvCfg:
 
 
 def policies(args: argparse.Namespace) -> dict[str, Policy]:
-    """Policy of each robot; files that are the same are loaded once.
+    """Policy of each robot, by default trained with its coupling; files that are the same are loaded once.
 
     Raises:
         PolicyError: a file cannot be used.
     """
     from mrwarp.rl.policy import OnnxPolicy
-    from mrwarp.study.plan import ENERGY, SEEDS, policy_file
+    from mrwarp.study.plan import ENERGY, SEEDS, plant_of, policy_file
 
+    coupling = Coupling(args.coupling)
     paths = {
-        robot: getattr(args, f"policy_{robot}") or args.policy or policy_file(ENERGY, robot, SEEDS[0])
+        robot: getattr(args, f"policy_{robot}") or args.policy
+        or policy_file(ENERGY, plant_of(robot, coupling), SEEDS[0])
         for robot in ROBOTS
-    }
+    }  # fmt: skip
     loaded = {path: OnnxPolicy(path) for path in set(paths.values())}
     return {robot: loaded[path] for robot, path in paths.items()}
 

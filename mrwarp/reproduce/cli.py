@@ -41,8 +41,8 @@ def make_parser() -> argparse.ArgumentParser:
         "of those with the asset's gains, and of walks without a price on power (default: the aware ones of table 2)"
     )
     add("--policy-aware", type=Path, nargs="+", metavar="P", help=aware)
-    explicit = "of MR_Go-SAL's walks with the paper's explicit torque (default: those trained with it)"
-    add("--policy-explicit", type=Path, nargs="+", metavar="P", help=explicit)
+    sticking = "of MR_Go-SAL's walks on devices that stick (default: those trained with them)"
+    add("--policy-sticking", type=Path, nargs="+", metavar="P", help=sticking)
     for name, text in (("rollouts", "walks per policy and condition"), ("impacts", "impacts per policy and current")):
         add(f"--{name}", type=count, default=getattr(default, name), help=f"{text} ({getattr(default, name)})")
     for name, text in (("distance", "walk of table 6 [m]"), ("window", "simulated walk of the mission [m]")):
@@ -71,7 +71,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         settings = _settings(args)
         ensembles(settings)
-        Ensemble(settings.explicit)
+        Ensemble(settings.sticking)
         for gains in (PUBLIC_GAINS, None):
             settings.struck(gains)
         check_writable(args.out)
@@ -114,7 +114,8 @@ def _settings(args: argparse.Namespace) -> Any:
     return Settings(
         policies=policies, impacted=tuple(args.policy_impacted or args.policy or default.impacted),
         aware=tuple(args.policy_aware or args.policy or default.aware),
-        explicit=tuple(args.policy_explicit or args.policy or default.explicit),
+        sticking=tuple(args.policy_sticking or args.policy or default.sticking),
+        high={robot: tuple(args.policy or default.high[robot]) for robot in ROBOTS},
         rollouts=args.rollouts, impacts=args.impacts, distance=args.distance, window=args.window,
         seed=args.seed, threads=args.threads,
     )  # fmt: skip

@@ -28,8 +28,8 @@ def compute(job: Job) -> Findings:
     standing = standing_saving(walks, fit.cfg)
     savings = walk_figures.savings(walks.both, fit.cfg, standing, paper.MASS["mr_go"] + paper.arm_load())
     tables = [budget(savings, [walk_figures.row(result, fit.cfg) for result in walks.both])]
-    exact = walk_figures.savings(walks.explicit, fit.cfg, None, 1.0)
-    tables.append(explicit(exact, savings))
+    alone, stuck = (walk_figures.savings(results, fit.cfg, None, 1.0) for results in (walks.same_gait, walks.sticking))
+    tables.append(same_gait(alone, stuck))
     figures: dict[str, Any] = {}
     for branches, results in (("both branches", walks.both), ("holding alone", [*others, *walks.holding])):
         found = walk_figures.sensitivity(results, walks.calibration_rows(), fit.cfg)
@@ -93,18 +93,18 @@ def budget(savings: list[dict[str, Any]], conditions: list[dict[str, Any]]) -> T
     return Table(title="What there is to save, and what SAL changes besides", head=head, rows=rows)
 
 
-def explicit(exact: list[dict[str, Any]], stuck: list[dict[str, Any]]) -> Table:
-    """What SAL saves with the holding torque of eq. 19, which leaves the gait as it is."""
+def same_gait(alone: list[dict[str, Any]], stuck: list[dict[str, Any]]) -> Table:
+    """What SAL saves with the holding torque of eq. 19 alone, which leaves MR_Go's gait as it is."""
     rows = [
         [_name(e), f"{100.0 * e['hold_share']:.1f} %", f"{100.0 * s['hold_share']:.1f} %",
          f"{100.0 * paper.TABLE_7[int(e['payload']), e['command']]['simulation']:.1f} %",
          f"{e['saving_by_part']['copper_calves']:+.1f}", f"{e['saving_by_part']['copper_hips_thighs']:+.1f}",
          f"{100.0 * e['cot_reduction']:.1f} %"]
-        for e, s in zip(exact, stuck, strict=True)
+        for e, s in zip(alone, stuck, strict=True)
     ]  # fmt: skip
-    head = ["condition", "held", "held, stuck joint", "held, paper", "calves save [W]", "hips and thighs save [W]",
-            "reduction of COT"]  # fmt: skip
-    return Table(title="Holding alone with the explicit torque of eq. 19 instead of a device that sticks", head=head,
+    head = ["condition", "held", "held, trained, a device that sticks", "held, paper", "calves save [W]",
+            "hips and thighs save [W]", "reduction of COT"]  # fmt: skip
+    return Table(title="Holding alone on MR_Go's gait, by the explicit torque of eq. 19", head=head,
                  rows=rows)  # fmt: skip
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mrwarp import paper
+from mrwarp.choices import Coupling
 from mrwarp.electrical.battery import BatteryCfg
 from mrwarp.electrical.power import ElectricalCfg, Use
 from mrwarp.electrical.thermal import ThermalCfg
@@ -45,9 +46,8 @@ def simulate(job: Job) -> Findings:
     """Simulate a window of every phase, one per policy, or repetitions of a single one."""
     settings = job.settings
     seeds = settings.policy_seeds if settings.policy_seeds > 1 else settings.rollouts
-    cfg = MissionCfg(
-        window=settings.window, seeds=seeds, env=make_walk_cfg(threads=settings.threads), seed=settings.seed
-    )
+    env = make_walk_cfg(coupling=Coupling.EXPLICIT, threads=settings.threads)
+    cfg = MissionCfg(window=settings.window, seeds=seeds, env=env, seed=settings.seed)
     store.save(job.out / DATA, measure(cfg, ensembles(settings), job.report))
     return Findings()
 

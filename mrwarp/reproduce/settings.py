@@ -9,26 +9,36 @@ from pathlib import Path
 
 import torch
 
+from mrwarp.choices import Coupling
 from mrwarp.paper import ROBOTS
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.study.plan import AWARE, ENERGY, EXPLICIT, PUBLIC, SEEDS, STUDY, policy_file
+from mrwarp.study.plan import AWARE, ENERGY, HIGH_PRICE, PUBLIC, SEEDS, STUDY, plant_of, policy_file
+
+
+def _own(folder: Path) -> dict[str, tuple[Path, ...]]:
+    """Policies of a folder that were trained on each robot, MR_Go-SAL's with the paper's explicit torque."""
+    plants = {robot: plant_of(robot, Coupling.EXPLICIT) for robot in ROBOTS}
+    return {robot: tuple(policy_file(folder, plant, seed) for seed in SEEDS) for robot, plant in plants.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
     """Choices of a reproduction; the defaults are those of the report."""
 
-    policies: Mapping[str, tuple[Path, ...]] = field(
-        default_factory=lambda: {robot: tuple(policy_file(ENERGY, robot, seed) for seed in SEEDS) for robot in ROBOTS}
-    )
-    """Policies of each robot's walks, one per training seed; each robot walks with its own, trained alike."""
+    policies: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: _own(ENERGY))
+    """Policies of each robot's walks, one per training seed; each robot walks with its own, trained alike, MR_Go-SAL's
+    with the paper's explicit torque."""
     impacted: tuple[Path, ...] = field(default_factory=lambda: tuple(policy_file(STUDY, PUBLIC, n) for n in SEEDS))
     """Policies of MR_Go-SAL under pushes and falling masses, trained with the public gains."""
     aware: tuple[Path, ...] = field(default_factory=lambda: tuple(policy_file(STUDY, AWARE, n) for n in SEEDS))
     """Policies under pushes and falling masses with the asset's gains, and of walks without a price on power: the
     actuator-aware ones of table 2."""
-    explicit: tuple[Path, ...] = field(default_factory=lambda: tuple(policy_file(ENERGY, EXPLICIT, n) for n in SEEDS))
-    """Policies of MR_Go-SAL's walks with the paper's explicit torque, trained with it; as many as of the robots."""
+    sticking: tuple[Path, ...] = field(
+        default_factory=lambda: tuple(policy_file(ENERGY, "mr_go_sal", n) for n in SEEDS)
+    )
+    """Policies of MR_Go-SAL's walks on devices that stick, trained with them; as many as of the robots."""
+    high: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: _own(HIGH_PRICE))
+    """As ``policies``, trained with a high price on power."""
     rollouts: int = 3
     """Rollouts per policy, paper section 6.2."""
     distance: float = 30.0
@@ -52,11 +62,14 @@ class Settings:
                 "policies: " + ", ".join(f"{len(self.policies[robot])} for {robot}" for robot in ROBOTS)
                 + "; name the same number, one per training seed, for every robot (--policy-ROBOT)"
             )  # fmt: skip
-        if counts != {len(self.explicit)}:
+        if counts != {len(self.sticking)}:
             raise ValueError(
-                f"explicit: {len(self.explicit)} policies, but {self.policy_seeds} for every robot; name as many "
-                "(--policy-explicit)"
+                f"sticking: {len(self.sticking)} policies, but {self.policy_seeds} for every robot; name as many "
+                "(--policy-sticking)"
             )
+        numbers = {len(self.high.get(robot, ())) for robot in ROBOTS}
+        if len(numbers) > 1 or 0 in numbers:
+            raise ValueError("high: name the same number of policies, at least one, for every robot")
         if not self.impacted or len(self.impacted) != len(self.aware):
             counts = f"{len(self.impacted)} and {len(self.aware)}"
             raise ValueError(f"impacted and aware need the same number of policies, at least one; got {counts}")

@@ -14,6 +14,7 @@ from mrwarp.paper import Measured
 from mrwarp.reproduce import walking
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, Table, over_seeds
 from mrwarp.reproduce.walking import Walks, condition_name
+from mrwarp.study.plan import HIGH_POWER_PRICE, POWER_PRICE
 
 
 def compute(job: Job) -> Findings:
@@ -33,22 +34,24 @@ def compute(job: Job) -> Findings:
     alone = walk_figures.savings([*plain, *walks.holding], fit.cfg, saving, mass)
     rows = [_cot(result, walks, fit.cfg, condition) for result, condition in zip(walks.both, conditions, strict=True)]
     rows += [_reduction(saved, _at(alone, saved)) for saved in savings]
-    trained = walk_figures.savings(walks.trained, fit.cfg, saving, mass)
-    rows += [_reduction_explicit(saved) for saved in trained]
+    stuck = walk_figures.savings(walks.sticking, fit.cfg, saving, mass)
+    rows += [_reduction_sticking(saved) for saved in stuck]
     return Findings(
         rows=[row for row in rows if row is not None],
         claims=_claims(savings, walks.both)
-        | {f"explicit torque: {name}": holds for name, holds in _claims(trained, walks.trained).items()},
+        | {f"a device that sticks: {name}": holds for name, holds in _claims(stuck, walks.sticking).items()},
         notes=[
             f"Go1's four rows and its 92 W of standing give electronics {fit.cfg.electronics:.1f} ± "
             f"{fit.half_width['electronics']:.1f} W and a winding of {fit.cfg.winding_resistance:.3f} ± "
             f"{fit.half_width['winding_resistance']:.3f} Ohm (95 %), to {fit.rmse:.1f} W (RMS). Every row of MR_Go and "
             "MR_Go-SAL is a prediction.",
+            "Devices act by the paper's explicit torque (eqs. 6, 19), with which MR_Go-SAL's policies were trained; "
+            "those of a device that sticks were trained with brakes that hold a calf still, and walk with them.",
             *walking.arrivals(walks.both),
-            *(f"Explicit torque: {note}" for note in walking.arrivals(walks.trained)),
+            *(f"A device that sticks: {note}" for note in walking.arrivals(walks.sticking)),
         ],
         tables=[_parts(savings), _training(walks, fit.cfg)],
-        figures={"savings": savings, "holding_alone": alone, "explicit_torque": trained, "standing": standing,
+        figures={"savings": savings, "holding_alone": alone, "sticking": stuck, "standing": standing,
                  "conditions": conditions,
                  "calibration": {"electronics": fit.cfg.electronics, "winding_resistance": fit.cfg.winding_resistance,
                                  "half_width": fit.half_width, "rmse": fit.rmse}},
@@ -101,15 +104,15 @@ def _reduction(saved: dict[str, Any], alone: dict[str, Any] | None) -> Row:
     return _reduction_row("SAL against MR_Go", saved, why)
 
 
-def _reduction_explicit(saved: dict[str, Any]) -> Row:
-    """What SAL saves with the paper's own torque, with the paper's held share beside ours."""
-    held = paper.TABLE_7[int(saved["payload"]), saved["command"]]["simulation"]
+def _reduction_sticking(saved: dict[str, Any]) -> Row:
+    """What SAL saves with brakes that stick, with the paper's held share beside ours."""
+    held = paper.TABLE_7[int(saved["payload"]), saved["command"]]["hardware"]
     why = (
-        f"Trained and walked with the torque of eqs. 6 and 19: the calves are held for {saved['hold_share']:.1%} of "
-        f"the time, the paper's for {held:.1%} in its simulation. {saved['saving']:.0f} W are saved, the paper's "
+        f"Trained and walked with brakes that stick: the calves are held for {saved['hold_share']:.1%} of the time, "
+        f"the paper's hardware for {held:.1%}. {saved['saving']:.0f} W are saved, the paper's "
         f"{saved['paper']['saving']:.0f} W."
     )
-    return _reduction_row("SAL against MR_Go, explicit torque", saved, why)
+    return _reduction_row("SAL against MR_Go, a device that sticks", saved, why)
 
 
 def _reduction_row(robots: str, saved: dict[str, Any], why: str) -> Row:
@@ -141,8 +144,8 @@ def _parts(savings: list[dict[str, Any]]) -> Table:
 
 
 def _training(walks: Walks, cfg: ElectricalCfg) -> Table:
-    """What the device gives and what the training gives: each robot's policies on either robot."""
-    unpaid = walks.calibrated_unpaid().cfg
+    """What the device gives and what the training gives: each robot's policies on either robot, and other prices."""
+    unpaid, high = (walks.calibrated_on(results).cfg for results in (walks.unpaid, walks.high))
 
     def cots(results: list[WalkResult], numbers: ElectricalCfg) -> dict[tuple[str, float, float], float]:
         return {
@@ -154,7 +157,7 @@ def _training(walks: Walks, cfg: ElectricalCfg) -> Table:
         }  # fmt: skip
 
     own, crossed, plain = cots(walks.both, cfg), cots(walks.crossed, cfg), cots(walks.unpaid, unpaid)
-    explicit = cots(walks.trained, cfg)
+    stuck, dear = cots(walks.sticking, cfg), cots(walks.high, high)
     cells = list(dict.fromkeys((r.payload, r.command) for r in walks.both))
 
     def lower(after: dict, before: dict, cell: tuple[float, float]) -> str:
@@ -162,15 +165,17 @@ def _training(walks: Walks, cfg: ElectricalCfg) -> Table:
         return "no robot arrived" if np.isnan(reduction) else f"{100.0 * reduction:.1f}"
 
     lines = [
-        [condition_name(*cell), lower(own, own, cell), lower(explicit, explicit, cell), lower(crossed, own, cell),
-         lower(own, crossed, cell), lower(plain, plain, cell)]
+        [condition_name(*cell), lower(own, own, cell), lower(stuck, stuck, cell), lower(crossed, own, cell),
+         lower(own, crossed, cell), lower(plain, plain, cell), lower(dear, dear, cell)]
         for cell in cells
     ]  # fmt: skip
-    head = ["condition", "each robot its own policies", "the same with the paper's explicit torque", "both MR_Go's",
-            "both MR_Go-SAL's", "both table 2's, no price on power"]  # fmt: skip
+    head = ["condition", "each robot its own policies", "the same, a device that sticks", "both MR_Go's",
+            "both MR_Go-SAL's", "both table 2's, no price on power, a device that sticks",
+            f"each its own, a price of {HIGH_POWER_PRICE:g} instead of {POWER_PRICE:g} per watt"]  # fmt: skip
     return Table(
-        title="Reduction of COT by SAL [%] by the policies that walk; the last column is calibrated on Go1's walks "
-        f"with them (electronics {unpaid.electronics:.1f} W, winding {unpaid.winding_resistance:.3f} Ohm)",
+        title="Reduction of COT by SAL [%] by the policies that walk; the last two columns are calibrated on Go1's "
+        f"walks with theirs (electronics {unpaid.electronics:.1f} and {high.electronics:.1f} W, winding "
+        f"{unpaid.winding_resistance:.3f} and {high.winding_resistance:.3f} Ohm)",
         head=head, rows=lines,
     )  # fmt: skip
 

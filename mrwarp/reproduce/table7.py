@@ -15,22 +15,22 @@ from mrwarp.reproduce.walking import Walks, condition_name
 def compute(job: Job) -> Findings:
     """Mean activation over the calves beside the paper's simulation and hardware."""
     walks = walking.read(job.folders["walks"])
-    results, explicit = (
-        [result for result in walked if result.robot == "mr_go_sal"] for walked in (walks.both, walks.trained)
+    results, sticking = (
+        [result for result in walked if result.robot == "mr_go_sal"] for walked in (walks.both, walks.sticking)
     )
     rows, share = _rows(results, walks, {"hardware": "paper's hardware", "simulation": "paper's simulation"})
-    more, share_explicit = _rows(explicit, walks, {"simulation": "paper's simulation, explicit torque"})
+    more, share_sticking = _rows(sticking, walks, {"hardware": "paper's hardware, a device that sticks"})
     return Findings(
         rows=[*rows, *more],
         claims=_claims(share, walking.complete(results))
         | {
-            f"explicit torque: {name}": holds
-            for name, holds in _claims(share_explicit, walking.complete(explicit)).items()
+            f"a device that sticks: {name}": holds
+            for name, holds in _claims(share_sticking, walking.complete(sticking)).items()
         },
-        notes=[*walking.arrivals(results), *(f"Explicit torque: {note}" for note in walking.arrivals(explicit))],
+        notes=[*walking.arrivals(results), *(f"A device that sticks: {note}" for note in walking.arrivals(sticking))],
         figures={
             "activation": {condition_name(*cell): value for cell, value in share.items()},
-            "activation_explicit": {condition_name(*cell): value for cell, value in share_explicit.items()},
+            "activation_sticking": {condition_name(*cell): value for cell, value in share_sticking.items()},
         },
     )
 

@@ -34,21 +34,23 @@ class Variant:
     """Of ``paper.ROBOTS``."""
     damping: bool = True
     """Whether MR_Go-SAL damps too, or only holds."""
-    coupling: Coupling = Coupling.CONSTRAINT
-    """How the devices act."""
+    coupling: Coupling = Coupling.EXPLICIT
+    """How the devices act: by the paper's torque (eqs. 6, 19), or as a brake that sticks."""
     policy: str = "own"
-    """``own``: each robot's; ``mr_go``: MR_Go's on both; ``crossed``: MR_Go and MR_Go-SAL walk with each other's;
-    ``trained``: MR_Go-SAL with those that were trained with the explicit torque; ``unpaid``: all with those of table
-    2, whose training has no price on power."""
+    """``own``: each robot's, MR_Go-SAL's trained with the explicit torque; ``mr_go``: MR_Go's on both; ``crossed``:
+    MR_Go and MR_Go-SAL walk with each other's; ``sticking``: MR_Go-SAL with those that were trained with a device that
+    sticks; ``unpaid``: all with those of table 2, whose training has no price on power and a device that sticks;
+    ``high``: each robot's own that paid the high price."""
 
 
 VARIANTS = {
     "both": Variant(robots=paper.ROBOTS),
     "holding": Variant(robots=("mr_go_sal",), damping=False),
-    "explicit": Variant(robots=("mr_go", "mr_go_sal"), damping=False, coupling=Coupling.EXPLICIT, policy="mr_go"),
-    "trained": Variant(robots=("mr_go", "mr_go_sal"), coupling=Coupling.EXPLICIT, policy="trained"),
+    "same_gait": Variant(robots=("mr_go", "mr_go_sal"), damping=False, policy="mr_go"),
+    "sticking": Variant(robots=("mr_go", "mr_go_sal"), coupling=Coupling.CONSTRAINT, policy="sticking"),
     "crossed": Variant(robots=("mr_go", "mr_go_sal"), policy="crossed"),
-    "unpaid": Variant(robots=paper.ROBOTS, policy="unpaid"),
+    "unpaid": Variant(robots=paper.ROBOTS, coupling=Coupling.CONSTRAINT, policy="unpaid"),
+    "high": Variant(robots=paper.ROBOTS, policy="high"),
 }
 """What is walked, by the names in :class:`Walks`."""
 
@@ -58,19 +60,21 @@ class Walks:
     """What was simulated."""
 
     both: list[WalkResult]
-    """Go1, MR_Go and MR_Go-SAL with both branches, over payloads and speeds."""
+    """Go1, MR_Go and MR_Go-SAL with both branches of the paper's torque, over payloads and speeds."""
     holding: list[WalkResult]
     """The same with MR_Go-SAL's holding branch alone."""
-    explicit: list[WalkResult]
-    """MR_Go, and MR_Go-SAL holding with the torque of eq. 19 in place of a device that sticks, both with MR_Go's
-    policies: this torque leaves the gait as it is."""
-    trained: list[WalkResult]
-    """MR_Go, and MR_Go-SAL with both branches, whose devices act by the paper's explicit torque (eqs. 6, 19), each with
-    its own policies: those of MR_Go-SAL were trained with this torque."""
+    same_gait: list[WalkResult]
+    """MR_Go, and MR_Go-SAL holding with the torque of eq. 19, both with MR_Go's policies: this torque leaves the gait
+    as it is."""
+    sticking: list[WalkResult]
+    """MR_Go, and MR_Go-SAL with both branches, whose devices are brakes that stick, each with its own policies: those
+    of MR_Go-SAL were trained with such devices."""
     crossed: list[WalkResult]
     """MR_Go with MR_Go-SAL's policies and the other way round."""
     unpaid: list[WalkResult]
     """All three robots with the actuator-aware policies of table 2, which pay no price for power."""
+    high: list[WalkResult]
+    """As ``both``, with policies that paid :data:`mrwarp.study.plan.HIGH_POWER_PRICE`."""
     standing: dict[str, Use]
     """Standing robots by name: ``go1``, ``mr_go`` on its motors, ``mr_go_hold`` on its devices; shapes (J,), (M,)."""
     policies: int
@@ -84,9 +88,9 @@ class Walks:
         """Go1's rows and standby."""
         return calibration_rows(self.both, self.standing["go1"])
 
-    def calibrated_unpaid(self) -> Calibration:
-        """The same from Go1's walks with the policies of table 2."""
-        return calibrate(calibration_rows(self.unpaid, self.standing["go1"]))
+    def calibrated_on(self, results: list[WalkResult]) -> Calibration:
+        """The same from Go1's walks among others: ``unpaid`` or ``high``."""
+        return calibrate(calibration_rows(results, self.standing["go1"]))
 
     def seed_of(self, result: WalkResult) -> np.ndarray | None:
         """Policy of each trial that arrived, shape (n,); None with a single policy."""
@@ -135,13 +139,15 @@ def simulate(job: Job) -> Findings:
     policies = {
         "own": own,
         "mr_go": dict.fromkeys(("mr_go", "mr_go_sal"), own["mr_go"]),
-        "trained": {"mr_go": own["mr_go"], "mr_go_sal": Ensemble(settings.explicit)},
+        "sticking": {"mr_go": own["mr_go"], "mr_go_sal": Ensemble(settings.sticking)},
         "crossed": {"mr_go": own["mr_go_sal"], "mr_go_sal": own["mr_go"]},
         "unpaid": dict.fromkeys(paper.ROBOTS, unpaid),
+        "high": {robot: Ensemble(paths) for robot, paths in settings.high.items()},
     }
     found: dict[str, list[WalkResult]] = {}
     for k, (name, variant) in enumerate(VARIANTS.items()):
-        seeds = len(settings.aware) if variant.policy == "unpaid" else settings.policy_seeds
+        other = {"unpaid": settings.aware, "high": settings.high["go1"]}.get(variant.policy)
+        seeds = settings.policy_seeds if other is None else len(other)
         actuator = replace(env.actuator, damping=variant.damping, coupling=variant.coupling)
         cfg = WalkCfg(
             trials=seeds * settings.rollouts, distance=settings.distance, seed=settings.seed, robots=variant.robots,
@@ -177,5 +183,5 @@ def _result(item: dict) -> WalkResult:
 
 EXPERIMENT = Experiment(
     name="walks", title="Walks of Go1, MR_Go and MR_Go-SAL", compute=simulate, shown=False,
-    settings=("policies", "aware", "explicit", "rollouts", "distance", "seed"),
+    settings=("policies", "aware", "sticking", "high", "rollouts", "distance", "seed"),
 )  # fmt: skip

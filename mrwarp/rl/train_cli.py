@@ -54,7 +54,7 @@ def make_parser(prog: str = "mrwarp train") -> argparse.ArgumentParser:
     parser.add_argument("--terrain", choices=TERRAINS, default="flat", help=ground)
     differs = "what differs between environments: friction, kicks, mass, gains and devices; friction and kicks; nothing"
     parser.add_argument("--randomize", choices=RANDOMIZATIONS, default="all", help=f"{differs} (default: all)")
-    price = "reward taken per watt of motors and coils (default: 0; the policies in policies/energy pay 0.01)"
+    price = "reward taken per watt of motors and coils (default: 0; the policies in policies/energy pay 0.002)"
     parser.add_argument("--power-price", type=not_negative, default=0.0, metavar="R", help=price)
     parser.add_argument("--backend", choices=_values(BackendKind), help="physics engine (default: by device)")
     parser.add_argument("--threads", type=whole, default=0, help="CPU threads of the physics; 0 = all (default)")

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mrwarp.arguments import Parser, count, seed, whole
+from mrwarp.arguments import Parser, count, not_negative, seed, whole
 from mrwarp.folder import check_writable
 from mrwarp.quiet import quiet_libraries
 
@@ -49,6 +49,8 @@ def make_parser() -> argparse.ArgumentParser:
         part.add_argument("--terrain", choices=TERRAINS, default=default.terrain, help=ground)
         differs = "what differs between environments (default: friction and kicks, as in legged_gym)"
         part.add_argument("--randomize", choices=RANDOMIZATIONS, default=default.randomize, help=differs)
+        price = f"price of a watt for go1, mr_go and mr_go_sal* [1/W] (default: {default.power_price:g})"
+        part.add_argument("--power-price", type=not_negative, default=default.power_price, metavar="R", help=price)
         part.add_argument(
             "--runs", type=Path, default=Path("runs/study"), help="folder of the runs (default: runs/study)"
         )
@@ -121,6 +123,7 @@ def _study_cfg(args: argparse.Namespace) -> Any:
     return StudyCfg(
         num_envs=args.num_envs, iterations=args.iterations, terrain=args.terrain, seeds=tuple(args.seeds),
         plants=tuple(args.plants), randomize=args.randomize, start_from=getattr(args, "start_from", None),
+        power_price=args.power_price,
     )  # fmt: skip
 
 

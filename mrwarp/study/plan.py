@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -33,15 +34,21 @@ EXPLICIT = "mr_go_sal_explicit"
 """MR_Go-SAL whose devices act by the paper's explicit torque (eqs. 6, 19) instead of a brake that sticks; otherwise
 trained as the robots of tables 6 and 7."""
 
-TRAINABLE = (*PLANTS, PUBLIC, *ROBOTS, EXPLICIT)
+PAYING = (*ROBOTS, EXPLICIT)
+"""What pays for power and carries loads: the robots of tables 6 and 7."""
+
+TRAINABLE = (*PLANTS, PUBLIC, *PAYING)
 """Everything that :func:`plant_cfg` knows."""
 
 SEEDS = (0, 1, 2)
 """Training seeds of every plant."""
 
-POWER = -0.01
-"""Reward per watt of motors and coils when robots are trained for tables 6 and 7; others were tried, see
-docs/policies.md."""
+POWER_PRICE = 0.002
+"""What the robots of tables 6 and 7 pay per watt of motors and coils. The paper names its reward terms no further than
+that they were matched; what a price changes is in docs/reproduce.md."""
+
+HIGH_POWER_PRICE = 0.01
+"""Five times as much: the other end of that comparison, and what the trainings with :data:`POWER_PRICE` begin with."""
 
 HEIGHT = -300.0
 """Weight of the squared error of the trunk's height there: with the usual -40, a robot that pays for power walks with
@@ -52,6 +59,9 @@ LOAD = (-0.5, 3.5)
 
 ENERGY = POLICIES / "energy"
 """Shipped policies of the robots of tables 6 and 7, each trained on its own robot, with their training records."""
+
+HIGH_PRICE = POLICIES / "energy_high_price"
+"""The same, trained with :data:`HIGH_POWER_PRICE`."""
 
 RANDOMIZE = "ground"
 """What differs between environments in the studies' trainings: the paper (section 6.2) lists what it matched between
@@ -73,6 +83,8 @@ class StudyCfg:
     """Ground and its curriculum."""
     randomize: str = RANDOMIZE
     """What differs between the environments, the same for every plant."""
+    power_price: float = POWER_PRICE
+    """Price of a watt [1/W]; only the robots of tables 6 and 7 pay it."""
     start_from: Path | None = None
     """Folder of policies that the trainings begin with, each with that of its plant and seed; None draws networks."""
     seeds: tuple[int, ...] = SEEDS
@@ -85,6 +97,13 @@ class StudyCfg:
             raise ValueError(f"plants = {unknown}: choose from {', '.join(TRAINABLE)}")
         if self.iterations < 1:
             raise ValueError(f"iterations = {self.iterations} must be at least 1")
+        if not 0.0 <= self.power_price < math.inf:
+            raise ValueError(f"power_price = {self.power_price} 1/W must be finite and not negative")
+
+
+def plant_of(robot: str, coupling: Coupling) -> str:
+    """The plant that the policies of a robot of tables 6 and 7, whose devices act so, were trained on."""
+    return EXPLICIT if robot == "mr_go_sal" and coupling is Coupling.EXPLICIT else robot
 
 
 def name(plant: str, seed: int) -> str:
@@ -103,13 +122,14 @@ def record_file(folder: Path, plant: str, seed: int) -> Path:
 
 
 def plant_cfg(
-    plant: str, *, num_envs: int = 64, terrain: str = "flat", threads: int = 0, randomize: str = RANDOMIZE
-) -> EnvCfg:
+    plant: str, *, num_envs: int = 64, terrain: str = "flat", threads: int = 0, randomize: str = RANDOMIZE,
+    power_price: float = POWER_PRICE,
+) -> EnvCfg:  # fmt: skip
     """The walking task on a plant.
 
     Observations, actions, rewards, commands and randomisation are the same for all of :data:`PLANTS`; for
     :data:`PUBLIC` but for the weight of the height; and for all of ``paper.ROBOTS`` and :data:`EXPLICIT`, which in
-    addition pay for power and carry loads.
+    addition pay ``power_price`` and carry loads.
 
     Raises:
         ValueError: there is no such plant, or no such randomisation.
@@ -117,7 +137,7 @@ def plant_cfg(
     if plant not in TRAINABLE:
         raise ValueError(f"plant = {plant!r}: choose from {', '.join(TRAINABLE)}")
     bare = plant in (CONVENTIONAL, "go1")
-    paying = plant in (*ROBOTS, EXPLICIT)
+    paying = plant in PAYING
     model = "none" if bare else "bouc_wen" if paying else AWARE if plant == PUBLIC else plant
     cfg = make_walk_cfg(
         num_envs=num_envs, robot="go1" if bare else "mr_go", actuator_model=model, actuator_file=shipped_model(model),
@@ -126,14 +146,14 @@ def plant_cfg(
     )  # fmt: skip
     if plant == PUBLIC:
         return replace(cfg, gains=PUBLIC_GAINS, rewards=replace(cfg.rewards, height=HEIGHT))
-    return _paying(cfg) if paying else cfg
+    return _paying(cfg, power_price) if paying else cfg
 
 
-def _paying(cfg: EnvCfg) -> EnvCfg:
-    """The task with a price on power and with loads; devices may use the current of tables 6 and 7."""
+def _paying(cfg: EnvCfg, power_price: float) -> EnvCfg:
+    """The task with a price [1/W] on power and with loads; devices may use the current of tables 6 and 7."""
     return replace(
         cfg,
-        rewards=replace(cfg.rewards, power=POWER, height=HEIGHT),
+        rewards=replace(cfg.rewards, power=0.0 - power_price, height=HEIGHT),
         randomize=replace(cfg.randomize, added_mass=LOAD) if cfg.randomize else None,
         currents=(CURRENT_GROUPS[-1],),
     )

@@ -16,7 +16,7 @@ from mrwarp.rl import checkpoint
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.rl.task import task
 from mrwarp.rl.trainer import TrainCfg, Trainer
-from mrwarp.study.plan import StudyCfg, name, plant_cfg, policy_file, record_file
+from mrwarp.study.plan import PAYING, StudyCfg, name, plant_cfg, policy_file, record_file
 
 _REMEDY = "remove the folder to train anew"
 
@@ -200,7 +200,10 @@ def _check_start(found: _Run, begin: OnnxPolicy | None, run: Path) -> None:
 
 def _env(cfg: StudyCfg, plant: str, threads: int = 0) -> EnvCfg:
     """The task of a training."""
-    return plant_cfg(plant, num_envs=cfg.num_envs, terrain=cfg.terrain, threads=threads, randomize=cfg.randomize)
+    return plant_cfg(
+        plant, num_envs=cfg.num_envs, terrain=cfg.terrain, threads=threads, randomize=cfg.randomize,
+        power_price=cfg.power_price,
+    )  # fmt: skip
 
 
 def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> Trainer:
@@ -215,6 +218,7 @@ def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> T
         check_every=float("inf"),
         command=f"mrwarp study train --plants {plant} --seeds {seed} --num-envs {cfg.num_envs} --iterations "
         f"{cfg.iterations} --terrain {cfg.terrain} --randomize {cfg.randomize}"
+        + (f" --power-price {cfg.power_price:g}" if plant in PAYING else "")
         + (f" --start-from {cfg.start_from}" if cfg.start_from else ""),
     )
     return Trainer(train_cfg, resume=saved if saved.is_file() else None, start_from=begin)

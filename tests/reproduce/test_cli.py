@@ -42,7 +42,7 @@ def test_unusable_words_are_refused(argv: list[str], message: str, capsys: pytes
     ("options", "message"),
     [
         (["--policy", "nothing.onnx"], "nothing.onnx: no such policy"),
-        (["--policy-explicit", "a.onnx"], "explicit: 1 policies, but 3 for every robot; name as many"),
+        (["--policy-sticking", "a.onnx"], "sticking: 1 policies, but 3 for every robot; name as many"),
         (
             ["--policy-go1", "a.onnx", "b.onnx"],
             "policies: 2 for go1, 3 for mr_go, 3 for mr_go_sal; name the same",
@@ -58,6 +58,13 @@ def test_bad_input_is_one_line_and_nothing_is_written(
     assert message in error
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_settings_refuse_robots_with_different_numbers_of_policies() -> None:
+    """Those that paid a high price too: a reduction compares seeds of both robots."""
+    high = Settings().high
+    with pytest.raises(ValueError, match="high: name the same number of policies, at least one, for every robot"):
+        Settings(high={**high, "go1": high["go1"][:1]})
 
 
 @pytest.mark.parametrize("length", [0.0, math.nan, math.inf])

@@ -50,16 +50,16 @@ def _square(power: float) -> float:
 
 
 def folder(tmp_path: Path, *changed: WalkResult, policies: int = 3) -> Path:
-    """A folder of walks in which all arrived but for the changed conditions; with the explicit torque all did."""
+    """A folder of walks in which all arrived but for the changed conditions; with a device that sticks all did."""
     results = {(robot, *cell): walked(robot, *cell) for robot in paper.ROBOTS for cell in HOLD}
-    trained = [result for (robot, *_), result in results.items() if robot != "go1"]
+    sticking = [result for (robot, *_), result in results.items() if robot != "go1"]
     results |= {(r.robot, r.payload, r.command): r for r in changed}
     square = _square(paper.MISSION_POWER["go1"]["standby"])
     standing = Use(torque_square=np.full(12, square), work_out=np.zeros(12), work_in=np.zeros(12), coil=np.zeros(0),
                    friction=np.zeros(0))  # fmt: skip
     store.save(
         tmp_path / walking.DATA,
-        {**{name: [] for name in walking.VARIANTS}, "both": list(results.values()), "trained": trained,
+        {**{name: [] for name in walking.VARIANTS}, "both": list(results.values()), "sticking": sticking,
          "standing": {"go1": standing}, "policies": policies},
     )  # fmt: skip
     return tmp_path
@@ -85,7 +85,7 @@ def test_claims_hold_and_nothing_is_said_when_all_arrived(module, tmp_path: Path
 def test_no_claim_holds_without_every_condition(module, robot: str, tmp_path: Path) -> None:
     """A condition in which nobody arrived is neither lower nor longer than another, and one note counts its trials."""
     found = made(module, folder(tmp_path, walked(robot, 3.0, 0.5, TRIALS[:0], late=2)))
-    own = [holds for name, holds in found.claims.items() if not name.startswith("explicit torque")]
+    own = [holds for name, holds in found.claims.items() if not name.startswith("a device that sticks")]
     assert own and not any(own)
     told = [note for note in found.notes if "fell" in note]
     name = paper.NAMES[robot]

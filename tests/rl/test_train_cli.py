@@ -14,7 +14,7 @@ import torch
 from mrwarp.asset import ASSETS
 from mrwarp.rl import checkpoint, train_cli
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.study.plan import POWER
+from mrwarp.study.plan import POWER_PRICE
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = ROOT / "train" / "ppo.py"
@@ -94,7 +94,7 @@ def test_parser_documents_every_option() -> None:
     """``--help`` explains each option, and the defaults are those of the task: 64 environments on the CPU."""
     parser = train_cli.make_parser()
     assert all(action.help for action in parser._actions)
-    assert f"policies/energy pay {-POWER:g}" in " ".join(parser.format_help().split())
+    assert f"policies/energy pay {POWER_PRICE:g}" in " ".join(parser.format_help().split())
     args = parser.parse_args([])
     assert (args.device, args.num_envs, args.seed, args.actuator) == ("cpu", 64, 0, "bouc_wen")
     assert (args.robot, args.payload, args.coupling, args.sal, args.no_gate) == ("mr_go", 0, "constraint", "on", False)

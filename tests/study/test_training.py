@@ -27,7 +27,7 @@ from mrwarp.study.plan import (
     EXPLICIT,
     HEIGHT,
     PLANTS,
-    POWER,
+    POWER_PRICE,
     PUBLIC,
     STUDY,
     StudyCfg,
@@ -68,15 +68,33 @@ def test_robots_of_tables_6_and_7_pay_alike_for_power_and_carry_loads() -> None:
     cfgs = [plant_cfg(robot, randomize="all") for robot in ROBOTS]
     for shared in ("commands", "noise", "randomize", "rewards", "currents", "action_scale", "gait_frequency"):
         assert len({repr(getattr(cfg, shared)) for cfg in cfgs}) == 1, shared
-    assert cfgs[0].rewards == RewardCfg(power=POWER, height=HEIGHT) and cfgs[0].currents == (1.5,)
+    assert cfgs[0].rewards == RewardCfg(power=-POWER_PRICE, height=HEIGHT) and cfgs[0].currents == (1.5,)
     assert cfgs[0].randomize == RandomizeCfg(added_mass=(-0.5, 3.5))
     assert [(cfg.robot, cfg.actuator_model, cfg.actuator.sal) for cfg in cfgs] == [
         ("go1", "none", False), ("mr_go", "bouc_wen", False), ("mr_go", "bouc_wen", True)
     ]  # fmt: skip
     assert plant_cfg("go1", randomize="none").randomize is None
+    free = plant_cfg("go1", randomize="all", power_price=0.0)
+    assert free == replace(cfgs[0], rewards=replace(cfgs[0].rewards, power=0.0))
+    assert plant_cfg(AWARE, power_price=1.0) == plant_cfg(AWARE)
     explicit = plant_cfg(EXPLICIT, randomize="all")
     assert explicit.actuator.coupling is Coupling.EXPLICIT
     assert replace(explicit, actuator=replace(explicit.actuator, coupling=Coupling.CONSTRAINT)) == cfgs[2]
+
+
+def test_robots_that_pay_name_their_price(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In the record's command and task; another price is another training; a price below zero is refused."""
+    options = ["--plants", "go1", "--seeds", "0", "--num-envs", "4", "--iterations", "1", "--runs", str(tmp_path / "r")]
+    out = ["--out", str(tmp_path / "policies")]
+    assert cli.main(["train", *options, "--power-price", "0.02"]) == 0
+    assert cli.main(["collect", *options, *out]) == 2
+    assert "trained with rewards.power = -0.02 (asked: -0.002)" in capsys.readouterr().err
+    assert cli.main(["collect", *options, *out, "--power-price", "0.02"]) == 0
+    record = json.loads(record_file(tmp_path / "policies", "go1", 0).read_text())
+    assert record["command"].endswith("--randomize ground --power-price 0.02")
+    assert record["task"]["rewards"]["power"] == -0.02
+    with pytest.raises(ValueError, match="power_price = nan 1/W must be finite and not negative"):
+        StudyCfg(power_price=float("nan"))
 
 
 def test_public_gains_are_those_of_every_motor() -> None:
