@@ -71,7 +71,8 @@ def main(argv: list[str] | None = None) -> int:
     try:
         settings = _settings(args)
         ensembles(settings)
-        Ensemble(settings.sticking)
+        for paths in (settings.sticking, *settings.high.values()):
+            Ensemble(paths)
         for gains in (PUBLIC_GAINS, None):
             settings.struck(gains)
         check_writable(args.out)

@@ -15,9 +15,9 @@ from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.study.plan import AWARE, ENERGY, HIGH_PRICE, PUBLIC, SEEDS, STUDY, plant_of, policy_file
 
 
-def _own(folder: Path) -> dict[str, tuple[Path, ...]]:
-    """Policies of a folder that were trained on each robot, MR_Go-SAL's with the paper's explicit torque."""
-    plants = {robot: plant_of(robot, Coupling.EXPLICIT) for robot in ROBOTS}
+def _own(folder: Path, coupling: Coupling = Coupling.EXPLICIT) -> dict[str, tuple[Path, ...]]:
+    """Policies of a folder that were trained on each robot, MR_Go-SAL's with devices that act so."""
+    plants = {robot: plant_of(robot, coupling) for robot in ROBOTS}
     return {robot: tuple(policy_file(folder, plant, seed) for seed in SEEDS) for robot, plant in plants.items()}
 
 
@@ -33,9 +33,7 @@ class Settings:
     aware: tuple[Path, ...] = field(default_factory=lambda: tuple(policy_file(STUDY, AWARE, n) for n in SEEDS))
     """Policies under pushes and falling masses with the asset's gains, and of walks without a price on power: the
     actuator-aware ones of table 2."""
-    sticking: tuple[Path, ...] = field(
-        default_factory=lambda: tuple(policy_file(ENERGY, "mr_go_sal", n) for n in SEEDS)
-    )
+    sticking: tuple[Path, ...] = field(default_factory=lambda: _own(ENERGY, Coupling.CONSTRAINT)["mr_go_sal"])
     """Policies of MR_Go-SAL's walks on devices that stick, trained with them; as many as of the robots."""
     high: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: _own(HIGH_PRICE))
     """As ``policies``, trained with a high price on power."""
