@@ -88,7 +88,7 @@ def build_scene(
     Args:
         asset: The asset with its variants chosen.
         dt: Physics step [s].
-        coupling: With ``CONSTRAINT`` every MR joint gets the brake constraint of DESIGN: reference damping 1/dt, so
+        coupling: With ``CONSTRAINT`` every MR joint gets :mod:`mrwarp.brake_constraint`: reference damping 1/dt, so
             that the friction row sees the velocity after the step and cannot do positive work.
         solver: Constraint solver options.
         ground: Add a ground plane at z = 0, or a height field.

@@ -66,7 +66,7 @@ class ImpactCfg:
     force: tuple[float, float, float] = (0.0, 0.0, -100.0)
     """Push on the trunk [N], world frame; the paper's is 100 N downward."""
     duration: float = 0.2
-    """Duration of the push [s]; not in the paper, see DESIGN's reading of table 4."""
+    """Duration of the push [s]; not in the paper; table 4 calibrates its own on the 0 A row."""
     phases: tuple[float, float] | None = None
     """Gait phases at the push's onset, or when the mass should meet a robot at rest, evenly spread over the trials;
     None leaves them random. FL and RR stand in the first half of the clock, FR and RL in the second."""

@@ -62,7 +62,7 @@ def test_passivity_falling_link():
     stop = 0.5 * 0.016 * 5.0**2 / (2.7 - 0.3 * 9.81 * 0.2)
     assert stop - 0.0125 - 1e-3 < brake.q[-1] < stop + 1e-3
     assert np.ptp(brake.q[-100:]) < 0.5 * brake_constraint.CREEP * 2.7  # [rad] 0.5 s at rest: creep only
-    assert explicit.figures["injected"] > 0.5  # [J] DESIGN: +0.51 J net in 0.6 s
+    assert explicit.figures["injected"] > 0.5  # [J] over 0.6 s, where eq. 7 allows none
     assert explicit.figures["net_work"] > 0.0
 
 
