@@ -18,7 +18,7 @@ SOLIMP = (IMPEDANCE, IMPEDANCE, 0.001, 0.5, 2.0)
 """``solimpfriction`` of a braked joint."""
 
 MIN_LS_ITERATIONS = 30
-"""Line-search iterations below which this stiff constraint fails silently: with 20 a held joint drifts by a radian (measured)."""
+"""Line-search iterations below which this stiff constraint fails silently: with 20, held joints drift by a radian."""
 
 
 def solref(dt: float) -> tuple[float, float]:

@@ -92,7 +92,8 @@ def main(argv: list[str] | None = None) -> int:
         "simulated": f"{args.window:g} m of each walk and 5 s of standing; carried over the phases by the models"
         + ("; with feedback, which the calibration was without" if args.feedback else ""),
         "task": {**_task(cfg), "feedback": args.feedback, "seeds": cfg.seeds, "of_paper": of_paper},
-        "robots": rows, "without_feedback": cold, "changes": mission_figures.changes(rows), "calibration": fit,
+        "robots": rows, "windows": mission_figures.windows(phases), "without_feedback": cold,
+        "changes": mission_figures.changes(rows), "calibration": fit,
         "numbers": energy_cli.described(groups, fitted), "consistency": consistency.check(),
         "wall_seconds": time.perf_counter() - started,
     }  # fmt: skip
@@ -144,6 +145,13 @@ def _print(figures: dict[str, Any]) -> None:
         print(f"{paper.NAMES[robot]:10s} " + " ".join(
             f"{cell['mean']:7.1f} ({cell['paper']:.1f}){'*' if cell['calibrated'] else ' '}".rjust(16) for cell in cells
         ))  # fmt: skip
+    for robot, walks in figures["windows"].items():
+        for name, walk in walks.items():
+            if walk["fell"] or walk["late"]:
+                lost = f"of {walk['tried']} windows {walk['fell']} fell, {walk['late']} came too late"
+                print(
+                    f"{paper.NAMES[robot]}, {name}: {lost}; {walk['counted']} repetitions finished both ways and count"
+                )
     for name, change in figures["changes"].items():
         print(f"MR_Go to MR_Go-SAL, {name.replace('_', ' ')}: {change['ours']:+.1%} (paper {change['paper']:+.1%})")
     check = figures["consistency"]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from mrwarp import paper
-from mrwarp.evaluate.mission import MissionTrace
+from mrwarp.evaluate.mission import MissionTrace, PhaseUse
 from mrwarp.evaluate.spread import spread
 
 CALIBRATED = {"power": {"outbound": True, "standby": True, "return": True}, "depletion": True,
@@ -40,6 +41,17 @@ def row(robot: str, trace: MissionTrace, *, of_paper: bool = True) -> dict[str, 
 def _paper_rise(robot: str, name: str) -> float | None:
     """The paper's rise [K]; that of hips and thighs follows from its other two means, the fluid's is not given."""
     return paper.proximal_rise(robot) if name == "proximal" else paper.MISSION_RISE[robot].get(name)
+
+
+def windows(phases: Mapping[str, Mapping[str, PhaseUse]]) -> dict[str, Any]:
+    """How many windows of each robot's walks began, fell or came too late, and how many count: those of both ways."""
+    return {
+        robot: {
+            name: {"tried": phase.tried, "fell": phase.fell, "late": phase.late, "counted": len(phase.seconds)}
+            for name, phase in found.items() if phase.trial is not None
+        }
+        for robot, found in phases.items()
+    }  # fmt: skip
 
 
 def changes(rows: dict[str, Any]) -> dict[str, Any]:

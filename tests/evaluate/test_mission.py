@@ -93,6 +93,10 @@ def test_a_repetition_counts_if_it_finished_both_ways(monkeypatch: pytest.Monkey
         np.testing.assert_allclose(found[name].use.torque_square, 10.0 * load + 1.0)
     assert [(found[n].tried, found[n].fell, found[n].late) for n in ("outbound", "return")] == [(3, 1, 0), (3, 0, 1)]
     assert run(found, *NUMBERS, feedback=False).depletion.shape == (1,)
+    assert mission_figures.windows({"go1": found})["go1"] == {
+        "outbound": {"tried": 3, "fell": 1, "late": 0, "counted": 1},
+        "return": {"tried": 3, "fell": 0, "late": 1, "counted": 1},
+    }
     ways[3.0] = np.array([0, 3])
     with pytest.raises(mission.MissionError, match="Go1: no repetition finished both windows"):
         mission.measure(mission.MissionCfg(robots=("go1",)), {})
@@ -122,6 +126,7 @@ def test_a_short_mission_from_the_command_line(tmp_path: Path) -> None:
     for robot in ("mr_go", "mr_go_sal"):
         row = result["robots"][robot]
         assert not any(cell["calibrated"] for cell in (*row["power"].values(), *row["rise"].values(), row["depletion"]))
+        assert {walk["counted"] for walk in result["windows"][robot].values()} == {1}
     assert set(result["changes"]) >= {"depletion", "calf_walking_rise"}
     assert {path.name for path in out.iterdir()} == {"result.json", "power.png", "temperature.png"}
 
