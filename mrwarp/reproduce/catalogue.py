@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from mrwarp.reproduce import (
     drops,
     electrical,
@@ -25,6 +27,7 @@ from mrwarp.reproduce import (
     walking,
 )
 from mrwarp.reproduce.experiment import Experiment
+from mrwarp.reproduce.titles import TITLES
 
 _ALL: tuple[Experiment, ...] = (
     *(module.EXPERIMENT for module in (fig4, fig5, table2, table3)),
@@ -33,8 +36,8 @@ _ALL: tuple[Experiment, ...] = (
     *(module.EXPERIMENT for module in (mission, fig10, fig11)),
 )
 
-CATALOGUE: dict[str, Experiment] = {experiment.name: experiment for experiment in _ALL}
+CATALOGUE: dict[str, Experiment] = {
+    experiment.name: replace(experiment, title=TITLES[experiment.name]) if experiment.shown else experiment
+    for experiment in _ALL
+}
 """Experiments by name."""
-
-SHOWN: tuple[str, ...] = tuple(name for name, experiment in CATALOGUE.items() if experiment.shown)
-"""Names of the entries of the report; ``all`` means these."""

@@ -18,19 +18,19 @@ from mrwarp.results import plain, write_result
 
 def make_parser() -> argparse.ArgumentParser:
     """The options of ``mrwarp reproduce``."""
-    from mrwarp.reproduce.catalogue import CATALOGUE, SHOWN
     from mrwarp.reproduce.settings import Settings
+    from mrwarp.reproduce.titles import TITLES
 
     default = Settings()
     parser = Parser(
         prog="mrwarp reproduce", formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Tables and figures of the paper with our row beside each, as report.html and report.md.\n\n"
-        + "\n".join(f"  {name:12s} {CATALOGUE[name].title}" for name in SHOWN),
+        + "\n".join(f"  {name:12s} {title}" for name, title in TITLES.items()),
         epilog="Only what changed since the last run into the same folder is made again. 'mrwarp reproduce fig4 "
         "--train' trains figure 4's models anew and has options of its own.",
     )  # fmt: skip
     add = parser.add_argument
-    add("part", nargs="+", choices=(*SHOWN, "all"), metavar="PART", help="tables and figures, or all")
+    add("part", nargs="+", choices=(*TITLES, "all"), metavar="PART", help="tables and figures, or all")
     add("--out", type=Path, default=Path("runs/report"), help="output folder (default: runs/report)")
     add("--policy", type=Path, nargs="+", metavar="P", help="policies of all robots, one per training seed")
     for robot in ROBOTS:
@@ -62,9 +62,10 @@ def main(argv: list[str] | None = None) -> int:
     args = make_parser().parse_args(argv)
     quiet_libraries()
     from mrwarp.evaluate.energy_cli import Progress
-    from mrwarp.reproduce.catalogue import CATALOGUE, SHOWN
+    from mrwarp.reproduce.catalogue import CATALOGUE
+    from mrwarp.reproduce.ensemble import Ensemble, ensembles
     from mrwarp.reproduce.runner import Runner
-    from mrwarp.reproduce.settings import Ensemble, ensembles
+    from mrwarp.reproduce.titles import TITLES
     from mrwarp.rl.policy import PolicyError
     from mrwarp.robot import PUBLIC_GAINS
 
@@ -74,12 +75,12 @@ def main(argv: list[str] | None = None) -> int:
         for paths in (settings.sticking, *settings.high.values()):
             Ensemble(paths)
         for gains in (PUBLIC_GAINS, None):
-            settings.struck(gains)
+            Ensemble(settings.struck(gains))
         check_writable(args.out)
     except (PolicyError, ValueError, OSError) as error:
         print(f"mrwarp reproduce: {error}", file=sys.stderr)
         return 2
-    wanted = list(dict.fromkeys(name for part in args.part for name in (SHOWN if part == "all" else (part,))))
+    wanted = list(dict.fromkeys(name for part in args.part for name in (TITLES if part == "all" else (part,))))
     progress = Progress(sys.stdout)
     runner = Runner(CATALOGUE, settings, args.out, progress)
     started, stopped = time.perf_counter(), False

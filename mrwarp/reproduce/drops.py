@@ -11,6 +11,7 @@ from mrwarp.actuator import HoldCurrent
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate.impact import MOTOR_WINDOW, ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace
 from mrwarp.reproduce import readings, store
+from mrwarp.reproduce.ensemble import Ensemble
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, seeds_of
 from mrwarp.robot import LEGS, PUBLIC_GAINS
 
@@ -33,7 +34,7 @@ def simulate(job: Job) -> Findings:
             kind=ImpactKind.DROP, trials=len(settings.impacted) * settings.impacts, gains=gains, env=env,
             phases=readings.FR_RL_STANCE, seed=settings.seed,
         )  # fmt: skip
-        found[name] = measured(ImpactSweep(cfg, settings.struck(gains)).run())
+        found[name] = measured(ImpactSweep(cfg, Ensemble(settings.struck(gains))).run())
     store.save(job.out / DATA, {"found": found, "policies": len(settings.impacted)})
     return Findings()
 
@@ -66,6 +67,6 @@ def read(folder: Path) -> tuple[dict[str, dict[str, np.ndarray]], np.ndarray | N
 
 
 EXPERIMENT = Experiment(
-    name="drops", title="A falling mass on walking robots", compute=simulate, shown=False,
+    name="drops", compute=simulate, shown=False,
     settings=("impacted", "aware", "impacts", "seed"),
 )  # fmt: skip

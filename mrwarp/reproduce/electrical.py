@@ -128,6 +128,4 @@ def _paper(cell: str) -> float:
     return 1.0 - paper.TABLE_6["mr_go_sal", *key].cot / paper.TABLE_6["mr_go", *key].cot
 
 
-EXPERIMENT = Experiment(
-    name="electrical", title="Sensitivity of table 6 to the electrical numbers", compute=compute, needs=("walks",)
-)
+EXPERIMENT = Experiment(name="electrical", compute=compute, needs=("walks",))

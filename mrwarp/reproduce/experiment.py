@@ -137,12 +137,12 @@ class Experiment:
 
     name: str
     """As on the command line."""
-    title: str
-    """Heading."""
     compute: Callable[[Job], Findings]
     """Makes the rows; its module and all that it imports are what the entry depends on."""
     needs: tuple[str, ...] = ()
     """Experiments whose folders it reads."""
+    title: str = ""
+    """Heading, which the catalogue gives the entries of the report."""
     settings: tuple[str, ...] = ()
     """Names of the :class:`Settings` it depends on."""
     files: Callable[[Settings], Sequence[Path]] = lambda settings: ()

@@ -104,6 +104,6 @@ def _depletion(robot: str, found: mission.Mission) -> str:
 
 
 EXPERIMENT = Experiment(
-    name="fig10", title="Figure 10: power and state of charge of the mission", compute=compute,
+    name="fig10", compute=compute,
     needs=("walks", "windows"),
 )  # fmt: skip

@@ -81,6 +81,4 @@ def _relief(found: mission.Mission) -> str:
     return f"Our calves{held} warm by {rise['mr_go_sal']:.1f} K with SAL and {rise['mr_go']:.1f} K without."
 
 
-EXPERIMENT = Experiment(
-    name="fig11", title="Figure 11: temperatures of the mission", compute=compute, needs=("walks", "windows")
-)
+EXPERIMENT = Experiment(name="fig11", compute=compute, needs=("walks", "windows"))

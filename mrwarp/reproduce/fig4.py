@@ -78,6 +78,4 @@ def why(amps: float, theirs: float, ours: float) -> str:
     )
 
 
-EXPERIMENT = Experiment(
-    name="fig4", title="Figure 4: torque prediction", compute=compute, files=lambda settings: studied.networks(SAMPLES)
-)
+EXPERIMENT = Experiment(name="fig4", compute=compute, files=lambda settings: studied.networks(SAMPLES))

@@ -29,6 +29,6 @@ def compute(job: Job) -> Findings:
 
 
 EXPERIMENT = Experiment(
-    name="fig5", title="Figure 5: learning curves", compute=compute,
+    name="fig5", compute=compute,
     files=lambda settings: studied.records((CONVENTIONAL, AWARE)),
 )  # fmt: skip

@@ -100,4 +100,4 @@ def _plot(trace: dict[str, np.ndarray], job: Job) -> None:
     figure.savefig(job.out / "torque.png", dpi=110)
 
 
-EXPERIMENT = Experiment(name="fig6", title="Figure 6: motor torque during the push", compute=compute, needs=("pushes",))
+EXPERIMENT = Experiment(name="fig6", compute=compute, needs=("pushes",))

@@ -62,5 +62,5 @@ def _plot(found: dict[str, dict[str, np.ndarray]], seeds: np.ndarray | None, job
     figure.savefig(job.out / "torque.png", dpi=110)
 
 
-EXPERIMENT = Experiment(name="fig7", title="Figure 7: motor torque under the falling mass", compute=compute,
+EXPERIMENT = Experiment(name="fig7", compute=compute,
                         needs=("drops",))  # fmt: skip

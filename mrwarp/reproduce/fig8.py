@@ -63,6 +63,4 @@ def compute(job: Job) -> Findings:
     )  # fmt: skip
 
 
-EXPERIMENT = Experiment(
-    name="fig8", title="Figure 8: stance support and torque relief", compute=compute, needs=("walks",)
-)
+EXPERIMENT = Experiment(name="fig8", compute=compute, needs=("walks",))

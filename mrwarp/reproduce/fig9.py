@@ -25,4 +25,4 @@ def compute(job: Job) -> Findings:
     )
 
 
-EXPERIMENT = Experiment(name="fig9", title="Figure 9: cost of transport", compute=compute, needs=("walks",))
+EXPERIMENT = Experiment(name="fig9", compute=compute, needs=("walks",))

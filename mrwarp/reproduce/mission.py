@@ -14,8 +14,8 @@ from mrwarp.electrical.thermal import ThermalCfg
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate.mission import MissionCfg, MissionTrace, PhaseUse, calibrate, measure, run
 from mrwarp.reproduce import store, walking
+from mrwarp.reproduce.ensemble import ensembles
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, over_seeds
-from mrwarp.reproduce.settings import ensembles
 
 DATA = "mission.npz"
 """File with the data."""
@@ -85,6 +85,6 @@ def _held(walks: walking.Walks) -> float:
 
 
 EXPERIMENT = Experiment(
-    name="windows", title="Windows of the mission", compute=simulate, shown=False,
+    name="windows", compute=simulate, shown=False,
     settings=("policies", "rollouts", "window", "seed"),
 )  # fmt: skip

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mrwarp.reproduce import readings, store, studied
+from mrwarp.reproduce.ensemble import Ensemble
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, seeds_of
 
 DATA = "pushes.npz"
@@ -47,7 +48,7 @@ def simulate(job: Job) -> Findings:
     for k, reading in enumerate(readings.READINGS):
         job.report(reading.name, k / len(readings.READINGS))
         pushed = readings.push(
-            reading, settings.struck(reading.gains), trials=len(settings.impacted) * settings.impacts,
+            reading, Ensemble(settings.struck(reading.gains)), trials=len(settings.impacted) * settings.impacts,
             seed=settings.seed, threads=settings.threads,
         )  # fmt: skip
         done.append(pushed)
@@ -67,7 +68,7 @@ def read(folder: Path) -> Pushes:
 
 
 EXPERIMENT = Experiment(
-    name="pushes", title="Pushes on walking robots", compute=simulate, shown=False,
+    name="pushes", compute=simulate, shown=False,
     settings=("impacted", "aware", "impacts", "seed"),
     files=lambda settings: studied.networks(dict.fromkeys(reading.torque for reading in readings.READINGS)),
 )  # fmt: skip

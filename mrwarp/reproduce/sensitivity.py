@@ -12,6 +12,7 @@ from mrwarp.evaluate import thresholds
 from mrwarp.evaluate.impact import ImpactSweep, ImpactTrace, Variant
 from mrwarp.paper import Measured
 from mrwarp.reproduce import pushes, readings
+from mrwarp.reproduce.ensemble import Ensemble
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds
 
 TITLES = {
@@ -38,7 +39,9 @@ def compute(job: Job) -> Findings:
                 params={**(off if v.current == 0.0 else on).params, **v.params})
         for v in thresholds.variants(on.current)
     )  # fmt: skip
-    sweep = ImpactSweep(replace(cfg, variants=variants, duration=duration), settings.struck(readings.ADOPTED.gains))
+    sweep = ImpactSweep(
+        replace(cfg, variants=variants, duration=duration), Ensemble(settings.struck(readings.ADOPTED.gains))
+    )
     trace = sweep.run()
     thresholds.plot(thresholds.reductions(trace), job.out / "thresholds.png")
     reductions = by_seed(trace, len(settings.impacted))
@@ -101,6 +104,6 @@ def by_seed(trace: ImpactTrace, policies: int) -> dict[str, list[dict[str, Any]]
 
 
 EXPERIMENT = Experiment(
-    name="sensitivity", title="Section 3.2: sensitivity to the gates' thresholds", compute=compute, needs=("pushes",),
+    name="sensitivity", compute=compute, needs=("pushes",),
     settings=("impacted", "aware", "impacts", "seed"),
 )  # fmt: skip

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import torch
-
 from mrwarp.choices import Coupling
 from mrwarp.paper import ROBOTS
-from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.study.plan import AWARE, ENERGY, HIGH_PRICE, PUBLIC, SEEDS, STUDY, plant_of, policy_file
 
 
@@ -76,53 +73,11 @@ class Settings:
         if not all(math.isfinite(length) and length > 0.0 for length in (self.distance, self.window)):
             raise ValueError(f"distance = {self.distance} m and window = {self.window} m must be positive and finite")
 
-    def struck(self, gains: tuple[float, float] | None) -> Ensemble:
-        """Policies for pushes and falling masses on robots with these gains; None is the asset's.
-
-        Raises:
-            PolicyError: a file cannot be used.
-        """
-        return Ensemble(self.aware if gains is None else self.impacted)
+    def struck(self, gains: tuple[float, float] | None) -> tuple[Path, ...]:
+        """Policies for pushes and falling masses on robots with these gains; None is the asset's."""
+        return self.aware if gains is None else self.impacted
 
     @property
     def policy_seeds(self) -> int:
         """Policies per robot."""
         return len(self.policies[ROBOTS[0]])
-
-
-class Ensemble:
-    """Several policies as one: row i of a batch is driven by policy ``i % n``.
-
-    Args:
-        paths: The policies, one per seed; a batch repeats them over its trials.
-
-    Raises:
-        PolicyError: a file cannot be used.
-    """
-
-    def __init__(self, paths: Sequence[Path]) -> None:
-        self._policies = [OnnxPolicy(path) for path in paths]
-
-    def __call__(self, obs) -> torch.Tensor:
-        """Actions (E, 12)."""
-        n = len(self._policies)
-        if n == 1:
-            return self._policies[0](obs)
-        rows = obs["actor"] if not isinstance(obs, torch.Tensor) else obs
-        actions = torch.empty(len(rows), 12, device=rows.device)
-        for k, policy in enumerate(self._policies):
-            actions[k::n] = policy(rows[k::n])
-        return actions
-
-
-def ensembles(settings: Settings) -> dict[str, Ensemble]:
-    """The policies of each robot; robots with the same files share one object, and so one evaluation.
-
-    Raises:
-        PolicyError: a file cannot be used.
-    """
-    made: dict[tuple[Path, ...], Ensemble] = {}
-    for paths in settings.policies.values():
-        if tuple(paths) not in made:
-            made[tuple(paths)] = Ensemble(paths)
-    return {robot: made[tuple(paths)] for robot, paths in settings.policies.items()}

@@ -55,7 +55,7 @@ def _why(table: Table2, name: str, metric: str) -> str:
 
 
 EXPERIMENT = Experiment(
-    name="table2", title="Table 2: actuator-aware training", compute=compute,
+    name="table2", compute=compute,
     settings=("rollouts", "seed"),
     files=lambda settings: [*studied.policies((CONVENTIONAL, AWARE)), *studied.networks((PLANT,))],
 )  # fmt: skip

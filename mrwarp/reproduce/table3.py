@@ -61,7 +61,7 @@ def _why(table: Table3, model: str, metric: str) -> str:
 
 
 EXPERIMENT = Experiment(
-    name="table3", title="Table 3: actuator models in training", compute=compute,
+    name="table3", compute=compute,
     settings=("rollouts", "seed"),
     files=lambda settings: [*studied.policies(MODELS), *studied.networks((PLANT,))],
 )  # fmt: skip

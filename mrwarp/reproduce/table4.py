@@ -244,6 +244,4 @@ def _plot(found: pushes.Pushes, dropped: dict[str, dict[str, np.ndarray]], seeds
     figure.savefig(job.out / "table4.png", dpi=110)
 
 
-EXPERIMENT = Experiment(
-    name="table4", title="Table 4: disturbance response", compute=compute, needs=("pushes", "drops")
-)
+EXPERIMENT = Experiment(name="table4", compute=compute, needs=("pushes", "drops"))

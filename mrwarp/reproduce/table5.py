@@ -11,8 +11,8 @@ from mrwarp.actuator import HoldCurrent
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate.impact import ImpactCfg, ImpactKind, ImpactSweep, Variant
 from mrwarp.reproduce import drops, readings, studied
+from mrwarp.reproduce.ensemble import Ensemble
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds, seeds_of
-from mrwarp.reproduce.settings import Ensemble
 from mrwarp.study.plan import AWARE, CONVENTIONAL
 
 CONFIGURATIONS = {
@@ -85,6 +85,6 @@ def _why(found: dict[tuple[str, float], dict[str, np.ndarray]], cell: tuple[str,
 
 
 EXPERIMENT = Experiment(
-    name="table5", title="Table 5: training and SAL under the falling mass", compute=compute,
+    name="table5", compute=compute,
     settings=("impacts", "seed"), files=lambda settings: studied.policies((CONVENTIONAL, AWARE)),
 )  # fmt: skip

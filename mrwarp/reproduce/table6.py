@@ -186,4 +186,4 @@ def _at(savings: list[dict[str, Any]], condition: dict[str, Any]) -> dict[str, A
     return same[0] if same else None
 
 
-EXPERIMENT = Experiment(name="table6", title="Table 6: cost of transport", compute=compute, needs=("walks",))
+EXPERIMENT = Experiment(name="table6", compute=compute, needs=("walks",))

@@ -75,4 +75,4 @@ def _why(result: WalkResult, ours: float, theirs: float) -> str:
     )
 
 
-EXPERIMENT = Experiment(name="table7", title="Table 7: support activation", compute=compute, needs=("walks",))
+EXPERIMENT = Experiment(name="table7", compute=compute, needs=("walks",))

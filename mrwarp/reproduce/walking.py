@@ -19,8 +19,8 @@ from mrwarp.evaluate.traces import GaitTrace
 from mrwarp.evaluate.walk_figures import calibration_rows
 from mrwarp.evaluate.walk_trials import WalkCfg, WalkResult, walk
 from mrwarp.reproduce import store
+from mrwarp.reproduce.ensemble import Ensemble, ensembles
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, seeds_of
-from mrwarp.reproduce.settings import Ensemble, ensembles
 
 DATA = "walks.npz"
 """File with the data."""
@@ -182,6 +182,6 @@ def _result(item: dict) -> WalkResult:
 
 
 EXPERIMENT = Experiment(
-    name="walks", title="Walks of Go1, MR_Go and MR_Go-SAL", compute=simulate, shown=False,
+    name="walks", compute=simulate, shown=False,
     settings=("policies", "aware", "sticking", "high", "rollouts", "distance", "seed"),
 )  # fmt: skip

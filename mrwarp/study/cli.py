@@ -26,7 +26,7 @@ UNITS = {
 
 def make_parser() -> argparse.ArgumentParser:
     """The options of ``mrwarp study``."""
-    from mrwarp.env.cfg import RANDOMIZATIONS, TERRAINS
+    from mrwarp.choices import RANDOMIZATIONS, TERRAINS
     from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, PLANTS, SEEDS, STUDY, TRAINABLE, StudyCfg
 
     default = StudyCfg()
@@ -95,14 +95,14 @@ def main(argv: list[str] | None = None) -> int:
         0 done, 1 when a training broke off or a target is missed, 2 on bad input, 130 when trainings are left: after
         Ctrl-C, or for the processes that are at them.
     """
+    argv = sys.argv[1:] if argv is None else argv
+    args = make_parser().parse_args(argv)
+    quiet_libraries()
     from mrwarp.rl.checkpoint import CheckpointError
     from mrwarp.rl.policy import PolicyError
     from mrwarp.rl.trainer import TrainingError
     from mrwarp.study.curves import RecordError
 
-    argv = sys.argv[1:] if argv is None else argv
-    args = make_parser().parse_args(argv)
-    quiet_libraries()
     command = "mrwarp study " + shlex.join(argv)
     try:
         check_writable(args.runs if args.part == "train" else args.out)

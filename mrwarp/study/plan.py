@@ -1,17 +1,17 @@
-"""Which policies the studies of section 6.2 compare, how all of them are trained, and where their files lie."""
+"""Which policies the studies of section 6.2 compare, how all of them are trained, and where their files lie.
+
+What each plant is to the simulator stands in :mod:`mrwarp.study.plants`; this module loads no engine, for ``--help``.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from mrwarp.actuator import Coupling
-from mrwarp.env.cfg import EnvCfg, make_walk_cfg
-from mrwarp.nn.model_file import shipped_model
+from mrwarp.choices import Coupling
 from mrwarp.paper import ROBOTS
-from mrwarp.rl.policy import POLICIES
-from mrwarp.robot import CURRENT_GROUPS, PUBLIC_GAINS
+from mrwarp.shipped import POLICIES
 
 CONVENTIONAL = "conventional"
 """Trained on Go1, whose joints have no MR device: configurations A and B of table 2."""
@@ -38,7 +38,7 @@ PAYING = (*ROBOTS, EXPLICIT)
 """What pays for power and carries loads: the robots of tables 6 and 7."""
 
 TRAINABLE = (*PLANTS, PUBLIC, *PAYING)
-"""Everything that :func:`plant_cfg` knows."""
+"""Everything that :func:`mrwarp.study.plants.plant_cfg` knows."""
 
 SEEDS = (0, 1, 2)
 """Training seeds of every plant."""
@@ -119,41 +119,3 @@ def policy_file(folder: Path, plant: str, seed: int) -> Path:
 def record_file(folder: Path, plant: str, seed: int) -> Path:
     """Its training record."""
     return folder / f"{name(plant, seed)}.json"
-
-
-def plant_cfg(
-    plant: str, *, num_envs: int = 64, terrain: str = "flat", threads: int = 0, randomize: str = RANDOMIZE,
-    power_price: float = POWER_PRICE,
-) -> EnvCfg:  # fmt: skip
-    """The walking task on a plant.
-
-    Observations, actions, rewards, commands and randomisation are the same for all of :data:`PLANTS`; for
-    :data:`PUBLIC` but for the weight of the height; and for all of ``paper.ROBOTS`` and :data:`EXPLICIT`, which in
-    addition pay ``power_price`` and carry loads.
-
-    Raises:
-        ValueError: there is no such plant, or no such randomisation.
-    """
-    if plant not in TRAINABLE:
-        raise ValueError(f"plant = {plant!r}: choose from {', '.join(TRAINABLE)}")
-    bare = plant in (CONVENTIONAL, "go1")
-    paying = plant in PAYING
-    model = "none" if bare else "bouc_wen" if paying else AWARE if plant == PUBLIC else plant
-    cfg = make_walk_cfg(
-        num_envs=num_envs, robot="go1" if bare else "mr_go", actuator_model=model, actuator_file=shipped_model(model),
-        sal=not (bare or plant == "mr_go"), terrain=terrain, threads=threads, randomize=randomize,
-        coupling=Coupling.EXPLICIT if plant == EXPLICIT else Coupling.CONSTRAINT,
-    )  # fmt: skip
-    if plant == PUBLIC:
-        return replace(cfg, gains=PUBLIC_GAINS, rewards=replace(cfg.rewards, height=HEIGHT))
-    return _paying(cfg, power_price) if paying else cfg
-
-
-def _paying(cfg: EnvCfg, power_price: float) -> EnvCfg:
-    """The task with a price [1/W] on power and with loads; devices may use the current of tables 6 and 7."""
-    return replace(
-        cfg,
-        rewards=replace(cfg.rewards, power=0.0 - power_price, height=HEIGHT),
-        randomize=replace(cfg.randomize, added_mass=LOAD) if cfg.randomize else None,
-        currents=(CURRENT_GROUPS[-1],),
-    )

@@ -20,7 +20,8 @@ from scipy import stats
 from mrwarp.evaluate.spread import spread
 from mrwarp.quiet import one_torch_thread
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, SEEDS, STUDY, plant_cfg, policy_file
+from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, SEEDS, STUDY, policy_file
+from mrwarp.study.plants import plant_cfg
 from mrwarp.study.rollouts import METRICS, Measured, RolloutCfg, roll_out
 
 CURRENT = 1.5

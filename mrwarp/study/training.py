@@ -16,7 +16,8 @@ from mrwarp.rl import checkpoint
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.rl.task import task
 from mrwarp.rl.trainer import TrainCfg, Trainer
-from mrwarp.study.plan import PAYING, StudyCfg, name, plant_cfg, policy_file, record_file
+from mrwarp.study.plan import PAYING, StudyCfg, name, policy_file, record_file
+from mrwarp.study.plants import plant_cfg
 
 _REMEDY = "remove the folder to train anew"
 

@@ -32,10 +32,10 @@ from mrwarp.study.plan import (
     STUDY,
     StudyCfg,
     name,
-    plant_cfg,
     policy_file,
     record_file,
 )  # fmt: skip
+from mrwarp.study.plants import plant_cfg
 from mrwarp.study.training import RunError, collect, failed_conditions, train
 
 TINY_GATE = WalkingGate(num_envs=4, warmup=0.0, seconds=0.2)
