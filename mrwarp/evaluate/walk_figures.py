@@ -13,7 +13,7 @@ from mrwarp.electrical import calibrate as calibration
 from mrwarp.electrical import consistency
 from mrwarp.electrical.power import CALF_COLUMNS, ElectricalCfg, Power, Use, battery_power, copper, cost_of_transport
 from mrwarp.evaluate.meter import BIN, RANGE, SHOWN
-from mrwarp.evaluate.spread import spread
+from mrwarp.evaluate.spread import ratio_sd, spread
 from mrwarp.evaluate.walk_trials import WalkResult
 from mrwarp.params import MrParams
 from mrwarp.robot import JOINTS, LEGS
@@ -125,6 +125,7 @@ def savings(
             reference = {
                 "saving": theirs[0].power - theirs[1].power,
                 "cot_reduction": 1.0 - theirs[1].cot / theirs[0].cot,
+                "cot_reduction_sd": ratio_sd((theirs[1].cot, theirs[1].sd), (theirs[0].cot, theirs[0].sd)),
             }
         stance = float(np.clip(share / STANCE_SHARE, 0.0, 1.0))
         bounds = {

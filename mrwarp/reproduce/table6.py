@@ -9,12 +9,16 @@ import numpy as np
 from mrwarp import paper
 from mrwarp.electrical.power import ElectricalCfg, battery_power, cost_of_transport
 from mrwarp.evaluate import walk_figures
+from mrwarp.evaluate.spread import ratio_sd
 from mrwarp.evaluate.walk_trials import WalkResult
 from mrwarp.paper import Measured
 from mrwarp.reproduce import walking
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, Table, over_seeds
 from mrwarp.reproduce.walking import Walks, condition_name
 from mrwarp.study.plan import HIGH_POWER_PRICE, POWER_PRICE
+
+Cots = dict[tuple[str, float, float], dict[str, Any]]
+"""COT over training seeds, see :func:`over_seeds`, by robot, payload [kg] and commanded speed [m/s]."""
 
 
 def compute(job: Job) -> Findings:
@@ -33,9 +37,11 @@ def compute(job: Job) -> Findings:
     plain = [r for r in walks.both if r.robot != "mr_go_sal"]
     alone = walk_figures.savings([*plain, *walks.holding], fit.cfg, saving, mass)
     rows = [_cot(result, walks, fit.cfg, condition) for result, condition in zip(walks.both, conditions, strict=True)]
-    rows += [_reduction(saved, _at(alone, saved)) for saved in savings]
+    cots = _cots(walks, walks.both, fit.cfg)
+    rows += [_reduction(saved, _at(alone, saved), cots) for saved in savings]
     stuck = walk_figures.savings(walks.sticking, fit.cfg, saving, mass)
-    rows += [_reduction_sticking(saved) for saved in stuck]
+    cots = _cots(walks, walks.sticking, fit.cfg)
+    rows += [_reduction_sticking(saved, cots) for saved in stuck]
     return Findings(
         rows=[row for row in rows if row is not None],
         claims=_claims(savings, walks.both)
@@ -47,6 +53,8 @@ def compute(job: Job) -> Findings:
             "MR_Go-SAL is a prediction.",
             "Devices act by the paper's explicit torque (eqs. 6, 19), with which MR_Go-SAL's policies were trained; "
             "those of a device that sticks were trained with brakes that hold a calf still, and walk with them.",
+            "The spread of a reduction is that of the ratio of two independent COTs, ours over training seeds, the "
+            "paper's over its walks.",
             *walking.arrivals(walks.both),
             *(f"A device that sticks: {note}" for note in walking.arrivals(walks.sticking)),
         ],
@@ -62,8 +70,7 @@ def _cot(result: WalkResult, walks: Walks, cfg: ElectricalCfg, condition: dict[s
     reference = condition["paper"]
     if reference is None:
         return None
-    cot = cost_of_transport(battery_power(result.use, cfg).total, result.mass, result.speed)
-    ours = over_seeds(cot, walks.seed_of(result))
+    ours = over_seeds(_cot_of(result, cfg), walks.seed_of(result))
     power = condition["power"]["mean"]
     why = (
         f"Ours draws {power:.0f} W at {condition['speed']['mean']:.2f} m/s, the paper's {reference['power']:.0f} W at "
@@ -75,6 +82,19 @@ def _cot(result: WalkResult, walks: Walks, cfg: ElectricalCfg, condition: dict[s
         unit="", paper=Measured(mean=reference["cot"], sd=reference["sd"]), **ours,
         calibrated=condition["calibrated"], why=why,
     )  # fmt: skip
+
+
+def _cot_of(result: WalkResult, cfg: ElectricalCfg) -> np.ndarray:
+    """Cost of transport of each trial, shape (n,)."""
+    return cost_of_transport(battery_power(result.use, cfg).total, result.mass, result.speed)
+
+
+def _cots(walks: Walks, results: list[WalkResult], cfg: ElectricalCfg) -> Cots:
+    """Cost of transport of MR_Go and MR_Go-SAL over training seeds."""
+    return {
+        (r.robot, r.payload, r.command): over_seeds(_cot_of(r, cfg), walks.seed_of(r))
+        for r in results if r.robot != "go1"
+    }  # fmt: skip
 
 
 def _claims(savings: list[dict[str, Any]], results: list[WalkResult]) -> dict[str, bool]:
@@ -90,7 +110,7 @@ def _claims(savings: list[dict[str, Any]], results: list[WalkResult]) -> dict[st
     }
 
 
-def _reduction(saved: dict[str, Any], alone: dict[str, Any] | None) -> Row:
+def _reduction(saved: dict[str, Any], alone: dict[str, Any] | None, cots: Cots) -> Row:
     """What SAL saves against MR_Go, with the part that takes the most away as the reason."""
     part = saved["saving_by_part"]
     need = saved["paper"]["saving"]
@@ -101,10 +121,10 @@ def _reduction(saved: dict[str, Any], alone: dict[str, Any] | None) -> Row:
         f"(at most {saved['bound']['walking_copper']:.0f} W here, all of it gone while held); {text} take from it; "
         f"holding alone: {'no robot arrived' if alone is None else format(alone['cot_reduction'], '.1%')}."
     )
-    return _reduction_row("SAL against MR_Go", saved, why)
+    return _reduction_row("SAL against MR_Go", saved, cots, why)
 
 
-def _reduction_sticking(saved: dict[str, Any]) -> Row:
+def _reduction_sticking(saved: dict[str, Any], cots: Cots) -> Row:
     """What SAL saves with brakes that stick, with the paper's held share beside ours."""
     held = paper.TABLE_7[int(saved["payload"]), saved["command"]]["hardware"]
     why = (
@@ -112,15 +132,20 @@ def _reduction_sticking(saved: dict[str, Any]) -> Row:
         f"the paper's hardware for {held:.1%}. {saved['saving']:.0f} W are saved, the paper's "
         f"{saved['paper']['saving']:.0f} W."
     )
-    return _reduction_row("SAL against MR_Go, a device that sticks", saved, why)
+    return _reduction_row("SAL against MR_Go, a device that sticks", saved, cots, why)
 
 
-def _reduction_row(robots: str, saved: dict[str, Any], why: str) -> Row:
-    """Row of what SAL saves in a condition."""
+def _reduction_row(robots: str, saved: dict[str, Any], cots: Cots, why: str) -> Row:
+    """Row of what SAL saves in a condition, with the spread of the ratio of both robots' COT."""
+    after, before = (cots[robot, saved["payload"], saved["command"]] for robot in ("mr_go_sal", "mr_go"))
+    seeds = min(after["n"], before["n"])
+    sd = 100.0 * ratio_sd((after["ours"], after["sd"]), (before["ours"], before["sd"])) if seeds > 1 else None
+    theirs = saved["paper"]
     return Row(
         condition=f"{robots}, {condition_name(saved['payload'], saved['command'])}",
-        quantity="reduction of COT", unit="%", paper=Measured(mean=100.0 * saved["paper"]["cot_reduction"]),
-        ours=100.0 * saved["cot_reduction"], digits=1, why=why,
+        quantity="reduction of COT", unit="%",
+        paper=Measured(mean=100.0 * theirs["cot_reduction"], sd=100.0 * theirs["cot_reduction_sd"]),
+        ours=100.0 * saved["cot_reduction"], sd=sd, n=seeds, digits=1, why=why,
     )  # fmt: skip
 
 
@@ -149,10 +174,7 @@ def _training(walks: Walks, cfg: ElectricalCfg) -> Table:
 
     def cots(results: list[WalkResult], numbers: ElectricalCfg) -> dict[tuple[str, float, float], float]:
         return {
-            (r.robot, r.payload, r.command): float(
-                cost_of_transport(battery_power(r.use, numbers).total, r.mass, r.speed).mean()
-            )
-            if len(r.speed) else np.nan
+            (r.robot, r.payload, r.command): float(_cot_of(r, numbers).mean()) if len(r.speed) else np.nan
             for r in results
         }  # fmt: skip
 

@@ -10,7 +10,7 @@ from mrwarp import paper
 from mrwarp.electrical.power import Use
 from mrwarp.evaluate.traces import CHANNELS, GaitTrace
 from mrwarp.evaluate.walk_trials import WalkResult
-from mrwarp.reproduce import fig8, fig9, store, table7, walking
+from mrwarp.reproduce import fig8, fig9, store, table6, table7, walking
 from mrwarp.reproduce.experiment import Findings, Job, over_seeds
 from mrwarp.reproduce.settings import Settings
 
@@ -128,3 +128,17 @@ def test_one_surviving_policy_is_one_seed(tmp_path: Path) -> None:
     rows = {row.condition: row for row in made(table7, folder(tmp_path, left)).rows}
     assert rows["0 kg, 0.3 m/s, paper's simulation"].n == 1
     assert rows["0 kg, 0.5 m/s, paper's simulation"].n == 3
+
+
+def test_a_reduction_has_the_spread_of_both_robots() -> None:
+    """MR_Go-SAL's COT scatters by 4 %, MR_Go's by 3 %: their ratio by 5 % of itself; one seed has no spread."""
+    saved = {"payload": 0.0, "command": 0.3, "cot_reduction": 0.2,
+             "paper": {"cot_reduction": 0.25, "cot_reduction_sd": 0.02}}  # fmt: skip
+    cots = {("mr_go_sal", 0.0, 0.3): {"ours": 8.0, "sd": 0.32, "n": 3},
+            ("mr_go", 0.0, 0.3): {"ours": 10.0, "sd": 0.3, "n": 3}}  # fmt: skip
+    row = table6._reduction_row("SAL against MR_Go", saved, cots, "")
+    assert (row.ours, row.n) == (20.0, 3)
+    assert row.sd == pytest.approx(100.0 * 0.8 * 0.05)
+    assert row.paper and row.paper.sd == pytest.approx(2.0)
+    cots["mr_go", 0.0, 0.3] = {"ours": 10.0, "sd": None, "n": 1}
+    assert table6._reduction_row("SAL against MR_Go", saved, cots, "").sd is None
