@@ -7,7 +7,7 @@ from typing import Any
 
 from mrwarp import paper
 from mrwarp.evaluate.mission import MissionTrace, PhaseUse
-from mrwarp.evaluate.spread import spread
+from mrwarp.evaluate.spread import ratio_sd, spread
 
 CALIBRATED = {"power": {"outbound": True, "standby": True, "return": True}, "depletion": True,
               "rise": {"calf_walking": True, "calf_standby": True, "all": False}}  # fmt: skip
@@ -55,21 +55,27 @@ def windows(phases: Mapping[str, Mapping[str, PhaseUse]]) -> dict[str, Any]:
 
 
 def changes(rows: dict[str, Any]) -> dict[str, Any]:
-    """Relative change from MR_Go to MR_Go-SAL, ours and the paper's; predictions."""
+    """Relative change from MR_Go to MR_Go-SAL, ours and the paper's; predictions.
+
+    ``sd`` and ``paper_sd`` are those of the ratio of two independent figures; the latter is None where the paper states
+    no spread.
+    """
     if not {"mr_go", "mr_go_sal"} <= set(rows):
         return {}
-    before, after = rows["mr_go"], rows["mr_go_sal"]
-
-    def change(pick: Any, name: str) -> float:
-        a, b = pick(before), pick(after)
-        return b[name] / a[name] - 1.0
-
     picks = {
         "outbound_power": lambda row: row["power"]["outbound"], "return_power": lambda row: row["power"]["return"],
         "depletion": lambda row: row["depletion"], "calf_walking_rise": lambda row: row["rise"]["calf_walking"],
         "all_rise": lambda row: row["rise"]["all"],
     }  # fmt: skip
-    return {
-        name: {"ours": change(pick, "mean"), "paper": change(pick, "paper"), "calibrated": False}
-        for name, pick in picks.items()
-    }  # fmt: skip
+    found = {}
+    for name, pick in picks.items():
+        before, after = pick(rows["mr_go"]), pick(rows["mr_go_sal"])
+        found[name] = {
+            "ours": after["mean"] / before["mean"] - 1.0,
+            "sd": ratio_sd((after["mean"], after["sd"]), (before["mean"], before["sd"])),
+            "paper": after["paper"] / before["paper"] - 1.0, "paper_sd": None, "calibrated": False,
+        }  # fmt: skip
+        if "paper_sd" in after:
+            figures = [(row["paper"], row["paper_sd"]) for row in (after, before)]
+            found[name]["paper_sd"] = ratio_sd(*figures)
+    return found

@@ -35,12 +35,8 @@ def compute(job: Job) -> Findings:
     check = consistency.check()
     first = check["by_speed"][0]
     for name in ("outbound_power", "return_power", "depletion"):
-        change = changes[name]
-        rows.append(
-            Row(condition=f"MR_Go to MR_Go-SAL, {name.replace('_', ' ')}", quantity="change", unit="%", digits=1,
-                paper=Measured(mean=100.0 * change["paper"]), ours=100.0 * change["ours"],
-                why=_change(found, name, first["energy_ratio"]))
-        )  # fmt: skip
+        why = _change(found, name, first["energy_ratio"])
+        rows.append(mission.change_row(found, changes[name], name.replace("_", " "), "change", why))
     mission_pictures.power(found.traces, job.out / "power.png")
     return Findings(
         rows=rows,

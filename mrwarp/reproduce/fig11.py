@@ -35,11 +35,8 @@ def compute(job: Job) -> Findings:
     change = mission_figures.changes(figures)
     relief = change["calf_walking_rise"]
     for name, title in (("calf_walking_rise", TITLES["calf_walking"]), ("all_rise", TITLES["all"])):
-        rows.append(
-            Row(condition=f"MR_Go to MR_Go-SAL, {title}", quantity="change of rise", unit="%", digits=1,
-                paper=Measured(mean=100.0 * change[name]["paper"]), ours=100.0 * change[name]["ours"],
-                why=_relief(found) if name == "calf_walking_rise" else _why("mr_go_sal", "all", found))
-        )  # fmt: skip
+        why = _relief(found) if name == "calf_walking_rise" else _why("mr_go_sal", "all", found)
+        rows.append(mission.change_row(found, change[name], title, "change of rise", why))
     mission_pictures.temperature(found.traces, figures, job.out / "temperature.png")
     return Findings(
         rows=rows,

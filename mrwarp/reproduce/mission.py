@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from mrwarp import paper
 from mrwarp.choices import Coupling
@@ -13,9 +14,10 @@ from mrwarp.electrical.power import ElectricalCfg, Use
 from mrwarp.electrical.thermal import ThermalCfg
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate.mission import MissionCfg, MissionTrace, PhaseUse, calibrate, measure, run
+from mrwarp.paper import Measured
 from mrwarp.reproduce import store, walking
 from mrwarp.reproduce.ensemble import ensembles
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, over_seeds
+from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds
 
 DATA = "mission.npz"
 """File with the data."""
@@ -65,6 +67,17 @@ def read(job: Job) -> Mission:
     return Mission(
         traces=traces, electrical=fit.cfg, thermal=heat, battery=battery, misfit=fit.rmse, held=_held(walks),
         arrivals=arrivals(phases),
+    )  # fmt: skip
+
+
+def change_row(found: Mission, change: Mapping[str, Any], title: str, quantity: str, why: str) -> Row:
+    """What SAL changes against MR_Go, of :func:`mission_figures.changes`; no spread when one repetition is left."""
+    n = min(len(found.traces[robot].depletion) for robot in ("mr_go", "mr_go_sal"))
+    theirs = change["paper_sd"]
+    return Row(
+        condition=f"MR_Go to MR_Go-SAL, {title}", quantity=quantity, unit="%", digits=1,
+        paper=Measured(mean=100.0 * change["paper"], sd=None if theirs is None else 100.0 * theirs),
+        ours=100.0 * change["ours"], sd=100.0 * change["sd"] if n > 1 else None, n=n, why=why,
     )  # fmt: skip
 
 
