@@ -73,9 +73,9 @@ def changes(rows: dict[str, Any]) -> dict[str, Any]:
         found[name] = {
             "ours": after["mean"] / before["mean"] - 1.0,
             "sd": ratio_sd((after["mean"], after["sd"]), (before["mean"], before["sd"])),
-            "paper": after["paper"] / before["paper"] - 1.0, "paper_sd": None, "calibrated": False,
+            "paper": after["paper"] / before["paper"] - 1.0,
+            "paper_sd": ratio_sd((after["paper"], after["paper_sd"]), (before["paper"], before["paper_sd"]))
+            if "paper_sd" in after else None,
+            "calibrated": False,
         }  # fmt: skip
-        if "paper_sd" in after:
-            figures = [(row["paper"], row["paper_sd"]) for row in (after, before)]
-            found[name]["paper_sd"] = ratio_sd(*figures)
     return found

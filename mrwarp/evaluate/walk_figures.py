@@ -32,18 +32,17 @@ def row(result: WalkResult, cfg: ElectricalCfg) -> dict[str, Any]:
     """All figures of one condition; spreads are over its trials."""
     key = (result.robot, result.payload, result.command)
     reference = paper.TABLE_6.get(key)  # type: ignore[arg-type]
-    power = battery_power(result.use, cfg)
-    cot = cost_of_transport(power.total, result.mass, result.speed)
+    power, cots = battery_power(result.use, cfg), cot(result, cfg)
     activation = paper.TABLE_7.get(key[1:]) if result.robot == "mr_go_sal" else None  # type: ignore[arg-type]
     return {
         "robot": result.robot, "payload": result.payload, "command": result.command, "mass": result.mass,
         "calibrated": result.robot == "go1" and reference is not None,
         "trials": len(result.speed), "fell": result.fell, "late": result.late,
         "speed": spread(result.speed), "power": spread(power.total), "parts": parts(result.use, cfg),
-        "cot": spread(cot), "paper": None if reference is None else {
+        "cot": spread(cots), "paper": None if reference is None else {
             **asdict(reference), "power": reference.power, "power_sd": reference.power_sd,
         },
-        "difference": None if reference is None else _difference(cot, reference.cot, reference.sd),
+        "difference": None if reference is None else _difference(cots, reference.cot, reference.sd),
         "v_x_rmse": spread(result.v_x_rmse), "v_x_bias": spread(result.speed - result.command),
         "height": spread(result.height), "height_rmse": spread(result.height_rmse),
         "height_sd": spread(result.height_sd), "roll_pitch_rms": spread(result.tilt_rms),
@@ -54,6 +53,11 @@ def row(result: WalkResult, cfg: ElectricalCfg) -> dict[str, Any]:
         "paper_hold_mean": activation,
         "torque": torques(result),
     }  # fmt: skip
+
+
+def cot(result: WalkResult, cfg: ElectricalCfg) -> np.ndarray:
+    """Cost of transport (eq. 21) of each trial, shape (n,)."""
+    return cost_of_transport(battery_power(result.use, cfg).total, result.mass, result.speed)
 
 
 def parts(use: Use, cfg: ElectricalCfg) -> dict[str, float]:
@@ -117,7 +121,7 @@ def savings(
             continue
         before, after = parts(off.use, cfg), parts(on.use, cfg)
         powers = [float(battery_power(r.use, cfg).total.mean()) for r in (off, on)]
-        cots = [float(cost_of_transport(battery_power(r.use, cfg).total, r.mass, r.speed).mean()) for r in (off, on)]
+        cots = [float(cot(r, cfg).mean()) for r in (off, on)]
         share = float(on.hold.mean())
         theirs = paper.TABLE_6.get(("mr_go", payload, command)), paper.TABLE_6.get((robot, payload, command))  # type: ignore[arg-type]
         reference = None

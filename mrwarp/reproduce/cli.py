@@ -63,19 +63,14 @@ def main(argv: list[str] | None = None) -> int:
     quiet_libraries()
     from mrwarp.evaluate.energy_cli import Progress
     from mrwarp.reproduce.catalogue import CATALOGUE
-    from mrwarp.reproduce.ensemble import Ensemble, ensembles
     from mrwarp.reproduce.runner import Runner
     from mrwarp.reproduce.titles import TITLES
-    from mrwarp.rl.policy import PolicyError
-    from mrwarp.robot import PUBLIC_GAINS
+    from mrwarp.rl.policy import OnnxPolicy, PolicyError
 
     try:
         settings = _settings(args)
-        ensembles(settings)
-        for paths in (settings.sticking, *settings.high.values()):
-            Ensemble(paths)
-        for gains in (PUBLIC_GAINS, None):
-            Ensemble(settings.struck(gains))
+        for path in settings.files():
+            OnnxPolicy(path)
         check_writable(args.out)
     except (PolicyError, ValueError, OSError) as error:
         print(f"mrwarp reproduce: {error}", file=sys.stderr)

@@ -24,9 +24,13 @@ class Ensemble:
     def __init__(self, paths: Sequence[Path]) -> None:
         self._policies = [OnnxPolicy(path) for path in paths]
 
+    def __len__(self) -> int:
+        """Number of policies."""
+        return len(self._policies)
+
     def __call__(self, obs) -> torch.Tensor:
         """Actions (E, 12)."""
-        n = len(self._policies)
+        n = len(self)
         if n == 1:
             return self._policies[0](obs)
         rows = obs["actor"] if not isinstance(obs, torch.Tensor) else obs

@@ -77,6 +77,11 @@ class Settings:
         """Policies for pushes and falling masses on robots with these gains; None is the asset's."""
         return self.aware if gains is None else self.impacted
 
+    def files(self) -> tuple[Path, ...]:
+        """Every policy that is named, each once."""
+        walked = (*self.policies.values(), self.sticking, *self.high.values())
+        return tuple(dict.fromkeys(path for paths in (*walked, self.impacted, self.aware) for path in paths))
+
     @property
     def policy_seeds(self) -> int:
         """Policies per robot."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mrwarp import paper
-from mrwarp.electrical.power import ElectricalCfg, battery_power, cost_of_transport
+from mrwarp.electrical.power import ElectricalCfg, battery_power
 from mrwarp.evaluate import walk_figures
 from mrwarp.evaluate.spread import ratio_sd
 from mrwarp.evaluate.walk_trials import WalkResult
@@ -36,12 +36,11 @@ def compute(job: Job) -> Findings:
     savings = walk_figures.savings(walks.both, fit.cfg, saving, mass)
     plain = [r for r in walks.both if r.robot != "mr_go_sal"]
     alone = walk_figures.savings([*plain, *walks.holding], fit.cfg, saving, mass)
-    rows = [_cot(result, walks, fit.cfg, condition) for result, condition in zip(walks.both, conditions, strict=True)]
-    cots = _cots(walks, walks.both, fit.cfg)
+    cots, cots_sticking = (_cots(walks, results, fit.cfg) for results in (walks.both, walks.sticking))
+    rows = [_cot(condition, cots) for condition in conditions]
     rows += [_reduction(saved, _at(alone, saved), cots) for saved in savings]
     stuck = walk_figures.savings(walks.sticking, fit.cfg, saving, mass)
-    cots = _cots(walks, walks.sticking, fit.cfg)
-    rows += [_reduction_sticking(saved, cots) for saved in stuck]
+    rows += [_reduction_sticking(saved, cots_sticking) for saved in stuck]
     return Findings(
         rows=[row for row in rows if row is not None],
         claims=_claims(savings, walks.both)
@@ -66,11 +65,12 @@ def compute(job: Job) -> Findings:
     )  # fmt: skip
 
 
-def _cot(result: WalkResult, walks: Walks, cfg: ElectricalCfg, condition: dict[str, Any]) -> Row | None:
+def _cot(condition: dict[str, Any], cots: Cots) -> Row | None:
+    """Row of a robot in a condition; None where the paper has none."""
     reference = condition["paper"]
     if reference is None:
         return None
-    ours = over_seeds(_cot_of(result, cfg), walks.seed_of(result))
+    robot, payload, command = (condition[key] for key in ("robot", "payload", "command"))
     power = condition["power"]["mean"]
     why = (
         f"Ours draws {power:.0f} W at {condition['speed']['mean']:.2f} m/s, the paper's {reference['power']:.0f} W at "
@@ -78,22 +78,16 @@ def _cot(result: WalkResult, walks: Walks, cfg: ElectricalCfg, condition: dict[s
         f"{reference['speed'] / condition['speed']['mean'] - 1.0:+.0%}."
     )
     return Row(
-        condition=f"{paper.NAMES[result.robot]}, {condition_name(result.payload, result.command)}", quantity="COT",
-        unit="", paper=Measured(mean=reference["cot"], sd=reference["sd"]), **ours,
+        condition=f"{paper.NAMES[robot]}, {condition_name(payload, command)}", quantity="COT",
+        unit="", paper=Measured(mean=reference["cot"], sd=reference["sd"]), **cots[robot, payload, command],
         calibrated=condition["calibrated"], why=why,
     )  # fmt: skip
 
 
-def _cot_of(result: WalkResult, cfg: ElectricalCfg) -> np.ndarray:
-    """Cost of transport of each trial, shape (n,)."""
-    return cost_of_transport(battery_power(result.use, cfg).total, result.mass, result.speed)
-
-
 def _cots(walks: Walks, results: list[WalkResult], cfg: ElectricalCfg) -> Cots:
-    """Cost of transport of MR_Go and MR_Go-SAL over training seeds."""
+    """Cost of transport of each robot and condition."""
     return {
-        (r.robot, r.payload, r.command): over_seeds(_cot_of(r, cfg), walks.seed_of(r))
-        for r in results if r.robot != "go1"
+        (r.robot, r.payload, r.command): over_seeds(walk_figures.cot(r, cfg), walks.seed_of(r)) for r in results
     }  # fmt: skip
 
 
@@ -174,7 +168,7 @@ def _training(walks: Walks, cfg: ElectricalCfg) -> Table:
 
     def cots(results: list[WalkResult], numbers: ElectricalCfg) -> dict[tuple[str, float, float], float]:
         return {
-            (r.robot, r.payload, r.command): float(_cot_of(r, numbers).mean()) if len(r.speed) else np.nan
+            (r.robot, r.payload, r.command): float(walk_figures.cot(r, numbers).mean()) if len(r.speed) else np.nan
             for r in results
         }  # fmt: skip
 

@@ -146,8 +146,7 @@ def simulate(job: Job) -> Findings:
     }
     found: dict[str, list[WalkResult]] = {}
     for k, (name, variant) in enumerate(VARIANTS.items()):
-        other = {"unpaid": settings.aware, "high": settings.high["go1"]}.get(variant.policy)
-        seeds = settings.policy_seeds if other is None else len(other)
+        seeds = len(policies[variant.policy]["mr_go"])
         actuator = replace(env.actuator, damping=variant.damping, coupling=variant.coupling)
         cfg = WalkCfg(
             trials=seeds * settings.rollouts, distance=settings.distance, seed=settings.seed, robots=variant.robots,

@@ -19,7 +19,7 @@ from mrwarp.study.plan import (
     PUBLIC,
     RANDOMIZE,
     TRAINABLE,
-)  # fmt: skip
+)
 
 
 def plant_cfg(
