@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd, UsdUtils
 
-from .asset_open import ASSETS, SCHEMA, AssetError
-from .asset_trial import open_stage
-from .model_file import Effect
-from .params import MrParams, ParameterError, ParamSpec
-from .robot import JOINTS
+from mrwarp.asset_open import ASSETS, SCHEMA, AssetError
+from mrwarp.asset_trial import open_stage
+from mrwarp.model_file import Effect
+from mrwarp.params import MrParams, ParameterError, ParamSpec
+from mrwarp.robot import JOINTS
 
 PREFIX = "newton:mr:"
 """Namespace of the MR parameters in USD."""
@@ -213,7 +213,7 @@ def _actuator(prim: Usd.Prim, joint: str, file: Path) -> JointActuator:
 
 def _effects(prim: Usd.Prim, file: Path) -> tuple[tuple[Effect, ...], str]:
     """Effects of the model that was applied to a prim, or why they cannot be read."""
-    from .asset_record import read_effects  # that file is built on this one
+    from mrwarp.asset_record import read_effects  # that file is built on this one
 
     try:
         return read_effects(prim, file), ""

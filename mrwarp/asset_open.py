@@ -15,7 +15,7 @@ from pathlib import Path
 import newton_usd_schemas  # noqa: F401  (registers Newton's schemas; must happen before the registry is first used)
 from pxr import Plug, Sdf, Tf, Usd, UsdUtils
 
-from .folder import no_file
+from mrwarp.folder import no_file
 
 SCHEMA = "MrwarpMRDriveAPI"
 """Applied API schema that makes a ``NewtonActuator`` an MR joint."""

@@ -191,6 +191,11 @@ STANDBY = 600.0
 """Time of standing collection [s]."""
 
 
+def condition_name(payload: float, command: float) -> str:
+    """As every table names a condition: load on the back [kg] and commanded speed [m/s]."""
+    return f"{payload:g} kg, {command:g} m/s"
+
+
 def arm_load() -> float:
     """Load on the way out [kg] that Go1's own rows imply.
 

@@ -23,6 +23,7 @@ _LIBRARIES = (
     "torch",
     "rsl-rl-lib",
     "numpy",
+    "scipy",
     "usd-core",
     "safetensors",
 )

@@ -18,6 +18,10 @@ CALIBRATED = ("capacity",)
 """Field of :class:`BatteryCfg` that is fitted to Go1's depletion; the others are assumed."""
 
 
+NAME_PLATE = 129.6
+"""Energy on Go1's name plate [W·h]: 21.6 V x 6 Ah, as usually quoted."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class BatteryCfg(ParamGroup):
     """Numbers of the battery."""
@@ -25,7 +29,7 @@ class BatteryCfg(ParamGroup):
     capacity: float = param(
         117.2, "W·h", 1.0, 1e4,
         "calibrated on Go1's depletion of section 6.5, `mrwarp mission --calibrate`; name plate 21.6 V x 6 Ah = "
-        "129.6 W·h, as usually quoted for Go1",
+        f"{NAME_PLATE:g} W·h, as usually quoted for Go1",
         "Energy between full and empty on the gauge.",
     )  # fmt: skip
     voltage: float = param(21.6, "V", 1.0, 1000.0, "Go1: six cells of 3.6 V", "Nominal voltage.")

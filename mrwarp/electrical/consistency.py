@@ -9,6 +9,13 @@ from typing import Any
 import numpy as np
 
 from mrwarp import paper
+from mrwarp.electrical.battery import NAME_PLATE
+
+STANDING = paper.MISSION_POWER["go1"]["standby"] - paper.MISSION_POWER["mr_go"]["standby"]
+"""What holding saves standing robots in the paper [W], section 6.5: Go1 on its motors, MR_Go on its devices."""
+
+STANDING_MASS = paper.MASS["go1"] + paper.arm_load()
+"""Mass that stood on motors there [kg]: Go1 with arm and item."""
 
 _PHASES = ("outbound", "standby", "return")
 
@@ -72,20 +79,17 @@ def check(speeds: tuple[float, ...] = (0.3, 0.5)) -> dict[str, Any]:
         "depletion_ratio": after / before,
         "by_speed": rows,
         "speed_with_name_plate": {
-            robot: walking_speed(robot, 129.6 * paper.MISSION_DEPLETION[robot][0] / 100.0) for robot in paper.ROBOTS
+            robot: walking_speed(robot, NAME_PLATE * paper.MISSION_DEPLETION[robot][0] / 100.0)
+            for robot in paper.ROBOTS
         },
         "arm_load": paper.arm_load(),
         "proximal_rise": {robot: paper.proximal_rise(robot) for robot in paper.ROBOTS},
-        "cot_reduction": {_key(*cell): _reduction(*cell) for cell in paper.TABLE_7},
+        "cot_reduction": {paper.condition_name(*cell): _reduction(*cell) for cell in paper.TABLE_7},
     }
 
 
 def _walking(robot: str) -> float:
     return 0.5 * (paper.MISSION_POWER[robot]["outbound"] + paper.MISSION_POWER[robot]["return"])
-
-
-def _key(payload: float, command: float) -> str:
-    return f"{payload:g} kg, {command:g} m/s"
 
 
 def _reduction(payload: int, command: float) -> float:
@@ -94,10 +98,10 @@ def _reduction(payload: int, command: float) -> float:
     return 1.0 - rows[0].cot / rows[1].cot
 
 
-def holding_bound(share: float, mass: float, *, standing: float = 39.8, reference: float = 12.0) -> float:
+def holding_bound(share: float, mass: float, *, standing: float = STANDING, reference: float = STANDING_MASS) -> float:
     """Most that holding can save while trotting [W]: ``4 a S (m/m0)^2``.
 
-    Standing, all four calves held save S = 92.0 - 52.2 W, so S/4 each. A trot puts the weight on two legs: twice the
+    Standing, all four calves held save S, so S/4 each. A trot puts the weight on two legs: twice the
     force and torque, four times the copper loss. Held for a share a of the time, each of four legs saves at most
     ``a 4 S/4``. Torque grows with the mass, loss with its square.
 
@@ -105,7 +109,7 @@ def holding_bound(share: float, mass: float, *, standing: float = 39.8, referenc
         share: Mean share of time a with the holding gate open [1].
         mass: Total mass m [kg].
         standing: Standing saving S [W]; the default is the paper's.
-        reference: Mass m0 that stood [kg].
+        reference: Mass m0 that stood on its motors [kg]; the default is the paper's.
 
     Validity: the whole copper loss of a held calf is saved, knee angles are those of the stance, hip and thigh do not
     change, and nothing is lost when the holding ends.
@@ -113,17 +117,16 @@ def holding_bound(share: float, mass: float, *, standing: float = 39.8, referenc
     return 4.0 * share * standing * (mass / reference) ** 2
 
 
-def holding_bounds(shares: Mapping[tuple[int, float], float], *, reference: float) -> list[dict[str, Any]]:
+def holding_bounds(shares: Mapping[tuple[int, float], float]) -> list[dict[str, Any]]:
     """The bound beside the paper's own saving, for each condition of table 7.
 
     Args:
         shares: Mean share of time with the holding gate open, by payload and commanded speed.
-        reference: Mass that stood in section 6.5 [kg].
     """
     rows = []
     for (payload, command), share in shares.items():
         off, on = (paper.TABLE_6[robot, payload, command] for robot in ("mr_go", "mr_go_sal"))
-        bound = holding_bound(share, paper.MASS["mr_go"] + payload, reference=reference)
+        bound = holding_bound(share, paper.MASS["mr_go"] + payload)
         rows.append(
             {
                 "payload": payload, "command": command, "share": share, "bound": bound,

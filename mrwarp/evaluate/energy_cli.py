@@ -131,6 +131,17 @@ CALIBRATED = {"electrical": power.CALIBRATED, "thermal": thermal.CALIBRATED, "ba
 policies."""
 
 
+def calibrated(groups: dict[str, Any], fitted: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """Groups whose fitted numbers come from Go1's figures, in this run or by default; given ones do not.
+
+    Args:
+        groups: The groups in use.
+        fitted: What this run fitted, as ``group.name``.
+    """
+    told = described(groups, fitted)
+    return tuple(name for name in groups if all(told[name][number]["calibrated"] for number in CALIBRATED[name]))
+
+
 def described(groups: dict[str, Any], fitted: tuple[str, ...] = ()) -> dict[str, Any]:
     """Every number with unit, range, source and whether it was calibrated, for ``result.json``.
 

@@ -73,8 +73,10 @@ def main(argv: list[str] | None = None) -> int:
                               "capacity": battery.capacity}  # fmt: skip
             if args.calibrate:
                 groups |= {"thermal": heat, "battery": battery}
+        fitted = _FITTED if args.calibrate else ()
+        own = energy_cli.calibrated(groups, fitted) if of_paper else ()
         traces = {robot: mission.run(found, *groups.values(), feedback=False) for robot, found in phases.items()}
-        cold = _rows(traces, of_paper) if args.feedback else None
+        cold = _rows(traces, own) if args.feedback else None
         if args.feedback:
             fluid = {robot: mission.fluid_rises(trace) for robot, trace in traces.items()}
             phases = mission.measure(cfg, policies, progress, fluid, groups["thermal"])
@@ -86,8 +88,7 @@ def main(argv: list[str] | None = None) -> int:
     except (AssetError, ParameterError, BatteryError, ValueError, OSError) as error:
         print(f"mrwarp mission: {error}", file=sys.stderr)
         return 2
-    rows = _rows(traces, of_paper)
-    fitted = ("thermal.housing_capacity", "thermal.housing_resistance", "battery.capacity") if args.calibrate else ()
+    rows = _rows(traces, own)
     figures = {
         "simulated": f"{args.window:g} m of each walk and 5 s of standing; carried over the phases by the models"
         + ("; with feedback, which the calibration was without" if args.feedback else ""),
@@ -107,6 +108,9 @@ def main(argv: list[str] | None = None) -> int:
     return 0
 
 
+_FITTED = ("thermal.housing_capacity", "thermal.housing_resistance", "battery.capacity")
+"""What --calibrate fits."""
+
 _OPTIONS = "--speed, --distance, --standby, --outbound-load and --return-load"
 
 
@@ -117,10 +121,10 @@ def _task(cfg: Any) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _rows(traces: dict[str, Any], of_paper: bool) -> dict[str, Any]:
+def _rows(traces: dict[str, Any], calibrated: tuple[str, ...]) -> dict[str, Any]:
     from mrwarp.evaluate import mission_figures
 
-    return {robot: mission_figures.row(robot, trace, of_paper=of_paper) for robot, trace in traces.items()}
+    return {robot: mission_figures.row(robot, trace, calibrated=calibrated) for robot, trace in traces.items()}
 
 
 def _cfg(args: argparse.Namespace) -> Any:

@@ -2,38 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from mrwarp import paper
 from mrwarp.evaluate.mission import MissionTrace, PhaseUse
 from mrwarp.evaluate.spread import ratio_sd, spread
 
-CALIBRATED = {"power": {"outbound": True, "standby": True, "return": True}, "depletion": True,
-              "rise": {"calf_walking": True, "calf_standby": True, "all": False}}  # fmt: skip
-"""Go1's figures that fixed a number: its way out the arm's mass, its way back the speed of both ways and that arm and
-item are the 3 kg of table 6, its standby the electrical model, its depletion the capacity, its calves the thermal
-model. Every figure of the other robots is a prediction."""
+RISES = ("calf_walking", "calf_standby")
+"""Go1's rises that fixed the thermal model."""
+
+GROUPS = ("electrical", "thermal", "battery")
+"""Groups of numbers that Go1's figures fixed: its way out the arm's mass, its way back the speed of both ways and that
+arm and item are the 3 kg of table 6, its standby the electrical model, its calves the thermal model, its depletion the
+capacity. Every figure of the other robots is a prediction."""
 
 
-def row(robot: str, trace: MissionTrace, *, of_paper: bool = True) -> dict[str, Any]:
+def row(robot: str, trace: MissionTrace, *, calibrated: Collection[str] = GROUPS) -> dict[str, Any]:
     """One robot's figures beside the paper's.
 
     Args:
         robot: Of ``paper.ROBOTS``.
         trace: Its mission.
-        of_paper: Whether the task is the paper's; no figure of another task is marked as calibrated.
+        calibrated: Groups of :data:`GROUPS` whose numbers come from Go1's figures, which are then marked; none where
+            the task is not the paper's.
     """
-    own = robot == "go1" and of_paper
+    own = {name: robot == "go1" and name in calibrated for name in GROUPS}
     theirs = paper.MISSION_POWER[robot]
     mean, sd = paper.MISSION_DEPLETION[robot]
     return {
-        "power": {name: {**spread(values), "paper": theirs[name], "calibrated": own and CALIBRATED["power"][name]}
+        "power": {name: {**spread(values), "paper": theirs[name], "calibrated": own["electrical"]}
                   for name, values in trace.power.items()},
         "seconds": {name: spread(values) for name, values in trace.seconds.items()},
-        "depletion": {**spread(trace.depletion), "paper": mean, "paper_sd": sd, "calibrated": own},
+        "depletion": {**spread(trace.depletion), "paper": mean, "paper_sd": sd, "calibrated": own["battery"]},
         "rise": {name: {**spread(values), "paper": _paper_rise(robot, name),
-                        "calibrated": own and CALIBRATED["rise"].get(name, False)}
+                        "calibrated": own["thermal"] and name in RISES}
                  for name, values in trace.rise.items()},
     }  # fmt: skip
 

@@ -136,15 +136,15 @@ def _figures(args: argparse.Namespace, cfg: Any, results: list[Any], groups: dic
             fitted = ("electrical.electronics", "electrical.winding_resistance")
     electrical = groups["electrical"]
     found["numbers"] = energy_cli.described(groups, fitted)
-    found["conditions"] = [figures.row(result, electrical) for result in results]
+    own = energy_cli.calibrated(groups, fitted)
+    found["conditions"] = [figures.row(result, electrical, calibrated="electrical" in own) for result in results]
     if {"mr_go", "mr_go_sal"} <= set(cfg.robots):
         standing = stand.powers(electrical)
-        saving = standing["mr_go_motors"] - standing["mr_go_holding"]
-        mass = paper.MASS["mr_go"] + load
+        saving = figures.standing_saving(stand.use("go1"), stand.use("mr_go", hold=True), electrical)
         found["standing"] = {**standing, "saving": saving, "load": load, "calibrated": {"go1": True, "others": False}}
-        found["savings"] = figures.savings(results, electrical, saving, mass)
+        found["savings"] = figures.savings(results, electrical, saving)
         found["paper_bounds"] = {
-            source: consistency.holding_bounds({k: v[source] for k, v in paper.TABLE_7.items()}, reference=mass)
+            source: consistency.holding_bounds({k: v[source] for k, v in paper.TABLE_7.items()})
             for source in ("hardware", "simulation")
         }
         if complete:

@@ -28,15 +28,21 @@ STANDBY = "Go1 standby"
 """Name of the row of the standing robot."""
 
 
-def row(result: WalkResult, cfg: ElectricalCfg) -> dict[str, Any]:
-    """All figures of one condition; spreads are over its trials."""
+def row(result: WalkResult, cfg: ElectricalCfg, *, calibrated: bool = True) -> dict[str, Any]:
+    """All figures of one condition; spreads are over its trials.
+
+    Args:
+        result: The trials.
+        cfg: The numbers.
+        calibrated: Whether these were fitted to Go1's rows, which are then marked.
+    """
     key = (result.robot, result.payload, result.command)
     reference = paper.TABLE_6.get(key)  # type: ignore[arg-type]
     power, cots = battery_power(result.use, cfg), cot(result, cfg)
     activation = paper.TABLE_7.get(key[1:]) if result.robot == "mr_go_sal" else None  # type: ignore[arg-type]
     return {
         "robot": result.robot, "payload": result.payload, "command": result.command, "mass": result.mass,
-        "calibrated": result.robot == "go1" and reference is not None,
+        "calibrated": calibrated and result.robot == "go1" and reference is not None,
         "trials": len(result.speed), "fell": result.fell, "late": result.late,
         "speed": spread(result.speed), "power": spread(power.total), "parts": parts(result.use, cfg),
         "cot": spread(cots), "paper": None if reference is None else {
@@ -87,7 +93,7 @@ def calibration_rows(results: Sequence[WalkResult], standing: Use) -> list[calib
     """Go1's rows of table 6 and its standby power with what the simulated robot does there."""
     rows = [
         calibration.Row(
-            name=f"Go1 {result.payload:g} kg, {result.command:g} m/s", use=result.use.mean(),
+            name=f"Go1 {paper.condition_name(result.payload, result.command)}", use=result.use.mean(),
             measured=paper.TABLE_6[key].power,  # type: ignore[index]
         )
         for result in results
@@ -97,16 +103,24 @@ def calibration_rows(results: Sequence[WalkResult], standing: Use) -> list[calib
     return [*rows, calibration.Row(name=STANDBY, use=standing, measured=paper.MISSION_POWER["go1"]["standby"])]
 
 
-def savings(
-    results: Sequence[WalkResult], cfg: ElectricalCfg, standing_saving: float | None, standing_mass: float
-) -> list[dict[str, Any]]:
+def standing_saving(motors: Use, devices: Use, cfg: ElectricalCfg) -> float:
+    """What holding saves standing robots, as the paper's 39.8 W of section 6.5 [W].
+
+    Args:
+        motors: Use of a standing Go1.
+        devices: Use of a standing MR_Go whose calves are held.
+        cfg: The numbers.
+    """
+    return float(battery_power(motors, cfg).total) - float(battery_power(devices, cfg).total)
+
+
+def savings(results: Sequence[WalkResult], cfg: ElectricalCfg, standing: float | None = None) -> list[dict[str, Any]]:
     """What SAL saves in each condition: simulated, the paper's, and the closed-form bound.
 
     Args:
         results: Trials with MR_Go and MR_Go-SAL.
         cfg: The numbers.
-        standing_saving: What holding saves the simulated robot while it stands [W].
-        standing_mass: Mass that stood, the paper's and ours [kg].
+        standing: What holding saves our standing robots [W], see :func:`standing_saving`.
 
     Returns:
         Per condition, the saving with its parts and three estimates of what holding saves at most: from the paper's
@@ -134,12 +148,10 @@ def savings(
         stance = float(np.clip(share / STANCE_SHARE, 0.0, 1.0))
         bounds = {
             "walking_copper": stance * before["copper_calves"],
-            "paper_standing": consistency.holding_bound(share, on.mass, reference=standing_mass),
+            "paper_standing": consistency.holding_bound(share, on.mass),
         }
-        if standing_saving is not None:
-            bounds["our_standing"] = consistency.holding_bound(
-                share, on.mass, standing=standing_saving, reference=standing_mass
-            )
+        if standing is not None:
+            bounds["our_standing"] = consistency.holding_bound(share, on.mass, standing=standing)
         rows.append({
             "payload": payload, "command": command, "calibrated": False, "hold_share": share,
             "saving": powers[0] - powers[1], "cot_reduction": 1.0 - cots[1] / cots[0],
@@ -157,7 +169,7 @@ def sensitivity(results: Sequence[WalkResult], rows: Sequence[calibration.Row], 
     """
 
     def figure(varied: ElectricalCfg) -> dict[str, float]:
-        return {_name(r): r["cot_reduction"] for r in savings(results, varied, None, 1.0)}
+        return {_name(r): r["cot_reduction"] for r in savings(results, varied)}
 
     found = calibration.sensitivity(rows, figure, cfg)
     nominal = MrParams().coil.coil_resistance
@@ -166,13 +178,13 @@ def sensitivity(results: Sequence[WalkResult], rows: Sequence[calibration.Row], 
         scaled = [
             replace(r, use=replace(r.use, coil=r.use.coil * value / nominal)) if r.use.coil.size else r for r in results
         ]
-        reductions = {_name(r): r["cot_reduction"] for r in savings(scaled, cfg, None, 1.0)}
+        reductions = {_name(r): r["cot_reduction"] for r in savings(scaled, cfg)}
         found["coil_resistance"].append({"value": value, **reductions})
     return found
 
 
 def _name(condition: dict[str, Any]) -> str:
-    return f"{condition['payload']:g} kg, {condition['command']:g} m/s"
+    return paper.condition_name(condition["payload"], condition["command"])
 
 
 def _difference(ours: np.ndarray, theirs: float, sd: float) -> dict[str, float]:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from mrwarp.evaluate.meter import BIN, RANGE
 from mrwarp.evaluate.walk_trials import WalkResult
 from mrwarp.paper import NAMES, ROBOTS
+from mrwarp.params import GateParams
 
 COLORS = {"go1": "#8a8f98", "mr_go": "#c98b3c", "mr_go_sal": "#1f6fb4"}
 """Colour of each robot."""
@@ -56,7 +57,7 @@ def holding(results: Sequence[WalkResult], path: Path) -> None:
         value = trace.values
         panels[0].plot(trace.t, value["f_foot"], color="0.3")
         panels[1].plot(trace.t, value["qd"], color="#7a4fa3")
-        panels[1].axhspan(-0.2, 0.2, color="#7a4fa3", alpha=0.15, linewidth=0)
+        panels[1].axhspan(-GateParams().eps_hold, GateParams().eps_hold, color="#7a4fa3", alpha=0.15, linewidth=0)
         panels[2].plot(trace.t, value["tau_motor"], color="#c0392b", label="motor")
         if "tau_mr" in value:
             panels[2].plot(trace.t, value["tau_mr"], color="#1f6fb4", label="device")

@@ -18,7 +18,7 @@ from mrwarp.env.vec_env import WalkEnv
 from mrwarp.evaluate.load import VARIANT, set_load, total_mass
 from mrwarp.evaluate.meter import JointMeter
 from mrwarp.evaluate.traces import GaitTrace, TraceRecorder
-from mrwarp.evaluate.walking import Policy, make_env
+from mrwarp.evaluate.walking import Policy, make_env, same_starts
 from mrwarp.paper import NAMES, ROBOTS
 
 ASSET_ROBOT = {"go1": "go1", "mr_go": "mr_go", "mr_go_sal": "mr_go"}
@@ -174,7 +174,7 @@ class WalkBatch:
         env, cfg, meter = self.env, self.cfg, self.meter
         dt, count = env.cfg.step_dt, env.num_envs
         env.restart()
-        self._begin()
+        same_starts(env, self.cfg.trials, self.cfg.seed)
         env.set_command(self.command)
         meter.clear()
         sums = {name: torch.zeros(count, dtype=torch.float64, device=env.device) for name in _SUMS}
@@ -203,20 +203,6 @@ class WalkBatch:
             if not bool(going.any()):
                 break
         return list(self._results(sums, fell.cpu().numpy(), (late | going).cpu().numpy()))
-
-    def _begin(self) -> None:
-        """Give every condition the same poses and phases: those of a batch with one environment per repetition.
-
-        Random draws belong to an environment's place in its batch; without this, a robot would start differently in
-        other company.
-        """
-        env, start = self.env, make_env(self.env.cfg, self.cfg.trials, self.cfg.seed).state()
-        source = torch.arange(env.num_envs, device=env.device) % self.cfg.trials
-        state = env.state()
-        for name, value in start.items():
-            if name not in ("actuator/params", "actuator/effects_values", "privileged", "key"):
-                state[name] = value if value.shape == state[name].shape else value[source]
-        env.load_state(state)
 
     def _actions(self, obs) -> torch.Tensor:
         """Actions of every robot's own policy."""

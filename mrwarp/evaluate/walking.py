@@ -90,6 +90,21 @@ def make_env(cfg: EnvCfg, num_envs: int, seed: int) -> WalkEnv:
     return WalkEnv(replace(cfg, sim=replace(cfg.sim, num_envs=num_envs), seed=seed, episode_seconds=float(10**6)))
 
 
+def same_starts(env: WalkEnv, trials: int, seed: int) -> None:
+    """Give every group of ``trials`` environments the same poses and phases: those of a batch with these alone.
+
+    Random draws belong to an environment's place in its batch; without this, a robot or policy would start differently
+    in other company.
+    """
+    start = make_env(env.cfg, trials, seed).state()
+    source = torch.arange(env.num_envs, device=env.device) % trials
+    state = env.state()
+    for name, value in start.items():
+        if name not in ("actuator/params", "actuator/effects_values", "privileged", "key"):
+            state[name] = value if value.shape == state[name].shape else value[source]
+    env.load_state(state)
+
+
 @torch.no_grad()
 def measure(env: WalkEnv, policy: Policy, command: torch.Tensor, *, warmup: float, seconds: float) -> dict[str, Any]:
     """Roll a policy out and measure how it walks.

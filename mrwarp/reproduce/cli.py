@@ -98,7 +98,7 @@ def main(argv: list[str] | None = None) -> int:
     if stopped:
         print(f"\nstopped; the same command goes on in {args.out}", file=sys.stderr)
         return 130
-    return 1 if any(outcome.status == "failed" for outcome in runner.outcomes.values()) else 0
+    return 1 if any(outcome.findings is None for outcome in runner.outcomes.values()) else 0
 
 
 def _settings(args: argparse.Namespace) -> Any:

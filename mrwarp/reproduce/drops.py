@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,19 +45,30 @@ def measured(trace: ImpactTrace) -> dict[str, np.ndarray]:
 
     Returns:
         ``min_height`` [m], ``peak_down_velocity`` [m/s], ``acceleration``, the mean |a_z - g| over 0.1 s [m/s^2], and
-        per leg the mean calf motor torque over 0.1 s [N·m].
+        per leg the mean calf motor torque over 0.1 s [N·m], all NaN where the mass never met the robot; ``fell``.
     """
     dt = float(trace.t[1] - trace.t[0])
     since = trace.t - trace.contact[..., None]
     during = (since > 0.0) & (since <= MOTOR_WINDOW + 0.5 * dt)
-    count = np.maximum(during.sum(axis=2), 1)
+    met = np.isfinite(trace.contact)
+    count = np.where(met, during.sum(axis=2), np.nan)
     motor = (np.abs(trace.tau_motor) * during[..., None]).sum(axis=2) / count[..., None]
     acceleration = np.abs(np.diff(trace.velocity, axis=2, prepend=trace.velocity[:, :, :1]) / dt)
     return {
-        **readings.cells(trace),
+        **{name: np.where(met, values, np.nan) for name, values in readings.cells(trace).items()},
         "acceleration": (acceleration * during).sum(axis=2) / count,
         **{leg: motor[..., k] for k, leg in enumerate(LEGS)},
+        "fell": trace.fell,
     }
+
+
+def lost(found: Iterable[dict[str, np.ndarray]]) -> list[str]:
+    """Notes on falling masses that missed, which leave no figure, and on robots that fell."""
+    every = [values for values in found if "fell" in values]
+    missed = sum(int(np.isnan(values["min_height"]).sum()) for values in every)
+    fell = np.concatenate([np.ravel(values["fell"]) for values in every]) if every else np.zeros(0)
+    note = [f"{missed} of {fell.size} masses missed the robot and leave no figure."] if missed else []
+    return [*note, *readings.fallen(fell, "falling masses")]
 
 
 def read(folder: Path) -> tuple[dict[str, dict[str, np.ndarray]], np.ndarray | None]:

@@ -7,12 +7,11 @@ from dataclasses import replace
 from typing import Any
 
 from mrwarp import paper
+from mrwarp.electrical import consistency
 from mrwarp.electrical.calibrate import calibrate
-from mrwarp.electrical.power import ElectricalCfg, Use, battery_power
 from mrwarp.evaluate import walk_figures
 from mrwarp.reproduce import walking
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Table
-from mrwarp.reproduce.walking import Walks
 
 
 def compute(job: Job) -> Findings:
@@ -25,21 +24,24 @@ def compute(job: Job) -> Findings:
     fit = walks.calibrated()
     direct = calibrate(walks.calibration_rows(), replace(fit.cfg, calf_gear=1.0)).cfg
     others = [result for result in walks.both if result.robot != "mr_go_sal"]
-    standing = standing_saving(walks, fit.cfg)
-    savings = walk_figures.savings(walks.both, fit.cfg, standing, paper.MASS["mr_go"] + paper.arm_load())
+    motors, devices = walks.standing["go1"], walks.standing["mr_go_hold"]
+    standing, ungeared = (walk_figures.standing_saving(motors, devices, cfg) for cfg in (fit.cfg, direct))
+    held = walk_figures.parts(motors, fit.cfg)["copper_calves"] - walk_figures.parts(devices, fit.cfg)["copper_calves"]
+    savings = walk_figures.savings(walks.both, fit.cfg, standing)
     tables = [budget(savings, [walk_figures.row(result, fit.cfg) for result in walks.both])]
-    alone, stuck = (walk_figures.savings(results, fit.cfg, None, 1.0) for results in (walks.same_gait, walks.sticking))
+    alone, stuck = (walk_figures.savings(results, fit.cfg) for results in ([*others, *walks.same_gait], walks.sticking))
     tables.append(same_gait(alone, stuck))
     figures: dict[str, Any] = {}
+    theirs = consistency.check()["cot_reduction"]
     for branches, results in (("both branches", walks.both), ("holding alone", [*others, *walks.holding])):
         found = walk_figures.sensitivity(results, walks.calibration_rows(), fit.cfg)
-        nominal = {_name(s): s["cot_reduction"] for s in walk_figures.savings(results, fit.cfg, None, 1.0)}
+        nominal = {_name(s): s["cot_reduction"] for s in walk_figures.savings(results, fit.cfg)}
         rows = [["calibrated", "", *(f"{100.0 * value:.1f}" for value in nominal.values())]]
         for name, ends in found.items():
             rows += [
                 [name, f"{end['value']:.4g}", *(f"{100.0 * end[cell]:.1f}" for cell in nominal)] for end in ends
             ]  # fmt: skip
-        rows.append(["paper", "", *(f"{100.0 * _paper(cell):.1f}" for cell in nominal)])
+        rows.append(["paper", "", *(f"{100.0 * theirs[cell]:.1f}" for cell in nominal)])
         tables.append(
             Table(title=f"Reduction of COT by SAL [%], {branches}", head=["number", "value", *nominal], rows=rows)
         )
@@ -49,27 +51,22 @@ def compute(job: Job) -> Findings:
         for branches, found in figures.items() for name, ends in found["varied"].items() for end in ends
         for cell in found["nominal"]
     ]  # fmt: skip
-    least, most = min(ends), max(ends)
+    span = (
+        f" The reductions of all cells lie between {100.0 * min(ends)[0]:.1f} % ({_told(min(ends))}) and "
+        f"{100.0 * max(ends)[0]:.1f} % ({_told(max(ends))})."
+    ) if ends else ""  # fmt: skip
     return Findings(
         notes=[
             "Each assumed number stands at the ends of its plausible range, with electronics and winding resistance "
             "calibrated anew on Go1's rows; each of these two stands at the ends of its 95 % interval, with the other "
-            f"one calibrated anew. The reductions of all cells lie between {100.0 * least[0]:.1f} % ({_told(least)}) "
-            f"and {100.0 * most[0]:.1f} % ({_told(most)}).",
-            f"Standing, the paper's Go1 draws {STANDING:.1f} W more than its MR_Go on held calves; our calves' copper "
-            f"explains {standing:.1f} W of it, and {standing_saving(walks, direct):.1f} W if they had no extra gear.",
+            f"one calibrated anew.{span}",
+            f"Standing, the paper's Go1 draws {consistency.STANDING:.1f} W more than its MR_Go on held calves, ours "
+            f"{standing:.1f} W: the calves' copper {held:.1f} W, less coils and controllers. With calves without extra "
+            f"gear it would be {ungeared:.1f} W.",
+            *walking.all_arrivals(walks, "both", "holding", "same_gait", "sticking"),
         ],
         tables=tables, figures=figures,
     )  # fmt: skip
-
-
-STANDING = paper.MISSION_POWER["go1"]["standby"] - paper.MISSION_POWER["mr_go"]["standby"]
-"""What holding saves standing robots in the paper [W], section 6.5."""
-
-
-def standing_saving(walks: Walks, cfg: ElectricalCfg) -> float:
-    """Power of a standing Go1 less that of a standing MR_Go on held calves [W]."""
-    return _total(walks.standing["go1"], cfg) - _total(walks.standing["mr_go_hold"], cfg)
 
 
 def budget(savings: list[dict[str, Any]], conditions: list[dict[str, Any]]) -> Table:
@@ -95,12 +92,13 @@ def budget(savings: list[dict[str, Any]], conditions: list[dict[str, Any]]) -> T
 
 def same_gait(alone: list[dict[str, Any]], stuck: list[dict[str, Any]]) -> Table:
     """What SAL saves with the holding torque of eq. 19 alone, which leaves MR_Go's gait as it is."""
+    trained = {_name(s): f"{100.0 * s['hold_share']:.1f} %" for s in stuck}
     rows = [
-        [_name(e), f"{100.0 * e['hold_share']:.1f} %", f"{100.0 * s['hold_share']:.1f} %",
+        [_name(e), f"{100.0 * e['hold_share']:.1f} %", trained.get(_name(e), "no robot arrived"),
          f"{100.0 * paper.TABLE_7[int(e['payload']), e['command']]['simulation']:.1f} %",
          f"{e['saving_by_part']['copper_calves']:+.1f}", f"{e['saving_by_part']['copper_hips_thighs']:+.1f}",
          f"{100.0 * e['cot_reduction']:.1f} %"]
-        for e, s in zip(alone, stuck, strict=True)
+        for e in alone
     ]  # fmt: skip
     head = ["condition", "held", "held, trained, a device that sticks", "held, paper", "calves save [W]",
             "hips and thighs save [W]", "reduction of COT"]  # fmt: skip
@@ -115,17 +113,7 @@ def _told(end: tuple[float, str, float, str]) -> str:
 
 
 def _name(condition: Mapping[str, Any]) -> str:
-    return f"{condition['payload']:g} kg, {condition['command']:g} m/s"
-
-
-def _total(use: Use, cfg: ElectricalCfg) -> float:
-    return float(battery_power(use, cfg).total)
-
-
-def _paper(cell: str) -> float:
-    load, _, rest = cell.partition(" kg, ")
-    key = int(float(load)), float(rest.removesuffix(" m/s"))
-    return 1.0 - paper.TABLE_6["mr_go_sal", *key].cot / paper.TABLE_6["mr_go", *key].cot
+    return paper.condition_name(condition["payload"], condition["command"])
 
 
 EXPERIMENT = Experiment(name="electrical", compute=compute, needs=("walks",))

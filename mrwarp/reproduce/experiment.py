@@ -164,13 +164,16 @@ def over_seeds(values: np.ndarray, seeds: np.ndarray | None = None) -> dict[str,
     """``ours``, ``sd`` and ``n`` of a :class:`Row`: rollouts are averaged within each seed first, as in section 6.2.
 
     Args:
-        values: One per rollout.
+        values: One per rollout; NaN where there is no figure, which counts as no rollout.
         seeds: Seed of each rollout, see :func:`seeds_of`; None takes every rollout as its own.
     """
     values = np.asarray(values, dtype=float)
+    there = ~np.isnan(values)
     if seeds is not None:
-        seeds = np.asarray(seeds)
+        seeds, values = np.asarray(seeds)[there], values[there]
         values = np.array([values[seeds == seed].mean() for seed in np.unique(seeds)])
+    else:
+        values = values[there]
     if not len(values):
         return {"ours": math.nan, "sd": None, "n": 0}
     return {

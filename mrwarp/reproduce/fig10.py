@@ -11,7 +11,10 @@ from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_see
 
 
 def compute(job: Job) -> Findings:
-    """Rows per robot and phase, the changes by SAL, and what the paper's own numbers say of each other."""
+    """Rows per robot and phase, the changes by SAL, and what the paper's own numbers say of each other.
+
+    A robot stands once, for all seeds.
+    """
     found = mission.read(job)
     rows = []
     figures = {robot: mission_figures.row(robot, trace) for robot, trace in found.traces.items()}
@@ -22,7 +25,7 @@ def compute(job: Job) -> Findings:
             standing = phase == "standby"
             rows.append(
                 Row(condition=f"{name}, {phase}", quantity="power", unit="W", paper=Measured(mean=cell["paper"]),
-                    **over_seeds(values), calibrated=cell["calibrated"], digits=1,
+                    **over_seeds(values[:1] if standing else values), calibrated=cell["calibrated"], digits=1,
                     why=_standing(found, cell["paper"]) if standing else _walking(robot, found, phase))
             )  # fmt: skip
         cell = figures[robot]["depletion"]

@@ -10,11 +10,9 @@ from mrwarp.nn import model_file
 from mrwarp.nn.models import SAMPLES, LstmState
 from mrwarp.reproduce import figure4, studied
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row
+from mrwarp.reproduce.studied import PLANT_TITLES
 from mrwarp.sysid import learn
 from mrwarp.sysid.bench import BenchCfg, run_bench
-
-TITLES = {"mlp": "MLP", "bouc_wen": "Bouc-Wen", "lstm": "LSTM", "pg_rlstm": "PG-RLSTM"}
-"""As the paper writes them."""
 
 FITTING = 1000
 """Samples of fitting data that are recorded and not used; the evaluation does not depend on them."""
@@ -40,7 +38,7 @@ def compute(job: Job) -> Findings:
         for amps, theirs in paper.FIGURE_4[name].items():
             cell, plain = found[name]["by_current"][f"{amps:g}"], found["bouc_wen"]["by_current"][f"{amps:g}"]
             rows.append(
-                Row(condition=f"{TITLES[name]}, {amps:g} A", quantity="RMSE", unit="N·m", paper=theirs,
+                Row(condition=f"{PLANT_TITLES[name]}, {amps:g} A", quantity="RMSE", unit="N·m", paper=theirs,
                     ours=cell["mean"], sd=cell["sd"], n=cell["trajectories"],
                     why=why(amps, paper.FIGURE_4["bouc_wen"][amps].mean, plain["mean"]))
             )  # fmt: skip
@@ -49,7 +47,7 @@ def compute(job: Job) -> Findings:
         "PG-RLSTM has the lowest error at each current": verdicts["pg_rlstm_lowest_at_each_current"],
         f"its average is at most {paper.FIGURE_4_AVERAGE:g} N·m": verdicts["pg_rlstm_average"],
         **{
-            f"it is at least {100.0 * wanted:.1f} % below {TITLES[name]}": verdicts[f"lower_than_{name}"]
+            f"it is at least {100.0 * wanted:.1f} % below {PLANT_TITLES[name]}": verdicts[f"lower_than_{name}"]
             for name, wanted in paper.FIGURE_4_REDUCTION.items()
         },
     }
@@ -60,7 +58,7 @@ def compute(job: Job) -> Findings:
             "The rows start the LSTMs over with 50 samples at every step, as the paper does. With their state carried "
             "on along a trajectory, as the simulation does, the same networks leave "
             + " and ".join(
-                f"{row['average']:.3f} instead of {found[name]['average']:.3f} N·m ({TITLES[name]})"
+                f"{row['average']:.3f} instead of {found[name]['average']:.3f} N·m ({PLANT_TITLES[name]})"
                 for name, row in carried.items()
             )
             + " on average.",

@@ -47,7 +47,8 @@ def compute(job: Job) -> Findings:
     _plot(found.trace, job)
     return Findings(
         rows=rows, claims={"current lowers the motor's torque on the loaded pair": all(lower)},
-        notes=[f"Push of table 4, reading: {readings.ADOPTED.name}.", *_mirrored(pairs)],
+        notes=[f"Push of table 4, reading: {readings.ADOPTED.name}.", *_mirrored(pairs),
+               *readings.fallen(found.trace["fell"], "pushes")],
         pictures={"torque.png": "Calf motor torque of the first trial at 0 and 1.5 A; damping gate open where shaded"},
     )  # fmt: skip
 

@@ -35,6 +35,7 @@ def compute(job: Job) -> Findings:
                 values[leg][-1].mean() < values[leg][0].mean() for values in found.values() for leg in paper.FIGURE_7
             )
         },
+        notes=drops.lost(found.values()),
         pictures={"torque.png": "Mean calf motor torque over 0.1 s by leg and current; black: the paper's FR and RL"},
     )
 

@@ -6,7 +6,6 @@ from mrwarp import paper
 from mrwarp.evaluate import meter, walk_figures, walk_pictures
 from mrwarp.reproduce import walking
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Table
-from mrwarp.reproduce.walking import condition_name
 from mrwarp.robot import JOINTS
 
 PAIR = ("go1", "mr_go_sal")
@@ -33,7 +32,7 @@ def compute(job: Job) -> Findings:
         return f"{torque[key][joint][name]:.1f}" if key in torque else "none arrived"
 
     lines = [
-        [condition_name(*cell), joint, *(figure((robot, *cell), joint, name) for name in ("mean", "p95")
+        [paper.condition_name(*cell), joint, *(figure((robot, *cell), joint, name) for name in ("mean", "p95")
          for robot in PAIR)]
         for cell in cells for joint in SHOWN
     ]  # fmt: skip
@@ -58,7 +57,7 @@ def compute(job: Job) -> Findings:
                       head=["condition", "joint", "mean, Go1", "mean, SAL", "95 %, Go1", "95 %, SAL"], rows=lines)],
         pictures={"holding.png": "Figures 8(a, b): the front-right calf, holding intervals blue, damping orange",
                   "torques.png": "Figure 8(c): distributions of the front-right motors' torque, Go1 left, SAL right"},
-        figures={"torque": {f"{robot}, {condition_name(load, speed)}": value
+        figures={"torque": {f"{robot}, {paper.condition_name(load, speed)}": value
                             for (robot, load, speed), value in torque.items()}},
     )  # fmt: skip
 

@@ -15,7 +15,7 @@ from mrwarp.reproduce.experiment import Experiment, Findings, Job, seeds_of
 DATA = "pushes.npz"
 """File with the data."""
 
-SERIES = ("t", "height", "velocity", "tau_motor", "tau_mr", "m_dyn")
+SERIES = ("t", "height", "velocity", "tau_motor", "tau_mr", "m_dyn", "fell")
 """What is kept of the adopted reading's trace."""
 
 

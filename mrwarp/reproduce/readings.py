@@ -17,7 +17,7 @@ import numpy as np
 from mrwarp import paper
 from mrwarp.actuator import Coupling, HoldCurrent
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
-from mrwarp.evaluate.impact import ImpactCfg, ImpactSweep, ImpactTrace, Variant
+from mrwarp.evaluate.impact import FALL_HEIGHT, ImpactCfg, ImpactSweep, ImpactTrace, Variant
 from mrwarp.evaluate.walking import Policy
 from mrwarp.nn.model_file import shipped_model
 from mrwarp.params import BoucWenParams, HoldParams
@@ -199,6 +199,14 @@ def mismatch(found: dict[str, np.ndarray]) -> np.ndarray:
 def cells(trace: ImpactTrace) -> dict[str, np.ndarray]:
     """Both columns of table 4, shape (C, N)."""
     return {"min_height": trace.height.min(axis=2), "peak_down_velocity": trace.velocity.min(axis=2)}
+
+
+def fallen(fell: np.ndarray, what: str = "impacts") -> list[str]:
+    """A note on the impacts that brought a robot down, of any shape; none if nothing fell. Their figures count."""
+    count = int(np.sum(fell))
+    return [
+        f"{count} of {np.size(fell)} {what} brought the trunk below {FALL_HEIGHT:g} m; their figures count."
+    ] if count else []  # fmt: skip
 
 
 def config(reading: Reading, *, trials: int, seed: int, threads: int = 0) -> ImpactCfg:

@@ -66,7 +66,8 @@ def compute(job: Job) -> Findings:
         rows=rows, claims=claims,
         notes=[
             f"Push of table 4 ({duration:.2f} s), reading: {readings.ADOPTED.name}. Each policy's reductions are "
-            "relative to its own drop and torque without current."
+            "relative to its own drop and torque without current.",
+            *readings.fallen(trace.fell, "pushes"),
         ],
         pictures={"thresholds.png": "Reduction of drop and motor torque by 1.5 A over each threshold, over all trials"},
     )  # fmt: skip

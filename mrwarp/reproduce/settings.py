@@ -9,30 +9,35 @@ from pathlib import Path
 
 from mrwarp.choices import Coupling
 from mrwarp.paper import ROBOTS
-from mrwarp.study.plan import AWARE, ENERGY, HIGH_PRICE, PUBLIC, SEEDS, STUDY, plant_of, policy_file
+from mrwarp.study.plan import AWARE, ENERGY, ENERGY_SEEDS, HIGH_PRICE, PUBLIC, SEEDS, STUDY, plant_of, policy_file
 
 
-def _own(folder: Path, coupling: Coupling = Coupling.EXPLICIT) -> dict[str, tuple[Path, ...]]:
-    """Policies of a folder that were trained on each robot, MR_Go-SAL's with devices that act so."""
-    plants = {robot: plant_of(robot, coupling) for robot in ROBOTS}
-    return {robot: tuple(policy_file(folder, plant, seed) for seed in SEEDS) for robot, plant in plants.items()}
+def _of(folder: Path, plant: str, seeds: tuple[int, ...] = SEEDS) -> tuple[Path, ...]:
+    """Policies of a folder that were trained on a plant."""
+    return tuple(policy_file(folder, plant, seed) for seed in seeds)
+
+
+def _own(folder: Path, seeds: tuple[int, ...]) -> dict[str, tuple[Path, ...]]:
+    """Policies of a folder that were trained on each robot, MR_Go-SAL's with the paper's explicit torque."""
+    return {robot: _of(folder, plant_of(robot, Coupling.EXPLICIT), seeds) for robot in ROBOTS}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
     """Choices of a reproduction; the defaults are those of the report."""
 
-    policies: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: _own(ENERGY))
+    policies: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: _own(ENERGY, ENERGY_SEEDS))
     """Policies of each robot's walks, one per training seed; each robot walks with its own, trained alike, MR_Go-SAL's
     with the paper's explicit torque."""
-    impacted: tuple[Path, ...] = field(default_factory=lambda: tuple(policy_file(STUDY, PUBLIC, n) for n in SEEDS))
+    impacted: tuple[Path, ...] = field(default_factory=lambda: _of(STUDY, PUBLIC))
     """Policies of MR_Go-SAL under pushes and falling masses, trained with the public gains."""
-    aware: tuple[Path, ...] = field(default_factory=lambda: tuple(policy_file(STUDY, AWARE, n) for n in SEEDS))
+    aware: tuple[Path, ...] = field(default_factory=lambda: _of(STUDY, AWARE))
     """Policies under pushes and falling masses with the asset's gains, and of walks without a price on power: the
     actuator-aware ones of table 2."""
-    sticking: tuple[Path, ...] = field(default_factory=lambda: _own(ENERGY, Coupling.CONSTRAINT)["mr_go_sal"])
-    """Policies of MR_Go-SAL's walks on devices that stick, trained with them; as many as of the robots."""
-    high: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: _own(HIGH_PRICE))
+    sticking: tuple[Path, ...] = field(default_factory=lambda: _of(ENERGY, plant_of("mr_go_sal", Coupling.CONSTRAINT)))
+    """Policies of MR_Go-SAL's walks on devices that stick, trained with them; at most as many as of the robots. MR_Go
+    walks beside them with its first ones."""
+    high: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: _own(HIGH_PRICE, SEEDS))
     """As ``policies``, trained with a high price on power."""
     rollouts: int = 3
     """Rollouts per policy, paper section 6.2."""
@@ -57,10 +62,10 @@ class Settings:
                 "policies: " + ", ".join(f"{len(self.policies[robot])} for {robot}" for robot in ROBOTS)
                 + "; name the same number, one per training seed, for every robot (--policy-ROBOT)"
             )  # fmt: skip
-        if counts != {len(self.sticking)}:
+        if not 1 <= len(self.sticking) <= self.policy_seeds:
             raise ValueError(
-                f"sticking: {len(self.sticking)} policies, but {self.policy_seeds} for every robot; name as many "
-                "(--policy-sticking)"
+                f"sticking: {len(self.sticking)} policies, but {self.policy_seeds} for every robot; name at least one "
+                "and at most as many (--policy-sticking)"
             )
         numbers = {len(self.high.get(robot, ())) for robot in ROBOTS}
         if len(numbers) > 1 or 0 in numbers:
@@ -68,6 +73,12 @@ class Settings:
         if not self.impacted or len(self.impacted) != len(self.aware):
             counts = f"{len(self.impacted)} and {len(self.aware)}"
             raise ValueError(f"impacted and aware need the same number of policies, at least one; got {counts}")
+        named = {**{f"policies of {robot}": paths for robot, paths in self.policies.items()}, "sticking": self.sticking,
+                 **{f"high, {robot}": paths for robot, paths in self.high.items()}, "impacted": self.impacted,
+                 "aware": self.aware}  # fmt: skip
+        for name, paths in named.items():
+            if len(set(paths)) < len(paths):
+                raise ValueError(f"{name}: name each policy once; one that counts as two training seeds has no spread")
         if min(self.rollouts, self.impacts) < 1:
             raise ValueError(f"rollouts = {self.rollouts} and impacts = {self.impacts} must be at least 1")
         if not all(math.isfinite(length) and length > 0.0 for length in (self.distance, self.window)):

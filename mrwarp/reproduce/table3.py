@@ -42,6 +42,7 @@ def compute(job: Job) -> Findings:
             + (": " + "; ".join(
                 f"{titles[p.better]} before {titles[p.worse]} in {studied.METRICS[p.metric][0]}, p = {p.p:.2g}"
                 for p in apart) if apart else "") + ".",
+            f"{sum(row.fell for row in table.rows.values())} of all rollouts fell.",
         ],
         tables=[Table(title="Ranking, best first", head=["metric", "ours", "paper"], rows=ranking)],
     )  # fmt: skip

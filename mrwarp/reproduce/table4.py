@@ -65,6 +65,8 @@ def compute(job: Job) -> Findings:
             _shape(found, place),
             _causes(found),
             _nearest(found),
+            *readings.fallen(found.trace["fell"], "pushes"),
+            *drops.lost(dropped.values()),
         ],
         tables=[table(found)],
         pictures={"table4.png": "Both figures over the current: ours (lines), the paper's (marks)"},

@@ -69,7 +69,10 @@ def compute(job: Job) -> Findings:
             "and both motors' torque": lower("FR", "B", "D") and lower("RL", "B", "D"),
             "SAL lowers |a_z - g| of both": all(lower("acceleration", *pair) for pair in ("AB", "CD")),
         },
-        notes=["The paper's rows are hardware's: an estimate from its sensors, ours the simulated trunk's motion."],
+        notes=[
+            "The paper's rows are hardware's: an estimate from its sensors, ours the simulated trunk's motion.",
+            *drops.lost(found.values()),
+        ],
     )
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
-
-import numpy as np
 
 from mrwarp import paper
 from mrwarp.electrical.power import ElectricalCfg, battery_power
@@ -14,7 +13,7 @@ from mrwarp.evaluate.walk_trials import WalkResult
 from mrwarp.paper import Measured
 from mrwarp.reproduce import walking
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, Table, over_seeds
-from mrwarp.reproduce.walking import Walks, condition_name
+from mrwarp.reproduce.walking import Walks
 from mrwarp.study.plan import HIGH_POWER_PRICE, POWER_PRICE
 
 Cots = dict[tuple[str, float, float], dict[str, Any]]
@@ -31,31 +30,29 @@ def compute(job: Job) -> Findings:
     fit = walks.calibrated()
     conditions = [walk_figures.row(result, fit.cfg) for result in walks.both]
     standing = {name: float(battery_power(use, fit.cfg).total) for name, use in walks.standing.items()}
-    mass = paper.MASS["mr_go"] + paper.arm_load()
-    saving = standing["mr_go"] - standing["mr_go_hold"]
-    savings = walk_figures.savings(walks.both, fit.cfg, saving, mass)
+    saving = walk_figures.standing_saving(walks.standing["go1"], walks.standing["mr_go_hold"], fit.cfg)
+    savings = walk_figures.savings(walks.both, fit.cfg, saving)
     plain = [r for r in walks.both if r.robot != "mr_go_sal"]
-    alone = walk_figures.savings([*plain, *walks.holding], fit.cfg, saving, mass)
-    cots, cots_sticking = (_cots(walks, results, fit.cfg) for results in (walks.both, walks.sticking))
+    alone = walk_figures.savings([*plain, *walks.holding], fit.cfg, saving)
+    cots, cots_sticking = (_cots(walks, variant, fit.cfg) for variant in ("both", "sticking"))
     rows = [_cot(condition, cots) for condition in conditions]
     rows += [_reduction(saved, _at(alone, saved), cots) for saved in savings]
-    stuck = walk_figures.savings(walks.sticking, fit.cfg, saving, mass)
+    stuck = walk_figures.savings(walks.sticking, fit.cfg, saving)
     rows += [_reduction_sticking(saved, cots_sticking) for saved in stuck]
     return Findings(
         rows=[row for row in rows if row is not None],
-        claims=_claims(savings, walks.both)
-        | {f"a device that sticks: {name}": holds for name, holds in _claims(stuck, walks.sticking).items()},
+        claims=_claims(cots, walks.both)
+        | {f"a device that sticks: {name}": holds for name, holds in _claims(cots_sticking, walks.sticking).items()},
         notes=[
-            f"Go1's four rows and its 92 W of standing give electronics {fit.cfg.electronics:.1f} ± "
-            f"{fit.half_width['electronics']:.1f} W and a winding of {fit.cfg.winding_resistance:.3f} ± "
-            f"{fit.half_width['winding_resistance']:.3f} Ohm (95 %), to {fit.rmse:.1f} W (RMS). Every row of MR_Go and "
-            "MR_Go-SAL is a prediction.",
+            f"Go1's four rows and its {paper.MISSION_POWER['go1']['standby']:g} W of standing give electronics "
+            f"{fit.cfg.electronics:.1f} ± {fit.half_width['electronics']:.1f} W and a winding of "
+            f"{fit.cfg.winding_resistance:.3f} ± {fit.half_width['winding_resistance']:.3f} Ohm (95 %), to "
+            f"{fit.rmse:.1f} W (RMS). Every row of MR_Go and MR_Go-SAL is a prediction.",
             "Devices act by the paper's explicit torque (eqs. 6, 19), with which MR_Go-SAL's policies were trained; "
             "those of a device that sticks were trained with brakes that hold a calf still, and walk with them.",
             "The spread of a reduction is that of the ratio of two independent COTs, ours over training seeds, the "
             "paper's over its walks.",
-            *walking.arrivals(walks.both),
-            *(f"A device that sticks: {note}" for note in walking.arrivals(walks.sticking)),
+            *walking.all_arrivals(walks, "both", "holding", "sticking", "crossed", "unpaid", "high"),
         ],
         tables=[_parts(savings), _training(walks, fit.cfg)],
         figures={"savings": savings, "holding_alone": alone, "sticking": stuck, "standing": standing,
@@ -78,23 +75,29 @@ def _cot(condition: dict[str, Any], cots: Cots) -> Row | None:
         f"{reference['speed'] / condition['speed']['mean'] - 1.0:+.0%}."
     )
     return Row(
-        condition=f"{paper.NAMES[robot]}, {condition_name(payload, command)}", quantity="COT",
+        condition=f"{paper.NAMES[robot]}, {paper.condition_name(payload, command)}", quantity="COT",
         unit="", paper=Measured(mean=reference["cot"], sd=reference["sd"]), **cots[robot, payload, command],
         calibrated=condition["calibrated"], why=why,
     )  # fmt: skip
 
 
-def _cots(walks: Walks, results: list[WalkResult], cfg: ElectricalCfg) -> Cots:
-    """Cost of transport of each robot and condition."""
+def _cots(walks: Walks, variant: str, cfg: ElectricalCfg) -> Cots:
+    """Cost of transport of each robot and condition in a variant's walks."""
     return {
-        (r.robot, r.payload, r.command): over_seeds(walk_figures.cot(r, cfg), walks.seed_of(r)) for r in results
+        (r.robot, r.payload, r.command): over_seeds(walk_figures.cot(r, cfg), walks.seed_of(r, variant))
+        for r in getattr(walks, variant)
     }  # fmt: skip
 
 
-def _claims(savings: list[dict[str, Any]], results: list[WalkResult]) -> dict[str, bool]:
+def _reduced(after: Cots, before: Cots, cell: tuple[float, float]) -> float:
+    """How much lower MR_Go-SAL's COT is than MR_Go's, relative; NaN where one of them did not arrive."""
+    return 1.0 - after["mr_go_sal", *cell]["ours"] / before["mr_go", *cell]["ours"]
+
+
+def _claims(cots: Cots, results: list[WalkResult]) -> dict[str, bool]:
     """Section 6.4's claims on the reduction of COT by SAL; False where a condition is missing."""
     whole = walking.complete([result for result in results if result.robot != "go1"])
-    reductions = {(saved["payload"], saved["command"]): saved["cot_reduction"] for saved in savings}
+    reductions = {cell: _reduced(cots, cots, cell) for cell in dict.fromkeys(key[1:] for key in cots)}
     least, most = paper.COT_REDUCTION
     return {
         "SAL lowers COT in all four conditions": whole and min(reductions.values()) > 0.0,
@@ -136,10 +139,10 @@ def _reduction_row(robots: str, saved: dict[str, Any], cots: Cots, why: str) -> 
     sd = 100.0 * ratio_sd((after["ours"], after["sd"]), (before["ours"], before["sd"])) if seeds > 1 else None
     theirs = saved["paper"]
     return Row(
-        condition=f"{robots}, {condition_name(saved['payload'], saved['command'])}",
+        condition=f"{robots}, {paper.condition_name(saved['payload'], saved['command'])}",
         quantity="reduction of COT", unit="%",
         paper=Measured(mean=100.0 * theirs["cot_reduction"], sd=100.0 * theirs["cot_reduction_sd"]),
-        ours=100.0 * saved["cot_reduction"], sd=sd, n=seeds, digits=1, why=why,
+        ours=100.0 * (1.0 - after["ours"] / before["ours"]), sd=sd, n=seeds, digits=1, why=why,
     )  # fmt: skip
 
 
@@ -155,7 +158,8 @@ def _parts(savings: list[dict[str, Any]]) -> Table:
         title="What SAL saves, by part of the battery's power [W]; negative = draws more",
         head=["condition", *_PARTS.values(), "sum", "paper"],
         rows=[
-            [condition_name(s["payload"], s["command"]), *(f"{s['saving_by_part'][name]:+.1f}" for name in _PARTS),
+            [paper.condition_name(s["payload"], s["command"]),
+             *(f"{s['saving_by_part'][name]:+.1f}" for name in _PARTS),
              f"{s['saving']:+.1f}", f"{s['paper']['saving']:+.1f}"]
             for s in savings
         ],
@@ -166,22 +170,16 @@ def _training(walks: Walks, cfg: ElectricalCfg) -> Table:
     """What the device gives and what the training gives: each robot's policies on either robot, and other prices."""
     unpaid, high = (walks.calibrated_on(results).cfg for results in (walks.unpaid, walks.high))
 
-    def cots(results: list[WalkResult], numbers: ElectricalCfg) -> dict[tuple[str, float, float], float]:
-        return {
-            (r.robot, r.payload, r.command): float(walk_figures.cot(r, numbers).mean()) if len(r.speed) else np.nan
-            for r in results
-        }  # fmt: skip
-
-    own, crossed, plain = cots(walks.both, cfg), cots(walks.crossed, cfg), cots(walks.unpaid, unpaid)
-    stuck, dear = cots(walks.sticking, cfg), cots(walks.high, high)
+    own, stuck, crossed = (_cots(walks, variant, cfg) for variant in ("both", "sticking", "crossed"))
+    plain, dear = _cots(walks, "unpaid", unpaid), _cots(walks, "high", high)
     cells = list(dict.fromkeys((r.payload, r.command) for r in walks.both))
 
-    def lower(after: dict, before: dict, cell: tuple[float, float]) -> str:
-        reduction = 1.0 - after["mr_go_sal", *cell] / before["mr_go", *cell]
-        return "no robot arrived" if np.isnan(reduction) else f"{100.0 * reduction:.1f}"
+    def lower(after: Cots, before: Cots, cell: tuple[float, float]) -> str:
+        reduction = _reduced(after, before, cell)
+        return "no robot arrived" if math.isnan(reduction) else f"{100.0 * reduction:.1f}"
 
     lines = [
-        [condition_name(*cell), lower(own, own, cell), lower(stuck, stuck, cell), lower(crossed, own, cell),
+        [paper.condition_name(*cell), lower(own, own, cell), lower(stuck, stuck, cell), lower(crossed, own, cell),
          lower(own, crossed, cell), lower(plain, plain, cell), lower(dear, dear, cell)]
         for cell in cells
     ]  # fmt: skip

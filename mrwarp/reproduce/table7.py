@@ -9,7 +9,7 @@ from mrwarp.paper import Measured
 from mrwarp.params import GateParams
 from mrwarp.reproduce import walking
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds
-from mrwarp.reproduce.walking import Walks, condition_name
+from mrwarp.reproduce.walking import Walks
 
 
 def compute(job: Job) -> Findings:
@@ -18,8 +18,9 @@ def compute(job: Job) -> Findings:
     results, sticking = (
         [result for result in walked if result.robot == "mr_go_sal"] for walked in (walks.both, walks.sticking)
     )
-    rows, share = _rows(results, walks, {"hardware": "paper's hardware", "simulation": "paper's simulation"})
-    more, share_sticking = _rows(sticking, walks, {"hardware": "paper's hardware, a device that sticks"})
+    rows, share = _rows(results, walks, "both", {"hardware": "paper's hardware", "simulation": "paper's simulation"})
+    stuck = {"hardware": "paper's hardware, a device that sticks"}
+    more, share_sticking = _rows(sticking, walks, "sticking", stuck)
     return Findings(
         rows=[*rows, *more],
         claims=_claims(share, walking.complete(results))
@@ -29,25 +30,25 @@ def compute(job: Job) -> Findings:
         },
         notes=[*walking.arrivals(results), *(f"A device that sticks: {note}" for note in walking.arrivals(sticking))],
         figures={
-            "activation": {condition_name(*cell): value for cell, value in share.items()},
-            "activation_sticking": {condition_name(*cell): value for cell, value in share_sticking.items()},
+            "activation": {paper.condition_name(*cell): value for cell, value in share.items()},
+            "activation_sticking": {paper.condition_name(*cell): value for cell, value in share_sticking.items()},
         },
     )
 
 
 def _rows(
-    results: list[WalkResult], walks: Walks, sources: dict[str, str]
+    results: list[WalkResult], walks: Walks, variant: str, sources: dict[str, str]
 ) -> tuple[list[Row], dict[tuple[float, float], float]]:
-    """Rows beside the paper's sources, by their names in the table, and our shares of time [%] by condition."""
+    """Rows of a variant's walks beside the paper's sources, by their names in the table, and our shares of time [%]."""
     rows, share = [], {}
     for result in results:
         cell = (result.payload, result.command)
-        ours = over_seeds(100.0 * result.hold.mean(-1), walks.seed_of(result))
+        ours = over_seeds(100.0 * result.hold.mean(-1), walks.seed_of(result, variant))
         share[cell] = ours["ours"]
         for source, shown in sources.items():
             value = 100.0 * paper.TABLE_7[cell][source]  # type: ignore[index]
             rows.append(
-                Row(condition=f"{condition_name(*cell)}, {shown}", quantity="activation", unit="%",
+                Row(condition=f"{paper.condition_name(*cell)}, {shown}", quantity="activation", unit="%",
                     paper=Measured(mean=value), **ours, digits=1, why=_why(result, ours["ours"], value))
             )  # fmt: skip
     return rows, share

@@ -37,20 +37,24 @@ class Variant:
     coupling: Coupling = Coupling.EXPLICIT
     """How the devices act: by the paper's torque (eqs. 6, 19), or as a brake that sticks."""
     policy: str = "own"
-    """``own``: each robot's, MR_Go-SAL's trained with the explicit torque; ``mr_go``: MR_Go's on both; ``crossed``:
-    MR_Go and MR_Go-SAL walk with each other's; ``sticking``: MR_Go-SAL with those that were trained with a device that
+    """``own``: each robot's, MR_Go-SAL's trained with the explicit torque; ``mr_go``: MR_Go's; ``crossed``: MR_Go and
+    MR_Go-SAL walk with each other's; ``sticking``: MR_Go-SAL with those that were trained with a device that
     sticks; ``unpaid``: all with those of table 2, whose training has no price on power and a device that sticks;
     ``high``: each robot's own that paid the high price."""
+    title: str = ""
+    """What it is called in notes; empty for the walks that the tables are about."""
 
 
 VARIANTS = {
     "both": Variant(robots=paper.ROBOTS),
-    "holding": Variant(robots=("mr_go_sal",), damping=False),
-    "same_gait": Variant(robots=("mr_go", "mr_go_sal"), damping=False, policy="mr_go"),
-    "sticking": Variant(robots=("mr_go", "mr_go_sal"), coupling=Coupling.CONSTRAINT, policy="sticking"),
-    "crossed": Variant(robots=("mr_go", "mr_go_sal"), policy="crossed"),
-    "unpaid": Variant(robots=paper.ROBOTS, coupling=Coupling.CONSTRAINT, policy="unpaid"),
-    "high": Variant(robots=paper.ROBOTS, policy="high"),
+    "holding": Variant(robots=("mr_go_sal",), damping=False, title="Holding alone"),
+    "same_gait": Variant(robots=("mr_go_sal",), damping=False, policy="mr_go", title="Holding alone on MR_Go's gait"),
+    "sticking": Variant(
+        robots=("mr_go", "mr_go_sal"), coupling=Coupling.CONSTRAINT, policy="sticking", title="A device that sticks"
+    ),
+    "crossed": Variant(robots=("mr_go", "mr_go_sal"), policy="crossed", title="Each other's policies"),
+    "unpaid": Variant(robots=paper.ROBOTS, coupling=Coupling.CONSTRAINT, policy="unpaid", title="Table 2's policies"),
+    "high": Variant(robots=paper.ROBOTS, policy="high", title="The high price's policies"),
 }
 """What is walked, by the names in :class:`Walks`."""
 
@@ -64,11 +68,10 @@ class Walks:
     holding: list[WalkResult]
     """The same with MR_Go-SAL's holding branch alone."""
     same_gait: list[WalkResult]
-    """MR_Go, and MR_Go-SAL holding with the torque of eq. 19, both with MR_Go's policies: this torque leaves the gait
-    as it is."""
+    """MR_Go-SAL holding with the torque of eq. 19 on MR_Go's policies: this torque leaves the gait as it is."""
     sticking: list[WalkResult]
     """MR_Go, and MR_Go-SAL with both branches, whose devices are brakes that stick, each with its own policies: those
-    of MR_Go-SAL were trained with such devices."""
+    of MR_Go-SAL were trained with such devices, MR_Go's are the first, as many as those."""
     crossed: list[WalkResult]
     """MR_Go with MR_Go-SAL's policies and the other way round."""
     unpaid: list[WalkResult]
@@ -77,8 +80,8 @@ class Walks:
     """As ``both``, with policies that paid :data:`mrwarp.study.plan.HIGH_POWER_PRICE`."""
     standing: dict[str, Use]
     """Standing robots by name: ``go1``, ``mr_go`` on its motors, ``mr_go_hold`` on its devices; shapes (J,), (M,)."""
-    policies: int
-    """Policies per robot; trial i was walked by policy ``i % policies``."""
+    policies: dict[str, int]
+    """Policies per robot by the names in :data:`VARIANTS`; trial i was walked by policy ``i % n`` of n."""
 
     def calibrated(self, cfg: ElectricalCfg | None = None) -> Calibration:
         """Electrical numbers from Go1's rows of table 6 and its standby power; no other row takes part."""
@@ -92,14 +95,9 @@ class Walks:
         """The same from Go1's walks among others: ``unpaid`` or ``high``."""
         return calibrate(calibration_rows(results, self.standing["go1"]))
 
-    def seed_of(self, result: WalkResult) -> np.ndarray | None:
-        """Policy of each trial that arrived, shape (n,); None with a single policy."""
-        return seeds_of(result.trial, self.policies)
-
-
-def condition_name(payload: float, command: float) -> str:
-    """As every row names a condition: load on the back [kg] and commanded speed [m/s]."""
-    return f"{payload:g} kg, {command:g} m/s"
+    def seed_of(self, result: WalkResult, variant: str = "both") -> np.ndarray | None:
+        """Policy of each trial of a variant's walk that arrived, shape (n,); None with a single policy."""
+        return seeds_of(result.trial, self.policies[variant])
 
 
 def complete(results: Sequence[WalkResult]) -> bool:
@@ -110,11 +108,19 @@ def complete(results: Sequence[WalkResult]) -> bool:
 def arrivals(results: Sequence[WalkResult]) -> list[str]:
     """The note of :func:`lost` on some walks; rows and claims see only the trials that arrived."""
     return lost({
-        f"{paper.NAMES[r.robot]}, {condition_name(r.payload, r.command)}": (
+        f"{paper.NAMES[r.robot]}, {paper.condition_name(r.payload, r.command)}": (
             len(r.speed) + r.fell + r.late, r.fell, r.late
         )
         for r in results
     })  # fmt: skip
+
+
+def all_arrivals(walks: Walks, *variants: str) -> list[str]:
+    """The notes of :func:`arrivals` on the walks of some variants, each with its title."""
+    return [
+        f"{title}: {note}" if (title := VARIANTS[variant].title) else note
+        for variant in variants for note in arrivals(getattr(walks, variant))
+    ]  # fmt: skip
 
 
 def lost(counts: Mapping[str, tuple[int, int, int]]) -> list[str]:
@@ -138,32 +144,36 @@ def simulate(job: Job) -> Findings:
     own, unpaid = ensembles(settings), Ensemble(settings.aware)
     policies = {
         "own": own,
-        "mr_go": dict.fromkeys(("mr_go", "mr_go_sal"), own["mr_go"]),
-        "sticking": {"mr_go": own["mr_go"], "mr_go_sal": Ensemble(settings.sticking)},
+        "mr_go": {"mr_go_sal": own["mr_go"]},
+        "sticking": {
+            "mr_go": Ensemble(settings.policies["mr_go"][: len(settings.sticking)]),
+            "mr_go_sal": Ensemble(settings.sticking),
+        },
         "crossed": {"mr_go": own["mr_go_sal"], "mr_go_sal": own["mr_go"]},
         "unpaid": dict.fromkeys(paper.ROBOTS, unpaid),
         "high": {robot: Ensemble(paths) for robot, paths in settings.high.items()},
     }
     found: dict[str, list[WalkResult]] = {}
+    counts = {name: len(policies[variant.policy][variant.robots[0]]) for name, variant in VARIANTS.items()}
     for k, (name, variant) in enumerate(VARIANTS.items()):
-        seeds = len(policies[variant.policy]["mr_go"])
         actuator = replace(env.actuator, damping=variant.damping, coupling=variant.coupling)
         cfg = WalkCfg(
-            trials=seeds * settings.rollouts, distance=settings.distance, seed=settings.seed, robots=variant.robots,
-            env=replace(env, actuator=actuator),
+            trials=counts[name] * settings.rollouts, distance=settings.distance, seed=settings.seed,
+            robots=variant.robots, env=replace(env, actuator=actuator),
         )  # fmt: skip
         found[name] = walk(
             cfg, policies[variant.policy],
             lambda text, share, k=k: job.report(text, (k + share) / (len(VARIANTS) + 0.1)),
         )  # fmt: skip
     job.report("standing", 0.98)
+    stood = replace(env, payload=VARIANT, currents=(1.5,), actuator=replace(env.actuator, coupling=Coupling.EXPLICIT))
     standing = {
-        name: standing_use(replace(env, robot=robot, payload=VARIANT, currents=(1.5,)), load=load, hold=hold)[0]
+        name: standing_use(replace(stood, robot=robot), load=load, hold=hold)[0]
         for name, (robot, hold) in {
             "go1": ("go1", False), "mr_go": ("mr_go", False), "mr_go_hold": ("mr_go", True)
         }.items()
     }  # fmt: skip
-    store.save(job.out / DATA, {**found, "standing": standing, "policies": settings.policy_seeds})
+    store.save(job.out / DATA, {**found, "standing": standing, "policies": counts})
     return Findings()
 
 

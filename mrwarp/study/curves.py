@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from mrwarp.study.plan import AWARE, CONVENTIONAL, SEEDS, STUDY, record_file
+from mrwarp.study.plan import AWARE, CONVENTIONAL, SEEDS, STUDY, check_seeds, record_file
 
 TITLES = {CONVENTIONAL: "baseline Go1 policy", AWARE: "MRA-SAL policy"}
 """Names of figure 5's curves."""
@@ -61,7 +61,9 @@ def figure5(
 
     Raises:
         RecordError: a record is missing or damaged, or records differ in length.
+        ValueError: a seed is named twice.
     """
+    check_seeds(seeds)
     return {plant: _curve(folder, plant, seeds) for plant in plants}
 
 

@@ -11,7 +11,7 @@ from tensordict import TensorDict
 
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.evaluate.walking import Policy, make_env
+from mrwarp.evaluate.walking import Policy, make_env, same_starts
 
 METRICS = ("v_x_rmse", "v_x_bias", "height", "height_rmse", "tilt_rms", "yaw_rate_rmse")
 """What is measured of a rollout, by name; see :class:`Measured`."""
@@ -78,7 +78,7 @@ def roll_out(
     """
     count = len(policies)
     env = make_env(cfg.env, count * cfg.rollouts, cfg.seed)
-    _same_starts(env, cfg)
+    same_starts(env, cfg.rollouts, cfg.seed)
     env.current_e.copy_(torch.tensor(currents, dtype=torch.float32, device=env.device).repeat_interleave(cfg.rollouts))
     command = torch.zeros(env.num_envs, 3, device=env.device)
     command[:, 0] = cfg.speed
@@ -130,17 +130,3 @@ def _actions(policies: Sequence[Policy], obs: TensorDict, rollouts: int) -> torc
     """Actions of each policy in its own environments."""
     rows = [obs[k * rollouts : (k + 1) * rollouts] for k in range(len(policies))]
     return torch.cat([policy(own) for policy, own in zip(policies, rows, strict=True)])
-
-
-def _same_starts(env: WalkEnv, cfg: RolloutCfg) -> None:
-    """Give every policy the poses and phases of a batch with one environment per rollout.
-
-    Its figures then do not depend on the company it is in.
-    """
-    start = make_env(cfg.env, cfg.rollouts, cfg.seed).state()
-    source = torch.arange(env.num_envs, device=env.device) % cfg.rollouts
-    state = env.state()
-    for name, value in start.items():
-        if name not in ("actuator/params", "actuator/effects_values", "privileged", "key"):
-            state[name] = value if value.shape == state[name].shape else value[source]
-    env.load_state(state)

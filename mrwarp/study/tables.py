@@ -20,7 +20,7 @@ from scipy import stats
 from mrwarp.evaluate.spread import spread
 from mrwarp.quiet import one_torch_thread
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, SEEDS, STUDY, policy_file
+from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, SEEDS, STUDY, check_seeds, policy_file
 from mrwarp.study.plants import plant_cfg
 from mrwarp.study.rollouts import METRICS, Measured, RolloutCfg, roll_out
 
@@ -67,6 +67,9 @@ class EvaluationCfg:
     """Measured time [s]."""
     threads: int = 0
     """CPU threads of the physics; 0 = all. The figures are the same for any number."""
+
+    def __post_init__(self) -> None:
+        check_seeds(self.seeds)
 
 
 @dataclass(frozen=True, kw_only=True)

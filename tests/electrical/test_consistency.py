@@ -41,6 +41,14 @@ def test_holding_bound_in_a_worked_case() -> None:
     assert consistency.holding_bound(0.5, 24.0, standing=40.0, reference=12.0) == pytest.approx(320.0)
 
 
+def test_holding_bound_of_the_papers_robots() -> None:
+    """Its Go1 stood with an arm of 2.8 kg and 39.8 W more than its MR_Go; held for 27.4 % of a walk: 31.7 W."""
+    assert consistency.STANDING == pytest.approx(39.8)
+    assert consistency.STANDING_MASS == pytest.approx(14.77, abs=0.01)
+    bounds = consistency.holding_bounds({cell: shares["hardware"] for cell, shares in paper.TABLE_7.items()})
+    assert [round(row["bound"], 1) for row in bounds] == [31.7, 23.4, 55.6, 46.3]
+
+
 def test_power_of_a_row_is_eq_21_backwards() -> None:
     """Go1 at 0.28 m/s: 4.297*12*9.81*0.28 W; and hips and thighs complete the mean over all motors."""
     assert paper.TABLE_6["go1", 0, 0.3].power == pytest.approx(4.297 * 12.0 * 9.81 * 0.28)

@@ -13,7 +13,7 @@ from mrwarp.cli import main
 from mrwarp.electrical.battery import BatteryCfg, depletion
 from mrwarp.electrical.power import ElectricalCfg, Use, battery_power
 from mrwarp.electrical.thermal import ThermalCfg
-from mrwarp.evaluate import mission, mission_figures
+from mrwarp.evaluate import energy_cli, mission, mission_figures
 from mrwarp.evaluate.mission import PHASES, PhaseUse, calibrate, run
 from mrwarp.evaluate.walk_trials import WalkCfg
 
@@ -115,6 +115,18 @@ def test_all_powers_of_go1_are_calibrated() -> None:
     for robot in paper.ROBOTS:
         cells = mission_figures.row(robot, trace)["power"].values()
         assert [cell["calibrated"] for cell in cells] == [robot == "go1"] * 3
+
+
+def test_figures_of_given_numbers_are_not_called_calibrated() -> None:
+    """With another winding Go1's powers fixed nothing; its depletion and calves still did."""
+    groups = {"electrical": ElectricalCfg(winding_resistance=0.2), "thermal": ThermalCfg(), "battery": BatteryCfg()}
+    own = energy_cli.calibrated(groups)
+    assert own == ("thermal", "battery")
+    assert energy_cli.calibrated(groups, ("electrical.winding_resistance",)) == tuple(groups)
+    row = mission_figures.row("go1", run(PHASE_USES, *NUMBERS, feedback=False), calibrated=own)
+    assert not any(cell["calibrated"] for cell in row["power"].values())
+    assert row["depletion"]["calibrated"]
+    assert [name for name, cell in row["rise"].items() if cell["calibrated"]] == ["calf_walking", "calf_standby"]
 
 
 def test_a_short_mission_from_the_command_line(tmp_path: Path) -> None:

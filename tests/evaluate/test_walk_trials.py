@@ -96,9 +96,10 @@ def test_rows_say_what_was_calibrated(results: list[WalkResult]) -> None:
     for result in results:
         row = walk_figures.row(result, ElectricalCfg())
         assert row["calibrated"] == (result.robot == "go1")
+        assert not walk_figures.row(result, ElectricalCfg(), calibrated=False)["calibrated"]
         assert sum(row["parts"].values()) == pytest.approx(row["power"]["mean"])
         assert row["paper"]["cot"] == paper.TABLE_6[result.robot, 0, 0.5].cot
-    saved = walk_figures.savings(results, ElectricalCfg(), 20.0, 12.6)
+    saved = walk_figures.savings(results, ElectricalCfg(), 20.0)
     assert len(saved) == 1 and not saved[0]["calibrated"]
     assert sum(saved[0]["saving_by_part"].values()) == pytest.approx(saved[0]["saving"])
 

@@ -11,7 +11,7 @@ import pytest
 
 from mrwarp.folder import claim
 from mrwarp.reproduce import catalogue, cli, runner
-from mrwarp.reproduce.experiment import Findings
+from mrwarp.reproduce.experiment import Findings, NotYet
 from mrwarp.reproduce.settings import Settings
 from mrwarp.reproduce.titles import TITLES
 
@@ -43,10 +43,11 @@ def test_unusable_words_are_refused(argv: list[str], message: str, capsys: pytes
     ("options", "message"),
     [
         (["--policy", "nothing.onnx"], "nothing.onnx: no such policy"),
-        (["--policy-sticking", "a.onnx"], "sticking: 1 policies, but 3 for every robot; name as many"),
+        (["--policy-sticking", *"abcdef"], "sticking: 6 policies, but 5 for every robot; name at least one and"),
+        (["--policy-mr-go", *"abcda"], "policies of mr_go: name each policy once; one that counts as two"),
         (
             ["--policy-go1", "a.onnx", "b.onnx"],
-            "policies: 2 for go1, 3 for mr_go, 3 for mr_go_sal; name the same",
+            "policies: 2 for go1, 5 for mr_go, 5 for mr_go_sal; name the same",
         ),
     ],
 )
@@ -98,6 +99,18 @@ def test_stopped_run_leaves_a_report(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert cli.main(["table6", "--out", str(tmp_path)]) == 130
     assert json.loads((tmp_path / "result.json").read_text())["parts"]["table6"]["status"] == "not run"
     assert "not run" in (tmp_path / "report.md").read_text()
+
+
+def test_what_is_not_made_is_no_success(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A missing input is told, and the exit code says that something was not made."""
+
+    def wait(job: object) -> Findings:
+        """Waits."""
+        raise NotYet("no policies yet")
+
+    monkeypatch.setitem(catalogue.CATALOGUE, "fig5", replace(catalogue.CATALOGUE["fig5"], compute=wait))
+    assert cli.main(["fig5", "--out", str(tmp_path)]) == 1
+    assert json.loads((tmp_path / "result.json").read_text())["parts"]["fig5"]["status"] == "waiting"
 
 
 def test_a_folder_that_cannot_be_used_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:

@@ -84,6 +84,14 @@ def test_go1s_way_back_is_calibrated_and_its_calves_are_no_prediction(
     assert "A prediction from Go1's calves" in row(found, "MR_Go, calves, both walks", "rise").why
 
 
+def test_a_robot_stands_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Its power has no spread, however many walked; those of the walks have."""
+    found = made(fig10, monkeypatch, tmp_path, {robot: trace(robot) for robot in paper.ROBOTS})
+    standing = row(found, "MR_Go, standby", "power")
+    assert (standing.n, standing.sd) == (1, None)
+    assert row(found, "MR_Go, outbound", "power").n == 3
+
+
 def test_figure11_tells_both_shares_of_time(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Ours beside table 7's, whichever is longer; without ours, neither."""
     traces = {robot: trace(robot, share=1.1) for robot in paper.ROBOTS}

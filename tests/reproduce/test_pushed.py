@@ -30,7 +30,8 @@ def pushed(off: dict[str, float]) -> pushes.Pushes:
     shape = (4, TRIALS, 5, 4)
     torque = np.zeros(shape) + np.arange(1.0, 5.0)
     torque[-1] *= 0.9
-    trace = {"t": np.arange(5.0), "tau_motor": torque, "m_dyn": np.ones(shape)}
+    fell = np.zeros((4, TRIALS), dtype=bool)
+    trace = {"t": np.arange(5.0), "tau_motor": torque, "m_dyn": np.ones(shape), "fell": fell}
     return pushes.Pushes(readings=entries, cells=cells, trace=trace, policies=3)
 
 
@@ -107,6 +108,27 @@ def test_bars_show_the_spread_of_the_rows(module, method: str, monkeypatch: pyte
     bars = [(y[0], sd[0]) for y, sd in drawn if np.isclose(y, 1.05).all()]
     assert bars == [pytest.approx((row.ours, row.sd))] * (4 if module is table4 else 8)
     assert (row.ours, row.sd, row.n) == (pytest.approx(1.05), pytest.approx(1.0), 3)
+
+
+def test_masses_that_miss_leave_no_figure() -> None:
+    """Neither a torque of 0 nor one of the walk; those and the fallen robots are counted in notes."""
+    steps = np.zeros((1, 3, 40, 4))
+    height = np.full((1, 3, 40), 0.3)
+    trace = ImpactTrace(
+        t=0.005 * np.arange(1.0, 41.0), height=height, velocity=np.zeros_like(height), tau_motor=steps + 2.0,
+        tau_mr=steps, current=steps, m_dyn=steps, m_hold=steps, f_foot=steps, q=steps, qd=steps,
+        qpos=np.zeros((1, 40, 19)), ledger=np.zeros((1, 3, 7)), fell=np.array([[False, True, False]]),
+        contact=np.array([[0.02, 0.02, np.nan]]),
+    )  # fmt: skip
+    found = drops.measured(trace)
+    for name in (*readings.CELLS, "acceleration", *LEGS):
+        assert np.isnan(found[name]).tolist() == [[False, False, True]]
+    assert found["FR"][0, :2] == pytest.approx(2.0)
+    assert drops.lost([found]) == [
+        "1 of 3 masses missed the robot and leave no figure.",
+        "1 of 3 falling masses brought the trunk below 0.1 m; their figures count.",
+    ]
+    assert drops.lost([{**found, "min_height": height[..., 0], "fell": trace.fell & False}]) == []
 
 
 def test_sensitivity_is_over_seeds() -> None:

@@ -129,6 +129,32 @@ def test_a_stopped_run_goes_on(tmp_path: Path) -> None:
     assert run(tmp_path, reader).outcomes["base"].status == "kept"
 
 
+def test_a_result_that_is_made_anew_is_gone_until_it_is(tmp_path: Path) -> None:
+    """Its data may be another key's by the time it breaks off, so going back to the old key makes it again."""
+    breaks = []
+
+    def breaking(job: Job) -> Findings:
+        (job.out / "data.txt").write_text(str(job.settings.seed))
+        if breaks:
+            raise RuntimeError("no luck")
+        return Findings()
+
+    parts = catalogue(breaking)
+    parts["breaking"] = replace(parts["breaking"], needs=(), settings=("seed",))
+
+    def status(seed: int) -> str:
+        runner = Runner(parts, Settings(seed=seed), tmp_path)
+        runner.run(["breaking"])
+        return runner.outcomes["breaking"].status
+
+    assert status(0) == "made"
+    breaks.append(True)
+    assert status(1) == "failed"
+    breaks.clear()
+    assert status(0) == "made"
+    assert (tmp_path / "breaking" / "data.txt").read_text() == "0"
+
+
 @pytest.mark.parametrize("damage", ["", "{", "[]", '{"key": 1}', "null", '{"key": {}, "findings": {}, "seconds": 1}'])
 def test_a_damaged_result_is_made_again(tmp_path: Path, damage: str) -> None:
     """Whatever stands in the file: nothing of it is used."""
@@ -186,6 +212,9 @@ def test_rollouts_are_averaged_within_each_seed_first() -> None:
     left = over_seeds(values, seeds_of(np.arange(6) * 3, 3))
     assert (left["ours"], left["sd"], left["n"]) == (pytest.approx(74.0), None, 1)
     single = over_seeds(values, seeds_of(np.arange(6), 1))
+    values[0] = np.nan
+    assert over_seeds(values, seeds_of(np.arange(6), 3))["n"] == 3
+    assert over_seeds(values)["n"] == 5
     assert (single["ours"], single["n"]) == (pytest.approx(74.0), 6)
 
 

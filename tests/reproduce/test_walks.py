@@ -10,7 +10,7 @@ from mrwarp import paper
 from mrwarp.electrical.power import Use
 from mrwarp.evaluate.traces import CHANNELS, GaitTrace
 from mrwarp.evaluate.walk_trials import WalkResult
-from mrwarp.reproduce import fig8, fig9, store, table6, table7, walking
+from mrwarp.reproduce import electrical, fig8, fig9, store, table6, table7, walking
 from mrwarp.reproduce.experiment import Findings, Job, over_seeds
 from mrwarp.reproduce.settings import Settings
 
@@ -49,18 +49,20 @@ def _square(power: float) -> float:
     return 0.25 * (power - 60.0)
 
 
-def folder(tmp_path: Path, *changed: WalkResult, policies: int = 3) -> Path:
+def folder(tmp_path: Path, *changed: WalkResult, policies: int = 3, sticks: int = 3) -> Path:
     """A folder of walks in which all arrived but for the changed conditions; with a device that sticks all did."""
     results = {(robot, *cell): walked(robot, *cell) for robot in paper.ROBOTS for cell in HOLD}
     sticking = [result for (robot, *_), result in results.items() if robot != "go1"]
+    all_arrived = list(results.values())
     results |= {(r.robot, r.payload, r.command): r for r in changed}
     square = _square(paper.MISSION_POWER["go1"]["standby"])
     standing = Use(torque_square=np.full(12, square), work_out=np.zeros(12), work_in=np.zeros(12), coil=np.zeros(0),
                    friction=np.zeros(0))  # fmt: skip
     store.save(
         tmp_path / walking.DATA,
-        {**{name: [] for name in walking.VARIANTS}, "both": list(results.values()), "sticking": sticking,
-         "standing": {"go1": standing}, "policies": policies},
+        {**dict.fromkeys(walking.VARIANTS, all_arrived), "both": list(results.values()), "sticking": sticking,
+         "standing": dict.fromkeys(("go1", "mr_go", "mr_go_hold"), standing),
+         "policies": dict.fromkeys(walking.VARIANTS, policies) | {"sticking": sticks}},
     )  # fmt: skip
     return tmp_path
 
@@ -125,9 +127,39 @@ def test_one_surviving_policy_is_one_seed(tmp_path: Path) -> None:
     assert over_seeds(left.hold.mean(-1), several.seed_of(left))["sd"] is None
     single = walking.read(folder(tmp_path, left, policies=1))
     assert over_seeds(left.hold.mean(-1), single.seed_of(left))["n"] == 3
-    rows = {row.condition: row for row in made(table7, folder(tmp_path, left)).rows}
+    rows = {row.condition: row for row in made(table7, folder(tmp_path, left, sticks=9)).rows}
     assert rows["0 kg, 0.3 m/s, paper's simulation"].n == 1
     assert rows["0 kg, 0.5 m/s, paper's simulation"].n == 3
+    assert rows["0 kg, 0.5 m/s, paper's hardware, a device that sticks"].n == 9
+
+
+def test_a_reduction_counts_seeds_not_trials(tmp_path: Path) -> None:
+    """A policy that lost two of its three trials weighs as much as the others, in the row and in its COT alike."""
+    left = walked("mr_go_sal", 0.0, 0.3, np.array([0, 1, 2, 4, 5, 7, 8]))
+    left = replace(left, use=replace(left.use, torque_square=left.use.torque_square * (1 + left.trial % 3)[:, None]))
+    rows = {row.condition: row for row in made(table6, folder(tmp_path, left)).rows}
+    after, before = (rows[f"{robot}, 0 kg, 0.3 m/s"].ours for robot in ("MR_Go-SAL", "MR_Go"))
+    reduction = rows["SAL against MR_Go, 0 kg, 0.3 m/s"]
+    assert reduction.ours == pytest.approx(100.0 * (1.0 - after / before))
+    assert reduction.n == 3
+
+
+def test_lost_trials_of_every_walk_are_told(tmp_path: Path) -> None:
+    """Also of those that only a table beside the rows reads."""
+    walks = walking.read(folder(tmp_path))
+    fallen = [walked("mr_go_sal", 3.0, 0.5, TRIALS[1:])]
+    told = walking.all_arrivals(replace(walks, unpaid=fallen, both=fallen), "both", "sticking", "unpaid")
+    note = "Only trials that arrived count. MR_Go-SAL, 3 kg, 0.5 m/s: 1 fell and 0 came too late of 9."
+    assert told == [note, f"Table 2's policies: {note}"]
+
+
+def test_the_table_of_one_gait_names_its_conditions() -> None:
+    """Conditions are joined by what they are, not by their place; one that is missing is said to be."""
+    cells = [{"payload": load, "command": 0.3, "hold_share": share, "cot_reduction": 0.1,
+              "saving_by_part": {"copper_calves": 1.0, "copper_hips_thighs": 1.0}}
+             for load, share in ((0.0, 0.2), (3.0, 0.3))]  # fmt: skip
+    rows = electrical.same_gait(cells, cells[1:]).rows
+    assert [row[1:3] for row in rows] == [["20.0 %", "no robot arrived"], ["30.0 %", "30.0 %"]]
 
 
 def test_a_reduction_has_the_spread_of_both_robots() -> None:
@@ -137,7 +169,7 @@ def test_a_reduction_has_the_spread_of_both_robots() -> None:
     cots = {("mr_go_sal", 0.0, 0.3): {"ours": 8.0, "sd": 0.32, "n": 3},
             ("mr_go", 0.0, 0.3): {"ours": 10.0, "sd": 0.3, "n": 3}}  # fmt: skip
     row = table6._reduction_row("SAL against MR_Go", saved, cots, "")
-    assert (row.ours, row.n) == (20.0, 3)
+    assert (row.ours, row.n) == (pytest.approx(20.0), 3)
     assert row.sd == pytest.approx(100.0 * 0.8 * 0.05)
     assert row.paper and row.paper.sd == pytest.approx(2.0)
     cots["mr_go", 0.0, 0.3] = {"ours": 10.0, "sd": None, "n": 1}

@@ -124,6 +124,12 @@ def test_table3_ranks_models_and_corrects_for_six_pairs(cfg: EvaluationCfg) -> N
     assert all(pair.difference == 0.0 for pair in table.pairs)
 
 
+def test_a_seed_counts_once() -> None:
+    """Two of one training would be two equal values, and p = 0."""
+    with pytest.raises(ValueError, match=r"seeds = \(0, 0\): name each training seed once"):
+        EvaluationCfg(seeds=(0, 0))
+
+
 def test_missing_policy_is_named(cfg: EvaluationCfg) -> None:
     """The file that is not there."""
     with pytest.raises(PolicyError, match=r"conventional_seed7\.onnx: no such policy"):
