@@ -64,9 +64,9 @@ def measured(trace: ImpactTrace) -> dict[str, np.ndarray]:
 
 def lost(found: Iterable[dict[str, np.ndarray]]) -> list[str]:
     """Notes on falling masses that missed, which leave no figure, and on robots that fell."""
-    every = [values for values in found if "fell" in values]
+    every = list(found)
     missed = sum(int(np.isnan(values["min_height"]).sum()) for values in every)
-    fell = np.concatenate([np.ravel(values["fell"]) for values in every]) if every else np.zeros(0)
+    fell = np.concatenate([np.ravel(values["fell"]) for values in every])
     note = [f"{missed} of {fell.size} masses missed the robot and leave no figure."] if missed else []
     return [*note, *readings.fallen(fell, "falling masses")]
 

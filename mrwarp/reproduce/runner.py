@@ -85,8 +85,8 @@ class Runner:
             if (kept := _read(folder / KEPT, key)) is not None:
                 return Outcome(name=name, status="kept", findings=kept[0], seconds=kept[1])
             folder.mkdir(parents=True, exist_ok=True)
-            for name_of_old in (KEPT, "error.txt"):  # what follows may be cut short, and its data are another key's
-                (folder / name_of_old).unlink(missing_ok=True)
+            for stale in (KEPT, "error.txt"):  # what follows may be cut short, and its data are another key's
+                (folder / stale).unlink(missing_ok=True)
             started = time.perf_counter()
             job = Job(
                 settings=self.settings, out=folder, folders={need: self.out / need for need in experiment.needs},
