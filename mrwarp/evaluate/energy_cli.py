@@ -134,12 +134,21 @@ policies."""
 def calibrated(groups: dict[str, Any], fitted: tuple[str, ...] = ()) -> tuple[str, ...]:
     """Groups whose fitted numbers come from Go1's figures, in this run or by default; given ones do not.
 
+    The defaults of heat and battery were fitted with the electrical ones; without these they fit nothing.
+
     Args:
         groups: The groups in use.
         fitted: What this run fitted, as ``group.name``.
     """
     told = described(groups, fitted)
-    return tuple(name for name in groups if all(told[name][number]["calibrated"] for number in CALIBRATED[name]))
+
+    def all_of(name: str, what: str) -> bool:
+        return all(told[name][number][what] for number in CALIBRATED[name])
+
+    return tuple(
+        name for name in groups
+        if all_of(name, "fitted_in_this_run") or (all_of(name, "calibrated") and all_of("electrical", "calibrated"))
+    )  # fmt: skip
 
 
 def described(groups: dict[str, Any], fitted: tuple[str, ...] = ()) -> dict[str, Any]:

@@ -118,15 +118,14 @@ def test_all_powers_of_go1_are_calibrated() -> None:
 
 
 def test_figures_of_given_numbers_are_not_called_calibrated() -> None:
-    """With another winding Go1's powers fixed nothing; its depletion and calves still did."""
+    """With another winding Go1's powers fixed nothing; its depletion and calves only what is fitted with it."""
     groups = {"electrical": ElectricalCfg(winding_resistance=0.2), "thermal": ThermalCfg(), "battery": BatteryCfg()}
-    own = energy_cli.calibrated(groups)
-    assert own == ("thermal", "battery")
-    assert energy_cli.calibrated(groups, ("electrical.winding_resistance",)) == tuple(groups)
-    row = mission_figures.row("go1", run(PHASE_USES, *NUMBERS, feedback=False), calibrated=own)
-    assert not any(cell["calibrated"] for cell in row["power"].values())
+    assert energy_cli.calibrated(groups) == ()
+    assert energy_cli.calibrated(groups, ("battery.capacity",)) == ("battery",)
+    assert energy_cli.calibrated({**groups, "electrical": ElectricalCfg()}) == tuple(groups)
+    row = mission_figures.row("go1", run(PHASE_USES, *NUMBERS, feedback=False), calibrated=("battery",))
+    assert not any(cell["calibrated"] for cell in (*row["power"].values(), *row["rise"].values()))
     assert row["depletion"]["calibrated"]
-    assert [name for name, cell in row["rise"].items() if cell["calibrated"]] == ["calf_walking", "calf_standby"]
 
 
 def test_a_short_mission_from_the_command_line(tmp_path: Path) -> None:
