@@ -131,6 +131,11 @@ CALIBRATED = {"electrical": power.CALIBRATED, "thermal": thermal.CALIBRATED, "ba
 policies."""
 
 
+def fitted_names(*groups: str) -> tuple[str, ...]:
+    """What --calibrate fits in these groups, as ``group.name``."""
+    return tuple(f"{group}.{name}" for group in groups for name in CALIBRATED[group])
+
+
 def calibrated(groups: dict[str, Any], fitted: tuple[str, ...] = ()) -> tuple[str, ...]:
     """Groups whose fitted numbers come from Go1's figures, in this run or by default; given ones do not.
 

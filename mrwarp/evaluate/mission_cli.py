@@ -73,7 +73,7 @@ def main(argv: list[str] | None = None) -> int:
                               "capacity": battery.capacity}  # fmt: skip
             if args.calibrate:
                 groups |= {"thermal": heat, "battery": battery}
-        fitted = _FITTED if args.calibrate else ()
+        fitted = energy_cli.fitted_names("thermal", "battery") if args.calibrate else ()
         own = energy_cli.calibrated(groups, fitted) if of_paper else ()
         traces = {robot: mission.run(found, *groups.values(), feedback=False) for robot, found in phases.items()}
         cold = _rows(traces, own) if args.feedback else None
@@ -107,9 +107,6 @@ def main(argv: list[str] | None = None) -> int:
     print(f"\nfigures and pictures in {out}")
     return 0
 
-
-_FITTED = ("thermal.housing_capacity", "thermal.housing_resistance", "battery.capacity")
-"""What --calibrate fits."""
 
 _OPTIONS = "--speed, --distance, --standby, --outbound-load and --return-load"
 

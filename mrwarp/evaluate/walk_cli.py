@@ -133,15 +133,15 @@ def _figures(args: argparse.Namespace, cfg: Any, results: list[Any], groups: dic
                                 "standby_load": load}  # fmt: skip
         if args.calibrate:
             groups["electrical"] = fit.cfg
-            fitted = ("electrical.electronics", "electrical.winding_resistance")
+            fitted = energy_cli.fitted_names("electrical")
     electrical = groups["electrical"]
     found["numbers"] = energy_cli.described(groups, fitted)
-    own = energy_cli.calibrated(groups, fitted)
-    found["conditions"] = [figures.row(result, electrical, calibrated="electrical" in own) for result in results]
+    own = "electrical" in energy_cli.calibrated(groups, fitted)
+    found["conditions"] = [figures.row(result, electrical, calibrated=own) for result in results]
     if {"mr_go", "mr_go_sal"} <= set(cfg.robots):
         standing = stand.powers(electrical)
         saving = figures.standing_saving(stand.use("go1"), stand.use("mr_go", hold=True), electrical)
-        found["standing"] = {**standing, "saving": saving, "load": load, "calibrated": {"go1": True, "others": False}}
+        found["standing"] = {**standing, "saving": saving, "load": load, "calibrated": {"go1": own, "others": False}}
         found["savings"] = figures.savings(results, electrical, saving)
         found["paper_bounds"] = {
             source: consistency.holding_bounds({k: v[source] for k, v in paper.TABLE_7.items()})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -169,7 +169,7 @@ def sensitivity(results: Sequence[WalkResult], rows: Sequence[calibration.Row], 
     """
 
     def figure(varied: ElectricalCfg) -> dict[str, float]:
-        return {_name(r): r["cot_reduction"] for r in savings(results, varied)}
+        return {name(r): r["cot_reduction"] for r in savings(results, varied)}
 
     found = calibration.sensitivity(rows, figure, cfg)
     nominal = MrParams().coil.coil_resistance
@@ -178,12 +178,13 @@ def sensitivity(results: Sequence[WalkResult], rows: Sequence[calibration.Row], 
         scaled = [
             replace(r, use=replace(r.use, coil=r.use.coil * value / nominal)) if r.use.coil.size else r for r in results
         ]
-        reductions = {_name(r): r["cot_reduction"] for r in savings(scaled, cfg)}
+        reductions = {name(r): r["cot_reduction"] for r in savings(scaled, cfg)}
         found["coil_resistance"].append({"value": value, **reductions})
     return found
 
 
-def _name(condition: dict[str, Any]) -> str:
+def name(condition: Mapping[str, Any]) -> str:
+    """Name of the condition of a :func:`row` or of one of :func:`savings`."""
     return paper.condition_name(condition["payload"], condition["command"])
 
 

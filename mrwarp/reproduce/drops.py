@@ -50,7 +50,7 @@ def measured(trace: ImpactTrace) -> dict[str, np.ndarray]:
     dt = float(trace.t[1] - trace.t[0])
     since = trace.t - trace.contact[..., None]
     during = (since > 0.0) & (since <= MOTOR_WINDOW + 0.5 * dt)
-    met = np.isfinite(trace.contact)
+    met = during.any(axis=2)
     count = np.where(met, during.sum(axis=2), np.nan)
     motor = (np.abs(trace.tau_motor) * during[..., None]).sum(axis=2) / count[..., None]
     acceleration = np.abs(np.diff(trace.velocity, axis=2, prepend=trace.velocity[:, :, :1]) / dt)

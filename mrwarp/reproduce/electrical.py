@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -35,7 +34,7 @@ def compute(job: Job) -> Findings:
     theirs = consistency.check()["cot_reduction"]
     for branches, results in (("both branches", walks.both), ("holding alone", [*others, *walks.holding])):
         found = walk_figures.sensitivity(results, walks.calibration_rows(), fit.cfg)
-        nominal = {_name(s): s["cot_reduction"] for s in walk_figures.savings(results, fit.cfg)}
+        nominal = {walk_figures.name(s): s["cot_reduction"] for s in walk_figures.savings(results, fit.cfg)}
         rows = [["calibrated", "", *(f"{100.0 * value:.1f}" for value in nominal.values())]]
         for name, ends in found.items():
             rows += [
@@ -77,7 +76,7 @@ def budget(savings: list[dict[str, Any]], conditions: list[dict[str, Any]]) -> T
         off, on = (by_key[robot, s["payload"], s["command"]] for robot in ("mr_go", "mr_go_sal"))
         copper, part = off["parts"]["copper_calves"], s["saving_by_part"]
         rows.append([
-            _name(s), f"{copper:.0f}", f"{100.0 * copper / off['power']['mean']:.0f} %",
+            walk_figures.name(s), f"{copper:.0f}", f"{100.0 * copper / off['power']['mean']:.0f} %",
             f"{100.0 * s['paper']['saving'] / copper:.0f} %", f"{100.0 * part['copper_calves'] / copper:.0f} %",
             f"{s['bound']['our_standing']:.0f}", f"{s['bound']['paper_standing']:.0f}", f"{s['paper']['saving']:.0f}",
             f"{100.0 * (on['speed']['mean'] / off['speed']['mean'] - 1.0):+.1f} %",
@@ -92,9 +91,9 @@ def budget(savings: list[dict[str, Any]], conditions: list[dict[str, Any]]) -> T
 
 def same_gait(alone: list[dict[str, Any]], stuck: list[dict[str, Any]]) -> Table:
     """What SAL saves with the holding torque of eq. 19 alone, which leaves MR_Go's gait as it is."""
-    trained = {_name(s): f"{100.0 * s['hold_share']:.1f} %" for s in stuck}
+    trained = {walk_figures.name(s): f"{100.0 * s['hold_share']:.1f} %" for s in stuck}
     rows = [
-        [_name(e), f"{100.0 * e['hold_share']:.1f} %", trained.get(_name(e), "no robot arrived"),
+        [name := walk_figures.name(e), f"{100.0 * e['hold_share']:.1f} %", trained.get(name, "no robot arrived"),
          f"{100.0 * paper.TABLE_7[int(e['payload']), e['command']]['simulation']:.1f} %",
          f"{e['saving_by_part']['copper_calves']:+.1f}", f"{e['saving_by_part']['copper_hips_thighs']:+.1f}",
          f"{100.0 * e['cot_reduction']:.1f} %"]
@@ -110,10 +109,6 @@ def _told(end: tuple[float, str, float, str]) -> str:
     """Which number made a reduction."""
     _, name, value, branches = end
     return f"{name} = {value:.3g}, {branches}"
-
-
-def _name(condition: Mapping[str, Any]) -> str:
-    return paper.condition_name(condition["payload"], condition["command"])
 
 
 EXPERIMENT = Experiment(name="electrical", compute=compute, needs=("walks",))

@@ -151,10 +151,7 @@ class Pushed:
 
     def errors(self) -> list[float]:
         """Relative differences of the six predicted cells."""
-        return [
-            float(self.cells[cell][i].mean()) / paper.TABLE_4["simulation"][amps][cell].mean - 1.0
-            for cell in CELLS for i, amps in enumerate(CURRENT_GROUPS) if amps > 0.0
-        ]  # fmt: skip
+        return predicted_off({cell: values.mean(1) for cell, values in self.cells.items()})
 
     def monotone(self) -> bool:
         """Whether height rises and speed falls with every step of the current."""
@@ -164,6 +161,14 @@ class Pushed:
     def change(self) -> dict[str, float]:
         """Change of both from 0 to 1.5 A, relative."""
         return {cell: float(self.cells[cell][-1].mean() / self.cells[cell][0].mean()) - 1.0 for cell in CELLS}
+
+
+def predicted_off(means: Mapping[str, Sequence[float] | np.ndarray]) -> list[float]:
+    """Relative differences of the six predicted cells from the paper's, from the mean of both columns by current."""
+    return [
+        float(means[cell][i]) / paper.TABLE_4["simulation"][amps][cell].mean - 1.0
+        for cell in CELLS for i, amps in enumerate(CURRENT_GROUPS) if amps > 0.0
+    ]  # fmt: skip
 
 
 def push(reading: Reading, policy: Policy, *, trials: int, seed: int, threads: int = 0) -> Pushed:
@@ -201,8 +206,8 @@ def cells(trace: ImpactTrace) -> dict[str, np.ndarray]:
     return {"min_height": trace.height.min(axis=2), "peak_down_velocity": trace.velocity.min(axis=2)}
 
 
-def fallen(fell: np.ndarray, what: str = "impacts") -> list[str]:
-    """A note on the impacts that brought a robot down, of any shape; none if nothing fell. Their figures count."""
+def fallen(fell: np.ndarray, what: str) -> list[str]:
+    """A note on the impacts that brought a robot down, of any shape, under this name; none if nothing fell."""
     count = int(np.sum(fell))
     return [
         f"{count} of {np.size(fell)} {what} brought the trunk below {FALL_HEIGHT:g} m; their figures count."

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -45,7 +44,7 @@ def compute(job: Job) -> Findings:
                         why=_drop(values, cell))
                 )  # fmt: skip
     _plot(found, dropped, seeds, job)
-    within = [abs(value) <= WANTED for value in _errors(found, place)]
+    within = [abs(value) <= WANTED for value in readings.predicted_off(summary)]
     return Findings(
         rows=rows,
         claims={
@@ -124,25 +123,12 @@ def _level(found: pushes.Pushes) -> str:
     )
 
 
-def _errors(found: pushes.Pushes, place: int) -> list[float]:
-    return _off_by(found.readings[place])
-
-
-def _off_by(means: Mapping[str, Sequence[float]]) -> list[float]:
-    """Relative differences of the six predicted cells, from both columns' means by current."""
-    theirs = paper.TABLE_4["simulation"]
-    return [
-        float(means[cell][i]) / theirs[amps][cell].mean - 1.0
-        for cell in TITLES for i, amps in enumerate(CURRENT_GROUPS) if amps > 0.0
-    ]  # fmt: skip
-
-
 def _upright(found: pushes.Pushes, place: int) -> list[str]:
     """What fell in the adopted reading, and how far off the cells are without; nothing if nothing fell."""
     down = np.any(found.trace["fell"], axis=0)
     if not down.any() or down.all():
         return readings.fallen(found.trace["fell"], "pushes")
-    off = _off_by({cell: found.cells[place][cell][:, ~down].mean(axis=1) for cell in TITLES})
+    off = readings.predicted_off({cell: found.cells[place][cell][:, ~down].mean(axis=1) for cell in TITLES})
     return [
         f"{readings.fallen(found.trace['fell'], 'pushes')[0]} Without the {down.sum()} of {down.size} trials that fell "
         f"at some current, with the same push, {sum(abs(value) <= WANTED for value in off)} of the six predicted cells "

@@ -134,15 +134,16 @@ def _reduction_sticking(saved: dict[str, Any], cots: Cots) -> Row:
 
 def _reduction_row(robots: str, saved: dict[str, Any], cots: Cots, why: str) -> Row:
     """Row of what SAL saves in a condition, with the spread of the ratio of both robots' COT."""
-    after, before = (cots[robot, saved["payload"], saved["command"]] for robot in ("mr_go_sal", "mr_go"))
+    cell = saved["payload"], saved["command"]
+    after, before = (cots[robot, *cell] for robot in ("mr_go_sal", "mr_go"))
     seeds = min(after["n"], before["n"])
     sd = 100.0 * ratio_sd((after["ours"], after["sd"]), (before["ours"], before["sd"])) if seeds > 1 else None
     theirs = saved["paper"]
     return Row(
-        condition=f"{robots}, {paper.condition_name(saved['payload'], saved['command'])}",
+        condition=f"{robots}, {walk_figures.name(saved)}",
         quantity="reduction of COT", unit="%",
         paper=Measured(mean=100.0 * theirs["cot_reduction"], sd=100.0 * theirs["cot_reduction_sd"]),
-        ours=100.0 * (1.0 - after["ours"] / before["ours"]), sd=sd, n=seeds, digits=1, why=why,
+        ours=100.0 * _reduced(cots, cots, cell), sd=sd, n=seeds, digits=1, why=why,
     )  # fmt: skip
 
 
@@ -158,7 +159,7 @@ def _parts(savings: list[dict[str, Any]]) -> Table:
         title="What SAL saves, by part of the battery's power [W]; negative = draws more",
         head=["condition", *_PARTS.values(), "sum", "paper"],
         rows=[
-            [paper.condition_name(s["payload"], s["command"]),
+            [walk_figures.name(s),
              *(f"{s['saving_by_part'][name]:+.1f}" for name in _PARTS),
              f"{s['saving']:+.1f}", f"{s['paper']['saving']:+.1f}"]
             for s in savings

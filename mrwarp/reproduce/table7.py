@@ -28,7 +28,7 @@ def compute(job: Job) -> Findings:
             f"a device that sticks: {name}": holds
             for name, holds in _claims(share_sticking, walking.complete(sticking)).items()
         },
-        notes=[*walking.arrivals(results), *(f"A device that sticks: {note}" for note in walking.arrivals(sticking))],
+        notes=walking.all_arrivals(walks, "both", "sticking", robots=("mr_go_sal",)),
         figures={
             "activation": {paper.condition_name(*cell): value for cell, value in share.items()},
             "activation_sticking": {paper.condition_name(*cell): value for cell, value in share_sticking.items()},

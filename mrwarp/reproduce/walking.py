@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -115,12 +115,13 @@ def arrivals(results: Sequence[WalkResult]) -> list[str]:
     })  # fmt: skip
 
 
-def all_arrivals(walks: Walks, *variants: str) -> list[str]:
-    """The notes of :func:`arrivals` on the walks of some variants, each with its title."""
+def all_arrivals(walks: Walks, *variants: str, robots: Collection[str] = paper.ROBOTS) -> list[str]:
+    """The notes of :func:`arrivals` on some robots' walks of some variants, each with its title."""
     return [
         f"{title}: {note}" if (title := VARIANTS[variant].title) else note
-        for variant in variants for note in arrivals(getattr(walks, variant))
-    ]  # fmt: skip
+        for variant in variants
+        for note in arrivals([result for result in getattr(walks, variant) if result.robot in robots])
+    ]
 
 
 def lost(counts: Mapping[str, tuple[int, int, int]]) -> list[str]:
