@@ -37,6 +37,9 @@ class PPO(algorithms.PPO):
     All passes over a rollout take the same mini-batches, so these are gathered and normalised once; nothing is drawn
     that is not used; gradients are written out (:class:`NetGradient`). On a CPU the critic learns in a second thread.
 
+    Attributes:
+        critic_only: Whether updates leave the actor's weights and noise as they are, until a new critic knows it.
+
     Raises:
         ValueError: a setting or network that is not written out here.
     """
@@ -51,6 +54,7 @@ class PPO(algorithms.PPO):
         distribution = actor.distribution
         if type(distribution) is not GaussianDistribution or distribution.std_type != "scalar":
             raise ValueError(f"PPO with {distribution}: only a GaussianDistribution of std_type 'scalar' is covered")
+        self.critic_only = False
         self._distribution = distribution
         self._std_then = self.std
         self._actor_layers, self._critic_layers = linear_layers(actor), linear_layers(critic)
@@ -147,7 +151,8 @@ class PPO(algorithms.PPO):
             self._critic_gradient(critic, batch, losses)
             if self.is_multi_gpu:
                 self.reduce_parameters()
-            actor.step(self.learning_rate)
+            if not self.critic_only:
+                actor.step(self.learning_rate)
             critic.step(self.learning_rate)
         observations = self.storage.observations.flatten(0, 1)
         self.actor.update_normalization(observations)
@@ -170,7 +175,8 @@ class PPO(algorithms.PPO):
                 kl = self._actor_gradient(actor, batch, losses)
                 self._adapt_learning_rate(kl)
                 rates.put(self.learning_rate)
-                actor.step(self.learning_rate)
+                if not self.critic_only:
+                    actor.step(self.learning_rate)
             self.actor.update_normalization(observations)
         finally:
             rates.put(None)  # should there be no more, the critic must not wait for them

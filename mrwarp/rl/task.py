@@ -9,6 +9,7 @@ from typing import Any
 
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.nn.model_file import MODELS, shipped_model
+from mrwarp.rl.ppo_cfg import LearningCfg
 
 
 def task(cfg: EnvCfg) -> dict[str, Any]:
@@ -36,6 +37,12 @@ def task(cfg: EnvCfg) -> dict[str, Any]:
         "step_dt": cfg.step_dt,
         "gait_frequency": cfg.gait_frequency,
     }
+
+
+def learned(content: dict[str, Any]) -> dict[str, float]:
+    """What a checkpoint or result says of how fast its networks learned; files of earlier versions say nothing."""
+    said = content.get("learning")
+    return {**asdict(LearningCfg()), **(said if isinstance(said, dict) else {})}
 
 
 def _plain(part: Any) -> dict[str, Any] | None:

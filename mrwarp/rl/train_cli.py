@@ -9,10 +9,11 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mrwarp.arguments import Parser, count, not_negative, seed, typed, whole
+from mrwarp.arguments import Parser, count, not_negative, positive, seed, typed, whole
 from mrwarp.choices import ACTUATORS, RANDOMIZATIONS, TERRAINS, BackendKind, Coupling, HoldCurrent, ZStep
 from mrwarp.params import ParameterError
 from mrwarp.quiet import one_voice, quiet_libraries
+from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.shipped import shipped_model
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ def make_parser(prog: str = "mrwarp train") -> argparse.ArgumentParser:
     parser.add_argument("--randomize", choices=RANDOMIZATIONS, default="all", help=f"{differs} (default: all)")
     price = "reward taken per watt of motors and coils (default: 0; the policies in policies/energy pay 0.002)"
     parser.add_argument("--power-price", type=not_negative, default=0.0, metavar="R", help=price)
+    add_learning(parser)
     parser.add_argument("--backend", choices=_values(BackendKind), help="physics engine (default: by device)")
     parser.add_argument("--threads", type=whole, default=0, help="CPU threads of the physics; 0 = all (default)")
     repeat = "make a GPU repeat its bits, at some cost in speed (the CPU repeats them anyway)"
@@ -75,6 +77,15 @@ def make_parser(prog: str = "mrwarp train") -> argparse.ArgumentParser:
     )
     begin.add_argument("--start-from", type=Path, metavar="FILE", help=networks)
     return parser
+
+
+def add_learning(parser: argparse.ArgumentParser) -> None:
+    """Options of :class:`LearningCfg`."""
+    default = LearningCfg()
+    step = f"divergence between the policies of two updates; 0.01 settles a gait (default: {default.desired_kl:g})"
+    parser.add_argument("--desired-kl", type=positive, default=default.desired_kl, metavar="D", help=step)
+    bonus = f"weight of the entropy, which keeps up exploration, in the loss (default: {default.entropy:g})"
+    parser.add_argument("--entropy", type=not_negative, default=default.entropy, metavar="W", help=bonus)
 
 
 def main(argv: list[str] | None = None, prog: str = "mrwarp train") -> int:
@@ -131,6 +142,7 @@ def main(argv: list[str] | None = None, prog: str = "mrwarp train") -> int:
             iterations=args.iterations,
             until_gate=not args.no_gate,
             save_every=args.save_every,
+            learning=LearningCfg(desired_kl=args.desired_kl, entropy=args.entropy),
             command=typed(prog, sys.argv[1:] if argv is None else argv),
         )
         if ranks.main:

@@ -22,10 +22,10 @@ from mrwarp.quiet import one_torch_thread, repeating_torch, silent
 from mrwarp.results import write_result
 from mrwarp.rl import checkpoint, curves, policy
 from mrwarp.rl.breaks import WINDOW, Breaks, TooManyBreaks, not_finite
-from mrwarp.rl.ppo_cfg import make_ppo_cfg
+from mrwarp.rl.ppo_cfg import LearningCfg, make_ppo_cfg
 from mrwarp.rl.ranks import Ranks
-from mrwarp.rl.task import task
-from mrwarp.rl.warm_start import read_networks, take_networks
+from mrwarp.rl.task import learned, task
+from mrwarp.rl.warm_start import critic_learns_alone, read_networks, take_networks
 
 
 class TrainingError(RuntimeError):
@@ -51,6 +51,8 @@ class TrainCfg:
     """Least time between two gate checks [s]."""
     check_below: float = 0.14
     """Gate checks begin when the training's own v_x RMSE falls below this [m/s]."""
+    learning: LearningCfg = field(default_factory=LearningCfg)
+    """How fast the networks learn."""
     command: str = ""
     """Command line, for the record."""
 
@@ -95,7 +97,7 @@ class Trainer:
         self._seed = ranks.seed(cfg.seed)
         torch.manual_seed(self._seed)
         self.env = WalkEnv(replace(cfg.env, seed=self._seed))
-        self.ppo_cfg = make_ppo_cfg(self.env.num_envs * ranks.world)
+        self.ppo_cfg = make_ppo_cfg(self.env.num_envs * ranks.world, learning=cfg.learning)
         self.ppo_cfg["multi_gpu"] = ranks.ppo_setting
         self.obs = self.env.get_observations()
         with silent():
@@ -211,6 +213,7 @@ class Trainer:
                 **self.breaks.state(),
                 "seed": self.cfg.seed,
                 "task": task(self.cfg.env),
+                "learning": asdict(self.cfg.learning),
                 "started_from": self.started_from,
             },
         )
@@ -223,11 +226,12 @@ class Trainer:
 
     def _load(self, content: dict[str, Any], path: Path | None) -> None:
         """Go on from a checkpoint of the same task and seed (which drew the frictions, masses and gains)."""
-        own = {**task(self.cfg.env), "seed": self.cfg.seed}
+        own = {**task(self.cfg.env), **asdict(self.cfg.learning), "seed": self.cfg.seed}
         try:
             if not self.ranks.main:
                 own["device"] = content["task"]["device"]  # that of the first process, which compares it
-            for name, value in {**content["task"], "seed": content["seed"]}.items():
+            learning = learned(content)
+            for name, value in {**content["task"], **learning, "seed": content["seed"]}.items():
                 if own.get(name) != value:
                     raise checkpoint.CheckpointError(
                         f"{path}: trained with {name} = {value!r}, this run has {own.get(name)!r}; resume the same task"
@@ -268,6 +272,7 @@ class Trainer:
                 falls += env.fallen.sum()
             algorithm.compute_returns(self.obs)
         collected = time.perf_counter()
+        algorithm.critic_only = critic_learns_alone(self.started_from, self.iteration)
         if self._usable():
             losses = algorithm.update()
             self._check_networks()
@@ -391,6 +396,7 @@ class Trainer:
             "broken_episodes": self.breaks.count,
             "noticed": asdict(self.env.watch.noticed()),
             "task": task(env_cfg),
+            "learning": asdict(self.cfg.learning),
             "started_from": self.started_from,
             "processes": self.ranks.world,
         }

@@ -15,9 +15,17 @@ from mrwarp.rl.ppo_cfg import STEPS_PER_UPDATE
 NETWORKS = ("actor", "critic")
 """What is taken from a checkpoint, with normalisers and exploration noise; optimiser, environment and draws are new."""
 
+_POLICY = ".onnx"
+
 NOISE = 0.15
 """Exploration to begin with when the file holds none: a policy's. Trained ones have 0.10 to 0.22, new ones 0.6, with
 which a gait falls."""
+
+
+CRITIC_FIRST = 100
+"""Updates in which a new critic learns alone beside a policy's actor. Its values begin at 0 and move by at most
+``clip_param`` an update, so that till then the advantages are wrong: an actor that followed them from the start lost a
+quarter of its reward, or the gait, and took hundreds of updates to find it again (docs/policies.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +37,7 @@ class Networks:
     origin: dict[str, Any]
     """What the file says of its training: ``task``, ``seed`` and ``iteration``."""
     weights: dict[str, dict[str, torch.Tensor]]
-    """Weights by network."""
+    """Weights by network; the new training draws those that are not here."""
     divisor: torch.Tensor | None = None
     """What a policy's normaliser divides by, shape (1, 47); its statistics follow from it. None from a checkpoint."""
 
@@ -45,7 +53,7 @@ def read_networks(path: Path) -> Networks:
         CheckpointError: a checkpoint cannot be read.
         PolicyError: a policy cannot be read, or its metadata lack something.
     """
-    return _of_policy(path) if path.suffix == ".onnx" else _of_checkpoint(path)
+    return _of_policy(path) if path.suffix == _POLICY else _of_checkpoint(path)
 
 
 def take_networks(algorithm: Any, networks: Networks) -> dict[str, Any]:
@@ -70,6 +78,16 @@ def take_networks(algorithm: Any, networks: Networks) -> dict[str, Any]:
     for name, weights in saved.items():
         own[name].load_state_dict(weights, strict=True)
     return {"file": str(networks.path), **networks.origin}
+
+
+def critic_learns_alone(origin: dict[str, Any] | None, iteration: int) -> bool:
+    """Whether after so many updates of a training the actor waits for a critic that is new (see :data:`CRITIC_FIRST`).
+
+    Args:
+        origin: What :func:`take_networks` gave; None if all networks are new, which learn together.
+        iteration: Updates that are done.
+    """
+    return origin is not None and Path(origin["file"]).suffix == _POLICY and iteration < CRITIC_FIRST
 
 
 def _of_checkpoint(path: Path) -> Networks:

@@ -27,6 +27,7 @@ UNITS = {
 def make_parser() -> argparse.ArgumentParser:
     """The options of ``mrwarp study``."""
     from mrwarp.choices import RANDOMIZATIONS, TERRAINS
+    from mrwarp.rl.train_cli import add_learning
     from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, PLANTS, SEEDS, STUDY, TRAINABLE, StudyCfg
 
     default = StudyCfg()
@@ -51,10 +52,14 @@ def make_parser() -> argparse.ArgumentParser:
         part.add_argument("--randomize", choices=RANDOMIZATIONS, default=default.randomize, help=differs)
         price = f"price of a watt for go1, mr_go and mr_go_sal* [1/W] (default: {default.power_price:g})"
         part.add_argument("--power-price", type=not_negative, default=default.power_price, metavar="R", help=price)
+        add_learning(part)
         part.add_argument(
             "--runs", type=Path, default=Path("runs/study"), help="folder of the runs (default: runs/study)"
         )
-    begin = "folder of policies to begin with, e.g. policies/study; each training takes the one of its plant and seed"
+    begin = (
+        "folder of policies or runs to begin with, e.g. policies/study; each training takes the one of its plant and "
+        "seed, of a run also the critic"
+    )
     train.add_argument("--start-from", type=Path, metavar="DIR", help=begin)
     where = "where policies and records go (default: runs/policies)"
     collect.add_argument("--out", type=Path, default=Path("runs/policies"), help=where)
@@ -118,12 +123,13 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _study_cfg(args: argparse.Namespace) -> Any:
+    from mrwarp.rl.ppo_cfg import LearningCfg
     from mrwarp.study.plan import StudyCfg
 
     return StudyCfg(
         num_envs=args.num_envs, iterations=args.iterations, terrain=args.terrain, seeds=tuple(args.seeds),
         plants=tuple(args.plants), randomize=args.randomize, start_from=getattr(args, "start_from", None),
-        power_price=args.power_price,
+        power_price=args.power_price, learning=LearningCfg(desired_kl=args.desired_kl, entropy=args.entropy),
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from mrwarp.choices import Coupling
 from mrwarp.paper import ROBOTS
+from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.shipped import POLICIES
 
 CONVENTIONAL = "conventional"
@@ -90,8 +91,11 @@ class StudyCfg:
     """What differs between the environments, the same for every plant."""
     power_price: float = POWER_PRICE
     """Price of a watt [1/W]; only the robots of tables 6 and 7 pay it."""
+    learning: LearningCfg = field(default_factory=LearningCfg)
+    """How fast the networks learn."""
     start_from: Path | None = None
-    """Folder of policies that the trainings begin with, each with that of its plant and seed; None draws networks."""
+    """Folder of policies or of runs that the trainings begin with, each with that of its plant and seed; None draws
+    networks."""
     seeds: tuple[int, ...] = SEEDS
     """Training seeds."""
     plants: tuple[str, ...] = field(default=PLANTS)
@@ -126,6 +130,12 @@ def name(plant: str, seed: int) -> str:
 def policy_file(folder: Path, plant: str, seed: int) -> Path:
     """The exported policy."""
     return folder / f"{name(plant, seed)}.onnx"
+
+
+def start_file(folder: Path, plant: str, seed: int) -> Path:
+    """What a training begins with: the checkpoint of its run there, which has the critic too, or else its policy."""
+    run = folder / name(plant, seed) / "checkpoint.pt"
+    return run if run.is_file() else policy_file(folder, plant, seed)
 
 
 def record_file(folder: Path, plant: str, seed: int) -> Path:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,10 @@ from mrwarp.folder import FolderError, claim
 from mrwarp.in_one_piece import write_bytes, write_text
 from mrwarp.model_file import read_json_file, shown
 from mrwarp.rl import checkpoint
-from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.rl.task import task
+from mrwarp.rl.task import learned, task
 from mrwarp.rl.trainer import TrainCfg, Trainer
-from mrwarp.study.plan import PAYING, StudyCfg, name, policy_file, record_file
+from mrwarp.rl.warm_start import read_networks
+from mrwarp.study.plan import PAYING, StudyCfg, name, policy_file, record_file, start_file
 from mrwarp.study.plants import plant_cfg
 
 _REMEDY = "remove the folder to train anew"
@@ -50,6 +50,7 @@ class _Run:
     """By itself, with at least the updates asked for: policy and result lie there; else a checkpoint to go on from."""
     iterations: int
     task: dict[str, Any]
+    learning: dict[str, float]
     seed: int
     started_from: dict[str, Any] | None
     remedy: str
@@ -76,7 +77,7 @@ def train(cfg: StudyCfg, out: Path, *, threads: int = 0, report: Callable[[str],
     """
     runs = [(plant, seed, out / name(plant, seed)) for seed in cfg.seeds for plant in cfg.plants]
     for plant, seed, run in runs:  # all of them, before anything is written
-        begin = OnnxPolicy(policy_file(cfg.start_from, plant, seed)) if cfg.start_from else None
+        begin = _origin(start_file(cfg.start_from, plant, seed)) if cfg.start_from else None
         if found := _found(cfg, plant, seed, run):
             _check_start(found, begin, run)
     finished = True
@@ -150,8 +151,8 @@ def _found(cfg: StudyCfg, plant: str, seed: int, run: Path) -> _Run | None:
     found = _read(run, cfg.iterations)
     if found is None:
         return None
-    asked = {**task(_env(cfg, plant)), "seed": seed}
-    own = {**found.task, "seed": found.seed}
+    asked = {**task(_env(cfg, plant)), **asdict(cfg.learning), "seed": seed}
+    own = {**found.task, **found.learning, "seed": found.seed}
     differs = [text for key in own for text in _differences(key, own[key], asked.get(key))]  # as resuming compares
     if found.iterations > cfg.iterations:
         differs.append(f"iterations = {found.iterations} (asked: {cfg.iterations})")
@@ -168,6 +169,7 @@ def _read(run: Path, iterations: int) -> _Run | None:
         if content["iterations"] >= iterations and content.get("stopped") != "interrupted":
             return _Run(
                 ended=True, iterations=content["iterations"], task=content["task"], seed=content["seed"],
+                learning=learned(content),
                 started_from=content.get("started_from"),  # results of earlier versions have none
                 remedy=f"give the choices of '{content['command']}' {other}",
             )  # fmt: skip
@@ -179,6 +181,7 @@ def _read(run: Path, iterations: int) -> _Run | None:
         raise checkpoint.CheckpointError(f"{saved}: no checkpoint of a training ({lacks[0]} is missing); {_REMEDY}")
     return _Run(
         ended=False, iterations=content["iteration"], task=content["task"], seed=content["seed"],
+        learning=learned(content),
         started_from=content.get("started_from"), remedy=f"give the choices that its training began with {other}",
     )  # fmt: skip
 
@@ -191,9 +194,14 @@ def _differences(key: str, own: Any, asked: Any) -> list[str]:
     return [] if own == asked else [f"{key} = {shown(own)} (asked: {shown(asked)})"]
 
 
-def _check_start(found: _Run, begin: OnnxPolicy | None, run: Path) -> None:
+def _origin(path: Path) -> dict[str, Any]:
+    """What a training that begins with a file says of it."""
+    return {"file": str(path), **read_networks(path).origin}
+
+
+def _check_start(found: _Run, asked: dict[str, Any] | None, run: Path) -> None:
     """Raise RunError if a run began with other networks than asked for."""
-    own, asked = found.started_from, begin and {**begin.description, "file": str(begin.path)}
+    own = found.started_from
     if (own and [own.get(key) for key in _ORIGIN]) != (asked and [asked.get(key) for key in _ORIGIN]):
         said = [f"{o['file']} (update {o.get('iteration')})" if o else "networks as drawn" for o in (own, asked)]
         raise RunError(f"{run}: started from {said[0]}, asked for is {said[1]}; {found.remedy}")
@@ -209,7 +217,7 @@ def _env(cfg: StudyCfg, plant: str, threads: int = 0) -> EnvCfg:
 
 def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> Trainer:
     saved = run / "checkpoint.pt"
-    begin = None if saved.is_file() or cfg.start_from is None else policy_file(cfg.start_from, plant, seed)
+    begin = None if saved.is_file() or cfg.start_from is None else start_file(cfg.start_from, plant, seed)
     train_cfg = TrainCfg(
         env=_env(cfg, plant, threads),
         out=run,
@@ -217,9 +225,11 @@ def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> T
         iterations=cfg.iterations,
         until_gate=False,
         check_every=float("inf"),
+        learning=cfg.learning,
         command=f"mrwarp study train --plants {plant} --seeds {seed} --num-envs {cfg.num_envs} --iterations "
         f"{cfg.iterations} --terrain {cfg.terrain} --randomize {cfg.randomize}"
         + (f" --power-price {cfg.power_price:g}" if plant in PAYING else "")
+        + f" --desired-kl {cfg.learning.desired_kl:g} --entropy {cfg.learning.entropy:g}"
         + (f" --start-from {cfg.start_from}" if cfg.start_from else ""),
     )
     return Trainer(train_cfg, resume=saved if saved.is_file() else None, start_from=begin)
@@ -250,6 +260,7 @@ def _record(run: Path, plant: str, seed: int) -> dict[str, Any]:
         "plant": plant,
         "seed": seed,
         **{key: result[key] for key in _COPIED},
+        "learning": learned(result),
         "started_from": result.get("started_from"),  # results of earlier versions have none
         "curve": {key: [row[key] for row in kept] for key in KEPT if kept and key in kept[0]},
     }

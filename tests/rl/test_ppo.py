@@ -161,6 +161,27 @@ def test_a_policy_that_did_not_move_leaves_the_learning_rate() -> None:
     assert ours.learning_rate == 1e-3
 
 
+@pytest.mark.parametrize("side_by_side", [True, False])
+def test_the_critic_learns_alone_when_told(side_by_side: bool) -> None:
+    """Actor, noise and learning rate stay as they are while the critic moves; then the actor does too."""
+    algorithm = construct(PPO)
+    if not side_by_side:
+        algorithm._learn_side_by_side = algorithm._learn_in_turn
+    actor = [parameter.clone() for parameter in algorithm.actor.parameters()]
+    critic = [parameter.clone() for parameter in algorithm.critic.parameters()]
+    algorithm.critic_only = True
+    for k in range(2):
+        collect(algorithm, k)
+        algorithm.update()
+    assert all(map(torch.equal, algorithm.actor.parameters(), actor))
+    assert not any(map(torch.equal, algorithm.critic.parameters(), critic))
+    assert algorithm.learning_rate == 1e-3
+    algorithm.critic_only = False
+    collect(algorithm, 2)
+    algorithm.update()
+    assert not any(map(torch.equal, algorithm.actor.parameters(), actor))
+
+
 def test_a_deviation_outside_its_range_is_left_there() -> None:
     """As by autograd, it has no gradient."""
     ours, theirs = construct(PPO), construct(algorithms.PPO)

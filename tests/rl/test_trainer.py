@@ -16,7 +16,8 @@ from mrwarp.evaluate.walking import GateCheck, WalkingGate
 from mrwarp.rl import checkpoint, curves, trainer
 from mrwarp.rl.checkpoint import CheckpointError
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.rl.task import task
+from mrwarp.rl.ppo_cfg import LearningCfg
+from mrwarp.rl.task import learned, task
 from mrwarp.rl.trainer import TrainCfg, Trainer
 
 ENV = make_walk_cfg(num_envs=8)
@@ -119,7 +120,22 @@ CHANGES: dict[str, tuple[Callable[[TrainCfg], TrainCfg], str]] = {
     "payload": (lambda c: replace(c, env=replace(c.env, payload=3)), "payload = 0.* has 3"),
     "sal": (lambda c: replace(c, env=replace(c.env, actuator=replace(c.env.actuator, sal=False))), "sal = True"),
     "seed": (lambda c: replace(c, seed=4), "seed = 3.* has 4"),
+    "desired_kl": (lambda c: replace(c, learning=LearningCfg(desired_kl=0.01)), "desired_kl = 0.04.* has 0.01"),
+    "entropy": (lambda c: replace(c, learning=LearningCfg(entropy=0.0)), "entropy = 0.003.* has 0.0"),
 }
+
+
+def test_networks_learn_as_fast_as_asked(tmp_path: Path) -> None:
+    """Step and exploration reach the algorithm; checkpoint and result tell them; what makes no sense is refused."""
+    run = Trainer(replace(make_cfg(tmp_path, 1), learning=LearningCfg(desired_kl=0.01, entropy=0.0005)))
+    assert (run.algorithm.desired_kl, run.algorithm.entropy_coef) == (0.01, 0.0005)
+    asked = {"desired_kl": 0.01, "entropy": 0.0005}
+    assert run.run()["learning"] == checkpoint.load(tmp_path / "checkpoint.pt")["learning"] == asked
+    assert learned({"learning": asked}) == asked
+    assert learned({}) == {"desired_kl": 0.04, "entropy": 0.003}  # of earlier versions
+    for wrong in ({"desired_kl": 0.0}, {"desired_kl": math.inf}, {"entropy": -0.1}, {"entropy": math.nan}):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            LearningCfg(**wrong)
 
 
 @pytest.fixture(scope="module")
@@ -169,8 +185,8 @@ def test_run_leaves_checkpoint_policy_curve_and_result(finished: Path) -> None:
     result = json.loads((finished / "result.json").read_text())
     assert set(result) == {
         "schema", "gate", "gate_passed", "stopped", "iterations", "seconds", "environment_steps", "training",
-        "unsolved_steps", "noticed", "broken_episodes", "task", "started_from", "processes", "seed", "versions",
-        "command",
+        "unsolved_steps", "noticed", "broken_episodes", "task", "learning", "started_from", "processes", "seed",
+        "versions", "command",
     }  # fmt: skip
     assert result["stopped"] == "iterations" and result["gate_passed"] is False
     assert (result["iterations"], result["seed"], result["environment_steps"]) == (1, 3, 24 * 8)

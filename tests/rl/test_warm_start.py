@@ -11,11 +11,11 @@ import torch
 
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.evaluate.walking import GateCheck, WalkingGate
-from mrwarp.rl import checkpoint, curves, train_cli, trainer
+from mrwarp.rl import checkpoint, curves, train_cli, trainer, warm_start
 from mrwarp.rl.checkpoint import CheckpointError
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, export_onnx
 from mrwarp.rl.trainer import TrainCfg, Trainer
-from mrwarp.rl.warm_start import NOISE
+from mrwarp.rl.warm_start import CRITIC_FIRST, NOISE, critic_learns_alone
 
 GATE = WalkingGate(num_envs=4, warmup=0.0, seconds=0.1)
 
@@ -112,6 +112,37 @@ def test_a_policy_gives_its_actor_and_the_critic_is_new(flat: Path, tmp_path: Pa
     assert torch.equal(networks(run)["critic"]["mlp.0.weight"], networks(fresh)["critic"]["mlp.0.weight"])
     assert run.started_from is not None and run.started_from["file"] == str(DEFAULT_POLICY)
     assert math.isfinite(run.update()["reward"])
+
+
+def test_a_new_critic_learns_before_the_actor_does(flat: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside a policy's actor the critic is new and learns alone, resumed or not; a checkpoint's learns with it."""
+    monkeypatch.setattr(warm_start, "CRITIC_FIRST", 2)
+    cfg = make_cfg(tmp_path / "out")
+    run = Trainer(cfg, start_from=DEFAULT_POLICY)
+    before = networks(run)
+    run.update()
+    run = Trainer(cfg, resume=run.save())
+    run.update()
+    then = networks(run)
+    run.update()
+    moved = {
+        name: [
+            not torch.equal(nets[name]["mlp.0.weight"], before[name]["mlp.0.weight"]) for nets in (then, networks(run))
+        ]
+        for name in before
+    }
+    assert moved == {"actor": [False, True], "critic": [True, True]}
+    run = Trainer(make_cfg(tmp_path / "rough", terrain="rough"), start_from=flat)
+    before = networks(run)
+    run.update()
+    assert not torch.equal(networks(run)["actor"]["mlp.0.weight"], before["actor"]["mlp.0.weight"])
+
+
+def test_new_networks_learn_together() -> None:
+    """Only a policy's actor waits, and not for longer than the critic needs."""
+    policy, whole = {"file": "a/policy.onnx"}, {"file": "a/checkpoint.pt"}
+    assert critic_learns_alone(policy, CRITIC_FIRST - 1) and not critic_learns_alone(policy, CRITIC_FIRST)
+    assert not critic_learns_alone(whole, 0) and not critic_learns_alone(None, 0)
 
 
 def test_the_command_refuses_a_policy_without_its_record(

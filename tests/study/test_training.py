@@ -19,6 +19,7 @@ from mrwarp.paper import ROBOTS
 from mrwarp.rl import curves as training_curves
 from mrwarp.rl import trainer
 from mrwarp.rl.policy import POLICIES, OnnxPolicy, PolicyError
+from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.robot import PUBLIC_GAINS
 from mrwarp.study import cli, curves, plan
 from mrwarp.study.plan import (
@@ -118,13 +119,29 @@ def test_trainings_begin_with_the_policies_of_a_folder(tmp_path: Path) -> None:
     record = json.loads(record_file(tmp_path / "policies", CONVENTIONAL, 1).read_text())
     assert record["started_from"]["file"] == str(policy_file(STUDY, CONVENTIONAL, 1))
     assert record["started_from"]["seed"] == 1 and record["task"]["terrain"] == "rough"
-    assert record["command"].endswith(f"--terrain rough --randomize ground --start-from {STUDY}")
+    assert record["command"].endswith(f"--randomize ground --desired-kl 0.04 --entropy 0.003 --start-from {STUDY}")
     for other in (None, tmp_path / "policies"):
         with pytest.raises(RunError, match=r"started from .*policies/study/conventional_seed1\.onnx \(update 800\)"):
             train(replace(cfg, start_from=other), tmp_path / "runs", report=lambda line: None)
     with pytest.raises(PolicyError, match="no such policy"):
         train(replace(cfg, start_from=tmp_path), tmp_path / "others", report=lambda line: None)
     assert not (tmp_path / "others").exists()
+
+
+def test_trainings_begin_with_the_runs_of_a_folder(tmp_path: Path) -> None:
+    """Of a run the whole checkpoint is taken, critic and noise too, by more robots that learn in smaller steps."""
+    cfg = replace(CFG, plants=("bouc_wen",), iterations=1)
+    assert train(cfg, tmp_path / "first", report=lambda line: None)
+    settled = replace(
+        cfg, num_envs=6, start_from=tmp_path / "first", learning=LearningCfg(desired_kl=0.01, entropy=0.0)
+    )
+    assert train(settled, tmp_path / "settled", report=lambda line: None)
+    collect(settled, tmp_path / "settled", tmp_path / "policies")
+    record = json.loads(record_file(tmp_path / "policies", "bouc_wen", 0).read_text())
+    origin = tmp_path / "first" / name("bouc_wen", 0) / "checkpoint.pt"
+    assert record["started_from"]["file"] == str(origin) and record["started_from"]["iteration"] == 1
+    assert record["learning"] == {"desired_kl": 0.01, "entropy": 0.0} and record["task"]["num_envs"] == 6
+    assert record["command"].endswith(f"--desired-kl 0.01 --entropy 0 --start-from {tmp_path / 'first'}")
 
 
 def test_training_in_two_goes_gives_the_policy_of_one_and_a_record(tmp_path: Path) -> None:
@@ -140,7 +157,8 @@ def test_training_in_two_goes_gives_the_policy_of_one_and_a_record(tmp_path: Pat
         assert torch.equal(OnnxPolicy(first)(obs), OnnxPolicy(second)(obs))
     record = json.loads(record_file(tmp_path / "once_policies", "bouc_wen", 0).read_text())
     assert record["command"] == (
-        "mrwarp study train --plants bouc_wen --seeds 0 --num-envs 4 --iterations 2 --terrain flat --randomize ground"
+        "mrwarp study train --plants bouc_wen --seeds 0 --num-envs 4 --iterations 2 --terrain flat --randomize ground "
+        "--desired-kl 0.04 --entropy 0.003"
     )
     assert (record["iterations"], record["environment_steps"], record["task"]["terrain"]) == (2, 2 * 24 * 4, "flat")
     assert record["curve"]["iteration"] == [1.0, 2.0] and len(record["curve"]["reward"]) == 2
@@ -169,6 +187,8 @@ def test_runs_of_other_choices_are_neither_finished_nor_collected(
         (["--terrain", "rough"], "terrain = 'flat' (asked: 'rough')"),
         (["--num-envs", "5"], "num_envs = 4 (asked: 5)"),
         (["--iterations", "1"], "iterations = 2 (asked: 1)"),
+        (["--desired-kl", "0.01"], "desired_kl = 0.04 (asked: 0.01)"),
+        (["--entropy", "0"], "entropy = 0.003 (asked: 0.0)"),
     ):
         for part in (["train"], ["collect", "--out", str(out)]):
             capsys.readouterr()
@@ -177,7 +197,7 @@ def test_runs_of_other_choices_are_neither_finished_nor_collected(
             assert (
                 error.count("\n") == 1 and f"{runs / name(CONVENTIONAL, 0)}: trained with " in error and text in error
             )
-            assert "--iterations 2 --terrain flat --randomize ground' or name another --runs to train anew" in error
+            assert "--entropy 0.003' or name another --runs to train anew" in error
     assert sorted(runs.rglob("*")) == before and not out.exists()
     (runs / name(CONVENTIONAL, 0)).rename(runs / name(CONVENTIONAL, 1))
     with pytest.raises(RunError, match=r"seed = 0 \(asked: 1\)"):
