@@ -117,23 +117,24 @@ def measure(env: WalkEnv, policy: Policy, command: torch.Tensor, *, warmup: floa
         seconds: Measured time [s].
 
     Returns:
-        ``never_fell`` share; ``v_x_rmse`` and ``v_x_bias`` by commanded speed and ``v_x_rmse_by_current`` [m/s];
-        ``height`` mean trunk height above the ground [m]; ``stride_frequency`` [Hz]; ``clock_match`` share;
-        ``hold_share`` and ``dynamic_share`` of time with open gates; ``work_mr`` and ``injected`` energy of the
-        devices [J per env]; ``unsolved_steps``.
+        ``reward`` per second by the environment's weights, which is without exploration here; ``never_fell`` share;
+        ``v_x_rmse`` and ``v_x_bias`` by commanded speed and ``v_x_rmse_by_current`` [m/s]; ``height`` mean trunk height
+        above the ground [m]; ``stride_frequency`` [Hz]; ``clock_match`` share; ``hold_share`` and ``dynamic_share`` of
+        time with open gates; ``work_mr`` and ``injected`` energy of the devices [J per env]; ``unsolved_steps``.
     """
     dt = env.cfg.step_dt
     skip, steps = round(warmup / dt), round(seconds / dt)
-    v_x, height, match, contact, hold, dynamic = [], [], [], [], [], []
+    v_x, height, match, contact, hold, dynamic, reward = [], [], [], [], [], [], []
     fell = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
     unsolved = int(env.sim.unsolved.numpy().sum())
     env.set_command(command)
     obs = env.get_observations()
     for step in range(skip + steps):
-        obs, _, _, _ = env.step(policy(obs))
+        obs, rewards, _, _ = env.step(policy(obs))
         env.set_command(command)
         fell |= env.fallen
         if step >= skip:
+            reward.append(rewards.clone())
             v_x.append(env.body_velocity[:, 0].clone())
             height.append(env.height.clone())
             match.append(env.clock_match.float().mean(1))
@@ -148,6 +149,7 @@ def measure(env: WalkEnv, policy: Policy, command: torch.Tensor, *, warmup: floa
     entries = env.view(env.actuator.ledger)
     work_mr = entries[:, :, int(ledger.DYNAMIC) : int(ledger.DRAG) + 1].sum((1, 2))
     return {
+        "reward": float(torch.stack(reward).mean()) / dt,
         "never_fell": float((~fell).float().mean()),
         "v_x_rmse": {name: _rms(error[:, mask]) for name, mask in by_speed.items()},
         "v_x_bias": {name: float(error[:, mask].mean()) for name, mask in by_speed.items()},

@@ -347,8 +347,9 @@ class Trainer:
         writer.add_scalar("gate/v_x_rmse", rmse, self.iteration)
         failed = [name for name, holds in measured["conditions"].items() if not holds]
         print(
-            f"  walking gate: v_x RMSE {rmse:.3f} m/s (<= {gate.rmse}), never fell {measured['never_fell']:.0%}, "
-            f"height {measured['height']:.3f} m, stride {measured['stride_frequency']:.2f} Hz, "
+            f"  walking gate: reward {measured['reward']:.3f}, v_x RMSE {rmse:.3f} m/s (<= {gate.rmse}), "
+            f"never fell {measured['never_fell']:.0%}, height {measured['height']:.3f} m, "
+            f"stride {measured['stride_frequency']:.2f} Hz, "
             f"clock {measured['clock_match']:.0%} -> " + ("passed" if not failed else f"not yet: {', '.join(failed)}"),
             flush=True,
         )

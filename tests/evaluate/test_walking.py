@@ -225,6 +225,20 @@ def test_measure_counts_a_fall_once() -> None:
     assert not bool(env.fallen.any()) and bool((env.root_pos[:, 2] > 0.2).all())  # they stand again
 
 
+def test_measure_tells_the_reward_per_second() -> None:
+    """The mean over the measured steps and robots, without those of the warm-up."""
+    envs = [make_env(make_walk_cfg(num_envs=2), 2, 0) for _ in range(2)]
+    command = torch.tensor([0.3, 0.0, 0.0]).repeat(2, 1)
+    found = measure(envs[0], zero_policy, command, warmup=0.1, seconds=0.2)
+    envs[1].set_command(command)
+    rewards = []
+    for _ in range(15):
+        rewards.append(envs[1].step(torch.zeros(2, 12))[1].clone())
+        envs[1].set_command(command)
+    assert found["reward"] == pytest.approx(float(torch.stack(rewards[5:]).mean()) / 0.02, rel=1e-6)
+    assert found["reward"] != pytest.approx(float(torch.stack(rewards).mean()) / 0.02, rel=1e-3)
+
+
 def test_measure_of_a_robot_without_devices() -> None:
     """``go1`` is measured with closed gates and no work of devices."""
     env = make_env(make_walk_cfg(num_envs=4, robot="go1"), 4, 0)
