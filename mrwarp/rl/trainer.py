@@ -22,6 +22,7 @@ from mrwarp.quiet import one_torch_thread, repeating_torch, silent
 from mrwarp.results import write_result
 from mrwarp.rl import checkpoint, curves, policy
 from mrwarp.rl.breaks import WINDOW, Breaks, TooManyBreaks, not_finite
+from mrwarp.rl.ppo import PPO
 from mrwarp.rl.ppo_cfg import LearningCfg, make_ppo_cfg
 from mrwarp.rl.ranks import Ranks
 from mrwarp.rl.task import learned, task
@@ -102,7 +103,9 @@ class Trainer:
         self.obs = self.env.get_observations()
         with silent():
             self.ppo_cfg["algorithm"]["class_name"] = ranks.ppo
-            self.algorithm = ranks.ppo.construct_algorithm(self.obs, self.env, self.ppo_cfg, str(self.env.device))
+            algorithm = ranks.ppo.construct_algorithm(self.obs, self.env, self.ppo_cfg, str(self.env.device))
+        assert isinstance(algorithm, PPO)  # rsl-rl promises only its own
+        self.algorithm = algorithm
         self.started_from = take_networks(self.algorithm, networks) if networks else None
         if ranks.world > 1:
             self.algorithm.broadcast_parameters()
