@@ -10,6 +10,9 @@ from scipy import optimize, stats
 
 from mrwarp.electrical.power import ElectricalCfg, Use, battery_power
 
+MOTION_LOSS = "motion_loss"
+"""Name of the loss of motion among fitted numbers."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
@@ -20,6 +23,8 @@ class Row:
     """Mean use, shapes (J,) and (0,): a robot without devices."""
     measured: float
     """Battery power [W]."""
+    walks: bool = True
+    """Whether the robot walked; else it stood."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,28 +43,45 @@ class Calibration:
     """Power by row [W]."""
     rmse: float
     """Root of the mean squared mismatch [W]."""
+    motion_loss: float = 0.0
+    """Power drawn whenever the robot walks, beside what the model has [W]; 0 unless it was fitted too."""
+
+    @property
+    def walking(self) -> ElectricalCfg:
+        """The numbers of a robot that walks: the loss of motion counts as electronics."""
+        return replace(self.cfg, electronics=self.cfg.electronics + self.motion_loss)
 
 
 class CalibrationError(ValueError):
     """The rows cannot determine the numbers."""
 
 
-def calibrate(rows: Sequence[Row], cfg: ElectricalCfg | None = None, *, hold: str | None = None) -> Calibration:
+def calibrate(
+    rows: Sequence[Row], cfg: ElectricalCfg | None = None, *, hold: str | None = None, motion: bool = False
+) -> Calibration:
     """Electronics and winding resistance by least squares over the rows, within their ranges; the others stay.
 
-    ``P_i = electronics + R a_i + m_i`` with a_i the copper loss per ohm and m_i the mechanical terms.
+    ``P_i = electronics + R a_i + m_i`` with a_i the copper loss per ohm and m_i the mechanical terms; with ``motion``
+    a loss is added to the rows that walked, which neither torque nor mechanical power explains.
 
     Args:
         rows: Measured powers and what the simulated robot did.
         cfg: The other numbers.
         hold: One of ``power.CALIBRATED`` that keeps its value of ``cfg``; the other alone is fitted.
+        motion: Whether a loss of motion is fitted as a third number, not below 0.
 
     Raises:
-        CalibrationError: fewer than three rows, or rows that all have the same loss where both numbers are fitted.
+        CalibrationError: fewer than one row more than numbers; rows that all have the same loss where both numbers are
+            fitted; rows that all walked, or none, where a loss of motion is.
     """
     cfg = cfg or ElectricalCfg()
-    if len(rows) < 3:
-        raise CalibrationError(f"{len(rows)} rows cannot calibrate two numbers with an interval; need at least 3")
+    if len(rows) < (least := 4 if motion else 3):
+        numbers = "three" if motion else "two"
+        raise CalibrationError(
+            f"{len(rows)} rows cannot calibrate {numbers} numbers with an interval; need at least {least}"
+        )
+    if motion and len({row.walks for row in rows}) < 2:
+        raise CalibrationError("a loss of motion needs rows that walked and rows that stood")
     unit = replace(cfg, electronics=0.0, winding_resistance=1.0)
     parts = [battery_power(row.use, unit) for row in rows]
     per_ohm = np.array([float(p.copper) for p in parts])
@@ -70,17 +92,22 @@ def calibrate(rows: Sequence[Row], cfg: ElectricalCfg | None = None, *, hold: st
     rest = np.array([float(p.total) for p in parts]) - per_ohm
     if hold is not None:
         rest = rest + getattr(cfg, hold) * columns.pop(hold)
-    specs = {spec.name: spec for spec in cfg.specs()}
+    bounds = {spec.name: (spec.low, spec.high) for spec in cfg.specs()}
+    if motion:
+        columns[MOTION_LOSS] = np.array([float(row.walks) for row in rows])
+        bounds[MOTION_LOSS] = (0.0, np.inf)
     matrix = np.column_stack(list(columns.values()))
-    low, high = ([getattr(specs[name], end) for name in columns] for end in ("low", "high"))
+    low, high = zip(*(bounds[name] for name in columns), strict=True)
     fit = optimize.lsq_linear(matrix, measured - rest, bounds=(low, high))
     values = matrix @ fit.x + rest
     free = len(rows) - len(columns)
     variance = float(((measured - values) ** 2).sum()) / free
     error = np.sqrt(np.diag(np.linalg.inv(matrix.T @ matrix)) * variance) * stats.t.ppf(0.975, free)
     names = [row.name for row in rows]
+    found = dict(zip(columns, fit.x.tolist(), strict=True))
     return Calibration(
-        cfg=replace(cfg, **dict(zip(columns, fit.x.tolist(), strict=True))),
+        motion_loss=found.pop(MOTION_LOSS, 0.0),
+        cfg=replace(cfg, **found),
         half_width=dict(zip(columns, error.tolist(), strict=True)),
         at_bound=tuple(name for name, side in zip(columns, fit.active_mask, strict=True) if side),
         fitted=dict(zip(names, values.tolist(), strict=True)),

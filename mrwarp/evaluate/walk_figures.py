@@ -100,7 +100,12 @@ def calibration_rows(results: Sequence[WalkResult], standing: Use) -> list[calib
         if result.robot == "go1" and len(result.speed)
         and (key := (result.robot, result.payload, result.command)) in paper.TABLE_6
     ]  # fmt: skip
-    return [*rows, calibration.Row(name=STANDBY, use=standing, measured=paper.MISSION_POWER["go1"]["standby"])]
+    return [*rows, _standby(standing)]
+
+
+def _standby(use: Use) -> calibration.Row:
+    measured = paper.MISSION_POWER["go1"]["standby"]
+    return calibration.Row(name=STANDBY, use=use, measured=measured, walks=False)
 
 
 def standing_saving(motors: Use, devices: Use, cfg: ElectricalCfg) -> float:

@@ -71,6 +71,34 @@ def test_a_held_number_stays_and_the_other_makes_the_best_of_it() -> None:
     assert misfit(best) < min(misfit(0.99 * best), misfit(1.01 * best))
 
 
+def test_a_loss_of_motion_is_found_in_the_rows_that_hide_it() -> None:
+    """40 W more in the rows that walked: the two numbers take it for copper, the third tells it, and how well."""
+    standing = Use(
+        torque_square=np.full(12, 6.0), work_out=np.zeros(12), work_in=np.zeros(12), coil=np.zeros(0),
+        friction=np.zeros(0),
+    )  # fmt: skip
+    made = [replace(row, measured=row.measured + 40.0) for row in rows(noise=0.5)]
+    made.append(Row(name="standing", use=standing, measured=float(battery_power(standing, TRUTH).total), walks=False))
+    two, three = calibrate(made), calibrate(made, motion=True)
+    assert two.motion_loss == 0.0 and two.walking == two.cfg and two.rmse > 5.0 * three.rmse
+    assert abs(three.motion_loss - 40.0) <= three.half_width["motion_loss"] < 10.0
+    assert three.cfg.winding_resistance == pytest.approx(TRUTH.winding_resistance, rel=0.05)
+    assert abs(two.cfg.winding_resistance / TRUTH.winding_resistance - 1.0) > 0.2
+    assert three.walking.electronics == three.cfg.electronics + three.motion_loss
+    none = calibrate([replace(row, measured=row.measured - 90.0 * row.walks) for row in made], motion=True)
+    assert none.motion_loss == pytest.approx(0.0, abs=1e-6) and "motion_loss" in none.at_bound
+
+
+def test_a_loss_of_motion_needs_rows_that_can_tell() -> None:
+    """Three rows for three numbers, or none that stood."""
+    with pytest.raises(
+        CalibrationError, match="3 rows cannot calibrate three numbers with an interval; need at least 4"
+    ):
+        calibrate(rows(count=3), motion=True)
+    with pytest.raises(CalibrationError, match="rows that walked and rows that stood"):
+        calibrate(rows(), motion=True)
+
+
 def test_rows_that_cannot_tell_are_refused() -> None:
     """Too few, or all with the same loss."""
     with pytest.raises(CalibrationError, match="at least 3"):

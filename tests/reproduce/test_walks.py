@@ -153,6 +153,31 @@ def test_lost_trials_of_every_walk_are_told(tmp_path: Path) -> None:
     assert told == [note, f"Table 2's policies: {note}"]
 
 
+def test_a_loss_of_motion_that_is_hidden_in_go1s_rows_is_told(tmp_path: Path) -> None:
+    """Walks whose motors explain 30 W less than was measured, and standing that they explain: 30 W, and less saved."""
+    lighter = []
+    for result in (walked(robot, *cell) for robot in paper.ROBOTS for cell in HOLD):
+        power = paper.TABLE_6["go1", int(result.payload), result.command].power
+        square = result.use.torque_square * (1.0 - 7.5 / _square(power))
+        lighter.append(replace(result, use=replace(result.use, torque_square=square)))
+    found = made(electrical, folder(tmp_path, *lighter))
+    (table,) = (table for table in found.tables if "loss of motion" in table.title)
+    cells = {row[0]: row[1:] for row in table.rows}
+    assert cells["loss while walking [W]"][:2] == ["none", "30.0 ± 0.0"]
+    assert cells["Go1 standby"][1:] == ["92", "92"] and cells["their mismatch (RMS) [W]"][1] == "0.0"
+    two, three = (float(value) for value in cells["reduction of COT, 0 kg, 0.3 m/s [%]"][:2])
+    assert three < two
+    assert any("is 30 ± 0 W (95 %)" in note for note in found.notes)
+
+
+def test_a_loss_of_motion_needs_enough_of_go1s_walks(tmp_path: Path) -> None:
+    """With two walks and standing there is no table, and a note says why; the rest of the entry is made."""
+    gone = [walked("go1", 3.0, command, TRIALS[:0], late=9) for command in (0.3, 0.5)]
+    found = made(electrical, folder(tmp_path, *gone))
+    assert not any("loss of motion" in table.title for table in found.tables) and found.tables
+    assert any(note.startswith("A loss of motion: 3 rows cannot calibrate three numbers") for note in found.notes)
+
+
 def test_the_table_of_one_gait_names_its_conditions() -> None:
     """Conditions are joined by what they are, not by their place; one that is missing is said to be."""
     cells = [{"payload": load, "command": 0.3, "hold_share": share, "cot_reduction": 0.1,
