@@ -149,7 +149,7 @@ def _reduction_row(robots: str, saved: dict[str, Any], cots: Cots, why: str) -> 
 
 _PARTS = {
     "copper_calves": "calves", "copper_hips_thighs": "hips and thighs", "electronics": "electronics",
-    "mechanical": "mechanical power", "regenerated": "regenerated power", "coil": "coils",
+    "friction": "drive friction", "mechanical": "mechanical power", "regenerated": "regenerated power", "coil": "coils",
     "controllers": "current controllers",
 }  # fmt: skip
 
