@@ -39,6 +39,16 @@ class Calibration:
     rmse: float
     """Root of the mean squared mismatch [W]."""
 
+    def __str__(self) -> str:
+        """The fitted numbers with their intervals, in words."""
+        digits = {"electronics": 1, "winding_resistance": 3, "drive_friction": 2}
+        units = {spec.name: spec.unit for spec in self.cfg.specs()}
+        texts = [
+            f"{name.replace('_', ' ')} {getattr(self.cfg, name):.{digits[name]}f} ± {half:.{digits[name]}f} {units[name]}"
+            for name, half in self.half_width.items()
+        ]
+        return ", ".join(texts)
+
 
 class CalibrationError(ValueError):
     """The rows cannot determine the numbers."""
@@ -53,13 +63,15 @@ def calibrate(rows: Sequence[Row], cfg: ElectricalCfg | None = None, *, hold: Se
     Args:
         rows: Measured powers and what the simulated robot did.
         cfg: The other numbers.
-        hold: Those of ``power.CALIBRATED`` that keep their values of ``cfg``; the others are fitted.
+        hold: Those of ``power.CALIBRATED`` that keep their values of ``cfg``; the others are fitted, friction if any
+            joint turned.
 
     Raises:
         CalibrationError: fewer than one row more than numbers, or rows that cannot tell them apart.
     """
     cfg = cfg or ElectricalCfg()
-    fitted = [name for name in CALIBRATED if name not in hold]
+    turned = any(row.use.speed.any() for row in rows)
+    fitted = [name for name in CALIBRATED if name not in hold and (turned or name != "drive_friction")]
     if len(rows) <= len(fitted):
         numbers = " and ".join(fitted)
         raise CalibrationError(
@@ -112,9 +124,9 @@ def sensitivity(
 ) -> dict[str, list[dict[str, float]]]:
     """Predicted figures with each number at the ends of its range, calibrated anew each time.
 
-    An assumed number stands at the ends of :data:`VARIED` and both calibrated ones are fitted; a calibrated number
-    stands at the ends of its 95 % interval, cut to its range, and the other one is fitted: together they still have
-    to give the measured rows, which one of them alone at an end would miss.
+    An assumed number stands at the ends of :data:`VARIED` and the calibrated ones are fitted; a calibrated number
+    stands at the ends of its 95 % interval, cut to its range, and the others are fitted: together they still have to
+    give the measured rows, which one of them alone at an end would miss.
 
     Args:
         rows: The rows to calibrate on.
