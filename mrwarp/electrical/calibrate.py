@@ -43,10 +43,10 @@ class Calibration:
         """The fitted numbers with their intervals, in words."""
         digits = {"electronics": 1, "winding_resistance": 3, "drive_friction": 2}
         units = {spec.name: spec.unit for spec in self.cfg.specs()}
-        texts = [
-            f"{name.replace('_', ' ')} {getattr(self.cfg, name):.{digits[name]}f} ± {half:.{digits[name]}f} {units[name]}"
-            for name, half in self.half_width.items()
-        ]
+        texts = []
+        for name, half in self.half_width.items():
+            value, d = getattr(self.cfg, name), digits[name]
+            texts.append(f"{name.replace('_', ' ')} {value:.{d}f} ± {half:.{d}f} {units[name]}")
         return ", ".join(texts)
 
 

@@ -34,17 +34,17 @@ class ElectricalCfg(ParamGroup):
     """Numbers of the electrical model. Only ``winding_resistance/torque_constant**2`` acts, not the two apart."""
 
     electronics: float = param(
-        25.0, "W", 0.0, 200.0, "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`",
+        27.1, "W", 0.0, 200.0, "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`",
         "Computers, sensors and drives while the motors give no torque.",
     )  # fmt: skip
     winding_resistance: float = param(
-        0.384, "Ohm", 0.0, 2.0,
+        0.298, "Ohm", 0.0, 2.0,
         "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`; a public motor of this size "
         "(Mini Cheetah's code) has 0.105 to 0.13: trained gaits load the motors less than the real robot's seems to",
         "Phase resistance of a motor with its drive, as if all that grows with torque squared were copper loss.",
     )  # fmt: skip
     drive_friction: float = param(
-        0.0, "N·m", 0.0, 10.0,
+        2.89, "N·m", 0.0, 10.0,
         "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`; friction of its gears alone is "
         "usually put at 0.2 to 1",
         "Torque tau_f at the joint that motor and gear lose by turning: friction, iron, and whatever else of the drive "
