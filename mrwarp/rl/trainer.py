@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch.utils.tensorboard import SummaryWriter
@@ -104,8 +104,7 @@ class Trainer:
         with silent():
             self.ppo_cfg["algorithm"]["class_name"] = ranks.ppo
             algorithm = ranks.ppo.construct_algorithm(self.obs, self.env, self.ppo_cfg, str(self.env.device))
-        assert isinstance(algorithm, PPO)  # rsl-rl promises only its own
-        self.algorithm = algorithm
+        self.algorithm = cast(PPO, algorithm)  # rsl-rl promises only its own
         self.started_from = take_networks(self.algorithm, networks) if networks else None
         if ranks.world > 1:
             self.algorithm.broadcast_parameters()

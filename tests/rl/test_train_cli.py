@@ -130,8 +130,8 @@ def test_short_training_from_end_to_end(tmp_path: Path) -> None:
     result = json.loads((out / "result.json").read_text())
     assert set(result) == {
         "schema", "gate", "gate_passed", "stopped", "iterations", "seconds", "environment_steps", "training",
-        "unsolved_steps", "broken_episodes", "noticed", "task", "started_from", "processes", "seed", "versions",
-        "command",
+        "unsolved_steps", "broken_episodes", "noticed", "task", "learning", "started_from", "processes", "seed",
+        "versions", "command",
     }  # fmt: skip
     assert (result["iterations"], result["stopped"], result["gate_passed"]) == (2, "iterations", False)
     assert result["gate"]["num_envs"] == 64 and result["gate"]["duration"] == 20.0

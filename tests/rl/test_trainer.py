@@ -211,8 +211,8 @@ def test_exported_policy_is_the_trained_actor(tmp_path: Path) -> None:
 def verdict(passed: bool) -> dict[str, Any]:
     """What a gate check reports, as far as the trainer reads it."""
     return {
-        "v_x_rmse": {"0.3": 0.1, "0.5": 0.1}, "never_fell": 1.0, "height": 0.32, "stride_frequency": 1.5,
-        "clock_match": 0.9, "conditions": {"rmse": passed}, "passed": passed,
+        "reward": 0.0, "v_x_rmse": {"0.3": 0.1, "0.5": 0.1}, "never_fell": 1.0, "height": 0.32,
+        "stride_frequency": 1.5, "clock_match": 0.9, "conditions": {"rmse": passed}, "passed": passed,
     }  # fmt: skip
 
 

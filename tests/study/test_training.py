@@ -92,7 +92,7 @@ def test_robots_that_pay_name_their_price(tmp_path: Path, capsys: pytest.Capture
     assert "trained with rewards.power = -0.02 (asked: -0.002)" in capsys.readouterr().err
     assert cli.main(["collect", *options, *out, "--power-price", "0.02"]) == 0
     record = json.loads(record_file(tmp_path / "policies", "go1", 0).read_text())
-    assert record["command"].endswith("--randomize ground --power-price 0.02")
+    assert record["command"].endswith("--randomize ground --power-price 0.02 --desired-kl 0.04 --entropy 0.003")
     assert record["task"]["rewards"]["power"] == -0.02
     with pytest.raises(ValueError, match="power_price = nan 1/W must be finite and not negative"):
         StudyCfg(power_price=float("nan"))
