@@ -27,7 +27,7 @@ class BatteryCfg(ParamGroup):
     """Numbers of the battery."""
 
     capacity: float = param(
-        112.9, "W·h", 1.0, 1e4,
+        105.3, "W·h", 1.0, 1e4,
         "calibrated on Go1's depletion of section 6.5, `mrwarp mission --calibrate`; name plate 21.6 V x 6 Ah = "
         f"{NAME_PLATE:g} W·h, as usually quoted for Go1",
         "Energy between full and empty on the gauge.",

@@ -8,10 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize, stats
 
-from mrwarp.electrical.power import ElectricalCfg, Use, battery_power
-
-MOTION_LOSS = "motion_loss"
-"""Name of the loss of motion among fitted numbers."""
+from mrwarp.electrical.power import CALIBRATED, ElectricalCfg, Use, battery_power
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,8 +20,6 @@ class Row:
     """Mean use, shapes (J,) and (0,): a robot without devices."""
     measured: float
     """Battery power [W]."""
-    walks: bool = True
-    """Whether the robot walked; else it stood."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,77 +38,74 @@ class Calibration:
     """Power by row [W]."""
     rmse: float
     """Root of the mean squared mismatch [W]."""
-    motion_loss: float = 0.0
-    """Power drawn whenever the robot walks, beside what the model has [W]; 0 unless it was fitted too."""
 
-    @property
-    def walking(self) -> ElectricalCfg:
-        """The numbers of a robot that walks: the loss of motion counts as electronics."""
-        return replace(self.cfg, electronics=self.cfg.electronics + self.motion_loss)
+    def __str__(self) -> str:
+        """The fitted numbers with their intervals, in words."""
+        digits = {"electronics": 1, "winding_resistance": 3, "drive_friction": 2}
+        units = {spec.name: spec.unit for spec in self.cfg.specs()}
+        texts = []
+        for name, half in self.half_width.items():
+            value, d = getattr(self.cfg, name), digits[name]
+            texts.append(f"{name.replace('_', ' ')} {value:.{d}f} ± {half:.{d}f} {units[name]}")
+        return ", ".join(texts)
 
 
 class CalibrationError(ValueError):
     """The rows cannot determine the numbers."""
 
 
-def calibrate(
-    rows: Sequence[Row], cfg: ElectricalCfg | None = None, *, hold: str | None = None, motion: bool = False
-) -> Calibration:
-    """Electronics and winding resistance by least squares over the rows, within their ranges; the others stay.
+def calibrate(rows: Sequence[Row], cfg: ElectricalCfg | None = None, *, hold: Sequence[str] = ()) -> Calibration:
+    """Electronics, winding resistance and drive friction by least squares over the rows, within their ranges.
 
-    ``P_i = electronics + R a_i + m_i`` with a_i the copper loss per ohm and m_i the mechanical terms; with ``motion``
-    a loss is added to the rows that walked, which neither torque nor mechanical power explains.
+    ``P_i = electronics + R a_i + tau_f b_i + m_i`` with a_i the copper loss per ohm, b_i the speed of all joints and
+    m_i the mechanical terms.
 
     Args:
         rows: Measured powers and what the simulated robot did.
         cfg: The other numbers.
-        hold: One of ``power.CALIBRATED`` that keeps its value of ``cfg``; the other alone is fitted.
-        motion: Whether a loss of motion is fitted as a third number, not below 0.
+        hold: Those of ``power.CALIBRATED`` that keep their values of ``cfg``; the others are fitted, friction if any
+            joint turned.
 
     Raises:
-        CalibrationError: fewer than one row more than numbers; rows that all have the same loss where both numbers are
-            fitted; rows that all walked, or none, where a loss of motion is.
+        CalibrationError: fewer than one row more than numbers, or rows that cannot tell them apart.
     """
     cfg = cfg or ElectricalCfg()
-    if len(rows) < (least := 4 if motion else 3):
-        numbers = "three" if motion else "two"
+    turned = any(row.use.speed.any() for row in rows)
+    fitted = [name for name in CALIBRATED if name not in hold and (turned or name != "drive_friction")]
+    if len(rows) <= len(fitted):
+        numbers = " and ".join(fitted)
         raise CalibrationError(
-            f"{len(rows)} rows cannot calibrate {numbers} numbers with an interval; need at least {least}"
+            f"{len(rows)} rows cannot calibrate {numbers} with an interval; need at least {len(fitted) + 1}"
         )
-    if motion and len({row.walks for row in rows}) < 2:
-        raise CalibrationError("a loss of motion needs rows that walked and rows that stood")
-    unit = replace(cfg, electronics=0.0, winding_resistance=1.0)
-    parts = [battery_power(row.use, unit) for row in rows]
-    per_ohm = np.array([float(p.copper) for p in parts])
-    if hold is None and np.ptp(per_ohm) <= 1e-9 * max(per_ohm.max(), 1.0):
-        raise CalibrationError("all rows have the same copper loss: electronics and resistance cannot be told apart")
+    bare = replace(cfg, **dict.fromkeys(fitted, 0.0))
+    rest = _powers(rows, bare)
+    matrix = np.column_stack([_powers(rows, replace(bare, **{name: 1.0})) - rest for name in fitted])
+    scaled = matrix / np.maximum(np.abs(matrix).max(axis=0), 1e-12)
+    if np.linalg.matrix_rank(scaled, tol=1e-9) < len(fitted):
+        raise CalibrationError(
+            f"the rows cannot tell {' and '.join(fitted)} apart; give rows of other loads and motions"
+        )
     measured = np.array([row.measured for row in rows])
-    columns = {"electronics": np.ones(len(rows)), "winding_resistance": per_ohm}
-    rest = np.array([float(p.total) for p in parts]) - per_ohm
-    if hold is not None:
-        rest = rest + getattr(cfg, hold) * columns.pop(hold)
-    bounds = {spec.name: (spec.low, spec.high) for spec in cfg.specs()}
-    if motion:
-        columns[MOTION_LOSS] = np.array([float(row.walks) for row in rows])
-        bounds[MOTION_LOSS] = (0.0, np.inf)
-    matrix = np.column_stack(list(columns.values()))
-    low, high = zip(*(bounds[name] for name in columns), strict=True)
+    specs = {spec.name: spec for spec in cfg.specs()}
+    low, high = ([getattr(specs[name], end) for name in fitted] for end in ("low", "high"))
     fit = optimize.lsq_linear(matrix, measured - rest, bounds=(low, high))
     values = matrix @ fit.x + rest
-    free = len(rows) - len(columns)
+    free = len(rows) - len(fitted)
     variance = float(((measured - values) ** 2).sum()) / free
     error = np.sqrt(np.diag(np.linalg.inv(matrix.T @ matrix)) * variance) * stats.t.ppf(0.975, free)
     names = [row.name for row in rows]
-    found = dict(zip(columns, fit.x.tolist(), strict=True))
     return Calibration(
-        motion_loss=found.pop(MOTION_LOSS, 0.0),
-        cfg=replace(cfg, **found),
-        half_width=dict(zip(columns, error.tolist(), strict=True)),
-        at_bound=tuple(name for name, side in zip(columns, fit.active_mask, strict=True) if side),
+        cfg=replace(cfg, **dict(zip(fitted, fit.x.tolist(), strict=True))),
+        half_width=dict(zip(fitted, error.tolist(), strict=True)),
+        at_bound=tuple(name for name, side in zip(fitted, fit.active_mask, strict=True) if side),
         fitted=dict(zip(names, values.tolist(), strict=True)),
         measured=dict(zip(names, measured.tolist(), strict=True)),
         rmse=float(np.sqrt(((measured - values) ** 2).mean())),
     )
+
+
+def _powers(rows: Sequence[Row], cfg: ElectricalCfg) -> np.ndarray:
+    return np.array([float(battery_power(row.use, cfg).total) for row in rows])
 
 
 VARIED = {
@@ -132,9 +124,9 @@ def sensitivity(
 ) -> dict[str, list[dict[str, float]]]:
     """Predicted figures with each number at the ends of its range, calibrated anew each time.
 
-    An assumed number stands at the ends of :data:`VARIED` and both calibrated ones are fitted; a calibrated number
-    stands at the ends of its 95 % interval, cut to its range, and the other one is fitted: together they still have
-    to give the measured rows, which one of them alone at an end would miss.
+    An assumed number stands at the ends of :data:`VARIED` and the calibrated ones are fitted; a calibrated number
+    stands at the ends of its 95 % interval, cut to its range, and the others are fitted: together they still have to
+    give the measured rows, which one of them alone at an end would miss.
 
     Args:
         rows: The rows to calibrate on.
@@ -150,7 +142,7 @@ def sensitivity(
     for name, half in fit.half_width.items():
         nominal = getattr(fit.cfg, name)
         ends = max(nominal - half, specs[name].low), min(nominal + half, specs[name].high)
-        fits = [calibrate(rows, replace(cfg, **{name: value}), hold=name) for value in ends]
+        fits = [calibrate(rows, replace(cfg, **{name: value}), hold=(name,)) for value in ends]
         found[name] = [_end(value, held, figure) for value, held in zip(ends, fits, strict=True)]
     return found
 

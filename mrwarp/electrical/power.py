@@ -1,12 +1,14 @@
-"""Battery-side power: electronics + copper loss + mechanical power + coils + current controllers.
+"""Battery-side power: electronics + copper loss + drive friction + mechanical power + coils + current controllers.
 
 Per joint, with the motor's torque ``tau`` and mechanical power ``tau*qd`` at the joint:
 
     copper       = 3/2 R (tau/(g Kt))^2           three-phase winding, peak phase current, g = extra gear of the calf
+    friction     = tau_f <|qd|>                   what motor and gear lose by turning, whatever they carry
     mechanical   = <(tau*qd)+>/eta                what the motor drives, through a gear of efficiency eta
     regenerated  = rho*eta*<(tau*qd)->            what the joint gives back; rho = share that reaches the supply
 
-and over the robot ``P = electronics + sum(copper + mechanical - regenerated) + coil/eta_coil + idle controllers``.
+and over the robot ``P = electronics + sum(copper + friction + mechanical - regenerated) + coil/eta_coil + idle
+controllers``.
 
 Validity: means over many strides. What one joint gives back feeds the others, so the battery itself is not charged
 as long as the sum stays positive.
@@ -23,7 +25,7 @@ from mrwarp.params import ParamGroup, param
 CALF_COLUMNS = (2, 5, 8, 11)
 """Columns of the calves on the joint axis, see :data:`mrwarp.robot.JOINTS`."""
 
-CALIBRATED = ("electronics", "winding_resistance")
+CALIBRATED = ("electronics", "winding_resistance", "drive_friction")
 """Fields of :class:`ElectricalCfg` that are fitted to measured rows of the Go1; the others are assumed."""
 
 
@@ -32,14 +34,21 @@ class ElectricalCfg(ParamGroup):
     """Numbers of the electrical model. Only ``winding_resistance/torque_constant**2`` acts, not the two apart."""
 
     electronics: float = param(
-        25.0, "W", 0.0, 200.0, "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`",
+        27.1, "W", 0.0, 200.0, "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`",
         "Computers, sensors and drives while the motors give no torque.",
     )  # fmt: skip
     winding_resistance: float = param(
-        0.384, "Ohm", 0.0, 2.0,
+        0.298, "Ohm", 0.0, 2.0,
         "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`; a public motor of this size "
         "(Mini Cheetah's code) has 0.105 to 0.13: trained gaits load the motors less than the real robot's seems to",
         "Phase resistance of a motor with its drive, as if all that grows with torque squared were copper loss.",
+    )  # fmt: skip
+    drive_friction: float = param(
+        2.89, "N·m", 0.0, 10.0,
+        "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`; friction of its gears alone is "
+        "usually put at 0.2 to 1",
+        "Torque tau_f at the joint that motor and gear lose by turning: friction, iron, and whatever else of the drive "
+        "grows with motion and not with load.",
     )  # fmt: skip
     torque_constant: float = param(
         0.639, "N·m/A", 0.45, 0.75,
@@ -75,6 +84,8 @@ class Use:
 
     torque_square: np.ndarray
     """Motor torque squared [(N·m)^2], shape (..., J)."""
+    speed: np.ndarray
+    """Mean of the joint speed's magnitude [rad/s], shape (..., J)."""
     work_out: np.ndarray
     """Positive part of the motors' mechanical power [W], shape (..., J)."""
     work_in: np.ndarray
@@ -99,6 +110,8 @@ class Power:
 
     electronics: np.ndarray
     copper: np.ndarray
+    friction: np.ndarray
+    """Of motors and gears."""
     mechanical: np.ndarray
     regenerated: np.ndarray
     """Negative: what comes back."""
@@ -135,6 +148,16 @@ def copper(use: Use, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> np.n
     return copper_factor(cfg, rise) * use.torque_square
 
 
+def friction(use: Use, cfg: ElectricalCfg) -> np.ndarray:
+    """What motor and gear of every joint lose by turning [W], shape (..., 12)."""
+    return cfg.drive_friction * use.speed
+
+
+def motor_heat(use: Use, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> np.ndarray:
+    """Heat in every motor with its gear, of copper and friction [W], shape (..., 12)."""
+    return copper(use, cfg, rise) + friction(use, cfg)
+
+
 def battery_power(use: Use, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> Power:
     """Mean power at the battery and its parts, see the module's equations.
 
@@ -148,6 +171,7 @@ def battery_power(use: Use, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) 
     return Power(
         electronics=np.full(lead, cfg.electronics),
         copper=copper(use, cfg, rise).sum(-1),
+        friction=friction(use, cfg).sum(-1),
         mechanical=use.work_out.sum(-1) / cfg.gear_efficiency,
         regenerated=-cfg.regeneration * cfg.gear_efficiency * use.work_in.sum(-1),
         coil=use.coil.sum(-1) / cfg.coil_efficiency,

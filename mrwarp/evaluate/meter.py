@@ -44,7 +44,7 @@ class JointMeter:
         shape, double = (env.num_envs, env.num_actions), torch.float64
         self.on = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
         self._sums = {
-            name: torch.zeros(*shape, dtype=double, device=env.device) for name in ("square", "out", "in")
+            name: torch.zeros(*shape, dtype=double, device=env.device) for name in ("square", "speed", "out", "in")
         }  # fmt: skip
         self._sums |= {
             name: torch.zeros(env.num_envs, len(self._mr), dtype=double, device=env.device)
@@ -61,6 +61,7 @@ class JointMeter:
         power = self._tau * self._qd
         self._steps += on[:, 0]
         self._sums["square"] += on * self._tau.square()
+        self._sums["speed"] += on * self._qd.abs()
         self._sums["out"] += on * power.clamp(min=0.0)
         self._sums["in"] += on * (-power).clamp(min=0.0)
         bins = ((self._tau[:, SHOWN] + RANGE) / BIN).long().clamp(0, self.counts.shape[2] - 1)
@@ -86,8 +87,8 @@ class JointMeter:
     def use(self) -> Use:
         """Means over the counted time, shapes (E, J) and (E, M)."""
         return Use(
-            torque_square=self._mean("square"), work_out=self._mean("out"), work_in=self._mean("in"),
-            coil=self._mean("coil"), friction=self._mean("friction"),
+            torque_square=self._mean("square"), speed=self._mean("speed"), work_out=self._mean("out"),
+            work_in=self._mean("in"), coil=self._mean("coil"), friction=self._mean("friction"),
         )  # fmt: skip
 
     @property

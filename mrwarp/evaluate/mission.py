@@ -17,7 +17,7 @@ import torch
 from mrwarp import paper
 from mrwarp.electrical import thermal
 from mrwarp.electrical.battery import BatteryCfg, cell_power
-from mrwarp.electrical.power import ElectricalCfg, Use, battery_power, copper
+from mrwarp.electrical.power import ElectricalCfg, Use, battery_power, motor_heat
 from mrwarp.electrical.thermal import Temperatures, ThermalCfg
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
@@ -235,7 +235,7 @@ def run(
         for _ in range(slices):
             rise = now.winding if feedback else 0.0
             drawn = battery_power(use, electrical, rise).total
-            now = _each(now, copper(use, electrical, rise), use.coil + use.friction, seconds / slices, heat)
+            now = _each(now, motor_heat(use, electrical, rise), use.coil + use.friction, seconds / slices, heat)
             warm = warm + now.fluid / slices
             energy = energy + drawn * seconds / slices
             depletion = depletion + 100.0 * cell_power(drawn, battery) * seconds / slices / 3600.0 / battery.capacity
@@ -269,7 +269,7 @@ def calibrate(
         heat: Start of the thermal numbers.
         battery: Start of the battery's.
     """
-    loss = {name: copper(phases[name].use, electrical).mean(0) for name in PHASES}
+    loss = {name: motor_heat(phases[name].use, electrical).mean(0) for name in PHASES}
     seconds = {name: float(phases[name].seconds.mean()) for name in PHASES}
     target = paper.MISSION_RISE["go1"]
     heat, got = thermal.calibrate(

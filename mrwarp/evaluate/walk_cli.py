@@ -202,11 +202,9 @@ def _print(figures: dict[str, Any]) -> None:
         )
     if "calibration" in figures:
         fit = figures["calibration"]
-        cfg, half = fit["cfg"], fit["half_width"]
+        numbers = ", ".join(f"{name} {fit['cfg'][name]:.3g} ± {half:.2g}" for name, half in fit["half_width"].items())
         print(
-            f"\nGo1 alone gives: electronics {cfg['electronics']:.1f} ± {half['electronics']:.1f} W, winding "
-            f"{cfg['winding_resistance']:.3f} ± {half['winding_resistance']:.3f} Ohm; its five rows to "
-            f"{fit['rmse']:.1f} W (RMS)"
+            f"\nGo1 alone gives: {numbers}; its five rows to {fit['rmse']:.1f} W (RMS)"
             + "".join(f"; {name} stands at the end of its range" for name in fit["at_bound"])
         )
     for row in figures.get("savings", []):

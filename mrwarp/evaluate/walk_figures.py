@@ -104,8 +104,12 @@ def calibration_rows(results: Sequence[WalkResult], standing: Use) -> list[calib
 
 
 def _standby(use: Use) -> calibration.Row:
-    measured = paper.MISSION_POWER["go1"]["standby"]
-    return calibration.Row(name=STANDBY, use=use, measured=measured, walks=False)
+    return calibration.Row(name=STANDBY, use=use, measured=paper.MISSION_POWER["go1"]["standby"])
+
+
+def friction(results: Sequence[WalkResult], cfg: ElectricalCfg) -> list[float]:
+    """Mean drive friction of every condition in which a trial arrived [W]."""
+    return [parts(result.use, cfg)["friction"] for result in results if len(result.speed)]
 
 
 def standing_saving(motors: Use, devices: Use, cfg: ElectricalCfg) -> float:

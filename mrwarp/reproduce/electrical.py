@@ -7,7 +7,8 @@ from typing import Any
 
 from mrwarp import paper
 from mrwarp.electrical import consistency
-from mrwarp.electrical.calibrate import MOTION_LOSS, Calibration, CalibrationError, calibrate
+from mrwarp.electrical.calibrate import Calibration, calibrate
+from mrwarp.electrical.power import CALIBRATED
 from mrwarp.evaluate import walk_figures
 from mrwarp.reproduce import walking
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Table
@@ -17,7 +18,7 @@ def compute(job: Job) -> Findings:
     """Reduction of COT per condition with one number at the ends of its range, calibrated anew on Go1 each time.
 
     Raises:
-        CalibrationError: Go1 arrived in fewer than two conditions.
+        CalibrationError: Go1 arrived in fewer than three conditions.
     """
     walks = walking.read(job.folders["walks"])
     fit = walks.calibrated()
@@ -32,8 +33,8 @@ def compute(job: Job) -> Findings:
     tables.append(same_gait(alone, stuck))
     figures: dict[str, Any] = {}
     theirs = consistency.check()["cot_reduction"]
-    motion, said = loss_of_motion(walks, fit, theirs)
-    tables += motion
+    friction, said = drive_friction(walks, fit, theirs)
+    tables.append(friction)
     for branches, results in (("both branches", walks.both), ("holding alone", [*others, *walks.holding])):
         found = walk_figures.sensitivity(results, walks.calibration_rows(), fit.cfg)
         nominal = {walk_figures.name(s): s["cot_reduction"] for s in walk_figures.savings(results, fit.cfg)}
@@ -58,9 +59,9 @@ def compute(job: Job) -> Findings:
     ) if ends else ""  # fmt: skip
     return Findings(
         notes=[
-            "Each assumed number stands at the ends of its plausible range, with electronics and winding resistance "
-            "calibrated anew on Go1's rows; each of these two stands at the ends of its 95 % interval, with the other "
-            f"one calibrated anew.{span}",
+            "Each assumed number stands at the ends of its plausible range, with the calibrated ones fitted "
+            "anew to Go1's rows; each of these stands at the ends of its 95 % interval, with the others fitted "
+            f"anew.{span}",
             f"Standing, the paper's Go1 draws {consistency.STANDING:.1f} W more than its MR_Go on held calves, ours "
             f"{standing:.1f} W: the calves' copper {held:.1f} W, less coils and controllers. With calves without extra "
             f"gear it would be {ungeared:.1f} W.",
@@ -108,48 +109,45 @@ def same_gait(alone: list[dict[str, Any]], stuck: list[dict[str, Any]]) -> Table
                  rows=rows)  # fmt: skip
 
 
-def loss_of_motion(walks: walking.Walks, fit: Calibration, theirs: dict[str, float]) -> tuple[list[Table], str]:
-    """What Go1's rows say of a power that is drawn whenever the robot walks: a third number beside the model's two.
-
-    The model is not extended by it: what such a loss follows has to be known before it is one.
+def drive_friction(walks: walking.Walks, fit: Calibration, theirs: dict[str, float]) -> tuple[Table, str]:
+    """What drive friction explains: Go1's rows, and the predicted reductions of COT, without it and with it.
 
     Args:
         walks: The walks.
-        fit: The calibration of the model.
+        fit: The calibration.
         theirs: The paper's reductions of COT by condition.
-
-    Returns:
-        The table, none if too few of Go1's walks arrived, and what to say of it.
     """
-    try:
-        third = calibrate(walks.calibration_rows(), fit.cfg, motion=True)
-    except CalibrationError as error:
-        return [], f"A loss of motion: {error}."
-    fits = (fit, third)
+    name = "drive_friction"
+    without = calibrate(walks.calibration_rows(), replace(fit.cfg, **{name: 0.0}), hold=(name,))
+    fits = (without, fit)
     reductions = [
-        {walk_figures.name(s): s["cot_reduction"] for s in walk_figures.savings(walks.both, f.walking)} for f in fits
+        {walk_figures.name(s): s["cot_reduction"] for s in walk_figures.savings(walks.both, f.cfg)} for f in fits
     ]
-    numbers = {"electronics": ("electronics [W]", 1), "winding_resistance": ("winding [Ohm]", 3)}
     rows = [
-        [title, *(f"{getattr(f.cfg, name):.{digits}f} ± {f.half_width[name]:.{digits}f}" for f in fits), ""]
-        for name, (title, digits) in numbers.items()
-    ]
-    loss, half = third.motion_loss, third.half_width[MOTION_LOSS]
-    rows.append(["loss while walking [W]", "none", f"{loss:.1f} ± {half:.1f}", ""])
-    rows += [[name, *(f"{f.fitted[name]:.0f}" for f in fits), f"{fit.measured[name]:.0f}"] for name in fit.measured]
+        [f"{spec.name} [{spec.unit}]", *(_with_interval(f, spec.name) for f in fits), ""]
+        for spec in fit.cfg.specs() if spec.name in CALIBRATED
+    ]  # fmt: skip
+    rows += [[row, *(f"{f.fitted[row]:.0f}" for f in fits), f"{fit.measured[row]:.0f}"] for row in fit.measured]
     rows.append(["their mismatch (RMS) [W]", *(f"{f.rmse:.1f}" for f in fits), ""])
     rows += [
         [f"reduction of COT, {cell} [%]", *(f"{100.0 * found[cell]:.1f}" for found in reductions),
          f"{100.0 * theirs[cell]:.1f}"]
         for cell in reductions[0]
     ]  # fmt: skip
-    title = "What Go1's rows say of a loss of motion (± 95 %), and what SAL would then save"
+    watts = walk_figures.friction(walks.both, fit.cfg)
     text = (
-        f"A third number, a power that is drawn whenever the robot walks, is {loss:.0f} ± {half:.0f} W (95 %) by Go1's "
-        f"rows and brings them from {fit.rmse:.1f} to {third.rmse:.1f} W (RMS). It is not in the model: with it the "
-        f"reductions would be {', '.join(f'{100.0 * value:.1f}' for value in reductions[1].values())} %."
+        f"Drive friction is {fit.cfg.drive_friction:.2f} ± {fit.half_width[name]:.2f} N·m (95 %) by Go1's rows, "
+        f"{min(watts):.0f} to {max(watts):.0f} W while walking, and brings them from {without.rmse:.1f} to "
+        f"{fit.rmse:.1f} W (RMS). Without it what holding saves is overrated: all that load does not explain is put "
+        "down to copper."
     )
-    return [Table(title=title, head=["", "the model", "with a loss of motion", "paper"], rows=rows)], text
+    title = "What drive friction explains (± 95 %), Go1's rows [W] and what SAL saves"
+    return Table(title=title, head=["", "without", "with drive friction", "paper"], rows=rows), text
+
+
+def _with_interval(fit: Calibration, name: str) -> str:
+    """A calibrated number; one that was held is none."""
+    return f"{getattr(fit.cfg, name):.3g} ± {fit.half_width[name]:.2g}" if name in fit.half_width else "none"
 
 
 def _told(end: tuple[float, str, float, str]) -> str:

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from mrwarp import paper
-from mrwarp.electrical.power import ElectricalCfg, battery_power
+from mrwarp.electrical.power import CALIBRATED, ElectricalCfg, battery_power
 from mrwarp.evaluate import walk_figures
 from mrwarp.evaluate.spread import ratio_sd
 from mrwarp.evaluate.walk_trials import WalkResult
@@ -44,10 +44,8 @@ def compute(job: Job) -> Findings:
         claims=_claims(cots, walks.both)
         | {f"a device that sticks: {name}": holds for name, holds in _claims(cots_sticking, walks.sticking).items()},
         notes=[
-            f"Go1's four rows and its {paper.MISSION_POWER['go1']['standby']:g} W of standing give electronics "
-            f"{fit.cfg.electronics:.1f} ± {fit.half_width['electronics']:.1f} W and a winding of "
-            f"{fit.cfg.winding_resistance:.3f} ± {fit.half_width['winding_resistance']:.3f} Ohm (95 %), to "
-            f"{fit.rmse:.1f} W (RMS). Every row of MR_Go and MR_Go-SAL is a prediction.",
+            f"Go1's four rows and its {paper.MISSION_POWER['go1']['standby']:g} W of standing give {fit} "
+            f"(95 %), to {fit.rmse:.1f} W (RMS). Every row of MR_Go and MR_Go-SAL is a prediction.",
             "Devices act by the paper's explicit torque (eqs. 6, 19), with which MR_Go-SAL's policies were trained; "
             "those of a device that sticks were trained with brakes that hold a calf still, and walk with them.",
             "The spread of a reduction is that of the ratio of two independent COTs, ours over training seeds, the "
@@ -57,7 +55,7 @@ def compute(job: Job) -> Findings:
         tables=[_parts(savings), _training(walks, fit.cfg)],
         figures={"savings": savings, "holding_alone": alone, "sticking": stuck, "standing": standing,
                  "conditions": conditions,
-                 "calibration": {"electronics": fit.cfg.electronics, "winding_resistance": fit.cfg.winding_resistance,
+                 "calibration": {**{name: getattr(fit.cfg, name) for name in CALIBRATED},
                                  "half_width": fit.half_width, "rmse": fit.rmse}},
     )  # fmt: skip
 
@@ -149,7 +147,7 @@ def _reduction_row(robots: str, saved: dict[str, Any], cots: Cots, why: str) -> 
 
 _PARTS = {
     "copper_calves": "calves", "copper_hips_thighs": "hips and thighs", "electronics": "electronics",
-    "mechanical": "mechanical power", "regenerated": "regenerated power", "coil": "coils",
+    "friction": "drive friction", "mechanical": "mechanical power", "regenerated": "regenerated power", "coil": "coils",
     "controllers": "current controllers",
 }  # fmt: skip
 
@@ -190,7 +188,8 @@ def _training(walks: Walks, cfg: ElectricalCfg) -> Table:
     return Table(
         title="Reduction of COT by SAL [%] by the policies that walk; the last two columns are calibrated on Go1's "
         f"walks with theirs (electronics {unpaid.electronics:.1f} and {high.electronics:.1f} W, winding "
-        f"{unpaid.winding_resistance:.3f} and {high.winding_resistance:.3f} Ohm)",
+        f"{unpaid.winding_resistance:.3f} and {high.winding_resistance:.3f} Ohm, drive friction "
+        f"{unpaid.drive_friction:.2f} and {high.drive_friction:.2f} N·m)",
         head=head, rows=lines,
     )  # fmt: skip
 

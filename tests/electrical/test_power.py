@@ -5,16 +5,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mrwarp.electrical.power import CALF_COLUMNS, ElectricalCfg, Use, battery_power, copper_factor, cost_of_transport
+from mrwarp.electrical.power import (
+    CALF_COLUMNS,
+    ElectricalCfg,
+    Use,
+    battery_power,
+    copper_factor,
+    cost_of_transport,
+    motor_heat,
+)
 from mrwarp.params import ParameterError
 from mrwarp.robot import CALVES, JOINTS
 
 
-def a_use(*, square: float = 0.0, out: float = 0.0, back: float = 0.0, coil: float = 0.0, devices: int = 4) -> Use:
+def a_use(
+    *, square: float = 0.0, speed: float = 0.0, out: float = 0.0, back: float = 0.0, coil: float = 0.0, devices: int = 4
+) -> Use:
     """The same for every joint and device."""
     return Use(
-        torque_square=np.full(12, square), work_out=np.full(12, out), work_in=np.full(12, back),
-        coil=np.full(devices, coil), friction=np.zeros(devices),
+        torque_square=np.full(12, square), speed=np.full(12, speed), work_out=np.full(12, out),
+        work_in=np.full(12, back), coil=np.full(devices, coil), friction=np.zeros(devices),
     )  # fmt: skip
 
 
@@ -44,6 +54,17 @@ def test_warm_windings_lose_more() -> None:
     assert warm.total - cold.total == pytest.approx(0.393 * cold.copper)
 
 
+def test_drive_friction_is_lost_by_turning_whatever_is_carried() -> None:
+    """12 joints at 2 rad/s and 0.5 N·m: 12 W, with torque or without, and its heat is the motors' beside copper's."""
+    cfg = ElectricalCfg(electronics=0.0, controller_idle=0.0, drive_friction=0.5)
+    for square in (0.0, 9.0):
+        power = battery_power(a_use(square=square, speed=2.0), cfg)
+        assert power.friction == pytest.approx(12.0)
+        assert power.total == pytest.approx(12.0 + power.copper)
+    assert motor_heat(a_use(square=9.0, speed=2.0), cfg).sum() == pytest.approx(power.total)
+    assert battery_power(a_use(square=9.0), cfg).friction == 0.0
+
+
 def test_gears_lose_both_ways() -> None:
     """12 joints that give 9 W and take back 10 W at eta 0.9: 120 W drawn, rho*108 W returned."""
     cfg = ElectricalCfg(electronics=0.0, controller_idle=0.0, gear_efficiency=0.9, regeneration=0.5)
@@ -65,8 +86,8 @@ def test_parts_add_up_and_leading_axes_stay() -> None:
     """The total is the sum of the parts for a batch of uses."""
     generator = np.random.default_rng(0)
     use = Use(**{
-        name: generator.uniform(0.0, 10.0, (5, 12 if name in ("torque_square", "work_out", "work_in") else 4))
-        for name in ("torque_square", "work_out", "work_in", "coil", "friction")
+        name: generator.uniform(0.0, 10.0, (5, 12 if name in ("torque_square", "speed", "work_out", "work_in") else 4))
+        for name in ("torque_square", "speed", "work_out", "work_in", "coil", "friction")
     })  # fmt: skip
     power = battery_power(use, ElectricalCfg())
     assert power.total.shape == (5,)

@@ -21,8 +21,8 @@ from mrwarp.evaluate.walk_trials import WalkCfg
 def phase(square: float, seconds: float, *, seeds: int = 2, coil: float = 0.0) -> PhaseUse:
     """A phase in which all joints do the same."""
     use = Use(
-        torque_square=np.full((seeds, 12), square), work_out=np.zeros((seeds, 12)), work_in=np.zeros((seeds, 12)),
-        coil=np.full((seeds, 4), coil), friction=np.zeros((seeds, 4)),
+        torque_square=np.full((seeds, 12), square), speed=np.zeros((seeds, 12)), work_out=np.zeros((seeds, 12)),
+        work_in=np.zeros((seeds, 12)), coil=np.full((seeds, 4), coil), friction=np.zeros((seeds, 4)),
     )  # fmt: skip
     return PhaseUse(use=use, seconds=np.full(seeds, seconds), speed=np.full(seeds, 0.3))
 

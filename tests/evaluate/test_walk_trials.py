@@ -38,11 +38,13 @@ def results(policies: dict[str, OnnxPolicy]) -> list[WalkResult]:
 
 
 def test_meter_agrees_with_the_ledger() -> None:
-    """Net work, squared torque and coil loss are those of the energy ledger; only what is on is counted."""
+    """Net work, squared torque and coil loss are the energy ledger's, speed the joints'; only what is on counts."""
     env = make_env(replace(ENV, currents=(1.5,)), 3, 0)
     meter = JointMeter(env)
     before = env.view(env.actuator.ledger).clone()
     meter.on[:2] = True
+    turned = torch.zeros(3, 12)
+    env.substep_hooks.append(lambda: turned.add_(env.qd.abs()))
     generator = torch.Generator().manual_seed(0)
     for _ in range(10):
         env.step(0.5 * torch.randn(3, 12, generator=generator))
@@ -57,7 +59,8 @@ def test_meter_agrees_with_the_ledger() -> None:
     assert use.friction.min() >= 0.0
     np.testing.assert_allclose(meter.seconds, [seconds, seconds, 0.0])
     assert meter.counts[:2].sum(-1).eq(40).all() and not meter.counts[2].any()
-    assert not use.torque_square[2].any()
+    np.testing.assert_allclose(use.speed[:2], turned[:2].numpy() / 40, rtol=1e-5)
+    assert use.speed[:2].min() > 0.0 and not use.torque_square[2].any() and not use.speed[2].any()
 
 
 def test_robots_are_what_they_say(results: list[WalkResult]) -> None:

@@ -104,7 +104,7 @@ def test_figure11_tells_both_shares_of_time(monkeypatch: pytest.MonkeyPatch, tmp
 
 def test_lost_windows_are_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Once, with the way on which they were lost, in both figures."""
-    use = Use(**dict.fromkeys(("torque_square", "work_out", "work_in", "coil", "friction"), np.zeros((1, 12))))
+    use = Use(**dict.fromkeys(("torque_square", "speed", "work_out", "work_in", "coil", "friction"), np.zeros((1, 12))))
     whole = PhaseUse(use=use, seconds=np.ones(1), speed=np.ones(1), trial=np.zeros(1), tried=3)
     phases = {"go1": dict.fromkeys(PHASES, whole), "mr_go": {**dict.fromkeys(PHASES, whole)}}
     assert mission.arrivals(phases) == []
