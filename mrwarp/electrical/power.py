@@ -45,8 +45,8 @@ class ElectricalCfg(ParamGroup):
     )  # fmt: skip
     drive_friction: float = param(
         2.89, "N·m", 0.0, 10.0,
-        "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`; friction of its gears alone is "
-        "usually put at 0.2 to 1",
+        "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`; MuJoCo Menagerie's Go1 has "
+        "0.2, and a damping of 1 to 2 N·m·s/rad that is in part its controllers'",
         "Torque tau_f at the joint that motor and gear lose by turning: friction, iron, and whatever else of the drive "
         "grows with motion and not with load.",
     )  # fmt: skip
