@@ -100,11 +100,7 @@ def calibration_rows(results: Sequence[WalkResult], standing: Use) -> list[calib
         if result.robot == "go1" and len(result.speed)
         and (key := (result.robot, result.payload, result.command)) in paper.TABLE_6
     ]  # fmt: skip
-    return [*rows, _standby(standing)]
-
-
-def _standby(use: Use) -> calibration.Row:
-    return calibration.Row(name=STANDBY, use=use, measured=paper.MISSION_POWER["go1"]["standby"])
+    return [*rows, calibration.Row(name=STANDBY, use=standing, measured=paper.MISSION_POWER["go1"]["standby"])]
 
 
 def friction(results: Sequence[WalkResult], cfg: ElectricalCfg) -> list[float]:
