@@ -10,6 +10,9 @@ from scipy import optimize, stats
 
 from mrwarp.electrical.power import CALIBRATED, ElectricalCfg, Use, battery_power
 
+DIGITS = {"electronics": 1, "winding_resistance": 3, "drive_friction": 2}
+"""Decimals of the calibrated numbers where people read them."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
@@ -39,15 +42,16 @@ class Calibration:
     rmse: float
     """Root of the mean squared mismatch [W]."""
 
+    def interval(self, name: str) -> str:
+        """A calibrated number with its 95 % interval, without unit, or with the remark that it was held."""
+        digits = DIGITS[name]
+        value = f"{getattr(self.cfg, name):.{digits}f}"
+        return f"{value} ± {self.half_width[name]:.{digits}f}" if name in self.half_width else f"{value} (held)"
+
     def __str__(self) -> str:
         """The fitted numbers with their intervals, in words."""
-        digits = {"electronics": 1, "winding_resistance": 3, "drive_friction": 2}
         units = {spec.name: spec.unit for spec in self.cfg.specs()}
-        texts = []
-        for name, half in self.half_width.items():
-            value, d = getattr(self.cfg, name), digits[name]
-            texts.append(f"{name.replace('_', ' ')} {value:.{d}f} ± {half:.{d}f} {units[name]}")
-        return ", ".join(texts)
+        return ", ".join(f"{name.replace('_', ' ')} {self.interval(name)} {units[name]}" for name in self.half_width)
 
 
 class CalibrationError(ValueError):
@@ -63,15 +67,13 @@ def calibrate(rows: Sequence[Row], cfg: ElectricalCfg | None = None, *, hold: Se
     Args:
         rows: Measured powers and what the simulated robot did.
         cfg: The other numbers.
-        hold: Those of ``power.CALIBRATED`` that keep their values of ``cfg``; the others are fitted, friction if any
-            joint turned.
+        hold: Those of ``power.CALIBRATED`` that keep their values of ``cfg``; the others are fitted.
 
     Raises:
         CalibrationError: fewer than one row more than numbers, or rows that cannot tell them apart.
     """
     cfg = cfg or ElectricalCfg()
-    turned = any(row.use.speed.any() for row in rows)
-    fitted = [name for name in CALIBRATED if name not in hold and (turned or name != "drive_friction")]
+    fitted = [name for name in CALIBRATED if name not in hold]
     if len(rows) <= len(fitted):
         numbers = " and ".join(fitted)
         raise CalibrationError(

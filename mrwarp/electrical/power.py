@@ -2,13 +2,13 @@
 
 Per joint, with the motor's torque ``tau`` and mechanical power ``tau*qd`` at the joint:
 
-    copper       = 3/2 R (tau/(g Kt))^2           three-phase winding, peak phase current, g = extra gear of the calf
-    friction     = tau_f <|qd|>                   what motor and gear lose by turning, whatever they carry
-    mechanical   = <(tau*qd)+>/eta                what the motor drives, through a gear of efficiency eta
-    regenerated  = rho*eta*<(tau*qd)->            what the joint gives back; rho = share that reaches the supply
+    copper         = 3/2 R (tau/(g Kt))^2         three-phase winding, peak phase current, g = extra gear of the calf
+    drive_friction = tau_f <|qd|>                 what motor and gear lose by turning, whatever they carry
+    mechanical     = <(tau*qd)+>/eta              what the motor drives, through a gear of efficiency eta
+    regenerated    = rho*eta*<(tau*qd)->          what the joint gives back; rho = share that reaches the supply
 
-and over the robot ``P = electronics + sum(copper + friction + mechanical - regenerated) + coil/eta_coil + idle
-controllers``.
+and over the robot ``P = electronics + sum(copper + drive_friction + mechanical - regenerated) + coil/eta_coil
++ idle controllers``.
 
 Validity: means over many strides. What one joint gives back feeds the others, so the battery itself is not charged
 as long as the sum stays positive.
@@ -110,8 +110,7 @@ class Power:
 
     electronics: np.ndarray
     copper: np.ndarray
-    friction: np.ndarray
-    """Of motors and gears."""
+    drive_friction: np.ndarray
     mechanical: np.ndarray
     regenerated: np.ndarray
     """Negative: what comes back."""
@@ -148,14 +147,14 @@ def copper(use: Use, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> np.n
     return copper_factor(cfg, rise) * use.torque_square
 
 
-def friction(use: Use, cfg: ElectricalCfg) -> np.ndarray:
+def drive_friction(use: Use, cfg: ElectricalCfg) -> np.ndarray:
     """What motor and gear of every joint lose by turning [W], shape (..., 12)."""
     return cfg.drive_friction * use.speed
 
 
 def motor_heat(use: Use, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> np.ndarray:
-    """Heat in every motor with its gear, of copper and friction [W], shape (..., 12)."""
-    return copper(use, cfg, rise) + friction(use, cfg)
+    """Heat in every motor with its gear, of copper and drive friction [W], shape (..., 12)."""
+    return copper(use, cfg, rise) + drive_friction(use, cfg)
 
 
 def battery_power(use: Use, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> Power:
@@ -171,7 +170,7 @@ def battery_power(use: Use, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) 
     return Power(
         electronics=np.full(lead, cfg.electronics),
         copper=copper(use, cfg, rise).sum(-1),
-        friction=friction(use, cfg).sum(-1),
+        drive_friction=drive_friction(use, cfg).sum(-1),
         mechanical=use.work_out.sum(-1) / cfg.gear_efficiency,
         regenerated=-cfg.regeneration * cfg.gear_efficiency * use.work_in.sum(-1),
         coil=use.coil.sum(-1) / cfg.coil_efficiency,

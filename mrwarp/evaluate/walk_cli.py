@@ -129,8 +129,10 @@ def _figures(args: argparse.Namespace, cfg: Any, results: list[Any], groups: dic
     fitted: tuple[str, ...] = ()
     if complete:
         fit = calibrate.calibrate(rows, groups["electrical"])
-        found["calibration"] = {**asdict(fit), "rows": "Go1 of table 6 and its standby power of section 6.5",
-                                "standby_load": load}  # fmt: skip
+        found["calibration"] = {
+            **asdict(fit), "text": str(fit), "rows": "Go1 of table 6 and its standby power of section 6.5",
+            "standby_load": load,
+        }  # fmt: skip
         if args.calibrate:
             groups["electrical"] = fit.cfg
             fitted = energy_cli.fitted_names("electrical")
@@ -202,9 +204,8 @@ def _print(figures: dict[str, Any]) -> None:
         )
     if "calibration" in figures:
         fit = figures["calibration"]
-        numbers = ", ".join(f"{name} {fit['cfg'][name]:.3g} ± {half:.2g}" for name, half in fit["half_width"].items())
         print(
-            f"\nGo1 alone gives: {numbers}; its five rows to {fit['rmse']:.1f} W (RMS)"
+            f"\nGo1 alone gives: {fit['text']}; its five rows to {fit['rmse']:.1f} W (RMS)"
             + "".join(f"; {name} stands at the end of its range" for name in fit["at_bound"])
         )
     for row in figures.get("savings", []):

@@ -103,9 +103,9 @@ def calibration_rows(results: Sequence[WalkResult], standing: Use) -> list[calib
     return [*rows, calibration.Row(name=STANDBY, use=standing, measured=paper.MISSION_POWER["go1"]["standby"])]
 
 
-def friction(results: Sequence[WalkResult], cfg: ElectricalCfg) -> list[float]:
+def drive_friction(results: Sequence[WalkResult], cfg: ElectricalCfg) -> list[float]:
     """Mean drive friction of every condition in which a trial arrived [W]."""
-    return [parts(result.use, cfg)["friction"] for result in results if len(result.speed)]
+    return [parts(result.use, cfg)["drive_friction"] for result in results if len(result.speed)]
 
 
 def standing_saving(motors: Use, devices: Use, cfg: ElectricalCfg) -> float:

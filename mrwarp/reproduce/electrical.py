@@ -124,7 +124,7 @@ def drive_friction(walks: walking.Walks, fit: Calibration, theirs: dict[str, flo
         {walk_figures.name(s): s["cot_reduction"] for s in walk_figures.savings(walks.both, f.cfg)} for f in fits
     ]
     rows = [
-        [f"{spec.name} [{spec.unit}]", *(_with_interval(f, spec.name) for f in fits), ""]
+        [f"{spec.name} [{spec.unit}]", *(f.interval(spec.name) for f in fits), ""]
         for spec in fit.cfg.specs() if spec.name in CALIBRATED
     ]  # fmt: skip
     rows += [[row, *(f"{f.fitted[row]:.0f}" for f in fits), f"{fit.measured[row]:.0f}"] for row in fit.measured]
@@ -134,20 +134,15 @@ def drive_friction(walks: walking.Walks, fit: Calibration, theirs: dict[str, flo
          f"{100.0 * theirs[cell]:.1f}"]
         for cell in reductions[0]
     ]  # fmt: skip
-    watts = walk_figures.friction(walks.both, fit.cfg)
+    watts = walk_figures.drive_friction(walks.both, fit.cfg)
     text = (
-        f"Drive friction is {fit.cfg.drive_friction:.2f} ± {fit.half_width[name]:.2f} N·m (95 %) by Go1's rows, "
+        f"Drive friction is {fit.interval(name)} N·m (95 %) by Go1's rows, "
         f"{min(watts):.0f} to {max(watts):.0f} W while walking, and brings them from {without.rmse:.1f} to "
         f"{fit.rmse:.1f} W (RMS). Without it what holding saves is overrated: all that load does not explain is put "
         "down to copper."
     )
     title = "What drive friction explains (± 95 %), Go1's rows [W] and what SAL saves"
     return Table(title=title, head=["", "without", "with drive friction", "paper"], rows=rows), text
-
-
-def _with_interval(fit: Calibration, name: str) -> str:
-    """A calibrated number; one that was held is none."""
-    return f"{getattr(fit.cfg, name):.3g} ± {fit.half_width[name]:.2g}" if name in fit.half_width else "none"
 
 
 def _told(end: tuple[float, str, float, str]) -> str:

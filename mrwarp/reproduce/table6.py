@@ -147,8 +147,8 @@ def _reduction_row(robots: str, saved: dict[str, Any], cots: Cots, why: str) -> 
 
 _PARTS = {
     "copper_calves": "calves", "copper_hips_thighs": "hips and thighs", "electronics": "electronics",
-    "friction": "drive friction", "mechanical": "mechanical power", "regenerated": "regenerated power", "coil": "coils",
-    "controllers": "current controllers",
+    "drive_friction": "drive friction", "mechanical": "mechanical power", "regenerated": "regenerated power",
+    "coil": "coils", "controllers": "current controllers",
 }  # fmt: skip
 
 

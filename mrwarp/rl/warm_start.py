@@ -21,7 +21,6 @@ NOISE = 0.15
 """Exploration to begin with when the file holds none: a policy's. Trained ones have 0.10 to 0.22, new ones 0.6, with
 which a gait falls."""
 
-
 CRITIC_FIRST = 100
 """Updates in which a new critic learns alone beside a policy's actor. Its values begin at 0 and move by at most
 ``clip_param`` an update, so that till then the advantages are wrong: an actor that followed them from the start lost a

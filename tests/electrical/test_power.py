@@ -59,10 +59,10 @@ def test_drive_friction_is_lost_by_turning_whatever_is_carried() -> None:
     cfg = ElectricalCfg(electronics=0.0, controller_idle=0.0, drive_friction=0.5)
     for square in (0.0, 9.0):
         power = battery_power(a_use(square=square, speed=2.0), cfg)
-        assert power.friction == pytest.approx(12.0)
+        assert power.drive_friction == pytest.approx(12.0)
         assert power.total == pytest.approx(12.0 + power.copper)
     assert motor_heat(a_use(square=9.0, speed=2.0), cfg).sum() == pytest.approx(power.total)
-    assert battery_power(a_use(square=9.0), cfg).friction == 0.0
+    assert battery_power(a_use(square=9.0), cfg).drive_friction == 0.0
 
 
 def test_gears_lose_both_ways() -> None:
