@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from mrwarp import paper
+from mrwarp.electrical import consistency
 from mrwarp.electrical.power import Use
 from mrwarp.evaluate.traces import CHANNELS, GaitTrace
 from mrwarp.evaluate.walk_trials import WalkResult
@@ -64,7 +65,8 @@ def folder(tmp_path: Path, *changed: WalkResult, policies: int = 3, sticks: int 
     store.save(
         tmp_path / walking.DATA,
         {**dict.fromkeys(walking.VARIANTS, all_arrived), "both": list(results.values()), "sticking": sticking,
-         "standing": dict.fromkeys(("go1", "mr_go", "mr_go_hold"), standing),
+         "standing": {"go1": standing, "mr_go": standing,
+                      "mr_go_hold": replace(standing, torque_square=0.5 * standing.torque_square)},
          "policies": dict.fromkeys(walking.VARIANTS, policies) | {"sticking": sticks}},
     )  # fmt: skip
     return tmp_path
@@ -195,3 +197,23 @@ def test_a_reduction_has_the_spread_of_both_robots() -> None:
     assert row.paper and row.paper.sd == pytest.approx(2.0)
     cots["mr_go", 0.0, 0.3] = {"ours": 10.0, "sd": None, "n": 1}
     assert table6._reduction_row("SAL against MR_Go", saved, cots, "").sd is None
+
+
+def test_savings_stand_beside_their_closed_form(tmp_path: Path) -> None:
+    """The table's columns, in percent of MR_Go's power, and the note's factors follow from ``holding_bound``."""
+    found = made(table6, folder(tmp_path))
+    (table,) = (table for table in found.tables if "closed form" in table.title)
+    (note,) = (note for note in found.notes if "closed form" in note)
+    figures = found.figures
+    before = {(c["payload"], c["command"]): c["power"]["mean"] for c in figures["conditions"] if c["robot"] == "mr_go"}
+    factors = []
+    for saved, row in zip(figures["savings"], table.rows, strict=True):
+        cell = saved["payload"], saved["command"]
+        mine = consistency.holding_bound(
+            saved["hold_share"], 12.0 + cell[0], standing=figures["standing"]["go1"] - figures["standing"]["mr_go_hold"]
+        )
+        assert row[4:] == [f"{100.0 * saved['saving'] / before[cell]:.1f}", f"{100.0 * mine / before[cell]:.1f}"]
+        factors.append(saved["saving"] / mine)
+        hardware = consistency.holding_bound(paper.TABLE_7[cell]["hardware"], paper.MASS["mr_go"] + cell[0])
+        assert row[2] == f"{100.0 * hardware / paper.TABLE_6['mr_go', *cell].power:.1f}"
+    assert f"{min(factors):.2f} to {max(factors):.2f} times ours" in note
