@@ -29,12 +29,14 @@ def make_state(num_envs: int = 4) -> Any:
     )
 
 
-def step(state: Any, broken: tuple[int, ...] = ()) -> tuple[terminations.Terminations, list[list[bool]]]:
-    """One policy step with a reward of 1: fallen, broken, time-out, done of each robot."""
+def step(
+    state: Any, broken: tuple[int, ...] = (), rewards: torch.Tensor | None = None
+) -> tuple[terminations.Terminations, list[list[bool]]]:
+    """One policy step, with a reward of 1 unless others are given: fallen, broken, time-out, done of each robot."""
     count = len(state.height)
     state.height.copy_(state.root_pos[:, 2])
     wrong = torch.tensor([int(env in broken) for env in range(count)], dtype=torch.int32)
-    found = terminations.Terminations(state, wrong, torch.ones(count))
+    found = terminations.Terminations(state, wrong, torch.ones(count) if rewards is None else rewards)
     found.launch.launch()
     return found, [flag.tolist() for flag in found.flags()]
 
@@ -106,6 +108,14 @@ def test_a_wrong_number_is_a_fall_without_reward() -> None:
     found, (fallen, broken, time_out, done) = step(make_state(), broken=(2,))
     assert fallen == broken == done == [False, False, True, False] and time_out == [False] * 4
     assert found.reward().tolist() == [1.0, 1.0, 0.0, 1.0]
+
+
+def test_a_robot_that_is_thrown_does_not_shake_the_learner() -> None:
+    """What a solver's accident costs is bounded; what falls and noise cost reaches the learner as it is."""
+    least = terminations.LEAST_REWARD
+    rewards = torch.tensor([0.06, 0.9 * least, 1e4 * least, -INF])
+    found, _ = step(make_state(), rewards=rewards)
+    torch.testing.assert_close(found.reward(), torch.tensor([0.06, 0.9 * least, least, least]), rtol=0.0, atol=0.0)
 
 
 def test_nothing_ends_a_quiet_step() -> None:

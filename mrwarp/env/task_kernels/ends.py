@@ -1,4 +1,4 @@
-"""Which episodes end with a policy step."""
+"""Which episodes end with a policy step, and the rewards that reach the learner."""
 
 import warp as wp
 
@@ -8,10 +8,12 @@ FALLEN, BROKEN, TIME_OUT, DONE = range(4)
 
 @wp.kernel
 def ends_kernel(
-    # parameters: least height of the trunk [m], largest z of gravity in its frame, length of an episode [policy steps]
+    # parameters: least height of the trunk [m], largest z of gravity in its frame, length of an episode [policy steps],
+    # least reward of a policy step
     least_height: float,
     largest_z: float,
     length: int,
+    least_reward: float,
     # in, shapes (E,) [m], (E, 3) four times, (E, J) twice, (E,) 1 where a number went wrong, (E,)
     height_in: wp.array[float],
     root_pos_in: wp.array2d[float],
@@ -22,7 +24,7 @@ def ends_kernel(
     qd_in: wp.array2d[float],
     broken_in: wp.array[int],
     reward_in: wp.array[float],
-    # out, shapes (E,) [policy steps], (4, E), (E,) 0 where a number went wrong
+    # out, shapes (E,) [policy steps], (4, E), (E,) 0 where a number went wrong, else no less than the least
     episode_length_out: wp.array[wp.int64],
     flags_out: wp.array2d[wp.bool],
     reward_out: wp.array[float],
@@ -46,4 +48,4 @@ def ends_kernel(
     flags_out[TIME_OUT, env] = time_out
     flags_out[DONE, env] = fallen or time_out
     # the last reward of a robot that holds no numbers must not reach the learner
-    reward_out[env] = wp.where(broken, 0.0, reward_in[env])
+    reward_out[env] = wp.where(broken, 0.0, wp.max(reward_in[env], least_reward))
