@@ -67,11 +67,11 @@ def cot(result: WalkResult, cfg: ElectricalCfg) -> np.ndarray:
 
 
 def parts(use: Use, cfg: ElectricalCfg) -> dict[str, float]:
-    """Mean power by part [W], the copper loss split into calves and the other joints."""
+    """Mean power by part [W], the copper loss split into calves and the other joints; NaN where nobody arrived."""
     power: Power = battery_power(use, cfg)
     loss = copper(use, cfg)
-    calf = float(loss[..., list(CALF_COLUMNS)].sum(-1).mean())
-    named = {name: float(np.mean(value)) for name, value in power.parts().items()}
+    calf = spread(np.ravel(loss[..., list(CALF_COLUMNS)].sum(-1)))["mean"]
+    named = {name: spread(np.ravel(value))["mean"] for name, value in power.parts().items()}
     total = named.pop("copper")
     return {"copper_calves": calf, "copper_hips_thighs": total - calf, **named}
 

@@ -40,6 +40,7 @@ def compute(job: Job) -> Findings:
     rows += [_reduction(saved, _at(alone, saved), cots) for saved in savings]
     stuck = walk_figures.savings(walks.sticking, fit.cfg, saving)
     bounds, said = closed_form(savings, conditions)
+    carried, told = carrying(conditions)
     rows += [_reduction_sticking(saved, cots_sticking) for saved in stuck]
     return Findings(
         rows=[row for row in rows if row is not None],
@@ -52,10 +53,11 @@ def compute(job: Job) -> Findings:
             "those of a device that sticks were trained with brakes that hold a calf still, and walk with them.",
             "The spread of a reduction is that of the ratio of two independent COTs, ours over training seeds, the "
             "paper's over its walks.",
+            told,
             said,
             *walking.all_arrivals(walks, "both", "holding", "sticking", "crossed", "unpaid", "high"),
         ],
-        tables=[_parts(savings), bounds, _training(walks, fit.cfg)],
+        tables=[carried, _parts(savings), bounds, _training(walks, fit.cfg)],
         figures={"savings": savings, "holding_alone": alone, "sticking": stuck, "standing": standing,
                  "conditions": conditions,
                  "calibration": {**{name: getattr(fit.cfg, name) for name in CALIBRATED},
@@ -166,6 +168,35 @@ def _parts(savings: list[dict[str, Any]]) -> Table:
             for s in savings
         ],
     )  # fmt: skip
+
+
+def carrying(conditions: list[dict[str, Any]]) -> tuple[Table, str]:
+    """What MR_Go draws more than Go1, with SAL off: mass and drag of the devices; the paper's and ours.
+
+    Args:
+        conditions: See :func:`walk_figures.row`.
+
+    Returns:
+        The table, with the spread of the paper's difference as its COTs have it, and a sentence.
+    """
+    powers = {(c["robot"], c["payload"], c["command"]): c["power"]["mean"] for c in conditions if c["paper"]}
+    rows, more = [], {"ours": [], "paper": []}
+    for cell in paper.TABLE_7:
+        ours = powers.get(("mr_go", *cell), math.nan) - powers.get(("go1", *cell), math.nan)
+        if math.isnan(ours):
+            continue
+        bare, loaded = (paper.TABLE_6[robot, *cell] for robot in ("go1", "mr_go"))
+        theirs, sd = loaded.power - bare.power, math.hypot(bare.power_sd, loaded.power_sd)
+        rows.append([paper.condition_name(*cell), f"{ours:+.0f}", f"{theirs:+.0f} ± {sd:.0f}"])
+        more["ours"].append(ours)
+        more["paper"].append(theirs)
+    ends = {source: f"{min(found):+.0f} to {max(found):+.0f} W" for source, found in more.items() if found}
+    mass = paper.MASS["mr_go"] - paper.MASS["go1"]
+    text = (
+        f"Devices that are off cost their mass ({mass:.1f} kg) and their drag: ours draws {ends['ours']} more with "
+        f"them, the paper's {ends['paper']}."
+    ) if ends else "No condition in which both Go1 and MR_Go arrived."  # fmt: skip
+    return Table(title="What MR_Go draws more than Go1 [W]", head=["condition", "ours", "paper"], rows=rows), text
 
 
 def closed_form(savings: list[dict[str, Any]], conditions: list[dict[str, Any]]) -> tuple[Table, str]:

@@ -217,3 +217,16 @@ def test_savings_stand_beside_their_closed_form(tmp_path: Path) -> None:
         hardware = consistency.holding_bound(paper.TABLE_7[cell]["hardware"], paper.MASS["mr_go"] + cell[0])
         assert row[2] == f"{100.0 * hardware / paper.TABLE_6['mr_go', *cell].power:.1f}"
     assert f"{min(factors):.2f} to {max(factors):.2f} times ours" in note
+
+
+def test_what_the_devices_cost_is_told_beside_the_papers(tmp_path: Path) -> None:
+    """MR_Go minus Go1 in each condition in which both arrived, the paper's with the spread of its two COTs."""
+    found = made(table6, folder(tmp_path, walked("mr_go", 3.0, 0.5, TRIALS[:0], late=2)))
+    (table,) = (table for table in found.tables if "more than Go1" in table.title)
+    assert [row[0] for row in table.rows] == ["0 kg, 0.3 m/s", "0 kg, 0.5 m/s", "3 kg, 0.3 m/s"]
+    powers = {(c["robot"], c["payload"], c["command"]): c["power"]["mean"] for c in found.figures["conditions"]}
+    more = [powers["mr_go", load, v] - powers["go1", load, v] for load, v in ((0.0, 0.3), (0.0, 0.5), (3.0, 0.3))]
+    assert [row[1] for row in table.rows] == [f"{watts:+.0f}" for watts in more]
+    bare, loaded = (paper.TABLE_6[robot, 0, 0.3] for robot in ("go1", "mr_go"))
+    assert table.rows[0][2] == f"{loaded.power - bare.power:+.0f} ± {np.hypot(bare.power_sd, loaded.power_sd):.0f}"
+    assert any(f"ours draws {min(more):+.0f} to {max(more):+.0f} W more" in note for note in found.notes)
