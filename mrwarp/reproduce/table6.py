@@ -231,11 +231,16 @@ def closed_form(savings: list[dict[str, Any]], conditions: list[dict[str, Any]])
     head = ["condition", "the paper saves", "closed form: its standing, its hardware's shares",
             "its standing, its simulation's shares", "ours saves", "closed form: our standing, our shares"]  # fmt: skip
     ends = {source: f"{min(ratios):.2f} to {max(ratios):.2f}" for source, ratios in followed.items() if ratios}
+    least, most = (theirs["hardware"][cell] for cell in ((0, 0.5), (3, 0.3)))
+    grown = most["bound_relative"] / least["bound_relative"]
+    by_load = grown * least["share"] / most["share"]
     text = (
         f"By the paper's own standing ({consistency.STANDING:.1f} W) and its hardware's activation, holding saves "
         f"{', '.join(row[2] for row in rows)} % of MR_Go's power under a steady load: over the conditions the paper's "
         f"saving is {ends['paper']} times its closed form, ours {ends['ours']} times ours. What the former scatters, "
-        "neither activation nor load explains."
+        f"neither activation nor load explains. From {paper.condition_name(0, 0.5)} to {paper.condition_name(3, 0.3)} "
+        f"the paper's closed form grows by a factor of {grown:.2f}, {by_load:.2f} of it by load and power alone, while its "
+        f"reductions of COT lie within one of {paper.COT_REDUCTION[1] / paper.COT_REDUCTION[0]:.2f}."
     ) if ends else "No condition in which both MR_Go and MR_Go-SAL arrived."  # fmt: skip
     title = "What holding saves by closed form, 4 a S (m/m0)^2, beside what is saved [% of MR_Go's power]"
     return Table(title=title, head=head, rows=rows), text

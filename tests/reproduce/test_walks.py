@@ -217,6 +217,8 @@ def test_savings_stand_beside_their_closed_form(tmp_path: Path) -> None:
         hardware = consistency.holding_bound(paper.TABLE_7[cell]["hardware"], paper.MASS["mr_go"] + cell[0])
         assert row[2] == f"{100.0 * hardware / paper.TABLE_6['mr_go', *cell].power:.1f}"
     assert f"{min(factors):.2f} to {max(factors):.2f} times ours" in note
+    grown, by_load = 27.6 / 14.6, (15.6 / 12.6) ** 2 * 159.9 / 201.2
+    assert f"factor of {grown:.2f}, {by_load:.2f} of it by load" in note
 
 
 def test_what_the_devices_cost_is_told_beside_the_papers(tmp_path: Path) -> None:
