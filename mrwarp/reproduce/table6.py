@@ -239,8 +239,8 @@ def closed_form(savings: list[dict[str, Any]], conditions: list[dict[str, Any]])
         f"{', '.join(row[2] for row in rows)} % of MR_Go's power under a steady load: over the conditions the paper's "
         f"saving is {ends['paper']} times its closed form, ours {ends['ours']} times ours. What the former scatters, "
         f"neither activation nor load explains. From {paper.condition_name(0, 0.5)} to {paper.condition_name(3, 0.3)} "
-        f"the paper's closed form grows by a factor of {grown:.2f}, {by_load:.2f} of it by load and power alone, while its "
-        f"reductions of COT lie within one of {paper.COT_REDUCTION[1] / paper.COT_REDUCTION[0]:.2f}."
+        f"the paper's closed form grows by a factor of {grown:.2f}, {by_load:.2f} of it by load and power alone, while "
+        f"its reductions of COT lie within one of {paper.COT_REDUCTION[1] / paper.COT_REDUCTION[0]:.2f}."
     ) if ends else "No condition in which both MR_Go and MR_Go-SAL arrived."  # fmt: skip
     title = "What holding saves by closed form, 4 a S (m/m0)^2, beside what is saved [% of MR_Go's power]"
     return Table(title=title, head=head, rows=rows), text
