@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -117,14 +116,15 @@ def holding_bound(share: float, mass: float, *, standing: float = STANDING, refe
     return 4.0 * share * standing * (mass / reference) ** 2
 
 
-def holding_bounds(shares: Mapping[tuple[int, float], float]) -> list[dict[str, Any]]:
-    """The bound beside the paper's own saving, for each condition of table 7.
+def paper_bounds(source: Literal["hardware", "simulation"]) -> list[dict[str, Any]]:
+    """The bound by the paper's own activation beside its own saving, for each condition of table 7.
 
     Args:
-        shares: Mean share of time with the holding gate open, by payload and commanded speed.
+        source: Whose mean share of time with the holding gate open.
     """
     rows = []
-    for (payload, command), share in shares.items():
+    for (payload, command), shares in paper.TABLE_7.items():
+        share = shares[source]
         off, on = (paper.TABLE_6[robot, payload, command] for robot in ("mr_go", "mr_go_sal"))
         bound = holding_bound(share, paper.MASS["mr_go"] + payload)
         rows.append(

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from mrwarp.env.vec_env import WalkEnv
 
 LEAST_REWARD = -10.0
-"""Least reward of a policy step. A trained gait earns 0.06, a falling robot or one whose actions are noise pays up to 4
-(measured: draws of 4 standard deviations). A solver that throws a robot makes accelerations that cost 1e5 in one step,
-and would shake the critic's values of all states for an update."""
+"""Least reward of a policy step. A trained gait earns 0.06, robots whose actions are noise of 4 standard deviations,
+falls included, pay up to 4 (measured over 300 steps of 64). A solver that throws a robot makes accelerations that cost
+1e5 in one step, and would shake the critic's values of all states for an update."""
 
 _INPUTS = ("height", "root_pos", "gravity", "root_vel", "root_ang", "q", "qd")
 

@@ -145,10 +145,7 @@ def _figures(args: argparse.Namespace, cfg: Any, results: list[Any], groups: dic
         saving = figures.standing_saving(stand.use("go1"), stand.use("mr_go", hold=True), electrical)
         found["standing"] = {**standing, "saving": saving, "load": load, "calibrated": {"go1": own, "others": False}}
         found["savings"] = figures.savings(results, electrical, saving)
-        found["paper_bounds"] = {
-            source: consistency.holding_bounds({k: v[source] for k, v in paper.TABLE_7.items()})
-            for source in ("hardware", "simulation")
-        }
+        found["paper_bounds"] = {source: consistency.paper_bounds(source) for source in ("hardware", "simulation")}
         if complete:
             found["sensitivity"] = figures.sensitivity(results, rows, electrical)
     lost = [result for result in results if not len(result.speed)]

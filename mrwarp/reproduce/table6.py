@@ -209,13 +209,9 @@ def closed_form(savings: list[dict[str, Any]], conditions: list[dict[str, Any]])
     Returns:
         The table, all figures in percent of MR_Go's power, and a note on how far either saving follows the form.
     """
-    shares = {
-        source: {cell: values[source] for cell, values in paper.TABLE_7.items()}
-        for source in ("hardware", "simulation")
-    }
     theirs = {
-        source: {(row["payload"], row["command"]): row for row in consistency.holding_bounds(found)}
-        for source, found in shares.items()
+        source: {(row["payload"], row["command"]): row for row in consistency.paper_bounds(source)}
+        for source in ("hardware", "simulation")
     }
     powers = {(c["payload"], c["command"]): c["power"]["mean"] for c in conditions if c["robot"] == "mr_go"}
     rows, followed = [], {"paper": [], "ours": []}

@@ -45,7 +45,7 @@ def test_holding_bound_of_the_papers_robots() -> None:
     """Its Go1 stood with an arm of 2.8 kg and 39.8 W more than its MR_Go; held for 27.4 % of a walk: 31.7 W."""
     assert consistency.STANDING == pytest.approx(39.8)
     assert consistency.STANDING_MASS == pytest.approx(14.77, abs=0.01)
-    bounds = consistency.holding_bounds({cell: shares["hardware"] for cell, shares in paper.TABLE_7.items()})
+    bounds = consistency.paper_bounds("hardware")
     assert [round(row["bound"], 1) for row in bounds] == [31.7, 23.4, 55.6, 46.3]
 
 
