@@ -61,7 +61,7 @@ def simulate(
     from mrwarp.env.backend import BackendKind
     from mrwarp.env.cfg import make_walk_cfg
     from mrwarp.env.vec_env import WalkEnv
-    from mrwarp.nn.model_file import shipped_model
+    from mrwarp.nn.network_file import shipped_model
 
     cfg = make_walk_cfg(
         num_envs=num_envs, seed=seed, threads=threads, backend=BackendKind(backend) if backend else None,
@@ -183,7 +183,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--cost", metavar="DEVICE", help=timing)
     args = parser.parse_args(argv)
     if args.cost:
-        from mrwarp.quiet import quiet_libraries
+        from mrwarp.runtime import quiet_libraries
 
         quiet_libraries()
         found = cost(args.cost)
@@ -191,7 +191,7 @@ def main(argv: list[str] | None = None) -> int:
         print(f"{times}: {found['with'] / found['without']:.3f} times as long")
         return 0
     if args.one:
-        from mrwarp.quiet import quiet_libraries
+        from mrwarp.runtime import quiet_libraries
 
         quiet_libraries()
         kind, setting = args.one[0], json.loads(args.one[1])

@@ -59,7 +59,7 @@ def make_trainer(
     from dataclasses import replace
 
     from mrwarp.env.cfg import make_walk_cfg
-    from mrwarp.nn.model_file import shipped_model
+    from mrwarp.nn.network_file import shipped_model
     from mrwarp.rl.trainer import TrainCfg, Trainer
 
     env = make_walk_cfg(
@@ -167,7 +167,7 @@ def measure(
 def main(argv: list[str] | None = None) -> int:
     """Measure; 0 when every checkpoint was readable, young enough and bit-equal."""
     from mrwarp.env.cfg import ACTUATORS, TERRAINS
-    from mrwarp.quiet import quiet_libraries
+    from mrwarp.runtime import quiet_libraries
 
     parser = argparse.ArgumentParser(prog="python -m benchmarks.kills", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--kills", type=int, default=200, help="kills (default: 200)")

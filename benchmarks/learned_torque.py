@@ -12,10 +12,10 @@ import numpy as np
 import torch
 
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
-from mrwarp.evaluate.walking import make_env
-from mrwarp.nn import model_file
-from mrwarp.quiet import quiet_libraries
+from mrwarp.nn import network_file as model_file
 from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.runtime import quiet_libraries
+from mrwarp.trials.walking import make_env
 
 
 def measure_speed(

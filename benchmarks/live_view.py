@@ -11,9 +11,9 @@ import numpy as np
 import torch
 
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.evaluate.walking import make_env
-from mrwarp.quiet import quiet_libraries
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
+from mrwarp.runtime import quiet_libraries
+from mrwarp.trials.walking import make_env
 from mrwarp.viewing.live_training import LiveTraining
 
 

@@ -19,9 +19,9 @@ import torch
 
 from mrwarp.env.cfg import ACTUATORS, TERRAINS, EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.nn.model_file import shipped_model
-from mrwarp.quiet import quiet_libraries
+from mrwarp.nn.network_file import shipped_model
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
+from mrwarp.runtime import quiet_libraries
 
 _STEPS = 250
 """Policy steps between two notes: 5 s of every robot."""

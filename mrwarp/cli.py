@@ -7,26 +7,32 @@ import importlib
 import os
 import sys
 
-from mrwarp.folder import place_and_cause
+from mrwarp.run_dir import place_and_cause
 
 COMMANDS = {
-    "train": ("mrwarp.rl.train_cli", "train a walking policy until the walking gate is met"),
-    "play": ("mrwarp.rl.play_cli", "run a policy and show it in rerun, or save an .rrd or a picture"),
-    "sweep": ("mrwarp.sweep.cli", "run a command over a grid of seeds, models, currents; resumable"),
-    "replay-dump": ("mrwarp.env.replay_dump_cli", "what went wrong first where a training met NaN or a blow-up"),
-    "impact": ("mrwarp.evaluate.impact_cli", "hit walking robots with each current; live view, recording, pictures"),
-    "walk": ("mrwarp.evaluate.walk_cli", "walk 30 m with three robots: cost of transport, support activation, torques"),
-    "mission": ("mrwarp.evaluate.mission_cli", "150 m out, stand, 150 m back: power, state of charge, temperatures"),
-    "bench": ("mrwarp.sysid.bench_cli", "virtual torque bench: recordings with known hidden effects"),
-    "check": ("mrwarp.sysid.check_cli", "explain a recording, or what is wrong with it"),
-    "fit": ("mrwarp.sysid.fit_cli", "identify the joint from recordings"),
-    "diagnose": ("mrwarp.diagnose.cli", "what the simulation gets wrong, why, and what it gains to put that right"),
-    "learn": ("mrwarp.sysid.learn_cli", "train and evaluate the learned torque models"),
-    "reproduce": ("mrwarp.reproduce.cli", "the paper's figures and tables, ours beside theirs"),
-    "study": ("mrwarp.study.cli", "actuator-aware against conventional training: train the policies, tables 2 and 3"),
-    "perf": ("mrwarp.perf.perf_cli", "what a step costs, part by part, and whether that got worse"),
-    "asset": ("mrwarp.asset_cli", "show, check, change and compare USD assets"),
-    "verify": ("mrwarp.evaluate.verify_cli", "measure what the simulator promises: passivity, holding, accuracy"),
+    "train": ("mrwarp.commands.run_train", "train a walking policy until the walking gate is met"),
+    "play": ("mrwarp.commands.run_play", "run a policy and show it in rerun, or save an .rrd or a picture"),
+    "sweep": ("mrwarp.commands.run_sweep", "run a command over a grid of seeds, models, currents; resumable"),
+    "replay-dump": ("mrwarp.commands.run_replay_dump", "what went wrong first where a training met NaN or a blow-up"),
+    "impact": ("mrwarp.commands.run_impact", "hit walking robots with each current; live view, recording, pictures"),
+    "walk": ("mrwarp.commands.run_walk", "walk 30 m with three robots: cost of transport, support activation, torques"),
+    "mission": ("mrwarp.commands.run_mission", "150 m out, stand, 150 m back: power, state of charge, temperatures"),
+    "bench": ("mrwarp.commands.run_bench", "virtual torque bench: recordings with known hidden effects"),
+    "check": ("mrwarp.commands.run_check", "explain a recording, or what is wrong with it"),
+    "fit": ("mrwarp.commands.run_fit", "identify the joint from recordings"),
+    "diagnose": (
+        "mrwarp.commands.run_diagnose",
+        "what the simulation gets wrong, why, and what it gains to put that right",
+    ),
+    "learn": ("mrwarp.commands.run_learn", "train and evaluate the learned torque models"),
+    "reproduce": ("mrwarp.commands.run_reproduce", "the paper's figures and tables, ours beside theirs"),
+    "study": (
+        "mrwarp.commands.run_study",
+        "actuator-aware against conventional training: train the policies, tables 2 and 3",
+    ),
+    "perf": ("benchmarks.perf.perf_cli", "what a step costs, part by part, and whether that got worse"),
+    "asset": ("mrwarp.commands.run_asset", "show, check, change and compare USD assets"),
+    "verify": ("mrwarp.commands.run_verify", "measure what the simulator promises: passivity, holding, accuracy"),
 }
 """Command name to the module whose ``main(argv)`` runs it, and its one-line help."""
 

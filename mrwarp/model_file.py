@@ -3,7 +3,7 @@
 The file is data only. Its angle is about the bench's own zero, so ``q_neutral``, which says where the joint stands in a
 robot, is no part of it: that, and the groups a bench does not identify (gate, motor), come from the robot.
 
-An MR prim of a USD asset carries all that the file holds, see :mod:`mrwarp.asset_record`.
+An MR prim of a USD asset carries all that the file holds, see :mod:`mrwarp.usd.record`.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mrwarp.in_one_piece import write_text
 from mrwarp.params import MrParams, ParameterError
+from mrwarp.run_dir import write_text
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -61,7 +61,7 @@ class Parameter:
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """A named mechanism beyond eqs. 14 and 15 with its parameters; which of them act: :mod:`mrwarp.effects.device`."""
+    """A named mechanism beyond eqs. 14 and 15 with its parameters; which act: :mod:`mrwarp.actuator.device_effects`."""
 
     name: str
     parameters: Mapping[str, Parameter]
@@ -125,8 +125,8 @@ class Model:
             AssetError: the prim is not an MR actuator.
             ModelFileError: as :meth:`to_params`.
         """
-        from mrwarp.asset import read_parameters, write_parameters
-        from mrwarp.asset_record import write_record
+        from mrwarp.usd.asset import read_parameters, write_parameters
+        from mrwarp.usd.record import write_record
 
         params = self.to_params(read_parameters(prim))
         write_parameters(prim, params)
@@ -141,7 +141,7 @@ class Model:
         Raises:
             AssetError: the prim is not an MR actuator, or an attribute of it is unusable.
         """
-        from mrwarp.asset_record import read_model
+        from mrwarp.usd.record import read_model
 
         return read_model(prim).model
 
@@ -210,7 +210,7 @@ def model_from_dict(content: Any, where: str = "model") -> Model:
     if not isinstance(effects, list):
         raise ModelFileError(f"{where}: effects = {shown(effects)}; allowed: a list of {{name, parameters}}")
     if effects:
-        from mrwarp.model_effects import read_effects
+        from mrwarp.effects.model_entries import read_effects
 
         effects = read_effects(effects, units, f"{where}: effects")
     return Model(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mrwarp.electrical.power import GRAVITY
+from mrwarp.energy.power import GRAVITY
 
 
 @dataclass(frozen=True, kw_only=True)

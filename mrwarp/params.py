@@ -96,7 +96,7 @@ class BoucWenParams(ParamGroup):
     """
 
     q_neutral: float = param(
-        -1.5, "rad", -3.2, 3.2, "neutral stance pose of mrwarp/robot.py",
+        -1.5, "rad", -3.2, 3.2, "neutral stance pose of mrwarp/usd/robot.py",
         "Joint angle from which the displacement q_c is measured.",
     )  # fmt: skip
     q_offset: float = param(2.39638101e-4, "rad", -1.0, 1.0, _PAPER_BW, "Encoder offset of the bench.")

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from mrwarp import cli
-from mrwarp.arguments import Parser
-from mrwarp.choices import LEARNED
-from mrwarp.shipped import DEFAULT_POLICY, shipped_model
+from mrwarp.enums import LEARNED
+from mrwarp.options.arguments import Parser
+from mrwarp.resources import DEFAULT_POLICY, shipped_model
 
 
 @pytest.mark.parametrize("name", list(cli.COMMANDS))
@@ -48,7 +48,7 @@ def test_a_full_disk_ends_in_one_line(
     def main(argv: list[str]) -> int:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), named)
 
-    monkeypatch.setattr("mrwarp.sysid.check_cli.main", main)
+    monkeypatch.setattr("mrwarp.commands.run_check.main", main)
     assert cli.main(["check", "x"]) == 1
     where = f"{named}: " if named else ""
     remedy = "make room or name another folder, then run it again"

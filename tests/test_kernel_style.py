@@ -30,7 +30,7 @@ PATH_FILES = (
     "mrwarp/effects/path.py",
     "mrwarp/effects/joint.py",
     "mrwarp/effects/stages.py",
-    "mrwarp/diagnose/kernels.py",
+    "mrwarp/diagnose/effect_kernels.py",
 )
 PATH_IMPORTS = (
     *KERNEL_IMPORTS,
@@ -44,14 +44,14 @@ LAW_ARGUMENTS = (
     ("s", "Path"), ("values", "wp.array2d[float]"), ("row", "int"), ("at", "int"), ("memory", "wp.array2d[float]"),
     ("line", "int"), ("slot", "int"),
 )  # fmt: skip
-EFFECTS_FORBIDDEN = ("mrwarp.diagnose", "mrwarp.sysid", "mrwarp.env", "torch")
+EFFECTS_FORBIDDEN = ("mrwarp.diagnose", "mrwarp.identify", "mrwarp.env", "torch")
 NN_FORBIDDEN = ("newton", "mujoco", "mujoco_warp", "mrwarp.env")
 NEWTON_ALLOWED = (
     "mrwarp/env/sim*.py",
     "mrwarp/env/backend*.py",
-    "mrwarp/drive.py",
-    "mrwarp/asset.py",
-    "mrwarp/perf/newton_lstm.py",
+    "mrwarp/actuator/newton_drive.py",
+    "mrwarp/usd/asset.py",
+    "benchmarks/perf/newton_lstm.py",
 )
 
 
@@ -295,9 +295,9 @@ def test_style_check_sees_a_broken_kernel(change: tuple[str, str], line: int, te
         ("mrwarp/nn/lstm.py", "from ..env import sim", True),
         ("mrwarp/effects/path.py", "from mrwarp.kernels.bouc_wen import bouc_wen_exact", False),
         ("mrwarp/effects/path.py", "import numpy", True),
-        ("mrwarp/diagnose/kernels.py", "from mrwarp.diagnose.replay import Motion", True),
-        ("mrwarp/effects/device.py", "import numpy", False),
-        ("mrwarp/effects/device.py", "from mrwarp.diagnose.model import Slot", True),
+        ("mrwarp/diagnose/effect_kernels.py", "from mrwarp.diagnose.effect_replay import Motion", True),
+        ("mrwarp/actuator/device_effects.py", "import numpy", False),
+        ("mrwarp/actuator/device_effects.py", "from mrwarp.diagnose.effect_model import Slot", True),
         ("mrwarp/env/sim.py", "import newton", False),
         ("mrwarp/env/rewards.py", "def f():\n    from newton.solvers import SolverMuJoCo", True),
     ],

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from mrwarp import cli
-from mrwarp.arguments import Parser, typed
-from mrwarp.asset import ASSETS
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.evaluate.impact import ImpactCfg, Variant
-from mrwarp.sysid.recording import Holding
+from mrwarp.options.arguments import Parser, typed
+from mrwarp.recording.load import Holding
+from mrwarp.trials.impact import ImpactCfg, Variant
+from mrwarp.usd.asset import ASSETS
 
 
 def refused(argv: list[str], capsys: pytest.CaptureFixture[str]) -> str:
@@ -103,7 +103,7 @@ def test_fit_refuses_before_it_fits(
 ) -> None:
     """What comes after the search is read and checked before it."""
     monkeypatch.chdir(bench)
-    monkeypatch.setattr("mrwarp.sysid.fit_cli.fit", not_reached)
+    monkeypatch.setattr("mrwarp.commands.run_fit.fit", not_reached)
     args, parts = LATE[what]
     before = sorted(bench.rglob("*"))
     line = refused(["fit", "data", "--out", "out", *args], capsys)
@@ -124,7 +124,7 @@ def test_fit_takes_the_tests_beside_the_data(
         assert (len(holding.current) if holding else 0) == (5 if what == "five.csv" else 0)
         raise Seen
 
-    monkeypatch.setattr("mrwarp.sysid.fit_cli.fit", fit)
+    monkeypatch.setattr("mrwarp.commands.run_fit.fit", fit)
     if what:
         (bench / "data/holding.csv").write_bytes((bench / what).read_bytes())
     with pytest.raises(Seen):
@@ -139,7 +139,7 @@ def test_diagnose_compares_the_units_before_it_diagnoses(
     bench: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Recordings to predict in other units."""
-    monkeypatch.setattr(importlib.import_module("mrwarp.diagnose.diagnose"), "diagnose", not_reached)
+    monkeypatch.setattr(importlib.import_module("mrwarp.diagnose.pipeline"), "diagnose", not_reached)
     line = refused(["diagnose", str(bench / "data"), "--predict", str(bench / "feet")], capsys)
     assert "convert one of them" in line
 
@@ -170,7 +170,7 @@ def test_figure_4_tries_its_folder_before_the_bench(
     bench: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """``reproduce fig4 --train`` with a file as output."""
-    monkeypatch.setattr("mrwarp.reproduce.figure4.run_bench", not_reached)
+    monkeypatch.setattr("mrwarp.reproduce.figures.fig4_networks.run_bench", not_reached)
     line = refused(["reproduce", "fig4", "--train", "--out", str(bench / "few.csv")], capsys)
     assert "few.csv: cannot be written" in line
 
@@ -193,7 +193,7 @@ def test_an_error_stands_on_a_line_of_its_own_below_the_progress(
         told(0.5, "walking")
         raise ValueError("it fell")
 
-    monkeypatch.setattr("mrwarp.sysid.bench_cli.run_bench", fail)
+    monkeypatch.setattr("mrwarp.commands.run_bench.run_bench", fail)
     assert cli.main(["bench", "--out", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err.splitlines()[-1] == "mrwarp bench: it fell"
     assert not (tmp_path / "out").exists()

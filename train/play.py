@@ -2,7 +2,7 @@
 
 import sys
 
-from mrwarp.rl.play_cli import main
+from mrwarp.commands.run_play import main
 
 if __name__ == "__main__":
     sys.exit(main(prog="train/play.py"))

@@ -2,7 +2,7 @@
 
 import sys
 
-from mrwarp.rl.train_cli import main
+from mrwarp.commands.run_train import main
 
 if __name__ == "__main__":
     sys.exit(main(prog="train/ppo.py"))

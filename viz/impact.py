@@ -2,7 +2,7 @@
 
 import sys
 
-from mrwarp.evaluate.impact_cli import main
+from mrwarp.commands.run_impact import main
 
 if __name__ == "__main__":
     sys.exit(main())

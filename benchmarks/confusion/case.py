@@ -16,8 +16,8 @@ from benchmarks.confusion.effects import CALIBRATION, EFFECTS, UNCATALOGUED, Eff
 from benchmarks.confusion.levels import level_of, strength_for
 from benchmarks.confusion.motion import Motion, make_session
 from benchmarks.confusion.truth import Device, simulate
-from mrwarp.sysid.differentiate import differentiate
-from mrwarp.sysid.recording import Recording, Trajectory
+from mrwarp.recording.differentiate import differentiate
+from mrwarp.recording.load import Recording, Trajectory
 
 _NEAR = 0.04
 """Largest relative miss of a level that is taken as it is; above, another session is drawn."""

@@ -17,7 +17,7 @@ from benchmarks.confusion.current import Current
 from benchmarks.confusion.effects import Effect
 from benchmarks.confusion.motion import Motion, started
 from benchmarks.confusion.truth import Device
-from mrwarp.sysid.recording import Recording
+from mrwarp.recording.load import Recording
 
 MOST_SECONDS = 900.0
 """Longest motion that is carried out [s]; of a longer proposal this much."""

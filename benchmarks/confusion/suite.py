@@ -21,7 +21,7 @@ from benchmarks.confusion.effects import CALIBRATION
 from benchmarks.confusion.experiment import Proposal, with_experiment
 from benchmarks.confusion.families import Plan
 from benchmarks.confusion.verdicts import coverage, judge, record_of
-from mrwarp.sysid.recording import Recording
+from mrwarp.recording.load import Recording
 
 Diagnose = Callable[..., Any]
 """``diagnose(recording, seed=...)`` -> result."""
@@ -52,7 +52,7 @@ def run_case(
         index: Which case.
         check_gain: Compare the claimed gain with that on untouched sessions.
         resolve: Where the verdict is ambiguous, make the experiment that it asks for and diagnose again.
-        diagnose: The diagnosis; None takes ``mrwarp.diagnose.diagnose``.
+        diagnose: The diagnosis; None takes ``mrwarp.diagnose.pipeline``.
     """
     if diagnose is None:
         diagnose = import_module("mrwarp.diagnose").diagnose
@@ -209,7 +209,7 @@ def _cases(plan: Plan, left: list[int], jobs: int, how: dict[str, Any]) -> Itera
 
 
 def _quiet() -> None:
-    from mrwarp.quiet import quiet_libraries
+    from mrwarp.runtime import quiet_libraries
 
     quiet_libraries()
 

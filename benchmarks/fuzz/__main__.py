@@ -23,7 +23,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--coverage", action="store_true", help="keep inputs that reach new lines (slower)")
     parser.add_argument("--out", type=Path, default=Path("out/fuzz"), help="state and failures (default: out/fuzz)")
     args = parser.parse_args(argv)
-    from mrwarp.quiet import quiet_libraries
+    from mrwarp.runtime import quiet_libraries
 
     quiet_libraries()
     failed = 0

@@ -32,21 +32,21 @@ class Kind:
 
 def read_model(path: Path) -> None:
     """Load a model and put it on the robot's joints."""
-    from mrwarp.effects.applied import with_model
+    from mrwarp.usd.applied_effects import with_model
 
     with_model(_robot(), str(path))
 
 
 @functools.cache
 def _robot() -> Any:
-    from mrwarp.asset import load_robot
+    from mrwarp.usd.asset import load_robot
 
     return load_robot()
 
 
 def read_usd(path: Path) -> None:
     """Load robot or bench and list every number, as ``mrwarp asset show`` does."""
-    from mrwarp.asset_report import load_variants, show_asset
+    from mrwarp.usd.scene_report import load_variants, show_asset
 
     for _ in show_asset(next(load_variants(path)), full=True):
         pass
@@ -67,12 +67,12 @@ def _errors(*names: str) -> Callable[[], tuple[type[Exception], ...]]:
     return errors
 
 
-_RECORDING = _errors("mrwarp.sysid.recording.RecordingError")
-_ASSET = _errors("mrwarp.asset.AssetError", "mrwarp.params.ParameterError")
+_RECORDING = _errors("mrwarp.recording.load.RecordingError")
+_ASSET = _errors("mrwarp.usd.asset.AssetError", "mrwarp.params.ParameterError")
 
 KINDS = {
-    "csv": Kind(".csv", seeds.csv_seeds, _read("mrwarp.sysid.recording", "load_recording"), _RECORDING),
-    "parquet": Kind(".parquet", seeds.parquet_seeds, _read("mrwarp.sysid.recording", "load_recording"), _RECORDING),
+    "csv": Kind(".csv", seeds.csv_seeds, _read("mrwarp.recording.load", "load_recording"), _RECORDING),
+    "parquet": Kind(".parquet", seeds.parquet_seeds, _read("mrwarp.recording.load", "load_recording"), _RECORDING),
     "model": Kind(".json", seeds.model_seeds, read_model, _errors("mrwarp.model_file.ModelFileError")),
     "usd": Kind(".usda", seeds.usd_seeds, read_usd, _ASSET),
     "usd-attr": Kind(".usda", seeds.usd_seeds, read_usd, _ASSET, mutate=mutate_attributes),
@@ -80,8 +80,8 @@ KINDS = {
                        _errors("mrwarp.rl.checkpoint.CheckpointError")),
     "onnx": Kind(".onnx", seeds.policy_seeds, _read("mrwarp.rl.policy", "OnnxPolicy"),
                  _errors("mrwarp.rl.policy.PolicyError"), mutate=mutate_onnx),
-    "safetensors": Kind(".safetensors", seeds.network_seeds, _read("mrwarp.nn.model_file", "load"),
-                        _errors("mrwarp.nn.model_file.ModelFileError")),
+    "safetensors": Kind(".safetensors", seeds.network_seeds, _read("mrwarp.nn.network_file", "load"),
+                        _errors("mrwarp.nn.network_file.ModelFileError")),
     "dump": Kind(".safetensors", seeds.dump_seeds, _read("mrwarp.env.dump", "load"),
                  _errors("mrwarp.env.dump.DumpError")),
 }  # fmt: skip

@@ -23,7 +23,7 @@ from typing import Any
 from benchmarks.fuzz.command_line import run_cli
 from benchmarks.fuzz.coverage import Lines
 from benchmarks.fuzz.kinds import KINDS
-from mrwarp.in_one_piece import write_text
+from mrwarp.run_dir import write_text
 
 BATCH = 500
 """Cases of one process."""

@@ -40,7 +40,7 @@ def parquet_seeds() -> list[bytes]:
 
 def model_seeds() -> list[bytes]:
     """A fitted joint, without and with effects."""
-    from mrwarp.model_effects import make_effect
+    from mrwarp.effects.model_entries import make_effect
     from mrwarp.model_file import JOINT_UNITS, FittedOn, Model, Parameter, model_to_dict, parameter_unit
 
     values = {
@@ -58,7 +58,7 @@ def model_seeds() -> list[bytes]:
 
 def usd_seeds() -> list[bytes]:
     """The shipped robot and bench."""
-    from mrwarp.asset import ASSETS
+    from mrwarp.usd.asset import ASSETS
 
     return [(ASSETS / name).read_bytes() for name in ("mr_go.usda", "mr_bench.usda")]
 
@@ -84,7 +84,7 @@ def policy_seeds() -> list[bytes]:
 
 def network_seeds() -> list[bytes]:
     """A shipped learned torque model."""
-    from mrwarp.nn.model_file import shipped_model
+    from mrwarp.nn.network_file import shipped_model
 
     path = shipped_model("mlp")
     assert path is not None

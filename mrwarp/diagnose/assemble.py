@@ -11,8 +11,9 @@ from mrwarp.diagnose.choice import Choice, threshold
 from mrwarp.diagnose.engine import Engine
 from mrwarp.diagnose.formula import find_formula
 from mrwarp.diagnose.heldout import HeldOut, reduction
-from mrwarp.diagnose.lines import Line
+from mrwarp.diagnose.physical_units import factor_of, outer_model, unit_of
 from mrwarp.diagnose.predictor import Predictor
+from mrwarp.diagnose.report.verdict_text import sentence_of
 from mrwarp.diagnose.result import (
     REGIMES,
     Accounting,
@@ -28,12 +29,11 @@ from mrwarp.diagnose.result import (
     Value,
     Verdict,
 )
+from mrwarp.diagnose.spectral_lines import Line
 from mrwarp.diagnose.sufficient import gaps
-from mrwarp.diagnose.units import factor_of, outer_model, unit_of
-from mrwarp.diagnose.words import sentence_of
 from mrwarp.effects.catalogue import CATALOGUE
-from mrwarp.sysid.recording import Recording
-from mrwarp.sysid.replay import rms
+from mrwarp.identify.replay import rms
+from mrwarp.recording.load import Recording
 
 
 def assembled(

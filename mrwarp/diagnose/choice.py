@@ -12,7 +12,7 @@ import numpy as np
 
 from mrwarp.diagnose.engine import Candidate, Engine, Fitted
 from mrwarp.diagnose.features import Group
-from mrwarp.diagnose.grams import losses
+from mrwarp.diagnose.normal_equations import losses
 from mrwarp.diagnose.uncertainty import covariance
 from mrwarp.effects.catalogue import CATALOGUE
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from operator import attrgetter
 
-from mrwarp.diagnose.believed import believed
 from mrwarp.diagnose.choice import Choice, as_good, drifts, leftovers, threshold
+from mrwarp.diagnose.confounders import believed
 from mrwarp.diagnose.engine import Candidate, Engine, Fitted
 from mrwarp.diagnose.features import Group
 from mrwarp.diagnose.rivals import find_rivals, timed

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from mrwarp.diagnose.choice import threshold
+from mrwarp.diagnose.effect_model import simulate, slots_of
 from mrwarp.diagnose.engine import Engine, Fitted
-from mrwarp.diagnose.grams import losses
-from mrwarp.diagnose.model import simulate, slots_of
+from mrwarp.diagnose.normal_equations import losses
 
 
 def detectable(engine: Engine, fit: Fitted, effects: list[str]) -> tuple[dict[str, float], list[str]]:

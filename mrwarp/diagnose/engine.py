@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mrwarp.diagnose.grams import Grams, losses, ridge_solve
-from mrwarp.diagnose.model import Coordinates, Slot, jacobian, neutral, simulate, slots_of
+from mrwarp.diagnose.effect_model import Coordinates, Slot, jacobian, neutral, simulate, slots_of
+from mrwarp.diagnose.effect_replay import ExtendedReplay, Motion
 from mrwarp.diagnose.noise import Noise
-from mrwarp.diagnose.replay import ExtendedReplay, Motion
+from mrwarp.diagnose.normal_equations import Grams, losses, ridge_solve
 from mrwarp.effects.catalogue import CATALOGUE
 
 _SLAB = 12

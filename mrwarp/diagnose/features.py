@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from mrwarp.diagnose.replay import Motion
+from mrwarp.diagnose.effect_replay import Motion
 
 _FINE = 14
 """Highest number of periods over the range of the angle that the fine structure resolves."""

@@ -5,23 +5,23 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2
 
+from mrwarp.diagnose.calibration_shift import Found, find_shifts
 from mrwarp.diagnose.choice import Choice, threshold
+from mrwarp.diagnose.effect_model import LINEAR, SHAPE, Slot
 from mrwarp.diagnose.engine import Engine, Fitted
 from mrwarp.diagnose.features import Group
-from mrwarp.diagnose.lines import Line
-from mrwarp.diagnose.model import LINEAR, SHAPE, Slot
+from mrwarp.diagnose.physical_units import factor_of, unit_of
 from mrwarp.diagnose.result import (
     Cause,
     Shift,
     Unexplained,
     Value,
 )
-from mrwarp.diagnose.shift import Found, find_shifts
+from mrwarp.diagnose.spectral_lines import Line
 from mrwarp.diagnose.uncertainty import covariance, interval
-from mrwarp.diagnose.units import factor_of, unit_of
 from mrwarp.model_file import JOINT_UNITS, Model
 from mrwarp.params import MrParams
-from mrwarp.sysid.recording import Recording
+from mrwarp.recording.load import Recording
 
 _UNEXPLAINED_T = 2.0
 """Structure is only reported when it foretells trajectories with this ratio to its standard error."""

@@ -14,8 +14,8 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter, savgol_filter
 
-from mrwarp.diagnose.resting import known_velocity
-from mrwarp.sysid.recording import Recording, Trajectory
+from mrwarp.diagnose.standstill import known_velocity
+from mrwarp.recording.load import Recording, Trajectory
 
 _BANDWIDTHS = (25.0, 50.0, 100.0)
 """Bandwidths of the smoother [Hz], narrowest first: wider where the angle holds more motion and the rate allows it."""

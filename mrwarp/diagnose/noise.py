@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.optimize import root_scalar
 
-from mrwarp.sysid.replay import Samples
+from mrwarp.identify.replay import Samples
 
 _ORDER = 4
 

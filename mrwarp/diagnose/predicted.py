@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from mrwarp.diagnose.result import Diagnosis
-from mrwarp.sysid.damper import prediction_errors, undo_moving_average
-from mrwarp.sysid.recording import Recording, RecordingError, check_same_units
+from mrwarp.identify.damper import prediction_errors, undo_moving_average
+from mrwarp.recording.load import Recording, RecordingError, check_same_units
 
 MODELS = ("baseline", "extended")
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mrwarp.diagnose.replay import ExtendedReplay, Motion
-from mrwarp.sysid.recording import Recording
-from mrwarp.sysid.replay import Scales
+from mrwarp.diagnose.effect_replay import ExtendedReplay, Motion
+from mrwarp.identify.replay import Scales
+from mrwarp.recording.load import Recording
 
 if TYPE_CHECKING:
     from mrwarp.diagnose.choice import Choice

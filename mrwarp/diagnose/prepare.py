@@ -7,21 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mrwarp.diagnose.effect_model import LINEAR, SHAPE, Coordinates
+from mrwarp.diagnose.effect_replay import ExtendedReplay, Motion
 from mrwarp.diagnose.engine import Engine, Fitted
 from mrwarp.diagnose.features import Group, make_groups
-from mrwarp.diagnose.grams import ridge_solve
-from mrwarp.diagnose.model import LINEAR, SHAPE, Coordinates
 from mrwarp.diagnose.noise import Noise, estimate_noise, trajectory_spread
-from mrwarp.diagnose.replay import ExtendedReplay, Motion
-from mrwarp.diagnose.units import factor_of
+from mrwarp.diagnose.normal_equations import ridge_solve
+from mrwarp.diagnose.physical_units import factor_of
 from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.identify.fit import BoucWenStructure
+from mrwarp.identify.projection import Point
+from mrwarp.identify.replay import Replay, rms
+from mrwarp.identify.search import Progress, search_starts
 from mrwarp.model_file import JOINT_UNITS, Model
 from mrwarp.params import MrParams
-from mrwarp.sysid.fit import BoucWenStructure
-from mrwarp.sysid.projection import Point
-from mrwarp.sysid.recording import Recording
-from mrwarp.sysid.replay import Replay, rms
-from mrwarp.sysid.search import Progress, search_starts
+from mrwarp.recording.load import Recording
 
 _STARTS_ON = 8000
 """Samples on which the starts of the baseline are searched."""

@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 
 from mrwarp.diagnose.predictor import Predictor
+from mrwarp.identify.replay import parts_of, rms
 from mrwarp.model_file import Model
-from mrwarp.sysid.recording import Recording
-from mrwarp.sysid.replay import parts_of, rms
+from mrwarp.recording.load import Recording
 
 Verdict = Literal["none", "named", "unexplained", "named_and_unexplained"]
 
@@ -154,7 +154,7 @@ REGIMES = ("hold", "slip", "reversal", "current step")
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
-    """The result of :func:`mrwarp.diagnose.diagnose`."""
+    """The result of :func:`mrwarp.diagnose.pipeline`."""
 
     verdict: Verdict | None
     """None: the data cannot carry a verdict; ``cannot_know`` says why."""

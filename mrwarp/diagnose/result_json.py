@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mrwarp.diagnose.result import Cause, Diagnosis, Gain, Shift
-from mrwarp.results import write_result
+from mrwarp.run_dir import write_result
 
 
 def to_dict(diagnosis: Diagnosis) -> dict[str, Any]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from mrwarp.diagnose.choice import Choice, as_good
-from mrwarp.diagnose.edges import DELAY, LAG, find_edges, size_from, told_apart
 from mrwarp.diagnose.engine import Engine, Fitted
+from mrwarp.diagnose.step_response import DELAY, LAG, find_edges, size_from, told_apart
 from mrwarp.effects.catalogue import CATALOGUE
 
 _NEAR = 0.7

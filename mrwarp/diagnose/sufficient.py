@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mrwarp.diagnose.report_text import quantity
-from mrwarp.sysid.recording import Recording
+from mrwarp.diagnose.report.report_text import quantity
+from mrwarp.recording.load import Recording
 
 MIN_TRAJECTORIES = 3
 """Fewest trajectories: with fewer nothing can be foretold by the others."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mrwarp.diagnose.engine import Fitted
-from mrwarp.diagnose.grams import ridge_solve
-from mrwarp.sysid.identifiability import student
+from mrwarp.diagnose.normal_equations import ridge_solve
+from mrwarp.identify.identifiability import student
 
 
 def covariance(fit: Fitted) -> np.ndarray:

@@ -16,7 +16,7 @@ import numpy as np
 import warp as wp
 from mujoco_warp import DeterminismType, OverflowType
 
-from mrwarp.choices import BackendKind
+from mrwarp.enums import BackendKind
 
 STATE_FIELDS = ("qpos", "qvel", "qacc_warmstart", "qfrc_applied", "xfrc_applied")
 """Writable per-environment fields that both backends offer."""

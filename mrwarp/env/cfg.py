@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-from mrwarp.actuator import MrActuatorCfg
-from mrwarp.choices import (
+from mrwarp.actuator.mr_actuator import MrActuatorCfg
+from mrwarp.enums import (
     ACTUATORS,
     LEARNED,
     RANDOMIZATIONS,
@@ -20,7 +20,7 @@ from mrwarp.env.sim import SimCfg
 from mrwarp.env.terrain import TerrainCfg
 from mrwarp.model_file import Model
 from mrwarp.nn.models import LstmState
-from mrwarp.robot import CURRENT_GROUPS, GAIT_FREQUENCY
+from mrwarp.usd.robot import CURRENT_GROUPS, GAIT_FREQUENCY
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ import torch
 import warp as wp
 
 from mrwarp.env.task_kernels.derived import command_kernel
-from mrwarp.launch import record
+from mrwarp.kernels.launch import record
 
 if TYPE_CHECKING:
     from mrwarp.env.vec_env import WalkEnv

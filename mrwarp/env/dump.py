@@ -13,8 +13,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from mrwarp.env.broken import KEPT, Break, Column
-from mrwarp.folder import no_file
-from mrwarp.in_one_piece import replacing
+from mrwarp.run_dir import no_file, replacing
 
 META = "mrwarp_dump"
 SCHEMA = 1

@@ -10,8 +10,8 @@ import warp as wp
 from mrwarp.env import commands, randomize
 from mrwarp.env.task_kernels.draws import WIDTH
 from mrwarp.env.task_kernels.episodes import begin_episode_kernel
-from mrwarp.launch import Work, record_per_env
-from mrwarp.robot import STAND_HEIGHT
+from mrwarp.kernels.launch import Work, record_per_env
+from mrwarp.usd.robot import STAND_HEIGHT
 
 if TYPE_CHECKING:
     from mrwarp.env.vec_env import WalkEnv

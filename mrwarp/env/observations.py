@@ -10,7 +10,7 @@ import warp as wp
 from mrwarp.env.cfg import NoiseCfg
 from mrwarp.env.task_kernels.draws import WIDTH
 from mrwarp.env.task_kernels.observations import observe_kernel
-from mrwarp.launch import record_per_env
+from mrwarp.kernels.launch import record_per_env
 
 if TYPE_CHECKING:
     from mrwarp.env.vec_env import WalkEnv

@@ -10,7 +10,7 @@ import warp as wp
 from mrwarp.env.task_kernels.derived import push_kernel
 from mrwarp.env.task_kernels.draws import WIDTH
 from mrwarp.env.task_kernels.episodes import device_kernel
-from mrwarp.launch import record, record_per_env
+from mrwarp.kernels.launch import record, record_per_env
 
 if TYPE_CHECKING:
     from mrwarp.env.vec_env import WalkEnv

@@ -8,7 +8,7 @@ import torch
 import warp as wp
 
 from mrwarp.env.task_kernels.rewards import terms_kernel
-from mrwarp.launch import record_per_env
+from mrwarp.kernels.launch import record_per_env
 
 if TYPE_CHECKING:
     from mrwarp.env.vec_env import WalkEnv

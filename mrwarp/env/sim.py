@@ -9,14 +9,14 @@ import numpy as np
 import torch
 import warp as wp
 
-from mrwarp import brake_constraint
-from mrwarp.actuator import ActuatorInputs, Coupling, MrActuator, MrActuatorCfg, Residual
-from mrwarp.asset import RobotAsset, load_robot
+from mrwarp.actuator import brake_constraint
+from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, MrActuator, MrActuatorCfg, Residual
 from mrwarp.env import sim_kernels
 from mrwarp.env.backend import Backend, BackendKind, MjBatchBackend, MjWarpBackend
 from mrwarp.env.sim_model import Edit, Scene, SolverCfg, build_scene, named
 from mrwarp.env.terrain import Field
-from mrwarp.launch import Around, Work, in_graphs, record, record_per_env
+from mrwarp.kernels.launch import Around, Work, in_graphs, record, record_per_env
+from mrwarp.usd.asset import RobotAsset, load_robot
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -289,7 +289,7 @@ class ActuatedSim:
         scene: What is simulated, e.g. :func:`robot_scene`; built for the same step and coupling.
         cfg: How the physics is stepped.
         actuator_cfg: Choices of the MR joint's model.
-        residual: Learned torque, see :class:`mrwarp.actuator.MrActuator`.
+        residual: Learned torque, see :class:`mrwarp.actuator.mr_actuator.MrActuator`.
         share_params: One set of actuator parameters for all environments.
 
     Attributes:

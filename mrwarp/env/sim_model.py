@@ -16,12 +16,12 @@ import mujoco
 import newton
 import numpy as np
 
-import mrwarp.drive  # noqa: F401  registers the MR drive, so that Newton can read the asset
-from mrwarp import brake_constraint
-from mrwarp.actuator import Coupling
-from mrwarp.asset import JointActuator, RobotAsset
+import mrwarp.actuator.newton_drive  # noqa: F401  registers the MR drive, so that Newton can read the asset
+from mrwarp.actuator import brake_constraint
+from mrwarp.actuator.mr_actuator import Coupling
 from mrwarp.env.terrain import Field
-from mrwarp.robot import LEGS, leg_of
+from mrwarp.usd.asset import JointActuator, RobotAsset
+from mrwarp.usd.robot import LEGS, leg_of
 
 Edit = Callable[[mujoco.MjSpec], None]
 """A change to the MuJoCo specification."""
@@ -88,8 +88,8 @@ def build_scene(
     Args:
         asset: The asset with its variants chosen.
         dt: Physics step [s].
-        coupling: With ``CONSTRAINT`` every MR joint gets :mod:`mrwarp.brake_constraint`: reference damping 1/dt, so
-            that the friction row sees the velocity after the step and cannot do positive work.
+        coupling: With ``CONSTRAINT`` every MR joint gets :mod:`mrwarp.actuator.brake_constraint`: reference damping
+            1/dt, so that the friction row sees the velocity after the step and cannot do positive work.
         solver: Constraint solver options.
         ground: Add a ground plane at z = 0, or a height field.
         edit: Changes to the MuJoCo specification before it is compiled, e.g. a body that falls on the robot; bodies and
@@ -151,7 +151,9 @@ def add_inertia(model: mujoco.MjModel, dofs: np.ndarray, actuators: Sequence[Joi
     Raises:
         ValueError: a joint's armature would be negative.
     """
-    from mrwarp.effects.device import added_inertia  # starts Warp's laws, which a robot without effects needs not
+    from mrwarp.actuator.device_effects import (
+        added_inertia,  # starts Warp's laws, which a robot without effects needs not
+    )
 
     added = np.array([added_inertia(a.effects) if a.effects else 0.0 for a in actuators])
     for actuator, own, more in zip(actuators, model.dof_armature[dofs], added, strict=True):
@@ -166,7 +168,7 @@ def add_inertia(model: mujoco.MjModel, dofs: np.ndarray, actuators: Sequence[Joi
 
 
 def set_brake_constraint(model: mujoco.MjModel, dofs: list[int], dt: float) -> None:
-    """Make the dry friction of ``dofs`` a brake, see :mod:`mrwarp.brake_constraint`."""
+    """Make the dry friction of ``dofs`` a brake, see :mod:`mrwarp.actuator.brake_constraint`."""
     model.dof_solref[dofs] = brake_constraint.solref(dt)
     model.dof_solimp[dofs] = brake_constraint.SOLIMP
     model.dof_invweight0[dofs] = brake_constraint.invweight(dt)

@@ -9,7 +9,7 @@ import torch
 import warp as wp
 
 from mrwarp.env.task_kernels.ends import DONE, ends_kernel
-from mrwarp.launch import record
+from mrwarp.kernels.launch import record
 
 if TYPE_CHECKING:
     from mrwarp.env.vec_env import WalkEnv

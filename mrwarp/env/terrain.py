@@ -16,7 +16,7 @@ import warp as wp
 
 from mrwarp.env.task_kernels.curriculum import course_kernel
 from mrwarp.env.task_kernels.ground import ground_kernel
-from mrwarp.launch import record
+from mrwarp.kernels.launch import record
 
 if TYPE_CHECKING:
     from mrwarp.env.vec_env import WalkEnv

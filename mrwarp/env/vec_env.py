@@ -10,9 +10,8 @@ import warp as wp
 from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 
-from mrwarp.asset import JointActuator, load_robot
-from mrwarp.effects.applied import with_model
-from mrwarp.electrical.power import ElectricalCfg, copper_factor
+from mrwarp.actuator.residual import LearnedTorque, with_bouc_wen
+from mrwarp.energy.power import ElectricalCfg, copper_factor
 from mrwarp.env import randomize, terminations
 from mrwarp.env.cfg import LEARNED, EnvCfg
 from mrwarp.env.episodes import Episodes
@@ -24,10 +23,11 @@ from mrwarp.env.task_kernels import derived
 from mrwarp.env.task_kernels.draws import first_key
 from mrwarp.env.terrain import Terrain
 from mrwarp.env.watch import Watch
-from mrwarp.launch import Around, Work, in_graphs, in_turn, record
-from mrwarp.nn import model_file
-from mrwarp.residual import LearnedTorque, with_bouc_wen
-from mrwarp.robot import DEFAULT_Q, LEGS
+from mrwarp.kernels.launch import Around, Work, in_graphs, in_turn, record
+from mrwarp.nn import network_file as model_file
+from mrwarp.usd.applied_effects import with_model
+from mrwarp.usd.asset import JointActuator, load_robot
+from mrwarp.usd.robot import DEFAULT_Q, LEGS
 
 
 class WalkEnv(VecEnv):

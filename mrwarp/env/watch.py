@@ -16,12 +16,12 @@ import numpy as np
 import torch
 import warp as wp
 
-from mrwarp.actuator import MrActuator
+from mrwarp.actuator.mr_actuator import MrActuator
 from mrwarp.env import watch_kernels
 from mrwarp.env.broken import KEPT, Break, Column
 from mrwarp.env.sim import ActuatedSim, Sim
-from mrwarp.launch import record
-from mrwarp.robot import LEGS
+from mrwarp.kernels.launch import record
+from mrwarp.usd.robot import LEGS
 
 MAX_SPEED, MAX_RATE, MAX_QD = 30.0, 200.0, 400.0
 """Trunk speed [m/s], trunk rate [rad/s] and joint speed [rad/s] beyond which the physics has blown up: ten times what

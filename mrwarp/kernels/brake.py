@@ -14,8 +14,9 @@ def constraint_torque(qd_next: wp.float64, bound: wp.float64, creep: wp.float64)
     """Torque of the brake constraint over a step [N·m]: ``clip(-qd_next/creep, +-bound)``.
 
     MuJoCo's dry-friction row at its solution, ``clip(-(qdd + b*qd)/R, +-bound)``, for the damping ``b = 1/dt`` that
-    ``mrwarp.brake_constraint`` sets: then ``qdd + qd/dt = qd_next/dt`` and ``creep = R*dt`` [rad/s per N·m]. The work
-    ``tau*qd_next*dt`` is never positive: the coupling is passive in discrete time. In float64 because creep is small.
+    ``mrwarp.actuator.brake_constraint`` sets: then ``qdd + qd/dt = qd_next/dt`` and ``creep = R*dt`` [rad/s per N·m].
+    The work ``tau*qd_next*dt`` is never positive: the coupling is passive in discrete time. In float64 because
+    creep is small.
     """
     return wp.clamp(-qd_next / creep, -bound, bound)
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from mrwarp.kernels import learned, lstm_lanes
+from mrwarp.kernels import learned_torque as learned
+from mrwarp.kernels import lstm_lanes
 from mrwarp.kernels.window import FEATURES, WINDOW
 from mrwarp.nn.models import LstmTorque
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from mrwarp.actuator import HoldCurrent
+from mrwarp.actuator.mr_actuator import HoldCurrent
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.evaluate.impact import MOTOR_WINDOW, ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace
 from mrwarp.reproduce import readings, store
 from mrwarp.reproduce.ensemble import Ensemble
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, seeds_of
-from mrwarp.robot import LEGS, PUBLIC_GAINS
+from mrwarp.trials.impact import MOTOR_WINDOW, ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace
+from mrwarp.usd.robot import LEGS, PUBLIC_GAINS
 
 DATA = "drops.npz"
 """File with the data."""

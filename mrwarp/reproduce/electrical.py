@@ -6,12 +6,12 @@ from dataclasses import replace
 from typing import Any
 
 from mrwarp import paper
-from mrwarp.electrical import consistency
-from mrwarp.electrical.calibrate import Calibration, calibrate
-from mrwarp.electrical.power import CALIBRATED
-from mrwarp.evaluate import walk_figures
-from mrwarp.reproduce import walking
+from mrwarp.energy import consistency
+from mrwarp.energy.calibrate import Calibration, calibrate
+from mrwarp.energy.power import CALIBRATED
+from mrwarp.reproduce import walks as walking
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Table
+from mrwarp.trials import walk_figures
 
 
 def compute(job: Job) -> Findings:

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import mrwarp
-from mrwarp.asset import ASSETS
 from mrwarp.reproduce.experiment import Experiment
 from mrwarp.reproduce.settings import Settings
-from mrwarp.results import versions
+from mrwarp.run_dir import versions
+from mrwarp.usd.asset import ASSETS
 
 ROOT = Path(mrwarp.__file__).resolve().parent
 """Folder of the package."""

@@ -28,7 +28,7 @@ class Pushes:
     cells: list[dict[str, np.ndarray]]
     """Both columns of table 4 of every reading, shape (C, N)."""
     trace: dict[str, np.ndarray]
-    """Series of the adopted reading, see :class:`mrwarp.evaluate.impact.ImpactTrace`."""
+    """Series of the adopted reading, see :class:`mrwarp.trials.impact.ImpactTrace`."""
     policies: int
     """Policies; trial i was walked by policy ``i % policies``."""
 

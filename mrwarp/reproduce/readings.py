@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 
 from mrwarp import paper
-from mrwarp.actuator import Coupling, HoldCurrent
+from mrwarp.actuator.mr_actuator import Coupling, HoldCurrent
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
-from mrwarp.evaluate.impact import FALL_HEIGHT, ImpactCfg, ImpactSweep, ImpactTrace, Variant
-from mrwarp.evaluate.walking import Policy
-from mrwarp.nn.model_file import shipped_model
+from mrwarp.nn.network_file import shipped_model
 from mrwarp.params import BoucWenParams, HoldParams
-from mrwarp.robot import CURRENT_GROUPS, LEGS, PUBLIC_GAINS, TROT_PHASE
+from mrwarp.trials.impact import FALL_HEIGHT, ImpactCfg, ImpactSweep, ImpactTrace, Variant
+from mrwarp.trials.walking import Policy
+from mrwarp.usd.robot import CURRENT_GROUPS, LEGS, PUBLIC_GAINS, TROT_PHASE
 
 CELLS = ("min_height", "peak_down_velocity")
 """The two columns of table 4."""
@@ -55,7 +55,7 @@ class Reading:
     """Whether the holding gate lowers the motor's gain at 0 A too, where nothing holds (eqs. 8, 9 to the letter)."""
     gains: tuple[float, float] | None = PUBLIC_GAINS
     """Kp, Kd of all motors; None is the asset's 35 and 0.6, with policies trained with these. All others are walked by
-    policies that were trained with :data:`mrwarp.robot.PUBLIC_GAINS`."""
+    policies that were trained with :data:`mrwarp.usd.robot.PUBLIC_GAINS`."""
     phases: tuple[float, float] | None = FL_RR_STANCE
     """Gait phase at onset; None is any."""
     torque: str = "eq. 14"

@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mrwarp.in_one_piece import write_text
 from mrwarp.model_file import ModelFileError, read_json_file
 from mrwarp.reproduce import fingerprint
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, NotYet
 from mrwarp.reproduce.settings import Settings
-from mrwarp.results import plain
+from mrwarp.run_dir import plain, write_text
 
 KEPT = "findings.json"
 """What an experiment leaves in its folder."""

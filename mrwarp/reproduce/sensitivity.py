@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from mrwarp import paper
-from mrwarp.evaluate import thresholds
-from mrwarp.evaluate.impact import ImpactSweep, ImpactTrace, Variant
 from mrwarp.paper import Measured
 from mrwarp.reproduce import pushes, readings
 from mrwarp.reproduce.ensemble import Ensemble
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds
+from mrwarp.trials import thresholds
+from mrwarp.trials.impact import ImpactSweep, ImpactTrace, Variant
 
 TITLES = {
     "f_th": ("contact threshold", "N"),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mrwarp.in_one_piece import replacing
+from mrwarp.run_dir import replacing
 
 
 def save(path: Path, tree: Any) -> None:

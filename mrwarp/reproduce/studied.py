@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from mrwarp.nn import model_file
+from mrwarp.nn import network_file as model_file
 from mrwarp.nn.models import SAMPLES
 from mrwarp.reproduce.experiment import NotYet
 from mrwarp.study.plan import MODELS, SEEDS, STUDY, policy_file, record_file

@@ -10,8 +10,7 @@ from typing import Any
 
 import torch
 
-from mrwarp.folder import no_file
-from mrwarp.in_one_piece import replacing
+from mrwarp.run_dir import no_file, replacing
 
 FORMAT = 1
 """Version of the checkpoint's layout."""

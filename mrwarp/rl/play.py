@@ -10,8 +10,9 @@ from typing import Any
 import torch
 
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.evaluate.walking import measure
-from mrwarp.viewing import pictures, stream
+from mrwarp.trials.walking import measure
+from mrwarp.viewing import robot_pictures as pictures
+from mrwarp.viewing import stream
 from mrwarp.viewing.blueprint import make_blueprint
 from mrwarp.viewing.frames import FrameReader, Frames
 from mrwarp.viewing.robot_view import RobotLogger
@@ -25,7 +26,7 @@ class Player:
     """One run of a policy that can be watched.
 
     Args:
-        env: Evaluation environments, see :func:`mrwarp.evaluate.walking.make_env`.
+        env: Evaluation environments, see :func:`mrwarp.trials.walking.make_env`.
         actor: Observations to actions (E, 12).
         speed: Commanded forward speed [m/s].
         shown: Environments that are shown, by index.
@@ -103,7 +104,7 @@ class Player:
         """Run for ``seconds`` [s], the first ``warmup`` [s] of them unmeasured; live at real time, else at full speed.
 
         Returns:
-            Figures of :func:`mrwarp.evaluate.walking.measure`, and ``falls`` (robot and time [s]), ``speed`` [m/s],
+            Figures of :func:`mrwarp.trials.walking.measure`, and ``falls`` (robot and time [s]), ``speed`` [m/s],
             ``shown_seconds``.
 
         Raises:

@@ -13,11 +13,10 @@ import torch
 from tensordict import TensorDict
 
 from mrwarp.env.observations import ACTOR_TERMS
-from mrwarp.folder import no_file
-from mrwarp.in_one_piece import replacing
 from mrwarp.model_file import shown
-from mrwarp.robot import JOINTS
-from mrwarp.shipped import DEFAULT_POLICY, POLICIES  # noqa: F401  (where policies are looked for)
+from mrwarp.resources import DEFAULT_POLICY, POLICIES  # noqa: F401  (where policies are looked for)
+from mrwarp.run_dir import no_file, replacing
+from mrwarp.usd.robot import JOINTS
 
 META = "mrwarp"
 """Key of the ONNX metadata entry that holds the policy's description as JSON."""

@@ -21,8 +21,8 @@ import torch.distributed as dist
 from tensordict import TensorDict
 from torch.distributed.rendezvous import rendezvous
 
-from mrwarp.quiet import one_of_several
 from mrwarp.rl.ppo import PPO
+from mrwarp.runtime import one_of_several
 
 TIMEOUT = timedelta(minutes=10)
 """Longest wait for another rank, e.g. while rank 0 checks the gate or compiles kernels."""

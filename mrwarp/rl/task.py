@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mrwarp.env.cfg import EnvCfg
-from mrwarp.nn.model_file import MODELS, shipped_model
+from mrwarp.nn.network_file import MODELS, shipped_model
 from mrwarp.rl.ppo_cfg import LearningCfg
 
 

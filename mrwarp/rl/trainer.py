@@ -16,17 +16,17 @@ from torch.utils.tensorboard import SummaryWriter
 
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.evaluate.walking import GateCheck
-from mrwarp.folder import check_writable, claim, place_and_cause
-from mrwarp.quiet import one_torch_thread, repeating_torch, silent
-from mrwarp.results import write_result
-from mrwarp.rl import checkpoint, curves, policy
-from mrwarp.rl.breaks import WINDOW, Breaks, TooManyBreaks, not_finite
+from mrwarp.rl import checkpoint, policy
+from mrwarp.rl import learning_curve as curves
+from mrwarp.rl.divergence import WINDOW, Breaks, TooManyBreaks, not_finite
 from mrwarp.rl.ppo import PPO
 from mrwarp.rl.ppo_cfg import LearningCfg, make_ppo_cfg
 from mrwarp.rl.ranks import Ranks
 from mrwarp.rl.task import learned, task
 from mrwarp.rl.warm_start import critic_learns_alone, read_networks, take_networks
+from mrwarp.run_dir import check_writable, claim, place_and_cause, write_result
+from mrwarp.runtime import one_torch_thread, repeating_torch, silent
+from mrwarp.trials.walking import GateCheck
 
 
 class TrainingError(RuntimeError):

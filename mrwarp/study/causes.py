@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import torch
 
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
-from mrwarp.quiet import one_torch_thread
 from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.runtime import one_torch_thread
+from mrwarp.study.paper_tables import CURRENT, EvaluationCfg, Row, make_row
 from mrwarp.study.plan import policy_file
 from mrwarp.study.rollouts import RolloutCfg, roll_out
-from mrwarp.study.tables import CURRENT, EvaluationCfg, Row, make_row
 
 STEPS = {
     "go1": "Go1",

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mrwarp.choices import Coupling
+from mrwarp.enums import Coupling
 from mrwarp.paper import ROBOTS
+from mrwarp.resources import POLICIES
 from mrwarp.rl.ppo_cfg import LearningCfg
-from mrwarp.shipped import POLICIES
 
 CONVENTIONAL = "conventional"
 """Trained on Go1, whose joints have no MR device: configurations A and B of table 2."""
@@ -28,8 +28,8 @@ PLANTS = (CONVENTIONAL, AWARE, *(model for model in MODELS if model != AWARE))
 """What a policy was trained on, by name; those of table 2 first, which is the order of training."""
 
 PUBLIC = "public_gains"
-"""The actuator-aware plant with :data:`mrwarp.robot.PUBLIC_GAINS`: policies for the pushes and falling masses of table
-4, which the asset's stiffer motors hardly feel. Its soft motors sag, so the trunk's height has the weight
+"""The actuator-aware plant with :data:`mrwarp.usd.robot.PUBLIC_GAINS`: policies for the pushes and falling masses of
+table 4, which the asset's stiffer motors hardly feel. Its soft motors sag, so the trunk's height has the weight
 :data:`HEIGHT`: with the usual one, one policy of three walks at 0.28 m and misses the walking gate."""
 
 EXPLICIT = "mr_go_sal_explicit"

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mrwarp.choices import Coupling
+from mrwarp.enums import Coupling
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
-from mrwarp.robot import CURRENT_GROUPS, PUBLIC_GAINS
-from mrwarp.shipped import shipped_model
+from mrwarp.resources import shipped_model
 from mrwarp.study.plan import (
     AWARE,
     CONVENTIONAL,
@@ -20,6 +19,7 @@ from mrwarp.study.plan import (
     RANDOMIZE,
     TRAINABLE,
 )
+from mrwarp.usd.robot import CURRENT_GROUPS, PUBLIC_GAINS
 
 
 def plant_cfg(

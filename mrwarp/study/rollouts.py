@@ -11,7 +11,7 @@ from tensordict import TensorDict
 
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.evaluate.walking import Policy, make_env, same_starts
+from mrwarp.trials.walking import Policy, make_env, same_starts
 
 METRICS = ("v_x_rmse", "v_x_bias", "height", "height_rmse", "tilt_rms", "yaw_rate_rmse")
 """What is measured of a rollout, by name; see :class:`Measured`."""

@@ -13,7 +13,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from mrwarp.in_one_piece import replacing
+from mrwarp.run_dir import replacing
 from mrwarp.sweep.grid import Trial
 from mrwarp.sweep.trial import FINISHED, State, Status
 

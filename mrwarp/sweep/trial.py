@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
-from mrwarp.in_one_piece import write_text
+from mrwarp.run_dir import write_text
 from mrwarp.sweep.grid import Trial
 
 LAUNCH = (sys.executable, "-m", "mrwarp.cli")

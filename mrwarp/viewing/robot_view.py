@@ -19,7 +19,7 @@ import rerun as rr
 
 from mrwarp.env.sim_model import Scene
 from mrwarp.kernels import ledger
-from mrwarp.robot import CALVES, LEGS
+from mrwarp.usd.robot import CALVES, LEGS
 from mrwarp.viewing.frames import Frames, Gate
 from mrwarp.viewing.ground import ground_of, trunk_height
 from mrwarp.viewing.shapes import (

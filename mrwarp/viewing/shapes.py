@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from mrwarp.env.sim_model import Scene
-from mrwarp.robot import JOINTS, LEGS
+from mrwarp.usd.robot import JOINTS, LEGS
 from mrwarp.viewing.frames import Gate
 
 Color = tuple[int, int, int]

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Patch, Polygon
 
 from mrwarp.env.sim_model import Scene
-from mrwarp.robot import LEGS
+from mrwarp.usd.robot import LEGS
 from mrwarp.viewing.frames import Gate
 from mrwarp.viewing.ground import ground_of
 from mrwarp.viewing.shapes import GATE_COLORS, Color, Kind, Kinematics, Part, Shape, compose, robot_shapes, rotate

@@ -12,8 +12,8 @@ from benchmarks.confusion.experiment import CURRENTS, Proposal, joined, with_exp
 from benchmarks.confusion.families import Plan
 from benchmarks.confusion.suite import run_case
 from benchmarks.confusion.tables import report
-from mrwarp.diagnose.experiment import _STANDARD
-from mrwarp.sysid.recording import Recording
+from mrwarp.diagnose.next_experiment import _STANDARD
+from mrwarp.recording.load import Recording
 
 SILENT = Noise(white=0.0, coloured=0.0, offset=0.0, gain=0.0, velocity=0.0, encoder=0.0)
 MOTION = {"amplitude": 0.4, "frequency_low": 0.5, "frequency_high": 1.5, "current_max": 1.2, "runs": 4.0}

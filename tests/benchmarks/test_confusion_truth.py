@@ -19,8 +19,8 @@ from benchmarks.confusion.suite import SuiteError, run_case, run_suite
 from benchmarks.confusion.tables import report
 from benchmarks.confusion.truth import BASE, Device, Signals, simulate
 from benchmarks.confusion.verdicts import judge, record_of
-from mrwarp.sysid.recording import Recording, load_recording
-from mrwarp.sysid.replay import simulate as replay
+from mrwarp.identify.replay import simulate as replay
+from mrwarp.recording.load import Recording, load_recording
 
 SIGMA = NOISES["realistic"].sigma
 SILENT = Noise(white=0.0, coloured=0.0, offset=0.0, gain=0.0, velocity=0.0, encoder=0.0)

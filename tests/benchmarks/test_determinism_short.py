@@ -12,7 +12,7 @@ from benchmarks.determinism import differing, in_processes, simulate, train
 from mrwarp.env.backend import BackendKind, MjBatchBackend, MjWarpBackend
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.sim import Sim, SimCfg, robot_scene
-from mrwarp.quiet import repeating_torch
+from mrwarp.runtime import repeating_torch
 
 ROOT = Path(__file__).parents[2]
 
@@ -145,7 +145,7 @@ def test_kernels_sum_nothing_atomically() -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             is_sum = isinstance(node, ast.Attribute) and node.attr.startswith("atomic_")
             found += [str(path.relative_to(ROOT))] if is_sum else []
-    assert found == ["mrwarp/kernels/learned.py"]
+    assert found == ["mrwarp/kernels/learned_torque.py"]
 
 
 def test_cost_times_both() -> None:

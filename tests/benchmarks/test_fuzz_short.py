@@ -13,7 +13,7 @@ from benchmarks.fuzz import runner
 from benchmarks.fuzz.coverage import Lines
 from benchmarks.fuzz.kinds import KINDS
 from benchmarks.fuzz.runner import isolated, run
-from mrwarp.asset_open import too_deep
+from mrwarp.usd.open_stage import too_deep
 
 CASES = {"csv": 300, "parquet": 200, "model": 300, "usd": 60, "usd-attr": 40, "checkpoint": 300, "onnx": 60,
          "safetensors": 150, "dump": 300}  # fmt: skip

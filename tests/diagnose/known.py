@@ -5,15 +5,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from mrwarp.diagnose.effect_kernels import HEAT_TIMES
+from mrwarp.diagnose.effect_model import Coordinates
+from mrwarp.diagnose.effect_replay import ExtendedReplay, Motion
 from mrwarp.diagnose.engine import Engine, Fitted
-from mrwarp.diagnose.kernels import HEAT_TIMES
 from mrwarp.diagnose.kinematics import Kinematics
-from mrwarp.diagnose.model import Coordinates
 from mrwarp.diagnose.noise import Noise
-from mrwarp.diagnose.replay import ExtendedReplay, Motion
 from mrwarp.effects.law import Ranges
-from mrwarp.sysid.recording import Recording, Trajectory
-from mrwarp.sysid.replay import Samples, Scales
+from mrwarp.identify.replay import Samples, Scales
+from mrwarp.recording.load import Recording, Trajectory
 
 TRUTH = {
     "D": -0.01917639, "B": 0.1013626, "C": 0.2160456, "I1": -7.681742e-4, "K0": 0.3992754, "K1": 10.413315,

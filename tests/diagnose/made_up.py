@@ -23,7 +23,7 @@ from mrwarp.diagnose.result import (
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter
 from mrwarp.params import MrParams
-from mrwarp.sysid.recording import Recording, Trajectory
+from mrwarp.recording.load import Recording, Trajectory
 
 DT = 0.005
 NOISE = 0.05

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.believed import _inside
 from mrwarp.diagnose.choice import CHI2, FLOOR, Choice, threshold
 from mrwarp.diagnose.choose import best_single, choose, first_look
+from mrwarp.diagnose.confounders import _inside
 from mrwarp.diagnose.prepare import groups_of
 from mrwarp.diagnose.uncertainty import covariance
 from mrwarp.effects.catalogue import CATALOGUE

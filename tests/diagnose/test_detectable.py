@@ -5,7 +5,7 @@ import pytest
 
 from mrwarp.diagnose.choice import threshold
 from mrwarp.diagnose.detectable import detectable
-from mrwarp.diagnose.grams import losses
+from mrwarp.diagnose.normal_equations import losses
 from mrwarp.effects.catalogue import CATALOGUE
 from tests.diagnose import known
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mrwarp.diagnose.choice import leftovers, threshold
+from mrwarp.diagnose.effect_replay import Motion
 from mrwarp.diagnose.features import Group, make_groups
 from mrwarp.diagnose.prepare import groups_of
-from mrwarp.diagnose.replay import Motion
 from tests.diagnose import known
 
 WORDS = {"q", "qd", "qdd", "current", "time", "memory"}

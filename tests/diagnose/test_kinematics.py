@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mrwarp.diagnose.kinematics import reconstruct, smooth
-from mrwarp.sysid.differentiate import differentiate
-from mrwarp.sysid.recording import Recording, Trajectory
+from mrwarp.recording.differentiate import differentiate
+from mrwarp.recording.load import Recording, Trajectory
 
 STEP, V_NOISE = 3e-4, 0.01
 

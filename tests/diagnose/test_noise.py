@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from mrwarp.diagnose.noise import Noise, estimate_noise, trajectory_spread
-from mrwarp.sysid.replay import Samples, Scales
+from mrwarp.identify.replay import Samples, Scales
 
 DT = 0.005
 

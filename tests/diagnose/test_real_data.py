@@ -14,7 +14,7 @@ from scipy.signal import butter, filtfilt
 from mrwarp.diagnose import diagnose
 from mrwarp.diagnose.predicted import predicted_errors, summary
 from mrwarp.diagnose.result import Diagnosis
-from mrwarp.sysid.recording import load_recording
+from mrwarp.recording.load import load_recording
 
 DATA = Path(os.environ.get("MRWARP_DATA", Path(__file__).parents[3] / "shared" / "data"))
 pytestmark = pytest.mark.slow

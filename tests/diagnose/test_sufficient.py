@@ -7,7 +7,7 @@ import pytest
 
 from mrwarp.diagnose import diagnose
 from mrwarp.diagnose.sufficient import MIN_SAMPLES, MIN_SECONDS, MIN_TRAJECTORIES, gaps, hindrances
-from mrwarp.sysid.recording import Recording, Trajectory
+from mrwarp.recording.load import Recording, Trajectory
 
 
 def good(runs: int = 6, seconds: float = 4.0, dt: float = 0.005) -> Recording:

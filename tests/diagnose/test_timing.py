@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.replay import Motion
+from mrwarp.diagnose.effect_replay import Motion
 from mrwarp.diagnose.timing import find_timing, timing_note
 from tests.diagnose import known
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from mrwarp.diagnose.grams import Grams
 from mrwarp.diagnose.noise import Noise
+from mrwarp.diagnose.normal_equations import Grams
 from mrwarp.diagnose.uncertainty import covariance, interval
-from mrwarp.sysid.replay import Samples, Scales
+from mrwarp.identify.replay import Samples, Scales
 from tests.diagnose import known
 
 TRUE = np.array([1.0, -2.0, 0.5])

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from mrwarp.diagnose.effect_replay import ExtendedReplay, Motion
 from mrwarp.diagnose.engine import Engine, Fitted
 from mrwarp.diagnose.prepare import begin_under_way
-from mrwarp.diagnose.replay import ExtendedReplay, Motion
 from tests.diagnose import known
 
 STIFF = {"beta": 60.0, "gamma": -20.0}

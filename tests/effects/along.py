@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 import warp as wp
 
-from mrwarp.diagnose.kernels import BASE, HEAT_TIMES, extended_replay_kernel
+from mrwarp.diagnose.effect_kernels import BASE, HEAT_TIMES, extended_replay_kernel
 from mrwarp.effects.catalogue import NULLS, SLOTS, column_of
 
 EPS = float(np.finfo(np.float32).eps)

@@ -4,7 +4,7 @@ from dataclasses import FrozenInstanceError, fields, replace
 
 import pytest
 
-from mrwarp.actuator import Coupling, HoldCurrent, ZStep
+from mrwarp.actuator.mr_actuator import Coupling, HoldCurrent, ZStep
 from mrwarp.env.backend import BackendKind
 from mrwarp.env.cfg import EnvCfg, RandomizeCfg, make_play_cfg, make_randomize_cfg, make_walk_cfg
 

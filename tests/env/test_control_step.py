@@ -11,9 +11,9 @@ from mrwarp.env import episodes, observations, randomize, rewards, sim
 from mrwarp.env.backend import BackendKind
 from mrwarp.env.cfg import EnvCfg, RandomizeCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.launch import record
-from mrwarp.nn.model_file import shipped_model
+from mrwarp.kernels.launch import record
 from mrwarp.nn.models import LstmState
+from mrwarp.nn.network_file import shipped_model
 
 MJBATCH, MJWARP = BackendKind
 

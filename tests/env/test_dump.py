@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mrwarp.commands.run_replay_dump import main
 from mrwarp.env import dump
 from mrwarp.env.dump import DumpError
-from mrwarp.env.replay_dump_cli import main
 from mrwarp.env.watch import Break, Column
 
 COLUMNS = (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mrwarp.env.backend import BackendKind
-from mrwarp.evaluate.physics_engines import (
+from mrwarp.verify.engines import (
     STEPS,
     Agreement,
     agreement,

@@ -13,7 +13,7 @@ from mrwarp.env.sim import robot_scene
 from mrwarp.env.sim_model import Scene
 from mrwarp.env.task_kernels import gait
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.robot import DEFAULT_Q, LEGS, STAND_HEIGHT
+from mrwarp.usd.robot import DEFAULT_Q, LEGS, STAND_HEIGHT
 
 STEP_HEIGHT = 0.06
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from mrwarp import brake_constraint
-from mrwarp.actuator import Coupling
+from mrwarp.actuator import brake_constraint
+from mrwarp.actuator.mr_actuator import Coupling
 from mrwarp.env import randomize
 from mrwarp.env.cfg import RandomizeCfg, make_walk_cfg
 from mrwarp.env.task_kernels.draws import STEP
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels.joint_params import FIELDS
-from mrwarp.robot import CALVES, JOINTS
+from mrwarp.usd.robot import CALVES, JOINTS
 
 NUM_ENVS = 64
 CALF = [JOINTS.index(name) for name in CALVES]

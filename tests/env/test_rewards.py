@@ -11,7 +11,7 @@ import torch
 
 from mrwarp.env import rewards
 from mrwarp.env.cfg import EnvCfg, RewardCfg
-from mrwarp.robot import DEFAULT_Q
+from mrwarp.usd.robot import DEFAULT_Q
 
 NUM_ENVS = 7
 SHAPES = {"target_height", "velocity_width", "yaw_width", "step_height", "winding_resistance"}

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import warp as wp
 
-from mrwarp import brake_constraint
-from mrwarp.asset import ASSETS, load_robot
+from mrwarp.actuator import brake_constraint
 from mrwarp.env.backend import BackendKind, MjBatchBackend
 from mrwarp.env.sim import ActuatedSim, Sim, SimCfg, robot_scene
 from mrwarp.env.sim_model import Scene, SolverCfg
-from mrwarp.evaluate.physics_holding import bench_rig, stand_on_brakes
-from mrwarp.evaluate.physics_rigs import stance
 from mrwarp.params import MrParams
+from mrwarp.usd.asset import ASSETS, load_robot
+from mrwarp.verify.held_joint import bench_rig, stand_on_brakes
+from mrwarp.verify.rigs import stance
 
 K1 = "double newton:mr:K1 = 10.413315"
 

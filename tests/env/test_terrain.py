@@ -18,7 +18,7 @@ from mrwarp.env.task_kernels.ends import DONE, TIME_OUT
 from mrwarp.env.task_kernels.ground import ground_height
 from mrwarp.env.terrain import KINDS, Terrain, TerrainCfg, make_field
 from mrwarp.env.vec_env import CONTACT_FORCE, WalkEnv
-from mrwarp.robot import STAND_HEIGHT
+from mrwarp.usd.robot import STAND_HEIGHT
 
 CPU = torch.device("cpu")
 

@@ -9,10 +9,10 @@ import torch
 from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 
-from mrwarp.electrical.power import ElectricalCfg, copper_factor
+from mrwarp.energy.power import ElectricalCfg, copper_factor
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.robot import DEFAULT_Q, STAND_HEIGHT
-from tests.env_bench import assert_same_step, make_cfg, random_actions
+from mrwarp.usd.robot import DEFAULT_Q, STAND_HEIGHT
+from tests.env.env_bench import assert_same_step, make_cfg, random_actions
 
 NEUTRAL = torch.tensor(DEFAULT_Q)
 

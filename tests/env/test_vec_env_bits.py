@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from mrwarp.env.vec_env import WalkEnv
-from tests.env_bench import assert_same_state, assert_same_step, make_cfg, random_actions
+from tests.env.env_bench import assert_same_state, assert_same_step, make_cfg, random_actions
 
 
 def test_masked_reset_leaves_other_environments_bit_equal() -> None:

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from mrwarp import paper
-from mrwarp.electrical.battery import BatteryCfg
-from mrwarp.electrical.power import ElectricalCfg, Use
-from mrwarp.electrical.thermal import ThermalCfg
-from mrwarp.evaluate.mission import PHASES, MissionTrace, PhaseUse
-from mrwarp.reproduce import fig10, fig11, mission
+from mrwarp.energy.battery import BatteryCfg
+from mrwarp.energy.power import ElectricalCfg, Use
+from mrwarp.energy.thermal import ThermalCfg
+from mrwarp.reproduce import missions as mission
 from mrwarp.reproduce.experiment import Findings, Job, Row
+from mrwarp.reproduce.figures import fig10, fig11
 from mrwarp.reproduce.settings import Settings
+from mrwarp.trials.mission import PHASES, MissionTrace, PhaseUse
 
 
 def trace(robot: str, *, power: float = 0.0, share: float = 1.0) -> MissionTrace:

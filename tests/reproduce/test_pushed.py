@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from mrwarp import paper
-from mrwarp.evaluate import thresholds
-from mrwarp.evaluate.impact import ImpactTrace
-from mrwarp.reproduce import drops, fig6, fig7, pushes, readings, sensitivity, table4
+from mrwarp.reproduce import drops, pushes, readings, sensitivity
 from mrwarp.reproduce.experiment import Findings, Job, seeds_of
+from mrwarp.reproduce.figures import fig6, fig7
 from mrwarp.reproduce.settings import Settings
-from mrwarp.robot import CURRENT_GROUPS, LEGS
+from mrwarp.reproduce.tables import table4
+from mrwarp.trials import thresholds
+from mrwarp.trials.impact import ImpactTrace
+from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
 
 TRIALS = 6
 """Two of each of three policies."""

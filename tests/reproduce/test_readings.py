@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from mrwarp import paper
-from mrwarp.evaluate.impact import ImpactTrace
 from mrwarp.params import BoucWenParams, HoldParams
-from mrwarp.reproduce import drops, readings, table4
+from mrwarp.reproduce import drops, readings
 from mrwarp.reproduce.pushes import Pushes
-from mrwarp.robot import CURRENT_GROUPS
+from mrwarp.reproduce.tables import table4
+from mrwarp.trials.impact import ImpactTrace
+from mrwarp.usd.robot import CURRENT_GROUPS
 
 
 def test_yield_reading_slides_at_the_yield_torque() -> None:

@@ -2,10 +2,12 @@
 
 import pytest
 
-from mrwarp.nn import model_file
-from mrwarp.reproduce import fig4, pushes, studied, table2, table3
+from mrwarp.nn import network_file as model_file
+from mrwarp.reproduce import pushes, studied
 from mrwarp.reproduce.experiment import NotYet
+from mrwarp.reproduce.figures import fig4
 from mrwarp.reproduce.settings import Settings
+from mrwarp.reproduce.tables import table2, table3
 
 
 @pytest.mark.parametrize("module", [table2, table3, pushes, fig4])

@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 
 from mrwarp import paper
-from mrwarp.electrical import consistency
-from mrwarp.electrical.power import Use
-from mrwarp.evaluate.traces import CHANNELS, GaitTrace
-from mrwarp.evaluate.walk_trials import WalkResult
-from mrwarp.reproduce import electrical, fig8, fig9, store, table6, table7, walking
+from mrwarp.energy import consistency
+from mrwarp.energy.power import Use
+from mrwarp.reproduce import electrical, store
+from mrwarp.reproduce import walks as walking
 from mrwarp.reproduce.experiment import Findings, Job, over_seeds
+from mrwarp.reproduce.figures import fig8, fig9
 from mrwarp.reproduce.settings import Settings
+from mrwarp.reproduce.tables import table6, table7
+from mrwarp.trials.traces import CHANNELS, GaitTrace
+from mrwarp.trials.walk_trials import WalkResult
 
 TRIALS = np.arange(9)
 """Three rollouts of each of three policies."""

@@ -12,13 +12,13 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 from rerun.chunk import RrdReader
 
+from mrwarp.commands import run_play as play_cli
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.observations import ACTOR_TERMS
-from mrwarp.evaluate.walking import make_env, measure
-from mrwarp.rl import play_cli
 from mrwarp.rl.play import Player
 from mrwarp.rl.policy import META, OnnxPolicy
 from mrwarp.rl.task import task
+from mrwarp.trials.walking import make_env, measure
 from mrwarp.viewing import stream
 
 

@@ -12,13 +12,14 @@ from rsl_rl.algorithms import PPO
 from tensordict import TensorDict
 
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.evaluate.walking import GateCheck, WalkingGate
-from mrwarp.quiet import silent
-from mrwarp.rl import checkpoint, curves, ppo, trainer
+from mrwarp.rl import checkpoint, ppo, trainer
+from mrwarp.rl import learning_curve as curves
 from mrwarp.rl.checkpoint import CheckpointError
 from mrwarp.rl.ppo_cfg import STEPS_PER_UPDATE, make_ppo_cfg
 from mrwarp.rl.ranks import Ranks, RanksPPO
 from mrwarp.rl.trainer import TrainCfg, Trainer, TrainingError
+from mrwarp.runtime import silent
+from mrwarp.trials.walking import GateCheck, WalkingGate
 from tests.rl.test_trainer import assert_same_bits
 from tests.rl.together import together
 

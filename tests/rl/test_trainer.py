@@ -12,13 +12,14 @@ import pytest
 import torch
 
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.evaluate.walking import GateCheck, WalkingGate
-from mrwarp.rl import checkpoint, curves, trainer
+from mrwarp.rl import checkpoint, trainer
+from mrwarp.rl import learning_curve as curves
 from mrwarp.rl.checkpoint import CheckpointError
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.rl.task import learned, task
 from mrwarp.rl.trainer import TrainCfg, Trainer
+from mrwarp.trials.walking import GateCheck, WalkingGate
 
 ENV = make_walk_cfg(num_envs=8)
 TINY_GATE = WalkingGate(num_envs=4, warmup=0.0, seconds=0.2)

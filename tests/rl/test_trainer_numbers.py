@@ -10,14 +10,16 @@ from typing import Any
 import pytest
 import torch
 
-from mrwarp import folder
+from mrwarp import run_dir as folder
+from mrwarp.commands import run_train as train_cli
 from mrwarp.env import dump
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.evaluate.walking import GateCheck, WalkingGate
-from mrwarp.folder import FolderError
-from mrwarp.rl import checkpoint, curves, train_cli, trainer
-from mrwarp.rl.breaks import not_finite
+from mrwarp.rl import checkpoint, trainer
+from mrwarp.rl import learning_curve as curves
+from mrwarp.rl.divergence import not_finite
 from mrwarp.rl.trainer import TrainCfg, Trainer, TrainingError
+from mrwarp.run_dir import FolderError
+from mrwarp.trials.walking import GateCheck, WalkingGate
 
 NAN = float("nan")
 GATE = WalkingGate(num_envs=4, warmup=0.0, seconds=0.2)

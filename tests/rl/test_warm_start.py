@@ -9,13 +9,15 @@ from typing import Any
 import pytest
 import torch
 
+from mrwarp.commands import run_train as train_cli
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.evaluate.walking import GateCheck, WalkingGate
-from mrwarp.rl import checkpoint, curves, train_cli, trainer, warm_start
+from mrwarp.rl import checkpoint, trainer, warm_start
+from mrwarp.rl import learning_curve as curves
 from mrwarp.rl.checkpoint import CheckpointError
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, export_onnx
 from mrwarp.rl.trainer import TrainCfg, Trainer
 from mrwarp.rl.warm_start import CRITIC_FIRST, NOISE, critic_learns_alone
+from mrwarp.trials.walking import GateCheck, WalkingGate
 
 GATE = WalkingGate(num_envs=4, warmup=0.0, seconds=0.1)
 

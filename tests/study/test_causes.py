@@ -8,8 +8,8 @@ import pytest
 
 from mrwarp.rl.policy import DEFAULT_POLICY
 from mrwarp.study.causes import STEPS, _plant, causes
+from mrwarp.study.paper_tables import EvaluationCfg, evaluate
 from mrwarp.study.plan import CONVENTIONAL, policy_file
-from mrwarp.study.tables import EvaluationCfg, evaluate
 
 
 def test_every_step_changes_one_thing() -> None:

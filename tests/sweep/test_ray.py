@@ -12,7 +12,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from mrwarp.sweep import cli, runners
+from mrwarp.commands import run_sweep as cli
+from mrwarp.sweep import runners
 from mrwarp.sweep.trial import State, read_status
 from tests.sweep.fake_remote import fake_remote
 

@@ -12,8 +12,8 @@ from rerun.chunk import RrdReader
 
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.evaluate.walking import make_env
-from mrwarp.robot import CURRENT_GROUPS
+from mrwarp.trials.walking import make_env
+from mrwarp.usd.robot import CURRENT_GROUPS
 from mrwarp.viewing.frames import FrameReader, Frames
 
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.evaluate.walking import make_env
+from mrwarp.trials.walking import make_env
 from mrwarp.viewing.frames import FrameReader, Frames, Gate
 
 

@@ -9,11 +9,11 @@ from matplotlib.figure import Figure
 
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.evaluate.walking import make_env
+from mrwarp.trials.walking import make_env
 from mrwarp.viewing import stream
 from mrwarp.viewing.frames import FrameReader
 from mrwarp.viewing.ground import Ground, ground_of, trunk_height
-from mrwarp.viewing.pictures import contact_sheet
+from mrwarp.viewing.robot_pictures import contact_sheet
 from mrwarp.viewing.robot_view import RobotLogger
 from mrwarp.viewing.side_view import SideView
 

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mrwarp.asset import load_robot
 from mrwarp.env.sim import robot_scene
 from mrwarp.kernels import ledger
-from mrwarp.robot import LEGS
+from mrwarp.usd.asset import load_robot
+from mrwarp.usd.robot import LEGS
 from mrwarp.viewing import stream
 from mrwarp.viewing.blueprint import make_blueprint
 from mrwarp.viewing.frames import Frames, Gate

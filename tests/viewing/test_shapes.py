@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from mrwarp.asset import load_robot
 from mrwarp.env.sim import robot_scene
-from mrwarp.robot import JOINTS, LEGS
+from mrwarp.usd.asset import load_robot
+from mrwarp.usd.robot import JOINTS, LEGS
 from mrwarp.viewing.shapes import Kind, Kinematics, Part, body_names, compose, robot_shapes, rotate
 
 

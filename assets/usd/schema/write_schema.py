@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from mrwarp.asset import PREFIX, SCHEMA
 from mrwarp.params import MrParams
+from mrwarp.usd.asset import PREFIX, SCHEMA
 
 TARGET = Path(__file__).resolve().parent / "generatedSchema.usda"
 

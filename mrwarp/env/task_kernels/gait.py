@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mrwarp.robot import TROT_PHASE
+from mrwarp.usd.robot import TROT_PHASE
 
 THIGH_LENGTH = wp.constant(0.213)
 """Thigh joint to calf joint [m], Go1."""

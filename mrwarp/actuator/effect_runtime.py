@@ -1,0 +1,114 @@
+"""The effects of a batch of devices: values and states as arrays, and the launches that take the plain ones' place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from mrwarp.actuator.device_effects import values_range, values_row
+from mrwarp.effects.catalogue import COLUMNS, SLOTS, column_of
+from mrwarp.effects.stages import advance_effects_kernel, predict_effects_kernel, reset_effects_kernel
+from mrwarp.kernels.joint_params import JointParams
+from mrwarp.kernels.launch import record
+from mrwarp.model_file import Effect
+
+STATE = ("coil", "heat", "newest", "memory", "commands", "clock", "values")
+"""Arrays that a resumed run needs."""
+
+
+class DeviceEffects:
+    """Values and states of the effects of E x M devices.
+
+    Args:
+        effects: Checked effects of each device, length M.
+        num_envs: Number of environments E.
+        dt: Torque step [s].
+        device: Warp device.
+        rows: Rows of values: 1 for all environments, or E.
+
+    Attributes:
+        values: Parameters of all effects, those of absent ones at null, shape (1 or E, M, COLUMNS).
+        memory: States of the effects, shape (E, M, SLOTS).
+        commands: Past commands [A], shape (E, M, DEPTH).
+        newest: Where the newest of them stands, shape (E, M).
+        coil: Current before the effects [A], shape (E, M).
+        heat: Stored heat [J], shape (E, M).
+        clock: Steps since the session began, shape (1,).
+        params: The devices' parameters as the effects leave them in this step, shape (E, M).
+    """
+
+    def __init__(
+        self, effects: Sequence[Sequence[Effect]], *, num_envs: int, dt: float, device: Any, rows: int
+    ) -> None:
+        num_mr = len(effects)
+        self.device, self.num_envs = device, num_envs
+        nominal = np.stack([values_row(found) for found in effects])
+        self.values = wp.array(np.tile(nominal, (rows, 1, 1)), dtype=float, device=device)
+        longest = max(values_range(found)[1][column_of("command_delay", "delay")] for found in effects)
+        depth = int(longest / dt) + 3  # one more than needed for what rounding to 32 bits may add
+        shape = (num_envs, num_mr)
+        self.coil, self.heat = (wp.zeros(shape, dtype=float, device=device) for _ in range(2))
+        self.newest = wp.zeros(shape, dtype=int, device=device)
+        self.memory = wp.zeros((*shape, SLOTS), dtype=float, device=device)
+        self.commands = wp.zeros((*shape, depth), dtype=float, device=device)
+        self.clock = wp.zeros(1, dtype=int, device=device)
+        self.params = wp.zeros(shape, dtype=JointParams, device=device)  # pyright: ignore[reportArgumentType]
+        self._flat_values = self.values.reshape((rows * num_mr, COLUMNS))
+        self._flat_memory = self.memory.reshape((num_envs * num_mr, SLOTS))
+        self._flat_commands = self.commands.reshape((num_envs * num_mr, depth))
+
+    def value(self, effect: str, parameter: str) -> wp.array:
+        """Live view of one parameter, shape (1 or E, M); writing to it changes the devices.
+
+        A delay can be raised up to the largest that a device began with, or its interval's end.
+        """
+        view = self.values[:, :, column_of(effect, parameter)]
+        assert isinstance(view, wp.array)  # one column
+        return view
+
+    def record(self, head: wp.array, length: int, before: list[Any], state: list[Any], outputs: list[Any]) -> tuple:
+        """The launches of a step.
+
+        Args:
+            head: Row of the history's newest sample, shape (1,).
+            length: Rows of the history.
+            before: Arguments of ``predict_kernel`` up to the head.
+            state: z.
+            outputs: Its outputs.
+
+        Returns:
+            Launches that advance head and clock, and predict.
+        """
+        advance = record(
+            advance_effects_kernel, 1, [length, head, self.clock], [head, self.clock], self.device,
+        )  # fmt: skip
+        predict = record(
+            predict_effects_kernel,
+            self.newest.shape,
+            [before[0], self._flat_values, *before[1:], self.clock, *state, self.coil, self.heat, self.newest],
+            [*outputs, self.coil, self.heat, self.newest, self._flat_memory, self._flat_commands, self.params],
+            self.device,
+        )
+        return advance, predict
+
+    def reset(self, mask: wp.array) -> None:
+        """Masked devices are cold, without current and field; the session goes on. Others stay bit-equal."""
+        wp.launch(
+            reset_effects_kernel,
+            dim=self.newest.shape,
+            inputs=[mask],
+            outputs=[self.coil, self.heat, self.newest, self._flat_memory, self._flat_commands],
+            device=self.device,
+        )
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Copy of everything a resumed run needs, by name."""
+        return {f"effects_{name}": getattr(self, name).numpy().copy() for name in STATE}
+
+    def load_state(self, state: dict[str, np.ndarray]) -> None:
+        """Restore :meth:`state`, bit-equal."""
+        for name in STATE:
+            getattr(self, name).assign(state[f"effects_{name}"])

@@ -1,0 +1,404 @@
+"""MrActuator: the torque stages of one 5 ms step, and the only owner of the actuator's state.
+
+Stages, in the order of the paper: gate (eqs. 5, 8), coil, history (eq. 12), Bouc-Wen (eqs. 14, 15), learned residual
+(eq. 16), torque (eqs. 2, 6, 9, 19). What the joint feels depends on the coupling:
+
+* ``explicit``: the device's torque is computed from the state at the start of the step and applied (the paper's way).
+* ``constraint``: the device is a dry friction whose bound is the yield torque (held) or the predicted torque
+  (sliding, off); the solver finds the reaction. Passive in discrete time, and it truly sticks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import warp as wp
+
+from mrwarp.enums import Coupling, HoldCurrent, ZStep
+from mrwarp.kernels import joint_params, ledger, mr_stages, window
+from mrwarp.kernels.launch import record
+from mrwarp.model_file import Effect
+from mrwarp.params import MrParams
+
+if TYPE_CHECKING:
+    from mrwarp.actuator.effect_runtime import DeviceEffects
+
+
+class DrivenJoint(Protocol):
+    """What the actuator needs to know of a joint; ``mrwarp.usd.asset.JointActuator`` is one.
+
+    Gains and limit are read from ``mr.motor`` where there is a device, else from the joint itself.
+    """
+
+    @property
+    def joint(self) -> str:
+        """Name."""
+        ...
+
+    @property
+    def kp(self) -> float:
+        """Proportional gain of the motor [N·m/rad]."""
+        ...
+
+    @property
+    def kd(self) -> float:
+        """Derivative gain [N·m·s/rad]."""
+        ...
+
+    @property
+    def tau_limit(self) -> float:
+        """Motor torque limit [N·m]."""
+        ...
+
+    @property
+    def mr(self) -> MrParams | None:
+        """The device, if there is one."""
+        ...
+
+    @property
+    def effects(self) -> Sequence[Effect]:
+        """Named effects of the device, see :mod:`mrwarp.actuator.device_effects`; empty without."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class MrActuatorCfg:
+    """Choices of the actuator model."""
+
+    coupling: Coupling = Coupling.CONSTRAINT
+    """How the device acts on the joint."""
+    hold_current: HoldCurrent = HoldCurrent.SUPPORT
+    """Current while the holding gate is open."""
+    z_step: ZStep = ZStep.EULER
+    """Step of the hysteresis state."""
+    sal: bool = True
+    """Whether the gates may open (SAL on); False closes both branches."""
+    damping: bool = True
+    """Whether the dynamic damping branch may open (eq. 5)."""
+    holding: bool = True
+    """Whether the holding branch may open (eq. 8); False leaves damping alone, as in the paper's section 6.3."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActuatorInputs:
+    """Arrays that the stages read at every step; the simulator keeps writing them in place."""
+
+    q_des: wp.array
+    """Joint targets [rad], shape (E, J)."""
+    q: wp.array
+    """Joint positions [rad], shape (E, J)."""
+    qd: wp.array
+    """Joint velocities [rad/s], shape (E, J)."""
+    f_foot: wp.array
+    """Norm of the contact force per leg [N], shape (E, L)."""
+    current_e: wp.array
+    """Current I_e each environment may use [A], shape (E,)."""
+    friction: wp.array
+    """Torque of the brake constraint during the last physics step [N·m], shape (E, J); unused when explicit."""
+
+
+class Residual(Protocol):
+    """A learned torque in the loop; ``mrwarp.actuator.residual.LearnedTorque`` is one."""
+
+    def bind(self, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
+        """Prepare to work on the actuator's arrays."""
+        ...
+
+    def __call__(self, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
+        """Add the learned torque to ``tau_dyn`` (E, M) where ``m_dyn`` is open.
+
+        ``ring`` is the history of shape (E, M, 50, 3), newest row at ``head[0]``, see ``mrwarp.kernels.window``.
+        """
+        ...
+
+    @property
+    def graphable(self) -> bool:
+        """Whether its launches may as well be a graph."""
+        ...
+
+    def reset(self, mask: wp.array) -> None:
+        """Forget the past of masked environments, bool, shape (E,)."""
+        ...
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Copy of what it carries from one step to the next, by name."""
+        ...
+
+    def load_state(self, state: dict[str, np.ndarray]) -> None:
+        """Restore :meth:`state`, bit-equal."""
+        ...
+
+
+class MrActuator:
+    """Motor and MR device of every joint, batched over environments.
+
+    Args:
+        joints: The joints in the simulator's order; those with ``mr`` parameters carry a device. Length J.
+        legs: Column of ``inputs.f_foot`` of each joint. Length J.
+        inputs: Arrays read at each step.
+        dt: Torque step [s].
+        cfg: Choices of the model.
+        residual: Learned torque that is added to the Bouc-Wen prediction, or None.
+        share_params: Keep one row of parameters for all environments; False gives each its own row (randomisation).
+
+    Attributes:
+        effects: Values and states of the devices' effects; None if no device has one that acts in the kernels. Then
+            the kernels are those of the plain laws.
+    """
+
+    def __init__(
+        self,
+        joints: Sequence[DrivenJoint],
+        legs: Sequence[int],
+        inputs: ActuatorInputs,
+        *,
+        dt: float,
+        cfg: MrActuatorCfg | None = None,
+        residual: Residual | None = None,
+        share_params: bool = True,
+    ) -> None:
+        self.cfg = cfg or MrActuatorCfg()
+        self.inputs = inputs
+        self.dt = dt
+        self.residual = residual
+        self.device = inputs.q.device
+        num_envs, num_joints = inputs.q.shape
+        if len(joints) != num_joints or len(legs) != num_joints:
+            raise ValueError(f"{len(joints)} joints and {len(legs)} legs given for arrays of {num_joints} joints")
+        self.num_envs, self.num_joints = num_envs, num_joints
+        self.mr_joints = tuple(i for i, joint in enumerate(joints) if joint.mr is not None)
+        num_mr = len(self.mr_joints)
+
+        slot_of = np.full(num_joints, -1, dtype=np.int32)
+        slot_of[list(self.mr_joints)] = np.arange(num_mr)
+        self.slot_of = self._array(slot_of, int)
+        self.joint_of = self._array(np.array(self.mr_joints, dtype=np.int32), int)
+        self.leg_of = self._array(np.array([legs[i] for i in self.mr_joints], dtype=np.int32), int)
+
+        rows = 1 if share_params else num_envs
+        self.kp = self._array(np.tile([j.kp for j in joints], (rows, 1)), float)
+        self.kd = self._array(np.tile([j.kd for j in joints], (rows, 1)), float)
+        self.tau_limit = self._array(np.tile([j.tau_limit for j in joints], (rows, 1)), float)
+        self.params = self._param_array([joints[i].mr for i in self.mr_joints], rows)
+        self._param_names = joint_params.FIELDS
+        self.effects = self._make_effects([joints[i].effects for i in self.mr_joints], rows)
+
+        def zeros(*shape: int) -> wp.array:
+            return wp.zeros(shape, dtype=float, device=self.device)
+
+        # state
+        self.z = zeros(num_envs, num_mr)
+        self.current = zeros(num_envs, num_mr)
+        self.ring = zeros(num_envs, num_mr, window.WINDOW, window.FEATURES)
+        self.head = wp.zeros(1, dtype=int, device=self.device)
+        self.ledger = zeros(num_envs, num_joints, len(ledger.ENTRIES))
+        # outputs of the last step
+        self.m_dyn, self.m_hold = zeros(num_envs, num_mr), zeros(num_envs, num_mr)
+        self.tau_dyn, self.tau_mr = zeros(num_envs, num_mr), zeros(num_envs, num_mr)
+        self.tau_motor = zeros(num_envs, num_joints)
+        self.tau = zeros(num_envs, num_joints)
+        self.bound = zeros(num_envs, num_joints)
+        if residual is not None:
+            residual.bind(self.ring, self.head, self.m_dyn, self.tau_dyn)
+        self._record_launches()
+
+    def step(self) -> None:
+        """Run the stages: writes ``tau`` to apply [N·m] and the brake ``bound`` [N·m], both of shape (E, J)."""
+        if self.mr_joints:
+            if self._fused is None or not self._one_thread:
+                self._advance_head.launch()
+            if self._fused is not None:
+                self._fused.launch()
+                if self.residual is not None:
+                    self.residual(self.ring, self.head, self.m_dyn, self.tau_dyn)
+                    self._learned.launch()
+                return
+            self._predict.launch()
+            if self.residual is not None:
+                self.residual(self.ring, self.head, self.m_dyn, self.tau_dyn)
+        self._torque.launch()
+
+    def account(self) -> None:
+        """Add the physics step that followed :meth:`step` to the energy ledger, from ``inputs.qd`` and ``friction``."""
+        self._ledger.launch()
+
+    def reset(self, mask: wp.array | None = None) -> None:
+        """Forget the past of masked environments: z = 0, no current, a history at rest, an empty ledger.
+
+        Args:
+            mask: Environments to reset, bool, shape (E,); None resets all. Others stay bit-equal.
+        """
+        if mask is None:
+            mask = wp.full(self.num_envs, True, dtype=wp.bool, device=self.device)
+        wp.launch(
+            mr_stages.reset_kernel,
+            dim=self._lanes,
+            inputs=[*self._lanes, self.params, self.slot_of, mask, self.inputs.q],
+            outputs=[
+                self.z, self.current, self.m_dyn, self.m_hold, self.tau_dyn, self.tau_mr, self.ring, self.ledger,
+            ],
+            device=self.device,
+        )  # fmt: skip
+        if self.effects is not None:
+            self.effects.reset(mask)
+        if self.residual is not None:
+            self.residual.reset(mask)
+
+    def begin_session(self) -> None:
+        """Set the time in the session, with which devices wear, to 0."""
+        if self.effects is not None:
+            self.effects.clock.zero_()
+
+    def param(self, name: str) -> wp.array:
+        """Live float view of one MR parameter, shape (E or 1, M); writing to it changes the device.
+
+        Raises:
+            KeyError: there is no such parameter.
+        """
+        if name not in self._param_names:
+            raise KeyError(f"no MR parameter {name!r}; known: {', '.join(self._param_names)}")
+        rows, num_mr = self.params.shape
+        offset = self._param_names.index(name)
+        size = len(self._param_names) * 4
+        ptr = self.params.ptr + 4 * offset if self.params.ptr else None
+        return wp.array(
+            ptr=ptr, dtype=float, shape=(rows, num_mr), strides=(num_mr * size, size), device=self.device, copy=False
+        )
+
+    def set_param(self, name: str, values: Any) -> None:
+        """Write one MR parameter [unit as in ``mrwarp.params``], broadcast to shape (E or 1, M), unchecked."""
+        view = self.param(name)
+        wp.copy(view, self._array(np.broadcast_to(np.asarray(values, dtype=np.float32), view.shape), float))
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Copy of everything a resumed run needs, by name."""
+        arrays = {name: getattr(self, name).numpy().copy() for name in _STATE}
+        # the number of fields by name: a robot without devices has an empty array, whose -1 numpy cannot infer
+        shape = (*self.params.shape, len(self._param_names))
+        arrays |= self.effects.state() if self.effects is not None else {}
+        arrays |= self.residual.state() if self.residual is not None else {}
+        return {**arrays, "params": self.params.numpy().view(np.float32).reshape(shape).copy()}
+
+    def load_state(self, state: dict[str, np.ndarray]) -> None:
+        """Restore :meth:`state`, bit-equal."""
+        for name in _STATE:
+            getattr(self, name).assign(state[name])
+        if self.effects is not None:
+            self.effects.load_state(state)
+        if self.residual is not None:
+            self.residual.load_state(state)
+        self.params.assign(np.ascontiguousarray(state["params"]).view(_RECORD).reshape(self.params.shape))
+
+    @property
+    def _constraint(self) -> int:
+        return int(self.cfg.coupling is Coupling.CONSTRAINT)
+
+    def _record_launches(self) -> None:
+        """Prepare the launches of :meth:`step` once; all their arrays live as long as the actuator."""
+        cfg, i = self.cfg, self.inputs
+        num_mr = len(self.mr_joints)
+        rows, lanes = (1, 1) if wp.get_device(str(self.device)).is_cpu else (self.num_envs, self.num_joints)
+        self._lanes, self._one_thread = (rows, lanes), rows * lanes == 1  # see step_kernel
+        fixed = int(cfg.hold_current is HoldCurrent.FIXED)
+        switches = [
+            self.dt, int(cfg.sal and cfg.damping), int(cfg.sal and cfg.holding), fixed, int(cfg.z_step is ZStep.EXACT),
+        ]  # fmt: skip
+        before = [
+            self.params, self.joint_of, self.leg_of, *switches, i.q_des, i.q, i.qd, i.f_foot, i.current_e, self.head,
+        ]  # fmt: skip
+        outputs = [self.m_dyn, self.m_hold, self.z, self.current, self.tau_dyn, self.ring]
+        torques = [self.tau_motor, self.tau_mr, self.tau, self.bound]
+        params = self.params
+        self._fused: wp.Launch | None = None
+        if self.effects is not None:
+            self._advance_head, self._predict = self.effects.record(self.head, window.WINDOW, before, [self.z], outputs)
+            params = self.effects.params
+        elif num_mr:
+            self._advance_head = record(
+                mr_stages.advance_head_kernel,
+                dim=1,
+                inputs=[window.WINDOW, self.head],
+                outputs=[self.head],
+                device=self.device,
+            )
+            self._predict = record(
+                mr_stages.predict_kernel,
+                dim=(self.num_envs, num_mr),
+                inputs=[*before, self.z, self.current],
+                outputs=outputs,
+                device=self.device,
+            )
+            flat = (i.q_des, i.q, i.qd, i.f_foot)  # step_kernel counts in elements, not in strides
+            if all(array.is_contiguous for array in flat):
+                self._fused = record(
+                    mr_stages.step_kernel,
+                    dim=(rows, lanes),
+                    inputs=[
+                        rows, lanes, params, self.slot_of, self.leg_of, self.kp, self.kd, self.tau_limit,
+                        *switches, self._constraint, i.q_des, i.q, i.qd, i.f_foot, i.current_e, self.head, self.z,
+                        self.current,
+                    ],
+                    outputs=[*outputs, self.head, *torques],
+                    device=self.device,
+                )  # fmt: skip
+            self._learned = record(
+                mr_stages.learned_torque_kernel,
+                dim=(rows, min(lanes, num_mr)),
+                inputs=[
+                    rows, min(lanes, num_mr), params, self.joint_of, self._constraint, i.q_des, i.q, i.qd, self.m_dyn,
+                    self.m_hold, self.current, self.tau_dyn, self.tau_motor,
+                ],
+                outputs=[self.tau_mr, self.tau, self.bound],
+                device=self.device,
+            )  # fmt: skip
+        self._torque = record(
+            mr_stages.torque_kernel,
+            dim=(self.num_envs, self.num_joints),
+            inputs=[
+                params, self.slot_of, self.kp, self.kd, self.tau_limit, self._constraint, i.q_des, i.q, i.qd,
+                self.m_hold, self.current, self.tau_dyn,
+            ],
+            outputs=torques,
+            device=self.device,
+        )  # fmt: skip
+        self._ledger = record(
+            ledger.ledger_kernel,
+            dim=(self.num_envs, lanes),
+            inputs=[
+                lanes, self.slot_of, self.dt, self._constraint, i.qd, self.tau_motor, i.friction, self.tau_mr,
+                self.m_dyn, self.m_hold, self.current, self.param("coil_resistance"),
+            ],
+            outputs=[self.tau_mr, self.ledger],
+            device=self.device,
+        )  # fmt: skip
+
+    def _make_effects(self, effects: list[Sequence[Effect]], rows: int) -> DeviceEffects | None:
+        """What the devices' effects need, if one acts in the kernels."""
+        if not any(effects):
+            return None
+        from mrwarp.actuator.device_effects import in_kernels
+        from mrwarp.actuator.effect_runtime import DeviceEffects
+
+        if not any(in_kernels(found) for found in effects):
+            return None
+        return DeviceEffects(effects, num_envs=self.num_envs, dt=self.dt, device=self.device, rows=rows)
+
+    def _array(self, values: np.ndarray, dtype: type) -> wp.array:
+        return wp.array(np.ascontiguousarray(values), dtype=dtype, device=self.device)
+
+    def _param_array(self, params: Sequence[MrParams | None], rows: int) -> wp.array:
+        values = np.zeros((rows, len(params)), dtype=_RECORD)
+        for slot, mr in enumerate(params):
+            for name, value in mr or ():
+                values[name][:, slot] = value
+        return wp.array(values, dtype=joint_params.JointParams, device=self.device)
+
+
+_RECORD: np.dtype = np.dtype(joint_params.JointParams.numpy_dtype())  # pyright: ignore[reportCallIssue,reportArgumentType]
+"""The parameter struct as a NumPy record."""
+
+_STATE = ("z", "current", "ring", "head", "ledger", "m_dyn", "m_hold", "tau_dyn", "tau_mr")
+"""Arrays that carry the actuator from one step to the next."""

@@ -1,0 +1,284 @@
+"""The learned torque in the loop: reads the history ring where it lies, writes the torque of the open windows.
+
+The torch module is the master (``mrwarp.nn``); here its weights are laid out once for Warp kernels that compute the
+same function. torch's own LSTM would need the windows in time order (a copy), the number of open ones on the host (a
+wait on a GPU, and no graph capture), and its bits depend on the size of the batch.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+import weakref
+from collections.abc import Callable
+from dataclasses import replace
+from queue import SimpleQueue
+
+import numpy as np
+import torch
+import warp as wp
+
+from mrwarp.kernels import learned_torque as learned
+from mrwarp.kernels import lstm_lanes
+from mrwarp.kernels.launch import record
+from mrwarp.kernels.window import FEATURES, WINDOW
+from mrwarp.nn.layout import lane_weights, lstm_weights, mlp_layers, output_layer, states_at_rest
+from mrwarp.nn.models import LstmState, LstmTorque
+from mrwarp.nn.network_file import LearnedModel
+from mrwarp.params import BoucWenParams, MrParams, ParameterError
+
+KINDS = ("mlp", "lstm", "pg_rlstm")
+"""Learned models that can run in the loop."""
+
+
+_WORTH_WAKING = 16
+"""Parts of carried states, 7 us each, that a thread must find to be worth waking, which costs 50 us."""
+
+
+class LearnedTorque:
+    """A trained network as ``MrActuator(residual=...)``; one object serves one actuator.
+
+    ``pg_rlstm`` is added to tau_BW (eq. 16); ``mlp`` and ``lstm`` take its place. Both only where the dynamic gate is
+    open: elsewhere the device keeps the Bouc-Wen drag.
+
+    An LSTM's state is carried on from step to step for all joints, open or not; a joint's first one after a reset is
+    that of its history, which a reset fills with rest. With ``LstmState.WINDOW`` it is made from the last 50 samples
+    at every step, for open gates only: fifty times the work (eq. 12 to the letter).
+
+    Args:
+        model: The network.
+        dt: Torque step [s].
+        lstm_state: What an LSTM begins each sample with; an MLP has no state.
+        threads: CPU threads for the LSTM; 0 = all. The results are the same bits for any number.
+        evaluate_all: Compute closed windows too, without using them (to test that nothing depends on it).
+        capacity: Threads of the kernels over windows that a GPU runs, as a share of all windows in (0, 1]. If more are
+            open, threads take several in turn: the same bits, later.
+        lanes: Run the LSTM in the vector lanes of a CPU; False takes the GPU's kernel there too, to test it.
+
+    Raises:
+        SamplingRateError: the model was trained at another rate than 1/dt.
+        ValueError: the capacity is out of its range.
+    """
+
+    def __init__(
+        self, model: LearnedModel, *, dt: float, lstm_state: LstmState = LstmState.CARRIED, threads: int = 0,
+        evaluate_all: bool = False, capacity: float = 1.0, lanes: bool = True,
+    ) -> None:  # fmt: skip
+        model.check_rate(dt)
+        if not 0.0 < capacity <= 1.0:
+            raise ValueError(f"capacity = {capacity} must lie in (0, 1], a share of all windows")
+        self.capacity, self.lanes = capacity, lanes
+        self.model = model
+        self.threads = threads or os.cpu_count() or 1
+        self.evaluate_all = evaluate_all
+        self.carries = isinstance(model.net, LstmTorque) and lstm_state is LstmState.CARRIED
+        self._arrays: tuple[int | None, ...] = ()
+        self._helpers: list[_Helper] = []
+        self._gather: wp.Launch | None = None
+        self._units: wp.Launch | None = None
+
+    def bind(self, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
+        """Prepare to work on these arrays, see :meth:`__call__`; every state begins anew."""
+        if ring.shape[2:] != (WINDOW, FEATURES) or not all(a.is_contiguous for a in (ring, m_dyn, tau_dyn)):
+            raise ValueError(f"history of shape {ring.shape}; need contiguous arrays and (E, M, {WINDOW}, {FEATURES})")
+        self._arrays = (ring.ptr, head.ptr, m_dyn.ptr, tau_dyn.ptr)
+        self._device, self._shape = wp.get_device(str(tau_dyn.device)), m_dyn.shape
+        self._helpers = []
+        state = {name: t.double().numpy() for name, t in self.model.net.state_dict().items()}
+        if self.carries:
+            self._bind_carried(state, ring, head, m_dyn, tau_dyn)
+        else:
+            self._bind_windows(state, ring, head, m_dyn, tau_dyn)
+        self._keep = (ring, head, m_dyn, tau_dyn)
+
+    def __call__(self, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
+        """Write the predicted torque to ``tau_dyn`` (E, M) where ``m_dyn`` (E, M) is open.
+
+        Args:
+            ring: History, shape (E, M, 50, 3), see ``mrwarp.kernels.window``; one sample newer than at the last call.
+            head: Row of its newest sample, shape (1,).
+            m_dyn: Dynamic gate, shape (E, M).
+            tau_dyn: tau_BW on entry, the prediction on return [N·m], shape (E, M).
+        """
+        if self._arrays != (ring.ptr, head.ptr, m_dyn.ptr, tau_dyn.ptr):
+            self.bind(ring, head, m_dyn, tau_dyn)
+        capturing = self._device.is_capturing
+        if self._helpers and capturing:
+            for helper in self._helpers:
+                helper.settle()  # one that is still awake would be recorded
+        if self._gather is not None:
+            self._count.zero_()
+            self._gather.launch()
+        if self._helpers and not capturing:
+            parts = len(self._helpers) + 1 if self.carries else (int(self._open[0]) + 7) // 8
+            for helper in self._helpers[: max(parts - 1, 0)]:
+                helper.wake(self._help)
+        if self._units is not None:
+            self._units.launch()
+        self._evaluate.launch()
+
+    def reset(self, mask: wp.array) -> None:
+        """The joints of masked environments, bool (E,), begin anew with what their history then holds."""
+        if self.carries:
+            wp.launch(
+                learned.begin_kernel, dim=self._fresh.size, inputs=[mask], outputs=[self._fresh], device=self._device
+            )
+
+    @property
+    def graphable(self) -> bool:
+        """Whether a graph loses nothing: it runs on one thread, and other threads help when there is much to do."""
+        return not self._helpers
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Copy of what a resumed run needs, by name; empty where nothing is carried.
+
+        Hidden and cell states, shape (E, M, 2, HIDDEN), and 1 for joints that begin anew, shape (E, M).
+        """
+        if not self.carries:
+            return {}
+        count = self._fresh.size
+        now = 0 if self._units is None else int(self._keep[1].numpy()[0]) % 2  # see lstm_unit_kernel
+        state = self._state.numpy()[[now, 2], :, :count].transpose(2, 0, 1).reshape(*self._shape, 2, learned.HIDDEN)
+        return {"lstm": np.ascontiguousarray(state), "lstm_fresh": self._fresh.numpy().reshape(self._shape).copy()}
+
+    def load_state(self, state: dict[str, np.ndarray]) -> None:
+        """Restore :meth:`state`, bit-equal."""
+        if not self.carries:
+            return
+        count = self._fresh.size
+        hidden, cell = state["lstm"].reshape(count, 2, learned.HIDDEN).transpose(1, 2, 0)
+        values = self._state.numpy()
+        values[:, :, :count] = hidden, hidden, cell
+        self._state.assign(values)
+        self._fresh.assign(np.ascontiguousarray(state["lstm_fresh"], dtype=np.int32).reshape(-1))
+
+    def _bind_carried(
+        self, state: dict[str, np.ndarray], ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array
+    ) -> None:
+        device, joints = self._device, m_dyn.size
+        parts = -(-joints // lstm_lanes.LANES)
+        whole = int(not self.model.is_residual)
+        self._fresh = wp.full(joints, 1, dtype=int, device=device)
+        self._state = wp.zeros((3, learned.HIDDEN, parts * lstm_lanes.LANES), dtype=float, device=device)
+        out = self._array(output_layer(state))
+        if device.is_cpu and self.lanes:
+            threads = max(min(self.threads, parts // _WORTH_WAKING), 1)
+            weights, inputs = self._array(lane_weights(lstm_weights(state))), [head, ring, m_dyn]
+            outputs = [wp.zeros(2, dtype=wp.int64, device=device), self._fresh, self._state, tau_dyn]
+            self._evaluate, self._help = (
+                record(
+                    lstm_lanes.lstm_carried_lanes_kernel, 1, [weights, out, whole, owner, threads, *inputs], outputs,
+                    device,
+                )
+                for owner in (1, 0)
+            )  # fmt: skip
+            self._helpers = [_Helper() for _ in range(threads - 1)]
+        else:
+            assert isinstance(self.model.net, LstmTorque)  # or nothing would be carried
+            rest = self._array(states_at_rest(self.model.net))
+            self._units = record(
+                learned.lstm_unit_kernel, (learned.HIDDEN, joints),
+                [self._array(lstm_weights(state)), rest, head, ring, self._fresh], [self._state], device,
+            )  # fmt: skip
+            self._evaluate = record(
+                learned.lstm_torque_kernel, m_dyn.shape, [out, whole, head, self._state, m_dyn, tau_dyn],
+                [self._fresh, tau_dyn], device,
+            )  # fmt: skip
+
+    def _bind_windows(
+        self, state: dict[str, np.ndarray], ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array
+    ) -> None:
+        device, windows = self._device, m_dyn.size
+        places = math.ceil(self.capacity * windows)
+        self._count = wp.zeros(1, dtype=int, device=device)
+        index = wp.zeros(max(windows, 1), dtype=int, device=device)
+        self._gather = record(
+            learned.open_windows_kernel,
+            dim=m_dyn.shape,
+            inputs=[int(self.evaluate_all), m_dyn],
+            outputs=[self._count, index],
+            device=device,
+        )
+        inputs = [self._count, index, head, ring, m_dyn]
+        whole = int(not self.model.is_residual)
+
+        def scratch(rows: int) -> wp.array:
+            return wp.empty((rows, learned.HIDDEN, places), dtype=float, device=device)
+
+        if self.model.kind == "mlp":
+            layers = [self._array(layer) for layer in mlp_layers(state)]
+            self._evaluate = record(
+                learned.mlp_window_kernel, places, [*layers, whole, *inputs, tau_dyn], [scratch(2), tau_dyn], device
+            )
+        elif device.is_cpu and self.lanes:
+            weights, out = self._array(lane_weights(lstm_weights(state))), self._array(output_layer(state))
+            threads = max(min(self.threads, windows // 8), 1)
+            outputs = [wp.zeros(2, dtype=wp.int64, device=device), tau_dyn]
+            self._evaluate, self._help = (
+                record(lstm_lanes.lstm_lanes_kernel, 1, [weights, out, whole, owner, threads, *inputs], outputs, device)
+                for owner in (1, 0)
+            )
+            self._open = self._count.numpy()  # the same memory
+            self._helpers = [_Helper() for _ in range(threads - 1)]
+        else:
+            weights, out = self._array(lstm_weights(state)), self._array(output_layer(state))
+            self._evaluate = record(
+                learned.lstm_window_kernel, places, [weights, out, whole, *inputs, tau_dyn], [scratch(3), tau_dyn],
+                device,
+            )  # fmt: skip
+
+    def _array(self, values: np.ndarray) -> wp.array:
+        return wp.array(np.ascontiguousarray(values, dtype=np.float32), dtype=float, device=self._device)
+
+
+class _Helper:
+    """A thread that repeats a launch when woken; it ends with this object.
+
+    A ``concurrent.futures`` pool wakes its threads half as fast, and one waits for its answers: here the kernel itself
+    waits for work that a helper has taken, and nobody for a helper that came too late.
+    """
+
+    def __init__(self) -> None:
+        self._calls: SimpleQueue[Callable[[], object] | None] = SimpleQueue()
+        threading.Thread(target=_repeat, args=(self._calls,), name="residual", daemon=True).start()
+        weakref.finalize(self, self._calls.put, None)
+
+    def wake(self, launch: wp.Launch) -> None:
+        """Launch on the thread, unless it has not yet got round to the last one."""
+        if self._calls.empty():
+            self._calls.put(launch.launch)
+
+    def settle(self) -> None:
+        """Wait until the thread sleeps."""
+        done = threading.Event()
+        self._calls.put(done.set)
+        done.wait()
+
+
+def _repeat(calls: SimpleQueue[Callable[[], object] | None]) -> None:
+    while (call := calls.get()) is not None:
+        call()
+
+
+def with_bouc_wen(mr: MrParams, model: LearnedModel) -> MrParams:
+    """A joint's parameters with the Bouc-Wen coefficients that the model was trained beside.
+
+    The joint keeps its own neutral angle; the bench's displacement is about its own zero.
+
+    Raises:
+        ParameterError: the model's coefficients are not those of ``BoucWenParams``, or out of a joint's range.
+    """
+    if model.is_residual and not model.bouc_wen:
+        raise ParameterError("this pg_rlstm model is a residual on another physical model and cannot run in the loop")
+    try:
+        bouc_wen = BoucWenParams(**{**model.bouc_wen, "q_neutral": mr.bouc_wen.q_neutral})
+    except TypeError as error:
+        raise ParameterError(f"the {model.kind} model's Bouc-Wen parameters are not ours ({error})") from None
+    return replace(mr, bouc_wen=bouc_wen)
+
+
+def window_now(ring: wp.array, head: wp.array) -> torch.Tensor:
+    """The history in time order, oldest first, shape (E, M, 50, 3): a copy, for checks against the torch module."""
+    rows = (int(head.numpy()[0]) + 1 + torch.arange(WINDOW)) % WINDOW
+    return wp.to_torch(ring)[:, :, rows]

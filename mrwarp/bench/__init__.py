@@ -1,0 +1,1 @@
+"""Virtual torque bench: recordings with known truth."""

@@ -1,0 +1,1 @@
+"""Page and pictures of a diagnosis."""

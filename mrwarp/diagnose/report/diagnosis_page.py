@@ -1,0 +1,301 @@
+"""``report.html`` of a diagnosis: one offline page for the engineer at the bench."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from mrwarp.diagnose.report import report_text as text
+from mrwarp.diagnose.report.report_pictures import draw
+from mrwarp.diagnose.result import Cause, Diagnosis, NextExperiment, Shift, Tried, Value
+from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.effects.law import EffectParameter
+from mrwarp.run_dir import versions, write_text
+
+_KINDS = {"mechanism": "part of the device", "sensor": "only in what is measured", "calibration": "calibration"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A further table of the report: rows of text."""
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+def write_report(
+    diagnosis: Diagnosis,
+    out: Path,
+    command: str,
+    impact: Table | None = None,
+    *,
+    learned: Table | None = None,
+    predicted: Table | None = None,
+    pictures: Mapping[str, bytes] | None = None,
+) -> Path:
+    """Write ``out/report.html`` in one piece.
+
+    Args:
+        diagnosis: What was found.
+        out: Folder, made if it is not there.
+        command: Command line that made it.
+        impact: What the extension changes in the robot.
+        learned: What it leaves for a learned model.
+        predicted: Errors on recordings that took no part.
+        pictures: PNGs by name; drawn here if they are not given.
+    """
+    return write_page(
+        render(diagnosis, command, impact=impact, learned=learned, predicted=predicted, pictures=pictures), out
+    )
+
+
+def write_page(page: str, out: Path) -> Path:
+    """Write a rendered page as ``out/report.html`` in one piece."""
+    return write_text(out / "report.html", page)
+
+
+def render(
+    d: Diagnosis,
+    command: str,
+    *,
+    impact: Table | None = None,
+    learned: Table | None = None,
+    predicted: Table | None = None,
+    pictures: Mapping[str, bytes] | None = None,
+) -> str:
+    """The page as text; the arguments are those of :func:`write_report`."""
+    environment = Environment(
+        loader=PackageLoader("mrwarp.diagnose.report", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+    )
+    found = draw(d) if pictures is None else pictures
+    page = environment.get_template("report.html.jinja").render(
+        **_content(d),
+        pictures={name: base64.b64encode(data).decode() for name, data in found.items()},
+        impact=impact,
+        learned=learned,
+        predicted=predicted,
+        command=command,
+        versions=", ".join(f"{name} {number}" for name, number in versions().items()),
+    )
+    # a lone surrogate, as undecodable bytes of a file name give, cannot be written as UTF-8
+    return page.encode("utf-8", "replace").decode("utf-8")
+
+
+def _content(d: Diagnosis) -> dict[str, Any]:
+    """Everything that the template shows, as plain text."""
+    return {
+        "verdict": d.verdict,
+        "sentence": d.sentence,
+        "source": d.recording.source.name if d.recording.source else "recording",
+        "extended": d.model is not None and bool(d.causes),
+        "facts": _facts(d),
+        "evidence": _evidence(d),
+        "causes": [_cause(c) for c in d.causes],
+        "separates": d.next_experiment is not None and bool(d.next_experiment.separates),
+        "unexplained": _unexplained(d),
+        "experiment": _experiment(d.next_experiment) if d.next_experiment else None,
+        "gain": _gain(d),
+        "gain_note": "." if _in_turn(d) else "; diamonds: trajectories that took no part in choosing and fitting.",
+        "shifts": [_shift(s) for s in d.parameter_shift],
+        "detectable": [_detectable(name, v) for name, v in d.detectable.items()],
+        "invisible": _invisible(d),
+        "cannot_know": d.cannot_know,
+        "tried": [(_capital(text.title(t.name)), _taken(t), t.outcome) for t in sorted(d.tried, key=lambda t: -t.gain)],
+        "data": _data(d),
+        "notes": d.notes,
+        "seconds": f"Computed in {d.seconds:.1f} s",
+        "seed": d.seed,
+    }
+
+
+def _taken(t: Tried) -> str:
+    """What an effect takes away; at size zero it is the baseline, so less than nothing is nothing."""
+    if t.gain < 5e-4:
+        return "nothing"
+    return f"{text.percent(t.gain)} ± {text.percent(1.96 * t.error)}"
+
+
+def _facts(d: Diagnosis) -> list[tuple[str, str]]:
+    """The three or four numbers at the top."""
+    unit = d.baseline.unit
+    facts = [(text.percent(d.baseline.nrmse), f"mismatch of the baseline, {text.measured(d.baseline.rmse, unit)} RMS")]
+    if d.causes:
+        after = text.measured(d.extended.rmse, unit)
+        facts.append((text.percent(d.extended.nrmse), f"mismatch with the extension, {after} RMS"))
+    if d.gain and d.causes:
+        low, high = (text.percent(x, 0) for x in d.gain.ci95)
+        facts.append(
+            (
+                text.percent(-d.gain.rmse_reduction, 0).replace("-", "−"),
+                f"RMS on unseen trajectories ({low} to {high} less)",
+            )
+        )
+    if d.traces:
+        facts.append((text.measured(d.traces.noise_rms, unit), "noise RMS: less cannot be reached"))
+    return facts
+
+
+def _evidence(d: Diagnosis) -> str:
+    if d.causes:
+        return (
+            "The evidence: mean mismatch (measured minus simulated) against what the verdict blames, before and with "
+            "the extension. Grey: where means would lie if there were nothing but noise."
+        )
+    if d.unexplained:
+        return (
+            "The evidence: mean mismatch (measured minus simulated) along the variables that it depends on. In a map "
+            "white cells hold too few samples; along one variable grey is where noise alone would lie."
+        )
+    return "The view in which the mismatch is largest. Grey: where means would lie if there were nothing but noise."
+
+
+def _cause(c: Cause) -> dict[str, Any]:
+    law = CATALOGUE.get(c.name)
+    specs = {p.name: p for p in law.parameters} if law else {}
+    return {
+        "name": c.name,
+        "title": _capital(text.title(c.name)),
+        "kind": _KINDS[law.kind] if law else "unknown kind",
+        "sentence": law.sentence if law else "",
+        "equation": law.equation if law else "",
+        "parameters": [_parameter(name, v, specs.get(name)) for name, v in c.parameters.items()],
+        "gain": text.percent(c.gain),
+        "chance": text.chance(c.p_value),
+        "alternatives": text.either(c.alternatives),
+        "remedy": law.remedy if law else "",
+        "source": law.source if law else "",
+    }
+
+
+def _parameter(name: str, value: Value, spec: EffectParameter | None) -> tuple[str, ...]:
+    label = name.replace("_", " ")
+    if spec is not None and spec.choices:
+        return label, f"{value.value:g}", "", "how the data were logged; no part of the device"
+    shown = text.readable(value, spec)
+    interval = shown.interval or ("set, not fitted" if spec is not None and spec.preset else "none")
+    return label, shown.value, interval, shown.si
+
+
+def _shift(s: Shift) -> tuple[str, ...]:
+    law = CATALOGUE.get(s.name)
+    shown = text.readable(Value(value=s.value, ci95=s.ci95, unit=s.unit), law.parameters[0] if law else None)
+    remedy = law.remedy if law else ""
+    return _capital(text.title(s.name)), shown.value, shown.interval, text.either(s.alternatives) or "-", remedy
+
+
+def _unexplained(d: Diagnosis) -> dict[str, Any] | None:
+    u = d.unexplained
+    if u is None:
+        return None
+    names = text.both(text.variable(name, d.recording.units) for name in u.depends_on)
+    return {"share": text.percent(u.share, 0), "variables": names, "form": u.form, "formula": u.formula}
+
+
+def _experiment(e: NextExperiment) -> dict[str, str]:
+    names = [text.title(name) for name in e.separates]
+    purpose = f"tells apart {text.both(names)}" if len(names) > 1 else f"shows {text.both(names) or 'more'}"
+    settings = ", ".join(f"{name.replace('_', ' ')} {value:.4g}" for name, value in e.settings.items())
+    return {
+        "what": e.what,
+        "seconds": f"{e.seconds:.0f} s" if e.seconds < 180.0 else f"{e.seconds / 60.0:.0f} min",
+        "purpose": purpose,
+        "kind": e.kind.replace("_", " "),
+        "settings": settings,
+    }
+
+
+def _gain(d: Diagnosis) -> dict[str, Any] | None:
+    g = d.gain
+    if g is None or not d.causes:
+        return None
+    low, high = g.ci95
+    count = len(g.held_out)
+    who = f"On {count} whole {'trajectory' if count == 1 else 'trajectories'} that took no part in choosing and fitting"
+    held = f"Held out: {', '.join(g.held_out[:40])}" + (f" and {count - 40} more." if count > 40 else ".")
+    if _in_turn(d):
+        who = f"On {count} whole trajectories, each predicted by a model that was fitted and chosen without it"
+        held = ""
+    unit = d.baseline.unit
+    return {
+        "text": f"{who}, the RMS mismatch "
+        f"{_falls(g.rmse_reduction)} (95 % interval over trajectories: {text.percent(low)} to {text.percent(high)}).",
+        "regimes": [
+            (name, text.measured(before, unit), text.measured(after, unit), _change(before, after))
+            for name, (before, after) in g.per_regime.items()
+        ],
+        "held_out": held,
+    }
+
+
+def _falls(reduction: float) -> str:
+    return f"falls by {text.percent(reduction)}" if reduction > 0.0 else f"rises by {text.percent(-reduction)}"
+
+
+def _invisible(d: Diagnosis) -> list[tuple[str, str]]:
+    """Effects that no size would show, together where the reason is the same."""
+    reasons: dict[str, list[str]] = {}
+    for name, why in d.invisible.items():
+        reasons.setdefault(why, []).append(text.title(name))
+    return [(_capital(", ".join(names)), _capital(why)) for why, names in reasons.items()]
+
+
+def _in_turn(d: Diagnosis) -> bool:
+    """Whether every trajectory was left out once, in turn."""
+    return d.gain is None or len(d.gain.held_out) == len(d.recording.trajectories)
+
+
+def _detectable(name: str, value: Value) -> tuple[str, ...]:
+    law = CATALOGUE.get(name)
+    spec = law.parameters[0] if law else None
+    if text.is_gain(spec) and value.unit == "1":
+        size = abs(value.value - 1.0) if value.value > 0.5 else abs(value.value)  # as a factor, or as its change
+        return _capital(text.title(name)), text.percent(size, 2), f"{value.value:.4g}"
+    factor, unit = text.scale(value.value, value.unit)
+    size = f"{value.value * factor:.2g} {unit}".strip()
+    plain = "" if factor == 1.0 else f"{value.value:.3g} {value.unit}"
+    return _capital(text.title(name)), size, plain
+
+
+def _data(d: Diagnosis) -> list[tuple[str, str]]:
+    r = d.recording
+    runs = r.trajectories
+    rows = [("Source", str(r.source) if r.source else "not from a file")]
+    if runs:
+        length = sum(float(run.t[-1] - run.t[0]) for run in runs)
+        rates = np.array([1.0 / run.dt for run in runs])
+        rate = (
+            f"{rates.min():.4g} Hz"
+            if np.ptp(rates) < 0.01 * rates.min()
+            else f"{rates.min():.4g} to {rates.max():.4g} Hz"
+        )
+        derived = sum(run.qd_derived for run in runs)
+        velocity = "as recorded"
+        if derived:
+            velocity = f"derived from the {text.quantity(r.units['q'])}, without phase"
+            velocity += "" if derived == len(runs) else f", in {derived} of the trajectories"
+        rows += [
+            ("Trajectories", f"{len(runs)}, together {length:.0f} s, {r.samples:,} samples at {rate}"),
+            ("Units", ", ".join(f"{text.quantity(u)} [{u}]" for u in r.units.values())),
+            ("Velocity", velocity),
+        ]
+    made = {k: v for k, v in r.header.items() if k != "effects"}
+    if made:
+        rows.append(("The files say", "; ".join(f"{k}: {v}" for k, v in made.items())[:600]))
+    return rows
+
+
+def _change(before: float, after: float) -> str:
+    return f"{100.0 * (after / before - 1.0):+.0f} %" if before > 0.0 else "-"
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]

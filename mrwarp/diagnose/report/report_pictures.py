@@ -1,0 +1,196 @@
+"""Pictures of a diagnosis: small PNGs that a phone shows readably, in colours that colour-blind people tell apart."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Callable, Sequence
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from mrwarp.diagnose.report import trace_pictures
+from mrwarp.diagnose.report.picture_style import (
+    AFTER,
+    ALTERNATIVE,
+    BEFORE,
+    DPI,
+    MEASURED,
+    NOISE,
+    OTHER,
+    STYLE,
+    WIDTH,
+    axis_label,
+    capital,
+    measurand,
+    short,
+)  # fmt: skip
+from mrwarp.diagnose.report.report_text import both, percent, title
+from mrwarp.diagnose.result import REGIMES, Diagnosis
+
+NAMES = ("evidence", "gain", "loops", "worst", "accounting", "variables", "spectrum", "tried", "data")
+"""All pictures."""
+
+_NAMED = 28
+"""Most trajectories that are written by name."""
+
+
+def draw(diagnosis: Diagnosis) -> dict[str, bytes]:
+    """All pictures that the diagnosis has data for, as PNG by name, in the order of the report."""
+    makers: dict[str, Callable[[Diagnosis], Figure | None]] = {"data": data_picture}
+    if diagnosis.verdict is not None:
+        makers |= {"tried": tried_picture, "gain": gain_picture, "accounting": accounting_picture}
+        if diagnosis.traces is not None:
+            makers |= trace_pictures.MAKERS
+    found: dict[str, bytes] = {}
+    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph")  # a trajectory's name in letters that the font does not have
+        for name, make in makers.items():
+            figure = make(diagnosis)
+            if figure is not None:
+                found[name] = _png(figure)
+    return {name: found[name] for name in NAMES if name in found}
+
+
+def accounting_picture(d: Diagnosis) -> Figure:
+    """Where the baseline's mean squared mismatch goes."""
+    a = d.accounting
+    parts = [
+        (a.named, f"{capital(both(title(c.name) for c in d.causes)) or 'Named cause'}", AFTER, "white"),
+        (a.predictable, "Predictable, cause unknown", OTHER, "black"),
+        (a.noise, "Noise", "#bdbdbd", "black"),
+    ]
+    figure = Figure(figsize=(WIDTH, 2.7), layout="constrained")
+    ax = figure.subplots()
+    begin = 0.0
+    for share, label, color, ink in parts:
+        width = 100.0 * max(share, 0.0)
+        ax.barh(0, width, left=begin, color=color, edgecolor="white", label=f"{short(label, 48)}: {percent(share, 0)}")
+        if width > 7.0:
+            ax.text(begin + 0.5 * width, 0, f"{width:.0f} %", ha="center", va="center", color=ink, weight="bold")
+        begin += width
+    ax.set(xlim=(0, max(100.0, begin)), yticks=[], xlabel="share of the baseline's squared mismatch [%]")
+    ax.grid(visible=False)
+    ax.spines["left"].set_visible(False)
+    figure.legend(loc="outside upper left", ncols=1, frameon=False)
+    return figure
+
+
+def gain_picture(d: Diagnosis) -> Figure | None:
+    """RMSE of every trajectory and every regime, before and after."""
+    rows = [(name, before, after if d.causes else before) for name, (before, after) in d.per_trajectory.items()]
+    if not rows:
+        return None
+    rows.sort(key=lambda row: row[1])
+    held = set(d.gain.held_out) if d.gain else set()
+    held = set() if len(held) == len(rows) else held  # each one in turn: nothing to tell apart
+    named = len(rows) <= _NAMED
+    regimes = [(name, *d.per_regime[name]) for name in REGIMES if name in d.per_regime]
+    height = (0.25 if named else 4.0 / len(rows)) * len(rows) + 1.0
+    figure = Figure(figsize=(WIDTH, height + 0.42 * len(regimes) + 1.3), layout="constrained")
+    panels = figure.subplots(2 if regimes else 1, 1, squeeze=False, height_ratios=[height, 0.42 * len(regimes) + 0.7][
+        : 2 if regimes else 1])[:, 0]  # fmt: skip
+    unit = d.recording.units["torque"]
+    _dots(panels[0], rows, held, d)
+    if named:
+        names = [f"{'◆ ' if name in held else ''}{short(name, 24)}" for name, *_ in rows]
+        panels[0].set_yticks(range(len(rows)), names, fontsize=10)
+    else:
+        panels[0].set_ylabel("trajectories, smallest mismatch at the bottom")
+        panels[0].set_yticks([])
+    panels[0].set_xlabel(f"RMSE [{unit}]")
+    panels[0].set_xlim(left=0.0)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper left", ncols=2, frameon=False)
+    if regimes:
+        _dots(panels[1], regimes, set(), d)
+        panels[1].set_yticks(range(len(regimes)), [name for name, *_ in regimes])
+        panels[1].set(xlabel=f"RMSE per regime [{unit}]", ylim=(-0.6, len(regimes) - 0.4))
+        panels[1].set_xlim(left=0.0)
+    return figure
+
+
+def tried_picture(d: Diagnosis) -> Figure | None:
+    """What every effect of the catalogue gains on trajectories left out, alone on top of the baseline.
+
+    Less than nothing is drawn as nothing: at size zero every effect is the baseline.
+    """
+    rows = sorted((t for t in d.tried if np.isfinite(t.gain)), key=lambda t: t.gain)
+    if not rows:
+        return None
+    causes = {c.name for c in d.causes}
+    others = {name for c in d.causes for name in c.alternatives} - causes
+    figure = Figure(figsize=(WIDTH, 0.29 * len(rows) + 1.5), layout="constrained")
+    ax = figure.subplots()
+    for k, t in enumerate(rows):
+        color = AFTER if t.name in causes else ALTERNATIVE if t.name in others else NOISE
+        ax.barh(k, 100.0 * max(t.gain, 0.0), color=color, height=0.72, hatch="///" if t.name in others else None,
+                edgecolor=MEASURED if t.name in others else "white")  # fmt: skip
+        if t.gain > 0.0 and np.isfinite(t.error):
+            ax.errorbar(100.0 * t.gain, k, xerr=196.0 * t.error, fmt="none", elinewidth=1.1, ecolor="0.2", capsize=2.5)
+    ax.set_yticks(range(len(rows)), [title(t.name) for t in rows], fontsize=10.5)
+    ax.axvline(0.0, color=MEASURED, lw=0.8)
+    ax.set_xlabel("squared mismatch taken away [%]")
+    ax.set_ylim(-0.7, len(rows) - 0.3)
+    shown = [Patch(facecolor=AFTER, label="named")] * bool(causes)
+    shown += [Patch(facecolor=ALTERNATIVE, edgecolor=MEASURED, hatch="///", label="alternative")] * bool(others)
+    ax.legend(handles=[*shown, Patch(facecolor=NOISE, label="rejected")], loc="lower right")
+    reach = 100.0 * max(t.gain + 1.96 * (t.error if np.isfinite(t.error) else 0.0) for t in rows)
+    ax.set_xlim(-0.02 * max(reach, 1.0), min(1.04 * max(reach, 1.0), max(102.0, 110.0 * rows[-1].gain)))
+    return figure
+
+
+def data_picture(d: Diagnosis) -> Figure | None:
+    """What was measured: the longest trajectory's motion, current and torque, and the loops of all."""
+    runs, units = d.recording.trajectories, d.recording.units
+    if not runs:
+        return None
+    run = max(runs, key=lambda r: float(np.std(r.qd)) * len(r.t))
+    end = int(np.searchsorted(run.t - run.t[0], 10.0, side="right"))
+    figure = Figure(figsize=(WIDTH, 8.4), layout="constrained")
+    grid = figure.add_gridspec(4, 1, height_ratios=(1, 1, 1, 2))
+    above: Axes | None = None
+    for row, name in enumerate(("q", "current", "torque")):
+        ax = figure.add_subplot(grid[row], sharex=above)
+        above = above or ax
+        ax.plot(run.t[:end] - run.t[0], getattr(run, name)[:end], color=MEASURED, lw=1.1)
+        ax.set_ylabel(f"{measurand(name, units)}\n[{units[name]}]")
+        if row < 2:
+            ax.tick_params(labelbottom=False)
+    ax.set_xlabel(f"time from the start of {short(run.id, 30)} [s]")
+    ax = figure.add_subplot(grid[3])
+    some = runs[:: -(-len(runs) // 40)]
+    step = -(-sum(len(r.t) for r in some) // 20_000)
+    for r in some:
+        ax.plot(r.q[::step], r.torque[::step], ".", color=AFTER, ms=1.5, alpha=0.5)
+    ax.set(xlabel=axis_label("q", units), ylabel=axis_label("torque", units))
+    ax.set_title("all trajectories" if len(some) == len(runs) else f"{len(some)} of {len(runs)} trajectories")
+    return figure
+
+
+def _dots(ax: Axes, rows: Sequence[tuple[str, float, float]], held: set[str], d: Diagnosis) -> None:
+    """Paired dots, one line per row."""
+    y = np.arange(len(rows))
+    before, after = np.array([r[1] for r in rows]), np.array([r[2] for r in rows])
+    extended = not np.allclose(before, after, rtol=1e-9)
+    out = np.array([name in held for name, *_ in rows])
+    if extended:
+        ax.hlines(y, before, after, color="0.6", lw=1.2)
+    for mask, shape, text in ((~out, "o", ""), (out, "D", ", held out")):
+        if mask.any():
+            ax.plot(before[mask], y[mask], shape, color=BEFORE, ms=5.5, label=f"baseline{text}")
+            if extended:
+                ax.plot(after[mask], y[mask], shape, color=AFTER, ms=5.5, label=f"with the extension{text}")
+    if d.traces is not None and len(rows) > len(REGIMES):
+        ax.axvline(d.traces.noise_rms, color="0.45", ls=":", lw=1.4, label="noise")
+    ax.set_ylim(-0.7, len(rows) - 0.3)
+
+
+def _png(figure: Figure) -> bytes:
+    """The figure as PNG with few colours' worth of bytes and no date in it."""
+    data = io.BytesIO()
+    figure.savefig(data, format="png", dpi=DPI, metadata={"Software": None})
+    return data.getvalue()

@@ -1,1 +1,0 @@
-"""What the robot draws, how warm it gets and how far its battery reaches: plain models, without simulator or files."""

@@ -1,0 +1,1 @@
+"""Battery power, temperatures and state of charge."""

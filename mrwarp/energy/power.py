@@ -1,0 +1,189 @@
+"""Battery-side power: electronics + copper loss + drive friction + mechanical power + coils + current controllers.
+
+Per joint, with the motor's torque ``tau`` and mechanical power ``tau*qd`` at the joint:
+
+    copper         = 3/2 R (tau/(g Kt))^2         three-phase winding, peak phase current, g = extra gear of the calf
+    drive_friction = tau_f <|qd|>                 what motor and gear lose by turning, whatever they carry
+    mechanical     = <(tau*qd)+>/eta              what the motor drives, through a gear of efficiency eta
+    regenerated    = rho*eta*<(tau*qd)->          what the joint gives back; rho = share that reaches the supply
+
+and over the robot ``P = electronics + sum(copper + drive_friction + mechanical - regenerated) + coil/eta_coil
++ idle controllers``.
+
+Validity: means over many strides. What one joint gives back feeds the others, so the battery itself is not charged
+as long as the sum stays positive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from mrwarp.params import ParamGroup, param
+
+CALF_COLUMNS = (2, 5, 8, 11)
+"""Columns of the calves on the joint axis, see :data:`mrwarp.usd.robot.JOINTS`."""
+
+CALIBRATED = ("electronics", "winding_resistance", "drive_friction")
+"""Fields of :class:`ElectricalCfg` that are fitted to measured rows of the Go1; the others are assumed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ElectricalCfg(ParamGroup):
+    """Numbers of the electrical model. Only ``winding_resistance/torque_constant**2`` acts, not the two apart."""
+
+    electronics: float = param(
+        27.1, "W", 0.0, 200.0, "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`",
+        "Computers, sensors and drives while the motors give no torque.",
+    )  # fmt: skip
+    winding_resistance: float = param(
+        0.298, "Ohm", 0.0, 2.0,
+        "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`; a public motor of this size "
+        "(Mini Cheetah's code) has 0.105 to 0.13: trained gaits load the motors less than the real robot's seems to",
+        "Phase resistance of a motor with its drive, as if all that grows with torque squared were copper loss.",
+    )  # fmt: skip
+    drive_friction: float = param(
+        2.89, "N·m", 0.0, 10.0,
+        "calibrated on Go1: table 6 and its standby power, `mrwarp walk --calibrate`; MuJoCo Menagerie's Go1 has "
+        "0.2, and a damping of 1 to 2 N·m·s/rad that is in part its controllers'",
+        "Torque tau_f at the joint that motor and gear lose by turning: friction, iron, and whatever else of the drive "
+        "grows with motion and not with load.",
+    )  # fmt: skip
+    torque_constant: float = param(
+        0.639, "N·m/A", 0.45, 0.75,
+        "maker's figure of the GO-M8010-6 behind its gear, as usually quoted; Mini Cheetah's code: 0.45",
+        "Torque at hip and thigh per ampere of peak phase current.",
+    )  # fmt: skip
+    calf_gear: float = param(
+        1.5, "1", 1.0, 1.6, "torque limits of the public Go1 description: 35.55/23.7 N·m",
+        "Extra gear ratio of the calf.",
+    )  # fmt: skip
+    gear_efficiency: float = param(
+        0.9, "1", 0.75, 0.98, "assumed: one planetary stage, 0.85 to 0.95", "Efficiency eta of the gears, both ways."
+    )
+    regeneration: float = param(
+        1.0, "1", 0.0, 1.0, "assumed: four-quadrant drives on one supply; 0 = a diode blocks it",
+        "Share rho of the returned power that other loads use.",
+    )  # fmt: skip
+    coil_efficiency: float = param(
+        0.85, "1", 0.5, 1.0, "assumed: small step-down converter, 0.8 to 0.95", "Efficiency of the current controllers."
+    )
+    controller_idle: float = param(
+        0.25, "W", 0.0, 2.0, "assumed: microcontroller and driver at 5 V, 0.1 to 1 W",
+        "What each of the four current controllers draws without current.",
+    )  # fmt: skip
+    copper_coefficient: float = param(
+        0.00393, "1/K", 0.0, 0.01, "copper, handbooks", "Rise of the winding resistance per kelvin."
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Use:
+    """What a robot's joints did on average over a time; leading axes are free, J = 12 joints, M devices (0 without)."""
+
+    torque_square: np.ndarray
+    """Motor torque squared [(N·m)^2], shape (..., J)."""
+    speed: np.ndarray
+    """Mean of the joint speed's magnitude [rad/s], shape (..., J)."""
+    work_out: np.ndarray
+    """Positive part of the motors' mechanical power [W], shape (..., J)."""
+    work_in: np.ndarray
+    """Negative part, as a positive number [W], shape (..., J)."""
+    coil: np.ndarray
+    """Loss R*I^2 of the coils [W], shape (..., M)."""
+    friction: np.ndarray
+    """Power the devices turn into heat [W], shape (..., M)."""
+
+    def mean(self) -> Use:
+        """Mean over the first axis."""
+        return Use(**{f.name: getattr(self, f.name).mean(axis=0) for f in fields(self)})
+
+    def __getitem__(self, index: object) -> Use:
+        """The same for an index into the leading axes."""
+        return Use(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Power:
+    """Where the battery's power goes [W]; every part has the leading axes of the :class:`Use` it came from."""
+
+    electronics: np.ndarray
+    copper: np.ndarray
+    drive_friction: np.ndarray
+    mechanical: np.ndarray
+    regenerated: np.ndarray
+    """Negative: what comes back."""
+    coil: np.ndarray
+    """Coils with the losses of their controllers."""
+    controllers: np.ndarray
+    """Controllers without current."""
+
+    @property
+    def total(self) -> np.ndarray:
+        """Power at the battery's terminals [W]."""
+        return sum(self.parts().values(), start=np.zeros(()))
+
+    def parts(self) -> dict[str, np.ndarray]:
+        """All parts by name [W]."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+
+def copper_factor(cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> np.ndarray:
+    """Copper loss per torque squared of every joint [W/(N·m)^2], shape (..., 12).
+
+    Args:
+        cfg: The numbers.
+        rise: Temperature of the windings above that of the calibration [K], broadcast to (..., 12).
+    """
+    gear = np.ones(12)
+    gear[list(CALF_COLUMNS)] = cfg.calf_gear
+    warm = 1.0 + cfg.copper_coefficient * np.asarray(rise)
+    return 1.5 * cfg.winding_resistance * warm / (gear * cfg.torque_constant) ** 2
+
+
+def copper(use: Use, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> np.ndarray:
+    """Copper loss of every joint [W], shape (..., 12)."""
+    return copper_factor(cfg, rise) * use.torque_square
+
+
+def drive_friction(use: Use, cfg: ElectricalCfg) -> np.ndarray:
+    """What motor and gear of every joint lose by turning [W], shape (..., 12)."""
+    return cfg.drive_friction * use.speed
+
+
+def motor_heat(use: Use, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> np.ndarray:
+    """Heat in every motor with its gear, of copper and drive friction [W], shape (..., 12)."""
+    return copper(use, cfg, rise) + drive_friction(use, cfg)
+
+
+def battery_power(use: Use, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> Power:
+    """Mean power at the battery and its parts, see the module's equations.
+
+    Args:
+        use: What the joints did.
+        cfg: The numbers.
+        rise: Temperature of the windings above that of the calibration [K]; 0 is the model without feedback.
+    """
+    devices = use.coil.shape[-1]
+    lead = use.torque_square.shape[:-1]
+    return Power(
+        electronics=np.full(lead, cfg.electronics),
+        copper=copper(use, cfg, rise).sum(-1),
+        drive_friction=drive_friction(use, cfg).sum(-1),
+        mechanical=use.work_out.sum(-1) / cfg.gear_efficiency,
+        regenerated=-cfg.regeneration * cfg.gear_efficiency * use.work_in.sum(-1),
+        coil=use.coil.sum(-1) / cfg.coil_efficiency,
+        controllers=np.full(lead, devices * cfg.controller_idle),
+    )
+
+
+def cost_of_transport(power: np.ndarray | float, mass: float, speed: np.ndarray | float) -> np.ndarray:
+    """COT of eq. 21 [1]: ``P/(m g v)``; infinite for a robot that stands still or walks backwards."""
+    moving = np.maximum(np.asarray(speed, dtype=float), 0.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(power) / (mass * GRAVITY * moving)
+
+
+GRAVITY = 9.81
+"""[m/s^2]"""

@@ -1,1 +1,0 @@
-"""evaluate of mrwarp; see the README's map."""

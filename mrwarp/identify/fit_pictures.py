@@ -1,0 +1,56 @@
+"""Pictures of a fit: loops per current and the histogram of what is left."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from mrwarp.identify.damper import ExtendedFit
+from mrwarp.identify.fit import FitResult
+from mrwarp.recording.load import Recording
+
+
+def loops_picture(recording: Recording, result: FitResult, extended: ExtendedFit | None, path: Path) -> None:
+    """Measured against simulated torque over displacement and velocity, one column per current."""
+    groups: dict[str, int] = {}
+    for k, run in enumerate(recording.trajectories):
+        constant = run.current.max() - run.current.min() <= 0.02 * max(1e-9, abs(run.current).max())
+        key = f"{run.current[0]:.3g} {recording.units['current']}" if constant else "varying current"
+        best = groups.get(key)
+        if best is None or run.qd.std() > recording.trajectories[best].qd.std():
+            groups[key] = k
+    chosen = sorted(groups.items())[:6]
+    figure = Figure(figsize=(3.6 * len(chosen), 6.4), layout="constrained")
+    axes = figure.subplots(2, len(chosen), squeeze=False)
+    for column, (key, k) in enumerate(chosen):
+        run = recording.trajectories[k]
+        for row, (x, label) in enumerate(((run.q, f"q [{recording.units['q']}]"), (run.qd, "velocity [per s]"))):
+            ax = axes[row, column]
+            ax.plot(x, run.torque, color="0.6", lw=0.8, label="measured")
+            ax.plot(x, result.simulated[k], color="tab:red", lw=0.8, label="eqs. 14, 15")
+            if extended is not None:
+                ax.plot(x, extended.simulated[k], color="tab:blue", lw=0.8, label="extended")
+            ax.set_xlabel(label)
+            ax.set_ylabel(f"torque [{recording.units['torque']}]")
+        axes[0, column].set_title(f"{key}: {run.id}", fontsize=9)
+    axes[0, 0].legend(fontsize=8)
+    figure.savefig(path, dpi=110)
+
+
+def residual_picture(recording: Recording, result: FitResult, extended: ExtendedFit | None, path: Path) -> None:
+    """Histogram of simulated minus measured torque."""
+    figure = Figure(figsize=(6, 3.6), layout="constrained")
+    ax = figure.subplots()
+    sets = [("eqs. 14, 15", result.simulated, "tab:red")]
+    if extended is not None:
+        sets.append(("extended", extended.simulated, "tab:blue"))
+    for label, simulated, color in sets:
+        error = np.concatenate([s - run.torque for s, run in zip(simulated, recording.trajectories, strict=True)])
+        ax.hist(error, bins=120, histtype="step", color=color, label=f"{label}: RMSE {np.sqrt(np.mean(error**2)):.3g}")
+    ax.set_yscale("log")
+    ax.set_xlabel(f"simulated - measured [{recording.units['torque']}]")
+    ax.set_ylabel("samples")
+    ax.legend()
+    figure.savefig(path, dpi=110)

@@ -1,0 +1,147 @@
+"""What the data say about each parameter: intervals that survive correlated errors, and what cannot be told apart.
+
+Errors of bench data live at the level of trajectories (zero drift, gain, temperature), so samples are not independent.
+The covariance is the leave-one-trajectory-out jackknife (cluster-robust, CR3), linearised at the optimum, and its
+quantile is Student's with the effective number of clusters that bear on the parameter (Carter, Schnepel and Steigerwald
+2017).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mrwarp.identify.projection import Point
+
+_RANK = 1e-8
+"""Eigenvalues of the parameters' correlation matrix below this count as directions without information."""
+_TOGETHER = 0.995
+"""Correlation of two estimates above which they count as not told apart."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """A value with its 95 % interval; ``half`` and ``half_joint`` are infinite where the data say nothing.
+
+    ``half_joint`` holds for all parameters of the fit at once (Bonferroni), ``half`` for this one alone.
+    """
+
+    value: float
+    half: float
+    half_joint: float
+
+    @property
+    def ci95(self) -> tuple[float, float] | None:
+        """Interval, or None where the data say nothing."""
+        return (self.value - self.half, self.value + self.half) if np.isfinite(self.half) else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assessment:
+    """Intervals of everything that was asked for, and pairs or groups of parameters that cannot be told apart."""
+
+    estimates: dict[str, Estimate]
+    condition: float
+    """Condition number of the normalised normal matrix."""
+    together: list[tuple[str, ...]]
+    """Groups of parameters of which only a combination is known."""
+
+
+def assess(
+    point: Point, transform: Callable[[np.ndarray], Mapping[str, float]], count: int, names: tuple[str, ...]
+) -> Assessment:
+    """Intervals of ``transform(inner parameters)`` at a fitted point.
+
+    Args:
+        point: The optimum.
+        transform: From inner parameters (linear, then shape) to named values; the first ``count`` are the parameters.
+        count: Number of parameters among the named values, for the joint intervals.
+        names: Names of the inner parameters.
+    """
+    vector = np.concatenate([point.linear, point.theta])
+    free = np.append(point.free, np.ones(len(point.theta), dtype=bool))
+    parts = point.gram[:, :-1, :-1]
+    score = point.gram[:, :-1, -1] - parts @ vector
+    hessian = parts.sum(axis=0)
+    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    free &= scale > 1e-12 * scale.max()
+    use = np.flatnonzero(free)
+    parts = parts[:, use][:, :, use] / np.outer(scale[use], scale[use])
+    score = score[:, use] / scale[use]
+    correlation = parts.sum(axis=0)
+    values, vectors = np.linalg.eigh(correlation)
+    known = values > _RANK * values[-1]
+    blind = (vectors[:, ~known] ** 2).sum(axis=1)
+
+    # leave each cluster out: one small solve
+    clusters = len(parts)
+    total = score.sum(axis=0)
+    shifts = np.stack([_solve(correlation - h, total - u) for h, u in zip(parts, score, strict=True)])
+    shifts -= shifts.mean(axis=0)
+    covariance = (clusters - 1) / clusters * shifts.T @ shifts
+    inverse = (vectors[:, known] / values[known]) @ vectors[:, known].T
+
+    base = transform(vector)
+    slopes = _slopes(transform, vector, use, scale)
+    estimates = {}
+    for row, (name, value) in zip(slopes, base.items(), strict=True):
+        lost = _lost(row, vectors[:, ~known])
+        variance = float(row @ covariance @ row)
+        share = np.einsum("i,gij,j->g", row @ inverse, parts, inverse @ row)
+        effective = share.sum() ** 2 / max(float((share**2).sum()), 1e-300)
+        dof = max(effective - 1.0, 1.0)
+        sigma = float("inf") if lost else np.sqrt(variance)
+        quantiles = student(0.975, dof), student(1.0 - 0.025 / count, dof)
+        estimates[name] = Estimate(
+            value=float(value), half=float(quantiles[0] * sigma), half_joint=float(quantiles[1] * sigma)
+        )
+    together = _groups(inverse, blind, [names[i] for i in use])
+    return Assessment(estimates=estimates, condition=float(values[-1] / max(values[0], 1e-300)), together=together)
+
+
+def student(probability: float, dof: float) -> float:
+    """Quantile of Student's t for any ``dof`` >= 1; with t = sqrt(dof)*tan(phi) the density is cos(phi)^(dof-1)."""
+    phi = np.linspace(0.0, np.pi / 2, 20001)
+    density = np.cos(phi) ** (dof - 1.0)
+    mass = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
+    return float(np.sqrt(dof) * np.tan(np.interp(2.0 * probability - 1.0, mass / mass[-1], phi)))
+
+
+def _solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Solution of a symmetric system, the smallest one where it is singular."""
+    return np.linalg.lstsq(matrix, vector, rcond=_RANK)[0]
+
+
+def _slopes(
+    transform: Callable[[np.ndarray], Mapping[str, float]], vector: np.ndarray, use: np.ndarray, scale: np.ndarray
+) -> np.ndarray:
+    """Derivatives of the named values by the used, normalised inner parameters, shape (values, used)."""
+    columns = []
+    for i in use:
+        step = np.zeros(len(vector))
+        step[i] = 1e-6 * max(1.0, abs(vector[i]))
+        up, down = transform(vector + step), transform(vector - step)
+        columns.append((np.array(list(up.values())) - np.array(list(down.values()))) / (2.0 * step[i]) / scale[i])
+    return np.array(columns).T
+
+
+def _lost(row: np.ndarray, blind: np.ndarray) -> bool:
+    """Whether a value depends on a direction without information, or on nothing that was fitted."""
+    size = float(np.linalg.norm(row))
+    return size == 0.0 or bool(blind.size and np.abs(row @ blind).max() > 1e-3 * size)
+
+
+def _groups(inverse: np.ndarray, blind: np.ndarray, names: list[str]) -> list[tuple[str, ...]]:
+    """Parameters that lie in blind directions, and pairs whose estimates are nearly one."""
+    groups: list[tuple[str, ...]] = []
+    unseen = tuple(name for name, share in zip(names, blind, strict=True) if share > 1e-3)
+    if unseen:
+        groups.append(unseen)
+    sigma = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
+    for i in range(len(names)):
+        for j in range(i):
+            if abs(inverse[i, j]) > _TOGETHER * sigma[i] * sigma[j] and not {names[i], names[j]} <= set(unseen):
+                groups.append((names[j], names[i]))
+    return groups

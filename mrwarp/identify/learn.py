@@ -1,0 +1,213 @@
+"""Learned torque models from recordings: targets, training, error on unseen trajectories (paper section 4, Fig. 4)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from mrwarp.identify.replay import simulate
+from mrwarp.nn import network_file as model_file
+from mrwarp.nn import windows
+from mrwarp.nn.models import SAMPLES, LstmState, make_net
+from mrwarp.nn.network_file import LearnedModel
+from mrwarp.nn.training import FitCfg, History, Report, fit, rmse
+from mrwarp.params import BoucWenParams
+from mrwarp.recording.load import Recording, RecordingError, Trajectory
+
+VALIDATION = 0.2
+"""Share of the trajectories held for validation, table 1."""
+
+SKIP = max(SAMPLES.values()) - 1
+"""Samples at the start of each trajectory that no model is judged on: the longest window is not yet full."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Learned:
+    """What a training gave."""
+
+    model: LearnedModel
+    history: History
+    figures: dict[str, Any]
+    """Plain values for ``result.json``."""
+
+
+def learn(
+    recording: Recording,
+    *,
+    kind: str,
+    bouc_wen: Mapping[str, float] | None = None,
+    baseline: Sequence[np.ndarray] | None = None,
+    cfg: FitCfg | None = None,
+    report: Report | None = None,
+) -> Learned:
+    """Train one model on a recording.
+
+    Args:
+        recording: Fitting data, one sampling rate throughout.
+        kind: ``mlp``, ``lstm`` or ``pg_rlstm``.
+        bouc_wen: The frozen Bouc-Wen parameters in the recording's units; the paper's if None. ``q_neutral`` is not
+            used: a bench's angle is about its own zero.
+        baseline: Torque of another physical model along each trajectory, in place of Bouc-Wen's for ``pg_rlstm``; such
+            a model predicts with that baseline only and does not run in the loop.
+        cfg: The recipe; its seed also divides the trajectories and draws the weights.
+        report: Called after every epoch.
+
+    Raises:
+        RecordingError: the sampling rates differ, or too few trajectories are long enough.
+    """
+    cfg, bouc_wen = cfg or FitCfg(), bench_parameters(bouc_wen)
+    dt = sampling_interval(recording)
+    samples = SAMPLES[kind]
+    x, y = features(recording, bouc_wen), [run.torque for run in recording.trajectories]
+    if kind == "pg_rlstm":  # eq. 17
+        physical = baseline or bouc_wen_torque(recording, bouc_wen)
+        y = [measured - tau for measured, tau in zip(y, physical, strict=True)]
+    long = [k for k in range(len(x)) if len(x[k]) >= samples]
+    if len(long) < 2:
+        raise RecordingError(
+            f"{recording.source or 'recording'}: {len(long)} of {len(x)} trajectories have the {samples} samples of a "
+            f"{kind} window; record at least two such"
+        )
+    x, y = [x[k] for k in long], [y[k] for k in long]
+    training, held = windows.split(len(x), cfg.seed, VALIDATION)
+    train_set, validation_set = (
+        windows.WindowSet([x[i] for i in part], [y[i] for i in part], samples) for part in (training, held)
+    )
+    net = make_net(kind, cfg.seed)
+    history = fit(net, train_set, validation_set, cfg, report)
+    net.eval()
+    figures = {
+        "model": kind,
+        "recipe": asdict(cfg),
+        "trajectories": {"training": len(training), "validation": len(held)},
+        "samples": sum(len(part) for part in x),
+        "training_windows": len(train_set),
+        "windows_seen": len(history.epoch) * min(cfg.windows_per_epoch, len(train_set)),
+        "epochs": len(history.epoch),
+        "best_epoch": history.best_epoch,
+        "stopped": history.stopped,
+        "seconds": history.seconds[-1] if history.seconds else 0.0,
+        "validation_rmse": rmse(net, validation_set),
+    }
+    own_baseline = kind == "pg_rlstm" and baseline is not None
+    model = LearnedModel(
+        kind=kind,
+        net=net,
+        dt=dt,
+        bouc_wen={} if own_baseline else bouc_wen,
+        source=str(recording.source or ""),
+        seed=cfg.seed,
+        training=figures,
+    )
+    return Learned(model=model, history=history, figures=figures)
+
+
+def sampling_interval(recording: Recording) -> float:
+    """The sampling interval that all trajectories share [s].
+
+    Raises:
+        RecordingError: there is no trajectory, or two differ by more than 0.1 %.
+    """
+    where = recording.source or "recording"
+    if not recording.trajectories:
+        raise RecordingError(f"{where}: holds no trajectory")
+    first = recording.trajectories[0]
+    for run in recording.trajectories:
+        if not math.isclose(run.dt, first.dt, rel_tol=1e-3):
+            raise RecordingError(
+                f"{where}: {first.id} is sampled at {1 / first.dt:g} Hz, {run.id} at {1 / run.dt:g} Hz; a window means "
+                "one span of time, so resample them to one rate"
+            )
+    return round(first.dt, 9)
+
+
+def bench_parameters(bouc_wen: Mapping[str, float] | None) -> dict[str, float]:
+    """The Bouc-Wen entries of a set of parameters (None: the paper's) about the bench's own zero."""
+    values = asdict(BoucWenParams()) if bouc_wen is None else bouc_wen
+    names = [spec.name for spec in BoucWenParams.specs()]
+    return {**{name: float(values[name]) for name in names if name in values}, "q_neutral": 0.0}
+
+
+def features(recording: Recording, bouc_wen: Mapping[str, float]) -> list[np.ndarray]:
+    """(q_c, qd, current) of each trajectory, float32, shape (N_i, 3); q_c is about the bench's zero."""
+    origin = bouc_wen.get("q_offset", 0.0) + bouc_wen.get("q_center", 0.0)
+    return [
+        np.stack([run.q - origin, run.qd, run.current], axis=1).astype(np.float32) for run in recording.trajectories
+    ]
+
+
+def bouc_wen_torque(recording: Recording, bouc_wen: Mapping[str, float]) -> list[np.ndarray]:
+    """tau_BW along each trajectory [N·m], by the paper's Euler step: what the loop computes at 200 Hz."""
+    return simulate(bench_parameters(bouc_wen), recording, exact=False, substeps=0)
+
+
+def predict(
+    model: LearnedModel,
+    recording: Recording,
+    baseline: Sequence[np.ndarray] | None = None,
+    lstm_state: LstmState = LstmState.WINDOW,
+) -> list[np.ndarray]:
+    """Predicted torque along each trajectory [N·m], tau_BW included (eq. 16); NaN where the window is not full.
+
+    Args:
+        model: The model.
+        recording: The motion.
+        baseline: As in :func:`learn`, for a model that was trained with one.
+        lstm_state: What an LSTM begins each sample with; with ``CARRIED``, its state since the trajectory's beginning.
+
+    Raises:
+        SamplingRateError: the recording has another rate than the model.
+        ValueError: the model was trained on another baseline than Bouc-Wen, and none is given.
+    """
+    if model.is_residual and not model.bouc_wen and baseline is None:
+        raise ValueError("this pg_rlstm model was trained on another physical model; give its torque as baseline")
+    model.check_rate(sampling_interval(recording))
+    tau = [model_file.torque_of(model, x, lstm_state) for x in features(recording, model.bouc_wen)]
+    if model.is_residual:
+        physical = baseline or bouc_wen_torque(recording, model.bouc_wen)
+        tau = [a + b for a, b in zip(tau, physical, strict=True)]
+    return tau
+
+
+def nominal_current(run: Trajectory) -> float:
+    """Current of the on-sections of an evaluation trajectory [A]: the largest one, to 0.01 A."""
+    return round(float(np.abs(run.current).max()), 2)
+
+
+def errors(predicted: Sequence[np.ndarray], recording: Recording) -> dict[float, list[float]]:
+    """RMSE of each trajectory [N·m] by nominal current, the first :data:`SKIP` samples left out for every model."""
+    found: dict[float, list[float]] = {}
+    for tau, run in zip(predicted, recording.trajectories, strict=True):
+        mismatch = (tau - run.torque)[SKIP:]
+        if len(mismatch):
+            found.setdefault(nominal_current(run), []).append(float(np.sqrt(np.mean(mismatch**2))))
+    return dict(sorted(found.items()))
+
+
+def summary(by_current: Mapping[float, Sequence[float]]) -> dict[str, Any]:
+    """Mean and sample standard deviation of the RMSE per current, and the mean over the currents [N·m]."""
+    rows = {
+        f"{amps:g}": {
+            "mean": float(np.mean(values)),
+            "sd": float(np.std(values, ddof=1)) if len(values) > 1 else 0.0,
+            "trajectories": len(values),
+        }
+        for amps, values in by_current.items()
+    }
+    return {"by_current": rows, "average": float(np.mean([row["mean"] for row in rows.values()]))}
+
+
+def table(figures: Mapping[str, dict[str, Any]]) -> str:
+    """RMSE per model and current as text; ``figures`` holds a :func:`summary` per model."""
+    currents = list(next(iter(figures.values()))["by_current"])
+    width = max(12, *(len(name) + 1 for name in figures))
+    lines = ["RMSE [N·m]".ljust(width) + "".join(f"{amps + ' A':>16s}" for amps in currents) + "     average"]
+    for name, row in figures.items():
+        cells = (row["by_current"][amps] for amps in currents)
+        text = "".join(f"{cell['mean']:8.3f} ± {cell['sd']:.3f}" for cell in cells)
+        lines.append(name.ljust(width) + text + f"{row['average']:12.3f}")
+    return "\n".join(lines)

@@ -1,0 +1,166 @@
+"""Learned torque models as files: safetensors to load again, ONNX for other programs; everything needed is inside."""
+
+from __future__ import annotations
+
+import json
+import math
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+
+from mrwarp.nn.models import FEATURES, SAMPLES, LstmState, LstmTorque, TorqueNet, make_net
+from mrwarp.resources import MODELS, shipped_model  # noqa: F401  (where networks are looked for)
+from mrwarp.run_dir import no_file, replacing
+
+META = "mrwarp"
+"""Key of the metadata entry that holds the description as JSON, in both kinds of file."""
+
+SCHEMA = 1
+"""Version of the description."""
+
+
+class ModelFileError(ValueError):
+    """A model file cannot be used; the message names the file and the remedy."""
+
+
+class SamplingRateError(ValueError):
+    """A model was trained at another sampling rate; the message gives both."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearnedModel:
+    """A trained network and what it was trained on."""
+
+    kind: str
+    """``mlp``, ``lstm`` or ``pg_rlstm``."""
+    net: TorqueNet
+    """The network, in evaluation mode."""
+    dt: float
+    """Sampling interval of its windows [s]."""
+    bouc_wen: dict[str, float]
+    """Bouc-Wen parameters beside which it was trained: the frozen baseline of ``pg_rlstm``, for all kinds the origin
+    of the displacement q_c; names and units of ``mrwarp.params.BoucWenParams``."""
+    source: str = ""
+    """Recording it was trained on."""
+    seed: int = 0
+    """Seed of weights, division and batches."""
+    training: dict[str, Any] = field(default_factory=dict)
+    """Recipe and figures of the training, plain values."""
+
+    @property
+    def samples(self) -> int:
+        """Samples in a window."""
+        return SAMPLES[self.kind]
+
+    @property
+    def is_residual(self) -> bool:
+        """Whether the output is added to the Bouc-Wen torque; else it is the whole torque."""
+        return self.kind == "pg_rlstm"
+
+    def description(self) -> dict[str, Any]:
+        """The metadata: all but the weights."""
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "net"}
+        scaler = {"mean": self.net.scaler.mean.tolist(), "std": self.net.scaler.std.tolist()}
+        features = ["q_c [rad]", "qd [rad/s]", "current [A]"]
+        return {"schema": SCHEMA, **values, "samples": self.samples, "features": features, "scaler": scaler}
+
+    def check_rate(self, dt: float) -> None:
+        """Refuse another sampling rate than the model's.
+
+        Args:
+            dt: Sampling interval of what it shall run on [s].
+
+        Raises:
+            SamplingRateError: it differs by more than 0.1 %.
+        """
+        if not math.isclose(dt, self.dt, rel_tol=1e-3):
+            raise SamplingRateError(
+                f"this {self.kind} model was trained at {1.0 / self.dt:g} Hz and cannot run at {1.0 / dt:g} Hz: its "
+                f"window would mean another time; resample the recording to {1.0 / self.dt:g} Hz or train it again"
+            )
+
+
+def save(model: LearnedModel, path: Path) -> None:
+    """Write weights and description as safetensors, in one piece."""
+    weights = {name: tensor.contiguous() for name, tensor in model.net.state_dict().items()}
+    with replacing(path) as partial:
+        save_file(weights, str(partial), metadata={META: json.dumps(model.description(), allow_nan=False)})
+        partial.chmod(0o644)  # safetensors keeps its files to their owner
+
+
+def load(path: str | Path) -> LearnedModel:
+    """Read a model that :func:`save` wrote.
+
+    Raises:
+        ModelFileError: the file is missing, no safetensors, or not one of ours.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise ModelFileError(f"{path}: {no_file(path, 'model')}; name a .safetensors file that 'mrwarp learn' wrote")
+    try:
+        with safe_open(str(path), framework="pt") as content:
+            meta = json.loads((content.metadata() or {}).get(META, "null"))
+            weights = {name: content.get_tensor(name) for name in content.keys()}  # noqa: SIM118 (no mapping)
+    except (SafetensorError, OSError, ValueError, RecursionError) as error:
+        raise ModelFileError(f"{path}: not a readable safetensors file ({error}); train it again") from error
+    if not isinstance(meta, dict) or meta.get("schema") != SCHEMA or str(meta.get("kind")) not in SAMPLES:
+        raise ModelFileError(f"{path}: no learned torque model of this version; make one with 'mrwarp learn'")
+    try:
+        net = make_net(meta["kind"])
+        net.load_state_dict(weights)
+        model = LearnedModel(
+            kind=meta["kind"], net=net.eval(), dt=float(meta["dt"]),
+            bouc_wen={str(k): float(v) for k, v in meta["bouc_wen"].items()}, source=str(meta["source"]),
+            seed=int(meta["seed"]), training=dict(meta["training"]),
+        )  # fmt: skip
+    except (RuntimeError, KeyError, TypeError, ValueError, AttributeError) as error:
+        cause = " ".join(str(error).split())  # torch writes one line per tensor
+        raise ModelFileError(f"{path}: weights or description are incomplete ({cause}); train it again") from error
+    if not all(bool(torch.isfinite(tensor).all()) for tensor in weights.values()):
+        raise ModelFileError(f"{path}: holds weights that are no numbers; train it again")
+    return model
+
+
+def export_onnx(model: LearnedModel, path: Path) -> None:
+    """Write as ONNX: input ``window`` (N, samples, 3) of raw features, output ``torque`` (N,), scaler inside."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    example = torch.zeros(1, model.samples, FEATURES)
+    with replacing(path) as partial, warnings.catch_warnings():
+        # the exporter warns of its own age and of batch sizes, which the tests cover
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            model.net, (example,), str(partial), input_names=["window"], output_names=["torque"], opset_version=18,
+            dynamo=False, dynamic_axes={"window": {0: "n"}, "torque": {0: "n"}},
+        )  # fmt: skip
+        proto = onnx.load(str(partial))
+        onnx.helper.set_model_props(proto, {META: json.dumps(model.description(), allow_nan=False)})
+        onnx.save(proto, str(partial))
+
+
+@torch.no_grad()
+def torque_of(model: LearnedModel, features: np.ndarray, lstm_state: LstmState = LstmState.WINDOW) -> np.ndarray:
+    """Output of the network along one trajectory [N·m], shape (N,); NaN where the window is not yet full.
+
+    Args:
+        model: The model.
+        features: Raw (q_c, qd, current), shape (N, 3).
+        lstm_state: What an LSTM begins each sample with; an MLP has no state.
+    """
+    x = torch.from_numpy(np.ascontiguousarray(features, dtype=np.float32))
+    result = np.full(len(x), np.nan)
+    full = model.samples - 1
+    if len(x) <= full:
+        return result
+    if lstm_state is LstmState.CARRIED and isinstance(model.net, LstmTorque):
+        result[full:] = model.net.carried(x)[full:].numpy()
+        return result
+    windows = x.unfold(0, model.samples, 1).transpose(1, 2)
+    result[full:] = torch.cat([model.net(part) for part in windows.split(512)]).numpy()
+    return result

@@ -1,0 +1,1 @@
+"""Bench recordings: reading, checking and writing."""

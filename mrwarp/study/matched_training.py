@@ -1,0 +1,265 @@
+"""Training of the studies' policies, one after another; any number of processes may share the work."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from mrwarp.env.cfg import EnvCfg
+from mrwarp.model_file import read_json_file, shown
+from mrwarp.rl import checkpoint
+from mrwarp.rl.task import learned, task
+from mrwarp.rl.trainer import TrainCfg, Trainer
+from mrwarp.rl.warm_start import read_networks
+from mrwarp.run_dir import FolderError, claim, write_bytes, write_text
+from mrwarp.study.plan import PAYING, StudyCfg, name, policy_file, record_file, start_file
+from mrwarp.study.plants import plant_cfg
+
+_REMEDY = "remove the folder to train anew"
+
+_COPIED = (
+    "command", "iterations", "environment_steps", "seconds", "task", "gate", "gate_passed", "broken_episodes",
+    "unsolved_steps", "versions",
+)  # fmt: skip
+"""What a training's record takes from its result."""
+
+
+POINTS = 100
+"""Most points of the learning curves that a record keeps."""
+
+KEPT = ("iteration", "reward", "v_x_rmse", "falls_per_hour", "clock_match", "level")
+"""Figures of a learning curve in a record."""
+
+_ORIGIN = ("task", "seed", "iteration")
+"""What tells apart the policies that trainings begin with; their files may have moved."""
+
+
+class RunError(ValueError):
+    """A run was trained with other choices than asked for; the message names it, what differs and the remedy."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Run:
+    """A training as its folder has it."""
+
+    ended: bool
+    """By itself, with at least the updates asked for: policy and result lie there; else a checkpoint to go on from."""
+    iterations: int
+    task: dict[str, Any]
+    learning: dict[str, float]
+    seed: int
+    started_from: dict[str, Any] | None
+    remedy: str
+
+
+def train(cfg: StudyCfg, out: Path, *, threads: int = 0, report: Callable[[str], None] = print) -> bool:
+    """Train every policy that is not finished; go on from checkpoints, leave out what another process trains.
+
+    Args:
+        cfg: The trainings.
+        out: Folder for the runs; each gets a subfolder.
+        threads: CPU threads of the physics; 0 = all.
+        report: Called with a line for each policy.
+
+    Returns:
+        Whether all policies are finished; False after Ctrl-C, or when others are still at work.
+
+    Raises:
+        RunError: a run was trained with other choices; nothing has been written.
+        CheckpointError: a checkpoint cannot be used.
+        PolicyError: a policy to start from is missing or unreadable.
+        TrainingError: a training broke off.
+        ValueError: a result is damaged.
+    """
+    runs = [(plant, seed, out / name(plant, seed)) for seed in cfg.seeds for plant in cfg.plants]
+    for plant, seed, run in runs:  # all of them, before anything is written
+        begin = _origin(start_file(cfg.start_from, plant, seed)) if cfg.start_from else None
+        if found := _found(cfg, plant, seed, run):
+            _check_start(found, begin, run)
+    finished = True
+    for plant, seed, run in runs:
+        found = _found(cfg, plant, seed, run)
+        if found and found.ended:
+            report(f"{run.name}: finished")
+            continue
+        report(f"{run.name}: training")
+        try:
+            run.mkdir(parents=True, exist_ok=True)
+            with claim(run):  # before its checkpoint is read
+                pass
+            result = _trainer(cfg, plant, seed, run, threads).run()
+        except FolderError as error:
+            report(f"{run.name}: left out ({error})")
+            finished = False
+            continue
+        if result["stopped"] == "interrupted":
+            return False
+    return finished
+
+
+def collect(cfg: StudyCfg, out: Path, folder: Path) -> list[Path]:
+    """Copy finished policies into a folder and write their training records beside them.
+
+    Args:
+        cfg: The trainings; what they started from is not compared, the records say it.
+        out: Folder of the runs.
+        folder: Where policies and records go; nothing is written there unless all can be.
+
+    Raises:
+        RunError: a run was trained with other choices.
+        FileNotFoundError: a training is not finished.
+        CheckpointError: a checkpoint cannot be read.
+        ValueError: a result is damaged.
+    """
+    runs = [(plant, seed, out / name(plant, seed)) for plant in cfg.plants for seed in cfg.seeds]
+    for plant, seed, run in runs:
+        found = _found(cfg, plant, seed, run)
+        if found is None or not found.ended:
+            updates = found.iterations if found else 0
+            raise FileNotFoundError(
+                f"{run}: not finished ({updates} of {cfg.iterations} updates); 'mrwarp study train' with the same "
+                "choices goes on"
+            )
+    files = [
+        (plant, seed, (run / "policy.onnx").read_bytes(), json.dumps(_record(run, plant, seed), indent=1) + "\n")
+        for plant, seed, run in runs
+    ]
+    for plant, seed, policy, record in files:
+        write_bytes(policy_file(folder, plant, seed), policy)
+        write_text(record_file(folder, plant, seed), record)
+    return [policy_file(folder, plant, seed) for plant, seed, _, _ in files]
+
+
+def failed_conditions(record: Path) -> list[str]:
+    """Conditions of the walking gate that a collected policy did not meet, by its record."""
+    gate = json.loads(record.read_text(encoding="utf-8"))["gate"]
+    return [name for name, met in gate["conditions"].items() if not met]
+
+
+def _found(cfg: StudyCfg, plant: str, seed: int, run: Path) -> _Run | None:
+    """What lies in a run's folder, None without anything to use or go on from.
+
+    Raises:
+        RunError: it was trained with other choices, or longer.
+        CheckpointError: a checkpoint cannot be read.
+        ValueError: a result is damaged.
+    """
+    found = _read(run, cfg.iterations)
+    if found is None:
+        return None
+    asked = {**task(_env(cfg, plant)), **asdict(cfg.learning), "seed": seed}
+    own = {**found.task, **found.learning, "seed": found.seed}
+    differs = [text for key in own for text in _differences(key, own[key], asked.get(key))]  # as resuming compares
+    if found.iterations > cfg.iterations:
+        differs.append(f"iterations = {found.iterations} (asked: {cfg.iterations})")
+    if differs:
+        raise RunError(f"{run}: trained with {', '.join(differs)}; {found.remedy}")
+    return found
+
+
+def _read(run: Path, iterations: int) -> _Run | None:
+    """What a run's folder says of it, whatever was asked for but the number of updates."""
+    other = "or name another --runs to train anew"
+    if (run / "result.json").is_file():
+        content = _result(run)
+        if content["iterations"] >= iterations and content.get("stopped") != "interrupted":
+            return _Run(
+                ended=True, iterations=content["iterations"], task=content["task"], seed=content["seed"],
+                learning=learned(content),
+                started_from=content.get("started_from"),  # results of earlier versions have none
+                remedy=f"give the choices of '{content['command']}' {other}",
+            )  # fmt: skip
+    saved = run / "checkpoint.pt"
+    if not saved.is_file():
+        return None
+    content = checkpoint.load(saved)
+    if lacks := [key for key in _ORIGIN if key not in content]:
+        raise checkpoint.CheckpointError(f"{saved}: no checkpoint of a training ({lacks[0]} is missing); {_REMEDY}")
+    return _Run(
+        ended=False, iterations=content["iteration"], task=content["task"], seed=content["seed"],
+        learning=learned(content),
+        started_from=content.get("started_from"), remedy=f"give the choices that its training began with {other}",
+    )  # fmt: skip
+
+
+def _differences(key: str, own: Any, asked: Any) -> list[str]:
+    """Where two values differ, entry by entry in tables, each as a text."""
+    if isinstance(own, dict) and isinstance(asked, dict):
+        both = dict.fromkeys([*own, *asked])
+        return [text for k in both for text in _differences(f"{key}.{k}", own.get(k), asked.get(k))]
+    return [] if own == asked else [f"{key} = {shown(own)} (asked: {shown(asked)})"]
+
+
+def _origin(path: Path) -> dict[str, Any]:
+    """What a training that begins with a file says of it."""
+    return {"file": str(path), **read_networks(path).origin}
+
+
+def _check_start(found: _Run, asked: dict[str, Any] | None, run: Path) -> None:
+    """Raise RunError if a run began with other networks than asked for."""
+    own = found.started_from
+    if (own and [own.get(key) for key in _ORIGIN]) != (asked and [asked.get(key) for key in _ORIGIN]):
+        said = [f"{o['file']} (update {o.get('iteration')})" if o else "networks as drawn" for o in (own, asked)]
+        raise RunError(f"{run}: started from {said[0]}, asked for is {said[1]}; {found.remedy}")
+
+
+def _env(cfg: StudyCfg, plant: str, threads: int = 0) -> EnvCfg:
+    """The task of a training."""
+    return plant_cfg(
+        plant, num_envs=cfg.num_envs, terrain=cfg.terrain, threads=threads, randomize=cfg.randomize,
+        power_price=cfg.power_price,
+    )  # fmt: skip
+
+
+def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> Trainer:
+    saved = run / "checkpoint.pt"
+    begin = None if saved.is_file() or cfg.start_from is None else start_file(cfg.start_from, plant, seed)
+    train_cfg = TrainCfg(
+        env=_env(cfg, plant, threads),
+        out=run,
+        seed=seed,
+        iterations=cfg.iterations,
+        until_gate=False,
+        check_every=float("inf"),
+        learning=cfg.learning,
+        command=f"mrwarp study train --plants {plant} --seeds {seed} --num-envs {cfg.num_envs} --iterations "
+        f"{cfg.iterations} --terrain {cfg.terrain} --randomize {cfg.randomize}"
+        + (f" --power-price {cfg.power_price:g}" if plant in PAYING else "")
+        + f" --desired-kl {cfg.learning.desired_kl:g} --entropy {cfg.learning.entropy:g}"
+        + (f" --start-from {cfg.start_from}" if cfg.start_from else ""),
+    )
+    return Trainer(train_cfg, resume=saved if saved.is_file() else None, start_from=begin)
+
+
+def _result(run: Path) -> dict[str, Any]:
+    """What a training left in its folder.
+
+    Raises:
+        ValueError: it is no result of a training.
+    """
+    path = run / "result.json"
+    content = read_json_file(path, _REMEDY)
+    lacks = [key for key in (*_COPIED, "seed") if not isinstance(content, dict) or key not in content]
+    lacks = lacks or [key for key, kind in (("iterations", int), ("task", dict)) if not isinstance(content[key], kind)]
+    if lacks:
+        raise ValueError(f"{path}: no result of a training ({lacks[0]} is missing or wrong); {_REMEDY}")
+    return content
+
+
+def _record(run: Path, plant: str, seed: int) -> dict[str, Any]:
+    """What is kept of a training beside its policy."""
+    result = _result(run)
+    rows = checkpoint.load(run / "checkpoint.pt")["rows"][: result["iterations"]]  # it may have gone on since
+    stride = max(-(-len(rows) // POINTS), 1)
+    kept = rows[stride - 1 :: stride]
+    return {
+        "plant": plant,
+        "seed": seed,
+        **{key: result[key] for key in _COPIED},
+        "learning": learned(result),
+        "started_from": result.get("started_from"),  # results of earlier versions have none
+        "curve": {key: [row[key] for row in kept] for key in KEPT if kept and key in kept[0]},
+    }

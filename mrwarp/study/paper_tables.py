@@ -1,0 +1,309 @@
+"""Tables 2 and 3: what actuator-aware training changes, and what the torque model in training changes (section 6.2).
+
+Every policy is rolled out on the MR_Go plant at one command. The rollouts of a training seed are averaged first; means
+and sample standard deviations are those of the seeds' averages, as in the paper.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from scipy import stats
+
+from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.runtime import one_torch_thread
+from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, SEEDS, STUDY, check_seeds, policy_file
+from mrwarp.study.plants import plant_cfg
+from mrwarp.study.rollouts import METRICS, Measured, RolloutCfg, roll_out
+from mrwarp.trials.spread import spread
+
+CURRENT = 1.5
+"""Current that the devices may use with SAL on [A], table 2."""
+
+PLANT = AWARE
+"""Torque model of the plant that all policies are evaluated on: the most accurate one."""
+
+CONFIGURATIONS = {"A": (False, 0.0), "B": (False, CURRENT), "C": (True, 0.0), "D": (True, CURRENT)}
+"""Table 2: whether the policy is actuator-aware, and the current its devices may use [A]."""
+
+LEAST = {"rmse": 0.30, "bias": 0.80}
+"""What actuator-aware training is asked to lower RMSE and absolute bias by; the paper's are 0.306 and 0.395, and 0.835
+and 0.874."""
+
+RANKED = tuple(metric for metric in METRICS if metric != "height")
+"""Metrics of table 3 in which less is better: of the bias each seed's absolute value, in ranking and test alike."""
+
+Report = Callable[[float], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationCfg:
+    """Which policies are rolled out, and how."""
+
+    folder: Path = STUDY
+    """Policies, as :func:`mrwarp.study.matched_training.collect` leaves them."""
+    seeds: tuple[int, ...] = SEEDS
+    """Training seeds."""
+    rollouts: int = 3
+    """Rollouts per policy."""
+    seed: int = 0
+    """Seed of their poses and gait phases."""
+    plant: str = PLANT
+    """What all policies walk on, one of :data:`mrwarp.study.plan.PLANTS`."""
+    terrain: str = "flat"
+    """Ground; on rough ground a multiple of 36 rollouts covers every level and kind alike."""
+    speed: float = 0.5
+    """Commanded speed [m/s]."""
+    warmup: float = 2.0
+    """Walking before the measurement [s]."""
+    seconds: float = 20.0
+    """Measured time [s]."""
+    threads: int = 0
+    """CPU threads of the physics; 0 = all. The figures are the same for any number."""
+
+    def __post_init__(self) -> None:
+        check_seeds(self.seeds)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """Policies of one training under one condition."""
+
+    plant: str
+    """What they were trained on, one of :data:`mrwarp.study.plan.PLANTS`."""
+    current: float
+    """Current that the devices may use [A]; 0 is SAL off."""
+    seeds: dict[str, np.ndarray]
+    """Average over its rollouts of each seed, by metric, shape (seeds,); see ``rollouts.Measured`` for units."""
+    rollouts: dict[str, np.ndarray]
+    """The single rollouts, by metric, shape (seeds, rollouts)."""
+    fell: int
+    """Rollouts that fell."""
+
+    def spread(self, metric: str) -> dict[str, float]:
+        """Mean and sample standard deviation over the seeds' averages."""
+        return spread(self.seeds[metric])
+
+    @property
+    def ripple(self) -> float:
+        """v_x RMSE without each rollout's bias, mean over rollouts [m/s]: on flat ground the gait's oscillation."""
+        square = self.rollouts["v_x_rmse"] ** 2 - self.rollouts["v_x_bias"] ** 2
+        return float(np.nanmean(np.sqrt(np.maximum(square, 0.0))))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """How much lower a figure is with one training than with another."""
+
+    first: float
+    """Mean over seeds of the first, or its absolute value."""
+    second: float
+    """And of the second."""
+    reduction: float
+    """1 - second/first."""
+    by_seed: float
+    """The same of the absolute values averaged over seeds, where signs cannot cancel."""
+    interval: tuple[float, float]
+    """95 % interval of the difference ``second`` - ``first`` (Welch, over seeds), in the figure's unit."""
+    p: float
+    """Two-sided p-value of that difference; NaN with one seed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table2:
+    """Configurations A to D."""
+
+    rows: dict[str, Row]
+    """By configuration."""
+    rmse: dict[str, Change]
+    """RMSE of the aware against the conventional policies, with SAL ``off`` and ``on``."""
+    bias: dict[str, Change]
+    """Absolute value of the mean bias, likewise."""
+
+    def limits(self) -> dict[str, str]:
+        """What bounds the reduction of the RMSE, SAL ``off`` and ``on``: how much of each RMSE is not bias."""
+        pairs = {"off": (self.rows["A"], self.rows["C"]), "on": (self.rows["B"], self.rows["D"])}
+        return {name: _limit(*pair) for name, pair in pairs.items()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pair:
+    """Two models compared on one metric."""
+
+    metric: str
+    better: str
+    """Model with the lower mean over seeds (of the absolute values)."""
+    worse: str
+    difference: float
+    """Worse minus better."""
+    p: float
+    """Two-sided p-value of Welch's test of that difference, Holm-corrected over the pairs of the metric; NaN with one
+    seed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table3:
+    """One row per torque model in training."""
+
+    rows: dict[str, Row]
+    """By model."""
+    ranking: dict[str, tuple[str, ...]]
+    """Models from best to worst, by metric; the mean height has none."""
+    pairs: tuple[Pair, ...]
+    """All pairs of models on all ranked metrics."""
+
+
+def table2(cfg: EvaluationCfg | None = None, *, aware: str = AWARE, report: Report | None = None) -> Table2:
+    """Roll conventional and actuator-aware policies out with SAL off and on.
+
+    Args:
+        cfg: Which policies, and how they are rolled out.
+        aware: Training plant of the actuator-aware policies.
+        report: Called with the share that is done.
+
+    Raises:
+        PolicyError: a policy is missing or unreadable.
+    """
+    cells = [(aware if is_aware else CONVENTIONAL, current) for is_aware, current in CONFIGURATIONS.values()]
+    rows = dict(zip(CONFIGURATIONS, evaluate(cfg or EvaluationCfg(), cells, report), strict=True))
+    pairs = {"off": (rows["A"], rows["C"]), "on": (rows["B"], rows["D"])}
+    return Table2(
+        rows=rows,
+        rmse={name: change(a.seeds["v_x_rmse"], b.seeds["v_x_rmse"]) for name, (a, b) in pairs.items()},
+        bias={name: change(a.seeds["v_x_bias"], b.seeds["v_x_bias"], absolute=True) for name, (a, b) in pairs.items()},
+    )
+
+
+def table3(
+    cfg: EvaluationCfg | None = None,
+    *,
+    models: Sequence[str] = MODELS,
+    current: float = CURRENT,
+    report: Report | None = None,
+) -> Table3:
+    """Roll the policies of every torque model out on one and the same plant, with SAL on.
+
+    Args:
+        cfg: Which policies, and how they are rolled out.
+        models: Torque models in training.
+        current: Current the devices may use [A].
+        report: Called with the share that is done.
+
+    Raises:
+        PolicyError: a policy is missing or unreadable.
+    """
+    rows = evaluate(cfg or EvaluationCfg(), [(model, current) for model in models], report)
+    by_model = dict(zip(models, rows, strict=True))
+    size = {metric: {m: _size(row, metric) for m, row in by_model.items()} for metric in RANKED}
+    return Table3(
+        rows=by_model,
+        ranking={metric: tuple(sorted(models, key=size[metric].__getitem__)) for metric in RANKED},
+        pairs=tuple(pair for metric in RANKED for pair in _pairs(metric, by_model, size[metric])),
+    )
+
+
+def _size(row: Row, metric: str) -> float:
+    """What models are ranked by: the mean over seeds of the absolute values; infinite, so last, without figures."""
+    mean = float(np.abs(row.seeds[metric]).mean())
+    return math.inf if math.isnan(mean) else mean
+
+
+def _limit(first: Row, second: Row) -> str:
+    whole = float(first.seeds["v_x_rmse"].mean())
+    return (
+        f"without bias the v_x RMSE is {first.ripple:.4f} (conventional) and {second.ripple:.4f} m/s (aware), so that "
+        f"no bias at all and the conventional policies' oscillation would lower it by {1.0 - first.ripple / whole:.0%}"
+    )
+
+
+def evaluate(cfg: EvaluationCfg, cells: Sequence[tuple[str, float]], report: Report | None = None) -> list[Row]:
+    """Roll out the policies of several trainings in one batch.
+
+    Args:
+        cfg: Which policies, and how they are rolled out.
+        cells: Training plant, and current that the devices may use [A].
+        report: Called with the share that is done.
+
+    Raises:
+        PolicyError: a policy is missing or unreadable.
+    """
+    names = dict.fromkeys(name for name, _ in cells)
+    loaded = {(name, seed): OnnxPolicy(policy_file(cfg.folder, name, seed)) for name in names for seed in cfg.seeds}
+    rollout = RolloutCfg(
+        env=plant_cfg(cfg.plant, terrain=cfg.terrain, threads=cfg.threads), speed=cfg.speed, rollouts=cfg.rollouts,
+        seed=cfg.seed, warmup=cfg.warmup, seconds=cfg.seconds,
+    )  # fmt: skip
+    policies = [loaded[name, seed] for name, _ in cells for seed in cfg.seeds]
+    currents = [current for _, current in cells for _ in cfg.seeds]
+    with one_torch_thread(), torch.no_grad():
+        found = roll_out(rollout, policies, currents, report)
+    count = len(cfg.seeds)
+    return [make_row(*cell, found, slice(k * count, (k + 1) * count)) for k, cell in enumerate(cells)]
+
+
+def make_row(plant: str, current: float, found: Measured, own: slice) -> Row:
+    """The row of some policies of a batch: their rollouts, averaged within each seed, but for those without figures."""
+    single = {metric: getattr(found, metric)[own] for metric in METRICS}
+    averages = {metric: np.nanmean(values, axis=1) for metric, values in single.items()}
+    return Row(plant=plant, current=current, seeds=averages, rollouts=single, fell=int(found.fell[own].sum()))
+
+
+def change(first: np.ndarray, second: np.ndarray, *, absolute: bool = False) -> Change:
+    """Compare the seeds' averages of two trainings.
+
+    Args:
+        first: Of the first, shape (seeds,).
+        second: Of the second, shape (seeds,).
+        absolute: Compare the absolute values of the means. Each training's seeds are tested with the sign that makes
+            their mean positive, so that interval and p-value are those of the difference of ``first`` and ``second``.
+    """
+    by_seed = 1.0 - float(np.abs(second).mean() / np.abs(first).mean())
+    if absolute:
+        first, second = (values * np.copysign(1.0, values.mean()) for values in (first, second))
+    means = [float(values.mean()) for values in (first, second)]
+    interval, p = (float("nan"), float("nan")), float("nan")
+    if min(len(first), len(second)) > 1:
+        interval, p = welch(second, first)
+    return Change(
+        first=means[0], second=means[1], reduction=1.0 - means[1] / means[0], by_seed=by_seed, interval=interval, p=p
+    )
+
+
+def welch(first: np.ndarray, second: np.ndarray) -> tuple[tuple[float, float], float]:
+    """95 % interval of the difference of two means, first - second, and its two-sided p-value (Welch)."""
+    test: Any = stats.ttest_ind(first, second, equal_var=False)
+    bounds = test.confidence_interval(0.95)
+    return (float(bounds.low), float(bounds.high)), float(test.pvalue)
+
+
+def _pairs(metric: str, rows: dict[str, Row], size: dict[str, float]) -> list[Pair]:
+    """All pairs of models, with Holm's correction."""
+    found = []
+    for first, second in combinations(rows, 2):
+        better, worse = sorted((first, second), key=size.__getitem__)
+        values = [np.abs(rows[name].seeds[metric]) for name in (better, worse)]
+        p = welch(*values)[1] if len(values[0]) > 1 else float("nan")
+        found.append((better, worse, size[worse] - size[better], p))
+    corrected = holm([p for *_, p in found])
+    return [
+        Pair(metric=metric, better=better, worse=worse, difference=difference, p=p)
+        for (better, worse, difference, _), p in zip(found, corrected, strict=True)
+    ]
+
+
+def holm(values: Sequence[float]) -> list[float]:
+    """Holm's correction of p-values; NaN, where nothing could be tested, stays NaN and counts as a comparison."""
+    corrected, running = [math.nan] * len(values), 0.0
+    for place, index in enumerate(np.argsort(values)):  # NaN last
+        if math.isnan(values[index]):
+            break
+        running = max(running, min(1.0, (len(values) - place) * values[index]))
+        corrected[index] = running
+    return corrected

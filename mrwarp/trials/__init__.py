@@ -1,0 +1,1 @@
+"""Trials of a policy: the walking gate, walks, missions, impacts."""

@@ -1,0 +1,155 @@
+"""What a model's effects change in the robot: the impact sweep before and after, the same trials in both."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mrwarp.actuator.mr_actuator import Coupling, HoldCurrent
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.model_file import Model
+from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
+from mrwarp.trials.impact import ImpactCfg, ImpactSweep, ImpactTrace, Variant
+from mrwarp.usd.robot import CURRENT_GROUPS
+
+FIGURES = {
+    "min_height": ("minimum trunk height", "m"),
+    "peak_speed": ("peak downward speed", "m/s"),
+    "mr_torque": ("mean |MR torque|", "N·m"),
+    "damping_share": ("time in which a joint damps", "1"),
+}
+"""Figures of a trial, with their name in words and unit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """A figure's mean over the trials, before and after."""
+
+    before: float
+    after: float
+    ci95: tuple[float, float]
+    """Interval of the change over the paired trials, Student's t."""
+
+    @property
+    def change(self) -> float:
+        """After minus before."""
+        return self.after - self.before
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImpactRow:
+    """One current."""
+
+    current: float
+    """I_e [A]."""
+    figures: dict[str, Change]
+    """By the names of :data:`FIGURES`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImpactChange:
+    """The impact sweep with two models."""
+
+    rows: tuple[ImpactRow, ...]
+    trials: int
+    """Trials at each current: the same starts and gait phases with both models."""
+    seconds: float
+    """Time it took [s]."""
+
+    def lines(self) -> list[str]:
+        """The table as text."""
+        head = "  ".join(f"{f'{words} [{unit}]':>32s}" for words, unit in FIGURES.values())
+        found = [f"{'current':>9s}  {head}"]
+        for row in self.rows:
+            cells = [f"{c.before:9.4f} -> {c.after:9.4f} ({c.change:+.4f})" for c in row.figures.values()]
+            found.append(f"{row.current:7.2f} A  " + "  ".join(f"{cell:>32s}" for cell in cells))
+        return found
+
+    def to_dict(self) -> dict[str, Any]:
+        """The table for ``result.json``."""
+        rows = [
+            {
+                "current": row.current,
+                **{
+                    name: {**asdict(c), "ci95": list(c.ci95), "change": c.change, "unit": FIGURES[name][1]}
+                    for name, c in row.figures.items()
+                },
+            }
+            for row in self.rows
+        ]
+        return {"rows": rows, "trials": self.trials, "seconds": self.seconds}
+
+
+def impact_change(
+    before: Model | None,
+    after: Model,
+    *,
+    currents: Sequence[float] = CURRENT_GROUPS,
+    trials: int = 100,
+    coupling: Coupling = Coupling.CONSTRAINT,
+    policy: Path = DEFAULT_POLICY,
+    seed: int = 0,
+    progress: Callable[[str], None] | None = None,
+) -> ImpactChange:
+    """Hit walking robots whose MR joints have one model, then the same robots with the other.
+
+    The push is the paper's (100 N for 0.2 s), with damping alone and all the current, as ``mrwarp impact`` has it.
+
+    Args:
+        before: Model of the first sweep; None: the joints of the robot's asset.
+        after: Model of the second.
+        currents: Currents I_e [A].
+        trials: Trials at each current, at random gait phases.
+        coupling: How the devices act.
+        policy: Walking policy.
+        seed: Seed of poses and gait phases.
+        progress: Told what is being done.
+
+    Raises:
+        ModelFileError: a model cannot be used in the robot.
+        PolicyError: the policy cannot.
+    """
+    told, started = progress or (lambda text: None), time.perf_counter()
+    walk = OnnxPolicy(policy)
+    found: list[dict[str, np.ndarray]] = []
+    for model, words in ((before, "before"), (after, "after")):
+        told(f"impact sweep {words}")
+        env = make_walk_cfg(coupling=coupling, hold_current=HoldCurrent.FIXED, model=model)
+        cfg = ImpactCfg(
+            variants=tuple(Variant(current=current) for current in currents),
+            trials=trials,
+            env=replace(env, actuator=replace(env.actuator, holding=False)),
+            seed=seed,
+        )
+        found.append(trial_figures(ImpactSweep(cfg, walk).run()))
+    rows = tuple(
+        ImpactRow(current=current, figures={name: _change(*(f[name][i] for f in found)) for name in FIGURES})
+        for i, current in enumerate(currents)
+    )
+    return ImpactChange(rows=rows, trials=trials, seconds=time.perf_counter() - started)
+
+
+def trial_figures(trace: ImpactTrace) -> dict[str, np.ndarray]:
+    """The figures of every trial, shape (C, N), over the window after the impact's onset."""
+    return {
+        "min_height": trace.height.min(axis=2),
+        "peak_speed": -trace.velocity.min(axis=2),
+        "mr_torque": np.abs(trace.tau_mr).mean(axis=(2, 3)),
+        "damping_share": trace.m_dyn.mean(axis=(2, 3)),
+    }
+
+
+def _change(before: np.ndarray, after: np.ndarray) -> Change:
+    from scipy import stats
+
+    difference = (after - before).astype(float)
+    half = 0.0
+    if len(difference) > 1:
+        half = float(stats.t.ppf(0.975, len(difference) - 1) * difference.std(ddof=1) / np.sqrt(len(difference)))
+    first, last = float(before.mean(dtype=float)), float(after.mean(dtype=float))
+    return Change(before=first, after=last, ci95=(last - first - half, last - first + half))

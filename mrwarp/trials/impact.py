@@ -1,0 +1,390 @@
+"""Impact trials: the same walking robots, at the same instant, hit in the same way; only the MR current differs.
+
+Three impacts: the paper's 100 N downward push on the trunk (section 6.3, simulation), its guided 10 kg mass (hardware)
+as a real body, and a push from any direction. All currents run in one batch as bit-equal copies of the same trials.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import torch
+
+from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
+from mrwarp.env.vec_env import WalkEnv
+from mrwarp.kernels import ledger
+from mrwarp.params import MrParams
+from mrwarp.trials.falling_mass import FallingMass, MassCfg, add_mass
+from mrwarp.trials.spread import spread
+from mrwarp.trials.walking import Policy
+from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
+
+MOTOR_WINDOW = 0.1
+"""Window of the motor-torque figures after the impact [s], paper section 6.3."""
+
+
+class ImpactKind(enum.Enum):
+    """How the robot is hit."""
+
+    PUSH = "push"
+    DROP = "drop"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variant:
+    """One device setting under which every trial is repeated."""
+
+    current: float
+    """Current I_e [A]."""
+    params: dict[str, float] = field(default_factory=dict)
+    """MR parameters that differ from the asset, e.g. ``{"eps_e": 0.09}``."""
+    duration: float | None = None
+    """Duration of the push [s]; None takes the sweep's."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImpactCfg:
+    """One sweep of impact trials."""
+
+    kind: ImpactKind = ImpactKind.PUSH
+    """Push on the trunk, or the falling mass."""
+    variants: tuple[Variant, ...] = tuple(Variant(current=current) for current in CURRENT_GROUPS)
+    """Device settings; every trial is repeated with each. The first is the reference of the paired changes."""
+    trials: int = 20
+    """Trials per setting, at random gait phases."""
+    speed: float = 0.5
+    """Commanded forward speed [m/s]."""
+    warmup: float = 3.0
+    """Walking before the impact [s], without current in all copies so that they stay bit-equal."""
+    window: float = 0.6
+    """Time after the impact's onset over which minima are taken [s]."""
+    force: tuple[float, float, float] = (0.0, 0.0, -100.0)
+    """Push on the trunk [N], world frame; the paper's is 100 N downward."""
+    duration: float = 0.2
+    """Duration of the push [s]; not in the paper; table 4 calibrates its own on the 0 A row."""
+    phases: tuple[float, float] | None = None
+    """Gait phases at the push's onset, or when the mass should meet a robot at rest, evenly spread over the trials;
+    None leaves them random. FL and RR stand in the first half of the clock, FR and RL in the second."""
+    gains: tuple[float, float] | None = None
+    """Kp [N·m/rad] and Kd [N·m·s/rad] of all motors; None keeps those of ``env``."""
+    mass: MassCfg = field(default_factory=MassCfg)
+    """The falling mass."""
+    env: EnvCfg = field(default_factory=make_walk_cfg)
+    """Robot, actuator and coupling."""
+    seed: int = 0
+    """Seed of initial poses and gait phases."""
+
+    def __post_init__(self) -> None:
+        if self.trials < 1:
+            raise ValueError(f"trials = {self.trials} must be at least 1")
+        if not self.variants:
+            raise ValueError("variants = () must be at least one setting of the device")
+        if not all(map(math.isfinite, (self.speed, *self.force))):
+            raise ValueError(f"speed = {self.speed} m/s and force = {self.force} N must be finite")
+        for duration in self.durations:
+            if not 0.0 < duration <= self.window:
+                raise ValueError(f"duration = {duration} s must lie in (0, window = {self.window} s]")
+        if not all(0.0 <= current < math.inf for current in self.currents):
+            raise ValueError(f"currents = {self.currents} A: must be finite, none below 0")
+        for variant in self.variants:
+            for name, value in variant.params.items():
+                MrParams.spec(name).check(value, "impact variant")
+
+    @property
+    def durations(self) -> tuple[float, ...]:
+        """Duration of the push in each setting [s]."""
+        return tuple(self.duration if v.duration is None else v.duration for v in self.variants)
+
+    @property
+    def currents(self) -> tuple[float, ...]:
+        """Current of each setting [A]."""
+        return tuple(variant.current for variant in self.variants)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImpactTrace:
+    """Time series of a sweep at 200 Hz from the impact's onset; C settings, N trials, T samples, 4 legs."""
+
+    t: np.ndarray
+    """Time since onset [s], shape (T,)."""
+    height: np.ndarray
+    """Trunk height, the paper's proxy of the CoM height [m], shape (C, N, T)."""
+    velocity: np.ndarray
+    """Vertical trunk velocity [m/s], shape (C, N, T)."""
+    tau_motor: np.ndarray
+    """Calf motor torque [N·m], shape (C, N, T, 4)."""
+    tau_mr: np.ndarray
+    """Torque of the calf's device [N·m], shape (C, N, T, 4)."""
+    current: np.ndarray
+    """Coil current [A], shape (C, N, T, 4)."""
+    m_dyn: np.ndarray
+    """Dynamic gate, shape (C, N, T, 4)."""
+    m_hold: np.ndarray
+    """Holding gate, shape (C, N, T, 4)."""
+    f_foot: np.ndarray
+    """Foot forces [N], shape (C, N, T, 4)."""
+    q: np.ndarray
+    """Calf angles [rad], shape (C, N, T, 4)."""
+    qd: np.ndarray
+    """Calf velocities [rad/s], shape (C, N, T, 4)."""
+    qpos: np.ndarray
+    """MuJoCo positions of the first trial, shape (C, T, nq)."""
+    ledger: np.ndarray
+    """Energy by ledger entry summed over joints, at the end of the window [J], shape (C, N, entries)."""
+    fell: np.ndarray
+    """Whether the robot fell within the window, bool, shape (C, N)."""
+    contact: np.ndarray
+    """Time after the onset at which the mass met the trunk [s], NaN if it did not; 0 for a push; shape (C, N)."""
+
+
+class ImpactSweep:
+    """Runs impact trials on one set of environments, built once.
+
+    Args:
+        cfg: The sweep.
+        policy: The walking policy.
+
+    Attributes:
+        env: The environments; setting i, trial k is environment ``i*trials + k``.
+        watchers: Called after every torque step with the time relative to the impact's onset [s], e.g. to show it.
+    """
+
+    def __init__(self, cfg: ImpactCfg, policy: Policy) -> None:
+        self.cfg, self.policy = cfg, policy
+        env_cfg = make_play_cfg(cfg.env)
+        count = cfg.trials * len(cfg.variants)
+        env_cfg = replace(
+            env_cfg, sim=replace(env_cfg.sim, num_envs=count), currents=cfg.currents, seed=cfg.seed,
+            gains=cfg.gains or env_cfg.gains,
+            episode_seconds=1e6, fall_height=-1e3, fall_tilt=3.2,
+        )  # fmt: skip
+        drop = cfg.kind is ImpactKind.DROP
+        self.env = WalkEnv(env_cfg, edit=add_mass(cfg.mass) if drop else None)
+        self.mass = FallingMass(self.env, cfg.mass) if drop else None
+        self.currents = self.env.current_e.clone()
+        for i, variant in enumerate(cfg.variants):
+            rows = slice(i * cfg.trials, (i + 1) * cfg.trials)
+            for name, value in variant.params.items():
+                self.env.view(self.env.actuator.param(name))[rows] = value
+        self.watchers: list[Callable[[float], None]] = []
+
+    def run(self) -> ImpactTrace:
+        """Walk in, hit, and record."""
+        cfg, env = self.cfg, self.env
+        dt = env.sim.dt
+        env.substep_hooks.clear()
+        env.restart()
+        if self.mass is not None:
+            self.mass.hold()
+        command = torch.tensor([cfg.speed, 0.0, 0.0], device=env.device)
+        env.current_e.zero_()
+        source = torch.arange(env.num_envs, device=env.device) % cfg.trials
+        if cfg.phases is not None:
+            low, high = cfg.phases
+            onset = low + (high - low) * (source + 0.5) / cfg.trials
+            before = cfg.warmup + (self.fall_time if self.mass is not None else 0.0)
+            env.phase.copy_((onset - before * env.cfg.gait_frequency).remainder(1.0))
+        env.copy_envs(source)
+        env.set_command(command)
+        obs = env.get_observations()
+        clock = _Clock(-cfg.warmup, dt, self.watchers)
+        if self.watchers:
+            env.substep_hooks.append(clock.tick)
+        for _ in range(round(cfg.warmup / env.cfg.step_dt)):
+            obs, _, _, _ = env.step(self.policy(obs))
+            env.set_command(command)
+        self.env.current_e.copy_(self.currents)
+        env.actuator.ledger.zero_()
+        recorder = _Recorder(env)
+        if self.mass is not None:
+            self._fall_until_contact(obs)
+            obs = env.get_observations()
+        clock.time = 0.0
+        env.substep_hooks.append(recorder.sample)
+        contact = torch.zeros(env.num_envs, device=env.device)
+        if self.mass is None:
+            env.substep_hooks.append(_Push(env, cfg).tick)
+        else:
+            contact[~self.mass.touched] = float("nan")
+            env.substep_hooks.append(lambda: self._meet(contact, recorder))
+        for _ in range(round(cfg.window / env.cfg.step_dt)):
+            obs, _, _, _ = env.step(self.policy(obs))
+            env.set_command(command)
+        env.substep_hooks.clear()
+        if self.mass is None:
+            env.sim.push("trunk", np.zeros((env.num_envs, 3)))
+        return recorder.trace(len(cfg.currents), cfg.trials, contact)
+
+    @property
+    def fall_time(self) -> float:
+        """Time from the mass' release to its contact with a trunk that stays where it is [s]."""
+        return 2.0 * self.cfg.mass.drop / self.cfg.mass.contact_speed
+
+    def _meet(self, contact: torch.Tensor, recorder: _Recorder) -> None:
+        """Advance the mass and note when it meets each trunk."""
+        assert self.mass is not None
+        before = self.mass.touched.clone()
+        self.mass.update()
+        met = self.mass.touched & ~before
+        contact[met] = len(recorder.rows["height"]) * self.env.sim.dt
+
+    def _fall_until_contact(self, obs: Any) -> None:
+        """Release the mass and walk on, still without current, until just before the first robot is touched."""
+        env, mass = self.env, self.mass
+        assert mass is not None
+        mass.release()
+        env.current_e.zero_()
+        for _ in range(int(self.fall_time / env.cfg.step_dt) - 2):
+            obs, _, _, _ = env.step(self.policy(obs))
+            mass.update()
+        env.current_e.copy_(self.currents)
+        env.actuator.ledger.zero_()
+
+
+class _Push:
+    """Pushes the trunks from now on, each for its setting's duration."""
+
+    def __init__(self, env: WalkEnv, cfg: ImpactCfg) -> None:
+        self._sim = env.sim
+        self._left = np.repeat([round(duration / env.sim.dt) for duration in cfg.durations], cfg.trials)
+        self._force = np.tile(cfg.force, (env.num_envs, 1))
+        self._sim.push("trunk", self._force)
+
+    def tick(self) -> None:
+        """One torque step has passed."""
+        self._left -= 1
+        if (self._left == 0).any():
+            self._sim.push("trunk", np.where(self._left[:, None] > 0, self._force, 0.0))
+
+
+class _Clock:
+    """Tells the watchers the time after every torque step."""
+
+    def __init__(self, start: float, dt: float, watchers: list[Callable[[float], None]]) -> None:
+        self.time, self._dt, self._watchers = start, dt, watchers
+
+    def tick(self) -> None:
+        """One torque step has passed."""
+        self.time += self._dt
+        for watch in self._watchers:
+            watch(self.time)
+
+
+class _Recorder:
+    """Collects one sample of every series per torque step."""
+
+    def __init__(self, env: WalkEnv) -> None:
+        self.env = env
+        self.rows: dict[str, list[torch.Tensor]] = {}
+        self.calves = [3 * leg + 2 for leg in range(len(LEGS))]
+        self.fell = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
+
+    def sample(self) -> None:
+        """Take one sample of everything."""
+        env, device = self.env, self.env.actuator
+        series = {
+            "height": env.root_pos[:, 2], "velocity": env.root_vel[:, 2],
+            "tau_motor": env.view(device.tau_motor)[:, self.calves], "f_foot": env.f_foot,
+            "q": env.q[:, self.calves], "qd": env.qd[:, self.calves],
+            "qpos": env.view(env.sim.backend.field("qpos")),
+        }  # fmt: skip
+        for name in ("tau_mr", "current", "m_dyn", "m_hold"):
+            series[name] = self._by_leg(env.view(getattr(device, name)))
+        for name, value in series.items():
+            self.rows.setdefault(name, []).append(value.clone())
+        self.fell |= env.root_pos[:, 2] < FALL_HEIGHT
+
+    def trace(self, currents: int, trials: int, contact: torch.Tensor) -> ImpactTrace:
+        """Everything sampled so far, by current and trial."""
+
+        def split(name: str) -> np.ndarray:
+            stacked = torch.stack(self.rows[name], dim=1).cpu().numpy()
+            return stacked.reshape(currents, trials, *stacked.shape[1:])
+
+        env = self.env
+        count = len(self.rows["height"])
+        series = {name: split(name) for name in self.rows if name != "qpos"}
+        return ImpactTrace(
+            t=np.arange(1, count + 1) * env.sim.dt,
+            qpos=split("qpos")[:, 0],
+            ledger=env.view(env.actuator.ledger).sum(1).cpu().numpy().reshape(currents, trials, -1),
+            fell=self.fell.cpu().numpy().reshape(currents, trials),
+            contact=contact.cpu().numpy().reshape(currents, trials),
+            **series,
+        )
+
+    def _by_leg(self, values: torch.Tensor) -> torch.Tensor:
+        """Device series (E, M) as one column per leg, 0 where a calf has no device."""
+        columns = torch.zeros(self.env.num_envs, len(LEGS), device=values.device)
+        for slot, joint in enumerate(self.env.actuator.mr_joints):
+            columns[:, joint // 3] = values[:, slot]
+        return columns
+
+
+FALL_HEIGHT = 0.10
+"""Trunk height below which an impacted robot counts as fallen [m]: its belly is on the ground."""
+
+
+def figures(trace: ImpactTrace, currents: tuple[float, ...]) -> dict[str, Any]:
+    """Body-level and motor figures per current, mean and sample SD over trials, and the paired change from the first.
+
+    Returns:
+        ``by_current`` with ``min_height`` [m], ``peak_down_velocity`` [m/s], ``drop`` [m], ``motor_mean`` and
+        ``motor_peak`` per leg [N·m], ``acceleration`` mean |a_z - g| over 0.1 s [m/s^2], ``dynamic_share``,
+        ``hold_share``, ``energy`` by ledger entry [J], ``fell``; ``change`` from the first to the last current in
+        percent with a 95 % interval over the paired trials.
+    """
+    dt = trace.t[1] - trace.t[0]
+    early = trace.t <= MOTOR_WINDOW
+    lowest = trace.height.min(axis=2)
+    down = trace.velocity.min(axis=2)
+    drop = trace.height[:, :, 0] - lowest
+    acceleration = np.abs(np.diff(trace.velocity[:, :, early], axis=2) / dt).mean(axis=2)
+    motor = np.abs(trace.tau_motor[:, :, early])
+    rows = []
+    for i, current in enumerate(currents):
+        rows.append(
+            {
+                "current": current,
+                "min_height": spread(lowest[i]),
+                "peak_down_velocity": spread(down[i]),
+                "drop": spread(drop[i]),
+                "acceleration": spread(acceleration[i]),
+                "motor_mean": {leg: spread(motor[i, :, :, k].mean(axis=1)) for k, leg in enumerate(LEGS)},
+                "motor_peak": {leg: spread(motor[i, :, :, k].max(axis=1)) for k, leg in enumerate(LEGS)},
+                "dynamic_share": float(trace.m_dyn[i].mean()),
+                "hold_share": float(trace.m_hold[i].mean()),
+                "energy": {n: float(trace.ledger[i, :, k].mean()) for k, n in enumerate(ledger.ENTRIES)},
+                "fell": float(trace.fell[i].mean()),
+            }
+        )
+    return {
+        "by_current": rows,
+        "change": {
+            "min_height": paired_change(lowest[0], lowest[-1]),
+            "peak_down_velocity": paired_change(np.abs(down[0]), np.abs(down[-1])),
+            "drop": paired_change(drop[0], drop[-1]),
+        },
+        "monotone": {
+            "min_height": bool(np.all(np.diff(lowest.mean(axis=1)) > 0.0)),
+            "peak_down_velocity": bool(np.all(np.diff(np.abs(down).mean(axis=1)) < 0.0)),
+        },
+    }
+
+
+def paired_change(first: np.ndarray, last: np.ndarray) -> dict[str, Any]:
+    """Relative change of the mean in percent, with a 95 % interval from the paired differences (Student's t)."""
+    from scipy import stats
+
+    difference = last - first
+    change = 100.0 * difference.mean() / first.mean()
+    half = 0.0
+    if len(difference) > 1:
+        error = difference.std(ddof=1) / np.sqrt(len(difference))
+        half = 100.0 * stats.t.ppf(0.975, len(difference) - 1) * error / abs(first.mean())
+    return {"percent": float(change), "ci95": [float(change - half), float(change + half)], "pairs": len(difference)}

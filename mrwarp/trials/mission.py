@@ -1,0 +1,324 @@
+"""The pickup-and-return task of section 6.5: walk out, stand while collecting, walk back loaded.
+
+A window of every phase is simulated, and the electrical, battery and thermal models carry it over the whole phase: the
+joints of a walking robot use the same power in every stride. With feedback, windings gain resistance and fluids lose
+yield stress and viscosity as they warm up: a second pass walks with devices as warm as the first pass left them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import torch
+
+from mrwarp import paper
+from mrwarp.energy import thermal
+from mrwarp.energy.battery import BatteryCfg, cell_power
+from mrwarp.energy.power import ElectricalCfg, Use, battery_power, motor_heat
+from mrwarp.energy.thermal import Temperatures, ThermalCfg
+from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.env.vec_env import WalkEnv
+from mrwarp.trials.load import VARIANT
+from mrwarp.trials.standing import standing_use
+from mrwarp.trials.walk_trials import ASSET_ROBOT, WalkCfg, walk
+from mrwarp.trials.walking import Policy
+
+PHASES = ("outbound", "standby", "return")
+"""Phases in order."""
+
+SLICE = 10.0
+"""Step of the temperature trace, and of the feedback on the windings [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MissionCfg:
+    """The task and how it is simulated."""
+
+    robots: tuple[str, ...] = paper.ROBOTS
+    """Of :data:`mrwarp.paper.ROBOTS`."""
+    speed: float = 0.3
+    """Commanded speed [m/s]; not in the paper. At 0.3 m/s table 6 and the mission's powers agree."""
+    distance: float = paper.DISTANCE
+    """One way [m]."""
+    standby: float = paper.STANDBY
+    """Time of standing [s]."""
+    outbound_load: float = field(default_factory=paper.arm_load)
+    """Load on the way out and while standing [kg]; the default is the arm, see :func:`paper.arm_load`."""
+    return_load: float = 3.0
+    """Load on the way back [kg]: arm and item."""
+    window: float = 10.0
+    """Distance simulated of each walk [m]."""
+    seeds: int = 3
+    """Repetitions, from random poses and gait phases."""
+    current: float = 1.5
+    """Current the devices may use [A]."""
+    feedback: bool = False
+    """Whether temperatures act back on windings and fluids."""
+    env: EnvCfg = field(default_factory=make_walk_cfg)
+    """Actuator model, coupling and engine."""
+    seed: int = 0
+    """Seed of poses and phases."""
+
+    def __post_init__(self) -> None:
+        for name in ("speed", "distance", "standby", "window"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"{name} = {getattr(self, name)} must be positive")
+        for name in ("outbound_load", "return_load"):
+            if getattr(self, name) < 0.0:
+                raise ValueError(f"{name} = {getattr(self, name)} kg must not be negative")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhaseUse:
+    """What the window of one phase measured; n repetitions."""
+
+    use: Use
+    """Shapes (n, J), (n, M)."""
+    seconds: np.ndarray
+    """Duration of the whole phase [s], shape (n,)."""
+    speed: np.ndarray
+    """Mean speed [m/s], shape (n,)."""
+    trial: np.ndarray | None = None
+    """Number of each repetition, shape (n,); None for one that stands for all."""
+    tried: int = 1
+    """Repetitions that began."""
+    fell: int = 0
+    """Of these fell in this phase."""
+    late: int = 0
+    """Of these did not cover the window in time."""
+
+    def of(self, trials: np.ndarray) -> PhaseUse:
+        """The same for some repetitions; what stands for all stays."""
+        if self.trial is None:
+            return self
+        rows = np.isin(self.trial, trials)
+        return replace(
+            self, use=self.use[rows], seconds=self.seconds[rows], speed=self.speed[rows], trial=self.trial[rows]
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MissionTrace:
+    """One robot's mission over time, mean over seeds for the pictures; everything else per seed."""
+
+    power: dict[str, np.ndarray]
+    """Mean battery power per phase [W], shape (n,)."""
+    seconds: dict[str, np.ndarray]
+    """Duration per phase [s], shape (n,)."""
+    depletion: np.ndarray
+    """Fall of the state of charge over the mission [percentage points], shape (n,)."""
+    rise: dict[str, np.ndarray]
+    """``calf_walking``, ``calf_standby``, ``all``, ``proximal`` and ``fluid`` as in figure 11 [K], shape (n,)."""
+    t: np.ndarray
+    """Time [s], shape (T,)."""
+    power_over_time: np.ndarray
+    """[W], shape (T,)."""
+    charge: np.ndarray
+    """Fall of the state of charge so far [percentage points], shape (T,)."""
+    calf: np.ndarray
+    """Mean calf motor above ambient [K], shape (T,)."""
+    proximal: np.ndarray
+    """Mean hip and thigh motor above ambient [K], shape (T,)."""
+    fluid: np.ndarray
+    """Mean fluid temperature above ambient [K] at the end of each phase, shape (3, n)."""
+
+
+class MissionError(RuntimeError):
+    """A robot did not finish a window: it fell or stood still."""
+
+
+def measure(
+    cfg: MissionCfg,
+    policies: Mapping[str, Policy],
+    report: Callable[[str, float], None] | None = None,
+    fluid: Mapping[str, np.ndarray] | None = None,
+    thermal_cfg: ThermalCfg | None = None,
+) -> dict[str, dict[str, PhaseUse]]:
+    """Simulate a window of every phase for every robot; what fell on one way is left out of the other too.
+
+    Args:
+        cfg: The task.
+        policies: Policy of each robot.
+        report: Told what runs and the share that is done.
+        fluid: Temperature of the fluids above ambient [K] by robot, shape (3,) over the phases; None is cold.
+        thermal_cfg: How fluids soften.
+
+    Raises:
+        MissionError: a robot did not finish a window in any repetition, or both windows in the same one.
+    """
+    found: dict[str, dict[str, PhaseUse]] = {robot: {} for robot in cfg.robots}
+    loads = {"outbound": cfg.outbound_load, "return": cfg.return_load}
+    for k, (phase, load) in enumerate(loads.items()):
+        place = PHASES.index(phase)
+        warm = {robot: float(values[place]) for robot, values in (fluid or {}).items()}
+        trial = WalkCfg(
+            robots=cfg.robots, payloads=(load,), speeds=(cfg.speed,), trials=cfg.seeds, distance=cfg.window,
+            current=cfg.current, env=cfg.env, seed=cfg.seed,
+            soften=_softener(warm, cfg.seeds, thermal_cfg or ThermalCfg()) if warm else None,
+        )  # fmt: skip
+        tell = (lambda text, share, k=k: report(text, 0.45 * (k + share))) if report else None
+        for result in walk(trial, policies, tell):
+            if not len(result.speed):
+                raise MissionError(
+                    f"{paper.NAMES[result.robot]} with {load:g} kg at {cfg.speed:g} m/s: {result.fell} of {cfg.seeds} "
+                    f"fell, {result.late} too slow; lighten the load or choose another speed or policy"
+                )
+            found[result.robot][phase] = PhaseUse(
+                use=result.use, seconds=cfg.distance / result.speed, speed=result.speed, trial=result.trial,
+                tried=cfg.seeds, fell=result.fell, late=result.late,
+            )  # fmt: skip
+    found = {robot: _paired(robot, walked) for robot, walked in found.items()}
+    if report:
+        report("standing", 0.9)
+    standing: dict[str, Use] = {}
+    for robot in cfg.robots:
+        asset = ASSET_ROBOT[robot]
+        if asset not in standing:
+            env = replace(cfg.env, robot=asset, payload=VARIANT, currents=(cfg.current,))
+            standing[asset] = standing_use(env, load=cfg.outbound_load, hold=asset != "go1")[0]
+        found[robot]["standby"] = PhaseUse(
+            use=standing[asset][None], seconds=np.array([cfg.standby]), speed=np.zeros(1)
+        )  # fmt: skip
+    return {robot: {phase: uses[phase] for phase in PHASES} for robot, uses in found.items()}
+
+
+def _paired(robot: str, walked: Mapping[str, PhaseUse]) -> dict[str, PhaseUse]:
+    """Both walks of the repetitions that finished both, the same rows in each."""
+    numbers = [phase.trial for phase in walked.values()]
+    both = np.intersect1d(*numbers)  # type: ignore[arg-type]
+    if not len(both):
+        raise MissionError(
+            f"{paper.NAMES[robot]}: no repetition finished both windows, only {numbers[0]} and {numbers[1]}; use more "
+            "--seeds or another policy"
+        )
+    return {name: phase.of(both) for name, phase in walked.items()}
+
+
+def run(
+    phases: Mapping[str, PhaseUse], electrical: ElectricalCfg, heat: ThermalCfg, battery: BatteryCfg, *, feedback: bool
+) -> MissionTrace:
+    """Carry the windows over the phases: power, state of charge and temperatures.
+
+    Args:
+        phases: The windows by phase.
+        electrical: Numbers of the electrical model.
+        heat: Numbers of the thermal model.
+        battery: Numbers of the battery.
+        feedback: Whether warm windings have more resistance.
+
+    Raises:
+        ValueError: the two walks are not of the same repetitions.
+    """
+    out, back = phases["outbound"], phases["return"]
+    if len(out.speed) != len(back.speed) or not np.array_equal(out.trial, back.trial):  # type: ignore[arg-type]
+        raise ValueError(f"repetitions {out.trial} went out and {back.trial} came back; they must be the same")
+    count = len(out.speed)
+    devices = phases["outbound"].use.coil.shape[-1]
+    now = Temperatures.ambient((count,), 12, devices)
+    calves = [2, 5, 8, 11]
+    others = [joint for joint in range(12) if joint not in calves]
+    depletion, elapsed = np.zeros(count), np.zeros(count)
+    samples: list[tuple[np.ndarray, ...]] = [(elapsed, np.zeros(count), depletion, np.zeros(count), np.zeros(count))]
+    power: dict[str, np.ndarray] = {}
+    durations: dict[str, np.ndarray] = {}
+    change: dict[str, np.ndarray] = {}
+    fluid = []
+    for name in PHASES:
+        phase = phases[name]
+        use = _rows(phase.use, count)
+        seconds = np.broadcast_to(phase.seconds, count) if len(phase.seconds) == 1 else phase.seconds[:count]
+        slices = max(round(float(seconds.mean()) / SLICE), 1)
+        before, energy, warm = now, np.zeros(count), np.zeros((count, devices))
+        for _ in range(slices):
+            rise = now.winding if feedback else 0.0
+            drawn = battery_power(use, electrical, rise).total
+            now = _each(now, motor_heat(use, electrical, rise), use.coil + use.friction, seconds / slices, heat)
+            warm = warm + now.fluid / slices
+            energy = energy + drawn * seconds / slices
+            depletion = depletion + 100.0 * cell_power(drawn, battery) * seconds / slices / 3600.0 / battery.capacity
+            elapsed = elapsed + seconds / slices
+            samples.append(
+                (elapsed, drawn, depletion, now.housing[:, calves].mean(1), now.housing[:, others].mean(1))
+            )  # fmt: skip
+        power[name], durations[name] = energy / seconds, np.array(seconds)
+        change[name] = (now.housing - before.housing)[:, calves].mean(1)
+        fluid.append(warm.mean(1) if devices else np.zeros(count))
+    series = [np.array([sample[i].mean() for sample in samples]) for i in range(5)]
+    series[1][0] = series[1][1]
+    return MissionTrace(
+        power=power, seconds=durations, depletion=depletion,
+        rise={"calf_walking": change["outbound"] + change["return"], "calf_standby": change["standby"],
+              "all": now.housing.mean(1), "proximal": now.housing[:, others].mean(1),
+              "fluid": now.fluid.mean(1) if devices else np.zeros(count)},
+        t=series[0], power_over_time=series[1], charge=series[2], calf=series[3], proximal=series[4],
+        fluid=np.array(fluid),
+    )  # fmt: skip
+
+
+def calibrate(
+    phases: Mapping[str, PhaseUse], electrical: ElectricalCfg, heat: ThermalCfg, battery: BatteryCfg
+) -> tuple[ThermalCfg, BatteryCfg, dict[str, Any]]:
+    """Thermal numbers and battery capacity from Go1's rises and depletion of section 6.5.
+
+    Args:
+        phases: Go1's windows.
+        electrical: Numbers of the electrical model.
+        heat: Start of the thermal numbers.
+        battery: Start of the battery's.
+    """
+    loss = {name: motor_heat(phases[name].use, electrical).mean(0) for name in PHASES}
+    seconds = {name: float(phases[name].seconds.mean()) for name in PHASES}
+    target = paper.MISSION_RISE["go1"]
+    heat, got = thermal.calibrate(
+        loss, seconds, calf_walking=target["calf_walking"], calf_standby=target["calf_standby"], calves=(2, 5, 8, 11),
+        cfg=heat,
+    )  # fmt: skip
+    drop = float(run(phases, electrical, heat, battery, feedback=False).depletion.mean())
+    depleted = paper.MISSION_DEPLETION["go1"][0]
+    battery = replace(battery, capacity=battery.capacity * drop / depleted)
+    return heat, battery, {"fitted": got, "measured": {name: target[name] for name in got}, "depletion": depleted}
+
+
+def fluid_rises(trace: MissionTrace) -> np.ndarray:
+    """Mean temperature of the fluids above ambient during each phase [K], shape (3,)."""
+    return trace.fluid.mean(1)
+
+
+def _each(
+    now: Temperatures, motor: np.ndarray, device: np.ndarray, seconds: np.ndarray, cfg: ThermalCfg
+) -> Temperatures:
+    """One thermal step whose duration differs between seeds, shape (n,)."""
+    rows = [
+        thermal.step(
+            Temperatures(winding=now.winding[i], housing=now.housing[i], fluid=now.fluid[i]),
+            motor[i], device[i], float(seconds[i]), cfg,
+        )
+        for i in range(len(seconds))
+    ]  # fmt: skip
+    return Temperatures(**{
+        name: np.stack([getattr(row, name) for row in rows]) for name in ("winding", "housing", "fluid")
+    })  # fmt: skip
+
+
+def _rows(use: Use, count: int) -> Use:
+    """The use of ``count`` seeds: the first ones, or the one there is for all."""
+    return use[:count] if len(use.torque_square) > 1 else use[np.zeros(count, dtype=int)]
+
+
+def _softener(fluid: Mapping[str, float], seeds: int, cfg: ThermalCfg) -> Callable[[WalkEnv, Sequence[str]], None]:
+    """Change of the devices' parameters by their fluids' temperatures above ambient [K], by robot."""
+
+    def soften(env: WalkEnv, robots: Sequence[str]) -> None:
+        if not env.actuator.mr_joints:
+            return
+        warm = np.repeat([fluid.get(robot, 0.0) for robot in robots], seeds)
+        strength, viscosity = thermal.softened(warm, cfg)
+        for names, factor in ((("T_max", "K0", "K1"), strength), (("B",), viscosity)):
+            scale = torch.tensor(factor, dtype=torch.float32, device=env.device).unsqueeze(1)
+            for name in names:
+                env.view(env.actuator.param(name)).mul_(scale)
+
+    return soften

@@ -1,0 +1,201 @@
+"""From walking trials to the figures of tables 6 and 7 and of figure 8(c), ours beside the paper's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from mrwarp import paper
+from mrwarp.energy import calibrate as calibration
+from mrwarp.energy import consistency
+from mrwarp.energy.power import CALF_COLUMNS, ElectricalCfg, Power, Use, battery_power, copper, cost_of_transport
+from mrwarp.params import MrParams
+from mrwarp.trials.meter import BIN, RANGE, SHOWN
+from mrwarp.trials.spread import ratio_sd, spread
+from mrwarp.trials.walk_trials import WalkResult
+from mrwarp.usd.robot import JOINTS, LEGS
+
+COIL_RESISTANCES = (2.0, 10.0)
+"""Plausible range of the coil's resistance [Ohm], see :class:`mrwarp.params.CoilParams`."""
+
+STANCE_SHARE = 0.5
+"""Share of a stride in which the trot's clock has a leg on the ground."""
+
+STANDBY = "Go1 standby"
+"""Name of the row of the standing robot."""
+
+
+def row(result: WalkResult, cfg: ElectricalCfg, *, calibrated: bool = True) -> dict[str, Any]:
+    """All figures of one condition; spreads are over its trials.
+
+    Args:
+        result: The trials.
+        cfg: The numbers.
+        calibrated: Whether these were fitted to Go1's rows, which are then marked.
+    """
+    key = (result.robot, result.payload, result.command)
+    reference = paper.TABLE_6.get(key)  # type: ignore[arg-type]
+    power, cots = battery_power(result.use, cfg), cot(result, cfg)
+    activation = paper.TABLE_7.get(key[1:]) if result.robot == "mr_go_sal" else None  # type: ignore[arg-type]
+    return {
+        "robot": result.robot, "payload": result.payload, "command": result.command, "mass": result.mass,
+        "calibrated": calibrated and result.robot == "go1" and reference is not None,
+        "trials": len(result.speed), "fell": result.fell, "late": result.late,
+        "speed": spread(result.speed), "power": spread(power.total), "parts": parts(result.use, cfg),
+        "cot": spread(cots), "paper": None if reference is None else {
+            **asdict(reference), "power": reference.power, "power_sd": reference.power_sd,
+        },
+        "difference": None if reference is None else _difference(cots, reference.cot, reference.sd),
+        "v_x_rmse": spread(result.v_x_rmse), "v_x_bias": spread(result.speed - result.command),
+        "height": spread(result.height), "height_rmse": spread(result.height_rmse),
+        "height_sd": spread(result.height_sd), "roll_pitch_rms": spread(result.tilt_rms),
+        "yaw_rate_rmse": spread(result.yaw_rate_rmse),
+        "hold_share": dict(zip(LEGS, map(spread, result.hold.T), strict=False)),
+        "hold_mean": spread(result.hold.mean(-1)) if result.hold.size else None,
+        "dynamic_share": dict(zip(LEGS, map(spread, result.dynamic.T), strict=False)),
+        "paper_hold_mean": activation,
+        "torque": torques(result),
+    }  # fmt: skip
+
+
+def cot(result: WalkResult, cfg: ElectricalCfg) -> np.ndarray:
+    """Cost of transport (eq. 21) of each trial, shape (n,)."""
+    return cost_of_transport(battery_power(result.use, cfg).total, result.mass, result.speed)
+
+
+def parts(use: Use, cfg: ElectricalCfg) -> dict[str, float]:
+    """Mean power by part [W], the copper loss split into calves and the other joints; NaN where nobody arrived."""
+    power: Power = battery_power(use, cfg)
+    loss = copper(use, cfg)
+    calf = spread(np.ravel(loss[..., list(CALF_COLUMNS)].sum(-1)))["mean"]
+    named = {name: spread(np.ravel(value))["mean"] for name, value in power.parts().items()}
+    total = named.pop("copper")
+    return {"copper_calves": calf, "copper_hips_thighs": total - calf, **named}
+
+
+def torques(result: WalkResult) -> dict[str, dict[str, float]]:
+    """Figures of the distribution of |motor torque| of the front-right joints [N·m]; to half a bin, 0.25 N·m."""
+    centres = np.abs((np.arange(result.counts.shape[1]) + 0.5) * BIN - RANGE)
+    order = np.argsort(centres, kind="stable")
+    found = {}
+    for joint, counts in zip(SHOWN, result.counts, strict=True):
+        share = np.cumsum(counts[order]) / max(counts.sum(), 1.0)
+        quantiles = {f"p{q}": float(centres[order][min(np.searchsorted(share, q / 100.0), len(order) - 1)])
+                     for q in (5, 25, 50, 75, 95, 99)}  # fmt: skip
+        found[JOINTS[joint]] = {"mean": float((centres * counts).sum() / max(counts.sum(), 1.0)), **quantiles}
+    return found
+
+
+def calibration_rows(results: Sequence[WalkResult], standing: Use) -> list[calibration.Row]:
+    """Go1's rows of table 6 and its standby power with what the simulated robot does there."""
+    rows = [
+        calibration.Row(
+            name=f"Go1 {paper.condition_name(result.payload, result.command)}", use=result.use.mean(),
+            measured=paper.TABLE_6[key].power,  # type: ignore[index]
+        )
+        for result in results
+        if result.robot == "go1" and len(result.speed)
+        and (key := (result.robot, result.payload, result.command)) in paper.TABLE_6
+    ]  # fmt: skip
+    return [*rows, calibration.Row(name=STANDBY, use=standing, measured=paper.MISSION_POWER["go1"]["standby"])]
+
+
+def drive_friction(results: Sequence[WalkResult], cfg: ElectricalCfg) -> list[float]:
+    """Mean drive friction of every condition in which a trial arrived [W]."""
+    return [parts(result.use, cfg)["drive_friction"] for result in results if len(result.speed)]
+
+
+def standing_saving(motors: Use, devices: Use, cfg: ElectricalCfg) -> float:
+    """What holding saves standing robots, as the paper's 39.8 W of section 6.5 [W].
+
+    Args:
+        motors: Use of a standing Go1.
+        devices: Use of a standing MR_Go whose calves are held.
+        cfg: The numbers.
+    """
+    return float(battery_power(motors, cfg).total) - float(battery_power(devices, cfg).total)
+
+
+def savings(results: Sequence[WalkResult], cfg: ElectricalCfg, standing: float | None = None) -> list[dict[str, Any]]:
+    """What SAL saves in each condition: simulated, the paper's, and the closed-form bound.
+
+    Args:
+        results: Trials with MR_Go and MR_Go-SAL.
+        cfg: The numbers.
+        standing: What holding saves our standing robots [W], see :func:`standing_saving`.
+
+    Returns:
+        Per condition, the saving with its parts and three estimates of what holding saves at most: from the paper's
+        and from our standing saving by :func:`consistency.holding_bound`, and ``walking_copper``, the copper loss of
+        the calves that the closed gate leaves in the stance, times the share of the stance that is held.
+    """
+    by_key = {(r.robot, r.payload, r.command): r for r in results if len(r.speed)}
+    rows = []
+    for (robot, payload, command), on in by_key.items():
+        off = by_key.get(("mr_go", payload, command))
+        if robot != "mr_go_sal" or off is None:
+            continue
+        before, after = parts(off.use, cfg), parts(on.use, cfg)
+        powers = [float(battery_power(r.use, cfg).total.mean()) for r in (off, on)]
+        cots = [float(cot(r, cfg).mean()) for r in (off, on)]
+        share = float(on.hold.mean())
+        theirs = paper.TABLE_6.get(("mr_go", payload, command)), paper.TABLE_6.get((robot, payload, command))  # type: ignore[arg-type]
+        reference = None
+        if theirs[0] is not None and theirs[1] is not None:
+            reference = {
+                "saving": theirs[0].power - theirs[1].power,
+                "cot_reduction": 1.0 - theirs[1].cot / theirs[0].cot,
+                "cot_reduction_sd": ratio_sd((theirs[1].cot, theirs[1].sd), (theirs[0].cot, theirs[0].sd)),
+            }
+        stance = float(np.clip(share / STANCE_SHARE, 0.0, 1.0))
+        bounds = {
+            "walking_copper": stance * before["copper_calves"],
+            "paper_standing": consistency.holding_bound(share, on.mass),
+        }
+        if standing is not None:
+            bounds["our_standing"] = consistency.holding_bound(share, on.mass, standing=standing)
+        rows.append({
+            "payload": payload, "command": command, "calibrated": False, "hold_share": share,
+            "saving": powers[0] - powers[1], "cot_reduction": 1.0 - cots[1] / cots[0],
+            "power_reduction": 1.0 - powers[1] / powers[0],
+            "saving_by_part": {name: before[name] - after[name] for name in before}, "bound": bounds,
+            "paper": reference,
+        })  # fmt: skip
+    return rows
+
+
+def sensitivity(results: Sequence[WalkResult], rows: Sequence[calibration.Row], cfg: ElectricalCfg) -> dict[str, Any]:
+    """COT reduction per condition, with each assumed number at the ends of its range.
+
+    The coil's resistance is the asset's; its loss is taken in proportion to the nominal one.
+    """
+
+    def figure(varied: ElectricalCfg) -> dict[str, float]:
+        return {name(r): r["cot_reduction"] for r in savings(results, varied)}
+
+    found = calibration.sensitivity(rows, figure, cfg)
+    nominal = MrParams().coil.coil_resistance
+    found["coil_resistance"] = []
+    for value in COIL_RESISTANCES:
+        scaled = [
+            replace(r, use=replace(r.use, coil=r.use.coil * value / nominal)) if r.use.coil.size else r for r in results
+        ]
+        reductions = {name(r): r["cot_reduction"] for r in savings(scaled, cfg)}
+        found["coil_resistance"].append({"value": value, **reductions})
+    return found
+
+
+def name(condition: Mapping[str, Any]) -> str:
+    """Name of the condition of a :func:`row` or of one of :func:`savings`."""
+    return paper.condition_name(condition["payload"], condition["command"])
+
+
+def _difference(ours: np.ndarray, theirs: float, sd: float) -> dict[str, float]:
+    """Ours minus the paper's: absolute, relative, and in units of the joint spread."""
+    mine = spread(ours)
+    joint = float(np.hypot(mine["sd"], sd))
+    delta = mine["mean"] - theirs
+    return {"absolute": delta, "relative": delta / theirs, "in_sd": delta / joint}

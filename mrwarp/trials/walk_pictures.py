@@ -1,0 +1,117 @@
+"""Pictures of the walking trials in the paper's form: figure 9, figures 8(a, b) and figure 8(c)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from mrwarp.paper import NAMES, ROBOTS
+from mrwarp.params import GateParams
+from mrwarp.trials.meter import BIN, RANGE
+from mrwarp.trials.walk_trials import WalkResult
+
+COLORS = {"go1": "#8a8f98", "mr_go": "#c98b3c", "mr_go_sal": "#1f6fb4"}
+"""Colour of each robot."""
+
+
+def cost(figures: dict[str, Any], path: Path) -> None:
+    """Cost of transport per condition as bars, the paper's as marks; hatched bars were calibrated (figure 9)."""
+    rows = figures["conditions"]
+    cells = list(dict.fromkeys((row["payload"], row["command"]) for row in rows))
+    figure = Figure(figsize=(9, 4.2), layout="constrained")
+    axis = figure.subplots()
+    width = 0.8 / len(ROBOTS)
+    for row in rows:
+        x = cells.index((row["payload"], row["command"])) + (ROBOTS.index(row["robot"]) - 1) * width
+        axis.bar(x, row["cot"]["mean"] or 0.0, width, yerr=row["cot"]["sd"], capsize=3, color=COLORS[row["robot"]],
+                 hatch="//" if row["calibrated"] else None, edgecolor="white")  # fmt: skip
+        if row["paper"]:
+            axis.errorbar(
+                x, row["paper"]["cot"], row["paper"]["sd"], color="black", marker="_", markersize=16, capsize=3
+            )
+    for robot in dict.fromkeys(row["robot"] for row in rows):
+        axis.bar(0, 0, color=COLORS[robot], label=NAMES[robot])
+    axis.bar(0, 0, color="white", edgecolor="0.5", hatch="//", label="used to calibrate")
+    axis.plot([], [], "k_", markersize=14, label="paper")
+    axis.set_xticks(range(len(cells)), [f"{payload:g} kg, {command:g} m/s" for payload, command in cells])
+    axis.set_ylabel("cost of transport")
+    axis.grid(axis="y", alpha=0.3)
+    axis.set_axisbelow(True)
+    axis.legend(fontsize=8, ncols=3)
+    figure.savefig(path, dpi=110)
+
+
+def holding(results: Sequence[WalkResult], path: Path) -> None:
+    """The front-right calf over two strides with the holding intervals shaded (figures 8(a, b))."""
+    shown = [r for r in results if r.robot == "mr_go_sal" and len(r.trace.t)]
+    shown = shown or [r for r in results if len(r.trace.t)][:1]
+    figure = Figure(figsize=(3.6 * max(len(shown), 2), 7.0), layout="constrained")
+    axes = figure.subplots(4, len(shown), sharex="col", sharey="row", squeeze=False)
+    for column, result in enumerate(shown):
+        trace = result.trace
+        panels = axes[:, column]
+        value = trace.values
+        panels[0].plot(trace.t, value["f_foot"], color="0.3")
+        panels[1].plot(trace.t, value["qd"], color="#7a4fa3")
+        panels[1].axhspan(-GateParams().eps_hold, GateParams().eps_hold, color="#7a4fa3", alpha=0.15, linewidth=0)
+        panels[2].plot(trace.t, value["tau_motor"], color="#c0392b", label="motor")
+        if "tau_mr" in value:
+            panels[2].plot(trace.t, value["tau_mr"], color="#1f6fb4", label="device")
+            panels[3].step(trace.t, value["current"], color="#1f6fb4", where="post")
+            for panel in panels:
+                for name, color in (("m_hold", "#1f6fb4"), ("m_dyn", "#e08a1e")):
+                    panel.fill_between(trace.t, 0, 1, where=value[name] > 0.0, color=color, alpha=0.15, linewidth=0,
+                                       transform=panel.get_xaxis_transform())  # fmt: skip
+        panels[0].set_title(f"{NAMES[result.robot]}, {result.payload:g} kg, {result.command:g} m/s", fontsize=9)
+        panels[3].set_xlabel("time [s]")
+        for panel in panels:
+            panel.grid(alpha=0.3)
+    for panel, text in zip(axes[:, 0], ("foot force [N]", "calf velocity [rad/s]", "torque [N·m]", "current [A]"),
+                           strict=True):  # fmt: skip
+        panel.set_ylabel(text)
+    axes[2, 0].legend(fontsize=8)
+    figure.suptitle("Front-right calf: holding gate open blue, damping gate open orange", fontsize=10)
+    figure.savefig(path, dpi=110)
+
+
+def distributions(results: Sequence[WalkResult], path: Path) -> None:
+    """Distributions of the front-right motors' torque magnitude, Go1 left and MR_Go-SAL right (figure 8(c))."""
+    cells = list(dict.fromkeys((r.payload, r.command) for r in results))
+    figure = Figure(figsize=(3.4 * max(len(cells), 2), 3.8), layout="constrained")
+    axes = figure.subplots(1, len(cells), sharey=True, squeeze=False)[0]
+    sides = {"go1": -1.0, "mr_go_sal": 1.0}
+    for axis, cell in zip(axes, cells, strict=True):
+        for result in results:
+            if (result.payload, result.command) == cell and result.robot in sides:
+                for joint, counts in enumerate(result.counts):
+                    _half_violin(axis, joint, counts, sides[result.robot], COLORS[result.robot])
+        axis.set_xticks(range(3), ["FR hip", "FR thigh", "FR calf"])
+        axis.set_title(f"{cell[0]:g} kg, {cell[1]:g} m/s", fontsize=9)
+        axis.grid(axis="y", alpha=0.3)
+    for robot in sides:
+        axes[0].fill_between([], [], [], color=COLORS[robot], alpha=0.6, label=NAMES[robot])
+    axes[0].set_ylabel("|motor torque| [N·m]")
+    axes[0].set_ylim(0.0, 26.0)
+    axes[0].legend(fontsize=8, loc="upper left")
+    figure.savefig(path, dpi=110)
+
+
+def _half_violin(axis: Any, place: int, counts: np.ndarray, side: float, color: str) -> None:
+    """One half of a violin over |torque|, drawn on one side of ``place``, with its mean."""
+    middle = len(counts) // 2
+    folded = counts[middle:] + counts[:middle][::-1]
+    levels = (np.arange(len(folded)) + 0.5) * BIN
+    if folded.sum() <= 0.0:
+        return
+    smooth = np.convolve(folded, [0.25, 0.5, 0.25], mode="same")
+    width = 0.42 * np.sqrt(smooth / smooth.max())
+    axis.fill_betweenx(levels, place, place + side * width, color=color, alpha=0.6, linewidth=0)
+    mean = (levels * folded).sum() / folded.sum()
+    axis.plot([place, place + side * 0.42], [mean, mean], color="black", linewidth=1)
+
+
+assert RANGE % BIN == 0.0  # the bins' edges must meet at zero for the fold

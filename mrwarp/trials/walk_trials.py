@@ -1,0 +1,262 @@
+"""Walking trials of section 6.4: three robots over a measured distance, one batch per robot and payload variant.
+
+MR_Go and MR_Go-SAL are the same asset; they share a batch and differ by the current their devices may use (0 A keeps
+both gates' effects away). Speeds and repetitions are environments of the same batch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import torch
+
+from mrwarp.energy.power import Use
+from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.env.vec_env import WalkEnv
+from mrwarp.paper import NAMES, ROBOTS
+from mrwarp.trials.load import VARIANT, set_load, total_mass
+from mrwarp.trials.meter import JointMeter
+from mrwarp.trials.traces import GaitTrace, TraceRecorder
+from mrwarp.trials.walking import Policy, make_env, same_starts
+
+ASSET_ROBOT = {"go1": "go1", "mr_go": "mr_go", "mr_go_sal": "mr_go"}
+"""Robot variant of the asset."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkCfg:
+    """Which conditions are walked, and how far."""
+
+    robots: tuple[str, ...] = ROBOTS
+    """Of :data:`mrwarp.paper.ROBOTS`."""
+    payloads: tuple[float, ...] = (0.0, 3.0)
+    """Loads on the back [kg]; 0 is the asset's variant without payload, all others its payload with another mass."""
+    speeds: tuple[float, ...] = (0.3, 0.5)
+    """Commanded speeds [m/s]."""
+    trials: int = 3
+    """Repetitions per condition, from random poses and gait phases."""
+    distance: float = 30.0
+    """Measured distance [m]."""
+    warmup: float = 2.0
+    """Walking before it [s]."""
+    patience: float = 2.0
+    """A trial fails when it takes this many times ``distance/speed``."""
+    current: float = 1.5
+    """Current the devices may use with SAL on [A]."""
+    soften: Callable[[WalkEnv, Sequence[str]], None] | None = None
+    """Change of the devices before the walk, given the environments and their robots in order; see ``mission``."""
+    env: EnvCfg = field(default_factory=make_walk_cfg)
+    """Actuator model, coupling and engine; robot, payload and currents are set here."""
+    seed: int = 0
+    """Seed of poses and phases."""
+
+    def __post_init__(self) -> None:
+        unknown = [robot for robot in self.robots if robot not in ROBOTS]
+        if unknown or not self.robots:
+            raise ValueError(f"robots = {unknown or self.robots}: choose from {', '.join(ROBOTS)}")
+        if not self.payloads or min(self.payloads) < 0.0:
+            raise ValueError(f"payloads = {self.payloads} kg must not be negative")
+        if not self.speeds or min(self.speeds) <= 0.0:
+            raise ValueError(f"speeds = {self.speeds} m/s must be positive")
+        if self.trials < 1:
+            raise ValueError(f"trials = {self.trials} must be at least 1")
+        for name in ("robots", "payloads", "speeds"):
+            if len(set(getattr(self, name))) < len(getattr(self, name)):
+                raise ValueError(f"{name} = {getattr(self, name)}: name each once")
+        if not self.distance > 0.0 or self.warmup < 0.0:
+            raise ValueError(f"distance = {self.distance} m must be positive and warmup = {self.warmup} s not negative")
+        if self.current <= 0.0:
+            raise ValueError(f"current = {self.current} A must be positive: SAL needs some")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkResult:
+    """What one condition gave; n trials that covered the distance."""
+
+    robot: str
+    payload: float
+    """[kg]"""
+    command: float
+    """[m/s]"""
+    mass: float
+    """Total mass [kg]."""
+    use: Use
+    """Shapes (n, J) and (n, M)."""
+    trial: np.ndarray
+    """Number of each trial among the repetitions, shape (n,); those that fell or were late are missing."""
+    seconds: np.ndarray
+    """Time over the distance [s], shape (n,)."""
+    speed: np.ndarray
+    """Mean speed [m/s], shape (n,)."""
+    v_x_rmse: np.ndarray
+    """[m/s], shape (n,)."""
+    height: np.ndarray
+    """Mean trunk height, the paper's proxy of the CoM's [m], shape (n,)."""
+    height_rmse: np.ndarray
+    """About the height the policy is rewarded for [m], shape (n,)."""
+    height_sd: np.ndarray
+    """About its own mean [m], shape (n,)."""
+    tilt_rms: np.ndarray
+    """Root of mean roll^2 + pitch^2 [deg], shape (n,)."""
+    yaw_rate_rmse: np.ndarray
+    """[rad/s], shape (n,)."""
+    hold: np.ndarray
+    """Share of time with the holding gate open, shape (n, M)."""
+    dynamic: np.ndarray
+    """Share of time with the dynamic gate open, shape (n, M)."""
+    counts: np.ndarray
+    """Distribution of the FR motors' torques, see :class:`mrwarp.trials.meter.JointMeter`, shape (3, bins)."""
+    fell: int
+    """Trials that fell."""
+    late: int
+    """Trials that did not cover the distance in time."""
+    trace: GaitTrace
+    """Two strides of the front-right calf at 200 Hz."""
+
+
+def walk(
+    cfg: WalkCfg, policies: Mapping[str, Policy], report: Callable[[str, float], None] | None = None
+) -> list[WalkResult]:
+    """Walk all conditions.
+
+    Args:
+        cfg: The conditions.
+        policies: Policy of each robot.
+        report: Called now and then with what is being walked and the share that is done.
+    """
+    batches = list(_batches(cfg))
+    results = []
+    for k, (robots, payload) in enumerate(batches):
+        text = f"{' and '.join(NAMES[robot] for robot in robots)}, {payload:g} kg"
+        tell = (lambda share, k=k, text=text: report(text, (k + share) / len(batches))) if report else None
+        results += WalkBatch(cfg, robots, payload, policies).run(tell)
+    order = {robot: i for i, robot in enumerate(cfg.robots)}
+    return sorted(results, key=lambda r: (order[r.robot], r.payload, r.command))
+
+
+class WalkBatch:
+    """The trials of one asset variant: robots that share it x speeds x repetitions.
+
+    Args:
+        cfg: The conditions.
+        robots: Robots of this batch; all have the same asset variant.
+        payload: Load on the back [kg].
+        policies: Policy of each robot.
+    """
+
+    def __init__(self, cfg: WalkCfg, robots: Sequence[str], payload: float, policies: Mapping[str, Policy]) -> None:
+        self.cfg, self.payload, self._policies = cfg, payload, policies
+        self.conditions = [(robot, speed) for robot in robots for speed in cfg.speeds]
+        variant = VARIANT if payload > 0.0 else 0
+        env_cfg = replace(cfg.env, robot=ASSET_ROBOT[robots[0]], payload=variant, seed=cfg.seed)
+        count = len(self.conditions) * cfg.trials
+        self.env = env = make_env(env_cfg, count, cfg.seed)
+        if payload != variant:
+            set_load(env, np.full(count, payload))
+        self.mass = total_mass(env) - variant + payload
+        sal = [robot == "mr_go_sal" for robot, _ in self.conditions]
+        self._per_env(env.current_e, [cfg.current if on else 0.0 for on in sal])
+        self.command = torch.zeros(count, 3, device=env.device)
+        self._per_env(self.command[:, 0], [speed for _, speed in self.conditions])
+        if cfg.soften is not None:
+            cfg.soften(env, robots)
+        self.meter = JointMeter(env)
+        self.recorder = TraceRecorder(env, [i * cfg.trials for i in range(len(self.conditions))])
+
+    def _per_env(self, array: torch.Tensor, values: Sequence[float]) -> None:
+        array.copy_(torch.tensor(values, device=array.device).repeat_interleave(self.cfg.trials))
+
+    @torch.no_grad()
+    def run(self, report: Callable[[float], None] | None = None) -> list[WalkResult]:
+        """Walk until every trial has covered the distance, fallen or run out of time."""
+        env, cfg, meter = self.env, self.cfg, self.meter
+        dt, count = env.cfg.step_dt, env.num_envs
+        env.restart()
+        same_starts(env, self.cfg.trials, self.cfg.seed)
+        env.set_command(self.command)
+        meter.clear()
+        sums = {name: torch.zeros(count, dtype=torch.float64, device=env.device) for name in _SUMS}
+        fell = torch.zeros(count, dtype=torch.bool, device=env.device)
+        late = torch.zeros_like(fell)
+        going = ~fell
+        skip = round(cfg.warmup / dt)
+        patience = cfg.patience * cfg.distance / self.command[:, 0].to(torch.float64)
+        most = skip + round(float(patience.max()) / dt)
+        obs = env.get_observations()
+        for step in range(most):
+            meter.on.copy_(going & (step >= skip))
+            self.recorder.on = step >= skip
+            obs, _, _, _ = env.step(self._actions(obs))
+            env.set_command(self.command)
+            fell |= going & env.fallen
+            if step >= skip:
+                self._add(sums, going.to(torch.float64) * dt)
+                going = going & ~fell & (sums["distance"] < cfg.distance)
+                late |= going & (sums["time"] > patience - 0.5 * dt)
+                going = going & ~late
+            else:
+                going = going & ~fell
+            if report and step % 100 == 99:
+                report(float((sums["distance"] / cfg.distance).clamp(max=1.0).mean()))
+            if not bool(going.any()):
+                break
+        return list(self._results(sums, fell.cpu().numpy(), (late | going).cpu().numpy()))
+
+    def _actions(self, obs) -> torch.Tensor:
+        """Actions of every robot's own policy."""
+        names = [robot for robot, _ in self.conditions]
+        if all(self._policies[name] is self._policies[names[0]] for name in names):
+            return self._policies[names[0]](obs)
+        actions = torch.empty(self.env.num_envs, self.env.num_actions, device=self.env.device)
+        for i, name in enumerate(names):
+            rows = slice(i * self.cfg.trials, (i + 1) * self.cfg.trials)
+            actions[rows] = self._policies[name](obs[rows])
+        return actions
+
+    def _add(self, sums: dict[str, torch.Tensor], weight: torch.Tensor) -> None:
+        """Add one policy step of the trials that are under way."""
+        env = self.env
+        roll = torch.atan2(-env.gravity[:, 1], -env.gravity[:, 2])
+        pitch = torch.asin(env.gravity[:, 0].clamp(-1.0, 1.0))
+        speed, height = env.body_velocity[:, 0], env.root_pos[:, 2]
+        values = {
+            "time": torch.ones_like(speed), "distance": speed, "v_x": (speed - self.command[:, 0]).square(),
+            "height": height, "height_square": height.square(), "tilt": roll.square() + pitch.square(),
+            "yaw_rate": (env.root_ang[:, 2] - self.command[:, 2]).square(),
+        }  # fmt: skip
+        for name, value in values.items():
+            sums[name] += weight * torch.nan_to_num(value.to(torch.float64))
+
+    def _results(self, sums: dict[str, torch.Tensor], fell: np.ndarray, late: np.ndarray) -> Iterator[WalkResult]:
+        total = {name: value.cpu().numpy() for name, value in sums.items()}
+        time = np.maximum(total["time"], 1e-9)
+        mean = {name: value / time for name, value in total.items()}
+        use, target = self.meter.use(), self.env.cfg.rewards.target_height
+        for i, (robot, command) in enumerate(self.conditions):
+            rows = np.arange(i * self.cfg.trials, (i + 1) * self.cfg.trials)
+            done = rows[~fell[rows] & ~late[rows]]
+            height, square = mean["height"][done], mean["height_square"][done]
+            yield WalkResult(
+                robot=robot, payload=self.payload, command=command, mass=self.mass, use=use[done],
+                trial=done - rows[0], seconds=time[done], speed=mean["distance"][done],
+                v_x_rmse=np.sqrt(mean["v_x"][done]), height=height,
+                height_rmse=np.sqrt(np.maximum(square - 2.0 * target * height + target**2, 0.0)),
+                height_sd=np.sqrt(np.maximum(square - height**2, 0.0)),
+                tilt_rms=np.degrees(np.sqrt(mean["tilt"][done])), yaw_rate_rmse=np.sqrt(mean["yaw_rate"][done]),
+                hold=self.meter.hold[done], dynamic=self.meter.dynamic[done],
+                counts=self.meter.counts[done].sum(0).cpu().numpy(), fell=int(fell[rows].sum()),
+                late=int(late[rows].sum()), trace=self.recorder.trace(i),
+            )  # fmt: skip
+
+
+_SUMS = ("time", "distance", "v_x", "height", "height_square", "tilt", "yaw_rate")
+
+
+def _batches(cfg: WalkCfg) -> Iterator[tuple[tuple[str, ...], float]]:
+    """Robots that share an asset variant, and a payload."""
+    for asset in dict.fromkeys(ASSET_ROBOT[robot] for robot in cfg.robots):
+        robots = tuple(robot for robot in cfg.robots if ASSET_ROBOT[robot] == asset)
+        for payload in cfg.payloads:
+            yield robots, payload

@@ -1,0 +1,1 @@
+"""USD assets: read, refuse, edit, record."""

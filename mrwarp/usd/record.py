@@ -1,0 +1,216 @@
+"""The model behind an MR prim's numbers: intervals, origin and effects, as one text attribute beside the numbers.
+
+:data:`RECORD` holds, as JSON, ``model``, the content of the model.json that was applied, and ``rest``, the prim's other
+numbers at that time. The numbers themselves are the attributes ``newton:mr:*``, which any USD tool may change: where
+one differs from the record, the attribute counts, and its interval is dropped, as it belongs to another value.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Usd
+
+from mrwarp.model_file import (
+    JOINT_UNITS,
+    MAX_BYTES,
+    Effect,
+    FittedOn,
+    Model,
+    ModelFileError,
+    Parameter,
+    checked_number,
+    checked_object,
+    key_shown,
+    model_from_dict,
+    model_to_dict,
+    parameter_unit,
+    read_json,
+    shown,
+)
+from mrwarp.params import MrParams
+from mrwarp.run_dir import versions
+from mrwarp.usd.asset import PREFIX, AssetError, read_parameters
+
+RECORD = "mr:model:record"
+"""Attribute of type ``string`` that holds the record; ASCII, so that no tool's encoding matters."""
+
+MAX_CHARACTERS = 4 * MAX_BYTES
+"""Longest record that is read: any model file fits, with every letter escaped."""
+
+_REMEDY = f"apply the model again with 'mrwarp asset apply', or remove {RECORD}: the numbers stay"
+_LISTED = 3
+"""Most differences of two records that are listed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrimModel:
+    """What a prim holds: the model as its attributes are now, and where it comes from."""
+
+    model: Model
+    applied: Model | None = None
+    """The model as it was applied; None: the prim has no record, and the model is its bare numbers."""
+    changed: Mapping[str, float] = field(default_factory=dict)
+    """Parameters that differ from the record, with the number there."""
+
+    def lines(self) -> Iterator[str]:
+        """Origin, effects and what differs, for people; nothing without a record."""
+        if self.applied is None:
+            return
+        yield f"model: {origin(self.applied)}"
+        if self.applied.effects:
+            from mrwarp.actuator.device_effects import acts, effect_text, silent_note
+
+            for effect in self.applied.effects:
+                yield f"effect{'' if acts(effect) else ' (does not act)'}: {effect_text(effect)}"
+            if note := silent_note(self.applied.effects):
+                yield note
+        if self.changed:
+            yield self.note()
+
+    def note(self) -> str:
+        """What differs from the applied model, on one line; empty if nothing does."""
+        values = self.model.values
+        parts = [f"{name} = {values[name]:.10g} (was {was:.10g})" for name, was in self.changed.items()]
+        return f"changed since the model was applied, so without interval: {', '.join(parts)}" if parts else ""
+
+
+def read_model(prim: Usd.Prim, file: str | Path = "stage") -> PrimModel:
+    """The model that an MR prim holds.
+
+    Raises:
+        AssetError: an attribute is unusable (see :func:`mrwarp.usd.asset.read_parameters`), or the record is.
+    """
+    values = {name: value for name, value in read_parameters(prim, file) if name != "q_neutral"}
+    place = f"{file}: {prim.GetPath()}"
+    bare = {name: Parameter(value=value, unit=parameter_unit(name, JOINT_UNITS)) for name, value in values.items()}
+    found = _record(prim, place)
+    if not found:
+        origin = FittedOn(source=place, trajectories=0, samples=0, rate=0.0)
+        return PrimModel(model=Model(parameters=bare, fitted_on=origin, versions=versions()))
+    applied, rest = parse_record(found, place)
+    recorded = {**applied.values, **rest}
+    changed = {name: recorded[name] for name in values if not _same(prim, name, values[name], recorded[name])}
+    parameters = {**applied.parameters, **{name: bare[name] for name in changed}}
+    return PrimModel(model=replace(applied, parameters=parameters), applied=applied, changed=changed)
+
+
+def read_effects(prim: Usd.Prim, file: str | Path = "stage") -> tuple[Effect, ...]:
+    """The effects of the model that was applied to a prim; none without a record.
+
+    Raises:
+        AssetError: the record is unusable.
+    """
+    place = f"{file}: {prim.GetPath()}"
+    found = _record(prim, place)
+    return parse_record(found, place)[0].effects if found else ()
+
+
+def record_text(model: Model, params: MrParams) -> str:
+    """The record of a model for a prim whose numbers, beside the model's, are those of ``params``."""
+    rest = {name: value for name, value in params if name != "q_neutral" and name not in model.parameters}
+    return json.dumps({"model": model_to_dict(model), "rest": rest}, allow_nan=False, separators=(",", ":"))
+
+
+def write_record(prim: Usd.Prim, model: Model, params: MrParams) -> None:
+    """Author the record of a model on a prim that holds ``params``, at the stage's edit target."""
+    prim.CreateAttribute(RECORD, Sdf.ValueTypeNames.String, custom=False).Set(record_text(model, params))
+
+
+def parse_record(text: str, place: str) -> tuple[Model, dict[str, float]]:
+    """Read and check a record: the model, and the prim's other numbers when it was applied.
+
+    Raises:
+        AssetError: it is too long, not JSON, or one of its entries is unusable; names ``place``, entry and value.
+    """
+    where = f"{place}: {RECORD}"
+    try:
+        if len(text) > MAX_CHARACTERS:
+            raise ModelFileError(f"{where}: {len(text)} characters; a record has at most {MAX_CHARACTERS}")
+        content = checked_object(read_json(text, where), where, ("model", "rest"))
+        model = model_from_dict(content["model"], f"{where}: model")
+        if model.units != JOINT_UNITS:
+            raise ModelFileError(f"{where}: model: units = {shown(model.units)}; allowed: {JOINT_UNITS}")
+        names = tuple(s.name for s in MrParams.specs() if s.name != "q_neutral" and s.name not in model.parameters)
+        rest = checked_object(content["rest"], f"{where}: rest", names)
+        return model, {name: checked_number(value, f"{where}: rest.{name}") for name, value in rest.items()}
+    except ModelFileError as error:
+        raise AssetError(f"{error}; {_REMEDY}") from None
+
+
+def origin(model: Model) -> str:
+    """Where a model comes from, on one line."""
+    at = model.fitted_on
+    size = f"{at.trajectories} trajectories, {at.samples} samples at {at.rate:g} 1/s, seed {model.seed}"
+    size = size if at.trajectories or at.samples else "not fitted"
+    by = f", mrwarp {key_shown(model.versions['mrwarp'])}" if "mrwarp" in model.versions else ""
+    return f"{shown(at.source)}, {size}{by}"
+
+
+def summary(value: Any) -> str:
+    """A record for a message, whatever it holds."""
+    if not value:
+        return "none"
+    try:
+        return f"model {origin(parse_record(value, '')[0])}" if isinstance(value, str) else "unreadable"
+    except AssetError:
+        return "unreadable"
+
+
+def record_difference(old: Any, new: Any, places: tuple[str, str]) -> str:
+    """What differs between two records, on one line.
+
+    Raises:
+        AssetError: one of them is unusable; ``places`` says where they stand.
+    """
+    if not (old and new and isinstance(old, str) and isinstance(new, str)):
+        return f"{summary(old)} -> {summary(new)}"
+    left, right = _leaves(*parse_record(old, places[0])), _leaves(*parse_record(new, places[1]))
+    keys = [key for key in left | right if left.get(key) != right.get(key)]
+    parts = [f"{key_shown(key)} {shown(left.get(key))} -> {shown(right.get(key))}" for key in keys[:_LISTED]]
+    return (", ".join(parts) or "the same, written otherwise") + (
+        f" and {len(keys) - _LISTED} more" if len(keys) > _LISTED else ""
+    )
+
+
+def _leaves(model: Model, rest: Mapping[str, float]) -> dict[str, Any]:
+    """Every entry of a record, its keys joined with dots."""
+
+    def entries(value: dict[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+        for key, item in value.items():
+            if isinstance(item, dict):
+                yield from entries(item, f"{prefix}{key}.")
+            else:
+                yield prefix + key, item
+
+    content = model_to_dict(model)
+    content["effects"] = {str(i): effect for i, effect in enumerate(content["effects"])}
+    return dict(entries({**content, "rest": dict(rest)}, ""))
+
+
+def _record(prim: Usd.Prim, place: str) -> str:
+    """The text of the record; empty if there is none."""
+    attribute = prim.GetAttribute(RECORD)
+    if not attribute or not attribute.HasAuthoredValue():
+        return ""
+    if attribute.GetNumTimeSamples():
+        raise AssetError(f"{place}: {RECORD} varies with time; allowed: one text; {_REMEDY}")
+    value = attribute.Get()
+    if not isinstance(value, str) or attribute.GetTypeName() != Sdf.ValueTypeNames.String:
+        raise AssetError(f"{place}: {attribute.GetTypeName()} {RECORD} = {shown(value)}; allowed: a string; {_REMEDY}")
+    return value
+
+
+def _same(prim: Usd.Prim, name: str, value: float, recorded: float) -> bool:
+    """Whether an attribute still holds the recorded number, as far as its type can (``float``: 32 bits)."""
+    if value == recorded:
+        return True
+    opinions = prim.GetAttribute(PREFIX + name).GetPropertyStack()
+    single = str(next(s for s in opinions if s.HasDefaultValue()).typeName) == "float"
+    with np.errstate(over="ignore"):
+        return single and np.float32(value) == np.float32(recorded)

@@ -1,0 +1,1 @@
+"""Physics checks that ``mrwarp verify`` shows."""

@@ -1,0 +1,282 @@
+"""Holding: a held joint creeps by microradians, lets go at tau_y, and carries the robot; and the line-search trap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mrwarp.actuator import brake_constraint
+from mrwarp.actuator.mr_actuator import Coupling, HoldCurrent, MrActuatorCfg
+from mrwarp.env.backend import BackendKind
+from mrwarp.env.sim import ActuatedSim, SimCfg, robot_scene
+from mrwarp.env.sim_model import Scene, build_scene
+from mrwarp.params import MrParams
+from mrwarp.usd.asset import load_bench
+from mrwarp.usd.robot import LEGS
+from mrwarp.verify.rigs import (
+    LOADED,
+    MOTORLESS,
+    Link,
+    Load,
+    joint_inertia,
+    link_scene,
+    standing_robot,
+    yield_torque,
+)
+
+DT = 0.005
+"""Physics step [s]."""
+
+CURRENT = 1.5
+"""Holding current [A]; tau_y = 25.4 N·m."""
+
+LOADS = (0.3, 0.9)
+"""Loads on the held joint, shares of tau_y."""
+
+CREEP_LIMITS = (1.1e-4, 3.3e-4)
+"""Largest creep under these loads [rad/s]."""
+
+BREAKAWAY_LIMITS = (0.99, 1.01)
+"""Where the joint has to let go, shares of tau_y."""
+
+RAMP = (0.95, 1.05)
+"""Load of the break-away run, from start to end, shares of tau_y."""
+
+MOVING = 0.05
+"""Speed at which the joint counts as moving [rad/s]: 150 times the creep limit, a quarter of the gate's eps_hold."""
+
+ANGLE_ULP = 2.0**-23
+"""Spacing of float32 angles between 1 and 2 rad: MuJoCo-Warp rounds each step's motion to it [rad]."""
+
+SETTLE = 0.1
+"""Time before the creep is measured [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HoldRun:
+    """One loaded joint: creep at two loads, break-away on a ramp."""
+
+    name: str
+    """The joint."""
+    brake: bool
+    """Whether its friction is the brake constraint, or MuJoCo's default."""
+    backend: BackendKind
+    """The engine."""
+    inertia: float
+    """Inertia of the joint [kg·m^2]."""
+    creep: tuple[float, ...]
+    """Creep under LOADS [rad/s]."""
+    breakaway: float
+    """Load at which the joint starts to move, share of tau_y; one end of RAMP if it always moved or never."""
+    ramp: np.ndarray
+    """Load of the ramp [share of tau_y] and speed [rad/s], shape (T, 2)."""
+    unsolved: int
+    """Steps that did not converge."""
+
+    @property
+    def label(self) -> str:
+        """Joint, engine and friction settings."""
+        return f"{self.name}, {self.backend.value}{'' if self.brake else ', default friction'}"
+
+    def figures(self) -> dict[str, Any]:
+        """The plain numbers."""
+        return {
+            "inertia": self.inertia,
+            "creep": list(self.creep),
+            "breakaway": self.breakaway,
+            "unsolved": self.unsolved,
+        }
+
+
+def calf_rig(*, brake: bool = True) -> Scene:
+    """A balanced link with the inertia of the robot's calf; ``brake`` False keeps MuJoCo's default dry friction."""
+    inertia = joint_inertia(robot_scene(), "FL_calf")
+    link = Link(com=0.0, inertia=inertia)
+    return link_scene(MrParams().replace(**MOTORLESS), dt=DT, link=link, brake=brake)
+
+
+def bench_rig(*, brake: bool = True) -> Scene:
+    """The torque bench of ``mr_bench.usda``: 0.01 kg·m^2 on a vertical axis."""
+    coupling = Coupling.CONSTRAINT if brake else Coupling.EXPLICIT
+    return build_scene(load_bench(), dt=DT, coupling=coupling, ground=False)
+
+
+def hold(name: str, scene: Scene, backend: BackendKind, *, seconds: float = 1.0, brake: bool = True) -> HoldRun:
+    """Load a held joint: two environments at LOADS, a third on the ramp.
+
+    Args:
+        name: Name of the joint.
+        scene: A rig with one MR joint and no weight.
+        backend: The engine.
+        seconds: Time over which creep is measured, and length of the ramp [s].
+        brake: Whether the scene has the brake constraint. Without it the joint creeps faster than the holding gate
+            allows: the gate is kept open at any speed.
+    """
+    mr = scene.actuators[0].mr
+    assert mr is not None
+    tau_y, steps, settle = yield_torque(mr, CURRENT), round(seconds / DT), round(SETTLE / DT)
+    robot = ActuatedSim(
+        scene, SimCfg(num_envs=3, dt=DT, backend=backend), MrActuatorCfg(hold_current=HoldCurrent.FIXED)
+    )  # fmt: skip
+    outside = Load(robot)
+    robot.sim.f_foot.fill_(LOADED)
+    robot.current_e.fill_(CURRENT)
+    if not brake:
+        for threshold in ("eps_hold", "eps_e"):
+            robot.actuator.set_param(threshold, 1e6)
+    load, q = np.zeros((settle + steps, 3)), np.zeros((settle + steps, 3))
+    ramp = np.zeros((settle + steps, 2))
+    load[:, :2] = LOADS
+    load[:, 2] = RAMP[0] + (RAMP[1] - RAMP[0]) * np.clip(np.arange(-settle, steps) / steps, 0.0, 1.0)
+    for step in range(settle + steps):
+        outside.set(load[step] * tau_y)
+        robot.step()
+        q[step] = robot.sim.q.numpy()[:, 0]
+        ramp[step] = load[step, 2], robot.sim.qd.numpy()[2, 0]
+    moving = np.flatnonzero(np.abs(ramp[:, 1]) > MOVING)
+    breakaway = float(ramp[moving[0] if moving.size else -1, 0])
+    creep = (q[-1] - q[settle - 1]) / (steps * DT)
+    return HoldRun(
+        name=name, brake=brake, backend=backend, inertia=joint_inertia(scene, scene.joints[0]), breakaway=breakaway,
+        creep=(float(creep[0]), float(creep[1])), ramp=ramp[settle:], unsolved=int(robot.sim.unsolved.numpy().sum()),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class StandRun:
+    """The robot on its four brakes, calf motors off."""
+
+    backend: BackendKind
+    """The engine."""
+    ls_iterations: int
+    """Line-search iterations of the solver."""
+    stiff_feet: bool
+    """Whether the feet's friction cones were stiffened."""
+    calf: np.ndarray
+    """Calf angles after the motors were switched off [rad], shape (T, 4)."""
+    height: np.ndarray
+    """Trunk height [m], shape (T,)."""
+    torque: np.ndarray
+    """Mean brake torques [N·m], shape (4,)."""
+    foot_slip: float
+    """Largest distance a foot moved over the ground [m]."""
+    unsolved: int
+    """Steps that did not converge."""
+
+    def figures(self) -> dict[str, Any]:
+        """The plain numbers."""
+        drift = np.abs(self.calf - self.calf[0]).max(axis=0)
+        return {
+            "seconds": len(self.calf) * DT,
+            "calf_drift": dict(zip(LEGS, drift.tolist(), strict=True)),
+            "calf_drift_max": float(drift.max()),
+            "torque": dict(zip(LEGS, self.torque.tolist(), strict=True)),
+            "height_start": float(self.height[0]),
+            "height_end": float(self.height[-1]),
+            "foot_slip": self.foot_slip,
+            "unsolved": self.unsolved,
+        }
+
+
+def stand_on_brakes(
+    backend: BackendKind,
+    *,
+    seconds: float = 10.0,
+    settle: float = 1.0,
+    ls_iterations: int = 50,
+    stiff_feet: bool = False,
+) -> StandRun:
+    """The robot stands on its four brakes alone: zero calf stiffness and damping, hips and thighs under PD.
+
+    It settles with stiff calf motors while the devices already hold; then the calf motors are switched off.
+
+    Args:
+        backend: The engine.
+        seconds: Time without calf motors [s].
+        settle: Time with them [s].
+        ls_iterations: Line-search iterations forced on the model, past the check of ``SolverCfg``.
+        stiff_feet: Elliptic friction cones 100 times stiffer than the asset's soft pyramids: tells how much of the
+            trunk's sinking is feet that slide over the ground, and not brakes.
+    """
+
+    def options(model: mujoco.MjModel) -> None:
+        model.opt.ls_iterations = ls_iterations
+        if stiff_feet:
+            model.opt.cone, model.opt.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 100.0
+
+    robot = standing_robot(currents=(CURRENT,), backend=backend, options=options)
+    robot.actuator.set_param("kp_low", robot.actuator.param("kp_base").numpy())
+    for _ in range(round(settle / DT)):
+        robot.step()
+    for name, value in MOTORLESS.items():
+        robot.actuator.set_param(name, value)
+    calves, sim, before = list(robot.actuator.mr_joints), robot.sim, _feet(robot)
+    calf, height, torque = [], [], []
+    for _ in range(round(seconds / DT)):
+        robot.step()
+        calf.append(sim.q.numpy()[0, calves].astype(np.float64))
+        height.append(float(sim.root_pos.numpy()[0, 2]))
+        torque.append(sim.friction.numpy()[0, calves].astype(np.float64))
+    return StandRun(
+        backend=backend, ls_iterations=ls_iterations, stiff_feet=stiff_feet, calf=np.array(calf),
+        height=np.array(height), torque=np.mean(torque, axis=0), unsolved=int(sim.unsolved.numpy().sum()),
+        foot_slip=float(np.linalg.norm((_feet(robot) - before)[:, :2], axis=1).max()),
+    )  # fmt: skip
+
+
+def expected_drift(run: StandRun) -> np.ndarray:
+    """Drift that the constraint's creep predicts for the measured torques [rad], shape (4,)."""
+    return brake_constraint.CREEP * np.abs(run.torque) * len(run.calf) * DT
+
+
+def drift_tolerance(run: StandRun) -> np.ndarray:
+    """How far the drift may be from :func:`expected_drift` [rad], shape (4,).
+
+    1 % for torques that change over time. MuJoCo-Warp also rounds each step's motion, about 2e-7 rad, to a multiple of
+    the spacing of float32 angles: up to half of one is lost or gained per step.
+    """
+    rounding = len(run.calf) * ANGLE_ULP / 2.0 if run.backend is BackendKind.MJWARP else ANGLE_ULP
+    return 0.01 * expected_drift(run) + rounding
+
+
+def hold_runs() -> list[HoldRun]:
+    """Both joints on both engines, then with MuJoCo's default friction settings."""
+    rigs = {"calf": calf_rig, "bench": bench_rig}
+    runs = [hold(name, rig(), backend) for name, rig in rigs.items() for backend in BackendKind]
+    return runs + [
+        hold(name, rig(brake=False), BackendKind.MJBATCH, brake=False) for name, rig in rigs.items()
+    ]  # fmt: skip
+
+
+def stand_runs() -> list[StandRun]:
+    """The robot on its brakes for 10 s: both engines, then on stiff feet."""
+    runs = [stand_on_brakes(backend) for backend in BackendKind]
+    return [*runs, stand_on_brakes(BackendKind.MJBATCH, stiff_feet=True)]
+
+
+def line_search_trap(settings: tuple[int, ...] = (3, 10, 20, 30, 50)) -> list[StandRun]:
+    """The robot on its brakes for 2 s with few to enough line-search iterations; ``unsolved`` must tell them apart."""
+    return [stand_on_brakes(BackendKind.MJBATCH, seconds=2.0, ls_iterations=count) for count in settings]
+
+
+def holding_figures(holds: list[HoldRun], stands: list[StandRun], trap: list[StandRun]) -> dict[str, Any]:
+    """Figures of all runs."""
+    return {
+        "tau_y": yield_torque(MrParams(), CURRENT),
+        "joints": {run.label: run.figures() for run in holds},
+        "standing": {f"{run.backend.value}{', stiff feet' if run.stiff_feet else ''}": run.figures() for run in stands},
+        "line_search": {str(run.ls_iterations): run.figures() for run in trap},
+    }
+
+
+def _feet(robot: ActuatedSim) -> np.ndarray:
+    """Positions of the feet in the first environment [m], shape (4, 3)."""
+    model = robot.sim.scene.model
+    data = mujoco.MjData(model)
+    data.qpos[:] = robot.sim.backend.field("qpos").numpy()[0]
+    mujoco.mj_kinematics(model, data)
+    names = [model.geom(i).name for i in range(model.ngeom)]
+    return np.array([data.geom_xpos[[i for i, n in enumerate(names) if f"/{leg}_foot" in n][0]] for leg in LEGS])

@@ -1,0 +1,219 @@
+"""The hysteresis kernels against references: how far is a step of 5 ms from eqs. 14 and 15 in continuous time?
+
+A joint is moved along random sums of sines while its current command steps at random; half of the coils lag. The torque
+that the kernels replay is compared with two references in float64 that share no code with them:
+
+* ``along_the_path``: between turning points eq. 15 depends on the path alone and has a closed form (to rounding);
+* ``finely_stepped``: eq. 15 by the midpoint rule at 1 µs, which knows nothing of closed forms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from scipy.optimize import brentq
+
+from mrwarp.identify.replay import Replay, Samples, Scales
+from mrwarp.params import BoucWenParams
+
+SECONDS = 1.0
+"""Length of a run [s]."""
+
+STEPS = (0.01, 0.005, 0.0025, 0.00125, 0.000625)
+"""Compared sampling steps [s]."""
+
+FINE = 1e-6
+"""Step of the reference that is stepped [s]."""
+
+SEGMENT = 0.05
+"""Time between steps of the current command [s]; a multiple of every compared step."""
+
+LAG = 0.012
+"""Time constant of the coils that lag [s]."""
+
+METHODS: dict[str, tuple[bool, int]] = {"euler": (False, 0), "exact": (True, 0), "exact, interpolated": (True, 4)}
+"""Ways to step z: closed form or not, parts of an interpolated step (0 = the newest velocity held, as simulated)."""
+
+PAPER = BoucWenParams()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Excitation:
+    """Motions and current commands, drawn at random; N runs. ``q = sum a*(1 - cos(w*t))`` starts at rest."""
+
+    amplitude: np.ndarray
+    """Of each sine [rad], shape (N, 3)."""
+    frequency: np.ndarray
+    """Its angular frequency w [rad/s], shape (N, 3)."""
+    command: np.ndarray
+    """Current command per segment [A], shape (N, segments)."""
+    lag: np.ndarray
+    """Time constant of the coil [s], shape (N,)."""
+
+    @classmethod
+    def draw(cls, num_runs: int, seed: int) -> Self:
+        """Sines of 0.2 to 4 Hz and up to 0.2 rad, currents from 0 to 1.5 A."""
+        rng = np.random.default_rng(seed)
+        return cls(
+            amplitude=rng.uniform(0.03, 0.2, (num_runs, 3)) * rng.choice([-1.0, 1.0], (num_runs, 3)),
+            frequency=2.0 * np.pi * rng.uniform(0.2, 4.0, (num_runs, 3)),
+            command=rng.uniform(0.0, 1.5, (num_runs, round(SECONDS / SEGMENT))),
+            lag=LAG * (np.arange(num_runs) % 2),
+        )
+
+    def q(self, t: np.ndarray) -> np.ndarray:
+        """Angle at times of shape (T,) [rad], shape (N, T)."""
+        return np.einsum("ns,nst->nt", self.amplitude, 1.0 - np.cos(self.frequency[:, :, None] * t))
+
+    def qd(self, t: np.ndarray) -> np.ndarray:
+        """Velocity [rad/s], shape (N, T)."""
+        return np.einsum("ns,nst->nt", self.amplitude * self.frequency, np.sin(self.frequency[:, :, None] * t))
+
+    def commanded(self, t: np.ndarray) -> np.ndarray:
+        """Command in force just before t [A], shape (N, T)."""
+        segment = np.ceil(t / SEGMENT - 1e-9).astype(int) - 1
+        return self.command[:, np.maximum(segment, 0)]
+
+    def current(self, t: np.ndarray) -> np.ndarray:
+        """Current at t [A], shape (N, T): the exact answer of a first-order lag to the steps of the command."""
+        starts = SEGMENT * np.arange(self.command.shape[1])
+        at_start, current = self.command.copy(), np.empty((len(self.lag), len(t)))
+        for k, lag in enumerate(self.lag):
+            for i in range(1, len(starts)) if lag else ():
+                kept = np.exp(-SEGMENT / lag)
+                at_start[k, i] = self.command[k, i - 1] + (at_start[k, i - 1] - self.command[k, i - 1]) * kept
+            segment = np.maximum(np.ceil(t / SEGMENT - 1e-9).astype(int) - 1, 0)
+            kept = np.exp(-(t - starts[segment]) / lag) if lag else 0.0
+            current[k] = self.command[k, segment] + (at_start[k, segment] - self.command[k, segment]) * kept
+        return current
+
+
+def along_the_path(excitation: Excitation, t: np.ndarray, p: BoucWenParams = PAPER) -> np.ndarray:
+    """z at times of shape (T,) [rad], shape (N, T), by the closed form between turning points.
+
+    On the way s from a turning point, ``u = sgn(qd)*z`` obeys ``du/ds = 1 - (beta - gamma)*u`` below zero and
+    ``du/ds = 1 - (beta + gamma)*u`` above.
+    """
+    z = np.empty((len(excitation.lag), len(t)))
+    grid = np.linspace(0.0, SECONDS, 4001)
+    for run, speeds in enumerate(excitation.qd(grid)):
+        own = Excitation(
+            amplitude=excitation.amplitude[run : run + 1], frequency=excitation.frequency[run : run + 1],
+            command=excitation.command[run : run + 1], lag=excitation.lag[run : run + 1],
+        )  # fmt: skip
+
+        def speed(time: float, own: Excitation = own) -> float:
+            return float(own.qd(np.array([time]))[0, 0])
+
+        crossings = np.flatnonzero(speeds[1:-1] * speeds[2:] < 0.0) + 1
+        turns = [0.0, *(brentq(speed, grid[i], grid[i + 1], xtol=1e-15) for i in crossings), np.inf]
+        start = 0.0
+        for a, b in zip(turns[:-1], turns[1:], strict=True):
+            inside = (t >= a) & (t < b)
+            times = np.append(t[inside], min(b, SECONDS))
+            direction = np.sign(speed(0.5 * (a + min(b, SECONDS))))
+            path = np.abs(own.q(times)[0] - own.q(np.array([a]))[0])
+            reached = direction * _loaded(direction * start, path, p)
+            z[run, inside], start = reached[:-1], reached[-1]
+    return z
+
+
+def _loaded(u: float, path: np.ndarray, p: BoucWenParams) -> np.ndarray:
+    """u after a path of shape (T,)."""
+    unloading, loading = p.beta - p.gamma, p.beta + p.gamma
+    if u >= 0.0:
+        return 1.0 / loading + (u - 1.0 / loading) * np.exp(-loading * path)
+    to_zero = np.log1p(-unloading * u) / unloading
+    below = 1.0 / unloading + (u - 1.0 / unloading) * np.exp(-unloading * path)
+    above = -np.expm1(-loading * np.maximum(path - to_zero, 0.0)) / loading
+    return np.where(path < to_zero, below, above)
+
+
+def finely_stepped(excitation: Excitation, t: np.ndarray, p: BoucWenParams = PAPER, *, dt: float = FINE) -> np.ndarray:
+    """z at times of shape (T,), multiples of ``dt`` [rad], shape (N, T), by the midpoint rule."""
+
+    def rate(qd: np.ndarray, z: np.ndarray) -> np.ndarray:
+        return qd - p.beta * np.abs(qd) * z - p.gamma * qd * np.abs(z)
+
+    at, chunk = np.rint(t / dt).astype(int), 20_000
+    z, result = np.zeros(len(excitation.lag)), np.empty((len(excitation.lag), len(t)))
+    wanted = {int(step): column for column, step in enumerate(at)}
+    for first in range(0, int(at.max()) + 1, chunk):
+        # columns 2k and 2k + 1: velocity at the start and in the middle of step first + k
+        qd = np.ascontiguousarray(excitation.qd(0.5 * dt * np.arange(2 * first, 2 * (first + chunk))).T)
+        for k in range(chunk):
+            if (column := wanted.get(first + k)) is not None:
+                result[:, column] = z
+            z = z + dt * rate(qd[2 * k + 1], z + 0.5 * dt * rate(qd[2 * k], z))
+    return result
+
+
+def torque(excitation: Excitation, t: np.ndarray, z: np.ndarray, p: BoucWenParams = PAPER) -> np.ndarray:
+    """Eq. 14 in float64 [N·m], shape (N, T)."""
+    qd, current = excitation.qd(t), excitation.current(t)
+    q_c = excitation.q(t) - (p.q_offset + p.q_center)
+    hysteretic = (p.K0 + p.K1 * current) / (1.0 + p.alpha * np.abs(qd)) * z
+    return p.D + p.B * qd + p.C * q_c + p.I1 * current + hysteretic
+
+
+def replayed(excitation: Excitation, dt: float, *, exact: bool, substeps: int) -> np.ndarray:
+    """The same torque by the kernels from samples at ``dt`` [N·m], shape (N, T)."""
+    t = times(dt)
+    num_runs = len(excitation.lag)
+    samples = Samples(
+        q=(excitation.q(t) + PAPER.q_neutral).ravel(), qd=excitation.qd(t).ravel(),
+        current=excitation.commanded(t).ravel(), torque=np.zeros(num_runs * len(t)),
+        start=len(t) * np.arange(num_runs + 1), dt=np.full(num_runs, dt), scales=Scales(),
+    )  # fmt: skip
+    replay = Replay(samples, exact=exact, substeps=substeps)
+    own = {spec.name: getattr(PAPER, spec.name) for spec in PAPER.specs()}
+    with_lag, without = replay.torque([{**own, "coil_time_constant": lag} for lag in (LAG, 0.0)])
+    lagging = np.repeat(excitation.lag > 0.0, len(t))
+    return np.where(lagging, with_lag, without).reshape(num_runs, len(t)).astype(np.float64)
+
+
+def times(dt: float) -> np.ndarray:
+    """Sampling times of a run [s]."""
+    return dt * np.arange(round(SECONDS / dt) + 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hysteresis:
+    """Errors of the replayed torque against :func:`along_the_path`."""
+
+    rms: dict[str, list[float]]
+    """RMS error over runs and time by method, one per step of :data:`STEPS` [N·m]."""
+    largest: dict[str, list[float]]
+    """Largest error [N·m]."""
+    size: float
+    """RMS of the torque itself [N·m]."""
+
+    def order(self, method: str) -> float:
+        """Observed order of convergence over all steps."""
+        return float(np.polyfit(np.log(STEPS), np.log(self.rms[method]), 1)[0])
+
+    def figures(self) -> dict[str, Any]:
+        """The plain numbers."""
+        return {
+            "steps": list(STEPS), "torque": self.size, "rms": self.rms, "largest": self.largest,
+            "order": {method: self.order(method) for method in METHODS},
+        }  # fmt: skip
+
+
+def hysteresis(*, seed: int, num_runs: int = 64) -> Hysteresis:
+    """Replay random motions at every step and compare."""
+    excitation = Excitation.draw(num_runs, seed)
+    rms: dict[str, list[float]] = {method: [] for method in METHODS}
+    largest: dict[str, list[float]] = {method: [] for method in METHODS}
+    size = 0.0
+    for dt in STEPS:
+        t = times(dt)
+        true = torque(excitation, t, along_the_path(excitation, t))
+        size = float(np.sqrt(np.square(true).mean()))
+        for method, (exact, substeps) in METHODS.items():
+            error = replayed(excitation, dt, exact=exact, substeps=substeps) - true
+            rms[method].append(float(np.sqrt(np.square(error).mean())))
+            largest[method].append(float(np.abs(error).max()))
+    return Hysteresis(rms=rms, largest=largest, size=size)

@@ -1,0 +1,156 @@
+"""Passivity: an MR device only takes energy out, at every 5 ms step. Measured from the solver's own row forces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+import warp as wp
+
+from mrwarp.actuator.mr_actuator import Coupling, MrActuatorCfg
+from mrwarp.env.backend import BackendKind
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.sim import ActuatedSim, SimCfg
+from mrwarp.params import MrParams
+from mrwarp.trials.walking import Policy, make_env
+from mrwarp.usd.robot import CURRENT_GROUPS, JOINTS
+from mrwarp.verify.rigs import Link, WorkMeter, link_scene, standing_robot
+
+DT = 0.005
+"""Physics step [s], the paper's 200 Hz."""
+
+FALLING_SPEED = 5.0
+"""Speed of the falling link when the brake closes [rad/s]."""
+
+ROUNDING = {BackendKind.MJBATCH: 1e-15, BackendKind.MJWARP: 1e-9}
+"""Work that counts as zero over one step, by engine [J].
+
+Where the velocity after the step vanishes, rounding leaves ``eps*|qacc|*dt`` of it, and the row answers with
+``eps*|qacc|*dt/creep``: their product over a step is ``(eps*|qacc|)^2*dt^3/creep``. For 4000 rad/s^2 (an impact) that
+is 7e-10 J in float32 and 2e-27 J in float64; 1e-15 J leaves room for the rounding of torque times motion.
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PassivityRun:
+    """One run of a rig whose devices were metered."""
+
+    name: str
+    """What was run."""
+    coupling: Coupling
+    """How the devices acted."""
+    backend: BackendKind
+    """The engine."""
+    dt: float
+    """Step [s]."""
+    q: np.ndarray
+    """Angle of the first MR joint after each step [rad], shape (T,)."""
+    work: np.ndarray
+    """Work of the devices over each step [J], shape (T, E, M)."""
+    figures: dict[str, float]
+    """See :meth:`WorkMeter.figures`."""
+
+
+def falling_link(
+    coupling: Coupling, *, level: float = 2.7, seconds: float = 0.6, backend: BackendKind = BackendKind.MJBATCH
+) -> PassivityRun:
+    """A 0.3 kg link passes the horizontal at 5 rad/s, falling, as a device of constant torque level starts to brake it.
+
+    The brake is five times stronger than the weight: a real one stops the link within 0.04 s and keeps it there.
+
+    Args:
+        coupling: How the device acts.
+        level: |tau_dyn_hat| of eq. 6 [N·m]; 2.7 is about what the device slides at with 1.5 A.
+        seconds: Length of the run [s].
+        backend: The engine.
+    """
+    mr = MrParams().replace(kp_base=0.0, kp_low=0.0, kd=0.0, D=level, B=0.0, C=0.0, I1=0.0, K0=0.0, K1=0.0)
+    scene = link_scene(mr, dt=DT, link=Link(), brake=coupling is Coupling.CONSTRAINT)
+    cfg = SimCfg(num_envs=1, dt=DT, backend=backend, keep_data=True)
+    robot = ActuatedSim(scene, cfg, MrActuatorCfg(coupling=coupling, sal=False))
+    robot.reset(None, qvel=wp.array([[FALLING_SPEED]], dtype=float, device="cpu"))
+    return _run(f"falling link, {level:g} N·m", robot, round(seconds / DT))
+
+
+def dropped_robot(
+    coupling: Coupling, *, height: float = 0.3, seconds: float = 1.0, backend: BackendKind = BackendKind.MJBATCH
+) -> PassivityRun:
+    """The robot falls on its feet from ``height`` [m]: one environment per current of eq. 20."""
+    robot = standing_robot(currents=CURRENT_GROUPS, coupling=coupling, lift=height, backend=backend)
+    return _run(f"robot dropped from {height:g} m", robot, round(seconds / DT))
+
+
+@torch.no_grad()
+def walking_robot(
+    coupling: Coupling,
+    *,
+    policy: Policy | None,
+    seconds: float,
+    seed: int,
+    backend: BackendKind = BackendKind.MJBATCH,
+) -> PassivityRun:
+    """The robot walks with a policy at 0.4 m/s, or stands under random joint targets; one environment per current.
+
+    Args:
+        coupling: How the devices act.
+        policy: What walks; None draws joint targets within 0.075 rad of the stance, new ones every 0.1 s.
+        seconds: Length of the run [s].
+        seed: Seed of the targets, initial poses and gait phases.
+        backend: The engine.
+    """
+    num_envs = len(CURRENT_GROUPS)
+    cfg = make_walk_cfg(num_envs=num_envs, seed=seed, coupling=coupling, backend=backend)
+    env = make_env(replace(cfg, sim=replace(cfg.sim, keep_data=True)), num_envs, seed)
+    meter, generator = WorkMeter(env.robot).attach(), torch.Generator().manual_seed(seed)
+    env.set_command(torch.tensor([0.4, 0.0, 0.0]))
+    obs, action = env.get_observations(), torch.zeros(env.num_envs, len(JOINTS))
+    angles, falls = [], 0
+    hold = round(0.1 / env.cfg.step_dt)
+    for step in range(round(seconds / env.cfg.step_dt)):
+        if policy is not None:
+            action = policy(obs)
+        elif step % hold == 0:
+            action = 0.3 * (2.0 * torch.rand(action.shape, generator=generator) - 1.0)
+        obs, _, _, _ = env.step(action)
+        falls += int(env.fallen.sum())
+        angles.append(float(env.q[0, env.actuator.mr_joints[0]]))
+    name = "walking with the policy" if policy is not None else "standing, random joint targets"
+    q = np.repeat(angles, env.cfg.decimation)
+    return PassivityRun(
+        name=name, coupling=coupling, backend=backend, dt=env.sim.dt, q=q, work=np.array(meter.work),
+        figures={**meter.figures(), "falls": float(falls)},
+    )  # fmt: skip
+
+
+def passivity(*, seed: int, policy: Policy | None, walk_seconds: float = 20.0) -> list[PassivityRun]:
+    """All rigs with both couplings, and the robot once more on MuJoCo-Warp with the constraint."""
+    runs = []
+    for coupling in (Coupling.CONSTRAINT, Coupling.EXPLICIT):
+        runs.append(falling_link(coupling))
+        runs.append(dropped_robot(coupling))
+        runs.append(walking_robot(coupling, policy=policy, seconds=walk_seconds, seed=seed))
+    engine, coupling = BackendKind.MJWARP, Coupling.CONSTRAINT
+    runs.append(dropped_robot(coupling, backend=engine))
+    runs.append(walking_robot(coupling, policy=policy, seconds=walk_seconds / 4.0, seed=seed, backend=engine))
+    return runs
+
+
+def passivity_figures(runs: list[PassivityRun]) -> dict[str, Any]:
+    """Figures by rig, then by coupling and engine."""
+    figures: dict[str, Any] = {}
+    for run in runs:
+        figures.setdefault(run.name, {})[f"{run.coupling.value}, {run.backend.value}"] = run.figures
+    return figures
+
+
+def _run(name: str, robot: ActuatedSim, steps: int) -> PassivityRun:
+    meter, joint, angles = WorkMeter(robot), robot.actuator.mr_joints[0], []
+    for _ in range(steps):
+        meter.step()
+        angles.append(float(robot.sim.q.numpy()[-1, joint]))
+    return PassivityRun(
+        name=name, coupling=robot.actuator.cfg.coupling, backend=robot.sim.backend.kind, dt=robot.sim.dt,
+        q=np.array(angles), work=np.array(meter.work), figures={**meter.figures(), "ledger_gap": meter.ledger_gap()},
+    )  # fmt: skip

@@ -1,0 +1,253 @@
+"""Rigs for the physics checks: a single link, the bench, the robot in its stance, loads, and a meter for MR work."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import warp as wp
+
+from mrwarp.actuator.mr_actuator import Coupling, HoldCurrent, MrActuatorCfg
+from mrwarp.env.backend import BackendKind, MjBatchBackend, MjWarpBackend
+from mrwarp.env.sim import ActuatedSim, Sim, SimCfg, robot_scene
+from mrwarp.env.sim_model import Scene, SolverCfg, set_brake_constraint
+from mrwarp.kernels import ledger
+from mrwarp.kernels.launch import Around
+from mrwarp.params import MrParams
+from mrwarp.usd.asset import JointActuator
+from mrwarp.usd.robot import DEFAULT_Q, STAND_HEIGHT
+
+GRAVITY = 9.81
+"""Gravity of every rig [m/s^2]."""
+
+LOADED = 100.0
+"""Foot force written to rigs without feet, so that their gates see a loaded leg [N]."""
+
+MOTORLESS = {"kp_base": 0.0, "kp_low": 0.0, "kd": 0.0}
+"""Parameters of a joint that its device has to hold alone."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Link:
+    """One rigid link on a horizontal hinge; at q = 0 it points sideways, gravity turns it towards positive q."""
+
+    mass: float = 0.3
+    """Mass [kg]."""
+    com: float = 0.2
+    """Distance of the centre of mass from the axis [m]; 0 = balanced."""
+    inertia: float = 0.016
+    """Inertia about the axis [kg·m^2]; default: a uniform rod of 0.4 m, m*L^2/3, about what a calf has (0.0144)."""
+
+    @property
+    def weight_torque(self) -> float:
+        """Torque of the weight at q = 0 [N·m]."""
+        return self.mass * GRAVITY * self.com
+
+
+def link_scene(
+    mr: MrParams, *, dt: float, link: Link | None = None, brake: bool = True, solver: SolverCfg | None = None
+) -> Scene:
+    """A scene with one MR joint and nothing else.
+
+    Args:
+        mr: The joint's device and motor.
+        dt: Physics step [s].
+        link: What the joint carries.
+        brake: Make the joint's dry friction the brake constraint; False leaves MuJoCo's default friction.
+        solver: Constraint solver options.
+    """
+    link, solver = link or Link(), solver or SolverCfg()
+    across = link.inertia - link.mass * link.com**2
+    model = mujoco.MjModel.from_xml_string(f"""
+        <mujoco>
+          <option timestep="{dt}" gravity="0 0 -{GRAVITY}" solver="Newton" iterations="{solver.iterations}"
+                  ls_iterations="{solver.ls_iterations}" tolerance="{solver.tolerance}"/>
+          <worldbody><body name="link">
+            <joint name="joint" type="hinge" axis="0 1 0"/>
+            <inertial pos="{link.com} 0 0" mass="{link.mass}" diaginertia="{across} {across} {across}"/>
+          </body></worldbody>
+        </mujoco>""")
+    if brake:
+        set_brake_constraint(model, [0], dt)
+    motor = mr.motor
+    joint = JointActuator(
+        joint="joint", prim_path="", kp=motor.kp_base, kd=motor.kd, tau_limit=motor.tau_limit, mr=mr
+    )  # fmt: skip
+    zero = np.zeros(1, dtype=np.int32)
+    return Scene(
+        model=model, actuators=(joint,), legs=(0,), q_adr=zero, v_adr=zero, foot_adr=zero[:0], floating=False
+    )  # fmt: skip
+
+
+def yield_torque(mr: MrParams, current: float) -> float:
+    """tau_y of eq. 18 in float64 [N·m]."""
+    ratio = (current / mr.hold.K) ** mr.hold.n
+    return mr.hold.T_max * ratio / (1.0 + ratio)
+
+
+def joint_inertia(scene: Scene, joint: str) -> float:
+    """Inertia that a joint sees with every other joint locked, in the model's own pose [kg·m^2]."""
+    data = mujoco.MjData(scene.model)
+    mujoco.mj_forward(scene.model, data)
+    dof = scene.v_adr[scene.joints.index(joint)]
+    return float(mass_matrix(scene.model, data)[dof, dof])
+
+
+def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Dense joint-space inertia, shape (nv, nv)."""
+    dense = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, dense)
+    return dense
+
+
+class Load:
+    """Torque on a rig's only joint from outside.
+
+    Args:
+        robot: A rig with one joint.
+    """
+
+    def __init__(self, robot: ActuatedSim) -> None:
+        model = robot.sim.scene.model
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        joint = int(np.flatnonzero(model.jnt_dofadr == robot.sim.scene.v_adr[0])[0])
+        self._body, self._axis = int(model.jnt_bodyid[joint]), data.xaxis[joint].copy()
+        self._field = robot.sim.backend.field("xfrc_applied")
+        self._values = np.zeros((robot.sim.num_envs, model.nbody, 6))
+
+    def set(self, torque: np.ndarray) -> None:
+        """Load the joint [N·m], shape (E,); stays until it is changed."""
+        self._values[:, self._body, 3:] = torque[:, None] * self._axis
+        self._field.assign(self._values.reshape(self._field.numpy().shape))
+
+
+def stance(scene: Scene, num_envs: int, *, lift: float = 0.0) -> wp.array:
+    """The robot's neutral stance, its feet ``lift`` [m] above touching the ground; qpos of shape (E, nq)."""
+    qpos = np.array(scene.model.qpos0)
+    qpos[2] = STAND_HEIGHT + lift
+    qpos[scene.q_adr] = DEFAULT_Q
+    return wp.array(np.tile(qpos, (num_envs, 1)), dtype=float, device="cpu")
+
+
+def standing_robot(
+    *,
+    currents: tuple[float, ...],
+    coupling: Coupling = Coupling.CONSTRAINT,
+    backend: BackendKind = BackendKind.MJBATCH,
+    lift: float = 0.0,
+    options: Callable[[mujoco.MjModel], None] | None = None,
+) -> ActuatedSim:
+    """The robot in its stance, one environment per holding current [A]; its motors hold the stance.
+
+    Args:
+        currents: Current each environment may use, and uses while holding [A].
+        coupling: How the devices act.
+        backend: The engine.
+        lift: Height of the feet above the ground [m].
+        options: Changes the compiled model's options, past every check.
+    """
+    cfg = SimCfg(num_envs=len(currents), backend=backend, keep_data=True)
+    scene = robot_scene(None, cfg, coupling)
+    if options is not None:
+        options(scene.model)
+    robot = ActuatedSim(scene, cfg, MrActuatorCfg(coupling=coupling, hold_current=HoldCurrent.FIXED))
+    robot.current_e.assign(np.array(currents, dtype=np.float32))
+    robot.q_des.assign(np.tile(np.array(DEFAULT_Q, dtype=np.float32), (len(currents), 1)))
+    robot.reset(None, stance(scene, len(currents), lift=lift))
+    return robot
+
+
+def solver_friction(sim: Sim) -> np.ndarray:
+    """Dry friction per joint as the engine's own solver left it in its constraint rows [N·m], shape (E, J).
+
+    This is ``efc_force`` of the rows of type FRICTION_DOF: nothing of ``mrwarp`` takes part in it.
+    """
+    backend, kind = sim.backend, int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)
+    torque = np.zeros((sim.num_envs, sim.scene.model.nv))
+    if isinstance(backend, MjWarpBackend):
+        efc = backend.data.efc
+        types, dofs, forces = efc.type.numpy(), efc.id.numpy(), efc.force.numpy()
+        for env, rows in enumerate(backend.data.nefc.numpy()):
+            used = np.flatnonzero(types[env, :rows] == kind)
+            torque[env, dofs[env, used]] = forces[env, used]
+    else:
+        assert isinstance(backend, MjBatchBackend)
+        data = mujoco.MjData(sim.scene.model)
+        for env in range(sim.num_envs):
+            backend.data(env, data)
+            used = data.efc_type == kind
+            torque[env, data.efc_id[used]] = data.efc_force[used]
+    return torque[:, sim.scene.v_adr]
+
+
+class WorkMeter:
+    """Steps a rig and measures the work of its MR devices over every physics step.
+
+    The work is ``torque * (joint motion of the step)``. The torque is the solver's own row force (constraint coupling)
+    or what was applied (explicit); the motion ``qd_next*dt`` is the engine's velocity in its own precision, and
+    ``motion_gap`` checks it against the change of position.
+
+    Attributes:
+        work: Work per step, one (E, M) array each [J].
+        friction_gap: Largest difference between ``sim.friction`` and the solver's row force [N·m].
+        motion_gap: Largest difference between ``qd_next*dt`` and the change of q [rad].
+    """
+
+    def __init__(self, robot: ActuatedSim) -> None:
+        self.robot = robot
+        self.work: list[np.ndarray] = []
+        self.friction_gap = self.motion_gap = 0.0
+        self._step = robot.step
+
+    def attach(self) -> WorkMeter:
+        """Meter every step that others make through ``robot.step``."""
+        self.robot.step = self.step
+        return self
+
+    def step(self, count: int = 1, around: Around | None = None) -> None:
+        """``count`` metered steps, and what a task does around them."""
+        for launch in around.before if around else ():
+            launch()
+        for _ in range(count):
+            self._metered_step()
+        for launch in around.after if around else ():
+            launch()
+
+    def _metered_step(self) -> None:
+        sim, actuator = self.robot.sim, self.robot.actuator
+        scene, mr = sim.scene, list(actuator.mr_joints)
+        qpos, qvel = sim.backend.field("qpos"), sim.backend.field("qvel")
+        before = qpos.numpy()[:, scene.q_adr].copy()
+        self._step(1)
+        motion = qvel.numpy()[:, scene.v_adr].astype(np.float64) * sim.dt
+        self.motion_gap = max(self.motion_gap, float(np.abs(qpos.numpy()[:, scene.q_adr] - before - motion).max()))
+        if actuator.cfg.coupling is Coupling.CONSTRAINT:
+            torque = solver_friction(sim)[:, mr]
+            self.friction_gap = max(self.friction_gap, float(np.abs(torque - sim.friction.numpy()[:, mr]).max()))
+        else:
+            torque = actuator.tau_mr.numpy().astype(np.float64)
+        self.work.append(torque * motion[:, mr])
+
+    def figures(self) -> dict[str, float]:
+        """What the devices did: largest work in one step, injected and net energy per environment [J], and the gaps."""
+        work, sim = np.array(self.work), self.robot.sim
+        return {
+            "steps": float(len(work)),
+            "largest_step_work": float(work.max()),
+            "injected": float(np.maximum(work, 0.0).sum() / sim.num_envs),
+            "net_work": float(work.sum() / sim.num_envs),
+            "friction_gap": self.friction_gap,
+            "motion_gap": self.motion_gap,
+            "unsolved_share": float(sim.unsolved.numpy().sum() / (sim.num_envs * len(work))),
+        }
+
+    def ledger_gap(self) -> float:
+        """Largest difference between the simulator's own ledger and the meter, per device [J]; without resets only."""
+        entries = self.robot.actuator.ledger.numpy()[:, list(self.robot.actuator.mr_joints)]
+        net = entries[:, :, int(ledger.DYNAMIC) : int(ledger.DRAG) + 1].sum(-1)
+        work = np.array(self.work)
+        injected = np.maximum(work, 0.0).sum(0)
+        return float(max(np.abs(net - work.sum(0)).max(), np.abs(entries[:, :, int(ledger.INJECTED)] - injected).max()))

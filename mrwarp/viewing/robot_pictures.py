@@ -1,0 +1,205 @@
+"""Pictures without a viewer: robots from the side at five instants, and what their joints did around them."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from PIL import Image
+
+from mrwarp.env.sim_model import Scene
+from mrwarp.kernels import ledger
+from mrwarp.run_dir import replacing
+from mrwarp.usd.robot import CALVES, GAIT_FREQUENCY, LEGS
+from mrwarp.viewing.frames import Frames, Gate
+from mrwarp.viewing.ground import ground_of, trunk_height
+from mrwarp.viewing.shapes import CURRENT_COLORS, GATE_COLORS, LEG_COLORS
+from mrwarp.viewing.side_view import FORCE_COLOR, GROUND_COLOR, GROUND_EDGE, SideView, rgb
+
+INSTANTS = 5
+"""Instants in a row, evenly over one stride."""
+
+PITCH = 0.8
+"""Distance between the drawn robots of a row [m]."""
+
+
+def contact_sheet(
+    scene: Scene, frames: Frames, currents: Sequence[float], path: Path, *, title: str = "", seconds: float = 2.0
+) -> None:
+    """Five instants of every robot, and the time series of the last ``seconds`` around them.
+
+    Args:
+        scene: What is simulated.
+        frames: What happened; its last ``seconds`` are shown.
+        currents: Current I_e of each robot [A].
+        path: PNG to write.
+        title: Title.
+        seconds: Time shown [s].
+    """
+    frames = frames[frames.time >= frames.time[-1] - seconds - 1e-9]
+    stride = min(1.0 / GAIT_FREQUENCY, float(frames.time[-1] - frames.time[0]))
+    wanted = frames.time[-1] - stride * (1.0 - np.arange(INSTANTS) / INSTANTS)
+    instants = [int(np.argmin(np.abs(frames.time - t))) for t in wanted]
+    num = len(currents)
+    has_device = frames.current.shape[2] > 0
+    plots = 4 if has_device else 2
+    heights = [0.3] + [1.12] * num + [0.5] + [1.25] * plots  # inches
+    figure = Figure(figsize=(10.0, sum(heights) + 0.5), layout="constrained")
+    figure.get_layout_engine().set(h_pad=0.02, w_pad=0.04, hspace=0.02)  # type: ignore[union-attr]
+    figure.suptitle(title, fontsize=10.5, x=0.012, ha="left", fontweight="bold")
+    grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
+    _draw_times(figure.add_subplot(grid[0, :]), frames.time[instants])
+    side = SideView(scene)
+    for k, current in enumerate(currents):
+        _draw_row(figure.add_subplot(grid[k + 1, :]), side, frames, k, instants, f"{current:g} A")
+    _draw_legend(figure.add_subplot(grid[num + 1, :]), currents, has_device)
+    axes = [[figure.add_subplot(grid[num + 2 + row, column]) for column in range(2)] for row in range(plots)]
+    _plot_motion(axes[0], scene, frames, currents)
+    if has_device:
+        legs = [LEGS[leg] for leg, a in zip(scene.legs, scene.actuators, strict=True) if a.mr is not None]
+        _plot_devices(axes[1:3], frames, legs, num - 1, currents[-1])
+    _plot_motor(axes[-1][0], scene, frames, num - 1, currents[-1])
+    _plot_energy(axes[-1][1], frames, currents)
+    for row in axes:
+        for axis in row:
+            _tidy(axis, frames.time, instants, last=row is axes[-1])
+    _save(figure, path)
+
+
+def _tidy(axis: Axes, time: np.ndarray, instants: Sequence[int], *, last: bool) -> None:
+    """What all time series have in common."""
+    axis.set_xlim(float(time[0]), float(time[-1]))
+    axis.grid(alpha=0.25, linewidth=0.6)
+    axis.tick_params(labelsize=7.5, labelbottom=last)
+    for i in instants:
+        axis.axvline(float(time[i]), color="0.55", linewidth=0.6, linestyle=(0, (2, 2)), zorder=0)
+    for spine in ("top", "right"):
+        axis.spines[spine].set_visible(False)
+    if last:
+        axis.set_xlabel("time [s]", fontsize=8)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    """Write a PNG with a palette: a third of the size, for pictures that go into a repository."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, dpi=110, format="png", facecolor="white")
+    image = Image.open(buffer).convert("RGB").quantize(255, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    with replacing(path) as partial:
+        image.save(partial, format="PNG", optimize=True)
+
+
+def _frame_row(axis: Axes, height: float) -> None:
+    """Axes of a row of drawn robots, in metres, without decoration."""
+    axis.set(xlim=(-0.3, PITCH * INSTANTS), ylim=(-0.04, -0.04 + height), aspect="equal")
+    axis.set_axis_off()
+
+
+def _draw_times(axis: Axes, times: np.ndarray) -> None:
+    _frame_row(axis, 0.1)
+    for place, time in enumerate(times):
+        axis.text(PITCH * (place + 0.5), 0.0, f"{time:.2f} s", ha="center", va="center", fontsize=8.5, color="0.3")
+    arrow = {"arrowstyle": "-|>", "color": "0.45", "lw": 1.0, "mutation_scale": 8}
+    axis.annotate("", xy=(PITCH * INSTANTS - 0.02, 0.0), xytext=(PITCH * INSTANTS - 0.22, 0.0), arrowprops=arrow)
+
+
+def _draw_row(axis: Axes, side: SideView, frames: Frames, k: int, instants: Sequence[int], label: str) -> None:
+    """One robot at the instants, from left to right."""
+    if not side.uneven:
+        axis.axhspan(-0.05, 0.0, color=GROUND_COLOR, zorder=0)
+        axis.axhline(0.0, color=GROUND_EDGE, linewidth=0.8, zorder=1)
+    for place, i in enumerate(instants):
+        x = PITCH * (place + 0.5)
+        side.draw(axis, frames.qpos[i, k], frames.gate[i, k], frames.foot_force[i, k], x=x)
+    axis.text(-0.28, 0.2, label, ha="left", va="center", fontsize=11, fontweight="bold")
+    _frame_row(axis, 0.48)
+
+
+def _draw_legend(axis: Axes, currents: Sequence[float], has_device: bool) -> None:
+    """What the colours of robots, currents and legs mean."""
+    axis.set_axis_off()
+    robot: list[Patch | Line2D] = []
+    if has_device:
+        names = {Gate.OFF: "gates closed", Gate.DYNAMIC: "dynamic gate open", Gate.HOLD: "holding gate open"}
+        robot = [Patch(facecolor=rgb(GATE_COLORS[gate]), label=f"calf: {text}") for gate, text in names.items()]
+    robot.append(Line2D([], [], color=FORCE_COLOR, marker="^", markersize=4, label="foot force"))
+    lines = [Line2D([], [], color="0.4", linestyle="--", linewidth=1, label="command")]
+    lines += [
+        Line2D([], [], color=rgb(CURRENT_COLORS[k % len(CURRENT_COLORS)]), label=f"{current:g} A")
+        for k, current in enumerate(currents)
+    ]
+    lines += [Line2D([], [], color=rgb(LEG_COLORS[leg]), label=name) for leg, name in enumerate(LEGS)]
+    style = {"fontsize": 8, "frameon": False, "borderpad": 0.0, "borderaxespad": 0.0, "handlelength": 1.6}
+    axis.add_artist(axis.legend(handles=robot, loc="upper center", ncols=len(robot), **style))
+    axis.legend(handles=lines, loc="lower center", ncols=len(lines), **style)
+
+
+def _plot_motion(axes: Sequence[Axes], scene: Scene, frames: Frames, currents: Sequence[float]) -> None:
+    """Forward velocity and trunk height over the ground of all robots."""
+    height = trunk_height(ground_of(scene.model), frames.qpos)
+    axes[0].plot(frames.time, frames.v_x_command[:, 0], color="0.4", linewidth=1, linestyle="--")
+    for k, _ in enumerate(currents):
+        color = rgb(CURRENT_COLORS[k % len(CURRENT_COLORS)])
+        axes[0].plot(frames.time, frames.v_x[:, k], color=color, linewidth=1.2)
+        axes[1].plot(frames.time, height[:, k], color=color, linewidth=1.2)
+    _title(axes[0], "forward velocity [m/s]")
+    _title(axes[1], "trunk height [m]")
+
+
+def _plot_devices(axes: Sequence[Sequence[Axes]], frames: Frames, legs: Sequence[str], k: int, current: float) -> None:
+    """Torque, current and gates of one robot's devices."""
+    (torque, coil), (gates, force) = axes
+    for device, leg in enumerate(legs):
+        color = rgb(LEG_COLORS[LEGS.index(leg)])
+        torque.plot(frames.time, frames.tau_mr[:, k, device], color=color, linewidth=1.2)
+        coil.step(frames.time, frames.current[:, k, device], color=color, linewidth=1.2, where="post")
+        for gate in (Gate.DYNAMIC, Gate.HOLD):
+            spans = _spans(frames.time, frames.gate[:, k, device] == gate)
+            gates.broken_barh(spans, (len(legs) - 1 - device + 0.12, 0.76), color=rgb(GATE_COLORS[gate]), linewidth=0)
+    for leg in range(len(LEGS)):
+        norm = np.linalg.norm(frames.foot_force[:, k, leg], axis=-1)
+        force.plot(frames.time, norm, color=rgb(LEG_COLORS[leg]), linewidth=1.2)
+    gates.set_yticks([len(legs) - 1 - i + 0.5 for i in range(len(legs))], legs)
+    gates.set_ylim(0, len(legs))
+    _title(torque, f"MR torque at {current:g} A [N·m]")
+    _title(coil, f"coil current at {current:g} A [A]")
+    _title(gates, f"gates at {current:g} A")
+    _title(force, f"foot force at {current:g} A [N]")
+
+
+def _plot_motor(axis: Axes, scene: Scene, frames: Frames, k: int, current: float) -> None:
+    """Calf motors of one robot."""
+    for joint, name in enumerate(scene.joints):
+        if name in CALVES:
+            color = rgb(LEG_COLORS[scene.legs[joint]])
+            axis.plot(frames.time, frames.tau_motor[:, k, joint], color=color, linewidth=1.2)
+    _title(axis, f"calf motor torque at {current:g} A [N·m]")
+
+
+def _plot_energy(axis: Axes, frames: Frames, currents: Sequence[float]) -> None:
+    """Work of motors and devices since the start of the window."""
+    used = (frames.ledger - frames.ledger[:1]).sum(2)
+    device = used[:, :, int(ledger.DYNAMIC) : int(ledger.DRAG) + 1].sum(-1)
+    for k, _ in enumerate(currents):
+        color = rgb(CURRENT_COLORS[k % len(CURRENT_COLORS)])
+        axis.plot(frames.time, used[:, k, int(ledger.MOTOR)], color=color, linewidth=1.2)
+        axis.plot(frames.time, device[:, k], color=color, linewidth=1.2, linestyle=":")
+    styles = [Line2D([], [], color="0.4", label="motors"), Line2D([], [], color="0.4", linestyle=":", label="devices")]
+    axis.legend(handles=styles, fontsize=7, ncols=2, loc="upper left", framealpha=0.8, borderpad=0.3)
+    _title(axis, "work on the joints [J]")
+
+
+def _title(axis: Axes, text: str) -> None:
+    axis.set_title(text, fontsize=8.5, loc="left", pad=3)
+
+
+def _spans(time: np.ndarray, active: np.ndarray) -> list[tuple[float, float]]:
+    """Begin and length of every run of True; an instant lasts until the next one."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], active.astype(int), [0]])))
+    step = float(time[1] - time[0]) if len(time) > 1 else 0.0
+    return [(float(time[a]), float(time[b - 1] - time[a]) + step) for a, b in edges.reshape(-1, 2)]

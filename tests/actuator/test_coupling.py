@@ -1,0 +1,136 @@
+"""What the joint feels: the residual, the device as explicit torque or as brake constraint, SAL off."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from mrwarp.actuator.mr_actuator import Coupling, MrActuator, MrActuatorCfg
+from mrwarp.kernels.ledger import ENTRIES
+from mrwarp.kernels.window import FEATURES, WINDOW
+from mrwarp.params import MrParams
+from tests.actuator.actuator_bench import CALVES, DT, LEGS, Bench, f32, make_joints, random_inputs
+
+
+class Shift:
+    """A residual of 0.75 N·m that remembers nothing but its calls."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[tuple[int, ...], int]] = []
+
+    graphable = False
+
+    def bind(self, *arrays: wp.array) -> None:
+        """Nothing to prepare."""
+
+    def __call__(self, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
+        """Count the call, shift the torque."""
+        self.calls.append((ring.shape, int(head.numpy()[0])))
+        tau_dyn.assign(tau_dyn.numpy() + f32(0.75) * m_dyn.numpy())
+
+    def reset(self, mask: wp.array) -> None:
+        """Nothing to forget."""
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Nothing to keep."""
+        return {}
+
+    def load_state(self, state: dict[str, np.ndarray]) -> None:
+        """Nothing to restore."""
+
+
+@pytest.mark.parametrize("coupling", list(Coupling))
+def test_residual_is_added_to_the_prediction_alone(coupling: Coupling):
+    """A residual that adds 0.75 N·m where the damping gate is open: tau_dyn shifts by that, the state does not."""
+    residual = Shift()
+    calls = residual.calls
+    cfg = MrActuatorCfg(coupling=coupling)
+    plain, learned = Bench(6, cfg), Bench(6, cfg, residual=residual)
+    rng = np.random.default_rng(29)
+    for _ in range(20):
+        x = random_inputs(rng, 6)
+        plain.step(**x)
+        learned.step(**x)
+    a, b = plain.everything(), learned.everything()
+    shift = f32(0.75) * a["m_dyn"]
+    assert a["m_dyn"].any()
+    np.testing.assert_array_equal(b["tau_dyn"], a["tau_dyn"] + shift)
+    for name in ("z", "current", "ring", "m_dyn", "m_hold", "tau_motor"):
+        assert a[name].tobytes() == b[name].tobytes(), name
+    # what the joint feels follows the sum: the bound, or the torque against the motion
+    felt = {Coupling.CONSTRAINT: b["bound"][:, CALVES], Coupling.EXPLICIT: abs(b["tau_mr"])}[coupling]
+    sliding = b["m_hold"] == 0
+    np.testing.assert_array_equal(felt[sliding], abs(b["tau_dyn"])[sliding])
+    assert calls == [((6, 2, WINDOW, FEATURES), k % WINDOW) for k in range(1, 21)]
+
+
+def test_constraint_coupling_leaves_the_device_to_the_solver():
+    """tau is the motor alone; the bound is the yield torque where held (at least the drag), |tau_dyn| elsewhere."""
+    bench, rng = Bench(50, MrActuatorCfg(coupling=Coupling.CONSTRAINT)), np.random.default_rng(30)
+    bench.write(**random_inputs(rng, 50))
+    bench.actuator.step()
+    got = bench.everything()
+    assert got["tau"].tobytes() == got["tau_motor"].tobytes()
+    assert np.isnan(got["tau_mr"]).all()
+    p = MrParams().hold
+    current = got["current"].astype(float)
+    tau_y = p.T_max * current**p.n / (p.K**p.n + current**p.n)
+    sliding, held = abs(got["tau_dyn"]), got["m_hold"] > 0
+    assert held.sum() > 10
+    want = np.where(held, np.maximum(tau_y, sliding), sliding)
+    np.testing.assert_allclose(got["bound"][:, CALVES], want, rtol=2e-5, atol=1e-6)
+    assert not np.delete(got["bound"], CALVES, axis=1).any()
+    # the account takes over the torque that the solver found
+    bench.actuator.account()
+    np.testing.assert_array_equal(bench.actuator.tau_mr.numpy(), bench.inputs.friction.numpy()[:, CALVES])
+
+
+def test_constraint_coupling_is_passive_in_discrete_time():
+    """Loaded light joints settle for 1 s: the constraint injects nothing, the explicit device does positive work."""
+    works = {}
+    for coupling in Coupling:
+        bench, rng = Bench(16, MrActuatorCfg(coupling=coupling)), np.random.default_rng(31)
+        bench.write(**random_inputs(rng, 16) | {"f_foot": np.full(2, 50.0)})
+        for _ in range(200):
+            bench.substep()
+        ledger = np.moveaxis(bench.actuator.ledger.numpy()[:, CALVES], -1, 0)
+        works[coupling] = dict(zip(ENTRIES, ledger, strict=True))
+    brake, explicit = works[Coupling.CONSTRAINT], works[Coupling.EXPLICIT]
+    # a stopped joint keeps a velocity of rounding, 2^-24 of its last one: 25 N·m * 1e-7 rad/s * 5 ms = 1e-8 J
+    assert brake["injected"].max() < 1e-8
+    assert (brake["dynamic"] + brake["hold"] + brake["drag"]).min() < -0.5
+    # at the first instant eq. 6 opposes the motion; over the step it turns the joint around and pushes it
+    assert explicit["dynamic"].max() > 1e-3
+    assert explicit["injected"].max() > 1e-3
+
+
+def test_explicit_coupling_adds_the_device_to_the_motor():
+    """tau = motor + device at the calves, motor alone elsewhere, and no bound."""
+    bench, rng = Bench(50, MrActuatorCfg(coupling=Coupling.EXPLICIT)), np.random.default_rng(32)
+    bench.step(**random_inputs(rng, 50))
+    got = bench.everything()
+    device = np.zeros((50, 6), dtype=np.float32)
+    device[:, CALVES] = got["tau_mr"]
+    np.testing.assert_array_equal(got["tau"], got["tau_motor"] + device)
+    assert not got["bound"].any()
+    assert (abs(got["tau_mr"]) > 0).sum() > 80
+
+
+def test_sal_off_keeps_the_drag():
+    """SAL off: both gates closed, no current, full motor gain, and the drag at 0 A remains."""
+    bench, rng = Bench(50, MrActuatorCfg(sal=False)), np.random.default_rng(33)
+    x = {name: f32(value) for name, value in random_inputs(rng, 50).items()}
+    bench.step(**x)
+    got = bench.everything()
+    assert not (got["m_dyn"].any() or got["m_hold"].any() or got["current"].any())
+    assert got["bound"][:, CALVES].min() > 0.0
+    e, qd = (x["q_des"].astype(float) - x["q"])[:, CALVES], x["qd"].astype(float)[:, CALVES]
+    kp_base = MrParams().motor.kp_base
+    want = np.clip(kp_base * e - 0.6 * qd, -23.7, 23.7)
+    np.testing.assert_allclose(got["tau_motor"][:, CALVES], want, rtol=0, atol=1e-5)
+
+
+def test_actuator_refuses_joints_that_do_not_match_its_arrays():
+    """Six columns of state and five joints: both numbers are in the message."""
+    inputs = Bench(2).inputs
+    with pytest.raises(ValueError, match="5 joints and 6 legs given for arrays of 6 joints"):
+        MrActuator(make_joints()[:5], LEGS, inputs, dt=DT)

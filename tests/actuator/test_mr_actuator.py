@@ -1,0 +1,223 @@
+"""MrActuator: independence of environments, masked reset, resume, capture, couplings and parameters."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from mrwarp.actuator.mr_actuator import Coupling, HoldCurrent, MrActuatorCfg, ZStep
+from mrwarp.kernels.joint_params import FIELDS
+from mrwarp.kernels.ledger import ENTRIES
+from mrwarp.kernels.window import FEATURES, WINDOW
+from mrwarp.params import MrParams
+from tests.actuator.actuator_bench import CALVES, Bench, assert_bit_equal, f32, make_joints, random_inputs, rows
+
+CFGS = [
+    MrActuatorCfg(coupling=coupling, hold_current=hold, z_step=z_step)
+    for coupling, hold, z_step in [
+        (Coupling.EXPLICIT, HoldCurrent.SUPPORT, ZStep.EULER),
+        (Coupling.CONSTRAINT, HoldCurrent.FIXED, ZStep.EXACT),
+        (Coupling.CONSTRAINT, HoldCurrent.SUPPORT, ZStep.EULER),
+    ]
+]
+each_cfg = pytest.mark.parametrize("cfg", CFGS, ids=lambda c: f"{c.coupling.value}-{c.hold_current.value}")
+
+
+@each_cfg
+@pytest.mark.parametrize("share_params", [True, False])
+def test_environment_of_a_batch_equals_the_same_environment_alone(cfg: MrActuatorCfg, share_params: bool):
+    """8 environments together and one by one, 50 random steps: every array bit-equal."""
+    together = Bench(8, cfg, share_params=share_params)
+    alone = [Bench(1, cfg) for _ in range(8)]
+    rng, gates = np.random.default_rng(21), np.zeros(2)
+    for _ in range(50):
+        x = random_inputs(rng, 8)
+        together.step(**x)
+        gates += [together.actuator.m_dyn.numpy().sum(), together.actuator.m_hold.numpy().sum()]
+        for k in range(8):
+            alone[k].step(**rows(x, [k]))
+    got = together.everything()
+    assert np.isfinite(got["tau"]).all() and np.isfinite(got["tau_mr"]).all()
+    assert gates.min() > 50
+    got.pop("params")
+    for k in range(8):
+        want = alone[k].everything()
+        want.pop("params")
+        assert_bit_equal(rows(got, [k]), want)
+
+
+def test_reset_of_a_mask_leaves_other_environments_bit_equal():
+    """After 60 steps (the ring has wrapped), reset 3 of 8: only they change, and all continue as if alone."""
+    bench, twin = Bench(8), Bench(8)
+    rng = np.random.default_rng(22)
+    for _ in range(60):
+        x = random_inputs(rng, 8)
+        bench.step(**x)
+        twin.step(**x)
+    mask = np.isin(np.arange(8), [1, 4, 7])
+    kept, hit = np.flatnonzero(~mask), np.flatnonzero(mask)
+    bench.actuator.reset(wp.array(mask, dtype=wp.bool, device="cpu"))
+    assert_bit_equal(rows(bench.everything(), kept), rows(twin.everything(), kept))
+    state = rows(bench.actuator.state(), hit)
+    for name in ("z", "current", "ledger", "m_dyn", "m_hold", "tau_dyn", "tau_mr"):
+        assert not state[name].any(), name
+    neutral = MrParams().bouc_wen
+    q_c = x["q"][hit][:, CALVES] - neutral.q_neutral - neutral.q_offset
+    np.testing.assert_allclose(state["ring"][..., 0], np.repeat(q_c[:, :, None], WINDOW, axis=2), rtol=0, atol=1e-6)
+    assert not state["ring"][..., 1:].any()
+    for _ in range(5):
+        x = random_inputs(rng, 8)
+        bench.step(**x)
+        twin.step(**x)
+    assert_bit_equal(rows(bench.everything(), kept), rows(twin.everything(), kept))
+
+
+def test_reset_of_all_equals_a_new_actuator():
+    """reset() without a mask, then 5 steps: the same as a new actuator that was reset at the same pose."""
+    used, new = Bench(3), Bench(3)
+    rng = np.random.default_rng(23)
+    for _ in range(WINDOW):
+        used.step(**random_inputs(rng, 3))
+    # after 50 steps the head stands where it began: the rings can be compared row by row
+    for bench in (used, new):
+        bench.write(q=np.full(6, -1.4))
+        bench.actuator.reset()
+    for _ in range(5):
+        x = random_inputs(rng, 3)
+        used.step(**x)
+        new.step(**x)
+    assert_bit_equal(used.everything(), new.everything())
+
+
+@each_cfg
+def test_state_resumes_bit_equal(cfg: MrActuatorCfg):
+    """A new actuator that loads the state after 33 steps continues bit-equal, changed parameters included."""
+    bench, resumed = Bench(4, cfg, share_params=False), Bench(4, cfg, share_params=False)
+    rng = np.random.default_rng(24)
+    bench.actuator.set_param("K1", rng.uniform(5, 15, (4, 2)))
+    for _ in range(33):
+        bench.step(**random_inputs(rng, 4))
+    state = bench.actuator.state()
+    copy = {name: value.copy() for name, value in state.items()}
+    resumed.actuator.load_state(state)
+    for _ in range(20):
+        x = random_inputs(rng, 4)
+        bench.step(**x)
+        resumed.step(**x)
+    assert_bit_equal(resumed.everything(), bench.everything())
+    # the state handed out is a copy: later steps do not change it
+    assert_bit_equal(state, copy)
+
+
+@pytest.mark.parametrize("substeps", [1, 2, 3, 5])
+@each_cfg
+def test_captured_steps_equal_eager_steps(cfg: MrActuatorCfg, substeps: int):
+    """A captured loop of steps, plant and account, replayed 12 times, is bit-equal to running it eagerly."""
+    eager, captured = Bench(4, cfg), Bench(4, cfg)
+    start = random_inputs(np.random.default_rng(25), 4)
+    for bench in (eager, captured):
+        bench.write(**start)
+        bench.substep()
+    before = captured.everything()
+    with wp.ScopedCapture(device="cpu") as capture:
+        for _ in range(substeps):
+            captured.substep()
+    assert_bit_equal(captured.everything(), before)
+    graph = capture.graph
+    assert graph is not None
+    for _ in range(12):
+        wp.capture_launch(graph)
+        for _ in range(substeps):
+            eager.substep()
+    assert_bit_equal(captured.everything(), eager.everything())
+    assert eager.actuator.head.numpy()[0] == (1 + 12 * substeps) % WINDOW
+    assert np.isfinite(eager.everything()["ledger"]).all()
+
+
+def test_history_holds_what_the_joint_did():
+    """After 70 steps the ring, read from the head, holds the last 50 (q_c, qd, I) of each device."""
+    bench, rng, seen = Bench(3), np.random.default_rng(26), []
+    for _ in range(70):
+        x = random_inputs(rng, 3)
+        bench.step(**x)
+        p = MrParams().bouc_wen
+        q_c = x["q"][:, CALVES] - p.q_neutral - p.q_offset - p.q_center
+        seen.append(np.stack([q_c, x["qd"][:, CALVES], bench.actuator.current.numpy()], axis=-1))
+    head = bench.actuator.head.numpy()[0]
+    order = (head + 1 + np.arange(WINDOW)) % WINDOW
+    ring = bench.actuator.ring.numpy()[:, :, order]
+    assert ring.shape == (3, 2, WINDOW, FEATURES)
+    np.testing.assert_allclose(ring, np.stack(seen[-WINDOW:], axis=2), rtol=1e-6, atol=1e-6)
+
+
+def test_shared_and_own_parameters_give_the_same_result():
+    """One row of parameters for all, or the same row for each environment: bit-equal over 30 steps."""
+    shared, own = Bench(5, share_params=True), Bench(5, share_params=False)
+    rng = np.random.default_rng(27)
+    for _ in range(30):
+        x = random_inputs(rng, 5)
+        shared.step(**x)
+        own.step(**x)
+    a, b = shared.everything(), own.everything()
+    assert (a.pop("params").shape, b.pop("params").shape) == ((1, 2, len(FIELDS)), (5, 2, len(FIELDS)))
+    assert_bit_equal(a, b)
+
+
+def one_tau_dyn(current: float, factor: float) -> np.ndarray:
+    """Prediction at a given current with K1 scaled and I1 = 0, the same state otherwise."""
+    bench = Bench(4, MrActuatorCfg(hold_current=HoldCurrent.FIXED))
+    bench.actuator.set_param("I1", 0.0)
+    bench.actuator.set_param("coil_time_constant", 0.0)
+    bench.actuator.set_param("K1", factor * bench.actuator.param("K1").numpy())
+    # loaded joints that escape from their target: the damping gate is open and takes all of the current
+    bench.step(q_des=-1.5, q=-1.3, qd=2.0, f_foot=50.0, current_e=current, friction=0.0)
+    np.testing.assert_array_equal(bench.actuator.current.numpy(), f32(current))
+    return bench.actuator.tau_dyn.numpy()
+
+
+def test_set_param_doubles_the_part_that_current_makes():
+    """tau_dyn(I) - tau_dyn(0) is proportional to K1; its value by hand is K1*I/(1 + alpha*|qd|)*z with z = qd*dt."""
+    single = one_tau_dyn(1.2, 1.0) - one_tau_dyn(0.0, 1.0)
+    double = one_tau_dyn(1.2, 2.0) - one_tau_dyn(0.0, 2.0)
+    # z = 2*0.005 after one Euler step from 0; K1 = 10.413315 and 5 of the two devices
+    by_hand = np.array([10.413315, 5.0]) * 1.2 / (1 + 0.7777051 * 2) * 0.01
+    np.testing.assert_allclose(single, np.tile(by_hand, (4, 1)), rtol=0, atol=2e-7)
+    np.testing.assert_allclose(double, 2 * single, rtol=0, atol=4e-7)
+
+
+def test_param_is_a_live_view_of_each_parameter():
+    """Each name reads its own value, writing one changes that one alone; an unknown name is refused."""
+    actuator = Bench(3, share_params=False).actuator
+    devices = [dict(joint.mr) for joint in make_joints() if joint.mr]
+    for name in FIELDS:
+        want = f32([[device[name] for device in devices]] * 3)
+        np.testing.assert_array_equal(actuator.param(name).numpy(), want, err_msg=name)
+    before = {name: actuator.param(name).numpy().copy() for name in FIELDS}
+    values = f32([[1, 2], [3, 4], [5, 6]])
+    actuator.set_param("gamma", values)
+    after = {name: actuator.param(name).numpy() for name in FIELDS}
+    np.testing.assert_array_equal(after.pop("gamma"), values)
+    before.pop("gamma")
+    assert_bit_equal(after, before)
+    with pytest.raises(KeyError, match="K2"):
+        actuator.param("K2")
+
+
+def test_robot_without_devices_is_plain_pd():
+    """No joint with ``mr``: tau = clip(kp*e - kd*qd), no bound, only the motor's entries in the ledger."""
+    bench, rng = Bench(4, joints=make_joints(mr=False)), np.random.default_rng(28)
+    x = {}
+    for _ in range(3):
+        x = {name: f32(value) for name, value in random_inputs(rng, 4).items()}
+        bench.step(**x)
+    kp = np.array([joint.kp for joint in bench.joints])
+    e, qd = x["q_des"].astype(float) - x["q"], x["qd"].astype(float)
+    got = bench.everything()
+    np.testing.assert_allclose(got["tau"], np.clip(kp * e - 0.6 * qd, -23.7, 23.7), rtol=0, atol=1e-5)
+    assert got["tau"].tobytes() == got["tau_motor"].tobytes()
+    assert not got["bound"].any()
+    assert not np.delete(got["ledger"], [ENTRIES.index("motor"), ENTRIES.index("motor_square")], axis=2).any()
+    state = bench.actuator.state()
+    bench.actuator.reset()
+    assert not bench.actuator.state()["ledger"].any()
+    bench.actuator.load_state(state)
+    assert_bit_equal(bench.actuator.state(), state)

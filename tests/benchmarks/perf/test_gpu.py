@@ -1,0 +1,71 @@
+"""The figures of a GPU, made on the CPU device: the same engine, graphs and kernels, a few robots."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from benchmarks.perf import gpu
+from benchmarks.perf.gpu import GpuCfg, Target
+from benchmarks.perf.perf_cli import main
+from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
+
+
+@pytest.fixture(scope="module")
+def figures() -> dict:
+    """What a run with two robots measures."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gpu, "AIMED_AT", 2)
+        patch.setattr(gpu, "COPIED", 2**22)
+        cfg = GpuCfg(device="cpu", num_envs=(2,), rounds=2, steps=5, updates=0)
+        return gpu.run_all(cfg, OnnxPolicy(DEFAULT_POLICY), lambda text, share: None)
+
+
+def test_robots_walk_and_their_rates_follow_from_the_times(figures: dict) -> None:
+    """Physics steps per second are robots times torque steps over the robot's time; ratios are of what was timed."""
+    found = figures["walking"]["2"]
+    assert set(found["checks"]) == set(gpu.VARIANTS)
+    assert all(row["falls_per_second"] == 0.0 for row in found["checks"].values())
+    median = found["seconds"]["bouc_wen.robot"]["median"]
+    assert found["physics_steps_per_second"] == pytest.approx(8 / median)
+    assert {"bouc_wen/pd @2", "lstm/pd @2", "env/robot @2", "captured/eager @2"} == set(figures["ratios"])
+    assert figures["ratios"]["captured/eager @2"]["median"] < 1.0
+
+
+def test_the_joints_kernels_are_timed_and_their_bytes_counted(figures: dict) -> None:
+    """With the LSTM they take longer; the bytes are those of the arrays, the share of the bandwidth is theirs."""
+    found = figures["joint"]["2"]
+    assert 0.0 < found["microseconds"]["bouc_wen"]["median"] < found["microseconds"]["lstm"]["median"]
+    assert 2 * 4 * (4 * 7 + 12 * 6) < found["bytes_moved"] < 20_000
+    spent = 1e-6 * found["microseconds"]["bouc_wen"]["median"]
+    assert found["share_of_bandwidth"] * found["copy_bandwidth"] * spent == pytest.approx(found["bytes_moved"])
+
+
+def test_every_target_that_was_measured_is_judged(figures: dict) -> None:
+    """Two robots on a CPU are far below the targets of 4096 on a GPU, but for the ratio."""
+    rows = {row["figure"]: row for row in figures["targets"]}
+    assert set(rows) == {"physics steps", "bouc_wen/pd", "gates, Bouc-Wen and LSTM"}
+    assert not rows["physics steps"]["met"]
+    json.dumps(figures)
+    assert Target(unit="1/s", limit=2.0, least=True).met(2.1) and not Target(unit="s", limit=2.0, least=False).met(2.1)
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["--device", "cuda:7"], "cuda:7"),
+        (["--device", "tpu"], "tpu"),
+        (["--device", "cuda:7", "--rounds", "1"], "at least 2"),
+        (["--device", "cuda:7", "--parts", "lstm"], "walking, joint and training"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused_on_one_line(
+    options: list[str], text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 2, nothing written."""
+    out = tmp_path / "out"
+    assert main([*options, "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert text in said and said.count("\n") == 1 and not out.exists()

@@ -1,0 +1,217 @@
+"""``mrwarp asset``: show, set, check, diff, apply and export; refusals write nothing; files of other USD tools load."""
+
+import difflib
+import itertools
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrwarp.commands.run_asset import main
+from mrwarp.model_file import load_model
+from mrwarp.params import MrParams
+from mrwarp.usd.asset import ASSETS, load_robot
+from mrwarp.usd.edit import edit_asset
+from mrwarp.usd.robot import CALVES
+from mrwarp.usd.scene_report import check_asset
+
+SHIPPED = ASSETS / "mr_go.usda"
+VARIANTS = list(itertools.product(("mr_go", "go1"), (0, 3)))
+K1 = "double newton:mr:K1 = 10.413315"
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Path:
+    """A copy of the robot's file, alone in its folder."""
+    return Path(shutil.copy(SHIPPED, tmp_path / "robot.usda"))
+
+
+def replaced(path: Path, old: str, new: str) -> Path:
+    """The file with one text replaced; the text must occur."""
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    return path
+
+
+def changed_lines(path: Path) -> list[str]:
+    """Lines of the robot's file that went (-) and came (+), without indentation."""
+    old, new = (p.read_text(encoding="utf-8").splitlines() for p in (SHIPPED, path))
+    return [line[:2] + line[2:].strip() for line in difflib.ndiff(old, new) if line[0] in "+-"]
+
+
+def mr(path: Path, **variant) -> dict[str, MrParams]:
+    """Parameters of the MR joints of a file."""
+    return {a.joint: a.mr for a in load_robot(path, **variant).actuators if a.mr is not None}
+
+
+def test_show_lists_joints_and_masses(capsys):
+    """All joints with prim and gains, every MR number of the first device, bodies and the total mass."""
+    assert main(["show"]) == 0
+    out = capsys.readouterr().out
+    assert "total                12.6 kg" in out
+    assert out.count("/mr_go/actuators/") == 12
+    assert out.count("MR numbers as FL_calf") == 3
+    for spec in MrParams.specs():
+        [line] = [line for line in out.splitlines() if line.split()[:1] == [spec.name]]
+        for word in (f"{spec.unit}  ", f"default {spec.default:.10g}", "class MRDevice", spec.source):
+            assert word in line
+        assert "*" not in line
+    assert main(["show", "--full"]) == 0
+    assert capsys.readouterr().out.count("K1 ") == 4
+    assert main(["show", "--robot", "go1", "--payload", "3"]) == 0
+    assert "total                  15 kg" in capsys.readouterr().out
+    assert main(["show", str(ASSETS / "mr_bench.usda")]) == 0
+    assert "bench_joint" in capsys.readouterr().out
+
+
+def test_set_one_leg(robot, capsys):
+    """The documented command adds one line for that leg, in a new file; every other joint and variant stays."""
+    out = robot.with_name("edited.usda")
+    assert main(["set", str(robot), "FL_calf", "K1", "20.82663", "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "/mr_go/actuators/FL_calf newton:mr:K1: 10.413315 -> 20.82663 N·m/(rad·A)" in said
+    assert robot.read_bytes() == SHIPPED.read_bytes()
+    assert changed_lines(out) == ["+ double newton:mr:K1 = 20.82663"]
+    paper = MrParams()
+    assert mr(out) == {**dict.fromkeys(CALVES, paper), "FL_calf": paper.replace(K1=20.82663)}
+    assert sorted(p.name for p in robot.parent.iterdir()) == ["edited.usda", "robot.usda"]
+    main(["show", str(out)])
+    [first, *others] = [line for line in capsys.readouterr().out.splitlines() if line.split()[:1] == ["K1"]]
+    assert "* 20.82663" in first
+    assert "FL_calf in robot=mr_go" in first
+    assert len(others) == 3
+
+
+def test_set_negative_number(robot, capsys):
+    """A negative number in any notation is a value, not an option."""
+    assert main(["set", str(robot), "FL_calf", "K1", "-1e-3"]) == 2
+    assert "K1 = -0.001 is out of range; allowed: 0 to 1000 N·m/(rad·A)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["FL_claf", "K1", "3"], ["there is no actuator 'FL_claf'", "did you mean 'FL_calf'"]),
+        (["/mr_go/trunk", "K1", "3"], ["there is no actuator '/mr_go/trunk'", "known: MRDevice"]),
+        (["FL_calf", "gama", "3"], ["/actuators/FL_calf", "'gama'", "did you mean 'gamma'", "-10000 to 10000 1/rad"]),
+        (["FL_calf", "newton:mr:K1", "ten"], ["'ten' is not a number", "0 to 1000 N·m/(rad·A)"]),
+        (["FL_calf", "K1", "nan"], ["K1 = nan is out of range"]),
+        (["FL_hip", "K1", "3"], ["/mr_go/actuators/FL_hip", "plain motor", "newton:kp"]),
+        (["FL_hip", "kd", "-1"], ["newton:kd = -1 is out of range", "N·m·s/rad"]),
+        (["MRDevice", "gamma", "-20"], ["robot.usda: ", "beta + gamma > 0", "nothing was written"]),
+        (["FL_calf", "K1", "3", "--out", "nowhere/x.usda"], ["nowhere/x.usda: cannot be written", ".usda, .usdc"]),
+        (["FL_calf", "K1", "3", "--out", "x.txt"], ["x.txt: cannot be written", "name ending in .usda"]),
+    ],
+)  # fmt: skip
+def test_set_refuses(robot, capsys, words, expected):
+    """A bad prim, name, number or target is one line on stderr, exit code 2, and nothing is written."""
+    assert main(["set", str(robot), *words]) == 2
+    said = capsys.readouterr()
+    assert said.err.count("\n") == 1
+    for word in ["mrwarp asset set: ", *expected]:
+        assert word in said.err
+    assert said.out == ""
+    assert robot.read_bytes() == SHIPPED.read_bytes()
+    assert [p.name for p in robot.parent.iterdir()] == ["robot.usda"]
+
+
+def test_check_every_variant(robot, capsys):
+    """A file that works gives a line for each variant; so does one with a dead leg."""
+    assert main(["check", str(robot)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[:3] for line in lines] == [["ok", f"robot={r}", f"payload={p}"] for r, p in VARIANTS]
+    assert "12 joints, 4 MR devices, 15.6 kg, 18 degrees of freedom" in lines[1]
+    leg = 'over "RL_calf" (\n                    prepend inherits = </mr_go/parts/{}>'
+    replaced(robot, leg.format("MRDevice"), leg.format("CalfMotor"))
+    assert "12 joints, 3 MR devices, 12.6 kg" in next(check_asset(robot))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("physics:mass = 3\n", "physics:mass = -3\n", ["/mr_go/payload: physics:mass = -3.0 is not a positive number"]),
+        ("float physics:mass = 0.68\n", "", ["/mr_go/FL_hip: physics:mass is missing", "above 0 kg"]),
+        (K1, "", ["newton:mr:K1 is missing", "0 to 1000"]),
+        ('"3" {', '"three" {', ["variant payload = 'three' is not a whole number of kg"]),
+        ("(0.0089, 0.0125, 0.0164)", "(-1, 0.0125, 0.0164)", ["/mr_go/payload: physics:diagonalInertia = (-1, 0.0125"]),
+        ("(0.0089, 0.0125, 0.0164)", "(9, 0.0125, 0.0164)", ["(9, 0.0125, 0.0164) is no body's", "sum of the others"]),
+        ("(0.0089, 0.0125, 0.0164)", "(nan, nan, nan)", ["(nan, nan, nan) is no body's"]),
+        ("body1 = </mr_go/RR_calf>", "body1 = </mr_go/none>", ["robot=mr_go payload=0: Newton cannot convert it: "]),
+    ],
+)  # fmt: skip
+def test_check_refuses(robot, capsys, old, new, expected):
+    """What is wrong in any variant is one line with the place; exit code 2."""
+    replaced(robot, old, new)
+    assert main(["check", str(robot)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    for word in [str(robot), *expected]:
+        assert word in said
+
+
+def test_diff(robot, capsys):
+    """Nothing differs: 0. Numbers that differ: 1, with units, and the variants if not all. Trouble: 2."""
+    assert main(["diff", str(SHIPPED), str(robot)]) == 0
+    assert capsys.readouterr().out == ""
+    replaced(robot, "float physics:lowerLimit = -49.44625772", "float physics:lowerLimit = -40")
+    replaced(robot, "physics:mass = 3\n", "physics:mass = 4\n")
+    edit_asset(robot, "FL_calf", {"K1": 20.82663})
+    edit_asset(robot, "RR_hip", {"kp": 30})
+    assert main(["diff", str(SHIPPED), str(robot)]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    mr_go = "[robot=mr_go payload=0; robot=mr_go payload=3]"
+    assert f"actuators/FL_calf newton:mr:K1: 10.413315 -> 20.82663 N·m/(rad·A)   {mr_go}" in lines
+    assert "actuators/RR_hip newton:kp: 35 -> 30 N·m/rad" in lines
+    assert "joints/FL_hip physics:lowerLimit: -49.44626 -> -40 deg" in lines
+    assert "payload physics:mass: 3 -> 4 kg   [robot=mr_go payload=3; robot=go1 payload=3]" in lines
+    assert len(lines) == 7
+    assert main(["diff", str(robot), str(robot.with_name("none.usda"))]) == 2
+    assert "none.usda: no such file" in capsys.readouterr().err
+
+
+def test_model_file_round_trip(robot, capsys):
+    """model.json to USD and back keeps every bit of every parameter; the stance pose stays the robot's."""
+    rng = np.random.default_rng(3)
+    values = {s.name: float(rng.uniform(max(s.low, -1e3), min(s.high, 1e3))) for s in MrParams.specs()}
+    model_path, back = robot.with_name("model.json"), robot.with_name("back.json")
+    assert main(["export", str(robot), "--out", str(model_path)]) == 0
+    content = json.loads(model_path.read_text(encoding="utf-8"))
+    assert "q_neutral" not in content["parameters"]
+    for name, entry in content["parameters"].items():
+        entry["value"] = {**values, "beta": 1 / 3, "gamma": 2 / 3}[name]
+    model_path.write_text(json.dumps(content), encoding="utf-8")
+    assert main(["apply", str(robot), str(model_path), "--prim", "RL_calf"]) == 0
+    assert main(["export", str(robot), "RL_calf", "--out", str(back)]) == 0
+    assert load_model(back).values == load_model(model_path).values
+    assert [joint for joint, params in mr(robot).items() if params != MrParams()] == ["RL_calf"]
+    assert mr(robot)["RL_calf"].bouc_wen.q_neutral == -1.5
+    capsys.readouterr()
+    assert main(["export", str(robot), "--out", str(back)]) == 2
+    assert "the joints' MR devices differ; name one of: FL_calf" in capsys.readouterr().err
+
+
+def test_model_file_refusals(robot, capsys):
+    """A missing model file, a plain motor and units other than the simulator's are refused; nothing is written."""
+    missing = robot.with_name("none.json")
+    assert main(["apply", str(robot), str(missing)]) == 2
+    assert "none.json: No such file" in capsys.readouterr().err
+    assert main(["export", str(robot), "FL_hip", "--out", str(missing)]) == 2
+    assert "/mr_go/actuators/FL_hip is a plain motor" in capsys.readouterr().err
+    assert robot.read_bytes() == SHIPPED.read_bytes()
+    assert not missing.exists()
+
+
+@pytest.mark.parametrize("value", ["</x>", '"abc"', "(1, 2)"])
+def test_an_inertia_of_another_type_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], value: str) -> None:
+    """USD's parser takes a path for any type, and a text where the type says so."""
+    kind = {"</x>": "float3", '"abc"': "string", "(1, 2)": "float2"}[value]
+    text = (ASSETS / "mr_go.usda").read_text(encoding="utf-8")
+    path = tmp_path / "a.usda"
+    path.write_text(re.sub(r"float3 (physics:diagonalInertia) = .*", rf"{kind} \1 = {value}", text), encoding="utf-8")
+    assert main(["show", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "physics:diagonalInertia" in said

@@ -1,0 +1,169 @@
+"""``mrwarp diagnose``: what it writes, and that bad input or Ctrl-C leaves nothing behind."""
+
+import json
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrwarp import cli as entry
+from mrwarp.commands import run_diagnose as cli
+from mrwarp.model_file import load_model, save_model
+from mrwarp.nn.training import FitCfg
+from tests.diagnose import made_up
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    """A recording that can be read; what it holds does not matter here."""
+    t = np.arange(100) * 0.005
+    rows = "\n".join(f"{x:.3f},{np.sin(x):.6f},{np.cos(x):.6f},1.0,{np.cos(x):.6f}" for x in t)
+    path = tmp_path / "run.csv"
+    path.write_text(f"t,q,qd,current,torque\n{rows}\n")
+    return path
+
+
+@pytest.fixture
+def computed(monkeypatch: pytest.MonkeyPatch):
+    """Replaces the computation by one that answers with a made-up diagnosis; holds it and the arguments it got."""
+    state = types.SimpleNamespace(diagnosis=made_up.make("named"), got={})
+
+    def diagnose(recording, **options):
+        state.got = options
+        if isinstance(state.diagnosis, BaseException):
+            raise state.diagnosis
+        options["progress"]("fitting")
+        return state.diagnosis
+
+    fake = types.ModuleType("mrwarp.diagnose.pipeline")
+    fake.__dict__["diagnose"] = diagnose
+    monkeypatch.setitem(sys.modules, "mrwarp.diagnose.pipeline", fake)
+    return state
+
+
+def test_everything_is_written(data: Path, tmp_path: Path, computed, capsys: pytest.CaptureFixture) -> None:
+    """Result, report, model and pictures; the verdict is printed; the command is what was typed."""
+    out = tmp_path / "out"
+    argv = [str(data), "--out", str(out), "--seed", "7"]
+    assert entry.main(["diagnose", *argv]) == 0
+    assert {p.name for p in out.iterdir()} == {"result.json", "report.html", "model.json", "pictures"}
+    assert len(list((out / "pictures").iterdir())) == 9
+    result = json.loads((out / "result.json").read_text())
+    assert result["command"].startswith("mrwarp diagnose ") and "--seed 7" in result["command"]
+    assert result["model"] == "model.json"
+    assert load_model(out / "model.json").effects[0].name == "coil_lag"
+    assert computed.got["seed"] == 7 and computed.got["model"] is None
+    text = capsys.readouterr().out
+    assert computed.diagnosis.sentence in text and "coil_lag.time_constant" in text and "10.00 ms" in text
+    assert "fitting" in text and "s]" in text
+
+
+def test_no_verdict_is_an_answer(data: Path, tmp_path: Path, computed, capsys: pytest.CaptureFixture) -> None:
+    """Exit code 0, no model, and pictures of an earlier diagnosis are gone."""
+    out = tmp_path / "out"
+    (out / "pictures").mkdir(parents=True)
+    (out / "pictures" / "evidence.png").write_bytes(b"old")
+    computed.diagnosis = made_up.make(None)
+    assert cli.main([str(data), "--out", str(out)]) == 0
+    assert {p.name for p in out.rglob("*.*")} == {"result.json", "report.html", "data.png"}
+    assert json.loads((out / "result.json").read_text())["verdict"] is None
+    assert "record 30 s" in capsys.readouterr().out
+
+
+def test_bad_recordings_and_models_are_refused(
+    data: Path, tmp_path: Path, computed, capsys: pytest.CaptureFixture
+) -> None:
+    """Exit code 2, one line, no folder."""
+    out = tmp_path / "out"
+    bad = tmp_path / "bad.json"
+    bad.write_text("{}")
+    for argv in (
+        [str(tmp_path / "missing")],
+        [str(bad)],
+        [str(data), "--model", str(bad)],
+        [str(data), "--model", str(tmp_path / "missing.json")],
+        [str(data), "--predict", str(tmp_path / "missing")],
+    ):
+        assert cli.main([*argv, "--out", str(out)]) == 2
+        error = capsys.readouterr().err
+        assert error.startswith("mrwarp diagnose: ") and error.count("\n") == 1
+        assert not out.exists()
+
+
+def test_the_nominal_model_is_not_overwritten(data: Path, tmp_path: Path, computed) -> None:
+    """An output folder whose model.json is the nominal model is refused."""
+    model = tmp_path / "model.json"
+    save_model(made_up.make().model, model)
+    before = model.read_bytes()
+    assert cli.main([str(data), "--model", str(model), "--out", str(tmp_path)]) == 2
+    assert model.read_bytes() == before
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_an_output_that_is_a_file_is_refused(data: Path, computed) -> None:
+    """Before anything is computed."""
+    assert cli.main([str(data), "--out", str(data)]) == 2
+    assert computed.got == {}
+
+
+def test_ctrl_c_leaves_nothing(data: Path, tmp_path: Path, computed, capsys: pytest.CaptureFixture) -> None:
+    """Exit code 130 and one line."""
+    computed.diagnosis = KeyboardInterrupt()
+    assert cli.main([str(data), "--out", str(tmp_path / "out")]) == 130
+    assert "nothing was written" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_recordings_that_took_no_part(data: Path, tmp_path: Path, computed, capsys: pytest.CaptureFixture) -> None:
+    """``--predict`` gives both models' errors there; other units are refused."""
+
+    class Perfect:
+        """Foretells the cosine that the recording holds, the baseline half of it."""
+
+        def torque(self, recording):
+            torque = np.concatenate([run.torque for run in recording.trajectories])
+            return np.stack([0.5 * torque, torque])
+
+    computed.diagnosis = made_up.make("named", predictor=Perfect())
+    out = tmp_path / "out"
+    assert cli.main([str(data), "--out", str(out), "--predict", str(data)]) == 0
+    [mean] = json.loads((out / "result.json").read_text())["predicted"]["mean"].values()
+    assert mean["extended"] == 0.0 and mean["baseline"] > 0.1 and mean["better"] == mean["trajectories"] == 1
+    assert "Recordings that took no part" in (out / "report.html").read_text()
+    (tmp_path / "linear").mkdir()
+    (tmp_path / "linear" / "units.json").write_text('{"q": "m", "qd": "m/s", "torque": "N"}')
+    (tmp_path / "linear" / "run.csv").write_bytes(data.read_bytes())
+    capsys.readouterr()
+    assert cli.main([str(data), "--out", str(tmp_path / "other"), "--predict", str(tmp_path / "linear")]) == 2
+    assert "convert one of them" in capsys.readouterr().err
+    assert not (tmp_path / "other").exists()
+
+
+@pytest.mark.parametrize("argv", [["--seed", "-1"], ["--averaged", "-1"], ["--averaged", "100"]])
+def test_options_out_of_range(argv: list[str], data: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """Refused with what is allowed."""
+    with pytest.raises(SystemExit) as stop:
+        cli.main([str(data), "--out", str(tmp_path / "out"), *argv])
+    assert stop.value.code == 2
+    assert "allowed" in capsys.readouterr().err
+
+
+def test_learning_tells_how_much_less_is_left(
+    data: Path, tmp_path: Path, computed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The learned residual's target is smaller on top of the extension, by as much as the mismatch is."""
+    from mrwarp.diagnose import learned_remainder as learned
+
+    few = FitCfg(epochs=1, windows_per_epoch=256, validation_windows=256)
+    monkeypatch.setattr(
+        learned.left_to_learn, "__kwdefaults__", {**learned.left_to_learn.__kwdefaults__, "recipe": few}
+    )
+    out = tmp_path / "out"
+    assert cli.main([str(data), "--out", str(out), "--learn"]) == 0
+    found = json.loads((out / "result.json").read_text())["learned"]
+    d = computed.diagnosis
+    assert found["target"] == pytest.approx([d.baseline.rmse, d.extended.rmse])
+    assert found["less"] == pytest.approx(1.0 - d.extended.rmse / d.baseline.rmse)
+    assert "left for the learned model" in (out / "report.html").read_text()

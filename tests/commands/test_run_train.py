@@ -1,0 +1,167 @@
+"""``train/ppo.py``: refusals in one line with exit code 2, a run from end to end, and Ctrl-C."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import torch
+
+from mrwarp.commands import run_train as train_cli
+from mrwarp.rl import checkpoint
+from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.study.plan import POWER_PRICE
+from mrwarp.usd.asset import ASSETS
+
+ROOT = Path(__file__).resolve().parents[2]
+SCRIPT = ROOT / "train" / "ppo.py"
+K1 = "double newton:mr:K1 = 10.413315"
+
+
+def run_main(*args: str) -> int:
+    """Exit code of the command in this process; argparse leaves by SystemExit."""
+    try:
+        return train_cli.main(list(args))
+    except SystemExit as leaving:
+        assert isinstance(leaving.code, int)
+        return leaving.code
+
+
+def negative_k1(folder: Path) -> Path:
+    """A copy of the robot's asset whose devices have a negative K1."""
+    text = (ASSETS / "mr_go.usda").read_text(encoding="utf-8")
+    assert text.count(K1) == 1
+    path = folder / "negative.usda"
+    path.write_text(text.replace(K1, "double newton:mr:K1 = -1.0"), encoding="utf-8")
+    return path
+
+
+def evil_checkpoint(folder: Path) -> Path:
+    """A checkpoint that holds more than data."""
+    path = folder / "evil.pt"
+    torch.save({"format": 1, "env": print}, path)
+    return path
+
+
+REFUSED: dict[str, tuple[list[str], tuple[str, ...]]] = {
+    "a device that is not there": (["--device", "cuda:99"], ("--device cuda:99", "choose from cpu")),
+    "a device of another kind": (["--device", "tpu"], ("--device tpu", "choose from cpu")),
+    "mjbatch on a GPU": (["--device", "cuda:99", "--backend", "mjbatch"], ("cuda:99",)),
+    "a negative number of environments": (["--num-envs", "-3"], ("--num-envs", "-3 must be at least 1")),
+    "no environments": (["--num-envs", "0"], ("--num-envs", "0 must be at least 1")),
+    "half an environment": (["--num-envs", "0.5"], ("--num-envs", "0.5")),
+    "no iterations": (["--iterations", "0"], ("--iterations", "0 must be at least 1")),
+    "an unknown actuator": (["--actuator", "magic"], ("--actuator", "magic", "bouc_wen")),
+    "a file for an actuator that learns nothing": (["--actuator-model", "{text}"], ("bouc_wen", "{text}")),
+    "a missing network": (["--actuator", "mlp", "--actuator-model", "{tmp}/none.st"], ("{tmp}/none.st",)),
+    "a negative price of power": (["--power-price", "-1"], ("--power-price", "-1 must be at least 0")),
+    "an unknown randomisation": (["--randomize", "moon"], ("--randomize", "moon", "ground")),
+    "an unknown robot": (["--robot", "spot"], ("--robot", "spot", "mr_go")),
+    "an unknown option": (["--gpu"], ("--gpu",)),
+    "a missing checkpoint": (["--resume", "{tmp}/none.pt"], ("{tmp}/none.pt", "no such checkpoint")),
+    "a checkpoint with code": (["--resume", "{evil}"], ("{evil}", "refused")),
+    "a missing asset": (["--asset", "{tmp}/none.usda"], ("{tmp}/none.usda", "no such file")),
+    "an asset that is no USD": (["--asset", "{text}"], ("{text}", "not readable as USD")),
+    "an asset with negative K1": (["--asset", "{k1}"], ("{k1}", "newton:mr:K1", "-1", "out of range", "0 to 1000")),
+    "an output folder that is a file": (["--out", "{text}", "--num-envs", "2"], ("{text}",)),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_bad_input_is_refused_in_one_line(what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit code 2, one line on stderr that names option and value, and nothing written."""
+    text = tmp_path / "robot.usda"
+    text.write_text("this is no USD file\n")
+    names = {"tmp": tmp_path, "text": text, "k1": negative_k1(tmp_path), "evil": evil_checkpoint(tmp_path)}
+    args, parts = REFUSED[what]
+    out = tmp_path / "out"
+    before = sorted(tmp_path.iterdir())
+    code = run_main("--out", str(out), *(arg.format(**names) for arg in args))
+    captured = capsys.readouterr()
+    assert code == 2
+    assert captured.err.startswith("mrwarp train: ")
+    assert captured.err.count("\n") == 1 and captured.err.endswith("\n")
+    for part in parts:
+        assert part.format(**names) in captured.err
+    assert "Traceback" not in captured.err + captured.out
+    assert sorted(tmp_path.iterdir()) == before and text.read_text() == "this is no USD file\n"
+
+
+def test_parser_documents_every_option() -> None:
+    """``--help`` explains each option, and the defaults are those of the task: 64 environments on the CPU."""
+    parser = train_cli.make_parser()
+    assert all(action.help for action in parser._actions)
+    assert f"policies/energy pay {POWER_PRICE:g}" in " ".join(parser.format_help().split())
+    args = parser.parse_args([])
+    assert (args.device, args.num_envs, args.seed, args.actuator) == ("cpu", 64, 0, "bouc_wen")
+    assert (args.robot, args.payload, args.coupling, args.sal, args.no_gate) == ("mr_go", 0, "constraint", "on", False)
+
+
+def start(*args: str) -> subprocess.Popen[str]:
+    """The command as a user starts it, in a process of its own."""
+    pipe = subprocess.PIPE
+    return subprocess.Popen(
+        [sys.executable, str(SCRIPT), *args], cwd=ROOT, stdout=pipe, stderr=pipe, text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+
+
+def complaints(stderr: str) -> list[str]:
+    """Lines on stderr, without the note that Warp's native library prints on a machine without CUDA."""
+    return [line for line in stderr.splitlines() if line and not line.startswith("Warp CUDA warning")]
+
+
+def test_short_training_from_end_to_end(tmp_path: Path) -> None:
+    """Two updates with 8 environments: exit code 0, quiet, and the four files that a run leaves."""
+    out = tmp_path / "run"
+    args = ["--device", "cpu", "--num-envs", "8", "--iterations", "2", "--no-gate", "--out", str(out)]
+    args += ["--randomize", "ground", "--power-price", "0.01"]
+    process = start(*args)
+    stdout, stderr = process.communicate(timeout=300)
+    assert process.returncode == 0, stderr
+    assert complaints(stderr) == []
+    assert "walking gate NOT met" in stdout and str(out) in stdout
+    assert {path.name for path in out.iterdir()} == {
+        "checkpoint.pt", "policy.onnx", "learning_curve.png", "result.json", "tensorboard",
+    }  # fmt: skip
+    result = json.loads((out / "result.json").read_text())
+    assert set(result) == {
+        "schema", "gate", "gate_passed", "stopped", "iterations", "seconds", "environment_steps", "training",
+        "unsolved_steps", "broken_episodes", "noticed", "task", "learning", "started_from", "processes", "seed",
+        "versions", "command",
+    }  # fmt: skip
+    assert (result["iterations"], result["stopped"], result["gate_passed"]) == (2, "iterations", False)
+    assert result["gate"]["num_envs"] == 64 and result["gate"]["duration"] == 20.0
+    assert result["command"] == "python train/ppo.py " + " ".join(args)
+    assert checkpoint.load(out / "checkpoint.pt")["iteration"] == 2
+    task = OnnxPolicy(out / "policy.onnx").description["task"]
+    assert (task["num_envs"], task["rewards"]["power"], task["randomize"]["gain_scale"]) == (8, -0.01, [1.0, 1.0])
+    assert (out / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.slow
+def test_ctrl_c_exits_130_with_a_checkpoint_to_resume(tmp_path: Path) -> None:
+    """SIGINT in the middle of a long run: exit code 130, no traceback, and ``--resume`` goes on from there."""
+    out = tmp_path / "run"
+    args = ["--num-envs", "8", "--no-gate", "--out", str(out)]
+    process = start(*args, "--iterations", "100000")
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.startswith("update"):
+            break
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    stdout, stderr = process.communicate(timeout=120)
+    assert process.returncode == 130, stderr
+    assert complaints(stderr) == []
+    assert f"--resume {out / 'checkpoint.pt'}" in stdout
+    done = checkpoint.load(out / "checkpoint.pt")["iteration"]
+    assert json.loads((out / "result.json").read_text())["stopped"] == "interrupted"
+    again = start(*args, "--iterations", str(done + 1), "--resume", str(out / "checkpoint.pt"))
+    _, stderr = again.communicate(timeout=300)
+    assert again.returncode == 0, stderr
+    assert checkpoint.load(out / "checkpoint.pt")["iteration"] == done + 1

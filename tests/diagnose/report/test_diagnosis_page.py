@@ -1,0 +1,130 @@
+"""The report: every verdict, everything from data escaped, one offline file."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+
+from mrwarp.diagnose.report import report_text as text
+from mrwarp.diagnose.report.diagnosis_page import Table, render, write_report
+from mrwarp.diagnose.report.report_pictures import NAMES
+from mrwarp.diagnose.result import Value
+from mrwarp.effects.catalogue import CATALOGUE, parameter_of
+from tests.diagnose import made_up
+
+EVIL = "<script>alert('x')</script>\" onload=\"y"
+
+
+@pytest.mark.parametrize("verdict", ["none", "named", "unexplained", "named_and_unexplained", None])
+def test_the_page_stands_alone(verdict, tmp_path: Path) -> None:
+    """One file without any address in it, with the verdict at its top and the command at its end."""
+    d = made_up.make(verdict)
+    drawn = dict.fromkeys(NAMES if verdict else ("data",), b"PNG")
+    page = write_report(d, tmp_path, "mrwarp diagnose data", pictures=drawn).read_text(encoding="utf-8")
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+    assert not re.search(r"(src|href)=\"(?!data:)", page)
+    assert "<script" not in page and "://" not in page
+    assert d.sentence in page and "mrwarp diagnose data" in page
+    assert page.count("<img") == (1 if verdict is None else 9)
+
+
+def test_a_named_cause_is_explained() -> None:
+    """Sentence, equation, remedy and parameters of the law, the alternative and the experiment."""
+    page = render(made_up.make("named"), "c", pictures={})
+    law = CATALOGUE["coil_lag"]
+    for part in (
+        law.sentence,
+        law.equation,
+        "10.00 ms",
+        "9.70 to 10.40 ms",
+        "command delay",
+        "20 s are enough",
+        "40.0 %",
+    ):
+        assert part in page, part
+    assert "raise the current controller&#39;s bandwidth" in page
+    assert "temperature" in page and "The session lasts 30 s" in page
+
+
+def test_without_a_verdict_nothing_looks_like_one() -> None:
+    """What cannot be known and which recording to make; no gain, no cause, no table of sizes."""
+    page = render(made_up.make(None), "c", pictures={})
+    assert "No verdict" in page and "record 30 s of 1 Hz swings" in page and "Step the current" in page
+    for word in ("Coil lag", "What was tried", "Where the mismatch goes", "gains", "nan", "NRMSE"):
+        assert word not in page, word
+
+
+def test_none_names_nothing() -> None:
+    """No gain is claimed where nothing was added; the smallest sizes are listed."""
+    page = render(made_up.make("none"), "c", pictures={})
+    assert "What the extended model gains" not in page
+    assert "What these data could have shown" in page and "2 mrad" in page
+
+
+def test_everything_from_data_is_escaped(tmp_path: Path) -> None:
+    """Names of trajectories and files, headers, notes, the command: nothing of them becomes markup."""
+    d = made_up.make("named_and_unexplained")
+    runs = tuple(dataclasses.replace(r, id=f"{EVIL}{k}") for k, r in enumerate(d.recording.trajectories))
+    recording = dataclasses.replace(
+        d.recording, trajectories=runs, source=tmp_path / EVIL.replace("/", "&"), header={EVIL: EVIL}
+    )
+    assert d.gain and d.unexplained and d.next_experiment
+    changed = dataclasses.replace(
+        d,
+        recording=recording,
+        sentence=EVIL,
+        notes=(EVIL,),
+        cannot_know=(EVIL,),
+        invisible={EVIL: EVIL},
+        gain=dataclasses.replace(d.gain, held_out=(EVIL,)),
+        unexplained=dataclasses.replace(d.unexplained, form=EVIL, formula=EVIL, depends_on=(EVIL,)),
+        next_experiment=dataclasses.replace(d.next_experiment, what=EVIL, kind=EVIL, separates=(EVIL,)),
+        tried=(dataclasses.replace(d.tried[0], name=EVIL, outcome=EVIL),),
+        causes=(dataclasses.replace(d.causes[0], name=EVIL, alternatives=(EVIL,)),),
+    )
+    tables = Table(head=(EVIL,), rows=[(EVIL,)])
+    page = render(changed, EVIL, impact=tables, learned=tables, predicted=tables, pictures={})
+    assert "<script" not in page
+    assert 'onload="' not in page
+    assert page.count("&lt;script&gt;") > 20
+
+
+def test_a_name_that_utf8_cannot_write(tmp_path: Path) -> None:
+    """Undecodable bytes of a file name do not stop the report."""
+    d = made_up.make("none")
+    page = render(dataclasses.replace(d, notes=("bad \udcff name",)), "c", pictures={})
+    assert "bad ? name" in page
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "expected"),
+    [
+        (0.0123, "s", "12.30 ms"), (0.0021, "rad", "2.100 mrad"), (1e-5, "1/s", "0.06 % per minute"),
+        (0.01, "m", "10.00 mm"), (3.2, "N·m", "3.20 N·m"), (0.004, "kg·m²", "40.0 kg·cm²"),
+        (0.7, "unknown", "0.70 unknown"),
+    ],
+)  # fmt: skip
+def test_units_are_sensible(value: float, unit: str, expected: str) -> None:
+    """As many digits as the interval carries, in the unit that an engineer would use."""
+    half = abs(value) * 0.04
+    found = text.readable(Value(value=value, ci95=(value - half, value + half), unit=unit))
+    number, _, name = found.value.partition(" ")
+    wanted, _, wanted_name = expected.partition(" ")
+    assert name == wanted_name
+    assert float(number) == pytest.approx(float(wanted), rel=0.05)
+    assert found.interval.endswith(name)
+
+
+def test_a_factor_is_a_change_in_per_cent() -> None:
+    """A gain of 1.03 reads +3 %."""
+    value = Value(value=1.03, ci95=(1.02, 1.04), unit="1")
+    assert text.readable(value, parameter_of("torque_gain", "gain")).value == "+3.00 %"
+
+
+def test_numbers_without_an_interval_survive() -> None:
+    """Infinities and NaN are words, never 'inf' or 'nan'."""
+    for bad in (float("inf"), float("nan")):
+        found = text.readable(Value(value=0.01, ci95=(-bad, bad), unit="s"))
+        assert "inf" not in found.value + found.interval and "nan" not in found.value + found.interval
+    assert text.chance(float("nan")) == "unknown" and text.percent(float("inf")) == "unknown"

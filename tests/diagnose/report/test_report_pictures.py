@@ -1,0 +1,96 @@
+"""Pictures of a diagnosis: there for every verdict, of the right size, and the binning shows what is hidden."""
+
+import dataclasses
+import io
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from mrwarp.diagnose.report import binning
+from mrwarp.diagnose.report import report_pictures as pictures
+from mrwarp.diagnose.report.report_text import quantity
+from tests.diagnose import made_up
+
+UNITS = {"q": "rad", "current": "A", "torque": "N·m"}
+
+
+@pytest.mark.parametrize("verdict", ["none", "named", "unexplained", "named_and_unexplained"])
+def test_every_picture_is_drawn(verdict) -> None:
+    """All nine, none empty, none larger than a phone loads."""
+    found = pictures.draw(made_up.make(verdict))
+    assert tuple(found) == pictures.NAMES
+    for name, data in found.items():
+        image = matplotlib.image.imread(io.BytesIO(data))
+        assert 400 <= image.shape[1] <= 900, name
+        assert image[..., :3].std() > 0.02, name  # something is drawn
+        assert len(data) < 400_000, name
+
+
+def test_without_a_verdict_only_the_data_are_shown() -> None:
+    """Nothing that looks like a verdict."""
+    assert tuple(pictures.draw(made_up.make(None))) == ("data",)
+
+
+@pytest.mark.parametrize("runs", [1, 60])
+def test_few_and_many_trajectories(runs: int) -> None:
+    """One trajectory, and more than can be written by name."""
+    assert set(pictures.draw(made_up.make("named", runs=runs, samples=400))) == set(pictures.NAMES)
+
+
+def test_names_of_trajectories_are_no_formulas() -> None:
+    """Dollars, line breaks and braces in a trajectory's name are drawn as they are."""
+    d = made_up.make("named")
+    runs = tuple(dataclasses.replace(r, id=f"$\\frac{{{k}}}\n<b>") for k, r in enumerate(d.recording.trajectories))
+    per = dict(zip((r.id for r in runs), d.per_trajectory.values(), strict=True))
+    changed = dataclasses.replace(
+        d, recording=dataclasses.replace(d.recording, trajectories=runs), per_trajectory=per, gain=None
+    )
+    assert set(pictures.draw(changed)) == set(pictures.NAMES)
+
+
+def test_other_units_are_on_the_axes() -> None:
+    """A linear damper driven by a voltage has displacement, force and driver voltage."""
+    labels = [a.label for a in binning.axes_of("current", made_up.make().traces, UNITS | {"current": "V"})]
+    assert labels == ["driver voltage [V]"]
+    assert quantity("N") == "force"
+
+
+def test_a_lag_shows_after_the_steps_of_the_current() -> None:
+    """Of all views for 'current' and 'memory', the time since the last step explains the hidden lag best."""
+    t = made_up.make("named").traces
+    axes = [axis for name in ("current", "memory") for axis in binning.axes_of(name, t, UNITS)]
+    found = binning.best_profile(axes, t)
+    assert found is not None
+    assert found.axis.label == "time since the last step of the current [s]"
+    assert found.share > 0.3
+    assert found.left < 0.02 * found.share
+    # one sample after the step exp(-5 ms/10 ms) of it is missing, four samples on exp(-2)
+    ratio = np.interp(0.020, found.x, found.before) / np.interp(0.005, found.x, found.before)
+    assert ratio == pytest.approx(np.exp(-1.5), rel=0.15)
+
+
+@pytest.mark.parametrize("name", ["q", "qd", "qdd", "current", "time"])
+def test_noise_stays_in_its_band(name: str) -> None:
+    """Without structure about 95 % of the bin means lie in the 95 % band."""
+    inside = []
+    for seed in range(6):
+        t = made_up.make("none").traces
+        assert t is not None
+        noise = made_up.NOISE * np.random.default_rng(seed).normal(size=len(t.torque))
+        t = dataclasses.replace(t, torque=t.baseline + noise)
+        [axis] = binning.axes_of(name, t, UNITS)
+        found = binning.profile(dataclasses.replace(axis, signs={"": axis.signs[""]}), t)
+        assert found is not None
+        inside += list(abs(found.after) <= found.band)
+    assert 0.86 <= np.mean(inside) <= 1.0
+
+
+def test_a_variable_that_does_not_vary_has_no_profile() -> None:
+    """A constant current is no axis."""
+    t = made_up.make("none").traces
+    assert t is not None
+    t = dataclasses.replace(t, current=np.ones_like(t.current))
+    [axis] = binning.axes_of("current", t, UNITS)
+    assert binning.profile(axis, t) is None
+    assert "current" not in {a.label for a in binning.axes_of("memory", t, UNITS)}

@@ -1,0 +1,190 @@
+"""A model as a vector: there and back, bounds, growth; its derivatives against float64 differences."""
+
+import numpy as np
+import pytest
+
+from mrwarp.diagnose.effect_kernels import BASE
+from mrwarp.diagnose.effect_model import LINEAR, Coordinates, jacobian, neutral, simulate, slots_of
+from mrwarp.diagnose.effect_replay import ExtendedReplay, Motion
+from mrwarp.effects.catalogue import CATALOGUE, column_of
+from tests.diagnose import known
+from tests.effects.strengths import STRENGTHS
+
+STRONG = {name: STRENGTHS[name] for name, law in CATALOGUE.items() if law.kind != "calibration"}
+"""A visible strength of every effect that is searched."""
+
+
+@pytest.fixture(scope="module")
+def motion() -> Motion:
+    """Three runs of the joint."""
+    return known.motion(3, runs=3, seconds=2.0)
+
+
+@pytest.mark.parametrize("effect", list(CATALOGUE))
+def test_row_holds_the_numbers_of_the_vector(effect: str, motion: Motion) -> None:
+    """Base, effect, presets and choices stand in their columns; all other effects are at null."""
+    c = Coordinates((effect,), motion.ranges, 0.2, {("coil_lag", "hold"): 1.0, ("wear", "clock"): 1.0})
+    values = STRONG.get(effect, {p.name: 1.1 for p in CATALOGUE[effect].parameters})
+    row = c.row(known.vector(c, {effect: values}))
+    assert row[: len(BASE)] == pytest.approx([*(known.TRUTH[name] for name in BASE[:9]), 0.2])
+    plain = Coordinates((), motion.ranges, 0.2)
+    others = plain.row(known.vector(plain))
+    mine = set()
+    for p in CATALOGUE[effect].parameters:
+        at = len(BASE) + column_of(effect, p.name)
+        mine.add(at)
+        want = p.preset(motion.ranges) if p.preset else 1.0 if p.choices else p.null if p.form else values[p.name]
+        assert row[at] == pytest.approx(want)
+        if p.form:
+            assert p.name not in c.values(known.vector(c, {effect: values}))[effect]
+        elif not p.choices:
+            assert c.values(known.vector(c, {effect: values}))[effect][p.name] == pytest.approx(want)
+    rest = [at for at in range(len(BASE), len(row)) if at not in mine]
+    assert np.array_equal(row[rest], others[rest])
+
+
+@pytest.mark.parametrize("effect", list(CATALOGUE))
+def test_null_and_starts_lie_within_the_bounds(effect: str, motion: Motion) -> None:
+    """Each searched number has finite steps and starts inside its bounds."""
+    c = Coordinates((effect,), motion.ranges, 0.0)
+    assert c.size == 9 + len(slots_of(effect)) and (c.low < c.high).all() and (c.steps > 0.0).all()
+    for slot, low, high in zip(c.slots, c.low[9:], c.high[9:], strict=True):
+        assert low <= neutral(slot, motion.ranges) <= high
+        starts = slot.parameter.starts
+        for start in starts(motion.ranges) if starts else ():
+            assert low <= (np.log(start) if slot.logarithmic else start) <= high
+
+
+def test_bent_model_has_one_number_more(motion: Motion) -> None:
+    """At first the same row; its new number is searched within its bounds and stands among the values."""
+    c = Coordinates(("friction_asymmetry", "wear"), motion.ranges, 0.0)
+    x, bent = known.vector(c, STRONG), c.bent()
+    y = c.moved(x, bent)
+    assert bent.size == c.size + 1 and np.array_equal(c.row(x), bent.row(y))
+    at = next(i for i, slot in enumerate(bent.slots, start=9) if slot.parameter.form)
+    assert y[at] == bent.low[at] == 0.0 < bent.high[at] and bent.steeper().low[at] == 0.0
+    y[at] = 0.2
+    assert bent.values(y)["friction_asymmetry"]["thinning"] == pytest.approx(0.2)
+
+
+def test_known_bend_acts_without_being_searched(motion: Motion) -> None:
+    """It stands in the row and among the values; where bends are searched, it is where the search begins."""
+    key = ("friction_asymmetry", "thinning")
+    c = Coordinates(("friction_asymmetry",), motion.ranges, 0.0, {key: 0.3})
+    x, at = known.vector(c, STRONG), len(BASE) + column_of(*key)
+    assert c.size == 11 and c.row(x)[at] == 0.3 == c.values(x)["friction_asymmetry"]["thinning"]
+    y = c.moved(x, c.bent())
+    assert np.array_equal(c.row(x), c.bent().row(y))
+    y[-1] = 0.1
+    assert c.bent().row(y)[at] == 0.1
+    more = Coordinates(("friction_asymmetry", "wear"), motion.ranges, 0.0, c.choices)
+    assert more.row(c.grown(x, more.effects))[at] == 0.3
+
+
+def test_grown_model_is_the_same_model(motion: Motion) -> None:
+    """A vector keeps its numbers when effects are added, wherever they go in the order; linear ones come in at null."""
+    c = Coordinates(("coil_lag", "cogging"), motion.ranges, 0.0)
+    x = known.vector(c, STRONG)
+    more = Coordinates(("coil_lag", "rotor_inertia", "coulomb_friction", "cogging", "wear"), motion.ranges, 0.0)
+    y = c.grown(x, more.effects)
+    assert y[:9].tolist() == x[:9].tolist()
+    assert more.values(y)["cogging"] == c.values(x)["cogging"]
+    replay = ExtendedReplay(motion)
+    one, other = simulate(replay, [(c, x), (more, y)])
+    assert np.array_equal(one, other)
+
+
+def torque64(p: dict[str, float], m: Motion) -> np.ndarray:
+    """Eqs. 14 and 15 in float64, along the way of the cubic between samples, over the exact step."""
+    s, out = m.samples, np.empty(len(m.samples.q))
+    for part, dt in zip(s.parts, s.dt, strict=True):
+        z = 0.0
+        for k in range(part.start, part.stop):
+            if k > part.start:
+                before, after = s.qd[k - 1], s.qd[k]
+                ways = [dt * (0.5 * (before + after) + dt / 12.0 * (m.qdd[k - 1] - m.qdd[k]))]
+                if before * after < 0.0:
+                    turn = dt * before / (before - after)
+                    ways = [0.5 * before * turn, 0.5 * after * (dt - turn)]
+                for way in ways:
+                    z = _along(z, way, p["beta"], p["gamma"])
+            gain = (p["K0"] + p["K1"] * s.current[k]) / (1.0 + p["alpha"] * abs(s.qd[k]))
+            out[k] = p["D"] + p["B"] * s.qd[k] + p["C"] * s.q[k] + p["I1"] * s.current[k] + gain * z
+    return out
+
+
+def _along(z: float, way: float, beta: float, gamma: float) -> float:
+    u, left = np.sign(way) * z, abs(way)
+    if u < 0.0:
+        rate = beta - gamma
+        to_zero = np.log1p(-rate * u) / rate
+        u = (1.0 - (1.0 - rate * u) * np.exp(-rate * min(left, to_zero))) / rate
+        left = max(0.0, left - to_zero)
+    rate = beta + gamma
+    return (
+        float(np.sign(way) * (1.0 - (1.0 - rate * u) * np.exp(-rate * left)) / rate) if left > 0.0 else np.sign(way) * u
+    )
+
+
+def test_jacobian_of_the_base_is_that_of_the_equations(motion: Motion) -> None:
+    """All nine columns against central differences of a float64 replay, to 0.5 % of each column's size."""
+    c = Coordinates((), motion.ranges, 0.0)
+    x = known.vector(c)
+    tau, slopes = jacobian(ExtendedReplay(motion), c, x)
+
+    def model(y: np.ndarray) -> np.ndarray:
+        row = c.row(y)
+        return torque64(dict(zip(BASE, row, strict=False)), motion)
+
+    np.testing.assert_allclose(tau, model(x), rtol=0, atol=2e-5)
+    for i in range(9):
+        h = 1e-4
+        up, down = x.copy(), x.copy()
+        up[i], down[i] = up[i] + h, down[i] - h
+        want = (model(up) - model(down)) / (2.0 * h)
+        size = np.sqrt(np.mean(want**2))
+        assert size > 0.0 and np.sqrt(np.mean((slopes[i] - want) ** 2)) < 5e-3 * size, BASE[i]
+
+
+def test_linear_columns_are_their_signals(motion: Motion) -> None:
+    """dtau/dD = 1, dtau/dB = qd, dtau/dC = q - zero, dtau/dI1 = I, and K0, K1 share the loop."""
+    c = Coordinates((), motion.ranges, 0.3)
+    _, slopes = jacobian(ExtendedReplay(motion), c, known.vector(c))
+    s, atol = motion.samples, 2e-5
+    for column, want in zip(slopes, (np.ones(len(s.q)), s.qd, s.q - 0.3, s.current), strict=False):
+        np.testing.assert_allclose(column, want, rtol=0, atol=atol * np.abs(want).max())
+    np.testing.assert_allclose(slopes[5], s.current * slopes[4], rtol=0, atol=3e-5)
+    assert LINEAR == ("D", "B", "C", "I1", "K0", "K1")
+
+
+@pytest.mark.parametrize("effect", list(STRONG))
+def test_jacobian_of_an_effect_converges(effect: str, motion: Motion) -> None:
+    """The effect's columns agree with one-sided differences over a fifth of the step, and they are not zero."""
+    c = Coordinates((effect,), motion.ranges, 0.0)
+    x, replay = known.vector(c, STRONG), ExtendedReplay(motion)
+    tau, slopes = jacobian(replay, c, x)
+    for i in range(9, c.size):
+        h = c.steps[i] * (0.5 if effect in ("backlash", "remanence") else 0.2)
+        up, down = x.copy(), x.copy()
+        up[i], down[i] = up[i] + h, down[i] - h
+        high, low = simulate(replay, [(c, up), (c, down)]).astype(float)
+        want = (high - low) / (2.0 * h)
+        size = np.sqrt(np.mean(want**2))
+        assert size * c.steps[i] > 1e-6 * np.abs(tau).max()
+        # rounding of float32 over the step; a play turns on and off at samples
+        loose = {"backlash": 0.6, "remanence": 0.2, "command_delay": 0.2}.get(effect, 0.02)
+        rounding = 2e-7 * np.abs(tau).max() / h
+        assert np.sqrt(np.mean((slopes[i] - want) ** 2)) < loose * size + rounding, c.slots[i - 9]
+
+
+def test_columns_of_an_inertia_and_a_wear_are_known(motion: Motion) -> None:
+    """dtau/dJ = qdd; dtau/drate = -t times the loop."""
+    c = Coordinates(("rotor_inertia", "wear"), motion.ranges, 0.0)
+    x = known.vector(c, STRONG)
+    tau, slopes = jacobian(ExtendedReplay(motion), c, x)
+    np.testing.assert_allclose(slopes[9], motion.qdd, rtol=0, atol=1e-3 * np.abs(motion.qdd).max())
+    s, p = motion.samples, known.TRUTH
+    inertia, wear = STRONG["rotor_inertia"]["inertia"], STRONG["wear"]["rate"]
+    straight = p["D"] + p["B"] * s.qd + p["C"] * s.q + p["I1"] * s.current + inertia * motion.qdd
+    loop = (tau - straight) / (1.0 - wear * motion.time)
+    np.testing.assert_allclose(slopes[10], -motion.time * loop, rtol=0, atol=1e-2 * np.abs(motion.time * loop).max())

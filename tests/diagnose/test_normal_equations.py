@@ -1,0 +1,145 @@
+"""Normal equations per trajectory: against explicit covariance matrices and brute-force refits."""
+
+import numpy as np
+import pytest
+
+from mrwarp.diagnose.noise import Noise
+from mrwarp.diagnose.normal_equations import Grams, losses, ridge_solve
+from mrwarp.identify.replay import Samples, Scales
+
+RUNS, COUNT, COLUMNS = 5, 60, 4
+FILTER = np.array([1.0, -0.5, 0.2])
+
+
+@pytest.fixture
+def table() -> tuple[np.ndarray, np.ndarray, Samples]:
+    """Four columns and a target, a torque, and five trajectories of different lengths."""
+    rng = np.random.default_rng(1)
+    start = np.cumsum([0, 50, 70, 40, 80, 60])
+    zero = np.zeros(start[-1])
+    samples = Samples(
+        q=zero, qd=zero, current=zero, torque=zero, start=start, dt=np.full(RUNS, 0.005), scales=Scales()
+    )  # fmt: skip
+    rows = rng.normal(size=(COLUMNS + 1, start[-1]))
+    rows[-1] += np.array([1.0, -2.0, 0.5, 0.0]) @ rows[:-1]
+    return rows, rng.normal(size=start[-1]) + 1.0, samples
+
+
+def whitened(rows: np.ndarray) -> np.ndarray:
+    """Signals behind the filter, in units of sigma = 0.3."""
+    return np.array([np.convolve(row, FILTER)[: rows.shape[1]] for row in rows]) / 0.3
+
+
+def noise(offset: float, gain: float) -> Noise:
+    """The noise model of the tests."""
+    return Noise(whitening=FILTER, sigma=0.3, rms=0.4, offset=offset, gain=gain)
+
+
+def test_offsets_and_factors_are_marginalised(table: tuple) -> None:
+    """Each trajectory's matrix is X Cov^-1 X' with the covariance of noise, offset and factor written out."""
+    rows, torque, samples = table
+    found = Grams(rows, torque, samples, noise(0.2, 0.1), np.ones(rows.shape[1]))
+    shared = whitened(np.stack([np.ones(rows.shape[1]), torque]))
+    for k, part in enumerate(samples.parts):
+        part = slice(part.start + len(FILTER) - 1, part.stop)  # the first have no past
+        one, f = shared[:, part]
+        covariance = np.eye(len(one)) + 0.2**2 * np.outer(one, one) + 0.1**2 * np.outer(f, f)
+        x = whitened(rows)[:, part]
+        np.testing.assert_allclose(found.parts[k], x @ np.linalg.solve(covariance, x.T), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found.total, found.parts.sum(0))
+
+
+def test_weights_leave_samples_out(table: tuple) -> None:
+    """Samples of weight 0 do not count, nor the first of each trajectory; without spread it is a plain sum."""
+    rows, torque, samples = table
+    weight = (np.arange(rows.shape[1]) % 3 > 0).astype(float)
+    found = Grams(rows, torque, samples, noise(0.0, 0.0), weight)
+    counted = weight.copy()
+    for part in samples.parts:
+        counted[part.start : part.start + 2] = 0.0
+    x = whitened(rows) * counted
+    np.testing.assert_allclose(found.total, x @ x.T, rtol=1e-6, atol=1e-6)
+    assert found.count == counted.sum()
+
+
+def test_left_out_losses_are_those_of_refits(table: tuple) -> None:
+    """Leave-one-trajectory-out losses equal refits without the trajectory, by least squares on the samples."""
+    rows, torque, samples = table
+    found = Grams(rows, torque, samples, noise(0.0, 0.0), np.ones(rows.shape[1]))
+    use = [0, 2, 3]
+    solution, inside, outside = losses(found, use, COLUMNS, ridge=0.0)
+    x = whitened(rows)
+    parts = [slice(part.start + 2, part.stop) for part in samples.parts]
+    every = np.concatenate([np.arange(part.start, part.stop) for part in parts])
+    best = np.linalg.lstsq(x[use][:, every].T, x[-1, every], rcond=None)[0]
+    np.testing.assert_allclose(solution, best, rtol=1e-7)
+    for k, part in enumerate(parts):
+        rest = np.concatenate([np.arange(p.start, p.stop) for j, p in enumerate(parts) if j != k])
+        without = np.linalg.lstsq(x[use][:, rest].T, x[-1, rest], rcond=None)[0]
+        assert inside[k] == pytest.approx(((x[-1, part] - best @ x[use, part]) ** 2).sum(), rel=1e-6)
+        assert outside[k] == pytest.approx(((x[-1, part] - without @ x[use, part]) ** 2).sum(), rel=1e-6)
+    assert (outside > inside).all()
+
+
+def test_left_out_losses_with_marginalised_offsets(table: tuple) -> None:
+    """With spreads too: a refit weighs each trajectory by its own covariance."""
+    rows, torque, samples = table
+    found = Grams(rows, torque, samples, noise(0.3, 0.2), np.ones(rows.shape[1]))
+    _, _, outside = losses(found, [0, 1], COLUMNS, ridge=0.0)
+    for k in range(RUNS):
+        rest = found.total - found.parts[k]
+        b = np.linalg.solve(rest[:2, :2], rest[:2, COLUMNS])
+        own = found.parts[k]
+        vector = np.array([*-b, 1.0])
+        keep = [0, 1, COLUMNS]
+        assert outside[k] == pytest.approx(vector @ own[np.ix_(keep, keep)] @ vector, rel=1e-7)
+
+
+def test_useless_column_gains_nothing_left_out(table: tuple) -> None:
+    """A column of noise lowers the loss inside and, on average over many, raises the left-out loss by about 1."""
+    rows, torque, samples = table
+    rng = np.random.default_rng(2)
+    added = []
+    for _ in range(200):
+        tried = np.vstack([rows[:-1], rng.normal(size=rows.shape[1]), rows[-1]])
+        # the target's own noise: after the filter, of unit variance
+        grams = Grams(tried, torque, samples, Noise(
+            whitening=np.ones(1), sigma=1.0, rms=1.0, offset=0.0, gain=0.0), np.ones(rows.shape[1]))  # fmt: skip
+        inside = [losses(grams, list(range(n)), COLUMNS + 1)[1].sum() for n in (COLUMNS, COLUMNS + 1)]
+        outside = [losses(grams, list(range(n)), COLUMNS + 1)[2].sum() for n in (COLUMNS, COLUMNS + 1)]
+        assert inside[1] < inside[0]
+        added.append(outside[1] - outside[0])
+    assert 0.3 < np.mean(added) < 2.5
+
+
+def test_penalty_shrinks_a_column(table: tuple) -> None:
+    """A penalty of 1 on one column is a ridge of its own square sum."""
+    rows, torque, samples = table
+    grams = Grams(rows, torque, samples, noise(0.0, 0.0), np.ones(rows.shape[1]))
+    penalty = np.array([0.0, 1.0])
+    solution, _, _ = losses(grams, [0, 1], COLUMNS, ridge=0.0, penalty=penalty)
+    a = grams.total[:2, :2]
+    want = np.linalg.solve(a + np.diag(penalty * np.diag(a)), grams.total[:2, COLUMNS])
+    np.testing.assert_allclose(solution, want, rtol=1e-9)
+
+
+def test_ridge_solve_is_scale_free() -> None:
+    """Columns of sizes 1e-6 and 1e6 and a stack of systems are solved as each alone in units of its own."""
+    rng = np.random.default_rng(3)
+    x = rng.normal(size=(3, 50, 4))
+    b = rng.normal(size=(3, 50))
+    scale = np.array([1.0, 1e-6, 1e6, 1.0])
+    gram, moment = np.einsum("tni,tnj->tij", x * scale, x * scale), np.einsum("tni,tn->ti", x * scale, b)
+    found = ridge_solve(gram, moment)
+    for k in range(3):
+        want = np.linalg.lstsq(x[k], b[k], rcond=None)[0] / scale
+        np.testing.assert_allclose(found[k], want, rtol=1e-5)
+        np.testing.assert_allclose(found[k], ridge_solve(gram[k], moment[k]), rtol=1e-12)
+
+
+def test_ridge_solve_survives_a_column_twice() -> None:
+    """Two equal columns share their coefficient; a column of zeros gets none."""
+    x = np.random.default_rng(4).normal(size=(50, 1))
+    table = np.column_stack([x, x, 0.0 * x])
+    found = ridge_solve(table.T @ table, table.T @ (3.0 * x[:, 0]))
+    np.testing.assert_allclose(found, [1.5, 1.5, 0.0], atol=1e-5)

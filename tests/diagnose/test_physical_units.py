@@ -1,0 +1,131 @@
+"""Units: what the diagnosis writes for any device can be read again, and numbers scale as the device does."""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrwarp.diagnose.effect_replay import Motion
+from mrwarp.diagnose.physical_units import factor_of, outer_interval, outer_model, unit_of
+from mrwarp.diagnose.predictor import Predictor
+from mrwarp.effects.catalogue import CATALOGUE, parameter_of
+from mrwarp.effects.model_entries import effect_unit
+from mrwarp.identify.replay import Scales
+from mrwarp.model_file import load_model, save_model
+from tests.diagnose import known
+
+DEVICES = [
+    {"q": q, "current": current, "torque": torque}
+    for q, current, torque in itertools.product(("rad", "m"), ("A", "V"), ("N·m", "N"))
+    if (q == "m") == (torque == "N")
+]
+PARAMETERS = [(name, p.name) for name, law in CATALOGUE.items() for p in law.parameters]
+
+
+@pytest.mark.parametrize("units", DEVICES, ids=lambda units: "-".join(units.values()))
+@pytest.mark.parametrize(("effect", "name"), PARAMETERS)
+def test_unit_is_that_of_the_model_file(effect: str, name: str, units: dict[str, str]) -> None:
+    """What a diagnosis writes into model.json is the unit that its reader asks for."""
+    p = parameter_of(effect, name)
+    assert unit_of(p, units) == effect_unit(p, units)
+
+
+def test_units_of_a_linear_damper() -> None:
+    """Radians become metres and newton metres newtons; a rotor's inertia becomes a mass, and a joule stays one."""
+    units = {"q": "m", "current": "V", "torque": "N"}
+    found = {key: unit_of(parameter_of(*key), units) for key in PARAMETERS}
+    assert found["current_viscosity", "B1"] == "N·s/(m·V)" and found["backlash", "half_gap"] == "m"
+    assert found["coulomb_friction", "torque"] == "N" and found["remanence", "half_width"] == "V"
+    assert found["current_saturation", "u"] == "1/V" and found["cogging", "periods"] == "1/m"
+    assert found["rotor_inertia", "inertia"] == "kg" and found["temperature_drift", "yield_loss"] == "1/J"
+    assert not any("rad" in unit or "N·m" in unit or "A" in unit for unit in found.values())
+
+
+@pytest.mark.parametrize(("effect", "name"), PARAMETERS)
+def test_factor_agrees_with_the_unit(effect: str, name: str) -> None:
+    """The powers of ``scale`` are those of rad, A and N·m in the unit as it is written; kg·m² and J hide them."""
+    p = parameter_of(effect, name)
+    unit = {"kg·m²": "N·m·s²/rad", "1/J": "1/(N·m·rad)"}.get(p.unit, p.unit)
+    above, _, below = unit.partition("/")
+    above, below = above.replace("N·m", "T").split("·"), below.strip("()").replace("N·m", "T").split("·")
+    powers = tuple(above.count(word) - below.count(word) for word in ("rad", "A", "T"))
+    assert powers == p.scale
+    assert factor_of(p, Scales(q=2.0, current=3.0, torque=5.0)) == pytest.approx(
+        2.0 ** powers[0] * 3.0 ** powers[1] * 5.0 ** powers[2]
+    )
+
+
+HIDDEN = {
+    "coil_lag": {"time_constant": 0.012},
+    "rotor_inertia": {"inertia": 0.003},
+    "cogging": {"sine": 0.03, "cosine": 0.02, "periods": 20.0},
+    "temperature_drift": {"yield_loss": 0.02, "viscosity_loss": 0.01, "time_constant": 60.0},
+}
+
+
+def fitted_recording(q: float, current: float, size: float):
+    """Engine, fit and recording of one device, seen in other units."""
+    exact = known.motion(4, runs=4, seconds=2.0)
+    torque = known.engine(HIDDEN, seed=4, at=exact).samples.torque
+    recording = known.recording(exact, torque, q=q, current=current, size=size)
+    motion = Motion.of(recording)
+    engine = known.Engine(known.ExtendedReplay(motion), 0.1, np.ones(len(torque)), recording.units)
+    engine.noise = known.white(0.03)
+    c = engine.coordinates(tuple(HIDDEN))
+    scales = Motion.of(known.recording(exact, torque)).samples.scales
+    inner = {
+        name: {key: value / factor_of(parameter_of(name, key), scales) for key, value in parameters.items()}
+        for name, parameters in HIDDEN.items()
+    }
+    x = known.vector(c, inner, **{name: value / scales.factor(name) for name, value in known.TRUTH.items()})
+    return engine, engine.fit(c, x, iterations=4), recording
+
+
+def test_model_scales_with_the_units(tmp_path: Path) -> None:
+    """The same device in m, V and N: every number and interval times its factor, and the file can be read."""
+    (one, fit, here), (other, same, there) = fitted_recording(1.0, 1.0, 1.0), fitted_recording(0.04, 6.0, 250.0)
+    assert other.samples.scales.torque == pytest.approx(250.0 * one.samples.scales.torque)
+    plain, scaled = outer_model(one, fit, here, 3), outer_model(other, same, there, 3)
+    step = Scales(q=0.04, current=6.0, torque=250.0)
+    for name, p in plain.parameters.items():
+        assert scaled.parameters[name].value == pytest.approx(p.value * step.factor(name), rel=2e-3, abs=1e-9)
+    for effect, its in zip(plain.effects, scaled.effects, strict=True):
+        for name, p in effect.parameters.items():
+            factor = factor_of(parameter_of(effect.name, name), step)
+            assert its.parameters[name].value == pytest.approx(p.value * factor, rel=2e-2)
+            if p.ci95 is not None:
+                assert its.parameters[name].ci95 == pytest.approx([x * factor for x in p.ci95], rel=5e-2, abs=1e-6)
+    assert load_model(save_model(plain, tmp_path / "plain.json")) == plain
+    assert load_model(save_model(scaled, tmp_path / "scaled.json")) == scaled
+
+
+def test_model_holds_what_was_hidden() -> None:
+    """In the recording's units the fitted numbers are those that were put in, inside their intervals."""
+    engine, fit, recording = fitted_recording(1.0, 1.0, 1.0)
+    model = outer_model(engine, fit, recording, 3)
+    assert model.parameters["q_offset"].value == pytest.approx(0.1 * engine.samples.scales.q)
+    for effect in model.effects:
+        if effect.name == "temperature_drift":  # of which 8 s show little
+            continue
+        for name, p in effect.parameters.items():
+            true = HIDDEN[effect.name][name]
+            assert p.ci95 is not None and p.ci95[0] <= p.value <= p.ci95[1]
+            assert p.value == pytest.approx(true, abs=1.5 * (p.ci95[1] - p.ci95[0]) + 0.02 * abs(true))
+    low, high = outer_interval(fit, 9, np.diag(np.full(len(fit.x), 1e-4)), True, 2.0)
+    assert low < 2.0 * np.exp(fit.x[9]) < high and np.sqrt(low * high) == pytest.approx(2.0 * np.exp(fit.x[9]))
+
+
+def test_predictor_speaks_the_recordings_units() -> None:
+    """On the recording that was fitted it gives the fit's torque, in any units the same but for the factor."""
+    from types import SimpleNamespace
+
+    found = []
+    for q, current, size in ((1.0, 1.0, 1.0), (0.04, 6.0, 250.0)):
+        engine, fit, recording = fitted_recording(q, current, size)
+        choice = SimpleNamespace(base=fit, final=fit, stated=lambda _, fit: fit)
+        tau = Predictor.of(engine, choice).torque(recording)
+        np.testing.assert_allclose(tau[1], fit.torque * engine.samples.scales.torque, rtol=1e-5, atol=1e-4 * size)
+        np.testing.assert_array_equal(tau[0], tau[1])
+        found.append(tau[0] / size)
+    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=2e-3)

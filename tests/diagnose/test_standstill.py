@@ -1,0 +1,98 @@
+"""Rests of a joint: found in the noise of its channels, and taken as rests where the torque agrees."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from mrwarp.diagnose.effect_replay import ExtendedReplay, Motion
+from mrwarp.diagnose.engine import Engine
+from mrwarp.diagnose.kinematics import reconstruct
+from mrwarp.diagnose.prepare import hold_rests
+from mrwarp.diagnose.standstill import known_velocity, resting
+from mrwarp.recording.load import Recording, Trajectory
+from tests.diagnose import known
+
+STEP, Q_NOISE, V_NOISE = 3e-4, 3e-4 / np.sqrt(12.0), 0.01
+RESTS = [(2.0, 3.5), (6.0, 8.0)]
+STEEP = {"beta": 60.0, "gamma": -50.0}
+"""A loop that is eleven times as steep on one way as on the other."""
+
+
+def stops(seed: int, dt: float = 0.005, dither: float = 0.0) -> tuple[np.ndarray, Trajectory]:
+    """True velocity, and what is read, of a joint that rests, or trembles at 20 Hz in its rests, in rad/s."""
+    t = np.arange(round(8.0 / dt)) * dt
+    moving = (t < 2.0) | ((t >= 3.5) & (t < 6.0))
+    trembling = dither * np.sin(2.0 * np.pi * 20.0 * t)
+    qd = np.where(moving, 2.0 * np.sin(2.0 * np.pi * (t - 3.5 * (t >= 3.5))), trembling)
+    q = np.concatenate([[0.0], np.cumsum(0.5 * (qd[1:] + qd[:-1])) * dt])
+    noise = np.random.default_rng(seed).normal(size=(2, len(t)))
+    read = np.round((q + 2e-5 * noise[0]) / STEP) * STEP
+    return qd, Trajectory(
+        id=f"run {seed}", t=t + 10.0 * seed, q=read, qd=qd + V_NOISE * noise[1], current=np.ones(len(t)),
+        torque=np.zeros(len(t)),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.005, 0.0005])
+def test_rests_are_found(dt: float) -> None:
+    """Both rests and nothing else, to 30 ms, at any rate."""
+    _, run = stops(1, dt)
+    found = [(part.start * dt, part.stop * dt) for part in resting(run.q, run.qd, dt, Q_NOISE, V_NOISE)]
+    np.testing.assert_allclose(found, RESTS, atol=0.03)
+
+
+def test_slow_motion_does_not_rest() -> None:
+    """Not even at its turning points: 0.05 rad in 5 s."""
+    t = np.arange(2000) * 0.005
+    q, qd = 0.05 * np.sin(0.4 * np.pi * t), 0.02 * np.pi * np.cos(0.4 * np.pi * t)
+    noise = np.random.default_rng(3).normal(size=2000)
+    assert resting(np.round(q / STEP) * STEP, qd + V_NOISE * noise, 0.005, Q_NOISE, V_NOISE) == []
+
+
+def test_the_edges_of_a_rest_are_doubtful() -> None:
+    """30 ms at each end; none where the trajectory ends."""
+    _, run = stops(1)
+    velocity, doubtful = known_velocity(run, Q_NOISE, V_NOISE)
+    edges = np.flatnonzero(np.diff(doubtful, prepend=False, append=False)).reshape(-1, 2) * 0.005
+    np.testing.assert_allclose(edges, [(2.0, 2.03), (3.47, 3.5), (6.0, 6.03)], atol=0.03)
+    assert not np.any(doubtful & np.isfinite(velocity))
+
+
+def test_a_resting_joint_goes_no_way() -> None:
+    """Noise of the channels makes no motion in a rest, and the motion beside it is as good as before."""
+    qd, run = stops(2)
+    found = reconstruct(Recording(trajectories=(run,)))
+    rest = np.any([(run.t - 20.0 > a + 0.05) & (run.t - 20.0 < b - 0.05) for a, b in RESTS], axis=0)
+    assert found.rests and np.abs(found.qd[rest]).max() < 1e-6
+    assert np.sqrt(np.mean((found.qd - qd) ** 2)) < 0.6 * V_NOISE
+
+
+def test_a_creeping_joint_creeps_on() -> None:
+    """What looks like a rest for a moment but moves on keeps its mean velocity."""
+    _, run = stops(3)
+    noise = np.random.default_rng(5).normal(size=(2, len(run.t)))
+    creep = dataclasses.replace(run, q=2e-4 * run.t + 1e-4 * noise[0], qd=2e-4 + V_NOISE * noise[1])
+    assert reconstruct(Recording(trajectories=(creep,))).qd.mean() == pytest.approx(2e-4, rel=0.1)
+
+
+@pytest.mark.parametrize(("dither", "held"), [(0.0, True), (0.03, False)])
+def test_rests_are_held_where_the_torque_agrees(dither: float, held: bool) -> None:
+    """Stress that stays speaks for a rest; stress that a motion below the encoder's step wears away against it."""
+    truth, runs = zip(*(stops(seed, dither=dither) for seed in range(4)), strict=True)
+    recording = Recording(trajectories=runs)
+    raw = Motion.of(recording)
+    scale = raw.samples.scales
+    c = Engine(ExtendedReplay(raw), 0.0, np.ones(len(raw.qdd))).coordinates(())
+    x = known.vector(c, **STEEP)
+    exact = dataclasses.replace(raw, samples=dataclasses.replace(raw.samples, qd=np.concatenate(truth) / scale.q))
+    torque = ExtendedReplay(exact).torque(c.row(x))[0].astype(float)
+    torque += 0.01 * np.random.default_rng(8).normal(size=len(torque))
+    on = Engine(ExtendedReplay(dataclasses.replace(raw, samples=dataclasses.replace(raw.samples, torque=torque))), 0.0,
+                np.ones(len(torque)))  # fmt: skip
+    on.noise = known.white(0.01)
+    parts = [scale.torque * torque[part] for part in raw.samples.parts]
+    measured = [dataclasses.replace(run, torque=part) for run, part in zip(runs, parts, strict=True)]
+    found = hold_rests(on, Recording(trajectories=tuple(measured)), on.fit(c, x), 10.0)
+    assert (found is not None) is held
+    assert on.motion.kinematics.rests is held and bool(on.motion.doubtful.any()) is held

@@ -1,0 +1,222 @@
+"""Identification: recovers what was simulated, says how well, warns where it cannot, refuses bad data."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+
+from mrwarp.commands.run_fit import main
+from mrwarp.identify.fit import PARAMETERS, fit
+from mrwarp.identify.holding import fit_holding, holding_curve
+from mrwarp.identify.identifiability import student
+from mrwarp.identify.replay import Scales, simulate
+from mrwarp.kernels.hold import hold_kernel
+from mrwarp.model_file import load_model
+from mrwarp.params import HoldParams
+from mrwarp.recording.load import Recording, RecordingError, Trajectory
+from tests.identify import synthetic
+
+TRUTH = synthetic.TRUTH
+
+
+def coverage(seeds: range) -> tuple[dict[str, int], int]:
+    """How often each truth lies inside its own 95 % interval, and all at once inside the joint ones."""
+    inside: dict[str, int] = dict.fromkeys(PARAMETERS, 0)
+    joint = 0
+    for seed in seeds:
+        estimates = fit(synthetic.bench_like(seed)).estimates
+        for name in PARAMETERS:
+            inside[name] += abs(estimates[name].value - TRUTH[name]) <= estimates[name].half
+        joint += all(abs(estimates[name].value - TRUTH[name]) <= estimates[name].half_joint for name in PARAMETERS)
+    return inside, joint
+
+
+def test_noise_free_fit_recovers_the_paper() -> None:
+    """Without noise every coefficient comes back to 1e-3 of itself: 200 Hz sampling of a 2 kHz truth is what is left.
+
+    I1 is 1e-4 of the torque and K0 4 % of the gain: they are counted against what is beside them.
+    """
+    result = fit(synthetic.bench_like(0, runs=8, noise=0.0))
+    for name in set(PARAMETERS) - {"I1", "K0"}:
+        assert result.estimates[name].value == pytest.approx(TRUTH[name], rel=1e-3, abs=2e-5), name
+    assert result.estimates["K0"].value == pytest.approx(TRUTH["K0"], abs=1e-3 * TRUTH["K1"] / 5)
+    assert result.estimates["I1"].value == pytest.approx(TRUTH["I1"], abs=2e-4)
+    assert result.rmse < 2e-4
+    assert not result.warnings
+
+
+def test_ten_seeds_are_covered() -> None:
+    """Noisy bench-like data of ten seeds: each truth in its 95 % interval at least 7 times.
+
+    A true coverage of 95 % gives 6 or fewer with probability 1e-3; half the needed width would give it with 10 %.
+    """
+    inside, joint = coverage(range(10))
+    assert min(inside.values()) >= 7, inside
+    assert joint >= 7
+
+
+@pytest.mark.slow
+def test_hundred_seeds_are_covered() -> None:
+    """Every truth lies in its 95 % interval in at least 90 of 100 seeds, and all nine in their joint ones likewise."""
+    inside, joint = coverage(range(100))
+    assert min(inside.values()) >= 90, inside
+    assert joint >= 90
+
+
+def test_intervals_are_not_merely_wide() -> None:
+    """The same noise on four times the trajectories halves the intervals, and they are below 5 % for beta and K1."""
+    few, many = fit(synthetic.bench_like(5, runs=12)), fit(synthetic.bench_like(5, runs=48, seconds=4.0))
+    ratio = np.median([many.estimates[name].half / few.estimates[name].half for name in PARAMETERS])
+    assert 0.25 < ratio < 0.8  # 0.5 expected; the intervals themselves scatter by a quarter with 12 runs
+    assert few.estimates["beta"].half < 0.05 * TRUTH["beta"]
+    assert few.estimates["K1"].half < 0.05 * TRUTH["K1"]
+
+
+def test_fit_is_free_of_scale() -> None:
+    """The same device as a 2 kN linear damper: every parameter is the converted one, to float32's accuracy."""
+    joint = synthetic.bench_like(6, runs=8)
+    other = synthetic.scaled(joint, 0.02, 0.7, 800.0, {"q": "m", "current": "A", "torque": "N"})
+    factor = Scales(q=0.02, current=0.7, torque=800.0).factor
+    a, b = fit(joint), fit(other)
+    for name in PARAMETERS:
+        width = a.estimates[name].half * factor(name)
+        assert abs(b.estimates[name].value - a.estimates[name].value * factor(name)) < 0.02 * width, name
+    assert b.nrmse == pytest.approx(a.nrmse, rel=1e-3)
+
+
+def test_same_seed_same_bits() -> None:
+    """A fit is reproducible."""
+    recording = synthetic.bench_like(7, runs=8, seconds=2.0)
+    assert fit(recording, seed=3).values == fit(recording, seed=3).values
+
+
+def test_result_is_the_simulation_of_its_parameters() -> None:
+    """What is reported is what the parameters give when they are simulated anew, to float32 rounding."""
+    recording = synthetic.bench_like(8, runs=8, seconds=2.0)
+    result = fit(recording)
+    for x, y in zip(result.simulated, simulate(result.values, recording), strict=True):
+        np.testing.assert_allclose(x, y, atol=5e-6)
+
+
+def test_one_current_is_said_not_to_tell_k0_from_k1() -> None:
+    """At a single current D, I1 and K0, K1 have no interval and a warning, their sums at that current do."""
+    runs = tuple(
+        dataclasses.replace(r, current=np.ones_like(r.current), torque=y)
+        for r in synthetic.bench_like(9, runs=8, noise=0.0).trajectories
+        for y in simulate(TRUTH, Recording(trajectories=(dataclasses.replace(r, current=np.ones_like(r.current)),)))
+    )
+    result = fit(Recording(trajectories=runs))
+    assert [result.estimates[name].ci95 for name in ("D", "I1", "K0", "K1")] == [None] * 4
+    sums = [e for name, e in result.combinations.items() if name.startswith("initial stiffness")]
+    assert sums[0].ci95 is not None
+    assert sums[0].value == pytest.approx(TRUTH["K0"] + TRUTH["K1"], rel=5e-3)
+    assert any("current is 1 throughout" in text for text in result.warnings)
+    assert any("cannot be told apart" in text and "K0" in text for text in result.warnings)
+
+
+def test_no_current_at_all_is_fitted() -> None:
+    """A passive joint (0 A only) is fitted; I1 and K1 stay 0 without an interval."""
+    runs = tuple(
+        dataclasses.replace(r, current=np.zeros_like(r.current))
+        for r in synthetic.bench_like(10, runs=8, p={**TRUTH, "K1": 0.0, "K0": 5.0, "I1": 0.0}).trajectories
+    )
+    result = fit(Recording(trajectories=runs))
+    assert result.estimates["K1"].value == 0.0
+    assert result.estimates["K1"].ci95 is None
+    assert result.estimates["K0"].value == pytest.approx(5.0, rel=0.05)
+
+
+def test_few_trajectories_are_judged_in_blocks() -> None:
+    """A single trajectory gives intervals and the warning that run-to-run errors are not in them."""
+    result = fit(synthetic.bench_like(12, runs=1, seconds=20.0))
+    assert all(result.estimates[name].ci95 is not None for name in PARAMETERS)
+    assert any("only 1 trajectories" in text for text in result.warnings)
+
+
+def test_robust_fit_ignores_outliers() -> None:
+    """One sample in a hundred off by 20 N·m: told without robust, and with it the truth is within two intervals."""
+    rng = np.random.default_rng(1)
+    runs = []
+    for r in synthetic.bench_like(11).trajectories:
+        torque = r.torque.copy()
+        torque[rng.integers(len(torque), size=len(torque) // 100)] += 20.0
+        runs.append(dataclasses.replace(r, torque=torque))
+    recording = Recording(trajectories=tuple(runs))
+    plain, robust = fit(recording), fit(recording, robust=True)
+    assert any("--robust" in text for text in plain.warnings)
+    shift = [abs(f.estimates["D"].value - TRUTH["D"]) for f in (plain, robust)]
+    assert shift[0] > 0.1  # 1 % of 20 N·m
+    assert shift[1] < 0.01
+    assert robust.estimates["K1"].value == pytest.approx(TRUTH["K1"], rel=0.03)
+
+
+def test_holding_law_is_recovered() -> None:
+    """Eq. 18 with 3 % scatter: the paper's coefficients lie in their intervals (seeds 0 to 19: at least 17 each)."""
+    inside = dict.fromkeys(("T_max", "K", "n"), 0)
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        current = np.repeat(np.linspace(0.1, 1.5, 15), 3)
+        torque = holding_curve(current, 26.59697, 0.51272, 2.87967) * (1 + 0.03 * rng.normal(size=len(current)))
+        found = fit_holding(current, torque)
+        for name, truth in (("T_max", 26.59697), ("K", 0.51272), ("n", 2.87967)):
+            inside[name] += abs(found[name].value - truth) <= found[name].half
+    # 95 % coverage gives fewer than 16 of 20 with probability 3e-3
+    assert min(inside.values()) >= 16, inside
+
+
+def test_holding_curve_is_the_kernels_law() -> None:
+    """The float64 curve that is fitted equals the simulator's yield torque to float32 rounding."""
+    h, current = HoldParams(), np.linspace(0, 1.5, 31, dtype=np.float32)
+    arrays = [wp.array(x[None], dtype=float, device="cpu") for x in (np.zeros_like(current), current)]
+    outs = [wp.full((1, 31), float("nan"), dtype=float, device="cpu") for _ in range(3)]
+    wp.launch(hold_kernel, dim=(1, 31), inputs=[h.T_max, h.K, h.n, 1.2, 1.5, *arrays], outputs=outs, device="cpu")
+    np.testing.assert_allclose(outs[0].numpy()[0], holding_curve(current, h.T_max, h.K, h.n), rtol=0, atol=2e-5)
+
+
+def test_holding_needs_three_currents() -> None:
+    """Two levels of current cannot give three coefficients: refused with what is needed."""
+    with pytest.raises(RecordingError, match="needs 5 tests at 3 currents"):
+        fit_holding(np.array([0.5, 0.5, 0.5, 1.0, 1.0]), np.ones(5))
+
+
+@pytest.mark.parametrize(("dof", "quantile"), [(1.0, 12.7062), (2.0, 4.30265), (5.0, 2.57058), (30.0, 2.04227)])
+def test_student_quantiles(dof: float, quantile: float) -> None:
+    """Quantiles equal the printed table of Student's t."""
+    assert student(0.975, dof) == pytest.approx(quantile, rel=1e-4)
+
+
+def write_csv(folder: Path, runs: tuple[Trajectory, ...]) -> None:
+    """Recordings as plain CSV files."""
+    folder.mkdir()
+    for r in runs:
+        table = np.column_stack([r.t, r.q, r.qd, r.current, r.torque])
+        np.savetxt(
+            folder / f"{r.id}.csv", table, delimiter=",", header="t,q,qd,current,torque", comments="", fmt="%.8g"
+        )
+
+
+def test_command_writes_model_figures_and_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`mrwarp fit` leaves model, result and pictures, prints the table, and its model loads into the simulator."""
+    write_csv(tmp_path / "data", synthetic.bench_like(13, runs=8, seconds=2.0).trajectories)
+    assert main([str(tmp_path / "data"), "--out", str(tmp_path / "out"), "--seed", "4"]) == 0
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"model.json", "result.json", "loops.png", "residual.png"}
+    result = json.loads((tmp_path / "out/result.json").read_text())
+    assert result["seed"] == 4
+    assert result["command"].startswith("mrwarp fit")
+    params = load_model(tmp_path / "out/model.json").to_params()
+    assert params.bouc_wen.beta == result["parameters"]["beta"]["value"]
+    assert "K1 [N·m/(rad·A)]" in capsys.readouterr().out
+
+
+def test_command_refuses_bad_data_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A recording with NaN ends with code 2, one line that names the file, and no output folder."""
+    run = synthetic.bench_like(14, runs=1, seconds=1.0).trajectories[0]
+    run.torque[7] = np.nan
+    write_csv(tmp_path / "data", (run,))
+    assert main([str(tmp_path / "data"), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err.strip()
+    assert error.startswith("mrwarp fit: ") and "\n" not in error and "run0.csv" in error
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,129 @@
+"""Learning from recordings: targets, errors on unseen trajectories, and the command."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrwarp.commands import run_learn as learn_cli
+from mrwarp.identify import learn
+from mrwarp.model_file import JOINT_UNITS, FittedOn, Model, Parameter, parameter_unit, save_model
+from mrwarp.nn import network_file as model_file
+from mrwarp.nn.network_file import SamplingRateError
+from mrwarp.nn.training import FitCfg
+from mrwarp.params import MrParams
+from mrwarp.recording.load import Recording, RecordingError, Trajectory, load_recording, save_recording
+
+PAPER = learn.bench_parameters(None)
+QUICK = FitCfg(epochs=3, windows_per_epoch=1500, batch=64, average=0.9)
+
+
+def make_recording(count: int, seed: int, *, current: float | None = None, dt: float = 0.005) -> Recording:
+    """Bouc-Wen torque of eqs. 14 and 15 plus a friction asymmetry of 0.3 N·m that the model does not have."""
+    rng = np.random.default_rng(seed)
+    runs = []
+    for k in range(count):
+        t = dt * np.arange(400)
+        w, a, phase = 2 * np.pi * rng.uniform(0.5, 2.0), rng.uniform(0.2, 0.8), rng.uniform(0.0, 6.0)
+        amps = rng.choice([0.0, 0.5, 1.0, 1.5]) if current is None else current
+        runs.append(
+            Trajectory(
+                id=f"run{k}", t=t, q=a * np.sin(w * t + phase), qd=a * w * np.cos(w * t + phase),
+                current=np.full_like(t, amps), torque=np.zeros_like(t),
+            )
+        )  # fmt: skip
+    silent = Recording(trajectories=tuple(runs))
+    tau = learn.bouc_wen_torque(silent, PAPER)
+    measured = (replace(r, torque=x + 0.3 * np.tanh(r.qd / 0.02) ** 2) for r, x in zip(runs, tau, strict=True))
+    return replace(silent, trajectories=tuple(measured))
+
+
+def test_residual_target_of_a_perfect_model_is_learned_as_a_constant() -> None:
+    """What Bouc-Wen leaves is 0.3 N·m: after a few epochs PG-RLSTM misses unseen trajectories by far less."""
+    learned = learn.learn(make_recording(10, seed=0), kind="pg_rlstm", cfg=QUICK)
+    evaluation = make_recording(4, seed=1, current=1.2)
+    physical = learn.summary(learn.errors(learn.bouc_wen_torque(evaluation, PAPER), evaluation))
+    with_residual = learn.summary(learn.errors(learn.predict(learned.model, evaluation), evaluation))
+    assert physical["average"] == pytest.approx(0.3, abs=0.02)
+    assert with_residual["average"] < 0.05
+    assert list(physical["by_current"]) == ["1.2"] and physical["by_current"]["1.2"]["trajectories"] == 4
+    assert learned.figures["trajectories"] == {"training": 8, "validation": 2}
+    assert learned.model.bouc_wen["q_neutral"] == 0.0
+
+
+def test_errors_leave_out_the_same_samples_for_every_model() -> None:
+    """The first 49 samples do not count, whatever stands there; the sample standard deviation is used."""
+    recording = make_recording(2, seed=2, current=1.0)
+    predicted = [run.torque + error for run, error in zip(recording.trajectories, (0.1, 0.3), strict=True)]
+    for tau in predicted:
+        tau[: learn.SKIP] = np.nan
+    row = learn.summary(learn.errors(predicted, recording))["by_current"]["1"]
+    assert row["mean"] == pytest.approx(0.2)
+    assert row["sd"] == pytest.approx(0.2 / np.sqrt(2.0))
+
+
+def test_learn_refuses_mixed_rates_and_too_few_trajectories() -> None:
+    """One window is one span of time, and a division needs two trajectories."""
+    a, b = make_recording(2, seed=3), make_recording(1, seed=4, dt=0.01)
+    with pytest.raises(RecordingError, match="200 Hz.*100 Hz"):
+        learn.learn(Recording(trajectories=a.trajectories + b.trajectories), kind="mlp", cfg=QUICK)
+    with pytest.raises(RecordingError, match="at least two"):
+        learn.learn(Recording(trajectories=a.trajectories[:1]), kind="lstm", cfg=QUICK)
+
+
+def test_predict_refuses_another_rate() -> None:
+    """A model of 200 Hz data does not predict data of 100 Hz."""
+    learned = learn.learn(make_recording(4, seed=5), kind="mlp", cfg=replace(QUICK, epochs=1))
+    with pytest.raises(SamplingRateError, match="200 Hz and cannot run at 100 Hz"):
+        learn.predict(learned.model, make_recording(1, seed=6, dt=0.01))
+
+
+def test_learn_command_writes_model_curves_and_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Bench data in, four files out; the file's prediction is what the result says; the table is printed."""
+    data, out = tmp_path / "data", tmp_path / "out"
+    save_recording(make_recording(6, seed=7), data / "fit" / "run.csv")
+    save_recording(make_recording(3, seed=8, current=1.2), data / "evaluation" / "run.csv")
+    given = {**MrParams().to_dict(), "K1": 9.0}
+    identified = {name: Parameter(value=given[name], unit=parameter_unit(name, JOINT_UNITS)) for name in PAPER}
+    identified.pop("q_neutral")
+    fitted_on = FittedOn(source="test", trajectories=6, samples=2400, rate=200.0)
+    save_model(Model(parameters=identified, fitted_on=fitted_on), tmp_path / "model.json")
+    arguments = ["--model", "mlp", "--epochs", "2", "--windows-per-epoch", "300", "--seed", "5"]
+    files = [str(data), "--out", str(out), "--bouc-wen", str(tmp_path / "model.json")]
+    assert learn_cli.main([*files, *arguments]) == 0
+    assert {p.name for p in out.iterdir()} == {"model.safetensors", "model.onnx", "curves.png", "result.json"}
+    result = json.loads((out / "result.json").read_text())
+    model = model_file.load(out / "model.safetensors")
+    assert model.bouc_wen["K1"] == 9.0 and model.seed == result["seed"] == 5
+    evaluation = load_recording(data / "evaluation")
+    again = learn.summary(learn.errors(learn.predict(model, evaluation), evaluation))
+    assert result["evaluation"]["mlp"]["average"] == pytest.approx(again["average"], rel=1e-6)
+    assert result["windows_seen"] == 600
+    assert "bouc_wen" in capsys.readouterr().out
+
+
+def test_learn_command_refuses_bad_input_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """No data and a broken model.json: exit code 2, one line, no output folder."""
+    data, broken = tmp_path / "data", tmp_path / "broken.json"
+    save_recording(make_recording(3, seed=9), data / "fit.csv")
+    broken.write_text("{")
+    for arguments in ([str(tmp_path / "none")], [str(data), "--bouc-wen", str(broken)]):
+        assert learn_cli.main([*arguments, "--out", str(tmp_path / "out")]) == 2
+        assert capsys.readouterr().err.startswith("mrwarp learn: ")
+    assert not (tmp_path / "out").exists()
+
+
+def test_residual_on_another_physical_model() -> None:
+    """With a baseline of its own the residual is learned and predicted on it, and needs it again to predict."""
+    recording, evaluation = make_recording(6, seed=10), make_recording(2, seed=11, current=1.0)
+
+    def baseline(part: Recording) -> list[np.ndarray]:
+        return [run.torque - 2.0 for run in part.trajectories]
+
+    learned = learn.learn(recording, kind="pg_rlstm", baseline=baseline(recording), cfg=replace(QUICK, epochs=8))
+    tau = learn.predict(learned.model, evaluation, baseline(evaluation))
+    assert learn.summary(learn.errors(tau, evaluation))["average"] < 0.1
+    with pytest.raises(ValueError, match="give its torque as baseline"):
+        learn.predict(learned.model, evaluation)

@@ -1,0 +1,235 @@
+"""Recordings that are malformed: each gets its one clear error, and nothing is written."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+
+from mrwarp.commands import run_check as check_cli
+from mrwarp.recording import load as recording
+from mrwarp.recording.load import COLUMNS, RecordingError, load_holding, load_recording
+from tests.recording.recordings import DEG, columns, write
+
+
+def _edited(**changes: Callable[[np.ndarray], np.ndarray]) -> Callable[[Path], Path]:
+    """A file in which columns are changed."""
+
+    def make(folder: Path) -> Path:
+        data = columns()
+        return write(folder / "bad.csv", {k: changes.get(k, lambda x: x)(x) for k, x in data.items()})
+
+    return make
+
+
+def _at(row: int, value: float) -> Callable[[np.ndarray], np.ndarray]:
+    def change(x: np.ndarray) -> np.ndarray:
+        x = x.copy()
+        x[row] = value
+        return x
+
+    return change
+
+
+def _without(name: str) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        data = columns()
+        data.pop(name)
+        return write(folder / "bad.csv", data)
+
+    return make
+
+
+def _bytes(name: str, content: bytes) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        (folder / name).write_bytes(content)
+        return folder / name
+
+    return make
+
+
+def _text_edit(edit: Callable[[list[str]], list[str]]) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        path = write(folder / "bad.csv", columns())
+        path.write_text("\n".join(edit(path.read_text().splitlines())))
+        return path
+
+    return make
+
+
+def _two_gigabytes(folder: Path) -> Path:
+    path = folder / "bad.csv"
+    with path.open("wb") as stream:
+        stream.truncate(2 * 2**30)  # takes no space on the disk
+    return path
+
+
+def _parquet_bomb(folder: Path) -> Path:
+    """Sixteen million equal rows in a small file."""
+    part = pa.table({name: pa.array(np.zeros(2_000_000)) for name in COLUMNS})
+    with pyarrow.parquet.ParquetWriter(folder / "bad.parquet", part.schema) as writer:
+        for _ in range(8):
+            writer.write_table(part)
+    return folder / "bad.parquet"
+
+
+def _parquet_text(folder: Path) -> Path:
+    data = {name: pa.array(values) for name, values in columns().items()} | {"q": pa.array(["x"] * 200)}
+    pyarrow.parquet.write_table(pa.table(data), folder / "bad.parquet")
+    return folder / "bad.parquet"
+
+
+def _cut_gzip(folder: Path) -> Path:
+    data = gzip.compress(write(folder / "x.txt", columns()).read_bytes())
+    (folder / "x.txt").unlink()
+    (folder / "bad.csv.gz").write_bytes(data[: len(data) // 2])
+    return folder / "bad.csv.gz"
+
+
+REFUSED: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
+    "missing column": (_without("torque"), ("'torque' is missing", "add it [N·m]")),
+    "missing time": (_without("t"), ("'t' is missing",)),
+    "renamed column": (
+        _text_edit(lambda x: [x[0].replace("torque", "Tau"), *x[1:]]),
+        ("'torque' is missing", "rename 'Tau' to 'torque'"),
+    ),
+    "semicolons": (_text_edit(lambda x: [line.replace(",", ";") for line in x]), ("separated by commas",)),
+    "no names": (_text_edit(lambda x: x[1:]), ("first line must name the columns",)),
+    "double column": (_text_edit(lambda x: [f"{line},{line.split(',')[1]}" for line in x]), ("two columns", "'q'")),
+    "NaN": (_edited(torque=_at(17, np.nan)), ("row 18", "line 19", "'torque'", "NaN", "cut it out")),
+    "infinity": (_edited(current=_at(3, np.inf)), ("row 4", "'current'", "infinity")),
+    "empty cell": (
+        _text_edit(lambda x: [*x[:9], ",".join([*x[9].split(",")[:4], ""]), *x[10:]]),
+        ("row 9", "'torque'", "empty cell"),
+    ),
+    "text cell": (
+        _text_edit(lambda x: [*x[:9], ",".join([*x[9].split(",")[:4], "broken"]), *x[10:]]),
+        ("row 9", "'torque'", "'broken' is no number"),
+    ),
+    "short line": (
+        _text_edit(lambda x: [*x[:9], x[9].rpartition(",")[0], *x[10:]]),
+        ("row 9", "line 10", "4 values for 5 columns"),
+    ),
+    "time going backwards": (_edited(t=_at(40, 0.001)), ("row 41", "'t'", "does not increase", "sort the rows")),
+    "time standing still": (_edited(t=_at(40, 39 * 0.005)), ("row 41", "does not increase")),
+    "20 samples": (_text_edit(lambda x: x[:21]), ("20 samples", "at least 50")),
+    "one sample": (_text_edit(lambda x: x[:2]), ("1 samples", "at least 50")),
+    "names only": (_text_edit(lambda x: x[:1]), ("no samples",)),
+    "gap": (_text_edit(lambda x: x[:60] + x[70:]), ("row 60", "'t'", "a gap", "split the run")),
+    "degrees": (_edited(q=lambda x: x * DEG, qd=lambda x: x * DEG), ("'q'", "look like deg", '{"q": "deg"}')),
+    "small degrees": (_edited(q=lambda x: 0.1 * x * DEG, qd=lambda x: 0.1 * x), ("'q'", "looks like deg", "dq/dt")),
+    "degrees per second": (_edited(qd=lambda x: x * DEG), ("'qd'", "looks like deg/s")),
+    "milliamperes": (_edited(current=lambda x: 1e3 * x), ("'current'", "look like mA", '{"current": "mA"}')),
+    "millinewtonmetres": (_edited(torque=lambda x: 1e3 * x), ("'torque'", "look like mN·m")),
+    "milliseconds": (_edited(t=lambda x: 1e3 * x), ("'t'", "look like milliseconds")),
+    "empty file": (_bytes("bad.csv", b""), ("the file is empty",)),
+    "empty gzip": (_bytes("bad.csv.gz", gzip.compress(b"")), ("the file is empty",)),
+    "binary file": (_bytes("bad.csv", bytes(range(256)) * 20), ("binary data", "export it as CSV")),
+    "binary gzip": (_bytes("bad.csv.gz", gzip.compress(bytes(range(256)) * 20)), ("binary data",)),
+    "2 GB": (_two_gigabytes, ("2.0 GiB", "512 MiB", "split it")),
+    "parquet bomb": (_parquet_bomb, ("GiB", "split it")),
+    "cut gzip": (_cut_gzip, ("gzip data is damaged",)),
+    "not gzip": (_bytes("bad.csv.gz", b"t,q,current,torque\n"), ("not compressed with gzip",)),
+    "not parquet": (_bytes("bad.parquet", b"t,q,current,torque\n" * 9), ("not a readable Parquet file",)),
+    "parquet with text": (_parquet_text, ("'q'", "holds string, not numbers")),
+    "unknown kind": (_bytes("bad.xlsx", b"x"), ("not a known kind", ".parquet")),
+    "no file": (lambda folder: folder / "bad.csv", ("there is no such file",)),
+}
+
+
+@pytest.mark.parametrize("case", list(REFUSED))
+def test_malformed_recording_is_refused_once_and_nothing_is_written(
+    tmp_path: Path, case: str, capsys: pytest.CaptureFixture[str]
+):
+    """One message that names the file and what to do; exit code 2; the folder stays as it was."""
+    make, parts = REFUSED[case]
+    path = make(tmp_path)
+    before = {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*")}
+    assert check_cli.main([str(path)]) == 2
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert shown.err.startswith(f"mrwarp check: {path}")
+    assert len(shown.err.splitlines()) == 1
+    for part in parts:
+        assert part in shown.err
+    assert {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*")} == before
+
+
+def test_compressed_bomb_is_stopped_at_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A small file that grows beyond the limit is refused after the limit, not after all of it."""
+    monkeypatch.setattr(recording, "MAX_BYTES", 2**20)
+    (tmp_path / "bad.csv.gz").write_bytes(gzip.compress(b"t,q,current,torque\n" + b"0,0,0,0\n" * 2**20))
+    with pytest.raises(RecordingError, match="split it"):
+        load_recording(tmp_path / "bad.csv.gz")
+
+
+def test_limit_holds_for_all_files_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Two files that fit alone do not fit together."""
+    size = write(tmp_path / "a.csv", columns()).stat().st_size
+    write(tmp_path / "b.csv", columns())
+    monkeypatch.setattr(recording, "MAX_BYTES", round(1.5 * size))
+    assert load_recording(tmp_path / "a.csv").samples == 200
+    with pytest.raises(RecordingError, match="b.csv.*split it"):
+        load_recording(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{", "not readable as JSON"),
+        ("[1]", "must hold one object"),
+        ('{"angle": "rad"}', "no column 'angle'"),
+        ('{"q": "furlong"}', "'furlong' of q is not known"),
+        ('{"q": "m"}', "declare torque in N"),
+        ('{"trust_units": 1}', "must be true or false"),
+    ],
+)
+def test_bad_units_file_is_refused(tmp_path: Path, content: str, message: str):
+    """The message names units.json and what may stand there."""
+    write(tmp_path / "a.csv", columns())
+    (tmp_path / "units.json").write_text(content)
+    with pytest.raises(RecordingError, match=message):
+        load_recording(tmp_path / "a.csv")
+
+
+def test_large_values_are_taken_when_their_unit_is_vouched_for(tmp_path: Path):
+    """A joint that turns many times is no mistake when units.json says so."""
+    data = columns()
+    data["q"], data["qd"] = 20.0 * data["t"], np.full(200, 20.0)
+    write(tmp_path / "a.csv", data)
+    with pytest.raises(RecordingError, match="look like deg"):
+        load_recording(tmp_path / "a.csv")
+    (tmp_path / "units.json").write_text('{"trust_units": true}')
+    assert load_recording(tmp_path / "a.csv").trajectories[0].q.max() == data["q"].max()
+
+
+def test_holding_is_refused_with_the_reason(tmp_path: Path):
+    """Break-away tests need both columns, numbers, and plausible units."""
+    for text, message in (
+        ("current,q\n1,2\n", "'torque' is missing"),
+        ("current,torque\n1,2\n1,nan\n", "row 2"),
+        ("current,torque\n", "no samples"),
+        ("current,torque\n100,2\n500,9\n1000,20\n1500,25\n", "look like mA"),
+    ):
+        (tmp_path / "holding.csv").write_text(text)
+        with pytest.raises(RecordingError, match=message):
+            load_holding(tmp_path)
+
+
+def test_a_header_nested_without_end_is_kept_as_text(tmp_path: Path) -> None:
+    """A comment of 100,000 brackets is no JSON that Python can read: the recording is, and the comment stays text."""
+    rows = "\n".join(f"{0.005 * k:.3f},{0.01 * k},0.5,{0.1 * k}" for k in range(60))
+    path = tmp_path / "a.csv"
+    path.write_text("# source: " + "[" * 100_000 + "\nt,q,current,torque\n" + rows + "\n")
+    assert load_recording(path).header["source"] == "[" * 100_000
+    (tmp_path / "units.json").write_text("[" * 100_000)
+    with pytest.raises(RecordingError, match=r"units.json: not readable as JSON .*; repair or remove it"):
+        load_recording(path)
+    (tmp_path / "units.json").write_text('{"q": ["deg"]}')
+    with pytest.raises(RecordingError, match=r"the unit \['deg'\] of q is not known; use one of"):
+        load_recording(path)

@@ -1,0 +1,67 @@
+"""The report: text from anywhere stays text, in HTML and in Markdown; each row says what it is."""
+
+import re
+from pathlib import Path
+
+from mrwarp.paper import Measured
+from mrwarp.reproduce import report_page as report
+from mrwarp.reproduce.experiment import Experiment, Findings, Row, Table
+from mrwarp.reproduce.runner import Outcome
+
+EVIL = '<script>alert("x")</script> | `a` *b* [c](d) & \\'
+
+
+def made(tmp_path: Path, **outcome) -> tuple[str, str]:
+    """The page and the Markdown of one experiment whose every text is hostile."""
+    row = Row(
+        condition=EVIL, quantity=EVIL, unit="m", paper=Measured(mean=1.0, sd=0.1), ours=2.0, sd=0.1, n=3, why=EVIL
+    )
+    found = Findings(
+        rows=[row], claims={EVIL: False}, notes=[EVIL], tables=[Table(title=EVIL, head=[EVIL], rows=[[EVIL]])],
+        pictures={"a.png": EVIL, "missing.png": "not there"},
+    )  # fmt: skip
+    experiment = Experiment(name="x", title=EVIL, compute=lambda job: found)
+    (tmp_path / "x").mkdir()
+    (tmp_path / "x" / "a.png").write_bytes(b"\x89PNG")
+    outcome = Outcome(**{"name": "x", "status": "made", "findings": found, **outcome})
+    paths = report.write({"x": outcome}, {"x": experiment}, tmp_path, EVIL)
+    return paths[0].read_text(), paths[1].read_text()
+
+
+def test_hostile_text_stays_text(tmp_path: Path) -> None:
+    """No tag and no attribute of it reaches the page; in Markdown no cell and no link is opened by it."""
+    html, text = made(tmp_path)
+    assert "<script" not in html
+    assert html.count("&lt;script&gt;") >= 8
+    assert "http" not in html.replace("http-equiv", "")
+    assert "<script" not in text
+    assert "](d)" not in text.replace("\\]", "")
+    table = [line for line in text.splitlines() if line.startswith("|")]
+    columns = {len(re.findall(r"(?<!\\)\|", line)) for line in table[:3]}
+    assert columns == {len(report.words.HEAD) + 1}
+
+
+def test_a_row_says_difference_kind_and_reason(tmp_path: Path) -> None:
+    """Relative, in joint spreads, predicted; a row that agrees carries no reason."""
+    _, text = made(tmp_path)
+    assert "+100.0 %" in text
+    assert "+7.1" in text
+    assert "predicted" in text
+    near = Row(condition="", quantity="", unit="", paper=Measured(mean=1.0, sd=0.1), ours=1.05, why="reason")
+    assert report.words.cells(near)[-1] == ""
+
+
+def test_agreement_names_both_measures() -> None:
+    """A row without a spread of the paper's is judged by 5 %."""
+    row = Row(condition="", quantity="", unit="", paper=Measured(mean=1.0), ours=1.04)
+    far = Row(condition="", quantity="", unit="", paper=Measured(mean=1.0, sd=0.1), ours=2.0)
+    text = report.words.agreement([row, far])
+    assert text == "1 of 2 predicted rows within the joint spread, or 5 % where the paper states none"
+
+
+def test_an_experiment_without_findings_says_why(tmp_path: Path) -> None:
+    """In both files, and nothing else of it is shown."""
+    html, text = made(tmp_path, status="failed", findings=None, message=EVIL)
+    assert "failed: &lt;script&gt;" in html
+    assert "failed: &lt;script>" in text
+    assert "<table" not in html

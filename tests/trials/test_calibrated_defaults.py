@@ -1,0 +1,25 @@
+"""The default numbers are what ``--calibrate`` gives with the shipped policies: new policies need new numbers."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from mrwarp.cli import main
+from mrwarp.energy import battery, power, thermal
+
+pytestmark = pytest.mark.slow
+
+
+def test_defaults_come_from_the_shipped_policies(tmp_path: Path) -> None:
+    """Electronics and winding from ``mrwarp walk``, housings and capacity from ``mrwarp mission``."""
+    walked, carried = tmp_path / "walk", tmp_path / "mission"
+    assert main(["walk", "--calibrate", "--out", str(walked)]) == 0
+    assert main(["mission", "--calibrate", "--numbers", str(walked / "numbers.json"), "--out", str(carried)]) == 0
+    found = json.loads((carried / "numbers.json").read_text())
+    for group, names, cfg in (
+        ("electrical", power.CALIBRATED, power.ElectricalCfg()), ("thermal", thermal.CALIBRATED, thermal.ThermalCfg()),
+        ("battery", battery.CALIBRATED, battery.BatteryCfg()),
+    ):  # fmt: skip
+        for name in names:
+            assert found[group][name] == pytest.approx(getattr(cfg, name), rel=0.01), name

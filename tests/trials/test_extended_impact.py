@@ -1,0 +1,85 @@
+"""The extended model in the robot: an effect that was found changes the impact sweep as the true one does."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mrwarp.effects.model_entries import make_effect
+from mrwarp.model_file import JOINT_UNITS, Effect, FittedOn, Model, Parameter, parameter_unit
+from mrwarp.params import MrParams
+from mrwarp.trials.extended_impact import FIGURES, Change, ImpactChange, impact_change
+
+TRUE_LAG = 0.03
+"""Coil lag of the true device [s]."""
+
+
+def model(*effects: Effect, **more: float) -> Model:
+    """The paper's joint, with effects or more parameters."""
+    names = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", *more)
+    values = {**MrParams().to_dict(), **more}
+    parameters = {n: Parameter(value=values[n], unit=parameter_unit(n, JOINT_UNITS)) for n in names}
+    origin = FittedOn(source="bench", trajectories=1, samples=1, rate=200.0)
+    return Model(parameters=parameters, fitted_on=origin, effects=effects)
+
+
+def lagging(time_constant: float) -> Model:
+    """The same with an effect of the catalogue."""
+    return model(make_effect("coil_lag", {"time_constant": time_constant}))
+
+
+def changes(found: ImpactChange) -> dict[tuple[float, str], Change]:
+    """Every change by current and figure."""
+    return {(row.current, name): change for row in found.rows for name, change in row.figures.items()}
+
+
+@pytest.fixture(scope="module")
+def truth() -> ImpactChange:
+    """What the simulator's own coil lag changes, a joint parameter that knows nothing of effects."""
+    return impact_change(model(), model(coil_time_constant=TRUE_LAG), trials=20)
+
+
+def test_true_lag_changes_the_sweep(truth: ImpactChange) -> None:
+    """Nothing at 0 A, where no current lags; with current the body falls deeper and faster."""
+    found = changes(truth)
+    for name in FIGURES:
+        assert found[0.0, name].change == 0.0 == found[0.0, name].ci95[1]
+    assert found[1.5, "min_height"].change < -1e-4
+    assert found[1.5, "peak_speed"].change > 1e-3
+
+
+def test_the_effect_changes_it_the_same_way(truth: ImpactChange) -> None:
+    """The effect coil_lag of the true 30 ms gives the same numbers to the last bit, in another kernel."""
+    assert changes(impact_change(model(), lagging(TRUE_LAG), trials=20)) == changes(truth)
+
+
+def test_a_lag_as_found_on_the_bench_changes_it_nearly_so(truth: ImpactChange) -> None:
+    """29 ms instead of 30: every change within half the half-width of its own interval; 100 ms is told apart."""
+    want, near = changes(truth), changes(impact_change(model(), lagging(0.029), trials=20))
+    far = changes(impact_change(model(), lagging(0.1), trials=20))
+    for key, change in want.items():
+        half = 0.5 * (change.ci95[1] - change.ci95[0])
+        assert near[key].change == pytest.approx(change.change, abs=0.5 * half + 1e-12), key
+    for name in ("min_height", "peak_speed"):
+        change = want[1.5, name]
+        assert abs(far[1.5, name].change) > 2.0 * abs(change.change)
+
+
+def test_table_and_dictionary(truth: ImpactChange) -> None:
+    """A line per current under a heading with units; the dictionary holds plain numbers with intervals around them."""
+    lines = truth.lines()
+    assert len(lines) == 1 + 4 and "minimum trunk height [m]" in lines[0] and lines[4].lstrip().startswith("1.50 A")
+    row = truth.to_dict()["rows"][3]
+    assert row["current"] == 1.5
+    for name in FIGURES:
+        low, high = row[name]["ci95"]
+        assert low <= row[name]["change"] <= high and row[name]["change"] == row[name]["after"] - row[name]["before"]
+
+
+def test_no_model_before_is_the_robots_own() -> None:
+    """Without a model the first sweep is that of the asset, which holds the paper's numbers."""
+    kwargs: dict[str, Any] = {"trials": 2, "currents": (1.0,)}
+    asset, paper = impact_change(None, lagging(0.1), **kwargs), impact_change(model(), lagging(0.1), **kwargs)
+    assert np.all([a.before == b.before for a, b in zip(changes(asset).values(), changes(paper).values(), strict=True)])
+    assert replace(asset, seconds=0.0) == replace(paper, seconds=0.0)

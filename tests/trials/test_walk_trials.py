@@ -1,0 +1,225 @@
+"""Walking trials: the meter agrees with the ledger, conditions are what they say, short walks, loads, commands."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from mrwarp import paper
+from mrwarp.cli import main
+from mrwarp.commands import energy_runs as energy_cli
+from mrwarp.energy.power import ElectricalCfg
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.kernels import ledger
+from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
+from mrwarp.trials import walk_figures
+from mrwarp.trials.load import set_load
+from mrwarp.trials.meter import JointMeter
+from mrwarp.trials.standing import standing_use
+from mrwarp.trials.walk_trials import WalkBatch, WalkCfg, WalkResult, walk
+from mrwarp.trials.walking import make_env
+
+ENV = make_walk_cfg(threads=1)
+SHORT = WalkCfg(payloads=(0.0,), speeds=(0.5,), trials=2, distance=0.6, warmup=0.6, env=ENV)
+
+
+@pytest.fixture(scope="module")
+def policies() -> dict[str, OnnxPolicy]:
+    """The shipped policy for all robots."""
+    policy = OnnxPolicy(DEFAULT_POLICY)
+    return {robot: policy for robot in paper.ROBOTS}
+
+
+@pytest.fixture(scope="module")
+def results(policies: dict[str, OnnxPolicy]) -> list[WalkResult]:
+    """A short walk of all three robots."""
+    return walk(SHORT, policies)
+
+
+def test_meter_agrees_with_the_ledger() -> None:
+    """Net work, squared torque and coil loss are the energy ledger's, speed the joints'; only what is on counts."""
+    env = make_env(replace(ENV, currents=(1.5,)), 3, 0)
+    meter = JointMeter(env)
+    before = env.view(env.actuator.ledger).clone()
+    meter.on[:2] = True
+    turned = torch.zeros(3, 12)
+    env.substep_hooks.append(lambda: turned.add_(env.qd.abs()))
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(10):
+        env.step(0.5 * torch.randn(3, 12, generator=generator))
+    gained = (env.view(env.actuator.ledger) - before)[:2].numpy()
+    use, seconds = meter.use(), 10 * env.cfg.step_dt
+    # float32 sums of 40 steps in the ledger
+    np.testing.assert_allclose(
+        (use.work_out - use.work_in)[:2] * seconds, gained[:, :, int(ledger.MOTOR)], rtol=1e-4, atol=1e-5
+    )
+    np.testing.assert_allclose(use.torque_square[:2] * seconds, gained[:, :, int(ledger.MOTOR_SQUARE)], rtol=1e-4)
+    np.testing.assert_allclose(use.coil[:2] * seconds, gained[:, 2::3, int(ledger.COIL)], rtol=1e-4, atol=1e-6)
+    assert use.friction.min() >= 0.0
+    np.testing.assert_allclose(meter.seconds, [seconds, seconds, 0.0])
+    assert meter.counts[:2].sum(-1).eq(40).all() and not meter.counts[2].any()
+    np.testing.assert_allclose(use.speed[:2], turned[:2].numpy() / 40, rtol=1e-5)
+    assert use.speed[:2].min() > 0.0 and not use.torque_square[2].any() and not use.speed[2].any()
+
+
+def test_robots_are_what_they_say(results: list[WalkResult]) -> None:
+    """Masses of section 6.4; Go1 has no devices; SAL off never holds and feeds no coil; SAL on does both."""
+    by_robot = {result.robot: result for result in results}
+    assert [by_robot[robot].mass for robot in paper.ROBOTS] == pytest.approx([12.0, 12.6, 12.6], abs=1e-5)
+    assert by_robot["go1"].use.coil.shape == (2, 0)
+    off, on = by_robot["mr_go"], by_robot["mr_go_sal"]
+    assert not off.hold.any() and not off.use.coil.any() and off.use.friction.min() > 0.0
+    assert on.hold.mean() > 0.1 and on.use.coil.mean() > 0.0
+    assert on.use.torque_square[:, 2::3].mean() < 0.8 * off.use.torque_square[:, 2::3].mean()
+
+
+def test_every_trial_covers_the_distance(results: list[WalkResult]) -> None:
+    """Speed times time is the distance, to within one policy step."""
+    for result in results:
+        assert result.fell == 0 and result.late == 0
+        covered = result.speed * result.seconds
+        assert np.all(covered >= SHORT.distance) and np.all(covered < SHORT.distance + 0.03)
+        assert result.counts.sum() == pytest.approx(3 * 200.0 * result.seconds.sum(), rel=1e-6)
+        assert np.all(result.height_rmse >= result.height_sd - 1e-9)
+
+
+def test_a_condition_in_a_batch_equals_the_same_alone(
+    results: list[WalkResult], policies: dict[str, OnnxPolicy]
+) -> None:
+    """MR_Go-SAL beside MR_Go and by itself: the same numbers."""
+    alone = WalkBatch(SHORT, ("mr_go_sal",), 0.0, policies).run()[0]
+    beside = next(result for result in results if result.robot == "mr_go_sal")
+    np.testing.assert_allclose(alone.use.torque_square, beside.use.torque_square, rtol=1e-6)
+    np.testing.assert_allclose(alone.hold, beside.hold)
+
+
+def test_rows_say_what_was_calibrated(results: list[WalkResult]) -> None:
+    """Go1's row of table 6 was used to calibrate, those of the MR robots were not; the parts add up to the power."""
+    for result in results:
+        row = walk_figures.row(result, ElectricalCfg())
+        assert row["calibrated"] == (result.robot == "go1")
+        assert not walk_figures.row(result, ElectricalCfg(), calibrated=False)["calibrated"]
+        assert sum(row["parts"].values()) == pytest.approx(row["power"]["mean"])
+        assert row["paper"]["cot"] == paper.TABLE_6[result.robot, 0, 0.5].cot
+    saved = walk_figures.savings(results, ElectricalCfg(), 20.0)
+    assert len(saved) == 1 and not saved[0]["calibrated"]
+    assert sum(saved[0]["saving_by_part"].values()) == pytest.approx(saved[0]["saving"])
+
+
+def test_traces_hold_two_strides(results: list[WalkResult]) -> None:
+    """The front-right calf at 200 Hz while the walk lasts, at most two strides; Go1 has no device to show."""
+    for result in results:
+        assert 0 < len(result.trace.t) <= round(2 / 1.5 * 200)
+        assert ("m_hold" in result.trace.values) == (result.robot != "go1")
+
+
+def test_loads_between_the_variants() -> None:
+    """1.5 kg on the back add 1.5 kg; a load needs the variant that has the body."""
+    env = make_env(replace(ENV, payload=3), 2, 0)
+    set_load(env, np.array([1.5, 0.0]))
+    mass = env.sim.backend.expand("body_mass").numpy().sum(axis=1)
+    assert mass == pytest.approx([14.1, 12.601], abs=1e-4)
+    with pytest.raises(ValueError, match="payload variant"):
+        set_load(make_env(ENV, 1, 0), np.array([1.0]))
+
+
+def test_standing_on_the_devices_spares_the_calf_motors() -> None:
+    """The knee carries a quarter of the weight at 0.213 sin(0.7) m: about 4 N·m; held, kp_low leaves a 21st of it."""
+    cfg = replace(ENV, payload=3)
+    motors, found = standing_use(cfg, load=0.0, hold=False, seconds=0.5)
+    held, _ = standing_use(cfg, load=0.0, hold=True, seconds=0.5)
+    calves = motors.torque_square[2::3]
+    expected = (12.6 * 9.81 / 4.0 * 0.213 * np.sin(0.7)) ** 2
+    # the quarter is a mean over legs that differ, and includes the leg's own weight, which no knee carries
+    assert calves.mean() == pytest.approx(expected, rel=0.2)
+    assert found["height"] == pytest.approx(0.334, abs=0.003)
+    assert held.torque_square[2::3].mean() < 0.01 * calves.mean()
+    assert 0.0 < held.coil.sum() < 5.0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--policy", "nowhere.onnx"], "no such policy"),
+        (["--speed", "0.3", "0.3"], "speeds = (0.3, 0.3): name each once"),
+        (["--sal", "on", "--robot", "go1"], "exclude each other"),
+        (["--set", "gear=1"], "'gear' is not one number"),
+        (["--set", "winding_resistance=1"], "electrical.winding_resistance or thermal.winding_resistance"),
+        (["--set", "regeneration=2"], "regeneration = 2"),
+        (["--asset", "nowhere.usda"], "nowhere.usda"),
+        (["--calibrate", "--robot", "mr_go", "--distance", "0.05", "--trials", "1"], "needs Go1"),
+    ],
+)
+def test_bad_input_ends_with_2(
+    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line on stderr that names what is wrong, no result."""
+    assert main(["walk", "--out", str(tmp_path / "out"), *options]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out" / "result.json").exists()
+
+
+@pytest.mark.parametrize("command", ["walk", "mission"])
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"[" * 100_000, "not JSON"),
+        (b'{"electrical": ' * 2000, "not JSON"),
+        (b'{"electrical": {', "not JSON"),
+        (b"\xff\xfe", "not JSON"),
+        (b'{"electrical": {"regeneration": 0, "regeneration": 1}}', "regeneration stands twice"),
+        (b'{"electrical": {"regeneration": 1' + 400 * b"0" + b"}}", "regeneration = inf is out of range"),
+        (b'{"electrical": {"regeneration": [[[]]]}}', "is not a number"),
+        (b"[]", "one object per group"),
+    ],
+)  # fmt: skip
+def test_unusable_numbers_end_with_2(
+    command: str, content: bytes, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A file of ``--numbers`` that is damaged, nested without end or out of range: one line, no traceback."""
+    file = tmp_path / "numbers.json"
+    file.write_bytes(content)
+    assert main([command, "--out", str(tmp_path / "out"), "--numbers", str(file)]) == 2
+    shown = capsys.readouterr().err
+    assert message in shown and len(shown.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", ["walk", "mission"])
+@pytest.mark.parametrize(
+    "options",
+    [["--current", "nan"], ["--current", "500"], ["--speed", "1e9"], ["--distance", "1e12"], ["--seed", "-1"]],
+)
+def test_numbers_out_of_range_end_with_2(
+    command: str, options: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The option and what is allowed stand in the last line; nothing is written."""
+    with pytest.raises(SystemExit) as ended:
+        main([command, "--out", str(tmp_path / "out"), *options])
+    assert ended.value.code == 2
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert options[0] in last and "allowed" in last
+    assert not (tmp_path / "out").exists()
+
+
+def test_calibration_is_refused_before_the_walk(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Not all four conditions of Go1: nothing is simulated for it."""
+    for options in (["--speed", "0.4"], ["--sal", "on"], ["--payload", "0"]):
+        assert main(["walk", "--out", str(tmp_path / "out"), "--calibrate", *options]) == 2
+        shown = capsys.readouterr()
+        assert "--calibrate needs Go1 at 0.3 and 0.5 m/s with 0 and 3 kg" in shown.err and "%" not in shown.out
+
+
+def test_numbers_that_were_given_are_not_called_calibrated() -> None:
+    """A default came from ``--calibrate``; another value only if this run fitted it."""
+    groups = {"electrical": ElectricalCfg(electronics=50.0)}
+    found = energy_cli.described(groups)["electrical"]
+    assert (found["electronics"]["calibrated"], found["electronics"]["source"]) == (
+        False,
+        "given by --numbers or --set",
+    )
+    assert found["winding_resistance"]["calibrated"] and not found["calf_gear"]["calibrated"]
+    fitted = energy_cli.described(groups, ("electrical.electronics",))["electrical"]["electronics"]
+    assert fitted["calibrated"] and fitted["fitted_in_this_run"] and fitted["source"].startswith("calibrated on Go1")

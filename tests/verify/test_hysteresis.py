@@ -1,0 +1,79 @@
+"""The hysteresis kernels against float64 references over random motions, currents, current steps and coil lags."""
+
+import numpy as np
+import pytest
+
+from mrwarp.params import BoucWenParams
+from mrwarp.verify.hysteresis import (
+    FINE,
+    METHODS,
+    SEGMENT,
+    STEPS,
+    Excitation,
+    Hysteresis,
+    along_the_path,
+    finely_stepped,
+    hysteresis,
+    times,
+)
+from mrwarp.verify.physics_checks import HYSTERESIS_ORDER
+
+AT_5_MS = {"euler": 0.04, "exact": 0.027, "exact, interpolated": 1.3e-4}
+"""Largest RMS error of the torque at 5 ms [N·m] (the torque itself: 0.63); measured: 0.027, 0.018, 8.4e-5."""
+
+
+@pytest.fixture(scope="module")
+def measured() -> Hysteresis:
+    """64 random motions replayed at 10 to 0.625 ms."""
+    return hysteresis(seed=0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_hysteresis_converges_in_its_order(measured: Hysteresis, method: str) -> None:
+    """Orders over 10 to 0.625 ms; measured: 1.035 (Euler), 1.005 (exact), 2.02 (exact, interpolated velocity)."""
+    low, high = HYSTERESIS_ORDER[method]
+    assert low <= measured.order(method) <= high
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_hysteresis_error_at_5_ms(measured: Hysteresis, method: str) -> None:
+    """Errors against a torque of 0.63 N·m RMS; the largest is at most 60 times the RMS (at a reversal, at 1.5 A)."""
+    rms, largest = (table[method][STEPS.index(0.005)] for table in (measured.rms, measured.largest))
+    assert 0.3 < measured.size < 1.2
+    assert rms < AT_5_MS[method]
+    assert rms < largest < 60.0 * rms
+
+
+def test_hysteresis_reference_equals_fine_steps() -> None:
+    """The closed form along the path is what the midpoint rule finds at 100 µs, for the paper's and other loops.
+
+    Measured: 6.0e-7, 1.6e-7 and 1.2e-7 rad (|z| up to 0.17 rad); at 1 µs, in the slow test below, 7.5e-11 rad.
+    """
+    excitation, t = Excitation.draw(16, 3), times(0.005)
+    for p in (BoucWenParams(), BoucWenParams(beta=8.0, gamma=3.0), BoucWenParams(beta=5.0, gamma=4.9)):
+        fine = finely_stepped(excitation, t, p, dt=1e-4)
+        assert np.abs(fine - along_the_path(excitation, t, p)).max() < 1.5e-6
+        assert np.abs(fine).max() > 0.5 * p.z_bound
+
+
+@pytest.mark.slow
+def test_hysteresis_reference_equals_1_us_steps() -> None:
+    """The same at 1 µs with the paper's coefficients: measured 7.5e-11 rad."""
+    excitation, t = Excitation.draw(64, 0), times(0.005)
+    assert np.abs(finely_stepped(excitation, t, dt=FINE) - along_the_path(excitation, t)).max() < 5e-10
+
+
+def test_excitation_is_consistent() -> None:
+    """qd is the derivative of q, motions begin at rest and reverse, lagging currents obey their equation."""
+    excitation, h = Excitation.draw(16, 1), 1e-6
+    t = np.linspace(0.02, 0.98, 97)
+    slope = (excitation.q(t + h) - excitation.q(t - h)) / (2.0 * h)
+    np.testing.assert_allclose(excitation.qd(t), slope, atol=1e-7)
+    assert not excitation.qd(np.zeros(1)).any()
+    assert ((np.diff(np.sign(excitation.qd(times(0.001))[:, 1:])) != 0).sum(1) >= 1).all()
+    inside = t[np.abs(t / SEGMENT - np.round(t / SEGMENT)) > 1e-3]
+    rise = (excitation.current(inside + h) - excitation.current(inside - h)) / (2.0 * h)
+    lagging = excitation.lag > 0.0
+    missing = excitation.commanded(inside) - excitation.current(inside)
+    np.testing.assert_allclose(rise[lagging], missing[lagging] / excitation.lag[lagging, None], atol=1e-5)
+    assert not missing[~lagging].any() and np.abs(missing[lagging]).max() > 0.5

@@ -1,0 +1,208 @@
+"""What the simulator must show of its physics; the figures are those of ``mrwarp verify``."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrwarp.actuator import brake_constraint
+from mrwarp.actuator.mr_actuator import Coupling
+from mrwarp.env.backend import BackendKind
+from mrwarp.params import MrParams
+from mrwarp.verify import physics_checks
+from mrwarp.verify.accuracy import Accuracy, accuracy
+from mrwarp.verify.held_joint import (
+    BREAKAWAY_LIMITS,
+    CREEP_LIMITS,
+    CURRENT,
+    LOADS,
+    bench_rig,
+    calf_rig,
+    drift_tolerance,
+    expected_drift,
+    hold,
+    stand_on_brakes,
+)
+from mrwarp.verify.passivity import ROUNDING, PassivityRun, dropped_robot, falling_link, walking_robot
+from mrwarp.verify.physics import run_all
+from mrwarp.verify.rigs import yield_torque
+
+FRICTION_GAP = {BackendKind.MJBATCH: 2e-6, BackendKind.MJWARP: 0.06}
+"""sim.friction against the solver's row [N·m].
+
+float64: the result is stored as float32, 25.4 N·m * 2^-24 = 1.5e-6. float32: the velocity after a step that stops a
+joint from 10 rad/s is rounded by 10*2^-24 = 6e-7 rad/s, which over the creep of 1e-5 is 0.06 N·m.
+"""
+
+MOTION_GAP = {BackendKind.MJBATCH: 1e-15, BackendKind.MJWARP: 2.5e-7}
+"""qd_next*dt against the change of q [rad]: rounding of angles below 4 rad, 2^-52*4 and 2^-23*2."""
+
+LEDGER_GAP = 1e-4
+"""The float32 ledger against float64 sums [J]: 200 additions to less than 4 J, 200*2^-24*4 = 5e-5."""
+
+
+def assert_passive(run: PassivityRun) -> None:
+    """No step of a constraint run does positive work, in the solver's own row forces and in the simulator's ledger."""
+    assert run.figures["largest_step_work"] <= ROUNDING[run.backend]
+    assert run.figures["net_work"] < 0.0
+    assert run.figures["friction_gap"] <= FRICTION_GAP[run.backend]
+    assert run.figures["motion_gap"] <= MOTION_GAP[run.backend]
+
+
+def test_passivity_falling_link():
+    """A 2.7 N·m brake stops a falling link where energy says, within a step's motion, and does no positive work.
+
+    Net torque (2.7 - 0.3*9.81*0.2) N·m stops 0.5*J*v^2 = 0.2 J after 0.095 rad; the step is 5 ms, so the path is short
+    by up to v*dt/2 = 0.0125 rad. Explicitly applied, the same brake injects more than the link ever had.
+    """
+    brake, explicit = falling_link(Coupling.CONSTRAINT), falling_link(Coupling.EXPLICIT)
+    assert_passive(brake)
+    assert brake.figures["ledger_gap"] < LEDGER_GAP
+    stop = 0.5 * 0.016 * 5.0**2 / (2.7 - 0.3 * 9.81 * 0.2)
+    assert stop - 0.0125 - 1e-3 < brake.q[-1] < stop + 1e-3
+    assert np.ptp(brake.q[-100:]) < 0.5 * brake_constraint.CREEP * 2.7  # [rad] 0.5 s at rest: creep only
+    assert explicit.figures["injected"] > 0.5  # [J] over 0.6 s, where eq. 7 allows none
+    assert explicit.figures["net_work"] > 0.0
+
+
+@pytest.mark.parametrize("kind", list(BackendKind))
+def test_passivity_impact(kind):
+    """The robot dropped from 0.3 m: no device does positive work in any step, at any current, on either engine."""
+    run = dropped_robot(Coupling.CONSTRAINT, backend=kind)
+    assert_passive(run)
+    assert run.figures["ledger_gap"] < LEDGER_GAP
+    assert run.figures["net_work"] < -1.0  # [J] the devices took part in the impact
+    assert run.figures["unsolved_share"] < 0.01
+
+
+def test_passivity_explicit_coupling_is_measured_too():
+    """With the explicit coupling the same impact injects energy, and meter and ledger agree on how much."""
+    run = dropped_robot(Coupling.EXPLICIT)
+    assert run.figures["injected"] > 0.05  # [J]
+    assert run.figures["ledger_gap"] < LEDGER_GAP
+
+
+@pytest.mark.parametrize(("kind", "seconds"), [(BackendKind.MJBATCH, 4.0), (BackendKind.MJWARP, 2.0)])
+def test_passivity_moving_robot(kind, seconds):
+    """The robot under random joint targets with the gates at work: passive at every step, and solved at nearly all."""
+    run = walking_robot(Coupling.CONSTRAINT, policy=None, seconds=seconds, seed=1, backend=kind)
+    assert_passive(run)
+    assert run.figures["unsolved_share"] < 0.005
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 3])
+def test_passivity_twenty_seconds(seed):
+    """20 s of it with other targets; explicit torques inject energy under the same targets."""
+    run = walking_robot(Coupling.CONSTRAINT, policy=None, seconds=20.0, seed=seed)
+    assert_passive(run)
+    assert run.figures["unsolved_share"] < 0.005
+    explicit = walking_robot(Coupling.EXPLICIT, policy=None, seconds=20.0, seed=seed)
+    assert explicit.figures["injected"] > 1.0  # [J]
+
+
+@pytest.mark.parametrize("kind", list(BackendKind))
+@pytest.mark.parametrize("rig", [calf_rig, bench_rig])
+def test_holding_creep_and_breakaway(rig, kind):
+    """A held joint creeps by R*dt per torque, whatever its inertia, and lets go at tau_y.
+
+    The ramp rises by 0.05 % of tau_y per step, so break-away is seen within a few steps of it.
+    """
+    run = hold("joint", rig(), kind)
+    tau_y = yield_torque(MrParams(), CURRENT)
+    expected = brake_constraint.CREEP * np.array(LOADS) * tau_y
+    assert (np.abs(run.creep) <= CREEP_LIMITS).all()
+    np.testing.assert_allclose(run.creep, expected, rtol=2e-3)
+    assert BREAKAWAY_LIMITS[0] <= run.breakaway <= BREAKAWAY_LIMITS[1]
+    assert run.unsolved == 0
+
+
+def test_holding_default_friction_would_creep():
+    """With MuJoCo's default friction the same joints creep a thousand times faster: the brake settings are needed."""
+    run = hold("calf", calf_rig(brake=False), BackendKind.MJBATCH, brake=False)
+    assert (np.abs(run.creep) > 1e3 * np.array(CREEP_LIMITS)).all()
+
+
+@pytest.mark.parametrize("kind", list(BackendKind))
+def test_holding_robot_stands_on_its_brakes(kind):
+    """10 s without calf motors: each calf drifts by what the creep predicts for its torque, half a milliradian.
+
+    Tolerance: see drift_tolerance. The trunk sinks with the sliding feet, not with the brakes.
+    """
+    run = stand_on_brakes(kind)
+    drift = np.abs(run.calf[-1] - run.calf[0])
+    np.testing.assert_array_less(np.abs(drift - expected_drift(run)), drift_tolerance(run))
+    assert drift.max() < 1e-3
+    assert 0.0 <= run.height[0] - run.height[-1] < 5e-3
+    assert run.unsolved == 0
+
+
+def test_holding_trunk_sinks_with_the_feet():
+    """On stiff feet the trunk sinks 0.1 mm in 10 s instead of 3.5 mm: the rest was feet sliding over the ground."""
+    run = stand_on_brakes(BackendKind.MJBATCH, stiff_feet=True)
+    assert run.height[0] - run.height[-1] < 3e-4
+    assert np.abs(run.calf[-1] - run.calf[0]).max() < 1e-3
+
+
+def test_holding_yield_torque():
+    """tau_y at half-torque current is half of T_max, and 25.4 N·m at 1.5 A (paper: up to 25 N·m)."""
+    mr = MrParams()
+    assert yield_torque(mr, mr.hold.K) == pytest.approx(mr.hold.T_max / 2.0, rel=1e-12)
+    assert yield_torque(mr, CURRENT) == pytest.approx(25.44, abs=0.01)
+
+
+@pytest.fixture(scope="module")
+def compared() -> Accuracy:
+    """Both couplings against the 50 µs reference, four steps, eight random profiles."""
+    return accuracy(seed=5)
+
+
+def test_accuracy_constraint_follows_the_reference(compared):
+    """At 5 ms the constraint is ten times closer to the reference than explicit torques, in angle and velocity."""
+    at_5_ms = {name: np.array(table["0.005"]) for name, table in compared.rms.items()}
+    assert (10.0 * at_5_ms["constraint"] < at_5_ms["explicit"]).all()
+
+
+def test_accuracy_constraint_is_first_order(compared):
+    """Halving the step halves the constraint's error, from 10 ms to 1 ms: semi-implicit Euler with exact stick.
+
+    0.2 on the order: stick and slip begin at steps, which scatters single errors.
+    """
+    assert compared.order(Coupling.CONSTRAINT) == pytest.approx([1.0, 1.0], abs=0.2)
+
+
+def test_accuracy_reference_is_a_reference(compared):
+    """Its own error is a tenth of the smallest error it judges, and it truly sticks for a part of the time."""
+    assert (10.0 * np.array(compared.reference_error) < compared.rms["constraint"]["0.001"]).all()
+    assert (compared.paths["reference"][..., 1] == 0.0).mean() > 0.1
+
+
+def test_accuracy_chatter_wears_the_hysteresis(compared):
+    """Why explicit torques fail: they make a resting joint chatter, and eq. 15 wears z, the brake's strength, down."""
+    assert compared.kept["constraint"] == pytest.approx(1.0, abs=1e-3)
+    assert compared.kept["explicit"] < 0.8
+
+
+@pytest.mark.slow
+def test_physics_run_all(tmp_path: Path):
+    """Every limit holds, the figures are plain and finite JSON, and the pictures are written."""
+    lines: list[str] = []
+    figures = run_all(tmp_path, seed=0, policy=None, progress=lines.append)
+    assert [row["name"] for row in figures["checks"] if not row["holds"]] == []
+    assert figures["passed"]
+    assert len(lines) == 6
+    json.dumps(figures, allow_nan=False)
+    assert {path.name for path in tmp_path.iterdir()} == set(figures["pictures"])
+
+
+@pytest.mark.parametrize(
+    ("value", "limits", "holds"),
+    [(1.0, {"high": 1.0}, True), (1.1, {"high": 1.0}, False), (0.9, {"low": 1.0, "high": 2.0}, False),
+     (1.5, {"low": 1.0, "high": 2.0}, True), (float("nan"), {"high": 1.0}, False), (float("nan"), {"low": 1.0}, False)],
+)  # fmt: skip
+def test_physics_check_rows(value, limits, holds):
+    """A row holds inside its closed limits; what is no number never does, and is written as a finite one."""
+    row = physics_checks._row("name", value, unit="J", **limits)
+    assert row["holds"] is holds
+    json.dumps(row, allow_nan=False)
