@@ -7,7 +7,7 @@ import importlib
 import os
 import sys
 
-from mrwarp.run_dir import place_and_cause
+from mrwarp.run_dir import one_line
 
 COMMANDS = {
     "train": ("mrwarp.commands.run_train", "train a walking policy until the walking gate is met"),
@@ -61,7 +61,7 @@ def main(argv: list[str] | None = None) -> int:
         return 1
     except OSError as error:  # most of them a disk that is full when the results are written
         remedy = "make room or name another folder, then run it again"
-        print(f"mrwarp {argv[0]}: {place_and_cause(error)}; {remedy}", file=sys.stderr)
+        print(f"mrwarp {argv[0]}: {one_line(error)}; {remedy}", file=sys.stderr)
         return 1
 
 

@@ -1,4 +1,7 @@
-"""Folder of a run: what is wrong with a path, atomic writes, one process at a time, and ``result.json``."""
+"""The folder that a run writes to: tried before the work, used by one process, every file whole or not there.
+
+After a killed process a file is what it was before, with a ``.part`` beside it at most.
+"""
 
 from __future__ import annotations
 
@@ -17,19 +20,64 @@ try:
 except ImportError:  # Windows has no such locks: there two runs in one folder are not told apart
     fcntl = None
 
+SCHEMA = 1
+"""Version of the layout of ``result.json``."""
+
+LIBRARIES = (
+    "mrwarp",
+    "warp-lang",
+    "newton",
+    "mujoco",
+    "mujoco-warp",
+    "torch",
+    "rsl-rl-lib",
+    "numpy",
+    "scipy",
+    "usd-core",
+    "safetensors",
+)
+"""Libraries whose versions a result names."""
+
 
 class FolderError(OSError):
     """An output folder cannot be used; the message names it, the reason and the remedy."""
 
 
+def one_line(error: BaseException) -> str:
+    """Message of an error on one line; for an error of the system the file and the cause."""
+    if not isinstance(error, OSError):
+        return " ".join(str(error).split())
+    where = f"{error.filename}: " if error.filename else ""
+    return where + " ".join((error.strerror or str(error) or type(error).__name__).split())
+
+
+def no_file(path: Path, kind: str) -> str:
+    """Why a path is no regular file, for a refusal: ``is a folder, no policy`` or ``no such policy``."""
+    if path.is_dir():
+        return f"is a folder, no {kind}"
+    return f"is no regular file, so no {kind}" if path.exists() else f"no such {kind}"
+
+
+def check_output(path: Path | None, suffix: str) -> None:
+    """Raise ValueError unless the path can become a file of this suffix; without a suffix, a folder."""
+    if path is None:
+        return
+    if suffix and path.suffix != suffix:
+        raise ValueError(f"{path}: the file's name must end with {suffix}")
+    if path.is_dir() if suffix else path.exists() and not path.is_dir():
+        raise ValueError(f"{path}: is a {'folder, name a file in it' if suffix else 'file, name a folder'}")
+    existing = next(parent for parent in (path.absolute(), *path.absolute().parents) if parent.exists())
+    if existing != path.absolute() and not existing.is_dir() or not os.access(existing, os.W_OK):
+        raise ValueError(f"{path}: cannot be written, {existing} is no folder with write access")
+
+
 def check_writable(out: Path) -> None:
-    """Refuse before the work what could not be written after it; leaves nothing behind.
+    """Try an output folder before the work; nothing that the trial makes stays.
 
     Raises:
         FolderError: the folder cannot be made or written.
     """
-    probe = out / ".probe.part"
-    made = _missing(out)
+    probe, made = out / ".probe.part", _missing(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
         try:
@@ -42,52 +90,9 @@ def check_writable(out: Path) -> None:
         _remove_empty(made)
 
 
-def _missing(out: Path) -> list[Path]:
-    """The folders that making ``out`` would make, innermost first."""
-    return [folder for folder in (out, *out.parents) if not folder.exists()]
-
-
-def _remove_empty(folders: list[Path]) -> None:
-    """Remove folders, innermost first, up to one that holds something."""
-    with contextlib.suppress(OSError):
-        for folder in folders:
-            folder.rmdir()
-
-
-def check_output(path: Path | None, suffix: str) -> None:
-    """Raise ValueError unless the path can become a file (or with no suffix, a folder)."""
-    if path is None:
-        return
-    if suffix and path.suffix != suffix:
-        raise ValueError(f"{path}: the file's name must end with {suffix}")
-    if path.is_dir() if suffix else path.exists() and not path.is_dir():
-        raise ValueError(f"{path}: is a {'folder, name a file in it' if suffix else 'file, name a folder'}")
-    existing = next(parent for parent in (path.absolute(), *path.absolute().parents) if parent.exists())
-    if existing != path.absolute() and not existing.is_dir() or not os.access(existing, os.W_OK):
-        raise ValueError(f"{path}: cannot be written, {existing} is no folder with write access")
-
-
-def place_and_cause(error: OSError) -> str:
-    """What cannot be read or written and why, on one line."""
-    where = f"{error.filename}: " if error.filename else ""
-    return where + " ".join((error.strerror or str(error) or type(error).__name__).split())
-
-
-def one_line(error: BaseException) -> str:
-    """What an error says, on one line; of one of the system's, place and cause."""
-    return place_and_cause(error) if isinstance(error, OSError) else " ".join(str(error).split())
-
-
-def no_file(path: Path, kind: str) -> str:
-    """What a path is that should be a file: not there, or something else, such as ``is a folder, no policy``."""
-    if path.is_dir():
-        return f"is a folder, no {kind}"
-    return f"is no regular file, so no {kind}" if path.exists() else f"no such {kind}"
-
-
 @contextlib.contextmanager
 def claim(out: Path) -> Iterator[None]:
-    """Keep other processes out of a folder, which is made; ends with the process, however that ends.
+    """Make a folder and keep other processes out of it; ends with the process, however that ends.
 
     A folder that was made for work that fails is removed again if it is still empty.
 
@@ -122,18 +127,30 @@ def _locked(out: Path) -> Iterator[None]:
         os.close(handle)
 
 
-@contextlib.contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """Path beside ``path`` to write to; it takes its place when the block ends, and is gone if the block fails.
+def _missing(out: Path) -> list[Path]:
+    """Folders that making ``out`` would make, innermost first."""
+    return [folder for folder in (out, *out.parents) if not folder.exists()]
 
-    The folder is made if it is not there. After a killed process ``path`` is what it was, beside a ``.part``.
+
+def _remove_empty(folders: list[Path]) -> None:
+    """Remove folders, innermost first, up to one that holds something."""
+    with contextlib.suppress(OSError):
+        for folder in folders:
+            folder.rmdir()
+
+
+@contextlib.contextmanager
+def atomic_write(path: Path) -> Iterator[Path]:
+    """Give a path beside ``path`` to write to; it replaces ``path`` at the end, and is gone if the block fails.
+
+    The folder is made if it is not there. An error that names no file, as on a full disk, names ``path``.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(path.name + ".part")
     try:
         yield partial
         os.replace(partial, path)
-    except OSError as error:  # a write to a full disk names no file
+    except OSError as error:
         if error.errno is None or error.filename not in (None, str(partial)):
             raise
         raise OSError(error.errno, error.strerror, str(path)) from error
@@ -143,37 +160,19 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def write_bytes(path: Path, data: bytes) -> Path:
-    """Write a file in one piece; returns its path."""
-    with replacing(path) as partial:
+    """Write a file atomically; returns its path."""
+    with atomic_write(path) as partial:
         partial.write_bytes(data)
     return path
 
 
 def write_text(path: Path, text: str) -> Path:
-    """Write UTF-8 text in one piece; returns the file's path."""
+    """Write UTF-8 text atomically; returns the file's path."""
     return write_bytes(path, text.encode("utf-8"))
 
 
-SCHEMA = 1
-"""Version of the result's layout."""
-
-_LIBRARIES = (
-    "mrwarp",
-    "warp-lang",
-    "newton",
-    "mujoco",
-    "mujoco-warp",
-    "torch",
-    "rsl-rl-lib",
-    "numpy",
-    "scipy",
-    "usd-core",
-    "safetensors",
-)
-
-
 def write_result(out: Path, figures: dict[str, Any], *, seed: int, command: str) -> Path:
-    """Write ``out/result.json`` in one piece: the figures, the seed, the versions and the command line.
+    """Write ``out/result.json`` atomically: the figures, the seed, the versions and the command line.
 
     Args:
         out: Folder, made if it is not there.
@@ -186,7 +185,7 @@ def write_result(out: Path, figures: dict[str, Any], *, seed: int, command: str)
 
 
 def plain(value: Any) -> Any:
-    """The same with null for NaN and infinity, which JSON does not have."""
+    """A value of dicts, lists and numbers with null for NaN and infinity, which JSON does not have."""
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -195,9 +194,9 @@ def plain(value: Any) -> Any:
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of the libraries that a result depends on."""
+    """Versions of Python and of :data:`LIBRARIES`."""
     found = {"python": platform.python_version()}
-    for name in _LIBRARIES:
+    for name in LIBRARIES:
         try:
             found[name] = version(name)
         except PackageNotFoundError:

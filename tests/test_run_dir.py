@@ -1,12 +1,13 @@
-"""Output folders: tried before the work, used by one process at a time."""
+"""Output folders: tried before the work, used by one process at a time; files whole or not there; ``result.json``."""
 
 import errno
+import json
 import os
 from pathlib import Path
 
 import pytest
 
-from mrwarp.run_dir import FolderError, check_writable, claim, place_and_cause
+from mrwarp.run_dir import FolderError, atomic_write, check_writable, claim, one_line, write_result, write_text
 
 
 @pytest.mark.parametrize("there", ["", "a", "a/b"])
@@ -62,8 +63,69 @@ def test_a_claim_for_work_that_fails_leaves_no_empty_folder(tmp_path: Path) -> N
         assert (root / "a").exists() == bool(inside or before)
 
 
-def test_place_and_cause_are_one_line() -> None:
+def test_errors_of_the_system_fit_one_line() -> None:
     """With and without what the system says."""
-    assert place_and_cause(OSError(errno.EROFS, "Read-only file system", "out/a")) == "out/a: Read-only file system"
-    assert place_and_cause(OSError("two\nlines")) == "two lines"
-    assert place_and_cause(OSError()) == "OSError"
+    assert one_line(OSError(errno.EROFS, "Read-only file system", "out/a")) == "out/a: Read-only file system"
+    assert one_line(OSError("two\nlines")) == "two lines"
+    assert one_line(OSError()) == "OSError"
+
+
+def test_folder_and_file_are_made(tmp_path: Path) -> None:
+    """A folder that is not there is no obstacle, and nothing else is left in it."""
+    path = write_text(tmp_path / "new" / "a.txt", "torque [N·m]")
+    assert path.read_bytes() == "torque [N·m]".encode()
+    assert list(path.parent.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_old_file_stays_when_writing_fails(tmp_path: Path, error: type[BaseException]) -> None:
+    """Errors and Ctrl-C leave the old file and nothing beside it."""
+    path = write_text(tmp_path / "a.txt", "old")
+    with pytest.raises(error), atomic_write(path) as partial:
+        partial.write_text("half of the n")
+        assert path.read_text() == "old"
+        raise error
+    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+
+
+def test_a_partial_file_of_a_killed_process_is_no_obstacle(tmp_path: Path) -> None:
+    """It is written over."""
+    (tmp_path / "a.txt.part").write_text("left behind, and longer than what comes now")
+    assert write_text(tmp_path / "a.txt", "new").read_text() == "new"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_a_full_disk_is_an_error_that_names_the_file(tmp_path: Path) -> None:
+    """A write to a full disk names no file by itself; errors about other files keep theirs."""
+    path = tmp_path / "a.txt"
+    with pytest.raises(OSError, match=r"No space left on device: .*a\.txt'"), atomic_write(path):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    with pytest.raises(FileNotFoundError, match=r"other\.txt'"), atomic_write(path):
+        (tmp_path / "other.txt").read_text()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_result_holds_figures_seed_versions_and_command(tmp_path: Path) -> None:
+    """Everything a reader needs to make it again stands in the file."""
+    path = write_result(tmp_path / "new" / "folder", {"rmse": 0.1, "rows": [1, 2]}, seed=7, command="mrwarp x")
+    content = json.loads(path.read_text())
+    assert (content["rmse"], content["rows"], content["seed"], content["command"]) == (0.1, [1, 2], 7, "mrwarp x")
+    assert content["schema"] == 1
+    assert set(content["versions"]) >= {"python", "mrwarp", "warp-lang", "newton", "mujoco", "torch"}
+
+
+def test_nan_becomes_null(tmp_path: Path) -> None:
+    """JSON has no NaN or infinity: they are written as null, wherever they stand."""
+    nan, inf = float("nan"), float("inf")
+    path = write_result(tmp_path, {"a": nan, "b": [1.0, inf], "c": {"d": (-inf, 2.0)}}, seed=0, command="")
+    content = json.loads(path.read_text(), parse_constant=lambda name: pytest.fail(name))
+    assert (content["a"], content["b"], content["c"]) == (None, [1.0, None], {"d": [None, 2.0]})
+
+
+def test_a_failing_write_leaves_the_old_result(tmp_path: Path) -> None:
+    """What cannot be written as JSON raises and leaves the earlier file as it was."""
+    path = write_result(tmp_path, {"a": 1}, seed=0, command="")
+    before = path.read_text()
+    with pytest.raises(TypeError):
+        write_result(tmp_path, {"a": object()}, seed=0, command="")
+    assert path.read_text() == before

@@ -81,7 +81,7 @@ KINDS = {
     "onnx": Kind(".onnx", seeds.policy_seeds, _read("mrwarp.rl.policy", "OnnxPolicy"),
                  _errors("mrwarp.rl.policy.PolicyError"), mutate=mutate_onnx),
     "safetensors": Kind(".safetensors", seeds.network_seeds, _read("mrwarp.nn.network_file", "load"),
-                        _errors("mrwarp.nn.network_file.ModelFileError")),
+                        _errors("mrwarp.nn.network_file.NetworkFileError")),
     "dump": Kind(".safetensors", seeds.dump_seeds, _read("mrwarp.env.dump", "load"),
                  _errors("mrwarp.env.dump.DumpError")),
 }  # fmt: skip

@@ -13,7 +13,7 @@ from pxr import Usd
 
 from mrwarp.model_file import Model, ModelFileError, Parameter, load_model, save_model
 from mrwarp.options.arguments import Parser
-from mrwarp.run_dir import one_line, place_and_cause
+from mrwarp.run_dir import one_line
 from mrwarp.usd.asset import ASSETS, AssetError, is_mr, open_stage, read_parameters
 from mrwarp.usd.edit import Change, edit_asset, find_prim
 from mrwarp.usd.record import RECORD, PrimModel, read_model, record_text, summary
@@ -76,7 +76,7 @@ def main(argv: list[str] | None = None) -> int:
         print(f"mrwarp asset {args.command}: {one_line(error)}", file=sys.stderr)
         return 2
     except OSError as error:
-        print(f"mrwarp asset {args.command}: {place_and_cause(error)}; name another file", file=sys.stderr)
+        print(f"mrwarp asset {args.command}: {one_line(error)}; name another file", file=sys.stderr)
         return 2
 
 

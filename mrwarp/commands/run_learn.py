@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from mrwarp.identify import learn
 from mrwarp.model_file import load_model
-from mrwarp.nn import network_file as model_file
+from mrwarp.nn import network_file
 from mrwarp.nn.models import SAMPLES, LstmState
 from mrwarp.nn.training import FitCfg, History
 from mrwarp.options.arguments import Parser, count, seed
@@ -75,8 +75,8 @@ def main(argv: list[str] | None = None) -> int:
             name: learn.summary(learn.errors(tau, evaluation)) for name, tau in names.items()
         }  # fmt: skip
         print(learn.table(figures["evaluation"]))
-    model_file.save(model, args.out / "model.safetensors")
-    model_file.export_onnx(model, args.out / "model.onnx")
+    network_file.save(model, args.out / "model.safetensors")
+    network_file.export_onnx(model, args.out / "model.onnx")
     plot_history(learned.history, args.model, args.out / "curves.png")
     write_result(args.out, figures, seed=args.seed, command="mrwarp learn " + shlex.join(argv))
     print(

@@ -11,7 +11,7 @@ import numpy as np
 
 from mrwarp.env.dump import Dump, DumpError, load
 from mrwarp.options.arguments import Parser, count
-from mrwarp.run_dir import check_output, one_line, replacing
+from mrwarp.run_dir import atomic_write, check_output, one_line
 
 SHOWN = 10
 """Last states that are printed by default."""
@@ -121,7 +121,7 @@ def plot(dump: Dump, path: Path) -> None:
     for axis in axes[1]:
         axis.set_xlabel("torque steps of 5 ms before the wrong one [ms]")
     figure.suptitle(str(found), wrap=True)
-    with replacing(path) as partial:
+    with atomic_write(path) as partial:
         figure.savefig(partial, dpi=110, format="png")
 
 

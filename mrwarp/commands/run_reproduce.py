@@ -11,7 +11,7 @@ from typing import Any
 
 from mrwarp.options.arguments import Parser, count, positive, seed, whole
 from mrwarp.paper import ROBOTS
-from mrwarp.run_dir import FolderError, check_writable, claim, place_and_cause, plain, write_result
+from mrwarp.run_dir import FolderError, check_writable, claim, one_line, plain, write_result
 from mrwarp.runtime import quiet_libraries
 
 
@@ -92,7 +92,7 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     except OSError as error:  # a full disk: what is finished stays
         progress.done()
-        print(f"mrwarp reproduce: {place_and_cause(error)}; the same command goes on", file=sys.stderr)
+        print(f"mrwarp reproduce: {one_line(error)}; the same command goes on", file=sys.stderr)
         return 1
     if stopped:
         print(f"\nstopped; the same command goes on in {args.out}", file=sys.stderr)

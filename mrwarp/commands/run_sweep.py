@@ -13,7 +13,7 @@ from collections import Counter
 from pathlib import Path
 
 from mrwarp.options.arguments import Parser, count, whole
-from mrwarp.run_dir import FolderError, check_writable, claim, place_and_cause, write_result
+from mrwarp.run_dir import FolderError, check_writable, claim, one_line, write_result
 from mrwarp.sweep import compare
 from mrwarp.sweep.grid import Command, GridError, Trial, make_trials
 from mrwarp.sweep.runners import LocalRunner, RayRunner, Runner
@@ -77,7 +77,7 @@ def main(argv: list[str] | None = None) -> int:
         print(f"mrwarp sweep: {error}", file=sys.stderr)
         return 2
     except OSError as error:  # a full disk: what is finished stays
-        print(f"mrwarp sweep: {place_and_cause(error)}; the same command goes on", file=sys.stderr)
+        print(f"mrwarp sweep: {one_line(error)}; the same command goes on", file=sys.stderr)
         return 1
 
 

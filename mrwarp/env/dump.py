@@ -13,7 +13,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from mrwarp.env.broken import KEPT, Break, Column
-from mrwarp.run_dir import no_file, replacing
+from mrwarp.run_dir import atomic_write, no_file
 
 META = "mrwarp_dump"
 SCHEMA = 1
@@ -45,7 +45,7 @@ def save(found: Break, path: Path, run: dict[str, Any]) -> None:
         "run": run,
     }
     arrays = {"states": found.states.astype(np.float32), "bounds": found.bounds.astype(np.float64)}
-    with replacing(path) as partial:
+    with atomic_write(path) as partial:
         save_file(arrays, str(partial), metadata={META: json.dumps(meta)})
         partial.chmod(0o644)  # safetensors keeps its files to their owner
 

@@ -24,7 +24,7 @@ from mrwarp.env.task_kernels.draws import first_key
 from mrwarp.env.terrain import Terrain
 from mrwarp.env.watch import Watch
 from mrwarp.kernels.launch import Around, Work, in_graphs, in_turn, record
-from mrwarp.nn import network_file as model_file
+from mrwarp.nn import network_file
 from mrwarp.usd.applied_effects import with_model
 from mrwarp.usd.asset import JointActuator, load_robot
 from mrwarp.usd.robot import DEFAULT_Q, LEGS
@@ -355,15 +355,15 @@ def with_learned_torque(asset: Any, cfg: EnvCfg) -> tuple[Any, LearnedTorque]:
     """The robot whose devices have the Bouc-Wen coefficients of the learned model's file, and that model in the loop.
 
     Raises:
-        ModelFileError: the file cannot be used, or holds another kind of model than ``cfg.actuator_model``.
+        NetworkFileError: the file cannot be used, or holds another kind of model than ``cfg.actuator_model``.
         SamplingRateError: the model was trained at another rate than the torque loop's.
     """
     from dataclasses import replace
 
     assert cfg.actuator_file is not None  # EnvCfg has checked
-    model = model_file.load(cfg.actuator_file)
+    model = network_file.load(cfg.actuator_file)
     if model.kind != cfg.actuator_model:
-        raise model_file.ModelFileError(
+        raise network_file.NetworkFileError(
             f"{cfg.actuator_file}: holds a {model.kind} model; use --actuator {model.kind} or another file"
         )
     residual = LearnedTorque(

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from mrwarp.identify.replay import simulate
-from mrwarp.nn import network_file as model_file
-from mrwarp.nn import windows
+from mrwarp.nn import network_file, windows
 from mrwarp.nn.models import SAMPLES, LstmState, make_net
 from mrwarp.nn.network_file import LearnedModel
 from mrwarp.nn.training import FitCfg, History, Report, fit, rmse
@@ -166,7 +165,7 @@ def predict(
     if model.is_residual and not model.bouc_wen and baseline is None:
         raise ValueError("this pg_rlstm model was trained on another physical model; give its torque as baseline")
     model.check_rate(sampling_interval(recording))
-    tau = [model_file.torque_of(model, x, lstm_state) for x in features(recording, model.bouc_wen)]
+    tau = [network_file.torque_of(model, x, lstm_state) for x in features(recording, model.bouc_wen)]
     if model.is_residual:
         physical = baseline or bouc_wen_torque(recording, model.bouc_wen)
         tau = [a + b for a, b in zip(tau, physical, strict=True)]

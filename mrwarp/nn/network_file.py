@@ -17,7 +17,7 @@ from safetensors.torch import save_file
 
 from mrwarp.nn.models import FEATURES, SAMPLES, LstmState, LstmTorque, TorqueNet, make_net
 from mrwarp.resources import MODELS, shipped_model  # noqa: F401  (where networks are looked for)
-from mrwarp.run_dir import no_file, replacing
+from mrwarp.run_dir import atomic_write, no_file
 
 META = "mrwarp"
 """Key of the metadata entry that holds the description as JSON, in both kinds of file."""
@@ -26,7 +26,7 @@ SCHEMA = 1
 """Version of the description."""
 
 
-class ModelFileError(ValueError):
+class NetworkFileError(ValueError):
     """A model file cannot be used; the message names the file and the remedy."""
 
 
@@ -90,7 +90,7 @@ class LearnedModel:
 def save(model: LearnedModel, path: Path) -> None:
     """Write weights and description as safetensors, in one piece."""
     weights = {name: tensor.contiguous() for name, tensor in model.net.state_dict().items()}
-    with replacing(path) as partial:
+    with atomic_write(path) as partial:
         save_file(weights, str(partial), metadata={META: json.dumps(model.description(), allow_nan=False)})
         partial.chmod(0o644)  # safetensors keeps its files to their owner
 
@@ -99,19 +99,19 @@ def load(path: str | Path) -> LearnedModel:
     """Read a model that :func:`save` wrote.
 
     Raises:
-        ModelFileError: the file is missing, no safetensors, or not one of ours.
+        NetworkFileError: the file is missing, no safetensors, or not one of ours.
     """
     path = Path(path)
     if not path.is_file():
-        raise ModelFileError(f"{path}: {no_file(path, 'model')}; name a .safetensors file that 'mrwarp learn' wrote")
+        raise NetworkFileError(f"{path}: {no_file(path, 'model')}; name a .safetensors file that 'mrwarp learn' wrote")
     try:
         with safe_open(str(path), framework="pt") as content:
             meta = json.loads((content.metadata() or {}).get(META, "null"))
             weights = {name: content.get_tensor(name) for name in content.keys()}  # noqa: SIM118 (no mapping)
     except (SafetensorError, OSError, ValueError, RecursionError) as error:
-        raise ModelFileError(f"{path}: not a readable safetensors file ({error}); train it again") from error
+        raise NetworkFileError(f"{path}: not a readable safetensors file ({error}); train it again") from error
     if not isinstance(meta, dict) or meta.get("schema") != SCHEMA or str(meta.get("kind")) not in SAMPLES:
-        raise ModelFileError(f"{path}: no learned torque model of this version; make one with 'mrwarp learn'")
+        raise NetworkFileError(f"{path}: no learned torque model of this version; make one with 'mrwarp learn'")
     try:
         net = make_net(meta["kind"])
         net.load_state_dict(weights)
@@ -122,9 +122,9 @@ def load(path: str | Path) -> LearnedModel:
         )  # fmt: skip
     except (RuntimeError, KeyError, TypeError, ValueError, AttributeError) as error:
         cause = " ".join(str(error).split())  # torch writes one line per tensor
-        raise ModelFileError(f"{path}: weights or description are incomplete ({cause}); train it again") from error
+        raise NetworkFileError(f"{path}: weights or description are incomplete ({cause}); train it again") from error
     if not all(bool(torch.isfinite(tensor).all()) for tensor in weights.values()):
-        raise ModelFileError(f"{path}: holds weights that are no numbers; train it again")
+        raise NetworkFileError(f"{path}: holds weights that are no numbers; train it again")
     return model
 
 
@@ -132,7 +132,7 @@ def export_onnx(model: LearnedModel, path: Path) -> None:
     """Write as ONNX: input ``window`` (N, samples, 3) of raw features, output ``torque`` (N,), scaler inside."""
     path.parent.mkdir(parents=True, exist_ok=True)
     example = torch.zeros(1, model.samples, FEATURES)
-    with replacing(path) as partial, warnings.catch_warnings():
+    with atomic_write(path) as partial, warnings.catch_warnings():
         # the exporter warns of its own age and of batch sizes, which the tests cover
         warnings.simplefilter("ignore")
         torch.onnx.export(

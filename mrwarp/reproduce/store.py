@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mrwarp.run_dir import replacing
+from mrwarp.run_dir import atomic_write
 
 
 def save(path: Path, tree: Any) -> None:
@@ -29,7 +29,7 @@ def save(path: Path, tree: Any) -> None:
         return value
 
     skeleton = np.array(json.dumps(strip(tree)))
-    with replacing(path) as partial, partial.open("wb") as file:
+    with atomic_write(path) as partial, partial.open("wb") as file:
         np.savez_compressed(file, tree=skeleton, **arrays)  # type: ignore[arg-type]
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import torch
 
-from mrwarp.run_dir import no_file, replacing
+from mrwarp.run_dir import atomic_write, no_file
 
 FORMAT = 1
 """Version of the checkpoint's layout."""
@@ -25,7 +25,7 @@ def save(path: Path, content: dict[str, Any]) -> None:
     # in memory first: torch answers a full disk with errors of its own, in a half-written archive
     data = io.BytesIO()
     torch.save({"format": FORMAT, **content}, data)
-    with replacing(path) as partial, partial.open("wb") as file:
+    with atomic_write(path) as partial, partial.open("wb") as file:
         file.write(data.getbuffer())
         file.flush()
         os.fsync(file.fileno())

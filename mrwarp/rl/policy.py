@@ -15,7 +15,7 @@ from tensordict import TensorDict
 from mrwarp.env.observations import ACTOR_TERMS
 from mrwarp.model_file import shown
 from mrwarp.resources import DEFAULT_POLICY, POLICIES  # noqa: F401  (where policies are looked for)
-from mrwarp.run_dir import no_file, replacing
+from mrwarp.run_dir import atomic_write, no_file
 from mrwarp.usd.robot import JOINTS
 
 META = "mrwarp"
@@ -35,7 +35,7 @@ def export_onnx(actor: Any, path: Path, description: dict[str, Any]) -> None:
         description: What a user needs to run it, e.g. action scale, gains, command that made it; stored as metadata.
     """
     model = actor.as_onnx(verbose=False).to("cpu").eval()
-    with replacing(path) as partial, warnings.catch_warnings():
+    with atomic_write(path) as partial, warnings.catch_warnings():
         # deprecated, but its graph is the net's few layers by name, which is what OnnxPolicy reads
         warnings.simplefilter("ignore", DeprecationWarning)
         torch.onnx.export(

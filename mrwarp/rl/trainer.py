@@ -24,7 +24,7 @@ from mrwarp.rl.ppo_cfg import LearningCfg, make_ppo_cfg
 from mrwarp.rl.ranks import Ranks
 from mrwarp.rl.task import learned, task
 from mrwarp.rl.warm_start import critic_learns_alone, read_networks, take_networks
-from mrwarp.run_dir import check_writable, claim, place_and_cause, write_result
+from mrwarp.run_dir import check_writable, claim, one_line, write_result
 from mrwarp.runtime import one_torch_thread, repeating_torch, silent
 from mrwarp.trials.walking import GateCheck
 
@@ -150,7 +150,7 @@ class Trainer:
                     raise
                 raise TrainingError(f"another process of this training ended; {self._left()}") from error
             except OSError as error:
-                raise TrainingError(f"{place_and_cause(error)} (update {self.iteration}); {self._left()}") from error
+                raise TrainingError(f"{one_line(error)} (update {self.iteration}); {self._left()}") from error
             finally:
                 signal.signal(signal.SIGINT, previous)
                 if writer is not None:

@@ -13,7 +13,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from mrwarp.run_dir import replacing
+from mrwarp.run_dir import atomic_write
 from mrwarp.sweep.grid import Trial
 from mrwarp.sweep.trial import FINISHED, State, Status
 
@@ -144,7 +144,7 @@ def write_csv(rows: Sequence[Row], path: Path) -> None:
     """All numbers of all trials, one line for each trial."""
     options = list(dict.fromkeys(key for row in rows for key in row.trial.values))
     names = list(dict.fromkeys(name for row in rows for name in row.figures))
-    with replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+    with atomic_write(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["trial", *options, "state", "attempts", "wall_seconds", *names])
         for row in rows:

@@ -15,7 +15,7 @@ from PIL import Image
 
 from mrwarp.env.sim_model import Scene
 from mrwarp.kernels import ledger
-from mrwarp.run_dir import replacing
+from mrwarp.run_dir import atomic_write
 from mrwarp.usd.robot import CALVES, GAIT_FREQUENCY, LEGS
 from mrwarp.viewing.frames import Frames, Gate
 from mrwarp.viewing.ground import ground_of, trunk_height
@@ -90,7 +90,7 @@ def _save(figure: Figure, path: Path) -> None:
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=110, format="png", facecolor="white")
     image = Image.open(buffer).convert("RGB").quantize(255, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-    with replacing(path) as partial:
+    with atomic_write(path) as partial:
         image.save(partial, format="PNG", optimize=True)
 
 

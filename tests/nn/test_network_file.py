@@ -14,7 +14,7 @@ from mrwarp.nn.models import SAMPLES, make_net
 from mrwarp.nn.network_file import (
     META,
     LearnedModel,
-    ModelFileError,
+    NetworkFileError,
     SamplingRateError,
     export_onnx,
     load,
@@ -86,23 +86,23 @@ def test_model_refuses_another_rate() -> None:
 
 def test_load_refuses_what_is_no_model(tmp_path: Path) -> None:
     """A missing file, noise, foreign safetensors, weights of another kind and NaN are named with the remedy."""
-    with pytest.raises(ModelFileError, match="no such model"):
+    with pytest.raises(NetworkFileError, match="no such model"):
         load(tmp_path / "none.safetensors")
     noise = tmp_path / "noise.safetensors"
     noise.write_bytes(b"\x00\x01noise" * 100)
-    with pytest.raises(ModelFileError, match="not a readable safetensors"):
+    with pytest.raises(NetworkFileError, match="not a readable safetensors"):
         load(noise)
     foreign = tmp_path / "foreign.safetensors"
     save_file({"a": torch.zeros(2)}, str(foreign))
-    with pytest.raises(ModelFileError, match="no learned torque model"):
+    with pytest.raises(NetworkFileError, match="no learned torque model"):
         load(foreign)
     model = make_model("mlp")
     meta = {META: json.dumps({**model.description(), "kind": "lstm"})}
     save_file(dict(model.net.state_dict()), str(foreign), metadata=meta)
-    with pytest.raises(ModelFileError, match="incomplete"):
+    with pytest.raises(NetworkFileError, match="incomplete"):
         load(foreign)
     with torch.no_grad():
         next(model.net.parameters()).fill_(float("nan"))
     save(model, tmp_path / "nan.safetensors")
-    with pytest.raises(ModelFileError, match="no numbers"):
+    with pytest.raises(NetworkFileError, match="no numbers"):
         load(tmp_path / "nan.safetensors")
