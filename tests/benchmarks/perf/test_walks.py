@@ -46,7 +46,7 @@ def test_lstms_agree_and_are_timed(tmp_path: Path) -> None:
     """Our kernel equals torch's LSTM; Newton's drive gives finite torques that change with its state."""
     cost = LstmCost(5, tmp_path, threads=1)
     turns = cost.turns(repeat=1)
-    assert set(turns) == {"carried", "window", "torch", "newton"}
+    assert {"carried", "window", "torch", "newton"} <= set(turns)
     assert all(turn()["step"] > 0.0 for turn in turns.values())
     first = cost._newton.torque.numpy().copy()
     turns["newton"]()
