@@ -7,19 +7,23 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import onnx
+import onnxruntime
 import torch
 from tensordict import TensorDict
+from torch import nn
 
 from mrwarp.env.observations import ACTOR_TERMS
 from mrwarp.model_file import shown
 from mrwarp.resources import DEFAULT_POLICY, POLICIES  # noqa: F401  (where policies are looked for)
-from mrwarp.run_dir import atomic_write, no_file
+from mrwarp.run_dir import atomic_write, no_file, one_line
 from mrwarp.usd.robot import JOINTS
 
 META = "mrwarp"
 """Key of the ONNX metadata entry that holds the policy's description as JSON."""
+
+LAYERS = ("Add", "Constant", "Div", "Elu", "Gemm", "Identity", "Mul", "Relu", "Sub", "Tanh")
+"""Operators that a policy may consist of: none of them makes more numbers than it takes."""
 
 
 class PolicyError(ValueError):
@@ -36,7 +40,7 @@ def export_onnx(actor: Any, path: Path, description: dict[str, Any]) -> None:
     """
     model = actor.as_onnx(verbose=False).to("cpu").eval()
     with atomic_write(path) as partial, warnings.catch_warnings():
-        # deprecated, but its graph is the net's few layers by name, which is what OnnxPolicy reads
+        # deprecated, but it keeps the layers' names, by which OnnxPolicy and a warm start find the weights
         warnings.simplefilter("ignore", DeprecationWarning)
         torch.onnx.export(
             model, model.get_dummy_inputs(), str(partial), input_names=["obs"], output_names=["actions"],
@@ -48,10 +52,17 @@ def export_onnx(actor: Any, path: Path, description: dict[str, Any]) -> None:
 
 
 class OnnxPolicy:
-    """An exported policy as a plain torch function: reads the ONNX file as data and runs its few layers.
+    """An exported policy as a function of torch tensors.
+
+    ``onnxruntime`` runs the file, on one thread of the CPU. An actor as :func:`export_onnx` writes it is run by torch
+    instead, once both agree: on the observations' device, and with the bits that the actor has in training, which
+    ``onnxruntime`` misses by a rounding that contacts amplify.
 
     Args:
         path: A file that :func:`export_onnx` wrote.
+
+    Attributes:
+        description: The metadata.
 
     Raises:
         PolicyError: the file is missing, no ONNX, has another interface or layers that a policy does not have,
@@ -59,76 +70,70 @@ class OnnxPolicy:
     """
 
     def __init__(self, path: str | Path) -> None:
-        path = Path(path)
+        self.path = path = Path(path)
         if not path.is_file():
             raise PolicyError(f"{path}: {no_file(path, 'policy')}; name an .onnx file that train/ppo.py wrote")
         try:
             proto = onnx.load(str(path), load_external_data=False)
             onnx.checker.check_model(proto)
         except Exception as error:  # onnx and protobuf raise many types for a file that is no model
-            cause = " ".join(str(error).split())
-            raise PolicyError(f"{path}: not a readable ONNX model ({cause}); export it again") from error
-        props = {entry.key: entry.value for entry in proto.metadata_props}
-        if META not in props:
-            raise PolicyError(f"{path}: no mrwarp metadata; use a policy exported by train/ppo.py")
-        self.path = path
-        try:
-            self.description: dict[str, Any] = dict(json.loads(props[META]))
-            dict(self.description.get("task", {}))
-        except (ValueError, TypeError, RecursionError) as error:
-            cause = " ".join(str(error).split())
-            raise PolicyError(f"{path}: unreadable mrwarp metadata ({cause}); export it again") from error
-        if self.description.get("observations") != ACTOR_TERMS:
-            raise PolicyError(
-                f"{path}: made for observations {shown(self.description.get('observations'))}, this version gives "
-                f"{ACTOR_TERMS}; train it again"
-            )
+            raise PolicyError(f"{path}: not a readable ONNX model ({one_line(error)}); export it again") from error
+        self.description = self._described({entry.key: entry.value for entry in proto.metadata_props})
         if any(w.data_location == onnx.TensorProto.EXTERNAL for w in proto.graph.initializer):
             raise PolicyError(f"{path}: weights in other files; export it again, as one file")
+        if foreign := next((node.op_type for node in proto.graph.node if node.op_type not in LAYERS), None):
+            raise PolicyError(
+                f"{path}: layer {shown(foreign)} is not one of {', '.join(LAYERS)}; "
+                "use a policy exported by train/ppo.py"
+            )
+        if not (proto.graph.input and proto.graph.output):
+            raise PolicyError(f"{path}: no input or no output; export it again")
         try:
             self._weights = {
                 w.name: torch.from_numpy(onnx.numpy_helper.to_array(w).copy()) for w in proto.graph.initializer
             }
         except Exception as error:  # the checker lets shapes and types pass that numpy or torch do not have
-            cause = " ".join(str(error).split())
-            raise PolicyError(f"{path}: unreadable weights ({cause}); export it again") from error
-        self._on: dict[torch.device, dict[str, torch.Tensor]] = {}
-        self._nodes = list(proto.graph.node)
-        for node in self._nodes:
-            if node.op_type not in _OPS:
-                raise PolicyError(
-                    f"{path}: layer {shown(node.op_type)} is not one of {', '.join(sorted(_OPS))}; "
-                    "use a policy exported by train/ppo.py"
-                )
-        if not (proto.graph.input and proto.graph.output):
-            raise PolicyError(f"{path}: no input or no output; export it again")
-        self._input, self._output = proto.graph.input[0].name, proto.graph.output[0].name
-        self._try()
-
-    def _try(self) -> None:
-        """Run once: a graph of other layers or sizes fails in as many ways as torch knows."""
+            raise PolicyError(f"{path}: unreadable weights ({one_line(error)}); export it again") from error
+        self._divisors = [node.input[1] for node in proto.graph.node if node.op_type == "Div"]
+        self._input, self._net, self._device = proto.graph.input[0].name, None, torch.device("cpu")
+        probe = torch.linspace(-3.0, 3.0, sum(ACTOR_TERMS.values())).reshape(1, -1)
         try:
-            shape = tuple(self(torch.zeros(1, sum(ACTOR_TERMS.values()))).shape)
-        except Exception as error:
-            cause = " ".join(str(error).split())
-            raise PolicyError(f"{self.path}: does not run ({cause}); use a policy exported by train/ppo.py") from error
-        if shape != (1, len(JOINTS)):
+            self._session = _session(proto.SerializeToString())
+            actions = self(probe)
+        except Exception as error:  # onnxruntime has a type of error for each of its status codes
+            raise PolicyError(f"{path}: does not run ({one_line(error)}); use a policy exported by train/ppo.py") from error
+        if actions.shape != (1, len(JOINTS)):
             raise PolicyError(
-                f"{self.path}: gives actions of shape {shape}, needed is {(1, len(JOINTS))}; train it again"
+                f"{path}: gives actions of shape {tuple(actions.shape)}, needed is {(1, len(JOINTS))}; train it again"
             )
+        self._net = self._as_torch([node.op_type for node in proto.graph.node], probe, actions)
+
+    def _described(self, props: dict[str, str]) -> dict[str, Any]:
+        """The description in the metadata, if it is of this version."""
+        if META not in props:
+            raise PolicyError(f"{self.path}: no mrwarp metadata; use a policy exported by train/ppo.py")
+        try:
+            description = dict(json.loads(props[META]))
+            dict(description.get("task", {}))
+        except (ValueError, TypeError, RecursionError) as error:
+            raise PolicyError(f"{self.path}: unreadable mrwarp metadata ({one_line(error)}); export it again") from error
+        if description.get("observations") != ACTOR_TERMS:
+            raise PolicyError(
+                f"{self.path}: made for observations {shown(description.get('observations'))}, this version gives "
+                f"{ACTOR_TERMS}; train it again"
+            )
+        return description
 
     @torch.no_grad()
     def __call__(self, obs: TensorDict | torch.Tensor) -> torch.Tensor:
         """Actions (E, 12) for observations (the ``actor`` group, or a tensor (E, 47))."""
         x = obs["actor"] if isinstance(obs, TensorDict) else obs
-        if x.device not in self._on:
-            self._on[x.device] = {name: weight.to(x.device) for name, weight in self._weights.items()}
-        values = {**self._on[x.device], self._input: x}
-        for node in self._nodes:
-            attributes = {a.name: onnx.helper.get_attribute_value(a) for a in node.attribute}
-            found = _OPS[node.op_type](attributes, *(values[name] for name in node.input))
-            values[node.output[0]] = found.to(x.device)
-        return values[self._output]
+        if self._net is not None:
+            if x.device != self._device:
+                self._net, self._device = self._net.to(x.device), x.device
+            return self._net(x)
+        (actions,) = self._session.run(None, {self._input: x.cpu().numpy()})
+        return torch.from_numpy(actions).to(x.device)
 
     def actor(self) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
         """Weights under the actor's own names, and what its normaliser divides by, shape (1, 47).
@@ -136,32 +141,48 @@ class OnnxPolicy:
         Raises:
             KeyError: it has no normaliser.
         """
-        divisors = [node.input[1] for node in self._nodes if node.op_type == "Div"]
-        if len(divisors) != 1 or divisors[0] not in self._weights:
+        if len(self._divisors) != 1 or self._divisors[0] not in self._weights:
             raise KeyError("an observation normaliser")
-        named = {name: value for name, value in self._weights.items() if name != divisors[0]}
-        return named, self._weights[divisors[0]]
+        named = {name: value for name, value in self._weights.items() if name != self._divisors[0]}
+        return named, self._weights[self._divisors[0]]
+
+    @torch.no_grad()
+    def _as_torch(self, layers: list[str], probe: torch.Tensor, actions: torch.Tensor) -> nn.Module | None:
+        """The actor in torch; None for another graph, by its layers or by the actions it gave."""
+        if layers[:2] != ["Sub", "Div"] or any(layer not in ("Gemm", "Elu") for layer in layers[2:]):
+            return None
+        try:
+            weights, divisor = self.actor()
+            net = nn.Sequential(_Normaliser(weights["obs_normalizer._mean"], divisor))
+            for k, operator in enumerate(layers[2:]):
+                net.append(nn.ELU() if operator == "Elu" else _linear(weights[f"mlp.{k}.weight"], weights[f"mlp.{k}.bias"]))
+            agrees = torch.allclose(net(probe), actions, rtol=1e-4, atol=1e-4)
+        except (KeyError, RuntimeError, TypeError, ValueError):
+            return None
+        return net if agrees else None
 
 
-def _gemm(attributes: dict[str, Any], x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
-    weight = weight.t() if attributes.get("transB") else weight
-    return attributes.get("alpha", 1.0) * (x @ weight) + attributes.get("beta", 1.0) * bias
+class _Normaliser(nn.Module):
+    """Observations less their mean, divided."""
+
+    def __init__(self, mean: torch.Tensor, divisor: torch.Tensor) -> None:
+        super().__init__()
+        self.mean, self.divisor = nn.Buffer(mean), nn.Buffer(divisor)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return (x - self.mean) / self.divisor
 
 
-def _constant(attributes: dict[str, Any]) -> torch.Tensor:
-    return torch.from_numpy(np.array(onnx.numpy_helper.to_array(attributes["value"])))
+def _linear(weight: torch.Tensor, bias: torch.Tensor) -> nn.Linear:
+    layer = nn.Linear(weight.shape[1], weight.shape[0])
+    layer.load_state_dict({"weight": weight, "bias": bias})
+    return layer
 
 
-_OPS: dict[str, Any] = {
-    "Add": lambda _, a, b: a + b,
-    "Sub": lambda _, a, b: a - b,
-    "Mul": lambda _, a, b: a * b,
-    "Div": lambda _, a, b: a / b,
-    "Identity": lambda _, a: a,
-    "Constant": _constant,
-    "Gemm": _gemm,
-    "Elu": lambda attributes, a: torch.nn.functional.elu(a, attributes.get("alpha", 1.0)),
-    "Tanh": lambda _, a: torch.tanh(a),
-    "Relu": lambda _, a: torch.relu(a),
-}
-"""The layers a policy consists of."""
+def _session(model: bytes) -> onnxruntime.InferenceSession:
+    """A session on one thread, whose sums do not depend on the machine's cores, and which says nothing itself."""
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4
+    return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+

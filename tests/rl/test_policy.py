@@ -18,7 +18,7 @@ from tensordict import TensorDict
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.observations import ACTOR_TERMS
 from mrwarp.rl import policy
-from mrwarp.rl.policy import OnnxPolicy, PolicyError, export_onnx
+from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, PolicyError, export_onnx
 from mrwarp.rl.ppo_cfg import make_ppo_cfg
 from mrwarp.rl.task import task
 
@@ -77,12 +77,31 @@ def test_exported_policy_equals_the_actor(actor: Any, exported: Path, count: int
     assert torch.equal(run(obs["actor"]), found)  # a plain tensor does as well
 
 
-def test_exported_policy_agrees_with_onnxs_own_evaluator(exported: Path) -> None:
-    """An independent runtime reads the same function from the file."""
-    obs = observations(9, 6, 2.0)
-    reference = onnx.reference.ReferenceEvaluator(str(exported))
+@pytest.mark.parametrize("activation", ["Elu", "Tanh"])
+def test_exported_policy_agrees_with_onnxs_own_evaluator(exported: Path, tmp_path: Path, activation: str) -> None:
+    """An independent runtime reads the same function from the file, also from one that training does not write."""
+
+    def change(proto: onnx.ModelProto) -> None:
+        for node in proto.graph.node:
+            if node.op_type == "Elu" != activation:
+                node.op_type = activation
+                node.ClearField("attribute")
+
+    path, obs = edited(exported, tmp_path / "p.onnx", change), observations(9, 6, 2.0)
+    reference = onnx.reference.ReferenceEvaluator(str(path))
     expected = np.asarray(reference.run(None, {"obs": obs["actor"].numpy()})[0])
-    np.testing.assert_allclose(OnnxPolicy(exported)(obs).numpy(), expected, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(OnnxPolicy(path)(obs).numpy(), expected, rtol=1e-5, atol=1e-5)
+
+
+def test_a_shipped_policy_has_the_actors_bits() -> None:
+    """The bits of the layers as torch computes them in training."""
+    run, obs = OnnxPolicy(DEFAULT_POLICY), observations(64, 6)["actor"]
+    weights, divisor = run.actor()
+    expected = (obs - weights["obs_normalizer._mean"]) / divisor
+    for k in (0, 2, 4):
+        expected = torch.nn.functional.linear(expected, weights[f"mlp.{k}.weight"], weights[f"mlp.{k}.bias"])
+        expected = torch.nn.functional.elu(expected) if k < 4 else expected
+    assert torch.equal(run(obs), expected)
 
 
 def test_export_leaves_the_actor_training(actor: Any, exported: Path) -> None:
