@@ -101,7 +101,9 @@ class OnnxPolicy:
             self._session = _session(proto.SerializeToString())
             actions = self(probe)
         except Exception as error:  # onnxruntime has a type of error for each of its status codes
-            raise PolicyError(f"{path}: does not run ({one_line(error)}); use a policy exported by train/ppo.py") from error
+            raise PolicyError(
+                f"{path}: does not run ({one_line(error)}); use a policy exported by train/ppo.py"
+            ) from error
         if actions.shape != (1, len(JOINTS)):
             raise PolicyError(
                 f"{path}: gives actions of shape {tuple(actions.shape)}, needed is {(1, len(JOINTS))}; train it again"
@@ -116,7 +118,9 @@ class OnnxPolicy:
             description = dict(json.loads(props[META]))
             dict(description.get("task", {}))
         except (ValueError, TypeError, RecursionError) as error:
-            raise PolicyError(f"{self.path}: unreadable mrwarp metadata ({one_line(error)}); export it again") from error
+            raise PolicyError(
+                f"{self.path}: unreadable mrwarp metadata ({one_line(error)}); export it again"
+            ) from error
         if description.get("observations") != ACTOR_TERMS:
             raise PolicyError(
                 f"{self.path}: made for observations {shown(description.get('observations'))}, this version gives "
@@ -155,7 +159,9 @@ class OnnxPolicy:
             weights, divisor = self.actor()
             net = nn.Sequential(_Normaliser(weights["obs_normalizer._mean"], divisor))
             for k, operator in enumerate(layers[2:]):
-                net.append(nn.ELU() if operator == "Elu" else _linear(weights[f"mlp.{k}.weight"], weights[f"mlp.{k}.bias"]))
+                net.append(
+                    nn.ELU() if operator == "Elu" else _linear(weights[f"mlp.{k}.weight"], weights[f"mlp.{k}.bias"])
+                )
             agrees = torch.allclose(net(probe), actions, rtol=1e-4, atol=1e-4)
         except (KeyError, RuntimeError, TypeError, ValueError):
             return None
@@ -185,4 +191,3 @@ def _session(model: bytes) -> onnxruntime.InferenceSession:
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4
     return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
-
