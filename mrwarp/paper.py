@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mrwarp.energy.power import GRAVITY
+GRAVITY = 9.81
+"""[m/s^2]"""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measured:
+class PaperValue:
     """One figure of the paper."""
 
     mean: float
@@ -19,8 +20,8 @@ class Measured:
     """Sample standard deviation; None where the paper gives none."""
 
 
-def _m(mean: float, sd: float | None = None) -> Measured:
-    return Measured(mean=mean, sd=sd)
+def _m(mean: float, sd: float | None = None) -> PaperValue:
+    return PaperValue(mean=mean, sd=sd)
 
 
 FIGURE_4 = {

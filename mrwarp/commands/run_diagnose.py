@@ -205,12 +205,13 @@ def _learn(d: Diagnosis, besides: dict[str, Any], tables: dict[str, Any], told: 
 def _impact(d: Diagnosis, seed: int, besides: dict[str, Any], tables: dict[str, Any], told: Told) -> None:
     """Hit the robot with the joint as the baseline has it, and as the extension has it."""
     from mrwarp.diagnose.report.diagnosis_page import Table
+    from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
     from mrwarp.trials.extended_impact import FIGURES, impact_change
 
     if d.model is None or not d.causes:
         told("no extension: the robot is what it was")
         return
-    found = impact_change(d.baseline_model, d.model, seed=seed, progress=told)
+    found = impact_change(d.baseline_model, d.model, OnnxPolicy(DEFAULT_POLICY), seed=seed, progress=told)
     besides["impact"] = found.to_dict()
     rows = []
     for row in found.rows:

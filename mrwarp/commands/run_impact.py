@@ -65,11 +65,11 @@ def main(argv: list[str] | None = None) -> int:
     args = make_parser().parse_args(argv)
     quiet_libraries()
     from mrwarp.rl.policy import OnnxPolicy, PolicyError
-    from mrwarp.trials import impact_pictures
     from mrwarp.trials.impact import ImpactSweep, figures
-    from mrwarp.trials.impact_view import ImpactView
     from mrwarp.usd.applied_effects import effect_lines
     from mrwarp.usd.asset import AssetError, check_currents
+    from mrwarp.viewing import impact_pictures
+    from mrwarp.viewing.impact_view import ImpactView
     from mrwarp.viewing.stream import ViewerError
 
     try:

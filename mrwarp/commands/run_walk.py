@@ -160,12 +160,12 @@ class _Standing:
     def use(self, robot: str, *, hold: bool = False) -> Any:
         from dataclasses import replace
 
-        from mrwarp.trials.load import VARIANT
-        from mrwarp.trials.standing import standing_use
+        from mrwarp.trials.standing import standing_load
+        from mrwarp.trials.walking import PAYLOAD_VARIANT
 
         if (robot, hold) not in self._known:
-            cfg = replace(self._env, robot=robot, payload=VARIANT)
-            self._known[robot, hold] = standing_use(cfg, load=self._load, hold=hold)[0]
+            cfg = replace(self._env, robot=robot, payload=PAYLOAD_VARIANT)
+            self._known[robot, hold] = standing_load(cfg, load=self._load, hold=hold)[0]
         return self._known[robot, hold]
 
     def powers(self, electrical: Any) -> dict[str, float]:

@@ -8,19 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize, stats
 
-from mrwarp.energy.power import CALIBRATED, ElectricalCfg, Use, battery_power
+from mrwarp.energy.power import CALIBRATED, ElectricalCfg, JointLoad, battery_power
 
 DIGITS = {"electronics": 1, "winding_resistance": 3, "drive_friction": 2}
 """Decimals of the calibrated numbers where people read them."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class MeasuredPower:
     """One measured power and what the simulated robot did under the same condition."""
 
     name: str
-    use: Use
-    """Mean use, shapes (J,) and (0,): a robot without devices."""
+    joints: JointLoad
+    """Mean joint load, shapes (J,) and (0,): a robot without devices."""
     measured: float
     """Battery power [W]."""
 
@@ -58,14 +58,16 @@ class CalibrationError(ValueError):
     """The rows cannot determine the numbers."""
 
 
-def calibrate(rows: Sequence[Row], cfg: ElectricalCfg | None = None, *, hold: Sequence[str] = ()) -> Calibration:
+def calibrate(
+    rows: Sequence[MeasuredPower], cfg: ElectricalCfg | None = None, *, hold: Sequence[str] = ()
+) -> Calibration:
     """Electronics, winding resistance and drive friction by least squares over the rows, within their ranges.
 
     ``P_i = electronics + R a_i + tau_f b_i + m_i`` with a_i the copper loss per ohm, b_i the speed of all joints and
     m_i the mechanical terms.
 
     Args:
-        rows: Measured powers and what the simulated robot did.
+        rows: PaperValue powers and what the simulated robot did.
         cfg: The other numbers.
         hold: Those of ``power.CALIBRATED`` that keep their values of ``cfg``; the others are fitted.
 
@@ -106,8 +108,8 @@ def calibrate(rows: Sequence[Row], cfg: ElectricalCfg | None = None, *, hold: Se
     )
 
 
-def _powers(rows: Sequence[Row], cfg: ElectricalCfg) -> np.ndarray:
-    return np.array([float(battery_power(row.use, cfg).total) for row in rows])
+def _powers(rows: Sequence[MeasuredPower], cfg: ElectricalCfg) -> np.ndarray:
+    return np.array([float(battery_power(row.joints, cfg).total) for row in rows])
 
 
 VARIED = {
@@ -122,7 +124,7 @@ scales the fitted resistance."""
 
 
 def sensitivity(
-    rows: Sequence[Row], figure: Callable[[ElectricalCfg], dict[str, float]], cfg: ElectricalCfg
+    rows: Sequence[MeasuredPower], figure: Callable[[ElectricalCfg], dict[str, float]], cfg: ElectricalCfg
 ) -> dict[str, list[dict[str, float]]]:
     """Predicted figures with each number at the ends of its range, calibrated anew each time.
 

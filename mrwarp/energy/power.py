@@ -20,6 +20,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from mrwarp.paper import GRAVITY
 from mrwarp.params import ParamGroup, param
 
 CALF_COLUMNS = (2, 5, 8, 11)
@@ -79,7 +80,7 @@ class ElectricalCfg(ParamGroup):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Use:
+class JointLoad:
     """What a robot's joints did on average over a time; leading axes are free, J = 12 joints, M devices (0 without)."""
 
     torque_square: np.ndarray
@@ -95,18 +96,18 @@ class Use:
     friction: np.ndarray
     """Power the devices turn into heat [W], shape (..., M)."""
 
-    def mean(self) -> Use:
+    def mean(self) -> JointLoad:
         """Mean over the first axis."""
-        return Use(**{f.name: getattr(self, f.name).mean(axis=0) for f in fields(self)})
+        return JointLoad(**{f.name: getattr(self, f.name).mean(axis=0) for f in fields(self)})
 
-    def __getitem__(self, index: object) -> Use:
+    def __getitem__(self, index: object) -> JointLoad:
         """The same for an index into the leading axes."""
-        return Use(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
+        return JointLoad(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Power:
-    """Where the battery's power goes [W]; every part has the leading axes of the :class:`Use` it came from."""
+    """Where the battery's power goes [W]; every part has the leading axes of the :class:`JointLoad` it came from."""
 
     electronics: np.ndarray
     copper: np.ndarray
@@ -142,38 +143,38 @@ def copper_factor(cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> np.ndar
     return 1.5 * cfg.winding_resistance * warm / (gear * cfg.torque_constant) ** 2
 
 
-def copper(use: Use, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> np.ndarray:
+def copper(joints: JointLoad, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> np.ndarray:
     """Copper loss of every joint [W], shape (..., 12)."""
-    return copper_factor(cfg, rise) * use.torque_square
+    return copper_factor(cfg, rise) * joints.torque_square
 
 
-def drive_friction(use: Use, cfg: ElectricalCfg) -> np.ndarray:
+def drive_friction(joints: JointLoad, cfg: ElectricalCfg) -> np.ndarray:
     """What motor and gear of every joint lose by turning [W], shape (..., 12)."""
-    return cfg.drive_friction * use.speed
+    return cfg.drive_friction * joints.speed
 
 
-def motor_heat(use: Use, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> np.ndarray:
+def motor_heat(joints: JointLoad, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> np.ndarray:
     """Heat in every motor with its gear, of copper and drive friction [W], shape (..., 12)."""
-    return copper(use, cfg, rise) + drive_friction(use, cfg)
+    return copper(joints, cfg, rise) + drive_friction(joints, cfg)
 
 
-def battery_power(use: Use, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> Power:
+def battery_power(joints: JointLoad, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> Power:
     """Mean power at the battery and its parts, see the module's equations.
 
     Args:
-        use: What the joints did.
+        joints: What the joints did.
         cfg: The numbers.
         rise: Temperature of the windings above that of the calibration [K]; 0 is the model without feedback.
     """
-    devices = use.coil.shape[-1]
-    lead = use.torque_square.shape[:-1]
+    devices = joints.coil.shape[-1]
+    lead = joints.torque_square.shape[:-1]
     return Power(
         electronics=np.full(lead, cfg.electronics),
-        copper=copper(use, cfg, rise).sum(-1),
-        drive_friction=drive_friction(use, cfg).sum(-1),
-        mechanical=use.work_out.sum(-1) / cfg.gear_efficiency,
-        regenerated=-cfg.regeneration * cfg.gear_efficiency * use.work_in.sum(-1),
-        coil=use.coil.sum(-1) / cfg.coil_efficiency,
+        copper=copper(joints, cfg, rise).sum(-1),
+        drive_friction=drive_friction(joints, cfg).sum(-1),
+        mechanical=joints.work_out.sum(-1) / cfg.gear_efficiency,
+        regenerated=-cfg.regeneration * cfg.gear_efficiency * joints.work_in.sum(-1),
+        coil=joints.coil.sum(-1) / cfg.coil_efficiency,
         controllers=np.full(lead, devices * cfg.controller_idle),
     )
 
@@ -183,7 +184,3 @@ def cost_of_transport(power: np.ndarray | float, mass: float, speed: np.ndarray 
     moving = np.maximum(np.asarray(speed, dtype=float), 0.0)
     with np.errstate(divide="ignore"):
         return np.asarray(power) / (mass * GRAVITY * moving)
-
-
-GRAVITY = 9.81
-"""[m/s^2]"""

@@ -10,7 +10,7 @@ from mrwarp.energy import consistency
 from mrwarp.energy.calibrate import Calibration, calibrate
 from mrwarp.energy.power import CALIBRATED
 from mrwarp.reproduce import walks as walking
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, Table
+from mrwarp.reproduce.experiment import Experiment, Findings, Job, TextTable
 from mrwarp.trials import walk_figures
 
 
@@ -45,7 +45,7 @@ def compute(job: Job) -> Findings:
             ]  # fmt: skip
         rows.append(["paper", "", *(f"{100.0 * theirs[cell]:.1f}" for cell in nominal)])
         tables.append(
-            Table(title=f"Reduction of COT by SAL [%], {branches}", head=["number", "value", *nominal], rows=rows)
+            TextTable(title=f"Reduction of COT by SAL [%], {branches}", head=["number", "value", *nominal], rows=rows)
         )
         figures[branches] = {"nominal": nominal, "varied": found}
     ends = [
@@ -72,7 +72,7 @@ def compute(job: Job) -> Findings:
     )  # fmt: skip
 
 
-def budget(savings: list[dict[str, Any]], conditions: list[dict[str, Any]]) -> Table:
+def budget(savings: list[dict[str, Any]], conditions: list[dict[str, Any]]) -> TextTable:
     """The calves' copper of MR_Go beside what the paper's saving would need of it, and what SAL costs elsewhere."""
     by_key = {(c["robot"], c["payload"], c["command"]): c for c in conditions}
     rows = []
@@ -90,10 +90,10 @@ def budget(savings: list[dict[str, Any]], conditions: list[dict[str, Any]]) -> T
         "condition", "MR_Go's calf copper [W]", "of its power", "the paper's saving is", "SAL saves",
         "closed form, our standing [W]", "closed form, the paper's [W]", "paper saved [W]", "speed", "height [mm]",
     ]  # fmt: skip
-    return Table(title="What there is to save, and what SAL changes besides", head=head, rows=rows)
+    return TextTable(title="What there is to save, and what SAL changes besides", head=head, rows=rows)
 
 
-def same_gait(alone: list[dict[str, Any]], stuck: list[dict[str, Any]]) -> Table:
+def same_gait(alone: list[dict[str, Any]], stuck: list[dict[str, Any]]) -> TextTable:
     """What SAL saves with the holding torque of eq. 19 alone, which leaves MR_Go's gait as it is."""
     trained = {walk_figures.name(s): f"{100.0 * s['hold_share']:.1f} %" for s in stuck}
     rows = [
@@ -105,11 +105,11 @@ def same_gait(alone: list[dict[str, Any]], stuck: list[dict[str, Any]]) -> Table
     ]  # fmt: skip
     head = ["condition", "held", "held, trained, a device that sticks", "held, paper", "calves save [W]",
             "hips and thighs save [W]", "reduction of COT"]  # fmt: skip
-    return Table(title="Holding alone on MR_Go's gait, by the explicit torque of eq. 19", head=head,
+    return TextTable(title="Holding alone on MR_Go's gait, by the explicit torque of eq. 19", head=head,
                  rows=rows)  # fmt: skip
 
 
-def drive_friction(walks: walking.Walks, fit: Calibration, theirs: dict[str, float]) -> tuple[Table, str]:
+def drive_friction(walks: walking.Walks, fit: Calibration, theirs: dict[str, float]) -> tuple[TextTable, str]:
     """What drive friction explains: Go1's rows, and the predicted reductions of COT, without it and with it.
 
     Args:
@@ -142,7 +142,7 @@ def drive_friction(walks: walking.Walks, fit: Calibration, theirs: dict[str, flo
         "down to copper."
     )
     title = "What drive friction explains (± 95 %), Go1's rows [W] and what SAL saves"
-    return Table(title=title, head=["", "without", "with drive friction", "paper"], rows=rows), text
+    return TextTable(title=title, head=["", "without", "with drive friction", "paper"], rows=rows), text
 
 
 def _told(end: tuple[float, str, float, str]) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mrwarp.paper import Measured
+from mrwarp.paper import PaperValue
 from mrwarp.reproduce.settings import Settings
 
 RELATIVE = 0.05
@@ -22,7 +22,7 @@ class NotYet(RuntimeError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class Comparison:
     """One figure of the paper beside ours."""
 
     condition: str
@@ -31,7 +31,7 @@ class Row:
     """What was measured."""
     unit: str
     """Unit; empty for a pure number."""
-    paper: Measured | None
+    paper: PaperValue | None
     """None where the paper gives no figure."""
     ours: float
     """Mean."""
@@ -77,7 +77,7 @@ class Row:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Table:
+class TextTable:
     """A further table: rows of text."""
 
     title: str
@@ -89,12 +89,12 @@ class Table:
 class Findings:
     """What an experiment found."""
 
-    rows: Sequence[Row] = ()
+    rows: Sequence[Comparison] = ()
     claims: Mapping[str, bool] = field(default_factory=dict)
     """Each claim of the paper as a sentence, and whether ours agrees."""
     notes: Sequence[str] = ()
     """Sentences with the evidence behind the rows."""
-    tables: Sequence[Table] = ()
+    tables: Sequence[TextTable] = ()
     pictures: Mapping[str, str] = field(default_factory=dict)
     """File in the experiment's folder to caption."""
     figures: Mapping[str, Any] = field(default_factory=dict)
@@ -112,10 +112,12 @@ class Findings:
     def from_json(cls, content: dict[str, Any]) -> Findings:
         """The inverse of :meth:`to_json`."""
         rows = [
-            Row(**{**row, "paper": Measured(**row["paper"]) if row["paper"] else None, "ours": _number(row["ours"])})
+            Comparison(
+                **{**row, "paper": PaperValue(**row["paper"]) if row["paper"] else None, "ours": _number(row["ours"])}
+            )
             for row in content["rows"]
         ]
-        return cls(**{**content, "rows": rows, "tables": [Table(**table) for table in content["tables"]]})
+        return cls(**{**content, "rows": rows, "tables": [TextTable(**table) for table in content["tables"]]})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,7 +163,7 @@ def seeds_of(trials: np.ndarray, policies: int) -> np.ndarray | None:
 
 
 def over_seeds(values: np.ndarray, seeds: np.ndarray | None = None) -> dict[str, Any]:
-    """``ours``, ``sd`` and ``n`` of a :class:`Row`: rollouts are averaged within each seed first, as in section 6.2.
+    """``ours``, ``sd`` and ``n`` of a :class:`Comparison`; rollouts are averaged within each seed first, section 6.2.
 
     Args:
         values: One per rollout; NaN where there is no figure, which counts as no rollout.

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
-from mrwarp.paper import Measured
-from mrwarp.reproduce.experiment import RELATIVE, Row
+from mrwarp.paper import PaperValue
+from mrwarp.reproduce.experiment import RELATIVE, Comparison
 
 HEAD = ("condition", "quantity", "paper", "ours", "difference", "in joint SD", "kind", "why it differs")
 """Columns of the rows' table."""
 
 
-def cells(row: Row) -> list[str]:
+def cells(row: Comparison) -> list[str]:
     """One row as text, in the order of :data:`HEAD`."""
     unit = f" [{row.unit}]" if row.unit else ""
     return [
@@ -26,7 +26,7 @@ def cells(row: Row) -> list[str]:
     ]
 
 
-def theirs(value: Measured | None, digits: int) -> str:
+def theirs(value: PaperValue | None, digits: int) -> str:
     """The paper's figure."""
     if value is None:
         return "–"
@@ -34,7 +34,7 @@ def theirs(value: Measured | None, digits: int) -> str:
     return f"{value.mean:.{digits}f}{spread}"
 
 
-def ours(row: Row) -> str:
+def ours(row: Comparison) -> str:
     """Ours with its spread and what the spread is over."""
     if not math.isfinite(row.ours):
         return "no figure"
@@ -42,8 +42,8 @@ def ours(row: Row) -> str:
     return f"{row.ours:.{row.digits}f}{spread}"
 
 
-def agreement(rows: list[Row]) -> str:
-    """How many rows agree by the measure of :attr:`Row.differs`."""
+def agreement(rows: list[Comparison]) -> str:
+    """How many rows agree by the measure of :attr:`Comparison.differs`."""
     judged = [row for row in rows if row.paper is not None]
     if not judged:
         return ""

@@ -9,16 +9,16 @@ from typing import Any
 
 from mrwarp import paper
 from mrwarp.energy.battery import BatteryCfg
-from mrwarp.energy.power import ElectricalCfg, Use
+from mrwarp.energy.power import ElectricalCfg, JointLoad
 from mrwarp.energy.thermal import ThermalCfg
 from mrwarp.enums import Coupling
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.paper import Measured
+from mrwarp.paper import PaperValue
 from mrwarp.reproduce import store
 from mrwarp.reproduce import walks as walking
 from mrwarp.reproduce.ensemble import ensembles
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds
-from mrwarp.trials.mission import MissionCfg, MissionTrace, PhaseUse, calibrate, measure, run
+from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, over_seeds
+from mrwarp.trials.mission import MissionCfg, MissionTrace, PhaseLoad, calibrate, measure, run
 
 DATA = "mission.npz"
 """File with the data."""
@@ -58,7 +58,7 @@ def simulate(job: Job) -> Findings:
 def read(job: Job) -> Mission:
     """Carry the windows over the phases with the numbers calibrated on this run's Go1 alone."""
     phases = {
-        robot: {name: PhaseUse(**{**phase, "use": Use(**phase["use"])}) for name, phase in found.items()}
+        robot: {name: PhaseLoad(**{**phase, "joints": JointLoad(**phase["joints"])}) for name, phase in found.items()}
         for robot, found in store.load(job.folders["windows"] / DATA).items()
     }
     walks = walking.read(job.folders["walks"])
@@ -71,18 +71,18 @@ def read(job: Job) -> Mission:
     )  # fmt: skip
 
 
-def change_row(found: Mission, change: Mapping[str, Any], title: str, quantity: str, why: str) -> Row:
+def change_row(found: Mission, change: Mapping[str, Any], title: str, quantity: str, why: str) -> Comparison:
     """What SAL changes against MR_Go, of :func:`mission_figures.changes`; no spread when one repetition is left."""
     n = min(len(found.traces[robot].depletion) for robot in ("mr_go", "mr_go_sal"))
     theirs = change["paper_sd"]
-    return Row(
+    return Comparison(
         condition=f"MR_Go to MR_Go-SAL, {title}", quantity=quantity, unit="%", digits=1,
-        paper=Measured(mean=100.0 * change["paper"], sd=None if theirs is None else 100.0 * theirs),
+        paper=PaperValue(mean=100.0 * change["paper"], sd=None if theirs is None else 100.0 * theirs),
         ours=100.0 * change["ours"], sd=100.0 * change["sd"] if n > 1 else None, n=n, why=why,
     )  # fmt: skip
 
 
-def arrivals(phases: Mapping[str, Mapping[str, PhaseUse]]) -> list[str]:
+def arrivals(phases: Mapping[str, Mapping[str, PhaseLoad]]) -> list[str]:
     """Note on the windows of each robot; what did not finish one way counts on neither."""
     note = walking.lost({
         f"{paper.NAMES[robot]}, {name}": (phase.tried, phase.fell, phase.late)

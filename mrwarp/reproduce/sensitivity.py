@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from mrwarp import paper
-from mrwarp.paper import Measured
+from mrwarp.paper import PaperValue
 from mrwarp.reproduce import pushes, readings
 from mrwarp.reproduce.ensemble import Ensemble
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds
+from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, over_seeds
 from mrwarp.trials import thresholds
 from mrwarp.trials.impact import ImpactSweep, ImpactTrace, Variant
 
@@ -52,8 +52,8 @@ def compute(job: Job) -> Findings:
             for entry, theirs in zip((entries[0], entries[-1]), ends, strict=True):
                 cell = entry[quantity]
                 rows.append(
-                    Row(condition=f"{title} {entry['value']:g} {unit}", quantity=QUANTITIES[quantity], unit="%",
-                        paper=Measured(mean=theirs), **cell, digits=2,
+                    Comparison(condition=f"{title} {entry['value']:g} {unit}", quantity=QUANTITIES[quantity], unit="%",
+                        paper=PaperValue(mean=theirs), **cell, digits=2,
                         why="The damping torque sets the level, see table 4; the threshold changes it.")
                 )  # fmt: skip
             if name != "f_th":
@@ -74,7 +74,7 @@ def compute(job: Job) -> Findings:
 
 
 def by_seed(trace: ImpactTrace, policies: int) -> dict[str, list[dict[str, Any]]]:
-    """:func:`thresholds.reductions` with ``ours``, ``sd`` and ``n`` of a :class:`Row` over the policies' averages.
+    """:func:`thresholds.reductions` with ``ours``, ``sd`` and ``n`` of a :class:`Comparison` over policies.
 
     A policy's reductions are relative to its own drop and torque without current.
 

@@ -10,17 +10,17 @@ import numpy as np
 
 from mrwarp import paper
 from mrwarp.actuator.mr_actuator import Coupling
-from mrwarp.energy.calibrate import Calibration, Row, calibrate
-from mrwarp.energy.power import ElectricalCfg, Use
+from mrwarp.energy.calibrate import Calibration, MeasuredPower, calibrate
+from mrwarp.energy.power import ElectricalCfg, JointLoad
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.reproduce import store
 from mrwarp.reproduce.ensemble import Ensemble, ensembles
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, seeds_of
-from mrwarp.trials.load import VARIANT
-from mrwarp.trials.standing import standing_use
+from mrwarp.trials.standing import standing_load
 from mrwarp.trials.traces import GaitTrace
 from mrwarp.trials.walk_figures import calibration_rows
 from mrwarp.trials.walk_trials import WalkCfg, WalkResult, walk
+from mrwarp.trials.walking import PAYLOAD_VARIANT
 
 DATA = "walks.npz"
 """File with the data."""
@@ -78,7 +78,7 @@ class Walks:
     """All three robots with the actuator-aware policies of table 2, which pay no price for power."""
     high: list[WalkResult]
     """As ``both``, with policies that paid :data:`mrwarp.study.plan.HIGH_POWER_PRICE`."""
-    standing: dict[str, Use]
+    standing: dict[str, JointLoad]
     """Standing robots by name: ``go1``, ``mr_go`` on its motors, ``mr_go_hold`` on its devices; shapes (J,), (M,)."""
     policies: dict[str, int]
     """Policies per robot by the names in :data:`VARIANTS`; trial i was walked by policy ``i % n`` of n."""
@@ -87,7 +87,7 @@ class Walks:
         """Electrical numbers from Go1's rows of table 6 and its standby power; no other row takes part."""
         return calibrate(self.calibration_rows(), cfg)
 
-    def calibration_rows(self) -> list[Row]:
+    def calibration_rows(self) -> list[MeasuredPower]:
         """Go1's rows and standby."""
         return calibration_rows(self.both, self.standing["go1"])
 
@@ -167,9 +167,11 @@ def simulate(job: Job) -> Findings:
             lambda text, share, k=k: job.report(text, (k + share) / (len(VARIANTS) + 0.1)),
         )  # fmt: skip
     job.report("standing", 0.98)
-    stood = replace(env, payload=VARIANT, currents=(1.5,), actuator=replace(env.actuator, coupling=Coupling.EXPLICIT))
+    stood = replace(
+        env, payload=PAYLOAD_VARIANT, currents=(1.5,), actuator=replace(env.actuator, coupling=Coupling.EXPLICIT)
+    )
     standing = {
-        name: standing_use(replace(stood, robot=robot), load=load, hold=hold)[0]
+        name: standing_load(replace(stood, robot=robot), load=load, hold=hold)[0]
         for name, (robot, hold) in {
             "go1": ("go1", False), "mr_go": ("mr_go", False), "mr_go_hold": ("mr_go", True)
         }.items()
@@ -183,12 +185,12 @@ def read(folder: Path) -> Walks:
     tree = store.load(folder / DATA)
     return Walks(
         **{name: [_result(item) for item in tree[name]] for name in VARIANTS},
-        standing={name: Use(**use) for name, use in tree["standing"].items()}, policies=tree["policies"],
+        standing={name: JointLoad(**joints) for name, joints in tree["standing"].items()}, policies=tree["policies"],
     )  # fmt: skip
 
 
 def _result(item: dict) -> WalkResult:
-    return WalkResult(**{**item, "use": Use(**item["use"]), "trace": GaitTrace(**item["trace"])})
+    return WalkResult(**{**item, "joints": JointLoad(**item["joints"]), "trace": GaitTrace(**item["trace"])})
 
 
 EXPERIMENT = Experiment(

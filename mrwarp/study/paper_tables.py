@@ -22,7 +22,7 @@ from mrwarp.runtime import one_torch_thread
 from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, SEEDS, STUDY, check_seeds, policy_file
 from mrwarp.study.plants import plant_cfg
 from mrwarp.study.rollouts import METRICS, Measured, RolloutCfg, roll_out
-from mrwarp.trials.spread import spread
+from mrwarp.trials.statistics import spread
 
 CURRENT = 1.5
 """Current that the devices may use with SAL on [A], table 2."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,9 @@ import numpy as np
 from mrwarp.actuator.mr_actuator import Coupling, HoldCurrent
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.model_file import Model
-from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.trials.impact import ImpactCfg, ImpactSweep, ImpactTrace, Variant
+from mrwarp.trials.statistics import half_width
+from mrwarp.trials.walking import Policy
 from mrwarp.usd.robot import CURRENT_GROUPS
 
 FIGURES = {
@@ -88,11 +88,11 @@ class ImpactChange:
 def impact_change(
     before: Model | None,
     after: Model,
+    policy: Policy,
     *,
     currents: Sequence[float] = CURRENT_GROUPS,
     trials: int = 100,
     coupling: Coupling = Coupling.CONSTRAINT,
-    policy: Path = DEFAULT_POLICY,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> ImpactChange:
@@ -103,19 +103,17 @@ def impact_change(
     Args:
         before: Model of the first sweep; None: the joints of the robot's asset.
         after: Model of the second.
+        policy: Walking policy.
         currents: Currents I_e [A].
         trials: Trials at each current, at random gait phases.
         coupling: How the devices act.
-        policy: Walking policy.
         seed: Seed of poses and gait phases.
         progress: Told what is being done.
 
     Raises:
         ModelFileError: a model cannot be used in the robot.
-        PolicyError: the policy cannot.
     """
     told, started = progress or (lambda text: None), time.perf_counter()
-    walk = OnnxPolicy(policy)
     found: list[dict[str, np.ndarray]] = []
     for model, words in ((before, "before"), (after, "after")):
         told(f"impact sweep {words}")
@@ -126,7 +124,7 @@ def impact_change(
             env=replace(env, actuator=replace(env.actuator, holding=False)),
             seed=seed,
         )
-        found.append(trial_figures(ImpactSweep(cfg, walk).run()))
+        found.append(trial_figures(ImpactSweep(cfg, policy).run()))
     rows = tuple(
         ImpactRow(current=current, figures={name: _change(*(f[name][i] for f in found)) for name in FIGURES})
         for i, current in enumerate(currents)
@@ -145,11 +143,6 @@ def trial_figures(trace: ImpactTrace) -> dict[str, np.ndarray]:
 
 
 def _change(before: np.ndarray, after: np.ndarray) -> Change:
-    from scipy import stats
-
-    difference = (after - before).astype(float)
-    half = 0.0
-    if len(difference) > 1:
-        half = float(stats.t.ppf(0.975, len(difference) - 1) * difference.std(ddof=1) / np.sqrt(len(difference)))
+    half = half_width((after - before).astype(float))
     first, last = float(before.mean(dtype=float)), float(after.mean(dtype=float))
     return Change(before=first, after=last, ci95=(last - first - half, last - first + half))

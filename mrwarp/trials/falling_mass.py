@@ -11,6 +11,7 @@ import warp as wp
 
 from mrwarp.env.sim_model import named
 from mrwarp.env.vec_env import WalkEnv
+from mrwarp.paper import GRAVITY
 
 JOINTS = ("mass_x", "mass_y", "mass_z")
 """Slide joints of the mass: the guide moves with the robot sideways, the mass falls in it."""
@@ -38,7 +39,7 @@ class MassCfg:
     @property
     def guide_friction(self) -> float:
         """Friction of the guide [N] that turns free fall into ``contact_speed``: m*(g - v^2/(2*drop))."""
-        return self.mass * (9.81 - self.contact_speed**2 / (2.0 * self.drop))
+        return self.mass * (GRAVITY - self.contact_speed**2 / (2.0 * self.drop))
 
 
 def add_mass(cfg: MassCfg):

@@ -20,7 +20,7 @@ from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels import ledger
 from mrwarp.params import MrParams
 from mrwarp.trials.falling_mass import FallingMass, MassCfg, add_mass
-from mrwarp.trials.spread import spread
+from mrwarp.trials.statistics import half_width, spread
 from mrwarp.trials.walking import Policy
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
 
@@ -379,12 +379,6 @@ def figures(trace: ImpactTrace, currents: tuple[float, ...]) -> dict[str, Any]:
 
 def paired_change(first: np.ndarray, last: np.ndarray) -> dict[str, Any]:
     """Relative change of the mean in percent, with a 95 % interval from the paired differences (Student's t)."""
-    from scipy import stats
-
-    difference = last - first
-    change = 100.0 * difference.mean() / first.mean()
-    half = 0.0
-    if len(difference) > 1:
-        error = difference.std(ddof=1) / np.sqrt(len(difference))
-        half = 100.0 * stats.t.ppf(0.975, len(difference) - 1) * error / abs(first.mean())
-    return {"percent": float(change), "ci95": [float(change - half), float(change + half)], "pairs": len(difference)}
+    change = 100.0 * (last - first).mean() / first.mean()
+    half = 100.0 * half_width(last - first) / abs(first.mean())
+    return {"percent": float(change), "ci95": [float(change - half), float(change + half)], "pairs": len(first)}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from mrwarp.energy.power import Use
+from mrwarp.energy.power import JointLoad
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.usd.robot import JOINTS
 
@@ -84,9 +84,9 @@ class JointMeter:
         """Counted time [s], shape (E,)."""
         return self._steps.cpu().numpy() * self._dt
 
-    def use(self) -> Use:
+    def joint_load(self) -> JointLoad:
         """Means over the counted time, shapes (E, J) and (E, M)."""
-        return Use(
+        return JointLoad(
             torque_square=self._mean("square"), speed=self._mean("speed"), work_out=self._mean("out"),
             work_in=self._mean("in"), coil=self._mean("coil"), friction=self._mean("friction"),
         )  # fmt: skip

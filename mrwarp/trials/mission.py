@@ -17,14 +17,13 @@ import torch
 from mrwarp import paper
 from mrwarp.energy import thermal
 from mrwarp.energy.battery import BatteryCfg, cell_power
-from mrwarp.energy.power import ElectricalCfg, Use, battery_power, motor_heat
+from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power, motor_heat
 from mrwarp.energy.thermal import Temperatures, ThermalCfg
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.trials.load import VARIANT
-from mrwarp.trials.standing import standing_use
+from mrwarp.trials.standing import standing_load
 from mrwarp.trials.walk_trials import ASSET_ROBOT, WalkCfg, walk
-from mrwarp.trials.walking import Policy
+from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy
 
 PHASES = ("outbound", "standby", "return")
 """Phases in order."""
@@ -72,10 +71,10 @@ class MissionCfg:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PhaseUse:
+class PhaseLoad:
     """What the window of one phase measured; n repetitions."""
 
-    use: Use
+    joints: JointLoad
     """Shapes (n, J), (n, M)."""
     seconds: np.ndarray
     """Duration of the whole phase [s], shape (n,)."""
@@ -90,13 +89,13 @@ class PhaseUse:
     late: int = 0
     """Of these did not cover the window in time."""
 
-    def of(self, trials: np.ndarray) -> PhaseUse:
+    def of(self, trials: np.ndarray) -> PhaseLoad:
         """The same for some repetitions; what stands for all stays."""
         if self.trial is None:
             return self
         rows = np.isin(self.trial, trials)
         return replace(
-            self, use=self.use[rows], seconds=self.seconds[rows], speed=self.speed[rows], trial=self.trial[rows]
+            self, joints=self.joints[rows], seconds=self.seconds[rows], speed=self.speed[rows], trial=self.trial[rows]
         )
 
 
@@ -136,7 +135,7 @@ def measure(
     report: Callable[[str, float], None] | None = None,
     fluid: Mapping[str, np.ndarray] | None = None,
     thermal_cfg: ThermalCfg | None = None,
-) -> dict[str, dict[str, PhaseUse]]:
+) -> dict[str, dict[str, PhaseLoad]]:
     """Simulate a window of every phase for every robot; what fell on one way is left out of the other too.
 
     Args:
@@ -149,7 +148,7 @@ def measure(
     Raises:
         MissionError: a robot did not finish a window in any repetition, or both windows in the same one.
     """
-    found: dict[str, dict[str, PhaseUse]] = {robot: {} for robot in cfg.robots}
+    found: dict[str, dict[str, PhaseLoad]] = {robot: {} for robot in cfg.robots}
     loads = {"outbound": cfg.outbound_load, "return": cfg.return_load}
     for k, (phase, load) in enumerate(loads.items()):
         place = PHASES.index(phase)
@@ -166,26 +165,26 @@ def measure(
                     f"{paper.NAMES[result.robot]} with {load:g} kg at {cfg.speed:g} m/s: {result.fell} of {cfg.seeds} "
                     f"fell, {result.late} too slow; lighten the load or choose another speed or policy"
                 )
-            found[result.robot][phase] = PhaseUse(
-                use=result.use, seconds=cfg.distance / result.speed, speed=result.speed, trial=result.trial,
+            found[result.robot][phase] = PhaseLoad(
+                joints=result.joints, seconds=cfg.distance / result.speed, speed=result.speed, trial=result.trial,
                 tried=cfg.seeds, fell=result.fell, late=result.late,
             )  # fmt: skip
     found = {robot: _paired(robot, walked) for robot, walked in found.items()}
     if report:
         report("standing", 0.9)
-    standing: dict[str, Use] = {}
+    standing: dict[str, JointLoad] = {}
     for robot in cfg.robots:
         asset = ASSET_ROBOT[robot]
         if asset not in standing:
-            env = replace(cfg.env, robot=asset, payload=VARIANT, currents=(cfg.current,))
-            standing[asset] = standing_use(env, load=cfg.outbound_load, hold=asset != "go1")[0]
-        found[robot]["standby"] = PhaseUse(
-            use=standing[asset][None], seconds=np.array([cfg.standby]), speed=np.zeros(1)
+            env = replace(cfg.env, robot=asset, payload=PAYLOAD_VARIANT, currents=(cfg.current,))
+            standing[asset] = standing_load(env, load=cfg.outbound_load, hold=asset != "go1")[0]
+        found[robot]["standby"] = PhaseLoad(
+            joints=standing[asset][None], seconds=np.array([cfg.standby]), speed=np.zeros(1)
         )  # fmt: skip
     return {robot: {phase: uses[phase] for phase in PHASES} for robot, uses in found.items()}
 
 
-def _paired(robot: str, walked: Mapping[str, PhaseUse]) -> dict[str, PhaseUse]:
+def _paired(robot: str, walked: Mapping[str, PhaseLoad]) -> dict[str, PhaseLoad]:
     """Both walks of the repetitions that finished both, the same rows in each."""
     numbers = [phase.trial for phase in walked.values()]
     both = np.intersect1d(*numbers)  # type: ignore[arg-type]
@@ -198,7 +197,7 @@ def _paired(robot: str, walked: Mapping[str, PhaseUse]) -> dict[str, PhaseUse]:
 
 
 def run(
-    phases: Mapping[str, PhaseUse], electrical: ElectricalCfg, heat: ThermalCfg, battery: BatteryCfg, *, feedback: bool
+    phases: Mapping[str, PhaseLoad], electrical: ElectricalCfg, heat: ThermalCfg, battery: BatteryCfg, *, feedback: bool
 ) -> MissionTrace:
     """Carry the windows over the phases: power, state of charge and temperatures.
 
@@ -216,7 +215,7 @@ def run(
     if len(out.speed) != len(back.speed) or not np.array_equal(out.trial, back.trial):  # type: ignore[arg-type]
         raise ValueError(f"repetitions {out.trial} went out and {back.trial} came back; they must be the same")
     count = len(out.speed)
-    devices = phases["outbound"].use.coil.shape[-1]
+    devices = phases["outbound"].joints.coil.shape[-1]
     now = Temperatures.ambient((count,), 12, devices)
     calves = [2, 5, 8, 11]
     others = [joint for joint in range(12) if joint not in calves]
@@ -228,14 +227,16 @@ def run(
     fluid = []
     for name in PHASES:
         phase = phases[name]
-        use = _rows(phase.use, count)
+        joints = _rows(phase.joints, count)
         seconds = np.broadcast_to(phase.seconds, count) if len(phase.seconds) == 1 else phase.seconds[:count]
         slices = max(round(float(seconds.mean()) / SLICE), 1)
         before, energy, warm = now, np.zeros(count), np.zeros((count, devices))
         for _ in range(slices):
             rise = now.winding if feedback else 0.0
-            drawn = battery_power(use, electrical, rise).total
-            now = _each(now, motor_heat(use, electrical, rise), use.coil + use.friction, seconds / slices, heat)
+            drawn = battery_power(joints, electrical, rise).total
+            now = _each(
+                now, motor_heat(joints, electrical, rise), joints.coil + joints.friction, seconds / slices, heat
+            )
             warm = warm + now.fluid / slices
             energy = energy + drawn * seconds / slices
             depletion = depletion + 100.0 * cell_power(drawn, battery) * seconds / slices / 3600.0 / battery.capacity
@@ -259,7 +260,7 @@ def run(
 
 
 def calibrate(
-    phases: Mapping[str, PhaseUse], electrical: ElectricalCfg, heat: ThermalCfg, battery: BatteryCfg
+    phases: Mapping[str, PhaseLoad], electrical: ElectricalCfg, heat: ThermalCfg, battery: BatteryCfg
 ) -> tuple[ThermalCfg, BatteryCfg, dict[str, Any]]:
     """Thermal numbers and battery capacity from Go1's rises and depletion of section 6.5.
 
@@ -269,7 +270,7 @@ def calibrate(
         heat: Start of the thermal numbers.
         battery: Start of the battery's.
     """
-    loss = {name: motor_heat(phases[name].use, electrical).mean(0) for name in PHASES}
+    loss = {name: motor_heat(phases[name].joints, electrical).mean(0) for name in PHASES}
     seconds = {name: float(phases[name].seconds.mean()) for name in PHASES}
     target = paper.MISSION_RISE["go1"]
     heat, got = thermal.calibrate(
@@ -303,9 +304,9 @@ def _each(
     })  # fmt: skip
 
 
-def _rows(use: Use, count: int) -> Use:
-    """The use of ``count`` seeds: the first ones, or the one there is for all."""
-    return use[:count] if len(use.torque_square) > 1 else use[np.zeros(count, dtype=int)]
+def _rows(joints: JointLoad, count: int) -> JointLoad:
+    """Joint loads of ``count`` seeds: the first ones, or the one there is for all."""
+    return joints[:count] if len(joints.torque_square) > 1 else joints[np.zeros(count, dtype=int)]
 
 
 def _softener(fluid: Mapping[str, float], seeds: int, cfg: ThermalCfg) -> Callable[[WalkEnv, Sequence[str]], None]:

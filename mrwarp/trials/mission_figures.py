@@ -6,8 +6,8 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from mrwarp import paper
-from mrwarp.trials.mission import MissionTrace, PhaseUse
-from mrwarp.trials.spread import ratio_sd, spread
+from mrwarp.trials.mission import MissionTrace, PhaseLoad
+from mrwarp.trials.statistics import ratio_sd, spread
 
 RISES = ("calf_walking", "calf_standby")
 """Go1's rises that fixed the thermal model."""
@@ -46,7 +46,7 @@ def _paper_rise(robot: str, name: str) -> float | None:
     return paper.proximal_rise(robot) if name == "proximal" else paper.MISSION_RISE[robot].get(name)
 
 
-def windows(phases: Mapping[str, Mapping[str, PhaseUse]]) -> dict[str, Any]:
+def windows(phases: Mapping[str, Mapping[str, PhaseLoad]]) -> dict[str, Any]:
     """How many windows of each robot's walks began, fell or came too late, and how many count: those of both ways."""
     return {
         robot: {

@@ -1,4 +1,4 @@
-"""A robot standing in its neutral pose: what its joints use with the calves held by motors or by devices."""
+"""A robot standing in its neutral pose: what its joints do with the calves held by motors or by devices."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ import numpy as np
 import torch
 import warp as wp
 
-from mrwarp.energy.power import Use
+from mrwarp.energy.power import JointLoad
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.trials.load import set_load
 from mrwarp.trials.meter import JointMeter
-from mrwarp.trials.walking import make_env
+from mrwarp.trials.walking import make_env, set_payload
 from mrwarp.usd.robot import STAND_HEIGHT
 
 SETTLE = 4.0
@@ -29,7 +28,7 @@ HOLD = 1.0
 """Time between switching the devices on and measuring [s]."""
 
 
-def standing_use(cfg: EnvCfg, *, load: float, hold: bool, seconds: float = 5.0) -> tuple[Use, dict[str, float]]:
+def standing_load(cfg: EnvCfg, *, load: float, hold: bool, seconds: float = 5.0) -> tuple[JointLoad, dict[str, float]]:
     """Stand and measure.
 
     A standing controller knows the robot's weight: the targets are moved until the joints stand where they should,
@@ -39,13 +38,13 @@ def standing_use(cfg: EnvCfg, *, load: float, hold: bool, seconds: float = 5.0) 
         cfg: The robot; its payload variant must offer the load.
         load: Mass on the back [kg].
         hold: Whether the devices hold.
-        seconds: Measured time [s].
+        seconds: PaperValue time [s].
 
     Returns:
-        The mean use, shapes (J,) and (M,), and ``height`` [m], ``hold`` share, ``drift`` of the calves [rad].
+        The mean joint load, shapes (J,) and (M,), and ``height`` [m], ``hold`` share, ``drift`` of the calves [rad].
     """
     env = make_env(replace(cfg, currents=(cfg.currents[-1],)), 1, 0)
-    set_load(env, np.array([load]))
+    set_payload(env, np.array([load]))
     _stiffen(env)
     allowed = env.current_e.clone()
     env.current_e.zero_()
@@ -61,7 +60,7 @@ def standing_use(cfg: EnvCfg, *, load: float, hold: bool, seconds: float = 5.0) 
         env.step(actions)
     drift = float((env.q[:, calves] - start).abs().max())
     found = {"height": float(env.root_pos[0, 2]), "hold": float(meter.hold.mean()) if meter.hold.size else 0.0}
-    return meter.use()[0], {**found, "drift": drift}
+    return meter.joint_load()[0], {**found, "drift": drift}
 
 
 def _stiffen(env: WalkEnv) -> None:

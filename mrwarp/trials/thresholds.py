@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from mrwarp import paper
 from mrwarp.trials.impact import MOTOR_WINDOW, ImpactTrace, Variant
-from mrwarp.trials.spread import spread
+from mrwarp.trials.statistics import spread
 
 VALUES: dict[str, tuple[float, ...]] = {
     "f_th": (3.0, 5.0, 7.0, 13.0),

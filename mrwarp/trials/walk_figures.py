@@ -11,10 +11,10 @@ import numpy as np
 from mrwarp import paper
 from mrwarp.energy import calibrate as calibration
 from mrwarp.energy import consistency
-from mrwarp.energy.power import CALF_COLUMNS, ElectricalCfg, Power, Use, battery_power, copper, cost_of_transport
+from mrwarp.energy.power import CALF_COLUMNS, ElectricalCfg, JointLoad, Power, battery_power, copper, cost_of_transport
 from mrwarp.params import MrParams
 from mrwarp.trials.meter import BIN, RANGE, SHOWN
-from mrwarp.trials.spread import ratio_sd, spread
+from mrwarp.trials.statistics import ratio_sd, spread
 from mrwarp.trials.walk_trials import WalkResult
 from mrwarp.usd.robot import JOINTS, LEGS
 
@@ -38,13 +38,13 @@ def row(result: WalkResult, cfg: ElectricalCfg, *, calibrated: bool = True) -> d
     """
     key = (result.robot, result.payload, result.command)
     reference = paper.TABLE_6.get(key)  # type: ignore[arg-type]
-    power, cots = battery_power(result.use, cfg), cot(result, cfg)
+    power, cots = battery_power(result.joints, cfg), cot(result, cfg)
     activation = paper.TABLE_7.get(key[1:]) if result.robot == "mr_go_sal" else None  # type: ignore[arg-type]
     return {
         "robot": result.robot, "payload": result.payload, "command": result.command, "mass": result.mass,
         "calibrated": calibrated and result.robot == "go1" and reference is not None,
         "trials": len(result.speed), "fell": result.fell, "late": result.late,
-        "speed": spread(result.speed), "power": spread(power.total), "parts": parts(result.use, cfg),
+        "speed": spread(result.speed), "power": spread(power.total), "parts": parts(result.joints, cfg),
         "cot": spread(cots), "paper": None if reference is None else {
             **asdict(reference), "power": reference.power, "power_sd": reference.power_sd,
         },
@@ -63,13 +63,13 @@ def row(result: WalkResult, cfg: ElectricalCfg, *, calibrated: bool = True) -> d
 
 def cot(result: WalkResult, cfg: ElectricalCfg) -> np.ndarray:
     """Cost of transport (eq. 21) of each trial, shape (n,)."""
-    return cost_of_transport(battery_power(result.use, cfg).total, result.mass, result.speed)
+    return cost_of_transport(battery_power(result.joints, cfg).total, result.mass, result.speed)
 
 
-def parts(use: Use, cfg: ElectricalCfg) -> dict[str, float]:
+def parts(joints: JointLoad, cfg: ElectricalCfg) -> dict[str, float]:
     """Mean power by part [W], the copper loss split into calves and the other joints; NaN where nobody arrived."""
-    power: Power = battery_power(use, cfg)
-    loss = copper(use, cfg)
+    power: Power = battery_power(joints, cfg)
+    loss = copper(joints, cfg)
     calf = spread(np.ravel(loss[..., list(CALF_COLUMNS)].sum(-1)))["mean"]
     named = {name: spread(np.ravel(value))["mean"] for name, value in power.parts().items()}
     total = named.pop("copper")
@@ -89,31 +89,34 @@ def torques(result: WalkResult) -> dict[str, dict[str, float]]:
     return found
 
 
-def calibration_rows(results: Sequence[WalkResult], standing: Use) -> list[calibration.Row]:
+def calibration_rows(results: Sequence[WalkResult], standing: JointLoad) -> list[calibration.MeasuredPower]:
     """Go1's rows of table 6 and its standby power with what the simulated robot does there."""
     rows = [
-        calibration.Row(
-            name=f"Go1 {paper.condition_name(result.payload, result.command)}", use=result.use.mean(),
+        calibration.MeasuredPower(
+            name=f"Go1 {paper.condition_name(result.payload, result.command)}", joints=result.joints.mean(),
             measured=paper.TABLE_6[key].power,  # type: ignore[index]
         )
         for result in results
         if result.robot == "go1" and len(result.speed)
         and (key := (result.robot, result.payload, result.command)) in paper.TABLE_6
     ]  # fmt: skip
-    return [*rows, calibration.Row(name=STANDBY, use=standing, measured=paper.MISSION_POWER["go1"]["standby"])]
+    return [
+        *rows,
+        calibration.MeasuredPower(name=STANDBY, joints=standing, measured=paper.MISSION_POWER["go1"]["standby"]),
+    ]
 
 
 def drive_friction(results: Sequence[WalkResult], cfg: ElectricalCfg) -> list[float]:
     """Mean drive friction of every condition in which a trial arrived [W]."""
-    return [parts(result.use, cfg)["drive_friction"] for result in results if len(result.speed)]
+    return [parts(result.joints, cfg)["drive_friction"] for result in results if len(result.speed)]
 
 
-def standing_saving(motors: Use, devices: Use, cfg: ElectricalCfg) -> float:
+def standing_saving(motors: JointLoad, devices: JointLoad, cfg: ElectricalCfg) -> float:
     """What holding saves standing robots, as the paper's 39.8 W of section 6.5 [W].
 
     Args:
-        motors: Use of a standing Go1.
-        devices: Use of a standing MR_Go whose calves are held.
+        motors: Joint load of a standing Go1.
+        devices: Joint load of a standing MR_Go whose calves are held.
         cfg: The numbers.
     """
     return float(battery_power(motors, cfg).total) - float(battery_power(devices, cfg).total)
@@ -138,8 +141,8 @@ def savings(results: Sequence[WalkResult], cfg: ElectricalCfg, standing: float |
         off = by_key.get(("mr_go", payload, command))
         if robot != "mr_go_sal" or off is None:
             continue
-        before, after = parts(off.use, cfg), parts(on.use, cfg)
-        powers = [float(battery_power(r.use, cfg).total.mean()) for r in (off, on)]
+        before, after = parts(off.joints, cfg), parts(on.joints, cfg)
+        powers = [float(battery_power(r.joints, cfg).total.mean()) for r in (off, on)]
         cots = [float(cot(r, cfg).mean()) for r in (off, on)]
         share = float(on.hold.mean())
         theirs = paper.TABLE_6.get(("mr_go", payload, command)), paper.TABLE_6.get((robot, payload, command))  # type: ignore[arg-type]
@@ -167,7 +170,9 @@ def savings(results: Sequence[WalkResult], cfg: ElectricalCfg, standing: float |
     return rows
 
 
-def sensitivity(results: Sequence[WalkResult], rows: Sequence[calibration.Row], cfg: ElectricalCfg) -> dict[str, Any]:
+def sensitivity(
+    results: Sequence[WalkResult], rows: Sequence[calibration.MeasuredPower], cfg: ElectricalCfg
+) -> dict[str, Any]:
     """COT reduction per condition, with each assumed number at the ends of its range.
 
     The coil's resistance is the asset's; its loss is taken in proportion to the nominal one.
@@ -181,7 +186,8 @@ def sensitivity(results: Sequence[WalkResult], rows: Sequence[calibration.Row], 
     found["coil_resistance"] = []
     for value in COIL_RESISTANCES:
         scaled = [
-            replace(r, use=replace(r.use, coil=r.use.coil * value / nominal)) if r.use.coil.size else r for r in results
+            replace(r, joints=replace(r.joints, coil=r.joints.coil * value / nominal)) if r.joints.coil.size else r
+            for r in results
         ]
         reductions = {name(r): r["cot_reduction"] for r in savings(scaled, cfg)}
         found["coil_resistance"].append({"value": value, **reductions})

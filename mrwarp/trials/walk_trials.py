@@ -12,14 +12,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import torch
 
-from mrwarp.energy.power import Use
+from mrwarp.energy.power import JointLoad
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.paper import NAMES, ROBOTS
-from mrwarp.trials.load import VARIANT, set_load, total_mass
 from mrwarp.trials.meter import JointMeter
 from mrwarp.trials.traces import GaitTrace, TraceRecorder
-from mrwarp.trials.walking import Policy, make_env, same_starts
+from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy, make_env, same_starts, set_payload
 
 ASSET_ROBOT = {"go1": "go1", "mr_go": "mr_go", "mr_go_sal": "mr_go"}
 """Robot variant of the asset."""
@@ -38,7 +37,7 @@ class WalkCfg:
     trials: int = 3
     """Repetitions per condition, from random poses and gait phases."""
     distance: float = 30.0
-    """Measured distance [m]."""
+    """PaperValue distance [m]."""
     warmup: float = 2.0
     """Walking before it [s]."""
     patience: float = 2.0
@@ -82,7 +81,7 @@ class WalkResult:
     """[m/s]"""
     mass: float
     """Total mass [kg]."""
-    use: Use
+    joints: JointLoad
     """Shapes (n, J) and (n, M)."""
     trial: np.ndarray
     """Number of each trial among the repetitions, shape (n,); those that fell or were late are missing."""
@@ -149,13 +148,13 @@ class WalkBatch:
     def __init__(self, cfg: WalkCfg, robots: Sequence[str], payload: float, policies: Mapping[str, Policy]) -> None:
         self.cfg, self.payload, self._policies = cfg, payload, policies
         self.conditions = [(robot, speed) for robot in robots for speed in cfg.speeds]
-        variant = VARIANT if payload > 0.0 else 0
+        variant = PAYLOAD_VARIANT if payload > 0.0 else 0
         env_cfg = replace(cfg.env, robot=ASSET_ROBOT[robots[0]], payload=variant, seed=cfg.seed)
         count = len(self.conditions) * cfg.trials
         self.env = env = make_env(env_cfg, count, cfg.seed)
         if payload != variant:
-            set_load(env, np.full(count, payload))
-        self.mass = total_mass(env) - variant + payload
+            set_payload(env, np.full(count, payload))
+        self.mass = float(env.sim.scene.model.body_mass.sum()) - variant + payload
         sal = [robot == "mr_go_sal" for robot, _ in self.conditions]
         self._per_env(env.current_e, [cfg.current if on else 0.0 for on in sal])
         self.command = torch.zeros(count, 3, device=env.device)
@@ -233,13 +232,13 @@ class WalkBatch:
         total = {name: value.cpu().numpy() for name, value in sums.items()}
         time = np.maximum(total["time"], 1e-9)
         mean = {name: value / time for name, value in total.items()}
-        use, target = self.meter.use(), self.env.cfg.rewards.target_height
+        joints, target = self.meter.joint_load(), self.env.cfg.rewards.target_height
         for i, (robot, command) in enumerate(self.conditions):
             rows = np.arange(i * self.cfg.trials, (i + 1) * self.cfg.trials)
             done = rows[~fell[rows] & ~late[rows]]
             height, square = mean["height"][done], mean["height_square"][done]
             yield WalkResult(
-                robot=robot, payload=self.payload, command=command, mass=self.mass, use=use[done],
+                robot=robot, payload=self.payload, command=command, mass=self.mass, joints=joints[done],
                 trial=done - rows[0], seconds=time[done], speed=mean["distance"][done],
                 v_x_rmse=np.sqrt(mean["v_x"][done]), height=height,
                 height_rmse=np.sqrt(np.maximum(square - 2.0 * target * height + target**2, 0.0)),

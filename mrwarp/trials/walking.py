@@ -14,6 +14,12 @@ from mrwarp.env.cfg import EnvCfg, make_play_cfg
 from mrwarp.env.vec_env import CONTACT_FORCE, WalkEnv
 from mrwarp.kernels import ledger
 
+PAYLOAD_BODY = "payload"
+"""Name of the payload's body in the asset."""
+
+PAYLOAD_VARIANT = 3
+"""Payload variant of the asset that has the body [kg]."""
+
 Policy = Callable[[TensorDict], torch.Tensor]
 """Observations to actions (E, 12), without exploration noise."""
 
@@ -29,7 +35,7 @@ class WalkingGate:
     warmup: float = 2.0
     """Time to get going from the stance, not measured except for falls [s]."""
     seconds: float = 20.0
-    """Measured time [s]."""
+    """PaperValue time [s]."""
     never_fell: float = 0.95
     """Smallest share of environments that never fall."""
     rmse_at: float = 0.5
@@ -90,6 +96,22 @@ def make_env(cfg: EnvCfg, num_envs: int, seed: int) -> WalkEnv:
     return WalkEnv(replace(cfg, sim=replace(cfg.sim, num_envs=num_envs), seed=seed, episode_seconds=float(10**6)))
 
 
+def set_payload(env: WalkEnv, mass: np.ndarray) -> None:
+    """Give the payload's body a mass per environment [kg], shape (E,); its inertia goes in proportion.
+
+    Raises:
+        ValueError: a mass is negative, or the robot was built without the payload's body.
+    """
+    if np.any(mass < 0.0):
+        raise ValueError(f"load = {mass.min():g} kg must not be negative")
+    if env.cfg.payload == 0:
+        if np.any(mass > 0.0):
+            raise ValueError(f"load = {mass.max():g} kg needs the payload variant {PAYLOAD_VARIANT}")
+        return
+    # a body needs some mass: a gram is nothing to a robot of 12 kg
+    env.sim.rescale_mass(PAYLOAD_BODY, np.maximum(mass, 1e-3))
+
+
 def same_starts(env: WalkEnv, trials: int, seed: int) -> None:
     """Give every group of ``trials`` environments the same poses and phases: those of a batch with these alone.
 
@@ -114,7 +136,7 @@ def measure(env: WalkEnv, policy: Policy, command: torch.Tensor, *, warmup: floa
         policy: The policy.
         command: v_x, v_y [m/s] and yaw rate [rad/s], shape (E, 3), held throughout.
         warmup: Time before measuring [s].
-        seconds: Measured time [s].
+        seconds: PaperValue time [s].
 
     Returns:
         ``reward`` per second by the environment's weights, which is without exploration here; ``never_fell`` share;

@@ -5,25 +5,29 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mrwarp.energy.calibrate import VARIED, CalibrationError, Row, calibrate, sensitivity
-from mrwarp.energy.power import CALIBRATED, ElectricalCfg, Use, battery_power
+from mrwarp.energy.calibrate import VARIED, CalibrationError, MeasuredPower, calibrate, sensitivity
+from mrwarp.energy.power import CALIBRATED, ElectricalCfg, JointLoad, battery_power
 
 TRUTH = ElectricalCfg(electronics=47.0, winding_resistance=0.17, drive_friction=1.4)
 
 
-def rows(noise: float = 0.0, seed: int = 0, count: int = 7) -> list[Row]:
+def rows(noise: float = 0.0, seed: int = 0, count: int = 7) -> list[MeasuredPower]:
     """Uses of a robot without devices, with powers that the true numbers give."""
     generator = np.random.default_rng(seed)
     made = []
     for k in range(count):
-        use = Use(
+        joints = JointLoad(
             torque_square=generator.uniform(2.0, 25.0, 12) * generator.uniform(0.5, 1.5),
             speed=generator.uniform(0.0, 2.0, 12) * generator.uniform(0.0, 1.5),
             work_out=generator.uniform(0.0, 3.0, 12), work_in=generator.uniform(0.0, 2.0, 12),
             coil=np.zeros(0), friction=np.zeros(0),
         )  # fmt: skip
         made.append(
-            Row(name=f"row {k}", use=use, measured=float(battery_power(use, TRUTH).total + noise * generator.normal()))
+            MeasuredPower(
+                name=f"row {k}",
+                joints=joints,
+                measured=float(battery_power(joints, TRUTH).total + noise * generator.normal()),
+            )
         )
     return made
 
@@ -68,7 +72,7 @@ def test_a_held_number_stays_and_the_other_makes_the_best_of_it() -> None:
 
     def misfit(resistance: float) -> float:
         cfg = replace(found.cfg, winding_resistance=resistance)
-        return sum((float(battery_power(row.use, cfg).total) - row.measured) ** 2 for row in made)
+        return sum((float(battery_power(row.joints, cfg).total) - row.measured) ** 2 for row in made)
 
     best = found.cfg.winding_resistance
     assert misfit(best) < min(misfit(0.99 * best), misfit(1.01 * best))
@@ -85,7 +89,7 @@ def test_friction_is_found_in_the_rows_that_hide_it() -> None:
         <= found.half_width["drive_friction"]
         < TRUTH.drive_friction
     )
-    none = calibrate([replace(row, measured=row.measured - 3.0 * float(row.use.speed.sum())) for row in made])
+    none = calibrate([replace(row, measured=row.measured - 3.0 * float(row.joints.speed.sum())) for row in made])
     assert none.cfg.drive_friction == pytest.approx(0.0, abs=1e-6) and none.at_bound == ("drive_friction",)
 
 
@@ -106,7 +110,7 @@ def test_sensitivity_calibrates_anew_and_covers_all_assumed_numbers() -> None:
     nominal = calibrate(made, TRUTH).cfg
 
     def figure(cfg: ElectricalCfg) -> dict[str, float]:
-        return {"power": float(battery_power(made[0].use, cfg).total)}
+        return {"power": float(battery_power(made[0].joints, cfg).total)}
 
     found = sensitivity(made, figure, nominal)
     assert set(found) == {*VARIED, *CALIBRATED}
@@ -116,7 +120,7 @@ def test_sensitivity_calibrates_anew_and_covers_all_assumed_numbers() -> None:
     noisy = rows(noise=2.0)
 
     def mean(cfg: ElectricalCfg) -> dict[str, float]:
-        return {"power": float(np.mean([battery_power(row.use, cfg).total for row in noisy]))}
+        return {"power": float(np.mean([battery_power(row.joints, cfg).total for row in noisy]))}
 
     measured = np.mean([row.measured for row in noisy])
     for name in CALIBRATED:

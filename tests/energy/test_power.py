@@ -8,7 +8,7 @@ import pytest
 from mrwarp.energy.power import (
     CALF_COLUMNS,
     ElectricalCfg,
-    Use,
+    JointLoad,
     battery_power,
     copper_factor,
     cost_of_transport,
@@ -20,9 +20,9 @@ from mrwarp.usd.robot import CALVES, JOINTS
 
 def a_use(
     *, square: float = 0.0, speed: float = 0.0, out: float = 0.0, back: float = 0.0, coil: float = 0.0, devices: int = 4
-) -> Use:
+) -> JointLoad:
     """The same for every joint and device."""
-    return Use(
+    return JointLoad(
         torque_square=np.full(12, square), speed=np.full(12, speed), work_out=np.full(12, out),
         work_in=np.full(12, back), coil=np.full(devices, coil), friction=np.zeros(devices),
     )  # fmt: skip
@@ -48,8 +48,8 @@ def test_copper_loss_is_three_halves_r_i_squared() -> None:
 def test_warm_windings_lose_more() -> None:
     """100 K at 0.00393 1/K: 39.3 % more copper loss, and nothing else changes."""
     cfg = ElectricalCfg(copper_coefficient=0.00393)
-    use = a_use(square=4.0, out=1.0)
-    cold, warm = battery_power(use, cfg), battery_power(use, cfg, 100.0)
+    joints = a_use(square=4.0, out=1.0)
+    cold, warm = battery_power(joints, cfg), battery_power(joints, cfg, 100.0)
     assert warm.copper == pytest.approx(1.393 * cold.copper)
     assert warm.total - cold.total == pytest.approx(0.393 * cold.copper)
 
@@ -85,14 +85,14 @@ def test_what_a_joint_gives_and_takes_back_never_gains() -> None:
 def test_parts_add_up_and_leading_axes_stay() -> None:
     """The total is the sum of the parts for a batch of uses."""
     generator = np.random.default_rng(0)
-    use = Use(**{
+    joints = JointLoad(**{
         name: generator.uniform(0.0, 10.0, (5, 12 if name in ("torque_square", "speed", "work_out", "work_in") else 4))
         for name in ("torque_square", "speed", "work_out", "work_in", "coil", "friction")
     })  # fmt: skip
-    power = battery_power(use, ElectricalCfg())
+    power = battery_power(joints, ElectricalCfg())
     assert power.total.shape == (5,)
     np.testing.assert_allclose(power.total, sum(power.parts().values()))
-    np.testing.assert_allclose(battery_power(use[2], ElectricalCfg()).total, power.total[2])
+    np.testing.assert_allclose(battery_power(joints[2], ElectricalCfg()).total, power.total[2])
 
 
 def test_only_resistance_over_constant_squared_acts() -> None:

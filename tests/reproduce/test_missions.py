@@ -8,13 +8,13 @@ import pytest
 
 from mrwarp import paper
 from mrwarp.energy.battery import BatteryCfg
-from mrwarp.energy.power import ElectricalCfg, Use
+from mrwarp.energy.power import ElectricalCfg, JointLoad
 from mrwarp.energy.thermal import ThermalCfg
 from mrwarp.reproduce import missions as mission
-from mrwarp.reproduce.experiment import Findings, Job, Row
+from mrwarp.reproduce.experiment import Comparison, Findings, Job
 from mrwarp.reproduce.figures import fig10, fig11
 from mrwarp.reproduce.settings import Settings
-from mrwarp.trials.mission import PHASES, MissionTrace, PhaseUse
+from mrwarp.trials.mission import PHASES, MissionTrace, PhaseLoad
 
 
 def trace(robot: str, *, power: float = 0.0, share: float = 1.0) -> MissionTrace:
@@ -41,7 +41,7 @@ def made(
     return module.compute(Job(settings=Settings(), out=tmp_path, folders={}, report=lambda text, share: None))
 
 
-def row(found: Findings, condition: str, quantity: str) -> Row:
+def row(found: Findings, condition: str, quantity: str) -> Comparison:
     """The row of a condition."""
     return next(r for r in found.rows if (r.condition, r.quantity) == (condition, quantity))
 
@@ -105,8 +105,10 @@ def test_figure11_tells_both_shares_of_time(monkeypatch: pytest.MonkeyPatch, tmp
 
 def test_lost_windows_are_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Once, with the way on which they were lost, in both figures."""
-    use = Use(**dict.fromkeys(("torque_square", "speed", "work_out", "work_in", "coil", "friction"), np.zeros((1, 12))))
-    whole = PhaseUse(use=use, seconds=np.ones(1), speed=np.ones(1), trial=np.zeros(1), tried=3)
+    joints = JointLoad(
+        **dict.fromkeys(("torque_square", "speed", "work_out", "work_in", "coil", "friction"), np.zeros((1, 12)))
+    )
+    whole = PhaseLoad(joints=joints, seconds=np.ones(1), speed=np.ones(1), trial=np.zeros(1), tried=3)
     phases = {"go1": dict.fromkeys(PHASES, whole), "mr_go": {**dict.fromkeys(PHASES, whole)}}
     assert mission.arrivals(phases) == []
     phases["mr_go"]["return"] = replace(whole, fell=1, late=1)

@@ -3,9 +3,9 @@
 import re
 from pathlib import Path
 
-from mrwarp.paper import Measured
+from mrwarp.paper import PaperValue
 from mrwarp.reproduce import report_page as report
-from mrwarp.reproduce.experiment import Experiment, Findings, Row, Table
+from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, TextTable
 from mrwarp.reproduce.runner import Outcome
 
 EVIL = '<script>alert("x")</script> | `a` *b* [c](d) & \\'
@@ -13,11 +13,11 @@ EVIL = '<script>alert("x")</script> | `a` *b* [c](d) & \\'
 
 def made(tmp_path: Path, **outcome) -> tuple[str, str]:
     """The page and the Markdown of one experiment whose every text is hostile."""
-    row = Row(
-        condition=EVIL, quantity=EVIL, unit="m", paper=Measured(mean=1.0, sd=0.1), ours=2.0, sd=0.1, n=3, why=EVIL
+    row = Comparison(
+        condition=EVIL, quantity=EVIL, unit="m", paper=PaperValue(mean=1.0, sd=0.1), ours=2.0, sd=0.1, n=3, why=EVIL
     )
     found = Findings(
-        rows=[row], claims={EVIL: False}, notes=[EVIL], tables=[Table(title=EVIL, head=[EVIL], rows=[[EVIL]])],
+        rows=[row], claims={EVIL: False}, notes=[EVIL], tables=[TextTable(title=EVIL, head=[EVIL], rows=[[EVIL]])],
         pictures={"a.png": EVIL, "missing.png": "not there"},
     )  # fmt: skip
     experiment = Experiment(name="x", title=EVIL, compute=lambda job: found)
@@ -47,14 +47,14 @@ def test_a_row_says_difference_kind_and_reason(tmp_path: Path) -> None:
     assert "+100.0 %" in text
     assert "+7.1" in text
     assert "predicted" in text
-    near = Row(condition="", quantity="", unit="", paper=Measured(mean=1.0, sd=0.1), ours=1.05, why="reason")
+    near = Comparison(condition="", quantity="", unit="", paper=PaperValue(mean=1.0, sd=0.1), ours=1.05, why="reason")
     assert report.words.cells(near)[-1] == ""
 
 
 def test_agreement_names_both_measures() -> None:
     """A row without a spread of the paper's is judged by 5 %."""
-    row = Row(condition="", quantity="", unit="", paper=Measured(mean=1.0), ours=1.04)
-    far = Row(condition="", quantity="", unit="", paper=Measured(mean=1.0, sd=0.1), ours=2.0)
+    row = Comparison(condition="", quantity="", unit="", paper=PaperValue(mean=1.0), ours=1.04)
+    far = Comparison(condition="", quantity="", unit="", paper=PaperValue(mean=1.0, sd=0.1), ours=2.0)
     text = report.words.agreement([row, far])
     assert text == "1 of 2 predicted rows within the joint spread, or 5 % where the paper states none"
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrwarp.paper import Measured
+from mrwarp.paper import PaperValue
 from mrwarp.reproduce import fingerprint
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, NotYet, Row, over_seeds, seeds_of
+from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, NotYet, over_seeds, seeds_of
 from mrwarp.reproduce.runner import KEPT, Runner, in_order
 from mrwarp.reproduce.settings import Settings
 
@@ -32,7 +32,9 @@ def reader(job: Job) -> Findings:
     """Reads it."""
     CALLS.append("reader")
     value = float((job.folders["base"] / "data.txt").read_text())
-    return Findings(rows=[Row(condition="c", quantity="x", unit="m", paper=Measured(mean=1.0, sd=0.5), ours=value)])
+    return Findings(
+        rows=[Comparison(condition="c", quantity="x", unit="m", paper=PaperValue(mean=1.0, sd=0.5), ours=value)]
+    )
 
 
 def failing(job: Job) -> Findings:
@@ -166,8 +168,10 @@ def test_a_damaged_result_is_made_again(tmp_path: Path, damage: str) -> None:
 def test_findings_survive_json() -> None:
     """Rows, spreads and tables come back equal; a missing figure comes back as no number."""
     rows = [
-        Row(condition="a", quantity="b", unit="", paper=Measured(mean=1.0), ours=2.0, sd=0.1, n=3, why="because"),
-        Row(condition="a", quantity="b", unit="", paper=None, ours=3.0, calibrated=True),
+        Comparison(
+            condition="a", quantity="b", unit="", paper=PaperValue(mean=1.0), ours=2.0, sd=0.1, n=3, why="because"
+        ),
+        Comparison(condition="a", quantity="b", unit="", paper=None, ours=3.0, calibrated=True),
     ]
     found = Findings(rows=rows, claims={"yes": True}, notes=["n"], pictures={"a.png": "c"}, figures={"x": [1.0]})
     assert Findings.from_json(json.loads(json.dumps(found.to_json()))) == found
@@ -220,13 +224,13 @@ def test_rollouts_are_averaged_within_each_seed_first() -> None:
 
 def test_differences_are_told_in_the_joint_spread() -> None:
     """(3 - 1)/sqrt(0.3^2 + 0.4^2) = 4; without any spread the 5 % rule decides."""
-    row = Row(condition="", quantity="", unit="", paper=Measured(mean=1.0, sd=0.3), ours=3.0, sd=0.4)
+    row = Comparison(condition="", quantity="", unit="", paper=PaperValue(mean=1.0, sd=0.3), ours=3.0, sd=0.4)
     assert row.in_sd == pytest.approx(4.0)
     assert row.differs
     assert not replace(row, ours=1.4).differs
-    bare = replace(row, paper=Measured(mean=-2.0), sd=None, ours=-2.05)
+    bare = replace(row, paper=PaperValue(mean=-2.0), sd=None, ours=-2.05)
     assert bare.in_sd is None
     assert bare.relative == pytest.approx(0.025)
-    assert replace(row, paper=Measured(mean=-1.0, sd=0.3), ours=-3.0).in_sd == pytest.approx(4.0)
+    assert replace(row, paper=PaperValue(mean=-1.0, sd=0.3), ours=-3.0).in_sd == pytest.approx(4.0)
     assert not bare.differs
     assert replace(bare, ours=-2.2).differs

@@ -8,7 +8,7 @@ import pytest
 
 from mrwarp import paper
 from mrwarp.energy import consistency
-from mrwarp.energy.power import Use
+from mrwarp.energy.power import JointLoad
 from mrwarp.reproduce import electrical, store
 from mrwarp.reproduce import walks as walking
 from mrwarp.reproduce.experiment import Findings, Job, over_seeds
@@ -38,7 +38,7 @@ def walked(robot: str, payload: float, command: float, trial: np.ndarray = TRIAL
         counts[2] = np.roll(counts[2], -5)
     return WalkResult(
         robot=robot, payload=payload, command=command, mass=12.0 + payload, trial=trial,
-        use=Use(torque_square=square, speed=idle + speed, work_out=idle, work_in=idle,
+        joints=JointLoad(torque_square=square, speed=idle + speed, work_out=idle, work_in=idle,
                 coil=np.zeros((n, devices)), friction=np.zeros((n, devices))),
         seconds=blank + 30.0 / command, speed=blank + command, v_x_rmse=blank, height=blank, height_rmse=blank,
         height_sd=blank, tilt_rms=blank, yaw_rate_rmse=blank,
@@ -63,8 +63,14 @@ def folder(tmp_path: Path, *changed: WalkResult, policies: int = 3, sticks: int 
     all_arrived = list(results.values())
     results |= {(r.robot, r.payload, r.command): r for r in changed}
     square = _square(paper.MISSION_POWER["go1"]["standby"])
-    standing = Use(torque_square=np.full(12, square), speed=np.zeros(12), work_out=np.zeros(12), work_in=np.zeros(12),
-                   coil=np.zeros(0), friction=np.zeros(0))  # fmt: skip
+    standing = JointLoad(
+        torque_square=np.full(12, square),
+        speed=np.zeros(12),
+        work_out=np.zeros(12),
+        work_in=np.zeros(12),
+        coil=np.zeros(0),
+        friction=np.zeros(0),
+    )
     store.save(
         tmp_path / walking.DATA,
         {**dict.fromkeys(walking.VARIANTS, all_arrived), "both": list(results.values()), "sticking": sticking,
@@ -144,7 +150,9 @@ def test_one_surviving_policy_is_one_seed(tmp_path: Path) -> None:
 def test_a_reduction_counts_seeds_not_trials(tmp_path: Path) -> None:
     """A policy that lost two of its three trials weighs as much as the others, in the row and in its COT alike."""
     left = walked("mr_go_sal", 0.0, 0.3, np.array([0, 1, 2, 4, 5, 7, 8]))
-    left = replace(left, use=replace(left.use, torque_square=left.use.torque_square * (1 + left.trial % 3)[:, None]))
+    left = replace(
+        left, joints=replace(left.joints, torque_square=left.joints.torque_square * (1 + left.trial % 3)[:, None])
+    )
     rows = {row.condition: row for row in made(table6, folder(tmp_path, left)).rows}
     after, before = (rows[f"{robot}, 0 kg, 0.3 m/s"].ours for robot in ("MR_Go-SAL", "MR_Go"))
     reduction = rows["SAL against MR_Go, 0 kg, 0.3 m/s"]
@@ -166,9 +174,9 @@ def test_friction_that_is_hidden_in_go1s_rows_is_told(tmp_path: Path) -> None:
     lighter = []
     for result in (walked(robot, *cell) for robot in paper.ROBOTS for cell in HOLD):
         power = paper.TABLE_6["go1", int(result.payload), result.command].power
-        square = result.use.torque_square * ((_square(power) - 7.5) / _square(power, 2.0 * result.command))
+        square = result.joints.torque_square * ((_square(power) - 7.5) / _square(power, 2.0 * result.command))
         speed = np.ones_like(square)
-        lighter.append(replace(result, use=replace(result.use, torque_square=square, speed=speed)))
+        lighter.append(replace(result, joints=replace(result.joints, torque_square=square, speed=speed)))
     found = made(electrical, folder(tmp_path, *lighter))
     (table,) = (table for table in found.tables if "drive friction" in table.title)
     cells = {row[0]: row[1:] for row in table.rows}

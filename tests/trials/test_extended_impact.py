@@ -9,7 +9,10 @@ import pytest
 from mrwarp.effects.model_entries import make_effect
 from mrwarp.model_file import JOINT_UNITS, Effect, FittedOn, Model, Parameter, parameter_unit
 from mrwarp.params import MrParams
+from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.trials.extended_impact import FIGURES, Change, ImpactChange, impact_change
+
+POLICY = OnnxPolicy(DEFAULT_POLICY)
 
 TRUE_LAG = 0.03
 """Coil lag of the true device [s]."""
@@ -37,7 +40,7 @@ def changes(found: ImpactChange) -> dict[tuple[float, str], Change]:
 @pytest.fixture(scope="module")
 def truth() -> ImpactChange:
     """What the simulator's own coil lag changes, a joint parameter that knows nothing of effects."""
-    return impact_change(model(), model(coil_time_constant=TRUE_LAG), trials=20)
+    return impact_change(model(), model(coil_time_constant=TRUE_LAG), POLICY, trials=20)
 
 
 def test_true_lag_changes_the_sweep(truth: ImpactChange) -> None:
@@ -51,13 +54,13 @@ def test_true_lag_changes_the_sweep(truth: ImpactChange) -> None:
 
 def test_the_effect_changes_it_the_same_way(truth: ImpactChange) -> None:
     """The effect coil_lag of the true 30 ms gives the same numbers to the last bit, in another kernel."""
-    assert changes(impact_change(model(), lagging(TRUE_LAG), trials=20)) == changes(truth)
+    assert changes(impact_change(model(), lagging(TRUE_LAG), POLICY, trials=20)) == changes(truth)
 
 
 def test_a_lag_as_found_on_the_bench_changes_it_nearly_so(truth: ImpactChange) -> None:
     """29 ms instead of 30: every change within half the half-width of its own interval; 100 ms is told apart."""
-    want, near = changes(truth), changes(impact_change(model(), lagging(0.029), trials=20))
-    far = changes(impact_change(model(), lagging(0.1), trials=20))
+    want, near = changes(truth), changes(impact_change(model(), lagging(0.029), POLICY, trials=20))
+    far = changes(impact_change(model(), lagging(0.1), POLICY, trials=20))
     for key, change in want.items():
         half = 0.5 * (change.ci95[1] - change.ci95[0])
         assert near[key].change == pytest.approx(change.change, abs=0.5 * half + 1e-12), key
@@ -80,6 +83,9 @@ def test_table_and_dictionary(truth: ImpactChange) -> None:
 def test_no_model_before_is_the_robots_own() -> None:
     """Without a model the first sweep is that of the asset, which holds the paper's numbers."""
     kwargs: dict[str, Any] = {"trials": 2, "currents": (1.0,)}
-    asset, paper = impact_change(None, lagging(0.1), **kwargs), impact_change(model(), lagging(0.1), **kwargs)
+    asset, paper = (
+        impact_change(None, lagging(0.1), POLICY, **kwargs),
+        impact_change(model(), lagging(0.1), POLICY, **kwargs),
+    )
     assert np.all([a.before == b.before for a, b in zip(changes(asset).values(), changes(paper).values(), strict=True)])
     assert replace(asset, seconds=0.0) == replace(paper, seconds=0.0)

@@ -8,6 +8,7 @@ from mrwarp.bench.bench_effects import Effects
 from mrwarp.bench.virtual_bench import BenchCfg, run_bench
 from mrwarp.diagnose import diagnose
 from mrwarp.effects.model_entries import make_effect
+from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.trials.extended_impact import Change, ImpactChange, impact_change
 
 LAG = 0.1
@@ -31,7 +32,10 @@ def test_lag_found_on_the_bench_changes_the_impact_as_the_true_one() -> None:
 
     plain = replace(found.model, effects=())
     true = replace(found.model, effects=(make_effect("coil_lag", {"time_constant": LAG}),))
-    ours, theirs = (impact_change(plain, model, currents=(CURRENT,), trials=TRIALS) for model in (found.model, true))
+    ours, theirs = (
+        impact_change(plain, model, OnnxPolicy(DEFAULT_POLICY), currents=(CURRENT,), trials=TRIALS)
+        for model in (found.model, true)
+    )
     for name in ("min_height", "peak_speed", "damping_share"):
         want, got = figure(theirs, name), figure(ours, name)
         assert abs(got.change - want.change) < 0.5 * (want.ci95[1] - want.ci95[0]), name

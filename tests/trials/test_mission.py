@@ -12,20 +12,20 @@ from mrwarp import paper
 from mrwarp.cli import main
 from mrwarp.commands import energy_runs as energy_cli
 from mrwarp.energy.battery import BatteryCfg, depletion
-from mrwarp.energy.power import ElectricalCfg, Use, battery_power
+from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power
 from mrwarp.energy.thermal import ThermalCfg
 from mrwarp.trials import mission, mission_figures
-from mrwarp.trials.mission import PHASES, PhaseUse, calibrate, run
+from mrwarp.trials.mission import PHASES, PhaseLoad, calibrate, run
 from mrwarp.trials.walk_trials import WalkCfg
 
 
-def phase(square: float, seconds: float, *, seeds: int = 2, coil: float = 0.0) -> PhaseUse:
+def phase(square: float, seconds: float, *, seeds: int = 2, coil: float = 0.0) -> PhaseLoad:
     """A phase in which all joints do the same."""
-    use = Use(
+    joints = JointLoad(
         torque_square=np.full((seeds, 12), square), speed=np.zeros((seeds, 12)), work_out=np.zeros((seeds, 12)),
         work_in=np.zeros((seeds, 12)), coil=np.full((seeds, 4), coil), friction=np.zeros((seeds, 4)),
     )  # fmt: skip
-    return PhaseUse(use=use, seconds=np.full(seeds, seconds), speed=np.full(seeds, 0.3))
+    return PhaseLoad(joints=joints, seconds=np.full(seeds, seconds), speed=np.full(seeds, 0.3))
 
 
 PHASE_USES = {
@@ -37,7 +37,7 @@ NUMBERS = (ElectricalCfg(winding_resistance=0.128), ThermalCfg(), BatteryCfg()) 
 def test_power_and_charge_are_those_of_the_phases() -> None:
     """Constant phases: power as the electrical model says, depletion as the battery's sum over phases."""
     trace = run(PHASE_USES, *NUMBERS, feedback=False)
-    expected = {name: float(battery_power(PHASE_USES[name].use, NUMBERS[0]).total[0]) for name in PHASES}
+    expected = {name: float(battery_power(PHASE_USES[name].joints, NUMBERS[0]).total[0]) for name in PHASES}
     for name in PHASES:
         np.testing.assert_allclose(trace.power[name], expected[name])
     phases = [(expected[name], float(PHASE_USES[name].seconds[0])) for name in PHASES]
@@ -61,7 +61,7 @@ def test_feedback_costs_power_and_is_off_by_default() -> None:
     added = {name: float((warm.power[name] - cold.power[name])[0]) for name in PHASES}
     assert 0.0 < added["outbound"] < added["return"]
     # a few tens of kelvin at 0.4 % per kelvin of the copper loss
-    assert added["return"] < 0.2 * float(battery_power(PHASE_USES["return"].use, NUMBERS[0]).copper[0])
+    assert added["return"] < 0.2 * float(battery_power(PHASE_USES["return"].joints, NUMBERS[0]).copper[0])
 
 
 def test_calibration_meets_go1() -> None:
@@ -80,18 +80,20 @@ def test_a_repetition_counts_if_it_finished_both_ways(monkeypatch: pytest.Monkey
     def walk(cfg: WalkCfg, *_: object) -> list[SimpleNamespace]:
         load = cfg.payloads[0]
         trial = ways[round(load, 1)]
-        use = replace(PHASE_USES["outbound"].use, torque_square=np.full((2, 12), 1.0) * (10.0 * load + trial[:, None]))
+        joints = replace(
+            PHASE_USES["outbound"].joints, torque_square=np.full((2, 12), 1.0) * (10.0 * load + trial[:, None])
+        )
         fell, late = (1, 0) if load < 3.0 else (0, 1)
-        return [SimpleNamespace(robot="go1", use=use, speed=0.1 * (1 + trial), trial=trial, fell=fell, late=late)]
+        return [SimpleNamespace(robot="go1", joints=joints, speed=0.1 * (1 + trial), trial=trial, fell=fell, late=late)]
 
     monkeypatch.setattr(mission, "walk", walk)
-    monkeypatch.setattr(mission, "standing_use", lambda *_, **__: PHASE_USES["standby"].use)
+    monkeypatch.setattr(mission, "standing_load", lambda *_, **__: PHASE_USES["standby"].joints)
     found = mission.measure(mission.MissionCfg(robots=("go1",)), {})["go1"]
     for name, load in (("outbound", paper.arm_load()), ("return", 3.0)):
         np.testing.assert_array_equal(found[name].trial, [1])
         np.testing.assert_allclose(found[name].speed, 0.2)
         np.testing.assert_allclose(found[name].seconds, paper.DISTANCE / 0.2)
-        np.testing.assert_allclose(found[name].use.torque_square, 10.0 * load + 1.0)
+        np.testing.assert_allclose(found[name].joints.torque_square, 10.0 * load + 1.0)
     assert [(found[n].tried, found[n].fell, found[n].late) for n in ("outbound", "return")] == [(3, 1, 0), (3, 0, 1)]
     assert run(found, *NUMBERS, feedback=False).depletion.shape == (1,)
     assert mission_figures.windows({"go1": found})["go1"] == {

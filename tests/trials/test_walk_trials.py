@@ -15,11 +15,10 @@ from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.kernels import ledger
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.trials import walk_figures
-from mrwarp.trials.load import set_load
 from mrwarp.trials.meter import JointMeter
-from mrwarp.trials.standing import standing_use
+from mrwarp.trials.standing import standing_load
 from mrwarp.trials.walk_trials import WalkBatch, WalkCfg, WalkResult, walk
-from mrwarp.trials.walking import make_env
+from mrwarp.trials.walking import make_env, set_payload
 
 ENV = make_walk_cfg(threads=1)
 SHORT = WalkCfg(payloads=(0.0,), speeds=(0.5,), trials=2, distance=0.6, warmup=0.6, env=ENV)
@@ -50,29 +49,29 @@ def test_meter_agrees_with_the_ledger() -> None:
     for _ in range(10):
         env.step(0.5 * torch.randn(3, 12, generator=generator))
     gained = (env.view(env.actuator.ledger) - before)[:2].numpy()
-    use, seconds = meter.use(), 10 * env.cfg.step_dt
+    joints, seconds = meter.joint_load(), 10 * env.cfg.step_dt
     # float32 sums of 40 steps in the ledger
     np.testing.assert_allclose(
-        (use.work_out - use.work_in)[:2] * seconds, gained[:, :, int(ledger.MOTOR)], rtol=1e-4, atol=1e-5
+        (joints.work_out - joints.work_in)[:2] * seconds, gained[:, :, int(ledger.MOTOR)], rtol=1e-4, atol=1e-5
     )
-    np.testing.assert_allclose(use.torque_square[:2] * seconds, gained[:, :, int(ledger.MOTOR_SQUARE)], rtol=1e-4)
-    np.testing.assert_allclose(use.coil[:2] * seconds, gained[:, 2::3, int(ledger.COIL)], rtol=1e-4, atol=1e-6)
-    assert use.friction.min() >= 0.0
+    np.testing.assert_allclose(joints.torque_square[:2] * seconds, gained[:, :, int(ledger.MOTOR_SQUARE)], rtol=1e-4)
+    np.testing.assert_allclose(joints.coil[:2] * seconds, gained[:, 2::3, int(ledger.COIL)], rtol=1e-4, atol=1e-6)
+    assert joints.friction.min() >= 0.0
     np.testing.assert_allclose(meter.seconds, [seconds, seconds, 0.0])
     assert meter.counts[:2].sum(-1).eq(40).all() and not meter.counts[2].any()
-    np.testing.assert_allclose(use.speed[:2], turned[:2].numpy() / 40, rtol=1e-5)
-    assert use.speed[:2].min() > 0.0 and not use.torque_square[2].any() and not use.speed[2].any()
+    np.testing.assert_allclose(joints.speed[:2], turned[:2].numpy() / 40, rtol=1e-5)
+    assert joints.speed[:2].min() > 0.0 and not joints.torque_square[2].any() and not joints.speed[2].any()
 
 
 def test_robots_are_what_they_say(results: list[WalkResult]) -> None:
     """Masses of section 6.4; Go1 has no devices; SAL off never holds and feeds no coil; SAL on does both."""
     by_robot = {result.robot: result for result in results}
     assert [by_robot[robot].mass for robot in paper.ROBOTS] == pytest.approx([12.0, 12.6, 12.6], abs=1e-5)
-    assert by_robot["go1"].use.coil.shape == (2, 0)
+    assert by_robot["go1"].joints.coil.shape == (2, 0)
     off, on = by_robot["mr_go"], by_robot["mr_go_sal"]
-    assert not off.hold.any() and not off.use.coil.any() and off.use.friction.min() > 0.0
-    assert on.hold.mean() > 0.1 and on.use.coil.mean() > 0.0
-    assert on.use.torque_square[:, 2::3].mean() < 0.8 * off.use.torque_square[:, 2::3].mean()
+    assert not off.hold.any() and not off.joints.coil.any() and off.joints.friction.min() > 0.0
+    assert on.hold.mean() > 0.1 and on.joints.coil.mean() > 0.0
+    assert on.joints.torque_square[:, 2::3].mean() < 0.8 * off.joints.torque_square[:, 2::3].mean()
 
 
 def test_every_trial_covers_the_distance(results: list[WalkResult]) -> None:
@@ -91,7 +90,7 @@ def test_a_condition_in_a_batch_equals_the_same_alone(
     """MR_Go-SAL beside MR_Go and by itself: the same numbers."""
     alone = WalkBatch(SHORT, ("mr_go_sal",), 0.0, policies).run()[0]
     beside = next(result for result in results if result.robot == "mr_go_sal")
-    np.testing.assert_allclose(alone.use.torque_square, beside.use.torque_square, rtol=1e-6)
+    np.testing.assert_allclose(alone.joints.torque_square, beside.joints.torque_square, rtol=1e-6)
     np.testing.assert_allclose(alone.hold, beside.hold)
 
 
@@ -118,18 +117,18 @@ def test_traces_hold_two_strides(results: list[WalkResult]) -> None:
 def test_loads_between_the_variants() -> None:
     """1.5 kg on the back add 1.5 kg; a load needs the variant that has the body."""
     env = make_env(replace(ENV, payload=3), 2, 0)
-    set_load(env, np.array([1.5, 0.0]))
+    set_payload(env, np.array([1.5, 0.0]))
     mass = env.sim.backend.expand("body_mass").numpy().sum(axis=1)
     assert mass == pytest.approx([14.1, 12.601], abs=1e-4)
     with pytest.raises(ValueError, match="payload variant"):
-        set_load(make_env(ENV, 1, 0), np.array([1.0]))
+        set_payload(make_env(ENV, 1, 0), np.array([1.0]))
 
 
 def test_standing_on_the_devices_spares_the_calf_motors() -> None:
     """The knee carries a quarter of the weight at 0.213 sin(0.7) m: about 4 N·m; held, kp_low leaves a 21st of it."""
     cfg = replace(ENV, payload=3)
-    motors, found = standing_use(cfg, load=0.0, hold=False, seconds=0.5)
-    held, _ = standing_use(cfg, load=0.0, hold=True, seconds=0.5)
+    motors, found = standing_load(cfg, load=0.0, hold=False, seconds=0.5)
+    held, _ = standing_load(cfg, load=0.0, hold=True, seconds=0.5)
     calves = motors.torque_square[2::3]
     expected = (12.6 * 9.81 / 4.0 * 0.213 * np.sin(0.7)) ** 2
     # the quarter is a mean over legs that differ, and includes the leg's own weight, which no knee carries

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from mrwarp import paper
 from mrwarp.energy import consistency
-from mrwarp.paper import Measured
+from mrwarp.paper import PaperValue
 from mrwarp.reproduce import missions as mission
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds
+from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, over_seeds
 from mrwarp.trials import mission_figures, mission_pictures
 
 
@@ -24,14 +24,21 @@ def compute(job: Job) -> Findings:
             cell = figures[robot]["power"][phase]
             standing = phase == "standby"
             rows.append(
-                Row(condition=f"{name}, {phase}", quantity="power", unit="W", paper=Measured(mean=cell["paper"]),
-                    **over_seeds(values[:1] if standing else values), calibrated=cell["calibrated"], digits=1,
-                    why=_standing(found, cell["paper"]) if standing else _walking(robot, found, phase))
-            )  # fmt: skip
+                Comparison(
+                    condition=f"{name}, {phase}",
+                    quantity="power",
+                    unit="W",
+                    paper=PaperValue(mean=cell["paper"]),
+                    **over_seeds(values[:1] if standing else values),
+                    calibrated=cell["calibrated"],
+                    digits=1,
+                    why=_standing(found, cell["paper"]) if standing else _walking(robot, found, phase),
+                )
+            )
         cell = figures[robot]["depletion"]
         rows.append(
-            Row(condition=name, quantity="depletion", unit="points", digits=1,
-                paper=Measured(mean=cell["paper"], sd=cell["paper_sd"]), **over_seeds(trace.depletion),
+            Comparison(condition=name, quantity="depletion", unit="points", digits=1,
+                paper=PaperValue(mean=cell["paper"], sd=cell["paper_sd"]), **over_seeds(trace.depletion),
                 calibrated=cell["calibrated"], why=_depletion(robot, found))
         )  # fmt: skip
     changes = mission_figures.changes(figures)

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from mrwarp import paper
-from mrwarp.paper import Measured
+from mrwarp.paper import PaperValue
 from mrwarp.reproduce import missions as mission
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds
+from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, over_seeds
 from mrwarp.trials import mission_figures, mission_pictures
 
 TITLES = {
@@ -28,8 +28,8 @@ def compute(job: Job) -> Findings:
         for name, title in TITLES.items():
             cell = figures[robot]["rise"][name]
             rows.append(
-                Row(condition=f"{paper.NAMES[robot]}, {title}", quantity="rise", unit="K", digits=2,
-                    paper=Measured(mean=cell["paper"]), **over_seeds(trace.rise[name]), calibrated=cell["calibrated"],
+                Comparison(condition=f"{paper.NAMES[robot]}, {title}", quantity="rise", unit="K", digits=2,
+                    paper=PaperValue(mean=cell["paper"]), **over_seeds(trace.rise[name]), calibrated=cell["calibrated"],
                     why=_why(robot, name, found))
             )  # fmt: skip
     change = mission_figures.changes(figures)

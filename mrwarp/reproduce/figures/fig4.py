@@ -11,7 +11,7 @@ from mrwarp.identify import learn
 from mrwarp.nn import network_file as model_file
 from mrwarp.nn.models import SAMPLES, LstmState
 from mrwarp.reproduce import studied
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row
+from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job
 from mrwarp.reproduce.figures import fig4_networks as figure4
 from mrwarp.reproduce.studied import PLANT_TITLES
 
@@ -39,7 +39,7 @@ def compute(job: Job) -> Findings:
         for amps, theirs in paper.FIGURE_4[name].items():
             cell, plain = found[name]["by_current"][f"{amps:g}"], found["bouc_wen"]["by_current"][f"{amps:g}"]
             rows.append(
-                Row(condition=f"{PLANT_TITLES[name]}, {amps:g} A", quantity="RMSE", unit="N·m", paper=theirs,
+                Comparison(condition=f"{PLANT_TITLES[name]}, {amps:g} A", quantity="RMSE", unit="N·m", paper=theirs,
                     ours=cell["mean"], sd=cell["sd"], n=cell["trajectories"],
                     why=why(amps, paper.FIGURE_4["bouc_wen"][amps].mean, plain["mean"]))
             )  # fmt: skip

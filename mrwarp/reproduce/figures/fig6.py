@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mrwarp import paper
-from mrwarp.paper import Measured
+from mrwarp.paper import PaperValue
 from mrwarp.reproduce import pushes, readings
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds, seeds_of
+from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, over_seeds, seeds_of
 from mrwarp.usd.robot import LEGS
 
 LAST = -1
@@ -38,10 +38,10 @@ def compute(job: Job) -> Findings:
                 f"{theirs[kind] / (1.0 + theirs[f'{kind}_change']):.1f} N·m; its gains are not stated."
             )
             rows += [
-                Row(condition=f"{name}, {kind}, 1.5 A", quantity="calf motor torque", unit="N·m", digits=2,
-                    paper=Measured(mean=theirs[kind]), **over_seeds(with_current, seeds), why=why),
-                Row(condition=f"{name}, {kind}, 0 to 1.5 A", quantity="change", unit="%", digits=1,
-                    paper=Measured(mean=100.0 * theirs[f"{kind}_change"]), **over_seeds(100.0 * change, seeds),
+                Comparison(condition=f"{name}, {kind}, 1.5 A", quantity="calf motor torque", unit="N·m", digits=2,
+                    paper=PaperValue(mean=theirs[kind]), **over_seeds(with_current, seeds), why=why),
+                Comparison(condition=f"{name}, {kind}, 0 to 1.5 A", quantity="change", unit="%", digits=1,
+                    paper=PaperValue(mean=100.0 * theirs[f"{kind}_change"]), **over_seeds(100.0 * change, seeds),
                     why="The device takes over what its sliding torque can carry, see the readings of table 4."),
             ]  # fmt: skip
     _plot(found.trace, job)

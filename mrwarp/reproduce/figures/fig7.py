@@ -7,9 +7,9 @@ from matplotlib.figure import Figure
 
 from mrwarp import paper
 from mrwarp.reproduce import drops
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds
-from mrwarp.trials.impact_pictures import COLORS
+from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, over_seeds
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
+from mrwarp.viewing.impact_pictures import COLORS
 
 
 def compute(job: Job) -> Findings:
@@ -22,11 +22,17 @@ def compute(job: Job) -> Findings:
             paired = theirs[1.5].mean / theirs[0.0].mean - 1.0
             for amps, cell in theirs.items():
                 rows.append(
-                    Row(condition=f"{leg}, {amps:g} A, {name}", quantity="calf motor torque", unit="N·m", digits=2,
-                        paper=cell, **over_seeds(values[leg][CURRENT_GROUPS.index(amps)], seeds),
+                    Comparison(
+                        condition=f"{leg}, {amps:g} A, {name}",
+                        quantity="calf motor torque",
+                        unit="N·m",
+                        digits=2,
+                        paper=cell,
+                        **over_seeds(values[leg][CURRENT_GROUPS.index(amps)], seeds),
                         why=f"The gains behind the hardware's torques are not stated; current changes ours by "
-                        f"{100.0 * fall:+.1f} %, the paper's by {100.0 * paired:+.1f} %.")
-                )  # fmt: skip
+                        f"{100.0 * fall:+.1f} %, the paper's by {100.0 * paired:+.1f} %.",
+                    )
+                )
     _plot(found, seeds, job)
     return Findings(
         rows=rows,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mrwarp import paper
 from mrwarp.reproduce import walks as walking
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, Table
+from mrwarp.reproduce.experiment import Experiment, Findings, Job, TextTable
 from mrwarp.trials import meter, walk_figures, walk_pictures
 from mrwarp.usd.robot import JOINTS
 
@@ -48,18 +48,27 @@ def compute(job: Job) -> Findings:
         claims={
             "SAL lowers the calf's mean torque in every condition": lower("FR_calf", "mean"),
             "SAL shortens the calf's high-torque tail (95th percentile) in every condition": lower("FR_calf", "p95"),
-            f"hip and thigh stay broadly similar (means within {100.0 * SIMILAR:.0f} %)": whole and all(
-                abs(ratio - 1.0) < SIMILAR for joint in ("FR_hip", "FR_thigh") for ratio in ratios(joint, "mean")
-            ),
+            f"hip and thigh stay broadly similar (means within {100.0 * SIMILAR:.0f} %)": whole
+            and all(abs(ratio - 1.0) < SIMILAR for joint in ("FR_hip", "FR_thigh") for ratio in ratios(joint, "mean")),
         },
         notes=walking.arrivals(compared),
-        tables=[Table(title=f"|motor torque| [N·m], {paper.NAMES['go1']} and {paper.NAMES['mr_go_sal']}; to 0.25 N·m",
-                      head=["condition", "joint", "mean, Go1", "mean, SAL", "95 %, Go1", "95 %, SAL"], rows=lines)],
-        pictures={"holding.png": "Figures 8(a, b): the front-right calf, holding intervals blue, damping orange",
-                  "torques.png": "Figure 8(c): distributions of the front-right motors' torque, Go1 left, SAL right"},
-        figures={"torque": {f"{robot}, {paper.condition_name(load, speed)}": value
-                            for (robot, load, speed), value in torque.items()}},
-    )  # fmt: skip
+        tables=[
+            TextTable(
+                title=f"|motor torque| [N·m], {paper.NAMES['go1']} and {paper.NAMES['mr_go_sal']}; to 0.25 N·m",
+                head=["condition", "joint", "mean, Go1", "mean, SAL", "95 %, Go1", "95 %, SAL"],
+                rows=lines,
+            )
+        ],
+        pictures={
+            "holding.png": "Figures 8(a, b): the front-right calf, holding intervals blue, damping orange",
+            "torques.png": "Figure 8(c): distributions of the front-right motors' torque, Go1 left, SAL right",
+        },
+        figures={
+            "torque": {
+                f"{robot}, {paper.condition_name(load, speed)}": value for (robot, load, speed), value in torque.items()
+            }
+        },
+    )
 
 
 EXPERIMENT = Experiment(name="fig8", compute=compute, needs=("walks",))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mrwarp import paper
 from mrwarp.reproduce import studied
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row
+from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job
 from mrwarp.study.paper_tables import LEAST, PLANT, Change, EvaluationCfg, Table2, table2
 from mrwarp.study.plan import AWARE, CONVENTIONAL
 
@@ -14,7 +14,7 @@ def compute(job: Job) -> Findings:
     cfg = EvaluationCfg(rollouts=job.settings.rollouts, seed=job.settings.seed, threads=job.settings.threads)
     table = table2(cfg, report=lambda share: job.report("rollouts", share))
     rows = [
-        Row(condition=f"{name}: {row.plant}, SAL {'on' if row.current else 'off'}", quantity=title, unit=unit,
+        Comparison(condition=f"{name}: {row.plant}, SAL {'on' if row.current else 'off'}", quantity=title, unit=unit,
             paper=paper.TABLE_2[name][metric], ours=row.spread(metric)["mean"], sd=row.spread(metric)["sd"],
             n=len(cfg.seeds), digits=digits, why=_why(table, name, metric))
         for name, row in table.rows.items()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mrwarp import paper
 from mrwarp.reproduce import studied
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, Table
+from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, TextTable
 from mrwarp.study.paper_tables import PLANT, EvaluationCfg, Table3, table3
 from mrwarp.study.plan import MODELS
 
@@ -18,7 +18,7 @@ def compute(job: Job) -> Findings:
     table = table3(cfg, report=lambda share: job.report("rollouts", share))
     titles = studied.PLANT_TITLES
     rows = [
-        Row(condition=titles[model], quantity=title, unit=unit, paper=paper.TABLE_3[model][metric],
+        Comparison(condition=titles[model], quantity=title, unit=unit, paper=paper.TABLE_3[model][metric],
             ours=row.spread(metric)["mean"], sd=row.spread(metric)["sd"], n=len(cfg.seeds), digits=digits,
             why=_why(table, model, metric))
         for model, row in table.rows.items()
@@ -44,7 +44,7 @@ def compute(job: Job) -> Findings:
                 for p in apart) if apart else "") + ".",
             f"{sum(row.fell for row in table.rows.values())} of all rollouts fell.",
         ],
-        tables=[Table(title="Ranking, best first", head=["metric", "ours", "paper"], rows=ranking)],
+        tables=[TextTable(title="Ranking, best first", head=["metric", "ours", "paper"], rows=ranking)],
     )  # fmt: skip
 
 

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from mrwarp import paper
 from mrwarp.params import BoucWenParams
 from mrwarp.reproduce import drops, pushes, readings
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, Table, over_seeds
-from mrwarp.trials.impact_pictures import COLORS
+from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, TextTable, over_seeds
 from mrwarp.usd.robot import CURRENT_GROUPS
+from mrwarp.viewing.impact_pictures import COLORS
 
 TITLES = {"min_height": ("minimum height", "m"), "peak_down_velocity": ("peak downward velocity", "m/s")}
 """Columns of the table and their units."""
@@ -30,7 +30,7 @@ def compute(job: Job) -> Findings:
     for i, amps in enumerate(CURRENT_GROUPS):
         for cell, (title, unit) in TITLES.items():
             rows.append(
-                Row(condition=f"push, {amps:g} A", quantity=title, unit=unit, digits=4,
+                Comparison(condition=f"push, {amps:g} A", quantity=title, unit=unit, digits=4,
                     paper=paper.TABLE_4["simulation"][amps][cell], **over_seeds(cells[cell][i], found.seeds()),
                     calibrated=amps == 0.0, why=_why(found, cell, amps))
             )  # fmt: skip
@@ -39,7 +39,7 @@ def compute(job: Job) -> Findings:
         for i, amps in enumerate(CURRENT_GROUPS):
             for cell, (title, unit) in TITLES.items():
                 rows.append(
-                    Row(condition=f"drop of 10 kg, {amps:g} A, {name}", quantity=title, unit=unit, digits=4,
+                    Comparison(condition=f"drop of 10 kg, {amps:g} A, {name}", quantity=title, unit=unit, digits=4,
                         paper=paper.TABLE_4["hardware"][amps][cell], **over_seeds(values[cell][i], seeds),
                         why=_drop(values, cell))
                 )  # fmt: skip
@@ -74,7 +74,7 @@ def compute(job: Job) -> Findings:
     )  # fmt: skip
 
 
-def table(found: pushes.Pushes) -> Table:
+def table(found: pushes.Pushes) -> TextTable:
     """Every reading's cells beside the paper's."""
     theirs = paper.TABLE_4["simulation"]
 
@@ -95,7 +95,7 @@ def table(found: pushes.Pushes) -> Table:
         rows.append(
             line(entry["reading"], f"{entry['duration']:.2f}", entry["min_height"], entry["peak_down_velocity"], rest)
         )
-    return Table(
+    return TextTable(
         title="Readings of the simulated push: z [m], v [m/s]; durations calibrated on 0 A; worst of six predictions",
         head=head, rows=rows,
     )  # fmt: skip

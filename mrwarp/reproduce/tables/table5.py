@@ -11,7 +11,7 @@ from mrwarp.actuator.mr_actuator import HoldCurrent
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.reproduce import drops, readings, studied
 from mrwarp.reproduce.ensemble import Ensemble
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds, seeds_of
+from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, over_seeds, seeds_of
 from mrwarp.study.plan import AWARE, CONVENTIONAL
 from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, Variant
 
@@ -53,7 +53,7 @@ def compute(job: Job) -> Findings:
     for name, cell in CONFIGURATIONS.items():
         for quantity, (title, unit) in TITLES.items():
             rows.append(
-                Row(condition=f"{name}: {cell[0]}, SAL {'on' if cell[1] else 'off'}", quantity=title, unit=unit,
+                Comparison(condition=f"{name}: {cell[0]}, SAL {'on' if cell[1] else 'off'}", quantity=title, unit=unit,
                     paper=paper.TABLE_5[name][quantity], **over_seeds(found[cell][quantity], seeds),
                     why=_why(found, cell, quantity))
             )  # fmt: skip

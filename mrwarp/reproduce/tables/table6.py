@@ -8,13 +8,13 @@ from typing import Any
 from mrwarp import paper
 from mrwarp.energy import consistency
 from mrwarp.energy.power import CALIBRATED, ElectricalCfg, battery_power
-from mrwarp.paper import Measured
+from mrwarp.paper import PaperValue
 from mrwarp.reproduce import walks as walking
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, Table, over_seeds
+from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, TextTable, over_seeds
 from mrwarp.reproduce.walks import Walks
 from mrwarp.study.plan import HIGH_POWER_PRICE, POWER_PRICE
 from mrwarp.trials import walk_figures
-from mrwarp.trials.spread import ratio_sd
+from mrwarp.trials.statistics import ratio_sd
 from mrwarp.trials.walk_trials import WalkResult
 
 Cots = dict[tuple[str, float, float], dict[str, Any]]
@@ -30,7 +30,7 @@ def compute(job: Job) -> Findings:
     walks = walking.read(job.folders["walks"])
     fit = walks.calibrated()
     conditions = [walk_figures.row(result, fit.cfg) for result in walks.both]
-    standing = {name: float(battery_power(use, fit.cfg).total) for name, use in walks.standing.items()}
+    standing = {name: float(battery_power(joints, fit.cfg).total) for name, joints in walks.standing.items()}
     saving = walk_figures.standing_saving(walks.standing["go1"], walks.standing["mr_go_hold"], fit.cfg)
     savings = walk_figures.savings(walks.both, fit.cfg, saving)
     plain = [r for r in walks.both if r.robot != "mr_go_sal"]
@@ -65,8 +65,8 @@ def compute(job: Job) -> Findings:
     )  # fmt: skip
 
 
-def _cot(condition: dict[str, Any], cots: Cots) -> Row | None:
-    """Row of a robot in a condition; None where the paper has none."""
+def _cot(condition: dict[str, Any], cots: Cots) -> Comparison | None:
+    """Comparison of a robot in a condition; None where the paper has none."""
     reference = condition["paper"]
     if reference is None:
         return None
@@ -77,9 +77,9 @@ def _cot(condition: dict[str, Any], cots: Cots) -> Row | None:
         f"{reference['speed']:.2f} m/s: power explains {power / reference['power'] - 1.0:+.0%}, speed "
         f"{reference['speed'] / condition['speed']['mean'] - 1.0:+.0%}."
     )
-    return Row(
+    return Comparison(
         condition=f"{paper.NAMES[robot]}, {paper.condition_name(payload, command)}", quantity="COT",
-        unit="", paper=Measured(mean=reference["cot"], sd=reference["sd"]), **cots[robot, payload, command],
+        unit="", paper=PaperValue(mean=reference["cot"], sd=reference["sd"]), **cots[robot, payload, command],
         calibrated=condition["calibrated"], why=why,
     )  # fmt: skip
 
@@ -110,7 +110,7 @@ def _claims(cots: Cots, results: list[WalkResult]) -> dict[str, bool]:
     }
 
 
-def _reduction(saved: dict[str, Any], alone: dict[str, Any] | None, cots: Cots) -> Row:
+def _reduction(saved: dict[str, Any], alone: dict[str, Any] | None, cots: Cots) -> Comparison:
     """What SAL saves against MR_Go, with the part that takes the most away as the reason."""
     part = saved["saving_by_part"]
     need = saved["paper"]["saving"]
@@ -124,7 +124,7 @@ def _reduction(saved: dict[str, Any], alone: dict[str, Any] | None, cots: Cots) 
     return _reduction_row("SAL against MR_Go", saved, cots, why)
 
 
-def _reduction_sticking(saved: dict[str, Any], cots: Cots) -> Row:
+def _reduction_sticking(saved: dict[str, Any], cots: Cots) -> Comparison:
     """What SAL saves with brakes that stick, with the paper's held share beside ours."""
     held = paper.TABLE_7[int(saved["payload"]), saved["command"]]["hardware"]
     why = (
@@ -135,17 +135,17 @@ def _reduction_sticking(saved: dict[str, Any], cots: Cots) -> Row:
     return _reduction_row("SAL against MR_Go, a device that sticks", saved, cots, why)
 
 
-def _reduction_row(robots: str, saved: dict[str, Any], cots: Cots, why: str) -> Row:
-    """Row of what SAL saves in a condition, with the spread of the ratio of both robots' COT."""
+def _reduction_row(robots: str, saved: dict[str, Any], cots: Cots, why: str) -> Comparison:
+    """Comparison of what SAL saves in a condition, with the spread of the ratio of both robots' COT."""
     cell = saved["payload"], saved["command"]
     after, before = (cots[robot, *cell] for robot in ("mr_go_sal", "mr_go"))
     seeds = min(after["n"], before["n"])
     sd = 100.0 * ratio_sd((after["ours"], after["sd"]), (before["ours"], before["sd"])) if seeds > 1 else None
     theirs = saved["paper"]
-    return Row(
+    return Comparison(
         condition=f"{robots}, {walk_figures.name(saved)}",
         quantity="reduction of COT", unit="%",
-        paper=Measured(mean=100.0 * theirs["cot_reduction"], sd=100.0 * theirs["cot_reduction_sd"]),
+        paper=PaperValue(mean=100.0 * theirs["cot_reduction"], sd=100.0 * theirs["cot_reduction_sd"]),
         ours=100.0 * _reduced(cots, cots, cell), sd=sd, n=seeds, digits=1, why=why,
     )  # fmt: skip
 
@@ -157,8 +157,8 @@ _PARTS = {
 }  # fmt: skip
 
 
-def _parts(savings: list[dict[str, Any]]) -> Table:
-    return Table(
+def _parts(savings: list[dict[str, Any]]) -> TextTable:
+    return TextTable(
         title="What SAL saves, by part of the battery's power [W]; negative = draws more",
         head=["condition", *_PARTS.values(), "sum", "paper"],
         rows=[
@@ -170,7 +170,7 @@ def _parts(savings: list[dict[str, Any]]) -> Table:
     )  # fmt: skip
 
 
-def carrying(conditions: list[dict[str, Any]]) -> tuple[Table, str]:
+def carrying(conditions: list[dict[str, Any]]) -> tuple[TextTable, str]:
     """What MR_Go draws more than Go1, with SAL off: mass and drag of the devices; the paper's and ours.
 
     Args:
@@ -196,10 +196,10 @@ def carrying(conditions: list[dict[str, Any]]) -> tuple[Table, str]:
         f"Devices that are off cost their mass ({mass:.1f} kg) and their drag: ours draws {ends['ours']} more with "
         f"them, the paper's {ends['paper']}."
     ) if ends else "No condition in which both Go1 and MR_Go arrived."  # fmt: skip
-    return Table(title="What MR_Go draws more than Go1 [W]", head=["condition", "ours", "paper"], rows=rows), text
+    return TextTable(title="What MR_Go draws more than Go1 [W]", head=["condition", "ours", "paper"], rows=rows), text
 
 
-def closed_form(savings: list[dict[str, Any]], conditions: list[dict[str, Any]]) -> tuple[Table, str]:
+def closed_form(savings: list[dict[str, Any]], conditions: list[dict[str, Any]]) -> tuple[TextTable, str]:
     """What holding saves by closed form, from standing and the held share, beside what is saved: the paper's and ours.
 
     Args:
@@ -239,10 +239,10 @@ def closed_form(savings: list[dict[str, Any]], conditions: list[dict[str, Any]])
         f"its reductions of COT lie within one of {paper.COT_REDUCTION[1] / paper.COT_REDUCTION[0]:.2f}."
     ) if ends else "No condition in which both MR_Go and MR_Go-SAL arrived."  # fmt: skip
     title = "What holding saves by closed form, 4 a S (m/m0)^2, beside what is saved [% of MR_Go's power]"
-    return Table(title=title, head=head, rows=rows), text
+    return TextTable(title=title, head=head, rows=rows), text
 
 
-def _training(walks: Walks, cfg: ElectricalCfg) -> Table:
+def _training(walks: Walks, cfg: ElectricalCfg) -> TextTable:
     """What the device gives and what the training gives: each robot's policies on either robot, and other prices."""
     unpaid, high = (walks.calibrated_on(results).cfg for results in (walks.unpaid, walks.high))
 
@@ -262,7 +262,7 @@ def _training(walks: Walks, cfg: ElectricalCfg) -> Table:
     head = ["condition", "each robot its own policies", "the same, a device that sticks", "both MR_Go's",
             "both MR_Go-SAL's", "both table 2's, no price on power, a device that sticks",
             f"each its own, a price of {HIGH_POWER_PRICE:g} instead of {POWER_PRICE:g} per watt"]  # fmt: skip
-    return Table(
+    return TextTable(
         title="Reduction of COT by SAL [%] by the policies that walk; the last two columns are calibrated on Go1's "
         f"walks with theirs (electronics {unpaid.electronics:.1f} and {high.electronics:.1f} W, winding "
         f"{unpaid.winding_resistance:.3f} and {high.winding_resistance:.3f} Ohm, drive friction "

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from mrwarp import paper
-from mrwarp.paper import Measured
+from mrwarp.paper import PaperValue
 from mrwarp.params import GateParams
 from mrwarp.reproduce import walks as walking
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, Row, over_seeds
+from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, over_seeds
 from mrwarp.reproduce.walks import Walks
 from mrwarp.trials import walk_figures
 from mrwarp.trials.walk_trials import WalkResult
@@ -38,7 +38,7 @@ def compute(job: Job) -> Findings:
 
 def _rows(
     results: list[WalkResult], walks: Walks, variant: str, sources: dict[str, str]
-) -> tuple[list[Row], dict[tuple[float, float], float]]:
+) -> tuple[list[Comparison], dict[tuple[float, float], float]]:
     """Rows of a variant's walks beside the paper's sources, by their names in the table, and our shares of time [%]."""
     rows, share = [], {}
     for result in results:
@@ -48,8 +48,8 @@ def _rows(
         for source, shown in sources.items():
             value = 100.0 * paper.TABLE_7[cell][source]  # type: ignore[index]
             rows.append(
-                Row(condition=f"{paper.condition_name(*cell)}, {shown}", quantity="activation", unit="%",
-                    paper=Measured(mean=value), **ours, digits=1, why=_why(result, ours["ours"], value))
+                Comparison(condition=f"{paper.condition_name(*cell)}, {shown}", quantity="activation", unit="%",
+                    paper=PaperValue(mean=value), **ours, digits=1, why=_why(result, ours["ours"], value))
             )  # fmt: skip
     return rows, share
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mrwarp.trials.spread import ratio_sd, spread
+from mrwarp.trials.statistics import ratio_sd, spread
 
 
 def test_one_value_has_no_spread_and_none_has_no_mean() -> None:

@@ -1,10 +1,11 @@
-"""Mean and standard deviation of a figure over its trials, and of a ratio of two figures."""
+"""Mean and spread of a figure over its trials, of a ratio of two figures, and intervals of paired differences."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+from scipy import stats
 
 
 def spread(values: np.ndarray) -> dict[str, float]:
@@ -23,3 +24,9 @@ def ratio_sd(numerator: tuple[float, float], denominator: tuple[float, float]) -
     """
     (a, da), (b, db) = numerator, denominator
     return math.hypot(da / b, a * db / b**2)
+
+
+def half_width(values: np.ndarray) -> float:
+    """Half width of the 95 % interval of the mean (Student's t), shape (n,); 0 for one value."""
+    n = len(values)
+    return float(stats.t.ppf(0.975, n - 1) * values.std(ddof=1) / np.sqrt(n)) if n > 1 else 0.0
