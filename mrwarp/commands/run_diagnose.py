@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from mrwarp.diagnose.report import report_text as text
+from mrwarp.diagnose import verdict_text as text
 from mrwarp.diagnose.result import Diagnosis
 from mrwarp.model_file import JOINT_UNITS, Model, ModelFileError, load_model, save_model
 from mrwarp.options.arguments import Parser, averaged, seed
@@ -228,7 +228,7 @@ def _impact(d: Diagnosis, seed: int, besides: dict[str, Any], tables: dict[str, 
 
 
 def _draw(d: Diagnosis, told: Told) -> dict[str, bytes]:
-    from mrwarp.diagnose.report.report_pictures import draw
+    from mrwarp.diagnose.report.overview_pictures import draw
 
     told("pictures")
     return draw(d)
@@ -261,9 +261,8 @@ def _write(
     d: Diagnosis, out: Path, argv: list[str], besides: Mapping[str, Any], page: str, pictures: Mapping[str, bytes]
 ) -> list[str]:
     """Write all files, each in one piece and ``result.json`` last; returns their names."""
-    from mrwarp.diagnose import result_json
     from mrwarp.diagnose.report.diagnosis_page import write_page
-    from mrwarp.diagnose.report.report_pictures import NAMES
+    from mrwarp.diagnose.report.overview_pictures import NAMES
 
     folder = out / "pictures"
     folder.mkdir(parents=True, exist_ok=True)
@@ -276,5 +275,5 @@ def _write(
         save_model(d.model, out / "model.json")
         names.append("model.json")
     write_page(page, out)
-    result_json.write(d, out, _command(argv), besides, name="model.json" if d.model is not None else "")
+    d.write(out, _command(argv), besides, model_name="model.json" if d.model is not None else "")
     return [*names, f"pictures/ ({len(pictures)} PNG)"]

@@ -8,12 +8,12 @@ import time
 import numpy as np
 
 from mrwarp.diagnose.choice import Choice, threshold
+from mrwarp.diagnose.data_checks import gaps
 from mrwarp.diagnose.engine import Engine
 from mrwarp.diagnose.formula import find_formula
 from mrwarp.diagnose.heldout import HeldOut, reduction
 from mrwarp.diagnose.physical_units import factor_of, outer_model, unit_of
 from mrwarp.diagnose.predictor import Predictor
-from mrwarp.diagnose.report.verdict_text import sentence_of
 from mrwarp.diagnose.result import (
     REGIMES,
     Accounting,
@@ -30,7 +30,7 @@ from mrwarp.diagnose.result import (
     Verdict,
 )
 from mrwarp.diagnose.spectral_lines import Line
-from mrwarp.diagnose.sufficient import gaps
+from mrwarp.diagnose.verdict_text import sentence_of
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.replay import rms
 from mrwarp.recording.load import Recording

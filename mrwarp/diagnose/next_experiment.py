@@ -20,9 +20,9 @@ from mrwarp.diagnose.effect_replay import ExtendedReplay, Motion
 from mrwarp.diagnose.engine import Engine, Fitted
 from mrwarp.diagnose.kinematics import Kinematics
 from mrwarp.diagnose.normal_equations import ridge_solve
-from mrwarp.diagnose.report.report_text import measured, quantity
 from mrwarp.diagnose.result import NextExperiment
 from mrwarp.diagnose.step_response import DELAY, LAG
+from mrwarp.diagnose.verdict_text import measured, quantity
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.replay import Samples
 

@@ -8,21 +8,21 @@ from collections.abc import Callable
 
 from mrwarp.diagnose.assemble import assembled
 from mrwarp.diagnose.choose import best_single, choose, first_look
+from mrwarp.diagnose.data_checks import gaps, hindrances, recording_to_make
 from mrwarp.diagnose.decimate import thinned
 from mrwarp.diagnose.detectable import detectable
 from mrwarp.diagnose.findings import causes_of, shifts_of, unexplained_of
 from mrwarp.diagnose.heldout import hold_out
 from mrwarp.diagnose.next_experiment import propose
 from mrwarp.diagnose.prepare import begin_under_way, groups_of, learn_noise, prepare
-from mrwarp.diagnose.report.verdict_text import experiment_sentence, sentence_of
 from mrwarp.diagnose.result import (
     Accounting,
     Diagnosis,
     Error,
 )
 from mrwarp.diagnose.spectral_lines import find_line
-from mrwarp.diagnose.sufficient import gaps, hindrances
 from mrwarp.diagnose.timing import find_timing, timing_note
+from mrwarp.diagnose.verdict_text import sentence_of
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.model_file import Model
 from mrwarp.recording.load import Recording
@@ -114,7 +114,7 @@ def _no_verdict(recording: Recording, reasons: list[str], seed: int, seconds: fl
     result = Diagnosis(
         verdict=None, sentence="", causes=(), parameter_shift=(), unexplained=None, detectable={}, invisible={},
         cannot_know=tuple(reasons + gaps(recording)), baseline=nothing, extended=nothing, gain=None,
-        next_experiment=experiment_sentence(reasons), tried=(),
+        next_experiment=recording_to_make(reasons), tried=(),
         accounting=Accounting(named=0.0, predictable=0.0, noise=1.0), per_trajectory={}, per_regime={}, notes=(),
         model=None, recording=recording, traces=None, seconds=seconds, seed=seed,
     )  # fmt: skip

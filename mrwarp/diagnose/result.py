@@ -1,10 +1,11 @@
-"""What a diagnosis says, as typed data: the source of ``result.json`` and of the report."""
+"""The result of a diagnosis: typed data, from which the report and ``result.json`` are written."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from mrwarp.diagnose.predictor import Predictor
 from mrwarp.identify.replay import parts_of, rms
 from mrwarp.model_file import Model
 from mrwarp.recording.load import Recording
+from mrwarp.run_dir import write_result
 
 Verdict = Literal["none", "named", "unexplained", "named_and_unexplained"]
 
@@ -46,8 +48,8 @@ class Shift:
     name: str
     value: float
     ci95: tuple[float, float]
-    unit: str
     alternatives: tuple[str, ...]
+    unit: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,7 +156,7 @@ REGIMES = ("hold", "slip", "reversal", "current step")
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
-    """The result of :func:`mrwarp.diagnose.pipeline`."""
+    """The result of :func:`mrwarp.diagnose.pipeline.diagnose`."""
 
     verdict: Verdict | None
     """None: the data cannot carry a verdict; ``cannot_know`` says why."""
@@ -203,3 +205,64 @@ class Diagnosis:
             raise ValueError("a diagnosis without a verdict has no model")
         measured = np.concatenate([run.torque for run in recording.trajectories])
         return rms(self.predictor.torque(recording)[which] - measured)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures of ``result.json``: the keys that other programs rely on, then what the report shows besides.
+
+        An interval that the data do not give holds infinities, which are written as null.
+        """
+        gain = {"rmse_reduction": None, "ci95": (None, None), "held_out": (), "per_regime": {}}
+        if self.gain is not None:
+            gain = asdict(self.gain) | {"per_regime": _before_after(self.gain.per_regime)}
+        return {
+            "verdict": self.verdict,
+            "causes": [asdict(cause) for cause in self.causes],
+            "parameter_shift": [asdict(shift) for shift in self.parameter_shift],
+            "unexplained": asdict(self.unexplained) if self.unexplained else None,
+            "detectable": {name: {"value": v.value, "unit": v.unit} for name, v in self.detectable.items()},
+            "baseline": asdict(self.baseline),
+            "extended": {"rmse": self.extended.rmse, "nrmse": self.extended.nrmse},
+            "gain": gain,
+            "next_experiment": asdict(self.next_experiment) if self.next_experiment else None,
+            "seconds": self.seconds,
+            "sentence": self.sentence,
+            "cannot_know": self.cannot_know,
+            "invisible": self.invisible,
+            "tried": [asdict(row) for row in self.tried],
+            "accounting": asdict(self.accounting),
+            "per_trajectory": _before_after(self.per_trajectory),
+            "per_regime": _before_after(self.per_regime),
+            "notes": self.notes,
+            "noise_rms": self.traces.noise_rms if self.traces else None,
+            "data": _about(self.recording),
+        }
+
+    def write(self, out: Path, command: str, besides: Mapping[str, Any] | None = None, *, model_name: str = "") -> Path:
+        """Write ``out/result.json`` atomically.
+
+        Args:
+            out: Folder, made if it is not there.
+            command: Command line that made it.
+            besides: Further results, such as those of ``--predict``.
+            model_name: File name of the extended model, if there is one.
+        """
+        figures = self.to_dict() | dict(besides or {}) | {"model": model_name or None}
+        return write_result(out, figures, seed=self.seed, command=command)
+
+
+def _before_after(rows: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
+    return {name: {"baseline": before, "extended": after} for name, (before, after) in rows.items()}
+
+
+def _about(recording: Recording) -> dict[str, Any]:
+    """Where the data come from, and how many there are."""
+    runs = recording.trajectories
+    return {
+        "source": recording.source,
+        "units": recording.units,
+        "trajectories": len(runs),
+        "samples": recording.samples,
+        "seconds": sum(float(run.t[-1] - run.t[0]) for run in runs),
+        "rates": sorted({round(1.0 / run.dt, 3) for run in runs}),
+        "velocity_derived": any(run.qd_derived for run in runs),
+    }

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from mrwarp.diagnose.report import report_text as text
-from mrwarp.diagnose.report.report_pictures import draw
+from mrwarp.diagnose import verdict_text as text
+from mrwarp.diagnose.report.overview_pictures import draw
 from mrwarp.diagnose.result import Cause, Diagnosis, NextExperiment, Shift, Tried, Value
+from mrwarp.diagnose.verdict_text import capital
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
 from mrwarp.run_dir import versions, write_text
@@ -29,34 +30,8 @@ class Table:
     rows: Sequence[Sequence[str]]
 
 
-def write_report(
-    diagnosis: Diagnosis,
-    out: Path,
-    command: str,
-    impact: Table | None = None,
-    *,
-    learned: Table | None = None,
-    predicted: Table | None = None,
-    pictures: Mapping[str, bytes] | None = None,
-) -> Path:
-    """Write ``out/report.html`` in one piece.
-
-    Args:
-        diagnosis: What was found.
-        out: Folder, made if it is not there.
-        command: Command line that made it.
-        impact: What the extension changes in the robot.
-        learned: What it leaves for a learned model.
-        predicted: Errors on recordings that took no part.
-        pictures: PNGs by name; drawn here if they are not given.
-    """
-    return write_page(
-        render(diagnosis, command, impact=impact, learned=learned, predicted=predicted, pictures=pictures), out
-    )
-
-
 def write_page(page: str, out: Path) -> Path:
-    """Write a rendered page as ``out/report.html`` in one piece."""
+    """Write a rendered page as ``out/report.html`` atomically."""
     return write_text(out / "report.html", page)
 
 
@@ -69,13 +44,18 @@ def render(
     predicted: Table | None = None,
     pictures: Mapping[str, bytes] | None = None,
 ) -> str:
-    """The page as text; the arguments are those of :func:`write_report`."""
-    environment = Environment(
-        loader=PackageLoader("mrwarp.diagnose.report", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-    )
+    """The page as text.
+
+    Args:
+        d: What was found.
+        command: Command line that made it.
+        impact: What the extension changes in the robot.
+        learned: What it leaves for a learned model.
+        predicted: Errors on recordings that took no part.
+        pictures: PNGs by name; drawn here if they are not given.
+    """
+    loader = PackageLoader("mrwarp.diagnose.report", ".")
+    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     found = draw(d) if pictures is None else pictures
     page = environment.get_template("report.html.jinja").render(
         **_content(d),
@@ -104,12 +84,14 @@ def _content(d: Diagnosis) -> dict[str, Any]:
         "unexplained": _unexplained(d),
         "experiment": _experiment(d.next_experiment) if d.next_experiment else None,
         "gain": _gain(d),
-        "gain_note": "." if _in_turn(d) else "; diamonds: trajectories that took no part in choosing and fitting.",
+        "gain_note": "."
+        if _cross_validated(d)
+        else "; diamonds: trajectories that took no part in choosing and fitting.",
         "shifts": [_shift(s) for s in d.parameter_shift],
         "detectable": [_detectable(name, v) for name, v in d.detectable.items()],
         "invisible": _invisible(d),
         "cannot_know": d.cannot_know,
-        "tried": [(_capital(text.title(t.name)), _taken(t), t.outcome) for t in sorted(d.tried, key=lambda t: -t.gain)],
+        "tried": [(capital(text.title(t.name)), _taken(t), t.outcome) for t in sorted(d.tried, key=lambda t: -t.gain)],
         "data": _data(d),
         "notes": d.notes,
         "seconds": f"Computed in {d.seconds:.1f} s",
@@ -133,12 +115,8 @@ def _facts(d: Diagnosis) -> list[tuple[str, str]]:
         facts.append((text.percent(d.extended.nrmse), f"mismatch with the extension, {after} RMS"))
     if d.gain and d.causes:
         low, high = (text.percent(x, 0) for x in d.gain.ci95)
-        facts.append(
-            (
-                text.percent(-d.gain.rmse_reduction, 0).replace("-", "−"),
-                f"RMS on unseen trajectories ({low} to {high} less)",
-            )
-        )
+        change = text.percent(-d.gain.rmse_reduction, 0).replace("-", "−")
+        facts.append((change, f"RMS on unseen trajectories ({low} to {high} less)"))
     if d.traces:
         facts.append((text.measured(d.traces.noise_rms, unit), "noise RMS: less cannot be reached"))
     return facts
@@ -163,7 +141,7 @@ def _cause(c: Cause) -> dict[str, Any]:
     specs = {p.name: p for p in law.parameters} if law else {}
     return {
         "name": c.name,
-        "title": _capital(text.title(c.name)),
+        "title": capital(text.title(c.name)),
         "kind": _KINDS[law.kind] if law else "unknown kind",
         "sentence": law.sentence if law else "",
         "equation": law.equation if law else "",
@@ -189,7 +167,7 @@ def _shift(s: Shift) -> tuple[str, ...]:
     law = CATALOGUE.get(s.name)
     shown = text.readable(Value(value=s.value, ci95=s.ci95, unit=s.unit), law.parameters[0] if law else None)
     remedy = law.remedy if law else ""
-    return _capital(text.title(s.name)), shown.value, shown.interval, text.either(s.alternatives) or "-", remedy
+    return capital(text.title(s.name)), shown.value, shown.interval, text.either(s.alternatives) or "-", remedy
 
 
 def _unexplained(d: Diagnosis) -> dict[str, Any] | None:
@@ -221,7 +199,7 @@ def _gain(d: Diagnosis) -> dict[str, Any] | None:
     count = len(g.held_out)
     who = f"On {count} whole {'trajectory' if count == 1 else 'trajectories'} that took no part in choosing and fitting"
     held = f"Held out: {', '.join(g.held_out[:40])}" + (f" and {count - 40} more." if count > 40 else ".")
-    if _in_turn(d):
+    if _cross_validated(d):
         who = f"On {count} whole trajectories, each predicted by a model that was fitted and chosen without it"
         held = ""
     unit = d.baseline.unit
@@ -245,10 +223,10 @@ def _invisible(d: Diagnosis) -> list[tuple[str, str]]:
     reasons: dict[str, list[str]] = {}
     for name, why in d.invisible.items():
         reasons.setdefault(why, []).append(text.title(name))
-    return [(_capital(", ".join(names)), _capital(why)) for why, names in reasons.items()]
+    return [(capital(", ".join(names)), capital(why)) for why, names in reasons.items()]
 
 
-def _in_turn(d: Diagnosis) -> bool:
+def _cross_validated(d: Diagnosis) -> bool:
     """Whether every trajectory was left out once, in turn."""
     return d.gain is None or len(d.gain.held_out) == len(d.recording.trajectories)
 
@@ -258,11 +236,11 @@ def _detectable(name: str, value: Value) -> tuple[str, ...]:
     spec = law.parameters[0] if law else None
     if text.is_gain(spec) and value.unit == "1":
         size = abs(value.value - 1.0) if value.value > 0.5 else abs(value.value)  # as a factor, or as its change
-        return _capital(text.title(name)), text.percent(size, 2), f"{value.value:.4g}"
+        return capital(text.title(name)), text.percent(size, 2), f"{value.value:.4g}"
     factor, unit = text.scale(value.value, value.unit)
     size = f"{value.value * factor:.2g} {unit}".strip()
     plain = "" if factor == 1.0 else f"{value.value:.3g} {value.unit}"
-    return _capital(text.title(name)), size, plain
+    return capital(text.title(name)), size, plain
 
 
 def _data(d: Diagnosis) -> list[tuple[str, str]]:
@@ -272,11 +250,8 @@ def _data(d: Diagnosis) -> list[tuple[str, str]]:
     if runs:
         length = sum(float(run.t[-1] - run.t[0]) for run in runs)
         rates = np.array([1.0 / run.dt for run in runs])
-        rate = (
-            f"{rates.min():.4g} Hz"
-            if np.ptp(rates) < 0.01 * rates.min()
-            else f"{rates.min():.4g} to {rates.max():.4g} Hz"
-        )
+        alike = np.ptp(rates) < 0.01 * rates.min()
+        rate = f"{rates.min():.4g} Hz" if alike else f"{rates.min():.4g} to {rates.max():.4g} Hz"
         derived = sum(run.qd_derived for run in runs)
         velocity = "as recorded"
         if derived:
@@ -295,7 +270,3 @@ def _data(d: Diagnosis) -> list[tuple[str, str]]:
 
 def _change(before: float, after: float) -> str:
     return f"{100.0 * (after / before - 1.0):+.0f} %" if before > 0.0 else "-"
-
-
-def _capital(words: str) -> str:
-    return words[:1].upper() + words[1:]

@@ -1,10 +1,10 @@
-"""How the pictures of a diagnosis look: colours, sizes, words on their axes."""
+"""How the pictures of a diagnosis look: colours, sizes, labels of their axes."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from mrwarp.diagnose.report.report_text import quantity
+from mrwarp.diagnose.verdict_text import quantity
 
 MEASURED, BEFORE, AFTER, ALTERNATIVE, NOISE, OTHER = "#222222", "#d55e00", "#0072b2", "#56b4e9", "#d0d0d0", "#e69f00"
 """Okabe and Ito's colours: baseline, extension, its alternatives; grey for noise, yellow for what stays unexplained."""
@@ -20,22 +20,12 @@ WIDTH = 6.4
 DPI = 100
 
 
-def measurand(key: str, units: dict[str, str]) -> str:
-    """What a column of a recording holds, in words."""
-    return quantity(units[key])
-
-
-def axis_label(key: str, units: dict[str, str]) -> str:
-    """The same with its unit."""
-    return f"velocity [{units['q']}/s]" if key == "qd" else f"{measurand(key, units)} [{units[key]}]"
+def axis_label(key: str, units: dict[str, str], gap: str = " ") -> str:
+    """What a column of a recording holds, with its unit."""
+    return f"velocity{gap}[{units['q']}/s]" if key == "qd" else f"{quantity(units[key])}{gap}[{units[key]}]"
 
 
 def short(text: str, most: int) -> str:
     """A name on one line, shortened in the middle; what a font cannot show is replaced."""
     text = "".join(c if c.isprintable() else "?" for c in text)
     return text if len(text) <= most else f"{text[: most // 2 - 1]}…{text[-(most - most // 2) :]}"
-
-
-def capital(text: str) -> str:
-    """The text with a capital at its front."""
-    return text[:1].upper() + text[1:]

@@ -10,21 +10,19 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from scipy.signal import welch
 
-from mrwarp.diagnose.report.binning import Profile, axes_of, best_profile, is_extended, predicted, profile
-from mrwarp.diagnose.report.picture_style import (
-    AFTER,
-    BEFORE,
-    MEASURED,
-    NOISE,
-    WIDTH,
-    axis_label,
-    capital,
-    measurand,
-    short,
+from mrwarp.diagnose.report.mismatch_profile import (
+    Profile,
+    Surface,
+    axes_of,
+    best_profile,
+    is_extended,
+    predicted,
+    profile,
+    surface,
 )
-from mrwarp.diagnose.report.report_text import title
-from mrwarp.diagnose.report.surface import Surface, surface
+from mrwarp.diagnose.report.picture_style import AFTER, BEFORE, MEASURED, NOISE, WIDTH, axis_label, short
 from mrwarp.diagnose.result import Diagnosis, Traces
+from mrwarp.diagnose.verdict_text import capital, title
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.replay import rms
 
@@ -114,9 +112,9 @@ def worst_picture(d: Diagnosis) -> Figure:
     panels[1].legend(loc="upper right")
     panels[2].plot(clock, t.qd[part], color=MEASURED, lw=1.3)
     panels[2].axhline(0.0, color=MEASURED, lw=0.6)
-    panels[2].set_ylabel(f"velocity\n[{units['q']}/s]")
+    panels[2].set_ylabel(axis_label("qd", units, "\n"))
     panels[3].plot(clock, t.current[part], color=MEASURED, lw=1.3)
-    panels[3].set_ylabel(f"{measurand('current', units)}\n[{units['current']}]")
+    panels[3].set_ylabel(axis_label("current", units, "\n"))
     panels[3].set_xlabel(f"time from the start of {short(run.id, 30)} [s]")
     figure.align_ylabels(panels)
     return figure

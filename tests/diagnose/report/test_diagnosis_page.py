@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from mrwarp.diagnose.report import report_text as text
-from mrwarp.diagnose.report.diagnosis_page import Table, render, write_report
-from mrwarp.diagnose.report.report_pictures import NAMES
+from mrwarp.diagnose import verdict_text as text
+from mrwarp.diagnose.report.diagnosis_page import Table, render, write_page
+from mrwarp.diagnose.report.overview_pictures import NAMES
 from mrwarp.diagnose.result import Value
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
 from tests.diagnose import made_up
@@ -21,7 +21,7 @@ def test_the_page_stands_alone(verdict, tmp_path: Path) -> None:
     """One file without any address in it, with the verdict at its top and the command at its end."""
     d = made_up.make(verdict)
     drawn = dict.fromkeys(NAMES if verdict else ("data",), b"PNG")
-    page = write_report(d, tmp_path, "mrwarp diagnose data", pictures=drawn).read_text(encoding="utf-8")
+    page = write_page(render(d, "mrwarp diagnose data", pictures=drawn), tmp_path).read_text(encoding="utf-8")
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
     assert not re.search(r"(src|href)=\"(?!data:)", page)
     assert "<script" not in page and "://" not in page

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrwarp.diagnose import result_json
 from mrwarp.diagnose.result import Value
 from tests.diagnose import made_up
 
@@ -21,7 +20,7 @@ VERDICTS = ("none", "named", "unexplained", "named_and_unexplained", None)
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_every_verdict_has_the_keys_of_the_contract(verdict, tmp_path: Path) -> None:
     """All keys are there whatever the verdict; the file is JSON without NaN."""
-    path = result_json.write(made_up.make(verdict), tmp_path, "mrwarp diagnose data")
+    path = made_up.make(verdict).write(tmp_path, "mrwarp diagnose data")
     content = json.loads(path.read_text(), parse_constant=lambda text: pytest.fail(f"{text} is no JSON"))
     assert set(content) >= CONTRACT
     assert content["verdict"] == verdict
@@ -39,7 +38,7 @@ def test_causes_shifts_and_sizes_keep_their_form(tmp_path: Path) -> None:
     d = made_up.make("named")
     numpy_value = Value(value=np.float32(0.25), ci95=(np.float64(0.2), np.float64(0.3)), unit="s")
     cause = dataclasses.replace(d.causes[0], parameters={"time_constant": numpy_value})
-    content = json.loads(result_json.write(dataclasses.replace(d, causes=(cause,)), tmp_path, "c").read_text())
+    content = json.loads(dataclasses.replace(d, causes=(cause,)).write(tmp_path, "c").read_text())
     [found] = content["causes"]
     assert set(found) >= {"name", "parameters", "p_value", "alternatives"}
     assert found["parameters"] == {"time_constant": {"value": 0.25, "ci95": [0.2, 0.3], "unit": "s"}}
@@ -52,5 +51,5 @@ def test_an_infinite_interval_is_null(tmp_path: Path) -> None:
     d = made_up.make("named")
     value = Value(value=1.0, ci95=(-np.inf, np.inf), unit="s")
     cause = dataclasses.replace(d.causes[0], parameters={"x": value})
-    content = json.loads(result_json.write(dataclasses.replace(d, causes=(cause,)), tmp_path, "c").read_text())
+    content = json.loads(dataclasses.replace(d, causes=(cause,)).write(tmp_path, "c").read_text())
     assert content["causes"][0]["parameters"]["x"]["ci95"] == [None, None]

@@ -1,4 +1,4 @@
-"""Pictures of a diagnosis: there for every verdict, of the right size, and the binning shows what is hidden."""
+"""Pictures of a diagnosis: there for every verdict, of the right size, and the profiles shows what is hidden."""
 
 import dataclasses
 import io
@@ -7,9 +7,9 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.report import binning
-from mrwarp.diagnose.report import report_pictures as pictures
-from mrwarp.diagnose.report.report_text import quantity
+from mrwarp.diagnose.report import mismatch_profile as profiles
+from mrwarp.diagnose.report import overview_pictures as pictures
+from mrwarp.diagnose.verdict_text import quantity
 from tests.diagnose import made_up
 
 UNITS = {"q": "rad", "current": "A", "torque": "N·m"}
@@ -51,7 +51,7 @@ def test_names_of_trajectories_are_no_formulas() -> None:
 
 def test_other_units_are_on_the_axes() -> None:
     """A linear damper driven by a voltage has displacement, force and driver voltage."""
-    labels = [a.label for a in binning.axes_of("current", made_up.make().traces, UNITS | {"current": "V"})]
+    labels = [a.label for a in profiles.axes_of("current", made_up.make().traces, UNITS | {"current": "V"})]
     assert labels == ["driver voltage [V]"]
     assert quantity("N") == "force"
 
@@ -59,8 +59,8 @@ def test_other_units_are_on_the_axes() -> None:
 def test_a_lag_shows_after_the_steps_of_the_current() -> None:
     """Of all views for 'current' and 'memory', the time since the last step explains the hidden lag best."""
     t = made_up.make("named").traces
-    axes = [axis for name in ("current", "memory") for axis in binning.axes_of(name, t, UNITS)]
-    found = binning.best_profile(axes, t)
+    axes = [axis for name in ("current", "memory") for axis in profiles.axes_of(name, t, UNITS)]
+    found = profiles.best_profile(axes, t)
     assert found is not None
     assert found.axis.label == "time since the last step of the current [s]"
     assert found.share > 0.3
@@ -79,8 +79,8 @@ def test_noise_stays_in_its_band(name: str) -> None:
         assert t is not None
         noise = made_up.NOISE * np.random.default_rng(seed).normal(size=len(t.torque))
         t = dataclasses.replace(t, torque=t.baseline + noise)
-        [axis] = binning.axes_of(name, t, UNITS)
-        found = binning.profile(dataclasses.replace(axis, signs={"": axis.signs[""]}), t)
+        [axis] = profiles.axes_of(name, t, UNITS)
+        found = profiles.profile(dataclasses.replace(axis, signs={"": axis.signs[""]}), t)
         assert found is not None
         inside += list(abs(found.after) <= found.band)
     assert 0.86 <= np.mean(inside) <= 1.0
@@ -91,6 +91,6 @@ def test_a_variable_that_does_not_vary_has_no_profile() -> None:
     t = made_up.make("none").traces
     assert t is not None
     t = dataclasses.replace(t, current=np.ones_like(t.current))
-    [axis] = binning.axes_of("current", t, UNITS)
-    assert binning.profile(axis, t) is None
-    assert "current" not in {a.label for a in binning.axes_of("memory", t, UNITS)}
+    [axis] = profiles.axes_of("current", t, UNITS)
+    assert profiles.profile(axis, t) is None
+    assert "current" not in {a.label for a in profiles.axes_of("memory", t, UNITS)}

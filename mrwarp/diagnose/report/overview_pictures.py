@@ -12,24 +12,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from mrwarp.diagnose.report import picture_style as style
 from mrwarp.diagnose.report import trace_pictures
-from mrwarp.diagnose.report.picture_style import (
-    AFTER,
-    ALTERNATIVE,
-    BEFORE,
-    DPI,
-    MEASURED,
-    NOISE,
-    OTHER,
-    STYLE,
-    WIDTH,
-    axis_label,
-    capital,
-    measurand,
-    short,
-)  # fmt: skip
-from mrwarp.diagnose.report.report_text import both, percent, title
+from mrwarp.diagnose.report.picture_style import AFTER, BEFORE, MEASURED, NOISE, WIDTH, axis_label, short
 from mrwarp.diagnose.result import REGIMES, Diagnosis
+from mrwarp.diagnose.verdict_text import both, capital, percent, title
 
 NAMES = ("evidence", "gain", "loops", "worst", "accounting", "variables", "spectrum", "tried", "data")
 """All pictures."""
@@ -46,7 +33,7 @@ def draw(diagnosis: Diagnosis) -> dict[str, bytes]:
         if diagnosis.traces is not None:
             makers |= trace_pictures.MAKERS
     found: dict[str, bytes] = {}
-    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
+    with matplotlib.rc_context(style.STYLE), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph")  # a trajectory's name in letters that the font does not have
         for name, make in makers.items():
             figure = make(diagnosis)
@@ -60,7 +47,7 @@ def accounting_picture(d: Diagnosis) -> Figure:
     a = d.accounting
     parts = [
         (a.named, f"{capital(both(title(c.name) for c in d.causes)) or 'Named cause'}", AFTER, "white"),
-        (a.predictable, "Predictable, cause unknown", OTHER, "black"),
+        (a.predictable, "Predictable, cause unknown", style.OTHER, "black"),
         (a.noise, "Noise", "#bdbdbd", "black"),
     ]
     figure = Figure(figsize=(WIDTH, 2.7), layout="constrained")
@@ -126,7 +113,7 @@ def tried_picture(d: Diagnosis) -> Figure | None:
     figure = Figure(figsize=(WIDTH, 0.29 * len(rows) + 1.5), layout="constrained")
     ax = figure.subplots()
     for k, t in enumerate(rows):
-        color = AFTER if t.name in causes else ALTERNATIVE if t.name in others else NOISE
+        color = AFTER if t.name in causes else style.ALTERNATIVE if t.name in others else NOISE
         ax.barh(k, 100.0 * max(t.gain, 0.0), color=color, height=0.72, hatch="///" if t.name in others else None,
                 edgecolor=MEASURED if t.name in others else "white")  # fmt: skip
         if t.gain > 0.0 and np.isfinite(t.error):
@@ -136,7 +123,7 @@ def tried_picture(d: Diagnosis) -> Figure | None:
     ax.set_xlabel("squared mismatch taken away [%]")
     ax.set_ylim(-0.7, len(rows) - 0.3)
     shown = [Patch(facecolor=AFTER, label="named")] * bool(causes)
-    shown += [Patch(facecolor=ALTERNATIVE, edgecolor=MEASURED, hatch="///", label="alternative")] * bool(others)
+    shown += [Patch(facecolor=style.ALTERNATIVE, edgecolor=MEASURED, hatch="///", label="alternative")] * bool(others)
     ax.legend(handles=[*shown, Patch(facecolor=NOISE, label="rejected")], loc="lower right")
     reach = 100.0 * max(t.gain + 1.96 * (t.error if np.isfinite(t.error) else 0.0) for t in rows)
     ax.set_xlim(-0.02 * max(reach, 1.0), min(1.04 * max(reach, 1.0), max(102.0, 110.0 * rows[-1].gain)))
@@ -157,7 +144,7 @@ def data_picture(d: Diagnosis) -> Figure | None:
         ax = figure.add_subplot(grid[row], sharex=above)
         above = above or ax
         ax.plot(run.t[:end] - run.t[0], getattr(run, name)[:end], color=MEASURED, lw=1.1)
-        ax.set_ylabel(f"{measurand(name, units)}\n[{units[name]}]")
+        ax.set_ylabel(axis_label(name, units, "\n"))
         if row < 2:
             ax.tick_params(labelbottom=False)
     ax.set_xlabel(f"time from the start of {short(run.id, 30)} [s]")
@@ -192,5 +179,5 @@ def _dots(ax: Axes, rows: Sequence[tuple[str, float, float]], held: set[str], d:
 def _png(figure: Figure) -> bytes:
     """The figure as PNG with few colours' worth of bytes and no date in it."""
     data = io.BytesIO()
-    figure.savefig(data, format="png", dpi=DPI, metadata={"Software": None})
+    figure.savefig(data, format="png", dpi=style.DPI, metadata={"Software": None})
     return data.getvalue()

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mrwarp.diagnose.report.report_text import quantity
+from mrwarp.diagnose.result import NextExperiment
+from mrwarp.diagnose.verdict_text import quantity
 from mrwarp.recording.load import Recording
 
 MIN_TRAJECTORIES = 3
@@ -67,6 +68,14 @@ def hindrances(recording: Recording) -> list[str]:
     if not found:
         found += _unrelated(qd, current, torque, recording)
     return found
+
+
+def recording_to_make(reasons: list[str]) -> NextExperiment | None:
+    """The recording to make where no verdict is possible; None where these data only need a change."""
+    first = reasons[0].rsplit("; ", 1)[-1] if "; " in reasons[0] else STANDARD
+    if first.endswith("diagnose again"):
+        return None
+    return NextExperiment(what=first, seconds=60.0, separates=(), kind="recording")
 
 
 def _unrelated(qd: np.ndarray, current: np.ndarray, torque: np.ndarray, recording: Recording) -> list[str]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mrwarp.diagnose import diagnose
-from mrwarp.diagnose.sufficient import MIN_SAMPLES, MIN_SECONDS, MIN_TRAJECTORIES, gaps, hindrances
+from mrwarp.diagnose.data_checks import MIN_SAMPLES, MIN_SECONDS, MIN_TRAJECTORIES, gaps, hindrances
 from mrwarp.recording.load import Recording, Trajectory
 
 

@@ -1,4 +1,4 @@
-"""Numbers and names of a diagnosis in an engineer's words: sensible units, as many digits as the interval carries."""
+"""A diagnosis as text: the verdict in a sentence, numbers in sensible units with the digits that intervals carry."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from mrwarp.diagnose.result import Value
+from mrwarp.diagnose.result import Diagnosis, Value
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
 
@@ -29,6 +29,16 @@ _STEPS: dict[str, tuple[tuple[float, float, str], ...]] = {
 """Unit: from which size on, what factor gives what readable unit."""
 
 _NAMES = {"rad": "angle", "m": "displacement", "A": "current", "V": "driver voltage", "N·m": "torque", "N": "force"}
+
+
+_VARIABLES = {
+    "qd": "the velocity",
+    "qdd": "the acceleration",
+    "time": "the time in the session",
+    "memory": "what happened shortly before (memory)",
+    "frequency": "the frequency",
+    "temperature": "the temperature",
+}
 
 
 @dataclass(frozen=True)
@@ -128,19 +138,14 @@ def both(words: Iterable[str]) -> str:
 
 def variable(name: str, units: Mapping[str, str]) -> str:
     """A variable of ``depends_on`` in words."""
-    q = quantity(units["q"])
-    words = {
-        "q": f"the {q}",
-        "qd": "the velocity",
-        "qdd": "the acceleration",
-        "current": f"the {quantity(units['current'])}",
-        "torque": f"the {quantity(units['torque'])}",
-        "time": "the time in the session",
-        "memory": "what happened shortly before (memory)",
-        "frequency": "the frequency",
-        "temperature": "the temperature",
-    }
-    return words.get(name, name)
+    if name in ("q", "current", "torque"):
+        return f"the {quantity(units[name])}"
+    return _VARIABLES.get(name, name)
+
+
+def capital(text: str) -> str:
+    """The text with a capital at its front."""
+    return text[:1].upper() + text[1:]
 
 
 def _joined(words: list[str], last: str) -> str:
@@ -149,3 +154,38 @@ def _joined(words: list[str], last: str) -> str:
 
 def _signed(factor: float) -> str:
     return f"{100.0 * (factor - 1.0):+.2f} %"
+
+
+def sentence_of(d: Diagnosis) -> str:
+    """The verdict in one sentence."""
+    if d.verdict is None:
+        return "No verdict: " + "; ".join(reason.split(":")[0] for reason in d.cannot_know) + "."
+    parts = []
+    if d.causes:
+        parts.append("the model lacks " + both(_cause_text(c.name, c.alternatives, len(d.causes)) for c in d.causes))
+        if d.gain is not None:
+            low, high = d.gain.ci95
+            them = "it" if len(d.causes) == 1 else "them"
+            gains = d.gain.rmse_reduction > 0.0
+            parts.append(
+                f"with {them} the error on unseen trajectories "
+                + (f"falls by {percent(d.gain.rmse_reduction)}" if gains else "does not fall")
+                + f" (95 %: {percent(low)} to {percent(high)})"
+            )
+    if d.unexplained is not None:
+        beside = "besides, " if d.causes else ""
+        what = f"structure along {both(variable(v, d.recording.units) for v in d.unexplained.depends_on[:2])}"
+        if d.unexplained.depends_on[0] == "frequency":
+            what = d.unexplained.form
+        parts.append(f"{beside}there is {what} that no effect of the catalogue explains")
+    if not parts:
+        parts.append("nothing is missing that these data could show")
+    for s in d.parameter_shift:
+        parts.append(f"the calibration has shifted: {either((s.name, *s.alternatives))}")
+    return capital("; ".join(parts) + ".")
+
+
+def _cause_text(name: str, alternatives: tuple[str, ...], causes: int) -> str:
+    if causes > 1 and alternatives:
+        return f"{either([name])} (or {either(alternatives)})"
+    return either((name, *alternatives))
