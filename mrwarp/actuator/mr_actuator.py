@@ -19,7 +19,7 @@ import warp as wp
 
 from mrwarp.enums import Coupling, HoldCurrent, ZStep
 from mrwarp.kernels import joint_params, ledger, mr_stages, window
-from mrwarp.kernels.launch import record
+from mrwarp.kernels.launch import in_one_thread, record
 from mrwarp.model_file import Effect
 from mrwarp.params import MrParams
 
@@ -300,7 +300,7 @@ class MrActuator:
         """Prepare the launches of :meth:`step` once; all their arrays live as long as the actuator."""
         cfg, i = self.cfg, self.inputs
         num_mr = len(self.mr_joints)
-        rows, lanes = (1, 1) if wp.get_device(str(self.device)).is_cpu else (self.num_envs, self.num_joints)
+        rows, lanes = (1, 1) if in_one_thread(self.device) else (self.num_envs, self.num_joints)
         self._lanes, self._one_thread = (rows, lanes), rows * lanes == 1  # see step_kernel
         fixed = int(cfg.hold_current is HoldCurrent.FIXED)
         switches = [

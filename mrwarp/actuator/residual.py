@@ -21,7 +21,7 @@ import warp as wp
 
 from mrwarp.kernels import learned_torque as learned
 from mrwarp.kernels import lstm_lanes
-from mrwarp.kernels.launch import record
+from mrwarp.kernels.launch import in_one_thread, record
 from mrwarp.kernels.window import FEATURES, WINDOW
 from mrwarp.nn.layout import lane_weights, lstm_weights, mlp_layers, output_layer, states_at_rest
 from mrwarp.nn.models import LstmState, LstmTorque
@@ -54,7 +54,6 @@ class LearnedTorque:
         evaluate_all: Compute closed windows too, without using them (to test that nothing depends on it).
         capacity: Threads of the kernels over windows that a GPU runs, as a share of all windows in (0, 1]. If more are
             open, threads take several in turn: the same bits, later.
-        lanes: Run the LSTM in the vector lanes of a CPU; False takes the GPU's kernel there too, to test it.
 
     Raises:
         SamplingRateError: the model was trained at another rate than 1/dt.
@@ -63,12 +62,12 @@ class LearnedTorque:
 
     def __init__(
         self, model: LearnedModel, *, dt: float, lstm_state: LstmState = LstmState.CARRIED, threads: int = 0,
-        evaluate_all: bool = False, capacity: float = 1.0, lanes: bool = True,
+        evaluate_all: bool = False, capacity: float = 1.0,
     ) -> None:  # fmt: skip
         model.check_rate(dt)
         if not 0.0 < capacity <= 1.0:
             raise ValueError(f"capacity = {capacity} must lie in (0, 1], a share of all windows")
-        self.capacity, self.lanes = capacity, lanes
+        self.capacity = capacity
         self.model = model
         self.threads = threads or os.cpu_count() or 1
         self.evaluate_all = evaluate_all
@@ -162,7 +161,7 @@ class LearnedTorque:
         self._fresh = wp.full(joints, 1, dtype=int, device=device)
         self._state = wp.zeros((3, learned.HIDDEN, parts * lstm_lanes.LANES), dtype=float, device=device)
         out = self._array(output_layer(state))
-        if device.is_cpu and self.lanes:
+        if in_one_thread(device):
             threads = max(min(self.threads, parts // _WORTH_WAKING), 1)
             weights, inputs = self._array(lane_weights(lstm_weights(state))), [head, ring, m_dyn]
             outputs = [wp.zeros(2, dtype=wp.int64, device=device), self._fresh, self._state, tau_dyn]
@@ -211,7 +210,7 @@ class LearnedTorque:
             self._evaluate = record(
                 learned.mlp_window_kernel, places, [*layers, whole, *inputs, tau_dyn], [scratch(2), tau_dyn], device
             )
-        elif device.is_cpu and self.lanes:
+        elif in_one_thread(device):
             weights, out = self._array(lane_weights(lstm_weights(state))), self._array(output_layer(state))
             threads = max(min(self.threads, windows // 8), 1)
             outputs = [wp.zeros(2, dtype=wp.int64, device=device), tau_dyn]

@@ -15,7 +15,7 @@ from mrwarp.env import sim_kernels
 from mrwarp.env.backend import Backend, BackendKind, MjBatchBackend, MjWarpBackend
 from mrwarp.env.sim_model import Edit, Scene, SolverCfg, build_scene, named
 from mrwarp.env.terrain import Field
-from mrwarp.kernels.launch import Around, Work, in_graphs, record, record_per_env
+from mrwarp.kernels.launch import Around, Work, in_graphs, in_one_thread, record, record_per_env
 from mrwarp.usd.asset import RobotAsset, load_robot
 
 
@@ -236,7 +236,7 @@ class Sim:
         return self._launches[key]
 
     def _record_apply(self, tau: wp.array, bound: wp.array) -> wp.Launch:
-        lanes = 1 if self.device.is_cpu else len(self.scene.actuators)
+        lanes = 1 if in_one_thread(self.device) else len(self.scene.actuators)
         return record(
             sim_kernels.apply_kernel,
             dim=(self.num_envs, lanes),

@@ -10,6 +10,9 @@ from typing import Any
 
 import warp as wp
 
+GPU_LAYOUT = False
+"""Whether a CPU, too, takes the threads that a GPU would: a test sets it, to show that they give the same bits."""
+
 Work = Callable[[], object]
 """Launches on arrays that stay where they are."""
 
@@ -22,6 +25,17 @@ class Around:
     """Launched before the first step, in order."""
     after: Sequence[Work]
     """Launched after the last step, in order."""
+
+
+def in_one_thread(device: Any) -> bool:
+    """Whether one thread takes all environments and joints, as on a CPU, instead of a thread for each, as on a GPU.
+
+    A CPU runs threads one after the other, and starting one copies all arguments.
+
+    Args:
+        device: Warp device.
+    """
+    return wp.get_device(str(device)).is_cpu and not GPU_LAYOUT
 
 
 def record(kernel: Any, dim: int | tuple[int, ...], inputs: list[Any], outputs: list[Any], device: Any) -> wp.Launch:
@@ -40,12 +54,8 @@ def record(kernel: Any, dim: int | tuple[int, ...], inputs: list[Any], outputs: 
 
 
 def record_per_env(kernel: Any, num_envs: int, inputs: list[Any], outputs: list[Any], device: Any) -> wp.Launch:
-    """The same for a kernel whose first parameter ``rows`` is how far apart the environments are that a thread takes.
-
-    A GPU takes a thread for each. A CPU takes one for all: it runs threads one after the other, and starting one copies
-    all arguments.
-    """
-    rows = 1 if wp.get_device(str(device)).is_cpu else num_envs
+    """As :func:`record`, for a kernel whose first parameter ``rows`` is how far apart a thread's environments are."""
+    rows = 1 if in_one_thread(device) else num_envs
     return record(kernel, rows, [rows, *inputs], outputs, device)
 
 

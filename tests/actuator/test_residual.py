@@ -20,9 +20,9 @@ from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, HoldCurrent, M
 from mrwarp.actuator.newton_drive import DriveMR
 from mrwarp.actuator.residual import KINDS, LearnedTorque, window_now, with_bouc_wen
 from mrwarp.identify import learn
-from mrwarp.kernels import learned_torque as learned
-from mrwarp.kernels.launch import capture, record
-from mrwarp.nn.layout import lstm_weights, output_layer, states_at_rest
+from mrwarp.kernels import launch
+from mrwarp.kernels.launch import capture
+from mrwarp.nn.layout import states_at_rest
 from mrwarp.nn.models import LstmState, LstmTorque, make_net
 from mrwarp.nn.network_file import LearnedModel, SamplingRateError, load, shipped_model
 from mrwarp.params import BoucWenParams, MrParams
@@ -58,7 +58,7 @@ def make_model(kind: str, seed: int = 0, dt: float = DT) -> LearnedModel:
 class Loop:
     """An actuator with four devices per environment on arrays that the test writes."""
 
-    def __init__(self, num_envs: int, residual: LearnedTorque | None) -> None:
+    def __init__(self, num_envs: int, residual: LearnedTorque | None, coupling: Coupling = Coupling.EXPLICIT) -> None:
         def zeros(*shape: int) -> wp.array:
             return wp.zeros(shape, dtype=float, device="cpu")
 
@@ -66,18 +66,23 @@ class Loop:
             q_des=zeros(num_envs, MR), q=zeros(num_envs, MR), qd=zeros(num_envs, MR), f_foot=zeros(num_envs, MR),
             current_e=zeros(num_envs), friction=zeros(num_envs, MR),
         )  # fmt: skip
-        cfg = MrActuatorCfg(coupling=Coupling.EXPLICIT, hold_current=HoldCurrent.FIXED)
+        cfg = MrActuatorCfg(coupling=coupling, hold_current=HoldCurrent.FIXED)
         self.actuator = MrActuator(
             [Joint()] * MR, list(range(MR)), self.inputs, dt=DT, cfg=cfg, residual=residual, share_params=False
         )
 
-    def run(self, motion: dict[str, np.ndarray], first: int = 0, last: int | None = None) -> dict[str, np.ndarray]:
+    def run(
+        self, motion: dict[str, np.ndarray], first: int = 0, last: int | None = None, account: bool = False
+    ) -> dict[str, np.ndarray]:
         """Step through samples of a motion (arrays of shape (T, E, ...)); returns what each step gave, time first."""
-        rows: dict[str, list[np.ndarray]] = {name: [] for name in ("tau_dyn", "m_dyn", "current")}
+        names = ("tau_dyn", "m_dyn", "current", "tau", "bound")
+        rows: dict[str, list[np.ndarray]] = {name: [] for name in names}
         for k in range(first, len(motion["q"]) if last is None else last):
             for name, values in motion.items():
                 getattr(self.inputs, name).assign(np.ascontiguousarray(values[k], dtype=np.float32))
             self.actuator.step()
+            if account:
+                self.actuator.account()
             for name, kept in rows.items():
                 kept.append(getattr(self.actuator, name).numpy().copy())
         return {name: np.stack(kept) for name, kept in rows.items()}
@@ -134,14 +139,17 @@ def test_learned_torque_is_the_torch_module(kind: str) -> None:
     np.testing.assert_array_equal(got[~is_open], tau[~is_open])
 
 
-@pytest.mark.parametrize("lanes", [True, False])
+@pytest.mark.parametrize("gpu_layout", [False, True])
 @pytest.mark.parametrize("lstm_state", list(LstmState))
 @pytest.mark.parametrize("kind", KINDS)
-def test_learned_torque_in_the_loop_equals_offline_prediction(kind: str, lstm_state: LstmState, lanes: bool) -> None:
+def test_learned_torque_in_the_loop_equals_offline_prediction(
+    kind: str, lstm_state: LstmState, gpu_layout: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A motion in the loop and the same motion offline, led in by the rest that a reset assumes: 1e-5 N·m."""
+    monkeypatch.setattr(launch, "GPU_LAYOUT", gpu_layout)
     model = make_model(kind, seed=3)
     motion = make_motion(2, 150, seed=4)
-    loop = Loop(2, LearnedTorque(model, dt=DT, lstm_state=lstm_state, lanes=lanes))
+    loop = Loop(2, LearnedTorque(model, dt=DT, lstm_state=lstm_state))
     loop.inputs.q.assign(motion["q"][0].astype(np.float32))
     loop.actuator.reset()
     got = loop.run(motion)
@@ -195,16 +203,19 @@ def test_learned_torque_is_bit_equal_for_any_threads_when_calls_follow_each_othe
             np.testing.assert_array_equal(out.numpy(), np.where(m_dyn, alone, tau))
 
 
-@pytest.mark.parametrize("lanes", [True, False])
-def test_carried_states_are_bit_equal_for_any_threads_and_gates(lanes: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("gpu_layout", [False, True])
+def test_carried_states_are_bit_equal_for_any_threads_and_gates(
+    gpu_layout: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """36 joints, three parts of the work: every joint's torque is that of a joint alone, whatever gates were open."""
+    monkeypatch.setattr(launch, "GPU_LAYOUT", gpu_layout)
     monkeypatch.setattr(mrwarp.actuator.residual, "_WORTH_WAKING", 1)
     model, rng = make_model("pg_rlstm", seed=22), np.random.default_rng(23)
     ring, head, _, tau = make_window(9, seed=24)
     gate, out = wp.zeros(tau.shape, dtype=float, device="cpu"), wp.array(tau, dtype=float, device="cpu")
     ones, alone = wp.ones(tau.shape, dtype=float, device="cpu"), wp.array(tau, dtype=float, device="cpu")
-    want = LearnedTorque(model, dt=DT, threads=1, lanes=lanes)
-    others = [LearnedTorque(model, dt=DT, threads=threads, lanes=lanes) for threads in (1, 2, 4)]
+    want = LearnedTorque(model, dt=DT, threads=1)
+    others = [LearnedTorque(model, dt=DT, threads=threads) for threads in (1, 2, 4)]
     for k in range(60):
         head.assign([k % 50])
         values = ring.numpy()
@@ -244,18 +255,19 @@ def test_states_at_rest_lie_close_enough_to_interpolate(kind: str) -> None:
         np.testing.assert_allclose(net.out(output[0])[:, 0], net.scaled(net.scaler(x)), rtol=0.0, atol=1e-3)
 
 
-def test_a_carried_state_is_restored_bit_equal() -> None:
+@pytest.mark.parametrize("gpu_layout", [False, True])
+def test_a_carried_state_is_restored_bit_equal(gpu_layout: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """A loop that takes over another one's state goes on as it does, on the CPU's kernel and on the GPU's."""
+    monkeypatch.setattr(launch, "GPU_LAYOUT", gpu_layout)
     model, motion = make_model("lstm", seed=25), make_motion(3, 70, seed=26)
-    for lanes in (True, False):
-        first, second = (Loop(3, LearnedTorque(model, dt=DT, lanes=lanes)) for _ in range(2))
-        first.run(motion, 0, 40)
-        state = first.actuator.state()
-        assert np.abs(state["lstm"]).max() > 0.1
-        assert not state["lstm_fresh"].any()
-        want = first.run(motion, 40)
-        second.actuator.load_state(state)
-        np.testing.assert_array_equal(second.run(motion, 40)["tau_dyn"], want["tau_dyn"])
+    first, second = (Loop(3, LearnedTorque(model, dt=DT)) for _ in range(2))
+    first.run(motion, 0, 40)
+    state = first.actuator.state()
+    assert np.abs(state["lstm"]).max() > 0.1
+    assert not state["lstm_fresh"].any()
+    want = first.run(motion, 40)
+    second.actuator.load_state(state)
+    np.testing.assert_array_equal(second.run(motion, 40)["tau_dyn"], want["tau_dyn"])
 
 
 def test_helper_threads_end_with_their_torque() -> None:
@@ -274,22 +286,25 @@ def test_helper_threads_end_with_their_torque() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("captured", [False, True])
-def test_a_full_set_of_open_windows_overflows_into_later_turns(kind: str, captured: bool) -> None:
+def test_a_full_set_of_open_windows_overflows_into_later_turns(
+    kind: str, captured: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Room for 1, 3 or 13 of 64 windows gives the bits of room for all, with none, a third or all of them open."""
+    monkeypatch.setattr(launch, "GPU_LAYOUT", True)
     model, (ring, head, some, tau) = make_model(kind, seed=20), make_window(16, seed=21)
     gate, out = wp.zeros(some.shape, dtype=float, device="cpu"), wp.array(tau, dtype=float, device="cpu")
-    windows = partial(LearnedTorque, model, dt=DT, lstm_state=LstmState.WINDOW, lanes=False)
+    windows = partial(LearnedTorque, model, dt=DT, lstm_state=LstmState.WINDOW)
     whole = windows()
     for capacity in (1 / 64, 3 / 64, 0.2):
         small = windows(capacity=capacity)
-        launch = partial(small, ring, head, gate, out)
+        evaluate_small = partial(small, ring, head, gate, out)
         if captured:
-            launch()
-            launch = partial(wp.capture_launch, capture(launch, "cpu"))
+            evaluate_small()
+            evaluate_small = partial(wp.capture_launch, capture(evaluate_small, "cpu"))
         for m_dyn in (np.zeros_like(some), some, np.ones_like(some)):
             gate.assign(m_dyn)
             out.assign(tau)
-            launch()
+            evaluate_small()
             want = evaluate(whole, ring, head, m_dyn, tau)
             np.testing.assert_array_equal(out.numpy(), want)
             assert ((out.numpy() != tau) == (m_dyn > 0.0)).all()
@@ -309,23 +324,33 @@ def test_learned_torque_with_all_gates_closed_changes_nothing() -> None:
     np.testing.assert_array_equal(got, tau)
 
 
-def test_lstm_of_a_gpu_equals_that_of_a_cpu() -> None:
+def test_lstm_of_a_gpu_equals_that_of_a_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
     """The kernel that a GPU runs, here on the CPU, and the one with vector lanes agree to float32 rounding."""
     model = make_model("lstm", seed=8)
-    ring, head, m_dyn, tau = make_window(8, seed=9)
-    want = evaluate(LearnedTorque(model, dt=DT), ring, head, m_dyn, tau)
-    state = {name: tensor.double().numpy() for name, tensor in model.net.state_dict().items()}
-    gate, got = wp.array(m_dyn, dtype=float, device="cpu"), wp.array(tau, dtype=float, device="cpu")
-    count, index = wp.zeros(1, dtype=int, device="cpu"), wp.zeros(m_dyn.size, dtype=int, device="cpu")
-    scratch = wp.full((3, learned.HIDDEN, m_dyn.size), float("nan"), dtype=float, device="cpu")
-    weights, out = (
-        wp.array(np.ascontiguousarray(x, dtype=np.float32), device="cpu")
-        for x in (lstm_weights(state), output_layer(state))
-    )
-    record(learned.open_windows_kernel, m_dyn.shape, [0, gate], [count, index], "cpu").launch()
-    inputs = [weights, out, 1, count, index, head, ring, gate, got]
-    record(learned.lstm_window_kernel, m_dyn.size, inputs, [scratch, got], "cpu").launch()
-    np.testing.assert_allclose(got.numpy(), want, rtol=0.0, atol=1e-5)
+    windows = make_window(8, seed=9)
+    of_a_cpu = evaluate(LearnedTorque(model, dt=DT, lstm_state=LstmState.WINDOW), *windows)
+    monkeypatch.setattr(launch, "GPU_LAYOUT", True)
+    of_a_gpu = evaluate(LearnedTorque(model, dt=DT, lstm_state=LstmState.WINDOW), *windows)
+    np.testing.assert_allclose(of_a_gpu, of_a_cpu, rtol=0.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("coupling", list(Coupling))
+@pytest.mark.parametrize("kind", ["mlp", None])
+def test_an_actuator_in_a_gpus_threads_gives_the_bits_of_one_thread(
+    kind: str | None, coupling: Coupling, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A thread per joint, here on the CPU, and one for all: torques, bounds, state and ledger, with a reset midway."""
+    motion, states = make_motion(5, 60, seed=30), []
+    for gpu_layout in (False, True):
+        monkeypatch.setattr(launch, "GPU_LAYOUT", gpu_layout)
+        loop = Loop(5, LearnedTorque(make_model(kind), dt=DT) if kind else None, coupling)
+        torques = loop.run(motion, 0, 40, account=True)
+        assert torques["m_dyn"].any() and not torques["m_dyn"].all()
+        loop.actuator.reset(wp.array([False, True, False, True, False], dtype=wp.bool, device="cpu"))
+        states.append(torques | loop.run(motion, 40, account=True) | loop.actuator.state())
+        assert loop.actuator.state()["ledger"].any()
+    for name, want in states[0].items():
+        np.testing.assert_array_equal(states[1][name], want, name)
 
 
 def test_reset_of_one_environment_leaves_the_others_history_and_torque() -> None:

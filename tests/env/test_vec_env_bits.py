@@ -6,8 +6,17 @@ from typing import Any
 import pytest
 import torch
 
+from mrwarp.enums import Coupling
+from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
+from mrwarp.kernels import launch
 from tests.env.env_bench import assert_same_state, assert_same_step, make_cfg, random_actions
+
+TASKS = {
+    "devices": {},
+    "no devices": {"actuator_model": "none"},
+    "rough ground, explicit": {"coupling": Coupling.EXPLICIT, "terrain": "rough"},
+}
 
 
 def test_masked_reset_leaves_other_environments_bit_equal() -> None:
@@ -33,6 +42,27 @@ def test_masked_reset_leaves_other_environments_bit_equal() -> None:
         assert not bool(first[2].any()) and not bool(second[2].any())
         assert_same_step(first, second, rows=~mask)
         assert bool((first[0]["actor"][mask] != second[0]["actor"][mask]).any())
+
+
+@pytest.mark.parametrize("changes", TASKS.values(), ids=TASKS.keys())
+def test_a_gpus_threads_give_the_bits_of_one_thread(changes: dict, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The task in a thread per environment or joint, here on the CPU, and in one thread for all: every bit alike.
+
+    With noise, randomisation, pushes, falls and new episodes.
+    """
+    envs = []
+    for gpu_layout in (False, True):
+        monkeypatch.setattr(launch, "GPU_LAYOUT", gpu_layout)
+        envs.append(WalkEnv(replace(make_walk_cfg(num_envs=6, seed=8, **changes), episode_seconds=0.5)))
+    ended = 0
+    for step, action in enumerate(random_actions(40, 6, scale=1.0)):
+        for env in envs:
+            env.view(env.sim.backend.field("qpos"))[1, 2] -= 0.3 * (step == 10)
+        first, second = (env.step(action) for env in envs)
+        assert_same_step(first, second)
+        ended += int(first[2].sum())
+    assert ended > 6
+    assert_same_state(*envs)
 
 
 def test_masked_reset_leaves_the_brake_torque_of_others() -> None:
