@@ -3,27 +3,28 @@
 The file is data only. Its angle is about the bench's own zero, so ``q_neutral``, which says where the joint stands in a
 robot, is no part of it: that, and the groups a bench does not identify (gate, motor), come from the robot.
 
-An MR prim of a USD asset carries all that the file holds, see :mod:`mrwarp.usd.record`.
+An MR prim of a USD asset carries all that the file holds, see :mod:`mrwarp.usd.record`. An effect of the catalogue must
+have its parameters, in the units of the device and of a sign that makes sense; any other effect is carried as it is.
 """
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+import difflib
 import json
 import reprlib
 import sys
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from mrwarp.params import MrParams, ParameterError
+from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.effects.law import EffectLaw, EffectParameter
+from mrwarp.params import MrParams, ParameterError, ParamSpec, with_unit
 from mrwarp.run_dir import write_text
-
-if TYPE_CHECKING:
-    from pxr import Usd
 
 SCHEMA = 1
 """Version of the file's layout."""
@@ -39,6 +40,7 @@ _LONGEST_UNIT = 20
 _KEYS = ("schema", "units", "parameters", "effects", "fitted_on", "seed", "versions")
 _NAMES = tuple(spec.name for spec in MrParams.specs() if spec.name != "q_neutral")
 _REQUIRED = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
+_PARAMETER_KEYS = ("value", "unit", "ci95")
 _REMEDY = "give the model.json that 'mrwarp fit' wrote"
 
 _LARGEST = sys.float_info.max
@@ -61,7 +63,7 @@ class Parameter:
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """A named mechanism beyond eqs. 14 and 15 with its parameters; which act: :mod:`mrwarp.actuator.device_effects`."""
+    """A named mechanism beyond eqs. 14 and 15 with its parameters."""
 
     name: str
     parameters: Mapping[str, Parameter]
@@ -70,6 +72,23 @@ class Effect:
     def values(self) -> dict[str, float]:
         """The parameters as plain numbers."""
         return {name: p.value for name, p in self.parameters.items()}
+
+    @property
+    def acts(self) -> bool:
+        """Whether the effect is part of the device and acts in the simulator.
+
+        Effects of the kinds ``sensor`` and ``calibration`` are properties of the bench's log and do not act on a robot,
+        nor does an effect that the catalogue does not know.
+        """
+        return self.name in CATALOGUE and CATALOGUE[self.name].kind == "mechanism"
+
+    def __str__(self) -> str:
+        """Name, values, units and intervals on one line."""
+        parts = []
+        for name, p in self.parameters.items():
+            interval = f", 95 % interval {p.ci95[0]!r} to {p.ci95[1]!r}" if p.ci95 else ""
+            parts.append(f"{key_shown(name)} = {p.value!r}{with_unit(key_shown(p.unit))}{interval}")
+        return f"{key_shown(self.name)}{': ' if parts else ''}{'; '.join(parts)}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,40 +137,26 @@ class Model:
         except ParameterError as error:
             raise ModelFileError(str(error)) from None
 
-    def write_usd(self, prim: Usd.Prim) -> None:
-        """Author the joint and its record on an MR actuator prim; what the model does not hold stays as it is there.
-
-        Raises:
-            AssetError: the prim is not an MR actuator.
-            ModelFileError: as :meth:`to_params`.
-        """
-        from mrwarp.usd.asset import read_parameters, write_parameters
-        from mrwarp.usd.record import write_record
-
-        params = self.to_params(read_parameters(prim))
-        write_parameters(prim, params)
-        write_record(prim, self, params)
-
-    @staticmethod
-    def read_usd(prim: Usd.Prim) -> Model:
-        """The model that an MR actuator prim holds; what :meth:`write_usd` wrote, to the last bit.
-
-        A number that was changed since has no interval; without a record the prim's bare numbers are the model.
-
-        Raises:
-            AssetError: the prim is not an MR actuator, or an attribute of it is unusable.
-        """
-        from mrwarp.usd.record import read_model
-
-        return read_model(prim).model
-
 
 def parameter_unit(name: str, units: Mapping[str, str]) -> str:
     """Unit of a parameter for a device in ``units``: that of ``mrwarp.params`` with rad, A and N·m exchanged."""
-    unit = MrParams.spec(name).unit
-    for plain, key in (("rad", "q"), ("A", "current"), ("N·m", "torque")):
-        unit = unit.replace(plain, f"<{key}>")
-    for key in ("q", "current", "torque"):
+    return _exchanged(MrParams.spec(name).unit, units)
+
+
+def effect_unit(parameter: EffectParameter, units: Mapping[str, str]) -> str:
+    """Unit of an effect's number for a device in ``units``: the catalogue's with rad, A and N·m exchanged."""
+    derived = {"kg·m²": "N·m·s²/rad", "1/J": "1/(N·m·rad)"}  # units that contain those of torque and angle
+    if (units["torque"], units["q"]) == ("N·m", "rad"):
+        derived = {}
+    elif (units["torque"], units["q"]) == ("N", "m"):
+        derived = {"kg·m²": "kg"}
+    return _exchanged(derived.get(parameter.unit, parameter.unit), units)
+
+
+def _exchanged(unit: str, units: Mapping[str, str]) -> str:
+    for key, own in JOINT_UNITS.items():
+        unit = unit.replace(own, f"<{key}>")
+    for key in JOINT_UNITS:
         unit = unit.replace(f"<{key}>", units[key])
     return unit
 
@@ -206,21 +211,46 @@ def model_from_dict(content: Any, where: str = "model") -> Model:
     missing = [name for name in _REQUIRED if name not in parameters]
     if missing:
         raise ModelFileError(f"{where}: parameters.{missing[0]} is missing; needed: {', '.join(_REQUIRED)}")
-    effects = content["effects"]
-    if not isinstance(effects, list):
-        raise ModelFileError(f"{where}: effects = {shown(effects)}; allowed: a list of {{name, parameters}}")
-    if effects:
-        from mrwarp.effects.model_entries import read_effects
-
-        effects = read_effects(effects, units, f"{where}: effects")
     return Model(
         parameters={name: _parameter(name, entry, units, where) for name, entry in parameters.items()},
         fitted_on=_fitted_on(content["fitted_on"], f"{where}: fitted_on"),
         units=units,
-        effects=tuple(effects),
+        effects=_effects(content["effects"], units, f"{where}: effects"),
         seed=_whole(content["seed"], f"{where}: seed"),
         versions=_texts(content["versions"], f"{where}: versions"),
     )
+
+
+def make_effect(name: str, values: Mapping[str, float]) -> Effect:
+    """An effect of the catalogue from bare numbers, for a joint in rad, A and N·m.
+
+    Raises:
+        ModelFileError: there is no such effect or parameter, one is missing, or a value makes no sense.
+    """
+    if name not in CATALOGUE:
+        raise ModelFileError(f"there is no effect {name!r}; {_known(name, CATALOGUE)}")
+    return _effect(name, dict(values), JOINT_UNITS, f"effect {name}")
+
+
+def check_effects(effects: Iterable[Effect], where: str) -> None:
+    """Check effects that were made in Python as those of a file are; their numbers are in rad, A and N·m.
+
+    Raises:
+        ModelFileError: an effect is unusable, or one of the catalogue stands twice; ``where`` says in what.
+    """
+    _effects([_as_json(dataclasses.asdict(effect)) for effect in effects], JOINT_UNITS, where)
+
+
+def silent_note(effects: Iterable[Effect]) -> str:
+    """One line that names the effects that do not act and why; empty if all do."""
+    found: dict[str, list[str]] = {}
+    for effect in effects:
+        if effect.name not in CATALOGUE:
+            found.setdefault("unknown to the catalogue of effects", []).append(key_shown(effect.name))
+        elif not effect.acts:
+            found.setdefault("of the bench's log, not of the device", []).append(effect.name)
+    parts = [f"{', '.join(names)} ({reason})" for reason, names in found.items()]
+    return f"does not act in the simulator: {'; '.join(parts)}" if parts else ""
 
 
 def read_json_file(path: Path, remedy: str = _REMEDY) -> Any:
@@ -275,18 +305,79 @@ def _parameter(name: str, entry: Any, units: Mapping[str, str], file: str) -> Pa
     where = f"{file}: parameters.{key_shown(name)}"
     if name not in _NAMES:
         raise ModelFileError(f"{where}: there is no such parameter; known: {', '.join(_NAMES)}")
-    checked_object(entry, where, ("value", "unit", "ci95"))
-    value, unit = checked_number(entry["value"], f"{where}.value"), parameter_unit(name, units)
-    if entry["unit"] != unit:
-        raise ModelFileError(
-            f"{where}.unit = {shown(entry['unit'])}; allowed: {unit!r}; convert the value, then the unit"
-        )
-    if dict(units) == JOINT_UNITS:
-        try:
-            MrParams.spec(name).check(value, f"{where}.value")
-        except ParameterError as error:
-            raise ModelFileError(str(error)) from None
+    checked_object(entry, where, _PARAMETER_KEYS)
+    spec = MrParams.spec(name) if dict(units) == JOINT_UNITS else None
+    return _with_unit(entry, parameter_unit(name, units), where, spec)
+
+
+def _with_unit(entry: dict[str, Any], expected: str | None, where: str, spec: ParamSpec | None = None) -> Parameter:
+    """A checked ``{value, unit, ci95}``; without an expected unit any text is one, without ``spec`` any value."""
+    unit = entry["unit"]
+    if not isinstance(unit, str) or expected not in (None, unit):
+        allowed = "a text" if expected is None else repr(expected)
+        raise ModelFileError(f"{where}.unit = {shown(unit)}; allowed: {allowed}; convert the value, then the unit")
+    value = checked_number(entry["value"], f"{where}.value")
+    try:
+        value = value if spec is None else spec.check(value, f"{where}.value")
+    except ParameterError as error:
+        raise ModelFileError(str(error)) from None
     return Parameter(value=value, unit=unit, ci95=checked_interval(entry["ci95"], value, f"{where}.ci95"))
+
+
+def _effects(entries: Any, units: Mapping[str, str], where: str) -> tuple[Effect, ...]:
+    """The checked entries of ``effects``: ``{"name": ..., "parameters": {NAME: {value, unit, ci95} or number}}``."""
+    if not isinstance(entries, list):
+        raise ModelFileError(f"{where} = {shown(entries)}; allowed: a list of {{name, parameters}}")
+    found: list[Effect] = []
+    for i, entry in enumerate(entries):
+        place = f"{where}[{i}]"
+        checked_object(entry, place, ("name", "parameters"))
+        name = entry["name"]
+        if not _is_text(name) or not name:
+            raise ModelFileError(f"{place}.name = {shown(name)}; allowed: a text that names an effect")
+        if name in CATALOGUE and any(effect.name == name for effect in found):
+            raise ModelFileError(f"{place}: {name} stands twice; remove one")
+        found.append(_effect(name, _mapping(entry["parameters"], f"{place}.parameters"), units, place))
+    return tuple(found)
+
+
+def _effect(name: str, content: dict[str, Any], units: Mapping[str, str], where: str) -> Effect:
+    law: EffectLaw | None = CATALOGUE.get(name)
+    known = {} if law is None else {spec.name: spec for spec in law.parameters}
+    parameters: dict[str, Parameter] = {}
+    for key, entry in content.items():
+        place = f"{where}.parameters.{key_shown(key)}"
+        if law is not None and key not in known:
+            raise ModelFileError(f"{place}: {name} has no such parameter; {_known(key, known)}")
+        parameters[key] = _effect_parameter(entry, known.get(key), units, place)
+    for key, spec in known.items():
+        if key not in parameters and not (spec.choices or spec.form):
+            raise ModelFileError(f"{where}.parameters.{key} is missing; needed: {_allowed(spec, units)}")
+    return Effect(name=name, parameters=parameters)
+
+
+def _effect_parameter(entry: Any, spec: EffectParameter | None, units: Mapping[str, str], where: str) -> Parameter:
+    """A checked number of an effect; a bare one has no interval."""
+    expected = None if spec is None else effect_unit(spec, units)
+    if isinstance(entry, dict):
+        parameter = _with_unit(checked_object(entry, where, _PARAMETER_KEYS), expected, where)
+    else:
+        parameter = Parameter(value=checked_number(entry, where), unit=expected or "")
+    if spec is not None and not spec.allows(parameter.value):
+        raise ModelFileError(f"{where} = {parameter.value:g}; allowed: {_allowed(spec, units)}")
+    return parameter
+
+
+def _allowed(spec: EffectParameter, units: Mapping[str, str]) -> str:
+    """What values of an effect's parameter make sense, with the unit."""
+    unit = with_unit(effect_unit(spec, units))
+    return spec.allowed() + (f", in{unit}" if unit else "")
+
+
+def _known(name: str, known: Iterable[str]) -> str:
+    """The nearest of the known names, and all of them."""
+    near = difflib.get_close_matches(name, known := list(known), n=1)
+    return (f"did you mean {near[0]!r}? " if near else "") + f"known: {', '.join(known)}"
 
 
 def _fitted_on(entry: Any, where: str) -> FittedOn:
@@ -334,9 +425,13 @@ def _whole(value: Any, where: str) -> int:
     return int(value)
 
 
+def _is_text(value: Any) -> bool:
+    """Whether a value is a text that UTF-8 can write."""
+    return isinstance(value, str) and not any("\ud800" <= c <= "\udfff" for c in value)
+
+
 def _text(value: Any, where: str) -> str:
-    """A text that UTF-8 can write."""
-    if not isinstance(value, str) or any("\ud800" <= c <= "\udfff" for c in value):
+    if not _is_text(value):
         raise ModelFileError(f"{where} = {shown(value)}; allowed: a text")
     return value
 

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 from mrwarp.effects.catalogue import CATALOGUE
-from mrwarp.effects.model_entries import make_effect
 from mrwarp.model_file import (
     JOINT_UNITS,
     Effect,
@@ -18,13 +17,15 @@ from mrwarp.model_file import (
     ModelFileError,
     Parameter,
     load_model,
+    make_effect,
     model_from_dict,
     model_to_dict,
     parameter_unit,
     save_model,
 )
 from mrwarp.params import MrParams
-from mrwarp.usd.asset import load_bench, load_robot, read_parameters
+from mrwarp.usd.asset import load_bench, load_robot
+from mrwarp.usd.record import read_parameters, write_model
 
 VALUES = {
     "D": -0.1 / 3, "B": 0.1, "C": 0.2, "I1": -1e-4 / 7, "K0": 0.4, "K1": 10.4, "alpha": 0.77, "beta": 16.5,
@@ -106,7 +107,7 @@ def test_usd_round_trip_is_lossless(tmp_path: Path) -> None:
     """Written on a calf of the robot and saved, the values read back to the last bit; the stance pose stays."""
     robot = load_robot()
     mr = next(a for a in robot.actuators if a.mr is not None)
-    model().write_usd(robot.stage.GetPrimAtPath(mr.prim_path))
+    write_model(robot.stage.GetPrimAtPath(mr.prim_path), model())
     robot.save(tmp_path / "robot.usda")
     back = next(a.mr for a in load_robot(tmp_path / "robot.usda").actuators if a.joint == mr.joint)
     assert back is not None and mr.mr is not None
@@ -118,7 +119,7 @@ def test_bench_asset_takes_the_model() -> None:
     """The one-joint bench accepts the same model on its stage."""
     bench = load_bench()
     prim = bench.stage.GetPrimAtPath(bench.actuators[0].prim_path)
-    model().write_usd(prim)
+    write_model(prim, model())
     assert read_parameters(prim).hold.n == 3.0
 
 

@@ -16,7 +16,7 @@ from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.options.arguments import Parser, typed
 from mrwarp.recording.load import Holding
 from mrwarp.trials.impact import ImpactCfg, Variant
-from mrwarp.usd.asset import ASSETS
+from mrwarp.usd.open_stage import ASSETS
 
 
 def refused(argv: list[str], capsys: pytest.CaptureFixture[str]) -> str:

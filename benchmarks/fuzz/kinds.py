@@ -32,7 +32,7 @@ class Kind:
 
 def read_model(path: Path) -> None:
     """Load a model and put it on the robot's joints."""
-    from mrwarp.usd.applied_effects import with_model
+    from mrwarp.usd.asset import with_model
 
     with_model(_robot(), str(path))
 
@@ -68,7 +68,7 @@ def _errors(*names: str) -> Callable[[], tuple[type[Exception], ...]]:
 
 
 _RECORDING = _errors("mrwarp.recording.load.RecordingError")
-_ASSET = _errors("mrwarp.usd.asset.AssetError", "mrwarp.params.ParameterError")
+_ASSET = _errors("mrwarp.usd.open_stage.AssetError", "mrwarp.params.ParameterError")
 
 KINDS = {
     "csv": Kind(".csv", seeds.csv_seeds, _read("mrwarp.recording.load", "load_recording"), _RECORDING),

@@ -40,8 +40,7 @@ def parquet_seeds() -> list[bytes]:
 
 def model_seeds() -> list[bytes]:
     """A fitted joint, without and with effects."""
-    from mrwarp.effects.model_entries import make_effect
-    from mrwarp.model_file import JOINT_UNITS, FittedOn, Model, Parameter, model_to_dict, parameter_unit
+    from mrwarp.model_file import JOINT_UNITS, FittedOn, Model, Parameter, make_effect, model_to_dict, parameter_unit
 
     values = {
         "D": -0.033, "B": 0.1, "C": 0.2, "I1": -1e-4, "K0": 0.4, "K1": 10.4, "alpha": 0.77, "beta": 16.5,
@@ -58,7 +57,7 @@ def model_seeds() -> list[bytes]:
 
 def usd_seeds() -> list[bytes]:
     """The shipped robot and bench."""
-    from mrwarp.usd.asset import ASSETS
+    from mrwarp.usd.open_stage import ASSETS
 
     return [(ASSETS / name).read_bytes() for name in ("mr_go.usda", "mr_bench.usda")]
 

@@ -1,15 +1,18 @@
-"""The effects of a batch of devices: values and states as arrays, and the launches that take the plain ones' place."""
+"""The effects of a batch of devices: values and states as arrays, and the launches that take the plain ones' place.
+
+Effects of the kind ``mechanism`` act. An inertia acts as armature of the joint, in the model and so implicitly, never
+as a torque.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from mrwarp.actuator.device_effects import values_range, values_row
-from mrwarp.effects.catalogue import COLUMNS, SLOTS, column_of
+from mrwarp.effects.catalogue import CATALOGUE, COLUMN, COLUMNS, NULLS, SLOTS, column_of
 from mrwarp.effects.stages import advance_effects_kernel, predict_effects_kernel, reset_effects_kernel
 from mrwarp.kernels.joint_params import JointParams
 from mrwarp.kernels.launch import record
@@ -17,6 +20,39 @@ from mrwarp.model_file import Effect
 
 STATE = ("coil", "heat", "newest", "memory", "commands", "clock", "values")
 """Arrays that a resumed run needs."""
+
+INERTIA = "rotor_inertia"
+"""The effect that acts as armature."""
+
+
+def in_kernels(effects: Iterable[Effect]) -> bool:
+    """Whether one of the effects needs the kernels with effects."""
+    return any(effect.acts and effect.name != INERTIA for effect in effects)
+
+
+def added_inertia(effects: Iterable[Effect]) -> float:
+    """Armature that the effects add to the joint [kg·m²]."""
+    return sum(effect.values["inertia"] for effect in effects if effect.name == INERTIA)
+
+
+def values_row(effects: Iterable[Effect]) -> np.ndarray:
+    """Row of the catalogue's parameters for the kernels, float64, shape (COLUMNS,).
+
+    Parameters of effects that are absent or do not act in the kernels are at their null values.
+    """
+    row = np.array(NULLS, dtype=float)
+    for effect in effects:
+        if in_kernels([effect]):
+            for k, spec in enumerate(CATALOGUE[effect.name].parameters):
+                given = effect.parameters.get(spec.name)
+                row[COLUMN[effect.name] + k] = given.value if given else (*spec.choices, spec.null)[0]
+    return row
+
+
+def longest_delay(effects: Iterable[Effect]) -> float:
+    """Longest delay of the command [s]: the upper end of its interval, without one its value, without delay 0."""
+    delays = [effect.parameters["delay"] for effect in effects if effect.name == "command_delay"]
+    return max((p.ci95[1] if p.ci95 else p.value for p in delays), default=0.0)
 
 
 class DeviceEffects:
@@ -47,8 +83,7 @@ class DeviceEffects:
         self.device, self.num_envs = device, num_envs
         nominal = np.stack([values_row(found) for found in effects])
         self.values = wp.array(np.tile(nominal, (rows, 1, 1)), dtype=float, device=device)
-        longest = max(values_range(found)[1][column_of("command_delay", "delay")] for found in effects)
-        depth = int(longest / dt) + 3  # one more than needed for what rounding to 32 bits may add
+        depth = int(max(map(longest_delay, effects)) / dt) + 3  # one to spare for rounding to 32 bits
         shape = (num_envs, num_mr)
         self.coil, self.heat = (wp.zeros(shape, dtype=float, device=device) for _ in range(2))
         self.newest = wp.zeros(shape, dtype=int, device=device)

@@ -12,19 +12,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import warp as wp
 
+from mrwarp.actuator.effect_runtime import DeviceEffects, in_kernels
 from mrwarp.enums import Coupling, HoldCurrent, ZStep
 from mrwarp.kernels import joint_params, ledger, mr_stages, window
 from mrwarp.kernels.launch import in_one_thread, record
 from mrwarp.model_file import Effect
 from mrwarp.params import MrParams
-
-if TYPE_CHECKING:
-    from mrwarp.actuator.effect_runtime import DeviceEffects
 
 
 class DrivenJoint(Protocol):
@@ -60,7 +58,7 @@ class DrivenJoint(Protocol):
 
     @property
     def effects(self) -> Sequence[Effect]:
-        """Named effects of the device, see :mod:`mrwarp.actuator.device_effects`; empty without."""
+        """Named effects of the device, see :mod:`mrwarp.actuator.effect_runtime`; empty without."""
         ...
 
 
@@ -379,9 +377,6 @@ class MrActuator:
         """What the devices' effects need, if one acts in the kernels."""
         if not any(effects):
             return None
-        from mrwarp.actuator.device_effects import in_kernels
-        from mrwarp.actuator.effect_runtime import DeviceEffects
-
         if not any(in_kernels(found) for found in effects):
             return None
         return DeviceEffects(effects, num_envs=self.num_envs, dt=self.dt, device=self.device, rows=rows)

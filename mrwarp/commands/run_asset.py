@@ -9,17 +9,23 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from mujoco import MjModel
 from pxr import Usd
 
-from mrwarp.model_file import Model, ModelFileError, Parameter, load_model, save_model
+from mrwarp.model_file import Model, ModelFileError, Parameter, load_model, save_model, silent_note
 from mrwarp.options.arguments import Parser
 from mrwarp.run_dir import one_line
-from mrwarp.usd.asset import ASSETS, AssetError, is_mr, open_stage, read_parameters
+from mrwarp.runtime import quiet_libraries, silent
+from mrwarp.usd.asset import RobotAsset
 from mrwarp.usd.edit import Change, edit_asset, find_prim
-from mrwarp.usd.record import RECORD, PrimModel, read_model, record_text, summary
+from mrwarp.usd.open_stage import ASSETS, AssetError
+from mrwarp.usd.record import RECORD, PrimModel, is_mr, read_model, read_parameters, record_text, summary
 from mrwarp.usd.scene_report import check_asset, diff_assets, load_variants, models, show_asset, value_text
+from mrwarp.usd.stage_trial import open_stage
 
 DEFAULT = ASSETS / "mr_go.usda"
+_CONVERSION_DT = 0.005
+"""Physics step of the trial conversion [s]; any positive number does."""
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -96,11 +102,9 @@ def _apply(args: argparse.Namespace) -> int:
     model.to_params()  # refuses other units than the simulator's
     code = _edit(args, model.values, lambda prim: record_text(model, read_parameters(prim, args.file)))
     if model.effects:
-        from mrwarp.actuator.device_effects import acts, effect_text, silent_note  # starts Warp
-
         for effect in model.effects:
-            if acts(effect):
-                print(f"acts in the simulator: {effect_text(effect)}")
+            if effect.acts:
+                print(f"acts in the simulator: {effect}")
         if note := silent_note(model.effects):
             print(note)
     return code
@@ -110,7 +114,7 @@ def _edit(
     args: argparse.Namespace, values: Mapping[str, float | str], record: Callable[[Usd.Prim], str] | None = None
 ) -> int:
     """Edit, and say what changed."""
-    report = edit_asset(args.file, args.prim, dict(values), args.out, lambda copy: list(check_asset(copy)), record)
+    report = edit_asset(args.file, args.prim, dict(values), args.out, _checked, record)
     for change in report.changes:
         print(_change(change))
     for line in report.kept:
@@ -160,8 +164,21 @@ def _change(change: Change) -> str:
     return f"{change.prim} {change.attribute}: {before} -> {value_text(change.attribute, change.after)}"
 
 
+def convert(asset: RobotAsset) -> MjModel:
+    """The MuJoCo model of an asset; Newton's notes are swallowed."""
+    quiet_libraries()  # before the import below starts Warp
+    from mrwarp.env.sim_model import build_scene
+
+    with silent():
+        return build_scene(asset, dt=_CONVERSION_DT, ground=asset.robot != "bench").model
+
+
+def _checked(copy: Path) -> list[str]:
+    return list(check_asset(copy, convert))
+
+
 def _check(args: argparse.Namespace) -> int:
-    for line in check_asset(args.file):
+    for line in check_asset(args.file, convert):
         print(line, flush=True)
     return 0
 

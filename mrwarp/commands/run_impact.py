@@ -66,8 +66,8 @@ def main(argv: list[str] | None = None) -> int:
     quiet_libraries()
     from mrwarp.rl.policy import OnnxPolicy, PolicyError
     from mrwarp.trials.impact import ImpactSweep, figures
-    from mrwarp.usd.applied_effects import effect_lines
-    from mrwarp.usd.asset import AssetError, check_currents
+    from mrwarp.usd.asset import check_currents, effect_lines
+    from mrwarp.usd.open_stage import AssetError
     from mrwarp.viewing import impact_pictures
     from mrwarp.viewing.impact_view import ImpactView
     from mrwarp.viewing.stream import ViewerError

@@ -103,8 +103,8 @@ def _play(args: argparse.Namespace, argv: list[str]) -> int:
     from mrwarp.rl.play import Player
     from mrwarp.rl.policy import OnnxPolicy, PolicyError
     from mrwarp.trials.walking import make_env
-    from mrwarp.usd.applied_effects import effect_lines
-    from mrwarp.usd.asset import AssetError, check_currents
+    from mrwarp.usd.asset import check_currents, effect_lines
+    from mrwarp.usd.open_stage import AssetError
     from mrwarp.viewing.stream import ViewerError
 
     try:

@@ -106,8 +106,8 @@ def main(argv: list[str] | None = None, prog: str = "mrwarp train") -> int:
     from mrwarp.rl.ranks import RankLostError, Ranks
     from mrwarp.rl.trainer import TrainCfg, Trainer, TrainingError
     from mrwarp.run_dir import FolderError, one_line
-    from mrwarp.usd.applied_effects import effect_lines
-    from mrwarp.usd.asset import AssetError
+    from mrwarp.usd.asset import effect_lines
+    from mrwarp.usd.open_stage import AssetError
     from mrwarp.viewing.stream import ViewerError
 
     ranks = Ranks()

@@ -15,7 +15,7 @@ from mrwarp.options.arguments import Parser, count
 from mrwarp.params import ParameterError
 from mrwarp.run_dir import check_writable, write_result
 from mrwarp.runtime import quiet_libraries
-from mrwarp.usd.asset import AssetError
+from mrwarp.usd.open_stage import AssetError
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -11,9 +11,8 @@ from mrwarp.diagnose.engine import Engine, Fitted
 from mrwarp.diagnose.uncertainty import covariance, interval
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
-from mrwarp.effects.model_entries import effect_unit
 from mrwarp.identify.replay import Scales
-from mrwarp.model_file import Effect, FittedOn, Model, Parameter, parameter_unit
+from mrwarp.model_file import Effect, FittedOn, Model, Parameter, effect_unit, parameter_unit
 from mrwarp.recording.load import Recording
 from mrwarp.run_dir import versions
 

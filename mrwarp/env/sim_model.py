@@ -18,6 +18,7 @@ import numpy as np
 
 import mrwarp.actuator.newton_drive  # noqa: F401  registers the MR drive, so that Newton can read the asset
 from mrwarp.actuator import brake_constraint
+from mrwarp.actuator.effect_runtime import added_inertia
 from mrwarp.actuator.mr_actuator import Coupling
 from mrwarp.env.terrain import Field
 from mrwarp.usd.asset import JointActuator, RobotAsset
@@ -151,10 +152,6 @@ def add_inertia(model: mujoco.MjModel, dofs: np.ndarray, actuators: Sequence[Joi
     Raises:
         ValueError: a joint's armature would be negative.
     """
-    from mrwarp.actuator.device_effects import (
-        added_inertia,  # starts Warp's laws, which a robot without effects needs not
-    )
-
     added = np.array([added_inertia(a.effects) if a.effects else 0.0 for a in actuators])
     for actuator, own, more in zip(actuators, model.dof_armature[dofs], added, strict=True):
         if own + more < 0.0:

@@ -25,8 +25,7 @@ from mrwarp.env.terrain import Terrain
 from mrwarp.env.watch import Watch
 from mrwarp.kernels.launch import Around, Work, in_graphs, in_turn, record
 from mrwarp.nn import network_file
-from mrwarp.usd.applied_effects import with_model
-from mrwarp.usd.asset import JointActuator, load_robot
+from mrwarp.usd.asset import JointActuator, load_robot, with_model
 from mrwarp.usd.robot import DEFAULT_Q, LEGS
 
 

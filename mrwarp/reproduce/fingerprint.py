@@ -18,7 +18,7 @@ import mrwarp
 from mrwarp.reproduce.experiment import Experiment
 from mrwarp.reproduce.settings import Settings
 from mrwarp.run_dir import versions
-from mrwarp.usd.asset import ASSETS
+from mrwarp.usd.open_stage import ASSETS
 
 ROOT = Path(mrwarp.__file__).resolve().parent
 """Folder of the package."""

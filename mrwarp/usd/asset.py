@@ -1,31 +1,22 @@
-"""Robot and bench as USD: open a stage, pick variants, check every number, read and write the MR parameters.
+"""Robot and bench as USD: open a stage, pick variants, check every joint's drive; a model.json on the MR joints.
 
 The files are edited by hand: what is missing, misspelt or out of range is refused by a message that says where.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 from pxr import Sdf, Usd, UsdUtils
 
-from mrwarp.model_file import Effect
-from mrwarp.params import MrParams, ParameterError, ParamSpec
+from mrwarp.model_file import Effect, Model, ModelFileError, check_effects, load_model, silent_note
+from mrwarp.params import MrParams
 from mrwarp.usd.open_stage import ASSETS, SCHEMA, AssetError
+from mrwarp.usd.record import PD, is_mr, read_effects, read_number, read_parameters
 from mrwarp.usd.robot import JOINTS
 from mrwarp.usd.stage_trial import open_stage
-
-PREFIX = "newton:mr:"
-"""Namespace of the MR parameters in USD."""
-
-PD = {f"newton:{n}": MrParams.spec(s) for n, s in (("kp", "kp_base"), ("kd", "kd"), ("maxEffort", "tau_limit"))}
-"""What is known about the attributes of a plain motor."""
-_NUMBER_TYPES = {"double", "float", "int"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,11 +54,6 @@ class RobotAsset:
         UsdUtils.StitchLayers(merged, self.stage.GetRootLayer())
         if not merged.Export(str(path)):
             raise AssetError(f"{path}: cannot be written")
-
-
-def is_mr(prim: Usd.Prim) -> bool:
-    """Whether :data:`SCHEMA` is applied to a prim, directly or through what it inherits."""
-    return SCHEMA in prim.GetPrimTypeInfo().GetAppliedAPISchemas()
 
 
 def load_robot(
@@ -117,34 +103,48 @@ def load_bench(path: str | Path | None = None, *, allow_external: bool = False) 
     return RobotAsset(path=file, robot="bench", payload=0, stage=stage, actuators=found)
 
 
-def read_parameters(prim: Usd.Prim, file: str | Path = "stage") -> MrParams:
-    """Read and check the ``newton:mr:*`` attributes of one actuator prim.
+def with_model(asset: RobotAsset, model: Model | str | Path) -> RobotAsset:
+    """The asset with the numbers and effects of a model on every MR joint, in place of its own.
+
+    What the model does not hold (neutral angle, gates, motor) stays each joint's.
+
+    Args:
+        asset: Robot or bench.
+        model: A model, or the file that holds one.
 
     Raises:
-        AssetError: an attribute is missing, misspelt, not a number or out of range.
+        ModelFileError: it cannot be used, or no joint of the asset has a device.
     """
-    where = f"{file}: {prim.GetPath()}"
-    try:
-        for attribute in prim.GetAuthoredPropertiesInNamespace(PREFIX.rstrip(":")):
-            MrParams.spec(attribute.GetName().removeprefix(PREFIX), where)
-        values = {spec.name: _number(prim, PREFIX + spec.name, spec, file) for spec in MrParams.specs()}
-        return MrParams.from_dict(values, where)
-    except ParameterError as error:
-        raise AssetError(str(error).replace("MR parameter '", f"MR parameter '{PREFIX}")) from None
+    name = model.fitted_on.source if isinstance(model, Model) else str(model)
+    model = model if isinstance(model, Model) else load_model(model)
+    if not any(actuator.mr for actuator in asset.actuators):
+        raise ModelFileError(f"{name}: robot {asset.robot!r} has no MR joint to take the model; leave the model out")
+    check_effects(model.effects, name)
+    actuators = []
+    for a in asset.actuators:
+        if a.mr is not None:
+            mr = model.to_params(a.mr)
+            kp, kd, limit = mr.motor.kp_base, mr.motor.kd, mr.motor.tau_limit
+            a = replace(a, mr=mr, kp=kp, kd=kd, tau_limit=limit, effects=model.effects, lost="")
+        actuators.append(a)
+    return replace(asset, actuators=tuple(actuators))
 
 
-def write_parameters(prim: Usd.Prim, params: MrParams) -> None:
-    """Author all parameters on an actuator prim, in double precision, at the stage's edit target.
-
-    On the stage of a :class:`RobotAsset` that is the session layer: the file stays as it is (see ``RobotAsset.save``).
-
-    Raises:
-        AssetError: the prim is not an MR actuator.
-    """
-    if not is_mr(prim):
-        raise AssetError(f"{prim.GetPath()}: {SCHEMA} is not applied; apply it, or choose variant robot = mr_go")
-    for name, value in params:
-        prim.CreateAttribute(PREFIX + name, Sdf.ValueTypeNames.Double, custom=False).Set(value)
+def effect_lines(actuators: Sequence[JointActuator]) -> Iterator[str]:
+    """What acts on which joints, and what does not; nothing for joints without effects."""
+    groups: list[tuple[tuple[Effect, ...], list[str]]] = []
+    for a in actuators:
+        if a.mr is not None and a.effects:
+            same = next((joints for effects, joints in groups if effects == a.effects), None)
+            if same is None:
+                groups.append((a.effects, [a.joint]))
+            else:
+                same.append(a.joint)
+    for effects, joints in groups:
+        if acting := [str(effect) for effect in effects if effect.acts]:
+            yield f"effects on {', '.join(joints)}: {'; '.join(acting)}"
+        if note := silent_note(effects):
+            yield f"note: {note}"
 
 
 def variant_choices(stage: Usd.Stage, name: str) -> list[str]:
@@ -200,43 +200,16 @@ def _actuator(prim: Usd.Prim, joint: str, file: Path) -> JointActuator:
     if is_mr(prim):
         mr = read_parameters(prim, file)
         kp, kd, limit = mr.motor.kp_base, mr.motor.kd, mr.motor.tau_limit
-        effects, lost = _effects(prim, file)
+        effects, lost = (), ""
+        try:
+            effects = read_effects(prim, file)
+        except AssetError as error:
+            lost = str(error)
         return JointActuator(
             joint=joint, prim_path=path, kp=kp, kd=kd, tau_limit=limit, mr=mr, effects=effects, lost=lost
         )
     if not {"NewtonPDControlAPI", "NewtonMaxEffortClampingAPI"} <= set(schemas):
         allowed = f"allowed: {SCHEMA}, or NewtonPDControlAPI with NewtonMaxEffortClampingAPI"
         raise AssetError(f"{file}: {path}: apiSchemas = {list(schemas)}; {allowed}")
-    kp, kd, limit = (_number(prim, name, spec, file) for name, spec in PD.items())
+    kp, kd, limit = (read_number(prim, name, spec, file) for name, spec in PD.items())
     return JointActuator(joint=joint, prim_path=path, kp=kp, kd=kd, tau_limit=limit, mr=None)
-
-
-def _effects(prim: Usd.Prim, file: Path) -> tuple[tuple[Effect, ...], str]:
-    """Effects of the model that was applied to a prim, or why they cannot be read."""
-    from mrwarp.usd.record import read_effects  # that file is built on this one
-
-    try:
-        return read_effects(prim, file), ""
-    except AssetError as error:
-        return (), str(error)
-
-
-def _number(prim: Usd.Prim, name: str, spec: ParamSpec, file: str | Path) -> float:
-    """The authored value of a numeric attribute, checked; a 32-bit value is read as its shortest decimal (23.7)."""
-    attribute = prim.GetAttribute(name)
-    where = f"{file}: {prim.GetPath()}"
-    if not attribute or not attribute.HasAuthoredValue():
-        raise AssetError(f"{where}: {name} is missing; {spec.allowed()}")
-    opinion = next(s for s in attribute.GetPropertyStack() if s.HasDefaultValue() or s.HasInfo("timeSamples"))
-    value: Any = opinion.default
-    if opinion.HasInfo("timeSamples"):
-        raise AssetError(f"{where}: {name} varies with time; author one value; {spec.allowed()}")
-    # USD keeps a path or a list that stands in place of a number, whatever the attribute's type says
-    if str(opinion.typeName) not in _NUMBER_TYPES or not isinstance(value, int | float):
-        raise AssetError(f"{where}: {opinion.typeName} {name} = {value!r} is not a number; {spec.allowed()}")
-    if str(opinion.typeName) == "float" and math.isfinite(value):
-        value = float(str(np.float32(value)))
-    try:
-        return spec.check(value, where)
-    except ParameterError:
-        raise AssetError(f"{where}: {name} = {value:g} is out of range; {spec.allowed()}") from None

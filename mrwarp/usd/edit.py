@@ -17,10 +17,10 @@ from typing import Any
 from pxr import Sdf, Tf, Usd
 
 from mrwarp.params import MrParams, ParameterError
-from mrwarp.usd.asset import PD, PREFIX, AssetError, is_mr, open_stage
-from mrwarp.usd.open_stage import choices
-from mrwarp.usd.record import RECORD
+from mrwarp.usd.open_stage import AssetError, choices
+from mrwarp.usd.record import PD, PREFIX, RECORD, is_mr
 from mrwarp.usd.scene_report import decimal, plain, value_text
+from mrwarp.usd.stage_trial import open_stage
 from mrwarp.usd.usda_text import UsdaTextError, quoted, set_value
 
 SUFFIXES = (".usda", ".usdc", ".usd")

@@ -33,8 +33,12 @@ MAX_NESTING = 100
 MAX_CHOICES = 64
 """Most combinations of the default prim's variants."""
 
-_LONGEST = 400
+MAX_QUOTED = 400
 """Most characters of USD's own messages, which quote from the file."""
+
+MAX_MESSAGE = 1500
+"""Length of a refusal [characters]."""
+
 _OPAQUE = re.compile(
     rb'"""(?:\\.|[^\\])*?(?:"""|\\?\Z)|'
     rb"'''(?:\\.|[^\\])*?(?:'''|\\?\Z)|"
@@ -49,10 +53,6 @@ _MARKS = re.compile(rb"(?P<bracket>[()\[\]{}])|" + _OPAQUE.pattern, re.DOTALL)
 _NO_BRACKETS = bytes(set(range(256)) - set(b"()[]{}"))
 
 
-_LONGEST = 1500
-"""Length of a refusal [characters]."""
-
-
 class AssetError(ValueError):
     """A USD asset was refused; the message names file, prim path, attribute, value and the allowed range or remedy.
 
@@ -60,8 +60,8 @@ class AssetError(ValueError):
     """
 
     def __init__(self, message: str) -> None:
-        if len(message) > _LONGEST:
-            message = f"{message[: _LONGEST - 400]} ... {message[-395:]}"
+        if len(message) > MAX_MESSAGE:
+            message = f"{message[: MAX_MESSAGE - 400]} ... {message[-395:]}"
         super().__init__(message)
 
 
@@ -155,7 +155,7 @@ def said(error: object) -> str:
     except UnicodeDecodeError:  # the message quotes the file
         return "the text is not UTF-8"
     found = re.findall(r" at line \d+ in file \S+ : '(.*?)'(?=\n|$)", text.strip(), flags=re.DOTALL)
-    return " ".join(" ".join(found or [text]).split())[:_LONGEST]
+    return " ".join(" ".join(found or [text]).split())[:MAX_QUOTED]
 
 
 def _refuse_external(layer: Sdf.Layer, folder: Path, seen: set[str]) -> None:

@@ -1,13 +1,15 @@
-"""The model behind an MR prim's numbers: intervals, origin and effects, as one text attribute beside the numbers.
+"""What an MR prim holds: its numbers, and the record of the model that they are of.
 
-:data:`RECORD` holds, as JSON, ``model``, the content of the model.json that was applied, and ``rest``, the prim's other
-numbers at that time. The numbers themselves are the attributes ``newton:mr:*``, which any USD tool may change: where
-one differs from the record, the attribute counts, and its interval is dropped, as it belongs to another value.
+The numbers are the attributes ``newton:mr:*``. One text attribute beside them, :data:`RECORD`, holds as JSON
+``model``, the content of the model.json that was applied (intervals, origin, effects), and ``rest``, the prim's other
+numbers at that time. Any USD tool may change the numbers: where one differs from the record, the attribute counts, and
+its interval is dropped, as it belongs to another value.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -32,10 +34,19 @@ from mrwarp.model_file import (
     parameter_unit,
     read_json,
     shown,
+    silent_note,
 )
-from mrwarp.params import MrParams
+from mrwarp.params import MrParams, ParameterError, ParamSpec
 from mrwarp.run_dir import versions
-from mrwarp.usd.asset import PREFIX, AssetError, read_parameters
+from mrwarp.usd.open_stage import SCHEMA, AssetError
+
+PREFIX = "newton:mr:"
+"""Namespace of the MR parameters in USD."""
+
+PD = {f"newton:{n}": MrParams.spec(s) for n, s in (("kp", "kp_base"), ("kd", "kd"), ("maxEffort", "tau_limit"))}
+"""What is known about the attributes of a plain motor."""
+
+_NUMBER_TYPES = {"double", "float", "int"}
 
 RECORD = "mr:model:record"
 """Attribute of type ``string`` that holds the record; ASCII, so that no tool's encoding matters."""
@@ -63,13 +74,10 @@ class PrimModel:
         if self.applied is None:
             return
         yield f"model: {origin(self.applied)}"
-        if self.applied.effects:
-            from mrwarp.actuator.device_effects import acts, effect_text, silent_note
-
-            for effect in self.applied.effects:
-                yield f"effect{'' if acts(effect) else ' (does not act)'}: {effect_text(effect)}"
-            if note := silent_note(self.applied.effects):
-                yield note
+        for effect in self.applied.effects:
+            yield f"effect{'' if effect.acts else ' (does not act)'}: {effect}"
+        if note := silent_note(self.applied.effects):
+            yield note
         if self.changed:
             yield self.note()
 
@@ -80,11 +88,71 @@ class PrimModel:
         return f"changed since the model was applied, so without interval: {', '.join(parts)}" if parts else ""
 
 
+def is_mr(prim: Usd.Prim) -> bool:
+    """Whether :data:`SCHEMA` is applied to a prim, directly or through what it inherits."""
+    return SCHEMA in prim.GetPrimTypeInfo().GetAppliedAPISchemas()
+
+
+def read_parameters(prim: Usd.Prim, file: str | Path = "stage") -> MrParams:
+    """Read and check the ``newton:mr:*`` attributes of one actuator prim.
+
+    Raises:
+        AssetError: an attribute is missing, misspelt, not a number or out of range.
+    """
+    where = f"{file}: {prim.GetPath()}"
+    try:
+        for attribute in prim.GetAuthoredPropertiesInNamespace(PREFIX.rstrip(":")):
+            MrParams.spec(attribute.GetName().removeprefix(PREFIX), where)
+        values = {spec.name: read_number(prim, PREFIX + spec.name, spec, file) for spec in MrParams.specs()}
+        return MrParams.from_dict(values, where)
+    except ParameterError as error:
+        raise AssetError(str(error).replace("MR parameter '", f"MR parameter '{PREFIX}")) from None
+
+
+def write_parameters(prim: Usd.Prim, params: MrParams) -> None:
+    """Author all parameters on an actuator prim, in double precision, at the stage's edit target.
+
+    On the stage of a :class:`RobotAsset` that is the session layer: the file stays as it is (see ``RobotAsset.save``).
+
+    Raises:
+        AssetError: the prim is not an MR actuator.
+    """
+    if not is_mr(prim):
+        raise AssetError(f"{prim.GetPath()}: {SCHEMA} is not applied; apply it, or choose variant robot = mr_go")
+    for name, value in params:
+        prim.CreateAttribute(PREFIX + name, Sdf.ValueTypeNames.Double, custom=False).Set(value)
+
+
+def read_number(prim: Usd.Prim, name: str, spec: ParamSpec, file: str | Path) -> float:
+    """The authored value of a numeric attribute; a 32-bit value is read as its shortest decimal (23.7).
+
+    Raises:
+        AssetError: it is missing, not a number or out of the range of ``spec``.
+    """
+    attribute = prim.GetAttribute(name)
+    where = f"{file}: {prim.GetPath()}"
+    if not attribute or not attribute.HasAuthoredValue():
+        raise AssetError(f"{where}: {name} is missing; {spec.allowed()}")
+    opinion = next(s for s in attribute.GetPropertyStack() if s.HasDefaultValue() or s.HasInfo("timeSamples"))
+    value: Any = opinion.default
+    if opinion.HasInfo("timeSamples"):
+        raise AssetError(f"{where}: {name} varies with time; author one value; {spec.allowed()}")
+    # USD keeps a path or a list that stands in place of a number, whatever the attribute's type says
+    if str(opinion.typeName) not in _NUMBER_TYPES or not isinstance(value, int | float):
+        raise AssetError(f"{where}: {opinion.typeName} {name} = {value!r} is not a number; {spec.allowed()}")
+    if str(opinion.typeName) == "float" and math.isfinite(value):
+        value = float(str(np.float32(value)))
+    try:
+        return spec.check(value, where)
+    except ParameterError:
+        raise AssetError(f"{where}: {name} = {value:g} is out of range; {spec.allowed()}") from None
+
+
 def read_model(prim: Usd.Prim, file: str | Path = "stage") -> PrimModel:
     """The model that an MR prim holds.
 
     Raises:
-        AssetError: an attribute is unusable (see :func:`mrwarp.usd.asset.read_parameters`), or the record is.
+        AssetError: an attribute is unusable (see :func:`read_parameters`), or the record is.
     """
     values = {name: value for name, value in read_parameters(prim, file) if name != "q_neutral"}
     place = f"{file}: {prim.GetPath()}"
@@ -117,8 +185,15 @@ def record_text(model: Model, params: MrParams) -> str:
     return json.dumps({"model": model_to_dict(model), "rest": rest}, allow_nan=False, separators=(",", ":"))
 
 
-def write_record(prim: Usd.Prim, model: Model, params: MrParams) -> None:
-    """Author the record of a model on a prim that holds ``params``, at the stage's edit target."""
+def write_model(prim: Usd.Prim, model: Model) -> None:
+    """Author a model's numbers and its record on an MR prim, at the stage's edit target; its other numbers stay.
+
+    Raises:
+        AssetError: the prim is not an MR actuator.
+        ModelFileError: as :meth:`mrwarp.model_file.Model.to_params`.
+    """
+    params = model.to_params(read_parameters(prim))
+    write_parameters(prim, params)
     prim.CreateAttribute(RECORD, Sdf.ValueTypeNames.String, custom=False).Set(record_text(model, params))
 
 

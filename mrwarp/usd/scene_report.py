@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mujoco import MjModel
 from pxr import Sdf, Usd
 
 from mrwarp.params import MrParams
-from mrwarp.usd.asset import PD, PREFIX, AssetError, RobotAsset, load_bench, load_robot, open_stage, variant_choices
-from mrwarp.usd.record import RECORD, PrimModel, read_model, record_difference, summary
+from mrwarp.usd.asset import RobotAsset, load_bench, load_robot, variant_choices
+from mrwarp.usd.open_stage import AssetError
+from mrwarp.usd.record import PD, PREFIX, RECORD, PrimModel, read_model, record_difference, summary
+from mrwarp.usd.stage_trial import open_stage
 
 _UNITS = {
     "physics:mass": "kg",
@@ -28,8 +31,6 @@ _UNITS = {
     "radius": "m",
     "height": "m",
 }
-_CONVERSION_DT = 0.005
-"""Physics step of the trial conversion [s]; any positive number does."""
 
 
 def load_variants(file: Path, robot: str | None = None, payload: str | None = None) -> Iterator[RobotAsset]:
@@ -92,25 +93,23 @@ def _is_inertia(value: Any) -> bool:
     return len(numbers) == 3 and min(numbers) > 0.0 and 2.0 * max(numbers) <= sum(numbers) * (1.0 + 1e-6)
 
 
-def check_asset(file: Path) -> Iterator[str]:
+def check_asset(file: Path, convert: Callable[[RobotAsset], MjModel]) -> Iterator[str]:
     """Load and convert every variant; yields a line for each that is usable, and where numbers left their model.
+
+    Args:
+        file: USD file.
+        convert: Builds the MuJoCo model of an asset; whatever it raises is about the file.
 
     Raises:
         AssetError: the first thing that is wrong.
     """
-    from mrwarp.runtime import quiet_libraries, silent
-
-    quiet_libraries()  # before the import below starts Warp
-    from mrwarp.env.sim_model import build_scene
-
     notes: dict[str, dict[str, None]] = {}
     for asset in load_variants(file):
         for joint, held in models(asset).items():
             notes.setdefault(held.note(), {})[joint] = None
         total, devices = sum(masses(asset).values()), sum(a.mr is not None for a in asset.actuators)
         try:
-            with silent():
-                model = build_scene(asset, dt=_CONVERSION_DT, ground=asset.robot != "bench").model
+            model = convert(asset)
         except Exception as error:  # whatever Newton and MuJoCo raise is about this file
             reason = " ".join(str(error).split()) or type(error).__name__
             raise AssetError(f"{file}: {label(asset)}: Newton cannot convert it: {reason}") from error

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 import warp as wp
 
-from mrwarp.actuator.device_effects import values_row
+from mrwarp.actuator.effect_runtime import values_row
 from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, MrActuator, MrActuatorCfg, ZStep
 from mrwarp.diagnose.effect_kernels import BASE, HEAT_TIMES, extended_replay_kernel
 from mrwarp.effects.catalogue import CATALOGUE, SLOTS, column_of
-from mrwarp.effects.model_entries import make_effect
 from mrwarp.kernels.mr_stages import predict_kernel
-from mrwarp.model_file import Effect
+from mrwarp.model_file import Effect, make_effect
 from mrwarp.params import MrParams
 from tests.effects.strengths import STRENGTHS
 

@@ -20,7 +20,8 @@ from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, HoldCurrent, M
 from mrwarp.actuator.newton_drive import DriveMR, apply_brake_bounds, prepare_brake
 from mrwarp.kernels.joint_params import FIELDS
 from mrwarp.params import MrParams, ParameterError
-from mrwarp.usd.asset import ASSETS, JointActuator, load_bench
+from mrwarp.usd.asset import JointActuator, load_bench
+from mrwarp.usd.open_stage import ASSETS
 
 DT = 0.005
 INERTIA = 0.2

@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrwarp.commands.run_asset import main
+from mrwarp.commands.run_asset import convert, main
 from mrwarp.model_file import load_model
 from mrwarp.params import MrParams
-from mrwarp.usd.asset import ASSETS, load_robot
+from mrwarp.usd.asset import load_robot
 from mrwarp.usd.edit import edit_asset
+from mrwarp.usd.open_stage import ASSETS
 from mrwarp.usd.robot import CALVES
 from mrwarp.usd.scene_report import check_asset
 
@@ -127,7 +128,7 @@ def test_check_every_variant(robot, capsys):
     assert "12 joints, 4 MR devices, 15.6 kg, 18 degrees of freedom" in lines[1]
     leg = 'over "RL_calf" (\n                    prepend inherits = </mr_go/parts/{}>'
     replaced(robot, leg.format("MRDevice"), leg.format("CalfMotor"))
-    assert "12 joints, 3 MR devices, 12.6 kg" in next(check_asset(robot))
+    assert "12 joints, 3 MR devices, 12.6 kg" in next(check_asset(robot, convert))
 
 
 @pytest.mark.parametrize(

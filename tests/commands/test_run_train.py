@@ -15,7 +15,7 @@ from mrwarp.commands import run_train as train_cli
 from mrwarp.rl import checkpoint
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.study.plan import POWER_PRICE
-from mrwarp.usd.asset import ASSETS
+from mrwarp.usd.open_stage import ASSETS
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = ROOT / "train" / "ppo.py"

@@ -10,9 +10,8 @@ from mrwarp.diagnose.effect_replay import Motion
 from mrwarp.diagnose.physical_units import factor_of, outer_interval, outer_model, unit_of
 from mrwarp.diagnose.predictor import Predictor
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
-from mrwarp.effects.model_entries import effect_unit
 from mrwarp.identify.replay import Scales
-from mrwarp.model_file import load_model, save_model
+from mrwarp.model_file import effect_unit, load_model, save_model
 from tests.diagnose import known
 
 DEVICES = [

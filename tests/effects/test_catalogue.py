@@ -164,7 +164,7 @@ np.testing.assert_allclose(hum - plain, want, rtol=0, atol=1e-4)
 assert np.abs(want).max() > 0.2
 
 from mrwarp.diagnose.effect_model import slots_of
-from mrwarp.effects.model_entries import make_effect
+from mrwarp.model_file import make_effect
 
 assert [s.parameter.name for s in slots_of("hum")] == ["size", "frequency"]
 assert make_effect("hum", {"size": 0.3, "frequency": 50.0}).values == {"size": 0.3, "frequency": 50.0}

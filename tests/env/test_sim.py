@@ -12,7 +12,8 @@ from mrwarp.env.backend import BackendKind, MjBatchBackend
 from mrwarp.env.sim import ActuatedSim, Sim, SimCfg, robot_scene
 from mrwarp.env.sim_model import Scene, SolverCfg
 from mrwarp.params import MrParams
-from mrwarp.usd.asset import ASSETS, load_robot
+from mrwarp.usd.asset import load_robot
+from mrwarp.usd.open_stage import ASSETS
 from mrwarp.verify.held_joint import bench_rig, stand_on_brakes
 from mrwarp.verify.rigs import stance
 

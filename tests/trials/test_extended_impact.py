@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mrwarp.effects.model_entries import make_effect
-from mrwarp.model_file import JOINT_UNITS, Effect, FittedOn, Model, Parameter, parameter_unit
+from mrwarp.model_file import JOINT_UNITS, Effect, FittedOn, Model, Parameter, make_effect, parameter_unit
 from mrwarp.params import MrParams
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.trials.extended_impact import FIGURES, Change, ImpactChange, impact_change

@@ -7,7 +7,7 @@ import pytest
 from mrwarp.bench.bench_effects import Effects
 from mrwarp.bench.virtual_bench import BenchCfg, run_bench
 from mrwarp.diagnose import diagnose
-from mrwarp.effects.model_entries import make_effect
+from mrwarp.model_file import make_effect
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.trials.extended_impact import Change, ImpactChange, impact_change
 

@@ -9,7 +9,6 @@ import pytest
 from pxr import Usd
 
 from mrwarp.commands.run_asset import main as asset_main
-from mrwarp.effects.model_entries import make_effect
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.sim import SimCfg, robot_scene
 from mrwarp.env.sim_model import build_scene
@@ -22,13 +21,14 @@ from mrwarp.model_file import (
     ModelFileError,
     Parameter,
     load_model,
+    make_effect,
     parameter_unit,
     save_model,
 )
 from mrwarp.params import MrParams
-from mrwarp.usd.applied_effects import effect_lines, with_model
-from mrwarp.usd.asset import ASSETS, load_bench, load_robot
-from mrwarp.usd.record import RECORD
+from mrwarp.usd.asset import effect_lines, load_bench, load_robot, with_model
+from mrwarp.usd.open_stage import ASSETS
+from mrwarp.usd.record import RECORD, write_model
 from mrwarp.usd.robot import CALVES
 
 LAG = make_effect("coil_lag", {"time_constant": 0.03})
@@ -131,7 +131,7 @@ def test_effects_reach_the_simulator_through_usd(tmp_path: Path, capsys: pytest.
 def test_effects_on_the_bench_asset(tmp_path: Path) -> None:
     """The one-joint bench reads them from its prim too."""
     bench = load_bench()
-    model(LAG).write_usd(bench.stage.GetPrimAtPath(bench.actuators[0].prim_path))
+    write_model(bench.stage.GetPrimAtPath(bench.actuators[0].prim_path), model(LAG))
     bench.save(tmp_path / "bench.usda")
     assert load_bench(tmp_path / "bench.usda").actuators[0].effects == (LAG,)
 

@@ -12,16 +12,9 @@ import pytest
 from pxr import Sdf, Usd
 
 from mrwarp.params import MrParams
-from mrwarp.usd.asset import (
-    ASSETS,
-    PREFIX,
-    SCHEMA,
-    AssetError,
-    load_bench,
-    load_robot,
-    read_parameters,
-    write_parameters,
-)
+from mrwarp.usd.asset import load_bench, load_robot
+from mrwarp.usd.open_stage import ASSETS, SCHEMA, AssetError
+from mrwarp.usd.record import PREFIX, read_parameters, write_parameters
 from mrwarp.usd.robot import CALVES, DEFAULT_Q, JOINTS, LEGS, STAND_HEIGHT
 
 LIMITS = {"hip": (-0.863, 0.863), "thigh": (-0.686, 4.501), "calf": (-2.818, -0.888)}  # [rad] unitree_go1, Menagerie

@@ -10,8 +10,10 @@ from pxr import Sdf, Usd
 
 import mrwarp.usd.edit
 from mrwarp.params import MrParams
-from mrwarp.usd.asset import ASSETS, PREFIX, AssetError, load_robot
+from mrwarp.usd.asset import load_robot
 from mrwarp.usd.edit import edit_asset
+from mrwarp.usd.open_stage import ASSETS, AssetError
+from mrwarp.usd.record import PREFIX
 from mrwarp.usd.robot import CALVES
 from mrwarp.usd.scene_report import diff_assets
 

@@ -5,7 +5,7 @@ import difflib
 import pytest
 from pxr import Sdf
 
-from mrwarp.usd.asset import ASSETS
+from mrwarp.usd.open_stage import ASSETS
 from mrwarp.usd.usda_text import UsdaTextError, quoted, scan, set_value
 
 TRICKY = '''#usda 1.0

@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from mrwarp.params import MrParams
-from mrwarp.usd.asset import PREFIX, SCHEMA
+from mrwarp.usd.open_stage import SCHEMA
+from mrwarp.usd.record import PREFIX
 
 TARGET = Path(__file__).resolve().parent / "generatedSchema.usda"
 
