@@ -30,7 +30,7 @@ PATH_FILES = (
     "mrwarp/effects/path.py",
     "mrwarp/effects/joint.py",
     "mrwarp/effects/stages.py",
-    "mrwarp/diagnose/effect_kernels.py",
+    "mrwarp/effects/replay_kernel.py",
 )
 PATH_IMPORTS = (
     *KERNEL_IMPORTS,
@@ -295,9 +295,9 @@ def test_style_check_sees_a_broken_kernel(change: tuple[str, str], line: int, te
         ("mrwarp/nn/lstm.py", "from ..env import sim", True),
         ("mrwarp/effects/path.py", "from mrwarp.kernels.bouc_wen import bouc_wen_exact", False),
         ("mrwarp/effects/path.py", "import numpy", True),
-        ("mrwarp/diagnose/effect_kernels.py", "from mrwarp.diagnose.effect_replay import Motion", True),
+        ("mrwarp/effects/replay_kernel.py", "from mrwarp.identify.dataset import Motion", True),
         ("mrwarp/effects/model_entries.py", "import numpy", False),
-        ("mrwarp/effects/model_entries.py", "from mrwarp.diagnose.effect_model import Slot", True),
+        ("mrwarp/effects/model_entries.py", "from mrwarp.identify.parameters import Slot", True),
         ("mrwarp/env/sim.py", "import newton", False),
         ("mrwarp/env/rewards.py", "def f():\n    from newton.solvers import SolverMuJoCo", True),
     ],

@@ -23,9 +23,9 @@ from mrwarp.identify.damper import (
 from mrwarp.identify.fit import FitResult, fit
 from mrwarp.identify.fit_pictures import loops_picture, residual_picture
 from mrwarp.identify.holding import fit_holding
-from mrwarp.identify.identifiability import Estimate
+from mrwarp.identify.intervals import Estimate
+from mrwarp.identify.projection import Progress
 from mrwarp.identify.replay import simulate
-from mrwarp.identify.search import Progress
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, parameter_unit, save_model
 from mrwarp.options.arguments import Parser, averaged, seed
 from mrwarp.recording.load import (

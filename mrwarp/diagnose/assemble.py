@@ -32,7 +32,7 @@ from mrwarp.diagnose.result import (
 from mrwarp.diagnose.spectral_lines import Line
 from mrwarp.diagnose.verdict_text import sentence_of
 from mrwarp.effects.catalogue import CATALOGUE
-from mrwarp.identify.replay import rms
+from mrwarp.identify.dataset import rms
 from mrwarp.recording.load import Recording
 
 

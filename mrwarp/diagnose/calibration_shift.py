@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mrwarp.diagnose.effect_model import LINEAR, SHAPE
 from mrwarp.diagnose.engine import Fitted
 from mrwarp.diagnose.uncertainty import covariance
+from mrwarp.identify.parameters import BASE_PART, LINEAR, LINEAR_PART, SHAPE, SHAPE_PART, shape_coordinates
 
 SPREAD = 0.02
 """What a parameter may differ from device to device, one standard deviation [1]."""
@@ -50,25 +50,26 @@ def find_shifts(fit: Fitted, nominal: Mapping[str, float], torque_range: float) 
     """
     base = np.array([nominal[name] for name in LINEAR])
     shape = np.array([nominal[name] for name in SHAPE])
-    centre = _shape_coordinates(shape, fit.coordinates.ranges.qd)
+    centre = shape_coordinates(*shape, fit.coordinates.ranges.qd)
     steps = [
-        _shape_coordinates(np.where(np.arange(3) == i, shape * (1.0 + SPREAD), shape), fit.coordinates.ranges.qd)
+        shape_coordinates(*np.where(np.arange(3) == i, shape * (1.0 + SPREAD), shape), fit.coordinates.ranges.qd)
         - centre for i in range(3)
     ]  # fmt: skip
-    delta = fit.x[:9] - np.concatenate([base, centre])
+    delta = fit.x[BASE_PART] - np.concatenate([base, centre])
     prior = np.maximum(SPREAD * np.abs(base), 1e-9)
-    prior[0] = max(prior[0], BIAS_SPREAD * torque_range)
-    prior[3] = max(prior[3], BIAS_SPREAD * torque_range)  # I1 is a bias that grows with the current
-    device = np.zeros((9, 9))
-    device[:6, :6] = np.diag(prior**2)
-    device[6:, 6:] = sum(np.outer(step, step) for step in steps)
-    measured = covariance(fit)[:9, :9]
+    bias = [LINEAR.index("D"), LINEAR.index("I1")]  # I1 is a bias that grows with the current
+    prior[bias] = np.maximum(prior[bias], BIAS_SPREAD * torque_range)
+    device = np.zeros((len(delta), len(delta)))
+    device[LINEAR_PART, LINEAR_PART] = np.diag(prior**2)
+    device[SHAPE_PART, SHAPE_PART] = sum(np.outer(step, step) for step in steps)
+    measured = covariance(fit)[BASE_PART, BASE_PART]
     weight = np.linalg.inv(measured + device)
     whole = float(delta @ weight @ delta)
-    directions = {name: np.zeros(9) for name in ("torque_bias", "torque_gain", "current_gain")}
-    directions["torque_bias"][0] = 1.0
-    directions["torque_gain"][:6] = base
-    directions["current_gain"][[3, 5]] = base[[3, 5]]
+    directions = {name: np.zeros(len(delta)) for name in ("torque_bias", "torque_gain", "current_gain")}
+    by_current = [LINEAR.index("I1"), LINEAR.index("K1")]
+    directions["torque_bias"][LINEAR.index("D")] = 1.0
+    directions["torque_gain"][LINEAR_PART] = base
+    directions["current_gain"][by_current] = base[by_current]
     rank = []
     for name, d in directions.items():
         information = float(d @ weight @ d)
@@ -88,12 +89,6 @@ def find_shifts(fit: Fitted, nominal: Mapping[str, float], torque_range: float) 
     if best[1] == "torque_bias":
         near = ("encoder_offset", "friction_asymmetry", *near)
     return [Found(name=best[1], value=value, error=best[3], alternatives=near)]
-
-
-def _shape_coordinates(shape: np.ndarray, speed: float) -> np.ndarray:
-    """Coordinates of alpha, beta, gamma in a fit."""
-    alpha, beta, gamma = shape
-    return np.array([np.log1p(alpha * speed), *np.log(np.maximum([beta + gamma, beta - gamma], 1e-3))])
 
 
 def _log_likelihood(delta: np.ndarray, spread: np.ndarray) -> float:

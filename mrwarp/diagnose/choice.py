@@ -12,9 +12,10 @@ import numpy as np
 
 from mrwarp.diagnose.engine import Candidate, Engine, Fitted
 from mrwarp.diagnose.features import Group
-from mrwarp.diagnose.normal_equations import losses
 from mrwarp.diagnose.uncertainty import covariance
 from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.identify.normal_equations import losses
+from mrwarp.identify.parameters import BASE_PART, EFFECT_PART
 
 FLOOR = 0.003
 """Smallest gain that is worth a name, as a share of the noise's energy: the replay's own step errs by about as much."""
@@ -77,8 +78,7 @@ class Choice:
         c = engine.coordinates((*on.effects, candidate.effect), {**on.coordinates.choices, **candidate.choices})
         if c.effects not in self.fits:
             x = on.coordinates.grown(on.x, c.effects)
-            own = [i for i, s in enumerate(c.slots, start=9) if s.effect == candidate.effect]
-            x[own] = candidate.values
+            x[c.own(candidate.effect)] = candidate.values
             self.fits[c.effects] = engine.fit(c, x)
         return self.fits[c.effects]
 
@@ -89,7 +89,8 @@ class Choice:
         there a motion that is known to some milliseconds only, or a law in a slightly wrong form, shrinks an effect.
         """
         if fit.effects not in self.plain:
-            resolution = np.array([0.0] * 9 + [slot.parameter.resolution for slot in fit.coordinates.slots])
+            resolution = np.zeros(fit.coordinates.size)
+            resolution[EFFECT_PART] = [slot.parameter.resolution for slot in fit.coordinates.slots]
             least = np.diag(covariance(fit)) + resolution**2
             plain = replace(engine.plain_fit(fit), least_variance=least)
             if any(p.form for effect in fit.effects for p in CATALOGUE[effect].parameters):
@@ -97,8 +98,8 @@ class Choice:
                 gain, t = gain_and_t(plain.left_out, bent.left_out)
                 if gain > BENT * plain.total and t > BENT_T:
                     slots = bent.coordinates.slots
-                    own = iter(least[9:])
-                    least = [*least[:9], *(0.0 if slot.parameter.form else next(own) for slot in slots)]
+                    own = iter(least[EFFECT_PART])
+                    least = [*least[BASE_PART], *(0.0 if slot.parameter.form else next(own) for slot in slots)]
                     plain = replace(bent, least_variance=np.array(least))
             self.plain[fit.effects] = plain
         return self.plain[fit.effects]
@@ -108,9 +109,7 @@ class Choice:
         rest = tuple(e for e in fit.effects if e != effect)
         if rest not in self.fits:
             c = engine.coordinates(rest, fit.coordinates.choices)
-            values = {(s.effect, s.parameter.name): v for s, v in zip(fit.coordinates.slots, fit.x[9:], strict=True)}
-            x = np.array([*fit.x[:9], *(values[s.effect, s.parameter.name] for s in c.slots)])
-            self.fits[rest] = engine.fit(c, x)
+            self.fits[rest] = engine.fit(c, fit.coordinates.moved(fit.x, c))
         return self.fits[rest]
 
 

@@ -10,7 +10,7 @@ from mrwarp.diagnose.between_run import drift_p_value, gain_within
 from mrwarp.diagnose.choice import Choice, gain_and_t, leftovers, threshold
 from mrwarp.diagnose.engine import Engine, Fitted
 from mrwarp.diagnose.features import Group
-from mrwarp.diagnose.normal_equations import losses
+from mrwarp.identify.normal_equations import losses
 
 KEPT, KEPT_BESIDE_MORE = 0.35, 0.5
 """Part of an effect's gain that must remain beside free functions of what it leaves, the latter if that is more."""
@@ -74,7 +74,7 @@ def _inside(engine: Engine, choice: Choice, fit: Fitted) -> Fitted:
     for effect in choice.own(fit):
         c = fit.coordinates
         room = np.minimum(fit.x - c.low, c.high - fit.x)
-        if any(slot.effect == effect and room[i] < 1e-3 for i, slot in enumerate(c.slots, start=9) if slot.logarithmic):
+        if any(slot.effect == effect and room[i] < 1e-3 for i, slot in c.items() if slot.logarithmic):
             without = choice.without(engine, fit, effect)
             if gain_and_t(without.left_out, fit.left_out)[1] < EDGE_T:
                 return _inside(engine, choice, without)

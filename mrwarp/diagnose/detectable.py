@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from mrwarp.diagnose.choice import threshold
-from mrwarp.diagnose.effect_model import simulate, slots_of
 from mrwarp.diagnose.engine import Engine, Fitted
-from mrwarp.diagnose.normal_equations import losses
+from mrwarp.identify.normal_equations import losses
+from mrwarp.identify.parameters import simulate, slots_of
 
 
 def detectable(engine: Engine, fit: Fitted, effects: list[str]) -> tuple[dict[str, float], list[str]]:
@@ -24,7 +24,7 @@ def detectable(engine: Engine, fit: Fitted, effects: list[str]) -> tuple[dict[st
             continue
         c = engine.coordinates((*fit.effects, effect), fit.coordinates.choices)
         x = fit.coordinates.grown(fit.x, c.effects)
-        own = [i for i, s in enumerate(c.slots, start=9) if s.effect == effect]
+        own = c.own(effect)
         for i, slot in zip(own, slots_of(effect), strict=True):
             starts = slot.parameter.starts
             if starts is not None:  # a number that shapes the effect: in the middle of its range

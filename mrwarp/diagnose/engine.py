@@ -8,11 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mrwarp.diagnose.effect_model import Coordinates, Slot, jacobian, neutral, simulate, slots_of
-from mrwarp.diagnose.effect_replay import ExtendedReplay, Motion
-from mrwarp.diagnose.noise import Noise
-from mrwarp.diagnose.normal_equations import Grams, losses, ridge_solve
 from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.identify.dataset import Motion
+from mrwarp.identify.least_squares import Quadratic, Rules, minimise
+from mrwarp.identify.noise import Noise
+from mrwarp.identify.normal_equations import NormalEquations, losses
+from mrwarp.identify.parameters import EFFECT_PART, Parameters, Slot, jacobian, simulate, slots_of
+from mrwarp.identify.replay import EffectReplay
 
 _SLAB = 12
 """Trials whose signals share one table: bounds its memory and the products that nobody needs."""
@@ -22,7 +24,7 @@ _SLAB = 12
 class Fitted:
     """A model at its best numbers. Losses are in units of the noise's variance."""
 
-    coordinates: Coordinates
+    coordinates: Parameters
     x: np.ndarray
     torque: np.ndarray
     """Simulated torque, shape (N,)."""
@@ -32,7 +34,7 @@ class Fitted:
     """Whitened sum of squares of each trajectory, shape (T,)."""
     left_out: np.ndarray
     """The same with the trajectory left out of the fit, shape (T,)."""
-    grams: Grams
+    grams: NormalEquations
     """Of [slopes, residual]."""
     free: list[int]
     """Coordinates that are not held at a bound which they push against: linear models may not cross it either."""
@@ -78,9 +80,9 @@ class Engine:
     """
 
     def __init__(
-        self, replay: ExtendedReplay, q_zero: float, weight: np.ndarray, units: Mapping[str, str] | None = None
+        self, replay: EffectReplay, q_zero: float, weight: np.ndarray, units: Mapping[str, str] | None = None
     ) -> None:
-        self.replay, self.motion, self.samples = replay, replay.motion, replay.motion.samples
+        self.replay, self.motion, self.samples = replay, replay.motion, replay.motion
         self.q_zero, self.weight = q_zero, weight
         self.units = dict(units or {})
         self.measured = self.samples.torque
@@ -96,8 +98,8 @@ class Engine:
 
     def follow(self, motion: Motion) -> None:
         """Take another reading of the same recording's motion; the measured torque stays as it is."""
-        self.motion, self.replay = motion, ExtendedReplay(motion, threads=self.replay.threads)
-        self.samples = dataclasses.replace(self.samples, q=motion.samples.q, qd=motion.samples.qd)
+        self.motion, self.replay = motion, EffectReplay(motion, threads=self.replay.threads)
+        self.samples = dataclasses.replace(self.samples, q=motion.q, qd=motion.qd)
 
     def set_aside(self, frequency: float, torque: np.ndarray) -> None:
         """Take a line out of the measured torque, with its own phase and size in each trajectory.
@@ -121,39 +123,28 @@ class Engine:
             cleaned[part] -= taken
         self.samples = dataclasses.replace(self.samples, torque=cleaned)
 
-    def coordinates(self, effects: Sequence[str], choices: dict[tuple[str, str], float] | None = None) -> Coordinates:
+    def coordinates(self, effects: Sequence[str], choices: dict[tuple[str, str], float] | None = None) -> Parameters:
         """Coordinates of a model on this data set."""
         order = [name for name in CATALOGUE if name in effects]
-        return Coordinates(order, self.motion.ranges, self.q_zero, choices)
+        return Parameters(tuple(order), self.motion.ranges, self.q_zero, choices or {})
 
-    def grams(self, rows: np.ndarray | Sequence[np.ndarray], torque: np.ndarray) -> Grams:
+    def grams(self, rows: np.ndarray | Sequence[np.ndarray], torque: np.ndarray) -> NormalEquations:
         """Whitened Gram matrices of signals, shape (M, N), or of blocks of them."""
-        return Grams(rows, torque, self.samples, self.noise_model, self.weight)
+        return NormalEquations(rows, torque, self.samples, self.noise_model, self.weight)
 
-    def fit(self, c: Coordinates, x: np.ndarray, *, iterations: int = 12, tolerance: float = 1e-5) -> Fitted:
+    def fit(self, c: Parameters, x: np.ndarray, *, iterations: int = 12, tolerance: float = 1e-5) -> Fitted:
         """Levenberg-Marquardt on the whitened mismatch, within bounds."""
-        x = np.clip(x, c.low, c.high)
-        torque, slopes = jacobian(self.replay, c, x)
-        damping = 1e-4
-        table = self.grams([slopes, (self.samples.torque - torque)[None]], torque)
-        for _ in range(iterations):
-            loss = float(table.total[-1, -1])
-            while True:
-                trial = np.clip(x + self._step(table.total, c, x, damping), c.low, c.high)
-                predicted = loss - _quadratic(table.total, trial - x)
-                if predicted > 0.0 or damping > 1e4:
-                    break
-                damping *= 30  # bounds have bent the step so far that it leads uphill
-            if predicted < tolerance * loss and predicted < 0.02 * len(x):
-                break
-            torque_new, slopes_new = jacobian(self.replay, c, trial)
-            table_new = self.grams([slopes_new, (self.samples.torque - torque_new)[None]], torque_new)
-            if float(table_new.total[-1, -1]) < loss:
-                x, torque, slopes, table, damping = trial, torque_new, slopes_new, table_new, max(damping / 10, 1e-9)
-            else:
-                damping *= 30
-                if damping > 1e4:
-                    break
+
+        def evaluate(y: np.ndarray) -> Quadratic:
+            torque, slopes = jacobian(self.replay, c, y)
+            table = self.grams([slopes, (self.samples.torque - torque)[None]], torque)
+            return Quadratic.of(table.total, (torque, slopes, table))
+
+        rules = Rules(
+            iterations=iterations, predicted=lambda gain, loss: gain < tolerance * loss and gain < 0.02 * c.size
+        )
+        x, best = minimise(evaluate, x, c.low, c.high, reach=c.reach(1.0, 0.7), rules=rules)
+        torque, slopes, table = best.content
         free = _free(table.total, c, x)
         _, inside, outside = losses(table, free, len(x))
         # what stands is the loss at x; the linear model only says what leaving a trajectory out adds to it
@@ -176,30 +167,6 @@ class Engine:
         plain = self.fit(c.steeper(), fit.coordinates.moved(fit.x, c))
         self.noise = noise
         return plain
-
-    @staticmethod
-    def _step(gram: np.ndarray, c: Coordinates, x: np.ndarray, damping: float) -> np.ndarray:
-        """Damped step with the numbers at a bound that they push against held."""
-        reach = np.full(len(x), np.inf)
-        reach[6:9] = 1.0
-        for i, slot in enumerate(c.slots, start=9):
-            if slot.logarithmic:
-                reach[i] = 0.7
-        low, high = np.maximum(c.low - x, -reach), np.minimum(c.high - x, reach)
-        free = np.ones(len(x), dtype=bool)
-        step = np.zeros(len(x))
-        for _ in range(8):
-            index = np.flatnonzero(free)
-            normal = gram[np.ix_(index, index)]
-            normal = normal + damping * np.diag(np.diag(normal))
-            held = np.where(free, 0.0, step)
-            step[index] = ridge_solve(normal, gram[index, -1] - gram[index, :-1] @ held)
-            out = ((step < low) | (step > high)) & free
-            if not out.any():
-                return step
-            step = np.clip(step, low, high)
-            free &= ~out
-        return step
 
     # --- a first look at what one more effect would give ---
 
@@ -248,7 +215,7 @@ class Engine:
         for t in trials:
             t.coordinates = self.coordinates((*base.effects, t.effect), {**base.coordinates.choices, **t.choices})
             x = base.coordinates.grown(base.x, t.coordinates.effects)
-            t.own = [i for i, s in enumerate(t.coordinates.slots, start=9) if s.effect == t.effect]
+            t.own = t.coordinates.own(t.effect)
             x[t.own] = t.values
             pairs.append((t.coordinates, x))
             for i in t.own:
@@ -282,7 +249,7 @@ class _Trial:
 
     def __init__(self, effect: str, choices: dict[tuple[str, str], float], values: np.ndarray) -> None:
         self.effect, self.choices, self.values = effect, choices, values
-        self.coordinates: Coordinates
+        self.coordinates: Parameters
         self.own: list[int] = []
         self.step = np.zeros(len(values))
         self.loss, self.held, self.left_out = np.inf, np.inf, np.zeros(0)
@@ -292,9 +259,8 @@ class _Trial:
         """A trial one damped step on."""
         low, high = self.coordinates.low[self.own], self.coordinates.high[self.own]
         step = self.step * self.shrink
-        for k, i in enumerate(self.own):
-            if self.coordinates.slots[i - 9].logarithmic:
-                step[k] = np.clip(step[k], -0.7, 0.7)
+        reach = self.coordinates.reach(np.inf, 0.7)[self.own]
+        step = np.clip(step, -reach, reach)
         new = _Trial(self.effect, self.choices, np.clip(self.values + step, low, high))
         return new
 
@@ -312,7 +278,7 @@ class _Trial:
             self.settled = self.shrink < 0.05
 
 
-def _trials(effect: str, c: Coordinates) -> list[_Trial]:
+def _trials(effect: str, c: Parameters) -> list[_Trial]:
     """Starts of an effect: every combination of its logging choices with its non-linear number's starts."""
     slots: list[Slot] = slots_of(effect)
     choices = [{}]
@@ -322,7 +288,7 @@ def _trials(effect: str, c: Coordinates) -> list[_Trial]:
     starts = [[]]
     for slot in slots:
         if slot.parameter.starts is None:
-            values: Sequence[float] = (neutral(slot, c.ranges),)
+            values: Sequence[float] = (slot.neutral(c.ranges),)
         else:
             values = slot.parameter.starts(c.ranges)
             if slot.logarithmic:
@@ -342,19 +308,14 @@ def _apart(trials: list[_Trial], count: int) -> list[_Trial]:
     return taken
 
 
-def _free(gram: np.ndarray, c: Coordinates, x: np.ndarray) -> list[int]:
+def _free(gram: np.ndarray, c: Parameters, x: np.ndarray) -> list[int]:
     """Coordinates of eqs. 14 and 15 that are not at a bound and push against it, and all of the effects."""
     slope, near = gram[:-1, -1], 1e-9
     held = ((x <= c.low + near) & (slope < 0.0)) | ((x >= c.high - near) & (slope > 0.0))
-    held[9:] = False
+    held[EFFECT_PART] = False
     return [int(i) for i in np.flatnonzero(~held)]
 
 
-def _loss_of(table: Grams, use: list[int], target: int, solution: np.ndarray) -> float:
+def _loss_of(table: NormalEquations, use: list[int], target: int, solution: np.ndarray) -> float:
     g = table.total
     return float(g[target, target] - 2.0 * solution @ g[use, target] + solution @ g[np.ix_(use, use)] @ solution)
-
-
-def _quadratic(gram: np.ndarray, step: np.ndarray) -> float:
-    """Loss of the linear model after a step."""
-    return float(gram[-1, -1] - 2.0 * step @ gram[:-1, -1] + step @ gram[:-1, :-1] @ step)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from mrwarp.diagnose.effect_replay import Motion
+from mrwarp.identify.dataset import Motion
 
 _FINE = 14
 """Highest number of periods over the range of the angle that the fine structure resolves."""
@@ -37,7 +37,7 @@ def make_groups(motion: Motion, loop: np.ndarray, hysteretic: np.ndarray) -> lis
         loop: Hysteretic torque per unit of yield gain without current, z/(1 + alpha*|qd|), shape (N,).
         hysteretic: The whole hysteretic torque, shape (N,).
     """
-    s, r = motion.samples, motion.ranges
+    s, r = motion, motion.ranges
     middle = 0.5 * (s.q.max() + s.q.min())
     q = 2.0 * (s.q - middle) / r.q
     qd = s.qd / (1.5 * r.qd)

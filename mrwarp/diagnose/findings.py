@@ -7,7 +7,6 @@ from scipy.stats import chi2
 
 from mrwarp.diagnose.calibration_shift import Found, find_shifts
 from mrwarp.diagnose.choice import Choice, threshold
-from mrwarp.diagnose.effect_model import LINEAR, SHAPE, Slot
 from mrwarp.diagnose.engine import Engine, Fitted
 from mrwarp.diagnose.features import Group
 from mrwarp.diagnose.physical_units import factor_of, unit_of
@@ -19,6 +18,7 @@ from mrwarp.diagnose.result import (
 )
 from mrwarp.diagnose.spectral_lines import Line
 from mrwarp.diagnose.uncertainty import covariance, interval
+from mrwarp.identify.parameters import LINEAR, SHAPE, Slot
 from mrwarp.model_file import JOINT_UNITS, Model
 from mrwarp.params import MrParams
 from mrwarp.recording.load import Recording
@@ -73,7 +73,7 @@ def causes_of(engine: Engine, choice: Choice, candidates: list[str]) -> list[Cau
     causes = []
     for effect in choice.own(final):
         parameters = {}
-        for i, slot in enumerate(final.coordinates.slots, start=9):
+        for i, slot in final.coordinates.items():
             if slot.effect == effect:
                 refined = choice.refined.get((effect, slot.parameter.name))
                 parameters[slot.parameter.name] = _value(engine, final, slot, i, spread, refined)

@@ -13,7 +13,7 @@ import numpy as np
 
 from mrwarp.diagnose.choice import Choice
 from mrwarp.diagnose.engine import Engine, Fitted
-from mrwarp.diagnose.normal_equations import ridge_solve
+from mrwarp.identify.least_squares import ridge_solve
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from mrwarp.diagnose.result import Diagnosis
 from mrwarp.identify import learn
-from mrwarp.identify.replay import rms
+from mrwarp.identify.dataset import rms
 from mrwarp.nn.training import FitCfg, History
 from mrwarp.nn.windows import split
 from mrwarp.recording.load import RecordingError

@@ -14,17 +14,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrwarp.diagnose.choice import Choice
-from mrwarp.diagnose.effect_kernels import HEAT_TIMES
-from mrwarp.diagnose.effect_model import Coordinates, jacobian
-from mrwarp.diagnose.effect_replay import ExtendedReplay, Motion
 from mrwarp.diagnose.engine import Engine, Fitted
-from mrwarp.diagnose.kinematics import Kinematics
-from mrwarp.diagnose.normal_equations import ridge_solve
 from mrwarp.diagnose.result import NextExperiment
 from mrwarp.diagnose.step_response import DELAY, LAG
 from mrwarp.diagnose.verdict_text import measured, quantity
 from mrwarp.effects.catalogue import CATALOGUE
-from mrwarp.identify.replay import Samples
+from mrwarp.effects.replay_kernel import HEAT_TIMES
+from mrwarp.identify.dataset import Dataset, Motion
+from mrwarp.identify.kinematics import Kinematics
+from mrwarp.identify.least_squares import ridge_solve
+from mrwarp.identify.parameters import Parameters, jacobian
+from mrwarp.identify.replay import EffectReplay
 
 _CHI2 = 100.0
 """What the wrong effect has to miss, in units of the noise's variance: four times what decides, for the experiment's
@@ -105,7 +105,7 @@ class _Pair:
     """Two models of which one is simulated and the other fitted to it."""
 
     true: Fitted
-    wrong: Coordinates
+    wrong: Parameters
     starts: list[_Start]
 
 
@@ -148,7 +148,7 @@ def _pairs(engine: Engine, choice: Choice, effect: str, rivals: tuple[str, ...])
 def _starts(engine: Engine, fit: Fitted, effect: str) -> list[_Start]:
     """The fit itself, and wherever else one of the effect's own numbers may go without losing much on the data."""
     c, points = fit.coordinates, [fit.x]
-    for i, slot in enumerate(c.slots, start=9):
+    for i, slot in c.items():
         if slot.effect == effect and slot.logarithmic:
             for away in _AWAY:
                 x = fit.x.copy()
@@ -168,27 +168,28 @@ def _starts(engine: Engine, fit: Fitted, effect: str) -> list[_Start]:
     ]
 
 
-def _beside(engine: Engine, c: Coordinates, x: np.ndarray, held: int) -> np.ndarray:
+def _beside(engine: Engine, c: Parameters, x: np.ndarray, held: int) -> np.ndarray:
     """One step towards the best numbers with one of them held."""
     torque, slopes = jacobian(engine.replay, c, x)
     total = engine.grams(np.vstack([slopes, engine.samples.torque - torque]), torque).total
     free = [k for k in range(c.size) if k != held]
     step = np.zeros(c.size)
     step[free] = ridge_solve(total[np.ix_(free, free)], total[free, -1])
-    step[6:9] = np.clip(step[6:9], -1.0, 1.0)
+    reach = c.reach(1.0, np.inf)
+    step = np.clip(step, -reach, reach)
     return np.clip(x + step, c.low, c.high)
 
 
 def _missed(engine: Engine, motion: Motion, pair: _Pair) -> float:
     """What the wrong model cannot imitate of the true one in an experiment, in units of the noise's variance."""
-    torque = ExtendedReplay(motion).torque(pair.true.coordinates.row(pair.true.x)[None])[0].astype(float)
-    motion = dataclasses.replace(motion, samples=dataclasses.replace(motion.samples, torque=torque))
-    trial = Engine(ExtendedReplay(motion), engine.q_zero, np.ones(len(torque)), engine.units)
+    torque = EffectReplay(motion).torque(pair.true.coordinates.row(pair.true.x)[None])[0].astype(float)
+    motion = dataclasses.replace(motion, torque=torque)
+    trial = Engine(EffectReplay(motion), engine.q_zero, np.ones(len(torque)), engine.units)
     trial.noise = engine.noise_model
     return min(_least(trial, pair.wrong, start) for start in pair.starts)
 
 
-def _least(trial: Engine, c: Coordinates, start: _Start, steps: int = 5) -> float:
+def _least(trial: Engine, c: Parameters, start: _Start, steps: int = 5) -> float:
     """Least loss of a model on an experiment plus what its numbers then lose on the data."""
     x, best, damping = start.x, np.inf, 1e-6
     trying, normal, moment = x, start.normal, start.moment
@@ -207,11 +208,8 @@ def _least(trial: Engine, c: Coordinates, start: _Start, steps: int = 5) -> floa
         else:
             damping = max(30.0 * damping, 1e-3)
         step = ridge_solve(normal + damping * np.diag(np.diag(normal)), moment)
-        step[6:9] = np.clip(step[6:9], -1.0, 1.0)
-        for i, slot in enumerate(c.slots, start=9):
-            if slot.logarithmic:
-                step[i] = np.clip(step[i], -0.4, 0.4)
-        trying = np.clip(x + step, c.low, c.high)
+        reach = c.reach(1.0, 0.4)
+        trying = np.clip(x + np.clip(step, -reach, reach), c.low, c.high)
     return max(best, 0.0)
 
 
@@ -221,7 +219,7 @@ def _least(trial: Engine, c: Coordinates, start: _Start, steps: int = 5) -> floa
 def _described(engine: Engine, kind: str, trial: Motion, missed: float, names: tuple[str, ...]) -> NextExperiment:
     scales, standard = engine.samples.scales, _STANDARD[kind]
     run = _run_seconds(engine.motion)
-    simulated = float(len(trial.samples.q)) * engine.motion.ranges.dt
+    simulated = float(len(trial.q)) * engine.motion.ranges.dt
     seconds = simulated * _CHI2 / max(missed, 1e-9)
     if {LAG, DELAY} <= set(names):
         seconds = _EDGES * 0.35
@@ -232,7 +230,7 @@ def _described(engine: Engine, kind: str, trial: Motion, missed: float, names: t
     size, low, high = _swing(engine.motion, standard)
     top = engine.motion.ranges.current * scales.current
     settings = {
-        "separation_sigma": math.sqrt(missed / len(trial.samples.q)), "range": engine.motion.ranges.q * scales.q,
+        "separation_sigma": math.sqrt(missed / len(trial.q)), "range": engine.motion.ranges.q * scales.q,
         "amplitude": size * scales.q, "frequency_low": low, "frequency_high": high,
         "current_max": 0.0 if standard.current == "none" else top, "runs": float(runs), "run_seconds": run,
         "rate": 1.0 / engine.motion.ranges.dt,
@@ -249,7 +247,7 @@ def _described(engine: Engine, kind: str, trial: Motion, missed: float, names: t
 
 def _run_seconds(like: Motion) -> float:
     """Length of a run [s]: as in the data."""
-    length = np.diff(like.samples.start) * like.samples.dt
+    length = np.diff(like.start) * like.dt
     return round(float(np.clip(np.median(length), *_RUN)), 1)
 
 
@@ -260,7 +258,7 @@ def _swing(like: Motion, standard: _Standard) -> tuple[float, float, float]:
     motion grow, and would be told for an effect that acts at reversals.
     """
     size = standard.size * like.ranges.q
-    by_speed = float(np.abs(like.samples.qd).max()) / size
+    by_speed = float(np.abs(like.qd).max()) / size
     by_acceleration = math.sqrt(float(np.percentile(np.abs(like.qdd), 99.5)) / size)
     most = min(by_speed, by_acceleration) / (2.0 * np.pi)
     return size, min(standard.low, most), min(standard.high, most)
@@ -287,22 +285,22 @@ def _trial(engine: Engine, kind: str, rng: np.random.Generator) -> Motion:
                 at, upper = at + span, not upper
     qd = np.gradient(q, dt)
     qdd = np.tile(np.gradient(qd, dt), _RUNS)
-    middle = 0.5 * (like.samples.q.max() + like.samples.q.min())
+    middle = 0.5 * (like.q.max() + like.q.min())
     q, qd = np.tile(q, _RUNS) + middle, np.tile(qd, _RUNS)
-    samples = Samples(
+    samples = Dataset(
         q=q, qd=qd, current=current.ravel(), torque=np.zeros(len(q)), start=np.arange(_RUNS + 1) * len(t),
-        dt=np.full(_RUNS, dt), scales=like.samples.scales,
+        dt=np.full(_RUNS, dt), scales=like.scales,
     )  # fmt: skip
     time = np.tile(t, _RUNS)
     return _moved(like, samples, qdd, time, time, np.zeros((len(HEAT_TIMES), len(time))))
 
 
 def _moved(
-    like: Motion, samples: Samples, qdd: np.ndarray, time: np.ndarray, slid_time: np.ndarray, heat: np.ndarray
+    like: Motion, samples: Dataset, qdd: np.ndarray, time: np.ndarray, slid_time: np.ndarray, heat: np.ndarray
 ) -> Motion:
     kinematics = Kinematics(qd=samples.qd, qdd=qdd, velocity_lag=0.0, velocity_lag_error=float("inf"))
     return Motion(
-        samples=samples, qdd=qdd, time=time, slid_time=slid_time, heat=heat, ranges=like.ranges, kinematics=kinematics,
+        **vars(samples), qdd=qdd, time=time, slid_time=slid_time, heat=heat, ranges=like.ranges, kinematics=kinematics,
         resistance=like.resistance,
     )  # fmt: skip
 
@@ -343,7 +341,7 @@ def _rest_for(pairs: list[_Pair]) -> float:
 
 def _repeated(like: Motion, rest: float, runs: int) -> Motion:
     """The first runs of a data set once more, after a rest."""
-    s = like.samples
+    s = like
     order = np.argsort([like.time[part.start] for part in s.parts], kind="stable")
     last = s.parts[order[-1]].stop - 1
     first = float(like.time[s.parts[order[0]].start])
@@ -355,7 +353,7 @@ def _repeated(like: Motion, rest: float, runs: int) -> Motion:
     stored = like.heat[:, last : last + 1] * np.exp(-rest / times)
     heat = like.heat[:, taken] + stored * np.exp(-(like.time[taken] - first) / times)
     slid = like.slid_time[taken] - float(like.slid_time[taken[0]]) + float(like.slid_time[last])
-    samples = Samples(
+    samples = Dataset(
         q=s.q[taken], qd=s.qd[taken], current=s.current[taken], torque=s.torque[taken], start=start,
         dt=s.dt[order[:runs]], scales=s.scales,
     )  # fmt: skip

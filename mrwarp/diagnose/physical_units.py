@@ -6,12 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mrwarp.diagnose.effect_model import LINEAR, SHAPE
 from mrwarp.diagnose.engine import Engine, Fitted
 from mrwarp.diagnose.uncertainty import covariance, interval
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
-from mrwarp.identify.replay import Scales
+from mrwarp.identify.dataset import Scales
+from mrwarp.identify.parameters import LINEAR, SHAPE
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, effect_unit, parameter_unit
 from mrwarp.recording.load import Recording
 from mrwarp.run_dir import versions
@@ -65,7 +65,7 @@ def outer_model(
             if p.name not in values[effect]:
                 continue
             factor, ci95 = factor_of(p, scales), None
-            for i, slot in enumerate(fit.coordinates.slots, start=9):
+            for i, slot in fit.coordinates.items():
                 if slot.effect == effect and slot.parameter is p:
                     ci95 = outer_interval(fit, i, spread, slot.logarithmic, factor)
             value = values[effect][p.name]

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mrwarp.diagnose.effect_replay import ExtendedReplay, Motion
-from mrwarp.identify.replay import Scales
+from mrwarp.identify.dataset import Motion, Scales
+from mrwarp.identify.replay import EffectReplay
 from mrwarp.recording.load import Recording
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Predictor:
         )
         motion = engine.motion
         return cls(
-            rows=rows, scales=motion.samples.scales, resistance=motion.resistance, under_way=motion.begin is not None,
+            rows=rows, scales=motion.scales, resistance=motion.resistance, under_way=motion.begin is not None,
             ahead=motion.ahead, rests=motion.kinematics.rests,
         )  # fmt: skip
 
@@ -53,4 +53,4 @@ class Predictor:
             motion = motion.later(self.ahead)
         if self.under_way:
             motion = motion.under_way()
-        return ExtendedReplay(motion).torque(self.rows).astype(float) * self.scales.torque
+        return EffectReplay(motion).torque(self.rows).astype(float) * self.scales.torque

@@ -7,18 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mrwarp.diagnose.effect_model import LINEAR, SHAPE, Coordinates
-from mrwarp.diagnose.effect_replay import ExtendedReplay, Motion
 from mrwarp.diagnose.engine import Engine, Fitted
 from mrwarp.diagnose.features import Group, make_groups
-from mrwarp.diagnose.noise import Noise, estimate_noise, trajectory_spread
-from mrwarp.diagnose.normal_equations import ridge_solve
 from mrwarp.diagnose.physical_units import factor_of
 from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.identify.dataset import Motion, rms
 from mrwarp.identify.fit import BoucWenStructure
-from mrwarp.identify.projection import Point
-from mrwarp.identify.replay import Replay, rms
-from mrwarp.identify.search import Progress, search_starts
+from mrwarp.identify.least_squares import ridge_solve
+from mrwarp.identify.noise import Noise, estimate_noise, trajectory_spread
+from mrwarp.identify.parameters import LINEAR, LINEAR_PART, SHAPE, Parameters, shape_coordinates
+from mrwarp.identify.projection import Point, Progress, search_starts
+from mrwarp.identify.replay import EffectReplay, Replay
 from mrwarp.model_file import JOINT_UNITS, Model
 from mrwarp.params import MrParams
 from mrwarp.recording.load import Recording
@@ -64,22 +63,22 @@ def prepare(
         told: Told what is being done.
     """
     motion = Motion.of(recording, resistance=_resistance(recording))
-    samples = motion.samples
+    samples = motion
     zero = _zero(recording, model) / samples.scales.q
     structure = BoucWenStructure(samples, zero)
     told("eqs. 14 and 15: starts")
-    points = search_starts(structure, Replay(samples), samples, limit=_STARTS_ON, seed=seed)[:2]
+    points = search_starts(structure, Replay(samples), limit=_STARTS_ON, seed=seed)[:2]
     starts = [_coordinates_of(structure, point, motion) for point in points]
     rate = min(float(np.exp(point.theta[1])) for point in points)
     weight = samples.settled(rate)
-    engine = Engine(ExtendedReplay(motion, threads=threads), zero, weight, recording.units)
+    engine = Engine(EffectReplay(motion, threads=threads), zero, weight, recording.units)
     told("noise")
     c = engine.coordinates(known, _known_bends(known, model, motion))
     if model is not None:
         starts.append(_start_of(model, structure, motion))
     plain = engine.coordinates(())
     for shape in _SHAPES:  # the search sees few samples: now and then it ends in a corner
-        starts.append(np.array([*starts[0][:6], *shape]))
+        starts.append(np.array([*starts[0][LINEAR_PART], *shape]))
     starts = [plain.grown(x, known) for x in starts]
     for x in starts if model is not None else []:
         _known_values(c, x, model, motion)
@@ -120,14 +119,14 @@ def hold_rests(engine: Engine, recording: Recording, fitted: Fitted, rate: float
         The model fitted to the motion with rests; None if the motion stays as it is.
     """
     motion, weight = engine.motion, engine.weight
-    held = Motion.of(recording, motion.samples.scales, resistance=motion.resistance, rests=True)
+    held = Motion.of(recording, motion.scales, resistance=motion.resistance, rests=True)
     if not held.kinematics.rests:
         return None
     engine.follow(held)
-    engine.weight = held.samples.settled(rate) * ~held.doubtful
+    engine.weight = held.settled(rate) * ~held.doubtful
     refitted = engine.fit(fitted.coordinates, fitted.x, tolerance=1e-4)
     known = weight * engine.weight
-    before, after = (known @ (held.samples.torque - fit.torque) ** 2 for fit in (fitted, refitted))
+    before, after = (known @ (held.torque - fit.torque) ** 2 for fit in (fitted, refitted))
     if after < before:
         return refitted
     engine.follow(motion)
@@ -147,7 +146,7 @@ def begin_under_way(engine: Engine, fitted: Fitted) -> bool:
     moving = engine.motion.under_way()
     if moving.begin is None or not moving.begin.any():
         return False
-    torque = ExtendedReplay(moving).torque(fitted.coordinates.row(fitted.x))[0].astype(float)
+    torque = EffectReplay(moving).torque(fitted.coordinates.row(fitted.x))[0].astype(float)
     head = (engine.weight == 0.0) & ~engine.motion.doubtful
     before, after = (np.where(head, engine.samples.torque - tau, 0.0) ** 2 for tau in (fitted.torque, torque))
     parts = engine.samples.parts
@@ -178,17 +177,16 @@ def _zero(recording: Recording, model: Model | None) -> float:
 
 def _start_of(model: Model, structure: BoucWenStructure, motion: Motion) -> np.ndarray:
     """Vector of a known model without its effects."""
-    scales, values = motion.samples.scales, model.values
+    scales, values = motion.scales, model.values
     inner = {name: values[name] / scales.factor(name) for name in (*LINEAR, *SHAPE)}
-    rates = np.maximum([inner["beta"] + inner["gamma"], inner["beta"] - inner["gamma"]], 1e-3)
-    shape = (np.log1p(inner["alpha"] * motion.ranges.qd), *np.log(rates))
+    shape = shape_coordinates(*(inner[name] for name in SHAPE), motion.ranges.qd)
     return np.array([*(inner[name] for name in LINEAR), *shape])
 
 
 def _known_bends(known: tuple[str, ...], model: Model | None, motion: Motion) -> dict[tuple[str, str], float]:
     """Numbers of a known model that bend its laws, inner units."""
     return {
-        (e.name, p.name): e.parameters[p.name].value / factor_of(p, motion.samples.scales)
+        (e.name, p.name): e.parameters[p.name].value / factor_of(p, motion.scales)
         for e in (model.effects if model else ())
         if e.name in known
         for p in CATALOGUE[e.name].parameters
@@ -196,23 +194,24 @@ def _known_bends(known: tuple[str, ...], model: Model | None, motion: Motion) ->
     }
 
 
-def _known_values(c: Coordinates, x: np.ndarray, model: Model | None, motion: Motion) -> None:
+def _known_values(c: Parameters, x: np.ndarray, model: Model | None, motion: Motion) -> None:
     """Put the effects of a known model into a vector."""
     effects = {e.name: e.parameters for e in model.effects} if model else {}
-    for i, slot in enumerate(c.slots, start=9):
+    for i, slot in c.items():
         given = effects.get(slot.effect, {}).get(slot.parameter.name)
         if given is None:
             continue
-        inner = given.value / factor_of(slot.parameter, motion.samples.scales)
+        inner = given.value / factor_of(slot.parameter, motion.scales)
         x[i] = np.log(max(inner, 1e-12)) if slot.logarithmic else inner
 
 
-def groups_of(engine: Engine, c: Coordinates, x: np.ndarray) -> list[Group]:
+def groups_of(engine: Engine, c: Parameters, x: np.ndarray) -> list[Group]:
     """Groups of features along the hysteresis of a model."""
     rows = np.stack([c.row(x)] * 3)
-    yielding = rows[0, 4:6].copy()
-    rows[:, :6] = 0.0
-    rows[0, 4:6], rows[1, 4:6] = yielding, (1.0, 0.0)
+    gains = [LINEAR.index("K0"), LINEAR.index("K1")]
+    yielding = rows[0, gains].copy()
+    rows[:, LINEAR_PART] = 0.0
+    rows[0, gains], rows[1, gains] = yielding, (1.0, 0.0)
     hysteretic, loop, added = engine.replay.torque(rows).astype(float)  # effects may add torque of their own
     return make_groups(engine.motion, loop - added, hysteretic - added)
 

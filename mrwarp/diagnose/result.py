@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from mrwarp.diagnose.predictor import Predictor
-from mrwarp.identify.replay import parts_of, rms
+from mrwarp.identify.dataset import parts_of, rms
 from mrwarp.model_file import Model
 from mrwarp.recording.load import Recording
 from mrwarp.run_dir import write_result

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binom
 
-from mrwarp.diagnose.noise import Noise
-from mrwarp.identify.replay import Samples
+from mrwarp.identify.dataset import Dataset
+from mrwarp.identify.noise import Noise
 
 _CHANCE = 1e-5
 """Chance of a false line in a data set without any."""
@@ -28,7 +28,7 @@ class Line:
     """What taking it out would gain, in units of the noise's variance."""
 
 
-def find_line(mismatch: np.ndarray, torque: np.ndarray, samples: Samples, noise: Noise) -> Line | None:
+def find_line(mismatch: np.ndarray, torque: np.ndarray, samples: Dataset, noise: Noise) -> Line | None:
     """Strongest line that stands out in at least half of the trajectories, or None.
 
     What follows the angle, the velocity or the torque within a trajectory is no line. Each trajectory's periodogram

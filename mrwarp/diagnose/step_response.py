@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mrwarp.diagnose.effect_kernels import BASE
 from mrwarp.diagnose.engine import Engine, Fitted
-from mrwarp.effects.catalogue import CATALOGUE, column_of
+from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.identify.parameters import row_column
 
 LAG, DELAY = "coil_lag", "command_delay"
 _AGES = 48
@@ -65,11 +65,11 @@ def find_edges(engine: Engine, lag: Fitted) -> Edges | None:
     if float(np.ptp(s.dt)) > 1e-3 * dt:
         return None
     row = lag.coordinates.row(lag.x)
-    constant = column_of(LAG, CATALOGUE[LAG].parameters[0].name)
-    reach = int(np.clip(np.ceil(1.6 * row[len(BASE) + constant] / dt), 3, 40))
+    constant = row_column(LAG, CATALOGUE[LAG].parameters[0].name)
+    reach = int(np.clip(np.ceil(1.6 * row[constant] / dt), 3, 40))
     rows = np.stack([row, row])
-    rows[:, len(BASE) + constant] = 0.0
-    rows[1, len(BASE) + column_of(DELAY, CATALOGUE[DELAY].parameters[0].name)] = reach * dt
+    rows[:, constant] = 0.0
+    rows[1, row_column(DELAY, CATALOGUE[DELAY].parameters[0].name)] = reach * dt
     new, old = engine.replay.torque(rows).astype(float)
     noise = engine.noise_model.rms
     late, error, trajectory = [], [], []

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import stats
 
 from mrwarp.diagnose.engine import Fitted
-from mrwarp.diagnose.normal_equations import ridge_solve
-from mrwarp.identify.identifiability import student
+from mrwarp.identify.least_squares import ridge_solve
 
 
 def covariance(fit: Fitted) -> np.ndarray:
@@ -31,5 +31,5 @@ def interval(fit: Fitted, index: int, spread: np.ndarray) -> tuple[float, float]
     parts, size = fit.grams.parts, len(fit.x)
     information = parts[:, index, index] if index < size else np.ones(len(parts))
     effective = float(information.sum() ** 2 / max(float((information**2).sum()), 1e-300))
-    half = student(0.975, max(effective - 1.0, 2.0)) * float(np.sqrt(spread[index, index]))
+    half = stats.t.ppf(0.975, max(effective - 1.0, 2.0)) * float(np.sqrt(spread[index, index]))
     return float(fit.x[index] - half), float(fit.x[index] + half)

@@ -21,9 +21,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mrwarp.identify.fit import BoucWenStructure, Progress, search, summary
-from mrwarp.identify.identifiability import Estimate, assess
-from mrwarp.identify.replay import Replay, Samples, Scales
+from mrwarp.identify.dataset import Dataset, Scales
+from mrwarp.identify.fit import BoucWenStructure, summary
+from mrwarp.identify.intervals import Estimate, assess
+from mrwarp.identify.projection import Progress, search
+from mrwarp.identify.replay import Replay
 from mrwarp.recording.load import Recording
 
 LINEAR = ("D", "B", "C", "I1", "K0", "K1", "B_current", "B_direction", "B_direction_current")
@@ -36,7 +38,7 @@ class ExtendedStructure(BoucWenStructure):
     shape = SHAPE
     linear = LINEAR
 
-    def __init__(self, samples: Samples) -> None:
+    def __init__(self, samples: Dataset) -> None:
         super().__init__(samples)
         self.low = np.append(self.low, [-3.0, -1.0, -4.0])
         self.high = np.append(self.high, [2.3, 6.0, 6.0])
@@ -52,7 +54,7 @@ class ExtendedStructure(BoucWenStructure):
         """The hysteresis element of unit gain, and the current map."""
         return _elements(self.loop(theta))
 
-    def columns(self, samples: Samples, elements: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    def columns(self, samples: Dataset, elements: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Torque per unit of each of :data:`LINEAR`."""
         return _columns(samples, elements)
 
@@ -86,9 +88,9 @@ def fit_extended(recording: Recording, *, seed: int = 0, progress: Progress | No
         progress: Told what is being done.
     """
     scales = Scales.of(recording)
-    samples = Samples.of(recording, scales)
+    samples = Dataset.of(recording, scales)
     structure, replay = ExtendedStructure(samples), Replay(samples)
-    point, warnings = search(structure, replay, samples, seed=seed, told=progress or (lambda text: None))
+    point, warnings = search(structure, replay, seed=seed, told=progress or (lambda text: None))
 
     def named(x: np.ndarray) -> dict[str, float]:
         inner = dict(zip(LINEAR, x, strict=False)) | structure.loop(x[len(LINEAR) :])
@@ -111,7 +113,7 @@ def extended_torque(values: Mapping[str, float], recording: Recording) -> list[n
         recording: The motion; its measured torque is not used but for the inner scale.
     """
     scales = dataclasses.replace(Scales.of(recording), current=values["current_full"])
-    samples = Samples.of(recording, scales)
+    samples = Dataset.of(recording, scales)
     inner = {name: values[name] / scales.factor(name) for name in LINEAR + SHAPE}
     elements = Replay(samples).torque(_elements({name: inner[name] for name in SHAPE}))
     tau = _columns(samples, elements) @ np.array([inner[name] for name in LINEAR]) * scales.torque
@@ -171,7 +173,7 @@ def _elements(loop: Mapping[str, float]) -> list[dict[str, float]]:
     return [{"K0": 1.0, **loop}, {"I1": 1.0, "saturation": loop["saturation"]}]
 
 
-def _columns(samples: Samples, elements: np.ndarray) -> np.ndarray:
+def _columns(samples: Dataset, elements: np.ndarray) -> np.ndarray:
     """Torque per unit of each of :data:`LINEAR`, shape (N, 9)."""
     h, u = elements.astype(float)
     qd, speed = samples.qd, np.abs(samples.qd)

@@ -1,7 +1,7 @@
 """Identification of eqs. 14 and 15 (and 18) from recordings, by simulation error through the simulator's kernels.
 
 Nothing is to be tuned: scales, starts, bounds and steps follow from the recording. See
-:mod:`mrwarp.identify.projection` for the search and :mod:`mrwarp.identify.identifiability` for the intervals.
+:mod:`mrwarp.identify.projection` for the search and :mod:`mrwarp.identify.intervals` for the intervals.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mrwarp.identify.dataset import Dataset, Scales, rms
 from mrwarp.identify.holding import fit_holding
-from mrwarp.identify.identifiability import Estimate, assess
-from mrwarp.identify.projection import FEW, Point, Structure
-from mrwarp.identify.replay import Replay, Samples, Scales, rms
-from mrwarp.identify.search import Progress, search
+from mrwarp.identify.intervals import Estimate, assess
+from mrwarp.identify.projection import FEW, Point, Progress, Structure, search
+from mrwarp.identify.replay import Replay
 from mrwarp.params import BoucWenParams, MrParams
 from mrwarp.recording.load import Holding, Recording
 
@@ -33,7 +33,7 @@ class BoucWenStructure(Structure):
     linear = ("D", "B", "C", "I1", "K0", "K1")
     non_negative = ("B", "K0", "K1")
 
-    def __init__(self, samples: Samples, q_zero: float = 0.0) -> None:
+    def __init__(self, samples: Dataset, q_zero: float = 0.0) -> None:
         self.speed = float(np.percentile(np.abs(samples.qd), 95)) or 1.0
         self.q_zero = q_zero
         self.low, self.high = np.array([0.0, -3.0, -3.0]), np.array([5.0, 8.0, 9.0])
@@ -49,7 +49,7 @@ class BoucWenStructure(Structure):
         """One hysteresis element of unit gain."""
         return [{"K0": 1.0, **self.loop(theta)}]
 
-    def columns(self, samples: Samples, elements: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    def columns(self, samples: Dataset, elements: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """1, qd, q_c, I, z/(1 + alpha*|qd|) and I times that."""
         h, current = elements[0].astype(float), samples.current
         return np.column_stack([np.ones(len(h)), samples.qd, samples.q - self.q_zero, current, h, h * current])
@@ -128,12 +128,14 @@ def fit(
     told = progress or (lambda text: None)
     at_rest = {} if holding is None else fit_holding(holding.current, holding.torque)
     scales = Scales.of(recording)
-    samples, fixed = Samples.of(recording, scales), _fixed(start)
-    replay = Replay(samples, exact=exact, substeps=substeps)
-    samples = _with_coil(replay, fixed["coil_time_constant"])
+    fixed = _fixed(start)
+    replay = _with_coil(
+        Replay(Dataset.of(recording, scales), exact=exact, substeps=substeps), fixed["coil_time_constant"]
+    )
+    samples = replay.samples
     structure = BoucWenStructure(samples, (fixed["q_offset"] + fixed["q_center"]) / scales.q)
     given = () if start is None else (_shape_of(start, structure, scales),)
-    point, warnings = search(structure, replay, samples, starts=given, robust=robust, seed=seed, told=told)
+    point, warnings = search(structure, replay, starts=given, robust=robust, seed=seed, told=told)
 
     told("intervals")
     names = structure.linear + structure.shape
@@ -182,12 +184,13 @@ def _fixed(start: MrParams | None) -> dict[str, float]:
     return {"q_offset": bw.q_offset, "q_center": bw.q_center, "z_max": bw.z_max, "coil_time_constant": lag}
 
 
-def _with_coil(replay: Replay, time_constant: float) -> Samples:
-    """The samples with the current that flows instead of the command."""
+def _with_coil(replay: Replay, time_constant: float) -> Replay:
+    """The replay with the current that flows instead of the command."""
     if time_constant == 0.0:
-        return replay.samples
+        return replay
     current = replay.torque([{"I1": 1.0, "coil_time_constant": time_constant}])[0].astype(float)
-    return dataclasses.replace(replay.samples, current=current)
+    samples = dataclasses.replace(replay.samples, current=current)
+    return Replay(samples, exact=replay.exact, substeps=replay.substeps)
 
 
 def _shape_of(start: MrParams, structure: BoucWenStructure, scales: Scales) -> np.ndarray:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
+import itertools
 
-from mrwarp.identify.identifiability import Estimate, student
+import numpy as np
+from scipy import stats
+from scipy.optimize import least_squares
+
+from mrwarp.identify.intervals import Estimate
 from mrwarp.recording.load import RecordingError
 
 
@@ -30,50 +34,43 @@ def fit_holding(current: np.ndarray, torque: np.ndarray) -> dict[str, Estimate]:
         raise RecordingError(
             f"{len(current)} break-away tests at {levels} currents above 0; eq. 18 needs 5 tests at 3 currents"
         )
-    scale = float(np.median(current[current > 0]))
+    scale, low, high = float(np.median(current[current > 0])), [-4.0, np.log(0.1)], [4.0, np.log(20.0)]
 
-    def columns(x: np.ndarray) -> np.ndarray:
-        return holding_curve(current, 1.0, scale * np.exp(x[0]), float(np.exp(x[1])))
+    def mismatch_of(x: np.ndarray) -> np.ndarray:
+        return x[0] * holding_curve(current, 1.0, scale * np.exp(x[1]), np.exp(x[2])) - torque
 
-    def gain(x: np.ndarray) -> float:
-        c = columns(x)
-        return float(c @ torque / (c @ c))
+    def derivatives(x: np.ndarray) -> np.ndarray:
+        """By T_max, log(K) and log(n), shape (N, 3)."""
+        unit = holding_curve(current, 1.0, scale * np.exp(x[1]), np.exp(x[2]))
+        bend = x[0] * np.exp(x[2]) * unit * (1.0 - unit)
+        logarithm = np.log(np.where(current > 0.0, current, 1.0) / scale) - x[1]
+        return np.column_stack([unit, -bend, bend * logarithm])
 
-    def cost(x: np.ndarray) -> float:
-        return float(((gain(x) * columns(x) - torque) ** 2).sum())
-
-    grid = [np.array([a, b]) for a in np.linspace(-2, 2, 21) for b in np.log(np.linspace(0.5, 8, 20))]
-    x, damping = min(grid, key=cost), 1e-3
-    for _ in range(100):
-        table = _table(x, gain(x), columns)
-        normal = table.T @ table
-        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), table.T @ (torque - gain(x) * columns(x)))
-        trial = np.clip(x + np.clip(step[1:], -0.5, 0.5), [-4.0, np.log(0.1)], [4.0, np.log(20.0)])
-        if cost(trial) < cost(x):
-            x, damping = trial, damping / 5
-        else:
-            damping *= 10
-        if np.abs(step[1:]).max() < 1e-10 or damping > 1e10:
-            break
-    best = gain(x)
-    table, mismatch = _table(x, best, columns), best * columns(x) - torque
+    starts = []
+    for k, n in itertools.product(np.linspace(-2, 2, 21), np.log(np.linspace(0.5, 8, 20))):
+        unit = holding_curve(current, 1.0, scale * np.exp(k), np.exp(n))
+        starts.append(np.array([unit @ torque / (unit @ unit), k, n]))
+    found = least_squares(
+        mismatch_of,
+        min(starts, key=lambda x: float((mismatch_of(x) ** 2).sum())),
+        jac=derivatives,
+        bounds=([-np.inf, *low], [np.inf, *high]),
+        x_scale="jac",
+        ftol=1e-15,
+        xtol=1e-12,
+        gtol=1e-15,
+    )
+    (best, *x), table, mismatch = found.x, found.jac, found.fun
     inverse = np.linalg.pinv(table.T @ table)
     # each test left out once (HC3): the scatter of break-away torques grows with the torque
     leverage = np.einsum("ij,jk,ik->i", table, inverse, table)
     meat = table.T @ (table * (mismatch / np.maximum(1.0 - leverage, 1e-6))[:, None] ** 2)
     sigma = np.sqrt(np.diag(inverse @ meat @ inverse))
-    values = {"T_max": best, "K": scale * float(np.exp(x[0])), "n": float(np.exp(x[1]))}
+    values = {"T_max": float(best), "K": scale * float(np.exp(x[0])), "n": float(np.exp(x[1]))}
     slopes = (1.0, values["K"], values["n"])
     dof = len(current) - 3
-    wide, wider = student(0.975, dof), student(1 - 0.025 / 3, dof)
+    wide, wider = stats.t.ppf((0.975, 1 - 0.025 / 3), dof)
     return {
-        name: Estimate(value=value, half=wide * s * slope, half_joint=wider * s * slope)
+        name: Estimate(value=value, half=float(wide * s * slope), half_joint=float(wider * s * slope))
         for (name, value), s, slope in zip(values.items(), sigma, slopes, strict=True)
     }
-
-
-def _table(x: np.ndarray, gain: float, columns) -> np.ndarray:
-    """Derivatives by T_max, log(K) and log(n), shape (N, 3)."""
-    steps = 1e-6 * np.eye(2)
-    slopes = [gain * (columns(x + d) - columns(x - d)) / 2e-6 for d in steps]
-    return np.column_stack([columns(x), *slopes])

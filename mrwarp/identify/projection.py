@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from mrwarp.identify.replay import Replay, Samples
+from mrwarp.identify.dataset import Dataset
+from mrwarp.identify.least_squares import Quadratic, Rules, bounded_solve, minimise
+from mrwarp.identify.replay import Replay
 
 _STEP = 1e-2
 """Step of the central differences in (logarithmic) shape parameters: truncation and float32 noise both below 1e-4."""
@@ -23,6 +25,13 @@ FEW = 8
 """Fewer trajectories than this are cut into blocks to judge the errors."""
 _RANK = 1e-9
 """Eigenvalues of a correlation matrix below this count as zero."""
+_SUBSET = 20_000
+"""Samples on which the starts are searched."""
+_STARTS = 3
+_SPIKE = 0.05
+"""Smallest spike that counts, as a share of the torque's 95th percentile."""
+
+Progress = Callable[[str], None]
 
 
 class Structure(ABC):
@@ -44,7 +53,7 @@ class Structure(ABC):
         """Parameters of the unit hysteresis elements to be simulated for one shape."""
 
     @abstractmethod
-    def columns(self, samples: Samples, elements: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    def columns(self, samples: Dataset, elements: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Torque per unit of each linear parameter, shape (N, L), from the elements' torque, shape (elements, N)."""
 
 
@@ -103,26 +112,17 @@ class Projection:
 
     def descend(self, theta: np.ndarray, *, iterations: int = 30, tolerance: float = 1e-7) -> Point:
         """Levenberg-Marquardt within the bounds, from ``theta`` to the nearest minimum."""
+        rules = Rules(
+            iterations=iterations,
+            damping=1e-3,
+            relief=5.0,
+            least=1e-12,
+            increase=10.0,
+            most=1e8,
+            gained=lambda gain, loss: gain < tolerance * loss,
+        )
         s = self.structure
-        point, damping = self.evaluate(np.clip(theta, s.low, s.high)), 1e-3
-        for _ in range(iterations):
-            normal, gradient = _reduced(point)
-            free = ~(((point.theta <= s.low) & (gradient < 0)) | ((point.theta >= s.high) & (gradient > 0)))
-            step = np.zeros(len(theta))
-            sub = normal[np.ix_(free, free)]
-            ridge = damping * np.diag(np.diag(sub)) + 1e-14 * np.eye(len(sub)) * max(1e-300, np.trace(normal))
-            step[free] = np.clip(np.linalg.lstsq(sub + ridge, gradient[free], rcond=None)[0], -1.5, 1.5)
-            trial = np.clip(point.theta + step, s.low, s.high)
-            cost = float(self.costs([trial])[0])
-            moved = float(np.abs(trial - point.theta).max())
-            gain = (point.sse - cost) / max(point.sse, 1e-300)
-            if gain > 0:
-                point, damping = self.evaluate(trial), max(damping / 5, 1e-12)
-            else:
-                damping *= 10
-            if moved < 1e-7 or (0 <= gain < tolerance and moved < 1e-2) or damping > 1e8:
-                break
-        return point
+        return minimise(lambda x: _reduced(self.evaluate(x)), theta, s.low, s.high, reach=1.5, rules=rules)[1].content
 
     def starts(self, count: int) -> list[np.ndarray]:
         """The best starting values of the grid, no two of them neighbours."""
@@ -157,26 +157,7 @@ class Projection:
         return linear, free, float(mismatch @ (self.weight * mismatch))
 
 
-def bounded_solve(gram: np.ndarray, moment: np.ndarray, bounded: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least squares from normal equations with some unknowns >= 0: smallest solution where columns are dependent."""
-    scale = np.sqrt(np.diag(gram))
-    free = scale > 1e-12 * max(scale.max(), 1e-300)
-    while True:
-        solution = np.zeros(len(moment))
-        if not free.any():
-            return solution, free
-        d = scale[free]
-        values, vectors = np.linalg.eigh(gram[np.ix_(free, free)] / np.outer(d, d))
-        keep = values > _RANK * values[-1]
-        inner = vectors[:, keep] @ ((vectors[:, keep].T @ (moment[free] / d)) / values[keep])
-        solution[free] = inner / d
-        outside = bounded & (solution < 0)
-        if not outside.any():
-            return solution, free
-        free[np.argmin(np.where(outside, solution * scale, np.inf))] = False
-
-
-def _clusters(samples: Samples) -> list[slice]:
+def _clusters(samples: Dataset) -> list[slice]:
     """Parts whose errors count as independent: trajectories, or blocks of them where there are few."""
     parts = samples.parts
     if len(parts) >= FEW:
@@ -186,8 +167,8 @@ def _clusters(samples: Samples) -> list[slice]:
     return [slice(int(a), int(b)) for cut in cuts for a, b in zip(cut[:-1], cut[1:], strict=True)]
 
 
-def _reduced(point: Point) -> tuple[np.ndarray, np.ndarray]:
-    """Normal matrix and descent direction of the shape parameters with the linear ones projected out."""
+def _reduced(point: Point) -> Quadratic:
+    """Sum of squares about a point by the shape parameters, the linear ones projected out."""
     gram, size = point.gram.sum(axis=0), len(point.linear)
     keep = np.flatnonzero(point.free)
     shape = np.arange(size, len(gram) - 1)
@@ -195,4 +176,68 @@ def _reduced(point: Point) -> tuple[np.ndarray, np.ndarray]:
     descent = gram[:-1, -1] - gram[:-1, :-1] @ values
     inner, cross = gram[np.ix_(keep, keep)], gram[np.ix_(keep, shape)]
     lift = np.linalg.lstsq(inner, cross, rcond=_RANK)[0]
-    return gram[np.ix_(shape, shape)] - cross.T @ lift, descent[shape] - lift.T @ descent[keep]
+    return Quadratic(
+        point.sse, gram[np.ix_(shape, shape)] - cross.T @ lift, descent[shape] - lift.T @ descent[keep], point
+    )
+
+
+def search(
+    structure: Structure,
+    replay: Replay,
+    *,
+    starts: tuple[np.ndarray, ...] = (),
+    robust: bool = False,
+    seed: int = 0,
+    told: Progress = lambda text: None,
+) -> tuple[Point, list[str]]:
+    """Grid of starts on a subset, descent from the best, refinement on all samples.
+
+    Returns:
+        The optimum and warnings about the search.
+    """
+    told("searching starts")
+    points, samples = search_starts(structure, replay, starts=starts, seed=seed), replay.samples
+    warnings = []
+    rivals = [p for p in points[1:] if p.sse < 1.01 * points[0].sse and np.abs(p.theta - points[0].theta).max() > 0.3]
+    if rivals:
+        warnings.append("two different parameter sets fit a part of the data equally well: record richer motion")
+    told(f"refining on {len(samples.q)} samples")
+    rate = float(np.exp(min(points[0].theta[1], points[0].theta[2])))
+    projection = Projection(structure, replay, samples.settled(rate))
+    point = projection.descend(points[0].theta)
+    for rival in rivals[:1]:
+        point = min(point, projection.descend(rival.theta), key=lambda p: p.sse)
+    outliers = _spikes(point.simulated - samples.torque)
+    base = projection.weight
+    for _ in range(4 if robust else 0):
+        told("weighing down outliers")
+        deviation = 1.4826 * float(np.median(np.abs(point.simulated - samples.torque)))
+        far = np.abs(point.simulated - samples.torque) / (1.345 * deviation)
+        projection.weight = base / np.maximum(far, 1.0)
+        point = projection.descend(point.theta, iterations=8)
+    if outliers > 1e-4 and not robust:
+        warnings.append(f"{100 * outliers:.2f} % of the samples are single spikes: consider --robust")
+    return point, warnings
+
+
+def search_starts(
+    structure: Structure,
+    replay: Replay,
+    *,
+    starts: tuple[np.ndarray, ...] = (),
+    limit: int = _SUBSET,
+    seed: int = 0,
+) -> list[Point]:
+    """Optima on about ``limit`` samples, from given starts and from the structure's grid, best first."""
+    small = replay.samples.subset(limit, seed)
+    rough = Projection(structure, Replay(small, exact=replay.exact, substeps=replay.substeps))
+    points = [rough.descend(theta, tolerance=1e-5) for theta in (*starts, *rough.starts(_STARTS))]
+    return sorted(points, key=lambda p: p.sse)
+
+
+def _spikes(mismatch: np.ndarray) -> float:
+    """Share of samples that stand out from their four neighbours; a missing mechanism would be smooth."""
+    windows = np.lib.stride_tricks.sliding_window_view(mismatch, 5)
+    alone = np.abs(windows[:, 2] - np.median(windows, axis=1))
+    deviation = float(np.median(alone[alone > 0])) if (alone > 0).any() else 0.0
+    return float(np.mean(alone > max(15.0 * deviation, _SPIKE)))

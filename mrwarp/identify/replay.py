@@ -1,18 +1,19 @@
 """Replay: the torque of recorded motion by the simulator's own kernels, for many parameter sets in one launch.
 
-Inside, motion, current and torque are divided by scales of the recording, so that float32 kernels, search ranges and
-steps are the same for a 26 N·m joint and a 2 kN damper. Time stays in seconds.
+All parameters are in the inner units of the data set (:mod:`mrwarp.identify.dataset`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Self
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import warp as wp
 
+from mrwarp.effects.catalogue import SLOTS
+from mrwarp.effects.replay_kernel import BASE, extended_replay_kernel
+from mrwarp.identify.dataset import Dataset, Motion, Scales
 from mrwarp.kernels.joint_params import JointParams
 from mrwarp.kernels.replay_kernel import Extension, replay_kernel
 from mrwarp.recording.load import Recording
@@ -21,99 +22,6 @@ _RECORD: np.dtype = np.dtype(JointParams.numpy_dtype())  # pyright: ignore[repor
 _EXTENSION: np.dtype = np.dtype(Extension.numpy_dtype())  # pyright: ignore[reportCallIssue,reportArgumentType]
 _BATCH = 16_000_000
 """Samples times candidates of one launch: bounds the memory of its output to 64 MB."""
-
-_SETTLED = 4.0
-"""Yield travels after which the unknown initial z is forgotten to exp(-4) = 2 %."""
-
-DIMENSIONS: dict[str, tuple[int, int, int]] = {
-    "q_neutral": (1, 0, 0), "q_offset": (1, 0, 0), "q_center": (1, 0, 0), "z_max": (1, 0, 0),
-    "D": (0, 0, 1), "B": (-1, 0, 1), "C": (-1, 0, 1), "I1": (0, -1, 1), "K0": (-1, 0, 1), "K1": (-1, -1, 1),
-    "alpha": (-1, 0, 0), "beta": (-1, 0, 0), "gamma": (-1, 0, 0),
-    "B_current": (-1, -1, 1), "B_direction": (-1, 0, 1), "B_direction_current": (-1, -1, 1),
-}  # fmt: skip
-"""Powers of the scales (q, current, torque) in each parameter; the others carry none of them, or only seconds."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Scales:
-    """What one unit inside means outside: motion [rad or m], current [A], torque [N·m or N]."""
-
-    q: float = 1.0
-    current: float = 1.0
-    torque: float = 1.0
-
-    @classmethod
-    def of(cls, recording: Recording) -> Self:
-        """Robust scales: median amplitude of the trajectories, largest current, 95th percentile of the torque."""
-        runs = recording.trajectories
-        amplitude = float(np.median([0.5 * np.ptp(np.percentile(run.q, (1, 99))) for run in runs]))
-        largest = max(float(np.abs(run.current).max()) for run in runs)
-        torque = np.concatenate([run.torque for run in runs])
-        spread = float(np.percentile(np.abs(torque - np.median(torque)), 95))
-        return cls(q=amplitude or 1.0, current=largest or 1.0, torque=spread or 1.0)
-
-    def factor(self, name: str) -> float:
-        """Factor from the inner value of a parameter to the outer one."""
-        q, current, torque = DIMENSIONS.get(name, (0, 0, 0))
-        return self.q**q * self.current**current * self.torque**torque
-
-
-@dataclass(frozen=True, kw_only=True)
-class Samples:
-    """The samples of all trajectories end to end, divided by ``scales``; float64, shape (N,)."""
-
-    q: np.ndarray
-    qd: np.ndarray
-    current: np.ndarray
-    torque: np.ndarray
-    start: np.ndarray
-    """First sample of each trajectory and the end of the last one, shape (T + 1,)."""
-    dt: np.ndarray
-    """Sampling step of each trajectory [s], shape (T,)."""
-    scales: Scales
-
-    @classmethod
-    def of(cls, recording: Recording, scales: Scales) -> Self:
-        """Lay the trajectories of a recording end to end."""
-        runs = recording.trajectories
-        lengths = [len(run.t) for run in runs]
-        return cls(
-            q=np.concatenate([run.q for run in runs]) / scales.q,
-            qd=np.concatenate([run.qd for run in runs]) / scales.q,
-            current=np.concatenate([run.current for run in runs]) / scales.current,
-            torque=np.concatenate([run.torque for run in runs]) / scales.torque,
-            start=np.concatenate([[0], np.cumsum(lengths)]),
-            dt=np.array([run.dt for run in runs]),
-            scales=scales,
-        )
-
-    @property
-    def parts(self) -> list[slice]:
-        """The samples of each trajectory."""
-        return parts_of(self.start)
-
-    def settled(self, rate: float) -> np.ndarray:
-        """Weight 0 while the unknown initial z still shows, at most a tenth of each trajectory; else 1; shape (N,).
-
-        Args:
-            rate: How fast z forgets along the way, beta plus or minus gamma, the slower [1/inner unit of q].
-        """
-        weight = np.ones(len(self.q))
-        for part, dt in zip(self.parts, self.dt, strict=True):
-            way = np.cumsum(np.abs(self.qd[part])) * dt
-            first = min(int(np.searchsorted(way, _SETTLED / rate)), (part.stop - part.start) // 10)
-            weight[part.start : part.start + first] = 0.0
-        return weight
-
-
-def parts_of(start: np.ndarray) -> list[slice]:
-    """Slices between the first samples of trajectories laid end to end and the end of the last, shape (T + 1,)."""
-    return [slice(int(a), int(b)) for a, b in zip(start[:-1], start[1:], strict=True)]
-
-
-def rms(x: np.ndarray) -> float:
-    """Root of the mean square of all values."""
-    return float(np.sqrt(np.mean(x**2)))
 
 
 class Replay:
@@ -128,7 +36,7 @@ class Replay:
         device: Warp device.
     """
 
-    def __init__(self, samples: Samples, *, exact: bool = True, substeps: int = 2, device: str = "cpu") -> None:
+    def __init__(self, samples: Dataset, *, exact: bool = True, substeps: int = 2, device: str = "cpu") -> None:
         self.samples = samples
         self.exact, self.substeps, self.device = exact, substeps, device
         s = samples
@@ -157,6 +65,44 @@ class Replay:
         return tau
 
 
+class EffectReplay:
+    """Motion on a device, ready to be simulated with many rows of parameters (:mod:`mrwarp.identify.parameters`)."""
+
+    def __init__(self, motion: Motion, *, device: str = "cpu", threads: int = 1) -> None:
+        self.motion, self.device, self.threads = motion, device, threads
+        m = motion
+        self._arrays = [_array(x, device) for x in (m.q, m.qd, m.qdd, m.current, m.time, m.slid_time, m.heat)]
+        self._arrays.append(wp.array(m.start.astype(np.int32), dtype=int, device=device))
+        begin = np.zeros(len(m.dt)) if m.begin is None else m.begin
+        self._arrays += [_array(m.dt, device), _array(begin, device)]
+
+    def torque(self, rows: np.ndarray) -> np.ndarray:
+        """Simulated torque, float32, shape (C, N), of rows of inner parameters, shape (C, WIDTH)."""
+        rows = np.atleast_2d(rows)
+        tau = np.empty((len(rows), len(self.motion.q)), dtype=np.float32)
+        threads = 1 if len(rows) == 1 else self.threads
+        cuts = np.linspace(0, len(rows), threads + 1).astype(int)
+        parts = [slice(a, b) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(lambda part: self._launch(rows[part], tau[part]), parts))
+        return tau
+
+    def _launch(self, rows: np.ndarray, tau: np.ndarray) -> None:
+        trajectories = len(self.motion.dt)
+        base, values = (_array(part, self.device) for part in np.split(rows, [len(BASE)], axis=1))
+        memory = wp.zeros((len(rows) * trajectories, SLOTS), dtype=float, device=self.device)
+        out = wp.array(tau, dtype=float, device=self.device, copy=False)
+        wp.launch(
+            extended_replay_kernel,
+            dim=(len(rows), trajectories),
+            inputs=[base, values, *self._arrays],
+            outputs=[memory, out],
+            device=self.device,
+        )
+        if self.device != "cpu":
+            tau[:] = out.numpy()
+
+
 def simulate(
     values: Mapping[str, float], recording: Recording, *, exact: bool = True, substeps: int = 2
 ) -> list[np.ndarray]:
@@ -169,7 +115,7 @@ def simulate(
         substeps: As in :class:`Replay`.
     """
     scales = Scales.of(recording)
-    samples = Samples.of(recording, scales)
+    samples = Dataset.of(recording, scales)
     inner = {name: value / scales.factor(name) for name, value in values.items() if name in JointParams.vars}
     inner["q_neutral"] = 0.0
     tau = Replay(samples, exact=exact, substeps=substeps).torque([inner])[0].astype(float) * scales.torque
@@ -184,3 +130,7 @@ def _rows(candidates: Sequence[Mapping[str, float]]) -> tuple[np.ndarray, np.nda
         for name, value in values.items():
             (rows if name in JointParams.vars else extension)[name][k] = value
     return rows, extension
+
+
+def _array(x: np.ndarray, device: str) -> wp.array:
+    return wp.array(np.ascontiguousarray(x, dtype=np.float32), dtype=float, device=device)

@@ -15,7 +15,8 @@ from typing import Any, Self
 import numpy as np
 from scipy.optimize import brentq
 
-from mrwarp.identify.replay import Replay, Samples, Scales
+from mrwarp.identify.dataset import Dataset, Scales
+from mrwarp.identify.replay import Replay
 from mrwarp.params import BoucWenParams
 
 SECONDS = 1.0
@@ -162,7 +163,7 @@ def replayed(excitation: Excitation, dt: float, *, exact: bool, substeps: int) -
     """The same torque by the kernels from samples at ``dt`` [N·m], shape (N, T)."""
     t = times(dt)
     num_runs = len(excitation.lag)
-    samples = Samples(
+    samples = Dataset(
         q=(excitation.q(t) + PAPER.q_neutral).ravel(), qd=excitation.qd(t).ravel(),
         current=excitation.commanded(t).ravel(), torque=np.zeros(num_runs * len(t)),
         start=len(t) * np.arange(num_runs + 1), dt=np.full(num_runs, dt), scales=Scales(),

@@ -8,8 +8,8 @@ import warp as wp
 
 from mrwarp.actuator.effect_runtime import values_row
 from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, MrActuator, MrActuatorCfg, ZStep
-from mrwarp.diagnose.effect_kernels import BASE, HEAT_TIMES, extended_replay_kernel
 from mrwarp.effects.catalogue import CATALOGUE, SLOTS, column_of
+from mrwarp.effects.replay_kernel import BASE, HEAT_TIMES, extended_replay_kernel
 from mrwarp.kernels.mr_stages import predict_kernel
 from mrwarp.model_file import Effect, make_effect
 from mrwarp.params import MrParams

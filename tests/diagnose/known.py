@@ -5,14 +5,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mrwarp.diagnose.effect_kernels import HEAT_TIMES
-from mrwarp.diagnose.effect_model import Coordinates
-from mrwarp.diagnose.effect_replay import ExtendedReplay, Motion
 from mrwarp.diagnose.engine import Engine, Fitted
-from mrwarp.diagnose.kinematics import Kinematics
-from mrwarp.diagnose.noise import Noise
 from mrwarp.effects.law import Ranges
-from mrwarp.identify.replay import Samples, Scales
+from mrwarp.effects.replay_kernel import HEAT_TIMES
+from mrwarp.identify.dataset import Motion, Scales
+from mrwarp.identify.kinematics import Kinematics
+from mrwarp.identify.noise import Noise
+from mrwarp.identify.parameters import LINEAR, SHAPE, Parameters, shape_coordinates
+from mrwarp.identify.replay import EffectReplay
 from mrwarp.recording.load import Recording, Trajectory
 
 TRUTH = {
@@ -47,10 +47,6 @@ def motion(
     steps = rng.uniform(0.0, 1.5, (runs, 10)).repeat(-(-count // 10), axis=1)[:, :count].ravel()
     if current is not None:
         steps = np.full(runs * count, current)
-    samples = Samples(
-        q=q, qd=qd, current=steps, torque=np.zeros(len(q)), start=np.arange(runs + 1) * count, dt=np.full(runs, dt),
-        scales=Scales(),
-    )  # fmt: skip
     ranges = Ranges(
         q=float(np.ptp(q)), qd=float(np.percentile(np.abs(qd), 95)), current=1.5, torque=0.8, dt=dt,
         session=runs * seconds,
@@ -58,14 +54,17 @@ def motion(
     time = np.arange(len(q)) * dt
     heat = np.stack([-0.5 * T * np.expm1(-time / T) for T in HEAT_TIMES])  # at a constant 0.5 W
     kinematics = Kinematics(qd=qd, qdd=qdd, velocity_lag=0.0, velocity_lag_error=float("inf"))
-    return Motion(samples=samples, qdd=qdd, time=time, slid_time=time, heat=heat, ranges=ranges, kinematics=kinematics)
+    return Motion(
+        q=q, qd=qd, current=steps, torque=np.zeros(len(q)), start=np.arange(runs + 1) * count, dt=np.full(runs, dt),
+        scales=Scales(), qdd=qdd, time=time, slid_time=time, heat=heat, ranges=ranges, kinematics=kinematics,
+    )  # fmt: skip
 
 
-def vector(c: Coordinates, effects: Mapping[str, Mapping[str, float]] | None = None, **changes: float) -> np.ndarray:
+def vector(c: Parameters, effects: Mapping[str, Mapping[str, float]] | None = None, **changes: float) -> np.ndarray:
     """Coordinates of the paper's joint with some effects."""
     p = {**TRUTH, **changes}
-    x = [p[name] for name in ("D", "B", "C", "I1", "K0", "K1")]
-    x += [np.log1p(p["alpha"] * c.ranges.qd), np.log(p["beta"] + p["gamma"]), np.log(p["beta"] - p["gamma"])]
+    x = [p[name] for name in LINEAR]
+    x += list(shape_coordinates(*(p[name] for name in SHAPE), c.ranges.qd))
     for slot in c.slots:
         value = (effects or {})[slot.effect][slot.parameter.name]
         x.append(np.log(value) if slot.logarithmic else value)
@@ -88,11 +87,11 @@ def engine(
 ) -> Engine:
     """An engine on data of the paper's joint with effects, white noise of a known size and whatever is added."""
     at = at or motion(seed)
-    c = Coordinates(tuple(effects or {}), at.ranges, 0.0, form=any("thinning" in p for p in (effects or {}).values()))
-    torque = ExtendedReplay(at).torque(c.row(vector(c, effects, **changes))[None])[0].astype(float) + plus
+    c = Parameters(tuple(effects or {}), at.ranges, 0.0, form=any("thinning" in p for p in (effects or {}).values()))
+    torque = EffectReplay(at).torque(c.row(vector(c, effects, **changes))[None])[0].astype(float) + plus
     torque += sigma * np.random.default_rng([seed, 7]).normal(size=len(torque))
-    at = dataclasses.replace(at, samples=dataclasses.replace(at.samples, torque=torque))
-    made = Engine(ExtendedReplay(at), 0.0, np.ones(len(torque)), {"q": "rad", "current": "A", "torque": "N·m"})
+    at = dataclasses.replace(at, torque=torque)
+    made = Engine(EffectReplay(at), 0.0, np.ones(len(torque)), {"q": "rad", "current": "A", "torque": "N·m"})
     made.noise = white(max(sigma, 1e-4))
     return made
 
@@ -101,12 +100,12 @@ def fitted(on: Engine, effects: Mapping[str, Mapping[str, float]] | None = None,
     """A model fitted to an engine's data, from the paper's joint with effects, all numbers ``off`` by a share."""
     c = on.coordinates(tuple(effects or {}))
     x = vector(c, effects)
-    return on.fit(c, x + off * np.where(np.arange(len(x)) < 6, x, 1.0))
+    return on.fit(c, x + off * np.where(np.arange(len(x)) < len(LINEAR), x, 1.0))
 
 
 def recording(at: Motion, torque: np.ndarray, *, q: float = 1.0, current: float = 1.0, size: float = 1.0) -> Recording:
     """A motion with a torque as a recording, in other units if asked."""
-    s, runs = at.samples, []
+    s, runs = at, []
     for k, part in enumerate(s.parts):
         runs.append(
             Trajectory(

@@ -89,7 +89,7 @@ def test_pair_is_found_whole() -> None:
 def test_structure_outside_the_catalogue_is_not_named() -> None:
     """A viscosity that changes along the angle is left over, and says on what it depends."""
     at = known.motion(52, runs=6, seconds=3.0)
-    s = at.samples
+    s = at
     choice = searched(known.engine(seed=52, at=at, plus=0.15 * s.q**2 * s.qd))
     assert choice.final is choice.base
     assert set(choice.left_after[0].group.variables[:2]) & {"q", "qd"}

@@ -5,8 +5,8 @@ import pytest
 
 from mrwarp.diagnose.choice import threshold
 from mrwarp.diagnose.detectable import detectable
-from mrwarp.diagnose.normal_equations import losses
 from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.identify.normal_equations import losses
 from tests.diagnose import known
 
 ALL = [name for name, law in CATALOGUE.items() if law.kind != "calibration"]

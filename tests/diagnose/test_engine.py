@@ -59,7 +59,7 @@ def test_fit_recovers_an_effect_with_the_joint(effect: str) -> None:
     truth = known.vector(c, {effect: HIDDEN[effect]})
     start = truth.copy()
     start[:6] *= 1.2
-    for i, slot in enumerate(c.slots, start=9):
+    for i, slot in c.items():
         if slot.parameter.name != "periods":  # found by its starts
             start[i] = start[i] + 0.2 if slot.logarithmic else 0.8 * start[i]
     fit = engine.fit(c, start, iterations=25)
@@ -143,8 +143,8 @@ def test_line_is_set_aside_with_its_phase_in_each_trajectory() -> None:
     """A line of known frequency leaves the torque; what remains is the noise, and the measured torque is kept."""
     motion = known.motion()
     rng = np.random.default_rng(6)
-    t = motion.time - np.repeat(motion.time[motion.samples.start[:-1]], np.diff(motion.samples.start))
-    phase = np.repeat(rng.uniform(0, 2 * np.pi, 8), np.diff(motion.samples.start))
+    t = motion.time - np.repeat(motion.time[motion.start[:-1]], np.diff(motion.start))
+    phase = np.repeat(rng.uniform(0, 2 * np.pi, 8), np.diff(motion.start))
     line = 0.05 * np.sin(2 * np.pi * 17.3 * t + phase)
     engine = known.engine(plus=line)
     plain = known.engine()

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mrwarp.diagnose.choice import leftovers, threshold
-from mrwarp.diagnose.effect_replay import Motion
 from mrwarp.diagnose.features import Group, make_groups
 from mrwarp.diagnose.prepare import groups_of
+from mrwarp.identify.dataset import Motion
 from tests.diagnose import known
 
 WORDS = {"q", "qd", "qdd", "current", "time", "memory"}
@@ -16,8 +16,8 @@ WORDS = {"q", "qd", "qdd", "current", "time", "memory"}
 
 def groups(motion: Motion) -> list[Group]:
     """Groups along some loop."""
-    loop = np.tanh(3.0 * motion.samples.qd)
-    return make_groups(motion, loop, (0.4 + motion.samples.current) * loop)
+    loop = np.tanh(3.0 * motion.qd)
+    return make_groups(motion, loop, (0.4 + motion.current) * loop)
 
 
 def test_groups_are_finite_named_and_not_constant() -> None:
@@ -27,7 +27,7 @@ def test_groups_are_finite_named_and_not_constant() -> None:
     assert len({(g.variables, g.form) for g in found}) == len(found)
     for group in found:
         assert set(group.variables) <= WORDS and group.form
-        assert group.rows.shape[1] == len(motion.samples.q) and len(group.rows)
+        assert group.rows.shape[1] == len(motion.q) and len(group.rows)
         assert np.isfinite(group.rows).all() and (group.rows.std(axis=1) > 0.0).all()
     assert {name for g in found for name in g.variables} == WORDS
 
@@ -41,7 +41,7 @@ def test_constant_current_has_no_functions_of_it() -> None:
 def test_functions_do_not_depend_on_the_units() -> None:
     """In other units of angle and current the same rows come out."""
     motion = known.motion(2, runs=3, seconds=1.0)
-    s, r = motion.samples, motion.ranges
+    s, r = motion, motion.ranges
     other = dataclasses.replace(
         motion, qdd=0.04 * motion.qdd,
         ranges=dataclasses.replace(r, q=0.04 * r.q, qd=0.04 * r.qd, current=6.0 * r.current),
@@ -70,7 +70,7 @@ def test_structure_shows_in_its_variables(name: str) -> None:
     """What is added to the torque of the joint stands first among the leftovers, under a variable it depends on."""
     make, variables = STRUCTURE[name]
     motion = known.motion(5)
-    engine = known.engine(seed=5, at=motion, plus=make(motion.samples, motion))
+    engine = known.engine(seed=5, at=motion, plus=make(motion, motion))
     fit = known.fitted(engine)
     found = leftovers(engine, fit, groups_of(engine, fit.coordinates, fit.x))
     assert found[0].gain > 3.0 * threshold(fit) and found[0].t > 2.0

@@ -66,8 +66,8 @@ def test_base_alone_gains_nothing(engine) -> None:
 def test_model_that_the_others_would_not_choose_is_not_used() -> None:
     """A trajectory is foretold without an effect that only it shows."""
     at = known.motion(8, runs=6, seconds=2.0)
-    plus = np.zeros(len(at.samples.q))
-    plus[at.samples.parts[2]] = 0.05 * at.qdd[at.samples.parts[2]]
+    plus = np.zeros(len(at.q))
+    plus[at.parts[2]] = 0.05 * at.qdd[at.parts[2]]
     engine = known.engine(at=at, plus=plus)
     choice = searched(engine, HIDDEN)
     held = hold_out(engine, choice)

@@ -102,7 +102,7 @@ def test_runs_repeated_after_a_rest_begin_cold_and_worn() -> None:
     like = known.motion(60, runs=6, seconds=3.0)
     rest = 3600.0
     again = _repeated(like, rest, 2)
-    assert len(again.samples.parts) == 2 and len(again.time) == 1200
+    assert len(again.parts) == 2 and len(again.time) == 1200
     assert again.time[0] == pytest.approx(like.time[-1] + rest)
     assert again.slid_time[0] == pytest.approx(like.slid_time[-1])
     np.testing.assert_allclose(np.diff(again.slid_time), np.diff(like.slid_time[:1200]))

@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.effect_replay import Motion
 from mrwarp.diagnose.physical_units import factor_of, outer_interval, outer_model, unit_of
 from mrwarp.diagnose.predictor import Predictor
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
-from mrwarp.identify.replay import Scales
+from mrwarp.identify.dataset import Motion, Scales
 from mrwarp.model_file import effect_unit, load_model, save_model
 from tests.diagnose import known
 
@@ -69,10 +68,10 @@ def fitted_recording(q: float, current: float, size: float):
     torque = known.engine(HIDDEN, seed=4, at=exact).samples.torque
     recording = known.recording(exact, torque, q=q, current=current, size=size)
     motion = Motion.of(recording)
-    engine = known.Engine(known.ExtendedReplay(motion), 0.1, np.ones(len(torque)), recording.units)
+    engine = known.Engine(known.EffectReplay(motion), 0.1, np.ones(len(torque)), recording.units)
     engine.noise = known.white(0.03)
     c = engine.coordinates(tuple(HIDDEN))
-    scales = Motion.of(known.recording(exact, torque)).samples.scales
+    scales = Motion.of(known.recording(exact, torque)).scales
     inner = {
         name: {key: value / factor_of(parameter_of(name, key), scales) for key, value in parameters.items()}
         for name, parameters in HIDDEN.items()

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from mrwarp.diagnose.noise import Noise
 from mrwarp.diagnose.spectral_lines import find_line
-from mrwarp.identify.replay import Samples, Scales
+from mrwarp.identify.dataset import Dataset, Scales
+from mrwarp.identify.noise import Noise
 
 DT = 0.005
 
 
-def samples(lengths: list[int]) -> Samples:
+def samples(lengths: list[int]) -> Dataset:
     """Trajectories of some lengths; only their bounds count here."""
     zero = np.zeros(sum(lengths))
-    return Samples(
+    return Dataset(
         q=zero, qd=zero, current=zero, torque=zero, start=np.cumsum([0, *lengths]), dt=np.full(len(lengths), DT),
         scales=Scales(),
     )  # fmt: skip

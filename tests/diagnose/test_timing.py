@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.effect_replay import Motion
 from mrwarp.diagnose.timing import find_timing, timing_note
+from mrwarp.identify.dataset import Motion
 from tests.diagnose import known
 
 INERTIA = {"rotor_inertia": {"inertia": 0.02}}
@@ -21,10 +21,10 @@ def test_shifted_motion_is_that_between_the_samples() -> None:
     """Linear in between, trajectory by trajectory; the last sample is held."""
     at = known.motion(runs=2, seconds=1.0)
     late = at.later(0.25)
-    q, size = at.samples.q, 200
+    q, size = at.q, 200
     assert late.ahead == 0.25
-    np.testing.assert_allclose(late.samples.q[: size - 1], 0.75 * q[: size - 1] + 0.25 * q[1:size])
-    assert late.samples.q[size - 1] == q[size - 1] and late.samples.q[-1] == q[-1]
+    np.testing.assert_allclose(late.q[: size - 1], 0.75 * q[: size - 1] + 0.25 * q[1:size])
+    assert late.q[size - 1] == q[size - 1] and late.q[-1] == q[-1]
 
 
 @pytest.mark.parametrize("ahead", [0.4, 0.75])

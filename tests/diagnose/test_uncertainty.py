@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from mrwarp.diagnose.noise import Noise
-from mrwarp.diagnose.normal_equations import Grams
 from mrwarp.diagnose.uncertainty import covariance, interval
-from mrwarp.identify.replay import Samples, Scales
+from mrwarp.identify.dataset import Dataset, Scales
+from mrwarp.identify.noise import Noise
+from mrwarp.identify.normal_equations import NormalEquations
 from tests.diagnose import known
 
 TRUE = np.array([1.0, -2.0, 0.5])
@@ -20,7 +20,7 @@ def regression(seed: int, runs: int, *, count: int = 100, sigma: float = 0.3, sc
     """A fit of three columns to runs * count samples; each run's true coefficients scatter."""
     rng = np.random.default_rng(seed)
     zero = np.zeros(runs * count)
-    samples = Samples(
+    samples = Dataset(
         q=zero, qd=zero, current=zero, torque=zero, start=np.arange(runs + 1) * count, dt=np.full(runs, 0.005),
         scales=Scales(),
     )  # fmt: skip
@@ -29,7 +29,7 @@ def regression(seed: int, runs: int, *, count: int = 100, sigma: float = 0.3, sc
     y = (x * own.repeat(count, axis=1)).sum(0) + sigma * rng.normal(size=runs * count)
     noise = Noise(whitening=np.ones(1), sigma=sigma, rms=sigma, offset=0.0, gain=0.0)
     plain = np.linalg.lstsq(x.T, y, rcond=None)[0]
-    grams = Grams(np.vstack([x, y - plain @ x]), zero, samples, noise, np.ones(runs * count))
+    grams = NormalEquations(np.vstack([x, y - plain @ x]), zero, samples, noise, np.ones(runs * count))
     return SimpleNamespace(x=plain, grams=grams, table=x, sigma=sigma, least_variance=None)
 
 
@@ -87,12 +87,12 @@ def test_redundant_column_has_a_finite_interval() -> None:
     fit = regression(5, 6)
     table = np.vstack([fit.table, fit.table[0]])
     zero = np.zeros(table.shape[1])
-    samples = Samples(
+    samples = Dataset(
         q=zero, qd=zero, current=zero, torque=zero, start=np.arange(7) * 100, dt=np.full(6, 0.005), scales=Scales()
     )  # fmt: skip
     noise = Noise(whitening=np.ones(1), sigma=0.3, rms=0.3, offset=0.0, gain=0.0)
     rows = np.vstack([table, np.random.default_rng(6).normal(size=len(zero))])
-    grams = Grams(rows, zero, samples, noise, np.ones(len(zero)))
+    grams = NormalEquations(rows, zero, samples, noise, np.ones(len(zero)))
     twice: Any = SimpleNamespace(x=np.zeros(4), grams=grams, least_variance=None)
     assert np.isfinite(covariance(twice)).all()
 

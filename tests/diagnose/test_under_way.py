@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.effect_replay import ExtendedReplay, Motion
 from mrwarp.diagnose.engine import Engine, Fitted
 from mrwarp.diagnose.prepare import begin_under_way
+from mrwarp.identify.dataset import Motion
+from mrwarp.identify.replay import EffectReplay
 from tests.diagnose import known
 
 STIFF = {"beta": 60.0, "gamma": -20.0}
@@ -16,7 +17,7 @@ STIFF = {"beta": 60.0, "gamma": -20.0}
 
 def _cut(long: Motion, first: int) -> Motion:
     """Each run without its first samples."""
-    s = long.samples
+    s = long
     taken = np.concatenate([np.arange(p.start + first, p.stop) for p in s.parts])
     lengths = np.diff(s.start) - first
     samples = dataclasses.replace(
@@ -32,9 +33,9 @@ def _cut(long: Motion, first: int) -> Motion:
 def _engine(cut_off: int) -> Engine:
     """An engine on data of a device that started without stress before the cut."""
     whole = known.engine(sigma=1e-3, **STIFF)
-    at = _cut(dataclasses.replace(whole.motion, samples=whole.samples), cut_off)
-    weight = at.samples.settled(30.0)
-    made = Engine(ExtendedReplay(at), 0.0, weight, whole.units)
+    at = _cut(dataclasses.replace(whole.motion, torque=whole.samples.torque), cut_off)
+    weight = at.settled(30.0)
+    made = Engine(EffectReplay(at), 0.0, weight, whole.units)
     made.noise = known.white(1e-3)
     return made
 
@@ -47,10 +48,10 @@ def _fitted(on: Engine) -> Fitted:
 def test_begin_is_the_direction_of_sliding() -> None:
     """Only where the first sample moves."""
     at = known.motion()
-    first = at.samples.start[:-1]
-    qd = at.samples.qd.copy()
+    first = at.start[:-1]
+    qd = at.qd.copy()
     qd[first] = (0.0, 0.02, -0.02, 2.0, -2.0, 3.0, -3.0, 1.0)
-    begin = dataclasses.replace(at, samples=dataclasses.replace(at.samples, qd=qd)).under_way().begin
+    begin = dataclasses.replace(at, qd=qd).under_way().begin
     assert begin is not None
     assert begin.tolist() == [0.0, 0.0, 0.0, 1.0, -1.0, 1.0, -1.0, 1.0]
 
@@ -58,14 +59,14 @@ def test_begin_is_the_direction_of_sliding() -> None:
 def test_steady_stress_holds_from_the_first_sample() -> None:
     """At a constant velocity the torque does not change with time when z begins under way, either way."""
     at = known.motion(current=1.0)
-    s = at.samples
+    s = at
     for direction in (1.0, -1.0):
         zero, qd = np.zeros(len(s.q)), np.full(len(s.q), direction)
         moved = dataclasses.replace(at, samples=dataclasses.replace(s, q=zero, qd=qd), qdd=zero)
         c = known.engine().coordinates(())
         row = c.row(known.vector(c))
-        steady = ExtendedReplay(moved.under_way()).torque(row)[0]
-        settling = ExtendedReplay(moved).torque(row)[0]
+        steady = EffectReplay(moved.under_way()).torque(row)[0]
+        settling = EffectReplay(moved).torque(row)[0]
         assert np.ptp(steady) < 1e-5 * abs(steady[-1])
         assert steady[-1] == pytest.approx(settling[s.start[1] - 1], rel=1e-4)
         assert abs(settling[0]) < 0.5 * abs(steady[0])

@@ -7,8 +7,8 @@ from typing import Self
 import numpy as np
 import warp as wp
 
-from mrwarp.diagnose.effect_kernels import BASE, HEAT_TIMES, extended_replay_kernel
 from mrwarp.effects.catalogue import NULLS, SLOTS, column_of
+from mrwarp.effects.replay_kernel import BASE, HEAT_TIMES, extended_replay_kernel
 
 EPS = float(np.finfo(np.float32).eps)
 TRUTH = {

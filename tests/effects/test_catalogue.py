@@ -163,7 +163,7 @@ want = float(f"{sign}0.3") * np.sin(2.0 * np.pi * 50.0 * shaft.time)
 np.testing.assert_allclose(hum - plain, want, rtol=0, atol=1e-4)
 assert np.abs(want).max() > 0.2
 
-from mrwarp.diagnose.effect_model import slots_of
+from mrwarp.identify.parameters import slots_of
 from mrwarp.model_file import make_effect
 
 assert [s.parameter.name for s in slots_of("hum")] == ["size", "frequency"]

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.effect_kernels import HEAT_TIMES
+from mrwarp.effects.replay_kernel import HEAT_TIMES
 from tests.effects import along
 
 Shaft, TRUTH, EPS, torque, play, loop = along.Shaft, along.TRUTH, along.EPS, along.torque, along.play, along.loop

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.effect_kernels import BASE
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
 from mrwarp.effects.law import Ranges
-from mrwarp.identify.replay import DIMENSIONS
+from mrwarp.effects.replay_kernel import BASE
+from mrwarp.identify.dataset import DIMENSIONS
 from tests.effects import along
 from tests.effects.strengths import STRENGTHS
 

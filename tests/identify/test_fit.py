@@ -9,10 +9,10 @@ import pytest
 import warp as wp
 
 from mrwarp.commands.run_fit import main
+from mrwarp.identify.dataset import Scales
 from mrwarp.identify.fit import PARAMETERS, fit
 from mrwarp.identify.holding import fit_holding, holding_curve
-from mrwarp.identify.identifiability import student
-from mrwarp.identify.replay import Scales, simulate
+from mrwarp.identify.replay import simulate
 from mrwarp.kernels.hold import hold_kernel
 from mrwarp.model_file import load_model
 from mrwarp.params import HoldParams
@@ -180,12 +180,6 @@ def test_holding_needs_three_currents() -> None:
     """Two levels of current cannot give three coefficients: refused with what is needed."""
     with pytest.raises(RecordingError, match="needs 5 tests at 3 currents"):
         fit_holding(np.array([0.5, 0.5, 0.5, 1.0, 1.0]), np.ones(5))
-
-
-@pytest.mark.parametrize(("dof", "quantile"), [(1.0, 12.7062), (2.0, 4.30265), (5.0, 2.57058), (30.0, 2.04227)])
-def test_student_quantiles(dof: float, quantile: float) -> None:
-    """Quantiles equal the printed table of Student's t."""
-    assert student(0.975, dof) == pytest.approx(quantile, rel=1e-4)
 
 
 def write_csv(folder: Path, runs: tuple[Trajectory, ...]) -> None:

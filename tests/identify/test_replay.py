@@ -5,9 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from mrwarp.identify.dataset import Dataset, Scales
 from mrwarp.identify.fit import BoucWenStructure
-from mrwarp.identify.projection import Projection, bounded_solve
-from mrwarp.identify.replay import Replay, Samples, Scales, simulate
+from mrwarp.identify.least_squares import bounded_solve
+from mrwarp.identify.projection import Projection
+from mrwarp.identify.replay import Replay, simulate
 from mrwarp.recording.load import Recording, Trajectory
 from tests.identify import synthetic
 
@@ -28,7 +30,7 @@ def test_trajectories_of_other_lengths_and_rates_do_not_mix() -> None:
     parameters = {"K0": 1.0, "K1": 2.0, "beta": 4.0, "gamma": -1.0}
 
     def replay(*runs: Trajectory) -> np.ndarray:
-        return Replay(Samples.of(Recording(trajectories=runs), scales)).torque([parameters])[0]
+        return Replay(Dataset.of(Recording(trajectories=runs), scales)).torque([parameters])[0]
 
     np.testing.assert_array_equal(replay(a, b, a), np.concatenate([replay(a), replay(b), replay(a)]))
 
@@ -50,7 +52,7 @@ def test_finite_difference_columns_are_accurate(axis: int) -> None:
     Its truncation is step^2/6 = 2e-5 and its rounding 1e-6/step = 1e-4 relative; the rest is the 200 Hz sampling.
     """
     recording = synthetic.bench_like(3, runs=3, seconds=2.0, noise=0.0)
-    samples = Samples.of(recording, Scales())
+    samples = Dataset.of(recording, Scales())
     structure = BoucWenStructure(samples)
     p = synthetic.TRUTH
     rates = [p["beta"] + p["gamma"], p["beta"] - p["gamma"]]

@@ -24,7 +24,7 @@ from mrwarp.diagnose.report.picture_style import AFTER, BEFORE, MEASURED, NOISE,
 from mrwarp.diagnose.result import Diagnosis, Traces
 from mrwarp.diagnose.verdict_text import capital, title
 from mrwarp.effects.catalogue import CATALOGUE
-from mrwarp.identify.replay import rms
+from mrwarp.identify.dataset import rms
 
 _WORST = 2.0
 """Length of the stretch that is shown in detail [s]."""

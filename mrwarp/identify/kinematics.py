@@ -14,7 +14,7 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter, savgol_filter
 
-from mrwarp.diagnose.standstill import known_velocity
+from mrwarp.identify.standstill import known_velocity
 from mrwarp.recording.load import Recording, Trajectory
 
 _BANDWIDTHS = (25.0, 50.0, 100.0)

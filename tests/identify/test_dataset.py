@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.effect_kernels import BASE, HEAT_TIMES
-from mrwarp.diagnose.effect_replay import ExtendedReplay, Motion, null_row, session_clock
 from mrwarp.effects.catalogue import column_of
-from mrwarp.identify.replay import Scales, simulate
+from mrwarp.effects.replay_kernel import BASE, HEAT_TIMES
+from mrwarp.identify.dataset import Motion, Scales, session_clock
+from mrwarp.identify.parameters import null_row
+from mrwarp.identify.replay import EffectReplay, simulate
 from mrwarp.recording.load import Recording, Trajectory
 from tests.diagnose import known
 
@@ -38,7 +39,7 @@ def test_heat_is_the_solution_of_its_equation(resistance: float) -> None:
     motion = Motion.of(recording, Scales(), resistance=resistance)
     power, dt = 2.0 * 3.0 + resistance, 0.005
     for T, heat in zip(HEAT_TIMES, motion.heat, strict=True):
-        t = motion.samples.dt[0] * np.arange(1, 401)
+        t = motion.dt[0] * np.arange(1, 401)
         first = power * T * -np.expm1(-t / T)
         np.testing.assert_allclose(heat[:400], first, rtol=0, atol=1.1 * power * dt)
         pause = first[-1] * np.exp(-(12.0 - 2.0) / T)
@@ -56,7 +57,7 @@ def test_heat_has_the_units_inside() -> None:
 def test_null_row_gives_no_torque() -> None:
     """A row of nothing is a joint without torque."""
     motion = known.motion(runs=2, seconds=1.0)
-    assert not ExtendedReplay(motion).torque(null_row()).any()
+    assert not EffectReplay(motion).torque(null_row()).any()
 
 
 def test_replay_without_effects_is_that_of_the_fit() -> None:
@@ -64,7 +65,7 @@ def test_replay_without_effects_is_that_of_the_fit() -> None:
     motion = known.motion(runs=3, seconds=2.0)
     row = null_row()
     row[: len(BASE)] = [known.TRUTH.get(name, 0.0) for name in BASE]
-    tau = ExtendedReplay(motion).torque(row)[0]
+    tau = EffectReplay(motion).torque(row)[0]
     want = np.concatenate(simulate(known.TRUTH, known.recording(motion, tau), substeps=4))
     assert np.sqrt(np.mean((tau - want) ** 2)) < 2e-3 and np.abs(want).max() > 1.0
 
@@ -72,16 +73,16 @@ def test_replay_without_effects_is_that_of_the_fit() -> None:
 def test_motion_is_the_recordings() -> None:
     """Ranges, rates and shapes come from the recording, in inner units."""
     exact = known.motion(runs=3, seconds=2.0)
-    recording = known.recording(exact, np.sin(exact.samples.q))
+    recording = known.recording(exact, np.sin(exact.q))
     motion = Motion.of(recording)
-    scales = motion.samples.scales
-    assert motion.ranges.q * scales.q == pytest.approx(np.ptp(exact.samples.q))
+    scales = motion.scales
+    assert motion.ranges.q * scales.q == pytest.approx(np.ptp(exact.q))
     assert motion.ranges.qd * scales.q == pytest.approx(exact.ranges.qd, rel=0.02)
-    assert motion.ranges.current * scales.current == pytest.approx(exact.samples.current.max())
+    assert motion.ranges.current * scales.current == pytest.approx(exact.current.max())
     assert motion.ranges.dt == pytest.approx(0.005) and motion.ranges.session == pytest.approx(6.0, abs=0.01)
-    assert motion.time.shape == motion.qdd.shape == exact.samples.q.shape
-    inner = np.concatenate([np.arange(p.start + 30, p.stop - 30) for p in exact.samples.parts])
-    np.testing.assert_allclose((motion.samples.qd * scales.q)[inner], exact.samples.qd[inner], atol=0.02)
+    assert motion.time.shape == motion.qdd.shape == exact.q.shape
+    inner = np.concatenate([np.arange(p.start + 30, p.stop - 30) for p in exact.parts])
+    np.testing.assert_allclose((motion.qd * scales.q)[inner], exact.qd[inner], atol=0.02)
 
 
 @pytest.mark.parametrize("threads", [2, 3, 5])
@@ -92,19 +93,19 @@ def test_threads_change_no_bit(threads: int) -> None:
     rows[:, :9] = [known.TRUTH[name] for name in BASE[:9]]
     rows[:, len(BASE) + column_of("rotor_inertia", "inertia")] = np.linspace(0.0, 0.01, 4)
     rows[:, len(BASE) + column_of("coil_lag", "time_constant")] = np.linspace(0.0, 0.03, 4)
-    one = ExtendedReplay(motion).torque(rows)
-    assert np.array_equal(one, ExtendedReplay(motion, threads=threads).torque(rows))
+    one = EffectReplay(motion).torque(rows)
+    assert np.array_equal(one, EffectReplay(motion, threads=threads).torque(rows))
     assert np.abs(np.diff(one, axis=0)).max(axis=1).min() > 0.01
 
 
 def test_torque_of_a_recording_does_not_depend_on_its_units() -> None:
     """A recording in other units with converted parameters has the same inner torque."""
     exact = known.motion(runs=2, seconds=1.0)
-    torque = np.sin(3.0 * exact.samples.q)
+    torque = np.sin(3.0 * exact.q)
     here: Any = Motion.of(known.recording(exact, torque))
     there: Any = Motion.of(known.recording(exact, torque, q=0.04, current=6.0, size=250.0))
     for name in ("qdd", "heat", "time"):
         np.testing.assert_allclose(getattr(there, name), getattr(here, name), rtol=1e-6, atol=1e-9)
     for name in ("q", "qd", "current", "torque"):
-        np.testing.assert_allclose(getattr(there.samples, name), getattr(here.samples, name), rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(getattr(there, name), getattr(here, name), rtol=1e-6, atol=1e-9)
     assert list(vars(there.ranges).values()) == pytest.approx(list(vars(here.ranges).values()))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.kinematics import reconstruct, smooth
+from mrwarp.identify.kinematics import reconstruct, smooth
 from mrwarp.recording.differentiate import differentiate
 from mrwarp.recording.load import Recording, Trajectory
 

@@ -5,11 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.effect_replay import ExtendedReplay, Motion
 from mrwarp.diagnose.engine import Engine
-from mrwarp.diagnose.kinematics import reconstruct
 from mrwarp.diagnose.prepare import hold_rests
-from mrwarp.diagnose.standstill import known_velocity, resting
+from mrwarp.identify.dataset import Motion
+from mrwarp.identify.kinematics import reconstruct
+from mrwarp.identify.replay import EffectReplay
+from mrwarp.identify.standstill import known_velocity, resting
 from mrwarp.recording.load import Recording, Trajectory
 from tests.diagnose import known
 
@@ -82,16 +83,16 @@ def test_rests_are_held_where_the_torque_agrees(dither: float, held: bool) -> No
     truth, runs = zip(*(stops(seed, dither=dither) for seed in range(4)), strict=True)
     recording = Recording(trajectories=runs)
     raw = Motion.of(recording)
-    scale = raw.samples.scales
-    c = Engine(ExtendedReplay(raw), 0.0, np.ones(len(raw.qdd))).coordinates(())
+    scale = raw.scales
+    c = Engine(EffectReplay(raw), 0.0, np.ones(len(raw.qdd))).coordinates(())
     x = known.vector(c, **STEEP)
-    exact = dataclasses.replace(raw, samples=dataclasses.replace(raw.samples, qd=np.concatenate(truth) / scale.q))
-    torque = ExtendedReplay(exact).torque(c.row(x))[0].astype(float)
+    exact = dataclasses.replace(raw, qd=np.concatenate(truth) / scale.q)
+    torque = EffectReplay(exact).torque(c.row(x))[0].astype(float)
     torque += 0.01 * np.random.default_rng(8).normal(size=len(torque))
-    on = Engine(ExtendedReplay(dataclasses.replace(raw, samples=dataclasses.replace(raw.samples, torque=torque))), 0.0,
+    on = Engine(EffectReplay(dataclasses.replace(raw, torque=torque)), 0.0,
                 np.ones(len(torque)))  # fmt: skip
     on.noise = known.white(0.01)
-    parts = [scale.torque * torque[part] for part in raw.samples.parts]
+    parts = [scale.torque * torque[part] for part in raw.parts]
     measured = [dataclasses.replace(run, torque=part) for run, part in zip(runs, parts, strict=True)]
     found = hold_rests(on, Recording(trajectories=tuple(measured)), on.fit(c, x), 10.0)
     assert (found is not None) is held

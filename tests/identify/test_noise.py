@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from mrwarp.diagnose.noise import Noise, estimate_noise, trajectory_spread
-from mrwarp.identify.replay import Samples, Scales
+from mrwarp.identify.dataset import Dataset, Scales
+from mrwarp.identify.noise import Noise, estimate_noise, trajectory_spread
 
 DT = 0.005
 
 
-def samples(runs: int, count: int) -> Samples:
+def samples(runs: int, count: int) -> Dataset:
     """Trajectories of equal length; only their bounds count here."""
     zero = np.zeros(runs * count)
-    return Samples(
+    return Dataset(
         q=zero, qd=zero, current=zero, torque=zero, start=np.arange(runs + 1) * count, dt=np.full(runs, DT),
         scales=Scales(),
     )  # fmt: skip

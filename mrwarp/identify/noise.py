@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.optimize import root_scalar
 
-from mrwarp.identify.replay import Samples
+from mrwarp.identify.dataset import Dataset
 
 _ORDER = 4
 
@@ -41,7 +41,7 @@ class Noise:
         return out
 
 
-def estimate_noise(residual: np.ndarray, torque: np.ndarray, samples: Samples, offset: float, gain: float) -> Noise:
+def estimate_noise(residual: np.ndarray, torque: np.ndarray, samples: Dataset, offset: float, gain: float) -> Noise:
     """Noise from what no model explains.
 
     Args:
@@ -70,7 +70,7 @@ def estimate_noise(residual: np.ndarray, torque: np.ndarray, samples: Samples, o
 
 
 def trajectory_spread(
-    mismatch: np.ndarray, torque: np.ndarray, samples: Samples, trends: np.ndarray
+    mismatch: np.ndarray, torque: np.ndarray, samples: Dataset, trends: np.ndarray
 ) -> tuple[float, float]:
     """Spread of offsets and of factors between trajectories, after the errors of finding them are taken out.
 

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.effect_kernels import BASE
-from mrwarp.diagnose.effect_model import LINEAR, Coordinates, jacobian, neutral, simulate, slots_of
-from mrwarp.diagnose.effect_replay import ExtendedReplay, Motion
 from mrwarp.effects.catalogue import CATALOGUE, column_of
+from mrwarp.effects.replay_kernel import BASE
+from mrwarp.identify.dataset import Motion
+from mrwarp.identify.parameters import BASE_PART, EFFECT_PART, LINEAR, Parameters, jacobian, simulate, slots_of
+from mrwarp.identify.replay import EffectReplay
 from tests.diagnose import known
 from tests.effects.strengths import STRENGTHS
 
@@ -23,11 +24,11 @@ def motion() -> Motion:
 @pytest.mark.parametrize("effect", list(CATALOGUE))
 def test_row_holds_the_numbers_of_the_vector(effect: str, motion: Motion) -> None:
     """Base, effect, presets and choices stand in their columns; all other effects are at null."""
-    c = Coordinates((effect,), motion.ranges, 0.2, {("coil_lag", "hold"): 1.0, ("wear", "clock"): 1.0})
+    c = Parameters((effect,), motion.ranges, 0.2, {("coil_lag", "hold"): 1.0, ("wear", "clock"): 1.0})
     values = STRONG.get(effect, {p.name: 1.1 for p in CATALOGUE[effect].parameters})
     row = c.row(known.vector(c, {effect: values}))
     assert row[: len(BASE)] == pytest.approx([*(known.TRUTH[name] for name in BASE[:9]), 0.2])
-    plain = Coordinates((), motion.ranges, 0.2)
+    plain = Parameters((), motion.ranges, 0.2)
     others = plain.row(known.vector(plain))
     mine = set()
     for p in CATALOGUE[effect].parameters:
@@ -46,10 +47,10 @@ def test_row_holds_the_numbers_of_the_vector(effect: str, motion: Motion) -> Non
 @pytest.mark.parametrize("effect", list(CATALOGUE))
 def test_null_and_starts_lie_within_the_bounds(effect: str, motion: Motion) -> None:
     """Each searched number has finite steps and starts inside its bounds."""
-    c = Coordinates((effect,), motion.ranges, 0.0)
-    assert c.size == 9 + len(slots_of(effect)) and (c.low < c.high).all() and (c.steps > 0.0).all()
-    for slot, low, high in zip(c.slots, c.low[9:], c.high[9:], strict=True):
-        assert low <= neutral(slot, motion.ranges) <= high
+    c = Parameters((effect,), motion.ranges, 0.0)
+    assert c.size == BASE_PART.stop + len(slots_of(effect)) and (c.low < c.high).all() and (c.steps > 0.0).all()
+    for slot, low, high in zip(c.slots, c.low[EFFECT_PART], c.high[EFFECT_PART], strict=True):
+        assert low <= slot.neutral(motion.ranges) <= high
         starts = slot.parameter.starts
         for start in starts(motion.ranges) if starts else ():
             assert low <= (np.log(start) if slot.logarithmic else start) <= high
@@ -57,11 +58,11 @@ def test_null_and_starts_lie_within_the_bounds(effect: str, motion: Motion) -> N
 
 def test_bent_model_has_one_number_more(motion: Motion) -> None:
     """At first the same row; its new number is searched within its bounds and stands among the values."""
-    c = Coordinates(("friction_asymmetry", "wear"), motion.ranges, 0.0)
+    c = Parameters(("friction_asymmetry", "wear"), motion.ranges, 0.0)
     x, bent = known.vector(c, STRONG), c.bent()
     y = c.moved(x, bent)
     assert bent.size == c.size + 1 and np.array_equal(c.row(x), bent.row(y))
-    at = next(i for i, slot in enumerate(bent.slots, start=9) if slot.parameter.form)
+    at = next(i for i, slot in bent.items() if slot.parameter.form)
     assert y[at] == bent.low[at] == 0.0 < bent.high[at] and bent.steeper().low[at] == 0.0
     y[at] = 0.2
     assert bent.values(y)["friction_asymmetry"]["thinning"] == pytest.approx(0.2)
@@ -70,33 +71,33 @@ def test_bent_model_has_one_number_more(motion: Motion) -> None:
 def test_known_bend_acts_without_being_searched(motion: Motion) -> None:
     """It stands in the row and among the values; where bends are searched, it is where the search begins."""
     key = ("friction_asymmetry", "thinning")
-    c = Coordinates(("friction_asymmetry",), motion.ranges, 0.0, {key: 0.3})
+    c = Parameters(("friction_asymmetry",), motion.ranges, 0.0, {key: 0.3})
     x, at = known.vector(c, STRONG), len(BASE) + column_of(*key)
     assert c.size == 11 and c.row(x)[at] == 0.3 == c.values(x)["friction_asymmetry"]["thinning"]
     y = c.moved(x, c.bent())
     assert np.array_equal(c.row(x), c.bent().row(y))
     y[-1] = 0.1
     assert c.bent().row(y)[at] == 0.1
-    more = Coordinates(("friction_asymmetry", "wear"), motion.ranges, 0.0, c.choices)
+    more = Parameters(("friction_asymmetry", "wear"), motion.ranges, 0.0, c.choices)
     assert more.row(c.grown(x, more.effects))[at] == 0.3
 
 
 def test_grown_model_is_the_same_model(motion: Motion) -> None:
     """A vector keeps its numbers when effects are added, wherever they go in the order; linear ones come in at null."""
-    c = Coordinates(("coil_lag", "cogging"), motion.ranges, 0.0)
+    c = Parameters(("coil_lag", "cogging"), motion.ranges, 0.0)
     x = known.vector(c, STRONG)
-    more = Coordinates(("coil_lag", "rotor_inertia", "coulomb_friction", "cogging", "wear"), motion.ranges, 0.0)
+    more = Parameters(("coil_lag", "rotor_inertia", "coulomb_friction", "cogging", "wear"), motion.ranges, 0.0)
     y = c.grown(x, more.effects)
     assert y[:9].tolist() == x[:9].tolist()
     assert more.values(y)["cogging"] == c.values(x)["cogging"]
-    replay = ExtendedReplay(motion)
+    replay = EffectReplay(motion)
     one, other = simulate(replay, [(c, x), (more, y)])
     assert np.array_equal(one, other)
 
 
 def torque64(p: dict[str, float], m: Motion) -> np.ndarray:
     """Eqs. 14 and 15 in float64, along the way of the cubic between samples, over the exact step."""
-    s, out = m.samples, np.empty(len(m.samples.q))
+    s, out = m, np.empty(len(m.q))
     for part, dt in zip(s.parts, s.dt, strict=True):
         z = 0.0
         for k in range(part.start, part.stop):
@@ -128,9 +129,9 @@ def _along(z: float, way: float, beta: float, gamma: float) -> float:
 
 def test_jacobian_of_the_base_is_that_of_the_equations(motion: Motion) -> None:
     """All nine columns against central differences of a float64 replay, to 0.5 % of each column's size."""
-    c = Coordinates((), motion.ranges, 0.0)
+    c = Parameters((), motion.ranges, 0.0)
     x = known.vector(c)
-    tau, slopes = jacobian(ExtendedReplay(motion), c, x)
+    tau, slopes = jacobian(EffectReplay(motion), c, x)
 
     def model(y: np.ndarray) -> np.ndarray:
         row = c.row(y)
@@ -148,9 +149,9 @@ def test_jacobian_of_the_base_is_that_of_the_equations(motion: Motion) -> None:
 
 def test_linear_columns_are_their_signals(motion: Motion) -> None:
     """dtau/dD = 1, dtau/dB = qd, dtau/dC = q - zero, dtau/dI1 = I, and K0, K1 share the loop."""
-    c = Coordinates((), motion.ranges, 0.3)
-    _, slopes = jacobian(ExtendedReplay(motion), c, known.vector(c))
-    s, atol = motion.samples, 2e-5
+    c = Parameters((), motion.ranges, 0.3)
+    _, slopes = jacobian(EffectReplay(motion), c, known.vector(c))
+    s, atol = motion, 2e-5
     for column, want in zip(slopes, (np.ones(len(s.q)), s.qd, s.q - 0.3, s.current), strict=False):
         np.testing.assert_allclose(column, want, rtol=0, atol=atol * np.abs(want).max())
     np.testing.assert_allclose(slopes[5], s.current * slopes[4], rtol=0, atol=3e-5)
@@ -160,8 +161,8 @@ def test_linear_columns_are_their_signals(motion: Motion) -> None:
 @pytest.mark.parametrize("effect", list(STRONG))
 def test_jacobian_of_an_effect_converges(effect: str, motion: Motion) -> None:
     """The effect's columns agree with one-sided differences over a fifth of the step, and they are not zero."""
-    c = Coordinates((effect,), motion.ranges, 0.0)
-    x, replay = known.vector(c, STRONG), ExtendedReplay(motion)
+    c = Parameters((effect,), motion.ranges, 0.0)
+    x, replay = known.vector(c, STRONG), EffectReplay(motion)
     tau, slopes = jacobian(replay, c, x)
     for i in range(9, c.size):
         h = c.steps[i] * (0.5 if effect in ("backlash", "remanence") else 0.2)
@@ -174,16 +175,16 @@ def test_jacobian_of_an_effect_converges(effect: str, motion: Motion) -> None:
         # rounding of float32 over the step; a play turns on and off at samples
         loose = {"backlash": 0.6, "remanence": 0.2, "command_delay": 0.2}.get(effect, 0.02)
         rounding = 2e-7 * np.abs(tau).max() / h
-        assert np.sqrt(np.mean((slopes[i] - want) ** 2)) < loose * size + rounding, c.slots[i - 9]
+        assert np.sqrt(np.mean((slopes[i] - want) ** 2)) < loose * size + rounding, dict(c.items())[i]
 
 
 def test_columns_of_an_inertia_and_a_wear_are_known(motion: Motion) -> None:
     """dtau/dJ = qdd; dtau/drate = -t times the loop."""
-    c = Coordinates(("rotor_inertia", "wear"), motion.ranges, 0.0)
+    c = Parameters(("rotor_inertia", "wear"), motion.ranges, 0.0)
     x = known.vector(c, STRONG)
-    tau, slopes = jacobian(ExtendedReplay(motion), c, x)
+    tau, slopes = jacobian(EffectReplay(motion), c, x)
     np.testing.assert_allclose(slopes[9], motion.qdd, rtol=0, atol=1e-3 * np.abs(motion.qdd).max())
-    s, p = motion.samples, known.TRUTH
+    s, p = motion, known.TRUTH
     inertia, wear = STRONG["rotor_inertia"]["inertia"], STRONG["wear"]["rate"]
     straight = p["D"] + p["B"] * s.qd + p["C"] * s.q + p["I1"] * s.current + inertia * motion.qdd
     loop = (tau - straight) / (1.0 - wear * motion.time)

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
 from mrwarp.identify.projection import Point
 
@@ -93,20 +94,12 @@ def assess(
         effective = share.sum() ** 2 / max(float((share**2).sum()), 1e-300)
         dof = max(effective - 1.0, 1.0)
         sigma = float("inf") if lost else np.sqrt(variance)
-        quantiles = student(0.975, dof), student(1.0 - 0.025 / count, dof)
+        quantiles = stats.t.ppf((0.975, 1.0 - 0.025 / count), dof)
         estimates[name] = Estimate(
             value=float(value), half=float(quantiles[0] * sigma), half_joint=float(quantiles[1] * sigma)
         )
     together = _groups(inverse, blind, [names[i] for i in use])
     return Assessment(estimates=estimates, condition=float(values[-1] / max(values[0], 1e-300)), together=together)
-
-
-def student(probability: float, dof: float) -> float:
-    """Quantile of Student's t for any ``dof`` >= 1; with t = sqrt(dof)*tan(phi) the density is cos(phi)^(dof-1)."""
-    phi = np.linspace(0.0, np.pi / 2, 20001)
-    density = np.cos(phi) ** (dof - 1.0)
-    mass = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
-    return float(np.sqrt(dof) * np.tan(np.interp(2.0 * probability - 1.0, mass / mass[-1], phi)))
 
 
 def _solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mrwarp.diagnose.noise import Noise
-from mrwarp.identify.replay import Samples
+from mrwarp.identify.dataset import Dataset
+from mrwarp.identify.least_squares import ridge_solve
+from mrwarp.identify.noise import Noise
 
 
-class Grams:
+class NormalEquations:
     """Whitened Gram matrices of signals, one per trajectory, with offsets and factors marginalised.
 
     Args:
@@ -25,7 +26,7 @@ class Grams:
         self,
         rows: np.ndarray | Sequence[np.ndarray],
         torque: np.ndarray,
-        samples: Samples,
+        samples: Dataset,
         noise: Noise,
         weight: np.ndarray,
     ) -> None:
@@ -53,16 +54,8 @@ class Grams:
         self.total = self.parts.sum(axis=0)
 
 
-def ridge_solve(gram: np.ndarray, moment: np.ndarray, ridge: float = 1e-9) -> np.ndarray:
-    """Least squares from (a stack of) normal equations, with a small relative ridge."""
-    scale = np.sqrt(np.maximum(np.einsum("...ii->...i", gram), 1e-300))
-    normal = gram / (scale[..., :, None] * scale[..., None, :])
-    normal = normal + ridge * np.eye(gram.shape[-1])
-    return np.linalg.solve(normal, (moment / scale)[..., None])[..., 0] / scale
-
-
 def losses(
-    grams: Grams, use: list[int], target: int, *, ridge: float = 1e-9, penalty: np.ndarray | None = None
+    grams: NormalEquations, use: list[int], target: int, *, ridge: float = 1e-9, penalty: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Fit of column ``target`` by columns ``use``: solution, loss and leave-one-out loss of each trajectory.
 

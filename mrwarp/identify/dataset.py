@@ -1,0 +1,261 @@
+"""Measured motion, current and torque as every fit takes them: one immutable data set.
+
+A :class:`Dataset` lays the trajectories of a recording end to end and divides them by scales of the recording, so that
+float32 kernels, search ranges and steps are the same for a 26 N·m joint and a 2 kN damper ("inner units"). Time stays
+in seconds. A :class:`Motion` is a data set whose motion was reconstructed from its log, with what effects need besides.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from scipy.signal import lfilter
+
+from mrwarp.effects.law import Ranges
+from mrwarp.effects.replay_kernel import HEAT_TIMES
+from mrwarp.identify.kinematics import Kinematics, reconstruct
+from mrwarp.recording.load import Recording
+
+_SETTLED = 4.0
+"""Yield travels after which the unknown initial z is forgotten to exp(-4) = 2 %."""
+_MOVING = 0.05
+"""Part of the typical speed above which the joint moves."""
+
+DIMENSIONS: dict[str, tuple[int, int, int]] = {
+    **dict.fromkeys(("q_neutral", "q_offset", "q_center", "z_max"), (1, 0, 0)),
+    **dict.fromkeys(("alpha", "beta", "gamma"), (-1, 0, 0)),
+    **dict.fromkeys(("B", "C", "K0", "B_direction"), (-1, 0, 1)),
+    **dict.fromkeys(("K1", "B_current", "B_direction_current"), (-1, -1, 1)),
+    "D": (0, 0, 1),
+    "I1": (0, -1, 1),
+}
+"""Powers of the scales (q, current, torque) in each parameter; the others carry none of them, or only seconds."""
+
+
+def rms(x: np.ndarray) -> float:
+    """Root of the mean square of all values."""
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def parts_of(start: np.ndarray) -> list[slice]:
+    """Slices between the first samples of trajectories laid end to end and the end of the last, shape (T + 1,)."""
+    return [slice(int(a), int(b)) for a, b in zip(start[:-1], start[1:], strict=True)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scales:
+    """What one inner unit means outside: motion [rad or m], current [A], torque [N·m or N]."""
+
+    q: float = 1.0
+    current: float = 1.0
+    torque: float = 1.0
+
+    @classmethod
+    def of(cls, recording: Recording) -> Self:
+        """Robust scales: median amplitude of the trajectories, largest current, 95th percentile of the torque."""
+        runs = recording.trajectories
+        amplitude = float(np.median([0.5 * np.ptp(np.percentile(run.q, (1, 99))) for run in runs]))
+        largest = max(float(np.abs(run.current).max()) for run in runs)
+        torque = np.concatenate([run.torque for run in runs])
+        spread = float(np.percentile(np.abs(torque - np.median(torque)), 95))
+        return cls(q=amplitude or 1.0, current=largest or 1.0, torque=spread or 1.0)
+
+    def factor(self, name: str) -> float:
+        """Factor from the inner value of a parameter to the outer one."""
+        q, current, torque = DIMENSIONS.get(name, (0, 0, 0))
+        return self.q**q * self.current**current * self.torque**torque
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dataset:
+    """The samples of all trajectories end to end, divided by ``scales``; float64, shape (N,)."""
+
+    q: np.ndarray
+    qd: np.ndarray
+    current: np.ndarray
+    torque: np.ndarray
+    start: np.ndarray
+    """First sample of each trajectory and the end of the last one, shape (T + 1,)."""
+    dt: np.ndarray
+    """Sampling step of each trajectory [s], shape (T,)."""
+    scales: Scales
+
+    @classmethod
+    def of(cls, recording: Recording, scales: Scales | None = None) -> Dataset:
+        """The samples as recorded, in inner units of ``scales`` (None: those of the recording)."""
+        runs, scales = recording.trajectories, scales or Scales.of(recording)
+        return Dataset(
+            q=np.concatenate([run.q for run in runs]) / scales.q,
+            qd=np.concatenate([run.qd for run in runs]) / scales.q,
+            current=np.concatenate([run.current for run in runs]) / scales.current,
+            torque=np.concatenate([run.torque for run in runs]) / scales.torque,
+            start=np.concatenate([[0], np.cumsum([len(run.t) for run in runs])]),
+            dt=np.array([run.dt for run in runs]),
+            scales=scales,
+        )
+
+    @property
+    def parts(self) -> list[slice]:
+        """The samples of each trajectory."""
+        return parts_of(self.start)
+
+    def settled(self, rate: float) -> np.ndarray:
+        """Weight 0 while the unknown initial z still shows, at most a tenth of each trajectory; else 1; shape (N,).
+
+        Args:
+            rate: How fast z forgets along the path, beta plus or minus gamma, the slower [1/inner unit of q].
+        """
+        weight = np.ones(len(self.q))
+        for part, dt in zip(self.parts, self.dt, strict=True):
+            path = np.cumsum(np.abs(self.qd[part])) * dt
+            first = min(int(np.searchsorted(path, _SETTLED / rate)), (part.stop - part.start) // 10)
+            weight[part.start : part.start + first] = 0.0
+        return weight
+
+    def subset(self, limit: int, seed: int) -> Dataset:
+        """At most about ``limit`` samples: a stretch of each of up to 24 trajectories spread over current and speed."""
+        if len(self.q) <= limit:
+            return self
+        parts = self.parts
+        order = sorted(
+            range(len(parts)), key=lambda k: (np.abs(self.current[parts[k]]).mean(), self.qd[parts[k]].std())
+        )
+        chosen = [order[i] for i in np.unique(np.linspace(0, len(order) - 1, min(24, len(order))).astype(int))]
+        length = max(50, limit // len(chosen))
+        rng = np.random.default_rng(seed)
+        index = []
+        for k in chosen:
+            spare = max(0, parts[k].stop - parts[k].start - length)
+            first = parts[k].start + int(rng.integers(spare + 1))
+            index.append(np.arange(first, min(first + length, parts[k].stop)))
+        pick = np.concatenate(index)
+        start = np.concatenate([[0], np.cumsum([len(i) for i in index])])
+        arrays = {name: getattr(self, name)[pick] for name in ("q", "qd", "current", "torque")}
+        return Dataset(**arrays, start=start, dt=self.dt[chosen], scales=self.scales)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion(Dataset):
+    """A data set with its reconstructed motion and what effects need besides; inner units, float64."""
+
+    qdd: np.ndarray
+    """Acceleration by zero-phase local polynomials, shape (N,)."""
+    time: np.ndarray
+    """Time in the session [s], shape (N,)."""
+    slid_time: np.ndarray
+    """Time in the session counted by the path length slid, as long as the session, shape (N,)."""
+    heat: np.ndarray
+    """Heat stored for each of ``HEAT_TIMES``, shape (len(HEAT_TIMES), N)."""
+    ranges: Ranges
+    kinematics: Kinematics
+    resistance: float = 0.0
+    """Coil resistance that the heat is reckoned with [Ohm]."""
+    begin: np.ndarray | None = None
+    """Direction in which the joint had slid before the first sample of each trajectory: -1, 1, or 0 for a device at
+    rest without stress; None: 0 for all; shape (T,)."""
+    ahead: float = 0.0
+    """Samples by which the motion was shifted because the torque is logged ahead of it."""
+
+    @classmethod
+    def of(
+        cls, recording: Recording, scales: Scales | None = None, *, resistance: float = 0.0, rests: bool = False
+    ) -> Motion:
+        """Reconstruct the motion of a recording.
+
+        Args:
+            recording: Measured runs.
+            scales: Units inside; None: those of the recording.
+            resistance: Coil resistance for the heat [Ohm].
+            rests: Whether the joint is held still where it seems to rest.
+        """
+        data, kinematics = Dataset.of(recording, scales), reconstruct(recording, rests=rests)
+        scales = data.scales
+        data = dataclasses.replace(data, qd=kinematics.qd / scales.q)
+        clock = session_clock(recording)
+        time = np.concatenate(
+            [run.t - run.t[0] + begin for run, begin in zip(recording.trajectories, clock, strict=True)]
+        )
+        power = np.abs(data.torque * data.qd)
+        power += resistance * data.current**2 * scales.current**2 / (scales.torque * scales.q)
+        ranges = Ranges(
+            q=float(np.ptp(data.q)) or 1.0,
+            qd=float(np.percentile(np.abs(data.qd), 95)) or 1.0,
+            current=float(np.abs(data.current).max()) or 1.0,
+            torque=float(data.torque.std()) or 1.0,
+            dt=float(np.median(data.dt)),
+            session=float(time.max()) or 1.0,
+        )
+        slid = _slid(data, time)
+        return cls(
+            **vars(data),
+            qdd=kinematics.qdd / scales.q,
+            time=time,
+            slid_time=slid * time.max() / max(float(slid.max()), 1e-12),
+            heat=np.stack([_heat(power, time, data, tau) for tau in HEAT_TIMES]),
+            ranges=ranges,
+            kinematics=kinematics,
+            resistance=resistance,
+        )
+
+    @property
+    def doubtful(self) -> np.ndarray:
+        """Samples of which nobody knows whether the joint moves, bool, shape (N,)."""
+        doubtful = self.kinematics.doubtful
+        return np.zeros(len(self.qdd), dtype=bool) if doubtful is None else doubtful
+
+    def later(self, shift: float) -> Motion:
+        """The motion that was ``shift`` samples later; the last sample of a trajectory is held."""
+        shifted = {name: getattr(self, name).copy() for name in ("q", "qd", "qdd")}
+        for part in self.parts:
+            at = np.arange(part.stop - part.start)
+            for x in shifted.values():
+                x[part] = np.interp(at + shift, at, x[part])
+        return dataclasses.replace(self, **shifted, ahead=self.ahead + shift)
+
+    def under_way(self) -> Motion:
+        """The motion with trajectories that begin while the joint moves taken as cut out of a longer motion."""
+        first = self.qd[self.start[:-1]]
+        begin = np.where(np.abs(first) > _MOVING * self.ranges.qd, np.sign(first), 0.0)
+        return dataclasses.replace(self, begin=begin)
+
+
+def session_clock(recording: Recording) -> np.ndarray:
+    """Time at which each trajectory starts [s], shape (T,).
+
+    From the recorded times where they go on from one trajectory to the next; where all start alike, trajectories are
+    taken as run one after the other in their order.
+    """
+    starts = np.array([run.t[0] for run in recording.trajectories])
+    lengths = np.array([run.t[-1] - run.t[0] + run.dt for run in recording.trajectories])
+    order = np.argsort(starts, kind="stable")
+    apart = np.all(starts[order][1:] >= (starts + lengths)[order][:-1] - 1e-6)
+    if len(starts) > 1 and apart:
+        return starts - starts.min()
+    return np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
+
+
+def _slid(data: Dataset, time: np.ndarray) -> np.ndarray:
+    """Path length slid since the session began, shape (N,)."""
+    out, before, parts = np.empty_like(time), 0.0, data.parts
+    for k in np.argsort(time[data.start[:-1]], kind="stable"):
+        part = parts[k]
+        path = before + np.cumsum(np.abs(data.qd[part])) * data.dt[k]
+        out[part], before = path, float(path[-1])
+    return out
+
+
+def _heat(power: np.ndarray, time: np.ndarray, data: Dataset, time_constant: float) -> np.ndarray:
+    """Solution of ``ds/dt = power - s/T`` through the session, rests included, shape (N,)."""
+    out, parts = np.empty_like(power), data.parts
+    stored, end = 0.0, 0.0
+    for k in np.argsort(time[data.start[:-1]], kind="stable"):
+        part, dt = parts[k], data.dt[k]
+        stored *= np.exp(-max(0.0, time[part.start] - end) / time_constant)
+        keep = np.exp(-dt / time_constant)
+        heat, _ = lfilter([dt], [1.0, -keep], power[part], zi=[keep * stored])
+        out[part] = heat
+        stored, end = float(heat[-1]), float(time[part.stop - 1])
+    return out

@@ -1,0 +1,161 @@
+"""Least squares of models whose derivatives are simulated: one Levenberg-Marquardt loop within bounds.
+
+One evaluation simulates a model and all its derivative columns side by side, as environments of one launch, and hands
+back normal equations only. So a search needs no table of columns in memory, whatever the length of the recording.
+Small problems with an explicit formula take ``scipy.optimize.least_squares``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+_RANK = 1e-9
+"""Eigenvalues of a correlation matrix below this count as zero."""
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """A sum of squares about a point: ``loss - 2*descent@d + d@normal@d`` after a step ``d``."""
+
+    loss: float
+    normal: np.ndarray
+    """Normal matrix, shape (P, P)."""
+    descent: np.ndarray
+    """Half the negative gradient, shape (P,)."""
+    content: Any = None
+    """What the evaluation found besides, for the caller."""
+
+    @classmethod
+    def of(cls, gram: np.ndarray, content: Any = None) -> Quadratic:
+        """From the Gram matrix of [derivatives, mismatch], shape (P + 1, P + 1)."""
+        return cls(float(gram[-1, -1]), gram[:-1, :-1], gram[:-1, -1], content)
+
+    def after(self, step: np.ndarray) -> float:
+        """The loss that the linear model predicts after a step."""
+        return float(self.loss - 2.0 * step @ self.descent + step @ self.normal @ step)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rules:
+    """How a search is damped and when it ends."""
+
+    iterations: int = 12
+    damping: float = 1e-4
+    """First damping, relative to the normal matrix's diagonal."""
+    relief: float = 10.0
+    """What a better point divides the damping by."""
+    least: float = 1e-9
+    increase: float = 30.0
+    """What a worse point multiplies the damping by."""
+    most: float = 1e4
+    """Damping at which the search gives up."""
+    predicted: Callable[[float, float], bool] = lambda gain, loss: gain <= 1e-12 * loss
+    """Whether a predicted gain is too small to be tried."""
+    gained: Callable[[float, float], bool] = lambda gain, loss: False
+    """Whether a gain was so small that the search ends with it."""
+
+
+def minimise(
+    evaluate: Callable[[np.ndarray], Quadratic],
+    x: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    *,
+    reach: np.ndarray | float = np.inf,
+    rules: Rules | None = None,
+) -> tuple[np.ndarray, Quadratic]:
+    """Levenberg-Marquardt within bounds.
+
+    Args:
+        evaluate: The sum of squares about a point.
+        x: Where the search starts, shape (P,); moved into the bounds.
+        low: Lower bounds, shape (P,).
+        high: Upper bounds, shape (P,).
+        reach: Longest step of each coordinate, shape (P,) or one for all.
+        rules: Damping and end of the search.
+
+    Returns:
+        The best point found and the sum of squares about it.
+    """
+    rules = rules or Rules()
+    x = np.clip(x, low, high)
+    here, damping = evaluate(x), rules.damping
+    for _ in range(rules.iterations):
+        while True:
+            room = np.maximum(low - x, -reach), np.minimum(high - x, reach)
+            trial = np.clip(x + bounded_step(here, *room, damping), low, high)
+            gain = here.loss - here.after(trial - x)
+            if gain > 0.0 or damping > rules.most:
+                break
+            damping *= rules.increase  # bounds have bent the step so far that it leads uphill
+        if rules.predicted(gain, here.loss):
+            break
+        there = evaluate(trial)
+        if there.loss < here.loss:
+            gain = here.loss - there.loss
+            x, here, damping = trial, there, max(damping / rules.relief, rules.least)
+            if rules.gained(gain, here.loss):
+                break
+        else:
+            damping *= rules.increase
+            if damping > rules.most:
+                break
+    return x, here
+
+
+def bounded_step(here: Quadratic, low: np.ndarray, high: np.ndarray, damping: float) -> np.ndarray:
+    """Damped step within bounds: numbers that push against a bound are held there, the others solved again."""
+    free = np.ones(len(low), dtype=bool)
+    step = np.zeros(len(low))
+    for _ in range(8):
+        index = np.flatnonzero(free)
+        normal = here.normal[np.ix_(index, index)]
+        normal = normal + damping * np.diag(np.diag(normal))
+        held = np.where(free, 0.0, step)
+        step[index] = ridge_solve(normal, here.descent[index] - here.normal[index] @ held)
+        out = ((step < low) | (step > high)) & free
+        if not out.any():
+            return step
+        step = np.clip(step, low, high)
+        free &= ~out
+    return step
+
+
+def ridge_solve(gram: np.ndarray, moment: np.ndarray, ridge: float = 1e-9) -> np.ndarray:
+    """Least squares from (a stack of) normal equations, with a small relative ridge."""
+    scale = np.sqrt(np.maximum(np.einsum("...ii->...i", gram), 1e-300))
+    normal = gram / (scale[..., :, None] * scale[..., None, :])
+    normal = normal + ridge * np.eye(gram.shape[-1])
+    return np.linalg.solve(normal, (moment / scale)[..., None])[..., 0] / scale
+
+
+def bounded_solve(gram: np.ndarray, moment: np.ndarray, bounded: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least squares from normal equations with some unknowns >= 0: smallest solution where columns are dependent.
+
+    Args:
+        gram: Gram matrix of the columns, shape (P, P).
+        moment: Products of the columns and the target, shape (P,).
+        bounded: True for unknowns that may not be negative, shape (P,).
+
+    Returns:
+        The solution, and False for unknowns at their bound or without effect; both of shape (P,).
+    """
+    scale = np.sqrt(np.diag(gram))
+    free = scale > 1e-12 * max(scale.max(), 1e-300)
+    while True:
+        solution = np.zeros(len(moment))
+        if not free.any():
+            return solution, free
+        d = scale[free]
+        values, vectors = np.linalg.eigh(gram[np.ix_(free, free)] / np.outer(d, d))
+        keep = values > _RANK * values[-1]
+        inner = vectors[:, keep] @ ((vectors[:, keep].T @ (moment[free] / d)) / values[keep])
+        solution[free] = inner / d
+        outside = bounded & (solution < 0)
+        if not outside.any():
+            return solution, free
+        free[np.argmin(np.where(outside, solution * scale, np.inf))] = False

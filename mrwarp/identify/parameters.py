@@ -1,0 +1,273 @@
+"""The parameter vector of a fit: eqs. 14 and 15 and the numbers of effects, as named parts of one vector.
+
+The vector's coordinates, in inner units, are D, B, C, I1, K0, K1 (:data:`LINEAR_PART`), then log(1 + alpha*v),
+log(beta + gamma), log(beta - gamma) with v a typical speed (:data:`SHAPE_PART`), then the effects' own numbers
+(:data:`EFFECT_PART`), those of one sign by their logarithm. A *row* is what the replay's kernel takes: the parameters
+of eqs. 14 and 15 as they are, the angle from which q_c counts, then every number of the catalogue.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from mrwarp.effects.catalogue import CATALOGUE, COLUMNS, NULLS, column_of
+from mrwarp.effects.law import EffectParameter, Ranges
+from mrwarp.effects.replay_kernel import BASE
+from mrwarp.identify.replay import EffectReplay
+
+LINEAR = ("D", "B", "C", "I1", "K0", "K1")
+"""Parameters of eq. 14 in which the torque is linear."""
+SHAPE = ("alpha", "beta", "gamma")
+"""Parameters that give the hysteresis its shape."""
+NON_NEGATIVE = ("B", "K0", "K1")
+
+LINEAR_PART = slice(0, len(LINEAR))
+SHAPE_PART = slice(len(LINEAR), len(LINEAR) + len(SHAPE))
+BASE_PART = slice(0, len(LINEAR) + len(SHAPE))
+"""Eqs. 14 and 15: the linear part and the shape."""
+EFFECT_PART = slice(len(LINEAR) + len(SHAPE), None)
+
+WIDTH = len(BASE) + COLUMNS
+"""Length of a row."""
+
+LEAST_SHAPE = (0.0, -3.0, -3.0)
+STEEPEST, DRY = (5.0, 8.0, 9.0), (5.0, 11.0, 12.0)
+"""Largest coordinates of the shape: while effects are searched, and of the reported fit.
+
+The latter is a hysteresis that is over after 1e-5 of a unit of path, less than a step of an encoder.
+"""
+_STEP = 1e-2
+"""Step of the central differences in non-linear coordinates."""
+
+
+def null_row() -> np.ndarray:
+    """A row at which no effect acts and eq. 14 gives no torque, shape (WIDTH,)."""
+    return np.concatenate([np.zeros(len(BASE)), NULLS])
+
+
+def row_column(effect: str, parameter: str) -> int:
+    """Place of an effect's number in a row."""
+    return len(BASE) + column_of(effect, parameter)
+
+
+def shape_coordinates(alpha: float, beta: float, gamma: float, speed: float) -> np.ndarray:
+    """log(1 + alpha*speed), log(beta + gamma), log(beta - gamma); rates below 1e-3 count as that."""
+    return np.array([np.log1p(alpha * speed), *np.log(np.maximum([beta + gamma, beta - gamma], 1e-3))])
+
+
+def shape_parameters(coordinates: np.ndarray, speed: float) -> dict[str, float]:
+    """alpha, beta, gamma of :func:`shape_coordinates`; ``beta > |gamma|``, so the hysteresis dissipates on any path."""
+    loading, unloading = np.exp(coordinates[1]), np.exp(coordinates[2])
+    alpha = np.expm1(coordinates[0]) / speed
+    return {"alpha": alpha, "beta": 0.5 * (loading + unloading), "gamma": 0.5 * (loading - unloading)}
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One searched number of an effect."""
+
+    effect: str
+    parameter: EffectParameter
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether it is searched by its logarithm."""
+        return self.parameter.starts is not None and not self.parameter.negative
+
+    @property
+    def linear(self) -> bool:
+        """Whether the torque is linear in it at its null value, or nearly so."""
+        return self.parameter.starts is None
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Effect and name of the number."""
+        return self.effect, self.parameter.name
+
+    def neutral(self, ranges: Ranges) -> float:
+        """Coordinate where the effect is absent, or, for a number that has none, of its first start."""
+        if self.logarithmic:
+            assert self.parameter.starts is not None
+            return float(np.log(self.parameter.starts(ranges)[0]))
+        return self.parameter.null
+
+
+def slots_of(effect: str, *, form: bool = False) -> list[Slot]:
+    """The searched numbers of an effect, with those that bend its law or without."""
+    return [
+        Slot(effect, p)
+        for p in CATALOGUE[effect].parameters
+        if p.preset is None and not p.choices and (form or not p.form)
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """Layout, bounds and steps of the vector of a model with given effects."""
+
+    effects: tuple[str, ...]
+    """Names of the effects that act."""
+    ranges: Ranges
+    """What the data cover."""
+    q_zero: float
+    """Angle from which q_c counts."""
+    choices: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    """Values of parameters that say how the data were logged, and of known bends, by (effect, name)."""
+    form: bool = False
+    """Whether numbers that bend a law are searched; else they are as known, or null."""
+    steepest: tuple[float, float, float] = STEEPEST
+    """Upper bounds of the shape."""
+
+    @cached_property
+    def slots(self) -> list[Slot]:
+        """The effects' numbers in the order of the vector."""
+        return [slot for effect in self.effects for slot in slots_of(effect, form=self.form)]
+
+    @property
+    def size(self) -> int:
+        """Length of the vector."""
+        return BASE_PART.stop + len(self.slots)
+
+    @cached_property
+    def low(self) -> np.ndarray:
+        """Lower bounds, shape (P,)."""
+        base = [0.0 if name in NON_NEGATIVE else -np.inf for name in LINEAR]
+        return np.array([*base, *LEAST_SHAPE, *(self._bound(slot, "low") for slot in self.slots)])
+
+    @cached_property
+    def high(self) -> np.ndarray:
+        """Upper bounds, shape (P,)."""
+        return np.array([*[np.inf] * len(LINEAR), *self.steepest, *(self._bound(slot, "high") for slot in self.slots)])
+
+    @cached_property
+    def steps(self) -> np.ndarray:
+        """Steps of the differences, shape (P,)."""
+        out = np.full(self.size, _STEP)
+        out[LINEAR_PART] = 0.1  # any step does
+        for i, slot in self.items():
+            if slot.effect in ("backlash", "remanence"):
+                out[i] = 0.05  # on and off at samples: a small step would meet single ones
+            if slot.linear:
+                out[i] = _linear_step(slot.parameter, self.ranges)
+        return out
+
+    def reach(self, shape: float, logarithmic: float) -> np.ndarray:
+        """Longest step of a search, shape (P,): of the shape, of logarithms, and without limit elsewhere."""
+        out = np.full(self.size, np.inf)
+        out[SHAPE_PART] = shape
+        for i, slot in self.items():
+            if slot.logarithmic:
+                out[i] = logarithmic
+        return out
+
+    def items(self) -> Iterator[tuple[int, Slot]]:
+        """Place in the vector and slot of every number of the effects."""
+        return enumerate(self.slots, start=BASE_PART.stop)
+
+    def own(self, effect: str) -> list[int]:
+        """Places of an effect's numbers in the vector."""
+        return [i for i, slot in self.items() if slot.effect == effect]
+
+    def steeper(self) -> Parameters:
+        """With room for a hysteresis that is nearly dry friction.
+
+        Where effects are searched that room is closed: a steep loop predicts each reversal by its sample, and whitened
+        differences are then all about that.
+        """
+        return dataclasses.replace(self, steepest=DRY)
+
+    def bent(self) -> Parameters:
+        """With the numbers that bend the laws."""
+        return Parameters(self.effects, self.ranges, self.q_zero, self.choices, form=True)
+
+    def row(self, x: np.ndarray) -> np.ndarray:
+        """The kernel's row for a vector, shape (WIDTH,)."""
+        row = null_row()
+        row[LINEAR_PART] = x[LINEAR_PART]
+        row[SHAPE_PART] = list(shape_parameters(x[SHAPE_PART], self.ranges.qd).values())
+        row[BASE.index("q_zero")] = self.q_zero
+        for i, slot in self.items():
+            row[row_column(*slot.key)] = np.exp(x[i]) if slot.logarithmic else x[i]
+        for effect in self.effects:
+            for p in CATALOGUE[effect].parameters:
+                at = row_column(effect, p.name)
+                if p.preset is not None:
+                    row[at] = p.preset(self.ranges)
+                elif p.choices:
+                    row[at] = self.choices.get((effect, p.name), p.choices[0])
+                elif p.form and not self.form:
+                    row[at] = self.choices.get((effect, p.name), p.null)
+        return row
+
+    def values(self, x: np.ndarray) -> dict[str, dict[str, float]]:
+        """Parameters of each effect in inner units, without those that say how the data were logged or are null."""
+        row = self.row(x)
+        return {
+            effect: {
+                p.name: float(row[row_column(effect, p.name)])
+                for p in CATALOGUE[effect].parameters
+                if not p.choices and (not p.form or self.form or (effect, p.name) in self.choices)
+            }
+            for effect in self.effects
+        }
+
+    def vector(self, base: np.ndarray, numbers: Mapping[tuple[str, str], float]) -> np.ndarray:
+        """A vector from its base part and the effects' coordinates; those not given are known, neutral or a start."""
+        own = []
+        for slot in self.slots:
+            given = numbers.get(slot.key)
+            own.append(self.choices.get(slot.key, slot.neutral(self.ranges)) if given is None else given)
+        return np.array([*base[BASE_PART], *own])
+
+    def moved(self, x: np.ndarray, other: Parameters) -> np.ndarray:
+        """This model's vector in another layout; what it lacks here is known, at null, or its first start."""
+        numbers = {slot.key: x[i] for i, slot in self.items()}
+        return dataclasses.replace(other, choices=self.choices).vector(x, numbers)
+
+    def grown(self, x: np.ndarray, effects: Sequence[str]) -> np.ndarray:
+        """This model's vector in a model with more effects; theirs are at null, or the first start."""
+        return self.moved(x, dataclasses.replace(self, effects=tuple(effects), form=False))
+
+    def _bound(self, slot: Slot, name: str) -> float:
+        bound = getattr(slot.parameter, name)(self.ranges)
+        return np.log(bound) if slot.logarithmic else bound
+
+
+def _linear_step(p: EffectParameter, r: Ranges) -> float:
+    """A step of a linear parameter that changes the torque by the order of a percent."""
+    q, current, torque = p.scale
+    unit = r.qd**q if (q, current, torque) != (1, 0, 0) else r.q
+    size = unit * r.current**current * r.torque**torque
+    if p.unit == "kg·m²":
+        size = r.torque * r.q / max(r.qd**2, 1e-12) * 1.0
+    if p.unit == "1/s":
+        size = 1.0 / r.session
+    if p.unit == "1/J":
+        size = 1.0 / (r.torque * r.qd * min(r.session, 100.0))
+    return 1e-2 * size if size > 0 else 1e-2
+
+
+def simulate(replay: EffectReplay, models: Sequence[tuple[Parameters, np.ndarray]]) -> np.ndarray:
+    """Torque of several models, float32, shape (C, N)."""
+    return replay.torque(np.stack([p.row(x) for p, x in models]))
+
+
+def jacobian(replay: EffectReplay, p: Parameters, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Torque, shape (N,), and its derivatives by every coordinate, float32, shape (P, N), from one launch."""
+    models, linear = [(p, x)], len(LINEAR)
+    for i in range(p.size):
+        for sign in (1.0,) if i < linear else (1.0, -1.0):
+            y = x.copy()
+            y[i] += sign * p.steps[i]
+            models.append((p, y))
+    tau = simulate(replay, models)
+    steps = p.steps[:, None].astype(np.float32)
+    slopes = np.empty((p.size, tau.shape[1]), dtype=np.float32)
+    slopes[:linear] = (tau[1 : 1 + linear] - tau[0]) / steps[:linear]
+    slopes[linear:] = (tau[1 + linear :: 2] - tau[2 + linear :: 2]) / (2.0 * steps[linear:])
+    return tau[0].astype(float), slopes
