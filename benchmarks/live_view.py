@@ -14,7 +14,7 @@ from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.runtime import quiet_libraries
 from mrwarp.trials.walking import make_env
-from mrwarp.viewing.live_training import LiveTraining
+from mrwarp.viewing.live_view import LiveTraining
 
 
 def measure(policy: OnnxPolicy, *, num_envs: int = 64, rounds: int = 12, steps: int = 50) -> dict[str, float]:

@@ -70,7 +70,7 @@ def main(argv: list[str] | None = None) -> int:
     from mrwarp.usd.open_stage import AssetError
     from mrwarp.viewing import impact_pictures
     from mrwarp.viewing.impact_view import ImpactView
-    from mrwarp.viewing.stream import ViewerError
+    from mrwarp.viewing.viewer import ViewerError
 
     try:
         check_writable(args.out)

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     import torch
 
     from mrwarp.env.cfg import EnvCfg
-    from mrwarp.rl.play import Player
     from mrwarp.rl.policy import OnnxPolicy
+    from mrwarp.viewing.player import Player
 
 WARMUP = 2.0
 """Longest time to get going that is shown but not measured [s]; at most a quarter of the run."""
@@ -100,12 +100,12 @@ def main(argv: list[str] | None = None, prog: str = "mrwarp play") -> int:
 
 def _play(args: argparse.Namespace, argv: list[str]) -> int:
     """Prepare everything, so that nothing is written when something is wrong, then play."""
-    from mrwarp.rl.play import Player
     from mrwarp.rl.policy import OnnxPolicy, PolicyError
     from mrwarp.trials.walking import make_env
     from mrwarp.usd.asset import check_currents, effect_lines
     from mrwarp.usd.open_stage import AssetError
-    from mrwarp.viewing.stream import ViewerError
+    from mrwarp.viewing.player import Player
+    from mrwarp.viewing.viewer import ViewerError
 
     try:
         check_device(args.device)

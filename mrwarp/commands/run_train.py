@@ -18,7 +18,7 @@ from mrwarp.runtime import one_voice, quiet_libraries
 
 if TYPE_CHECKING:
     from mrwarp.rl.trainer import Trainer
-    from mrwarp.viewing.live_training import LiveTraining
+    from mrwarp.viewing.live_view import LiveTraining
 
 
 def make_parser(prog: str = "mrwarp train") -> argparse.ArgumentParser:
@@ -108,7 +108,7 @@ def main(argv: list[str] | None = None, prog: str = "mrwarp train") -> int:
     from mrwarp.run_dir import FolderError, one_line
     from mrwarp.usd.asset import effect_lines
     from mrwarp.usd.open_stage import AssetError
-    from mrwarp.viewing.stream import ViewerError
+    from mrwarp.viewing.viewer import ViewerError
 
     ranks = Ranks()
     try:
@@ -187,7 +187,7 @@ def _open_view(args: argparse.Namespace, trainer: Trainer) -> LiveTraining | Non
     """Show a few robots while they train, if asked to."""
     if not (args.live or args.rrd or args.connect):
         return None
-    from mrwarp.viewing.live_training import LiveTraining
+    from mrwarp.viewing.live_view import LiveTraining
 
     view = LiveTraining(trainer.env, rrd=args.rrd, url=args.connect)
     trainer.watchers.append(view.update)

@@ -6,14 +6,10 @@ import math
 import time
 from pathlib import Path
 
-import rerun as rr
-
 from mrwarp.trials.impact import ImpactSweep
-from mrwarp.viewing.blueprint import make_blueprint
 from mrwarp.viewing.frames import FrameReader
-from mrwarp.viewing.robot_view import RobotLogger
-from mrwarp.viewing.stream import FrameStream, close, open_sink
-from mrwarp.viewing.web import WebViewer
+from mrwarp.viewing.live_view import LiveView
+from mrwarp.viewing.stream import Sink, open_sink
 
 BEFORE = 1.0
 """Walking shown before the impact [s]."""
@@ -24,27 +20,23 @@ class ImpactView:
 
     Args:
         sweep: The sweep; it will be watched.
-        recording: rerun recording with its sink set.
-        live: Drop frames rather than wait for the viewer.
+        sink: Where it is shown; a live viewer that is slow misses frames.
 
     Attributes:
         minima: Lowest trunk height and largest downward speed of each shown robot after the impact.
     """
 
-    def __init__(self, sweep: ImpactSweep, recording: rr.RecordingStream, *, live: bool) -> None:
+    def __init__(self, sweep: ImpactSweep, sink: Sink) -> None:
         trials = sweep.cfg.trials
         shown = [i * trials for i in range(len(sweep.cfg.variants))]
         env = sweep.env
-        self._env, self._shown, self._recording = env, shown, recording
-        self._robots = RobotLogger(env.sim.scene, sweep.cfg.currents, recording)
-        recording.send_blueprint(make_blueprint(self._robots, live=live, impact=True))
+        self._env, self._shown, self._web = env, shown, sink.web
+        batch = 10 if sink.live else 200
+        self._view = LiveView(env.sim.scene, sweep.cfg.currents, sink, batch=batch, drop=sink.live, impact=True)
         self._reader = FrameReader(env.robot, shown)
-        self._stream = FrameStream(self._robots.log, drop=live, batch=10 if live else 200)
         self._command = [sweep.cfg.speed] * len(shown)
-        self.minima = [
-            {"robot": name, "min_height": math.inf, "peak_down_velocity": math.inf} for name in self._robots.names
-        ]
-        self._web: WebViewer | None = None
+        names = self._view.robots.names
+        self.minima = [{"robot": name, "min_height": math.inf, "peak_down_velocity": math.inf} for name in names]
         sweep.watchers.append(self._watch)
 
     @classmethod
@@ -58,15 +50,11 @@ class ImpactView:
         """
         if not (live or rrd or connect or serve_web):
             return None
-        sink = open_sink(rrd=rrd, url=connect, web=serve_web)
-        view = cls(sweep, sink.recording, live=sink.live)
-        view._web = sink.web
-        return view
+        return cls(sweep, open_sink(rrd=rrd, url=connect, web=serve_web))
 
     def close(self) -> None:
         """Send what is left and disconnect; a viewer that went away is survived."""
-        self._stream.close(timeout=10.0)
-        close(self._recording)
+        self._view.close()
 
     def wait(self) -> None:
         """Keep a web viewer served until Ctrl-C."""
@@ -82,7 +70,7 @@ class ImpactView:
     def _watch(self, since: float) -> None:
         if since < -BEFORE:
             return
-        self._stream.log(self._reader.read(since + BEFORE, self._command))
+        self._view.log(self._reader.read(since + BEFORE, self._command))
         if since > 0.0:
             for row, env in zip(self.minima, self._shown, strict=True):
                 row["min_height"] = min(row["min_height"], float(self._env.root_pos[env, 2]))

@@ -18,8 +18,7 @@ from mrwarp.kernels import ledger
 from mrwarp.run_dir import atomic_write
 from mrwarp.usd.robot import CALVES, GAIT_FREQUENCY, LEGS
 from mrwarp.viewing.frames import Frames, Gate
-from mrwarp.viewing.ground import ground_of, trunk_height
-from mrwarp.viewing.shapes import CURRENT_COLORS, GATE_COLORS, LEG_COLORS
+from mrwarp.viewing.shapes import CURRENT_COLORS, GATE_COLORS, LEG_COLORS, ground_of, trunk_height
 from mrwarp.viewing.side_view import FORCE_COLOR, GROUND_COLOR, GROUND_EDGE, SideView, rgb
 
 INSTANTS = 5

@@ -11,8 +11,18 @@ from matplotlib.patches import Circle, Patch, Polygon
 from mrwarp.env.sim_model import Scene
 from mrwarp.usd.robot import LEGS
 from mrwarp.viewing.frames import Gate
-from mrwarp.viewing.ground import ground_of
-from mrwarp.viewing.shapes import GATE_COLORS, Color, Kind, Kinematics, Part, Shape, compose, robot_shapes, rotate
+from mrwarp.viewing.shapes import (
+    GATE_COLORS,
+    Color,
+    Kind,
+    Kinematics,
+    Part,
+    Shape,
+    compose,
+    ground_of,
+    robot_shapes,
+    rotate,
+)
 
 FORCE_SCALE = 0.16 / 100.0
 """Length of a drawn foot force [m/N]: 100 N are 0.16 m."""

@@ -6,47 +6,27 @@ waiting, and disconnecting blocks for good. Hence the thread, the queue that dro
 
 from __future__ import annotations
 
-import contextlib
-import os
 import queue
-import signal
-import socket
-import subprocess
-import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 import rerun as rr
 
 from mrwarp.viewing.frames import Frames
-
-if TYPE_CHECKING:
-    from mrwarp.viewing.web import WebViewer
+from mrwarp.viewing.viewer import DEFAULT_URL, ViewerError, WebViewer, listens, open_window
 
 APPLICATION = "mrwarp"
 """rerun's application id: recordings with the same one share a layout in the viewer."""
 
-LOCALHOST = "127.0.0.1"
-DEFAULT_URL = f"rerun+http://{LOCALHOST}:9876/proxy"
-"""Where rerun's own viewer listens."""
-
-
 MOST_TOGETHER = 100
 """Most frames in one batch."""
 
-
 LIVE_INTERVAL = 0.1
 """Least time between two batches to a viewer [s]."""
-
-
-class ViewerError(RuntimeError):
-    """A viewer cannot be reached or started; the message says what to do."""
 
 
 class FrameStream:
@@ -123,11 +103,6 @@ def new_recording() -> rr.RecordingStream:
     return rr.RecordingStream(APPLICATION)
 
 
-def save_to(recording: rr.RecordingStream, path: Path) -> None:
-    """Write everything logged from now on to an ``.rrd`` file."""
-    recording.save(path)
-
-
 def connect(recording: rr.RecordingStream, url: str = DEFAULT_URL) -> None:
     """Send everything logged from now on to a viewer that runs already.
 
@@ -141,7 +116,7 @@ def connect(recording: rr.RecordingStream, url: str = DEFAULT_URL) -> None:
         port = None
     if parts.scheme not in ("rerun", "rerun+http", "rerun+https") or not parts.hostname or parts.path != "/proxy":
         raise ViewerError(f"{url}: not the address of a rerun viewer; one looks like {DEFAULT_URL}")
-    if not _listens(parts.hostname, port or 443):
+    if not listens(parts.hostname, port or 443):
         raise ViewerError(f"{url}: no viewer listens there; start one with 'rerun', or save a file with --rrd")
     recording.connect_grpc(url)
 
@@ -164,7 +139,7 @@ def open_sink(
         rrd: File to write; its folder is made.
         url: Viewer to send to.
         web: Serve a page.
-        web_port: Port of the page; None takes :data:`mrwarp.viewing.web.DEFAULT_PORT`, or a free one.
+        web_port: Port of the page; None takes :data:`mrwarp.viewing.viewer.DEFAULT_PORT`, or a free one.
 
     Raises:
         ViewerError: the viewer is not there or does not start.
@@ -173,11 +148,9 @@ def open_sink(
     recording = new_recording()
     if rrd is not None:
         rrd.parent.mkdir(parents=True, exist_ok=True)
-        save_to(recording, rrd)
+        recording.save(rrd)
         return Sink(recording, live=False)
     if web and not url:
-        from mrwarp.viewing.web import WebViewer  # which imports this module
-
         page = WebViewer(web_port)
         connect(recording, page.url)
         return Sink(recording, live=True, web=page)
@@ -200,92 +173,3 @@ def close(recording: rr.RecordingStream, timeout: float = 5.0) -> bool:
         rr.unregister_shutdown()  # rerun's own exit handler would wait as well
         return False
     return complete
-
-
-class Viewer:
-    """A rerun process that only this machine can reach and that reaches nobody.
-
-    Args:
-        options: Command line after ``--bind`` and ``--port``.
-        port: Port for the data; None takes a free one.
-
-    Raises:
-        ViewerError: it did not start.
-    """
-
-    def __init__(self, *options: str, port: int | None = None) -> None:
-        self.port = port or free_port()
-        self.url = f"rerun+http://{LOCALHOST}:{self.port}/proxy"
-        self._messages = tempfile.TemporaryFile()  # noqa: SIM115  lives as long as the process
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "rerun_cli", "--bind", LOCALHOST, "--port", str(self.port), *options],
-            env=offline_environment(),
-            stdout=subprocess.DEVNULL,
-            stderr=self._messages,
-            start_new_session=True,  # Ctrl-C is for the simulation; a window stays open after it
-        )
-        self._await_start()
-
-    def close(self) -> None:
-        """End the process."""
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(self.process.pid, signal.SIGTERM)
-        self.process.wait()
-
-    def _await_start(self, timeout: float = 20.0) -> None:
-        end = time.monotonic() + timeout
-        while time.monotonic() < end and self.process.poll() is None:
-            if _listens(LOCALHOST, self.port):
-                time.sleep(0.5)  # a viewer without a display listens first and fails then
-                break
-            time.sleep(0.1)
-        if self.process.poll() is None and _listens(LOCALHOST, self.port):
-            return
-        if self.process.poll() is None:
-            self.close()
-        self._messages.seek(0)
-        lines = self._messages.read().decode(errors="replace").strip().splitlines() or ["no message"]
-        raise ViewerError(f"rerun's viewer did not start ({lines[-1]}); save a file with --rrd instead")
-
-
-def open_window() -> str:
-    """Open rerun's window, or find the one that is open; returns where it takes data.
-
-    Raises:
-        ViewerError: there is no display, or it did not start.
-    """
-    port = urlsplit(DEFAULT_URL).port
-    assert port is not None
-    if _listens(LOCALHOST, port):
-        return DEFAULT_URL
-    if sys.platform.startswith("linux") and not {"DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"} & set(os.environ):
-        raise ViewerError("no display to open rerun's window on; save a file with --rrd, or use --serve-web")
-    return Viewer("--expect-data-soon", "--hide-welcome-screen", port=port).url
-
-
-def offline_environment() -> dict[str, str]:
-    """Environment in which rerun contacts nobody.
-
-    rerun has no switch for its analytics other than the user's own configuration, which is not ours to change; it keeps
-    silent where ``CI`` is set. Its welcome screen fetches examples: a proxy that does not exist keeps it from that.
-    """
-    nobody = f"http://{LOCALHOST}:9"
-    environment = {name: value for name, value in os.environ.items() if name != "FORCE_RERUN_ANALYTICS"}
-    for name in ("http_proxy", "https_proxy", "all_proxy"):
-        environment |= {name: nobody, name.upper(): nobody}
-    return environment | {"CI": "true", "NO_PROXY": f"{LOCALHOST},localhost", "no_proxy": f"{LOCALHOST},localhost"}
-
-
-def free_port() -> int:
-    """A port that nobody listens on now."""
-    with socket.socket() as probe:
-        probe.bind((LOCALHOST, 0))
-        return probe.getsockname()[1]
-
-
-def _listens(host: str, port: int) -> bool:
-    try:
-        with socket.create_connection((host, port), timeout=2.0):
-            return True
-    except OSError:
-        return False

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from mrwarp.commands import run_impact as impact_cli
-from mrwarp.viewing import stream
-from tests.viewing.test_web import count_colors
+from mrwarp.viewing.viewer import Viewer, free_port
+from tests.viewing.test_viewer import count_colors
 
 
 @pytest.mark.slow
@@ -20,8 +20,8 @@ def test_browser_shows_the_impact(tmp_path: Path) -> None:
     rrd = tmp_path / "impact.rrd"
     argv = ["--out", str(tmp_path / "out"), "--trials", "1", "--coupling", "constraint", "--rrd", str(rrd)]
     assert impact_cli.main(argv) == 0
-    page = stream.free_port()
-    viewer = stream.Viewer("--serve-web", "--web-viewer-port", str(page), str(rrd))
+    page = free_port()
+    viewer = Viewer("--serve-web", "--web-viewer-port", str(page), str(rrd))
     options = webdriver.ChromeOptions()
     for option in ("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
                    "--ignore-gpu-blocklist", "--window-size=1600,900"):  # fmt: skip

@@ -1,5 +1,7 @@
 """What the viewing tests share: four robots that move at random, and everything they did."""
 
+import os
+import signal
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -15,6 +17,7 @@ from mrwarp.env.vec_env import WalkEnv
 from mrwarp.trials.walking import make_env
 from mrwarp.usd.robot import CURRENT_GROUPS
 from mrwarp.viewing.frames import FrameReader, Frames
+from mrwarp.viewing.viewer import Viewer
 
 
 @dataclass(frozen=True)
@@ -82,3 +85,14 @@ class Recorded:
 def read_rrd() -> type[Recorded]:
     """Reader of recordings."""
     return Recorded
+
+
+@pytest.fixture
+def viewer() -> Iterator[Viewer]:
+    """rerun's server, as a viewer without a window."""
+    running = Viewer("--serve-grpc")
+    yield running
+    if running.process.poll() is None:
+        os.killpg(running.process.pid, signal.SIGCONT)
+        os.killpg(running.process.pid, signal.SIGKILL)
+        running.process.wait()

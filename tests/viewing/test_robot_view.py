@@ -11,9 +11,8 @@ from mrwarp.kernels import ledger
 from mrwarp.usd.asset import load_robot
 from mrwarp.usd.robot import LEGS
 from mrwarp.viewing import stream
-from mrwarp.viewing.blueprint import make_blueprint
 from mrwarp.viewing.frames import Frames, Gate
-from mrwarp.viewing.robot_view import ENERGY, FORCE_SCALE, SERIES, RobotLogger, robot_names
+from mrwarp.viewing.robot_view import ENERGY, FORCE_SCALE, SERIES, RobotLogger, make_blueprint, robot_names
 from mrwarp.viewing.shapes import GATE_COLORS, Kinematics, body_names, robot_shapes
 
 UNITS = {
@@ -28,7 +27,7 @@ def recording(walk: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The walk in a file, logged in pieces of different length."""
     path = tmp_path_factory.mktemp("rrd") / "walk.rrd"
     target = stream.new_recording()
-    stream.save_to(target, path)
+    target.save(path)
     robots = RobotLogger(walk.env.sim.scene, walk.currents, target)
     target.send_blueprint(make_blueprint(robots))
     for piece in (slice(0, 1), slice(1, 26), slice(26, None)):
@@ -162,7 +161,7 @@ def test_robot_without_devices(tmp_path: Path, walk: Any, read_rrd: Any) -> None
     scene = robot_scene(load_robot(robot="go1"))
     path = tmp_path / "go1.rrd"
     target = stream.new_recording()
-    stream.save_to(target, path)
+    target.save(path)
     robots = RobotLogger(scene, [0.0], target)
     target.send_blueprint(make_blueprint(robots))
     part = {name: value[:, :1] if value.ndim > 1 else value for name, value in vars(walk.frames).items()}

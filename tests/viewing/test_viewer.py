@@ -1,7 +1,9 @@
-"""The web viewer: rerun's page on this machine, with a policy that keeps it there."""
+"""rerun's viewers: they listen on this machine only, ask nobody else, and say why they do not start."""
 
 import json
+import os
 import shutil
+import sys
 import time
 import urllib.error
 import urllib.request
@@ -13,15 +15,15 @@ from urllib.parse import parse_qs, urlsplit
 import pytest
 
 from mrwarp.viewing import stream
-from mrwarp.viewing.blueprint import make_blueprint
-from mrwarp.viewing.robot_view import RobotLogger
-from mrwarp.viewing.web import WebViewer, policy
+from mrwarp.viewing import viewer as viewer_module
+from mrwarp.viewing.robot_view import RobotLogger, make_blueprint
+from mrwarp.viewing.viewer import Viewer, ViewerError, WebViewer, free_port, open_window, security_policy
 
 
 @pytest.fixture
 def web() -> Iterator[WebViewer]:
     """A page on a free port."""
-    viewer = WebViewer(stream.free_port())
+    viewer = WebViewer(free_port())
     yield viewer
     viewer.close()
 
@@ -34,17 +36,54 @@ def test_page_names_this_machine_only(web: WebViewer) -> None:
     for path in ("/", "/re_viewer.js"):
         with urllib.request.urlopen(f"http://{page.netloc}{path}", timeout=20.0) as answer:
             assert answer.status == 200 and len(answer.read()) > 1000
-            assert answer.headers["Content-Security-Policy"] == policy(urlsplit(web.url).port or 0)
+            assert answer.headers["Content-Security-Policy"] == security_policy(urlsplit(web.url).port or 0)
     with pytest.raises(urllib.error.HTTPError):
         urllib.request.urlopen(f"http://{page.netloc}/no-such-file", timeout=20.0)
 
 
 def test_policy_allows_no_other_address() -> None:
     """The only host in the policy is 127.0.0.1, with the port of the data."""
-    words = policy(4711).replace(";", " ").split()
+    words = security_policy(4711).replace(";", " ").split()
     assert [word for word in words if "://" in word] == ["http://127.0.0.1:4711"]
     assert not {"*", "http:", "https:", "ws:", "wss:"} & set(words)
     assert words[:2] == ["default-src", "'self'"]
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc/net/tcp")
+def test_viewer_listens_on_this_machine_only(viewer: Viewer) -> None:
+    """The data port is bound to 127.0.0.1, in IPv4 and not at all in IPv6."""
+    port = f"{viewer.port:04X}"
+    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    assert [row[1] for row in rows if row[1].endswith(":" + port) and row[3] == "0A"] == [f"0100007F:{port}"]
+    assert f":{port} 0000" not in Path("/proc/net/tcp6").read_text()
+
+
+def test_viewer_runs_without_the_outside(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Analytics are off even where someone forces them on, and every proxy leads nowhere; own addresses are exempt."""
+    monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
+    monkeypatch.setenv("HTTPS_PROXY", "http://proxy.example:3128")
+    environment = viewer_module.offline_environment()
+    assert environment["CI"] and "FORCE_RERUN_ANALYTICS" not in environment
+    for name in ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY", "http_proxy", "https_proxy", "all_proxy"):
+        assert environment[name] == "http://127.0.0.1:9"
+    assert environment["NO_PROXY"] == environment["no_proxy"] == "127.0.0.1,localhost"
+    assert environment["PATH"] == os.environ["PATH"]
+
+
+def test_viewer_that_does_not_start_says_why() -> None:
+    """A wrong option: rerun's own last line is in the message."""
+    with pytest.raises(ViewerError, match="did not start .*; save a file with --rrd"):
+        Viewer("--no-such-option")
+
+
+def test_window_needs_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a display there is one clear message, not a failed process."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(viewer_module, "DEFAULT_URL", f"rerun+http://127.0.0.1:{free_port()}/proxy")
+    monkeypatch.setattr(sys, "platform", "linux")
+    with pytest.raises(ViewerError, match="no display"):
+        open_window()
 
 
 @pytest.mark.slow

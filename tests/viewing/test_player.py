@@ -15,11 +15,11 @@ from rerun.chunk import RrdReader
 from mrwarp.commands import run_play as play_cli
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.observations import ACTOR_TERMS
-from mrwarp.rl.play import Player
 from mrwarp.rl.policy import META, OnnxPolicy
 from mrwarp.rl.task import task
 from mrwarp.trials.walking import make_env, measure
-from mrwarp.viewing import stream
+from mrwarp.viewing.player import Player
+from mrwarp.viewing.viewer import Viewer, free_port
 
 
 def write_policy(path: Path, *, actions: int = 12, seed: int = 2, **changes: Any) -> Path:
@@ -87,7 +87,7 @@ def test_bad_input_is_refused_in_one_line(what: str, tmp_path: Path, capsys: pyt
     text.write_text("no policy\n")
     narrow = write_policy(tmp_path / "narrow.onnx", actions=10)
     scaled = write_policy(tmp_path / "scaled.onnx", action_scale=0.5)
-    nobody = f"rerun+http://127.0.0.1:{stream.free_port()}/proxy"
+    nobody = f"rerun+http://127.0.0.1:{free_port()}/proxy"
     names = {"tmp": tmp_path, "text": text, "narrow": narrow, "scaled": scaled, "nobody": nobody}
     args, parts = REFUSED[what]
     before = sorted(tmp_path.iterdir())
@@ -178,7 +178,7 @@ def test_interrupted_recording_is_whole(
 
 def test_live_run_keeps_real_time_and_reaches_the_viewer(tmp_path: Path) -> None:
     """Sent to a running viewer, 1.5 s of walking take 1.5 s, and everything arrives."""
-    viewer = stream.Viewer("--serve-grpc")
+    viewer = Viewer("--serve-grpc")
     try:
         env = make_env(make_walk_cfg(num_envs=4), 4, seed=0)
         player = Player(env, play_cli.make_agent("zero", env), speed=0.0, shown=range(4))

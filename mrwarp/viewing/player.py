@@ -11,12 +11,11 @@ import torch
 
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.trials.walking import measure
-from mrwarp.viewing import robot_pictures as pictures
-from mrwarp.viewing import stream
-from mrwarp.viewing.blueprint import make_blueprint
 from mrwarp.viewing.frames import FrameReader, Frames
-from mrwarp.viewing.robot_view import RobotLogger
-from mrwarp.viewing.web import WebViewer
+from mrwarp.viewing.live_view import LiveView
+from mrwarp.viewing.robot_pictures import contact_sheet
+from mrwarp.viewing.stream import Sink, open_sink
+from mrwarp.viewing.viewer import DEFAULT_URL
 
 LIVE_BATCH, FILE_BATCH = 5, 50
 """Frames that are sent together: live 0.1 s, so that it stays smooth; to a file 1 s, which costs least."""
@@ -47,18 +46,17 @@ class Player:
         self.frames: list[Frames] = []
         self.page: str | None = None
         self._reader = FrameReader(env.robot, shown)
-        self._stream: stream.FrameStream | None = None
-        self._recording: Any = None
-        self._web: WebViewer | None = None
+        self._sink: Sink | None = None
+        self._view: LiveView | None = None
         self._rrd: Path | None = None
-        self._keep = self._live = False
+        self._keep = False
         self._steps, self._start = 0, 0.0
         self._falls: list[dict[str, Any]] = []
 
     @property
     def dropped(self) -> int:
         """Frames that were dropped because a viewer was too slow."""
-        return self._stream.dropped if self._stream else 0
+        return self._view.dropped if self._view else 0
 
     def open(
         self,
@@ -87,18 +85,15 @@ class Player:
         self._keep = keep
         if not (rrd or url or web or window):
             return
-        sink = stream.open_sink(
+        sink = self._sink = open_sink(
             rrd=_partial(rrd) if rrd else None,
-            url=stream.DEFAULT_URL if url == "default" else url,
+            url=DEFAULT_URL if url == "default" else url,
             web=web,
             web_port=web_port,
         )
-        self._recording, self._live, self._web, self._rrd = sink.recording, sink.live, sink.web, rrd
-        self.page = sink.web.page if sink.web else None
-        robots = RobotLogger(self.env.sim.scene, self.currents, self._recording)
-        self._recording.send_blueprint(make_blueprint(robots, live=self._live))
-        batch = LIVE_BATCH if self._live else FILE_BATCH
-        self._stream = stream.FrameStream(robots.log, drop=self._live, batch=batch)
+        self._rrd, self.page = rrd, sink.web.page if sink.web else None
+        batch = LIVE_BATCH if sink.live else FILE_BATCH
+        self._view = LiveView(self.env.sim.scene, self.currents, sink, batch=batch, drop=sink.live)
 
     def play(self, seconds: float, *, warmup: float) -> dict[str, Any]:
         """Run for ``seconds`` [s], the first ``warmup`` [s] of them unmeasured; live at real time, else at full speed.
@@ -120,24 +115,19 @@ class Player:
 
     def close(self, timeout: float = 5.0) -> bool:
         """Finish the recording; False if a viewer did not take everything. Never hangs on a viewer."""
-        if self._stream is None:
-            return True
-        complete = self._stream.close(timeout if self._live else None)
-        if self._rrd is None:
-            return stream.close(self._recording, timeout) and complete and not self.dropped
-        self._recording.flush()
-        self._recording.disconnect()
-        _partial(self._rrd).replace(self._rrd)
+        complete = self._view is None or self._view.close(timeout)
+        if self._rrd is not None:
+            _partial(self._rrd).replace(self._rrd)
         return complete
 
     def end(self) -> None:
         """Take the page away; a window stays."""
-        if self._web is not None:
-            self._web.close()
+        if self._sink is not None and self._sink.web is not None:
+            self._sink.web.close()
 
     def picture(self, path: Path, title: str) -> None:
         """Write the contact sheet of what was kept."""
-        pictures.contact_sheet(self.env.sim.scene, Frames.join(self.frames), self.currents, path, title=title)
+        contact_sheet(self.env.sim.scene, Frames.join(self.frames), self.currents, path, title=title)
 
     def _act(self, obs: Any) -> torch.Tensor:
         """The policy, which shows the state that it is asked in."""
@@ -151,14 +141,14 @@ class Player:
             {"robot": int(i), "current": float(self.env.current_e[i]), "time": round(now, 6)}
             for i in self.env.fallen.nonzero()[:, 0].tolist()
         ]
-        if self._stream is None and not self._keep:
+        if self._view is None and not self._keep:
             return
         frames = self._reader.read(now, [self._speed] * len(self._shown))
         if self._keep:
             self.frames.append(frames)
-        if self._stream is not None:
-            self._stream.log(frames)
-        if self._live:
+        if self._view is not None:
+            self._view.log(frames)
+        if self._sink is not None and self._sink.live:
             time.sleep(max(0.0, self._start + now - time.perf_counter()))
 
 

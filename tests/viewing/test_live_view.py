@@ -6,7 +6,7 @@ import torch
 
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.viewing.live_training import EVERY, LiveTraining
+from mrwarp.viewing.live_view import EVERY, LiveTraining
 from tests.viewing.conftest import Recorded
 
 
