@@ -1,75 +1,93 @@
-"""``mrwarp <command>``: one entry for everything that computes. Each command's options live beside its code."""
+"""``mrwarp <command>``: one entry for everything that computes, and the one place that says what went wrong.
+
+A command is a dataclass of options (:mod:`mrwarp.options`) and a module (:mod:`mrwarp.commands`) whose
+``run(options, line)`` is imported once the options are read.
+"""
 
 from __future__ import annotations
 
-import difflib
+import errno
 import importlib
 import os
 import sys
+from collections.abc import Sequence
 
-from mrwarp.run_dir import one_line
+from mrwarp.options.command_line import CommandLine, OptionError, closest, parse
+from mrwarp.options.command_table import COMMANDS, Command, Group
+from mrwarp.run_dir import FolderError, one_line
+from mrwarp.runtime import exit_code, one_voice, quiet_libraries
 
-COMMANDS = {
-    "train": ("mrwarp.commands.run_train", "train a walking policy until the walking gate is met"),
-    "play": ("mrwarp.commands.run_play", "run a policy and show it in rerun, or save an .rrd or a picture"),
-    "sweep": ("mrwarp.commands.run_sweep", "run a command over a grid of seeds, models, currents; resumable"),
-    "replay-dump": ("mrwarp.commands.run_replay_dump", "what went wrong first where a training met NaN or a blow-up"),
-    "impact": ("mrwarp.commands.run_impact", "hit walking robots with each current; live view, recording, pictures"),
-    "walk": ("mrwarp.commands.run_walk", "walk 30 m with three robots: cost of transport, support activation, torques"),
-    "mission": ("mrwarp.commands.run_mission", "150 m out, stand, 150 m back: power, state of charge, temperatures"),
-    "bench": ("mrwarp.commands.run_bench", "virtual torque bench: recordings with known hidden effects"),
-    "check": ("mrwarp.commands.run_check", "explain a recording, or what is wrong with it"),
-    "fit": ("mrwarp.commands.run_fit", "identify the joint from recordings"),
-    "diagnose": (
-        "mrwarp.commands.run_diagnose",
-        "what the simulation gets wrong, why, and what it gains to put that right",
-    ),
-    "learn": ("mrwarp.commands.run_learn", "train and evaluate the learned torque models"),
-    "reproduce": ("mrwarp.commands.run_reproduce", "the paper's figures and tables, ours beside theirs"),
-    "study": (
-        "mrwarp.commands.run_study",
-        "actuator-aware against conventional training: train the policies, tables 2 and 3",
-    ),
-    "perf": ("benchmarks.perf.perf_cli", "what a step costs, part by part, and whether that got worse"),
-    "asset": ("mrwarp.commands.run_asset", "show, check, change and compare USD assets"),
-    "verify": ("mrwarp.commands.run_verify", "measure what the simulator promises: passivity, holding, accuracy"),
-}
-"""Command name to the module whose ``main(argv)`` runs it, and its one-line help."""
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
+"""Errors of a disk that takes no more: no fault of the command line."""
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run a command; returns its exit code: 0 done, 1 measured but missed, 2 bad input, 130 stopped by Ctrl-C."""
-    argv = sys.argv[1:] if argv is None else argv
-    if not argv or argv[0] in ("-h", "--help"):
-        print(_usage())
-        return 0 if argv else 2
-    if argv[0] not in COMMANDS:
-        near = difflib.get_close_matches(argv[0], COMMANDS, n=1)
-        hint = f"did you mean {near[0]!r}? " if near else ""
-        print(f"mrwarp: there is no command {argv[0]!r}; {hint}see mrwarp --help", file=sys.stderr)
-        return 2
-    module, _ = COMMANDS[argv[0]]
+def main(argv: Sequence[str] | None = None, prog: str = "") -> int:
+    """Run a command; returns its exit code: 0 done, 1 measured but missed, 2 bad input, 130 stopped by Ctrl-C.
+
+    Args:
+        argv: Command and its arguments; None takes those of the process.
+        prog: What the command is called, where a script of another name runs it.
+    """
+    words = list(sys.argv[1:] if argv is None else argv)
+    called, entry = "mrwarp", Group(help="", commands=COMMANDS)
+    while isinstance(entry, Group):
+        if not words or words[0] in ("-h", "--help"):
+            print(_usage(called, entry))
+            return 0 if words else 2
+        if words[0] not in entry.commands:
+            hint = closest(words[0], list(entry.commands))
+            return _refuse(called, f"there is no command {words[0]!r}; {hint}see {called} --help", 2)
+        called, entry = f"{called} {words[0]}", entry.commands[words.pop(0)]
+    return _run(entry, CommandLine(prog or called, tuple(words)))
+
+
+def _run(command: Command, line: CommandLine) -> int:
+    """Read the options, run, and say in one line what is wrong with them."""
     try:
-        code = importlib.import_module(module).main(argv[1:])
+        if not command.options:
+            return importlib.import_module(command.run).main(list(line.argv))
+        with one_voice():
+            options = parse(command.load_options(), line.argv, line.prog)
+        module = importlib.import_module(command.run)
+        if command.engines:
+            quiet_libraries()
+        code = module.run(options, line)
         sys.stdout.flush()
         return code
-    except KeyboardInterrupt:
-        print("\nstopped", file=sys.stderr)
+    except SystemExit as leaving:  # after --help
+        return leaving.code if isinstance(leaving.code, int) else 2
+    except OptionError as error:
+        with one_voice():
+            return _refuse(line.prog, f"{error}; see --help", 2)
+    except KeyboardInterrupt as stopped:
+        print(f"\nstopped{f'; {stopped}' if str(stopped) else ''}", file=sys.stderr)
         return 130
     except BrokenPipeError:  # whoever read the output has gone, as in `mrwarp ... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except OSError as error:  # most of them a disk that is full when the results are written
-        remedy = "make room or name another folder, then run it again"
-        print(f"mrwarp {argv[0]}: {one_line(error)}; {remedy}", file=sys.stderr)
-        return 1
+    except FolderError as error:
+        return _refuse(line.prog, str(error), 2)
+    except OSError as error:
+        if error.errno in FULL:
+            remedy = "make room or name another folder, then run it again"
+            return _refuse(line.prog, f"{one_line(error)}; {remedy}", 1)
+        return _refuse(line.prog, f"{one_line(error)}; name another", 2)
+    except Exception as error:
+        code = exit_code(error)
+        if code is None or sys.flags.dev_mode:  # `python -X dev -m mrwarp` shows where it was raised
+            raise
+        return _refuse(line.prog, one_line(error), code)
 
 
-def _usage() -> str:
-    lines = [f"  {name:12s} {text}" for name, (_, text) in COMMANDS.items()]
-    return "\n".join(
-        ["usage: mrwarp COMMAND [options]", "", "commands:", *lines, "", "'mrwarp COMMAND --help' lists its options"]
-    )
+def _refuse(prog: str, message: str, code: int) -> int:
+    print(f"{prog}: {message}", file=sys.stderr, flush=True)
+    return code
+
+
+def _usage(called: str, group: Group) -> str:
+    rows = [f"  {name:12s} {entry.help}" for name, entry in group.commands.items()]
+    lines = [f"usage: {called} COMMAND [options]", *([group.help] if group.help else []), "", "commands:", *rows, ""]
+    return "\n".join([*lines, f"'{called} COMMAND --help' lists its options"])
 
 
 if __name__ == "__main__":

@@ -30,6 +30,11 @@ def one_voice() -> Iterator[None]:
         yield
 
 
+def exit_code(error: BaseException) -> int | None:
+    """Exit code of a command that ends with this error: its ``exit_code``, 2 for bad input; None for a bug."""
+    return getattr(error, "exit_code", 2 if isinstance(error, ValueError | OSError) else None)
+
+
 def quiet_libraries() -> None:
     """Silence the libraries' start-up notes, and keep torch on one thread as :func:`one_torch_thread` does."""
     import torch

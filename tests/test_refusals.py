@@ -5,15 +5,18 @@ import math
 import runpy
 import sys
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pytest
+from tyro.conf import Positional
 
 from mrwarp import cli
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.options.arguments import Parser, typed
+from mrwarp.options.command_line import CommandLine, OptionError, parse
+from mrwarp.options.option_types import one, some
 from mrwarp.recording.load import Holding
 from mrwarp.trials.impact import ImpactCfg, Variant
 from mrwarp.usd.open_stage import ASSETS
@@ -343,20 +346,46 @@ def test_the_scripts_call_themselves_what_they_are(
 
 def test_a_command_line_can_be_typed_again() -> None:
     """What results keep: scripts are run by python, commands by themselves."""
-    assert typed("train/ppo.py", ["--out", "a b"]) == "python train/ppo.py --out 'a b'"
-    assert typed("mrwarp train", ["--seed", "1"]) == "mrwarp train --seed 1"
+    assert str(CommandLine("train/ppo.py", ("--out", "a b"))) == "python train/ppo.py --out 'a b'"
+    assert str(CommandLine("mrwarp train", ("--seed", "1"))) == "mrwarp train --seed 1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pushed:
+    """Options of a command."""
+
+    value: Positional[Annotated[float | None, one(float, "VALUE")]] = None
+    """a value"""
+    force: Annotated[tuple[float, ...], some(float, "N")] = ()
+    """a force"""
 
 
 @pytest.mark.parametrize("number", ["-1e30", "-1E-3", "-.5", "-1.", "-inf", "-nan", "-5", "-1.5e+3"])
 def test_negative_numbers_are_values(number: str) -> None:
     """However they are written; a word that begins with a minus is not."""
-    parser = Parser(prog="p")
-    parser.add_argument("--force", nargs=3)
-    parser.add_argument("value", nargs="?")
-    parsed = parser.parse_args(["--force", "0", number, "0", number])
-    assert parsed.force == ["0", number, "0"] and parsed.value == number
-    with pytest.raises(SystemExit):
-        parser.parse_args(["-x"])
+    found = parse(Pushed, [number, "--force", "0", number, "0"], "p")
+    assert str(found) == str(Pushed(value=float(number), force=(0.0, float(number), 0.0)))
+    assert str(parse(Pushed, [f"--force={number}"], "p").force) == str((float(number),))
+    with pytest.raises(OptionError, match="unrecognized arguments: -x"):
+        parse(Pushed, ["-x"], "p")
+
+
+@pytest.mark.parametrize(
+    ("argv", "parts"),
+    [
+        (["check"], ("required", "DATA")),
+        (["train", "--num-evs", "4"], ("--num-evs 4", "did you mean --num-envs?")),
+        (["train", "--robot", "spot"], ("--robot", "'spot'", "mr_go, go1")),
+        (["train", "--num-envs"], ("--num-envs", "expected 1 value")),
+        (["train", "--live", "--rrd", "a.rrd"], ("--rrd", "not allowed with argument --live")),
+        (["play"], ("--policy --agent is required",)),
+        (["play", "--agent", "zero", "--current"], ("--current", "at least one value")),
+    ],
+)
+def test_what_cannot_be_read(argv: list[str], parts: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    """Option, value and what is allowed."""
+    line = refused(argv, capsys)
+    assert all(part in line for part in parts) and line.endswith("; see --help\n")
 
 
 @pytest.mark.parametrize(("word", "hint"), [("fitt", "did you mean 'fit'? see"), ("--version", "; see mrwarp --help")])

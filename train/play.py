@@ -2,7 +2,7 @@
 
 import sys
 
-from mrwarp.commands.run_play import main
+from mrwarp.cli import main
 
 if __name__ == "__main__":
-    sys.exit(main(prog="train/play.py"))
+    sys.exit(main(["play", *sys.argv[1:]], prog="train/play.py"))

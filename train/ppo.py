@@ -2,7 +2,7 @@
 
 import sys
 
-from mrwarp.commands.run_train import main
+from mrwarp.cli import main
 
 if __name__ == "__main__":
-    sys.exit(main(prog="train/ppo.py"))
+    sys.exit(main(["train", *sys.argv[1:]], prog="train/ppo.py"))

@@ -2,7 +2,7 @@
 
 import sys
 
-from mrwarp.commands.run_impact import main
+from mrwarp.cli import main
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(["impact", *sys.argv[1:]]))

@@ -9,12 +9,11 @@ import re
 from pathlib import Path
 
 from benchmarks.fuzz.mutations import NUMBERS
+from mrwarp import cli
 
 
 def run_cli(folder: Path, rng: random.Random) -> tuple[str, list[str]]:
     """A random command line that cannot be right, as it names an input that is not there; what it said."""
-    from mrwarp import cli
-
     command = rng.choice([name for name in cli.COMMANDS if name not in ("verify", "reproduce")])
     flags = re.findall(r"(?<![\w-])--[a-z][a-z-]+", _help(command))
     words = (*NUMBERS, "cuda:99", str(folder / "none"), "-1e9", "mr_go", "go1", "😀", "a" * 5000, "--", "-x", "lstm")
@@ -44,8 +43,6 @@ _HELPS: dict[str, str] = {}
 
 
 def _help(command: str) -> str:
-    from mrwarp import cli
-
     if command not in _HELPS:
         out = io.StringIO()
         with contextlib.redirect_stdout(out), contextlib.suppress(SystemExit):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import gc
+import importlib
 import json
 import multiprocessing
 import os
@@ -23,6 +24,7 @@ from typing import Any
 from benchmarks.fuzz.command_line import run_cli
 from benchmarks.fuzz.coverage import Lines
 from benchmarks.fuzz.kinds import KINDS
+from mrwarp.options.command_table import COMMANDS, Group
 from mrwarp.run_dir import write_text
 
 BATCH = 500
@@ -178,10 +180,9 @@ def run(kind: str, cases: int, *, seed: int, out: Path, seconds: float, coverage
     if file.is_file():
         state = json.loads(file.read_text())
     if kind == "cli":  # once, not in every batch
-        from mrwarp import cli
-
-        for module, _ in cli.COMMANDS.values():
-            __import__(module)
+        for entry in COMMANDS.values():
+            for command in entry.commands.values() if isinstance(entry, Group) else (entry,):
+                importlib.import_module(command.run)
     else:
         with tempfile.TemporaryDirectory() as folder:  # a good file first: its imports are no case's time
             path = Path(folder) / f"input{KINDS[kind].suffix}"

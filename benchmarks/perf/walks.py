@@ -52,6 +52,8 @@ UNSOLVED = 3e-3
 class NotWalkingError(RuntimeError):
     """What was timed does not walk: its times mean nothing."""
 
+    exit_code = 1
+
 
 def variant_cfg(
     name: str,

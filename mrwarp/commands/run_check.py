@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 
-from mrwarp.options.arguments import Parser
+from mrwarp.options.command_line import CommandLine
+from mrwarp.options.data_options import Check
 from mrwarp.recording.differentiate import HALF_WIDTH, frequency_response, half_samples
 from mrwarp.recording.load import (
     Recording,
-    RecordingError,
     Trajectory,
     derivative_ratio,
     find_holding,
@@ -21,18 +19,11 @@ from mrwarp.recording.load import (
 )
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Explain a recording; 0 when it is good to use, 2 when it is refused."""
-    parser = Parser(prog="mrwarp check", description=main.__doc__)
-    parser.add_argument("data", type=Path, metavar="DATA", help="CSV or Parquet file, or a folder of them")
-    args = parser.parse_args(sys.argv[1:] if argv is None else argv)
-    try:
-        recording = load_recording(args.data)
-        beside = find_holding(args.data)
-        holding = load_holding(beside) if beside else None
-    except RecordingError as error:
-        print(f"mrwarp check: {error}", file=sys.stderr)
-        return 2
+def run(options: Check, line: CommandLine) -> int:
+    """Explain a recording; a :class:`RecordingError` says what is wrong with it."""
+    recording = load_recording(options.data)
+    beside = find_holding(options.data)
+    holding = load_holding(beside) if beside else None
     print(describe(recording))
     if holding is not None:
         amps = np.unique(holding.current)

@@ -31,6 +31,8 @@ TIMEOUT = timedelta(minutes=10)
 class RankLostError(RuntimeError):
     """Another rank of this training ended, or the launcher ends this one."""
 
+    exit_code = 1
+
 
 class Ranks:
     """The processes of one training. A lone process (the default) agrees with itself at no cost.

@@ -32,6 +32,8 @@ from mrwarp.trials.walking import GateCheck
 class TrainingError(RuntimeError):
     """A training cannot go on; the message says why, and which checkpoint is left."""
 
+    exit_code = 1
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrainCfg:

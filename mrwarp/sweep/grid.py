@@ -13,7 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mrwarp.cli import COMMANDS
+from mrwarp.options.command_line import OptionError, option_flags, parse
+from mrwarp.options.command_table import COMMANDS
+from mrwarp.options.command_table import Command as Entry
 
 LONGEST_NAME = 120
 """Longest name of a trial's folder."""
@@ -52,7 +54,13 @@ class Command:
 
     def __init__(self, name: str) -> None:
         self.name = name
-        module = COMMANDS[name][0] if name in COMMANDS and name != "sweep" else None
+        entry = COMMANDS.get(name) if name != "sweep" else None
+        self._dataclass = entry.load_options() if isinstance(entry, Entry) and entry.options else None
+        if self._dataclass is not None:
+            self._flags = option_flags(self._dataclass)
+            if "out" in self._flags:
+                return
+        module = entry.run if isinstance(entry, Entry) and not entry.options else None
         found = importlib.import_module(module) if module else None
         make_parser = getattr(found, "make_parser", None) or getattr(found, "_parser", None)
         self._options: dict[str, argparse.Action] = {}
@@ -65,7 +73,7 @@ class Command:
 
     def has(self, option: str) -> bool:
         """Whether the command knows ``--option``."""
-        return f"--{option}" in self._options
+        return option in self._flags if self._dataclass is not None else f"--{option}" in self._options
 
     def given(self, option: str, value: str) -> list[str]:
         """The arguments that set an option; a value of several words is several values, a flag is ``on`` or ``off``.
@@ -74,10 +82,18 @@ class Command:
             GridError: the command has no such option, or the flag is neither.
         """
         if option in ("out", "resume") or not self.has(option):
-            known = ", ".join(sorted(text[2:] for text in self._options if text.startswith("--") and len(text) > 3))
+            known = ", ".join(
+                sorted(self._flags)
+                if self._dataclass is not None
+                else sorted(text[2:] for text in self._options if text.startswith("--") and len(text) > 3)
+            )
             raise GridError(f"--grid {option}={value}: mrwarp {self.name} has no such option to sweep; it has {known}")
-        action = self._options[f"--{option}"]
-        if action.nargs == 0 and not isinstance(action, argparse.BooleanOptionalAction):
+        if self._dataclass is not None:
+            flag = self._flags[option]
+        else:
+            action = self._options[f"--{option}"]
+            flag = action.nargs == 0 and not isinstance(action, argparse.BooleanOptionalAction)
+        if flag:
             if value not in ("on", "off"):
                 raise GridError(f"--grid {option}={value}: --{option} is a flag; give {option}=on,off")
             return [f"--{option}"] if value == "on" else []
@@ -94,7 +110,13 @@ class Command:
         said = io.StringIO()
         try:
             with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
-                self._make().parse_args([*trial.args, "--out", str(out / trial.name)])
+                argv = [*trial.args, "--out", str(out / trial.name)]
+                if self._dataclass is not None:
+                    parse(self._dataclass, argv, f"mrwarp {self.name}")
+                else:
+                    self._make().parse_args(argv)
+        except OptionError as error:
+            raise GridError(f"{trial.name}: mrwarp {self.name}: {error}; see --help") from None
         except SystemExit as leaving:
             if leaving.code != 0:
                 lines = said.getvalue().strip().splitlines() or ["its arguments"]

@@ -128,6 +128,8 @@ class MissionTrace:
 class MissionError(RuntimeError):
     """A robot did not finish a window: it fell or stood still."""
 
+    exit_code = 1
+
 
 def measure(
     cfg: MissionCfg,

@@ -1,5 +1,6 @@
 """``train/ppo.py``: refusals in one line with exit code 2, a run from end to end, and Ctrl-C."""
 
+import inspect
 import json
 import os
 import signal
@@ -11,24 +12,18 @@ from pathlib import Path
 import pytest
 import torch
 
-from mrwarp.commands import run_train as train_cli
+from mrwarp.cli import main
+from mrwarp.options.command_line import parse
+from mrwarp.options.train_options import Train
 from mrwarp.rl import checkpoint
 from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.study.plan import POWER_PRICE
 from mrwarp.usd.open_stage import ASSETS
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = ROOT / "train" / "ppo.py"
 K1 = "double newton:mr:K1 = 10.413315"
-
-
-def run_main(*args: str) -> int:
-    """Exit code of the command in this process; argparse leaves by SystemExit."""
-    try:
-        return train_cli.main(list(args))
-    except SystemExit as leaving:
-        assert isinstance(leaving.code, int)
-        return leaving.code
 
 
 def negative_k1(folder: Path) -> Path:
@@ -80,7 +75,7 @@ def test_bad_input_is_refused_in_one_line(what: str, tmp_path: Path, capsys: pyt
     args, parts = REFUSED[what]
     out = tmp_path / "out"
     before = sorted(tmp_path.iterdir())
-    code = run_main("--out", str(out), *(arg.format(**names) for arg in args))
+    code = main(["train", "--out", str(out), *(arg.format(**names) for arg in args)])
     captured = capsys.readouterr()
     assert code == 2
     assert captured.err.startswith("mrwarp train: ")
@@ -91,14 +86,13 @@ def test_bad_input_is_refused_in_one_line(what: str, tmp_path: Path, capsys: pyt
     assert sorted(tmp_path.iterdir()) == before and text.read_text() == "this is no USD file\n"
 
 
-def test_parser_documents_every_option() -> None:
-    """``--help`` explains each option, and the defaults are those of the task: 64 environments on the CPU."""
-    parser = train_cli.make_parser()
-    assert all(action.help for action in parser._actions)
-    assert f"policies/energy pay {POWER_PRICE:g}" in " ".join(parser.format_help().split())
-    args = parser.parse_args([])
-    assert (args.device, args.num_envs, args.seed, args.actuator) == ("cpu", 64, 0, "bouc_wen")
-    assert (args.robot, args.payload, args.coupling, args.sal, args.no_gate) == ("mr_go", 0, "constraint", "on", False)
+def test_defaults() -> None:
+    """Those of the task: 64 environments on the CPU; the price in the help is that of the shipped policies."""
+    assert f"policies/energy pay {POWER_PRICE:g}" in Path(inspect.getfile(Train)).read_text(encoding="utf-8")
+    options = parse(Train, [], "mrwarp train")
+    assert (options.device, options.num_envs, options.seed, options.actuator) == ("cpu", 64, 0, "bouc_wen")
+    assert (options.robot, options.payload, options.coupling.value, options.sal) == ("mr_go", 0, "constraint", "on")
+    assert LearningCfg(desired_kl=options.desired_kl, entropy=options.entropy) == LearningCfg()
 
 
 def start(*args: str) -> subprocess.Popen[str]:

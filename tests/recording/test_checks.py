@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 
-from mrwarp.commands import run_check as check_cli
+from mrwarp import cli
 from mrwarp.recording import load as recording
 from mrwarp.recording.load import COLUMNS, RecordingError, load_holding, load_recording
 from tests.recording.recordings import DEG, columns, write
@@ -150,7 +150,7 @@ def test_malformed_recording_is_refused_once_and_nothing_is_written(
     make, parts = REFUSED[case]
     path = make(tmp_path)
     before = {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*")}
-    assert check_cli.main([str(path)]) == 2
+    assert cli.main(["check", str(path)]) == 2
     shown = capsys.readouterr()
     assert shown.out == ""
     assert shown.err.startswith(f"mrwarp check: {path}")

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 
-from mrwarp.commands import run_check as check_cli
+from mrwarp import cli
 from mrwarp.recording.load import (
     COLUMNS,
     Holding,
@@ -187,7 +187,7 @@ def test_check_explains_a_good_recording(tmp_path: Path, capsys: pytest.CaptureF
     data["torque"] = -data["torque"]
     path = write(tmp_path / "a.csv", data)
     path.write_text("# seed: 7\n" + path.read_text())
-    assert check_cli.main([str(path)]) == 0
+    assert cli.main(["check", str(path)]) == 0
     out = capsys.readouterr().out
     for part in (
         "trajectories  1 of 200", "at 200 Hz", "-0.5 to 0.5 rad", "levels 0, 1 A; 1 changes",

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from mrwarp import run_dir as folder
-from mrwarp.commands import run_train as train_cli
+from mrwarp.cli import main
 from mrwarp.env import dump
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.rl import checkpoint, trainer
@@ -146,7 +146,7 @@ def test_a_folder_without_write_access_is_refused_before_training(
 ) -> None:
     """Checked by writing, as rights and full disks cannot be told otherwise; exit code 2 of the command."""
     monkeypatch.setattr(Path, "write_bytes", fail(errno.EACCES))
-    code = train_cli.main(["--num-envs", "2", "--out", str(tmp_path / "run")])
+    code = main(["train", "--num-envs", "2", "--out", str(tmp_path / "run")])
     error = capsys.readouterr().err
     assert code == 2 and f"{tmp_path / 'run'}: cannot be written (Permission denied)" in error
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pxr import Usd
 
+from mrwarp import cli
 from mrwarp.commands.run_asset import main as asset_main
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.sim import SimCfg, robot_scene
@@ -154,15 +155,10 @@ def test_damaged_record_loads_without_effects_and_says_so(tmp_path: Path) -> Non
 @pytest.mark.parametrize("command", ["impact", "train", "play"])
 def test_commands_refuse_a_bad_model_in_one_line(command: str, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     """An unknown parameter of an effect: one line with file, place and what is known, exit code 2."""
-    from mrwarp.commands.run_impact import main as impact
-    from mrwarp.commands.run_play import main as play
-    from mrwarp.commands.run_train import main as train
-
     path = save_model(model(LAG), tmp_path / "model.json")
     path.write_text(path.read_text().replace("time_constant", "lag"))
     argv = {"impact": [], "train": ["--num-envs", "2"], "play": ["--agent", "zero", "--num-envs", "1"]}[command]
-    run = {"impact": impact, "train": train, "play": play}[command]
-    assert run([*argv, "--model", str(path), "--out", str(tmp_path / "out")]) == 2
+    assert cli.main([command, *argv, "--model", str(path), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert f"{path}: effects[0].parameters.lag: coil_lag has no such parameter; known: time_constant, hold" in said
     assert said.count("\n") == 1

@@ -12,14 +12,18 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 from rerun.chunk import RrdReader
 
+from mrwarp.cli import main
 from mrwarp.commands import run_play as play_cli
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.observations import ACTOR_TERMS
+from mrwarp.options.command_line import parse
+from mrwarp.options.train_options import Play
 from mrwarp.rl.policy import META, OnnxPolicy
 from mrwarp.rl.task import task
 from mrwarp.trials.walking import make_env, measure
 from mrwarp.viewing.player import Player
 from mrwarp.viewing.viewer import Viewer, free_port
+from mrwarp.usd.robot import CURRENT_GROUPS
 
 
 def write_policy(path: Path, *, actions: int = 12, seed: int = 2, **changes: Any) -> Path:
@@ -92,7 +96,7 @@ def test_bad_input_is_refused_in_one_line(what: str, tmp_path: Path, capsys: pyt
     args, parts = REFUSED[what]
     before = sorted(tmp_path.iterdir())
     outputs = [] if {"--rrd", "--png", "--out", "--connect"} & set(args) else ["--rrd", f"{tmp_path}/out/walk.rrd"]
-    code = play_cli.main([*(arg.format(**names) for arg in args), *outputs])
+    code = main(["play", *(arg.format(**names) for arg in args), *outputs])
     captured = capsys.readouterr()
     assert code == 2
     assert captured.err.startswith("mrwarp play: ")
@@ -102,13 +106,11 @@ def test_bad_input_is_refused_in_one_line(what: str, tmp_path: Path, capsys: pyt
     assert sorted(tmp_path.iterdir()) == before and text.read_text() == "no policy\n"
 
 
-def test_parser_documents_every_option() -> None:
-    """``--help`` explains each option; by default four robots walk at 0.5 m/s for 10 s on the CPU."""
-    parser = play_cli.make_parser()
-    assert all(action.help for action in parser._actions)
-    args = parser.parse_args(["--agent", "zero"])
-    assert (args.num_envs, args.current, args.speed, args.seconds) == (4, [0.0, 0.5, 1.0, 1.5], 0.5, 10.0)
-    assert (args.device, args.robot, args.sal, args.seed) == ("cpu", None, None, 0)
+def test_defaults() -> None:
+    """By default four robots walk at 0.5 m/s for 10 s on the CPU."""
+    options = parse(Play, ["--agent", "zero"], "mrwarp play")
+    assert (options.num_envs, options.current, options.speed, options.seconds) == (4, CURRENT_GROUPS, 0.5, 10.0)
+    assert (options.device, options.robot, options.sal, options.seed) == ("cpu", None, None, 0)
 
 
 def test_policy_from_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -116,7 +118,7 @@ def test_policy_from_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[st
     policy = write_policy(tmp_path / "policy.onnx", sal=False)
     rrd, png, out = tmp_path / "new" / "walk.rrd", tmp_path / "walk.png", tmp_path / "out"
     args = ["--policy", str(policy), "--rrd", str(rrd), "--png", str(png), "--out", str(out), "--seconds", "2"]
-    assert play_cli.main(args) == 0
+    assert main(["play", *args]) == 0
     printed = capsys.readouterr()
     assert printed.err == "" and "SAL off" in printed.out and str(rrd) in printed.out
     assert {p.name for p in tmp_path.iterdir()} == {"policy.onnx", "new", "walk.png", "out"}
@@ -144,7 +146,7 @@ def test_agents_run(agent: str, tmp_path: Path, capsys: pytest.CaptureFixture[st
     args = ["--agent", agent, "--seconds", "1", "--num-envs", "2", "--current", "0", "1.5", "--seed", "4"]
     results = []
     for run in ("a", "b"):
-        assert play_cli.main([*args, "--out", str(tmp_path / run)]) == 0
+        assert main(["play", *args, "--out", str(tmp_path / run)]) == 0
         results.append(json.loads((tmp_path / run / "result.json").read_text()))
     capsys.readouterr()
     assert results[0]["currents"] == [0.0, 1.5]
@@ -170,7 +172,7 @@ def test_interrupted_recording_is_whole(
 
     monkeypatch.setattr(play_cli, "make_agent", interrupted)
     rrd, out = tmp_path / "walk.rrd", tmp_path / "out"
-    code = play_cli.main(["--agent", "zero", "--rrd", str(rrd), "--out", str(out), "--num-envs", "1"])
+    code = main(["play", "--agent", "zero", "--rrd", str(rrd), "--out", str(out), "--num-envs", "1"])
     assert code == 130 and "stopped" in capsys.readouterr().err
     assert last_heights(rrd)["0_0A"][0] == 30 * 20_000_000
     assert [path.name for path in tmp_path.iterdir()] == ["walk.rrd"]

@@ -1,0 +1,135 @@
+"""A dataclass of options as a command line: tyro reads it, and every refusal is one line.
+
+An option is a field: ``num_envs`` is ``--num-envs``, its docstring is the help. Loads no engine.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import io
+import os
+import re
+import shlex
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeVar, get_args, get_type_hints
+
+import tyro
+from tyro import _errors as events  # not public, see pyproject.toml
+from tyro.conf import DisallowNone, EnumChoicesFromValues, Positional, PositionalMetavarFromFieldName
+
+OptionsT = TypeVar("OptionsT")
+
+HELP_WIDTH = 120
+"""Columns of a help that is not shown in a terminal."""
+
+_POSITIONAL = get_args(Positional[int])[1]
+_NO_DEFAULT = re.compile(r"\s*\(default:\s+(None|False|)\)")
+
+
+class OptionError(ValueError):
+    """A command line that cannot be read; the message names the option, its value and what is allowed."""
+
+
+@dataclass(frozen=True)
+class CommandLine:
+    """What was typed."""
+
+    prog: str
+    """A command such as ``mrwarp train``, or a script such as ``train/ppo.py``."""
+    argv: tuple[str, ...]
+    """Its arguments."""
+
+    def __str__(self) -> str:
+        """The line as it can be typed again; scripts are run by python."""
+        return f"{'python ' * self.prog.endswith('.py')}{self.prog} {shlex.join(self.argv)}"
+
+
+def parse(options: type[OptionsT], argv: Sequence[str], prog: str) -> OptionsT:
+    """Read arguments.
+
+    Args:
+        options: Dataclass of options.
+        argv: Arguments.
+        prog: What the command is called in its help.
+
+    Raises:
+        OptionError: they cannot be read.
+        SystemExit: with 0, after ``--help`` was printed.
+    """
+
+    def refuse(event: events.ParseErrorEvent) -> None:
+        raise OptionError(" ".join(_message(event, options).split()))
+
+    printed = io.StringIO()
+    try:
+        with events.on_parse_error(refuse), contextlib.redirect_stdout(printed), _plain():
+            return tyro.cli(
+                Annotated[options, DisallowNone, EnumChoicesFromValues, PositionalMetavarFromFieldName],  # type: ignore
+                args=argv, prog=prog,
+            )  # fmt: skip
+    except SystemExit:
+        lines = _NO_DEFAULT.sub("", printed.getvalue()).splitlines()
+        print("\n".join(line.rstrip() for line in lines))
+        raise
+
+
+def option_flags(options: type) -> dict[str, bool]:
+    """Every ``--option`` of a dataclass by its name without the hyphens, and whether it is a flag, without a value."""
+    found = {}
+    for name, hint in get_type_hints(options, include_extras=True).items():
+        kind, *marks = get_args(hint) if hasattr(hint, "__metadata__") else (hint,)
+        if _POSITIONAL not in marks:
+            found[name.replace("_", "-")] = kind is bool
+    return found
+
+
+@contextlib.contextmanager
+def _plain():
+    """Help without boxes and colours, as wide as the terminal."""
+    style = tyro._experimental_options
+    before = dict(style)
+    style.update(utf8_boxes=False, ansi_codes=False)
+    columns = os.environ.get("COLUMNS")
+    if columns is None:
+        os.environ["COLUMNS"] = str(shutil.get_terminal_size((HELP_WIDTH, 24)).columns)
+    try:
+        yield
+    finally:
+        style.update(before)
+        if columns is None:
+            os.environ.pop("COLUMNS", None)
+
+
+def _message(event: events.ParseErrorEvent, options: type) -> str:
+    """What is wrong, in a sentence."""
+    match event:
+        case events.InstantiationFailure(argument=argument, message=message):
+            return f"argument {argument.display_name()}: {message}" if argument else message
+        case events.InvalidChoice(argument=argument, value=value, choices=choices):
+            return f"argument {argument.display_name()}: invalid choice: {value!r} (choose from {', '.join(choices)})"
+        case events.BadValue(argument=argument):
+            wanted = argument.lowered.nargs
+            return f"argument {argument.display_name()}: expected {wanted} value{'s' * (wanted != 1)}"
+        case events.MutexConflict(first_token=first, second_token=second):
+            return f"argument {second}: not allowed with argument {first}"
+        case events.MissingArgs(missing_arguments=missing):
+            names = [found.arg.lowered.metavar if found.arg.is_positional() else found.arg.display_name()
+                     for found in missing]  # fmt: skip
+            return f"the following arguments are required: {', '.join(map(str, names))}"
+        case events.MissingMutexGroup(groups=groups):
+            names = [" ".join(found.arg.display_name() for found in group) for group in groups]
+            return f"one of the arguments {'; '.join(names)} is required"
+        case events.UnrecognizedArgs(tokens=tokens):
+            known = [f"--{name}" for name in option_flags(options)]
+            near = [near for token in tokens for near in difflib.get_close_matches(token.partition("=")[0], known, n=1)]
+            return f"unrecognized arguments: {' '.join(tokens)}" + (f"; did you mean {near[0]}?" if near else "")
+    return type(event).__name__
+
+
+def closest(word: str, known: Sequence[str]) -> str:
+    """A hint at the name that a misspelt one is nearest to; empty where none is near."""
+    near: list[Any] = difflib.get_close_matches(word, known, n=1)
+    return f"did you mean {near[0]!r}? " if near else ""
