@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import enum
 
+from mrwarp.paper import ROBOTS
+
 
 class Coupling(enum.Enum):
     """How the device acts on the joint."""
@@ -45,3 +47,30 @@ TERRAINS = ("flat", "rough")
 
 RANDOMIZATIONS = ("all", "ground", "none")
 """What differs between training environments, see :func:`mrwarp.env.cfg.make_randomize_cfg`."""
+
+CONVENTIONAL = "conventional"
+"""Trained on Go1, whose joints have no MR device: configurations A and B of table 2."""
+
+MODELS = ("mlp", "bouc_wen", "lstm", "pg_rlstm")
+"""Torque models of table 3, one training plant each: MR_Go with SAL on and four currents (eq. 20)."""
+
+AWARE = "pg_rlstm"
+"""The actuator-aware policies of configurations C and D: the paper's deployed torque model (section 6.1)."""
+
+PLANTS = (CONVENTIONAL, AWARE, *(model for model in MODELS if model != AWARE))
+"""What a policy was trained on, by name; those of table 2 first, which is the order of training."""
+
+PUBLIC = "public_gains"
+"""The actuator-aware plant with :data:`mrwarp.usd.robot.PUBLIC_GAINS`: policies for the pushes and falling masses of
+table 4, which the asset's stiffer motors hardly feel. Its soft motors sag, so the trunk's height has the weight
+``HEIGHT`` of :mod:`mrwarp.study.plan`: with the usual one, one policy of three walks at 0.28 m and misses the gate."""
+
+EXPLICIT = "mr_go_sal_explicit"
+"""MR_Go-SAL whose devices act by the paper's explicit torque (eqs. 6, 19) instead of a brake that sticks; otherwise
+trained as the robots of tables 6 and 7."""
+
+PAYING = (*ROBOTS, EXPLICIT)
+"""What pays for power and carries loads: the robots of tables 6 and 7."""
+
+TRAINABLE = (*PLANTS, PUBLIC, *PAYING)
+"""Everything that :func:`mrwarp.study.plants.plant_cfg` knows."""

@@ -33,6 +33,7 @@ class Group:
     commands: Mapping[str, Command | Group]
 
 
+_RUN = "mrwarp.commands.run"
 _TRAIN, _DATA = "mrwarp.options.train_options", "mrwarp.options.data_options"
 
 COMMANDS: dict[str, Command | Group] = {
@@ -80,9 +81,19 @@ COMMANDS: dict[str, Command | Group] = {
     "reproduce": Command(
         help="the paper's figures and tables, ours beside theirs", run="mrwarp.commands.run_reproduce"
     ),
-    "study": Command(
+    "study": Group(
         help="actuator-aware against conventional training: train the policies, tables 2 and 3",
-        run="mrwarp.commands.run_study",
+        commands={
+            name: Command(help=text, options=f"mrwarp.options.study_options:{options}", run=f"{_RUN}_study")
+            for name, options, text in (
+                ("train", "StudyTrain", "train what is not finished; resumable, any number of processes at once"),
+                ("collect", "Collect", "copy finished policies and their training records into a folder"),
+                ("table2", "Table2Options", "conventional and actuator-aware policies, SAL off and on"),
+                ("table3", "Table3Options", "torque models in training"),
+                ("causes", "Causes", "which part of the plant makes a policy's velocity error"),
+                ("fig5", "Figure5", "learning curves"),
+            )
+        },
     ),
     "perf": Command(help="what a step costs, part by part, and whether that got worse", run="benchmarks.perf.perf_cli"),
     "asset": Command(help="show, check, change and compare USD assets", run="mrwarp.commands.run_asset"),

@@ -11,7 +11,7 @@ import torch
 from matplotlib.axes import Axes
 
 from mrwarp.actuator.mr_actuator import Coupling
-from mrwarp.commands import run_study as cli
+from mrwarp.cli import main
 from mrwarp.env.cfg import RandomizeCfg, RewardCfg, make_play_cfg, make_randomize_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.paper import ROBOTS
@@ -88,10 +88,10 @@ def test_robots_that_pay_name_their_price(tmp_path: Path, capsys: pytest.Capture
     """In the record's command and task; another price is another training; a price below zero is refused."""
     options = ["--plants", "go1", "--seeds", "0", "--num-envs", "4", "--iterations", "1", "--runs", str(tmp_path / "r")]
     out = ["--out", str(tmp_path / "policies")]
-    assert cli.main(["train", *options, "--power-price", "0.02"]) == 0
-    assert cli.main(["collect", *options, *out]) == 2
+    assert main(["study", "train", *options, "--power-price", "0.02"]) == 0
+    assert main(["study", "collect", *options, *out]) == 2
     assert "trained with rewards.power = -0.02 (asked: -0.002)" in capsys.readouterr().err
-    assert cli.main(["collect", *options, *out, "--power-price", "0.02"]) == 0
+    assert main(["study", "collect", *options, *out, "--power-price", "0.02"]) == 0
     record = json.loads(record_file(tmp_path / "policies", "go1", 0).read_text())
     assert record["command"].endswith("--randomize ground --power-price 0.02 --desired-kl 0.04 --entropy 0.003")
     assert record["task"]["rewards"]["power"] == -0.02
@@ -180,7 +180,7 @@ def test_runs_of_other_choices_are_neither_finished_nor_collected(
     """Randomisation, ground, environments, updates and seed: exit code 2, one line, nothing written."""
     runs, out = tmp_path / "runs", tmp_path / "out"
     options = ["--plants", CONVENTIONAL, "--seeds", "0", "--num-envs", "4", "--iterations", "2", "--runs", str(runs)]
-    assert cli.main(["train", *options]) == 0
+    assert main(["study", "train", *options]) == 0
     before = sorted(runs.rglob("*"))
     for choice, text in (
         (["--randomize", "all"], "randomize.added_mass = [0.0, 0.0] (asked: [-0.5, 1.0])"),
@@ -193,7 +193,7 @@ def test_runs_of_other_choices_are_neither_finished_nor_collected(
     ):
         for part in (["train"], ["collect", "--out", str(out)]):
             capsys.readouterr()
-            assert cli.main([*part, *options, *choice]) == 2, choice
+            assert main(["study", *part, *options, *choice]) == 2, choice
             error = capsys.readouterr().err
             assert (
                 error.count("\n") == 1 and f"{runs / name(CONVENTIONAL, 0)}: trained with " in error and text in error
@@ -205,7 +205,7 @@ def test_runs_of_other_choices_are_neither_finished_nor_collected(
         collect(replace(CFG, plants=(CONVENTIONAL,), seeds=(1,)), runs, out)
     (runs / name(CONVENTIONAL, 1)).rename(runs / name(CONVENTIONAL, 0))
     capsys.readouterr()
-    assert cli.main(["collect", *options, "--out", str(out)]) == 0
+    assert main(["study", "collect", *options, "--out", str(out)]) == 0
     failed = failed_conditions(record_file(out, CONVENTIONAL, 0))
     assert failed and f"did not pass the walking gate: {', '.join(failed)}" in capsys.readouterr().out
     assert sorted(path.name for path in out.iterdir()) == ["conventional_seed0.json", "conventional_seed0.onnx"]
@@ -267,8 +267,7 @@ def test_a_record_ends_where_its_policy_does(tmp_path: Path) -> None:
 @pytest.mark.parametrize("part", ["collect", "fig5"])
 def test_parts_without_physics_take_no_threads(part: str, capsys: pytest.CaptureFixture[str]) -> None:
     """An option that would do nothing."""
-    with pytest.raises(SystemExit):
-        cli.main([part, "--out", "anywhere", "--threads", "2"])
+    assert main(["study", part, "--out", "anywhere", "--threads", "2"]) == 2
     assert "unrecognized arguments: --threads 2" in capsys.readouterr().err
 
 

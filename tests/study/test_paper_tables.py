@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from mrwarp.commands import run_study as cli
+from mrwarp.cli import main
+from mrwarp.commands import run_study
 from mrwarp.rl.policy import DEFAULT_POLICY, PolicyError
 from mrwarp.study.paper_tables import EvaluationCfg, Row, Table3, change, holm, table2, table3, welch
 from mrwarp.study.plan import CONVENTIONAL, MODELS, policy_file
@@ -72,7 +73,7 @@ def test_one_seed_is_no_test(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its p-values are NaN, not 1, and the printed table says so; Holm's correction lets a NaN pass."""
     table = biased(monkeypatch, {"mlp": [0.2], "lstm": [-0.1], "pg_rlstm": [0.0]})
     assert all(np.isnan(pair.p) for pair in table.pairs)
-    lines = cli._print3(table)
+    lines = run_study._print3(table)
     assert lines[-4] == "v_x_bias: pg_rlstm < lstm < mlp; beyond chance (p < 0.05): not tested"
     assert holm([0.02, float("nan"), 0.01, 0.4]) == pytest.approx([0.06, float("nan"), 0.04, 0.8], nan_ok=True)
     assert holm([]) == []
@@ -143,12 +144,12 @@ def test_command_writes_figures_and_refuses_a_folder_without_policies(
 ) -> None:
     """Exit code 2, one line and nothing written without policies; else a table, and 1: equal policies gain nothing."""
     out = tmp_path / "out"
-    assert cli.main(["table2", "--out", str(out), "--policies", str(tmp_path / "none")]) == 2
+    assert main(["study", "table2", "--out", str(out), "--policies", str(tmp_path / "none")]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and "conventional_seed0.onnx: no such policy" in error
     assert not out.exists()
 
     monkeypatch.setattr("mrwarp.study.paper_tables.EvaluationCfg", lambda **_: cfg)
-    assert cli.main(["table2", "--out", str(out), "--policies", str(tmp_path), "--seeds", "0", "1"]) == 1
+    assert main(["study", "table2", "--out", str(out), "--policies", str(tmp_path), "--seeds", "0", "1"]) == 1
     assert (out / "result.json").is_file()
     assert "SAL on: actuator-aware training lowers v_x RMSE by" in capsys.readouterr().out

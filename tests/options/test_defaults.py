@@ -1,0 +1,27 @@
+"""Defaults of the options, which load no engine, are those of the configurations that they become."""
+
+from mrwarp.options.option_types import CURRENTS
+from mrwarp.options.study_options import StudyTrain
+from mrwarp.options.train_options import Train
+from mrwarp.rl.ppo_cfg import LearningCfg
+from mrwarp.study import plan
+from mrwarp.study.plan import StudyCfg
+from mrwarp.usd.robot import CURRENT_GROUPS
+
+
+def test_learning() -> None:
+    """How fast networks learn."""
+    assert LearningCfg(desired_kl=Train().desired_kl, entropy=Train().entropy) == LearningCfg()
+
+
+def test_study() -> None:
+    """Trainings of the studies."""
+    options, cfg = StudyTrain(), StudyCfg()
+    for name in ("num_envs", "iterations", "terrain", "randomize", "power_price", "seeds", "plants", "start_from"):
+        assert getattr(options, name) == getattr(cfg, name), name
+    assert plan.STUDY.name == "study"
+
+
+def test_currents() -> None:
+    """Groups of robots."""
+    assert CURRENTS == CURRENT_GROUPS
