@@ -21,9 +21,9 @@ from mrwarp.options.train_options import Play
 from mrwarp.rl.policy import META, OnnxPolicy
 from mrwarp.rl.task import task
 from mrwarp.trials.walking import make_env, measure
+from mrwarp.usd.robot import CURRENT_GROUPS
 from mrwarp.viewing.player import Player
 from mrwarp.viewing.viewer import Viewer, free_port
-from mrwarp.usd.robot import CURRENT_GROUPS
 
 
 def write_policy(path: Path, *, actions: int = 12, seed: int = 2, **changes: Any) -> Path:
