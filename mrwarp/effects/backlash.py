@@ -15,24 +15,24 @@ def backlash_law(
         gap = float(0.0)
         if s.begins == 0:
             gap = memory[line, slot]
-        free_1 = wp.clamp(gap + s.way_1, -half_gap, half_gap)
-        free_2 = wp.clamp(free_1 + s.way_2, -half_gap, half_gap)
-        s.way_1 = s.way_1 - (free_1 - gap)
+        free_1 = wp.clamp(gap + s.path_1, -half_gap, half_gap)
+        free_2 = wp.clamp(free_1 + s.path_2, -half_gap, half_gap)
+        s.path_1 = s.path_1 - (free_1 - gap)
         s.q = s.q - free_2
-        driven = s.way_2 - (free_2 - free_1)
+        driven = s.path_2 - (free_2 - free_1)
         engaged = float(1.0)
         if s.begins == 0:
             if wp.abs(free_2) < half_gap:
                 engaged = 0.0
                 driven = float(0.0)
-            elif s.way_2 != 0.0:
+            elif s.path_2 != 0.0:
                 # at the end of the step: all but within the first part of the way, so that it has a slope
-                engaged = wp.clamp(20.0 * driven / s.way_2, 0.0, 1.0)
+                engaged = wp.clamp(20.0 * driven / s.path_2, 0.0, 1.0)
             elif free_2 * s.qd <= 0.0:
                 engaged = 0.0
         s.qd = engaged * s.qd
         s.qdd = engaged * s.qdd
-        s.way_2 = driven
+        s.path_2 = driven
         memory[line, slot] = free_2
     return s
 

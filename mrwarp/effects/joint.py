@@ -16,7 +16,7 @@ from mrwarp.effects.catalogue import column_of
 from mrwarp.effects.law import Path
 from mrwarp.effects.path import current_path, motion_path, path_torque, torque_path
 from mrwarp.kernels.joint_params import JointParams
-from mrwarp.kernels.mr_joint import displacement, hysteresis
+from mrwarp.kernels.mr_joint import hysteresis
 
 _DELAY = wp.constant(column_of("command_delay", "delay"))
 _THERMAL = wp.constant(column_of("temperature_drift", "time_constant"))
@@ -93,13 +93,13 @@ def joint_path(
     s.qd_before = qd
     s = motion_path(s, values, row, memory, line)
     speed = float(qd)
-    if s.way_2 != dt * qd:  # play has shortened the way of the shaft
-        speed = s.way_2 / dt
+    if s.path_2 != dt * qd:  # play has shortened the way of the shaft
+        speed = s.path_2 / dt
     s.z = hysteresis(p, speed, z, dt, exact)
     s.heat = heat
     s = torque_path(s, values, row, memory, line)
     s.yield_gain = wp.max(s.yield_gain, 0.0)  # a device that has worn out does not push
-    s.torque = path_torque(s, displacement(p, s.q), p.D, p.B, p.C, p.I1, p.K0, p.K1, p.alpha)
+    s.torque = path_torque(p, s)
     return s
 
 

@@ -25,7 +25,7 @@ class Path:
     time: wp.float32
     """Time in the session [s]."""
     slid_time: wp.float32
-    """Time in the session, counted by sliding: the way slid so far over its mean speed [s]."""
+    """Time in the session, counted by sliding: the path length so far over its mean speed [s]."""
     begins: wp.int32
     """1 at the first step, where states are set."""
     command: wp.float32
@@ -46,10 +46,10 @@ class Path:
     """Velocity at the step's begin [rad/s]."""
     qdd_before: wp.float32
     """Acceleration at the step's begin [rad/s²]."""
-    way_1: wp.float32
-    """Way of the shaft in this step up to a reversal, 0 without one [rad]."""
-    way_2: wp.float32
-    """Way after it [rad]."""
+    path_1: wp.float32
+    """Signed path length of the shaft in this step up to a reversal, 0 without one [rad]."""
+    path_2: wp.float32
+    """Signed path length after it [rad]."""
     z: wp.float32
     """Hysteresis state [rad]."""
     yield_gain: wp.float32

@@ -13,6 +13,8 @@ import warp as wp
 from mrwarp.effects.catalogue import CATALOGUE, COLUMN, SLOT, SOURCES
 from mrwarp.effects.law import Path
 from mrwarp.kernels.bouc_wen import bouc_wen_exact
+from mrwarp.kernels.joint_params import JointParams
+from mrwarp.kernels.mr_joint import displacement
 
 _CURRENT = [law for law in CATALOGUE.values() if law.stage == "current"]
 _MOTION = [law for law in CATALOGUE.values() if law.stage == "motion"]
@@ -45,17 +47,17 @@ def motion_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d
     before, after = s.qd_before, s.qd
     if before * after < 0.0:
         turn = s.dt * before / (before - after)
-        s.way_1 = 0.5 * before * turn
-        s.way_2 = 0.5 * after * (s.dt - turn)
+        s.path_1 = 0.5 * before * turn
+        s.path_2 = 0.5 * after * (s.dt - turn)
     else:
         # a cubic with the slopes of both ends: a chord would shorten the way of a sine
-        s.way_1 = 0.0
-        s.way_2 = s.dt * (0.5 * (before + after) + s.dt / 12.0 * (s.qdd_before - s.qdd))
-        if s.way_2 * (before + after) < 0.0:
-            s.way_2 = 0.0
+        s.path_1 = 0.0
+        s.path_2 = s.dt * (0.5 * (before + after) + s.dt / 12.0 * (s.qdd_before - s.qdd))
+        if s.path_2 * (before + after) < 0.0:
+            s.path_2 = 0.0
     if s.begins == 1:
-        s.way_1 = 0.0
-        s.way_2 = 0.0
+        s.path_1 = 0.0
+        s.path_2 = 0.0
     for i in range(wp.static(len(_SHAFT))):
         s = wp.static(_SHAFT[i].law)(
             s, values, row, wp.static(COLUMN[_SHAFT[i].name]), memory, line, wp.static(SLOT[_SHAFT[i].name])
@@ -90,28 +92,18 @@ def sensor_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d
 
 
 @wp.func
-def way_hysteresis(z: float, way: float, beta: float, gamma: float) -> float:
-    """z after a way of the shaft in one direction, eq. 15, which knows no time."""
+def path_hysteresis(z: float, way: float, beta: float, gamma: float) -> float:
+    """z after a signed path length of the shaft in one direction, eq. 15, which knows no time."""
     if way == 0.0:
         return z
     return bouc_wen_exact(way, z, beta, gamma, 1.0)
 
 
 @wp.func
-def path_torque(
-    s: Path,
-    q_c: float,
-    D: float,
-    B: float,
-    C: float,
-    I1: float,
-    K0: float,
-    K1: float,
-    alpha: float,
-) -> float:
+def path_torque(p: JointParams, s: Path) -> float:
     """tau_BW of eq. 14 with the effects' factors, and what they add [N·m]."""
-    weakening = 1.0 + alpha * wp.abs(s.qd)
+    weakening = 1.0 + p.alpha * wp.abs(s.qd)
     if s.weakening != 1.0:
         weakening = wp.pow(weakening, s.weakening)
-    loop = s.yield_gain * (K0 + K1 * s.field) / weakening * s.z
-    return D + s.viscous_gain * B * s.qd + C * q_c + I1 * s.current + loop + s.torque
+    loop = s.yield_gain * (p.K0 + p.K1 * s.field) / weakening * s.z
+    return p.D + s.viscous_gain * p.B * s.qd + p.C * displacement(p, s.q) + p.I1 * s.current + loop + s.torque

@@ -15,10 +15,10 @@ from functools import cached_property
 
 import numpy as np
 
-from mrwarp.effects.catalogue import CATALOGUE, COLUMNS, NULLS, column_of
+from mrwarp.effects.catalogue import CATALOGUE, column_of
 from mrwarp.effects.law import EffectParameter, Ranges
 from mrwarp.effects.replay_kernel import BASE
-from mrwarp.identify.replay import EffectReplay
+from mrwarp.identify.replay import EffectReplay, null_row
 
 LINEAR = ("D", "B", "C", "I1", "K0", "K1")
 """Parameters of eq. 14 in which the torque is linear."""
@@ -32,9 +32,6 @@ BASE_PART = slice(0, len(LINEAR) + len(SHAPE))
 """Eqs. 14 and 15: the linear part and the shape."""
 EFFECT_PART = slice(len(LINEAR) + len(SHAPE), None)
 
-WIDTH = len(BASE) + COLUMNS
-"""Length of a row."""
-
 LEAST_SHAPE = (0.0, -3.0, -3.0)
 STEEPEST, DRY = (5.0, 8.0, 9.0), (5.0, 11.0, 12.0)
 """Largest coordinates of the shape: while effects are searched, and of the reported fit.
@@ -43,11 +40,6 @@ The latter is a hysteresis that is over after 1e-5 of a unit of path, less than 
 """
 _STEP = 1e-2
 """Step of the central differences in non-linear coordinates."""
-
-
-def null_row() -> np.ndarray:
-    """A row at which no effect acts and eq. 14 gives no torque, shape (WIDTH,)."""
-    return np.concatenate([np.zeros(len(BASE)), NULLS])
 
 
 def row_column(effect: str, parameter: str) -> int:

@@ -1,6 +1,7 @@
-"""Replay: the torque of recorded motion by the simulator's own kernels, for many parameter sets in one launch.
+"""Replay: the torque of recorded motion by the simulator's own laws, for many parameter sets in one launch.
 
-All parameters are in the inner units of the data set (:mod:`mrwarp.identify.dataset`).
+All parameters are in the inner units of the data set (:mod:`mrwarp.identify.dataset`). A parameter set is a row: the
+laws of eqs. 14 and 15, then the numbers of all effects (:data:`WIDTH` values).
 """
 
 from __future__ import annotations
@@ -11,21 +12,38 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import warp as wp
 
-from mrwarp.effects.catalogue import SLOTS
-from mrwarp.effects.replay_kernel import BASE, extended_replay_kernel
-from mrwarp.identify.dataset import Dataset, Motion, Scales
-from mrwarp.kernels.joint_params import JointParams
-from mrwarp.kernels.replay_kernel import Extension, replay_kernel
+from mrwarp.effects.catalogue import COLUMNS, NULLS, SLOTS
+from mrwarp.effects.replay_kernel import BASE, HEAT_TIMES, effect_replay_kernel, replay_kernel
+from mrwarp.identify.dataset import Dataset, Motion
 from mrwarp.recording.load import Recording
 
-_RECORD: np.dtype = np.dtype(JointParams.numpy_dtype())  # pyright: ignore[reportCallIssue,reportArgumentType]
-_EXTENSION: np.dtype = np.dtype(Extension.numpy_dtype())  # pyright: ignore[reportCallIssue,reportArgumentType]
+WIDTH = len(BASE) + COLUMNS
+"""Length of a row."""
+_OFFSETS = ("q_neutral", "q_offset", "q_center")
 _BATCH = 16_000_000
-"""Samples times candidates of one launch: bounds the memory of its output to 64 MB."""
+"""Samples times rows of one launch: bounds the memory of its output to 64 MB."""
+
+
+def null_row() -> np.ndarray:
+    """A row at which no effect acts, z has no limit and eq. 14 gives no torque, shape (WIDTH,)."""
+    row = np.concatenate([np.zeros(len(BASE)), NULLS])
+    row[BASE.index("z_max")] = np.inf
+    return row
+
+
+def row_of(values: Mapping[str, float]) -> np.ndarray:
+    """The row of named parameters of the laws; what is not named is null, shape (WIDTH,)."""
+    row = null_row()
+    for name, value in values.items():
+        if name in _OFFSETS:
+            row[BASE.index("q_zero")] += value
+        else:
+            row[BASE.index(name)] = value
+    return row
 
 
 class Replay:
-    """Samples on a device, ready to be simulated with many parameter sets.
+    """A data set on a device, ready to be simulated with many parameter sets.
 
     Args:
         samples: The recorded motion.
@@ -34,73 +52,65 @@ class Replay:
             which holds the newest velocity. A simulated velocity is the mean over its step, a measured one is not:
             so 0 suits simulated motion and 1 or more suits measured motion.
         device: Warp device.
+        threads: CPU threads.
     """
 
-    def __init__(self, samples: Dataset, *, exact: bool = True, substeps: int = 2, device: str = "cpu") -> None:
-        self.samples = samples
-        self.exact, self.substeps, self.device = exact, substeps, device
-        s = samples
-        self._arrays = [wp.array(x.astype(np.float32), dtype=float, device=device) for x in (s.q, s.qd, s.current)]
-        self._arrays.append(wp.array(s.start.astype(np.int32), dtype=int, device=device))
-        self._arrays.append(wp.array(s.dt.astype(np.float32), dtype=float, device=device))
+    def __init__(
+        self, samples: Dataset, *, exact: bool = True, substeps: int = 2, device: str = "cpu", threads: int = 1
+    ) -> None:
+        self.samples, self.exact, self.substeps = samples, exact, substeps
+        self.device, self.threads = device, threads
+        self._kernel, self._states = replay_kernel, 0
+        self._record([np.empty(0)] * 3, np.empty((len(HEAT_TIMES), 0)), np.zeros(len(samples.dt)))
 
-    def torque(self, candidates: Sequence[Mapping[str, float]]) -> np.ndarray:
-        """Simulated torque, float32, shape (C, N), of parameter sets given in inner units; what is not named is 0."""
-        num, size = len(self.samples.q), len(candidates)
-        tau = np.empty((size, num), dtype=np.float32)
-        step = max(1, _BATCH // num)
-        for at in range(0, size, step):
-            rows, extension = _rows(candidates[at : at + step])
-            out = wp.empty((len(rows), num), dtype=float, device=self.device)
-            params = wp.array(rows, dtype=JointParams, device=self.device)
-            extensions = wp.array(extension, dtype=Extension, device=self.device)
-            wp.launch(
-                replay_kernel,
-                dim=(len(rows), len(self.samples.dt)),
-                inputs=[params, extensions, int(self.exact), self.substeps, *self._arrays],
-                outputs=[out],
-                device=self.device,
-            )
-            tau[at : at + step] = out.numpy()
-        return tau
-
-
-class EffectReplay:
-    """Motion on a device, ready to be simulated with many rows of parameters (:mod:`mrwarp.identify.parameters`)."""
-
-    def __init__(self, motion: Motion, *, device: str = "cpu", threads: int = 1) -> None:
-        self.motion, self.device, self.threads = motion, device, threads
-        m = motion
-        self._arrays = [_array(x, device) for x in (m.q, m.qd, m.qdd, m.current, m.time, m.slid_time, m.heat)]
-        self._arrays.append(wp.array(m.start.astype(np.int32), dtype=int, device=device))
-        begin = np.zeros(len(m.dt)) if m.begin is None else m.begin
-        self._arrays += [_array(m.dt, device), _array(begin, device)]
-
-    def torque(self, rows: np.ndarray) -> np.ndarray:
-        """Simulated torque, float32, shape (C, N), of rows of inner parameters, shape (C, WIDTH)."""
+    def torque(self, rows: np.ndarray | Sequence[Mapping[str, float]]) -> np.ndarray:
+        """Simulated torque, float32, shape (C, N), of rows of shape (C, WIDTH) or of named parameters of the laws."""
+        if not isinstance(rows, np.ndarray):
+            rows = np.stack([row_of(values) for values in rows])
         rows = np.atleast_2d(rows)
-        tau = np.empty((len(rows), len(self.motion.q)), dtype=np.float32)
-        threads = 1 if len(rows) == 1 else self.threads
-        cuts = np.linspace(0, len(rows), threads + 1).astype(int)
+        count = max(-(-len(rows) * len(self.samples.q) // _BATCH), min(self.threads, len(rows)))
+        tau = np.empty((len(rows), len(self.samples.q)), dtype=np.float32)
+        cuts = np.linspace(0, len(rows), count + 1).astype(int)
         parts = [slice(a, b) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
-        with ThreadPoolExecutor(threads) as pool:
+        with ThreadPoolExecutor(self.threads) as pool:
             list(pool.map(lambda part: self._launch(rows[part], tau[part]), parts))
         return tau
 
+    def _record(self, motion: Sequence[np.ndarray], heat: np.ndarray, begin: np.ndarray) -> None:
+        """Put the arrays of the samples on the device."""
+        s = self.samples
+        self._arrays = [self._array(x) for x in (s.q, s.qd, s.current, *motion, heat)]
+        self._arrays.append(wp.array(s.start.astype(np.int32), dtype=int, device=self.device))
+        self._arrays += [self._array(s.dt), self._array(begin)]
+
     def _launch(self, rows: np.ndarray, tau: np.ndarray) -> None:
-        trajectories = len(self.motion.dt)
-        base, values = (_array(part, self.device) for part in np.split(rows, [len(BASE)], axis=1))
-        memory = wp.zeros((len(rows) * trajectories, SLOTS), dtype=float, device=self.device)
+        trajectories = len(self.samples.dt)
+        base, values = (self._array(part) for part in np.split(rows, [len(BASE)], axis=1))
+        memory = wp.zeros((len(rows) * trajectories, self._states), dtype=float, device=self.device)
         out = wp.array(tau, dtype=float, device=self.device, copy=False)
         wp.launch(
-            extended_replay_kernel,
+            self._kernel,
             dim=(len(rows), trajectories),
-            inputs=[base, values, *self._arrays],
+            inputs=[base, values, int(self.exact), self.substeps, *self._arrays],
             outputs=[memory, out],
             device=self.device,
         )
         if self.device != "cpu":
             tau[:] = out.numpy()
+
+    def _array(self, x: np.ndarray) -> wp.array:
+        return wp.array(np.ascontiguousarray(x, dtype=np.float32), dtype=float, device=self.device)
+
+
+class EffectReplay(Replay):
+    """Motion on a device, ready to be simulated with effects (rows of :mod:`mrwarp.identify.parameters`)."""
+
+    def __init__(self, motion: Motion, *, device: str = "cpu", threads: int = 1) -> None:
+        super().__init__(motion, device=device, threads=threads)
+        self.motion = motion
+        self._kernel, self._states = effect_replay_kernel, SLOTS
+        begin = np.zeros(len(motion.dt)) if motion.begin is None else motion.begin
+        self._record((motion.qdd, motion.time, motion.slid_time), motion.heat, begin)
 
 
 def simulate(
@@ -114,23 +124,9 @@ def simulate(
         exact: As in :class:`Replay`.
         substeps: As in :class:`Replay`.
     """
-    scales = Scales.of(recording)
-    samples = Dataset.of(recording, scales)
-    inner = {name: value / scales.factor(name) for name, value in values.items() if name in JointParams.vars}
-    inner["q_neutral"] = 0.0
+    samples = Dataset.of(recording)
+    scales = samples.scales
+    known = {"q_offset", "q_center", *BASE}
+    inner = {name: value / scales.factor(name) for name, value in values.items() if name in known}
     tau = Replay(samples, exact=exact, substeps=substeps).torque([inner])[0].astype(float) * scales.torque
     return [tau[part] for part in samples.parts]
-
-
-def _rows(candidates: Sequence[Mapping[str, float]]) -> tuple[np.ndarray, np.ndarray]:
-    """Parameter and extension structs of the candidates, each of shape (C,)."""
-    rows, extension = np.zeros(len(candidates), dtype=_RECORD), np.zeros(len(candidates), dtype=_EXTENSION)
-    rows["z_max"] = np.inf
-    for k, values in enumerate(candidates):
-        for name, value in values.items():
-            (rows if name in JointParams.vars else extension)[name][k] = value
-    return rows, extension
-
-
-def _array(x: np.ndarray, device: str) -> wp.array:
-    return wp.array(np.ascontiguousarray(x, dtype=np.float32), dtype=float, device=device)

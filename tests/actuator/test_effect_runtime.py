@@ -9,7 +9,7 @@ import warp as wp
 from mrwarp.actuator.effect_runtime import values_row
 from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, MrActuator, MrActuatorCfg, ZStep
 from mrwarp.effects.catalogue import CATALOGUE, SLOTS, column_of
-from mrwarp.effects.replay_kernel import BASE, HEAT_TIMES, extended_replay_kernel
+from mrwarp.effects.replay_kernel import BASE, HEAT_TIMES, effect_replay_kernel
 from mrwarp.kernels.mr_stages import predict_kernel
 from mrwarp.model_file import Effect, make_effect
 from mrwarp.params import MrParams
@@ -183,13 +183,13 @@ def replayed(effects: tuple[Effect, ...], command: np.ndarray, heat: np.ndarray)
 
     tau = wp.full((1, count), float("nan"), dtype=float, device="cpu")
     inputs = [
-        array(np.array([[values[name] for name in BASE]])), array(row[None]), array(q), array(qd), array(qdd),
-        array(command), array(DT * np.arange(1, count + 1)), array(DT * np.arange(1, count + 1)),
+        array(np.array([[values.get(name, 0.0) for name in BASE]])), array(row[None]), 1, 0, array(q), array(qd),
+        array(command), array(qdd), array(DT * np.arange(1, count + 1)), array(DT * np.arange(1, count + 1)),
         array(np.tile(heat, (len(HEAT_TIMES), 1))),
         wp.array([0, count], dtype=int, device="cpu"), array(np.array([DT])), array(np.zeros(1)),
     ]  # fmt: skip
     outputs = [wp.zeros((1, SLOTS), dtype=float, device="cpu"), tau]
-    wp.launch(extended_replay_kernel, dim=(1, 1), inputs=inputs, outputs=outputs, device="cpu")
+    wp.launch(effect_replay_kernel, dim=(1, 1), inputs=inputs, outputs=outputs, device="cpu")
     return tau.numpy()[0]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from mrwarp.effects.catalogue import NULLS, SLOTS, column_of
-from mrwarp.effects.replay_kernel import BASE, HEAT_TIMES, extended_replay_kernel
+from mrwarp.effects.replay_kernel import BASE, HEAT_TIMES, effect_replay_kernel
 
 EPS = float(np.finfo(np.float32).eps)
 TRUTH = {
@@ -97,9 +97,10 @@ def torques(shaft: Shaft, base: Mapping[str, float], candidates: list[Effects]) 
     arrays["start_in"] = wp.array(np.array(shaft.start, dtype=np.int32), dtype=int, device="cpu")
     arrays["dt_in"] = array(np.full(trajectories, shaft.dt))
     arrays["begin_in"] = array(np.zeros(trajectories))
-    inputs = [arrays[arg.label] for arg in extended_replay_kernel.adj.args if arg.label in arrays]
+    arrays |= {"exact": 1, "substeps": 0}
+    inputs = [arrays[arg.label] for arg in effect_replay_kernel.adj.args if arg.label in arrays]
     dim = (len(made), trajectories)
-    wp.launch(extended_replay_kernel, dim=dim, inputs=inputs, outputs=[memory, tau], device="cpu")
+    wp.launch(effect_replay_kernel, dim=dim, inputs=inputs, outputs=[memory, tau], device="cpu")
     return tau.numpy().copy()
 
 

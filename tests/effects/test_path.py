@@ -5,7 +5,6 @@ import pytest
 
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
 from mrwarp.effects.law import Ranges
-from mrwarp.effects.replay_kernel import BASE
 from mrwarp.identify.dataset import DIMENSIONS
 from tests.effects import along
 from tests.effects.strengths import STRENGTHS
@@ -70,7 +69,7 @@ def test_units_of_the_parameters_are_those_of_the_law(names: list[str]) -> None:
     def factor(powers: tuple[int, int, int]) -> float:
         return q ** powers[0] * current ** powers[1] * size ** powers[2]
 
-    base = {name: TRUTH[name] * factor(DIMENSIONS.get(name, (1, 0, 0))) for name in BASE}
+    base = {name: value * factor(DIMENSIONS.get(name, (1, 0, 0))) for name, value in TRUTH.items()}
     converted = {
         name: {key: value * factor(parameter_of(name, key).scale) for key, value in parameters.items()}
         for name, parameters in effects.items()

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from mrwarp.effects.catalogue import column_of
-from mrwarp.effects.replay_kernel import BASE, HEAT_TIMES
+from mrwarp.effects.replay_kernel import BASE, HEAT_TIMES, LAWS
 from mrwarp.identify.dataset import Motion, Scales, session_clock
-from mrwarp.identify.parameters import null_row
-from mrwarp.identify.replay import EffectReplay, simulate
+from mrwarp.identify.replay import EffectReplay, null_row, simulate
 from mrwarp.recording.load import Recording, Trajectory
 from tests.diagnose import known
 
@@ -90,7 +89,7 @@ def test_threads_change_no_bit(threads: int) -> None:
     """Any number of threads, more than rows included, gives the same torque."""
     motion = known.motion(runs=3, seconds=1.0)
     rows = np.tile(null_row(), (4, 1))
-    rows[:, :9] = [known.TRUTH[name] for name in BASE[:9]]
+    rows[:, : len(LAWS)] = [known.TRUTH[name] for name in LAWS]
     rows[:, len(BASE) + column_of("rotor_inertia", "inertia")] = np.linspace(0.0, 0.01, 4)
     rows[:, len(BASE) + column_of("coil_lag", "time_constant")] = np.linspace(0.0, 0.03, 4)
     one = EffectReplay(motion).torque(rows)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mrwarp.effects.catalogue import CATALOGUE, column_of
-from mrwarp.effects.replay_kernel import BASE
+from mrwarp.effects.replay_kernel import BASE, LAWS
 from mrwarp.identify.dataset import Motion
 from mrwarp.identify.parameters import BASE_PART, EFFECT_PART, LINEAR, Parameters, jacobian, simulate, slots_of
 from mrwarp.identify.replay import EffectReplay
@@ -27,7 +27,7 @@ def test_row_holds_the_numbers_of_the_vector(effect: str, motion: Motion) -> Non
     c = Parameters((effect,), motion.ranges, 0.2, {("coil_lag", "hold"): 1.0, ("wear", "clock"): 1.0})
     values = STRONG.get(effect, {p.name: 1.1 for p in CATALOGUE[effect].parameters})
     row = c.row(known.vector(c, {effect: values}))
-    assert row[: len(BASE)] == pytest.approx([*(known.TRUTH[name] for name in BASE[:9]), 0.2])
+    assert row[: len(LAWS) + 1] == pytest.approx([*(known.TRUTH[name] for name in LAWS), 0.2])
     plain = Parameters((), motion.ranges, 0.2)
     others = plain.row(known.vector(plain))
     mine = set()

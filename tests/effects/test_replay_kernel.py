@@ -1,13 +1,10 @@
 """Replay kernel: equals an independent simulation, the actuator's own laws, and itself alone."""
 
-from typing import Any
-
 import numpy as np
 import pytest
-import warp as wp
 
-from mrwarp.kernels.joint_params import JointParams
-from mrwarp.kernels.replay_kernel import Extension, replay_kernel
+from mrwarp.identify.dataset import Dataset, Scales
+from mrwarp.identify.replay import Replay
 
 PAPER = {
     "D": -0.01917639, "B": 0.1013626, "C": 0.2160456, "I1": -7.681742e-4, "K0": 0.3992754, "K1": 10.413315,
@@ -31,26 +28,13 @@ def motion(seed: int = 3) -> dict[str, np.ndarray]:
 
 
 def launch(candidates: list[dict], data: dict, *, exact: int = 1, substeps: int = 0) -> np.ndarray:
-    """Torque of all candidates, shape (C, N), into an output poisoned with NaN."""
-    records: list[Any] = [struct.numpy_dtype() for struct in (JointParams, Extension)]
-    rows, extension = (np.zeros(len(candidates), dtype=record) for record in records)
-    for k, values in enumerate(candidates):
-        for name, value in values.items():
-            (rows if name in JointParams.vars else extension)[name][k] = value
-    start = np.concatenate([[0], np.cumsum(LENGTHS)]).astype(np.int32)
-    out = wp.full((len(candidates), len(data["q"])), float("nan"), dtype=float, device="cpu")
-    wp.launch(
-        replay_kernel,
-        dim=(len(candidates), len(LENGTHS)),
-        inputs=[
-            wp.array(rows, dtype=JointParams, device="cpu"), wp.array(extension, dtype=Extension, device="cpu"), exact,
-            substeps, *(wp.array(np.float32(data[k]), dtype=float, device="cpu") for k in ("q", "qd", "current")),
-            wp.array(start, dtype=int, device="cpu"), wp.array(np.float32(STEPS), dtype=float, device="cpu"),
-        ],
-        outputs=[out],
-        device="cpu",
+    """Torque of all candidates, shape (C, N)."""
+    start = np.concatenate([[0], np.cumsum(LENGTHS)])
+    samples = Dataset(
+        q=data["q"], qd=data["qd"], current=data["current"], torque=np.zeros(len(data["q"])), start=start,
+        dt=np.array(STEPS), scales=Scales(),
     )  # fmt: skip
-    return out.numpy()
+    return Replay(samples, exact=bool(exact), substeps=substeps).torque(candidates)
 
 
 def reference(p: dict, data: dict, lag: float = 0.0) -> np.ndarray:
