@@ -103,7 +103,7 @@ def train(
     try:
         trainer: Any = Trainer(cfg)
         trainer._check_gate = lambda _: None
-        trainer._finish = lambda: {"rows": trainer.rows}
+        trainer._finish = lambda: {"rows": trainer.progress.rows}
         with open(os.devnull, "w") as null, contextlib.redirect_stdout(null):
             trainer.run()
         content = checkpoint.load(trainer.save())

@@ -40,7 +40,7 @@ def measure(
     with one_torch_thread():
         for k in range(updates + 2):
             trainer.update()
-            last = trainer.window[-1]
+            last = trainer.progress.window[-1]
             if k >= 2:
                 collect.append(1e-3 * last["collect_ms"])
                 learn.append(1e-3 * last["learn_ms"])
@@ -53,5 +53,5 @@ def measure(
         "learn": Spread.of(learn).plain(),
         "learn_share": Spread.of(n / (c + n) for c, n in zip(collect, learn, strict=True)).plain(),
         "steps_per_second": steps / spent.median,
-        "value_loss_finite": trainer.window[-1]["value_loss"] < float("inf"),
+        "value_loss_finite": trainer.progress.window[-1]["value_loss"] < float("inf"),
     }

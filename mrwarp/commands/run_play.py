@@ -118,7 +118,7 @@ def make_cfg(options: Play, task: dict[str, Any]) -> EnvCfg:
 
     Args:
         options: Parsed options.
-        task: The policy's task, as :func:`mrwarp.rl.task.task` describes it; empty without a policy.
+        task: The policy's task, as :func:`mrwarp.rl.checkpoint.task` describes it; empty without a policy.
 
     Raises:
         ValueError: the policy was made for another action scale or rate than this version has.

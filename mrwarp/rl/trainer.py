@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import signal
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -16,13 +15,12 @@ from torch.utils.tensorboard import SummaryWriter
 
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.rl import checkpoint, policy
-from mrwarp.rl import learning_curve as curves
-from mrwarp.rl.divergence import WINDOW, Breaks, TooManyBreaks, not_finite
+from mrwarp.rl import checkpoint, policy, progress
+from mrwarp.rl.checkpoint import learned, task
+from mrwarp.rl.divergence import Breaks, TooManyBreaks, not_finite
 from mrwarp.rl.ppo import PPO
 from mrwarp.rl.ppo_cfg import LearningCfg, make_ppo_cfg
 from mrwarp.rl.ranks import Ranks
-from mrwarp.rl.task import learned, task
 from mrwarp.rl.warm_start import critic_learns_alone, read_networks, take_networks
 from mrwarp.run_dir import check_writable, claim, one_line, write_result
 from mrwarp.runtime import one_torch_thread, repeating_torch, silent
@@ -71,7 +69,7 @@ class Trainer:
 
     Attributes:
         watchers: Called after every policy step, e.g. to show it.
-        window: Figures of the last updates, one dictionary each.
+        progress: Figures of the updates and gate checks.
         breaks: Episodes that ended because a number went wrong, of all processes.
         started_from: Where the first networks came from (see :func:`take_networks`), None if they were drawn.
 
@@ -112,24 +110,16 @@ class Trainer:
             self.algorithm.broadcast_parameters()
         self.iteration = 0
         self.seconds = 0.0
-        self.rows: list[dict[str, float]] = []
-        self.gate_rows: list[dict[str, Any]] = []
+        self.progress = progress.Progress()
         self.gate_check: GateCheck | None = None
-        self.window: deque[dict[str, float]] = deque(maxlen=WINDOW)
         self.watchers: list[Callable[[], None]] = []
-        self._interrupted = self._stop = False
-        self._met_gate = False
+        self._interrupted = self._stop = self._met_gate = False
         # spread the episodes, so that resets do not come all at once
         self.env.episode_length_buf = torch.randint_like(self.env.episode_length_buf, self.env.max_episode_length)
         run = {"seed": self._seed, "num_envs": self.env.num_envs, "task": task(cfg.env)}
         self.breaks = Breaks(self.env, ranks, cfg.out / "broken", run)
         if content:
             self._load(content, resume)
-
-    @property
-    def gate_passed(self) -> bool:
-        """Whether the last gate check passed."""
-        return bool(self.gate_rows) and self.gate_rows[-1]["passed"]
 
     def run(self) -> dict[str, Any]:
         """Train until the gate is met, the iterations are used up, or Ctrl-C; returns what ``result.json`` holds.
@@ -166,12 +156,12 @@ class Trainer:
             row = self.update()
             self.seconds = time.perf_counter() - started
             row["seconds"] = self.seconds
-            self.rows.append(row)
+            self.progress.rows.append(row)
             if writer is not None:
                 for name, value in row.items():
                     writer.add_scalar(f"train/{name}", value, self.iteration)
-            if self.seconds - printed >= 5.0:
-                self._print(row)
+            if self.ranks.main and self.seconds - printed >= 5.0:
+                print(progress.update_line(row, self.cfg.iterations), flush=True)
                 printed = self.seconds
             check, save = self.ranks.decided(
                 row["v_x_rmse"] < self.cfg.check_below and self.seconds - checked >= self.cfg.check_every,
@@ -180,15 +170,14 @@ class Trainer:
             if check:
                 self._check_gate(writer)
                 checked = self.seconds = time.perf_counter() - started
-                (passed,) = self.ranks.decided(self.gate_passed)
+                (passed,) = self.ranks.decided(self.progress.gate_passed)
                 if passed and self.cfg.until_gate:
                     self._met_gate = True
                     break
             if save:
                 self.save()
                 saved = self.seconds
-        checked_now = bool(self.gate_rows) and self.gate_rows[-1]["iteration"] == self.iteration
-        if not self._stop and not checked_now:
+        if not self._stop and [row["iteration"] for row in self.progress.gate_rows[-1:]] != [self.iteration]:
             self._check_gate(writer)
         self.seconds = time.perf_counter() - started
         return self._finish()
@@ -211,9 +200,7 @@ class Trainer:
                 "other_ranks": ranks[1:],
                 "iteration": self.iteration,
                 "seconds": self.seconds,
-                "rows": self.rows,
-                "window": list(self.window),
-                "gate_rows": self.gate_rows,
+                **self.progress.state(),
                 **self.breaks.state(),
                 "seed": self.cfg.seed,
                 "task": task(self.cfg.env),
@@ -245,9 +232,8 @@ class Trainer:
             self.algorithm.learning_rate = content["learning_rate"]
             self.env.load_state(mine["env"])
             self.iteration, self.seconds = content["iteration"], content["seconds"]
-            self.rows, self.gate_rows = content["rows"], content["gate_rows"]
             self.started_from = content.get("started_from")  # earlier versions had none
-            self.window.extend(content["window"])
+            self.progress.load_state(content)
             self.breaks.load_state(content)
             self.obs = self.env.last_observations
             if note := checkpoint.set_random_state(mine, torch.device(self.env.device)):
@@ -282,28 +268,22 @@ class Trainer:
             self._check_networks()
         else:
             algorithm.storage.clear()
-            losses = {"value": self.window[-1]["value_loss"] if self.window else 0.0}
+            window = self.progress.window
+            losses = {"value": window[-1]["value_loss"] if window else 0.0}
         learned = time.perf_counter()
         self.iteration += 1
-        hours = steps * env.cfg.step_dt * env.num_envs / 3600.0
-        self.window.append(
-            self.ranks.means(
-                {
-                    "v_x_square": float(error) / steps,
-                    "reward": float(reward) / steps / env.cfg.step_dt,
-                    "clock_match": float(match) / steps,
-                    "falls_per_hour": float(falls) / hours,
-                    "collect_ms": 1e3 * (collected - begin),
-                    "learn_ms": 1e3 * (learned - collected),
-                    "value_loss": losses["value"],
-                }
-            )
-        )
-        row = {name: sum(w[name] for w in self.window) / len(self.window) for name in self.window[-1]}
-        row["v_x_rmse"] = row.pop("v_x_square") ** 0.5
-        row["steps_per_second"] = (
-            steps * env.num_envs * self.ranks.world / (1e-3 * (row["collect_ms"] + row["learn_ms"]))
-        )
+        figures = {
+            "v_x_square": float(error) / steps,
+            "reward": float(reward) / steps / env.cfg.step_dt,
+            "clock_match": float(match) / steps,
+            "falls_per_hour": float(falls) / (steps * env.cfg.step_dt * env.num_envs / 3600.0),
+            "collect_ms": 1e3 * (collected - begin),
+            "learn_ms": 1e3 * (learned - collected),
+            "value_loss": losses["value"],
+        }
+        row = self.progress.average(self.ranks.means(figures))
+        taken = steps * env.num_envs * self.ranks.world
+        row["steps_per_second"] = taken / (1e-3 * (row["collect_ms"] + row["learn_ms"]))
         row["learning_rate"] = float(self.algorithm.learning_rate)
         row["action_std"] = float(self.algorithm.get_policy().output_std.detach().mean())
         if self.env.terrain is not None:
@@ -345,29 +325,10 @@ class Trainer:
             self.gate_check = GateCheck(self.cfg.env)
         actor = self.algorithm.get_policy()
         measured = self.gate_check(lambda obs: actor(obs))
-        self.gate_rows.append({"iteration": self.iteration, "seconds": self.seconds, **measured})
+        self.progress.gate_rows.append({"iteration": self.iteration, "seconds": self.seconds, **measured})
         gate = self.gate_check.gate
-        rmse = measured["v_x_rmse"][f"{gate.rmse_at:g}"]
-        writer.add_scalar("gate/v_x_rmse", rmse, self.iteration)
-        failed = [name for name, holds in measured["conditions"].items() if not holds]
-        print(
-            f"  walking gate: reward {measured['reward']:.3f}, v_x RMSE {rmse:.3f} m/s (<= {gate.rmse}), "
-            f"never fell {measured['never_fell']:.0%}, height {measured['height']:.3f} m, "
-            f"stride {measured['stride_frequency']:.2f} Hz, "
-            f"clock {measured['clock_match']:.0%} -> " + ("passed" if not failed else f"not yet: {', '.join(failed)}"),
-            flush=True,
-        )
-
-    def _print(self, row: dict[str, float]) -> None:
-        if not self.ranks.main:
-            return
-        left = (self.cfg.iterations - self.iteration) * 1e-3 * (row["collect_ms"] + row["learn_ms"])
-        print(
-            f"update {self.iteration:5d}  {self.seconds:5.0f} s  reward {row['reward']:6.2f}  "
-            f"v_x RMSE {row['v_x_rmse']:.3f} m/s  falls {row['falls_per_hour']:5.0f}/h  "
-            f"clock {row['clock_match']:.0%}  {row['steps_per_second']:6.0f} steps/s  at most {left / 60:.0f} min left",
-            flush=True,
-        )
+        writer.add_scalar("gate/v_x_rmse", progress.rmse_at(measured, gate), self.iteration)
+        print(progress.gate_line(measured, gate), flush=True)
 
     def _interrupt(self, *_: Any) -> None:
         if self.ranks.main:
@@ -384,38 +345,31 @@ class Trainer:
         """Write checkpoint, policy, curves and ``result.json``."""
         out = self.cfg.out
         self.save()
-        env_cfg = self.cfg.env
+        rows, gate_rows = self.progress.rows, self.progress.gate_rows
         unsolved = round(self.ranks.total(float(self.env.sim.unsolved.numpy().sum()))[0])
+        steps = self.iteration * self.ppo_cfg["num_steps_per_env"] * self.env.num_envs * self.ranks.world
         result = {
-            "gate": self.gate_rows[-1] if self.gate_rows else None,
-            "gate_passed": self.gate_passed,
+            "gate": gate_rows[-1] if gate_rows else None,
+            "gate_passed": self.progress.gate_passed,
             "stopped": "interrupted" if self._stop else "gate" if self._met_gate else "iterations",
             "iterations": self.iteration,
             "seconds": self.seconds,
-            "environment_steps": self.iteration
-            * self.ppo_cfg["num_steps_per_env"]
-            * self.env.num_envs
-            * self.ranks.world,
-            "training": self.rows[-1] if self.rows else None,
+            "environment_steps": steps,
+            "training": rows[-1] if rows else None,
             "unsolved_steps": unsolved,
             "broken_episodes": self.breaks.count,
             "noticed": asdict(self.env.watch.noticed()),
-            "task": task(env_cfg),
+            "task": task(self.cfg.env),
             "learning": asdict(self.cfg.learning),
             "started_from": self.started_from,
             "processes": self.ranks.world,
         }
         if not self.ranks.main:
             return result
-        policy.export_onnx(
-            self.algorithm.get_policy(),
-            out / "policy.onnx",
-            {
-                "task": task(env_cfg), "seed": self.cfg.seed, "iteration": self.iteration,
-                "command": self.cfg.command, "started_from": self.started_from,
-            },
-        )  # fmt: skip
-        curves.plot(self.rows, self.gate_rows, out / "learning_curve.png")
+        description = {name: result[name] for name in ("task", "started_from")}
+        description |= {"seed": self.cfg.seed, "iteration": self.iteration, "command": self.cfg.command}
+        policy.export_onnx(self.algorithm.get_policy(), out / "policy.onnx", description)
+        progress.plot(self.progress, out / "learning_curve.png")
         write_result(out, result, seed=self.cfg.seed, command=self.cfg.command)
         return result
 

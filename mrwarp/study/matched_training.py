@@ -11,7 +11,7 @@ from typing import Any
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.model_file import read_json_file, shown
 from mrwarp.rl import checkpoint
-from mrwarp.rl.task import learned, task
+from mrwarp.rl.checkpoint import learned, task
 from mrwarp.rl.trainer import TrainCfg, Trainer
 from mrwarp.rl.warm_start import read_networks
 from mrwarp.run_dir import FolderError, claim, write_bytes, write_text

@@ -18,9 +18,9 @@ from tensordict import TensorDict
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.observations import ACTOR_TERMS
 from mrwarp.rl import policy
+from mrwarp.rl.checkpoint import task
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, PolicyError, export_onnx
 from mrwarp.rl.ppo_cfg import make_ppo_cfg
-from mrwarp.rl.task import task
 
 TASK = task(make_walk_cfg(seed=3))
 

@@ -13,7 +13,7 @@ from tensordict import TensorDict
 
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.rl import checkpoint, ppo, trainer
-from mrwarp.rl import learning_curve as curves
+from mrwarp.rl import progress as curves
 from mrwarp.rl.checkpoint import CheckpointError
 from mrwarp.rl.ppo_cfg import STEPS_PER_UPDATE, make_ppo_cfg
 from mrwarp.rl.ranks import Ranks, RanksPPO
@@ -255,7 +255,7 @@ def train(ranks: Ranks, out: Path, iterations: int, resume: bool, stopping: bool
         run.watchers.append(stop)
     result = run.run()
     return {"iterations": result["iterations"], "rng": torch.get_rng_state(), "env": run.env.state(),
-            "networks": run.algorithm.save(), "rows": len(run.rows)}  # fmt: skip
+            "networks": run.algorithm.save(), "rows": len(run.progress.rows)}  # fmt: skip
 
 
 @pytest.mark.slow

@@ -13,11 +13,10 @@ import torch
 
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.rl import checkpoint, trainer
-from mrwarp.rl import learning_curve as curves
-from mrwarp.rl.checkpoint import CheckpointError
+from mrwarp.rl import progress as curves
+from mrwarp.rl.checkpoint import CheckpointError, learned, task
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.rl.ppo_cfg import LearningCfg
-from mrwarp.rl.task import learned, task
 from mrwarp.rl.trainer import TrainCfg, Trainer
 from mrwarp.trials.walking import GateCheck, WalkingGate
 
@@ -82,10 +81,10 @@ def test_resume_equals_an_uninterrupted_run(tmp_path: Path) -> None:
     for name in ("rows", "window"):
         assert without_times(ours[name]) == without_times(theirs[name])
     assert torch.equal(resumed.obs["actor"], whole.obs["actor"])
-    assert [row["iteration"] for row in resumed.rows] == [1, 2, 3, 4]
+    assert [row["iteration"] for row in resumed.progress.rows] == [1, 2, 3, 4]
     # the run in two parts was checked against the gate after 2 updates too, which must leave no trace
-    assert [row["iteration"] for row in resumed.gate_rows] == [2, 4]
-    assert without_times(resumed.gate_rows[-1]) == without_times(whole.gate_rows[-1])
+    assert [row["iteration"] for row in resumed.progress.gate_rows] == [2, 4]
+    assert without_times(resumed.progress.gate_rows[-1]) == without_times(whole.progress.gate_rows[-1])
 
 
 def test_training_repeats_with_its_seed(tmp_path: Path) -> None:
@@ -111,8 +110,8 @@ def test_training_changes_the_policy_and_stays_finite(tmp_path: Path) -> None:
     for name in ("mlp.0.weight", "obs_normalizer._mean", "distribution.std_param"):
         assert not torch.equal(after[name], before[name]), name
     assert all(bool(torch.isfinite(value).all()) for value in after.values())
-    assert all(math.isfinite(value) for row in run.rows for value in row.values())
-    assert result["training"] == run.rows[-1]
+    assert all(math.isfinite(value) for row in run.progress.rows for value in row.values())
+    assert result["training"] == run.progress.rows[-1]
 
 
 CHANGES: dict[str, tuple[Callable[[TrainCfg], TrainCfg], str]] = {
@@ -292,4 +291,4 @@ def test_checkpoints_are_written_on_the_way(tmp_path: Path) -> None:
         run.run()
     assert content(run)["iteration"] == 2
     resumed = Trainer(make_cfg(tmp_path, 3), resume=tmp_path / "checkpoint.pt")
-    assert resumed.iteration == 2 and len(resumed.rows) == 2
+    assert resumed.iteration == 2 and len(resumed.progress.rows) == 2

@@ -15,7 +15,7 @@ from mrwarp.cli import main
 from mrwarp.env import dump
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.rl import checkpoint, trainer
-from mrwarp.rl import learning_curve as curves
+from mrwarp.rl import progress as curves
 from mrwarp.rl.divergence import not_finite
 from mrwarp.rl.trainer import TrainCfg, Trainer, TrainingError
 from mrwarp.run_dir import FolderError

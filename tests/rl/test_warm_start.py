@@ -12,7 +12,7 @@ import torch
 from mrwarp.cli import main
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.rl import checkpoint, trainer, warm_start
-from mrwarp.rl import learning_curve as curves
+from mrwarp.rl import progress as curves
 from mrwarp.rl.checkpoint import CheckpointError
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, export_onnx
 from mrwarp.rl.trainer import TrainCfg, Trainer
@@ -61,7 +61,7 @@ def test_networks_and_normalisers_are_taken_over_and_the_rest_is_new(flat: Path,
             assert torch.equal(own[name][key], value), (name, key)
         assert not torch.equal(own[name]["mlp.0.weight"], drawn[name]["mlp.0.weight"])
         assert not torch.equal(own[name]["obs_normalizer._mean"], drawn[name]["obs_normalizer._mean"])
-    assert (run.iteration, run.rows, run.algorithm.learning_rate) == (0, [], fresh.algorithm.learning_rate)
+    assert (run.iteration, run.progress.rows, run.algorithm.learning_rate) == (0, [], fresh.algorithm.learning_rate)
     assert saved["algorithm"]["optimizer_state_dict"]["state"] and not run.algorithm.optimizer.state
     assert torch.equal(run.obs["actor"], fresh.obs["actor"])
 

@@ -15,7 +15,7 @@ from mrwarp.cli import main
 from mrwarp.env.cfg import RandomizeCfg, RewardCfg, make_play_cfg, make_randomize_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.paper import ROBOTS
-from mrwarp.rl import learning_curve as training_curves
+from mrwarp.rl import progress as training_curves
 from mrwarp.rl import trainer
 from mrwarp.rl.policy import POLICIES, OnnxPolicy, PolicyError
 from mrwarp.rl.ppo_cfg import LearningCfg

@@ -18,8 +18,8 @@ from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.observations import ACTOR_TERMS
 from mrwarp.options.command_line import parse
 from mrwarp.options.train_options import Play
+from mrwarp.rl.checkpoint import task
 from mrwarp.rl.policy import META, OnnxPolicy
-from mrwarp.rl.task import task
 from mrwarp.trials.walking import make_env, measure
 from mrwarp.usd.robot import CURRENT_GROUPS
 from mrwarp.viewing.player import Player

@@ -1,0 +1,107 @@
+"""How a training goes: figures of its updates and gate checks, as rows, as printed lines and as a picture."""
+
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from mrwarp.rl.divergence import WINDOW
+from mrwarp.trials.walking import WalkingGate
+
+
+class Progress:
+    """Figures of a training.
+
+    Attributes:
+        rows: One row of figures per update, each averaged over the last :data:`WINDOW` updates.
+        gate_rows: One row per gate check.
+        window: Figures of those last updates alone.
+    """
+
+    def __init__(self) -> None:
+        self.rows: list[dict[str, float]] = []
+        self.gate_rows: list[dict[str, Any]] = []
+        self.window: deque[dict[str, float]] = deque(maxlen=WINDOW)
+
+    @property
+    def gate_passed(self) -> bool:
+        """Whether the last gate check passed."""
+        return bool(self.gate_rows) and self.gate_rows[-1]["passed"]
+
+    def average(self, figures: dict[str, float]) -> dict[str, float]:
+        """Means over the last updates, of which this is the newest."""
+        self.window.append(figures)
+        row = {name: sum(update[name] for update in self.window) / len(self.window) for name in figures}
+        row["v_x_rmse"] = row.pop("v_x_square") ** 0.5
+        return row
+
+    def state(self) -> dict[str, Any]:
+        """What a checkpoint keeps."""
+        return {"rows": self.rows, "window": list(self.window), "gate_rows": self.gate_rows}
+
+    def load_state(self, content: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        self.rows, self.gate_rows = content["rows"], content["gate_rows"]
+        self.window.extend(content["window"])
+
+
+def update_line(row: dict[str, float], iterations: int) -> str:
+    """Figures of an update in one line; ``iterations`` are the most that the training may take."""
+    left = (iterations - row["iteration"]) * 1e-3 * (row["collect_ms"] + row["learn_ms"])
+    return (
+        f"update {row['iteration']:5.0f}  {row['seconds']:5.0f} s  reward {row['reward']:6.2f}  "
+        f"v_x RMSE {row['v_x_rmse']:.3f} m/s  falls {row['falls_per_hour']:5.0f}/h  "
+        f"clock {row['clock_match']:.0%}  {row['steps_per_second']:6.0f} steps/s  at most {left / 60:.0f} min left"
+    )
+
+
+def gate_line(measured: dict[str, Any], gate: WalkingGate) -> str:
+    """A gate check in one line."""
+    failed = [name for name, holds in measured["conditions"].items() if not holds]
+    return (
+        f"  walking gate: reward {measured['reward']:.3f}, "
+        f"v_x RMSE {rmse_at(measured, gate):.3f} m/s (<= {gate.rmse}), "
+        f"never fell {measured['never_fell']:.0%}, height {measured['height']:.3f} m, "
+        f"stride {measured['stride_frequency']:.2f} Hz, "
+        f"clock {measured['clock_match']:.0%} -> " + (f"not yet: {', '.join(failed)}" if failed else "passed")
+    )
+
+
+def rmse_at(measured: dict[str, Any], gate: WalkingGate) -> float:
+    """Error of the forward speed at the command of the gate's limit [m/s]."""
+    return measured["v_x_rmse"][f"{gate.rmse_at:g}"]
+
+
+def plot(progress: Progress, path: Path) -> None:
+    """Draw tracking error, reward, falls and clock match over wall time, with the gate checks, as PNG."""
+    gate = WalkingGate()
+    figure = Figure(figsize=(10, 6), layout="constrained")
+    axes = figure.subplots(2, 2, sharex=True)
+    minutes = [row["seconds"] / 60.0 for row in progress.rows]
+    panels = {
+        "v_x_rmse": "v_x RMSE while exploring [m/s]",
+        "reward": "reward per second",
+        "falls_per_hour": "falls per robot hour",
+        "clock_match": "contact matches the clock [1]",
+    }
+    for axis, (name, label) in zip(axes.flat, panels.items(), strict=True):
+        axis.plot(minutes, [row[name] for row in progress.rows], color="#1f6fb4", linewidth=1.2)
+        axis.set_ylabel(label)
+        axis.grid(alpha=0.3)
+    first = axes[0, 0]
+    first.axhline(gate.rmse, color="#b4451f", linestyle="--", linewidth=1, label=f"gate {gate.rmse} m/s")
+    first.axhline(gate.rmse_aim, color="#3a8f3a", linestyle=":", linewidth=1, label=f"aim {gate.rmse_aim} m/s")
+    for row in progress.gate_rows:
+        color = "#3a8f3a" if row["passed"] else "#b4451f"
+        first.plot(row["seconds"] / 60.0, rmse_at(row, gate), marker="o", color=color)
+    first.set_ylim(0.0, 0.6)
+    first.legend()
+    axes[1, 0].set_yscale("symlog", linthresh=1.0)
+    axes[1, 1].set_ylim(0.4, 1.0)
+    for axis in axes[1]:
+        axis.set_xlabel("wall time [min]")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110)
