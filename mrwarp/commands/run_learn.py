@@ -8,13 +8,11 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
 from mrwarp.identify import learn
 from mrwarp.model_file import load_model
 from mrwarp.nn import network_file
 from mrwarp.nn.models import SAMPLES, LstmState
-from mrwarp.nn.training import FitCfg, History
+from mrwarp.nn.training import FitCfg, plot_history, print_epoch
 from mrwarp.options.arguments import Parser, count, seed
 from mrwarp.recording.load import load_recording
 from mrwarp.run_dir import check_writable, one_line, write_result
@@ -92,32 +90,3 @@ def parts(data: Path) -> tuple[Path, Path]:
     if (data / "fit").is_dir():
         return data / "fit", data / "evaluation"
     return data, (data.parent if data.name == "fit" else data) / "evaluation"
-
-
-def print_epoch(history: History, cfg: FitCfg) -> None:
-    """One line of progress with the time left."""
-    done = history.epoch[-1]
-    left = history.seconds[-1] / done * (cfg.epochs - done)
-    print(
-        f"epoch {done:3d}/{cfg.epochs}  training {history.train_rmse[-1]:.4f}  validation "
-        f"{history.validation_rmse[-1]:.4f} N·m  best at {history.best_epoch}  {history.seconds[-1]:4.0f} s, at most "
-        f"{left / 60:.1f} min left",
-        flush=True,
-    )
-
-
-def plot_history(history: History, kind: str, path: Path) -> None:
-    """Draw the learning curves."""
-    figure = Figure(figsize=(7, 4), layout="constrained")
-    axis = figure.subplots()
-    axis.plot(history.epoch, history.train_rmse, color="#7f7f7f", label="training, while learning")
-    axis.plot(history.epoch, history.validation_rmse, color="#1f6fb4", label="validation, averaged weights")
-    if history.best_epoch:
-        axis.axvline(history.best_epoch, color="#3a8f3a", linestyle=":", label=f"kept: epoch {history.best_epoch}")
-    axis.set_xlabel("epoch")
-    axis.set_ylabel(f"{kind} RMSE [N·m]")
-    axis.set_ylim(bottom=0.0)
-    axis.grid(alpha=0.3)
-    axis.legend()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)

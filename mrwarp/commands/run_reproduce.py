@@ -17,8 +17,7 @@ from mrwarp.runtime import quiet_libraries
 
 def make_parser() -> argparse.ArgumentParser:
     """The options of ``mrwarp reproduce``."""
-    from mrwarp.reproduce.settings import Settings
-    from mrwarp.reproduce.titles import TITLES
+    from mrwarp.reproduce.settings import TITLES, Settings
 
     default = Settings()
     parser = Parser(
@@ -55,15 +54,15 @@ def main(argv: list[str] | None = None) -> int:
     """Make the parts; 0 made, 1 when one failed, 2 on bad input, 130 when stopped."""
     argv = sys.argv[1:] if argv is None else argv
     if argv[:1] == ["fig4"] and "--train" in argv:
-        from mrwarp.reproduce.figures import fig4_networks as figure4
+        from mrwarp.commands import run_fig4_training
 
-        return figure4.main([word for word in argv[1:] if word != "--train"])
+        return run_fig4_training.main([word for word in argv[1:] if word != "--train"])
     args = make_parser().parse_args(argv)
     quiet_libraries()
     from mrwarp.commands.energy_runs import Progress
     from mrwarp.reproduce.registry import CATALOGUE
     from mrwarp.reproduce.runner import Runner
-    from mrwarp.reproduce.titles import TITLES
+    from mrwarp.reproduce.settings import TITLES
     from mrwarp.rl.policy import OnnxPolicy, PolicyError
 
     try:
@@ -121,10 +120,11 @@ def _finish(runner: Any, wanted: list[str], args: argparse.Namespace, command: s
     """Write report and ``result.json`` of everything that ended, and print the tables."""
     from mrwarp.reproduce import report_page as report
     from mrwarp.reproduce.runner import Outcome
+    from mrwarp.reproduce.settings import TITLES
 
     outcomes = dict(runner.outcomes)
     outcomes |= {name: Outcome(name=name, status="not run") for name in wanted if name not in outcomes}
-    page, _ = report.write(outcomes, runner.catalogue, args.out, command)
+    page, _ = report.write(outcomes, args.out, command)
     found = {
         name: {
             "status": outcome.status, "seconds": outcome.seconds, "message": outcome.message,
@@ -136,23 +136,23 @@ def _finish(runner: Any, wanted: list[str], args: argparse.Namespace, command: s
         args.out, plain({"parts": found, "wall_seconds": seconds}), seed=args.seed, command=command
     )  # fmt: skip
     for outcome in outcomes.values():
-        if runner.catalogue[outcome.name].shown:
-            _print(outcome, runner.catalogue[outcome.name].title)
+        if outcome.name in TITLES:
+            _print(outcome, TITLES[outcome.name])
     print(f"\nreport in {page}")
 
 
 def _print(outcome: Any, title: str) -> None:
     """The rows of one part without their reasons, which the report has."""
-    from mrwarp.reproduce import formatting as words
+    from mrwarp.reproduce import report_page
 
     print(f"\n{title}: {outcome.status}{f' ({outcome.seconds:.0f} s)' if outcome.seconds else ''}")
     if outcome.findings is None:
         print(f"  {outcome.message}" if outcome.message else "")
         return
-    rows = [words.cells(row)[:-1] for row in outcome.findings.rows]
+    rows = [report_page.cells(row)[:-1] for row in outcome.findings.rows]
     if rows:
-        widths = [max(len(row[i]) for row in (*rows, words.HEAD[:-1])) for i in range(len(rows[0]))]
-        for row in (words.HEAD[:-1], *rows):
+        widths = [max(len(row[i]) for row in (*rows, report_page.HEAD[:-1])) for i in range(len(rows[0]))]
+        for row in (report_page.HEAD[:-1], *rows):
             print("  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
     for text, holds in outcome.findings.claims.items():
         print(f"  {'holds ' if holds else 'MISSED'}  {text}")

@@ -80,7 +80,7 @@ def main(argv: list[str] | None = None) -> int:
         energy_cli.write_numbers(out / "numbers.json", groups)
     figures |= {"distance": args.distance, "wall_seconds": time.perf_counter() - started}
     write_result(out, figures, seed=args.seed, command="mrwarp walk " + shlex.join(argv))
-    walk_pictures.cost(figures, out / "cot.png")
+    walk_pictures.cost(figures["conditions"], out / "cot.png")
     walk_pictures.holding(results, out / "holding.png")
     walk_pictures.distributions(results, out / "torques.png")
     _print(figures)
@@ -143,7 +143,7 @@ def _figures(args: argparse.Namespace, cfg: Any, results: list[Any], groups: dic
         standing = stand.powers(electrical)
         saving = figures.standing_saving(stand.use("go1"), stand.use("mr_go", hold=True), electrical)
         found["standing"] = {**standing, "saving": saving, "load": load, "calibrated": {"go1": own, "others": False}}
-        found["savings"] = figures.savings(results, electrical, saving)
+        found["savings"] = [asdict(s) for s in figures.savings(results, electrical, saving)]
         found["paper_bounds"] = {source: consistency.paper_bounds(source) for source in ("hardware", "simulation")}
         if complete:
             found["sensitivity"] = figures.sensitivity(results, rows, electrical)

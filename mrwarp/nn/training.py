@@ -11,8 +11,10 @@ import copy
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import torch
+from matplotlib.figure import Figure
 
 from mrwarp.nn.models import TorqueNet
 from mrwarp.nn.windows import WindowSet
@@ -167,3 +169,32 @@ def _follow(average: TorqueNet, net: TorqueNet, decay: float) -> None:
     """Move the averaged weights towards the current ones."""
     for slow, fast in zip(average.parameters(), net.parameters(), strict=True):
         slow.lerp_(fast, 1.0 - decay)
+
+
+def print_epoch(history: History, cfg: FitCfg) -> None:
+    """One line of progress with the time left."""
+    done = history.epoch[-1]
+    left = history.seconds[-1] / done * (cfg.epochs - done)
+    print(
+        f"epoch {done:3d}/{cfg.epochs}  training {history.train_rmse[-1]:.4f}  validation "
+        f"{history.validation_rmse[-1]:.4f} N·m  best at {history.best_epoch}  {history.seconds[-1]:4.0f} s, at most "
+        f"{left / 60:.1f} min left",
+        flush=True,
+    )
+
+
+def plot_history(history: History, kind: str, path: Path) -> None:
+    """Draw the learning curves."""
+    figure = Figure(figsize=(7, 4), layout="constrained")
+    axis = figure.subplots()
+    axis.plot(history.epoch, history.train_rmse, color="#7f7f7f", label="training, while learning")
+    axis.plot(history.epoch, history.validation_rmse, color="#1f6fb4", label="validation, averaged weights")
+    if history.best_epoch:
+        axis.axvline(history.best_epoch, color="#3a8f3a", linestyle=":", label=f"kept: epoch {history.best_epoch}")
+    axis.set_xlabel("epoch")
+    axis.set_ylabel(f"{kind} RMSE [N·m]")
+    axis.set_ylim(bottom=0.0)
+    axis.grid(alpha=0.3)
+    axis.legend()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110)

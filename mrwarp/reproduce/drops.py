@@ -3,41 +3,58 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mrwarp.actuator.mr_actuator import HoldCurrent
-from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.reproduce import readings, store
-from mrwarp.reproduce.ensemble import Ensemble
-from mrwarp.reproduce.experiment import Experiment, Findings, Job, seeds_of
+from mrwarp.enums import HoldCurrent
+from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.reproduce import readings
+from mrwarp.reproduce.experiment import Findings, Job, seeds_of
+from mrwarp.reproduce.policies import Ensemble
 from mrwarp.trials.impact import MOTOR_WINDOW, ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace
 from mrwarp.usd.robot import LEGS, PUBLIC_GAINS
-
-DATA = "drops.npz"
-"""File with the data."""
 
 GAINS = {"Kp 20, Kd 0.5": PUBLIC_GAINS, "Kp 35, Kd 0.6": None}
 """Gains of all motors by name, which the paper does not state; None is the asset's."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Drops:
+    """What was simulated."""
+
+    figures: dict[str, dict[str, np.ndarray]]
+    """:func:`measured` by the names in :data:`GAINS`."""
+    policies: int
+    """Policies; trial i was walked by policy ``i % policies``."""
+
+    def seeds(self) -> np.ndarray | None:
+        """Policy of each trial, shape (N,); None with a single policy."""
+        return seeds_of(np.arange(next(iter(self.figures.values()))["min_height"].shape[1]), self.policies)
+
+
+def damping_alone(threads: int) -> EnvCfg:
+    """MR_Go whose devices are the brakes that they are on hardware and damp, but do not hold."""
+    env = make_walk_cfg(hold_current=HoldCurrent.FIXED, threads=threads)
+    return replace(env, actuator=replace(env.actuator, holding=False))
+
+
 def simulate(job: Job) -> Findings:
-    """Drop the mass at every current with both sets of gains; the device is the brake that it is on hardware."""
-    settings = job.settings
-    env = make_walk_cfg(hold_current=HoldCurrent.FIXED, threads=settings.threads)
-    env = replace(env, actuator=replace(env.actuator, holding=False))
+    """Drop the mass at every current with both sets of gains."""
+    settings, policies = job.settings, len(job.settings.impacted)
     found = {}
     for k, (name, gains) in enumerate(GAINS.items()):
         job.report(name, k / len(GAINS))
         cfg = ImpactCfg(
-            kind=ImpactKind.DROP, trials=len(settings.impacted) * settings.impacts, gains=gains, env=env,
-            phases=readings.FR_RL_STANCE, seed=settings.seed,
-        )  # fmt: skip
+            kind=ImpactKind.DROP,
+            trials=policies * settings.impacts,
+            gains=gains,
+            env=damping_alone(settings.threads),
+            phases=readings.FR_RL_STANCE,
+            seed=settings.seed,
+        )
         found[name] = measured(ImpactSweep(cfg, Ensemble(settings.struck(gains))).run())
-    store.save(job.out / DATA, {"found": found, "policies": len(settings.impacted)})
-    return Findings()
+    return job.save(Drops(figures=found, policies=policies))
 
 
 def measured(trace: ImpactTrace) -> dict[str, np.ndarray]:
@@ -71,14 +88,6 @@ def lost(found: Iterable[dict[str, np.ndarray]]) -> list[str]:
     return [*note, *readings.fallen(fell, "falling masses")]
 
 
-def read(folder: Path) -> tuple[dict[str, dict[str, np.ndarray]], np.ndarray | None]:
-    """Figures by gains, and the policy of each trial, None with a single one."""
-    tree = store.load(folder / DATA)
-    count = next(iter(tree["found"].values()))["min_height"].shape[1]
-    return tree["found"], seeds_of(np.arange(count), tree["policies"])
-
-
-EXPERIMENT = Experiment(
-    name="drops", compute=simulate, shown=False,
-    settings=("impacted", "aware", "impacts", "seed"),
-)  # fmt: skip
+def read(job: Job) -> Drops:
+    """Data of :func:`simulate`."""
+    return job.load("drops", Drops)

@@ -1,4 +1,4 @@
-"""What one table or figure of the report is: how it is made, on what it depends, and what it found."""
+"""An entry of the report, or a simulation that entries read: how it is made, on what it depends, and what it found."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from mrwarp.paper import PaperValue
+from mrwarp.reproduce import store
 from mrwarp.reproduce.settings import Settings
+
+T = TypeVar("T")
 
 RELATIVE = 0.05
 """Relative difference that needs a reason where the paper states no spread."""
@@ -47,24 +50,20 @@ class Comparison:
     """One sentence on a difference beyond the joint spread."""
 
     @property
-    def joint_sd(self) -> float | None:
-        """Root of the summed squared spreads; None where the paper states none: ours alone is no measure of both."""
-        theirs = self.paper.sd if self.paper else None
-        return math.hypot(theirs, self.sd or 0.0) if theirs else None
-
-    @property
     def in_sd(self) -> float | None:
-        """Ours minus the paper's in units of the joint spread, positive where ours is further from 0; None without."""
-        if self.paper is None or self.joint_sd is None:
+        """Ours minus the paper's over the root of the summed squared spreads, positive where ours is further from 0.
+
+        None where the paper states no spread: ours alone is no measure of both.
+        """
+        if self.paper is None or not self.paper.sd:
             return None
-        return math.copysign(1.0, self.paper.mean) * (self.ours - self.paper.mean) / self.joint_sd
+        delta = math.copysign(1.0, self.paper.mean) * (self.ours - self.paper.mean)
+        return delta / math.hypot(self.paper.sd, self.sd or 0.0)
 
     @property
     def relative(self) -> float | None:
         """Ours over the paper's, less 1."""
-        if self.paper is None or self.paper.mean == 0.0:
-            return None
-        return self.ours / self.paper.mean - 1.0
+        return self.ours / self.paper.mean - 1.0 if self.paper is not None and self.paper.mean != 0.0 else None
 
     @property
     def differs(self) -> bool:
@@ -87,7 +86,7 @@ class TextTable:
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
-    """What an experiment found."""
+    """What an experiment found; plain values throughout."""
 
     rows: Sequence[Comparison] = ()
     claims: Mapping[str, bool] = field(default_factory=dict)
@@ -98,25 +97,24 @@ class Findings:
     pictures: Mapping[str, str] = field(default_factory=dict)
     """File in the experiment's folder to caption."""
     figures: Mapping[str, Any] = field(default_factory=dict)
-    """Everything else that was computed; plain values."""
+    """Everything else that was computed."""
 
     def __post_init__(self) -> None:
         for name in ("rows", "notes", "tables"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values, see :meth:`from_json`."""
+        """The inverse of :meth:`from_json`."""
         return asdict(self)
 
     @classmethod
     def from_json(cls, content: dict[str, Any]) -> Findings:
-        """The inverse of :meth:`to_json`."""
-        rows = [
-            Comparison(
-                **{**row, "paper": PaperValue(**row["paper"]) if row["paper"] else None, "ours": _number(row["ours"])}
-            )
-            for row in content["rows"]
-        ]
+        """The inverse of :meth:`to_json`; a figure that is missing, null in JSON, is NaN."""
+        rows = []
+        for row in content["rows"]:
+            theirs = PaperValue(**row["paper"]) if row["paper"] else None
+            ours = math.nan if row["ours"] is None else row["ours"]
+            rows.append(Comparison(**{**row, "paper": theirs, "ours": ours}))
         return cls(**{**content, "rows": rows, "tables": [TextTable(**table) for table in content["tables"]]})
 
 
@@ -130,27 +128,32 @@ class Job:
     folders: Mapping[str, Path]
     """Folders of the experiments it needs, by name."""
     report: Callable[[str, float], None]
-    """Told what runs and the share that is done."""
+    """Called with what runs and the share that is done."""
+
+    def save(self, data: Any) -> Findings:
+        """Write a simulation's data, which other experiments :meth:`load`; it finds nothing itself."""
+        store.save(self.out / f"{self.out.name}.npz", data)
+        return Findings()
+
+    def load(self, name: str, kind: type[T]) -> T:
+        """Data of the simulation of this name."""
+        return store.load(self.folders[name] / f"{name}.npz", kind)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """One entry of the report, or a simulation that several entries read."""
+    """How an entry of the report, or a simulation that several entries read, is made."""
 
     name: str
-    """As on the command line."""
+    """As on the command line; one that is not in :data:`mrwarp.reproduce.settings.TITLES` is read by others alone."""
     compute: Callable[[Job], Findings]
     """Makes the rows; its module and all that it imports are what the entry depends on."""
     needs: tuple[str, ...] = ()
     """Experiments whose folders it reads."""
-    title: str = ""
-    """Heading, which the catalogue gives the entries of the report."""
     settings: tuple[str, ...] = ()
     """Names of the :class:`Settings` it depends on."""
-    files: Callable[[Settings], Sequence[Path]] = lambda settings: ()
+    files: Callable[[], Sequence[Path]] = tuple
     """Further input files."""
-    shown: bool = True
-    """Whether it is an entry of the report; a simulation that others read is not."""
 
 
 def seeds_of(trials: np.ndarray, policies: int) -> np.ndarray | None:
@@ -171,20 +174,11 @@ def over_seeds(values: np.ndarray, seeds: np.ndarray | None = None) -> dict[str,
     """
     values = np.asarray(values, dtype=float)
     there = ~np.isnan(values)
+    values = values[there]
     if seeds is not None:
-        seeds, values = np.asarray(seeds)[there], values[there]
+        seeds = np.asarray(seeds)[there]
         values = np.array([values[seeds == seed].mean() for seed in np.unique(seeds)])
-    else:
-        values = values[there]
     if not len(values):
         return {"ours": math.nan, "sd": None, "n": 0}
-    return {
-        "ours": float(values.mean()),
-        "sd": float(values.std(ddof=1)) if len(values) > 1 else None,
-        "n": len(values),
-    }
-
-
-def _number(value: float | None) -> float:
-    """A number that JSON could not hold comes back as NaN."""
-    return math.nan if value is None else value
+    sd = float(values.std(ddof=1)) if len(values) > 1 else None
+    return {"ours": float(values.mean()), "sd": sd, "n": len(values)}

@@ -1,7 +1,7 @@
 """What a result depends on, as a hash: code, settings, input files, versions and the results it was made from.
 
-Code means the modules of this package that the experiment's module imports, directly or not, inside functions too.
-Comments, docstrings and layout do not count: a module's syntax tree is hashed.
+Code means the modules of this package that the experiment's module imports, directly or not. Comments, docstrings and
+layout do not count: a module's syntax tree is hashed.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -37,86 +37,54 @@ def key(experiment: Experiment, settings: Settings, needed: Mapping[str, dict[st
     """
     return {
         "code": code_hash(experiment.compute.__module__),
-        "settings": {name: _value(getattr(settings, name)) for name in experiment.settings},
-        "files": {path.name: file_hash(path) for path in (ASSETS / "mr_go.usda", *experiment.files(settings))},
+        "settings": {name: _plain(getattr(settings, name)) for name in experiment.settings},
+        "files": {path.name: _hash(path.read_bytes()) for path in (ASSETS / "mr_go.usda", *experiment.files())},
         "versions": versions(),
-        "needs": {name: digest(needed[name]) for name in experiment.needs},
+        "needs": {name: _hash(json.dumps(needed[name], sort_keys=True).encode()) for name in experiment.needs},
     }
 
 
-def digest(value: Any) -> str:
-    """Hash of plain values."""
-    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
-
-
-def file_hash(path: Path) -> str:
-    """Hash of a file's bytes."""
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
-
-
 def code_hash(module: str, root: Path = ROOT) -> str:
-    """Hash of a module and of every module of the package it reaches."""
-    return digest({name: module_hash(path) for name, path in sorted(reached(module, root).items())})
-
-
-def reached(module: str, root: Path = ROOT) -> dict[str, Path]:
-    """The module and those of the package that it imports, directly or not: name to file."""
-    found: dict[str, Path] = {}
+    """Hash of a module and of every module of the package that it imports, directly or not."""
+    found: dict[str, str] = {}
     waiting = [module]
     while waiting:
         name = waiting.pop()
-        path = _file(name, root)
+        path = root.joinpath(*name.split(".")[1:])
+        path = next((p for p in (path.with_suffix(".py"), path / "__init__.py") if p.is_file()), None)
         if path is not None and name not in found:
-            found[name] = path
-            waiting += imports(path, root.name)
-    return found
+            found[name], imports = _parse(path, root.name)
+            waiting += imports
+    return _hash(json.dumps(found, sort_keys=True).encode())
 
 
 @lru_cache(maxsize=1024)
-def imports(path: Path, package: str) -> tuple[str, ...]:
-    """Names of the package's modules that a file may import; ``from a import b`` gives ``a`` and ``a.b``."""
-    return tuple(_imports(ast.parse(path.read_text(encoding="utf-8")), package))
-
-
-@lru_cache(maxsize=1024)
-def module_hash(path: Path) -> str:
-    """Hash of a module's syntax tree without docstrings."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+def _parse(path: Path, package: str) -> tuple[str, list[str]]:
+    """Hash of a module's syntax tree without docstrings, and the modules of the package that it may import."""
+    tree, imports = ast.parse(path.read_text(encoding="utf-8")), []
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             # a string that stands alone does nothing, wherever it stands
             node.body = [s for s in node.body if not _is_text(s)] or [ast.Pass()]
-    return hashlib.sha256(ast.dump(tree).encode()).hexdigest()
-
-
-def _imports(tree: ast.AST, package: str) -> Iterator[str]:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names if alias.name.split(".")[0] == package)
-        elif isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == package:
-            yield node.module
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
-
-
-def _file(name: str, root: Path) -> Path | None:
-    """File of a module of the package, or None if there is none of that name."""
-    parts = name.split(".")[1:]
-    package, module = root.joinpath(*parts, "__init__.py"), root.joinpath(*parts).with_suffix(".py")
-    if parts and module.is_file():
-        return module
-    return package if package.is_file() else None
+        elif isinstance(node, ast.Import):
+            imports += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            imports += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    return _hash(ast.dump(tree).encode()), [name for name in imports if name.split(".")[0] == package]
 
 
 def _is_text(node: ast.stmt) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
-def _value(value: Any) -> Any:
+def _plain(value: Any) -> Any:
     """A setting as plain values; a policy is its content, wherever it lies."""
     if isinstance(value, Path):
-        return file_hash(value)
+        return _hash(value.read_bytes())
     if isinstance(value, Mapping):
-        return {str(name): _value(item) for name, item in value.items()}
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_value(item) for item in value]
-    return value
+        return {str(name): _plain(item) for name, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, Sequence) and not isinstance(value, str) else value
+
+
+def _hash(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()

@@ -8,14 +8,14 @@ that stood) or which torque its dynamic branch had in the end. Each reading has 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from mrwarp import paper
-from mrwarp.actuator.mr_actuator import Coupling, HoldCurrent
+from mrwarp.enums import Coupling, HoldCurrent
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.nn.network_file import shipped_model
 from mrwarp.params import BoucWenParams, HoldParams
@@ -121,11 +121,6 @@ def stance_legs(phases: tuple[float, float] | None) -> tuple[str, ...]:
     return tuple(leg for leg, at in zip(LEGS, TROT_PHASE, strict=True) if (low + at) % 1.0 + high - low <= 0.5)
 
 
-def off_mismatch(entry: Mapping[str, Any]) -> float:
-    """:func:`mismatch` of an entry of :func:`summary`."""
-    return sum(value**2 for value in entry["off_mismatch"])
-
-
 def undamped_speed(drop: float, *, force: float = 100.0, mass: float = paper.MASS["mr_go"]) -> float:
     """Peak speed [m/s] of a mass on a linear spring that a lasting force presses down by ``drop`` [m] without damping.
 
@@ -135,64 +130,77 @@ def undamped_speed(drop: float, *, force: float = 100.0, mass: float = paper.MAS
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pushed:
-    """What a reading gave."""
+class ReadingResult:
+    """Both columns of table 4 under one reading; C currents, N trials."""
 
-    reading: Reading
+    reading: str
+    """Its name."""
     duration: float
     """Calibrated on the 0 A row [s]."""
     cells: dict[str, np.ndarray]
-    """Minimum height [m] and peak downward velocity [m/s], shape (C, N)."""
-    trace: ImpactTrace
+    """Minimum height [m] and peak downward velocity [m/s] of every trial, shape (C, N)."""
 
+    @property
+    def means(self) -> dict[str, np.ndarray]:
+        """Of both columns over the trials, shape (C,)."""
+        return {cell: values.mean(axis=1) for cell, values in self.cells.items()}
+
+    @property
     def worst(self) -> float:
         """Largest relative difference from the paper's six predicted cells."""
-        return max(abs(value) for value in self.errors())
+        return max(abs(value) for value in predicted_off(self.means))
 
-    def errors(self) -> list[float]:
-        """Relative differences of the six predicted cells."""
-        return predicted_off({cell: values.mean(1) for cell, values in self.cells.items()})
-
+    @property
     def monotone(self) -> bool:
         """Whether height rises and speed falls with every step of the current."""
-        height, speed = self.cells["min_height"].mean(1), -self.cells["peak_down_velocity"].mean(1)
-        return bool((np.diff(height) > 0.0).all() and (np.diff(speed) < 0.0).all())
+        return all(bool((np.diff(means) > 0.0).all()) for means in self.means.values())
 
+    @property
     def change(self) -> dict[str, float]:
         """Change of both from 0 to 1.5 A, relative."""
-        return {cell: float(self.cells[cell][-1].mean() / self.cells[cell][0].mean()) - 1.0 for cell in CELLS}
+        return {cell: float(means[-1] / means[0]) - 1.0 for cell, means in self.means.items()}
+
+    @property
+    def off_mismatch(self) -> list[float]:
+        """Relative differences of the 0 A row, which the duration was chosen by."""
+        target = paper.TABLE_4["simulation"][0.0]
+        return [float(means[0]) / target[cell].mean - 1.0 for cell, means in self.means.items()]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain figures."""
+        names = ("reading", "duration", "worst", "monotone", "change", "off_mismatch")
+        means = {cell: values.tolist() for cell, values in self.means.items()}
+        return {**{name: getattr(self, name) for name in names}, **means}
 
 
-def predicted_off(means: Mapping[str, Sequence[float] | np.ndarray]) -> list[float]:
+def predicted_off(means: Mapping[str, np.ndarray]) -> list[float]:
     """Relative differences of the six predicted cells from the paper's, from the mean of both columns by current."""
     return [
         float(means[cell][i]) / paper.TABLE_4["simulation"][amps][cell].mean - 1.0
-        for cell in CELLS for i, amps in enumerate(CURRENT_GROUPS) if amps > 0.0
-    ]  # fmt: skip
+        for cell in CELLS
+        for i, amps in enumerate(CURRENT_GROUPS)
+        if amps > 0.0
+    ]
 
 
-def push(reading: Reading, policy: Policy, *, trials: int, seed: int, threads: int = 0) -> Pushed:
-    """Calibrate the duration on the 0 A row, then push with every current."""
-    cfg = config(reading, trials=trials, seed=seed, threads=threads)
-    duration = calibrate(cfg, policy, cfg.variants[0])
-    trace = ImpactSweep(replace(cfg, duration=duration), policy).run()
-    return Pushed(reading=reading, duration=duration, cells=cells(trace), trace=trace)
+def push(
+    reading: Reading, policy: Policy, *, trials: int, seed: int, threads: int = 0
+) -> tuple[ReadingResult, ImpactTrace]:
+    """Calibrate the duration on the 0 A row, then push with every current.
 
-
-def calibrate(cfg: ImpactCfg, policy: Policy, off: Variant) -> float:
-    """Duration [s] that brings both cells of the 0 A row nearest to the paper's, relative least squares.
-
-    All durations of a grid are pushed as one batch; a second, finer grid follows.
+    The duration is the one of a grid that brings both cells nearest to the paper's, by relative least squares; all
+    durations are pushed as one batch, and a finer grid about the best one follows.
     """
-    durations = COARSE
+    cfg = config(reading, trials=trials, seed=seed, threads=threads)
+    grid = COARSE
     for step in (0.01, None):
-        variants = tuple(replace(off, duration=duration) for duration in durations)
-        found = cells(ImpactSweep(replace(cfg, variants=variants, duration=durations[0]), policy).run())
-        best = durations[int(np.argmin(mismatch({name: value.mean(1) for name, value in found.items()})))]
-        if step is None:
-            break
-        durations = tuple(t for k in range(-4, 5) if 0.0 < (t := round(best + k * step, 3)) <= cfg.window)
-    return best
+        variants = tuple(replace(cfg.variants[0], duration=duration) for duration in grid)
+        found = cells(ImpactSweep(replace(cfg, variants=variants, duration=grid[0]), policy).run())
+        duration = grid[int(np.argmin(mismatch({name: value.mean(1) for name, value in found.items()})))]
+        if step is not None:
+            grid = tuple(t for k in range(-4, 5) if 0.0 < (t := round(duration + k * step, 3)) <= cfg.window)
+    trace = ImpactSweep(replace(cfg, duration=duration), policy).run()
+    return ReadingResult(reading=reading.name, duration=duration, cells=cells(trace)), trace
 
 
 def mismatch(found: dict[str, np.ndarray]) -> np.ndarray:
@@ -242,17 +250,3 @@ def _variant(reading: Reading, amps: float) -> Variant:
         ratio = (amps / law.K) ** law.n
         params["K1"] = law.T_max * ratio / (1.0 + ratio) / (amps * BoucWenParams().z_bound)
     return Variant(current=NEARLY_OFF if reading.soft_at_zero and amps == 0.0 else amps, params=params)
-
-
-def summary(pushed: Sequence[Pushed]) -> list[dict[str, Any]]:
-    """Plain figures of every reading."""
-    return [
-        {
-            "reading": p.reading.name, "duration": p.duration, "worst": p.worst(), "monotone": p.monotone(),
-            "change": p.change(), "off_mismatch": [
-                float(p.cells[cell][0].mean()) / paper.TABLE_4["simulation"][0.0][cell].mean - 1.0 for cell in CELLS
-            ],
-            **{cell: p.cells[cell].mean(1).tolist() for cell in CELLS},
-        }
-        for p in pushed
-    ]  # fmt: skip

@@ -1,26 +1,24 @@
-"""The report: one offline HTML page and one Markdown file from the outcomes of a run."""
+"""The report: one offline HTML page and one Markdown file from the outcomes of a run, and a row of it as text."""
 
 from __future__ import annotations
 
 import base64
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from mrwarp.reproduce import formatting as words
-from mrwarp.reproduce.experiment import Experiment, Findings
+from mrwarp.reproduce.experiment import RELATIVE, Comparison, Findings
 from mrwarp.reproduce.runner import Outcome
+from mrwarp.reproduce.settings import TITLES
 from mrwarp.run_dir import versions, write_text
 
-STATUS = {
-    "made": "",
-    "kept": "",
-    "waiting": "not made yet",
-    "failed": "failed",
-    "not run": "not run",
-}
+HEAD = ("condition", "quantity", "paper", "ours", "difference", "in joint SD", "kind", "why it differs")
+"""Columns of the rows' table."""
+
+STATUS = {"made": "", "kept": "", "waiting": "not made yet", "failed": "failed", "not run": "not run"}
 """What the report says of an entry without findings."""
 
 INTRODUCTION = (
@@ -32,31 +30,88 @@ INTRODUCTION = (
 """How to read the tables."""
 
 
-def write(
-    outcomes: Mapping[str, Outcome], catalogue: Mapping[str, Experiment], out: Path, command: str
-) -> tuple[Path, Path]:
-    """Write ``report.html`` and ``report.md`` of the shown experiments, each in one piece.
+def write(outcomes: Mapping[str, Outcome], out: Path, command: str) -> tuple[Path, Path]:
+    """Write ``report.html`` and ``report.md`` of the entries, each in an atomic write.
 
     Args:
         outcomes: How each experiment ended.
-        catalogue: Their descriptions.
         out: Folder of the run; pictures lie in each experiment's folder below it.
         command: Command line that made it.
     """
-    entries = [
-        _entry(outcome, catalogue[name], out / name) for name, outcome in outcomes.items() if catalogue[name].shown
-    ]
-    page = {"entries": entries, "head": words.HEAD, "introduction": INTRODUCTION, "command": command,
-            "versions": ", ".join(f"{name} {version}" for name, version in versions().items())}  # fmt: skip
+    page = {
+        "entries": [_entry(outcome, out / name) for name, outcome in outcomes.items() if name in TITLES],
+        "head": HEAD,
+        "introduction": INTRODUCTION,
+        "command": command,
+        "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),
+    }
     environment = Environment(
-        loader=PackageLoader("mrwarp.reproduce", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        loader=PackageLoader("mrwarp.reproduce", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
         lstrip_blocks=True,
-    )  # fmt: skip
+    )
     html = environment.get_template("report.html.jinja").render(**page)
-    return write_text(out / "report.html", html), write_text(out / "report.md", markdown(page, out))
+    return write_text(out / "report.html", html), write_text(out / "report.md", _markdown(page))
 
 
-def markdown(page: dict[str, Any], out: Path) -> str:
+def cells(row: Comparison) -> list[str]:
+    """One row as text, in the order of :data:`HEAD`."""
+    theirs = "–" if row.paper is None else _spread(row.paper.mean, row.paper.sd, row.digits)
+    ours = _spread(row.ours, row.sd, row.digits) + ("" if row.sd is None else f" (n = {row.n})")
+    return [
+        row.condition,
+        row.quantity + (f" [{row.unit}]" if row.unit else ""),
+        theirs,
+        ours if math.isfinite(row.ours) else "no figure",
+        "" if row.relative is None or not math.isfinite(row.relative) else f"{100.0 * row.relative:+.1f} %",
+        "" if row.in_sd is None or not math.isfinite(row.in_sd) else f"{row.in_sd:+.1f}",
+        "calibrated" if row.calibrated else "predicted",
+        row.why if row.differs else "",
+    ]
+
+
+def _spread(mean: float, sd: float | None, digits: int) -> str:
+    return f"{mean:.{digits}f}" + ("" if sd is None else f" ± {sd:.{digits}f}")
+
+
+def agreement(rows: Sequence[Comparison]) -> str:
+    """How many rows agree by the measure of :attr:`Comparison.differs`."""
+    judged = [row for row in rows if row.paper is not None]
+    if not judged:
+        return ""
+    predicted = [row for row in judged if not row.calibrated]
+    near = sum(not row.differs for row in predicted)
+    measure = f"within the joint spread, or {100.0 * RELATIVE:.0f} % where the paper states none"
+    fitted = len(judged) - len(predicted)
+    return f"{near} of {len(predicted)} predicted rows {measure}" + (
+        f"; {fitted} rows were used to calibrate" if fitted else ""
+    )
+
+
+def _entry(outcome: Outcome, folder: Path) -> dict[str, Any]:
+    """What the templates show of one entry."""
+    found = outcome.findings or Findings()
+    message = f"{STATUS[outcome.status]}: {outcome.message}".removesuffix(": ")
+    return {
+        "name": outcome.name,
+        "title": TITLES[outcome.name],
+        "message": message if outcome.findings is None else "",
+        "agreement": agreement(found.rows),
+        "claims": list(found.claims.items()),
+        "rows": [cells(row) for row in found.rows],
+        "notes": found.notes,
+        "tables": [(table.title, table.head, table.rows) for table in found.tables],
+        "pictures": [
+            {"file": file, "caption": caption, "data": base64.b64encode((folder / file).read_bytes()).decode()}
+            for file, caption in found.pictures.items()
+            if (folder / file).is_file()
+        ],
+    }
+
+
+def _markdown(page: dict[str, Any]) -> str:
     """The page as Markdown; pictures are linked relative to the folder."""
     lines = ["# The paper's experiments, ours beside theirs", "", _text(page["introduction"]), ""]
     lines += [f"Made by {_text(page['command'])} with {_text(page['versions'])}.", ""]
@@ -68,7 +123,7 @@ def markdown(page: dict[str, Any], out: Path) -> str:
         lines += [f"{_text(entry['agreement'])}.", ""] if entry["agreement"] else []
         lines += [f"* {'holds' if holds else '**does not hold**'}: {_text(claim)}" for claim, holds in entry["claims"]]
         lines += [""] if entry["claims"] else []
-        lines += _table(page["head"], entry["rows"]) if entry["rows"] else []
+        lines += _table(HEAD, entry["rows"]) if entry["rows"] else []
         for note in entry["notes"]:
             lines += [_text(note), ""]
         for title, head, rows in entry["tables"]:
@@ -78,30 +133,9 @@ def markdown(page: dict[str, Any], out: Path) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _entry(outcome: Outcome, experiment: Experiment, folder: Path) -> dict[str, Any]:
-    found = outcome.findings or Findings()
-    status = STATUS[outcome.status]
-    rows = list(found.rows)
-    return {
-        "name": experiment.name, "title": experiment.title, "seconds": f"{outcome.seconds:.0f} s",
-        "message": f"{status}: {outcome.message}".removesuffix(": ") if outcome.findings is None else "",
-        "agreement": words.agreement(rows), "claims": list(found.claims.items()),
-        "rows": [words.cells(row) for row in rows], "notes": list(found.notes),
-        "tables": [(table.title, table.head, table.rows) for table in found.tables],
-        "pictures": [
-            {"file": file, "caption": caption, "data": base64.b64encode((folder / file).read_bytes()).decode()}
-            for file, caption in found.pictures.items() if (folder / file).is_file()
-        ],
-    }  # fmt: skip
-
-
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    return [
-        "| " + " | ".join(_text(cell) for cell in head) + " |",
-        "|" + "---|" * len(head),
-        *("| " + " | ".join(_text(cell) for cell in row) + " |" for row in rows),
-        "",
-    ]
+    lines = ["| " + " | ".join(map(_text, row)) + " |" for row in (head, *rows)]
+    return [lines[0], "|" + "---|" * len(head), *lines[1:], ""]
 
 
 def _text(text: str) -> str:

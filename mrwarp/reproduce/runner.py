@@ -1,7 +1,7 @@
 """Runs experiments in the order of their needs; only what changed is made again, and one failure loses nothing else.
 
-Each experiment has a folder below the output folder: its pictures and data, ``findings.json`` written last and in one
-piece with the key of everything it depends on. A run that was stopped goes on with what is missing.
+Each experiment has a folder below the output folder: its pictures and data, ``findings.json`` written last, atomically,
+with the key of everything it depends on. A run that was stopped goes on with what is missing.
 """
 
 from __future__ import annotations
@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mrwarp.model_file import ModelFileError, read_json_file
 from mrwarp.reproduce import fingerprint
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, NotYet
 from mrwarp.reproduce.settings import Settings
-from mrwarp.run_dir import plain, write_text
+from mrwarp.run_dir import one_line, plain, write_text
 
 KEPT = "findings.json"
 """What an experiment leaves in its folder."""
@@ -45,7 +44,7 @@ class Runner:
         catalogue: All experiments by name.
         settings: Choices of the run.
         out: Output folder.
-        report: Told what runs and the share of it that is done.
+        report: Called with what runs and the share of it that is done.
 
     Attributes:
         outcomes: How each experiment ended, by name, in the order in which they were run.
@@ -56,41 +55,44 @@ class Runner:
         catalogue: Mapping[str, Experiment],
         settings: Settings,
         out: Path,
-        report: Callable[[str, float], None] | None = None,
+        report: Callable[[str, float], None] = lambda text, share: None,
     ) -> None:
-        self.catalogue, self.settings, self.out = catalogue, settings, out
+        self.catalogue, self.settings, self.out, self._report = catalogue, settings, out, report
         self.outcomes: dict[str, Outcome] = {}
         self._keys: dict[str, dict[str, Any]] = {}
-        self._report = report or (lambda text, share: None)
 
     def run(self, wanted: Sequence[str]) -> None:
-        """Make or keep the experiments and what they need; ``outcomes`` grows as they end.
+        """Make or keep the experiments, each after what it needs; ``outcomes`` grows as they end.
 
         Raises:
             KeyboardInterrupt: the run was stopped; what is done is kept.
+            KeyError: there is no experiment of that name.
         """
-        for name in in_order(self.catalogue, wanted):
-            self.outcomes[name] = self._one(self.catalogue[name])
+        for name in wanted:
+            if name not in self.outcomes:
+                self.run(self.catalogue[name].needs)
+                self.outcomes[name] = self._make(self.catalogue[name])
 
-    def _one(self, experiment: Experiment) -> Outcome:
+    def _make(self, experiment: Experiment) -> Outcome:
         name, folder = experiment.name, self.out / experiment.name
         for need in experiment.needs:
             if (outcome := self.outcomes[need]).findings is None:
                 status = "waiting" if outcome.status == "waiting" else "failed"
                 return Outcome(name=name, status=status, message=f"needs {need}: {outcome.message}")
         try:
-            key = fingerprint.key(experiment, self.settings, self._keys)
-            self._keys[name] = key
+            self._keys[name] = key = fingerprint.key(experiment, self.settings, self._keys)
             if (kept := _read(folder / KEPT, key)) is not None:
-                return Outcome(name=name, status="kept", findings=kept[0], seconds=kept[1])
+                return kept
             folder.mkdir(parents=True, exist_ok=True)
             for stale in (KEPT, "error.txt"):  # what follows may be cut short, and its data are another key's
                 (folder / stale).unlink(missing_ok=True)
             started = time.perf_counter()
             job = Job(
-                settings=self.settings, out=folder, folders={need: self.out / need for need in experiment.needs},
+                settings=self.settings,
+                out=folder,
+                folders={need: self.out / need for need in experiment.needs},
                 report=lambda text, share: self._report(f"{name}: {text}" if text else name, share),
-            )  # fmt: skip
+            )
             job.report("", 0.0)
             findings = experiment.compute(job)
             seconds = time.perf_counter() - started
@@ -101,38 +103,17 @@ class Runner:
         except Exception as error:  # whatever one experiment meets, the others go on
             folder.mkdir(parents=True, exist_ok=True)
             (folder / "error.txt").write_text(traceback.format_exc(), encoding="utf-8")
-            line = " ".join(str(error).split()) or type(error).__name__
-            return Outcome(name=name, status="failed", message=line)
+            return Outcome(name=name, status="failed", message=one_line(error) or type(error).__name__)
         return Outcome(name=name, status="made", findings=findings, seconds=seconds)
 
 
-def in_order(catalogue: Mapping[str, Experiment], wanted: Sequence[str]) -> list[str]:
-    """The wanted experiments and all they need, each after its needs.
-
-    Raises:
-        KeyError: there is no experiment of that name.
-    """
-    ordered: list[str] = []
-
-    def visit(name: str) -> None:
-        if name not in ordered:
-            for need in catalogue[name].needs:
-                visit(need)
-            ordered.append(name)
-
-    for name in wanted:
-        visit(name)
-    return ordered
-
-
-def _read(path: Path, key: dict[str, Any]) -> tuple[Findings, float] | None:
-    """Findings that were made under the same key and the seconds they took; None if there are none such."""
-    if not path.is_file():
-        return None
+def _read(path: Path, key: dict[str, Any]) -> Outcome | None:
+    """What was made under the same key; None if there is none, or what is there is damaged or of another layout."""
     try:
-        content = read_json_file(path)
-        if content["key"] != json.loads(json.dumps(key)):
-            return None
-        return Findings.from_json(content["findings"]), float(content["seconds"])
-    except (ModelFileError, KeyError, TypeError, ValueError):  # damaged or of another layout: made again
-        return None
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content["key"] == json.loads(json.dumps(key)):
+            findings = Findings.from_json(content["findings"])
+            return Outcome(name=path.parent.name, status="kept", findings=findings, seconds=float(content["seconds"]))
+    except (OSError, LookupError, TypeError, ValueError, RecursionError):
+        pass
+    return None

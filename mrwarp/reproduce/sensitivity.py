@@ -10,10 +10,10 @@ import numpy as np
 from mrwarp import paper
 from mrwarp.paper import PaperValue
 from mrwarp.reproduce import pushes, readings
-from mrwarp.reproduce.ensemble import Ensemble
-from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, over_seeds
+from mrwarp.reproduce.experiment import Comparison, Findings, Job, over_seeds
+from mrwarp.reproduce.policies import Ensemble
 from mrwarp.trials import thresholds
-from mrwarp.trials.impact import ImpactSweep, ImpactTrace, Variant
+from mrwarp.trials.impact import ImpactSweep, ImpactTrace
 
 TITLES = {
     "f_th": ("contact threshold", "N"),
@@ -28,49 +28,50 @@ QUANTITIES = {"drop": "reduction of CoM drop", "motor": "reduction of motor torq
 
 def compute(job: Job) -> Findings:
     """Reductions at both ends of each threshold's range beside the paper's."""
-    settings, found = job.settings, pushes.read(job.folders["pushes"])
-    duration = found.readings[found.place(readings.ADOPTED)]["duration"]
+    settings, policies = job.settings, len(job.settings.impacted)
+    duration = pushes.read(job).of(readings.ADOPTED).duration
     cfg = readings.config(
-        readings.ADOPTED, trials=len(settings.impacted) * settings.impacts, seed=settings.seed, threads=settings.threads
+        readings.ADOPTED, trials=policies * settings.impacts, seed=settings.seed, threads=settings.threads
     )
     off, on = cfg.variants[0], cfg.variants[-1]
-    variants = tuple(
-        Variant(current=off.current if v.current == 0.0 else on.current,
-                params={**(off if v.current == 0.0 else on).params, **v.params})
-        for v in thresholds.variants(on.current)
-    )  # fmt: skip
-    sweep = ImpactSweep(
-        replace(cfg, variants=variants, duration=duration), Ensemble(settings.struck(readings.ADOPTED.gains))
-    )
-    trace = sweep.run()
+    varied = [(off if v.current == 0.0 else on, v.params) for v in thresholds.variants(on.current)]
+    variants = tuple(replace(base, params={**base.params, **params}) for base, params in varied)
+    ensemble = Ensemble(settings.struck(readings.ADOPTED.gains))
+    trace = ImpactSweep(replace(cfg, variants=variants, duration=duration), ensemble).run()
     thresholds.plot(thresholds.reductions(trace), job.out / "thresholds.png")
-    reductions = by_seed(trace, len(settings.impacted))
+    reductions = by_seed(trace, policies)
     rows, claims = [], {}
     for name, entries in reductions.items():
         title, unit = TITLES[name]
+        first, last = entries[0], entries[-1]
         for quantity, ends in paper.THRESHOLDS[name].items():
-            for entry, theirs in zip((entries[0], entries[-1]), ends, strict=True):
-                cell = entry[quantity]
-                rows.append(
-                    Comparison(condition=f"{title} {entry['value']:g} {unit}", quantity=QUANTITIES[quantity], unit="%",
-                        paper=PaperValue(mean=theirs), **cell, digits=2,
-                        why="The damping torque sets the level, see table 4; the threshold changes it.")
-                )  # fmt: skip
-            if name != "f_th":
-                claims[f"a larger {title} weakens the {QUANTITIES[quantity]}"] = (
-                    entries[-1][quantity]["ours"] < entries[0][quantity]["ours"]
+            rows += [
+                Comparison(
+                    condition=f"{title} {entry['value']:g} {unit}",
+                    quantity=QUANTITIES[quantity],
+                    unit="%",
+                    paper=PaperValue(mean=theirs),
+                    **entry[quantity],
+                    digits=2,
+                    why="The damping torque sets the level, see table 4; the threshold changes it.",
                 )
+                for entry, theirs in zip((first, last), ends, strict=True)
+            ]
+            if name != "f_th":
+                weaker = last[quantity]["ours"] < first[quantity]["ours"]
+                claims[f"a larger {title} weakens the {QUANTITIES[quantity]}"] = weaker
     span = [abs(reductions[name][-1]["drop"]["ours"] - reductions[name][0]["drop"]["ours"]) for name in TITLES]
     claims["the contact threshold matters least for the drop"] = span[0] <= min(span)
     return Findings(
-        rows=rows, claims=claims,
+        rows=rows,
+        claims=claims,
         notes=[
             f"Push of table 4 ({duration:.2f} s), reading: {readings.ADOPTED.name}. Each policy's reductions are "
             "relative to its own drop and torque without current.",
             *readings.fallen(trace.fell, "pushes"),
         ],
         pictures={"thresholds.png": "Reduction of drop and motor torque by 1.5 A over each threshold, over all trials"},
-    )  # fmt: skip
+    )
 
 
 def by_seed(trace: ImpactTrace, policies: int) -> dict[str, list[dict[str, Any]]]:
@@ -90,6 +91,7 @@ def by_seed(trace: ImpactTrace, policies: int) -> dict[str, list[dict[str, Any]]
     ]
 
     def cell(name: str, i: int, quantity: str) -> dict[str, Any]:
+        """One quantity at value i of a threshold."""
         values = [part[name][i][quantity] for part in parts]
         if policies > 1:
             return over_seeds(np.array([value["mean"] for value in values]))
@@ -102,9 +104,3 @@ def by_seed(trace: ImpactTrace, policies: int) -> dict[str, list[dict[str, Any]]
         ]
         for name, entries in parts[0].items()
     }
-
-
-EXPERIMENT = Experiment(
-    name="sensitivity", compute=compute, needs=("pushes",),
-    settings=("impacted", "aware", "impacts", "seed"),
-)  # fmt: skip

@@ -1,4 +1,4 @@
-"""What a reproduction is run with; every number that changes a result stands here."""
+"""Entries of the report, and every number and policy that changes a result; loads no engine, for ``--help``."""
 
 from __future__ import annotations
 
@@ -10,6 +10,26 @@ from pathlib import Path
 from mrwarp.enums import Coupling
 from mrwarp.paper import ROBOTS
 from mrwarp.study.plan import AWARE, ENERGY, ENERGY_SEEDS, HIGH_PRICE, PUBLIC, SEEDS, STUDY, plant_of, policy_file
+
+TITLES = {
+    "fig4": "Figure 4: torque prediction",
+    "fig5": "Figure 5: learning curves",
+    "table2": "Table 2: actuator-aware training",
+    "table3": "Table 3: actuator models in training",
+    "table4": "Table 4: disturbance response",
+    "sensitivity": "Section 3.2: sensitivity to the gates' thresholds",
+    "fig6": "Figure 6: motor torque during the push",
+    "fig7": "Figure 7: motor torque under the falling mass",
+    "table5": "Table 5: training and SAL under the falling mass",
+    "table6": "Table 6: cost of transport",
+    "table7": "Table 7: support activation",
+    "electrical": "Sensitivity of table 6 to the electrical numbers",
+    "fig8": "Figure 8: stance support and torque relief",
+    "fig9": "Figure 9: cost of transport",
+    "fig10": "Figure 10: power and state of charge of the mission",
+    "fig11": "Figure 11: temperatures of the mission",
+}
+"""Heading of each entry of the report, by its name on the command line, in the paper's order; ``all`` means these."""
 
 
 def _of(folder: Path, plant: str, seeds: tuple[int, ...] = SEEDS) -> tuple[Path, ...]:
@@ -35,10 +55,10 @@ class Settings:
     """Policies under pushes and falling masses with the asset's gains, and of walks without a price on power: the
     actuator-aware ones of table 2."""
     sticking: tuple[Path, ...] = field(default_factory=lambda: _of(ENERGY, plant_of("mr_go_sal", Coupling.CONSTRAINT)))
-    """Policies of MR_Go-SAL's walks on devices that stick, trained with them; at most as many as of the robots. MR_Go
-    walks beside them with its first ones."""
+    """Policies of MR_Go-SAL's walks on devices that stick (the constraint coupling), trained with them; at most as many
+    as of the robots. MR_Go walks beside them with its first ones."""
     high: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: _own(HIGH_PRICE, SEEDS))
-    """As ``policies``, trained with a high price on power."""
+    """As ``policies``, trained with the high price on power."""
     rollouts: int = 3
     """Rollouts per policy, paper section 6.2."""
     distance: float = 30.0
@@ -53,15 +73,13 @@ class Settings:
     """CPU threads; 0 = all. The figures are the same for any number."""
 
     def __post_init__(self) -> None:
-        for robot in ROBOTS:
-            if not self.policies.get(robot):
-                raise ValueError(f"policies: name at least one for {robot}")
-        counts = {len(self.policies[robot]) for robot in ROBOTS}
-        if len(counts) > 1:
+        counts = {robot: len(self.policies.get(robot, ())) for robot in ROBOTS}
+        if min(counts.values()) < 1 or len(set(counts.values())) > 1:
             raise ValueError(
-                "policies: " + ", ".join(f"{len(self.policies[robot])} for {robot}" for robot in ROBOTS)
+                "policies: "
+                + ", ".join(f"{count} for {robot}" for robot, count in counts.items())
                 + "; name the same number, one per training seed, for every robot (--policy-ROBOT)"
-            )  # fmt: skip
+            )
         if not 1 <= len(self.sticking) <= self.policy_seeds:
             raise ValueError(
                 f"sticking: {len(self.sticking)} policies, but {self.policy_seeds} for every robot; name at least one "
@@ -71,12 +89,9 @@ class Settings:
         if len(numbers) > 1 or 0 in numbers:
             raise ValueError("high: name the same number of policies, at least one, for every robot")
         if not self.impacted or len(self.impacted) != len(self.aware):
-            counts = f"{len(self.impacted)} and {len(self.aware)}"
-            raise ValueError(f"impacted and aware need the same number of policies, at least one; got {counts}")
-        named = {**{f"policies of {robot}": paths for robot, paths in self.policies.items()}, "sticking": self.sticking,
-                 **{f"high, {robot}": paths for robot, paths in self.high.items()}, "impacted": self.impacted,
-                 "aware": self.aware}  # fmt: skip
-        for name, paths in named.items():
+            count = f"{len(self.impacted)} and {len(self.aware)}"
+            raise ValueError(f"impacted and aware need the same number of policies, at least one; got {count}")
+        for name, paths in self._named().items():
             if len(set(paths)) < len(paths):
                 raise ValueError(f"{name}: name each policy once; one that counts as two training seeds has no spread")
         if min(self.rollouts, self.impacts) < 1:
@@ -84,14 +99,21 @@ class Settings:
         if not all(math.isfinite(length) and length > 0.0 for length in (self.distance, self.window)):
             raise ValueError(f"distance = {self.distance} m and window = {self.window} m must be positive and finite")
 
+    def _named(self) -> dict[str, tuple[Path, ...]]:
+        """All policies, by what they are called in a refusal."""
+        return {
+            **{f"policies of {robot}": paths for robot, paths in self.policies.items()},
+            **{f"high, {robot}": paths for robot, paths in self.high.items()},
+            **{name: getattr(self, name) for name in ("sticking", "impacted", "aware")},
+        }
+
     def struck(self, gains: tuple[float, float] | None) -> tuple[Path, ...]:
         """Policies for pushes and falling masses on robots with these gains; None is the asset's."""
         return self.aware if gains is None else self.impacted
 
     def files(self) -> tuple[Path, ...]:
         """Every policy that is named, each once."""
-        walked = (*self.policies.values(), self.sticking, *self.high.values())
-        return tuple(dict.fromkeys(path for paths in (*walked, self.impacted, self.aware) for path in paths))
+        return tuple(dict.fromkeys(path for paths in self._named().values() for path in paths))
 
     @property
     def policy_seeds(self) -> int:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,8 @@ import numpy as np
 from mrwarp import paper
 from mrwarp.energy import calibrate as calibration
 from mrwarp.energy import consistency
-from mrwarp.energy.power import CALF_COLUMNS, ElectricalCfg, JointLoad, Power, battery_power, copper, cost_of_transport
+from mrwarp.energy.calibrate import MeasuredPower
+from mrwarp.energy.power import CALF_COLUMNS, ElectricalCfg, JointLoad, battery_power, copper, cost_of_transport
 from mrwarp.params import MrParams
 from mrwarp.trials.meter import BIN, RANGE, SHOWN
 from mrwarp.trials.statistics import ratio_sd, spread
@@ -66,12 +67,20 @@ def cot(result: WalkResult, cfg: ElectricalCfg) -> np.ndarray:
     return cost_of_transport(battery_power(result.joints, cfg).total, result.mass, result.speed)
 
 
+def mean_power(result: WalkResult, cfg: ElectricalCfg) -> float:
+    """Battery power over the trials [W]; NaN where nobody arrived."""
+    return mean(battery_power(result.joints, cfg).total)
+
+
+def mean(values: np.ndarray) -> float:
+    """Mean over the trials; NaN where nobody arrived."""
+    return spread(values)["mean"]
+
+
 def parts(joints: JointLoad, cfg: ElectricalCfg) -> dict[str, float]:
     """Mean power by part [W], the copper loss split into calves and the other joints; NaN where nobody arrived."""
-    power: Power = battery_power(joints, cfg)
-    loss = copper(joints, cfg)
-    calf = spread(np.ravel(loss[..., list(CALF_COLUMNS)].sum(-1)))["mean"]
-    named = {name: spread(np.ravel(value))["mean"] for name, value in power.parts().items()}
+    calf = mean(np.ravel(copper(joints, cfg)[..., list(CALF_COLUMNS)].sum(-1)))
+    named = {name: mean(np.ravel(value)) for name, value in battery_power(joints, cfg).parts().items()}
     total = named.pop("copper")
     return {"copper_calves": calf, "copper_hips_thighs": total - calf, **named}
 
@@ -89,11 +98,11 @@ def torques(result: WalkResult) -> dict[str, dict[str, float]]:
     return found
 
 
-def calibration_rows(results: Sequence[WalkResult], standing: JointLoad) -> list[calibration.MeasuredPower]:
+def calibration_rows(results: Sequence[WalkResult], standing: JointLoad) -> list[MeasuredPower]:
     """Go1's rows of table 6 and its standby power with what the simulated robot does there."""
     rows = [
-        calibration.MeasuredPower(
-            name=f"Go1 {paper.condition_name(result.payload, result.command)}", joints=result.joints.mean(),
+        MeasuredPower(
+            name=f"Go1 {result.condition}", joints=result.joints.mean(),
             measured=paper.TABLE_6[key].power,  # type: ignore[index]
         )
         for result in results
@@ -102,13 +111,8 @@ def calibration_rows(results: Sequence[WalkResult], standing: JointLoad) -> list
     ]  # fmt: skip
     return [
         *rows,
-        calibration.MeasuredPower(name=STANDBY, joints=standing, measured=paper.MISSION_POWER["go1"]["standby"]),
+        MeasuredPower(name=STANDBY, joints=standing, measured=paper.MISSION_POWER["go1"]["standby"]),
     ]
-
-
-def drive_friction(results: Sequence[WalkResult], cfg: ElectricalCfg) -> list[float]:
-    """Mean drive friction of every condition in which a trial arrived [W]."""
-    return [parts(result.joints, cfg)["drive_friction"] for result in results if len(result.speed)]
 
 
 def standing_saving(motors: JointLoad, devices: JointLoad, cfg: ElectricalCfg) -> float:
@@ -122,81 +126,106 @@ def standing_saving(motors: JointLoad, devices: JointLoad, cfg: ElectricalCfg) -
     return float(battery_power(motors, cfg).total) - float(battery_power(devices, cfg).total)
 
 
-def savings(results: Sequence[WalkResult], cfg: ElectricalCfg, standing: float | None = None) -> list[dict[str, Any]]:
-    """What SAL saves in each condition: simulated, the paper's, and the closed-form bound.
+@dataclass(frozen=True, kw_only=True)
+class Saving:
+    """What SAL saves against MR_Go in one condition: simulated, the paper's, and by closed form."""
+
+    payload: float
+    """[kg]"""
+    command: float
+    """[m/s]"""
+    calibrated: bool = False
+    """No saving takes part in a calibration."""
+    hold_share: float
+    """Mean share of time with the holding gate open [1]."""
+    saving: float
+    """Battery power [W]."""
+    cot_reduction: float
+    """Relative reduction of the cost of transport [1]."""
+    power_reduction: float
+    """Relative reduction of the power [1]."""
+    saving_by_part: dict[str, float]
+    """:func:`parts` of MR_Go less those of MR_Go-SAL [W]."""
+    bound: dict[str, float]
+    """Most that holding can save [W]: ``paper_standing`` and ``our_standing`` by :func:`consistency.holding_bound`, and
+    ``walking_copper``, the calves' copper loss of MR_Go times the share of the stance that is held."""
+    paper: dict[str, float] | None
+    """``saving`` [W], ``cot_reduction`` and ``cot_reduction_sd`` [1] of table 6; None where it has no such row."""
+
+    @property
+    def name(self) -> str:
+        """Name of the condition."""
+        return paper.condition_name(self.payload, self.command)
+
+
+def savings(results: Sequence[WalkResult], cfg: ElectricalCfg, standing: float | None = None) -> list[Saving]:
+    """What SAL saves in each condition in which both robots arrived.
 
     Args:
         results: Trials with MR_Go and MR_Go-SAL.
         cfg: The numbers.
         standing: What holding saves our standing robots [W], see :func:`standing_saving`.
-
-    Returns:
-        Per condition, the saving with its parts and three estimates of what holding saves at most: from the paper's
-        and from our standing saving by :func:`consistency.holding_bound`, and ``walking_copper``, the copper loss of
-        the calves that the closed gate leaves in the stance, times the share of the stance that is held.
     """
-    by_key = {(r.robot, r.payload, r.command): r for r in results if len(r.speed)}
-    rows = []
-    for (robot, payload, command), on in by_key.items():
-        off = by_key.get(("mr_go", payload, command))
+    arrived = {(r.robot, r.payload, r.command): r for r in results if len(r.speed)}
+    found = []
+    for (robot, payload, command), on in arrived.items():
+        off = arrived.get(("mr_go", payload, command))
         if robot != "mr_go_sal" or off is None:
             continue
         before, after = parts(off.joints, cfg), parts(on.joints, cfg)
         powers = [float(battery_power(r.joints, cfg).total.mean()) for r in (off, on)]
         cots = [float(cot(r, cfg).mean()) for r in (off, on)]
         share = float(on.hold.mean())
-        theirs = paper.TABLE_6.get(("mr_go", payload, command)), paper.TABLE_6.get((robot, payload, command))  # type: ignore[arg-type]
-        reference = None
-        if theirs[0] is not None and theirs[1] is not None:
-            reference = {
-                "saving": theirs[0].power - theirs[1].power,
-                "cot_reduction": 1.0 - theirs[1].cot / theirs[0].cot,
-                "cot_reduction_sd": ratio_sd((theirs[1].cot, theirs[1].sd), (theirs[0].cot, theirs[0].sd)),
-            }
         stance = float(np.clip(share / STANCE_SHARE, 0.0, 1.0))
-        bounds = {
+        bound = {
             "walking_copper": stance * before["copper_calves"],
             "paper_standing": consistency.holding_bound(share, on.mass),
         }
         if standing is not None:
-            bounds["our_standing"] = consistency.holding_bound(share, on.mass, standing=standing)
-        rows.append({
-            "payload": payload, "command": command, "calibrated": False, "hold_share": share,
-            "saving": powers[0] - powers[1], "cot_reduction": 1.0 - cots[1] / cots[0],
-            "power_reduction": 1.0 - powers[1] / powers[0],
-            "saving_by_part": {name: before[name] - after[name] for name in before}, "bound": bounds,
-            "paper": reference,
-        })  # fmt: skip
-    return rows
+            bound["our_standing"] = consistency.holding_bound(share, on.mass, standing=standing)
+        saving = Saving(
+            payload=payload,
+            command=command,
+            hold_share=share,
+            saving=powers[0] - powers[1],
+            cot_reduction=1.0 - cots[1] / cots[0],
+            power_reduction=1.0 - powers[1] / powers[0],
+            saving_by_part={name: before[name] - after[name] for name in before},
+            bound=bound,
+            paper=_paper_saving(payload, command),
+        )
+        found.append(saving)
+    return found
+
+
+def _paper_saving(payload: float, command: float) -> dict[str, float] | None:
+    keys = [(robot, payload, command) for robot in ("mr_go", "mr_go_sal")]
+    if not all(key in paper.TABLE_6 for key in keys):
+        return None
+    off, on = (paper.TABLE_6[key] for key in keys)  # type: ignore[index]
+    sd = ratio_sd((on.cot, on.sd), (off.cot, off.sd))
+    return {"saving": off.power - on.power, "cot_reduction": 1.0 - on.cot / off.cot, "cot_reduction_sd": sd}
 
 
 def sensitivity(
-    results: Sequence[WalkResult], rows: Sequence[calibration.MeasuredPower], cfg: ElectricalCfg
-) -> dict[str, Any]:
-    """COT reduction per condition, with each assumed number at the ends of its range.
+    results: Sequence[WalkResult], rows: Sequence[MeasuredPower], cfg: ElectricalCfg
+) -> dict[str, list[dict[str, float]]]:
+    """Reduction of COT per condition, with each assumed number at the ends of its range.
 
     The coil's resistance is the asset's; its loss is taken in proportion to the nominal one.
     """
 
-    def figure(varied: ElectricalCfg) -> dict[str, float]:
-        return {name(r): r["cot_reduction"] for r in savings(results, varied)}
+    def reductions(results: Sequence[WalkResult], cfg: ElectricalCfg) -> dict[str, float]:
+        """By the name of the condition [1]."""
+        return {saving.name: saving.cot_reduction for saving in savings(results, cfg)}
 
-    found = calibration.sensitivity(rows, figure, cfg)
+    found = calibration.sensitivity(rows, lambda varied: reductions(results, varied), cfg)
     nominal = MrParams().coil.coil_resistance
     found["coil_resistance"] = []
     for value in COIL_RESISTANCES:
-        scaled = [
-            replace(r, joints=replace(r.joints, coil=r.joints.coil * value / nominal)) if r.joints.coil.size else r
-            for r in results
-        ]
-        reductions = {name(r): r["cot_reduction"] for r in savings(scaled, cfg)}
-        found["coil_resistance"].append({"value": value, **reductions})
+        scaled = [replace(r, joints=replace(r.joints, coil=r.joints.coil * value / nominal)) for r in results]
+        found["coil_resistance"].append({"value": value, **reductions(scaled, cfg)})
     return found
-
-
-def name(condition: Mapping[str, Any]) -> str:
-    """Name of the condition of a :func:`row` or of one of :func:`savings`."""
-    return paper.condition_name(condition["payload"], condition["command"])
 
 
 def _difference(ours: np.ndarray, theirs: float, sd: float) -> dict[str, float]:

@@ -18,9 +18,8 @@ COLORS = {"go1": "#8a8f98", "mr_go": "#c98b3c", "mr_go_sal": "#1f6fb4"}
 """Colour of each robot."""
 
 
-def cost(figures: dict[str, Any], path: Path) -> None:
+def cost(rows: Sequence[dict[str, Any]], path: Path) -> None:
     """Cost of transport per condition as bars, the paper's as marks; hatched bars were calibrated (figure 9)."""
-    rows = figures["conditions"]
     cells = list(dict.fromkeys((row["payload"], row["command"]) for row in rows))
     figure = Figure(figsize=(9, 4.2), layout="constrained")
     axis = figure.subplots()

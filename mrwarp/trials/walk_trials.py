@@ -15,7 +15,7 @@ import torch
 from mrwarp.energy.power import JointLoad
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.paper import NAMES, ROBOTS
+from mrwarp.paper import NAMES, ROBOTS, condition_name
 from mrwarp.trials.meter import JointMeter
 from mrwarp.trials.traces import GaitTrace, TraceRecorder
 from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy, make_env, same_starts, set_payload
@@ -113,6 +113,16 @@ class WalkResult:
     """Trials that did not cover the distance in time."""
     trace: GaitTrace
     """Two strides of the front-right calf at 200 Hz."""
+
+    @property
+    def cell(self) -> tuple[float, float]:
+        """Payload [kg] and commanded speed [m/s]."""
+        return self.payload, self.command
+
+    @property
+    def condition(self) -> str:
+        """Payload and commanded speed as every table names them."""
+        return condition_name(self.payload, self.command)
 
 
 def walk(

@@ -10,7 +10,7 @@ from mrwarp import paper
 from mrwarp.energy.battery import BatteryCfg
 from mrwarp.energy.power import ElectricalCfg, JointLoad
 from mrwarp.energy.thermal import ThermalCfg
-from mrwarp.reproduce import missions as mission
+from mrwarp.reproduce import missions
 from mrwarp.reproduce.experiment import Comparison, Findings, Job
 from mrwarp.reproduce.figures import fig10, fig11
 from mrwarp.reproduce.settings import Settings
@@ -33,11 +33,11 @@ def made(
     module, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, traces: dict[str, MissionTrace], **changed
 ) -> Findings:
     """What an entry finds in these missions."""
-    found = mission.Mission(
+    found = missions.Mission(
         **{"traces": traces, "electrical": ElectricalCfg(), "thermal": ThermalCfg(), "battery": BatteryCfg(),
            "misfit": 16.0, "held": 0.43, "arrivals": [], **changed}
     )  # fmt: skip
-    monkeypatch.setattr(mission, "read", lambda job: found)
+    monkeypatch.setattr(missions, "read", lambda job: found)
     return module.compute(Job(settings=Settings(), out=tmp_path, folders={}, report=lambda text, share: None))
 
 
@@ -110,9 +110,9 @@ def test_lost_windows_are_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
     )
     whole = PhaseLoad(joints=joints, seconds=np.ones(1), speed=np.ones(1), trial=np.zeros(1), tried=3)
     phases = {"go1": dict.fromkeys(PHASES, whole), "mr_go": {**dict.fromkeys(PHASES, whole)}}
-    assert mission.arrivals(phases) == []
+    assert missions.arrivals(phases) == []
     phases["mr_go"]["return"] = replace(whole, fell=1, late=1)
-    told = mission.arrivals(phases)
+    told = missions.arrivals(phases)
     assert told == [
         "Only trials that arrived count. MR_Go, return: 1 fell and 1 came too late of 3. A repetition counts if it "
         "finished both ways."

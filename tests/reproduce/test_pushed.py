@@ -8,8 +8,9 @@ import pytest
 
 from mrwarp import paper
 from mrwarp.reproduce import drops, pushes, readings, sensitivity
-from mrwarp.reproduce.experiment import Findings, Job, seeds_of
+from mrwarp.reproduce.experiment import Findings, Job
 from mrwarp.reproduce.figures import fig6, fig7
+from mrwarp.reproduce.readings import ReadingResult
 from mrwarp.reproduce.settings import Settings
 from mrwarp.reproduce.tables import table4
 from mrwarp.trials import thresholds
@@ -22,32 +23,31 @@ TRIALS = 6
 
 def pushed(off: dict[str, float]) -> pushes.Pushes:
     """Pushes whose 0 A rows are off by so much, relative, by the name of the reading; 0.1 where it is not given."""
-    entry = {"duration": 0.2, "worst": 0.1, "monotone": True, "change": dict.fromkeys(readings.CELLS, 0.05)}
-    entries = [
-        {**entry, "reading": reading.name, "min_height": [0.2] * 4, "peak_down_velocity": [-0.5] * 4,
-         "off_mismatch": [off.get(reading.name, 0.1)] * 2}
-        for reading in readings.READINGS
-    ]  # fmt: skip
-    cells = [{"min_height": np.full((4, TRIALS), 0.2), "peak_down_velocity": np.full((4, TRIALS), -0.5)}] * len(entries)
+    row = paper.TABLE_4["simulation"][0.0]
+    entries = []
+    for reading in readings.READINGS:
+        level = 1.0 + off.get(reading.name, 0.1)
+        cells = {cell: np.full((4, TRIALS), level * row[cell].mean) for cell in readings.CELLS}
+        entries.append(ReadingResult(reading=reading.name, duration=0.2, cells=cells))
     shape = (4, TRIALS, 5, 4)
     torque = np.zeros(shape) + np.arange(1.0, 5.0)
     torque[-1] *= 0.9
     fell = np.zeros((4, TRIALS), dtype=bool)
     trace = {"t": np.arange(5.0), "tau_motor": torque, "m_dyn": np.ones(shape), "fell": fell}
-    return pushes.Pushes(readings=entries, cells=cells, trace=trace, policies=3)
+    return pushes.Pushes(readings=entries, trace=trace, policies=3)
 
 
-def dropped() -> tuple[dict[str, dict[str, np.ndarray]], np.ndarray | None]:
+def dropped() -> drops.Drops:
     """Falling masses: policies differ by 1, the trials of each by 0.1."""
     values = np.tile([0.0, 1.0, 2.0, 0.1, 1.1, 2.1], (4, 1))
     figures = {name: values.copy() for name in (*readings.CELLS, *LEGS)} | {"fell": np.zeros_like(values, dtype=bool)}
-    return dict.fromkeys(drops.GAINS, figures), seeds_of(np.arange(TRIALS), 3)
+    return drops.Drops(figures=dict.fromkeys(drops.GAINS, figures), policies=3)
 
 
 def made(module, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: pushes.Pushes) -> Findings:
     """What an entry finds in these pushes and falling masses."""
-    monkeypatch.setattr(pushes, "read", lambda folder: found)
-    monkeypatch.setattr(drops, "read", lambda folder: dropped())
+    monkeypatch.setattr(pushes, "read", lambda job: found)
+    monkeypatch.setattr(drops, "read", lambda job: dropped())
     folders = {"pushes": tmp_path, "drops": tmp_path}
     return module.compute(Job(settings=Settings(), out=tmp_path, folders=folders, report=lambda text, share: None))
 
@@ -92,7 +92,7 @@ def test_table4_takes_the_papers_changes_and_the_mean_of_the_calibrated_push(
     """From ``paper``; the note does not speak of every push."""
     found = made(table4, monkeypatch, tmp_path, pushed({}))
     assert found.tables[0].rows[0][-4:-2] == ["+14.7 %", "-19.3 %"]
-    assert "the calibrated push lowers the trunk to 0.200 m on average" in found.notes[0]
+    assert "the calibrated push lowers the trunk to 0.204 m on average" in found.notes[0]
 
 
 @pytest.mark.parametrize(("module", "method"), [(table4, "errorbar"), (fig7, "bar")])
@@ -115,11 +115,10 @@ def test_bars_show_the_spread_of_the_rows(module, method: str, monkeypatch: pyte
 def test_table4_says_what_the_fallen_robots_change(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """One trial of six fell at 0.5 A only and lies low at every current; without it the cells are the paper's."""
     found = pushed({})
-    place = found.place(readings.ADOPTED)
     theirs = [paper.TABLE_4["simulation"][amps] for amps in CURRENT_GROUPS]
     cells = {cell: np.tile([[row[cell].mean] for row in theirs], TRIALS) for cell in readings.CELLS}
     cells["min_height"][:, 2] = 0.05
-    found.cells[place] = cells
+    found.of(readings.ADOPTED).cells.update(cells)
     assert not any("trunk below" in note for note in made(table4, monkeypatch, tmp_path, found).notes)
     found.trace["fell"][1, 2] = True
     assert made(table4, monkeypatch, tmp_path, found).notes[-1] == (

@@ -78,14 +78,13 @@ def test_drop_is_measured_from_the_contact_on() -> None:
 
 def test_table_of_readings_has_a_line_each_and_the_papers_first() -> None:
     """Cells, changes and the worst prediction as text."""
-    entry = {"duration": 0.2, "worst": 0.1, "monotone": False, "change": dict.fromkeys(readings.CELLS, 0.05)}
-    entries = [
-        {**entry, "reading": reading.name, "min_height": [0.2] * 4, "peak_down_velocity": [-0.5] * 4}
-        for reading in readings.READINGS
-    ]
-    found = Pushes(readings=entries, cells=[], trace={}, policies=1)
+    row = paper.TABLE_4["simulation"]
+    cells = {cell: np.array([[1.05 * row[amps][cell].mean] for amps in CURRENT_GROUPS]) for cell in readings.CELLS}
+    cells["min_height"][3] = cells["min_height"][0]
+    entries = [readings.ReadingResult(reading=r.name, duration=0.2, cells=cells) for r in readings.READINGS]
+    found = Pushes(readings=entries, trace={}, policies=1)
     table = table4.table(found)
     assert len(table.rows) == len(readings.READINGS) + 1
     assert {len(row) for row in table.rows} == {len(table.head)}
     assert table.rows[0][2 : 2 + len(CURRENT_GROUPS)] == ["0.1851", "0.2030", "0.2072", "0.2124"]
-    assert table.rows[1][-4:] == ["+5.0 %", "+5.0 %", "10 %", "no"]
+    assert table.rows[1][-4:] == ["+0.0 %", "-19.3 %", "8 %", "no"]

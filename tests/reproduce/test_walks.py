@@ -9,13 +9,13 @@ import pytest
 from mrwarp import paper
 from mrwarp.energy import consistency
 from mrwarp.energy.power import JointLoad
-from mrwarp.reproduce import electrical, store
-from mrwarp.reproduce import walks as walking
+from mrwarp.reproduce import electrical, store, walks
 from mrwarp.reproduce.experiment import Findings, Job, over_seeds
 from mrwarp.reproduce.figures import fig8, fig9
 from mrwarp.reproduce.settings import Settings
 from mrwarp.reproduce.tables import table6, table7
 from mrwarp.trials.traces import CHANNELS, GaitTrace
+from mrwarp.trials.walk_figures import Saving
 from mrwarp.trials.walk_trials import WalkResult
 
 TRIALS = np.arange(9)
@@ -71,20 +71,31 @@ def folder(tmp_path: Path, *changed: WalkResult, policies: int = 3, sticks: int 
         coil=np.zeros(0),
         friction=np.zeros(0),
     )
-    store.save(
-        tmp_path / walking.DATA,
-        {**dict.fromkeys(walking.VARIANTS, all_arrived), "both": list(results.values()), "sticking": sticking,
-         "standing": {"go1": standing, "mr_go": standing,
-                      "mr_go_hold": replace(standing, torque_square=0.5 * standing.torque_square)},
-         "policies": dict.fromkeys(walking.VARIANTS, policies) | {"sticking": sticks}},
-    )  # fmt: skip
+    data = walks.Walks(
+        results={
+            **dict.fromkeys(walks.VARIANTS, all_arrived),
+            "both": list(results.values()),
+            "constraint_coupling": sticking,
+        },
+        standing={
+            "go1": standing,
+            "mr_go": standing,
+            "mr_go_hold": replace(standing, torque_square=0.5 * standing.torque_square),
+        },
+        policies=dict.fromkeys(walks.VARIANTS, policies) | {"constraint_coupling": sticks},
+    )
+    store.save(tmp_path / "walks.npz", data)
     return tmp_path
+
+
+def job(folder: Path) -> Job:
+    """An entry's job on the walks of a folder."""
+    return Job(settings=Settings(), out=folder, folders={"walks": folder}, report=lambda text, share: None)
 
 
 def made(module, folder: Path) -> Findings:
     """What an entry finds in the walks of a folder."""
-    job = Job(settings=Settings(), out=folder, folders={"walks": folder}, report=lambda text, share: None)
-    return module.compute(job)
+    return module.compute(job(folder))
 
 
 @pytest.mark.parametrize("module", [table7, fig8, fig9])
@@ -136,10 +147,10 @@ def test_table7_says_longer_only_where_it_is(tmp_path: Path) -> None:
 def test_one_surviving_policy_is_one_seed(tmp_path: Path) -> None:
     """Of three policies one arrived, three times: a single value, unlike three seeds or rollouts of one policy."""
     left = walked("mr_go_sal", 0.0, 0.3, TRIALS[1::3])
-    several = walking.read(folder(tmp_path, left))
+    several = walks.read(job(folder(tmp_path, left)))
     assert over_seeds(left.hold.mean(-1), several.seed_of(left))["n"] == 1
     assert over_seeds(left.hold.mean(-1), several.seed_of(left))["sd"] is None
-    single = walking.read(folder(tmp_path, left, policies=1))
+    single = walks.read(job(folder(tmp_path, left, policies=1)))
     assert over_seeds(left.hold.mean(-1), single.seed_of(left))["n"] == 3
     rows = {row.condition: row for row in made(table7, folder(tmp_path, left, sticks=9)).rows}
     assert rows["0 kg, 0.3 m/s, paper's simulation"].n == 1
@@ -162,9 +173,10 @@ def test_a_reduction_counts_seeds_not_trials(tmp_path: Path) -> None:
 
 def test_lost_trials_of_every_walk_are_told(tmp_path: Path) -> None:
     """Also of those that only a table beside the rows reads."""
-    walks = walking.read(folder(tmp_path))
+    found = walks.read(job(folder(tmp_path)))
     fallen = [walked("mr_go_sal", 3.0, 0.5, TRIALS[1:])]
-    told = walking.all_arrivals(replace(walks, unpaid=fallen, both=fallen), "both", "sticking", "unpaid")
+    found.results.update(no_power_price=fallen, both=fallen)
+    told = found.arrivals("both", "constraint_coupling", "no_power_price")
     note = "Only trials that arrived count. MR_Go-SAL, 3 kg, 0.5 m/s: 1 fell and 0 came too late of 9."
     assert told == [note, f"Table 2's policies: {note}"]
 
@@ -187,27 +199,33 @@ def test_friction_that_is_hidden_in_go1s_rows_is_told(tmp_path: Path) -> None:
     assert any("30 to 30 W while walking" in note for note in found.notes)
 
 
+def saved(payload: float, **changed) -> Saving:
+    """Some saving at 0.3 m/s."""
+    base = Saving(
+        payload=payload, command=0.3, hold_share=0.2, saving=1.0, cot_reduction=0.2, power_reduction=0.2,
+        saving_by_part={"copper_calves": 1.0, "copper_hips_thighs": 1.0}, bound={},
+        paper={"saving": 1.0, "cot_reduction": 0.25, "cot_reduction_sd": 0.02},
+    )  # fmt: skip
+    return replace(base, **changed)
+
+
 def test_the_table_of_one_gait_names_its_conditions() -> None:
     """Conditions are joined by what they are, not by their place; one that is missing is said to be."""
-    cells = [{"payload": load, "command": 0.3, "hold_share": share, "cot_reduction": 0.1,
-              "saving_by_part": {"copper_calves": 1.0, "copper_hips_thighs": 1.0}}
-             for load, share in ((0.0, 0.2), (3.0, 0.3))]  # fmt: skip
+    cells = [saved(0.0, hold_share=0.2), saved(3.0, hold_share=0.3)]
     rows = electrical.same_gait(cells, cells[1:]).rows
     assert [row[1:3] for row in rows] == [["20.0 %", "no robot arrived"], ["30.0 %", "30.0 %"]]
 
 
 def test_a_reduction_has_the_spread_of_both_robots() -> None:
     """MR_Go-SAL's COT scatters by 4 %, MR_Go's by 3 %: their ratio by 5 % of itself; one seed has no spread."""
-    saved = {"payload": 0.0, "command": 0.3, "cot_reduction": 0.2,
-             "paper": {"cot_reduction": 0.25, "cot_reduction_sd": 0.02}}  # fmt: skip
     cots = {("mr_go_sal", 0.0, 0.3): {"ours": 8.0, "sd": 0.32, "n": 3},
             ("mr_go", 0.0, 0.3): {"ours": 10.0, "sd": 0.3, "n": 3}}  # fmt: skip
-    row = table6._reduction_row("SAL against MR_Go", saved, cots, "")
+    row = table6.reduction_row("SAL against MR_Go", saved(0.0), cots, "")
     assert (row.ours, row.n) == (pytest.approx(20.0), 3)
     assert row.sd == pytest.approx(100.0 * 0.8 * 0.05)
     assert row.paper and row.paper.sd == pytest.approx(2.0)
     cots["mr_go", 0.0, 0.3] = {"ours": 10.0, "sd": None, "n": 1}
-    assert table6._reduction_row("SAL against MR_Go", saved, cots, "").sd is None
+    assert table6.reduction_row("SAL against MR_Go", saved(0.0), cots, "").sd is None
 
 
 def test_savings_stand_beside_their_closed_form(tmp_path: Path) -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from mrwarp import paper
 from mrwarp.energy import consistency
 from mrwarp.paper import PaperValue
-from mrwarp.reproduce import missions as mission
-from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, over_seeds
+from mrwarp.reproduce import missions
+from mrwarp.reproduce.experiment import Comparison, Findings, Job, over_seeds
+from mrwarp.reproduce.missions import Mission
 from mrwarp.trials import mission_figures, mission_pictures
 
 
@@ -15,7 +16,7 @@ def compute(job: Job) -> Findings:
 
     A robot stands once, for all seeds.
     """
-    found = mission.read(job)
+    found = missions.read(job)
     rows = []
     figures = {robot: mission_figures.row(robot, trace) for robot, trace in found.traces.items()}
     for robot, trace in found.traces.items():
@@ -46,7 +47,7 @@ def compute(job: Job) -> Findings:
     first = check["by_speed"][0]
     for name in ("outbound_power", "return_power", "depletion"):
         why = _change(found, name, first["energy_ratio"])
-        rows.append(mission.change_row(found, changes[name], name.replace("_", " "), "change", why))
+        rows.append(missions.change_row(found, changes[name], name.replace("_", " "), "change", why))
     mission_pictures.power(found.traces, job.out / "power.png")
     return Findings(
         rows=rows,
@@ -67,7 +68,7 @@ def compute(job: Job) -> Findings:
     )  # fmt: skip
 
 
-def _standing(found: mission.Mission, theirs: float) -> str:
+def _standing(found: Mission, theirs: float) -> str:
     electronics = found.electrical.electronics
     return (
         f"Of our standing power {electronics:.0f} W are electronics, calibrated on Go1's rows with a wide interval "
@@ -75,7 +76,7 @@ def _standing(found: mission.Mission, theirs: float) -> str:
     )
 
 
-def _change(found: mission.Mission, name: str, energy_ratio: float) -> str:
+def _change(found: Mission, name: str, energy_ratio: float) -> str:
     """Why MR_Go and MR_Go-SAL differ by another share than in the paper."""
     if name != "depletion":
         return _walking("mr_go_sal", found, name.removesuffix("_power"))
@@ -85,7 +86,7 @@ def _change(found: mission.Mission, name: str, energy_ratio: float) -> str:
     )
 
 
-def _walking(robot: str, found: mission.Mission, phase: str) -> str:
+def _walking(robot: str, found: Mission, phase: str) -> str:
     ours, theirs = float(found.traces[robot].power[phase].mean()), paper.MISSION_POWER
     if robot != "mr_go_sal":
         off = ours - theirs[robot][phase]
@@ -96,7 +97,7 @@ def _walking(robot: str, found: mission.Mission, phase: str) -> str:
     return f"SAL saves {before - ours:.0f} W here and {saved:.0f} W in the paper, see table 6 for the parts."
 
 
-def _depletion(robot: str, found: mission.Mission) -> str:
+def _depletion(robot: str, found: Mission) -> str:
     trace = found.traces[robot]
     walked = float(sum(trace.seconds[name].mean() for name in ("outbound", "return")))
     energy = {name: float((trace.power[name] * trace.seconds[name]).mean()) / 3600.0 for name in trace.power}
@@ -107,9 +108,3 @@ def _depletion(robot: str, found: mission.Mission) -> str:
         f"{walked:.0f} s of walking: our phases draw {sum(energy.values()):.1f} W·h, the paper's powers over the same "
         f"times {sum(theirs.values()):.1f} W·h of the {found.battery.capacity:.0f} W·h that Go1's depletion gives."
     )
-
-
-EXPERIMENT = Experiment(
-    name="fig10", compute=compute,
-    needs=("walks", "windows"),
-)  # fmt: skip

@@ -8,8 +8,9 @@ import numpy as np
 
 from mrwarp import paper
 from mrwarp.paper import PaperValue
-from mrwarp.reproduce import missions as mission
-from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, over_seeds
+from mrwarp.reproduce import missions
+from mrwarp.reproduce.experiment import Comparison, Findings, Job, over_seeds
+from mrwarp.reproduce.missions import Mission
 from mrwarp.trials import mission_figures, mission_pictures
 
 TITLES = {
@@ -21,7 +22,7 @@ TITLES = {
 
 def compute(job: Job) -> Findings:
     """Rises per robot, and the relief of the calves by SAL."""
-    found = mission.read(job)
+    found = missions.read(job)
     figures = {robot: mission_figures.row(robot, trace) for robot, trace in found.traces.items()}
     rows = []
     for robot, trace in found.traces.items():
@@ -36,7 +37,7 @@ def compute(job: Job) -> Findings:
     relief = change["calf_walking_rise"]
     for name, title in (("calf_walking_rise", TITLES["calf_walking"]), ("all_rise", TITLES["all"])):
         why = _relief(found) if name == "calf_walking_rise" else _why("mr_go_sal", "all", found)
-        rows.append(mission.change_row(found, change[name], title, "change of rise", why))
+        rows.append(missions.change_row(found, change[name], title, "change of rise", why))
     mission_pictures.temperature(found.traces, figures, job.out / "temperature.png")
     return Findings(
         rows=rows,
@@ -55,7 +56,7 @@ def compute(job: Job) -> Findings:
     )  # fmt: skip
 
 
-def _why(robot: str, name: str, found: mission.Mission) -> str:
+def _why(robot: str, name: str, found: Mission) -> str:
     proximal = float(found.traces[robot].rise["proximal"].mean())
     theirs = paper.proximal_rise(robot)
     if name in ("all", "proximal"):
@@ -69,13 +70,10 @@ def _why(robot: str, name: str, found: mission.Mission) -> str:
     return "A prediction from Go1's calves; " + _relief(found)[:1].lower() + _relief(found)[1:]
 
 
-def _relief(found: mission.Mission) -> str:
+def _relief(found: Mission) -> str:
     rise = {robot: float(np.mean(trace.rise["calf_walking"])) for robot, trace in found.traces.items()}
-    load, speed = mission.HELD
+    load, speed = missions.HELD
     theirs = paper.TABLE_7[load, speed]["simulation"]  # type: ignore[index]
     shares = f"{100.0 * found.held:.0f} % of the time and the paper's for {100.0 * theirs:.0f} % (table 7)"
     held = "" if math.isnan(found.held) else f", which at {load:g} kg and {speed:g} m/s are held for {shares},"
     return f"Our calves{held} warm by {rise['mr_go_sal']:.1f} K with SAL and {rise['mr_go']:.1f} K without."
-
-
-EXPERIMENT = Experiment(name="fig11", compute=compute, needs=("walks", "windows"))

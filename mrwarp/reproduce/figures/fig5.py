@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from mrwarp.reproduce import studied
-from mrwarp.reproduce.experiment import Experiment, Findings, Job
+from mrwarp.reproduce.experiment import Findings, Job
 from mrwarp.study.curves import figure5, plot
 from mrwarp.study.plan import AWARE, CONVENTIONAL
 
@@ -26,9 +25,3 @@ def compute(job: Job) -> Findings:
         ],
         pictures={"rewards.png": "Reward over the trainings, mean and SD over three seeds"},
     )  # fmt: skip
-
-
-EXPERIMENT = Experiment(
-    name="fig5", compute=compute,
-    files=lambda settings: studied.records((CONVENTIONAL, AWARE)),
-)  # fmt: skip

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from mrwarp import paper
 from mrwarp.paper import PaperValue
 from mrwarp.reproduce import pushes, readings
-from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, over_seeds, seeds_of
+from mrwarp.reproduce.experiment import Comparison, Findings, Job, over_seeds, seeds_of
 from mrwarp.usd.robot import LEGS
 
 LAST = -1
@@ -19,7 +19,7 @@ LAST = -1
 
 def compute(job: Job) -> Findings:
     """Mean and peak over the samples in which the damping gate is open at 1.5 A, and the paired change."""
-    found = pushes.read(job.folders["pushes"])
+    found = pushes.read(job)
     torque, gate = np.abs(found.trace["tau_motor"]), found.trace["m_dyn"][LAST] > 0.0
     rows, lower = [], []
     pairs = {leg: same_load(leg, readings.ADOPTED.phases) for leg in paper.FIGURE_6_PUSH}
@@ -99,6 +99,3 @@ def _plot(trace: dict[str, np.ndarray], job: Job) -> None:
         axis.set_ylabel("motor torque [N·m]")
     axes[0, 0].legend(fontsize=8)
     figure.savefig(job.out / "torque.png", dpi=110)
-
-
-EXPERIMENT = Experiment(name="fig6", compute=compute, needs=("pushes",))

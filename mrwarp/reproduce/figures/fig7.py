@@ -7,14 +7,15 @@ from matplotlib.figure import Figure
 
 from mrwarp import paper
 from mrwarp.reproduce import drops
-from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, over_seeds
+from mrwarp.reproduce.experiment import Comparison, Findings, Job, over_seeds
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
 from mrwarp.viewing.impact_pictures import COLORS
 
 
 def compute(job: Job) -> Findings:
     """Torque of every calf by current; the paper states FR and RL, whose legs it hit in stance."""
-    found, seeds = drops.read(job.folders["drops"])
+    dropped = drops.read(job)
+    found, seeds = dropped.figures, dropped.seeds()
     rows = []
     for name, values in found.items():
         for leg, theirs in paper.FIGURE_7.items():
@@ -67,7 +68,3 @@ def _plot(found: dict[str, dict[str, np.ndarray]], seeds: np.ndarray | None, job
     axes[0].set_ylabel("mean |calf motor torque| over 0.1 s [N·m]")
     axes[0].legend(fontsize=8)
     figure.savefig(job.out / "torque.png", dpi=110)
-
-
-EXPERIMENT = Experiment(name="fig7", compute=compute,
-                        needs=("drops",))  # fmt: skip

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from mrwarp import paper
-from mrwarp.reproduce import studied
-from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job
-from mrwarp.study.paper_tables import LEAST, PLANT, Change, EvaluationCfg, Table2, table2
-from mrwarp.study.plan import AWARE, CONVENTIONAL
+from mrwarp.reproduce.experiment import Comparison, Findings, Job
+from mrwarp.reproduce.policies import METRICS
+from mrwarp.study.paper_tables import LEAST, Change, EvaluationCfg, Table2, table2
 
 
 def compute(job: Job) -> Findings:
@@ -18,7 +17,7 @@ def compute(job: Job) -> Findings:
             paper=paper.TABLE_2[name][metric], ours=row.spread(metric)["mean"], sd=row.spread(metric)["sd"],
             n=len(cfg.seeds), digits=digits, why=_why(table, name, metric))
         for name, row in table.rows.items()
-        for metric, (title, unit, digits) in studied.METRICS.items() if metric in paper.TABLE_2[name]
+        for metric, (title, unit, digits) in METRICS.items() if metric in paper.TABLE_2[name]
     ]  # fmt: skip
     changes = {"rmse": table.rmse, "bias": table.bias}
     return Findings(
@@ -52,10 +51,3 @@ def _why(table: Table2, name: str, metric: str) -> str:
         "Rewards, gains and training length are not the paper's, so levels differ; against the other training "
         f"({partner}) ours is {ours[0] - ours[1]:+.4f}, the paper's {theirs[0] - theirs[1]:+.4f}."
     )
-
-
-EXPERIMENT = Experiment(
-    name="table2", compute=compute,
-    settings=("rollouts", "seed"),
-    files=lambda settings: [*studied.policies((CONVENTIONAL, AWARE)), *studied.networks((PLANT,))],
-)  # fmt: skip

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from mrwarp import paper
-from mrwarp.reproduce import studied
-from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, TextTable
-from mrwarp.study.paper_tables import PLANT, EvaluationCfg, Table3, table3
+from mrwarp.reproduce.experiment import Comparison, Findings, Job, TextTable
+from mrwarp.reproduce.policies import METRICS, PLANT_TITLES
+from mrwarp.study.paper_tables import EvaluationCfg, Table3, table3
 from mrwarp.study.plan import MODELS
 
 LEVEL = 0.05
@@ -16,17 +16,17 @@ def compute(job: Job) -> Findings:
     """Metrics per model over three training seeds; the ranking as found, with its statistical support."""
     cfg = EvaluationCfg(rollouts=job.settings.rollouts, seed=job.settings.seed, threads=job.settings.threads)
     table = table3(cfg, report=lambda share: job.report("rollouts", share))
-    titles = studied.PLANT_TITLES
+    titles = PLANT_TITLES
     rows = [
         Comparison(condition=titles[model], quantity=title, unit=unit, paper=paper.TABLE_3[model][metric],
             ours=row.spread(metric)["mean"], sd=row.spread(metric)["sd"], n=len(cfg.seeds), digits=digits,
             why=_why(table, model, metric))
         for model, row in table.rows.items()
-        for metric, (title, unit, digits) in studied.METRICS.items() if metric in paper.TABLE_3[model]
+        for metric, (title, unit, digits) in METRICS.items() if metric in paper.TABLE_3[model]
     ]  # fmt: skip
     apart = [pair for pair in table.pairs if pair.p < LEVEL]
     ranking = [
-        [studied.METRICS[metric][0], " < ".join(titles[model] for model in order),
+        [METRICS[metric][0], " < ".join(titles[model] for model in order),
          " < ".join(titles[model] for model in _papers(metric))]
         for metric, order in table.ranking.items()
     ]  # fmt: skip
@@ -40,7 +40,7 @@ def compute(job: Job) -> Findings:
             f"{len(apart)} of {len(table.pairs)} pairs of models differ at {100.0 * LEVEL:.0f} % (Welch over seeds, "
             "Holm within each metric)"
             + (": " + "; ".join(
-                f"{titles[p.better]} before {titles[p.worse]} in {studied.METRICS[p.metric][0]}, p = {p.p:.2g}"
+                f"{titles[p.better]} before {titles[p.worse]} in {METRICS[p.metric][0]}, p = {p.p:.2g}"
                 for p in apart) if apart else "") + ".",
             f"{sum(row.fell for row in table.rows.values())} of all rollouts fell.",
         ],
@@ -59,10 +59,3 @@ def _why(table: Table3, model: str, metric: str) -> str:
         "Rewards, gains and training length are not the paper's; over the four models ours spans "
         f"{min(means):.4f} to {max(means):.4f}, the paper's {min(theirs):.4f} to {max(theirs):.4f}."
     )
-
-
-EXPERIMENT = Experiment(
-    name="table3", compute=compute,
-    settings=("rollouts", "seed"),
-    files=lambda settings: [*studied.policies(MODELS), *studied.networks((PLANT,))],
-)  # fmt: skip

@@ -2,65 +2,69 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from mrwarp import paper
-from mrwarp.actuator.mr_actuator import HoldCurrent
-from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.reproduce import drops, readings, studied
-from mrwarp.reproduce.ensemble import Ensemble
-from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, over_seeds, seeds_of
+from mrwarp.reproduce import drops, readings
+from mrwarp.reproduce.experiment import Comparison, Findings, Job, over_seeds, seeds_of
+from mrwarp.reproduce.policies import Ensemble, study_files
 from mrwarp.study.plan import AWARE, CONVENTIONAL
 from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, Variant
 
-CONFIGURATIONS = {
-    "A": (CONVENTIONAL, 0.0),
-    "B": (CONVENTIONAL, 1.5),
-    "C": (AWARE, 0.0),
-    "D": (AWARE, 1.5),
-}
-"""Training and current of table 2's configurations; 0 A is SAL off."""
+CURRENTS = (0.0, 1.5)
+"""With SAL off and on [A]."""
+
+CONFIGURATIONS = {"A": (CONVENTIONAL, 0), "B": (CONVENTIONAL, 1), "C": (AWARE, 0), "D": (AWARE, 1)}
+"""Training of table 2's configurations, and the place of their current in :data:`CURRENTS`."""
 
 TITLES = {
-    "acceleration": ("mean |a_z - g|", "m/s^2"), "FR": ("FR calf motor torque", "N·m"),
+    "acceleration": ("mean |a_z - g|", "m/s^2"),
+    "FR": ("FR calf motor torque", "N·m"),
     "RL": ("RL calf motor torque", "N·m"),
-}  # fmt: skip
+}
 """Columns and their units."""
 
 
 def compute(job: Job) -> Findings:
     """Means over 0.1 s from the contact on."""
     settings, rows = job.settings, []
-    env = make_walk_cfg(hold_current=HoldCurrent.FIXED, threads=settings.threads)
-    env = replace(env, actuator=replace(env.actuator, holding=False))
-    currents = sorted({current for _, current in CONFIGURATIONS.values()})
-    found: dict[tuple[str, float], dict[str, np.ndarray]] = {}
+    found: dict[str, dict[str, np.ndarray]] = {}
     seeds: np.ndarray | None = None
-    for k, training in enumerate(dict.fromkeys(name for name, _ in CONFIGURATIONS.values())):
+    for k, training in enumerate((CONVENTIONAL, AWARE)):
         job.report(training, k / 2.0)
-        paths = studied.policies((training,))
+        paths = study_files((training,))
         cfg = ImpactCfg(
-            kind=ImpactKind.DROP, trials=len(paths) * settings.impacts, env=env, seed=settings.seed,
+            kind=ImpactKind.DROP,
+            trials=len(paths) * settings.impacts,
+            env=drops.damping_alone(settings.threads),
+            seed=settings.seed,
             phases=readings.FR_RL_STANCE,
-            variants=tuple(Variant(current=current) for current in currents),
-        )  # fmt: skip
-        figures = drops.measured(ImpactSweep(cfg, Ensemble(paths)).run())
+            variants=tuple(Variant(current=current) for current in CURRENTS),
+        )
+        found[training] = drops.measured(ImpactSweep(cfg, Ensemble(paths)).run())
         seeds = seeds_of(np.arange(cfg.trials), len(paths))
-        for i, current in enumerate(currents):
-            found[training, current] = {name: values[i] for name, values in figures.items()}
-    for name, cell in CONFIGURATIONS.items():
+    means = {
+        name: {q: found[training][q][sal].mean() for q in TITLES} for name, (training, sal) in CONFIGURATIONS.items()
+    }
+    for name, (training, sal) in CONFIGURATIONS.items():
+        off, on = ("A", "B") if training == CONVENTIONAL else ("C", "D")
         for quantity, (title, unit) in TITLES.items():
-            rows.append(
-                Comparison(condition=f"{name}: {cell[0]}, SAL {'on' if cell[1] else 'off'}", quantity=title, unit=unit,
-                    paper=paper.TABLE_5[name][quantity], **over_seeds(found[cell][quantity], seeds),
-                    why=_why(found, cell, quantity))
-            )  # fmt: skip
+            ours = means[on][quantity] / means[off][quantity] - 1.0
+            hardware = paper.TABLE_5[on][quantity].mean / paper.TABLE_5[off][quantity].mean - 1.0
+            row = Comparison(
+                condition=f"{name}: {training}, SAL {'on' if sal else 'off'}",
+                quantity=title,
+                unit=unit,
+                paper=paper.TABLE_5[name][quantity],
+                **over_seeds(found[training][quantity][sal], seeds),
+                why=f"SAL changes it by {100.0 * ours:+.1f} % here and by {100.0 * hardware:+.1f} % on hardware, whose "
+                "mass and sensors differ.",
+            )
+            rows.append(row)
 
     def lower(quantity: str, first: str, second: str) -> bool:
-        values = [found[CONFIGURATIONS[name]][quantity].mean() for name in (first, second)]
-        return bool(values[1] < values[0])
+        """Whether the second configuration lowers a quantity."""
+        return bool(means[second][quantity] < means[first][quantity])
 
     return Findings(
         rows=rows,
@@ -74,20 +78,3 @@ def compute(job: Job) -> Findings:
             *drops.lost(found.values()),
         ],
     )
-
-
-def _why(found: dict[tuple[str, float], dict[str, np.ndarray]], cell: tuple[str, float], quantity: str) -> str:
-    on, off = (found[cell[0], current][quantity].mean() for current in (1.5, 0.0))
-    named = {value: name for name, value in CONFIGURATIONS.items()}
-    theirs = [paper.TABLE_5[named[cell[0], current]][quantity].mean for current in (1.5, 0.0)]
-    ours, hardware = on / off - 1.0, theirs[0] / theirs[1] - 1.0
-    return (
-        f"SAL changes it by {100.0 * ours:+.1f} % here and by {100.0 * hardware:+.1f} % on hardware, whose mass "
-        "and sensors differ."
-    )
-
-
-EXPERIMENT = Experiment(
-    name="table5", compute=compute,
-    settings=("impacts", "seed"), files=lambda settings: studied.policies((CONVENTIONAL, AWARE)),
-)  # fmt: skip

@@ -5,8 +5,8 @@ from __future__ import annotations
 from mrwarp import paper
 from mrwarp.paper import PaperValue
 from mrwarp.params import GateParams
-from mrwarp.reproduce import walks as walking
-from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, over_seeds
+from mrwarp.reproduce import walks
+from mrwarp.reproduce.experiment import Comparison, Findings, Job, over_seeds
 from mrwarp.reproduce.walks import Walks
 from mrwarp.trials import walk_figures
 from mrwarp.trials.walk_trials import WalkResult
@@ -14,21 +14,15 @@ from mrwarp.trials.walk_trials import WalkResult
 
 def compute(job: Job) -> Findings:
     """Mean activation over the calves beside the paper's simulation and hardware."""
-    walks = walking.read(job.folders["walks"])
-    results, sticking = (
-        [result for result in walked if result.robot == "mr_go_sal"] for walked in (walks.both, walks.sticking)
-    )
-    rows, share = _rows(results, walks, "both", {"hardware": "paper's hardware", "simulation": "paper's simulation"})
+    walked = walks.read(job)
+    both = {"hardware": "paper's hardware", "simulation": "paper's simulation"}
     stuck = {"hardware": "paper's hardware, a device that sticks"}
-    more, share_sticking = _rows(sticking, walks, "sticking", stuck)
+    rows, share, claims = _rows(walked, "both", both)
+    more, share_sticking, claims_sticking = _rows(walked, "constraint_coupling", stuck)
     return Findings(
         rows=[*rows, *more],
-        claims=_claims(share, walking.complete(results))
-        | {
-            f"a device that sticks: {name}": holds
-            for name, holds in _claims(share_sticking, walking.complete(sticking)).items()
-        },
-        notes=walking.all_arrivals(walks, "both", "sticking", robots=("mr_go_sal",)),
+        claims={**claims, **{f"a device that sticks: {name}": holds for name, holds in claims_sticking.items()}},
+        notes=walked.arrivals("both", "constraint_coupling", robots=("mr_go_sal",)),
         figures={
             "activation": {paper.condition_name(*cell): value for cell, value in share.items()},
             "activation_sticking": {paper.condition_name(*cell): value for cell, value in share_sticking.items()},
@@ -37,21 +31,27 @@ def compute(job: Job) -> Findings:
 
 
 def _rows(
-    results: list[WalkResult], walks: Walks, variant: str, sources: dict[str, str]
-) -> tuple[list[Comparison], dict[tuple[float, float], float]]:
-    """Rows of a variant's walks beside the paper's sources, by their names in the table, and our shares of time [%]."""
+    walked: Walks, variant: str, sources: dict[str, str]
+) -> tuple[list[Comparison], dict[tuple[float, float], float], dict[str, bool]]:
+    """Rows of a variant beside the paper's sources by their names there, our shares of time [%], and the claims."""
     rows, share = [], {}
+    results = [result for result in walked.results[variant] if result.robot == "mr_go_sal"]
     for result in results:
-        cell = (result.payload, result.command)
-        ours = over_seeds(100.0 * result.hold.mean(-1), walks.seed_of(result, variant))
-        share[cell] = ours["ours"]
+        ours = over_seeds(100.0 * result.hold.mean(-1), walked.seed_of(result, variant))
+        share[result.cell] = ours["ours"]
         for source, shown in sources.items():
-            value = 100.0 * paper.TABLE_7[cell][source]  # type: ignore[index]
-            rows.append(
-                Comparison(condition=f"{paper.condition_name(*cell)}, {shown}", quantity="activation", unit="%",
-                    paper=PaperValue(mean=value), **ours, digits=1, why=_why(result, ours["ours"], value))
-            )  # fmt: skip
-    return rows, share
+            value = 100.0 * paper.TABLE_7[result.cell][source]  # type: ignore[index]
+            row = Comparison(
+                condition=f"{result.condition}, {shown}",
+                quantity="activation",
+                unit="%",
+                paper=PaperValue(mean=value),
+                **ours,
+                digits=1,
+                why=_why(result, ours["ours"], value),
+            )
+            rows.append(row)
+    return rows, share, _claims(share, walks.complete(results))
 
 
 def _claims(share: dict[tuple[float, float], float], whole: bool) -> dict[str, bool]:
@@ -74,6 +74,3 @@ def _why(result: WalkResult, ours: float, theirs: float) -> str:
         f"{'longer' if ours > theirs else 'for less time'}: {legs.min():.0f} to {legs.max():.0f} % over the four, of a "
         f"stance of {100.0 * walk_figures.STANCE_SHARE:.0f} % (damping takes {damped:.0f} %)."
     )
-
-
-EXPERIMENT = Experiment(name="table7", compute=compute, needs=("walks",))

@@ -7,7 +7,7 @@ import pytest
 
 from mrwarp import paper
 from mrwarp.identify import learn
-from mrwarp.reproduce.figures import fig4_networks as figure4
+from mrwarp.reproduce.figures import fig4, fig4_training
 
 
 def test_figure4_judges_by_the_papers_claims_and_draws(tmp_path: Path) -> None:
@@ -18,10 +18,10 @@ def test_figure4_judges_by_the_papers_claims_and_draws(tmp_path: Path) -> None:
     errors = {name: {amps: [cell.mean] * 10 for amps, cell in row.items()} for name, row in paper.FIGURE_4.items()}
     errors["pg_rlstm"] = {amps: [0.99 * value for value in values] for amps, values in errors["pg_rlstm"].items()}
     rows = {name: learn.summary(values) for name, values in errors.items()}
-    assert all(figure4.judge(rows).values())
+    assert all(fig4.judge(rows).values())
     equal = {**rows, "lstm": learn.summary({**errors["lstm"], 1.2: [0.41] * 10})}
-    assert not figure4.judge(equal)["pg_rlstm_lowest_at_each_current"]
-    figure4.plot({"1": rows, "2": rows}, tmp_path / "figure4.png")
+    assert not fig4.judge(equal)["pg_rlstm_lowest_at_each_current"]
+    fig4.plot({"1": rows, "2": rows}, tmp_path / "figure4.png")
     assert (tmp_path / "figure4.png").stat().st_size > 10_000
 
 
@@ -34,16 +34,16 @@ def test_figure4_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.Mo
         values = {1.0: [0.3], 1.2: [0.3], 1.5: [0.3]}
         return {"summary": learn.summary(values), "bouc_wen": learn.bench_parameters(None)}
 
-    monkeypatch.setattr(figure4, "_train", train)
-    monkeypatch.setattr(figure4, "run_bench", lambda cfg: None)
-    cfg = figure4.Figure4Cfg(strengths=(1.0,))
-    figure4.figure4(cfg, tmp_path)
-    figure4.figure4(cfg, tmp_path)
+    monkeypatch.setattr(fig4_training, "_train", train)
+    monkeypatch.setattr(fig4_training, "run_bench", lambda cfg: None)
+    cfg = fig4_training.Figure4Cfg(strengths=(1.0,))
+    fig4_training.figure4(cfg, tmp_path)
+    fig4_training.figure4(cfg, tmp_path)
     assert calls == ["bouc_wen", "mlp", "lstm", "pg_rlstm"]
-    figure4.figure4(replace(cfg, fit=replace(cfg.fit, epochs=7)), tmp_path)
+    fig4_training.figure4(replace(cfg, fit=replace(cfg.fit, epochs=7)), tmp_path)
     assert len(calls) == 8
     [kept] = tmp_path.rglob("mlp.json")
     for damage in ("[" * 100_000, "{"):
         kept.write_text(damage)
         with pytest.raises(ValueError, match="mlp.json: not JSON: .*; remove it"):
-            figure4.figure4(cfg, tmp_path)
+            fig4_training.figure4(cfg, tmp_path)

@@ -2,26 +2,24 @@
 
 import pytest
 
-from mrwarp.nn import network_file as model_file
-from mrwarp.reproduce import pushes, studied
+from mrwarp.reproduce import policies
 from mrwarp.reproduce.experiment import NotYet
 from mrwarp.reproduce.figures import fig4
-from mrwarp.reproduce.settings import Settings
-from mrwarp.reproduce.tables import table2, table3
+from mrwarp.reproduce.registry import CATALOGUE
 
 
-@pytest.mark.parametrize("module", [table2, table3, pushes, fig4])
-def test_entries_depend_on_the_network_they_run(module) -> None:
+@pytest.mark.parametrize("name", ["table2", "table3", "pushes", "fig4"])
+def test_entries_depend_on_the_network_they_run(name: str) -> None:
     """Another PG-RLSTM must make them anew: it walks in tables 2 and 3 and pushes in a reading."""
-    assert "pg_rlstm.safetensors" in {path.name for path in module.EXPERIMENT.files(Settings())}
+    assert "pg_rlstm.safetensors" in {path.name for path in CATALOGUE[name].files()}
 
 
 def test_networks_are_those_that_learn(monkeypatch: pytest.MonkeyPatch) -> None:
     """A law has none; a network that is not there is named."""
-    assert [path.name for path in studied.networks(("bouc_wen", "lstm"))] == ["lstm.safetensors"]
-    monkeypatch.setattr(model_file, "shipped_model", lambda kind: None)
+    assert [path.name for path in policies.networks(("bouc_wen", "lstm"))] == ["lstm.safetensors"]
+    monkeypatch.setattr(policies, "shipped_model", lambda kind: None)
     with pytest.raises(NotYet, match="no trained network for lstm"):
-        studied.networks(("bouc_wen", "lstm"))
+        policies.networks(("bouc_wen", "lstm"))
 
 
 def test_figure4_compares_the_bench_with_the_device() -> None:
