@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from mrwarp.actuator.mr_actuator import Coupling, MrActuatorCfg
+from mrwarp.actuator.mr_actuator import MrActuatorCfg
+from mrwarp.enums import Coupling
 from mrwarp.env.sim import ActuatedSim, SimCfg
 from mrwarp.params import MrParams
-from mrwarp.verify.rigs import LOADED, MOTORLESS, Link, Load, link_scene
+from mrwarp.verify.rigs import LOADED, MOTORLESS, Link, Load, convergence_order, link_scene, root_mean_square
 
 SECONDS = 2.0
 """Length of a run [s]."""
@@ -117,19 +118,13 @@ def simulated(profile: Profile, coupling: Coupling, dt: float) -> np.ndarray:
     """
     num_envs = profile.pulse_at.size
     loads, currents = profile.load(middles(dt)), profile.current(middles(dt)).astype(np.float32)
-    steps = len(loads)
-    scene = link_scene(JOINT, dt=dt, link=LINK, brake=coupling is Coupling.CONSTRAINT)
-    robot = ActuatedSim(scene, SimCfg(num_envs=num_envs, dt=dt), MrActuatorCfg(coupling=coupling))
-    robot.reset(None, wp.array(np.full((num_envs, 1), HANGING), dtype=float, device="cpu"))
-    robot.sim.f_foot.fill_(LOADED)
-    outside = Load(robot)
-    qpos, qvel = (robot.sim.backend.field(name).numpy() for name in ("qpos", "qvel"))
-    path = np.zeros((steps + 1, num_envs, 2))
+    robot, outside, qpos, qvel = _loaded_link(LINK, coupling, dt, np.full(num_envs, HANGING))
+    path = np.zeros((len(loads) + 1, num_envs, 2))
     path[0, :, 0] = qpos[:, 0]
-    for step in range(steps):
-        robot.current_e.assign(currents[step])
+    for step, (load, current) in enumerate(zip(loads, currents, strict=True)):
+        robot.current_e.assign(current)
         robot.q_des.assign((qpos - np.sign(qvel)).astype(np.float32))
-        outside.set(loads[step])
+        outside.set(load)
         robot.step()
         path[step + 1] = np.stack([qpos[:, 0], qvel[:, 0]], axis=1)
     return path
@@ -141,12 +136,8 @@ def hysteresis_kept(coupling: Coupling, dt: float = 0.005) -> float:
     A joint at rest keeps z, and with it the torque that holds it. An explicit torque makes the joint chatter by
     ``tau*dt/J`` instead, and eq. 15 wears z down at ``beta*|qd|``: the brake lets go.
     """
-    link = Link(com=0.0)
-    scene = link_scene(JOINT, dt=dt, link=link, brake=coupling is Coupling.CONSTRAINT)
-    robot = ActuatedSim(scene, SimCfg(num_envs=1, dt=dt), MrActuatorCfg(coupling=coupling))
-    robot.sim.f_foot.fill_(LOADED)
+    robot, outside, qpos, qvel = _loaded_link(Link(com=0.0), coupling, dt, np.zeros(1))
     robot.current_e.fill_(1.5)
-    outside, (qpos, qvel) = Load(robot), (robot.sim.backend.field(name).numpy() for name in ("qpos", "qvel"))
     z = []
     for step in range(round(1.0 / dt)):
         outside.set(np.array([6.0 if step * dt < 0.1 else 1.0]))  # sets it going, then only loads it
@@ -154,6 +145,18 @@ def hysteresis_kept(coupling: Coupling, dt: float = 0.005) -> float:
         robot.step()
         z.append(float(robot.actuator.z.numpy()[0, 0]))
     return z[-1] / z[round(0.5 / dt)]
+
+
+def _loaded_link(
+    link: Link, coupling: Coupling, dt: float, start: np.ndarray
+) -> tuple[ActuatedSim, Load, np.ndarray, np.ndarray]:
+    """The joint at rest at ``start`` [rad], shape (E,), its gates on a loaded leg; its load; live views of q and qd."""
+    scene = link_scene(JOINT, dt=dt, link=link, brake=coupling is Coupling.CONSTRAINT)
+    robot = ActuatedSim(scene, SimCfg(num_envs=len(start), dt=dt), MrActuatorCfg(coupling=coupling))
+    robot.reset(None, wp.array(start[:, None], dtype=float, device="cpu"))
+    robot.sim.f_foot.fill_(LOADED)
+    qpos, qvel = (robot.sim.backend.field(name).numpy() for name in ("qpos", "qvel"))
+    return robot, Load(robot), qpos, qvel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,9 +179,7 @@ class Accuracy:
     def order(self, coupling: Coupling) -> list[float]:
         """Observed order of convergence over all steps: angle, velocity."""
         table = self.rms[coupling.value]
-        steps = np.log([float(dt) for dt in table])
-        errors = np.log(np.array(list(table.values())))
-        return [float(np.polyfit(steps, errors[:, i], 1)[0]) for i in (0, 1)]
+        return convergence_order([float(dt) for dt in table], list(table.values())).tolist()
 
     def typical_run(self) -> int:
         """The run whose explicit angle error at 5 ms is the median."""
@@ -214,14 +215,9 @@ def accuracy(*, num_runs: int = 8, seed: int, steps: tuple[float, ...] = STEPS) 
         for dt in steps:
             path = simulated(profile, coupling, dt)
             error = path - truth[:: round(dt / REFERENCE_DT)]
-            rms[coupling.value][f"{dt:g}"] = _rms(error, (0, 1)).tolist()
+            rms[coupling.value][f"{dt:g}"] = root_mean_square(error, (0, 1)).tolist()
             if dt == 0.005:
-                paths[coupling.value], per_run[coupling.value] = path, _rms(error, 0)
-    return Accuracy(
-        paths=paths, profile=profile, rms=rms, per_run=per_run, kept={c.value: hysteresis_kept(c) for c in Coupling},
-        reference_error=_rms(truth - finer, (0, 1)).tolist(),
-    )  # fmt: skip
-
-
-def _rms(error: np.ndarray, axes: int | tuple[int, ...]) -> np.ndarray:
-    return np.sqrt(np.square(error).mean(axis=axes))
+                paths[coupling.value], per_run[coupling.value] = path, root_mean_square(error, 0)
+    kept = {coupling.value: hysteresis_kept(coupling) for coupling in Coupling}
+    own = root_mean_square(truth - finer, (0, 1)).tolist()
+    return Accuracy(paths=paths, profile=profile, rms=rms, per_run=per_run, kept=kept, reference_error=own)

@@ -18,17 +18,15 @@ from typing import Any
 import mujoco
 import numpy as np
 import torch
-import warp as wp
 
-from mrwarp.actuator.mr_actuator import Coupling, HoldCurrent, MrActuatorCfg
+from mrwarp.enums import Coupling
 from mrwarp.env.backend import MjBatchBackend
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.env.sim import ActuatedSim, SimCfg, robot_scene
+from mrwarp.env.sim import ActuatedSim
 from mrwarp.kernels import ledger
-from mrwarp.kernels.launch import Around
 from mrwarp.trials.walking import Policy, make_env
 from mrwarp.usd.robot import CURRENT_GROUPS, DEFAULT_Q
-from mrwarp.verify.rigs import mass_matrix, stance
+from mrwarp.verify.rigs import StepMeter, mass_matrix, standing_robot
 
 SOURCES = ("motor", "device", "contact", "limits", "gravity", "step")
 """Where the kinetic energy comes from and goes."""
@@ -46,12 +44,8 @@ class LedgerRun:
 
     name: str
     """What was run."""
-    coupling: Coupling
-    """How the devices acted."""
     dt: float
     """Step [s]."""
-    steps: int
-    """Number of steps."""
     work: dict[str, np.ndarray]
     """Work by source [J], shape (E,) each."""
     kinetic: np.ndarray
@@ -75,7 +69,7 @@ class LedgerRun:
         }
 
 
-class EnergyMeter:
+class EnergyMeter(StepMeter):
     """Steps a robot of nominal mass on ``mujoco.batch`` and books the energy of every step.
 
     Args:
@@ -83,46 +77,34 @@ class EnergyMeter:
     """
 
     def __init__(self, robot: ActuatedSim) -> None:
+        super().__init__(robot)
         backend = robot.sim.backend
         assert isinstance(backend, MjBatchBackend)
-        self.robot, self.model, self._backend = robot, robot.sim.scene.model, backend
+        self.model, self._backend = robot.sim.scene.model, backend
         self._solved, self._state = mujoco.MjData(self.model), mujoco.MjData(self.model)
         self._qpos, self._qvel = (backend.field(name).numpy() for name in ("qpos", "qvel"))
         num_envs = robot.sim.num_envs
         self._work = {name: np.zeros(num_envs) for name in SOURCES}
-        self._turnover, self._steps = np.zeros(num_envs), 0
+        self._turnover = np.zeros(num_envs)
         self._inertia, self._potential = map(np.array, zip(*map(self._at, range(num_envs)), strict=True))
-        self._start, self._step = self._kinetic(), robot.step
+        self._start = self._kinetic()
 
-    def attach(self) -> EnergyMeter:
-        """Book every step that others make through ``robot.step``."""
-        self.robot.step = self.step
-        return self
-
-    def step(self, count: int = 1, around: Around | None = None) -> None:
-        """``count`` booked steps, and what a task does around them."""
-        for launch in around.before if around else ():
-            launch()
-        for _ in range(count):
-            before, booked = self._qvel.copy(), self._booked()
-            self._step(1)
-            self._steps += 1
-            work = dict(zip(("motor", "device"), self._booked() - booked, strict=True))
-            rows = [self._book(env, before[env]) for env in range(len(before))]
-            work |= {name: np.array([row[name] for row in rows]) for name in rows[0]}
-            for name, value in work.items():
-                self._work[name] += value
-            self._turnover += sum(np.abs(value) for value in work.values())
-        for launch in around.after if around else ():
-            launch()
+    def metered_step(self) -> None:
+        """Take one step and book it for every robot."""
+        before, booked = self._qvel.copy(), self._booked()
+        self._step(1)
+        work = dict(zip(("motor", "device"), self._booked() - booked, strict=True))
+        rows = [self._book(env, before[env]) for env in range(len(before))]
+        work |= {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        for name, value in work.items():
+            self._work[name] += value
+        self._turnover += sum(np.abs(value) for value in work.values())
 
     def run(self, name: str) -> LedgerRun:
         """All that was booked so far."""
-        return LedgerRun(
-            name=name, coupling=self.robot.actuator.cfg.coupling, dt=self.robot.sim.dt, steps=self._steps,
-            work={source: value.copy() for source, value in self._work.items()},
-            kinetic=self._kinetic() - self._start, turnover=self._turnover.copy(),
-        )  # fmt: skip
+        work = {source: value.copy() for source, value in self._work.items()}
+        kinetic = self._kinetic() - self._start
+        return LedgerRun(name=name, dt=self.robot.sim.dt, work=work, kinetic=kinetic, turnover=self._turnover.copy())
 
     def _book(self, env: int, before: np.ndarray) -> dict[str, float]:
         """Contact, limits, gravity and step of one robot's last step; moves its inertia and potential on."""
@@ -171,15 +153,14 @@ class EnergyMeter:
 
 def ledger_runs(policy: Policy, *, seed: int) -> list[LedgerRun]:
     """Every run at 5 ms with the constraint coupling, and walking at a quarter of it: what does the step cost?"""
-    return [
-        free_fall(moving=False), free_fall(moving=True), standing(), standing(lift=0.3), walking(policy, seed=seed),
-        walking(policy, seed=seed, dt=DT / 4.0),
-    ]  # fmt: skip
+    in_the_air = [free_fall(moving=moving) for moving in (False, True)]
+    on_the_ground = [standing(lift=lift) for lift in (0.0, 0.3)]
+    return [*in_the_air, *on_the_ground, *(walking(policy, seed=seed, dt=dt) for dt in (DT, DT / 4.0))]
 
 
 def free_fall(*, dt: float = DT, moving: bool, coupling: Coupling = Coupling.CONSTRAINT) -> LedgerRun:
     """The robot falls through the air, at rest in its stance or with legs on the move to random targets."""
-    robot = _robot(dt, coupling, lift=5.0)
+    robot = standing_robot(coupling=coupling, lift=5.0, dt=dt, threads=1)
     targets = np.tile(np.array(DEFAULT_Q), (len(CURRENT_GROUPS), 1))
     if moving:
         targets += np.random.default_rng(0).uniform(-0.5, 0.5, targets.shape)
@@ -191,8 +172,7 @@ def free_fall(*, dt: float = DT, moving: bool, coupling: Coupling = Coupling.CON
 
 def standing(*, dt: float = DT, lift: float = 0.0, coupling: Coupling = Coupling.CONSTRAINT) -> LedgerRun:
     """The robot sinks into its stance, or drops into it from ``lift`` [m]; one robot per current."""
-    robot = _robot(dt, coupling, lift=lift)
-    meter = EnergyMeter(robot)
+    meter = EnergyMeter(standing_robot(coupling=coupling, lift=lift, dt=dt, threads=1))
     meter.step(round(STANDING / dt))
     return meter.run(f"dropped from {lift:g} m" if lift else "standing")
 
@@ -216,15 +196,3 @@ def walking(policy: Policy, *, seed: int, dt: float = DT, coupling: Coupling = C
         if bool(done.any()):
             raise RuntimeError("a robot fell while its energy was booked; use a policy that walks")
     return meter.run("walking" if dt == DT else f"walking in steps of {1e3 * dt:g} ms")
-
-
-def _robot(dt: float, coupling: Coupling, *, lift: float) -> ActuatedSim:
-    """The robot above or on the ground, its motors holding the stance; one per current."""
-    cfg = SimCfg(num_envs=len(CURRENT_GROUPS), dt=dt, threads=1, keep_data=True)
-    scene = robot_scene(None, cfg, coupling)
-    robot = ActuatedSim(scene, cfg, MrActuatorCfg(coupling=coupling, hold_current=HoldCurrent.FIXED))
-    robot.current_e.assign(np.array(CURRENT_GROUPS, dtype=np.float32))
-    robot.q_des.assign(np.tile(np.array(DEFAULT_Q, dtype=np.float32), (len(CURRENT_GROUPS), 1)))
-    start: wp.array = stance(scene, len(CURRENT_GROUPS), lift=lift)
-    robot.reset(None, start)
-    return robot

@@ -6,15 +6,20 @@ solution carries a relative error of at most about ``kappa(M)*eps32`` (condition
 
     delta = dt * kappa(M) * eps32 * max|qacc| + eps32 * max|qvel|
 
-to the velocities. How a small velocity error grows until the end of the run is measured, not assumed: the float64
-engine repeats the run from velocities perturbed by PERTURBATION, which gives the amplifications A_v = max|d qvel| /
+to the velocities. How a small velocity error grows until the end of a run is measured, not assumed: the float64 engine
+repeats the run from velocities perturbed by PERTURBATION, which gives the amplifications A_v = max|d qvel| /
 PERTURBATION and A_q = max|d qpos| / PERTURBATION [s]. The tolerances after n steps are ``A_v * sum(delta)`` and
 ``A_q * sum(delta) + n * eps32 * max|qpos|``.
+
+At random states one step is compared. Where a capsule stands on the ground, steeper than 60 degrees, the engines build
+different contacts: MuJoCo lays the first tangent along its axis, MuJoCo-Warp along the world's y axis
+(google-deepmind/mujoco issue 2774). The friction pyramid then stands otherwise, and the velocities differ by up to its
+anisotropy. It takes a thigh or calf upright in the ground: a robot that lies on its back or side. Such states are
+counted apart.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,7 +34,7 @@ from mrwarp.env.sim import ActuatedSim, Sim, SimCfg, robot_scene
 from mrwarp.env.sim_model import Scene
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.usd.robot import DEFAULT_Q
-from mrwarp.verify.rigs import mass_matrix, stance
+from mrwarp.verify.rigs import mass_matrix, stance, standing_robot
 
 EPS32 = 2.0**-24
 """Largest relative rounding error of a float32."""
@@ -41,26 +46,108 @@ DIRECTIONS = 8
 """Random directions of that change."""
 
 STEPS = 20
-"""Compared steps: 100 ms."""
+"""Compared steps of a run: 100 ms."""
+
+GROUPS = {"in the air": 400, "on its feet": 400, "lying": 200}
+"""Number of random states by group; together 1,000."""
+
+QUANTITIES = ("qpos", "qvel", "qacc", "foot force")
+"""What is compared at random states: [m, rad], [m/s, rad/s], [m/s², rad/s²], [N]."""
+
+STEEP = 0.5
+"""Horizontal part of a unit capsule axis below which MuJoCo-Warp takes another tangent [1]."""
+
+TORQUE = 20.0
+"""Largest random joint torque [N·m]."""
+
+BOUNDS = (0.0, 3.0, 25.0)
+"""Brake bounds of the calves: off, sliding, held at 1.5 A [N·m]."""
+
+DEPTH = 0.01
+"""Largest depth of the lowest point in the ground [m]: 0.2 mm is what standing gives, a foot-fall 2 mm."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
-    """A start and what is applied from there."""
+class Agreement:
+    """Differences between the engines over a run."""
 
     name: str
-    """What it shows."""
-    qpos: np.ndarray
-    """Positions, float32 values, shape (nq,)."""
-    qvel: np.ndarray
-    """Velocities, float32 values, shape (nv,)."""
-    bound: float
-    """Brake bound of the calves [N·m]."""
+    """The case."""
+    difference: np.ndarray
+    """Largest |d qpos| [m, rad] and |d qvel| [m/s, rad/s] after each step, shape (STEPS, 2)."""
+    tolerance: np.ndarray
+    """Their a-priori tolerances, shape (STEPS, 2)."""
+    amplification: list[float]
+    """A_q [s] and A_v [1]."""
+    condition: float
+    """kappa(M)."""
+    foot_force: float
+    """Largest foot force [N]."""
+
+    def figures(self) -> dict[str, Any]:
+        """The plain numbers."""
+        found: dict[str, Any] = {}
+        for kind, values in (("", self.difference), ("tolerance_", self.tolerance)):
+            for when, row in (("1_step", values[0]), ("100_ms", values[-1])):
+                found[f"{kind or 'after_'}{when}"] = dict(zip(("qpos", "qvel"), row.tolist(), strict=True))
+        return {
+            **found,
+            "amplification": self.amplification,
+            "condition": self.condition,
+            "foot_force": self.foot_force,
+        }
 
 
-def cases(scene: Scene, seed: int) -> list[Case]:
-    """In the air with tumbling limbs, standing held by the brakes, and one foot-fall at 1 m/s on uneven legs."""
-    rng = np.random.default_rng(seed)
+@dataclass(frozen=True, kw_only=True)
+class StateAgreement:
+    """Differences after one step from the states of a group; N states."""
+
+    name: str
+    """The group."""
+    difference: dict[str, np.ndarray]
+    """Largest difference per state by quantity, shape (N,) each."""
+    size: dict[str, np.ndarray]
+    """Largest value per state, shape (N,) each."""
+    tolerance: np.ndarray
+    """A-priori tolerance of the velocities [m/s, rad/s], shape (N,)."""
+    steep: np.ndarray
+    """States with a steep capsule in the ground, bool, shape (N,)."""
+    contacts: np.ndarray
+    """Contacts per state, shape (N,)."""
+    limits: np.ndarray
+    """Joints at their limits per state, shape (N,)."""
+
+    @property
+    def worst(self) -> dict[str, float]:
+        """Largest difference by quantity, over states without a steep capsule."""
+        return {name: float(values[~self.steep].max()) for name, values in self.difference.items()}
+
+    @property
+    def share(self) -> float:
+        """Largest velocity difference as a share of its tolerance, over the same states."""
+        return float((self.difference["qvel"] / self.tolerance)[~self.steep].max())
+
+    def figures(self) -> dict[str, Any]:
+        """The plain numbers."""
+        return {
+            "states": len(self.steep),
+            "touching": int((self.contacts > 0).sum()),
+            "at_limits": int((self.limits > 0).sum()),
+            "largest_difference": self.worst,
+            "median_difference": {n: float(np.median(v[~self.steep])) for n, v in self.difference.items()},
+            "largest_value": {name: float(values.max()) for name, values in self.size.items()},
+            "share_of_tolerance": self.share,
+            "steep_capsules": int(self.steep.sum()),
+            "largest_difference_steep": {n: float(v[self.steep].max(initial=0.0)) for n, v in self.difference.items()},
+        }
+
+
+def agreement(*, seed: int) -> list[Agreement]:
+    """Step both engines from the same states under the same torques for 100 ms and compare them.
+
+    In the air with tumbling limbs, standing held by the brakes, and one foot-fall at 1 m/s on uneven legs.
+    """
+    scene, rng = robot_scene(), np.random.default_rng(seed)
     rest, joints = stance(scene, 1).numpy()[0], len(scene.actuators)
     at_rest = np.zeros(scene.model.nv)
     air, tumbling = rest.copy(), rng.uniform(-2.0, 2.0, scene.model.nv)
@@ -70,74 +157,175 @@ def cases(scene: Scene, seed: int) -> list[Case]:
     landing[2] += 0.03
     landing[scene.q_adr] += rng.uniform(-0.1, 0.1, joints)
     falling[2], falling[scene.v_adr] = -1.0, rng.uniform(-1.0, 1.0, joints)
-    starts = [
-        ("in the air", air, tumbling, 3.0),
-        ("standing", rest, at_rest, 25.0),
-        ("foot-fall", landing, falling, 3.0),
-    ]
-    return [
-        Case(name=name, qpos=qpos.astype(np.float32), qvel=qvel.astype(np.float32), bound=bound)
-        for name, qpos, qvel, bound in starts
-    ]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Agreement:
-    """Differences between the engines in one case."""
-
-    name: str
-    """The case."""
-    difference: np.ndarray
-    """Largest |d qpos| [m, rad] and |d qvel| [m/s, rad/s] after each step, shape (STEPS, 2)."""
-    tolerance: np.ndarray
-    """Their a-priori tolerances, shape (STEPS, 2)."""
-    amplification: tuple[float, float]
-    """A_q [s] and A_v [1]."""
-    condition: float
-    """kappa(M)."""
-    foot_force: float
-    """Largest foot force [N]."""
-
-    def figures(self) -> dict[str, Any]:
-        """The plain numbers."""
-        names = ("qpos", "qvel")
-        return {
-            "after_1_step": dict(zip(names, self.difference[0].tolist(), strict=True)),
-            "after_100_ms": dict(zip(names, self.difference[-1].tolist(), strict=True)),
-            "tolerance_1_step": dict(zip(names, self.tolerance[0].tolist(), strict=True)),
-            "tolerance_100_ms": dict(zip(names, self.tolerance[-1].tolist(), strict=True)),
-            "amplification": list(self.amplification),
-            "condition": self.condition,
-            "foot_force": self.foot_force,
-        }
-
-
-def agreement(*, seed: int) -> list[Agreement]:
-    """Step both engines from the same states under the same torques and compare them; see the head of this file."""
-    scene = robot_scene()
-    exact = Sim(scene, SimCfg(num_envs=1 + DIRECTIONS))
-    single = Sim(scene, SimCfg(num_envs=1, backend=BackendKind.MJWARP))
+    sims = (Sim(scene, SimCfg(num_envs=1 + DIRECTIONS)), Sim(scene, SimCfg(num_envs=1, backend=BackendKind.MJWARP)))
     rng = np.random.default_rng(seed)
-    return [_compare(case, exact, single, rng) for case in cases(scene, seed)]
+    return [
+        _compare_run(name, qpos.astype(np.float32), qvel.astype(np.float32), bound, *sims, rng)
+        for name, qpos, qvel, bound in (
+            ("in the air", air, tumbling, 3.0),
+            ("standing", rest, at_rest, 25.0),
+            ("foot-fall", landing, falling, 3.0),
+        )
+    ]
+
+
+def _compare_run(
+    name: str, qpos: np.ndarray, qvel: np.ndarray, bound: float, exact: Sim, single: Sim, rng: np.random.Generator
+) -> Agreement:
+    """Run one case on both engines; ``exact`` also carries the perturbed runs in its further environments."""
+    scene, dt = exact.scene, exact.dt
+    for sim in (exact, single):
+        sim.reset(None, _tiled(qpos, sim), _tiled(qvel, sim))
+    speeds = exact.backend.field("qvel").numpy()
+    speeds[1:] += PERTURBATION * rng.choice([-1.0, 1.0], (DIRECTIONS, scene.model.nv))
+
+    data = mujoco.MjData(scene.model)
+    data.qpos[:] = qpos
+    mujoco.mj_forward(scene.model, data)
+    condition = float(np.linalg.cond(mass_matrix(scene.model, data)))
+
+    bounds = np.array([bound if actuator.mr else 0.0 for actuator in scene.actuators])
+    difference, added, amplification, force = np.zeros((STEPS, 2)), np.zeros((STEPS, 2)), np.zeros(2), 0.0
+    for step in range(STEPS):
+        tau = 35.0 * (np.array(DEFAULT_Q) - exact.q.numpy()[0]) - 0.6 * exact.qd.numpy()[0]
+        for sim in (exact, single):
+            sim.step(_tiled(tau.astype(np.float32), sim), _tiled(bounds, sim))
+        for column, field in enumerate(("qpos", "qvel")):
+            runs = exact.backend.field(field).numpy()
+            difference[step, column] = np.abs(single.backend.field(field).numpy()[0] - runs[0]).max()
+            amplification[column] = max(amplification[column], np.abs(runs[1:] - runs[0]).max() / PERTURBATION)
+        qacc = np.abs(exact.backend.field("qacc").numpy()[0]).max()
+        added[step, 0] = EPS32 * np.abs(exact.backend.field("qpos").numpy()[0]).max()
+        added[step, 1] = dt * condition * EPS32 * qacc + EPS32 * np.abs(speeds[0]).max()
+        force = max(force, float(exact.f_foot.numpy()[0].max()))
+    velocity_errors = np.cumsum(added[:, 1])[:, None]
+    return Agreement(
+        name=name,
+        difference=difference,
+        tolerance=amplification * velocity_errors + np.stack([np.cumsum(added[:, 0]), np.zeros(STEPS)], axis=1),
+        amplification=amplification.tolist(),
+        condition=condition,
+        foot_force=force,
+    )
+
+
+def _tiled(values: np.ndarray, sim: Sim) -> wp.array:
+    """The same values in every environment."""
+    return wp.array(np.tile(values, (sim.num_envs, 1)), dtype=float, device="cpu")
+
+
+def state_agreement(*, seed: int) -> list[StateAgreement]:
+    """Step both engines once from every random state, under random joint torques and brake bounds, and compare."""
+    scene, rng = robot_scene(), np.random.default_rng(seed)
+    return [_compare_states(name, count, scene, rng) for name, count in GROUPS.items()]
+
+
+def _compare_states(name: str, count: int, scene: Scene, rng: np.random.Generator) -> StateAgreement:
+    model, joints = scene.model, len(scene.actuators)
+    qpos, qvel = _draw(name, count, scene, rng)
+    tau = rng.uniform(-TORQUE, TORQUE, (count, joints))
+    bound = rng.choice(BOUNDS, (count, joints)) * np.array([actuator.mr is not None for actuator in scene.actuators])
+    found = {kind: _one_step(scene, kind, qpos, qvel, tau, bound) for kind in BackendKind}
+    exact, single = found[BackendKind.MJBATCH], found[BackendKind.MJWARP]
+
+    condition, steep = np.zeros(count), np.zeros(count, dtype=bool)
+    contacts, limits = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
+    data = mujoco.MjData(model)
+    for i in range(count):
+        data.qpos[:] = qpos[i]
+        mujoco.mj_forward(model, data)
+        condition[i] = np.linalg.cond(mass_matrix(model, data))
+        steep[i] = any(_is_steep(model, data, int(contact.geom.max())) for contact in data.contact)
+        contacts[i] = data.ncon
+        limits[i] = (data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT)).sum()
+    size = {quantity: np.abs(values).max(axis=1) for quantity, values in exact.items()}
+    return StateAgreement(
+        name=name,
+        difference={quantity: np.abs(exact[quantity] - single[quantity]).max(axis=1) for quantity in QUANTITIES},
+        size=size,
+        tolerance=model.opt.timestep * condition * EPS32 * size["qacc"] + EPS32 * np.abs(qvel).max(axis=1),
+        steep=steep,
+        contacts=contacts,
+        limits=limits,
+    )
+
+
+def _draw(name: str, count: int, scene: Scene, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Random states, float32, shapes (N, nq) and (N, nv); those that touch reach up to DEPTH into the ground."""
+    model, joints = scene.model, len(scene.actuators)
+    qpos, qvel = np.tile(stance(scene, 1).numpy()[0], (count, 1)), np.zeros((count, model.nv))
+    upright = name == "on its feet"
+    axis, angle = rng.normal(size=(count, 3)), (0.3 if upright else np.pi) * rng.uniform(-1.0, 1.0, (count, 1))
+    axis *= np.sin(0.5 * angle) / np.linalg.norm(axis, axis=1, keepdims=True)
+    qpos[:, 3:7] = np.concatenate([np.cos(0.5 * angle), axis], axis=1)
+    if upright:
+        qpos[:, scene.q_adr] = np.array(DEFAULT_Q) + rng.uniform(-0.4, 0.4, (count, joints))
+    else:
+        # a little beyond the limits: one state in five has a joint there
+        low, high = model.jnt_range[[int(np.flatnonzero(model.jnt_qposadr == adr)[0]) for adr in scene.q_adr]].T
+        qpos[:, scene.q_adr] = rng.uniform(low - 0.03, high + 0.03, (count, joints))
+    qpos[:, 2] = 5.0
+    if name != "in the air":
+        data = mujoco.MjData(model)
+        for state in qpos:
+            data.qpos[:] = state
+            mujoco.mj_kinematics(model, data)
+            state[2] -= _lowest(model, data) + rng.uniform(0.0, DEPTH)
+    qvel[:, :3], qvel[:, 3:6] = rng.uniform(-1.0, 1.0, (count, 3)), rng.uniform(-3.0, 3.0, (count, 3))
+    qvel[:, scene.v_adr] = rng.uniform(-8.0, 8.0, (count, joints))
+    return qpos.astype(np.float32), qvel.astype(np.float32)
+
+
+def _one_step(
+    scene: Scene, kind: BackendKind, qpos: np.ndarray, qvel: np.ndarray, tau: np.ndarray, bound: np.ndarray
+) -> dict[str, np.ndarray]:
+    """All states one step later, by quantity, float64, shape (N, ...)."""
+    sim = Sim(scene, SimCfg(num_envs=len(qpos), backend=kind, threads=1))
+    qpos_in, qvel_in, tau_in, bound_in = (wp.array(x, dtype=float, device="cpu") for x in (qpos, qvel, tau, bound))
+    sim.reset(None, qpos_in, qvel_in)
+    sim.step(tau_in, bound_in)
+    fields = {name: sim.backend.field(name) for name in ("qpos", "qvel", "qacc")}
+    return {name: array.numpy().astype(np.float64) for name, array in (fields | {"foot force": sim.f_foot}).items()}
+
+
+def _is_steep(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> bool:
+    """Whether a geom is a capsule within 30 degrees of the vertical."""
+    is_capsule = model.geom_type[geom] == int(mujoco.mjtGeom.mjGEOM_CAPSULE)
+    return bool(is_capsule and np.hypot(*data.geom_xmat[geom].reshape(3, 3)[:2, 2]) < STEEP)
+
+
+def _lowest(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """Height of the robot's lowest point [m]; it is made of spheres, capsules and boxes."""
+    heights = []
+    for geom in range(model.ngeom):
+        size, vertical = model.geom_size[geom], np.abs(data.geom_xmat[geom].reshape(3, 3)[2])
+        below = {
+            int(mujoco.mjtGeom.mjGEOM_SPHERE): size[0],
+            int(mujoco.mjtGeom.mjGEOM_CAPSULE): size[0] + size[1] * vertical[2],
+            int(mujoco.mjtGeom.mjGEOM_BOX): vertical @ size,
+        }.get(int(model.geom_type[geom]))
+        if below is not None:
+            heights.append(data.geom_xpos[geom][2] - below)
+    return float(min(heights))
 
 
 def captured_equals_eager(counts: tuple[int, ...] = (1, 2, 3, 5)) -> dict[int, bool]:
     """Whether captured steps of MuJoCo-Warp leave the same bits as eager ones, by steps per launch."""
-    captured, eager = (_robot(SimCfg(num_envs=2, backend=BackendKind.MJWARP, capture=c)) for c in (True, False))
+    captured, eager = (standing_robot((1.0, 1.0), backend=BackendKind.MJWARP, capture=c) for c in (True, False))
     return {count: _same_after(captured, eager, count) for count in counts}
 
 
 def alone_equals_batch(backend: BackendKind, *, steps: int = 60) -> float:
     """Largest difference of any state between an environment in a batch of three and the same one alone."""
-    batch, alone = (_robot(SimCfg(num_envs=count, backend=backend)) for count in (3, 1))
-    starts, currents = _landing(batch), np.array([0.0, 0.5, 1.5], dtype=np.float32)
-    batch.current_e.assign(currents)
+    currents = (0.0, 0.5, 1.5)
+    batch, alone = (standing_robot(own, backend=backend) for own in (currents, currents[:1]))
+    starts = _landing(batch)
     _restart(batch, starts)
     for _ in range(steps):
         batch.step()
     together, worst = _everything(batch), 0.0
     for env in range(3):
-        alone.current_e.fill_(float(currents[env]))
+        alone.current_e.fill_(currents[env])
         _restart(alone, starts[env : env + 1])
         for _ in range(steps):
             alone.step()
@@ -171,63 +359,6 @@ def bit_figures(*, seed: int) -> dict[str, Any]:
         "alone_minus_batch": alone,
         "same_at_1_and_2_threads": threads,
     }
-
-
-def _compare(case: Case, exact: Sim, single: Sim, rng: np.random.Generator) -> Agreement:
-    """Run one case on both engines; ``exact`` also carries the perturbed runs in its further environments."""
-    scene, dt = exact.scene, exact.dt
-    for sim in (exact, single):
-        tile = np.tile(case.qpos, (sim.num_envs, 1)), np.tile(case.qvel, (sim.num_envs, 1))
-        sim.reset(None, *(wp.array(values, dtype=float, device="cpu") for values in tile))
-    qvel = exact.backend.field("qvel").numpy()
-    qvel[1:] += PERTURBATION * rng.choice([-1.0, 1.0], (DIRECTIONS, scene.model.nv))
-
-    data = mujoco.MjData(scene.model)
-    data.qpos[:] = case.qpos
-    mujoco.mj_forward(scene.model, data)
-    condition = float(np.linalg.cond(mass_matrix(scene.model, data)))
-
-    bound = np.array([case.bound if actuator.mr else 0.0 for actuator in scene.actuators])
-    apply = {sim: _applier(sim, bound) for sim in (exact, single)}
-    difference, added, amplification, force = np.zeros((STEPS, 2)), np.zeros((STEPS, 2)), np.zeros(2), 0.0
-    for step in range(STEPS):
-        tau = 35.0 * (np.array(DEFAULT_Q) - exact.q.numpy()[0]) - 0.6 * exact.qd.numpy()[0]
-        for sim in (exact, single):
-            apply[sim](tau)
-        for column, name in enumerate(("qpos", "qvel")):
-            runs = exact.backend.field(name).numpy()
-            difference[step, column] = np.abs(single.backend.field(name).numpy()[0] - runs[0]).max()
-            amplification[column] = max(amplification[column], np.abs(runs[1:] - runs[0]).max() / PERTURBATION)
-        qacc = np.abs(exact.backend.field("qacc").numpy()[0]).max()
-        added[step, 0] = EPS32 * np.abs(exact.backend.field("qpos").numpy()[0]).max()
-        added[step, 1] = dt * condition * EPS32 * qacc + EPS32 * np.abs(qvel[0]).max()
-        force = max(force, float(exact.f_foot.numpy()[0].max()))
-    velocity_errors = np.cumsum(added[:, 1])[:, None]
-    tolerance = amplification * velocity_errors + np.stack([np.cumsum(added[:, 0]), np.zeros(STEPS)], axis=1)
-    return Agreement(
-        name=case.name, difference=difference, tolerance=tolerance, condition=condition, foot_force=force,
-        amplification=(float(amplification[0]), float(amplification[1])),
-    )  # fmt: skip
-
-
-def _applier(sim: Sim, bound: np.ndarray) -> Callable[[np.ndarray], None]:
-    """A function that steps ``sim`` under joint torques (J,), the same in every environment."""
-    shape = (sim.num_envs, len(bound))
-    tau_array = wp.zeros(shape, dtype=float, device="cpu")
-    bound_array = wp.array(np.tile(bound, (sim.num_envs, 1)), dtype=float, device="cpu")
-
-    def apply(tau: np.ndarray) -> None:
-        tau_array.assign(np.tile(tau, (sim.num_envs, 1)).astype(np.float32))
-        sim.step(tau_array, bound_array)
-
-    return apply
-
-
-def _robot(cfg: SimCfg) -> ActuatedSim:
-    robot = ActuatedSim(robot_scene(None, cfg), cfg)
-    robot.q_des.assign(np.tile(np.array(DEFAULT_Q, dtype=np.float32), (cfg.num_envs, 1)))
-    robot.current_e.fill_(1.0)
-    return robot
 
 
 def _landing(robot: ActuatedSim) -> np.ndarray:

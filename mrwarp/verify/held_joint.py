@@ -9,23 +9,15 @@ import mujoco
 import numpy as np
 
 from mrwarp.actuator import brake_constraint
-from mrwarp.actuator.mr_actuator import Coupling, HoldCurrent, MrActuatorCfg
+from mrwarp.actuator.mr_actuator import MrActuatorCfg
+from mrwarp.enums import Coupling, HoldCurrent
 from mrwarp.env.backend import BackendKind
 from mrwarp.env.sim import ActuatedSim, SimCfg, robot_scene
 from mrwarp.env.sim_model import Scene, build_scene
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import load_bench
 from mrwarp.usd.robot import LEGS
-from mrwarp.verify.rigs import (
-    LOADED,
-    MOTORLESS,
-    Link,
-    Load,
-    joint_inertia,
-    link_scene,
-    standing_robot,
-    yield_torque,
-)
+from mrwarp.verify.rigs import LOADED, MOTORLESS, Link, Load, joint_inertia, link_scene, standing_robot, yield_torque
 
 DT = 0.005
 """Physics step [s]."""
@@ -51,8 +43,8 @@ MOVING = 0.05
 ANGLE_ULP = 2.0**-23
 """Spacing of float32 angles between 1 and 2 rad: MuJoCo-Warp rounds each step's motion to it [rad]."""
 
-SETTLE = 0.1
-"""Time before the creep is measured [s]."""
+SETTLE, STANDING = 0.1, 1.0
+"""Time before the creep is measured, and before the calf motors of the standing robot are switched off [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +59,7 @@ class HoldRun:
     """The engine."""
     inertia: float
     """Inertia of the joint [kg·m^2]."""
-    creep: tuple[float, ...]
+    creep: list[float]
     """Creep under LOADS [rad/s]."""
     breakaway: float
     """Load at which the joint starts to move, share of tau_y; one end of RAMP if it always moved or never."""
@@ -83,12 +75,8 @@ class HoldRun:
 
     def figures(self) -> dict[str, Any]:
         """The plain numbers."""
-        return {
-            "inertia": self.inertia,
-            "creep": list(self.creep),
-            "breakaway": self.breakaway,
-            "unsolved": self.unsolved,
-        }
+        names = ("inertia", "creep", "breakaway", "unsolved")
+        return {name: getattr(self, name) for name in names}
 
 
 def calf_rig(*, brake: bool = True) -> Scene:
@@ -118,9 +106,8 @@ def hold(name: str, scene: Scene, backend: BackendKind, *, seconds: float = 1.0,
     mr = scene.actuators[0].mr
     assert mr is not None
     tau_y, steps, settle = yield_torque(mr, CURRENT), round(seconds / DT), round(SETTLE / DT)
-    robot = ActuatedSim(
-        scene, SimCfg(num_envs=3, dt=DT, backend=backend), MrActuatorCfg(hold_current=HoldCurrent.FIXED)
-    )  # fmt: skip
+    cfg = SimCfg(num_envs=3, dt=DT, backend=backend)
+    robot = ActuatedSim(scene, cfg, MrActuatorCfg(hold_current=HoldCurrent.FIXED))
     outside = Load(robot)
     robot.sim.f_foot.fill_(LOADED)
     robot.current_e.fill_(CURRENT)
@@ -137,12 +124,16 @@ def hold(name: str, scene: Scene, backend: BackendKind, *, seconds: float = 1.0,
         q[step] = robot.sim.q.numpy()[:, 0]
         ramp[step] = load[step, 2], robot.sim.qd.numpy()[2, 0]
     moving = np.flatnonzero(np.abs(ramp[:, 1]) > MOVING)
-    breakaway = float(ramp[moving[0] if moving.size else -1, 0])
-    creep = (q[-1] - q[settle - 1]) / (steps * DT)
     return HoldRun(
-        name=name, brake=brake, backend=backend, inertia=joint_inertia(scene, scene.joints[0]), breakaway=breakaway,
-        creep=(float(creep[0]), float(creep[1])), ramp=ramp[settle:], unsolved=int(robot.sim.unsolved.numpy().sum()),
-    )  # fmt: skip
+        name=name,
+        brake=brake,
+        backend=backend,
+        inertia=joint_inertia(scene, scene.joints[0]),
+        creep=((q[-1] - q[settle - 1]) / (steps * DT))[:2].tolist(),
+        breakaway=float(ramp[moving[0] if moving.size else -1, 0]),
+        ramp=ramp[settle:],
+        unsolved=int(robot.sim.unsolved.numpy().sum()),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,6 +157,21 @@ class StandRun:
     unsolved: int
     """Steps that did not converge."""
 
+    @property
+    def expected_drift(self) -> np.ndarray:
+        """Drift that the constraint's creep predicts for the measured torques [rad], shape (4,)."""
+        return brake_constraint.CREEP * np.abs(self.torque) * len(self.calf) * DT
+
+    @property
+    def drift_tolerance(self) -> np.ndarray:
+        """How far the drift may be from the expected one [rad], shape (4,).
+
+        1 % for torques that change over time. MuJoCo-Warp also rounds each step's motion, about 2e-7 rad, to a multiple
+        of the spacing of float32 angles: up to half of one is lost or gained per step.
+        """
+        rounding = len(self.calf) * ANGLE_ULP / 2.0 if self.backend is BackendKind.MJWARP else ANGLE_ULP
+        return 0.01 * self.expected_drift + rounding
+
     def figures(self) -> dict[str, Any]:
         """The plain numbers."""
         drift = np.abs(self.calf - self.calf[0]).max(axis=0)
@@ -182,12 +188,7 @@ class StandRun:
 
 
 def stand_on_brakes(
-    backend: BackendKind,
-    *,
-    seconds: float = 10.0,
-    settle: float = 1.0,
-    ls_iterations: int = 50,
-    stiff_feet: bool = False,
+    backend: BackendKind, *, seconds: float = 10.0, ls_iterations: int = 50, stiff_feet: bool = False
 ) -> StandRun:
     """The robot stands on its four brakes alone: zero calf stiffness and damping, hips and thighs under PD.
 
@@ -196,7 +197,6 @@ def stand_on_brakes(
     Args:
         backend: The engine.
         seconds: Time without calf motors [s].
-        settle: Time with them [s].
         ls_iterations: Line-search iterations forced on the model, past the check of ``SolverCfg``.
         stiff_feet: Elliptic friction cones 100 times stiffer than the asset's soft pyramids: tells how much of the
             trunk's sinking is feet that slide over the ground, and not brakes.
@@ -207,9 +207,9 @@ def stand_on_brakes(
         if stiff_feet:
             model.opt.cone, model.opt.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 100.0
 
-    robot = standing_robot(currents=(CURRENT,), backend=backend, options=options)
+    robot = standing_robot((CURRENT,), backend=backend, options=options)
     robot.actuator.set_param("kp_low", robot.actuator.param("kp_base").numpy())
-    for _ in range(round(settle / DT)):
+    for _ in range(round(STANDING / DT)):
         robot.step()
     for name, value in MOTORLESS.items():
         robot.actuator.set_param(name, value)
@@ -221,34 +221,22 @@ def stand_on_brakes(
         height.append(float(sim.root_pos.numpy()[0, 2]))
         torque.append(sim.friction.numpy()[0, calves].astype(np.float64))
     return StandRun(
-        backend=backend, ls_iterations=ls_iterations, stiff_feet=stiff_feet, calf=np.array(calf),
-        height=np.array(height), torque=np.mean(torque, axis=0), unsolved=int(sim.unsolved.numpy().sum()),
+        backend=backend,
+        ls_iterations=ls_iterations,
+        stiff_feet=stiff_feet,
+        calf=np.array(calf),
+        height=np.array(height),
+        torque=np.mean(torque, axis=0),
         foot_slip=float(np.linalg.norm((_feet(robot) - before)[:, :2], axis=1).max()),
-    )  # fmt: skip
-
-
-def expected_drift(run: StandRun) -> np.ndarray:
-    """Drift that the constraint's creep predicts for the measured torques [rad], shape (4,)."""
-    return brake_constraint.CREEP * np.abs(run.torque) * len(run.calf) * DT
-
-
-def drift_tolerance(run: StandRun) -> np.ndarray:
-    """How far the drift may be from :func:`expected_drift` [rad], shape (4,).
-
-    1 % for torques that change over time. MuJoCo-Warp also rounds each step's motion, about 2e-7 rad, to a multiple of
-    the spacing of float32 angles: up to half of one is lost or gained per step.
-    """
-    rounding = len(run.calf) * ANGLE_ULP / 2.0 if run.backend is BackendKind.MJWARP else ANGLE_ULP
-    return 0.01 * expected_drift(run) + rounding
+        unsolved=int(sim.unsolved.numpy().sum()),
+    )
 
 
 def hold_runs() -> list[HoldRun]:
     """Both joints on both engines, then with MuJoCo's default friction settings."""
     rigs = {"calf": calf_rig, "bench": bench_rig}
     runs = [hold(name, rig(), backend) for name, rig in rigs.items() for backend in BackendKind]
-    return runs + [
-        hold(name, rig(brake=False), BackendKind.MJBATCH, brake=False) for name, rig in rigs.items()
-    ]  # fmt: skip
+    return runs + [hold(name, rig(brake=False), BackendKind.MJBATCH, brake=False) for name, rig in rigs.items()]
 
 
 def stand_runs() -> list[StandRun]:

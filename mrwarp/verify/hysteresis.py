@@ -1,10 +1,8 @@
 """The hysteresis kernels against references: how far is a step of 5 ms from eqs. 14 and 15 in continuous time?
 
 A joint is moved along random sums of sines while its current command steps at random; half of the coils lag. The torque
-that the kernels replay is compared with two references in float64 that share no code with them:
-
-* ``along_the_path``: between turning points eq. 15 depends on the path alone and has a closed form (to rounding);
-* ``finely_stepped``: eq. 15 by the midpoint rule at 1 µs, which knows nothing of closed forms.
+that the kernels replay is compared with a reference in float64 that shares no code with them: between turning points
+eq. 15 depends on the path alone and has a closed form. The test of this module compares it with steps of 1 µs.
 """
 
 from __future__ import annotations
@@ -18,15 +16,13 @@ from scipy.optimize import brentq
 from mrwarp.identify.dataset import Dataset, Scales
 from mrwarp.identify.replay import Replay
 from mrwarp.params import BoucWenParams
+from mrwarp.verify.rigs import convergence_order, root_mean_square
 
 SECONDS = 1.0
 """Length of a run [s]."""
 
 STEPS = (0.01, 0.005, 0.0025, 0.00125, 0.000625)
 """Compared sampling steps [s]."""
-
-FINE = 1e-6
-"""Step of the reference that is stepped [s]."""
 
 SEGMENT = 0.05
 """Time between steps of the current command [s]; a multiple of every compared step."""
@@ -100,13 +96,9 @@ def along_the_path(excitation: Excitation, t: np.ndarray, p: BoucWenParams = PAP
     z = np.empty((len(excitation.lag), len(t)))
     grid = np.linspace(0.0, SECONDS, 4001)
     for run, speeds in enumerate(excitation.qd(grid)):
-        own = Excitation(
-            amplitude=excitation.amplitude[run : run + 1], frequency=excitation.frequency[run : run + 1],
-            command=excitation.command[run : run + 1], lag=excitation.lag[run : run + 1],
-        )  # fmt: skip
 
-        def speed(time: float, own: Excitation = own) -> float:
-            return float(own.qd(np.array([time]))[0, 0])
+        def speed(time: float, run: int = run) -> float:
+            return float(excitation.qd(np.array([time]))[run, 0])
 
         crossings = np.flatnonzero(speeds[1:-1] * speeds[2:] < 0.0) + 1
         turns = [0.0, *(brentq(speed, grid[i], grid[i + 1], xtol=1e-15) for i in crossings), np.inf]
@@ -115,7 +107,7 @@ def along_the_path(excitation: Excitation, t: np.ndarray, p: BoucWenParams = PAP
             inside = (t >= a) & (t < b)
             times = np.append(t[inside], min(b, SECONDS))
             direction = np.sign(speed(0.5 * (a + min(b, SECONDS))))
-            path = np.abs(own.q(times)[0] - own.q(np.array([a]))[0])
+            path = np.abs(excitation.q(times)[run] - excitation.q(np.array([a]))[run])
             reached = direction * _loaded(direction * start, path, p)
             z[run, inside], start = reached[:-1], reached[-1]
     return z
@@ -132,25 +124,6 @@ def _loaded(u: float, path: np.ndarray, p: BoucWenParams) -> np.ndarray:
     return np.where(path < to_zero, below, above)
 
 
-def finely_stepped(excitation: Excitation, t: np.ndarray, p: BoucWenParams = PAPER, *, dt: float = FINE) -> np.ndarray:
-    """z at times of shape (T,), multiples of ``dt`` [rad], shape (N, T), by the midpoint rule."""
-
-    def rate(qd: np.ndarray, z: np.ndarray) -> np.ndarray:
-        return qd - p.beta * np.abs(qd) * z - p.gamma * qd * np.abs(z)
-
-    at, chunk = np.rint(t / dt).astype(int), 20_000
-    z, result = np.zeros(len(excitation.lag)), np.empty((len(excitation.lag), len(t)))
-    wanted = {int(step): column for column, step in enumerate(at)}
-    for first in range(0, int(at.max()) + 1, chunk):
-        # columns 2k and 2k + 1: velocity at the start and in the middle of step first + k
-        qd = np.ascontiguousarray(excitation.qd(0.5 * dt * np.arange(2 * first, 2 * (first + chunk))).T)
-        for k in range(chunk):
-            if (column := wanted.get(first + k)) is not None:
-                result[:, column] = z
-            z = z + dt * rate(qd[2 * k + 1], z + 0.5 * dt * rate(qd[2 * k], z))
-    return result
-
-
 def torque(excitation: Excitation, t: np.ndarray, z: np.ndarray, p: BoucWenParams = PAPER) -> np.ndarray:
     """Eq. 14 in float64 [N·m], shape (N, T)."""
     qd, current = excitation.qd(t), excitation.current(t)
@@ -164,10 +137,14 @@ def replayed(excitation: Excitation, dt: float, *, exact: bool, substeps: int) -
     t = times(dt)
     num_runs = len(excitation.lag)
     samples = Dataset(
-        q=(excitation.q(t) + PAPER.q_neutral).ravel(), qd=excitation.qd(t).ravel(),
-        current=excitation.commanded(t).ravel(), torque=np.zeros(num_runs * len(t)),
-        start=len(t) * np.arange(num_runs + 1), dt=np.full(num_runs, dt), scales=Scales(),
-    )  # fmt: skip
+        q=(excitation.q(t) + PAPER.q_neutral).ravel(),
+        qd=excitation.qd(t).ravel(),
+        current=excitation.commanded(t).ravel(),
+        torque=np.zeros(num_runs * len(t)),
+        start=len(t) * np.arange(num_runs + 1),
+        dt=np.full(num_runs, dt),
+        scales=Scales(),
+    )
     replay = Replay(samples, exact=exact, substeps=substeps)
     own = {spec.name: getattr(PAPER, spec.name) for spec in PAPER.specs()}
     with_lag, without = replay.torque([{**own, "coil_time_constant": lag} for lag in (LAG, 0.0)])
@@ -193,14 +170,12 @@ class Hysteresis:
 
     def order(self, method: str) -> float:
         """Observed order of convergence over all steps."""
-        return float(np.polyfit(np.log(STEPS), np.log(self.rms[method]), 1)[0])
+        return float(convergence_order(STEPS, self.rms[method]))
 
     def figures(self) -> dict[str, Any]:
         """The plain numbers."""
-        return {
-            "steps": list(STEPS), "torque": self.size, "rms": self.rms, "largest": self.largest,
-            "order": {method: self.order(method) for method in METHODS},
-        }  # fmt: skip
+        order = {method: self.order(method) for method in METHODS}
+        return {"steps": list(STEPS), "torque": self.size, "rms": self.rms, "largest": self.largest, "order": order}
 
 
 def hysteresis(*, seed: int, num_runs: int = 64) -> Hysteresis:
@@ -212,9 +187,9 @@ def hysteresis(*, seed: int, num_runs: int = 64) -> Hysteresis:
     for dt in STEPS:
         t = times(dt)
         true = torque(excitation, t, along_the_path(excitation, t))
-        size = float(np.sqrt(np.square(true).mean()))
+        size = float(root_mean_square(true))
         for method, (exact, substeps) in METHODS.items():
             error = replayed(excitation, dt, exact=exact, substeps=substeps) - true
-            rms[method].append(float(np.sqrt(np.square(error).mean())))
+            rms[method].append(float(root_mean_square(error)))
             largest[method].append(float(np.abs(error).max()))
     return Hysteresis(rms=rms, largest=largest, size=size)

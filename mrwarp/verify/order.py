@@ -11,7 +11,7 @@ import warp as wp
 from mrwarp.actuator.mr_actuator import MrActuatorCfg
 from mrwarp.env.sim import ActuatedSim, SimCfg, robot_scene
 from mrwarp.usd.robot import CURRENT_GROUPS, DEFAULT_Q
-from mrwarp.verify.rigs import stance
+from mrwarp.verify.rigs import convergence_order, root_mean_square, stance
 
 STEPS = (0.005, 0.0025, 0.00125)
 """Compared steps [s]; all of them, torque loop included."""
@@ -43,14 +43,16 @@ class Order:
     @property
     def order(self) -> np.ndarray:
         """Observed order of convergence: positions, velocities."""
-        return np.polyfit(np.log(STEPS), np.log(self.rms), 1)[0]
+        return convergence_order(STEPS, self.rms)
 
     def figures(self) -> dict[str, Any]:
         """The plain numbers."""
         return {
-            "steps": list(STEPS), "rms_qpos_qvel": self.rms.tolist(), "order": self.order.tolist(),
+            "steps": list(STEPS),
+            "rms_qpos_qvel": self.rms.tolist(),
+            "order": self.order.tolist(),
             "reference_error": self.reference_error.tolist(),
-        }  # fmt: skip
+        }
 
 
 def orders(*, seed: int) -> list[Order]:
@@ -60,15 +62,15 @@ def orders(*, seed: int) -> list[Order]:
 
 def _order(name: str, seed: int) -> Order:
     truth, coarser = _path(name, REFERENCE_DT, seed), _path(name, 2.0 * REFERENCE_DT, seed)
-    errors = [_rms(_path(name, dt, seed), truth) for dt in STEPS]
-    return Order(name=name, rms=np.array(errors), reference_error=_rms(coarser, truth))
+    errors = np.array([_rms(_path(name, dt, seed), truth) for dt in STEPS])
+    return Order(name=name, rms=errors, reference_error=_rms(coarser, truth))
 
 
-Path = tuple[np.ndarray, np.ndarray]
+Motion = tuple[np.ndarray, np.ndarray]
 """Positions and velocities of all runs every 5 ms, shapes (T, NUM_RUNS, nq) and (T, NUM_RUNS, nv)."""
 
 
-def _path(name: str, dt: float, seed: int) -> Path:
+def _path(name: str, dt: float, seed: int) -> Motion:
     """Simulate all runs at a step."""
     rng = np.random.default_rng(seed)
     cfg = SimCfg(num_envs=NUM_RUNS, dt=dt, threads=1)
@@ -91,5 +93,5 @@ def _path(name: str, dt: float, seed: int) -> Path:
     return np.array(qpos_path), np.array(qvel_path)
 
 
-def _rms(path: Path, truth: Path) -> np.ndarray:
-    return np.array([np.sqrt(np.square(a - b).mean()) for a, b in zip(path, truth, strict=True)])
+def _rms(path: Motion, truth: Motion) -> np.ndarray:
+    return np.array([root_mean_square(a - b) for a, b in zip(path, truth, strict=True)])

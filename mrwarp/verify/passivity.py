@@ -9,7 +9,8 @@ import numpy as np
 import torch
 import warp as wp
 
-from mrwarp.actuator.mr_actuator import Coupling, MrActuatorCfg
+from mrwarp.actuator.mr_actuator import MrActuatorCfg
+from mrwarp.enums import Coupling
 from mrwarp.env.backend import BackendKind
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.sim import ActuatedSim, SimCfg
@@ -78,18 +79,13 @@ def dropped_robot(
     coupling: Coupling, *, height: float = 0.3, seconds: float = 1.0, backend: BackendKind = BackendKind.MJBATCH
 ) -> PassivityRun:
     """The robot falls on its feet from ``height`` [m]: one environment per current of eq. 20."""
-    robot = standing_robot(currents=CURRENT_GROUPS, coupling=coupling, lift=height, backend=backend)
+    robot = standing_robot(coupling=coupling, lift=height, backend=backend)
     return _run(f"robot dropped from {height:g} m", robot, round(seconds / DT))
 
 
 @torch.no_grad()
 def walking_robot(
-    coupling: Coupling,
-    *,
-    policy: Policy | None,
-    seconds: float,
-    seed: int,
-    backend: BackendKind = BackendKind.MJBATCH,
+    coupling: Coupling, *, policy: Policy | None, seconds: float, seed: int, backend: BackendKind = BackendKind.MJBATCH
 ) -> PassivityRun:
     """The robot walks with a policy at 0.4 m/s, or stands under random joint targets; one environment per current.
 
@@ -117,11 +113,7 @@ def walking_robot(
         falls += int(env.fallen.sum())
         angles.append(float(env.q[0, env.actuator.mr_joints[0]]))
     name = "walking with the policy" if policy is not None else "standing, random joint targets"
-    q = np.repeat(angles, env.cfg.decimation)
-    return PassivityRun(
-        name=name, coupling=coupling, backend=backend, dt=env.sim.dt, q=q, work=np.array(meter.work),
-        figures={**meter.figures(), "falls": float(falls)},
-    )  # fmt: skip
+    return _result(name, meter, np.repeat(angles, env.cfg.decimation), {"falls": float(falls)})
 
 
 def passivity(*, seed: int, policy: Policy | None, walk_seconds: float = 20.0) -> list[PassivityRun]:
@@ -150,7 +142,17 @@ def _run(name: str, robot: ActuatedSim, steps: int) -> PassivityRun:
     for _ in range(steps):
         meter.step()
         angles.append(float(robot.sim.q.numpy()[-1, joint]))
+    return _result(name, meter, np.array(angles), {"ledger_gap": meter.ledger_gap()})
+
+
+def _result(name: str, meter: WorkMeter, q: np.ndarray, more: dict[str, float]) -> PassivityRun:
+    sim, coupling = meter.robot.sim, meter.robot.actuator.cfg.coupling
     return PassivityRun(
-        name=name, coupling=robot.actuator.cfg.coupling, backend=robot.sim.backend.kind, dt=robot.sim.dt,
-        q=np.array(angles), work=np.array(meter.work), figures={**meter.figures(), "ledger_gap": meter.ledger_gap()},
-    )  # fmt: skip
+        name=name,
+        coupling=coupling,
+        backend=sim.backend.kind,
+        dt=sim.dt,
+        q=q,
+        work=np.array(meter.work),
+        figures={**meter.figures(), **more},
+    )

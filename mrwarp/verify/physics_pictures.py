@@ -8,9 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mrwarp.actuator.mr_actuator import Coupling
-from mrwarp.verify import accuracy as physics_accuracy
-from mrwarp.verify import held_joint as physics_holding
+from mrwarp.enums import Coupling
+from mrwarp.verify import accuracy, held_joint
 from mrwarp.verify.accuracy import Accuracy
 from mrwarp.verify.engines import Agreement
 from mrwarp.verify.held_joint import HoldRun, StandRun
@@ -64,7 +63,7 @@ def passivity_picture(runs: list[PassivityRun], path: Path) -> None:
 def holding_picture(holds: list[HoldRun], stands: list[StandRun], trap: list[StandRun], path: Path) -> None:
     """Creep, break-away, standing on brakes, and the line-search trap."""
     figure, axes = _figure(
-        f"Holding at {physics_holding.CURRENT:g} A (tau_y = 25.4 N·m), 5 ms steps",
+        f"Holding at {held_joint.CURRENT:g} A (tau_y = 25.4 N·m), 5 ms steps",
         "A held joint must not creep, must let go at tau_y, and four of them must carry the robot",
     )
     _creep(axes[0, 0], holds)
@@ -74,8 +73,8 @@ def holding_picture(holds: list[HoldRun], stands: list[StandRun], trap: list[Sta
             colour = "tab:blue" if run.name == holds[0].name else "tab:purple"
             label = f"{run.name} ({run.inertia:.3g} kg·m²), {run.backend.value}"
             axes[0, 1].plot(run.ramp[:, 0], np.abs(run.ramp[:, 1]), color=colour, label=label, **style)
-    axes[0, 1].axvspan(*physics_holding.BREAKAWAY_LIMITS, color="tab:green", alpha=0.15, label="allowed: 0.99 to 1.01")
-    axes[0, 1].axhline(physics_holding.MOVING, color="grey", linestyle=":", label="counts as moving: 0.05 rad/s")
+    axes[0, 1].axvspan(*held_joint.BREAKAWAY_LIMITS, color="tab:green", alpha=0.15, label="allowed: 0.99 to 1.01")
+    axes[0, 1].axhline(held_joint.MOVING, color="grey", linestyle=":", label="counts as moving: 0.05 rad/s")
     axes[0, 1].set_yscale("log")
     axes[0, 1].set_ylim(1e-4, 10.0)
     _label(axes[0, 1], "Break-away under a rising load", "load / tau_y", "joint speed [rad/s]")
@@ -99,14 +98,14 @@ def accuracy_picture(result: Accuracy, path: Path) -> None:
     typical = result.typical_run()
     for name in ("explicit", "constraint", "reference"):
         path_of = result.paths[name][:, typical]
-        time = np.linspace(0.0, physics_accuracy.SECONDS, len(path_of))
+        time = np.linspace(0.0, accuracy.SECONDS, len(path_of))
         for axis, column in zip(rows, (0, 1), strict=False):
             line = "--" if name == "reference" else "-"
             axis.plot(time, path_of[:, column], line, color=COLOURS[name], label=LABELS[name])
     _label(rows[0], "Angle", "", "q [rad]")
     _label(rows[1], "Velocity", "", "qd [rad/s]")
     rows[0].legend(fontsize=8)
-    times = physics_accuracy.middles(0.005)
+    times = accuracy.middles(0.005)
     rows[2].plot(times, result.profile.load(times)[:, typical], color="tab:green", label="load on the joint [N·m]")
     rows[2].step(times, result.profile.current(times)[:, typical], color="tab:red", label="coil current [A]")
     rows[2].legend(fontsize=8)
@@ -152,12 +151,12 @@ def engines_picture(cases: list[Agreement], path: Path) -> None:
 def _creep(axis: Axes, holds: list[HoldRun]) -> None:
     for share in (0, 1):
         at = np.arange(len(holds)) + 0.4 * share - 0.2
-        label = f"load {physics_holding.LOADS[share]:.0%} of tau_y"
+        label = f"load {held_joint.LOADS[share]:.0%} of tau_y"
         bars = axis.bar(
             at, [run.creep[share] for run in holds], 0.38, color=("tab:blue", "tab:cyan")[share], label=label
         )
         axis.bar_label(bars, fmt="%.2g", fontsize=7, padding=2, bbox={"facecolor": "white", "pad": 0.3, "linewidth": 0})
-        limit = physics_holding.CREEP_LIMITS[share]
+        limit = held_joint.CREEP_LIMITS[share]
         axis.axhline(limit, color=("tab:blue", "tab:cyan")[share], linestyle=":", label=f"limit {limit:g} rad/s")
     settings = {True: "", False: "\nMuJoCo's default\nfriction"}
     names = [f"{run.name}\n({run.backend.value}){settings[run.brake]}" for run in holds]
@@ -175,11 +174,11 @@ def _stand(axis: Axes, stands: list[StandRun]) -> None:
         sunk, slip = 1e3 * (run.height[0] - run.height[-1]), 1e3 * run.foot_slip
         sinking.append(f"{run.backend.value}, {feet}: trunk sinks {sunk:.2f} mm, feet slide {slip:.1f} mm")
     for run, colour in zip([run for run in stands if not run.stiff_feet], ("tab:blue", "tab:red"), strict=False):
-        time, drift = physics_holding.DT * np.arange(len(run.calf)), 1e3 * (run.calf - run.calf[0])
+        time, drift = held_joint.DT * np.arange(len(run.calf)), 1e3 * (run.calf - run.calf[0])
         for leg in range(4):
             label = f"{run.backend.value}, four calves" if leg == 0 else None
             axis.plot(time, drift[:, leg], color=colour, linewidth=1, label=label)
-    expected = 1e3 * physics_holding.expected_drift(stands[0]).max()
+    expected = 1e3 * stands[0].expected_drift.max()
     axis.axhline(-expected, color="grey", linestyle=":", label="creep that the largest brake torque predicts")
     axis.text(0.03, 0.05, "\n".join(sinking), transform=axis.transAxes, fontsize=7, va="bottom")
     axis.set_ylim(-1.5 * expected, 0.05 * expected)

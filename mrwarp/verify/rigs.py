@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, Self
 
 import mujoco
 import numpy as np
 import warp as wp
 
 from mrwarp.actuator.mr_actuator import Coupling, HoldCurrent, MrActuatorCfg
-from mrwarp.env.backend import BackendKind, MjBatchBackend, MjWarpBackend
+from mrwarp.env.backend import MjBatchBackend, MjWarpBackend
 from mrwarp.env.sim import ActuatedSim, Sim, SimCfg, robot_scene
 from mrwarp.env.sim_model import Scene, SolverCfg, set_brake_constraint
 from mrwarp.kernels import ledger
 from mrwarp.kernels.launch import Around
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import JointActuator
-from mrwarp.usd.robot import DEFAULT_Q, STAND_HEIGHT
+from mrwarp.usd.robot import CURRENT_GROUPS, DEFAULT_Q, STAND_HEIGHT
 
 GRAVITY = 9.81
 """Gravity of every rig [m/s^2]."""
@@ -46,9 +47,7 @@ class Link:
         return self.mass * GRAVITY * self.com
 
 
-def link_scene(
-    mr: MrParams, *, dt: float, link: Link | None = None, brake: bool = True, solver: SolverCfg | None = None
-) -> Scene:
+def link_scene(mr: MrParams, *, dt: float, link: Link | None = None, brake: bool = True) -> Scene:
     """A scene with one MR joint and nothing else.
 
     Args:
@@ -56,9 +55,8 @@ def link_scene(
         dt: Physics step [s].
         link: What the joint carries.
         brake: Make the joint's dry friction the brake constraint; False leaves MuJoCo's default friction.
-        solver: Constraint solver options.
     """
-    link, solver = link or Link(), solver or SolverCfg()
+    link, solver = link or Link(), SolverCfg()
     across = link.inertia - link.mass * link.com**2
     model = mujoco.MjModel.from_xml_string(f"""
         <mujoco>
@@ -71,20 +69,26 @@ def link_scene(
         </mujoco>""")
     if brake:
         set_brake_constraint(model, [0], dt)
-    motor = mr.motor
-    joint = JointActuator(
-        joint="joint", prim_path="", kp=motor.kp_base, kd=motor.kd, tau_limit=motor.tau_limit, mr=mr
-    )  # fmt: skip
-    zero = np.zeros(1, dtype=np.int32)
-    return Scene(
-        model=model, actuators=(joint,), legs=(0,), q_adr=zero, v_adr=zero, foot_adr=zero[:0], floating=False
-    )  # fmt: skip
+    kp, kd, limit = mr.motor.kp_base, mr.motor.kd, mr.motor.tau_limit
+    joint = JointActuator(joint="joint", prim_path="", kp=kp, kd=kd, tau_limit=limit, mr=mr)
+    at = np.zeros(1, dtype=np.int32)
+    return Scene(model=model, actuators=(joint,), legs=(0,), q_adr=at, v_adr=at, foot_adr=at[:0], floating=False)
 
 
 def yield_torque(mr: MrParams, current: float) -> float:
     """tau_y of eq. 18 in float64 [N·m]."""
     ratio = (current / mr.hold.K) ** mr.hold.n
     return mr.hold.T_max * ratio / (1.0 + ratio)
+
+
+def root_mean_square(error: np.ndarray, axes: int | tuple[int, ...] | None = None) -> Any:
+    """Root of the mean square over some axes; None: over all."""
+    return np.sqrt(np.square(error).mean(axis=axes))
+
+
+def convergence_order(steps: Sequence[float], errors: Any) -> np.ndarray:
+    """Observed order of convergence: slope of log(error), shape (S,) or (S, N), over log(step), shape (S,)."""
+    return np.polyfit(np.log(steps), np.log(errors), 1)[0]
 
 
 def joint_inertia(scene: Scene, joint: str) -> float:
@@ -133,31 +137,61 @@ def stance(scene: Scene, num_envs: int, *, lift: float = 0.0) -> wp.array:
 
 
 def standing_robot(
+    currents: Sequence[float] = CURRENT_GROUPS,
     *,
-    currents: tuple[float, ...],
     coupling: Coupling = Coupling.CONSTRAINT,
-    backend: BackendKind = BackendKind.MJBATCH,
     lift: float = 0.0,
     options: Callable[[mujoco.MjModel], None] | None = None,
+    **cfg: Any,
 ) -> ActuatedSim:
     """The robot in its stance, one environment per holding current [A]; its motors hold the stance.
 
     Args:
         currents: Current each environment may use, and uses while holding [A].
         coupling: How the devices act.
-        backend: The engine.
         lift: Height of the feet above the ground [m].
         options: Changes the compiled model's options, past every check.
+        **cfg: Settings of :class:`mrwarp.env.sim.SimCfg`.
     """
-    cfg = SimCfg(num_envs=len(currents), backend=backend, keep_data=True)
-    scene = robot_scene(None, cfg, coupling)
+    settings = SimCfg(num_envs=len(currents), keep_data=True, **cfg)
+    scene = robot_scene(None, settings, coupling)
     if options is not None:
         options(scene.model)
-    robot = ActuatedSim(scene, cfg, MrActuatorCfg(coupling=coupling, hold_current=HoldCurrent.FIXED))
+    robot = ActuatedSim(scene, settings, MrActuatorCfg(coupling=coupling, hold_current=HoldCurrent.FIXED))
     robot.current_e.assign(np.array(currents, dtype=np.float32))
     robot.q_des.assign(np.tile(np.array(DEFAULT_Q, dtype=np.float32), (len(currents), 1)))
     robot.reset(None, stance(scene, len(currents), lift=lift))
     return robot
+
+
+class StepMeter:
+    """Meters every physics step of a robot, also those that a task makes through ``robot.step`` once attached.
+
+    Args:
+        robot: What is metered.
+    """
+
+    def __init__(self, robot: ActuatedSim) -> None:
+        self.robot = robot
+        self._step = robot.step
+
+    def attach(self) -> Self:
+        """Meter every step that others make through ``robot.step``."""
+        self.robot.step = self.step
+        return self
+
+    def step(self, count: int = 1, around: Around | None = None) -> None:
+        """``count`` metered steps, and what a task does before and after them."""
+        for launch in around.before if around else ():
+            launch()
+        for _ in range(count):
+            self.metered_step()
+        for launch in around.after if around else ():
+            launch()
+
+    def metered_step(self) -> None:
+        """Take one step by ``self._step(1)`` and book it."""
+        raise NotImplementedError
 
 
 def solver_friction(sim: Sim) -> np.ndarray:
@@ -183,7 +217,7 @@ def solver_friction(sim: Sim) -> np.ndarray:
     return torque[:, sim.scene.v_adr]
 
 
-class WorkMeter:
+class WorkMeter(StepMeter):
     """Steps a rig and measures the work of its MR devices over every physics step.
 
     The work is ``torque * (joint motion of the step)``. The torque is the solver's own row force (constraint coupling)
@@ -197,26 +231,12 @@ class WorkMeter:
     """
 
     def __init__(self, robot: ActuatedSim) -> None:
-        self.robot = robot
+        super().__init__(robot)
         self.work: list[np.ndarray] = []
         self.friction_gap = self.motion_gap = 0.0
-        self._step = robot.step
 
-    def attach(self) -> WorkMeter:
-        """Meter every step that others make through ``robot.step``."""
-        self.robot.step = self.step
-        return self
-
-    def step(self, count: int = 1, around: Around | None = None) -> None:
-        """``count`` metered steps, and what a task does around them."""
-        for launch in around.before if around else ():
-            launch()
-        for _ in range(count):
-            self._metered_step()
-        for launch in around.after if around else ():
-            launch()
-
-    def _metered_step(self) -> None:
+    def metered_step(self) -> None:
+        """Take one step and book the devices' work."""
         sim, actuator = self.robot.sim, self.robot.actuator
         scene, mr = sim.scene, list(actuator.mr_joints)
         qpos, qvel = sim.backend.field("qpos"), sim.backend.field("qvel")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mrwarp.verify.order import CASES, Order, orders
-from mrwarp.verify.physics_checks import ORDER
+from mrwarp.verify.physics import ORDER
 
 
 @pytest.fixture(scope="module")

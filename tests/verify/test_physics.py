@@ -10,7 +10,6 @@ from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.mr_actuator import Coupling
 from mrwarp.env.backend import BackendKind
 from mrwarp.params import MrParams
-from mrwarp.verify import physics_checks
 from mrwarp.verify.accuracy import Accuracy, accuracy
 from mrwarp.verify.held_joint import (
     BREAKAWAY_LIMITS,
@@ -19,13 +18,11 @@ from mrwarp.verify.held_joint import (
     LOADS,
     bench_rig,
     calf_rig,
-    drift_tolerance,
-    expected_drift,
     hold,
     stand_on_brakes,
 )
 from mrwarp.verify.passivity import ROUNDING, PassivityRun, dropped_robot, falling_link, walking_robot
-from mrwarp.verify.physics import run_all
+from mrwarp.verify.physics import check, run_all
 from mrwarp.verify.rigs import yield_torque
 
 FRICTION_GAP = {BackendKind.MJBATCH: 2e-6, BackendKind.MJWARP: 0.06}
@@ -128,11 +125,11 @@ def test_holding_default_friction_would_creep():
 def test_holding_robot_stands_on_its_brakes(kind):
     """10 s without calf motors: each calf drifts by what the creep predicts for its torque, half a milliradian.
 
-    Tolerance: see drift_tolerance. The trunk sinks with the sliding feet, not with the brakes.
+    Tolerance: see StandRun.drift_tolerance. The trunk sinks with the sliding feet, not with the brakes.
     """
     run = stand_on_brakes(kind)
     drift = np.abs(run.calf[-1] - run.calf[0])
-    np.testing.assert_array_less(np.abs(drift - expected_drift(run)), drift_tolerance(run))
+    np.testing.assert_array_less(np.abs(drift - run.expected_drift), run.drift_tolerance)
     assert drift.max() < 1e-3
     assert 0.0 <= run.height[0] - run.height[-1] < 5e-3
     assert run.unsolved == 0
@@ -203,6 +200,6 @@ def test_physics_run_all(tmp_path: Path):
 )  # fmt: skip
 def test_physics_check_rows(value, limits, holds):
     """A row holds inside its closed limits; what is no number never does, and is written as a finite one."""
-    row = physics_checks._row("name", value, unit="J", **limits)
+    row = check("name", value, "J", **limits)
     assert row["holds"] is holds
     json.dumps(row, allow_nan=False)
