@@ -1,6 +1,5 @@
 """Bad input to any command: exit code 2, one line that names place, value and remedy, nothing written."""
 
-import importlib
 import math
 import runpy
 import sys
@@ -142,7 +141,7 @@ def test_diagnose_compares_the_units_before_it_diagnoses(
     bench: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Recordings to predict in other units."""
-    monkeypatch.setattr(importlib.import_module("mrwarp.diagnose.pipeline"), "diagnose", not_reached)
+    monkeypatch.setattr("mrwarp.commands.run_diagnose.diagnose", not_reached)
     line = refused(["diagnose", str(bench / "data"), "--predict", str(bench / "feet")], capsys)
     assert "convert one of them" in line
 

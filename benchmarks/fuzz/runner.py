@@ -24,7 +24,7 @@ from typing import Any
 from benchmarks.fuzz.command_line import run_cli
 from benchmarks.fuzz.coverage import Lines
 from benchmarks.fuzz.kinds import KINDS
-from mrwarp.options.command_table import COMMANDS, Group
+from mrwarp.options.command_table import all_commands
 from mrwarp.run_dir import write_text
 
 BATCH = 500
@@ -180,9 +180,8 @@ def run(kind: str, cases: int, *, seed: int, out: Path, seconds: float, coverage
     if file.is_file():
         state = json.loads(file.read_text())
     if kind == "cli":  # once, not in every batch
-        for entry in COMMANDS.values():
-            for command in entry.commands.values() if isinstance(entry, Group) else (entry,):
-                importlib.import_module(command.run)
+        for _, command in all_commands():
+            importlib.import_module(command.run)
     else:
         with tempfile.TemporaryDirectory() as folder:  # a good file first: its imports are no case's time
             path = Path(folder) / f"input{KINDS[kind].suffix}"

@@ -2,50 +2,45 @@
 
 from __future__ import annotations
 
-import argparse
-import shlex
 import sys
 import time
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from mrwarp.bench.bench_effects import EFFECTS, EffectError, Effects
 from mrwarp.bench.excitation import EVALUATION_CURRENTS
-from mrwarp.bench.virtual_bench import PAPER_SAMPLES, BenchCfg, BenchData, run_bench
-from mrwarp.options.arguments import Parser, count, seed, whole
+from mrwarp.bench.virtual_bench import BenchCfg, BenchData, run_bench
+from mrwarp.identify.replay import simulate
+from mrwarp.options.command_line import CommandLine
+from mrwarp.options.data_options import Bench
 from mrwarp.paper import FIGURE_4
 from mrwarp.params import MrParams
 from mrwarp.recording.load import HOLDING_FILE, Recording, save_holding, save_recording
-from mrwarp.run_dir import check_writable, one_line, write_result
+from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.run_dir import check_writable, write_result
+from mrwarp.usd.asset import load_bench
 
 _PARTS = ("fit", "evaluation")
 
 
-def main(argv: list[str] | None = None) -> int:
+def run(options: Bench, line: CommandLine) -> int:
     """Run the virtual bench; 0 when its recordings are written, 2 on bad input, 130 when stopped by Ctrl-C."""
-    argv = sys.argv[1:] if argv is None else argv
-    args = _parser().parse_args(argv)
-    if args.list_effects:
+    if options.list_effects:
         print(effect_table(Effects.defaults()))
         return 0
+    cfg = make_cfg(options)
+    _check_free(options.out, options.overwrite)
+    check_writable(options.out)
+    if cfg.policy is not None:
+        OnnxPolicy(cfg.policy)
     try:
-        cfg = _cfg(args)
-        _check_free(args.out, args.overwrite)
-        check_writable(args.out)
-        if cfg.policy is not None:
-            from mrwarp.rl.policy import OnnxPolicy  # starts torch
-
-            OnnxPolicy(cfg.policy)
-        return _run(cfg, args, "mrwarp bench " + shlex.join(argv))
-    except (ValueError, OSError) as error:
-        print(f"mrwarp bench: {one_line(error)}", file=sys.stderr)
-        return 2
+        return _run(cfg, options, line)
     except KeyboardInterrupt:
-        left = f"what {args.out} holds is not complete" if args.out.exists() else "nothing was written"
-        print(f"stopped; {left}", file=sys.stderr)
-        return 130
+        left = f"what {options.out} holds is not complete" if options.out.exists() else "nothing was written"
+        raise KeyboardInterrupt(left) from None
 
 
 def effect_table(effects: Effects) -> str:
@@ -59,61 +54,24 @@ def effect_table(effects: Effects) -> str:
     return "\n".join([head, *rows])
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = Parser(
-        prog="mrwarp bench",
-        description="Virtual torque bench: drives one MR joint along prescribed motion and logs it at 200 Hz. Writes "
-        "DIR/fit, DIR/evaluation, DIR/holding.csv, DIR/bench.png and DIR/result.json.",
-    )
-    parser.add_argument("--out", type=Path, default=Path("runs/bench"), help="output folder (default: runs/bench)")
-    parser.add_argument("--overwrite", action="store_true", help="replace recordings that are already there")
-    parser.add_argument(
-        "--effect", action="append", default=[], metavar="NAME=VALUE",
-        help="set one effect, in SI units; may be repeated; --list-effects shows them",
-    )  # fmt: skip
-    parser.add_argument("--list-effects", action="store_true", help="print all effects with defaults and reasons")
-    parser.add_argument(
-        "--scale-effects", type=float, default=1.0, metavar="X",
-        help="factor on the strength of all effects and noise; 0 leaves only those given by --effect (default: 1)",
-    )  # fmt: skip
-    parser.add_argument("--seed", type=seed, default=0, help="seed of motions, currents and noise (default: 0)")
-    parser.add_argument("--trajectories", type=count, default=120, help="trajectories to fit (default: 120)")
-    parser.add_argument("--samples", type=count, default=PAPER_SAMPLES, help="their samples in total (default: 665442)")
-    parser.add_argument(
-        "--evaluation-samples", type=whole, default=4000, metavar="N",
-        help="samples of each of the 30 evaluation trajectories; 0 for none (default: 4000)",
-    )  # fmt: skip
-    parser.add_argument("--policy", type=Path, help="take the calf motion from this walking policy (.onnx)")
-    parser.add_argument("--asset", type=Path, help="bench asset (default: mr_bench.usda)")
-    parser.add_argument("--format", choices=("csv", "parquet"), default="csv", help="file type (default: csv)")
-    parser.add_argument(
-        "--progress", action=argparse.BooleanOptionalAction, default=True, help="show progress (default: on)"
-    )
-    return parser
-
-
-def _cfg(args: argparse.Namespace) -> BenchCfg:
-    from mrwarp.usd.asset import load_bench
-
-    if not 0.0 <= args.scale_effects <= 10.0:
-        raise EffectError(f"--scale-effects {args.scale_effects:g} is out of range; allowed: 0 to 10")
+def make_cfg(options: Bench) -> BenchCfg:
+    """The session that the options ask for."""
     chosen = {}
-    for text in args.effect:
+    for text in options.effect:
         name, equals, value = text.partition("=")
         try:
             chosen[name] = float(value)
         except ValueError:
             form = "NAME=VALUE" if not equals else "a number"
             raise EffectError(f"--effect {text}: {value!r} is not {form}; e.g. --effect coil_lag=0.02") from None
-    params = load_bench(args.asset).actuators[0].mr or MrParams()
     return BenchCfg(
-        effects=Effects.defaults(args.scale_effects).replace(**chosen),
-        params=params,
-        trajectories=args.trajectories,
-        samples=args.samples,
-        evaluation_samples=args.evaluation_samples,
-        policy=args.policy,
-        seed=args.seed,
+        effects=Effects.defaults(options.scale_effects).replace(**chosen),
+        params=load_bench(options.asset).actuators[0].mr or MrParams(),
+        trajectories=options.trajectories,
+        samples=options.samples,
+        evaluation_samples=options.evaluation_samples,
+        policy=options.policy,
+        seed=options.seed,
     )
 
 
@@ -124,32 +82,32 @@ def _check_free(out: Path, overwrite: bool) -> None:
         raise ValueError(f"{there[0].parent} holds recordings already; choose another --out or add --overwrite")
 
 
-def _run(cfg: BenchCfg, args: argparse.Namespace, command: str) -> int:
+def _run(cfg: BenchCfg, options: Bench, line: CommandLine) -> int:
     started = time.perf_counter()
-    with _Progress(args.progress, started) as show:
+    with _Progress(options.progress, started) as show:
         data = run_bench(cfg, show)
-        figures = _write(data, cfg, args, show)
+        figures = _write(data, cfg, options, show)
         figures["seconds"] = round(time.perf_counter() - started, 1)
-        write_result(args.out, figures, seed=cfg.seed, command=command)
+        write_result(options.out, figures, seed=cfg.seed, command=str(line))
     print(_table(figures, cfg))
-    print(f"\nrecordings, {HOLDING_FILE}, bench.png and result.json in {args.out}")
+    print(f"\nrecordings, {HOLDING_FILE}, bench.png and result.json in {options.out}")
     return 0
 
 
-def _write(data: BenchData, cfg: BenchCfg, args: argparse.Namespace, show: _Progress) -> dict[str, Any]:
+def _write(data: BenchData, cfg: BenchCfg, options: Bench, show: _Progress) -> dict[str, Any]:
     """Write recordings and picture; returns the session's figures."""
-    kind = ".csv.gz" if args.format == "csv" else ".parquet"
+    kind = ".csv.gz" if options.format == "csv" else ".parquet"
     for part, recording in zip(_PARTS, (data.fit, data.evaluation), strict=True):
-        for old in sorted((args.out / part).glob("*")) if args.overwrite else []:
+        for old in sorted((options.out / part).glob("*")) if options.overwrite else []:
             if old.name.endswith((".csv.gz", ".parquet")):
                 old.unlink()
         if recording is not None:
-            show(1.0, f"writing {args.out / part}")
-            save_recording(recording, args.out / part, kind=kind)
-    save_holding(data.holding, args.out)
+            show(1.0, f"writing {options.out / part}")
+            save_recording(recording, options.out / part, kind=kind)
+    save_holding(data.holding, options.out)
     show(1.0, "comparing with eq. 14")
     figures = measure(data, cfg)
-    draw(data, cfg, args.out / "bench.png")
+    draw(data, cfg, options.out / "bench.png")
     return figures
 
 
@@ -210,8 +168,6 @@ def _ranges(recording: Recording) -> dict[str, Any]:
 
 def _errors(recording: Recording, params: MrParams) -> list[np.ndarray]:
     """Eq. 14 by the simulator's own kernels, minus the torque that was measured, per trajectory."""
-    from mrwarp.identify.replay import simulate
-
     plain = simulate(params.to_dict(), recording)
     return [tau - run.torque for tau, run in zip(plain, recording.trajectories, strict=True)]
 
@@ -233,8 +189,6 @@ def _table(figures: dict[str, Any], cfg: BenchCfg) -> str:
 
 def draw(data: BenchData, cfg: BenchCfg, path: Path) -> None:
     """Loops over angle and velocity per current, two seconds over time, and the break-away torques."""
-    from matplotlib.figure import Figure
-
     shown = data.evaluation or data.fit
     widest = max(shown.trajectories, key=lambda run: ("_sine" in run.id, float(np.abs(run.q).max())))
     # the same motion at each current of the evaluation

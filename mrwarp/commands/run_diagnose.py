@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
-import shlex
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -15,45 +12,41 @@ from pathlib import Path
 from typing import Any
 
 from mrwarp.diagnose import verdict_text as text
+from mrwarp.diagnose.learned_remainder import left_to_learn
+from mrwarp.diagnose.pipeline import diagnose
+from mrwarp.diagnose.predicted import predicted_errors, summary
+from mrwarp.diagnose.report.diagnosis_page import Table, render, write_page
+from mrwarp.diagnose.report.overview_pictures import NAMES, draw
 from mrwarp.diagnose.result import Diagnosis
-from mrwarp.model_file import JOINT_UNITS, Model, ModelFileError, load_model, save_model
-from mrwarp.options.arguments import Parser, averaged, seed
-from mrwarp.params import ParameterError
-from mrwarp.recording.load import Recording, RecordingError, check_same_units, load_recording
-from mrwarp.run_dir import check_writable, one_line
-from mrwarp.runtime import quiet_libraries
+from mrwarp.model_file import JOINT_UNITS, load_model, save_model
+from mrwarp.options.command_line import CommandLine
+from mrwarp.options.data_options import Diagnose
+from mrwarp.recording.load import Recording, check_same_units, load_recording
+from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
+from mrwarp.run_dir import check_writable
+from mrwarp.trials.extended_impact import FIGURES, impact_change
 
-Told = Callable[[str], None]
+Progress = Callable[[str], None]
 
 
-def main(argv: list[str] | None = None) -> int:
+def run(options: Diagnose, line: CommandLine) -> int:
     """Diagnose; 0 when the report is written, 2 on bad input (then nothing is written), 130 after Ctrl-C (nothing)."""
-    argv = sys.argv[1:] if argv is None else argv
-    args = _parser().parse_args(argv)
-    quiet_libraries()
     started = time.perf_counter()
 
-    def told(line: str) -> None:
-        print(f"[{time.perf_counter() - started:5.1f} s] {line}", flush=True)
+    def progress(said: str) -> None:
+        print(f"[{time.perf_counter() - started:5.1f} s] {said}", flush=True)
 
     try:
-        diagnosis, besides, tables = _diagnose(args, told)
-        pictures = _draw(diagnosis, told)
-        page = _page(diagnosis, argv, tables, pictures)
-    except (RecordingError, ModelFileError, ParameterError, _Refused, OSError) as error:
-        print(f"mrwarp diagnose: {one_line(error)}", file=sys.stderr)
-        return 2
+        diagnosis, besides, tables = _diagnose(options, progress)
+        progress("pictures")
+        pictures = draw(diagnosis)
+        page = render(diagnosis, str(line), **tables, pictures=pictures)
     except KeyboardInterrupt:
-        print("\nmrwarp diagnose: stopped; nothing was written", file=sys.stderr)
-        return 130
-    try:
-        with _undisturbed():
-            written = _write(diagnosis, args.out, argv, besides, page, pictures)
-    except OSError as error:
-        print(f"mrwarp diagnose: {one_line(error)}; name another --out", file=sys.stderr)
-        return 2
+        raise KeyboardInterrupt("nothing was written") from None
+    with _undisturbed():
+        written = _write(diagnosis, options.out, line, besides, page, pictures)
     print(verdict_table(diagnosis, tables))
-    print(f"\n{', '.join(written)} in {args.out} ({time.perf_counter() - started:.0f} s)")
+    print(f"\n{', '.join(written)} in {options.out} ({time.perf_counter() - started:.0f} s)")
     return 0
 
 
@@ -93,54 +86,29 @@ def verdict_table(d: Diagnosis, tables: Mapping[str, Any] | None = None) -> str:
     return "\n".join(lines)
 
 
-class _Refused(ValueError):
-    """An option that cannot be done; the message says why and what to do."""
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = Parser(
-        prog="mrwarp diagnose",
-        description="Show what the simulation of a measured joint gets wrong, name the cause, extend the model and "
-        "measure the gain.",
-    )
-    add = parser.add_argument
-    add("data", type=Path, metavar="DATA", help="recording: a CSV or Parquet file, or a folder of them")
-    add("--out", type=Path, default=Path("runs/diagnose"), help="output folder (default: runs/diagnose)")
-    add("--model", type=Path, metavar="JSON", help="nominal model.json, against which shifts of calibration count")
-    add("--seed", type=seed, default=0, help="seed of everything random (default: 0)")
-    add("--predict", type=Path, metavar="DIR", help="recordings that take no part but are predicted")
-    average = "moving average [s] that q and torque of --predict passed before they were published (default: 0, none)"
-    add("--averaged", type=averaged, default=0.0, metavar="S", help=average)
-    add("--impact", action="store_true", help="also show what the extension changes when a walking robot is hit")
-    add("--learn", action="store_true", help="also train a residual on top of baseline and extension (minutes)")
-    return parser
-
-
-def _diagnose(args: argparse.Namespace, told: Told) -> tuple[Diagnosis, dict[str, Any], dict[str, Any]]:
+def _diagnose(options: Diagnose, progress: Progress) -> tuple[Diagnosis, dict[str, Any], dict[str, Table]]:
     """The diagnosis, what ``result.json`` and what the report holds besides; writes nothing."""
-    from mrwarp.diagnose.pipeline import diagnose
-
-    _check_out(args.out, args.model)
-    model: Model | None = load_model(args.model) if args.model else None
-    told(f"reading {args.data}")
-    recording = load_recording(args.data)
-    if args.impact and recording.units != JOINT_UNITS:
-        raise _Refused(
-            f"--impact: {args.data} is in {', '.join(recording.units.values())}, the robot's joint in "
+    _check_out(options.out, options.model)
+    model = load_model(options.model) if options.model else None
+    progress(f"reading {options.data}")
+    recording = load_recording(options.data)
+    if options.impact and recording.units != JOINT_UNITS:
+        raise ValueError(
+            f"--impact: {options.data} is in {', '.join(recording.units.values())}, the robot's joint in "
             f"{', '.join(JOINT_UNITS.values())}; leave --impact out"
         )
-    unseen = load_recording(args.predict) if args.predict else None
+    unseen = load_recording(options.predict) if options.predict else None
     if unseen is not None:
         check_same_units(unseen, recording)
-    diagnosis = diagnose(recording, model=model, seed=args.seed, progress=told, threads=_threads())
+    diagnosis = diagnose(recording, model=model, seed=options.seed, progress=progress, threads=_threads())
     besides: dict[str, Any] = {}
-    tables: dict[str, Any] = {}
+    tables: dict[str, Table] = {}
     if unseen is not None:
-        _predict(diagnosis, unseen, args.averaged, besides, tables, told)
-    if args.learn:
-        _learn(diagnosis, besides, tables, told)
-    if args.impact:
-        _impact(diagnosis, args.seed, besides, tables, told)
+        _predict(diagnosis, unseen, options.averaged, besides, tables, progress)
+    if options.learn:
+        _learn(diagnosis, besides, tables, progress)
+    if options.impact:
+        _impact(diagnosis, options.seed, besides, tables, progress)
     return diagnosis, besides, tables
 
 
@@ -153,24 +121,26 @@ def _threads() -> int:
 def _check_out(out: Path, model: Path | None) -> None:
     """Refuse before minutes of work what could not be written after them."""
     if out.exists() and not out.is_dir():
-        raise _Refused(f"--out {out}: is a file; name a folder")
+        raise ValueError(f"--out {out}: is a file; name a folder")
     check_writable(out)
     if model is not None and model.exists() and (out / "model.json").exists() and model.samefile(out / "model.json"):
-        raise _Refused(
+        raise ValueError(
             f"--out {out}: its model.json is the nominal model and would be overwritten; name another folder"
         )
 
 
 def _predict(
-    d: Diagnosis, unseen: Recording, averaged: float, besides: dict[str, Any], tables: dict[str, Any], told: Told
+    d: Diagnosis,
+    unseen: Recording,
+    averaged: float,
+    besides: dict[str, Any],
+    tables: dict[str, Table],
+    progress: Progress,
 ) -> None:
-    from mrwarp.diagnose.predicted import predicted_errors, summary
-    from mrwarp.diagnose.report.diagnosis_page import Table
-
     if d.verdict is None:
-        told("no verdict: nothing is predicted")
+        progress("no verdict: nothing is predicted")
         return
-    found = predicted_errors(d, unseen, averaged=averaged, progress=told)
+    found = predicted_errors(d, unseen, averaged=averaged, progress=progress)
     means = summary(found)
     besides["predicted"] = {"source": unseen.source, "averaged": averaged, "nrmse": found, "mean": means}
     rows = [
@@ -181,14 +151,11 @@ def _predict(
     tables["predicted"] = Table(head=("Mean NRMSE", "Baseline", "With the extension", "Better in"), rows=rows)
 
 
-def _learn(d: Diagnosis, besides: dict[str, Any], tables: dict[str, Any], told: Told) -> None:
-    from mrwarp.diagnose.learned_remainder import left_to_learn
-    from mrwarp.diagnose.report.diagnosis_page import Table
-
+def _learn(d: Diagnosis, besides: dict[str, Any], tables: dict[str, Table], progress: Progress) -> None:
     if not d.causes:
-        told("no named cause: the learned model has as much left to do as before")
+        progress("no named cause: the learned model has as much left to do as before")
         return
-    found = left_to_learn(d, progress=told)
+    found = left_to_learn(d, progress=progress)
     besides["learned"] = found.to_dict()
     unit = d.baseline.unit
     rows = [
@@ -202,16 +169,12 @@ def _learn(d: Diagnosis, besides: dict[str, Any], tables: dict[str, Any], told: 
     tables["learned"] = Table(head=("", "On the baseline", "On the extension", "Change"), rows=rows)
 
 
-def _impact(d: Diagnosis, seed: int, besides: dict[str, Any], tables: dict[str, Any], told: Told) -> None:
+def _impact(d: Diagnosis, seed: int, besides: dict[str, Any], tables: dict[str, Table], progress: Progress) -> None:
     """Hit the robot with the joint as the baseline has it, and as the extension has it."""
-    from mrwarp.diagnose.report.diagnosis_page import Table
-    from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
-    from mrwarp.trials.extended_impact import FIGURES, impact_change
-
     if d.model is None or not d.causes:
-        told("no extension: the robot is what it was")
+        progress("no extension: the robot is what it was")
         return
-    found = impact_change(d.baseline_model, d.model, OnnxPolicy(DEFAULT_POLICY), seed=seed, progress=told)
+    found = impact_change(d.baseline_model, d.model, OnnxPolicy(DEFAULT_POLICY), seed=seed, progress=progress)
     besides["impact"] = found.to_dict()
     rows = []
     for row in found.rows:
@@ -225,23 +188,6 @@ def _impact(d: Diagnosis, seed: int, besides: dict[str, Any], tables: dict[str, 
             ))  # fmt: skip
     head = ("Impact on the walking robot", "Baseline", "With the extension", "Change, 95 %")
     tables["impact"] = Table(head=head, rows=rows)
-
-
-def _draw(d: Diagnosis, told: Told) -> dict[str, bytes]:
-    from mrwarp.diagnose.report.overview_pictures import draw
-
-    told("pictures")
-    return draw(d)
-
-
-def _command(argv: list[str]) -> str:
-    return "mrwarp diagnose " + shlex.join(argv)
-
-
-def _page(d: Diagnosis, argv: list[str], tables: Mapping[str, Any], pictures: Mapping[str, bytes]) -> str:
-    from mrwarp.diagnose.report.diagnosis_page import render
-
-    return render(d, _command(argv), **tables, pictures=pictures)
 
 
 @contextlib.contextmanager
@@ -258,12 +204,9 @@ def _undisturbed() -> Iterator[None]:
 
 
 def _write(
-    d: Diagnosis, out: Path, argv: list[str], besides: Mapping[str, Any], page: str, pictures: Mapping[str, bytes]
+    d: Diagnosis, out: Path, line: CommandLine, besides: Mapping[str, Any], page: str, pictures: Mapping[str, bytes]
 ) -> list[str]:
-    """Write all files, each in one piece and ``result.json`` last; returns their names."""
-    from mrwarp.diagnose.report.diagnosis_page import write_page
-    from mrwarp.diagnose.report.overview_pictures import NAMES
-
+    """Write all files, each atomically and ``result.json`` last; returns their names."""
     folder = out / "pictures"
     folder.mkdir(parents=True, exist_ok=True)
     for name in NAMES:  # those of an earlier diagnosis would be taken for this one's
@@ -275,5 +218,5 @@ def _write(
         save_model(d.model, out / "model.json")
         names.append("model.json")
     write_page(page, out)
-    d.write(out, _command(argv), besides, model_name="model.json" if d.model is not None else "")
+    d.write(out, str(line), besides, model_name="model.json" if d.model is not None else "")
     return [*names, f"pictures/ ({len(pictures)} PNG)"]

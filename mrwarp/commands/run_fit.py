@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import fnmatch
 import math
-import shlex
-import sys
 import time
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from mrwarp.identify.damper import (
@@ -27,9 +23,9 @@ from mrwarp.identify.intervals import Estimate
 from mrwarp.identify.projection import Progress
 from mrwarp.identify.replay import simulate
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, parameter_unit, save_model
-from mrwarp.options.arguments import Parser, averaged, seed
+from mrwarp.options.command_line import CommandLine
+from mrwarp.options.data_options import Fit
 from mrwarp.recording.load import (
-    HOLDING_FILE,
     Holding,
     Recording,
     RecordingError,
@@ -38,74 +34,45 @@ from mrwarp.recording.load import (
     load_holding,
     load_recording,
 )
-from mrwarp.run_dir import check_writable, one_line, versions, write_result
-from mrwarp.runtime import quiet_libraries
+from mrwarp.run_dir import check_writable, versions, write_result
 
 
-def main(argv: list[str] | None = None) -> int:
+def run(options: Fit, line: CommandLine) -> int:
     """Identify a joint; 0 when its model is written, 2 on bad input (then nothing is written)."""
-    argv = sys.argv[1:] if argv is None else argv
-    args = _parser().parse_args(argv)
-    quiet_libraries()
     started = time.perf_counter()
 
     def progress(text: str) -> None:
         print(f"[{time.perf_counter() - started:5.1f} s] {text}", flush=True)
 
-    try:
-        check_writable(args.out)
-        progress(f"reading {args.data}")
-        recording = _without(load_recording(args.data), args.exclude)
-        unseen = load_recording(args.predict) if args.predict else None
-        if unseen is not None:
-            check_same_units(unseen, recording)
-        holding = _holding(args, recording, progress)
-        result = fit(
-            recording, holding=holding, robust=args.robust, seed=args.seed, progress=lambda t: progress(f"eq. 14: {t}")
-        )
-        extended = None
-        if args.extended:
-            extended = fit_extended(recording, seed=args.seed, progress=lambda t: progress(f"extended: {t}"))
-        predicted = predictions(unseen, result, extended, args.averaged) if unseen else {}
-    except (RecordingError, OSError) as error:
-        print(f"mrwarp fit: {one_line(error)}", file=sys.stderr)
-        return 2
-    save_model(to_model(result, extended), args.out / "model.json")
+    check_writable(options.out)
+    progress(f"reading {options.data}")
+    recording = _without(load_recording(options.data), options.exclude)
+    unseen = load_recording(options.predict) if options.predict else None
+    if unseen is not None:
+        check_same_units(unseen, recording)
+    result = fit(
+        recording,
+        holding=_holding(options, recording, progress),
+        robust=options.robust,
+        seed=options.seed,
+        progress=lambda text: progress(f"eq. 14: {text}"),
+    )
+    extended = None
+    if options.extended:
+        extended = fit_extended(recording, seed=options.seed, progress=lambda text: progress(f"extended: {text}"))
+    predicted = predictions(unseen, result, extended, options.averaged) if unseen else {}
+    save_model(to_model(result, extended), options.out / "model.json")
     progress("pictures")
-    loops_picture(recording, result, extended, args.out / "loops.png")
-    residual_picture(recording, result, extended, args.out / "residual.png")
+    loops_picture(recording, result, extended, options.out / "loops.png")
+    residual_picture(recording, result, extended, options.out / "residual.png")
     content = figures(result, extended) | {"predicted": predicted}
-    write_result(args.out, content, seed=args.seed, command="mrwarp fit " + shlex.join(argv))
+    write_result(options.out, content, seed=options.seed, command=str(line))
     print(table(result, extended))
     for name, errors in predicted.items():
         print(f"NRMSE of {name}: " + ", ".join(f"{key} {100 * value:.1f} %" for key, value in errors.items()))
-    print(
-        f"\nmodel.json, result.json, loops.png and residual.png in {args.out} ({time.perf_counter() - started:.0f} s)"
-    )
+    seconds = time.perf_counter() - started
+    print(f"\nmodel.json, result.json, loops.png and residual.png in {options.out} ({seconds:.0f} s)")
     return 0
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = Parser(
-        prog="mrwarp fit",
-        description="Identify eqs. 14 and 15, and 18 where there are break-away torques, from bench recordings by "
-        "simulation error.",
-    )
-    parser.add_argument("data", type=Path, help="recording: a CSV or Parquet file, or a folder of them")
-    parser.add_argument("--out", type=Path, default=Path("runs/fit"), help="output folder (default: runs/fit)")
-    parser.add_argument(
-        "--holding", type=Path, help=f"break-away torques for eq. 18 (default: a {HOLDING_FILE} beside the data)"
-    )
-    parser.add_argument("--extended", action="store_true", help="also fit the extended physical model")
-    parser.add_argument("--robust", action="store_true", help="weigh down outliers")
-    parser.add_argument("--exclude", metavar="PATTERN", help="leave out trajectories by name, such as 'chirp*'")
-    parser.add_argument("--predict", type=Path, help="recordings that are not fitted but predicted")
-    parser.add_argument(
-        "--averaged", type=averaged, default=0.0, metavar="S",
-        help="moving average [s] that q and torque of --predict passed before they were published (default: 0, none)",
-    )  # fmt: skip
-    parser.add_argument("--seed", type=seed, default=0, help="seed of the search's subset (default: 0)")
-    return parser
 
 
 def _without(recording: Recording, pattern: str | None) -> Recording:
@@ -124,13 +91,13 @@ def _without(recording: Recording, pattern: str | None) -> Recording:
     return dataclasses.replace(recording, trajectories=kept)
 
 
-def _holding(args: argparse.Namespace, recording: Recording, told: Progress) -> Holding | None:
+def _holding(options: Fit, recording: Recording, told: Progress) -> Holding | None:
     """Break-away torques: those of ``--holding``, else those beside the data if they can be used.
 
     Raises:
         RecordingError: the file is refused; or that of ``--holding`` holds too few tests or is in other units.
     """
-    file = args.holding or find_holding(args.data)
+    file = options.holding or find_holding(options.data)
     if file is None:
         return None
     holding = load_holding(file)
@@ -140,7 +107,7 @@ def _holding(args: argparse.Namespace, recording: Recording, told: Progress) -> 
             raise RecordingError(f"in {theirs}, but {recording.source} in {ours}; convert one of them")
         fit_holding(holding.current, holding.torque)
     except RecordingError as error:
-        if args.holding is None:
+        if options.holding is None:
             told(f"no eq. 18: {file} is not used: {error}")
             return None
         raise RecordingError(f"{file}: {error}") from None

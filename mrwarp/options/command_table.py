@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 
@@ -33,72 +33,63 @@ class Group:
     commands: Mapping[str, Command | Group]
 
 
-_RUN = "mrwarp.commands.run"
-_TRAIN, _DATA = "mrwarp.options.train_options", "mrwarp.options.data_options"
+def _command(options: str, run: str, help: str, *, engines: bool = True) -> Command:
+    return Command(
+        options=f"mrwarp.options.{options}" if options else "",
+        run=f"mrwarp.commands.{run}" if run.startswith("run_") else run,
+        help=help,
+        engines=engines,
+    )
+
+
+def _study(options: str, help: str) -> Command:
+    return _command(f"study_options:{options}", "run_study", help)
+
 
 COMMANDS: dict[str, Command | Group] = {
-    "train": Command(
-        help="train a walking policy until the walking gate is met",
-        options=f"{_TRAIN}:Train",
-        run="mrwarp.commands.run_train",
+    "train": _command("train_options:Train", "run_train", "train a walking policy until the walking gate is met"),
+    "play": _command(
+        "train_options:Play", "run_play", "run a policy and show it in rerun, or save an .rrd or a picture"
     ),
-    "play": Command(
-        help="run a policy and show it in rerun, or save an .rrd or a picture",
-        options=f"{_TRAIN}:Play",
-        run="mrwarp.commands.run_play",
+    "sweep": _command("", "run_sweep", "run a command over a grid of seeds, models, currents; resumable"),
+    "replay-dump": _command("", "run_replay_dump", "what went wrong first where a training met NaN or a blow-up"),
+    "impact": _command("", "run_impact", "hit walking robots with each current; live view, recording, pictures"),
+    "walk": _command("", "run_walk", "walk 30 m with three robots: cost of transport, support activation, torques"),
+    "mission": _command("", "run_mission", "150 m out, stand, 150 m back: power, state of charge, temperatures"),
+    "bench": _command("data_options:Bench", "run_bench", "virtual torque bench: recordings with known hidden effects"),
+    "check": _command(
+        "data_options:Check", "run_check", "explain a recording, or what is wrong with it", engines=False
     ),
-    "sweep": Command(
-        help="run a command over a grid of seeds, models, currents; resumable", run="mrwarp.commands.run_sweep"
+    "fit": _command("data_options:Fit", "run_fit", "identify the joint from recordings"),
+    "diagnose": _command(
+        "data_options:Diagnose",
+        "run_diagnose",
+        "what the simulation gets wrong, why, and what it gains to put that right",
     ),
-    "replay-dump": Command(
-        help="what went wrong first where a training met NaN or a blow-up", run="mrwarp.commands.run_replay_dump"
-    ),
-    "impact": Command(
-        help="hit walking robots with each current; live view, recording, pictures", run="mrwarp.commands.run_impact"
-    ),
-    "walk": Command(
-        help="walk 30 m with three robots: cost of transport, support activation, torques",
-        run="mrwarp.commands.run_walk",
-    ),
-    "mission": Command(
-        help="150 m out, stand, 150 m back: power, state of charge, temperatures", run="mrwarp.commands.run_mission"
-    ),
-    "bench": Command(
-        help="virtual torque bench: recordings with known hidden effects", run="mrwarp.commands.run_bench"
-    ),
-    "check": Command(
-        help="explain a recording, or what is wrong with it",
-        options=f"{_DATA}:Check",
-        run="mrwarp.commands.run_check",
-        engines=False,
-    ),
-    "fit": Command(help="identify the joint from recordings", run="mrwarp.commands.run_fit"),
-    "diagnose": Command(
-        help="what the simulation gets wrong, why, and what it gains to put that right",
-        run="mrwarp.commands.run_diagnose",
-    ),
-    "learn": Command(help="train and evaluate the learned torque models", run="mrwarp.commands.run_learn"),
-    "reproduce": Command(
-        help="the paper's figures and tables, ours beside theirs", run="mrwarp.commands.run_reproduce"
-    ),
+    "learn": _command("data_options:Learn", "run_learn", "train and evaluate the learned torque models"),
+    "reproduce": _command("", "run_reproduce", "the paper's figures and tables, ours beside theirs"),
     "study": Group(
         help="actuator-aware against conventional training: train the policies, tables 2 and 3",
         commands={
-            name: Command(help=text, options=f"mrwarp.options.study_options:{options}", run=f"{_RUN}_study")
-            for name, options, text in (
-                ("train", "StudyTrain", "train what is not finished; resumable, any number of processes at once"),
-                ("collect", "Collect", "copy finished policies and their training records into a folder"),
-                ("table2", "Table2Options", "conventional and actuator-aware policies, SAL off and on"),
-                ("table3", "Table3Options", "torque models in training"),
-                ("causes", "Causes", "which part of the plant makes a policy's velocity error"),
-                ("fig5", "Figure5", "learning curves"),
-            )
+            "train": _study("StudyTrain", "train what is not finished; resumable, any number of processes at once"),
+            "collect": _study("Collect", "copy finished policies and their training records into a folder"),
+            "table2": _study("Table2Options", "conventional and actuator-aware policies, SAL off and on"),
+            "table3": _study("Table3Options", "torque models in training"),
+            "causes": _study("Causes", "which part of the plant makes a policy's velocity error"),
+            "fig5": _study("Figure5", "learning curves"),
         },
     ),
-    "perf": Command(help="what a step costs, part by part, and whether that got worse", run="benchmarks.perf.perf_cli"),
-    "asset": Command(help="show, check, change and compare USD assets", run="mrwarp.commands.run_asset"),
-    "verify": Command(
-        help="measure what the simulator promises: passivity, holding, accuracy", run="mrwarp.commands.run_verify"
-    ),
+    "perf": _command("", "benchmarks.perf.perf_cli", "what a step costs, part by part, and whether that got worse"),
+    "asset": _command("", "run_asset", "show, check, change and compare USD assets"),
+    "verify": _command("", "run_verify", "measure what the simulator promises: passivity, holding, accuracy"),
 }
 """Commands by name."""
+
+
+def all_commands(table: Mapping[str, Command | Group] = COMMANDS) -> Iterator[tuple[str, Command]]:
+    """Every command with its whole name, such as ``asset show``."""
+    for name, entry in table.items():
+        if isinstance(entry, Group):
+            yield from ((f"{name} {inner}", command) for inner, command in all_commands(entry.commands))
+        else:
+            yield name, entry

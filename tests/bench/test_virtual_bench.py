@@ -11,6 +11,7 @@ import pytest
 from mrwarp.bench import excitation
 from mrwarp.bench.bench_effects import LOG_DT, SUBSTEPS, Effects
 from mrwarp.bench.virtual_bench import BenchCfg, run_bench
+from mrwarp.cli import main
 from mrwarp.commands import run_bench as bench_cli
 from mrwarp.params import MrParams
 from mrwarp.recording.load import COLUMNS, load_holding, load_recording
@@ -133,7 +134,7 @@ def test_command_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixtu
         "--evaluation-samples",
         "240",
     ]
-    assert bench_cli.main([*given, "--scale-effects", "0", "--effect", "coil_lag=0.03", "--no-progress"]) == 0
+    assert main(["bench", *given, "--scale-effects", "0", "--effect", "coil_lag=0.03", "--no-progress"]) == 0
     assert "coil_lag" in capsys.readouterr().out
     fit, evaluation = load_recording(out / "fit"), load_recording(out / "evaluation")
     assert fit.samples == 1200
@@ -147,9 +148,9 @@ def test_command_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert set(result["plain_rmse"]) == {"1", "1.2", "1.5"}
     assert (out / "bench.png").stat().st_size > 10_000
 
-    assert bench_cli.main([*given, "--no-progress"]) == 2
+    assert main(["bench", *given, "--no-progress"]) == 2
     assert "--overwrite" in capsys.readouterr().err
-    assert bench_cli.main([*given, "--no-progress", "--overwrite", "--format", "parquet"]) == 0
+    assert main(["bench", *given, "--no-progress", "--overwrite", "--format", "parquet"]) == 0
     assert {p.suffix for p in (out / "fit").iterdir()} == {".parquet"}
 
 
@@ -171,7 +172,7 @@ def test_bad_input_is_refused_and_nothing_recorded(
 ):
     """Exit code 2, a message with the remedy, no recordings."""
     out = tmp_path / "bench"
-    assert bench_cli.main(["--out", str(out), "--no-progress", *given]) == 2
+    assert main(["bench", "--out", str(out), "--no-progress", *given]) == 2
     assert message in capsys.readouterr().err
     assert not list(tmp_path.rglob("*.*"))
 
@@ -183,5 +184,5 @@ def test_stopping_leaves_no_result(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         raise KeyboardInterrupt
 
     monkeypatch.setattr(bench_cli, "run_bench", stop)
-    assert bench_cli.main(["--out", str(tmp_path / "bench")]) == 130
+    assert main(["bench", "--out", str(tmp_path / "bench")]) == 130
     assert not list(tmp_path.rglob("*.*"))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from mrwarp.commands.run_fit import main
+from mrwarp.cli import main
 from mrwarp.identify.dataset import Scales
 from mrwarp.identify.fit import PARAMETERS, fit
 from mrwarp.identify.holding import fit_holding, holding_curve
@@ -195,7 +195,7 @@ def write_csv(folder: Path, runs: tuple[Trajectory, ...]) -> None:
 def test_command_writes_model_figures_and_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`mrwarp fit` leaves model, result and pictures, prints the table, and its model loads into the simulator."""
     write_csv(tmp_path / "data", synthetic.bench_like(13, runs=8, seconds=2.0).trajectories)
-    assert main([str(tmp_path / "data"), "--out", str(tmp_path / "out"), "--seed", "4"]) == 0
+    assert main(["fit", str(tmp_path / "data"), "--out", str(tmp_path / "out"), "--seed", "4"]) == 0
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"model.json", "result.json", "loops.png", "residual.png"}
     result = json.loads((tmp_path / "out/result.json").read_text())
     assert result["seed"] == 4
@@ -210,7 +210,7 @@ def test_command_refuses_bad_data_and_writes_nothing(tmp_path: Path, capsys: pyt
     run = synthetic.bench_like(14, runs=1, seconds=1.0).trajectories[0]
     run.torque[7] = np.nan
     write_csv(tmp_path / "data", (run,))
-    assert main([str(tmp_path / "data"), "--out", str(tmp_path / "out")]) == 2
+    assert main(["fit", str(tmp_path / "data"), "--out", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err.strip()
     assert error.startswith("mrwarp fit: ") and "\n" not in error and "run0.csv" in error
     assert not (tmp_path / "out").exists()

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrwarp.commands import run_learn as learn_cli
+from mrwarp.cli import main
 from mrwarp.identify import learn
 from mrwarp.model_file import JOINT_UNITS, FittedOn, Model, Parameter, parameter_unit, save_model
 from mrwarp.nn import network_file as model_file
@@ -92,7 +92,7 @@ def test_learn_command_writes_model_curves_and_result(tmp_path: Path, capsys: py
     save_model(Model(parameters=identified, fitted_on=fitted_on), tmp_path / "model.json")
     arguments = ["--model", "mlp", "--epochs", "2", "--windows-per-epoch", "300", "--seed", "5"]
     files = [str(data), "--out", str(out), "--bouc-wen", str(tmp_path / "model.json")]
-    assert learn_cli.main([*files, *arguments]) == 0
+    assert main(["learn", *files, *arguments]) == 0
     assert {p.name for p in out.iterdir()} == {"model.safetensors", "model.onnx", "curves.png", "result.json"}
     result = json.loads((out / "result.json").read_text())
     model = model_file.load(out / "model.safetensors")
@@ -110,7 +110,7 @@ def test_learn_command_refuses_bad_input_and_writes_nothing(tmp_path: Path, caps
     save_recording(make_recording(3, seed=9), data / "fit.csv")
     broken.write_text("{")
     for arguments in ([str(tmp_path / "none")], [str(data), "--bouc-wen", str(broken)]):
-        assert learn_cli.main([*arguments, "--out", str(tmp_path / "out")]) == 2
+        assert main(["learn", *arguments, "--out", str(tmp_path / "out")]) == 2
         assert capsys.readouterr().err.startswith("mrwarp learn: ")
     assert not (tmp_path / "out").exists()
 

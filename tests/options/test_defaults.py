@@ -1,5 +1,12 @@
 """Defaults of the options, which load no engine, are those of the configurations that they become."""
 
+from pathlib import Path
+
+from mrwarp.bench.virtual_bench import BenchCfg
+from mrwarp.enums import LEARNED
+from mrwarp.nn.models import SAMPLES
+from mrwarp.nn.training import FitCfg
+from mrwarp.options.data_options import Bench, Learn
 from mrwarp.options.option_types import CURRENTS
 from mrwarp.options.study_options import StudyTrain
 from mrwarp.options.train_options import Train
@@ -25,3 +32,14 @@ def test_study() -> None:
 def test_currents() -> None:
     """Groups of robots."""
     assert CURRENTS == CURRENT_GROUPS
+
+
+def test_bench_and_learned_models() -> None:
+    """Sessions on the bench, and the recipe of networks."""
+    bench, session = Bench(), BenchCfg()
+    for name in ("trajectories", "samples", "evaluation_samples", "policy", "seed"):
+        assert getattr(bench, name) == getattr(session, name), name
+    learn, recipe = Learn(data=Path("data"), out=Path("out")), FitCfg()
+    for name in ("epochs", "windows_per_epoch", "patience", "seed"):
+        assert getattr(learn, name) == getattr(recipe, name), name
+    assert set(LEARNED) == set(SAMPLES)
