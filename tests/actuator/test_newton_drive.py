@@ -19,6 +19,7 @@ from mrwarp.actuator import newton_drive as drive_module
 from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, HoldCurrent, MrActuator, MrActuatorCfg, ZStep
 from mrwarp.actuator.newton_drive import DriveMR, apply_brake_bounds, prepare_brake
 from mrwarp.kernels.joint_params import FIELDS
+from mrwarp.model_file import FittedOn, Model, Parameter
 from mrwarp.params import MrParams, ParameterError
 from mrwarp.usd.asset import JointActuator, load_bench
 from mrwarp.usd.open_stage import ASSETS
@@ -386,6 +387,16 @@ def test_actuator_api_is_touched_in_one_file() -> None:
         )
     ]
     assert users == ["mrwarp/actuator/newton_drive.py"]
+
+
+def test_a_fitted_device_becomes_arguments_of_the_drive() -> None:
+    """As docs/drive.md says: the numbers of a model are further arguments of ``add_actuator``."""
+    model = Model(
+        parameters={"K1": Parameter(value=12.5, unit="N·m/(rad·A)")},
+        fitted_on=FittedOn(source="bench", trajectories=3, samples=2000, rate=200.0),
+    )
+    arguments = DriveMR.resolve_arguments(dict(model.values))
+    assert (arguments["K1"], arguments["D"]) == (12.5, MrParams().to_dict()["D"])
 
 
 def test_the_documented_scene_runs() -> None:
