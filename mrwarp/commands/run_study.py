@@ -15,8 +15,9 @@ from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.run_dir import check_writable, write_result
 from mrwarp.study import curves, matched_training, paper_tables
 from mrwarp.study.causes import STEPS, causes
-from mrwarp.study.paper_tables import LEAST, EvaluationCfg, Row, Table2, Table3
+from mrwarp.study.paper_tables import LEAST, Row, Table2, Table3
 from mrwarp.study.plan import StudyCfg
+from mrwarp.study.rollouts import EvaluationCfg
 
 UNITS = {
     "v_x_rmse": "m/s", "v_x_bias": "m/s", "height": "m", "height_rmse": "m", "tilt_rms": "deg",
@@ -116,9 +117,9 @@ def _causes(options: Causes, line: CommandLine) -> int:
     found = causes(cfg, options.plants, _reporter(Progress(sys.stdout), line))
     print(_header())
     for item in found.values():
-        for step, row in item.rows.items():
+        for step, row in item.items():
             print(_line(step, row))
-    rows = {plant: {step: _row(row) for step, row in item.rows.items()} for plant, item in found.items()}
+    rows = {plant: {step: _row(row) for step, row in item.items()} for plant, item in found.items()}
     content = {"rows": rows, "steps": STEPS, "units": UNITS, "evaluation": _evaluation(cfg)}
     write_result(options.out, content, seed=options.seed, command=str(line))
     print(f"\nfigures in {options.out}")

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-
-import torch
+from dataclasses import replace
 
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.runtime import one_torch_thread
-from mrwarp.study.paper_tables import CURRENT, EvaluationCfg, Row, make_row
+from mrwarp.study.paper_tables import CURRENT, Row, make_row
 from mrwarp.study.plan import policy_file
-from mrwarp.study.rollouts import RolloutCfg, roll_out
+from mrwarp.study.rollouts import EvaluationCfg, roll_out
 
 STEPS = {
     "go1": "Go1",
@@ -25,25 +22,18 @@ STEPS = {
 """Plants by name, in order, and what each is."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Causes:
-    """Rows of one training on every plant of :data:`STEPS`."""
-
-    plant: str
-    """What the policies were trained on."""
-    rows: dict[str, Row]
-    """By step."""
-
-
 def causes(
     cfg: EvaluationCfg, plants: Sequence[str], report: Callable[[float], None] | None = None
-) -> dict[str, Causes]:
+) -> dict[str, dict[str, Row]]:
     """Roll the policies of some trainings out on every plant, with the Bouc-Wen device.
 
     Args:
         cfg: Which policies, and how they are rolled out, on flat ground; its ``plant`` and ``terrain`` are not used.
         plants: Training plants.
         report: Called with the share that is done.
+
+    Returns:
+        Rows by training plant and step of :data:`STEPS`.
 
     Raises:
         PolicyError: a policy is missing or unreadable.
@@ -52,17 +42,13 @@ def causes(
     rows: dict[str, dict[str, Row]] = {plant: {} for plant in plants}
     for k, step in enumerate(STEPS):
         env, current = _plant(step, cfg.threads)
-        rollout = RolloutCfg(
-            env=env, speed=cfg.speed, rollouts=cfg.rollouts, seed=cfg.seed, warmup=cfg.warmup, seconds=cfg.seconds
-        )
-        with one_torch_thread(), torch.no_grad():
-            found = roll_out(rollout, policies, [current] * len(policies))
+        found = roll_out(cfg, env, policies, [current] * len(policies))
         for i, plant in enumerate(plants):
             own = slice(i * len(cfg.seeds), (i + 1) * len(cfg.seeds))
             rows[plant][step] = make_row(plant, current, found, own)
         if report:
             report((k + 1) / len(STEPS))
-    return {plant: Causes(plant=plant, rows=found) for plant, found in rows.items()}
+    return rows
 
 
 def _plant(step: str, threads: int) -> tuple[EnvCfg, float]:

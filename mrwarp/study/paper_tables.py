@@ -10,28 +10,25 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from scipy import stats
 
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.runtime import one_torch_thread
-from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, SEEDS, STUDY, check_seeds, policy_file
+from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, policy_file
 from mrwarp.study.plants import plant_cfg
-from mrwarp.study.rollouts import METRICS, Measured, RolloutCfg, roll_out
+from mrwarp.study.rollouts import METRICS, EvaluationCfg, Measured, roll_out
 from mrwarp.trials.statistics import spread
 
 CURRENT = 1.5
 """Current that the devices may use with SAL on [A], table 2."""
 
-PLANT = AWARE
-"""Torque model of the plant that all policies are evaluated on: the most accurate one."""
-
 CONFIGURATIONS = {"A": (False, 0.0), "B": (False, CURRENT), "C": (True, 0.0), "D": (True, CURRENT)}
 """Table 2: whether the policy is actuator-aware, and the current its devices may use [A]."""
+
+PAIRS = {"off": ("A", "C"), "on": ("B", "D")}
+"""Configurations that are compared, with SAL ``off`` and ``on``: conventional and actuator-aware."""
 
 LEAST = {"rmse": 0.30, "bias": 0.80}
 """What actuator-aware training is asked to lower RMSE and absolute bias by; the paper's are 0.306 and 0.395, and 0.835
@@ -41,35 +38,6 @@ RANKED = tuple(metric for metric in METRICS if metric != "height")
 """Metrics of table 3 in which less is better: of the bias each seed's absolute value, in ranking and test alike."""
 
 Report = Callable[[float], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class EvaluationCfg:
-    """Which policies are rolled out, and how."""
-
-    folder: Path = STUDY
-    """Policies, as :func:`mrwarp.study.matched_training.collect` leaves them."""
-    seeds: tuple[int, ...] = SEEDS
-    """Training seeds."""
-    rollouts: int = 3
-    """Rollouts per policy."""
-    seed: int = 0
-    """Seed of their poses and gait phases."""
-    plant: str = PLANT
-    """What all policies walk on, one of :data:`mrwarp.study.plan.PLANTS`."""
-    terrain: str = "flat"
-    """Ground; on rough ground a multiple of 36 rollouts covers every level and kind alike."""
-    speed: float = 0.5
-    """Commanded speed [m/s]."""
-    warmup: float = 2.0
-    """Walking before the measurement [s]."""
-    seconds: float = 20.0
-    """Measured time [s]."""
-    threads: int = 0
-    """CPU threads of the physics; 0 = all. The figures are the same for any number."""
-
-    def __post_init__(self) -> None:
-        check_seeds(self.seeds)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,8 +97,7 @@ class Table2:
 
     def limits(self) -> dict[str, str]:
         """What bounds the reduction of the RMSE, SAL ``off`` and ``on``: how much of each RMSE is not bias."""
-        pairs = {"off": (self.rows["A"], self.rows["C"]), "on": (self.rows["B"], self.rows["D"])}
-        return {name: _limit(*pair) for name, pair in pairs.items()}
+        return {sal: _limit(self.rows[first], self.rows[second]) for sal, (first, second) in PAIRS.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,12 +140,14 @@ def table2(cfg: EvaluationCfg | None = None, *, aware: str = AWARE, report: Repo
     """
     cells = [(aware if is_aware else CONVENTIONAL, current) for is_aware, current in CONFIGURATIONS.values()]
     rows = dict(zip(CONFIGURATIONS, evaluate(cfg or EvaluationCfg(), cells, report), strict=True))
-    pairs = {"off": (rows["A"], rows["C"]), "on": (rows["B"], rows["D"])}
-    return Table2(
-        rows=rows,
-        rmse={name: change(a.seeds["v_x_rmse"], b.seeds["v_x_rmse"]) for name, (a, b) in pairs.items()},
-        bias={name: change(a.seeds["v_x_bias"], b.seeds["v_x_bias"], absolute=True) for name, (a, b) in pairs.items()},
+    rmse, bias = (
+        {
+            sal: change(rows[first].seeds[metric], rows[second].seeds[metric], absolute=metric == "v_x_bias")
+            for sal, (first, second) in PAIRS.items()
+        }
+        for metric in ("v_x_rmse", "v_x_bias")
     )
+    return Table2(rows=rows, rmse=rmse, bias=bias)
 
 
 def table3(
@@ -236,14 +205,10 @@ def evaluate(cfg: EvaluationCfg, cells: Sequence[tuple[str, float]], report: Rep
     """
     names = dict.fromkeys(name for name, _ in cells)
     loaded = {(name, seed): OnnxPolicy(policy_file(cfg.folder, name, seed)) for name in names for seed in cfg.seeds}
-    rollout = RolloutCfg(
-        env=plant_cfg(cfg.plant, terrain=cfg.terrain, threads=cfg.threads), speed=cfg.speed, rollouts=cfg.rollouts,
-        seed=cfg.seed, warmup=cfg.warmup, seconds=cfg.seconds,
-    )  # fmt: skip
     policies = [loaded[name, seed] for name, _ in cells for seed in cfg.seeds]
     currents = [current for _, current in cells for _ in cfg.seeds]
-    with one_torch_thread(), torch.no_grad():
-        found = roll_out(rollout, policies, currents, report)
+    env = plant_cfg(cfg.plant, terrain=cfg.terrain, threads=cfg.threads)
+    found = roll_out(cfg, env, policies, currents, report)
     count = len(cfg.seeds)
     return [make_row(*cell, found, slice(k * count, (k + 1) * count)) for k, cell in enumerate(cells)]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -11,30 +12,44 @@ from tensordict import TensorDict
 
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.env.vec_env import WalkEnv
+from mrwarp.runtime import one_torch_thread
+from mrwarp.study.plan import AWARE, SEEDS, STUDY, check_seeds
 from mrwarp.trials.walking import Policy, make_env, same_starts
+
+PLANT = AWARE
+"""Torque model of the plant that all policies are evaluated on: the most accurate one."""
 
 METRICS = ("v_x_rmse", "v_x_bias", "height", "height_rmse", "tilt_rms", "yaw_rate_rmse")
 """What is measured of a rollout, by name; see :class:`Measured`."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class RolloutCfg:
-    """How policies are rolled out."""
+class EvaluationCfg:
+    """Which policies are rolled out, and how."""
 
-    env: EnvCfg
-    """The plant; evaluated as the nominal robot without noise."""
-    speed: float = 0.5
-    """Commanded forward speed [m/s]."""
+    folder: Path = STUDY
+    """Policies, as :func:`mrwarp.study.matched_training.collect` leaves them."""
+    seeds: tuple[int, ...] = SEEDS
+    """Training seeds."""
     rollouts: int = 3
     """Rollouts per policy, from random poses and gait phases that are the same for every policy."""
+    seed: int = 0
+    """Seed of their poses and gait phases."""
+    plant: str = PLANT
+    """What all policies walk on, one of :data:`mrwarp.study.plan.PLANTS`."""
+    terrain: str = "flat"
+    """Ground; on rough ground a multiple of 36 rollouts covers every level and kind alike."""
+    speed: float = 0.5
+    """Commanded speed [m/s]."""
     warmup: float = 2.0
     """Walking before the measurement [s]."""
     seconds: float = 20.0
     """Measured time [s]."""
-    seed: int = 0
-    """Seed of poses and phases."""
+    threads: int = 0
+    """CPU threads of the physics; 0 = all. The figures are the same for any number."""
 
     def __post_init__(self) -> None:
+        check_seeds(self.seeds)
         if self.rollouts < 1:
             raise ValueError(f"rollouts = {self.rollouts} must be at least 1")
         if not (self.seconds > 0.0 and self.warmup >= 0.0):
@@ -62,8 +77,10 @@ class Measured:
 
 
 @torch.no_grad()
+@one_torch_thread()
 def roll_out(
-    cfg: RolloutCfg,
+    cfg: EvaluationCfg,
+    plant: EnvCfg,
     policies: Sequence[Policy],
     currents: Sequence[float],
     report: Callable[[float], None] | None = None,
@@ -71,13 +88,14 @@ def roll_out(
     """Roll policies out side by side.
 
     Args:
-        cfg: How.
+        cfg: How; its folder, seeds, plant, terrain and threads are the caller's business.
+        plant: What they walk on; the nominal robot without noise.
         policies: One policy per row.
         currents: Current its devices may use [A]; 0 is SAL off. Same length.
         report: Called now and then with the share that is done.
     """
     count = len(policies)
-    env = make_env(cfg.env, count * cfg.rollouts, cfg.seed)
+    env = make_env(plant, count * cfg.rollouts, cfg.seed)
     same_starts(env, cfg.rollouts, cfg.seed)
     env.current_e.copy_(torch.tensor(currents, dtype=torch.float32, device=env.device).repeat_interleave(cfg.rollouts))
     command = torch.zeros(env.num_envs, 3, device=env.device)

@@ -8,8 +8,9 @@ import pytest
 
 from mrwarp.rl.policy import DEFAULT_POLICY
 from mrwarp.study.causes import STEPS, _plant, causes
-from mrwarp.study.paper_tables import EvaluationCfg, evaluate
+from mrwarp.study.paper_tables import evaluate
 from mrwarp.study.plan import CONVENTIONAL, policy_file
+from mrwarp.study.rollouts import EvaluationCfg
 
 
 def test_every_step_changes_one_thing() -> None:
@@ -27,7 +28,7 @@ def test_first_and_last_plant_of_mr_go_are_those_of_table_2(tmp_path: Path) -> N
     """Devices at 0 A and at 1.5 A with both branches: the figures of ``evaluate``, to the bit."""
     shutil.copyfile(DEFAULT_POLICY, policy_file(tmp_path, CONVENTIONAL, 0))
     cfg = EvaluationCfg(folder=tmp_path, seeds=(0,), rollouts=2, plant="bouc_wen", warmup=0.0, seconds=0.3)
-    rows = causes(cfg, [CONVENTIONAL])[CONVENTIONAL].rows
+    rows = causes(cfg, [CONVENTIONAL])[CONVENTIONAL]
     assert list(rows) == list(STEPS)
     off, on = evaluate(cfg, [(CONVENTIONAL, 0.0), (CONVENTIONAL, 1.5)])
     for step, row in (("drag", off), ("both", on)):

@@ -11,9 +11,9 @@ from scipy import stats
 from mrwarp.cli import main
 from mrwarp.commands import run_study
 from mrwarp.rl.policy import DEFAULT_POLICY, PolicyError
-from mrwarp.study.paper_tables import EvaluationCfg, Row, Table3, change, holm, table2, table3, welch
+from mrwarp.study.paper_tables import Row, Table3, change, holm, table2, table3, welch
 from mrwarp.study.plan import CONVENTIONAL, MODELS, policy_file
-from mrwarp.study.rollouts import METRICS
+from mrwarp.study.rollouts import METRICS, EvaluationCfg
 
 pytestmark = pytest.mark.filterwarnings("ignore:Precision loss")  # equal seeds have no spread
 

@@ -11,9 +11,10 @@ from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.study import rollouts
-from mrwarp.study.rollouts import METRICS, RolloutCfg, roll_out
+from mrwarp.study.rollouts import METRICS, EvaluationCfg, roll_out
 
-CFG = RolloutCfg(env=make_walk_cfg(), rollouts=2, warmup=0.1, seconds=0.4, seed=5)
+PLANT = make_walk_cfg()
+CFG = EvaluationCfg(rollouts=2, warmup=0.1, seconds=0.4, seed=5)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +45,7 @@ def test_figures_equal_those_of_the_recorded_states(policy: OnnxPolicy, monkeypa
         return original(env, speed)
 
     monkeypatch.setattr(rollouts, "_figures", spy)
-    found = roll_out(CFG, [policy], [1.5])
+    found = roll_out(CFG, PLANT, [policy], [1.5])
     assert len(seen) == 20
     v, z, yaw, up = (np.stack([state[name] for state in seen]) for name in ("v", "z", "yaw", "up"))
     roll, pitch = np.arctan2(up[..., 1], up[..., 2]), np.arcsin(-up[..., 0])
@@ -52,7 +53,7 @@ def test_figures_equal_those_of_the_recorded_states(policy: OnnxPolicy, monkeypa
         "v_x_rmse": np.sqrt(((v[..., 0] - 0.5) ** 2).mean(0)),
         "v_x_bias": (v[..., 0] - 0.5).mean(0),
         "height": z[..., 0].mean(0),
-        "height_rmse": np.sqrt(((z[..., 0] - CFG.env.rewards.target_height) ** 2).mean(0)),
+        "height_rmse": np.sqrt(((z[..., 0] - PLANT.rewards.target_height) ** 2).mean(0)),
         "tilt_rms": np.degrees(np.sqrt((roll**2 + pitch**2).mean(0))),
         "yaw_rate_rmse": np.sqrt((yaw[..., 0] ** 2).mean(0)),
     }
@@ -64,8 +65,8 @@ def test_figures_equal_those_of_the_recorded_states(policy: OnnxPolicy, monkeypa
 
 def test_figures_do_not_depend_on_the_company(policy: OnnxPolicy) -> None:
     """A policy alone and beside others, and two copies of it: the same bits."""
-    alone = roll_out(CFG, [policy], [1.5])
-    beside = roll_out(CFG, [still, policy, policy], [0.0, 1.5, 1.5])
+    alone = roll_out(CFG, PLANT, [policy], [1.5])
+    beside = roll_out(CFG, PLANT, [still, policy, policy], [0.0, 1.5, 1.5])
     for name in METRICS:
         np.testing.assert_array_equal(getattr(beside, name)[1], getattr(alone, name)[0], err_msg=name)
         np.testing.assert_array_equal(getattr(beside, name)[2], getattr(alone, name)[0], err_msg=name)
@@ -75,7 +76,7 @@ def test_figures_do_not_depend_on_the_company(policy: OnnxPolicy) -> None:
 def test_rollout_that_falls_says_so_and_counts_up_to_there() -> None:
     """Within 2 s; its figures stay finite, and those of the other policy too."""
     cfg = replace(CFG, warmup=0.0, seconds=2.0)
-    found = roll_out(cfg, [jump, still], [0.0, 0.0])
+    found = roll_out(cfg, PLANT, [jump, still], [0.0, 0.0])
     assert found.fell[0].all() and not found.fell[1].any()
     for name in METRICS:
         assert np.isfinite(getattr(found, name)).all(), name

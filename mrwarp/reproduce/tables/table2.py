@@ -5,7 +5,8 @@ from __future__ import annotations
 from mrwarp import paper
 from mrwarp.reproduce.experiment import Comparison, Findings, Job
 from mrwarp.reproduce.policies import METRICS
-from mrwarp.study.paper_tables import LEAST, Change, EvaluationCfg, Table2, table2
+from mrwarp.study.paper_tables import LEAST, Change, Table2, table2
+from mrwarp.study.rollouts import EvaluationCfg
 
 
 def compute(job: Job) -> Findings:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from mrwarp import paper
 from mrwarp.reproduce.experiment import Comparison, Findings, Job, TextTable
 from mrwarp.reproduce.policies import METRICS, PLANT_TITLES
-from mrwarp.study.paper_tables import EvaluationCfg, Table3, table3
+from mrwarp.study.paper_tables import Table3, table3
 from mrwarp.study.plan import MODELS
+from mrwarp.study.rollouts import EvaluationCfg
 
 LEVEL = 0.05
 """Holm-corrected p-value below which two models are told apart."""
