@@ -8,8 +8,8 @@ from mrwarp.reproduce.experiment import Experiment
 from mrwarp.reproduce.figures import fig4, fig5, fig6, fig7, fig8, fig9, fig10, fig11
 from mrwarp.reproduce.policies import networks, study_files
 from mrwarp.reproduce.tables import table2, table3, table4, table5, table6, table7
-from mrwarp.study.paper_tables import PLANT
 from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, record_file
+from mrwarp.study.rollouts import PLANT
 
 IMPACTS = ("impacted", "aware", "impacts", "seed")
 WALKS = ("policies", "aware", "sticking", "high", "rollouts", "distance", "seed")
