@@ -7,10 +7,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mrwarp.recording.columns import Table
 from mrwarp.recording.data import Trajectory
 from mrwarp.recording.differentiate import differentiate
-from mrwarp.recording.open_files import stem_of
+from mrwarp.recording.tables import Table
 from mrwarp.recording.units import DEGREES, Units
 
 MIN_SAMPLES = 50
@@ -30,8 +29,15 @@ _PLAUSIBLE = {
 }
 
 
-def checked_trajectories(table: Table, units: Units, prefix: str) -> list[Trajectory]:
-    """The trajectories of one file, converted and checked."""
+def checked_trajectories(table: Table, units: Units, stem: str, in_folder: bool) -> list[Trajectory]:
+    """The trajectories of one file, converted and checked.
+
+    Args:
+        table: What the file holds.
+        units: What is declared.
+        stem: The file's name, for the id of a trajectory that has none.
+        in_folder: Whether there are other files: then the name also stands before the ids.
+    """
     columns = converted(table, units)
     flag = bool(table.header.get("qd_derived", False))
     parts = []
@@ -42,7 +48,7 @@ def checked_trajectories(table: Table, units: Units, prefix: str) -> list[Trajec
         derived = "qd" not in part
         parts.append(
             Trajectory(
-                id=f"{prefix}{name}" if name is not None else stem_of(table.file),
+                id=stem if name is None else f"{stem}/{name}" if in_folder else name,
                 qd=differentiate(part["q"], dt) if derived else part.pop("qd"),
                 qd_derived=derived or flag,
                 header=table.header,

@@ -17,6 +17,9 @@ REQUIRED = ("t", "q", "current", "torque")
 HOLDING_COLUMNS = ("current", "torque")
 """Columns of break-away tests."""
 
+HOLDING_FILE = "holding.csv"
+"""Break-away torques beside recordings (see :func:`load_holding`); not a recording itself."""
+
 UNITS = {"t": "s", "q": "rad", "qd": "rad/s", "current": "A", "torque": "N·m", "temperature": "degC"}
 """Unit of each column where nothing else is declared."""
 

@@ -16,19 +16,17 @@ from mrwarp.recording.checks import (
     converted,
     derivative_ratio,
 )
-from mrwarp.recording.columns import Table
-from mrwarp.recording.csv_files import gunzip, read_csv
 from mrwarp.recording.data import (
     COLUMNS,
     HOLDING_COLUMNS,
+    HOLDING_FILE,
     REQUIRED,
     Holding,
     Recording,
     RecordingError,
     Trajectory,
 )
-from mrwarp.recording.open_files import HOLDING_FILE, SUFFIXES, files_of, stem_of, suffix_of, too_large
-from mrwarp.recording.parquet_files import read_parquet
+from mrwarp.recording.tables import SUFFIXES, read_table, suffix_of
 from mrwarp.recording.units import read_units
 from mrwarp.recording.write import save_holding, save_recording
 
@@ -65,15 +63,14 @@ def load_recording(path: str | Path) -> Recording:
         RecordingError: the recording is refused; the message names file, row and column, and the remedy.
     """
     path = Path(path)
-    files = files_of(path)
+    files = _files_of(path)
     units = read_units(path if path.is_dir() else path.parent)
     left = MAX_BYTES
     trajectories: list[Trajectory] = []
     for file in files:
-        table, size = _read_table(file, left, REQUIRED)
-        left -= size
-        prefix = f"{stem_of(file)}/" if path.is_dir() else ""
-        trajectories += checked_trajectories(table, units, prefix)
+        table = read_table(file, REQUIRED, left, MAX_BYTES)
+        left -= table.size
+        trajectories += checked_trajectories(table, units, file.name.removesuffix(suffix_of(file)), path.is_dir())
     names = [trajectory.id for trajectory in trajectories]
     double = next((name for name in names if names.count(name) > 1), None) if len(set(names)) < len(names) else None
     if double is not None:
@@ -114,8 +111,8 @@ def load_holding(path: str | Path) -> Holding:
         RecordingError: the file is refused; the message names file, row and column, and the remedy.
     """
     path = Path(path)
-    file = files_of(path / HOLDING_FILE if path.is_dir() else path)[0]
-    table, _ = _read_table(file, MAX_BYTES, HOLDING_COLUMNS)
+    file = _files_of(path / HOLDING_FILE if path.is_dir() else path)[0]
+    table = read_table(file, HOLDING_COLUMNS, MAX_BYTES, MAX_BYTES)
     units = read_units(file.parent)
     columns = converted(table, units)
     for name in HOLDING_COLUMNS:
@@ -128,27 +125,25 @@ def load_holding(path: str | Path) -> Holding:
     )
 
 
-def _read_table(file: Path, limit: int, required: Sequence[str]) -> tuple[Table, int]:
-    """One file's columns and how many bytes they took of the limit."""
-    try:
-        size = file.stat().st_size
-        with file.open("rb") as stream:
-            start = stream.read(4)
-    except OSError as error:
-        raise RecordingError(f"{file}: cannot be read ({error.strerror}); check its permissions") from None
-    if size == 0:
-        raise RecordingError(f"{file}: the file is empty; record it again")
-    if size > limit:
-        raise too_large(file, size, MAX_BYTES)
-    suffix = suffix_of(file)
-    if suffix == ".parquet" or start == b"PAR1":
-        return read_parquet(file, limit, MAX_BYTES, required)
-    data = gunzip(file, limit, MAX_BYTES) if start[:2] == b"\x1f\x8b" else file.read_bytes()
-    if suffix == ".csv.gz" and start[:2] != b"\x1f\x8b":
-        raise RecordingError(f"{file}: named .gz, but not compressed with gzip; rename it to .csv or compress it")
-    if not data:
-        raise RecordingError(f"{file}: the file is empty; record it again")
-    return read_csv(file, data, required), len(data)
+def _files_of(path: Path) -> list[Path]:
+    """The recording's files, sorted by name."""
+    files = [path]
+    if path.is_dir():
+        files = sorted(
+            p for p in path.iterdir() if suffix_of(p) and p.name != HOLDING_FILE and not p.name.startswith(".")
+        )
+        if not files:
+            inside = sorted(p.name for p in path.iterdir() if p.is_dir() and any(suffix_of(f) for f in p.iterdir()))
+            hint = f"; name one of its folders: {', '.join(inside)}" if inside else ""
+            raise RecordingError(f"{path}: no recording in this folder ({', '.join(SUFFIXES)} files){hint}")
+    for file in files:
+        if not file.exists():
+            raise RecordingError(f"{file}: there is no such file or folder; check the path")
+        if not file.is_file():
+            raise RecordingError(f"{file}: not a regular file; copy the data into a file first")
+        if not suffix_of(file):
+            raise RecordingError(f"{file}: not a known kind of recording; use {', '.join(SUFFIXES)}")
+    return files
 
 
 def _common(headers: Sequence[dict[str, Any]]) -> dict[str, Any]:

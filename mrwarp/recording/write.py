@@ -6,17 +6,26 @@ import gzip
 import io
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.csv
 import pyarrow.parquet
 
-from mrwarp.recording.csv_files import csv_bytes
-from mrwarp.recording.data import COLUMNS, HOLDING_COLUMNS, UNITS, Holding, Recording, RecordingError, Trajectory
-from mrwarp.recording.open_files import HOLDING_FILE, suffix_of
+from mrwarp.recording.data import (
+    COLUMNS,
+    HOLDING_COLUMNS,
+    HOLDING_FILE,
+    UNITS,
+    Holding,
+    Recording,
+    RecordingError,
+    Trajectory,
+)
+from mrwarp.recording.tables import suffix_of
 from mrwarp.recording.units import read_units
 from mrwarp.run_dir import write_bytes
 
@@ -44,14 +53,23 @@ def save_recording(
     _write_units(folder, recording.units)
     added = {**recording.header, **(header or {})}
     if suffix_of(path):
-        _write(recording.trajectories, path, added, with_ids=True)
+        ids = {"trajectory": pa.array([run.id for run in recording.trajectories for _ in range(len(run.t))])}
+        _write(ids | _columns(recording.trajectories), path, _flagged(added, recording.trajectories))
         return [path]
     files = [folder / (re.sub(r"[^\w.+=-]", "_", run.id) + kind) for run in recording.trajectories]
     if len(set(files)) < len(files):
         raise RecordingError(f"{folder}: two trajectories would be written to one file; rename one")
     for run, file in zip(recording.trajectories, files, strict=True):
-        _write((run,), file, {**run.header, **added}, with_ids=False)
+        _write(_columns((run,)), file, _flagged({**run.header, **added}, (run,)))
     return files
+
+
+def save_holding(holding: Holding, folder: str | Path) -> Path:
+    """Write break-away tests as ``folder/holding.csv``, with their header."""
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    file = Path(folder) / HOLDING_FILE
+    _write({name: getattr(holding, name) for name in HOLDING_COLUMNS}, file, holding.header)
+    return file
 
 
 def _write_units(folder: Path, units: dict[str, str]) -> None:
@@ -65,31 +83,24 @@ def _write_units(folder: Path, units: dict[str, str]) -> None:
         write_bytes(path, (json.dumps(units, ensure_ascii=False, indent=1) + "\n").encode())
 
 
-def save_holding(holding: Holding, folder: str | Path) -> Path:
-    """Write break-away tests as ``folder/holding.csv``, with their header."""
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    file = Path(folder) / HOLDING_FILE
-    table = pa.table({name: pa.array(getattr(holding, name)) for name in HOLDING_COLUMNS})
-    write_bytes(file, csv_bytes(table, holding.header))
-    return file
+def _columns(runs: Sequence[Trajectory]) -> dict[str, Any]:
+    names = [*COLUMNS, "temperature"] if all(run.temperature is not None for run in runs) else COLUMNS
+    return {name: np.concatenate([getattr(run, name) for run in runs]) for name in names}
 
 
-def _write(trajectories: Sequence[Trajectory], file: Path, header: dict[str, Any], *, with_ids: bool) -> None:
-    columns: dict[str, Any] = {}
-    if with_ids:
-        columns["trajectory"] = pa.array([t.id for t in trajectories for _ in range(len(t.t))])
-    for name in COLUMNS:
-        columns[name] = pa.array(np.concatenate([getattr(t, name) for t in trajectories]))
-    if all(t.temperature is not None for t in trajectories):
-        columns["temperature"] = pa.array(np.concatenate([t.temperature for t in trajectories]))  # type: ignore[arg-type]
-    if any(t.qd_derived for t in trajectories):
-        header = {**header, "qd_derived": True}
-    table = pa.table(columns)
+def _flagged(header: dict[str, Any], runs: Sequence[Trajectory]) -> dict[str, Any]:
+    return {**header, "qd_derived": True} if any(run.qd_derived for run in runs) else header
+
+
+def _write(columns: Mapping[str, Any], file: Path, header: dict[str, Any]) -> None:
+    """Numbers get as many digits as bring them back exactly."""
+    table, sink = pa.table(dict(columns)), io.BytesIO()
     if file.name.endswith(".parquet"):
-        sink = io.BytesIO()
         pyarrow.parquet.write_table(table.replace_schema_metadata({"mrwarp": json.dumps(header)}), sink)
         write_bytes(file, sink.getvalue())
         return
-    data = csv_bytes(table, header)
+    lines = [f"# {key}: {json.dumps(value)}" for key, value in header.items()]
+    sink.write("\n".join([*lines, ",".join(table.column_names), ""]).encode())
+    pyarrow.csv.write_csv(table, sink, pyarrow.csv.WriteOptions(include_header=False, quoting_style="needed"))
     # no time stamp and a fixed level: the same recording gives the same bytes
-    write_bytes(file, gzip.compress(data, 6, mtime=0) if file.name.endswith(".gz") else data)
+    write_bytes(file, gzip.compress(sink.getvalue(), 6, mtime=0) if file.name.endswith(".gz") else sink.getvalue())

@@ -1,0 +1,226 @@
+"""The columns of one file of a recording as it was logged: CSV, plain or gzipped, and Parquet, both read by pyarrow.
+
+A CSV begins with ``# key: value`` lines, then names its columns; Parquet keeps that header as JSON in its metadata.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from mrwarp.recording.data import UNITS, RecordingError
+
+SUFFIXES = (".csv", ".csv.gz", ".parquet")
+"""File types that are recordings."""
+
+_ALIASES = {
+    "t": ("time", "timestamp", "t [s]", "time [s]"),
+    "q": ("theta", "position", "angle", "displacement", "pos"),
+    "current": ("i", "i_coil", "coil_current", "amps"),
+    "torque": ("tau", "force", "moment"),
+}
+_NULLS = ["", "NA", "N/A", "NaN", "nan", "-nan", "null", "NULL", "None"]
+
+
+@dataclass(frozen=True)
+class Table:
+    """The columns of one file, as recorded."""
+
+    file: Path
+    columns: dict[str, np.ndarray]
+    """Float64, NaN where a cell is empty."""
+    ids: np.ndarray | None
+    """Trajectory of each row, or None for one trajectory."""
+    header: dict[str, Any]
+    size: int = 0
+    """Bytes that the content takes in memory."""
+    first_line: int | None = None
+    """Line of the first row in a text file, for messages; None where rows are not lines."""
+
+    def refuse(self, problem: str, *, row: int | None = None, column: str | None = None) -> RecordingError:
+        """The error for a row (counted from 0) and a column of this file."""
+        where = str(self.file)
+        if row is not None:
+            where += f", row {row + 1}" + (f" (line {row + self.first_line})" if self.first_line else "")
+        if column is not None:
+            where += f", column {column!r}"
+        return RecordingError(f"{where}: {problem}")
+
+
+def suffix_of(path: Path) -> str:
+    """The recording suffix of a file name, or an empty string."""
+    return next((s for s in reversed(SUFFIXES) if path.name.lower().endswith(s)), "")
+
+
+def read_table(file: Path, required: Sequence[str], limit: int, most: int) -> Table:
+    """Read one file.
+
+    Args:
+        file: A regular file.
+        required: Columns that it must have.
+        limit: Largest content [bytes], uncompressed.
+        most: Largest content of a whole recording [bytes], for the message.
+
+    Raises:
+        RecordingError: the file is refused.
+    """
+    try:
+        size = file.stat().st_size
+        with file.open("rb") as stream:
+            start = stream.read(4)
+    except OSError as error:
+        raise RecordingError(f"{file}: cannot be read ({error.strerror}); check its permissions") from None
+    compressed, suffix = start[:2] == b"\x1f\x8b", suffix_of(file)
+    _check_size(file, size, limit, most)
+    if size and (suffix == ".parquet" or start == b"PAR1"):
+        return _read_parquet(file, required, limit, most)
+    if size and suffix == ".csv.gz" and not compressed:
+        raise RecordingError(f"{file}: named .gz, but not compressed with gzip; rename it to .csv or compress it")
+    try:
+        with gzip.open(file) if compressed else file.open("rb") as stream:
+            data = stream.read(4096)
+            if b"\0" in data or any(byte < 9 or 13 < byte < 32 for byte in data):
+                raise RecordingError(
+                    f"{file}: binary data, not text; export it as CSV with columns t, q, qd, current, torque, or as "
+                    ".parquet"
+                )
+            data += stream.read(limit + 1)  # a small file may hold more than any memory
+    except (OSError, EOFError, zlib.error) as error:
+        raise RecordingError(f"{file}: the gzip data is damaged ({error}); copy or record it again") from None
+    if not data:
+        raise RecordingError(f"{file}: the file is empty; record it again")
+    _check_size(file, len(data), limit, most, more="more than ")
+    return _read_csv(file, data, required)
+
+
+def _check_size(file: Path, size: int, limit: int, most: int, more: str = "") -> None:
+    if size > limit:
+        raise RecordingError(
+            f"{file}: {more}{(most if more else size) / 2**30:.1f} GiB is more than is read at once "
+            f"({most / 2**20:g} MiB per recording, uncompressed); split it into several recordings"
+        )
+
+
+def _read_csv(file: Path, data: bytes, required: Sequence[str]) -> Table:
+    header: dict[str, Any] = {}
+    position, lines, line = 3 if data.startswith(b"\xef\xbb\xbf") else 0, 0, ""  # a spreadsheet's mark before UTF-8
+    while not line or line.startswith("#"):
+        if position >= len(data):
+            raise RecordingError(f"{file}: no columns; the first line must name them: {', '.join(required)}")
+        end = data.find(b"\n", position) + 1 or len(data)
+        line = data[position:end].decode("utf-8", "replace").strip()
+        position, lines = end, lines + 1
+        key, colon, value = line.lstrip("# ").partition(":")
+        if line.startswith("#") and colon:
+            try:
+                header[key.strip()] = json.loads(value)
+            except (ValueError, RecursionError):
+                header[key.strip()] = value.strip()
+    names = [name.strip().strip('"').strip() for name in line.split(",")]
+    blank_lines = any(0 <= data.find(blank, position) < len(data) - 8 for blank in (b"\n\n", b"\n\r\n"))
+    table = Table(file, {}, None, header, len(data), None if blank_lines else lines + 1)
+    _check_names(table, names, line, required)
+    if not data[position : position + 256].strip():
+        raise table.refuse("no samples, only the column names; record it again")
+
+    def parse(threads: bool) -> pa.Table:
+        return pyarrow.csv.read_csv(
+            pa.BufferReader(pa.py_buffer(data).slice(position)),
+            read_options=pyarrow.csv.ReadOptions(column_names=names, use_threads=threads),
+            convert_options=pyarrow.csv.ConvertOptions(
+                column_types={n: pa.string() if n == "trajectory" else pa.float64() for n in names},
+                include_columns=[n for n in names if n in UNITS or n == "trajectory"],
+                null_values=_NULLS,
+            ),
+        )
+
+    try:
+        return _with_columns(table, parse(threads=True))
+    except (pa.ArrowInvalid, UnicodeDecodeError):
+        try:  # only a single thread knows the row
+            return _with_columns(table, parse(threads=False))
+        except (pa.ArrowInvalid, UnicodeDecodeError) as error:
+            raise _bad_line(table, names, str(error)) from None
+
+
+def _bad_line(table: Table, names: list[str], message: str) -> RecordingError:
+    """The refusal for what pyarrow says about a line."""
+    if found := re.search(r"Row #(\d+): Expected (\d+) columns, got (\d+)", message):
+        row, columns, values = map(int, found.groups())
+        return table.refuse(f"{values} values for {columns} columns; complete or remove the line", row=row - 1)
+    if found := re.search(r"column #(\d+): Row #(\d+): .*invalid value '(.{0,40})", message, re.DOTALL):
+        value = found[3].removesuffix("'")
+        problem = f"{value!r} is no number; write a plain number with a decimal point, or remove the line"
+        return table.refuse(problem, row=int(found[2]) - 1, column=names[int(found[1])])
+    return table.refuse(f"not readable as CSV ({message.splitlines()[0][:200]}); export it again")
+
+
+def _read_parquet(file: Path, required: Sequence[str], limit: int, most: int) -> Table:
+    table = Table(file, {}, None, {})
+    try:
+        with pa.OSFile(str(file)) as stream:
+            parquet = pyarrow.parquet.ParquetFile(stream)
+            names = parquet.schema_arrow.names
+            wanted = [n for n in names if n in UNITS or n == "trajectory"]
+            # 8 bytes a value: what the file takes in memory, however well it is compressed
+            size = 8 * parquet.metadata.num_rows * max(len(wanted), 1)
+            _check_size(file, size, limit, most)
+            _check_names(table, names, ",".join(names), required)
+            header = json.loads((parquet.schema_arrow.metadata or {}).get(b"mrwarp", b"{}"))
+            content = parquet.read(columns=wanted)
+    except RecordingError:
+        raise
+    except (pa.ArrowException, OSError, ValueError, RecursionError) as error:
+        reason = str(error).splitlines()[0][:200]
+        raise table.refuse(f"not a readable Parquet file ({reason}); export it again") from None
+    if content.num_rows == 0:
+        raise table.refuse("no samples; record it again")
+    header = header if isinstance(header, dict) else {"header": header}
+    return _with_columns(Table(file, {}, None, header, size), content)
+
+
+def _check_names(table: Table, names: list[str], line: str, required: Sequence[str]) -> None:
+    """Refuse missing and double columns, with the likely reason."""
+    missing = [name for name in required if name not in names]
+    if missing:
+        if len(names) == 1 and re.search(r"[;\t]", line):
+            hint = "columns must be separated by commas, numbers written with a decimal point"
+        elif all(re.fullmatch(r"[-+.\deE]+", name) for name in names):
+            hint = f"the first line must name the columns: {', '.join(required)}"
+        else:
+            near = [name for name in names if name.lower() in (missing[0], *_ALIASES[missing[0]])]
+            hint = f"rename {near[0]!r} to {missing[0]!r}" if near else f"add it [{UNITS[missing[0]]}]"
+        found = ", ".join(name if name.isprintable() else repr(name) for name in names)[:200]
+        raise table.refuse(f"column {missing[0]!r} is missing (found: {found}); {hint}")
+    double = [name for name in names if names.count(name) > 1]
+    if double:
+        raise table.refuse(f"two columns are called {double[0]!r}; remove or rename one")
+
+
+def _with_columns(table: Table, content: pa.Table) -> Table:
+    """Arrow's columns as arrays."""
+    columns, ids = {}, None
+    for name in content.column_names:
+        column = content[name]
+        if name == "trajectory":
+            if column.null_count:
+                row = int(np.flatnonzero(column.is_null().to_numpy())[0])
+                raise table.refuse("no trajectory id; fill in the column or leave it out", row=row, column=name)
+            ids = np.asarray(column.cast(pa.string()).to_pylist(), dtype=object)
+            continue
+        try:
+            columns[name] = column.cast(pa.float64()).to_numpy().astype(np.float64)
+        except pa.ArrowException:
+            raise table.refuse(f"holds {column.type}, not numbers; store it as double", column=name) from None
+    return Table(table.file, columns, ids, table.header, table.size, table.first_line)
