@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from mrwarp.diagnose import verdict_text as text
+from mrwarp.diagnose.held_out import predicted_errors, summary
 from mrwarp.diagnose.learned_remainder import left_to_learn
 from mrwarp.diagnose.pipeline import diagnose
-from mrwarp.diagnose.predicted import predicted_errors, summary
 from mrwarp.diagnose.report.diagnosis_page import Table, render, write_page
 from mrwarp.diagnose.report.overview_pictures import NAMES, draw
 from mrwarp.diagnose.result import Diagnosis
@@ -137,10 +137,10 @@ def _predict(
     tables: dict[str, Table],
     progress: Progress,
 ) -> None:
-    if d.verdict is None:
+    if d.predictor is None:
         progress("no verdict: nothing is predicted")
         return
-    found = predicted_errors(d, unseen, averaged=averaged, progress=progress)
+    found = predicted_errors(d.predictor, unseen, averaged=averaged, log=progress)
     means = summary(found)
     besides["predicted"] = {"source": unseen.source, "averaged": averaged, "nrmse": found, "mean": means}
     rows = [

@@ -7,39 +7,53 @@ values vary from device to device; what they may is 2 % each, and 3 mN·m of D f
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
-from mrwarp.diagnose.engine import Fitted
-from mrwarp.diagnose.uncertainty import covariance
+from mrwarp.diagnose.problem import Fit, covariance
+from mrwarp.diagnose.result import Shift
+from mrwarp.identify.dataset import Motion
 from mrwarp.identify.parameters import BASE_PART, LINEAR, LINEAR_PART, SHAPE, SHAPE_PART, shape_coordinates
+from mrwarp.model_file import JOINT_UNITS, Model
+from mrwarp.params import MrParams
+from mrwarp.recording.load import Recording
 
 SPREAD = 0.02
 """What a parameter may differ from device to device, one standard deviation [1]."""
 BIAS_SPREAD = 0.0008
-"""The same for D, as a share of the torque's range: 3 mN·m of the paper's 2 N·m."""
+"""What D may differ, as a share of the torque's range: 3 mN·m of the paper's 2 N·m."""
 OTHER_DEVICE = 0.2
 """What each parameter may differ where the nominal values are those of another device, one standard deviation [1]."""
 _MARGIN = 11.0
 """Logarithm of the odds that a single shift must have against another device; of real shifts it is 17 to 20."""
-_DROP = 16.0
+_DROP, _LEFT = 16.0, 22.0
+"""Least chi-squared that a shift takes away, and most that it may leave."""
 _APART = 6.0
-_LEFT = 22.0
+"""Difference of chi-squared from which two shifts are told apart."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Found:
-    """A shift, in inner units."""
+def calibration_shifts(fit: Fit, motion: Motion, recording: Recording, model: Model | None) -> tuple[Shift, ...]:
+    """Shifts of a final model against the nominal parameters: those of ``model``, else the paper's for its joint."""
+    if model is not None:
+        nominal = model.values
+    elif recording.units == JOINT_UNITS:
+        paper = MrParams().bouc_wen
+        nominal = {name: getattr(paper, name) for name in (*LINEAR, *SHAPE)}
+    else:
+        return ()
+    inner = {name: nominal[name] / motion.scales.factor(name) for name in (*LINEAR, *SHAPE)}
+    shift = find_shift(fit, inner, float(np.ptp(motion.torque)))
+    if shift is None:
+        return ()
+    if shift.name == "torque_bias":
+        value, low, high = (x * motion.scales.torque for x in (shift.value, *shift.ci95))
+        shift = replace(shift, value=value, ci95=(low, high), unit=recording.units["torque"])
+    return (shift,)
 
-    name: str
-    value: float
-    error: float
-    alternatives: tuple[str, ...]
 
-
-def find_shifts(fit: Fitted, nominal: Mapping[str, float], torque_range: float) -> list[Found]:
-    """Shifts of calibration that the re-fitted parameters show against nominal ones.
+def find_shift(fit: Fit, nominal: Mapping[str, float], torque_range: float) -> Shift | None:
+    """The shift of calibration that the re-fitted parameters show against nominal ones, inner units, or None.
 
     No shift of calibration touches alpha, beta and gamma: where these lie off too, it is another device.
 
@@ -50,45 +64,40 @@ def find_shifts(fit: Fitted, nominal: Mapping[str, float], torque_range: float) 
     """
     base = np.array([nominal[name] for name in LINEAR])
     shape = np.array([nominal[name] for name in SHAPE])
-    centre = shape_coordinates(*shape, fit.coordinates.ranges.qd)
-    steps = [
-        shape_coordinates(*np.where(np.arange(3) == i, shape * (1.0 + SPREAD), shape), fit.coordinates.ranges.qd)
-        - centre for i in range(3)
-    ]  # fmt: skip
+    speed = fit.parameters.ranges.qd
+    centre = shape_coordinates(*shape, speed)
+    apart = [shape_coordinates(*s, speed) - centre for s in shape * (1.0 + SPREAD * np.eye(len(SHAPE)))]
     delta = fit.x[BASE_PART] - np.concatenate([base, centre])
     prior = np.maximum(SPREAD * np.abs(base), 1e-9)
-    bias = [LINEAR.index("D"), LINEAR.index("I1")]  # I1 is a bias that grows with the current
-    prior[bias] = np.maximum(prior[bias], BIAS_SPREAD * torque_range)
+    biases = [LINEAR.index("D"), LINEAR.index("I1")]  # I1 is a bias that grows with the current
+    prior[biases] = np.maximum(prior[biases], BIAS_SPREAD * torque_range)
     device = np.zeros((len(delta), len(delta)))
     device[LINEAR_PART, LINEAR_PART] = np.diag(prior**2)
-    device[SHAPE_PART, SHAPE_PART] = sum(np.outer(step, step) for step in steps)
+    device[SHAPE_PART, SHAPE_PART] = sum(np.outer(step, step) for step in apart)
     measured = covariance(fit)[BASE_PART, BASE_PART]
     weight = np.linalg.inv(measured + device)
     whole = float(delta @ weight @ delta)
-    directions = {name: np.zeros(len(delta)) for name in ("torque_bias", "torque_gain", "current_gain")}
-    by_current = [LINEAR.index("I1"), LINEAR.index("K1")]
-    directions["torque_bias"][LINEAR.index("D")] = 1.0
-    directions["torque_gain"][LINEAR_PART] = base
-    directions["current_gain"][by_current] = base[by_current]
     rank = []
-    for name, d in directions.items():
+    of_current = {name: nominal[name] for name in ("I1", "K1")}
+    for name, parts in (("torque_bias", {"D": 1.0}), ("torque_gain", nominal), ("current_gain", of_current)):
+        d = np.array([parts.get(p, 0.0) for p in LINEAR] + [0.0] * len(SHAPE))
         information = float(d @ weight @ d)
-        if information <= 0.0:
-            continue
-        size = float(d @ weight @ delta) / information
-        rank.append((whole - size**2 * information, name, size, information**-0.5))
+        if information > 0.0:
+            size = float(d @ weight @ delta) / information
+            rank.append((whole - size**2 * information, name, size, information**-0.5))
     rank.sort()
     if not rank or whole - rank[0][0] < _DROP or rank[0][0] > _LEFT:
-        return []
-    best = rank[0]
-    shifted = _log_likelihood(delta, measured + device) + 0.5 * (whole - best[0])
+        return None
+    left, name, size, error = rank[0]
+    shifted = _log_likelihood(delta, measured + device) + 0.5 * (whole - left)
     if shifted < _log_likelihood(delta, measured + (OTHER_DEVICE / SPREAD) ** 2 * device) + _MARGIN:
-        return []
-    near = tuple(r[1] for r in rank[1:] if r[0] - best[0] < _APART)
-    value = best[2] + (0.0 if best[1] == "torque_bias" else 1.0)
-    if best[1] == "torque_bias":
+        return None
+    near = tuple(r[1] for r in rank[1:] if r[0] - left < _APART)
+    value = size if name == "torque_bias" else 1.0 + size
+    if name == "torque_bias":
         near = ("encoder_offset", "friction_asymmetry", *near)
-    return [Found(name=best[1], value=value, error=best[3], alternatives=near)]
+    ci95 = (value - 1.96 * error, value + 1.96 * error)
+    return Shift(name=name, value=value, ci95=ci95, alternatives=near, unit="1")
 
 
 def _log_likelihood(delta: np.ndarray, spread: np.ndarray) -> float:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
-from mrwarp.diagnose.result import NextExperiment
-from mrwarp.diagnose.verdict_text import quantity
+from mrwarp.diagnose.result import Accounting, Diagnosis, Error, NextExperiment
+from mrwarp.diagnose.verdict_text import quantity, sentence_of
 from mrwarp.recording.load import Recording
 
 MIN_TRAJECTORIES = 3
@@ -70,12 +72,36 @@ def hindrances(recording: Recording) -> list[str]:
     return found
 
 
-def recording_to_make(reasons: list[str]) -> NextExperiment | None:
-    """The recording to make where no verdict is possible; None where these data only need a change."""
-    first = reasons[0].rsplit("; ", 1)[-1] if "; " in reasons[0] else STANDARD
-    if first.endswith("diagnose again"):
-        return None
-    return NextExperiment(what=first, seconds=60.0, separates=(), kind="recording")
+def without_verdict(recording: Recording, reasons: list[str], seed: int, seconds: float) -> Diagnosis:
+    """The result for data that cannot carry a verdict: why, and the recording to make."""
+    nothing = Error(rmse=float("nan"), nrmse=float("nan"), unit=recording.units["torque"])
+    to_make = reasons[0].rsplit("; ", 1)[-1] if "; " in reasons[0] else STANDARD
+    following = NextExperiment(what=to_make, seconds=60.0, separates=(), kind="recording")
+    result = Diagnosis(
+        verdict=None,
+        sentence="",
+        causes=(),
+        parameter_shift=(),
+        unexplained=None,
+        detectable={},
+        invisible={},
+        cannot_know=tuple(reasons + gaps(recording)),
+        baseline=nothing,
+        extended=nothing,
+        gain=None,
+        next_experiment=None if to_make.endswith("diagnose again") else following,  # these data only need a change
+        tried=(),
+        accounting=Accounting(named=0.0, predictable=0.0, noise=1.0),
+        per_trajectory={},
+        per_regime={},
+        notes=(),
+        model=None,
+        recording=recording,
+        traces=None,
+        seconds=seconds,
+        seed=seed,
+    )
+    return dataclasses.replace(result, sentence=sentence_of(result))
 
 
 def _unrelated(qd: np.ndarray, current: np.ndarray, torque: np.ndarray, recording: Recording) -> list[str]:

@@ -2,32 +2,25 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
-from collections.abc import Callable
+from dataclasses import replace
 
-from mrwarp.diagnose.assemble import assembled
-from mrwarp.diagnose.choose import best_single, choose, first_look
-from mrwarp.diagnose.data_checks import gaps, hindrances, recording_to_make
-from mrwarp.diagnose.decimate import thinned
-from mrwarp.diagnose.detectable import detectable
-from mrwarp.diagnose.findings import causes_of, shifts_of, unexplained_of
-from mrwarp.diagnose.heldout import hold_out
+from mrwarp.diagnose.baseline import fit_baseline, known_effects, learn_noise, with_learned_noise
+from mrwarp.diagnose.calibration_shift import calibration_shifts
+from mrwarp.diagnose.data_checks import hindrances, without_verdict
+from mrwarp.diagnose.detectability import smallest_sizes
+from mrwarp.diagnose.findings import Findings, diagnosis_of
+from mrwarp.diagnose.held_out import hold_out
 from mrwarp.diagnose.next_experiment import propose
-from mrwarp.diagnose.prepare import begin_under_way, groups_of, learn_noise, prepare
-from mrwarp.diagnose.result import (
-    Accounting,
-    Diagnosis,
-    Error,
-)
-from mrwarp.diagnose.spectral_lines import find_line
-from mrwarp.diagnose.timing import find_timing, timing_note
-from mrwarp.diagnose.verdict_text import sentence_of
+from mrwarp.diagnose.preprocess import align_clocks, begin_under_way, decimate
+from mrwarp.diagnose.problem import Problem, refit, reported_fit
+from mrwarp.diagnose.residual_structure import find_line, without_line
+from mrwarp.diagnose.result import Diagnosis
+from mrwarp.diagnose.search import best_single, screen_candidates, select
 from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.identify.projection import Progress
 from mrwarp.model_file import Model
 from mrwarp.recording.load import Recording
-
-Progress = Callable[[str], None]
 
 
 def diagnose(
@@ -45,77 +38,75 @@ def diagnose(
         model: The device as it should be: its parameters are nominal for shifts of calibration, its effects are part
             of the baseline. None: the paper's joint where the units are its own.
         seed: Seed of every draw (starts, resampling).
-        progress: Told what is being done.
+        progress: Takes a line on what is being done.
         threads: CPU threads of the replay.
     """
-    told = progress or (lambda text: None)
+    log = progress or (lambda text: None)
     begun = time.perf_counter()
     reasons = hindrances(recording)
     if reasons:
-        return _no_verdict(recording, reasons, seed, time.perf_counter() - begun)
-    recording, thinning = thinned(recording)
-    known = tuple(e.name for e in model.effects if e.name in CATALOGUE) if model else ()
-    baseline = prepare(recording, known=known, model=model, threads=threads, seed=seed, told=told)
-    engine, base = baseline.engine, baseline.fitted
-    lag = engine.motion.kinematics.velocity_lag
-    candidates = [
-        name for name, law in CATALOGUE.items()
-        if law.kind != "calibration" and name not in known and (name != "velocity_lag" or lag > 0.0)
-    ]  # fmt: skip
-    told(f"{len(candidates)} effects as candidates")
-    look = first_look(engine, base, candidates)
-    single = best_single(engine, base, look)
-    best, changed = single or base, single is not None
-    if begin_under_way(engine, best):
-        told("trajectories begin under way")
-        changed = True
-    line = None
-    if not engine.misfit:  # beside a large misfit any of its harmonics would pass for a line
-        line = find_line(engine.samples.torque - best.torque, best.torque, engine.samples, engine.noise_model)
+        return without_verdict(recording, reasons, seed, time.perf_counter() - begun)
+    recording, decimated = decimate(recording)
+    first, base = fit_baseline(recording, model=model, threads=threads, seed=seed, log=log)
+    candidates = _candidates(first, model)
+    log(f"{len(candidates)} effects as candidates")
+    screened = screen_candidates(first, base, candidates)
+
+    # the best guess so far says how the log is to be read, and what is noise
+    best = best_single(first, base, screened) or base
+    problem = begin_under_way(first, best)
+    if problem is not first:
+        log("trajectories begin under way")
+    # beside a large misfit any of its harmonics would pass for a line
+    line = None if problem.misfit else find_line(problem, best)
     if line:
-        told(f"a line at {line.frequency:.2f} Hz is set aside")
-        engine.set_aside(line.frequency, best.torque)
-        best = engine.fit(best.coordinates, best.x)
-        changed = True
-    if changed:
-        told(f"noise without {', '.join(best.effects) or 'line'}")
-        engine.noise = learn_noise(engine, best.torque, groups_of(engine, best.coordinates, best.x))
-        best = engine.fit(best.coordinates, best.x)
-    if find_timing(engine, best):
-        told(f"torque is logged {engine.motion.ahead:.2f} samples ahead of the motion")
-        best = engine.fit(best.coordinates, best.x)
-        engine.noise = learn_noise(engine, best.torque, groups_of(engine, best.coordinates, best.x))
-        changed = True
-    if changed:
-        base = engine.fit(base.coordinates, base.x)
-        look = first_look(engine, base, candidates)
-    choice = choose(engine, base, lambda f: groups_of(engine, f.coordinates, f.x), look, told)
+        log(f"a line at {line.frequency:.2f} Hz is set aside")
+        problem = without_line(problem, best, line)
+        best = refit(problem, best)
+    if problem is not first or best is not base:
+        log(f"noise without {', '.join(best.effects) or 'line'}")
+        problem, best = with_learned_noise(problem, best)
+    aligned = align_clocks(problem, best)
+    if aligned is not problem:
+        log(f"torque is logged {aligned.motion.ahead:.2f} samples ahead of the motion")
+        problem = replace(aligned, noise=learn_noise(aligned, refit(aligned, best)))
+    if problem is not first:
+        base = refit(problem, base)
+        screened = screen_candidates(problem, base, candidates)
 
-    told("smallest sizes that would have shown")
-    sizes, unseen = detectable(engine, choice.final, candidates)
-    held = hold_out(engine, choice)
-    unexplained = unexplained_of(choice, line)
-    causes = causes_of(engine, choice, candidates)
-    shifts = shifts_of(engine, choice, recording, model)
-    told("next experiment")
-    following = propose(engine, choice, seed)
-    result = assembled(
-        engine, choice, held, line, unexplained, causes, shifts, sizes, unseen, following, recording, seed, begun
+    selection = select(problem, base, screened, log)
+    baseline = extended = reported_fit(problem, selection.base)
+    if selection.final is not selection.base:
+        extended = reported_fit(problem, selection.final)
+    held_out = hold_out(problem, selection, baseline, extended)
+    shifts = calibration_shifts(selection.final, problem.motion, recording, model)
+    log("smallest sizes that would have shown")
+    sizes, unseen = smallest_sizes(problem, selection.final, candidates)
+    log("next experiment")
+    next_experiment = propose(problem, selection, seed)
+    found = Findings(
+        recording=recording,
+        problem=problem,
+        selection=selection,
+        baseline=baseline,
+        extended=extended,
+        held_out=held_out,
+        line=line,
+        sizes=sizes,
+        unseen=unseen,
+        shifts=shifts,
+        next_experiment=next_experiment,
+        notes=(decimated,) if decimated else (),
+        seed=seed,
     )
-    notes = [*result.notes, *([thinning] if thinning else [])]
-    if engine.motion.ahead:
-        notes.append(timing_note(engine.motion.ahead, engine.motion.ranges.dt))
-    return dataclasses.replace(result, notes=tuple(notes))
+    return diagnosis_of(found, begun)
 
 
-def _no_verdict(recording: Recording, reasons: list[str], seed: int, seconds: float) -> Diagnosis:
-    unit = recording.units["torque"]
-    nothing = Error(rmse=float("nan"), nrmse=float("nan"), unit=unit)
-    result = Diagnosis(
-        verdict=None, sentence="", causes=(), parameter_shift=(), unexplained=None, detectable={}, invisible={},
-        cannot_know=tuple(reasons + gaps(recording)), baseline=nothing, extended=nothing, gain=None,
-        next_experiment=recording_to_make(reasons), tried=(),
-        accounting=Accounting(named=0.0, predictable=0.0, noise=1.0), per_trajectory={}, per_regime={}, notes=(),
-        model=None, recording=recording, traces=None, seconds=seconds, seed=seed,
-    )  # fmt: skip
-    return dataclasses.replace(result, sentence=sentence_of(result))
+def _candidates(problem: Problem, model: Model | None) -> list[str]:
+    """Effects that may be missing: what re-fitting takes up is none, nor what the baseline has."""
+    known, lag = known_effects(model), problem.motion.kinematics.velocity_lag
+    return [
+        name
+        for name, law in CATALOGUE.items()
+        if law.kind != "calibration" and name not in known and (name != "velocity_lag" or lag > 0.0)
+    ]

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from mrwarp.diagnose.predictor import Predictor
+from mrwarp.diagnose.held_out import Predictor
 from mrwarp.identify.dataset import parts_of, rms
 from mrwarp.model_file import Model
 from mrwarp.recording.load import Recording

@@ -12,7 +12,7 @@ from benchmarks.confusion.experiment import CURRENTS, Proposal, joined, with_exp
 from benchmarks.confusion.families import Plan
 from benchmarks.confusion.suite import run_case
 from benchmarks.confusion.tables import report
-from mrwarp.diagnose.next_experiment import _STANDARD
+from mrwarp.diagnose.next_experiment import STANDARD
 from mrwarp.recording.load import Recording
 
 SILENT = Noise(white=0.0, coloured=0.0, offset=0.0, gain=0.0, velocity=0.0, encoder=0.0)
@@ -27,7 +27,7 @@ def silent(kind: str, **other: Any) -> Case:
 
 def test_every_proposed_motion_can_be_made() -> None:
     """The benchmark knows what to do with the current in each standard experiment."""
-    assert {name: standard.current for name, standard in _STANDARD.items()} == CURRENTS
+    assert {name: standard.current for name, standard in STANDARD.items()} == CURRENTS
 
 
 @pytest.mark.parametrize("kind", sorted(CURRENTS))

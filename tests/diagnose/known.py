@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mrwarp.diagnose.engine import Engine, Fitted
+from mrwarp.diagnose.problem import Fit, Problem, fit_model
 from mrwarp.effects.law import Ranges
 from mrwarp.effects.replay_kernel import HEAT_TIMES
 from mrwarp.identify.dataset import Motion, Scales
@@ -13,6 +13,7 @@ from mrwarp.identify.kinematics import Kinematics
 from mrwarp.identify.noise import Noise
 from mrwarp.identify.parameters import LINEAR, SHAPE, Parameters, shape_coordinates
 from mrwarp.identify.replay import EffectReplay
+from mrwarp.model_file import JOINT_UNITS
 from mrwarp.recording.load import Recording, Trajectory
 
 TRUTH = {
@@ -76,7 +77,7 @@ def white(sigma: float, offset: float = 0.0, gain: float = 0.0) -> Noise:
     return Noise(whitening=np.ones(1), sigma=sigma, rms=sigma, offset=offset, gain=gain)
 
 
-def engine(
+def problem(
     effects: Mapping[str, Mapping[str, float]] | None = None,
     *,
     seed: int = 1,
@@ -84,23 +85,32 @@ def engine(
     plus: np.ndarray | float = 0.0,
     at: Motion | None = None,
     **changes: float,
-) -> Engine:
-    """An engine on data of the paper's joint with effects, white noise of a known size and whatever is added."""
+) -> Problem:
+    """Data of the paper's joint with effects, white noise of a known size and whatever is added."""
     at = at or motion(seed)
-    c = Parameters(tuple(effects or {}), at.ranges, 0.0, form=any("thinning" in p for p in (effects or {}).values()))
-    torque = EffectReplay(at).torque(c.row(vector(c, effects, **changes))[None])[0].astype(float) + plus
+    p = Parameters(tuple(effects or {}), at.ranges, 0.0, form=any("thinning" in p for p in (effects or {}).values()))
+    torque = EffectReplay(at).torque(p.row(vector(p, effects, **changes))[None])[0].astype(float) + plus
     torque += sigma * np.random.default_rng([seed, 7]).normal(size=len(torque))
-    at = dataclasses.replace(at, torque=torque)
-    made = Engine(EffectReplay(at), 0.0, np.ones(len(torque)), {"q": "rad", "current": "A", "torque": "N·m"})
-    made.noise = white(max(sigma, 1e-4))
-    return made
+    return posed(dataclasses.replace(at, torque=torque), sigma=max(sigma, 1e-4))
 
 
-def fitted(on: Engine, effects: Mapping[str, Mapping[str, float]] | None = None, off: float = 0.0) -> Fitted:
-    """A model fitted to an engine's data, from the paper's joint with effects, all numbers ``off`` by a share."""
-    c = on.coordinates(tuple(effects or {}))
-    x = vector(c, effects)
-    return on.fit(c, x + off * np.where(np.arange(len(x)) < len(LINEAR), x, 1.0))
+def posed(at: Motion, *, sigma: float = SIGMA, q_zero: float = 0.0, units: Mapping[str, str] = JOINT_UNITS) -> Problem:
+    """A motion with its torque as a problem in which every sample counts."""
+    return Problem(
+        replay=EffectReplay(at),
+        measured=at.torque,
+        weight=np.ones(len(at.torque)),
+        q_zero=q_zero,
+        units=units,
+        noise=white(sigma),
+    )
+
+
+def fitted(on: Problem, effects: Mapping[str, Mapping[str, float]] | None = None, off: float = 0.0) -> Fit:
+    """A model fitted to a problem, from the paper's joint with effects, all numbers ``off`` by a share."""
+    p = on.parameters(tuple(effects or {}))
+    x = vector(p, effects)
+    return fit_model(on, p, x + off * np.where(np.arange(len(x)) < len(LINEAR), x, 1.0))
 
 
 def recording(at: Motion, torque: np.ndarray, *, q: float = 1.0, current: float = 1.0, size: float = 1.0) -> Recording:

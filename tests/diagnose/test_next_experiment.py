@@ -1,22 +1,24 @@
 """The experiment that separates rivals: which, how long, and nothing where nothing is open."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.choice import Choice
-from mrwarp.diagnose.next_experiment import _repeated, propose
+from mrwarp.diagnose.next_experiment import propose, repeated
+from mrwarp.diagnose.search import Selection
 from tests.diagnose import known
 
 CURRENT = ("current steps", "current steps, slow swing", "current staircase")
 
 
 def ambiguous(named: str, rival: str, numbers: dict[str, dict[str, float]], sigma: float = 0.05):
-    """An engine and a search that could not tell two effects apart."""
-    engine = known.engine({named: numbers[named]}, seed=60, at=known.motion(60, runs=6, seconds=3.0), sigma=sigma)
-    base = known.fitted(engine)
-    fits = {name: known.fitted(engine, {name: numbers[name]}) for name in (named, rival)}
-    return engine, Choice(
-        base=base, final=fits[named], first_look=[], alternatives={named: (rival,)},
+    """An problem and a search that could not tell two effects apart."""
+    problem = known.problem({named: numbers[named]}, seed=60, at=known.motion(60, runs=6, seconds=3.0), sigma=sigma)
+    base = known.fitted(problem)
+    fits = {name: known.fitted(problem, {name: numbers[name]}) for name in (named, rival)}
+    return problem, Selection(
+        base=base, final=fits[named], screened=[], leftovers=[], alternatives={named: (rival,)},
         fits={base.effects: base, **{(name,): fit for name, fit in fits.items()}},
     )  # fmt: skip
 
@@ -31,24 +33,22 @@ DRIFTS = {
 
 def test_nothing_open_needs_no_experiment() -> None:
     """Without rivals nothing is proposed."""
-    engine, choice = ambiguous("coil_lag", "command_delay", LAGS)
-    choice.alternatives = {"coil_lag": ()}
-    assert propose(engine, choice, 1) is None
-    choice.alternatives = {}
-    assert propose(engine, choice, 1) is None
+    problem, selection = ambiguous("coil_lag", "command_delay", LAGS)
+    for alternatives in ({"coil_lag": ()}, {}):
+        assert propose(problem, replace(selection, alternatives=alternatives), 1) is None
 
 
 def test_lag_and_delay_are_told_by_single_steps() -> None:
     """Current is stepped while the joint moves slowly; the settings are within what the device did."""
-    engine, choice = ambiguous("coil_lag", "command_delay", LAGS)
-    found = propose(engine, choice, 1)
+    problem, selection = ambiguous("coil_lag", "command_delay", LAGS)
+    found = propose(problem, selection, 1)
     assert found is not None and found.kind == "current steps, slow swing"
     assert found.separates == ("coil_lag", "command_delay") and 20.0 < found.seconds < 60.0
     assert "step the current" in found.what and "1.5 A" in found.what and "0.25 Hz" in found.what
     assert found.settings["separation_sigma"] > 0.0
-    assert found.settings["amplitude"] == pytest.approx(0.35 * engine.motion.ranges.q)
+    assert found.settings["amplitude"] == pytest.approx(0.35 * problem.motion.ranges.q)
     assert found.settings["current_max"] == 1.5 and found.settings["rate"] == pytest.approx(200.0)
-    assert propose(engine, choice, 1) == found
+    assert propose(problem, selection, 1) == found
 
 
 def test_other_effects_of_the_current_are_told_by_its_course() -> None:
@@ -59,11 +59,8 @@ def test_other_effects_of_the_current_are_told_by_its_course() -> None:
 
 def test_seconds_grow_with_the_square_of_the_noise() -> None:
     """Three times the noise needs nine times as long, in as many more runs."""
-    engine, choice = ambiguous("coulomb_friction", "stribeck", FRICTION)
-    engine.noise = known.white(0.1)
-    quiet = propose(engine, choice, 1)
-    engine.noise = known.white(0.3)
-    loud = propose(engine, choice, 1)
+    problem, selection = ambiguous("coulomb_friction", "stribeck", FRICTION)
+    quiet, loud = (propose(replace(problem, noise=known.white(s)), selection, 1) for s in (0.1, 0.3))
     assert quiet is not None and loud is not None and 12.0 < quiet.seconds < loud.seconds < 36000.0
     assert loud.seconds / quiet.seconds == pytest.approx(9.0, rel=0.2)
     for found in (quiet, loud):
@@ -73,13 +70,13 @@ def test_seconds_grow_with_the_square_of_the_noise() -> None:
 
 def test_experiments_stay_within_the_motion_of_the_data() -> None:
     """No faster and no more violent than what was recorded."""
-    engine, choice = ambiguous("coulomb_friction", "stribeck", FRICTION)
-    found = propose(engine, choice, 1)
+    problem, selection = ambiguous("coulomb_friction", "stribeck", FRICTION)
+    found = propose(problem, selection, 1)
     assert found is not None
     omega, size = 2.0 * np.pi * found.settings["frequency_high"], found.settings["amplitude"]
-    assert omega * size <= 1.001 * np.abs(engine.samples.qd).max()
-    assert omega**2 * size <= 1.001 * np.abs(engine.motion.qdd).max()
-    assert 2.0 * size <= engine.motion.ranges.q
+    assert omega * size <= 1.001 * np.abs(problem.motion.qd).max()
+    assert omega**2 * size <= 1.001 * np.abs(problem.motion.qdd).max()
+    assert 2.0 * size <= problem.motion.ranges.q
 
 
 def test_friction_is_told_by_the_motion() -> None:
@@ -101,7 +98,7 @@ def test_runs_repeated_after_a_rest_begin_cold_and_worn() -> None:
     """The clock and the way go on; the heat is what the runs had when they were first made."""
     like = known.motion(60, runs=6, seconds=3.0)
     rest = 3600.0
-    again = _repeated(like, rest, 2)
+    again = repeated(like, rest, 2)
     assert len(again.parts) == 2 and len(again.time) == 1200
     assert again.time[0] == pytest.approx(like.time[-1] + rest)
     assert again.slid_time[0] == pytest.approx(like.slid_time[-1])
@@ -112,8 +109,8 @@ def test_runs_repeated_after_a_rest_begin_cold_and_worn() -> None:
 
 def test_experiment_of_an_effect_that_rivals_itself_is_endless() -> None:
     """A rival that imitates everything separates by nothing: the time runs to its limit."""
-    engine, choice = ambiguous("coulomb_friction", "stribeck", FRICTION)
-    choice.fits["stribeck",] = choice.final
-    found = propose(engine, choice, 1)
+    problem, selection = ambiguous("coulomb_friction", "stribeck", FRICTION)
+    fits = {**selection.fits, ("stribeck",): selection.final}
+    found = propose(problem, replace(selection, fits=fits), 1)
     assert found is not None and found.seconds == 36000.0
     assert np.isfinite(found.settings["separation_sigma"])

@@ -12,7 +12,7 @@ import pytest
 from scipy.signal import butter, filtfilt
 
 from mrwarp.diagnose import diagnose
-from mrwarp.diagnose.predicted import predicted_errors, summary
+from mrwarp.diagnose.held_out import predicted_errors, summary
 from mrwarp.diagnose.result import Diagnosis
 from mrwarp.recording.load import load_recording
 
@@ -97,5 +97,5 @@ def test_damper_baseline_fits_as_the_authors_do(damper: Diagnosis) -> None:
 def test_extension_foretells_earthquakes(damper: Diagnosis) -> None:
     """On records that took no part, the extended model errs less than the baseline in most of them."""
     earthquakes = _recording("mr_utfsm_earthquake")
-    found = summary(predicted_errors(damper, earthquakes, averaged=0.3))["average of the motion undone"]
+    found = summary(predicted_errors(damper.predictor, earthquakes, averaged=0.3))["average of the motion undone"]
     assert found["extended"] < found["baseline"] and found["better"] >= 3

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.engine import Engine
-from mrwarp.diagnose.prepare import hold_rests
+from mrwarp.diagnose.preprocess import hold_rests
+from mrwarp.diagnose.problem import fit_model
 from mrwarp.identify.dataset import Motion
 from mrwarp.identify.kinematics import reconstruct
 from mrwarp.identify.replay import EffectReplay
@@ -81,19 +81,14 @@ def test_a_creeping_joint_creeps_on() -> None:
 def test_rests_are_held_where_the_torque_agrees(dither: float, held: bool) -> None:
     """Stress that stays speaks for a rest; stress that a motion below the encoder's step wears away against it."""
     truth, runs = zip(*(stops(seed, dither=dither) for seed in range(4)), strict=True)
-    recording = Recording(trajectories=runs)
-    raw = Motion.of(recording)
-    scale = raw.scales
-    c = Engine(EffectReplay(raw), 0.0, np.ones(len(raw.qdd))).coordinates(())
-    x = known.vector(c, **STEEP)
-    exact = dataclasses.replace(raw, qd=np.concatenate(truth) / scale.q)
-    torque = EffectReplay(exact).torque(c.row(x))[0].astype(float)
+    raw = Motion.of(Recording(trajectories=runs))
+    exact = dataclasses.replace(raw, qd=np.concatenate(truth) / raw.scales.q)
+    layout = known.posed(raw).parameters(())
+    x = known.vector(layout, **STEEP)
+    torque = EffectReplay(exact).torque(layout.row(x))[0].astype(float)
     torque += 0.01 * np.random.default_rng(8).normal(size=len(torque))
-    on = Engine(EffectReplay(dataclasses.replace(raw, torque=torque)), 0.0,
-                np.ones(len(torque)))  # fmt: skip
-    on.noise = known.white(0.01)
-    parts = [scale.torque * torque[part] for part in raw.parts]
-    measured = [dataclasses.replace(run, torque=part) for run, part in zip(runs, parts, strict=True)]
-    found = hold_rests(on, Recording(trajectories=tuple(measured)), on.fit(c, x), 10.0)
-    assert (found is not None) is held
-    assert on.motion.kinematics.rests is held and bool(on.motion.doubtful.any()) is held
+    problem = known.posed(dataclasses.replace(raw, torque=torque), sigma=0.01)
+    parts = [raw.scales.torque * torque[part] for part in raw.parts]
+    measured = tuple(dataclasses.replace(run, torque=part) for run, part in zip(runs, parts, strict=True))
+    found, _ = hold_rests(problem, Recording(trajectories=measured), fit_model(problem, layout, x), 10.0)
+    assert (found is not problem) is held

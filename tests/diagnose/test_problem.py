@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.uncertainty import covariance
+from mrwarp.diagnose.problem import covariance, fit_model, plain_fit
+from mrwarp.diagnose.screening import screen
 from mrwarp.effects.catalogue import CATALOGUE
 from tests.diagnose import known
 
@@ -35,36 +36,36 @@ def assert_recovers(fit, truth: np.ndarray, sigmas: float = 4.0) -> None:
 
 def test_fit_recovers_the_joint_from_far_off() -> None:
     """From numbers 30 % off, loss and coordinates are those of the truth: chi-squared, within four errors."""
-    engine = known.engine()
-    fit = known.fitted(engine, off=0.3)
-    assert_recovers(fit, known.vector(engine.coordinates(())))
-    count = fit.grams.count
+    problem = known.problem()
+    fit = known.fitted(problem, off=0.3)
+    assert_recovers(fit, known.vector(problem.parameters(())))
+    count = fit.equations.count
     assert fit.loss.sum() == pytest.approx(count, abs=4.0 * np.sqrt(2.0 * count))
-    assert 0.0 < fit.left_out.sum() - fit.loss.sum() < 60.0  # twice nine coordinates, and their scatter
+    assert 0.0 < fit.loo_loss.sum() - fit.loss.sum() < 60.0  # twice nine coordinates, and their scatter
 
 
 def test_fit_without_noise_is_exact() -> None:
     """Noise-free data give the numbers back to the rounding of float32."""
-    engine = known.engine(sigma=0.0)
-    fit = known.fitted(engine, off=0.1)
-    np.testing.assert_allclose(fit.x, known.vector(fit.coordinates), rtol=2e-3, atol=2e-4)
-    assert np.abs(engine.samples.torque - fit.torque).max() < 1e-4
+    problem = known.problem(sigma=0.0)
+    fit = known.fitted(problem, off=0.1)
+    np.testing.assert_allclose(fit.x, known.vector(fit.parameters), rtol=2e-3, atol=2e-4)
+    assert np.abs(problem.motion.torque - fit.torque).max() < 1e-4
 
 
 @pytest.mark.parametrize("effect", list(HIDDEN))
 def test_fit_recovers_an_effect_with_the_joint(effect: str) -> None:
     """Effect and joint searched together from numbers 20 % off; the loss is that of the noise."""
-    engine = known.engine({effect: HIDDEN[effect]}, seed=2)
-    c = engine.coordinates((effect,))
+    problem = known.problem({effect: HIDDEN[effect]}, seed=2)
+    c = problem.parameters((effect,))
     truth = known.vector(c, {effect: HIDDEN[effect]})
     start = truth.copy()
     start[:6] *= 1.2
     for i, slot in c.items():
         if slot.parameter.name != "periods":  # found by its starts
             start[i] = start[i] + 0.2 if slot.logarithmic else 0.8 * start[i]
-    fit = engine.fit(c, start, iterations=25)
+    fit = fit_model(problem, c, start, iterations=25)
     assert_recovers(fit, truth, 5.0 if effect in ("backlash", "remanence") else 4.0)
-    assert fit.loss.sum() == pytest.approx(fit.grams.count, abs=4.0 * np.sqrt(2.0 * fit.grams.count))
+    assert fit.loss.sum() == pytest.approx(fit.equations.count, abs=4.0 * np.sqrt(2.0 * fit.equations.count))
 
 
 @pytest.mark.parametrize(
@@ -76,12 +77,12 @@ def test_fit_recovers_an_effect_with_the_joint(effect: str) -> None:
 )
 def test_first_look_finds_what_was_hidden(effect: str) -> None:
     """On top of the fitted joint the hidden effect promises the most, or nearly, and its gain is most of what is."""
-    engine = known.engine({effect: HIDDEN[effect]}, seed=3, at=known.motion(3, runs=6, seconds=3.0))
-    base = known.fitted(engine)
-    look = engine.screen(base, CANDIDATES)
+    problem = known.problem({effect: HIDDEN[effect]}, seed=3, at=known.motion(3, runs=6, seconds=3.0))
+    base = known.fitted(problem)
+    look = screen(problem, base, CANDIDATES)
     assert {c.effect for c in look} == set(CANDIDATES)
-    gains = {c.effect: float(base.left_out.sum() - c.left_out.sum()) for c in look}
-    possible = float(base.left_out.sum()) - base.grams.count
+    gains = {c.effect: float(base.loo_loss.sum() - c.loo_loss.sum()) for c in look}
+    possible = float(base.loo_loss.sum()) - base.equations.count
     assert possible > 100.0, "the hidden effect is too weak to test anything"
     assert gains[effect] > 0.8 * possible
     assert gains[effect] > max(gains.values()) - 0.1 * possible
@@ -89,72 +90,57 @@ def test_first_look_finds_what_was_hidden(effect: str) -> None:
 
 def test_first_look_at_clean_data_promises_little() -> None:
     """Without a hidden effect no candidate gains more than noise does: 30 in units of its variance."""
-    engine = known.engine(seed=4, at=known.motion(4, runs=6, seconds=3.0))
-    base = known.fitted(engine)
-    look = engine.screen(base, CANDIDATES)
-    assert max(float(base.left_out.sum() - c.left_out.sum()) for c in look) < 30.0
+    problem = known.problem(seed=4, at=known.motion(4, runs=6, seconds=3.0))
+    base = known.fitted(problem)
+    look = screen(problem, base, CANDIDATES)
+    assert max(float(base.loo_loss.sum() - c.loo_loss.sum()) for c in look) < 30.0
 
 
 def test_fit_keeps_its_bounds() -> None:
     """A joint with a negative viscosity is fitted by none, and nothing leaves its range."""
-    engine = known.engine(B=-0.05)
-    fit = known.fitted(engine)
+    problem = known.problem(B=-0.05)
+    fit = known.fitted(problem)
     assert fit.x[1] == 0.0
-    assert (fit.x >= fit.coordinates.low).all() and (fit.x <= fit.coordinates.high).all()
+    assert (fit.x >= fit.parameters.low).all() and (fit.x <= fit.parameters.high).all()
 
 
 def test_stated_numbers_may_be_nearly_dry_friction() -> None:
     """A hysteresis that is over after 0.05 mrad is steeper than the search allows; plain numbers come near it."""
     steep = {"beta": 2e4, "gamma": 0.0, "K0": 2e4}
-    engine = known.engine(sigma=0.002, at=known.motion(dt=5e-4), **steep)
-    c = engine.coordinates(())
-    searched = engine.fit(c, known.vector(c, **steep))
-    assert searched.x[7] == searched.coordinates.high[7] < np.log(2e4)
-    stated = engine.plain_fit(searched)
+    problem = known.problem(sigma=0.002, at=known.motion(dt=5e-4), **steep)
+    c = problem.parameters(())
+    searched = fit_model(problem, c, known.vector(c, **steep))
+    assert searched.x[7] == searched.parameters.high[7] < np.log(2e4)
+    stated = plain_fit(problem, searched)
     assert stated.x[7] > searched.x[7] + 0.5
-    measured = engine.samples.torque
+    measured = problem.motion.torque
     assert np.square(measured - stated.torque).sum() < 0.9 * np.square(measured - searched.torque).sum()
 
 
 def test_samples_without_weight_do_not_count() -> None:
     """Spoiled samples of weight 0 leave the fit as it is without them."""
-    engine = known.engine()
-    clean = known.fitted(engine)
-    spoiled = known.engine()
+    problem = known.problem()
+    clean = known.fitted(problem)
+    spoiled = known.problem()
     at = np.arange(len(spoiled.weight)) % 50 < 5
     spoiled.weight[at] = 0.0
-    spoiled.samples.torque[at] += 30.0
+    spoiled.motion.torque[at] += 30.0
     fit = known.fitted(spoiled)
     error = np.sqrt(np.diag(covariance(clean)))
     assert (np.abs(fit.x - clean.x) < 3.0 * error).all()
-    assert fit.grams.count < 0.92 * clean.grams.count
+    assert fit.equations.count < 0.92 * clean.equations.count
 
 
 def test_an_effect_that_cannot_act_gains_nothing_where_a_number_is_at_its_bound() -> None:
     """Linear looks do not cross the bound either: at a constant current a lag of it changes nothing."""
-    engine = known.engine(B=-0.02, at=known.motion(current=1.0))
-    base = known.fitted(engine)
+    problem = known.problem(B=-0.02, at=known.motion(current=1.0))
+    base = known.fitted(problem)
     assert base.x[1] == 0.0 and 1 not in base.free
-    (look,) = engine.screen(base, ["coil_lag"])
+    (look,) = screen(problem, base, ["coil_lag"])
     assert look.total == pytest.approx(base.total, rel=1e-6)
-
-
-def test_line_is_set_aside_with_its_phase_in_each_trajectory() -> None:
-    """A line of known frequency leaves the torque; what remains is the noise, and the measured torque is kept."""
-    motion = known.motion()
-    rng = np.random.default_rng(6)
-    t = motion.time - np.repeat(motion.time[motion.start[:-1]], np.diff(motion.start))
-    phase = np.repeat(rng.uniform(0, 2 * np.pi, 8), np.diff(motion.start))
-    line = 0.05 * np.sin(2 * np.pi * 17.3 * t + phase)
-    engine = known.engine(plus=line)
-    plain = known.engine()
-    engine.set_aside(17.28, known.fitted(plain).torque)
-    left = engine.samples.torque - plain.samples.torque
-    assert np.sqrt(np.mean(left**2)) < 0.1 * np.sqrt(np.mean(line**2))
-    np.testing.assert_allclose(engine.measured - plain.samples.torque, line, atol=1e-9)
 
 
 def test_coordinates_follow_the_path() -> None:
     """Effects stand in the catalogue's order, however they were named."""
-    engine = known.engine()
-    assert engine.coordinates(("wear", "coil_lag", "backlash")).effects == ("coil_lag", "backlash", "wear")
+    problem = known.problem()
+    assert problem.parameters(("wear", "coil_lag", "backlash")).effects == ("coil_lag", "backlash", "wear")

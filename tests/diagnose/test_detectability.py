@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.choice import threshold
-from mrwarp.diagnose.detectable import detectable
+from mrwarp.diagnose.detectability import smallest_sizes
+from mrwarp.diagnose.problem import threshold
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.normal_equations import losses
 from tests.diagnose import known
@@ -16,18 +16,18 @@ def gain(hidden: dict, motion) -> float:
     """What an effect of some size gains on noisy data with it, on average over six draws of the noise."""
     gains = []
     for seed in range(6):
-        engine = known.engine(hidden, seed=11 + seed, at=motion)
-        base, full = known.fitted(engine), known.fitted(engine, hidden)
-        gains.append(float(base.left_out.sum() - full.left_out.sum()))
+        problem = known.problem(hidden, seed=11 + seed, at=motion)
+        base, full = known.fitted(problem), known.fitted(problem, hidden)
+        gains.append(float(base.loo_loss.sum() - full.loo_loss.sum()))
     return float(np.mean(gains))
 
 
 def test_size_of_a_linear_effect_is_the_closed_form() -> None:
     """J such that J^2 |qdd without what the joint's nine numbers take up|^2/sigma^2 is the gain that is needed."""
-    engine = known.engine(seed=10)
-    fit = known.fitted(engine)
-    sizes, unseen = detectable(engine, fit, ["rotor_inertia"])
-    table = engine.grams(np.vstack([fit.slopes, engine.motion.qdd]), fit.torque)
+    problem = known.problem(seed=10)
+    fit = known.fitted(problem)
+    sizes, unseen = smallest_sizes(problem, fit, ["rotor_inertia"])
+    table = problem.equations(np.vstack([fit.slopes, problem.motion.qdd]), fit.torque)
     left = losses(table, list(range(9)), 9)[1].sum()
     assert sizes["rotor_inertia"] == pytest.approx(np.sqrt(1.3 * threshold(fit) / left), rel=0.02) and unseen == []
 
@@ -39,10 +39,10 @@ def test_size_of_a_linear_effect_is_the_closed_form() -> None:
 def test_effect_of_that_size_just_shows(effect: str) -> None:
     """Hidden at the stated size, the effect gains about what is needed; at a third of it, far less."""
     motion = known.motion(10, runs=6, seconds=3.0)
-    engine = known.engine(seed=10, at=motion)
-    fit = known.fitted(engine)
-    sizes, _ = detectable(engine, fit, [effect])
-    c = engine.coordinates((effect,))
+    problem = known.problem(seed=10, at=motion)
+    fit = known.fitted(problem)
+    sizes, _ = smallest_sizes(problem, fit, [effect])
+    c = problem.parameters((effect,))
     first = c.slots[0].parameter.name
     others = {}
     for slot in c.slots[1:]:
@@ -60,8 +60,8 @@ def test_sizes_follow_noise_and_length() -> None:
     """Twice the noise needs twice the size; four times as many trajectories half of it, while chi-squared decides."""
 
     def size(sigma: float, runs: int) -> float:
-        engine = known.engine(seed=12, at=known.motion(12, runs=runs, seconds=2.0), sigma=sigma)
-        return detectable(engine, known.fitted(engine), ["rotor_inertia"])[0]["rotor_inertia"]
+        problem = known.problem(seed=12, at=known.motion(12, runs=runs, seconds=2.0), sigma=sigma)
+        return smallest_sizes(problem, known.fitted(problem), ["rotor_inertia"])[0]["rotor_inertia"]
 
     base = size(0.02, 4)
     assert size(0.04, 4) == pytest.approx(2.0 * base, rel=0.05)
@@ -70,19 +70,19 @@ def test_sizes_follow_noise_and_length() -> None:
 
 def test_constant_current_hides_what_acts_on_it() -> None:
     """At one level of current a delay of any size is invisible, an inertia is not."""
-    engine = known.engine(seed=13, at=known.motion(13, current=0.8))
-    sizes, unseen = detectable(engine, known.fitted(engine), ["command_delay", "coil_lag", "rotor_inertia"])
+    problem = known.problem(seed=13, at=known.motion(13, current=0.8))
+    sizes, unseen = smallest_sizes(problem, known.fitted(problem), ["command_delay", "coil_lag", "rotor_inertia"])
     assert set(sizes) == {"rotor_inertia"} and set(unseen) == {"command_delay", "coil_lag"}
 
 
 def test_every_candidate_is_seen_or_unseen() -> None:
     """Each effect that is not part of the model stands in one of the two lists, inside its range."""
     hidden = {"coil_lag": {"time_constant": 0.01}}
-    engine = known.engine(hidden, seed=14, at=known.motion(14, runs=6, seconds=2.0))
-    fit = known.fitted(engine, hidden)
-    sizes, unseen = detectable(engine, fit, ALL)
+    problem = known.problem(hidden, seed=14, at=known.motion(14, runs=6, seconds=2.0))
+    fit = known.fitted(problem, hidden)
+    sizes, unseen = smallest_sizes(problem, fit, ALL)
     assert set(sizes) | set(unseen) == set(ALL) - {"coil_lag"} and not set(sizes) & set(unseen)
     for name, size in sizes.items():
         assert 0.0 < size < np.inf
         p = CATALOGUE[name].parameters[0]
-        assert size <= max(abs(end(engine.motion.ranges) - p.null) for end in (p.low, p.high))
+        assert size <= max(abs(end(problem.motion.ranges) - p.null) for end in (p.low, p.high))

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.step_response import DELAY, LAG, Edges, log_likelihood, size_from, told_apart
+from mrwarp.diagnose.lag_or_delay import DELAY, LAG, StepResponses, log_likelihood, more_likely, size_from
 
 DT = 0.005
 
 
 def steps(
     effect: str, size: float, *, count: int = 60, noise: float = 0.08, seed: int = 0, common: bool = False
-) -> Edges:
+) -> StepResponses:
     """Steps at times between two samples that the log does not know; ``common``: the same in each of six runs."""
     rng = np.random.default_rng(seed)
     trajectory = np.arange(count) * 6 // count
@@ -18,7 +18,7 @@ def steps(
     since = age[:, None] + DT * np.arange(3)
     late = np.exp(-since / size) if effect == LAG else (since < size).astype(float)
     late = late + noise * rng.normal(size=late.shape)
-    return Edges(late=late, error=np.full(late.shape, noise), trajectory=trajectory, dt=DT)
+    return StepResponses(late=late, error=np.full(late.shape, noise), trajectory=trajectory, dt=DT)
 
 
 @pytest.mark.parametrize("common", [False, True], ids=["any time", "one clock"])
@@ -26,7 +26,7 @@ def steps(
 @pytest.mark.parametrize("effect", [LAG, DELAY])
 def test_truth_is_told(effect: str, size: float, common: bool) -> None:
     """In 20 sets the truth is named or nothing, and mostly the truth."""
-    told = [told_apart(steps(effect, size, seed=seed, common=common)) for seed in range(20)]
+    told = [more_likely(steps(effect, size, seed=seed, common=common)) for seed in range(20)]
     assert set(told) <= {effect, None}
     assert told.count(effect) >= (12 if common else 20)
 
@@ -41,8 +41,8 @@ def test_delay_is_measured_to_parts_of_a_sample() -> None:
 def test_without_steps_that_are_late_nothing_is_told() -> None:
     """Noise alone speaks for neither."""
     rng = np.random.default_rng(1)
-    none = Edges(
+    none = StepResponses(
         late=0.08 * rng.normal(size=(40, 3)), error=np.full((40, 3), 0.08), trajectory=np.zeros(40, int), dt=DT
     )
-    assert told_apart(none) is None
+    assert more_likely(none) is None
     assert abs(log_likelihood(none, LAG) - log_likelihood(none, DELAY)) < 6.0

@@ -1,38 +1,25 @@
 """Units: what the diagnosis writes for any device can be read again, and numbers scale as the device does."""
 
-import itertools
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.physical_units import factor_of, outer_interval, outer_model, unit_of
-from mrwarp.diagnose.predictor import Predictor
+from mrwarp.diagnose.findings import outer_interval, outer_model
+from mrwarp.diagnose.held_out import Predictor
+from mrwarp.diagnose.problem import factor_of, fit_model
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
 from mrwarp.identify.dataset import Motion, Scales
 from mrwarp.model_file import effect_unit, load_model, save_model
 from tests.diagnose import known
 
-DEVICES = [
-    {"q": q, "current": current, "torque": torque}
-    for q, current, torque in itertools.product(("rad", "m"), ("A", "V"), ("N·m", "N"))
-    if (q == "m") == (torque == "N")
-]
 PARAMETERS = [(name, p.name) for name, law in CATALOGUE.items() for p in law.parameters]
-
-
-@pytest.mark.parametrize("units", DEVICES, ids=lambda units: "-".join(units.values()))
-@pytest.mark.parametrize(("effect", "name"), PARAMETERS)
-def test_unit_is_that_of_the_model_file(effect: str, name: str, units: dict[str, str]) -> None:
-    """What a diagnosis writes into model.json is the unit that its reader asks for."""
-    p = parameter_of(effect, name)
-    assert unit_of(p, units) == effect_unit(p, units)
 
 
 def test_units_of_a_linear_damper() -> None:
     """Radians become metres and newton metres newtons; a rotor's inertia becomes a mass, and a joule stays one."""
     units = {"q": "m", "current": "V", "torque": "N"}
-    found = {key: unit_of(parameter_of(*key), units) for key in PARAMETERS}
+    found = {key: effect_unit(parameter_of(*key), units) for key in PARAMETERS}
     assert found["current_viscosity", "B1"] == "N·s/(m·V)" and found["backlash", "half_gap"] == "m"
     assert found["coulomb_friction", "torque"] == "N" and found["remanence", "half_width"] == "V"
     assert found["current_saturation", "u"] == "1/V" and found["cogging", "periods"] == "1/m"
@@ -63,27 +50,26 @@ HIDDEN = {
 
 
 def fitted_recording(q: float, current: float, size: float):
-    """Engine, fit and recording of one device, seen in other units."""
+    """Problem, fit and recording of one device, seen in other units."""
     exact = known.motion(4, runs=4, seconds=2.0)
-    torque = known.engine(HIDDEN, seed=4, at=exact).samples.torque
+    torque = known.problem(HIDDEN, seed=4, at=exact).motion.torque
     recording = known.recording(exact, torque, q=q, current=current, size=size)
     motion = Motion.of(recording)
-    engine = known.Engine(known.EffectReplay(motion), 0.1, np.ones(len(torque)), recording.units)
-    engine.noise = known.white(0.03)
-    c = engine.coordinates(tuple(HIDDEN))
+    problem = known.posed(motion, sigma=0.03, q_zero=0.1, units=recording.units)
+    c = problem.parameters(tuple(HIDDEN))
     scales = Motion.of(known.recording(exact, torque)).scales
     inner = {
         name: {key: value / factor_of(parameter_of(name, key), scales) for key, value in parameters.items()}
         for name, parameters in HIDDEN.items()
     }
     x = known.vector(c, inner, **{name: value / scales.factor(name) for name, value in known.TRUTH.items()})
-    return engine, engine.fit(c, x, iterations=4), recording
+    return problem, fit_model(problem, c, x, iterations=4), recording
 
 
 def test_model_scales_with_the_units(tmp_path: Path) -> None:
     """The same device in m, V and N: every number and interval times its factor, and the file can be read."""
     (one, fit, here), (other, same, there) = fitted_recording(1.0, 1.0, 1.0), fitted_recording(0.04, 6.0, 250.0)
-    assert other.samples.scales.torque == pytest.approx(250.0 * one.samples.scales.torque)
+    assert other.motion.scales.torque == pytest.approx(250.0 * one.motion.scales.torque)
     plain, scaled = outer_model(one, fit, here, 3), outer_model(other, same, there, 3)
     step = Scales(q=0.04, current=6.0, torque=250.0)
     for name, p in plain.parameters.items():
@@ -100,9 +86,9 @@ def test_model_scales_with_the_units(tmp_path: Path) -> None:
 
 def test_model_holds_what_was_hidden() -> None:
     """In the recording's units the fitted numbers are those that were put in, inside their intervals."""
-    engine, fit, recording = fitted_recording(1.0, 1.0, 1.0)
-    model = outer_model(engine, fit, recording, 3)
-    assert model.parameters["q_offset"].value == pytest.approx(0.1 * engine.samples.scales.q)
+    problem, fit, recording = fitted_recording(1.0, 1.0, 1.0)
+    model = outer_model(problem, fit, recording, 3)
+    assert model.parameters["q_offset"].value == pytest.approx(0.1 * problem.motion.scales.q)
     for effect in model.effects:
         if effect.name == "temperature_drift":  # of which 8 s show little
             continue
@@ -110,20 +96,19 @@ def test_model_holds_what_was_hidden() -> None:
             true = HIDDEN[effect.name][name]
             assert p.ci95 is not None and p.ci95[0] <= p.value <= p.ci95[1]
             assert p.value == pytest.approx(true, abs=1.5 * (p.ci95[1] - p.ci95[0]) + 0.02 * abs(true))
-    low, high = outer_interval(fit, 9, np.diag(np.full(len(fit.x), 1e-4)), True, 2.0)
-    assert low < 2.0 * np.exp(fit.x[9]) < high and np.sqrt(low * high) == pytest.approx(2.0 * np.exp(fit.x[9]))
+    [lag] = fit.parameters.own("coil_lag")
+    low, high = outer_interval(fit, lag, np.diag(np.full(len(fit.x), 1e-4)), True, 2.0)
+    assert low < 2.0 * np.exp(fit.x[lag]) < high and np.sqrt(low * high) == pytest.approx(2.0 * np.exp(fit.x[lag]))
 
 
 def test_predictor_speaks_the_recordings_units() -> None:
     """On the recording that was fitted it gives the fit's torque, in any units the same but for the factor."""
-    from types import SimpleNamespace
-
     found = []
     for q, current, size in ((1.0, 1.0, 1.0), (0.04, 6.0, 250.0)):
-        engine, fit, recording = fitted_recording(q, current, size)
-        choice = SimpleNamespace(base=fit, final=fit, stated=lambda _, fit: fit)
-        tau = Predictor.of(engine, choice).torque(recording)
-        np.testing.assert_allclose(tau[1], fit.torque * engine.samples.scales.torque, rtol=1e-5, atol=1e-4 * size)
+        problem, fit, recording = fitted_recording(q, current, size)
+        predictor = Predictor(rows=np.stack([fit.row, fit.row]), motion=problem.motion, recording=recording)
+        tau = predictor.torque(recording)
+        np.testing.assert_allclose(tau[1], fit.torque * problem.motion.scales.torque, rtol=1e-5, atol=1e-4 * size)
         np.testing.assert_array_equal(tau[0], tau[1])
         found.append(tau[0] / size)
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=2e-3)

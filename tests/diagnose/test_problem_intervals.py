@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from mrwarp.diagnose.uncertainty import covariance, interval
+from mrwarp.diagnose.problem import covariance, interval
 from mrwarp.identify.dataset import Dataset, Scales
 from mrwarp.identify.noise import Noise
 from mrwarp.identify.normal_equations import NormalEquations
@@ -29,15 +29,15 @@ def regression(seed: int, runs: int, *, count: int = 100, sigma: float = 0.3, sc
     y = (x * own.repeat(count, axis=1)).sum(0) + sigma * rng.normal(size=runs * count)
     noise = Noise(whitening=np.ones(1), sigma=sigma, rms=sigma, offset=0.0, gain=0.0)
     plain = np.linalg.lstsq(x.T, y, rcond=None)[0]
-    grams = NormalEquations(np.vstack([x, y - plain @ x]), zero, samples, noise, np.ones(runs * count))
-    return SimpleNamespace(x=plain, grams=grams, table=x, sigma=sigma, least_variance=None)
+    equations = NormalEquations(np.vstack([x, y - plain @ x]), zero, samples, noise, np.ones(runs * count))
+    return SimpleNamespace(x=plain, equations=equations, table=x, sigma=sigma, least_variance=None)
 
 
 def test_covariance_of_few_trajectories_is_that_of_the_noise() -> None:
     """With two trajectories: sigma^2 (X X')^-1."""
     fit = regression(1, 2)
     want = fit.sigma**2 * np.linalg.inv(fit.table @ fit.table.T)
-    grown = max(1.0, float(fit.grams.total[3, 3]) / fit.grams.count)
+    grown = max(1.0, float(fit.equations.total[3, 3]) / fit.equations.count)
     np.testing.assert_allclose(covariance(fit), grown * want, rtol=1e-5)
 
 
@@ -61,7 +61,7 @@ def test_interval_is_students() -> None:
     fit = regression(4, 12)
     spread = covariance(fit)
     low, high = interval(fit, 1, spread)
-    information = fit.grams.parts[:, 1, 1]
+    information = fit.equations.parts[:, 1, 1]
     effective = information.sum() ** 2 / (information**2).sum()
     half = student.ppf(0.975, effective - 1.0) * np.sqrt(spread[1, 1])
     assert (low, high) == pytest.approx((fit.x[1] - half, fit.x[1] + half), rel=1e-4)
@@ -92,8 +92,8 @@ def test_redundant_column_has_a_finite_interval() -> None:
     )  # fmt: skip
     noise = Noise(whitening=np.ones(1), sigma=0.3, rms=0.3, offset=0.0, gain=0.0)
     rows = np.vstack([table, np.random.default_rng(6).normal(size=len(zero))])
-    grams = NormalEquations(rows, zero, samples, noise, np.ones(len(zero)))
-    twice: Any = SimpleNamespace(x=np.zeros(4), grams=grams, least_variance=None)
+    equations = NormalEquations(rows, zero, samples, noise, np.ones(len(zero)))
+    twice: Any = SimpleNamespace(x=np.zeros(4), equations=equations, least_variance=None)
     assert np.isfinite(covariance(twice)).all()
 
 
@@ -111,9 +111,9 @@ def test_noise_of_the_joint_is_covered() -> None:
     motion = known.motion(9, runs=6, seconds=2.0)
     missed = 0
     for seed in range(20):
-        engine = known.engine(hidden, seed=seed, at=motion)
-        fit = known.fitted(engine, hidden)
-        low, high = interval(fit, 9, covariance(fit))
+        problem = known.problem(hidden, seed=seed, at=motion)
+        fit = known.fitted(problem, hidden)
+        low, high = interval(fit, fit.parameters.own("rotor_inertia")[0], covariance(fit))
         assert high - low < 0.002
         missed += not low <= 0.002 <= high
     assert missed <= 4

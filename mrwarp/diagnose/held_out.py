@@ -1,0 +1,170 @@
+"""What models predict of data that took no part: trajectories left out in turn, and other recordings of the device.
+
+Every trajectory is predicted once by a model that was fitted without it, and chosen without it: among the baseline and
+all fits of the search, the one that predicts the *other* trajectories best. So the whole data set counts, and none of
+it twice. The fits without a trajectory come from normal equations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mrwarp.diagnose.problem import Fit, Problem, reported_fit
+from mrwarp.diagnose.search import Selection
+from mrwarp.identify.damper import prediction_errors, undo_moving_average
+from mrwarp.identify.dataset import Motion
+from mrwarp.identify.least_squares import ridge_solve
+from mrwarp.identify.replay import EffectReplay
+from mrwarp.recording.load import Recording, check_same_units
+
+MODELS = ("baseline", "extended")
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldOut:
+    """Squared mismatch of each trajectory, inner units, shape (T,), and what was predicted of it, shape (N,)."""
+
+    baseline: np.ndarray
+    extended: np.ndarray
+    predicted_baseline: np.ndarray
+    predicted_extended: np.ndarray
+    agreed: float
+    """Share of the trajectories without which the same effects would have been chosen."""
+
+
+def hold_out(problem: Problem, selection: Selection, baseline: Fit, extended: Fit) -> HeldOut:
+    """Predict every trajectory by what the others say.
+
+    Args:
+        problem: The data set.
+        selection: The search for causes.
+        baseline: Its baseline, as reported.
+        extended: Its final model, as reported.
+    """
+    models, motion = list(selection.fits.values()), problem.motion
+    final, base = models.index(selection.final), models.index(selection.base)
+    losses = np.array([fit.loo_loss for fit in models])
+    others = losses.sum(axis=1, keepdims=True) - losses
+    # the final model stands unless another that was fitted predicts the others clearly better
+    margin = 0.05 * (others[base] - others[final])
+    picked = np.where(others[final] <= others.min(axis=0) + margin, final, others.argmin(axis=0))
+    reported = {final: extended, base: baseline}
+    for k in map(int, np.unique(picked)):
+        if k not in reported:
+            reported[k] = reported_fit(problem, models[k])
+    predicted = {k: _predicted(problem, fit) for k, fit in reported.items()}
+    chosen = np.empty(len(motion.q))
+    for k, part in zip(picked, motion.parts, strict=True):
+        chosen[part] = predicted[int(k)][part]
+    before, after = (
+        np.array([float(((x[p] - motion.torque[p]) ** 2).sum()) for p in motion.parts])
+        for x in (predicted[base], chosen)
+    )
+    return HeldOut(
+        baseline=before,
+        extended=after,
+        predicted_baseline=predicted[base],
+        predicted_extended=chosen,
+        agreed=float(np.mean(picked == final)),
+    )
+
+
+def _predicted(problem: Problem, fit: Fit) -> np.ndarray:
+    """Torque of each trajectory by the fit without it, shape (N,)."""
+    columns = [*fit.free, len(fit.x)]
+    parts = fit.equations.parts[:, columns][:, :, columns]
+    total, moment = parts[:, :-1, :-1].sum(axis=0), parts[:, :-1, -1].sum(axis=0)
+    out = fit.torque.copy()
+    if len(parts) < 2:
+        return out
+    left = ridge_solve(total - parts[:, :-1, :-1], moment - parts[:, :-1, -1])
+    for delta, part in zip(left, problem.motion.parts, strict=True):
+        out[part] += delta @ fit.slopes[fit.free, part]
+    return out
+
+
+def reduction(held: HeldOut, seed: int, count: int = 2000) -> tuple[float, tuple[float, float]]:
+    """Reduction of the RMSE and its 95 % interval over trajectories."""
+    value = 1.0 - np.sqrt(held.extended.sum() / max(held.baseline.sum(), 1e-300))
+    rng = np.random.default_rng(seed)
+    pick = rng.integers(0, len(held.baseline), (count, len(held.baseline)))
+    draws = 1.0 - np.sqrt(held.extended[pick].sum(1) / np.maximum(held.baseline[pick].sum(1), 1e-300))
+    low, high = np.percentile(draws, (2.5, 97.5))
+    return float(value), (float(min(low, value)), float(max(high, value)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Predictor:
+    """Baseline and extended model of a diagnosis, for other recordings of the same device."""
+
+    rows: np.ndarray
+    """Parameters in inner units, shape (2, WIDTH)."""
+    motion: Motion
+    """The motion that they were fitted to: its scales, and how its log was read."""
+    recording: Recording
+    """What they were fitted to."""
+
+    def torque(self, recording: Recording) -> np.ndarray:
+        """Torque of both models along all trajectories end to end, shape (2, N) [unit of the recording].
+
+        Raises:
+            RecordingError: the recording has other units than the one that was fitted.
+        """
+        check_same_units(recording, self.recording)
+        like = self.motion
+        motion = Motion.of(recording, like.scales, resistance=like.resistance, rests=like.kinematics.rests)
+        if like.ahead:
+            motion = motion.later(like.ahead)
+        if like.begin is not None:
+            motion = motion.under_way()
+        return EffectReplay(motion).torque(self.rows).astype(float) * like.scales.torque
+
+
+def predicted_errors(
+    predictor: Predictor, recording: Recording, *, averaged: float = 0.0, log: Callable[[str], None] = lambda text: None
+) -> dict[str, dict[str, dict[str, float]]]:
+    """RMSE over standard deviation by reading of the motion, by model, by trajectory.
+
+    Args:
+        predictor: The models of a diagnosis.
+        recording: Of the same device, in the same units.
+        averaged: Moving average [s] that its q and torque passed before they were published; then the simulated torque
+            passes the same, and the motion is taken as published and again with its average undone.
+        log: Takes a line on what is being done.
+
+    Raises:
+        RecordingError: the units differ.
+    """
+    log(f"predicting {len(recording.trajectories)} trajectories of {recording.source}")
+    readings = {"": recording}
+    if averaged:
+        readings = {
+            "motion as published": recording,
+            "average of the motion undone": undo_moving_average(recording, averaged),
+        }
+    cuts = np.cumsum([len(run.t) for run in recording.trajectories])[:-1]
+    return {
+        name: {
+            model: prediction_errors(motion, np.split(tau, cuts), averaged)
+            for model, tau in zip(MODELS, predictor.torque(motion), strict=True)
+        }
+        for name, motion in readings.items()
+    }
+
+
+def summary(found: dict[str, dict[str, dict[str, float]]]) -> dict[str, Any]:
+    """Mean over the trajectories by reading and model, and in how many of them the extension is better."""
+    out = {}
+    for name, models in found.items():
+        before, after = (np.array(list(models[model].values())) for model in MODELS)
+        out[name] = {
+            "baseline": float(before.mean()),
+            "extended": float(after.mean()),
+            "better": int((after < before).sum()),
+            "trajectories": len(before),
+        }
+    return out

@@ -1,0 +1,169 @@
+"""Coil lag or command delay: whether the current creeps or arrives late, told by the single steps of the command.
+
+A log says between which two samples the command changed, not when. Both effects are then the same mean change of the
+first samples after a step. But a delay leaves each of these samples wholly old or wholly new, as the step fell before
+or after, where a lag leaves them anywhere in between: the single steps tell apart what their mean does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mrwarp.diagnose.problem import Fit, Problem
+from mrwarp.diagnose.screening import Models, screen
+from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.identify.parameters import row_column
+
+LAG, DELAY = "coil_lag", "command_delay"
+_AGES = 48
+"""Times of the step between two samples that are integrated over."""
+_ENOUGH = 3
+"""Fewest steps for an answer."""
+_CLEAR = 6.0
+"""Difference of the logarithms of two likelihoods from which one is taken."""
+_VISIBLE = 4.0
+"""Smallest change of torque by a step, over the noise."""
+_MODEL_ERROR = 0.03
+"""What the model may be wrong about that change [1]."""
+_NEAR = 0.7
+"""Part of an effect's gain by which its like may be behind, and single steps still decide between them.
+
+Wide, since each step falls where it likes between two samples: with few steps the fits' difference is their luck.
+"""
+
+
+@dataclass(frozen=True)
+class LagOrDelay:
+    """The model with whichever of lag and delay the single steps speak for."""
+
+    model: Fit
+    excluded: str | None = None
+    """The one of the two that the steps speak against: no alternative, whatever the fits say."""
+    undecided: str | None = None
+    """The one that stays an alternative, whatever the fits say."""
+    refined: Mapping[tuple[str, str], tuple[float, float, float]] = field(default_factory=dict)
+    """Parameters, and their intervals, that the steps give better than the fit; inner units."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepResponses:
+    """Steps of the command that stand alone and show in the torque."""
+
+    late: np.ndarray
+    """Part of the old current's torque that is still there at the samples after each step, shape (E, J)."""
+    error: np.ndarray
+    """Its standard error, shape (E, J)."""
+    trajectory: np.ndarray
+    """Trajectory of each step, shape (E,)."""
+    dt: float
+    """Sampling interval [s]."""
+
+
+def told_by_steps(models: Models, final: Fit, candidates: list[str]) -> LagOrDelay:
+    """Decide between lag and delay where one of them is named and the other does nearly as well."""
+    named = [e for e in (LAG, DELAY) if e in models.added(final)]
+    if len(named) != 1:
+        return LagOrDelay(final)
+    other = DELAY if named[0] == LAG else LAG
+    without = models.without(final, named[0])
+    screened = screen(models.problem, without, [other]) if other in candidates else []
+    if not screened:
+        return LagOrDelay(final)
+    rival = models.grown(without, screened[0])
+    behind = (rival.total - final.total) / max(without.total - final.total, 1e-9)
+    if behind > _NEAR:
+        return LagOrDelay(final)
+    steps = find_steps(models.problem, final if named[0] == LAG else rival)
+    found = more_likely(steps) if steps is not None else None
+    if steps is None or found is None:  # neither law knows when the command changed: their fits do not decide
+        return LagOrDelay(final, undecided=other)
+    refined = {}
+    if found == DELAY:
+        size = size_from(steps, DELAY)
+        if size[0] < 2.0 * steps.dt:  # the fit has a delay of parts of a sample as a mean of two samples
+            refined[DELAY, CATALOGUE[DELAY].parameters[0].name] = size
+    model, loser = (final, other) if found == named[0] else (rival, named[0])
+    return LagOrDelay(model, excluded=loser, refined=refined)
+
+
+def more_likely(steps: StepResponses) -> str | None:
+    """The one of the two effects that the single steps speak for, or None where they do not tell."""
+    gap = log_likelihood(steps, LAG) - log_likelihood(steps, DELAY)
+    if abs(gap) < _CLEAR:
+        return None
+    return LAG if gap > 0.0 else DELAY
+
+
+def size_from(steps: StepResponses, effect: str) -> tuple[float, float, float]:
+    """Size of an effect from the single steps, and its 95 % interval by the profile of the likelihood [s]."""
+    sizes, profile = _profile(steps, effect)
+    inside = sizes[profile > profile.max() - 1.92]
+    step = float(np.diff(sizes).min())
+    return float(sizes[np.argmax(profile)]), max(0.0, float(inside.min()) - step), float(inside.max()) + step
+
+
+def find_steps(problem: Problem, lag: Fit) -> StepResponses | None:
+    """Steps of a data set, measured against the model without the lag; None if they are too few."""
+    s, noise = problem.motion, problem.noise.rms
+    dt = float(np.median(s.dt))
+    if float(np.ptp(s.dt)) > 1e-3 * dt:
+        return None
+    constant, delay = (row_column(effect, CATALOGUE[effect].parameters[0].name) for effect in (LAG, DELAY))
+    reach = int(np.clip(np.ceil(1.6 * lag.row[constant] / dt), 3, 40))
+    rows = np.stack([lag.row, lag.row])
+    rows[:, constant] = 0.0
+    rows[1, delay] = reach * dt
+    new, old = problem.replay.torque(rows).astype(float)
+    late, error, trajectory = [], [], []
+    for index, part in enumerate(s.parts):
+        at = np.flatnonzero(np.abs(np.diff(s.current[part])) > 1e-3 * s.ranges.current) + 1
+        before = np.diff(at, prepend=-reach)
+        after = np.diff(at, append=part.stop - part.start + reach)
+        for k in part.start + at[(before > reach) & (after >= reach)]:
+            if k + reach > part.stop or k - 2 < part.start:
+                continue
+            window = slice(k, k + reach)
+            change = new[window] - old[window]
+            if np.abs(change).min() < _VISIBLE * noise:
+                continue
+            level = float(np.mean(s.torque[k - 2 : k] - new[k - 2 : k]))
+            late.append((new[window] + level - s.torque[window]) / change)
+            error.append(np.hypot(1.2 * noise / np.abs(change), _MODEL_ERROR))
+            trajectory.append(index)
+    if len(late) < _ENOUGH:
+        return None
+    return StepResponses(late=np.array(late), error=np.array(error), trajectory=np.array(trajectory), dt=dt)
+
+
+def log_likelihood(steps: StepResponses, effect: str) -> float:
+    """Largest logarithm of the likelihood of the steps with one of the effects."""
+    return float(_profile(steps, effect)[1].max())
+
+
+def _profile(steps: StepResponses, effect: str) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes [s] and the logarithm of the likelihood at each.
+
+    The time of each step is integrated over, and so is one common time of all steps of a trajectory; the better counts.
+    """
+    dt, reach = steps.dt, steps.late.shape[1]
+    age = (np.arange(_AGES) + 0.5) / _AGES * dt
+    since = age[:, None] + dt * np.arange(reach)
+    sizes = dt * (np.geomspace(0.02, 2.0 * reach, 80) if effect == LAG else np.linspace(0.02, reach, 50 * reach))
+    members = [np.flatnonzero(steps.trajectory == k) for k in np.unique(steps.trajectory)]
+    profile = np.empty(len(sizes))
+    for i, size in enumerate(sizes):
+        late = np.exp(-since / size) if effect == LAG else (since < size).astype(float)
+        miss = (steps.late[:, None, :] - late) / steps.error[:, None, :]
+        each = -0.5 * np.minimum(miss**2, 25.0).sum(axis=2)
+        together = np.stack([each[m].sum(axis=0) for m in members])
+        profile[i] = max(float(_mean_exp(each).sum()), float(_mean_exp(together).sum()))
+    return sizes, profile
+
+
+def _mean_exp(logs: np.ndarray) -> np.ndarray:
+    """Logarithm of the mean over the last axis."""
+    top = logs.max(axis=-1)
+    return top + np.log(np.mean(np.exp(logs - top[..., None]), axis=-1))

@@ -1,0 +1,231 @@
+"""A prepared data set and the models fitted to it: the values that every step of a diagnosis takes and returns.
+
+Losses are in units of the noise's variance, after whitening and with offsets and factors of trajectories taken out, so
+a gain compares with chi-squared. A model is judged by its leave-one-out loss: a trajectory counts by how well the
+others predict it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.effects.law import EffectParameter
+from mrwarp.identify.dataset import Motion, Scales
+from mrwarp.identify.least_squares import Quadratic, Rules, minimise, ridge_solve
+from mrwarp.identify.noise import Noise
+from mrwarp.identify.normal_equations import NormalEquations, losses
+from mrwarp.identify.parameters import BASE_PART, EFFECT_PART, Parameters, jacobian
+from mrwarp.identify.replay import EffectReplay
+
+FLOOR = 0.003
+"""Smallest gain that is worth a name, as a share of the noise's energy: the replay's own step errs by about as much."""
+CHI2 = 30.0
+"""Smallest gain in units of the noise's variance: one chance in a million over a hundred starts."""
+_BENT, _BENT_T = 0.05, 4.0
+"""Least gain, as a share of what a model leaves, and its least ratio to its standard error, for a bent law."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """A data set with the noise that models of it are judged by; inner units."""
+
+    replay: EffectReplay
+    """The motion on a device, with the torque that is to be explained."""
+    measured: np.ndarray
+    """Torque as it was measured, shape (N,)."""
+    weight: np.ndarray
+    """1 for samples that count, else 0, shape (N,)."""
+    q_zero: float
+    """Angle from which q_c counts."""
+    units: Mapping[str, str]
+    """Units of the recording: of q, current and torque."""
+    noise: Noise
+    misfit: bool = False
+    """Whether the mismatch is so large that its statistics say nothing about noise."""
+
+    @property
+    def motion(self) -> Motion:
+        """The samples."""
+        return self.replay.motion
+
+    def with_motion(self, motion: Motion) -> Problem:
+        """The problem with another reading of the motion, or another torque to be explained."""
+        return replace(self, replay=EffectReplay(motion, threads=self.replay.threads))
+
+    def parameters(self, effects: Sequence[str], choices: Mapping[tuple[str, str], float] | None = None) -> Parameters:
+        """Layout of a model's vector on this data set; effects stand in the catalogue's order."""
+        order = tuple(name for name in CATALOGUE if name in effects)
+        return Parameters(order, self.motion.ranges, self.q_zero, dict(choices or {}))
+
+    def equations(self, rows: np.ndarray | Sequence[np.ndarray], torque: np.ndarray) -> NormalEquations:
+        """Whitened normal equations of signals, shape (M, N), or of blocks of them, about a simulated torque."""
+        return NormalEquations(rows, torque, self.motion, self.noise, self.weight)
+
+    def linearised(self, parameters: Parameters, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, NormalEquations]:
+        """Torque of a model, its derivatives, and the normal equations of [derivatives, mismatch]."""
+        torque, slopes = jacobian(self.replay, parameters, x)
+        return torque, slopes, self.equations([slopes, (self.motion.torque - torque)[None]], torque)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A model at its best numbers."""
+
+    parameters: Parameters
+    x: np.ndarray
+    torque: np.ndarray
+    """Simulated torque, shape (N,)."""
+    slopes: np.ndarray
+    """Its derivatives, float32, shape (P, N)."""
+    loss: np.ndarray
+    """Whitened sum of squares of each trajectory, shape (T,)."""
+    loo_loss: np.ndarray
+    """Leave-one-out loss: that of each trajectory by the fit to the others, shape (T,)."""
+    equations: NormalEquations
+    """Of [derivatives, mismatch]."""
+    free: list[int]
+    """Coordinates that are not held at a bound which they push against: linear models may not cross it either."""
+    least_variance: np.ndarray | None = None
+    """What the coordinates' variances are at least, shape (P,), or None."""
+
+    @property
+    def total(self) -> float:
+        """Leave-one-out loss of all trajectories."""
+        return float(self.loo_loss.sum())
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects that act."""
+        return self.parameters.effects
+
+    @property
+    def row(self) -> np.ndarray:
+        """The kernel's row, shape (WIDTH,)."""
+        return self.parameters.row(self.x)
+
+
+def fit_model(
+    problem: Problem, parameters: Parameters, x: np.ndarray, *, iterations: int = 12, tolerance: float = 1e-5
+) -> Fit:
+    """Least squares of the whitened mismatch, within bounds, from a vector ``x``."""
+
+    def evaluate(x: np.ndarray) -> Quadratic:
+        found = problem.linearised(parameters, x)
+        return Quadratic.of(found[-1].total, found)
+
+    rules = Rules(
+        iterations=iterations,
+        predicted=lambda gain, loss: gain < tolerance * loss and gain < 0.02 * parameters.size,
+    )
+    x, best = minimise(evaluate, x, parameters.low, parameters.high, reach=parameters.reach(1.0, 0.7), rules=rules)
+    torque, slopes, equations = best.content
+    # coordinates of eqs. 14 and 15 that are not at a bound and push against it, and all of the effects
+    at_low, at_high = x <= parameters.low + 1e-9, x >= parameters.high - 1e-9
+    held = (at_low & (best.descent < 0.0)) | (at_high & (best.descent > 0.0))
+    held[EFFECT_PART] = False
+    free = [int(i) for i in np.flatnonzero(~held)]
+    _, inside, outside = losses(equations, free, len(x))
+    # what stands is the loss at x; the linear model only says what leaving a trajectory out adds to it
+    loss = equations.parts[:, -1, -1]
+    return Fit(parameters, x, torque, slopes, loss, loss + outside - inside, equations, free)
+
+
+def refit(problem: Problem, fit: Fit, *, tolerance: float = 1e-5) -> Fit:
+    """The model fitted to a changed problem."""
+    return fit_model(problem, fit.parameters, fit.x, tolerance=tolerance)
+
+
+def plain_fit(problem: Problem, fit: Fit, *, bent: bool = False) -> Fit:
+    """The model by least squares without whitening; offsets and factors of trajectories are still let go.
+
+    Args:
+        problem: The data set.
+        fit: The model.
+        bent: Whether the numbers that bend its laws are fitted as well.
+    """
+    plain = replace(problem.noise, whitening=np.ones(1), sigma=problem.noise.rms)
+    layout = fit.parameters.bent() if bent else fit.parameters
+    return fit_model(replace(problem, noise=plain), layout.steeper(), fit.parameters.moved(fit.x, layout))
+
+
+def reported_fit(problem: Problem, fit: Fit) -> Fit:
+    """The model whose numbers are reported: fitted again by plain least squares, bent laws where these predict better.
+
+    Whitened differences decide what is there, for chance is reckoned in them. But they weigh what is quick, and there a
+    motion that is known to some milliseconds only, or a law in a slightly wrong form, shrinks an effect.
+    """
+    resolution = np.zeros(fit.parameters.size)
+    resolution[EFFECT_PART] = [slot.parameter.resolution for slot in fit.parameters.slots]
+    least = np.diag(covariance(fit)) + resolution**2
+    plain = replace(plain_fit(problem, fit), least_variance=least)
+    if any(p.form for effect in fit.effects for p in CATALOGUE[effect].parameters):
+        bent = plain_fit(problem, fit, bent=True)
+        gain, t = gain_and_t(plain.loo_loss, bent.loo_loss)
+        if gain > _BENT * plain.total and t > _BENT_T:
+            own = iter(least[EFFECT_PART])
+            added = [0.0 if slot.parameter.form else next(own) for slot in bent.parameters.slots]
+            return replace(bent, least_variance=np.array([*least[BASE_PART], *added]))
+    return plain
+
+
+def threshold(fit: Fit) -> float:
+    """Gain below which nothing is named."""
+    return max(CHI2, FLOOR * fit.equations.count)
+
+
+def gain_and_t(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
+    """Sum of the differences of losses, shape (T,), and its ratio to its standard error over trajectories."""
+    d = before - after
+    error = float(np.std(d, ddof=1) * np.sqrt(len(d))) if len(d) > 1 else float("inf")
+    return float(d.sum()), float(d.sum()) / max(error, 1e-12)
+
+
+def drifts(effect: str) -> bool:
+    """Whether an effect changes slowly, over the session."""
+    return "time" in CATALOGUE[effect].depends_on
+
+
+def as_good(fit: Fit, best: Fit, base: Fit) -> bool:
+    """Whether a model cannot be told from a better one, by what both gain on a base."""
+    loss, t = gain_and_t(fit.loo_loss, best.loo_loss)
+    own = base.total - best.total
+    if all(drifts(e) for e in set(fit.effects) ^ set(best.effects)):
+        return loss < 12.0 or (t < 2.0 and loss < 0.05 * own)  # what drifts is told by trajectories, not by samples
+    return loss < 12.0 or (t < 1.5 and loss < 0.01 * own)
+
+
+def covariance(fit: Fit) -> np.ndarray:
+    """Covariance of the coordinates, shape (P, P): the larger of the noise's and of the jackknife over trajectories."""
+    parts, size = fit.equations.parts, len(fit.x)
+    total = fit.equations.total[:size, :size]
+    scale = np.sqrt(np.maximum(np.diag(total), 1e-300))
+    inverse = np.linalg.pinv(total / np.outer(scale, scale), rcond=1e-12, hermitian=True) / np.outer(scale, scale)
+    noise = inverse * max(1.0, float(fit.equations.total[size, size]) / fit.equations.count)
+    count = len(parts)
+    least = np.zeros(size) if fit.least_variance is None else fit.least_variance
+    if count >= 3:
+        left = ridge_solve(total - parts[:, :size, :size], fit.equations.total[:size, size] - parts[:, :size, size])
+        left = left - left.mean(axis=0)
+        least = np.maximum(least, (count - 1) / count * np.einsum("ti,ti->i", left, left))
+    ratio = np.sqrt(np.maximum(1.0, least / np.maximum(np.diag(noise), 1e-300)))
+    return noise * np.outer(ratio, ratio)
+
+
+def interval(fit: Fit, index: int, spread: np.ndarray) -> tuple[float, float]:
+    """95 % interval of one coordinate, by the :func:`covariance` ``spread``."""
+    parts, size = fit.equations.parts, len(fit.x)
+    information = parts[:, index, index] if index < size else np.ones(len(parts))
+    effective = float(information.sum() ** 2 / max(float((information**2).sum()), 1e-300))
+    half = float(stats.t.ppf(0.975, max(effective - 1.0, 2.0))) * float(np.sqrt(spread[index, index]))
+    return float(fit.x[index] - half), float(fit.x[index] + half)
+
+
+def factor_of(parameter: EffectParameter, scales: Scales) -> float:
+    """Factor from an effect parameter's inner value to that in the units of the recording."""
+    q, current, torque = parameter.scale
+    return scales.q**q * scales.current**current * scales.torque**torque

@@ -1,0 +1,106 @@
+"""Gain on trajectories that took no part: against brute-force refits, and its interval."""
+
+import numpy as np
+import pytest
+
+from mrwarp.diagnose.held_out import HeldOut, hold_out, reduction
+from mrwarp.diagnose.problem import Problem, reported_fit
+from mrwarp.diagnose.search import Selection
+from tests.diagnose import known
+
+HIDDEN = {"rotor_inertia": {"inertia": 0.01}}
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """Six runs of a joint with an inertia."""
+    return known.problem(HIDDEN, at=known.motion(8, runs=6, seconds=2.0))
+
+
+def searched(problem, final: dict | None) -> Selection:
+    """A search that ended with some model."""
+    base = known.fitted(problem)
+    best = base if final is None else known.fitted(problem, final)
+    return Selection(base=base, final=best, screened=[], fits={base.effects: base, best.effects: best}, leftovers=[])
+
+
+def held(problem: Problem, selection: Selection) -> HeldOut:
+    """Every trajectory, predicted by what the others say."""
+    baseline, extended = (reported_fit(problem, fit) for fit in (selection.base, selection.final))
+    return hold_out(problem, selection, baseline, extended)
+
+
+def test_each_trajectory_is_predicted_by_the_others(problem) -> None:
+    """What is predicted of a trajectory is what a linear refit to the others gives, baseline and extension.
+
+    The refit leaves numbers at a bound where they are.
+    """
+    selection = searched(problem, HIDDEN)
+    found = held(problem, selection)
+    assert found.agreed == 1.0
+    for fit, predicted, errors in (
+        (selection.base, found.predicted_baseline, found.baseline),
+        (selection.final, found.predicted_extended, found.extended),
+    ):
+        for k, part in enumerate(problem.motion.parts):
+            others = np.ones(len(fit.torque), dtype=bool)
+            others[part] = False
+            slopes, rest = fit.slopes[fit.free], problem.motion.torque - fit.torque
+            left = np.linalg.lstsq(slopes[:, others].T, rest[others], rcond=None)[0]
+            want = fit.torque[part] + left @ slopes[:, part]
+            np.testing.assert_allclose(predicted[part], want, atol=2e-4)
+            assert errors[k] == pytest.approx(((want - problem.motion.torque[part]) ** 2).sum(), rel=1e-3)
+
+
+def test_gain_is_that_on_new_data(problem) -> None:
+    """The stated gain is within 20 % of the gain of both models on another session of the same joint."""
+    selection = searched(problem, HIDDEN)
+    value, (low, high) = reduction(held(problem, selection), seed=1)
+    assert low <= value <= high and high - low < 0.5 and value > 0.3
+    new = known.problem(HIDDEN, seed=99, at=known.motion(98, runs=6, seconds=2.0))
+    errors = [
+        np.sqrt(np.mean((new.motion.torque - new.replay.torque(f.parameters.row(f.x)[None])[0]) ** 2))
+        for f in (selection.base, selection.final)
+    ]
+    assert value == pytest.approx(1.0 - errors[1] / errors[0], rel=0.2)
+
+
+def test_base_alone_gains_nothing(problem) -> None:
+    """Where nothing was named both are the same."""
+    found = held(problem, searched(problem, None))
+    assert np.array_equal(found.baseline, found.extended) and reduction(found, seed=1) == (0.0, (0.0, 0.0))
+
+
+def test_model_that_the_others_would_not_choose_is_not_used() -> None:
+    """A trajectory is predicted without an effect that only it shows."""
+    at = known.motion(8, runs=6, seconds=2.0)
+    plus = np.zeros(len(at.q))
+    plus[at.parts[2]] = 0.05 * at.qdd[at.parts[2]]
+    problem = known.problem(at=at, plus=plus)
+    selection = searched(problem, HIDDEN)
+    found = held(problem, selection)
+    assert found.agreed < 1.0
+    part = problem.motion.parts[2]
+    np.testing.assert_array_equal(found.predicted_extended[part], found.predicted_baseline[part])
+
+
+def test_reduction_is_that_of_the_rmse() -> None:
+    """1 - sqrt(sum/sum); its interval comes from whole trajectories and from the seed."""
+    rng = np.random.default_rng(3)
+    baseline = rng.uniform(1.0, 2.0, 20)
+    none = np.zeros(0)
+    half = HeldOut(
+        baseline=baseline, extended=0.25 * baseline, predicted_baseline=none, predicted_extended=none, agreed=1.0
+    )  # fmt: skip
+    value, (low, high) = reduction(half, seed=5)
+    assert value == pytest.approx(0.5) and (low, high) == pytest.approx((0.5, 0.5))
+    mixed = HeldOut(
+        baseline=baseline, extended=baseline * rng.uniform(0.2, 1.2, 20), predicted_baseline=none,
+        predicted_extended=none, agreed=1.0,
+    )  # fmt: skip
+    value, (low, high) = reduction(mixed, seed=5)
+    assert low < value < high and reduction(mixed, seed=5) == (value, (low, high))
+    few = HeldOut(
+        baseline=baseline[:5], extended=mixed.extended[:5], predicted_baseline=none, predicted_extended=none, agreed=1.0
+    )  # fmt: skip
+    assert np.diff(reduction(few, seed=5)[1]) > high - low

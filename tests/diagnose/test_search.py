@@ -1,0 +1,144 @@
+"""The search for causes: thresholds, singles, pairs, rivals, proxies of other structure."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mrwarp.diagnose.confounders import _within_range
+from mrwarp.diagnose.problem import CHI2, FLOOR, covariance, reported_fit, threshold
+from mrwarp.diagnose.screening import Models
+from mrwarp.diagnose.search import Selection, best_single, screen_candidates, select
+from mrwarp.effects.catalogue import CATALOGUE
+from tests.diagnose import known
+
+CANDIDATES = [name for name, law in CATALOGUE.items() if law.kind != "calibration" and name != "velocity_lag"]
+
+
+def searched(problem, candidates: list[str] | None = None) -> Selection:
+    """The outcome on a problem."""
+    base = known.fitted(problem)
+    return select(problem, base, screen_candidates(problem, base, candidates or CANDIDATES))
+
+
+def made(hidden: dict | None = None, seed: int = 50, **more):
+    """A problem of six runs of 3 s."""
+    return known.problem(hidden, seed=seed, at=known.motion(seed, runs=6, seconds=3.0), **more)
+
+
+def test_threshold_is_chi_squared_or_a_share_of_the_samples() -> None:
+    """30 for few samples; 0.3 % of them where they are many, for the replay itself errs by as much."""
+    small = known.fitted(made())
+    assert threshold(small) == CHI2
+    small.equations.count = 100_000.0
+    assert threshold(small) == pytest.approx(FLOOR * 100_000.0)
+
+
+def test_nothing_is_named_in_clean_data() -> None:
+    """The final model is the baseline; it gains nothing, and no structure is left above the threshold."""
+    for seed in (50, 51):
+        selection = searched(made(seed=seed))
+        assert selection.final is selection.base and selection.gain == 0.0 and not selection.alternatives
+        assert max(f.gain for f in selection.leftovers) < threshold(selection.base)
+        assert best_single(made(seed=seed), selection.base, selection.screened) is None
+
+
+@pytest.mark.parametrize(
+    ("effect", "numbers"),
+    [("coil_lag", {"time_constant": 0.008}), ("cogging", {"sine": 0.02, "cosine": 0.0, "periods": 25.0}),
+     ("coulomb_friction", {"torque": 0.05})],
+)  # fmt: skip
+def test_hidden_effect_is_named(effect: str, numbers: dict[str, float]) -> None:
+    """Alone, with its numbers, and what it adds is what the final model gains."""
+    problem = made({effect: numbers})
+    selection = searched(problem)
+    assert selection.final.effects == (effect,)
+    found = selection.final.parameters.values(selection.final.x)[effect]
+    for name, value in numbers.items():
+        assert found[name] == pytest.approx(value, rel=0.15, abs=2e-3)
+    assert selection.own_gain[effect] == pytest.approx(selection.gain) and selection.gain > threshold(selection.base)
+    assert max(f.gain for f in selection.leftovers) < threshold(selection.base)
+    single = best_single(problem, selection.base, selection.screened)
+    assert single is not None and effect in single.effects
+
+
+def test_resolution_widens_the_stated_interval() -> None:
+    """A half gap is known to 2.5 % at best, one standard error."""
+    problem = made({"backlash": {"half_gap": 0.002}})
+    selection = searched(problem, ["backlash"])
+    assert selection.final.effects == ("backlash",)
+    stated = reported_fit(problem, selection.final)
+    [gap] = stated.parameters.own("backlash")
+    assert covariance(stated)[gap, gap] >= max(covariance(selection.final)[gap, gap], 0.025**2)
+
+
+def test_pair_is_found_whole() -> None:
+    """Two effects that are not each other's rivals are both named, in the order of the path."""
+    selection = searched(
+        made({"coil_lag": {"time_constant": 0.008}, "cogging": {"sine": 0.03, "cosine": 0.0, "periods": 25}})
+    )
+    assert selection.final.effects == ("coil_lag", "cogging")
+    assert min(selection.own_gain.values()) > threshold(selection.base)
+
+
+def test_structure_outside_the_catalogue_is_not_named() -> None:
+    """A viscosity that changes along the angle is left over, and says on what it depends."""
+    at = known.motion(52, runs=6, seconds=3.0)
+    s = at
+    selection = searched(known.problem(seed=52, at=at, plus=0.15 * s.q**2 * s.qd))
+    assert selection.final is selection.base
+    assert set(selection.leftovers[0].group.variables[:2]) & {"q", "qd"}
+    assert selection.leftovers[0].gain > threshold(selection.base)
+
+
+def test_only_candidates_are_named() -> None:
+    """An effect that is not offered is not found; what remains of it is left over."""
+    selection = searched(made({"rotor_inertia": {"inertia": 0.01}}), ["wear", "coil_lag"])
+    assert "rotor_inertia" not in selection.final.effects
+    assert selection.leftovers[0].gain > threshold(selection.base)
+
+
+def test_search_is_the_same_twice() -> None:
+    """No draw is left to chance: bit-equal numbers."""
+    one, two = (searched(made({"coil_lag": {"time_constant": 0.008}}), ["coil_lag", "command_delay"]) for _ in range(2))
+    assert np.array_equal(one.final.x, two.final.x) and one.own_gain == two.own_gain
+
+
+def test_stated_numbers_are_those_of_plain_least_squares() -> None:
+    """Same effects; they miss fewer newton metres than the numbers that decided, with intervals at least as wide."""
+    problem = made({"friction_asymmetry": {"coulomb": 0.0, "viscous": 0.02, "speed": 0.02}})
+    selection = searched(problem, ["friction_asymmetry"])
+    stated = reported_fit(problem, selection.final)
+    assert stated.effects == selection.final.effects == ("friction_asymmetry",)
+    torque = problem.motion.torque
+    assert np.sum((torque - stated.torque) ** 2) <= np.sum((torque - selection.final.torque) ** 2) * (1.0 + 1e-6)
+    assert (np.diag(covariance(stated)) >= np.diag(covariance(selection.final)) * (1.0 - 1e-9)).all()
+    found = stated.parameters.values(stated.x)["friction_asymmetry"]
+    assert found["viscous"] == pytest.approx(0.02, rel=0.15) and "thinning" not in found
+
+
+def test_law_bends_where_that_foretells_better() -> None:
+    """Viscous friction that thins: the same effect is named, and its stated numbers hold the thinning."""
+    truth = {"friction_asymmetry": {"coulomb": 0.0, "viscous": 0.04, "speed": 0.02, "thinning": 0.4}}
+    problem = made(truth)
+    selection = searched(problem, ["friction_asymmetry"])
+    stated = reported_fit(problem, selection.final)
+    found = stated.parameters.values(stated.x)["friction_asymmetry"]
+    assert selection.final.effects == ("friction_asymmetry",)
+    assert "thinning" not in selection.final.parameters.values(selection.final.x)["friction_asymmetry"]
+    assert found["viscous"] == pytest.approx(0.04, rel=0.1) and found["thinning"] == pytest.approx(0.4, rel=0.5)
+    assert covariance(stated).shape == (len(stated.x),) * 2
+
+
+def test_effect_at_the_edge_of_its_range_must_show_in_most_trajectories() -> None:
+    """In clean data a cogging with the fewest periods is dropped; inside its range that rule does not touch it."""
+    problem = made()
+    selection = searched(problem, ["cogging"])
+    models = Models(problem, selection.base)
+    fit = models.grown(selection.base, selection.screened[0])
+    assert fit.effects == ("cogging",)
+    inside, edge = fit.x.copy(), fit.x.copy()
+    inside[-1] = 0.5 * (fit.parameters.low[-1] + fit.parameters.high[-1])
+    edge[-1] = fit.parameters.low[-1]
+    assert _within_range(models, replace(fit, x=inside)).effects == ("cogging",)
+    assert _within_range(models, replace(fit, x=edge)) is selection.base
