@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -75,6 +75,39 @@ class Comparison:
         return self.relative is None or abs(self.relative) > RELATIVE
 
 
+def compare(
+    condition: str,
+    quantity: tuple[str, str, int],
+    theirs: PaperValue | float,
+    ours: Mapping[str, Any],
+    why: str = "",
+    *,
+    calibrated: bool = False,
+) -> Comparison:
+    """A row of the report.
+
+    Args:
+        condition: What was done.
+        quantity: What was measured, its unit, and digits behind the point.
+        theirs: The paper's figure; a number has no spread.
+        ours: ``ours``, ``sd`` and ``n``, see :func:`over_seeds`.
+        why: Why they differ.
+        calibrated: Whether the paper's figure was used to fit a number of ours.
+    """
+    name, unit, digits = quantity
+    value = theirs if isinstance(theirs, PaperValue) else PaperValue(mean=theirs)
+    return Comparison(
+        condition=condition,
+        quantity=name,
+        unit=unit,
+        paper=value,
+        calibrated=calibrated,
+        digits=digits,
+        why=why,
+        **ours,
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class TextTable:
     """A further table: rows of text."""
@@ -102,20 +135,6 @@ class Findings:
     def __post_init__(self) -> None:
         for name in ("rows", "notes", "tables"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-
-    def to_json(self) -> dict[str, Any]:
-        """The inverse of :meth:`from_json`."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, content: dict[str, Any]) -> Findings:
-        """The inverse of :meth:`to_json`; a figure that is missing, null in JSON, is NaN."""
-        rows = []
-        for row in content["rows"]:
-            theirs = PaperValue(**row["paper"]) if row["paper"] else None
-            ours = math.nan if row["ours"] is None else row["ours"]
-            rows.append(Comparison(**{**row, "paper": theirs, "ours": ours}))
-        return cls(**{**content, "rows": rows, "tables": [TextTable(**table) for table in content["tables"]]})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,7 @@ from mrwarp.enums import Coupling
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.paper import PaperValue
 from mrwarp.reproduce import walks
-from mrwarp.reproduce.experiment import Comparison, Findings, Job, over_seeds
+from mrwarp.reproduce.experiment import Comparison, Findings, Job, compare, over_seeds
 from mrwarp.reproduce.policies import ensembles
 from mrwarp.trials.mission import MissionCfg, MissionTrace, PhaseLoad, calibrate, measure, run
 
@@ -78,16 +78,12 @@ def change_row(found: Mission, change: Mapping[str, Any], title: str, quantity: 
     """What SAL changes against MR_Go, of :func:`mission_figures.changes`; no spread when one repetition is left."""
     n = min(len(found.traces[robot].depletion) for robot in walks.SAL)
     sd = change["paper_sd"]
-    return Comparison(
-        condition=f"MR_Go to MR_Go-SAL, {title}",
-        quantity=quantity,
-        unit="%",
-        digits=1,
-        paper=PaperValue(mean=100.0 * change["paper"], sd=None if sd is None else 100.0 * sd),
-        ours=100.0 * change["ours"],
-        sd=100.0 * change["sd"] if n > 1 else None,
-        n=n,
-        why=why,
+    return compare(
+        f"MR_Go to MR_Go-SAL, {title}",
+        (quantity, "%", 1),
+        PaperValue(mean=100.0 * change["paper"], sd=None if sd is None else 100.0 * sd),
+        {"ours": 100.0 * change["ours"], "sd": 100.0 * change["sd"] if n > 1 else None, "n": n},
+        why,
     )
 
 

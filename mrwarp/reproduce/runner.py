@@ -10,11 +10,11 @@ import json
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from mrwarp.reproduce import fingerprint
+from mrwarp.reproduce import fingerprint, store
 from mrwarp.reproduce.experiment import Experiment, Findings, Job, NotYet
 from mrwarp.reproduce.settings import Settings
 from mrwarp.run_dir import one_line, plain, write_text
@@ -96,7 +96,7 @@ class Runner:
             job.report("", 0.0)
             findings = experiment.compute(job)
             seconds = time.perf_counter() - started
-            content = plain({"key": key, "seconds": seconds, "findings": findings.to_json()})
+            content = plain({"key": key, "seconds": seconds, "findings": asdict(findings)})
             write_text(folder / KEPT, json.dumps(content, indent=1, allow_nan=False))
         except NotYet as error:
             return Outcome(name=name, status="waiting", message=str(error))
@@ -112,7 +112,7 @@ def _read(path: Path, key: dict[str, Any]) -> Outcome | None:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         if content["key"] == json.loads(json.dumps(key)):
-            findings = Findings.from_json(content["findings"])
+            findings = store.typed(content["findings"], Findings)
             return Outcome(name=path.parent.name, status="kept", findings=findings, seconds=float(content["seconds"]))
     except (OSError, LookupError, TypeError, ValueError, RecursionError):
         pass

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from mrwarp import paper
-from mrwarp.paper import PaperValue
 from mrwarp.reproduce import pushes, readings
-from mrwarp.reproduce.experiment import Comparison, Findings, Job, over_seeds
+from mrwarp.reproduce.experiment import Findings, Job, compare, over_seeds
 from mrwarp.reproduce.policies import Ensemble
 from mrwarp.trials import thresholds
 from mrwarp.trials.impact import ImpactSweep, ImpactTrace
@@ -22,7 +21,7 @@ TITLES = {
 }
 """Thresholds and their units."""
 
-QUANTITIES = {"drop": "reduction of CoM drop", "motor": "reduction of motor torque"}
+QUANTITIES = {"drop": ("reduction of CoM drop", "%", 2), "motor": ("reduction of motor torque", "%", 2)}
 """What 1.5 A reduce against no current."""
 
 
@@ -45,21 +44,14 @@ def compute(job: Job) -> Findings:
         title, unit = TITLES[name]
         first, last = entries[0], entries[-1]
         for quantity, ends in paper.THRESHOLDS[name].items():
+            why = "The damping torque sets the level, see table 4; the threshold changes it."
             rows += [
-                Comparison(
-                    condition=f"{title} {entry['value']:g} {unit}",
-                    quantity=QUANTITIES[quantity],
-                    unit="%",
-                    paper=PaperValue(mean=theirs),
-                    **entry[quantity],
-                    digits=2,
-                    why="The damping torque sets the level, see table 4; the threshold changes it.",
-                )
+                compare(f"{title} {entry['value']:g} {unit}", QUANTITIES[quantity], theirs, entry[quantity], why)
                 for entry, theirs in zip((first, last), ends, strict=True)
             ]
             if name != "f_th":
                 weaker = last[quantity]["ours"] < first[quantity]["ours"]
-                claims[f"a larger {title} weakens the {QUANTITIES[quantity]}"] = weaker
+                claims[f"a larger {title} weakens the {QUANTITIES[quantity][0]}"] = weaker
     span = [abs(reductions[name][-1]["drop"]["ours"] - reductions[name][0]["drop"]["ours"]) for name in TITLES]
     claims["the contact threshold matters least for the drop"] = span[0] <= min(span)
     return Findings(

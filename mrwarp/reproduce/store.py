@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -35,18 +38,33 @@ def save(path: Path, data: Any) -> None:
 
 
 def load(path: Path, kind: type[T]) -> T:
-    """Read what :func:`save` wrote of a dataclass, with those nested in its fields, lists and dicts by their types."""
+    """Read what :func:`save` wrote of a dataclass."""
     with np.load(path, allow_pickle=False) as file:
+        return typed(json.loads(str(file["tree"])), kind, file)
 
-        def fill(value: Any, kind: Any) -> Any:
-            if isinstance(value, dict) and "__array__" in value:
-                return file[value["__array__"]]
-            if is_dataclass(kind):
-                hints = get_type_hints(kind)
-                return kind(**{name: fill(item, hints[name]) for name, item in value.items()})  # type: ignore[operator]
-            items = get_args(kind)[-1] if get_origin(kind) in (list, dict) else Any
-            if isinstance(value, dict):
-                return {name: fill(item, items) for name, item in value.items()}
-            return [fill(item, items) for item in value] if isinstance(value, list) else value
 
-        return fill(json.loads(str(file["tree"])), kind)
+def typed(value: Any, kind: Any, arrays: Mapping[str, np.ndarray] | None = None) -> Any:
+    """Plain values as the dataclasses that their type names, in fields, lists and dicts; null as NaN for a number.
+
+    Args:
+        value: Plain values, as JSON holds them.
+        kind: Their type.
+        arrays: Arrays by their number in the file.
+
+    Raises:
+        KeyError, TypeError: the values are not of that type.
+    """
+    if isinstance(value, dict) and "__array__" in value and arrays is not None:
+        return arrays[value["__array__"]]
+    kinds = [item for item in get_args(kind) if item is not type(None)]
+    if get_origin(kind) in (Union, UnionType):
+        return None if value is None else typed(value, kinds[0], arrays)
+    if is_dataclass(kind):
+        hints = get_type_hints(kind)
+        return kind(**{name: typed(item, hints[name], arrays) for name, item in value.items()})  # type: ignore[operator]
+    items = kinds[-1] if kinds else Any
+    if isinstance(value, dict):
+        return {name: typed(item, items, arrays) for name, item in value.items()}
+    if isinstance(value, list):
+        return [typed(item, items, arrays) for item in value]
+    return math.nan if value is None and kind is float else value

@@ -1,14 +1,14 @@
 """The runner: what changed is made again, failures stay alone, a stopped run goes on, damaged results are not used."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mrwarp.paper import PaperValue
-from mrwarp.reproduce import fingerprint
+from mrwarp.reproduce import fingerprint, store
 from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, NotYet, over_seeds, seeds_of
 from mrwarp.reproduce.runner import KEPT, Runner
 from mrwarp.reproduce.settings import Settings
@@ -174,7 +174,7 @@ def test_findings_survive_json() -> None:
         Comparison(condition="a", quantity="b", unit="", paper=None, ours=3.0, calibrated=True),
     ]
     found = Findings(rows=rows, claims={"yes": True}, notes=["n"], pictures={"a.png": "c"}, figures={"x": [1.0]})
-    assert Findings.from_json(json.loads(json.dumps(found.to_json()))) == found
+    assert store.typed(json.loads(json.dumps(asdict(found))), Findings) == found
 
 
 def test_order_puts_needs_first(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from mrwarp import paper
 from mrwarp.energy import consistency
 from mrwarp.paper import PaperValue
 from mrwarp.reproduce import missions
-from mrwarp.reproduce.experiment import Comparison, Findings, Job, over_seeds
+from mrwarp.reproduce.experiment import Findings, Job, compare, over_seeds
 from mrwarp.reproduce.missions import Mission
 from mrwarp.trials import mission_figures, mission_pictures
 
@@ -22,26 +22,15 @@ def compute(job: Job) -> Findings:
     for robot, trace in found.traces.items():
         name = paper.NAMES[robot]
         for phase, values in trace.power.items():
-            cell = figures[robot]["power"][phase]
+            cell, quantity = figures[robot]["power"][phase], ("power", "W", 1)
             standing = phase == "standby"
-            rows.append(
-                Comparison(
-                    condition=f"{name}, {phase}",
-                    quantity="power",
-                    unit="W",
-                    paper=PaperValue(mean=cell["paper"]),
-                    **over_seeds(values[:1] if standing else values),
-                    calibrated=cell["calibrated"],
-                    digits=1,
-                    why=_standing(found, cell["paper"]) if standing else _walking(robot, found, phase),
-                )
-            )
-        cell = figures[robot]["depletion"]
-        rows.append(
-            Comparison(condition=name, quantity="depletion", unit="points", digits=1,
-                paper=PaperValue(mean=cell["paper"], sd=cell["paper_sd"]), **over_seeds(trace.depletion),
-                calibrated=cell["calibrated"], why=_depletion(robot, found))
-        )  # fmt: skip
+            why = _standing(found, cell["paper"]) if standing else _walking(robot, found, phase)
+            ours, fitted = over_seeds(values[:1] if standing else values), cell["calibrated"]
+            rows.append(compare(f"{name}, {phase}", quantity, cell["paper"], ours, why, calibrated=fitted))
+        cell, quantity = figures[robot]["depletion"], ("depletion", "points", 1)
+        theirs = PaperValue(mean=cell["paper"], sd=cell["paper_sd"])
+        ours, why = over_seeds(trace.depletion), _depletion(robot, found)
+        rows.append(compare(name, quantity, theirs, ours, why, calibrated=cell["calibrated"]))
     changes = mission_figures.changes(figures)
     check = consistency.check()
     first = check["by_speed"][0]

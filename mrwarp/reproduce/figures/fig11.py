@@ -7,9 +7,8 @@ import math
 import numpy as np
 
 from mrwarp import paper
-from mrwarp.paper import PaperValue
 from mrwarp.reproduce import missions
-from mrwarp.reproduce.experiment import Comparison, Findings, Job, over_seeds
+from mrwarp.reproduce.experiment import Findings, Job, compare, over_seeds
 from mrwarp.reproduce.missions import Mission
 from mrwarp.trials import mission_figures, mission_pictures
 
@@ -28,11 +27,9 @@ def compute(job: Job) -> Findings:
     for robot, trace in found.traces.items():
         for name, title in TITLES.items():
             cell = figures[robot]["rise"][name]
-            rows.append(
-                Comparison(condition=f"{paper.NAMES[robot]}, {title}", quantity="rise", unit="K", digits=2,
-                    paper=PaperValue(mean=cell["paper"]), **over_seeds(trace.rise[name]), calibrated=cell["calibrated"],
-                    why=_why(robot, name, found))
-            )  # fmt: skip
+            ours, why = over_seeds(trace.rise[name]), _why(robot, name, found)
+            condition = f"{paper.NAMES[robot]}, {title}"
+            rows.append(compare(condition, ("rise", "K", 2), cell["paper"], ours, why, calibrated=cell["calibrated"]))
     change = mission_figures.changes(figures)
     relief = change["calf_walking_rise"]
     for name, title in (("calf_walking_rise", TITLES["calf_walking"]), ("all_rise", TITLES["all"])):

@@ -17,7 +17,7 @@ from mrwarp.bench.virtual_bench import BenchCfg, run_bench
 from mrwarp.identify import learn
 from mrwarp.nn import network_file
 from mrwarp.nn.models import SAMPLES, LstmState
-from mrwarp.reproduce.experiment import Comparison, Findings, Job
+from mrwarp.reproduce.experiment import Findings, Job, compare
 from mrwarp.reproduce.policies import PLANT_TITLES, networks
 
 MODELS = ("mlp", "bouc_wen", "lstm", "pg_rlstm")
@@ -49,11 +49,9 @@ def compute(job: Job) -> Findings:
     for name in MODELS:
         for amps, theirs in paper.FIGURE_4[name].items():
             cell, plain = found[name]["by_current"][f"{amps:g}"], found["bouc_wen"]["by_current"][f"{amps:g}"]
-            rows.append(
-                Comparison(condition=f"{PLANT_TITLES[name]}, {amps:g} A", quantity="RMSE", unit="N·m", paper=theirs,
-                    ours=cell["mean"], sd=cell["sd"], n=cell["trajectories"],
-                    why=why(amps, paper.FIGURE_4["bouc_wen"][amps].mean, plain["mean"]))
-            )  # fmt: skip
+            ours = {"ours": cell["mean"], "sd": cell["sd"], "n": cell["trajectories"]}
+            reason = why(amps, paper.FIGURE_4["bouc_wen"][amps].mean, plain["mean"])
+            rows.append(compare(f"{PLANT_TITLES[name]}, {amps:g} A", ("RMSE", "N·m", 3), theirs, ours, reason))
     verdicts = judge(found)
     claims = {
         "PG-RLSTM has the lowest error at each current": verdicts["pg_rlstm_lowest_at_each_current"],

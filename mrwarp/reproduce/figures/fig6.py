@@ -8,10 +8,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mrwarp import paper
-from mrwarp.paper import PaperValue
 from mrwarp.reproduce import pushes, readings
-from mrwarp.reproduce.experiment import Comparison, Findings, Job, over_seeds, seeds_of
+from mrwarp.reproduce.experiment import Findings, Job, compare, over_seeds, seeds_of
 from mrwarp.usd.robot import LEGS
+
+TORQUE = ("calf motor torque", "N·m", 2)
+"""Quantity, unit and digits."""
 
 LAST = -1
 """Place of the largest current, 1.5 A; the first is 0 A."""
@@ -37,13 +39,12 @@ def compute(job: Job) -> Findings:
                 f"Without current ours is {reference:.1f} N·m, the paper's "
                 f"{theirs[kind] / (1.0 + theirs[f'{kind}_change']):.1f} N·m; its gains are not stated."
             )
+            taken = "The device takes over what its sliding torque can carry, see the readings of table 4."
+            change_theirs, changes = 100.0 * theirs[f"{kind}_change"], over_seeds(100.0 * change, seeds)
             rows += [
-                Comparison(condition=f"{name}, {kind}, 1.5 A", quantity="calf motor torque", unit="N·m", digits=2,
-                    paper=PaperValue(mean=theirs[kind]), **over_seeds(with_current, seeds), why=why),
-                Comparison(condition=f"{name}, {kind}, 0 to 1.5 A", quantity="change", unit="%", digits=1,
-                    paper=PaperValue(mean=100.0 * theirs[f"{kind}_change"]), **over_seeds(100.0 * change, seeds),
-                    why="The device takes over what its sliding torque can carry, see the readings of table 4."),
-            ]  # fmt: skip
+                compare(f"{name}, {kind}, 1.5 A", TORQUE, theirs[kind], over_seeds(with_current, seeds), why),
+                compare(f"{name}, {kind}, 0 to 1.5 A", ("change", "%", 1), change_theirs, changes, taken),
+            ]
     _plot(found.trace, job)
     return Findings(
         rows=rows, claims={"current lowers the motor's torque on the loaded pair": all(lower)},

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from mrwarp import paper
 from mrwarp.reproduce import drops
-from mrwarp.reproduce.experiment import Comparison, Findings, Job, over_seeds
+from mrwarp.reproduce.experiment import Findings, Job, compare, over_seeds
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
 from mrwarp.viewing.impact_pictures import COLORS
 
@@ -21,19 +21,13 @@ def compute(job: Job) -> Findings:
         for leg, theirs in paper.FIGURE_7.items():
             fall = values[leg][-1].mean() / values[leg][0].mean() - 1.0
             paired = theirs[1.5].mean / theirs[0.0].mean - 1.0
+            why = (
+                "The gains behind the hardware's torques are not stated; current changes ours by "
+                f"{100.0 * fall:+.1f} %, the paper's by {100.0 * paired:+.1f} %."
+            )
             for amps, cell in theirs.items():
-                rows.append(
-                    Comparison(
-                        condition=f"{leg}, {amps:g} A, {name}",
-                        quantity="calf motor torque",
-                        unit="N·m",
-                        digits=2,
-                        paper=cell,
-                        **over_seeds(values[leg][CURRENT_GROUPS.index(amps)], seeds),
-                        why=f"The gains behind the hardware's torques are not stated; current changes ours by "
-                        f"{100.0 * fall:+.1f} %, the paper's by {100.0 * paired:+.1f} %.",
-                    )
-                )
+                ours = over_seeds(values[leg][CURRENT_GROUPS.index(amps)], seeds)
+                rows.append(compare(f"{leg}, {amps:g} A, {name}", ("calf motor torque", "N·m", 2), cell, ours, why))
     _plot(found, seeds, job)
     return Findings(
         rows=rows,

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 from mrwarp import paper
-from mrwarp.reproduce.experiment import Comparison, Findings, Job
+from mrwarp.paper import PaperValue
+from mrwarp.reproduce.experiment import Comparison, Findings, Job, compare
 from mrwarp.reproduce.policies import METRICS
-from mrwarp.study.paper_tables import LEAST, Change, Table2, table2
+from mrwarp.study.paper_tables import LEAST, Change, Row, Table2, table2
 from mrwarp.study.rollouts import EvaluationCfg
 
 
@@ -14,12 +17,15 @@ def compute(job: Job) -> Findings:
     cfg = EvaluationCfg(rollouts=job.settings.rollouts, seed=job.settings.seed, threads=job.settings.threads)
     table = table2(cfg, report=lambda share: job.report("rollouts", share))
     rows = [
-        Comparison(condition=f"{name}: {row.plant}, SAL {'on' if row.current else 'off'}", quantity=title, unit=unit,
-            paper=paper.TABLE_2[name][metric], ours=row.spread(metric)["mean"], sd=row.spread(metric)["sd"],
-            n=len(cfg.seeds), digits=digits, why=_why(table, name, metric))
-        for name, row in table.rows.items()
-        for metric, (title, unit, digits) in METRICS.items() if metric in paper.TABLE_2[name]
-    ]  # fmt: skip
+        row
+        for name, found in table.rows.items()
+        for row in metric_rows(
+            f"{name}: {found.plant}, SAL {'on' if found.current else 'off'}",
+            found,
+            paper.TABLE_2[name],
+            lambda metric, name=name: _why(table, name, metric),
+        )
+    ]
     changes = {"rmse": table.rmse, "bias": table.bias}
     return Findings(
         rows=rows,
@@ -32,6 +38,25 @@ def compute(job: Job) -> Findings:
         + [f"SAL {sal}: {limit}." for sal, limit in table.limits().items()]
         + [f"{sum(row.fell for row in table.rows.values())} of all rollouts fell."],
     )  # fmt: skip
+
+
+def metric_rows(
+    condition: str, found: Row, theirs: Mapping[str, PaperValue], why: Callable[[str], str]
+) -> list[Comparison]:
+    """A row for each metric of the study that the paper gives.
+
+    Args:
+        condition: What was done.
+        found: Ours.
+        theirs: The paper's by metric.
+        why: Why they differ, by metric.
+    """
+    rows = []
+    for metric in (metric for metric in METRICS if metric in theirs):
+        spread, n = found.spread(metric), len(found.seeds[metric])
+        ours = {"ours": spread["mean"], "sd": spread["sd"], "n": n}
+        rows.append(compare(condition, METRICS[metric], theirs[metric], ours, why(metric)))
+    return rows
 
 
 def _said(name: str, sal: str, change: Change) -> str:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from mrwarp import paper
-from mrwarp.reproduce.experiment import Comparison, Findings, Job, TextTable
+from mrwarp.reproduce.experiment import Findings, Job, TextTable
 from mrwarp.reproduce.policies import METRICS, PLANT_TITLES
+from mrwarp.reproduce.tables.table2 import metric_rows
 from mrwarp.study.paper_tables import Table3, table3
 from mrwarp.study.plan import MODELS
 from mrwarp.study.rollouts import EvaluationCfg
@@ -19,12 +20,12 @@ def compute(job: Job) -> Findings:
     table = table3(cfg, report=lambda share: job.report("rollouts", share))
     titles = PLANT_TITLES
     rows = [
-        Comparison(condition=titles[model], quantity=title, unit=unit, paper=paper.TABLE_3[model][metric],
-            ours=row.spread(metric)["mean"], sd=row.spread(metric)["sd"], n=len(cfg.seeds), digits=digits,
-            why=_why(table, model, metric))
-        for model, row in table.rows.items()
-        for metric, (title, unit, digits) in METRICS.items() if metric in paper.TABLE_3[model]
-    ]  # fmt: skip
+        row
+        for model, found in table.rows.items()
+        for row in metric_rows(
+            titles[model], found, paper.TABLE_3[model], lambda metric, model=model: _why(table, model, metric)
+        )
+    ]
     apart = [pair for pair in table.pairs if pair.p < LEVEL]
     ranking = [
         [METRICS[metric][0], " < ".join(titles[model] for model in order),

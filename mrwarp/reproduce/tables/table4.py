@@ -11,14 +11,14 @@ from mrwarp import paper
 from mrwarp.params import BoucWenParams
 from mrwarp.reproduce import drops, pushes, readings
 from mrwarp.reproduce.drops import Drops
-from mrwarp.reproduce.experiment import Comparison, Findings, Job, TextTable, over_seeds
+from mrwarp.reproduce.experiment import Comparison, Findings, Job, TextTable, compare, over_seeds
 from mrwarp.reproduce.pushes import Pushes
 from mrwarp.reproduce.readings import ReadingResult
 from mrwarp.usd.robot import CURRENT_GROUPS
 from mrwarp.viewing.impact_pictures import COLORS
 
-TITLES = {"min_height": ("minimum height", "m"), "peak_down_velocity": ("peak downward velocity", "m/s")}
-"""Columns of the table and their units."""
+TITLES = {"min_height": ("minimum height", "m", 4), "peak_down_velocity": ("peak downward velocity", "m/s", 4)}
+"""Columns of the table, their units and digits."""
 
 WANTED = 0.05
 """Largest relative difference of a predicted simulation cell that counts as reproduced."""
@@ -28,11 +28,13 @@ def compute(job: Job) -> Findings:
     """The adopted reading's rows, the drop's rows, and what every other reading gives."""
     found, dropped = pushes.read(job), drops.read(job)
     adopted = found.of(readings.ADOPTED)
-    rows = _rows("push", "simulation", adopted.cells, found.seeds(), lambda cell, i: _why(adopted, cell, i), True)
+    rows = _rows(
+        "push, {amps}", "simulation", adopted.cells, found.seeds(), lambda cell, i: _why(adopted, cell, i), True
+    )
     for name, values in dropped.figures.items():
         why = {cell: _drop(values, cell) for cell in TITLES}
-        reason = lambda cell, i, why=why: why[cell]  # noqa: E731
-        rows += _rows("drop of 10 kg", "hardware", values, dropped.seeds(), reason, name=name)
+        condition = f"drop of 10 kg, {{amps}}, {name}"
+        rows += _rows(condition, "hardware", values, dropped.seeds(), lambda cell, i, why=why: why[cell])
     _plot(found, dropped, job)
     within = sum(abs(value) <= WANTED for value in readings.predicted_off(adopted.means))
     return Findings(
@@ -65,28 +67,25 @@ def compute(job: Job) -> Findings:
 
 
 def _rows(
-    what: str,
+    condition: str,
     source: str,
     cells: Mapping[str, np.ndarray],
     seeds: np.ndarray | None,
     why: Callable[[str, int], str],
     fitted: bool = False,
-    name: str = "",
 ) -> list[Comparison]:
     """A row per current and column; with ``fitted`` that of 0 A was used to calibrate."""
     return [
-        Comparison(
-            condition=f"{what}, {amps:g} A" + (f", {name}" if name else ""),
-            quantity=title,
-            unit=unit,
-            digits=4,
-            paper=paper.TABLE_4[source][amps][cell],
-            **over_seeds(cells[cell][i], seeds),
+        compare(
+            condition.format(amps=f"{amps:g} A"),
+            quantity,
+            paper.TABLE_4[source][amps][cell],
+            over_seeds(cells[cell][i], seeds),
+            why(cell, i),
             calibrated=fitted and amps == 0.0,
-            why=why(cell, i),
         )
         for i, amps in enumerate(CURRENT_GROUPS)
-        for cell, (title, unit) in TITLES.items()
+        for cell, quantity in TITLES.items()
     ]
 
 
@@ -125,7 +124,7 @@ def _level(found: Pushes) -> str:
     parts = []
     for entry in _by_level(found)[:2]:
         off = zip(entry.off_mismatch, TITLES.values(), strict=True)
-        by = " and ".join(f"{100.0 * value:+.1f} % ({title})" for value, (title, _) in off)
+        by = " and ".join(f"{100.0 * value:+.1f} % ({title})" for value, (title, *_) in off)
         parts.append(f"'{entry.reading}' is off by {by}")
     legs = " and ".join(readings.stance_legs(readings.ADOPTED.phases))
     return (
@@ -198,7 +197,7 @@ def _shape(found: Pushes) -> str:
     parts = [
         f"{title} {100.0 * change[cell]:+.1f} % (the paper "
         f"{100.0 * (theirs[1.5][cell].mean / theirs[0.0][cell].mean - 1.0):+.1f} %)"
-        for cell, (title, _) in TITLES.items()
+        for cell, (title, *_) in TITLES.items()
     ]
     free = found.of(readings.UNWEAKENED)
     return (
@@ -240,7 +239,7 @@ def _plot(found: Pushes, dropped: Drops, job: Job) -> None:
     figure = Figure(figsize=(11, 4.8), layout="constrained")
     axes = figure.subplots(1, 2)
     x = list(CURRENT_GROUPS)
-    for axis, (cell, (title, unit)) in zip(axes, TITLES.items(), strict=True):
+    for axis, (cell, (title, unit, _)) in zip(axes, TITLES.items(), strict=True):
         for k, entry in enumerate(found.readings):
             if entry.reading == readings.ADOPTED.name:
                 style = {"color": "#1f6fb4", "linewidth": 2.5, "zorder": 2, "label": "push, adopted"}

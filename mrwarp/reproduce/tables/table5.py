@@ -6,7 +6,7 @@ import numpy as np
 
 from mrwarp import paper
 from mrwarp.reproduce import drops, readings
-from mrwarp.reproduce.experiment import Comparison, Findings, Job, over_seeds, seeds_of
+from mrwarp.reproduce.experiment import Findings, Job, compare, over_seeds, seeds_of
 from mrwarp.reproduce.policies import Ensemble, study_files
 from mrwarp.study.plan import AWARE, CONVENTIONAL
 from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, Variant
@@ -18,11 +18,11 @@ CONFIGURATIONS = {"A": (CONVENTIONAL, 0), "B": (CONVENTIONAL, 1), "C": (AWARE, 0
 """Training of table 2's configurations, and the place of their current in :data:`CURRENTS`."""
 
 TITLES = {
-    "acceleration": ("mean |a_z - g|", "m/s^2"),
-    "FR": ("FR calf motor torque", "N·m"),
-    "RL": ("RL calf motor torque", "N·m"),
+    "acceleration": ("mean |a_z - g|", "m/s^2", 3),
+    "FR": ("FR calf motor torque", "N·m", 3),
+    "RL": ("RL calf motor torque", "N·m", 3),
 }
-"""Columns and their units."""
+"""Columns, their units and digits."""
 
 
 def compute(job: Job) -> Findings:
@@ -48,19 +48,16 @@ def compute(job: Job) -> Findings:
     }
     for name, (training, sal) in CONFIGURATIONS.items():
         off, on = ("A", "B") if training == CONVENTIONAL else ("C", "D")
-        for quantity, (title, unit) in TITLES.items():
+        for quantity, shown in TITLES.items():
             ours = means[on][quantity] / means[off][quantity] - 1.0
             hardware = paper.TABLE_5[on][quantity].mean / paper.TABLE_5[off][quantity].mean - 1.0
-            row = Comparison(
-                condition=f"{name}: {training}, SAL {'on' if sal else 'off'}",
-                quantity=title,
-                unit=unit,
-                paper=paper.TABLE_5[name][quantity],
-                **over_seeds(found[training][quantity][sal], seeds),
-                why=f"SAL changes it by {100.0 * ours:+.1f} % here and by {100.0 * hardware:+.1f} % on hardware, whose "
-                "mass and sensors differ.",
+            condition = f"{name}: {training}, SAL {'on' if sal else 'off'}"
+            why = (
+                f"SAL changes it by {100.0 * ours:+.1f} % here and by {100.0 * hardware:+.1f} % on hardware, whose "
+                "mass and sensors differ."
             )
-            rows.append(row)
+            figures = over_seeds(found[training][quantity][sal], seeds)
+            rows.append(compare(condition, shown, paper.TABLE_5[name][quantity], figures, why))
 
     def lower(quantity: str, first: str, second: str) -> bool:
         """Whether the second configuration lowers a quantity."""

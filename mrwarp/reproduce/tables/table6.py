@@ -12,7 +12,7 @@ from mrwarp.energy import consistency
 from mrwarp.energy.power import CALIBRATED, ElectricalCfg, battery_power
 from mrwarp.paper import PaperValue
 from mrwarp.reproduce import walks
-from mrwarp.reproduce.experiment import Comparison, Findings, Job, TextTable, over_seeds
+from mrwarp.reproduce.experiment import Comparison, Findings, Job, TextTable, compare, over_seeds
 from mrwarp.reproduce.walks import Walks
 from mrwarp.study.plan import HIGH_POWER_PRICE, POWER_PRICE
 from mrwarp.trials import walk_figures
@@ -107,14 +107,13 @@ def _cot(result: WalkResult, cfg: ElectricalCfg, cots: Cots) -> Comparison | Non
         f"Ours draws {power:.0f} W at {speed:.2f} m/s, the paper's {theirs.power:.0f} W at {theirs.speed:.2f} m/s: "
         f"power explains {power / theirs.power - 1.0:+.0%}, speed {theirs.speed / speed - 1.0:+.0%}."
     )
-    return Comparison(
-        condition=f"{paper.NAMES[result.robot]}, {result.condition}",
-        quantity="COT",
-        unit="",
-        paper=PaperValue(mean=theirs.cot, sd=theirs.sd),
-        **cots[result.robot, *result.cell],
+    return compare(
+        f"{paper.NAMES[result.robot]}, {result.condition}",
+        ("COT", "", 3),
+        PaperValue(mean=theirs.cot, sd=theirs.sd),
+        cots[result.robot, *result.cell],
+        why,
         calibrated=result.robot == "go1",
-        why=why,
     )
 
 
@@ -174,17 +173,14 @@ def reduction_row(robots: str, saved: Saving, cots: Cots, why: str) -> Compariso
     cell = saved.payload, saved.command
     after, before = (cots[robot, *cell] for robot in ("mr_go_sal", "mr_go"))
     seeds = min(after["n"], before["n"])
-    theirs = saved.paper
-    return Comparison(
-        condition=f"{robots}, {saved.name}",
-        quantity="reduction of COT",
-        unit="%",
-        paper=PaperValue(mean=100.0 * theirs["cot_reduction"], sd=100.0 * theirs["cot_reduction_sd"]),
-        ours=100.0 * _reduced(cots, cots, cell),
-        sd=100.0 * ratio_sd((after["ours"], after["sd"]), (before["ours"], before["sd"])) if seeds > 1 else None,
-        n=seeds,
-        digits=1,
-        why=why,
+    sd = 100.0 * ratio_sd((after["ours"], after["sd"]), (before["ours"], before["sd"])) if seeds > 1 else None
+    theirs = [100.0 * saved.paper[name] for name in ("cot_reduction", "cot_reduction_sd")]
+    return compare(
+        f"{robots}, {saved.name}",
+        ("reduction of COT", "%", 1),
+        PaperValue(mean=theirs[0], sd=theirs[1]),
+        {"ours": 100.0 * _reduced(cots, cots, cell), "sd": sd, "n": seeds},
+        why,
     )
 
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from mrwarp import paper
-from mrwarp.paper import PaperValue
 from mrwarp.params import GateParams
 from mrwarp.reproduce import walks
-from mrwarp.reproduce.experiment import Comparison, Findings, Job, over_seeds
+from mrwarp.reproduce.experiment import Comparison, Findings, Job, compare, over_seeds
 from mrwarp.reproduce.walks import Walks
 from mrwarp.trials import walk_figures
 from mrwarp.trials.walk_trials import WalkResult
@@ -40,17 +39,9 @@ def _rows(
         ours = over_seeds(100.0 * result.hold.mean(-1), walked.seed_of(result, variant))
         share[result.cell] = ours["ours"]
         for source, shown in sources.items():
-            value = 100.0 * paper.TABLE_7[result.cell][source]  # type: ignore[index]
-            row = Comparison(
-                condition=f"{result.condition}, {shown}",
-                quantity="activation",
-                unit="%",
-                paper=PaperValue(mean=value),
-                **ours,
-                digits=1,
-                why=_why(result, ours["ours"], value),
-            )
-            rows.append(row)
+            theirs = 100.0 * paper.TABLE_7[result.cell][source]  # type: ignore[index]
+            why = _why(result, ours["ours"], theirs)
+            rows.append(compare(f"{result.condition}, {shown}", ("activation", "%", 1), theirs, ours, why))
     return rows, share, _claims(share, walks.complete(results))
 
 
