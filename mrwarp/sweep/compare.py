@@ -15,17 +15,24 @@ from matplotlib.figure import Figure
 
 from mrwarp.run_dir import atomic_write
 from mrwarp.sweep.grid import Trial
-from mrwarp.sweep.trial import FINISHED, State, Status
+from mrwarp.sweep.trial import FINISHED, State, Status, read_status
 
+_IMPACT = "couplings.{}.change.{}.percent"
 SHOWN: dict[str, tuple[str, ...]] = {
     "train": (
-        "gate_passed", "gate.v_x_rmse.0.5", "gate.clock_match", "iterations", "seconds", "training.steps_per_second"
+        "gate_passed",
+        "gate.v_x_rmse.0.5",
+        "gate.clock_match",
+        "iterations",
+        "seconds",
+        "training.steps_per_second",
     ),
-    "impact": (
-        "couplings.constraint.change.min_height.percent", "couplings.constraint.change.peak_down_velocity.percent",
-        "couplings.explicit.change.min_height.percent", "couplings.explicit.change.peak_down_velocity.percent",
+    "impact": tuple(
+        _IMPACT.format(coupling, figure)
+        for coupling in ("constraint", "explicit")
+        for figure in ("min_height", "peak_down_velocity")
     ),
-}  # fmt: skip
+}
 """Figures of a command that are shown when none are named."""
 
 MOST = 6
@@ -47,14 +54,30 @@ class Row:
     figures: dict[str, float]
     """All numbers of the result by dotted name; true and false are 1 and 0."""
 
+    @property
+    def condition(self) -> str:
+        """The grid's values without the seed."""
+        return ", ".join(f"{key}={value}" for key, value in self.trial.values.items() if key != REPEATED) or "all"
+
+    def as_result(self) -> dict[str, Any]:
+        """What ``result.json`` of the sweep says of it."""
+        status = self.status
+        entry = {"name": self.trial.name, "values": self.trial.values, "state": status.state.value}
+        entry |= {"attempts": status.attempts, "wall_seconds": status.seconds, "figures": self.figures}
+        return entry | ({"why": status.why, "last_lines": status.lines} if status.state is State.FAILED else {})
+
+
+def read_row(trial: Trial, folder: Path) -> Row:
+    """A trial as its folder has it; figures only where it ended with a result."""
+    status = read_status(folder)
+    return Row(trial=trial, status=status, figures=read_figures(folder) if status.state in FINISHED else {})
+
 
 def read_figures(folder: Path) -> dict[str, float]:
     """All numbers in a trial's ``result.json`` by dotted name; none where it cannot be read."""
     try:
         content = json.loads((folder / "result.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return {}
-    if not isinstance(content, dict):
         return {}
     found: dict[str, float] = {}
 
@@ -65,7 +88,8 @@ def read_figures(folder: Path) -> dict[str, float]:
             for key, item in value.items() if isinstance(value, dict) else enumerate(value):
                 walk(item, f"{name}.{key}" if name else str(key))
 
-    walk({key: value for key, value in content.items() if key not in NOT_FIGURES}, "")
+    if isinstance(content, dict):
+        walk({key: value for key, value in content.items() if key not in NOT_FIGURES}, "")
     return found
 
 
@@ -76,11 +100,11 @@ def choose(rows: Sequence[Row], command: str, wanted: Sequence[str]) -> list[str
         ValueError: a named figure is in no result.
     """
     known = list(dict.fromkeys(name for row in rows for name in row.figures))
+    for name in wanted if known else ():
+        if name not in known:
+            near = [other for other in known if name.split(".")[-1] in other][:MOST] or known[:MOST]
+            raise ValueError(f"--figure {name}: in no result; there are {', '.join(near)}, ... (all in trials.csv)")
     if wanted:
-        for name in wanted:
-            if known and name not in known:
-                near = [other for other in known if name.split(".")[-1] in other][:MOST] or known[:MOST]
-                raise ValueError(f"--figure {name}: in no result; there are {', '.join(near)}, ... (all in trials.csv)")
         return list(wanted)
     if own := [name for name in SHOWN.get(command, ()) if name in known]:
         return own
@@ -90,21 +114,10 @@ def choose(rows: Sequence[Row], command: str, wanted: Sequence[str]) -> list[str
     return (differing or known)[:MOST]
 
 
-def conditions(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Finished trials by condition: the grid's values without the seed."""
-    found: dict[str, list[Row]] = {}
-    for row in rows:
-        name = ", ".join(f"{key}={value}" for key, value in row.trial.values.items() if key != REPEATED) or "all"
-        found.setdefault(name, [])
-        if row.status.state in FINISHED:
-            found[name].append(row)
-    return found
-
-
 def summary(rows: Sequence[Row], names: Sequence[str]) -> list[dict[str, Any]]:
-    """Mean, standard deviation over the trials of a condition, and their number, for each figure."""
+    """Mean, standard deviation over the finished trials of a condition, and their number, for each figure."""
     table = []
-    for condition, members in conditions(rows).items():
+    for condition, members in _conditions(rows).items():
         cells = {}
         for name in names:
             values = [row.figures[name] for row in members if math.isfinite(row.figures.get(name, math.nan))]
@@ -119,51 +132,50 @@ def summary(rows: Sequence[Row], names: Sequence[str]) -> list[dict[str, Any]]:
 
 def lines(rows: Sequence[Row], names: Sequence[str]) -> list[str]:
     """The table that is printed: a line for each trial, then one for each condition with several seeds."""
-    short = _short(names)
-    head = ["trial", "state", *short]
-    body = [
+    table = [["trial", "state", *_short(names)]]
+    table += [
         [row.trial.name, row.status.state.value, *(_number(row.figures.get(name)) for name in names)] for row in rows
     ]
-    repeated = [entry for entry in summary(rows, names) if any(cell["n"] > 1 for cell in entry["figures"].values())]
-    for entry in repeated:
-        cells = [f"{_number(c['mean'])} ± {_number(c['sd'])}" if c["n"] > 1 else _number(c["mean"])
-                 for c in entry["figures"].values()]  # fmt: skip
-        body.append([entry["condition"], f"n = {max(c['n'] for c in entry['figures'].values())}", *cells])
-    width = [max(len(row[k]) for row in [head, *body]) for k in range(len(head))]
-    text = []
-    for row in [head, *body]:
-        left = [cell.ljust(w) for cell, w in zip(row[:2], width[:2], strict=True)]
-        right = [cell.rjust(w) for cell, w in zip(row[2:], width[2:], strict=True)]
-        text.append("  ".join([*left, *right]).rstrip())
-    if repeated:
+    for entry in summary(rows, names):
+        cells = list(entry["figures"].values())
+        most = max((cell["n"] for cell in cells), default=0)
+        if most > 1:
+            spreads = (f" ± {_number(cell['sd'])}" if cell["n"] > 1 else "" for cell in cells)
+            means = (_number(cell["mean"]) for cell in cells)
+            table.append([entry["condition"], f"n = {most}", *map(str.__add__, means, spreads)])
+    width = [max(map(len, column)) for column in zip(*table, strict=True)]
+    text = [
+        "  ".join(f"{cell:{'<' if k < 2 else '>'}{w}}" for k, (cell, w) in enumerate(zip(row, width, strict=True)))
+        for row in table
+    ]
+    if len(text) > 1 + len(rows):
         text.insert(1 + len(rows), "-" * max(map(len, text)))
-    return text
+    return [line.rstrip() for line in text]
 
 
 def write_csv(rows: Sequence[Row], path: Path) -> None:
     """All numbers of all trials, one line for each trial."""
-    options = list(dict.fromkeys(key for row in rows for key in row.trial.values))
-    names = list(dict.fromkeys(name for row in rows for name in row.figures))
+    options = dict.fromkeys(key for row in rows for key in row.trial.values)
+    names = dict.fromkeys(name for row in rows for name in row.figures)
     with atomic_write(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["trial", *options, "state", "attempts", "wall_seconds", *names])
+        writer = csv.DictWriter(file, ["trial", *options, "state", "attempts", "wall_seconds", *names])
+        writer.writeheader()
         for row in rows:
             status = row.status
-            fixed = [status.state.value, status.attempts, f"{status.seconds:.3f}"]
-            values = [row.figures.get(name, "") for name in names]
-            writer.writerow([row.trial.name, *(row.trial.values.get(key, "") for key in options), *fixed, *values])
+            fixed = {"state": status.state.value, "attempts": status.attempts, "wall_seconds": f"{status.seconds:.3f}"}
+            writer.writerow({"trial": row.trial.name, **row.trial.values, **fixed, **row.figures})
 
 
 def plot(rows: Sequence[Row], names: Sequence[str], path: Path) -> None:
     """A panel for each figure: every trial a point, every condition's mean a bar; trials without a result are named."""
-    groups = conditions(rows)
-    names = names[:MOST]
-    columns = min(len(names), 3) or 1
-    height = 1.0 + 2.6 * max(math.ceil(len(names) / columns), 1)
+    groups, names = _conditions(rows), names[:MOST]
+    columns, longest = min(len(names), 3) or 1, max(map(len, groups), default=0)
+    panel_rows = max(math.ceil(len(names) / columns), 1)
     figure = Figure(
-        figsize=(4.2 * columns + 0.6, height + 0.12 * max(map(len, groups), default=0)), layout="constrained"
+        figsize=(4.2 * columns + 0.6, 1.0 + 2.6 * panel_rows + 0.12 * longest),
+        layout="constrained",
     )
-    axes = figure.subplots(max(math.ceil(len(names) / columns), 1), columns, squeeze=False).flatten()
+    axes = figure.subplots(panel_rows, columns, squeeze=False).flatten()
     for axis, name, label in zip(axes, names, _short(names), strict=False):
         for k, members in enumerate(groups.values()):
             values = [row.figures[name] for row in members if name in row.figures]
@@ -172,17 +184,28 @@ def plot(rows: Sequence[Row], names: Sequence[str], path: Path) -> None:
             if values:
                 axis.hlines(statistics.fmean(values), k - 0.25, k + 0.25, color="#b4451f", linewidth=2)
         axis.set_title(label, fontsize=9)
-        turned = {"rotation": 30, "ha": "right"} if max(map(len, groups)) > 8 else {}
-        axis.set_xticks(range(len(groups)), list(groups), fontsize=8, **turned)
+        axis.set_xticks(range(len(groups)), list(groups), fontsize=8, **_TURNED if longest > 8 else {})
         axis.set_xlim(-0.6, len(groups) - 0.4)
         axis.grid(alpha=0.3)
     for axis in axes[len(names) :]:
         axis.set_visible(False)
     lost = [row.trial.name for row in rows if row.status.state not in FINISHED]
-    count = f"{len(rows) - len(lost)} of {len(rows)} trials; points are trials, bars are means"
-    figure.suptitle(count + (f"\nwithout a result: {', '.join(lost[:4])}{' ...' * (len(lost) > 4)}" if lost else ""),
-                    fontsize=9)  # fmt: skip
+    title = f"{len(rows) - len(lost)} of {len(rows)} trials; points are trials, bars are means"
+    title += f"\nwithout a result: {', '.join(lost[:4])}{' ...' * (len(lost) > 4)}" if lost else ""
+    figure.suptitle(title, fontsize=9)
     figure.savefig(path, dpi=110)
+
+
+_TURNED = {"rotation": 30, "ha": "right"}
+
+
+def _conditions(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Finished trials by condition."""
+    found: dict[str, list[Row]] = {row.condition: [] for row in rows}
+    for row in rows:
+        if row.status.state in FINISHED:
+            found[row.condition].append(row)
+    return found
 
 
 def _number(value: float | None) -> str:
@@ -192,28 +215,13 @@ def _number(value: float | None) -> str:
 
 
 def _short(names: Sequence[str]) -> list[str]:
-    """Last parts of dotted names, as many as tell them apart."""
-    parts = 1
-    while True:
-        found = [".".join(name.split(".")[-parts:]) for name in names]
-        if len(set(found)) == len(names) or parts > 10:
-            # a number alone says nothing
-            return [".".join(name.split(".")[-2 - parts :]) if text.replace(".", "").isdigit() else text
-                    for name, text in zip(names, found, strict=True)]  # fmt: skip
-        parts += 1
-
-
-def as_result(row: Row) -> dict[str, Any]:
-    """A trial for ``result.json``."""
-    status = row.status
-    entry: dict[str, Any] = {
-        "name": row.trial.name,
-        "values": row.trial.values,
-        "state": status.state.value,
-        "attempts": status.attempts,
-        "wall_seconds": status.seconds,
-        "figures": row.figures,
-    }
-    if status.state is State.FAILED:
-        entry |= {"why": status.why, "last_lines": status.lines}
-    return entry
+    """Last parts of dotted names, as many as tell them apart; of a name that ends in a number two parts more."""
+    found = list(names)
+    for parts in range(10, 0, -1):
+        shorter = [".".join(name.split(".")[-parts:]) for name in names]
+        if len(set(shorter)) == len(names):
+            found = [
+                ".".join(name.split(".")[-2 - parts :]) if text.replace(".", "").isdigit() else text
+                for name, text in zip(names, shorter, strict=True)
+            ]
+    return found
