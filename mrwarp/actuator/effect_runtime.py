@@ -15,10 +15,10 @@ import warp as wp
 from mrwarp.effects.catalogue import CATALOGUE, COLUMN, COLUMNS, NULLS, SLOTS, column_of
 from mrwarp.effects.stages import advance_effects_kernel, predict_effects_kernel, reset_effects_kernel
 from mrwarp.kernels.joint_params import JointParams
-from mrwarp.kernels.launch import record
+from mrwarp.kernels.launch import Launch, record
 from mrwarp.model_file import Effect
 
-STATE = ("coil", "heat", "newest", "memory", "commands", "clock", "values")
+_STATE = ("coil", "heat", "newest", "memory", "commands", "clock", "values")
 """Arrays that a resumed run needs."""
 
 INERTIA = "rotor_inertia"
@@ -104,8 +104,8 @@ class DeviceEffects:
         assert isinstance(view, wp.array)  # one column
         return view
 
-    def record(self, head: wp.array, length: int, before: list[Any], state: list[Any], outputs: list[Any]) -> tuple:
-        """The launches of a step.
+    def record(self, head: wp.array, length: int, before: list[Any], state: list[Any], outputs: list[Any]) -> list[Launch]:
+        """The launches of a step: head and clock advance, and every device is predicted.
 
         Args:
             head: Row of the history's newest sample, shape (1,).
@@ -113,21 +113,16 @@ class DeviceEffects:
             before: Arguments of ``predict_kernel`` up to the head.
             state: z.
             outputs: Its outputs.
-
-        Returns:
-            Launches that advance head and clock, and predict.
         """
-        advance = record(
-            advance_effects_kernel, 1, [length, head, self.clock], [head, self.clock], self.device,
-        )  # fmt: skip
-        predict = record(
-            predict_effects_kernel,
-            self.newest.shape,
-            [before[0], self._flat_values, *before[1:], self.clock, *state, self.coil, self.heat, self.newest],
-            [*outputs, self.coil, self.heat, self.newest, self._flat_memory, self._flat_commands, self.params],
-            self.device,
-        )
-        return advance, predict
+        return [
+            record(advance_effects_kernel, 1, [length, head, self.clock], [head, self.clock]),
+            record(
+                predict_effects_kernel,
+                self.newest.shape,
+                [before[0], self._flat_values, *before[1:], self.clock, *state, self.coil, self.heat, self.newest],
+                [*outputs, self.coil, self.heat, self.newest, self._flat_memory, self._flat_commands, self.params],
+            ),
+        ]
 
     def reset(self, mask: wp.array) -> None:
         """Masked devices are cold, without current and field; the session goes on. Others stay bit-equal."""
@@ -141,9 +136,9 @@ class DeviceEffects:
 
     def state(self) -> dict[str, np.ndarray]:
         """Copy of everything a resumed run needs, by name."""
-        return {f"effects_{name}": getattr(self, name).numpy().copy() for name in STATE}
+        return {f"effects_{name}": getattr(self, name).numpy().copy() for name in _STATE}
 
     def load_state(self, state: dict[str, np.ndarray]) -> None:
         """Restore :meth:`state`, bit-equal."""
-        for name in STATE:
+        for name in _STATE:
             getattr(self, name).assign(state[f"effects_{name}"])

@@ -20,7 +20,7 @@ import warp as wp
 from mrwarp.actuator.effect_runtime import DeviceEffects, in_kernels
 from mrwarp.enums import Coupling, HoldCurrent, ZStep
 from mrwarp.kernels import joint_params, ledger, mr_stages, window
-from mrwarp.kernels.launch import in_one_thread, record
+from mrwarp.kernels.launch import Launch, in_one_thread, record
 from mrwarp.model_file import Effect
 from mrwarp.params import MrParams
 
@@ -205,23 +205,28 @@ class MrActuator:
 
     def step(self) -> None:
         """Run the stages: writes ``tau`` to apply [N·m] and the brake ``bound`` [N·m], both of shape (E, J)."""
-        if self.mr_joints:
-            if self._fused is None or not self._one_thread:
-                self._advance_head.launch()
-            if self._fused is not None:
-                self._fused.launch()
-                if self.residual is not None:
-                    self.residual(self.ring, self.head, self.m_dyn, self.tau_dyn)
-                    self._learned.launch()
-                return
-            self._predict.launch()
-            if self.residual is not None:
-                self.residual(self.ring, self.head, self.m_dyn, self.tau_dyn)
-        self._torque.launch()
+        self.predict()
+        self.add_residual()
+        self.torque()
+
+    def predict(self) -> None:
+        """Gates (eqs. 5, 8), coil, history (eq. 12), laws (eqs. 14, 15); a fused kernel also does the torques."""
+        for launch in self._predict:
+            launch()
+
+    def add_residual(self) -> None:
+        """Learned residual (eq. 16) of the open dynamic gates; nothing without."""
+        if self.residual is not None and self.mr_joints:
+            self.residual(self.ring, self.head, self.m_dyn, self.tau_dyn)
+
+    def torque(self) -> None:
+        """Torques of motor (eqs. 2, 9) and device (eqs. 6, 19), or the brake's bound, if not yet done."""
+        for launch in self._torque:
+            launch()
 
     def account(self) -> None:
         """Add the physics step that followed :meth:`step` to the energy ledger, from ``inputs.qd`` and ``friction``."""
-        self._ledger.launch()
+        self._ledger()
 
     def reset(self, mask: wp.array | None = None) -> None:
         """Forget the past of masked environments: z = 0, no current, a history at rest, an empty ledger.
@@ -290,93 +295,75 @@ class MrActuator:
             self.residual.load_state(state)
         self.params.assign(np.ascontiguousarray(state["params"]).view(_RECORD).reshape(self.params.shape))
 
-    @property
-    def _constraint(self) -> int:
-        return int(self.cfg.coupling is Coupling.CONSTRAINT)
-
     def _record_launches(self) -> None:
-        """Prepare the launches of :meth:`step` once; all their arrays live as long as the actuator."""
+        """Prepare the launches of :meth:`step` and :meth:`account`."""
         cfg, i = self.cfg, self.inputs
         num_mr = len(self.mr_joints)
         rows, lanes = (1, 1) if in_one_thread(self.device) else (self.num_envs, self.num_joints)
-        self._lanes, self._one_thread = (rows, lanes), rows * lanes == 1  # see step_kernel
-        fixed = int(cfg.hold_current is HoldCurrent.FIXED)
-        switches = [
-            self.dt, int(cfg.sal and cfg.damping), int(cfg.sal and cfg.holding), fixed, int(cfg.z_step is ZStep.EXACT),
-        ]  # fmt: skip
-        before = [
-            self.params, self.joint_of, self.leg_of, *switches, i.q_des, i.q, i.qd, i.f_foot, i.current_e, self.head,
-        ]  # fmt: skip
+        self._lanes, one_thread = (rows, lanes), rows * lanes == 1  # see step_kernel
+        constraint = int(cfg.coupling is Coupling.CONSTRAINT)
+        fixed, exact = int(cfg.hold_current is HoldCurrent.FIXED), int(cfg.z_step is ZStep.EXACT)
+        switches = [self.dt, int(cfg.sal and cfg.damping), int(cfg.sal and cfg.holding), fixed, exact]
+        read = [i.q_des, i.q, i.qd, i.f_foot, i.current_e, self.head]
+        before = [self.params, self.joint_of, self.leg_of, *switches, *read]
         outputs = [self.m_dyn, self.m_hold, self.z, self.current, self.tau_dyn, self.ring]
         torques = [self.tau_motor, self.tau_mr, self.tau, self.bound]
-        params = self.params
-        self._fused: wp.Launch | None = None
-        if self.effects is not None:
-            self._advance_head, self._predict = self.effects.record(self.head, window.WINDOW, before, [self.z], outputs)
-            params = self.effects.params
-        elif num_mr:
-            self._advance_head = record(
-                mr_stages.advance_head_kernel,
-                dim=1,
-                inputs=[window.WINDOW, self.head],
-                outputs=[self.head],
-                device=self.device,
-            )
-            self._predict = record(
-                mr_stages.predict_kernel,
-                dim=(self.num_envs, num_mr),
-                inputs=[*before, self.z, self.current],
-                outputs=outputs,
-                device=self.device,
-            )
-            flat = (i.q_des, i.q, i.qd, i.f_foot)  # step_kernel counts in elements, not in strides
-            if all(array.is_contiguous for array in flat):
-                self._fused = record(
-                    mr_stages.step_kernel,
-                    dim=(rows, lanes),
-                    inputs=[
-                        rows, lanes, params, self.slot_of, self.leg_of, self.kp, self.kd, self.tau_limit,
-                        *switches, self._constraint, i.q_des, i.q, i.qd, i.f_foot, i.current_e, self.head, self.z,
-                        self.current,
-                    ],
-                    outputs=[*outputs, self.head, *torques],
-                    device=self.device,
-                )  # fmt: skip
-            self._learned = record(
-                mr_stages.learned_torque_kernel,
-                dim=(rows, min(lanes, num_mr)),
-                inputs=[
-                    rows, min(lanes, num_mr), params, self.joint_of, self._constraint, i.q_des, i.q, i.qd, self.m_dyn,
-                    self.m_hold, self.current, self.tau_dyn, self.tau_motor,
-                ],
-                outputs=[self.tau_mr, self.tau, self.bound],
-                device=self.device,
-            )  # fmt: skip
-        self._torque = record(
+        motors = [self.kp, self.kd, self.tau_limit]
+        params = self.params if self.effects is None else self.effects.params
+        shape, length = (self.num_envs, num_mr), window.WINDOW
+        torque = record(
             mr_stages.torque_kernel,
-            dim=(self.num_envs, self.num_joints),
-            inputs=[
-                params, self.slot_of, self.kp, self.kd, self.tau_limit, self._constraint, i.q_des, i.q, i.qd,
-                self.m_hold, self.current, self.tau_dyn,
+            (self.num_envs, self.num_joints),
+            [
+                *(params, self.slot_of, *motors, constraint, i.q_des, i.q, i.qd),
+                *(self.m_hold, self.current, self.tau_dyn),
             ],
-            outputs=torques,
-            device=self.device,
-        )  # fmt: skip
+            torques,
+        )
+        # step_kernel counts in elements, not in strides
+        fused = self.effects is None and all(array.is_contiguous for array in read[:4])
+        self._predict: list[Launch] = []
+        self._torque: list[Launch] = [torque]
+        if self.effects is not None:
+            self._predict = self.effects.record(self.head, length, before, [self.z], outputs)
+        elif num_mr:
+            if not (fused and one_thread):
+                self._predict.append(record(mr_stages.advance_head_kernel, 1, [length, self.head], [self.head]))
+            if fused:
+                kernel, dim = mr_stages.step_kernel, (rows, lanes)
+                inputs = [rows, lanes, params, self.slot_of, self.leg_of, *motors, *switches, constraint, *read]
+                self._predict.append(
+                    record(kernel, dim, [*inputs, self.z, self.current], [*outputs, self.head, *torques])
+                )
+                self._torque = [self._mend(constraint)] if self.residual is not None else []
+            else:
+                self._predict.append(record(mr_stages.predict_kernel, shape, [*before, self.z, self.current], outputs))
         self._ledger = record(
             ledger.ledger_kernel,
-            dim=(self.num_envs, lanes),
-            inputs=[
-                lanes, self.slot_of, self.dt, self._constraint, i.qd, self.tau_motor, i.friction, self.tau_mr,
-                self.m_dyn, self.m_hold, self.current, self.param("coil_resistance"),
+            (self.num_envs, lanes),
+            [
+                *(lanes, self.slot_of, self.dt, constraint, i.qd, self.tau_motor, i.friction, self.tau_mr),
+                *(self.m_dyn, self.m_hold, self.current, self.param("coil_resistance")),
             ],
-            outputs=[self.tau_mr, self.ledger],
-            device=self.device,
-        )  # fmt: skip
+            [self.tau_mr, self.ledger],
+        )
+
+    def _mend(self, constraint: int) -> Launch:
+        """What gives the open gates the learned torque, after ``step_kernel`` has computed all with tau_BW."""
+        i, (rows, lanes) = self.inputs, self._lanes
+        lanes = min(lanes, len(self.mr_joints))
+        return record(
+            mr_stages.learned_torque_kernel,
+            (rows, lanes),
+            [
+                *(rows, lanes, self.params, self.joint_of, constraint, i.q_des, i.q, i.qd),
+                *(self.m_dyn, self.m_hold, self.current, self.tau_dyn, self.tau_motor),
+            ],
+            [self.tau_mr, self.tau, self.bound],
+        )
 
     def _make_effects(self, effects: list[Sequence[Effect]], rows: int) -> DeviceEffects | None:
         """What the devices' effects need, if one acts in the kernels."""
-        if not any(effects):
-            return None
         if not any(in_kernels(found) for found in effects):
             return None
         return DeviceEffects(effects, num_envs=self.num_envs, dt=self.dt, device=self.device, rows=rows)
@@ -394,6 +381,9 @@ class MrActuator:
 
 _RECORD: np.dtype = np.dtype(joint_params.JointParams.numpy_dtype())  # pyright: ignore[reportCallIssue,reportArgumentType]
 """The parameter struct as a NumPy record."""
+
+PROPERTIES = ("params", "effects_values")
+"""Arrays of :meth:`MrActuator.state` that are properties of the robots, not of what happened to them."""
 
 _STATE = ("z", "current", "ring", "head", "ledger", "m_dyn", "m_hold", "tau_dyn", "tau_mr")
 """Arrays that carry the actuator from one step to the next."""

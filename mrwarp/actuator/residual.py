@@ -21,7 +21,7 @@ import warp as wp
 
 from mrwarp.kernels import learned_torque as learned
 from mrwarp.kernels import lstm_lanes
-from mrwarp.kernels.launch import in_one_thread, record
+from mrwarp.kernels.launch import Launch, in_one_thread, record
 from mrwarp.kernels.window import FEATURES, WINDOW
 from mrwarp.nn.layout import lane_weights, lstm_weights, mlp_layers, output_layer, states_at_rest
 from mrwarp.nn.models import LstmState, LstmTorque
@@ -74,8 +74,8 @@ class LearnedTorque:
         self.carries = isinstance(model.net, LstmTorque) and lstm_state is LstmState.CARRIED
         self._arrays: tuple[int | None, ...] = ()
         self._helpers: list[_Helper] = []
-        self._gather: wp.Launch | None = None
-        self._units: wp.Launch | None = None
+        self._gather: Launch | None = None
+        self._units: Launch | None = None
 
     def bind(self, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
         """Prepare to work on these arrays, see :meth:`__call__`; every state begins anew."""
@@ -108,14 +108,14 @@ class LearnedTorque:
                 helper.settle()  # one that is still awake would be recorded
         if self._gather is not None:
             self._count.zero_()
-            self._gather.launch()
+            self._gather()
         if self._helpers and not capturing:
             parts = len(self._helpers) + 1 if self.carries else (int(self._open[0]) + 7) // 8
             for helper in self._helpers[: max(parts - 1, 0)]:
                 helper.wake(self._help)
         if self._units is not None:
-            self._units.launch()
-        self._evaluate.launch()
+            self._units()
+        self._evaluate()
 
     def reset(self, mask: wp.array) -> None:
         """The joints of masked environments, bool (E,), begin anew with what their history then holds."""
@@ -243,10 +243,10 @@ class _Helper:
         threading.Thread(target=_repeat, args=(self._calls,), name="residual", daemon=True).start()
         weakref.finalize(self, self._calls.put, None)
 
-    def wake(self, launch: wp.Launch) -> None:
+    def wake(self, launch: Launch) -> None:
         """Launch on the thread, unless it has not yet got round to the last one."""
         if self._calls.empty():
-            self._calls.put(launch.launch)
+            self._calls.put(launch)
 
     def settle(self) -> None:
         """Wait until the thread sleeps."""

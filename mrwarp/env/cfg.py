@@ -9,116 +9,21 @@ from mrwarp.actuator.mr_actuator import MrActuatorCfg
 from mrwarp.enums import (
     ACTUATORS,
     LEARNED,
-    RANDOMIZATIONS,
     TERRAINS,
     BackendKind,
     Coupling,
     HoldCurrent,
     ZStep,
 )
+from mrwarp.env.commands import CommandCfg
+from mrwarp.env.events import RandomizeCfg, make_randomize_cfg
+from mrwarp.env.observations import NoiseCfg
+from mrwarp.env.rewards import RewardCfg
 from mrwarp.env.sim import SimCfg
 from mrwarp.env.terrain import TerrainCfg
 from mrwarp.model_file import Model
 from mrwarp.nn.models import LstmState
 from mrwarp.usd.robot import CURRENT_GROUPS, GAIT_FREQUENCY
-
-
-@dataclass(frozen=True, kw_only=True)
-class CommandCfg:
-    """Velocity commands, drawn uniformly."""
-
-    v_x: tuple[float, float] = (0.2, 0.6)
-    """Forward speed [m/s]; the paper's 1.5 Hz gait reaches about 0.6 m/s (section 7)."""
-    v_y: tuple[float, float] = (0.0, 0.0)
-    """Lateral speed [m/s]."""
-    yaw_rate: tuple[float, float] = (-0.2, 0.2)
-    """Yaw rate [rad/s]."""
-    period: float = 5.0
-    """Time between new commands [s]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class NoiseCfg:
-    """Half-widths of the uniform noise on the actor's observations; public quadruped practice."""
-
-    gyro: float = 0.1
-    """Angular velocity [rad/s]."""
-    gravity: float = 0.03
-    """Projected gravity [1]."""
-    q: float = 0.01
-    """Joint position [rad]."""
-    qd: float = 0.5
-    """Joint velocity [rad/s]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RandomizeCfg:
-    """What differs between environments during training. Ranges are multiplied or added as the names say."""
-
-    friction: tuple[float, float] = (0.5, 1.1)
-    """Sliding friction of ground and feet [1]."""
-    added_mass: tuple[float, float] = (-0.5, 1.0)
-    """Mass added to the trunk [kg]."""
-    mr_scale: tuple[float, float] = (0.8, 1.2)
-    """Factor on the device's B, K0, K1 and T_max, drawn per environment and joint at every reset."""
-    gain_scale: tuple[float, float] = (0.9, 1.1)
-    """Factor on the motor gains kp and kd, per environment and joint."""
-    push_speed: float = 0.3
-    """Largest horizontal velocity kick [m/s]."""
-    push_interval: float = 6.0
-    """Mean time between kicks [s]."""
-
-
-def make_randomize_cfg(kind: str = "all") -> RandomizeCfg | None:
-    """What differs between training environments.
-
-    Args:
-        kind: One of :data:`RANDOMIZATIONS`. ``all``: everything that :class:`RandomizeCfg` has. ``ground``: friction
-            and kicks, what legged_gym, the common walking environments for Isaac Gym, randomises by default, and
-            nothing of the robot. ``none``.
-
-    Raises:
-        ValueError: there is no such kind.
-    """
-    if kind not in RANDOMIZATIONS:
-        raise ValueError(f"randomize = {kind!r} is unknown; choose from {', '.join(RANDOMIZATIONS)}")
-    if kind == "none":
-        return None
-    if kind == "ground":
-        return RandomizeCfg(added_mass=(0.0, 0.0), mr_scale=(1.0, 1.0), gain_scale=(1.0, 1.0))
-    return RandomizeCfg()
-
-
-@dataclass(frozen=True, kw_only=True)
-class RewardCfg:
-    """Weights of the reward terms, per second; see ``rewards.py`` for the terms."""
-
-    track_velocity: float = 2.0
-    track_yaw: float = 0.5
-    contact_clock: float = 1.5
-    swing_height: float = -30.0
-    height: float = -40.0
-    tilt: float = -3.0
-    bounce: float = -1.0
-    roll_pitch_rate: float = -0.05
-    posture: float = -0.15
-    hip_posture: float = -1.0
-    effort: float = -3e-4
-    action_rate: float = -0.02
-    joint_acceleration: float = -1e-7
-    power: float = 0.0
-    """Per watt of electrical power of motors and coils."""
-    winding_resistance: float = 0.128
-    """Phase resistance that the power is computed with [Ohm]; a public motor of this size has 0.105 to 0.13 (see
-    ``ElectricalCfg``). Not the calibrated number: the calibration needs trained policies."""
-    target_height: float = 0.32
-    """Wanted trunk height [m]; the paper's policies walk at 0.328 to 0.334."""
-    velocity_width: float = 0.04
-    """Squared velocity error at which tracking falls to 1/e [(m/s)^2]."""
-    yaw_width: float = 0.1
-    """Squared yaw-rate error at which tracking falls to 1/e [(rad/s)^2]."""
-    step_height: float = 0.06
-    """Clearance of a swinging foot at mid swing [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)

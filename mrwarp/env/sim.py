@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,12 +10,12 @@ import torch
 import warp as wp
 
 from mrwarp.actuator import brake_constraint
-from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, MrActuator, MrActuatorCfg, Residual
+from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator, MrActuatorCfg, Residual
+from mrwarp.enums import BackendKind, Coupling
 from mrwarp.env import sim_kernels
-from mrwarp.env.backend import Backend, BackendKind, MjBatchBackend, MjWarpBackend
-from mrwarp.env.sim_model import Edit, Scene, SolverCfg, build_scene, named
-from mrwarp.env.terrain import Field
-from mrwarp.kernels.launch import Around, Work, in_graphs, in_one_thread, record, record_per_env
+from mrwarp.env.backend import Backend, MjBatchBackend, MjWarpBackend
+from mrwarp.env.sim_model import Edit, Field, Scene, SolverCfg, build_scene, named
+from mrwarp.kernels.launch import Launch, StepGraph, in_one_thread, record, record_per_env
 from mrwarp.usd.asset import RobotAsset, load_robot
 
 
@@ -105,7 +105,7 @@ class Sim:
         self.unsolved = wp.zeros(num_envs, dtype=int, device=self.device)
         self._frictionloss = self.backend.expand("dof_frictionloss")
         self._no_bound = zeros(num_envs, num_joints)
-        self._launches: dict[tuple[int | None, int | None], tuple[wp.Launch, wp.Launch]] = {}
+        self._steps: dict[tuple[int | None, int | None], list[Launch]] = {}
         self._q_adr = wp.array(scene.q_adr, dtype=int, device=self.device)
         self._v_adr = wp.array(scene.v_adr, dtype=int, device=self.device)
         self._foot_adr = wp.array(scene.foot_adr, dtype=int, device=self.device)
@@ -119,18 +119,19 @@ class Sim:
             tau: Joint torques to apply [N·m], shape (E, J).
             bound: Bounds of the brake constraint [N·m], shape (E, J); ignored with the explicit coupling.
         """
-        self.before_step(tau, bound)
+        for launch in self.physics(tau, bound):
+            launch()
+
+    def physics(self, tau: wp.array, bound: wp.array) -> list[Launch]:
+        """What :meth:`step` does: torques and bounds to the solver, the engine, its state, a check of its solution."""
+        key = (tau.ptr, bound.ptr)
+        if key not in self._steps:
+            self._steps[key] = [self._record_apply(tau, bound), self.engine, self._record_gather(bound), self._check]
+        return self._steps[key]
+
+    def engine(self) -> None:
+        """The engine's step alone."""
         self.backend.step()
-        self.after_step(tau, bound)
-
-    def before_step(self, tau: wp.array, bound: wp.array) -> None:
-        """The part of :meth:`step` before the engine's: torques and bounds to the solver."""
-        self._launches_for(tau, bound)[0].launch()
-
-    def after_step(self, tau: wp.array, bound: wp.array) -> None:
-        """The part of :meth:`step` after the engine's: read the state, check the solver."""
-        self._launches_for(tau, bound)[1].launch()
-        self._check.launch()
 
     def reset(self, mask: wp.array | None = None, qpos: wp.array | None = None, qvel: wp.array | None = None) -> None:
         """Put masked environments into a state; the others stay bit-equal.
@@ -147,9 +148,9 @@ class Sim:
             qpos = wp.array(np.tile(model.qpos0, (self.num_envs, 1)), dtype=float, device=self.device)
         if qvel is None:
             qvel = wp.zeros((self.num_envs, model.nv), dtype=float, device=self.device)
-        self.record_reset(mask, qpos, qvel).launch()
+        self.record_reset(mask, qpos, qvel)()
 
-    def record_reset(self, mask: wp.array, qpos: wp.array, qvel: wp.array) -> wp.Launch:
+    def record_reset(self, mask: wp.array, qpos: wp.array, qvel: wp.array) -> Launch:
         """What :meth:`reset` launches, to be repeated: it reads the arrays each time."""
         # plain numbers, shape (E, 6*nbody): one engine has them so, the other six to an element
         pushes = wp.from_torch(wp.to_torch(self.backend.field("xfrc_applied")).view(self.num_envs, -1))
@@ -162,13 +163,12 @@ class Sim:
                 pushes, self.f_foot, self.friction, self.q, self.qd,
                 self.root_pos, self.root_quat, self.root_vel, self.root_ang,
             ],
-            device=self.device,
         )  # fmt: skip
 
     def refresh(self) -> None:
         """Read the state again after somebody wrote to it; foot forces and brake torques keep their last value."""
         kept = [(array, wp.clone(array)) for array in (self.f_foot, self.friction)]
-        self._read_state.launch()
+        self._read_state()
         for array, copy in kept:
             wp.copy(array, copy)
 
@@ -229,23 +229,16 @@ class Sim:
         model = self.scene.model
         return named([model.body(i).name for i in range(model.nbody)], body, "body")
 
-    def _launches_for(self, tau: wp.array, bound: wp.array) -> tuple[wp.Launch, wp.Launch]:
-        key = (tau.ptr, bound.ptr)
-        if key not in self._launches:
-            self._launches[key] = (self._record_apply(tau, bound), self._record_gather(bound))
-        return self._launches[key]
-
-    def _record_apply(self, tau: wp.array, bound: wp.array) -> wp.Launch:
+    def _record_apply(self, tau: wp.array, bound: wp.array) -> Launch:
         lanes = 1 if in_one_thread(self.device) else len(self.scene.actuators)
         return record(
             sim_kernels.apply_kernel,
             dim=(self.num_envs, lanes),
             inputs=[lanes, self._v_adr, int(self.coupling is Coupling.CONSTRAINT), tau, bound],
             outputs=[self.backend.field("qfrc_applied"), self._frictionloss],
-            device=self.device,
         )
 
-    def _record_gather(self, bound: wp.array) -> wp.Launch:
+    def _record_gather(self, bound: wp.array) -> Launch:
         backend = self.backend
         return record(
             sim_kernels.gather_kernel,
@@ -258,10 +251,9 @@ class Sim:
                 self.q, self.qd, self.friction, self.f_foot, self.root_pos, self.root_quat, self.root_vel,
                 self.root_ang,
             ],
-            device=self.device,
         )  # fmt: skip
 
-    def _record_check(self) -> wp.Launch:
+    def _record_check(self) -> Launch:
         model, backend = self.scene.model, self.backend
         pattern = [wp.array(a, dtype=int, device=self.device) for a in (
             model.M_rowadr, model.M_rownnz, model.M_colind,
@@ -269,7 +261,6 @@ class Sim:
         ends = model.M_colind[model.M_rowadr + model.M_rownnz - 1]
         assert np.array_equal(ends, np.arange(model.nv))  # the kernel relies on it
         scratch = wp.zeros((self.num_envs, 2 * model.nv), dtype=wp.float64, device=self.device)
-        self._pattern, self._scratch = pattern, scratch
         return record(
             sim_kernels.residual_kernel,
             dim=self.num_envs,
@@ -278,7 +269,6 @@ class Sim:
                 backend.field("qacc_smooth"), backend.field("qfrc_constraint"),
             ],
             outputs=[scratch, self.residual, self.unsolved],
-            device=self.device,
         )  # fmt: skip
 
 
@@ -297,7 +287,9 @@ class ActuatedSim:
         actuator: The joints' motors and devices.
         q_des: Joint targets [rad], shape (E, J); write them before stepping.
         current_e: Current each environment may use [A], shape (E,).
-        watchers: Launched in every step once its torques are known, before the physics; set before the first step.
+        physics: Launches of a physics step.
+        before_hooks, hooks: Called on the host before and after every torque step, e.g. to record or to push; empty in
+            training.
     """
 
     def __init__(
@@ -326,59 +318,52 @@ class ActuatedSim:
             residual=residual,
             share_params=share_params,
         )  # fmt: skip
-        self.watchers: list[wp.Launch] = []
-        self._pieces: dict[tuple[int, Around | None], Sequence[Work]] = {}
+        self.physics = sim.physics(self.actuator.tau, self.actuator.bound)
+        self.before_hooks: list[Callable[[], object]] = []
+        self.hooks: list[Callable[[], object]] = []
+        self._graphs: dict[int, StepGraph] = {}
         self.actuator.reset()
 
-    def step(self, count: int = 1, around: Around | None = None) -> None:
+    def step(self, count: int = 1) -> None:
         """``count`` times: one torque step, one physics step, one line in the ledger.
 
         With ``cfg.capture`` all this runs as captured graphs, bit-equal to the eager launches: on MuJoCo-Warp as one
         graph, with ``mjbatch`` as one before, between and after its steps.
-
-        Args:
-            count: Number of steps.
-            around: What a task does before the first and after the last of them; it becomes part of the graphs.
         """
-        key = (count, around)
-        if key not in self._pieces:
-            self._pieces[key] = self._plan(count, around)
-        for piece in self._pieces[key]:
-            piece()
+        if count not in self._graphs:
+            a = self.actuator
+            torque_step = [self.before_step, a.predict, a.add_residual, a.torque, *self.physics, a.account]
+            self._graphs[count] = self.graph([*torque_step, self.after_step] * count)
+        self._graphs[count].run(self.on_host())
+
+    def graph(self, sequence: Sequence[Launch]) -> StepGraph:
+        """A sequence that is run as ``cfg.capture`` says, see :meth:`on_host`."""
+        return StepGraph(sequence, self.sim.device, eager=not self.sim.cfg.capture)
+
+    def on_host(self) -> frozenset[Launch]:
+        """What no graph can take of a torque step: ``mjbatch``, a learned torque with threads of its own, hooks."""
+        found: list[Launch] = []
+        if self.sim.backend.kind is BackendKind.MJBATCH:
+            found.append(self.sim.engine)
+            if self.actuator.residual is not None and not self.actuator.residual.graphable:
+                found.append(self.actuator.add_residual)
+        found += [self.before_step] * bool(self.before_hooks) + [self.after_step] * bool(self.hooks)
+        return frozenset(found)
+
+    def before_step(self) -> None:
+        """Call what is hooked before a torque step."""
+        for hook in self.before_hooks:
+            hook()
+
+    def after_step(self) -> None:
+        """Call what is hooked after a torque step."""
+        for hook in self.hooks:
+            hook()
 
     def reset(self, mask: wp.array | None = None, qpos: wp.array | None = None, qvel: wp.array | None = None) -> None:
         """Masked reset of physics and actuators, see :meth:`Sim.reset`."""
         self.sim.reset(mask, qpos, qvel)
         self.actuator.reset(mask)
-
-    def _plan(self, count: int, around: Around | None) -> Sequence[Work]:
-        """What :meth:`step` calls one after the other."""
-        works: list[Work] = [self._before, self._physics, self._after] * count
-        if around is not None:
-            works = [*around.before, *works, *around.after]
-        if not self.sim.cfg.capture:
-            return works
-        host: list[Work] = []
-        if self.sim.backend.kind is BackendKind.MJBATCH:
-            host.append(self._physics)
-            residual = self.actuator.residual
-            if residual is not None and not residual.graphable:
-                host.append(self._before)  # on the CPU it wakes threads of its own, which a graph cannot
-        return in_graphs(works, host, self.sim.device)
-
-    def _physics(self) -> None:
-        self.sim.backend.step()
-
-    def _before(self) -> None:
-        actuator = self.actuator
-        actuator.step()
-        for watcher in self.watchers:
-            watcher.launch()
-        self.sim.before_step(actuator.tau, actuator.bound)
-
-    def _after(self) -> None:
-        self.sim.after_step(self.actuator.tau, self.actuator.bound)
-        self.actuator.account()
 
 
 def robot_scene(

@@ -19,8 +19,7 @@ import numpy as np
 import mrwarp.actuator.newton_drive  # noqa: F401  registers the MR drive, so that Newton can read the asset
 from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.effect_runtime import added_inertia
-from mrwarp.actuator.mr_actuator import Coupling
-from mrwarp.env.terrain import Field
+from mrwarp.enums import Coupling
 from mrwarp.usd.asset import JointActuator, RobotAsset
 from mrwarp.usd.robot import LEGS, leg_of
 
@@ -49,6 +48,24 @@ class SolverCfg:
                 "line-search "
                 "iterations the brake constraint fails silently; use that many or more"
             )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Field:
+    """Heights on a square grid, centred on the world's origin."""
+
+    heights: np.ndarray
+    """[m], float32, shape (rows along y, columns along x)."""
+    cell: float
+    """Spacing [m]."""
+    origins: np.ndarray
+    """Middle of each tile (x, y), and the highest ground under a robot there [m], float32, (levels, kinds, 3)."""
+
+    @property
+    def half(self) -> tuple[float, float]:
+        """Half the extent along x and y [m]."""
+        rows, columns = self.heights.shape
+        return 0.5 * self.cell * (columns - 1), 0.5 * self.cell * (rows - 1)
 
 
 @dataclass(frozen=True, kw_only=True)

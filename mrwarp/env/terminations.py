@@ -1,69 +1,88 @@
-"""When an episode ends."""
+"""Terminations: a fall, a number that went wrong, or the time limit, and the reward that reaches the learner."""
+
+# pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false, reportOperatorIssue=false
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-import torch
 import warp as wp
 
-from mrwarp.env.task_kernels.ends import DONE, ends_kernel
-from mrwarp.kernels.launch import record
+from mrwarp.env.state import WalkState
+from mrwarp.kernels.launch import Launch, record
 
-if TYPE_CHECKING:
-    from mrwarp.env.vec_env import WalkEnv
+FALLEN, DIVERGED, TIME_OUT, DONE = range(4)
+"""Rows of the flags: a fall or a wrong number; a wrong number; the length, without a fall; any of them."""
 
 LEAST_REWARD = -10.0
 """Least reward of a policy step. A trained gait earns 0.06, robots whose actions are noise of 4 standard deviations,
 falls included, pay up to 4 (measured over 300 steps of 64). A solver that throws a robot makes accelerations that cost
 1e5 in one step, and would shake the critic's values of all states for an update."""
 
-_INPUTS = ("height", "root_pos", "gravity", "root_vel", "root_ang", "q", "qd")
+
+@wp.kernel
+def terminations_kernel(
+    # parameters: least height of the trunk [m], largest z of gravity in its frame, length of an episode [policy steps],
+    # least reward of a policy step
+    least_height: float,
+    largest_z: float,
+    length: int,
+    least_reward: float,
+    # in, shapes (E,) [m], (E, 3) four times, (E, J) twice
+    height_in: wp.array[float],
+    root_pos_in: wp.array2d[float],
+    gravity_in: wp.array2d[float],
+    root_vel_in: wp.array2d[float],
+    root_ang_in: wp.array2d[float],
+    q_in: wp.array2d[float],
+    qd_in: wp.array2d[float],
+    # out, shapes (E,) 1 where a number went wrong, (E,), (E,) [policy steps], (4, E), (E,) 0 where a number went wrong,
+    # else no less than the least
+    diverged_out: wp.array[int],
+    total_out: wp.array[float],
+    episode_length_out: wp.array[wp.int64],
+    flags_out: wp.array2d[wp.bool],
+    reward_out: wp.array[float],
+):
+    """Count the policy step; a trunk too low or leaning too far, a state that is no number, or the time ends it."""
+    env = wp.tid()
+    now = episode_length_out[env] + wp.int64(1)
+    episode_length_out[env] = now
+    # 0*x is NaN where x is no finite number, and NaN fails every comparison
+    total = float(0.0)
+    for k in range(3):
+        total += 0.0 * (root_pos_in[env, k] + gravity_in[env, k]) + 0.0 * (root_vel_in[env, k] + root_ang_in[env, k])
+    for k in range(q_in.shape[1]):
+        total += 0.0 * (q_in[env, k] + qd_in[env, k])
+    upright = height_in[env] > least_height and gravity_in[env, 2] < largest_z
+    diverged = diverged_out[env] > 0
+    fallen = diverged or not (upright and total == 0.0)
+    time_out = now >= wp.int64(length) and not fallen
+    flags_out[FALLEN, env] = fallen
+    flags_out[DIVERGED, env] = diverged
+    flags_out[TIME_OUT, env] = time_out
+    flags_out[DONE, env] = fallen or time_out
+    # the last reward of a robot that holds no numbers must not reach the learner
+    reward_out[env] = wp.where(diverged, 0.0, wp.max(total_out[env], least_reward))
+    diverged_out[env] = 0
+    total_out[env] = 0.0
 
 
-class Terminations:
-    """A fall (trunk too low or leaning too far, or a state that is no number), a wrong number, or the time limit.
+def terminate(s: WalkState, *, fall_height: float, fall_tilt: float, length: int) -> Launch:
+    """What counts the policy step, writes ``s.flags`` and ``s.reward``, and clears ``s.diverged`` and ``s.total``.
 
     Args:
-        env: The environment; its tensors stay where they are.
-        broken: 1 where a number went wrong in the policy step, int, shape (E,).
-        reward: Rewards of the policy step, shape (E,).
-
-    Attributes:
-        launch: What computes it, once per policy step: it counts the step.
-        rows: Fallen, broken, timed out and done, see ``task_kernels.ends``, bool, shape (4, E).
-        done: The last of them: episodes that end now, bool, shape (E,).
+        s: The task's arrays.
+        fall_height: Height of the trunk at which a robot has fallen [m].
+        fall_tilt: Lean at which it has fallen [rad].
+        length: Length of an episode [policy steps].
     """
-
-    def __init__(self, env: WalkEnv, broken: torch.Tensor, reward: torch.Tensor) -> None:
-        device, num_envs = env.height.device, len(env.height)
-        self._flags = torch.zeros(4, num_envs, dtype=torch.bool, device=device)
-        self._reward = torch.zeros(num_envs, device=device)
-        self._keep = [*(getattr(env, name) for name in _INPUTS), broken, reward]
-        self.rows, self.done = wp.from_torch(self._flags), wp.from_torch(self._flags[DONE])
-        self.launch = record(
-            ends_kernel,
-            dim=num_envs,
-            inputs=[
-                env.cfg.fall_height, -math.cos(env.cfg.fall_tilt), env.max_episode_length, LEAST_REWARD,
-                *map(wp.from_torch, self._keep),
-            ],
-            outputs=[*map(wp.from_torch, (env.episode_length_buf, self._flags, self._reward))],
-            device=str(device),
-        )  # fmt: skip
-
-    def end(self, mask: torch.Tensor) -> None:
-        """Let the episodes of the mask, bool (E,), end here, whatever the robots do."""
-        self._flags[DONE] = mask
-
-    def flags(self) -> tuple[torch.Tensor, ...]:
-        """Who has fallen, who holds a wrong number, whose time is up without a fall, and who is done; bool, (E,) each.
-
-        They are tensors of their own: later steps do not write into them.
-        """
-        return self._flags.clone().unbind()
-
-    def reward(self) -> torch.Tensor:
-        """Rewards, 0 where a number went wrong, else no less than :data:`LEAST_REWARD`, a tensor of its own, (E,)."""
-        return self._reward.clone()
+    return record(
+        terminations_kernel,
+        len(s.q),
+        [
+            *(fall_height, -math.cos(fall_tilt), length, LEAST_REWARD),
+            *(s.height, s.root_pos, s.gravity, s.root_vel, s.root_ang, s.q, s.qd),
+        ],
+        [s.diverged, s.total, s.episode_length_buf, s.flags, s.reward],
+    )

@@ -5,21 +5,22 @@ environments share the one field. Level 0 is flat. Kinds are rough ground, and p
 from their top and from their bottom; every tile ends at height 0, so that neighbours fit.
 """
 
+# pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false, reportOperatorIssue=false
+
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 import warp as wp
 
-from mrwarp.env.task_kernels.curriculum import course_kernel
-from mrwarp.env.task_kernels.ground import ground_kernel
-from mrwarp.kernels.launch import record
-
-if TYPE_CHECKING:
-    from mrwarp.env.vec_env import WalkEnv
+from mrwarp.env.gait import LegLengths, foot_point
+from mrwarp.env.rng import LEVEL, draw, place
+from mrwarp.env.sim_model import Field
+from mrwarp.env.state import WalkState
+from mrwarp.env.terminations import DONE, TIME_OUT
+from mrwarp.kernels.launch import Launch, record
 
 KINDS = ("rough", "slope_down", "step_up", "rough", "slope_up", "step_down")
 """Kind of each column of tiles; ``up`` and ``down`` are what a robot does that walks from the middle outwards."""
@@ -72,24 +73,6 @@ class TerrainCfg:
             raise ValueError(f"need 0 <= down_at <= up_at, got {self.down_at} and {self.up_at}")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Field:
-    """Heights on a square grid, centred on the world's origin."""
-
-    heights: np.ndarray
-    """[m], float32, shape (rows along y, columns along x)."""
-    cell: float
-    """Spacing [m]."""
-    origins: np.ndarray
-    """Middle of each tile (x, y), and the highest ground under a robot there [m], float32, (levels, kinds, 3)."""
-
-    @property
-    def half(self) -> tuple[float, float]:
-        """Half the extent along x and y [m]."""
-        rows, columns = self.heights.shape
-        return 0.5 * self.cell * (columns - 1), 0.5 * self.cell * (rows - 1)
-
-
 def make_field(cfg: TerrainCfg) -> Field:
     """The height field of a configuration: levels along x, kinds along y."""
     rng = np.random.default_rng(cfg.seed)
@@ -126,70 +109,148 @@ def _tile(kind: str, difficulty: float, cfg: TerrainCfg, size: int, rng: np.rand
     return sign * difficulty * cfg.step * np.floor(inside / cfg.tread + 1e-6)
 
 
+@wp.func
+def grid_place(x: float, half: float, cell: float, points: int) -> float:
+    """Place of a coordinate on a grid's axis, in cells, kept inside the grid; 0 for NaN."""
+    place = (x + half) / cell
+    return wp.where(place >= 0.0, wp.min(place, float(points) - 1.001), 0.0)
+
+
+@wp.func
+def ground_height(heights: wp.array2d[float], cell: float, x: float, y: float) -> float:
+    """Height of the ground at a point of the world [m]; beyond the field, and for NaN, that of its edge.
+
+    The field is centred, rows run along y. Each cell is the two triangles that MuJoCo makes of it: split from its
+    least to its greatest corner.
+    """
+    rows, columns = heights.shape[0], heights.shape[1]
+    u = grid_place(x, 0.5 * cell * float(columns - 1), cell, columns)
+    v = grid_place(y, 0.5 * cell * float(rows - 1), cell, rows)
+    column, row = int(u), int(v)
+    u -= float(column)
+    v -= float(row)
+    here, right = heights[row, column], heights[row, column + 1]
+    above, beyond = heights[row + 1, column], heights[row + 1, column + 1]
+    if u >= v:
+        return here + u * (right - here) + v * (beyond - right)
+    return here + v * (above - here) + u * (beyond - above)
+
+
+@wp.kernel
+def ground_kernel(
+    # parameters: leg; heights [m], shape (rows, columns); their spacing [m]
+    lengths: LegLengths,
+    heights: wp.array2d[float],
+    cell: float,
+    # in, shapes (E,), (E, 3) [m], (E, 4), (E, J) [rad]
+    mask_in: wp.array[wp.bool],
+    root_pos_in: wp.array2d[float],
+    root_quat_in: wp.array2d[float],
+    q_in: wp.array2d[float],
+    # out, shapes (E,), (E, 4) [m]
+    ground_out: wp.array[float],
+    foot_ground_out: wp.array2d[float],
+):
+    """Height of the ground below the trunk and below each foot."""
+    env = wp.tid()
+    if not mask_in[env]:
+        return
+    x, y = root_pos_in[env, 0], root_pos_in[env, 1]
+    ground_out[env] = ground_height(heights, cell, x, y)
+    # Warp's quaternions end with the real part
+    turn = wp.quat(root_quat_in[env, 1], root_quat_in[env, 2], root_quat_in[env, 3], root_quat_in[env, 0])
+    for leg in range(4):
+        point = foot_point(lengths, leg, q_in[env, 3 * leg], q_in[env, 3 * leg + 1], q_in[env, 3 * leg + 2])
+        foot = wp.quat_rotate(turn, point)
+        foot_ground_out[env, leg] = ground_height(heights, cell, x + foot[0], y + foot[1])
+
+
+@wp.kernel
+def curriculum_kernel(
+    # parameters: levels; 1 = levels change; shares of the commanded path above and below which they do; policy step [s]
+    levels: int,
+    curriculum: int,
+    up_at: float,
+    down_at: float,
+    step_dt: float,
+    # in, shapes (2,), (E, 3) [m/s], (E, 3) [m/s, m/s, rad/s], (4, E)
+    key_in: wp.array[wp.int64],
+    body_velocity_in: wp.array2d[float],
+    command_in: wp.array2d[float],
+    flags_in: wp.array2d[wp.bool],
+    # out, shapes (E,), (E,) [m] twice
+    level_out: wp.array[wp.int64],
+    walked_out: wp.array[float],
+    commanded_out: wp.array[float],
+):
+    """Count a step's path; up a level after most of the command, down after little or a fall, any past the last."""
+    env = wp.tid()
+    walked = walked_out[env] + body_velocity_in[env, 0] * step_dt
+    commanded = commanded_out[env] + command_in[env, 0] * step_dt
+    if flags_in[DONE, env]:
+        if curriculum == 1:
+            level, share = int(level_out[env]), walked / wp.max(commanded, 1.0e-3)
+            if not flags_in[TIME_OUT, env] or share < down_at:
+                level = wp.max(level - 1, 0)
+            elif share > up_at:
+                level += 1
+            if level >= levels:
+                level = wp.min(int(float(levels) * draw(place(key_in, env, LEVEL), 0)), levels - 1)
+            level_out[env] = wp.int64(level)
+    walked_out[env] = walked
+    commanded_out[env] = commanded
+
+
 class Terrain:
-    """Where each environment stands on the field, and how high the ground is below it.
+    """The field, and the tile on which each environment begins.
 
     Args:
         cfg: Tiles and curriculum.
         num_envs: Number of environments E.
-        device: Device of the tensors.
         seed: Seed of the tiles that the environments get.
 
     Attributes:
         field: The heights.
         origins: Middle of each tile (x, y) and the highest ground there [m], shape (levels, kinds, 3).
-        level, kind: Tile of each environment, int64, shape (E,).
-        walked, commanded: Way along the heading in this episode, and what was commanded [m], shape (E,).
+        level, kind: First tile of each environment, int64, shape (E,).
     """
 
-    STATE = ("level", "kind", "walked", "commanded")
-    """Names of the tensors that a resumed run needs."""
-
-    def __init__(self, cfg: TerrainCfg, num_envs: int, device: torch.device, *, seed: int) -> None:
+    def __init__(self, cfg: TerrainCfg, num_envs: int, *, seed: int) -> None:
         self.cfg, self.field = cfg, make_field(cfg)
-        self._heights = torch.from_numpy(self.field.heights).to(device)
-        self.origins = torch.from_numpy(self.field.origins).to(device)
+        self.origins = torch.from_numpy(self.field.origins)
         # permuted, so that tiles do not follow the currents' groups
-        place = torch.from_numpy(np.random.default_rng(seed).permutation(num_envs)).to(device)
+        place = np.random.default_rng(seed).permutation(num_envs)
         self.kind = place % len(KINDS)
         tiles = cfg.levels * len(KINDS)
         spread = place // len(KINDS) % cfg.levels if num_envs >= tiles else place * cfg.levels // num_envs
-        self._first = torch.zeros_like(place) if cfg.curriculum else spread
-        self.level = self._first.clone()
-        self.walked, self.commanded = (torch.zeros(num_envs, device=device) for _ in range(2))
+        self.level = np.zeros_like(place) if cfg.curriculum else spread
 
-    def record(self, env: WalkEnv, mask: wp.array) -> wp.Launch:
-        """What writes ``env.ground`` and ``env.foot_ground`` where the mask, bool (E,), is set."""
-        sim = env.sim
+    def restart(self, s: WalkState) -> None:
+        """Every environment at its first tile, without a path behind it."""
+        s.level.copy_(torch.from_numpy(self.level))
+        s.kind.copy_(torch.from_numpy(self.kind))
+        s.walked.zero_()
+        s.commanded.zero_()
+
+    def heights(self, s: WalkState, lengths: LegLengths, mask: wp.array) -> Launch:
+        """What writes the height of the ground below trunk and feet where the mask, bool (E,), is set."""
+        heights = torch.from_numpy(self.field.heights).to(s.q.device)
         return record(
             ground_kernel,
-            dim=env.num_envs,
-            inputs=[wp.from_torch(self._heights), self.field.cell, mask, sim.root_pos, sim.root_quat, sim.q],
-            outputs=[wp.from_torch(env.ground), wp.from_torch(env.foot_ground)],
-            device=sim.device,
+            len(s.q),
+            [lengths, heights, self.field.cell, mask, s.root_pos, s.root_quat, s.q],
+            [s.ground, s.foot_ground],
         )
 
-    def record_course(self, env: WalkEnv, flags: wp.array) -> wp.Launch:
-        """What counts the way of a policy step and chooses the levels of the episodes that begin.
-
-        Args:
-            env: The environment.
-            flags: Which episodes end, and how, see ``task_kernels.ends``, shape (4, E).
-        """
+    def curriculum(self, s: WalkState, step_dt: float) -> Launch:
+        """What counts the path of a policy step [s], and chooses the levels of the episodes that begin."""
         cfg = self.cfg
         return record(
-            course_kernel,
-            dim=len(self.level),
-            inputs=[
-                cfg.levels, int(cfg.curriculum), cfg.up_at, cfg.down_at, env.cfg.step_dt,
-                *map(wp.from_torch, (env.key, env.body_velocity, env.command)), flags,
+            curriculum_kernel,
+            len(s.level),
+            [
+                *(cfg.levels, int(cfg.curriculum), cfg.up_at, cfg.down_at, step_dt),
+                *(s.key, s.body_velocity, s.command, s.flags),
             ],
-            outputs=[*map(wp.from_torch, (self.level, self.walked, self.commanded))],
-            device=flags.device,
-        )  # fmt: skip
-
-    def restart(self) -> None:
-        """Every environment at its first level, without a way behind it."""
-        self.level.copy_(self._first)
-        self.walked.zero_()
-        self.commanded.zero_()
+            [s.level, s.walked, s.commanded],
+        )

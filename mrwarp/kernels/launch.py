@@ -1,10 +1,9 @@
-"""Recorded Warp launches, whose arguments are packed once, and graphs of several of them."""
+"""Recorded Warp launches, whose arguments are packed once, and step graphs of several of them."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Container, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence, Set
 from functools import partial
 from typing import Any
 
@@ -13,18 +12,29 @@ import warp as wp
 GPU_LAYOUT = False
 """Whether a CPU, too, takes the threads that a GPU would: a test sets it, to show that they give the same bits."""
 
-Work = Callable[[], object]
-"""Launches on arrays that stay where they are."""
+Launch = Callable[[], object]
+"""One step of a sequence: launches kernels on arrays that stay where they are."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Around:
-    """What a task does around a robot's steps, on the device: no number is read back."""
+def record(
+    kernel: Any, dim: int | tuple[int, ...], inputs: Sequence[Any], outputs: Sequence[Any], device: Any = None
+) -> Launch:
+    """Prepare a launch to be repeated by calling it. It keeps its arrays alive; nothing is launched yet.
 
-    before: Sequence[Work]
-    """Launched before the first step, in order."""
-    after: Sequence[Work]
-    """Launched after the last step, in order."""
+    Args:
+        kernel: The kernel.
+        dim: Launch size.
+        inputs: Arguments before the outputs, in order; Warp arrays, torch tensors, numbers or structs.
+        outputs: Output arrays, in order.
+        device: Warp device; None takes that of the last output.
+    """
+    arguments = [wp.from_torch(a) if hasattr(a, "data_ptr") else a for a in (*inputs, *outputs)]
+    device = arguments[-1].device if device is None else device
+    count = len(inputs)
+    command = wp.launch(kernel, dim, arguments[:count], arguments[count:], device=device, record_cmd=True)
+    assert command is not None  # always, with record_cmd
+    command.arguments = arguments  # pyright: ignore[reportAttributeAccessIssue]
+    return command.launch
 
 
 def in_one_thread(device: Any) -> bool:
@@ -38,66 +48,65 @@ def in_one_thread(device: Any) -> bool:
     return wp.get_device(str(device)).is_cpu and not GPU_LAYOUT
 
 
-def record(kernel: Any, dim: int | tuple[int, ...], inputs: list[Any], outputs: list[Any], device: Any) -> wp.Launch:
-    """Prepare a launch to be repeated by ``.launch()``; its arrays must outlive it. Launches nothing yet.
-
-    Args:
-        kernel: The kernel.
-        dim: Launch size.
-        inputs: Arguments before the outputs, in order.
-        outputs: Output arrays, in order.
-        device: Warp device.
-    """
-    command = wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=device, record_cmd=True)
-    assert command is not None  # always, with record_cmd
-    return command
-
-
-def record_per_env(kernel: Any, num_envs: int, inputs: list[Any], outputs: list[Any], device: Any) -> wp.Launch:
+def record_per_env(kernel: Any, num_envs: int, inputs: Sequence[Any], outputs: Sequence[Any]) -> Launch:
     """As :func:`record`, for a kernel whose first parameter ``rows`` is how far apart a thread's environments are."""
-    rows = 1 if in_one_thread(device) else num_envs
-    return record(kernel, rows, [rows, *inputs], outputs, device)
+    rows = 1 if in_one_thread(outputs[-1].device) else num_envs
+    return record(kernel, rows, [rows, *inputs], outputs)
 
 
-def capture(work: Work, device: Any) -> wp.Graph:
-    """Record what ``work`` launches, to be repeated by ``wp.capture_launch``; the recording itself changes nothing.
+def capture(launch: Launch, device: Any) -> wp.Graph:
+    """Record what is launched, to be repeated by ``wp.capture_launch``; the recording itself changes nothing.
 
     Args:
-        work: Launches on arrays that stay where they are; reads nothing back.
+        launch: Reads nothing back.
         device: Warp device; a CPU replays the launches without a way through Python for each.
     """
     with wp.ScopedDevice(device), wp.ScopedCapture() as recorded:
-        work()
+        launch()
     assert recorded.graph is not None  # set when the capture ends
     return recorded.graph
 
 
-def in_graphs(works: Sequence[Work], host: Container[Work], device: Any) -> list[Work]:
-    """Works in as few calls as possible: neighbours become one captured graph, and equal runs of them share one.
+class StepGraph:
+    """A sequence of launches that is run as captured graphs, in as few calls as possible.
+
+    Neighbours become one graph, and equal runs of launches share one.
 
     Args:
-        works: What is done, in order.
-        host: Those that no graph can take.
+        sequence: What is launched, in order.
         device: Warp device.
+        eager: Capture nothing: every launch by itself, with the same bits.
     """
-    graphs: dict[tuple[Work, ...], Work] = {}
-    calls: list[Work] = []
-    for alone, found in itertools.groupby(works, lambda work: work in host):
-        run = tuple(found)
-        if alone:
-            calls.extend(run)
-            continue
-        if run not in graphs:
-            graphs[run] = partial(wp.capture_launch, capture(in_turn(run), device))
-        calls.append(graphs[run])
-    return calls
 
+    def __init__(self, sequence: Sequence[Launch], device: Any, *, eager: bool = False) -> None:
+        self.sequence = tuple(sequence)
+        self._device, self._eager = device, eager
+        self._calls: dict[Set[Launch], list[Launch]] = {}
 
-def in_turn(works: Sequence[Work]) -> Work:
-    """Works as one, in order."""
+    def run(self, host: Set[Launch] = frozenset()) -> None:
+        """Launch the sequence.
 
-    def run() -> None:
-        for work in works:
-            work()
+        Args:
+            host: Members that no graph can take, as they run on the host.
+        """
+        for call in self.calls(host):
+            call()
 
-    return run
+    def calls(self, host: Set[Launch]) -> list[Launch]:
+        """What :meth:`run` calls: graphs, and the host's members between them."""
+        if host not in self._calls:
+            self._calls[host] = list(self.sequence) if self._eager else self._captured(host)
+        return self._calls[host]
+
+    def _captured(self, host: Set[Launch]) -> list[Launch]:
+        graphs: dict[tuple[Launch, ...], Launch] = {}
+        calls: list[Launch] = []
+        for alone, found in itertools.groupby(self.sequence, lambda launch: launch in host):
+            run = tuple(found)
+            if alone:
+                calls.extend(run)
+                continue
+            if run not in graphs:
+                graphs[run] = partial(wp.capture_launch, capture(lambda run=run: [f() for f in run], self._device))
+            calls.append(graphs[run])
+        return calls

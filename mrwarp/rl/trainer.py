@@ -17,7 +17,7 @@ from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.rl import checkpoint, policy, progress
 from mrwarp.rl.checkpoint import learned, task
-from mrwarp.rl.divergence import Breaks, TooManyBreaks, not_finite
+from mrwarp.rl.divergence import DivergenceError, Divergences, not_finite
 from mrwarp.rl.ppo import PPO
 from mrwarp.rl.ppo_cfg import LearningCfg, make_ppo_cfg
 from mrwarp.rl.ranks import Ranks
@@ -70,7 +70,7 @@ class Trainer:
     Attributes:
         watchers: Called after every policy step, e.g. to show it.
         progress: Figures of the updates and gate checks.
-        breaks: Episodes that ended because a number went wrong, of all processes.
+        divergences: Episodes that ended because a number went wrong, of all processes.
         started_from: Where the first networks came from (see :func:`take_networks`), None if they were drawn.
 
     Raises:
@@ -117,7 +117,7 @@ class Trainer:
         # spread the episodes, so that resets do not come all at once
         self.env.episode_length_buf = torch.randint_like(self.env.episode_length_buf, self.env.max_episode_length)
         run = {"seed": self._seed, "num_envs": self.env.num_envs, "task": task(cfg.env)}
-        self.breaks = Breaks(self.env, ranks, cfg.out / "broken", run)
+        self.divergences = Divergences(self.env, ranks, cfg.out / "broken", run)
         if content:
             self._load(content, resume)
 
@@ -201,7 +201,7 @@ class Trainer:
                 "iteration": self.iteration,
                 "seconds": self.seconds,
                 **self.progress.state(),
-                **self.breaks.state(),
+                **self.divergences.state(),
                 "seed": self.cfg.seed,
                 "task": task(self.cfg.env),
                 "learning": asdict(self.cfg.learning),
@@ -234,7 +234,7 @@ class Trainer:
             self.iteration, self.seconds = content["iteration"], content["seconds"]
             self.started_from = content.get("started_from")  # earlier versions had none
             self.progress.load_state(content)
-            self.breaks.load_state(content)
+            self.divergences.load_state(content)
             self.obs = self.env.last_observations
             if note := checkpoint.set_random_state(mine, torch.device(self.env.device)):
                 print(f"  {path}: {note}", flush=True)
@@ -287,7 +287,7 @@ class Trainer:
         row["learning_rate"] = float(self.algorithm.learning_rate)
         row["action_std"] = float(self.algorithm.get_policy().output_std.detach().mean())
         if self.env.terrain is not None:
-            row |= self.ranks.means({"level": float(self.env.terrain.level.float().mean())})
+            row |= self.ranks.means({"level": float(self.env.arrays.level.float().mean())})
         row["iteration"] = float(self.iteration)
         return row
 
@@ -295,11 +295,11 @@ class Trainer:
         """Whether the rollout may be learned from.
 
         Raises:
-            TrainingError: too many environments broke.
+            TrainingError: too many environments diverged.
         """
         try:
-            return self.breaks.take(self.iteration + 1)
-        except TooManyBreaks as error:
+            return self.divergences.take(self.iteration + 1)
+        except DivergenceError as error:
             raise TrainingError(f"{error}; {self._left()}") from error
 
     def _check_networks(self) -> None:
@@ -357,8 +357,8 @@ class Trainer:
             "environment_steps": steps,
             "training": rows[-1] if rows else None,
             "unsolved_steps": unsolved,
-            "broken_episodes": self.breaks.count,
-            "noticed": asdict(self.env.watch.noticed()),
+            "broken_episodes": self.divergences.count,
+            "noticed": asdict(self.env.nan_guard.warnings()),
             "task": task(self.cfg.env),
             "learning": asdict(self.cfg.learning),
             "started_from": self.started_from,

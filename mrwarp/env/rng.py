@@ -55,5 +55,5 @@ def draw(begin: wp.uint64, k: int) -> float:
 
 @wp.func
 def between(low: float, high: float, begin: wp.uint64, k: int) -> float:
-    """The same, uniform over [low, high)."""
+    """The k-th number from a place on, uniform over [low, high)."""
     return low + (high - low) * draw(begin, k)

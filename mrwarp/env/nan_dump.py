@@ -1,4 +1,7 @@
-"""The last states of an environment in which a number went wrong, as a file of plain numbers and text (safetensors)."""
+"""What the NaN guard finds in an environment in which a number went wrong, and its file (safetensors).
+
+Loads neither Warp nor torch.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +15,64 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
-from mrwarp.env.broken import KEPT, Break, Column
 from mrwarp.run_dir import atomic_write, no_file
 
 META = "mrwarp_dump"
 SCHEMA = 1
 """Version of the dump's layout."""
+
+KEPT = 100
+"""States kept per environment: as many torque steps, half a second."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Column:
+    """One number of a kept state."""
+
+    quantity: str
+    """What it is, e.g. ``torque``."""
+    part: str
+    """Joint, leg or axis; empty where there is one only."""
+    unit: str
+    """Unit; empty for plain numbers."""
+
+    def __str__(self) -> str:
+        return f"{self.quantity} of {self.part}" if self.part else self.quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class Divergence:
+    """What went wrong in one environment, and its last states."""
+
+    env: int
+    """Index of the environment."""
+    column: int
+    """The first wrong number."""
+    finite: bool
+    """Whether it is a number, but beyond its bounds."""
+    columns: tuple[Column, ...]
+    """What the columns of ``states`` are; the first is the time in the episode [s]."""
+    states: np.ndarray
+    """Up to :data:`KEPT` torque steps, oldest first, the last one is the wrong one; shape (n, D)."""
+    bounds: np.ndarray
+    """Least and largest value of each column of a sound state, shape (2, D)."""
+
+    @property
+    def value(self) -> float:
+        """The wrong value."""
+        return float(self.states[-1, self.column])
+
+    @property
+    def time(self) -> float:
+        """When, in the episode [s]."""
+        return float(self.states[-1, 0])
+
+    def __str__(self) -> str:
+        column = self.columns[self.column]
+        unit = f" {column.unit}" if column.unit else ""
+        low, high = self.bounds[:, self.column]
+        beyond = f", beyond [{low:g}, {high:g}]{unit}: the physics blew up" if self.finite else ""
+        return f"environment {self.env}, {self.time:.3f} s into its episode: {column} is {self.value:g}{unit}{beyond}"
 
 
 class DumpError(ValueError):
@@ -26,16 +81,16 @@ class DumpError(ValueError):
 
 @dataclass(frozen=True, kw_only=True)
 class Dump:
-    """A break and where it happened."""
+    """A divergence and where it happened."""
 
-    found: Break
+    found: Divergence
     """What went wrong, and the last states."""
     run: dict[str, Any]
     """Seed, update and task of the run, plain values."""
 
 
-def save(found: Break, path: Path, run: dict[str, Any]) -> None:
-    """Write a break in one piece; other values than numbers, text and null in ``run`` cannot be written."""
+def save(found: Divergence, path: Path, run: dict[str, Any]) -> None:
+    """Write a divergence atomically; other values than numbers, text and null in ``run`` cannot be written."""
     meta = {
         "schema": SCHEMA,
         "env": found.env,
@@ -68,7 +123,7 @@ def load(path: Path) -> Dump:
             if meta.get("schema") != SCHEMA:
                 raise DumpError(f"{path}: schema {meta.get('schema')!r} is not {SCHEMA}; open it with its own version")
             states, bounds = content.get_tensor("states"), content.get_tensor("bounds")
-        return Dump(found=_break(meta, states, bounds), run=dict(meta["run"]))
+        return Dump(found=_divergence(meta, states, bounds), run=dict(meta["run"]))
     except DumpError:
         raise
     except (SafetensorError, OSError, KeyError, TypeError, ValueError, RecursionError) as error:
@@ -76,18 +131,21 @@ def load(path: Path) -> Dump:
         raise DumpError(f"{path}: damaged dump ({cause}); run the training again") from error
 
 
-def _break(meta: dict[str, Any], states: np.ndarray, bounds: np.ndarray) -> Break:
+def _divergence(meta: dict[str, Any], states: np.ndarray, bounds: np.ndarray) -> Divergence:
+    """What a file holds, checked.
+
+    Raises:
+        ValueError: shapes, types or numbers do not fit.
+    """
     columns = tuple(Column(quantity=str(q), part=str(p), unit=str(u)) for q, p, u in meta["columns"])
-    size = len(columns)
+    env, column, size = meta["env"], meta["column"], len(columns)
     if states.ndim != 2 or not 1 <= len(states) <= KEPT or states.shape[1] != size or bounds.shape != (2, size):
         raise ValueError(f"states {states.shape} and bounds {bounds.shape} do not fit {size} columns")
     if states.dtype != np.float32 or bounds.dtype != np.float64:
         raise ValueError(f"states are {states.dtype}, bounds {bounds.dtype}; float32 and float64 are wanted")
-    env, column = meta["env"], meta["column"]
     if not (isinstance(env, int) and isinstance(column, int) and 0 <= column < size and env >= 0):
         raise ValueError(f"environment {env!r} and column {column!r} of {size}")
     if not math.isfinite(float(states[-1, 0])) or columns[0].quantity != "time":
         raise ValueError("the first column is no time")
-    return Break(
-        env=env, column=column, finite=bool(meta["finite"]), columns=columns, states=states, bounds=bounds
-    )  # fmt: skip
+    finite = bool(meta["finite"])
+    return Divergence(env=env, column=column, finite=finite, columns=columns, states=states, bounds=bounds)

@@ -1,0 +1,263 @@
+"""Events: how episodes begin, kicks, and what differs between environments (domain randomisation)."""
+
+# pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false, reportOperatorIssue=false
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+import warp as wp
+
+from mrwarp.actuator.mr_actuator import MrActuator
+from mrwarp.enums import RANDOMIZATIONS
+from mrwarp.env.rng import DEVICE, POSE, PUSH, WIDTH, between, draw, place
+from mrwarp.env.sim import Sim
+from mrwarp.env.state import WalkState, clear_rows
+from mrwarp.kernels.launch import Launch, record, record_per_env
+from mrwarp.usd.robot import STAND_HEIGHT
+
+SCALED = ("B", "K0", "K1", "T_max")
+"""MR parameters that are scaled."""
+
+CLEARANCE = 0.01
+"""How far over its stance the trunk begins [m]."""
+
+JOINT_SPREAD = wp.constant(0.1)
+"""Largest distance of a joint from the neutral stance at the start [rad]."""
+SPEED_SPREAD = wp.constant(0.1)
+"""Largest component of the trunk's velocity [m/s] and angular velocity [rad/s] at the start."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomizeCfg:
+    """What differs between environments during training. Ranges are multiplied or added as the names say."""
+
+    friction: tuple[float, float] = (0.5, 1.1)
+    """Sliding friction of ground and feet [1]."""
+    added_mass: tuple[float, float] = (-0.5, 1.0)
+    """Mass added to the trunk [kg]."""
+    mr_scale: tuple[float, float] = (0.8, 1.2)
+    """Factor on the device's B, K0, K1 and T_max, drawn per environment and joint at every reset."""
+    gain_scale: tuple[float, float] = (0.9, 1.1)
+    """Factor on the motor gains kp and kd, per environment and joint."""
+    push_speed: float = 0.3
+    """Largest horizontal velocity kick [m/s]."""
+    push_interval: float = 6.0
+    """Mean time between kicks [s]."""
+
+
+def make_randomize_cfg(kind: str = "all") -> RandomizeCfg | None:
+    """What differs between training environments.
+
+    Args:
+        kind: One of :data:`RANDOMIZATIONS`. ``all``: everything that :class:`RandomizeCfg` has. ``ground``: friction
+            and kicks, what legged_gym, the common walking environments for Isaac Gym, randomises by default, and
+            nothing of the robot. ``none``.
+
+    Raises:
+        ValueError: there is no such kind.
+    """
+    if kind not in RANDOMIZATIONS:
+        raise ValueError(f"randomize = {kind!r} is unknown; choose from {', '.join(RANDOMIZATIONS)}")
+    if kind == "none":
+        return None
+    if kind == "ground":
+        return RandomizeCfg(added_mass=(0.0, 0.0), mr_scale=(1.0, 1.0), gain_scale=(1.0, 1.0))
+    return RandomizeCfg()
+
+
+@wp.kernel
+def begin_episode_kernel(
+    # parameters: environments that a thread takes are this far apart; height of the trunk over the ground [m]; joint
+    # addresses, shape (J,); neutral stance [rad], shape (J,); middles of the tiles [m], shape (levels, kinds, 3);
+    # what clear_rows zeroes
+    rows: int,
+    height: float,
+    q_adr: wp.array[int],
+    default_q: wp.array[float],
+    origins: wp.array3d[float],
+    cleared: wp.array[wp.uint64],
+    words: wp.array[int],
+    # in, shapes (2,), (E,), tile of each environment, (E,) twice
+    key_in: wp.array[wp.int64],
+    mask_in: wp.array[wp.bool],
+    level_in: wp.array[wp.int64],
+    kind_in: wp.array[wp.int64],
+    # out, shapes (E, nq), (E, nv), (E,), (E, J) [rad], (E, J) [N·m]
+    qpos_out: wp.array2d[float],
+    qvel_out: wp.array2d[float],
+    phase_out: wp.array[float],
+    q_des_out: wp.array2d[float],
+    tau_motor_out: wp.array2d[float],
+):
+    """Draw pose, velocity and phase near the neutral stance, and clear what belongs to the last episode."""
+    first = wp.tid()
+    for env in range(first, mask_in.shape[0], rows):
+        if mask_in[env]:
+            clear_rows(cleared, words, env)
+            joints = q_adr.shape[0]
+            begin = place(key_in, env, POSE)
+            level, kind = int(level_in[env]), int(kind_in[env])
+            for k in range(qpos_out.shape[1]):
+                qpos_out[env, k] = 0.0
+            for k in range(qvel_out.shape[1]):
+                qvel_out[env, k] = 0.0
+            for k in range(3):
+                qpos_out[env, k] = origins[level, kind, k]
+            qpos_out[env, 2] = qpos_out[env, 2] + height
+            qpos_out[env, 3] = 1.0
+            for joint in range(joints):
+                spread = between(-JOINT_SPREAD, JOINT_SPREAD, begin, joint)
+                qpos_out[env, q_adr[joint]] = default_q[joint] + spread
+                q_des_out[env, joint] = default_q[joint]
+                tau_motor_out[env, joint] = 0.0
+            for k in range(6):
+                qvel_out[env, k] = between(-SPEED_SPREAD, SPEED_SPREAD, begin, joints + k)
+            phase_out[env] = between(0.0, 1.0, begin, joints + 6)
+
+
+@wp.kernel
+def device_kernel(
+    # parameters: environments that a thread takes are this far apart; number of the parameter among the drawn ones;
+    # least and largest factor [1]
+    rows: int,
+    number: int,
+    low: float,
+    high: float,
+    # in, shapes (2,), (E,), (E, M) the asset's values
+    key_in: wp.array[wp.int64],
+    mask_in: wp.array[wp.bool],
+    nominal_in: wp.array2d[float],
+    # out, shape (E, M)
+    value_out: wp.array2d[float],
+):
+    """Draw one parameter of the devices around its nominal value."""
+    first = wp.tid()
+    for env in range(first, mask_in.shape[0], rows):
+        if mask_in[env]:
+            begin = place(key_in, env, DEVICE)
+            devices = value_out.shape[1]
+            for slot in range(devices):
+                factor = between(low, high, begin, number * devices + slot)
+                value_out[env, slot] = nominal_in[env, slot] * factor
+
+
+@wp.kernel
+def push_kernel(
+    # parameters: chance of a kick in a policy step [1], largest kick along x and y [m/s]
+    chance: float,
+    push_speed: float,
+    # in, shape (2,)
+    key_in: wp.array[wp.int64],
+    # out, shape (E, nv)
+    qvel_out: wp.array2d[Any],
+):
+    """Kick the trunk sideways at random times."""
+    env = wp.tid()
+    begin = place(key_in, env, PUSH)
+    if draw(begin, 0) < chance:
+        for k in range(2):
+            kick = between(-push_speed, push_speed, begin, 1 + k)
+            qvel_out[env, k] = qvel_out[env, k] + qvel_out.dtype(kick)
+
+
+def begin_episodes(s: WalkState, sim: Sim, mask: wp.array, origins: torch.Tensor | None) -> list[Launch]:
+    """What starts a new episode in masked environments, near the neutral stance, at any gait phase.
+
+    The others stay bit-equal. Where no environment is masked, it costs the launches: nothing is drawn or written.
+
+    Args:
+        s: The task's arrays.
+        sim: The physics, which is put into the new pose.
+        mask: Environments whose episode begins, bool, shape (E,).
+        origins: Middles of the terrain's tiles [m], shape (levels, kinds, 3); None begins at the world's origin.
+    """
+    num_envs, model, device = len(s.q), sim.scene.model, sim.device
+    assert s.q.shape[1] + 7 <= WIDTH
+    origins = torch.zeros(1, 1, 3) if origins is None else origins
+    qpos = wp.zeros((num_envs, model.nq), dtype=float, device=device)
+    qvel = wp.zeros((num_envs, model.nv), dtype=float, device=device)
+    q_adr = wp.array(sim.scene.q_adr, dtype=int, device=device)
+    pose = record_per_env(
+        begin_episode_kernel,
+        num_envs,
+        [
+            STAND_HEIGHT + CLEARANCE,
+            q_adr,
+            s.default_q,
+            origins.to(s.q.device),
+            *s.cleared(),
+            s.key,
+            mask,
+            s.level,
+            s.kind,
+        ],
+        [qpos, qvel, s.phase, s.q_des, s.tau_motor],
+    )
+    return [pose, sim.record_reset(mask, qpos, qvel)]
+
+
+def draw_devices(s: WalkState, cfg: RandomizeCfg | None, actuator: MrActuator, mask: wp.array) -> list[Launch]:
+    """What draws new devices in masked environments: a factor on each of :data:`SCALED`; nothing without randomisation.
+
+    Args:
+        s: The task's arrays.
+        cfg: Ranges.
+        actuator: The devices, with their nominal values.
+        mask: Environments that get them, bool, shape (E,).
+    """
+    if cfg is None or not actuator.mr_joints:
+        return []
+    assert len(SCALED) * len(actuator.mr_joints) <= WIDTH
+    return [
+        record_per_env(
+            device_kernel,
+            len(s.q),
+            [number, *cfg.mr_scale, s.key, mask, wp.to_torch(actuator.param(name)).clone()],
+            [actuator.param(name)],
+        )
+        for number, name in enumerate(SCALED)
+    ]
+
+
+def push(s: WalkState, cfg: RandomizeCfg | None, step_dt: float) -> list[Launch]:
+    """What kicks the trunk sideways by up to ``push_speed`` at random times; nothing without randomisation.
+
+    Args:
+        s: The task's arrays.
+        cfg: Speed and interval.
+        step_dt: Policy step [s].
+    """
+    if cfg is None or cfg.push_speed <= 0.0:
+        return []
+    return [record(push_kernel, len(s.q), [step_dt / cfg.push_interval, cfg.push_speed, s.key], [s.qvel])]
+
+
+def randomize_robots(s: WalkState, cfg: RandomizeCfg, seed: int, sim: Sim, actuator: MrActuator) -> None:
+    """Draw what stays for the whole run: ground friction, trunk mass, motor gains.
+
+    Args:
+        s: The task's arrays; friction and added mass are written to ``s.privileged``.
+        cfg: Ranges.
+        seed: Seed of the draws.
+        sim: The physics, which gets friction and mass.
+        actuator: The motors, which get the gains.
+    """
+    device = s.q.device
+    generator = torch.Generator(device=device).manual_seed(seed)
+
+    def uniform(low: float, high: float, *shape: int) -> torch.Tensor:
+        return low + (high - low) * torch.rand(*shape, generator=generator, device=device)
+
+    friction, added = uniform(*cfg.friction, len(s.q)), uniform(*cfg.added_mass, len(s.q))
+    sim.set_friction(friction.cpu().numpy())
+    sim.rescale_mass("trunk", (sim.body_mass("trunk") + added).cpu().numpy())
+    for plain, own in ((actuator.kp, ("kp_base", "kp_low")), (actuator.kd, ("kd",))):
+        scale = uniform(*cfg.gain_scale, *plain.shape)
+        wp.to_torch(plain).mul_(scale)
+        for name in own if actuator.mr_joints else ():
+            wp.to_torch(actuator.param(name)).mul_(scale[:, list(actuator.mr_joints)])
+    s.privileged[:, 0] = friction
+    s.privileged[:, 1] = added
