@@ -109,7 +109,7 @@ def walk_long(policy: OnnxPolicy, cfg: EnvCfg, *, seconds: float) -> LongRun:
             times[k] = time.perf_counter() - start
             out.episodes += int(done.sum())
             out.falls += int(env.fallen.sum())
-            out.broken += int(env.broken.sum())
+            out.broken += int(env.diverged.sum())
             for x in (action, reward, obs["actor"], obs["critic"]):
                 out.not_finite += int((~torch.isfinite(x)).sum())
         now = time.perf_counter()

@@ -82,7 +82,7 @@ KINDS = {
                  _errors("mrwarp.rl.policy.PolicyError"), mutate=mutate_onnx),
     "safetensors": Kind(".safetensors", seeds.network_seeds, _read("mrwarp.nn.network_file", "load"),
                         _errors("mrwarp.nn.network_file.NetworkFileError")),
-    "dump": Kind(".safetensors", seeds.dump_seeds, _read("mrwarp.env.dump", "load"),
-                 _errors("mrwarp.env.dump.DumpError")),
+    "dump": Kind(".safetensors", seeds.dump_seeds, _read("mrwarp.env.nan_dump", "load"),
+                 _errors("mrwarp.env.nan_dump.DumpError")),
 }  # fmt: skip
 """All kinds of files; ``cli`` is the command line."""

@@ -92,15 +92,14 @@ def network_seeds() -> list[bytes]:
 
 def dump_seeds() -> list[bytes]:
     """States of a broken environment."""
-    from mrwarp.env import dump
-    from mrwarp.env.watch import Break, Column
+    from mrwarp.env.nan_dump import Column, Divergence, save
 
     columns = (Column(quantity="time", part="", unit="s"), Column(quantity="position", part="trunk z", unit="m"))
     bounds = np.array([[-np.inf, -1.0], [np.inf, 1.0]])
-    found = Break(
+    found = Divergence(
         env=1, column=1, finite=False, columns=columns, states=np.ones((5, 2), dtype=np.float32), bounds=bounds
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "d.safetensors"
-        dump.save(found, path, {"update": 1})
+        save(found, path, {"update": 1})
         return [path.read_bytes()]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +15,7 @@ from mrwarp.actuator.mr_actuator import Coupling
 from mrwarp.env.backend import BackendKind, MjBatchBackend
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.kernels.launch import Around
+from mrwarp.kernels.launch import Launch
 from mrwarp.nn.models import LstmState
 from mrwarp.nn.network_file import shipped_model
 from mrwarp.trials.walking import Policy
@@ -126,8 +126,12 @@ class Walk:
         self._robot_seconds, self._physics_seconds = 0.0, 0.0
         self._apart = False
         self._on_physics: Callable[[], None] | None = None
-        self._step_robot, self._step_physics = env.robot.step, env.sim.backend.step
-        env.robot.step, env.sim.backend.step = self._timed_robot, self._timed_physics
+        self._step_physics, env.sim.backend.step = env.sim.backend.step, self._timed_physics
+        # the robot's torque steps by themselves, between what the task does before and after them
+        sequence, robot = env.step_graph.sequence, env.robot
+        first, last = sequence.index(robot.before_step), len(sequence) - sequence[::-1].index(robot.after_step)
+        self._parts = [robot.graph(part) for part in (sequence[:first], sequence[first:last], sequence[last:])]
+        self._whole, env.step_graph.run = env.step_graph.run, self._timed_step
         for _ in range(round(seconds / env.cfg.step_dt)):
             self._walk()
         self._unsolved = float(env.sim.unsolved.numpy().sum())
@@ -233,17 +237,16 @@ class Walk:
         self._error += float((env.body_velocity[:, 0] - env.command[:, 0]).mean())
         return spent
 
-    def _timed_robot(self, count: int = 1, around: Around | None = None) -> None:
-        if around is None or not self._apart:
-            self._step_robot(count, around)
+    def _timed_step(self, host: Set[Launch]) -> None:
+        if not self._apart:
+            self._whole(host)
             return
-        for launch in around.before:
-            launch()
+        before, torque_steps, after = self._parts
+        before.run(host)
         begin = self._now()
-        self._step_robot(count)
+        torque_steps.run(host)
         self._robot_seconds += self._now() - begin
-        for launch in around.after:
-            launch()
+        after.run(host)
 
     def _now(self) -> float:
         """Time when all that was launched is done [s]; a CPU does it at once."""

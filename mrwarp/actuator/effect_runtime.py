@@ -104,7 +104,9 @@ class DeviceEffects:
         assert isinstance(view, wp.array)  # one column
         return view
 
-    def record(self, head: wp.array, length: int, before: list[Any], state: list[Any], outputs: list[Any]) -> list[Launch]:
+    def record(
+        self, head: wp.array, length: int, before: list[Any], state: list[Any], outputs: list[Any]
+    ) -> list[Launch]:
         """The launches of a step: head and clock advance, and every device is predicted.
 
         Args:

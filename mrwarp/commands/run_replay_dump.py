@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mrwarp.env.dump import Dump, DumpError, load
+from mrwarp.env.nan_dump import Dump, DumpError, load
 from mrwarp.options.arguments import Parser, count
 from mrwarp.run_dir import atomic_write, check_output, one_line
 

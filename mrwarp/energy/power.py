@@ -22,9 +22,7 @@ import numpy as np
 
 from mrwarp.paper import GRAVITY
 from mrwarp.params import ParamGroup, param
-
-CALF_COLUMNS = (2, 5, 8, 11)
-"""Columns of the calves on the joint axis, see :data:`mrwarp.usd.robot.JOINTS`."""
+from mrwarp.usd.robot import CALF_COLUMNS
 
 CALIBRATED = ("electronics", "winding_resistance", "drive_friction")
 """Fields of :class:`ElectricalCfg` that are fitted to measured rows of the Go1; the others are assumed."""

@@ -43,6 +43,7 @@ class WalkEnv(VecEnv):
         robot, sim, actuator: The robot, its physics, its motors and devices.
         terrain: The height field and its curriculum; None on flat ground.
         contact_force: Foot force above which a foot touches the ground [N], the gates' ``f_th``.
+        step_graph: What :meth:`step` runs.
         nan_guard: Counts the environments in which a number went wrong, and keeps their last states.
         substep_hooks: Called after every torque step of 5 ms, e.g. to record or to push; empty in training.
         fallen: Environments that ended by a fall in the last step, bool, shape (E,).
@@ -81,7 +82,7 @@ class WalkEnv(VecEnv):
         group = torch.arange(self.num_envs, device=self.device) * len(cfg.currents) // self.num_envs  # eq. 20
         self.current_e.copy_(torch.tensor(cfg.currents, device=self.device)[group])
         self.nan_guard = NanGuard(self.robot, s)
-        self._step_graph = self.robot.graph(self._policy_step())
+        self.step_graph = self.robot.graph(self._policy_step())
         if cfg.randomize is not None:
             events.randomize_robots(s, cfg.randomize, cfg.seed, self.sim, self.actuator)
         self.restart()
@@ -100,7 +101,7 @@ class WalkEnv(VecEnv):
             their own, which later steps do not write into.
         """
         self.arrays.actions.copy_(actions)
-        self._step_graph.run(self.robot.on_host())
+        self.step_graph.run(self.robot.on_host())
         self.fallen, self.diverged, time_outs, done = self.arrays.flags.clone().unbind()
         self.last_observations = self._observed()
         return self.last_observations, self.arrays.reward.clone(), done, {"time_outs": time_outs}

@@ -24,6 +24,7 @@ from mrwarp.env.vec_env import WalkEnv
 from mrwarp.trials.standing import standing_load
 from mrwarp.trials.walk_trials import ASSET_ROBOT, WalkCfg, walk
 from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy
+from mrwarp.usd.robot import CALF_COLUMNS
 
 PHASES = ("outbound", "standby", "return")
 """Phases in order."""
@@ -219,7 +220,7 @@ def run(
     count = len(out.speed)
     devices = phases["outbound"].joints.coil.shape[-1]
     now = Temperatures.ambient((count,), 12, devices)
-    calves = [2, 5, 8, 11]
+    calves = list(CALF_COLUMNS)
     others = [joint for joint in range(12) if joint not in calves]
     depletion, elapsed = np.zeros(count), np.zeros(count)
     samples: list[tuple[np.ndarray, ...]] = [(elapsed, np.zeros(count), depletion, np.zeros(count), np.zeros(count))]
@@ -276,7 +277,7 @@ def calibrate(
     seconds = {name: float(phases[name].seconds.mean()) for name in PHASES}
     target = paper.MISSION_RISE["go1"]
     heat, got = thermal.calibrate(
-        loss, seconds, calf_walking=target["calf_walking"], calf_standby=target["calf_standby"], calves=(2, 5, 8, 11),
+        loss, seconds, calf_walking=target["calf_walking"], calf_standby=target["calf_standby"], calves=CALF_COLUMNS,
         cfg=heat,
     )  # fmt: skip
     drop = float(run(phases, electrical, heat, battery, feedback=False).depletion.mean())

@@ -13,7 +13,7 @@ from mrwarp.env.cfg import EnvCfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.trials.meter import JointMeter
 from mrwarp.trials.walking import make_env, set_payload
-from mrwarp.usd.robot import STAND_HEIGHT
+from mrwarp.usd.robot import CALF_COLUMNS, STAND_HEIGHT
 
 SETTLE = 4.0
 """Time in which the targets are moved until the pose is the neutral one [s]."""
@@ -52,7 +52,7 @@ def standing_load(cfg: EnvCfg, *, load: float, hold: bool, seconds: float = 5.0)
     if hold:
         env.current_e.copy_(allowed)
     meter = JointMeter(env)
-    calves = list(env.actuator.mr_joints) or [2, 5, 8, 11]
+    calves = list(env.actuator.mr_joints) or list(CALF_COLUMNS)
     for step in range(round((HOLD + seconds) / env.cfg.step_dt)):
         meter.on.fill_(step * env.cfg.step_dt >= HOLD)
         if step == round(HOLD / env.cfg.step_dt):

@@ -12,12 +12,12 @@ from mrwarp import paper
 from mrwarp.energy import calibrate as calibration
 from mrwarp.energy import consistency
 from mrwarp.energy.calibrate import MeasuredPower
-from mrwarp.energy.power import CALF_COLUMNS, ElectricalCfg, JointLoad, battery_power, copper, cost_of_transport
+from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power, copper, cost_of_transport
 from mrwarp.params import MrParams
 from mrwarp.trials.meter import BIN, RANGE, SHOWN
 from mrwarp.trials.statistics import ratio_sd, spread
 from mrwarp.trials.walk_trials import WalkResult
-from mrwarp.usd.robot import JOINTS, LEGS
+from mrwarp.usd.robot import CALF_COLUMNS, JOINTS, LEGS
 
 COIL_RESISTANCES = (2.0, 10.0)
 """Plausible range of the coil's resistance [Ohm], see :class:`mrwarp.params.CoilParams`."""

@@ -11,7 +11,7 @@ import torch
 from tensordict import TensorDict
 
 from mrwarp.env.cfg import EnvCfg, make_play_cfg
-from mrwarp.env.vec_env import CONTACT_FORCE, WalkEnv
+from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels import ledger
 
 PAYLOAD_BODY = "payload"
@@ -160,7 +160,7 @@ def measure(env: WalkEnv, policy: Policy, command: torch.Tensor, *, warmup: floa
             v_x.append(env.body_velocity[:, 0].clone())
             height.append(env.height.clone())
             match.append(env.clock_match.float().mean(1))
-            contact.append(env.f_foot > CONTACT_FORCE)
+            contact.append(env.f_foot > env.contact_force)
             if env.actuator.mr_joints:
                 hold.append(env.view(env.actuator.m_hold).mean(1))
                 dynamic.append(env.view(env.actuator.m_dyn).mean(1))

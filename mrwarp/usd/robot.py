@@ -18,6 +18,9 @@ JOINTS = tuple(f"{leg}_{segment}" for leg in LEGS for segment in SEGMENTS)
 CALVES = tuple(f"{leg}_calf" for leg in LEGS)
 """The joints that carry an MR device on ``mr_go``."""
 
+CALF_COLUMNS = tuple(JOINTS.index(calf) for calf in CALVES)
+"""Columns of the calves on the joint axis."""
+
 DEFAULT_POSE = {"hip": 0.0, "thigh": 0.8, "calf": -1.5}
 """Neutral stance angles [rad]. Go1 practice (thigh 0.8, calf -1.5); puts the trunk 0.334 m above flat ground."""
 

@@ -70,7 +70,7 @@ class LedgerRun:
 
 
 class EnergyMeter(StepMeter):
-    """Steps a robot of nominal mass on ``mujoco.batch`` and books the energy of every step.
+    """Books the energy of every step of a robot of nominal mass on ``mujoco.batch``.
 
     Args:
         robot: What is metered; its energy ledger may hold earlier entries.
@@ -87,12 +87,15 @@ class EnergyMeter(StepMeter):
         self._work = {name: np.zeros(num_envs) for name in SOURCES}
         self._turnover = np.zeros(num_envs)
         self._inertia, self._potential = map(np.array, zip(*map(self._at, range(num_envs)), strict=True))
-        self._start = self._kinetic()
+        self._start, self._before = self._kinetic(), (self._qvel.copy(), self._booked())
 
-    def metered_step(self) -> None:
-        """Take one step and book it for every robot."""
-        before, booked = self._qvel.copy(), self._booked()
-        self._step(1)
+    def before_step(self) -> None:
+        """Note velocities and ledger."""
+        self._before = self._qvel.copy(), self._booked()
+
+    def after_step(self) -> None:
+        """Book the step for every robot."""
+        before, booked = self._before
         work = dict(zip(("motor", "device"), self._booked() - booked, strict=True))
         rows = [self._book(env, before[env]) for env in range(len(before))]
         work |= {name: np.array([row[name] for row in rows]) for name in rows[0]}
@@ -166,14 +169,14 @@ def free_fall(*, dt: float = DT, moving: bool, coupling: Coupling = Coupling.CON
         targets += np.random.default_rng(0).uniform(-0.5, 0.5, targets.shape)
     robot.q_des.assign(targets.astype(np.float32))
     meter = EnergyMeter(robot)
-    meter.step(round(FREE_FALL / dt))
+    robot.step(round(FREE_FALL / dt))
     return meter.run("free fall, legs moving" if moving else "free fall")
 
 
 def standing(*, dt: float = DT, lift: float = 0.0, coupling: Coupling = Coupling.CONSTRAINT) -> LedgerRun:
     """The robot sinks into its stance, or drops into it from ``lift`` [m]; one robot per current."""
     meter = EnergyMeter(standing_robot(coupling=coupling, lift=lift, dt=dt, threads=1))
-    meter.step(round(STANDING / dt))
+    meter.robot.step(round(STANDING / dt))
     return meter.run(f"dropped from {lift:g} m" if lift else "standing")
 
 
@@ -188,7 +191,7 @@ def walking(policy: Policy, *, seed: int, dt: float = DT, coupling: Coupling = C
     cfg = make_walk_cfg(num_envs=num_envs, seed=seed, coupling=coupling, threads=1)
     cfg = replace(cfg, sim=replace(cfg.sim, dt=dt, keep_data=True), decimation=round(cfg.step_dt / dt))
     env = make_env(cfg, num_envs, seed)
-    meter = EnergyMeter(env.robot).attach()
+    meter = EnergyMeter(env.robot)
     env.set_command(torch.tensor([0.4, 0.0, 0.0]))
     obs = env.get_observations()
     for _ in range(round(WALKING / env.cfg.step_dt)):

@@ -99,7 +99,7 @@ def walking_robot(
     num_envs = len(CURRENT_GROUPS)
     cfg = make_walk_cfg(num_envs=num_envs, seed=seed, coupling=coupling, backend=backend)
     env = make_env(replace(cfg, sim=replace(cfg.sim, keep_data=True)), num_envs, seed)
-    meter, generator = WorkMeter(env.robot).attach(), torch.Generator().manual_seed(seed)
+    meter, generator = WorkMeter(env.robot), torch.Generator().manual_seed(seed)
     env.set_command(torch.tensor([0.4, 0.0, 0.0]))
     obs, action = env.get_observations(), torch.zeros(env.num_envs, len(JOINTS))
     angles, falls = [], 0
@@ -140,7 +140,7 @@ def passivity_figures(runs: list[PassivityRun]) -> dict[str, Any]:
 def _run(name: str, robot: ActuatedSim, steps: int) -> PassivityRun:
     meter, joint, angles = WorkMeter(robot), robot.actuator.mr_joints[0], []
     for _ in range(steps):
-        meter.step()
+        robot.step()
         angles.append(float(robot.sim.q.numpy()[-1, joint]))
     return _result(name, meter, np.array(angles), {"ledger_gap": meter.ledger_gap()})
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,7 +15,6 @@ from mrwarp.env.backend import MjBatchBackend, MjWarpBackend
 from mrwarp.env.sim import ActuatedSim, Sim, SimCfg, robot_scene
 from mrwarp.env.sim_model import Scene, SolverCfg, set_brake_constraint
 from mrwarp.kernels import ledger
-from mrwarp.kernels.launch import Around
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import JointActuator
 from mrwarp.usd.robot import CURRENT_GROUPS, DEFAULT_Q, STAND_HEIGHT
@@ -165,7 +164,7 @@ def standing_robot(
 
 
 class StepMeter:
-    """Meters every physics step of a robot, also those that a task makes through ``robot.step`` once attached.
+    """Meters every torque and physics step of a robot, whoever makes it.
 
     Args:
         robot: What is metered.
@@ -173,24 +172,15 @@ class StepMeter:
 
     def __init__(self, robot: ActuatedSim) -> None:
         self.robot = robot
-        self._step = robot.step
+        robot.before_hooks.append(self.before_step)
+        robot.hooks.append(self.after_step)
 
-    def attach(self) -> Self:
-        """Meter every step that others make through ``robot.step``."""
-        self.robot.step = self.step
-        return self
+    def before_step(self) -> None:
+        """Note where a step begins."""
+        raise NotImplementedError
 
-    def step(self, count: int = 1, around: Around | None = None) -> None:
-        """``count`` metered steps, and what a task does before and after them."""
-        for launch in around.before if around else ():
-            launch()
-        for _ in range(count):
-            self.metered_step()
-        for launch in around.after if around else ():
-            launch()
-
-    def metered_step(self) -> None:
-        """Take one step by ``self._step(1)`` and book it."""
+    def after_step(self) -> None:
+        """Book the step."""
         raise NotImplementedError
 
 
@@ -218,7 +208,7 @@ def solver_friction(sim: Sim) -> np.ndarray:
 
 
 class WorkMeter(StepMeter):
-    """Steps a rig and measures the work of its MR devices over every physics step.
+    """Measures the work of a robot's MR devices over every physics step.
 
     The work is ``torque * (joint motion of the step)``. The torque is the solver's own row force (constraint coupling)
     or what was applied (explicit); the motion ``qd_next*dt`` is the engine's velocity in its own precision, and
@@ -234,22 +224,27 @@ class WorkMeter(StepMeter):
         super().__init__(robot)
         self.work: list[np.ndarray] = []
         self.friction_gap = self.motion_gap = 0.0
+        self._start = self._positions()
 
-    def metered_step(self) -> None:
-        """Take one step and book the devices' work."""
+    def before_step(self) -> None:
+        """Note the joint positions."""
+        self._start = self._positions()
+
+    def after_step(self) -> None:
+        """Book the devices' work."""
         sim, actuator = self.robot.sim, self.robot.actuator
-        scene, mr = sim.scene, list(actuator.mr_joints)
-        qpos, qvel = sim.backend.field("qpos"), sim.backend.field("qvel")
-        before = qpos.numpy()[:, scene.q_adr].copy()
-        self._step(1)
-        motion = qvel.numpy()[:, scene.v_adr].astype(np.float64) * sim.dt
-        self.motion_gap = max(self.motion_gap, float(np.abs(qpos.numpy()[:, scene.q_adr] - before - motion).max()))
+        mr = list(actuator.mr_joints)
+        motion = sim.backend.field("qvel").numpy()[:, sim.scene.v_adr].astype(np.float64) * sim.dt
+        self.motion_gap = max(self.motion_gap, float(np.abs(self._positions() - self._start - motion).max()))
         if actuator.cfg.coupling is Coupling.CONSTRAINT:
             torque = solver_friction(sim)[:, mr]
             self.friction_gap = max(self.friction_gap, float(np.abs(torque - sim.friction.numpy()[:, mr]).max()))
         else:
             torque = actuator.tau_mr.numpy().astype(np.float64)
         self.work.append(torque * motion[:, mr])
+
+    def _positions(self) -> np.ndarray:
+        return self.robot.sim.backend.field("qpos").numpy()[:, self.robot.sim.scene.q_adr].copy()
 
     def figures(self) -> dict[str, float]:
         """What the devices did: largest work in one step, injected and net energy per environment [J], and the gaps."""

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from mrwarp.energy.power import (
-    CALF_COLUMNS,
     ElectricalCfg,
     JointLoad,
     battery_power,
@@ -15,7 +14,7 @@ from mrwarp.energy.power import (
     motor_heat,
 )
 from mrwarp.params import ParameterError
-from mrwarp.usd.robot import CALVES, JOINTS
+from mrwarp.usd.robot import CALF_COLUMNS, CALVES, JOINTS
 
 
 def a_use(

@@ -7,11 +7,11 @@ import pytest
 import torch
 import warp as wp
 
-from mrwarp.env import episodes, observations, randomize, rewards, sim
+from mrwarp.env import events, observations, rewards, sim
 from mrwarp.env.backend import BackendKind
 from mrwarp.env.cfg import EnvCfg, RandomizeCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.kernels.launch import record
+from mrwarp.kernels.launch import Launch, record
 from mrwarp.nn.models import LstmState
 from mrwarp.nn.network_file import shipped_model
 
@@ -38,7 +38,7 @@ def walk(env: WalkEnv, steps: int) -> tuple[torch.Tensor, dict[str, int]]:
         if step % 20 == 7:  # lay one on its back: falls of their own take longer than these episodes
             env.view(env.sim.backend.field("qpos"))[step % 6, 3:7] = env.root_quat.new_tensor([0, 1, 0, 0]).double()
         obs, reward, done, extras = env.step(3.0 * (2.0 * torch.rand(6, 12, generator=generator) - 1.0))
-        flags = torch.stack([reward, done, extras["time_outs"], env.fallen, env.broken], dim=1)
+        flags = torch.stack([reward, done, extras["time_outs"], env.fallen, env.diverged], dim=1)
         rows.append(torch.cat([obs["actor"], obs["critic"], flags], dim=1))
         ends["falls"] += int(env.fallen.sum())
         ends["time_outs"] += int(extras["time_outs"].sum())
@@ -87,10 +87,10 @@ def test_a_thread_per_environment_gives_the_bits_of_one_for_all(monkeypatch: pyt
     """The kernels that a CPU launches as one thread, launched as on a GPU; on rough ground, with resets."""
     one_for_all = WalkEnv(make_cfg(MJBATCH, terrain="rough"))
 
-    def a_thread_each(kernel: Any, num_envs: int, inputs: list[Any], outputs: list[Any], device: Any) -> wp.Launch:
-        return record(kernel, num_envs, [num_envs, *inputs], outputs, device)
+    def a_thread_each(kernel: Any, num_envs: int, inputs: list[Any], outputs: list[Any]) -> Launch:
+        return record(kernel, num_envs, [num_envs, *inputs], outputs)
 
-    for module in (episodes, observations, randomize, rewards, sim):
+    for module in (events, observations, rewards, sim):
         monkeypatch.setattr(module, "record_per_env", a_thread_each)
     assert_same(WalkEnv(make_cfg(MJBATCH, terrain="rough")), one_for_all, 30)
 
@@ -130,19 +130,18 @@ def test_a_step_on_mujoco_warp_is_one_graph_and_reads_nothing_back(monkeypatch: 
         for _ in range(31):
             done.append(env.step(torch.zeros(6, 12))[2])
     assert int(torch.stack(done).sum()) == 2 * 6
-    (pieces,) = env.robot._pieces.values()
-    assert len(pieces) == 1
+    assert len(env.step_graph.calls(env.robot.on_host())) == 1
 
 
 @pytest.mark.parametrize("learned", [False, True])
 def test_a_step_on_mjbatch_is_a_graph_before_between_and_after_its_physics(learned: bool) -> None:
-    """Nine calls, four of them physics, and three different graphs; a learned torque's threads stay out of them."""
+    """Graphs before, between and after four steps of the engine, and around a learned torque that uses threads."""
     # whole windows at every step are so much work that a second thread helps
     model = {"actuator_model": "pg_rlstm", "lstm_state": LstmState.WINDOW} if learned else {}
     env = WalkEnv(make_cfg(MJBATCH, threads=2, actuator_file=shipped_model("pg_rlstm") if learned else None, **model))
     env.step(torch.zeros(6, 12))
-    (pieces,) = env.robot._pieces.values()
-    host = [*([env.robot._before] if learned else []), env.robot._physics]
-    graphs = [piece for piece in pieces if piece not in host]
-    assert len(graphs) == 5 and len(set(map(id, graphs))) == 3
-    assert [piece for piece in pieces if piece in host] == host * 4
+    host = [*([env.actuator.add_residual] if learned else []), env.sim.engine]
+    calls = env.step_graph.calls(env.robot.on_host())
+    graphs = [call for call in calls if call not in host]
+    assert (len(graphs), len(set(map(id, graphs)))) == ((9, 4) if learned else (5, 3))
+    assert [call for call in calls if call in host] == host * 4

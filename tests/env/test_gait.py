@@ -8,10 +8,10 @@ import pytest
 import torch
 import warp as wp
 
+from mrwarp.env import gait
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.sim import robot_scene
 from mrwarp.env.sim_model import Scene
-from mrwarp.env.task_kernels import gait
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.usd.robot import DEFAULT_Q, LEGS, STAND_HEIGHT
 
@@ -38,19 +38,23 @@ def clearance_kernel(height: float, legs_in: wp.array2d[float], clearance_out: w
 
 @wp.kernel
 def foot_height_kernel(
-    q_in: wp.array2d[float], root_z_in: wp.array[float], up_in: wp.array[wp.vec3], height_out: wp.array2d[float]
+    lengths: gait.LegLengths,
+    q_in: wp.array2d[float],
+    root_z_in: wp.array[float],
+    up_in: wp.array[wp.vec3],
+    height_out: wp.array2d[float],
 ):
     """Height of every foot."""
     i, leg = wp.tid()
     hip, thigh, calf = q_in[i, 3 * leg], q_in[i, 3 * leg + 1], q_in[i, 3 * leg + 2]
-    height_out[i, leg] = gait.foot_height(leg, hip, thigh, calf, root_z_in[i], up_in[i])
+    height_out[i, leg] = gait.foot_height(lengths, leg, hip, thigh, calf, root_z_in[i], up_in[i])
 
 
 @wp.kernel
-def foot_point_kernel(q_in: wp.array2d[float], point_out: wp.array2d[wp.vec3]):
+def foot_point_kernel(lengths: gait.LegLengths, q_in: wp.array2d[float], point_out: wp.array2d[wp.vec3]):
     """Centre of every foot."""
     i, leg = wp.tid()
-    point_out[i, leg] = gait.foot_point(leg, q_in[i, 3 * leg], q_in[i, 3 * leg + 1], q_in[i, 3 * leg + 2])
+    point_out[i, leg] = gait.foot_point(lengths, leg, q_in[i, 3 * leg], q_in[i, 3 * leg + 1], q_in[i, 3 * leg + 2])
 
 
 def leg_phases(clock: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -67,11 +71,11 @@ def clearances(legs: torch.Tensor) -> torch.Tensor:
     return found
 
 
-def foot_heights(q: np.ndarray, root_z: np.ndarray, up: np.ndarray) -> np.ndarray:
+def foot_heights(model: mujoco.MjModel, q: np.ndarray, root_z: np.ndarray, up: np.ndarray) -> np.ndarray:
     """Height of every foot [m], shape (N, 4), of joints (N, 12), trunk heights (N,) and verticals (N, 3)."""
     found = wp.full((len(q), 4), float("nan"), dtype=float, device="cpu")
     inputs = [
-        wp.array(q, dtype=float, device="cpu"), wp.array(root_z, dtype=float, device="cpu"),
+        gait.leg_lengths(model), wp.array(q, dtype=float, device="cpu"), wp.array(root_z, dtype=float, device="cpu"),
         wp.array(up, dtype=wp.vec3, device="cpu"),
     ]  # fmt: skip
     wp.launch(foot_height_kernel, found.shape, inputs, [found], device="cpu")
@@ -126,7 +130,6 @@ def test_feet_are_where_mujocos_kinematics_puts_them(scene: Scene) -> None:
     model, data, rng = scene.model, mujoco.MjData(scene.model), np.random.default_rng(0)
     names = [model.geom(i).name for i in range(model.ngeom)]
     feet = [next(i for i, name in enumerate(names) if f"/{leg}_foot" in name) for leg in LEGS]
-    assert model.geom_size[feet, 0] == pytest.approx(gait.FOOT_RADIUS, rel=1e-6)  # float32 on its way through Newton
     count = 50
     q = np.stack([rng.uniform(model.jnt_range[1:, 0], model.jnt_range[1:, 1]) for _ in range(count)])
     quat = rng.normal(size=(count, 4))
@@ -137,19 +140,20 @@ def test_feet_are_where_mujocos_kinematics_puts_them(scene: Scene) -> None:
         data.qpos[:3], data.qpos[3:7] = (0.3, -0.2, root_z[k]), quat[k]
         data.qpos[scene.q_adr] = q[k]
         mujoco.mj_kinematics(model, data)
-        expected[k] = data.geom_xpos[feet, 2] - gait.FOOT_RADIUS
+        expected[k] = data.geom_xpos[feet, 2] - model.geom_size[feet, 0]
         up[k] = data.xmat[1].reshape(3, 3)[2]
         points[k] = (data.geom_xpos[feet] - data.xpos[1]) @ data.xmat[1].reshape(3, 3)
-    found = foot_heights(q, root_z, up)
+    found = foot_heights(model, q, root_z, up)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=FK_TOLERANCE)
     centres = wp.full((count, 4), wp.vec3(float("nan")), dtype=wp.vec3, device="cpu")
-    wp.launch(foot_point_kernel, centres.shape, [wp.array(q, dtype=float, device="cpu")], [centres], device="cpu")
+    inputs = [gait.leg_lengths(model), wp.array(q, dtype=float, device="cpu")]
+    wp.launch(foot_point_kernel, centres.shape, inputs, [centres], device="cpu")
     np.testing.assert_allclose(centres.numpy(), points, rtol=0.0, atol=FK_TOLERANCE)
 
 
-def test_feet_of_the_neutral_stance_touch_the_ground() -> None:
+def test_feet_of_the_neutral_stance_touch_the_ground(scene: Scene) -> None:
     """At the stance height, which robot.py rounds to a millimetre, all four feet are at 0."""
-    height = foot_heights(np.array([DEFAULT_Q]), np.array([STAND_HEIGHT]), np.array([[0.0, 0.0, 1.0]]))
+    height = foot_heights(scene.model, np.array([DEFAULT_Q]), np.array([STAND_HEIGHT]), np.array([[0.0, 0.0, 1.0]]))
     np.testing.assert_allclose(height, 0.0, atol=5e-4)
 
 

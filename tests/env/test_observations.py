@@ -9,7 +9,7 @@ import torch
 
 from mrwarp.env import observations
 from mrwarp.env.cfg import NoiseCfg, make_walk_cfg
-from mrwarp.env.task_kernels.draws import SEED, STEP
+from mrwarp.env.rng import SEED, STEP
 from mrwarp.env.vec_env import WalkEnv
 
 SLICES = {

@@ -10,7 +10,8 @@ import pytest
 import torch
 
 from mrwarp.env import rewards
-from mrwarp.env.cfg import EnvCfg, RewardCfg
+from mrwarp.env.gait import LegLengths
+from mrwarp.env.rewards import RewardCfg
 from mrwarp.usd.robot import DEFAULT_Q
 
 NUM_ENVS = 7
@@ -19,7 +20,7 @@ SHAPES = {"target_height", "velocity_width", "yaw_width", "step_height", "windin
 
 
 def make_state(seed: int) -> Any:
-    """What the terms read of an environment: a random walking robot, as tensors."""
+    """The arrays that the terms read and write: a random walking robot."""
     rng = np.random.default_rng(seed)
 
     def random(*shape: int, scale: float = 1.0) -> torch.Tensor:
@@ -28,9 +29,9 @@ def make_state(seed: int) -> Any:
     gravity = torch.tensor([0.0, 0.0, -1.0]) + random(NUM_ENVS, 3, scale=0.1)
     position = torch.tensor([0.0, 0.0, 0.32]) + random(NUM_ENVS, 3, scale=0.02)
     return SimpleNamespace(
-        cfg=EnvCfg(),
-        num_envs=NUM_ENVS,
-        device=torch.device("cpu"),
+        cfg=RewardCfg(),
+        terms=torch.zeros(NUM_ENVS, len(rewards.TERMS)),
+        total=torch.zeros(NUM_ENVS),
         default_q=torch.tensor(DEFAULT_Q),
         gravity=gravity / gravity.norm(dim=1, keepdim=True),
         root_pos=position,
@@ -54,16 +55,22 @@ def make_state(seed: int) -> Any:
 
 def term(name: str, state: Any) -> torch.Tensor:
     """One term of a state, shape (E,)."""
-    computed = rewards.Rewards(state)
-    computed.launch.launch()
-    return computed.terms[:, list(rewards.TERMS).index(name)]
+    rewards.reward(state, state.cfg, 0.02, go1())()
+    return state.terms[:, list(rewards.TERMS).index(name)].clone()
 
 
 def total(state: Any) -> torch.Tensor:
     """The reward of a state, shape (E,)."""
-    computed = rewards.Rewards(state)
-    computed.launch.launch()
-    return computed.total
+    rewards.reward(state, state.cfg, 0.02, go1())()
+    return state.total.clone()
+
+
+def go1() -> LegLengths:
+    """Lengths of the Go1's leg."""
+    lengths = LegLengths()
+    lengths.hip_x, lengths.hip_y, lengths.offset = 0.1881, 0.04675, 0.08
+    lengths.thigh, lengths.calf, lengths.foot_radius = 0.213, 0.213, 0.023
+    return lengths
 
 
 def rotate(axis: str, angle: float) -> np.ndarray:
@@ -105,11 +112,11 @@ def squares(values: torch.Tensor) -> np.ndarray:
 
 
 FORMULAS: dict[str, Callable[[Any], np.ndarray]] = {
-    "track_velocity": lambda s: tracking(s.body_velocity[:, :2] - s.command[:, :2], s.cfg.rewards.velocity_width),
-    "track_yaw": lambda s: tracking(s.root_ang[:, 2:] - s.command[:, 2:], s.cfg.rewards.yaw_width),
+    "track_velocity": lambda s: tracking(s.body_velocity[:, :2] - s.command[:, :2], s.cfg.velocity_width),
+    "track_yaw": lambda s: tracking(s.root_ang[:, 2:] - s.command[:, 2:], s.cfg.yaw_width),
     "contact_clock": lambda s: s.clock_match.numpy().sum(1) / 4 - 0.5,
     "swing_height": swing_height,
-    "height": lambda s: squares(s.root_pos[:, 2:] - s.cfg.rewards.target_height),
+    "height": lambda s: squares(s.root_pos[:, 2:] - s.cfg.target_height),
     "tilt": lambda s: squares(s.gravity[:, :2]),
     "bounce": lambda s: squares(s.root_vel[:, 2:]),
     "roll_pitch_rate": lambda s: squares(s.root_ang[:, :2]),
@@ -126,7 +133,7 @@ def make_best(s: Any) -> None:
     """Edit a state so that every term has its best value."""
     s.body_velocity[:, :2], s.root_ang[:, 2] = s.command[:, :2], s.command[:, 2]
     s.clock_match[:] = True
-    s.root_pos[:, 2] = s.cfg.rewards.target_height
+    s.root_pos[:, 2] = s.cfg.target_height
     s.gravity[:] = torch.tensor([0.0, 0.0, -1.0])
     s.root_vel[:, 2], s.root_ang[:, :2], s.effort[:], s.power[:] = 0.0, 0.0, 0.0, 0.0
     s.q[:] = s.default_q
@@ -165,7 +172,7 @@ def test_term_is_best_where_it_should_be(name: str) -> None:
     best = term(name, state)
     ideal = {"track_velocity": 1.0, "track_yaw": 1.0, "contact_clock": 0.5}.get(name, 0.0)
     assert torch.equal(best, torch.full((NUM_ENVS,), ideal))
-    sign = np.sign(weights(state.cfg.rewards)[name])
+    sign = np.sign(weights(state.cfg)[name])
     assert bool((sign * worse <= sign * ideal).all()) and bool((worse != ideal).any())
 
 
@@ -179,8 +186,8 @@ def test_tracking_falls_to_one_over_e_at_its_width() -> None:
     """The widths are squared errors at which the tracking reward is 1/e."""
     state = make_state(3)
     state.body_velocity[:, :2] = state.command[:, :2]
-    state.body_velocity[:, 0] += state.cfg.rewards.velocity_width**0.5
-    state.root_ang[:, 2] = state.command[:, 2] - state.cfg.rewards.yaw_width**0.5
+    state.body_velocity[:, 0] += state.cfg.velocity_width**0.5
+    state.root_ang[:, 2] = state.command[:, 2] - state.cfg.yaw_width**0.5
     np.testing.assert_allclose(term("track_velocity", state).numpy(), np.exp(-1.0), rtol=1e-5)
     np.testing.assert_allclose(term("track_yaw", state).numpy(), np.exp(-1.0), rtol=1e-5)
 
@@ -202,7 +209,7 @@ def test_total_is_the_weighted_sum_over_one_policy_step() -> None:
     state = make_state(5)
     rng = np.random.default_rng(6)
     own = {name: float(rng.normal()) for name in weights(RewardCfg())}
-    state.cfg = replace(state.cfg, rewards=replace(state.cfg.rewards, **own))
+    state.cfg = replace(state.cfg, **own)
     expected = 0.02 * sum(own[name] * formula(state) for name, formula in FORMULAS.items())
     scale = 0.02 * sum(np.abs(own[name] * formula(state)) for name, formula in FORMULAS.items())
     error = np.abs(total(state).double().numpy() - expected)

@@ -13,20 +13,16 @@ import warp as wp
 from mrwarp.env.backend import BackendKind
 from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
 from mrwarp.env.sim import robot_scene
-from mrwarp.env.task_kernels import gait
-from mrwarp.env.task_kernels.ends import DONE, TIME_OUT
-from mrwarp.env.task_kernels.ground import ground_height
-from mrwarp.env.terrain import KINDS, Terrain, TerrainCfg, make_field
-from mrwarp.env.vec_env import CONTACT_FORCE, WalkEnv
+from mrwarp.env.terminations import DONE, TIME_OUT
+from mrwarp.env.terrain import KINDS, Terrain, TerrainCfg, ground_height, make_field
+from mrwarp.env.vec_env import WalkEnv
 from mrwarp.usd.robot import STAND_HEIGHT
-
-CPU = torch.device("cpu")
 
 
 @pytest.fixture
 def terrain() -> Terrain:
     """Twelve environments on the default field."""
-    return Terrain(TerrainCfg(), 12, CPU, seed=0)
+    return Terrain(TerrainCfg(), 12, seed=0)
 
 
 @wp.kernel
@@ -87,64 +83,66 @@ def test_height_beyond_the_field_and_for_nan_is_a_number(terrain: Terrain) -> No
     assert heights(terrain, np.stack([far[:2], far[:2]], axis=1)).tolist() == [0.0, 0.0]
 
 
-def end_episodes(terrain: Terrain, done: torch.Tensor, time_outs: torch.Tensor, seed: int = 0) -> None:
+def end_episodes(terrain: Terrain, s: Any, done: torch.Tensor, time_outs: torch.Tensor) -> None:
     """A policy step at rest, without a command, after which the episodes of a mask end."""
-    flags = torch.zeros(4, len(done), dtype=torch.bool)
-    flags[DONE], flags[TIME_OUT] = done, time_outs
-    still = torch.zeros(len(done), 3)
-    terrain.record_course(walkers(still, still, seed), wp.from_torch(flags)).launch()
+    s.flags[DONE], s.flags[TIME_OUT] = done, time_outs
+    terrain.curriculum(s, 0.02)()
 
 
-def walkers(body_velocity: torch.Tensor, command: torch.Tensor, seed: int = 0) -> Any:
-    """What the curriculum reads of an environment."""
+def walkers(count: int) -> Any:
+    """The arrays that the curriculum reads and writes: robots at rest, without a command."""
+    still, way = torch.zeros(2, count, 3), torch.zeros(2, count)
     return SimpleNamespace(
-        cfg=make_walk_cfg(), key=torch.tensor([seed, 0]), body_velocity=body_velocity, command=command
-    )
+        key=torch.zeros(2, dtype=torch.int64), body_velocity=still[0], command=still[1],
+        flags=torch.zeros(4, count, dtype=torch.bool), level=torch.zeros(count, dtype=torch.int64), walked=way[0],
+        commanded=way[1],
+    )  # fmt: skip
 
 
 def test_curriculum_moves_those_that_are_reset_by_how_far_they_walked(terrain: Terrain) -> None:
     """Up after 0.9 of the way, stay at 0.7, down at 0.3 and after a fall, never below 0; others stay where they are."""
-    terrain.level.fill_(2)
-    terrain.level[5] = 0
-    terrain.commanded.fill_(8.0)
-    terrain.walked.copy_(8.0 * torch.tensor([0.9, 0.7, 0.3, 0.9, 0.9, 0.3] + [0.9] * 6))
+    s = walkers(12)
+    s.level.fill_(2)
+    s.level[5] = 0
+    s.commanded.fill_(8.0)
+    s.walked.copy_(8.0 * torch.tensor([0.9, 0.7, 0.3, 0.9, 0.9, 0.3] + [0.9] * 6))
     mask = torch.tensor([True] * 4 + [False] + [True] + [False] * 6)
-    end_episodes(terrain, mask, mask & (torch.arange(12) != 3))
-    assert terrain.level[:6].tolist() == [3, 2, 1, 1, 2, 0]
-    assert terrain.walked[:6].tolist() == pytest.approx([0.0, 0.0, 0.0, 0.0, 7.2, 0.0])
-    assert terrain.commanded[:6].tolist() == [0.0, 0.0, 0.0, 0.0, 8.0, 0.0]
+    end_episodes(terrain, s, mask, mask & (torch.arange(12) != 3))
+    assert s.level[:6].tolist() == [3, 2, 1, 1, 2, 0]
 
 
 def test_a_robot_begins_in_the_middle_of_its_tile() -> None:
     """Where each level and kind has its middle, 0.01 m over the stance on the highest ground there."""
     env = WalkEnv(make_play_cfg(rough_cfg(36)))
     assert env.terrain is not None
-    middle = env.terrain.field.origins[env.terrain.level.numpy(), env.terrain.kind.numpy()]
+    middle = env.terrain.field.origins[env.arrays.level.numpy(), env.arrays.kind.numpy()]
     expected = middle + np.array([0.0, 0.0, STAND_HEIGHT + 0.01], dtype=np.float32)
     np.testing.assert_allclose(env.root_pos.numpy(), expected, rtol=1e-6)
     assert np.ptp(middle[:, 2]) > 0.1
 
 
-def test_curriculum_counts_the_way_of_every_step(terrain: Terrain) -> None:
+def test_curriculum_counts_the_path_of_every_step(terrain: Terrain) -> None:
     """Speed and its command times the step, for all, whether their episodes end or not."""
     speed, command = (torch.rand(12, 3, generator=torch.Generator().manual_seed(k)) for k in (0, 1))
-    flags = wp.zeros((4, 12), dtype=wp.bool, device="cpu")
-    launch = terrain.record_course(walkers(speed, command), flags)
+    s = walkers(12)
+    s.body_velocity.copy_(speed)
+    s.command.copy_(command)
+    curriculum = terrain.curriculum(s, 0.02)
     for _ in range(3):
-        launch.launch()
-    torch.testing.assert_close(terrain.walked, 0.06 * speed[:, 0])
-    torch.testing.assert_close(terrain.commanded, 0.06 * command[:, 0])
+        curriculum()
+    torch.testing.assert_close(s.walked, 0.06 * speed[:, 0])
+    torch.testing.assert_close(s.commanded, 0.06 * command[:, 0])
 
 
 def test_curriculum_sends_those_that_passed_the_last_level_to_any() -> None:
     """Levels of 600 robots that pass the last one are drawn from all of them alike, and none is beyond."""
-    terrain = Terrain(TerrainCfg(), 600, CPU, seed=0)
-    terrain.level.fill_(terrain.cfg.levels - 1)
-    terrain.commanded.fill_(1.0)
-    terrain.walked.fill_(1.0)
+    terrain, s = Terrain(TerrainCfg(), 600, seed=0), walkers(600)
+    s.level.fill_(terrain.cfg.levels - 1)
+    s.commanded.fill_(1.0)
+    s.walked.fill_(1.0)
     everyone = torch.ones(600, dtype=torch.bool)
-    end_episodes(terrain, everyone, everyone)
-    counts = torch.bincount(terrain.level)
+    end_episodes(terrain, s, everyone, everyone)
+    counts = torch.bincount(s.level)
     # 100 each, within five standard deviations of 9.1
     assert len(counts) == terrain.cfg.levels and bool((abs(counts - 100) < 46).all())
 
@@ -154,12 +152,12 @@ def test_play_task_spreads_over_all_levels_and_kinds_and_stays_there() -> None:
     cfg = make_play_cfg(rough_cfg(36, episode_seconds=0.1))
     env = WalkEnv(cfg)
     assert env.terrain is not None
-    tiles = set(zip(env.terrain.level.tolist(), env.terrain.kind.tolist(), strict=True))
+    tiles = set(zip(env.arrays.level.tolist(), env.arrays.kind.tolist(), strict=True))
     assert len(tiles) == 36
-    before = env.terrain.level.clone()
+    before = env.arrays.level.clone()
     for _ in range(6):
         env.step(torch.zeros(36, 12))
-    assert torch.equal(env.terrain.level, before)
+    assert torch.equal(env.arrays.level, before)
 
 
 def test_robots_stand_on_every_tile() -> None:
@@ -178,9 +176,9 @@ def test_robots_stand_on_every_tile() -> None:
     for k in range(36):
         data.qpos[:] = batch[k]
         mujoco.mj_kinematics(model, data)
-        lowest[k] = data.geom_xpos[feet, 2] - gait.FOOT_RADIUS
-    clearance = torch.from_numpy(lowest) - env.foot_ground
-    loaded = env.f_foot > CONTACT_FORCE
+        lowest[k] = data.geom_xpos[feet, 2] - model.geom_size[feet, 0]
+    clearance = torch.from_numpy(lowest) - env.arrays.foot_ground
+    loaded = env.f_foot > env.contact_force
     assert float(loaded.float().mean()) > 0.7
     assert float(clearance[loaded].abs().max()) < 0.012
     assert bool(((env.height - STAND_HEIGHT).abs() < 0.08).all())
@@ -196,20 +194,20 @@ def test_training_on_the_field_resumes_to_the_bit() -> None:
     for action in actions[:60]:
         first.step(action)
     state = first.state()
-    assert {f"terrain/{name}" for name in Terrain.STATE} <= state.keys()
+    assert {f"terrain/{name}" for name in ("level", "kind", "walked", "commanded")} <= state.keys()
     second.load_state(state)
     for action in actions[60:]:
         ours, theirs = first.step(action), second.step(action)
         assert torch.equal(ours[0]["critic"], theirs[0]["critic"]) and torch.equal(ours[1], theirs[1])
     assert first.terrain is not None and second.terrain is not None
-    assert torch.equal(first.terrain.level, second.terrain.level)
+    assert torch.equal(first.arrays.level, second.arrays.level)
 
 
 def test_flat_ground_has_no_terrain_in_its_state() -> None:
     """Flat training is what it was: no field, no state of it, no draws for it."""
     env = WalkEnv(make_walk_cfg(num_envs=2))
     assert env.terrain is None and not any(name.startswith("terrain/") for name in env.state())
-    assert not env.ground.any() and not env.foot_ground.any()
+    assert not env.arrays.ground.any() and not env.arrays.foot_ground.any()
 
 
 @pytest.mark.slow
@@ -222,7 +220,7 @@ def test_both_engines_let_a_robot_stand_on_steps() -> None:
         for _ in range(25):
             env.step(torch.zeros(6, 12))
         assert not bool(env.fallen.any())
-        assert env.watch.noticed().overflow == 0
+        assert env.nan_guard.warnings().overflow == 0
         heights.append(env.height.clone())
     torch.testing.assert_close(heights[0], heights[1], rtol=0.0, atol=5e-3)
 

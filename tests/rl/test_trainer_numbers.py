@@ -12,7 +12,7 @@ import torch
 
 from mrwarp import run_dir as folder
 from mrwarp.cli import main
-from mrwarp.env import dump
+from mrwarp.env import nan_dump
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.rl import checkpoint, trainer
 from mrwarp.rl import progress as curves
@@ -60,12 +60,12 @@ def test_one_broken_environment_is_dumped_and_training_goes_on(
     result = run.run()
     assert (result["broken_episodes"], result["iterations"]) == (1, 2)
     (path,) = (tmp_path / "run" / "broken").iterdir()
-    found = dump.load(path)
+    found = nan_dump.load(path)
     assert found.found.env == 5 and found.run["update"] == 1 and "velocity" in str(found.found)
     assert "broken: environment 5" in capsys.readouterr().out
     kept = checkpoint.load(tmp_path / "run" / "checkpoint.pt")
     assert kept["breaks"] == 1 and not_finite(kept["algorithm"]) == ""
-    assert Trainer(run.cfg, resume=tmp_path / "run" / "checkpoint.pt").breaks.count == 1
+    assert Trainer(run.cfg, resume=tmp_path / "run" / "checkpoint.pt").divergences.count == 1
 
 
 def test_too_many_broken_environments_stop_the_training(tmp_path: Path) -> None:

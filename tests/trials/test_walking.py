@@ -11,7 +11,6 @@ import torch
 from tensordict import TensorDict
 
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
-from mrwarp.env.vec_env import CONTACT_FORCE
 from mrwarp.trials.walking import GateCheck, WalkingGate, make_env, measure, stride_frequency
 
 DT = 0.02
@@ -188,9 +187,7 @@ def rollout(cfg: EnvCfg, policy: Callable[[TensorDict], torch.Tensor]) -> dict[s
         forward = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z)], axis=1)
         forward /= np.linalg.norm(forward, axis=1, keepdims=True)
         v_x = (env.root_vel.double().numpy()[:, :2] * forward).sum(1)
-        rows.append(
-            (v_x, env.root_pos[:, 2].double().numpy(), env.f_foot.numpy() > CONTACT_FORCE, env.phase.numpy().copy())
-        )
+        rows.append((v_x, env.root_pos[:, 2].double().numpy(), env.f_foot.numpy() > 5.0, env.phase.numpy().copy()))
     v_x, height, contact, phase = (np.array([row[k] for row in rows[10:]]) for k in range(4))
     stance = (phase[:, :, None] + np.array([0.0, 0.5, 0.5, 0.0])) % 1.0 < 0.5
     return {

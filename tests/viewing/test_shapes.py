@@ -134,7 +134,7 @@ def test_robots_stand_on_the_drawn_ground(rough: WalkEnv, tmp_path: Path, read_r
     """Trunk heights are the task's own over the ground; recording and picture hold the surface below the robots."""
     ground = ground_of(rough.sim.scene.model)
     assert ground is not None and rough.terrain is not None
-    assert len(set(rough.terrain.level.tolist())) == 4  # few robots are spread over the levels
+    assert len(set(rough.arrays.level.tolist())) == 4  # few robots are spread over the levels
     frames = FrameReader(rough.robot, range(4)).read(0.0, [0.5] * 4)
     np.testing.assert_allclose(trunk_height(ground, frames.qpos)[0], rough.height.numpy(), atol=0.02)
     relief = []

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from mrwarp.env.task_kernels.draws import NOISE, PUSH, WIDTH, draw, first_key, place
+from mrwarp.env.rng import NOISE, PUSH, WIDTH, draw, first_key, place
 
 MASK = (1 << 64) - 1
 

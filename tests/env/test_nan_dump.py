@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from mrwarp.commands.run_replay_dump import main
-from mrwarp.env import dump
-from mrwarp.env.dump import DumpError
-from mrwarp.env.watch import Break, Column
+from mrwarp.env import nan_dump
+from mrwarp.env.nan_dump import Column, Divergence, DumpError
 
 COLUMNS = (
     Column(quantity="time", part="", unit="s"),
@@ -20,21 +19,21 @@ COLUMNS = (
 )
 
 
-def make_break(count: int = 30) -> Break:
+def make_divergence(count: int = 30) -> Divergence:
     """A calf that swings ever faster, until its speed is no number."""
     time = 0.005 * np.arange(count)
     states = np.stack([time, 0.3 + 0.0 * time, np.exp(20.0 * time), np.sin(time)], axis=1).astype(np.float32)
     states[-2, 3] = 20.0
     states[-1, 2:] = np.nan
     bounds = np.array([[-np.inf, -10.0, -400.0, -np.inf], [np.inf, 10.0, 400.0, np.inf]])
-    return Break(env=3, column=2, finite=False, columns=COLUMNS, states=states, bounds=bounds)
+    return Divergence(env=3, column=2, finite=False, columns=COLUMNS, states=states, bounds=bounds)
 
 
 def test_a_dump_comes_back_as_it_was(tmp_path: Path) -> None:
     """All fields, bit for bit; nothing but the file is left."""
-    found, path = make_break(), tmp_path / "broken" / "a.safetensors"
-    dump.save(found, path, {"update": 12, "seed": 0, "task": {"robot": "mr_go"}})
-    again = dump.load(path)
+    found, path = make_divergence(), tmp_path / "broken" / "a.safetensors"
+    nan_dump.save(found, path, {"update": 12, "seed": 0, "task": {"robot": "mr_go"}})
+    again = nan_dump.load(path)
     assert again.run == {"update": 12, "seed": 0, "task": {"robot": "mr_go"}}
     np.testing.assert_array_equal(again.found.states, found.states)
     np.testing.assert_array_equal(again.found.bounds, found.bounds)
@@ -46,7 +45,7 @@ def test_a_dump_comes_back_as_it_was(tmp_path: Path) -> None:
 def test_replay_dump_says_what_went_wrong_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Environment, time, quantity and joint, what else was wrong, what changed before, the last rows, and a picture."""
     path, png = tmp_path / "a.safetensors", tmp_path / "a.png"
-    dump.save(make_break(), path, {"update": 12, "seed": 7})
+    nan_dump.save(make_divergence(), path, {"update": 12, "seed": 7})
     assert main([str(path), "--rows", "3", "--png", str(png)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "first wrong: environment 3, 0.145 s into its episode: velocity of FL_calf is nan rad/s"
@@ -61,16 +60,16 @@ def test_replay_dump_says_what_went_wrong_first(tmp_path: Path, capsys: pytest.C
 def test_short_and_full_histories_are_shown(tmp_path: Path, count: int) -> None:
     """A break in the first step has one row; a full history a hundred."""
     path = tmp_path / "a.safetensors"
-    dump.save(make_break(max(count, 2)), path, {})
+    nan_dump.save(make_divergence(max(count, 2)), path, {})
     if count == 1:
-        dump.save(replace(make_break(2), states=make_break(2).states[-1:]), path, {})
+        nan_dump.save(replace(make_divergence(2), states=make_divergence(2).states[-1:]), path, {})
     assert main([str(path), "--png", str(tmp_path / "a.png")]) == 0
 
 
 def test_random_damage_is_refused_by_name(tmp_path: Path) -> None:
     """300 files with flipped, cut or inserted bytes: read, or DumpError with the file and a remedy."""
     path, rng = tmp_path / "a.safetensors", random.Random(0)
-    dump.save(make_break(), path, {"update": 1})
+    nan_dump.save(make_divergence(), path, {"update": 1})
     good, refused = path.read_bytes(), 0
     for _ in range(300):
         data = bytearray(good)
@@ -78,7 +77,7 @@ def test_random_damage_is_refused_by_name(tmp_path: Path) -> None:
             data[rng.randrange(min(len(data), 700))] = rng.randrange(256)
         path.write_bytes(data[: rng.choice((len(data), rng.randrange(len(data))))])
         try:
-            dump.load(path)
+            nan_dump.load(path)
         except DumpError as error:
             refused += 1
             assert str(error).startswith(f"{path}: ") and "\n" not in str(error)
@@ -90,7 +89,7 @@ def test_bad_input_is_refused_in_one_line(tmp_path: Path, args: list[str], capsy
     """Exit code 2, one line that names the file; nothing written."""
     text, good = tmp_path / "text", tmp_path / "good.safetensors"
     text.write_text("no dump")
-    dump.save(make_break(), good, {})
+    nan_dump.save(make_divergence(), good, {})
     before = sorted(tmp_path.iterdir())
     assert main([arg.format(tmp=tmp_path, text=text, good=good) for arg in args]) == 2
     error = capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Watch: every quantity that can go wrong is named, the environment starts over, the others do not notice."""
+"""NaN guard: every quantity that can go wrong is named, the environment starts over, the others do not notice."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from mrwarp.env import watch
+from mrwarp.env import nan_guard
 from mrwarp.env.backend import BackendKind, MjBatchBackend
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
@@ -77,7 +77,7 @@ INJECTED: dict[str, Inject] = {
     "foot force of": foot,
     "torque of": gain,
 }
-"""What is broken, and how the watch names it (the order of the robot's legs is the asset's own)."""
+"""What is broken, and how the guard names it (the order of the robot's legs is the asset's own)."""
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def test_every_quantity_is_named_and_only_its_environment_starts_over(
     env, twin = twins
     env.restart()
     twin.restart()
-    before = env.watch.breaks.clone()
+    before = env.nan_guard.divergences.clone()
     for step in range(3):
         env.step(action(step))
         twin.step(action(step))
@@ -111,11 +111,11 @@ def test_every_quantity_is_named_and_only_its_environment_starts_over(
     obs, reward, done, extras = env.step(actions)
     env.actuator.kp.assign(kp)
     expected, expected_reward, _, _ = twin.step(action(3))
-    assert env.broken.tolist() == env.fallen.tolist() == done.tolist() == [False, True, False, False]
+    assert env.diverged.tolist() == env.fallen.tolist() == done.tolist() == [False, True, False, False]
     assert not bool(extras["time_outs"].any()) and float(reward[BAD]) == 0.0
     assert torch.equal(reward[OTHERS], expected_reward[OTHERS])
     assert torch.equal(obs["actor"][OTHERS, 9:], expected["actor"][OTHERS, 9:])
-    (found,) = env.watch.take()
+    (found,) = env.nan_guard.take()
     joints = dict(zip(("action of", "torque of"), (env.sim.scene.joints[7], env.sim.scene.joints[3]), strict=True))
     assert not found.finite and found.env == BAD
     where = str(found.columns[found.column])
@@ -127,8 +127,8 @@ def test_every_quantity_is_named_and_only_its_environment_starts_over(
     for step in range(4, 8):
         obs, reward, done, _ = env.step(action(step))
         assert all(bool(torch.isfinite(v).all()) for v in (obs["actor"], obs["critic"], reward))
-        assert not bool(env.broken.any()) and not bool(done.any())
-    assert env.watch.take() == [] and (env.watch.breaks - before).tolist() == [0, 1, 0, 0]
+        assert not bool(env.diverged.any()) and not bool(done.any())
+    assert env.nan_guard.take() == [] and (env.nan_guard.divergences - before).tolist() == [0, 1, 0, 0]
 
 
 def test_a_reward_that_is_no_number_is_named() -> None:
@@ -138,7 +138,7 @@ def test_a_reward_that_is_no_number_is_named() -> None:
     env.command[1, 0] = NAN
     _, reward, done, _ = env.step(action(1))
     assert done.tolist() == [False, True, False, False] and bool(torch.isfinite(reward).all())
-    (found,) = env.watch.take()
+    (found,) = env.nan_guard.take()
     assert str(found.columns[found.column]) == "reward"
     assert not bool(env.step(action(2))[2].any())
 
@@ -160,7 +160,7 @@ def test_a_state_beyond_what_a_robot_can_do_is_a_blow_up(name: str, column: int,
     env.view(env.sim.backend.field(name))[BAD, column] = value
     _, reward, done, _ = env.step(action(1))
     assert done.tolist() == [False, True, False, False] and float(reward[BAD]) == 0.0
-    (found,) = env.watch.take()
+    (found,) = env.nan_guard.take()
     assert found.finite and found.value == pytest.approx(value)
     assert said in str(found) and "the physics blew up" in str(found)
 
@@ -171,11 +171,12 @@ def test_strong_random_actions_break_nothing() -> None:
     falls = 0
     for step in range(100):
         falls += int(env.step(6.0 * action(step))[2].sum())
-    assert falls > 0 and env.watch.breaks.tolist() == [0] * 4
-    assert env.watch.take() == [] and env.watch.noticed() == watch.Noticed(beyond_limit=0, joint="", overflow=0)
+    assert falls > 0 and env.nan_guard.divergences.tolist() == [0] * 4
+    assert env.nan_guard.take() == []
+    assert env.nan_guard.warnings() == nan_guard.Warnings(beyond_limit=0, joint="", overflow=0)
 
 
-def test_a_joint_beyond_its_limit_is_noticed_and_goes_on() -> None:
+def test_a_joint_beyond_its_limit_is_a_warning_and_goes_on() -> None:
     """0.4 rad past the stop of one calf: named, counted once, no reset."""
     env = make_env()
     env.step(action())
@@ -185,9 +186,9 @@ def test_a_joint_beyond_its_limit_is_noticed_and_goes_on() -> None:
     high = model.jnt_range[np.flatnonzero(model.jnt_qposadr == adr)[0]][1]
     env.view(env.sim.backend.field("qpos"))[BAD, adr] = high + 0.4
     env.step(action(1))
-    assert not bool(env.broken.any()) and env.watch.take() == []
-    noticed = env.watch.noticed()
-    assert (noticed.beyond_limit, noticed.joint, noticed.overflow) == (1, env.sim.scene.joints[joint], 0)
+    assert not bool(env.diverged.any()) and env.nan_guard.take() == []
+    warned = env.nan_guard.warnings()
+    assert (warned.beyond_limit, warned.joint, warned.overflow) == (1, env.sim.scene.joints[joint], 0)
 
 
 def test_the_last_hundred_states_are_kept_until_they_are_read() -> None:
@@ -202,20 +203,20 @@ def test_the_last_hundred_states_are_kept_until_they_are_read() -> None:
         env.step(action(step))
     spoil(env, action(), NAN)
     env.step(action())
-    assert env.watch.breaks.tolist() == [0, 2, 0, 0]
-    (found,) = env.watch.take()
-    assert found.states.shape == (watch.KEPT, len(found.columns))
+    assert env.nan_guard.divergences.tolist() == [0, 2, 0, 0]
+    (found,) = env.nan_guard.take()
+    assert found.states.shape == (nan_guard.KEPT, len(found.columns))
     np.testing.assert_allclose(found.states[:, 0], 0.005 * np.arange(61, 161), atol=1e-6)
     assert np.isfinite(found.states[:-1]).all() and np.isnan(found.value)
     # read out: the next break is a new one, with a history of its own
     env.step(action())
     spoil(env, action(), NAN)
     env.step(action())
-    (second,) = env.watch.take()
+    (second,) = env.nan_guard.take()
     assert len(second.states) == 5
 
 
-def test_a_watched_run_has_the_same_bits_and_the_history_is_the_run() -> None:
+def test_a_guarded_run_has_the_same_bits_and_the_history_is_the_run() -> None:
     """The kept rows are the states and torques of the run itself."""
     env = make_env()
     seen: list[torch.Tensor] = []
@@ -224,12 +225,12 @@ def test_a_watched_run_has_the_same_bits_and_the_history_is_the_run() -> None:
         env.step(action(step))
     INJECTED["velocity of RL_thigh"](env, action(), NAN)
     env.step(action())
-    (found,) = env.watch.take()
+    (found,) = env.nan_guard.take()
     columns = [i for i, c in enumerate(found.columns) if c.quantity == "torque"]
     np.testing.assert_array_equal(found.states[:20, columns], torch.stack(seen[:20])[:, BAD].numpy())
 
 
-def test_the_reference_engine_is_watched_too() -> None:
+def test_the_reference_engine_is_guarded_too() -> None:
     """MuJoCo-Warp, stepped as one captured graph: same names, same reset."""
     env = make_env(BackendKind.MJWARP)
     for step in range(2):
@@ -237,13 +238,13 @@ def test_the_reference_engine_is_watched_too() -> None:
     field("qvel", 13)(env, action(), NAN)
     _, _, done, _ = env.step(action())
     assert done.tolist() == [False, True, False, False]
-    (found,) = env.watch.take()
+    (found,) = env.nan_guard.take()
     assert "velocity of RL_thigh" in str(found)
     assert not bool(env.step(action())[2].any())
 
 
-def test_dropped_contacts_are_noticed_on_the_cpu_engine() -> None:
-    """Too little memory for the contacts of ten boxes: the counters that the watch reads rise."""
+def test_dropped_contacts_are_counted_on_the_cpu_engine() -> None:
+    """Too little memory for the contacts of ten boxes: the counters that the guard reads rise."""
     boxes = "".join(
         f"<body pos='{0.3 * i} 0 .09'><freejoint/><geom type='box' size='.1 .1 .1'/></body>" for i in range(10)
     )
@@ -258,10 +259,10 @@ def test_dropped_contacts_are_noticed_on_the_cpu_engine() -> None:
 
 @pytest.mark.parametrize("backend", list(BackendKind))
 def test_an_overflow_is_counted_by_environment(backend: BackendKind) -> None:
-    """The engine's counter or flag of one environment rises: noticed, not reset."""
+    """The engine's counter or flag of one environment rises: a warning, no reset."""
     env = make_env(backend)
     env.step(action())
     counter = env.sim.backend.overflow
     env.view(counter)[BAD, 0] = 1 if backend is BackendKind.MJBATCH else int(counter.dtype(1))
     env.step(action(1))
-    assert env.watch.noticed().overflow == 1 and not bool(env.broken.any())
+    assert env.nan_guard.warnings().overflow == 1 and not bool(env.diverged.any())

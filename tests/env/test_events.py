@@ -8,9 +8,10 @@ import torch
 
 from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.mr_actuator import Coupling
-from mrwarp.env import randomize
-from mrwarp.env.cfg import RandomizeCfg, make_walk_cfg
-from mrwarp.env.task_kernels.draws import STEP
+from mrwarp.env import events
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.events import RandomizeCfg
+from mrwarp.env.rng import STEP
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels.joint_params import FIELDS
 from mrwarp.usd.robot import CALVES, JOINTS
@@ -26,6 +27,12 @@ FLOAT32 = 1e-6
 def make_env(cfg: RandomizeCfg | None, num_envs: int = NUM_ENVS, coupling: Coupling = Coupling.CONSTRAINT) -> WalkEnv:
     """Environments without observation noise and pushes, unless ``cfg`` says so."""
     return WalkEnv(replace(make_walk_cfg(num_envs=num_envs, seed=4, coupling=coupling), noise=None, randomize=cfg))
+
+
+def push(env: WalkEnv) -> None:
+    """Kick the trunks as a policy step does."""
+    for launch in env._push:
+        launch()
 
 
 @pytest.fixture(scope="module")
@@ -134,13 +141,13 @@ def test_gains_reach_the_motor_torque() -> None:
     torch.testing.assert_close(env.view(env.actuator.tau_motor), kp * error, rtol=1e-5, atol=0.0)
 
 
-def test_device_parameters_are_drawn_in_their_range(drawn: WalkEnv) -> None:
+def test_device_parameters_are_drawn_in_their_range(drawn: WalkEnv, nominal: WalkEnv) -> None:
     """B, K0, K1 and T_max vary per environment and joint around the nominal value; the rest does not vary."""
-    for name in randomize.SCALED:
-        ratio = drawn.actuator.param(name).numpy() / drawn.nominal_mr[name].numpy()
+    for name in events.SCALED:
+        ratio = drawn.actuator.param(name).numpy() / nominal.actuator.param(name).numpy()[:1]
         assert_fills(ratio, 0.8, 1.2)
         assert len(np.unique(ratio)) > 250, name  # 256 draws
-    scaled = {*randomize.SCALED, "kp_base", "kp_low", "kd"}
+    scaled = {*events.SCALED, "kp_base", "kp_low", "kd"}
     for name in set(FIELDS) - scaled:
         values = drawn.actuator.param(name).numpy()
         assert (values == values[0]).all(), name
@@ -155,21 +162,21 @@ def test_a_reset_redraws_only_masked_devices() -> None:
     env._reset(mask)
     after = env.actuator.state()["params"]
     np.testing.assert_array_equal(after[~mask.numpy()], before[~mask.numpy()])
-    columns = [FIELDS.index(name) for name in randomize.SCALED]
+    columns = [FIELDS.index(name) for name in events.SCALED]
     assert (after[mask.numpy()][..., columns] != before[mask.numpy()][..., columns]).all()
     others = [i for i in range(len(FIELDS)) if i not in columns]
     np.testing.assert_array_equal(after[..., others], before[..., others])
 
 
-def test_resets_do_not_compound() -> None:
+def test_resets_do_not_compound(nominal: WalkEnv) -> None:
     """A hundred resets later the factors are still those of the nominal device."""
     env = make_env(RandomizeCfg(push_speed=0.0), 8)
     everyone = torch.ones(8, dtype=torch.bool)
     for _ in range(100):
         env.key[STEP] += 1
         env._reset(everyone)
-    for name in randomize.SCALED:
-        ratio = env.actuator.param(name).numpy() / env.nominal_mr[name].numpy()
+    for name in events.SCALED:
+        ratio = env.actuator.param(name).numpy() / nominal.actuator.param(name).numpy()[:1]
         assert ratio.min() >= 0.8 * (1 - FLOAT32) and ratio.max() <= 1.2 * (1 + FLOAT32), name
 
 
@@ -177,7 +184,7 @@ def test_push_kicks_only_the_horizontal_speed() -> None:
     """Kicks change the trunk's horizontal velocity, by no more than the cfg says, and nothing else."""
     env = make_env(RandomizeCfg(push_speed=0.3, push_interval=0.02), 256)  # one kick per step on average: always
     before = {name: env.view(env.sim.backend.field(name)).clone() for name in ("qpos", "qvel", "qfrc_applied")}
-    env.push()
+    push(env)
     kick = env.qvel - before["qvel"]
     assert float(kick[:, :2].abs().max()) <= 0.3 + 1e-7
     assert bool((kick[:, :2] != 0.0).all())
@@ -194,7 +201,7 @@ def test_push_rate_is_that_of_the_interval() -> None:
     for _ in range(steps):
         env.qvel[:, :2] = 0.0
         env.key[STEP] += 1
-        env.push()
+        push(env)
         kicks += int((env.qvel[:, 0] != 0.0).sum())
     expected = steps * 256 * 0.02 / 6.0
     assert abs(kicks - expected) <= 4 * expected**0.5
@@ -207,7 +214,7 @@ def test_push_can_be_switched_off(cfg: RandomizeCfg | None) -> None:
     velocity = env.qvel.clone()
     for _ in range(20):
         env.key[STEP] += 1
-        env.push()
+        push(env)
     assert torch.equal(env.qvel, velocity)
 
 
