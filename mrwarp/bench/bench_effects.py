@@ -25,6 +25,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
 from mrwarp.params import MrParams, with_unit
 
@@ -35,76 +36,68 @@ LOG_DT = 0.005
 """Logging interval [s], paper section 4.1."""
 
 Progress = Callable[[float], None]
-"""Told the finished share, 0 to 1."""
+"""Called with the finished share, 0 to 1."""
 
 
 class EffectError(ValueError):
     """An effect is unknown or its value out of range; the message says what is allowed."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class EffectSpec:
-    """One mechanism of the truth: ``value`` in ``unit``, absent at ``null``, ``default`` with its argument."""
+    """One mechanism of the truth: its value in ``unit``, absent at ``null``, ``default`` with the reason for it."""
 
     name: str
     unit: str
-    null: float
     default: float
     low: float
     high: float
     law: str
     why: str
+    null: float = 0.0
 
 
 _LOCAL = "trajectory-dependent nonlinearity (4.3)"
-
-
-def _spec(
-    name: str, unit: str, default: float, low: float, high: float, law: str, why: str, *, null: float = 0.0
-) -> EffectSpec:
-    return EffectSpec(name=name, unit=unit, null=null, default=default, low=low, high=high, law=law, why=why)
-
-
 _FIG4 = "size set with the others by Fig. 4"
 
-_SPECS = (
+_ROWS = (
     # --- the current's way to the fluid ---
-    _spec("coil_lag", "s", 0.020, 0.0, 1.0, "T dI/dt = I_cmd - I", "current-response delay (4.3); MR coils 10-30 ms"),
-    _spec("command_delay", "s", 0.005, 0.0, 0.5, "I_cmd(t - d)", "current-response delay: one 200 Hz control period"),
-    _spec("remanence", "A", 0.06, 0.0, 1.0, "plays of half-width w/2, w, 3w/2 on I, mean", "steel core: 4 % of 1.5 A"),
-    _spec("current_gain", "1", 1.0, 0.1, 10.0, "g*I", "calibrated: none", null=1.0),
-    _spec("current_saturation", "1/A", 0.3, 0.0, 10.0, "K1*I/sqrt(1 + (u*I)^2)", "eq. 18 saturates, eq. 14 does not"),
+    ("coil_lag", "s", 0.020, 0.0, 1.0, "T dI/dt = I_cmd - I", "current-response delay (4.3); MR coils 10-30 ms"),
+    ("command_delay", "s", 0.005, 0.0, 0.5, "I_cmd(t - d)", "current-response delay: one 200 Hz control period"),
+    ("remanence", "A", 0.06, 0.0, 1.0, "plays of half-width w/2, w, 3w/2 on I, mean", "steel core: 4 % of 1.5 A"),
+    ("current_gain", "1", 1.0, 0.1, 10.0, "g*I", "calibrated: none", 1.0),
+    ("current_saturation", "1/A", 0.3, 0.0, 10.0, "K1*I/sqrt(1 + (u*I)^2)", "eq. 18 saturates, eq. 14 does not"),
     # --- the joint's torque ---
-    _spec("current_viscosity", "N·m·s/(rad·A)", 0.12, -1.0, 1.0, "B1*I*qd", f"{_LOCAL}; {_FIG4}"),
-    _spec("speed_weakening", "1", 0.75, 0.1, 3.0, "(1 + alpha*|qd|)^p", f"{_LOCAL}; {_FIG4}", null=1.0),
-    _spec("loop_asymmetry", "1", 0.30, -0.9, 0.9, "(K0 + K1*I)*(1 + a*s(qd))", f"friction asymmetry (4.3); {_FIG4}"),
-    _spec("position_gain", "1", 0.25, -0.9, 0.9, "(K0 + K1*I)*(1 + a*sin(2*q_c + 0.6))", f"{_LOCAL}; {_FIG4}"),
-    _spec("breakaway", "1", 0.02, 0.0, 1.0, "b*tau_y(I)*y*exp(-|qd|/0.5), stop y over 0.02 rad", "eq. 18 > eq. 14"),
-    _spec("coulomb_friction", "N·m", 0.0, 0.0, 50.0, "F*s(qd)", "K0 and z hold it already"),
-    _spec("friction_asymmetry", "N·m", 0.08, -10.0, 10.0, "F*|s(qd)|", "friction asymmetry (4.3): about K0*z at 0 A"),
-    _spec("viscous_asymmetry", "N·m·s/rad", 0.02, -1.0, 1.0, "B*|qd|", "friction asymmetry (4.3): B/5, as in emps"),
-    _spec("stribeck", "N·m", 0.0, 0.0, 50.0, "F*s(qd)/(1 + (qd/0.4)^2)", "not named by the paper"),
-    _spec("cogging", "N·m", 0.0, 0.0, 10.0, "F*(sin 24q + 0.2 sin 48q)", "no magnets in a brake"),
-    _spec("rotor_inertia", "kg·m²", 0.0, 0.0, 10.0, "J*qdd", "the torque sensor sits on the stand's side"),
-    _spec("backlash", "rad", 0.015, 0.0, 0.2, "play of half-gap b between encoder and device", f"{_LOCAL}; {_FIG4}"),
-    _spec("temperature_drift", "1/K", 0.005, 0.0, 0.1, "K*exp(-c*dT), B*exp(-2c*dT)", "5.2: yield and viscosity fall"),
-    _spec("wear", "1", 0.0, 0.0, 0.95, "K*(1 - d*share of the session)", "an hour on the bench wears nothing"),
+    ("current_viscosity", "N·m·s/(rad·A)", 0.12, -1.0, 1.0, "B1*I*qd", f"{_LOCAL}; {_FIG4}"),
+    ("speed_weakening", "1", 0.75, 0.1, 3.0, "(1 + alpha*|qd|)^p", f"{_LOCAL}; {_FIG4}", 1.0),
+    ("loop_asymmetry", "1", 0.30, -0.9, 0.9, "(K0 + K1*I)*(1 + a*s(qd))", f"friction asymmetry (4.3); {_FIG4}"),
+    ("position_gain", "1", 0.25, -0.9, 0.9, "(K0 + K1*I)*(1 + a*sin(2*q_c + 0.6))", f"{_LOCAL}; {_FIG4}"),
+    ("breakaway", "1", 0.02, 0.0, 1.0, "b*tau_y(I)*y*exp(-|qd|/0.5), stop y over 0.02 rad", "eq. 18 > eq. 14"),
+    ("coulomb_friction", "N·m", 0.0, 0.0, 50.0, "F*s(qd)", "K0 and z hold it already"),
+    ("friction_asymmetry", "N·m", 0.08, -10.0, 10.0, "F*|s(qd)|", "friction asymmetry (4.3): about K0*z at 0 A"),
+    ("viscous_asymmetry", "N·m·s/rad", 0.02, -1.0, 1.0, "B*|qd|", "friction asymmetry (4.3): B/5, as in emps"),
+    ("stribeck", "N·m", 0.0, 0.0, 50.0, "F*s(qd)/(1 + (qd/0.4)^2)", "not named by the paper"),
+    ("cogging", "N·m", 0.0, 0.0, 10.0, "F*(sin 24q + 0.2 sin 48q)", "no magnets in a brake"),
+    ("rotor_inertia", "kg·m²", 0.0, 0.0, 10.0, "J*qdd", "the torque sensor sits on the stand's side"),
+    ("backlash", "rad", 0.015, 0.0, 0.2, "play of half-gap b between encoder and device", f"{_LOCAL}; {_FIG4}"),
+    ("temperature_drift", "1/K", 0.005, 0.0, 0.1, "K*exp(-c*dT), B*exp(-2c*dT)", "5.2: yield and viscosity fall"),
+    ("wear", "1", 0.0, 0.0, 0.95, "K*(1 - d*share of the session)", "an hour on the bench wears nothing"),
     # --- the sensors ---
-    _spec("torque_sensor_lag", "s", 0.008, 0.0, 0.5, "T dtau_m/dt = tau - tau_m", "20 Hz amplifier for 200 Hz logging"),
-    _spec("torque_bias", "N·m", 0.05, -10.0, 10.0, "tau + b", "sensor bias (4.3): 0.2 % of a 26 N·m sensor"),
-    _spec("torque_gain", "1", 1.0, 0.1, 10.0, "g*tau", "calibrated: none", null=1.0),
-    _spec("velocity_lag", "s", 0.0, 0.0, 0.5, "T dqd_m/dt = qd - qd_m", "encoder velocity: none"),
-    _spec("encoder_offset", "rad", 0.0, -1.0, 1.0, "q_m = q - o", "q_offset is in eq. 14 already"),
+    ("torque_sensor_lag", "s", 0.008, 0.0, 0.5, "T dtau_m/dt = tau - tau_m", "20 Hz amplifier for 200 Hz logging"),
+    ("torque_bias", "N·m", 0.05, -10.0, 10.0, "tau + b", "sensor bias (4.3): 0.2 % of a 26 N·m sensor"),
+    ("torque_gain", "1", 1.0, 0.1, 10.0, "g*tau", "calibrated: none", 1.0),
+    ("velocity_lag", "s", 0.0, 0.0, 0.5, "T dqd_m/dt = qd - qd_m", "encoder velocity: none"),
+    ("encoder_offset", "rad", 0.0, -1.0, 1.0, "q_m = q - o", "q_offset is in eq. 14 already"),
     # --- what differs from run to run, and noise ---
-    _spec("run_gain", "1", 0.04, 0.0, 0.5, "(K0 + K1*I)*(1 + N(0, s)) per trajectory", "operating history (5.2)"),
-    _spec("run_bias", "N·m", 0.03, 0.0, 5.0, "torque + N(0, s) per trajectory", "sensor bias (4.3) after each zeroing"),
-    _spec("torque_noise", "N·m", 0.04, 0.0, 5.0, "white", "0.15 % of a 26 N·m sensor"),
-    _spec("coloured_noise", "N·m", 0.03, 0.0, 5.0, "first-order, 50 ms", "vibration of the stand"),
-    _spec("velocity_noise", "rad/s", 0.01, 0.0, 5.0, "white", "0.1 % of 10 rad/s"),
-    _spec("encoder_step", "rad", 2.0 * np.pi / 2**14, 0.0, 0.1, "q rounded to multiples", "14 bit per turn"),
+    ("run_gain", "1", 0.04, 0.0, 0.5, "(K0 + K1*I)*(1 + N(0, s)) per trajectory", "operating history (5.2)"),
+    ("run_bias", "N·m", 0.03, 0.0, 5.0, "torque + N(0, s) per trajectory", "sensor bias (4.3) after each zeroing"),
+    ("torque_noise", "N·m", 0.04, 0.0, 5.0, "white", "0.15 % of a 26 N·m sensor"),
+    ("coloured_noise", "N·m", 0.03, 0.0, 5.0, "first-order, 50 ms", "vibration of the stand"),
+    ("velocity_noise", "rad/s", 0.01, 0.0, 5.0, "white", "0.1 % of 10 rad/s"),
+    ("encoder_step", "rad", 2.0 * np.pi / 2**14, 0.0, 0.1, "q rounded to multiples", "14 bit per turn"),
 )
 
-EFFECTS: dict[str, EffectSpec] = {spec.name: spec for spec in _SPECS}
+EFFECTS: dict[str, EffectSpec] = {row[0]: EffectSpec(*row) for row in _ROWS}
 """All effects of the bench by name."""
 
 
@@ -191,9 +184,9 @@ def simulate(
         effects: What the joint does beyond eq. 14.
         params: The paper's coefficients.
         rng: Source of noise and of what differs from run to run.
-        progress: Told the finished share.
+        progress: Called with the finished share.
     """
-    told = progress or (lambda share: None)
+    log = progress or (lambda share: None)
     p, e = params.bouc_wen, effects
     dt = LOG_DT / SUBSTEPS
     count = drive.q.shape[1]
@@ -203,7 +196,7 @@ def simulate(
     q = _play(drive.q, e["backlash"]) if e.acts("backlash") else drive.q
     qd = np.gradient(q, dt, axis=0)
     direction = np.tanh(qd / 0.02)
-    told(0.1)
+    log(0.1)
 
     # the current's way to the fluid
     command = np.repeat(np.minimum(drive.command, params.coil.current_max), SUBSTEPS, axis=0)
@@ -215,11 +208,11 @@ def simulate(
     if e.acts("remanence"):
         field = sum(_play(current, share * e["remanence"]) for share in (0.5, 1.0, 1.5)) / 3.0
     field = field / np.sqrt(1.0 + (e["current_saturation"] * field) ** 2)
-    told(0.3)
+    log(0.3)
 
     # the hysteretic part
     z = _bouc_wen_over_path(q, p.beta, p.gamma)
-    told(0.7)
+    log(0.7)
     speed = np.abs(qd)
     q_c = q - (p.q_offset + p.q_center)
     gain = (p.K0 + p.K1 * field) / (1.0 + p.alpha * speed) ** e["speed_weakening"]
@@ -238,7 +231,7 @@ def simulate(
         hysteretic *= np.exp(-e["temperature_drift"] * rise)
         viscous *= np.exp(-2.0 * e["temperature_drift"] * rise)
     torque = p.D + viscous + p.C * q_c + p.I1 * current + hysteretic
-    told(0.9)
+    log(0.9)
 
     # dry friction and the machine around the device
     torque += e["coulomb_friction"] * direction + e["friction_asymmetry"] * np.abs(direction)
@@ -255,7 +248,7 @@ def simulate(
     q_log = drive.q[::SUBSTEPS] - e["encoder_offset"]
     if e.acts("encoder_step"):
         q_log = np.round(q_log / e["encoder_step"]) * e["encoder_step"]
-    told(1.0)
+    log(1.0)
     return Log(q=q_log, qd=qd_log, torque=torque)
 
 
@@ -288,9 +281,12 @@ class _Run:
         self.speed = rng.standard_normal((samples, count))
         memory = np.exp(-LOG_DT / 0.05)
         shocks = rng.standard_normal((samples, count)) * np.sqrt(1.0 - memory**2)
-        self.coloured = shocks
-        for k in range(1, samples):
-            self.coloured[k] += memory * self.coloured[k - 1]
+        self.coloured = _recursion(shocks[1:], memory, shocks[0])
+
+
+def _recursion(x: np.ndarray, keep: float, start: np.ndarray) -> np.ndarray:
+    """``y[k] = keep*y[k - 1] + x[k - 1]`` with ``y[0] = start``, shape (len(x) + 1, N)."""
+    return np.concatenate([start[None], lfilter([1.0], [1.0, -keep], x, axis=0, zi=keep * start[None])[0]])
 
 
 def _lag(x: np.ndarray, time_constant: float, dt: float) -> np.ndarray:
@@ -298,11 +294,7 @@ def _lag(x: np.ndarray, time_constant: float, dt: float) -> np.ndarray:
     if time_constant <= 0.0:
         return x
     keep = np.exp(-dt / time_constant)
-    out = x * (1.0 - keep)
-    out[0] = x[0]
-    for k in range(1, len(x)):
-        out[k] += keep * out[k - 1]
-    return out
+    return _recursion(x[1:] * (1.0 - keep), keep, x[0])
 
 
 def _play(x: np.ndarray, half_width: float) -> np.ndarray:
@@ -350,9 +342,4 @@ def _temperature(power: np.ndarray, current: np.ndarray, warmth: np.ndarray, par
     heat = power + params.coil.coil_resistance * current**2
     # a rise of 10 K over 25 min at 5 W (order of paper section 6.5), 120 s to get there
     capacity, time_constant = 60.0, 120.0
-    out = np.empty_like(power)
-    out[0] = 15.0 * warmth
-    decay = 1.0 - dt / time_constant
-    for k in range(1, len(power)):
-        out[k] = decay * out[k - 1] + (dt / capacity) * heat[k - 1]
-    return out
+    return _recursion((dt / capacity) * heat[:-1], 1.0 - dt / time_constant, 15.0 * warmth)

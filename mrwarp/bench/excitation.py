@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -33,27 +32,27 @@ QD_MAX = 10.0
 KINDS = ("steps", "sine", "gait")
 """Kinds of trajectories of the fitting data, in turn."""
 
-CALF_HARMONICS = np.array([
-    [0.206, 0.097, 0.018, 0.027, 0.008, 0.009],
-    [0.148, 0.139, 0.075, 0.018, 0.014, 0.012],
-    [0.092, 0.066, 0.023, 0.009, 0.013, 0.001],
-    [0.215, 0.018, 0.017, 0.018, 0.004, 0.011],
-])  # fmt: skip
+CALF_HARMONICS = (
+    (0.206, 0.097, 0.018, 0.027, 0.008, 0.009),
+    (0.148, 0.139, 0.075, 0.018, 0.014, 0.012),
+    (0.092, 0.066, 0.023, 0.009, 0.013, 0.001),
+    (0.215, 0.018, 0.017, 0.018, 0.004, 0.011),
+)
 """Amplitudes of the first six harmonics of the stride of the four calf joints [rad], order of ``robot.LEGS``.
 
 Measured on simulated walking at 0.5 m/s: the exported policy of ``train/ppo.py --seed 1``, 1,500 updates, 10 s."""
 
-CALF_PHASES = np.array([
-    [-1.29, 0.15, 0.11, -0.01, 0.82, -0.44],
-    [-1.38, -0.18, 0.78, 1.36, 0.46, 1.17],
-    [-1.57, -0.15, 1.06, -0.20, 0.85, 2.64],
-    [-2.87, 0.66, 2.91, 0.35, 2.21, -0.42],
-])  # fmt: skip
+CALF_PHASES = (
+    (-1.29, 0.15, 0.11, -0.01, 0.82, -0.44),
+    (-1.38, -0.18, 0.78, 1.36, 0.46, 1.17),
+    (-1.57, -0.15, 1.06, -0.20, 0.85, 2.64),
+    (-2.87, 0.66, 2.91, 0.35, 2.21, -0.42),
+)
 """Their phases at the start of each leg's stride [rad]."""
 
 
 CalfPool = list[np.ndarray]
-"""Calf angles about the neutral stance at 2 kHz [rad], each of shape (T,)."""
+"""Calf angles of a walking robot about the neutral stance at 2 kHz [rad], each of shape (T,)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,65 +120,6 @@ def evaluation_excitations(samples: int, rng: np.random.Generator, pool: CalfPoo
     return out
 
 
-def calf_trajectories(policy: str | Path | None, *, seconds: float = 20.0, seed: int = 0) -> CalfPool | None:
-    """Calf motion of the simulated robot walking with a policy at 0.2 to 0.6 m/s; None without a policy.
-
-    Without a policy the bench uses a synthetic gait: a stride of six harmonics measured on simulated walking
-    (:data:`CALF_HARMONICS`), with frequency and stretch drawn at random. With one, this recording is used instead.
-
-    Args:
-        policy: An exported policy (``.onnx``), or None.
-        seconds: Walking time that is recorded [s].
-        seed: Seed of the initial poses.
-
-    Raises:
-        PolicyError: the policy cannot be used.
-    """
-    if policy is None:
-        return None
-    import torch  # only here: the bench itself needs neither torch nor a physics engine
-
-    from mrwarp.env.cfg import make_walk_cfg
-    from mrwarp.rl.policy import OnnxPolicy
-    from mrwarp.trials.walking import make_env
-    from mrwarp.usd.robot import CALVES, DEFAULT_POSE, JOINTS
-
-    actor = OnnxPolicy(policy)
-    speeds = (0.2, 0.3, 0.4, 0.5, 0.6)
-    env = make_env(make_walk_cfg(seed=seed), len(speeds), seed)
-    command = torch.zeros(len(speeds), 3, device=env.device)
-    command[:, 0] = torch.tensor(speeds, device=env.device)
-    calves = [JOINTS.index(name) for name in CALVES]
-    env.set_command(command)
-    obs = env.get_observations()
-    q, qd, warmup = [], [], round(2.0 / env.cfg.step_dt)
-    with torch.no_grad():
-        for step in range(warmup + round(seconds / env.cfg.step_dt)):
-            obs, _, done, _ = env.step(actor(obs))
-            env.set_command(command)
-            if bool(done.any()):
-                raise ValueError(
-                    f"{policy}: the robot fell after {step * env.cfg.step_dt:.1f} s; use a policy that walks"
-                )
-            if step >= warmup:
-                q.append(env.q[:, calves].flatten().cpu().numpy() - DEFAULT_POSE["calf"])
-                qd.append(env.qd[:, calves].flatten().cpu().numpy())
-    fine = round(env.cfg.step_dt / (LOG_DT / SUBSTEPS))
-    return [_hermite(np.array(q)[:, k], np.array(qd)[:, k], env.cfg.step_dt, fine) for k in range(len(q[0]))]
-
-
-def _hermite(x: np.ndarray, v: np.ndarray, dt: float, parts: int) -> np.ndarray:
-    """Cubic interpolation that meets values and slopes, ``parts`` points per interval."""
-    s = np.arange(parts) / parts
-    terms = (
-        np.outer(x[:-1], 2 * s**3 - 3 * s**2 + 1),
-        np.outer(x[1:], 3 * s**2 - 2 * s**3),
-        np.outer(v[:-1] * dt, s**3 - 2 * s**2 + s),
-        np.outer(v[1:] * dt, s**3 - s**2),
-    )
-    return sum(terms, np.zeros_like(terms[0])).ravel()
-
-
 def _fine_time(samples: int) -> np.ndarray:
     return np.arange(samples * SUBSTEPS) * (LOG_DT / SUBSTEPS)
 
@@ -213,9 +153,8 @@ def _ramps(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     q, now, at = np.zeros(len(time)), 0.2, 0.0
     while now < time[-1]:
         to = rng.uniform(-0.8, 0.8) * Q_MAX
-        seconds = max(
-            1.875 * abs(to - at) / np.exp(rng.uniform(np.log(0.2), np.log(5.0))), 0.05
-        )  # peak over mean speed
+        speed = np.exp(rng.uniform(np.log(0.2), np.log(5.0)))
+        seconds = max(1.875 * abs(to - at) / speed, 0.05)  # 1.875: peak over mean speed
         q += (to - at) * _ease(time - now, seconds)
         now, at = now + seconds + rng.uniform(0.0, 0.8), to
     return q
@@ -250,20 +189,21 @@ def _recorded_gait(time: np.ndarray, rng: np.random.Generator, pool: CalfPool) -
 
 def _random_levels(samples: int, rng: np.random.Generator) -> np.ndarray:
     """Current levels of random size held for 0.1 to 0.8 s."""
-    out, k = np.empty(samples), 0
-    while k < samples:
-        hold = int(rng.uniform(0.1, 0.8) / LOG_DT)
-        out[k : k + hold] = rng.choice(FIT_CURRENTS)
-        k += hold
-    return out
+    return _sections(samples, 0.1, 0.8, rng, lambda k: rng.choice(FIT_CURRENTS))
 
 
 def _on_and_off(samples: int, rng: np.random.Generator) -> np.ndarray:
     """Current on and off in sections of 0.5 to 4 s."""
-    out, k, on = np.empty(samples), 0, 1.0
-    while k < samples:
-        hold = int(rng.uniform(0.5, 4.0) / LOG_DT)
-        out[k : k + hold] = on
-        on = 1.0 - on
-        k += hold
+    return _sections(samples, 0.5, 4.0, rng, lambda k: 1.0 - k % 2)
+
+
+def _sections(
+    samples: int, shortest: float, longest: float, rng: np.random.Generator, level: Callable[[int], float]
+) -> np.ndarray:
+    """Levels that are held for random times [s]."""
+    out, at, k = np.empty(samples), 0, 0
+    while at < samples:
+        hold = int(rng.uniform(shortest, longest) / LOG_DT)
+        out[at : at + hold] = level(k)
+        at, k = at + hold, k + 1
     return out

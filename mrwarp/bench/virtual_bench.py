@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mrwarp.bench.bench_effects import LOG_DT, Drive, Effects, breakaway_torque, simulate
-from mrwarp.bench.excitation import CalfPool, Excitation, calf_trajectories, evaluation_excitations, fit_excitations
+from mrwarp.bench.excitation import CalfPool, Excitation, evaluation_excitations, fit_excitations
 from mrwarp.params import MrParams
 from mrwarp.recording.load import MIN_SAMPLES, Holding, Recording, Trajectory
 from mrwarp.run_dir import no_file
@@ -66,6 +66,11 @@ class BenchCfg:
         if self.seed < 0:
             raise ValueError(f"seed = {self.seed} must not be negative")
 
+    @property
+    def longest(self) -> float:
+        """Length of the longest trajectory [s]."""
+        return max(self.samples // self.trajectories + 1, self.evaluation_samples) * LOG_DT
+
 
 @dataclass(frozen=True, kw_only=True)
 class BenchData:
@@ -79,34 +84,32 @@ class BenchData:
     """Break-away torques."""
 
 
-def run_bench(cfg: BenchCfg, progress: Callable[[float, str], None] | None = None) -> BenchData:
+def run_bench(
+    cfg: BenchCfg, progress: Callable[[float, str], None] | None = None, pool: CalfPool | None = None
+) -> BenchData:
     """Run a session; the same configuration gives the same bits.
 
     Args:
         cfg: The session.
-        progress: Told the finished share and what is being done.
+        progress: Called with the finished share and what is being done.
+        pool: Calf motion of ``cfg.policy``, each at least ``cfg.longest`` seconds; None takes a synthetic gait.
     """
-    told = progress or (lambda share, text: None)
+    log = progress or (lambda share, text: None)
     # separate streams: changing the noise of a session leaves its motions as they are, and the other way round
     streams = [np.random.default_rng([cfg.seed, k]) for k in range(5)]
-    pool: CalfPool | None = None
-    if cfg.policy is not None:
-        told(0.0, "walking")
-        longest = max(cfg.samples // cfg.trajectories + 1, cfg.evaluation_samples) * LOG_DT
-        pool = calf_trajectories(cfg.policy, seconds=longest + 10.0, seed=cfg.seed)
     fit = fit_excitations(cfg.trajectories, cfg.samples, streams[0], pool)
     work = cfg.samples + 30 * cfg.evaluation_samples
     share = cfg.samples / work
     header = _header(cfg)
     recorded = record(
-        fit, cfg, streams[1], {**header, "part": "fit"}, (0.0, FIT_SHARE), lambda s: told(share * s, "fit")
+        fit, cfg, streams[1], {**header, "part": "fit"}, (0.0, FIT_SHARE), lambda s: log(share * s, "fit")
     )
     evaluation = None
     if cfg.evaluation_samples:
         excitations = evaluation_excitations(cfg.evaluation_samples, streams[2], pool)
         evaluation = record(
             excitations, cfg, streams[3], {**header, "part": "evaluation"}, (FIT_SHARE, 1.0),
-            lambda s: told(share + (1.0 - share) * s, "evaluation"),
+            lambda s: log(share + (1.0 - share) * s, "evaluation"),
         )  # fmt: skip
     return BenchData(fit=recorded, evaluation=evaluation, holding=_holding(cfg, streams[4], header))
 

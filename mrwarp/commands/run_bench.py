@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 from matplotlib.figure import Figure
 
-from mrwarp.bench.bench_effects import EFFECTS, EffectError, Effects
+from mrwarp.bench.bench_effects import EFFECTS, LOG_DT, SUBSTEPS, EffectError, Effects
 from mrwarp.bench.excitation import EVALUATION_CURRENTS
 from mrwarp.bench.virtual_bench import BenchCfg, BenchData, run_bench
 from mrwarp.identify.replay import simulate
@@ -21,6 +21,7 @@ from mrwarp.params import MrParams
 from mrwarp.recording.load import HOLDING_FILE, Recording, save_holding, save_recording
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.run_dir import check_writable, write_result
+from mrwarp.trials.calf_motion import calf_motion
 from mrwarp.usd.asset import load_bench
 
 _PARTS = ("fit", "evaluation")
@@ -34,10 +35,9 @@ def run(options: Bench, line: CommandLine) -> int:
     cfg = make_cfg(options)
     _check_free(options.out, options.overwrite)
     check_writable(options.out)
-    if cfg.policy is not None:
-        OnnxPolicy(cfg.policy)
+    actor = None if cfg.policy is None else OnnxPolicy(cfg.policy)
     try:
-        return _run(cfg, options, line)
+        return _run(cfg, actor, options, line)
     except KeyboardInterrupt:
         left = f"what {options.out} holds is not complete" if options.out.exists() else "nothing was written"
         raise KeyboardInterrupt(left) from None
@@ -82,10 +82,14 @@ def _check_free(out: Path, overwrite: bool) -> None:
         raise ValueError(f"{there[0].parent} holds recordings already; choose another --out or add --overwrite")
 
 
-def _run(cfg: BenchCfg, options: Bench, line: CommandLine) -> int:
+def _run(cfg: BenchCfg, actor: OnnxPolicy | None, options: Bench, line: CommandLine) -> int:
     started = time.perf_counter()
     with _Progress(options.progress, started) as show:
-        data = run_bench(cfg, show)
+        pool = None
+        if actor is not None:
+            show(0.0, "walking")
+            pool = calf_motion(actor, str(cfg.policy), seconds=cfg.longest + 10.0, dt=LOG_DT / SUBSTEPS, seed=cfg.seed)
+        data = run_bench(cfg, show, pool)
         figures = _write(data, cfg, options, show)
         figures["seconds"] = round(time.perf_counter() - started, 1)
         write_result(options.out, figures, seed=cfg.seed, command=str(line))

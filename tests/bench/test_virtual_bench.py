@@ -86,18 +86,6 @@ def test_holding_tests_follow_eq_18():
     assert np.abs(noisy.torque - want).max() < 4.5 * (0.04 * h.T_max) and np.abs(noisy.torque - want).max() > 0.1
 
 
-def test_recorded_gait_is_interpolated_through_its_samples():
-    """Hermite interpolation meets values and slopes of a 50 Hz recording and a cubic between them exactly."""
-    t = np.arange(6) * 0.02
-    x, v = 1.0 + t - 3.0 * t**2 + 40.0 * t**3, 1.0 - 6.0 * t + 120.0 * t**2
-    fine = np.arange(5 * 40) * DT
-    got = excitation._hermite(x, v, 0.02, 40)
-    assert np.abs(got - (1.0 + fine - 3.0 * fine**2 + 40.0 * fine**3)).max() < 1e-14
-    pool = [np.sin(np.arange(500 * SUBSTEPS) * DT)]
-    with pytest.raises(ValueError, match="record a longer one"):
-        excitation.fit_excitations(3, 3 * 600, np.random.default_rng(0), pool)
-
-
 def test_default_effects_leave_what_fig_4_says():
     """Plain eq. 14 with the paper's coefficients: the order of Fig. 4, growing with current (0.42, 0.64, 0.78 N·m)."""
     cfg = BenchCfg(trajectories=1, samples=50, evaluation_samples=2000)
@@ -186,3 +174,10 @@ def test_stopping_leaves_no_result(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(bench_cli, "run_bench", stop)
     assert main(["bench", "--out", str(tmp_path / "bench")]) == 130
     assert not list(tmp_path.rglob("*.*"))
+
+
+def test_recorded_gait_that_is_too_short_is_refused():
+    """A pool of calf motion has to be as long as the trajectories."""
+    pool = [np.sin(np.arange(500 * SUBSTEPS) * DT)]
+    with pytest.raises(ValueError, match="record a longer one"):
+        excitation.fit_excitations(3, 3 * 600, np.random.default_rng(0), pool)
