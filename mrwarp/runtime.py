@@ -10,6 +10,7 @@ import io
 import logging
 import os
 from collections.abc import Iterator
+from typing import Any
 
 NAMED_BY = ("RANK", "WORLD_SIZE", "MASTER_ADDR", "MASTER_PORT")
 """Environment variables by which torchrun (or a scheduler) names a rank and where it meets the others."""
@@ -82,3 +83,23 @@ def silent() -> Iterator[None]:
     """Swallow what a library prints while it builds something."""
     with contextlib.redirect_stdout(io.StringIO()):
         yield
+
+
+class ProgressLine:
+    """One line that says how far the work is; a fifth at a time where the output is no terminal."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream, self._live, self._last = stream, stream.isatty(), (None, -1)
+
+    def __call__(self, text: str, share: float) -> None:
+        """Show that ``share`` of the work is done, at ``text``."""
+        if self._live:
+            print(f"\r\033[K{share:4.0%}  {text}", end="", file=self._stream, flush=True)
+        elif (now := (text, int(share * 5.0))) != self._last:
+            print(f"{share:4.0%}  {text}", file=self._stream, flush=True)
+            self._last = now
+
+    def done(self) -> None:
+        """Clear the line."""
+        if self._live:
+            print("\r\033[K", end="", file=self._stream, flush=True)

@@ -67,7 +67,7 @@ def test_a_reader_that_has_gone_is_no_error() -> None:
     assert "Broken" not in done.stderr and "Traceback" not in done.stderr
 
 
-SLOWER = ("asset", "impact", "walk", "mission", "replay-dump", "verify", "perf")
+SLOWER = ("asset", "reproduce", "perf")
 """Commands that load Warp or torch before they read their arguments, which takes a second or three."""
 
 

@@ -48,8 +48,8 @@ def main(argv: list[str] | None = None) -> int:
     quiet_libraries()
     from benchmarks.perf.pictures import breakdown_picture, cost_picture
     from benchmarks.perf.walks import NotWalkingError
-    from mrwarp.commands.energy_runs import Progress
     from mrwarp.rl.policy import OnnxPolicy, PolicyError
+    from mrwarp.runtime import ProgressLine
 
     try:
         run = _gpu(args) if args.device != "cpu" else _cpu(args)
@@ -59,7 +59,7 @@ def main(argv: list[str] | None = None) -> int:
     except (PolicyError, CompareError, ValueError, OSError) as error:
         print(f"mrwarp perf: {one_line(error)}", file=sys.stderr)
         return 2
-    progress = Progress(sys.stderr)
+    progress = ProgressLine(sys.stderr)
     try:
         figures = run(policy, progress)
     except NotWalkingError as error:

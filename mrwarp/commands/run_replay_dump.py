@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from mrwarp.env.nan_dump import Dump, DumpError, load
-from mrwarp.options.arguments import Parser, count
-from mrwarp.run_dir import atomic_write, check_output, one_line
-
-SHOWN = 10
-"""Last states that are printed by default."""
+from mrwarp.env.nan_dump import Dump, load
+from mrwarp.options.command_line import CommandLine
+from mrwarp.options.trial_options import ReplayDump
+from mrwarp.run_dir import atomic_write, check_output
 
 PANELS = (
     ("position", "rad", "joint position [rad]"),
@@ -27,32 +24,14 @@ PANELS = (
 """Quantity, unit and label of the picture's panels."""
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """The options of ``mrwarp replay-dump``."""
-    parser = Parser(
-        prog="mrwarp replay-dump",
-        description="Open the last states of an environment in which a number went wrong: what was first, when, and "
-        "how the state got there. A training writes such files to the folder 'broken' of its output.",
-    )
-    parser.add_argument("file", type=Path, metavar="FILE", help="dump, a .safetensors file")
-    parser.add_argument("--rows", type=count, default=SHOWN, help=f"last states to print (default: {SHOWN})")
-    parser.add_argument("--png", type=Path, metavar="FILE", help="save a picture of the states over time")
-    return parser
-
-
-def main(argv: list[str] | None = None) -> int:
+def run(options: ReplayDump, line: CommandLine) -> int:
     """Print and draw a dump; 0 when done, 2 on bad input."""
-    args = make_parser().parse_args(argv)
-    try:
-        check_output(args.png, ".png")
-        dump = load(args.file)
-        print("\n".join([*report(dump), "", *table(dump, args.rows)]))
-        if args.png is not None:
-            plot(dump, args.png)
-            print(f"picture: {args.png}")
-    except (DumpError, ValueError, OSError) as error:
-        print(f"mrwarp replay-dump: {one_line(error)}", file=sys.stderr)
-        return 2
+    check_output(options.png, ".png")
+    dump = load(options.file)
+    print("\n".join([*report(dump), "", *table(dump, options.rows)]))
+    if options.png is not None:
+        plot(dump, options.png)
+        print(f"picture: {options.png}")
     return 0
 
 
@@ -98,8 +77,6 @@ def table(dump: Dump, rows: int) -> list[str]:
 
 def plot(dump: Dump, path: Path) -> None:
     """Draw the joints, currents and feet over the kept time; what went wrong in red."""
-    from matplotlib.figure import Figure
-
     found = dump.found
     figure = Figure(figsize=(12, 7), layout="constrained")
     axes = figure.subplots(2, 3, sharex=True)
@@ -151,7 +128,3 @@ def _pick(dump: Dump, quantity: str, unit: str) -> np.ndarray:
 def _largest(values: np.ndarray) -> Any:
     """Largest magnitude per state, NaN where one is; None without columns."""
     return np.abs(values).max(1) if values.size else None
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -59,11 +59,11 @@ def main(argv: list[str] | None = None) -> int:
         return run_fig4_training.main([word for word in argv[1:] if word != "--train"])
     args = make_parser().parse_args(argv)
     quiet_libraries()
-    from mrwarp.commands.energy_runs import Progress
     from mrwarp.reproduce.registry import CATALOGUE
     from mrwarp.reproduce.runner import Runner
     from mrwarp.reproduce.settings import TITLES
     from mrwarp.rl.policy import OnnxPolicy, PolicyError
+    from mrwarp.runtime import ProgressLine
 
     try:
         settings = _settings(args)
@@ -74,7 +74,7 @@ def main(argv: list[str] | None = None) -> int:
         print(f"mrwarp reproduce: {error}", file=sys.stderr)
         return 2
     wanted = list(dict.fromkeys(name for part in args.part for name in (TITLES if part == "all" else (part,))))
-    progress = Progress(sys.stdout)
+    progress = ProgressLine(sys.stdout)
     runner = Runner(CATALOGUE, settings, args.out, progress)
     started, stopped = time.perf_counter(), False
     try:

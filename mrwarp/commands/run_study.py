@@ -8,11 +8,11 @@ from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
-from mrwarp.commands.energy_runs import Progress
 from mrwarp.options.command_line import CommandLine
 from mrwarp.options.study_options import Causes, Collect, Evaluation, Figure5, StudyTrain, Table2Options, Trained
 from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.run_dir import check_writable, write_result
+from mrwarp.runtime import ProgressLine
 from mrwarp.study import curves, matched_training, paper_tables
 from mrwarp.study.causes import STEPS, causes
 from mrwarp.study.paper_tables import LEAST, Row, Table2, Table3
@@ -91,7 +91,7 @@ def _evaluation_cfg(options: Evaluation) -> EvaluationCfg:
 
 
 def _table(options: Evaluation, line: CommandLine) -> int:
-    cfg, progress, met = _evaluation_cfg(options), Progress(sys.stdout), True
+    cfg, progress, met = _evaluation_cfg(options), ProgressLine(sys.stdout), True
     report = _reporter(progress, line)
     if isinstance(options, Table2Options):
         table = paper_tables.table2(cfg, aware=options.aware, report=report)
@@ -108,13 +108,13 @@ def _table(options: Evaluation, line: CommandLine) -> int:
     return 0 if met else 1
 
 
-def _reporter(progress: Progress, line: CommandLine) -> Callable[[float], None]:
+def _reporter(progress: ProgressLine, line: CommandLine) -> Callable[[float], None]:
     return lambda share: progress(line.prog.rpartition(" ")[2], share)
 
 
 def _causes(options: Causes, line: CommandLine) -> int:
     cfg = _evaluation_cfg(options)
-    found = causes(cfg, options.plants, _reporter(Progress(sys.stdout), line))
+    found = causes(cfg, options.plants, _reporter(ProgressLine(sys.stdout), line))
     print(_header())
     for item in found.values():
         for step, row in item.items():

@@ -2,103 +2,95 @@
 
 from __future__ import annotations
 
-import argparse
-import shlex
 import sys
 import time
-from pathlib import Path
+from dataclasses import asdict, replace
 from typing import Any
 
 from mrwarp import paper
-from mrwarp.commands import energy_runs as energy_cli
-from mrwarp.options.arguments import Parser, count
-from mrwarp.params import ParameterError
+from mrwarp.energy import calibrate, consistency, model_numbers
+from mrwarp.energy.power import battery_power
+from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.options.command_line import CommandLine
+from mrwarp.options.trial_options import EnergyRun, Walk
+from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.run_dir import check_writable, write_result
-from mrwarp.runtime import quiet_libraries
-from mrwarp.usd.open_stage import AssetError
+from mrwarp.runtime import ProgressLine
+from mrwarp.study.plan import ENERGY, SEEDS, plant_of, policy_file
+from mrwarp.trials import walk_figures, walk_pictures
+from mrwarp.trials.standing import standing_load
+from mrwarp.trials.walk_trials import WalkCfg, walk
+from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """The options of ``mrwarp walk``."""
-    parser = Parser(
-        prog="mrwarp walk",
-        description="Walk a measured distance with Go1, MR_Go (SAL off) and MR_Go-SAL: battery power and cost of "
-        "transport (table 6), support activation (table 7), torques (figure 8) and tracking.",
-    )
-    add = parser.add_argument
-    add("--out", type=Path, default=Path("runs/walk-energy"), help="output folder (default: runs/walk-energy)")
-    add("--robot", nargs="+", choices=paper.ROBOTS, default=None, help="robots (default: all three)")
-    add("--sal", choices=("on", "off"), help="only MR_Go-SAL (on) or MR_Go (off)")
-    add(
-        "--speed",
-        type=energy_cli.speed,
-        nargs="+",
-        default=[0.3, 0.5],
-        metavar="V",
-        help="commands [m/s] (default: 0.3 0.5)",
-    )
-    add(
-        "--payload", type=energy_cli.load, nargs="+", default=[0.0, 3.0], metavar="KG", help="loads [kg] (default: 0 3)"
-    )
-    add("--distance", type=energy_cli.distance, default=30.0, metavar="M", help="measured distance (default: 30)")
-    add("--trials", type=count, default=3, help="repetitions per condition (default: 3)")
-    add(
-        "--calibrate", action="store_true", help="fit the electrical numbers to this run's Go1 rows, write numbers.json"
-    )
-    energy_cli.add_options(parser)
-    return parser
-
-
-def main(argv: list[str] | None = None) -> int:
+def run(options: Walk, line: CommandLine) -> int:
     """Walk and report; 0 done, 1 when a robot fell or was too slow in every trial, 2 on bad input."""
-    argv = sys.argv[1:] if argv is None else argv
-    args = make_parser().parse_args(argv)
-    quiet_libraries()
-    from mrwarp.trials.walk_trials import WalkCfg, walk
-
-    out: Path = args.out
+    check_writable(options.out)
+    groups, policies = model_numbers.read_numbers(options.numbers, options.set), read_policies(options)
+    cfg = WalkCfg(
+        robots=_robots(options),
+        payloads=options.payload,
+        speeds=options.speed,
+        trials=options.trials,
+        distance=options.distance,
+        current=options.current,
+        env=env_cfg(options),
+        seed=options.seed,
+    )
+    if options.calibrate and not _can_calibrate(cfg):
+        conditions = "Go1 at 0.3 and 0.5 m/s with 0 and 3 kg"
+        raise ValueError(f"--calibrate needs {conditions}; leave out --robot, --sal, --speed and --payload")
+    started, progress = time.perf_counter(), ProgressLine(sys.stdout)
     try:
-        check_writable(out)
-        groups, policies = energy_cli.numbers(args), energy_cli.policies(args)
-        cfg = WalkCfg(
-            robots=_robots(args), payloads=tuple(args.payload), speeds=tuple(args.speed), trials=args.trials,
-            distance=args.distance, current=args.current, env=energy_cli.env_cfg(args), seed=args.seed,
-        )  # fmt: skip
-        if args.calibrate and not _can_calibrate(cfg):
-            raise ValueError("--calibrate needs Go1 at 0.3 and 0.5 m/s with 0 and 3 kg; leave out --robot, --sal, "
-                             "--speed and --payload")  # fmt: skip
-        started, progress = time.perf_counter(), energy_cli.Progress(sys.stdout)
         results = walk(cfg, policies, progress)
-        figures, code = _figures(args, cfg, results, groups)
+        figures, code = _figures(options, cfg, results, groups)
+    finally:
         progress.done()
-    except (AssetError, ParameterError, ValueError, OSError) as error:
-        print(f"mrwarp walk: {error}", file=sys.stderr)
-        return 2
-    from mrwarp.trials import walk_pictures
-
-    if args.calibrate:
-        energy_cli.write_numbers(out / "numbers.json", groups)
-    figures |= {"distance": args.distance, "wall_seconds": time.perf_counter() - started}
-    write_result(out, figures, seed=args.seed, command="mrwarp walk " + shlex.join(argv))
-    walk_pictures.cost(figures["conditions"], out / "cot.png")
-    walk_pictures.holding(results, out / "holding.png")
-    walk_pictures.distributions(results, out / "torques.png")
+    if options.calibrate:
+        model_numbers.write_numbers(options.out / "numbers.json", groups)
+    figures |= {"distance": options.distance, "wall_seconds": time.perf_counter() - started}
+    write_result(options.out, figures, seed=options.seed, command=str(line))
+    walk_pictures.cost(figures["conditions"], options.out / "cot.png")
+    walk_pictures.holding(results, options.out / "holding.png")
+    walk_pictures.distributions(results, options.out / "torques.png")
     _print(figures)
-    print(f"\nfigures and pictures in {out}")
+    print(f"\nfigures and pictures in {options.out}")
     return code
 
 
-def _robots(args: argparse.Namespace) -> tuple[str, ...]:
+def env_cfg(options: EnergyRun) -> EnvCfg:
+    """The task that the options ask for."""
+    env = make_walk_cfg(coupling=options.coupling, asset=options.asset, model=options.model, threads=options.threads)
+    return replace(env, currents=(options.current,), actuator=replace(env.actuator, damping=options.branches == "both"))
+
+
+def read_policies(options: EnergyRun) -> dict[str, Policy]:
+    """Policy of each robot, by default trained with its coupling; files that are the same are loaded once.
+
+    Raises:
+        PolicyError: a file cannot be used.
+    """
+    paths = {
+        robot: getattr(options, f"policy_{robot}")
+        or options.policy
+        or policy_file(ENERGY, plant_of(robot, options.coupling), SEEDS[0])
+        for robot in paper.ROBOTS
+    }
+    loaded = {path: OnnxPolicy(path) for path in set(paths.values())}
+    return {robot: loaded[path] for robot, path in paths.items()}
+
+
+def _robots(options: Walk) -> tuple[str, ...]:
     """Robots that are asked for.
 
     Raises:
         ValueError: --robot and --sal exclude each other.
     """
-    if args.sal is None:
-        return tuple(robot for robot in paper.ROBOTS if args.robot is None or robot in args.robot)
-    if args.robot is not None:
+    if options.sal is None:
+        return tuple(robot for robot in paper.ROBOTS if options.robot is None or robot in options.robot)
+    if options.robot is not None:
         raise ValueError("--robot and --sal exclude each other: --sal on is --robot mr_go_sal, --sal off is mr_go")
-    return ("mr_go_sal",) if args.sal == "on" else ("mr_go",)
+    return ("mr_go_sal",) if options.sal == "on" else ("mr_go",)
 
 
 def _can_calibrate(cfg: Any) -> bool:
@@ -107,23 +99,18 @@ def _can_calibrate(cfg: Any) -> bool:
     return {key for key in paper.TABLE_6 if key[0] == "go1"} <= walked
 
 
-def _figures(args: argparse.Namespace, cfg: Any, results: list[Any], groups: dict[str, Any]) -> tuple[dict, int]:
+def _figures(options: Walk, cfg: Any, results: list[Any], groups: dict[str, Any]) -> tuple[dict, int]:
     """Everything for ``result.json``, and the exit code; ``--calibrate`` replaces the electrical numbers.
 
     Raises:
         ValueError: --calibrate, and Go1 did not arrive in one of its four conditions.
     """
-    from dataclasses import asdict
-
-    from mrwarp.energy import calibrate, consistency
-    from mrwarp.trials import walk_figures as figures
-
     load = paper.arm_load()
     stand = _Standing(cfg.env, load)
     found: dict[str, Any] = {"consistency": consistency.check()}
-    rows = figures.calibration_rows(results, stand.use("go1")) if "go1" in cfg.robots else []
+    rows = walk_figures.calibration_rows(results, stand.use("go1")) if "go1" in cfg.robots else []
     complete = _can_calibrate(cfg) and len(rows) == 5
-    if args.calibrate and not complete:
+    if options.calibrate and not complete:
         raise ValueError("--calibrate: Go1 did not arrive in all four conditions; name another --policy-go1")
     fitted: tuple[str, ...] = ()
     if complete:
@@ -132,21 +119,21 @@ def _figures(args: argparse.Namespace, cfg: Any, results: list[Any], groups: dic
             **asdict(fit), "text": str(fit), "rows": "Go1 of table 6 and its standby power of section 6.5",
             "standby_load": load,
         }  # fmt: skip
-        if args.calibrate:
+        if options.calibrate:
             groups["electrical"] = fit.cfg
-            fitted = energy_cli.fitted_names("electrical")
+            fitted = model_numbers.fitted_names("electrical")
     electrical = groups["electrical"]
-    found["numbers"] = energy_cli.described(groups, fitted)
-    own = "electrical" in energy_cli.calibrated(groups, fitted)
-    found["conditions"] = [figures.row(result, electrical, calibrated=own) for result in results]
+    found["numbers"] = model_numbers.described(groups, fitted)
+    own = "electrical" in model_numbers.calibrated(groups, fitted)
+    found["conditions"] = [walk_figures.row(result, electrical, calibrated=own) for result in results]
     if {"mr_go", "mr_go_sal"} <= set(cfg.robots):
         standing = stand.powers(electrical)
-        saving = figures.standing_saving(stand.use("go1"), stand.use("mr_go", hold=True), electrical)
+        saving = walk_figures.standing_saving(stand.use("go1"), stand.use("mr_go", hold=True), electrical)
         found["standing"] = {**standing, "saving": saving, "load": load, "calibrated": {"go1": own, "others": False}}
-        found["savings"] = [asdict(s) for s in figures.savings(results, electrical, saving)]
+        found["savings"] = [asdict(s) for s in walk_figures.savings(results, electrical, saving)]
         found["paper_bounds"] = {source: consistency.paper_bounds(source) for source in ("hardware", "simulation")}
         if complete:
-            found["sensitivity"] = figures.sensitivity(results, rows, electrical)
+            found["sensitivity"] = walk_figures.sensitivity(results, rows, electrical)
     lost = [result for result in results if not len(result.speed)]
     return found, 1 if lost else 0
 
@@ -158,11 +145,6 @@ class _Standing:
         self._env, self._load, self._known = env, load, {}
 
     def use(self, robot: str, *, hold: bool = False) -> Any:
-        from dataclasses import replace
-
-        from mrwarp.trials.standing import standing_load
-        from mrwarp.trials.walking import PAYLOAD_VARIANT
-
         if (robot, hold) not in self._known:
             cfg = replace(self._env, robot=robot, payload=PAYLOAD_VARIANT)
             self._known[robot, hold] = standing_load(cfg, load=self._load, hold=hold)[0]
@@ -170,8 +152,6 @@ class _Standing:
 
     def powers(self, electrical: Any) -> dict[str, float]:
         """Battery power by robot and by what holds the calves [W]."""
-        from mrwarp.energy.power import battery_power
-
         uses = {
             "go1": self.use("go1"),
             "mr_go_motors": self.use("mr_go"),

@@ -46,16 +46,22 @@ def _study(options: str, help: str) -> Command:
     return _command(f"study_options:{options}", "run_study", help)
 
 
+def _trial(options: str, run: str, help: str, *, engines: bool = True) -> Command:
+    return _command(f"trial_options:{options}", run, help, engines=engines)
+
+
 COMMANDS: dict[str, Command | Group] = {
     "train": _command("train_options:Train", "run_train", "train a walking policy until the walking gate is met"),
     "play": _command(
         "train_options:Play", "run_play", "run a policy and show it in rerun, or save an .rrd or a picture"
     ),
     "sweep": _command("", "run_sweep", "run a command over a grid of seeds, models, currents; resumable"),
-    "replay-dump": _command("", "run_replay_dump", "what went wrong first where a training met NaN or a blow-up"),
-    "impact": _command("", "run_impact", "hit walking robots with each current; live view, recording, pictures"),
-    "walk": _command("", "run_walk", "walk 30 m with three robots: cost of transport, support activation, torques"),
-    "mission": _command("", "run_mission", "150 m out, stand, 150 m back: power, state of charge, temperatures"),
+    "replay-dump": _trial(
+        "ReplayDump", "run_replay_dump", "what went wrong first where a training met NaN or a blow-up", engines=False
+    ),
+    "impact": _trial("Impact", "run_impact", "hit walking robots with each current; live view, recording, pictures"),
+    "walk": _trial("Walk", "run_walk", "walk 30 m with three robots: cost of transport, support activation, torques"),
+    "mission": _trial("Mission", "run_mission", "150 m out, stand, 150 m back: power, state of charge, temperatures"),
     "bench": _command("data_options:Bench", "run_bench", "virtual torque bench: recordings with known hidden effects"),
     "check": _command(
         "data_options:Check", "run_check", "explain a recording, or what is wrong with it", engines=False
@@ -81,7 +87,9 @@ COMMANDS: dict[str, Command | Group] = {
     ),
     "perf": _command("", "benchmarks.perf.perf_cli", "what a step costs, part by part, and whether that got worse"),
     "asset": _command("", "run_asset", "show, check, change and compare USD assets"),
-    "verify": _command("", "run_verify", "measure what the simulator promises: passivity, holding, accuracy"),
+    "verify": _command(
+        "trial_options:Verify", "run_verify", "measure what the simulator promises: passivity, holding, accuracy"
+    ),
 }
 """Commands by name."""
 

@@ -30,8 +30,15 @@ def one(read: Callable[[str], Any], metavar: str, choices: Sequence[str] | None 
     )  # fmt: skip
 
 
-def some(read: Callable[[str], Any], metavar: str, choices: Sequence[str] | None = None, *, least: int = 1):
-    """Type of an option with several values, a tuple of at least ``least``."""
+def some(
+    read: Callable[[str], Any],
+    metavar: str,
+    choices: Sequence[str] | None = None,
+    *,
+    least: int = 1,
+    exactly: int | None = None,
+) -> PrimitiveConstructorSpec:
+    """Type of an option with several values, a tuple: of at least ``least``, or of ``exactly`` so many."""
 
     def instance(words: list[str]) -> tuple[Any, ...]:
         if len(words) < least:
@@ -39,10 +46,13 @@ def some(read: Callable[[str], Any], metavar: str, choices: Sequence[str] | None
         return tuple(read(word) for word in words)
 
     return PrimitiveConstructorSpec(
-        nargs="*", metavar=f"{metavar} [{metavar} ...]", instance_from_str=instance, is_instance=lambda _: True,
-        str_from_instance=lambda values: [_text(value) for value in values] if values is not None else ["None"],
+        nargs="*" if exactly is None else exactly,
+        metavar=f"{metavar} [{metavar} ...]" if exactly is None else " ".join([metavar] * exactly),
+        instance_from_str=instance,
+        is_instance=lambda _: True,
+        str_from_instance=lambda values: ["None"] if values is None else [_text(value) for value in values],
         choices=tuple(choices) if choices else None,
-    )  # fmt: skip
+    )
 
 
 def maybe_one(metavar: str) -> PrimitiveConstructorSpec:
@@ -161,7 +171,7 @@ def integer(text: str) -> int:
 coil_current = within(0.0, 100.0, "A")
 """Coil current; what a robot's devices take is known when it is loaded, see ``mrwarp.usd.asset.check_currents``."""
 
-speed = within(-5.0, 5.0, "m/s")
+forward_speed = within(-5.0, 5.0, "m/s")
 """Commanded forward speed; quadrupeds of this size run at 3 to 5 m/s."""
 
 FILE = one(Path, "FILE")

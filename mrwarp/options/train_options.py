@@ -23,11 +23,11 @@ from mrwarp.options.option_types import (
     count,
     exclusive,
     finite,
+    forward_speed,
     maybe_one,
     one,
     one_of,
     some,
-    speed,
 )
 
 TRAIN_VIEW = exclusive("view")
@@ -152,7 +152,7 @@ class Play:
     """robots"""
     current: Annotated[tuple[float, ...], some(coil_current, "A")] = CURRENTS
     """currents I_e [A], over equal groups of robots"""
-    speed: Annotated[float, one(speed, "V")] = 0.5
+    speed: Annotated[float, one(forward_speed, "V")] = 0.5
     """commanded forward speed [m/s]"""
     seconds: Annotated[float, one(duration, "S")] = 10.0
     """time shown [s]"""

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrwarp.commands.run_replay_dump import main
+from mrwarp.cli import main
 from mrwarp.env import nan_dump
 from mrwarp.env.nan_dump import Column, Divergence, DumpError
 
@@ -46,7 +46,7 @@ def test_replay_dump_says_what_went_wrong_first(tmp_path: Path, capsys: pytest.C
     """Environment, time, quantity and joint, what else was wrong, what changed before, the last rows, and a picture."""
     path, png = tmp_path / "a.safetensors", tmp_path / "a.png"
     nan_dump.save(make_divergence(), path, {"update": 12, "seed": 7})
-    assert main([str(path), "--rows", "3", "--png", str(png)]) == 0
+    assert main(["replay-dump", str(path), "--rows", "3", "--png", str(png)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "first wrong: environment 3, 0.145 s into its episode: velocity of FL_calf is nan rad/s"
     assert "update 12, seed 7" in lines[1]
@@ -63,7 +63,7 @@ def test_short_and_full_histories_are_shown(tmp_path: Path, count: int) -> None:
     nan_dump.save(make_divergence(max(count, 2)), path, {})
     if count == 1:
         nan_dump.save(replace(make_divergence(2), states=make_divergence(2).states[-1:]), path, {})
-    assert main([str(path), "--png", str(tmp_path / "a.png")]) == 0
+    assert main(["replay-dump", str(path), "--png", str(tmp_path / "a.png")]) == 0
 
 
 def test_random_damage_is_refused_by_name(tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ def test_bad_input_is_refused_in_one_line(tmp_path: Path, args: list[str], capsy
     text.write_text("no dump")
     nan_dump.save(make_divergence(), good, {})
     before = sorted(tmp_path.iterdir())
-    assert main([arg.format(tmp=tmp_path, text=text, good=good) for arg in args]) == 2
+    assert main(["replay-dump", *(arg.format(tmp=tmp_path, text=text, good=good) for arg in args)]) == 2
     error = capsys.readouterr().err
     assert error.startswith("mrwarp replay-dump: ") and error.count("\n") == 1 and str(tmp_path) in error
     assert sorted(tmp_path.iterdir()) == before

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from mrwarp.commands import run_impact as impact_cli
+from mrwarp.cli import main
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.params import ParameterError
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
@@ -189,7 +189,7 @@ def test_command_writes_figures_pictures_and_the_same_minima_as_the_recording(tm
     """``mrwarp impact --rrd``: result.json, pictures, and a recording whose series have the minima it states."""
     out, rrd = tmp_path / "out", tmp_path / "impact.rrd"
     argv = ["--out", str(out), "--trials", "2", "--current", "0", "1.5", "--coupling", "constraint", "--rrd", str(rrd)]
-    assert impact_cli.main(argv) == 0
+    assert main(["impact", *argv]) == 0
     result = json.loads((out / "result.json").read_text())
     assert set(result) >= {"couplings", "paper_change", "shown", "seed", "versions", "command"}
     for name in ("impact_constraint.png", "loops_constraint.png", "timeline_constraint.png"):
@@ -219,7 +219,7 @@ def test_bad_input_is_refused_in_one_line(
 ) -> None:
     """Exit code 2, one line that says what is wrong, nothing written."""
     out = tmp_path / "out"
-    assert impact_cli.main(["--out", str(out), *argv]) == 2
+    assert main(["impact", "--out", str(out), *argv]) == 2
     error = capsys.readouterr().err.strip().splitlines()
     assert words in error[-1]
     assert not out.exists()

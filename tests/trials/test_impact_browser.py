@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mrwarp.commands import run_impact as impact_cli
+from mrwarp.cli import main
 from mrwarp.viewing.viewer import Viewer, free_port
 from tests.viewing.test_viewer import count_colors
 
@@ -19,7 +19,7 @@ def test_browser_shows_the_impact(tmp_path: Path) -> None:
         pytest.skip("no chromium with its driver")
     rrd = tmp_path / "impact.rrd"
     argv = ["--out", str(tmp_path / "out"), "--trials", "1", "--coupling", "constraint", "--rrd", str(rrd)]
-    assert impact_cli.main(argv) == 0
+    assert main(["impact", *argv]) == 0
     page = free_port()
     viewer = Viewer("--serve-web", "--web-viewer-port", str(page), str(rrd))
     options = webdriver.ChromeOptions()

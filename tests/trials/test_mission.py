@@ -10,7 +10,7 @@ import pytest
 
 from mrwarp import paper
 from mrwarp.cli import main
-from mrwarp.commands import energy_runs as energy_cli
+from mrwarp.energy import model_numbers
 from mrwarp.energy.battery import BatteryCfg, depletion
 from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power
 from mrwarp.energy.thermal import ThermalCfg
@@ -123,9 +123,9 @@ def test_all_powers_of_go1_are_calibrated() -> None:
 def test_figures_of_given_numbers_are_not_called_calibrated() -> None:
     """With another winding Go1's powers fixed nothing; its depletion and calves only what is fitted with it."""
     groups = {"electrical": ElectricalCfg(winding_resistance=0.2), "thermal": ThermalCfg(), "battery": BatteryCfg()}
-    assert energy_cli.calibrated(groups) == ()
-    assert energy_cli.calibrated(groups, ("battery.capacity",)) == ("battery",)
-    assert energy_cli.calibrated({**groups, "electrical": ElectricalCfg()}) == tuple(groups)
+    assert model_numbers.calibrated(groups) == ()
+    assert model_numbers.calibrated(groups, ("battery.capacity",)) == ("battery",)
+    assert model_numbers.calibrated({**groups, "electrical": ElectricalCfg()}) == tuple(groups)
     row = mission_figures.row("go1", run(PHASE_USES, *NUMBERS, feedback=False), calibrated=("battery",))
     assert not any(cell["calibrated"] for cell in (*row["power"].values(), *row["rise"].values()))
     assert row["depletion"]["calibrated"]

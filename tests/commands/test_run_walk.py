@@ -1,11 +1,11 @@
 """What ``mrwarp walk`` and ``mrwarp mission`` share: which policy drives which robot."""
 
-import argparse
-
 import pytest
 import torch
 
-from mrwarp.commands import energy_runs as energy_cli
+from mrwarp.commands.run_walk import read_policies
+from mrwarp.options.command_line import parse
+from mrwarp.options.trial_options import Walk
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.study.plan import ENERGY, EXPLICIT, policy_file
 
@@ -15,9 +15,8 @@ OBS = torch.linspace(-1.0, 1.0, 94).reshape(2, 47)
 
 def drawn(*argv: str) -> dict[str, torch.Tensor]:
     """Actions of each robot's policy with these options."""
-    parser = argparse.ArgumentParser()
-    energy_cli.add_options(parser)
-    return {robot: policy(OBS) for robot, policy in energy_cli.policies(parser.parse_args(argv)).items()}
+    options = parse(Walk, argv, "mrwarp walk")
+    return {robot: policy(OBS) for robot, policy in read_policies(options).items()}
 
 
 @pytest.mark.parametrize(("options", "plant"), [([], "mr_go_sal"), (["--coupling", "explicit"], EXPLICIT)])
