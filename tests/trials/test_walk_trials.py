@@ -104,7 +104,7 @@ def test_rows_say_what_was_calibrated(results: list[WalkResult]) -> None:
         assert row["paper"]["cot"] == paper.TABLE_6[result.robot, 0, 0.5].cot
     saved = walk_figures.savings(results, ElectricalCfg(), 20.0)
     assert len(saved) == 1 and not saved[0].calibrated
-    assert sum(saved[0]["saving_by_part"].values()) == pytest.approx(saved[0]["saving"])
+    assert sum(saved[0].saving_by_part.values()) == pytest.approx(saved[0].saving)
 
 
 def test_traces_hold_two_strides(results: list[WalkResult]) -> None:
