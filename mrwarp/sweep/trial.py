@@ -116,30 +116,29 @@ def run_trial(
     status = Status(args=[trial.command, *trial.args])
     if before.state is State.RUNNING:  # Ray began it again on another worker
         status.attempts, status.why = before.attempts, "its worker was killed"
-    started = time.monotonic()
-    while True:
+    started, code = time.monotonic(), None
+    while code is None or (status.state is State.FAILED and code != 2 and status.attempts <= retries):
         status.attempts, status.state = status.attempts + 1, State.RUNNING
         code, interrupted = _run_once(trial, folder, status, environment or {}, stopped)
         status.code, status.pid = code, None
         status.seconds = before.seconds + time.monotonic() - started
-        status.state, status.why = _verdict(code, interrupted, (folder / "result.json").is_file())
-        if status.state is State.FAILED:
-            status.lines = last_lines(folder)
-            if code != 2 and status.attempts <= retries:
-                status.state = State.RUNNING
-                continue
-        write_status(folder, status)
-        return status.state
+        status.state, status.why = _outcome(code, interrupted, (folder / "result.json").is_file())
+    if status.state is State.FAILED:
+        status.lines = last_lines(folder)
+    write_status(folder, status)
+    return status.state
 
 
-def _verdict(code: int, interrupted: bool, result: bool) -> tuple[State, str]:
+def _outcome(code: int, interrupted: bool, result: bool) -> tuple[State, str]:
+    """State after a start, and why it did not end well."""
     if interrupted:
         return State.STOPPED, "stopped"
-    if code in (0, 1) and result:
-        return (State.DONE, "") if code == 0 else (State.MISSED, "missed its aim (exit code 1)")
-    if code < 0:
-        with contextlib.suppress(ValueError):
-            return State.FAILED, f"killed by {signal.Signals(-code).name}"
+    if code == 0 and result:
+        return State.DONE, ""
+    if code == 1 and result:
+        return State.MISSED, "missed its aim (exit code 1)"
+    if -code in iter(signal.Signals):
+        return State.FAILED, f"killed by {signal.Signals(-code).name}"
     return State.FAILED, f"exit code {code}" + (" without a result.json" if code in (0, 1) else "")
 
 
@@ -151,8 +150,7 @@ def _run_once(
     (folder / "result.json").unlink(missing_ok=True)  # of a start that was stopped
     line = command_line(trial, folder)
     with (folder / "log.txt").open("a", encoding="utf-8") as log:
-        log.write(f"$ mrwarp {shlex.join(line)}\n")
-        log.flush()
+        print(f"$ mrwarp {shlex.join(line)}", file=log, flush=True)
         process = subprocess.Popen(
             [*LAUNCH, *line],
             stdin=subprocess.DEVNULL,
@@ -164,36 +162,26 @@ def _run_once(
         )
         status.pid = process.pid
         write_status(folder, status)
-        try:
+        with contextlib.suppress(KeyboardInterrupt):  # from Ray, or in a process that runs one trial itself
             while process.poll() is None and not stopped():
                 time.sleep(POLL)
-        except KeyboardInterrupt:  # from Ray, or in a process that runs one trial itself
-            stopped = lambda: True  # noqa: E731
-        code = process.poll()
-        if code is not None:
+        if (code := process.poll()) is not None:
             return code, False
-        return _stop(process), True
-
-
-def _stop(process: subprocess.Popen[bytes]) -> int:
-    """Ctrl-C for a process and what it started; killed if it does not end."""
-    for sent, patience in ((signal.SIGINT, PATIENCE), (signal.SIGKILL, None)):
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, sent)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            return process.wait(patience)
-    return process.returncode
+        for sent, patience in ((signal.SIGINT, PATIENCE), (signal.SIGKILL, None)):
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, sent)  # and what it started
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                return process.wait(patience), True
+        return process.returncode, True
 
 
 def last_lines(folder: Path, count: int = LAST_LINES) -> list[str]:
     """Last lines of a trial's log that are not empty."""
     try:
-        with (folder / "log.txt").open("rb") as log:
-            log.seek(max(log.seek(0, os.SEEK_END) - 20_000, 0))
-            text = log.read().decode("utf-8", errors="replace")
+        text = (folder / "log.txt").read_text(encoding="utf-8", errors="replace")
     except OSError:
         return []
-    return [line.rstrip()[:300] for line in text.splitlines() if line.strip()][-count:]
+    return [line.rstrip()[:300] for line in text[-20_000:].splitlines() if line.strip()][-count:]
 
 
 _PR_SET_PDEATHSIG = 1
