@@ -17,7 +17,7 @@ from safetensors.torch import save_file
 
 from mrwarp.nn.models import FEATURES, SAMPLES, LstmState, LstmTorque, TorqueNet, make_net
 from mrwarp.resources import MODELS, shipped_model  # noqa: F401  (where networks are looked for)
-from mrwarp.run_dir import atomic_write, no_file
+from mrwarp.run_dir import atomic_write, no_file, one_line
 
 META = "mrwarp"
 """Key of the metadata entry that holds the description as JSON, in both kinds of file."""
@@ -88,7 +88,7 @@ class LearnedModel:
 
 
 def save(model: LearnedModel, path: Path) -> None:
-    """Write weights and description as safetensors, in one piece."""
+    """Write weights and description as safetensors, whole or not at all."""
     weights = {name: tensor.contiguous() for name, tensor in model.net.state_dict().items()}
     with atomic_write(path) as partial:
         save_file(weights, str(partial), metadata={META: json.dumps(model.description(), allow_nan=False)})
@@ -116,13 +116,18 @@ def load(path: str | Path) -> LearnedModel:
         net = make_net(meta["kind"])
         net.load_state_dict(weights)
         model = LearnedModel(
-            kind=meta["kind"], net=net.eval(), dt=float(meta["dt"]),
-            bouc_wen={str(k): float(v) for k, v in meta["bouc_wen"].items()}, source=str(meta["source"]),
-            seed=int(meta["seed"]), training=dict(meta["training"]),
-        )  # fmt: skip
+            kind=meta["kind"],
+            net=net.eval(),
+            dt=float(meta["dt"]),
+            bouc_wen={str(k): float(v) for k, v in meta["bouc_wen"].items()},
+            source=str(meta["source"]),
+            seed=int(meta["seed"]),
+            training=dict(meta["training"]),
+        )
     except (RuntimeError, KeyError, TypeError, ValueError, AttributeError) as error:
-        cause = " ".join(str(error).split())  # torch writes one line per tensor
-        raise NetworkFileError(f"{path}: weights or description are incomplete ({cause}); train it again") from error
+        raise NetworkFileError(
+            f"{path}: weights or description are incomplete ({one_line(error)}); train it again"
+        ) from error
     if not all(bool(torch.isfinite(tensor).all()) for tensor in weights.values()):
         raise NetworkFileError(f"{path}: holds weights that are no numbers; train it again")
     return model
@@ -132,15 +137,37 @@ def export_onnx(model: LearnedModel, path: Path) -> None:
     """Write as ONNX: input ``window`` (N, samples, 3) of raw features, output ``torque`` (N,), scaler inside."""
     path.parent.mkdir(parents=True, exist_ok=True)
     example = torch.zeros(1, model.samples, FEATURES)
+    write_onnx(model.net, (example,), path, input="window", output="torque", description=model.description())
+
+
+def write_onnx(
+    net: torch.nn.Module, example: tuple, path: Path, *, input: str, output: str, description: dict[str, Any]
+) -> None:
+    """Write a network as ONNX, whole or not at all.
+
+    Args:
+        net: The network, in evaluation mode.
+        example: Its inputs; the first dimension may be any.
+        path: File to write.
+        input: Name of its input.
+        output: Name of its output.
+        description: Plain values, stored as metadata under :data:`META`.
+    """
     with atomic_write(path) as partial, warnings.catch_warnings():
-        # the exporter warns of its own age and of batch sizes, which the tests cover
+        # this exporter is deprecated, but keeps the layers' names, by which rl.policy finds the weights
         warnings.simplefilter("ignore")
         torch.onnx.export(
-            model.net, (example,), str(partial), input_names=["window"], output_names=["torque"], opset_version=18,
-            dynamo=False, dynamic_axes={"window": {0: "n"}, "torque": {0: "n"}},
-        )  # fmt: skip
+            net,
+            example,
+            str(partial),
+            input_names=[input],
+            output_names=[output],
+            opset_version=18,
+            dynamo=False,
+            dynamic_axes={input: {0: "n"}, output: {0: "n"}},
+        )
         proto = onnx.load(str(partial))
-        onnx.helper.set_model_props(proto, {META: json.dumps(model.description(), allow_nan=False)})
+        onnx.helper.set_model_props(proto, {META: json.dumps(description)})
         onnx.save(proto, str(partial))
 
 

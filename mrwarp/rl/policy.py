@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +14,10 @@ from torch import nn
 
 from mrwarp.env.observations import ACTOR_TERMS
 from mrwarp.model_file import shown
+from mrwarp.nn.network_file import META, write_onnx
 from mrwarp.resources import DEFAULT_POLICY, POLICIES  # noqa: F401  (where policies are looked for)
-from mrwarp.run_dir import atomic_write, no_file, one_line
+from mrwarp.run_dir import no_file, one_line
 from mrwarp.usd.robot import JOINTS
-
-META = "mrwarp"
-"""Key of the ONNX metadata entry that holds the policy's description as JSON."""
 
 LAYERS = ("Add", "Constant", "Div", "Elu", "Gemm", "Identity", "Mul", "Relu", "Sub", "Tanh")
 """Operators that a policy may consist of: none of them makes more numbers than it takes."""
@@ -39,16 +36,8 @@ def export_onnx(actor: Any, path: Path, description: dict[str, Any]) -> None:
         description: What a user needs to run it, e.g. action scale, gains, command that made it; stored as metadata.
     """
     model = actor.as_onnx(verbose=False).to("cpu").eval()
-    with atomic_write(path) as partial, warnings.catch_warnings():
-        # deprecated, but it keeps the layers' names, by which OnnxPolicy and a warm start find the weights
-        warnings.simplefilter("ignore", DeprecationWarning)
-        torch.onnx.export(
-            model, model.get_dummy_inputs(), str(partial), input_names=["obs"], output_names=["actions"],
-            opset_version=18, dynamo=False, dynamic_axes={"obs": {0: "n"}, "actions": {0: "n"}},
-        )  # fmt: skip
-        proto = onnx.load(str(partial))
-        onnx.helper.set_model_props(proto, {META: json.dumps({"observations": ACTOR_TERMS, **description})})
-        onnx.save(proto, str(partial))
+    description = {"observations": ACTOR_TERMS, **description}
+    write_onnx(model, model.get_dummy_inputs(), path, input="obs", output="actions", description=description)
 
 
 class OnnxPolicy:
