@@ -10,12 +10,15 @@ READY := $(VENV)/.ready
 run: $(READY)
 	$(PY) train/ppo.py --device cpu --num-envs 64 --out runs/walk
 
+# a process per core, four at most: each takes a gigabyte
+SHARED_OUT := -n logical --maxprocesses 4 --dist worksteal
+
 test: $(READY)
-	$(PY) -m pytest -m "not slow"
+	$(PY) -m pytest $(SHARED_OUT) -m "not slow"
 
 # pytest exits with 5 where no test is marked slow
 test-slow: $(READY)
-	$(PY) -m pytest -m slow || [ $$? -eq 5 ]
+	$(PY) -m pytest $(SHARED_OUT) -m slow || [ $$? -eq 5 ]
 
 lint: $(READY)
 	$(PY) -m ruff check .

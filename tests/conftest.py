@@ -1,6 +1,10 @@
 """What all tests share: quiet Warp, one torch thread, skipped GPU tests, and the measured data beside the checkout."""
 
+import os
 from pathlib import Path
+
+# before NumPy: the processes of `make test` share the cores
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import pytest
 import torch
