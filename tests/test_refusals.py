@@ -19,6 +19,7 @@ from mrwarp.options.option_types import one, some
 from mrwarp.recording.load import Holding
 from mrwarp.trials.impact import ImpactCfg, Variant
 from mrwarp.usd.open_stage import ASSETS
+from tests.messages import tells
 
 
 def refused(argv: list[str], capsys: pytest.CaptureFixture[str]) -> str:
@@ -215,31 +216,31 @@ def test_a_sweep_without_a_runner_leaves_no_folder(
 
 OUT_OF_RANGE: dict[str, list[tuple[list[str], str]]] = {
     "impact": [
-        (["--current", "nan"], "nan; allowed: 0 to 100 A"),
-        (["--current", "0", "-1"], "-1; allowed: 0 to 100 A"),
-        (["--force", "nan", "0", "0"], "nan; allowed: -10000 to 10000 N"),
-        (["--force", "0", "0", "1e9"], "1e9; allowed: -10000 to 10000 N"),
-        (["--speed", "nan"], "nan; allowed: -5 to 5 m/s"),
-        (["--speed", "1e9"], "1e9; allowed: -5 to 5 m/s"),
-        (["--duration", "inf"], "inf must be a positive number"),
-        (["--trials", "0"], "0 must be at least 1"),
+        (["--current", "nan"], "nan .. 0 to 100 A"),
+        (["--current", "0", "-1"], "-1 .. 0 to 100 A"),
+        (["--force", "nan", "0", "0"], "nan .. -10000 to 10000 N"),
+        (["--force", "0", "0", "1e9"], "1e9 .. -10000 to 10000 N"),
+        (["--speed", "nan"], "nan .. -5 to 5 m/s"),
+        (["--speed", "1e9"], "1e9 .. -5 to 5 m/s"),
+        (["--duration", "inf"], "inf .. positive"),
+        (["--trials", "0"], "0 .. least 1"),
     ],
-    "bench": [(["--trajectories", "0"], "0 must be at least 1"), (["--evaluation-samples", "-1"], "at least 0")],
-    "learn": [(["data", "--out", "o", "--epochs", "0"], "0 must be at least 1")],
+    "bench": [(["--trajectories", "0"], "0 .. least 1"), (["--evaluation-samples", "-1"], "at least 0")],
+    "learn": [(["data", "--out", "o", "--epochs", "0"], "0 .. least 1")],
     "perf": [
-        (["--steps", "-1"], "-1 must be at least 0"),
-        (["--threads", "-1"], "-1 must be at least 0"),
-        (["--num-envs", "4", "0"], "0 must be at least 1"),
+        (["--steps", "-1"], "-1 .. least 0"),
+        (["--threads", "-1"], "-1 .. least 0"),
+        (["--num-envs", "4", "0"], "0 .. least 1"),
     ],
-    "train": [(["--threads", "-1"], "-1 must be at least 0"), (["--save-every", "nan"], "nan must be at least 0")],
+    "train": [(["--threads", "-1"], "-1 .. least 0"), (["--save-every", "nan"], "nan .. least 0")],
     "play": [
-        (["--agent", "zero", "--current", "inf"], "inf; allowed: 0 to 100 A"),
-        (["--agent", "zero", "--speed", "6"], "6; allowed: -5 to 5 m/s"),
-        (["--agent", "zero", "--seconds", "nan"], "nan must be a finite number"),
-        (["--agent", "zero", "--web-port", "65536"], "65536; allowed: 1 to 65535"),
+        (["--agent", "zero", "--current", "inf"], "inf .. 0 to 100 A"),
+        (["--agent", "zero", "--speed", "6"], "6 .. -5 to 5 m/s"),
+        (["--agent", "zero", "--seconds", "nan"], "nan .. finite"),
+        (["--agent", "zero", "--web-port", "65536"], "65536 .. 1 to 65535"),
     ],
-    "sweep": [(["--out", "o", "--command", "fit", "--grid", "seed=1", "--gpus", "-1"], "-1 must be at least 0")],
-    "replay-dump": [(["dump.safetensors", "--rows", "0"], "0 must be at least 1")],
+    "sweep": [(["--out", "o", "--command", "fit", "--grid", "seed=1", "--gpus", "-1"], "-1 .. least 0")],
+    "replay-dump": [(["dump.safetensors", "--rows", "0"], "0 .. least 1")],
 }
 
 
@@ -255,7 +256,7 @@ def test_a_number_out_of_range(
     """Refused when the arguments are read, with the option's name."""
     monkeypatch.chdir(tmp_path)
     line = refused([command, *args], capsys)
-    assert message in line and "argument --" in line
+    assert tells(line, message) and "argument --" in line
     assert not list(tmp_path.iterdir())
 
 
@@ -273,34 +274,34 @@ def test_more_current_than_the_coils_take(args: list[str], tmp_path: Path, capsy
 def test_currents_of_a_task_are_numbers(current: float) -> None:
     """Wherever in the list they stand: the least of numbers and NaN is either."""
     for currents in ((0.5, current), (current, 0.5)):
-        with pytest.raises(ValueError, match="finite and none below 0 A"):
+        with pytest.raises(ValueError, match="finite.* 0 A"):
             replace(make_walk_cfg(), currents=currents)
-        with pytest.raises(ValueError, match="must be finite, none below 0"):
+        with pytest.raises(ValueError, match="finite.* 0"):
             ImpactCfg(variants=tuple(Variant(current=x) for x in currents))
     for wrong in ({"speed": math.nan}, {"force": (0.0, math.inf, 0.0)}):
         with pytest.raises(ValueError, match="must be finite"):
             ImpactCfg(**wrong)
-    with pytest.raises(ValueError, match="^trials = 0 must be at least 1$"):
+    with pytest.raises(ValueError, match="trials = 0.* 1"):
         ImpactCfg(trials=0)
 
 
 MESSAGES: dict[str, tuple[str, str]] = {
-    "no numbers": ("walk --numbers no.json", "{tmp}/no.json: No such file or directory; give the numbers.json"),
-    "numbers that are a folder": ("walk --numbers {tmp}", "{tmp}: Is a directory; give the numbers.json"),
-    "a ratio's range": ("walk --set regeneration=9", "regeneration = 9 is out of range; allowed: 0 to 1, default"),
-    "no earlier result": ("perf --compare no.json", "no.json: No such file or directory; give a result.json"),
-    "a folder for a result": ("perf --compare {tmp}", "{tmp}: Is a directory; give a result.json"),
-    "a folder to export to": ("asset export {usd} FL_calf --out {tmp}", "export: {tmp}: Is a directory; name another"),
-    "a folder for an asset": ("asset show {tmp}", "{tmp}: is a folder, no file; name a .usda file, such as those in"),
-    "no asset to change": ("asset set no.usda FL_calf K1 9", "no.usda: no such file; name a .usda file, such as those"),
-    "an unknown payload": ("asset show {usd} --payload 3kg", "show: payload = '3kg'; allowed: 0, 3, the variants of"),
-    "an unknown robot": ("asset show {usd} --robot spot", "show: robot = 'spot'; allowed: go1, mr_go, the variants"),
-    "a list for a model": ("asset apply {usd} {tmp}/list.json", "list.json: holds [1, 2]; allowed: an object {{...}}"),
-    "a folder for a model": ("asset apply {usd} {tmp}", "{tmp}: Is a directory; give the model.json that"),
-    "a folder for a policy": ("impact --policy {tmp}", "{tmp}: is a folder, no policy; name an .onnx file"),
-    "a folder for the bench's policy": ("bench --policy {tmp}", "{tmp}: is a folder, no policy; name an .onnx file"),
-    "a folder for a checkpoint": ("train --resume {tmp}", "{tmp}: is a folder, no checkpoint; name the file"),
-    "a folder for a dump": ("replay-dump {tmp}", "{tmp}: is a folder, no dump; name a .safetensors file"),
+    "no numbers": ("walk --numbers no.json", "{tmp}/no.json .. numbers.json"),
+    "numbers that are a folder": ("walk --numbers {tmp}", "{tmp} .. numbers.json"),
+    "a ratio's range": ("walk --set regeneration=9", "regeneration = 9 .. 0 to 1"),
+    "no earlier result": ("perf --compare no.json", "no.json .. result.json"),
+    "a folder for a result": ("perf --compare {tmp}", "{tmp} .. result.json"),
+    "a folder to export to": ("asset export {usd} FL_calf --out {tmp}", "export: {tmp} .. directory .. another"),
+    "a folder for an asset": ("asset show {tmp}", "{tmp} .. folder .. .usda"),
+    "no asset to change": ("asset set no.usda FL_calf K1 9", "no.usda .. no such file .. .usda"),
+    "an unknown payload": ("asset show {usd} --payload 3kg", "show: payload = '3kg' .. 0, 3"),
+    "an unknown robot": ("asset show {usd} --robot spot", "show: robot = 'spot' .. go1, mr_go"),
+    "a list for a model": ("asset apply {usd} {tmp}/list.json", "list.json .. [1, 2] .. object"),
+    "a folder for a model": ("asset apply {usd} {tmp}", "{tmp} .. model.json"),
+    "a folder for a policy": ("impact --policy {tmp}", "{tmp} .. folder .. .onnx"),
+    "a folder for the bench's policy": ("bench --policy {tmp}", "{tmp} .. folder .. .onnx"),
+    "a folder for a checkpoint": ("train --resume {tmp}", "{tmp} .. folder .. checkpoint"),
+    "a folder for a dump": ("replay-dump {tmp}", "{tmp} .. folder .. .safetensors"),
     "a ratio of the bench": ("bench --effect current_gain=99", "allowed: 0.1 to 10, "),
 }
 
@@ -315,7 +316,7 @@ def test_a_refusal_says_what_is_wrong_and_what_to_do(
     command, message = MESSAGES[what]
     names = {"tmp": tmp_path, "usd": ASSETS / "mr_go.usda"}
     line = refused([word.format(**names) for word in command.split()], capsys)
-    assert message.format(**names).removeprefix(f"{tmp_path}/") in line
+    assert tells(line, message.format(**names).removeprefix(f"{tmp_path}/"))
     assert "Errno" not in line
     assert [path.name for path in tmp_path.iterdir()] == ["list.json"]
 

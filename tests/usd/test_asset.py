@@ -302,14 +302,14 @@ def test_load_robot_refuses_files_and_variants(tmp_path):
     (tmp_path / "empty.usda").write_text("#usda 1.0\n", encoding="utf-8")
     with pytest.raises(AssetError, match="defaultPrim"):
         load_robot(tmp_path / "empty.usda")
-    with pytest.raises(AssetError, match="no variant robot = 'go2'; allowed: go1, mr_go"):
+    with pytest.raises(AssetError, match="robot = 'go2'.*go1, mr_go"):
         load_robot(robot="go2")
     empty = tmp_path / "empty.usda"
     text = (ASSETS / "mr_go.usda").read_text()
     empty.write_text(text.replace('variantSet "payload" = {', 'variantSet "payloads" = {'))
     with pytest.raises(AssetError, match="empty.usda: /mr_go: variant set 'payload' is empty; write"):
         load_robot(empty)
-    with pytest.raises(AssetError, match="no variant payload = '5'; allowed: 0, 3"):
+    with pytest.raises(AssetError, match="payload = '5'.*0, 3"):
         load_robot(payload=5)
 
 

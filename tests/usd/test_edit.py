@@ -120,9 +120,9 @@ def test_flattened_file_loads(robot):
     assert mr(out) == mr(SHIPPED)
     gone = ["robot=go1 payload=0", "robot=go1 payload=3", "robot=mr_go payload=3"]
     assert diff_assets(SHIPPED, out) == [f"variant {name}: only in {SHIPPED}" for name in gone]
-    with pytest.raises(AssetError, match="no variant payload = '3'; allowed: 0"):
+    with pytest.raises(AssetError, match="payload = '3'.*0"):
         load_robot(out, payload=3)
-    with pytest.raises(AssetError, match="no variant robot = 'go1'; allowed: mr_go"):
+    with pytest.raises(AssetError, match="robot = 'go1'.*mr_go"):
         load_robot(out, robot="go1")
     with pytest.raises(AssetError, match="no actuator inherits /mr_go/parts/MRDevice"):
         edit_asset(out, "MRDevice", {"K1": 3.0})

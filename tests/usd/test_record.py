@@ -20,6 +20,7 @@ from mrwarp.usd.asset import load_bench, load_robot
 from mrwarp.usd.edit import edit_asset, find_prim
 from mrwarp.usd.open_stage import ASSETS, AssetError
 from mrwarp.usd.record import PREFIX, RECORD, read_model, read_parameters, record_difference, record_text, write_model
+from tests.messages import tells
 
 SHIPPED = ASSETS / "mr_go.usda"
 REQUIRED = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
@@ -274,29 +275,29 @@ def entry(*keys: Any, to: Any) -> Callable[[dict], str]:
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
-        (lambda _: "{", "not JSON: Expecting property name"),
-        (lambda _: "[" * 100_000, "not JSON: "),
-        (lambda _: "x" * 200_001, "200001 characters; a record has at most 200000"),
+        (lambda _: "{", "not JSON"),
+        (lambda _: "[" * 100_000, "not JSON"),
+        (lambda _: "x" * 200_001, "200001 .. 200000"),
         (lambda _: '{"model": 1, "model": 2}', "model stands twice"),
-        (lambda _: "[1]", " = [1]; allowed: an object"),
-        (lambda c: json.dumps(c) + "\n\x1b[2J", "not JSON: Extra data"),
-        (entry("model", to="x" * 10_000), "allowed: an object {...}"),
-        (entry("model", "schema", to=7), "model: schema = 7; allowed: 1"),
-        (entry("model", "parameters", "D", "value", to=float("nan")), "parameters.D.value = nan; allowed: a finite"),
+        (lambda _: "[1]", " = [1] .. object"),
+        (lambda c: json.dumps(c) + "\n\x1b[2J", "not JSON"),
+        (entry("model", to="x" * 10_000), "object"),
+        (entry("model", "schema", to=7), "model: schema = 7 .. 1"),
+        (entry("model", "parameters", "D", "value", to=float("nan")), "parameters.D.value = nan .. finite"),
         (entry("model", "parameters", "D", "value", to=10**400), "parameters.D.value = 1000000"),
-        (entry("model", "parameters", "D", "value", to="1"), "parameters.D.value = '1'; allowed: a finite number"),
-        (entry("model", "parameters", "D", "value", to=51.0), "D = 51 is out of range; allowed: -50 to 50 N·m"),
-        (entry("model", "parameters", "D", "ci95", to=[1, 2]), "parameters.D.ci95 = [1.0, 2.0] leaves out the value"),
-        (entry("model", "parameters", "\x1b[2J", to={}), "parameters.'\\x1b[2J': there is no such parameter"),
-        (entry("model", "units", "q", to="deg"), "; convert the value, then the unit"),
+        (entry("model", "parameters", "D", "value", to="1"), "parameters.D.value = '1' .. finite"),
+        (entry("model", "parameters", "D", "value", to=51.0), "D = 51 .. -50 to 50 N·m"),
+        (entry("model", "parameters", "D", "ci95", to=[1, 2]), "parameters.D.ci95 = [1.0, 2.0]"),
+        (entry("model", "parameters", "\x1b[2J", to={}), "parameters.'\\x1b[2J'"),
+        (entry("model", "units", "q", to="deg"), "convert .. unit"),
         (lambda c: json.dumps(c).replace("rad", "m"), "model: units = {'current': 'A', 'q': 'm'"),
         (entry("model", "fitted_on", "source", to={"a": "b" * 10_000}), "fitted_on.source = {'a': 'bbbb"),
-        (entry("model", "effects", to=[3]), "effects[0] = 3; allowed: an object"),
-        (entry("model", "note", to=1), "there is no key 'note'"),
+        (entry("model", "effects", to=[3]), "effects[0] = 3 .. object"),
+        (entry("model", "note", to=1), "'note'"),
         (entry("rest", "kd", to=...), "rest: kd is missing"),
-        (entry("rest", "kd", to=float("inf")), "rest.kd = inf; allowed: a finite number"),
-        (entry("rest", "D", to=1.0), "rest: there is no key 'D'"),
-        (entry("rest", to=[]), "rest = []; allowed: an object"),
+        (entry("rest", "kd", to=float("inf")), "rest.kd = inf .. finite"),
+        (entry("rest", "D", to=1.0), "rest .. 'D'"),
+        (entry("rest", to=[]), "rest = [] .. object"),
     ],
 )
 def test_damaged_record_is_refused(
@@ -318,8 +319,7 @@ def test_damaged_record_is_refused(
     assert main(["show", str(robot)]) == 2
     said = capsys.readouterr().err
     assert said.startswith(f"mrwarp asset show: {robot}: /mr_go/actuators/FL_calf: {RECORD}")
-    assert words in said
-    assert said.endswith(f"apply the model again with 'mrwarp asset apply', or remove {RECORD}: the numbers stay\n")
+    assert tells(said, f"{words} .. mrwarp asset apply .. remove {RECORD}")
     assert said.count("\n") == 1 and len(said) < 700 and "\x1b" not in said
     assert main(["diff", str(SHIPPED), str(robot)]) in (1, 2)
     applied(robot, model)
@@ -329,8 +329,8 @@ def test_damaged_record_is_refused(
 @pytest.mark.parametrize(
     ("type_name", "value", "words"),
     [
-        ("Double", math.nan, "double mr:model:record = nan; allowed: a string"),
-        ("Token", "{}", "token mr:model:record = '{}'; allowed: a string"),
+        ("Double", math.nan, "double mr:model:record = nan .. string"),
+        ("Token", "{}", "token mr:model:record = '{}' .. string"),
         ("StringArray", ["{}"] * 1000, "string[] mr:model:record = "),
     ],
 )
@@ -342,7 +342,7 @@ def test_record_of_another_type_is_refused(robot: Path, model: Model, type_name:
     stage.Save()
     with pytest.raises(AssetError) as error:
         held(robot)
-    assert words in str(error.value) and len(str(error.value)) < 500
+    assert tells(str(error.value), words) and len(str(error.value)) < 500
     applied(robot, model)
     assert held(robot).model == model
 
