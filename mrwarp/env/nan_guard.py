@@ -13,17 +13,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
 import warp as wp
 
-from mrwarp.actuator.mr_actuator import MrActuator
 from mrwarp.env.nan_dump import KEPT, Column, Divergence
 from mrwarp.env.sim import ActuatedSim, Sim
 from mrwarp.env.state import WalkState
-from mrwarp.kernels.launch import Launch, record
+from mrwarp.kernels.launch import record
 from mrwarp.usd.robot import LEGS
 
 MAX_SPEED, MAX_RATE, MAX_QD = 30.0, 200.0, 400.0
@@ -37,77 +35,50 @@ LIMIT_MARGIN = 0.25
 """How far a joint may press beyond its limit before a warning [rad]: limits are soft, and strong random actions
 (3 times the action scale) reach 0.15."""
 
-_COPY = """
-const auto* from = (const decltype(values.data))((const char*)values.data + size_t(env) * values.strides[0]);
-float* to = &wp::index(history, slot, env, column);
-int wrong = 0;
-for (int i = 0; i < values.shape[1]; ++i) {
-    to[i] = (float)from[i];
-    wrong |= to[i] - to[i] != 0.0f;  // what is no finite number
+
+@wp.func_native("""
+float* to = &wp::index(history, slot, env, 0);
+int column = 1, found = 0;
+for (int k = 0; k < table.shape[0]; ++k) {
+    const wp::int64* entry = table.data + 4 * k;
+    const char* row = (const char*)entry[0] + size_t(env) * entry[1];
+    const int count = (int)entry[2];
+    if (entry[3] == 8) for (int i = 0; i < count; ++i) to[column + i] = (float)((const double*)row)[i];
+    else for (int i = 0; i < count; ++i) to[column + i] = ((const float*)row)[i];
+    column += count;
 }
-return wrong;
-"""
-_BEYOND = """
-const float* state = &wp::index(history, slot, env, first);
-int beyond = 0;
-for (int i = 0; i < low.shape[0]; ++i) beyond |= (state[i] < low.data[i]) | (state[i] > high.data[i]);
-return beyond;
-"""
-
-
-@wp.func_native(_COPY)
-def copy_row(  # pyright: ignore[reportRedeclaration]
-    values: wp.array2d[float], env: int, history: wp.array3d[float], slot: int, column: int
-) -> int:
-    """Copy the values of an environment, contiguous, into its history; 1 if one is not finite."""
-    ...
-
-
-@wp.func_native(_COPY)
-def copy_row(  # noqa: F811 - Warp takes the one whose types fit
-    values: wp.array2d[wp.float64], env: int, history: wp.array3d[float], slot: int, column: int
-) -> int:
-    """Copy the values of an environment in double precision; 1 if one is not finite."""
-    ...
-
-
-@wp.func_native(_BEYOND)
-def beyond(
-    low: wp.array[float], high: wp.array[float], env: int, history: wp.array3d[float], slot: int, first: int
-) -> int:
-    """1 if one of the columns from ``first`` on is out of its bounds; NaN is not."""
-    ...
-
-
-@wp.func
+for (int i = 0; i < column; ++i) {
+    found |= to[i] - to[i] != 0.0f;
+    found |= 2 * ((to[i] < warn.data[i]) | (to[i] > warn.data[column + i]));
+}
+return found;
+""")
 def keep_row(
-    values: wp.array2d[Any], env: int, slot: int, column: int, wrong: int, history_out: wp.array3d[float]
-) -> tuple[int, int]:
-    """Copy the values of an environment into its history; the next column, and 1 if one so far is not finite."""
-    return column + values.shape[1], wrong | copy_row(values, env, history_out, slot, column)
+    table: wp.array2d[wp.int64], warn: wp.array2d[float], env: int, history: wp.array3d[float], slot: int
+) -> int:
+    """Copy an environment's state into its history, from column 1 on: 1 if a number is not finite, 2 if one is odd.
+
+    Args:
+        table: Address, bytes from one environment to the next, numbers, and bytes of a number of each array, (K, 4).
+        warn: Least and largest value of each column, shape (2, D).
+        env: Environment.
+        history: Kept states, shape (N + 1, E, D).
+        slot: Where to.
+    """
+    ...
 
 
 @wp.kernel
 def guard_kernel(
-    # parameters: 1 = end of a policy step; step [s]; bits that count as overflow; bounds of a sound
-    # state, and of one without a warning, for the columns of qpos and qvel, shape (nq + nv,)
+    # parameters: 1 = end of a policy step; step [s]; bits that count as overflow; arrays to keep, shape (K, 4); bounds
+    # of a sound state and of one without a warning, shape (2, D)
     last: int,
     dt: float,
     overflow_mask: int,
-    low: wp.array[float],
-    high: wp.array[float],
-    warn_low: wp.array[float],
-    warn_high: wp.array[float],
-    # in, shapes (E, A), (E, M), (E, M) [A], (E, J) [N·m], (E, J) [N·m], (E, nq), (E, nv), (E, L) [N], (E,), (E, C)
-    action_in: wp.array2d[float],
-    z_in: wp.array2d[float],
-    current_in: wp.array2d[float],
-    tau_in: wp.array2d[float],
-    bound_in: wp.array2d[float],
-    qpos_in: wp.array2d[Any],
-    qvel_in: wp.array2d[Any],
-    f_foot_in: wp.array2d[float],
-    reward_in: wp.array[float],
+    table: wp.array2d[wp.int64],
+    sound: wp.array2d[float],
+    warn: wp.array2d[float],
+    # in, shape (E, C)
     overflow_in: wp.array2d[int],
     # out, shapes (E,), (N + 1, E, D), five times (E,), (E, 2), (E, C)
     age_out: wp.array[int],
@@ -126,44 +97,29 @@ def guard_kernel(
     of the history is where states go that are checked but not kept.
     """
     env = wp.tid()
-    kept = history_out.shape[0] - 1
-    size = history_out.shape[2]
+    kept, size = history_out.shape[0] - 1, history_out.shape[2]
     frozen = cause_out[env] >= 0
     slot = rows_out[env] % kept
     if frozen:
         slot = kept
     history_out[slot, env, 0] = float(age_out[env]) * dt
-    wrong = int(0)
-    k = int(1)
-    k, wrong = keep_row(action_in, env, slot, k, wrong, history_out)
-    k, wrong = keep_row(z_in, env, slot, k, wrong, history_out)
-    k, wrong = keep_row(current_in, env, slot, k, wrong, history_out)
-    # qpos and qvel before the torques that follow from them
-    first = k
-    k, wrong = keep_row(qpos_in, env, slot, k, wrong, history_out)
-    k, wrong = keep_row(qvel_in, env, slot, k, wrong, history_out)
-    k, wrong = keep_row(f_foot_in, env, slot, k, wrong, history_out)
-    k, wrong = keep_row(tau_in, env, slot, k, wrong, history_out)
-    k, wrong = keep_row(bound_in, env, slot, k, wrong, history_out)
-    history_out[slot, env, k] = reward_in[env]
-    if reward_in[env] - reward_in[env] != 0.0:
-        wrong = 1
+    found = keep_row(table, warn, env, history_out, slot)
 
     cause = int(-1)
-    if wrong == 1:
+    if (found & 1) != 0:
         for i in range(size):
             if cause < 0 and not wp.isfinite(history_out[slot, env, i]):
                 cause = i
     # what diverged is beyond the bounds of a warning too
-    if cause < 0 and beyond(warn_low, warn_high, env, history_out, slot, first) == 1:
-        for i in range(low.shape[0]):
-            state = history_out[slot, env, first + i]
-            if state < warn_low[i] or state > warn_high[i]:
-                if state < low[i] or state > high[i]:
+    if cause < 0 and (found & 2) != 0:
+        for i in range(size):
+            state = history_out[slot, env, i]
+            if state < warn[0, i] or state > warn[1, i]:
+                if state < sound[0, i] or state > sound[1, i]:
                     if cause < 0:
-                        cause = size + first + i
+                        cause = size + i
                 else:
-                    warned_column_out[env] = first + i
+                    warned_column_out[env] = i
                     warned_out[env, 0] = warned_out[env, 0] + 1
     dropped = int(0)
     for i in range(overflow_in.shape[1]):
@@ -215,38 +171,37 @@ class NanGuard:
     """
 
     def __init__(self, robot: ActuatedSim, s: WalkState) -> None:
-        sim, a, num_envs, device = robot.sim, robot.actuator, robot.sim.num_envs, robot.sim.device
-        self.columns = tuple(_columns(sim, a, s.action.shape[1]))
-        self.bounds, warn = _bounds(sim, self.columns)
+        sim, num_envs, device = robot.sim, robot.sim.num_envs, s.action.device
 
         def ints(*shape: int, value: int = 0) -> torch.Tensor:
-            return torch.full(shape, value, dtype=torch.int32, device=s.action.device)
+            return torch.full(shape, value, dtype=torch.int32, device=device)
 
+        kept = _kept(robot, s)
+        self.columns = (Column(quantity="time", part="", unit="s"), *(column for names, _ in kept for column in names))
+        self.bounds, warn = _bounds(sim, self.columns)
+        sound, warn = (torch.tensor(bounds, dtype=torch.float32, device=device) for bounds in (self.bounds, warn))
+        # address, bytes from one environment to the next, numbers, bytes of a number
+        table = torch.tensor(
+            [[t.data_ptr(), t.stride(0) * t.element_size(), len(names), t.element_size()] for names, t in kept]
+        ).to(device)
         self._state = s
         self._rows, self._cause, self.divergences = ints(num_envs), ints(num_envs, value=-1), ints(num_envs)
         self._warned_column, self._warned = ints(num_envs, value=-1), ints(num_envs, 2)
-        self._history = torch.zeros(KEPT + 1, num_envs, len(self.columns), device=s.action.device)
-        first = next(i for i, column in enumerate(self.columns) if column.quantity == "position")
-        state = slice(first, first + sim.scene.model.nq + sim.scene.model.nv)
-        bounds = [wp.array(row[state], dtype=float, device=device) for row in (*self.bounds, *warn)]
+        self._history = torch.zeros(KEPT + 1, num_envs, len(self.columns), device=device)
         overflow = sim.backend.overflow
         seen = ints(*overflow.shape)
-
-        def guard(last: int) -> Launch:
-            return record(
+        self.keep, self.check = (
+            record(
                 guard_kernel,
                 num_envs,
-                [
-                    *(last, sim.dt, sim.backend.overflow_mask, *bounds, s.action, a.z, a.current, a.tau, a.bound),
-                    *(s.qpos, s.qvel, s.f_foot, s.total, overflow),
-                ],
+                [last, sim.dt, sim.backend.overflow_mask, table, sound, warn, overflow],
                 [
                     *(s.torque_steps, self._history, self._rows, self._cause, s.diverged, self.divergences),
                     *(self._warned_column, self._warned, seen),
                 ],
             )
-
-        self.keep, self.check = guard(0), guard(1)
+            for last in (0, 1)
+        )
 
     def forget(self) -> None:
         """Begin anew in all environments, without history; the counts go on."""
@@ -283,37 +238,35 @@ class NanGuard:
         )
 
 
-def _columns(sim: Sim, actuator: MrActuator, num_actions: int) -> list[Column]:
-    """Names of the columns in the order in which the kernel writes them."""
-    joints, scene = sim.scene.joints, sim.scene
-    devices = [joints[i] for i in actuator.mr_joints]
+def _kept(robot: ActuatedSim, s: WalkState) -> list[tuple[list[Column], torch.Tensor]]:
+    """What is kept of a state: columns, and the array, shape (E, columns); qpos and qvel before the torques."""
+    sim, scene, joints = robot.sim, robot.sim.scene, robot.sim.scene.joints
+    z, tau, bound = (wp.to_torch(array) for array in (robot.actuator.z, robot.actuator.tau, robot.actuator.bound))
+    devices = [joints[i] for i in robot.actuator.mr_joints]
 
     def each(quantity: str, parts: Sequence[str], unit: str) -> list[Column]:
         return [Column(quantity=quantity, part=part, unit=unit) for part in parts]
 
-    position = [Column(quantity="position", part=f"coordinate {i}", unit="") for i in range(scene.model.nq)]
-    velocity = [Column(quantity="velocity", part=f"degree of freedom {i}", unit="") for i in range(scene.model.nv)]
+    position = each("position", [f"coordinate {i}" for i in range(scene.model.nq)], "")
+    velocity = each("velocity", [f"degree of freedom {i}" for i in range(scene.model.nv)], "")
     if scene.floating:
-        position[:3] = each("position", ("trunk x", "trunk y", "trunk z"), "m")
-        position[3:7] = each("orientation", ("trunk w", "trunk x", "trunk y", "trunk z"), "")
-        velocity[:3] = each("velocity", ("trunk x", "trunk y", "trunk z"), "m/s")
-        velocity[3:6] = each("angular velocity", ("trunk x", "trunk y", "trunk z"), "rad/s")
+        axes = [f"trunk {axis}" for axis in "xyz"]
+        position[:7] = each("position", axes, "m") + each("orientation", ["trunk w", *axes], "")
+        velocity[:6] = each("velocity", axes, "m/s") + each("angular velocity", axes, "rad/s")
     for joint, q, v in zip(joints, scene.q_adr, scene.v_adr, strict=True):
         position[q] = Column(quantity="position", part=joint, unit="rad")
         velocity[v] = Column(quantity="velocity", part=joint, unit="rad/s")
-    actions = joints if num_actions == len(joints) else [str(i) for i in range(num_actions)]
     feet = LEGS if sim.f_foot.shape[1] == len(LEGS) else [str(i) for i in range(sim.f_foot.shape[1])]
     return [
-        Column(quantity="time", part="", unit="s"),
-        *each("action", actions, ""),
-        *each("hysteresis state", devices, "rad"),
-        *each("coil current", devices, "A"),
-        *position,
-        *velocity,
-        *each("foot force", feet, "N"),
-        *each("torque", joints, "N·m"),
-        *each("brake bound", joints, "N·m"),
-        Column(quantity="reward", part="", unit=""),
+        (each("action", joints, ""), s.action),
+        (each("hysteresis state", devices, "rad"), z),
+        (each("coil current", devices, "A"), s.current),
+        (position, s.qpos),
+        (velocity, s.qvel),
+        (each("foot force", feet, "N"), s.f_foot),
+        (each("torque", joints, "N·m"), tau),
+        (each("brake bound", joints, "N·m"), bound),
+        (each("reward", [""], ""), s.total),
     ]
 
 

@@ -10,7 +10,6 @@ from mrwarp.actuator.effect_runtime import values_row
 from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, MrActuator, MrActuatorCfg, ZStep
 from mrwarp.effects.catalogue import CATALOGUE, SLOTS, column_of
 from mrwarp.effects.replay_kernel import BASE, HEAT_TIMES, effect_replay_kernel
-from mrwarp.kernels.mr_stages import predict_kernel
 from mrwarp.model_file import Effect, make_effect
 from mrwarp.params import MrParams
 from tests.effects.strengths import STRENGTHS
@@ -129,7 +128,6 @@ def test_without_effects_the_plain_kernels_run() -> None:
     ):
         actuator = Rig(effects).actuator
         assert actuator.effects is None
-        assert actuator._predict.kernel is predict_kernel
 
 
 def motion(seconds: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
