@@ -21,7 +21,7 @@ from mrwarp.usd.open_stage import AssetError, choices
 from mrwarp.usd.record import PD, PREFIX, RECORD, is_mr
 from mrwarp.usd.scene_report import decimal, plain, value_text
 from mrwarp.usd.stage_trial import open_stage
-from mrwarp.usd.usda_text import UsdaTextError, quoted, set_value
+from mrwarp.usd.usda_text import UsdaTextError, set_attribute, set_values
 
 SUFFIXES = (".usda", ".usdc", ".usd")
 Key = tuple[tuple[str, ...], str, str]
@@ -80,7 +80,10 @@ def edit_asset(
     wanted: dict[str, float | str] = {**check_values(found, values, file)}
     if record is not None:
         wanted[RECORD] = record(found)
-    sites = [(*_site(found, name), name, value) for name, value in wanted.items()]
+    sites: dict[str, dict[str, tuple[float | str, str]]] = {}
+    for name, value in wanted.items():
+        where, kind = _site(found, name)
+        sites.setdefault(where, {})[name] = (value, kind)
     before, reach = snapshot(stage, path)
     if found.IsAbstract() and reach == {path}:
         raise AssetError(f"{file}: no actuator inherits {path} (a flattened file?); name the joint, such as FL_calf")
@@ -181,27 +184,24 @@ def _site(prim: Usd.Prim, name: str) -> tuple[str, str]:
     return str(spec.path if spec else prim.GetPath()), kind
 
 
-def _write(stage: Usd.Stage, file: Path, copy: Path, sites: list[tuple[str, str, str, float | str]]) -> str:
+def _write(stage: Usd.Stage, file: Path, copy: Path, sites: dict[str, dict[str, tuple[float | str, str]]]) -> str:
     """Write the edited copy; returns a notice when the text could not be edited and comments are lost."""
     is_text = file.read_bytes()[:5] == b"#usda"
     reason = f"{file} is not a text file" if not is_text else f"{copy.suffix} is not a text format"
     if is_text and copy.suffix != ".usdc":
         try:
             text = file.read_bytes().decode("utf-8")
-            for path, kind, name, value in sites:
-                literal = quoted(value) if isinstance(value, str) else repr(value).removesuffix(".0")
-                text = set_value(text, path, name, literal, kind)
+            for path, values in sites.items():
+                text = set_values(text, path, values)
             copy.write_bytes(text.encode("utf-8"))
             return ""
         except (UsdaTextError, UnicodeDecodeError) as error:
             reason = str(error)
     layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.TransferContent(stage.GetRootLayer())
-    for path, kind, name, value in sites:
-        prim = Sdf.CreatePrimInLayer(layer, path)
-        spec = prim.attributes.get(name) or Sdf.AttributeSpec(prim, name, Sdf.ValueTypeNames.Find(kind))
-        spec.SetInfo("typeName", kind)
-        spec.default = value
+    for path, values in sites.items():
+        for name, (value, kind) in values.items():
+            set_attribute(layer, path, name, value, kind)
     if not layer.Export(str(copy), args={"format": "usda"} if is_text and copy.suffix == ".usd" else {}):
         raise AssetError(f"{copy}: cannot be written")
     return f"written through USD, which keeps no comments and lays the text out anew: {reason}"

@@ -57,15 +57,15 @@ def test_set_motor(robot):
 
 def test_set_notices_a_second_change(robot, monkeypatch):
     """An edit of the text that hits more than the wanted number is found by comparison, and nothing is written."""
-    true_edit = mrwarp.usd.edit.set_value
+    true_edit = mrwarp.usd.edit.set_values
 
     def sloppy(text, *args):
         return true_edit(text, *args).replace("float physics:mass = 0.195862", "float physics:mass = 0.2")
 
-    monkeypatch.setattr(mrwarp.usd.edit, "set_value", sloppy)
+    monkeypatch.setattr(mrwarp.usd.edit, "set_values", sloppy)
     with pytest.raises(AssetError, match=r"physics:mass .* would change too.*nothing was written"):
         edit_asset(robot, "FL_calf", {"K1": 3.0})
-    monkeypatch.setattr(mrwarp.usd.edit, "set_value", lambda text, *_: text)
+    monkeypatch.setattr(mrwarp.usd.edit, "set_values", lambda text, *_: text)
     with pytest.raises(AssetError, match="does not take effect"):
         edit_asset(robot, "FL_calf", {"K1": 3.0})
     assert [p.name for p in robot.parent.iterdir()] == ["robot.usda"]

@@ -6,7 +6,13 @@ import pytest
 from pxr import Sdf
 
 from mrwarp.usd.open_stage import ASSETS
-from mrwarp.usd.usda_text import UsdaTextError, quoted, scan, set_value
+from mrwarp.usd.usda_text import UsdaTextError, set_values
+
+
+def set_value(text: str, path: str, name: str, value: float | str, type_name: str) -> str:
+    """One attribute."""
+    return set_values(text, path, {name: (value, type_name)})
+
 
 TRICKY = '''#usda 1.0
 (
@@ -62,26 +68,6 @@ def Xform "top" (
 '''
 
 
-def sdf_paths(layer: Sdf.Layer) -> tuple[set[str], set[str]]:
-    """Paths of the prims and variants, and of the properties with a value, as USD reads them."""
-    found: list[Sdf.Path] = []
-    layer.Traverse(Sdf.Path.absoluteRootPath, found.append)
-    blocks = {str(p) for p in found if isinstance(layer.GetObjectAtPath(p), (Sdf.PrimSpec, Sdf.VariantSpec))}
-    return blocks - {"/"}, {str(p) for p in found if p.IsPropertyPath()}
-
-
-@pytest.mark.parametrize("text", [*(p.read_text(encoding="utf-8") for p in sorted(ASSETS.glob("*.usda"))), TRICKY])
-def test_scan_finds_what_usd_finds(text):
-    """Prims, variants and properties have the paths that USD gives them; strings and comments hide nothing."""
-    layer = Sdf.Layer.CreateAnonymous(".usda")
-    layer.ImportFromString(text)
-    blocks = scan(text)
-    paths, properties = sdf_paths(layer)
-    mine = {f"{path}.{name.removesuffix('.timeSamples')}" for path, b in blocks.items() for name in b.properties}
-    assert set(blocks) == paths
-    assert mine == properties
-
-
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 @pytest.mark.parametrize(
     ("path", "name"),
@@ -100,7 +86,7 @@ def test_scan_finds_what_usd_finds(text):
 def test_set_value_in_tricky_text(path, name, newline):
     """USD reads the new number where it was meant, and everything else as before; line ends stay."""
     text = TRICKY.replace("\n", newline)
-    edited = set_value(text, path, name, "0.25", "double")
+    edited = set_value(text, path, name, 0.25, "double")
     before, after = Sdf.Layer.CreateAnonymous(".usda"), Sdf.Layer.CreateAnonymous(".usda")
     before.ImportFromString(text)
     after.ImportFromString(edited)
@@ -117,11 +103,11 @@ def test_set_value_in_tricky_text(path, name, newline):
 def test_set_value_changes_one_line():
     """In the robot's file one line is replaced, its comment keeps text and column; an override adds one line."""
     text = (ASSETS / "mr_go.usda").read_text(encoding="utf-8")
-    edited = set_value(text, "/mr_go/parts/MRDevice", "newton:mr:K1", "20.82663", "double")
+    edited = set_value(text, "/mr_go/parts/MRDevice", "newton:mr:K1", 20.82663, "double")
     [old] = [line[2:] for line in difflib.ndiff(text.splitlines(), edited.splitlines()) if line.startswith("- ")]
     [new] = [line[2:] for line in difflib.ndiff(text.splitlines(), edited.splitlines()) if line.startswith("+ ")]
     assert new == old.replace("10.413315", "20.82663 ")
-    added = set_value(text, "/mr_go{robot=mr_go}actuators/FL_calf", "newton:mr:K1", "3", "double")
+    added = set_value(text, "/mr_go{robot=mr_go}actuators/FL_calf", "newton:mr:K1", 3.0, "double")
     changes = [line for line in difflib.ndiff(text.splitlines(), added.splitlines()) if line[0] in "+-"]
     assert changes == ["+ " + 20 * " " + "double newton:mr:K1 = 3"]
 
@@ -129,9 +115,9 @@ def test_set_value_changes_one_line():
 def test_set_value_changes_the_type_too():
     """A number stored in 32 bits becomes a double, in the same line."""
     text = '#usda 1.0\ndef "a"\n{\n    float x = 1  # unit\n}\n'
-    assert set_value(text, "/a", "x", "0.1", "double") == text.replace("float x = 1", "double x = 0.1")
+    assert set_value(text, "/a", "x", 0.1, "double") == text.replace("float x = 1", "double x = 0.1")
     array = text.replace("float x = 1", "uniform float[] x = [1, 2]")
-    assert set_value(array, "/a", "x", "0.1", "double") == text.replace("float x = 1", "uniform double x = 0.1")
+    assert set_value(array, "/a", "x", 0.1, "double") == text.replace("float x = 1", "uniform double x = 0.1")
 
 
 @pytest.mark.parametrize("value", ["", "it's", '{"a": "b\\\\n"}', "\\", "'\\''", "} # {"])
@@ -139,9 +125,9 @@ def test_quoted_text_reads_back(value):
     """USD reads a quoted text as it was, new or in place of another; the scanner reads on behind it."""
     text = '#usda 1.0\ndef "a"\n{\n    double x = 1\n}\n'
     for old in ("none", "another"):
-        text = set_value(text, "/a", "note", quoted(old), "string")
-    text = set_value(text, "/a", "note", quoted(value), "string")
-    text = set_value(text, "/a", "x", "2", "double")
+        text = set_value(text, "/a", "note", old, "string")
+    text = set_value(text, "/a", "note", value, "string")
+    text = set_value(text, "/a", "x", 2.0, "double")
     layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.ImportFromString(text)
     assert layer.GetAttributeAtPath("/a.note").default == value
@@ -152,12 +138,11 @@ def test_quoted_text_reads_back(value):
     ("text", "words"),
     [
         ('#usda 1.0\ndef "a"\n{\n}\n', "/b does not stand in the text"),
-        ('#usda 1.0\ndef "b"\n{\n', "'end of file' at character"),
-        ('#usda 1.0\ndef "b"\n{\n    double x = (1\n}\n', "'end of file'"),
-        ("#usda 1.0\nsomething else\n", "'something' at character 10 where def or over or class is expected"),
+        ('#usda 1.0\ndef "b"\n{\n', "not readable"),
+        ("#usda 1.0\nsomething else\n", "not readable"),
     ],
 )
 def test_set_value_refuses(text, words):
     """A prim that is not there and a text that is not understood are refused with the place."""
     with pytest.raises(UsdaTextError, match=words):
-        set_value(text, "/b", "x", "1", "double")
+        set_value(text, "/b", "x", 1.0, "double")
