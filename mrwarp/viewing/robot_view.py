@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -54,13 +55,14 @@ LABEL_COLOR: Color = (235, 235, 235)
 ARROW_COLOR: Color = (225, 60, 90)
 GROUND_COLOR: Color = (86, 92, 100)
 COMMAND_COLOR: Color = (140, 145, 150)
-ENERGY_COLORS: tuple[Color, ...] = ((130, 130, 140), GATE_COLORS[Gate.DYNAMIC], GATE_COLORS[Gate.HOLD], (120, 90, 170),
-                                    (60, 170, 130))  # fmt: skip
 ENERGY = {
-    "motor": ledger.MOTOR, "device, dynamic": ledger.DYNAMIC, "device, hold": ledger.HOLD, "device, drag": ledger.DRAG,
-    "coil loss": ledger.COIL,
-}  # fmt: skip
-"""Plotted ledger entries: work of motors and devices on the joints, and the coils' loss."""
+    "motor": (ledger.MOTOR, (130, 130, 140)),
+    "device, dynamic": (ledger.DYNAMIC, GATE_COLORS[Gate.DYNAMIC]),
+    "device, hold": (ledger.HOLD, GATE_COLORS[Gate.HOLD]),
+    "device, drag": (ledger.DRAG, (120, 90, 170)),
+    "coil loss": (ledger.COIL, (60, 170, 130)),
+}
+"""Plotted ledger entries, work of motors and devices on the joints and the coils' loss, and their colours."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,20 +73,20 @@ class Series:
     """What it is, for people."""
     unit: str
     """Unit of its values."""
-    needs_device: bool = False
-    """Only of a robot with MR devices."""
+    lines: str = "robot"
+    """What has a line each: the ``robot`` itself, its ``command``, ``legs``, ``devices`` or ``energy`` entries."""
 
 
 SERIES = {
     "trunk_height": Series(title="trunk height", unit="m"),
     "forward_velocity": Series(title="forward velocity", unit="m/s"),
-    "forward_velocity_command": Series(title="commanded forward velocity", unit="m/s"),
+    "forward_velocity_command": Series(title="commanded forward velocity", unit="m/s", lines="command"),
     "vertical_velocity": Series(title="vertical velocity", unit="m/s"),
-    "calf_motor_torque": Series(title="calf motor torque", unit="N·m"),
-    "mr_torque": Series(title="MR torque", unit="N·m", needs_device=True),
-    "coil_current": Series(title="coil current", unit="A", needs_device=True),
-    "foot_force": Series(title="foot force", unit="N"),
-    "energy": Series(title="work and coil loss", unit="J"),
+    "calf_motor_torque": Series(title="calf motor torque", unit="N·m", lines="legs"),
+    "mr_torque": Series(title="MR torque", unit="N·m", lines="devices"),
+    "coil_current": Series(title="coil current", unit="A", lines="devices"),
+    "foot_force": Series(title="foot force", unit="N", lines="legs"),
+    "energy": Series(title="work and coil loss", unit="J", lines="energy"),
 }
 """Time series of each robot by entity name."""
 
@@ -123,7 +125,7 @@ class RobotLogger:
     @property
     def series(self) -> list[str]:
         """Names of the series that these robots have."""
-        return [name for name, kind in SERIES.items() if self.device_legs or not kind.needs_device]
+        return [name for name, kind in SERIES.items() if self.device_legs or kind.lines != "devices"]
 
     def place(self, k: int) -> tuple[float, float, float]:
         """Where robot k's world has its origin [m]: the row goes to the right of the walking direction."""
@@ -166,20 +168,16 @@ class RobotLogger:
             self._log_series_style(root, f"{current:g} A", CURRENT_COLORS[k % len(CURRENT_COLORS)])
 
     def _log_series_style(self, root: str, label: str, color: Color) -> None:
-        lines: dict[str, tuple[list[str], Sequence[Color]]] = {
-            "trunk_height": ([label], [color]),
-            "forward_velocity": ([label], [color]),
-            "forward_velocity_command": (["command"], [COMMAND_COLOR]),
-            "vertical_velocity": ([label], [color]),
-            "calf_motor_torque": (list(LEGS), LEG_COLORS),
-            "mr_torque": (self.device_legs, LEG_COLORS),
-            "coil_current": (self.device_legs, LEG_COLORS),
-            "foot_force": (list(LEGS), LEG_COLORS),
-            "energy": (list(ENERGY), ENERGY_COLORS),
+        lines: dict[str, dict[str, Color]] = {
+            "robot": {label: color},
+            "command": {"command": COMMAND_COLOR},
+            "legs": dict(zip(LEGS, LEG_COLORS, strict=True)),
+            "devices": dict(zip(self.device_legs, LEG_COLORS, strict=False)),
+            "energy": {name: color for name, (_, color) in ENERGY.items()},
         }
         for name in self.series:
-            names, colors = lines[name]
-            style = rr.SeriesLines(names=names, colors=list(colors), widths=[1.5] * len(names))
+            drawn = lines[SERIES[name].lines]
+            style = rr.SeriesLines(names=list(drawn), colors=list(drawn.values()), widths=[1.5] * len(drawn))
             self._recording.log(f"{root}/series/{name}", style, rr.AnyValues(unit=SERIES[name].unit), static=True)
         for leg in self.device_legs:
             states = rr.StateConfiguration(
@@ -226,7 +224,7 @@ class RobotLogger:
                     self._send(self._shape_path(root, shape), when, columns)
 
     def _log_series(self, root: str, times: rr.TimeColumn, frames: Frames, k: int) -> None:
-        entries = [int(entry) for entry in ENERGY.values()]
+        entries = [int(entry) for entry, _ in ENERGY.values()]
         values = {
             "trunk_height": trunk_height(self._ground, frames.qpos[:, k])[:, None],
             "forward_velocity": frames.v_x[:, k, None],
@@ -251,33 +249,30 @@ class RobotLogger:
 
 
 _ARCHETYPES = {
-    Kind.BOX: rr.Boxes3D, Kind.SPHERE: rr.Ellipsoids3D, Kind.CAPSULE: rr.Capsules3D, Kind.CYLINDER: rr.Cylinders3D,
-}  # fmt: skip
+    Kind.BOX: rr.Boxes3D,
+    Kind.SPHERE: rr.Ellipsoids3D,
+    Kind.CAPSULE: rr.Capsules3D,
+    Kind.CYLINDER: rr.Cylinders3D,
+}
 
 
 def _primitive(shape: Shape) -> rr.Boxes3D | rr.Ellipsoids3D | rr.Capsules3D | rr.Cylinders3D:
     """A shape as rerun draws it; the colour of a gated one comes with the gate."""
-    colors = None if shape.device >= 0 else [shape.part.value]
-    quaternions = [rr.Quaternion(xyzw=np.roll(shape.quat, -1))]
-    solid = rr.components.FillMode.Solid
+    style: dict[str, Any] = {
+        "colors": None if shape.device >= 0 else [shape.part.value],
+        "quaternions": [rr.Quaternion(xyzw=np.roll(shape.quat, -1))],
+        "fill_mode": rr.components.FillMode.Solid,
+    }
     if shape.kind is Kind.BOX:
-        return rr.Boxes3D(
-            centers=[shape.pos], half_sizes=[shape.size], quaternions=quaternions, colors=colors, fill_mode=solid
-        )
+        return rr.Boxes3D(centers=[shape.pos], half_sizes=[shape.size], **style)
     if shape.kind is Kind.SPHERE:
-        return rr.Ellipsoids3D(centers=[shape.pos], radii=list(shape.size), colors=colors, fill_mode=solid)
+        return rr.Ellipsoids3D(centers=[shape.pos], radii=list(shape.size), **style)
     radius, half = shape.size
     if shape.kind is Kind.CYLINDER:
-        return rr.Cylinders3D(
-            centers=[shape.pos], lengths=[2.0 * half], radii=[radius], quaternions=quaternions, colors=colors,
-            fill_mode=solid,
-        )  # fmt: skip
+        return rr.Cylinders3D(centers=[shape.pos], lengths=[2.0 * half], radii=[radius], **style)
     # rerun's capsule starts at its translation, MuJoCo's is centred
     start = shape.pos - rotate(shape.quat, np.array([0.0, 0.0, half]))
-    return rr.Capsules3D(
-        translations=[start], lengths=[2.0 * half], radii=[radius], quaternions=quaternions, colors=colors,
-        fill_mode=solid,
-    )  # fmt: skip
+    return rr.Capsules3D(translations=[start], lengths=[2.0 * half], radii=[radius], **style)
 
 
 def make_blueprint(robots: RobotLogger, *, live: bool = False, impact: bool = False) -> rrb.Blueprint:
@@ -289,16 +284,12 @@ def make_blueprint(robots: RobotLogger, *, live: bool = False, impact: bool = Fa
         impact: Compare the vertical velocity instead of the forward velocity.
     """
     names = robots.names
-    velocity = (
-        _compare(names, "vertical_velocity")
-        if impact
-        else _compare(names, "forward_velocity", extra=[f"/robots/{names[0]}/series/forward_velocity_command"])
-    )
+    velocity = _compare(names, "vertical_velocity")
+    if not impact:
+        command = f"/robots/{names[0]}/series/forward_velocity_command"
+        velocity = _compare(names, "forward_velocity", extra=[command])
     right = rrb.Vertical(
-        rrb.Horizontal(
-            _compare(names, "trunk_height"),
-            velocity,
-        ),
+        rrb.Horizontal(_compare(names, "trunk_height"), velocity),
         # the largest current stands last and has most to show
         rrb.Tabs(*[_details(name, robots) for name in names], active_tab=len(names) - 1, name="joints"),
         row_shares=[1.0, 3.0],
@@ -354,9 +345,12 @@ def _details(name: str, robots: RobotLogger) -> rrb.Grid:
 def _plot(series: str, contents: Sequence[str]) -> rrb.TimeSeriesView:
     kind = SERIES[series]
     return rrb.TimeSeriesView(
-        origin="/", contents=list(contents), name=f"{kind.title} [{kind.unit}]", axis_x=_time_axis(),
+        origin="/",
+        contents=list(contents),
+        name=f"{kind.title} [{kind.unit}]",
+        axis_x=_time_axis(),
         plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
-    )  # fmt: skip
+    )
 
 
 def _time_axis() -> rrb.archetypes.TimeAxis:

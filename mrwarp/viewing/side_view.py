@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Patch, Polygon
+from scipy.spatial import ConvexHull
 
 from mrwarp.env.sim_model import Scene
 from mrwarp.usd.robot import LEGS
@@ -29,6 +30,8 @@ FORCE_SCALE = 0.16 / 100.0
 
 FORCE_COLOR = "#d6335c"
 """Foot forces."""
+
+FORCE_ARROW = {"arrowstyle": "-|>", "color": FORCE_COLOR, "lw": 1.3, "mutation_scale": 7, "shrinkA": 0, "shrinkB": 0}
 
 GROUND_COLOR, GROUND_EDGE = "#e4e6e9", "#9aa0a8"
 """Ground and its surface."""
@@ -85,30 +88,22 @@ class SideView:
             height = self._ground.height(origin[:2] + along[:, None] * forward[:2]) - origin[2]
             axis.fill_between(along + x, height, -0.3, color=GROUND_COLOR, linewidth=0, zorder=0.5)
             axis.plot(along + x, height, color=GROUND_EDGE, linewidth=0.8, zorder=1)
-        depth = {id(s): float((pos[s.body] + rotate(quat[s.body], s.pos) - origin) @ right) for s in self._shapes}
-        for shape in sorted(self._shapes, key=lambda s: depth[id(s)]):
-            centre = pos[shape.body] + rotate(quat[shape.body], shape.pos)
+        centres = [pos[shape.body] + rotate(quat[shape.body], shape.pos) for shape in self._shapes]
+        depths = [float((centre - origin) @ right) for centre in centres]
+        for k in np.argsort(depths, kind="stable"):
+            shape, depth = self._shapes[k], depths[k]
             color = GATE_COLORS[Gate(int(gate[shape.device]))] if shape.device >= 0 else shape.part.value
-            # what lies behind the trunk fades towards the paper
-            face = _fade(color, 0.5 if depth[id(shape)] < -0.03 else 0.0)
-            edge = _fade(_darker(color), 0.5 if depth[id(shape)] < -0.03 else 0.0)
-            for patch in _patches(shape, centre, compose(quat[shape.body], shape.quat), flat):
-                patch.set(facecolor=face, edgecolor=edge, linewidth=0.5, zorder=2.0 + depth[id(shape)])
-                axis.add_patch(patch)
+            faded = 0.5 if depth < -0.03 else 0.0  # what lies behind the trunk fades towards the paper
+            patch = _patch(shape, centres[k], compose(quat[shape.body], shape.quat), flat)
+            edge = _fade(tuple(int(0.6 * c) for c in color), faded)
+            patch.set(facecolor=_fade(color, faded), edgecolor=edge, linewidth=0.5, zorder=2.0 + depth)
+            axis.add_patch(patch)
         for leg, foot in enumerate(self._feet):
             if foot is None or leg >= len(force) or np.linalg.norm(force[leg]) < 5.0:
                 continue
             start = flat(pos[foot.body] + rotate(quat[foot.body], foot.pos))
             end = start + FORCE_SCALE * np.array([force[leg] @ forward, force[leg][2]])
-            arrow = {
-                "arrowstyle": "-|>",
-                "color": FORCE_COLOR,
-                "lw": 1.3,
-                "mutation_scale": 7,
-                "shrinkA": 0,
-                "shrinkB": 0,
-            }
-            axis.annotate("", xy=tuple(end), xytext=tuple(start), arrowprops=arrow, zorder=4.0)
+            axis.annotate("", xy=tuple(end), xytext=tuple(start), arrowprops=FORCE_ARROW, zorder=4.0)
 
 
 def rgb(color: Color) -> tuple[float, float, float]:
@@ -116,51 +111,28 @@ def rgb(color: Color) -> tuple[float, float, float]:
     return color[0] / 255.0, color[1] / 255.0, color[2] / 255.0
 
 
-def _patches(
-    shape: Shape, centre: np.ndarray, quat: np.ndarray, flat: Callable[[np.ndarray], np.ndarray]
-) -> list[Patch]:
+def _patch(shape: Shape, centre: np.ndarray, quat: np.ndarray, flat: Callable[[np.ndarray], np.ndarray]) -> Patch:
     """Outline of a shape in the drawing plane."""
     if shape.kind is Kind.SPHERE:
-        return [Circle(tuple(flat(centre)), shape.size[0])]
+        return Circle(tuple(flat(centre)), shape.size[0])
     if shape.kind is Kind.BOX:
         corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * shape.size
-        return [Polygon(_hull(flat(centre + rotate(quat, corners))))]
+        return _outline(flat(centre + rotate(quat, corners)))
     radius, half = shape.size
-    ends = flat(centre + rotate(quat, np.array([[0.0, 0.0, -half], [0.0, 0.0, half]])))
     angle = np.linspace(0.0, 2.0 * np.pi, 25)
+    circle = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     if shape.kind is Kind.CAPSULE:
-        circle = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        return [Polygon(_hull(np.concatenate([ends[0] + circle, ends[1] + circle])))]
-    rim = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
-    sides = [flat(centre + rotate(quat, rim + [0.0, 0.0, z])) for z in (-half, half)]
-    return [Polygon(_hull(np.concatenate(sides)))]
+        ends = flat(centre + rotate(quat, np.array([[0.0, 0.0, -half], [0.0, 0.0, half]])))
+        return _outline((ends[:, None] + circle).reshape(-1, 2))
+    rims = [np.pad(circle, ((0, 0), (0, 1)), constant_values=z) for z in (-half, half)]
+    return _outline(flat(centre + rotate(quat, np.concatenate(rims))))
 
 
-def _hull(points: np.ndarray) -> np.ndarray:
-    """Convex hull of points in the plane, counter-clockwise (monotone chain)."""
-    ordered = points[np.lexsort((points[:, 1], points[:, 0]))]
-
-    def chain(rows: np.ndarray) -> list[np.ndarray]:
-        kept: list[np.ndarray] = []
-        for row in rows:
-            while len(kept) > 1 and _turn(kept[-2], kept[-1], row) <= 0.0:
-                kept.pop()
-            kept.append(row)
-        return kept[:-1]
-
-    return np.array(chain(ordered) + chain(ordered[::-1]))
+def _outline(points: np.ndarray) -> Polygon:
+    """Convex hull of points in the plane."""
+    return Polygon(points[ConvexHull(points).vertices])
 
 
-def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
-
-
-def _fade(color: Color, share: float) -> tuple[float, float, float]:
+def _fade(color: tuple[int, ...], share: float) -> tuple[float, ...]:
     """A colour mixed with white."""
-    r, g, b = (c + (1.0 - c) * share for c in rgb(color))
-    return r, g, b
-
-
-def _darker(color: Color) -> Color:
-    r, g, b = (int(0.6 * c) for c in color)
-    return r, g, b
+    return tuple(c / 255.0 + (1.0 - c / 255.0) * share for c in color)

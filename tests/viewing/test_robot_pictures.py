@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -13,7 +12,7 @@ from mrwarp.usd.asset import load_robot
 from mrwarp.viewing.frames import Frames, Gate
 from mrwarp.viewing.robot_pictures import _spans, contact_sheet
 from mrwarp.viewing.shapes import GATE_COLORS, robot_shapes
-from mrwarp.viewing.side_view import SideView, _hull
+from mrwarp.viewing.side_view import SideView
 
 
 def test_contact_sheet_is_not_blank(walk: Any, tmp_path: Path) -> None:
@@ -61,17 +60,6 @@ def test_side_view_follows_the_heading(walk: Any) -> None:
     first = extents(walk, qpos)
     assert len(first) == len(robot_shapes(walk.env.sim.scene))
     np.testing.assert_allclose(extents(walk, turned), first, atol=1e-9)
-
-
-def test_hull_of_a_square_with_inner_points() -> None:
-    """The hull keeps the corners only, counter-clockwise: its shoelace area is the square's, positive."""
-    rng = np.random.default_rng(0)
-    corners = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])
-    hull = _hull(np.concatenate([rng.uniform(0.1, 1.9, (50, 2)), corners]))
-    assert len(hull) == 4
-    following = np.roll(hull, -1, axis=0)
-    area = 0.5 * np.sum(hull[:, 0] * following[:, 1] - hull[:, 1] * following[:, 0])
-    assert area == pytest.approx(4.0)
 
 
 def test_spans_of_a_gate() -> None:

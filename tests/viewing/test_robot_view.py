@@ -56,7 +56,7 @@ def test_every_series_is_there_with_its_unit(walk: Any, recording: Path, read_rr
             "mr_torque": frames.tau_mr[:, k],
             "coil_current": frames.current[:, k],
             "foot_force": np.linalg.norm(frames.foot_force[:, k], axis=-1),
-            "energy": np.stack([frames.ledger[:, k, :, int(e)].sum(-1) for e in ENERGY.values()], axis=-1),
+            "energy": np.stack([frames.ledger[:, k, :, int(e)].sum(-1) for e, _ in ENERGY.values()], axis=-1),
         }
         assert set(expected) == set(UNITS) == set(SERIES)
         for quantity, values in expected.items():
@@ -176,7 +176,7 @@ def test_robot_without_devices(tmp_path: Path, walk: Any, read_rrd: Any) -> None
 
 def test_energy_entries_are_the_ledgers() -> None:
     """The plotted lines name the ledger entries they show."""
-    names = [ledger.ENTRIES[int(entry)] for entry in ENERGY.values()]
+    names = [ledger.ENTRIES[int(entry)] for entry, _ in ENERGY.values()]
     assert names == ["motor", "dynamic", "hold", "drag", "coil"]
     for shown, name in zip(ENERGY, names, strict=True):
         assert name in shown
