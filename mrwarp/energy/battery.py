@@ -7,7 +7,6 @@ A linear gauge on energy. At the terminals' power P and nominal voltage V with i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,7 +57,6 @@ def cell_power(power: np.ndarray | float, cfg: BatteryCfg) -> np.ndarray:
     return cfg.voltage * (cfg.voltage - np.sqrt(rest)) / (2.0 * cfg.resistance)
 
 
-def depletion(phases: Sequence[tuple[float, float]], cfg: BatteryCfg) -> float:
-    """Fall of the state of charge [percentage points] over phases of (power [W], time [s])."""
-    energy = sum(float(cell_power(power, cfg)) * seconds for power, seconds in phases)
-    return 100.0 * energy / 3600.0 / cfg.capacity
+def depletion(power: np.ndarray | float, seconds: np.ndarray | float, cfg: BatteryCfg) -> np.ndarray:
+    """Fall of the state of charge [percentage points] by a power [W] over a time [s]."""
+    return 100.0 * cell_power(power, cfg) * seconds / 3600.0 / cfg.capacity

@@ -11,9 +11,11 @@ motor's temperature is taken to be the housing's, where the drive's sensor sits.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from mrwarp.params import ParamGroup, param
 
@@ -74,7 +76,7 @@ class Temperatures:
 
 
 def step(
-    now: Temperatures, motor_loss: np.ndarray, device_loss: np.ndarray, seconds: float, cfg: ThermalCfg
+    now: Temperatures, motor_loss: np.ndarray, device_loss: np.ndarray, seconds: np.ndarray | float, cfg: ThermalCfg
 ) -> Temperatures:
     """Temperatures after constant losses, exactly.
 
@@ -82,20 +84,22 @@ def step(
         now: Temperatures at the start.
         motor_loss: Heat in the windings [W], shape (..., J).
         device_loss: Heat in the devices [W], shape (..., M).
-        seconds: Duration [s].
+        seconds: Duration [s], a number or shape (...).
         cfg: The numbers.
     """
     # final state: all heat goes through both resistances
     end_h = motor_loss * cfg.housing_resistance
     end_w = end_h + motor_loss * cfg.winding_resistance
-    matrix = _exponential(motor_matrix(cfg), seconds)
     w, h = now.winding - end_w, now.housing - end_h
+    # exp(A t) by A's eigenvalues, which are real and distinct, as of any two coupled thermal masses
+    time = np.asarray(seconds)[..., None]
+    values, vectors = np.linalg.eig(motor_matrix(cfg))
+    matrix = (vectors * np.exp(values * time)[..., None, :]) @ np.linalg.inv(vectors)
+    (ww, wh), (hw, hh) = ([matrix[..., i, j, None] for j in (0, 1)] for i in (0, 1))
     end_f = device_loss * cfg.fluid_resistance
-    decay = np.exp(-seconds / (cfg.fluid_resistance * cfg.fluid_capacity))
+    decay = np.exp(-time / (cfg.fluid_resistance * cfg.fluid_capacity))
     return Temperatures(
-        winding=end_w + matrix[0, 0] * w + matrix[0, 1] * h,
-        housing=end_h + matrix[1, 0] * w + matrix[1, 1] * h,
-        fluid=end_f + decay * (now.fluid - end_f),
+        winding=end_w + ww * w + wh * h, housing=end_h + hw * w + hh * h, fluid=end_f + decay * (now.fluid - end_f)
     )
 
 
@@ -117,77 +121,53 @@ def softened(fluid: np.ndarray, cfg: ThermalCfg) -> tuple[np.ndarray, np.ndarray
 
 
 def calibrate(
-    motor_loss: dict[str, np.ndarray],
-    seconds: dict[str, float],
-    *,
-    calf_walking: float,
-    calf_standby: float,
-    calves: tuple[int, ...],
-    cfg: ThermalCfg | None = None,
+    motor_loss: Mapping[str, np.ndarray],
+    seconds: Mapping[str, float],
+    measured: Mapping[str, float],
+    calves: Sequence[int],
+    cfg: ThermalCfg,
 ) -> tuple[ThermalCfg, dict[str, float]]:
     """Housing capacity and resistance that give the calves' measured rises, by bounded least squares.
 
     Args:
-        motor_loss: Heat per motor [W] in the phases ``outbound``, ``standby``, ``return``, each of shape (J,).
+        motor_loss: Heat per motor [W] in the phases of a mission, each of shape (J,).
         seconds: Duration of each phase [s].
-        calf_walking: Rise of the calves' mean over both walks [K].
-        calf_standby: Rise over the standby [K].
+        measured: ``calf_walking`` and ``calf_standby``, see :func:`calf_rises` [K].
         calves: Columns of the calves.
         cfg: Other numbers and the start.
 
     Returns:
-        The numbers, and what they give: ``calf_walking``, ``calf_standby``.
+        The numbers, and the rises that they give.
     """
-    from scipy.optimize import least_squares
-
-    start = cfg or ThermalCfg()
 
     def at(x: np.ndarray) -> ThermalCfg:
-        return replace(start, housing_capacity=float(np.exp(x[0])), housing_resistance=float(np.exp(x[1])))
-
-    def rises(x: np.ndarray) -> dict[str, float]:
-        trace = mission(motor_loss, {name: np.zeros(0) for name in motor_loss}, seconds, at(x))
-        return rise_figures(trace, calves)
+        """Numbers at the logarithms of capacity and resistance."""
+        return replace(cfg, housing_capacity=float(np.exp(x[0])), housing_resistance=float(np.exp(x[1])))
 
     def mismatch(x: np.ndarray) -> list[float]:
-        got = rises(x)
-        return [got["calf_walking"] - calf_walking, got["calf_standby"] - calf_standby]
+        """Rises less the measured ones [K]."""
+        got = calf_rises(motor_loss, seconds, calves, at(x))
+        return [got[name] - measured[name] for name in got]
 
     bounds = np.log([[50.0, 0.5], [1e4, 1e3]])
-    begin = np.clip(np.log([start.housing_capacity, start.housing_resistance]), *bounds)
-    fit = least_squares(mismatch, begin, bounds=tuple(bounds))
-    got = rises(fit.x)
-    return at(fit.x), {name: got[name] for name in ("calf_walking", "calf_standby")}
+    begin = np.clip(np.log([cfg.housing_capacity, cfg.housing_resistance]), *bounds)
+    fitted = at(least_squares(mismatch, begin, bounds=tuple(bounds)).x)
+    return fitted, calf_rises(motor_loss, seconds, calves, fitted)
 
 
-def mission(
-    motor_loss: dict[str, np.ndarray], device_loss: dict[str, np.ndarray], seconds: dict[str, float], cfg: ThermalCfg
-) -> list[tuple[str, Temperatures, Temperatures]]:
-    """Name, temperatures before and after each phase, one after the other from ambient."""
-    first = next(iter(motor_loss.values()))
-    now = Temperatures.ambient(first.shape[:-1], first.shape[-1], next(iter(device_loss.values())).shape[-1])
-    trace = []
+def calf_rises(
+    motor_loss: Mapping[str, np.ndarray], seconds: Mapping[str, float], calves: Sequence[int], cfg: ThermalCfg
+) -> dict[str, float]:
+    """Mean rises of the calves [K] as in figure 11, over phases one after the other from ambient.
+
+    Returns:
+        ``calf_walking``, over all phases but the standby, and ``calf_standby``.
+    """
+    rises = {"calf_walking": 0.0, "calf_standby": 0.0}
+    now = Temperatures.ambient((), len(next(iter(motor_loss.values()))), 0)
     for name, loss in motor_loss.items():
-        after = step(now, loss, device_loss[name], seconds[name], cfg)
-        trace.append((name, now, after))
+        after = step(now, loss, np.zeros(0), seconds[name], cfg)
+        change = float((after.housing - now.housing)[list(calves)].mean())
+        rises["calf_standby" if name == "standby" else "calf_walking"] += change
         now = after
-    return trace
-
-
-def rise_figures(trace: list[tuple[str, Temperatures, Temperatures]], calves: tuple[int, ...]) -> dict[str, float]:
-    """Mean rises [K] as in figure 11: ``calf_walking``, ``calf_standby``, ``all``, and the devices' ``fluid``."""
-    change = {name: after.housing - before.housing for name, before, after in trace}
-    calf = {name: float(values[..., list(calves)].mean()) for name, values in change.items()}
-    last = trace[-1][2]
-    return {
-        "calf_walking": sum(value for name, value in calf.items() if name != "standby"),
-        "calf_standby": calf.get("standby", 0.0),
-        "all": float(last.housing.mean()),
-        "fluid": float(last.fluid.mean()) if last.fluid.size else 0.0,
-    }
-
-
-def _exponential(matrix: np.ndarray, seconds: float) -> np.ndarray:
-    """exp(A t) of a matrix with real, distinct eigenvalues, as that of two coupled thermal masses."""
-    values, vectors = np.linalg.eig(matrix)
-    return (vectors * np.exp(values * seconds)) @ np.linalg.inv(vectors)
+    return rises

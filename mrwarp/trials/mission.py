@@ -16,8 +16,8 @@ import torch
 
 from mrwarp import paper
 from mrwarp.energy import thermal
-from mrwarp.energy.battery import BatteryCfg, cell_power
-from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power, motor_heat
+from mrwarp.energy.battery import BatteryCfg, depletion
+from mrwarp.energy.power import CALF_COLUMNS, ElectricalCfg, JointLoad, battery_power, motor_heat
 from mrwarp.energy.thermal import Temperatures, ThermalCfg
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
@@ -217,49 +217,58 @@ def run(
     out, back = phases["outbound"], phases["return"]
     if len(out.speed) != len(back.speed) or not np.array_equal(out.trial, back.trial):  # type: ignore[arg-type]
         raise ValueError(f"repetitions {out.trial} went out and {back.trial} came back; they must be the same")
-    count = len(out.speed)
-    devices = phases["outbound"].joints.coil.shape[-1]
-    now = Temperatures.ambient((count,), 12, devices)
+    count, devices = len(out.speed), out.joints.coil.shape[-1]
     calves = list(CALF_COLUMNS)
     others = [joint for joint in range(12) if joint not in calves]
-    depletion, elapsed = np.zeros(count), np.zeros(count)
-    samples: list[tuple[np.ndarray, ...]] = [(elapsed, np.zeros(count), depletion, np.zeros(count), np.zeros(count))]
+    now = Temperatures.ambient((count,), 12, devices)
+    zero = np.zeros(count)
+    charge, elapsed = zero, zero
+    samples = [(zero, zero, zero, zero, zero)]
     power: dict[str, np.ndarray] = {}
     durations: dict[str, np.ndarray] = {}
     change: dict[str, np.ndarray] = {}
     fluid = []
     for name in PHASES:
-        phase = phases[name]
-        joints = _rows(phase.joints, count)
-        seconds = np.broadcast_to(phase.seconds, count) if len(phase.seconds) == 1 else phase.seconds[:count]
+        # a robot that stands once stands for all
+        joints, seconds = phases[name].joints, np.broadcast_to(phases[name].seconds, count)
         slices = max(round(float(seconds.mean()) / SLICE), 1)
-        before, energy, warm = now, np.zeros(count), np.zeros((count, devices))
+        step = seconds / slices
+        before, energy, warm = now, zero, np.zeros((count, devices))
         for _ in range(slices):
-            rise = now.winding if feedback else 0.0
-            drawn = battery_power(joints, electrical, rise).total
-            now = _each(
-                now, motor_heat(joints, electrical, rise), joints.coil + joints.friction, seconds / slices, heat
-            )
+            rise = now.winding if feedback else np.zeros((count, 1))
+            drawn = np.broadcast_to(battery_power(joints, electrical, rise).total, count)
+            heat_motors = np.broadcast_to(motor_heat(joints, electrical, rise), (count, 12))
+            now = thermal.step(now, heat_motors, joints.coil + joints.friction, step, heat)
             warm = warm + now.fluid / slices
-            energy = energy + drawn * seconds / slices
-            depletion = depletion + 100.0 * cell_power(drawn, battery) * seconds / slices / 3600.0 / battery.capacity
-            elapsed = elapsed + seconds / slices
-            samples.append(
-                (elapsed, drawn, depletion, now.housing[:, calves].mean(1), now.housing[:, others].mean(1))
-            )  # fmt: skip
+            energy = energy + drawn * step
+            charge = charge + depletion(drawn, step, battery)
+            elapsed = elapsed + step
+            housing = now.housing
+            samples.append((elapsed, drawn, charge, housing[:, calves].mean(1), housing[:, others].mean(1)))
         power[name], durations[name] = energy / seconds, np.array(seconds)
         change[name] = (now.housing - before.housing)[:, calves].mean(1)
-        fluid.append(warm.mean(1) if devices else np.zeros(count))
-    series = [np.array([sample[i].mean() for sample in samples]) for i in range(5)]
-    series[1][0] = series[1][1]
+        fluid.append(warm.mean(1) if devices else zero)
+    t, drawn, mean_charge, calf, proximal = (np.array(series).mean(axis=1) for series in zip(*samples, strict=True))
+    drawn[0] = drawn[1]
+    rises = {
+        "calf_walking": change["outbound"] + change["return"],
+        "calf_standby": change["standby"],
+        "all": now.housing.mean(1),
+        "proximal": now.housing[:, others].mean(1),
+        "fluid": now.fluid.mean(1) if devices else zero,
+    }
     return MissionTrace(
-        power=power, seconds=durations, depletion=depletion,
-        rise={"calf_walking": change["outbound"] + change["return"], "calf_standby": change["standby"],
-              "all": now.housing.mean(1), "proximal": now.housing[:, others].mean(1),
-              "fluid": now.fluid.mean(1) if devices else np.zeros(count)},
-        t=series[0], power_over_time=series[1], charge=series[2], calf=series[3], proximal=series[4],
+        power=power,
+        seconds=durations,
+        depletion=charge,
+        rise=rises,
+        t=t,
+        power_over_time=drawn,
+        charge=mean_charge,
+        calf=calf,
+        proximal=proximal,
         fluid=np.array(fluid),
-    )  # fmt: skip
+    )
 
 
 def calibrate(
@@ -276,40 +285,17 @@ def calibrate(
     loss = {name: motor_heat(phases[name].joints, electrical).mean(0) for name in PHASES}
     seconds = {name: float(phases[name].seconds.mean()) for name in PHASES}
     target = paper.MISSION_RISE["go1"]
-    heat, got = thermal.calibrate(
-        loss, seconds, calf_walking=target["calf_walking"], calf_standby=target["calf_standby"], calves=CALF_COLUMNS,
-        cfg=heat,
-    )  # fmt: skip
+    rises = {name: target[name] for name in ("calf_walking", "calf_standby")}
+    heat, got = thermal.calibrate(loss, seconds, rises, CALF_COLUMNS, heat)
     drop = float(run(phases, electrical, heat, battery, feedback=False).depletion.mean())
     depleted = paper.MISSION_DEPLETION["go1"][0]
     battery = replace(battery, capacity=battery.capacity * drop / depleted)
-    return heat, battery, {"fitted": got, "measured": {name: target[name] for name in got}, "depletion": depleted}
+    return heat, battery, {"fitted": got, "measured": rises, "depletion": depleted}
 
 
 def fluid_rises(trace: MissionTrace) -> np.ndarray:
     """Mean temperature of the fluids above ambient during each phase [K], shape (3,)."""
     return trace.fluid.mean(1)
-
-
-def _each(
-    now: Temperatures, motor: np.ndarray, device: np.ndarray, seconds: np.ndarray, cfg: ThermalCfg
-) -> Temperatures:
-    """One thermal step whose duration differs between seeds, shape (n,)."""
-    rows = [
-        thermal.step(
-            Temperatures(winding=now.winding[i], housing=now.housing[i], fluid=now.fluid[i]),
-            motor[i], device[i], float(seconds[i]), cfg,
-        )
-        for i in range(len(seconds))
-    ]  # fmt: skip
-    return Temperatures(**{
-        name: np.stack([getattr(row, name) for row in rows]) for name in ("winding", "housing", "fluid")
-    })  # fmt: skip
-
-
-def _rows(joints: JointLoad, count: int) -> JointLoad:
-    """Joint loads of ``count`` seeds: the first ones, or the one there is for all."""
-    return joints[:count] if len(joints.torque_square) > 1 else joints[np.zeros(count, dtype=int)]
 
 
 def _softener(fluid: Mapping[str, float], seeds: int, cfg: ThermalCfg) -> Callable[[WalkEnv, Sequence[str]], None]:

@@ -9,9 +9,8 @@ IDEAL = BatteryCfg(capacity=100.0, resistance=0.0)
 
 
 def test_an_ideal_battery_counts_energy() -> None:
-    """100 W for half an hour from 100 W·h: 50 points; two phases add up."""
-    assert depletion([(100.0, 1800.0)], IDEAL) == pytest.approx(50.0)
-    assert depletion([(100.0, 900.0), (50.0, 1800.0)], IDEAL) == pytest.approx(50.0)
+    """100 W for half an hour from 100 W·h: 50 points."""
+    assert depletion(100.0, 1800.0, IDEAL) == pytest.approx(50.0)
 
 
 def test_cells_give_terminal_power_and_their_own_loss() -> None:

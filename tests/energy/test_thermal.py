@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mrwarp.energy.thermal import Temperatures, ThermalCfg, calibrate, mission, rise_figures, softened, step
+from mrwarp.energy.thermal import Temperatures, ThermalCfg, calf_rises, calibrate, softened, step
 
 CFG = ThermalCfg(
     winding_capacity=30.0, winding_resistance=1.0, housing_capacity=400.0, housing_resistance=5.0,
@@ -75,10 +75,8 @@ def test_calibration_finds_the_truth() -> None:
     loss = {"outbound": np.full(12, 9.0), "standby": np.full(12, 5.0), "return": np.full(12, 11.0)}
     seconds = {"outbound": 500.0, "standby": 600.0, "return": 500.0}
     calves = (2, 5, 8, 11)
-    rises = rise_figures(mission(loss, {name: np.zeros(0) for name in loss}, seconds, truth), calves)
-    fitted, got = calibrate(
-        loss, seconds, calf_walking=rises["calf_walking"], calf_standby=rises["calf_standby"], calves=calves
-    )
+    rises = calf_rises(loss, seconds, calves, truth)
+    fitted, got = calibrate(loss, seconds, rises, calves, ThermalCfg())
     assert fitted.housing_capacity == pytest.approx(450.0, rel=1e-4)
     assert fitted.housing_resistance == pytest.approx(12.0, rel=1e-4)
     assert got["calf_walking"] == pytest.approx(rises["calf_walking"], abs=1e-6)

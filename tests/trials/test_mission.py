@@ -40,8 +40,8 @@ def test_power_and_charge_are_those_of_the_phases() -> None:
     expected = {name: float(battery_power(PHASE_USES[name].joints, NUMBERS[0]).total[0]) for name in PHASES}
     for name in PHASES:
         np.testing.assert_allclose(trace.power[name], expected[name])
-    phases = [(expected[name], float(PHASE_USES[name].seconds[0])) for name in PHASES]
-    np.testing.assert_allclose(trace.depletion, depletion(phases, NUMBERS[2]))
+    phases = [depletion(expected[name], float(PHASE_USES[name].seconds[0]), NUMBERS[2]) for name in PHASES]
+    np.testing.assert_allclose(trace.depletion, sum(phases))
     assert trace.t[-1] == pytest.approx(1600.0)
     assert np.all(np.diff(trace.charge) > 0.0)
 
