@@ -13,7 +13,7 @@ from mrwarp.options.command_line import CommandLine
 from mrwarp.options.trial_options import Mission
 from mrwarp.run_dir import check_writable, write_result
 from mrwarp.runtime import ProgressLine
-from mrwarp.trials import mission, mission_figures, mission_pictures
+from mrwarp.trials import mission, mission_figures, walk_pictures
 from mrwarp.trials.mission import MissionCfg
 
 _TASK = ("speed", "distance", "standby", "outbound_load", "return_load")
@@ -71,8 +71,8 @@ def run(options: Mission, line: CommandLine) -> int:
     if options.calibrate:
         model_numbers.write_numbers(options.out / "numbers.json", groups)
     write_result(options.out, figures, seed=options.seed, command=str(line))
-    mission_pictures.power(traces, options.out / "power.png")
-    mission_pictures.temperature(traces, rows, options.out / "temperature.png")
+    walk_pictures.mission_power(traces, options.out / "power.png")
+    walk_pictures.mission_temperature(traces, rows, options.out / "temperature.png")
     _print(figures)
     print(f"\nfigures and pictures in {options.out}")
     return 0

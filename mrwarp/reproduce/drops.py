@@ -9,7 +9,7 @@ import numpy as np
 
 from mrwarp.enums import HoldCurrent
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
-from mrwarp.reproduce import readings
+from mrwarp.reproduce import pushes
 from mrwarp.reproduce.experiment import Findings, Job, seeds_of
 from mrwarp.reproduce.policies import Ensemble
 from mrwarp.trials.impact import MOTOR_WINDOW, ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace
@@ -50,7 +50,7 @@ def simulate(job: Job) -> Findings:
             trials=policies * settings.impacts,
             gains=gains,
             env=damping_alone(settings.threads),
-            phases=readings.FR_RL_STANCE,
+            phases=pushes.FR_RL_STANCE,
             seed=settings.seed,
         )
         found[name] = measured(ImpactSweep(cfg, Ensemble(settings.struck(gains))).run())
@@ -72,7 +72,7 @@ def measured(trace: ImpactTrace) -> dict[str, np.ndarray]:
     motor = (np.abs(trace.tau_motor) * during[..., None]).sum(axis=2) / count[..., None]
     acceleration = np.abs(np.diff(trace.velocity, axis=2, prepend=trace.velocity[:, :, :1]) / dt)
     return {
-        **{name: np.where(met, values, np.nan) for name, values in readings.cells(trace).items()},
+        **{name: np.where(met, values, np.nan) for name, values in pushes.cells(trace).items()},
         "acceleration": (acceleration * during).sum(axis=2) / count,
         **{leg: motor[..., k] for k, leg in enumerate(LEGS)},
         "fell": trace.fell,
@@ -85,7 +85,7 @@ def lost(found: Iterable[dict[str, np.ndarray]]) -> list[str]:
     missed = sum(int(np.isnan(values["min_height"]).sum()) for values in every)
     fell = np.concatenate([np.ravel(values["fell"]) for values in every])
     note = [f"{missed} of {fell.size} masses missed the robot and leave no figure."] if missed else []
-    return [*note, *readings.fallen(fell, "falling masses")]
+    return [*note, *pushes.fallen(fell, "falling masses")]
 
 
 def read(job: Job) -> Drops:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mrwarp.nn.models import SAMPLES
-from mrwarp.reproduce import drops, electrical, missions, pushes, readings, sensitivity, walks
+from mrwarp.reproduce import drops, electrical, missions, pushes, sensitivity, walks
 from mrwarp.reproduce.experiment import Experiment
 from mrwarp.reproduce.figures import fig4, fig5, fig6, fig7, fig8, fig9, fig10, fig11
 from mrwarp.reproduce.policies import networks, study_files
@@ -34,7 +34,7 @@ _ALL = (
         name="pushes",
         compute=pushes.simulate,
         settings=IMPACTS,
-        files=lambda: networks(dict.fromkeys(reading.torque for reading in readings.READINGS)),
+        files=lambda: networks(dict.fromkeys(reading.torque for reading in pushes.READINGS)),
     ),
     Experiment(name="drops", compute=drops.simulate, settings=IMPACTS),
     Experiment(name="table4", compute=table4.compute, needs=("pushes", "drops")),

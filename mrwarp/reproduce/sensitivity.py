@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mrwarp import paper
-from mrwarp.reproduce import pushes, readings
+from mrwarp.reproduce import pushes
 from mrwarp.reproduce.experiment import Findings, Job, compare, over_seeds
 from mrwarp.reproduce.policies import Ensemble
 from mrwarp.trials import thresholds
@@ -28,14 +28,14 @@ QUANTITIES = {"drop": ("reduction of CoM drop", "%", 2), "motor": ("reduction of
 def compute(job: Job) -> Findings:
     """Reductions at both ends of each threshold's range beside the paper's."""
     settings, policies = job.settings, len(job.settings.impacted)
-    duration = pushes.read(job).of(readings.ADOPTED).duration
-    cfg = readings.config(
-        readings.ADOPTED, trials=policies * settings.impacts, seed=settings.seed, threads=settings.threads
+    duration = pushes.read(job).of(pushes.ADOPTED).duration
+    cfg = pushes.config(
+        pushes.ADOPTED, trials=policies * settings.impacts, seed=settings.seed, threads=settings.threads
     )
     off, on = cfg.variants[0], cfg.variants[-1]
     varied = [(off if v.current == 0.0 else on, v.params) for v in thresholds.variants(on.current)]
     variants = tuple(replace(base, params={**base.params, **params}) for base, params in varied)
-    ensemble = Ensemble(settings.struck(readings.ADOPTED.gains))
+    ensemble = Ensemble(settings.struck(pushes.ADOPTED.gains))
     trace = ImpactSweep(replace(cfg, variants=variants, duration=duration), ensemble).run()
     thresholds.plot(thresholds.reductions(trace), job.out / "thresholds.png")
     reductions = by_seed(trace, policies)
@@ -58,9 +58,9 @@ def compute(job: Job) -> Findings:
         rows=rows,
         claims=claims,
         notes=[
-            f"Push of table 4 ({duration:.2f} s), reading: {readings.ADOPTED.name}. Each policy's reductions are "
+            f"Push of table 4 ({duration:.2f} s), reading: {pushes.ADOPTED.name}. Each policy's reductions are "
             "relative to its own drop and torque without current.",
-            *readings.fallen(trace.fell, "pushes"),
+            *pushes.fallen(trace.fell, "pushes"),
         ],
         pictures={"thresholds.png": "Reduction of drop and motor torque by 1.5 A over each threshold, over all trials"},
     )

@@ -11,7 +11,7 @@ import warp as wp
 from mrwarp.energy.power import JointLoad
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.trials.meter import JointMeter
+from mrwarp.trials.power_meter import PowerMeter
 from mrwarp.trials.walking import make_env, set_payload
 from mrwarp.usd.robot import CALF_COLUMNS, STAND_HEIGHT
 
@@ -51,7 +51,7 @@ def standing_load(cfg: EnvCfg, *, load: float, hold: bool, seconds: float = 5.0)
     actions = _settle(env)
     if hold:
         env.current_e.copy_(allowed)
-    meter = JointMeter(env)
+    meter = PowerMeter(env)
     calves = list(env.actuator.mr_joints) or list(CALF_COLUMNS)
     for step in range(round((HOLD + seconds) / env.cfg.step_dt)):
         meter.on.fill_(step * env.cfg.step_dt >= HOLD)

@@ -14,7 +14,7 @@ from mrwarp.energy import consistency
 from mrwarp.energy.calibrate import MeasuredPower
 from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power, copper, cost_of_transport
 from mrwarp.params import MrParams
-from mrwarp.trials.meter import BIN, RANGE, SHOWN
+from mrwarp.trials.power_meter import BIN, RANGE, SHOWN
 from mrwarp.trials.statistics import ratio_sd, spread
 from mrwarp.trials.walk_trials import WalkResult
 from mrwarp.usd.robot import CALF_COLUMNS, JOINTS, LEGS

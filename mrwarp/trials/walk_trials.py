@@ -16,8 +16,7 @@ from mrwarp.energy.power import JointLoad
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.paper import NAMES, ROBOTS, condition_name
-from mrwarp.trials.meter import JointMeter
-from mrwarp.trials.traces import GaitTrace, TraceRecorder
+from mrwarp.trials.power_meter import GaitTrace, PowerMeter, TraceRecorder
 from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy, make_env, same_starts, set_payload
 
 ASSET_ROBOT = {"go1": "go1", "mr_go": "mr_go", "mr_go_sal": "mr_go"}
@@ -106,7 +105,7 @@ class WalkResult:
     dynamic: np.ndarray
     """Share of time with the dynamic gate open, shape (n, M)."""
     counts: np.ndarray
-    """Distribution of the FR motors' torques, see :class:`mrwarp.trials.meter.JointMeter`, shape (3, bins)."""
+    """Distribution of the FR motors' torques, see :class:`mrwarp.trials.power_meter.PowerMeter`, shape (3, bins)."""
     fell: int
     """Trials that fell."""
     late: int
@@ -171,7 +170,7 @@ class WalkBatch:
         self._per_env(self.command[:, 0], [speed for _, speed in self.conditions])
         if cfg.soften is not None:
             cfg.soften(env, robots)
-        self.meter = JointMeter(env)
+        self.meter = PowerMeter(env)
         self.recorder = TraceRecorder(env, [i * cfg.trials for i in range(len(self.conditions))])
 
     def _per_env(self, array: torch.Tensor, values: Sequence[float]) -> None:

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from mrwarp import paper
-from mrwarp.reproduce import drops, pushes, readings, sensitivity
+from mrwarp.reproduce import drops, pushes, sensitivity
 from mrwarp.reproduce.experiment import Findings, Job
 from mrwarp.reproduce.figures import fig6, fig7
-from mrwarp.reproduce.readings import ReadingResult
+from mrwarp.reproduce.pushes import ReadingResult
 from mrwarp.reproduce.settings import Settings
 from mrwarp.reproduce.tables import table4
 from mrwarp.trials import thresholds
@@ -25,9 +25,9 @@ def pushed(off: dict[str, float]) -> pushes.Pushes:
     """Pushes whose 0 A rows are off by so much, relative, by the name of the reading; 0.1 where it is not given."""
     row = paper.TABLE_4["simulation"][0.0]
     entries = []
-    for reading in readings.READINGS:
+    for reading in pushes.READINGS:
         level = 1.0 + off.get(reading.name, 0.1)
-        cells = {cell: np.full((4, TRIALS), level * row[cell].mean) for cell in readings.CELLS}
+        cells = {cell: np.full((4, TRIALS), level * row[cell].mean) for cell in pushes.CELLS}
         entries.append(ReadingResult(reading=reading.name, duration=0.2, cells=cells))
     shape = (4, TRIALS, 5, 4)
     torque = np.zeros(shape) + np.arange(1.0, 5.0)
@@ -40,7 +40,7 @@ def pushed(off: dict[str, float]) -> pushes.Pushes:
 def dropped() -> drops.Drops:
     """Falling masses: policies differ by 1, the trials of each by 0.1."""
     values = np.tile([0.0, 1.0, 2.0, 0.1, 1.1, 2.1], (4, 1))
-    figures = {name: values.copy() for name in (*readings.CELLS, *LEGS)} | {"fell": np.zeros_like(values, dtype=bool)}
+    figures = {name: values.copy() for name in (*pushes.CELLS, *LEGS)} | {"fell": np.zeros_like(values, dtype=bool)}
     return drops.Drops(figures=dict.fromkeys(drops.GAINS, figures), policies=3)
 
 
@@ -54,7 +54,7 @@ def made(module, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: pushes.
 
 def test_figure6_reads_the_leg_that_is_loaded(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The adopted push meets FR and RL, the mirror image of the paper's FL and RR; rows and a note say so."""
-    assert readings.ADOPTED.phases == readings.FR_RL_STANCE
+    assert pushes.ADOPTED.phases == pushes.FR_RL_STANCE
     found = made(fig6, monkeypatch, tmp_path, pushed({}))
     ours = {row.condition: row.ours for row in found.rows}
     assert ours["FR for the paper's FL, mean, 1.5 A"] == pytest.approx(0.9 * (1 + LEGS.index("FR")))
@@ -66,7 +66,7 @@ def test_figure6_reads_the_leg_that_is_loaded(monkeypatch: pytest.MonkeyPatch, t
 
 @pytest.mark.parametrize(
     ("phases", "legs"),
-    [(readings.FL_RR_STANCE, {"FL": "FL", "RR": "RR"}), (readings.FR_RL_STANCE, {"FL": "FR", "RR": "RL"}),
+    [(pushes.FL_RR_STANCE, {"FL": "FL", "RR": "RR"}), (pushes.FR_RL_STANCE, {"FL": "FR", "RR": "RL"}),
      ((0.1, 0.3), {"FL": "FL", "RR": "RR"}), ((0.25, 0.75), {"FL": "FL"}), (None, {"FL": "FL", "RR": "RR"})],
 )  # fmt: skip
 def test_legs_follow_from_the_phases(phases: tuple[float, float] | None, legs: dict[str, str]) -> None:
@@ -76,10 +76,10 @@ def test_legs_follow_from_the_phases(phases: tuple[float, float] | None, legs: d
 
 def test_table4_claims_that_the_adopted_0_a_row_is_nearest(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Among readings with eq. 14; one with another torque may be nearer, another with eq. 14 may not."""
-    claim = f"of the {len(readings.CANDIDATES)} readings with eq. 14, the adopted one's 0 A row is nearest"
-    assert readings.ADOPTED in readings.CANDIDATES and readings.UNWEAKENED not in readings.CANDIDATES
-    adopted, other = readings.ADOPTED.name, readings.BASE.name
-    near = {adopted: 0.001, readings.UNWEAKENED.name: 0.0}
+    claim = f"of the {len(pushes.CANDIDATES)} readings with eq. 14, the adopted one's 0 A row is nearest"
+    assert pushes.ADOPTED in pushes.CANDIDATES and pushes.UNWEAKENED not in pushes.CANDIDATES
+    adopted, other = pushes.ADOPTED.name, pushes.BASE.name
+    near = {adopted: 0.001, pushes.UNWEAKENED.name: 0.0}
     found = made(table4, monkeypatch, tmp_path, pushed(near))
     assert found.claims[claim]
     assert f"'{adopted}' is off by +0.1 %" in found.notes[1]
@@ -116,9 +116,9 @@ def test_table4_says_what_the_fallen_robots_change(monkeypatch: pytest.MonkeyPat
     """One trial of six fell at 0.5 A only and lies low at every current; without it the cells are the paper's."""
     found = pushed({})
     theirs = [paper.TABLE_4["simulation"][amps] for amps in CURRENT_GROUPS]
-    cells = {cell: np.tile([[row[cell].mean] for row in theirs], TRIALS) for cell in readings.CELLS}
+    cells = {cell: np.tile([[row[cell].mean] for row in theirs], TRIALS) for cell in pushes.CELLS}
     cells["min_height"][:, 2] = 0.05
-    found.of(readings.ADOPTED).cells.update(cells)
+    found.of(pushes.ADOPTED).cells.update(cells)
     assert not any("trunk below" in note for note in made(table4, monkeypatch, tmp_path, found).notes)
     found.trace["fell"][1, 2] = True
     assert made(table4, monkeypatch, tmp_path, found).notes[-1] == (
@@ -139,7 +139,7 @@ def test_masses_that_miss_leave_no_figure() -> None:
         contact=np.array([[0.02, 0.02, np.nan]]),
     )  # fmt: skip
     found = drops.measured(trace)
-    for name in (*readings.CELLS, "acceleration", *LEGS):
+    for name in (*pushes.CELLS, "acceleration", *LEGS):
         assert np.isnan(found[name]).tolist() == [[False, False, True]]
     assert found["FR"][0, :2] == pytest.approx(2.0)
     assert drops.lost([found]) == [

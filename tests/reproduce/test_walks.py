@@ -14,7 +14,7 @@ from mrwarp.reproduce.experiment import Findings, Job, over_seeds
 from mrwarp.reproduce.figures import fig8, fig9
 from mrwarp.reproduce.settings import Settings
 from mrwarp.reproduce.tables import table6, table7
-from mrwarp.trials.traces import CHANNELS, GaitTrace
+from mrwarp.trials.power_meter import CHANNELS, GaitTrace
 from mrwarp.trials.walk_figures import Saving
 from mrwarp.trials.walk_trials import WalkResult
 

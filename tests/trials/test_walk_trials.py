@@ -15,7 +15,7 @@ from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.kernels import ledger
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.trials import walk_figures
-from mrwarp.trials.meter import JointMeter
+from mrwarp.trials.power_meter import PowerMeter
 from mrwarp.trials.standing import standing_load
 from mrwarp.trials.walk_trials import WalkBatch, WalkCfg, WalkResult, walk
 from mrwarp.trials.walking import make_env, set_payload
@@ -40,7 +40,7 @@ def results(policies: dict[str, OnnxPolicy]) -> list[WalkResult]:
 def test_meter_agrees_with_the_ledger() -> None:
     """Net work, squared torque and coil loss are the energy ledger's, speed the joints'; only what is on counts."""
     env = make_env(replace(ENV, currents=(1.5,)), 3, 0)
-    meter = JointMeter(env)
+    meter = PowerMeter(env)
     before = env.view(env.actuator.ledger).clone()
     meter.on[:2] = True
     turned = torch.zeros(3, 12)

@@ -8,7 +8,7 @@ from mrwarp.paper import PaperValue
 from mrwarp.reproduce import missions
 from mrwarp.reproduce.experiment import Findings, Job, compare, over_seeds
 from mrwarp.reproduce.missions import Mission
-from mrwarp.trials import mission_figures, mission_pictures
+from mrwarp.trials import mission_figures, walk_pictures
 
 
 def compute(job: Job) -> Findings:
@@ -37,7 +37,7 @@ def compute(job: Job) -> Findings:
     for name in ("outbound_power", "return_power", "depletion"):
         why = _change(found, name, first["energy_ratio"])
         rows.append(missions.change_row(found, changes[name], name.replace("_", " "), "change", why))
-    mission_pictures.power(found.traces, job.out / "power.png")
+    walk_pictures.mission_power(found.traces, job.out / "power.png")
     return Findings(
         rows=rows,
         claims={

@@ -10,7 +10,7 @@ from mrwarp import paper
 from mrwarp.reproduce import missions
 from mrwarp.reproduce.experiment import Findings, Job, compare, over_seeds
 from mrwarp.reproduce.missions import Mission
-from mrwarp.trials import mission_figures, mission_pictures
+from mrwarp.trials import mission_figures, walk_pictures
 
 TITLES = {
     "calf_walking": "calves, both walks", "calf_standby": "calves, standby", "all": "all motors, mission",
@@ -35,7 +35,7 @@ def compute(job: Job) -> Findings:
     for name, title in (("calf_walking_rise", TITLES["calf_walking"]), ("all_rise", TITLES["all"])):
         why = _relief(found) if name == "calf_walking_rise" else _why("mr_go_sal", "all", found)
         rows.append(missions.change_row(found, change[name], title, "change of rise", why))
-    mission_pictures.temperature(found.traces, figures, job.out / "temperature.png")
+    walk_pictures.mission_temperature(found.traces, figures, job.out / "temperature.png")
     return Findings(
         rows=rows,
         claims={

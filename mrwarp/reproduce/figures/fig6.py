@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mrwarp import paper
-from mrwarp.reproduce import pushes, readings
+from mrwarp.reproduce import pushes
 from mrwarp.reproduce.experiment import Findings, Job, compare, over_seeds, seeds_of
 from mrwarp.usd.robot import LEGS
 
@@ -24,7 +24,7 @@ def compute(job: Job) -> Findings:
     found = pushes.read(job)
     torque, gate = np.abs(found.trace["tau_motor"]), found.trace["m_dyn"][LAST] > 0.0
     rows, lower = [], []
-    pairs = {leg: same_load(leg, readings.ADOPTED.phases) for leg in paper.FIGURE_6_PUSH}
+    pairs = {leg: same_load(leg, pushes.ADOPTED.phases) for leg in paper.FIGURE_6_PUSH}
     for leg, theirs in paper.FIGURE_6_PUSH.items():
         k, name = LEGS.index(pairs[leg]), leg if pairs[leg] == leg else f"{pairs[leg]} for the paper's {leg}"
         on, off = (_over(torque[place, :, :, k], gate[:, :, k]) for place in (LAST, 0))
@@ -48,8 +48,8 @@ def compute(job: Job) -> Findings:
     _plot(found.trace, job)
     return Findings(
         rows=rows, claims={"current lowers the motor's torque on the loaded pair": all(lower)},
-        notes=[f"Push of table 4, reading: {readings.ADOPTED.name}.", *_mirrored(pairs),
-               *readings.fallen(found.trace["fell"], "pushes")],
+        notes=[f"Push of table 4, reading: {pushes.ADOPTED.name}.", *_mirrored(pairs),
+               *pushes.fallen(found.trace["fell"], "pushes")],
         pictures={"torque.png": "Calf motor torque of the first trial at 0 and 1.5 A; damping gate open where shaded"},
     )  # fmt: skip
 
@@ -61,7 +61,7 @@ def same_load(leg: str, phases: tuple[float, float] | None) -> str:
         leg: Of :data:`mrwarp.usd.robot.LEGS`.
         phases: Gait phases at onset; None is any, and every leg stands for itself.
     """
-    return next((stands for stands in readings.stance_legs(phases) if stands[0] == leg[0]), leg)
+    return next((stands for stands in pushes.stance_legs(phases) if stands[0] == leg[0]), leg)
 
 
 def _mirrored(pairs: Mapping[str, str]) -> list[str]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from mrwarp import paper
 from mrwarp.reproduce import walks
 from mrwarp.reproduce.experiment import Findings, Job, TextTable
-from mrwarp.trials import meter, walk_figures, walk_pictures
+from mrwarp.trials import power_meter, walk_figures, walk_pictures
 from mrwarp.usd.robot import JOINTS
 
 PAIR = ("go1", "mr_go_sal")
 """The robots that the figure compares."""
 
-SHOWN = tuple(JOINTS[joint] for joint in meter.SHOWN)
+SHOWN = tuple(JOINTS[joint] for joint in power_meter.SHOWN)
 """Joints of the front-right leg."""
 
 SIMILAR = 0.15

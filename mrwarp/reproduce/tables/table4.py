@@ -9,11 +9,10 @@ from matplotlib.figure import Figure
 
 from mrwarp import paper
 from mrwarp.params import BoucWenParams
-from mrwarp.reproduce import drops, pushes, readings
+from mrwarp.reproduce import drops, pushes
 from mrwarp.reproduce.drops import Drops
 from mrwarp.reproduce.experiment import Comparison, Findings, Job, TextTable, compare, over_seeds
-from mrwarp.reproduce.pushes import Pushes
-from mrwarp.reproduce.readings import ReadingResult
+from mrwarp.reproduce.pushes import Pushes, ReadingResult
 from mrwarp.usd.robot import CURRENT_GROUPS
 from mrwarp.viewing.impact_pictures import COLORS
 
@@ -27,7 +26,7 @@ WANTED = 0.05
 def compute(job: Job) -> Findings:
     """The adopted reading's rows, the drop's rows, and what every other reading gives."""
     found, dropped = pushes.read(job), drops.read(job)
-    adopted = found.of(readings.ADOPTED)
+    adopted = found.of(pushes.ADOPTED)
     rows = _rows(
         "push, {amps}", "simulation", adopted.cells, found.seeds(), lambda cell, i: _why(adopted, cell, i), True
     )
@@ -36,13 +35,13 @@ def compute(job: Job) -> Findings:
         condition = f"drop of 10 kg, {{amps}}, {name}"
         rows += _rows(condition, "hardware", values, dropped.seeds(), lambda cell, i, why=why: why[cell])
     _plot(found, dropped, job)
-    within = sum(abs(value) <= WANTED for value in readings.predicted_off(adopted.means))
+    within = sum(abs(value) <= WANTED for value in pushes.predicted_off(adopted.means))
     return Findings(
         rows=rows,
         claims={
             f"the six predicted simulation cells lie within {100.0 * WANTED:.0f} % ({within} do)": within == 6,
             "height rises and speed falls with every step of the current": adopted.monotone,
-            f"of the {len(readings.CANDIDATES)} readings with eq. 14, the adopted one's 0 A row is nearest": (
+            f"of the {len(pushes.CANDIDATES)} readings with eq. 14, the adopted one's 0 A row is nearest": (
                 _by_level(found)[0] is adopted
             ),
         },
@@ -51,7 +50,7 @@ def compute(job: Job) -> Findings:
             "the paper does not state, are chosen by the 0 A row alone; the largest difference of the six predicted "
             f"cells is {100.0 * adopted.worst:.1f} %. Policies walk with the gains that they were trained with, Kp "
             "20 and Kd 0.5, or near them; with the asset's Kp of 35 the calibrated push lowers the trunk to "
-            f"{found.of(readings.ASSET).means['min_height'][0]:.3f} m on average.",
+            f"{found.of(pushes.ASSET).means['min_height'][0]:.3f} m on average.",
             _level(found),
             _off(found),
             _shape(found),
@@ -115,7 +114,7 @@ def table(found: Pushes) -> TextTable:
 
 def _by_level(found: Pushes) -> list[ReadingResult]:
     """The readings that the adopted one was chosen among, the one with the nearest 0 A row first."""
-    candidates = [found.of(reading) for reading in readings.CANDIDATES]
+    candidates = [found.of(reading) for reading in pushes.CANDIDATES]
     return sorted(candidates, key=lambda entry: sum(value**2 for value in entry.off_mismatch))
 
 
@@ -126,7 +125,7 @@ def _level(found: Pushes) -> str:
         off = zip(entry.off_mismatch, TITLES.values(), strict=True)
         by = " and ".join(f"{100.0 * value:+.1f} % ({title})" for value, (title, *_) in off)
         parts.append(f"'{entry.reading}' is off by {by}")
-    legs = " and ".join(readings.stance_legs(readings.ADOPTED.phases))
+    legs = " and ".join(pushes.stance_legs(pushes.ADOPTED.phases))
     return (
         f"Of the readings with eq. 14 these two have the nearest 0 A rows: {'; '.join(parts)}. Those with another "
         f"torque were not to choose from. The adopted one pushes while {legs} stand; the paper's figure 6(b) shows "
@@ -138,11 +137,11 @@ def _upright(found: Pushes) -> list[str]:
     """What fell in the adopted reading, and how far off the cells are without; nothing if nothing fell."""
     down = np.any(found.trace["fell"], axis=0)
     if not down.any() or down.all():
-        return readings.fallen(found.trace["fell"], "pushes")
-    cells = found.of(readings.ADOPTED).cells
-    off = readings.predicted_off({cell: cells[cell][:, ~down].mean(axis=1) for cell in TITLES})
+        return pushes.fallen(found.trace["fell"], "pushes")
+    cells = found.of(pushes.ADOPTED).cells
+    off = pushes.predicted_off({cell: cells[cell][:, ~down].mean(axis=1) for cell in TITLES})
     return [
-        f"{readings.fallen(found.trace['fell'], 'pushes')[0]} Without the {down.sum()} of {down.size} trials that fell "
+        f"{pushes.fallen(found.trace['fell'], 'pushes')[0]} Without the {down.sum()} of {down.size} trials that fell "
         f"at some current, with the same push, {sum(abs(value) <= WANTED for value in off)} of the six predicted cells "
         f"lie within {100.0 * WANTED:.0f} %, and the largest difference is {100.0 * max(map(abs, off)):.1f} %."
     ]
@@ -178,10 +177,9 @@ def _off(found: Pushes) -> str:
     """What the paper's own 0 A row implies."""
     theirs = paper.TABLE_4["simulation"][0.0]
     drop = paper.TABLE_2["D"]["height"].mean - theirs["min_height"].mean
-    bound, speed = readings.undamped_speed(drop), -theirs["peak_down_velocity"].mean
+    bound, speed = pushes.undamped_speed(drop), -theirs["peak_down_velocity"].mean
     stiff, little, adopted = (
-        -found.of(reading).means["peak_down_velocity"][0]
-        for reading in (readings.BASE, readings.UNDAMPED, readings.ADOPTED)
+        -found.of(reading).means["peak_down_velocity"][0] for reading in (pushes.BASE, pushes.UNDAMPED, pushes.ADOPTED)
     )
     return (
         f"The paper's 0 A row is nearly that of an undamped spring: pressed down by {drop:.3f} m with a lasting 100 N, "
@@ -193,13 +191,13 @@ def _off(found: Pushes) -> str:
 
 def _shape(found: Pushes) -> str:
     """What is left when the level at 0 A is the paper's: the effect of the current."""
-    change, theirs = found.of(readings.ADOPTED).change, paper.TABLE_4["simulation"]
+    change, theirs = found.of(pushes.ADOPTED).change, paper.TABLE_4["simulation"]
     parts = [
         f"{title} {100.0 * change[cell]:+.1f} % (the paper "
         f"{100.0 * (theirs[1.5][cell].mean / theirs[0.0][cell].mean - 1.0):+.1f} %)"
         for cell, (title, *_) in TITLES.items()
     ]
-    free = found.of(readings.UNWEAKENED)
+    free = found.of(pushes.UNWEAKENED)
     return (
         f"From 0 to 1.5 A: {', '.join(parts)}. Eq. 14 divides its torque by 1 + {BoucWenParams().alpha:.2f} |qd|; "
         f"without that the changes are {100.0 * free.change['min_height']:+.1f} and "
@@ -220,7 +218,7 @@ def _nearest(found: Pushes) -> str:
 
 def _causes(found: Pushes) -> str:
     """Which choice moves the effect of 1.5 A by how much, largest first."""
-    base = found.of(readings.BASE).change
+    base = found.of(pushes.BASE).change
     moved = sorted(
         ((entry.reading, {cell: entry.change[cell] - base[cell] for cell in TITLES}) for entry in found.readings),
         key=lambda item: -abs(item[1]["min_height"]),
@@ -241,7 +239,7 @@ def _plot(found: Pushes, dropped: Drops, job: Job) -> None:
     x = list(CURRENT_GROUPS)
     for axis, (cell, (title, unit, _)) in zip(axes, TITLES.items(), strict=True):
         for k, entry in enumerate(found.readings):
-            if entry.reading == readings.ADOPTED.name:
+            if entry.reading == pushes.ADOPTED.name:
                 style = {"color": "#1f6fb4", "linewidth": 2.5, "zorder": 2, "label": "push, adopted"}
             else:
                 last = k == len(found.readings) - 1

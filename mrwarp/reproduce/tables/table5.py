@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mrwarp import paper
-from mrwarp.reproduce import drops, readings
+from mrwarp.reproduce import drops, pushes
 from mrwarp.reproduce.experiment import Findings, Job, compare, over_seeds, seeds_of
 from mrwarp.reproduce.policies import Ensemble, study_files
 from mrwarp.study.plan import AWARE, CONVENTIONAL
@@ -38,7 +38,7 @@ def compute(job: Job) -> Findings:
             trials=len(paths) * settings.impacts,
             env=drops.damping_alone(settings.threads),
             seed=settings.seed,
-            phases=readings.FR_RL_STANCE,
+            phases=pushes.FR_RL_STANCE,
             variants=tuple(Variant(current=current) for current in CURRENTS),
         )
         found[training] = drops.measured(ImpactSweep(cfg, Ensemble(paths)).run())

@@ -1,0 +1,165 @@
+"""What walking robots do in every torque step: summed per environment, and two strides of one calf as a series."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from mrwarp.energy.power import JointLoad
+from mrwarp.env.vec_env import WalkEnv
+from mrwarp.usd.robot import JOINTS, LEGS, leg_of
+
+BIN = 0.5
+"""Width of the bins of the torque distributions [N·m]."""
+
+RANGE = 40.0
+"""Torques beyond this count into the outermost bins [N·m]; the calf's limit is 35.55."""
+
+SHOWN = tuple(JOINTS.index(f"FR_{segment}") for segment in ("hip", "thigh", "calf"))
+"""Joints whose torque distribution is kept, figure 8(c)."""
+
+JOINT = "FR_calf"
+"""The calf that is recorded, the paper's."""
+
+STRIDES = 2
+"""Strides that are kept, the first after the warm-up."""
+
+CHANNELS = ("f_foot", "q_des", "q", "qd", "tau_motor", "tau_mr", "current", "m_hold", "m_dyn")
+"""What is recorded [N, rad, rad, rad/s, N·m, N·m, A, 1, 1]."""
+
+
+class PowerMeter:
+    """Counts the torque steps of the environments that are switched on; one of ``env.substep_hooks``.
+
+    Args:
+        env: The environments.
+
+    Attributes:
+        on: Environments that are counted, bool, shape (E,); write it between policy steps.
+        seconds: Counted time [s], shape (E,).
+        hold, dynamic: Share of that time with open gates, shape (E, M).
+        counts: Torque steps by motor torque of the :data:`SHOWN` joints, shape (E, 3, bins).
+    """
+
+    def __init__(self, env: WalkEnv) -> None:
+        actuator, self._dt = env.actuator, env.sim.dt
+        self._qd, self._tau, self._mr = env.qd, env.view(actuator.tau_motor), list(actuator.mr_joints)
+        self._device = {name: env.view(getattr(actuator, name)) for name in ("tau_mr", "current", "m_hold", "m_dyn")}
+        self._resistance, self._current_e = env.view(actuator.param("coil_resistance")), env.current_e
+
+        def zeros(*shape: int) -> torch.Tensor:
+            """Sums per environment."""
+            return torch.zeros(env.num_envs, *shape, dtype=torch.float64, device=env.device)
+
+        self.on = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
+        self._steps = zeros()
+        self._sums = {name: zeros(env.num_actions) for name in ("square", "speed", "out", "in")}
+        self._sums |= {name: zeros(len(self._mr)) for name in ("coil", "friction", "hold", "dynamic")}
+        self.counts = zeros(len(SHOWN), round(2.0 * RANGE / BIN)).float()
+        env.substep_hooks.append(self.count)
+
+    @torch.no_grad()
+    def count(self) -> None:
+        """Add the torque step that has just been simulated: its torques over the motion that it ended with."""
+        on = self.on.to(torch.float64).unsqueeze(1)
+        power = self._tau * self._qd
+        self._steps += on[:, 0]
+        self._sums["square"] += on * self._tau.square()
+        self._sums["speed"] += on * self._qd.abs()
+        self._sums["out"] += on * power.clamp(min=0.0)
+        self._sums["in"] += on * (-power).clamp(min=0.0)
+        bins = ((self._tau[:, SHOWN] + RANGE) / BIN).long().clamp(0, self.counts.shape[2] - 1)
+        self.counts.scatter_add_(2, bins.unsqueeze(2), on.float().unsqueeze(2).expand(-1, len(SHOWN), 1))
+        if self._mr:
+            device = self._device
+            self._sums["coil"] += on * self._resistance * device["current"].square()
+            self._sums["friction"] += on * (-device["tau_mr"] * self._qd[:, self._mr])
+            self._sums["hold"] += on * device["m_hold"]
+            # without current the dynamic gate does nothing but keep the drag
+            self._sums["dynamic"] += on * device["m_dyn"] * (self._current_e > 0.0).unsqueeze(1)
+
+    def clear(self) -> None:
+        """Forget what was counted."""
+        for total in (*self._sums.values(), self.counts, self._steps):
+            total.zero_()
+
+    @property
+    def seconds(self) -> np.ndarray:
+        """Counted time [s], shape (E,)."""
+        return self._steps.cpu().numpy() * self._dt
+
+    def joint_load(self) -> JointLoad:
+        """Means over the counted time, shapes (E, J) and (E, M)."""
+        return JointLoad(
+            torque_square=self._mean("square"), speed=self._mean("speed"), work_out=self._mean("out"),
+            work_in=self._mean("in"), coil=self._mean("coil"), friction=self._mean("friction"),
+        )  # fmt: skip
+
+    @property
+    def hold(self) -> np.ndarray:
+        """Share of the counted time with the holding gate open, shape (E, M)."""
+        return self._mean("hold")
+
+    @property
+    def dynamic(self) -> np.ndarray:
+        """Share of the counted time with the dynamic gate open and current to use, shape (E, M)."""
+        return self._mean("dynamic")
+
+    def _mean(self, name: str) -> np.ndarray:
+        return (self._sums[name] / self._steps.clamp(min=1.0).unsqueeze(1)).cpu().numpy()
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaitTrace:
+    """The recorded calf of one robot."""
+
+    t: np.ndarray
+    """Time [s], shape (T,)."""
+    values: dict[str, np.ndarray]
+    """Every channel of :data:`CHANNELS` by name, shape (T,); a robot without devices has no ``tau_mr`` and so on."""
+
+
+class TraceRecorder:
+    """Records the calf of some environments after every torque step; one of ``env.substep_hooks``.
+
+    Args:
+        env: The environments.
+        shown: Which of them, by index.
+
+    Attributes:
+        on: Whether to record; it stops by itself after :data:`STRIDES`.
+    """
+
+    def __init__(self, env: WalkEnv, shown: Sequence[int]) -> None:
+        self.on = False
+        self._dt, rows = env.sim.dt, list(shown)
+        joint, leg = JOINTS.index(JOINT), LEGS[leg_of(JOINT)]
+        self._length = round(STRIDES / env.cfg.gait_frequency / env.sim.dt)
+        column = {"f_foot": LEGS.index(leg), "q_des": joint, "q": joint, "qd": joint, "tau_motor": joint}
+        arrays = {"f_foot": env.f_foot, "q_des": env.q_des, "q": env.q, "qd": env.qd,
+                  "tau_motor": env.view(env.actuator.tau_motor)}  # fmt: skip
+        if joint in env.actuator.mr_joints:
+            slot = env.actuator.mr_joints.index(joint)
+            for name in ("tau_mr", "current", "m_hold", "m_dyn"):
+                column[name], arrays[name] = slot, env.view(getattr(env.actuator, name))
+        self._read = {name: (arrays[name], column[name]) for name in CHANNELS if name in arrays}
+        self._rows = torch.tensor(rows, device=env.device)
+        self._samples: list[dict[str, np.ndarray]] = []
+        env.substep_hooks.append(self.count)
+
+    def count(self) -> None:
+        """Keep the torque step that has just been simulated."""
+        if self.on and len(self._samples) < self._length:
+            self._samples.append({
+                name: array[self._rows, column].cpu().numpy().copy() for name, (array, column) in self._read.items()
+            })  # fmt: skip
+
+    def trace(self, index: int) -> GaitTrace:
+        """What was recorded of the ``index``-th shown environment."""
+        t = np.arange(len(self._samples)) * self._dt
+        return GaitTrace(t=t, values={
+            name: np.array([sample[name][index] for sample in self._samples]) for name in self._read
+        })  # fmt: skip
