@@ -29,7 +29,7 @@ KERNEL_IMPORTS = ("warp", "typing", "__future__", "mrwarp.kernels")
 PATH_FILES = (
     "mrwarp/effects/path.py",
     "mrwarp/effects/joint.py",
-    "mrwarp/effects/stages.py",
+    "mrwarp/effects/step_kernel.py",
     "mrwarp/effects/replay_kernel.py",
 )
 PATH_IMPORTS = (

@@ -1,4 +1,4 @@
-"""The effects of a batch of devices: values and states as arrays, and the launches that take the plain ones' place.
+"""The effects of a batch of devices: their values and states as the kernels take them.
 
 Effects of the kind ``mechanism`` act. An inertia acts as armature of the joint, in the model and so implicitly, never
 as a torque.
@@ -13,9 +13,8 @@ import numpy as np
 import warp as wp
 
 from mrwarp.effects.catalogue import CATALOGUE, COLUMN, COLUMNS, NULLS, SLOTS, column_of
-from mrwarp.effects.stages import advance_effects_kernel, predict_effects_kernel, reset_effects_kernel
+from mrwarp.effects.step_kernel import EffectArrays, reset_effects_kernel
 from mrwarp.kernels.joint_params import JointParams
-from mrwarp.kernels.launch import Launch, record
 from mrwarp.model_file import Effect
 
 _STATE = ("coil", "heat", "newest", "memory", "commands", "clock", "values")
@@ -74,6 +73,7 @@ class DeviceEffects:
         heat: Stored heat [J], shape (E, M).
         clock: Steps since the session began, shape (1,).
         params: The devices' parameters as the effects leave them in this step, shape (E, M).
+        arrays: All of them, as the kernels take them.
     """
 
     def __init__(
@@ -91,9 +91,12 @@ class DeviceEffects:
         self.commands = wp.zeros((*shape, depth), dtype=float, device=device)
         self.clock = wp.zeros(1, dtype=int, device=device)
         self.params = wp.zeros(shape, dtype=JointParams, device=device)  # pyright: ignore[reportArgumentType]
-        self._flat_values = self.values.reshape((rows * num_mr, COLUMNS))
-        self._flat_memory = self.memory.reshape((num_envs * num_mr, SLOTS))
-        self._flat_commands = self.commands.reshape((num_envs * num_mr, depth))
+        self.arrays = EffectArrays()
+        for name in ("coil", "heat", "newest", "clock", "params"):
+            setattr(self.arrays, name, getattr(self, name))
+        self.arrays.values = self.values.reshape((rows * num_mr, COLUMNS))
+        self.arrays.memory = self.memory.reshape((num_envs * num_mr, SLOTS))
+        self.arrays.commands = self.commands.reshape((num_envs * num_mr, depth))
 
     def value(self, effect: str, parameter: str) -> wp.array:
         """Live view of one parameter, shape (1 or E, M); writing to it changes the devices.
@@ -104,35 +107,13 @@ class DeviceEffects:
         assert isinstance(view, wp.array)  # one column
         return view
 
-    def record(
-        self, head: wp.array, length: int, before: list[Any], state: list[Any], outputs: list[Any]
-    ) -> list[Launch]:
-        """The launches of a step: head and clock advance, and every device is predicted.
-
-        Args:
-            head: Row of the history's newest sample, shape (1,).
-            length: Rows of the history.
-            before: Arguments of ``predict_kernel`` up to the head.
-            state: z.
-            outputs: Its outputs.
-        """
-        return [
-            record(advance_effects_kernel, 1, [length, head, self.clock], [head, self.clock]),
-            record(
-                predict_effects_kernel,
-                self.newest.shape,
-                [before[0], self._flat_values, *before[1:], self.clock, *state, self.coil, self.heat, self.newest],
-                [*outputs, self.coil, self.heat, self.newest, self._flat_memory, self._flat_commands, self.params],
-            ),
-        ]
-
     def reset(self, mask: wp.array) -> None:
         """Masked devices are cold, without current and field; the session goes on. Others stay bit-equal."""
         wp.launch(
             reset_effects_kernel,
             dim=self.newest.shape,
             inputs=[mask],
-            outputs=[self.coil, self.heat, self.newest, self._flat_memory, self._flat_commands],
+            outputs=[self.arrays],
             device=self.device,
         )
 

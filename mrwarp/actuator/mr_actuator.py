@@ -18,6 +18,7 @@ import numpy as np
 import warp as wp
 
 from mrwarp.actuator.effect_runtime import DeviceEffects, in_kernels
+from mrwarp.effects.step_kernel import EffectArrays, effect_step_kernel, step_kernel
 from mrwarp.enums import Coupling, HoldCurrent, ZStep
 from mrwarp.kernels import joint_params, ledger, mr_stages, window
 from mrwarp.kernels.launch import Launch, in_one_thread, record
@@ -164,6 +165,8 @@ class MrActuator:
         self.residual = residual
         self.device = inputs.q.device
         num_envs, num_joints = inputs.q.shape
+        if not all(x.is_contiguous for x in (inputs.q_des, inputs.q, inputs.qd, inputs.f_foot)):
+            raise ValueError("the actuator's inputs are views with gaps; give contiguous arrays")
         if len(joints) != num_joints or len(legs) != num_joints:
             raise ValueError(f"{len(joints)} joints and {len(legs)} legs given for arrays of {num_joints} joints")
         self.num_envs, self.num_joints = num_envs, num_joints
@@ -210,7 +213,7 @@ class MrActuator:
         self.torque()
 
     def predict(self) -> None:
-        """Gates (eqs. 5, 8), coil, history (eq. 12), laws (eqs. 14, 15); a fused kernel also does the torques."""
+        """Gates (eqs. 5, 8), coil, history (eq. 12), laws (eqs. 14, 15); and the torques that follow."""
         for launch in self._predict:
             launch()
 
@@ -220,7 +223,7 @@ class MrActuator:
             self.residual(self.ring, self.head, self.m_dyn, self.tau_dyn)
 
     def torque(self) -> None:
-        """Torques of motor (eqs. 2, 9) and device (eqs. 6, 19), or the brake's bound, if not yet done."""
+        """Torques of motor (eqs. 2, 9) and device (eqs. 6, 19), or the brake's bound, again where the residual acts."""
         for launch in self._torque:
             launch()
 
@@ -298,46 +301,26 @@ class MrActuator:
     def _record_launches(self) -> None:
         """Prepare the launches of :meth:`step` and :meth:`account`."""
         cfg, i = self.cfg, self.inputs
-        num_mr = len(self.mr_joints)
         rows, lanes = (1, 1) if in_one_thread(self.device) else (self.num_envs, self.num_joints)
         self._lanes, one_thread = (rows, lanes), rows * lanes == 1  # see step_kernel
         constraint = int(cfg.coupling is Coupling.CONSTRAINT)
         fixed, exact = int(cfg.hold_current is HoldCurrent.FIXED), int(cfg.z_step is ZStep.EXACT)
         switches = [self.dt, int(cfg.sal and cfg.damping), int(cfg.sal and cfg.holding), fixed, exact]
         read = [i.q_des, i.q, i.qd, i.f_foot, i.current_e, self.head]
-        before = [self.params, self.joint_of, self.leg_of, *switches, *read]
-        outputs = [self.m_dyn, self.m_hold, self.z, self.current, self.tau_dyn, self.ring]
+        outputs = [self.m_dyn, self.m_hold, self.z, self.current, self.tau_dyn, self.ring, self.head]
         torques = [self.tau_motor, self.tau_mr, self.tau, self.bound]
         motors = [self.kp, self.kd, self.tau_limit]
-        params = self.params if self.effects is None else self.effects.params
-        shape, length = (self.num_envs, num_mr), window.WINDOW
-        torque = record(
-            mr_stages.torque_kernel,
-            (self.num_envs, self.num_joints),
-            [
-                *(params, self.slot_of, *motors, constraint, i.q_des, i.q, i.qd),
-                *(self.m_hold, self.current, self.tau_dyn),
-            ],
-            torques,
-        )
-        # step_kernel counts in elements, not in strides
-        fused = self.effects is None and all(array.is_contiguous for array in read[:4])
-        self._predict: list[Launch] = []
-        self._torque: list[Launch] = [torque]
+        kernel, arrays, counters = step_kernel, EffectArrays(), [(window.WINDOW, self.head)]
         if self.effects is not None:
-            self._predict = self.effects.record(self.head, length, before, [self.z], outputs)
-        elif num_mr:
-            if not (fused and one_thread):
-                self._predict.append(record(mr_stages.advance_head_kernel, 1, [length, self.head], [self.head]))
-            if fused:
-                kernel, dim = mr_stages.step_kernel, (rows, lanes)
-                inputs = [rows, lanes, params, self.slot_of, self.leg_of, *motors, *switches, constraint, *read]
-                self._predict.append(
-                    record(kernel, dim, [*inputs, self.z, self.current], [*outputs, self.head, *torques])
-                )
-                self._torque = [self._mend(constraint)] if self.residual is not None else []
-            else:
-                self._predict.append(record(mr_stages.predict_kernel, shape, [*before, self.z, self.current], outputs))
+            kernel, arrays = effect_step_kernel, self.effects.arrays
+            counters.append((2**31 - 1, self.effects.clock))
+        inputs = [rows, lanes, self.params, self.slot_of, self.leg_of, *motors, *switches, constraint, *read]
+        step = record(kernel, (rows, lanes), [*inputs, self.z, self.current], [arrays, *outputs, *torques])
+        self._predict: list[Launch] = [step]
+        if not one_thread:
+            advance = [record(mr_stages.advance_head_kernel, 1, [length, at], [at]) for length, at in counters]
+            self._predict = [*advance, step]
+        self._torque: list[Launch] = [self._mend(constraint)] if self.residual is not None and self.mr_joints else []
         self._ledger = record(
             ledger.ledger_kernel,
             (self.num_envs, lanes),
@@ -351,12 +334,12 @@ class MrActuator:
     def _mend(self, constraint: int) -> Launch:
         """What gives the open gates the learned torque, after ``step_kernel`` has computed all with tau_BW."""
         i, (rows, lanes) = self.inputs, self._lanes
-        lanes = min(lanes, len(self.mr_joints))
+        lanes, params = min(lanes, len(self.mr_joints)), self.params if self.effects is None else self.effects.params
         return record(
             mr_stages.learned_torque_kernel,
             (rows, lanes),
             [
-                *(rows, lanes, self.params, self.joint_of, constraint, i.q_des, i.q, i.qd),
+                *(rows, lanes, params, self.joint_of, constraint, i.q_des, i.q, i.qd),
                 *(self.m_dyn, self.m_hold, self.current, self.tau_dyn, self.tau_motor),
             ],
             [self.tau_mr, self.tau, self.bound],

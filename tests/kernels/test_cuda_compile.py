@@ -29,10 +29,12 @@ pytestmark = pytest.mark.skipif(not runtime.is_cuda_enabled, reason="this build 
 @pytest.fixture(scope="module")
 def kernel_modules() -> Iterator[list[Module]]:
     """Warp's modules with the kernels of the package, whose generic ones have their overloads."""
+    modules = {}
     for found in pkgutil.walk_packages(mrwarp.__path__, "mrwarp."):
         if not found.name.endswith("__main__"):
-            importlib.import_module(found.name)
-    modules = {id(m): m for name, m in user_modules.items() if name.startswith("mrwarp.") and m.kernels}
+            made = [x for x in vars(importlib.import_module(found.name)).values() if isinstance(x, Kernel)]
+            modules |= {id(kernel.module): kernel.module for kernel in made}  # generated ones have modules of their own
+    modules |= {id(m): m for name, m in user_modules.items() if name.startswith("mrwarp.") and m.kernels}
     generic = [k for m in modules.values() for k in m.kernels.values() if k.is_generic]
     before = [dict(kernel.overloads) for kernel in generic]
     for kernel in generic:

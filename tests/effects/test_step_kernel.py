@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import warp as wp
 
+from mrwarp.effects.step_kernel import EffectArrays, step_kernel
 from mrwarp.kernels.joint_params import FIELDS, JointParams
 from mrwarp.kernels.ledger import ENTRIES
 from mrwarp.kernels.mr_joint import FIXED, SUPPORT
-from mrwarp.kernels.mr_stages import advance_head_kernel, predict_kernel, reset_kernel, torque_kernel
+from mrwarp.kernels.mr_stages import advance_head_kernel, learned_torque_kernel, reset_kernel
 from mrwarp.kernels.window import FEATURES, WINDOW
 from mrwarp.params import MrParams
 
@@ -68,32 +69,22 @@ def random_inputs(rng: np.random.Generator, num_envs: int) -> dict[str, np.ndarr
     return {name: f32(value) for name, value in inputs.items()}
 
 
-def predict(x: dict[str, np.ndarray], *, sal: int = 1, hold: int = SUPPORT, exact: int = 0, rows: int = WINDOW) -> dict:
-    """Outputs of the predict kernel by name, poisoned before; ``rows`` is the length of the ring, written at row 0."""
+def step(
+    x: dict[str, np.ndarray], *, sal: int = 1, hold: int = SUPPORT, exact: int = 0, constraint: int = 0
+) -> dict[str, np.ndarray]:
+    """Outputs of the step kernel by name, poisoned before; a thread per joint, so the head stays at row 0."""
     num_envs = len(x["q"])
-    names = ("m_dyn", "m_hold", "z", "current", "tau_dyn")
-    out = {name: poisoned(num_envs, 2) for name in names} | {"ring": poisoned(num_envs, 2, rows, FEATURES)}
+    shapes = {"m_dyn": 2, "m_hold": 2, "z": 2, "current": 2, "tau_dyn": 2, "ring": 0, "head": 0}
+    shapes |= {"tau_motor": 3, "tau_mr": 2, "tau": 3, "bound": 3}
+    out = {name: poisoned(num_envs, columns) for name, columns in shapes.items() if columns}
+    out |= {"ring": poisoned(num_envs, 2, WINDOW, FEATURES), "head": ints([0])}
     arrays = [floats(x[name]) for name in ("q_des", "q", "qd", "f_foot", "current_e")]
     inputs = [
-        struct(*DEVICES), ints(JOINT_OF), ints(LEG_OF), DT, sal, sal, int(hold), exact, *arrays, ints([0]),
-        floats(x["z"]),
-        floats(x["current"]),
-    ]  # fmt: skip
-    wp.launch(predict_kernel, dim=(num_envs, 2), inputs=inputs, outputs=list(out.values()), device="cpu")
-    return {name: array.numpy() for name, array in out.items()}
-
-
-def torque(x: dict[str, np.ndarray], prediction: dict[str, np.ndarray], constraint: int) -> dict[str, np.ndarray]:
-    """Outputs of the torque kernel by name, poisoned before."""
-    num_envs = len(x["q"])
-    shapes = {"tau_motor": 3, "tau_mr": 2, "tau": 3, "bound": 3}
-    out = {name: poisoned(num_envs, columns) for name, columns in shapes.items()}
-    inputs = [
-        struct(*DEVICES), ints(SLOT_OF), floats([KP]), floats([KD]), floats([TAU_LIMIT]), constraint,
-        *(floats(x[name]) for name in ("q_des", "q", "qd")),
-        *(floats(prediction[name]) for name in ("m_hold", "current", "tau_dyn")),
-    ]  # fmt: skip
-    wp.launch(torque_kernel, dim=(num_envs, 3), inputs=inputs, outputs=list(out.values()), device="cpu")
+        *(num_envs, 3, struct(*DEVICES), ints(SLOT_OF), ints(LEG_OF), floats([KP]), floats([KD]), floats([TAU_LIMIT])),
+        *(DT, sal, sal, int(hold), exact, constraint, *arrays, ints([0]), floats(x["z"]), floats(x["current"])),
+    ]
+    outputs = [EffectArrays(), *(out[name] for name in shapes)]
+    wp.launch(step_kernel, dim=(num_envs, 3), inputs=inputs, outputs=outputs, device="cpu")
     return {name: array.numpy() for name, array in out.items()}
 
 
@@ -133,7 +124,7 @@ def expected_prediction(x: dict[str, np.ndarray], slot: int, sal: int, hold: int
 def test_predict_equals_the_equations(sal: int, hold: int, exact: int):
     """Gates exactly, current, z, tau_BW and the history row to float32 rounding; nothing else in the ring changes."""
     x = random_inputs(np.random.default_rng(7), 300)
-    got = predict(x, sal=sal, hold=hold, exact=exact)
+    got = step(x, sal=sal, hold=hold, exact=exact)
     for slot in range(2):
         want = expected_prediction(x, slot, sal, int(hold), exact)
         np.testing.assert_array_equal(got["m_dyn"][:, slot], want["m_dyn"])
@@ -150,7 +141,7 @@ def test_predict_equals_the_equations(sal: int, hold: int, exact: int):
 def test_predict_without_current_holds_nothing():
     """I_e = 0 A: no holding gate, no coil current, and the off-current drag stays."""
     x = random_inputs(np.random.default_rng(8), 300) | {"current_e": np.zeros(300, dtype=np.float32)}
-    got = predict(x | {"current": np.zeros((300, 2), dtype=np.float32)})
+    got = step(x | {"current": np.zeros((300, 2), dtype=np.float32)})
     assert got["m_hold"].max() == 0.0
     assert abs(got["current"]).max() == 0.0
     assert abs(got["tau_dyn"]).min() > 0.0
@@ -161,8 +152,7 @@ def test_predict_without_current_holds_nothing():
 def test_torque_equals_the_equations(constraint: int):
     """Motor PD with the switched gain, device torque of eqs. 6 and 19 or the brake's bound; plain PD elsewhere."""
     x = random_inputs(np.random.default_rng(9), 300)
-    prediction = predict(x)
-    got = torque(x, prediction, constraint)
+    got = prediction = step(x, constraint=constraint)
     e, qd = x["q_des"].astype(float) - x["q"], x["qd"].astype(float)
     gain, device, bound = np.tile(KP, (300, 1)), np.zeros((300, 3)), np.zeros((300, 3))
     # a joint with a device has its motor's damping and limit in the device's parameters
@@ -186,17 +176,24 @@ def test_torque_equals_the_equations(constraint: int):
 
 
 def test_explicit_device_never_does_positive_work_at_an_instant():
-    """10^6 random states, currents and gates: tau_mr*qd <= 0 wherever the joint is not held (eq. 7)."""
-    rng = np.random.default_rng(10)
-    x = random_inputs(rng, 500_000)
+    """10^5 random states, currents and gates: tau_mr*qd <= 0 wherever the joint is not held (eq. 7)."""
+    rng, num = np.random.default_rng(10), 50_000
+    x = random_inputs(rng, num)
+    got = step(x)
     # also predictions that no Bouc-Wen model makes: a learned residual is free in sign and size
-    prediction = predict(x, rows=1)
-    prediction["tau_dyn"] += f32(rng.normal(0, 3, (500_000, 2)))
-    tau_mr = torque(x, prediction, 0)["tau_mr"].astype(float)
-    power = np.where(prediction["m_hold"] > 0, -0.0, tau_mr * x["qd"][:, JOINT_OF])
-    assert power.max() <= 0.0
-    assert (prediction["m_dyn"] > 0).sum() > 50_000
-    assert power[prediction["m_dyn"] > 0].max() < 0.0
+    learned = got["tau_dyn"] + f32(rng.normal(0, 3, (num, 2)))
+    out = [floats(got[name]) for name in ("tau_mr", "tau", "bound")]
+    state = [floats(got[name]) for name in ("m_dyn", "m_hold", "current")]
+    inputs = [
+        *(num, 2, struct(*DEVICES), ints(JOINT_OF), 0, *(floats(x[name]) for name in ("q_des", "q", "qd"))),
+        *(*state, floats(learned), floats(got["tau_motor"])),
+    ]
+    wp.launch(learned_torque_kernel, dim=(num, 2), inputs=inputs, outputs=out, device="cpu")
+    for tau_mr in (got["tau_mr"], out[0].numpy()):
+        power = np.where(got["m_hold"] > 0, -0.0, tau_mr.astype(float) * x["qd"][:, JOINT_OF])
+        assert power.max() <= 0.0
+        assert (got["m_dyn"] > 0).sum() > 5_000
+        assert power[got["m_dyn"] > 0].max() < 0.0
 
 
 def test_advance_head_wraps():
