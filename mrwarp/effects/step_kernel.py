@@ -122,9 +122,7 @@ def make_step_kernel(effects: bool) -> wp.Kernel:
                     k = env * devices + slot
                     p = params[wp.min(env, params.shape[0] - 1), slot]
                     f_foot = flat(f_foot_in, env * legs + leg_of[slot])
-                    m_dyn, m_hold, command = gated_command(
-                        p, f_foot, e, qd, allowed, damping, holding, hold_current
-                    )
+                    m_dyn, m_hold, command = gated_command(p, f_foot, e, qd, allowed, damping, holding, hold_current)
                     q_c = displacement(p, q)
                     if wp.static(effects):
                         x = effects_out
