@@ -1,6 +1,7 @@
 """Actions: a policy's joint targets, and what the motors and coils spent on following them."""
 
-# pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false, reportOperatorIssue=false
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false, reportIndexIssue=false
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false
 
 from __future__ import annotations
 
@@ -105,7 +106,7 @@ class Actions:
     """
 
     def __init__(
-        self, s: WalkState, *, scale: float, winding_resistance: float, step_dt: float, gait_frequency: float
+        self, s: WalkState, scale: float, winding_resistance: float, step_dt: float, gait_frequency: float
     ) -> None:
         factor = copper_factor(ElectricalCfg(winding_resistance=winding_resistance))
         copper = wp.array(factor, dtype=float, device=str(s.q.device))

@@ -6,7 +6,8 @@ dropped are *warnings*: counted and named, and the episode goes on. All this run
 once per training update, by :meth:`NanGuard.take` and :meth:`NanGuard.warnings`.
 """
 
-# pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false, reportOperatorIssue=false
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false, reportIndexIssue=false
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false
 
 from __future__ import annotations
 

@@ -7,6 +7,9 @@ sequence. ``wp.rand_init`` has 32 bits of state: chains that begin at so few pla
 training.
 """
 
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false, reportIndexIssue=false
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false
+
 import warp as wp
 
 PUSH, COMMAND, POSE, DEVICE, LEVEL, NOISE = range(6)

@@ -1,5 +1,8 @@
 """Kernels between the solver's state (float32 or float64, MuJoCo layout) and the arrays the rest of mrwarp reads."""
 
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false, reportIndexIssue=false
+# pyright: reportAssignmentType=false, reportGeneralTypeIssues=false, reportOperatorIssue=false
+
 from typing import Any
 
 import warp as wp

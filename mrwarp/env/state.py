@@ -1,6 +1,7 @@
 """The arrays of the walking task, each listed once; checkpoint, reset and copy follow from what is said of it here."""
 
-# pyright: reportArgumentType=false, reportIndexIssue=false
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false, reportIndexIssue=false
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """Terminations: a fall, a number that went wrong, or the time limit, and the reward that reaches the learner."""
 
-# pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false, reportOperatorIssue=false
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false, reportIndexIssue=false
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false
 
 from __future__ import annotations
 
@@ -68,7 +69,7 @@ def terminations_kernel(
     total_out[env] = 0.0
 
 
-def terminate(s: WalkState, *, fall_height: float, fall_tilt: float, length: int) -> Launch:
+def terminate(s: WalkState, fall_height: float, fall_tilt: float, length: int) -> Launch:
     """What counts the policy step, writes ``s.flags`` and ``s.reward``, and clears ``s.diverged`` and ``s.total``.
 
     Args:

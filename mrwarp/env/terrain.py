@@ -5,7 +5,8 @@ environments share the one field. Level 0 is flat. Kinds are rough ground, and p
 from their top and from their bottom; every tile ends at height 0, so that neighbours fit.
 """
 
-# pyright: reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false, reportOperatorIssue=false
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false, reportIndexIssue=false
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false
 
 from __future__ import annotations
 

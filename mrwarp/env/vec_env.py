@@ -1,8 +1,7 @@
-"""WalkEnv: the walking task as an rsl-rl ``VecEnv``. One function lists its step from top to bottom."""
+"""WalkEnv: the walking task as an rsl-rl ``VecEnv``; :meth:`WalkEnv._policy_step` is the paper's method as code."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -82,6 +81,7 @@ class WalkEnv(VecEnv):
         group = torch.arange(self.num_envs, device=self.device) * len(cfg.currents) // self.num_envs  # eq. 20
         self.current_e.copy_(torch.tensor(cfg.currents, device=self.device)[group])
         self.nan_guard = NanGuard(self.robot, s)
+        self._record_parts()
         self.step_graph = self.robot.graph(self._policy_step())
         if cfg.randomize is not None:
             events.randomize_robots(s, cfg.randomize, cfg.seed, self.sim, self.actuator)
@@ -106,35 +106,9 @@ class WalkEnv(VecEnv):
         self.last_observations = self._observed()
         return self.last_observations, self.arrays.reward.clone(), done, {"time_outs": time_outs}
 
-    def _policy_step(self) -> Sequence[Launch]:
+    def _policy_step(self) -> list[Launch]:
         """A policy step from top to bottom, as the launches that :meth:`step` repeats."""
-        s, cfg, robot, actuator = self.arrays, self.cfg, self.robot, self.actuator
-        everywhere = wp.full(self.num_envs, True, dtype=wp.bool, device=self.sim.device)
-        done = wp.from_torch(s.flags[terminations.DONE])
-        lengths = gait.leg_lengths(self.sim.scene.model)
-        actions = Actions(
-            s,
-            scale=cfg.action_scale,
-            winding_resistance=cfg.rewards.winding_resistance,
-            step_dt=cfg.step_dt,
-            gait_frequency=cfg.gait_frequency,
-        )
-
-        def derived(mask: wp.array) -> list[Launch]:
-            """Ground, height, gravity, velocity and gait of masked environments."""
-            ground = [self.terrain.heights(s, lengths, mask)] if self.terrain else []
-            return [*ground, gait.derive(s, mask, self.contact_force)]
-
-        self._push = events.push(s, cfg.randomize, cfg.step_dt)
-        self._derive = derived(everywhere)
-        self._begin = [
-            *events.begin_episodes(s, self.sim, done, self.terrain and self.terrain.origins),
-            *events.draw_devices(s, cfg.randomize, actuator, done),
-            partial(actuator.reset, done),
-            *derived(done),
-            commands.draw_commands(s, cfg.commands, cfg.step_dt, done),
-        ]
-        self._observe = observations.observe(s, cfg.noise)
+        robot, actuator = self.robot, self.actuator
         torque_step = [
             robot.before_step,
             actuator.predict,  # gates (eqs. 5, 8), coil, history (eq. 12), Bouc-Wen laws (eqs. 14, 15)
@@ -146,18 +120,45 @@ class WalkEnv(VecEnv):
             robot.after_step,
         ]
         return [
-            actions.take,
+            self._actions.take,
             *self._push,
-            *torque_step * cfg.decimation,
-            actions.account,
-            *self._derive,
-            rewards.reward(s, cfg.rewards, cfg.step_dt, lengths),
+            *torque_step * self.cfg.decimation,
+            self._actions.account,  # effort, power, gait clock
+            *self._derive,  # what the following share
+            self._reward,
             self.nan_guard.check,
-            terminations.terminate(s, fall_height=cfg.fall_height, fall_tilt=cfg.fall_tilt, length=cfg.episode_steps),
-            *([self.terrain.curriculum(s, cfg.step_dt)] if self.terrain else []),
-            *self._begin,  # resets where an episode is done, and commands
+            self._terminate,
+            *self._curriculum,
+            *self._begin_episodes,
+            self._draw_commands,
             self._observe,
         ]
+
+    def _record_parts(self) -> None:
+        """Prepare the launches of the task's parts, each defined in a file of its own."""
+        s, cfg, terrain, actuator = self.arrays, self.cfg, self.terrain, self.actuator
+        everywhere = wp.full(self.num_envs, True, dtype=wp.bool, device=self.sim.device)
+        done = wp.from_torch(s.flags[terminations.DONE])
+        lengths = gait.leg_lengths(self.sim.scene.model)
+
+        def derive(mask: wp.array) -> list[Launch]:
+            ground = [terrain.heights(s, lengths, mask)] if terrain else []
+            return [*ground, gait.derive(s, mask, self.contact_force)]
+
+        self._actions = Actions(s, cfg.action_scale, cfg.rewards.winding_resistance, cfg.step_dt, cfg.gait_frequency)
+        self._push = events.push(s, cfg.randomize, cfg.step_dt)
+        self._derive = derive(everywhere)
+        self._reward = rewards.reward(s, cfg.rewards, cfg.step_dt, lengths)
+        self._terminate = terminations.terminate(s, cfg.fall_height, cfg.fall_tilt, cfg.episode_steps)
+        self._curriculum = [terrain.curriculum(s, cfg.step_dt)] if terrain else []
+        self._begin_episodes = [
+            *events.begin_episodes(s, self.sim, done, terrain.origins if terrain else None),
+            *events.draw_devices(s, cfg.randomize, actuator, done),
+            partial(actuator.reset, done),
+            *derive(done),
+        ]
+        self._draw_commands = commands.draw_commands(s, cfg.commands, cfg.step_dt, done)
+        self._observe = observations.observe(s, cfg.noise)
 
     @torch.no_grad()
     def get_observations(self) -> TensorDict:
@@ -177,8 +178,8 @@ class WalkEnv(VecEnv):
         if self.terrain is not None:
             self.terrain.restart(s)
         self._reset(torch.ones(self.num_envs, dtype=torch.bool, device=self.device))
-        for tensor in (s.effort, s.power):
-            tensor.zero_()
+        s.effort.zero_()
+        s.power.zero_()
         self.fallen, self.diverged = torch.zeros_like(s.flags[0]), torch.zeros_like(s.flags[0])
         self.nan_guard.forget()
         self.last_observations = self.get_observations()
@@ -189,14 +190,10 @@ class WalkEnv(VecEnv):
         Their currents I_e and what randomisation gave them stay their own.
         """
         state = self.state()
-        own = {f"actuator/{name}" for name in PROPERTIES} | {"key"}
-        own |= {name for name, spec, _ in self.arrays.saved(terrain=True) if spec.own}
-        self.load_state(
-            {
-                name: value[source] if name not in own and value.ndim and len(value) == self.num_envs else value
-                for name, value in state.items()
-            }
-        )
+        kept = {f"actuator/{name}" for name in PROPERTIES}
+        kept |= {name for name, spec, _ in self.arrays.saved(terrain=True) if spec.own or spec.shape[0] != "E"}
+        copied = {name: v[source] for name, v in state.items() if name not in kept and len(v) == self.num_envs}
+        self.load_state(state | copied)
 
     @property
     def episode_length_buf(self) -> torch.Tensor:
@@ -215,7 +212,8 @@ class WalkEnv(VecEnv):
         """Copy of everything a resumed run needs, by name; see :meth:`load_state`."""
         arrays = {name: value.clone() for name, _, value in self.arrays.saved(terrain=self.terrain is not None)}
         device = {f"actuator/{name}": torch.from_numpy(value) for name, value in self.actuator.state().items()}
-        return {**arrays, **device, **{f"last_{group}": v.clone() for group, v in self.last_observations.items()}}
+        seen = {f"last_{group}": self.last_observations[group].clone() for group in ("actor", "critic")}
+        return {**arrays, **device, **seen}
 
     def load_state(self, state: dict[str, torch.Tensor]) -> None:
         """Restore :meth:`state` of an environment with the same configuration; it goes on bit-equal."""
@@ -235,7 +233,7 @@ class WalkEnv(VecEnv):
     def _reset(self, mask: torch.Tensor) -> None:
         """Start a new episode in masked environments, bool (E,), on the tile where each is."""
         self.arrays.flags[terminations.DONE] = mask
-        for launch in self._begin:
+        for launch in (*self._begin_episodes, self._draw_commands):
             launch()
 
     def _update_derived(self) -> None:

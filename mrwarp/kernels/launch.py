@@ -33,7 +33,7 @@ def record(
     count = len(inputs)
     command = wp.launch(kernel, dim, arguments[:count], arguments[count:], device=device, record_cmd=True)
     assert command is not None  # always, with record_cmd
-    command.arguments = arguments  # pyright: ignore[reportAttributeAccessIssue]
+    command.arguments = arguments
     return command.launch
 
 
