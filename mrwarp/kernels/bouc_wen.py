@@ -74,27 +74,3 @@ def bouc_wen_torque(
     ``D + B*qd + C*q_c + I1*I + (K0 + K1*I)/(1 + alpha*|qd|) * z``.
     """
     return D + B * qd + C * q_c + I1 * current + (K0 + K1 * current) / (1.0 + alpha * wp.abs(qd)) * z
-
-
-@wp.kernel
-def bouc_wen_step_kernel(
-    # parameters, shape (E or 1, M) [1/rad, 1/rad, rad], time step [s], 1 = closed form, 0 = explicit Euler
-    beta: wp.array2d[float],
-    gamma: wp.array2d[float],
-    z_max: float,
-    dt: float,
-    exact: int,
-    # in, shape (E, M)
-    qd_in: wp.array2d[float],
-    z_in: wp.array2d[float],
-    # out, shape (E, M)
-    z_out: wp.array2d[float],
-):
-    """Advance z by one step of eq. 15."""
-    env, joint = wp.tid()
-    b, g = beta[env % beta.shape[0], joint], gamma[env % gamma.shape[0], joint]
-    qd, z = qd_in[env, joint], z_in[env, joint]
-    if exact == 1:
-        z_out[env, joint] = bouc_wen_exact(qd, z, b, g, dt)
-    else:
-        z_out[env, joint] = bouc_wen_euler(qd, z, b, g, z_max, dt)

@@ -19,17 +19,3 @@ def constraint_torque(qd_next: wp.float64, bound: wp.float64, creep: wp.float64)
     creep is small.
     """
     return wp.clamp(-qd_next / creep, -bound, bound)
-
-
-@wp.kernel
-def oppose_velocity_kernel(
-    # parameters: none
-    # in, shape (E, M) [N·m, rad/s]
-    tau_in: wp.array2d[float],
-    qd_in: wp.array2d[float],
-    # out, shape (E, M) [N·m]
-    tau_out: wp.array2d[float],
-):
-    """Project a predicted torque onto the direction that opposes the motion, eq. 6."""
-    env, joint = wp.tid()
-    tau_out[env, joint] = oppose_velocity(tau_in[env, joint], qd_in[env, joint])

@@ -26,26 +26,3 @@ def hold_gate(f_foot: float, qd: float, m_dyn: float, f_th: float, eps_hold: flo
 def effective_kp(m_hold: float, kp_base: float, kp_low: float) -> float:
     """Kp_eff of eq. 9 [N·m/rad]: the low gain while the holding gate is open."""
     return wp.where(m_hold > 0.0, kp_low, kp_base)
-
-
-@wp.kernel
-def gate_kernel(
-    # parameters, scalars [N, rad, rad/s, rad/s]
-    f_th: float,
-    eps_e: float,
-    eps_v: float,
-    eps_hold: float,
-    # in, shape (E, M)
-    f_foot_in: wp.array2d[float],
-    e_in: wp.array2d[float],
-    qd_in: wp.array2d[float],
-    # out, shape (E, M)
-    m_dyn_out: wp.array2d[float],
-    m_hold_out: wp.array2d[float],
-):
-    """Evaluate both gates, eqs. 5 and 8."""
-    env, joint = wp.tid()
-    f_foot, qd = f_foot_in[env, joint], qd_in[env, joint]
-    m_dyn = dynamic_gate(f_foot, e_in[env, joint], qd, f_th, eps_e, eps_v)
-    m_dyn_out[env, joint] = m_dyn
-    m_hold_out[env, joint] = hold_gate(f_foot, qd, m_dyn, f_th, eps_hold)

@@ -31,28 +31,3 @@ def holding_need(e: float, kp_base: float, kp_low: float) -> float:
 def holding_torque(need: float, tau_y: float) -> float:
     """Explicit holding torque of eq. 19 [N·m]: the need, clipped to the capacity."""
     return clip(need, tau_y)
-
-
-@wp.kernel
-def hold_kernel(
-    # parameters, scalars [N·m, A, 1, 1, A]
-    T_max: float,
-    K: float,
-    n: float,
-    safety_factor: float,
-    current_max: float,
-    # in, shape (E, M) [N·m, A]
-    need_in: wp.array2d[float],
-    current_in: wp.array2d[float],
-    # out, shape (E, M) [N·m, A, N·m]
-    tau_y_out: wp.array2d[float],
-    support_current_out: wp.array2d[float],
-    tau_hold_out: wp.array2d[float],
-):
-    """Capacity at the given current, the support current for the need, and the clipped torque (eqs. 18, 19)."""
-    env, joint = wp.tid()
-    need = need_in[env, joint]
-    tau_y = yield_torque(current_in[env, joint], T_max, K, n)
-    tau_y_out[env, joint] = tau_y
-    support_current_out[env, joint] = support_current(need, safety_factor, current_max, T_max, K, n)
-    tau_hold_out[env, joint] = holding_torque(need, tau_y)

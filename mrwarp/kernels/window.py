@@ -13,19 +13,3 @@ FEATURES = 3
 def window_row(sample: int, head: int, length: int) -> int:
     """Ring row of the ``sample``-th oldest entry when the newest was written at ``head``."""
     return (head + 1 + sample) % length
-
-
-@wp.kernel
-def window_read_kernel(
-    # in, shape (E, M, WINDOW, FEATURES), (1,)
-    ring_in: wp.array4d[float],
-    head_in: wp.array[int],
-    # out, shape (E, M, WINDOW, FEATURES)
-    window_out: wp.array4d[float],
-):
-    """Copy the ring in the order of time, oldest sample first."""
-    env, joint, sample = wp.tid()
-    length = ring_in.shape[2]
-    row = window_row(sample, head_in[0], length)
-    for k in range(FEATURES):
-        window_out[env, joint, sample, k] = ring_in[env, joint, row, k]

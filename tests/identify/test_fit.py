@@ -13,11 +13,11 @@ from mrwarp.identify.dataset import Scales
 from mrwarp.identify.fit import PARAMETERS, fit
 from mrwarp.identify.holding import fit_holding, holding_curve
 from mrwarp.identify.replay import simulate
-from mrwarp.kernels.hold import hold_kernel
 from mrwarp.model_file import load_model
 from mrwarp.params import HoldParams
 from mrwarp.recording.load import Recording, RecordingError, Trajectory
 from tests.identify import synthetic
+from tests.kernels.law_kernels import hold_kernel
 
 TRUTH = synthetic.TRUTH
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from mrwarp.kernels.bouc_wen import bouc_wen_rate, bouc_wen_step_kernel, bouc_wen_torque
+from mrwarp.kernels.bouc_wen import bouc_wen_rate, bouc_wen_torque
+from tests.kernels.law_kernels import bouc_wen_step_kernel
 
 
 def f32(values: Any) -> np.ndarray:

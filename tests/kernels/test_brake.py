@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from mrwarp.kernels.brake import constraint_torque, oppose_velocity_kernel
+from mrwarp.kernels.brake import constraint_torque
+from tests.kernels.law_kernels import oppose_velocity_kernel
 
 
 def f32(values: Any) -> np.ndarray:

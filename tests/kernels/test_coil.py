@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from mrwarp.kernels.coil import coil_kernel
+from tests.kernels.law_kernels import coil_kernel
 
 
 def f32(values: Any) -> np.ndarray:

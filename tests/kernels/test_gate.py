@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from mrwarp.kernels.gate import effective_kp, gate_kernel
+from mrwarp.kernels.gate import effective_kp
+from tests.kernels.law_kernels import gate_kernel
 
 
 def f32(values: Any) -> np.ndarray:

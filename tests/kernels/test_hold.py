@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from mrwarp.kernels.hold import hold_kernel, holding_need
+from mrwarp.kernels.hold import holding_need
+from tests.kernels.law_kernels import hold_kernel
 
 
 def f32(values: Any) -> np.ndarray:

@@ -8,7 +8,8 @@ import pytest
 import warp as wp
 
 from mrwarp.kernels.mr_stages import advance_head_kernel
-from mrwarp.kernels.window import FEATURES, WINDOW, window_read_kernel
+from mrwarp.kernels.window import FEATURES, WINDOW
+from tests.kernels.law_kernels import window_read_kernel
 
 
 def f32(values: Any) -> np.ndarray:
