@@ -18,6 +18,7 @@ import numpy as np
 import warp as wp
 
 from mrwarp.actuator.effect_runtime import DeviceEffects, in_kernels
+from mrwarp.actuator.residual import LearnedTorque
 from mrwarp.effects.step_kernel import EffectArrays, effect_step_kernel, step_kernel
 from mrwarp.enums import Coupling, HoldCurrent, ZStep
 from mrwarp.kernels import joint_params, ledger, mr_stages, window
@@ -99,38 +100,6 @@ class ActuatorInputs:
     """Torque of the brake constraint during the last physics step [N·m], shape (E, J); unused when explicit."""
 
 
-class Residual(Protocol):
-    """A learned torque in the loop; ``mrwarp.actuator.residual.LearnedTorque`` is one."""
-
-    def bind(self, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
-        """Prepare to work on the actuator's arrays."""
-        ...
-
-    def __call__(self, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
-        """Add the learned torque to ``tau_dyn`` (E, M) where ``m_dyn`` is open.
-
-        ``ring`` is the history of shape (E, M, 50, 3), newest row at ``head[0]``, see ``mrwarp.kernels.window``.
-        """
-        ...
-
-    @property
-    def graphable(self) -> bool:
-        """Whether its launches may as well be a graph."""
-        ...
-
-    def reset(self, mask: wp.array) -> None:
-        """Forget the past of masked environments, bool, shape (E,)."""
-        ...
-
-    def state(self) -> dict[str, np.ndarray]:
-        """Copy of what it carries from one step to the next, by name."""
-        ...
-
-    def load_state(self, state: dict[str, np.ndarray]) -> None:
-        """Restore :meth:`state`, bit-equal."""
-        ...
-
-
 class MrActuator:
     """Motor and MR device of every joint, batched over environments.
 
@@ -156,7 +125,7 @@ class MrActuator:
         *,
         dt: float,
         cfg: MrActuatorCfg | None = None,
-        residual: Residual | None = None,
+        residual: LearnedTorque | None = None,
         share_params: bool = True,
     ) -> None:
         self.cfg = cfg or MrActuatorCfg()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +56,12 @@ class Divergence:
     """Up to :data:`KEPT` torque steps, oldest first, the last one is the wrong one; shape (n, D)."""
     bounds: np.ndarray
     """Least and largest value of each column of a sound state, shape (2, D)."""
+    run: dict[str, Any] = field(default_factory=dict)
+    """Seed, update and task of the run, plain values; of one that was read from a file."""
+
+    def pick(self, quantity: str, unit: str) -> np.ndarray:
+        """Columns of a quantity, shape (n, K)."""
+        return self.states[:, [i for i, c in enumerate(self.columns) if (c.quantity, c.unit) == (quantity, unit)]]
 
     @property
     def value(self) -> float:
@@ -79,16 +85,6 @@ class DumpError(ValueError):
     """A dump cannot be read; the message names the file and the remedy."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Dump:
-    """A divergence and where it happened."""
-
-    found: Divergence
-    """What went wrong, and the last states."""
-    run: dict[str, Any]
-    """Seed, update and task of the run, plain values."""
-
-
 def save(found: Divergence, path: Path, run: dict[str, Any]) -> None:
     """Write a divergence atomically; other values than numbers, text and null in ``run`` cannot be written."""
     meta = {
@@ -105,7 +101,7 @@ def save(found: Divergence, path: Path, run: dict[str, Any]) -> None:
         partial.chmod(0o644)  # safetensors keeps its files to their owner
 
 
-def load(path: Path) -> Dump:
+def load(path: Path) -> Divergence:
     """Read what :func:`save` wrote, as data only.
 
     Raises:
@@ -123,7 +119,7 @@ def load(path: Path) -> Dump:
             if meta.get("schema") != SCHEMA:
                 raise DumpError(f"{path}: schema {meta.get('schema')!r} is not {SCHEMA}; open it with its own version")
             states, bounds = content.get_tensor("states"), content.get_tensor("bounds")
-        return Dump(found=_divergence(meta, states, bounds), run=dict(meta["run"]))
+        return _divergence(meta, states, bounds)
     except DumpError:
         raise
     except (SafetensorError, OSError, KeyError, TypeError, ValueError, RecursionError) as error:
@@ -147,5 +143,5 @@ def _divergence(meta: dict[str, Any], states: np.ndarray, bounds: np.ndarray) ->
         raise ValueError(f"environment {env!r} and column {column!r} of {size}")
     if not math.isfinite(float(states[-1, 0])) or columns[0].quantity != "time":
         raise ValueError("the first column is no time")
-    finite = bool(meta["finite"])
-    return Divergence(env=env, column=column, finite=finite, columns=columns, states=states, bounds=bounds)
+    finite, run = bool(meta["finite"]), dict(meta["run"])
+    return Divergence(env=env, column=column, finite=finite, columns=columns, states=states, bounds=bounds, run=run)

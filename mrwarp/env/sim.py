@@ -10,7 +10,8 @@ import torch
 import warp as wp
 
 from mrwarp.actuator import brake_constraint
-from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator, MrActuatorCfg, Residual
+from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator, MrActuatorCfg
+from mrwarp.actuator.residual import LearnedTorque
 from mrwarp.enums import BackendKind, Coupling
 from mrwarp.env import sim_kernels
 from mrwarp.env.backend import Backend, MjBatchBackend, MjWarpBackend
@@ -298,7 +299,7 @@ class ActuatedSim:
         cfg: SimCfg,
         actuator_cfg: MrActuatorCfg | None = None,
         *,
-        residual: Residual | None = None,
+        residual: LearnedTorque | None = None,
         share_params: bool = True,
     ) -> None:
         actuator_cfg = actuator_cfg or MrActuatorCfg()

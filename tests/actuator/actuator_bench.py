@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator, MrActuatorCfg, Residual
+from mrwarp.actuator.mr_actuator import ActuatorInputs, MrActuator, MrActuatorCfg
 from mrwarp.model_file import Effect
 from mrwarp.params import MrParams
 
@@ -73,7 +73,7 @@ class Bench:
         num_envs: int,
         cfg: MrActuatorCfg | None = None,
         joints: Sequence[Joint] | None = None,
-        residual: Residual | None = None,
+        residual: Any = None,
         share_params: bool = True,
     ) -> None:
         def zeros(*shape: int) -> wp.array:

@@ -35,10 +35,10 @@ def test_a_dump_comes_back_as_it_was(tmp_path: Path) -> None:
     nan_dump.save(found, path, {"update": 12, "seed": 0, "task": {"robot": "mr_go"}})
     again = nan_dump.load(path)
     assert again.run == {"update": 12, "seed": 0, "task": {"robot": "mr_go"}}
-    np.testing.assert_array_equal(again.found.states, found.states)
-    np.testing.assert_array_equal(again.found.bounds, found.bounds)
+    np.testing.assert_array_equal(again.states, found.states)
+    np.testing.assert_array_equal(again.bounds, found.bounds)
     for name in ("env", "column", "finite", "columns"):
-        assert getattr(again.found, name) == getattr(found, name)
+        assert getattr(again, name) == getattr(found, name)
     assert [file.name for file in path.parent.iterdir()] == ["a.safetensors"]
 
 

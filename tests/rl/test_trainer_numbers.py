@@ -61,7 +61,7 @@ def test_one_broken_environment_is_dumped_and_training_goes_on(
     assert (result["broken_episodes"], result["iterations"]) == (1, 2)
     (path,) = (tmp_path / "run" / "broken").iterdir()
     found = nan_dump.load(path)
-    assert found.found.env == 5 and found.run["update"] == 1 and "velocity" in str(found.found)
+    assert found.env == 5 and found.run["update"] == 1 and "velocity" in str(found)
     assert "broken: environment 5" in capsys.readouterr().out
     kept = checkpoint.load(tmp_path / "run" / "checkpoint.pt")
     assert kept["breaks"] == 1 and not_finite(kept["algorithm"]) == ""
