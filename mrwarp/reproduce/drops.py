@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from mrwarp.enums import HoldCurrent
-from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.reproduce import pushes
 from mrwarp.reproduce.experiment import Findings, Job, seeds_of
 from mrwarp.reproduce.policies import Ensemble
-from mrwarp.trials.impact import MOTOR_WINDOW, ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace
+from mrwarp.trials.impact import (
+    MOTOR_WINDOW,
+    ImpactCfg,
+    ImpactKind,
+    ImpactSweep,
+    ImpactTrace,
+    body_extremes,
+    fixed_current_env,
+)
 from mrwarp.usd.robot import LEGS, PUBLIC_GAINS
 
 GAINS = {"Kp 20, Kd 0.5": PUBLIC_GAINS, "Kp 35, Kd 0.6": None}
@@ -33,12 +39,6 @@ class Drops:
         return seeds_of(np.arange(next(iter(self.figures.values()))["min_height"].shape[1]), self.policies)
 
 
-def damping_alone(threads: int) -> EnvCfg:
-    """MR_Go whose devices are the brakes that they are on hardware and damp, but do not hold."""
-    env = make_walk_cfg(hold_current=HoldCurrent.FIXED, threads=threads)
-    return replace(env, actuator=replace(env.actuator, holding=False))
-
-
 def simulate(job: Job) -> Findings:
     """Drop the mass at every current with both sets of gains."""
     settings, policies = job.settings, len(job.settings.impacted)
@@ -49,7 +49,7 @@ def simulate(job: Job) -> Findings:
             kind=ImpactKind.DROP,
             trials=policies * settings.impacts,
             gains=gains,
-            env=damping_alone(settings.threads),
+            env=fixed_current_env(threads=settings.threads),
             phases=pushes.FR_RL_STANCE,
             seed=settings.seed,
         )
@@ -72,7 +72,7 @@ def measured(trace: ImpactTrace) -> dict[str, np.ndarray]:
     motor = (np.abs(trace.tau_motor) * during[..., None]).sum(axis=2) / count[..., None]
     acceleration = np.abs(np.diff(trace.velocity, axis=2, prepend=trace.velocity[:, :, :1]) / dt)
     return {
-        **{name: np.where(met, values, np.nan) for name, values in pushes.cells(trace).items()},
+        **{name: np.where(met, values, np.nan) for name, values in body_extremes(trace).items()},
         "acceleration": (acceleration * during).sum(axis=2) / count,
         **{leg: motor[..., k] for k, leg in enumerate(LEGS)},
         "fell": trace.fell,

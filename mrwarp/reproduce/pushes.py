@@ -15,13 +15,21 @@ from typing import Any
 import numpy as np
 
 from mrwarp import paper
-from mrwarp.enums import Coupling, HoldCurrent
-from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.enums import Coupling
+from mrwarp.env.cfg import EnvCfg
 from mrwarp.nn.network_file import shipped_model
 from mrwarp.params import BoucWenParams, HoldParams
 from mrwarp.reproduce.experiment import Findings, Job, seeds_of
 from mrwarp.reproduce.policies import Ensemble
-from mrwarp.trials.impact import FALL_HEIGHT, ImpactCfg, ImpactSweep, ImpactTrace, Variant
+from mrwarp.trials.impact import (
+    FALL_HEIGHT,
+    ImpactCfg,
+    ImpactSweep,
+    ImpactTrace,
+    Variant,
+    body_extremes,
+    fixed_current_env,
+)
 from mrwarp.trials.walking import Policy
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS, PUBLIC_GAINS, TROT_PHASE
 
@@ -197,23 +205,18 @@ def push(
     grid = COARSE
     for step in (0.01, None):
         variants = tuple(replace(cfg.variants[0], duration=duration) for duration in grid)
-        found = cells(ImpactSweep(replace(cfg, variants=variants, duration=grid[0]), policy).run())
+        found = body_extremes(ImpactSweep(replace(cfg, variants=variants, duration=grid[0]), policy).run())
         duration = grid[int(np.argmin(mismatch({name: value.mean(1) for name, value in found.items()})))]
         if step is not None:
             grid = tuple(t for k in range(-4, 5) if 0.0 < (t := round(duration + k * step, 3)) <= cfg.window)
     trace = ImpactSweep(replace(cfg, duration=duration), policy).run()
-    return ReadingResult(reading=reading.name, duration=duration, cells=cells(trace)), trace
+    return ReadingResult(reading=reading.name, duration=duration, cells=body_extremes(trace)), trace
 
 
 def mismatch(found: dict[str, np.ndarray]) -> np.ndarray:
     """Sum of the squared relative differences from the 0 A row, shape of the cells."""
     target = paper.TABLE_4["simulation"][0.0]
     return sum((found[cell] / target[cell].mean - 1.0) ** 2 for cell in CELLS)  # type: ignore[return-value]
-
-
-def cells(trace: ImpactTrace) -> dict[str, np.ndarray]:
-    """Both columns of table 4, shape (C, N)."""
-    return {"min_height": trace.height.min(axis=2), "peak_down_velocity": trace.velocity.min(axis=2)}
 
 
 def fallen(fell: np.ndarray, what: str) -> list[str]:
@@ -234,12 +237,13 @@ def config(reading: Reading, *, trials: int, seed: int, threads: int = 0) -> Imp
 
 def _env(reading: Reading, threads: int) -> EnvCfg:
     learned = reading.torque == "pg_rlstm"
-    env = make_walk_cfg(
-        coupling=reading.coupling, hold_current=HoldCurrent.FIXED, threads=threads,
+    return fixed_current_env(
+        holding=reading.holding,
+        coupling=reading.coupling,
+        threads=threads,
         actuator_model="pg_rlstm" if learned else "bouc_wen",
         actuator_file=shipped_model("pg_rlstm") if learned else None,
-    )  # fmt: skip
-    return replace(env, actuator=replace(env.actuator, holding=reading.holding))
+    )
 
 
 def _variant(reading: Reading, amps: float) -> Variant:

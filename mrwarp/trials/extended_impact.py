@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from mrwarp.actuator.mr_actuator import Coupling, HoldCurrent
-from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.actuator.mr_actuator import Coupling
 from mrwarp.model_file import Model
-from mrwarp.trials.impact import ImpactCfg, ImpactSweep, ImpactTrace, Variant
+from mrwarp.trials.impact import ImpactCfg, ImpactSweep, ImpactTrace, Variant, body_extremes, fixed_current_env
 from mrwarp.trials.statistics import half_width
 from mrwarp.trials.walking import Policy
 from mrwarp.usd.robot import CURRENT_GROUPS
@@ -117,11 +116,10 @@ def impact_change(
     found: list[dict[str, np.ndarray]] = []
     for model, words in ((before, "before"), (after, "after")):
         told(f"impact sweep {words}")
-        env = make_walk_cfg(coupling=coupling, hold_current=HoldCurrent.FIXED, model=model)
         cfg = ImpactCfg(
             variants=tuple(Variant(current=current) for current in currents),
             trials=trials,
-            env=replace(env, actuator=replace(env.actuator, holding=False)),
+            env=fixed_current_env(coupling=coupling, model=model),
             seed=seed,
         )
         found.append(trial_figures(ImpactSweep(cfg, policy).run()))
@@ -134,9 +132,10 @@ def impact_change(
 
 def trial_figures(trace: ImpactTrace) -> dict[str, np.ndarray]:
     """The figures of every trial, shape (C, N), over the window after the impact's onset."""
+    extremes = body_extremes(trace)
     return {
-        "min_height": trace.height.min(axis=2),
-        "peak_speed": -trace.velocity.min(axis=2),
+        "min_height": extremes["min_height"],
+        "peak_speed": -extremes["peak_down_velocity"],
         "mr_torque": np.abs(trace.tau_mr).mean(axis=(2, 3)),
         "damping_share": trace.m_dyn.mean(axis=(2, 3)),
     }

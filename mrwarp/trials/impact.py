@@ -14,7 +14,9 @@ from typing import Any
 
 import numpy as np
 import torch
+from tensordict import TensorDict
 
+from mrwarp.enums import HoldCurrent
 from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels import ledger
@@ -22,7 +24,7 @@ from mrwarp.params import MrParams
 from mrwarp.trials.falling_mass import FallingMass, MassCfg, add_mass
 from mrwarp.trials.statistics import half_width, spread
 from mrwarp.trials.walking import Policy
-from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
+from mrwarp.usd.robot import CALF_COLUMNS, CURRENT_GROUPS, LEGS
 
 MOTOR_WINDOW = 0.1
 """Window of the motor-torque figures after the impact [s], paper section 6.3."""
@@ -157,66 +159,65 @@ class ImpactSweep:
     def __init__(self, cfg: ImpactCfg, policy: Policy) -> None:
         self.cfg, self.policy = cfg, policy
         env_cfg = make_play_cfg(cfg.env)
-        count = cfg.trials * len(cfg.variants)
         env_cfg = replace(
-            env_cfg, sim=replace(env_cfg.sim, num_envs=count), currents=cfg.currents, seed=cfg.seed,
+            env_cfg,
+            sim=replace(env_cfg.sim, num_envs=cfg.trials * len(cfg.variants)),
+            currents=cfg.currents,
+            seed=cfg.seed,
             gains=cfg.gains or env_cfg.gains,
-            episode_seconds=1e6, fall_height=-1e3, fall_tilt=3.2,
-        )  # fmt: skip
+            episode_seconds=1e6,
+            fall_height=-1e3,
+            fall_tilt=3.2,
+        )
         drop = cfg.kind is ImpactKind.DROP
         self.env = WalkEnv(env_cfg, edit=add_mass(cfg.mass) if drop else None)
         self.mass = FallingMass(self.env, cfg.mass) if drop else None
         self.currents = self.env.current_e.clone()
+        self._command = torch.tensor([cfg.speed, 0.0, 0.0], device=self.env.device)
         for i, variant in enumerate(cfg.variants):
             rows = slice(i * cfg.trials, (i + 1) * cfg.trials)
             for name, value in variant.params.items():
                 self.env.view(self.env.actuator.param(name))[rows] = value
         self.watchers: list[Callable[[float], None]] = []
+        self._time = 0.0
 
     def run(self) -> ImpactTrace:
         """Walk in, hit, and record."""
-        cfg, env = self.cfg, self.env
-        dt = env.sim.dt
+        cfg, env, mass = self.cfg, self.env, self.mass
         env.substep_hooks.clear()
         env.restart()
-        if self.mass is not None:
-            self.mass.hold()
-        command = torch.tensor([cfg.speed, 0.0, 0.0], device=env.device)
+        if mass is not None:
+            mass.hold()
         env.current_e.zero_()
         source = torch.arange(env.num_envs, device=env.device) % cfg.trials
         if cfg.phases is not None:
             low, high = cfg.phases
             onset = low + (high - low) * (source + 0.5) / cfg.trials
-            before = cfg.warmup + (self.fall_time if self.mass is not None else 0.0)
+            before = cfg.warmup + (self.fall_time if mass is not None else 0.0)
             env.phase.copy_((onset - before * env.cfg.gait_frequency).remainder(1.0))
         env.copy_envs(source)
-        env.set_command(command)
-        obs = env.get_observations()
-        clock = _Clock(-cfg.warmup, dt, self.watchers)
+        env.set_command(self._command)
+        self._time = -cfg.warmup
         if self.watchers:
-            env.substep_hooks.append(clock.tick)
-        for _ in range(round(cfg.warmup / env.cfg.step_dt)):
-            obs, _, _, _ = env.step(self.policy(obs))
-            env.set_command(command)
-        self.env.current_e.copy_(self.currents)
-        env.actuator.ledger.zero_()
-        recorder = _Recorder(env)
-        if self.mass is not None:
-            self._fall_until_contact(obs)
+            env.substep_hooks.append(self._tell)
+        obs = self._walk(env.get_observations(), cfg.warmup)
+        if mass is not None:
+            self._fall_until_contact(mass, obs)
             obs = env.get_observations()
-        clock.time = 0.0
+        env.current_e.copy_(self.currents)
+        env.actuator.ledger.zero_()
+        self._time = 0.0
+        recorder = _Recorder(env)
         env.substep_hooks.append(recorder.sample)
         contact = torch.zeros(env.num_envs, device=env.device)
-        if self.mass is None:
-            env.substep_hooks.append(_Push(env, cfg).tick)
+        if mass is not None:
+            contact[~mass.touched] = float("nan")
+            env.substep_hooks.append(lambda: self._meet(mass, contact, recorder))
         else:
-            contact[~self.mass.touched] = float("nan")
-            env.substep_hooks.append(lambda: self._meet(contact, recorder))
-        for _ in range(round(cfg.window / env.cfg.step_dt)):
-            obs, _, _, _ = env.step(self.policy(obs))
-            env.set_command(command)
+            env.substep_hooks.append(self._push())
+        self._walk(obs, cfg.window)
         env.substep_hooks.clear()
-        if self.mass is None:
+        if mass is None:
             env.sim.push("trunk", np.zeros((env.num_envs, 3)))
         return recorder.trace(len(cfg.currents), cfg.trials, contact)
 
@@ -225,54 +226,46 @@ class ImpactSweep:
         """Time from the mass' release to its contact with a trunk that stays where it is [s]."""
         return 2.0 * self.cfg.mass.drop / self.cfg.mass.contact_speed
 
-    def _meet(self, contact: torch.Tensor, recorder: _Recorder) -> None:
+    def _walk(self, obs: TensorDict, seconds: float) -> TensorDict:
+        """Walk on from these observations with the command held; returns the last ones."""
+        for _ in range(round(seconds / self.env.cfg.step_dt)):
+            obs, _, _, _ = self.env.step(self.policy(obs))
+            self.env.set_command(self._command)
+        return obs
+
+    def _tell(self) -> None:
+        """Tell the watchers the time; a torque step has passed."""
+        self._time += self.env.sim.dt
+        for watch in self.watchers:
+            watch(self._time)
+
+    def _push(self) -> Callable[[], None]:
+        """Push the trunks from now on; the hook ends each push after its setting's duration."""
+        sim, cfg = self.env.sim, self.cfg
+        left = np.repeat([round(duration / sim.dt) for duration in cfg.durations], cfg.trials)
+        force = np.tile(cfg.force, (self.env.num_envs, 1))
+        sim.push("trunk", force)
+
+        def tick() -> None:
+            """A torque step has passed."""
+            left[:] -= 1
+            if (left == 0).any():
+                sim.push("trunk", np.where(left[:, None] > 0, force, 0.0))
+
+        return tick
+
+    def _meet(self, mass: FallingMass, contact: torch.Tensor, recorder: _Recorder) -> None:
         """Advance the mass and note when it meets each trunk."""
-        assert self.mass is not None
-        before = self.mass.touched.clone()
-        self.mass.update()
-        met = self.mass.touched & ~before
-        contact[met] = len(recorder.rows["height"]) * self.env.sim.dt
+        before = mass.touched.clone()
+        mass.update()
+        contact[mass.touched & ~before] = len(recorder.rows["height"]) * self.env.sim.dt
 
-    def _fall_until_contact(self, obs: Any) -> None:
+    def _fall_until_contact(self, mass: FallingMass, obs: TensorDict) -> None:
         """Release the mass and walk on, still without current, until just before the first robot is touched."""
-        env, mass = self.env, self.mass
-        assert mass is not None
         mass.release()
-        env.current_e.zero_()
-        for _ in range(int(self.fall_time / env.cfg.step_dt) - 2):
-            obs, _, _, _ = env.step(self.policy(obs))
+        for _ in range(int(self.fall_time / self.env.cfg.step_dt) - 2):
+            obs, _, _, _ = self.env.step(self.policy(obs))
             mass.update()
-        env.current_e.copy_(self.currents)
-        env.actuator.ledger.zero_()
-
-
-class _Push:
-    """Pushes the trunks from now on, each for its setting's duration."""
-
-    def __init__(self, env: WalkEnv, cfg: ImpactCfg) -> None:
-        self._sim = env.sim
-        self._left = np.repeat([round(duration / env.sim.dt) for duration in cfg.durations], cfg.trials)
-        self._force = np.tile(cfg.force, (env.num_envs, 1))
-        self._sim.push("trunk", self._force)
-
-    def tick(self) -> None:
-        """One torque step has passed."""
-        self._left -= 1
-        if (self._left == 0).any():
-            self._sim.push("trunk", np.where(self._left[:, None] > 0, self._force, 0.0))
-
-
-class _Clock:
-    """Tells the watchers the time after every torque step."""
-
-    def __init__(self, start: float, dt: float, watchers: list[Callable[[float], None]]) -> None:
-        self.time, self._dt, self._watchers = start, dt, watchers
-
-    def tick(self) -> None:
-        """One torque step has passed."""
-        self.time += self._dt
-        for watch in self._watchers:
-            watch(self.time)
 
 
 class _Recorder:
@@ -281,18 +274,21 @@ class _Recorder:
     def __init__(self, env: WalkEnv) -> None:
         self.env = env
         self.rows: dict[str, list[torch.Tensor]] = {}
-        self.calves = [3 * leg + 2 for leg in range(len(LEGS))]
+        self.calves = list(CALF_COLUMNS)
         self.fell = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
 
     def sample(self) -> None:
         """Take one sample of everything."""
         env, device = self.env, self.env.actuator
         series = {
-            "height": env.root_pos[:, 2], "velocity": env.root_vel[:, 2],
-            "tau_motor": env.view(device.tau_motor)[:, self.calves], "f_foot": env.f_foot,
-            "q": env.q[:, self.calves], "qd": env.qd[:, self.calves],
+            "height": env.root_pos[:, 2],
+            "velocity": env.root_vel[:, 2],
+            "tau_motor": env.view(device.tau_motor)[:, self.calves],
+            "f_foot": env.f_foot,
+            "q": env.q[:, self.calves],
+            "qd": env.qd[:, self.calves],
             "qpos": env.view(env.sim.backend.field("qpos")),
-        }  # fmt: skip
+        }
         for name in ("tau_mr", "current", "m_dyn", "m_hold"):
             series[name] = self._by_leg(env.view(getattr(device, name)))
         for name, value in series.items():
@@ -339,30 +335,28 @@ def figures(trace: ImpactTrace, currents: tuple[float, ...]) -> dict[str, Any]:
         ``hold_share``, ``energy`` by ledger entry [J], ``fell``; ``change`` from the first to the last current in
         percent with a 95 % interval over the paired trials.
     """
-    dt = trace.t[1] - trace.t[0]
-    early = trace.t <= MOTOR_WINDOW
-    lowest = trace.height.min(axis=2)
-    down = trace.velocity.min(axis=2)
+    early, extremes = trace.t <= MOTOR_WINDOW, body_extremes(trace)
+    lowest, down = extremes["min_height"], extremes["peak_down_velocity"]
     drop = trace.height[:, :, 0] - lowest
+    dt = trace.t[1] - trace.t[0]
     acceleration = np.abs(np.diff(trace.velocity[:, :, early], axis=2) / dt).mean(axis=2)
     motor = np.abs(trace.tau_motor[:, :, early])
-    rows = []
-    for i, current in enumerate(currents):
-        rows.append(
-            {
-                "current": current,
-                "min_height": spread(lowest[i]),
-                "peak_down_velocity": spread(down[i]),
-                "drop": spread(drop[i]),
-                "acceleration": spread(acceleration[i]),
-                "motor_mean": {leg: spread(motor[i, :, :, k].mean(axis=1)) for k, leg in enumerate(LEGS)},
-                "motor_peak": {leg: spread(motor[i, :, :, k].max(axis=1)) for k, leg in enumerate(LEGS)},
-                "dynamic_share": float(trace.m_dyn[i].mean()),
-                "hold_share": float(trace.m_hold[i].mean()),
-                "energy": {n: float(trace.ledger[i, :, k].mean()) for k, n in enumerate(ledger.ENTRIES)},
-                "fell": float(trace.fell[i].mean()),
-            }
-        )
+    rows = [
+        {
+            "current": current,
+            "min_height": spread(lowest[i]),
+            "peak_down_velocity": spread(down[i]),
+            "drop": spread(drop[i]),
+            "acceleration": spread(acceleration[i]),
+            "motor_mean": {leg: spread(motor[i, :, :, k].mean(axis=1)) for k, leg in enumerate(LEGS)},
+            "motor_peak": {leg: spread(motor[i, :, :, k].max(axis=1)) for k, leg in enumerate(LEGS)},
+            "dynamic_share": float(trace.m_dyn[i].mean()),
+            "hold_share": float(trace.m_hold[i].mean()),
+            "energy": {name: float(trace.ledger[i, :, k].mean()) for k, name in enumerate(ledger.ENTRIES)},
+            "fell": float(trace.fell[i].mean()),
+        }
+        for i, current in enumerate(currents)
+    ]
     return {
         "by_current": rows,
         "change": {
@@ -370,11 +364,24 @@ def figures(trace: ImpactTrace, currents: tuple[float, ...]) -> dict[str, Any]:
             "peak_down_velocity": paired_change(np.abs(down[0]), np.abs(down[-1])),
             "drop": paired_change(drop[0], drop[-1]),
         },
-        "monotone": {
-            "min_height": bool(np.all(np.diff(lowest.mean(axis=1)) > 0.0)),
-            "peak_down_velocity": bool(np.all(np.diff(np.abs(down).mean(axis=1)) < 0.0)),
-        },
+        "monotone": {name: bool(np.all(np.diff(values.mean(axis=1)) > 0.0)) for name, values in extremes.items()},
     }
+
+
+def body_extremes(trace: ImpactTrace) -> dict[str, np.ndarray]:
+    """Both columns of table 4: ``min_height`` [m] and ``peak_down_velocity`` [m/s] of every trial, shape (C, N)."""
+    return {"min_height": trace.height.min(axis=2), "peak_down_velocity": trace.velocity.min(axis=2)}
+
+
+def fixed_current_env(*, holding: bool = False, **choices: Any) -> EnvCfg:
+    """Task of an impact: devices take all the current; damping alone, or the holding branch too.
+
+    Args:
+        holding: Whether the devices hold.
+        choices: Of :func:`make_walk_cfg`.
+    """
+    env = make_walk_cfg(hold_current=HoldCurrent.FIXED, **choices)
+    return replace(env, actuator=replace(env.actuator, holding=holding))
 
 
 def paired_change(first: np.ndarray, last: np.ndarray) -> dict[str, Any]:

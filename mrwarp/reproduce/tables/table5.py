@@ -9,7 +9,7 @@ from mrwarp.reproduce import drops, pushes
 from mrwarp.reproduce.experiment import Findings, Job, compare, over_seeds, seeds_of
 from mrwarp.reproduce.policies import Ensemble, study_files
 from mrwarp.study.plan import AWARE, CONVENTIONAL
-from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, Variant
+from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, Variant, fixed_current_env
 
 CURRENTS = (0.0, 1.5)
 """With SAL off and on [A]."""
@@ -36,7 +36,7 @@ def compute(job: Job) -> Findings:
         cfg = ImpactCfg(
             kind=ImpactKind.DROP,
             trials=len(paths) * settings.impacts,
-            env=drops.damping_alone(settings.threads),
+            env=fixed_current_env(threads=settings.threads),
             seed=settings.seed,
             phases=pushes.FR_RL_STANCE,
             variants=tuple(Variant(current=current) for current in CURRENTS),
