@@ -123,24 +123,23 @@ def with_model(asset: RobotAsset, model: Model | str | Path) -> RobotAsset:
     actuators = []
     for a in asset.actuators:
         if a.mr is not None:
-            mr = model.to_params(a.mr)
-            kp, kd, limit = mr.motor.kp_base, mr.motor.kd, mr.motor.tau_limit
-            a = replace(a, mr=mr, kp=kp, kd=kd, tau_limit=limit, effects=model.effects, lost="")
+            a = replace(_with_device(a, model.to_params(a.mr)), effects=model.effects, lost="")
         actuators.append(a)
     return replace(asset, actuators=tuple(actuators))
 
 
+def _with_device(actuator: JointActuator, mr: MrParams) -> JointActuator:
+    """The joint with a device, whose parameters hold the motor's gains too."""
+    return replace(actuator, mr=mr, kp=mr.motor.kp_base, kd=mr.motor.kd, tau_limit=mr.motor.tau_limit)
+
+
 def effect_lines(actuators: Sequence[JointActuator]) -> Iterator[str]:
     """What acts on which joints, and what does not; nothing for joints without effects."""
-    groups: list[tuple[tuple[Effect, ...], list[str]]] = []
-    for a in actuators:
-        if a.mr is not None and a.effects:
-            same = next((joints for effects, joints in groups if effects == a.effects), None)
-            if same is None:
-                groups.append((a.effects, [a.joint]))
-            else:
-                same.append(a.joint)
-    for effects, joints in groups:
+    carrying = [a for a in actuators if a.mr is not None and a.effects]
+    while carrying:
+        effects = carrying[0].effects
+        joints = [a.joint for a in carrying if a.effects == effects]
+        carrying = [a for a in carrying if a.effects != effects]
         if acting := [str(effect) for effect in effects if effect.acts]:
             yield f"effects on {', '.join(joints)}: {'; '.join(acting)}"
         if note := silent_note(effects):
@@ -198,16 +197,12 @@ def _actuator(prim: Usd.Prim, joint: str, file: Path) -> JointActuator:
     """Read one actuator prim: MR drive, or PD with torque limit."""
     path, schemas = str(prim.GetPath()), prim.GetPrimTypeInfo().GetAppliedAPISchemas()
     if is_mr(prim):
-        mr = read_parameters(prim, file)
-        kp, kd, limit = mr.motor.kp_base, mr.motor.kd, mr.motor.tau_limit
-        effects, lost = (), ""
+        plain = JointActuator(joint=joint, prim_path=path, kp=0.0, kd=0.0, tau_limit=0.0, mr=None)
+        with_device = _with_device(plain, read_parameters(prim, file))
         try:
-            effects = read_effects(prim, file)
+            return replace(with_device, effects=read_effects(prim, file))
         except AssetError as error:
-            lost = str(error)
-        return JointActuator(
-            joint=joint, prim_path=path, kp=kp, kd=kd, tau_limit=limit, mr=mr, effects=effects, lost=lost
-        )
+            return replace(with_device, lost=str(error))
     if not {"NewtonPDControlAPI", "NewtonMaxEffortClampingAPI"} <= set(schemas):
         allowed = f"allowed: {SCHEMA}, or NewtonPDControlAPI with NewtonMaxEffortClampingAPI"
         raise AssetError(f"{file}: {path}: apiSchemas = {list(schemas)}; {allowed}")

@@ -19,6 +19,8 @@ from mrwarp.usd.record import PD, PREFIX, RECORD, PrimModel, read_model, record_
 from mrwarp.usd.stage_trial import open_stage
 
 _UNITS = {
+    "physics:lowerLimit": "deg",
+    "physics:upperLimit": "deg",
     "physics:mass": "kg",
     "physics:diagonalInertia": "kg·m2",
     "physics:centerOfMass": "m",
@@ -70,7 +72,7 @@ def masses(asset: RobotAsset) -> dict[str, float]:
         if "PhysicsRigidBodyAPI" in prim.GetAppliedSchemas():
             attribute = prim.GetAttribute("physics:mass")
             value = plain(attribute) if attribute and attribute.HasAuthoredValue() else None
-            if not isinstance(value, float) or not (math.isfinite(value) and value > 0.0):
+            if not isinstance(value, float) or not 0.0 < value < math.inf:
                 text = "is missing" if value is None else f"= {value} is not a positive number"
                 raise AssetError(f"{asset.path}: {prim.GetPath()}: physics:mass {text}; state a mass above 0 kg")
             inertia = prim.GetAttribute("physics:diagonalInertia").Get()
@@ -150,10 +152,8 @@ def show_asset(asset: RobotAsset, full: bool = False) -> Iterator[str]:
     for actuator in asset.actuators:
         prim = asset.stage.GetPrimAtPath(actuator.prim_path)
         kind = "MR + motor" if actuator.mr else "motor"
-        gains = (
-            f"kp {actuator.kp:g} {PD['newton:kp'].unit}, kd {actuator.kd:g} {PD['newton:kd'].unit}, "
-            f"limit {actuator.tau_limit:g} {PD['newton:maxEffort'].unit}"
-        )
+        given = zip(("kp", "kd", "limit"), (actuator.kp, actuator.kd, actuator.tau_limit), PD.values(), strict=True)
+        gains = ", ".join(f"{name} {value:g} {spec.unit}" for name, value, spec in given)
         yield f"  {actuator.joint:12s} {kind:11s} {actuator.prim_path:26s} {gains}"
         if actuator.mr is None:
             continue
@@ -172,7 +172,7 @@ def show_asset(asset: RobotAsset, full: bool = False) -> Iterator[str]:
 
 def authored_at(item: Usd.Property) -> str:
     """Where the value of a property stands: ``class MRDevice``, or ``FL_calf in robot=mr_go``; with a foreign file."""
-    spec = next(s for s in item.GetPropertyStack() if isinstance(s, Sdf.AttributeSpec) and s.HasDefaultValue())
+    spec = next(_values(item))
     path = spec.path.GetPrimPath()
     holder = spec.layer.GetPrimAtPath(path)
     text = f"{'class ' if holder.specifier == Sdf.SpecifierClass else ''}{path.StripAllVariantSelections().name}"
@@ -201,10 +201,13 @@ def plain(item: Usd.Property) -> Any:
     assert isinstance(item, Usd.Attribute)
     if item.GetNumTimeSamples() or item.HasAuthoredConnections():
         return [repr(item.Get(time)) for time in item.GetTimeSamples()] + [str(p) for p in item.GetConnections()]
-    authored = next(
-        (s for s in item.GetPropertyStack() if isinstance(s, Sdf.AttributeSpec) and s.HasDefaultValue()), None
-    )
+    authored = next((spec for spec in _values(item)), None)
     return decimal(item.Get(), str(authored.typeName if authored else item.GetTypeName()))
+
+
+def _values(item: Usd.Property) -> Iterator[Sdf.AttributeSpec]:
+    """The specs that state a value of a property, strongest first."""
+    yield from (s for s in item.GetPropertyStack() if isinstance(s, Sdf.AttributeSpec) and s.HasDefaultValue())
 
 
 def decimal(value: Any, type_name: str) -> Any:
@@ -241,19 +244,15 @@ def diff_assets(a: Path, b: Path) -> list[str]:
     right = {label(asset): _contents(asset) for asset in load_variants(b)}
     lines = [f"variant {name}: only in {a if name in left else b}" for name in sorted(left.keys() ^ right.keys())]
     shared = [name for name in left if name in right]
-    if not shared:
-        return lines
     found: dict[str, list[str]] = {}
     for name in shared:
         for key in sorted(left[name] | right[name]):
             old, new = left[name].get(key), right[name].get(key)
             other_kind = left[name].get((key[0], "")) != right[name].get((key[0], ""))
             if old != new and not (other_kind and key[1] and None in (old, new)):
+                line = _difference(*key, old, new)
                 if key[1] == RECORD:
-                    text = record_difference(old, new, (f"{a}: {key[0]}", f"{b}: {key[0]}"))
-                    line = f"{key[0]} {RECORD}: {text}"
-                else:
-                    line = _difference(*key, old, new)
+                    line = f"{key[0]} {RECORD}: {record_difference(old, new, (f'{a}: {key[0]}', f'{b}: {key[0]}'))}"
                 found.setdefault(line, []).append(name)
     for line, names in found.items():
         lines.append(line if len(names) == len(shared) else f"{line}   [{'; '.join(names)}]")
@@ -274,12 +273,7 @@ def _contents(asset: RobotAsset) -> dict[tuple[str, str], Any]:
 
 def _difference(where: str, name: str, old: Any, new: Any) -> str:
     """One line of a difference: place, values and unit."""
-    if name.startswith(PREFIX) or name in PD:
-        unit = unit_of(name)
-    elif name in ("physics:lowerLimit", "physics:upperLimit"):
-        unit = "deg"
-    else:
-        unit = _UNITS.get(name, "")
+    unit = unit_of(name) if name.startswith(PREFIX) or name in PD else _UNITS.get(name, "")
     before, after = (
         "none" if value is None else f"{value:.10g}" if isinstance(value, float) else str(value) for value in (old, new)
     )

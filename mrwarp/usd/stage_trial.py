@@ -2,8 +2,8 @@
 
 USD's readers are fast, not careful: a damaged or malicious file can make them overflow the stack, take all memory or
 never end, and no exception tells. So a file is first opened, and composed in every variant, by a helper process with
-little memory, stack and time (:mod:`mrwarp.usd.stage_trial_process`). What kills it is refused. What it refuses is
-refused in its words. A file that passed is not tried again in this process until it, or a layer that it uses, changes.
+little memory, stack and time (:func:`serve`; a request a line, an answer a line). What kills it is refused; what it
+refuses, in its words. A file that passed is not tried again in this process until it or a layer of it changes.
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ import atexit
 import contextlib
 import hashlib
 import json
+import math
 import os
+import resource
 import select
 import signal
 import subprocess
@@ -23,14 +25,25 @@ from typing import Any
 
 from pxr import Usd
 
-from mrwarp.usd.open_stage import AssetError, check_layer, open_here
-from mrwarp.usd.stage_trial_process import MEMORY, READY
+from mrwarp.usd.open_stage import AssetError, check_layer, choices, open_here, said
 
 CPU_SECONDS = 20
 """Processor time that a file may take [s]."""
 
 WALL_SECONDS = 10.0 * CPU_SECONDS
 """Longest wait for an answer [s]; a busy machine may need much longer than the helper's own processor time."""
+
+MEMORY = 2**30
+"""Address space that a file may take [bytes]."""
+
+STACK = 2**22
+"""Stack [bytes]: half of what a process usually has, so that what overflows the asking process' ends this one first."""
+
+IDLE = 30.0
+"""Time without a request after which the process ends [s]."""
+
+READY = "ready\n"
+"""What it says once it can take requests."""
 
 _REMEDY = "it is damaged or made to harm: undo the last edit, or export it again"
 
@@ -69,11 +82,7 @@ _helper: subprocess.Popen[str] | None = None
 
 
 class _GoneError(Exception):
-    """The helper ended without an answer; says how."""
-
-    def __init__(self, how: str, *, late: bool = False) -> None:
-        super().__init__(how)
-        self.late = late
+    """The helper ended without an answer; arguments: how, and whether it was late."""
 
 
 def _unchanged(layers: dict[str, str]) -> bool:
@@ -89,9 +98,10 @@ def _answer(request: dict[str, Any]) -> dict[str, Any]:
     try:
         return _ask(_helper or _start(), request)
     except _GoneError as gone:
-        if not fresh and not gone.late:  # it leaves when idle, and an earlier file may have harmed it
+        how, late = gone.args
+        if not fresh and not late:  # it leaves when idle, and an earlier file may have harmed it
             return _answer(request)
-        return {"trouble": str(gone)}
+        return {"trouble": how}
 
 
 def _ask(helper: subprocess.Popen[str], request: dict[str, Any]) -> dict[str, Any]:
@@ -110,8 +120,8 @@ def _ask(helper: subprocess.Popen[str], request: dict[str, Any]) -> dict[str, An
         return json.loads(line)
     code = stop()
     if code in (-signal.SIGXCPU, None):
-        raise _GoneError(f"takes more than {CPU_SECONDS} s", late=True)
-    raise _GoneError(f"crashes or takes more than {MEMORY >> 20} MiB ({_name(code)})")
+        raise _GoneError(f"takes more than {CPU_SECONDS} s", True)
+    raise _GoneError(f"crashes or takes more than {MEMORY >> 20} MiB ({_name(code)})", False)
 
 
 def _name(code: int) -> str:
@@ -125,7 +135,7 @@ def _start() -> subprocess.Popen[str]:
     """Start the helper and wait until it has imported what it needs."""
     global _helper
     package = str(Path(__file__).resolve().parents[2])
-    run = f"import sys; sys.path = {[package, *sys.path]!r}; from mrwarp.usd.stage_trial_process import main; main()"
+    run = f"import sys; sys.path = {[package, *sys.path]!r}; from mrwarp.usd.stage_trial import serve; serve()"
     # one thread: the limit is of address space, of which every thread takes a large piece
     env = {**os.environ, "PXR_WORK_THREAD_LIMIT": "1", "MALLOC_ARENA_MAX": "1", "OPENBLAS_NUM_THREADS": "1"}
     try:
@@ -139,7 +149,7 @@ def _start() -> subprocess.Popen[str]:
     if _helper.stdout.readline() != READY:
         raise AssetError(
             f"the process that tries USD files out does not start ({_name(stop() or 0)}); "
-            "check that 'python -c \"import mrwarp.usd.stage_trial_process\"' works, and that memory is free"
+            "check that 'python -c \"import mrwarp.usd.stage_trial\"' works, and that memory is free"
         )
     return _helper
 
@@ -171,3 +181,68 @@ def _forget() -> None:
 
 atexit.register(stop)
 os.register_at_fork(after_in_child=_forget)
+
+
+def serve() -> None:
+    """The helper process: answer requests until there are no more."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is meant for the asking process, which then ends this one
+    answers = os.fdopen(os.dup(1), "w", encoding="ascii")
+    os.dup2(2, 1)  # what libraries print must not be taken for an answer
+    _limit(resource.RLIMIT_CORE, 0)
+    _limit(resource.RLIMIT_STACK, STACK)
+    if (used := Path("/proc/self/statm")).is_file():  # elsewhere address space is not limited, or not counted
+        _limit(resource.RLIMIT_AS, int(used.read_text().split()[0]) * resource.getpagesize() + MEMORY)
+    answers.write(READY)
+    answers.flush()
+    while select.select([sys.stdin], [], [], IDLE)[0] and (line := sys.stdin.readline()):
+        request = json.loads(line)
+        seconds = request.pop("seconds")
+        _limit(resource.RLIMIT_CPU, math.ceil(sum(resource.getrusage(resource.RUSAGE_SELF)[:2])) + seconds)
+        answer = try_out(**request)
+        answers.write(json.dumps(answer) + "\n")
+        answers.flush()
+        if "trouble" in answer:
+            return  # who knows what is left of the libraries
+
+
+def try_out(folder: str, file: str, allow_external: bool) -> dict[str, Any]:
+    """Open a file as the asking process would, and read every value under every choice of variants.
+
+    Returns:
+        ``layers``, the files that were read, or ``refused``, the message, or ``trouble``, what the reader does.
+    """
+    os.chdir(folder)
+    layers: set[str] = set()
+    try:
+        stage = open_here(Path(file), allow_external)
+        for _ in choices(stage):
+            _read(stage, file)
+            layers.update(layer.realPath for layer in stage.GetUsedLayers() if layer.realPath)
+    except AssetError as error:
+        if "bad_alloc" not in str(error):
+            return {"refused": str(error)}
+        return {"trouble": f"takes more than {MEMORY >> 20} MiB"}
+    except MemoryError:
+        return {"trouble": f"takes more than {MEMORY >> 20} MiB"}
+    except Exception as error:  # whatever it is, it is about this file
+        return {"refused": f"{file}: cannot be opened: {type(error).__name__}: {said(error)}; repair the file"}
+    return {"layers": sorted(layers)}
+
+
+def _read(stage: Usd.Stage, file: str) -> None:
+    for prim in stage.TraverseAll():
+        prim.GetAppliedSchemas()
+        for attribute in prim.GetAttributes():
+            try:
+                attribute.Get()
+            except MemoryError:
+                raise
+            except Exception as error:  # USD's, or Boost's for what has no Python type
+                raise AssetError(f"{file}: {attribute.GetPath()} cannot be read: {said(error)}; remove it") from None
+
+
+def _limit(which: int, value: int) -> None:
+    """Lower a limit; a lower one that is set already stays."""
+    soft, hard = resource.getrlimit(which)
+    allowed = [limit for limit in (value, hard, soft if which != resource.RLIMIT_CPU else hard)]
+    resource.setrlimit(which, (min(limit for limit in allowed if limit != resource.RLIM_INFINITY), hard))

@@ -12,7 +12,7 @@ from mrwarp.usd import open_stage as asset_open
 from mrwarp.usd import stage_trial as asset_trial
 from mrwarp.usd.asset import load_robot
 from mrwarp.usd.open_stage import ASSETS, MAX_BYTES, MAX_NESTING, AssetError, choices, open_here, too_deep
-from mrwarp.usd.stage_trial_process import MEMORY, try_out
+from mrwarp.usd.stage_trial import MEMORY, try_out
 
 HEAD = '#usda 1.0\n(\n    defaultPrim = "r"\n)\n'
 
