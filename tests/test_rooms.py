@@ -1,0 +1,43 @@
+"""The layout that a newcomer relies on: small rooms, names that are given once, and imports at the top of files.
+
+Who may import whom is written in ``pyproject.toml`` and checked by ``make lint`` (import-linter).
+"""
+
+import ast
+from collections import Counter
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+FILES = sorted((ROOT / "mrwarp").rglob("*.py"))
+CATALOGUES = {"mrwarp/effects"}
+"""Folders that may have more files: one law each."""
+QUICK_HELP = ("mrwarp/cli.py", "mrwarp/commands/")
+"""Files that import when they run, so that ``--help`` waits for no engine."""
+
+
+def test_no_room_is_crowded() -> None:
+    """At most 20 files in a folder of the package, ten beside its folders."""
+    counts = Counter(path.parent.relative_to(ROOT).as_posix() for path in FILES)
+    assert {room: n for room, n in counts.items() if n > (10 if room == "mrwarp" else 20)}.keys() <= CATALOGUES
+
+
+def test_a_module_name_is_given_once() -> None:
+    """``walking`` is one module, not two."""
+    names = Counter(path.stem for path in FILES if not path.stem.startswith("__"))
+    assert [name for name, n in names.items() if n > 1] == []
+
+
+def test_imports_between_rooms_stand_at_the_top_of_files() -> None:
+    """A file's first lines name all of the package that it needs."""
+    found = []
+    for path in FILES:
+        name = path.relative_to(ROOT).as_posix()
+        if name.startswith(QUICK_HELP):
+            continue
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+        for node in (inner for function in functions for inner in ast.walk(function)):
+            modules = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else modules
+            found += [f"{name}:{node.lineno}" for module in modules if module.partition(".")[0] == "mrwarp"]
+    assert sorted(set(found)) == []
