@@ -38,20 +38,22 @@ def main(argv: Sequence[str] | None = None, prog: str = "") -> int:
             hint = closest(words[0], list(entry.commands))
             return _refuse(called, f"there is no command {words[0]!r}; {hint}see {called} --help", 2)
         called, entry = f"{called} {words[0]}", entry.commands[words.pop(0)]
+    for asked, variant in entry.variants.items():
+        if words[:1] == [asked[0]] and set(asked) <= set(words):
+            called, entry = f"{called} {' '.join(asked)}", variant
+            words = [word for word in words if word not in asked]
+            break
     return _run(entry, CommandLine(prog or called, tuple(words)))
 
 
 def _run(command: Command, line: CommandLine) -> int:
     """Read the options, run, and say in one line what is wrong with them."""
     try:
-        if not command.options:
-            return importlib.import_module(command.run).main(list(line.argv))
         with one_voice():
             options = parse(command.load_options(), line.argv, line.prog)
-        module = importlib.import_module(command.run)
         if command.engines:
             quiet_libraries()
-        code = module.run(options, line)
+        code = importlib.import_module(command.run).run(options, line)
         sys.stdout.flush()
         return code
     except SystemExit as leaving:  # after --help
@@ -65,6 +67,10 @@ def _run(command: Command, line: CommandLine) -> int:
     except BrokenPipeError:  # whoever read the output has gone, as in `mrwarp ... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] == command.run.partition(".")[0] == "benchmarks":
+            return _refuse(line.prog, "is part of a checkout, not of what is installed; run it in one", 2)
+        raise
     except FolderError as error:
         return _refuse(line.prog, str(error), 2)
     except OSError as error:

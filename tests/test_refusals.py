@@ -192,7 +192,7 @@ def test_an_error_stands_on_a_line_of_its_own_below_the_progress(
 ) -> None:
     """What ends the bench in its course leaves the line that says how far it was."""
 
-    def fail(_: object, told: Callable[[float, str], None]) -> None:
+    def fail(_: object, told: Callable[[float, str], None], *_more: object) -> None:
         told(0.5, "walking")
         raise ValueError("it fell")
 

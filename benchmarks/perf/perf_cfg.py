@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import warp as wp
+
 
 @dataclass(frozen=True, kw_only=True)
 class PerfCfg:
@@ -57,7 +59,5 @@ class GpuCfg:
             raise ValueError(f"rounds = {self.rounds} must be at least 2 and steps = {self.steps} at least 1")
         if not self.parts:
             raise ValueError("parts: choose from walking, joint and training on a GPU")
-        import warp as wp
-
         if self.device not in {"cpu", *(found.alias for found in wp.get_cuda_devices())}:
             raise ValueError(f"device {self.device!r} is not here; Warp has {', '.join(map(str, wp.get_devices()))}")

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import argparse
-import shlex
 import sys
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import date
-from pathlib import Path
 from typing import Any
 
-from benchmarks.perf.compare import CompareError, compare, load_ratios
+from benchmarks.perf import gpu, measure
+from benchmarks.perf.compare import compare, load_ratios
 from benchmarks.perf.perf_cfg import GpuCfg, PerfCfg
-from mrwarp.options.arguments import Parser, count, whole
-from mrwarp.resources import DEFAULT_POLICY
-from mrwarp.run_dir import check_writable, one_line, write_result
-from mrwarp.runtime import quiet_libraries
+from benchmarks.perf.pictures import breakdown_picture, cost_picture
+from mrwarp.options.command_line import CommandLine
+from mrwarp.options.perf_options import Perf
+from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.run_dir import check_writable, write_result
+from mrwarp.runtime import ProgressLine
 
 Run = Callable[[Any, Callable[[str, float], None]], dict[str, Any]]
 """Measures with a policy, and tells what is measured and the share of it that is done."""
@@ -24,109 +24,72 @@ Run = Callable[[Any, Callable[[str, float], None]], dict[str, Any]]
 _NAMES = ("name", "machine", "processor")
 
 
-def main(argv: list[str] | None = None) -> int:
+def run(options: Perf, line: CommandLine) -> int:
     """Time physics, joints, environment and training, walking; 0 done, 1 a ratio regressed (--compare), 2 bad input."""
-    argv = sys.argv[1:] if argv is None else argv
-    default = PerfCfg()
-    parser = Parser(prog="mrwarp perf", description=main.__doc__)
-    add = parser.add_argument
-    add("--out", type=Path, default=Path("runs/perf"), help="output folder (default: runs/perf)")
-    counts = " ".join(map(str, default.num_envs))
-    add("--num-envs", type=count, nargs="+", metavar="N", help=f"numbers of robots (default: {counts})")
-    add("--rounds", type=count, help=f"turns of each variant (default: {default.rounds}; on a GPU {GpuCfg.rounds})")
-    add("--parts", nargs="+", choices=default.parts, default=default.parts, help="what to measure (default: all)")
-    add("--quick", action="store_true", help="64 and 256 robots, half of the turns, no training: one minute")
-    add(
-        "--steps", type=whole, default=0, metavar="N", help="policy steps per turn; 0 = about 640 robot steps (default)"
-    )
-    add("--mjwarp-up-to", type=whole, metavar="N", help="most robots on MuJoCo-Warp; on a GPU, on it without a graph")
-    add("--threads", type=whole, default=0, help="CPU threads of the simulation; 0 = all (default)")
-    add("--device", default="cpu", help="cpu (default), or a GPU such as cuda:0, which has figures of its own")
-    add("--policy", type=Path, default=DEFAULT_POLICY, help=f"policy that walks (default: {DEFAULT_POLICY.name})")
-    add("--compare", type=Path, metavar="FILE", help="earlier result; exit with 1 if a ratio got worse")
-    args = parser.parse_args(argv)
-    quiet_libraries()
-    from benchmarks.perf.pictures import breakdown_picture, cost_picture
-    from benchmarks.perf.walks import NotWalkingError
-    from mrwarp.rl.policy import OnnxPolicy, PolicyError
-    from mrwarp.runtime import ProgressLine
-
-    try:
-        run = _gpu(args) if args.device != "cpu" else _cpu(args)
-        before = load_ratios(args.compare) if args.compare else {}
-        policy = OnnxPolicy(args.policy)
-        check_writable(args.out)
-    except (PolicyError, CompareError, ValueError, OSError) as error:
-        print(f"mrwarp perf: {one_line(error)}", file=sys.stderr)
-        return 2
+    measured = _gpu(options) if options.device != "cpu" else _cpu(options)
+    before = load_ratios(options.compare) if options.compare else {}
+    policy = OnnxPolicy(options.policy)
+    check_writable(options.out)
     progress = ProgressLine(sys.stderr)
     try:
-        figures = run(policy, progress)
-    except NotWalkingError as error:
+        figures = measured(policy, progress)
+    finally:
         progress.done()
-        print(f"mrwarp perf: {one_line(error)}", file=sys.stderr)
-        return 1
-    progress.done()
     rows = compare(before, figures["ratios"])
     figures["date"] = date.today().isoformat()
     figures["compared"] = [{**vars(row), "regressed": row.regressed} for row in rows]
-    args.out.mkdir(parents=True, exist_ok=True)
+    options.out.mkdir(parents=True, exist_ok=True)
     if figures["walking"]:
-        cost_picture(figures["walking"], args.out / "cost.png")
-    if figures["walking"] and args.device == "cpu":
-        breakdown_picture(figures["walking"], args.out / "breakdown.png")
-    write_result(args.out, figures, seed=0, command="mrwarp perf " + shlex.join(argv))
+        cost_picture(figures["walking"], options.out / "cost.png")
+    if figures["walking"] and options.device == "cpu":
+        breakdown_picture(figures["walking"], options.out / "breakdown.png")
+    write_result(options.out, figures, seed=0, command=str(line))
     _print(figures)
     worse = [row for row in rows if row.regressed]
     for row in worse:
         print(f"REGRESSED {row.name}: {row.before:.3f} -> {row.now:.3f}, more than {row.tolerance:.0%} worse")
-    if args.compare:
-        print(f"{len(rows)} ratios compared with {args.compare}, {len(worse)} regressed")
-    print(f"figures and pictures in {args.out}")
+    if options.compare:
+        print(f"{len(rows)} ratios compared with {options.compare}, {len(worse)} regressed")
+    print(f"figures and pictures in {options.out}")
     return 1 if worse else 0
 
 
-def _cpu(args: argparse.Namespace) -> Run:
+def _cpu(options: Perf) -> Run:
     """What to measure on this machine's cores.
 
     Raises:
         ValueError: an option is out of range.
     """
-    from benchmarks.perf.measure import run_all
-
-    cfg = PerfCfg(
-        rounds=PerfCfg.rounds if args.rounds is None else args.rounds, threads=args.threads, parts=tuple(args.parts),
-        steps=args.steps,
-    )  # fmt: skip
-    if args.quick:
+    rounds = PerfCfg.rounds if options.rounds is None else options.rounds
+    cfg = PerfCfg(rounds=rounds, threads=options.threads, parts=options.parts, steps=options.steps)
+    if options.quick:
         cfg = replace(cfg, num_envs=(64, 256), rounds=max(2, cfg.rounds // 2), updates=0)
-    if args.num_envs:
-        cfg = replace(cfg, num_envs=tuple(sorted(set(args.num_envs))))
-    if args.mjwarp_up_to is not None:
-        cfg = replace(cfg, mjwarp_up_to=args.mjwarp_up_to)
-    return lambda policy, progress: run_all(cfg, policy, progress)
+    if options.num_envs:
+        cfg = replace(cfg, num_envs=tuple(sorted(set(options.num_envs))))
+    if options.mjwarp_up_to is not None:
+        cfg = replace(cfg, mjwarp_up_to=options.mjwarp_up_to)
+    return lambda policy, progress: measure.run_all(cfg, policy, progress)
 
 
-def _gpu(args: argparse.Namespace) -> Run:
+def _gpu(options: Perf) -> Run:
     """What to measure on a GPU.
 
     Raises:
         ValueError: an option is out of range, or there is no such device.
     """
-    from benchmarks.perf.gpu import run_all
-
     cfg = GpuCfg(
-        device="cuda:0" if args.device == "cuda" else args.device,
-        rounds=GpuCfg.rounds if args.rounds is None else args.rounds, steps=args.steps or GpuCfg.steps,
-        parts=tuple(part for part in args.parts if part in GpuCfg.parts),
-    )  # fmt: skip
-    if args.quick:
+        device="cuda:0" if options.device == "cuda" else options.device,
+        rounds=GpuCfg.rounds if options.rounds is None else options.rounds,
+        steps=options.steps or GpuCfg.steps,
+        parts=tuple(part for part in options.parts if part in GpuCfg.parts),
+    )
+    if options.quick:
         cfg = replace(cfg, num_envs=(4096,), rounds=max(2, cfg.rounds // 2), updates=0)
-    if args.num_envs:
-        cfg = replace(cfg, num_envs=tuple(sorted(set(args.num_envs))))
-    if args.mjwarp_up_to is not None:
-        cfg = replace(cfg, eager_up_to=args.mjwarp_up_to)
-    return lambda policy, progress: run_all(cfg, policy, progress)
+    if options.num_envs:
+        cfg = replace(cfg, num_envs=tuple(sorted(set(options.num_envs))))
+    if options.mjwarp_up_to is not None:
+        cfg = replace(cfg, eager_up_to=options.mjwarp_up_to)
+    return lambda policy, progress: gpu.run_all(cfg, policy, progress)
 
 
 def _print(figures: dict[str, Any]) -> None:

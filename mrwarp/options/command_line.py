@@ -12,13 +12,14 @@ import os
 import re
 import shlex
 import shutil
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
 import tyro
 from tyro import _errors as events  # not public, see pyproject.toml
-from tyro.conf import DisallowNone, EnumChoicesFromValues, Positional, PositionalMetavarFromFieldName
+from tyro.conf import DisallowNone, EnumChoicesFromValues, Positional
 
 OptionsT = TypeVar("OptionsT")
 
@@ -67,12 +68,12 @@ def parse(options: type[OptionsT], argv: Sequence[str], prog: str) -> OptionsT:
     try:
         with events.on_parse_error(refuse), contextlib.redirect_stdout(printed), _plain():
             return tyro.cli(
-                Annotated[options, DisallowNone, EnumChoicesFromValues, PositionalMetavarFromFieldName],  # type: ignore
+                Annotated[options, DisallowNone, EnumChoicesFromValues],  # type: ignore
                 args=argv, prog=prog,
             )  # fmt: skip
     except SystemExit:
-        lines = _NO_DEFAULT.sub("", printed.getvalue()).splitlines()
-        print("\n".join(line.rstrip() for line in lines))
+        for text in _NO_DEFAULT.sub("", printed.getvalue()).splitlines():
+            print(textwrap.fill(text, _width()) if len(text.rstrip()) > _width() else text.rstrip())
         raise
 
 
@@ -86,15 +87,19 @@ def option_flags(options: type) -> dict[str, bool]:
     return found
 
 
+def _width() -> int:
+    return shutil.get_terminal_size((HELP_WIDTH, 24)).columns
+
+
 @contextlib.contextmanager
-def _plain():
+def _plain() -> Iterator[None]:
     """Help without boxes and colours, as wide as the terminal."""
     style = tyro._experimental_options
     before = dict(style)
     style.update(utf8_boxes=False, ansi_codes=False)
     columns = os.environ.get("COLUMNS")
     if columns is None:
-        os.environ["COLUMNS"] = str(shutil.get_terminal_size((HELP_WIDTH, 24)).columns)
+        os.environ["COLUMNS"] = str(_width())
     try:
         yield
     finally:
@@ -107,18 +112,16 @@ def _message(event: events.ParseErrorEvent, options: type) -> str:
     """What is wrong, in a sentence."""
     match event:
         case events.InstantiationFailure(argument=argument, message=message):
-            return f"argument {argument.display_name()}: {message}" if argument else message
+            return f"argument {_name(argument)}: {message}" if argument else message
         case events.InvalidChoice(argument=argument, value=value, choices=choices):
-            return f"argument {argument.display_name()}: invalid choice: {value!r} (choose from {', '.join(choices)})"
+            return f"argument {_name(argument)}: invalid choice: {value!r} (choose from {', '.join(choices)})"
         case events.BadValue(argument=argument):
             wanted = argument.lowered.nargs
-            return f"argument {argument.display_name()}: expected {wanted} value{'s' * (wanted != 1)}"
+            return f"argument {_name(argument)}: expected {wanted} value{'s' * (wanted != 1)}"
         case events.MutexConflict(first_token=first, second_token=second):
             return f"argument {second}: not allowed with argument {first}"
         case events.MissingArgs(missing_arguments=missing):
-            names = [found.arg.lowered.metavar if found.arg.is_positional() else found.arg.display_name()
-                     for found in missing]  # fmt: skip
-            return f"the following arguments are required: {', '.join(map(str, names))}"
+            return f"the following arguments are required: {', '.join(_name(found.arg) for found in missing)}"
         case events.MissingMutexGroup(groups=groups):
             names = [" ".join(found.arg.display_name() for found in group) for group in groups]
             return f"one of the arguments {'; '.join(names)} is required"
@@ -127,6 +130,11 @@ def _message(event: events.ParseErrorEvent, options: type) -> str:
             near = [near for token in tokens for near in difflib.get_close_matches(token.partition("=")[0], known, n=1)]
             return f"unrecognized arguments: {' '.join(tokens)}" + (f"; did you mean {near[0]}?" if near else "")
     return type(event).__name__
+
+
+def _name(argument: Any) -> str:
+    """An option, or what a positional argument is called in the help."""
+    return str(argument.lowered.metavar).strip("[]") if argument.is_positional() else argument.display_name()
 
 
 def closest(word: str, known: Sequence[str]) -> str:

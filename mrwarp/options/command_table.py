@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,10 +14,12 @@ class Command:
     help: str
     run: str
     """Module whose ``run(options, line)`` does the work and returns the exit code."""
-    options: str = ""
+    options: str
     """Dataclass of its options, as ``module:Class``."""
     engines: bool = True
     """Whether it loads Warp or torch, whose start-up notes are silenced."""
+    variants: Mapping[tuple[str, ...], Command] = field(default_factory=dict)
+    """Commands of other options in its place, by the words that ask for them."""
 
     def load_options(self) -> type:
         """The dataclass of its options."""
@@ -35,7 +37,7 @@ class Group:
 
 def _command(options: str, run: str, help: str, *, engines: bool = True) -> Command:
     return Command(
-        options=f"mrwarp.options.{options}" if options else "",
+        options=f"mrwarp.options.{options}",
         run=f"mrwarp.commands.{run}" if run.startswith("run_") else run,
         help=help,
         engines=engines,
@@ -50,12 +52,21 @@ def _trial(options: str, run: str, help: str, *, engines: bool = True) -> Comman
     return _command(f"trial_options:{options}", run, help, engines=engines)
 
 
+def _asset(options: str, run: str, help: str) -> Command:
+    return _command(f"asset_options:{options}", run, help, engines=run == "run_asset_edit")
+
+
 COMMANDS: dict[str, Command | Group] = {
     "train": _command("train_options:Train", "run_train", "train a walking policy until the walking gate is met"),
     "play": _command(
         "train_options:Play", "run_play", "run a policy and show it in rerun, or save an .rrd or a picture"
     ),
-    "sweep": _command("", "run_sweep", "run a command over a grid of seeds, models, currents; resumable"),
+    "sweep": _command(
+        "paper_options:Sweep",
+        "run_sweep",
+        "run a command over a grid of seeds, models, currents; resumable",
+        engines=False,
+    ),
     "replay-dump": _trial(
         "ReplayDump", "run_replay_dump", "what went wrong first where a training met NaN or a blow-up", engines=False
     ),
@@ -73,7 +84,16 @@ COMMANDS: dict[str, Command | Group] = {
         "what the simulation gets wrong, why, and what it gains to put that right",
     ),
     "learn": _command("data_options:Learn", "run_learn", "train and evaluate the learned torque models"),
-    "reproduce": _command("", "run_reproduce", "the paper's figures and tables, ours beside theirs"),
+    "reproduce": Command(
+        options="mrwarp.options.paper_options:Reproduce",
+        run="mrwarp.commands.run_reproduce",
+        help="the paper's figures and tables, ours beside theirs",
+        variants={
+            ("fig4", "--train"): _command(
+                "paper_options:TrainFigure4", "run_fig4_training", "the models of figure 4, trained anew"
+            )
+        },
+    ),
     "study": Group(
         help="actuator-aware against conventional training: train the policies, tables 2 and 3",
         commands={
@@ -85,8 +105,20 @@ COMMANDS: dict[str, Command | Group] = {
             "fig5": _study("Figure5", "learning curves"),
         },
     ),
-    "perf": _command("", "benchmarks.perf.perf_cli", "what a step costs, part by part, and whether that got worse"),
-    "asset": _command("", "run_asset", "show, check, change and compare USD assets"),
+    "perf": _command(
+        "perf_options:Perf", "benchmarks.perf.perf_cli", "what a step costs, part by part, and whether that got worse"
+    ),
+    "asset": Group(
+        help="show, check, change and compare USD assets",
+        commands={
+            "show": _asset("Show", "run_asset", "joints, gains, MR numbers with unit, default and source, and masses"),
+            "set": _asset("Set", "run_asset_edit", "change one number; comments and layout of a text file stay"),
+            "check": _asset("CheckAsset", "run_asset_edit", "load every variant, check every number, convert it"),
+            "diff": _asset("Diff", "run_asset", "numbers that differ; exit code 0 none, 1 some, 2 trouble"),
+            "apply": _asset("Apply", "run_asset_edit", "write the numbers of a model.json onto the MR devices"),
+            "export": _asset("Export", "run_asset", "write the numbers of an MR device as model.json"),
+        },
+    ),
     "verify": _command(
         "trial_options:Verify", "run_verify", "measure what the simulator promises: passivity, holding, accuracy"
     ),

@@ -176,7 +176,6 @@ forward_speed = within(-5.0, 5.0, "m/s")
 
 FILE = one(Path, "FILE")
 FOLDER = one(Path, "DIR")
-PAYLOADS = one(int, "{0,3}", ("0", "3"))
 
 File = Annotated[Path, FILE]
 Folder = Annotated[Path, FOLDER]

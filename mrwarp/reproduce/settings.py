@@ -8,28 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mrwarp.enums import Coupling
+from mrwarp.options.paper_options import TITLES  # noqa: F401  (declared where the command line can read it)
 from mrwarp.paper import ROBOTS
 from mrwarp.study.plan import AWARE, ENERGY, ENERGY_SEEDS, HIGH_PRICE, PUBLIC, SEEDS, STUDY, plant_of, policy_file
-
-TITLES = {
-    "fig4": "Figure 4: torque prediction",
-    "fig5": "Figure 5: learning curves",
-    "table2": "Table 2: actuator-aware training",
-    "table3": "Table 3: actuator models in training",
-    "table4": "Table 4: disturbance response",
-    "sensitivity": "Section 3.2: sensitivity to the gates' thresholds",
-    "fig6": "Figure 6: motor torque during the push",
-    "fig7": "Figure 7: motor torque under the falling mass",
-    "table5": "Table 5: training and SAL under the falling mass",
-    "table6": "Table 6: cost of transport",
-    "table7": "Table 7: support activation",
-    "electrical": "Sensitivity of table 6 to the electrical numbers",
-    "fig8": "Figure 8: stance support and torque relief",
-    "fig9": "Figure 9: cost of transport",
-    "fig10": "Figure 10: power and state of charge of the mission",
-    "fig11": "Figure 11: temperatures of the mission",
-}
-"""Heading of each entry of the report, by its name on the command line, in the paper's order; ``all`` means these."""
 
 
 def _of(folder: Path, plant: str, seeds: tuple[int, ...] = SEEDS) -> tuple[Path, ...]:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
-import importlib
 import io
 import itertools
 import re
@@ -14,8 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mrwarp.options.command_line import OptionError, option_flags, parse
-from mrwarp.options.command_table import COMMANDS
-from mrwarp.options.command_table import Command as Entry
+from mrwarp.options.command_table import COMMANDS, Command
 
 LONGEST_NAME = 120
 """Longest name of a trial's folder."""
@@ -42,7 +39,7 @@ class Trial:
     """The command's arguments without ``--out``."""
 
 
-class Command:
+class SweptCommand:
     """A command of mrwarp and the options it knows.
 
     Args:
@@ -54,26 +51,16 @@ class Command:
 
     def __init__(self, name: str) -> None:
         self.name = name
-        entry = COMMANDS.get(name) if name != "sweep" else None
-        self._dataclass = entry.load_options() if isinstance(entry, Entry) and entry.options else None
-        if self._dataclass is not None:
-            self._flags = option_flags(self._dataclass)
-            if "out" in self._flags:
-                return
-        module = entry.run if isinstance(entry, Entry) and not entry.options else None
-        found = importlib.import_module(module) if module else None
-        make_parser = getattr(found, "make_parser", None) or getattr(found, "_parser", None)
-        self._options: dict[str, argparse.Action] = {}
-        if make_parser is not None:
-            self._make = make_parser
-            self._options = {text: action for action in make_parser()._actions for text in action.option_strings}
-        if "--out" not in self._options:
+        command = COMMANDS.get(name) if name != "sweep" else None
+        self._options = command.load_options() if isinstance(command, Command) else object
+        self._flags = option_flags(self._options)
+        if "out" not in self._flags:
             can = "train, walk, impact, mission, reproduce, fit, diagnose, learn or bench"
             raise GridError(f"--command {name}: cannot be swept; choose one that writes figures into --out: {can}")
 
     def has(self, option: str) -> bool:
         """Whether the command knows ``--option``."""
-        return option in self._flags if self._dataclass is not None else f"--{option}" in self._options
+        return option in self._flags
 
     def given(self, option: str, value: str) -> list[str]:
         """The arguments that set an option; a value of several words is several values, a flag is ``on`` or ``off``.
@@ -82,18 +69,9 @@ class Command:
             GridError: the command has no such option, or the flag is neither.
         """
         if option in ("out", "resume") or not self.has(option):
-            known = ", ".join(
-                sorted(self._flags)
-                if self._dataclass is not None
-                else sorted(text[2:] for text in self._options if text.startswith("--") and len(text) > 3)
-            )
+            known = ", ".join(sorted(self._flags))
             raise GridError(f"--grid {option}={value}: mrwarp {self.name} has no such option to sweep; it has {known}")
-        if self._dataclass is not None:
-            flag = self._flags[option]
-        else:
-            action = self._options[f"--{option}"]
-            flag = action.nargs == 0 and not isinstance(action, argparse.BooleanOptionalAction)
-        if flag:
+        if self._flags[option]:
             if value not in ("on", "off"):
                 raise GridError(f"--grid {option}={value}: --{option} is a flag; give {option}=on,off")
             return [f"--{option}"] if value == "on" else []
@@ -102,30 +80,22 @@ class Command:
         return [f"--{option}={words[0]}"] if len(words) == 1 else [f"--{option}", *words]
 
     def check(self, trial: Trial, out: Path) -> None:
-        """Let the command's own parser read a trial.
+        """Read a trial's arguments as the command will.
 
         Raises:
             GridError: it refuses.
         """
-        said = io.StringIO()
         try:
-            with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
-                argv = [*trial.args, "--out", str(out / trial.name)]
-                if self._dataclass is not None:
-                    parse(self._dataclass, argv, f"mrwarp {self.name}")
-                else:
-                    self._make().parse_args(argv)
+            with contextlib.redirect_stdout(io.StringIO()):
+                parse(self._options, [*trial.args, "--out", str(out / trial.name)], f"mrwarp {self.name}")
         except OptionError as error:
             raise GridError(f"{trial.name}: mrwarp {self.name}: {error}; see --help") from None
-        except SystemExit as leaving:
-            if leaving.code != 0:
-                lines = said.getvalue().strip().splitlines() or ["its arguments"]
-                raise GridError(f"{trial.name}: {lines[-1]}") from None
+        except SystemExit:
             raise GridError("--help stands before '--' for the sweep; see 'mrwarp COMMAND --help'") from None
 
 
 def make_trials(
-    command: Command, grid: Sequence[str], fixed: Sequence[str], out: Path, *, threads: int | None = None
+    command: SweptCommand, grid: Sequence[str], fixed: Sequence[str], out: Path, *, threads: int | None = None
 ) -> list[Trial]:
     """Every combination of the grid, the last option varying fastest.
 

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrwarp.commands.run_asset import convert, main
+from mrwarp.cli import main
+from mrwarp.commands.run_asset_edit import convert
 from mrwarp.model_file import load_model
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import load_robot
@@ -52,7 +53,7 @@ def mr(path: Path, **variant) -> dict[str, MrParams]:
 
 def test_show_lists_joints_and_masses(capsys):
     """All joints with prim and gains, every MR number of the first device, bodies and the total mass."""
-    assert main(["show"]) == 0
+    assert main(["asset", "show"]) == 0
     out = capsys.readouterr().out
     assert "total                12.6 kg" in out
     assert out.count("/mr_go/actuators/") == 12
@@ -62,18 +63,18 @@ def test_show_lists_joints_and_masses(capsys):
         for word in (f"{spec.unit}  ", f"default {spec.default:.10g}", "class MRDevice", spec.source):
             assert word in line
         assert "*" not in line
-    assert main(["show", "--full"]) == 0
+    assert main(["asset", "show", "--full"]) == 0
     assert capsys.readouterr().out.count("K1 ") == 4
-    assert main(["show", "--robot", "go1", "--payload", "3"]) == 0
+    assert main(["asset", "show", "--robot", "go1", "--payload", "3"]) == 0
     assert "total                  15 kg" in capsys.readouterr().out
-    assert main(["show", str(ASSETS / "mr_bench.usda")]) == 0
+    assert main(["asset", "show", str(ASSETS / "mr_bench.usda")]) == 0
     assert "bench_joint" in capsys.readouterr().out
 
 
 def test_set_one_leg(robot, capsys):
     """The documented command adds one line for that leg, in a new file; every other joint and variant stays."""
     out = robot.with_name("edited.usda")
-    assert main(["set", str(robot), "FL_calf", "K1", "20.82663", "--out", str(out)]) == 0
+    assert main(["asset", "set", str(robot), "FL_calf", "K1", "20.82663", "--out", str(out)]) == 0
     said = capsys.readouterr().out
     assert "/mr_go/actuators/FL_calf newton:mr:K1: 10.413315 -> 20.82663 N·m/(rad·A)" in said
     assert robot.read_bytes() == SHIPPED.read_bytes()
@@ -81,7 +82,7 @@ def test_set_one_leg(robot, capsys):
     paper = MrParams()
     assert mr(out) == {**dict.fromkeys(CALVES, paper), "FL_calf": paper.replace(K1=20.82663)}
     assert sorted(p.name for p in robot.parent.iterdir()) == ["edited.usda", "robot.usda"]
-    main(["show", str(out)])
+    main(["asset", "show", str(out)])
     [first, *others] = [line for line in capsys.readouterr().out.splitlines() if line.split()[:1] == ["K1"]]
     assert "* 20.82663" in first
     assert "FL_calf in robot=mr_go" in first
@@ -90,7 +91,7 @@ def test_set_one_leg(robot, capsys):
 
 def test_set_negative_number(robot, capsys):
     """A negative number in any notation is a value, not an option."""
-    assert main(["set", str(robot), "FL_calf", "K1", "-1e-3"]) == 2
+    assert main(["asset", "set", str(robot), "FL_calf", "K1", "-1e-3"]) == 2
     assert tells(capsys.readouterr().err, "K1 = -0.001 .. 0 to 1000 N·m/(rad·A)")
 
 
@@ -111,7 +112,7 @@ def test_set_negative_number(robot, capsys):
 )  # fmt: skip
 def test_set_refuses(robot, capsys, words, expected):
     """A bad prim, name, number or target is one line on stderr, exit code 2, and nothing is written."""
-    assert main(["set", str(robot), *words]) == 2
+    assert main(["asset", "set", str(robot), *words]) == 2
     said = capsys.readouterr()
     assert said.err.count("\n") == 1
     for word in ["mrwarp asset set: ", *expected]:
@@ -123,7 +124,7 @@ def test_set_refuses(robot, capsys, words, expected):
 
 def test_check_every_variant(robot, capsys):
     """A file that works gives a line for each variant; so does one with a dead leg."""
-    assert main(["check", str(robot)]) == 0
+    assert main(["asset", "check", str(robot)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[:3] for line in lines] == [["ok", f"robot={r}", f"payload={p}"] for r, p in VARIANTS]
     assert "12 joints, 4 MR devices, 15.6 kg, 18 degrees of freedom" in lines[1]
@@ -148,7 +149,7 @@ def test_check_every_variant(robot, capsys):
 def test_check_refuses(robot, capsys, old, new, expected):
     """What is wrong in any variant is one line with the place; exit code 2."""
     replaced(robot, old, new)
-    assert main(["check", str(robot)]) == 2
+    assert main(["asset", "check", str(robot)]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     for word in [str(robot), *expected]:
@@ -157,13 +158,13 @@ def test_check_refuses(robot, capsys, old, new, expected):
 
 def test_diff(robot, capsys):
     """Nothing differs: 0. Numbers that differ: 1, with units, and the variants if not all. Trouble: 2."""
-    assert main(["diff", str(SHIPPED), str(robot)]) == 0
+    assert main(["asset", "diff", str(SHIPPED), str(robot)]) == 0
     assert capsys.readouterr().out == ""
     replaced(robot, "float physics:lowerLimit = -49.44625772", "float physics:lowerLimit = -40")
     replaced(robot, "physics:mass = 3\n", "physics:mass = 4\n")
     edit_asset(robot, "FL_calf", {"K1": 20.82663})
     edit_asset(robot, "RR_hip", {"kp": 30})
-    assert main(["diff", str(SHIPPED), str(robot)]) == 1
+    assert main(["asset", "diff", str(SHIPPED), str(robot)]) == 1
     lines = capsys.readouterr().out.splitlines()
     mr_go = "[robot=mr_go payload=0; robot=mr_go payload=3]"
     assert f"actuators/FL_calf newton:mr:K1: 10.413315 -> 20.82663 N·m/(rad·A)   {mr_go}" in lines
@@ -171,7 +172,7 @@ def test_diff(robot, capsys):
     assert "joints/FL_hip physics:lowerLimit: -49.44626 -> -40 deg" in lines
     assert "payload physics:mass: 3 -> 4 kg   [robot=mr_go payload=3; robot=go1 payload=3]" in lines
     assert len(lines) == 7
-    assert main(["diff", str(robot), str(robot.with_name("none.usda"))]) == 2
+    assert main(["asset", "diff", str(robot), str(robot.with_name("none.usda"))]) == 2
     assert "none.usda: no such file" in capsys.readouterr().err
 
 
@@ -180,28 +181,28 @@ def test_model_file_round_trip(robot, capsys):
     rng = np.random.default_rng(3)
     values = {s.name: float(rng.uniform(max(s.low, -1e3), min(s.high, 1e3))) for s in MrParams.specs()}
     model_path, back = robot.with_name("model.json"), robot.with_name("back.json")
-    assert main(["export", str(robot), "--out", str(model_path)]) == 0
+    assert main(["asset", "export", str(robot), "--out", str(model_path)]) == 0
     content = json.loads(model_path.read_text(encoding="utf-8"))
     assert "q_neutral" not in content["parameters"]
     for name, entry in content["parameters"].items():
         entry["value"] = {**values, "beta": 1 / 3, "gamma": 2 / 3}[name]
     model_path.write_text(json.dumps(content), encoding="utf-8")
-    assert main(["apply", str(robot), str(model_path), "--prim", "RL_calf"]) == 0
-    assert main(["export", str(robot), "RL_calf", "--out", str(back)]) == 0
+    assert main(["asset", "apply", str(robot), str(model_path), "--prim", "RL_calf"]) == 0
+    assert main(["asset", "export", str(robot), "RL_calf", "--out", str(back)]) == 0
     assert load_model(back).values == load_model(model_path).values
     assert [joint for joint, params in mr(robot).items() if params != MrParams()] == ["RL_calf"]
     assert mr(robot)["RL_calf"].bouc_wen.q_neutral == -1.5
     capsys.readouterr()
-    assert main(["export", str(robot), "--out", str(back)]) == 2
+    assert main(["asset", "export", str(robot), "--out", str(back)]) == 2
     assert "the joints' MR devices differ; name one of: FL_calf" in capsys.readouterr().err
 
 
 def test_model_file_refusals(robot, capsys):
     """A missing model file, a plain motor and units other than the simulator's are refused; nothing is written."""
     missing = robot.with_name("none.json")
-    assert main(["apply", str(robot), str(missing)]) == 2
+    assert main(["asset", "apply", str(robot), str(missing)]) == 2
     assert "none.json: No such file" in capsys.readouterr().err
-    assert main(["export", str(robot), "FL_hip", "--out", str(missing)]) == 2
+    assert main(["asset", "export", str(robot), "FL_hip", "--out", str(missing)]) == 2
     assert "/mr_go/actuators/FL_hip is a plain motor" in capsys.readouterr().err
     assert robot.read_bytes() == SHIPPED.read_bytes()
     assert not missing.exists()
@@ -214,6 +215,6 @@ def test_an_inertia_of_another_type_is_refused(tmp_path: Path, capsys: pytest.Ca
     text = (ASSETS / "mr_go.usda").read_text(encoding="utf-8")
     path = tmp_path / "a.usda"
     path.write_text(re.sub(r"float3 (physics:diagonalInertia) = .*", rf"{kind} \1 = {value}", text), encoding="utf-8")
-    assert main(["show", str(path)]) == 2
+    assert main(["asset", "show", str(path)]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and "physics:diagonalInertia" in said

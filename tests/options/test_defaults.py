@@ -8,8 +8,10 @@ from mrwarp.nn.models import SAMPLES
 from mrwarp.nn.training import FitCfg
 from mrwarp.options.data_options import Bench, Learn
 from mrwarp.options.option_types import CURRENTS
+from mrwarp.options.paper_options import Reproduce, TrainFigure4
 from mrwarp.options.study_options import StudyTrain
 from mrwarp.options.train_options import Train
+from mrwarp.reproduce.settings import Settings
 from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.study import plan
 from mrwarp.study.plan import StudyCfg
@@ -43,3 +45,13 @@ def test_bench_and_learned_models() -> None:
     for name in ("epochs", "windows_per_epoch", "patience", "seed"):
         assert getattr(learn, name) == getattr(recipe, name), name
     assert set(LEARNED) == set(SAMPLES)
+
+
+def test_reproduction() -> None:
+    """The report, and the training of figure 4's models."""
+    options, settings = Reproduce(part=("all",)), Settings()
+    for name in ("rollouts", "impacts", "distance", "window", "seed", "threads"):
+        assert getattr(options, name) == getattr(settings, name), name
+    training, recipe, session = TrainFigure4(out=Path("out")), FitCfg(), BenchCfg()
+    assert (training.epochs, training.windows_per_epoch) == (recipe.epochs, recipe.windows_per_epoch)
+    assert (training.samples, training.trajectories) == (session.samples, session.trajectories)

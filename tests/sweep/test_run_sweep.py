@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from mrwarp.commands import run_sweep as cli
+from mrwarp.cli import main
 from mrwarp.sweep.trial import State, read_status
 
 SIX = ["--command", "train", "--grid", "seed=0,1,2", "actuator=none,bouc_wen", "--workers", "3"]
@@ -48,7 +48,7 @@ def test_six_trials_survive_a_killed_worker(
     """SIGKILL to a trial's process in mid-run: it is begun again from its checkpoint, and all six have results."""
     monkeypatch.setenv("FAKE_STEP_TIME", "0.1")  # the second life lasts longer than between two looks at it
     watch = kill_one_worker(tmp_path, begun=lambda folder: (folder / "checkpoint.pt").is_file())
-    assert cli.main(["--out", str(tmp_path), *SIX]) == 0
+    assert main(["sweep", "--out", str(tmp_path), *SIX]) == 0
     watch.join()
     killed = (tmp_path / "killed").read_text()
     found = result(tmp_path)
@@ -69,7 +69,7 @@ def test_six_trials_survive_a_killed_worker(
 def test_failures_cost_only_themselves_and_are_run_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One refuses, one crashes, one misses its aim; a second call runs the first two and what is new."""
     args = ["--out", str(tmp_path), "--command", "train", "--retries", "1", "--workers", "4"]
-    assert cli.main([*args, "--grid", "seed=0,90,91,93"]) == 1
+    assert main(["sweep", *args, "--grid", "seed=0,90,91,93"]) == 1
     said = capsys.readouterr().out
     assert "seed=91: FAILED (exit code 1 without a result.json); its last lines:" in said
     assert "    RuntimeError: seed 91 crashes" in said and "    train/ppo.py: seed 90 is refused" in said
@@ -78,7 +78,7 @@ def test_failures_cost_only_themselves_and_are_run_again(tmp_path: Path, capsys:
     assert failed["why"].startswith("exit code 1") and failed["last_lines"][-1] == "RuntimeError: seed 91 crashes"
 
     logs = {seed: (tmp_path / f"seed={seed}" / "log.txt").read_text() for seed in (0, 93)}
-    assert cli.main([*args, "--grid", "seed=0,90,91,93,5"]) == 1
+    assert main(["sweep", *args, "--grid", "seed=0,90,91,93,5"]) == 1
     assert "5 trials of mrwarp train, 2 of them finished before" in capsys.readouterr().out
     assert {seed: (tmp_path / f"seed={seed}" / "log.txt").read_text() for seed in logs} == logs
     assert result(tmp_path)["states"] == {"done": 2, "failed": 2, "missed": 1}
@@ -88,9 +88,9 @@ def test_failures_cost_only_themselves_and_are_run_again(tmp_path: Path, capsys:
 def test_another_sweep_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Other fixed arguments in the same folder are refused, by the folder's name and what it holds."""
     args = ["--out", str(tmp_path), "--command", "train", "--grid", "seed=0"]
-    assert cli.main([*args, "--", "--num-envs", "8"]) == 0
+    assert main(["sweep", *args, "--", "--num-envs", "8"]) == 0
     before = (tmp_path / "result.json").read_bytes()
-    assert cli.main([*args, "--", "--num-envs", "16"]) == 2
+    assert main(["sweep", *args, "--", "--num-envs", "16"]) == 2
     error = capsys.readouterr().err
     assert error.startswith("mrwarp sweep: ") and error.count("\n") == 1
     assert str(tmp_path / "seed=0") in error and "--num-envs 8" in error and "name another --out" in error
@@ -101,10 +101,10 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path: Path, capsys: pytest
     """Exit code 2; no folder is made."""
     out = tmp_path / "out"
     for grid in (["sed=0"], ["actuator=magic"], ["seed"]):
-        assert cli.main(["--out", str(out), "--command", "train", "--grid", *grid]) == 2
+        assert main(["sweep", "--out", str(out), "--command", "train", "--grid", *grid]) == 2
         error = capsys.readouterr().err
         assert error.startswith("mrwarp sweep: ") and error.count("\n") == 1
-    assert cli.main(["--out", str(out), "--command", "train", "--grid", "seed=0", "--runner", "local",
+    assert main(["sweep", "--out", str(out), "--command", "train", "--grid", "seed=0", "--runner", "local",
                      "--address", "auto"]) == 2  # fmt: skip
     assert not out.exists() or not any(out.iterdir())
 
@@ -117,7 +117,7 @@ def sweep_beside(args: list[str], out: Path) -> None:
         os.dup2(said.fileno(), 1)
         os.dup2(errors.fileno(), 2)
         sys.stdout, sys.stderr = said, errors
-        code = cli.main(args)
+        code = main(["sweep", *args])
         said.flush()
         errors.flush()
         os._exit(code)
@@ -152,5 +152,5 @@ def test_ctrl_c_stops_the_workers_and_the_same_command_goes_on(
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
     monkeypatch.setenv("FAKE_STEP_TIME", "0")
-    assert cli.main(args) == 0
+    assert main(["sweep", *args]) == 0
     assert "starts at step 0" not in (tmp_path / "seed=0" / "log.txt").read_text().split("$ mrwarp")[2]

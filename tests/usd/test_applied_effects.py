@@ -9,7 +9,7 @@ import pytest
 from pxr import Usd
 
 from mrwarp import cli
-from mrwarp.commands.run_asset import main as asset_main
+from mrwarp.cli import main
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.sim import SimCfg, robot_scene
 from mrwarp.env.sim_model import build_scene
@@ -111,11 +111,11 @@ def test_effects_reach_the_simulator_through_usd(tmp_path: Path, capsys: pytest.
     robot = Path(shutil.copy(ASSETS / "mr_go.usda", tmp_path / "robot.usda"))
     extended = model(LAG, INERTIA, LOG)
     path = save_model(extended, tmp_path / "model.json")
-    assert asset_main(["apply", str(robot), str(path)]) == 0
+    assert main(["asset", "apply", str(robot), str(path)]) == 0
     said = capsys.readouterr().out
     assert "acts in the simulator: coil_lag: time_constant = 0.03 s\n" in said
     assert "does not act in the simulator: velocity_lag (of the bench's log, not of the device)\n" in said
-    assert asset_main(["show", str(robot)]) == 0
+    assert main(["asset", "show", str(robot)]) == 0
     said = capsys.readouterr().out
     assert "effect: rotor_inertia: inertia = 0.004 kg·m²" in said and "effect (does not act): velocity_lag" in said
     asset = load_robot(robot)
@@ -125,7 +125,7 @@ def test_effects_reach_the_simulator_through_usd(tmp_path: Path, capsys: pytest.
     assert env.actuator.effects is not None
     one, other = env.step(env.action)[0], twin.step(twin.action)[0]
     assert one["critic"].equal(other["critic"])
-    assert asset_main(["export", str(robot), "--out", str(tmp_path / "back.json")]) == 0
+    assert main(["asset", "export", str(robot), "--out", str(tmp_path / "back.json")]) == 0
     assert load_model(tmp_path / "back.json") == extended
 
 
@@ -140,7 +140,7 @@ def test_effects_on_the_bench_asset(tmp_path: Path) -> None:
 def test_damaged_record_loads_without_effects_and_says_so(tmp_path: Path) -> None:
     """The robot still loads, and a warning names prim, entry and remedy."""
     robot = Path(shutil.copy(ASSETS / "mr_go.usda", tmp_path / "robot.usda"))
-    assert asset_main(["apply", str(robot), str(save_model(model(LAG), tmp_path / "model.json"))]) == 0
+    assert main(["asset", "apply", str(robot), str(save_model(model(LAG), tmp_path / "model.json"))]) == 0
     stage = Usd.Stage.Open(str(robot))
     attribute = stage.GetPrimAtPath("/mr_go/parts/MRDevice").GetAttribute(RECORD)
     attribute.Set(attribute.Get().replace("0.03", "-0.03"))

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd
 
-from mrwarp.commands.run_asset import main
+from mrwarp.cli import main
 from mrwarp.model_file import JOINT_UNITS, Effect, FittedOn, Model, Parameter, load_model, parameter_unit, save_model
 from mrwarp.params import MrParams
 from mrwarp.usd import record as asset_record
@@ -126,8 +126,8 @@ def test_apply_and_export_are_lossless(robot: Path, seed: int) -> None:
     save_model(random_model(np.random.default_rng(seed)), a)
     prim = ("MRDevice", "RL_calf")[seed % 2]
     out = robot.with_name(("out.usda", "out.usdc")[seed // 2 % 2])
-    assert main(["apply", str(robot), str(a), "--prim", prim, "--out", str(out)]) == 0
-    assert main(["export", str(out), *([] if prim == "MRDevice" else [prim]), "--out", str(b)]) == 0
+    assert main(["asset", "apply", str(robot), str(a), "--prim", prim, "--out", str(out)]) == 0
+    assert main(["asset", "export", str(out), *([] if prim == "MRDevice" else [prim]), "--out", str(b)]) == 0
     assert load_model(a) == load_model(b)
     assert bits(load_model(a)) == bits(load_model(b))
 
@@ -173,19 +173,19 @@ def test_an_edited_attribute_wins(robot: Path, model: Model, tmp_path: Path, cap
     assert held(robot, "FR_calf").model == model
     line = "changed since the model was applied, so without interval: "
     line += "D = 0.5 (was -0.03333333333), kp_base = 30 (was 35)"
-    assert main(["show", str(robot)]) == 0
+    assert main(["asset", "show", str(robot)]) == 0
     shown = capsys.readouterr().out
     assert shown.count(line) == 1
     assert "model: 'bench/größe', 12 trajectories, 9600 samples at 200 1/s, seed 5, mrwarp 0.1.0" in shown
     assert "effect: coil_lag: time_constant = 0.01 s, 95 % interval 0.009 to 0.012" in shown
     assert "model; 95 % interval 19.75 to 20.5" in shown and "model; no interval" in shown
     assert "this file; -0.03333333333 when the model was applied" in shown
-    assert main(["check", str(robot)]) == 0
+    assert main(["asset", "check", str(robot)]) == 0
     assert f"\nnote  FL_calf: {line}\n" in capsys.readouterr().out
-    assert main(["export", str(robot), "FL_calf", "--out", str(tmp_path / "b.json")]) == 0
+    assert main(["asset", "export", str(robot), "FL_calf", "--out", str(tmp_path / "b.json")]) == 0
     assert capsys.readouterr().err == f"mrwarp asset export: notice: {line}\n"
     assert load_model(tmp_path / "b.json") == found.model
-    assert main(["export", str(robot), "--out", str(tmp_path / "b.json")]) == 2
+    assert main(["asset", "export", str(robot), "--out", str(tmp_path / "b.json")]) == 2
     edit_asset(robot, "FL_calf", {"D": -0.1 / 3, "kp_base": 35})
     assert held(robot).model == model
 
@@ -200,16 +200,16 @@ def test_a_leg_keeps_its_own_model(robot: Path, model: Model, capsys: pytest.Cap
     )
     assert (held(robot).model, held(robot, "RR_calf").model) == (model, own)
     other = applied(robot, replace(own, seed=7, effects=()), "RR_calf", robot.with_name("other.usda"))
-    assert main(["diff", str(robot), str(other)]) == 1
+    assert main(["asset", "diff", str(robot), str(other)]) == 1
     variants = "[robot=mr_go payload=0; robot=mr_go payload=3]"
     value = "effects.0.parameters.time_constant.value 0.01 -> None"
     effects = f"effects.0.name 'coil_lag' -> None, {value}, effects.0.parameters.time_constant.unit 's' -> None"
     assert capsys.readouterr().out == f"actuators/RR_calf {RECORD}: {effects} and 2 more   {variants}\n"
     text = record_text(model, MrParams())
     assert record_difference(text, text.replace(",", ", "), ("a", "b")) == "the same, written otherwise"
-    assert main(["diff", str(SHIPPED), str(robot)]) == 1
+    assert main(["asset", "diff", str(SHIPPED), str(robot)]) == 1
     assert f"actuators/FL_calf {RECORD}: none -> model 'bench/größe', 12 traj" in capsys.readouterr().out
-    assert main(["apply", str(robot), str(save_model(model, robot.with_name("m.json")))]) == 0
+    assert main(["asset", "apply", str(robot), str(save_model(model, robot.with_name("m.json")))]) == 0
     assert "MRDevice has these numbers already" in capsys.readouterr().out
 
 
@@ -316,12 +316,12 @@ def test_damaged_record_is_refused(
     device.CreateAttribute(RECORD, Sdf.ValueTypeNames.String).Set(text)
     stage.Save()
     assert load_robot(robot).actuators[2].mr == MrParams()
-    assert main(["show", str(robot)]) == 2
+    assert main(["asset", "show", str(robot)]) == 2
     said = capsys.readouterr().err
     assert said.startswith(f"mrwarp asset show: {robot}: /mr_go/actuators/FL_calf: {RECORD}")
     assert tells(said, f"{words} .. mrwarp asset apply .. remove {RECORD}")
     assert said.count("\n") == 1 and len(said) < 700 and "\x1b" not in said
-    assert main(["diff", str(SHIPPED), str(robot)]) in (1, 2)
+    assert main(["asset", "diff", str(SHIPPED), str(robot)]) in (1, 2)
     applied(robot, model)
     assert held(robot).model == model
 
@@ -363,10 +363,10 @@ def test_failed_apply_writes_nothing(robot: Path, model: Model, capsys: pytest.C
     units = {"q": "m", "current": "A", "torque": "N"}
     parameters = {n: replace(p, unit=parameter_unit(n, units)) for n, p in model.parameters.items()}
     damper = save_model(replace(model, units=units, parameters=parameters), robot.with_name("damper.json"))
-    assert main(["apply", str(robot), str(damper)]) == 2
+    assert main(["asset", "apply", str(robot), str(damper)]) == 2
     assert "converted by the lever of the device" in capsys.readouterr().err
     joint = save_model(model, robot.with_name("joint.json"))
-    assert main(["apply", str(robot), str(joint), "--prim", "FL_hip"]) == 2
+    assert main(["asset", "apply", str(robot), str(joint), "--prim", "FL_hip"]) == 2
     assert "plain motor" in capsys.readouterr().err
-    assert main(["set", str(robot), "FL_calf", RECORD, "{}"]) == 2
+    assert main(["asset", "set", str(robot), "FL_calf", RECORD, "{}"]) == 2
     assert robot.read_bytes() == SHIPPED.read_bytes()

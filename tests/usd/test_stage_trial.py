@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mrwarp.commands.run_asset import main
+from mrwarp.cli import main
 from mrwarp.usd import open_stage as asset_open
 from mrwarp.usd import stage_trial as asset_trial
 from mrwarp.usd.asset import load_robot
@@ -107,7 +107,7 @@ def test_what_kills_the_helper_is_refused(
 def test_the_command_line_refuses_what_crashes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """``mrwarp asset show`` of a file that crashes USD: one line, exit code 2."""
     path = written(tmp_path / "a.usda", 'pathExpression x = "' + 100_000 * "(" + "/a" + 100_000 * ")" + '"')
-    assert main(["show", str(path)]) == 2
+    assert main(["asset", "show", str(path)]) == 2
     said = capsys.readouterr()
     assert said.out == "" and said.err.count("\n") == 1 and f"{path}: USD's reader crashes" in said.err
 

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.perf import gpu
 from benchmarks.perf.gpu import GpuCfg, Target
-from benchmarks.perf.perf_cli import main
+from mrwarp.cli import main
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 
 
@@ -66,6 +66,6 @@ def test_what_cannot_be_measured_is_refused_on_one_line(
 ) -> None:
     """Exit code 2, nothing written."""
     out = tmp_path / "out"
-    assert main([*options, "--out", str(out)]) == 2
+    assert main(["perf", *options, "--out", str(out)]) == 2
     said = capsys.readouterr().err
     assert text in said and said.count("\n") == 1 and not out.exists()

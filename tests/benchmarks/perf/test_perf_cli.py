@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.perf import measure
 from benchmarks.perf.measure import LIMITS, limit_of
-from benchmarks.perf.perf_cli import main
+from mrwarp.cli import main
 
 TINY = "--num-envs 2 --rounds 2 --steps 25 --parts walking --threads 1 --mjwarp-up-to 0".split()
 """Without MuJoCo-Warp: a compilation that says nothing about this command."""
@@ -17,7 +17,7 @@ TINY = "--num-envs 2 --rounds 2 --steps 25 --parts walking --threads 1 --mjwarp-
 def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a run with two robots."""
     out = tmp_path_factory.mktemp("perf")
-    assert main([*TINY, "--out", str(out)]) == 0
+    assert main(["perf", *TINY, "--out", str(out)]) == 0
     return out
 
 
@@ -41,11 +41,11 @@ def test_compare_passes_against_itself_and_fails_when_slowed(
     figures = {key: earlier[key] for key in ("device", "walking", "ratios")}
     monkeypatch.setattr("benchmarks.perf.measure.run_all", lambda *_: json.loads(json.dumps(figures)))
     again = ["--out", str(tmp_path), "--compare", str(result / "result.json")]
-    assert main(again) == 0
+    assert main(["perf", *again]) == 0
     for row in figures["ratios"].values():
         for key in ("median", "low", "high"):
             row[key] *= 4.0
-    assert main(again) == 1
+    assert main(["perf", *again]) == 1
     said = capsys.readouterr().out
     assert "REGRESSED env/plain @2" in said
 
@@ -63,7 +63,7 @@ def test_bad_input_is_refused_on_one_line(
 ) -> None:
     """Exit code 2, nothing written."""
     out = tmp_path / "out"
-    assert main([*options, "--out", str(out)]) == 2
+    assert main(["perf", *options, "--out", str(out)]) == 2
     said = capsys.readouterr().err
     assert text in said and said.count("\n") == 1 and not out.exists()
 

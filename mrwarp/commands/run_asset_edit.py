@@ -1,0 +1,80 @@
+"""``mrwarp asset set | check | apply``: change USD assets, and try every variant out with Newton."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from mujoco import MjModel
+from pxr import Usd
+
+from mrwarp.env.sim_model import build_scene
+from mrwarp.model_file import load_model, silent_note
+from mrwarp.options.asset_options import Apply, CheckAsset, Set
+from mrwarp.options.command_line import CommandLine
+from mrwarp.runtime import silent
+from mrwarp.usd.asset import RobotAsset
+from mrwarp.usd.edit import Change, edit_asset
+from mrwarp.usd.open_stage import ASSETS
+from mrwarp.usd.record import RECORD, read_parameters, record_text, summary
+from mrwarp.usd.scene_report import check_asset, value_text
+
+CONVERSION_DT = 0.005
+"""Physics step of the trial conversion [s]; any positive number does."""
+
+
+def run(options: Set | Apply | CheckAsset, line: CommandLine) -> int:
+    """Run a command; 0 done, 2 bad input: then nothing was written."""
+    match options:
+        case CheckAsset():
+            for text in check_asset(options.file or ASSETS / "mr_go.usda", convert):
+                print(text, flush=True)
+        case Set():
+            _edit(options, line, {options.attribute: options.value})
+        case Apply():
+            model = load_model(options.model)
+            model.to_params()  # refuses other units than the simulator's
+            _edit(options, line, model.values, lambda prim: record_text(model, read_parameters(prim, options.file)))
+            for effect in model.effects:
+                if effect.acts:
+                    print(f"acts in the simulator: {effect}")
+            if note := silent_note(model.effects):
+                print(note)
+    return 0
+
+
+def _edit(
+    options: Set | Apply,
+    line: CommandLine,
+    values: Mapping[str, float | str],
+    record: Callable[[Usd.Prim], str] | None = None,
+) -> None:
+    """Edit, and say what changed."""
+    report = edit_asset(options.file, options.prim, dict(values), options.out, _checked, record)
+    for change in report.changes:
+        print(_change(change))
+    for text in report.kept:
+        print(text)
+    if not report.changes:
+        print(f"{options.prim} has these numbers already: {', '.join(values)}")
+    if report.notice:
+        print(f"{line.prog}: notice: {report.notice}", file=sys.stderr)
+    print(f"wrote {report.path}")
+
+
+def _change(change: Change) -> str:
+    if change.attribute == RECORD:
+        return f"{change.prim} {RECORD}: {summary(change.before)} -> {summary(change.after)}"
+    before = "none" if change.before is None else f"{change.before:.10g}"
+    return f"{change.prim} {change.attribute}: {before} -> {value_text(change.attribute, change.after)}"
+
+
+def convert(asset: RobotAsset) -> MjModel:
+    """The MuJoCo model of an asset; Newton's notes are swallowed."""
+    with silent():
+        return build_scene(asset, dt=CONVERSION_DT, ground=asset.robot != "bench").model
+
+
+def _checked(copy: Path) -> list[str]:
+    return list(check_asset(copy, convert))
