@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import asdict
 
 from mrwarp.options.command_line import CommandLine
 from mrwarp.options.paper_options import TITLES, Reproduce
@@ -71,7 +72,7 @@ def _finish(runner: Runner, wanted: list[str], options: Reproduce, line: Command
             "status": outcome.status,
             "seconds": outcome.seconds,
             "message": outcome.message,
-            **(outcome.findings.to_json() if outcome.findings else {}),
+            **(asdict(outcome.findings) if outcome.findings else {}),
         }
         for name, outcome in outcomes.items()
     }

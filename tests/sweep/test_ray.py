@@ -12,7 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from mrwarp.commands import run_sweep as cli
+from mrwarp.cli import main
 from mrwarp.sweep import runners
 from mrwarp.sweep.trial import State, read_status
 from tests.sweep.fake_remote import fake_remote
@@ -53,7 +53,7 @@ def test_six_trials_survive_a_killed_worker(
     watch = threading.Thread(target=kill_a_worker, args=(tmp_path, found))
     watch.start()
     args = ["--command", "train", "--grid", "seed=0,1,2", "actuator=none,bouc_wen"]
-    assert cli.main(["--out", str(tmp_path), *args, "--workers", "2", "--runner", "ray"]) == 0
+    assert main(["sweep", "--out", str(tmp_path), *args, "--workers", "2", "--runner", "ray"]) == 0
     watch.join()
     assert found["name"].startswith("ray::") and not psutil.pid_exists(found["pid"])
     result = json.loads((tmp_path / "result.json").read_text())
@@ -71,7 +71,7 @@ def test_without_ray_the_remedy_is_named(
     """One line with the extra to install; nothing is left behind."""
     monkeypatch.setitem(sys.modules, "ray", None)
     out = tmp_path / "out"
-    assert cli.main(["--out", str(out), "--command", "train", "--grid", "seed=0", "--runner", "ray"]) == 2
+    assert main(["sweep", "--out", str(out), "--command", "train", "--grid", "seed=0", "--runner", "ray"]) == 2
     assert (
         capsys.readouterr().err == "mrwarp sweep: --runner ray: Ray is not installed; run pip install 'mrwarp[sweep]'\n"
     )
