@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from mrwarp.diagnose.preprocess import hold_rests
-from mrwarp.diagnose.problem import Fit, Problem, factor_of, fit_model, refit
+from mrwarp.diagnose.problem import Fit, Problem, base_vector, factor_of, fit_model, normalised, refit
 from mrwarp.diagnose.residual_structure import groups_along
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
@@ -16,7 +15,7 @@ from mrwarp.identify.dataset import Motion, Scales, rms
 from mrwarp.identify.fit import BoucWenStructure
 from mrwarp.identify.least_squares import ridge_solve
 from mrwarp.identify.noise import Noise, estimate_noise, trajectory_spread
-from mrwarp.identify.parameters import LINEAR, LINEAR_PART, SHAPE, Slot, shape_coordinates
+from mrwarp.identify.parameters import LINEAR_PART, Slot
 from mrwarp.identify.projection import Progress, search_starts
 from mrwarp.identify.replay import EffectReplay, Replay
 from mrwarp.model_file import JOINT_UNITS, Model
@@ -59,7 +58,7 @@ def fit_baseline(
     points = search_starts(structure, Replay(motion), limit=_STARTS_ON, seed=seed)[:2]
     bases = [np.array([*point.linear, *point.theta]) for point in points]
     if model is not None:
-        bases.append(base_vector(model.values, motion))
+        bases.append(base_vector(normalised(model.values, scales), motion.ranges.qd))
     # the search sees few samples: now and then it ends in a corner
     bases += [np.array([*bases[0][LINEAR_PART], *shape]) for shape in _SHAPES]
     log("noise")
@@ -133,13 +132,6 @@ def nominal_zero(recording: Recording, model: Model | None) -> float:
         paper = MrParams().bouc_wen
         return paper.q_offset + paper.q_center
     return 0.0
-
-
-def base_vector(values: Mapping[str, float], motion: Motion) -> np.ndarray:
-    """Coordinates of eqs. 14 and 15 from parameters in the units of the recording."""
-    inner = {name: values[name] / motion.scales.factor(name) for name in (*LINEAR, *SHAPE)}
-    shape = shape_coordinates(*(inner[name] for name in SHAPE), motion.ranges.qd)
-    return np.array([*(inner[name] for name in LINEAR), *shape])
 
 
 def known_effects(model: Model | None) -> list[str]:

@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from mrwarp.diagnose.problem import Fit, covariance
+from mrwarp.diagnose.problem import Fit, base_vector, covariance, normalised
 from mrwarp.diagnose.result import Shift
 from mrwarp.identify.dataset import Motion
-from mrwarp.identify.parameters import BASE_PART, LINEAR, LINEAR_PART, SHAPE, SHAPE_PART, shape_coordinates
+from mrwarp.identify.parameters import BASE_PART, LINEAR, LINEAR_PART, SHAPE, SHAPE_PART
 from mrwarp.model_file import JOINT_UNITS, Model
 from mrwarp.params import MrParams
 from mrwarp.recording.load import Recording
@@ -42,8 +42,7 @@ def calibration_shifts(fit: Fit, motion: Motion, recording: Recording, model: Mo
         nominal = {name: getattr(paper, name) for name in (*LINEAR, *SHAPE)}
     else:
         return ()
-    inner = {name: nominal[name] / motion.scales.factor(name) for name in (*LINEAR, *SHAPE)}
-    shift = find_shift(fit, inner, float(np.ptp(motion.torque)))
+    shift = find_shift(fit, normalised(nominal, motion.scales), float(np.ptp(motion.torque)))
     if shift is None:
         return ()
     if shift.name == "torque_bias":
@@ -53,27 +52,25 @@ def calibration_shifts(fit: Fit, motion: Motion, recording: Recording, model: Mo
 
 
 def find_shift(fit: Fit, nominal: Mapping[str, float], torque_range: float) -> Shift | None:
-    """The shift of calibration that the re-fitted parameters show against nominal ones, inner units, or None.
+    """The shift of calibration that the re-fitted parameters show against nominal ones, normalised units, or None.
 
     No shift of calibration touches alpha, beta and gamma: where these lie off too, it is another device.
 
     Args:
         fit: The final model.
-        nominal: D, B, C, I1, K0, K1, alpha, beta, gamma in inner units.
-        torque_range: Range of the torque, inner units.
+        nominal: D, B, C, I1, K0, K1, alpha, beta, gamma in normalised units.
+        torque_range: Range of the torque, normalised units.
     """
-    base = np.array([nominal[name] for name in LINEAR])
-    shape = np.array([nominal[name] for name in SHAPE])
     speed = fit.parameters.ranges.qd
-    centre = shape_coordinates(*shape, speed)
-    apart = [shape_coordinates(*s, speed) - centre for s in shape * (1.0 + SPREAD * np.eye(len(SHAPE)))]
-    delta = fit.x[BASE_PART] - np.concatenate([base, centre])
-    prior = np.maximum(SPREAD * np.abs(base), 1e-9)
+    centre = base_vector(nominal, speed)
+    apart = [base_vector({**nominal, name: nominal[name] * (1.0 + SPREAD)}, speed) - centre for name in SHAPE]
+    delta = fit.x[BASE_PART] - centre
+    prior = np.maximum(SPREAD * np.abs(centre[LINEAR_PART]), 1e-9)
     biases = [LINEAR.index("D"), LINEAR.index("I1")]  # I1 is a bias that grows with the current
     prior[biases] = np.maximum(prior[biases], BIAS_SPREAD * torque_range)
     device = np.zeros((len(delta), len(delta)))
     device[LINEAR_PART, LINEAR_PART] = np.diag(prior**2)
-    device[SHAPE_PART, SHAPE_PART] = sum(np.outer(step, step) for step in apart)
+    device[SHAPE_PART, SHAPE_PART] = sum(np.outer(step, step) for step in np.array(apart)[:, SHAPE_PART])
     measured = covariance(fit)[BASE_PART, BASE_PART]
     weight = np.linalg.inv(measured + device)
     whole = float(delta @ weight @ delta)

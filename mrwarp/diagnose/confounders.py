@@ -29,12 +29,7 @@ def confirmed(models: Models, fit: Fit, before: list[Leftover]) -> Fit:
     """The model without effects that only stand in for structure of another kind.
 
     Whatever structure a model leaves is offered to it as free functions. An effect that is real still adds what it
-    did; one that was a proxy of that structure adds little.
-
-    Args:
-        models: The models of the search.
-        fit: The model that is checked.
-        before: Structure that the baseline leaves.
+    did; one that was a proxy of that structure adds little. ``before`` is what the baseline leaves.
     """
     fit = _within_range(models, _not_by_chance(models, fit))
     gain_before = {f.group.key: f.gain for f in before}
@@ -99,10 +94,7 @@ def _loss_beside(problem: Problem, fit: Fit, rows: np.ndarray) -> float:
 def drift_p_value(problem: Problem, fit: Fit, without: Fit) -> float:
     """Chance that factors of trajectories in random order would follow what an effect predicts as closely.
 
-    Args:
-        problem: The data set.
-        fit: The model with the effect.
-        without: The model refitted without it.
+    ``fit`` is the model with the effect, ``without`` the model refitted without it.
     """
     needed, predicted, weight = [], [], []
     for part in problem.motion.parts:

@@ -6,12 +6,12 @@ import dataclasses
 
 import numpy as np
 
-from mrwarp.diagnose.result import Accounting, Diagnosis, Error, NextExperiment
+from mrwarp.diagnose.result import Diagnosis, Error, NextExperiment
 from mrwarp.diagnose.verdict_text import quantity, sentence_of
 from mrwarp.recording.load import Recording
 
 MIN_TRAJECTORIES = 3
-"""Fewest trajectories: with fewer nothing can be foretold by the others."""
+"""Fewest trajectories: with fewer nothing can be predicted by the others."""
 MIN_SECONDS = 10.0
 """Shortest recording, all trajectories together [s]."""
 MIN_SAMPLES = 1500
@@ -19,7 +19,7 @@ MIN_SAMPLES = 1500
 _CLIPPED = 0.002
 """Share of samples that stand, in runs, at the very largest torque above which the sensor counts as saturated."""
 _FOLLOWED = 0.02
-"""Part of the torque's variance that motion and current must foretell, by the plainest of laws."""
+"""Part of the torque's variance that motion and current must predict, by the plainest of laws."""
 
 STANDARD = (
     "record at least 12 trajectories of 4 s or more: current steps while the joint moves, sines of several amplitudes "
@@ -34,8 +34,8 @@ def hindrances(recording: Recording) -> list[str]:
     found = []
     if len(runs) < MIN_TRAJECTORIES:
         found.append(
-            f"only {len(runs)} {'trajectory' if len(runs) == 1 else 'trajectories'}: an effect is only believed when "
-            f"it foretells a trajectory that it was not fitted to, so nothing can be named; {STANDARD}"
+            f"only {len(runs)} {'trajectory' if len(runs) == 1 else 'trajectories'}: an effect only counts when "
+            f"it predicts a trajectory that it was not fitted to, so nothing can be named; {STANDARD}"
         )
     if seconds < MIN_SECONDS or recording.samples < MIN_SAMPLES:
         found.append(
@@ -80,24 +80,11 @@ def without_verdict(recording: Recording, reasons: list[str], seed: int, seconds
     result = Diagnosis(
         verdict=None,
         sentence="",
-        causes=(),
-        parameter_shift=(),
-        unexplained=None,
-        detectable={},
-        invisible={},
         cannot_know=tuple(reasons + gaps(recording)),
         baseline=nothing,
         extended=nothing,
-        gain=None,
         next_experiment=None if to_make.endswith("diagnose again") else following,  # these data only need a change
-        tried=(),
-        accounting=Accounting(named=0.0, predictable=0.0, noise=1.0),
-        per_trajectory={},
-        per_regime={},
-        notes=(),
-        model=None,
         recording=recording,
-        traces=None,
         seconds=seconds,
         seed=seed,
     )

@@ -16,7 +16,7 @@ _SLAB = 24
 
 
 def smallest_sizes(problem: Problem, fit: Fit, effects: list[str]) -> tuple[dict[str, float], list[str]]:
-    """For each effect the size of its first number at which its gain would pass the threshold, in inner units.
+    """For each effect the size of its first number at which its gain would pass the threshold, in normalised units.
 
     The effect's torque at several sizes, without what the model's own numbers take up of it, against the noise.
 

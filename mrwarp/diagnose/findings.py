@@ -49,6 +49,14 @@ _BEYOND_DOUBT = 5.0
 _SHARE = 0.2
 """Part of the predictable mismatch above which what is left beside named effects is reported."""
 
+_UNSEEN = {
+    **dict.fromkeys(("coil_lag", "command_delay", "remanence"), "the current hardly changes within a trajectory"),
+    **dict.fromkeys(("current_saturation", "current_viscosity"), "too few levels of current"),
+}
+_NEVER = "at no size in its range would it stand out from what eq. 14 takes up and from the noise"
+_TAKEN_UP = "re-fitting eq. 14 takes it up without a trace; only nominal parameters (--model) can show it"
+"""Why effects show at no size."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
@@ -64,7 +72,7 @@ class Findings:
     held_out: HeldOut
     line: Line | None
     sizes: Mapping[str, float]
-    """Smallest size of each effect that would have shown, inner units."""
+    """Smallest size of each effect that would have shown, normalised units."""
     unseen: list[str]
     """Effects that would have shown at no size."""
     shifts: tuple[Shift, ...]
@@ -74,12 +82,7 @@ class Findings:
 
 
 def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
-    """The typed result.
-
-    Args:
-        found: What each step found.
-        begun: When they began, by ``time.perf_counter``.
-    """
+    """The typed result of steps that began at ``begun``, by ``time.perf_counter``."""
     problem, selection, recording = found.problem, found.selection, found.recording
     measured, scale, unit = problem.measured, problem.motion.scales.torque, problem.units["torque"]
     errors = measured - found.baseline.torque, measured - found.extended.torque
@@ -103,13 +106,9 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
     gain = None
     if causes:
         value, ci95 = reduction(held, found.seed)
-        regimes_held = _per_regime(
-            held.predicted_baseline - measured, held.predicted_extended - measured, traces.regime, scale
-        )
-        gain = Gain(rmse_reduction=value, ci95=ci95, held_out=names, per_regime=regimes_held)
-    left = max([f.gain for f in selection.leftovers], default=0.0) + (found.line.gain if found.line else 0.0)
-    named = max(0.0, selection.gain) / selection.base.total
-    predictable = max(0.0, left) / selection.base.total if unexplained else 0.0
+        unseen = held.predicted_baseline - measured, held.predicted_extended - measured
+        per_regime = _per_regime(*unseen, traces.regime, scale)
+        gain = Gain(rmse_reduction=value, ci95=ci95, held_out=names, per_regime=per_regime)
     rows = np.stack([found.baseline.row, found.extended.row])
     result = Diagnosis(
         verdict=verdict,
@@ -125,7 +124,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
         gain=gain,
         next_experiment=found.next_experiment,
         tried=_tried(problem, selection, causes),
-        accounting=Accounting(named=named, predictable=predictable, noise=max(0.0, 1.0 - named - predictable)),
+        accounting=_accounting(selection, found.line, unexplained is not None),
         per_trajectory=dict(zip(names, per_trajectory, strict=True)),
         per_regime=_per_regime(*errors, traces.regime, scale),
         notes=_notes(found, causes),
@@ -138,6 +137,14 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
         seed=found.seed,
     )
     return replace(result, sentence=sentence_of(result))
+
+
+def _accounting(selection: Selection, line: Line | None, structure: bool) -> Accounting:
+    """Shares of the baseline's loss: what the named effects take, what structure could, and the rest."""
+    left = max([f.gain for f in selection.leftovers], default=0.0) + (line.gain if line else 0.0)
+    named = max(0.0, selection.gain) / selection.base.total
+    predictable = max(0.0, left) / selection.base.total if structure else 0.0
+    return Accounting(named=named, predictable=predictable, noise=max(0.0, 1.0 - named - predictable))
 
 
 def causes_of(found: Findings) -> tuple[Cause, ...]:
@@ -204,12 +211,8 @@ def _detectable(found: Findings) -> tuple[dict[str, Value], dict[str, str]]:
         p = CATALOGUE[name].parameters[0]
         value, unit = size * factor_of(p, found.problem.motion.scales), effect_unit(p, found.problem.units)
         visible[name] = Value(value=value, ci95=(0.0, 0.0), unit=unit)
-    invisible = {name: _why_unseen(name) for name in found.unseen}
-    for name, law in CATALOGUE.items():
-        if law.kind == "calibration":
-            invisible[name] = (
-                "re-fitting eq. 14 takes it up without a trace; only nominal parameters (--model) can show it"
-            )
+    invisible = {name: _UNSEEN.get(name, _NEVER) for name in found.unseen}
+    invisible |= {name: _TAKEN_UP for name, law in CATALOGUE.items() if law.kind == "calibration"}
     kinematics = found.problem.motion.kinematics
     if kinematics.velocity_lag == 0.0:
         for names in (visible, invisible):
@@ -220,14 +223,6 @@ def _detectable(found: Findings) -> tuple[dict[str, Value], dict[str, str]]:
         else:
             invisible["velocity_lag"] = "the recording has no velocity channel"
     return visible, invisible
-
-
-def _why_unseen(name: str) -> str:
-    if name in ("coil_lag", "command_delay", "remanence"):
-        return "the current hardly changes within a trajectory"
-    if name in ("current_saturation", "current_viscosity"):
-        return "too few levels of current"
-    return "at no size in its range would it stand out from what eq. 14 takes up and from the noise"
 
 
 def _tried(problem: Problem, selection: Selection, causes: tuple[Cause, ...]) -> tuple[Tried, ...]:
@@ -325,12 +320,7 @@ def outer_model(
 ) -> Model:
     """The fitted model in the units of the recording, for ``model.json``.
 
-    Args:
-        problem: The data set.
-        fit: The model.
-        recording: What it was fitted to.
-        seed: Seed of the diagnosis.
-        refined: Value and interval of parameters that are known better than by the fit, inner units.
+    ``refined`` gives value and interval of parameters that are known better than by the fit, in normalised units.
     """
     scales, units, spread, row = problem.motion.scales, recording.units, covariance(fit), fit.row
     parameters = {}

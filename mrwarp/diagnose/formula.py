@@ -6,6 +6,7 @@ give the terms; their coefficients are then fitted again, and only terms that th
 
 from __future__ import annotations
 
+import operator
 import re
 from collections.abc import Mapping
 from itertools import combinations_with_replacement
@@ -21,7 +22,7 @@ _LEAST = 20
 _TERMS = 4
 """Most terms of a formula."""
 _EXPLAINED = 0.6
-"""Part of the variance of the cell means, beyond noise, that a formula must explain to be told."""
+"""Part of the variance of the cell means, beyond noise, that a formula must explain to be reported."""
 _LETTERS = "xyz"
 _SYMBOLS = {"q": "q", "qd": "qd", "qdd": "qdd", "current": "I", "time": "t"}
 """Variables that have a place in a formula."""
@@ -59,9 +60,15 @@ def find_formula(
     mean = mean - np.average(mean, weights=weight)
     size = float(np.sqrt(np.average(mean**2, weights=weight)))
     search = SymbolicRegressor(
-        population_size=population, generations=12, function_set=("add", "sub", "mul", "abs", "sin"), metric="mse",
-        parsimony_coefficient=0.003, const_range=(-2.0, 2.0), init_depth=(2, 4), random_state=seed,
-    )  # fmt: skip
+        population_size=population,
+        generations=12,
+        function_set=("add", "sub", "mul", "abs", "sin"),
+        metric="mse",
+        parsimony_coefficient=0.003,
+        const_range=(-2.0, 2.0),
+        init_depth=(2, 4),
+        random_state=seed,
+    )
     search.fit(cells, mean / size, sample_weight=weight / weight.mean())
     symbols = [sympy.Symbol(letter, real=True) for letter in _LETTERS[: len(names)]]
     terms = _terms(search._programs[-1], symbols)
@@ -105,14 +112,9 @@ def _terms(programs: list, symbols: list) -> list:
     """Products that the best programs of a generation add up, without their coefficients."""
     import sympy
 
-    known = {
-        "add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a, b: a * b,
-        "abs": sympy.Abs, "sin": sympy.sin, **{f"X{k}": symbol for k, symbol in enumerate(symbols)},
-    }  # fmt: skip
     found: dict = dict.fromkeys(_monomials(symbols))
     for program in sorted(programs, key=lambda p: p.fitness_)[:12]:
-        expression = sympy.expand(_parsed(str(program), known))
-        for term in sympy.Add.make_args(expression):
+        for term in sympy.Add.make_args(sympy.expand(_expression(program.program, symbols))):
             _, product = term.as_coeff_Mul()
             if product.free_symbols:
                 found[product] = None
@@ -128,25 +130,18 @@ def _monomials(symbols: list) -> list:
     return list(dict.fromkeys(products))
 
 
-def _parsed(text: str, known: dict):
-    """Expression of a program written as nested calls; the text is read, never evaluated."""
-    tokens = re.findall(r"[A-Za-z]+\d*|-?\d+\.?\d*(?:e-?\d+)?|[(),]", text)
-    at = 0
+def _expression(nodes: list, symbols: list):
+    """Expression of a program: its functions, variables (by number) and constants in prefix order."""
+    import sympy
 
-    def read():
-        nonlocal at
-        token = tokens[at]
-        at += 1
-        if at < len(tokens) and tokens[at] == "(":
-            arguments = []
-            while tokens[at] != ")":
-                at += 1
-                arguments.append(read())
-            at += 1
-            return known[token](*arguments)
-        return known[token] if token in known else float(token)
-
-    return read()
+    functions = {"add": operator.add, "sub": operator.sub, "mul": operator.mul, "abs": sympy.Abs, "sin": sympy.sin}
+    stack: list = []
+    for node in reversed(nodes):
+        if hasattr(node, "arity"):
+            stack.append(functions[node.name](*(stack.pop() for _ in range(node.arity))))
+        else:
+            stack.append(symbols[node] if isinstance(node, int) else round(float(node), 3))
+    return stack[0]
 
 
 def _columns(terms: list, symbols: list, cells: np.ndarray) -> np.ndarray:

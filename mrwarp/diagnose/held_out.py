@@ -26,7 +26,7 @@ MODELS = ("baseline", "extended")
 
 @dataclass(frozen=True, kw_only=True)
 class HeldOut:
-    """Squared mismatch of each trajectory, inner units, shape (T,), and what was predicted of it, shape (N,)."""
+    """Squared mismatch of each trajectory, normalised units, shape (T,), and what was predicted of it, shape (N,)."""
 
     baseline: np.ndarray
     extended: np.ndarray
@@ -37,14 +37,7 @@ class HeldOut:
 
 
 def hold_out(problem: Problem, selection: Selection, baseline: Fit, extended: Fit) -> HeldOut:
-    """Predict every trajectory by what the others say.
-
-    Args:
-        problem: The data set.
-        selection: The search for causes.
-        baseline: Its baseline, as reported.
-        extended: Its final model, as reported.
-    """
+    """Predict every trajectory by what the others say; ``baseline`` and ``extended`` are the models as reported."""
     models, motion = list(selection.fits.values()), problem.motion
     final, base = models.index(selection.final), models.index(selection.base)
     losses = np.array([fit.loo_loss for fit in models])
@@ -102,7 +95,7 @@ class Predictor:
     """Baseline and extended model of a diagnosis, for other recordings of the same device."""
 
     rows: np.ndarray
-    """Parameters in inner units, shape (2, WIDTH)."""
+    """Parameters in normalised units, shape (2, WIDTH)."""
     motion: Motion
     """The motion that they were fitted to: its scales, and how its log was read."""
     recording: Recording

@@ -1,4 +1,4 @@
-"""Coil lag or command delay: whether the current creeps or arrives late, told by the single steps of the command.
+"""Coil lag or command delay: whether the current creeps or arrives late, decided by the single steps of the command.
 
 A log says between which two samples the command changed, not when. Both effects are then the same mean change of the
 first samples after a step. But a delay leaves each of these samples wholly old or wholly new, as the step fell before
@@ -45,7 +45,7 @@ class LagOrDelay:
     undecided: str | None = None
     """The one that stays an alternative, whatever the fits say."""
     refined: Mapping[tuple[str, str], tuple[float, float, float]] = field(default_factory=dict)
-    """Parameters, and their intervals, that the steps give better than the fit; inner units."""
+    """Parameters, and their intervals, that the steps give better than the fit; normalised units."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +62,7 @@ class StepResponses:
     """Sampling interval [s]."""
 
 
-def told_by_steps(models: Models, final: Fit, candidates: list[str]) -> LagOrDelay:
+def decided_by_steps(models: Models, final: Fit, candidates: list[str]) -> LagOrDelay:
     """Decide between lag and delay where one of them is named and the other does nearly as well."""
     named = [e for e in (LAG, DELAY) if e in models.added(final)]
     if len(named) != 1:

@@ -64,8 +64,8 @@ def left_to_learn(
             f"{where}: without a verdict there is nothing to learn on top of; make the recording named"
         )
     learn.sampling_interval(recording)
-    parts = [slice(int(a), int(b)) for a, b in zip(traces.start[:-1], traces.start[1:], strict=True)]
-    usable = [k for k, run in enumerate(recording.trajectories) if len(run.t) >= learn.SAMPLES["pg_rlstm"]]
+    window = learn.SAMPLES["pg_rlstm"]
+    usable = [k for k, run in enumerate(recording.trajectories) if len(run.t) >= window]
     held = [usable[k] for k in split(len(usable), recipe.seed, learn.VALIDATION)[1]] if len(usable) > 1 else []
     target, physical, with_learned = [], [], []
     for name, torque in (("baseline", traces.baseline), ("extension", traces.extended)):
@@ -76,17 +76,18 @@ def left_to_learn(
                 f"validation {history.validation_rmse[-1]:.4g}"
             )
 
-        learned = learn.learn(
-            recording, kind="pg_rlstm", baseline=[torque[p] for p in parts], cfg=recipe, report=report
-        )
+        known = [torque[part] for part in traces.parts]
+        learned = learn.learn(recording, kind="pg_rlstm", baseline=known, cfg=recipe, report=report)
         if learned.history.stopped == "interrupted":
             raise KeyboardInterrupt
         rest = traces.torque - torque
         target.append(rms(rest))
-        physical.append(rms(np.concatenate([rest[parts[k]][learn.SAMPLES["pg_rlstm"] - 1 :] for k in held])))
+        physical.append(rms(np.concatenate([rest[traces.parts[k]][window - 1 :] for k in held])))
         with_learned.append(float(learned.figures["validation_rmse"]))
     return LeftToLearn(
-        target=(target[0], target[1]), physical=(physical[0], physical[1]),
+        target=(target[0], target[1]),
+        physical=(physical[0], physical[1]),
         with_learned=(with_learned[0], with_learned[1]),
-        held_out=tuple(recording.trajectories[k].id for k in held), recipe=recipe,
-    )  # fmt: skip
+        held_out=tuple(recording.trajectories[k].id for k in held),
+        recipe=recipe,
+    )

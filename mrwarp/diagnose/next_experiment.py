@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -35,7 +34,7 @@ _STEPS = 80
 _RUN = (3.0, 10.0)
 """Shortest and longest run [s]."""
 _RUNS = 4
-"""Fewest runs, and as many as are simulated: an effect has to foretell runs that it was not fitted to."""
+"""Fewest runs, and as many as are simulated: an effect has to predict runs that it was not fitted to."""
 _MANY_RUNS = 24
 """Runs above which they are made longer instead."""
 _LONGEST = 36000.0
@@ -47,8 +46,6 @@ _REST = (600.0, 1800.0)
 """Shortest and longest rest [s]."""
 _REPEATS = (3, 6, 12)
 """Runs that are repeated after a rest."""
-_AS_IT_IS: dict[str, Any] = {"begin": None, "ahead": 0.0}
-"""A motion that starts at rest, with one clock."""
 _RULES = Rules(iterations=4, damping=1e-7, gained=lambda gain, loss: gain < 0.02 * (loss + gain))
 """The fit of the wrong model to an experiment."""
 
@@ -240,10 +237,10 @@ def _run_seconds(like: Motion) -> float:
 
 
 def _swing(like: Motion, standard: Standard) -> tuple[float, float, float]:
-    """Amplitude, inner units, and first and last frequency [Hz].
+    """Amplitude, normalised units, and first and last frequency [Hz].
 
     No faster than the data in speed or acceleration: beyond, the errors of the replay's own step and of the smoothed
-    motion grow, and would be told for an effect that acts at reversals.
+    motion grow, and would pass for an effect that acts at reversals.
     """
     size = standard.size * like.ranges.q
     by_speed = float(np.abs(like.qd).max()) / size
@@ -253,7 +250,7 @@ def _swing(like: Motion, standard: Standard) -> tuple[float, float, float]:
 
 
 def _trial(like: Motion, kind: str, rng: np.random.Generator) -> Motion:
-    """Motion and current of some runs within the ranges of a data set; inner units, without noise."""
+    """Motion and current of some runs within the ranges of a data set; normalised units, without noise."""
     standard, r, dt = STANDARD[kind], like.ranges, like.ranges.dt
     t = np.arange(round(_run_seconds(like) / dt)) * dt
     size, low, high = _swing(like, standard)
@@ -275,7 +272,7 @@ def _trial(like: Motion, kind: str, rng: np.random.Generator) -> Motion:
     middle = 0.5 * (like.q.max() + like.q.min())
     q, qd = np.tile(q, _RUNS) + middle, np.tile(qd, _RUNS)
     time = np.tile(t, _RUNS)
-    return dataclasses.replace(
+    return _exact(
         like,
         q=q,
         qd=qd,
@@ -287,13 +284,13 @@ def _trial(like: Motion, kind: str, rng: np.random.Generator) -> Motion:
         time=time,
         slid_time=time,
         heat=np.zeros((len(HEAT_TIMES), len(time))),
-        kinematics=_exact(qd, qdd),
-        **_AS_IT_IS,
     )
 
 
-def _exact(qd: np.ndarray, qdd: np.ndarray) -> Kinematics:
-    return Kinematics(qd=qd, qdd=qdd, velocity_lag=0.0, velocity_lag_error=float("inf"))
+def _exact(like: Motion, **arrays: np.ndarray) -> Motion:
+    """A motion without errors of its log, that starts at rest, in place of a recorded one."""
+    known = Kinematics(qd=arrays["qd"], qdd=arrays["qdd"], velocity_lag=0.0, velocity_lag_error=float("inf"))
+    return dataclasses.replace(like, **arrays, kinematics=known, begin=None, ahead=0.0)
 
 
 # --- a rest and the first runs again ---
@@ -341,7 +338,7 @@ def repeated(like: Motion, rest: float, runs: int) -> Motion:
     times = np.array(HEAT_TIMES)[:, None]
     stored = like.heat[:, last : last + 1] * np.exp(-rest / times)
     samples = {name: getattr(like, name)[taken] for name in ("q", "qd", "qdd", "current", "torque")}
-    return dataclasses.replace(
+    return _exact(
         like,
         **samples,
         start=np.concatenate([[0], np.cumsum([part.stop - part.start for part in parts])]),
@@ -349,6 +346,4 @@ def repeated(like: Motion, rest: float, runs: int) -> Motion:
         time=like.time[taken] - first + float(like.time[last]) + rest,
         slid_time=like.slid_time[taken] - float(like.slid_time[taken[0]]) + float(like.slid_time[last]),
         heat=like.heat[:, taken] + stored * np.exp(-(like.time[taken] - first) / times),
-        kinematics=_exact(samples["qd"], samples["qdd"]),
-        **_AS_IT_IS,
     )

@@ -75,7 +75,7 @@ def hold_rests(problem: Problem, recording: Recording, fit: Fit, rate: float) ->
         problem: The data set.
         recording: Measured runs.
         fit: The best model so far.
-        rate: How fast z forgets along the path [1/inner unit of q].
+        rate: How fast z forgets along the path [1/normalised unit of q].
 
     Returns:
         The problem, and the model fitted to it.
@@ -136,12 +136,7 @@ def align_clocks(problem: Problem, fit: Fit) -> Problem:
 
 
 def clock_note(ahead: float, dt: float) -> str:
-    """What was found about the clocks, for the report's notes.
-
-    Args:
-        ahead: Samples by which the torque is logged ahead of the motion.
-        dt: Sampling interval [s].
-    """
+    """A note on a torque that is logged ``ahead`` samples before the motion, with a sampling interval ``dt`` [s]."""
     return (
         f"torque is logged {ahead:.2f} samples ({1e3 * ahead * dt:.2g} ms) ahead of the motion, as where a command is "
         "logged that is held until the next sample; the motion was taken that much later"

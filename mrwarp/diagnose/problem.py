@@ -19,7 +19,15 @@ from mrwarp.identify.dataset import Motion, Scales
 from mrwarp.identify.least_squares import Quadratic, Rules, minimise, ridge_solve
 from mrwarp.identify.noise import Noise
 from mrwarp.identify.normal_equations import NormalEquations, losses
-from mrwarp.identify.parameters import BASE_PART, EFFECT_PART, Parameters, jacobian
+from mrwarp.identify.parameters import (
+    BASE_PART,
+    EFFECT_PART,
+    LINEAR,
+    SHAPE,
+    Parameters,
+    jacobian,
+    shape_coordinates,
+)
 from mrwarp.identify.replay import EffectReplay
 
 FLOOR = 0.003
@@ -32,7 +40,7 @@ _BENT, _BENT_T = 0.05, 4.0
 
 @dataclass(frozen=True, kw_only=True)
 class Problem:
-    """A data set with the noise that models of it are judged by; inner units."""
+    """A data set with the noise that models of it are judged by; normalised units."""
 
     replay: EffectReplay
     """The motion on a device, with the torque that is to be explained."""
@@ -141,12 +149,9 @@ def refit(problem: Problem, fit: Fit, *, tolerance: float = 1e-5) -> Fit:
 
 
 def plain_fit(problem: Problem, fit: Fit, *, bent: bool = False) -> Fit:
-    """The model by least squares without whitening; offsets and factors of trajectories are still let go.
+    """The model, with ``bent`` laws if asked, by least squares without whitening.
 
-    Args:
-        problem: The data set.
-        fit: The model.
-        bent: Whether the numbers that bend its laws are fitted as well.
+    Offsets and factors of trajectories are still let go.
     """
     plain = replace(problem.noise, whitening=np.ones(1), sigma=problem.noise.rms)
     layout = fit.parameters.bent() if bent else fit.parameters
@@ -195,7 +200,7 @@ def as_good(fit: Fit, best: Fit, base: Fit) -> bool:
     loss, t = gain_and_t(fit.loo_loss, best.loo_loss)
     own = base.total - best.total
     if all(drifts(e) for e in set(fit.effects) ^ set(best.effects)):
-        return loss < 12.0 or (t < 2.0 and loss < 0.05 * own)  # what drifts is told by trajectories, not by samples
+        return loss < 12.0 or (t < 2.0 and loss < 0.05 * own)  # what drifts shows in trajectories, not by samples
     return loss < 12.0 or (t < 1.5 and loss < 0.01 * own)
 
 
@@ -225,7 +230,23 @@ def interval(fit: Fit, index: int, spread: np.ndarray) -> tuple[float, float]:
     return float(fit.x[index] - half), float(fit.x[index] + half)
 
 
+def normalised(values: Mapping[str, float], scales: Scales) -> dict[str, float]:
+    """Parameters of eqs. 14 and 15 from the units of the recording."""
+    return {name: values[name] / scales.factor(name) for name in (*LINEAR, *SHAPE)}
+
+
+def base_vector(values: Mapping[str, float], speed: float) -> np.ndarray:
+    """Coordinates of eqs. 14 and 15 from their parameters in normalised units, shape (9,).
+
+    Args:
+        values: D, B, C, I1, K0, K1, alpha, beta, gamma.
+        speed: A typical speed.
+    """
+    shape = shape_coordinates(values["alpha"], values["beta"], values["gamma"], speed)
+    return np.array([*(values[name] for name in LINEAR), *shape])
+
+
 def factor_of(parameter: EffectParameter, scales: Scales) -> float:
-    """Factor from an effect parameter's inner value to that in the units of the recording."""
+    """Factor from an effect parameter's normalised value to that in the units of the recording."""
     q, current, torque = parameter.scale
     return scales.q**q * scales.current**current * scales.torque**torque

@@ -206,13 +206,7 @@ def find_line(problem: Problem, fit: Fit) -> Line | None:
 
 
 def without_line(problem: Problem, fit: Fit, line: Line) -> Problem:
-    """The problem with a line taken out of its torque, with its own phase and size in each trajectory.
-
-    Args:
-        problem: The data set.
-        fit: The model beside which the line was found.
-        line: Where it is.
-    """
+    """The problem with a line, found beside a model, taken out with its own phase and size in each trajectory."""
     motion = problem.motion
     torque = motion.torque.copy()
     for part, dt in zip(motion.parts, motion.dt, strict=True):

@@ -162,31 +162,31 @@ class Diagnosis:
     """None: the data cannot carry a verdict; ``cannot_know`` says why."""
     sentence: str
     """The verdict in one sentence."""
-    causes: tuple[Cause, ...]
-    parameter_shift: tuple[Shift, ...]
-    unexplained: Unexplained | None
-    detectable: Mapping[str, Value]
+    causes: tuple[Cause, ...] = ()
+    parameter_shift: tuple[Shift, ...] = ()
+    unexplained: Unexplained | None = None
+    detectable: Mapping[str, Value] = field(default_factory=dict)
     """Smallest size of each effect that these data would have shown; effects missing here are invisible in them."""
-    invisible: Mapping[str, str]
+    invisible: Mapping[str, str] = field(default_factory=dict)
     """Effects that no size would show in these data, and why."""
     cannot_know: tuple[str, ...]
     """What these data cannot answer, each with the recording to make."""
     baseline: Error
     extended: Error
-    gain: Gain | None
-    next_experiment: NextExperiment | None
-    tried: tuple[Tried, ...]
-    accounting: Accounting
-    per_trajectory: Mapping[str, tuple[float, float]]
+    gain: Gain | None = None
+    next_experiment: NextExperiment | None = None
+    tried: tuple[Tried, ...] = ()
+    accounting: Accounting = Accounting(named=0.0, predictable=0.0, noise=1.0)
+    per_trajectory: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """RMSE of baseline and extension."""
-    per_regime: Mapping[str, tuple[float, float]]
-    notes: tuple[str, ...]
-    model: Model | None
+    per_regime: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    model: Model | None = None
     """The extended model."""
     baseline_model: Model | None = None
     """The baseline, fitted to the same data without the causes."""
     recording: Recording
-    traces: Traces | None
+    traces: Traces | None = None
     predictor: Predictor | None = None
     """Baseline and extended model, for other recordings of the device."""
     seconds: float
@@ -194,17 +194,17 @@ class Diagnosis:
 
     def baseline_rmse(self, recording: Recording) -> float:
         """RMSE of the baseline on another recording of the device [its unit of torque]."""
-        return self._rmse(recording, 0)
+        return self._rmse(recording)[0]
 
     def extended_rmse(self, recording: Recording) -> float:
         """RMSE of the extended model on another recording of the device [its unit of torque]."""
-        return self._rmse(recording, 1)
+        return self._rmse(recording)[1]
 
-    def _rmse(self, recording: Recording, which: int) -> float:
+    def _rmse(self, recording: Recording) -> list[float]:
         if self.predictor is None:
             raise ValueError("a diagnosis without a verdict has no model")
         measured = np.concatenate([run.torque for run in recording.trajectories])
-        return rms(self.predictor.torque(recording)[which] - measured)
+        return [rms(torque - measured) for torque in self.predictor.torque(recording)]
 
     def to_dict(self) -> dict[str, Any]:
         """The figures of ``result.json``: the keys that other programs rely on, then what the report shows besides.

@@ -41,12 +41,7 @@ class Candidate:
 
 
 class Models:
-    """Every model that a search fits, by its effects: none is fitted twice.
-
-    Args:
-        problem: The data set.
-        base: The baseline, fitted.
-    """
+    """Every model that a search on top of a baseline fits, by its effects: none is fitted twice."""
 
     def __init__(self, problem: Problem, base: Fit) -> None:
         self.problem, self.base = problem, base

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 
 from mrwarp.diagnose.confounders import confirmed
-from mrwarp.diagnose.lag_or_delay import LagOrDelay, told_by_steps
+from mrwarp.diagnose.lag_or_delay import LagOrDelay, decided_by_steps
 from mrwarp.diagnose.problem import Fit, Problem, as_good, drifts, threshold
 from mrwarp.diagnose.residual_structure import Leftover, leftovers
 from mrwarp.diagnose.screening import Candidate, Models, screen
@@ -37,7 +37,7 @@ class Selection:
     alternatives: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Effects that would do as well in a named one's place."""
     refined: Mapping[tuple[str, str], tuple[float, float, float]] = field(default_factory=dict)
-    """Parameters, and their intervals, that single events give better than the fit; inner units."""
+    """Parameters, and their intervals, that single events give better than the fit; normalised units."""
 
     @property
     def gain(self) -> float:
@@ -76,7 +76,7 @@ def select(problem: Problem, base: Fit, screened: list[Candidate], log: Progress
     best = _best_model(models, screened, before, log)
     if best is base:
         return Selection(base=base, final=base, screened=screened, fits=models.fits, leftovers=before)
-    steps = told_by_steps(models, best, candidates)
+    steps = decided_by_steps(models, best, candidates)
     own_gain, alternatives = _alternatives(models, steps, screened, candidates)
     return Selection(
         base=base,

@@ -1,6 +1,7 @@
 """Formulas for unexplained structure: found again by their values, none where there is none."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -73,12 +74,10 @@ def test_nothing_without_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found(0.5 * QD) is None
 
 
-def test_programs_are_read_not_run() -> None:
-    """A program is data: an unknown name is refused."""
+def test_programs_are_expressions() -> None:
+    """Nodes in prefix order: functions, variables by number, constants."""
     import sympy
 
-    x = sympy.Symbol("x")
-    known = {"mul": lambda a, b: a * b, "X0": x}
-    assert formula._parsed("mul(X0, mul(-0.5, X0))", known) == -0.5 * x**2
-    with pytest.raises((KeyError, ValueError)):
-        formula._parsed("exit(X0)", known)
+    x, y = sympy.symbols("x y")
+    mul, sub = SimpleNamespace(name="mul", arity=2), SimpleNamespace(name="sub", arity=2)
+    assert formula._expression([mul, 0, sub, -0.5, 1], [x, y]) == x * (-0.5 - y)

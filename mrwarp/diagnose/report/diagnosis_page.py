@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,8 @@ def render(
     """
     loader = PackageLoader("mrwarp.diagnose.report", ".")
     environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    variable = partial(text.variable, units=d.recording.units)
+    environment.filters |= {"percent": text.percent, "both": text.both, "variable": variable}
     found = draw(d) if pictures is None else pictures
     page = environment.get_template("report.html.jinja").render(
         **_content(d),
@@ -78,15 +81,11 @@ def _content(d: Diagnosis) -> dict[str, Any]:
         "source": d.recording.source.name if d.recording.source else "recording",
         "extended": d.model is not None and bool(d.causes),
         "facts": _facts(d),
-        "evidence": _evidence(d),
         "causes": [_cause(c) for c in d.causes],
         "separates": d.next_experiment is not None and bool(d.next_experiment.separates),
-        "unexplained": _unexplained(d),
+        "unexplained": d.unexplained,
         "experiment": _experiment(d.next_experiment) if d.next_experiment else None,
         "gain": _gain(d),
-        "gain_note": "."
-        if _cross_validated(d)
-        else "; diamonds: trajectories that took no part in choosing and fitting.",
         "shifts": [_shift(s) for s in d.parameter_shift],
         "detectable": [_detectable(name, v) for name, v in d.detectable.items()],
         "invisible": _invisible(d),
@@ -120,20 +119,6 @@ def _facts(d: Diagnosis) -> list[tuple[str, str]]:
     if d.traces:
         facts.append((text.measured(d.traces.noise_rms, unit), "noise RMS: less cannot be reached"))
     return facts
-
-
-def _evidence(d: Diagnosis) -> str:
-    if d.causes:
-        return (
-            "The evidence: mean mismatch (measured minus simulated) against what the verdict blames, before and with "
-            "the extension. Grey: where means would lie if there were nothing but noise."
-        )
-    if d.unexplained:
-        return (
-            "The evidence: mean mismatch (measured minus simulated) along the variables that it depends on. In a map "
-            "white cells hold too few samples; along one variable grey is where noise alone would lie."
-        )
-    return "The view in which the mismatch is largest. Grey: where means would lie if there were nothing but noise."
 
 
 def _cause(c: Cause) -> dict[str, Any]:
@@ -170,25 +155,13 @@ def _shift(s: Shift) -> tuple[str, ...]:
     return capital(text.title(s.name)), shown.value, shown.interval, text.either(s.alternatives) or "-", remedy
 
 
-def _unexplained(d: Diagnosis) -> dict[str, Any] | None:
-    u = d.unexplained
-    if u is None:
-        return None
-    names = text.both(text.variable(name, d.recording.units) for name in u.depends_on)
-    return {"share": text.percent(u.share, 0), "variables": names, "form": u.form, "formula": u.formula}
-
-
 def _experiment(e: NextExperiment) -> dict[str, str]:
     names = [text.title(name) for name in e.separates]
     purpose = f"tells apart {text.both(names)}" if len(names) > 1 else f"shows {text.both(names) or 'more'}"
     settings = ", ".join(f"{name.replace('_', ' ')} {value:.4g}" for name, value in e.settings.items())
-    return {
-        "what": e.what,
-        "seconds": f"{e.seconds:.0f} s" if e.seconds < 180.0 else f"{e.seconds / 60.0:.0f} min",
-        "purpose": purpose,
-        "kind": e.kind.replace("_", " "),
-        "settings": settings,
-    }
+    seconds = f"{e.seconds:.0f} s" if e.seconds < 180.0 else f"{e.seconds / 60.0:.0f} min"
+    kind = e.kind.replace("_", " ")
+    return {"what": e.what, "seconds": seconds, "purpose": purpose, "kind": kind, "settings": settings}
 
 
 def _gain(d: Diagnosis) -> dict[str, Any] | None:
@@ -196,26 +169,18 @@ def _gain(d: Diagnosis) -> dict[str, Any] | None:
     if g is None or not d.causes:
         return None
     low, high = g.ci95
-    count = len(g.held_out)
-    who = f"On {count} whole {'trajectory' if count == 1 else 'trajectories'} that took no part in choosing and fitting"
-    held = f"Held out: {', '.join(g.held_out[:40])}" + (f" and {count - 40} more." if count > 40 else ".")
-    if _cross_validated(d):
-        who = f"On {count} whole trajectories, each predicted by a model that was fitted and chosen without it"
-        held = ""
-    unit = d.baseline.unit
+    unit, count = d.baseline.unit, len(g.held_out)
+    change = f"falls by {text.percent(g.rmse_reduction)}"
+    if g.rmse_reduction <= 0.0:
+        change = f"rises by {text.percent(-g.rmse_reduction)}"
     return {
-        "text": f"{who}, the RMS mismatch "
-        f"{_falls(g.rmse_reduction)} (95 % interval over trajectories: {text.percent(low)} to {text.percent(high)}).",
+        "text": f"On {count} whole trajectories, each predicted by a model that was fitted and chosen without it, "
+        f"the RMS mismatch {change} (95 % interval over trajectories: {text.percent(low)} to {text.percent(high)}).",
         "regimes": [
             (name, text.measured(before, unit), text.measured(after, unit), _change(before, after))
             for name, (before, after) in g.per_regime.items()
         ],
-        "held_out": held,
     }
-
-
-def _falls(reduction: float) -> str:
-    return f"falls by {text.percent(reduction)}" if reduction > 0.0 else f"rises by {text.percent(-reduction)}"
 
 
 def _invisible(d: Diagnosis) -> list[tuple[str, str]]:
@@ -224,11 +189,6 @@ def _invisible(d: Diagnosis) -> list[tuple[str, str]]:
     for name, why in d.invisible.items():
         reasons.setdefault(why, []).append(text.title(name))
     return [(capital(", ".join(names)), capital(why)) for why, names in reasons.items()]
-
-
-def _cross_validated(d: Diagnosis) -> bool:
-    """Whether every trajectory was left out once, in turn."""
-    return d.gain is None or len(d.gain.held_out) == len(d.recording.trajectories)
 
 
 def _detectable(name: str, value: Value) -> tuple[str, ...]:

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mrwarp.diagnose.report.picture_style import axis_label
 from mrwarp.diagnose.result import Traces
+from mrwarp.diagnose.verdict_text import quantity
 
 _BINS = 25
 _LEAST = 20
@@ -79,42 +81,36 @@ def best_profile(axes: Iterable[Axis], traces: Traces) -> Profile | None:
 
 def axes_of(variable: str, traces: Traces, units: dict[str, str]) -> list[Axis]:
     """What can stand for a variable of ``depends_on``; several for ``memory``, none for ``frequency``."""
-    t, q, amps, torque = traces, units["q"], units["current"], units["torque"]
+    t, amps, torque = traces, units["current"], units["torque"]
+    name, simulated = quantity(amps), f"simulated {quantity(torque)}"
     views = _views(t)
     minutes = float(np.ptp(t.time)) > 180.0
     plain: dict[str, tuple[np.ndarray, str]] = {
-        "q": (t.q, f"{'angle' if q == 'rad' else 'displacement'} [{q}]"),
-        "qd": (t.qd, f"velocity [{q}/s]"),
-        "qdd": (t.qdd, f"acceleration [{q}/s²]"),
-        "current": (t.current, f"{'current' if amps == 'A' else 'driver voltage'} [{amps}]"),
+        "q": (t.q, axis_label("q", units)),
+        "qd": (t.qd, axis_label("qd", units)),
+        "qdd": (t.qdd, f"acceleration [{units['q']}/s²]"),
+        "current": (t.current, axis_label("current", units)),
         "time": (t.time / 60.0, "time in the session [min]") if minutes else (t.time, "time in the session [s]"),
-        "torque": (t.baseline, f"simulated {'torque' if torque == 'N·m' else 'force'} [{torque}]"),
+        "torque": (t.baseline, f"{simulated} [{torque}]"),
     }
     if variable in plain:
         x, label = plain[variable]
         return [Axis(label=label, x=x, signs=views)]
     if variable != "memory":
         return []
-    rate = _rate(t.current, t)
-    loading = _rate(t.baseline, t)
-    name = "current" if amps == "A" else "driver voltage"
+    rate, loading, jump = _rate(t.current, t), _rate(t.baseline, t), _jumps(t)
     quick = {**views, "the change goes further than simulated": np.sign(loading)}
-    jump = _jumps(t)
-    step = {**views, f"the change of the {name} acts more than simulated": _held(np.sign(jump), jump != 0.0, t) * (
-        views["the device gives more than simulated"])}  # fmt: skip
-    reversal = _reversals(t)
     found = [
         Axis(label=f"rate of the {name} [{amps}/s]", x=_clipped(rate), signs=views),
-        Axis(label=f"rate of the simulated {'torque' if torque == 'N·m' else 'force'} [{torque}/s]",
-             x=_clipped(loading), signs=views),
-        Axis(label="time since the last reversal [s]", x=_since(reversal, t), signs=quick, logarithmic=True),
-    ]  # fmt: skip
-    if (jump != 0.0).sum() >= 3:
-        since = _since(jump != 0.0, t)
-        found.insert(
-            0, Axis(label=f"time since the last step of the {name} [s]", x=since, signs=step, logarithmic=True)
-        )
-    return found
+        Axis(label=f"rate of the {simulated} [{torque}/s]", x=_clipped(loading), signs=views),
+        Axis(label="time since the last reversal [s]", x=_since(_reversals(t), t), signs=quick, logarithmic=True),
+    ]
+    if (jump != 0.0).sum() < 3:
+        return found
+    acts = _held(np.sign(jump), jump != 0.0, t) * views["the device gives more than simulated"]
+    step = {**views, f"the change of the {name} acts more than simulated": acts}
+    since = _since(jump != 0.0, t)
+    return [Axis(label=f"time since the last step of the {name} [s]", x=since, signs=step, logarithmic=True), *found]
 
 
 def predicted(traces: Traces, units: dict[str, str]) -> Axis:
@@ -193,20 +189,14 @@ def _profile(
     def explained(mean: np.ndarray) -> float:
         return float((total * np.maximum(mean**2 - error, 0.0)).sum()) / max(mean_square, 1e-300)
 
-    return Profile(
-        axis=axis, meaning=meaning, x=centre, before=before, after=after, band=band,
-        share=explained(before), left=explained(after),
-    )  # fmt: skip
+    means = {"x": centre, "before": before, "after": after, "band": band}
+    return Profile(axis=axis, meaning=meaning, **means, share=explained(before), left=explained(after))
 
 
 def _band(rest: np.ndarray, count: np.ndarray, mean: np.ndarray, noise: float) -> np.ndarray:
     """From the scatter between trajectories, which holds the sensor's offsets and slow noise; shape (B,).
 
-    Args:
-        rest: Sum of the extension's mismatch per trajectory and bin, shape (T, B).
-        count: Samples in them.
-        mean: Its bin means.
-        noise: Standard deviation of a correlated sample, as if it were alone.
+    ``rest`` and ``count`` are sums and samples per trajectory and bin, shape (T, B), ``noise`` that of one sample.
     """
     weight = count / count.sum(0)
     own = np.divide(rest, count, out=np.zeros_like(rest), where=count > 0) - mean
@@ -274,12 +264,17 @@ def _reversals(t: Traces) -> np.ndarray:
     return out
 
 
+def _last(event: np.ndarray, part: slice) -> tuple[np.ndarray, np.ndarray]:
+    """Index of each sample in its trajectory, and of the last event, -1 before the first."""
+    index = np.arange(part.stop - part.start)
+    return index, np.maximum.accumulate(np.where(event[part], index, -1))
+
+
 def _since(event: np.ndarray, t: Traces) -> np.ndarray:
     """Time since the last event [s], NaN before the first and after the window; a sample's own interval at an event."""
     out = np.full(len(event), np.nan)
     for part in t.parts:
-        index = np.arange(part.stop - part.start)
-        last = np.maximum.accumulate(np.where(event[part], index, -1))
+        index, last = _last(event, part)
         since = (index - last + 1) * _dt(t, part)
         out[part] = np.where((last >= 0) & (since <= _WINDOW), since, np.nan)
     return out
@@ -289,8 +284,7 @@ def _held(x: np.ndarray, event: np.ndarray, t: Traces) -> np.ndarray:
     """Value at the last event, 0 before the first."""
     out = np.zeros(len(x))
     for part in t.parts:
-        index = np.arange(part.stop - part.start)
-        last = np.maximum.accumulate(np.where(event[part], index, -1))
+        _, last = _last(event, part)
         out[part] = np.where(last >= 0, x[part][np.maximum(last, 0)], 0.0)
     return out
 

@@ -72,19 +72,16 @@ def gain_picture(d: Diagnosis) -> Figure | None:
     if not rows:
         return None
     rows.sort(key=lambda row: row[1])
-    held = set(d.gain.held_out) if d.gain else set()
-    held = set() if len(held) == len(rows) else held  # each one in turn: nothing to tell apart
     named = len(rows) <= _NAMED
     regimes = [(name, *d.per_regime[name]) for name in REGIMES if name in d.per_regime]
-    height = (0.25 if named else 4.0 / len(rows)) * len(rows) + 1.0
-    figure = Figure(figsize=(WIDTH, height + 0.42 * len(regimes) + 1.3), layout="constrained")
-    panels = figure.subplots(2 if regimes else 1, 1, squeeze=False, height_ratios=[height, 0.42 * len(regimes) + 0.7][
-        : 2 if regimes else 1])[:, 0]  # fmt: skip
+    heights = [(0.25 if named else 4.0 / len(rows)) * len(rows) + 1.0]
+    figure = Figure(figsize=(WIDTH, heights[0] + 0.42 * len(regimes) + 1.3), layout="constrained")
+    heights += [0.42 * len(regimes) + 0.7] if regimes else []
+    panels = figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
     unit = d.recording.units["torque"]
-    _dots(panels[0], rows, held, d)
+    _dots(panels[0], rows, d)
     if named:
-        names = [f"{'◆ ' if name in held else ''}{short(name, 24)}" for name, *_ in rows]
-        panels[0].set_yticks(range(len(rows)), names, fontsize=10)
+        panels[0].set_yticks(range(len(rows)), [short(name, 24) for name, *_ in rows], fontsize=10)
     else:
         panels[0].set_ylabel("trajectories, smallest mismatch at the bottom")
         panels[0].set_yticks([])
@@ -93,7 +90,7 @@ def gain_picture(d: Diagnosis) -> Figure | None:
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper left", ncols=2, frameon=False)
     if regimes:
-        _dots(panels[1], regimes, set(), d)
+        _dots(panels[1], regimes, d)
         panels[1].set_yticks(range(len(regimes)), [name for name, *_ in regimes])
         panels[1].set(xlabel=f"RMSE per regime [{unit}]", ylim=(-0.6, len(regimes) - 0.4))
         panels[1].set_xlim(left=0.0)
@@ -114,8 +111,8 @@ def tried_picture(d: Diagnosis) -> Figure | None:
     ax = figure.subplots()
     for k, t in enumerate(rows):
         color = AFTER if t.name in causes else style.ALTERNATIVE if t.name in others else NOISE
-        ax.barh(k, 100.0 * max(t.gain, 0.0), color=color, height=0.72, hatch="///" if t.name in others else None,
-                edgecolor=MEASURED if t.name in others else "white")  # fmt: skip
+        edge = {"hatch": "///", "edgecolor": MEASURED} if t.name in others else {"edgecolor": "white"}
+        ax.barh(k, 100.0 * max(t.gain, 0.0), color=color, height=0.72, **edge)
         if t.gain > 0.0 and np.isfinite(t.error):
             ax.errorbar(100.0 * t.gain, k, xerr=196.0 * t.error, fmt="none", elinewidth=1.1, ecolor="0.2", capsize=2.5)
     ax.set_yticks(range(len(rows)), [title(t.name) for t in rows], fontsize=10.5)
@@ -158,19 +155,16 @@ def data_picture(d: Diagnosis) -> Figure | None:
     return figure
 
 
-def _dots(ax: Axes, rows: Sequence[tuple[str, float, float]], held: set[str], d: Diagnosis) -> None:
+def _dots(ax: Axes, rows: Sequence[tuple[str, float, float]], d: Diagnosis) -> None:
     """Paired dots, one line per row."""
     y = np.arange(len(rows))
     before, after = np.array([r[1] for r in rows]), np.array([r[2] for r in rows])
     extended = not np.allclose(before, after, rtol=1e-9)
-    out = np.array([name in held for name, *_ in rows])
     if extended:
         ax.hlines(y, before, after, color="0.6", lw=1.2)
-    for mask, shape, text in ((~out, "o", ""), (out, "D", ", held out")):
-        if mask.any():
-            ax.plot(before[mask], y[mask], shape, color=BEFORE, ms=5.5, label=f"baseline{text}")
-            if extended:
-                ax.plot(after[mask], y[mask], shape, color=AFTER, ms=5.5, label=f"with the extension{text}")
+    ax.plot(before, y, "o", color=BEFORE, ms=5.5, label="baseline")
+    if extended:
+        ax.plot(after, y, "o", color=AFTER, ms=5.5, label="with the extension")
     if d.traces is not None and len(rows) > len(REGIMES):
         ax.axvline(d.traces.noise_rms, color="0.45", ls=":", lw=1.4, label="noise")
     ax.set_ylim(-0.7, len(rows) - 0.3)

@@ -10,11 +10,23 @@ MEASURED, BEFORE, AFTER, ALTERNATIVE, NOISE, OTHER = "#222222", "#d55e00", "#007
 """Okabe and Ito's colours: baseline, extension, its alternatives; grey for noise, yellow for what stays unexplained."""
 
 STYLE: dict[Any, Any] = {
-    "font.size": 12.0, "axes.titlesize": 12.5, "axes.titleweight": "bold", "axes.titlelocation": "left",
-    "axes.labelsize": 12.0, "legend.fontsize": 11.0, "legend.framealpha": 0.85, "axes.spines.top": False,
-    "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.25, "lines.linewidth": 1.6, "axes.axisbelow": True,
-    "text.parse_math": False, "path.simplify_threshold": 0.5, "axes.formatter.limits": (-4, 5),
-}  # fmt: skip
+    "font.size": 12.0,
+    "axes.titlesize": 12.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 12.0,
+    "legend.fontsize": 11.0,
+    "legend.framealpha": 0.85,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "lines.linewidth": 1.6,
+    "axes.axisbelow": True,
+    "text.parse_math": False,
+    "path.simplify_threshold": 0.5,
+    "axes.formatter.limits": (-4, 5),
+}
 WIDTH = 6.4
 """Width of a figure [in]: fills a phone, and leaves its letters readable."""
 DPI = 100

@@ -157,9 +157,12 @@ def spectrum_picture(d: Diagnosis) -> Figure:
 
 
 MAKERS: dict[str, Callable[[Diagnosis], Figure | None]] = {
-    "evidence": evidence_picture, "loops": loops_picture, "worst": worst_picture, "variables": variables_picture,
+    "evidence": evidence_picture,
+    "loops": loops_picture,
+    "worst": worst_picture,
+    "variables": variables_picture,
     "spectrum": spectrum_picture,
-}  # fmt: skip
+}
 """Each picture by its name."""
 
 
