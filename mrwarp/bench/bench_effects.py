@@ -23,6 +23,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
@@ -60,8 +61,8 @@ class EffectSpec:
 _LOCAL = "trajectory-dependent nonlinearity (4.3)"
 _FIG4 = "size set with the others by Fig. 4"
 
-_ROWS = (
-    # --- the current's way to the fluid ---
+_ROWS: tuple[tuple[Any, ...], ...] = (
+    # --- from the command to the field ---
     ("coil_lag", "s", 0.020, 0.0, 1.0, "T dI/dt = I_cmd - I", "current-response delay (4.3); MR coils 10-30 ms"),
     ("command_delay", "s", 0.005, 0.0, 0.5, "I_cmd(t - d)", "current-response delay: one 200 Hz control period"),
     ("remanence", "A", 0.06, 0.0, 1.0, "plays of half-width w/2, w, 3w/2 on I, mean", "steel core: 4 % of 1.5 A"),
@@ -198,7 +199,7 @@ def simulate(
     direction = np.tanh(qd / 0.02)
     log(0.1)
 
-    # the current's way to the fluid
+    # from the command to the field
     command = np.repeat(np.minimum(drive.command, params.coil.current_max), SUBSTEPS, axis=0)
     delay = round(e["command_delay"] / dt)
     if delay:

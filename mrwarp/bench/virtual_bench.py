@@ -130,9 +130,9 @@ def record(
         rng: Source of noise and of what differs from run to run.
         header: What the recording says about its making.
         session: Start and end as shares of the session.
-        progress: Told the finished share.
+        progress: Called with the finished share.
     """
-    told, total = progress or (lambda share: None), len(excitations)
+    log, total = progress or (lambda share: None), len(excitations)
     start = session[0] + (session[1] - session[0]) * np.arange(total) / total
     trajectories = []
     for first in range(0, total, _BATCH):
@@ -144,9 +144,9 @@ def record(
         )
 
         def finished(share: float, first: int = first, size: int = len(batch)) -> None:
-            told((first + share * size) / total)
+            log((first + share * size) / total)
 
-        log = simulate(drive, cfg.effects, cfg.params, rng, finished)
+        logged = simulate(drive, cfg.effects, cfg.params, rng, finished)
         t = np.round(np.arange(len(drive.command)) * LOG_DT, 6)
         for k, excitation in enumerate(batch):
             n = len(excitation.command)
@@ -155,10 +155,10 @@ def record(
                 Trajectory(
                     id=excitation.id,
                     t=t[:n],
-                    q=np.round(log.q[:n, k], 7),
-                    qd=np.round(log.qd[:n, k], 6),
+                    q=np.round(logged.q[:n, k], 7),
+                    qd=np.round(logged.qd[:n, k], 6),
                     current=excitation.command,
-                    torque=np.round(log.torque[:n, k], 6),
+                    torque=np.round(logged.torque[:n, k], 6),
                     header={**header, "kind": excitation.kind},
                 )
             )

@@ -26,7 +26,7 @@ def backlash_law(
                 engaged = 0.0
                 driven = float(0.0)
             elif s.path_2 != 0.0:
-                # at the end of the step: all but within the first part of the way, so that it has a slope
+                # at the end of the step: all but within the first part of the path, so that it has a slope
                 engaged = wp.clamp(20.0 * driven / s.path_2, 0.0, 1.0)
             elif free_2 * s.qd <= 0.0:
                 engaged = 0.0
@@ -52,7 +52,7 @@ LAW = EffectLaw(
             negative=False,
             low=lambda r: 2e-5 * r.q,
             high=lambda r: 0.2 * r.q,
-            # data of benchmarks.confusion come back at 0.93 to 1.00 of the truth: nobody sees the way between samples
+            # data of benchmarks.confusion come back at 0.93 to 1.00 of the truth: nobody sees the path between samples
             resolution=0.025,
             starts=lambda r: tuple(x * r.q for x in (4e-5, 1e-4, 3e-4, 7e-4, 0.0015, 0.003, 0.006, 0.012, 0.025, 0.05)),
         ),

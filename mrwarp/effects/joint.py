@@ -2,10 +2,10 @@
 
 What the simulator's step fixes: the command is held over the step, so ``command_before = command``; a semi-implicit
 step moves the joint by ``dt*qd`` with the newest velocity, so that velocity is the whole step's (``qd_before = qd``, no
-acceleration) and the shaft's way is the joint's true one; z takes the same Euler or exact step as without effects, with
-the shaft's velocity. So with every effect at null each number is that of the plain laws, bit for bit.
+acceleration) and the shaft's path is the joint's true one; z takes the Euler or exact step that it takes without
+effects, with the shaft's velocity. So with every effect at null each number is that of the plain laws, bit for bit.
 
-Backlash: the joint's way takes up the play before it turns the device's shaft, and only the shaft's way drives z. In
+Backlash: the joint's path takes up the play before it turns the device's shaft, and only the shaft's path drives z. In
 the gap the shaft stands: the sliding torque, and so the brake's bound, is that of the standing shaft. The joint is not
 free in the gap, for a brake that acts as a constraint on the joint knows no shaft of its own.
 """
@@ -93,7 +93,7 @@ def joint_path(
     s.qd_before = qd
     s = motion_path(s, values, row, memory, line)
     speed = float(qd)
-    if s.path_2 != dt * qd:  # play has shortened the way of the shaft
+    if s.path_2 != dt * qd:  # play has shortened the path of the shaft
         speed = s.path_2 / dt
     s.z = hysteresis(p, speed, z, dt, exact)
     s.heat = heat

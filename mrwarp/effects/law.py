@@ -112,7 +112,7 @@ class EffectParameter:
     choices: tuple[float, ...] = ()
     """Values of a parameter that says how the data were logged; tried in turn, and no part of the device."""
     form: bool = False
-    """Whether it only bends the law: null while causes are searched, fitted to stated numbers where that foretells
+    """Whether it only bends the law: null while causes are searched, fitted for the reported fit where that predicts
     clearly better, and absent from a model otherwise."""
     negative: bool = True
     """Whether the sign is free."""

@@ -38,7 +38,7 @@ def current_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2
 
 @wp.func
 def motion_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int) -> Path:
-    """From the measured motion to that of the device's shaft, with the way of this step on both sides of a reversal."""
+    """From the measured motion to that of the device's shaft, with its path on both sides of a reversal."""
     wp.static(SOURCES)
     for i in range(wp.static(len(_MOTION))):
         s = wp.static(_MOTION[i].law)(
@@ -50,7 +50,7 @@ def motion_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d
         s.path_1 = 0.5 * before * turn
         s.path_2 = 0.5 * after * (s.dt - turn)
     else:
-        # a cubic with the slopes of both ends: a chord would shorten the way of a sine
+        # a cubic with the slopes of both ends: a chord would shorten the path of a sine
         s.path_1 = 0.0
         s.path_2 = s.dt * (0.5 * (before + after) + s.dt / 12.0 * (s.qdd_before - s.qdd))
         if s.path_2 * (before + after) < 0.0:
@@ -92,11 +92,11 @@ def sensor_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d
 
 
 @wp.func
-def path_hysteresis(z: float, way: float, beta: float, gamma: float) -> float:
+def path_hysteresis(z: float, path: float, beta: float, gamma: float) -> float:
     """z after a signed path length of the shaft in one direction, eq. 15, which knows no time."""
-    if way == 0.0:
+    if path == 0.0:
         return z
-    return bouc_wen_exact(way, z, beta, gamma, 1.0)
+    return bouc_wen_exact(path, z, beta, gamma, 1.0)
 
 
 @wp.func

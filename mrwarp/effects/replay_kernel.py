@@ -7,6 +7,8 @@ takes parts of an interpolated velocity, or the simulator's own step, and knows 
 saturation, softening and creep, each absent at 0.
 """
 
+from typing import Any
+
 import warp as wp
 
 from mrwarp.effects.catalogue import column_of
@@ -107,7 +109,7 @@ def velocity_between(before: float, start: float, end: float, after: float, part
     return start + part * (slope + part * (3.0 * rise - 2.0 * slope - slope_end + part * cubic))
 
 
-def make_replay_kernel(effects: bool) -> wp.Kernel:
+def make_replay_kernel(effects: bool) -> Any:
     """The kernel with the path of the catalogue's effects, or without."""
 
     @wp.kernel(enable_backward=False, module="unique")

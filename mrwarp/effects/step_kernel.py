@@ -7,6 +7,8 @@ of :mod:`mrwarp.effects.joint`, and without effects. Where a learned torque then
 ``learned_torque_kernel`` mends what hangs on it.
 """
 
+from typing import Any
+
 import warp as wp
 
 from mrwarp.effects.joint import delayed_command, joint_path, stored_heat
@@ -41,7 +43,7 @@ class EffectArrays:
     """The devices' parameters as the effects leave them in this step, shape (E, M)."""
 
 
-def make_step_kernel(effects: bool) -> wp.Kernel:
+def make_step_kernel(effects: bool) -> Any:
     """The kernel with the path of the catalogue's effects, or without."""
 
     @wp.kernel(enable_backward=False, module="unique")

@@ -85,12 +85,12 @@ def fit_extended(recording: Recording, *, seed: int = 0, progress: Progress | No
     Args:
         recording: Measured runs.
         seed: As in :func:`mrwarp.identify.fit.fit`.
-        progress: Told what is being done.
+        progress: Called with what is being done.
     """
     scales = Scales.of(recording)
     samples = Dataset.of(recording, scales)
     structure, replay = ExtendedStructure(samples), Replay(samples)
-    point, warnings = search(structure, replay, seed=seed, told=progress or (lambda text: None))
+    point, warnings = search(structure, replay, seed=seed, log=progress or (lambda text: None))
 
     def named(x: np.ndarray) -> dict[str, float]:
         inner = dict(zip(LINEAR, x, strict=False)) | structure.loop(x[len(LINEAR) :])

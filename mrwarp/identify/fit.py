@@ -14,12 +14,21 @@ import numpy as np
 from mrwarp.identify.dataset import Dataset, Scales, rms
 from mrwarp.identify.holding import fit_holding
 from mrwarp.identify.intervals import Estimate, assess
+from mrwarp.identify.parameters import (
+    LEAST_SHAPE,
+    LINEAR,
+    NON_NEGATIVE,
+    SHAPE,
+    STEEPEST,
+    shape_coordinates,
+    shape_parameters,
+)
 from mrwarp.identify.projection import FEW, Point, Progress, Structure, search
 from mrwarp.identify.replay import Replay
 from mrwarp.params import BoucWenParams, MrParams
 from mrwarp.recording.load import Holding, Recording
 
-PARAMETERS = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
+PARAMETERS = (*LINEAR, *SHAPE)
 """What is fitted of eqs. 14 and 15."""
 
 
@@ -29,21 +38,19 @@ class BoucWenStructure(Structure):
     ``beta > |gamma|`` is the condition under which the hysteresis dissipates on any path.
     """
 
-    shape = ("alpha", "beta", "gamma")
-    linear = ("D", "B", "C", "I1", "K0", "K1")
-    non_negative = ("B", "K0", "K1")
+    shape = SHAPE
+    linear = LINEAR
+    non_negative = NON_NEGATIVE
 
     def __init__(self, samples: Dataset, q_zero: float = 0.0) -> None:
         self.speed = float(np.percentile(np.abs(samples.qd), 95)) or 1.0
         self.q_zero = q_zero
-        self.low, self.high = np.array([0.0, -3.0, -3.0]), np.array([5.0, 8.0, 9.0])
+        self.low, self.high = np.array(LEAST_SHAPE), np.array(STEEPEST)
         self.grid = (np.array([0.0, 0.4, 1.0, 2.0]), np.linspace(-1, 6, 8), np.linspace(-1, 6, 8))
 
     def loop(self, theta: np.ndarray) -> dict[str, float]:
         """alpha, beta, gamma of a shape."""
-        loading, unloading = np.exp(theta[1]), np.exp(theta[2])
-        alpha = np.expm1(theta[0]) / self.speed
-        return {"alpha": alpha, "beta": 0.5 * (loading + unloading), "gamma": 0.5 * (loading - unloading)}
+        return shape_parameters(theta, self.speed)
 
     def elements(self, theta: np.ndarray) -> list[dict[str, float]]:
         """One hysteresis element of unit gain."""
@@ -120,12 +127,12 @@ def fit(
         exact: As in :class:`mrwarp.identify.replay.Replay`.
         substeps: As there.
         seed: Seed of the samples on which the starts are searched.
-        progress: Told what is being done.
+        progress: Called with what is being done.
 
     Raises:
         RecordingError: too few break-away torques for eq. 18; before the work.
     """
-    told = progress or (lambda text: None)
+    log = progress or (lambda text: None)
     at_rest = {} if holding is None else fit_holding(holding.current, holding.torque)
     scales = Scales.of(recording)
     fixed = _fixed(start)
@@ -135,9 +142,9 @@ def fit(
     samples = replay.samples
     structure = BoucWenStructure(samples, (fixed["q_offset"] + fixed["q_center"]) / scales.q)
     given = () if start is None else (_shape_of(start, structure, scales),)
-    point, warnings = search(structure, replay, starts=given, robust=robust, seed=seed, told=told)
+    point, warnings = search(structure, replay, starts=given, robust=robust, seed=seed, log=log)
 
-    told("intervals")
+    log("intervals")
     names = structure.linear + structure.shape
     top = 1.0 if not samples.current.any() else float(np.abs(samples.current).max())
     assessment = assess(point, lambda x: _named(structure, scales, x, top), len(names), names)
@@ -146,9 +153,14 @@ def fit(
     warnings += _notes(recording, point, structure, assessment.together)
     tau = point.simulated * scales.torque
     return FitResult(
-        estimates=parameters, combinations=combinations, fixed=fixed, warnings=tuple(warnings),
-        condition=assessment.condition, seed=seed, **summary(recording, [tau[part] for part in samples.parts]),
-    )  # fmt: skip
+        estimates=parameters,
+        combinations=combinations,
+        fixed=fixed,
+        warnings=tuple(warnings),
+        condition=assessment.condition,
+        seed=seed,
+        **summary(recording, [tau[part] for part in samples.parts]),
+    )
 
 
 def summary(recording: Recording, simulated: list[np.ndarray]) -> dict:
@@ -195,10 +207,8 @@ def _with_coil(replay: Replay, time_constant: float) -> Replay:
 
 def _shape_of(start: MrParams, structure: BoucWenStructure, scales: Scales) -> np.ndarray:
     """Shape parameters of a given joint."""
-    bw = start.bouc_wen
-    alpha = bw.alpha / scales.factor("alpha") * structure.speed
-    rates = np.maximum([bw.beta + bw.gamma, bw.beta - bw.gamma], 1e-3) / scales.factor("beta")
-    return np.array([np.log1p(alpha), *np.log(rates)])
+    inner = [getattr(start.bouc_wen, name) / scales.factor(name) for name in SHAPE]
+    return shape_coordinates(*inner, structure.speed)
 
 
 def _named(structure: BoucWenStructure, scales: Scales, x: np.ndarray, top: float) -> dict[str, float]:

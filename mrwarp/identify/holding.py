@@ -53,7 +53,7 @@ def fit_holding(current: np.ndarray, torque: np.ndarray) -> dict[str, Estimate]:
     found = least_squares(
         mismatch_of,
         min(starts, key=lambda x: float((mismatch_of(x) ** 2).sum())),
-        jac=derivatives,
+        jac=derivatives,  # pyright: ignore[reportArgumentType]
         bounds=([-np.inf, *low], [np.inf, *high]),
         x_scale="jac",
         ftol=1e-15,

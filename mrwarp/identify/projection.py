@@ -188,20 +188,20 @@ def search(
     starts: tuple[np.ndarray, ...] = (),
     robust: bool = False,
     seed: int = 0,
-    told: Progress = lambda text: None,
+    log: Progress = lambda text: None,
 ) -> tuple[Point, list[str]]:
     """Grid of starts on a subset, descent from the best, refinement on all samples.
 
     Returns:
         The optimum and warnings about the search.
     """
-    told("searching starts")
+    log("searching starts")
     points, samples = search_starts(structure, replay, starts=starts, seed=seed), replay.samples
     warnings = []
     rivals = [p for p in points[1:] if p.sse < 1.01 * points[0].sse and np.abs(p.theta - points[0].theta).max() > 0.3]
     if rivals:
         warnings.append("two different parameter sets fit a part of the data equally well: record richer motion")
-    told(f"refining on {len(samples.q)} samples")
+    log(f"refining on {len(samples.q)} samples")
     rate = float(np.exp(min(points[0].theta[1], points[0].theta[2])))
     projection = Projection(structure, replay, samples.settled(rate))
     point = projection.descend(points[0].theta)
@@ -210,7 +210,7 @@ def search(
     outliers = _spikes(point.simulated - samples.torque)
     base = projection.weight
     for _ in range(4 if robust else 0):
-        told("weighing down outliers")
+        log("weighing down outliers")
         deviation = 1.4826 * float(np.median(np.abs(point.simulated - samples.torque)))
         far = np.abs(point.simulated - samples.torque) / (1.345 * deviation)
         projection.weight = base / np.maximum(far, 1.0)

@@ -30,7 +30,8 @@ def differentiate(x: np.ndarray, dt: float, *, half_width: float = HALF_WIDTH) -
         Derivative [unit of x per s], shape (N,).
     """
     window = 2 * half_samples(len(x), dt, half_width) + 1
-    return savgol_filter(x - x[0], window, ORDER, deriv=1, delta=dt)  # a large offset would eat digits of the slope
+    moved = x - x[0]  # a large offset would eat digits of the slope
+    return np.asarray(savgol_filter(moved, window, ORDER, deriv=1, delta=dt))
 
 
 def half_samples(count: int, dt: float, half_width: float = HALF_WIDTH) -> int:

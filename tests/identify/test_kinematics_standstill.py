@@ -8,9 +8,8 @@ import pytest
 from mrwarp.diagnose.preprocess import hold_rests
 from mrwarp.diagnose.problem import fit_model
 from mrwarp.identify.dataset import Motion
-from mrwarp.identify.kinematics import reconstruct
+from mrwarp.identify.kinematics import known_velocity, reconstruct, resting
 from mrwarp.identify.replay import EffectReplay
-from mrwarp.identify.standstill import known_velocity, resting
 from mrwarp.recording.load import Recording, Trajectory
 from tests.diagnose import known
 
