@@ -386,6 +386,6 @@ def fixed_current_env(*, holding: bool = False, **choices: Any) -> EnvCfg:
 
 def paired_change(first: np.ndarray, last: np.ndarray) -> dict[str, Any]:
     """Relative change of the mean in percent, with a 95 % interval from the paired differences (Student's t)."""
-    change = 100.0 * (last - first).mean() / first.mean()
-    half = 100.0 * half_width(last - first) / abs(first.mean())
-    return {"percent": float(change), "ci95": [float(change - half), float(change + half)], "pairs": len(first)}
+    change = float(100.0 * (last - first).mean() / first.mean())
+    half = 100.0 * half_width(last - first) / abs(float(first.mean()))
+    return {"percent": change, "ci95": [change - half, change + half], "pairs": len(first)}
