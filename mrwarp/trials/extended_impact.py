@@ -60,25 +60,15 @@ class ImpactChange:
     seconds: float
     """Time it took [s]."""
 
-    def lines(self) -> list[str]:
-        """The table as text."""
-        head = "  ".join(f"{f'{words} [{unit}]':>32s}" for words, unit in FIGURES.values())
-        found = [f"{'current':>9s}  {head}"]
-        for row in self.rows:
-            cells = [f"{c.before:9.4f} -> {c.after:9.4f} ({c.change:+.4f})" for c in row.figures.values()]
-            found.append(f"{row.current:7.2f} A  " + "  ".join(f"{cell:>32s}" for cell in cells))
-        return found
-
     def to_dict(self) -> dict[str, Any]:
         """The table for ``result.json``."""
+
+        def cell(name: str, found: Change) -> dict[str, Any]:
+            """One figure with its interval and unit."""
+            return {**asdict(found), "ci95": list(found.ci95), "change": found.change, "unit": FIGURES[name][1]}
+
         rows = [
-            {
-                "current": row.current,
-                **{
-                    name: {**asdict(c), "ci95": list(c.ci95), "change": c.change, "unit": FIGURES[name][1]}
-                    for name, c in row.figures.items()
-                },
-            }
+            {"current": row.current, **{name: cell(name, found) for name, found in row.figures.items()}}
             for row in self.rows
         ]
         return {"rows": rows, "trials": self.trials, "seconds": self.seconds}
