@@ -1,20 +1,19 @@
 """The learned torque by itself: our kernels, torch's and onnxruntime's LSTM, Newton's LSTM drive.
 
-onnxruntime is timed where it is installed; mrwarp does without. They do not all compute the same. Our kernel over
+They do not all compute the same. Our kernel over
 windows, torch and onnxruntime replay the last 50 samples of each open window (eq. 12), so a window owes nothing to what
 was before it. Our carried states and Newton's drive take one sample per step and joint.
 """
 
 from __future__ import annotations
 
-import importlib
 import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import onnxruntime
 import torch
 import warp as wp
 
@@ -22,7 +21,7 @@ from benchmarks.perf.newton_lstm import NewtonLstm
 from benchmarks.perf.timing import Turn
 from mrwarp.actuator.residual import LearnedTorque, window_now
 from mrwarp.kernels.window import FEATURES, WINDOW
-from mrwarp.nn import network_file as model_file
+from mrwarp.nn import network_file
 from mrwarp.nn.models import LstmState
 from mrwarp.nn.network_file import LearnedModel
 
@@ -46,9 +45,9 @@ class LstmCost:
     """
 
     def __init__(self, count: int, folder: Path, *, threads: int = 0) -> None:
-        path = model_file.shipped_model("pg_rlstm")
+        path = network_file.shipped_model("pg_rlstm")
         assert path is not None  # it is shipped
-        model = model_file.load(path)
+        model = network_file.load(path)
         self._ours = {
             state: LearnedTorque(model, dt=model.dt, lstm_state=state, threads=threads) for state in LstmState
         }
@@ -66,20 +65,19 @@ class LstmCost:
             wanted = self._net(ordered)
         self.difference = float((wp.to_torch(self._torque)[:, 0] - wanted).abs().max())
         self._session = onnx_session(model, folder / "lstm.onnx")
-        if self._session is not None:
-            found = torch.from_numpy(self._step_onnx())
-            self.difference = max(self.difference, float((wp.to_torch(self._torque)[:, 0] - found).abs().max()))
+        found = torch.from_numpy(self._step_onnx())
+        self.difference = max(self.difference, float((wp.to_torch(self._torque)[:, 0] - found).abs().max()))
         if not self.difference <= TOLERANCE:
             raise ValueError(f"our LSTM and that of torch or onnxruntime differ by {self.difference:.2g} N·m")
 
     def turns(self, repeat: int = 5) -> dict[str, Turn]:
         """Seconds per step of all joints."""
-        found = {
+        return {
             **{state.value: _timed(partial(self._step_ours, state), repeat) for state in LstmState},
             "torch": _timed(self._step_torch, repeat),
             "newton": _timed(self._newton.step, repeat),
+            "onnxruntime": _timed(self._step_onnx, repeat),
         }
-        return found if self._session is None else {**found, "onnxruntime": _timed(self._step_onnx, repeat)}
 
     def _step_ours(self, state: LstmState) -> None:
         self._torque.zero_()
@@ -90,23 +88,18 @@ class LstmCost:
             self._net(window_now(self._ring, self._head)[:, 0])
 
     def _step_onnx(self) -> np.ndarray:
-        assert self._session is not None  # turns() asks
         ordered = window_now(self._ring, self._head)[:, 0]
         return self._session.run(None, {"window": ordered.numpy()})[0]
 
 
-def onnx_session(model: LearnedModel, path: Path) -> Any:
-    """An onnxruntime session of the model on one thread, or None where onnxruntime is not installed.
+def onnx_session(model: LearnedModel, path: Path) -> onnxruntime.InferenceSession:
+    """An onnxruntime session of the model on one thread.
 
     Args:
         model: The model.
         path: Where its ONNX file is written.
     """
-    try:
-        onnxruntime = importlib.import_module("onnxruntime")
-    except ImportError:
-        return None
-    model_file.export_onnx(model, path)
+    network_file.export_onnx(model, path)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])

@@ -178,11 +178,10 @@ def lstm(cfg: PerfCfg, folder: Path, progress: Callable[[float], None]) -> tuple
         "milliseconds": {part: Spread.of(1e3 * t for t in values).plain() for part, values in times.items()},
         "largest_difference": cost.difference,
     }
-    windows = [part for part in ("torch", "onnxruntime") if f"{part}.step" in times]
     return found, {
         "lstm carried/newton": ratio(times, "carried.step", "newton.step"),
         "lstm carried/window": ratio(times, "carried.step", "window.step"),
-        **{f"lstm window/{name}": ratio(times, "window.step", f"{name}.step") for name in windows},
+        **{f"lstm window/{name}": ratio(times, "window.step", f"{name}.step") for name in ("torch", "onnxruntime")},
     }
 
 
