@@ -46,12 +46,9 @@ class LeftToLearn:
 def left_to_learn(
     diagnosis: Diagnosis, *, recipe: FitCfg = RECIPE, progress: Callable[[str], None] = lambda text: None
 ) -> LeftToLearn:
-    """Train a residual by the same recipe on what each of the two physical models leaves.
+    """Train a residual by one recipe on what each of the two physical models leaves.
 
-    Args:
-        diagnosis: With its traces. Its physical models were fitted on all trajectories; they have few numbers.
-        recipe: The trainings' recipe.
-        progress: Told what is being done.
+    The physical models were fitted on all trajectories; they have few numbers.
 
     Raises:
         RecordingError: the trajectories are too short, too few or of several rates for windows.

@@ -70,15 +70,8 @@ def hold_rests(problem: Problem, recording: Recording, fit: Fit, rate: float) ->
     """Hold the joint still where it seems to rest, if that fits the torque better.
 
     A stress that decays in a rest may be a motion below the sensor's noise, then the noise is the better guess.
-
-    Args:
-        problem: The data set.
-        recording: Measured runs.
-        fit: The best model so far.
-        rate: How fast z forgets along the path [1/normalised unit of q].
-
-    Returns:
-        The problem, and the model fitted to it.
+    ``rate`` is how fast z forgets along the path [1/normalised unit of q]. Returns the problem, and the model fitted to
+    it.
     """
     motion = problem.motion
     held = Motion.of(recording, motion.scales, resistance=motion.resistance, rests=True)

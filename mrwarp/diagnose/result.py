@@ -238,13 +238,9 @@ class Diagnosis:
         }
 
     def write(self, out: Path, command: str, besides: Mapping[str, Any] | None = None, *, model_name: str = "") -> Path:
-        """Write ``out/result.json`` atomically.
+        """Write ``result.json`` atomically into a folder, which is made if it is not there.
 
-        Args:
-            out: Folder, made if it is not there.
-            command: Command line that made it.
-            besides: Further results, such as those of ``--predict``.
-            model_name: File name of the extended model, if there is one.
+        ``besides`` holds further results, such as those of ``--predict``, ``model_name`` the extended model's file.
         """
         figures = self.to_dict() | dict(besides or {}) | {"model": model_name or None}
         return write_result(out, figures, seed=self.seed, command=command)

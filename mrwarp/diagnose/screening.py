@@ -120,11 +120,7 @@ class _Trial(_Start):
 def screen(problem: Problem, base: Fit, effects: Iterable[str], *, hopeless: float = 0.0) -> list[Candidate]:
     """Best of each effect's starts, improved with the base's derivatives held; best effect first.
 
-    Args:
-        problem: The data set.
-        base: The model without the candidates.
-        effects: Candidates.
-        hopeless: Starts whose linear look promises a smaller gain than this are left as they are.
+    Starts whose linear look promises a smaller gain than ``hopeless`` are left as they are.
     """
     trials = _evaluate(problem, base, [start for effect in effects for start in _starts(problem, base, effect)])
     now, best = float(base.loss.sum()), []

@@ -63,14 +63,7 @@ def best_single(problem: Problem, base: Fit, screened: list[Candidate]) -> Fit |
 
 
 def select(problem: Problem, base: Fit, screened: list[Candidate], log: Progress = lambda text: None) -> Selection:
-    """Search the effects that explain a data set.
-
-    Args:
-        problem: The data set.
-        base: The baseline, fitted.
-        screened: The candidates on top of the baseline (:func:`screen_candidates`).
-        log: Takes a line on what is being done.
-    """
+    """Search the effects that explain a data set, among those that :func:`screen_candidates` looked at."""
     candidates = [c.effect for c in screened]
     models, before = Models(problem, base), leftovers(problem, base)
     best = _best_model(models, screened, before, log)

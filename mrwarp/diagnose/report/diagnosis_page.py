@@ -45,15 +45,9 @@ def render(
     predicted: Table | None = None,
     pictures: Mapping[str, bytes] | None = None,
 ) -> str:
-    """The page as text.
+    """The page as text, with further tables: what changes in the robot, what is left to learn, what was predicted.
 
-    Args:
-        d: What was found.
-        command: Command line that made it.
-        impact: What the extension changes in the robot.
-        learned: What it leaves for a learned model.
-        predicted: Errors on recordings that took no part.
-        pictures: PNGs by name; drawn here if they are not given.
+    ``pictures`` are PNGs by name; they are drawn here if they are not given.
     """
     loader = PackageLoader("mrwarp.diagnose.report", ".")
     environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
