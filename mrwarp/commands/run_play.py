@@ -54,7 +54,7 @@ def prepare(options: Play) -> Player:
     check_currents(env.sim.scene.actuators, options.current)
     for text in effect_lines(env.sim.scene.actuators):
         print(text, flush=True)
-    actor = on_device(policy, env.device) if policy else make_agent(options.agent, env)
+    actor = on_device(policy, env.device) if policy else make_agent(str(options.agent), env)
     player = Player(env, actor, speed=options.speed, shown=shown(options.num_envs))
     elsewhere = (options.rrd, options.connect is not None, options.serve_web, options.png, options.out)
     player.open(

@@ -9,7 +9,16 @@ from dataclasses import asdict
 from typing import Any
 
 from mrwarp.options.command_line import CommandLine
-from mrwarp.options.study_options import Causes, Collect, Evaluation, Figure5, StudyTrain, Table2Options, Trained
+from mrwarp.options.study_options import (
+    Causes,
+    Collect,
+    Evaluation,
+    Figure5,
+    StudyTrain,
+    Table2Options,
+    Table3Options,
+    Trained,
+)
 from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.run_dir import check_writable, write_result
 from mrwarp.runtime import ProgressLine
@@ -26,7 +35,7 @@ UNITS = {
 """Unit of each metric."""
 
 
-def run(options: Trained | Evaluation | Figure5, line: CommandLine) -> int:
+def run(options: StudyTrain | Collect | Table3Options | Causes | Figure5, line: CommandLine) -> int:
     """Run a part.
 
     Returns:
@@ -79,7 +88,7 @@ def _collect(options: Collect) -> int:
 
 
 def _evaluation_cfg(options: Evaluation) -> EvaluationCfg:
-    walked = {} if isinstance(options, Causes) else {"plant": options.plant, "terrain": options.terrain}
+    walked = {"plant": options.plant, "terrain": options.terrain} if isinstance(options, Table3Options) else {}
     return EvaluationCfg(
         folder=options.policies,
         seeds=options.seeds,
@@ -90,7 +99,7 @@ def _evaluation_cfg(options: Evaluation) -> EvaluationCfg:
     )
 
 
-def _table(options: Evaluation, line: CommandLine) -> int:
+def _table(options: Table3Options, line: CommandLine) -> int:
     cfg, progress, met = _evaluation_cfg(options), ProgressLine(sys.stdout), True
     report = _reporter(progress, line)
     if isinstance(options, Table2Options):

@@ -8,11 +8,11 @@ from typing import Annotated
 
 from tyro.conf import Positional
 
-from mrwarp.options.option_types import FILE, File, Flag, OptionalFile, one
+from mrwarp.options import option_types as opt
 
-NAME = one(str, "PRIM")
+NAME = opt.one(str, "PRIM")
 
-Asset = Positional[Annotated[Path | None, FILE]]
+Asset = Positional[Annotated[Path | None, opt.FILE]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,11 +21,11 @@ class Show:
 
     file: Asset = None
     """USD file (default: the robot's own)"""
-    robot: Annotated[str | None, one(str, "ROBOT")] = None
+    robot: Annotated[str | None, opt.one(str, "ROBOT")] = None
     """variant: mr_go or go1 (default: mr_go where the file has it)"""
-    payload: Annotated[str | None, one(str, "KG")] = None
+    payload: Annotated[str | None, opt.one(str, "KG")] = None
     """variant: 0 or 3 kg (default: 0 where the file has it)"""
-    full: Flag = False
+    full: opt.Flag = False
     """list every number of every device"""
 
 
@@ -33,15 +33,15 @@ class Show:
 class Set:
     """Change one number; comments and layout of a text file stay."""
 
-    file: Positional[File]
+    file: Positional[opt.File]
     """USD file"""
     prim: Positional[Annotated[str, NAME]]
     """joint such as FL_calf, class such as MRDevice (all four), or a prim path"""
-    attribute: Positional[Annotated[str, one(str, "ATTRIBUTE")]]
+    attribute: Positional[Annotated[str, opt.one(str, "ATTRIBUTE")]]
     """such as K1 or newton:mr:K1; kp, kd or maxEffort of a plain motor"""
-    value: Positional[Annotated[str, one(str, "VALUE")]]
+    value: Positional[Annotated[str, opt.one(str, "VALUE")]]
     """number in the attribute's unit, see 'mrwarp asset show'"""
-    out: OptionalFile = None
+    out: opt.OptionalFile = None
     """write here and leave the file alone"""
 
 
@@ -57,9 +57,9 @@ class CheckAsset:
 class Diff:
     """Show numbers that differ; exit code 0 none, 1 some, 2 trouble."""
 
-    a: Positional[Annotated[Path, one(Path, "A")]]
+    a: Positional[Annotated[Path, opt.one(Path, "A")]]
     """USD file"""
-    b: Positional[Annotated[Path, one(Path, "B")]]
+    b: Positional[Annotated[Path, opt.one(Path, "B")]]
     """USD file"""
 
 
@@ -67,13 +67,13 @@ class Diff:
 class Apply:
     """Write the numbers of a model.json onto the MR devices."""
 
-    file: Positional[File]
+    file: Positional[opt.File]
     """USD file"""
-    model: Positional[Annotated[Path, one(Path, "MODEL.json")]]
+    model: Positional[Annotated[Path, opt.one(Path, "MODEL.json")]]
     """model.json, as 'mrwarp fit' writes it"""
     prim: Annotated[str, NAME] = "MRDevice"
     """joint or class; MRDevice is all four"""
-    out: OptionalFile = None
+    out: opt.OptionalFile = None
     """write here and leave the file alone"""
 
 
@@ -81,9 +81,9 @@ class Apply:
 class Export:
     """Write the numbers of an MR device as model.json."""
 
-    file: Positional[File]
+    file: Positional[opt.File]
     """USD file"""
     prim: Positional[Annotated[str | None, NAME]] = None
     """joint or class (default: the joints, if their numbers are the same)"""
-    out: Annotated[Path, one(Path, "MODEL.json")]
+    out: Annotated[Path, opt.one(Path, "MODEL.json")]
     """file to write"""

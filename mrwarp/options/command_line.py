@@ -95,7 +95,7 @@ def _width() -> int:
 def _plain() -> Iterator[None]:
     """Help without boxes and colours, as wide as the terminal."""
     style = tyro._experimental_options
-    before = dict(style)
+    before = style.copy()
     style.update(utf8_boxes=False, ansi_codes=False)
     columns = os.environ.get("COLUMNS")
     if columns is None:

@@ -9,21 +9,9 @@ from typing import Annotated, Literal
 from tyro.conf import Positional, UseAppendAction
 
 from mrwarp.enums import LEARNED
-from mrwarp.options.option_types import (
-    Averaged,
-    Count,
-    Flag,
-    Folder,
-    OptionalFile,
-    OptionalFolder,
-    Seed,
-    Whole,
-    one,
-    one_of,
-    within,
-)
+from mrwarp.options import option_types as opt
 
-Data = Positional[Annotated[Path, one(Path, "DATA")]]
+Data = Positional[Annotated[Path, opt.one(Path, "DATA")]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,27 +21,27 @@ class Bench:
     Writes DIR/fit, DIR/evaluation, DIR/holding.csv, DIR/bench.png and DIR/result.json.
     """
 
-    out: Folder = Path("runs/bench")
+    out: opt.Folder = Path("runs/bench")
     """output folder"""
-    overwrite: Flag = False
+    overwrite: opt.Flag = False
     """replace recordings that are already there"""
-    effect: UseAppendAction[tuple[Annotated[str, one(str, "NAME=VALUE")], ...]] = ()
+    effect: UseAppendAction[tuple[Annotated[str, opt.one(str, "NAME=VALUE")], ...]] = ()
     """set one effect, in SI units; --list-effects shows them"""
-    list_effects: Flag = False
+    list_effects: opt.Flag = False
     """print all effects with defaults and reasons"""
-    scale_effects: Annotated[float, one(within(0.0, 10.0, ""), "X")] = 1.0
+    scale_effects: Annotated[float, opt.one(opt.within(0.0, 10.0, ""), "X")] = 1.0
     """factor on the strength of all effects and noise; 0 leaves only those given by --effect"""
-    seed: Seed = 0
+    seed: opt.Seed = 0
     """seed of motions, currents and noise"""
-    trajectories: Count = 120
+    trajectories: opt.Count = 120
     """trajectories to fit"""
-    samples: Count = 665_442
+    samples: opt.Count = 665_442
     """their samples in total"""
-    evaluation_samples: Whole = 4000
+    evaluation_samples: opt.Whole = 4000
     """samples of each of the 30 evaluation trajectories; 0 for none"""
-    policy: OptionalFile = None
+    policy: opt.OptionalFile = None
     """take the calf motion from this walking policy (.onnx)"""
-    asset: OptionalFile = None
+    asset: opt.OptionalFile = None
     """bench asset (default: mr_bench.usda)"""
     format: Literal["csv", "parquet"] = "csv"
     """file type"""
@@ -75,21 +63,21 @@ class Fit:
 
     data: Data
     """recording: a CSV or Parquet file, or a folder of them"""
-    out: Folder = Path("runs/fit")
+    out: opt.Folder = Path("runs/fit")
     """output folder"""
-    holding: OptionalFile = None
+    holding: opt.OptionalFile = None
     """break-away torques for eq. 18 (default: a holding.csv beside the data)"""
-    extended: Flag = False
+    extended: opt.Flag = False
     """also fit the extended physical model"""
-    robust: Flag = False
+    robust: opt.Flag = False
     """weigh down outliers"""
-    exclude: Annotated[str | None, one(str, "PATTERN")] = None
+    exclude: Annotated[str | None, opt.one(str, "PATTERN")] = None
     """leave out trajectories by name, such as 'chirp*'"""
-    predict: OptionalFolder = None
+    predict: opt.OptionalFolder = None
     """recordings that are not fitted but predicted"""
-    averaged: Averaged = 0.0
+    averaged: opt.Averaged = 0.0
     """moving average [s] that q and torque of --predict passed before they were published; 0 is none"""
-    seed: Seed = 0
+    seed: opt.Seed = 0
     """seed of the search's subset"""
 
 
@@ -99,19 +87,19 @@ class Diagnose:
 
     data: Data
     """recording: a CSV or Parquet file, or a folder of them"""
-    out: Folder = Path("runs/diagnose")
+    out: opt.Folder = Path("runs/diagnose")
     """output folder"""
-    model: OptionalFile = None
+    model: opt.OptionalFile = None
     """nominal model.json, against which shifts of calibration count"""
-    seed: Seed = 0
+    seed: opt.Seed = 0
     """seed of everything random"""
-    predict: OptionalFolder = None
+    predict: opt.OptionalFolder = None
     """recordings that take no part but are predicted"""
-    averaged: Averaged = 0.0
+    averaged: opt.Averaged = 0.0
     """moving average [s] that q and torque of --predict passed before they were published; 0 is none"""
-    impact: Flag = False
+    impact: opt.Flag = False
     """also show what the extension changes when a walking robot is hit"""
-    learn: Flag = False
+    learn: opt.Flag = False
     """also train a residual on top of baseline and extension (minutes)"""
 
 
@@ -125,17 +113,17 @@ class Learn:
 
     data: Data
     """recording: a file or a folder"""
-    out: Folder
+    out: opt.Folder
     """output folder"""
-    model: Annotated[str, one_of(LEARNED)] = "pg_rlstm"
+    model: Annotated[str, opt.one_of(LEARNED)] = "pg_rlstm"
     """kind"""
-    bouc_wen: OptionalFile = None
+    bouc_wen: opt.OptionalFile = None
     """model.json of 'mrwarp fit' (default: the paper)"""
-    epochs: Count = 80
+    epochs: opt.Count = 80
     """most epochs"""
-    windows_per_epoch: Count = 65_536
+    windows_per_epoch: opt.Count = 65_536
     """training windows drawn per epoch"""
-    patience: Count = 15
+    patience: opt.Count = 15
     """epochs without gain before stopping"""
-    seed: Seed = 0
+    seed: opt.Seed = 0
     """seed of division, weights and batches"""

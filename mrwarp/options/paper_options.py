@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional
 
-from mrwarp.options.option_types import Count, Folder, Positive, Seed, Whole, count, number, one, some
+from mrwarp.options import option_types as opt
 
 TITLES = {
     "fig4": "Figure 4: torque prediction",
@@ -30,7 +30,7 @@ TITLES = {
 }
 """Heading of each entry of the report in the paper's order, by its name on the command line; ``all`` means these."""
 
-Policies = Annotated[tuple[Path, ...] | None, some(Path, "P")]
+Policies = Annotated[tuple[Path, ...] | None, opt.some(Path, "P")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,9 +42,9 @@ class Reproduce:  # noqa: D101  (its docstring lists the titles)
         "--train' trains figure 4's models anew and has options of its own."
     )
 
-    part: Positional[Annotated[tuple[str, ...], some(str, "PART", (*TITLES, "all"))]]
+    part: Positional[Annotated[tuple[str, ...], opt.some(str, "PART", (*TITLES, "all"))]]
     """tables and figures, or all"""
-    out: Folder = Path("runs/report")
+    out: opt.Folder = Path("runs/report")
     """output folder"""
     policy: Policies = None
     """policies of all robots, one per training seed"""
@@ -60,17 +60,17 @@ class Reproduce:  # noqa: D101  (its docstring lists the titles)
     """of those with the asset's gains, and of walks without a price on power (default: the aware ones of table 2)"""
     policy_sticking: Policies = None
     """of MR_Go-SAL's walks on devices that stick (default: those trained with them)"""
-    rollouts: Count = 3
+    rollouts: opt.Count = 3
     """walks per policy and condition"""
-    impacts: Count = 12
+    impacts: opt.Count = 12
     """impacts per policy and current"""
-    distance: Positive = 30.0
+    distance: opt.Positive = 30.0
     """walk of table 6 [m]"""
-    window: Positive = 10.0
+    window: opt.Positive = 10.0
     """simulated walk of the mission [m]"""
-    seed: Seed = 0
+    seed: opt.Seed = 0
     """seed of poses and gait phases"""
-    threads: Whole = 0
+    threads: opt.Whole = 0
     """CPU threads; 0 = all, the figures are the same for any number"""
 
 
@@ -78,19 +78,19 @@ class Reproduce:  # noqa: D101  (its docstring lists the titles)
 class TrainFigure4:
     """Train and evaluate the models of figure 4 at all strengths of the bench's effects."""
 
-    out: Folder
+    out: opt.Folder
     """output folder; a stopped run goes on there"""
-    strengths: Annotated[tuple[float, ...], some(number, "X")] = (1.0, 0.5, 2.0)
+    strengths: Annotated[tuple[float, ...], opt.some(opt.number, "X")] = (1.0, 0.5, 2.0)
     """factors on the effects"""
-    epochs: Count = 80
+    epochs: opt.Count = 80
     """most epochs per network"""
-    windows_per_epoch: Count = 65_536
+    windows_per_epoch: opt.Count = 65_536
     """training windows drawn per epoch"""
-    samples: Count = 665_442
+    samples: opt.Count = 665_442
     """samples of the fitting data"""
-    trajectories: Count = 120
+    trajectories: opt.Count = 120
     """trajectories of the fitting data"""
-    seed: Seed = 0
+    seed: opt.Seed = 0
     """seed of the bench and of the training"""
 
 
@@ -103,25 +103,25 @@ class Sweep:
     -- --iterations 300 --num-envs 64
     """
 
-    arguments: Positional[Annotated[tuple[str, ...], some(str, "ARGUMENT", least=0)]] = ()
+    arguments: Positional[Annotated[tuple[str, ...], opt.some(str, "ARGUMENT", least=0)]] = ()
     """after '--': options of the command, the same for all trials"""
-    out: Folder
+    out: opt.Folder
     """output folder; the same call again goes on there"""
-    command: Annotated[str, one(str, "NAME")]
+    command: Annotated[str, opt.one(str, "NAME")]
     """what to run, e.g. train, walk, impact, fit, diagnose, learn"""
-    grid: Annotated[tuple[str, ...], some(str, "OPTION=V,V")]
+    grid: Annotated[tuple[str, ...], opt.some(str, "OPTION=V,V")]
     """values of the command's options; a value of several words stands in quotes, a flag is on or off"""
-    workers: Annotated[int | None, one(count, "N")] = None
+    workers: Annotated[int | None, opt.one(opt.count, "N")] = None
     """trials at a time on this machine (default: cores / --cpus)"""
-    cpus: Count = 1
+    cpus: opt.Count = 1
     """CPU threads of a trial"""
-    gpus: Whole = 0
+    gpus: opt.Whole = 0
     """GPUs of a trial, which sees them from cuda:0 on"""
-    retries: Whole = 2
+    retries: opt.Whole = 2
     """new starts of a trial that is killed"""
-    figure: Annotated[tuple[str, ...], some(str, "NAME")] = ()
+    figure: Annotated[tuple[str, ...], opt.some(str, "NAME")] = ()
     """figures to compare, e.g. gate.v_x_rmse.0.5"""
     runner: Literal["local", "ray"] | None = None
     """local: processes of this machine; ray: Ray's workers (pip install 'mrwarp[sweep]') (default: local)"""
-    address: Annotated[str | None, one(str, "A")] = None
+    address: Annotated[str | None, opt.one(str, "A")] = None
     """Ray cluster, e.g. auto or HOST:6379; its nodes must share --out"""

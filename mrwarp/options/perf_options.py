@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from mrwarp.options.option_types import File, Flag, Folder, OptionalFile, Whole, count, one, some, some_of, whole
+from mrwarp.options import option_types as opt
 from mrwarp.resources import DEFAULT_POLICY
 
 PARTS = ("walking", "joint", "lstm", "training")
@@ -20,25 +20,25 @@ class Perf:
     Exit code 0 done, 1 a ratio regressed (--compare), 2 bad input.
     """
 
-    out: Folder = Path("runs/perf")
+    out: opt.Folder = Path("runs/perf")
     """output folder"""
-    num_envs: Annotated[tuple[int, ...] | None, some(count, "N")] = None
+    num_envs: Annotated[tuple[int, ...] | None, opt.some(opt.count, "N")] = None
     """numbers of robots (default: 1 4 16 64 256 1024 4096; on a GPU 16 to 65536)"""
-    rounds: Annotated[int | None, one(count, "N")] = None
+    rounds: Annotated[int | None, opt.one(opt.count, "N")] = None
     """turns of each variant (default: 30; on a GPU 10)"""
-    parts: Annotated[tuple[str, ...], some_of(PARTS)] = PARTS
+    parts: Annotated[tuple[str, ...], opt.some_of(PARTS)] = PARTS
     """what to measure"""
-    quick: Flag = False
+    quick: opt.Flag = False
     """64 and 256 robots, half of the turns, no training: one minute"""
-    steps: Whole = 0
+    steps: opt.Whole = 0
     """policy steps per turn; 0 = about 640 robot steps"""
-    mjwarp_up_to: Annotated[int | None, one(whole, "N")] = None
+    mjwarp_up_to: Annotated[int | None, opt.one(opt.whole, "N")] = None
     """most robots on MuJoCo-Warp; on a GPU, on it without a graph"""
-    threads: Whole = 0
+    threads: opt.Whole = 0
     """CPU threads of the simulation; 0 = all"""
     device: str = "cpu"
     """cpu, or a GPU such as cuda:0, which has figures of its own"""
-    policy: File = DEFAULT_POLICY
+    policy: opt.File = DEFAULT_POLICY
     """policy that walks"""
-    compare: OptionalFile = None
+    compare: opt.OptionalFile = None
     """earlier result; exit with 1 if a ratio got worse"""

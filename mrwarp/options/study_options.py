@@ -7,43 +7,32 @@ from pathlib import Path
 from typing import Annotated
 
 from mrwarp.enums import AWARE, CONVENTIONAL, MODELS, PLANTS, RANDOMIZATIONS, TERRAINS, TRAINABLE
-from mrwarp.options.option_types import (
-    Count,
-    Folder,
-    NotNegative,
-    OptionalFolder,
-    Seed,
-    Whole,
-    one_of,
-    seed,
-    some,
-    some_of,
-)
+from mrwarp.options import option_types as opt
 from mrwarp.options.train_options import Learning
 from mrwarp.resources import POLICIES
 
-Seeds = Annotated[tuple[int, ...], some(seed, "S")]
-Terrain = Annotated[str, one_of(TERRAINS)]
-Model = Annotated[str, one_of(MODELS)]
+Seeds = Annotated[tuple[int, ...], opt.some(opt.seed, "S")]
+Terrain = Annotated[str, opt.one_of(TERRAINS)]
+Model = Annotated[str, opt.one_of(MODELS)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trained(Learning):
     """What all trainings of a study share."""
 
-    plants: Annotated[tuple[str, ...], some_of(TRAINABLE)] = PLANTS
+    plants: Annotated[tuple[str, ...], opt.some_of(TRAINABLE)] = PLANTS
     """what to train on; go1, mr_go, mr_go_sal* pay for power and carry loads"""
-    num_envs: Count = 64
+    num_envs: opt.Count = 64
     """parallel environments"""
-    iterations: Count = 800
+    iterations: opt.Count = 800
     """PPO updates of every policy"""
     terrain: Terrain = "flat"
     """ground of every training"""
-    randomize: Annotated[str, one_of(RANDOMIZATIONS)] = "ground"
+    randomize: Annotated[str, opt.one_of(RANDOMIZATIONS)] = "ground"
     """what differs between environments: by default friction and kicks, as in legged_gym"""
-    power_price: NotNegative = 0.002
+    power_price: opt.NotNegative = 0.002
     """price of a watt for go1, mr_go and mr_go_sal* [1/W]"""
-    runs: Folder = Path("runs/study")
+    runs: opt.Folder = Path("runs/study")
     """folder of the runs"""
     seeds: Seeds = (0, 1, 2)
     """training seeds"""
@@ -53,10 +42,10 @@ class Trained(Learning):
 class StudyTrain(Trained):
     """Train what is not finished; resumable, any number of processes at once."""
 
-    start_from: OptionalFolder = None
+    start_from: opt.OptionalFolder = None
     """folder of policies or runs to begin with, e.g. policies/study; each training takes the one of its plant and
     seed, of a run also the critic"""
-    threads: Whole = 0
+    threads: opt.Whole = 0
     """CPU threads; 0 = all, the figures are the same"""
 
 
@@ -64,7 +53,7 @@ class StudyTrain(Trained):
 class Collect(Trained):
     """Copy finished policies and their training records into a folder."""
 
-    out: Folder = Path("runs/policies")
+    out: opt.Folder = Path("runs/policies")
     """where policies and records go"""
 
 
@@ -72,15 +61,15 @@ class Collect(Trained):
 class Evaluation:
     """What the evaluations share."""
 
-    policies: Folder = POLICIES / "study"
+    policies: opt.Folder = POLICIES / "study"
     """policies and records, by default the shipped ones"""
-    rollouts: Count = 3
+    rollouts: opt.Count = 3
     """rollouts per policy"""
-    seed: Seed = 0
+    seed: opt.Seed = 0
     """seed of poses and gait phases"""
     seeds: Seeds = (0, 1, 2)
     """training seeds"""
-    threads: Whole = 0
+    threads: opt.Whole = 0
     """CPU threads; 0 = all, the figures are the same"""
 
 
@@ -88,7 +77,7 @@ class Evaluation:
 class Table3Options(Evaluation):
     """Torque models in training: table 3."""
 
-    out: Folder = Path("runs/table3")
+    out: opt.Folder = Path("runs/table3")
     """output folder"""
     plant: Model = AWARE
     """what all walk on"""
@@ -100,7 +89,7 @@ class Table3Options(Evaluation):
 class Table2Options(Table3Options):
     """Conventional and actuator-aware policies, SAL off and on: table 2."""
 
-    out: Folder = Path("runs/table2")
+    out: opt.Folder = Path("runs/table2")
     """output folder"""
     aware: Model = AWARE
     """aware policies"""
@@ -110,9 +99,9 @@ class Table2Options(Table3Options):
 class Causes(Evaluation):
     """Which part of the plant makes a policy's velocity error."""
 
-    out: Folder = Path("runs/causes")
+    out: opt.Folder = Path("runs/causes")
     """output folder"""
-    plants: Annotated[tuple[str, ...], some_of(PLANTS)] = (CONVENTIONAL, AWARE)
+    plants: Annotated[tuple[str, ...], opt.some_of(PLANTS)] = (CONVENTIONAL, AWARE)
     """trainings"""
 
 
@@ -120,9 +109,9 @@ class Causes(Evaluation):
 class Figure5:
     """Learning curves: figure 5."""
 
-    out: Folder = Path("runs/fig5")
+    out: opt.Folder = Path("runs/fig5")
     """output folder"""
-    policies: Folder = POLICIES / "study"
+    policies: opt.Folder = POLICIES / "study"
     """policies and records, by default the shipped ones"""
     seeds: Seeds = (0, 1, 2)
     """training seeds"""

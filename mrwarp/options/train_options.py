@@ -7,42 +7,21 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from mrwarp.enums import ACTUATORS, RANDOMIZATIONS, TERRAINS, BackendKind, Coupling, HoldCurrent, ZStep
-from mrwarp.options.option_types import (
-    CURRENTS,
-    FOLDER,
-    Count,
-    Flag,
-    Folder,
-    NotNegative,
-    OptionalFile,
-    OptionalText,
-    Positive,
-    Seed,
-    Whole,
-    coil_current,
-    count,
-    exclusive,
-    finite,
-    forward_speed,
-    maybe_one,
-    one,
-    one_of,
-    some,
-)
+from mrwarp.options import option_types as opt
 
-TRAIN_VIEW = exclusive("view")
-TRAIN_BEGIN = exclusive("begin with")
-PLAY_WHO = exclusive("who walks", required=True)
-PLAY_VIEW = exclusive("view")
+TRAIN_VIEW = opt.exclusive("view")
+TRAIN_BEGIN = opt.exclusive("begin with")
+PLAY_WHO = opt.exclusive("who walks", required=True)
+PLAY_VIEW = opt.exclusive("view")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Learning:
     """How fast networks learn."""
 
-    desired_kl: Positive = 0.04
+    desired_kl: opt.Positive = 0.04
     """divergence between the policies of two updates; 0.01 settles a gait"""
-    entropy: NotNegative = 0.003
+    entropy: opt.NotNegative = 0.003
     """weight of the entropy, which keeps up exploration, in the loss"""
 
 
@@ -52,25 +31,25 @@ class Train(Learning):
 
     device: str = "cpu"
     """cpu, cuda:N, or cuda: under torchrun a GPU for each process"""
-    num_envs: Count = 64
+    num_envs: opt.Count = 64
     """parallel environments, in each process of torchrun"""
-    seed: Seed = 0
+    seed: opt.Seed = 0
     """seed of everything random"""
-    iterations: Count = 6000
+    iterations: opt.Count = 6000
     """most PPO updates"""
-    no_gate: Flag = False
+    no_gate: opt.Flag = False
     """run all iterations instead of stopping at the gate"""
-    actuator: Annotated[str, one_of(ACTUATORS)] = "bouc_wen"
+    actuator: Annotated[str, opt.one_of(ACTUATORS)] = "bouc_wen"
     """torque model of the MR joint"""
-    actuator_model: OptionalText = None
+    actuator_model: opt.OptionalText = None
     """trained network of --actuator mlp, lstm or pg_rlstm (default: the shipped one)"""
-    model: OptionalText = None
+    model: opt.OptionalText = None
     """model.json: identified joint with its effects, on all MR joints (default: the asset's own numbers)"""
     robot: Literal["mr_go", "go1"] = "mr_go"
     """robot variant of the USD asset"""
     payload: Literal[0, 3] = 0
     """payload variant [kg]"""
-    asset: OptionalText = None
+    asset: opt.OptionalText = None
     """another USD file than assets/usd/mr_go.usda"""
     coupling: Coupling = Coupling.CONSTRAINT
     """how the device acts: the paper's explicit torque, or a brake that sticks"""
@@ -80,44 +59,44 @@ class Train(Learning):
     """step of the hysteresis state: the paper's, or the closed form for constant speed"""
     sal: Literal["on", "off"] = "on"
     """whether the gates may open"""
-    terrain: Annotated[str, one_of(TERRAINS)] = "flat"
+    terrain: Annotated[str, opt.one_of(TERRAINS)] = "flat"
     """ground; rough has a curriculum"""
-    randomize: Annotated[str, one_of(RANDOMIZATIONS)] = "all"
+    randomize: Annotated[str, opt.one_of(RANDOMIZATIONS)] = "all"
     """what differs between environments: friction, kicks, mass, gains and devices; friction and kicks; nothing"""
-    power_price: NotNegative = 0.0
+    power_price: opt.NotNegative = 0.0
     """reward taken per watt of motors and coils; the policies in policies/energy pay 0.002"""
     backend: BackendKind | None = None
     """physics engine (default: by device)"""
-    threads: Whole = 0
+    threads: opt.Whole = 0
     """CPU threads of the physics; 0 = all"""
-    deterministic: Flag = False
+    deterministic: opt.Flag = False
     """make a GPU repeat its bits, at some cost in speed (the CPU repeats them anyway)"""
-    save_every: NotNegative = 30.0
+    save_every: opt.NotNegative = 30.0
     """time between checkpoints [s]"""
-    out: Folder = Path("runs/walk")
+    out: opt.Folder = Path("runs/walk")
     """output folder"""
-    live: Annotated[Flag, TRAIN_VIEW] = False
+    live: Annotated[opt.Flag, TRAIN_VIEW] = False
     """watch four robots in rerun while they train"""
-    rrd: Annotated[OptionalFile, TRAIN_VIEW] = None
+    rrd: Annotated[opt.OptionalFile, TRAIN_VIEW] = None
     """save that view as a recording"""
-    connect: Annotated[OptionalText, TRAIN_VIEW] = None
+    connect: Annotated[opt.OptionalText, TRAIN_VIEW] = None
     """URL: send it to a rerun viewer that runs already"""
-    resume: Annotated[OptionalFile, TRAIN_BEGIN] = None
+    resume: Annotated[opt.OptionalFile, TRAIN_BEGIN] = None
     """go on from a checkpoint.pt"""
-    start_from: Annotated[OptionalFile, TRAIN_BEGIN] = None
+    start_from: Annotated[opt.OptionalFile, TRAIN_BEGIN] = None
     """a new training that begins with the networks of another task's checkpoint.pt, or a policy's actor (.onnx)"""
 
 
 def port(text: str) -> int:
     """Port of a web page."""
-    if (value := count(text)) > 65535:
+    if (value := opt.count(text)) > 65535:
         raise ValueError(f"{text}; allowed: 1 to 65535")
     return value
 
 
 def duration(text: str) -> float:
     """Time that is shown [s]."""
-    if (value := finite(text)) < 1.0:
+    if (value := opt.finite(text)) < 1.0:
         raise ValueError(f"{text} must be at least 1 s")
     return value
 
@@ -130,33 +109,33 @@ class Play:
     robot is what the policy was trained with.
     """
 
-    policy: Annotated[OptionalText, PLAY_WHO] = None
+    policy: Annotated[opt.OptionalText, PLAY_WHO] = None
     """exported policy (.onnx), as train/ppo.py writes it"""
     agent: Annotated[Literal["zero", "random"] | None, PLAY_WHO] = None
     """no policy: stand still, or move at random"""
-    live: Annotated[Flag, PLAY_VIEW] = False
+    live: Annotated[opt.Flag, PLAY_VIEW] = False
     """open rerun's window, also beside --png and --out"""
-    rrd: Annotated[OptionalFile, PLAY_VIEW] = None
+    rrd: Annotated[opt.OptionalFile, PLAY_VIEW] = None
     """save a recording for 'rerun FILE'"""
-    connect: Annotated[str | None, maybe_one("URL"), PLAY_VIEW] = None
+    connect: Annotated[str | None, opt.maybe_one("URL"), PLAY_VIEW] = None
     """send to a viewer that runs already"""
-    serve_web: Annotated[Flag, PLAY_VIEW] = False
+    serve_web: Annotated[opt.Flag, PLAY_VIEW] = False
     """show in a browser on this machine"""
-    web_port: Annotated[int | None, one(port, "PORT")] = None
+    web_port: Annotated[int | None, opt.one(port, "PORT")] = None
     """port of --serve-web (default: 9090 if free)"""
-    png: OptionalFile = None
+    png: opt.OptionalFile = None
     """save a picture: five instants and time series"""
-    out: Annotated[Path | None, FOLDER] = None
+    out: Annotated[Path | None, opt.FOLDER] = None
     """folder for result.json, the measured figures"""
-    num_envs: Count = len(CURRENTS)
+    num_envs: opt.Count = len(opt.CURRENTS)
     """robots"""
-    current: Annotated[tuple[float, ...], some(coil_current, "A")] = CURRENTS
+    current: Annotated[tuple[float, ...], opt.some(opt.coil_current, "A")] = opt.CURRENTS
     """currents I_e [A], over equal groups of robots"""
-    speed: Annotated[float, one(forward_speed, "V")] = 0.5
+    speed: Annotated[float, opt.one(opt.forward_speed, "V")] = 0.5
     """commanded forward speed [m/s]"""
-    seconds: Annotated[float, one(duration, "S")] = 10.0
+    seconds: Annotated[float, opt.one(duration, "S")] = 10.0
     """time shown [s]"""
-    seed: Seed = 0
+    seed: opt.Seed = 0
     """seed of initial poses and of --agent random"""
     device: str = "cpu"
     """cpu or cuda:N"""
@@ -166,15 +145,15 @@ class Play:
     """payload variant [kg]"""
     sal: Literal["on", "off"] | None = None
     """whether the gates may open"""
-    asset: OptionalText = None
+    asset: opt.OptionalText = None
     """another USD file than assets/usd/mr_go.usda"""
-    actuator: Annotated[str | None, one_of(ACTUATORS)] = None
+    actuator: Annotated[str | None, opt.one_of(ACTUATORS)] = None
     """torque model of the MR joint"""
-    actuator_model: OptionalText = None
+    actuator_model: opt.OptionalText = None
     """trained network of --actuator mlp, lstm or pg_rlstm"""
-    model: OptionalText = None
+    model: opt.OptionalText = None
     """model.json: identified joint with its effects, on all MR joints"""
-    terrain: Annotated[str | None, one_of(TERRAINS)] = None
+    terrain: Annotated[str | None, opt.one_of(TERRAINS)] = None
     """ground; on rough ground the robots stand on different tiles"""
     coupling: Coupling | None = None
     """how the device acts"""
