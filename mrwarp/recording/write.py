@@ -53,14 +53,14 @@ def save_recording(
     _write_units(folder, recording.units)
     added = {**recording.header, **(header or {})}
     if suffix_of(path):
-        ids = {"trajectory": pa.array([run.id for run in recording.trajectories for _ in range(len(run.t))])}
-        _write(ids | _columns(recording.trajectories), path, _flagged(added, recording.trajectories))
+        ids = {"trajectory": [run.id for run in recording.trajectories for _ in range(len(run.t))]}
+        _write_runs(recording.trajectories, path, added, ids)
         return [path]
     files = [folder / (re.sub(r"[^\w.+=-]", "_", run.id) + kind) for run in recording.trajectories]
     if len(set(files)) < len(files):
         raise RecordingError(f"{folder}: two trajectories would be written to one file; rename one")
     for run, file in zip(recording.trajectories, files, strict=True):
-        _write(_columns((run,)), file, _flagged({**run.header, **added}, (run,)))
+        _write_runs((run,), file, {**run.header, **added}, {})
     return files
 
 
@@ -83,13 +83,11 @@ def _write_units(folder: Path, units: dict[str, str]) -> None:
         write_bytes(path, (json.dumps(units, ensure_ascii=False, indent=1) + "\n").encode())
 
 
-def _columns(runs: Sequence[Trajectory]) -> dict[str, Any]:
+def _write_runs(runs: Sequence[Trajectory], file: Path, header: dict[str, Any], columns: dict[str, Any]) -> None:
+    """Write trajectories end to end, beside other columns."""
     names = [*COLUMNS, "temperature"] if all(run.temperature is not None for run in runs) else COLUMNS
-    return {name: np.concatenate([getattr(run, name) for run in runs]) for name in names}
-
-
-def _flagged(header: dict[str, Any], runs: Sequence[Trajectory]) -> dict[str, Any]:
-    return {**header, "qd_derived": True} if any(run.qd_derived for run in runs) else header
+    columns |= {name: np.concatenate([getattr(run, name) for run in runs]) for name in names}
+    _write(columns, file, {**header, "qd_derived": True} if any(run.qd_derived for run in runs) else header)
 
 
 def _write(columns: Mapping[str, Any], file: Path, header: dict[str, Any]) -> None:
