@@ -174,7 +174,7 @@ step_kernel = make_step_kernel(effects=False)
 effect_step_kernel = make_step_kernel(effects=True)
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def reset_effects_kernel(
     # in, shape (E,)
     mask_in: wp.array[wp.bool],

@@ -34,7 +34,7 @@ def spent(ledger: wp.array3d[float], copper: wp.array[float], env: int) -> wp.ve
     return wp.vec2(square, energy)
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def action_kernel(
     # parameters: action scale [rad]; neutral stance [rad], shape (A,); copper loss [W/(N·m)^2], shape (J,)
     action_scale: float,
@@ -63,7 +63,7 @@ def action_kernel(
     spent_out[env, 1] = before[1]
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def effort_kernel(
     # parameters: clock advance per policy step [1], policy step [s]; copper loss [W/(N·m)^2], shape (J,)
     advance: float,

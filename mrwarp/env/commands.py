@@ -30,7 +30,7 @@ class CommandCfg:
     """Time between new commands [s]."""
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def command_kernel(
     # parameters: policy steps between two commands, 0 = they are held; least and largest command, shape (3,) [m/s, m/s,
     # rad/s]

@@ -69,7 +69,7 @@ def make_randomize_cfg(kind: str = "all") -> RandomizeCfg | None:
     return RandomizeCfg()
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def begin_episode_kernel(
     # parameters: environments that a thread takes are this far apart; height of the trunk over the ground [m]; joint
     # addresses, shape (J,); neutral stance [rad], shape (J,); middles of the tiles [m], shape (levels, kinds, 3);
@@ -119,7 +119,7 @@ def begin_episode_kernel(
             phase_out[env] = between(0.0, 1.0, begin, joints + 6)
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def device_kernel(
     # parameters: environments that a thread takes are this far apart; number of the parameter among the drawn ones;
     # least and largest factor [1]
@@ -145,7 +145,7 @@ def device_kernel(
                 value_out[env, slot] = nominal_in[env, slot] * factor
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def push_kernel(
     # parameters: chance of a kick in a policy step [1], largest kick along x and y [m/s]
     chance: float,

@@ -98,7 +98,7 @@ def foot_height(
     return root_z + foot[0] * up[0] + foot[1] * up[1] + foot[2] * up[2] - lengths.foot_radius
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def derived_kernel(
     # parameters: foot force above which a foot touches the ground [N]
     contact_force: float,

@@ -69,7 +69,7 @@ def keep_row(
     ...
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def guard_kernel(
     # parameters: 1 = end of a policy step; step [s]; bits that count as overflow; arrays to keep, shape (K, 4); bounds
     # of a sound state and of one without a warning, shape (2, D)

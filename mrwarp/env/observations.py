@@ -67,7 +67,7 @@ def noisy(value: float, width: float, begin: wp.uint64, k: int) -> float:
     return value
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def observe_kernel(
     # parameters: environments that a thread takes are this far apart; noise half-widths of gyro [rad/s], gravity, joint
     # position [rad] and velocity [rad/s]; factors on joint velocities, foot forces and torques; neutral stance [rad],

@@ -112,7 +112,7 @@ def clearance_error(
     return total
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def rewards_kernel(
     # parameters: environments that a thread takes are this far apart; squared widths of the tracking rewards, swing
     # clearance [m], trunk height [m], policy step [s]; leg; neutral stance [rad], shape (J,); weights in the order of

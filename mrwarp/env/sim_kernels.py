@@ -38,7 +38,7 @@ def read_state(
             root_quat_out[env, k] = wp.float32(qpos[env, 3 + k])
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def gather_kernel(
     # parameters: addresses, shapes (J,), (J,), (L,); floating base; brake creep [rad/s per N·m]
     q_adr: wp.array[int],
@@ -78,7 +78,7 @@ def gather_kernel(
         f_foot_out[env, leg] = wp.sqrt(x * x + y * y + z * z)
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def apply_kernel(
     # parameters: joints that a thread takes are this far apart (a GPU: J threads, a CPU: one); dof addresses, shape
     # (J,); 1 = write the brake bounds
@@ -101,7 +101,7 @@ def apply_kernel(
             frictionloss_out[env, dof] = frictionloss_out.dtype(bound_in[env, joint])
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def reset_kernel(
     # parameters: environments that a thread takes are this far apart; addresses, shapes (J,) twice; floating base
     rows: int,
@@ -200,7 +200,7 @@ def largest_residual(  # noqa: F811 - Warp takes the one whose types fit
     ...
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def residual_kernel(
     # parameters: sparse pattern of the inertia matrix, shapes (nv,), (nv,), (nM,); largest residual [N·m]
     M_rowadr: wp.array[int],

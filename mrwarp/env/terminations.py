@@ -21,7 +21,7 @@ falls included, pay up to 4 (measured over 300 steps of 64). A solver that throw
 1e5 in one step, and would shake the critic's values of all states for an update."""
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def terminations_kernel(
     # parameters: least height of the trunk [m], largest z of gravity in its frame, length of an episode [policy steps],
     # least reward of a policy step

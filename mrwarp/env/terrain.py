@@ -137,7 +137,7 @@ def ground_height(heights: wp.array2d[float], cell: float, x: float, y: float) -
     return here + v * (above - here) + u * (beyond - above)
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def ground_kernel(
     # parameters: leg; heights [m], shape (rows, columns); their spacing [m]
     lengths: LegLengths,
@@ -166,7 +166,7 @@ def ground_kernel(
         foot_ground_out[env, leg] = ground_height(heights, cell, x + foot[0], y + foot[1])
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def curriculum_kernel(
     # parameters: levels; 1 = levels change; shares of the commanded path above and below which they do; policy step [s]
     levels: int,

@@ -38,7 +38,7 @@ def sigmoid(x: float) -> float:
     return 0.5 + 0.5 * wp.tanh(0.5 * x)
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def open_windows_kernel(
     # parameters: 1 = take closed ones too (to check that nothing depends on the choice)
     take_all: int,
@@ -55,7 +55,7 @@ def open_windows_kernel(
         index_out[place] = env * m_dyn_in.shape[1] + joint
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def begin_kernel(
     # in, shape (E,)
     mask_in: wp.array[wp.bool],
@@ -118,7 +118,7 @@ def lstm_readout(readout: wp.array[float], hidden: int, state: wp.array3d[float]
     return learned
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def lstm_window_kernel(
     # parameters: rows (bias, features, hidden) of each unit's gates, shape (HIDDEN, 1 + FEATURES + HIDDEN, GATES);
     # output layer, shape (HIDDEN + 1,), bias last; 1 = the network gives the whole torque, 0 = a residual
@@ -161,7 +161,7 @@ def at_rest(rest: wp.array3d[float], row: int, unit: int, q_c: float) -> float:
     return wp.lerp(rest[row, unit, i], rest[row, unit, i + 1], x - float(i))
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def lstm_unit_kernel(
     # parameters: rows (bias, features, hidden) of each unit's gates, shape (HIDDEN, 1 + FEATURES + HIDDEN, GATES);
     # hidden and cell states at rest, shape (2, HIDDEN, points) for q_c from -REST_RANGE to REST_RANGE
@@ -197,7 +197,7 @@ def lstm_unit_kernel(
     state_out[after, unit, place] = sigmoid(gates[3]) * wp.tanh(cell)
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def lstm_torque_kernel(
     # parameters: output layer, shape (HIDDEN + 1,), bias last; 1 = the network gives the whole torque, 0 = a residual
     readout: wp.array[float],
@@ -220,7 +220,7 @@ def lstm_torque_kernel(
         tau_dyn_out[env, joint] = write_torque(m_dyn_in[env, joint], tau_dyn_in[env, joint], learned, replace)
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def mlp_window_kernel(
     # parameters: layers with the bias as the last column, shape (HIDDEN, MLP_SAMPLES*FEATURES + 1),
     # (HIDDEN, HIDDEN + 1) and (1, HIDDEN + 1); 1 = the network gives the whole torque, 0 = a residual

@@ -9,7 +9,7 @@ from mrwarp.kernels.pd import pd_torque
 from mrwarp.kernels.window import WINDOW
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def advance_head_kernel(
     # parameters
     length: int,
@@ -81,7 +81,7 @@ def learned_torque_kernel(
                 bound_out[env, joint] = bound
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def reset_kernel(
     # parameters: environments and joints that a thread takes are this far apart; struct, shape (E or 1, M); slot of
     # joint j or -1, shape (J,)

@@ -65,7 +65,7 @@ def failures(modules: list[Module], arch: int, folder: Path) -> list[str]:
 
 @pytest.mark.parametrize("arch", [80, pytest.param(90, marks=pytest.mark.slow)])
 def test_every_kernel_compiles_for_a_gpu(arch: int, kernel_modules: list[Module], tmp_path: Path) -> None:
-    """PTX for sm_80 and sm_90, forward and backward, of all modules but the LSTM in a CPU's lanes."""
+    """PTX for sm_80 and sm_90 of all modules but the LSTM in a CPU's lanes."""
     names = {module.name for module in kernel_modules}
     assert names > CPU_ONLY, "a module of CPU_ONLY is gone"
     wanted = [module for module in kernel_modules if module.name not in CPU_ONLY]
