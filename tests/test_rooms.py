@@ -36,7 +36,8 @@ def test_imports_between_rooms_stand_at_the_top_of_files() -> None:
             continue
         tree = ast.parse(path.read_text(encoding="utf-8"))
         functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
-        for node in (inner for function in functions for inner in ast.walk(function)):
+        inner = [node for function in functions for node in ast.walk(function)]
+        for node in (node for node in inner if isinstance(node, ast.Import | ast.ImportFrom)):
             modules = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else modules
             found += [f"{name}:{node.lineno}" for module in modules if module.partition(".")[0] == "mrwarp"]

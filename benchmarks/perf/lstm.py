@@ -89,7 +89,7 @@ class LstmCost:
 
     def _step_onnx(self) -> np.ndarray:
         ordered = window_now(self._ring, self._head)[:, 0]
-        return self._session.run(None, {"window": ordered.numpy()})[0]
+        return np.asarray(self._session.run(None, {"window": ordered.numpy()})[0])
 
 
 def onnx_session(model: LearnedModel, path: Path) -> onnxruntime.InferenceSession:

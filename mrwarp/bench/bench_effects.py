@@ -23,7 +23,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from scipy.signal import lfilter
@@ -98,7 +98,7 @@ _ROWS: tuple[tuple[Any, ...], ...] = (
     ("encoder_step", "rad", 2.0 * np.pi / 2**14, 0.0, 0.1, "q rounded to multiples", "14 bit per turn"),
 )
 
-EFFECTS: dict[str, EffectSpec] = {row[0]: EffectSpec(*row) for row in _ROWS}
+EFFECTS: dict[str, EffectSpec] = {row[0]: EffectSpec(*row) for row in cast("tuple[tuple[Any, ...], ...]", _ROWS)}
 """All effects of the bench by name."""
 
 

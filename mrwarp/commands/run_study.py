@@ -88,14 +88,15 @@ def _collect(options: Collect) -> int:
 
 
 def _evaluation_cfg(options: Evaluation) -> EvaluationCfg:
-    walked = {"plant": options.plant, "terrain": options.terrain} if isinstance(options, Table3Options) else {}
+    plant, terrain = (options.plant, options.terrain) if isinstance(options, Table3Options) else ("bouc_wen", "flat")
     return EvaluationCfg(
         folder=options.policies,
         seeds=options.seeds,
         rollouts=options.rollouts,
         seed=options.seed,
         threads=options.threads,
-        **{"plant": "bouc_wen", "terrain": "flat", **walked},
+        plant=plant,
+        terrain=terrain,
     )
 
 

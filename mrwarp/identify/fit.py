@@ -207,8 +207,8 @@ def _with_coil(replay: Replay, time_constant: float) -> Replay:
 
 def _shape_of(start: MrParams, structure: BoucWenStructure, scales: Scales) -> np.ndarray:
     """Shape parameters of a given joint."""
-    inner = [getattr(start.bouc_wen, name) / scales.factor(name) for name in SHAPE]
-    return shape_coordinates(*inner, structure.speed)
+    alpha, beta, gamma = (getattr(start.bouc_wen, name) / scales.factor(name) for name in SHAPE)
+    return shape_coordinates(alpha, beta, gamma, structure.speed)
 
 
 def _named(structure: BoucWenStructure, scales: Scales, x: np.ndarray, top: float) -> dict[str, float]:

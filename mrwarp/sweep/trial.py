@@ -137,7 +137,7 @@ def _outcome(code: int, interrupted: bool, result: bool) -> tuple[State, str]:
         return State.DONE, ""
     if code == 1 and result:
         return State.MISSED, "missed its aim (exit code 1)"
-    if -code in iter(signal.Signals):
+    if -code in [int(known) for known in signal.Signals]:
         return State.FAILED, f"killed by {signal.Signals(-code).name}"
     return State.FAILED, f"exit code {code}" + (" without a result.json" if code in (0, 1) else "")
 

@@ -65,7 +65,8 @@ def vector(c: Parameters, effects: Mapping[str, Mapping[str, float]] | None = No
     """Coordinates of the paper's joint with some effects."""
     p = {**TRUTH, **changes}
     x = [p[name] for name in LINEAR]
-    x += list(shape_coordinates(*(p[name] for name in SHAPE), c.ranges.qd))
+    alpha, beta, gamma = (p[name] for name in SHAPE)
+    x += list(shape_coordinates(alpha, beta, gamma, c.ranges.qd))
     for slot in c.slots:
         value = (effects or {})[slot.effect][slot.parameter.name]
         x.append(np.log(value) if slot.logarithmic else value)

@@ -112,8 +112,8 @@ def test_sim_counts_unsolved_steps():
 
     The robot on its four brakes with calf motors off; 3 iterations are forced on the model past SolverCfg's check.
     """
-    starved = stand_on_brakes(BackendKind.MJBATCH, seconds=0.5, settle=0.5, ls_iterations=3)
-    enough = stand_on_brakes(BackendKind.MJBATCH, seconds=0.5, settle=0.5)
+    starved = stand_on_brakes(BackendKind.MJBATCH, seconds=0.5, ls_iterations=3)
+    enough = stand_on_brakes(BackendKind.MJBATCH, seconds=0.5)
     assert starved.unsolved > 20
     assert np.abs(starved.calf - starved.calf[0]).max() > 0.1  # [rad] it collapsed
     assert enough.unsolved == 0

@@ -1,4 +1,5 @@
 """Kernels of a few lines around single laws, for tests of the laws."""
+# pyright: reportAttributeAccessIssue=false
 
 import warp as wp
 

@@ -111,8 +111,8 @@ def tried_picture(d: Diagnosis) -> Figure | None:
     ax = figure.subplots()
     for k, t in enumerate(rows):
         color = AFTER if t.name in causes else style.ALTERNATIVE if t.name in others else NOISE
-        edge = {"hatch": "///", "edgecolor": MEASURED} if t.name in others else {"edgecolor": "white"}
-        ax.barh(k, 100.0 * max(t.gain, 0.0), color=color, height=0.72, **edge)
+        hatch, edge = ("///", MEASURED) if t.name in others else (None, "white")
+        ax.barh(k, 100.0 * max(t.gain, 0.0), color=color, height=0.72, hatch=hatch, edgecolor=edge)
         if t.gain > 0.0 and np.isfinite(t.error):
             ax.errorbar(100.0 * t.gain, k, xerr=196.0 * t.error, fmt="none", elinewidth=1.1, ecolor="0.2", capsize=2.5)
     ax.set_yticks(range(len(rows)), [title(t.name) for t in rows], fontsize=10.5)
