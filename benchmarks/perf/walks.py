@@ -237,7 +237,7 @@ class Walk:
         self._error += float((env.body_velocity[:, 0] - env.command[:, 0]).mean())
         return spent
 
-    def _timed_step(self, host: Set[Launch]) -> None:
+    def _timed_step(self, host: Set[Launch] = frozenset()) -> None:
         if not self._apart:
             self._whole(host)
             return

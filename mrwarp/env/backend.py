@@ -26,7 +26,7 @@ SOLUTION_FIELDS = ("sensordata", "M", "qacc", "qacc_smooth", "qfrc_constraint")
 
 
 class Backend(Protocol):
-    """What :class:`mrwarp.env.sim.Sim` asks of an engine."""
+    """An engine as :class:`mrwarp.env.sim.Sim` uses it."""
 
     kind: BackendKind
     num_envs: int

@@ -153,7 +153,7 @@ def make_walk_cfg(
 
 
 def make_play_cfg(cfg: EnvCfg) -> EnvCfg:
-    """The same task for evaluation: nominal robot, no noise, no pushes, commands held, terrain of all levels."""
+    """A task for evaluation: nominal robot, no noise, no pushes, commands held, terrain of all levels."""
     terrain = replace(cfg.terrain, curriculum=False) if cfg.terrain else None
     commands = replace(cfg.commands, period=float("inf"))
     return replace(cfg, noise=None, randomize=None, commands=commands, terrain=terrain)

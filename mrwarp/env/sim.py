@@ -124,7 +124,7 @@ class Sim:
             launch()
 
     def physics(self, tau: wp.array, bound: wp.array) -> list[Launch]:
-        """What :meth:`step` does: torques and bounds to the solver, the engine, its state, a check of its solution."""
+        """Launches of a step: torques and bounds to the solver, the engine, its state, a check of its solution."""
         key = (tau.ptr, bound.ptr)
         if key not in self._steps:
             self._steps[key] = [self._record_apply(tau, bound), self.engine, self._record_gather(bound), self._check]
@@ -152,7 +152,7 @@ class Sim:
         self.record_reset(mask, qpos, qvel)()
 
     def record_reset(self, mask: wp.array, qpos: wp.array, qvel: wp.array) -> Launch:
-        """What :meth:`reset` launches, to be repeated: it reads the arrays each time."""
+        """Launch of a masked reset into given states, to be repeated: it reads mask, qpos and qvel each time."""
         # plain numbers, shape (E, 6*nbody): one engine has them so, the other six to an element
         pushes = wp.from_torch(wp.to_torch(self.backend.field("xfrc_applied")).view(self.num_envs, -1))
         return record_per_env(

@@ -175,7 +175,7 @@ for (int row = 0; row < nv; ++row) {
     force[row] = sum;
 }
 double worst = 0.0;
-// NaN fails every comparison: test for "small", so that a broken solve counts as unsolved
+// NaN fails every comparison: test for "small", so that a diverged solve counts as unsolved
 for (int row = 0; row < nv; ++row) if (!(fabs(force[row]) <= worst)) worst = fabs(force[row]);
 return (float)worst;
 """
@@ -196,7 +196,7 @@ def largest_residual(  # noqa: F811 - Warp takes the one whose types fit
     rowadr: wp.array[int], rownnz: wp.array[int], colind: wp.array[int], env: int, M: wp.array2d[float],
     qacc: wp.array2d[float], qacc_smooth: wp.array2d[float], qfrc: wp.array2d[float], scratch: wp.array2d[wp.float64],
 ) -> float:  # fmt: skip
-    """The same for a solver in single precision."""
+    """Largest component of M*(qacc - qacc_smooth) - qfrc [N·m] in single precision; the scratch has 2 nv columns."""
     ...
 
 

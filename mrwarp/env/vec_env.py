@@ -42,7 +42,7 @@ class WalkEnv(VecEnv):
         robot, sim, actuator: The robot, its physics, its motors and devices.
         terrain: The height field and its curriculum; None on flat ground.
         contact_force: Foot force above which a foot touches the ground [N], the gates' ``f_th``.
-        step_graph: What :meth:`step` runs.
+        step_graph: The sequence of a policy step, and its captured graphs.
         nan_guard: Counts the environments in which a number went wrong, and keeps their last states.
         substep_hooks: Called after every torque step of 5 ms, e.g. to record or to push; empty in training.
         fallen: Environments that ended by a fall in the last step, bool, shape (E,).

@@ -49,7 +49,7 @@ def in_one_thread(device: Any) -> bool:
 
 
 def record_per_env(kernel: Any, num_envs: int, inputs: Sequence[Any], outputs: Sequence[Any]) -> Launch:
-    """As :func:`record`, for a kernel whose first parameter ``rows`` is how far apart a thread's environments are."""
+    """Prepare a launch of a kernel whose first parameter ``rows`` is how far apart a thread's environments are."""
     rows = 1 if in_one_thread(outputs[-1].device) else num_envs
     return record(kernel, rows, [rows, *inputs], outputs)
 
@@ -59,7 +59,7 @@ def capture(launch: Launch, device: Any) -> wp.Graph:
 
     Args:
         launch: Reads nothing back.
-        device: Warp device; a CPU replays the launches without a way through Python for each.
+        device: Warp device; a CPU, too, replays the launches without Python between them.
     """
     with wp.ScopedDevice(device), wp.ScopedCapture() as recorded:
         launch()
@@ -93,7 +93,7 @@ class StepGraph:
             call()
 
     def calls(self, host: Set[Launch]) -> list[Launch]:
-        """What :meth:`run` calls: graphs, and the host's members between them."""
+        """Calls of :meth:`run`: graphs, and the host's members between them."""
         if host not in self._calls:
             self._calls[host] = list(self.sequence) if self._eager else self._captured(host)
         return self._calls[host]
