@@ -1,4 +1,4 @@
-"""What the commands set up before they start: quiet libraries, one torch thread, one process that prints.
+"""Set-up of the commands: silent libraries, one torch thread, one process that prints.
 
 Torch and Warp are loaded when they are first set up, so that ``--help`` need not wait for them.
 """

@@ -285,6 +285,16 @@ def lstm_carried_lanes_kernel(
 ):
     """One sample more for every joint's LSTM, together with the other threads that run it."""
     lstm_carried(
-        weights, readout, replace, owner, threads, head_in, ring_in, m_dyn_in, work_out, fresh_out, state_out,
+        weights,
+        readout,
+        replace,
+        owner,
+        threads,
+        head_in,
+        ring_in,
+        m_dyn_in,
+        work_out,
+        fresh_out,
+        state_out,
         tau_dyn_out,
-    )  # fmt: skip
+    )

@@ -24,7 +24,7 @@ def lstm_weights(state: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def lane_weights(weights: np.ndarray) -> np.ndarray:
-    """The same for ``lstm_lanes_kernel``: flat, [units in fours][row][gate][unit of the four]."""
+    """Weights of :func:`lstm_weights` for ``lstm_lanes_kernel``, flat: [fours of units][row][gate][unit of four]."""
     hidden, rows, gates = weights.shape
     return weights.reshape(hidden // lstm_lanes.UNITS, lstm_lanes.UNITS, rows, gates).transpose(0, 2, 3, 1).reshape(-1)
 

@@ -23,7 +23,7 @@ SAMPLES = {"mlp": 3, "lstm": 50, "pg_rlstm": 50}
 
 
 class LstmState(enum.Enum):
-    """What an LSTM's hidden and cell state are at the newest sample."""
+    """Where an LSTM's hidden and cell state come from at the newest sample."""
 
     CARRIED = "carried"
     """Those of the sample before, carried on: one sample of work per step. What is further back than the window of
@@ -69,16 +69,19 @@ class MlpTorque(nn.Module):
         super().__init__()
         self.scaler = StandardScaler()
         self.net = nn.Sequential(
-            nn.Linear(SAMPLES["mlp"] * FEATURES, HIDDEN), nn.Tanh(), nn.Linear(HIDDEN, HIDDEN), nn.Tanh(),
+            nn.Linear(SAMPLES["mlp"] * FEATURES, HIDDEN),
+            nn.Tanh(),
+            nn.Linear(HIDDEN, HIDDEN),
+            nn.Tanh(),
             nn.Linear(HIDDEN, 1),
-        )  # fmt: skip
+        )
 
     def forward(self, window: torch.Tensor) -> torch.Tensor:
         """Torque [N·m], shape (N,), of raw windows (N, 3, FEATURES), oldest sample first."""
         return self.scaled(self.scaler(window).transpose(0, 1))
 
     def scaled(self, window: torch.Tensor) -> torch.Tensor:
-        """The same of standardised windows with time first, shape (3, N, FEATURES)."""
+        """Torque [N·m], shape (N,), of standardised windows with time first, shape (3, N, FEATURES)."""
         return self.net(window.transpose(0, 1).flatten(1)).squeeze(1)
 
 
@@ -96,7 +99,7 @@ class LstmTorque(nn.Module):
         return self.scaled(self.scaler(window).transpose(0, 1))
 
     def scaled(self, window: torch.Tensor) -> torch.Tensor:
-        """The same of standardised windows with time first, shape (50, N, FEATURES)."""
+        """Torque [N·m], shape (N,), of standardised windows with time first, shape (50, N, FEATURES)."""
         output, _ = self.lstm(window)
         return self.out(output[-1]).squeeze(1)
 

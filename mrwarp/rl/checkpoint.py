@@ -1,6 +1,6 @@
 """Checkpoints: everything a training needs to go on as if it had never stopped, written atomically, read as data.
 
-What a policy was trained on (:func:`task`) is what checkpoints, exported policies and results carry of a configuration.
+Checkpoints, exported policies and results all carry the task that a policy was trained on, see :func:`task`.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def set_random_state(content: dict[str, Any], device: torch.device) -> str:
 
 
 def task(cfg: EnvCfg) -> dict[str, Any]:
-    """What a policy was trained on, as plain values."""
+    """The task that a policy was trained on, as plain values."""
     return {
         "robot": cfg.robot,
         "payload": cfg.payload,
@@ -116,7 +116,7 @@ def task(cfg: EnvCfg) -> dict[str, Any]:
 
 
 def learned(content: dict[str, Any]) -> dict[str, float]:
-    """What a checkpoint or result says of how fast its networks learned; files of earlier versions say nothing."""
+    """Settings of :class:`LearningCfg` in a checkpoint or result; files of earlier versions have the defaults."""
     said = content.get("learning")
     return {**asdict(LearningCfg()), **(said if isinstance(said, dict) else {})}
 

@@ -33,7 +33,7 @@ _Losses = dict[str, list[torch.Tensor]]
 
 
 def inputs(model: MLPModel, observations: Mapping[str, torch.Tensor] | TensorDict) -> torch.Tensor:
-    """What the model's first layer takes: its observation groups side by side, normalised, shape (..., inputs)."""
+    """Inputs of the model's first layer: its observation groups side by side, normalised, shape (..., inputs)."""
     groups = [observations[group] for group in model.obs_groups]
     return model.obs_normalizer(groups[0] if len(groups) == 1 else torch.cat(groups, -1))
 
@@ -61,7 +61,7 @@ class Rollout:
 
     @classmethod
     def of(cls, storage: RolloutStorage, actor: MLPModel, critic: MLPModel, order: torch.Tensor) -> Rollout:
-        """What ``storage`` holds.
+        """The samples of a storage, in another order.
 
         Args:
             storage: A full rollout of a policy whose first distribution parameter is the mean.
@@ -349,9 +349,21 @@ class _Learner(NetGradient):
         self.row *= (self._max_norm / (torch.linalg.vector_norm(self.row) + 1e-6)).clamp_(max=1.0)
         beta1, beta2 = self._group["betas"]
         adam(
-            self._to_move, self._along, self._means, self._squares, [], self._steps, lr=rate, beta1=beta1,
-            beta2=beta2, eps=self._group["eps"], weight_decay=0.0, amsgrad=False, maximize=False, fused=True,
-        )  # fmt: skip
+            self._to_move,
+            self._along,
+            self._means,
+            self._squares,
+            [],
+            self._steps,
+            lr=rate,
+            beta1=beta1,
+            beta2=beta2,
+            eps=self._group["eps"],
+            weight_decay=0.0,
+            amsgrad=False,
+            maximize=False,
+            fused=True,
+        )
 
 
 def _log_norm(std: torch.Tensor) -> torch.Tensor:

@@ -46,8 +46,11 @@ def make_ppo_cfg(
 
     def net() -> dict[str, Any]:
         return {
-            "class_name": "MLPModel", "hidden_dims": list(hidden), "activation": "elu", "obs_normalization": True,
-        }  # fmt: skip
+            "class_name": "MLPModel",
+            "hidden_dims": list(hidden),
+            "activation": "elu",
+            "obs_normalization": True,
+        }
 
     return {
         "num_steps_per_env": STEPS_PER_UPDATE,

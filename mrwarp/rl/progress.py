@@ -39,7 +39,7 @@ class Progress:
         return row
 
     def state(self) -> dict[str, Any]:
-        """What a checkpoint keeps."""
+        """The part of a checkpoint that :meth:`load_state` takes."""
         return {"rows": self.rows, "window": list(self.window), "gate_rows": self.gate_rows}
 
     def load_state(self, content: dict[str, Any]) -> None:

@@ -149,7 +149,7 @@ class Ranks:
         return flag if self.world == 1 else self.total(flag)[0] > 0.0
 
     def decided(self, *flags: bool) -> list[bool]:
-        """What rank 0 decides: clocks differ between ranks."""
+        """The decisions of rank 0, for all: clocks differ between ranks."""
         return (
             list(flags) if self.world == 1 else [flag > 0.0 for flag in self.total(*(f and self.main for f in flags))]
         )

@@ -211,7 +211,7 @@ class Trainer:
         return path
 
     def _own_state(self) -> dict[str, Any]:
-        """What every process of a training has for itself: random generator and environment."""
+        """State that every process of a training has for itself: random generator and environment."""
         env = {name: value.cpu() for name, value in self.env.state().items()}
         return {**checkpoint.random_state(torch.device(self.env.device)), "env": env}
 
@@ -313,7 +313,7 @@ class Trainer:
             raise TrainingError(f"update {self.iteration + 1} left networks without numbers; {self._left()}")
 
     def _left(self) -> str:
-        """What the user can go on from."""
+        """The remedy in a message: the checkpoint to go on from."""
         path = self.cfg.out / "checkpoint.pt"
         return f"go on from {path}" if path.is_file() else "no checkpoint was written yet"
 

@@ -13,7 +13,7 @@ from mrwarp.rl.policy import OnnxPolicy, PolicyError
 from mrwarp.rl.ppo_cfg import STEPS_PER_UPDATE
 
 NETWORKS = ("actor", "critic")
-"""What is taken from a checkpoint, with normalisers and exploration noise; optimiser, environment and draws are new."""
+"""Networks that are taken from a checkpoint, with normalisers and exploration noise; all else is new."""
 
 _POLICY = ".onnx"
 
@@ -34,11 +34,11 @@ class Networks:
     path: Path
     """File they stand in."""
     origin: dict[str, Any]
-    """What the file says of its training: ``task``, ``seed`` and ``iteration``."""
+    """Training that the file is of: ``task``, ``seed`` and ``iteration``."""
     weights: dict[str, dict[str, torch.Tensor]]
     """Weights by network; the new training draws those that are not here."""
     divisor: torch.Tensor | None = None
-    """What a policy's normaliser divides by, shape (1, 47); its statistics follow from it. None from a checkpoint."""
+    """Divisor of a policy's normaliser, shape (1, 47); its statistics follow from it. None from a checkpoint."""
 
 
 def read_networks(path: Path) -> Networks:

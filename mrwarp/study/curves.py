@@ -29,7 +29,7 @@ class Curve:
     """Reward per second over the updates of one plant's trainings."""
 
     plant: str
-    """What was trained on."""
+    """Plant of the trainings."""
     update: np.ndarray
     """PPO updates, shape (n,)."""
     reward: np.ndarray

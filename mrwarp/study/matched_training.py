@@ -21,10 +21,10 @@ from mrwarp.study.plants import plant_cfg
 _REMEDY = "remove the folder to train anew"
 
 _COPIED = (
-    "command", "iterations", "environment_steps", "seconds", "task", "gate", "gate_passed", "broken_episodes",
-    "unsolved_steps", "versions",
-)  # fmt: skip
-"""What a training's record takes from its result."""
+    *("command", "iterations", "environment_steps", "seconds", "task"),
+    *("gate", "gate_passed", "broken_episodes", "unsolved_steps", "versions"),
+)
+"""Entries of a result that the training's record repeats."""
 
 
 POINTS = 100
@@ -34,7 +34,7 @@ KEPT = ("iteration", "reward", "v_x_rmse", "falls_per_hour", "clock_match", "lev
 """Figures of a learning curve in a record."""
 
 _ORIGIN = ("task", "seed", "iteration")
-"""What tells apart the policies that trainings begin with; their files may have moved."""
+"""Entries that tell apart the policies that trainings begin with; their files may have moved."""
 
 
 class RunError(ValueError):
@@ -140,7 +140,7 @@ def failed_conditions(record: Path) -> list[str]:
 
 
 def _found(cfg: StudyCfg, plant: str, seed: int, run: Path) -> _Run | None:
-    """What lies in a run's folder, None without anything to use or go on from.
+    """The training in a run's folder, None without anything to use or go on from.
 
     Raises:
         RunError: it was trained with other choices, or longer.
@@ -161,28 +161,28 @@ def _found(cfg: StudyCfg, plant: str, seed: int, run: Path) -> _Run | None:
 
 
 def _read(run: Path, iterations: int) -> _Run | None:
-    """What a run's folder says of it, whatever was asked for but the number of updates."""
-    other = "or name another --runs to train anew"
-    if (run / "result.json").is_file():
-        content = _result(run)
-        if content["iterations"] >= iterations and content.get("stopped") != "interrupted":
-            return _Run(
-                ended=True, iterations=content["iterations"], task=content["task"], seed=content["seed"],
-                learning=learned(content),
-                started_from=content.get("started_from"),  # results of earlier versions have none
-                remedy=f"give the choices of '{content['command']}' {other}",
-            )  # fmt: skip
-    saved = run / "checkpoint.pt"
-    if not saved.is_file():
-        return None
-    content = checkpoint.load(saved)
-    if lacks := [key for key in _ORIGIN if key not in content]:
-        raise checkpoint.CheckpointError(f"{saved}: no checkpoint of a training ({lacks[0]} is missing); {_REMEDY}")
+    """The training in a run's folder, whatever was asked for but the number of updates."""
+    remedy = "give the choices that its training began with"
+    content = _result(run) if (run / "result.json").is_file() else {}
+    ended = content.get("iterations", 0) >= iterations and content.get("stopped") != "interrupted"
+    if ended:
+        remedy = f"give the choices of '{content['command']}'"
+    else:
+        saved = run / "checkpoint.pt"
+        if not saved.is_file():
+            return None
+        content = checkpoint.load(saved)
+        if lacks := [key for key in _ORIGIN if key not in content]:
+            raise checkpoint.CheckpointError(f"{saved}: no checkpoint of a training ({lacks[0]} is missing); {_REMEDY}")
     return _Run(
-        ended=False, iterations=content["iteration"], task=content["task"], seed=content["seed"],
+        ended=ended,
+        iterations=content["iterations" if ended else "iteration"],
+        task=content["task"],
         learning=learned(content),
-        started_from=content.get("started_from"), remedy=f"give the choices that its training began with {other}",
-    )  # fmt: skip
+        seed=content["seed"],
+        started_from=content.get("started_from"),  # files of earlier versions have none
+        remedy=f"{remedy} or name another --runs to train anew",
+    )
 
 
 def _differences(key: str, own: Any, asked: Any) -> list[str]:
@@ -194,7 +194,7 @@ def _differences(key: str, own: Any, asked: Any) -> list[str]:
 
 
 def _origin(path: Path) -> dict[str, Any]:
-    """What a training that begins with a file says of it."""
+    """Origin of the networks in a file, as a training that begins with them records it."""
     return {"file": str(path), **read_networks(path).origin}
 
 
@@ -209,9 +209,13 @@ def _check_start(found: _Run, asked: dict[str, Any] | None, run: Path) -> None:
 def _env(cfg: StudyCfg, plant: str, threads: int = 0) -> EnvCfg:
     """The task of a training."""
     return plant_cfg(
-        plant, num_envs=cfg.num_envs, terrain=cfg.terrain, threads=threads, randomize=cfg.randomize,
+        plant,
+        num_envs=cfg.num_envs,
+        terrain=cfg.terrain,
+        threads=threads,
+        randomize=cfg.randomize,
         power_price=cfg.power_price,
-    )  # fmt: skip
+    )
 
 
 def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> Trainer:
@@ -235,7 +239,7 @@ def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> T
 
 
 def _result(run: Path) -> dict[str, Any]:
-    """What a training left in its folder.
+    """Result of a training in its folder.
 
     Raises:
         ValueError: it is no result of a training.
@@ -250,7 +254,7 @@ def _result(run: Path) -> dict[str, Any]:
 
 
 def _record(run: Path, plant: str, seed: int) -> dict[str, Any]:
-    """What is kept of a training beside its policy."""
+    """Record of a training, kept beside its policy."""
     result = _result(run)
     rows = checkpoint.load(run / "checkpoint.pt")["rows"][: result["iterations"]]  # it may have gone on since
     stride = max(-(-len(rows) // POINTS), 1)

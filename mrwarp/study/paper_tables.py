@@ -31,7 +31,7 @@ PAIRS = {"off": ("A", "C"), "on": ("B", "D")}
 """Configurations that are compared, with SAL ``off`` and ``on``: conventional and actuator-aware."""
 
 LEAST = {"rmse": 0.30, "bias": 0.80}
-"""What actuator-aware training is asked to lower RMSE and absolute bias by; the paper's are 0.306 and 0.395, and 0.835
+"""Shares by which actuator-aware training must lower RMSE and absolute bias; the paper's are 0.306 and 0.395, and 0.835
 and 0.874."""
 
 RANKED = tuple(metric for metric in METRICS if metric != "height")
@@ -45,7 +45,7 @@ class Row:
     """Policies of one training under one condition."""
 
     plant: str
-    """What they were trained on, one of :data:`mrwarp.study.plan.PLANTS`."""
+    """Plant that they were trained on, one of :data:`mrwarp.study.plan.PLANTS`."""
     current: float
     """Current that the devices may use [A]; 0 is SAL off."""
     seeds: dict[str, np.ndarray]
@@ -73,11 +73,11 @@ class Change:
     first: float
     """Mean over seeds of the first, or its absolute value."""
     second: float
-    """And of the second."""
+    """Mean over seeds of the second, or its absolute value."""
     reduction: float
     """1 - second/first."""
     by_seed: float
-    """The same of the absolute values averaged over seeds, where signs cannot cancel."""
+    """Reduction of the absolute values averaged over seeds, where signs cannot cancel."""
     interval: tuple[float, float]
     """95 % interval of the difference ``second`` - ``first`` (Welch, over seeds), in the figure's unit."""
     p: float
@@ -93,10 +93,10 @@ class Table2:
     rmse: dict[str, Change]
     """RMSE of the aware against the conventional policies, with SAL ``off`` and ``on``."""
     bias: dict[str, Change]
-    """Absolute value of the mean bias, likewise."""
+    """Absolute value of the mean bias of the aware against the conventional policies, SAL ``off`` and ``on``."""
 
     def limits(self) -> dict[str, str]:
-        """What bounds the reduction of the RMSE, SAL ``off`` and ``on``: how much of each RMSE is not bias."""
+        """Bound of the reduction of the RMSE, SAL ``off`` and ``on``: how much of each RMSE is not bias."""
         return {sal: _limit(self.rows[first], self.rows[second]) for sal, (first, second) in PAIRS.items()}
 
 
@@ -179,7 +179,7 @@ def table3(
 
 
 def _size(row: Row, metric: str) -> float:
-    """What models are ranked by: the mean over seeds of the absolute values; infinite, so last, without figures."""
+    """Mean over seeds of the absolute values, by which models are ranked; infinite, so last, without figures."""
     mean = float(np.abs(row.seeds[metric]).mean())
     return math.inf if math.isnan(mean) else mean
 

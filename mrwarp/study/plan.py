@@ -32,11 +32,11 @@ ENERGY_SEEDS = (0, 1, 2, 3, 4)
 their gaits so much freedom that three seeds spread the saving by half of itself."""
 
 POWER_PRICE = 0.002
-"""What the robots of tables 6 and 7 pay per watt of motors and coils. The paper names its reward terms no further than
+"""Price of a watt of motors and coils for the robots of tables 6 and 7 [1/W]. The paper says of its reward terms only
 that they were matched; what a price changes is in docs/reproduce.md."""
 
 HIGH_POWER_PRICE = 0.01
-"""Five times as much: the other end of that comparison, and what the trainings with :data:`POWER_PRICE` begin with."""
+"""Five times :data:`POWER_PRICE`: the other end of that comparison, and the origin of its trainings [1/W]."""
 
 HEIGHT = -300.0
 """Weight of the squared error of the trunk's height there: with the usual -40, a robot that pays for power walks with
@@ -49,10 +49,10 @@ ENERGY = POLICIES / "energy"
 """Shipped policies of the robots of tables 6 and 7, each trained on its own robot, with their training records."""
 
 HIGH_PRICE = POLICIES / "energy_high_price"
-"""The same, trained with :data:`HIGH_POWER_PRICE`."""
+"""Shipped policies of these robots, trained with :data:`HIGH_POWER_PRICE`."""
 
 RANDOMIZE = "ground"
-"""What differs between environments in the studies' trainings: the paper (section 6.2) lists what it matched between
+"""Randomisation between environments in the studies' trainings: the paper (section 6.2) lists what it matched between
 policies and names no randomisation of robot or device, so it is what legged_gym randomises by default."""
 
 STUDY = POLICIES / "study"
@@ -61,7 +61,7 @@ STUDY = POLICIES / "study"
 
 @dataclass(frozen=True, kw_only=True)
 class StudyCfg:
-    """What all trainings share: everything but plant and seed."""
+    """Choices that all trainings share: everything but plant and seed."""
 
     num_envs: int = 64
     """Parallel environments."""
@@ -70,7 +70,7 @@ class StudyCfg:
     terrain: str = "flat"
     """Ground and its curriculum."""
     randomize: str = RANDOMIZE
-    """What differs between the environments, the same for every plant."""
+    """Randomisation between the environments, the same for every plant."""
     power_price: float = POWER_PRICE
     """Price of a watt [1/W]; only the robots of tables 6 and 7 pay it."""
     learning: LearningCfg = field(default_factory=LearningCfg)
@@ -115,7 +115,7 @@ def policy_file(folder: Path, plant: str, seed: int) -> Path:
 
 
 def start_file(folder: Path, plant: str, seed: int) -> Path:
-    """What a training begins with: the checkpoint of its run there, which has the critic too, or else its policy."""
+    """File that a training begins with: the checkpoint of its run there, with the critic, or else its policy."""
     run = folder / name(plant, seed) / "checkpoint.pt"
     return run if run.is_file() else policy_file(folder, plant, seed)
 

@@ -23,9 +23,14 @@ from mrwarp.usd.robot import CURRENT_GROUPS, PUBLIC_GAINS
 
 
 def plant_cfg(
-    plant: str, *, num_envs: int = 64, terrain: str = "flat", threads: int = 0, randomize: str = RANDOMIZE,
+    plant: str,
+    *,
+    num_envs: int = 64,
+    terrain: str = "flat",
+    threads: int = 0,
+    randomize: str = RANDOMIZE,
     power_price: float = POWER_PRICE,
-) -> EnvCfg:  # fmt: skip
+) -> EnvCfg:
     """The walking task on a plant.
 
     Observations, actions, rewards, commands and randomisation are the same for all of ``plan.PLANTS``; for ``PUBLIC``
@@ -41,10 +46,16 @@ def plant_cfg(
     paying = plant in PAYING
     model = "none" if bare else "bouc_wen" if paying else AWARE if plant == PUBLIC else plant
     cfg = make_walk_cfg(
-        num_envs=num_envs, robot="go1" if bare else "mr_go", actuator_model=model, actuator_file=shipped_model(model),
-        sal=not (bare or plant == "mr_go"), terrain=terrain, threads=threads, randomize=randomize,
+        num_envs=num_envs,
+        robot="go1" if bare else "mr_go",
+        actuator_model=model,
+        actuator_file=shipped_model(model),
+        sal=not (bare or plant == "mr_go"),
+        terrain=terrain,
+        threads=threads,
+        randomize=randomize,
         coupling=Coupling.EXPLICIT if plant == EXPLICIT else Coupling.CONSTRAINT,
-    )  # fmt: skip
+    )
     if plant == PUBLIC:
         return replace(cfg, gains=PUBLIC_GAINS, rewards=replace(cfg.rewards, height=HEIGHT))
     return _paying(cfg, power_price) if paying else cfg

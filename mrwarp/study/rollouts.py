@@ -20,7 +20,7 @@ PLANT = AWARE
 """Torque model of the plant that all policies are evaluated on: the most accurate one."""
 
 METRICS = ("v_x_rmse", "v_x_bias", "height", "height_rmse", "tilt_rms", "yaw_rate_rmse")
-"""What is measured of a rollout, by name; see :class:`Measured`."""
+"""Measured figures of a rollout, by name; see :class:`Measured`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +36,7 @@ class EvaluationCfg:
     seed: int = 0
     """Seed of their poses and gait phases."""
     plant: str = PLANT
-    """What all policies walk on, one of :data:`mrwarp.study.plan.PLANTS`."""
+    """Plant that all policies walk on, one of :data:`mrwarp.study.plan.PLANTS`."""
     terrain: str = "flat"
     """Ground; on rough ground a multiple of 36 rollouts covers every level and kind alike."""
     speed: float = 0.5
@@ -58,7 +58,7 @@ class EvaluationCfg:
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """What the rollouts of each policy gave; arrays of shape (policies, rollouts)."""
+    """Figures of the rollouts of each policy; arrays of shape (policies, rollouts)."""
 
     v_x_rmse: np.ndarray
     """Root of the mean squared error of the forward speed in the heading frame, every 20 ms [m/s]."""
@@ -129,7 +129,7 @@ def roll_out(
 
 
 def _figures(env: WalkEnv, speed: float) -> dict[str, torch.Tensor]:
-    """What is summed over the steps of a rollout; each (E,)."""
+    """Quantities that are summed over the steps of a rollout; each (E,)."""
     error = env.body_velocity[:, 0] - speed
     roll = torch.atan2(-env.gravity[:, 1], -env.gravity[:, 2])
     pitch = torch.asin(env.gravity[:, 0].clamp(-1.0, 1.0))

@@ -60,7 +60,7 @@ class Row:
         return ", ".join(f"{key}={value}" for key, value in self.trial.values.items() if key != REPEATED) or "all"
 
     def as_result(self) -> dict[str, Any]:
-        """What ``result.json`` of the sweep says of it."""
+        """The trial's entry in the sweep's ``result.json``."""
         status = self.status
         entry = {"name": self.trial.name, "values": self.trial.values, "state": status.state.value}
         entry |= {"attempts": status.attempts, "wall_seconds": status.seconds, "figures": self.figures}

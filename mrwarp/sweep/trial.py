@@ -20,7 +20,7 @@ from mrwarp.run_dir import write_text
 from mrwarp.sweep.grid import Trial
 
 LAUNCH = (sys.executable, "-m", "mrwarp.cli")
-"""What runs a command of mrwarp."""
+"""Beginning of the command line of a trial's process."""
 
 PATIENCE = 60.0
 """Time that a stopped trial has to save [s]."""
@@ -51,7 +51,7 @@ FINISHED = (State.DONE, State.MISSED)
 
 @dataclass(kw_only=True)
 class Status:
-    """What ``trial.json`` holds."""
+    """Content of ``trial.json``."""
 
     state: State = State.WAITING
     args: list[str] = field(default_factory=list)
@@ -80,7 +80,7 @@ def read_status(folder: Path) -> Status:
 
 
 def write_status(folder: Path, status: Status) -> None:
-    """Write a trial's status in one piece."""
+    """Write a trial's status, whole or not at all."""
     write_text(folder / "trial.json", json.dumps(asdict(status), indent=2) + "\n")
 
 

@@ -72,7 +72,7 @@ def contact_sheet(
 
 
 def _tidy(axis: Axes, time: np.ndarray, instants: Sequence[int], *, last: bool) -> None:
-    """What all time series have in common."""
+    """Limits, grid and marked instants of a time series."""
     axis.set_xlim(float(time[0]), float(time[-1]))
     axis.grid(alpha=0.25, linewidth=0.6)
     axis.tick_params(labelsize=7.5, labelbottom=last)
@@ -120,7 +120,7 @@ def _draw_row(axis: Axes, side: SideView, frames: Frames, k: int, instants: Sequ
 
 
 def _draw_legend(axis: Axes, currents: Sequence[float], has_device: bool) -> None:
-    """What the colours of robots, currents and legs mean."""
+    """Legend of the colours of robots, currents and legs."""
     axis.set_axis_off()
     robot: list[Patch | Line2D] = []
     if has_device:

@@ -70,11 +70,11 @@ class Series:
     """One time series entity of a robot."""
 
     title: str
-    """What it is, for people."""
+    """Name in the plots."""
     unit: str
     """Unit of its values."""
     lines: str = "robot"
-    """What has a line each: the ``robot`` itself, its ``command``, ``legs``, ``devices`` or ``energy`` entries."""
+    """Owners of the lines: the ``robot`` itself, its ``command``, ``legs``, ``devices`` or ``energy`` entries."""
 
 
 SERIES = {

@@ -1,4 +1,4 @@
-"""What is drawn of a scene, from its MuJoCo model: shapes, where they are for a given qpos, and the ground."""
+"""The drawn part of a scene, from its MuJoCo model: shapes, where they are for a given qpos, and the ground."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Kind(enum.Enum):
 
 
 class Part(enum.Enum):
-    """What a shape is a part of; decides its colour."""
+    """Part of the robot that a shape belongs to; decides its colour."""
 
     TRUNK = (74, 84, 98)
     LIMB = (108, 118, 130)
@@ -67,7 +67,7 @@ class Shape:
     quat: np.ndarray
     """Orientation in the body's frame, (w, x, y, z)."""
     part: Part
-    """What it belongs to."""
+    """Part of the robot that it belongs to."""
     device: int = -1
     """Device whose gate it shows, or -1."""
 
@@ -113,10 +113,16 @@ def robot_shapes(scene: Scene) -> tuple[Shape, ...]:
         body, index = int(model.dof_bodyid[dof]), int(model.dof_jntid[dof])
         shapes.append(
             Shape(
-                name="mr_device", body=body, kind=Kind.CYLINDER, size=(DEVICE_RADIUS, 0.5 * DEVICE_WIDTH),
-                pos=model.jnt_pos[index].copy(), quat=_z_to(model.jnt_axis[index]), part=Part.GATED, device=device,
+                name="mr_device",
+                body=body,
+                kind=Kind.CYLINDER,
+                size=(DEVICE_RADIUS, 0.5 * DEVICE_WIDTH),
+                pos=model.jnt_pos[index].copy(),
+                quat=_z_to(model.jnt_axis[index]),
+                part=Part.GATED,
+                device=device,
             )
-        )  # fmt: skip
+        )
     return tuple(shapes)
 
 
@@ -190,9 +196,14 @@ def _geom_shape(model: mujoco.MjModel, geom: int, names: tuple[str, ...], device
 def _link(body: int, name: str, end: np.ndarray) -> Shape:
     """A capsule from a body's origin to a point in its frame."""
     return Shape(
-        name=name, body=body, kind=Kind.CAPSULE, size=(LINK_RADIUS, 0.5 * float(np.linalg.norm(end))),
-        pos=0.5 * np.asarray(end), quat=_z_to(end), part=Part.LIMB,
-    )  # fmt: skip
+        name=name,
+        body=body,
+        kind=Kind.CAPSULE,
+        size=(LINK_RADIUS, 0.5 * float(np.linalg.norm(end))),
+        pos=0.5 * np.asarray(end),
+        quat=_z_to(end),
+        part=Part.LIMB,
+    )
 
 
 def _z_to(direction: np.ndarray) -> np.ndarray:

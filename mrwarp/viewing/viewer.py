@@ -184,7 +184,7 @@ class _Handler(BaseHTTPRequestHandler):
             upstream.close()
 
     def log_message(self, format: str, *args: object) -> None:
-        """Keep quiet."""
+        """Log nothing."""
 
 
 def _bind(port: int | None) -> _Server:
