@@ -169,7 +169,7 @@ def _samples_in(window: float, dt: float) -> int:
 
 
 def _elements(loop: Mapping[str, float]) -> list[dict[str, float]]:
-    """Unit hysteresis element and unit current map, in inner units."""
+    """Unit hysteresis element and unit current map, in normalised units."""
     return [{"K0": 1.0, **loop}, {"I1": 1.0, "saturation": loop["saturation"]}]
 
 

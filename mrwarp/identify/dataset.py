@@ -1,8 +1,8 @@
 """Measured motion, current and torque as every fit takes them: one immutable data set.
 
 A :class:`Dataset` lays the trajectories of a recording end to end and divides them by scales of the recording, so that
-float32 kernels, search ranges and steps are the same for a 26 N·m joint and a 2 kN damper ("inner units"). Time stays
-in seconds. A :class:`Motion` is a data set whose motion was reconstructed from its log, with what effects need besides.
+float32 kernels, search ranges and steps are the same for a 26 N·m joint and a 2 kN damper ("normalised units"). Time
+stays in seconds. A :class:`Motion` is a data set whose motion was reconstructed from its log, with what effects need.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Dataset:
 
     @classmethod
     def of(cls, recording: Recording, scales: Scales | None = None) -> Dataset:
-        """The samples as recorded, in inner units of ``scales`` (None: those of the recording)."""
+        """The samples as recorded, in normalised units of ``scales`` (None: those of the recording)."""
         runs, scales = recording.trajectories, scales or Scales.of(recording)
         return Dataset(
             q=np.concatenate([run.q for run in runs]) / scales.q,
@@ -139,7 +139,7 @@ class Dataset:
 
 @dataclass(frozen=True, kw_only=True)
 class Motion(Dataset):
-    """A data set with its reconstructed motion and what effects need besides; inner units, float64."""
+    """A data set with its reconstructed motion and what effects need besides; normalised units, float64."""
 
     qdd: np.ndarray
     """Acceleration by zero-phase local polynomials, shape (N,)."""

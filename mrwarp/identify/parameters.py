@@ -1,6 +1,6 @@
 """The parameter vector of a fit: eqs. 14 and 15 and the numbers of effects, as named parts of one vector.
 
-The vector's coordinates, in inner units, are D, B, C, I1, K0, K1 (:data:`LINEAR_PART`), then log(1 + alpha*v),
+The vector's coordinates, in normalised units, are D, B, C, I1, K0, K1 (:data:`LINEAR_PART`), then log(1 + alpha*v),
 log(beta + gamma), log(beta - gamma) with v a typical speed (:data:`SHAPE_PART`), then the effects' own numbers
 (:data:`EFFECT_PART`), those of one sign by their logarithm. A *row* is what the replay's kernel takes: the parameters
 of eqs. 14 and 15 as they are, the angle from which q_c counts, then every number of the catalogue.
@@ -197,7 +197,7 @@ class Parameters:
         return row
 
     def values(self, x: np.ndarray) -> dict[str, dict[str, float]]:
-        """Parameters of each effect in inner units, without those that say how the data were logged or are null."""
+        """Parameters of each effect in normalised units, but those of the logging and those that are null."""
         row = self.row(x)
         return {
             effect: {

@@ -35,7 +35,7 @@ Progress = Callable[[str], None]
 
 
 class Structure(ABC):
-    """A torque model ``columns(shape) @ linear``. All in inner units of the samples."""
+    """A torque model ``columns(shape) @ linear``. All in normalised units of the samples."""
 
     shape: tuple[str, ...]
     """Names of the shape parameters."""

@@ -1,7 +1,7 @@
 """Replay: the torque of recorded motion by the simulator's own laws, for many parameter sets in one launch.
 
-All parameters are in the inner units of the data set (:mod:`mrwarp.identify.dataset`). A parameter set is a row: the
-laws of eqs. 14 and 15, then the numbers of all effects (:data:`WIDTH` values).
+All parameters are in the normalised units of the data set (:mod:`mrwarp.identify.dataset`). A parameter set is a row:
+the laws of eqs. 14 and 15, then the numbers of all effects (:data:`WIDTH` values).
 """
 
 from __future__ import annotations

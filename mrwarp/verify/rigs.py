@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,12 +16,10 @@ from mrwarp.env.backend import MjBatchBackend, MjWarpBackend
 from mrwarp.env.sim import ActuatedSim, Sim, SimCfg, robot_scene
 from mrwarp.env.sim_model import Scene, SolverCfg, set_brake_constraint
 from mrwarp.kernels import ledger
+from mrwarp.paper import GRAVITY
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import JointActuator
 from mrwarp.usd.robot import CURRENT_GROUPS, DEFAULT_Q, STAND_HEIGHT
-
-GRAVITY = 9.81
-"""Gravity of every rig [m/s^2]."""
 
 LOADED = 100.0
 """Foot force written to rigs without feet, so that their gates see a loaded leg [N]."""
@@ -163,7 +162,7 @@ def standing_robot(
     return robot
 
 
-class StepMeter:
+class StepMeter(ABC):
     """Meters every torque and physics step of a robot, whoever makes it.
 
     Args:
@@ -175,13 +174,13 @@ class StepMeter:
         robot.before_hooks.append(self.before_step)
         robot.hooks.append(self.after_step)
 
+    @abstractmethod
     def before_step(self) -> None:
         """Note where a step begins."""
-        raise NotImplementedError
 
+    @abstractmethod
     def after_step(self) -> None:
         """Book the step."""
-        raise NotImplementedError
 
 
 def solver_friction(sim: Sim) -> np.ndarray:

@@ -94,7 +94,7 @@ def test_damper_baseline_fits_as_the_authors_do(damper: Diagnosis) -> None:
     assert damper.baseline.nrmse < 0.16
 
 
-def test_extension_foretells_earthquakes(damper: Diagnosis) -> None:
+def test_extension_predicts_earthquakes(damper: Diagnosis) -> None:
     """On records that took no part, the extended model errs less than the baseline in most of them."""
     earthquakes = _recording("mr_utfsm_earthquake")
     found = summary(predicted_errors(damper.predictor, earthquakes, averaged=0.3))["average of the motion undone"]

@@ -70,7 +70,7 @@ def test_replay_without_effects_is_that_of_the_fit() -> None:
 
 
 def test_motion_is_the_recordings() -> None:
-    """Ranges, rates and shapes come from the recording, in inner units."""
+    """Ranges, rates and shapes come from the recording, in normalised units."""
     exact = known.motion(runs=3, seconds=2.0)
     recording = known.recording(exact, np.sin(exact.q))
     motion = Motion.of(recording)
