@@ -119,8 +119,8 @@ COMMANDS: dict[str, Command | Group] = {
             "export": _asset("Export", "run_asset", "write the numbers of an MR device as model.json"),
         },
     ),
-    "verify": _command(
-        "trial_options:Verify", "run_verify", "measure what the simulator promises: passivity, holding, accuracy"
+    "verify": _trial(
+        "Verify", "benchmarks.verify.verify_cli", "measure what the simulator promises: passivity, holding, accuracy"
     ),
 }
 """Commands by name."""

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 import warp as wp
 
+from benchmarks.verify.held_joint import bench_rig, stand_on_brakes
+from benchmarks.verify.rigs import stance
 from mrwarp.actuator import brake_constraint
 from mrwarp.env.backend import BackendKind, MjBatchBackend
 from mrwarp.env.sim import ActuatedSim, Sim, SimCfg, robot_scene
@@ -14,8 +16,6 @@ from mrwarp.env.sim_model import Scene, SolverCfg
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import load_robot
 from mrwarp.usd.open_stage import ASSETS
-from mrwarp.verify.held_joint import bench_rig, stand_on_brakes
-from mrwarp.verify.rigs import stance
 
 K1 = "double newton:mr:K1 = 10.413315"
 

@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 import torch
 
+from benchmarks.verify.rigs import StepMeter, mass_matrix, standing_robot
 from mrwarp.enums import Coupling
 from mrwarp.env.backend import MjBatchBackend
 from mrwarp.env.cfg import make_walk_cfg
@@ -26,7 +27,6 @@ from mrwarp.env.sim import ActuatedSim
 from mrwarp.kernels import ledger
 from mrwarp.trials.walking import Policy, make_env
 from mrwarp.usd.robot import CURRENT_GROUPS, DEFAULT_Q
-from mrwarp.verify.rigs import StepMeter, mass_matrix, standing_robot
 
 SOURCES = ("motor", "device", "contact", "limits", "gravity", "step")
 """Where the kinetic energy comes from and goes."""

@@ -13,10 +13,10 @@ from typing import Any, Self
 import numpy as np
 from scipy.optimize import brentq
 
+from benchmarks.verify.rigs import convergence_order, root_mean_square
 from mrwarp.identify.dataset import Dataset, Scales
 from mrwarp.identify.replay import Replay
 from mrwarp.params import BoucWenParams
-from mrwarp.verify.rigs import convergence_order, root_mean_square
 
 SECONDS = 1.0
 """Length of a run [s]."""

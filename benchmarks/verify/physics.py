@@ -3,7 +3,7 @@
 One question per file: is the brake passive (``passivity``), does it hold (``held_joint``), is 5 ms accurate
 (``accuracy``; of the hysteresis alone: ``hysteresis``), does the robot's motion converge (``order``), is all energy
 accounted for (``energy_ledger``), do the engines agree and repeat (``engines``).
-``tests/verify`` measures by the same functions.
+``tests/benchmarks/verify`` measures by the same functions.
 """
 
 from __future__ import annotations
@@ -14,15 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from mrwarp.actuator import brake_constraint
-from mrwarp.enums import Coupling
-from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
-from mrwarp.trials.walking import Policy
-from mrwarp.verify import physics_pictures as pictures
-from mrwarp.verify.accuracy import Accuracy, accuracy
-from mrwarp.verify.energy_ledger import LedgerRun, ledger_runs
-from mrwarp.verify.engines import Agreement, StateAgreement, agreement, bit_figures, state_agreement
-from mrwarp.verify.held_joint import (
+from benchmarks.verify import physics_pictures as pictures
+from benchmarks.verify.accuracy import Accuracy, accuracy
+from benchmarks.verify.energy_ledger import LedgerRun, ledger_runs
+from benchmarks.verify.engines import Agreement, StateAgreement, agreement, bit_figures, state_agreement
+from benchmarks.verify.held_joint import (
     BREAKAWAY_LIMITS,
     CREEP_LIMITS,
     DT,
@@ -34,9 +30,13 @@ from mrwarp.verify.held_joint import (
     line_search_trap,
     stand_runs,
 )
-from mrwarp.verify.hysteresis import Hysteresis, hysteresis
-from mrwarp.verify.order import Order, orders
-from mrwarp.verify.passivity import ROUNDING, PassivityRun, passivity, passivity_figures
+from benchmarks.verify.hysteresis import Hysteresis, hysteresis
+from benchmarks.verify.order import Order, orders
+from benchmarks.verify.passivity import ROUNDING, PassivityRun, passivity, passivity_figures
+from mrwarp.actuator import brake_constraint
+from mrwarp.enums import Coupling
+from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
+from mrwarp.trials.walking import Policy
 
 UNSOLVED_SHARE = 0.005
 """Largest share of steps that may end unsolved in a run with impacts and moving joints."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 
+from benchmarks.verify import physics
 from mrwarp.options.command_line import CommandLine
 from mrwarp.options.trial_options import Verify
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.run_dir import check_writable, write_result
-from mrwarp.verify import physics
 
 
 def run(options: Verify, line: CommandLine) -> int:

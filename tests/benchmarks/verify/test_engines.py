@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from mrwarp.env.backend import BackendKind
-from mrwarp.verify.engines import (
+from benchmarks.verify.engines import (
     GROUPS,
     STEPS,
     Agreement,
@@ -15,6 +14,7 @@ from mrwarp.verify.engines import (
     same_at_any_thread_count,
     state_agreement,
 )
+from mrwarp.env.backend import BackendKind
 
 CASES = ("in the air", "standing", "foot-fall")
 

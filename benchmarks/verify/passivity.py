@@ -9,6 +9,7 @@ import numpy as np
 import torch
 import warp as wp
 
+from benchmarks.verify.rigs import Link, WorkMeter, link_scene, standing_robot
 from mrwarp.actuator.mr_actuator import MrActuatorCfg
 from mrwarp.enums import Coupling
 from mrwarp.env.backend import BackendKind
@@ -17,7 +18,6 @@ from mrwarp.env.sim import ActuatedSim, SimCfg
 from mrwarp.params import MrParams
 from mrwarp.trials.walking import Policy, make_env
 from mrwarp.usd.robot import CURRENT_GROUPS, JOINTS
-from mrwarp.verify.rigs import Link, WorkMeter, link_scene, standing_robot
 
 DT = 0.005
 """Physics step [s], the paper's 200 Hz."""

@@ -8,12 +8,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from benchmarks.verify import accuracy, held_joint
+from benchmarks.verify.accuracy import Accuracy
+from benchmarks.verify.engines import Agreement
+from benchmarks.verify.held_joint import HoldRun, StandRun
+from benchmarks.verify.passivity import PassivityRun
 from mrwarp.enums import Coupling
-from mrwarp.verify import accuracy, held_joint
-from mrwarp.verify.accuracy import Accuracy
-from mrwarp.verify.engines import Agreement
-from mrwarp.verify.held_joint import HoldRun, StandRun
-from mrwarp.verify.passivity import PassivityRun
 
 COLOURS = {"constraint": "tab:blue", "explicit": "tab:orange", "reference": "black"}
 """Colour of each coupling in every picture."""

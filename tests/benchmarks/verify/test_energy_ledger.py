@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from benchmarks.verify import energy_ledger as physics_ledger
+from benchmarks.verify.energy_ledger import LedgerRun
+from benchmarks.verify.physics import LEDGER_GAP
 from mrwarp.actuator.mr_actuator import Coupling
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
-from mrwarp.verify import energy_ledger as physics_ledger
-from mrwarp.verify.energy_ledger import LedgerRun
-from mrwarp.verify.physics import LEDGER_GAP
 
 MASS, GRAVITY = 12.6, 9.81
 

@@ -8,6 +8,16 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from benchmarks.verify.rigs import (
+    LOADED,
+    MOTORLESS,
+    Link,
+    Load,
+    joint_inertia,
+    link_scene,
+    standing_robot,
+    yield_torque,
+)
 from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.mr_actuator import MrActuatorCfg
 from mrwarp.enums import Coupling, HoldCurrent
@@ -17,7 +27,6 @@ from mrwarp.env.sim_model import Scene, build_scene
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import load_bench
 from mrwarp.usd.robot import LEGS
-from mrwarp.verify.rigs import LOADED, MOTORLESS, Link, Load, joint_inertia, link_scene, standing_robot, yield_torque
 
 DT = 0.005
 """Physics step [s]."""

@@ -28,13 +28,13 @@ import numpy as np
 import torch
 import warp as wp
 
+from benchmarks.verify.rigs import mass_matrix, stance, standing_robot
 from mrwarp.env.backend import BackendKind
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.sim import ActuatedSim, Sim, SimCfg, robot_scene
 from mrwarp.env.sim_model import Scene
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.usd.robot import DEFAULT_Q
-from mrwarp.verify.rigs import mass_matrix, stance, standing_robot
 
 EPS32 = 2.0**-24
 """Largest relative rounding error of a float32."""

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from mrwarp.verify.order import CASES, Order, orders
-from mrwarp.verify.physics import ORDER
+from benchmarks.verify.order import CASES, Order, orders
+from benchmarks.verify.physics import ORDER
 
 
 @pytest.fixture(scope="module")

@@ -6,12 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrwarp.actuator import brake_constraint
-from mrwarp.actuator.mr_actuator import Coupling
-from mrwarp.env.backend import BackendKind
-from mrwarp.params import MrParams
-from mrwarp.verify.accuracy import Accuracy, accuracy
-from mrwarp.verify.held_joint import (
+from benchmarks.verify.accuracy import Accuracy, accuracy
+from benchmarks.verify.held_joint import (
     BREAKAWAY_LIMITS,
     CREEP_LIMITS,
     CURRENT,
@@ -21,9 +17,13 @@ from mrwarp.verify.held_joint import (
     hold,
     stand_on_brakes,
 )
-from mrwarp.verify.passivity import ROUNDING, PassivityRun, dropped_robot, falling_link, walking_robot
-from mrwarp.verify.physics import check, run_all
-from mrwarp.verify.rigs import yield_torque
+from benchmarks.verify.passivity import ROUNDING, PassivityRun, dropped_robot, falling_link, walking_robot
+from benchmarks.verify.physics import check, run_all
+from benchmarks.verify.rigs import yield_torque
+from mrwarp.actuator import brake_constraint
+from mrwarp.actuator.mr_actuator import Coupling
+from mrwarp.env.backend import BackendKind
+from mrwarp.params import MrParams
 
 FRICTION_GAP = {BackendKind.MJBATCH: 2e-6, BackendKind.MJWARP: 0.06}
 """sim.friction against the solver's row [N·m].

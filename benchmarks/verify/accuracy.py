@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from benchmarks.verify.rigs import LOADED, MOTORLESS, Link, Load, convergence_order, link_scene, root_mean_square
 from mrwarp.actuator.mr_actuator import MrActuatorCfg
 from mrwarp.enums import Coupling
 from mrwarp.env.sim import ActuatedSim, SimCfg
 from mrwarp.params import MrParams
-from mrwarp.verify.rigs import LOADED, MOTORLESS, Link, Load, convergence_order, link_scene, root_mean_square
 
 SECONDS = 2.0
 """Length of a run [s]."""

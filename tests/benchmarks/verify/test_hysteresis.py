@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from mrwarp.params import BoucWenParams
-from mrwarp.verify.hysteresis import (
+from benchmarks.verify.hysteresis import (
     METHODS,
     PAPER,
     SEGMENT,
@@ -15,7 +14,8 @@ from mrwarp.verify.hysteresis import (
     hysteresis,
     times,
 )
-from mrwarp.verify.physics import HYSTERESIS_ORDER
+from benchmarks.verify.physics import HYSTERESIS_ORDER
+from mrwarp.params import BoucWenParams
 
 FINE = 1e-6
 """Step of the reference that is stepped [s]."""

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from benchmarks.verify.rigs import convergence_order, root_mean_square, stance
 from mrwarp.actuator.mr_actuator import MrActuatorCfg
 from mrwarp.env.sim import ActuatedSim, SimCfg, robot_scene
 from mrwarp.usd.robot import CURRENT_GROUPS, DEFAULT_Q
-from mrwarp.verify.rigs import convergence_order, root_mean_square, stance
 
 STEPS = (0.005, 0.0025, 0.00125)
 """Compared steps [s]; all of them, torque loop included."""
