@@ -170,8 +170,11 @@ def joint(cfg: PerfCfg, folder: Path, progress: Callable[[float], None]) -> tupl
 
 
 def lstm(cfg: PerfCfg, folder: Path, progress: Callable[[float], None]) -> tuple[dict[str, Any], dict[str, Spread]]:
-    """The learned torque of 64 robots' calves by our kernel, torch, Newton's drive and onnxruntime."""
-    cost = LstmCost(256, folder, threads=cfg.threads)
+    """The learned torque of 64 robots' calves on one core by our kernel, torch, Newton's drive and onnxruntime.
+
+    All on one, or a busy second core would look like a slower kernel.
+    """
+    cost = LstmCost(256, folder, threads=1)
     times = interleave(cost.turns(), rounds=cfg.rounds, progress=progress)
     found = {
         "joints": 256,
