@@ -5,7 +5,7 @@
 
 enum { WINDOW = 50, FEATURES = 3 };
 
-/* The order of mrwarp/kernels/joint_params.py. */
+/* The order of mrwarp/kernels/mr_joint.py. */
 typedef struct {
     float q_neutral, q_offset, q_center, D, B, C, I1, K0, K1, alpha, beta, gamma, z_max, T_max, K, n, safety_factor;
     float f_th, eps_e, eps_v, eps_hold, kp_base, kp_low, kd, tau_limit, coil_time_constant, coil_resistance;

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from mrwarp.kernels.joint_params import FIELDS
+from mrwarp.kernels.mr_joint import FIELDS
 from mrwarp.params import (
     BoucWenParams,
     CoilParams,

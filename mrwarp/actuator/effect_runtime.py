@@ -14,7 +14,7 @@ import warp as wp
 
 from mrwarp.effects.catalogue import CATALOGUE, COLUMN, COLUMNS, NULLS, SLOTS, column_of
 from mrwarp.effects.step_kernel import EffectArrays, reset_effects_kernel
-from mrwarp.kernels.joint_params import JointParams
+from mrwarp.kernels.mr_joint import JointParams
 from mrwarp.model_file import Effect
 
 _STATE = ("coil", "heat", "newest", "memory", "commands", "clock", "values")
@@ -109,13 +109,7 @@ class DeviceEffects:
 
     def reset(self, mask: wp.array) -> None:
         """Masked devices are cold, without current and field; the session goes on. Others stay bit-equal."""
-        wp.launch(
-            reset_effects_kernel,
-            dim=self.newest.shape,
-            inputs=[mask],
-            outputs=[self.arrays],
-            device=self.device,
-        )
+        wp.launch(reset_effects_kernel, dim=self.newest.shape, inputs=[mask], outputs=[self.arrays], device=self.device)
 
     def state(self) -> dict[str, np.ndarray]:
         """Copy of everything a resumed run needs, by name."""

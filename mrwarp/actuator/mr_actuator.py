@@ -21,8 +21,10 @@ from mrwarp.actuator.effect_runtime import DeviceEffects, in_kernels
 from mrwarp.actuator.residual import LearnedTorque
 from mrwarp.effects.step_kernel import EffectArrays, effect_step_kernel, step_kernel
 from mrwarp.enums import Coupling, HoldCurrent, ZStep
-from mrwarp.kernels import joint_params, ledger, mr_stages, window
+from mrwarp.kernels import ledger, mr_stages
 from mrwarp.kernels.launch import Launch, in_one_thread, record
+from mrwarp.kernels.learned_torque import FEATURES, WINDOW
+from mrwarp.kernels.mr_joint import FIELDS, JointParams
 from mrwarp.model_file import Effect
 from mrwarp.params import MrParams
 
@@ -153,7 +155,7 @@ class MrActuator:
         self.kd = self._array(np.tile([j.kd for j in joints], (rows, 1)), float)
         self.tau_limit = self._array(np.tile([j.tau_limit for j in joints], (rows, 1)), float)
         self.params = self._param_array([joints[i].mr for i in self.mr_joints], rows)
-        self._param_names = joint_params.FIELDS
+        self._param_names = FIELDS
         self.effects = self._make_effects([joints[i].effects for i in self.mr_joints], rows)
 
         def zeros(*shape: int) -> wp.array:
@@ -162,7 +164,7 @@ class MrActuator:
         # state
         self.z = zeros(num_envs, num_mr)
         self.current = zeros(num_envs, num_mr)
-        self.ring = zeros(num_envs, num_mr, window.WINDOW, window.FEATURES)
+        self.ring = zeros(num_envs, num_mr, WINDOW, FEATURES)
         self.head = wp.zeros(1, dtype=int, device=self.device)
         self.ledger = zeros(num_envs, num_joints, len(ledger.ENTRIES))
         # outputs of the last step
@@ -279,7 +281,7 @@ class MrActuator:
         outputs = [self.m_dyn, self.m_hold, self.z, self.current, self.tau_dyn, self.ring, self.head]
         torques = [self.tau_motor, self.tau_mr, self.tau, self.bound]
         motors = [self.kp, self.kd, self.tau_limit]
-        kernel, arrays, counters = step_kernel, EffectArrays(), [(window.WINDOW, self.head)]
+        kernel, arrays, counters = step_kernel, EffectArrays(), [(WINDOW, self.head)]
         if self.effects is not None:
             kernel, arrays = effect_step_kernel, self.effects.arrays
             counters.append((2**31 - 1, self.effects.clock))
@@ -328,10 +330,10 @@ class MrActuator:
         for slot, mr in enumerate(params):
             for name, value in mr or ():
                 values[name][:, slot] = value
-        return wp.array(values, dtype=joint_params.JointParams, device=self.device)
+        return wp.array(values, dtype=JointParams, device=self.device)
 
 
-_RECORD: np.dtype = np.dtype(joint_params.JointParams.numpy_dtype())  # pyright: ignore[reportCallIssue,reportArgumentType]
+_RECORD: np.dtype = np.dtype(JointParams.numpy_dtype())  # pyright: ignore[reportCallIssue,reportArgumentType]
 """The parameter struct as a NumPy record."""
 
 PROPERTIES = ("params", "effects_values")

@@ -42,15 +42,10 @@ import mrwarp.usd.open_stage  # registers the USD schema; must come before the f
 from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.mr_actuator import Coupling, HoldCurrent, ZStep
 from mrwarp.actuator.residual import LearnedTorque, with_bouc_wen
-from mrwarp.kernels.drive_mr import (
-    brake_bounds_kernel,
-    drive_predict_kernel,
-    drive_reset_kernel,
-    drive_torque_kernel,
-)
-from mrwarp.kernels.joint_params import FIELDS, JointParams
+from mrwarp.kernels.drive_mr import brake_bounds_kernel, drive_predict_kernel, drive_reset_kernel, drive_torque_kernel
+from mrwarp.kernels.learned_torque import FEATURES, WINDOW
+from mrwarp.kernels.mr_joint import FIELDS, JointParams
 from mrwarp.kernels.mr_stages import advance_head_kernel
-from mrwarp.kernels.window import FEATURES, WINDOW
 from mrwarp.nn.models import LstmState
 from mrwarp.nn.network_file import LearnedModel
 from mrwarp.params import MrParams, ParameterError
@@ -94,7 +89,7 @@ class DriveMR(DriveBase):
         fresh: wp.array[int] | None = None
         """1 where the history starts with the next step, shape (N,)."""
         ring: wp.array4d[float] | None = None
-        """History, shape (N, 1, 50, 3), see ``mrwarp.kernels.window``; only with a learned torque."""
+        """History, shape (N, 1, 50, 3), see ``mrwarp.kernels.learned_torque``; only with a learned torque."""
         head: wp.array[int] | None = None
         """Row of its newest sample, shape (1,)."""
 

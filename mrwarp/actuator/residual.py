@@ -22,7 +22,7 @@ import warp as wp
 from mrwarp.kernels import learned_torque as learned
 from mrwarp.kernels import lstm_lanes
 from mrwarp.kernels.launch import Launch, in_one_thread, record
-from mrwarp.kernels.window import FEATURES, WINDOW
+from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.nn.layout import lane_weights, lstm_weights, mlp_layers, output_layer, states_at_rest
 from mrwarp.nn.models import LstmState, LstmTorque
 from mrwarp.nn.network_file import LearnedModel
@@ -95,7 +95,7 @@ class LearnedTorque:
         """Write the predicted torque to ``tau_dyn`` (E, M) where ``m_dyn`` (E, M) is open.
 
         Args:
-            ring: History, shape (E, M, 50, 3), see ``mrwarp.kernels.window``; one sample newer than at the last call.
+            ring: History, shape (E, M, 50, 3), one sample newer than at the last call.
             head: Row of its newest sample, shape (1,).
             m_dyn: Dynamic gate, shape (E, M).
             tau_dyn: tau_BW on entry, the prediction on return [N·m], shape (E, M).

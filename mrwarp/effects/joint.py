@@ -15,8 +15,7 @@ import warp as wp
 from mrwarp.effects.catalogue import column_of
 from mrwarp.effects.law import Path
 from mrwarp.effects.path import current_path, motion_path, path_torque, torque_path
-from mrwarp.kernels.joint_params import JointParams
-from mrwarp.kernels.mr_joint import hysteresis
+from mrwarp.kernels.mr_joint import JointParams, hysteresis
 
 _DELAY = wp.constant(column_of("command_delay", "delay"))
 _THERMAL = wp.constant(column_of("temperature_drift", "time_constant"))

@@ -13,8 +13,7 @@ import warp as wp
 from mrwarp.effects.catalogue import CATALOGUE, COLUMN, SLOT, SOURCES
 from mrwarp.effects.law import Path
 from mrwarp.kernels.bouc_wen import bouc_wen_exact
-from mrwarp.kernels.joint_params import JointParams
-from mrwarp.kernels.mr_joint import displacement
+from mrwarp.kernels.mr_joint import JointParams, displacement
 
 _CURRENT = [law for law in CATALOGUE.values() if law.stage == "current"]
 _MOTION = [law for law in CATALOGUE.values() if law.stage == "motion"]

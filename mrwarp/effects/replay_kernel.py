@@ -16,8 +16,7 @@ from mrwarp.effects.law import Path
 from mrwarp.effects.path import current_path, motion_path, path_hysteresis, path_torque, sensor_path, torque_path
 from mrwarp.kernels.bouc_wen import bouc_wen_exact
 from mrwarp.kernels.coil import coil_current
-from mrwarp.kernels.joint_params import JointParams
-from mrwarp.kernels.mr_joint import hysteresis
+from mrwarp.kernels.mr_joint import JointParams, hysteresis
 
 LAWS = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
 """Parameters of eqs. 14 and 15."""

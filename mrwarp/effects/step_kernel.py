@@ -13,12 +13,10 @@ import warp as wp
 
 from mrwarp.effects.joint import delayed_command, joint_path, stored_heat
 from mrwarp.kernels.coil import coil_current
-from mrwarp.kernels.flat import flat, put, put4
-from mrwarp.kernels.joint_params import JointParams
-from mrwarp.kernels.mr_joint import displacement, gated_command, hysteresis, sliding_torque
-from mrwarp.kernels.mr_stages import device_share, motor_torque
+from mrwarp.kernels.learned_torque import FEATURES, WINDOW
+from mrwarp.kernels.mr_joint import JointParams, displacement, gated_command, hysteresis, sliding_torque
+from mrwarp.kernels.mr_stages import device_share, flat, motor_torque, put, put4
 from mrwarp.kernels.pd import pd_torque
-from mrwarp.kernels.window import FEATURES, WINDOW
 
 
 @wp.struct

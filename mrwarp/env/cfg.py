@@ -6,15 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 
 from mrwarp.actuator.mr_actuator import MrActuatorCfg
-from mrwarp.enums import (
-    ACTUATORS,
-    LEARNED,
-    TERRAINS,
-    BackendKind,
-    Coupling,
-    HoldCurrent,
-    ZStep,
-)
+from mrwarp.enums import ACTUATORS, LEARNED, TERRAINS, BackendKind, Coupling, HoldCurrent, ZStep
 from mrwarp.env.commands import CommandCfg
 from mrwarp.env.events import RandomizeCfg, make_randomize_cfg
 from mrwarp.env.observations import NoiseCfg

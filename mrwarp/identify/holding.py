@@ -13,7 +13,7 @@ from mrwarp.recording.load import RecordingError
 
 
 def holding_curve(current: np.ndarray, T_max: float, K: float, n: float) -> np.ndarray:
-    """tau_y of eq. 18 [N·m], as ``mrwarp.kernels.hold.yield_torque``, in float64."""
+    """tau_y of eq. 18 [N·m], as ``mrwarp.kernels.brake.yield_torque``, in float64."""
     ratio = (np.abs(current) / K) ** n
     return T_max * ratio / (1.0 + ratio)
 

@@ -8,8 +8,9 @@ import warp as wp
 from mrwarp.kernels.clip import clip
 from mrwarp.kernels.coil import coil_current
 from mrwarp.kernels.gate import effective_kp, hold_gate
-from mrwarp.kernels.joint_params import JointParams
+from mrwarp.kernels.learned_torque import WINDOW
 from mrwarp.kernels.mr_joint import (
+    JointParams,
     brake_bound,
     device_torque,
     displacement,
@@ -18,7 +19,6 @@ from mrwarp.kernels.mr_joint import (
     sliding_torque,
 )
 from mrwarp.kernels.pd import pd_torque
-from mrwarp.kernels.window import WINDOW
 
 
 @wp.kernel

@@ -14,7 +14,11 @@ These kernels run on any device; on a CPU ``lstm_lanes`` does the LSTM thirty ti
 
 import warp as wp
 
-from mrwarp.kernels.window import FEATURES, window_row
+WINDOW = 50
+"""Samples of history, paper eq. 12: 0.25 s at 200 Hz."""
+
+FEATURES = 3
+"""Features per sample: displacement q_c [rad], velocity qd [rad/s], coil current I [A]."""
 
 HIDDEN = 64
 """Hidden units of the LSTM and of each layer of the MLP, paper section 4.1."""
@@ -30,6 +34,12 @@ REST_POINTS = 4097
 
 MLP_SAMPLES = 3
 """Samples that the MLP sees, paper section 4.1."""
+
+
+@wp.func
+def window_row(sample: int, head: int, length: int) -> int:
+    """Ring row of the ``sample``-th oldest entry when the newest was written at ``head``."""
+    return (head + 1 + sample) % length
 
 
 @wp.func

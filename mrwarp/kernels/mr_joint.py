@@ -3,10 +3,46 @@
 import warp as wp
 
 from mrwarp.kernels.bouc_wen import bouc_wen_euler, bouc_wen_exact, bouc_wen_torque
-from mrwarp.kernels.brake import oppose_velocity
+from mrwarp.kernels.brake import holding_need, holding_torque, oppose_velocity, support_current, yield_torque
 from mrwarp.kernels.gate import dynamic_gate, hold_gate
-from mrwarp.kernels.hold import holding_need, holding_torque, support_current, yield_torque
-from mrwarp.kernels.joint_params import JointParams
+
+
+@wp.struct
+class JointParams:
+    """Parameters of one MR joint; names, units and sources as in ``mrwarp.params``."""
+
+    q_neutral: wp.float32
+    q_offset: wp.float32
+    q_center: wp.float32
+    D: wp.float32
+    B: wp.float32
+    C: wp.float32
+    I1: wp.float32
+    K0: wp.float32
+    K1: wp.float32
+    alpha: wp.float32
+    beta: wp.float32
+    gamma: wp.float32
+    z_max: wp.float32
+    T_max: wp.float32
+    K: wp.float32
+    n: wp.float32
+    safety_factor: wp.float32
+    f_th: wp.float32
+    eps_e: wp.float32
+    eps_v: wp.float32
+    eps_hold: wp.float32
+    kp_base: wp.float32
+    kp_low: wp.float32
+    kd: wp.float32
+    tau_limit: wp.float32
+    coil_time_constant: wp.float32
+    coil_resistance: wp.float32
+    current_max: wp.float32
+
+
+FIELDS: tuple[str, ...] = tuple(JointParams.vars)
+"""Field names in memory order; an (E, M, len(FIELDS)) float view of a parameter array is indexed by them."""
 
 SUPPORT = wp.constant(0)
 """Holding current: the support current of the needed torque."""

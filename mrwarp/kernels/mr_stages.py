@@ -3,10 +3,31 @@
 import warp as wp
 
 from mrwarp.kernels.gate import effective_kp
-from mrwarp.kernels.joint_params import JointParams
-from mrwarp.kernels.mr_joint import brake_bound, device_torque, displacement
+from mrwarp.kernels.learned_torque import WINDOW
+from mrwarp.kernels.mr_joint import JointParams, brake_bound, device_torque, displacement
 from mrwarp.kernels.pd import pd_torque
-from mrwarp.kernels.window import WINDOW
+
+
+@wp.func_native("return values.data[index];")
+def flat(values: wp.array2d[float], index: int) -> float:
+    """Element of a contiguous array by its flat index.
+
+    ``values[i, j]`` multiplies by strides that are known only at run time, in every access. Here the caller works out
+    the index once for all arrays of a shape, and makes sure that they are contiguous.
+    """
+    ...
+
+
+@wp.func_native("values.data[index] = value;")
+def put(values: wp.array2d[float], index: int, value: float):
+    """Set an element of a contiguous array by its flat index."""
+    ...
+
+
+@wp.func_native("values.data[index] = value;")
+def put4(values: wp.array4d[float], index: int, value: float):
+    """Set an element of a contiguous array with four axes by its flat index."""
+    ...
 
 
 @wp.kernel(enable_backward=False)

@@ -7,7 +7,7 @@ import torch
 
 from mrwarp.kernels import learned_torque as learned
 from mrwarp.kernels import lstm_lanes
-from mrwarp.kernels.window import FEATURES, WINDOW
+from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.nn.models import LstmTorque
 
 

@@ -45,12 +45,7 @@ def make_ppo_cfg(
     learning = learning or LearningCfg()
 
     def net() -> dict[str, Any]:
-        return {
-            "class_name": "MLPModel",
-            "hidden_dims": list(hidden),
-            "activation": "elu",
-            "obs_normalization": True,
-        }
+        return {"class_name": "MLPModel", "hidden_dims": list(hidden), "activation": "elu", "obs_normalization": True}
 
     return {
         "num_steps_per_env": STEPS_PER_UPDATE,

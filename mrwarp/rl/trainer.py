@@ -80,12 +80,7 @@ class Trainer:
     """
 
     def __init__(
-        self,
-        cfg: TrainCfg,
-        *,
-        resume: Path | None = None,
-        start_from: Path | None = None,
-        ranks: Ranks | None = None,
+        self, cfg: TrainCfg, *, resume: Path | None = None, start_from: Path | None = None, ranks: Ranks | None = None
     ) -> None:
         if resume and start_from:
             raise ValueError("a training goes on from a checkpoint or starts from one, not both")

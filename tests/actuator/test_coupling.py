@@ -5,8 +5,8 @@ import pytest
 import warp as wp
 
 from mrwarp.actuator.mr_actuator import Coupling, MrActuator, MrActuatorCfg
+from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.kernels.ledger import ENTRIES
-from mrwarp.kernels.window import FEATURES, WINDOW
 from mrwarp.params import MrParams
 from tests.actuator.actuator_bench import CALVES, DT, LEGS, Bench, f32, make_joints, random_inputs
 

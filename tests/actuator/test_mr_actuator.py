@@ -5,9 +5,9 @@ import pytest
 import warp as wp
 
 from mrwarp.actuator.mr_actuator import Coupling, HoldCurrent, MrActuatorCfg, ZStep
-from mrwarp.kernels.joint_params import FIELDS
+from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.kernels.ledger import ENTRIES
-from mrwarp.kernels.window import FEATURES, WINDOW
+from mrwarp.kernels.mr_joint import FIELDS
 from mrwarp.params import MrParams
 from tests.actuator.actuator_bench import CALVES, Bench, assert_bit_equal, f32, make_joints, random_inputs, rows
 

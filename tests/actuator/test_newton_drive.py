@@ -18,7 +18,7 @@ from mrwarp.actuator import brake_constraint
 from mrwarp.actuator import newton_drive as drive_module
 from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, HoldCurrent, MrActuator, MrActuatorCfg, ZStep
 from mrwarp.actuator.newton_drive import DriveMR, apply_brake_bounds, prepare_brake
-from mrwarp.kernels.joint_params import FIELDS
+from mrwarp.kernels.mr_joint import FIELDS
 from mrwarp.model_file import FittedOn, Model, Parameter
 from mrwarp.params import MrParams, ParameterError
 from mrwarp.usd.asset import JointActuator, load_bench

@@ -7,11 +7,10 @@ import pytest
 import warp as wp
 
 from mrwarp.effects.step_kernel import EffectArrays, step_kernel
-from mrwarp.kernels.joint_params import FIELDS, JointParams
+from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.kernels.ledger import ENTRIES
-from mrwarp.kernels.mr_joint import FIXED, SUPPORT
+from mrwarp.kernels.mr_joint import FIELDS, FIXED, SUPPORT, JointParams
 from mrwarp.kernels.mr_stages import advance_head_kernel, learned_torque_kernel, reset_kernel
-from mrwarp.kernels.window import FEATURES, WINDOW
 from mrwarp.params import MrParams
 
 

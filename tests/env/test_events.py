@@ -13,7 +13,7 @@ from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.events import RandomizeCfg
 from mrwarp.env.rng import STEP
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.kernels.joint_params import FIELDS
+from mrwarp.kernels.mr_joint import FIELDS
 from mrwarp.usd.robot import CALVES, JOINTS
 
 NUM_ENVS = 64

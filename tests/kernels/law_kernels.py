@@ -4,12 +4,11 @@
 import warp as wp
 
 from mrwarp.kernels.bouc_wen import bouc_wen_euler, bouc_wen_exact
-from mrwarp.kernels.brake import oppose_velocity
+from mrwarp.kernels.brake import holding_torque, oppose_velocity, support_current, yield_torque
 from mrwarp.kernels.coil import coil_current
 from mrwarp.kernels.gate import dynamic_gate, hold_gate
-from mrwarp.kernels.hold import holding_torque, support_current, yield_torque
+from mrwarp.kernels.learned_torque import FEATURES, window_row
 from mrwarp.kernels.pd import pd_torque
-from mrwarp.kernels.window import FEATURES, window_row
 
 
 @wp.kernel

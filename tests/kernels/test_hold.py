@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from mrwarp.kernels.hold import holding_need
+from mrwarp.kernels.brake import holding_need
 from tests.kernels.law_kernels import hold_kernel
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import warp as wp
 
+from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.kernels.mr_stages import advance_head_kernel
-from mrwarp.kernels.window import FEATURES, WINDOW
 from tests.kernels.law_kernels import window_read_kernel
 
 
