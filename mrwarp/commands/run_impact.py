@@ -15,8 +15,8 @@ from mrwarp.run_dir import check_writable, write_result
 from mrwarp.trials import thresholds
 from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, Variant, figures
 from mrwarp.usd.asset import check_currents, effect_lines
-from mrwarp.viewing import impact_pictures
-from mrwarp.viewing.impact_view import ImpactView
+from mrwarp.viewing import robot_pictures
+from mrwarp.viewing.live_view import ImpactView, open_sink
 
 
 def run(options: Impact, line: CommandLine) -> int:
@@ -31,9 +31,10 @@ def run(options: Impact, line: CommandLine) -> int:
     for text in effect_lines(actuators):
         print(text, flush=True)
     shown = sweeps.get(Coupling.CONSTRAINT) or sweeps[couplings[0]]
-    view = ImpactView.open(
-        shown, live=options.live, rrd=options.rrd, connect=options.connect, serve_web=options.serve_web
-    )
+    sink = None
+    if options.live or options.rrd or options.connect or options.serve_web:
+        sink = open_sink(rrd=options.rrd, url=options.connect, web=options.serve_web)
+    view = ImpactView(shown, sink) if sink else None
     options.out.mkdir(parents=True, exist_ok=True)
     result: dict[str, Any] = {
         "kind": options.kind,
@@ -48,9 +49,9 @@ def run(options: Impact, line: CommandLine) -> int:
         found = figures(trace, sweep.cfg.currents)
         result["couplings"][coupling.value] = found
         _print(found, options.kind)
-        impact_pictures.contact_sheet(sweep, trace, options.out / f"impact_{coupling.value}.png")
-        impact_pictures.loops(trace, sweep.cfg.currents, options.out / f"loops_{coupling.value}.png")
-        impact_pictures.timeline(trace, sweep.cfg.currents, options.out / f"timeline_{coupling.value}.png")
+        robot_pictures.impact_sheet(sweep, trace, options.out / f"impact_{coupling.value}.png")
+        robot_pictures.impact_loops(trace, sweep.cfg.currents, options.out / f"loops_{coupling.value}.png")
+        robot_pictures.impact_timeline(trace, sweep.cfg.currents, options.out / f"timeline_{coupling.value}.png")
     if view is not None:
         view.close()
         result["shown"] = view.minima
@@ -58,8 +59,10 @@ def run(options: Impact, line: CommandLine) -> int:
         result["sensitivity"] = _sensitivity(options, policy)
     write_result(options.out, result, seed=options.seed, command=str(line))
     print(f"\nfigures and pictures in {options.out}")
-    if view is not None:
-        view.wait()
+    if sink and sink.web:
+        print(f"open {sink.web.page} in a browser on this machine; Ctrl-C ends", flush=True)
+        sink.web.wait()
+        sink.web.close()
     return 0
 
 

@@ -22,7 +22,10 @@ from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.run_dir import check_output, write_result
 from mrwarp.trials.walking import make_env
 from mrwarp.usd.asset import check_currents, effect_lines
-from mrwarp.viewing.player import Player
+from mrwarp.viewing.frames import Frames
+from mrwarp.viewing.live_view import Player, open_sink
+from mrwarp.viewing.robot_pictures import contact_sheet
+from mrwarp.viewing.viewer import DEFAULT_URL, WebViewer
 
 WARMUP = 2.0
 """Longest time to get going that is shown but not measured [s]; at most a quarter of the run."""
@@ -37,10 +40,12 @@ Actor = Callable[[Any], torch.Tensor]
 def run(options: Play, line: CommandLine) -> int:
     """Run and show; 0 when done, 1 when a recording failed, 2 on bad input, 130 after Ctrl-C."""
     player = prepare(options)
+    web = player.sink.web if player.sink else None
     try:
-        return _play(options, line, player)
+        return _play(options, line, player, web)
     finally:
-        player.end()
+        if web:
+            web.close()
 
 
 def prepare(options: Play) -> Player:
@@ -55,20 +60,30 @@ def prepare(options: Play) -> Player:
     for text in effect_lines(env.sim.scene.actuators):
         print(text, flush=True)
     actor = on_device(policy, env.device) if policy else make_agent(str(options.agent), env)
-    player = Player(env, actor, speed=options.speed, shown=shown(options.num_envs))
-    elsewhere = (options.rrd, options.connect is not None, options.serve_web, options.png, options.out)
-    player.open(
-        rrd=options.rrd,
-        url=None if options.connect is None else options.connect or "default",
-        web=options.serve_web,
-        web_port=options.web_port,
-        window=options.live or not any(elsewhere),
-        keep=options.png is not None,
-    )
-    return player
+    sink = None
+    if (
+        options.rrd
+        or options.connect is not None
+        or options.serve_web
+        or options.live
+        or not (options.png or options.out)
+    ):
+        sink = open_sink(
+            rrd=_partial(options.rrd) if options.rrd else None,
+            url=DEFAULT_URL if options.connect == "" else options.connect,
+            web=options.serve_web,
+            web_port=options.web_port,
+        )
+    keep = options.png is not None
+    return Player(env, actor, speed=options.speed, shown=shown(options.num_envs), sink=sink, keep=keep)
 
 
-def _play(options: Play, line: CommandLine, player: Player) -> int:
+def _partial(path: Path) -> Path:
+    """Where a recording stands until it is whole."""
+    return path.with_name(path.name + ".part")
+
+
+def _play(options: Play, line: CommandLine, player: Player, web: WebViewer | None) -> int:
     """Play, then write what was asked for."""
     cfg, agent = player.env.cfg, options.policy or f"agent {options.agent}"
     print(
@@ -77,8 +92,8 @@ def _play(options: Play, line: CommandLine, player: Player) -> int:
         f"{options.speed:g} m/s for {options.seconds:g} s",
         flush=True,
     )
-    if player.page:
-        print(f"open {player.page}", flush=True)
+    if web:
+        print(f"open {web.page}", flush=True)
     started = time.perf_counter()
     figures: dict[str, Any] = {}
     code = 0
@@ -96,11 +111,13 @@ def _play(options: Play, line: CommandLine, player: Player) -> int:
         print(f"{line.prog}: the {where} ({player.dropped} frames dropped)", file=sys.stderr)
         code = code or int(options.rrd is not None)
     if options.rrd:
+        _partial(options.rrd).replace(options.rrd)
         print(f"recording: {options.rrd}; open it with: rerun {options.rrd}")
     if options.png and len(player.frames) > 1:
         where = f"{cfg.robot}, payload {cfg.payload} kg, command {options.speed:g} m/s, seed {options.seed}"
         where += ", rough ground" if cfg.terrain else ""
-        player.picture(options.png, f"{Path(agent).name} on {where}")
+        frames, title = Frames.join(player.frames), f"{Path(agent).name} on {where}"
+        contact_sheet(player.env.sim.scene, frames, player.currents, options.png, title=title)
         print(f"picture: {options.png}")
     if figures:
         _report(figures, wall)
@@ -108,8 +125,10 @@ def _play(options: Play, line: CommandLine, player: Player) -> int:
             figures |= {"wall_seconds": wall, "dropped_frames": player.dropped, "currents": player.currents}
             written = write_result(options.out, figures, seed=options.seed, command=str(line))
             print(f"figures: {written}")
-        if player.page:
-            _wait_for_interrupt()
+        if web:
+            print("the page stays until Ctrl-C", flush=True)
+            web.wait()
+            print()
     return code
 
 
@@ -184,12 +203,3 @@ def _report(figures: dict[str, Any], wall: float) -> None:
         f"{figures['clock_match']:.0%}, gates open: hold {figures['hold_share']:.0%}, dynamic "
         f"{figures['dynamic_share']:.0%}, falls {len(figures['falls'])}"
     )
-
-
-def _wait_for_interrupt() -> None:
-    print("the page stays until Ctrl-C", flush=True)
-    try:
-        while True:
-            time.sleep(1.0)
-    except KeyboardInterrupt:
-        print()

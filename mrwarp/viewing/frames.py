@@ -1,9 +1,12 @@
-"""Frames: what is shown of some environments over time, copied out of the simulator as plain NumPy arrays."""
+"""Frames: what is shown of some environments over time, as plain NumPy arrays, and the thread that takes them away."""
 
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -12,6 +15,12 @@ import warp as wp
 
 from mrwarp.env.sim import ActuatedSim
 
+MOST_TOGETHER = 100
+"""Most frames in one batch."""
+
+LIVE_INTERVAL = 0.1
+"""Least time between two batches to a viewer [s]."""
+
 
 class Gate(enum.IntEnum):
     """Which branch of the device is open."""
@@ -19,6 +28,11 @@ class Gate(enum.IntEnum):
     OFF = 0
     DYNAMIC = 1
     HOLD = 2
+
+
+def gate_of(dynamic: np.ndarray, hold: np.ndarray) -> np.ndarray:
+    """:class:`Gate` of each device from its two gates."""
+    return np.where(dynamic > 0.0, Gate.DYNAMIC, np.where(hold > 0.0, Gate.HOLD, Gate.OFF))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,11 +72,8 @@ class Frames:
     @staticmethod
     def join(parts: Sequence[Frames]) -> Frames:
         """Put frames of the same environments one after the other."""
-        if len(parts) == 1:
-            return parts[0]
-        return Frames(
-            **{field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Frames)}
-        )
+        names = [field.name for field in fields(Frames)]
+        return Frames(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
 class FrameReader:
@@ -83,22 +94,15 @@ class FrameReader:
         if not shown or min(shown) < 0 or max(shown) >= sim.num_envs:
             raise ValueError(f"environments {list(shown)} must lie in 0..{sim.num_envs - 1}")
         self._shown = torch.tensor(list(shown), device=wp.device_to_torch(sim.device))
-        self._views = {
-            name: wp.to_torch(array)
-            for name, array in {
-                "qpos": sim.backend.field("qpos"),
-                "sensor": sim.backend.field("sensordata"),
-                "f_foot": sim.f_foot,
-                "vel": sim.root_vel,
-                "quat": sim.root_quat,
-                "tau_motor": actuator.tau_motor,
-                "tau_mr": actuator.tau_mr,
-                "current": actuator.current,
-                "m_dyn": actuator.m_dyn,
-                "m_hold": actuator.m_hold,
-                "ledger": actuator.ledger,
-            }.items()
+        arrays = {
+            "qpos": sim.backend.field("qpos"),
+            "sensor": sim.backend.field("sensordata"),
+            "f_foot": sim.f_foot,
+            "vel": sim.root_vel,
+            "quat": sim.root_quat,
         }
+        arrays |= {name: getattr(actuator, name) for name in ("tau_motor", "tau_mr", "current", "m_dyn", "m_hold")}
+        self._views = {name: wp.to_torch(array) for name, array in (arrays | {"ledger": actuator.ledger}).items()}
         self._sensors = (sim.scene.foot_adr[:, None] + np.arange(3)).astype(np.int64)
 
     def read(self, time: float, v_x_command: Sequence[float] | None = None) -> Frames:
@@ -109,24 +113,90 @@ class FrameReader:
             v_x_command: Commanded forward velocity [m/s], shape (K,).
         """
         now = {name: view[self._shown].cpu().numpy() for name, view in self._views.items()}
-        num_shown = len(self._shown)
         w, x, y, z = now["quat"].T
         yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        v_x = np.cos(yaw) * now["vel"][:, 0] + np.sin(yaw) * now["vel"][:, 1]
         # the sensor holds the foot's force on the ground; after a reset it still holds the last episode's
-        force = np.where(now["f_foot"][:, : len(self._sensors), None] > 0.0, -now["sensor"][:, self._sensors], 0.0)
-        gate = np.where(now["m_dyn"] > 0.0, Gate.DYNAMIC, np.where(now["m_hold"] > 0.0, Gate.HOLD, Gate.OFF))
-        command = np.full(num_shown, np.nan) if v_x_command is None else np.asarray(v_x_command, dtype=np.float64)
-        return Frames(
-            time=np.array([time]),
-            qpos=now["qpos"].astype(np.float64)[None],
-            v_x=v_x[None],
-            v_z=now["vel"][:, 2][None],
-            v_x_command=command[None],
-            tau_motor=now["tau_motor"][None],
-            tau_mr=now["tau_mr"][None],
-            current=now["current"][None],
-            gate=gate[None],
-            foot_force=force[None],
-            ledger=now["ledger"][None],
-        )
+        touching = now["f_foot"][:, : len(self._sensors), None] > 0.0
+        command = np.full(len(self._shown), np.nan) if v_x_command is None else np.asarray(v_x_command, dtype=float)
+        state = {
+            "qpos": now["qpos"].astype(np.float64),
+            "v_x": np.cos(yaw) * now["vel"][:, 0] + np.sin(yaw) * now["vel"][:, 1],
+            "v_z": now["vel"][:, 2],
+            "v_x_command": command,
+            "gate": gate_of(now["m_dyn"], now["m_hold"]),
+            "foot_force": np.where(touching, -now["sensor"][:, self._sensors], 0.0),
+        }
+        state |= {name: now[name] for name in ("tau_motor", "tau_mr", "current", "ledger")}
+        return Frames(time=np.array([time]), **{name: value[None] for name, value in state.items()})
+
+
+class FrameStream:
+    """Logs frames on a thread of its own, in batches, so that the simulation never waits for a viewer.
+
+    rerun's sinks are asynchronous only up to a quota: behind a viewer that hangs, ``log`` blocks once about 100 MB are
+    waiting.
+
+    Args:
+        log: What takes the frames, e.g. ``RobotLogger.log``; called on the thread only.
+        drop: With a full queue drop frames (live) instead of waiting (file).
+        batch: Least number of frames that are logged together, up to MOST_TOGETHER.
+        capacity: Longest queue, in frames.
+
+    Attributes:
+        dropped: Frames that were dropped.
+    """
+
+    def __init__(self, log: Callable[[Frames], None], *, drop: bool, batch: int, capacity: int = 500) -> None:
+        self.dropped = 0
+        self._log, self._drop, self._batch = log, drop, batch
+        self._queue: queue.Queue[Frames | None] = queue.Queue(capacity)
+        self._error: Exception | None = None
+        self._thread = threading.Thread(target=self._run, name="frame stream", daemon=True)
+        self._thread.start()
+
+    def log(self, frames: Frames) -> None:
+        """Queue frames; never blocks when dropping.
+
+        Raises:
+            RuntimeError: logging failed earlier, and frames may not be dropped.
+        """
+        if self._error is not None:
+            if not self._drop:
+                raise RuntimeError(f"frames cannot be logged: {self._error}") from self._error
+            self.dropped += len(frames)
+        elif self._drop:
+            try:
+                self._queue.put_nowait(frames)
+            except queue.Full:
+                self.dropped += len(frames)
+        else:
+            self._queue.put(frames)
+
+    def close(self, timeout: float | None = None) -> bool:
+        """Log what is queued and end the thread; False if that failed or took longer than ``timeout`` [s]."""
+        try:
+            self._queue.put(None, timeout=timeout)
+        except queue.Full:
+            return False
+        self._thread.join(timeout)
+        return not self._thread.is_alive() and self._error is None
+
+    def _run(self) -> None:
+        waiting: list[Frames] = []
+        logged = -LIVE_INTERVAL
+        while True:
+            frames = self._queue.get()
+            if frames is not None:
+                waiting.append(frames)
+            # behind a fast simulation the batches grow: each frame costs less, and leaves the interpreter to others
+            rested = not self._drop or time.monotonic() - logged >= LIVE_INTERVAL
+            full = len(waiting) >= self._batch and rested and self._queue.empty() or len(waiting) >= MOST_TOGETHER
+            if waiting and (frames is None or full):
+                try:
+                    if self._error is None:
+                        self._log(Frames.join(waiting))
+                except Exception as error:  # whatever it is: the simulation goes on, or hears of it in log()
+                    self._error = error
+                waiting, logged = [], time.monotonic()
+            if frames is None:
+                return

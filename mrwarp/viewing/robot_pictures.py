@@ -16,22 +16,32 @@ from PIL import Image
 from mrwarp.env.sim_model import Scene
 from mrwarp.kernels import ledger
 from mrwarp.run_dir import atomic_write
+from mrwarp.trials.impact import ImpactSweep, ImpactTrace
 from mrwarp.usd.robot import CALVES, GAIT_FREQUENCY, LEGS
-from mrwarp.viewing.frames import Frames, Gate
-from mrwarp.viewing.shapes import CURRENT_COLORS, GATE_COLORS, LEG_COLORS, ground_of, trunk_height
-from mrwarp.viewing.side_view import FORCE_COLOR, GROUND_COLOR, GROUND_EDGE, SideView, rgb
+from mrwarp.viewing.frames import Frames, Gate, gate_of
+from mrwarp.viewing.shapes import CURRENT_COLORS, GATE_COLORS, LEG_COLORS, Color, ground_of, trunk_height
+from mrwarp.viewing.side_view import FORCE_COLOR, SideView
 
 INSTANTS = 5
-"""Instants in a row, evenly over one stride."""
+"""Instants in a row."""
 
 PITCH = 0.8
 """Distance between the drawn robots of a row [m]."""
+
+AFTER_IMPACT = (0.0, 0.05, 0.1, 0.2, 0.4)
+"""Instants after an impact's onset at which the robots are drawn [s]."""
+
+COLORS = ("#7a7f87", "#3a8f3a", "#e08a1e", "#b4451f", "#1f6fb4", "#6a3d9a")
+"""One colour per setting of an impact sweep."""
+
+Pose = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Positions, gates of the devices and forces on the feet of one robot, see :meth:`SideView.draw`."""
 
 
 def contact_sheet(
     scene: Scene, frames: Frames, currents: Sequence[float], path: Path, *, title: str = "", seconds: float = 2.0
 ) -> None:
-    """Five instants of every robot, and the time series of the last ``seconds`` around them.
+    """Every robot at instants spread over one stride, and the time series of the last ``seconds`` around them.
 
     Args:
         scene: What is simulated.
@@ -56,41 +66,113 @@ def contact_sheet(
     _draw_times(figure.add_subplot(grid[0, :]), frames.time[instants])
     side = SideView(scene)
     for k, current in enumerate(currents):
-        _draw_row(figure.add_subplot(grid[k + 1, :]), side, frames, k, instants, f"{current:g} A")
+        poses = [(frames.qpos[i, k], frames.gate[i, k], frames.foot_force[i, k]) for i in instants]
+        _draw_row(figure.add_subplot(grid[k + 1, :]), side, poses, f"{current:g} A")
     _draw_legend(figure.add_subplot(grid[num + 1, :]), currents, has_device)
     axes = [[figure.add_subplot(grid[num + 2 + row, column]) for column in range(2)] for row in range(plots)]
-    _plot_motion(axes[0], scene, frames, currents)
+    _plot_motion(axes[0], scene, frames, num)
     if has_device:
         legs = [LEGS[leg] for leg, a in zip(scene.legs, scene.actuators, strict=True) if a.mr is not None]
         _plot_devices(axes[1:3], frames, legs, num - 1, currents[-1])
     _plot_motor(axes[-1][0], scene, frames, num - 1, currents[-1])
-    _plot_energy(axes[-1][1], frames, currents)
-    for row in axes:
-        for axis in row:
-            _tidy(axis, frames.time, instants, last=row is axes[-1])
-    _save(figure, path)
-
-
-def _tidy(axis: Axes, time: np.ndarray, instants: Sequence[int], *, last: bool) -> None:
-    """Limits, grid and marked instants of a time series."""
-    axis.set_xlim(float(time[0]), float(time[-1]))
-    axis.grid(alpha=0.25, linewidth=0.6)
-    axis.tick_params(labelsize=7.5, labelbottom=last)
-    for i in instants:
-        axis.axvline(float(time[i]), color="0.55", linewidth=0.6, linestyle=(0, (2, 2)), zorder=0)
-    for spine in ("top", "right"):
-        axis.spines[spine].set_visible(False)
-    if last:
+    _plot_energy(axes[-1][1], frames, num)
+    for axis in (axis for row in axes for axis in row):
+        axis.set_xlim(float(frames.time[0]), float(frames.time[-1]))
+        axis.grid(alpha=0.25, linewidth=0.6)
+        axis.tick_params(labelsize=7.5, labelbottom=axis in axes[-1])
+        axis.spines[["top", "right"]].set_visible(False)
+        for i in instants:
+            axis.axvline(float(frames.time[i]), color="0.55", linewidth=0.6, linestyle=(0, (2, 2)), zorder=0)
+    for axis in axes[-1]:
         axis.set_xlabel("time [s]", fontsize=8)
-
-
-def _save(figure: Figure, path: Path) -> None:
-    """Write a PNG with a palette: a third of the size, for pictures that go into a repository."""
+    # a palette: a third of the size, for pictures that go into a repository
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=110, format="png", facecolor="white")
     image = Image.open(buffer).convert("RGB").quantize(255, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
     with atomic_write(path) as partial:
         image.save(partial, format="PNG", optimize=True)
+
+
+def impact_sheet(sweep: ImpactSweep, trace: ImpactTrace, path: Path) -> None:
+    """The first trial per current at instants after the impact, and height and speed of all currents below."""
+    currents = sweep.cfg.currents
+    side = SideView(sweep.env.sim.scene)
+    slots = [joint // 3 for joint in sweep.env.actuator.mr_joints]
+    figure = Figure(figsize=(12, 1.7 * len(currents) + 4.2), layout="constrained")
+    grid = figure.add_gridspec(len(currents) + 1, 2, height_ratios=[1.0] * len(currents) + [2.0])
+    instants = [min(int(np.searchsorted(trace.t, instant)), len(trace.t) - 1) for instant in AFTER_IMPACT]
+    for row, current in enumerate(currents):
+        gates = gate_of(trace.m_dyn[row, 0], trace.m_hold[row, 0])[:, slots]
+        upward = trace.f_foot[row, 0, ..., None] * np.array([0.0, 0.0, 1.0])
+        poses = [(trace.qpos[row, k], gates[k], upward[k]) for k in instants]
+        notes = [
+            f"{1e3 * instant:.0f} ms\nz = {trace.height[row, 0, k]:.3f} m"
+            for instant, k in zip(AFTER_IMPACT, instants, strict=True)
+        ]
+        _draw_row(figure.add_subplot(grid[row, :]), side, poses, f"{current:g} A", notes)
+    series = {"trunk height [m]": trace.height, "vertical velocity [m/s]": trace.velocity}
+    for column, (label, values) in enumerate(series.items()):
+        axis = figure.add_subplot(grid[-1, column])
+        for row, current in enumerate(currents):
+            mean, sd = values[row].mean(axis=0), values[row].std(axis=0)
+            color = COLORS[row % len(COLORS)]
+            axis.plot(trace.t, mean, color=color, label=f"{current:g} A")
+            axis.fill_between(trace.t, mean - sd, mean + sd, color=color, alpha=0.12, linewidth=0)
+        axis.set(xlabel="time after onset [s]", ylabel=label)
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize=8, title="mean, SD over trials", title_fontsize=8)
+    figure.suptitle("First trial of every current; foot forces as arrows, calves coloured by gate", fontsize=11)
+    figure.savefig(path, dpi=100)
+
+
+def impact_loops(trace: ImpactTrace, currents: tuple[float, ...], path: Path) -> None:
+    """Torque of the devices over calf velocity and angle during the impact, all trials and legs."""
+    figure = Figure(figsize=(11, 4.5), layout="constrained")
+    axes = figure.subplots(1, 2, sharey=True)
+    for row, current in enumerate(currents):
+        color = COLORS[row % len(COLORS)]
+        for axis, values in zip(axes, (trace.qd[row], trace.q[row]), strict=True):
+            style = {"color": color, "markersize": 2, "alpha": 0.35, "label": f"{current:g} A"}
+            axis.plot(values.ravel(), trace.tau_mr[row].ravel(), ".", **style)
+    axes[0].set(xlabel="calf velocity [rad/s]", ylabel="torque of the MR device [N·m]")
+    axes[1].set(xlabel="calf angle [rad]")
+    for axis in axes:
+        axis.grid(alpha=0.3)
+        axis.axhline(0.0, color="0.6", linewidth=0.8)
+    axes[0].axvline(0.0, color="0.6", linewidth=0.8)
+    axes[0].legend(markerscale=4)
+    figure.savefig(path, dpi=110)
+
+
+def impact_timeline(trace: ImpactTrace, currents: tuple[float, ...], path: Path) -> None:
+    """When each leg's gates were open in the first trial, per current."""
+    figure = Figure(figsize=(11, 1.2 * len(currents) + 1.2), layout="constrained")
+    axes = figure.subplots(len(currents), 1, sharex=True, squeeze=False)[:, 0]
+    for row, (axis, current) in enumerate(zip(axes, currents, strict=True)):
+        # loaded feet lie below the gates, in a wider bar
+        bars = (
+            (trace.f_foot > 5.0, "0.85", 0.45, 0),
+            (trace.m_dyn, "#e08a1e", 0.35, 1),
+            (trace.m_hold, "#1f6fb4", 0.35, 1),
+        )
+        for leg in range(len(LEGS)):
+            for state, color, half, order in bars:
+                where = state[row, 0, :, leg] > 0.0
+                axis.fill_between(trace.t, leg - half, leg + half, where=where, color=color, linewidth=0, zorder=order)
+        axis.set(yticks=range(len(LEGS)), yticklabels=LEGS, ylabel=f"{current:g} A", ylim=(-0.6, len(LEGS) - 0.4))
+    axes[-1].set_xlabel("time after onset [s]")
+    figure.suptitle("Gates of the first trial: damping orange, holding blue; grey = foot loaded", fontsize=11)
+    figure.savefig(path, dpi=110)
+
+
+def _rgb(color: Color) -> tuple[float, float, float]:
+    """A colour as matplotlib wants it, in [0, 1]."""
+    return color[0] / 255.0, color[1] / 255.0, color[2] / 255.0
+
+
+def _current_color(k: int) -> tuple[float, float, float]:
+    """Colour of the lines of the ``k``-th current."""
+    return _rgb(CURRENT_COLORS[k % len(CURRENT_COLORS)])
 
 
 def _frame_row(axis: Axes, height: float) -> None:
@@ -107,15 +189,13 @@ def _draw_times(axis: Axes, times: np.ndarray) -> None:
     axis.annotate("", xy=(PITCH * INSTANTS - 0.02, 0.0), xytext=(PITCH * INSTANTS - 0.22, 0.0), arrowprops=arrow)
 
 
-def _draw_row(axis: Axes, side: SideView, frames: Frames, k: int, instants: Sequence[int], label: str) -> None:
-    """One robot at the instants, from left to right."""
-    if not side.uneven:
-        axis.axhspan(-0.05, 0.0, color=GROUND_COLOR, zorder=0)
-        axis.axhline(0.0, color=GROUND_EDGE, linewidth=0.8, zorder=1)
-    for place, i in enumerate(instants):
-        x = PITCH * (place + 0.5)
-        side.draw(axis, frames.qpos[i, k], frames.gate[i, k], frames.foot_force[i, k], x=x)
-    axis.text(-0.28, 0.2, label, ha="left", va="center", fontsize=11, fontweight="bold")
+def _draw_row(axis: Axes, side: SideView, poses: Sequence[Pose], label: str, notes: Sequence[str] = ()) -> None:
+    """One robot at the instants, from left to right, with a note beside each."""
+    for place, (qpos, gate, force) in enumerate(poses):
+        side.draw(axis, qpos, gate, force, x=PITCH * (place + 0.5))
+    for place, note in enumerate(notes):
+        axis.text(PITCH * (place + 0.5) + 0.22, 0.44, note, fontsize=8, va="top")
+    axis.text(-0.28, 0.2, label, va="center", fontsize=11, fontweight="bold")
     _frame_row(axis, 0.48)
 
 
@@ -125,27 +205,23 @@ def _draw_legend(axis: Axes, currents: Sequence[float], has_device: bool) -> Non
     robot: list[Patch | Line2D] = []
     if has_device:
         names = {Gate.OFF: "gates closed", Gate.DYNAMIC: "dynamic gate open", Gate.HOLD: "holding gate open"}
-        robot = [Patch(facecolor=rgb(GATE_COLORS[gate]), label=f"calf: {text}") for gate, text in names.items()]
+        robot = [Patch(facecolor=_rgb(GATE_COLORS[gate]), label=f"calf: {text}") for gate, text in names.items()]
     robot.append(Line2D([], [], color=FORCE_COLOR, marker="^", markersize=4, label="foot force"))
     lines = [Line2D([], [], color="0.4", linestyle="--", linewidth=1, label="command")]
-    lines += [
-        Line2D([], [], color=rgb(CURRENT_COLORS[k % len(CURRENT_COLORS)]), label=f"{current:g} A")
-        for k, current in enumerate(currents)
-    ]
-    lines += [Line2D([], [], color=rgb(LEG_COLORS[leg]), label=name) for leg, name in enumerate(LEGS)]
+    lines += [Line2D([], [], color=_current_color(k), label=f"{current:g} A") for k, current in enumerate(currents)]
+    lines += [Line2D([], [], color=_rgb(LEG_COLORS[leg]), label=name) for leg, name in enumerate(LEGS)]
     style = {"fontsize": 8, "frameon": False, "borderpad": 0.0, "borderaxespad": 0.0, "handlelength": 1.6}
     axis.add_artist(axis.legend(handles=robot, loc="upper center", ncols=len(robot), **style))
     axis.legend(handles=lines, loc="lower center", ncols=len(lines), **style)
 
 
-def _plot_motion(axes: Sequence[Axes], scene: Scene, frames: Frames, currents: Sequence[float]) -> None:
+def _plot_motion(axes: Sequence[Axes], scene: Scene, frames: Frames, robots: int) -> None:
     """Forward velocity and trunk height over the ground of all robots."""
     height = trunk_height(ground_of(scene.model), frames.qpos)
     axes[0].plot(frames.time, frames.v_x_command[:, 0], color="0.4", linewidth=1, linestyle="--")
-    for k, _ in enumerate(currents):
-        color = rgb(CURRENT_COLORS[k % len(CURRENT_COLORS)])
-        axes[0].plot(frames.time, frames.v_x[:, k], color=color, linewidth=1.2)
-        axes[1].plot(frames.time, height[:, k], color=color, linewidth=1.2)
+    for k in range(robots):
+        axes[0].plot(frames.time, frames.v_x[:, k], color=_current_color(k), linewidth=1.2)
+        axes[1].plot(frames.time, height[:, k], color=_current_color(k), linewidth=1.2)
     _title(axes[0], "forward velocity [m/s]")
     _title(axes[1], "trunk height [m]")
 
@@ -154,15 +230,15 @@ def _plot_devices(axes: Sequence[Sequence[Axes]], frames: Frames, legs: Sequence
     """Torque, current and gates of one robot's devices."""
     (torque, coil), (gates, force) = axes
     for device, leg in enumerate(legs):
-        color = rgb(LEG_COLORS[LEGS.index(leg)])
+        color = _rgb(LEG_COLORS[LEGS.index(leg)])
         torque.plot(frames.time, frames.tau_mr[:, k, device], color=color, linewidth=1.2)
         coil.step(frames.time, frames.current[:, k, device], color=color, linewidth=1.2, where="post")
         for gate in (Gate.DYNAMIC, Gate.HOLD):
             spans = _spans(frames.time, frames.gate[:, k, device] == gate)
-            gates.broken_barh(spans, (len(legs) - 1 - device + 0.12, 0.76), color=rgb(GATE_COLORS[gate]), linewidth=0)
+            gates.broken_barh(spans, (len(legs) - 1 - device + 0.12, 0.76), color=_rgb(GATE_COLORS[gate]), linewidth=0)
     for leg in range(len(LEGS)):
         norm = np.linalg.norm(frames.foot_force[:, k, leg], axis=-1)
-        force.plot(frames.time, norm, color=rgb(LEG_COLORS[leg]), linewidth=1.2)
+        force.plot(frames.time, norm, color=_rgb(LEG_COLORS[leg]), linewidth=1.2)
     gates.set_yticks([len(legs) - 1 - i + 0.5 for i in range(len(legs))], legs)
     gates.set_ylim(0, len(legs))
     _title(torque, f"MR torque at {current:g} A [N·m]")
@@ -175,19 +251,18 @@ def _plot_motor(axis: Axes, scene: Scene, frames: Frames, k: int, current: float
     """Calf motors of one robot."""
     for joint, name in enumerate(scene.joints):
         if name in CALVES:
-            color = rgb(LEG_COLORS[scene.legs[joint]])
+            color = _rgb(LEG_COLORS[scene.legs[joint]])
             axis.plot(frames.time, frames.tau_motor[:, k, joint], color=color, linewidth=1.2)
     _title(axis, f"calf motor torque at {current:g} A [N·m]")
 
 
-def _plot_energy(axis: Axes, frames: Frames, currents: Sequence[float]) -> None:
+def _plot_energy(axis: Axes, frames: Frames, robots: int) -> None:
     """Work of motors and devices since the start of the window."""
     used = (frames.ledger - frames.ledger[:1]).sum(2)
     device = used[:, :, int(ledger.DYNAMIC) : int(ledger.DRAG) + 1].sum(-1)
-    for k, _ in enumerate(currents):
-        color = rgb(CURRENT_COLORS[k % len(CURRENT_COLORS)])
-        axis.plot(frames.time, used[:, k, int(ledger.MOTOR)], color=color, linewidth=1.2)
-        axis.plot(frames.time, device[:, k], color=color, linewidth=1.2, linestyle=":")
+    for k in range(robots):
+        axis.plot(frames.time, used[:, k, int(ledger.MOTOR)], color=_current_color(k), linewidth=1.2)
+        axis.plot(frames.time, device[:, k], color=_current_color(k), linewidth=1.2, linestyle=":")
     styles = [Line2D([], [], color="0.4", label="motors"), Line2D([], [], color="0.4", linestyle=":", label="devices")]
     axis.legend(handles=styles, fontsize=7, ncols=2, loc="upper left", framealpha=0.8, borderpad=0.3)
     _title(axis, "work on the joints [J]")

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from mujoco import mjtGeom
 
 from mrwarp.env.sim_model import Scene
 from mrwarp.kernels import ledger
@@ -28,11 +29,11 @@ from mrwarp.viewing.shapes import (
     GATE_COLORS,
     LEG_COLORS,
     Color,
-    Kind,
-    Kinematics,
     Part,
     Shape,
     body_names,
+    body_poses,
+    feet,
     ground_of,
     robot_shapes,
     rotate,
@@ -47,6 +48,9 @@ FORCE_SCALE = 0.25 / 100.0
 
 CAMERA = (2.0, -2.4, 1.05)
 """Position of the camera relative to the middle of the row [m]; it travels with the robots."""
+
+SPACING = 1.0
+"""Distance between neighbours in the row along y [m]; on a height field the robots stand where they are."""
 
 WINDOW = 3.0
 """Time that the plots show up to the cursor [s]: four and a half strides."""
@@ -90,10 +94,8 @@ SERIES = {
 }
 """Time series of each robot by entity name."""
 
-
-def robot_names(currents: Sequence[float]) -> list[str]:
-    """Entity name of each shown robot: its place in the row and its current I_e [A]."""
-    return [f"{k}_{current:g}A" for k, current in enumerate(currents)]
+DETAILS = ("mr_torque", "coil_current", "calf_motor_torque", "foot_force", "energy")
+"""Series that are plotted for each robot by itself."""
 
 
 class RobotLogger:
@@ -103,48 +105,45 @@ class RobotLogger:
         scene: What is simulated.
         currents: Current I_e of each shown environment [A]; length K.
         recording: rerun recording, its sinks set.
-        spacing: Distance between neighbours in the row along y [m]; on a height field they stand where they are.
+
+    Attributes:
+        names: Entity name of each robot: its place in the row and its current.
+        device_legs: Names of the legs with a device.
+        series: Names of the series that these robots have.
+        trunk: Entity of the drawn trunk below a robot's own, for a camera to follow (rerun follows no bare pose).
     """
 
-    def __init__(
-        self, scene: Scene, currents: Sequence[float], recording: rr.RecordingStream, *, spacing: float = 1.0
-    ) -> None:
-        self.names = robot_names(currents)
-        self._recording = recording
-        self._kinematics = Kinematics(scene.model)
-        self._bodies = body_names(scene.model)
-        self._shapes = robot_shapes(scene)
-        self._feet = [next((s for s in self._shapes if s.name == f"{leg}_foot"), None) for leg in LEGS]
-        self._calves = [i for i, name in enumerate(scene.joints) if name in CALVES]
+    def __init__(self, scene: Scene, currents: Sequence[float], recording: rr.RecordingStream) -> None:
+        self.names = [f"{k}_{current:g}A" for k, current in enumerate(currents)]
         self.device_legs = [LEGS[leg] for leg, a in zip(scene.legs, scene.actuators, strict=True) if a.mr is not None]
+        self.series = [name for name, kind in SERIES.items() if self.device_legs or kind.lines != "devices"]
+        self._recording, self._model = recording, scene.model
+        self._bodies, self._shapes = body_names(scene.model), robot_shapes(scene)
+        self._feet = feet(self._shapes)
+        self._calves = [i for i, name in enumerate(scene.joints) if name in CALVES]
         self._gates: dict[str, np.ndarray] = {}
         self._ground = ground_of(scene.model)
-        self._spacing = 0.0 if self._ground else spacing  # on heights robots stay where they are
+        self.trunk = next((self._shape_path("", shape) for shape in self._shapes if shape.part is Part.TRUNK), None)
         self._log_static(currents)
-
-    @property
-    def series(self) -> list[str]:
-        """Names of the series that these robots have."""
-        return [name for name, kind in SERIES.items() if self.device_legs or kind.lines != "devices"]
 
     def place(self, k: int) -> tuple[float, float, float]:
         """Where robot k's world has its origin [m]: the row goes to the right of the walking direction."""
-        return 0.0, -self._spacing * k, 0.0
-
-    def trunk_shape(self, k: int) -> str | None:
-        """Entity of robot k's trunk, for a camera to follow: one that is drawn, rerun follows no bare pose."""
-        found = next((shape for shape in self._shapes if shape.part is Part.TRUNK), None)
-        return self._shape_path(f"/robots/{self.names[k]}", found) if found else None
+        return 0.0, -SPACING * k if self._ground is None else 0.0, 0.0
 
     def log(self, frames: Frames) -> None:
         """Add instants of all shown robots; several at once are cheaper than one by one."""
-        times = rr.TimeColumn(TIMELINE, duration=np.round(1e9 * frames.time).astype("timedelta64[ns]"))
-        pos, quat = self._kinematics(frames.qpos)
+        times = np.round(1e9 * frames.time).astype("timedelta64[ns]")
+        pos, quat = body_poses(self._model, frames.qpos)
         for k, name in enumerate(self.names):
-            self._log_poses(f"robots/{name}", times, pos[:, k], quat[:, k])
-            self._log_forces(f"robots/{name}", times, pos[:, k], quat[:, k], frames.foot_force[:, k])
-            self._log_gates(f"robots/{name}", times, frames.gate[:, k])
-            self._log_series(f"robots/{name}/series", times, frames, k)
+            root = f"robots/{name}"
+            for body in range(1, len(self._bodies)):
+                poses = rr.Transform3D.columns(
+                    translation=pos[:, k, body], quaternion=np.roll(quat[:, k, body], -1, axis=1)
+                )
+                self._send(f"{root}/body/{self._bodies[body]}", times, poses)
+            self._log_forces(root, times, pos[:, k], quat[:, k], frames.foot_force[:, k])
+            self._log_gates(root, times, frames.gate[:, k])
+            self._log_series(root, times, frames, k)
 
     def _log_static(self, currents: Sequence[float]) -> None:
         """Log what never changes: shapes, places in the row, names, colours and units of the series."""
@@ -179,33 +178,25 @@ class RobotLogger:
             drawn = lines[SERIES[name].lines]
             style = rr.SeriesLines(names=list(drawn), colors=list(drawn.values()), widths=[1.5] * len(drawn))
             self._recording.log(f"{root}/series/{name}", style, rr.AnyValues(unit=SERIES[name].unit), static=True)
+        states = rr.StateConfiguration(
+            values=[gate.name.lower() for gate in Gate],
+            colors=[GATE_COLORS[gate] for gate in Gate],
+            visible=[gate is not Gate.OFF for gate in Gate],
+        )
         for leg in self.device_legs:
-            states = rr.StateConfiguration(
-                values=[gate.name.lower() for gate in Gate],
-                colors=[GATE_COLORS[gate] for gate in Gate],
-                visible=[gate is not Gate.OFF for gate in Gate],
-            )
             self._recording.log(f"{root}/gate/{leg}", states, static=True)
 
-    def _log_poses(self, root: str, times: rr.TimeColumn, pos: np.ndarray, quat: np.ndarray) -> None:
-        for body in range(1, len(self._bodies)):
-            poses = rr.Transform3D.columns(translation=pos[:, body], quaternion=np.roll(quat[:, body], -1, axis=1))
-            self._send(f"{root}/body/{self._bodies[body]}", times, poses)
-
-    def _log_forces(
-        self, root: str, times: rr.TimeColumn, pos: np.ndarray, quat: np.ndarray, force: np.ndarray
-    ) -> None:
-        feet = [(leg, foot) for leg, foot in enumerate(self._feet) if foot is not None and leg < force.shape[1]]
-        if not feet:
+    def _log_forces(self, root: str, times: np.ndarray, pos: np.ndarray, quat: np.ndarray, force: np.ndarray) -> None:
+        if not self._feet:
             return
-        origins = [pos[:, foot.body] + rotate(quat[:, foot.body], foot.pos) for _, foot in feet]
+        origins = [pos[:, foot.body] + rotate(quat[:, foot.body], foot.pos) for foot in self._feet.values()]
         arrows = rr.Arrows3D.columns(
             origins=np.stack(origins, axis=1).reshape(-1, 3),
-            vectors=FORCE_SCALE * force[:, [leg for leg, _ in feet]].reshape(-1, 3),
+            vectors=FORCE_SCALE * force[:, list(self._feet)].reshape(-1, 3),
         )
-        self._send(f"{root}/foot_force", times, arrows.partition([len(feet)] * len(pos)))
+        self._send(f"{root}/foot_force", times, arrows.partition([len(self._feet)] * len(pos)))
 
-    def _log_gates(self, root: str, times: rr.TimeColumn, gate: np.ndarray) -> None:
+    def _log_gates(self, root: str, times: np.ndarray, gate: np.ndarray) -> None:
         """Colours of the gated shapes and states of the gates, where they changed."""
         last = self._gates.get(root, np.full(gate.shape[1:], -1))
         self._gates[root] = gate[-1]
@@ -214,16 +205,16 @@ class RobotLogger:
             rows = np.flatnonzero(changed[:, device])
             if not len(rows):
                 continue
-            when = rr.TimeColumn(TIMELINE, duration=times.times.to_numpy(zero_copy_only=False)[rows])
             gates = [Gate(value) for value in gate[rows, device]]
-            self._send(f"{root}/gate/{leg}", when, rr.StateChange.columns(state=[g.name.lower() for g in gates]))
+            states = rr.StateChange.columns(state=[g.name.lower() for g in gates])
+            self._send(f"{root}/gate/{leg}", times[rows], states)
             colors = np.array([GATE_COLORS[g] for g in gates], dtype=np.uint8)
             for shape in self._shapes:
                 if shape.device == device:
                     columns = _ARCHETYPES[shape.kind].columns(colors=colors)
-                    self._send(self._shape_path(root, shape), when, columns)
+                    self._send(self._shape_path(root, shape), times[rows], columns)
 
-    def _log_series(self, root: str, times: rr.TimeColumn, frames: Frames, k: int) -> None:
+    def _log_series(self, root: str, times: np.ndarray, frames: Frames, k: int) -> None:
         entries = [int(entry) for entry, _ in ENERGY.values()]
         values = {
             "trunk_height": trunk_height(self._ground, frames.qpos[:, k])[:, None],
@@ -239,20 +230,20 @@ class RobotLogger:
         for name in self.series:
             table = np.asarray(values[name], dtype=np.float64)
             columns = rr.Scalars.columns(scalars=table.ravel()).partition([table.shape[1]] * len(table))
-            self._send(f"{root}/{name}", times, columns)
+            self._send(f"{root}/series/{name}", times, columns)
 
     def _shape_path(self, root: str, shape: Shape) -> str:
         return f"{root}/body/{self._bodies[shape.body]}/{shape.name}"
 
-    def _send(self, path: str, times: rr.TimeColumn, columns: rr.ComponentColumnList) -> None:
-        self._recording.send_columns(path, [times], columns)
+    def _send(self, path: str, times: np.ndarray, columns: rr.ComponentColumnList) -> None:
+        self._recording.send_columns(path, [rr.TimeColumn(TIMELINE, duration=times)], columns)
 
 
 _ARCHETYPES = {
-    Kind.BOX: rr.Boxes3D,
-    Kind.SPHERE: rr.Ellipsoids3D,
-    Kind.CAPSULE: rr.Capsules3D,
-    Kind.CYLINDER: rr.Cylinders3D,
+    mjtGeom.mjGEOM_BOX: rr.Boxes3D,
+    mjtGeom.mjGEOM_SPHERE: rr.Ellipsoids3D,
+    mjtGeom.mjGEOM_CAPSULE: rr.Capsules3D,
+    mjtGeom.mjGEOM_CYLINDER: rr.Cylinders3D,
 }
 
 
@@ -263,12 +254,12 @@ def _primitive(shape: Shape) -> rr.Boxes3D | rr.Ellipsoids3D | rr.Capsules3D | r
         "quaternions": [rr.Quaternion(xyzw=np.roll(shape.quat, -1))],
         "fill_mode": rr.components.FillMode.Solid,
     }
-    if shape.kind is Kind.BOX:
+    if shape.kind == mjtGeom.mjGEOM_BOX:
         return rr.Boxes3D(centers=[shape.pos], half_sizes=[shape.size], **style)
-    if shape.kind is Kind.SPHERE:
+    if shape.kind == mjtGeom.mjGEOM_SPHERE:
         return rr.Ellipsoids3D(centers=[shape.pos], radii=list(shape.size), **style)
     radius, half = shape.size
-    if shape.kind is Kind.CYLINDER:
+    if shape.kind == mjtGeom.mjGEOM_CYLINDER:
         return rr.Cylinders3D(centers=[shape.pos], lengths=[2.0 * half], radii=[radius], **style)
     # rerun's capsule starts at its translation, MuJoCo's is centred
     start = shape.pos - rotate(shape.quat, np.array([0.0, 0.0, half]))
@@ -284,12 +275,12 @@ def make_blueprint(robots: RobotLogger, *, live: bool = False, impact: bool = Fa
         impact: Compare the vertical velocity instead of the forward velocity.
     """
     names = robots.names
-    velocity = _compare(names, "vertical_velocity")
+    compared = ["trunk_height", "vertical_velocity" if impact else "forward_velocity"]
+    views = {series: [f"/robots/{name}/series/{series}" for name in names] for series in compared}
     if not impact:
-        command = f"/robots/{names[0]}/series/forward_velocity_command"
-        velocity = _compare(names, "forward_velocity", extra=[command])
+        views["forward_velocity"].append(f"/robots/{names[0]}/series/forward_velocity_command")
     right = rrb.Vertical(
-        rrb.Horizontal(_compare(names, "trunk_height"), velocity),
+        rrb.Horizontal(*[_plot(series, contents) for series, contents in views.items()]),
         # the largest current stands last and has most to show
         rrb.Tabs(*[_details(name, robots) for name in names], active_tab=len(names) - 1, name="joints"),
         row_shares=[1.0, 3.0],
@@ -320,22 +311,14 @@ def _scene(robots: RobotLogger) -> rrb.Spatial3DView:
         eye_controls=rrb.EyeControls3D(
             position=[CAMERA[0], y + CAMERA[1], CAMERA[2]],
             look_target=[0.0, y, 0.2],
-            tracking_entity=robots.trunk_shape(middle),
+            tracking_entity=None if robots.trunk is None else f"/robots/{robots.names[middle]}{robots.trunk}",
         ),
     )
 
 
-def _compare(names: Sequence[str], series: str, extra: Sequence[str] = ()) -> rrb.TimeSeriesView:
-    """One quantity of all robots."""
-    return _plot(series, [f"/robots/{name}/series/{series}" for name in names] + list(extra))
-
-
 def _details(name: str, robots: RobotLogger) -> rrb.Grid:
     """Everything of one robot's joints."""
-    shown = [
-        s for s in ("mr_torque", "coil_current", "calf_motor_torque", "foot_force", "energy") if s in robots.series
-    ]
-    views: list[rrb.View] = [_plot(s, [f"/robots/{name}/series/{s}"]) for s in shown]
+    views: list[rrb.View] = [_plot(s, [f"/robots/{name}/series/{s}"]) for s in DETAILS if s in robots.series]
     if robots.device_legs:
         gates = rrb.StateTimelineView(origin=f"/robots/{name}/gate", name="gates", time_view=_time_axis())
         views.insert(2, gates)

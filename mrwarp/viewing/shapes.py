@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
+from mujoco import mjtGeom
+from scipy.ndimage import map_coordinates
 
 from mrwarp.env.sim_model import Scene
 from mrwarp.usd.robot import JOINTS, LEGS
@@ -30,14 +32,8 @@ DEVICE_RADIUS, DEVICE_WIDTH = 0.034, 0.036
 LINK_RADIUS = 0.022
 """Links of bodies without shapes of their own, e.g. the hips [m]; drawn from their joint to the next."""
 
-
-class Kind(enum.Enum):
-    """Form of a shape."""
-
-    BOX = "box"
-    SPHERE = "sphere"
-    CAPSULE = "capsule"
-    CYLINDER = "cylinder"
+SIZES = {mjtGeom.mjGEOM_BOX: 3, mjtGeom.mjGEOM_SPHERE: 1, mjtGeom.mjGEOM_CAPSULE: 2, mjtGeom.mjGEOM_CYLINDER: 2}
+"""Geoms that are drawn, and how many numbers give the size of each."""
 
 
 class Part(enum.Enum):
@@ -58,8 +54,8 @@ class Shape:
     """Unique on its body."""
     body: int
     """Body of the model that it moves with."""
-    kind: Kind
-    """Form."""
+    kind: mjtGeom
+    """Form, of :data:`SIZES`."""
     size: tuple[float, ...]
     """Box: half lengths; sphere: radius; capsule, cylinder: radius, half length along z without caps [m]."""
     pos: np.ndarray
@@ -70,15 +66,6 @@ class Shape:
     """Part of the robot that it belongs to."""
     device: int = -1
     """Device whose gate it shows, or -1."""
-
-
-_KINDS = {
-    int(mujoco.mjtGeom.mjGEOM_BOX): Kind.BOX,
-    int(mujoco.mjtGeom.mjGEOM_SPHERE): Kind.SPHERE,
-    int(mujoco.mjtGeom.mjGEOM_CAPSULE): Kind.CAPSULE,
-    int(mujoco.mjtGeom.mjGEOM_CYLINDER): Kind.CYLINDER,
-}
-_SIZES = {Kind.BOX: 3, Kind.SPHERE: 1, Kind.CAPSULE: 2, Kind.CYLINDER: 2}
 
 
 def body_names(model: mujoco.MjModel) -> tuple[str, ...]:
@@ -98,59 +85,80 @@ def robot_shapes(scene: Scene) -> tuple[Shape, ...]:
     device_of = {actuator.joint: i for i, actuator in enumerate(a for a in scene.actuators if a.mr is not None)}
     shapes: list[Shape] = []
     for geom in range(model.ngeom):
-        if int(model.geom_type[geom]) in _KINDS:
+        if mjtGeom(model.geom_type[geom]) in SIZES:
             shape = _geom_shape(model, geom, names, device_of)
             taken = any(other.body == shape.body and other.name == shape.name for other in shapes)
             shapes.append(replace(shape, name=f"{shape.name}_{geom}") if taken else shape)
     used = {shape.body for shape in shapes}
     for child in range(1, model.nbody):
-        parent = int(model.body_parentid[child])
-        if parent > 0 and parent not in used and np.linalg.norm(model.body_pos[child]) > 1e-6:
-            shapes.append(_link(parent, f"link_to_{names[child]}", model.body_pos[child]))
+        parent, end = int(model.body_parentid[child]), model.body_pos[child]
+        length = float(np.linalg.norm(end))
+        if parent > 0 and parent not in used and length > 1e-6:
+            shapes.append(
+                Shape(
+                    name=f"link_to_{names[child]}", body=parent, kind=mjtGeom.mjGEOM_CAPSULE,
+                    size=(LINK_RADIUS, 0.5 * length), pos=0.5 * end, quat=_z_to(end), part=Part.LIMB,
+                )
+            )  # fmt: skip
     for joint, device in device_of.items():
         # the scene knows a joint by its dof
         dof = int(scene.v_adr[scene.joints.index(joint)])
         body, index = int(model.dof_bodyid[dof]), int(model.dof_jntid[dof])
         shapes.append(
             Shape(
-                name="mr_device",
-                body=body,
-                kind=Kind.CYLINDER,
-                size=(DEVICE_RADIUS, 0.5 * DEVICE_WIDTH),
-                pos=model.jnt_pos[index].copy(),
-                quat=_z_to(model.jnt_axis[index]),
-                part=Part.GATED,
-                device=device,
+                name="mr_device", body=body, kind=mjtGeom.mjGEOM_CYLINDER, size=(DEVICE_RADIUS, 0.5 * DEVICE_WIDTH),
+                pos=model.jnt_pos[index].copy(), quat=_z_to(model.jnt_axis[index]), part=Part.GATED, device=device,
             )
-        )
+        )  # fmt: skip
     return tuple(shapes)
 
 
-class Kinematics:
-    """Poses of all bodies from positions; owns scratch data, so use one per thread.
+def feet(shapes: tuple[Shape, ...]) -> dict[int, Shape]:
+    """The shape of each leg's foot, by leg; a leg without one is left out."""
+    return {leg: shape for leg, name in enumerate(LEGS) for shape in shapes if shape.name == f"{name}_foot"}
+
+
+def _geom_shape(model: mujoco.MjModel, geom: int, names: tuple[str, ...], device_of: dict[str, int]) -> Shape:
+    """One geom; a leg's segment with a device on its joint shows the gate, its foot does not."""
+    body, kind = int(model.geom_bodyid[geom]), mjtGeom(model.geom_type[geom])
+    # Newton names a geom by its USD path and a running number
+    name = re.sub(r"_\d+$", "", model.geom(geom).name.split("/")[-1]) or f"geom_{geom}"
+    foot = name in {f"{leg}_foot" for leg in LEGS}
+    device = -1 if foot else device_of.get(names[body], -1)
+    part = Part.LIMB if names[body] in JOINTS else Part.TRUNK if names[body] == "trunk" else Part.OTHER
+    return Shape(
+        name=name,
+        body=body,
+        kind=kind,
+        size=tuple(model.geom_size[geom][: SIZES[kind]].tolist()),
+        pos=model.geom_pos[geom].copy(),
+        quat=model.geom_quat[geom].copy(),
+        part=Part.FOOT if foot else Part.GATED if device >= 0 else part,
+        device=device,
+    )
+
+
+def _z_to(direction: np.ndarray) -> np.ndarray:
+    """Quaternion that turns z into a direction."""
+    quat = np.empty(4)
+    mujoco.mju_quatZ2Vec(quat, direction)
+    return quat
+
+
+def body_poses(model: mujoco.MjModel, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions of all bodies [m], shape (..., nbody, 3), and quaternions (w, x, y, z), shape (..., nbody, 4).
 
     Args:
         model: The model.
+        qpos: Positions in MuJoCo's layout, shape (..., nq).
     """
-
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self._model = model
-        self._data = mujoco.MjData(model)
-
-    def __call__(self, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions [m], shape (..., nbody, 3), and quaternions (w, x, y, z), shape (..., nbody, 4).
-
-        Args:
-            qpos: Positions in MuJoCo's layout, shape (..., nq).
-        """
-        rows = qpos.reshape(-1, qpos.shape[-1])
-        nbody = self._model.nbody
-        pos, quat = np.empty((len(rows), nbody, 3)), np.empty((len(rows), nbody, 4))
-        for i, row in enumerate(rows):
-            self._data.qpos[:] = row
-            mujoco.mj_kinematics(self._model, self._data)
-            pos[i], quat[i] = self._data.xpos, self._data.xquat
-        return pos.reshape(*qpos.shape[:-1], nbody, 3), quat.reshape(*qpos.shape[:-1], nbody, 4)
+    data = mujoco.MjData(model)
+    pos, quat = np.empty((*qpos.shape[:-1], model.nbody, 3)), np.empty((*qpos.shape[:-1], model.nbody, 4))
+    for index in np.ndindex(qpos.shape[:-1]):
+        data.qpos[:] = qpos[index]
+        mujoco.mj_kinematics(model, data)
+        pos[index], quat[index] = data.xpos, data.xquat
+    return pos, quat
 
 
 def rotate(quat: np.ndarray, vector: np.ndarray) -> np.ndarray:
@@ -158,59 +166,6 @@ def rotate(quat: np.ndarray, vector: np.ndarray) -> np.ndarray:
     w, axis = quat[..., :1], quat[..., 1:]
     t = 2.0 * np.cross(axis, vector)
     return vector + w * t + np.cross(axis, t)
-
-
-def compose(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Quaternion of ``second``, given in the frame of ``first``, both (w, x, y, z)."""
-    product = np.empty(4)
-    mujoco.mju_mulQuat(product, first, second)
-    return product
-
-
-def _geom_shape(model: mujoco.MjModel, geom: int, names: tuple[str, ...], device_of: dict[str, int]) -> Shape:
-    """One geom; a leg's segment with a device on its joint shows the gate, its foot does not."""
-    body = int(model.geom_bodyid[geom])
-    kind = _KINDS[int(model.geom_type[geom])]
-    # Newton names a geom by its USD path and a running number
-    name = re.sub(r"_\d+$", "", model.geom(geom).name.split("/")[-1]) or f"geom_{geom}"
-    foot = any(name == f"{leg}_foot" for leg in LEGS)
-    device = -1 if foot else device_of.get(names[body], -1)
-    if foot:
-        part = Part.FOOT
-    elif device >= 0:
-        part = Part.GATED
-    else:
-        part = Part.TRUNK if names[body] == "trunk" else Part.LIMB if names[body] in JOINTS else Part.OTHER
-    return Shape(
-        name=name,
-        body=body,
-        kind=kind,
-        size=tuple(float(value) for value in model.geom_size[geom][: _SIZES[kind]]),
-        pos=model.geom_pos[geom].copy(),
-        quat=model.geom_quat[geom].copy(),
-        part=part,
-        device=device,
-    )
-
-
-def _link(body: int, name: str, end: np.ndarray) -> Shape:
-    """A capsule from a body's origin to a point in its frame."""
-    return Shape(
-        name=name,
-        body=body,
-        kind=Kind.CAPSULE,
-        size=(LINK_RADIUS, 0.5 * float(np.linalg.norm(end))),
-        pos=0.5 * np.asarray(end),
-        quat=_z_to(end),
-        part=Part.LIMB,
-    )
-
-
-def _z_to(direction: np.ndarray) -> np.ndarray:
-    """Quaternion that turns z into a direction."""
-    quat = np.empty(4)
-    mujoco.mju_quatZ2Vec(quat, np.asarray(direction, dtype=np.float64))
-    return quat
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,21 +183,17 @@ class Ground:
         Args:
             points: x and y [m], shape (..., 2).
         """
-        rows, columns = self.heights.shape
-        x = np.clip((points[..., 0] / self.half[0] + 1.0) * 0.5 * (columns - 1), 0.0, columns - 1.0)
-        y = np.clip((points[..., 1] / self.half[1] + 1.0) * 0.5 * (rows - 1), 0.0, rows - 1.0)
-        i, j = np.minimum(y.astype(int), rows - 2), np.minimum(x.astype(int), columns - 2)
-        u, v = x - j, y - i
-        z = self.heights
-        low, high = (1.0 - u) * z[i, j] + u * z[i, j + 1], (1.0 - u) * z[i + 1, j] + u * z[i + 1, j + 1]
-        return (1.0 - v) * low + v * high
+        last = np.array(self.heights.shape[::-1]) - 1
+        column, row = np.moveaxis((points / self.half + 1.0) * 0.5 * last, -1, 0)
+        height = map_coordinates(self.heights, [row.ravel(), column.ravel()], order=1, mode="nearest")
+        return height.reshape(row.shape)
 
     def mesh(self) -> tuple[np.ndarray, np.ndarray]:
         """Vertices [m], shape (N, 3), and triangles, shape (2 (rows - 1) (columns - 1), 3), seen from above."""
         rows, columns = self.heights.shape
-        x, y = np.linspace(-self.half[0], self.half[0], columns), np.linspace(-self.half[1], self.half[1], rows)
+        x, y = (np.linspace(-half, half, count) for half, count in zip(self.half, (columns, rows), strict=True))
         vertices = np.stack([*np.meshgrid(x, y), self.heights], axis=-1).reshape(-1, 3)
-        corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+        corner = np.arange(rows * columns).reshape(rows, columns)[:-1, :-1].ravel()
         near = np.stack([corner, corner + 1, corner + columns + 1], axis=1)
         far = np.stack([corner, corner + columns + 1, corner + columns], axis=1)
         return vertices.astype(np.float32), np.concatenate([near, far]).astype(np.uint32)
@@ -250,14 +201,13 @@ class Ground:
 
 def ground_of(model: mujoco.MjModel) -> Ground | None:
     """The model's first height field; None if its ground is a plane."""
-    fields = np.flatnonzero(model.geom_type == int(mujoco.mjtGeom.mjGEOM_HFIELD))
-    if not len(fields):
+    geoms = np.flatnonzero(model.geom_type == int(mjtGeom.mjGEOM_HFIELD))
+    if not len(geoms):
         return None
-    field = int(model.geom_dataid[fields[0]])
-    rows, columns, start = (int(getattr(model, f"hfield_{name}")[field]) for name in ("nrow", "ncol", "adr"))
-    half_x, half_y, top, _ = (float(size) for size in model.hfield_size[field])
-    data = model.hfield_data[start : start + rows * columns].reshape(rows, columns)
-    return Ground(heights=data * top + model.geom_pos[fields[0], 2], half=(half_x, half_y))
+    field = model.hfield(int(model.geom_dataid[geoms[0]]))
+    half_x, half_y, top, _ = (float(size) for size in field.size)
+    heights = field.data.astype(float) * top + model.geom_pos[geoms[0], 2]
+    return Ground(heights=heights, half=(half_x, half_y))
 
 
 def trunk_height(ground: Ground | None, qpos: np.ndarray) -> np.ndarray:

@@ -27,6 +27,9 @@ DEFAULT_URL = f"rerun+http://{LOCALHOST}:9876/proxy"
 DEFAULT_PORT = 9090
 """Port of the page, as rerun's own."""
 
+START_TIMEOUT = 20.0
+"""Longest wait for a viewer to start [s]."""
+
 
 class ViewerError(RuntimeError):
     """A viewer cannot be reached or started; the message says what to do."""
@@ -64,8 +67,8 @@ class Viewer:
             os.killpg(self.process.pid, signal.SIGTERM)
         self.process.wait()
 
-    def _await_start(self, timeout: float = 20.0) -> None:
-        end = time.monotonic() + timeout
+    def _await_start(self) -> None:
+        end = time.monotonic() + START_TIMEOUT
         while time.monotonic() < end and self.process.poll() is None:
             if listens(LOCALHOST, self.port):
                 time.sleep(0.5)  # a viewer without a display listens first and fails then
@@ -139,6 +142,12 @@ class WebViewer:
         threading.Thread(target=self._server.serve_forever, name="web viewer", daemon=True).start()
         self.url = self._rerun.url
         self.page = f"http://{LOCALHOST}:{page_port}/?url={quote(self.url, safe='')}"
+
+    def wait(self) -> None:
+        """Serve until Ctrl-C."""
+        with contextlib.suppress(KeyboardInterrupt):
+            while True:
+                time.sleep(1.0)
 
     def close(self) -> None:
         """Stop serving."""

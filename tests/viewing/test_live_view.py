@@ -6,7 +6,7 @@ import torch
 
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.viewing.live_view import EVERY, LiveTraining
+from mrwarp.viewing.live_view import LiveTraining
 from tests.viewing.conftest import Recorded
 
 
@@ -18,13 +18,13 @@ def test_recording_holds_one_robot_per_current(tmp_path: Path) -> None:
     for step in range(20):
         env.step(torch.zeros(8, 12))
         view.update()
-        if (step + 1) % EVERY == 0:
+        if (step + 1) % LiveTraining.EVERY == 0:
             heights.append(float(env.root_pos[2, 2]))
     view.close()
     recorded = Recorded(tmp_path / "training.rrd")
     for k, current in enumerate(("0", "0.5", "1", "1.5")):
         rows = list(recorded.columns(f"/robots/{k}_{current}A/series/trunk_height", "Scalars:scalars"))
-        assert len(rows) == 20 // EVERY
+        assert len(rows) == 20 // LiveTraining.EVERY
     found = [value[0] for _, value in sorted(recorded.columns("/robots/1_0.5A/series/trunk_height", "Scalars:scalars"))]
     torch.testing.assert_close(torch.tensor(found), torch.tensor(heights), atol=1e-6, rtol=0.0)
 

@@ -22,7 +22,7 @@ from mrwarp.rl.checkpoint import task
 from mrwarp.rl.policy import META, OnnxPolicy
 from mrwarp.trials.walking import make_env, measure
 from mrwarp.usd.robot import CURRENT_GROUPS
-from mrwarp.viewing.player import Player
+from mrwarp.viewing.live_view import Player, open_sink
 from mrwarp.viewing.viewer import Viewer, free_port
 
 
@@ -183,8 +183,8 @@ def test_live_run_keeps_real_time_and_reaches_the_viewer(tmp_path: Path) -> None
     viewer = Viewer("--serve-grpc")
     try:
         env = make_env(make_walk_cfg(num_envs=4), 4, seed=0)
-        player = Player(env, play_cli.make_agent("zero", env), speed=0.0, shown=range(4))
-        player.open(url=viewer.url)
+        sink = open_sink(url=viewer.url)
+        player = Player(env, play_cli.make_agent("zero", env), speed=0.0, shown=range(4), sink=sink)
         started = time.perf_counter()
         player.play(1.5, warmup=0.5)
         wall = time.perf_counter() - started

@@ -45,7 +45,9 @@ def extents(walk: Any, qpos: np.ndarray) -> np.ndarray:
     SideView(walk.env.sim.scene).draw(axis, qpos, np.zeros(4, dtype=int), np.zeros((4, 3)))
     angle = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
     directions = np.stack([np.cos(angle), np.sin(angle)])
-    paths = [patch.get_patch_transform().transform_path(patch.get_path()) for patch in axis.patches]
+    paths = [
+        patch.get_patch_transform().transform_path(patch.get_path()) for patch in axis.patches[1:]
+    ]  # the first is the ground
     return np.array([(path.vertices @ directions).max(axis=0) for path in paths])
 
 

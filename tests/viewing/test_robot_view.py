@@ -5,15 +5,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rerun as rr
+from mujoco import mjtGeom
 
 from mrwarp.env.sim import robot_scene
 from mrwarp.kernels import ledger
 from mrwarp.usd.asset import load_robot
 from mrwarp.usd.robot import LEGS
-from mrwarp.viewing import stream
+from mrwarp.viewing import live_view
 from mrwarp.viewing.frames import Frames, Gate
-from mrwarp.viewing.robot_view import ENERGY, FORCE_SCALE, SERIES, RobotLogger, make_blueprint, robot_names
-from mrwarp.viewing.shapes import GATE_COLORS, Kinematics, body_names, robot_shapes
+from mrwarp.viewing.robot_view import ENERGY, FORCE_SCALE, SERIES, RobotLogger, make_blueprint
+from mrwarp.viewing.shapes import GATE_COLORS, body_names, body_poses, robot_shapes
 
 UNITS = {
     "trunk_height": "m", "forward_velocity": "m/s", "forward_velocity_command": "m/s", "vertical_velocity": "m/s",
@@ -22,17 +24,21 @@ UNITS = {
 }  # fmt: skip
 
 
+NAMES = ("0_0A", "1_0.5A", "2_1A", "3_1.5A")
+"""Entities of the four robots: place in the row and current."""
+
+
 @pytest.fixture(scope="module")
 def recording(walk: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The walk in a file, logged in pieces of different length."""
     path = tmp_path_factory.mktemp("rrd") / "walk.rrd"
-    target = stream.new_recording()
+    target = rr.RecordingStream("test")
     target.save(path)
     robots = RobotLogger(walk.env.sim.scene, walk.currents, target)
     target.send_blueprint(make_blueprint(robots))
     for piece in (slice(0, 1), slice(1, 26), slice(26, None)):
         robots.log(walk.frames[piece])
-    assert stream.close(target)
+    assert live_view.disconnect(target)
     return path
 
 
@@ -46,7 +52,7 @@ def test_every_series_is_there_with_its_unit(walk: Any, recording: Path, read_rr
     """All series of all robots, at 50 Hz on ``sim_time``, equal to the frames; the unit stands beside each."""
     recorded, frames = read_rrd(recording), walk.frames
     calves = [2, 5, 8, 11]
-    for k, name in enumerate(robot_names(walk.currents)):
+    for k, name in enumerate(NAMES):
         expected = {
             "trunk_height": frames.qpos[:, k, 2:3],
             "forward_velocity": frames.v_x[:, k, None],
@@ -69,7 +75,7 @@ def test_every_series_is_there_with_its_unit(walk: Any, recording: Path, read_rr
 
 def test_last_trunk_height_is_the_environments(walk: Any, recording: Path, read_rrd: Any) -> None:
     """The last logged height equals the environment's own, to float32."""
-    for k, name in enumerate(robot_names(walk.currents)):
+    for k, name in enumerate(NAMES):
         _, heights = series(read_rrd(recording), f"/robots/{name}/series/trunk_height")
         assert np.float32(heights[-1, 0]) == walk.truth[-1]["height"][k]
 
@@ -77,8 +83,8 @@ def test_last_trunk_height_is_the_environments(walk: Any, recording: Path, read_
 def test_poses_are_there(walk: Any, recording: Path, read_rrd: Any) -> None:
     """Every body of every robot has its pose at every instant; the robots stand 1 m apart."""
     recorded, scene = read_rrd(recording), walk.env.sim.scene
-    pos, quat = Kinematics(scene.model)(walk.frames.qpos)
-    for k, name in enumerate(robot_names(walk.currents)):
+    pos, quat = body_poses(scene.model, walk.frames.qpos)
+    for k, name in enumerate(NAMES):
         place = next(recorded.columns(f"/robots/{name}", "Transform3D:translation", static=True))[1]
         np.testing.assert_allclose(place, [[0.0, -1.0 * k, 0.0]])
         for body, part in enumerate(body_names(scene.model)[1:], start=1):
@@ -93,12 +99,12 @@ def test_shapes_are_logged_once(walk: Any, recording: Path, read_rrd: Any) -> No
     """Each shape is static below its body, with the model's size; a capsule's length excludes its caps."""
     recorded, scene = read_rrd(recording), walk.env.sim.scene
     names = body_names(scene.model)
-    size = {"box": "Boxes3D:half_sizes", "sphere": "Ellipsoids3D:half_sizes", "capsule": "Capsules3D:lengths",
-            "cylinder": "Cylinders3D:lengths"}  # fmt: skip
+    size = {mjtGeom.mjGEOM_BOX: "Boxes3D:half_sizes", mjtGeom.mjGEOM_SPHERE: "Ellipsoids3D:half_sizes",
+            mjtGeom.mjGEOM_CAPSULE: "Capsules3D:lengths", mjtGeom.mjGEOM_CYLINDER: "Cylinders3D:lengths"}  # fmt: skip
     for shape in robot_shapes(scene):
         entity = f"/robots/0_0A/body/{names[shape.body]}/{shape.name}"
-        rows = [value for _, value in recorded.columns(entity, size[shape.kind.value], static=True)]
-        expected = {"box": [shape.size], "sphere": [shape.size * 3]}.get(shape.kind.value, [2.0 * shape.size[-1]])
+        rows = [value for _, value in recorded.columns(entity, size[shape.kind], static=True)]
+        expected = {3: [shape.size], 1: [shape.size * 3]}.get(len(shape.size), [2.0 * shape.size[-1]])
         assert len(rows) == 1
         np.testing.assert_allclose(rows[0], expected, rtol=1e-6)
 
@@ -106,7 +112,7 @@ def test_shapes_are_logged_once(walk: Any, recording: Path, read_rrd: Any) -> No
 def test_gates_and_colours_follow_each_other(walk: Any, recording: Path, read_rrd: Any) -> None:
     """State and calf colour at every instant, filled forward from the logged changes, are the gate's."""
     recorded = read_rrd(recording)
-    for k, name in enumerate(robot_names(walk.currents)):
+    for k, name in enumerate(NAMES):
         for device, leg in enumerate(LEGS):
             gate = walk.frames.gate[:, k, device]
             for entity, component, meaning in (
@@ -131,7 +137,7 @@ def test_foot_forces_are_arrows_at_the_feet(walk: Any, recording: Path, read_rrd
     """Four arrows that start in the feet and are 2.5 mm long per newton."""
     recorded = read_rrd(recording)
     model = walk.env.sim.scene.model
-    pos, _ = Kinematics(model)(walk.frames.qpos)
+    pos, _ = body_poses(model, walk.frames.qpos)
     _, vectors = series(recorded, "/robots/2_1A/foot_force", "Arrows3D:vectors")
     _, origins = series(recorded, "/robots/2_1A/foot_force", "Arrows3D:origins")
     np.testing.assert_allclose(vectors, FORCE_SCALE * walk.frames.foot_force[:, 2], atol=1e-6)
@@ -160,14 +166,14 @@ def test_robot_without_devices(tmp_path: Path, walk: Any, read_rrd: Any) -> None
     """``go1``: no MR series, no gates, and a layout without them; the rest is as ever."""
     scene = robot_scene(load_robot(robot="go1"))
     path = tmp_path / "go1.rrd"
-    target = stream.new_recording()
+    target = rr.RecordingStream("test")
     target.save(path)
     robots = RobotLogger(scene, [0.0], target)
     target.send_blueprint(make_blueprint(robots))
     part = {name: value[:, :1] if value.ndim > 1 else value for name, value in vars(walk.frames).items()}
     none = np.zeros((60, 1, 0))
     robots.log(Frames(**{**part, "tau_mr": none, "current": none, "gate": none.astype(int)}))
-    assert stream.close(target)
+    assert live_view.disconnect(target)
     found = {entity.split("/")[-1] for entity in read_rrd(path).entities() if "/series/" in entity}
     assert found == set(UNITS) - {"mr_torque", "coil_current"}
     assert not any("gate" in entity for entity in read_rrd(path).entities())

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import rerun as rr
 
-from mrwarp.viewing import stream
+from mrwarp.viewing import live_view
+from mrwarp.viewing.frames import MOST_TOGETHER, FrameStream
 from mrwarp.viewing.robot_view import RobotLogger
-from mrwarp.viewing.stream import MOST_TOGETHER, FrameStream
 from mrwarp.viewing.viewer import Viewer, ViewerError, free_port
 
 
@@ -94,8 +95,8 @@ def test_failed_logging_is_reported_or_counted(walk: Any, drop: bool) -> None:
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs POSIX signals")
 def test_viewer_that_goes_away_is_survived(walk: Any, viewer: Viewer, end: str) -> None:
     """Killed or frozen in the middle: no call takes longer than 0.5 s, and closing ends within its time limit."""
-    recording = stream.new_recording()
-    stream.connect(recording, viewer.url)
+    recording = rr.RecordingStream("test")
+    live_view.connect(recording, viewer.url)
     robots = RobotLogger(walk.env.sim.scene, walk.currents, recording)
     frames = FrameStream(robots.log, drop=True, batch=5)
     longest = 0.0
@@ -108,55 +109,55 @@ def test_viewer_that_goes_away_is_survived(walk: Any, viewer: Viewer, end: str) 
         time.sleep(0.005)
     started = time.perf_counter()
     frames.close(timeout=5.0)
-    assert not stream.close(recording, timeout=1.0)
+    assert not live_view.disconnect(recording, timeout=1.0)
     assert longest < 0.5 and time.perf_counter() - started < 8.0
 
 
 def test_complete_stream_says_so(walk: Any, viewer: Viewer) -> None:
     """A viewer that takes everything: closing returns True."""
-    recording = stream.new_recording()
-    stream.connect(recording, viewer.url)
+    recording = rr.RecordingStream("test")
+    live_view.connect(recording, viewer.url)
     robots = RobotLogger(walk.env.sim.scene, walk.currents, recording)
     frames = FrameStream(robots.log, drop=True, batch=5)
     for i in range(60):
         frames.log(walk.frames[i : i + 1])
-    assert frames.close(timeout=20.0) and stream.close(recording, timeout=20.0)
+    assert frames.close(timeout=20.0) and live_view.disconnect(recording, timeout=20.0)
     assert frames.dropped == 0
 
 
 def test_connect_refuses_what_is_no_viewer() -> None:
     """Nobody there, and addresses that are none of rerun's: a message that says what to do."""
-    recording = stream.new_recording()
+    recording = rr.RecordingStream("test")
     with pytest.raises(ViewerError, match=r"no viewer listens there.*--rrd"):
-        stream.connect(recording, f"rerun+http://127.0.0.1:{free_port()}/proxy")
+        live_view.connect(recording, f"rerun+http://127.0.0.1:{free_port()}/proxy")
     for url in ("http://127.0.0.1:9876/proxy", "rerun+http://127.0.0.1:9876", "rerun+http://:9876/proxy", "9876",
                 "rerun+http://127.0.0.1:99999/proxy"):  # fmt: skip
         with pytest.raises(ViewerError):
-            stream.connect(recording, url)
+            live_view.connect(recording, url)
 
 
 def test_sink_is_what_was_asked_for(tmp_path: Path, viewer: Viewer, monkeypatch: pytest.MonkeyPatch) -> None:
     """A file in a new folder, a running viewer, a page in a browser, and without any of them rerun's window."""
     path = tmp_path / "new/robots.rrd"
-    file = stream.open_sink(rrd=path)
+    file = live_view.open_sink(rrd=path)
     assert not file.live and file.web is None
-    stream.close(file.recording)
+    live_view.disconnect(file.recording)
     assert path.exists()
 
-    sink = stream.open_sink(url=viewer.url)
+    sink = live_view.open_sink(url=viewer.url)
     assert sink.live and sink.web is None
-    assert stream.close(sink.recording)
+    assert live_view.disconnect(sink.recording)
 
-    page = stream.open_sink(web=True, web_port=free_port())
+    page = live_view.open_sink(web=True, web_port=free_port())
     assert page.live and page.web is not None and page.web.page.startswith("http://127.0.0.1:")
-    stream.close(page.recording)
+    live_view.disconnect(page.recording)
     page.web.close()
 
-    monkeypatch.setattr(stream, "open_window", lambda: viewer.url)
-    window = stream.open_sink()
+    monkeypatch.setattr(live_view, "open_window", lambda: viewer.url)
+    window = live_view.open_sink()
     assert window.live and window.web is None
-    assert stream.close(window.recording)
+    assert live_view.disconnect(window.recording)
 
     nobody = f"rerun+http://127.0.0.1:{free_port()}/proxy"
     with pytest.raises(ViewerError, match="no viewer listens there"):
-        stream.open_sink(url=nobody)
+        live_view.open_sink(url=nobody)

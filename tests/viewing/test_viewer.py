@@ -13,8 +13,9 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 import pytest
+import rerun as rr
 
-from mrwarp.viewing import stream
+from mrwarp.viewing import live_view
 from mrwarp.viewing import viewer as viewer_module
 from mrwarp.viewing.robot_view import RobotLogger, make_blueprint
 from mrwarp.viewing.viewer import Viewer, ViewerError, WebViewer, free_port, open_window, security_policy
@@ -92,12 +93,12 @@ def test_browser_shows_the_robots(walk: Any, web: WebViewer, tmp_path: Path) -> 
     webdriver = pytest.importorskip("selenium.webdriver", reason="selenium drives the browser")
     if not shutil.which("chromium") or not shutil.which("chromedriver"):
         pytest.skip("no chromium with its driver")
-    recording = stream.new_recording()
-    stream.connect(recording, web.url)
+    recording = rr.RecordingStream("test")
+    live_view.connect(recording, web.url)
     robots = RobotLogger(walk.env.sim.scene, walk.currents, recording)
     recording.send_blueprint(make_blueprint(robots))
     robots.log(walk.frames)
-    assert stream.close(recording, timeout=20.0)
+    assert live_view.disconnect(recording, timeout=20.0)
 
     options = webdriver.ChromeOptions()
     for option in ("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",

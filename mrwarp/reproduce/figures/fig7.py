@@ -9,7 +9,7 @@ from mrwarp import paper
 from mrwarp.reproduce import drops
 from mrwarp.reproduce.experiment import Findings, Job, compare, over_seeds
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
-from mrwarp.viewing.impact_pictures import COLORS
+from mrwarp.viewing.robot_pictures import COLORS
 
 
 def compute(job: Job) -> Findings:

@@ -14,7 +14,7 @@ from mrwarp.reproduce.drops import Drops
 from mrwarp.reproduce.experiment import Comparison, Findings, Job, TextTable, compare, over_seeds
 from mrwarp.reproduce.pushes import Pushes, ReadingResult
 from mrwarp.usd.robot import CURRENT_GROUPS
-from mrwarp.viewing.impact_pictures import COLORS
+from mrwarp.viewing.robot_pictures import COLORS
 
 TITLES = {"min_height": ("minimum height", "m", 4), "peak_down_velocity": ("peak downward velocity", "m/s", 4)}
 """Columns of the table, their units and digits."""
