@@ -351,7 +351,6 @@ def register() -> None:
     """Make Newton and USD know the MR drive. Called on import of this module; a second call does nothing."""
     global _registered
     if not _registered:
-        mrwarp.usd.open_stage.register_schema()
         register_actuator_component(mrwarp.usd.open_stage.SCHEMA, _drive_from_usd, ComponentKind.DRIVE)
         _registered = True
 

@@ -10,10 +10,9 @@ from mrwarp.model_file import Model, Parameter, save_model
 from mrwarp.options.asset_options import Diff, Export, Show
 from mrwarp.options.command_line import CommandLine
 from mrwarp.usd.edit import find_prim
-from mrwarp.usd.open_stage import ASSETS, AssetError
+from mrwarp.usd.open_stage import ASSETS, AssetError, open_stage
 from mrwarp.usd.record import PrimModel, is_mr, read_model
 from mrwarp.usd.scene_report import diff_assets, load_variants, models, show_asset
-from mrwarp.usd.stage_trial import open_stage
 
 
 def run(options: Show | Diff | Export, line: CommandLine) -> int:

@@ -13,10 +13,9 @@ from pxr import Sdf, Usd, UsdUtils
 
 from mrwarp.model_file import Effect, Model, ModelFileError, check_effects, load_model, silent_note
 from mrwarp.params import MrParams
-from mrwarp.usd.open_stage import ASSETS, SCHEMA, AssetError
+from mrwarp.usd.open_stage import ASSETS, SCHEMA, AssetError, open_stage
 from mrwarp.usd.record import PD, is_mr, read_effects, read_number, read_parameters
 from mrwarp.usd.robot import JOINTS
-from mrwarp.usd.stage_trial import open_stage
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,22 +55,19 @@ class RobotAsset:
             raise AssetError(f"{path}: cannot be written")
 
 
-def load_robot(
-    path: str | Path | None = None, *, robot: str = "mr_go", payload: int = 0, allow_external: bool = False
-) -> RobotAsset:
+def load_robot(path: str | Path | None = None, *, robot: str = "mr_go", payload: int = 0) -> RobotAsset:
     """Open the quadruped with one choice of variants and check it.
 
     Args:
         path: USD file; ``None`` is ``mr_go.usda`` of :data:`ASSETS`.
         robot: variant ``robot``: ``mr_go`` (MR calves) or ``go1`` (PD motors only).
         payload: variant ``payload`` [kg]: 0 or 3. A file without variant sets, as flattening leaves it, has one choice.
-        allow_external: accept references, payloads and sublayers outside the file's folder.
 
     Raises:
         AssetError: the file, a variant, a joint, an actuator or one of its numbers is not usable.
     """
     file = Path(path) if path is not None else ASSETS / "mr_go.usda"
-    stage = open_stage(file, allow_external)
+    stage = open_stage(file)
     for name, choice in (("robot", robot), ("payload", str(payload))):
         root, offered = stage.GetDefaultPrim(), variant_choices(stage, name)
         if choice not in offered:
@@ -95,10 +91,10 @@ def check_currents(actuators: Sequence[JointActuator], currents: Sequence[float]
             )
 
 
-def load_bench(path: str | Path | None = None, *, allow_external: bool = False) -> RobotAsset:
+def load_bench(path: str | Path | None = None) -> RobotAsset:
     """Open the one-joint torque bench (``mr_bench.usda``) and check it; raises as :func:`load_robot`."""
     file = Path(path) if path is not None else ASSETS / "mr_bench.usda"
-    stage = open_stage(file, allow_external)
+    stage = open_stage(file)
     found = _actuators(stage, file, ("bench_joint",))
     return RobotAsset(path=file, robot="bench", payload=0, stage=stage, actuators=found)
 
@@ -120,17 +116,19 @@ def with_model(asset: RobotAsset, model: Model | str | Path) -> RobotAsset:
     if not any(actuator.mr for actuator in asset.actuators):
         raise ModelFileError(f"{name}: robot {asset.robot!r} has no MR joint to take the model; leave the model out")
     check_effects(model.effects, name)
-    actuators = []
-    for a in asset.actuators:
-        if a.mr is not None:
-            a = replace(_with_device(a, model.to_params(a.mr)), effects=model.effects, lost="")
-        actuators.append(a)
-    return replace(asset, actuators=tuple(actuators))
+    return replace(
+        asset,
+        actuators=tuple(
+            a if a.mr is None else _mr_joint(a.joint, a.prim_path, model.to_params(a.mr), model.effects)
+            for a in asset.actuators
+        ),
+    )
 
 
-def _with_device(actuator: JointActuator, mr: MrParams) -> JointActuator:
-    """The joint with a device, whose parameters hold the motor's gains too."""
-    return replace(actuator, mr=mr, kp=mr.motor.kp_base, kd=mr.motor.kd, tau_limit=mr.motor.tau_limit)
+def _mr_joint(joint: str, path: str, mr: MrParams, effects: tuple[Effect, ...] = (), lost: str = "") -> JointActuator:
+    """A joint with a device, whose parameters hold the motor's gains too."""
+    gains = {"kp": mr.motor.kp_base, "kd": mr.motor.kd, "tau_limit": mr.motor.tau_limit}
+    return JointActuator(joint=joint, prim_path=path, mr=mr, effects=effects, lost=lost, **gains)
 
 
 def effect_lines(actuators: Sequence[JointActuator]) -> Iterator[str]:
@@ -197,12 +195,11 @@ def _actuator(prim: Usd.Prim, joint: str, file: Path) -> JointActuator:
     """Read one actuator prim: MR drive, or PD with torque limit."""
     path, schemas = str(prim.GetPath()), prim.GetPrimTypeInfo().GetAppliedAPISchemas()
     if is_mr(prim):
-        plain = JointActuator(joint=joint, prim_path=path, kp=0.0, kd=0.0, tau_limit=0.0, mr=None)
-        with_device = _with_device(plain, read_parameters(prim, file))
+        mr = read_parameters(prim, file)
         try:
-            return replace(with_device, effects=read_effects(prim, file))
+            return _mr_joint(joint, path, mr, read_effects(prim, file))
         except AssetError as error:
-            return replace(with_device, lost=str(error))
+            return _mr_joint(joint, path, mr, lost=str(error))
     if not {"NewtonPDControlAPI", "NewtonMaxEffortClampingAPI"} <= set(schemas):
         allowed = f"allowed: {SCHEMA}, or NewtonPDControlAPI with NewtonMaxEffortClampingAPI"
         raise AssetError(f"{file}: {path}: apiSchemas = {list(schemas)}; {allowed}")

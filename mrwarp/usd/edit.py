@@ -1,15 +1,17 @@
-"""Put numbers into a USD asset: the text is edited where it can be, and USD proves that nothing else changed.
+"""Put numbers into a USD asset; comments and layout of a text file stay, which USD's own writer drops.
 
-The steps of :func:`edit_asset`: find the prim, check each number, write a copy beside the target, load every variant of
-it, compare it with the original attribute by attribute, and only then let it replace the target.
+:func:`edit_asset` finds the prim, checks each number, writes a copy beside the target, has the copy checked, and only
+then lets it replace the target. :func:`set_values` edits text without understanding the format: places that may be
+meant are tried in turn, and the text that USD reads as the wanted change, and as nothing else, is taken.
 """
 
 from __future__ import annotations
 
 import difflib
 import os
+import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,15 +19,27 @@ from typing import Any
 from pxr import Sdf, Tf, Usd
 
 from mrwarp.params import MrParams, ParameterError
-from mrwarp.usd.open_stage import AssetError, choices
+from mrwarp.usd.open_stage import AssetError, choices, open_stage
 from mrwarp.usd.record import PD, PREFIX, RECORD, is_mr
 from mrwarp.usd.scene_report import decimal, plain, value_text
-from mrwarp.usd.stage_trial import open_stage
-from mrwarp.usd.usda_text import UsdaTextError, set_attribute, set_values
 
 SUFFIXES = (".usda", ".usdc", ".usd")
-Key = tuple[tuple[str, ...], str, str]
-"""Variant choice, prim path, attribute name (empty: the prim itself)."""
+
+Values = Mapping[str, tuple[float | str, str]]
+"""By attribute name: number, or text of one line, and USD's name of the type, such as ``double``."""
+
+_VALUE = (
+    r'"""(?:\\.|[^\\])*?"""|'
+    + r"'''(?:\\.|[^\\])*?'''|"
+    + r'"(?:\\.|[^"\\\n])*"|'
+    + r"'(?:\\.|[^'\\\n])*'|"
+    + r"\[[^\]]*\]|\([^)]*\)|[^\s;,(){}\[\]#]+"
+)
+_COMMENT = re.compile(r" {3,}(?=#|//)")
+
+
+class UsdaTextError(ValueError):
+    """The text cannot be edited in place: it is not readable, or the prim does not stand in it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,23 +91,26 @@ def edit_asset(
         raise AssetError(f"{out or file}: cannot be written; give a name ending in {', '.join(SUFFIXES)} in a folder")
     found = find_prim(stage, prim, file)
     path = str(found.GetPath())
-    wanted: dict[str, float | str] = {**check_values(found, values, file)}
+    wanted: dict[str, float | str] = {**_checked(found, values, file)}
     if record is not None:
         wanted[RECORD] = record(found)
     sites: dict[str, dict[str, tuple[float | str, str]]] = {}
     for name, value in wanted.items():
         where, kind = _site(found, name)
         sites.setdefault(where, {})[name] = (value, kind)
-    before, reach = snapshot(stage, path)
-    if found.IsAbstract() and reach == {path}:
+    before = _held(stage, path, wanted)
+    if found.IsAbstract() and {where for _, where, _ in before} == {path}:
         raise AssetError(f"{file}: no actuator inherits {path} (a flattened file?); name the joint, such as FL_calf")
     copy = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
     try:
         notice = _write(stage, file, copy, sites)
         if check is not None:
             check(copy)
-        after, _ = snapshot(open_stage(copy), path)
-        changes = _verified(before, after, reach, path, wanted)
+        after = _held(open_stage(copy), path, wanted)
+        for name, value in wanted.items():
+            if not any(key[1:] == (path, name) and _arrived(name, value, there) for key, there in after.items()):
+                text = f"{path}: {name} = {value_text(name, value)}"
+                raise AssetError(f"{text} does not take effect: a stronger opinion stands elsewhere")
         shutil.copymode(target if target.exists() else file, copy)
         os.replace(copy, target)
     except (AssetError, OSError, Tf.ErrorException) as error:
@@ -104,8 +121,13 @@ def edit_asset(
     kept = {
         f"{where} keeps its own {name} = {value_text(name, value)}"
         for (_, where, name), value in after.items()
-        if where in reach and name in wanted and value not in _readings(name, wanted[name])
+        if value is not None and not _arrived(name, wanted[name], value)
     }
+    changed = {key[1:]: (before.get(key), value) for key, value in reversed(after.items()) if before.get(key) != value}
+    changes = tuple(
+        Change(prim=where, attribute=name, before=old, after=new)
+        for (where, name), (old, new) in sorted(changed.items(), key=lambda item: (item[0][0] != path, item[0]))
+    )
     return EditReport(path=out or file, changes=changes, kept=tuple(sorted(kept)), notice=notice)
 
 
@@ -128,12 +150,8 @@ def find_prim(stage: Usd.Stage, name: str, file: Path) -> Usd.Prim:
     raise AssetError(f"{file}: there is no actuator {name!r}; {hint}known: {', '.join(known)}")
 
 
-def check_values(prim: Usd.Prim, values: dict[str, Any], file: Path) -> dict[str, float]:
-    """Full attribute names and checked numbers, for an MR device or a plain motor.
-
-    Raises:
-        AssetError: a name is not an attribute of that kind of actuator, or a number is out of range.
-    """
+def _checked(prim: Usd.Prim, values: dict[str, Any], file: Path) -> dict[str, float]:
+    """Full attribute names and checked numbers, for an MR device or a plain motor."""
     where = f"{file}: {prim.GetPath()}"
     checked: dict[str, float] = {}
     for name, value in values.items():
@@ -152,21 +170,20 @@ def check_values(prim: Usd.Prim, values: dict[str, Any], file: Path) -> dict[str
     return checked
 
 
-def snapshot(stage: Usd.Stage, path: str = "") -> tuple[dict[Key, Any], set[str]]:
-    """Everything authored on the stage under every variant choice, and the prims that take opinions from ``path``."""
-    seen: dict[Key, Any] = {}
-    reach = {path}
-    for choice in choices(stage):
-        for prim in stage.TraverseAll():
-            where = str(prim.GetPath())
-            seen[choice, where, ""] = {
-                key: str(value) for key, value in prim.GetAllAuthoredMetadata().items() if key != "variantSelection"
-            }
-            if any(str(spec.path.StripAllVariantSelections()) == path for spec in prim.GetPrimStack()):
-                reach.add(where)
-            for item in prim.GetAuthoredProperties():
-                seen[choice, where, item.GetName()] = plain(item)
-    return seen, reach
+def _held(stage: Usd.Stage, path: str, names: Iterable[str]) -> dict[tuple[tuple[str, ...], str, str], Any]:
+    """Values of the attributes on the prim and on what inherits from it, by variant choice, prim path and name."""
+    return {
+        (choice, str(prim.GetPath()), name): plain(attribute) if (attribute := prim.GetAttribute(name)) else None
+        for choice in choices(stage)
+        for prim in stage.TraverseAll()
+        if any(str(spec.path.StripAllVariantSelections()) == path for spec in prim.GetPrimStack())
+        for name in names
+    }
+
+
+def _arrived(name: str, value: float | str, there: Any) -> bool:
+    """Whether a written value is there; a motor's number is stored in 32 bits."""
+    return there == value or (name in PD and there == decimal(value, "float"))
 
 
 def _site(prim: Usd.Prim, name: str) -> tuple[str, str]:
@@ -184,7 +201,7 @@ def _site(prim: Usd.Prim, name: str) -> tuple[str, str]:
     return str(spec.path if spec else prim.GetPath()), kind
 
 
-def _write(stage: Usd.Stage, file: Path, copy: Path, sites: dict[str, dict[str, tuple[float | str, str]]]) -> str:
+def _write(stage: Usd.Stage, file: Path, copy: Path, sites: Mapping[str, Values]) -> str:
     """Write the edited copy; returns a notice when the text could not be edited and comments are lost."""
     is_text = file.read_bytes()[:5] == b"#usda"
     reason = f"{file} is not a text file" if not is_text else f"{copy.suffix} is not a text format"
@@ -201,35 +218,99 @@ def _write(stage: Usd.Stage, file: Path, copy: Path, sites: dict[str, dict[str, 
     layer.TransferContent(stage.GetRootLayer())
     for path, values in sites.items():
         for name, (value, kind) in values.items():
-            set_attribute(layer, path, name, value, kind)
+            _set(layer, path, name, value, kind)
     if not layer.Export(str(copy), args={"format": "usda"} if is_text and copy.suffix == ".usd" else {}):
         raise AssetError(f"{copy}: cannot be written")
     return f"written through USD, which keeps no comments and lays the text out anew: {reason}"
 
 
-def _readings(name: str, value: float | str) -> set[float | str]:
-    """What a written value may read back as: a motor's number is stored in 32 bits."""
-    return {value, decimal(value, "float")} if name in PD else {value}
+def set_values(text: str, path: str, values: Values) -> str:
+    """``text`` with attributes of one prim set: replaced where they stand, others added at the top of its block.
 
-
-def _verified(
-    before: dict[Key, Any], after: dict[Key, Any], reach: set[str], path: str, wanted: dict[str, float | str]
-) -> tuple[Change, ...]:
-    """What changed, at most the wanted attributes of ``path`` and of what inherits from it.
+    Args:
+        text: Content of a ``.usda`` file.
+        path: Sdf path of the prim, such as ``/mr_go{robot=mr_go}actuators/FL_calf``.
+        values: What to set.
 
     Raises:
-        AssetError: something else changed, or a wanted value did not arrive.
+        UsdaTextError: the prim does not stand in the text, or the text is not readable.
     """
-    changed = [key for key in before | after if before.get(key) != after.get(key)]
-    for choice, where, name in changed:
-        if name not in wanted or where not in reach:
-            raise AssetError(f"{where}.{name} ({' '.join(choice)}) would change too; edit the file by hand")
-    for name, value in wanted.items():
-        if not any(key[1:] == (path, name) and found in _readings(name, value) for key, found in after.items()):
-            text = f"{path}: {name} = {value_text(name, value)}"
-            raise AssetError(f"{text} does not take effect: a stronger opinion stands elsewhere")
-    found = {(key[1], key[2]): (before.get(key), after[key]) for key in reversed(changed)}
-    return tuple(
-        Change(prim=where, attribute=name, before=old, after=new)
-        for (where, name), (old, new) in sorted(found.items(), key=lambda item: (item[0][0] != path, item[0]))
-    )
+    try:
+        layer = _layer(text)
+    except Tf.ErrorException:
+        raise UsdaTextError("the text is not readable as USD") from None
+    prim = layer.GetPrimAtPath(path)
+    if not prim:
+        raise UsdaTextError(f"{path} does not stand in the text")
+    new = [name for name in values if name not in prim.attributes]
+    for name in values:
+        if name not in new:
+            value, kind = values[name]
+            _set(layer, path, name, value, kind)
+            text = _meant([text, *_replaced(text, name, _literal(value), kind)], layer, f"{name} of {path}")
+    for name in new:
+        _set(layer, path, name, *values[name])
+    lines = [f"{values[name][1]} {name} = {_literal(values[name][0])}" for name in new]
+    return _meant(_added(text, prim.name, lines), layer, f"{', '.join(new)} of {path}") if new else text
+
+
+def _set(layer: Sdf.Layer, path: str, name: str, value: float | str, type_name: str) -> None:
+    """Author attribute ``name`` of the prim at Sdf path ``path``, which is made if it is not there."""
+    prim = Sdf.CreatePrimInLayer(layer, path)
+    spec = prim.attributes.get(name) or Sdf.AttributeSpec(prim, name, Sdf.ValueTypeNames.Find(type_name))
+    spec.SetInfo("typeName", type_name)
+    spec.default = value
+
+
+def _meant(candidates: Iterable[str], layer: Sdf.Layer, what: str) -> str:
+    """The first text that USD reads as ``layer``."""
+    wanted = layer.ExportToString()
+    for text in candidates:
+        try:
+            if _layer(text).ExportToString() == wanted:
+                return text
+        except Tf.ErrorException:
+            continue
+    raise UsdaTextError(f"no place for {what} was found in the text")
+
+
+def _layer(text: str) -> Sdf.Layer:
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    layer.ImportFromString(text)
+    return layer
+
+
+def _literal(value: float | str) -> str:
+    """A value as USD writes it; single quotes around a text leave the double ones of JSON readable."""
+    if isinstance(value, str):
+        return "'" + value.replace("\\", "\\\\").replace("'", "\\'") + "'"
+    return repr(value).removesuffix(".0")
+
+
+def _replaced(text: str, name: str, literal: str, type_name: str) -> Iterator[str]:
+    """The text with one or another property of that name replaced; a comment behind it keeps its column."""
+    pattern = rf"(?<=[ \t]){re.escape(name)}(?![\w:.])(?:(?P<equals>\s*=\s*)(?:{_VALUE}))?"
+    for match in re.finditer(pattern, text, re.DOTALL):
+        before = text[: match.start()].rstrip(" \t")
+        word = re.split(r"[\s;{(]", before[before.rfind("\n") + 1 :])[-1]
+        if not word:
+            continue
+        blanks = text[len(before) : match.start()]
+        head = f"{before.removesuffix(word)}{type_name}{blanks}{name}{match['equals'] or ' = '}{literal}"
+        rest = text[match.end() :]
+        if gap := _COMMENT.match(rest):
+            room = match.end() + gap.end() - len(head)
+            rest = " " * max(room, 2) + rest[gap.end() :]
+        yield head + rest
+
+
+def _added(text: str, prim: str, lines: list[str]) -> Iterator[str]:
+    """The text with lines at the top of one or another block behind the prim's name."""
+    newline = "\r\n" if "\r\n" in text else "\n"
+    for brace in re.compile(r"\{([ \t]*(?:#[^\n\r]*)?(?=\r?\n))?").finditer(text, max(text.find(prim), 0)):
+        opening = text[text.rfind("\n", 0, brace.start()) + 1 : brace.start()]
+        indent = newline + opening[: len(opening) - len(opening.lstrip())]
+        rest = text[brace.end() :]
+        if brace[1] is None:  # a block on one line
+            rest = indent + rest.lstrip(" ;")
+        yield text[: brace.end()] + "".join(f"{indent}    {line}" for line in lines) + rest

@@ -1,16 +1,30 @@
-"""Opening a USD file in this process: its schemas, its limits, nothing outside its folder, every error on one line.
+"""Open a USD file: tried out in another process first, then composed here, with every error on one line.
 
-What a file can do to USD's reader is tried out in another process first, see :mod:`mrwarp.usd.stage_trial`.
+USD's readers are fast, not careful: a damaged or malicious file can make them overflow the stack, take all memory or
+never end, and no exception tells. So a helper process with little memory, stack and time opens and composes each file
+first (:func:`serve`; a request a line, an answer a line). What kills the helper is refused; what it refuses, in its
+words. A file that passed is not tried again in this process until it or a layer of it changes.
 """
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import itertools
+import json
 import math
+import os
 import re
+import resource
+import select
+import signal
+import subprocess
+import sys
+import threading
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import newton_usd_schemas  # noqa: F401  (registers Newton's schemas; must happen before the registry is first used)
 from pxr import Plug, Sdf, Tf, Usd, UsdUtils
@@ -27,9 +41,6 @@ ASSETS = next((p for p in (_HERE / "assets/usd", _HERE.parent / "assets/usd") if
 MAX_BYTES = 2**28
 """Largest file [bytes]."""
 
-MAX_NESTING = 100
-"""Deepest nesting of brackets in a text file; at some ten thousands USD's reader overflows the stack."""
-
 MAX_CHOICES = 64
 """Most combinations of the default prim's variants."""
 
@@ -39,18 +50,23 @@ MAX_QUOTED = 400
 MAX_MESSAGE = 1500
 """Length of a refusal [characters]."""
 
-_OPAQUE = re.compile(
-    rb'"""(?:\\.|[^\\])*?(?:"""|\\?\Z)|'
-    rb"'''(?:\\.|[^\\])*?(?:'''|\\?\Z)|"
-    rb'"(?:\\.|[^"\\\n])*(?:"|(?=\n)|\\?\Z)|'
-    rb"'(?:\\.|[^'\\\n])*(?:'|(?=\n)|\\?\Z)|"
-    rb"#[^\n]*|//[^\n]*|/\*.*?(?:\*/|\Z)|@@@.*?(?:@@@|\Z)|@[^@\n]*",
-    re.DOTALL,
-)
-"""Texts, comments and file names of a ``.usda`` file; unfinished ones match too, so that time is linear."""
+CPU_SECONDS = 20
+"""Processor time that a file may take in the helper [s]."""
 
-_MARKS = re.compile(rb"(?P<bracket>[()\[\]{}])|" + _OPAQUE.pattern, re.DOTALL)
-_NO_BRACKETS = bytes(set(range(256)) - set(b"()[]{}"))
+WALL_SECONDS = 10.0 * CPU_SECONDS
+"""Longest wait for the helper's answer [s]; a busy machine may need much longer than the processor time."""
+
+MEMORY = 2**30
+"""Address space that a file may take [bytes]."""
+
+STACK = 2**22
+"""The helper's stack [bytes]: half of the usual, so that what overflows the asking process' ends the helper first."""
+
+IDLE = 30.0
+"""Time without a request after which the helper ends [s]."""
+
+_REMEDY = "it is damaged or made to harm: undo the last edit, or export it again"
+_TOO_LARGE = {"trouble": f"takes more than {MEMORY >> 20} MiB"}
 
 
 class AssetError(ValueError):
@@ -65,23 +81,37 @@ class AssetError(ValueError):
         super().__init__(message)
 
 
-def register_schema() -> None:
-    """Make USD know :data:`SCHEMA`; called on import. Too late once USD's registry is built: then loading warns."""
-    Plug.Registry().RegisterPlugins(str(ASSETS / "schema"))
+# USD knows the schema from the import on; too late once its registry is built: then opening warns
+Plug.Registry().RegisterPlugins(str(ASSETS / "schema"))
 
 
-register_schema()
+def open_stage(file: Path) -> Usd.Stage:
+    """Try ``file`` out, then open it with a session layer of its own as edit target.
+
+    Raises:
+        AssetError: the file cannot be read or composed, or not with the helper's memory, stack and time.
+    """
+    check_layer(file)
+    key = file.resolve()
+    if key not in _passed or any(_state(path) != known for path, known in _passed[key].items()):
+        with _lock:
+            answer = _answer({"folder": os.getcwd(), "file": str(file), "seconds": CPU_SECONDS})
+        if "trouble" in answer:
+            raise AssetError(f"{file}: USD's reader {answer['trouble']} with it; {_REMEDY}")
+        if "refused" in answer:
+            raise AssetError(answer["refused"])
+        _passed[key] = {path: _state(path) for path in answer["layers"]}
+    return open_here(file)
 
 
-def open_here(file: Path, allow_external: bool = False) -> Usd.Stage:
+def open_here(file: Path) -> Usd.Stage:
     """Open ``file`` with a session layer of its own as edit target; nothing but its composition is checked."""
     check_layer(file)
     try:
         layer = Sdf.Layer.FindOrOpen(str(file.resolve()))
         if layer is not None:
             layer.Reload()  # the file may have been edited since an earlier load in this process
-            if not allow_external:
-                _refuse_external(layer, file.resolve().parent, set())
+            _refuse_external(layer, file.resolve().parent, set())
         stage = Usd.Stage.Open(layer, Sdf.Layer.CreateAnonymous("session.usda")) if layer else None
     except Tf.ErrorException as error:
         raise AssetError(f"{file}: not readable as USD: {said(error)}; repair the file there") from None
@@ -91,9 +121,8 @@ def open_here(file: Path, allow_external: bool = False) -> Usd.Stage:
         raise AssetError(f"{file}: composition error: {said(error)}; repair the reference or path named there")
     if Usd.SchemaRegistry().FindAppliedAPIPrimDefinition(SCHEMA) is None:
         warnings.warn(
-            f"USD built its schema registry before {SCHEMA} was registered; "
-            "import mrwarp.usd.asset before other USD code. "
-            "Parameters load as authored; USD tools show no units and defaults.",
+            f"USD built its schema registry before {SCHEMA} was registered; import mrwarp.usd.asset before other USD "
+            "code. Parameters load as authored; USD tools show no units and defaults.",
             stacklevel=3,
         )
     stage.SetEditTarget(stage.GetSessionLayer())
@@ -101,30 +130,13 @@ def open_here(file: Path, allow_external: bool = False) -> Usd.Stage:
 
 
 def check_layer(file: Path) -> None:
-    """Refuse what USD must not even begin to read: no file, too large, brackets nested too deep."""
+    """Refuse what USD must not even begin to read: no file, or one that is too large."""
     if not file.is_file():
         raise AssetError(f"{file}: {no_file(file, 'file')}; name a .usda file, such as those in {ASSETS}")
-    try:
-        if file.stat().st_size > MAX_BYTES:
-            raise AssetError(f"{file}: {file.stat().st_size} bytes; allowed: {MAX_BYTES}; put meshes into other files")
-        data = file.read_bytes()
-    except OSError as error:
-        raise AssetError(f"{file}: cannot be read: {error.strerror}; check the file and its permissions") from None
-    if data.startswith(b"#usda") and (line := too_deep(data)):
-        raise AssetError(
-            f"{file}: line {line}: brackets nested more than {MAX_NESTING} deep; remove the surplus ones there"
-        )
-
-
-def too_deep(text: bytes, most: int = MAX_NESTING) -> int:
-    """First line in which brackets outside texts and comments are nested deeper than ``most``; 0 if none are."""
-    marks = _OPAQUE.sub(b"", text).translate(None, delete=_NO_BRACKETS)
-    depths = itertools.accumulate(1 if mark in b"([{" else -1 for mark in marks)
-    first = next((index for index, depth in enumerate(depths) if depth > most), None)
-    if first is None:
-        return 0
-    brackets = (found.start() for found in _MARKS.finditer(text) if found["bracket"])
-    return text.count(b"\n", 0, next(itertools.islice(brackets, first, None))) + 1
+    if (size := file.stat().st_size) > MAX_BYTES:
+        raise AssetError(f"{file}: {size} bytes; allowed: {MAX_BYTES}; put meshes into other files")
+    if not os.access(file, os.R_OK):
+        raise AssetError(f"{file}: cannot be read: Permission denied; check the file and its permissions")
 
 
 def choices(stage: Usd.Stage) -> Iterator[tuple[str, ...]]:
@@ -168,13 +180,149 @@ def _refuse_external(layer: Sdf.Layer, folder: Path, seen: set[str]) -> None:
         except (OSError, ValueError, RuntimeError):  # too long, with a NUL, links in a circle
             raise AssetError(f"{layer.identifier}: @{name[:80]!r}@ is no file name; correct it") from None
         if "://" in name or not target.is_relative_to(folder):
-            raise AssetError(
-                f"{layer.identifier}: @{name}@ lies outside the asset's folder {folder}; "
-                "copy it there, or pass allow_external=True if you trust it"
-            )
+            raise AssetError(f"{layer.identifier}: @{name}@ lies outside the asset's folder {folder}; copy it there")
         if not there or not Usd.Stage.IsSupportedFile(str(target)):
             continue  # what is missing is a composition error, or nobody's business
         check_layer(target)
         inner = Sdf.Layer.FindOrOpen(str(target))
         if inner is not None and inner.identifier not in seen:
             _refuse_external(inner, folder, seen)
+
+
+_passed: dict[Path, dict[str, Any]] = {}
+"""State of every layer of the files that passed."""
+
+_lock = threading.Lock()
+_helper: subprocess.Popen[str] | None = None
+
+
+def _state(file: str) -> tuple[int, ...] | None:
+    """What tells whether a file was changed."""
+    with contextlib.suppress(OSError):
+        found = os.stat(file)
+        return found.st_mtime_ns, found.st_size, found.st_ino
+    return None
+
+
+def _answer(request: dict[str, Any]) -> dict[str, Any]:
+    """The helper's answer; a file is blamed for a crash only of a helper that was started for it."""
+    global _helper
+    fresh = _helper is None
+    helper = _helper = _helper or _start()
+    assert helper.stdin and helper.stdout
+    line, late = "", False
+    try:
+        with contextlib.suppress(BrokenPipeError):
+            helper.stdin.write(json.dumps(request) + "\n")
+            helper.stdin.flush()
+            late = not select.select([helper.stdout], [], [], WALL_SECONDS)[0]
+            line = "" if late else helper.stdout.readline()
+    finally:
+        # dead, late, or Ctrl-C was pressed: an answer on its way must not be taken for the next one's
+        code = 0 if line.endswith("\n") else stop()
+    if line.endswith("\n"):
+        return json.loads(line)
+    if late or code == -signal.SIGXCPU:
+        return {"trouble": f"takes more than {CPU_SECONDS} s"}
+    if not fresh:  # an earlier file may have harmed it
+        return _answer(request)
+    how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+    return {"trouble": f"crashes or {_TOO_LARGE['trouble']} ({how})"}
+
+
+def _start() -> subprocess.Popen[str]:
+    """Start the helper."""
+    package = str(Path(__file__).resolve().parents[2])
+    run = f"import sys; sys.path = {[package, *sys.path]!r}; from mrwarp.usd.open_stage import serve; serve()"
+    # one thread: the limit is of address space, of which every thread takes a large piece
+    env = {**os.environ, "PXR_WORK_THREAD_LIMIT": "1", "MALLOC_ARENA_MAX": "1", "OPENBLAS_NUM_THREADS": "1"}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    try:
+        return subprocess.Popen([sys.executable, "-I", "-c", run], env=env, text=True, encoding="ascii", **pipes)
+    except OSError as error:
+        raise AssetError(f"no process can be started to try USD files out ({error.strerror}); free some") from None
+
+
+def stop() -> int:
+    """End the helper, if there is one; its exit code."""
+    global _helper
+    helper, _helper = _helper, None
+    if helper is None:
+        return 0
+    assert helper.stdin and helper.stdout
+    helper.kill()  # a process that has ended already keeps its exit code
+    helper.stdout.close()
+    with contextlib.suppress(OSError):
+        helper.stdin.close()
+    return helper.wait()
+
+
+def _forget() -> None:
+    """A forked process starts a helper of its own; two must not talk to one."""
+    global _helper, _lock
+    _helper, _lock = None, threading.Lock()
+
+
+atexit.register(stop)
+os.register_at_fork(after_in_child=_forget)
+
+
+def serve() -> None:
+    """The helper process: answer requests until there are no more."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is meant for the asking process, which then ends this one
+    answers = os.fdopen(os.dup(1), "w", encoding="ascii")
+    os.dup2(2, 1)  # what libraries print must not be taken for an answer
+    _limit(resource.RLIMIT_CORE, 0)
+    _limit(resource.RLIMIT_STACK, STACK)
+    if (used := Path("/proc/self/statm")).is_file():  # elsewhere address space is not limited, or not counted
+        _limit(resource.RLIMIT_AS, int(used.read_text().split()[0]) * resource.getpagesize() + MEMORY)
+    while select.select([sys.stdin], [], [], IDLE)[0] and (line := sys.stdin.readline()):
+        request = json.loads(line)
+        seconds = request.pop("seconds")
+        _limit(resource.RLIMIT_CPU, math.ceil(sum(resource.getrusage(resource.RUSAGE_SELF)[:2])) + seconds)
+        answer = try_out(**request)
+        answers.write(json.dumps(answer) + "\n")
+        answers.flush()
+        if "trouble" in answer:
+            return  # who knows what is left of the libraries
+
+
+def try_out(folder: str, file: str) -> dict[str, Any]:
+    """Open a file as the asking process would, and read every value under every choice of variants.
+
+    Returns:
+        ``layers``, the files that were read, or ``refused``, the message, or ``trouble``, what the reader does.
+    """
+    os.chdir(folder)
+    layers: set[str] = set()
+    try:
+        stage = open_here(Path(file))
+        for _ in choices(stage):
+            for prim in stage.TraverseAll():
+                prim.GetAppliedSchemas()
+                for attribute in prim.GetAttributes():
+                    _read(attribute, file)
+            layers.update(layer.realPath for layer in stage.GetUsedLayers() if layer.realPath)
+    except AssetError as error:
+        return _TOO_LARGE if "bad_alloc" in str(error) else {"refused": str(error)}
+    except MemoryError:
+        return _TOO_LARGE
+    except Exception as error:  # whatever it is, it is about this file
+        return {"refused": f"{file}: cannot be opened: {type(error).__name__}: {said(error)}; repair the file"}
+    return {"layers": sorted(layers)}
+
+
+def _read(attribute: Usd.Attribute, file: str) -> None:
+    try:
+        attribute.Get()
+    except MemoryError:
+        raise
+    except Exception as error:  # USD's, or Boost's for what has no Python type
+        raise AssetError(f"{file}: {attribute.GetPath()} cannot be read: {said(error)}; remove it") from None
+
+
+def _limit(which: int, value: int) -> None:
+    """Lower a limit; a lower one that is set already stays."""
+    soft, hard = resource.getrlimit(which)
+    allowed = [limit for limit in (value, hard, soft if which != resource.RLIMIT_CPU else hard)]
+    resource.setrlimit(which, (min(limit for limit in allowed if limit != resource.RLIM_INFINITY), hard))

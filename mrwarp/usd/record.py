@@ -55,8 +55,6 @@ MAX_CHARACTERS = 4 * MAX_BYTES
 """Longest record that is read: any model file fits, with every letter escaped."""
 
 _REMEDY = f"apply the model again with 'mrwarp asset apply', or remove {RECORD}: the numbers stay"
-_LISTED = 3
-"""Most differences of two records that are listed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +108,7 @@ def read_parameters(prim: Usd.Prim, file: str | Path = "stage") -> MrParams:
 
 
 def write_parameters(prim: Usd.Prim, params: MrParams) -> None:
-    """Author all parameters on an actuator prim, in double precision, at the stage's edit target.
+    """Author all parameters on an MR prim, in double precision, at the stage's edit target.
 
     On the stage of a :class:`RobotAsset` that is the session layer: the file stays as it is (see ``RobotAsset.save``).
 
@@ -229,43 +227,38 @@ def origin(model: Model) -> str:
 
 def summary(value: Any) -> str:
     """A record for a message, whatever it holds."""
-    if not value:
-        return "none"
     try:
-        return f"model {origin(parse_record(value, '')[0])}" if isinstance(value, str) else "unreadable"
-    except AssetError:
+        return f"model {origin(parse_record(value, '')[0])}" if value else "none"
+    except (AssetError, TypeError):
         return "unreadable"
 
 
 def record_difference(old: Any, new: Any, places: tuple[str, str]) -> str:
-    """What differs between two records, on one line.
+    """What differs between two records, on one line: at most three entries.
 
     Raises:
         AssetError: one of them is unusable; ``places`` says where they stand.
     """
     if not (old and new and isinstance(old, str) and isinstance(new, str)):
         return f"{summary(old)} -> {summary(new)}"
-    left, right = _leaves(*parse_record(old, places[0])), _leaves(*parse_record(new, places[1]))
+    left, right = (dict(_leaves(text, place)) for text, place in zip((old, new), places, strict=True))
     keys = [key for key in left | right if left.get(key) != right.get(key)]
-    parts = [f"{key_shown(key)} {shown(left.get(key))} -> {shown(right.get(key))}" for key in keys[:_LISTED]]
-    return (", ".join(parts) or "the same, written otherwise") + (
-        f" and {len(keys) - _LISTED} more" if len(keys) > _LISTED else ""
-    )
+    parts = [f"{key_shown(key)} {shown(left.get(key))} -> {shown(right.get(key))}" for key in keys[:3]]
+    return (", ".join(parts) or "the same, written otherwise") + (f" and {len(keys) - 3} more" if keys[3:] else "")
 
 
-def _leaves(model: Model, rest: Mapping[str, float]) -> dict[str, Any]:
+def _leaves(text: str, place: str) -> Iterator[tuple[str, Any]]:
     """Every entry of a record, its keys joined with dots."""
-
-    def entries(value: dict[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
-        for key, item in value.items():
-            if isinstance(item, dict):
-                yield from entries(item, f"{prefix}{key}.")
-            else:
-                yield prefix + key, item
-
-    content = model_to_dict(model)
-    content["effects"] = {str(i): effect for i, effect in enumerate(content["effects"])}
-    return dict(entries({**content, "rest": dict(rest)}, ""))
+    model, rest = parse_record(text, place)
+    content = {**model_to_dict(model), "rest": rest}
+    content["effects"] = dict(enumerate(content["effects"]))
+    left = list(content.items())
+    while left:
+        key, item = left.pop(0)
+        if isinstance(item, dict):
+            left[:0] = [(f"{key}.{inner}", value) for inner, value in item.items()]
+        else:
+            yield key, item
 
 
 def _record(prim: Usd.Prim, place: str) -> str:

@@ -14,9 +14,8 @@ from pxr import Sdf, Usd
 
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import RobotAsset, load_bench, load_robot, variant_choices
-from mrwarp.usd.open_stage import AssetError
+from mrwarp.usd.open_stage import AssetError, open_stage
 from mrwarp.usd.record import PD, PREFIX, RECORD, PrimModel, read_model, record_difference, summary
-from mrwarp.usd.stage_trial import open_stage
 
 _UNITS = {
     "physics:lowerLimit": "deg",
@@ -69,30 +68,30 @@ def masses(asset: RobotAsset) -> dict[str, float]:
     """
     found: dict[str, float] = {}
     for prim in asset.stage.Traverse():
-        if "PhysicsRigidBodyAPI" in prim.GetAppliedSchemas():
-            attribute = prim.GetAttribute("physics:mass")
-            value = plain(attribute) if attribute and attribute.HasAuthoredValue() else None
-            if not isinstance(value, float) or not 0.0 < value < math.inf:
-                text = "is missing" if value is None else f"= {value} is not a positive number"
-                raise AssetError(f"{asset.path}: {prim.GetPath()}: physics:mass {text}; state a mass above 0 kg")
-            inertia = prim.GetAttribute("physics:diagonalInertia").Get()
-            # Newton would quietly correct these; written so that nan is refused too
-            if inertia is not None and not _is_inertia(inertia):
-                raise AssetError(
-                    f"{asset.path}: {prim.GetPath()}: physics:diagonalInertia = {inertia} is no body's; "
-                    "state three numbers above 0 kg·m2, none larger than the sum of the others"
-                )
-            found[prim.GetName()] = value
+        if "PhysicsRigidBodyAPI" not in prim.GetAppliedSchemas():
+            continue
+        attribute = prim.GetAttribute("physics:mass")
+        value = plain(attribute) if attribute and attribute.HasAuthoredValue() else None
+        if not isinstance(value, float) or not 0.0 < value < math.inf:
+            text = "is missing" if value is None else f"= {value} is not a positive number"
+            raise AssetError(f"{asset.path}: {prim.GetPath()}: physics:mass {text}; state a mass above 0 kg")
+        inertia = prim.GetAttribute("physics:diagonalInertia").Get()
+        if inertia is not None and not _is_inertia(inertia):  # Newton would quietly correct it
+            raise AssetError(
+                f"{asset.path}: {prim.GetPath()}: physics:diagonalInertia = {inertia} is no body's; "
+                "state three numbers above 0 kg·m2, none larger than the sum of the others"
+            )
+        found[prim.GetName()] = value
     return found
 
 
 def _is_inertia(value: Any) -> bool:
     """Whether a value, which USD may have let be of any type, holds principal inertias of a body."""
     try:
-        numbers = [float(number) for number in value]
+        numbers = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
         return False
-    return len(numbers) == 3 and min(numbers) > 0.0 and 2.0 * max(numbers) <= sum(numbers) * (1.0 + 1e-6)
+    return numbers.shape == (3,) and bool(numbers.min() > 0.0 and 2.0 * numbers.max() <= numbers.sum() * (1.0 + 1e-6))
 
 
 def check_asset(file: Path, convert: Callable[[RobotAsset], MjModel]) -> Iterator[str]:
@@ -128,8 +127,8 @@ def models(asset: RobotAsset) -> dict[str, PrimModel]:
     Raises:
         AssetError: a record is unusable.
     """
-    stage, devices = asset.stage, [a for a in asset.actuators if a.mr is not None]
-    return {a.joint: read_model(stage.GetPrimAtPath(a.prim_path), asset.path) for a in devices}
+    devices = [a for a in asset.actuators if a.mr is not None]
+    return {a.joint: read_model(asset.stage.GetPrimAtPath(a.prim_path), asset.path) for a in devices}
 
 
 def show_asset(asset: RobotAsset, full: bool = False) -> Iterator[str]:

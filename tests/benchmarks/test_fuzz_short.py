@@ -13,7 +13,7 @@ from benchmarks.fuzz import runner
 from benchmarks.fuzz.coverage import Lines
 from benchmarks.fuzz.kinds import KINDS
 from benchmarks.fuzz.runner import isolated, run
-from mrwarp.usd.open_stage import too_deep
+from mrwarp.run_dir import one_line
 
 CASES = {"csv": 300, "parquet": 200, "model": 300, "usd": 60, "usd-attr": 40, "checkpoint": 300, "onnx": 60,
          "safetensors": 150, "dump": 300}  # fmt: skip
@@ -84,14 +84,14 @@ def test_lines_are_new_once() -> None:
     """A line of mrwarp counts when it runs for the first time; other code never does."""
     lines = Lines()
     with lines:
-        too_deep(b"()")
+        one_line(ValueError("a"))
     assert lines.new > 0
     with lines:
-        too_deep(b"[]")
+        one_line(ValueError("b"))
         sorted([2, 1], key=lambda x: -x)
     assert lines.new == 0
     with lines:
-        too_deep(b"(" * 200)
+        one_line(OSError("c"))
     assert lines.new > 0
 
 

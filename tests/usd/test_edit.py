@@ -55,18 +55,10 @@ def test_set_motor(robot):
     assert report.notice == ""
 
 
-def test_set_notices_a_second_change(robot, monkeypatch):
-    """An edit of the text that hits more than the wanted number is found by comparison, and nothing is written."""
-    true_edit = mrwarp.usd.edit.set_values
-
-    def sloppy(text, *args):
-        return true_edit(text, *args).replace("float physics:mass = 0.195862", "float physics:mass = 0.2")
-
-    monkeypatch.setattr(mrwarp.usd.edit, "set_values", sloppy)
-    with pytest.raises(AssetError, match=r"physics:mass .* would change too.*nothing was written"):
-        edit_asset(robot, "FL_calf", {"K1": 3.0})
+def test_an_edit_that_does_not_arrive_is_refused(robot, monkeypatch):
+    """The edited copy is read back; when the number is not there, nothing is written."""
     monkeypatch.setattr(mrwarp.usd.edit, "set_values", lambda text, *_: text)
-    with pytest.raises(AssetError, match="does not take effect"):
+    with pytest.raises(AssetError, match=r"does not take effect.*nothing was written"):
         edit_asset(robot, "FL_calf", {"K1": 3.0})
     assert [p.name for p in robot.parent.iterdir()] == ["robot.usda"]
     assert robot.read_bytes() == SHIPPED.read_bytes()

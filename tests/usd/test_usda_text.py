@@ -5,8 +5,8 @@ import difflib
 import pytest
 from pxr import Sdf
 
+from mrwarp.usd.edit import UsdaTextError, set_values
 from mrwarp.usd.open_stage import ASSETS
-from mrwarp.usd.usda_text import UsdaTextError, set_values
 
 
 def set_value(text: str, path: str, name: str, value: float | str, type_name: str) -> str:

@@ -1,18 +1,16 @@
 """Files that crash, stall or bloat USD's reader: refused on one line, the process lives, and good files pay little."""
 
 import os
+import re
 import signal
-import time
 from pathlib import Path
 
 import pytest
 
 from mrwarp.cli import main
-from mrwarp.usd import open_stage as asset_open
-from mrwarp.usd import stage_trial as asset_trial
+from mrwarp.usd import open_stage as asset_trial
 from mrwarp.usd.asset import load_robot
-from mrwarp.usd.open_stage import ASSETS, MAX_BYTES, MAX_NESTING, AssetError, choices, open_here, too_deep
-from mrwarp.usd.stage_trial import MEMORY, try_out
+from mrwarp.usd.open_stage import ASSETS, MAX_BYTES, MAX_CHOICES, MEMORY, AssetError, choices, open_here, try_out
 
 HEAD = '#usda 1.0\n(\n    defaultPrim = "r"\n)\n'
 
@@ -32,47 +30,16 @@ def written(path: Path, body: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("opening", ["(", "[", "{", '{"a":'])
-@pytest.mark.parametrize("place", ["double newton:mr:K1 = 10", "upAxis = ", "point3f physics:localPos0 = (-0.1881,"])
-def test_deep_brackets_are_refused_by_line(tmp_path: Path, opening: str, place: str) -> None:
-    """A hundred thousand open brackets, which overflow the reader's stack or fill memory, are refused by their line."""
+@pytest.mark.parametrize("opening", ["[", "{", '{"a":'])
+@pytest.mark.parametrize("place", ["double newton:mr:K1 = 10", "upAxis = "])
+def test_deep_brackets_are_refused(tmp_path: Path, opening: str, place: str) -> None:
+    """A hundred thousand open brackets, which overflow the reader's stack or are no USD, are refused."""
     text = (ASSETS / "mr_go.usda").read_text(encoding="utf-8")
     assert place in text
     (tmp_path / "a.usda").write_text(text.replace(place, place + 100_000 * opening, 1), encoding="utf-8")
-    line = text[: text.index(place)].count("\n") + 1
-    assert f"line {line}: brackets nested more than {MAX_NESTING} deep; remove" in refusal(tmp_path / "a.usda")
-
-
-def test_nesting_in_a_layer_below_is_refused(tmp_path: Path) -> None:
-    """What a file refers to is looked at before USD is."""
-    (tmp_path / "below.usda").write_text(HEAD + 'def "r" { double x = ' + 1000 * "(" + "}", encoding="utf-8")
-    path = written(tmp_path / "a.usda", 'def "b" (references = @./below.usda@) {}')
-    with pytest.raises(AssetError, match=r"below.usda: line 5: brackets nested"):
-        load_robot(path)
-
-
-def test_only_brackets_outside_of_texts_and_comments_count() -> None:
-    """Depth is of the grammar's brackets; unfinished texts and comments take linear time."""
-    deep = b"(" * 200
-    for quiet in (
-        b'"%s"',
-        b"'%s'",
-        b'"""\n%s\n"""',
-        b"'''%s\n'''",
-        b"# %s\n",
-        b"// %s\n",
-        b"/* %s\n*/",
-        b"@%s@",
-        b"@@@%s@@@",
-    ):
-        assert too_deep(quiet % deep) == 0
-        assert too_deep(quiet % deep + b"\n" + deep) == quiet.count(b"\n") + 2
-    assert too_deep(rb'"\"' + deep + b'"') == 0
-    assert too_deep(b"(" * 100 + b")" * 100 + b"(" * 100) == 0
-    start = time.process_time()
-    for hostile in (b"/*", b'"""', b"'''", b'"\\', b"@@@", b"\\", b'"', b"@", b"/*\n", b'"\n'):
-        too_deep(hostile * 200_000)
-    assert time.process_time() - start < 5.0
+    assert re.search(
+        r"not readable as USD: .*; repair|USD's reader crashes .*; it is damaged", refusal(tmp_path / "a.usda")
+    )
 
 
 @pytest.mark.parametrize(
@@ -117,21 +84,19 @@ def test_an_endless_reader_is_stopped(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(asset_trial, "WALL_SECONDS", 0.2)
     asset_trial.stop()
     helper = asset_trial._start()
+    monkeypatch.setattr(asset_trial, "_helper", helper)
     os.kill(helper.pid, signal.SIGSTOP)
     monkeypatch.setattr(asset_trial, "_start", lambda: pytest.fail("a second helper"))
-    with pytest.raises(asset_trial._GoneError, match="takes more than"):
-        asset_trial._ask(helper, {"folder": str(tmp_path), "file": "a.usda", "allow_external": False, "seconds": 20})
+    assert "USD's reader takes more than 20 s with it" in refusal(_copy(tmp_path / "a.usda"))
     assert helper.returncode == -signal.SIGKILL
 
 
 def test_a_helper_that_left_is_replaced(tmp_path: Path) -> None:
     """A helper that ended since the last file is no reason to refuse the next one."""
-    copy = tmp_path / "a.usda"
-    copy.write_bytes((ASSETS / "mr_go.usda").read_bytes())
-    asset_trial.stop()
-    helper = asset_trial._start()
-    helper.kill()
-    helper.wait()
+    copy = _copy(tmp_path / "a.usda")
+    load_robot(_copy(tmp_path / "b.usda"))
+    assert asset_trial._helper is not None
+    asset_trial._helper.kill()
     assert len(load_robot(copy).actuators) == 12
 
 
@@ -160,7 +125,7 @@ def _copy(path: Path) -> Path:
 
 
 def test_a_file_is_tried_once_until_it_or_a_layer_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Loading again costs two hashes; a new text, of the file or of a sublayer, is tried anew."""
+    """Loading again costs a look at the files; a new text, of the file or of a sublayer, is tried anew."""
     asked: list[str] = []
     answer = asset_trial._answer
     monkeypatch.setattr(asset_trial, "_answer", lambda request: asked.append(request["file"]) or answer(request))
@@ -187,7 +152,7 @@ def test_refusals_come_in_the_words_of_the_helper(tmp_path: Path, monkeypatch: p
     written(tmp_path / "a.usda", "double x = ")
     with pytest.raises(AssetError, match=r"^a\.usda: not readable as USD"):
         load_robot("a.usda")
-    answer = try_out(str(tmp_path), "a.usda", False)
+    answer = try_out(str(tmp_path), "a.usda")
     assert list(answer) == ["refused"] and answer["refused"].startswith("a.usda: not readable")
 
 
@@ -205,7 +170,7 @@ def test_more_variants_than_anyone_can_try_are_refused(tmp_path: Path) -> None:
     body = "\n".join(f"variantSet {s} = {{ " + " ".join(f'"v{k}" {{}}' for k in range(10)) + " }" for s in sets)
     path = tmp_path / "a.usda"
     path.write_text(f'{HEAD}def "r" (add variantSets = [{", ".join(sets)}])\n{{\n{body}\n}}\n', encoding="utf-8")
-    assert f"10000000000 combinations of variants; allowed: {asset_open.MAX_CHOICES}" in refusal(path)
+    assert f"10000000000 combinations of variants; allowed: {MAX_CHOICES}" in refusal(path)
     with pytest.raises(AssetError, match="combinations of variants"):
         next(choices(open_here(path)))
 
