@@ -10,8 +10,8 @@ from mrwarp.options.command_line import CommandLine
 from mrwarp.options.paper_options import TITLES, Reproduce
 from mrwarp.paper import ROBOTS
 from mrwarp.reproduce import report_page
+from mrwarp.reproduce.cache import Outcome, Runner
 from mrwarp.reproduce.registry import CATALOGUE
-from mrwarp.reproduce.runner import Outcome, Runner
 from mrwarp.reproduce.settings import Settings
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.run_dir import check_writable, claim, plain, write_result

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrwarp.reproduce import pushes
-from mrwarp.reproduce.experiment import Findings, Job, seeds_of
+from mrwarp.reproduce.cache import Job
+from mrwarp.reproduce.comparison import Findings, seeds_of
 from mrwarp.reproduce.policies import Ensemble
 from mrwarp.trials.impact import (
     MOTOR_WINDOW,

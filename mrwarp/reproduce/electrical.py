@@ -11,7 +11,8 @@ from mrwarp.energy import consistency
 from mrwarp.energy.calibrate import Calibration, calibrate
 from mrwarp.energy.power import CALIBRATED, ElectricalCfg
 from mrwarp.reproduce import walks
-from mrwarp.reproduce.experiment import Findings, Job, TextTable
+from mrwarp.reproduce.cache import Job
+from mrwarp.reproduce.comparison import Findings, TextTable
 from mrwarp.reproduce.walks import Walks
 from mrwarp.trials import walk_figures
 from mrwarp.trials.walk_figures import Saving, mean, mean_power, parts, standing_saving

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from mrwarp import paper
 from mrwarp.energy.battery import BatteryCfg
@@ -13,9 +12,9 @@ from mrwarp.energy.power import ElectricalCfg
 from mrwarp.energy.thermal import ThermalCfg
 from mrwarp.enums import Coupling
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.paper import PaperValue
 from mrwarp.reproduce import walks
-from mrwarp.reproduce.experiment import Comparison, Findings, Job, compare, over_seeds
+from mrwarp.reproduce.cache import Job
+from mrwarp.reproduce.comparison import Findings, over_seeds
 from mrwarp.reproduce.policies import ensembles
 from mrwarp.trials.mission import MissionCfg, MissionTrace, PhaseLoad, calibrate, measure, run
 
@@ -71,19 +70,6 @@ def read(job: Job) -> Mission:
         misfit=fit.rmse,
         held=over_seeds(held[0].hold.mean(-1), walked.seed_of(held[0]))["ours"] if held else math.nan,
         arrivals=arrivals(phases),
-    )
-
-
-def change_row(found: Mission, change: Mapping[str, Any], title: str, quantity: str, why: str) -> Comparison:
-    """What SAL changes against MR_Go, of :func:`mission_figures.changes`; no spread when one repetition is left."""
-    n = min(len(found.traces[robot].depletion) for robot in walks.SAL)
-    sd = change["paper_sd"]
-    return compare(
-        f"MR_Go to MR_Go-SAL, {title}",
-        (quantity, "%", 1),
-        PaperValue(mean=100.0 * change["paper"], sd=None if sd is None else 100.0 * sd),
-        {"ours": 100.0 * change["ours"], "sd": 100.0 * change["sd"] if n > 1 else None, "n": n},
-        why,
     )
 
 

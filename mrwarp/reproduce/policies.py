@@ -9,22 +9,12 @@ import torch
 
 from mrwarp.nn.models import SAMPLES
 from mrwarp.nn.network_file import shipped_model
-from mrwarp.reproduce.experiment import NotYet
+from mrwarp.reproduce.cache import NotYet
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.study.plan import SEEDS, STUDY, policy_file
 
 PLANT_TITLES = {"mlp": "MLP", "bouc_wen": "Bouc-Wen", "lstm": "LSTM", "pg_rlstm": "PG-RLSTM"}
 """Torque models as the paper writes them."""
-
-METRICS = {
-    "v_x_rmse": ("v_x RMSE", "m/s", 4),
-    "v_x_bias": ("v_x bias", "m/s", 4),
-    "height": ("mean CoM height", "m", 4),
-    "height_rmse": ("CoM-z RMSE", "m", 4),
-    "tilt_rms": ("roll-pitch RMS", "deg", 3),
-    "yaw_rate_rmse": ("yaw-rate RMSE", "rad/s", 4),
-}
-"""Title, unit and digits of the study's metrics."""
 
 
 class Ensemble:
@@ -47,8 +37,6 @@ class Ensemble:
     def __call__(self, obs) -> torch.Tensor:
         """Actions (E, 12)."""
         n = len(self)
-        if n == 1:
-            return self._policies[0](obs)
         rows = obs["actor"] if not isinstance(obs, torch.Tensor) else obs
         actions = torch.empty(len(rows), 12, device=rows.device)
         for k, policy in enumerate(self._policies):

@@ -16,11 +16,12 @@ import numpy as np
 
 from mrwarp import paper
 from mrwarp.enums import Coupling
-from mrwarp.env.cfg import EnvCfg
 from mrwarp.nn.network_file import shipped_model
 from mrwarp.params import BoucWenParams, HoldParams
-from mrwarp.reproduce.experiment import Findings, Job, seeds_of
+from mrwarp.reproduce.cache import Job
+from mrwarp.reproduce.comparison import Findings, seeds_of
 from mrwarp.reproduce.policies import Ensemble
+from mrwarp.reproduce.settings import Settings
 from mrwarp.trials.impact import (
     FALL_HEIGHT,
     ImpactCfg,
@@ -64,8 +65,8 @@ class Reading:
     soft_at_zero: bool = False
     """Whether the holding gate lowers the motor's gain at 0 A too, where nothing holds (eqs. 8, 9 to the letter)."""
     gains: tuple[float, float] | None = PUBLIC_GAINS
-    """Kp, Kd of all motors; None is the asset's 35 and 0.6, with policies trained with these. All others are walked by
-    policies that were trained with :data:`mrwarp.usd.robot.PUBLIC_GAINS`."""
+    """Kp, Kd of all motors; None is the asset's 35 and 0.6. Only those walk with policies that were trained with them,
+    all others with policies that were trained with :data:`mrwarp.usd.robot.PUBLIC_GAINS`."""
     phases: tuple[float, float] | None = FL_RR_STANCE
     """Gait phase at onset; None is any."""
     torque: str = "eq. 14"
@@ -103,15 +104,13 @@ READINGS = (
     replace(LETTER, name="the same as with Kp 17, Kd 0.1, PG-RLSTM torque", torque="pg_rlstm"),
     replace(LETTER, name="the same as with Kp 17, Kd 0.1, no speed weakening", torque="unweakened"),
 )
-"""The base, what differs from it, and the same for the reading that is adopted."""
+"""The base and what differs from it, then the reading that is adopted and what differs from that."""
 
 ADOPTED = LETTER
-"""The reading that table 4 shows. Its gains were chosen by the 0 A row; whether that row is indeed the nearest of
-:data:`CANDIDATES` is a claim of table 4."""
+"""The reading that table 4 shows; whether its 0 A row is indeed the nearest of :data:`CANDIDATES` is a claim there."""
 
 CANDIDATES = tuple(reading for reading in READINGS if reading.torque == "eq. 14")
-"""What it was chosen among: readings with the paper's law, which differ in gains, phases, coupling and branches. Those
-with another torque show what the law moves."""
+"""What it was chosen among: readings with the paper's law. Those with another torque show what the law moves."""
 
 ASSET = next(reading for reading in READINGS if reading.gains is None)
 """The same with the gains of the asset, by policies trained with them."""
@@ -176,7 +175,7 @@ class ReadingResult:
         target = paper.TABLE_4["simulation"][0.0]
         return [float(means[0]) / target[cell].mean - 1.0 for cell, means in self.means.items()]
 
-    def to_json(self) -> dict[str, Any]:
+    def figures(self) -> dict[str, Any]:
         """Plain figures."""
         names = ("reading", "duration", "worst", "monotone", "change", "off_mismatch")
         means = {cell: values.tolist() for cell, values in self.means.items()}
@@ -193,24 +192,25 @@ def predicted_off(means: Mapping[str, np.ndarray]) -> list[float]:
     ]
 
 
-def push(
-    reading: Reading, policy: Policy, *, trials: int, seed: int, threads: int = 0
-) -> tuple[ReadingResult, ImpactTrace]:
+def push(cfg: ImpactCfg, name: str, policy: Policy) -> tuple[ReadingResult, ImpactTrace]:
     """Calibrate the duration on the 0 A row, then push with every current.
 
     The duration is the one of a grid that brings both cells nearest to the paper's, by relative least squares; all
     durations are pushed as one batch, and a finer grid about the best one follows.
+
+    Args:
+        cfg: The sweep, see :func:`config`; its duration is not used.
+        name: The reading's.
+        policy: What walks.
     """
-    cfg = config(reading, trials=trials, seed=seed, threads=threads)
-    grid = COARSE
-    for step in (0.01, None):
-        variants = tuple(replace(cfg.variants[0], duration=duration) for duration in grid)
+    duration, grid = 0.0, COARSE
+    for _ in range(2):
+        variants = tuple(replace(cfg.variants[0], duration=tried) for tried in grid)
         found = body_extremes(ImpactSweep(replace(cfg, variants=variants, duration=grid[0]), policy).run())
-        duration = grid[int(np.argmin(mismatch({name: value.mean(1) for name, value in found.items()})))]
-        if step is not None:
-            grid = tuple(t for k in range(-4, 5) if 0.0 < (t := round(duration + k * step, 3)) <= cfg.window)
+        duration = grid[int(np.argmin(mismatch({cell: value.mean(1) for cell, value in found.items()})))]
+        grid = tuple(t for k in range(-4, 5) if 0.0 < (t := round(duration + 0.01 * k, 3)) <= cfg.window)
     trace = ImpactSweep(replace(cfg, duration=duration), policy).run()
-    return ReadingResult(reading=reading.name, duration=duration, cells=body_extremes(trace)), trace
+    return ReadingResult(reading=name, duration=duration, cells=body_extremes(trace)), trace
 
 
 def mismatch(found: dict[str, np.ndarray]) -> np.ndarray:
@@ -221,28 +221,28 @@ def mismatch(found: dict[str, np.ndarray]) -> np.ndarray:
 
 def fallen(fell: np.ndarray, what: str) -> list[str]:
     """A note on the impacts that brought a robot down, of any shape, under this name; none if nothing fell."""
-    count = int(np.sum(fell))
-    return [
-        f"{count} of {np.size(fell)} {what} brought the trunk below {FALL_HEIGHT:g} m; their figures count."
-    ] if count else []  # fmt: skip
+    if not (count := int(np.sum(fell))):
+        return []
+    return [f"{count} of {np.size(fell)} {what} brought the trunk below {FALL_HEIGHT:g} m; their figures count."]
 
 
-def config(reading: Reading, *, trials: int, seed: int, threads: int = 0) -> ImpactCfg:
+def config(reading: Reading, settings: Settings) -> ImpactCfg:
     """The sweep of a reading, with the duration still to be found."""
-    return ImpactCfg(
-        variants=tuple(_variant(reading, amps) for amps in CURRENT_GROUPS), trials=trials, window=WINDOW,
-        phases=reading.phases, gains=reading.gains, env=_env(reading, threads), seed=seed,
-    )  # fmt: skip
-
-
-def _env(reading: Reading, threads: int) -> EnvCfg:
     learned = reading.torque == "pg_rlstm"
-    return fixed_current_env(
-        holding=reading.holding,
-        coupling=reading.coupling,
-        threads=threads,
-        actuator_model="pg_rlstm" if learned else "bouc_wen",
-        actuator_file=shipped_model("pg_rlstm") if learned else None,
+    return ImpactCfg(
+        variants=tuple(_variant(reading, amps) for amps in CURRENT_GROUPS),
+        trials=len(settings.impacted) * settings.impacts,
+        window=WINDOW,
+        phases=reading.phases,
+        gains=reading.gains,
+        env=fixed_current_env(
+            holding=reading.holding,
+            coupling=reading.coupling,
+            threads=settings.threads,
+            actuator_model="pg_rlstm" if learned else "bouc_wen",
+            actuator_file=shipped_model("pg_rlstm") if learned else None,
+        ),
+        seed=settings.seed,
     )
 
 
@@ -283,21 +283,15 @@ class Pushes:
 
 def simulate(job: Job) -> Findings:
     """Calibrate the duration of every reading on the 0 A row and push at all currents."""
-    settings, policies = job.settings, len(job.settings.impacted)
-    done, kept = [], {}
+    settings, done, kept = job.settings, [], {}
     for k, reading in enumerate(READINGS):
         job.report(reading.name, k / len(READINGS))
-        found, trace = push(
-            reading,
-            Ensemble(settings.struck(reading.gains)),
-            trials=policies * settings.impacts,
-            seed=settings.seed,
-            threads=settings.threads,
-        )
+        policy = Ensemble(settings.struck(reading.gains))
+        found, trace = push(config(reading, settings), reading.name, policy)
         done.append(found)
         if reading is ADOPTED:
             kept = {name: getattr(trace, name) for name in SERIES}
-    return job.save(Pushes(readings=done, trace=kept, policies=policies))
+    return job.save(Pushes(readings=done, trace=kept, policies=len(settings.impacted)))
 
 
 def read(job: Job) -> Pushes:

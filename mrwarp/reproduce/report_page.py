@@ -10,9 +10,9 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from mrwarp.reproduce.experiment import RELATIVE, Comparison, Findings
-from mrwarp.reproduce.runner import Outcome
-from mrwarp.reproduce.settings import TITLES
+from mrwarp.options.paper_options import TITLES
+from mrwarp.reproduce.cache import Outcome
+from mrwarp.reproduce.comparison import RELATIVE, Comparison, Findings
 from mrwarp.run_dir import versions, write_text
 
 HEAD = ("condition", "quantity", "paper", "ours", "difference", "in joint SD", "kind", "why it differs")

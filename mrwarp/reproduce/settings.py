@@ -1,4 +1,4 @@
-"""Entries of the report, and every number and policy that changes a result; loads no engine, for ``--help``."""
+"""Every number and policy that changes a result of ``mrwarp reproduce``."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mrwarp.enums import Coupling
-from mrwarp.options.paper_options import TITLES  # noqa: F401  (declared where the command line can read it)
 from mrwarp.paper import ROBOTS
 from mrwarp.study.plan import AWARE, ENERGY, ENERGY_SEEDS, HIGH_PRICE, PUBLIC, SEEDS, STUDY, plant_of, policy_file
 
 
 def _of(folder: Path, plant: str, seeds: tuple[int, ...] = SEEDS) -> tuple[Path, ...]:
-    """Policies of a folder that were trained on a plant."""
     return tuple(policy_file(folder, plant, seed) for seed in seeds)
 
 
@@ -56,10 +54,9 @@ class Settings:
     def __post_init__(self) -> None:
         counts = {robot: len(self.policies.get(robot, ())) for robot in ROBOTS}
         if min(counts.values()) < 1 or len(set(counts.values())) > 1:
+            each = ", ".join(f"{count} for {robot}" for robot, count in counts.items())
             raise ValueError(
-                "policies: "
-                + ", ".join(f"{count} for {robot}" for robot, count in counts.items())
-                + "; name the same number, one per training seed, for every robot (--policy-ROBOT)"
+                f"policies: {each}; name the same number, one per training seed, for every robot (--policy-ROBOT)"
             )
         if not 1 <= len(self.sticking) <= self.policy_seeds:
             raise ValueError(
@@ -82,11 +79,9 @@ class Settings:
 
     def _named(self) -> dict[str, tuple[Path, ...]]:
         """All policies, by what they are called in a refusal."""
-        return {
-            **{f"policies of {robot}": paths for robot, paths in self.policies.items()},
-            **{f"high, {robot}": paths for robot, paths in self.high.items()},
-            **{name: getattr(self, name) for name in ("sticking", "impacted", "aware")},
-        }
+        robots = {f"policies of {robot}": paths for robot, paths in self.policies.items()}
+        high = {f"high, {robot}": paths for robot, paths in self.high.items()}
+        return {**robots, **high, "sticking": self.sticking, "impacted": self.impacted, "aware": self.aware}
 
     def struck(self, gains: tuple[float, float] | None) -> tuple[Path, ...]:
         """Policies for pushes and falling masses on robots with these gains; None is the asset's."""

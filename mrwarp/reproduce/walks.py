@@ -12,7 +12,8 @@ from mrwarp.energy.calibrate import Calibration, MeasuredPower, calibrate
 from mrwarp.energy.power import JointLoad
 from mrwarp.enums import Coupling
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.reproduce.experiment import Findings, Job, seeds_of
+from mrwarp.reproduce.cache import Job
+from mrwarp.reproduce.comparison import Findings, seeds_of
 from mrwarp.reproduce.policies import Ensemble, ensembles
 from mrwarp.trials.standing import standing_load
 from mrwarp.trials.walk_figures import calibration_rows

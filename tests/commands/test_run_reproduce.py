@@ -10,10 +10,12 @@ from pathlib import Path
 import pytest
 
 from mrwarp.cli import main
+from mrwarp.options.paper_options import TITLES
+from mrwarp.reproduce import cache
 from mrwarp.reproduce import registry as catalogue
-from mrwarp.reproduce import runner
-from mrwarp.reproduce.experiment import Findings, NotYet
-from mrwarp.reproduce.settings import TITLES, Settings
+from mrwarp.reproduce.cache import NotYet
+from mrwarp.reproduce.comparison import Findings
+from mrwarp.reproduce.settings import Settings
 from mrwarp.run_dir import claim
 
 
@@ -138,7 +140,7 @@ def test_a_full_disk_stops_the_run_and_keeps_what_is_finished(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
     monkeypatch.setattr(Path, "write_text", full)
-    monkeypatch.setattr(runner, "write_text", full)
+    monkeypatch.setattr(cache, "write_text", full)
     capsys.readouterr()
     assert main(["reproduce", "fig11", "fig5", "--out", str(tmp_path)]) == 1
     error = capsys.readouterr().err

@@ -11,8 +11,9 @@ from mrwarp.energy.battery import BatteryCfg
 from mrwarp.energy.power import ElectricalCfg, JointLoad
 from mrwarp.energy.thermal import ThermalCfg
 from mrwarp.reproduce import missions
-from mrwarp.reproduce.experiment import Comparison, Findings, Job
-from mrwarp.reproduce.figures import fig10, fig11
+from mrwarp.reproduce.cache import Job
+from mrwarp.reproduce.comparison import Comparison, Findings
+from mrwarp.reproduce.mission_results import fig10, fig11
 from mrwarp.reproduce.settings import Settings
 from mrwarp.trials.mission import PHASES, MissionTrace, PhaseLoad
 
@@ -30,7 +31,7 @@ def trace(robot: str, *, power: float = 0.0, share: float = 1.0) -> MissionTrace
 
 
 def made(
-    module, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, traces: dict[str, MissionTrace], **changed
+    entry, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, traces: dict[str, MissionTrace], **changed
 ) -> Findings:
     """What an entry finds in these missions."""
     found = missions.Mission(
@@ -38,7 +39,7 @@ def made(
            "misfit": 16.0, "held": 0.43, "arrivals": [], **changed}
     )  # fmt: skip
     monkeypatch.setattr(missions, "read", lambda job: found)
-    return module.compute(Job(settings=Settings(), out=tmp_path, folders={}, report=lambda text, share: None))
+    return entry(Job(settings=Settings(), out=tmp_path))
 
 
 def row(found: Findings, condition: str, quantity: str) -> Comparison:
@@ -117,8 +118,8 @@ def test_lost_windows_are_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
         "Only trials that arrived count. MR_Go, return: 1 fell and 1 came too late of 3. A repetition counts if it "
         "finished both ways."
     ]
-    for module in (fig10, fig11):
-        found = made(module, monkeypatch, tmp_path, {robot: trace(robot) for robot in paper.ROBOTS}, arrivals=told)
+    for entry in (fig10, fig11):
+        found = made(entry, monkeypatch, tmp_path, {robot: trace(robot) for robot in paper.ROBOTS}, arrivals=told)
         assert found.notes[0] == told[0]
 
 

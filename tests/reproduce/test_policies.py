@@ -2,9 +2,8 @@
 
 import pytest
 
-from mrwarp.reproduce import policies
-from mrwarp.reproduce.experiment import NotYet
-from mrwarp.reproduce.figures import fig4
+from mrwarp.reproduce import fig4, policies
+from mrwarp.reproduce.cache import NotYet
 from mrwarp.reproduce.registry import CATALOGUE
 
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from mrwarp import paper
-from mrwarp.reproduce import drops, pushes, sensitivity
-from mrwarp.reproduce.experiment import Findings, Job
-from mrwarp.reproduce.figures import fig6, fig7
+from mrwarp.reproduce import drops, impact_results, pushes, table4
+from mrwarp.reproduce.cache import Job
+from mrwarp.reproduce.comparison import Findings
+from mrwarp.reproduce.impact_results import fig6, fig7
 from mrwarp.reproduce.pushes import ReadingResult
 from mrwarp.reproduce.settings import Settings
-from mrwarp.reproduce.tables import table4
 from mrwarp.trials import thresholds
 from mrwarp.trials.impact import ImpactTrace
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
@@ -44,12 +44,11 @@ def dropped() -> drops.Drops:
     return drops.Drops(figures=dict.fromkeys(drops.GAINS, figures), policies=3)
 
 
-def made(module, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: pushes.Pushes) -> Findings:
+def made(entry, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: pushes.Pushes) -> Findings:
     """What an entry finds in these pushes and falling masses."""
     monkeypatch.setattr(pushes, "read", lambda job: found)
     monkeypatch.setattr(drops, "read", lambda job: dropped())
-    folders = {"pushes": tmp_path, "drops": tmp_path}
-    return module.compute(Job(settings=Settings(), out=tmp_path, folders=folders, report=lambda text, share: None))
+    return entry(Job(settings=Settings(), out=tmp_path))
 
 
 def test_figure6_reads_the_leg_that_is_loaded(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -71,7 +70,7 @@ def test_figure6_reads_the_leg_that_is_loaded(monkeypatch: pytest.MonkeyPatch, t
 )  # fmt: skip
 def test_legs_follow_from_the_phases(phases: tuple[float, float] | None, legs: dict[str, str]) -> None:
     """The leg at the same end of the pair that stands; phases over both stances leave the paper's."""
-    assert {leg: fig6.same_load(leg, phases) for leg in legs} == legs
+    assert {leg: impact_results.same_load(leg, phases) for leg in legs} == legs
 
 
 def test_table4_claims_that_the_adopted_0_a_row_is_nearest(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -80,23 +79,23 @@ def test_table4_claims_that_the_adopted_0_a_row_is_nearest(monkeypatch: pytest.M
     assert pushes.ADOPTED in pushes.CANDIDATES and pushes.UNWEAKENED not in pushes.CANDIDATES
     adopted, other = pushes.ADOPTED.name, pushes.BASE.name
     near = {adopted: 0.001, pushes.UNWEAKENED.name: 0.0}
-    found = made(table4, monkeypatch, tmp_path, pushed(near))
+    found = made(table4.compute, monkeypatch, tmp_path, pushed(near))
     assert found.claims[claim]
     assert f"'{adopted}' is off by +0.1 %" in found.notes[1]
-    assert not made(table4, monkeypatch, tmp_path, pushed({**near, other: -0.0005})).claims[claim]
+    assert not made(table4.compute, monkeypatch, tmp_path, pushed({**near, other: -0.0005})).claims[claim]
 
 
 def test_table4_takes_the_papers_changes_and_the_mean_of_the_calibrated_push(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """From ``paper``; the note does not speak of every push."""
-    found = made(table4, monkeypatch, tmp_path, pushed({}))
+    found = made(table4.compute, monkeypatch, tmp_path, pushed({}))
     assert found.tables[0].rows[0][-4:-2] == ["+14.7 %", "-19.3 %"]
     assert "the calibrated push lowers the trunk to 0.204 m on average" in found.notes[0]
 
 
-@pytest.mark.parametrize(("module", "method"), [(table4, "errorbar"), (fig7, "bar")])
-def test_bars_show_the_spread_of_the_rows(module, method: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("entry", "method"), [(table4.compute, "errorbar"), (fig7, "bar")])
+def test_bars_show_the_spread_of_the_rows(entry, method: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Three policies at 0.05, 1.05 and 2.05: mean 1.05 and SD 1, not the 0.82 of the six trials together."""
     drawn, real = [], getattr(matplotlib.axes.Axes, method)
 
@@ -105,10 +104,10 @@ def test_bars_show_the_spread_of_the_rows(module, method: str, monkeypatch: pyte
         return real(axes, x, y, *args, **kwargs)
 
     monkeypatch.setattr(matplotlib.axes.Axes, method, spy)
-    found = made(module, monkeypatch, tmp_path, pushed({}))
-    row = next(row for row in found.rows if "drop of" in row.condition or module is fig7)
+    found = made(entry, monkeypatch, tmp_path, pushed({}))
+    row = next(row for row in found.rows if "drop of" in row.condition or entry is fig7)
     bars = [(y[0], sd[0]) for y, sd in drawn if np.isclose(y, 1.05).all()]
-    assert bars == [pytest.approx((row.ours, row.sd))] * (4 if module is table4 else 8)
+    assert bars == [pytest.approx((row.ours, row.sd))] * (4 if entry is table4.compute else 8)
     assert (row.ours, row.sd, row.n) == (pytest.approx(1.05), pytest.approx(1.0), 3)
 
 
@@ -119,9 +118,9 @@ def test_table4_says_what_the_fallen_robots_change(monkeypatch: pytest.MonkeyPat
     cells = {cell: np.tile([[row[cell].mean] for row in theirs], TRIALS) for cell in pushes.CELLS}
     cells["min_height"][:, 2] = 0.05
     found.of(pushes.ADOPTED).cells.update(cells)
-    assert not any("trunk below" in note for note in made(table4, monkeypatch, tmp_path, found).notes)
+    assert not any("trunk below" in note for note in made(table4.compute, monkeypatch, tmp_path, found).notes)
     found.trace["fell"][1, 2] = True
-    assert made(table4, monkeypatch, tmp_path, found).notes[-1] == (
+    assert made(table4.compute, monkeypatch, tmp_path, found).notes[-1] == (
         "1 of 24 pushes brought the trunk below 0.1 m; their figures count. Without the 1 of 6 trials that fell at "
         "some current, with the same push, 6 of the six predicted cells lie within 5 %, and the largest difference is "
         "0.0 %."
@@ -162,12 +161,12 @@ def test_sensitivity_is_over_seeds() -> None:
         q=blank, qd=blank, qpos=np.zeros((count, 2, 19)), ledger=np.zeros((count, 12, 7)),
         fell=np.zeros((count, 12), dtype=bool), contact=np.zeros((count, 12)),
     )  # fmt: skip
-    for entries in sensitivity.by_seed(trace, 3).values():
+    for entries in impact_results.by_seed(trace, 3).values():
         for entry in entries:
-            for quantity in sensitivity.QUANTITIES:
+            for quantity in impact_results.REDUCED:
                 cell = entry[quantity]
                 assert (cell["ours"], cell["sd"], cell["n"]) == (pytest.approx(20.0), pytest.approx(10.0), 3)
-    single = sensitivity.by_seed(trace, 1)["f_th"][0]["drop"]
+    single = impact_results.by_seed(trace, 1)["f_th"][0]["drop"]
     assert (single["ours"], single["n"]) == (pytest.approx(20.0), 12)
     assert single["sd"] == pytest.approx(float(np.std(100.0 * (1.0 - share), ddof=1)))
 

@@ -5,9 +5,9 @@ import pytest
 
 from mrwarp import paper
 from mrwarp.params import BoucWenParams, HoldParams
-from mrwarp.reproduce import drops, pushes
+from mrwarp.reproduce import drops, pushes, table4
 from mrwarp.reproduce.pushes import Pushes
-from mrwarp.reproduce.tables import table4
+from mrwarp.reproduce.settings import Settings
 from mrwarp.trials.impact import ImpactTrace
 from mrwarp.usd.robot import CURRENT_GROUPS
 
@@ -16,7 +16,7 @@ def test_yield_reading_slides_at_the_yield_torque() -> None:
     """At the bound of z the sliding torque K1*I*z is eq. 18's, at any speed."""
     reading = next(r for r in pushes.READINGS if r.torque == "yield")
     law = HoldParams()
-    for variant in pushes.config(reading, trials=1, seed=0).variants[1:]:
+    for variant in pushes.config(reading, Settings()).variants[1:]:
         sliding = variant.params["K1"] * variant.current * BoucWenParams().z_bound
         wanted = law.T_max * variant.current**law.n / (law.K**law.n + variant.current**law.n)
         assert sliding == pytest.approx(wanted)
@@ -26,7 +26,7 @@ def test_yield_reading_slides_at_the_yield_torque() -> None:
 def test_low_gain_reading_opens_the_gate_at_zero_current() -> None:
     """Its 0 A setting has a current that holds less than a millionth of what the loaded calf needs."""
     reading = next(r for r in pushes.READINGS if r.soft_at_zero)
-    first = pushes.config(reading, trials=1, seed=0).variants[0].current
+    first = pushes.config(reading, Settings()).variants[0].current
     law = HoldParams()
     assert 0.0 < law.T_max * (first / law.K) ** law.n < 1e-5
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from mrwarp.paper import PaperValue
 from mrwarp.reproduce import report_page as report
-from mrwarp.reproduce.experiment import Comparison, Findings, TextTable
-from mrwarp.reproduce.runner import Outcome
+from mrwarp.reproduce.cache import Outcome
+from mrwarp.reproduce.comparison import Comparison, Findings, TextTable
 
 EVIL = '<script>alert("x")</script> | `a` *b* [c](d) & \\'
 

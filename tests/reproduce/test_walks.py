@@ -9,11 +9,12 @@ import pytest
 from mrwarp import paper
 from mrwarp.energy import consistency
 from mrwarp.energy.power import JointLoad
-from mrwarp.reproduce import electrical, store, walks
-from mrwarp.reproduce.experiment import Findings, Job, over_seeds
-from mrwarp.reproduce.figures import fig8, fig9
+from mrwarp.reproduce import cache, electrical, table6, walks
+from mrwarp.reproduce.cache import Job
+from mrwarp.reproduce.comparison import Findings, over_seeds
 from mrwarp.reproduce.settings import Settings
-from mrwarp.reproduce.tables import table6, table7
+from mrwarp.reproduce.support import fig8, table7
+from mrwarp.reproduce.table6 import fig9
 from mrwarp.trials.power_meter import CHANNELS, GaitTrace
 from mrwarp.trials.walk_figures import Saving
 from mrwarp.trials.walk_trials import WalkResult
@@ -84,34 +85,36 @@ def folder(tmp_path: Path, *changed: WalkResult, policies: int = 3, sticks: int 
         },
         policies=dict.fromkeys(walks.VARIANTS, policies) | {"constraint_coupling": sticks},
     )
-    store.save(tmp_path / "walks.npz", data)
+    (tmp_path / "walks").mkdir(exist_ok=True)
+    cache.save(tmp_path / "walks" / "walks.npz", data)
     return tmp_path
 
 
 def job(folder: Path) -> Job:
     """An entry's job on the walks of a folder."""
-    return Job(settings=Settings(), out=folder, folders={"walks": folder}, report=lambda text, share: None)
+    (folder / "entry").mkdir(exist_ok=True)
+    return Job(settings=Settings(), out=folder / "entry")
 
 
-def made(module, folder: Path) -> Findings:
+def made(entry, folder: Path) -> Findings:
     """What an entry finds in the walks of a folder."""
-    return module.compute(job(folder))
+    return entry(job(folder))
 
 
-@pytest.mark.parametrize("module", [table7, fig8, fig9])
-def test_claims_hold_and_nothing_is_said_when_all_arrived(module, tmp_path: Path) -> None:
+@pytest.mark.parametrize("entry", [table7, fig8, fig9])
+def test_claims_hold_and_nothing_is_said_when_all_arrived(entry, tmp_path: Path) -> None:
     """The made-up robots do as the paper says."""
-    found = made(module, folder(tmp_path))
+    found = made(entry, folder(tmp_path))
     assert all(found.claims.values())
     assert not any("fell" in note for note in found.notes)
 
 
 @pytest.mark.parametrize(
-    ("module", "robot"), [(table7, "mr_go_sal"), (fig8, "mr_go_sal"), (fig8, "go1"), (fig9, "mr_go")]
+    ("entry", "robot"), [(table7, "mr_go_sal"), (fig8, "mr_go_sal"), (fig8, "go1"), (fig9, "mr_go")]
 )
-def test_no_claim_holds_without_every_condition(module, robot: str, tmp_path: Path) -> None:
+def test_no_claim_holds_without_every_condition(entry, robot: str, tmp_path: Path) -> None:
     """A condition in which nobody arrived is neither lower nor longer than another, and one note counts its trials."""
-    found = made(module, folder(tmp_path, walked(robot, 3.0, 0.5, TRIALS[:0], late=2)))
+    found = made(entry, folder(tmp_path, walked(robot, 3.0, 0.5, TRIALS[:0], late=2)))
     own = [holds for name, holds in found.claims.items() if not name.startswith("a device that sticks")]
     assert own and not any(own)
     told = [note for note in found.notes if "fell" in note]
@@ -164,7 +167,7 @@ def test_a_reduction_counts_seeds_not_trials(tmp_path: Path) -> None:
     left = replace(
         left, joints=replace(left.joints, torque_square=left.joints.torque_square * (1 + left.trial % 3)[:, None])
     )
-    rows = {row.condition: row for row in made(table6, folder(tmp_path, left)).rows}
+    rows = {row.condition: row for row in made(table6.compute, folder(tmp_path, left)).rows}
     after, before = (rows[f"{robot}, 0 kg, 0.3 m/s"].ours for robot in ("MR_Go-SAL", "MR_Go"))
     reduction = rows["SAL against MR_Go, 0 kg, 0.3 m/s"]
     assert reduction.ours == pytest.approx(100.0 * (1.0 - after / before))
@@ -189,7 +192,7 @@ def test_friction_that_is_hidden_in_go1s_rows_is_told(tmp_path: Path) -> None:
         square = result.joints.torque_square * ((_square(power) - 7.5) / _square(power, 2.0 * result.command))
         speed = np.ones_like(square)
         lighter.append(replace(result, joints=replace(result.joints, torque_square=square, speed=speed)))
-    found = made(electrical, folder(tmp_path, *lighter))
+    found = made(electrical.compute, folder(tmp_path, *lighter))
     (table,) = (table for table in found.tables if "drive friction" in table.title)
     cells = {row[0]: row[1:] for row in table.rows}
     assert cells["drive_friction [N·m]"][0] == "0.00 (held)" and cells["drive_friction [N·m]"][1].startswith("2.50 ± ")
@@ -230,7 +233,7 @@ def test_a_reduction_has_the_spread_of_both_robots() -> None:
 
 def test_savings_stand_beside_their_closed_form(tmp_path: Path) -> None:
     """The table's columns, in percent of MR_Go's power, and the note's factors follow from ``holding_bound``."""
-    found = made(table6, folder(tmp_path))
+    found = made(table6.compute, folder(tmp_path))
     (table,) = (table for table in found.tables if "closed form" in table.title)
     (note,) = (note for note in found.notes if "closed form" in note)
     figures = found.figures
@@ -252,7 +255,7 @@ def test_savings_stand_beside_their_closed_form(tmp_path: Path) -> None:
 
 def test_what_the_devices_cost_is_told_beside_the_papers(tmp_path: Path) -> None:
     """MR_Go minus Go1 in each condition in which both arrived, the paper's with the spread of its two COTs."""
-    found = made(table6, folder(tmp_path, walked("mr_go", 3.0, 0.5, TRIALS[:0], late=2)))
+    found = made(table6.compute, folder(tmp_path, walked("mr_go", 3.0, 0.5, TRIALS[:0], late=2)))
     (table,) = (table for table in found.tables if "more than Go1" in table.title)
     assert [row[0] for row in table.rows] == ["0 kg, 0.3 m/s", "0 kg, 0.5 m/s", "3 kg, 0.3 m/s"]
     powers = {(c["robot"], c["payload"], c["command"]): c["power"]["mean"] for c in found.figures["conditions"]}

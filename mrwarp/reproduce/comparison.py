@@ -1,27 +1,18 @@
-"""An entry of the report, or a simulation that entries read: how it is made, on what it depends, and what it found."""
+"""What an entry of the report found: figures of the paper beside ours, claims, notes, tables and pictures."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from mrwarp.paper import PaperValue
-from mrwarp.reproduce import store
-from mrwarp.reproduce.settings import Settings
-
-T = TypeVar("T")
 
 RELATIVE = 0.05
 """Relative difference that needs a reason where the paper states no spread."""
-
-
-class NotYet(RuntimeError):
-    """What the experiment needs is not there yet; the message says what."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,44 +126,6 @@ class Findings:
     def __post_init__(self) -> None:
         for name in ("rows", "notes", "tables"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Job:
-    """What an experiment is given."""
-
-    settings: Settings
-    out: Path
-    """Its own folder."""
-    folders: Mapping[str, Path]
-    """Folders of the experiments it needs, by name."""
-    report: Callable[[str, float], None]
-    """Called with what runs and the share that is done."""
-
-    def save(self, data: Any) -> Findings:
-        """Write a simulation's data, which other experiments :meth:`load`; it finds nothing itself."""
-        store.save(self.out / f"{self.out.name}.npz", data)
-        return Findings()
-
-    def load(self, name: str, kind: type[T]) -> T:
-        """Data of the simulation of this name."""
-        return store.load(self.folders[name] / f"{name}.npz", kind)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Experiment:
-    """How an entry of the report, or a simulation that several entries read, is made."""
-
-    name: str
-    """As on the command line; one that is not in :data:`mrwarp.reproduce.settings.TITLES` is read by others alone."""
-    compute: Callable[[Job], Findings]
-    """Makes the rows; its module and all that it imports are what the entry depends on."""
-    needs: tuple[str, ...] = ()
-    """Experiments whose folders it reads."""
-    settings: tuple[str, ...] = ()
-    """Names of the :class:`Settings` it depends on."""
-    files: Callable[[], Sequence[Path]] = tuple
-    """Further input files."""
 
 
 def seeds_of(trials: np.ndarray, policies: int) -> np.ndarray | None:

@@ -6,8 +6,10 @@ from pathlib import Path
 import pytest
 
 from mrwarp import paper
+from mrwarp.bench.virtual_bench import BenchCfg
 from mrwarp.identify import learn
-from mrwarp.reproduce.figures import fig4, fig4_training
+from mrwarp.nn.training import FitCfg
+from mrwarp.reproduce import fig4
 
 
 def test_figure4_judges_by_the_papers_claims_and_draws(tmp_path: Path) -> None:
@@ -34,16 +36,16 @@ def test_figure4_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.Mo
         values = {1.0: [0.3], 1.2: [0.3], 1.5: [0.3]}
         return {"summary": learn.summary(values), "bouc_wen": learn.bench_parameters(None)}
 
-    monkeypatch.setattr(fig4_training, "_train", train)
-    monkeypatch.setattr(fig4_training, "run_bench", lambda cfg: None)
-    cfg = fig4_training.Figure4Cfg(strengths=(1.0,))
-    fig4_training.figure4(cfg, tmp_path)
-    fig4_training.figure4(cfg, tmp_path)
+    monkeypatch.setattr(fig4, "_train", train)
+    monkeypatch.setattr(fig4, "run_bench", lambda cfg: None)
+    recipe = FitCfg()
+    for _ in range(2):
+        fig4.train(BenchCfg(), recipe, (1.0,), tmp_path)
     assert calls == ["bouc_wen", "mlp", "lstm", "pg_rlstm"]
-    fig4_training.figure4(replace(cfg, fit=replace(cfg.fit, epochs=7)), tmp_path)
+    fig4.train(BenchCfg(), replace(recipe, epochs=7), (1.0,), tmp_path)
     assert len(calls) == 8
     [kept] = tmp_path.rglob("mlp.json")
     for damage in ("[" * 100_000, "{"):
         kept.write_text(damage)
         with pytest.raises(ValueError, match="mlp.json: not JSON: .*; remove it"):
-            fig4_training.figure4(cfg, tmp_path)
+            fig4.train(BenchCfg(), recipe, (1.0,), tmp_path)

@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 from mrwarp import paper
 from mrwarp.params import BoucWenParams
 from mrwarp.reproduce import drops, pushes
+from mrwarp.reproduce.cache import Job
+from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare, over_seeds
 from mrwarp.reproduce.drops import Drops
-from mrwarp.reproduce.experiment import Comparison, Findings, Job, TextTable, compare, over_seeds
 from mrwarp.reproduce.pushes import Pushes, ReadingResult
 from mrwarp.usd.robot import CURRENT_GROUPS
 from mrwarp.viewing.robot_pictures import COLORS
@@ -28,10 +29,10 @@ def compute(job: Job) -> Findings:
     found, dropped = pushes.read(job), drops.read(job)
     adopted = found.of(pushes.ADOPTED)
     rows = _rows(
-        "push, {amps}", "simulation", adopted.cells, found.seeds(), lambda cell, i: _why(adopted, cell, i), True
+        "push, {amps}", "simulation", adopted.cells, found.seeds(), lambda cell, i: _pushed(adopted, cell, i), True
     )
     for name, values in dropped.figures.items():
-        why = {cell: _drop(values, cell) for cell in TITLES}
+        why = {cell: _dropped(values, cell) for cell in TITLES}
         condition = f"drop of 10 kg, {{amps}}, {name}"
         rows += _rows(condition, "hardware", values, dropped.seeds(), lambda cell, i, why=why: why[cell])
     _plot(found, dropped, job)
@@ -45,23 +46,10 @@ def compute(job: Job) -> Findings:
                 _by_level(found)[0] is adopted
             ),
         },
-        notes=[
-            f"Adopted reading: {adopted.reading}. Push of {adopted.duration:.2f} s. Duration and gains, which "
-            "the paper does not state, are chosen by the 0 A row alone; the largest difference of the six predicted "
-            f"cells is {100.0 * adopted.worst:.1f} %. Policies walk with the gains that they were trained with, Kp "
-            "20 and Kd 0.5, or near them; with the asset's Kp of 35 the calibrated push lowers the trunk to "
-            f"{found.of(pushes.ASSET).means['min_height'][0]:.3f} m on average.",
-            _level(found),
-            _off(found),
-            _shape(found),
-            _causes(found),
-            _nearest(found),
-            *_upright(found),
-            *drops.lost(dropped.figures.values()),
-        ],
+        notes=[*_readings(found), *_upright(found), *drops.lost(dropped.figures.values())],
         tables=[table(found)],
         pictures={"table4.png": "Both figures over the current: ours (lines), the paper's (marks)"},
-        figures={"readings": [reading.to_json() for reading in found.readings]},
+        figures={"readings": [reading.figures() for reading in found.readings]},
     )
 
 
@@ -88,6 +76,28 @@ def _rows(
     ]
 
 
+def _pushed(entry: ReadingResult, cell: str, i: int) -> str:
+    """What of the difference stands at 0 A already, and what current number i leaves over."""
+    theirs, ours = paper.TABLE_4["simulation"], entry.means[cell].astype(float)
+    off = _percent(ours[0] / theirs[0.0][cell].mean - 1.0)
+    if i == 0:
+        return f"Duration and gains are the least-squares compromise of both cells of this row, {off} off here."
+    gain, wanted = ours[i] / ours[0] - 1.0, theirs[CURRENT_GROUPS[i]][cell].mean / theirs[0.0][cell].mean - 1.0
+    return (
+        f"{off} stand at 0 A already; the current changes it by {_percent(gain)}, in the paper by {_percent(wanted)}."
+    )
+
+
+def _dropped(values: dict[str, np.ndarray], cell: str) -> str:
+    change = values[cell][-1].mean() / values[cell][0].mean() - 1.0
+    theirs = paper.TABLE_4["hardware"]
+    wanted = theirs[1.5][cell].mean / theirs[0.0][cell].mean - 1.0
+    return (
+        f"From 0 to 1.5 A ours changes by {_percent(change)}, the hardware by {_percent(wanted)}; the readings show "
+        "what torque the device would need."
+    )
+
+
 def table(found: Pushes) -> TextTable:
     """Every reading's cells beside the paper's."""
     theirs = paper.TABLE_4["simulation"]
@@ -101,7 +111,7 @@ def table(found: Pushes) -> TextTable:
     changes = [f"{paper.IMPACT_CHANGE[cell]['push']:+.1f} %" for cell in TITLES]
     rows = [line("paper", "not stated", means, [*changes, "", "yes"])]
     for entry in found.readings:
-        rest = [f"{100.0 * entry.change[cell]:+.1f} %" for cell in TITLES]
+        rest = [_percent(entry.change[cell]) for cell in TITLES]
         rest += [f"{100.0 * entry.worst:.0f} %", "yes" if entry.monotone else "no"]
         rows.append(line(entry.reading, f"{entry.duration:.2f}", entry.means, rest))
     columns = [f"{symbol} {amps:g} A" for symbol in "zv" for amps in CURRENT_GROUPS]
@@ -118,119 +128,71 @@ def _by_level(found: Pushes) -> list[ReadingResult]:
     return sorted(candidates, key=lambda entry: sum(value**2 for value in entry.off_mismatch))
 
 
-def _level(found: Pushes) -> str:
-    """How near the 0 A rows are that the adopted reading was chosen by."""
-    parts = []
+def _readings(found: Pushes) -> list[str]:
+    """How the adopted reading was chosen, and what the others tell about the level at 0 A and the effect of current."""
+    adopted, theirs = found.of(pushes.ADOPTED), paper.TABLE_4["simulation"]
+    nearest = []
     for entry in _by_level(found)[:2]:
         off = zip(entry.off_mismatch, TITLES.values(), strict=True)
-        by = " and ".join(f"{100.0 * value:+.1f} % ({title})" for value, (title, *_) in off)
-        parts.append(f"'{entry.reading}' is off by {by}")
-    legs = " and ".join(pushes.stance_legs(pushes.ADOPTED.phases))
-    return (
-        f"Of the readings with eq. 14 these two have the nearest 0 A rows: {'; '.join(parts)}. Those with another "
-        f"torque were not to choose from. The adopted one pushes while {legs} stand; the paper's figure 6(b) shows "
-        f"{' and '.join(paper.FIGURE_6_PUSH)} loaded."
+        by = " and ".join(f"{_percent(value)} ({title})" for value, (title, *_) in off)
+        nearest.append(f"'{entry.reading}' is off by {by}")
+    # the paper's own 0 A row: nearly that of a spring without damping
+    drop = paper.TABLE_2["D"]["height"].mean - theirs[0.0]["min_height"].mean
+    bound, speed = pushes.undamped_speed(drop), -theirs[0.0]["peak_down_velocity"].mean
+    stiff, little, ours = (
+        -found.of(reading).means["peak_down_velocity"][0] for reading in (pushes.BASE, pushes.UNDAMPED, pushes.ADOPTED)
     )
+    changes = [
+        f"{title} {_percent(adopted.change[cell])} (the paper "
+        f"{_percent(theirs[1.5][cell].mean / theirs[0.0][cell].mean - 1.0)})"
+        for cell, (title, *_) in TITLES.items()
+    ]
+    free, base = found.of(pushes.UNWEAKENED), found.of(pushes.BASE).change
+    best = min(found.readings, key=lambda entry: entry.worst)
+    height, velocity = TITLES
+    moved = [(e.reading, *(100.0 * (e.change[cell] - base[cell]) for cell in TITLES)) for e in found.readings]
+    moved = sorted(moved, key=lambda item: -abs(item[1]))[:5]
+    return [
+        f"Adopted reading: {adopted.reading}. Push of {adopted.duration:.2f} s. Duration and gains, which "
+        "the paper does not state, are chosen by the 0 A row alone; the largest difference of the six predicted "
+        f"cells is {100.0 * adopted.worst:.1f} %. Policies walk with the gains that they were trained with, Kp "
+        "20 and Kd 0.5, or near them; with the asset's Kp of 35 the calibrated push lowers the trunk to "
+        f"{found.of(pushes.ASSET).means['min_height'][0]:.3f} m on average.",
+        f"Of the readings with eq. 14 these two have the nearest 0 A rows: {'; '.join(nearest)}. Those with another "
+        f"torque were not to choose from. The adopted one pushes while "
+        f"{' and '.join(pushes.stance_legs(pushes.ADOPTED.phases))} stand; the paper's figure 6(b) shows "
+        f"{' and '.join(paper.FIGURE_6_PUSH)} loaded.",
+        f"The paper's 0 A row is nearly that of an undamped spring: pressed down by {drop:.3f} m with a lasting 100 N, "
+        f"{paper.MASS['mr_go']:g} kg reach at most sqrt(F drop/2m) = {bound:.3f} m/s; the paper has {speed:.3f} m/s. "
+        f"Motors with Kp 20, a Kd of 0.5 and the device's off-current drag leave {stiff:.3f} m/s here, a Kd of 0.1 "
+        f"{little:.3f} m/s, and the adopted reading {ours:.3f} m/s.",
+        f"From 0 to 1.5 A: {', '.join(changes)}. Eq. 14 divides its torque by 1 + {BoucWenParams().alpha:.2f} |qd|; "
+        f"without that the changes are {100.0 * free.change[height]:+.1f} and {_percent(free.change[velocity])}, and "
+        f"the largest difference of the six cells {100.0 * free.worst:.1f} %.",
+        f"The base reading's 1.5 A change height by {_percent(base[height])} and speed by {_percent(base[velocity])}. "
+        f"What moves these most: {'; '.join(f'{name}: {z:+.1f} and {v:+.1f} points' for name, z, v in moved)}.",
+        f"Of all readings '{best.reading}' comes nearest (worst cell {100.0 * best.worst:.1f} % off, height "
+        f"{_percent(best.change[height])}, speed {_percent(best.change[velocity])}); being chosen by its result, it "
+        "predicts nothing.",
+    ]
 
 
 def _upright(found: Pushes) -> list[str]:
     """What fell in the adopted reading, and how far off the cells are without; nothing if nothing fell."""
-    down = np.any(found.trace["fell"], axis=0)
+    down, told = np.any(found.trace["fell"], axis=0), pushes.fallen(found.trace["fell"], "pushes")
     if not down.any() or down.all():
-        return pushes.fallen(found.trace["fell"], "pushes")
+        return told
     cells = found.of(pushes.ADOPTED).cells
     off = pushes.predicted_off({cell: cells[cell][:, ~down].mean(axis=1) for cell in TITLES})
     return [
-        f"{pushes.fallen(found.trace['fell'], 'pushes')[0]} Without the {down.sum()} of {down.size} trials that fell "
-        f"at some current, with the same push, {sum(abs(value) <= WANTED for value in off)} of the six predicted cells "
-        f"lie within {100.0 * WANTED:.0f} %, and the largest difference is {100.0 * max(map(abs, off)):.1f} %."
+        f"{told[0]} Without the {down.sum()} of {down.size} trials that fell at some current, with the same push, "
+        f"{sum(abs(value) <= WANTED for value in off)} of the six predicted cells lie within {100.0 * WANTED:.0f} %, "
+        f"and the largest difference is {100.0 * max(map(abs, off)):.1f} %."
     ]
 
 
-def _why(entry: ReadingResult, cell: str, i: int) -> str:
-    """What of the difference stands at 0 A already, and what current number i leaves over."""
-    theirs, ours = paper.TABLE_4["simulation"], entry.means[cell].astype(float)
-    off = ours[0] / theirs[0.0][cell].mean - 1.0
-    if i == 0:
-        return (
-            f"Duration and gains are the least-squares compromise of both cells of this row, {100.0 * off:+.1f} % off "
-            "here."
-        )
-    gain, wanted = ours[i] / ours[0] - 1.0, theirs[CURRENT_GROUPS[i]][cell].mean / theirs[0.0][cell].mean - 1.0
-    return (
-        f"{100.0 * off:+.1f} % stand at 0 A already; the current changes it by {100.0 * gain:+.1f} %, in the paper by "
-        f"{100.0 * wanted:+.1f} %."
-    )
-
-
-def _drop(values: dict[str, np.ndarray], cell: str) -> str:
-    change = values[cell][-1].mean() / values[cell][0].mean() - 1.0
-    theirs = paper.TABLE_4["hardware"]
-    wanted = theirs[1.5][cell].mean / theirs[0.0][cell].mean - 1.0
-    return (
-        f"From 0 to 1.5 A ours changes by {100.0 * change:+.1f} %, the hardware by {100.0 * wanted:+.1f} %; the "
-        "readings show what torque the device would need."
-    )
-
-
-def _off(found: Pushes) -> str:
-    """What the paper's own 0 A row implies."""
-    theirs = paper.TABLE_4["simulation"][0.0]
-    drop = paper.TABLE_2["D"]["height"].mean - theirs["min_height"].mean
-    bound, speed = pushes.undamped_speed(drop), -theirs["peak_down_velocity"].mean
-    stiff, little, adopted = (
-        -found.of(reading).means["peak_down_velocity"][0] for reading in (pushes.BASE, pushes.UNDAMPED, pushes.ADOPTED)
-    )
-    return (
-        f"The paper's 0 A row is nearly that of an undamped spring: pressed down by {drop:.3f} m with a lasting 100 N, "
-        f"{paper.MASS['mr_go']:g} kg reach at most sqrt(F drop/2m) = {bound:.3f} m/s; the paper has {speed:.3f} m/s. "
-        f"Motors with Kp 20, a Kd of 0.5 and the device's off-current drag leave {stiff:.3f} m/s here, a Kd of 0.1 "
-        f"{little:.3f} m/s, and the adopted reading {adopted:.3f} m/s."
-    )
-
-
-def _shape(found: Pushes) -> str:
-    """What is left when the level at 0 A is the paper's: the effect of the current."""
-    change, theirs = found.of(pushes.ADOPTED).change, paper.TABLE_4["simulation"]
-    parts = [
-        f"{title} {100.0 * change[cell]:+.1f} % (the paper "
-        f"{100.0 * (theirs[1.5][cell].mean / theirs[0.0][cell].mean - 1.0):+.1f} %)"
-        for cell, (title, *_) in TITLES.items()
-    ]
-    free = found.of(pushes.UNWEAKENED)
-    return (
-        f"From 0 to 1.5 A: {', '.join(parts)}. Eq. 14 divides its torque by 1 + {BoucWenParams().alpha:.2f} |qd|; "
-        f"without that the changes are {100.0 * free.change['min_height']:+.1f} and "
-        f"{100.0 * free.change['peak_down_velocity']:+.1f} %, and the largest difference of the six cells "
-        f"{100.0 * free.worst:.1f} %."
-    )
-
-
-def _nearest(found: Pushes) -> str:
-    """The reading with the smallest worst prediction, which is chosen by its result and therefore no prediction."""
-    best = min(found.readings, key=lambda entry: entry.worst)
-    return (
-        f"Of all readings '{best.reading}' comes nearest (worst cell {100.0 * best.worst:.1f} % off, height "
-        f"{100.0 * best.change['min_height']:+.1f} %, speed {100.0 * best.change['peak_down_velocity']:+.1f} %); "
-        "being chosen by its result, it predicts nothing."
-    )
-
-
-def _causes(found: Pushes) -> str:
-    """Which choice moves the effect of 1.5 A by how much, largest first."""
-    base = found.of(pushes.BASE).change
-    moved = sorted(
-        ((entry.reading, {cell: entry.change[cell] - base[cell] for cell in TITLES}) for entry in found.readings),
-        key=lambda item: -abs(item[1]["min_height"]),
-    )
-    text = "; ".join(
-        f"{name}: {100.0 * by['min_height']:+.1f} and {100.0 * by['peak_down_velocity']:+.1f} points"
-        for name, by in moved[:5]
-    )
-    return (
-        f"The base reading's 1.5 A change height by {100.0 * base['min_height']:+.1f} % and speed by "
-        f"{100.0 * base['peak_down_velocity']:+.1f} %. What moves these most: {text}."
-    )
+def _percent(share: float) -> str:
+    return f"{100.0 * share:+.1f} %"
 
 
 def _plot(found: Pushes, dropped: Drops, job: Job) -> None:

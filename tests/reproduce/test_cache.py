@@ -1,16 +1,16 @@
 """The runner: what changed is made again, failures stay alone, a stopped run goes on, damaged results are not used."""
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mrwarp.paper import PaperValue
-from mrwarp.reproduce import fingerprint, store
-from mrwarp.reproduce.experiment import Comparison, Experiment, Findings, Job, NotYet, over_seeds, seeds_of
-from mrwarp.reproduce.runner import KEPT, Runner
+from mrwarp.reproduce import cache
+from mrwarp.reproduce.cache import KEPT, Experiment, Job, NotYet, Runner
+from mrwarp.reproduce.comparison import Comparison, Findings, over_seeds, seeds_of
 from mrwarp.reproduce.settings import Settings
 
 CALLS: list[str] = []
@@ -31,7 +31,7 @@ def base(job: Job) -> Findings:
 def reader(job: Job) -> Findings:
     """Reads it."""
     CALLS.append("reader")
-    value = float((job.folders["base"] / "data.txt").read_text())
+    value = float((job.out.parent / "base" / "data.txt").read_text())
     return Findings(
         rows=[Comparison(condition="c", quantity="x", unit="m", paper=PaperValue(mean=1.0, sd=0.5), ours=value)]
     )
@@ -83,8 +83,8 @@ def test_runner_makes_only_what_changed(tmp_path: Path) -> None:
 def test_runner_makes_it_again_when_the_code_or_an_input_changed(tmp_path: Path, monkeypatch) -> None:
     """The hash of the code and of the files belongs to the key."""
     run(tmp_path, reader)
-    real = fingerprint.code_hash
-    monkeypatch.setattr(fingerprint, "code_hash", lambda module: real(module) + "x")
+    real = cache.code_hash
+    monkeypatch.setattr(cache, "code_hash", lambda module: real(module) + "x")
     run(tmp_path, reader)
     assert CALLS == ["base", "reader"] * 2
     data = tmp_path / "input"
@@ -92,7 +92,7 @@ def test_runner_makes_it_again_when_the_code_or_an_input_changed(tmp_path: Path,
     for text in ("a", "b"):
         data.write_text(text)
         experiment = replace(catalogue()["base"], files=lambda: (data,))
-        hashes.append(fingerprint.key(experiment, Settings(), {}))
+        hashes.append(experiment.key(Settings(), {}))
     assert hashes[0]["files"] != hashes[1]["files"]
 
 
@@ -174,7 +174,7 @@ def test_findings_survive_json() -> None:
         Comparison(condition="a", quantity="b", unit="", paper=None, ours=3.0, calibrated=True),
     ]
     found = Findings(rows=rows, claims={"yes": True}, notes=["n"], pictures={"a.png": "c"}, figures={"x": [1.0]})
-    assert store.typed(json.loads(json.dumps(asdict(found))), Findings) == found
+    assert cache.typed(json.loads(json.dumps(asdict(found))), Findings) == found
 
 
 def test_order_puts_needs_first(tmp_path: Path) -> None:
@@ -187,7 +187,7 @@ def test_order_puts_needs_first(tmp_path: Path) -> None:
 
 
 def test_code_hash_ignores_comments_and_sees_what_is_imported(tmp_path: Path) -> None:
-    """Comments, docstrings and layout do not count; a constant of a module imported in a function does."""
+    """Comments and layout do not count; a constant of a module imported in a function does."""
     root = tmp_path / "pack"
     root.mkdir()
     for name, text in {
@@ -197,11 +197,11 @@ def test_code_hash_ignores_comments_and_sees_what_is_imported(tmp_path: Path) ->
         (root / f"{name}.py").write_text(text)
 
     def now() -> str:
-        fingerprint._parse.cache_clear()
-        return fingerprint.code_hash("pack.a", root)
+        cache._parse.cache_clear()
+        return cache.code_hash("pack.a", root)
 
     first = now()
-    (root / "a.py").write_text('"""Other words."""\ndef f():  # why\n\n    from pack import b\n    return (b.X)\n')
+    (root / "a.py").write_text('"""A."""\ndef f():  # why\n\n    from pack import b\n    return (b.X)\n')
     (root / "c.py").write_text("Y = 2\n")
     assert now() == first
     (root / "b.py").write_text("X = 2\n")
@@ -234,3 +234,42 @@ def test_differences_are_told_in_the_joint_spread() -> None:
     assert replace(row, paper=PaperValue(mean=-1.0, sd=0.3), ours=-3.0).in_sd == pytest.approx(4.0)
     assert not bare.differs
     assert replace(bare, ours=-2.2).differs
+
+
+@dataclass
+class Pair:
+    """Some data."""
+
+    x: np.ndarray
+    name: str
+
+
+@dataclass
+class Data:
+    """Nested data."""
+
+    pairs: list[Pair]
+    by_name: dict[str, dict[str, Pair]]
+    empty: np.ndarray
+    missing: np.ndarray | None
+
+
+def test_store_returns_what_was_saved(tmp_path: Path) -> None:
+    """Arrays bit for bit with their types, dataclasses wherever a field, a list or a dict holds them."""
+    x = np.arange(3, dtype=np.int32)
+    pair = Pair(x=x, name="a")
+    data = Data(pairs=[pair], by_name={"b": {"c": pair}}, empty=np.zeros((2, 0)), missing=None)
+    cache.save(tmp_path / "d.npz", data)
+    found = cache.load(tmp_path / "d.npz", Data)
+    for kept in (found.pairs[0], found.by_name["b"]["c"]):
+        assert kept.name == "a" and kept.x.dtype == np.int32
+        np.testing.assert_array_equal(kept.x, x)
+    assert found.empty.shape == (2, 0) and found.missing is None
+    assert [path.name for path in tmp_path.iterdir()] == ["d.npz"]
+
+
+def test_store_refuses_objects(tmp_path: Path) -> None:
+    """A file with pickled objects is not loaded."""
+    np.savez(tmp_path / "d.npz", tree=np.array([{"a": 1}], dtype=object))
+    with pytest.raises(ValueError, match="pickle"):
+        cache.load(tmp_path / "d.npz", Data)

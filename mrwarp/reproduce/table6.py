@@ -1,4 +1,4 @@
-"""Table 6: cost of transport of three robots; Go1's rows calibrate the electrical model, the others are predicted."""
+"""Table 6 and figure 9: cost of transport. Go1's rows calibrate the electrical model, the others are predicted."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from mrwarp.energy import consistency
 from mrwarp.energy.power import CALIBRATED, ElectricalCfg, battery_power
 from mrwarp.paper import PaperValue
 from mrwarp.reproduce import walks
-from mrwarp.reproduce.experiment import Comparison, Findings, Job, TextTable, compare, over_seeds
+from mrwarp.reproduce.cache import Job
+from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare, over_seeds
 from mrwarp.reproduce.walks import Walks
 from mrwarp.study.plan import HIGH_POWER_PRICE, POWER_PRICE
-from mrwarp.trials import walk_figures
+from mrwarp.trials import walk_figures, walk_pictures
 from mrwarp.trials.statistics import ratio_sd
 from mrwarp.trials.walk_figures import Saving, mean_power
 from mrwarp.trials.walk_trials import WalkResult
@@ -44,24 +45,29 @@ def compute(job: Job) -> Findings:
     """
     walked = walks.read(job)
     fit = walked.calibrated()
+    sticking = walked.results["constraint_coupling"]
     standing = {name: float(battery_power(joints, fit.cfg).total) for name, joints in walked.standing.items()}
-    stood = standing["go1"] - standing["mr_go_hold"]
-    savings = walk_figures.savings(walked.both, fit.cfg, stood)
-    others = [r for r in walked.both if r.robot != "mr_go_sal"]
-    alone = walk_figures.savings([*others, *walked.results["holding"]], fit.cfg, stood)
-    stuck = walk_figures.savings(walked.results["constraint_coupling"], fit.cfg, stood)
+    holding = [r for r in walked.both if r.robot != "mr_go_sal"] + walked.results["holding"]
+    savings, alone, stuck = (
+        walk_figures.savings(results, fit.cfg, standing["go1"] - standing["mr_go_hold"])
+        for results in (walked.both, holding, sticking)
+    )
     cots, cots_stuck = (cots_of(walked, variant, fit.cfg) for variant in ("both", "constraint_coupling"))
-    reductions = {saved.name: saved.cot_reduction for saved in alone}
+    by_holding = {saved.name: f"{saved.cot_reduction:.1%}" for saved in alone}
     rows = [row for result in walked.both if (row := _cot(result, fit.cfg, cots)) is not None]
-    rows += [_reduction(saved, reductions.get(saved.name), cots) for saved in savings]
-    rows += [_reduction_stuck(saved, cots_stuck) for saved in stuck]
-    claims_stuck = _claims(cots_stuck, walked.results["constraint_coupling"])
+    rows += [
+        reduction_row("SAL against MR_Go", saved, cots, _lost(saved, by_holding.get(saved.name, "no robot arrived")))
+        for saved in savings
+    ]
+    rows += [
+        reduction_row("SAL against MR_Go, a device that sticks", saved, cots_stuck, _held(saved)) for saved in stuck
+    ]
+    claims_stuck = {f"a device that sticks: {name}": holds for name, holds in _claims(cots_stuck, sticking).items()}
     bounds, said = closed_form(savings, walked.both, fit.cfg)
     carried, told = carrying(walked.both, fit.cfg)
     return Findings(
         rows=rows,
-        claims=_claims(cots, walked.both)
-        | {f"a device that sticks: {name}": holds for name, holds in claims_stuck.items()},
+        claims=_claims(cots, walked.both) | claims_stuck,
         notes=[
             f"Go1's four rows and its {paper.MISSION_POWER['go1']['standby']:g} W of standing give {fit} "
             f"(95 %), to {fit.rmse:.1f} W (RMS). Every row of MR_Go and MR_Go-SAL is a prediction.",
@@ -80,12 +86,25 @@ def compute(job: Job) -> Findings:
             "sticking": [asdict(saved) for saved in stuck],
             "standing": standing,
             "conditions": [walk_figures.row(result, fit.cfg) for result in walked.both],
-            "calibration": {
-                **{name: getattr(fit.cfg, name) for name in CALIBRATED},
-                "half_width": fit.half_width,
-                "rmse": fit.rmse,
-            },
+            "calibration": {name: getattr(fit.cfg, name) for name in CALIBRATED}
+            | {"half_width": fit.half_width, "rmse": fit.rmse},
         },
+    )
+
+
+def fig9(job: Job) -> Findings:
+    """The costs of transport as bars."""
+    walked = walks.read(job)
+    cfg = walked.calibrated().cfg
+    walk_pictures.cost([walk_figures.row(result, cfg) for result in walked.both], job.out / "cot.png")
+    least = walks.complete(walked.both)
+    if least:
+        cots = {(r.robot, r.cell): walk_figures.cot(r, cfg).mean() for r in walked.both}
+        least = all(cots[key] >= cots["mr_go_sal", key[1]] for key in cots)
+    return Findings(
+        claims={"MR_Go-SAL has the lowest COT in all four conditions": least},
+        notes=["The numbers are those of table 6.", *walked.arrivals("both")],
+        pictures={"cot.png": "Cost of transport: bars ours, marks the paper's; hatched rows were calibrated"},
     )
 
 
@@ -103,17 +122,55 @@ def _cot(result: WalkResult, cfg: ElectricalCfg, cots: Cots) -> Comparison | Non
     if theirs is None:
         return None
     power, speed = mean_power(result, cfg), walk_figures.mean(result.speed)
-    why = (
-        f"Ours draws {power:.0f} W at {speed:.2f} m/s, the paper's {theirs.power:.0f} W at {theirs.speed:.2f} m/s: "
-        f"power explains {power / theirs.power - 1.0:+.0%}, speed {theirs.speed / speed - 1.0:+.0%}."
-    )
     return compare(
         f"{paper.NAMES[result.robot]}, {result.condition}",
         ("COT", "", 3),
         PaperValue(mean=theirs.cot, sd=theirs.sd),
         cots[result.robot, *result.cell],
-        why,
+        f"Ours draws {power:.0f} W at {speed:.2f} m/s, the paper's {theirs.power:.0f} W at {theirs.speed:.2f} m/s: "
+        f"power explains {power / theirs.power - 1.0:+.0%}, speed {theirs.speed / speed - 1.0:+.0%}.",
         calibrated=result.robot == "go1",
+    )
+
+
+def reduction_row(robots: str, saved: Saving, cots: Cots, why: str) -> Comparison:
+    """Row of what SAL saves in a condition, with the spread of the ratio of both robots' COT."""
+    assert saved.paper is not None  # all four conditions are table 6's
+    cell = saved.payload, saved.command
+    after, before = (cots[robot, *cell] for robot in ("mr_go_sal", "mr_go"))
+    seeds = min(after["n"], before["n"])
+    sd = 100.0 * ratio_sd((after["ours"], after["sd"]), (before["ours"], before["sd"])) if seeds > 1 else None
+    theirs = [100.0 * saved.paper[name] for name in ("cot_reduction", "cot_reduction_sd")]
+    return compare(
+        f"{robots}, {saved.name}",
+        ("reduction of COT", "%", 1),
+        PaperValue(mean=theirs[0], sd=theirs[1]),
+        {"ours": 100.0 * _reduced(cots, cots, cell), "sd": sd, "n": seeds},
+        why,
+    )
+
+
+def _lost(saved: Saving, alone: str) -> str:
+    """The part that takes most of the saving away; ``alone`` is the reduction of COT by holding alone."""
+    assert saved.paper is not None
+    part = saved.saving_by_part
+    lost = sorted((name for name in part if part[name] < -0.5), key=lambda name: part[name])
+    text = ", ".join(f"{PARTS[name]} {part[name]:+.1f} W" for name in lost) or "nothing"
+    return (
+        f"The calves' copper saves {part['copper_calves']:+.1f} W of the {saved.paper['saving']:.0f} W the paper's "
+        f"saving needs (at most {saved.bound['walking_copper']:.0f} W here, all of it gone while held); {text} take "
+        f"from it; holding alone: {alone}."
+    )
+
+
+def _held(saved: Saving) -> str:
+    """The held share beside the paper's, with brakes that stick."""
+    assert saved.paper is not None
+    held = paper.TABLE_7[int(saved.payload), saved.command]["hardware"]
+    return (
+        f"Trained and walked with brakes that stick: the calves are held for {saved.hold_share:.1%} of the time, "
+        f"the paper's hardware for {held:.1%}. {saved.saving:.0f} W are saved, the paper's "
+        f"{saved.paper['saving']:.0f} W."
     )
 
 
@@ -135,55 +192,6 @@ def _claims(cots: Cots, results: list[WalkResult]) -> dict[str, bool]:
     }
 
 
-def _reduction(saved: Saving, alone: float | None, cots: Cots) -> Comparison:
-    """What SAL saves against MR_Go, with the part that takes the most away as the reason.
-
-    Args:
-        saved: The saving.
-        alone: Reduction of COT by holding alone [1]; None if no robot arrived.
-        cots: Costs of transport.
-    """
-    assert saved.paper is not None  # all four conditions are table 6's
-    part = saved.saving_by_part
-    lost = sorted((name for name in part if part[name] < -0.5), key=lambda name: part[name])
-    text = ", ".join(f"{PARTS[name]} {part[name]:+.1f} W" for name in lost) or "nothing"
-    why = (
-        f"The calves' copper saves {part['copper_calves']:+.1f} W of the {saved.paper['saving']:.0f} W the paper's "
-        f"saving needs (at most {saved.bound['walking_copper']:.0f} W here, all of it gone while held); {text} take "
-        f"from it; holding alone: {'no robot arrived' if alone is None else format(alone, '.1%')}."
-    )
-    return reduction_row("SAL against MR_Go", saved, cots, why)
-
-
-def _reduction_stuck(saved: Saving, cots: Cots) -> Comparison:
-    """What SAL saves with brakes that stick, with the paper's held share beside ours."""
-    assert saved.paper is not None
-    held = paper.TABLE_7[int(saved.payload), saved.command]["hardware"]
-    why = (
-        f"Trained and walked with brakes that stick: the calves are held for {saved.hold_share:.1%} of the time, "
-        f"the paper's hardware for {held:.1%}. {saved.saving:.0f} W are saved, the paper's "
-        f"{saved.paper['saving']:.0f} W."
-    )
-    return reduction_row("SAL against MR_Go, a device that sticks", saved, cots, why)
-
-
-def reduction_row(robots: str, saved: Saving, cots: Cots, why: str) -> Comparison:
-    """Row of what SAL saves in a condition, with the spread of the ratio of both robots' COT."""
-    assert saved.paper is not None
-    cell = saved.payload, saved.command
-    after, before = (cots[robot, *cell] for robot in ("mr_go_sal", "mr_go"))
-    seeds = min(after["n"], before["n"])
-    sd = 100.0 * ratio_sd((after["ours"], after["sd"]), (before["ours"], before["sd"])) if seeds > 1 else None
-    theirs = [100.0 * saved.paper[name] for name in ("cot_reduction", "cot_reduction_sd")]
-    return compare(
-        f"{robots}, {saved.name}",
-        ("reduction of COT", "%", 1),
-        PaperValue(mean=theirs[0], sd=theirs[1]),
-        {"ours": 100.0 * _reduced(cots, cots, cell), "sd": sd, "n": seeds},
-        why,
-    )
-
-
 def _parts(savings: Sequence[Saving]) -> TextTable:
     rows = []
     for saved in savings:
@@ -195,11 +203,7 @@ def _parts(savings: Sequence[Saving]) -> TextTable:
 
 
 def carrying(results: Sequence[WalkResult], cfg: ElectricalCfg) -> tuple[TextTable, str]:
-    """What MR_Go draws more than Go1, with SAL off: mass and drag of the devices; the paper's and ours.
-
-    Returns:
-        The table, with the spread of the paper's difference as its COTs have it, and a sentence.
-    """
+    """What MR_Go draws more than Go1, with SAL off: a table and a sentence."""
     powers = {(r.robot, *r.cell): mean_power(r, cfg) for r in results}
     rows, more = [], {"ours": [], "paper": []}
     for cell in paper.TABLE_7:
@@ -214,21 +218,15 @@ def carrying(results: Sequence[WalkResult], cfg: ElectricalCfg) -> tuple[TextTab
     text = "No condition in which both Go1 and MR_Go arrived."
     if rows:
         ours, theirs = (f"{min(watts):+.0f} to {max(watts):+.0f} W" for watts in more.values())
-        mass = paper.MASS["mr_go"] - paper.MASS["go1"]
         text = (
-            f"Devices that are off cost their mass ({mass:.1f} kg) and their drag: ours draws {ours} more with them, "
-            f"the paper's {theirs}."
+            f"Devices that are off cost their mass ({paper.MASS['mr_go'] - paper.MASS['go1']:.1f} kg) and their drag: "
+            f"ours draws {ours} more with them, the paper's {theirs}."
         )
     return TextTable(title="What MR_Go draws more than Go1 [W]", head=["condition", "ours", "paper"], rows=rows), text
 
 
 def closed_form(savings: Sequence[Saving], results: Sequence[WalkResult], cfg: ElectricalCfg) -> tuple[TextTable, str]:
     """What holding saves by closed form, from standing and the held share, beside what is saved: the paper's and ours.
-
-    Args:
-        savings: What is saved, with our standing saving.
-        results: The walks.
-        cfg: The numbers.
 
     Returns:
         The table, all figures in percent of MR_Go's power, and a note on how far either saving follows the form.
@@ -247,14 +245,6 @@ def closed_form(savings: Sequence[Saving], results: Sequence[WalkResult], cfg: E
         rows.append([saved.name, *(f"{100.0 * value:.1f}" for value in shown)])
         followed["paper"].append(measured / bound)
         followed["ours"].append(saved.power_reduction / ours)
-    head = [
-        "condition",
-        "the paper saves",
-        "closed form: its standing, its hardware's shares",
-        "its standing, its simulation's shares",
-        "ours saves",
-        "closed form: our standing, our shares",
-    ]
     text = "No condition in which both MR_Go and MR_Go-SAL arrived."
     if rows:
         theirs, ours = (f"{min(ratios):.2f} to {max(ratios):.2f}" for ratios in followed.values())
@@ -269,6 +259,14 @@ def closed_form(savings: Sequence[Saving], results: Sequence[WalkResult], cfg: E
             f"{grown * least['share'] / most['share']:.2f} of it by load and power alone, while its reductions of COT "
             f"lie within one of {paper.COT_REDUCTION[1] / paper.COT_REDUCTION[0]:.2f}."
         )
+    head = [
+        "condition",
+        "the paper saves",
+        "closed form: its standing, its hardware's shares",
+        "its standing, its simulation's shares",
+        "ours saves",
+        "closed form: our standing, our shares",
+    ]
     title = "What holding saves by closed form, 4 a S (m/m0)^2, beside what is saved [% of MR_Go's power]"
     return TextTable(title=title, head=head, rows=rows), text
 
@@ -291,11 +289,10 @@ def _training(walked: Walks, cfg: ElectricalCfg) -> TextTable:
         reduced = [_reduced(after, before, cell) for after, before in columns.values()]
         shown = ["no robot arrived" if math.isnan(value) else f"{100.0 * value:.1f}" for value in reduced]
         rows.append([paper.condition_name(*cell), *shown])
-    return TextTable(
-        title="Reduction of COT by SAL [%] by the policies that walk; the last two columns are calibrated on Go1's "
+    title = (
+        "Reduction of COT by SAL [%] by the policies that walk; the last two columns are calibrated on Go1's "
         f"walks with theirs (electronics {free.electronics:.1f} and {dear.electronics:.1f} W, winding "
         f"{free.winding_resistance:.3f} and {dear.winding_resistance:.3f} Ohm, drive friction "
-        f"{free.drive_friction:.2f} and {dear.drive_friction:.2f} N·m)",
-        head=["condition", *columns],
-        rows=rows,
+        f"{free.drive_friction:.2f} and {dear.drive_friction:.2f} N·m)"
     )
+    return TextTable(title=title, head=["condition", *columns], rows=rows)
