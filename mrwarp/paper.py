@@ -150,7 +150,7 @@ _TABLE_6 = {
                   (3, 0.5, 0.52, 2.235, 0.033)),
 }  # fmt: skip
 
-TABLE_6 = {
+TABLE_6: dict[tuple[str, float, float], CotRow] = {
     (robot, payload, command): CotRow(robot=robot, payload=payload, command=command, speed=speed, cot=cot, sd=sd)
     for robot, rows in _TABLE_6.items()
     for payload, command, speed, cot, sd in rows
@@ -160,7 +160,7 @@ TABLE_6 = {
 COT_REDUCTION = (0.202, 0.254)
 """Least and largest reduction of the cost of transport by SAL against MR_Go over the four conditions [1], abstract."""
 
-TABLE_7 = {
+TABLE_7: dict[tuple[float, float], dict[str, float]] = {
     (0, 0.3): {"hardware": 0.2735, "simulation": 0.2228},
     (0, 0.5): {"hardware": 0.2020, "simulation": 0.1943},
     (3, 0.3): {"hardware": 0.3134, "simulation": 0.2640},

@@ -21,7 +21,7 @@ from mrwarp.params import MrParams
 from mrwarp.recording.load import HOLDING_FILE, Recording, save_holding, save_recording
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.run_dir import check_writable, write_result
-from mrwarp.trials.calf_motion import calf_motion
+from mrwarp.trials.walking import calf_motion
 from mrwarp.usd.asset import load_bench
 
 _PARTS = ("fit", "evaluation")

@@ -24,7 +24,7 @@ from mrwarp.options.data_options import Diagnose
 from mrwarp.recording.load import Recording, check_same_units, load_recording
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.run_dir import check_writable
-from mrwarp.trials.extended_impact import FIGURES, impact_change
+from mrwarp.trials.impact_figures import EFFECT_FIGURES, impact_change
 
 Progress = Callable[[str], None]
 
@@ -177,13 +177,13 @@ def _impact(d: Diagnosis, seed: int, besides: dict[str, Any], tables: dict[str, 
     found = impact_change(d.baseline_model, d.model, OnnxPolicy(DEFAULT_POLICY), seed=seed, progress=progress)
     besides["impact"] = found.to_dict()
     rows = []
-    for row in found.rows:
-        for name, (words, unit) in FIGURES.items():
-            figure, factor = row.figures[name], 100.0 if unit == "1" else 1.0
+    for current, figures in found.rows.items():
+        for name, (words, unit) in EFFECT_FIGURES.items():
+            figure, factor = figures[name], 100.0 if unit == "1" else 1.0
             unit = "%" if unit == "1" else unit
             low, high = (factor * x for x in figure.ci95)
             rows.append((
-                f"{row.current:g} A, {words}", f"{factor * figure.before:.4g} {unit}",
+                f"{current:g} A, {words}", f"{factor * figure.before:.4g} {unit}",
                 f"{factor * figure.after:.4g} {unit}", f"{low:+.2g} to {high:+.2g} {unit}",
             ))  # fmt: skip
     head = ("Impact on the walking robot", "Baseline", "With the extension", "Change, 95 %")

@@ -12,8 +12,8 @@ from mrwarp.options.command_line import CommandLine
 from mrwarp.options.trial_options import Impact
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.run_dir import check_writable, write_result
-from mrwarp.trials import thresholds
-from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, Variant, figures
+from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, Variant
+from mrwarp.trials.impact_figures import figures, plot_thresholds, threshold_reductions, threshold_variants
 from mrwarp.usd.asset import check_currents, effect_lines
 from mrwarp.viewing import robot_pictures
 from mrwarp.viewing.live_view import ImpactView, open_sink
@@ -91,9 +91,9 @@ def make_cfg(options: Impact, coupling: Coupling, variants: tuple[Variant, ...])
 def _sensitivity(options: Impact, policy: OnnxPolicy) -> dict[str, Any]:
     print("threshold sensitivity: every value of f_th, eps_e and eps_v in one batch", flush=True)
     current = max(options.current)
-    sweep = ImpactSweep(make_cfg(options, Coupling.CONSTRAINT, thresholds.variants(current)), policy)
-    rows = thresholds.reductions(sweep.run())
-    thresholds.plot(rows, options.out / "sensitivity.png")
+    sweep = ImpactSweep(make_cfg(options, Coupling.CONSTRAINT, threshold_variants(current)), policy)
+    rows = threshold_reductions(sweep.run())
+    plot_thresholds(rows, options.out / "sensitivity.png")
     for name, entries in rows.items():
         text = ", ".join(f"{e['value']:g}: {e['drop']['mean']:.2f} / {e['motor']['mean']:.2f} %" for e in entries)
         print(f"  {name:6s} reduction of CoM drop / motor torque: {text}")

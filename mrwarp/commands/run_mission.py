@@ -13,7 +13,7 @@ from mrwarp.options.command_line import CommandLine
 from mrwarp.options.trial_options import Mission
 from mrwarp.run_dir import check_writable, write_result
 from mrwarp.runtime import ProgressLine
-from mrwarp.trials import mission, mission_figures, walk_pictures
+from mrwarp.trials import mission, walk_figures, walk_pictures
 from mrwarp.trials.mission import MissionCfg
 
 _TASK = ("speed", "distance", "standby", "outbound_load", "return_load")
@@ -60,9 +60,9 @@ def run(options: Mission, line: CommandLine) -> int:
         + ("; with feedback, which the calibration was without" if options.feedback else ""),
         "task": {**_task(cfg), "feedback": options.feedback, "seeds": cfg.seeds, "of_paper": of_paper},
         "robots": rows,
-        "windows": mission_figures.windows(phases),
+        "windows": walk_figures.mission_windows(phases),
         "without_feedback": cold,
-        "changes": mission_figures.changes(rows),
+        "changes": walk_figures.mission_changes(rows),
         "calibration": fit,
         "numbers": model_numbers.described(groups, fitted),
         "consistency": consistency.check(),
@@ -97,7 +97,7 @@ def _task(cfg: MissionCfg) -> dict[str, float]:
 
 
 def _rows(traces: dict[str, Any], calibrated: tuple[str, ...]) -> dict[str, Any]:
-    return {robot: mission_figures.row(robot, trace, calibrated=calibrated) for robot, trace in traces.items()}
+    return {robot: walk_figures.mission_row(robot, trace, calibrated=calibrated) for robot, trace in traces.items()}
 
 
 def _print(figures: dict[str, Any]) -> None:

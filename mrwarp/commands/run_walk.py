@@ -18,8 +18,7 @@ from mrwarp.run_dir import check_writable, write_result
 from mrwarp.runtime import ProgressLine
 from mrwarp.study.plan import ENERGY, SEEDS, plant_of, policy_file
 from mrwarp.trials import walk_figures, walk_pictures
-from mrwarp.trials.standing import standing_load
-from mrwarp.trials.walk_trials import WalkCfg, walk
+from mrwarp.trials.walk_trials import WalkCfg, standing_load, walk
 from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy
 
 

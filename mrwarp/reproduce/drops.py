@@ -12,7 +12,6 @@ from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, seeds_of
 from mrwarp.reproduce.policies import Ensemble
 from mrwarp.trials.impact import (
-    MOTOR_WINDOW,
     ImpactCfg,
     ImpactKind,
     ImpactSweep,
@@ -20,6 +19,7 @@ from mrwarp.trials.impact import (
     body_extremes,
     fixed_current_env,
 )
+from mrwarp.trials.impact_figures import MOTOR_WINDOW
 from mrwarp.usd.robot import LEGS, PUBLIC_GAINS
 
 GAINS = {"Kp 20, Kd 0.5": PUBLIC_GAINS, "Kp 35, Kd 0.6": None}

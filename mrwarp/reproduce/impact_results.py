@@ -15,8 +15,8 @@ from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, compare, over_seeds, seeds_of
 from mrwarp.reproduce.policies import Ensemble, study_files
 from mrwarp.study.plan import AWARE, CONVENTIONAL
-from mrwarp.trials import thresholds
 from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace, Variant, fixed_current_env
+from mrwarp.trials.impact_figures import plot_thresholds, threshold_reductions, threshold_variants
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
 from mrwarp.viewing.robot_pictures import COLORS
 
@@ -234,11 +234,11 @@ def sensitivity(job: Job) -> Findings:
     duration = pushes.read(job).of(pushes.ADOPTED).duration
     cfg = pushes.config(pushes.ADOPTED, settings)
     off, on = cfg.variants[0], cfg.variants[-1]
-    varied = [(off if v.current == 0.0 else on, v.params) for v in thresholds.variants(on.current)]
+    varied = [(off if v.current == 0.0 else on, v.params) for v in threshold_variants(on.current)]
     variants = tuple(replace(base, params={**base.params, **params}) for base, params in varied)
     ensemble = Ensemble(settings.struck(pushes.ADOPTED.gains))
     trace = ImpactSweep(replace(cfg, variants=variants, duration=duration), ensemble).run()
-    thresholds.plot(thresholds.reductions(trace), job.out / "thresholds.png")
+    plot_thresholds(threshold_reductions(trace), job.out / "thresholds.png")
     reductions = by_seed(trace, policies)
     rows, claims, span = [], {}, []
     for name, (title, unit) in THRESHOLDS.items():
@@ -267,15 +267,15 @@ def sensitivity(job: Job) -> Findings:
 
 
 def by_seed(trace: ImpactTrace, policies: int) -> dict[str, list[Mapping[str, Any]]]:
-    """:func:`thresholds.reductions` of each policy's own pushes: ``ours``, ``sd`` and ``n`` of a row over policies.
+    """:func:`threshold_reductions` of each policy's own pushes: ``ours``, ``sd`` and ``n`` of a row over policies.
 
     Args:
-        trace: Trace of a sweep over :func:`thresholds.variants`; trial i was walked by policy ``i % policies``.
+        trace: Trace of a sweep over :func:`threshold_variants`; trial i was walked by policy ``i % policies``.
         policies: Policies; of a single one the trials stand for themselves.
     """
     own = [slice(k, None, policies) for k in range(policies)]
     parts = [
-        thresholds.reductions(replace(trace, height=trace.height[:, k], tau_motor=trace.tau_motor[:, k])) for k in own
+        threshold_reductions(replace(trace, height=trace.height[:, k], tau_motor=trace.tau_motor[:, k])) for k in own
     ]
 
     def cell(name: str, i: int, quantity: str) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from mrwarp.reproduce import missions, walks
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Comparison, Findings, compare, over_seeds
 from mrwarp.reproduce.missions import Mission
-from mrwarp.trials import mission_figures, walk_pictures
+from mrwarp.trials import walk_figures, walk_pictures
 
 RISES = {
     "calf_walking": "calves, both walks",
@@ -28,7 +28,7 @@ def fig10(job: Job) -> Findings:
     """Power per phase, depletion, their changes by SAL, and what the paper's own numbers say of each other."""
     found = missions.read(job)
     rows = []
-    figures = {robot: mission_figures.row(robot, trace) for robot, trace in found.traces.items()}
+    figures = {robot: walk_figures.mission_row(robot, trace) for robot, trace in found.traces.items()}
     for robot, trace in found.traces.items():
         name = paper.NAMES[robot]
         for phase, values in trace.power.items():
@@ -42,7 +42,7 @@ def fig10(job: Job) -> Findings:
         theirs = PaperValue(mean=cell["paper"], sd=cell["paper_sd"])
         ours, why = over_seeds(trace.depletion), _depletion(robot, found)
         rows.append(compare(name, quantity, theirs, ours, why, calibrated=cell["calibrated"]))
-    changes = mission_figures.changes(figures)
+    changes = walk_figures.mission_changes(figures)
     check = consistency.check()
     first = check["by_speed"][0]
     for name in ("outbound_power", "return_power", "depletion"):
@@ -76,7 +76,7 @@ def fig10(job: Job) -> Findings:
 def fig11(job: Job) -> Findings:
     """Temperature rises per robot, and the relief of the calves by SAL."""
     found = missions.read(job)
-    figures = {robot: mission_figures.row(robot, trace) for robot, trace in found.traces.items()}
+    figures = {robot: walk_figures.mission_row(robot, trace) for robot, trace in found.traces.items()}
     rows = []
     for robot, trace in found.traces.items():
         for name, title in RISES.items():
@@ -84,7 +84,7 @@ def fig11(job: Job) -> Findings:
             ours, why = over_seeds(trace.rise[name]), _rise(robot, name, found)
             condition = f"{paper.NAMES[robot]}, {title}"
             rows.append(compare(condition, ("rise", "K", 2), cell["paper"], ours, why, calibrated=cell["calibrated"]))
-    changes = mission_figures.changes(figures)
+    changes = walk_figures.mission_changes(figures)
     relief = changes["calf_walking_rise"]
     whys = {"calf_walking": _relief(found), "all": _rise("mr_go_sal", "all", found)}
     for name, why in whys.items():
@@ -108,7 +108,7 @@ def fig11(job: Job) -> Findings:
 
 
 def change_row(found: Mission, change: Mapping[str, Any], title: str, quantity: str, why: str) -> Comparison:
-    """What SAL changes against MR_Go, of :func:`mission_figures.changes`; no spread when one repetition is left."""
+    """What SAL changes against MR_Go, of ``walk_figures.mission_changes``; no spread when one repetition is left."""
     n = min(len(found.traces[robot].depletion) for robot in walks.SAL)
     sd = change["paper_sd"]
     return compare(
@@ -166,7 +166,7 @@ def _rise(robot: str, name: str, found: Mission) -> str:
 def _relief(found: Mission) -> str:
     rise = {robot: float(trace.rise["calf_walking"].mean()) for robot, trace in found.traces.items()}
     load, speed = missions.HELD
-    theirs = paper.TABLE_7[load, speed]["simulation"]  # type: ignore[index]
+    theirs = paper.TABLE_7[load, speed]["simulation"]
     shares = f"{100.0 * found.held:.0f} % of the time and the paper's for {100.0 * theirs:.0f} % (table 7)"
     held = "" if math.isnan(found.held) else f", which at {load:g} kg and {speed:g} m/s are held for {shares},"
     return f"Our calves{held} warm by {rise['mr_go_sal']:.1f} K with SAL and {rise['mr_go']:.1f} K without."

@@ -50,7 +50,7 @@ def _activation(
         ours = over_seeds(100.0 * result.hold.mean(-1), walked.seed_of(result, variant))
         share[result.cell] = ours["ours"]
         for source, shown in sources.items():
-            theirs = 100.0 * paper.TABLE_7[result.cell][source]  # type: ignore[index]
+            theirs = 100.0 * paper.TABLE_7[result.cell][source]
             why = _why(result, ours["ours"], theirs)
             rows.append(compare(f"{result.condition}, {shown}", ("activation", "%", 1), theirs, ours, why))
     whole = walks.complete(results)  # without a condition no claim of section 6.4 holds

@@ -118,7 +118,7 @@ def cots_of(walked: Walks, variant: str, cfg: ElectricalCfg) -> Cots:
 
 def _cot(result: WalkResult, cfg: ElectricalCfg, cots: Cots) -> Comparison | None:
     """Row of a robot in a condition; None where the paper has none."""
-    theirs = paper.TABLE_6.get((result.robot, *result.cell))  # type: ignore[arg-type]
+    theirs = paper.TABLE_6.get((result.robot, *result.cell))
     if theirs is None:
         return None
     power, speed = mean_power(result, cfg), walk_figures.mean(result.speed)

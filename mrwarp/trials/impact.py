@@ -19,15 +19,13 @@ from tensordict import TensorDict
 from mrwarp.enums import HoldCurrent
 from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.kernels import ledger
 from mrwarp.params import MrParams
 from mrwarp.trials.falling_mass import FallingMass, MassCfg, add_mass
-from mrwarp.trials.statistics import half_width, spread
 from mrwarp.trials.walking import Policy
 from mrwarp.usd.robot import CALF_COLUMNS, CURRENT_GROUPS, LEGS
 
-MOTOR_WINDOW = 0.1
-"""Window of the motor-torque figures after the impact [s], paper section 6.3."""
+FALL_HEIGHT = 0.10
+"""Trunk height below which an impacted robot counts as fallen [m]: its belly is on the ground."""
 
 
 class ImpactKind(enum.Enum):
@@ -219,7 +217,7 @@ class ImpactSweep:
         env.substep_hooks.clear()
         if mass is None:
             env.sim.push("trunk", np.zeros((env.num_envs, 3)))
-        return recorder.trace(len(cfg.currents), cfg.trials, contact)
+        return recorder.trace(contact, len(cfg.variants))
 
     @property
     def fall_time(self) -> float:
@@ -274,98 +272,38 @@ class _Recorder:
     def __init__(self, env: WalkEnv) -> None:
         self.env = env
         self.rows: dict[str, list[torch.Tensor]] = {}
-        self.calves = list(CALF_COLUMNS)
         self.fell = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
 
     def sample(self) -> None:
         """Take one sample of everything."""
-        env, device = self.env, self.env.actuator
+        env, device, calves = self.env, self.env.actuator, list(CALF_COLUMNS)
         series = {
             "height": env.root_pos[:, 2],
             "velocity": env.root_vel[:, 2],
-            "tau_motor": env.view(device.tau_motor)[:, self.calves],
+            "tau_motor": env.view(device.tau_motor)[:, calves],
             "f_foot": env.f_foot,
-            "q": env.q[:, self.calves],
-            "qd": env.qd[:, self.calves],
+            "q": env.q[:, calves],
+            "qd": env.qd[:, calves],
             "qpos": env.view(env.sim.backend.field("qpos")),
         }
+        legs = [joint // 3 for joint in device.mr_joints]
         for name in ("tau_mr", "current", "m_dyn", "m_hold"):
-            series[name] = self._by_leg(env.view(getattr(device, name)))
+            values = env.view(getattr(device, name))
+            # one column per leg, 0 where a calf has no device
+            series[name] = torch.zeros(env.num_envs, len(LEGS), device=env.device)
+            series[name][:, legs] = values
         for name, value in series.items():
             self.rows.setdefault(name, []).append(value.clone())
         self.fell |= env.root_pos[:, 2] < FALL_HEIGHT
 
-    def trace(self, currents: int, trials: int, contact: torch.Tensor) -> ImpactTrace:
-        """Everything sampled so far, by current and trial."""
-
-        def split(name: str) -> np.ndarray:
-            stacked = torch.stack(self.rows[name], dim=1).cpu().numpy()
-            return stacked.reshape(currents, trials, *stacked.shape[1:])
-
+    def trace(self, contact: torch.Tensor, settings: int) -> ImpactTrace:
+        """Everything sampled so far, by setting and trial."""
         env = self.env
-        count = len(self.rows["height"])
-        series = {name: split(name) for name in self.rows if name != "qpos"}
-        return ImpactTrace(
-            t=np.arange(1, count + 1) * env.sim.dt,
-            qpos=split("qpos")[:, 0],
-            ledger=env.view(env.actuator.ledger).sum(1).cpu().numpy().reshape(currents, trials, -1),
-            fell=self.fell.cpu().numpy().reshape(currents, trials),
-            contact=contact.cpu().numpy().reshape(currents, trials),
-            **series,
-        )
-
-    def _by_leg(self, values: torch.Tensor) -> torch.Tensor:
-        """Device series (E, M) as one column per leg, 0 where a calf has no device."""
-        columns = torch.zeros(self.env.num_envs, len(LEGS), device=values.device)
-        for slot, joint in enumerate(self.env.actuator.mr_joints):
-            columns[:, joint // 3] = values[:, slot]
-        return columns
-
-
-FALL_HEIGHT = 0.10
-"""Trunk height below which an impacted robot counts as fallen [m]: its belly is on the ground."""
-
-
-def figures(trace: ImpactTrace, currents: tuple[float, ...]) -> dict[str, Any]:
-    """Body-level and motor figures per current, mean and sample SD over trials, and the paired change from the first.
-
-    Returns:
-        ``by_current`` with ``min_height`` [m], ``peak_down_velocity`` [m/s], ``drop`` [m], ``motor_mean`` and
-        ``motor_peak`` per leg [N·m], ``acceleration`` mean |a_z - g| over 0.1 s [m/s^2], ``dynamic_share``,
-        ``hold_share``, ``energy`` by ledger entry [J], ``fell``; ``change`` from the first to the last current in
-        percent with a 95 % interval over the paired trials.
-    """
-    early, extremes = trace.t <= MOTOR_WINDOW, body_extremes(trace)
-    lowest, down = extremes["min_height"], extremes["peak_down_velocity"]
-    drop = trace.height[:, :, 0] - lowest
-    dt = trace.t[1] - trace.t[0]
-    acceleration = np.abs(np.diff(trace.velocity[:, :, early], axis=2) / dt).mean(axis=2)
-    motor = np.abs(trace.tau_motor[:, :, early])
-    rows = [
-        {
-            "current": current,
-            "min_height": spread(lowest[i]),
-            "peak_down_velocity": spread(down[i]),
-            "drop": spread(drop[i]),
-            "acceleration": spread(acceleration[i]),
-            "motor_mean": {leg: spread(motor[i, :, :, k].mean(axis=1)) for k, leg in enumerate(LEGS)},
-            "motor_peak": {leg: spread(motor[i, :, :, k].max(axis=1)) for k, leg in enumerate(LEGS)},
-            "dynamic_share": float(trace.m_dyn[i].mean()),
-            "hold_share": float(trace.m_hold[i].mean()),
-            "energy": {name: float(trace.ledger[i, :, k].mean()) for k, name in enumerate(ledger.ENTRIES)},
-            "fell": float(trace.fell[i].mean()),
-        }
-        for i, current in enumerate(currents)
-    ]
-    return {
-        "by_current": rows,
-        "change": {
-            "min_height": paired_change(lowest[0], lowest[-1]),
-            "peak_down_velocity": paired_change(np.abs(down[0]), np.abs(down[-1])),
-            "drop": paired_change(drop[0], drop[-1]),
-        },
-        "monotone": {name: bool(np.all(np.diff(values.mean(axis=1)) > 0.0)) for name, values in extremes.items()},
-    }
+        found = {name: torch.stack(rows, dim=1) for name, rows in self.rows.items()}
+        found |= {"ledger": env.view(env.actuator.ledger).sum(1), "fell": self.fell, "contact": contact}
+        split = {name: x.cpu().numpy().reshape(settings, -1, *x.shape[1:]) for name, x in found.items()}
+        t = np.arange(1, split["height"].shape[2] + 1) * env.sim.dt
+        return ImpactTrace(t=t, **{**split, "qpos": split["qpos"][:, 0]})
 
 
 def body_extremes(trace: ImpactTrace) -> dict[str, np.ndarray]:
@@ -382,10 +320,3 @@ def fixed_current_env(*, holding: bool = False, **choices: Any) -> EnvCfg:
     """
     env = make_walk_cfg(hold_current=HoldCurrent.FIXED, **choices)
     return replace(env, actuator=replace(env.actuator, holding=holding))
-
-
-def paired_change(first: np.ndarray, last: np.ndarray) -> dict[str, Any]:
-    """Relative change of the mean in percent, with a 95 % interval from the paired differences (Student's t)."""
-    change = float(100.0 * (last - first).mean() / first.mean())
-    half = 100.0 * half_width(last - first) / abs(float(first.mean()))
-    return {"percent": change, "ci95": [change - half, change + half], "pairs": len(first)}

@@ -21,8 +21,7 @@ from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power, motor_h
 from mrwarp.energy.thermal import Temperatures, ThermalCfg
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.trials.standing import standing_load
-from mrwarp.trials.walk_trials import ASSET_ROBOT, WalkCfg, walk
+from mrwarp.trials.walk_trials import ASSET_ROBOT, WalkCfg, standing_load, walk
 from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy
 from mrwarp.usd.robot import CALF_COLUMNS
 

@@ -1,8 +1,8 @@
-"""From walking trials to the figures of tables 6 and 7 and of figure 8(c), ours beside the paper's."""
+"""Figures of walks (tables 6 and 7, figure 8(c)) and of missions (figures 10 and 11), ours beside the paper's."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from mrwarp.energy import consistency
 from mrwarp.energy.calibrate import MeasuredPower
 from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power, copper, cost_of_transport
 from mrwarp.params import MrParams
+from mrwarp.trials.mission import MissionTrace, PhaseLoad
 from mrwarp.trials.power_meter import BIN, RANGE, SHOWN
 from mrwarp.trials.statistics import ratio_sd, spread
 from mrwarp.trials.walk_trials import WalkResult
@@ -22,11 +23,13 @@ from mrwarp.usd.robot import CALF_COLUMNS, JOINTS, LEGS
 COIL_RESISTANCES = (2.0, 10.0)
 """Plausible range of the coil's resistance [Ohm], see :class:`mrwarp.params.CoilParams`."""
 
+MISSION_GROUPS = ("electrical", "thermal", "battery")
+"""Groups of numbers that Go1's figures fixed: its way out the arm's mass, its way back the speed of both ways and that
+arm and item are the 3 kg of table 6, its standby the electrical model, its calves the thermal model, its depletion the
+capacity. Every figure of the other robots is a prediction."""
+
 STANCE_SHARE = 0.5
 """Share of a stride in which the trot's clock has a leg on the ground."""
-
-STANDBY = "Go1 standby"
-"""Name of the row of the standing robot."""
 
 
 def row(result: WalkResult, cfg: ElectricalCfg, *, calibrated: bool = True) -> dict[str, Any]:
@@ -37,10 +40,9 @@ def row(result: WalkResult, cfg: ElectricalCfg, *, calibrated: bool = True) -> d
         cfg: The numbers.
         calibrated: Whether these were fitted to Go1's rows, which are then marked.
     """
-    key = (result.robot, result.payload, result.command)
-    reference = paper.TABLE_6.get(key)  # type: ignore[arg-type]
+    reference = paper.TABLE_6.get(result.key)
     power, cots = battery_power(result.joints, cfg), cot(result, cfg)
-    activation = paper.TABLE_7.get(key[1:]) if result.robot == "mr_go_sal" else None  # type: ignore[arg-type]
+    activation = paper.TABLE_7.get(result.cell) if result.robot == "mr_go_sal" else None
     return {
         "robot": result.robot, "payload": result.payload, "command": result.command, "mass": result.mass,
         "calibrated": calibrated and result.robot == "go1" and reference is not None,
@@ -91,28 +93,24 @@ def torques(result: WalkResult) -> dict[str, dict[str, float]]:
     order = np.argsort(centres, kind="stable")
     found = {}
     for joint, counts in zip(SHOWN, result.counts, strict=True):
-        share = np.cumsum(counts[order]) / max(counts.sum(), 1.0)
-        quantiles = {f"p{q}": float(centres[order][min(np.searchsorted(share, q / 100.0), len(order) - 1)])
-                     for q in (5, 25, 50, 75, 95, 99)}  # fmt: skip
-        found[JOINTS[joint]] = {"mean": float((centres * counts).sum() / max(counts.sum(), 1.0)), **quantiles}
+        total = max(counts.sum(), 1.0)
+        share = np.cumsum(counts[order]) / total
+        at = {q: min(np.searchsorted(share, q / 100.0), len(order) - 1) for q in (5, 25, 50, 75, 95, 99)}
+        quantiles = {f"p{q}": float(centres[order][i]) for q, i in at.items()}
+        found[JOINTS[joint]] = {"mean": float((centres * counts).sum() / total), **quantiles}
     return found
 
 
 def calibration_rows(results: Sequence[WalkResult], standing: JointLoad) -> list[MeasuredPower]:
     """Go1's rows of table 6 and its standby power with what the simulated robot does there."""
-    rows = [
-        MeasuredPower(
-            name=f"Go1 {result.condition}", joints=result.joints.mean(),
-            measured=paper.TABLE_6[key].power,  # type: ignore[index]
-        )
-        for result in results
-        if result.robot == "go1" and len(result.speed)
-        and (key := (result.robot, result.payload, result.command)) in paper.TABLE_6
-    ]  # fmt: skip
-    return [
-        *rows,
-        MeasuredPower(name=STANDBY, joints=standing, measured=paper.MISSION_POWER["go1"]["standby"]),
-    ]
+    rows = []
+    for result in results:
+        reference = paper.TABLE_6.get(result.key)
+        if result.robot == "go1" and len(result.speed) and reference is not None:
+            name = f"Go1 {result.condition}"
+            rows.append(MeasuredPower(name=name, joints=result.joints.mean(), measured=reference.power))
+    standby = paper.MISSION_POWER["go1"]["standby"]
+    return [*rows, MeasuredPower(name="Go1 standby", joints=standing, measured=standby)]
 
 
 def standing_saving(motors: JointLoad, devices: JointLoad, cfg: ElectricalCfg) -> float:
@@ -166,7 +164,7 @@ def savings(results: Sequence[WalkResult], cfg: ElectricalCfg, standing: float |
         cfg: The numbers.
         standing: What holding saves our standing robots [W], see :func:`standing_saving`.
     """
-    arrived = {(r.robot, r.payload, r.command): r for r in results if len(r.speed)}
+    arrived = {r.key: r for r in results if len(r.speed)}
     found = []
     for (robot, payload, command), on in arrived.items():
         off = arrived.get(("mr_go", payload, command))
@@ -202,7 +200,7 @@ def _paper_saving(payload: float, command: float) -> dict[str, float] | None:
     keys = [(robot, payload, command) for robot in ("mr_go", "mr_go_sal")]
     if not all(key in paper.TABLE_6 for key in keys):
         return None
-    off, on = (paper.TABLE_6[key] for key in keys)  # type: ignore[index]
+    off, on = (paper.TABLE_6[key] for key in keys)
     sd = ratio_sd((on.cot, on.sd), (off.cot, off.sd))
     return {"saving": off.power - on.power, "cot_reduction": 1.0 - on.cot / off.cot, "cot_reduction_sd": sd}
 
@@ -234,3 +232,69 @@ def _difference(ours: np.ndarray, theirs: float, sd: float) -> dict[str, float]:
     joint = float(np.hypot(mine["sd"], sd))
     delta = mine["mean"] - theirs
     return {"absolute": delta, "relative": delta / theirs, "in_sd": delta / joint}
+
+
+def mission_row(robot: str, trace: MissionTrace, *, calibrated: Collection[str] = MISSION_GROUPS) -> dict[str, Any]:
+    """One robot's figures beside the paper's.
+
+    Args:
+        robot: Of ``paper.ROBOTS``.
+        trace: Its mission.
+        calibrated: Groups of :data:`MISSION_GROUPS` whose numbers come from Go1's figures, which are then marked; none
+            where the task is not the paper's.
+    """
+    own = {name: robot == "go1" and name in calibrated for name in MISSION_GROUPS}
+    theirs = paper.MISSION_POWER[robot]
+    mean, sd = paper.MISSION_DEPLETION[robot]
+    return {
+        "power": {name: {**spread(values), "paper": theirs[name], "calibrated": own["electrical"]}
+                  for name, values in trace.power.items()},
+        "seconds": {name: spread(values) for name, values in trace.seconds.items()},
+        "depletion": {**spread(trace.depletion), "paper": mean, "paper_sd": sd, "calibrated": own["battery"]},
+        "rise": {name: {**spread(values), "paper": _paper_rise(robot, name),
+                        "calibrated": own["thermal"] and name in ("calf_walking", "calf_standby")}
+                 for name, values in trace.rise.items()},
+    }  # fmt: skip
+
+
+def _paper_rise(robot: str, name: str) -> float | None:
+    """The paper's rise [K]; that of hips and thighs follows from its other two means, the fluid's is not given."""
+    return paper.proximal_rise(robot) if name == "proximal" else paper.MISSION_RISE[robot].get(name)
+
+
+def mission_windows(phases: Mapping[str, Mapping[str, PhaseLoad]]) -> dict[str, Any]:
+    """How many windows of each robot's walks began, fell or came too late, and how many count: those of both ways."""
+    return {
+        robot: {
+            name: {"tried": phase.tried, "fell": phase.fell, "late": phase.late, "counted": len(phase.seconds)}
+            for name, phase in found.items() if phase.trial is not None
+        }
+        for robot, found in phases.items()
+    }  # fmt: skip
+
+
+def mission_changes(rows: dict[str, Any]) -> dict[str, Any]:
+    """Relative change from MR_Go to MR_Go-SAL, ours and the paper's; predictions.
+
+    ``sd`` and ``paper_sd`` are those of the ratio of two independent figures; the latter is None where the paper states
+    no spread.
+    """
+    if not {"mr_go", "mr_go_sal"} <= set(rows):
+        return {}
+    picks = {
+        "outbound_power": lambda row: row["power"]["outbound"], "return_power": lambda row: row["power"]["return"],
+        "depletion": lambda row: row["depletion"], "calf_walking_rise": lambda row: row["rise"]["calf_walking"],
+        "all_rise": lambda row: row["rise"]["all"],
+    }  # fmt: skip
+    found = {}
+    for name, pick in picks.items():
+        before, after = pick(rows["mr_go"]), pick(rows["mr_go_sal"])
+        found[name] = {
+            "ours": after["mean"] / before["mean"] - 1.0,
+            "sd": ratio_sd((after["mean"], after["sd"]), (before["mean"], before["sd"])),
+            "paper": after["paper"] / before["paper"] - 1.0,
+            "paper_sd": ratio_sd((after["paper"], after["paper_sd"]), (before["paper"], before["paper_sd"]))
+            if "paper_sd" in after else None,
+            "calibrated": False,
+        }  # fmt: skip
+    return found

@@ -1,7 +1,8 @@
-"""Walking trials of section 6.4: three robots over a measured distance, one batch per robot and payload variant.
+"""Trials of section 6.4: three robots walking a measured distance, and standing with the calves held or not.
 
-MR_Go and MR_Go-SAL are the same asset; they share a batch and differ by the current their devices may use (0 A keeps
-both gates' effects away). Speeds and repetitions are environments of the same batch.
+Walks run in one batch per robot and payload variant. MR_Go and MR_Go-SAL are the same asset; they share a batch and
+differ by the current their devices may use (0 A keeps both effects of the gates away). Speeds and repetitions are
+environments of the same batch.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
+import warp as wp
 
 from mrwarp.energy.power import JointLoad
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
@@ -18,9 +20,22 @@ from mrwarp.env.vec_env import WalkEnv
 from mrwarp.paper import NAMES, ROBOTS, condition_name
 from mrwarp.trials.power_meter import GaitTrace, PowerMeter, TraceRecorder
 from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy, make_env, same_starts, set_payload
+from mrwarp.usd.robot import CALF_COLUMNS, STAND_HEIGHT
 
 ASSET_ROBOT = {"go1": "go1", "mr_go": "mr_go", "mr_go_sal": "mr_go"}
 """Robot variant of the asset."""
+
+STAND_SETTLE = 4.0
+"""Time in which the targets are moved until the pose is the neutral one [s]."""
+
+STAND_RATE = 3.0
+"""Rate at which the targets follow the pose error [1/s]."""
+
+STAND_STIFFER = 3.0
+"""Factor on the gains: the walking gains stand, but under a load the robot sags until it squats."""
+
+STAND_HOLD = 1.0
+"""Time between switching the devices on and measuring [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +51,7 @@ class WalkCfg:
     trials: int = 3
     """Repetitions per condition, from random poses and gait phases."""
     distance: float = 30.0
-    """PaperValue distance [m]."""
+    """Measured distance [m]."""
     warmup: float = 2.0
     """Walking before it [s]."""
     patience: float = 2.0
@@ -114,6 +129,11 @@ class WalkResult:
     """Two strides of the front-right calf at 200 Hz."""
 
     @property
+    def key(self) -> tuple[str, float, float]:
+        """Robot, payload [kg] and commanded speed [m/s], as :data:`mrwarp.paper.TABLE_6` has its rows."""
+        return self.robot, self.payload, self.command
+
+    @property
     def cell(self) -> tuple[float, float]:
         """Payload [kg] and commanded speed [m/s]."""
         return self.payload, self.command
@@ -134,7 +154,10 @@ def walk(
         policies: Policy of each robot.
         report: Called now and then with what is being walked and the share that is done.
     """
-    batches = list(_batches(cfg))
+    assets: dict[str, list[str]] = {}
+    for robot in cfg.robots:
+        assets.setdefault(ASSET_ROBOT[robot], []).append(robot)
+    batches = [(robots, payload) for robots in assets.values() for payload in cfg.payloads]
     results = []
     for k, (robots, payload) in enumerate(batches):
         text = f"{' and '.join(NAMES[robot] for robot in robots)}, {payload:g} kg"
@@ -185,7 +208,8 @@ class WalkBatch:
         same_starts(env, self.cfg.trials, self.cfg.seed)
         env.set_command(self.command)
         meter.clear()
-        sums = {name: torch.zeros(count, dtype=torch.float64, device=env.device) for name in _SUMS}
+        names = ("time", "distance", "v_x", "height", "height_square", "tilt", "yaw_rate")
+        sums = {name: torch.zeros(count, dtype=torch.float64, device=env.device) for name in names}
         fell = torch.zeros(count, dtype=torch.bool, device=env.device)
         late = torch.zeros_like(fell)
         going = ~fell
@@ -259,12 +283,55 @@ class WalkBatch:
             )  # fmt: skip
 
 
-_SUMS = ("time", "distance", "v_x", "height", "height_square", "tilt", "yaw_rate")
+def standing_load(cfg: EnvCfg, *, load: float, hold: bool, seconds: float = 5.0) -> tuple[JointLoad, dict[str, float]]:
+    """Stand in the neutral pose and measure what the joints do with the calves held by motors or by devices.
+
+    A standing controller knows the robot's weight: the targets are moved until the joints stand where they should,
+    which leaves the motors with the static torques. Then they are fixed and, with ``hold``, the devices switched on.
+
+    Args:
+        cfg: The robot; its payload variant must offer the load.
+        load: Mass on the back [kg].
+        hold: Whether the devices hold.
+        seconds: Measured time [s].
+
+    Returns:
+        The mean joint load, shapes (J,) and (M,), and ``height`` [m], ``hold`` share, ``drift`` of the calves [rad].
+    """
+    env = make_env(replace(cfg, currents=(cfg.currents[-1],)), 1, 0)
+    set_payload(env, np.array([load]))
+    actuator, dt = env.actuator, env.cfg.step_dt
+    # the low gain while holding stays
+    for array in (actuator.kp, actuator.kd, actuator.param("kp_base"), actuator.param("kd")):
+        env.view(array).mul_(STAND_STIFFER)
+    allowed = env.current_e.clone()
+    env.current_e.zero_()
+    actions = _settle(env)
+    if hold:
+        env.current_e.copy_(allowed)
+    meter = PowerMeter(env)
+    calves = list(actuator.mr_joints) or list(CALF_COLUMNS)
+    for step in range(round((STAND_HOLD + seconds) / dt)):
+        meter.on.fill_(step * dt >= STAND_HOLD)
+        if step == round(STAND_HOLD / dt):
+            start = env.q[:, calves].clone()
+        env.step(actions)
+    drift = float((env.q[:, calves] - start).abs().max())
+    found = {"height": float(env.root_pos[0, 2]), "hold": float(meter.hold.mean()) if meter.hold.size else 0.0}
+    return meter.joint_load()[0], {**found, "drift": drift}
 
 
-def _batches(cfg: WalkCfg) -> Iterator[tuple[tuple[str, ...], float]]:
-    """Robots that share an asset variant, and a payload."""
-    for asset in dict.fromkeys(ASSET_ROBOT[robot] for robot in cfg.robots):
-        robots = tuple(robot for robot in cfg.robots if ASSET_ROBOT[robot] == asset)
-        for payload in cfg.payloads:
-            yield robots, payload
+def _settle(env: WalkEnv) -> torch.Tensor:
+    """Put the robot down in the neutral pose and return the actions that keep it there."""
+    model = env.sim.scene.model
+    qpos = torch.zeros(env.num_envs, model.nq, device=env.device)
+    qpos[:, 2], qpos[:, 3] = STAND_HEIGHT, 1.0
+    qpos[:, torch.from_numpy(env.sim.scene.q_adr).long()] = env.default_q
+    everywhere = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
+    env.robot.reset(wp.from_torch(everywhere), wp.from_torch(qpos), None)
+    env.set_command(torch.zeros(env.num_envs, 3, device=env.device))
+    actions = torch.zeros(env.num_envs, env.num_actions, device=env.device)
+    for _ in range(round(STAND_SETTLE / env.cfg.step_dt)):
+        actions += STAND_RATE * env.cfg.step_dt / env.cfg.action_scale * (env.default_q - env.q)
+        env.step(actions)
+    return actions

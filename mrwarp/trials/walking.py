@@ -1,4 +1,4 @@
-"""Walking evaluation: roll a policy out, measure it, judge it by the walking gate (written down once, here)."""
+"""Walking evaluation: roll a policy out, measure it, judge it by the walking gate, record how its calves move."""
 
 from __future__ import annotations
 
@@ -8,17 +8,22 @@ from typing import Any
 
 import numpy as np
 import torch
+from scipy.interpolate import CubicHermiteSpline
 from tensordict import TensorDict
 
-from mrwarp.env.cfg import EnvCfg, make_play_cfg
+from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels import ledger
+from mrwarp.usd.robot import CALF_COLUMNS, DEFAULT_POSE
 
 PAYLOAD_BODY = "payload"
 """Name of the payload's body in the asset."""
 
 PAYLOAD_VARIANT = 3
 """Payload variant of the asset that has the body [kg]."""
+
+CALF_MOTION_SPEEDS = (0.2, 0.3, 0.4, 0.5, 0.6)
+"""Commanded forward speeds of recorded calf motion [m/s], one robot each."""
 
 Policy = Callable[[TensorDict], torch.Tensor]
 """Observations to actions (E, 12), without exploration noise."""
@@ -35,7 +40,7 @@ class WalkingGate:
     warmup: float = 2.0
     """Time to get going from the stance, not measured except for falls [s]."""
     seconds: float = 20.0
-    """PaperValue time [s]."""
+    """Measured time [s]."""
     never_fell: float = 0.95
     """Smallest share of environments that never fall."""
     rmse_at: float = 0.5
@@ -136,7 +141,7 @@ def measure(env: WalkEnv, policy: Policy, command: torch.Tensor, *, warmup: floa
         policy: The policy.
         command: v_x, v_y [m/s] and yaw rate [rad/s], shape (E, 3), held throughout.
         warmup: Time before measuring [s].
-        seconds: PaperValue time [s].
+        seconds: Measured time [s].
 
     Returns:
         ``reward`` per second by the environment's weights, which is without exploration here; ``never_fell`` share;
@@ -165,8 +170,7 @@ def measure(env: WalkEnv, policy: Policy, command: torch.Tensor, *, warmup: floa
                 hold.append(env.view(env.actuator.m_hold).mean(1))
                 dynamic.append(env.view(env.actuator.m_dyn).mean(1))
     error = torch.stack(v_x) - command[:, 0]
-    by_speed = {f"{speed:g}": command[:, 0] == speed for speed in sorted(set(command[:, 0].tolist()))}
-    by_speed = {f"{round(float(name), 3):g}": mask for name, mask in by_speed.items()}
+    by_speed = {f"{round(speed, 3):g}": command[:, 0] == speed for speed in sorted(set(command[:, 0].tolist()))}
     by_current = {f"{amps:g}": env.current_e == amps for amps in sorted(set(env.current_e.tolist()))}
     entries = env.view(env.actuator.ledger)
     work_mr = entries[:, :, int(ledger.DYNAMIC) : int(ledger.DRAG) + 1].sum((1, 2))
@@ -204,3 +208,37 @@ def stride_frequency(contact: np.ndarray, dt: float) -> float:
 
 def _rms(values: torch.Tensor) -> float:
     return float(values.square().mean().sqrt())
+
+
+@torch.no_grad()
+def calf_motion(actor: Policy, name: str, *, seconds: float, dt: float, seed: int = 0) -> list[np.ndarray]:
+    """Calf angles of walking robots about the neutral stance [rad], each of shape (T,), for the virtual bench.
+
+    Args:
+        actor: The policy.
+        name: What the policy is called in messages.
+        seconds: Walking time that is recorded, after 2 s to get going [s].
+        dt: Time between two values [s], a part of the control step.
+        seed: Seed of the initial poses.
+
+    Raises:
+        ValueError: a robot fell.
+    """
+    env = make_env(make_walk_cfg(seed=seed), len(CALF_MOTION_SPEEDS), seed)
+    command = torch.zeros(env.num_envs, 3, device=env.device)
+    command[:, 0] = torch.tensor(CALF_MOTION_SPEEDS, device=env.device)
+    env.set_command(command)
+    obs = env.get_observations()
+    states, step_dt = [], env.cfg.step_dt
+    skip = round(2.0 / step_dt)
+    for step in range(skip + round(seconds / step_dt)):
+        obs, _, done, _ = env.step(actor(obs))
+        env.set_command(command)
+        if bool(done.any()):
+            raise ValueError(f"{name}: the robot fell after {step * step_dt:.1f} s; use a policy that walks")
+        if step >= skip:
+            states.append([x[:, list(CALF_COLUMNS)].flatten().cpu().numpy() for x in (env.q, env.qd)])
+    q, qd = np.array(states).transpose(1, 2, 0)
+    t = np.arange(q.shape[1]) * step_dt
+    fine = np.arange((len(t) - 1) * round(step_dt / dt)) * dt
+    return list(CubicHermiteSpline(t, q - DEFAULT_POSE["calf"], qd, axis=1)(fine))

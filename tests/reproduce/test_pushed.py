@@ -13,8 +13,8 @@ from mrwarp.reproduce.comparison import Findings
 from mrwarp.reproduce.impact_results import fig6, fig7
 from mrwarp.reproduce.pushes import ReadingResult
 from mrwarp.reproduce.settings import Settings
-from mrwarp.trials import thresholds
 from mrwarp.trials.impact import ImpactTrace
+from mrwarp.trials.impact_figures import threshold_variants
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
 
 TRIALS = 6
@@ -150,7 +150,7 @@ def test_masses_that_miss_leave_no_figure() -> None:
 
 def test_sensitivity_is_over_seeds() -> None:
     """Policies whose drop shrinks by 10, 20 and 30 %: 20 % with SD 10 over three, however many trials each had."""
-    count = len(thresholds.variants(1.5))
+    count = len(threshold_variants(1.5))
     share = np.tile([0.9, 0.8, 0.7], 4)
     drop = np.where(np.arange(count)[:, None] == 0, 0.1, 0.1 * share)
     height = np.stack([np.full_like(drop, 0.3), 0.3 - drop], axis=2)

@@ -9,7 +9,7 @@ from mrwarp.bench.virtual_bench import BenchCfg, run_bench
 from mrwarp.diagnose import diagnose
 from mrwarp.model_file import make_effect
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
-from mrwarp.trials.extended_impact import Change, ImpactChange, impact_change
+from mrwarp.trials.impact_figures import Change, ImpactChange, impact_change
 
 LAG = 0.1
 """Hidden coil lag [s]."""
@@ -44,4 +44,4 @@ def test_lag_found_on_the_bench_changes_the_impact_as_the_true_one() -> None:
 
 def figure(found: ImpactChange, name: str) -> Change:
     """Change of a figure at the one current."""
-    return found.rows[0].figures[name]
+    return found.rows[CURRENT][name]

@@ -14,9 +14,9 @@ from mrwarp.cli import main
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.params import ParameterError
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
-from mrwarp.trials import thresholds
 from mrwarp.trials.falling_mass import MassCfg
-from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace, Variant, figures, paired_change
+from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace, Variant
+from mrwarp.trials.impact_figures import THRESHOLDS, figures, paired_change, threshold_variants
 from tests.viewing.conftest import Recorded
 
 SCALARS = "Scalars:scalars"
@@ -180,9 +180,9 @@ def test_variant_parameters_reach_their_own_trials(policy: OnnxPolicy) -> None:
 
 def test_threshold_variants_cover_the_papers_values() -> None:
     """One reference without current, then every value of every threshold, one at a time."""
-    rows = thresholds.variants(1.5)
+    rows = threshold_variants(1.5)
     assert rows[0] == Variant(current=0.0)
-    assert [row.params for row in rows[1:]] == [{n: v} for n, values in thresholds.VALUES.items() for v in values]
+    assert [row.params for row in rows[1:]] == [{n: v} for n, values in THRESHOLDS.items() for v in values]
 
 
 def test_command_writes_figures_pictures_and_the_same_minima_as_the_recording(tmp_path: Path) -> None:

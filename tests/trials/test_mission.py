@@ -14,7 +14,7 @@ from mrwarp.energy import model_numbers
 from mrwarp.energy.battery import BatteryCfg, depletion
 from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power
 from mrwarp.energy.thermal import ThermalCfg
-from mrwarp.trials import mission, mission_figures
+from mrwarp.trials import mission, walk_figures
 from mrwarp.trials.mission import PHASES, PhaseLoad, calibrate, run
 from mrwarp.trials.walk_trials import WalkCfg
 
@@ -96,7 +96,7 @@ def test_a_repetition_counts_if_it_finished_both_ways(monkeypatch: pytest.Monkey
         np.testing.assert_allclose(found[name].joints.torque_square, 10.0 * load + 1.0)
     assert [(found[n].tried, found[n].fell, found[n].late) for n in ("outbound", "return")] == [(3, 1, 0), (3, 0, 1)]
     assert run(found, *NUMBERS, feedback=False).depletion.shape == (1,)
-    assert mission_figures.windows({"go1": found})["go1"] == {
+    assert walk_figures.mission_windows({"go1": found})["go1"] == {
         "outbound": {"tried": 3, "fell": 1, "late": 0, "counted": 1},
         "return": {"tried": 3, "fell": 0, "late": 1, "counted": 1},
     }
@@ -116,7 +116,7 @@ def test_all_powers_of_go1_are_calibrated() -> None:
     """Its way back fixed the load and the speed; no power of another robot fixed anything."""
     trace = run(PHASE_USES, *NUMBERS, feedback=False)
     for robot in paper.ROBOTS:
-        cells = mission_figures.row(robot, trace)["power"].values()
+        cells = walk_figures.mission_row(robot, trace)["power"].values()
         assert [cell["calibrated"] for cell in cells] == [robot == "go1"] * 3
 
 
@@ -126,7 +126,7 @@ def test_figures_of_given_numbers_are_not_called_calibrated() -> None:
     assert model_numbers.calibrated(groups) == ()
     assert model_numbers.calibrated(groups, ("battery.capacity",)) == ("battery",)
     assert model_numbers.calibrated({**groups, "electrical": ElectricalCfg()}) == tuple(groups)
-    row = mission_figures.row("go1", run(PHASE_USES, *NUMBERS, feedback=False), calibrated=("battery",))
+    row = walk_figures.mission_row("go1", run(PHASE_USES, *NUMBERS, feedback=False), calibrated=("battery",))
     assert not any(cell["calibrated"] for cell in (*row["power"].values(), *row["rise"].values()))
     assert row["depletion"]["calibrated"]
 

@@ -16,8 +16,7 @@ from mrwarp.kernels import ledger
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.trials import walk_figures
 from mrwarp.trials.power_meter import PowerMeter
-from mrwarp.trials.standing import standing_load
-from mrwarp.trials.walk_trials import WalkBatch, WalkCfg, WalkResult, walk
+from mrwarp.trials.walk_trials import WalkBatch, WalkCfg, WalkResult, standing_load, walk
 from mrwarp.trials.walking import make_env, set_payload
 
 ENV = make_walk_cfg(threads=1)

@@ -9,7 +9,7 @@ import pytest
 from mrwarp.model_file import JOINT_UNITS, Effect, FittedOn, Model, Parameter, make_effect, parameter_unit
 from mrwarp.params import MrParams
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
-from mrwarp.trials.extended_impact import FIGURES, Change, ImpactChange, impact_change
+from mrwarp.trials.impact_figures import EFFECT_FIGURES, Change, ImpactChange, impact_change
 
 POLICY = OnnxPolicy(DEFAULT_POLICY)
 
@@ -33,7 +33,7 @@ def lagging(time_constant: float) -> Model:
 
 def changes(found: ImpactChange) -> dict[tuple[float, str], Change]:
     """Every change by current and figure."""
-    return {(row.current, name): change for row in found.rows for name, change in row.figures.items()}
+    return {(current, name): change for current, row in found.rows.items() for name, change in row.items()}
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def truth() -> ImpactChange:
 def test_true_lag_changes_the_sweep(truth: ImpactChange) -> None:
     """Nothing at 0 A, where no current lags; with current the body falls deeper and faster."""
     found = changes(truth)
-    for name in FIGURES:
+    for name in EFFECT_FIGURES:
         assert found[0.0, name].change == 0.0 == found[0.0, name].ci95[1]
     assert found[1.5, "min_height"].change < -1e-4
     assert found[1.5, "peak_speed"].change > 1e-3
@@ -72,7 +72,7 @@ def test_dictionary(truth: ImpactChange) -> None:
     """Plain numbers with intervals around them."""
     row = truth.to_dict()["rows"][3]
     assert row["current"] == 1.5
-    for name in FIGURES:
+    for name in EFFECT_FIGURES:
         low, high = row[name]["ci95"]
         assert low <= row[name]["change"] <= high and row[name]["change"] == row[name]["after"] - row[name]["before"]
 
