@@ -17,9 +17,6 @@ from mrwarp.effects.step_kernel import EffectArrays, reset_effects_kernel
 from mrwarp.kernels.mr_joint import JointParams
 from mrwarp.model_file import Effect
 
-_STATE = ("coil", "heat", "newest", "memory", "commands", "clock", "values")
-"""Arrays that a resumed run needs."""
-
 INERTIA = "rotor_inertia"
 """The effect that acts as armature."""
 
@@ -73,6 +70,7 @@ class DeviceEffects:
         heat: Stored heat [J], shape (E, M).
         clock: Steps since the session began, shape (1,).
         params: The devices' parameters as the effects leave them in this step, shape (E, M).
+        states: Those that go on from step to step, by name.
         arrays: All of them, as the kernels take them.
     """
 
@@ -85,11 +83,17 @@ class DeviceEffects:
         self.values = wp.array(np.tile(nominal, (rows, 1, 1)), dtype=float, device=device)
         depth = int(max(map(longest_delay, effects)) / dt) + 3  # one to spare for rounding to 32 bits
         shape = (num_envs, num_mr)
-        self.coil, self.heat = (wp.zeros(shape, dtype=float, device=device) for _ in range(2))
-        self.newest = wp.zeros(shape, dtype=int, device=device)
-        self.memory = wp.zeros((*shape, SLOTS), dtype=float, device=device)
-        self.commands = wp.zeros((*shape, depth), dtype=float, device=device)
-        self.clock = wp.zeros(1, dtype=int, device=device)
+        self.states: dict[str, wp.array] = {}
+
+        def state(name: str, *shape: int, dtype: type = float) -> wp.array:
+            self.states[name] = wp.zeros(shape, dtype=dtype, device=device)
+            return self.states[name]
+
+        self.coil, self.heat = state("coil", *shape), state("heat", *shape)
+        self.newest = state("newest", *shape, dtype=int)
+        self.memory = state("memory", *shape, SLOTS)
+        self.commands = state("commands", *shape, depth)
+        self.clock = state("clock", 1, dtype=int)
         self.params = wp.zeros(shape, dtype=JointParams, device=device)  # pyright: ignore[reportArgumentType]
         self.arrays = EffectArrays()
         for name in ("coil", "heat", "newest", "clock", "params"):
@@ -113,9 +117,10 @@ class DeviceEffects:
 
     def state(self) -> dict[str, np.ndarray]:
         """Copy of everything a resumed run needs, by name."""
-        return {f"effects_{name}": getattr(self, name).numpy().copy() for name in _STATE}
+        arrays = {**self.states, "values": self.values}
+        return {f"effects_{name}": array.numpy().copy() for name, array in arrays.items()}
 
     def load_state(self, state: dict[str, np.ndarray]) -> None:
         """Restore :meth:`state`, bit-equal."""
-        for name in _STATE:
-            getattr(self, name).assign(state[f"effects_{name}"])
+        for name, array in (*self.states.items(), ("values", self.values)):
+            array.assign(state[f"effects_{name}"])

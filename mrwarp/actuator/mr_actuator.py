@@ -21,7 +21,7 @@ from mrwarp.actuator.effect_runtime import DeviceEffects, in_kernels
 from mrwarp.actuator.residual import LearnedTorque
 from mrwarp.effects.step_kernel import EffectArrays, effect_step_kernel, step_kernel
 from mrwarp.enums import Coupling, HoldCurrent, ZStep
-from mrwarp.kernels import ledger, mr_stages
+from mrwarp.kernels import ledger, mr_joint, mr_stages
 from mrwarp.kernels.launch import Launch, in_one_thread, record
 from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.kernels.mr_joint import FIELDS, JointParams
@@ -82,6 +82,9 @@ class MrActuatorCfg:
     """Whether the dynamic damping branch may open (eq. 5)."""
     holding: bool = True
     """Whether the holding branch may open (eq. 8); False leaves damping alone, as in the paper's section 6.3."""
+    gated: bool = True
+    """False: no gates, a plain current-driven device. The coil gets ``inputs.current_e``, a learned torque always acts,
+    and nothing holds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,17 +133,13 @@ class MrActuator:
         residual: LearnedTorque | None = None,
         share_params: bool = True,
     ) -> None:
-        self.cfg = cfg or MrActuatorCfg()
-        self.inputs = inputs
-        self.dt = dt
-        self.residual = residual
-        self.device = inputs.q.device
+        self.inputs, self.device = inputs, inputs.q.device
         num_envs, num_joints = inputs.q.shape
         if not all(x.is_contiguous for x in (inputs.q_des, inputs.q, inputs.qd, inputs.f_foot)):
             raise ValueError("the actuator's inputs are views with gaps; give contiguous arrays")
         if len(joints) != num_joints or len(legs) != num_joints:
             raise ValueError(f"{len(joints)} joints and {len(legs)} legs given for arrays of {num_joints} joints")
-        self.num_envs, self.num_joints = num_envs, num_joints
+        self.num_envs = num_envs
         self.mr_joints = tuple(i for i, joint in enumerate(joints) if joint.mr is not None)
         num_mr = len(self.mr_joints)
 
@@ -155,26 +154,35 @@ class MrActuator:
         self.kd = self._array(np.tile([j.kd for j in joints], (rows, 1)), float)
         self.tau_limit = self._array(np.tile([j.tau_limit for j in joints], (rows, 1)), float)
         self.params = self._param_array([joints[i].mr for i in self.mr_joints], rows)
-        self._param_names = FIELDS
-        self.effects = self._make_effects([joints[i].effects for i in self.mr_joints], rows)
+        self.effects = None
+        effects = [joints[i].effects for i in self.mr_joints]
+        if any(in_kernels(found) for found in effects):
+            self.effects = DeviceEffects(effects, num_envs=num_envs, dt=dt, device=self.device, rows=rows)
 
-        def zeros(*shape: int) -> wp.array:
-            return wp.zeros(shape, dtype=float, device=self.device)
+        self._saved: dict[str, wp.array] = {}
 
-        # state
-        self.z = zeros(num_envs, num_mr)
-        self.current = zeros(num_envs, num_mr)
-        self.ring = zeros(num_envs, num_mr, WINDOW, FEATURES)
-        self.head = wp.zeros(1, dtype=int, device=self.device)
-        self.ledger = zeros(num_envs, num_joints, len(ledger.ENTRIES))
+        def zeros(*shape: int, dtype: type = float) -> wp.array:
+            return wp.zeros(shape, dtype=dtype, device=self.device)
+
+        def saved(name: str, *shape: int, dtype: type = float) -> wp.array:
+            self._saved[name] = zeros(*shape, dtype=dtype)
+            return self._saved[name]
+
+        self.z, self.current = saved("z", num_envs, num_mr), saved("current", num_envs, num_mr)
+        self.ring = saved("ring", num_envs, num_mr, WINDOW, FEATURES)
+        self.head = saved("head", 1, dtype=int)
+        self.ledger = saved("ledger", num_envs, num_joints, len(ledger.ENTRIES))
         # outputs of the last step
-        self.m_dyn, self.m_hold = zeros(num_envs, num_mr), zeros(num_envs, num_mr)
-        self.tau_dyn, self.tau_mr = zeros(num_envs, num_mr), zeros(num_envs, num_mr)
-        self.tau_motor = zeros(num_envs, num_joints)
-        self.tau = zeros(num_envs, num_joints)
-        self.bound = zeros(num_envs, num_joints)
+        self.m_dyn, self.m_hold = saved("m_dyn", num_envs, num_mr), saved("m_hold", num_envs, num_mr)
+        self.tau_dyn, self.tau_mr = saved("tau_dyn", num_envs, num_mr), saved("tau_mr", num_envs, num_mr)
+        self.tau_motor, self.tau, self.bound = (zeros(num_envs, num_joints) for _ in range(3))
+        self.configure(dt=dt, cfg=cfg or MrActuatorCfg(), residual=residual)
+
+    def configure(self, *, dt: float, cfg: MrActuatorCfg, residual: LearnedTorque | None) -> None:
+        """Take another step [s], other choices or another learned torque; the state stays."""
         if residual is not None:
             residual.bind(self.ring, self.head, self.m_dyn, self.tau_dyn)
+        self.dt, self.cfg, self.residual = dt, cfg, residual
         self._record_launches()
 
     def step(self) -> None:
@@ -224,6 +232,11 @@ class MrActuator:
         if self.residual is not None:
             self.residual.reset(mask)
 
+    @property
+    def device_params(self) -> wp.array:
+        """The devices' parameters as the effects leave them in a step, shape (E or 1, M)."""
+        return self.params if self.effects is None else self.effects.params
+
     def begin_session(self) -> None:
         """Set the time in the session, with which devices wear, to 0."""
         if self.effects is not None:
@@ -235,15 +248,14 @@ class MrActuator:
         Raises:
             KeyError: there is no such parameter.
         """
-        if name not in self._param_names:
-            raise KeyError(f"no MR parameter {name!r}; known: {', '.join(self._param_names)}")
+        if name not in FIELDS:
+            raise KeyError(f"no MR parameter {name!r}; known: {', '.join(FIELDS)}")
         rows, num_mr = self.params.shape
-        offset = self._param_names.index(name)
-        size = len(self._param_names) * 4
-        ptr = self.params.ptr + 4 * offset if self.params.ptr else None
+        ptr, size = self.params.ptr, 4 * len(FIELDS)
         return wp.array(
-            ptr=ptr, dtype=float, shape=(rows, num_mr), strides=(num_mr * size, size), device=self.device, copy=False
-        )
+            ptr=ptr + 4 * FIELDS.index(name) if ptr else None, dtype=float, shape=(rows, num_mr),
+            strides=(num_mr * size, size), device=self.device, copy=False,
+        )  # fmt: skip
 
     def set_param(self, name: str, values: Any) -> None:
         """Write one MR parameter [unit as in ``mrwarp.params``], broadcast to shape (E or 1, M), unchecked."""
@@ -252,17 +264,17 @@ class MrActuator:
 
     def state(self) -> dict[str, np.ndarray]:
         """Copy of everything a resumed run needs, by name."""
-        arrays = {name: getattr(self, name).numpy().copy() for name in _STATE}
+        arrays = {name: array.numpy().copy() for name, array in self._saved.items()}
         # the number of fields by name: a robot without devices has an empty array, whose -1 numpy cannot infer
-        shape = (*self.params.shape, len(self._param_names))
+        shape = (*self.params.shape, len(FIELDS))
         arrays |= self.effects.state() if self.effects is not None else {}
         arrays |= self.residual.state() if self.residual is not None else {}
         return {**arrays, "params": self.params.numpy().view(np.float32).reshape(shape).copy()}
 
     def load_state(self, state: dict[str, np.ndarray]) -> None:
         """Restore :meth:`state`, bit-equal."""
-        for name in _STATE:
-            getattr(self, name).assign(state[name])
+        for name, array in self._saved.items():
+            array.assign(state[name])
         if self.effects is not None:
             self.effects.load_state(state)
         if self.residual is not None:
@@ -272,11 +284,12 @@ class MrActuator:
     def _record_launches(self) -> None:
         """Prepare the launches of :meth:`step` and :meth:`account`."""
         cfg, i = self.cfg, self.inputs
-        rows, lanes = (1, 1) if in_one_thread(self.device) else (self.num_envs, self.num_joints)
+        rows, lanes = (1, 1) if in_one_thread(self.device) else self.inputs.q.shape
         self._lanes, one_thread = (rows, lanes), rows * lanes == 1  # see step_kernel
         constraint = int(cfg.coupling is Coupling.CONSTRAINT)
         fixed, exact = int(cfg.hold_current is HoldCurrent.FIXED), int(cfg.z_step is ZStep.EXACT)
-        switches = [self.dt, int(cfg.sal and cfg.damping), int(cfg.sal and cfg.holding), fixed, exact]
+        damping = int(cfg.sal and cfg.damping) if cfg.gated else mr_joint.UNGATED
+        switches = [self.dt, damping, int(cfg.sal and cfg.holding), fixed, exact]
         read = [i.q_des, i.q, i.qd, i.f_foot, i.current_e, self.head]
         outputs = [self.m_dyn, self.m_hold, self.z, self.current, self.tau_dyn, self.ring, self.head]
         torques = [self.tau_motor, self.tau_mr, self.tau, self.bound]
@@ -291,7 +304,13 @@ class MrActuator:
         if not one_thread:
             advance = [record(mr_stages.advance_head_kernel, 1, [length, at], [at]) for length, at in counters]
             self._predict = [*advance, step]
-        self._torque: list[Launch] = [self._mend(constraint)] if self.residual is not None and self.mr_joints else []
+        self._torque: list[Launch] = []
+        if self.residual is not None and self.mr_joints:
+            lanes_mr = min(lanes, len(self.mr_joints))
+            read = [i.q_des, i.q, i.qd, self.m_dyn, self.m_hold, self.current, self.tau_dyn, self.tau_motor]
+            inputs = [rows, lanes_mr, self.device_params, self.joint_of, constraint, *read]
+            learned = record(mr_stages.learned_torque_kernel, (rows, lanes_mr), inputs, [self.tau_mr, *torques[2:]])
+            self._torque.append(learned)
         self._ledger = record(
             ledger.ledger_kernel,
             (self.num_envs, lanes),
@@ -301,26 +320,6 @@ class MrActuator:
             ],
             [self.tau_mr, self.ledger],
         )
-
-    def _mend(self, constraint: int) -> Launch:
-        """What gives the open gates the learned torque, after ``step_kernel`` has computed all with tau_BW."""
-        i, (rows, lanes) = self.inputs, self._lanes
-        lanes, params = min(lanes, len(self.mr_joints)), self.params if self.effects is None else self.effects.params
-        return record(
-            mr_stages.learned_torque_kernel,
-            (rows, lanes),
-            [
-                *(rows, lanes, params, self.joint_of, constraint, i.q_des, i.q, i.qd),
-                *(self.m_dyn, self.m_hold, self.current, self.tau_dyn, self.tau_motor),
-            ],
-            [self.tau_mr, self.tau, self.bound],
-        )
-
-    def _make_effects(self, effects: list[Sequence[Effect]], rows: int) -> DeviceEffects | None:
-        """What the devices' effects need, if one acts in the kernels."""
-        if not any(in_kernels(found) for found in effects):
-            return None
-        return DeviceEffects(effects, num_envs=self.num_envs, dt=self.dt, device=self.device, rows=rows)
 
     def _array(self, values: np.ndarray, dtype: type) -> wp.array:
         return wp.array(np.ascontiguousarray(values), dtype=dtype, device=self.device)
@@ -338,6 +337,3 @@ _RECORD: np.dtype = np.dtype(JointParams.numpy_dtype())  # pyright: ignore[repor
 
 PROPERTIES = ("params", "effects_values")
 """Arrays of :meth:`MrActuator.state` that are properties of the robots, not of what happened to them."""
-
-_STATE = ("z", "current", "ring", "head", "ledger", "m_dyn", "m_hold", "tau_dyn", "tau_mr")
-"""Arrays that carry the actuator from one step to the next."""

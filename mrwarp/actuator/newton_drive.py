@@ -1,8 +1,9 @@
 """The MR joint as a drive of ``newton.actuators``: any Newton scene can use one, with the coil current as an input.
 
 In USD a ``NewtonActuator`` prim applies ``MrwarpMRDriveAPI`` and authors ``newton:mr:<name>`` for every parameter; in
-Python it is ``builder.add_actuator(DriveMR, index=dof, K1=12.5)``. The laws are those of ``mrwarp.kernels``: motor PD
-with the effective gain (eqs. 2, 9), gates (5, 8), coil, hysteresis (14, 15), device torque (6, 19). Per step::
+Python it is ``builder.add_actuator(DriveMR, index=dof, K1=12.5)``, or, with the numbers and the named effects of a
+model file, ``DriveMR.from_model("model.json", builder, index=dof)``. The step is the simulator's own
+(:class:`mrwarp.actuator.mr_actuator.MrActuator`). Per step::
 
     control.mr_current       # coil current the device may use [A], shape (joint_dof_count,); yours to write
     control.mr_foot_load     # norm of the contact force at the foot [N], shape (joint_dof_count,); yours to write
@@ -29,7 +30,9 @@ parser still hands attributes over as lower-case ``mr:<name>`` and takes a calla
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import newton
@@ -40,12 +43,12 @@ from newton.actuators import DriveNeuralLSTM as DriveNeuralLSTM  # timed beside 
 
 import mrwarp.usd.open_stage  # registers the USD schema; must come before the first stage is opened
 from mrwarp.actuator import brake_constraint
-from mrwarp.actuator.mr_actuator import Coupling, HoldCurrent, ZStep
+from mrwarp.actuator.effect_runtime import added_inertia
+from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, HoldCurrent, MrActuator, MrActuatorCfg, ZStep
 from mrwarp.actuator.residual import LearnedTorque, with_bouc_wen
-from mrwarp.kernels.drive_mr import brake_bounds_kernel, drive_predict_kernel, drive_reset_kernel, drive_torque_kernel
-from mrwarp.kernels.learned_torque import FEATURES, WINDOW
-from mrwarp.kernels.mr_joint import FIELDS, JointParams
-from mrwarp.kernels.mr_stages import advance_head_kernel
+from mrwarp.kernels.mr_joint import FIELDS
+from mrwarp.kernels.mr_stages import brake_bounds_kernel, drive_gather_kernel, drive_reset_kernel, drive_torque_kernel
+from mrwarp.model_file import Effect, check_effects, load_model
 from mrwarp.nn.models import LstmState
 from mrwarp.nn.network_file import LearnedModel
 from mrwarp.params import MrParams, ParameterError
@@ -56,6 +59,28 @@ _BY_LOWER = {spec.name.lower(): spec.name for spec in MrParams.specs()}
 _WHERE = "DriveMR"
 _Choice = TypeVar("_Choice", Coupling, HoldCurrent, ZStep)
 
+SHORTEST_STEP = 5e-4
+"""Step [s] down to which a drive remembers its commands for as long as ``command_delay`` delays them."""
+
+
+class EffectSet(tuple[Effect, ...]):
+    """Named effects as a key: Newton makes one drive of all actuators with the same."""
+
+    def __hash__(self) -> int:
+        return hash(str(self))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Device:
+    """A joint as :class:`MrActuator` takes it."""
+
+    effects: EffectSet
+    mr: MrParams = field(default_factory=MrParams)
+    joint: str = "joint"
+    kp: float = 0.0
+    kd: float = 0.0
+    tau_limit: float = 0.0
+
 
 class DriveMR(DriveBase):
     """Motor and MR device on one joint, batched over N actuators.
@@ -65,6 +90,7 @@ class DriveMR(DriveBase):
             step, e.g. for a drive that came from USD.
         hold_current: Current while the holding gate is open.
         z_step: Step of the hysteresis state.
+        effects: Named effects of the devices, the same for all N; see :meth:`from_model`.
         params: One array per parameter of :class:`mrwarp.params.MrParams`, shape (N,), units as there.
 
     Attributes:
@@ -74,7 +100,7 @@ class DriveMR(DriveBase):
     the sliding torque above it.
     """
 
-    SHARED_PARAMS: ClassVar[set[str]] = set(_CHOICES)
+    SHARED_PARAMS: ClassVar[set[str]] = {*_CHOICES, "effects"}
 
     custom_inputs = ("mr_current", "mr_foot_load")
 
@@ -82,16 +108,23 @@ class DriveMR(DriveBase):
     class State(DriveBase.State):
         """What the drive remembers."""
 
-        z: wp.array[float] | None = None
+        z: wp.array[Any] | None = None
         """Hysteresis state [rad], shape (N,)."""
-        current: wp.array[float] | None = None
+        current: wp.array[Any] | None = None
         """Coil current [A], shape (N,)."""
-        fresh: wp.array[int] | None = None
-        """1 where the history starts with the next step, shape (N,)."""
-        ring: wp.array4d[float] | None = None
+        head: wp.array[Any] | None = None
+        """Row of the history's newest sample, shape (1,)."""
+        fresh: wp.array[Any] | None = None
+        """Joints that forget all else with the next step, bool, shape (N,)."""
+        ring: wp.array[Any] | None = None
         """History, shape (N, 1, 50, 3), see ``mrwarp.kernels.learned_torque``; only with a learned torque."""
-        head: wp.array[int] | None = None
-        """Row of its newest sample, shape (1,)."""
+        coil: wp.array[Any] | None = None
+        """This and the following only with effects, see :class:`mrwarp.actuator.effect_runtime.DeviceEffects`."""
+        heat: wp.array[Any] | None = None
+        newest: wp.array[Any] | None = None
+        memory: wp.array[Any] | None = None
+        commands: wp.array[Any] | None = None
+        clock: wp.array[Any] | None = None
 
         def reset(self, mask: wp.array[wp.bool] | None = None) -> None:
             """No stress and no current where ``mask`` (shape (N,), None = everywhere) is true; others stay bit-equal.
@@ -100,13 +133,11 @@ class DriveMR(DriveBase):
                 ValueError: the mask is not a Boolean array of shape (N,).
             """
             assert self.z is not None and self.current is not None and self.fresh is not None  # set by DriveMR.state
+            shape = self.fresh.shape
             if mask is None:
-                self.z.zero_()
-                self.current.zero_()
-                self.fresh.fill_(1)
-                return
-            if mask.dtype is not wp.bool or mask.shape != self.z.shape:
-                raise ValueError(f"reset mask is {mask.dtype} of shape {mask.shape}; need bool of shape {self.z.shape}")
+                mask = wp.full(shape, True, dtype=wp.bool, device=self.z.device)
+            if mask.dtype is not wp.bool or mask.shape != shape:
+                raise ValueError(f"reset mask is {mask.dtype} of shape {mask.shape}; need bool of shape {shape}")
             outputs = [self.z, self.current, self.fresh]
             wp.launch(drive_reset_kernel, dim=len(mask), inputs=[mask], outputs=outputs, device=self.z.device)
 
@@ -118,8 +149,36 @@ class DriveMR(DriveBase):
             ParameterError: a name is unknown (with the nearest one) or a value out of range (with the range).
         """
         choices = {name: _choice(kind, name, args.get(name, _DEFAULTS[name])) for name, kind in _CHOICES.items()}
-        values = {_parameter(key): value for key, value in args.items() if key not in _CHOICES}
-        return {**MrParams.from_dict({**MrParams().to_dict(), **values}, _WHERE).to_dict(), **choices}
+        values = {_parameter(key): value for key, value in args.items() if key not in cls.SHARED_PARAMS}
+        effects = EffectSet(args.get("effects", ()))
+        check_effects(effects, _WHERE)
+        device = MrParams.from_dict({**MrParams().to_dict(), **values}, _WHERE)
+        return {**device.to_dict(), **choices, "effects": effects}
+
+    @classmethod
+    def from_model(cls, path: str | Path, builder: newton.ModelBuilder, *, index: int, **arguments: Any) -> None:
+        """Put the device of a model file on a joint: its numbers, its named effects, and their inertia as armature.
+
+        Effects of the bench's sensors and of its calibration are no part of the device and do not act.
+
+        Args:
+            path: A model.json of ``mrwarp fit`` or ``mrwarp diagnose``.
+            builder: The scene.
+            index: DOF of the joint.
+            arguments: Further ones of ``add_actuator``, which win over the file's.
+
+        Raises:
+            ModelFileError: the file cannot be used.
+            ValueError: the effects would leave the joint a negative armature.
+        """
+        model = load_model(path)
+        check_effects(model.effects, str(path))
+        armature = builder.joint_armature[index] + added_inertia(model.effects)
+        if armature < 0.0:
+            raise ValueError(f"{path}: its rotor_inertia leaves joint {index} an armature of {armature:g} kg·m²")
+        values = model.to_params().to_dict()
+        builder.add_actuator(cls, index=index, **{**values, "effects": model.effects, **arguments})
+        builder.joint_armature[index] = armature
 
     def __init__(
         self,
@@ -127,6 +186,7 @@ class DriveMR(DriveBase):
         coupling: Coupling = Coupling.EXPLICIT,
         hold_current: HoldCurrent = HoldCurrent.SUPPORT,
         z_step: ZStep = ZStep.EULER,
+        effects: Iterable[Effect] = (),
         **params: wp.array,
     ) -> None:
         if set(params) != set(FIELDS):
@@ -135,27 +195,30 @@ class DriveMR(DriveBase):
         if wrong := {name: array.shape for name, array in params.items() if array.shape != (first.size,)}:
             raise ParameterError(f"{_WHERE}: parameter arrays differ in shape: {wrong}, need ({first.size},)")
         self.coupling, self.hold_current, self.z_step = coupling, hold_current, z_step
-        self.params: wp.array = wp.empty(first.size, dtype=JointParams, device=first.device)  # pyright: ignore
+        count, device = first.size, first.device
+        self._inputs = ActuatorInputs(
+            current_e=wp.zeros(count, dtype=float, device=device),
+            **{
+                name: wp.zeros((count, 1), dtype=float, device=device)
+                for name in ("q_des", "q", "qd", "f_foot", "friction")
+            },
+        )
+        # N environments of one joint: the simulator's own step
+        self._joints = MrActuator(
+            [_Device(effects=EffectSet(effects))], [0], self._inputs, dt=SHORTEST_STEP, share_params=False
+        )
         for name, array in params.items():
             wp.copy(self.param(name), array)
-        self.brake_bound: wp.array = wp.zeros(first.size, dtype=float, device=first.device)
-        self._z_next = wp.zeros_like(self.brake_bound)
-        self._current_next = wp.zeros_like(self.brake_bound)
-        self._m_hold = wp.zeros_like(self.brake_bound)
-        self._m_dyn = wp.zeros((first.size, 1), dtype=float, device=first.device)
-        self._sliding = wp.zeros_like(self._m_dyn)
+        self.brake_bound: wp.array = wp.zeros(count, dtype=float, device=device)
+        self._fresh = wp.zeros(count, dtype=wp.bool, device=device)
         self._learned: LearnedTorque | None = None
-        self._ring: wp.array | None = None
-        self._head = wp.zeros(1, dtype=int, device=first.device)
         self._brake: _Brake | None = None
 
     def param(self, name: str) -> wp.array:
         """Live float view of one parameter, shape (N,); writing to it changes the device, unchecked."""
-        size = 4 * len(FIELDS)
-        ptr = self.params.ptr + 4 * FIELDS.index(name) if self.params.ptr else None
-        return wp.array(
-            ptr=ptr, dtype=float, shape=self.params.shape, strides=(size,), device=self.params.device, copy=False
-        )
+        column = self._joints.param(name)[:, 0]
+        assert isinstance(column, wp.array)
+        return column
 
     def use_learned(self, model: LearnedModel, *, dt: float, threads: int = 0) -> None:
         """Run a learned torque in every joint of this drive, beside the Bouc-Wen coefficients of its file.
@@ -175,13 +238,11 @@ class DriveMR(DriveBase):
         for name, value in with_bouc_wen(MrParams(), model):
             if name in model.bouc_wen and name != "q_neutral":
                 self.param(name).fill_(value)
-        shape = (self.params.size, 1, WINDOW, FEATURES)
-        self._ring = wp.zeros(shape, dtype=float, device=self.params.device)
 
     def finalize(self, device: wp.Device, num_actuators: int) -> None:
         """Check that there is one set of parameters per actuator."""
-        if num_actuators != self.params.size:
-            raise ParameterError(f"{_WHERE}: {self.params.size} sets of parameters for {num_actuators} actuators")
+        if num_actuators != self.brake_bound.size:
+            raise ParameterError(f"{_WHERE}: {self.brake_bound.size} sets of parameters for {num_actuators} actuators")
 
     def is_stateful(self) -> bool:
         """Yes: hysteresis state and coil current."""
@@ -193,13 +254,33 @@ class DriveMR(DriveBase):
 
     def state(self, num_actuators: int, device: wp.Device) -> DriveMR.State:
         """A state at rest."""
-        return DriveMR.State(
-            z=wp.zeros(num_actuators, dtype=float, device=device),
-            current=wp.zeros(num_actuators, dtype=float, device=device),
-            fresh=wp.full(num_actuators, 1, dtype=int, device=device),
-            ring=None if self._ring is None else wp.zeros(self._ring.shape, dtype=float, device=device),  # pyright: ignore[reportArgumentType]
-            head=wp.zeros(1, dtype=int, device=device),
-        )
+        state = DriveMR.State(fresh=wp.full(num_actuators, True, dtype=wp.bool, device=device))
+        for name, array in self._remembered().items():
+            setattr(state, name, wp.zeros_like(array))
+        return state
+
+    def _remembered(self) -> dict[str, wp.array]:
+        """Arrays of the step that a :class:`State` holds between steps, by its names."""
+        joints = self._joints
+        arrays = {"z": joints.z.flatten(), "current": joints.current.flatten(), "head": joints.head}
+        arrays |= {"ring": joints.ring} if self._learned is not None else {}
+        return arrays | (joints.effects.states if joints.effects is not None else {})
+
+    def _prepare(self, dt: float, gated: bool) -> None:
+        """Set the joints' step up for what the drive now is.
+
+        Raises:
+            ValueError: the step is too short for effects.
+        """
+        joints = self._joints
+        cfg = MrActuatorCfg(
+            coupling=self.coupling, hold_current=self.hold_current, z_step=self.z_step, gated=gated
+        )  # fmt: skip
+        if (dt, cfg, self._learned) == (joints.dt, joints.cfg, joints.residual):
+            return
+        if joints.effects is not None and dt < SHORTEST_STEP:
+            raise ValueError(f"{_WHERE}: dt = {dt:g} s is too short for effects; take {SHORTEST_STEP:g} s or more")
+        joints.configure(dt=dt, cfg=cfg, residual=self._learned)
 
     def compute(
         self,
@@ -229,47 +310,44 @@ class DriveMR(DriveBase):
             raise ValueError(f"{_WHERE} needs its states and dt: actuator.step(state, control, now, after, dt=...)")
         if inputs.get("mr_current") is None:
             raise ValueError(f"{_WHERE} needs control.mr_current: coil current [A], shape (joint_dof_count,)")
-        if self._ring is not None:
-            if state.ring is None:
-                raise ValueError(f"{_WHERE}: these states have no history; make them after use_learned()")
-            wp.copy(self._ring, state.ring)  # pyright: ignore[reportArgumentType]
-            wp.launch(advance_head_kernel, dim=1, inputs=[WINDOW, state.head], outputs=[self._head], device=device)
-        foot_load = inputs.get("mr_foot_load")
+        if self._learned is not None and state.ring is None:
+            raise ValueError(f"{_WHERE}: these states have no history; make them after use_learned()")
+        foot_load, x, joints = inputs.get("mr_foot_load"), self._inputs, self._joints
+        self._prepare(float(dt), foot_load is not None)
+        for name, array in self._remembered().items():
+            wp.copy(array, getattr(state, name))
+        wp.copy(self._fresh, state.fresh)  # pyright: ignore[reportArgumentType]
         wp.launch(
-            drive_predict_kernel,
+            drive_gather_kernel,
             dim=len(forces),
             inputs=[
-                self.params, pos_indices, vel_indices, target_pos_indices, float(dt),
-                int(self.hold_current is HoldCurrent.FIXED), int(self.z_step is ZStep.EXACT), positions, velocities,
-                target_pos, inputs["mr_current"], foot_load, state.z, state.current, state.fresh, self._head,
+                *(pos_indices, vel_indices, target_pos_indices, positions, velocities, target_pos),
+                *(inputs["mr_current"], foot_load),
             ],
-            outputs=[self._z_next, self._current_next, self._m_hold, self._m_dyn, self._sliding, self._ring],
+            outputs=[x.q, x.qd, x.q_des, x.current_e, x.f_foot],
             device=device,
-        )  # fmt: skip
-        if self._learned is not None and self._ring is not None:
-            self._learned(self._ring, self._head, self._m_dyn, self._sliding)
+        )
+        joints.reset(self._fresh)
+        joints.predict()
+        joints.add_residual()
         wp.launch(
             drive_torque_kernel,
             dim=len(forces),
             inputs=[
-                self.params, pos_indices, vel_indices, target_pos_indices, target_vel_indices,
-                int(self.coupling is Coupling.CONSTRAINT), positions, velocities, target_pos, target_vel, feedforward,
-                foot_load, self._current_next, self._m_hold, self._sliding,
+                *(joints.device_params, target_vel_indices, int(joints.cfg.gated)),
+                *(int(self.coupling is Coupling.CONSTRAINT), x.q, x.qd, x.q_des, target_vel, feedforward),
+                *(joints.current, joints.m_hold, joints.tau_dyn),
             ],
             outputs=[self.brake_bound, forces],
             device=device,
-        )  # fmt: skip
+        )
 
     def update_state(self, current_state: DriveBase.State, next_state: DriveBase.State) -> None:
-        """Hand z, the coil current and the history on."""
-        assert isinstance(next_state, DriveMR.State) and next_state.z is not None and next_state.current is not None
-        wp.copy(next_state.z, self._z_next)
-        wp.copy(next_state.current, self._current_next)
-        assert next_state.fresh is not None and next_state.head is not None  # set by DriveMR.state
+        """Hand on what the step left."""
+        assert isinstance(next_state, DriveMR.State) and next_state.fresh is not None
         next_state.fresh.zero_()
-        wp.copy(next_state.head, self._head)
-        if self._ring is not None and next_state.ring is not None:
-            wp.copy(next_state.ring, self._ring)  # pyright: ignore[reportArgumentType]
+        for name, array in self._remembered().items():
+            wp.copy(getattr(next_state, name), array)
 
 
 @dataclass(frozen=True)
@@ -306,14 +384,14 @@ def prepare_brake(solver: newton.solvers.SolverMuJoCo, actuator: Actuator, dt: f
         for index in zip(*(np.argwhere(newton_dof == dof)[0] for dof in actuator.indices.numpy()), strict=True)
     )
     mjw = solver.mjw_model
-    for field, value in (
+    for values, value in (
         (mjw.dof_solref, brake_constraint.solref(dt)),
         (mjw.dof_solimp, brake_constraint.SOLIMP),
         (mjw.dof_invweight0, brake_constraint.invweight(dt)),
     ):
-        values = field.numpy()
-        values[worlds, dofs] = value
-        field.assign(values)
+        changed = values.numpy()
+        changed[worlds, dofs] = value
+        values.assign(changed)
     mjw.opt.ls_iterations = max(mjw.opt.ls_iterations, brake_constraint.MIN_LS_ITERATIONS)
     device = actuator.device
     drive._brake = _Brake(solver, dt, wp.array(worlds, device=device), wp.array(dofs, device=device))
@@ -333,7 +411,7 @@ def apply_brake_bounds(solver: newton.solvers.SolverMuJoCo, actuator: Actuator, 
     drive = _constraint_drive(actuator)
     brake = drive._brake
     if brake is None or brake.solver is not solver or brake.dt != dt:
-        if wp.get_device(drive.params.device).is_capturing:
+        if wp.get_device(drive.brake_bound.device).is_capturing:
             raise ValueError("call prepare_brake(solver, actuator, dt) before the capture")
         prepare_brake(solver, actuator, dt)
         brake = drive._brake

@@ -48,6 +48,8 @@ SUPPORT = wp.constant(0)
 """Holding current: the support current of the needed torque."""
 FIXED = wp.constant(1)
 """Holding current: all the current the environment may use (current sweeps)."""
+UNGATED = wp.constant(2)
+"""In place of the switch of the damping branch: no gates, a plain current-driven device."""
 
 
 @wp.func
@@ -75,8 +77,13 @@ def coil_command(p: JointParams, m_dyn: float, m_hold: float, e: float, limit: f
 def gated_command(
     p: JointParams, f_foot: float, e: float, qd: float, allowed: float, damping: int, holding: int, hold_current: int
 ) -> tuple[float, float, float]:
-    """(m_dyn, m_hold, commanded current [A]), up to the allowed current [A]; each branch may be switched off (0)."""
+    """(m_dyn, m_hold, commanded current [A]), up to the allowed current [A]; each branch may be switched off (0).
+
+    With ``damping = UNGATED`` the coil gets the allowed current, and the device counts as damping.
+    """
     limit = wp.min(allowed, p.current_max)
+    if damping == UNGATED:
+        return 1.0, 0.0, limit
     may_damp, may_hold = gates(p, f_foot, e, qd, limit)
     m_dyn, m_hold = float(damping) * may_damp, float(holding) * may_hold
     return m_dyn, m_hold, coil_command(p, m_dyn, m_hold, e, limit, hold_current)

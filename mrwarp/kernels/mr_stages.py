@@ -1,8 +1,12 @@
-"""What surrounds the step of the MR joints (:mod:`mrwarp.effects.step_kernel`): torques, learned torque, reset."""
+"""What surrounds the step of the MR joints (:mod:`mrwarp.effects.step_kernel`).
+
+Torques, the learned torque, the reset; and the way from the flat arrays of ``newton.actuators`` and back.
+"""
 
 import warp as wp
 
-from mrwarp.kernels.gate import effective_kp
+from mrwarp.kernels.clip import clip
+from mrwarp.kernels.gate import effective_kp, hold_gate
 from mrwarp.kernels.learned_torque import WINDOW
 from mrwarp.kernels.mr_joint import JointParams, brake_bound, device_torque, displacement
 from mrwarp.kernels.pd import pd_torque
@@ -144,3 +148,112 @@ def reset_kernel(
                         ring_out[env, slot, row, 0] = q_c
                         ring_out[env, slot, row, 1] = 0.0
                         ring_out[env, slot, row, 2] = 0.0
+
+
+@wp.kernel(enable_backward=False)
+def drive_gather_kernel(
+    # parameters, shape (N,): addresses in Newton's flat arrays
+    q_adr: wp.array[wp.uint32],
+    v_adr: wp.array[wp.uint32],
+    q_des_adr: wp.array[wp.uint32],
+    # in, Newton's flat arrays [rad, rad/s, rad, A, N or none]
+    q_in: wp.array[float],
+    qd_in: wp.array[float],
+    q_des_in: wp.array[float],
+    mr_current_in: wp.array[float],
+    foot_load_in: wp.array[float],
+    # out, shape (N, 1) [rad, rad/s, rad], (N,) [A], (N, 1) [N]
+    q_out: wp.array2d[float],
+    qd_out: wp.array2d[float],
+    q_des_out: wp.array2d[float],
+    current_e_out: wp.array[float],
+    f_foot_out: wp.array2d[float],
+):
+    """What a step reads of Newton's flat arrays: actuator i of N is the one joint of environment i."""
+    i = wp.tid()
+    q_out[i, 0] = q_in[q_adr[i]]
+    qd_out[i, 0] = qd_in[v_adr[i]]
+    q_des_out[i, 0] = q_des_in[q_des_adr[i]]
+    current_e_out[i] = mr_current_in[v_adr[i]]
+    if foot_load_in:
+        f_foot_out[i, 0] = foot_load_in[v_adr[i]]
+
+
+@wp.kernel(enable_backward=False)
+def drive_torque_kernel(
+    # parameters: struct, shape (N, 1); addresses in Newton's flat arrays, shape (N,); 1 = gates, 1 = brake constraint
+    params: wp.array2d[JointParams],
+    v_des_adr: wp.array[wp.uint32],
+    gated: int,
+    constraint: int,
+    # in, shape (N, 1) [rad, rad/s, rad]; Newton's flat arrays [rad/s, N·m or none]; shape (N, 1) [A, 1, N·m]
+    q_in: wp.array2d[float],
+    qd_in: wp.array2d[float],
+    q_des_in: wp.array2d[float],
+    qd_des_in: wp.array[float],
+    feedforward_in: wp.array[float],
+    current_in: wp.array2d[float],
+    m_hold_in: wp.array2d[float],
+    sliding_in: wp.array2d[float],
+    # out, shape (N,) [N·m]
+    bound_out: wp.array[float],
+    tau_out: wp.array[float],
+):
+    """Motor torque (2, 9) with a wanted velocity and a feed-forward, and the device's share (6, 19)."""
+    i = wp.tid()
+    p = params[i, 0]
+    qd, e = qd_in[i, 0], q_des_in[i, 0] - q_in[i, 0]
+    current, m_hold, sliding = current_in[i, 0], m_hold_in[i, 0], sliding_in[i, 0]
+    held = float(m_hold)
+    if gated == 0:  # plainly current-driven: it holds whenever it is slow
+        held = hold_gate(wp.inf, qd, 0.0, p.f_th, p.eps_hold)
+    device, bound = float(0.0), float(0.0)
+    if constraint == 1:
+        bound = brake_bound(p, held, current, sliding)
+    else:
+        device = device_torque(p, m_hold, e, qd, current, sliding)
+
+    # motor: the feed-forward is part of what its torque limit bounds
+    gain = effective_kp(m_hold, p.kp_base, p.kp_low)
+    dof_des = v_des_adr[i]
+    motor = pd_torque(e, qd - qd_des_in[dof_des], gain, p.kd, wp.inf)
+    if feedforward_in:
+        motor = motor + feedforward_in[dof_des]
+    motor = clip(motor, p.tau_limit)
+
+    bound_out[i] = bound
+    tau_out[i] = motor + device
+
+
+@wp.kernel(enable_backward=False)
+def drive_reset_kernel(
+    # in, shape (N,)
+    mask_in: wp.array[wp.bool],
+    # out, shape (N,)
+    z_out: wp.array[float],
+    current_out: wp.array[float],
+    fresh_out: wp.array[wp.bool],
+):
+    """Masked reset: no stress, no current, and a history that the next step starts anew."""
+    i = wp.tid()
+    if mask_in[i]:
+        fresh_out[i] = True
+        z_out[i] = 0.0
+        current_out[i] = 0.0
+
+
+@wp.kernel(enable_backward=False)
+def brake_bounds_kernel(
+    # parameters, shape (N,): MuJoCo world and DOF, Newton DOF
+    world_of: wp.array[int],
+    mjc_dof_of: wp.array[int],
+    dof_of: wp.array[wp.uint32],
+    # in, shape (N,), (joint_dof_count,) [N·m]
+    bound_in: wp.array[float],
+    joint_friction_in: wp.array[float],
+    # out, shape (worlds, nv) [N·m]
+    frictionloss_out: wp.array2d[float],
+):
+    """Dry friction of each driven joint: its own plus what the device may use."""
+    i = wp.tid()
+    frictionloss_out[world_of[i], mjc_dof_of[i]] = joint_friction_in[dof_of[i]] + bound_in[i]

@@ -19,10 +19,11 @@ from mrwarp.actuator import newton_drive as drive_module
 from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, HoldCurrent, MrActuator, MrActuatorCfg, ZStep
 from mrwarp.actuator.newton_drive import DriveMR, apply_brake_bounds, prepare_brake
 from mrwarp.kernels.mr_joint import FIELDS
-from mrwarp.model_file import FittedOn, Model, Parameter
+from mrwarp.model_file import Effect, FittedOn, Model, Parameter, make_effect, save_model
 from mrwarp.params import MrParams, ParameterError
 from mrwarp.usd.asset import JointActuator, load_bench
 from mrwarp.usd.open_stage import ASSETS
+from tests.actuator.test_effect_runtime import MECHANISMS, OPEN, effect, motion, replayed
 
 DT = 0.005
 INERTIA = 0.2
@@ -89,11 +90,19 @@ def trajectory(seed: int, steps: int, num: int = NUM) -> dict[str, np.ndarray]:
     }
 
 
-def reference(model: newton.Model, cfg: MrActuatorCfg, per_joint: dict[str, np.ndarray]) -> MrActuator:
+def reference(
+    model: newton.Model, cfg: MrActuatorCfg, per_joint: dict[str, np.ndarray], effects: tuple[Effect, ...] = ()
+) -> MrActuator:
     """MrActuator with one environment per joint and the same parameters."""
     mr = MrParams()
     joint = JointActuator(
-        joint="j", prim_path="", kp=mr.motor.kp_base, kd=mr.motor.kd, tau_limit=mr.motor.tau_limit, mr=mr
+        joint="j",
+        prim_path="",
+        kp=mr.motor.kp_base,
+        kd=mr.motor.kd,
+        tau_limit=mr.motor.tau_limit,
+        mr=mr,
+        effects=effects,
     )
     num = model.joint_dof_count
     names = ("q_des", "q", "qd", "f_foot", "friction")
@@ -389,22 +398,94 @@ def test_actuator_api_is_touched_in_one_file() -> None:
     assert users == ["mrwarp/actuator/newton_drive.py"]
 
 
-def test_a_fitted_device_becomes_arguments_of_the_drive() -> None:
-    """As docs/drive.md says: the numbers of a model are further arguments of ``add_actuator``."""
-    model = Model(
-        parameters={"K1": Parameter(value=12.5, unit="N·m/(rad·A)")},
-        fitted_on=FittedOn(source="bench", trajectories=3, samples=2000, rate=200.0),
-    )
-    arguments = DriveMR.resolve_arguments(dict(model.values))
-    assert (arguments["K1"], arguments["D"]) == (12.5, MrParams().to_dict()["D"])
+def model_file(path: Path, effects: tuple[Effect, ...], **values: float) -> Path:
+    """A model.json with effects, and other numbers than the paper's."""
+    laws = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
+    values = {**{name: MrParams().to_dict()[name] for name in laws}, **values}
+    parameters = {name: Parameter(value=value, unit=MrParams.spec(name).unit) for name, value in values.items()}
+    fitted_on = FittedOn(source="bench", trajectories=3, samples=2000, rate=200.0)
+    return save_model(Model(parameters=parameters, fitted_on=fitted_on, effects=effects), path)
 
 
-def test_the_documented_scene_runs() -> None:
-    """The scene of docs/drive.md as it stands there: the more current, the less far a pendulum swings."""
+def fitted_scene(path: Path, num: int, **arguments: Any) -> newton.Model:
+    """``num`` worlds of one joint with the device of a model file."""
+    builder = newton.ModelBuilder()
+    for _ in range(num):
+        builder.begin_world()
+        joint = builder.add_joint_revolute(
+            parent=-1, child=builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3) * INERTIA)), axis=(0.0, 0.0, 1.0),
+            armature=0.03,
+        )  # fmt: skip
+        builder.add_articulation([joint])
+        DriveMR.from_model(path, builder, index=builder.joint_qd_start[joint], **arguments)
+        builder.end_world()
+    return builder.finalize(device="cpu")
+
+
+@pytest.mark.parametrize("coupling", list(Coupling))
+def test_drive_with_effects_equals_the_robots_joint(coupling: Coupling, tmp_path: Path) -> None:
+    """All effects of a model file, 150 steps through a masked reset: effort and bound are those of MrActuator."""
+    effects = tuple(effect(name) for name in MECHANISMS)
+    model = fitted_scene(model_file(tmp_path / "model.json", effects, K1=7.5), NUM, coupling=coupling)
+    rig = Rig(model)
+    other = reference(model, MrActuatorCfg(coupling=coupling), {"K1": np.full(NUM, 7.5)}, effects)
+    inputs, mask = trajectory(5, 150), wp.array([True, False, True, False, False], dtype=wp.bool, device="cpu")
+    for k in range(150):
+        now = {name: values[k] for name, values in inputs.items()}
+        rig.write(**now)
+        for name in ("q_des", "q", "qd", "f_foot"):
+            getattr(other.inputs, name).assign(now[name].astype(np.float32).reshape(-1, 1))
+        other.inputs.current_e.assign(now["current"].astype(np.float32))
+        if k == 80:
+            rig.now.reset(mask)
+            other.reset(mask)
+        tau = rig.step()
+        other.step()
+        np.testing.assert_allclose(tau, other.tau.numpy()[:, 0], rtol=3e-7, atol=1e-5)
+        np.testing.assert_allclose(rig.drive.brake_bound.numpy(), other.bound.numpy()[:, 0], rtol=3e-7, atol=1e-5)
+
+
+@pytest.mark.parametrize("names", [["cogging"], ["command_delay"], MECHANISMS], ids="+".join)
+def test_drive_with_effects_gives_the_torque_of_the_diagnosis(names: list[str], tmp_path: Path) -> None:
+    """Along a prescribed motion a current-driven drive gives the torque of the kernel that names the effects."""
+    effects = tuple(effect(name) for name in names)
+    values = {name: value for name, value in OPEN if name in ("eps_v", "eps_hold")}
+    path = model_file(tmp_path / "model.json", effects)
+    rig = Rig(fitted_scene(path, 1, z_step=ZStep.EXACT, kp_base=0.0, kp_low=0.0, kd=0.0, **values))
+    rig.control.mr_foot_load = None
+    efforts, commands, heats = [], [], []
+    for q, qd, current in zip(*motion(4.0), strict=True):
+        current *= qd != 0.0  # no command before the first motion, of which the record knows nothing
+        heats.append(rig.now.drive_state.heat.numpy()[0, 0])
+        rig.write(q=np.array([q]), qd=np.array([qd]), current=np.array([current]))
+        efforts.append(rig.step()[0])
+        commands.append(rig.now.drive_state.coil.numpy()[0, 0])
+    want = replayed(effects, np.array(commands), np.array(heats))
+    opposing = -np.sign(motion(4.0)[1]) * np.abs(want)
+    np.testing.assert_allclose(efforts, opposing, rtol=0, atol=1e-5 * np.abs(want).max())
+
+
+def test_inertia_of_a_model_file_is_armature(tmp_path: Path) -> None:
+    """A rotor's inertia joins the joint's armature; one that leaves none is refused, with both numbers' place."""
+    path = model_file(tmp_path / "model.json", (make_effect("rotor_inertia", {"inertia": 0.02}),))
+    np.testing.assert_allclose(fitted_scene(path, 2).joint_armature.numpy(), 0.05, rtol=1e-6)
+    path = model_file(tmp_path / "less.json", (make_effect("rotor_inertia", {"inertia": -0.04}),))
+    with pytest.raises(ValueError, match=r"less\.json: its rotor_inertia .* armature of -0.01"):
+        fitted_scene(path, 1)
+
+
+def test_the_documented_scene_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The examples of docs/drive.md as they stand there: the more current, the less far a pendulum swings."""
     page = (Path(__file__).parents[2] / "docs" / "drive.md").read_text(encoding="utf-8")
-    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    scene_code, fitted_code = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs" / "diagnose").mkdir(parents=True)
+    model_file(tmp_path / "runs" / "diagnose" / "model.json", (effect("cogging"),))
     names: dict[str, Any] = {}
-    exec(compile(code.replace("finalize()", "finalize(device='cpu')"), "docs/drive.md", "exec"), names)
+    exec(compile(scene_code.replace("finalize()", "finalize(device='cpu')"), "docs/drive.md", "exec"), names)
     angle = names["angle"]
     assert np.all(np.diff(angle) < -0.03)
     assert 1.5 < angle[-1] < angle[0] < 2.6
+    exec(compile(fitted_code.replace("finalize()", "finalize(device='cpu')"), "docs/drive.md", "exec"), names)
+    (actuator,) = names["model"].actuators
+    assert "memory" in vars(actuator.state().drive_state)
