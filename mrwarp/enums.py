@@ -73,4 +73,4 @@ PAYING = (*ROBOTS, EXPLICIT)
 """What pays for power and carries loads: the robots of tables 6 and 7."""
 
 TRAINABLE = (*PLANTS, PUBLIC, *PAYING)
-"""Everything that :func:`mrwarp.study.plants.plant_cfg` knows."""
+"""Everything that :func:`mrwarp.study.plan.plant_cfg` knows."""

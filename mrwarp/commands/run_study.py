@@ -23,8 +23,7 @@ from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.run_dir import check_writable, write_result
 from mrwarp.runtime import ProgressLine
 from mrwarp.study import curves, matched_training, paper_tables
-from mrwarp.study.causes import STEPS, causes
-from mrwarp.study.paper_tables import LEAST, Row, Table2, Table3
+from mrwarp.study.paper_tables import LEAST, STEPS, Row, Table2, Table3, causes
 from mrwarp.study.plan import StudyCfg
 from mrwarp.study.rollouts import EvaluationCfg
 

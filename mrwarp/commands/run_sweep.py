@@ -9,7 +9,7 @@ import warp as wp
 from mrwarp.options.command_line import CommandLine
 from mrwarp.options.paper_options import Sweep
 from mrwarp.run_dir import check_writable
-from mrwarp.sweep.grid import GridError, SweptCommand, make_trials
+from mrwarp.sweep.grid import GridError, make_trials
 from mrwarp.sweep.runners import LocalRunner, RayRunner
 from mrwarp.sweep.session import Session
 
@@ -18,8 +18,7 @@ def run(options: Sweep, line: CommandLine) -> int:
     """Sweep; 0 when every trial has a result, 1 when one failed, 2 on bad input, 130 after Ctrl-C."""
     if options.address and options.runner == "local":
         raise GridError("--address needs --runner ray; leave --runner out")
-    command = SweptCommand(options.command)
-    trials = make_trials(command, options.grid, options.arguments, options.out, threads=options.cpus)
+    trials = make_trials(options.command, options.grid, options.arguments, options.out, threads=options.cpus)
     session = Session(trials, options.out)
     check_writable(options.out)
     return session.run(make_runner(options), retries=options.retries, figures=options.figure, command=str(line))

@@ -15,8 +15,7 @@ from mrwarp.rl.checkpoint import learned, task
 from mrwarp.rl.trainer import TrainCfg, Trainer
 from mrwarp.rl.warm_start import read_networks
 from mrwarp.run_dir import FolderError, claim, write_bytes, write_text
-from mrwarp.study.plan import PAYING, StudyCfg, name, policy_file, record_file, start_file
-from mrwarp.study.plants import plant_cfg
+from mrwarp.study.plan import PAYING, StudyCfg, name, plant_cfg, policy_file, record_file, start_file
 
 _REMEDY = "remove the folder to train anew"
 
@@ -25,7 +24,6 @@ _COPIED = (
     *("gate", "gate_passed", "broken_episodes", "unsolved_steps", "versions"),
 )
 """Entries of a result that the training's record repeats."""
-
 
 POINTS = 100
 """Most points of the learning curves that a record keeps."""
@@ -48,9 +46,6 @@ class _Run:
     ended: bool
     """By itself, with at least the updates asked for: policy and result lie there; else a checkpoint to go on from."""
     iterations: int
-    task: dict[str, Any]
-    learning: dict[str, float]
-    seed: int
     started_from: dict[str, Any] | None
     remedy: str
 
@@ -76,9 +71,7 @@ def train(cfg: StudyCfg, out: Path, *, threads: int = 0, report: Callable[[str],
     """
     runs = [(plant, seed, out / name(plant, seed)) for seed in cfg.seeds for plant in cfg.plants]
     for plant, seed, run in runs:  # all of them, before anything is written
-        begin = _origin(start_file(cfg.start_from, plant, seed)) if cfg.start_from else None
-        if found := _found(cfg, plant, seed, run):
-            _check_start(found, begin, run)
+        _check_start(cfg, plant, seed, run)
     finished = True
     for plant, seed, run in runs:
         found = _found(cfg, plant, seed, run)
@@ -147,42 +140,30 @@ def _found(cfg: StudyCfg, plant: str, seed: int, run: Path) -> _Run | None:
         CheckpointError: a checkpoint cannot be read.
         ValueError: a result is damaged.
     """
-    found = _read(run, cfg.iterations)
-    if found is None:
-        return None
+    content = _result(run) if (run / "result.json").is_file() else {}
+    ended = content.get("iterations", 0) >= cfg.iterations and content.get("stopped") != "interrupted"
+    remedy = f"give the choices of '{content.get('command')}'"
+    if not ended:
+        remedy, saved = "give the choices that its training began with", run / "checkpoint.pt"
+        if not saved.is_file():
+            return None
+        content = checkpoint.load(saved)
+        if lacks := [key for key in _ORIGIN if key not in content]:
+            raise checkpoint.CheckpointError(f"{saved}: no checkpoint of a training ({lacks[0]} is missing); {_REMEDY}")
+    found = _Run(
+        ended=ended,
+        iterations=content["iterations" if ended else "iteration"],
+        started_from=content.get("started_from"),  # files of earlier versions have none
+        remedy=f"{remedy} or name another --runs to train anew",
+    )
     asked = {**task(_env(cfg, plant)), **asdict(cfg.learning), "seed": seed}
-    own = {**found.task, **found.learning, "seed": found.seed}
+    own = {**content["task"], **learned(content), "seed": content["seed"]}
     differs = [text for key in own for text in _differences(key, own[key], asked.get(key))]  # as resuming compares
     if found.iterations > cfg.iterations:
         differs.append(f"iterations = {found.iterations} (asked: {cfg.iterations})")
     if differs:
         raise RunError(f"{run}: trained with {', '.join(differs)}; {found.remedy}")
     return found
-
-
-def _read(run: Path, iterations: int) -> _Run | None:
-    """The training in a run's folder, whatever was asked for but the number of updates."""
-    remedy = "give the choices that its training began with"
-    content = _result(run) if (run / "result.json").is_file() else {}
-    ended = content.get("iterations", 0) >= iterations and content.get("stopped") != "interrupted"
-    if ended:
-        remedy = f"give the choices of '{content['command']}'"
-    else:
-        saved = run / "checkpoint.pt"
-        if not saved.is_file():
-            return None
-        content = checkpoint.load(saved)
-        if lacks := [key for key in _ORIGIN if key not in content]:
-            raise checkpoint.CheckpointError(f"{saved}: no checkpoint of a training ({lacks[0]} is missing); {_REMEDY}")
-    return _Run(
-        ended=ended,
-        iterations=content["iterations" if ended else "iteration"],
-        task=content["task"],
-        learning=learned(content),
-        seed=content["seed"],
-        started_from=content.get("started_from"),  # files of earlier versions have none
-        remedy=f"{remedy} or name another --runs to train anew",
-    )
 
 
 def _differences(key: str, own: Any, asked: Any) -> list[str]:
@@ -193,13 +174,14 @@ def _differences(key: str, own: Any, asked: Any) -> list[str]:
     return [] if own == asked else [f"{key} = {shown(own)} (asked: {shown(asked)})"]
 
 
-def _origin(path: Path) -> dict[str, Any]:
-    """Origin of the networks in a file, as a training that begins with them records it."""
-    return {"file": str(path), **read_networks(path).origin}
-
-
-def _check_start(found: _Run, asked: dict[str, Any] | None, run: Path) -> None:
+def _check_start(cfg: StudyCfg, plant: str, seed: int, run: Path) -> None:
     """Raise RunError if a run began with other networks than asked for."""
+    asked = None
+    if cfg.start_from:
+        path = start_file(cfg.start_from, plant, seed)
+        asked = {"file": str(path), **read_networks(path).origin}
+    if (found := _found(cfg, plant, seed, run)) is None:
+        return
     own = found.started_from
     if (own and [own.get(key) for key in _ORIGIN]) != (asked and [asked.get(key) for key in _ORIGIN]):
         said = [f"{o['file']} (update {o.get('iteration')})" if o else "networks as drawn" for o in (own, asked)]
@@ -247,8 +229,7 @@ def _result(run: Path) -> dict[str, Any]:
     path = run / "result.json"
     content = read_json_file(path, _REMEDY)
     lacks = [key for key in (*_COPIED, "seed") if not isinstance(content, dict) or key not in content]
-    lacks = lacks or [key for key, kind in (("iterations", int), ("task", dict)) if not isinstance(content[key], kind)]
-    if lacks:
+    if lacks := lacks or [k for k, kind in (("iterations", int), ("task", dict)) if not isinstance(content[k], kind)]:
         raise ValueError(f"{path}: no result of a training ({lacks[0]} is missing or wrong); {_REMEDY}")
     return content
 

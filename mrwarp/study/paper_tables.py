@@ -1,5 +1,7 @@
 """Tables 2 and 3: what actuator-aware training changes, and what the torque model in training changes (section 6.2).
 
+:func:`causes` changes the plant step by step, to show where a policy's velocity error comes from.
+
 Every policy is rolled out on the MR_Go plant at one command. The rollouts of a training seed are averaged first; means
 and sample standard deviations are those of the seeds' averages, as in the paper.
 """
@@ -8,16 +10,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
+from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, policy_file
-from mrwarp.study.plants import plant_cfg
+from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, plant_cfg, policy_file
 from mrwarp.study.rollouts import METRICS, EvaluationCfg, Measured, roll_out
 from mrwarp.trials.statistics import spread
 
@@ -128,16 +130,7 @@ class Table3:
 
 
 def table2(cfg: EvaluationCfg | None = None, *, aware: str = AWARE, report: Report | None = None) -> Table2:
-    """Roll conventional and actuator-aware policies out with SAL off and on.
-
-    Args:
-        cfg: Which policies, and how they are rolled out.
-        aware: Training plant of the actuator-aware policies.
-        report: Called with the share that is done.
-
-    Raises:
-        PolicyError: a policy is missing or unreadable.
-    """
+    """Roll conventional policies and those trained on the plant ``aware`` out, SAL off and on; see :func:`evaluate`."""
     cells = [(aware if is_aware else CONVENTIONAL, current) for is_aware, current in CONFIGURATIONS.values()]
     rows = dict(zip(CONFIGURATIONS, evaluate(cfg or EvaluationCfg(), cells, report), strict=True))
     rmse, bias = (
@@ -150,25 +143,9 @@ def table2(cfg: EvaluationCfg | None = None, *, aware: str = AWARE, report: Repo
     return Table2(rows=rows, rmse=rmse, bias=bias)
 
 
-def table3(
-    cfg: EvaluationCfg | None = None,
-    *,
-    models: Sequence[str] = MODELS,
-    current: float = CURRENT,
-    report: Report | None = None,
-) -> Table3:
-    """Roll the policies of every torque model out on one and the same plant, with SAL on.
-
-    Args:
-        cfg: Which policies, and how they are rolled out.
-        models: Torque models in training.
-        current: Current the devices may use [A].
-        report: Called with the share that is done.
-
-    Raises:
-        PolicyError: a policy is missing or unreadable.
-    """
-    rows = evaluate(cfg or EvaluationCfg(), [(model, current) for model in models], report)
+def table3(cfg: EvaluationCfg | None = None, *, models: Sequence[str] = MODELS, report: Report | None = None) -> Table3:
+    """Roll the policies of every torque model out on one and the same plant, with SAL on, see :func:`evaluate`."""
+    rows = evaluate(cfg or EvaluationCfg(), [(model, CURRENT) for model in models], report)
     by_model = dict(zip(models, rows, strict=True))
     size = {metric: {m: _size(row, metric) for m, row in by_model.items()} for metric in RANKED}
     return Table3(
@@ -272,3 +249,51 @@ def holm(values: Sequence[float]) -> list[float]:
         running = max(running, min(1.0, (len(values) - place) * values[index]))
         corrected[index] = running
     return corrected
+
+
+STEPS = {
+    "go1": "Go1",
+    "mass": "MR_Go's masses, no devices",
+    "drag": "with devices at 0 A: off-current drag (table 2 on this plant: SAL off)",
+    "damping": f"SAL at {CURRENT:g} A, damping branch alone",
+    "holding": f"SAL at {CURRENT:g} A, holding branch alone",
+    "both": f"SAL at {CURRENT:g} A, both branches (table 2 on this plant: SAL on)",
+}
+"""Plants by name, in order, and what each is."""
+
+
+def causes(cfg: EvaluationCfg, plants: Sequence[str], report: Report | None = None) -> dict[str, dict[str, Row]]:
+    """Roll the policies of some trainings out on every plant, with the Bouc-Wen device on flat ground.
+
+    Args:
+        cfg: As for :func:`evaluate`; its ``plant`` and ``terrain`` are not used.
+        plants: Training plants.
+        report: Called with the share that is done.
+
+    Returns:
+        Rows by training plant and step of :data:`STEPS`.
+    """
+    policies = [OnnxPolicy(policy_file(cfg.folder, plant, seed)) for plant in plants for seed in cfg.seeds]
+    rows: dict[str, dict[str, Row]] = {plant: {} for plant in plants}
+    for k, step in enumerate(STEPS):
+        env, current = _plant(step, cfg.threads)
+        found = roll_out(cfg, env, policies, [current] * len(policies))
+        for i, plant in enumerate(plants):
+            own = slice(i * len(cfg.seeds), (i + 1) * len(cfg.seeds))
+            rows[plant][step] = make_row(plant, current, found, own)
+        if report:
+            report((k + 1) / len(STEPS))
+    return rows
+
+
+def _plant(step: str, threads: int) -> tuple[EnvCfg, float]:
+    """The task on a plant, and the current its devices may use [A]."""
+    if step == "go1":
+        return make_walk_cfg(robot="go1", actuator_model="none", sal=False, threads=threads), 0.0
+    if step == "mass":
+        return make_walk_cfg(actuator_model="none", sal=False, threads=threads), 0.0
+    env = make_walk_cfg(threads=threads)
+    if step == "drag":
+        return env, 0.0
+    branches = replace(env.actuator, damping=step != "holding", holding=step != "damping")
+    return replace(env, actuator=branches), CURRENT

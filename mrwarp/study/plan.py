@@ -1,13 +1,10 @@
-"""Which policies the studies of section 6.2 compare, how all of them are trained, and where their files lie.
-
-What each plant is to the simulator stands in :mod:`mrwarp.study.plants`; this module loads no engine, for ``--help``.
-"""
+"""Which policies the studies of section 6.2 compare, on which plants they are trained, and where their files lie."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from mrwarp.enums import (  # noqa: F401  (the names of the plants, declared where command lines can read them)
@@ -21,8 +18,10 @@ from mrwarp.enums import (  # noqa: F401  (the names of the plants, declared whe
     TRAINABLE,
     Coupling,
 )
-from mrwarp.resources import POLICIES
+from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.resources import POLICIES, shipped_model
 from mrwarp.rl.ppo_cfg import LearningCfg
+from mrwarp.usd.robot import CURRENT_GROUPS, PUBLIC_GAINS
 
 SEEDS = (0, 1, 2)
 """Training seeds of every plant but those of :data:`ENERGY_SEEDS`."""
@@ -123,3 +122,49 @@ def start_file(folder: Path, plant: str, seed: int) -> Path:
 def record_file(folder: Path, plant: str, seed: int) -> Path:
     """Its training record."""
     return folder / f"{name(plant, seed)}.json"
+
+
+def plant_cfg(
+    plant: str,
+    *,
+    num_envs: int = 64,
+    terrain: str = "flat",
+    threads: int = 0,
+    randomize: str = RANDOMIZE,
+    power_price: float = POWER_PRICE,
+) -> EnvCfg:
+    """The walking task on a plant.
+
+    Observations, actions, rewards, commands and randomisation are the same for all of ``plan.PLANTS``; for ``PUBLIC``
+    but for the weight of the height; and for all of ``paper.ROBOTS`` and ``EXPLICIT``, which in addition pay
+    ``power_price`` and carry loads.
+
+    Raises:
+        ValueError: there is no such plant, or no such randomisation.
+    """
+    if plant not in TRAINABLE:
+        raise ValueError(f"plant = {plant!r}: choose from {', '.join(TRAINABLE)}")
+    bare = plant in (CONVENTIONAL, "go1")
+    paying = plant in PAYING
+    model = "none" if bare else "bouc_wen" if paying else AWARE if plant == PUBLIC else plant
+    cfg = make_walk_cfg(
+        num_envs=num_envs,
+        robot="go1" if bare else "mr_go",
+        actuator_model=model,
+        actuator_file=shipped_model(model),
+        sal=not (bare or plant == "mr_go"),
+        terrain=terrain,
+        threads=threads,
+        randomize=randomize,
+        coupling=Coupling.EXPLICIT if plant == EXPLICIT else Coupling.CONSTRAINT,
+    )
+    if plant == PUBLIC:
+        return replace(cfg, gains=PUBLIC_GAINS, rewards=replace(cfg.rewards, height=HEIGHT))
+    if not paying:
+        return cfg
+    return replace(
+        cfg,
+        rewards=replace(cfg.rewards, power=0.0 - power_price, height=HEIGHT),
+        randomize=replace(cfg.randomize, added_mass=LOAD) if cfg.randomize else None,
+        currents=(CURRENT_GROUPS[-1],),
+    )

@@ -17,18 +17,13 @@ from mrwarp.run_dir import atomic_write
 from mrwarp.sweep.grid import Trial
 from mrwarp.sweep.trial import FINISHED, State, Status, read_status
 
-_IMPACT = "couplings.{}.change.{}.percent"
 SHOWN: dict[str, tuple[str, ...]] = {
     "train": (
-        "gate_passed",
-        "gate.v_x_rmse.0.5",
-        "gate.clock_match",
-        "iterations",
-        "seconds",
-        "training.steps_per_second",
+        *("gate_passed", "gate.v_x_rmse.0.5", "gate.clock_match"),
+        *("iterations", "seconds", "training.steps_per_second"),
     ),
     "impact": tuple(
-        _IMPACT.format(coupling, figure)
+        f"couplings.{coupling}.change.{figure}.percent"
         for coupling in ("constraint", "explicit")
         for figure in ("min_height", "peak_down_velocity")
     ),
@@ -75,10 +70,6 @@ def read_row(trial: Trial, folder: Path) -> Row:
 
 def read_figures(folder: Path) -> dict[str, float]:
     """All numbers in a trial's ``result.json`` by dotted name; none where it cannot be read."""
-    try:
-        content = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
     found: dict[str, float] = {}
 
     def walk(value: Any, name: str) -> None:
@@ -88,8 +79,11 @@ def read_figures(folder: Path) -> dict[str, float]:
             for key, item in value.items() if isinstance(value, dict) else enumerate(value):
                 walk(item, f"{name}.{key}" if name else str(key))
 
-    if isinstance(content, dict):
+    try:
+        content = json.loads((folder / "result.json").read_text(encoding="utf-8"))
         walk({key: value for key, value in content.items() if key not in NOT_FIGURES}, "")
+    except (OSError, ValueError, AttributeError):
+        return {}
     return found
 
 
@@ -121,34 +115,29 @@ def summary(rows: Sequence[Row], names: Sequence[str]) -> list[dict[str, Any]]:
         cells = {}
         for name in names:
             values = [row.figures[name] for row in members if math.isfinite(row.figures.get(name, math.nan))]
-            cells[name] = {
-                "mean": statistics.fmean(values) if values else math.nan,
-                "sd": statistics.stdev(values) if len(values) > 1 else math.nan,
-                "n": len(values),
-            }
+            mean = statistics.fmean(values) if values else math.nan
+            sd = statistics.stdev(values) if len(values) > 1 else math.nan
+            cells[name] = {"mean": mean, "sd": sd, "n": len(values)}
         table.append({"condition": condition, "figures": cells})
     return table
 
 
 def lines(rows: Sequence[Row], names: Sequence[str]) -> list[str]:
     """The table that is printed: a line for each trial, then one for each condition with several seeds."""
-    table = [["trial", "state", *_short(names)]]
-    table += [
-        [row.trial.name, row.status.state.value, *(_number(row.figures.get(name)) for name in names)] for row in rows
-    ]
+    trials = [[r.trial.name, r.status.state.value, *(_number(r.figures.get(name)) for name in names)] for r in rows]
+    means = []
     for entry in summary(rows, names):
         cells = list(entry["figures"].values())
-        most = max((cell["n"] for cell in cells), default=0)
-        if most > 1:
-            spreads = (f" ± {_number(cell['sd'])}" if cell["n"] > 1 else "" for cell in cells)
-            means = (_number(cell["mean"]) for cell in cells)
-            table.append([entry["condition"], f"n = {most}", *map(str.__add__, means, spreads)])
+        if (most := max((cell["n"] for cell in cells), default=0)) > 1:
+            texts = [_number(cell["mean"]) + (f" ± {_number(cell['sd'])}" if cell["n"] > 1 else "") for cell in cells]
+            means.append([entry["condition"], f"n = {most}", *texts])
+    table = [["trial", "state", *_short(names)], *trials, *means]
     width = [max(map(len, column)) for column in zip(*table, strict=True)]
     text = [
         "  ".join(f"{cell:{'<' if k < 2 else '>'}{w}}" for k, (cell, w) in enumerate(zip(row, width, strict=True)))
         for row in table
     ]
-    if len(text) > 1 + len(rows):
+    if means:
         text.insert(1 + len(rows), "-" * max(map(len, text)))
     return [line.rstrip() for line in text]
 
@@ -169,13 +158,13 @@ def write_csv(rows: Sequence[Row], path: Path) -> None:
 def plot(rows: Sequence[Row], names: Sequence[str], path: Path) -> None:
     """A panel for each figure: every trial a point, every condition's mean a bar; trials without a result are named."""
     groups, names = _conditions(rows), names[:MOST]
-    columns, longest = min(len(names), 3) or 1, max(map(len, groups), default=0)
-    panel_rows = max(math.ceil(len(names) / columns), 1)
-    figure = Figure(
-        figsize=(4.2 * columns + 0.6, 1.0 + 2.6 * panel_rows + 0.12 * longest),
-        layout="constrained",
-    )
+    longest = max(map(len, groups))
+    columns = min(len(names), 3)
+    panel_rows = math.ceil(len(names) / columns)
+    size = (4.2 * columns + 0.6, 1.0 + 2.6 * panel_rows + 0.12 * longest)
+    figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(panel_rows, columns, squeeze=False).flatten()
+    turned = {"rotation": 30, "ha": "right"} if longest > 8 else {}
     for axis, name, label in zip(axes, names, _short(names), strict=False):
         for k, members in enumerate(groups.values()):
             values = [row.figures[name] for row in members if name in row.figures]
@@ -184,7 +173,7 @@ def plot(rows: Sequence[Row], names: Sequence[str], path: Path) -> None:
             if values:
                 axis.hlines(statistics.fmean(values), k - 0.25, k + 0.25, color="#b4451f", linewidth=2)
         axis.set_title(label, fontsize=9)
-        axis.set_xticks(range(len(groups)), list(groups), fontsize=8, **_TURNED if longest > 8 else {})
+        axis.set_xticks(range(len(groups)), list(groups), fontsize=8, **turned)
         axis.set_xlim(-0.6, len(groups) - 0.4)
         axis.grid(alpha=0.3)
     for axis in axes[len(names) :]:
@@ -196,16 +185,12 @@ def plot(rows: Sequence[Row], names: Sequence[str], path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-_TURNED = {"rotation": 30, "ha": "right"}
-
-
 def _conditions(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """Finished trials by condition."""
-    found: dict[str, list[Row]] = {row.condition: [] for row in rows}
-    for row in rows:
-        if row.status.state in FINISHED:
-            found[row.condition].append(row)
-    return found
+    return {
+        condition: [row for row in rows if row.condition == condition and row.status.state in FINISHED]
+        for condition in dict.fromkeys(row.condition for row in rows)
+    }
 
 
 def _number(value: float | None) -> str:
@@ -216,12 +201,11 @@ def _number(value: float | None) -> str:
 
 def _short(names: Sequence[str]) -> list[str]:
     """Last parts of dotted names, as many as tell them apart; of a name that ends in a number two parts more."""
-    found = list(names)
-    for parts in range(10, 0, -1):
+    for parts in range(1, 10):
         shorter = [".".join(name.split(".")[-parts:]) for name in names]
         if len(set(shorter)) == len(names):
-            found = [
+            return [
                 ".".join(name.split(".")[-2 - parts :]) if text.replace(".", "").isdigit() else text
                 for name, text in zip(names, shorter, strict=True)
             ]
-    return found
+    return list(names)

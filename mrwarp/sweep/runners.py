@@ -1,21 +1,27 @@
-"""Where trials run: processes on this machine, or a Ray cluster. Both run :func:`mrwarp.sweep.trial.run_trial`."""
+"""Where trials run: processes on this machine, or a Ray cluster.
+
+``run`` takes a trial to its end, or until it is stopped; how it stands is in its ``trial.json``. So many calls of it as
+``workers`` says may be under way.
+"""
 
 from __future__ import annotations
 
 import os
 import queue
-import threading
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from mrwarp.sweep.grid import GridError, Trial
 from mrwarp.sweep.trial import PATIENCE, State, read_status, run_trial, write_status
 
+LIMITS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Environment variables that keep the numerical libraries of a trial to its share of the cores."""
+
 
 class LocalRunner:
-    """Processes on this machine, some at a time; how each trial stands is in its ``trial.json``.
+    """Processes on this machine, some at a time.
 
     Args:
         workers: Trials at a time.
@@ -30,53 +36,26 @@ class LocalRunner:
     def __init__(self, workers: int, *, cpus: int = 1, gpus: int = 0, visible: tuple[str, ...] = ()) -> None:
         if gpus and len(visible) < gpus:
             raise GridError(f"--gpus {gpus}: this machine has {len(visible)}; give fewer or another --address")
-        workers = min(workers, len(visible) // gpus) if gpus else workers
-        self._threads = thread_limits(cpus)
+        self.workers = min(workers, len(visible) // gpus) if gpus else workers
+        self._threads = dict.fromkeys(LIMITS, str(cpus))
         self._shares: queue.SimpleQueue[dict[str, str]] = queue.SimpleQueue()
-        for k in range(workers):
+        for k in range(self.workers):
             own = ",".join(visible[k * gpus : (k + 1) * gpus])
             self._shares.put({"CUDA_VISIBLE_DEVICES": own} if gpus else {})
-        self._stop = threading.Event()
-        self._pool = ThreadPoolExecutor(workers, thread_name_prefix="trial")
-        self._left: dict[Future[Any], Path] = {}
 
-    def start(self, trials: dict[Path, Trial], retries: int) -> None:
-        """Begin with the trials, by folder; each may be begun again ``retries`` times."""
-        self._left = {self._submit(trial, folder, retries): folder for folder, trial in trials.items()}
-
-    def running(self) -> bool:
-        """Whether any trial is waiting or under way; an error that is none of a trial's comes out here."""
-        for future in [future for future in self._left if future.done()]:
-            folder = self._left.pop(future)
-            if not future.cancelled():
-                self._settle(future, folder)
-        return bool(self._left)
-
-    def stop(self) -> None:
-        """Have the running trials save and end, and the others not start; returns when they have."""
-        self._stop.set()
-        self._pool.shutdown(wait=True, cancel_futures=True)
-
-    def close(self) -> None:
-        """Give back what was used."""
-        self._pool.shutdown(wait=True)
-
-    def _submit(self, trial: Trial, folder: Path, retries: int) -> Future[Any]:
-        return self._pool.submit(self._run, trial, folder, retries)
-
-    def _settle(self, future: Future[Any], folder: Path) -> None:
-        future.result()
-
-    def _run(self, trial: Trial, folder: Path, retries: int) -> State:
+    def run(self, trial: Trial, folder: Path, retries: int, stopped: Callable[[], bool]) -> None:
+        """Run it with GPUs of its own."""
         share = self._shares.get()
         try:
-            environment = {**self._threads, **share}
-            return run_trial(trial, folder, retries=retries, environment=environment, stopped=self._stop.is_set)
+            run_trial(trial, folder, retries=retries, environment={**self._threads, **share}, stopped=stopped)
         finally:
             self._shares.put(share)
 
+    def close(self) -> None:
+        """Nothing is left to give back."""
 
-class RayRunner(LocalRunner):
+
+class RayRunner:
     """Tasks of Ray: on this machine, or on the cluster at an address whose nodes share the sweep's folder.
 
     Args:
@@ -89,8 +68,10 @@ class RayRunner(LocalRunner):
         GridError: Ray is not installed, or the cluster does not answer.
     """
 
+    workers = 1000
+    """Tasks that wait at Ray at a time, which runs as many as it has room for."""
+
     def __init__(self, workers: int, *, cpus: int = 1, gpus: int = 0, address: str | None = None) -> None:
-        super().__init__(1, cpus=cpus)
         os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # nothing about a run leaves it
         if address is None:
             # Ray's switch for machines that are no cluster: all its servers bind to 127.0.0.1
@@ -107,42 +88,31 @@ class RayRunner(LocalRunner):
             where = "on this machine" if address is None else f"--address {address}"
             raise GridError(f"{where}: Ray does not start ({' '.join(str(error).split())[:200]})") from None
         self._resources = {"num_cpus": cpus, "num_gpus": gpus}
-        self._references: list[Any] = []
+        self._threads = dict.fromkeys(LIMITS, str(cpus))
 
-    def stop(self) -> None:
-        """Cancel the tasks, which stop their processes."""
-        for reference in self._references:
-            self._ray.cancel(reference)
-        # Ray calls a task done as soon as it is cancelled, while its process still saves
-        deadline, folders = time.monotonic() + PATIENCE, list(self._left.values())
-        while any(read_status(folder).state is State.RUNNING for folder in folders) and time.monotonic() < deadline:
-            time.sleep(0.2)
-
-    def close(self) -> None:
-        """Leave the cluster; one of our own ends."""
-        self._ray.shutdown()
-
-    def _submit(self, trial: Trial, folder: Path, retries: int) -> Future[Any]:
-        """Ray repeats a task whose worker or node died."""
+    def run(self, trial: Trial, folder: Path, retries: int, stopped: Callable[[], bool]) -> None:
+        """Ray repeats a task whose worker or node died; one that it gave up leaves a failed trial."""
         task = self._ray.remote(max_retries=retries, **self._resources)(_remote)
         reference = task.remote(trial, str(folder), retries, self._threads)
-        self._references.append(reference)
-        return reference.future()
-
-    def _settle(self, future: Future[Any], folder: Path) -> None:
-        """A task that Ray gave up leaves a failed trial."""
         try:
-            future.result()
+            while not self._ray.wait([reference], timeout=0.5)[0]:
+                if stopped():
+                    self._ray.cancel(reference)
+                    # Ray calls a task done as soon as it is cancelled, while its process still saves
+                    deadline = time.monotonic() + PATIENCE
+                    while read_status(folder).state is State.RUNNING and time.monotonic() < deadline:
+                        time.sleep(0.2)
+                    return
+            self._ray.get(reference)
         except self._ray.exceptions.RayError as error:
             status = read_status(folder)
             status.state, status.pid = State.FAILED, None
             status.why = f"its worker was lost ({' '.join(str(error).split())[:200]})"
             write_status(folder, status)
 
-
-def thread_limits(cpus: int) -> dict[str, str]:
-    """Environment variables that keep the numerical libraries of a trial to its share of the cores."""
-    return {name: str(cpus) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+    def close(self) -> None:
+        """Leave the cluster; one of our own ends."""
+        self._ray.shutdown()
 
 
 def _remote(trial: Trial, folder: str, retries: int, variables: dict[str, str]) -> str:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import shlex
 import signal
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 
 from mrwarp.run_dir import claim, write_result
 from mrwarp.sweep import compare
 from mrwarp.sweep.grid import GridError, Trial
-from mrwarp.sweep.runners import LocalRunner
+from mrwarp.sweep.runners import LocalRunner, RayRunner
 from mrwarp.sweep.trial import FINISHED, State, Status, last_lines, read_status, write_status
 
 EVERY = 30.0
@@ -42,7 +43,7 @@ class Session:
             if found and found != [trial.command, *trial.args]:
                 raise GridError(f"{folder}: holds '{shlex.join(found)}'; name another --out or remove it")
 
-    def run(self, runner: LocalRunner, *, retries: int, figures: Sequence[str], command: str) -> int:
+    def run(self, runner: LocalRunner | RayRunner, *, retries: int, figures: Sequence[str], command: str) -> int:
         """Run what has no result yet, and compare what there is.
 
         Args:
@@ -64,16 +65,17 @@ class Session:
             try:
                 interrupted = self._run(runner, retries)
                 return self._report(figures, command, interrupted)
-            except OSError:
-                runner.stop()
-                raise
             finally:
                 signal.signal(signal.SIGTERM, previous)
                 runner.close()
 
-    def _run(self, runner: LocalRunner, retries: int) -> bool:
+    def _run(self, runner: LocalRunner | RayRunner, retries: int) -> bool:
         """Run the trials that are left; whether Ctrl-C ended them."""
-        left = {folder: trial for folder, trial in self._trials.items() if not self._has_result(folder)}
+        left = {
+            folder: trial
+            for folder, trial in self._trials.items()
+            if self._seen[folder].state not in FINISHED or not (folder / "result.json").is_file()
+        }
         kept = len(self._trials) - len(left)
         known = f", {kept} of them finished before" if kept else ""
         swept = next(iter(self._trials.values())).command
@@ -81,31 +83,31 @@ class Session:
         for folder, trial in left.items():
             self._seen[folder] = Status(args=[trial.command, *trial.args], seconds=self._seen[folder].seconds)
             write_status(folder, self._seen[folder])
+        stop, pool = threading.Event(), ThreadPoolExecutor(runner.workers, thread_name_prefix="trial")
         try:
-            runner.start(left, retries)
-            printed, running = time.monotonic(), True
+            running = {pool.submit(runner.run, trial, folder, retries, stop.is_set) for folder, trial in left.items()}
+            printed = time.monotonic()
             while running:
-                running = runner.running()
+                done, running = wait(running, timeout=0.2)
+                for future in done:
+                    future.result()  # an error that is none of a trial's comes out here
                 self._log_changes(left)
                 if time.monotonic() - printed >= EVERY:
-                    self._log_running()
                     printed = time.monotonic()
-                time.sleep(0.2 * running)
+                    for folder, trial in left.items():
+                        if self._seen[folder].state is State.RUNNING:
+                            print(f"    {trial.name}: {''.join(last_lines(folder, 1)).strip()[:140]}", flush=True)
             return False
         except KeyboardInterrupt:
             print("\nstopping: trainings save a checkpoint; a second Ctrl-C does not wait", file=sys.stderr, flush=True)
-            try:
-                runner.stop()
-            except KeyboardInterrupt:
-                for folder in left:
-                    if pid := read_status(folder).pid:
-                        with contextlib.suppress(ProcessLookupError, PermissionError):
-                            os.killpg(pid, signal.SIGKILL)
-            self._log_changes(left)
             return True
-
-    def _has_result(self, folder: Path) -> bool:
-        return self._seen[folder].state in FINISHED and (folder / "result.json").is_file()
+        finally:
+            stop.set()
+            try:
+                pool.shutdown(cancel_futures=True)
+            except KeyboardInterrupt:
+                os._exit(130)  # the kernel ends the trials with their parent
+            self._log_changes(left)
 
     def _log_changes(self, left: dict[Path, Trial]) -> None:
         """A line for each trial that began, was begun again or ended."""
@@ -123,12 +125,6 @@ class Session:
             elif now.state is State.FAILED:
                 text = "\n    ".join([f"FAILED ({now.why}); its last lines:", *now.lines])
             print(f"[{ended}/{len(self._trials)}] {trial.name}: {text}", flush=True)
-
-    def _log_running(self) -> None:
-        """How far the running trials are."""
-        for folder, trial in self._trials.items():
-            if self._seen[folder].state is State.RUNNING:
-                print(f"    {trial.name}: {' '.join(''.join(last_lines(folder, 1)).split())[:140]}", flush=True)
 
     def _report(self, figures: Sequence[str], command: str, interrupted: bool) -> int:
         """Table, CSV, picture and result of what there is; returns the exit code."""
@@ -148,12 +144,12 @@ class Session:
         content["trials"] = [row.as_result() for row in rows]
         write_result(self._out, content, seed=0, command=command)
         finished = sum(states[state.value] for state in FINISHED)
-        files = "trials.csv, trials.png and result.json"
-        print(f"\n{finished} of {len(rows)} trials have a result; {files} in {self._out}")
+        print(
+            f"\n{finished} of {len(rows)} trials have a result; trials.csv, trials.png and result.json in {self._out}"
+        )
         if interrupted:
             print("stopped; the same command goes on")
             return 130
         if finished < len(rows):
             print("the same command runs the failed ones again")
-            return 1
-        return 0
+        return int(finished < len(rows))

@@ -25,9 +25,6 @@ LAUNCH = (sys.executable, "-m", "mrwarp.cli")
 PATIENCE = 60.0
 """Time that a stopped trial has to save [s]."""
 
-POLL = 0.1
-"""Time between two looks at a process [s]."""
-
 LAST_LINES = 8
 """Lines of a failed trial that are kept."""
 
@@ -87,9 +84,8 @@ def write_status(folder: Path, status: Status) -> None:
 def command_line(trial: Trial, folder: Path) -> list[str]:
     """Command and arguments with ``--out``, and with ``--resume`` for a training that has a checkpoint."""
     line = [trial.command, *trial.args, "--out", str(folder)]
-    if trial.command == "train" and (folder / "checkpoint.pt").is_file():
-        line += ["--resume", str(folder / "checkpoint.pt")]
-    return line
+    saved = folder / "checkpoint.pt"
+    return [*line, "--resume", str(saved)] if trial.command == "train" and saved.is_file() else line
 
 
 def run_trial(
@@ -116,13 +112,14 @@ def run_trial(
     status = Status(args=[trial.command, *trial.args])
     if before.state is State.RUNNING:  # Ray began it again on another worker
         status.attempts, status.why = before.attempts, "its worker was killed"
-    started, code = time.monotonic(), None
-    while code is None or (status.state is State.FAILED and code != 2 and status.attempts <= retries):
+    started = time.monotonic()
+    while status.state is State.WAITING or (
+        status.state is State.FAILED and status.code != 2 and status.attempts <= retries
+    ):
         status.attempts, status.state = status.attempts + 1, State.RUNNING
-        code, interrupted = _run_once(trial, folder, status, environment or {}, stopped)
-        status.code, status.pid = code, None
-        status.seconds = before.seconds + time.monotonic() - started
-        status.state, status.why = _outcome(code, interrupted, (folder / "result.json").is_file())
+        status.code, interrupted = _run_once(trial, folder, status, environment or {}, stopped)
+        status.pid, status.seconds = None, before.seconds + time.monotonic() - started
+        status.state, status.why = _outcome(status.code, interrupted, (folder / "result.json").is_file())
     if status.state is State.FAILED:
         status.lines = last_lines(folder)
     write_status(folder, status)
@@ -133,11 +130,9 @@ def _outcome(code: int, interrupted: bool, result: bool) -> tuple[State, str]:
     """State after a start, and why it did not end well."""
     if interrupted:
         return State.STOPPED, "stopped"
-    if code == 0 and result:
-        return State.DONE, ""
-    if code == 1 and result:
-        return State.MISSED, "missed its aim (exit code 1)"
-    if -code in [int(known) for known in signal.Signals]:
+    if code in (0, 1) and result:
+        return (State.DONE, "") if code == 0 else (State.MISSED, "missed its aim (exit code 1)")
+    with contextlib.suppress(ValueError):
         return State.FAILED, f"killed by {signal.Signals(-code).name}"
     return State.FAILED, f"exit code {code}" + (" without a result.json" if code in (0, 1) else "")
 
@@ -164,7 +159,7 @@ def _run_once(
         write_status(folder, status)
         with contextlib.suppress(KeyboardInterrupt):  # from Ray, or in a process that runs one trial itself
             while process.poll() is None and not stopped():
-                time.sleep(POLL)
+                time.sleep(0.1)
         if (code := process.poll()) is not None:
             return code, False
         for sent, patience in ((signal.SIGINT, PATIENCE), (signal.SIGKILL, None)):
@@ -184,11 +179,10 @@ def last_lines(folder: Path, count: int = LAST_LINES) -> list[str]:
     return [line.rstrip()[:300] for line in text[-20_000:].splitlines() if line.strip()][-count:]
 
 
-_PR_SET_PDEATHSIG = 1
-_LIBC = ctypes.CDLL(None, use_errno=True) if sys.platform == "linux" else None
+_LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 
 
 def _die_with_parent() -> None:
     """In the new process: have the kernel kill it when the process (and thread) that started it is gone."""
     assert _LIBC is not None
-    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    _LIBC.prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from mrwarp.rl.policy import DEFAULT_POLICY
-from mrwarp.study.causes import STEPS, _plant, causes
-from mrwarp.study.paper_tables import evaluate
+from mrwarp.study.paper_tables import STEPS, _plant, causes, evaluate
 from mrwarp.study.plan import CONVENTIONAL, policy_file
 from mrwarp.study.rollouts import EvaluationCfg
 

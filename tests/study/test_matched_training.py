@@ -33,10 +33,10 @@ from mrwarp.study.plan import (
     STUDY,
     StudyCfg,
     name,
+    plant_cfg,
     policy_file,
     record_file,
 )  # fmt: skip
-from mrwarp.study.plants import plant_cfg
 from mrwarp.trials.walking import GateCheck, WalkingGate
 from mrwarp.usd.robot import PUBLIC_GAINS
 

@@ -4,16 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from mrwarp.sweep.grid import GridError, SweptCommand, make_trials
+from mrwarp.sweep.grid import GridError, make_trials
 
 OUT = Path("nowhere")
 
 
 def test_combinations_in_order() -> None:
     """Two options: all pairs, the last varying fastest, the fixed arguments in front of all."""
-    trials = make_trials(
-        SweptCommand("train"), ["seed=0,1", "actuator=none,bouc_wen"], ["--num-envs", "8"], OUT, threads=2
-    )
+    trials = make_trials("train", ["seed=0,1", "actuator=none,bouc_wen"], ["--num-envs", "8"], OUT, threads=2)
     assert [trial.name for trial in trials] == [
         "seed=0_actuator=none", "seed=0_actuator=bouc_wen", "seed=1_actuator=none", "seed=1_actuator=bouc_wen",
     ]  # fmt: skip
@@ -23,19 +21,19 @@ def test_combinations_in_order() -> None:
 
 def test_values_of_several_words_and_flags() -> None:
     """A quoted list is several values, a negative number no option, a flag is there or not."""
-    impact = make_trials(SweptCommand("impact"), ["current=0 0.5,1.5", "sensitivity=on,off"], [], OUT)
+    impact = make_trials("impact", ["current=0 0.5,1.5", "sensitivity=on,off"], [], OUT)
     assert [trial.args for trial in impact] == [
         ("--current", "0", "0.5", "--sensitivity"), ("--current", "0", "0.5"),
         ("--current=1.5", "--sensitivity"), ("--current=1.5",),
     ]  # fmt: skip
     assert impact[0].name == "current=0-0.5_sensitivity=on"
-    assert make_trials(SweptCommand("impact"), ["speed=-0.5"], [], OUT)[0].args == ("--speed=-0.5",)
+    assert make_trials("impact", ["speed=-0.5"], [], OUT)[0].args == ("--speed=-0.5",)
 
 
 def test_threads_are_the_users_where_given() -> None:
     """The sweep's share of the cores does not override the user's number, and goes to no command without the option."""
-    assert "--threads=4" not in make_trials(SweptCommand("train"), ["seed=0"], ["--threads=1"], OUT, threads=4)[0].args
-    assert make_trials(SweptCommand("impact"), ["seed=0"], [], OUT, threads=4)[0].args == ("--seed=0",)
+    assert "--threads=4" not in make_trials("train", ["seed=0"], ["--threads=1"], OUT, threads=4)[0].args
+    assert make_trials("impact", ["seed=0"], [], OUT, threads=4)[0].args == ("--seed=0",)
 
 
 REFUSED = {
@@ -68,5 +66,5 @@ def test_refusals(what: str) -> None:
     """One line that names option and value."""
     command, grid, fixed, message = REFUSED[what]
     with pytest.raises(GridError, match=message) as info:
-        make_trials(SweptCommand(command), grid, fixed, OUT)
+        make_trials(command, grid, fixed, OUT)
     assert "\n" not in str(info.value)

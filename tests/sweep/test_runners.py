@@ -1,6 +1,7 @@
 """Where trials run: GPUs are handed out to one trial at a time, errors of the sweep itself come out."""
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -9,19 +10,10 @@ import pytest
 from mrwarp.sweep import runners
 from mrwarp.sweep.grid import GridError, Trial
 from mrwarp.sweep.runners import LocalRunner
+from mrwarp.sweep.session import Session
 from mrwarp.sweep.trial import State
 
-TRIALS = {
-    Path(f"seed={k}"): Trial(name=f"seed={k}", values={"seed": str(k)}, command="train", args=()) for k in range(6)
-}
-
-
-def wait(runner: LocalRunner) -> None:
-    """Until nothing runs any more."""
-    deadline = time.monotonic() + 20.0
-    while runner.running():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+TRIALS = [Trial(name=f"seed={k}", values={"seed": str(k)}, command="train", args=()) for k in range(6)]
 
 
 def test_no_two_trials_share_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -40,9 +32,9 @@ def test_no_two_trials_share_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(runners, "run_trial", run)
     runner = LocalRunner(8, cpus=3, gpus=2, visible=("0", "1", "2", "3", "7"))
-    runner.start(TRIALS, 0)
-    wait(runner)
-    runner.close()
+    assert runner.workers == 2
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda trial: runner.run(trial, Path(trial.name), 0, lambda: False), TRIALS))
     assert set(seen) == {"0,1", "2,3"} and len(seen) == 6
 
 
@@ -52,15 +44,12 @@ def test_more_gpus_than_there_are_are_refused() -> None:
         LocalRunner(2, gpus=2, visible=("0",))
 
 
-def test_an_error_of_the_sweep_itself_comes_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_of_the_sweep_itself_comes_out(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A full disk under ``trial.json`` is no trial's failure and must not be lost."""
 
     def run(*_: Any, **__: Any) -> State:
         raise OSError("no space left on device")
 
     monkeypatch.setattr(runners, "run_trial", run)
-    runner = LocalRunner(2)
-    runner.start(TRIALS, 0)
     with pytest.raises(OSError, match="no space left"):
-        wait(runner)
-    runner.close()
+        Session(TRIALS, tmp_path).run(LocalRunner(2), retries=0, figures=(), command="")
