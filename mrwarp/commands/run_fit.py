@@ -18,7 +18,7 @@ from mrwarp.identify.damper import (
 )
 from mrwarp.identify.fit import FitResult, fit
 from mrwarp.identify.fit_pictures import loops_picture, residual_picture
-from mrwarp.identify.holding import fit_holding
+from mrwarp.identify.fit import fit_holding
 from mrwarp.identify.intervals import Estimate
 from mrwarp.identify.projection import Progress
 from mrwarp.identify.replay import simulate

@@ -13,7 +13,7 @@ from scipy import stats
 from mrwarp.diagnose.problem import Fit, Problem, gain_and_t, threshold
 from mrwarp.diagnose.residual_structure import Leftover, leftovers
 from mrwarp.diagnose.screening import Models
-from mrwarp.identify.normal_equations import losses
+from mrwarp.identify.least_squares import losses
 
 KEPT, KEPT_BESIDE_MORE = 0.35, 0.5
 """Part of an effect's gain that must remain beside free functions of what it leaves, the latter if that is more."""

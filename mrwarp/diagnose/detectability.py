@@ -6,7 +6,7 @@ import numpy as np
 
 from mrwarp.diagnose.problem import Fit, Problem, threshold
 from mrwarp.effects.law import EffectParameter, Ranges
-from mrwarp.identify.normal_equations import losses
+from mrwarp.identify.least_squares import losses
 from mrwarp.identify.parameters import Parameters, simulate, slots_of
 
 _MORE = 1.3

@@ -16,9 +16,8 @@ from scipy import stats
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
 from mrwarp.identify.dataset import Motion, Scales
-from mrwarp.identify.least_squares import Quadratic, Rules, minimise, ridge_solve
+from mrwarp.identify.least_squares import NormalEquations, Quadratic, Rules, losses, minimise, ridge_solve
 from mrwarp.identify.noise import Noise
-from mrwarp.identify.normal_equations import NormalEquations, losses
 from mrwarp.identify.parameters import (
     BASE_PART,
     EFFECT_PART,
@@ -70,9 +69,9 @@ class Problem:
         order = tuple(name for name in CATALOGUE if name in effects)
         return Parameters(order, self.motion.ranges, self.q_zero, dict(choices or {}))
 
-    def equations(self, rows: np.ndarray | Sequence[np.ndarray], torque: np.ndarray) -> NormalEquations:
-        """Whitened normal equations of signals, shape (M, N), or of blocks of them, about a simulated torque."""
-        return NormalEquations(rows, torque, self.motion, self.noise, self.weight)
+    def equations(self, blocks: Sequence[np.ndarray], torque: np.ndarray) -> NormalEquations:
+        """Whitened normal equations of signals, in blocks of shape (k, N), about a simulated torque."""
+        return NormalEquations(blocks, torque, self.motion, self.noise, self.weight)
 
     def linearised(self, parameters: Parameters, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, NormalEquations]:
         """Torque of a model, its derivatives, and the normal equations of [derivatives, mismatch]."""

@@ -15,7 +15,7 @@ from scipy.stats import binom
 
 from mrwarp.diagnose.problem import Fit, Problem, gain_and_t
 from mrwarp.identify.dataset import Dataset, Motion
-from mrwarp.identify.normal_equations import losses
+from mrwarp.identify.least_squares import losses
 from mrwarp.identify.parameters import LINEAR, LINEAR_PART
 
 _FINE = 14

@@ -13,7 +13,7 @@ import numpy as np
 
 from mrwarp.diagnose.problem import Fit, Problem, fit_model
 from mrwarp.effects.catalogue import CATALOGUE
-from mrwarp.identify.normal_equations import losses
+from mrwarp.identify.least_squares import losses
 from mrwarp.identify.parameters import Parameters, simulate, slots_of
 
 _SLAB = 12

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrwarp.identify.dataset import Dataset, Scales
-from mrwarp.identify.fit import BoucWenStructure, summary
+from mrwarp.identify.fit import BoucWenStructure, Misfit, misfit
 from mrwarp.identify.intervals import Estimate, assess
 from mrwarp.identify.projection import Progress, search
 from mrwarp.identify.replay import Replay
@@ -50,28 +50,24 @@ class ExtendedStructure(BoucWenStructure):
         extra = {"saturation": np.exp(theta[3]), "softening": theta[4], "creep": np.exp(theta[5])}
         return super().loop(theta) | extra
 
-    def elements(self, theta: np.ndarray) -> list[dict[str, float]]:
-        """The hysteresis element of unit gain, and the current map."""
-        return _elements(self.loop(theta))
+    def elements(self, loop: Mapping[str, float]) -> list[dict[str, float]]:
+        """The hysteresis element of unit gain, and the unit current map."""
+        return [{"K0": 1.0, **loop}, {"I1": 1.0, "saturation": loop["saturation"]}]
 
-    def columns(self, samples: Dataset, elements: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Torque per unit of each of :data:`LINEAR`."""
-        return _columns(samples, elements)
+    def columns(self, samples: Dataset, elements: np.ndarray) -> np.ndarray:
+        """Torque per unit of each of :data:`LINEAR`, shape (N, 9)."""
+        h, u = elements.astype(float)
+        qd, speed = samples.qd, np.abs(samples.qd)
+        return np.column_stack([np.ones(len(h)), qd, samples.q, u, h, u * h, u * qd, speed, u * speed])
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExtendedFit:
+class ExtendedFit(Misfit):
     """A fitted extended model, in the units of the recording."""
 
     estimates: dict[str, Estimate]
     current_full: float
     """I_full of the current map: the largest current of the recording."""
-    rmse: float
-    nrmse: float
-    rmse_per_trajectory: dict[str, float]
-    rmse_per_current: dict[str, float]
-    simulated: tuple[np.ndarray, ...]
-    warnings: tuple[str, ...]
 
     @property
     def values(self) -> dict[str, float]:
@@ -84,7 +80,7 @@ def fit_extended(recording: Recording, *, seed: int = 0, progress: Progress | No
 
     Args:
         recording: Measured runs.
-        seed: As in :func:`mrwarp.identify.fit.fit`.
+        seed: Seed of the samples on which the starts are searched.
         progress: Called with what is being done.
     """
     scales = Scales.of(recording)
@@ -99,24 +95,21 @@ def fit_extended(recording: Recording, *, seed: int = 0, progress: Progress | No
     names = LINEAR + SHAPE
     assessment = assess(point, named, len(names), names)
     warnings += [f"cannot be told apart: {', '.join(group)}" for group in assessment.together]
-    tau = point.simulated * scales.torque
-    figures = summary(recording, [tau[part] for part in samples.parts])
-    kept = {f.name: figures[f.name] for f in dataclasses.fields(ExtendedFit) if f.name in figures}
-    return ExtendedFit(estimates=assessment.estimates, current_full=scales.current, warnings=tuple(warnings), **kept)
+    figures = misfit(recording, point, samples, warnings)
+    return ExtendedFit(estimates=assessment.estimates, current_full=scales.current, **figures)
 
 
 def extended_torque(values: Mapping[str, float], recording: Recording) -> list[np.ndarray]:
     """Torque of the extended model along each trajectory [unit of the recording].
 
-    Args:
-        values: As :attr:`ExtendedFit.values`.
-        recording: The motion; its measured torque is not used but for the inner scale.
+    ``values`` are those of :attr:`ExtendedFit.values`; the measured torque only gives the inner scale.
     """
     scales = dataclasses.replace(Scales.of(recording), current=values["current_full"])
     samples = Dataset.of(recording, scales)
     inner = {name: values[name] / scales.factor(name) for name in LINEAR + SHAPE}
-    elements = Replay(samples).torque(_elements({name: inner[name] for name in SHAPE}))
-    tau = _columns(samples, elements) @ np.array([inner[name] for name in LINEAR]) * scales.torque
+    structure = ExtendedStructure(samples)
+    elements = Replay(samples).torque(structure.elements({name: inner[name] for name in SHAPE}))
+    tau = structure.columns(samples, elements) @ np.array([inner[name] for name in LINEAR]) * scales.torque
     return [tau[part] for part in samples.parts]
 
 
@@ -136,7 +129,7 @@ def undo_moving_average(recording: Recording, window: float, *, floor: float = 0
     """
     runs = []
     for run in recording.trajectories:
-        count, size = _samples_in(window, run.dt), len(run.q)
+        count, size = max(round(window / run.dt), 1), len(run.q)
         pad = 10 * count
         q = np.pad(run.q, pad, mode="edge")
         kernel = np.zeros(len(q))
@@ -157,24 +150,7 @@ def prediction_errors(recording: Recording, simulated: Sequence[np.ndarray], win
     for run, tau in zip(recording.trajectories, simulated, strict=True):
         error = tau - run.torque
         if window > 0.0:
-            error = moving_average(tau, _samples_in(window, run.dt)) - run.torque
+            error = moving_average(tau, max(round(window / run.dt), 1)) - run.torque
             error -= error.mean()
         figures[run.id] = float(np.sqrt(np.mean(error**2)) / (run.torque.std() or 1.0))
     return figures
-
-
-def _samples_in(window: float, dt: float) -> int:
-    """Samples that a moving average covers: one at least, which changes nothing."""
-    return max(round(window / dt), 1)
-
-
-def _elements(loop: Mapping[str, float]) -> list[dict[str, float]]:
-    """Unit hysteresis element and unit current map, in normalised units."""
-    return [{"K0": 1.0, **loop}, {"I1": 1.0, "saturation": loop["saturation"]}]
-
-
-def _columns(samples: Dataset, elements: np.ndarray) -> np.ndarray:
-    """Torque per unit of each of :data:`LINEAR`, shape (N, 9)."""
-    h, u = elements.astype(float)
-    qd, speed = samples.qd, np.abs(samples.qd)
-    return np.column_stack([np.ones(len(h)), qd, samples.q, u, h, u * h, u * qd, speed, u * speed])

@@ -1,18 +1,20 @@
-"""Identification of eqs. 14 and 15 (and 18) from recordings, by simulation error through the simulator's kernels.
+"""Identification of eqs. 14 and 15 by simulation error through the simulator's kernels, and of eq. 18.
 
-Nothing is to be tuned: scales, starts, bounds and steps follow from the recording. See
-:mod:`mrwarp.identify.projection` for the search and :mod:`mrwarp.identify.intervals` for the intervals.
+Nothing is to be tuned: scales, starts, bounds and steps follow from the recording.
 """
 
 from __future__ import annotations
 
-import dataclasses
+import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from scipy import stats
+from scipy.optimize import least_squares
 
 from mrwarp.identify.dataset import Dataset, Scales, rms
-from mrwarp.identify.holding import fit_holding
 from mrwarp.identify.intervals import Estimate, assess
 from mrwarp.identify.parameters import (
     LEAST_SHAPE,
@@ -20,13 +22,12 @@ from mrwarp.identify.parameters import (
     NON_NEGATIVE,
     SHAPE,
     STEEPEST,
-    shape_coordinates,
     shape_parameters,
 )
 from mrwarp.identify.projection import FEW, Point, Progress, Structure, search
 from mrwarp.identify.replay import Replay
-from mrwarp.params import BoucWenParams, MrParams
-from mrwarp.recording.load import Holding, Recording
+from mrwarp.params import BoucWenParams
+from mrwarp.recording.load import Holding, Recording, RecordingError
 
 PARAMETERS = (*LINEAR, *SHAPE)
 """What is fitted of eqs. 14 and 15."""
@@ -52,26 +53,20 @@ class BoucWenStructure(Structure):
         """alpha, beta, gamma of a shape."""
         return shape_parameters(theta, self.speed)
 
-    def elements(self, theta: np.ndarray) -> list[dict[str, float]]:
+    def elements(self, loop: Mapping[str, float]) -> list[dict[str, float]]:
         """One hysteresis element of unit gain."""
-        return [{"K0": 1.0, **self.loop(theta)}]
+        return [{"K0": 1.0, **loop}]
 
-    def columns(self, samples: Dataset, elements: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    def columns(self, samples: Dataset, elements: np.ndarray) -> np.ndarray:
         """1, qd, q_c, I, z/(1 + alpha*|qd|) and I times that."""
         h, current = elements[0].astype(float), samples.current
         return np.column_stack([np.ones(len(h)), samples.qd, samples.q - self.q_zero, current, h, h * current])
 
 
 @dataclass(frozen=True, kw_only=True)
-class FitResult:
-    """A fitted joint, in the units of the recording."""
+class Misfit:
+    """How far a fitted model's torque is from the measured one, in the unit of the recording."""
 
-    estimates: dict[str, Estimate]
-    """Each parameter of eqs. 14, 15 and, from holding data, 18."""
-    combinations: dict[str, Estimate]
-    """Combinations that the data determine better than the parameters themselves."""
-    fixed: dict[str, float]
-    """Parameters that were given: q_offset, q_center, z_max, coil_time_constant."""
     rmse: float
     """Root mean square of simulated minus measured torque."""
     nrmse: float
@@ -81,6 +76,18 @@ class FitResult:
     simulated: tuple[np.ndarray, ...]
     """Simulated torque of each trajectory."""
     warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitResult(Misfit):
+    """A fitted joint, in the units of the recording."""
+
+    estimates: dict[str, Estimate]
+    """Each parameter of eqs. 14, 15 and, from holding data, 18."""
+    combinations: dict[str, Estimate]
+    """Combinations that the data determine better than the parameters themselves."""
+    fixed: dict[str, float]
+    """What is never fitted: q_offset, q_center and coil_time_constant are 0, z_max is the paper's."""
     units: dict[str, str]
     source: str
     samples: int
@@ -95,21 +102,11 @@ class FitResult:
         """All parameters of eq. 14 and 15 (and 18), fitted and given."""
         return {**self.fixed, **{name: e.value for name, e in self.estimates.items()}}
 
-    @property
-    def params(self) -> MrParams:
-        """The joint with everything else at its default; only for joints in rad and N·m.
-
-        Raises:
-            ParameterError: a value is outside the range of ``mrwarp.params``.
-        """
-        return MrParams().replace(**self.values)
-
 
 def fit(
     recording: Recording,
     *,
     holding: Holding | None = None,
-    start: MrParams | None = None,
     robust: bool = False,
     exact: bool = True,
     substeps: int = 2,
@@ -121,8 +118,6 @@ def fit(
     Args:
         recording: Measured runs.
         holding: Break-away torques, for eq. 18.
-        start: Where the search starts, besides its own grid; also gives q_offset, q_center and the coil's time
-            constant, which are never fitted. None: no offset, no lag.
         robust: Weigh down samples far off (Huber), for recordings with outliers.
         exact: As in :class:`mrwarp.identify.replay.Replay`.
         substeps: As there.
@@ -135,37 +130,36 @@ def fit(
     log = progress or (lambda text: None)
     at_rest = {} if holding is None else fit_holding(holding.current, holding.torque)
     scales = Scales.of(recording)
-    fixed = _fixed(start)
-    replay = _with_coil(
-        Replay(Dataset.of(recording, scales), exact=exact, substeps=substeps), fixed["coil_time_constant"]
-    )
-    samples = replay.samples
-    structure = BoucWenStructure(samples, (fixed["q_offset"] + fixed["q_center"]) / scales.q)
-    given = () if start is None else (_shape_of(start, structure, scales),)
-    point, warnings = search(structure, replay, starts=given, robust=robust, seed=seed, log=log)
+    samples = Dataset.of(recording, scales)
+    structure = BoucWenStructure(samples)
+    replay = Replay(samples, exact=exact, substeps=substeps)
+    point, warnings = search(structure, replay, robust=robust, seed=seed, log=log)
 
     log("intervals")
     names = structure.linear + structure.shape
     top = 1.0 if not samples.current.any() else float(np.abs(samples.current).max())
     assessment = assess(point, lambda x: _named(structure, scales, x, top), len(names), names)
-    parameters = {name: assessment.estimates[name] for name in PARAMETERS} | at_rest
-    combinations = {name: e for name, e in assessment.estimates.items() if name not in PARAMETERS}
     warnings += _notes(recording, point, structure, assessment.together)
-    tau = point.simulated * scales.torque
+    runs = recording.trajectories
     return FitResult(
-        estimates=parameters,
-        combinations=combinations,
-        fixed=fixed,
-        warnings=tuple(warnings),
+        estimates={name: assessment.estimates[name] for name in PARAMETERS} | at_rest,
+        combinations={name: e for name, e in assessment.estimates.items() if name not in PARAMETERS},
+        fixed={"q_offset": 0.0, "q_center": 0.0, "z_max": BoucWenParams().z_max, "coil_time_constant": 0.0},
+        units=dict(recording.units),
+        source=str(recording.source or "in memory"),
+        samples=len(samples.q),
+        trajectories=len(runs),
+        rate=float(np.median([1.0 / run.dt for run in runs])),
         condition=assessment.condition,
         seed=seed,
-        **summary(recording, [tau[part] for part in samples.parts]),
+        **misfit(recording, point, samples, warnings),
     )
 
 
-def summary(recording: Recording, simulated: list[np.ndarray]) -> dict:
-    """The figures of a fit that follow from its simulated torque."""
-    runs = recording.trajectories
+def misfit(recording: Recording, point: Point, samples: Dataset, warnings: list[str]) -> dict[str, Any]:
+    """The fields of :class:`Misfit` of a fitted point."""
+    runs, tau = recording.trajectories, point.simulated * samples.scales.torque
+    simulated = [tau[part] for part in samples.parts]
     errors = [sim - run.torque for sim, run in zip(simulated, runs, strict=True)]
     groups: dict[str, list[np.ndarray]] = {}
     for run, error in zip(runs, errors, strict=True):
@@ -178,37 +172,8 @@ def summary(recording: Recording, simulated: list[np.ndarray]) -> dict:
         "rmse_per_trajectory": {run.id: rms(e) for run, e in zip(runs, errors, strict=True)},
         "rmse_per_current": {key: rms(np.concatenate(groups[key])) for key in sorted(groups)},
         "simulated": tuple(simulated),
-        "units": dict(recording.units),
-        "source": str(recording.source or "in memory"),
-        "samples": sum(len(run.t) for run in runs),
-        "trajectories": len(runs),
-        "rate": float(np.median([1.0 / run.dt for run in runs])),
+        "warnings": tuple(warnings),
     }
-
-
-def _fixed(start: MrParams | None) -> dict[str, float]:
-    """What is given and not fitted."""
-    z_max = BoucWenParams().z_max
-    if start is None:
-        return {"q_offset": 0.0, "q_center": 0.0, "z_max": z_max, "coil_time_constant": 0.0}
-    bw = start.bouc_wen
-    lag = start.coil.coil_time_constant
-    return {"q_offset": bw.q_offset, "q_center": bw.q_center, "z_max": bw.z_max, "coil_time_constant": lag}
-
-
-def _with_coil(replay: Replay, time_constant: float) -> Replay:
-    """The replay with the current that flows instead of the command."""
-    if time_constant == 0.0:
-        return replay
-    current = replay.torque([{"I1": 1.0, "coil_time_constant": time_constant}])[0].astype(float)
-    samples = dataclasses.replace(replay.samples, current=current)
-    return Replay(samples, exact=replay.exact, substeps=replay.substeps)
-
-
-def _shape_of(start: MrParams, structure: BoucWenStructure, scales: Scales) -> np.ndarray:
-    """Shape parameters of a given joint."""
-    alpha, beta, gamma = (getattr(start.bouc_wen, name) / scales.factor(name) for name in SHAPE)
-    return shape_coordinates(alpha, beta, gamma, structure.speed)
 
 
 def _named(structure: BoucWenStructure, scales: Scales, x: np.ndarray, top: float) -> dict[str, float]:
@@ -249,3 +214,67 @@ def _notes(
     if any(run.qd_derived for run in recording.trajectories):
         notes.append("the velocity was derived from q by zero-phase differentiation")
     return notes
+
+
+def holding_curve(current: np.ndarray, T_max: float, K: float, n: float) -> np.ndarray:
+    """tau_y of eq. 18 [N·m], as ``mrwarp.kernels.brake.yield_torque``, in float64."""
+    ratio = (np.abs(current) / K) ** n
+    return T_max * ratio / (1.0 + ratio)
+
+
+def fit_holding(current: np.ndarray, torque: np.ndarray) -> dict[str, Estimate]:
+    """Fit ``T_max*I^n/(K^n + I^n)`` to break-away torques by least squares in log(K), log(n) and T_max.
+
+    Args:
+        current: Current of each test [A], shape (N,).
+        torque: Torque at which the joint gave way [N·m], shape (N,).
+
+    Raises:
+        RecordingError: fewer than five tests, or fewer than three levels of current above 0.
+    """
+    current, torque = np.abs(np.asarray(current, dtype=float)), np.abs(np.asarray(torque, dtype=float))
+    levels = len(np.unique(np.round(current[current > 0], 4)))
+    if len(current) < 5 or levels < 3:
+        raise RecordingError(
+            f"{len(current)} break-away tests at {levels} currents above 0; eq. 18 needs 5 tests at 3 currents"
+        )
+    scale, low, high = float(np.median(current[current > 0])), [-4.0, np.log(0.1)], [4.0, np.log(20.0)]
+
+    def mismatch_of(x: np.ndarray) -> np.ndarray:
+        return x[0] * holding_curve(current, 1.0, scale * np.exp(x[1]), np.exp(x[2])) - torque
+
+    def derivatives(x: np.ndarray) -> np.ndarray:
+        """By T_max, log(K) and log(n), shape (N, 3)."""
+        unit = holding_curve(current, 1.0, scale * np.exp(x[1]), np.exp(x[2]))
+        bend = x[0] * np.exp(x[2]) * unit * (1.0 - unit)
+        logarithm = np.log(np.where(current > 0.0, current, 1.0) / scale) - x[1]
+        return np.column_stack([unit, -bend, bend * logarithm])
+
+    starts = []
+    for k, n in itertools.product(np.linspace(-2, 2, 21), np.log(np.linspace(0.5, 8, 20))):
+        unit = holding_curve(current, 1.0, scale * np.exp(k), np.exp(n))
+        starts.append(np.array([unit @ torque / (unit @ unit), k, n]))
+    found = least_squares(
+        mismatch_of,
+        min(starts, key=lambda x: float((mismatch_of(x) ** 2).sum())),
+        jac=derivatives,  # pyright: ignore[reportArgumentType]
+        bounds=([-np.inf, *low], [np.inf, *high]),
+        x_scale="jac",
+        ftol=1e-15,
+        xtol=1e-12,
+        gtol=1e-15,
+    )
+    (best, *x), table, mismatch = found.x, found.jac, found.fun
+    inverse = np.linalg.pinv(table.T @ table)
+    # each test left out once (HC3): the scatter of break-away torques grows with the torque
+    leverage = np.einsum("ij,jk,ik->i", table, inverse, table)
+    meat = table.T @ (table * (mismatch / np.maximum(1.0 - leverage, 1e-6))[:, None] ** 2)
+    sigma = np.sqrt(np.diag(inverse @ meat @ inverse))
+    values = {"T_max": float(best), "K": scale * float(np.exp(x[0])), "n": float(np.exp(x[1]))}
+    slopes = (1.0, values["K"], values["n"])
+    dof = len(current) - 3
+    wide, wider = stats.t.ppf((0.975, 1 - 0.025 / 3), dof)
+    return {
+        name: Estimate(value=value, half=float(wide * s * slope), half_joint=float(wider * s * slope))
+        for (name, value), s, slope in zip(values.items(), sigma, slopes, strict=True)
+    }

@@ -16,7 +16,7 @@ def loops_picture(recording: Recording, result: FitResult, extended: ExtendedFit
     """Measured against simulated torque over displacement and velocity, one column per current."""
     groups: dict[str, int] = {}
     for k, run in enumerate(recording.trajectories):
-        constant = run.current.max() - run.current.min() <= 0.02 * max(1e-9, abs(run.current).max())
+        constant = np.ptp(run.current) <= 0.02 * max(1e-9, abs(run.current).max())
         key = f"{run.current[0]:.3g} {recording.units['current']}" if constant else "varying current"
         best = groups.get(key)
         if best is None or run.qd.std() > recording.trajectories[best].qd.std():

@@ -39,9 +39,9 @@ class Estimate:
         return (self.value - self.half, self.value + self.half) if np.isfinite(self.half) else None
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Assessment:
-    """Intervals of everything that was asked for, and pairs or groups of parameters that cannot be told apart."""
+    """Intervals of everything that was asked for, and what cannot be told apart."""
 
     estimates: dict[str, Estimate]
     condition: float
@@ -79,7 +79,9 @@ def assess(
     # leave each cluster out: one small solve
     clusters = len(parts)
     total = score.sum(axis=0)
-    shifts = np.stack([_solve(correlation - h, total - u) for h, u in zip(parts, score, strict=True)])
+    shifts = np.stack(
+        [np.linalg.lstsq(correlation - h, total - u, rcond=_RANK)[0] for h, u in zip(parts, score, strict=True)]
+    )
     shifts -= shifts.mean(axis=0)
     covariance = (clusters - 1) / clusters * shifts.T @ shifts
     inverse = (vectors[:, known] / values[known]) @ vectors[:, known].T
@@ -88,23 +90,18 @@ def assess(
     slopes = _slopes(transform, vector, use, scale)
     estimates = {}
     for row, (name, value) in zip(slopes, base.items(), strict=True):
-        lost = _lost(row, vectors[:, ~known])
+        size, blind_part = float(np.linalg.norm(row)), np.abs(row @ vectors[:, ~known])
+        lost = size == 0.0 or (blind_part > 1e-3 * size).any()  # along a direction without information
         variance = float(row @ covariance @ row)
         share = np.einsum("i,gij,j->g", row @ inverse, parts, inverse @ row)
         effective = share.sum() ** 2 / max(float((share**2).sum()), 1e-300)
         dof = max(effective - 1.0, 1.0)
         sigma = float("inf") if lost else np.sqrt(variance)
         quantiles = stats.t.ppf((0.975, 1.0 - 0.025 / count), dof)
-        estimates[name] = Estimate(
-            value=float(value), half=float(quantiles[0] * sigma), half_joint=float(quantiles[1] * sigma)
-        )
+        half, half_joint = (quantiles * sigma).tolist()
+        estimates[name] = Estimate(value=float(value), half=half, half_joint=half_joint)
     together = _groups(inverse, blind, [names[i] for i in use])
-    return Assessment(estimates=estimates, condition=float(values[-1] / max(values[0], 1e-300)), together=together)
-
-
-def _solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Solution of a symmetric system, the smallest one where it is singular."""
-    return np.linalg.lstsq(matrix, vector, rcond=_RANK)[0]
+    return Assessment(estimates, float(values[-1] / max(values[0], 1e-300)), together)
 
 
 def _slopes(
@@ -118,12 +115,6 @@ def _slopes(
         up, down = transform(vector + step), transform(vector - step)
         columns.append((np.array(list(up.values())) - np.array(list(down.values()))) / (2.0 * step[i]) / scale[i])
     return np.array(columns).T
-
-
-def _lost(row: np.ndarray, blind: np.ndarray) -> bool:
-    """Whether a value depends on a direction without information, or on nothing that was fitted."""
-    size = float(np.linalg.norm(row))
-    return size == 0.0 or bool(blind.size and np.abs(row @ blind).max() > 1e-3 * size)
 
 
 def _groups(inverse: np.ndarray, blind: np.ndarray, names: list[str]) -> list[tuple[str, ...]]:

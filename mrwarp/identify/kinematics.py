@@ -40,7 +40,7 @@ _T = 3.0
 """Standard errors by which the halves of a rest, or its velocity and 0, may differ."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Kinematics:
     """Motion of all trajectories end to end; float64, shape (N,), units of the recording."""
 
@@ -59,19 +59,12 @@ class Kinematics:
 
 
 def reconstruct(recording: Recording, *, rests: bool = True) -> Kinematics:
-    """Smooth the motion of a recording.
-
-    Args:
-        recording: Measured runs.
-        rests: Whether nothing moves where angle and velocity change by no more than their noise.
-    """
+    """Smooth the motion of a recording; with ``rests``, nothing moves where it changes by no more than its noise."""
     runs = recording.trajectories
-    sigma_q = _median([_angle_noise(run) for run in runs])
-    sigma_v = _median([_velocity_noise(run) for run in runs])
-    if any(run.qd_derived for run in runs):
-        sigma_v = float("inf")
-    lag, error = 0.0, float("inf")
-    if np.isfinite(sigma_v):
+    sigma_q = float(np.median([_angle_noise(run) for run in runs]))
+    sigma_v, lag, error = float("inf"), 0.0, float("inf")
+    if not any(run.qd_derived for run in runs):
+        sigma_v = float(np.median([_velocity_noise(run) for run in runs]))
         lag, error = _lag_of(recording, sigma_q)
         if lag < _LAG_T * error or lag < 1e-4:
             lag = 0.0
@@ -92,10 +85,7 @@ def reconstruct(recording: Recording, *, rests: bool = True) -> Kinematics:
             v, a = late, (v - late) / lag
         qd.append(v)
         qdd.append(a)
-    return Kinematics(
-        qd=np.concatenate(qd), qdd=np.concatenate(qdd), velocity_lag=lag, velocity_lag_error=error,
-        rests=rested, doubtful=np.concatenate(doubtful),
-    )  # fmt: skip
+    return Kinematics(np.concatenate(qd), np.concatenate(qdd), lag, error, rested, np.concatenate(doubtful))
 
 
 def _bandwidth(run: Trajectory, sigma_q: float, sigma_v: float) -> float:
@@ -131,11 +121,11 @@ def smooth(
     """Velocity and acceleration of one trajectory, shape (N,) each.
 
     Args:
-        q: Angle, ignored for infinite ``sigma_q``.
-        qd: Velocity, ignored for infinite ``sigma_v``.
+        q: Angle.
+        qd: Velocity.
         dt: Sampling interval [s].
-        sigma_q: Standard deviation of the angle's noise.
-        sigma_v: Standard deviation of the velocity's noise.
+        sigma_q: Standard deviation of the angle's noise; infinite: the angle is ignored.
+        sigma_v: Standard deviation of the velocity's noise, likewise.
         bandwidth: Above that the motion holds nothing and its noise all [Hz].
         known: Velocity where it is known, shape (N,), NaN elsewhere.
     """
@@ -213,17 +203,8 @@ def _velocity_noise(run: Trajectory) -> float:
     return max(1.4826 * float(np.median(np.abs(rest))), 1e-5 * float(np.abs(run.qd).max()), 1e-12)
 
 
-def _median(x: list[float]) -> float:
-    return float(np.median(x))
-
-
 def known_velocity(run: Trajectory, sigma_q: float, sigma_v: float) -> tuple[np.ndarray, np.ndarray]:
     """Velocity where a joint rests: 0, or the slope of the angle where it creeps.
-
-    Args:
-        run: Trajectory of N samples.
-        sigma_q: Standard deviation of the angle's noise.
-        sigma_v: Standard deviation of the velocity's noise; infinite: not looked at.
 
     Returns:
         The velocity, NaN where it is not known, and whether a sample is at the edge of a rest; both of shape (N,).
@@ -243,12 +224,8 @@ def known_velocity(run: Trajectory, sigma_q: float, sigma_v: float) -> tuple[np.
 def resting(q: np.ndarray, qd: np.ndarray, dt: float, sigma_q: float, sigma_v: float) -> list[slice]:
     """Stretches of a trajectory whose angle and velocity change by no more than their noise.
 
-    Args:
-        q: Angle, shape (N,).
-        qd: Velocity, shape (N,).
-        dt: Sampling interval [s].
-        sigma_q: Standard deviation of the angle's noise.
-        sigma_v: Standard deviation of the velocity's noise; infinite: not looked at.
+    ``sigma_q`` and ``sigma_v`` are the standard deviations of their noise; the velocity is not looked at where the
+    latter is infinite. ``dt`` is the sampling interval [s].
     """
     half = max(5, round(0.5 * _WINDOW / dt))
     width = 2 * half

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from mrwarp.identify.dataset import rms
 from mrwarp.identify.replay import simulate
 from mrwarp.nn import network_file, windows
 from mrwarp.nn.models import SAMPLES, LstmState, make_net
 from mrwarp.nn.network_file import LearnedModel
 from mrwarp.nn.training import FitCfg, History, Report, fit, rmse
 from mrwarp.params import BoucWenParams
-from mrwarp.recording.load import Recording, RecordingError, Trajectory
+from mrwarp.recording.load import Recording, RecordingError
 
 VALIDATION = 0.2
 """Share of the trajectories held for validation, table 1."""
@@ -48,8 +49,7 @@ def learn(
     Args:
         recording: Fitting data, one sampling rate throughout.
         kind: ``mlp``, ``lstm`` or ``pg_rlstm``.
-        bouc_wen: The frozen Bouc-Wen parameters in the recording's units; the paper's if None. ``q_neutral`` is not
-            used: a bench's angle is about its own zero.
+        bouc_wen: The frozen Bouc-Wen parameters in the recording's units but for ``q_neutral``; None: the paper's.
         baseline: Torque of another physical model along each trajectory, in place of Bouc-Wen's for ``pg_rlstm``; such
             a model predicts with that baseline only and does not run in the loop.
         cfg: The recipe; its seed also divides the trajectories and draws the weights.
@@ -127,8 +127,8 @@ def sampling_interval(recording: Recording) -> float:
 def bench_parameters(bouc_wen: Mapping[str, float] | None) -> dict[str, float]:
     """The Bouc-Wen entries of a set of parameters (None: the paper's) about the bench's own zero."""
     values = asdict(BoucWenParams()) if bouc_wen is None else bouc_wen
-    names = [spec.name for spec in BoucWenParams.specs()]
-    return {**{name: float(values[name]) for name in names if name in values}, "q_neutral": 0.0}
+    known = {spec.name: float(values[spec.name]) for spec in BoucWenParams.specs() if spec.name in values}
+    return known | {"q_neutral": 0.0}
 
 
 def features(recording: Recording, bouc_wen: Mapping[str, float]) -> list[np.ndarray]:
@@ -172,31 +172,23 @@ def predict(
     return tau
 
 
-def nominal_current(run: Trajectory) -> float:
-    """Current of the on-sections of an evaluation trajectory [A]: the largest one, to 0.01 A."""
-    return round(float(np.abs(run.current).max()), 2)
-
-
 def errors(predicted: Sequence[np.ndarray], recording: Recording) -> dict[float, list[float]]:
-    """RMSE of each trajectory [N·m] by nominal current, the first :data:`SKIP` samples left out for every model."""
+    """RMSE of each trajectory [N·m] by its largest current, the first :data:`SKIP` samples left out for every model."""
     found: dict[float, list[float]] = {}
     for tau, run in zip(predicted, recording.trajectories, strict=True):
         mismatch = (tau - run.torque)[SKIP:]
         if len(mismatch):
-            found.setdefault(nominal_current(run), []).append(float(np.sqrt(np.mean(mismatch**2))))
+            amps = round(float(np.abs(run.current).max()), 2)
+            found.setdefault(amps, []).append(rms(mismatch))
     return dict(sorted(found.items()))
 
 
 def summary(by_current: Mapping[float, Sequence[float]]) -> dict[str, Any]:
     """Mean and sample standard deviation of the RMSE per current, and the mean over the currents [N·m]."""
-    rows = {
-        f"{amps:g}": {
-            "mean": float(np.mean(values)),
-            "sd": float(np.std(values, ddof=1)) if len(values) > 1 else 0.0,
-            "trajectories": len(values),
-        }
-        for amps, values in by_current.items()
-    }
+    rows = {}
+    for amps, values in by_current.items():
+        sd = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
+        rows[f"{amps:g}"] = {"mean": float(np.mean(values)), "sd": sd, "trajectories": len(values)}
     return {"by_current": rows, "average": float(np.mean([row["mean"] for row in rows.values()]))}
 
 

@@ -1,17 +1,20 @@
-"""Least squares of models whose derivatives are simulated: one Levenberg-Marquardt loop within bounds.
+"""Least squares by normal equations, per trajectory, and one Levenberg-Marquardt loop within bounds on top.
 
-One evaluation simulates a model and all its derivative columns side by side, as environments of one launch, and hands
-back normal equations only. So a search needs no table of columns in memory, whatever the length of the recording.
-Small problems with an explicit formula take ``scipy.optimize.least_squares``.
+One evaluation simulates a model and all its derivative columns side by side, as environments of one launch, and keeps
+normal equations only: all that fits, leave-one-out errors and tests need, in little memory. Small problems with a
+formula take ``scipy.optimize.least_squares``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+
+from mrwarp.identify.dataset import Dataset
+from mrwarp.identify.noise import Noise
 
 _RANK = 1e-9
 """Eigenvalues of a correlation matrix below this count as zero."""
@@ -72,9 +75,9 @@ def minimise(
 
     Args:
         evaluate: The sum of squares about a point.
-        x: Where the search starts, shape (P,); moved into the bounds.
-        low: Lower bounds, shape (P,).
-        high: Upper bounds, shape (P,).
+        x: Where the search starts, shape (P,); moved into the bounds ``low`` and ``high``, of the same shape.
+        low: Lower bounds.
+        high: Upper bounds.
         reach: Longest step of each coordinate, shape (P,) or one for all.
         rules: Damping and end of the search.
 
@@ -159,3 +162,65 @@ def bounded_solve(gram: np.ndarray, moment: np.ndarray, bounded: np.ndarray) -> 
         if not outside.any():
             return solution, free
         free[np.argmin(np.where(outside, solution * scale, np.inf))] = False
+
+
+class NormalEquations:
+    """Whitened Gram matrices of signals, one per trajectory, with offsets and factors marginalised.
+
+    Args:
+        blocks: The signals, in blocks of shape (k, N) that together have M rows.
+        torque: Simulated torque, for the factor of each trajectory, shape (N,).
+        samples: The samples.
+        noise: The noise model.
+        weight: 1 for samples that count, 0 for those that do not, shape (N,).
+    """
+
+    def __init__(
+        self, blocks: Sequence[np.ndarray], torque: np.ndarray, samples: Dataset, noise: Noise, weight: np.ndarray
+    ) -> None:
+        cuts = np.cumsum([0, *(len(block) for block in blocks)])
+        size, first = int(cuts[-1]), len(noise.whitening) - 1
+        spread = np.maximum([noise.offset, noise.gain], 1e-9)
+        parts = []
+        self.count = 0.0
+        for part in samples.parts:  # one after the other: a whole table would be many times the recording
+            table = np.empty((size + 2, part.stop - part.start))
+            for at, block in zip(cuts[:-1], blocks, strict=True):
+                table[at : at + len(block)] = block[:, part]
+            table[size], table[size + 1] = 1.0, torque[part]
+            counted = weight[part].copy()
+            counted[:first] = 0.0
+            table = noise.white(table) * counted
+            gram = table @ table.T
+            inner = gram[size:, size:] + np.diag(1.0 / spread**2)
+            cross = gram[:size, size:]
+            parts.append(gram[:size, :size] - cross @ np.linalg.solve(inner, cross.T))
+            self.count += float(counted.sum())
+        self.parts = np.array(parts)
+        """Shape (T, M, M)."""
+        self.total = self.parts.sum(axis=0)
+
+
+def losses(
+    grams: NormalEquations, use: list[int], target: int, *, ridge: float = 1e-9
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Fit of column ``target`` by columns ``use``: solution, loss and leave-one-out loss of each trajectory.
+
+    Args:
+        grams: The table.
+        use: Columns of the fit.
+        target: Column that is fitted.
+        ridge: Relative ridge.
+
+    Returns:
+        Solution, shape (len(use),); losses, shape (T,); leave-one-out losses, shape (T,).
+    """
+    a = grams.parts[:, use][:, :, use]
+    b = grams.parts[:, use, target]
+    c = grams.parts[:, target, target]
+    total, moment = a.sum(axis=0), b.sum(axis=0)
+    solution = ridge_solve(total, moment, ridge)
+    inside = c - 2.0 * b @ solution + np.einsum("i,tij,j->t", solution, a, solution)
+    left = ridge_solve(total - a, moment - b, ridge)
+    outside = c - 2.0 * np.einsum("ti,ti->t", b, left) + np.einsum("ti,tij,tj->t", left, a, left)
+    return solution, inside, outside

@@ -63,10 +63,8 @@ def estimate_noise(residual: np.ndarray, torque: np.ndarray, samples: Dataset, o
     covariance[0] = covariance[0] * (1.0 + 1e-6) + floor
     coefficients = solve_toeplitz(covariance[:-1], covariance[1:])
     variance = float(covariance[0] - coefficients @ covariance[1:])
-    return Noise(
-        whitening=np.concatenate([[1.0], -coefficients]), sigma=float(np.sqrt(max(variance, floor))),
-        rms=float(np.sqrt(covariance[0])), offset=offset, gain=gain,
-    )  # fmt: skip
+    sigma, size = np.sqrt([max(variance, floor), covariance[0]]).tolist()
+    return Noise(whitening=np.concatenate([[1.0], -coefficients]), sigma=sigma, rms=size, offset=offset, gain=gain)
 
 
 def trajectory_spread(
@@ -102,12 +100,8 @@ def trajectory_spread(
 def excess_spread(values: np.ndarray, variances: np.ndarray, table: np.ndarray) -> float:
     """Standard deviation beyond the known errors of values about a regression, one standard error on the safe side.
 
-    The estimate is that of Paule and Mandel (1982).
-
-    Args:
-        values: Shape (T,).
-        variances: Of their known errors, shape (T,).
-        table: Regressors, shape (T, k), k < T.
+    The estimate is that of Paule and Mandel (1982). Values and ``variances`` of their known errors are of shape (T,),
+    the ``table`` of regressors of shape (T, k) with k < T.
     """
     free = len(values) - np.linalg.matrix_rank(table)
     if free < 1:

@@ -210,11 +210,8 @@ class Parameters:
 
     def vector(self, base: np.ndarray, numbers: Mapping[tuple[str, str], float]) -> np.ndarray:
         """A vector from its base part and the effects' coordinates; those not given are known, neutral or a start."""
-        own = []
-        for slot in self.slots:
-            given = numbers.get(slot.key)
-            own.append(self.choices.get(slot.key, slot.neutral(self.ranges)) if given is None else given)
-        return np.array([*base[BASE_PART], *own])
+        known = {slot.key: self.choices.get(slot.key, slot.neutral(self.ranges)) for slot in self.slots}
+        return np.array([*base[BASE_PART], *(numbers.get(key, value) for key, value in known.items())])
 
     def moved(self, x: np.ndarray, other: Parameters) -> np.ndarray:
         """This model's vector in another layout; what it lacks here is known, at null, or its first start."""
@@ -236,7 +233,7 @@ def _linear_step(p: EffectParameter, r: Ranges) -> float:
     unit = r.qd**q if (q, current, torque) != (1, 0, 0) else r.q
     size = unit * r.current**current * r.torque**torque
     if p.unit == "kg·m²":
-        size = r.torque * r.q / max(r.qd**2, 1e-12) * 1.0
+        size = r.torque * r.q / max(r.qd**2, 1e-12)
     if p.unit == "1/s":
         size = 1.0 / r.session
     if p.unit == "1/J":

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,7 @@ _RANK = 1e-9
 _SUBSET = 20_000
 """Samples on which the starts are searched."""
 _STARTS = 3
+_RULES = Rules(damping=1e-3, relief=5.0, least=1e-12, increase=10.0, most=1e8)
 _SPIKE = 0.05
 """Smallest spike that counts, as a share of the torque's 95th percentile."""
 
@@ -49,15 +50,19 @@ class Structure(ABC):
     """Linear parameters that may not be negative."""
 
     @abstractmethod
-    def elements(self, theta: np.ndarray) -> list[dict[str, float]]:
-        """Parameters of the unit hysteresis elements to be simulated for one shape."""
+    def loop(self, theta: np.ndarray) -> dict[str, float]:
+        """Parameters of the hysteresis of one shape."""
 
     @abstractmethod
-    def columns(self, samples: Dataset, elements: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    def elements(self, loop: Mapping[str, float]) -> list[dict[str, float]]:
+        """Parameters of the unit elements to be simulated for a hysteresis."""
+
+    @abstractmethod
+    def columns(self, samples: Dataset, elements: np.ndarray) -> np.ndarray:
         """Torque per unit of each linear parameter, shape (N, L), from the elements' torque, shape (elements, N)."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Point:
     """The model at one shape, with the best linear parameters."""
 
@@ -108,20 +113,12 @@ class Projection:
         gram = np.empty((len(self.clusters), size, size))
         for k, part in enumerate(self.clusters):
             gram[k] = table[part].T @ table[part]
-        return Point(theta=theta, linear=linear, free=free, sse=sse, gram=gram, simulated=base @ linear)
+        return Point(theta, linear, free, sse, gram, base @ linear)
 
     def descend(self, theta: np.ndarray, *, iterations: int = 30, tolerance: float = 1e-7) -> Point:
         """Levenberg-Marquardt within the bounds, from ``theta`` to the nearest minimum."""
-        rules = Rules(
-            iterations=iterations,
-            damping=1e-3,
-            relief=5.0,
-            least=1e-12,
-            increase=10.0,
-            most=1e8,
-            gained=lambda gain, loss: gain < tolerance * loss,
-        )
         s = self.structure
+        rules = replace(_RULES, iterations=iterations, gained=lambda gain, loss: gain < tolerance * loss)
         return minimise(lambda x: _reduced(self.evaluate(x)), theta, s.low, s.high, reach=1.5, rules=rules)[1].content
 
     def starts(self, count: int) -> list[np.ndarray]:
@@ -142,11 +139,11 @@ class Projection:
         """Columns of each shape, one at a time to bound the memory."""
         rows: list[Mapping[str, float]] = []
         for theta in thetas:
-            rows += self.structure.elements(theta)
+            rows += self.structure.elements(self.structure.loop(theta))
         torque = self.replay.torque(rows)
         per = len(torque) // len(thetas)
-        for i, theta in enumerate(thetas):
-            yield self.structure.columns(self.samples, torque[i * per : (i + 1) * per], theta)
+        for i in range(len(thetas)):
+            yield self.structure.columns(self.samples, torque[i * per : (i + 1) * per])
 
     def _solve(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Best linear parameters within their bounds, which of them are free, and the sum of squares."""
@@ -182,13 +179,7 @@ def _reduced(point: Point) -> Quadratic:
 
 
 def search(
-    structure: Structure,
-    replay: Replay,
-    *,
-    starts: tuple[np.ndarray, ...] = (),
-    robust: bool = False,
-    seed: int = 0,
-    log: Progress = lambda text: None,
+    structure: Structure, replay: Replay, *, robust: bool = False, seed: int = 0, log: Progress = lambda text: None
 ) -> tuple[Point, list[str]]:
     """Grid of starts on a subset, descent from the best, refinement on all samples.
 
@@ -196,8 +187,7 @@ def search(
         The optimum and warnings about the search.
     """
     log("searching starts")
-    points, samples = search_starts(structure, replay, starts=starts, seed=seed), replay.samples
-    warnings = []
+    points, samples, warnings = search_starts(structure, replay, seed=seed), replay.samples, []
     rivals = [p for p in points[1:] if p.sse < 1.01 * points[0].sse and np.abs(p.theta - points[0].theta).max() > 0.3]
     if rivals:
         warnings.append("two different parameter sets fit a part of the data equally well: record richer motion")
@@ -220,18 +210,11 @@ def search(
     return point, warnings
 
 
-def search_starts(
-    structure: Structure,
-    replay: Replay,
-    *,
-    starts: tuple[np.ndarray, ...] = (),
-    limit: int = _SUBSET,
-    seed: int = 0,
-) -> list[Point]:
-    """Optima on about ``limit`` samples, from given starts and from the structure's grid, best first."""
+def search_starts(structure: Structure, replay: Replay, *, limit: int = _SUBSET, seed: int = 0) -> list[Point]:
+    """Optima on about ``limit`` samples, from the best starts of the structure's grid, best first."""
     small = replay.samples.subset(limit, seed)
     rough = Projection(structure, Replay(small, exact=replay.exact, substeps=replay.substeps))
-    points = [rough.descend(theta, tolerance=1e-5) for theta in (*starts, *rough.starts(_STARTS))]
+    points = [rough.descend(theta, tolerance=1e-5) for theta in rough.starts(_STARTS)]
     return sorted(points, key=lambda p: p.sse)
 
 

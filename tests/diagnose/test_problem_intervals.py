@@ -9,8 +9,8 @@ from scipy.stats import t as student
 
 from mrwarp.diagnose.problem import covariance, interval
 from mrwarp.identify.dataset import Dataset, Scales
+from mrwarp.identify.least_squares import NormalEquations
 from mrwarp.identify.noise import Noise
-from mrwarp.identify.normal_equations import NormalEquations
 from tests.diagnose import known
 
 TRUE = np.array([1.0, -2.0, 0.5])
@@ -29,7 +29,7 @@ def regression(seed: int, runs: int, *, count: int = 100, sigma: float = 0.3, sc
     y = (x * own.repeat(count, axis=1)).sum(0) + sigma * rng.normal(size=runs * count)
     noise = Noise(whitening=np.ones(1), sigma=sigma, rms=sigma, offset=0.0, gain=0.0)
     plain = np.linalg.lstsq(x.T, y, rcond=None)[0]
-    equations = NormalEquations(np.vstack([x, y - plain @ x]), zero, samples, noise, np.ones(runs * count))
+    equations = NormalEquations([x, (y - plain @ x)[None]], zero, samples, noise, np.ones(runs * count))
     return SimpleNamespace(x=plain, equations=equations, table=x, sigma=sigma, least_variance=None)
 
 
@@ -92,7 +92,7 @@ def test_redundant_column_has_a_finite_interval() -> None:
     )  # fmt: skip
     noise = Noise(whitening=np.ones(1), sigma=0.3, rms=0.3, offset=0.0, gain=0.0)
     rows = np.vstack([table, np.random.default_rng(6).normal(size=len(zero))])
-    equations = NormalEquations(rows, zero, samples, noise, np.ones(len(zero)))
+    equations = NormalEquations([rows], zero, samples, noise, np.ones(len(zero)))
     twice: Any = SimpleNamespace(x=np.zeros(4), equations=equations, least_variance=None)
     assert np.isfinite(covariance(twice)).all()
 

@@ -10,8 +10,7 @@ import warp as wp
 
 from mrwarp.cli import main
 from mrwarp.identify.dataset import Scales
-from mrwarp.identify.fit import PARAMETERS, fit
-from mrwarp.identify.holding import fit_holding, holding_curve
+from mrwarp.identify.fit import PARAMETERS, fit, fit_holding, holding_curve
 from mrwarp.identify.replay import simulate
 from mrwarp.model_file import load_model
 from mrwarp.params import HoldParams

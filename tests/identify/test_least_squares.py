@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from mrwarp.identify.dataset import Dataset, Scales
-from mrwarp.identify.least_squares import ridge_solve
+from mrwarp.identify.least_squares import NormalEquations, losses, ridge_solve
 from mrwarp.identify.noise import Noise
-from mrwarp.identify.normal_equations import NormalEquations, losses
 
 RUNS, COUNT, COLUMNS = 5, 60, 4
 FILTER = np.array([1.0, -0.5, 0.2])
@@ -39,7 +38,7 @@ def noise(offset: float, gain: float) -> Noise:
 def test_offsets_and_factors_are_marginalised(table: tuple) -> None:
     """Each trajectory's matrix is X Cov^-1 X' with the covariance of noise, offset and factor written out."""
     rows, torque, samples = table
-    found = NormalEquations(rows, torque, samples, noise(0.2, 0.1), np.ones(rows.shape[1]))
+    found = NormalEquations([rows], torque, samples, noise(0.2, 0.1), np.ones(rows.shape[1]))
     shared = whitened(np.stack([np.ones(rows.shape[1]), torque]))
     for k, part in enumerate(samples.parts):
         part = slice(part.start + len(FILTER) - 1, part.stop)  # the first have no past
@@ -54,7 +53,7 @@ def test_weights_leave_samples_out(table: tuple) -> None:
     """Samples of weight 0 do not count, nor the first of each trajectory; without spread it is a plain sum."""
     rows, torque, samples = table
     weight = (np.arange(rows.shape[1]) % 3 > 0).astype(float)
-    found = NormalEquations(rows, torque, samples, noise(0.0, 0.0), weight)
+    found = NormalEquations([rows], torque, samples, noise(0.0, 0.0), weight)
     counted = weight.copy()
     for part in samples.parts:
         counted[part.start : part.start + 2] = 0.0
@@ -66,7 +65,7 @@ def test_weights_leave_samples_out(table: tuple) -> None:
 def test_left_out_losses_are_those_of_refits(table: tuple) -> None:
     """Leave-one-trajectory-out losses equal refits without the trajectory, by least squares on the samples."""
     rows, torque, samples = table
-    found = NormalEquations(rows, torque, samples, noise(0.0, 0.0), np.ones(rows.shape[1]))
+    found = NormalEquations([rows], torque, samples, noise(0.0, 0.0), np.ones(rows.shape[1]))
     use = [0, 2, 3]
     solution, inside, outside = losses(found, use, COLUMNS, ridge=0.0)
     x = whitened(rows)
@@ -85,7 +84,7 @@ def test_left_out_losses_are_those_of_refits(table: tuple) -> None:
 def test_left_out_losses_with_marginalised_offsets(table: tuple) -> None:
     """With spreads too: a refit weighs each trajectory by its own covariance."""
     rows, torque, samples = table
-    found = NormalEquations(rows, torque, samples, noise(0.3, 0.2), np.ones(rows.shape[1]))
+    found = NormalEquations([rows], torque, samples, noise(0.3, 0.2), np.ones(rows.shape[1]))
     _, _, outside = losses(found, [0, 1], COLUMNS, ridge=0.0)
     for k in range(RUNS):
         rest = found.total - found.parts[k]
@@ -104,24 +103,13 @@ def test_useless_column_gains_nothing_left_out(table: tuple) -> None:
     for _ in range(200):
         tried = np.vstack([rows[:-1], rng.normal(size=rows.shape[1]), rows[-1]])
         # the target's own noise: after the filter, of unit variance
-        grams = NormalEquations(tried, torque, samples, Noise(
+        grams = NormalEquations([tried], torque, samples, Noise(
             whitening=np.ones(1), sigma=1.0, rms=1.0, offset=0.0, gain=0.0), np.ones(rows.shape[1]))  # fmt: skip
         inside = [losses(grams, list(range(n)), COLUMNS + 1)[1].sum() for n in (COLUMNS, COLUMNS + 1)]
         outside = [losses(grams, list(range(n)), COLUMNS + 1)[2].sum() for n in (COLUMNS, COLUMNS + 1)]
         assert inside[1] < inside[0]
         added.append(outside[1] - outside[0])
     assert 0.3 < np.mean(added) < 2.5
-
-
-def test_penalty_shrinks_a_column(table: tuple) -> None:
-    """A penalty of 1 on one column is a ridge of its own square sum."""
-    rows, torque, samples = table
-    grams = NormalEquations(rows, torque, samples, noise(0.0, 0.0), np.ones(rows.shape[1]))
-    penalty = np.array([0.0, 1.0])
-    solution, _, _ = losses(grams, [0, 1], COLUMNS, ridge=0.0, penalty=penalty)
-    a = grams.total[:2, :2]
-    want = np.linalg.solve(a + np.diag(penalty * np.diag(a)), grams.total[:2, COLUMNS])
-    np.testing.assert_allclose(solution, want, rtol=1e-9)
 
 
 def test_ridge_solve_is_scale_free() -> None:
