@@ -13,17 +13,17 @@ from typing import Any
 
 from mrwarp.diagnose import verdict_text as text
 from mrwarp.diagnose.held_out import predicted_errors, summary
-from mrwarp.diagnose.learned_remainder import left_to_learn
 from mrwarp.diagnose.pipeline import diagnose
-from mrwarp.diagnose.report.diagnosis_page import Table, render, write_page
+from mrwarp.diagnose.report.diagnosis_page import Table, render
 from mrwarp.diagnose.report.overview_pictures import NAMES, draw
 from mrwarp.diagnose.result import Diagnosis
+from mrwarp.identify.learn import left_to_learn
 from mrwarp.model_file import JOINT_UNITS, load_model, save_model
 from mrwarp.options.command_line import CommandLine
 from mrwarp.options.data_options import Diagnose
 from mrwarp.recording.load import Recording, check_same_units, load_recording
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
-from mrwarp.run_dir import check_writable
+from mrwarp.run_dir import check_writable, write_text
 from mrwarp.trials.impact_figures import EFFECT_FIGURES, impact_change
 
 Progress = Callable[[str], None]
@@ -152,18 +152,18 @@ def _predict(
 
 
 def _learn(d: Diagnosis, besides: dict[str, Any], tables: dict[str, Table], progress: Progress) -> None:
-    if not d.causes:
+    if not d.causes or d.traces is None:
         progress("no named cause: the learned model has as much left to do as before")
         return
-    found = left_to_learn(d, progress=progress)
-    besides["learned"] = found.to_dict()
+    models = ([torque[part] for part in d.traces.parts] for torque in (d.traces.baseline, d.traces.extended))
+    found = besides["learned"] = left_to_learn(d.recording, *models, progress=progress)
     unit = d.baseline.unit
     rows = [
         (name, text.measured(a, unit), text.measured(b, unit), f"{100.0 * (b / a - 1.0):+.0f} %")
         for name, (a, b) in (
-            ("RMS of what it has to add, all trajectories", found.target),
-            (f"RMSE without it, on {len(found.held_out)} trajectories it was not trained on", found.physical),
-            ("RMSE with it, on the same", found.with_learned),
+            ("RMS of what it has to add, all trajectories", found["target"]),
+            (f"RMSE without it, on {len(found['held_out'])} trajectories it was not trained on", found["physical"]),
+            ("RMSE with it, on the same", found["with_learned"]),
         )
     ]
     tables["learned"] = Table(head=("", "On the baseline", "On the extension", "Change"), rows=rows)
@@ -217,6 +217,6 @@ def _write(
     if d.model is not None:
         save_model(d.model, out / "model.json")
         names.append("model.json")
-    write_page(page, out)
+    write_text(out / "report.html", page)
     d.write(out, str(line), besides, model_name="model.json" if d.model is not None else "")
     return [*names, f"pictures/ ({len(pictures)} PNG)"]

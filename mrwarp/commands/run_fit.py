@@ -16,9 +16,8 @@ from mrwarp.identify.damper import (
     prediction_errors,
     undo_moving_average,
 )
-from mrwarp.identify.fit import FitResult, fit
+from mrwarp.identify.fit import FitResult, fit, fit_holding
 from mrwarp.identify.fit_pictures import loops_picture, residual_picture
-from mrwarp.identify.fit import fit_holding
 from mrwarp.identify.intervals import Estimate
 from mrwarp.identify.projection import Progress
 from mrwarp.identify.replay import simulate

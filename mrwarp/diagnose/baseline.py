@@ -1,4 +1,8 @@
-"""From a recording to a problem: eqs. 14 and 15 fitted to it, and the noise learned from what they leave."""
+"""From a recording to a problem: eqs. 14 and 15 fitted, the noise learned from what they leave, the log well read.
+
+Where the torque clearly asks for it, the log is read otherwise: rests held still, runs under way, clocks together. Each
+such step takes a problem and a model fitted to it, and returns a problem with another reading, or the problem itself.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +10,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from mrwarp.diagnose.preprocess import hold_rests
-from mrwarp.diagnose.problem import Fit, Problem, base_vector, factor_of, fit_model, normalised, refit
+from mrwarp.diagnose.problem import (
+    Fit,
+    Problem,
+    base_vector,
+    factor_of,
+    fit_model,
+    gain_and_t,
+    normalised,
+    refit,
+    threshold,
+)
 from mrwarp.diagnose.residual_structure import groups_along
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
@@ -20,7 +33,7 @@ from mrwarp.identify.projection import Progress, search_starts
 from mrwarp.identify.replay import EffectReplay, Replay
 from mrwarp.model_file import JOINT_UNITS, Model
 from mrwarp.params import MrParams
-from mrwarp.recording.load import Recording
+from mrwarp.recording.load import Recording, Trajectory
 
 _STARTS_ON = 8000
 """Samples on which the starts of the baseline are searched."""
@@ -30,24 +43,25 @@ _SPOILT = 1.3
 """Ratio of the mismatch with the learned noise to that of least squares above which the noise is no noise."""
 _MANY = 20
 """Trajectories above which the features take up little of their offsets and factors; below, they take up most."""
+LIMIT = 160_000
+"""Samples up to which a recording is diagnosed as it is: beyond, more of them say nothing new."""
+LEAST_RATE = 300.0
+"""Rate below which nothing is decimated [Hz]: lags of a few milliseconds must still show."""
+_BEGUN = 0.8
+"""Ratio of squared mismatches of a trajectory's head below which it begins under way instead of without stress."""
+_TRIED = (0.25, 0.5, 0.75, 1.0)
+"""Shifts of the clock that are tried [samples]."""
+_CLEAR, _CLEAR_T = 0.02, 4.0
+"""Least gain of a shift, as a share of all that the model leaves, and its least ratio to its standard error."""
 
 
 def fit_baseline(
-    recording: Recording,
-    *,
-    model: Model | None = None,
-    threads: int = 1,
-    seed: int = 0,
-    log: Progress = lambda text: None,
+    recording: Recording, *, model: Model | None, threads: int, seed: int, log: Progress
 ) -> tuple[Problem, Fit]:
-    """Fit eqs. 14 and 15, and learn the noise.
+    """Fit eqs. 14 and 15 on ``threads`` of the CPU, and learn the noise.
 
-    Args:
-        recording: Measured runs.
-        model: A model that is known already: one more start, and effects that are part of the baseline.
-        threads: CPU threads.
-        seed: Seed of the samples on which starts are searched.
-        log: Takes a line on what is being done.
+    A ``model`` that is known already is one more start, and its effects are part of the baseline. ``seed`` is that of
+    the samples on which starts are searched; ``log`` takes a line on what is being done.
     """
     resistance = MrParams().coil.coil_resistance if recording.units.get("current") == "A" else 0.0
     motion = Motion.of(recording, resistance=resistance)
@@ -62,7 +76,6 @@ def fit_baseline(
     # the search sees few samples: now and then it ends in a corner
     bases += [np.array([*bases[0][LINEAR_PART], *shape]) for shape in _SHAPES]
     log("noise")
-    level = float(motion.torque.std()) or 1.0
     rate = min(float(np.exp(point.theta[1])) for point in points)
     problem = Problem(
         replay=EffectReplay(motion, threads=threads),
@@ -70,7 +83,7 @@ def fit_baseline(
         weight=motion.settled(rate),
         q_zero=q_zero,
         units=recording.units,
-        noise=_white(level),
+        noise=_white(float(motion.torque.std()) or 1.0),
     )
     known = _known_numbers(model, scales)
     bends = {(effect, p.name): value for (effect, p), value in known.items() if p.form}
@@ -153,3 +166,103 @@ def _known_numbers(model: Model | None, scales: Scales) -> dict[tuple[str, Effec
 def _white(level: float) -> Noise:
     """Noise without memory, and without offsets and factors of trajectories."""
     return Noise(whitening=np.ones(1), sigma=level, rms=level, offset=0.0, gain=0.0)
+
+
+# --- how the log is read ---
+
+
+def decimate(recording: Recording) -> tuple[Recording, str | None]:
+    """The recording with at most about ``LIMIT`` samples, and a note on what was done, or None.
+
+    Angle and velocity become means over the samples around each that is kept, which takes no motion away and adds no
+    phase; current and torque are those of the sample itself, so that a step of the current stays a step.
+    """
+    runs, every = recording.trajectories, 1
+    factors = [1] * len(runs)
+    # the widest odd step of each trajectory that keeps LEAST_RATE
+    widest = [max(1, 2 * int((1.0 / run.dt / LEAST_RATE + 1e-6 + 1.0) / 2.0) - 1) for run in runs]
+    while sum(len(run.t) // k for run, k in zip(runs, factors, strict=True)) > LIMIT:
+        every += 2
+        wider = [min(every, most) for most in widest]
+        if wider == factors:
+            break
+        factors = wider
+    if max(factors) == 1:
+        return recording, None
+    kept = tuple(_every(run, k) for run, k in zip(runs, factors, strict=True))
+    out = replace(recording, trajectories=kept)
+    rates = " or ".join(str(rate) for rate in sorted({round(1.0 / run.dt) for run in kept}))
+    return out, f"{recording.samples} samples are more than a diagnosis needs: it used {out.samples}, at {rates} Hz"
+
+
+def _every(run: Trajectory, every: int) -> Trajectory:
+    """One trajectory with every ``every``-th sample, an odd number."""
+    if every == 1:
+        return run
+    count = len(run.t) // every
+    middle = np.arange(count) * every + every // 2
+    means = {name: getattr(run, name)[: count * every].reshape(count, every).mean(axis=1) for name in ("q", "qd")}
+    samples = {name: getattr(run, name)[middle] for name in ("t", "current", "torque")}
+    temperature = None if run.temperature is None else run.temperature[middle]
+    return replace(run, **means, **samples, temperature=temperature)
+
+
+def hold_rests(problem: Problem, recording: Recording, fit: Fit, rate: float) -> tuple[Problem, Fit]:
+    """Hold the joint still where it seems to rest, if that fits the torque better.
+
+    A stress that decays in a rest may be a motion below the sensor's noise, then the noise is the better guess.
+    ``rate`` is how fast z forgets along the path [1/normalised unit of q]. Returns the problem with its model.
+    """
+    motion = problem.motion
+    held = Motion.of(recording, motion.scales, resistance=motion.resistance, rests=True)
+    if not held.kinematics.rests:
+        return problem, fit
+    resting = replace(problem.with_motion(held), weight=held.settled(rate) * ~held.doubtful)
+    refitted = refit(resting, fit, tolerance=1e-4)
+    known = problem.weight * resting.weight
+    before, after = (known @ (held.torque - f.torque) ** 2 for f in (fit, refitted))
+    return (resting, refitted) if after < before else (problem, fit)
+
+
+def begin_under_way(problem: Problem, fit: Fit) -> Problem:
+    """Let z start as if joints that move at their first sample had slid before, where the heads say so.
+
+    The heads are the samples that fits leave out because the unknown start of z shows in them.
+    """
+    motion = problem.motion
+    moving = motion.under_way()
+    if moving.begin is None or not moving.begin.any():
+        return problem
+    torque = EffectReplay(moving).torque(fit.row)[0].astype(float)
+    head = (problem.weight == 0.0) & ~motion.doubtful
+    before, after = (np.where(head, motion.torque - tau, 0.0) ** 2 for tau in (fit.torque, torque))
+    better = np.array([after[part].sum() < _BEGUN * before[part].sum() for part in motion.parts])
+    if 2 * np.sum(better & (moving.begin != 0.0)) < np.sum(moving.begin != 0.0):
+        return problem
+    return problem.with_motion(replace(moving, begin=np.where(better, moving.begin, 0.0)))
+
+
+def align_clocks(problem: Problem, fit: Fit) -> Problem:
+    """Shift the motion by the part of a sample by which the torque is logged ahead of it, if any.
+
+    A commanded force is held until the next sample, so a log of commands is ahead of the motion by part of a sample.
+    No effect of the catalogue acts before its cause, so what speaks for such a shift speaks for the log.
+    """
+    motion = problem.motion
+    shifts, losses, best = [0.0], [fit.loo_loss], fit
+    for shift in _TRIED:
+        best = refit(problem.with_motion(motion.later(shift)), best)
+        shifts.append(shift)
+        losses.append(best.loo_loss)
+        if losses[-1].sum() > losses[-2].sum():
+            break
+    totals = [float(loss.sum()) for loss in losses]
+    k = int(np.argmin(totals))
+    gain, t = gain_and_t(losses[0], losses[k])
+    if gain < max(5.0 * threshold(fit), _CLEAR * totals[0]) or t < _CLEAR_T:
+        return problem
+    found = shifts[k]
+    if 0 < k < len(totals) - 1:  # the vertex of the parabola through the best and its neighbours
+        before, here, after = totals[k - 1 : k + 2]
+        found += 0.5 * _TRIED[0] * (before - after) / (before - 2.0 * here + after)
+    return problem.with_motion(motion.later(found))

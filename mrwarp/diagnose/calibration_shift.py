@@ -43,23 +43,17 @@ def calibration_shifts(fit: Fit, motion: Motion, recording: Recording, model: Mo
     else:
         return ()
     shift = find_shift(fit, normalised(nominal, motion.scales), float(np.ptp(motion.torque)))
-    if shift is None:
-        return ()
-    if shift.name == "torque_bias":
+    if shift is not None and shift.name == "torque_bias":
         value, low, high = (x * motion.scales.torque for x in (shift.value, *shift.ci95))
         shift = replace(shift, value=value, ci95=(low, high), unit=recording.units["torque"])
-    return (shift,)
+    return (shift,) if shift else ()
 
 
 def find_shift(fit: Fit, nominal: Mapping[str, float], torque_range: float) -> Shift | None:
     """The shift of calibration that the re-fitted parameters show against nominal ones, normalised units, or None.
 
-    No shift of calibration touches alpha, beta and gamma: where these lie off too, it is another device.
-
-    Args:
-        fit: The final model.
-        nominal: D, B, C, I1, K0, K1, alpha, beta, gamma in normalised units.
-        torque_range: Range of the torque, normalised units.
+    No shift of calibration touches alpha, beta and gamma: where these lie off too, it is another device. ``nominal``
+    holds D, B, C, I1, K0, K1, alpha, beta and gamma; it and ``torque_range`` are in normalised units.
     """
     speed = fit.parameters.ranges.qd
     centre = base_vector(nominal, speed)

@@ -12,9 +12,8 @@ from scipy.stats import chi2
 from mrwarp.diagnose.data_checks import gaps
 from mrwarp.diagnose.formula import find_formula
 from mrwarp.diagnose.held_out import HeldOut, Predictor, reduction
-from mrwarp.diagnose.preprocess import clock_note
 from mrwarp.diagnose.problem import Fit, Problem, covariance, factor_of, interval, threshold
-from mrwarp.diagnose.residual_structure import Group, Line
+from mrwarp.diagnose.residual_structure import Line
 from mrwarp.diagnose.result import (
     REGIMES,
     Accounting,
@@ -32,14 +31,14 @@ from mrwarp.diagnose.result import (
 )
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import sentence_of
-from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.effects.catalogue import CATALOGUE, parameter_of
 from mrwarp.identify.dataset import Motion, rms
-from mrwarp.identify.parameters import LINEAR, SHAPE, slots_of
+from mrwarp.identify.parameters import LINEAR, SHAPE, Slot, slots_of
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, effect_unit, parameter_unit
 from mrwarp.recording.load import Recording
 from mrwarp.run_dir import versions
 
-_UNEXPLAINED_T, _SLOW_T = 2.0, 2.5
+_LEAST_T, _SLOW_T = 2.0, 2.5
 """Structure is only reported when it predicts trajectories with this ratio to its standard error; the latter for
 structure that is slow or has a memory."""
 _CLEARLY = 2.0
@@ -71,10 +70,8 @@ class Findings:
     """The final model as it is reported."""
     held_out: HeldOut
     line: Line | None
-    sizes: Mapping[str, float]
-    """Smallest size of each effect that would have shown, normalised units."""
-    unseen: list[str]
-    """Effects that would have shown at no size."""
+    sizes: Mapping[str, float | None]
+    """Smallest size of each effect that would have shown, normalised units; None: no size would."""
     shifts: tuple[Shift, ...]
     next_experiment: NextExperiment | None
     notes: tuple[str, ...]
@@ -90,19 +87,19 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
         Error(rmse=rms(e) * scale, nrmse=rms(e) / (float(measured.std()) or 1.0), unit=unit) for e in errors
     )
     traces = _traces(found)
-    causes = causes_of(found)
+    model = outer_model(problem, found.extended, recording, found.seed, selection.refined)
+    causes = causes_of(selection, model)
     unexplained = unexplained_of(selection, found.line)
     if unexplained is not None:
-        formula = find_formula(traces, unexplained, problem.units, seed=found.seed)
+        formula = find_formula(traces, unexplained, problem.units)
         unexplained = replace(unexplained, formula=formula)
     verdict: Verdict = "named" if causes else "none"
     if unexplained:
         verdict = "named_and_unexplained" if causes else "unexplained"
     detectable, invisible = _detectable(found)
-    held = found.held_out
+    held, names = found.held_out, tuple(run.id for run in recording.trajectories)
     squares = zip(held.baseline, held.extended if causes else held.baseline, np.diff(problem.motion.start), strict=True)
     per_trajectory = [(float(np.sqrt(a / n)) * scale, float(np.sqrt(b / n)) * scale) for a, b, n in squares]
-    names = tuple(run.id for run in recording.trajectories)
     gain = None
     if causes:
         value, ci95 = reduction(held, found.seed)
@@ -128,7 +125,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
         per_trajectory=dict(zip(names, per_trajectory, strict=True)),
         per_regime=_per_regime(*errors, traces.regime, scale),
         notes=_notes(found, causes),
-        model=outer_model(problem, found.extended, recording, found.seed, selection.refined),
+        model=model,
         baseline_model=outer_model(problem, found.baseline, recording, found.seed),
         recording=recording,
         traces=traces,
@@ -147,33 +144,21 @@ def _accounting(selection: Selection, line: Line | None, structure: bool) -> Acc
     return Accounting(named=named, predictable=predictable, noise=max(0.0, 1.0 - named - predictable))
 
 
-def causes_of(found: Findings) -> tuple[Cause, ...]:
-    """The named effects, largest gain first, with the intervals of their parameters."""
-    selection, fit, problem = found.selection, found.extended, found.problem
-    spread, searches = covariance(fit), 6 * len(selection.screened)
-    causes = []
-    for effect in selection.named:
-        parameters = {}
-        for i, slot in fit.parameters.items():
-            if slot.effect == effect:
-                factor = factor_of(slot.parameter, problem.motion.scales)
-                value = float(np.exp(fit.x[i])) if slot.logarithmic else float(fit.x[i])
-                low, high = (float(np.exp(x)) if slot.logarithmic else x for x in interval(fit, i, spread))
-                value, low, high = selection.refined.get(slot.key, (value, low, high))
-                unit = effect_unit(slot.parameter, problem.units)
-                parameters[slot.parameter.name] = Value(
-                    value=value * factor, ci95=(low * factor, high * factor), unit=unit
-                )
-        own = selection.own_gain.get(effect, selection.gain)
-        causes.append(
-            Cause(
-                name=effect,
-                parameters=parameters,
-                p_value=float(min(1.0, searches * chi2.sf(max(own, 0.0), len(parameters)))),
-                alternatives=selection.alternatives.get(effect, ()),
+def causes_of(selection: Selection, model: Model) -> tuple[Cause, ...]:
+    """The named effects, largest gain first, with the numbers of the extended model that were fitted."""
+    causes, searches = [], 6 * len(selection.screened)
+    for effect in model.effects:
+        if effect.name in selection.named:
+            fitted = {name: p for name, p in effect.parameters.items() if p.ci95 is not None}
+            own = selection.own_gain.get(effect.name, selection.gain)
+            cause = Cause(
+                name=effect.name,
+                parameters={name: Value(value=p.value, ci95=p.ci95, unit=p.unit) for name, p in fitted.items()},
+                p_value=float(min(1.0, searches * chi2.sf(max(own, 0.0), len(fitted)))),
+                alternatives=selection.alternatives.get(effect.name, ()),
                 gain=own / selection.base.total,
             )
-        )
+            causes.append(cause)
     return tuple(sorted(causes, key=lambda c: -c.gain))
 
 
@@ -183,12 +168,12 @@ def unexplained_of(selection: Selection, line: Line | None) -> Unexplained | Non
     left = [
         f
         for f in selection.leftovers
-        if f.gain > _BEYOND_DOUBT * need or (f.gain > _CLEARLY * need and f.t > _needed_t(f.group))
+        if f.gain > _BEYOND_DOUBT * need
+        or (f.gain > _CLEARLY * need and f.t > (_SLOW_T if f.group.slow or "memory" in f.group.variables else _LEAST_T))
     ]
-    gain = max([f.gain for f in left], default=0.0)
     if line is None and not left:
         return None
-    named = selection.gain
+    gain, named = max([f.gain for f in left], default=0.0), selection.gain
     both = gain + (line.gain if line else 0.0)
     share = both / max(named + both, 1e-9)
     if named > 0.0 and share < _SHARE:
@@ -200,23 +185,19 @@ def unexplained_of(selection: Selection, line: Line | None) -> Unexplained | Non
     return Unexplained(depends_on=tuple(variables), form=left[0].group.form, share=share)
 
 
-def _needed_t(group: Group) -> float:
-    return _SLOW_T if group.slow or "memory" in group.variables else _UNEXPLAINED_T
-
-
 def _detectable(found: Findings) -> tuple[dict[str, Value], dict[str, str]]:
     """Smallest size of each effect that would have shown, and why the others would have shown at none."""
-    visible = {}
+    kinematics, scales = found.problem.motion.kinematics, found.problem.motion.scales
+    visible, invisible = {}, {}
     for name, size in found.sizes.items():
-        p = CATALOGUE[name].parameters[0]
-        value, unit = size * factor_of(p, found.problem.motion.scales), effect_unit(p, found.problem.units)
-        visible[name] = Value(value=value, ci95=(0.0, 0.0), unit=unit)
-    invisible = {name: _UNSEEN.get(name, _NEVER) for name in found.unseen}
+        if size is None:
+            invisible[name] = _UNSEEN.get(name, _NEVER)
+        else:
+            p = CATALOGUE[name].parameters[0]
+            unit = effect_unit(p, found.problem.units)
+            visible[name] = Value(value=size * factor_of(p, scales), ci95=(0.0, 0.0), unit=unit)
     invisible |= {name: _TAKEN_UP for name, law in CATALOGUE.items() if law.kind == "calibration"}
-    kinematics = found.problem.motion.kinematics
-    if kinematics.velocity_lag == 0.0:
-        for names in (visible, invisible):
-            names.pop("velocity_lag", None)
+    if kinematics.velocity_lag == 0.0:  # then it is no candidate
         if np.isfinite(kinematics.velocity_lag_error):
             size = max(5.0 * kinematics.velocity_lag_error, 1e-4)
             visible["velocity_lag"] = Value(value=size, ci95=(0.0, 0.0), unit="s")
@@ -228,8 +209,7 @@ def _detectable(found: Findings) -> tuple[dict[str, Value], dict[str, str]]:
 def _tried(problem: Problem, selection: Selection, causes: tuple[Cause, ...]) -> tuple[Tried, ...]:
     """Every candidate and what came of it."""
     named, rivals = {c.name for c in causes}, {a for c in causes for a in c.alternatives}
-    base = selection.base
-    rows = []
+    base, rows = selection.base, []
     for c in selection.screened:
         d = base.loo_loss - c.loo_loss
         gain, error = float(d.sum()), float(np.std(d, ddof=1) * np.sqrt(len(d)))
@@ -243,10 +223,10 @@ def _tried(problem: Problem, selection: Selection, causes: tuple[Cause, ...]) ->
             outcome = "rejected: adds too little once the named causes are in"
         else:
             outcome = "rejected: free functions of other variables explain the same better"
-        values = {}
-        for slot, x in zip(slots_of(c.effect), c.values, strict=True):
-            inner = float(np.exp(x)) if slot.logarithmic else float(x)
-            values[slot.parameter.name] = inner * factor_of(slot.parameter, problem.motion.scales)
+        values = {
+            slot.parameter.name: slot.value(x) * factor_of(slot.parameter, problem.motion.scales)
+            for slot, x in zip(slots_of(c.effect), c.values, strict=True)
+        }
         share, its_error = gain / base.total, error / base.total
         rows.append(Tried(name=c.effect, gain=share, error=its_error, values=values, outcome=outcome))
     return tuple(rows)
@@ -254,7 +234,7 @@ def _tried(problem: Problem, selection: Selection, causes: tuple[Cause, ...]) ->
 
 def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
     """What a reader has to know besides."""
-    notes, runs = [], found.recording.trajectories
+    notes, runs, motion = [], found.recording.trajectories, found.problem.motion
     derived = sum(run.qd_derived for run in runs)
     if derived:
         notes.append(f"velocity derived from the angle without phase: {derived} of {len(runs)} trajectories")
@@ -262,9 +242,12 @@ def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
         others = 100 * (1 - found.held_out.agreed)
         notes.append(f"without one of the trajectories another model would have been chosen in {others:.0f} % of cases")
     notes += found.notes
-    motion = found.problem.motion
     if motion.ahead:
-        notes.append(clock_note(motion.ahead, motion.ranges.dt))
+        milliseconds = 1e3 * motion.ahead * motion.ranges.dt
+        notes.append(
+            f"torque is logged {motion.ahead:.2f} samples ({milliseconds:.2g} ms) ahead of the motion, as where a "
+            "command is logged that is held until the next sample; the motion was taken that much later"
+        )
     return tuple(notes)
 
 
@@ -272,13 +255,10 @@ def _traces(found: Findings) -> Traces:
     """Arrays for pictures, units of the recording."""
     motion = found.problem.motion
     q, current, torque = motion.scales.q, motion.scales.current, motion.scales.torque
+    torques = {"torque": found.problem.measured, "baseline": found.baseline.torque, "extended": found.extended.torque}
     return Traces(
-        torque=found.problem.measured * torque,
-        baseline=found.baseline.torque * torque,
-        extended=found.extended.torque * torque,
-        q=motion.q * q,
-        qd=motion.qd * q,
-        qdd=motion.qdd * q,
+        **{name: x * torque for name, x in torques.items()},
+        **{name: getattr(motion, name) * q for name in ("q", "qd", "qdd")},
         current=motion.current * current,
         time=motion.time,
         start=motion.start,
@@ -325,31 +305,28 @@ def outer_model(
     scales, units, spread, row = problem.motion.scales, recording.units, covariance(fit), fit.row
     parameters = {}
     for i, name in enumerate((*LINEAR, *SHAPE)):
-        factor, ci95 = scales.factor(name), None
-        low, high = interval(fit, i, spread)
-        if name in LINEAR and low <= fit.x[i] <= high:
-            ci95 = (low * factor, high * factor)
-        parameters[name] = Parameter(value=float(row[i]) * factor, unit=parameter_unit(name, units), ci95=ci95)
+        ci95, factor = interval(fit, i, spread), scales.factor(name)
+        known = (ci95[0] * factor, ci95[1] * factor) if name in LINEAR and ci95[0] <= fit.x[i] <= ci95[1] else None
+        parameters[name] = Parameter(value=float(row[i]) * factor, unit=parameter_unit(name, units), ci95=known)
     for name, value in (("q_offset", problem.q_zero * scales.q), ("q_center", 0.0)):
         parameters[name] = Parameter(value=value, unit=parameter_unit(name, units))
     places = {slot.key: i for i, slot in fit.parameters.items()}
     effects = []
     for effect, values in fit.parameters.values(fit.x).items():
         entries = {}
-        for p in CATALOGUE[effect].parameters:
-            if p.name not in values:
-                continue
-            factor, value, ci95 = factor_of(p, scales), values[p.name], None
-            if (effect, p.name) in places:
-                i = places[effect, p.name]
-                ci95 = outer_interval(fit, i, spread, p.starts is not None and not p.negative, factor)
-            if refined and (effect, p.name) in refined:
-                value, low, high = refined[effect, p.name]
+        for name, value in values.items():
+            p, key, ci95 = parameter_of(effect, name), (effect, name), None
+            factor, unit = factor_of(p, scales), effect_unit(p, units)
+            if key in places:
+                low, high = interval(fit, places[key], spread)
+                slot = Slot(effect, p)
+                ci95 = (slot.value(low) * factor, slot.value(min(high, 50.0) if slot.logarithmic else high) * factor)
+            if refined and key in refined:
+                value, low, high = refined[key]
                 ci95 = (low * factor, high * factor)
-            entries[p.name] = Parameter(value=value * factor, unit=effect_unit(p, units), ci95=ci95)
+            entries[name] = Parameter(value=value * factor, unit=unit, ci95=ci95)
         effects.append(Effect(name=effect, parameters=entries))
-    runs = recording.trajectories
-    source = str(recording.source or "in memory")
+    runs, source = recording.trajectories, str(recording.source or "in memory")
     return Model(
         parameters=parameters,
         effects=tuple(effects),
@@ -358,11 +335,3 @@ def outer_model(
         versions=versions(),
         fitted_on=FittedOn(source=source, trajectories=len(runs), samples=recording.samples, rate=1.0 / runs[0].dt),
     )
-
-
-def outer_interval(fit: Fit, index: int, spread: np.ndarray, logarithmic: bool, factor: float) -> tuple[float, float]:
-    """Interval of a coordinate as that of its parameter, in the units of the recording."""
-    low, high = interval(fit, index, spread)
-    if logarithmic:
-        low, high = float(np.exp(low)), float(np.exp(min(high, 50.0)))
-    return low * factor, high * factor

@@ -7,7 +7,6 @@ it twice. The fits without a trajectory come from normal equations.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,13 +17,14 @@ from mrwarp.diagnose.search import Selection
 from mrwarp.identify.damper import prediction_errors, undo_moving_average
 from mrwarp.identify.dataset import Motion
 from mrwarp.identify.least_squares import ridge_solve
+from mrwarp.identify.projection import Progress
 from mrwarp.identify.replay import EffectReplay
 from mrwarp.recording.load import Recording, check_same_units
 
 MODELS = ("baseline", "extended")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class HeldOut:
     """Squared mismatch of each trajectory, normalised units, shape (T,), and what was predicted of it, shape (N,)."""
 
@@ -57,13 +57,7 @@ def hold_out(problem: Problem, selection: Selection, baseline: Fit, extended: Fi
         np.array([float(((x[p] - motion.torque[p]) ** 2).sum()) for p in motion.parts])
         for x in (predicted[base], chosen)
     )
-    return HeldOut(
-        baseline=before,
-        extended=after,
-        predicted_baseline=predicted[base],
-        predicted_extended=chosen,
-        agreed=float(np.mean(picked == final)),
-    )
+    return HeldOut(before, after, predicted[base], chosen, agreed=float(np.mean(picked == final)))
 
 
 def _predicted(problem: Problem, fit: Fit) -> np.ndarray:
@@ -118,27 +112,20 @@ class Predictor:
 
 
 def predicted_errors(
-    predictor: Predictor, recording: Recording, *, averaged: float = 0.0, log: Callable[[str], None] = lambda text: None
+    predictor: Predictor, recording: Recording, *, averaged: float = 0.0, log: Progress = lambda text: None
 ) -> dict[str, dict[str, dict[str, float]]]:
-    """RMSE over standard deviation by reading of the motion, by model, by trajectory.
+    """RMSE over standard deviation of another recording of a device, by reading of its motion, model and trajectory.
 
-    Args:
-        predictor: The models of a diagnosis.
-        recording: Of the same device, in the same units.
-        averaged: Moving average [s] that its q and torque passed before they were published; then the simulated torque
-            passes the same, and the motion is taken as published and again with its average undone.
-        log: Takes a line on what is being done.
+    ``averaged`` is the moving average [s] that its q and torque passed before they were published; then the simulated
+    torque passes the same, and the motion is taken as published and again with its average undone.
 
     Raises:
         RecordingError: the units differ.
     """
     log(f"predicting {len(recording.trajectories)} trajectories of {recording.source}")
-    readings = {"": recording}
+    readings = {"motion as published" if averaged else "": recording}
     if averaged:
-        readings = {
-            "motion as published": recording,
-            "average of the motion undone": undo_moving_average(recording, averaged),
-        }
+        readings["average of the motion undone"] = undo_moving_average(recording, averaged)
     cuts = np.cumsum([len(run.t) for run in recording.trajectories])[:-1]
     return {
         name: {
@@ -154,10 +141,6 @@ def summary(found: dict[str, dict[str, dict[str, float]]]) -> dict[str, Any]:
     out = {}
     for name, models in found.items():
         before, after = (np.array(list(models[model].values())) for model in MODELS)
-        out[name] = {
-            "baseline": float(before.mean()),
-            "extended": float(after.mean()),
-            "better": int((after < before).sum()),
-            "trajectories": len(before),
-        }
+        means = {"baseline": float(before.mean()), "extended": float(after.mean())}
+        out[name] = {**means, "better": int((after < before).sum()), "trajectories": len(before)}
     return out

@@ -48,7 +48,7 @@ class LagOrDelay:
     """Parameters, and their intervals, that the steps give better than the fit; normalised units."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class StepResponses:
     """Steps of the command that stand alone and show in the torque."""
 
@@ -81,20 +81,19 @@ def decided_by_steps(models: Models, final: Fit, candidates: list[str]) -> LagOr
     if steps is None or found is None:  # neither law knows when the command changed: their fits do not decide
         return LagOrDelay(final, undecided=other)
     refined = {}
-    if found == DELAY:
-        size = size_from(steps, DELAY)
-        if size[0] < 2.0 * steps.dt:  # the fit has a delay of parts of a sample as a mean of two samples
-            refined[DELAY, CATALOGUE[DELAY].parameters[0].name] = size
+    if found == DELAY and (size := size_from(steps, DELAY))[0] < 2.0 * steps.dt:
+        # the fit has a delay of parts of a sample as a mean of two samples
+        refined[DELAY, CATALOGUE[DELAY].parameters[0].name] = size
     model, loser = (final, other) if found == named[0] else (rival, named[0])
     return LagOrDelay(model, excluded=loser, refined=refined)
 
 
 def more_likely(steps: StepResponses) -> str | None:
     """The one of the two effects that the single steps speak for, or None where they do not tell."""
-    gap = log_likelihood(steps, LAG) - log_likelihood(steps, DELAY)
-    if abs(gap) < _CLEAR:
+    lag, delay = (float(_profile(steps, effect)[1].max()) for effect in (LAG, DELAY))
+    if abs(lag - delay) < _CLEAR:
         return None
-    return LAG if gap > 0.0 else DELAY
+    return LAG if lag > delay else DELAY
 
 
 def size_from(steps: StepResponses, effect: str) -> tuple[float, float, float]:
@@ -135,12 +134,7 @@ def find_steps(problem: Problem, lag: Fit) -> StepResponses | None:
             trajectory.append(index)
     if len(late) < _ENOUGH:
         return None
-    return StepResponses(late=np.array(late), error=np.array(error), trajectory=np.array(trajectory), dt=dt)
-
-
-def log_likelihood(steps: StepResponses, effect: str) -> float:
-    """Largest logarithm of the likelihood of the steps with one of the effects."""
-    return float(_profile(steps, effect)[1].max())
+    return StepResponses(np.array(late), np.array(error), np.array(trajectory), dt)
 
 
 def _profile(steps: StepResponses, effect: str) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""The experiment that best separates effects which a data set cannot tell apart.
+"""What a data set could have shown, and the experiment that best separates effects which it cannot tell apart.
 
 Each of a few standard experiments is simulated with the named effect and fitted with its rival, and the other way
 round, for either may be the truth. The rival also has to go on explaining the data that are there. What it then cannot
@@ -9,22 +9,28 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from mrwarp.diagnose.lag_or_delay import DELAY, LAG
-from mrwarp.diagnose.problem import Fit, Problem, drifts
+from mrwarp.diagnose.problem import Fit, Problem, drifts, threshold
 from mrwarp.diagnose.result import NextExperiment
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import measured, quantity
 from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.effects.law import EffectParameter, Ranges
 from mrwarp.effects.replay_kernel import HEAT_TIMES
 from mrwarp.identify.dataset import Motion
 from mrwarp.identify.kinematics import Kinematics
-from mrwarp.identify.least_squares import Quadratic, Rules, minimise, ridge_solve
-from mrwarp.identify.parameters import Parameters
+from mrwarp.identify.least_squares import Quadratic, Rules, losses, minimise, ridge_solve
+from mrwarp.identify.parameters import Parameters, simulate, slots_of
 from mrwarp.identify.replay import EffectReplay
+
+_MORE = 1.3
+"""Gain that is asked for, over the threshold: the gain that is found scatters about the gain that is there."""
+_SLAB = 24
+"""Sizes whose signals share one table."""
 
 _CHI2 = 100.0
 """What the wrong effect has to miss, in units of the noise's variance: four times what decides, for the experiment's
@@ -50,8 +56,7 @@ _RULES = Rules(iterations=4, damping=1e-7, gained=lambda gain, loss: gain < 0.02
 """The fit of the wrong model to an experiment."""
 
 
-@dataclass(frozen=True)
-class Standard:
+class Standard(NamedTuple):
     """A standard experiment. A motion sweeps evenly from one frequency to another, or stays at one."""
 
     motion: str
@@ -88,22 +93,13 @@ _CURRENTS = {
 """What is done with the current."""
 
 
-@dataclass(frozen=True)
-class _Start:
-    """Numbers from which the wrong model tries to imitate the true one, and what the data say about them."""
-
-    x: np.ndarray
-    data: Quadratic
-    """Its loss on the data about here, against its best."""
-
-
-@dataclass(frozen=True)
-class _Pair:
+class _Pair(NamedTuple):
     """Two models of which one is simulated and the other fitted to it."""
 
     true: Fit
     wrong: Parameters
-    starts: list[_Start]
+    starts: list[tuple[np.ndarray, Quadratic]]
+    """Numbers from which the wrong one tries to imitate the true one, and its loss on the data about there."""
 
 
 def propose(problem: Problem, selection: Selection, seed: int) -> NextExperiment | None:
@@ -121,8 +117,8 @@ def propose(problem: Problem, selection: Selection, seed: int) -> NextExperiment
             kinds = list(STANDARD)
         else:
             kinds = [kind for kind, standard in STANDARD.items() if standard.current == "none"]
-        trials = {kind: _trial(problem.motion, kind, np.random.default_rng(seed)) for kind in kinds}
-        missed = {kind: min((_missed(problem, t, p) for p in pairs), default=0.0) for kind, t in trials.items()}
+        trials = {kind: _trial(problem.motion, STANDARD[kind], np.random.default_rng(seed)) for kind in kinds}
+        missed = {kind: _least_missed(problem, trial, pairs) for kind, trial in trials.items()}
         kind = max(missed, key=lambda k: missed[k])
         return _described(problem, kind, trials[kind], missed[kind], names)
     return None
@@ -130,9 +126,8 @@ def propose(problem: Problem, selection: Selection, seed: int) -> NextExperiment
 
 def _pairs(problem: Problem, selection: Selection, effect: str, rivals: tuple[str, ...]) -> list[_Pair]:
     """The final model against the model with each rival in the effect's place, both ways."""
-    final = selection.final
+    final, found = selection.final, []
     rest = {e for e in final.effects if e != effect}
-    found = []
     for rival in rivals:
         other = selection.fits.get(tuple(name for name in CATALOGUE if name in {*rest, rival}))
         if other is not None:
@@ -143,7 +138,7 @@ def _pairs(problem: Problem, selection: Selection, effect: str, rivals: tuple[st
     return found
 
 
-def _starts(problem: Problem, fit: Fit, effect: str) -> list[_Start]:
+def _starts(problem: Problem, fit: Fit, effect: str) -> list[tuple[np.ndarray, Quadratic]]:
     """The fit itself, and wherever else one of the effect's own numbers may go without losing much on the data."""
     p, points = fit.parameters, [fit.x]
     for i, slot in p.items():
@@ -156,11 +151,8 @@ def _starts(problem: Problem, fit: Fit, effect: str) -> list[_Start]:
     found = [Quadratic.of(problem.linearised(p, x)[-1].total) for x in points]
     least = found[0].loss
     found[0] = dataclasses.replace(found[0], descent=np.zeros(p.size))  # the fit is the best
-    return [
-        _Start(x, dataclasses.replace(data, loss=data.loss - least))
-        for x, data in zip(points, found, strict=True)
-        if data.loss - least < _FAR
-    ]
+    away = [dataclasses.replace(data, loss=data.loss - least) for data in found]
+    return [(x, data) for x, data in zip(points, away, strict=True) if data.loss < _FAR]
 
 
 def _beside(problem: Problem, p: Parameters, x: np.ndarray, held: int) -> np.ndarray:
@@ -172,26 +164,26 @@ def _beside(problem: Problem, p: Parameters, x: np.ndarray, held: int) -> np.nda
     return np.clip(x + np.clip(step, -reach, reach), p.low, p.high)
 
 
-def _missed(problem: Problem, motion: Motion, pair: _Pair) -> float:
-    """What the wrong model cannot imitate of the true one in an experiment, in units of the noise's variance."""
-    torque = EffectReplay(motion).torque(pair.true.row)[0].astype(float)
-    replay = EffectReplay(dataclasses.replace(motion, torque=torque))
-    trial = dataclasses.replace(problem, replay=replay, measured=torque, weight=np.ones(len(torque)))
-    return min(_least(trial, pair.wrong, start) for start in pair.starts)
+def _least_missed(problem: Problem, motion: Motion, pairs: list[_Pair]) -> float:
+    """What a wrong model cannot imitate of its true one in an experiment, in units of the noise's variance."""
+    least = []
+    for pair in pairs:
+        torque = EffectReplay(motion).torque(pair.true.row)[0].astype(float)
+        replay = EffectReplay(dataclasses.replace(motion, torque=torque))
+        trial = dataclasses.replace(problem, replay=replay, measured=torque, weight=np.ones(len(torque)))
+        least += [_least_loss(trial, pair.wrong, start, data) for start, data in pair.starts]
+    return min(least, default=0.0)
 
 
-def _least(trial: Problem, p: Parameters, start: _Start) -> float:
+def _least_loss(trial: Problem, p: Parameters, start: np.ndarray, data: Quadratic) -> float:
     """Least loss of a model on an experiment plus what its numbers then lose on the data."""
 
     def evaluate(x: np.ndarray) -> Quadratic:
-        here, away = Quadratic.of(trial.linearised(p, x)[-1].total), x - start.x
-        return Quadratic(
-            here.loss + start.data.after(away),
-            here.normal + start.data.normal,
-            here.descent + start.data.descent - start.data.normal @ away,
-        )
+        here, away = Quadratic.of(trial.linearised(p, x)[-1].total), x - start
+        descent = here.descent + data.descent - data.normal @ away
+        return Quadratic(here.loss + data.after(away), here.normal + data.normal, descent)
 
-    _, best = minimise(evaluate, start.x, p.low, p.high, reach=p.reach(1.0, 0.4), rules=_RULES)
+    _, best = minimise(evaluate, start, p.low, p.high, reach=p.reach(1.0, 0.4), rules=_RULES)
     return max(best.loss, 0.0)
 
 
@@ -200,8 +192,7 @@ def _least(trial: Problem, p: Parameters, start: _Start) -> float:
 
 def _described(problem: Problem, kind: str, trial: Motion, missed: float, names: tuple[str, ...]) -> NextExperiment:
     like, standard, units = problem.motion, STANDARD[kind], problem.units
-    scales = like.scales
-    run = _run_seconds(like)
+    scales, run = like.scales, _run_seconds(like)
     seconds = float(len(trial.q)) * like.ranges.dt * _CHI2 / max(missed, 1e-9)
     if {LAG, DELAY} <= set(names):
         seconds = _STEPS * 0.35
@@ -222,10 +213,9 @@ def _described(problem: Problem, kind: str, trial: Motion, missed: float, names:
         "run_seconds": run,
         "rate": 1.0 / like.ranges.dt,
     }
-    amplitude = measured(size * scales.q, units["q"])
-    motion = standard.motion.format(a=amplitude, low=f"{low:.2g}", high=f"{high:.2g}")
-    name, top_text = quantity(units["current"]), measured(top, units["current"])
-    current = _CURRENTS[standard.current].format(name=name, top=top_text)
+    motion = standard.motion.format(a=measured(size * scales.q, units["q"]), low=f"{low:.2g}", high=f"{high:.2g}")
+    top_text = measured(top, units["current"])
+    current = _CURRENTS[standard.current].format(name=quantity(units["current"]), top=top_text)
     what = f"in {runs} runs of {run:.3g} s, {current} while the joint {motion}"
     return NextExperiment(what=what, seconds=seconds, separates=names, kind=kind, settings=settings)
 
@@ -249,9 +239,9 @@ def _swing(like: Motion, standard: Standard) -> tuple[float, float, float]:
     return size, min(standard.low, most), min(standard.high, most)
 
 
-def _trial(like: Motion, kind: str, rng: np.random.Generator) -> Motion:
+def _trial(like: Motion, standard: Standard, rng: np.random.Generator) -> Motion:
     """Motion and current of some runs within the ranges of a data set; normalised units, without noise."""
-    standard, r, dt = STANDARD[kind], like.ranges, like.ranges.dt
+    r, dt = like.ranges, like.ranges.dt
     t = np.arange(round(_run_seconds(like) / dt)) * dt
     size, low, high = _swing(like, standard)
     phase = 2.0 * np.pi * (low * t + 0.5 * (high - low) * t * t / t[-1])
@@ -268,17 +258,14 @@ def _trial(like: Motion, kind: str, rng: np.random.Generator) -> Motion:
                 current[k, at : at + span] = r.current * (rng.uniform(0.0, 1.0 / 3.0) + (2.0 / 3.0 if upper else 0.0))
                 at, upper = at + span, not upper
     qd = np.gradient(q, dt)
-    qdd = np.tile(np.gradient(qd, dt), _RUNS)
-    middle = 0.5 * (like.q.max() + like.q.min())
-    q, qd = np.tile(q, _RUNS) + middle, np.tile(qd, _RUNS)
-    time = np.tile(t, _RUNS)
+    qd, qdd, time = (np.tile(x, _RUNS) for x in (qd, np.gradient(qd, dt), t))
     return _exact(
         like,
-        q=q,
+        q=np.tile(q, _RUNS) + 0.5 * (like.q.max() + like.q.min()),
         qd=qd,
         qdd=qdd,
         current=current.ravel(),
-        torque=np.zeros(len(q)),
+        torque=np.zeros(len(qd)),
         start=np.arange(_RUNS + 1) * len(t),
         dt=np.full(_RUNS, dt),
         time=time,
@@ -289,7 +276,7 @@ def _trial(like: Motion, kind: str, rng: np.random.Generator) -> Motion:
 
 def _exact(like: Motion, **arrays: np.ndarray) -> Motion:
     """A motion without errors of its log, that starts at rest, in place of a recorded one."""
-    known = Kinematics(qd=arrays["qd"], qdd=arrays["qdd"], velocity_lag=0.0, velocity_lag_error=float("inf"))
+    known = Kinematics(arrays["qd"], arrays["qdd"], velocity_lag=0.0, velocity_lag_error=float("inf"))
     return dataclasses.replace(like, **arrays, kinematics=known, begin=None, ahead=0.0)
 
 
@@ -303,7 +290,7 @@ def _rest_and_repeat(problem: Problem, pairs: list[_Pair], names: tuple[str, ...
     missed, runs = 0.0, min(_REPEATS[0], count)
     for runs in sorted({min(n, count) for n in _REPEATS}):
         motion = repeated(like, rest, runs)
-        missed = min((_missed(problem, motion, p) for p in pairs), default=0.0)
+        missed = _least_missed(problem, motion, pairs)
         if missed > _CHI2:
             break
     run = float(np.median(np.diff(like.start) * like.dt))
@@ -313,17 +300,14 @@ def _rest_and_repeat(problem: Problem, pairs: list[_Pair], names: tuple[str, ...
         "same order, with the clock of the log running on"
     )
     settings = {"rest_seconds": rest, "runs": float(runs), "run_seconds": run, "missed_chi2": missed}
-    return NextExperiment(
-        what=what, seconds=rest + runs * run, separates=names, kind="rest and repeat", settings=settings
-    )
+    seconds = rest + runs * run
+    return NextExperiment(what=what, seconds=seconds, separates=names, kind="rest and repeat", settings=settings)
 
 
 def _rest_for(pairs: list[_Pair]) -> float:
     """Five time constants of the warmth, in whole minutes [s]."""
-    longest = 0.0
-    for pair in pairs:
-        values = pair.true.parameters.values(pair.true.x).get("temperature_drift", {})
-        longest = max(longest, values.get("time_constant", 0.0))
+    warmed = [pair.true.parameters.values(pair.true.x).get("temperature_drift", {}) for pair in pairs]
+    longest = max([values.get("time_constant", 0.0) for values in warmed], default=0.0)
     return 60.0 * round(float(np.clip(5.0 * longest, *_REST)) / 60.0)
 
 
@@ -347,3 +331,66 @@ def repeated(like: Motion, rest: float, runs: int) -> Motion:
         slid_time=like.slid_time[taken] - float(like.slid_time[taken[0]]) + float(like.slid_time[last]),
         heat=like.heat[:, taken] + stored * np.exp(-(like.time[taken] - first) / times),
     )
+
+
+# --- the smallest size of each effect that would have shown ---
+
+
+def smallest_sizes(problem: Problem, fit: Fit, effects: list[str]) -> dict[str, float | None]:
+    """For each effect the size of its first number at which its gain would pass the threshold, in normalised units.
+
+    The effect's torque at several sizes, without what the model's own numbers take up of it, against the noise. None
+    for an effect that stays below the threshold at any size in its range.
+    """
+    models, points = [(fit.parameters, fit.x)], []
+    for effect in effects:
+        if effect not in fit.effects:
+            for size, model in _at_sizes(problem, fit, effect):
+                points.append((effect, size))
+                models.append(model)
+    tau = simulate(problem.replay, models)
+    curves: dict[str, list[tuple[float, float]]] = {}
+    for first in range(0, len(points), _SLAB):
+        some = points[first : first + _SLAB]
+        rows = tau[1 + first : 1 + first + len(some)] - tau[0]
+        equations = problem.equations([fit.slopes, rows], fit.torque)
+        for target, (effect, size) in enumerate(some, start=len(fit.slopes)):
+            _, inside, _ = losses(equations, fit.free, target)
+            curves.setdefault(effect, []).append((size, max(float(inside.sum()), 1e-12)))
+    ranges, need = problem.motion.ranges, _MORE * threshold(fit)
+    return {effect: _crossing(curve, need, slots_of(effect)[0].parameter, ranges) for effect, curve in curves.items()}
+
+
+def _at_sizes(problem: Problem, fit: Fit, effect: str) -> list[tuple[float, tuple[Parameters, np.ndarray]]]:
+    """Sizes of an effect's first number, and the model with the effect of that size."""
+    ranges, slots = problem.motion.ranges, slots_of(effect)
+    layout = problem.parameters((*fit.effects, effect), fit.parameters.choices)
+    x, own = fit.parameters.grown(fit.x, layout.effects), layout.own(effect)
+    for i, slot in zip(own, slots, strict=True):
+        if slot.parameter.starts is not None:  # a number that shapes the effect: in the middle of its range
+            values = slot.parameter.starts(ranges)
+            middle = values[len(values) // 2]
+            x[i] = np.log(middle) if slot.logarithmic else middle
+    first, found = slots[0].parameter, []
+    for value in (first.null + layout.steps[own[0]],) if first.starts is None else first.starts(ranges):
+        y = x.copy()
+        y[own[0]] = np.log(value) if slots[0].logarithmic else value
+        found.append((abs(value - first.null), (layout, y)))
+    return found
+
+
+def _crossing(
+    curve: list[tuple[float, float]], need: float, parameter: EffectParameter, ranges: Ranges
+) -> float | None:
+    """Size at which a curve of gains over sizes passes what is needed; None beyond the parameter's range."""
+    values, gains = np.log(np.array(sorted(curve, key=lambda point: point[0]))).T
+    target = np.log(need)
+    above = np.flatnonzero(gains >= target)
+    k = int(above[0]) if len(above) else int(np.argmax(gains))
+    # in proportion to the square of the size from the nearest point
+    size = float(np.exp(values[k] + 0.5 * (target - gains[k])))
+    if k > 0 and len(above):
+        slope = (gains[k] - gains[k - 1]) / (values[k] - values[k - 1])
+        size = float(np.exp(values[k] + (target - gains[k]) / max(slope, 0.5)))
+    limit = max(abs(end(ranges) - parameter.null) for end in (parameter.low, parameter.high))
+    return None if np.isfinite(limit) and size > limit or gains.max() < -15.0 else size

@@ -5,14 +5,20 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
-from mrwarp.diagnose.baseline import fit_baseline, known_effects, learn_noise, with_learned_noise
+from mrwarp.diagnose.baseline import (
+    align_clocks,
+    begin_under_way,
+    decimate,
+    fit_baseline,
+    known_effects,
+    learn_noise,
+    with_learned_noise,
+)
 from mrwarp.diagnose.calibration_shift import calibration_shifts
 from mrwarp.diagnose.data_checks import hindrances, without_verdict
-from mrwarp.diagnose.detectability import smallest_sizes
 from mrwarp.diagnose.findings import Findings, diagnosis_of
 from mrwarp.diagnose.held_out import hold_out
-from mrwarp.diagnose.next_experiment import propose
-from mrwarp.diagnose.preprocess import align_clocks, begin_under_way, decimate
+from mrwarp.diagnose.next_experiment import propose, smallest_sizes
 from mrwarp.diagnose.problem import Problem, refit, reported_fit
 from mrwarp.diagnose.residual_structure import find_line, without_line
 from mrwarp.diagnose.result import Diagnosis
@@ -81,7 +87,7 @@ def diagnose(
     held_out = hold_out(problem, selection, baseline, extended)
     shifts = calibration_shifts(selection.final, problem.motion, recording, model)
     log("smallest sizes that would have shown")
-    sizes, unseen = smallest_sizes(problem, selection.final, candidates)
+    sizes = smallest_sizes(problem, selection.final, candidates)
     log("next experiment")
     next_experiment = propose(problem, selection, seed)
     found = Findings(
@@ -93,7 +99,6 @@ def diagnose(
         held_out=held_out,
         line=line,
         sizes=sizes,
-        unseen=unseen,
         shifts=shifts,
         next_experiment=next_experiment,
         notes=(decimated,) if decimated else (),

@@ -148,10 +148,7 @@ def refit(problem: Problem, fit: Fit, *, tolerance: float = 1e-5) -> Fit:
 
 
 def plain_fit(problem: Problem, fit: Fit, *, bent: bool = False) -> Fit:
-    """The model, with ``bent`` laws if asked, by least squares without whitening.
-
-    Offsets and factors of trajectories are still let go.
-    """
+    """The model, with ``bent`` laws if asked, by least squares without whitening, offsets and factors still let go."""
     plain = replace(problem.noise, whitening=np.ones(1), sigma=problem.noise.rms)
     layout = fit.parameters.bent() if bent else fit.parameters
     return fit_model(replace(problem, noise=plain), layout.steeper(), fit.parameters.moved(fit.x, layout))
@@ -235,12 +232,7 @@ def normalised(values: Mapping[str, float], scales: Scales) -> dict[str, float]:
 
 
 def base_vector(values: Mapping[str, float], speed: float) -> np.ndarray:
-    """Coordinates of eqs. 14 and 15 from their parameters in normalised units, shape (9,).
-
-    Args:
-        values: D, B, C, I1, K0, K1, alpha, beta, gamma.
-        speed: A typical speed.
-    """
+    """Coordinates of eqs. 14 and 15, shape (9,), from their parameters and a typical speed, in normalised units."""
     shape = shape_coordinates(values["alpha"], values["beta"], values["gamma"], speed)
     return np.array([*(values[name] for name in LINEAR), *shape])
 

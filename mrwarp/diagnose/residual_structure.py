@@ -96,10 +96,8 @@ def groups_along(problem: Problem, fit: Fit) -> list[Group]:
 def make_groups(motion: Motion, loop: np.ndarray, hysteretic: np.ndarray) -> list[Group]:
     """The groups of a data set.
 
-    Args:
-        motion: The samples.
-        loop: Hysteretic torque per unit of yield gain without current, z/(1 + alpha*|qd|), shape (N,).
-        hysteretic: The whole hysteretic torque, shape (N,).
+    ``loop`` is the hysteretic torque per unit of yield gain without current, z/(1 + alpha*|qd|), ``hysteretic`` all of
+    it; both of shape (N,).
     """
     m, r = motion, motion.ranges
     q = 2.0 * (m.q - 0.5 * (m.q.max() + m.q.min())) / r.q
@@ -143,11 +141,10 @@ def make_groups(motion: Motion, loop: np.ndarray, hysteretic: np.ndarray) -> lis
         (("time",), "drift", [time * h, time * hi, time * v, time * sign, time**2 * hi]),
         (("time",), "warming", [w * f for w in (heat, heat_slow) for f in (h, hi, v)]),
     ]
-    found = []
-    for variables, form, columns in functions:
-        rows = np.stack(columns)
-        found.append(Group(variables, form, rows[rows.std(axis=1) > 1e-9], slow=variables == ("time",)))
-    return found
+    found = [
+        Group(variables, form, np.stack(columns), variables == ("time",)) for variables, form, columns in functions
+    ]
+    return [dataclasses.replace(group, rows=group.rows[group.rows.std(axis=1) > 1e-9]) for group in found]
 
 
 def _size(x: np.ndarray) -> float:

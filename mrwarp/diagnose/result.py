@@ -42,14 +42,11 @@ class Cause:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shift:
+class Shift(Value):
     """A shift of calibration against the nominal model."""
 
     name: str
-    value: float
-    ci95: tuple[float, float]
     alternatives: tuple[str, ...]
-    unit: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,7 +158,6 @@ class Diagnosis:
     verdict: Verdict | None
     """None: the data cannot carry a verdict; ``cannot_know`` says why."""
     sentence: str
-    """The verdict in one sentence."""
     causes: tuple[Cause, ...] = ()
     parameter_shift: tuple[Shift, ...] = ()
     unexplained: Unexplained | None = None
@@ -194,45 +190,32 @@ class Diagnosis:
 
     def baseline_rmse(self, recording: Recording) -> float:
         """RMSE of the baseline on another recording of the device [its unit of torque]."""
-        return self._rmse(recording)[0]
+        return self._rmse(recording, 0)
 
     def extended_rmse(self, recording: Recording) -> float:
         """RMSE of the extended model on another recording of the device [its unit of torque]."""
-        return self._rmse(recording)[1]
+        return self._rmse(recording, 1)
 
-    def _rmse(self, recording: Recording) -> list[float]:
+    def _rmse(self, recording: Recording, model: int) -> float:
         if self.predictor is None:
             raise ValueError("a diagnosis without a verdict has no model")
-        measured = np.concatenate([run.torque for run in recording.trajectories])
-        return [rms(torque - measured) for torque in self.predictor.torque(recording)]
+        return rms(self.predictor.torque(recording)[model] - np.concatenate([x.torque for x in recording.trajectories]))
 
     def to_dict(self) -> dict[str, Any]:
-        """The figures of ``result.json``: the keys that other programs rely on, then what the report shows besides.
-
-        An interval that the data do not give holds infinities, which are written as null.
-        """
+        """The figures of ``result.json``; an interval that the data do not give holds infinities, written as null."""
         gain = {"rmse_reduction": None, "ci95": (None, None), "held_out": (), "per_regime": {}}
         if self.gain is not None:
             gain = asdict(self.gain) | {"per_regime": _before_after(self.gain.per_regime)}
+        plain = ("verdict", "seconds", "sentence", "cannot_know", "invisible", "notes")
+        parts = ("unexplained", "baseline", "next_experiment", "accounting")
         return {
-            "verdict": self.verdict,
-            "causes": [asdict(cause) for cause in self.causes],
-            "parameter_shift": [asdict(shift) for shift in self.parameter_shift],
-            "unexplained": asdict(self.unexplained) if self.unexplained else None,
+            **{name: getattr(self, name) for name in plain},
+            **{name: asdict(part) if (part := getattr(self, name)) else None for name in parts},
+            **{name: [asdict(row) for row in getattr(self, name)] for name in ("causes", "parameter_shift", "tried")},
+            **{name: _before_after(getattr(self, name)) for name in ("per_trajectory", "per_regime")},
             "detectable": {name: {"value": v.value, "unit": v.unit} for name, v in self.detectable.items()},
-            "baseline": asdict(self.baseline),
             "extended": {"rmse": self.extended.rmse, "nrmse": self.extended.nrmse},
             "gain": gain,
-            "next_experiment": asdict(self.next_experiment) if self.next_experiment else None,
-            "seconds": self.seconds,
-            "sentence": self.sentence,
-            "cannot_know": self.cannot_know,
-            "invisible": self.invisible,
-            "tried": [asdict(row) for row in self.tried],
-            "accounting": asdict(self.accounting),
-            "per_trajectory": _before_after(self.per_trajectory),
-            "per_regime": _before_after(self.per_regime),
-            "notes": self.notes,
             "noise_rms": self.traces.noise_rms if self.traces else None,
             "data": _about(self.recording),
         }

@@ -6,8 +6,9 @@ with their derivative columns.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 
@@ -28,6 +29,7 @@ class Candidate:
 
     effect: str
     choices: Mapping[tuple[str, str], float]
+    """How the data were logged, by (effect, name), as in the candidate's model."""
     values: np.ndarray
     """Coordinates of the effect's own numbers."""
     loss: float
@@ -74,41 +76,34 @@ class Models:
         return self.fits[rest]
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Start:
-    """Numbers of one effect in a model, not yet simulated."""
+@dataclass(frozen=True)
+class _Trial:
+    """Numbers of one effect in a model, on the way to their best."""
 
     effect: str
-    choices: Mapping[tuple[str, str], float]
     parameters: Parameters
     values: np.ndarray
+    step: np.ndarray = field(default_factory=lambda: np.empty(0))
+    """Where the linear model goes from here."""
+    loss: float = np.inf
+    """What the linear model promises there."""
+    held_loss: float = np.inf
+    """Loss with the effect's numbers as they are."""
+    loo_loss: np.ndarray = field(default_factory=lambda: np.empty(0))
+    settled: bool = False
+    shrink: float = 1.0
 
     @property
     def own(self) -> list[int]:
         """Places of the effect's numbers in the model's vector."""
         return self.parameters.own(self.effect)
 
-
-@dataclass(frozen=True, kw_only=True)
-class _Trial(_Start):
-    """Numbers of one effect on the way to their best."""
-
-    step: np.ndarray
-    """Where the linear model goes from here."""
-    loss: float
-    """What the linear model promises there."""
-    held_loss: float
-    """Loss with the effect's numbers as they are."""
-    loo_loss: np.ndarray
-    settled: bool = False
-    shrink: float = 1.0
-
-    def moved(self) -> _Start:
+    def moved(self) -> _Trial:
         """The numbers one damped step on."""
         p, own = self.parameters, self.own
         reach = p.reach(np.inf, 0.7)[own]
         values = np.clip(self.values + np.clip(self.step * self.shrink, -reach, reach), p.low[own], p.high[own])
-        return _Start(effect=self.effect, choices=self.choices, parameters=p, values=values)
+        return _Trial(self.effect, p, values)
 
     def better(self, new: _Trial) -> _Trial:
         """A better trial, or this one with a shorter step."""
@@ -122,79 +117,68 @@ def screen(problem: Problem, base: Fit, effects: Iterable[str], *, hopeless: flo
 
     Starts whose linear look promises a smaller gain than ``hopeless`` are left as they are.
     """
-    trials = _evaluate(problem, base, [start for effect in effects for start in _starts(problem, base, effect)])
+    trials = _evaluated(problem, base, [start for effect in effects for start in _starts(problem, base, effect)])
     now, best = float(base.loss.sum()), []
     for mine in _by_effect(trials):
         best += [replace(t, settled=now - t.loss < hopeless) for t in _two_apart(mine)]
     for _ in range(_REFINE):
-        new = iter(_evaluate(problem, base, [t.moved() for t in best if not t.settled]))
+        new = iter(_evaluated(problem, base, [t.moved() for t in best if not t.settled]))
         best = [t if t.settled else t.better(next(new)) for t in best]
     found = []
     for mine in _by_effect(best):
         t = min(mine, key=lambda t: t.loss)
         short = max(0.0, t.held_loss - t.loss)  # at a bound, or not settled: what the linear look promises too much
-        found.append(Candidate(t.effect, t.choices, t.values, t.held_loss, t.loo_loss + short / len(t.loo_loss)))
+        loo_loss = t.loo_loss + short / len(t.loo_loss)
+        found.append(Candidate(t.effect, t.parameters.choices, t.values, t.held_loss, loo_loss))
     return sorted(found, key=lambda c: c.total)
 
 
-def _starts(problem: Problem, base: Fit, effect: str) -> list[_Start]:
+def _starts(problem: Problem, base: Fit, effect: str) -> list[_Trial]:
     """Every combination of an effect's logging choices with its non-linear numbers' starts."""
-    choices: list[dict[tuple[str, str], float]] = [{}]
-    for p in CATALOGUE[effect].parameters:
-        if p.choices:
-            choices = [{**old, (effect, p.name): value} for old in choices for value in p.choices]
-    ranges = problem.motion.ranges
-    values: list[list[float]] = [[]]
+    ranges, logging = problem.motion.ranges, [p for p in CATALOGUE[effect].parameters if p.choices]
+    starts = []
     for slot in slots_of(effect):
-        starts: Sequence[float] = (slot.neutral(ranges),)
-        if slot.parameter.starts is not None:
-            starts = slot.parameter.starts(ranges)
-            starts = [float(np.log(v)) for v in starts] if slot.logarithmic else starts
-        values = [[*old, v] for old in values for v in starts]
+        given = slot.parameter.starts
+        values = (slot.neutral(ranges),) if given is None else given(ranges)
+        starts.append([float(np.log(v)) for v in values] if given and slot.logarithmic else values)
     found = []
-    for choice in choices:
-        layout = problem.parameters((*base.effects, effect), {**base.parameters.choices, **choice})
-        found += [_Start(effect=effect, choices=choice, parameters=layout, values=np.array(v)) for v in values]
+    for choice in product(*(p.choices for p in logging)):
+        own = {(effect, p.name): value for p, value in zip(logging, choice, strict=True)}
+        layout = problem.parameters((*base.effects, effect), {**base.parameters.choices, **own})
+        found += [_Trial(effect, layout, np.array(values)) for values in product(*starts)]
     return found
 
 
-def _evaluate(problem: Problem, base: Fit, starts: list[_Start]) -> list[_Trial]:
-    """Losses and next steps: one launch for the torques of all starts and their derivative columns."""
-    if not starts:
+def _evaluated(problem: Problem, base: Fit, trials: list[_Trial]) -> list[_Trial]:
+    """Trials with losses and next steps: one launch for the torques of all and their derivative columns."""
+    if not trials:
         return []
     models = []
-    for s in starts:
-        x = base.parameters.grown(base.x, s.parameters.effects)
-        x[s.own] = s.values
-        models.append((s.parameters, x))
-        for i in s.own:
+    for t in trials:
+        x = base.parameters.grown(base.x, t.parameters.effects)
+        x[t.own] = t.values
+        models.append((t.parameters, x))
+        for i in t.own:
             y = x.copy()
-            y[i] += s.parameters.steps[i]
-            models.append((s.parameters, y))
+            y[i] += t.parameters.steps[i]
+            models.append((t.parameters, y))
     tau = iter(simulate(problem.replay, models))
     found = []
-    for first in range(0, len(starts), _SLAB):
-        some, blocks = starts[first : first + _SLAB], [base.slopes]
-        for s in some:
+    for first in range(0, len(trials), _SLAB):
+        some, blocks = trials[first : first + _SLAB], [base.slopes]
+        for t in some:
             here = next(tau)
-            moved = np.stack([next(tau) for _ in s.own])
-            blocks += [(moved - here) / s.parameters.steps[s.own, None], (problem.motion.torque - here)[None]]
+            moved = np.stack([next(tau) for _ in t.own])
+            blocks += [(moved - here) / t.parameters.steps[t.own, None], (problem.motion.torque - here)[None]]
         equations = problem.equations(blocks, base.torque)
         column = len(base.slopes)
-        for s in some:
-            target = column + len(s.own)
+        for t in some:
+            target = column + len(t.own)
             solution, inside, outside = losses(equations, [*base.free, *range(column, target)], target)
             # what eq. 14 alone can take up, with the effect's numbers held: decides between starts
-            _, held, _ = losses(equations, base.free, target)
-            found.append(
-                _Trial(
-                    **vars(s),
-                    step=solution[len(base.free) :],
-                    loss=float(inside.sum()),
-                    held_loss=float(held.sum()),
-                    loo_loss=outside,
-                )
-            )
+            held = float(losses(equations, base.free, target)[1].sum())
+            step = solution[len(base.free) :]
+            found.append(replace(t, step=step, loss=float(inside.sum()), held_loss=held, loo_loss=outside))
             column = target + 1
     return found
 
@@ -207,6 +191,7 @@ def _two_apart(trials: list[_Trial]) -> list[_Trial]:
     """The two best trials of different starts."""
     taken: list[_Trial] = []
     for t in sorted(trials, key=lambda t: t.loss):
-        if all(t.choices != o.choices or np.abs(t.values - o.values).max() > 1e-9 for o in taken):
+        choices = t.parameters.choices
+        if all(choices != o.parameters.choices or np.abs(t.values - o.values).max() > 1e-9 for o in taken):
             taken.append(t)
     return taken[:2]

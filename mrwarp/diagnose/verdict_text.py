@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from mrwarp.diagnose.result import Diagnosis, Value
 from mrwarp.effects.catalogue import CATALOGUE
@@ -30,7 +30,6 @@ _STEPS: dict[str, tuple[tuple[float, float, str], ...]] = {
 
 _NAMES = {"rad": "angle", "m": "displacement", "A": "current", "V": "driver voltage", "N·m": "torque", "N": "force"}
 
-
 _VARIABLES = {
     "qd": "the velocity",
     "qdd": "the acceleration",
@@ -41,15 +40,12 @@ _VARIABLES = {
 }
 
 
-@dataclass(frozen=True)
-class Readable:
-    """One number as text."""
+class Readable(NamedTuple):
+    """One number as text, its 95 % interval, and the plain number in the recording's unit; empty where not needed."""
 
     value: str
     interval: str
-    """Its 95 % interval, or an empty text."""
     si: str
-    """The plain number with the recording's unit, or an empty text where that is what ``value`` shows."""
 
 
 def quantity(unit: str) -> str:
@@ -87,10 +83,7 @@ def measured(value: float, unit: str) -> str:
 
 
 def readable(value: Value, parameter: EffectParameter | None = None) -> Readable:
-    """A value, its interval and the same in the recording's unit.
-
-    A gain is given as its change in per cent.
-    """
+    """A value, its interval and the same in the recording's unit; a gain is given as its change in per cent."""
     low, high = value.ci95
     plain = f"{value.value:.6g} {'' if value.unit == '1' else value.unit}".strip()
     if is_gain(parameter) and value.unit == "1":
@@ -128,12 +121,13 @@ def title(token: str) -> str:
 
 def either(tokens: Iterable[str]) -> str:
     """Titles joined by commas and "or"."""
-    return _joined([title(token) for token in tokens], "or")
+    return both((title(token) for token in tokens), "or")
 
 
-def both(words: Iterable[str]) -> str:
+def both(words: Iterable[str], last: str = "and") -> str:
     """Words joined by commas and "and"."""
-    return _joined(list(words), "and")
+    words = list(words)
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + f" {last} {words[-1]}" if words else ""
 
 
 def variable(name: str, units: Mapping[str, str]) -> str:
@@ -143,13 +137,20 @@ def variable(name: str, units: Mapping[str, str]) -> str:
     return _VARIABLES.get(name, name)
 
 
+def axis_label(key: str, units: Mapping[str, str], gap: str = " ") -> str:
+    """What a column of a recording holds, with its unit."""
+    return f"velocity{gap}[{units['q']}/s]" if key == "qd" else f"{quantity(units[key])}{gap}[{units[key]}]"
+
+
+def short(text: str, most: int) -> str:
+    """A name on one line, shortened in the middle; what a font cannot show is replaced."""
+    text = "".join(c if c.isprintable() else "?" for c in text)
+    return text if len(text) <= most else f"{text[: most // 2 - 1]}…{text[-(most - most // 2) :]}"
+
+
 def capital(text: str) -> str:
     """The text with a capital at its front."""
     return text[:1].upper() + text[1:]
-
-
-def _joined(words: list[str], last: str) -> str:
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + f" {last} {words[-1]}" if words else ""
 
 
 def _signed(factor: float) -> str:

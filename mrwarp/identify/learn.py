@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -20,6 +20,9 @@ from mrwarp.recording.load import Recording, RecordingError
 
 VALIDATION = 0.2
 """Share of the trajectories held for validation, table 1."""
+
+COMPARISON = FitCfg(epochs=10, windows_per_epoch=8192, validation_windows=4096, patience=10)
+"""Enough to compare two residuals; ``mrwarp learn`` trains one in full."""
 
 SKIP = max(SAMPLES.values()) - 1
 """Samples at the start of each trajectory that no model is judged on: the longest window is not yet full."""
@@ -103,6 +106,56 @@ def learn(
         training=figures,
     )
     return Learned(model=model, history=history, figures=figures)
+
+
+def left_to_learn(
+    recording: Recording,
+    baseline: Sequence[np.ndarray],
+    extended: Sequence[np.ndarray],
+    *,
+    recipe: FitCfg = COMPARISON,
+    progress: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
+    """Train a PG-RLSTM by one recipe on what each of two physical models leaves.
+
+    ``baseline`` and ``extended`` are their torques along each trajectory.
+
+    Returns:
+        Plain values for ``result.json``, pairs (baseline, extension): the RMS of what the learned model must add
+        (``target``), RMSE without and with it on the trajectories of ``held_out`` (``physical``, ``with_learned``);
+        ``less`` is how much smaller the target is with the extension [1].
+
+    Raises:
+        RecordingError: the trajectories are too short, too few or of several rates for windows.
+        KeyboardInterrupt: a training was stopped.
+    """
+    runs, window = recording.trajectories, SAMPLES["pg_rlstm"]
+    usable = [k for k, run in enumerate(runs) if len(run.t) >= window]
+    held = [usable[k] for k in windows.split(len(usable), recipe.seed, VALIDATION)[1]] if len(usable) > 1 else []
+    target, physical, with_learned = [], [], []
+    for name, torque in (("baseline", baseline), ("extension", extended)):
+
+        def report(history: History, cfg: FitCfg, name: str = name) -> None:
+            progress(
+                f"learning what the {name} leaves: epoch {history.epoch[-1]} of {cfg.epochs}, "
+                f"validation {history.validation_rmse[-1]:.4g}"
+            )
+
+        learned = learn(recording, kind="pg_rlstm", baseline=torque, cfg=recipe, report=report)
+        if learned.history.stopped == "interrupted":
+            raise KeyboardInterrupt
+        rest = [run.torque - tau for run, tau in zip(runs, torque, strict=True)]
+        target.append(rms(np.concatenate(rest)))
+        physical.append(rms(np.concatenate([rest[k][window - 1 :] for k in held])))
+        with_learned.append(float(learned.figures["validation_rmse"]))
+    return {
+        "target": target,
+        "physical": physical,
+        "with_learned": with_learned,
+        "held_out": [runs[k].id for k in held],
+        "recipe": asdict(recipe),
+        "less": 1.0 - target[1] / target[0] if target[0] > 0.0 else 0.0,
+    }
 
 
 def sampling_interval(recording: Recording) -> float:

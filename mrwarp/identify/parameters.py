@@ -81,6 +81,10 @@ class Slot:
         """Effect and name of the number."""
         return self.effect, self.parameter.name
 
+    def value(self, coordinate: float) -> float:
+        """The number of a coordinate."""
+        return float(np.exp(coordinate)) if self.logarithmic else float(coordinate)
+
     def neutral(self, ranges: Ranges) -> float:
         """Coordinate where the effect is absent, or, for a number that has none, of its first start."""
         if self.logarithmic:

@@ -149,7 +149,7 @@ def test_learning_tells_how_much_less_is_left(
     data: Path, tmp_path: Path, computed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The learned residual's target is smaller on top of the extension, by as much as the mismatch is."""
-    from mrwarp.diagnose import learned_remainder as learned
+    from mrwarp.identify import learn as learned
 
     few = FitCfg(epochs=1, windows_per_epoch=256, validation_windows=256)
     monkeypatch.setattr(

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.confounders import _within_range
 from mrwarp.diagnose.problem import CHI2, FLOOR, covariance, reported_fit, threshold
 from mrwarp.diagnose.screening import Models
-from mrwarp.diagnose.search import Selection, best_single, screen_candidates, select
+from mrwarp.diagnose.search import Selection, _within_range, best_single, screen_candidates, select
 from mrwarp.effects.catalogue import CATALOGUE
 from tests.diagnose import known
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.preprocess import hold_rests
+from mrwarp.diagnose.baseline import hold_rests
 from mrwarp.diagnose.problem import fit_model
 from mrwarp.identify.dataset import Motion
 from mrwarp.identify.kinematics import known_velocity, reconstruct, resting

@@ -6,7 +6,6 @@ import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from mrwarp.diagnose.result import Cause, Diagnosis, NextExperiment, Shift, Trie
 from mrwarp.diagnose.verdict_text import capital
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
-from mrwarp.run_dir import versions, write_text
+from mrwarp.run_dir import versions
 
 _KINDS = {"mechanism": "part of the device", "sensor": "only in what is measured", "calibration": "calibration"}
 
@@ -29,11 +28,6 @@ class Table:
 
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
-
-
-def write_page(page: str, out: Path) -> Path:
-    """Write a rendered page as ``out/report.html`` atomically."""
-    return write_text(out / "report.html", page)
 
 
 def render(
@@ -47,7 +41,7 @@ def render(
 ) -> str:
     """The page as text, with further tables: what changes in the robot, what is left to learn, what was predicted.
 
-    ``pictures`` are PNGs by name; they are drawn here if they are not given.
+    ``pictures`` are PNGs by name; None: they are drawn here.
     """
     loader = PackageLoader("mrwarp.diagnose.report", ".")
     environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
@@ -94,9 +88,7 @@ def _content(d: Diagnosis) -> dict[str, Any]:
 
 def _taken(t: Tried) -> str:
     """What an effect takes away; at size zero it is the baseline, so less than nothing is nothing."""
-    if t.gain < 5e-4:
-        return "nothing"
-    return f"{text.percent(t.gain)} ± {text.percent(1.96 * t.error)}"
+    return "nothing" if t.gain < 5e-4 else f"{text.percent(t.gain)} ± {text.percent(1.96 * t.error)}"
 
 
 def _facts(d: Diagnosis) -> list[tuple[str, str]]:
@@ -144,7 +136,7 @@ def _parameter(name: str, value: Value, spec: EffectParameter | None) -> tuple[s
 
 def _shift(s: Shift) -> tuple[str, ...]:
     law = CATALOGUE.get(s.name)
-    shown = text.readable(Value(value=s.value, ci95=s.ci95, unit=s.unit), law.parameters[0] if law else None)
+    shown = text.readable(s, law.parameters[0] if law else None)
     remedy = law.remedy if law else ""
     return capital(text.title(s.name)), shown.value, shown.interval, text.either(s.alternatives) or "-", remedy
 

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mrwarp.diagnose.report.picture_style import axis_label
 from mrwarp.diagnose.result import Traces
-from mrwarp.diagnose.verdict_text import quantity
+from mrwarp.diagnose.verdict_text import axis_label, quantity
 
 _BINS = 25
 _LEAST = 20
@@ -42,7 +41,7 @@ class Axis:
     logarithmic: bool = False
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Profile:
     """Bin means; arrays of shape (B,)."""
 
@@ -66,8 +65,8 @@ def profile(axis: Axis, traces: Traces) -> Profile | None:
     if labels is None:
         return None
     best: Profile | None = None
-    for meaning, sign in axis.signs.items():
-        found = _profile(axis, meaning, sign, labels, traces)
+    for meaning in axis.signs:
+        found = _profile(axis, meaning, labels, traces)
         if found is not None and (best is None or found.share > best.share * (1.0 if best.meaning else _PREFER_PLAIN)):
             best = found
     return best
@@ -103,13 +102,13 @@ def axes_of(variable: str, traces: Traces, units: dict[str, str]) -> list[Axis]:
     found = [
         Axis(label=f"rate of the {name} [{amps}/s]", x=_clipped(rate), signs=views),
         Axis(label=f"rate of the {simulated} [{torque}/s]", x=_clipped(loading), signs=views),
-        Axis(label="time since the last reversal [s]", x=_since(_reversals(t), t), signs=quick, logarithmic=True),
+        Axis(label="time since the last reversal [s]", x=_since(_reversals(t), t)[0], signs=quick, logarithmic=True),
     ]
     if (jump != 0.0).sum() < 3:
         return found
-    acts = _held(np.sign(jump), jump != 0.0, t) * views["the device gives more than simulated"]
+    since, last = _since(jump != 0.0, t)
+    acts = np.where(last >= 0, np.sign(jump[last]), 0.0) * views["the device gives more than simulated"]
     step = {**views, f"the change of the {name} acts more than simulated": acts}
-    since = _since(jump != 0.0, t)
     return [Axis(label=f"time since the last step of the {name} [s]", x=since, signs=step, logarithmic=True), *found]
 
 
@@ -163,10 +162,8 @@ def _labels(axis: Axis) -> tuple[np.ndarray, np.ndarray] | None:
     return labels, centre[keep]
 
 
-def _profile(
-    axis: Axis, meaning: str, sign: np.ndarray, labels: tuple[np.ndarray, np.ndarray], t: Traces
-) -> Profile | None:
-    label, centre = labels
+def _profile(axis: Axis, meaning: str, labels: tuple[np.ndarray, np.ndarray], t: Traces) -> Profile | None:
+    (label, centre), sign = labels, axis.signs[meaning]
     good = (label >= 0) & (sign != 0.0)
     bins, runs = len(centre), len(t.start) - 1
     run = np.repeat(np.arange(runs), np.diff(t.start))
@@ -189,8 +186,7 @@ def _profile(
     def explained(mean: np.ndarray) -> float:
         return float((total * np.maximum(mean**2 - error, 0.0)).sum()) / max(mean_square, 1e-300)
 
-    means = {"x": centre, "before": before, "after": after, "band": band}
-    return Profile(axis=axis, meaning=meaning, **means, share=explained(before), left=explained(after))
+    return Profile(axis, meaning, centre, before, after, band, explained(before), explained(after))
 
 
 def _band(rest: np.ndarray, count: np.ndarray, mean: np.ndarray, noise: float) -> np.ndarray:
@@ -233,23 +229,18 @@ def _dt(t: Traces, part: slice) -> float:
 
 
 def _rate(x: np.ndarray, t: Traces) -> np.ndarray:
-    out = np.zeros_like(x, dtype=float)
-    for part in t.parts:
-        out[part] = np.gradient(x[part], _dt(t, part))
-    return out
+    return np.concatenate([np.gradient(x[part], _dt(t, part)) for part in t.parts])
 
 
 def _clipped(x: np.ndarray) -> np.ndarray:
-    """The same without its rarest values, which would squeeze all others into one bin."""
+    """A variable without its rarest values, which would squeeze all others into one bin."""
     low, high = np.quantile(x, (0.002, 0.998))
     return np.where((x < low) | (x > high), np.nan, x) if high > low else x
 
 
 def _jumps(t: Traces) -> np.ndarray:
     """Step of the current at each sample, 0 where there is none."""
-    out = np.zeros(len(t.current))
-    for part in t.parts:
-        out[part][1:] = np.diff(t.current[part])
+    out = np.concatenate([np.diff(t.current[part], prepend=t.current[part.start]) for part in t.parts])
     limit = max(0.08 * float(np.ptp(t.current)), 8.0 * float(np.median(np.abs(out))))
     return np.where(np.abs(out) > limit, out, 0.0)
 
@@ -264,32 +255,21 @@ def _reversals(t: Traces) -> np.ndarray:
     return out
 
 
-def _last(event: np.ndarray, part: slice) -> tuple[np.ndarray, np.ndarray]:
-    """Index of each sample in its trajectory, and of the last event, -1 before the first."""
-    index = np.arange(part.stop - part.start)
-    return index, np.maximum.accumulate(np.where(event[part], index, -1))
+def _since(event: np.ndarray, t: Traces) -> tuple[np.ndarray, np.ndarray]:
+    """Time since the last event [s], NaN before the first and after the window, and the sample of that event.
 
-
-def _since(event: np.ndarray, t: Traces) -> np.ndarray:
-    """Time since the last event [s], NaN before the first and after the window; a sample's own interval at an event."""
-    out = np.full(len(event), np.nan)
+    The time at the event itself is a sample's interval; before the first event its sample is -1.
+    """
+    since, last = np.full(len(event), np.nan), np.full(len(event), -1)
     for part in t.parts:
-        index, last = _last(event, part)
-        since = (index - last + 1) * _dt(t, part)
-        out[part] = np.where((last >= 0) & (since <= _WINDOW), since, np.nan)
-    return out
+        index = np.arange(part.start, part.stop)
+        last[part] = np.maximum.accumulate(np.where(event[part], index, -1))
+        passed = (index - last[part] + 1) * _dt(t, part)
+        since[part] = np.where((last[part] >= 0) & (passed <= _WINDOW), passed, np.nan)
+    return since, last
 
 
-def _held(x: np.ndarray, event: np.ndarray, t: Traces) -> np.ndarray:
-    """Value at the last event, 0 before the first."""
-    out = np.zeros(len(x))
-    for part in t.parts:
-        _, last = _last(event, part)
-        out[part] = np.where(last >= 0, x[part][np.maximum(last, 0)], 0.0)
-    return out
-
-
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Surface:
     """Cell means of what the extension leaves."""
 
@@ -323,14 +303,14 @@ def surface(across: Axis, up: Axis, t: Traces) -> Surface | None:
         mean = np.where(count >= _LEAST_OF_CELL, total / np.maximum(count, 1), np.nan)
         share = float(np.nansum(count * mean**2))
         if share > most * (1.0 if best is not None and best.meaning else 1.3):
-            shape = mean.reshape(rows, columns)
-            best, most = Surface(across=across, up=up, x=x, y=y, mean=shape, meaning=meaning), share
+            best, most = Surface(across, up, x, y, mean.reshape(rows, columns), meaning), share
     return best if best is not None and np.isfinite(best.mean).sum() >= 12 else None
 
 
 def _edges(x: np.ndarray, cells: int) -> np.ndarray:
     """Even edges over the bulk of a variable, or edges between its levels where it has few."""
-    levels = np.unique(np.round(x / (float(np.ptp(x)) or 1.0), 3)) * (float(np.ptp(x)) or 1.0)
+    reach = float(np.ptp(x)) or 1.0
+    levels = np.unique(np.round(x / reach, 3)) * reach
     if len(levels) <= cells:
         middle = 0.5 * (levels[1:] + levels[:-1])
         return np.concatenate([[float(x.min())], middle, [float(x.max())]]) if len(levels) > 2 else levels

@@ -12,11 +12,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from mrwarp.diagnose.report import picture_style as style
-from mrwarp.diagnose.report import trace_pictures
-from mrwarp.diagnose.report.picture_style import AFTER, BEFORE, MEASURED, NOISE, WIDTH, axis_label, short
+from mrwarp.diagnose.report.trace_pictures import (
+    AFTER,
+    ALTERNATIVE,
+    BEFORE,
+    DPI,
+    MAKERS,
+    MEASURED,
+    NOISE,
+    OTHER,
+    STYLE,
+    WIDTH,
+)
 from mrwarp.diagnose.result import REGIMES, Diagnosis
-from mrwarp.diagnose.verdict_text import both, capital, percent, title
+from mrwarp.diagnose.verdict_text import axis_label, both, capital, percent, short, title
 
 NAMES = ("evidence", "gain", "loops", "worst", "accounting", "variables", "spectrum", "tried", "data")
 """All pictures."""
@@ -31,9 +40,9 @@ def draw(diagnosis: Diagnosis) -> dict[str, bytes]:
     if diagnosis.verdict is not None:
         makers |= {"tried": tried_picture, "gain": gain_picture, "accounting": accounting_picture}
         if diagnosis.traces is not None:
-            makers |= trace_pictures.MAKERS
+            makers |= MAKERS
     found: dict[str, bytes] = {}
-    with matplotlib.rc_context(style.STYLE), warnings.catch_warnings():
+    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph")  # a trajectory's name in letters that the font does not have
         for name, make in makers.items():
             figure = make(diagnosis)
@@ -47,7 +56,7 @@ def accounting_picture(d: Diagnosis) -> Figure:
     a = d.accounting
     parts = [
         (a.named, f"{capital(both(title(c.name) for c in d.causes)) or 'Named cause'}", AFTER, "white"),
-        (a.predictable, "Predictable, cause unknown", style.OTHER, "black"),
+        (a.predictable, "Predictable, cause unknown", OTHER, "black"),
         (a.noise, "Noise", "#bdbdbd", "black"),
     ]
     figure = Figure(figsize=(WIDTH, 2.7), layout="constrained")
@@ -72,13 +81,12 @@ def gain_picture(d: Diagnosis) -> Figure | None:
     if not rows:
         return None
     rows.sort(key=lambda row: row[1])
-    named = len(rows) <= _NAMED
+    named, unit = len(rows) <= _NAMED, d.recording.units["torque"]
     regimes = [(name, *d.per_regime[name]) for name in REGIMES if name in d.per_regime]
     heights = [(0.25 if named else 4.0 / len(rows)) * len(rows) + 1.0]
     figure = Figure(figsize=(WIDTH, heights[0] + 0.42 * len(regimes) + 1.3), layout="constrained")
     heights += [0.42 * len(regimes) + 0.7] if regimes else []
     panels = figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
-    unit = d.recording.units["torque"]
     _dots(panels[0], rows, d)
     if named:
         panels[0].set_yticks(range(len(rows)), [short(name, 24) for name, *_ in rows], fontsize=10)
@@ -87,8 +95,7 @@ def gain_picture(d: Diagnosis) -> Figure | None:
         panels[0].set_yticks([])
     panels[0].set_xlabel(f"RMSE [{unit}]")
     panels[0].set_xlim(left=0.0)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper left", ncols=2, frameon=False)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=2, frameon=False)
     if regimes:
         _dots(panels[1], regimes, d)
         panels[1].set_yticks(range(len(regimes)), [name for name, *_ in regimes])
@@ -110,7 +117,7 @@ def tried_picture(d: Diagnosis) -> Figure | None:
     figure = Figure(figsize=(WIDTH, 0.29 * len(rows) + 1.5), layout="constrained")
     ax = figure.subplots()
     for k, t in enumerate(rows):
-        color = AFTER if t.name in causes else style.ALTERNATIVE if t.name in others else NOISE
+        color = AFTER if t.name in causes else ALTERNATIVE if t.name in others else NOISE
         hatch, edge = ("///", MEASURED) if t.name in others else (None, "white")
         ax.barh(k, 100.0 * max(t.gain, 0.0), color=color, height=0.72, hatch=hatch, edgecolor=edge)
         if t.gain > 0.0 and np.isfinite(t.error):
@@ -120,7 +127,7 @@ def tried_picture(d: Diagnosis) -> Figure | None:
     ax.set_xlabel("squared mismatch taken away [%]")
     ax.set_ylim(-0.7, len(rows) - 0.3)
     shown = [Patch(facecolor=AFTER, label="named")] * bool(causes)
-    shown += [Patch(facecolor=style.ALTERNATIVE, edgecolor=MEASURED, hatch="///", label="alternative")] * bool(others)
+    shown += [Patch(facecolor=ALTERNATIVE, edgecolor=MEASURED, hatch="///", label="alternative")] * bool(others)
     ax.legend(handles=[*shown, Patch(facecolor=NOISE, label="rejected")], loc="lower right")
     reach = 100.0 * max(t.gain + 1.96 * (t.error if np.isfinite(t.error) else 0.0) for t in rows)
     ax.set_xlim(-0.02 * max(reach, 1.0), min(1.04 * max(reach, 1.0), max(102.0, 110.0 * rows[-1].gain)))
@@ -173,5 +180,5 @@ def _dots(ax: Axes, rows: Sequence[tuple[str, float, float]], d: Diagnosis) -> N
 def _png(figure: Figure) -> bytes:
     """The figure as PNG with few colours' worth of bytes and no date in it."""
     data = io.BytesIO()
-    figure.savefig(data, format="png", dpi=style.DPI, metadata={"Software": None})
+    figure.savefig(data, format="png", dpi=DPI, metadata={"Software": None})
     return data.getvalue()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,12 +21,35 @@ from mrwarp.diagnose.report.mismatch_profile import (
     profile,
     surface,
 )
-from mrwarp.diagnose.report.picture_style import AFTER, BEFORE, MEASURED, NOISE, WIDTH, axis_label, short
 from mrwarp.diagnose.result import Diagnosis, Traces
-from mrwarp.diagnose.verdict_text import capital, title
+from mrwarp.diagnose.verdict_text import axis_label, capital, short, title
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.dataset import rms
 
+MEASURED, BEFORE, AFTER, ALTERNATIVE, NOISE, OTHER = "#222222", "#d55e00", "#0072b2", "#56b4e9", "#d0d0d0", "#e69f00"
+"""Okabe and Ito's colours: baseline, extension, its alternatives; grey for noise, yellow for what stays unexplained."""
+
+STYLE: dict[Any, Any] = {
+    "font.size": 12.0,
+    "axes.titlesize": 12.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 12.0,
+    "legend.fontsize": 11.0,
+    "legend.framealpha": 0.85,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "lines.linewidth": 1.6,
+    "axes.axisbelow": True,
+    "text.parse_math": False,
+    "path.simplify_threshold": 0.5,
+    "axes.formatter.limits": (-4, 5),
+}
+WIDTH = 6.4
+"""Width of a figure [in]: fills a phone, and leaves its letters readable."""
+DPI = 100
 _WORST = 2.0
 """Length of the stretch that is shown in detail [s]."""
 _LOOP = 4.0
@@ -58,8 +82,7 @@ def evidence_picture(d: Diagnosis) -> Figure | None:
     panels = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]
     if plane is not None:
         _surface_panel(figure, panels[-1], plane, units["torque"])
-        panels = panels[:-1]
-    for k, (ax, (found, text)) in enumerate(zip(panels, shown, strict=True)):
+    for k, (ax, (found, text)) in enumerate(zip(panels, shown, strict=False)):
         _profile_panel(ax, found, d, legend=k == 0)
         ax.set_title(capital(text))
         if found.axis.label.startswith("what the named cause"):
@@ -142,11 +165,9 @@ def spectrum_picture(d: Diagnosis) -> Figure:
     dt = np.array([run.dt for run in d.recording.trajectories])
     same = [p for p, step in zip(t.parts, dt, strict=True) if abs(step / np.median(dt) - 1.0) < 0.01]
     rate = 1.0 / float(np.median(dt))
-    series = [("baseline", t.torque - t.baseline, BEFORE, "-")]
+    ax.plot(*_density(t.torque - t.baseline, same, rate), color=BEFORE, label="baseline")
     if is_extended(t):
-        series.append(("with the extension", t.torque - t.extended, AFTER, "--"))
-    for label, x, color, style in series:
-        ax.plot(*_density(x, same, rate), color=color, ls=style, label=label)
+        ax.plot(*_density(t.torque - t.extended, same, rate), color=AFTER, ls="--", label="with the extension")
     level = t.noise_rms / np.sqrt(0.5 * rate)
     ax.axhline(level, color="0.45", lw=1.4, ls=":", label="the noise, if it were white")
     ax.set(xlabel="frequency [Hz]", ylabel=f"mismatch [{units['torque']}/√Hz]")
@@ -245,6 +266,5 @@ def _stretch(t: Traces, part: slice, seconds: float) -> slice:
 
 
 def _traces(d: Diagnosis) -> Traces:
-    if d.traces is None:
-        raise ValueError("this diagnosis holds no traces; diagnose the recording again")
+    assert d.traces is not None  # pictures of samples are drawn where there are samples
     return d.traces

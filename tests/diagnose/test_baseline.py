@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mrwarp.diagnose import preprocess
-from mrwarp.diagnose.preprocess import align_clocks, begin_under_way, clock_note, decimate
+from mrwarp.diagnose import baseline
+from mrwarp.diagnose.baseline import align_clocks, begin_under_way, decimate
 from mrwarp.diagnose.problem import Fit, Problem, fit_model, refit
 from mrwarp.identify.dataset import Motion
 from mrwarp.identify.replay import EffectReplay
@@ -44,7 +44,7 @@ def test_fast_trajectories_are_thinned_until_they_are_few(
     monkeypatch: pytest.MonkeyPatch, limit: int, rates: tuple[float, ...]
 ) -> None:
     """By odd factors, all alike; slow trajectories stay."""
-    monkeypatch.setattr(preprocess, "LIMIT", limit)
+    monkeypatch.setattr(baseline, "LIMIT", limit)
     recording = _swings((3000.0, 3000.0, 200.0))
     out, note = decimate(recording)
     assert [round(1.0 / run.dt) for run in out.trajectories] == list(rates)
@@ -54,7 +54,7 @@ def test_fast_trajectories_are_thinned_until_they_are_few(
 
 def test_thinned_motion_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     """At the samples that are left: motion without a shift, the current one step, torque and temperature as logged."""
-    monkeypatch.setattr(preprocess, "LIMIT", 10)
+    monkeypatch.setattr(baseline, "LIMIT", 10)
     run = decimate(_swings((1000.0,)))[0].trajectories[0]
     w = 4.0 * np.pi
     assert 1.0 / run.dt == pytest.approx(1000.0 / 3.0)
@@ -68,7 +68,7 @@ def test_thinned_motion_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_rates_under_the_least_are_left(monkeypatch: pytest.MonkeyPatch) -> None:
     """However long they are."""
-    monkeypatch.setattr(preprocess, "LIMIT", 10)
+    monkeypatch.setattr(baseline, "LIMIT", 10)
     recording = _swings((500.0, 250.0))
     assert decimate(recording) == (recording, None)
 
@@ -164,8 +164,3 @@ def test_a_log_with_one_clock_stays_as_it_is(effects: dict) -> None:
     """Whether the model fits it, or lacks a lag."""
     problem = known.problem(effects)
     assert align_clocks(problem, known.fitted(problem)) is problem
-
-
-def test_note_states_samples_and_time() -> None:
-    """Both are needed to correct a log."""
-    assert "0.40 samples (0.4 ms)" in clock_note(0.4, 1e-3)
