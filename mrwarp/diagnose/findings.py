@@ -149,11 +149,15 @@ def causes_of(selection: Selection, model: Model) -> tuple[Cause, ...]:
     causes, searches = [], 6 * len(selection.screened)
     for effect in model.effects:
         if effect.name in selection.named:
-            fitted = {name: p for name, p in effect.parameters.items() if p.ci95 is not None}
+            fitted = {
+                name: Value(value=p.value, ci95=p.ci95, unit=p.unit)
+                for name, p in effect.parameters.items()
+                if p.ci95 is not None
+            }
             own = selection.own_gain.get(effect.name, selection.gain)
             cause = Cause(
                 name=effect.name,
-                parameters={name: Value(value=p.value, ci95=p.ci95, unit=p.unit) for name, p in fitted.items()},
+                parameters=fitted,
                 p_value=float(min(1.0, searches * chi2.sf(max(own, 0.0), len(fitted)))),
                 alternatives=selection.alternatives.get(effect.name, ()),
                 gain=own / selection.base.total,
