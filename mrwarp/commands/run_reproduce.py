@@ -26,7 +26,7 @@ def run(options: Reproduce, line: CommandLine) -> int:
     check_writable(options.out)
     wanted = list(dict.fromkeys(name for part in options.part for name in (TITLES if part == "all" else (part,))))
     progress = ProgressLine(sys.stdout)
-    runner = Runner(CATALOGUE, settings, options.out, progress)
+    runner = Runner(catalogue=CATALOGUE, settings=settings, out=options.out, report=progress)
     started, stopped = time.perf_counter(), False
     try:
         with claim(options.out):

@@ -13,7 +13,7 @@ import math
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from functools import lru_cache
 from pathlib import Path
 from types import NoneType, UnionType
@@ -98,29 +98,20 @@ class Outcome:
     """Why there are no findings."""
 
 
+@dataclass(kw_only=True)
 class Runner:
-    """One run of some experiments.
+    """One run of some experiments."""
 
-    Args:
-        catalogue: All experiments by name.
-        settings: Choices of the run.
-        out: Output folder.
-        report: Called with what runs and the share of it that is done.
-
-    Attributes:
-        outcomes: How each experiment ended, by name, in the order in which they were run.
-    """
-
-    def __init__(
-        self,
-        catalogue: Mapping[str, Experiment],
-        settings: Settings,
-        out: Path,
-        report: Report = lambda text, share: None,
-    ) -> None:
-        self.catalogue, self.settings, self.out, self._report = catalogue, settings, out, report
-        self.outcomes: dict[str, Outcome] = {}
-        self._keys: dict[str, dict[str, Any]] = {}
+    catalogue: Mapping[str, Experiment]
+    """All experiments by name."""
+    settings: Settings
+    out: Path
+    report: Report = lambda text, share: None
+    """Called with what runs and the share of it that is done."""
+    outcomes: dict[str, Outcome] = field(default_factory=dict)
+    """How each experiment ended, by name, in the order in which they were run."""
+    keys: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """What the experiments depend on, by name."""
 
     def run(self, wanted: Sequence[str]) -> None:
         """Make or keep the experiments, each after what it needs; ``outcomes`` grows as they end.
@@ -141,7 +132,7 @@ class Runner:
                 status = "waiting" if outcome.status == "waiting" else "failed"
                 return Outcome(name=name, status=status, message=f"needs {need}: {outcome.message}")
         try:
-            self._keys[name] = key = experiment.key(self.settings, self._keys)
+            self.keys[name] = key = experiment.key(self.settings, self.keys)
             if (kept := _read(folder / KEPT, key)) is not None:
                 return kept
             folder.mkdir(parents=True, exist_ok=True)
@@ -151,7 +142,7 @@ class Runner:
             job = Job(
                 settings=self.settings,
                 out=folder,
-                report=lambda text, share: self._report(f"{name}: {text}" if text else name, share),
+                report=lambda text, share: self.report(f"{name}: {text}" if text else name, share),
             )
             job.report("", 0.0)
             findings = experiment.compute(job)
@@ -223,7 +214,6 @@ def save(path: Path, data: Any) -> None:
     arrays: dict[str, np.ndarray] = {}
 
     def strip(value: Any) -> Any:
-        """The same with every array as its number in the file."""
         if is_dataclass(value):
             return {f.name: strip(getattr(value, f.name)) for f in fields(value)}
         if isinstance(value, np.ndarray):

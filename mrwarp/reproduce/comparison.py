@@ -87,16 +87,8 @@ def compare(
     """
     name, unit, digits = quantity
     value = theirs if isinstance(theirs, PaperValue) else PaperValue(mean=theirs)
-    return Comparison(
-        condition=condition,
-        quantity=name,
-        unit=unit,
-        paper=value,
-        calibrated=calibrated,
-        digits=digits,
-        why=why,
-        **ours,
-    )
+    shown = {"condition": condition, "quantity": name, "unit": unit, "digits": digits, "why": why}
+    return Comparison(**shown, paper=value, calibrated=calibrated, **ours)
 
 
 @dataclass(frozen=True, kw_only=True)

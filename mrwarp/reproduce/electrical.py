@@ -100,19 +100,18 @@ def budget(savings: Sequence[Saving], results: Sequence[WalkResult], cfg: Electr
         assert saved.paper is not None  # all four conditions are table 6's
         off, on = (walked[robot, saved.payload, saved.command] for robot in walks.SAL)
         copper = parts(off.joints, cfg)["copper_calves"]
-        row = [
-            saved.name,
-            f"{copper:.0f}",
-            f"{100.0 * copper / mean_power(off, cfg):.0f} %",
-            f"{100.0 * saved.paper['saving'] / copper:.0f} %",
-            f"{100.0 * saved.saving_by_part['copper_calves'] / copper:.0f} %",
-            f"{saved.bound['our_standing']:.0f}",
-            f"{saved.bound['paper_standing']:.0f}",
-            f"{saved.paper['saving']:.0f}",
-            f"{100.0 * (mean(on.speed) / mean(off.speed) - 1.0):+.1f} %",
-            f"{1e3 * (mean(on.height) - mean(off.height)):+.0f}",
-        ]
-        rows.append(row)
+        shares = copper / mean_power(off, cfg), saved.paper["saving"] / copper
+        watts = saved.bound["our_standing"], saved.bound["paper_standing"], saved.paper["saving"]
+        rows.append(
+            [
+                saved.name,
+                f"{copper:.0f}",
+                *(f"{100.0 * share:.0f} %" for share in (*shares, saved.saving_by_part["copper_calves"] / copper)),
+                *(f"{value:.0f}" for value in watts),
+                f"{100.0 * (mean(on.speed) / mean(off.speed) - 1.0):+.1f} %",
+                f"{1e3 * (mean(on.height) - mean(off.height)):+.0f}",
+            ]
+        )
     return TextTable(title="What there is to save, and what SAL changes besides", head=head, rows=rows)
 
 

@@ -1,8 +1,7 @@
 """The simulated push of section 6.3 behind table 4 and figure 6, under every reading of what the paper leaves open.
 
-The paper states the force, not its duration, the motors' gains, where in the stance it began (figure 6b names the pair
-that stood) or which torque its dynamic branch had in the end. Each reading has its own push duration, calibrated on the
-0 A row alone; the other rows are predictions.
+The paper states the force, not its duration, the motors' gains, where in the stance it began or which torque its
+dynamic branch had. Each reading has its own duration, calibrated on the 0 A row; the other rows are predictions.
 """
 
 from __future__ import annotations

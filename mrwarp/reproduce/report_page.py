@@ -45,12 +45,9 @@ def write(outcomes: Mapping[str, Outcome], out: Path, command: str) -> tuple[Pat
         "command": command,
         "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),
     }
+    loader = PackageLoader("mrwarp.reproduce", ".")
     environment = Environment(
-        loader=PackageLoader("mrwarp.reproduce", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     html = environment.get_template("report.html.jinja").render(**page)
     return write_text(out / "report.html", html), write_text(out / "report.md", _markdown(page))
@@ -81,12 +78,12 @@ def agreement(rows: Sequence[Comparison]) -> str:
     judged = [row for row in rows if row.paper is not None]
     if not judged:
         return ""
-    predicted = [row for row in judged if not row.calibrated]
-    near = sum(not row.differs for row in predicted)
-    measure = f"within the joint spread, or {100.0 * RELATIVE:.0f} % where the paper states none"
-    fitted = len(judged) - len(predicted)
-    return f"{near} of {len(predicted)} predicted rows {measure}" + (
-        f"; {fitted} rows were used to calibrate" if fitted else ""
+    near = [not row.differs for row in judged if not row.calibrated]
+    fitted = len(judged) - len(near)
+    calibrated = f"; {fitted} rows were used to calibrate" if fitted else ""
+    return (
+        f"{sum(near)} of {len(near)} predicted rows within the joint spread, or {100.0 * RELATIVE:.0f} % where the "
+        f"paper states none{calibrated}"
     )
 
 

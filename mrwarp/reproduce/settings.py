@@ -72,8 +72,6 @@ class Settings:
         for name, paths in self._named().items():
             if len(set(paths)) < len(paths):
                 raise ValueError(f"{name}: name each policy once; one that counts as two training seeds has no spread")
-        if min(self.rollouts, self.impacts) < 1:
-            raise ValueError(f"rollouts = {self.rollouts} and impacts = {self.impacts} must be at least 1")
         if not all(math.isfinite(length) and length > 0.0 for length in (self.distance, self.window)):
             raise ValueError(f"distance = {self.distance} m and window = {self.window} m must be positive and finite")
 

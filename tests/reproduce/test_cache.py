@@ -61,7 +61,7 @@ def catalogue(*functions) -> dict[str, Experiment]:
 
 def run(out: Path, *functions, settings: Settings | None = None) -> Runner:
     """Run all of them."""
-    runner = Runner(catalogue(*functions), settings or Settings(), out)
+    runner = Runner(catalogue=catalogue(*functions), settings=settings or Settings(), out=out)
     runner.run([f.__name__ for f in functions])
     return runner
 
@@ -113,7 +113,7 @@ def test_what_needs_a_failed_experiment_is_not_run(tmp_path: Path) -> None:
     """It says which one, and its own function is never called."""
     both = catalogue(failing, reader)
     both["reader"] = replace(both["reader"], needs=("failing",))
-    runner = Runner(both, Settings(), tmp_path)
+    runner = Runner(catalogue=both, settings=Settings(), out=tmp_path)
     runner.run(["reader"])
     assert runner.outcomes["reader"].status == "failed"
     assert runner.outcomes["reader"].message == "needs failing: no luck"
@@ -145,7 +145,7 @@ def test_a_result_that_is_made_anew_is_gone_until_it_is(tmp_path: Path) -> None:
     parts["breaking"] = replace(parts["breaking"], needs=(), settings=("seed",))
 
     def status(seed: int) -> str:
-        runner = Runner(parts, Settings(seed=seed), tmp_path)
+        runner = Runner(catalogue=parts, settings=Settings(seed=seed), out=tmp_path)
         runner.run(["breaking"])
         return runner.outcomes["breaking"].status
 
@@ -179,7 +179,7 @@ def test_findings_survive_json() -> None:
 
 def test_order_puts_needs_first(tmp_path: Path) -> None:
     """Each experiment stands once, after what it needs; an unknown name is an error."""
-    runner = Runner(catalogue(reader, waiting), Settings(), tmp_path)
+    runner = Runner(catalogue=catalogue(reader, waiting), settings=Settings(), out=tmp_path)
     runner.run(["waiting", "reader"])
     assert list(runner.outcomes) == ["base", "waiting", "reader"]
     with pytest.raises(KeyError):
