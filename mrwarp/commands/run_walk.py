@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from mrwarp import paper
-from mrwarp.energy import calibrate, consistency, model_numbers
+from mrwarp.energy import consistency, model_numbers
 from mrwarp.energy.power import battery_power
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.options.command_line import CommandLine
@@ -113,7 +113,7 @@ def _figures(options: Walk, cfg: Any, results: list[Any], groups: dict[str, Any]
         raise ValueError("--calibrate: Go1 did not arrive in all four conditions; name another --policy-go1")
     fitted: tuple[str, ...] = ()
     if complete:
-        fit = calibrate.calibrate(rows, groups["electrical"])
+        fit = model_numbers.calibrate(rows, groups["electrical"])
         found["calibration"] = {
             **asdict(fit), "text": str(fit), "rows": "Go1 of table 6 and its standby power of section 6.5",
             "standby_load": load,

@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any, Literal
 
-import numpy as np
-
 from mrwarp import paper
-from mrwarp.energy.battery import NAME_PLATE
+from mrwarp.energy.power import NAME_PLATE
 
 STANDING = paper.MISSION_POWER["go1"]["standby"] - paper.MISSION_POWER["mr_go"]["standby"]
 """What holding saves standing robots in the paper [W], section 6.5: Go1 on its motors, MR_Go on its devices."""
@@ -16,13 +14,11 @@ STANDING = paper.MISSION_POWER["go1"]["standby"] - paper.MISSION_POWER["mr_go"][
 STANDING_MASS = paper.MASS["go1"] + paper.arm_load()
 """Mass that stood on motors there [kg]: Go1 with arm and item."""
 
-_PHASES = ("outbound", "standby", "return")
-
 
 def mission_energy(robot: str, speed: float) -> float:
     """Energy at the terminals [W·h] of the paper's mission powers, both ways at ``speed`` [m/s]."""
-    times = (paper.DISTANCE / speed, paper.STANDBY, paper.DISTANCE / speed)
-    return sum(paper.MISSION_POWER[robot][name] * t for name, t in zip(_PHASES, times, strict=True)) / 3600.0
+    times = {"outbound": paper.DISTANCE / speed, "standby": paper.STANDBY, "return": paper.DISTANCE / speed}
+    return sum(paper.MISSION_POWER[robot][name] * time for name, time in times.items()) / 3600.0
 
 
 def walking_speed(robot: str, energy: float) -> float:
@@ -53,6 +49,7 @@ def check(speeds: tuple[float, ...] = (0.3, 0.5)) -> dict[str, Any]:
     """The paper's power ratio of MR_Go-SAL and MR_Go against its state-of-charge ratio, by assumed speed [m/s]."""
     before, sd_before = paper.MISSION_DEPLETION["mr_go"]
     after, sd_after = paper.MISSION_DEPLETION["mr_go_sal"]
+    walking = {robot: 0.5 * (power["outbound"] + power["return"]) for robot, power in paper.MISSION_POWER.items()}
     rows = []
     for speed in speeds:
         energy = {robot: mission_energy(robot, speed) for robot in paper.ROBOTS}
@@ -74,7 +71,7 @@ def check(speeds: tuple[float, ...] = (0.3, 0.5)) -> dict[str, Any]:
             }
         )
     return {
-        "walking_power_ratio": _walking("mr_go_sal") / _walking("mr_go"),
+        "walking_power_ratio": walking["mr_go_sal"] / walking["mr_go"],
         "depletion_ratio": after / before,
         "by_speed": rows,
         "speed_with_name_plate": {
@@ -83,26 +80,19 @@ def check(speeds: tuple[float, ...] = (0.3, 0.5)) -> dict[str, Any]:
         },
         "arm_load": paper.arm_load(),
         "proximal_rise": {robot: paper.proximal_rise(robot) for robot in paper.ROBOTS},
-        "cot_reduction": {paper.condition_name(*cell): _reduction(*cell) for cell in paper.TABLE_7},
+        "cot_reduction": {
+            paper.condition_name(*cell): 1.0 - paper.TABLE_6["mr_go_sal", *cell].cot / paper.TABLE_6["mr_go", *cell].cot
+            for cell in paper.TABLE_7
+        },
     }
-
-
-def _walking(robot: str) -> float:
-    return 0.5 * (paper.MISSION_POWER[robot]["outbound"] + paper.MISSION_POWER[robot]["return"])
-
-
-def _reduction(payload: int, command: float) -> float:
-    """Relative reduction of COT by SAL in table 6 [1]."""
-    rows = [paper.TABLE_6[robot, payload, command] for robot in ("mr_go_sal", "mr_go")]
-    return 1.0 - rows[0].cot / rows[1].cot
 
 
 def holding_bound(share: float, mass: float, *, standing: float = STANDING, reference: float = STANDING_MASS) -> float:
     """Most that holding can save while trotting [W]: ``4 a S (m/m0)^2``.
 
-    Standing, all four calves held save S, so S/4 each. A trot puts the weight on two legs: twice the
-    force and torque, four times the copper loss. Held for a share a of the time, each of four legs saves at most
-    ``a 4 S/4``. Torque grows with the mass, loss with its square.
+    Standing, all four calves held save S, so S/4 each. A trot puts the weight on two legs: twice the force and torque,
+    four times the copper loss. Held for a share a of the time, each leg saves at most ``a 4 S/4``. Torque grows with
+    the mass, loss with its square.
 
     Args:
         share: Mean share of time a with the holding gate open [1].
@@ -131,7 +121,7 @@ def paper_bounds(source: Literal["hardware", "simulation"]) -> list[dict[str, An
             {
                 "payload": payload, "command": command, "share": share, "bound": bound,
                 "bound_relative": bound / off.power, "paper_saving": off.power - on.power,
-                "paper_saving_relative": float(np.float64(1.0 - on.power / off.power)),
+                "paper_saving_relative": 1.0 - on.power / off.power,
             }
         )  # fmt: skip
     return rows

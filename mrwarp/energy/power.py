@@ -1,4 +1,6 @@
-"""Battery-side power: electronics + copper loss + drive friction + mechanical power + coils + current controllers.
+"""Power at the battery's terminals, and the battery's state of charge.
+
+The power is electronics + copper loss + drive friction + mechanical power + coils + current controllers.
 
 Per joint, with the motor's torque ``tau`` and mechanical power ``tau*qd`` at the joint:
 
@@ -12,6 +14,10 @@ and over the robot ``P = electronics + sum(copper + drive_friction + mechanical 
 
 Validity: means over many strides. What one joint gives back feeds the others, so the battery itself is not charged
 as long as the sum stays positive.
+
+The state of charge is a linear gauge on energy. With nominal voltage V and internal resistance R_i the current at the
+terminals' power P is ``I = (V - sqrt(V^2 - 4 R_i P))/(2 R_i)``, so the cells give ``V*I = P + R_i*I^2``; the state of
+charge falls by ``V*I*t/capacity``.
 """
 
 from __future__ import annotations
@@ -24,8 +30,8 @@ from mrwarp.paper import GRAVITY
 from mrwarp.params import ParamGroup, param
 from mrwarp.usd.robot import CALF_COLUMNS
 
-CALIBRATED = ("electronics", "winding_resistance", "drive_friction")
-"""Fields of :class:`ElectricalCfg` that are fitted to measured rows of the Go1; the others are assumed."""
+NAME_PLATE = 129.6
+"""Energy on Go1's name plate [W·h]: 21.6 V x 6 Ah, as usually quoted."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +105,7 @@ class JointLoad:
         return JointLoad(**{f.name: getattr(self, f.name).mean(axis=0) for f in fields(self)})
 
     def __getitem__(self, index: object) -> JointLoad:
-        """The same for an index into the leading axes."""
+        """Loads at an index into the leading axes."""
         return JointLoad(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
 
@@ -146,14 +152,9 @@ def copper(joints: JointLoad, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0
     return copper_factor(cfg, rise) * joints.torque_square
 
 
-def drive_friction(joints: JointLoad, cfg: ElectricalCfg) -> np.ndarray:
-    """What motor and gear of every joint lose by turning [W], shape (..., 12)."""
-    return cfg.drive_friction * joints.speed
-
-
 def motor_heat(joints: JointLoad, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> np.ndarray:
     """Heat in every motor with its gear, of copper and drive friction [W], shape (..., 12)."""
-    return copper(joints, cfg, rise) + drive_friction(joints, cfg)
+    return copper(joints, cfg, rise) + cfg.drive_friction * joints.speed
 
 
 def battery_power(joints: JointLoad, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> Power:
@@ -169,7 +170,7 @@ def battery_power(joints: JointLoad, cfg: ElectricalCfg, rise: np.ndarray | floa
     return Power(
         electronics=np.full(lead, cfg.electronics),
         copper=copper(joints, cfg, rise).sum(-1),
-        drive_friction=drive_friction(joints, cfg).sum(-1),
+        drive_friction=(cfg.drive_friction * joints.speed).sum(-1),
         mechanical=joints.work_out.sum(-1) / cfg.gear_efficiency,
         regenerated=-cfg.regeneration * cfg.gear_efficiency * joints.work_in.sum(-1),
         coil=joints.coil.sum(-1) / cfg.coil_efficiency,
@@ -182,3 +183,40 @@ def cost_of_transport(power: np.ndarray | float, mass: float, speed: np.ndarray 
     moving = np.maximum(np.asarray(speed, dtype=float), 0.0)
     with np.errstate(divide="ignore"):
         return np.asarray(power) / (mass * GRAVITY * moving)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatteryCfg(ParamGroup):
+    """Numbers of the battery."""
+
+    capacity: float = param(
+        105.3, "W·h", 1.0, 1e4,
+        "calibrated on Go1's depletion of section 6.5, `mrwarp mission --calibrate`; name plate 21.6 V x 6 Ah = "
+        f"{NAME_PLATE:g} W·h, as usually quoted for Go1",
+        "Energy between full and empty on the gauge.",
+    )  # fmt: skip
+    voltage: float = param(21.6, "V", 1.0, 1000.0, "Go1: six cells of 3.6 V", "Nominal voltage.")
+    resistance: float = param(
+        0.06, "Ohm", 0.0, 1.0, "assumed: six cells of about 10 mOhm; 0.03 to 0.15", "Internal resistance."
+    )
+
+
+def cell_power(power: np.ndarray | float, cfg: BatteryCfg) -> np.ndarray:
+    """Power that the cells give for a power at the terminals [W].
+
+    Raises:
+        ValueError: ``power`` exceeds the most the battery can give, V^2/(4 R).
+    """
+    power = np.asarray(power, dtype=float)
+    if cfg.resistance == 0.0:
+        return power
+    rest = cfg.voltage**2 - 4.0 * cfg.resistance * power
+    if np.any(rest < 0.0):
+        most = cfg.voltage**2 / (4.0 * cfg.resistance)
+        raise ValueError(f"{power.max():g} W asked of a battery that gives at most {most:g} W")
+    return cfg.voltage * (cfg.voltage - np.sqrt(rest)) / (2.0 * cfg.resistance)
+
+
+def depletion(power: np.ndarray | float, seconds: np.ndarray | float, cfg: BatteryCfg) -> np.ndarray:
+    """Fall of the state of charge [percentage points] by a power [W] over a time [s]."""
+    return 100.0 * cell_power(power, cfg) * seconds / 3600.0 / cfg.capacity

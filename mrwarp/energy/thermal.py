@@ -19,9 +19,6 @@ from scipy.optimize import least_squares
 
 from mrwarp.params import ParamGroup, param
 
-CALIBRATED = ("housing_capacity", "housing_resistance")
-"""Fields of :class:`ThermalCfg` that are fitted to Go1's temperature rises; the others are assumed."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class ThermalCfg(ParamGroup):
@@ -91,27 +88,17 @@ def step(
     end_h = motor_loss * cfg.housing_resistance
     end_w = end_h + motor_loss * cfg.winding_resistance
     w, h = now.winding - end_w, now.housing - end_h
-    # exp(A t) by A's eigenvalues, which are real and distinct, as of any two coupled thermal masses
+    # exp(A t) of d(T_w, T_h)/dt = A (T_w, T_h) + b by A's eigenvalues, real and distinct as of any two coupled masses
+    flow, loss = 1.0 / cfg.winding_resistance, 1.0 / cfg.housing_resistance
+    rates = np.array([[-flow, flow], [flow, -(flow + loss)]])
+    values, vectors = np.linalg.eig(rates / [[cfg.winding_capacity], [cfg.housing_capacity]])
     time = np.asarray(seconds)[..., None]
-    values, vectors = np.linalg.eig(motor_matrix(cfg))
     matrix = (vectors * np.exp(values * time)[..., None, :]) @ np.linalg.inv(vectors)
     (ww, wh), (hw, hh) = ([matrix[..., i, j, None] for j in (0, 1)] for i in (0, 1))
     end_f = device_loss * cfg.fluid_resistance
     decay = np.exp(-time / (cfg.fluid_resistance * cfg.fluid_capacity))
     return Temperatures(
         winding=end_w + ww * w + wh * h, housing=end_h + hw * w + hh * h, fluid=end_f + decay * (now.fluid - end_f)
-    )
-
-
-def motor_matrix(cfg: ThermalCfg) -> np.ndarray:
-    """Matrix A of ``d(T_w, T_h)/dt = A (T_w, T_h) + b`` [1/s]."""
-    flow = 1.0 / cfg.winding_resistance
-    loss = 1.0 / cfg.housing_resistance
-    return np.array(
-        [
-            [-flow / cfg.winding_capacity, flow / cfg.winding_capacity],
-            [flow / cfg.housing_capacity, -(flow + loss) / cfg.housing_capacity],
-        ]
     )
 
 
@@ -139,18 +126,18 @@ def calibrate(
     Returns:
         The numbers, and the rises that they give.
     """
+    names = ("housing_capacity", "housing_resistance")
 
     def at(x: np.ndarray) -> ThermalCfg:
         """Numbers at the logarithms of capacity and resistance."""
-        return replace(cfg, housing_capacity=float(np.exp(x[0])), housing_resistance=float(np.exp(x[1])))
+        return replace(cfg, **dict(zip(names, np.exp(x).tolist(), strict=True)))
 
     def mismatch(x: np.ndarray) -> list[float]:
         """Rises less the measured ones [K]."""
-        got = calf_rises(motor_loss, seconds, calves, at(x))
-        return [got[name] - measured[name] for name in got]
+        return [rise - measured[name] for name, rise in calf_rises(motor_loss, seconds, calves, at(x)).items()]
 
     bounds = np.log([[50.0, 0.5], [1e4, 1e3]])
-    begin = np.clip(np.log([cfg.housing_capacity, cfg.housing_resistance]), *bounds)
+    begin = np.clip(np.log([getattr(cfg, name) for name in names]), *bounds)
     fitted = at(least_squares(mismatch, begin, bounds=tuple(bounds)).x)
     return fitted, calf_rises(motor_loss, seconds, calves, fitted)
 

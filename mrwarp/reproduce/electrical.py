@@ -8,8 +8,8 @@ from typing import Any
 
 from mrwarp import paper
 from mrwarp.energy import consistency
-from mrwarp.energy.calibrate import Calibration, calibrate
-from mrwarp.energy.power import CALIBRATED, ElectricalCfg
+from mrwarp.energy.model_numbers import CALIBRATED, Calibration, calibrate
+from mrwarp.energy.power import ElectricalCfg
 from mrwarp.reproduce import walks
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, TextTable
@@ -23,7 +23,7 @@ def compute(job: Job) -> Findings:
     """Reduction of COT per condition with one number at the ends of its range, calibrated anew on Go1 each time.
 
     Raises:
-        CalibrationError: Go1 arrived in fewer than three conditions.
+        ValueError: Go1 arrived in fewer than three conditions.
     """
     walked = walks.read(job)
     fit = walked.calibrated()
@@ -155,7 +155,9 @@ def drive_friction(walked: Walks, fit: Calibration, theirs: dict[str, float]) ->
     fits = (without, fit)
     reductions = [{saved.name: saved.cot_reduction for saved in walk_figures.savings(walked.both, f.cfg)} for f in fits]
     units = {spec.name: spec.unit for spec in fit.cfg.specs()}
-    rows = [[f"{number} [{units[number]}]", *(f.interval(number) for f in fits), ""] for number in CALIBRATED]
+    rows = [
+        [f"{number} [{units[number]}]", *(f.interval(number) for f in fits), ""] for number in CALIBRATED["electrical"]
+    ]
     rows += [[row, *(f"{f.fitted[row]:.0f}" for f in fits), f"{fit.measured[row]:.0f}"] for row in fit.measured]
     rows.append(["their mismatch (RMS) [W]", *(f"{f.rmse:.1f}" for f in fits), ""])
     rows += [

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mrwarp import paper
-from mrwarp.energy.battery import BatteryCfg
-from mrwarp.energy.power import ElectricalCfg
+from mrwarp.energy.power import BatteryCfg, ElectricalCfg
 from mrwarp.energy.thermal import ThermalCfg
 from mrwarp.enums import Coupling
 from mrwarp.env.cfg import make_walk_cfg

@@ -9,7 +9,8 @@ from typing import Any
 
 from mrwarp import paper
 from mrwarp.energy import consistency
-from mrwarp.energy.power import CALIBRATED, ElectricalCfg, battery_power
+from mrwarp.energy.model_numbers import CALIBRATED
+from mrwarp.energy.power import ElectricalCfg, battery_power
 from mrwarp.paper import PaperValue
 from mrwarp.reproduce import walks
 from mrwarp.reproduce.cache import Job
@@ -41,7 +42,7 @@ def compute(job: Job) -> Findings:
     """COT per robot and condition, what SAL saves and where the rest goes.
 
     Raises:
-        CalibrationError: Go1 arrived in fewer than two conditions.
+        ValueError: Go1 arrived in fewer than two conditions.
     """
     walked = walks.read(job)
     fit = walked.calibrated()
@@ -86,7 +87,7 @@ def compute(job: Job) -> Findings:
             "sticking": [asdict(saved) for saved in stuck],
             "standing": standing,
             "conditions": [walk_figures.row(result, fit.cfg) for result in walked.both],
-            "calibration": {name: getattr(fit.cfg, name) for name in CALIBRATED}
+            "calibration": {name: getattr(fit.cfg, name) for name in CALIBRATED["electrical"]}
             | {"half_width": fit.half_width, "rmse": fit.rmse},
         },
     )

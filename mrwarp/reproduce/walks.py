@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mrwarp import paper
-from mrwarp.energy.calibrate import Calibration, MeasuredPower, calibrate
+from mrwarp.energy.model_numbers import Calibration, MeasuredPower, calibrate
 from mrwarp.energy.power import JointLoad
 from mrwarp.enums import Coupling
 from mrwarp.env.cfg import make_walk_cfg

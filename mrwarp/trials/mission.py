@@ -16,8 +16,7 @@ import torch
 
 from mrwarp import paper
 from mrwarp.energy import thermal
-from mrwarp.energy.battery import BatteryCfg, depletion
-from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power, motor_heat
+from mrwarp.energy.power import BatteryCfg, ElectricalCfg, JointLoad, battery_power, depletion, motor_heat
 from mrwarp.energy.thermal import Temperatures, ThermalCfg
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv

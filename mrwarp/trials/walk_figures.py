@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from mrwarp import paper
-from mrwarp.energy import calibrate as calibration
-from mrwarp.energy import consistency
-from mrwarp.energy.calibrate import MeasuredPower
+from mrwarp.energy import consistency, model_numbers
+from mrwarp.energy.model_numbers import MeasuredPower
 from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power, copper, cost_of_transport
 from mrwarp.params import MrParams
 from mrwarp.trials.mission import MissionTrace, PhaseLoad
@@ -217,7 +216,7 @@ def sensitivity(
         """By the name of the condition [1]."""
         return {saving.name: saving.cot_reduction for saving in savings(results, cfg)}
 
-    found = calibration.sensitivity(rows, lambda varied: reductions(results, varied), cfg)
+    found = model_numbers.sensitivity(rows, lambda varied: reductions(results, varied), cfg)
     nominal = MrParams().coil.coil_resistance
     found["coil_resistance"] = []
     for value in COIL_RESISTANCES:

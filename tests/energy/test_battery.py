@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mrwarp.energy.battery import BatteryCfg, BatteryError, cell_power, depletion
+from mrwarp.energy.power import BatteryCfg, cell_power, depletion
 
 IDEAL = BatteryCfg(capacity=100.0, resistance=0.0)
 
@@ -26,5 +26,5 @@ def test_more_than_the_battery_can_give_is_refused() -> None:
     """The most is V^2/(4 R) = 1000 W."""
     cfg = BatteryCfg(voltage=20.0, resistance=0.1)
     assert cell_power(1000.0, cfg) == pytest.approx(2000.0)
-    with pytest.raises(BatteryError, match="1001 W asked .* at most 1000 W"):
+    with pytest.raises(ValueError, match="1001 W asked .* at most 1000 W"):
         cell_power(1001.0, cfg)

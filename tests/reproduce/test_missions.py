@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from mrwarp import paper
-from mrwarp.energy.battery import BatteryCfg
-from mrwarp.energy.power import ElectricalCfg, JointLoad
+from mrwarp.energy.power import BatteryCfg, ElectricalCfg, JointLoad
 from mrwarp.energy.thermal import ThermalCfg
 from mrwarp.reproduce import missions
 from mrwarp.reproduce.cache import Job

@@ -11,8 +11,7 @@ import pytest
 from mrwarp import paper
 from mrwarp.cli import main
 from mrwarp.energy import model_numbers
-from mrwarp.energy.battery import BatteryCfg, depletion
-from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power
+from mrwarp.energy.power import BatteryCfg, ElectricalCfg, JointLoad, battery_power, depletion
 from mrwarp.energy.thermal import ThermalCfg
 from mrwarp.trials import mission, walk_figures
 from mrwarp.trials.mission import PHASES, PhaseLoad, calibrate, run
