@@ -49,7 +49,7 @@ def run(options: Mission, line: CommandLine) -> int:
         traces = {robot: mission.run(found, *groups.values(), feedback=False) for robot, found in phases.items()}
         cold = _rows(traces, own) if options.feedback else None
         if options.feedback:
-            fluid = {robot: mission.fluid_rises(trace) for robot, trace in traces.items()}
+            fluid = {robot: trace.fluid.mean(1) for robot, trace in traces.items()}
             phases = mission.measure(cfg, policies, progress, fluid, groups["thermal"])
             traces = {robot: mission.run(found, *groups.values(), feedback=True) for robot, found in phases.items()}
     finally:

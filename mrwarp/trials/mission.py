@@ -121,7 +121,7 @@ class MissionTrace:
     proximal: np.ndarray
     """Mean hip and thigh motor above ambient [K], shape (T,)."""
     fluid: np.ndarray
-    """Mean fluid temperature above ambient [K] at the end of each phase, shape (3, n)."""
+    """Mean fluid temperature above ambient during each phase [K], shape (3, n)."""
 
 
 class MissionError(RuntimeError):
@@ -133,7 +133,7 @@ class MissionError(RuntimeError):
 def measure(
     cfg: MissionCfg,
     policies: Mapping[str, Policy],
-    report: Callable[[str, float], None] | None = None,
+    report: Callable[[str, float], None] = lambda text, share: None,
     fluid: Mapping[str, np.ndarray] | None = None,
     thermal_cfg: ThermalCfg | None = None,
 ) -> dict[str, dict[str, PhaseLoad]]:
@@ -159,8 +159,7 @@ def measure(
             current=cfg.current, env=cfg.env, seed=cfg.seed,
             soften=_softener(warm, cfg.seeds, thermal_cfg or ThermalCfg()) if warm else None,
         )  # fmt: skip
-        tell = (lambda text, share, k=k: report(text, 0.45 * (k + share))) if report else None
-        for result in walk(trial, policies, tell):
+        for result in walk(trial, policies, lambda text, share, k=k: report(text, 0.45 * (k + share))):
             if not len(result.speed):
                 raise MissionError(
                     f"{paper.NAMES[result.robot]} with {load:g} kg at {cfg.speed:g} m/s: {result.fell} of {cfg.seeds} "
@@ -171,8 +170,7 @@ def measure(
                 tried=cfg.seeds, fell=result.fell, late=result.late,
             )  # fmt: skip
     found = {robot: _paired(robot, walked) for robot, walked in found.items()}
-    if report:
-        report("standing", 0.9)
+    report("standing", 0.9)
     standing: dict[str, JointLoad] = {}
     for robot in cfg.robots:
         asset = ASSET_ROBOT[robot]
@@ -256,17 +254,9 @@ def run(
         "fluid": now.fluid.mean(1) if devices else zero,
     }
     return MissionTrace(
-        power=power,
-        seconds=durations,
-        depletion=charge,
-        rise=rises,
-        t=t,
-        power_over_time=drawn,
-        charge=mean_charge,
-        calf=calf,
-        proximal=proximal,
-        fluid=np.array(fluid),
-    )
+        power=power, seconds=durations, depletion=charge, rise=rises, fluid=np.array(fluid),
+        t=t, power_over_time=drawn, charge=mean_charge, calf=calf, proximal=proximal,
+    )  # fmt: skip
 
 
 def calibrate(
@@ -289,11 +279,6 @@ def calibrate(
     depleted = paper.MISSION_DEPLETION["go1"][0]
     battery = replace(battery, capacity=battery.capacity * drop / depleted)
     return heat, battery, {"fitted": got, "measured": rises, "depletion": depleted}
-
-
-def fluid_rises(trace: MissionTrace) -> np.ndarray:
-    """Mean temperature of the fluids above ambient during each phase [K], shape (3,)."""
-    return trace.fluid.mean(1)
 
 
 def _softener(fluid: Mapping[str, float], seeds: int, cfg: ThermalCfg) -> Callable[[WalkEnv, Sequence[str]], None]:

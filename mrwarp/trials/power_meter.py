@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,7 +11,7 @@ import torch
 
 from mrwarp.energy.power import JointLoad
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.usd.robot import JOINTS, LEGS, leg_of
+from mrwarp.usd.robot import JOINTS, leg_of
 
 BIN = 0.5
 """Width of the bins of the torque distributions [N·m]."""
@@ -49,16 +50,13 @@ class PowerMeter:
         self._qd, self._tau, self._mr = env.qd, env.view(actuator.tau_motor), list(actuator.mr_joints)
         self._device = {name: env.view(getattr(actuator, name)) for name in ("tau_mr", "current", "m_hold", "m_dyn")}
         self._resistance, self._current_e = env.view(actuator.param("coil_resistance")), env.current_e
-
-        def zeros(*shape: int) -> torch.Tensor:
-            """Sums per environment."""
-            return torch.zeros(env.num_envs, *shape, dtype=torch.float64, device=env.device)
-
-        self.on = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
-        self._steps = zeros()
-        self._sums = {name: zeros(env.num_actions) for name in ("square", "speed", "out", "in")}
-        self._sums |= {name: zeros(len(self._mr)) for name in ("coil", "friction", "hold", "dynamic")}
-        self.counts = zeros(len(SHOWN), round(2.0 * RANGE / BIN)).float()
+        zeros = functools.partial(torch.zeros, dtype=torch.float64, device=env.device)
+        count = env.num_envs
+        self.on = torch.zeros(count, dtype=torch.bool, device=env.device)
+        self._steps = zeros(count)
+        self._sums = {name: zeros(count, env.num_actions) for name in ("square", "speed", "out", "in")}
+        self._sums |= {name: zeros(count, len(self._mr)) for name in ("coil", "friction", "hold", "dynamic")}
+        self.counts = zeros(count, len(SHOWN), round(2.0 * RANGE / BIN)).float()
         env.substep_hooks.append(self.count)
 
     @torch.no_grad()
@@ -135,31 +133,27 @@ class TraceRecorder:
 
     def __init__(self, env: WalkEnv, shown: Sequence[int]) -> None:
         self.on = False
-        self._dt, rows = env.sim.dt, list(shown)
-        joint, leg = JOINTS.index(JOINT), LEGS[leg_of(JOINT)]
+        self._dt, self._rows = env.sim.dt, torch.tensor(list(shown), device=env.device)
         self._length = round(STRIDES / env.cfg.gait_frequency / env.sim.dt)
-        column = {"f_foot": LEGS.index(leg), "q_des": joint, "q": joint, "qd": joint, "tau_motor": joint}
-        arrays = {"f_foot": env.f_foot, "q_des": env.q_des, "q": env.q, "qd": env.qd,
-                  "tau_motor": env.view(env.actuator.tau_motor)}  # fmt: skip
-        if joint in env.actuator.mr_joints:
-            slot = env.actuator.mr_joints.index(joint)
-            for name in ("tau_mr", "current", "m_hold", "m_dyn"):
-                column[name], arrays[name] = slot, env.view(getattr(env.actuator, name))
-        self._read = {name: (arrays[name], column[name]) for name in CHANNELS if name in arrays}
-        self._rows = torch.tensor(rows, device=env.device)
+        joint, actuator = JOINTS.index(JOINT), env.actuator
+        motor = {"q_des": env.q_des, "q": env.q, "qd": env.qd, "tau_motor": env.view(actuator.tau_motor)}
+        self._read = {
+            "f_foot": env.f_foot[:, leg_of(JOINT)],
+            **{name: array[:, joint] for name, array in motor.items()},
+        }
+        if joint in actuator.mr_joints:
+            slot = actuator.mr_joints.index(joint)
+            device = ("tau_mr", "current", "m_hold", "m_dyn")
+            self._read |= {name: env.view(getattr(actuator, name))[:, slot] for name in device}
         self._samples: list[dict[str, np.ndarray]] = []
         env.substep_hooks.append(self.count)
 
     def count(self) -> None:
         """Keep the torque step that has just been simulated."""
         if self.on and len(self._samples) < self._length:
-            self._samples.append({
-                name: array[self._rows, column].cpu().numpy().copy() for name, (array, column) in self._read.items()
-            })  # fmt: skip
+            self._samples.append({name: values[self._rows].cpu().numpy() for name, values in self._read.items()})
 
     def trace(self, index: int) -> GaitTrace:
         """What was recorded of the ``index``-th shown environment."""
-        t = np.arange(len(self._samples)) * self._dt
-        return GaitTrace(t=t, values={
-            name: np.array([sample[name][index] for sample in self._samples]) for name in self._read
-        })  # fmt: skip
+        values = {name: np.array([sample[name][index] for sample in self._samples]) for name in self._read}
+        return GaitTrace(t=np.arange(len(self._samples)) * self._dt, values=values)

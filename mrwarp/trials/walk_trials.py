@@ -145,7 +145,7 @@ class WalkResult:
 
 
 def walk(
-    cfg: WalkCfg, policies: Mapping[str, Policy], report: Callable[[str, float], None] | None = None
+    cfg: WalkCfg, policies: Mapping[str, Policy], report: Callable[[str, float], None] = lambda text, share: None
 ) -> list[WalkResult]:
     """Walk all conditions.
 
@@ -161,8 +161,8 @@ def walk(
     results = []
     for k, (robots, payload) in enumerate(batches):
         text = f"{' and '.join(NAMES[robot] for robot in robots)}, {payload:g} kg"
-        tell = (lambda share, k=k, text=text: report(text, (k + share) / len(batches))) if report else None
-        results += WalkBatch(cfg, robots, payload, policies).run(tell)
+        batch = WalkBatch(cfg, robots, payload, policies)
+        results += batch.run(lambda share, k=k, text=text: report(text, (k + share) / len(batches)))
     order = {robot: i for i, robot in enumerate(cfg.robots)}
     return sorted(results, key=lambda r: (order[r.robot], r.payload, r.command))
 
@@ -200,7 +200,7 @@ class WalkBatch:
         array.copy_(torch.tensor(values, device=array.device).repeat_interleave(self.cfg.trials))
 
     @torch.no_grad()
-    def run(self, report: Callable[[float], None] | None = None) -> list[WalkResult]:
+    def run(self, report: Callable[[float], None] = lambda share: None) -> list[WalkResult]:
         """Walk until every trial has covered the distance, fallen or run out of time."""
         env, cfg, meter = self.env, self.cfg, self.meter
         dt, count = env.cfg.step_dt, env.num_envs
@@ -230,7 +230,7 @@ class WalkBatch:
                 going = going & ~late
             else:
                 going = going & ~fell
-            if report and step % 100 == 99:
+            if step % 100 == 99:
                 report(float((sums["distance"] / cfg.distance).clamp(max=1.0).mean()))
             if not bool(going.any()):
                 break

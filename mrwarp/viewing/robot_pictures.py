@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -34,6 +35,9 @@ AFTER_IMPACT = (0.0, 0.05, 0.1, 0.2, 0.4)
 COLORS = ("#7a7f87", "#3a8f3a", "#e08a1e", "#b4451f", "#1f6fb4", "#6a3d9a")
 """One colour per setting of an impact sweep."""
 
+Rgb = tuple[float, float, float]
+"""A colour as matplotlib wants it, in [0, 1]."""
+
 Pose = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Positions, gates of the devices and forces on the feet of one robot, see :meth:`SideView.draw`."""
 
@@ -55,7 +59,7 @@ def contact_sheet(
     stride = min(1.0 / GAIT_FREQUENCY, float(frames.time[-1] - frames.time[0]))
     wanted = frames.time[-1] - stride * (1.0 - np.arange(INSTANTS) / INSTANTS)
     instants = [int(np.argmin(np.abs(frames.time - t))) for t in wanted]
-    num = len(currents)
+    num, time, k = len(currents), frames.time, len(currents) - 1
     has_device = frames.current.shape[2] > 0
     plots = 4 if has_device else 2
     heights = [0.3] + [1.12] * num + [0.5] + [1.25] * plots  # inches
@@ -63,26 +67,46 @@ def contact_sheet(
     figure.get_layout_engine().set(h_pad=0.02, w_pad=0.04, hspace=0.02)  # type: ignore[union-attr]
     figure.suptitle(title, fontsize=10.5, x=0.012, ha="left", fontweight="bold")
     grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
-    _draw_times(figure.add_subplot(grid[0, :]), frames.time[instants])
+    _draw_times(figure.add_subplot(grid[0, :]), time[instants])
     side = SideView(scene)
-    for k, current in enumerate(currents):
-        poses = [(frames.qpos[i, k], frames.gate[i, k], frames.foot_force[i, k]) for i in instants]
-        _draw_row(figure.add_subplot(grid[k + 1, :]), side, poses, f"{current:g} A")
+    for robot, current in enumerate(currents):
+        poses = [(frames.qpos[i, robot], frames.gate[i, robot], frames.foot_force[i, robot]) for i in instants]
+        _draw_row(figure.add_subplot(grid[robot + 1, :]), side, poses, f"{current:g} A")
     _draw_legend(figure.add_subplot(grid[num + 1, :]), currents, has_device)
     axes = [[figure.add_subplot(grid[num + 2 + row, column]) for column in range(2)] for row in range(plots)]
-    _plot_motion(axes[0], scene, frames, num)
+    (velocity, height), (motor, work) = axes[0], axes[-1]
+    of_robots = [_current_color(robot) for robot in range(num)]
+    velocity.plot(time, frames.v_x_command[:, 0], color="0.4", linewidth=1, linestyle="--")
+    _lines(velocity, "forward velocity [m/s]", time, frames.v_x, of_robots)
+    _lines(height, "trunk height [m]", time, trunk_height(ground_of(scene.model), frames.qpos), of_robots)
+    # the joints of the last robot, which has the largest current
+    of_joints, at = [_rgb(LEG_COLORS[leg]) for leg in scene.legs], f"at {currents[k]:g} A"
     if has_device:
-        legs = [LEGS[leg] for leg, a in zip(scene.legs, scene.actuators, strict=True) if a.mr is not None]
-        _plot_devices(axes[1:3], frames, legs, num - 1, currents[-1])
-    _plot_motor(axes[-1][0], scene, frames, num - 1, currents[-1])
-    _plot_energy(axes[-1][1], frames, num)
+        (torque, coil), (gates, force) = axes[1:3]
+        devices = [joint for joint, actuator in enumerate(scene.actuators) if actuator.mr is not None]
+        of_devices = [of_joints[joint] for joint in devices]
+        _lines(torque, f"MR torque {at} [N·m]", time, frames.tau_mr[:, k], of_devices)
+        _lines(coil, f"coil current {at} [A]", time, frames.current[:, k], of_devices, drawstyle="steps-post")
+        _lines(
+            force, f"foot force {at} [N]", time, np.linalg.norm(frames.foot_force[:, k], axis=-1), map(_rgb, LEG_COLORS)
+        )
+        _plot_gates(gates, f"gates {at}", time, frames.gate[:, k], [LEGS[scene.legs[joint]] for joint in devices])
+    calves = [joint for joint, name in enumerate(scene.joints) if name in CALVES]
+    of_calves = [of_joints[joint] for joint in calves]
+    _lines(motor, f"calf motor torque {at} [N·m]", time, frames.tau_motor[:, k, calves], of_calves)
+    used = (frames.ledger - frames.ledger[:1]).sum(2)
+    _lines(work, "work on the joints [J]", time, used[:, :, int(ledger.MOTOR)], of_robots)
+    by_devices = used[:, :, int(ledger.DYNAMIC) : int(ledger.DRAG) + 1].sum(-1)
+    _lines(work, "work on the joints [J]", time, by_devices, of_robots, linestyle=":")
+    styles = [Line2D([], [], color="0.4", label="motors"), Line2D([], [], color="0.4", linestyle=":", label="devices")]
+    work.legend(handles=styles, fontsize=7, ncols=2, loc="upper left", framealpha=0.8, borderpad=0.3)
     for axis in (axis for row in axes for axis in row):
-        axis.set_xlim(float(frames.time[0]), float(frames.time[-1]))
+        axis.set_xlim(float(time[0]), float(time[-1]))
         axis.grid(alpha=0.25, linewidth=0.6)
         axis.tick_params(labelsize=7.5, labelbottom=axis in axes[-1])
         axis.spines[["top", "right"]].set_visible(False)
         for i in instants:
-            axis.axvline(float(frames.time[i]), color="0.55", linewidth=0.6, linestyle=(0, (2, 2)), zorder=0)
+            axis.axvline(float(time[i]), color="0.55", linewidth=0.6, linestyle=(0, (2, 2)), zorder=0)
     for axis in axes[-1]:
         axis.set_xlabel("time [s]", fontsize=8)
     # a palette: a third of the size, for pictures that go into a repository
@@ -165,12 +189,12 @@ def impact_timeline(trace: ImpactTrace, currents: tuple[float, ...], path: Path)
     figure.savefig(path, dpi=110)
 
 
-def _rgb(color: Color) -> tuple[float, float, float]:
-    """A colour as matplotlib wants it, in [0, 1]."""
+def _rgb(color: Color) -> Rgb:
+    """A colour of 0 to 255."""
     return color[0] / 255.0, color[1] / 255.0, color[2] / 255.0
 
 
-def _current_color(k: int) -> tuple[float, float, float]:
+def _current_color(k: int) -> Rgb:
     """Colour of the lines of the ``k``-th current."""
     return _rgb(CURRENT_COLORS[k % len(CURRENT_COLORS)])
 
@@ -215,61 +239,22 @@ def _draw_legend(axis: Axes, currents: Sequence[float], has_device: bool) -> Non
     axis.legend(handles=lines, loc="lower center", ncols=len(lines), **style)
 
 
-def _plot_motion(axes: Sequence[Axes], scene: Scene, frames: Frames, robots: int) -> None:
-    """Forward velocity and trunk height over the ground of all robots."""
-    height = trunk_height(ground_of(scene.model), frames.qpos)
-    axes[0].plot(frames.time, frames.v_x_command[:, 0], color="0.4", linewidth=1, linestyle="--")
-    for k in range(robots):
-        axes[0].plot(frames.time, frames.v_x[:, k], color=_current_color(k), linewidth=1.2)
-        axes[1].plot(frames.time, height[:, k], color=_current_color(k), linewidth=1.2)
-    _title(axes[0], "forward velocity [m/s]")
-    _title(axes[1], "trunk height [m]")
+def _lines(axis: Axes, title: str, time: np.ndarray, values: np.ndarray, colors: Iterable[Rgb], **style: Any) -> None:
+    """One line for each column of ``values``."""
+    for column, color in zip(values.T, colors, strict=False):
+        axis.plot(time, column, color=color, linewidth=1.2, **style)
+    axis.set_title(title, fontsize=8.5, loc="left", pad=3)
 
 
-def _plot_devices(axes: Sequence[Sequence[Axes]], frames: Frames, legs: Sequence[str], k: int, current: float) -> None:
-    """Torque, current and gates of one robot's devices."""
-    (torque, coil), (gates, force) = axes
-    for device, leg in enumerate(legs):
-        color = _rgb(LEG_COLORS[LEGS.index(leg)])
-        torque.plot(frames.time, frames.tau_mr[:, k, device], color=color, linewidth=1.2)
-        coil.step(frames.time, frames.current[:, k, device], color=color, linewidth=1.2, where="post")
-        for gate in (Gate.DYNAMIC, Gate.HOLD):
-            spans = _spans(frames.time, frames.gate[:, k, device] == gate)
-            gates.broken_barh(spans, (len(legs) - 1 - device + 0.12, 0.76), color=_rgb(GATE_COLORS[gate]), linewidth=0)
-    for leg in range(len(LEGS)):
-        norm = np.linalg.norm(frames.foot_force[:, k, leg], axis=-1)
-        force.plot(frames.time, norm, color=_rgb(LEG_COLORS[leg]), linewidth=1.2)
-    gates.set_yticks([len(legs) - 1 - i + 0.5 for i in range(len(legs))], legs)
-    gates.set_ylim(0, len(legs))
-    _title(torque, f"MR torque at {current:g} A [N·m]")
-    _title(coil, f"coil current at {current:g} A [A]")
-    _title(gates, f"gates at {current:g} A")
-    _title(force, f"foot force at {current:g} A [N]")
-
-
-def _plot_motor(axis: Axes, scene: Scene, frames: Frames, k: int, current: float) -> None:
-    """Calf motors of one robot."""
-    for joint, name in enumerate(scene.joints):
-        if name in CALVES:
-            color = _rgb(LEG_COLORS[scene.legs[joint]])
-            axis.plot(frames.time, frames.tau_motor[:, k, joint], color=color, linewidth=1.2)
-    _title(axis, f"calf motor torque at {current:g} A [N·m]")
-
-
-def _plot_energy(axis: Axes, frames: Frames, robots: int) -> None:
-    """Work of motors and devices since the start of the window."""
-    used = (frames.ledger - frames.ledger[:1]).sum(2)
-    device = used[:, :, int(ledger.DYNAMIC) : int(ledger.DRAG) + 1].sum(-1)
-    for k in range(robots):
-        axis.plot(frames.time, used[:, k, int(ledger.MOTOR)], color=_current_color(k), linewidth=1.2)
-        axis.plot(frames.time, device[:, k], color=_current_color(k), linewidth=1.2, linestyle=":")
-    styles = [Line2D([], [], color="0.4", label="motors"), Line2D([], [], color="0.4", linestyle=":", label="devices")]
-    axis.legend(handles=styles, fontsize=7, ncols=2, loc="upper left", framealpha=0.8, borderpad=0.3)
-    _title(axis, "work on the joints [J]")
-
-
-def _title(axis: Axes, text: str) -> None:
-    axis.set_title(text, fontsize=8.5, loc="left", pad=3)
+def _plot_gates(axis: Axes, title: str, time: np.ndarray, gate: np.ndarray, legs: Sequence[str]) -> None:
+    """Bars where a device's gate is open, the first leg at the top."""
+    for device in range(len(legs)):
+        for state in (Gate.DYNAMIC, Gate.HOLD):
+            spans = _spans(time, gate[:, device] == state)
+            axis.broken_barh(spans, (len(legs) - 1 - device + 0.12, 0.76), color=_rgb(GATE_COLORS[state]), linewidth=0)
+    axis.set_yticks([len(legs) - 1 - i + 0.5 for i in range(len(legs))], legs)
+    axis.set_ylim(0, len(legs))
+    axis.set_title(title, fontsize=8.5, loc="left", pad=3)
 
 
 def _spans(time: np.ndarray, active: np.ndarray) -> list[tuple[float, float]]:
