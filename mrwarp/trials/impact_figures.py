@@ -107,8 +107,12 @@ def threshold_reductions(trace: ImpactTrace) -> dict[str, list[dict[str, Any]]]:
 
 def plot_thresholds(rows: dict[str, list[dict[str, Any]]], path: Path) -> None:
     """Draw both reductions over each threshold, beside the paper's ranges."""
-    labels = {"f_th": "f_th [N]", "eps_e": "eps_e [rad]", "eps_v": "eps_v [rad/s]"}
-    titles = {"drop": "reduction of CoM drop [%]", "motor": "reduction of mean calf motor torque [%]"}
+    labels = {
+        "f_th": "foot force threshold f_th [N]",
+        "eps_e": "tracking error threshold eps_e [rad]",
+        "eps_v": "speed threshold eps_v [rad/s]",
+    }
+    titles = {"drop": "reduction of CoM drop [%]", "motor": "reduction of mean\ncalf motor torque [%]"}
     figure = Figure(figsize=(11, 6), layout="constrained")
     axes = figure.subplots(2, 3, sharex="col")
     for column, (name, entries) in enumerate(rows.items()):
@@ -120,13 +124,14 @@ def plot_thresholds(rows: dict[str, list[dict[str, Any]]], path: Path) -> None:
             )  # fmt: skip
             if quantity in paper.THRESHOLDS[name]:
                 ends = paper.THRESHOLDS[name][quantity]
-                axis.plot([x[0], x[-1]], ends, "s--", color="#b4451f", label="paper: ends of range")
+                axis.plot([x[0], x[-1]], ends, "s--", color="#b4451f", label="paper: ends of the range")
             axis.grid(alpha=0.3)
             axis.axhline(0.0, color="0.6", linewidth=0.8)
             if column == 0:
                 axis.set_ylabel(titles[quantity])
         axes[1, column].set_xlabel(labels[name])
-    axes[0, 0].legend(fontsize=8)
+    handles, texts = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, texts, loc="outside upper center", ncols=2, fontsize=8)
     figure.savefig(path, dpi=110)
 
 

@@ -7,7 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from mrwarp.paper import NAMES, ROBOTS
 from mrwarp.params import GateParams
@@ -19,30 +22,46 @@ COLORS = {"go1": "#8a8f98", "mr_go": "#c98b3c", "mr_go_sal": "#1f6fb4"}
 """Colour of each robot."""
 
 
+PAPER_MARK = {"marker": "D", "markersize": 5, "color": "black", "markerfacecolor": "white", "linestyle": "none"}
+"""A figure of the paper, with its spread where it has one."""
+
+
 def cost(rows: Sequence[dict[str, Any]], path: Path) -> None:
     """Cost of transport per condition as bars, the paper's as marks; hatched bars were calibrated (figure 9)."""
     cells = list(dict.fromkeys((row["payload"], row["command"]) for row in rows))
-    figure = Figure(figsize=(9, 4.2), layout="constrained")
+    figure = Figure(figsize=(9, 4.5), layout="constrained")
     axis = figure.subplots()
     width = 0.8 / len(ROBOTS)
     for row in rows:
         x = cells.index((row["payload"], row["command"])) + (ROBOTS.index(row["robot"]) - 1) * width
-        axis.bar(x, row["cot"]["mean"] or 0.0, width, yerr=row["cot"]["sd"], capsize=3, color=COLORS[row["robot"]],
-                 hatch="//" if row["calibrated"] else None, edgecolor="white")  # fmt: skip
+        _bar(axis, x, width, row["robot"], row["cot"], row["calibrated"])
         if row["paper"]:
-            axis.errorbar(
-                x, row["paper"]["cot"], row["paper"]["sd"], color="black", marker="_", markersize=16, capsize=3
-            )
-    for robot in dict.fromkeys(row["robot"] for row in rows):
-        axis.bar(0, 0, color=COLORS[robot], label=NAMES[robot])
-    axis.bar(0, 0, color="white", edgecolor="0.5", hatch="//", label="used to calibrate")
-    axis.plot([], [], "k_", markersize=14, label="paper")
+            axis.errorbar(x + 0.25 * width, row["paper"]["cot"], row["paper"]["sd"], capsize=2, **PAPER_MARK)
     axis.set_xticks(range(len(cells)), [f"{payload:g} kg, {command:g} m/s" for payload, command in cells])
-    axis.set_ylabel("cost of transport")
+    axis.set_ylabel("cost of transport [1]")
     axis.grid(axis="y", alpha=0.3)
     axis.set_axisbelow(True)
-    axis.legend(fontsize=8, ncols=3)
+    robots = list(dict.fromkeys(row["robot"] for row in rows))
+    calibrated, theirs = (any(row[name] for row in rows) for name in ("calibrated", "paper"))
+    figure.legend(handles=_bar_legend(robots, calibrated, theirs), loc="outside upper center", ncols=5, fontsize=8)
     figure.savefig(path, dpi=110)
+
+
+def _bar(axis: Axes, x: float, width: float, robot: str, cell: Mapping[str, float], calibrated: bool) -> None:
+    """A figure of one robot with its spread over the trials; nothing where no trial arrived."""
+    error = {"capsize": 3, "ecolor": "0.25"}
+    axis.bar(x, cell["mean"] or 0.0, width, yerr=cell["sd"], color=COLORS[robot], edgecolor="white", error_kw=error,
+             hatch="//" if calibrated else None)  # fmt: skip
+
+
+def _bar_legend(robots: Sequence[str], calibrated: bool, theirs: bool) -> list[Patch | Line2D]:
+    """What the colours of the bars, their hatches and the marks on them mean."""
+    found: list[Patch | Line2D] = [Patch(color=COLORS[robot], label=NAMES[robot]) for robot in robots]
+    if calibrated:
+        found.append(Patch(facecolor="white", edgecolor="0.5", hatch="//", label="used to calibrate"))
+    if theirs:
+        found.append(Line2D([], [], **PAPER_MARK, label="paper"))
+    return found
 
 
 def holding(results: Sequence[WalkResult], path: Path) -> None:
@@ -58,9 +77,9 @@ def holding(results: Sequence[WalkResult], path: Path) -> None:
         panels[0].plot(trace.t, value["f_foot"], color="0.3")
         panels[1].plot(trace.t, value["qd"], color="#7a4fa3")
         panels[1].axhspan(-GateParams().eps_hold, GateParams().eps_hold, color="#7a4fa3", alpha=0.15, linewidth=0)
-        panels[2].plot(trace.t, value["tau_motor"], color="#c0392b", label="motor")
+        panels[2].plot(trace.t, value["tau_motor"], color="#c0392b")
         if "tau_mr" in value:
-            panels[2].plot(trace.t, value["tau_mr"], color="#1f6fb4", label="device")
+            panels[2].plot(trace.t, value["tau_mr"], color="#1f6fb4")
             panels[3].step(trace.t, value["current"], color="#1f6fb4", where="post")
             for panel in panels:
                 for name, color in (("m_hold", "#1f6fb4"), ("m_dyn", "#e08a1e")):
@@ -73,8 +92,15 @@ def holding(results: Sequence[WalkResult], path: Path) -> None:
     for panel, text in zip(axes[:, 0], ("foot force [N]", "calf velocity [rad/s]", "torque [N·m]", "current [A]"),
                            strict=True):  # fmt: skip
         panel.set_ylabel(text)
-    axes[2, 0].legend(fontsize=8)
-    figure.suptitle("Front-right calf: holding gate open blue, damping gate open orange", fontsize=10)
+    lines = {"motor": "#c0392b", "device": "#1f6fb4"}
+    areas = {
+        "holding gate open": "#1f6fb4",
+        "damping gate open": "#e08a1e",
+        "|speed| at which holding may act": "#7a4fa3",
+    }
+    handles: list[Patch | Line2D] = [Line2D([], [], color=color, label=name) for name, color in lines.items()]
+    handles += [Patch(color=color, alpha=0.15, linewidth=0, label=name) for name, color in areas.items()]
+    figure.legend(handles=handles, loc="outside upper center", ncols=3, fontsize=8, title="front-right calf")
     figure.savefig(path, dpi=110)
 
 
@@ -92,11 +118,12 @@ def distributions(results: Sequence[WalkResult], path: Path) -> None:
         axis.set_xticks(range(3), ["FR hip", "FR thigh", "FR calf"])
         axis.set_title(f"{cell[0]:g} kg, {cell[1]:g} m/s", fontsize=9)
         axis.grid(axis="y", alpha=0.3)
-    for robot in sides:
-        axes[0].fill_between([], [], [], color=COLORS[robot], alpha=0.6, label=NAMES[robot])
+    drawn = [robot for robot in sides if any(result.robot == robot for result in results)]
+    legend: list[Patch | Line2D] = [Patch(color=COLORS[robot], alpha=0.6, label=NAMES[robot]) for robot in drawn]
+    legend.append(Line2D([], [], color="black", linewidth=1, label="mean"))
     axes[0].set_ylabel("|motor torque| [N·m]")
-    axes[0].set_ylim(0.0, 26.0)
-    axes[0].legend(fontsize=8, loc="upper left")
+    axes[0].set_ylim(bottom=0.0)
+    figure.legend(handles=legend, loc="outside upper center", ncols=3, fontsize=8)
     figure.savefig(path, dpi=110)
 
 
@@ -107,40 +134,46 @@ def mission_power(traces: Mapping[str, MissionTrace], path: Path) -> None:
     for robot, trace in traces.items():
         upper.step(trace.t, trace.power_over_time, where="pre", color=COLORS[robot], label=NAMES[robot])
         lower.plot(trace.t, 100.0 - trace.charge, color=COLORS[robot])
-    upper.set_ylabel("battery power [W]")
-    upper.set_ylim(bottom=0.0)
+    upper.set(ylabel="battery power [W]", ylim=(0.0, None))
     lower.set(xlabel="time [s]", ylabel="state of charge [%]")
-    upper.legend(fontsize=8)
     for axis in (upper, lower):
         axis.grid(alpha=0.3)
+    figure.legend(loc="outside upper center", ncols=len(traces), fontsize=8)
     figure.savefig(path, dpi=110)
 
 
 def mission_temperature(traces: Mapping[str, MissionTrace], rows: Mapping[str, Any], path: Path) -> None:
     """Motor temperatures over time, and rises beside the paper's; hatched bars were calibrated."""
-    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    figure = Figure(figsize=(11, 4.5), layout="constrained")
     left, right = figure.subplots(1, 2)
     for robot, trace in traces.items():
-        left.plot(trace.t, trace.calf, color=COLORS[robot], label=f"{NAMES[robot]}, calves")
-        left.plot(trace.t, trace.proximal, color=COLORS[robot], linestyle=":", label=f"{NAMES[robot]}, hips and thighs")
+        left.plot(trace.t, trace.calf, color=COLORS[robot])
+        left.plot(trace.t, trace.proximal, color=COLORS[robot], linestyle=":")
+    styles = {"calves": "-", "hips and thighs": ":"}
+    left.legend(
+        handles=[Line2D([], [], color="0.4", linestyle=s, label=name) for name, s in styles.items()], fontsize=8
+    )
     left.set(xlabel="time [s]", ylabel="motor temperature above ambient [K]")
-    left.legend(fontsize=7)
     groups = {"calf_walking": "calves, both walks", "calf_standby": "calves, standby", "all": "all motors, mission"}
     width = 0.8 / max(len(rows), 1)
+    cells = []
     for k, (robot, row) in enumerate(rows.items()):
         for place, name in enumerate(groups):
             cell, x = row["rise"][name], place + (k - 0.5 * (len(rows) - 1)) * width
-            right.bar(x, cell["mean"], width, yerr=cell["sd"], capsize=3, color=COLORS[robot], edgecolor="white",
-                      hatch="//" if cell["calibrated"] else None)  # fmt: skip
-            right.plot(x, cell["paper"], "k_", markersize=14)
+            _bar(right, x, width, robot, cell, cell["calibrated"])
+            if cell["paper"] is not None:
+                right.plot(x + 0.25 * width, cell["paper"], **PAPER_MARK)
+            cells.append(cell)
+    right.axhline(0.0, color="0.5", linewidth=0.8)
     right.set_xticks(range(len(groups)), list(groups.values()), fontsize=8)
-    right.plot([], [], "k_", markersize=14, label="paper")
-    right.bar(0, 0, color="white", edgecolor="0.5", hatch="//", label="used to calibrate")
-    right.set_ylabel("rise [K]")
-    right.legend(fontsize=8)
+    right.set_ylabel("temperature rise [K]")
     for axis in (left, right):
         axis.grid(alpha=0.3)
         axis.set_axisbelow(True)
+    calibrated, theirs = any(c["calibrated"] for c in cells), any(c["paper"] is not None for c in cells)
+    figure.legend(
+        handles=_bar_legend(list(traces), calibrated, theirs), loc="outside upper center", ncols=5, fontsize=8
+    )
     figure.savefig(path, dpi=110)
 
 
@@ -153,7 +186,8 @@ def _half_violin(axis: Any, place: int, counts: np.ndarray, side: float, color: 
         return
     smooth = np.convolve(folded, [0.25, 0.5, 0.25], mode="same")
     width = 0.42 * np.sqrt(smooth / smooth.max())
-    axis.fill_betweenx(levels, place, place + side * width, color=color, alpha=0.6, linewidth=0)
+    drawn = slice(0, int(np.flatnonzero(folded)[-1]) + 2)
+    axis.fill_betweenx(levels[drawn], place, place + side * width[drawn], color=color, alpha=0.6, linewidth=0)
     mean = (levels * folded).sum() / folded.sum()
     axis.plot([place, place + side * 0.42], [mean, mean], color="black", linewidth=1)
 

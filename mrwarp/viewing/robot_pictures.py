@@ -99,7 +99,8 @@ def contact_sheet(
     by_devices = used[:, :, int(ledger.DYNAMIC) : int(ledger.DRAG) + 1].sum(-1)
     _lines(work, "work on the joints [J]", time, by_devices, of_robots, linestyle=":")
     styles = [Line2D([], [], color="0.4", label="motors"), Line2D([], [], color="0.4", linestyle=":", label="devices")]
-    work.legend(handles=styles, fontsize=7, ncols=2, loc="upper left", framealpha=0.8, borderpad=0.3)
+    # beside the title, above the lines
+    work.legend(handles=styles, fontsize=7, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False)
     for axis in (axis for row in axes for axis in row):
         axis.set_xlim(float(time[0]), float(time[-1]))
         axis.grid(alpha=0.25, linewidth=0.6)
