@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mrwarp.recording.checks import (
-    MAX_JITTER,
-    MIN_SAMPLES,
-    check_plausible,
-    checked_trajectories,
-    converted,
-    derivative_ratio,
-)
 from mrwarp.recording.data import (
     COLUMNS,
+    DEGREES,
     HOLDING_COLUMNS,
     HOLDING_FILE,
     REQUIRED,
@@ -25,39 +19,43 @@ from mrwarp.recording.data import (
     Recording,
     RecordingError,
     Trajectory,
+    Units,
+    read_units,
 )
-from mrwarp.recording.tables import SUFFIXES, read_table, suffix_of
-from mrwarp.recording.units import read_units
+from mrwarp.recording.differentiate import differentiate
+from mrwarp.recording.tables import MAX_BYTES, SUFFIXES, Table, read_table, suffix_of
 from mrwarp.recording.write import save_holding, save_recording
 
 __all__ = [
     "COLUMNS",
     "HOLDING_FILE",
-    "MAX_BYTES",
-    "MAX_JITTER",
-    "MIN_SAMPLES",
-    "SUFFIXES",
     "Holding",
     "Recording",
     "RecordingError",
     "Trajectory",
-    "check_same_units",
-    "derivative_ratio",
-    "find_holding",
-    "load_holding",
-    "load_recording",
     "save_holding",
     "save_recording",
 ]
 
-MAX_BYTES = 2**29
-"""Largest recording that is read, all files together and uncompressed [bytes]: 512 MiB, 14 hours at 200 Hz."""
+MIN_SAMPLES = 50
+"""Fewest samples of a trajectory: one history window of the learned models."""
+
+MAX_JITTER = 0.5
+"""Largest deviation of a sampling interval from the median interval, as a share of it; above, it is a gap."""
+
+_PLAUSIBLE = {
+    # base unit: largest plausible value, unit that larger values are likely in, where the limit comes from
+    "rad": (2.0 * np.pi, "deg"),  # a joint does not leave its middle by more than a turn
+    "m": (10.0, "mm"),
+    "A": (50.0, "mA"),  # MR coils take a few ampere
+    "V": (500.0, "mV"),
+    "N·m": (300.0, "mN·m"),  # ten times the paper's 26 N·m joint
+    "N": (1.0e6, "mN"),
+}
 
 
 def load_recording(path: str | Path) -> Recording:
-    """Read and check a recording: one CSV or Parquet file, or a folder of them (docs/data.md has the format).
-
-    Reads at most :data:`MAX_BYTES`; writes nothing.
+    """Read and check a recording: one CSV or Parquet file, or a folder of them; at most :data:`MAX_BYTES`.
 
     Raises:
         RecordingError: the recording is refused; the message names file, row and column, and the remedy.
@@ -68,12 +66,12 @@ def load_recording(path: str | Path) -> Recording:
     left = MAX_BYTES
     trajectories: list[Trajectory] = []
     for file in files:
-        table = read_table(file, REQUIRED, left, MAX_BYTES)
+        table = read_table(file, REQUIRED, left)
         left -= table.size
-        trajectories += checked_trajectories(table, units, file.name.removesuffix(suffix_of(file)), path.is_dir())
+        trajectories += _checked_trajectories(table, units, file.name.removesuffix(suffix_of(file)), path.is_dir())
     names = [trajectory.id for trajectory in trajectories]
-    double = next((name for name in names if names.count(name) > 1), None) if len(set(names)) < len(names) else None
-    if double is not None:
+    if len(set(names)) < len(names):
+        double = next(name for name in names if names.count(name) > 1)
         raise RecordingError(f"{path}: two trajectories are called {double!r}; rename a file or a trajectory")
     return Recording(
         trajectories=tuple(trajectories),
@@ -112,11 +110,11 @@ def load_holding(path: str | Path) -> Holding:
     """
     path = Path(path)
     file = _files_of(path / HOLDING_FILE if path.is_dir() else path)[0]
-    table = read_table(file, HOLDING_COLUMNS, MAX_BYTES, MAX_BYTES)
+    table = read_table(file, HOLDING_COLUMNS, MAX_BYTES)
     units = read_units(file.parent)
-    columns = converted(table, units)
+    columns = _converted(table, units)
     for name in HOLDING_COLUMNS:
-        check_plausible(table, name, float(np.abs(columns[name]).max()), units)
+        _check_plausible(table, name, float(np.abs(columns[name]).max()), units)
     return Holding(
         current=columns["current"],
         torque=columns["torque"],
@@ -150,3 +148,120 @@ def _common(headers: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """The entries that all headers hold alike."""
     first = headers[0]
     return {k: v for k, v in first.items() if all(k in h and h[k] == v for h in headers[1:])}
+
+
+def _checked_trajectories(table: Table, units: Units, stem: str, in_folder: bool) -> list[Trajectory]:
+    """The trajectories of one file, converted and checked; the file's name ``stem`` begins their ids in a folder."""
+    columns = _converted(table, units)
+    flag = bool(table.header.get("qd_derived", False))
+    parts = []
+    for name, rows in _groups(table):
+        part = {key: values[rows] for key, values in columns.items()}
+        _check_time(table, part["t"], rows, name)
+        dt = (part["t"][-1] - part["t"][0]) / (len(part["t"]) - 1)
+        derived = "qd" not in part
+        parts.append(
+            Trajectory(
+                id=stem if name is None else f"{stem}/{name}" if in_folder else name,
+                qd=differentiate(part["q"], dt) if derived else part.pop("qd"),
+                qd_derived=derived or flag,
+                header=table.header,
+                **part,
+            )
+        )
+    if not units.trusted:
+        _check_units(table, parts, units)
+    return parts
+
+
+def _converted(table: Table, units: Units) -> dict[str, np.ndarray]:
+    """The columns in the units that are kept, each value a finite number."""
+    for name, values in table.columns.items():
+        if not np.isfinite(values).all():
+            row = int(np.flatnonzero(~np.isfinite(values))[0])
+            what = "an empty cell or NaN" if np.isnan(values[row]) else "infinity"
+            raise table.refuse(f"{what} instead of a number; cut it out or record again", row=row, column=name)
+    return {name: units.convert(name, values) for name, values in table.columns.items()}
+
+
+def _groups(table: Table) -> Iterator[tuple[str | None, np.ndarray]]:
+    """Rows of each trajectory in the order of first appearance."""
+    if table.ids is None:
+        yield None, np.arange(len(table.columns["t"]))
+        return
+    names, first, code = np.unique(table.ids, return_index=True, return_inverse=True)
+    for k in np.argsort(first):
+        yield str(names[k]), np.flatnonzero(code == k)
+
+
+def _check_time(table: Table, t: np.ndarray, rows: np.ndarray, name: str | None) -> None:
+    of = "" if name is None else f" of trajectory {name!r}"
+    if len(t) < MIN_SAMPLES:
+        raise table.refuse(f"{len(t)} samples{of}; at least {MIN_SAMPLES} are needed, record a longer run")
+    step = np.diff(t)
+    if (step <= 0.0).any():
+        k = int(np.flatnonzero(step <= 0.0)[0])
+        raise table.refuse(
+            f"time does not increase{of}: {t[k + 1]:.9g} s after {t[k]:.9g} s; sort the rows, or give each run its own "
+            "'trajectory' id",
+            row=int(rows[k + 1]),
+            column="t",
+        )
+    dt = float(np.median(step))
+    if dt > 1.0:
+        raise table.refuse(
+            f"{dt:g} s between samples{of}: these look like milliseconds; divide by 1000, or declare the unit in "
+            'units.json: {"t": "ms"}',
+            column="t",
+        )
+    odd = np.abs(step - dt) > MAX_JITTER * dt
+    if odd.any():
+        k = int(np.flatnonzero(odd)[0])
+        what = "a gap" if step[k] > dt else "uneven sampling"
+        raise table.refuse(
+            f"{what}{of}: {step[k]:.6g} s between samples, elsewhere {dt:.6g} s; split the run there into two "
+            "trajectories, or resample it uniformly",
+            row=int(rows[k + 1]),
+            column="t",
+        )
+
+
+def _check_units(table: Table, parts: list[Trajectory], units: Units) -> None:
+    """Refuse values that are clearly in another unit than declared."""
+    _check_plausible(table, "q", max(float(np.abs(part.q - np.median(part.q)).max()) for part in parts), units)
+    _check_plausible(table, "current", max(float(np.abs(part.current).max()) for part in parts), units)
+    _check_plausible(table, "torque", max(float(np.abs(part.torque).max()) for part in parts), units)
+    if units.base("q") != "rad":
+        return
+    for part in parts:
+        ratio = derivative_ratio(part)
+        if part.qd_derived or not (0.6 < ratio / DEGREES < 1.6 or 0.6 < ratio * DEGREES < 1.6):
+            continue
+        key, unit, other = ("q", "deg", "qd") if ratio > 1.0 else ("qd", "deg/s", "q")
+        declared = {"q": "deg", "qd": "rad/s"} if key == "q" else {"q": "rad", "qd": "deg/s"}
+        raise table.refuse(
+            f"dq/dt is {ratio:.3g} times qd in trajectory {part.id!r}, so {key} looks like {unit} where {other} is in "
+            f"radians; convert it, or declare it in units.json beside the file: {json.dumps(declared)}",
+            column=key,
+        )
+
+
+def _check_plausible(table: Table, key: str, largest: float, units: Units) -> None:
+    """Refuse a column whose largest value no device of this kind reaches."""
+    base = units.base(key)
+    limit, likely = _PLAUSIBLE[base]
+    if units.trusted or largest <= limit:
+        return
+    what = "away from their median" if key == "q" else "in size"
+    raise table.refuse(
+        f"values up to {largest:.4g} {base} {what} look like {likely}; convert them, or declare the unit in units.json "
+        f'beside the file: {{"{key}": "{likely}"}} (if they really are {base}: {{"trust_units": true}})',
+        column=key,
+    )
+
+
+def derivative_ratio(part: Trajectory) -> float:
+    """RMS of dq/dt over RMS of the trajectory's qd; 1 where either rests."""
+    derived = differentiate(part.q, part.dt)
+    own, other = float(np.sqrt(np.mean(part.qd**2))), float(np.sqrt(np.mean(derived**2)))
+    return other / own if own > 1e-9 and other > 1e-9 else 1.0
