@@ -22,7 +22,7 @@ from typing import Any
 
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
-from mrwarp.params import MrParams, ParameterError, ParamSpec, with_unit
+from mrwarp.params import HoldParams, MrParams, ParameterError, ParamSpec, with_unit
 from mrwarp.run_dir import write_text
 
 SCHEMA = 1
@@ -30,6 +30,12 @@ SCHEMA = 1
 
 MAX_BYTES = 2**20
 """Largest model file that is read [bytes]."""
+
+HOLDING_NOTE = (
+    "warning: holding was not measured: the yield torque is taken as the torque of slow sliding; "
+    "record break-away tests in holding.csv (docs/data.md) and fit again"
+)
+"""What a user is told of a device without break-away tests."""
 
 JOINT_UNITS = {"q": "rad", "current": "A", "torque": "N·m"}
 """Units of a model that the simulator can run."""
@@ -99,6 +105,8 @@ class FittedOn:
     samples: int
     rate: float
     """Sampling rate [1/s]."""
+    current: tuple[float, float] | None = None
+    """Smallest and largest current of the recordings, in size [unit of the model's current]; None: not known."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,11 +125,20 @@ class Model:
         """The parameters as plain numbers."""
         return {name: p.value for name, p in self.parameters.items()}
 
-    def to_params(self, base: MrParams | None = None) -> MrParams:
+    @property
+    def holding_measured(self) -> bool:
+        """Whether the model states the holding law (eq. 18), as ``fit`` does with break-away tests."""
+        return "T_max" in self.parameters
+
+    def to_params(self, base: MrParams | None = None, *, extrapolate: bool = False) -> MrParams:
         """The joint for the simulator.
 
+        Its largest current is at most the largest that was measured. A holding law that was not measured follows from
+        the sliding torque, see :meth:`mrwarp.params.HoldParams.unmeasured`.
+
         Args:
-            base: Gives what the model does not hold (``q_neutral``, gates, motor); None: the paper's.
+            base: Gives what else the model does not hold (``q_neutral``, gates, motor); None: the paper's.
+            extrapolate: Keep a largest current beyond what was measured.
 
         Raises:
             ModelFileError: the model is not in rad, A and N·m, or a value is out of range.
@@ -132,7 +149,11 @@ class Model:
                 "fit a recording in these units, converted by the lever of the device"
             )
         try:
-            return (base or MrParams()).replace(**self.values)
+            params = (base or MrParams()).replace(**self.values)
+            if self.fitted_on.current and not extrapolate and "current_max" not in self.parameters:
+                params = params.replace(current_max=min(params.coil.current_max, self.fitted_on.current[1]))
+            law = HoldParams.unmeasured(params.bouc_wen, params.coil.current_max)
+            return params.replace(**{name: value for name, value in law.items() if name not in self.parameters})
         except ParameterError as error:
             raise ModelFileError(str(error)) from None
 
@@ -370,12 +391,14 @@ def _known(name: str, known: Iterable[str]) -> str:
 
 
 def _fitted_on(entry: Any, where: str) -> FittedOn:
+    entry = {"current": None, **_mapping(entry, where)}  # files of mrwarp 0.1 have none
     checked_object(entry, where, tuple(f.name for f in dataclasses.fields(FittedOn)))
     return FittedOn(
         source=_text(entry["source"], f"{where}.source"),
         trajectories=_whole(entry["trajectories"], f"{where}.trajectories"),
         samples=_whole(entry["samples"], f"{where}.samples"),
         rate=checked_number(entry["rate"], f"{where}.rate"),
+        current=_interval(entry["current"], f"{where}.current"),
     )
 
 

@@ -119,7 +119,13 @@ def to_model(result: FitResult, extended: ExtendedFit | None = None) -> Model:
     estimates = {name: Parameter(value=v, unit=parameter_unit(name, result.units)) for name, v in result.fixed.items()}
     for name, e in result.estimates.items():
         estimates[name] = Parameter(value=e.value, unit=parameter_unit(name, result.units), ci95=e.ci95)
-    origin = FittedOn(source=result.source, trajectories=result.trajectories, samples=result.samples, rate=result.rate)
+    origin = FittedOn(
+        source=result.source,
+        trajectories=result.trajectories,
+        samples=result.samples,
+        rate=result.rate,
+        current=result.current,
+    )
     effects = (extended_damper(extended, result.units),) if extended else ()
     return Model(
         parameters=estimates,

@@ -94,6 +94,8 @@ class FitResult(Misfit):
     trajectories: int
     rate: float
     """Sampling rate [1/s], median."""
+    current: tuple[float, float]
+    """Smallest and largest current, in size."""
     condition: float
     seed: int
 
@@ -150,6 +152,7 @@ def fit(
         samples=len(samples.q),
         trajectories=len(runs),
         rate=float(np.median([1.0 / run.dt for run in runs])),
+        current=recording.current_range,
         condition=assessment.condition,
         seed=seed,
         **misfit(recording, point, samples, warnings),

@@ -102,6 +102,12 @@ class Recording:
         """Samples of all trajectories together."""
         return sum(len(trajectory.t) for trajectory in self.trajectories)
 
+    @property
+    def current_range(self) -> tuple[float, float]:
+        """Smallest and largest current, in size [unit of the current]."""
+        sizes = [np.abs(trajectory.current) for trajectory in self.trajectories]
+        return float(min(size.min() for size in sizes)), float(max(size.max() for size in sizes))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Holding:
@@ -139,7 +145,7 @@ class Units:
 def read_units(folder: Path) -> Units:
     """The units of a folder's recordings."""
     path = folder / "units.json"
-    declared: dict[str, Any] = {}
+    declared: Any = {}
     if path.is_file():
         try:
             declared = json.loads(path.read_text(encoding="utf-8"))
