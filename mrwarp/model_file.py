@@ -158,6 +158,29 @@ class Model:
             raise ModelFileError(str(error)) from None
 
 
+def completed(model: Model, earlier: Model) -> Model:
+    """A model with what an earlier one of the same device knows besides: parameters, effects, measured currents.
+
+    What the model holds itself stands. Effects of the catalogue are the model's; others are carried along.
+
+    Raises:
+        ModelFileError: the two are in other units.
+    """
+    if model.units != earlier.units:
+        theirs, ours = (", ".join(x.units.values()) for x in (earlier, model))
+        source = shown(earlier.fitted_on.source)
+        raise ModelFileError(f"the model of {source} is in {theirs}, the recording in {ours}; convert one of them")
+    ranges = [current for current in (model.fitted_on.current, earlier.fitted_on.current) if current]
+    current = (min(r[0] for r in ranges), max(r[1] for r in ranges)) if ranges else None
+    carried = tuple(effect for effect in earlier.effects if effect.name not in CATALOGUE)
+    return dataclasses.replace(
+        model,
+        parameters={**earlier.parameters, **model.parameters},
+        effects=(*model.effects, *carried),
+        fitted_on=dataclasses.replace(model.fitted_on, current=current),
+    )
+
+
 def parameter_unit(name: str, units: Mapping[str, str]) -> str:
     """Unit of a parameter for a device in ``units``: that of ``mrwarp.params`` with rad, A and N·m exchanged."""
     return _exchanged(MrParams.spec(name).unit, units)

@@ -163,7 +163,7 @@ def read_units(folder: Path) -> Units:
             known = ", ".join(_CONVERSIONS[key])
             raise RecordingError(f"{path}: the unit {unit!r} of {key} is not known; use one of {known}")
     if "q" in declared and "qd" not in declared:
-        declared["qd"] = {"degree": "deg", "degrees": "deg"}.get(declared["q"], declared["q"]) + "/s"
+        declared["qd"] = ("deg" if declared["q"] in ("degree", "degrees") else declared["q"]) + "/s"
     result = Units({**UNITS, **declared}, trusted)
     linear = result.base("q") == "m"
     for key, wanted in (("qd", "m/s" if linear else "rad/s"), ("torque", "N" if linear else "N·m")):

@@ -15,6 +15,7 @@ from mrwarp.recording.data import (
     HOLDING_COLUMNS,
     HOLDING_FILE,
     REQUIRED,
+    UNITS,
     Holding,
     Recording,
     RecordingError,
@@ -42,6 +43,15 @@ MIN_SAMPLES = 50
 
 MAX_JITTER = 0.5
 """Largest deviation of a sampling interval from the median interval, as a share of it; above, it is a gap."""
+
+SAME_CURRENT = (0.05, 20.0)
+"""Plausible ratio of the largest current of break-away tests to that of the recordings."""
+
+SAME_TORQUE = (0.2, 50.0)
+"""Plausible ratio of the largest break-away torque, at the recordings' currents, to their sliding torque.
+
+A brake sticks about as it slides: 1 to 1.5 for MR fluids; the paper's device has 9. A wrong prefix is 1000.
+"""
 
 _PLAUSIBLE = {
     # base unit: largest plausible value, unit that larger values are likely in, where the limit comes from
@@ -99,11 +109,15 @@ def find_holding(path: str | Path) -> Path | None:
     return next((f / HOLDING_FILE for f in (folder, folder.absolute().parent) if (f / HOLDING_FILE).is_file()), None)
 
 
-def load_holding(path: str | Path) -> Holding:
+def load_holding(path: str | Path, recording: Recording | None = None) -> Holding:
     """Read break-away tests: columns ``current`` [A] and ``torque`` [N·m], one row per test (docs/data.md).
+
+    ``units.json`` is for recordings and does not apply.
 
     Args:
         path: The file (``.csv``, ``.csv.gz``, ``.parquet``), or the folder that holds ``holding.csv``.
+        recording: Recordings of the same device. Numbers that cannot be of one device are refused; a device in V or N
+            has its break-away tests in these, too.
 
     Raises:
         RecordingError: the file is refused; the message names file, row and column, and the remedy.
@@ -111,16 +125,33 @@ def load_holding(path: str | Path) -> Holding:
     path = Path(path)
     file = _files_of(path / HOLDING_FILE if path.is_dir() else path)[0]
     table = read_table(file, HOLDING_COLUMNS, MAX_BYTES)
-    units = read_units(file.parent)
-    columns = _converted(table, units)
-    for name in HOLDING_COLUMNS:
-        _check_plausible(table, name, float(np.abs(columns[name]).max()), units)
-    return Holding(
-        current=columns["current"],
-        torque=columns["torque"],
-        units={name: units.base(name) for name in HOLDING_COLUMNS},
-        header=table.header,
-    )
+    units = {name: (recording.units if recording else UNITS)[name] for name in HOLDING_COLUMNS}
+    remedy = f"convert them, this file is in {' and '.join(units.values())} whatever units.json says"
+    _check_finite(table)
+    if not read_units(file.parent).trusted:
+        for name, unit in units.items():
+            _check_plausible(table, name, float(np.abs(table.columns[name]).max()), unit, remedy)
+        if recording is not None:
+            _check_same_device(table, recording, units, remedy)
+    return Holding(current=table.columns["current"], torque=table.columns["torque"], units=units, header=table.header)
+
+
+def _check_same_device(table: Table, recording: Recording, units: dict[str, str], remedy: str) -> None:
+    """Refuse break-away tests whose currents or torques are far from those of the recordings."""
+    current, torque = (np.abs(table.columns[name]) for name in HOLDING_COLUMNS)
+    top = recording.current_range[1]
+    sliding = float(np.percentile(np.abs(np.concatenate([run.torque for run in recording.trajectories])), 99))
+    held = float(np.max(torque, where=current <= 1.2 * top, initial=0.0))
+    for name, value, other, (low, high) in (
+        ("current", float(current.max()), top, SAME_CURRENT),
+        ("torque", held, sliding, SAME_TORQUE),
+    ):
+        if top > 0.0 and other > 0.0 and not low <= value / other <= high:
+            raise table.refuse(
+                f"up to {value:.4g} {units[name]}, but up to {other:.4g} {units[name]} in {recording.source}: a factor "
+                f"of {value / other:.3g}, plausible are {low:g} to {high:g}; {remedy}, or take it away",
+                column=name,
+            )
 
 
 def _files_of(path: Path) -> list[Path]:
@@ -152,7 +183,8 @@ def _common(headers: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 def _checked_trajectories(table: Table, units: Units, stem: str, in_folder: bool) -> list[Trajectory]:
     """The trajectories of one file, converted and checked; the file's name ``stem`` begins their ids in a folder."""
-    columns = _converted(table, units)
+    _check_finite(table)
+    columns = {name: units.convert(name, values) for name, values in table.columns.items()}
     flag = bool(table.header.get("qd_derived", False))
     parts = []
     for name, rows in _groups(table):
@@ -174,14 +206,12 @@ def _checked_trajectories(table: Table, units: Units, stem: str, in_folder: bool
     return parts
 
 
-def _converted(table: Table, units: Units) -> dict[str, np.ndarray]:
-    """The columns in the units that are kept, each value a finite number."""
+def _check_finite(table: Table) -> None:
     for name, values in table.columns.items():
         if not np.isfinite(values).all():
             row = int(np.flatnonzero(~np.isfinite(values))[0])
             what = "an empty cell or NaN" if np.isnan(values[row]) else "infinity"
             raise table.refuse(f"{what} instead of a number; cut it out or record again", row=row, column=name)
-    return {name: units.convert(name, values) for name, values in table.columns.items()}
 
 
 def _groups(table: Table) -> Iterator[tuple[str | None, np.ndarray]]:
@@ -228,9 +258,15 @@ def _check_time(table: Table, t: np.ndarray, rows: np.ndarray, name: str | None)
 
 def _check_units(table: Table, parts: list[Trajectory], units: Units) -> None:
     """Refuse values that are clearly in another unit than declared."""
-    _check_plausible(table, "q", max(float(np.abs(part.q - np.median(part.q)).max()) for part in parts), units)
-    _check_plausible(table, "current", max(float(np.abs(part.current).max()) for part in parts), units)
-    _check_plausible(table, "torque", max(float(np.abs(part.torque).max()) for part in parts), units)
+    largest = {
+        "q": max(float(np.abs(part.q - np.median(part.q)).max()) for part in parts),
+        "current": max(float(np.abs(part.current).max()) for part in parts),
+        "torque": max(float(np.abs(part.torque).max()) for part in parts),
+    }
+    for key, value in largest.items():
+        likely = _PLAUSIBLE[units.base(key)][1]
+        remedy = f'convert them, or declare the unit in units.json beside the file: {{"{key}": "{likely}"}}'
+        _check_plausible(table, key, value, units.base(key), remedy)
     if units.base("q") != "rad":
         return
     for part in parts:
@@ -246,18 +282,16 @@ def _check_units(table: Table, parts: list[Trajectory], units: Units) -> None:
         )
 
 
-def _check_plausible(table: Table, key: str, largest: float, units: Units) -> None:
+def _check_plausible(table: Table, key: str, largest: float, unit: str, remedy: str) -> None:
     """Refuse a column whose largest value no device of this kind reaches."""
-    base = units.base(key)
-    limit, likely = _PLAUSIBLE[base]
-    if units.trusted or largest <= limit:
-        return
-    what = "away from their median" if key == "q" else "in size"
-    raise table.refuse(
-        f"values up to {largest:.4g} {base} {what} look like {likely}; convert them, or declare the unit in units.json "
-        f'beside the file: {{"{key}": "{likely}"}} (if they really are {base}: {{"trust_units": true}})',
-        column=key,
-    )
+    limit, likely = _PLAUSIBLE[unit]
+    if largest > limit:
+        what = "away from their median" if key == "q" else "in size"
+        raise table.refuse(
+            f"values up to {largest:.4g} {unit} {what} look like {likely}; {remedy} (if they really are {unit}: "
+            '{"trust_units": true})',
+            column=key,
+        )
 
 
 def derivative_ratio(part: Trajectory) -> float:
