@@ -96,9 +96,7 @@ def dump_seeds() -> list[bytes]:
 
     columns = (Column(quantity="time", part="", unit="s"), Column(quantity="position", part="trunk z", unit="m"))
     bounds = np.array([[-np.inf, -1.0], [np.inf, 1.0]])
-    found = Divergence(
-        env=1, column=1, finite=False, columns=columns, states=np.ones((5, 2), dtype=np.float32), bounds=bounds
-    )  # fmt: skip
+    found = Divergence(env=1, columns=columns, states=np.full((5, 2), 2.0, dtype=np.float32), bounds=bounds)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "d.safetensors"
         save(found, path, {"update": 1})

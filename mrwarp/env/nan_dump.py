@@ -15,7 +15,7 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
-from mrwarp.run_dir import atomic_write, no_file
+from mrwarp.run_dir import atomic_write, no_file, one_line
 
 META = "mrwarp_dump"
 SCHEMA = 1
@@ -46,10 +46,6 @@ class Divergence:
 
     env: int
     """Index of the environment."""
-    column: int
-    """The first wrong number."""
-    finite: bool
-    """Whether it is a number, but beyond its bounds."""
     columns: tuple[Column, ...]
     """What the columns of ``states`` are; the first is the time in the episode [s]."""
     states: np.ndarray
@@ -62,6 +58,21 @@ class Divergence:
     def pick(self, quantity: str, unit: str) -> np.ndarray:
         """Columns of a quantity, shape (n, K)."""
         return self.states[:, [i for i, c in enumerate(self.columns) if (c.quantity, c.unit) == (quantity, unit)]]
+
+    @property
+    def finite(self) -> bool:
+        """Whether all of the wrong state are numbers, one of them beyond its bounds."""
+        return bool(np.isfinite(self.states[-1]).all())
+
+    @property
+    def column(self) -> int:
+        """The first wrong number.
+
+        Raises:
+            IndexError: none is wrong.
+        """
+        last, (low, high) = self.states[-1], self.bounds
+        return int(np.flatnonzero((last < low) | (last > high) if self.finite else ~np.isfinite(last))[0])
 
     @property
     def value(self) -> float:
@@ -87,14 +98,8 @@ class DumpError(ValueError):
 
 def save(found: Divergence, path: Path, run: dict[str, Any]) -> None:
     """Write a divergence atomically; other values than numbers, text and null in ``run`` cannot be written."""
-    meta = {
-        "schema": SCHEMA,
-        "env": found.env,
-        "column": found.column,
-        "finite": found.finite,
-        "columns": [[column.quantity, column.part, column.unit] for column in found.columns],
-        "run": run,
-    }
+    columns = [[column.quantity, column.part, column.unit] for column in found.columns]
+    meta = {"schema": SCHEMA, "env": found.env, "columns": columns, "run": run}
     arrays = {"states": found.states.astype(np.float32), "bounds": found.bounds.astype(np.float64)}
     with atomic_write(path) as partial:
         save_file(arrays, str(partial), metadata={META: json.dumps(meta)})
@@ -114,34 +119,18 @@ def load(path: Path) -> Divergence:
     try:
         with safe_open(str(path), framework="np") as content:
             meta = json.loads((content.metadata() or {}).get(META, "null"))
-            if not isinstance(meta, dict):
-                raise DumpError(f"{path}: no dump of mrwarp; name a file from the folder 'broken' of a training")
-            if meta.get("schema") != SCHEMA:
-                raise DumpError(f"{path}: schema {meta.get('schema')!r} is not {SCHEMA}; open it with its own version")
             states, bounds = content.get_tensor("states"), content.get_tensor("bounds")
-        return _divergence(meta, states, bounds)
-    except DumpError:
-        raise
-    except (SafetensorError, OSError, KeyError, TypeError, ValueError, RecursionError) as error:
-        cause = " ".join(str(error).split())[:200]
-        raise DumpError(f"{path}: damaged dump ({cause}); run the training again") from error
-
-
-def _divergence(meta: dict[str, Any], states: np.ndarray, bounds: np.ndarray) -> Divergence:
-    """What a file holds, checked.
-
-    Raises:
-        ValueError: shapes, types or numbers do not fit.
-    """
-    columns = tuple(Column(quantity=str(q), part=str(p), unit=str(u)) for q, p, u in meta["columns"])
-    env, column, size = meta["env"], meta["column"], len(columns)
-    if states.ndim != 2 or not 1 <= len(states) <= KEPT or states.shape[1] != size or bounds.shape != (2, size):
-        raise ValueError(f"states {states.shape} and bounds {bounds.shape} do not fit {size} columns")
-    if states.dtype != np.float32 or bounds.dtype != np.float64:
-        raise ValueError(f"states are {states.dtype}, bounds {bounds.dtype}; float32 and float64 are wanted")
-    if not (isinstance(env, int) and isinstance(column, int) and 0 <= column < size and env >= 0):
-        raise ValueError(f"environment {env!r} and column {column!r} of {size}")
-    if not math.isfinite(float(states[-1, 0])) or columns[0].quantity != "time":
-        raise ValueError("the first column is no time")
-    finite, run = bool(meta["finite"]), dict(meta["run"])
-    return Divergence(env=env, column=column, finite=finite, columns=columns, states=states, bounds=bounds, run=run)
+        if meta["schema"] != SCHEMA:
+            raise ValueError(f"schema {meta['schema']!r} is not {SCHEMA}")
+        columns = tuple(Column(quantity=str(q), part=str(p), unit=str(u)) for q, p, u in meta["columns"])
+        if not 1 <= len(states) <= KEPT or states.shape[1:] != bounds.shape[1:] or bounds.shape != (2, len(columns)):
+            raise ValueError(f"states {states.shape} and bounds {bounds.shape} do not fit {len(columns)} columns")
+        if (states.dtype, bounds.dtype, columns[0].quantity) != (np.float32, np.float64, "time"):
+            raise ValueError(f"states are {states.dtype}, bounds {bounds.dtype}, the first column {columns[0]}")
+        run = dict(meta["run"])
+        found = Divergence(env=int(meta["env"]), columns=columns, states=states, bounds=bounds, run=run)
+        if not math.isfinite(found.time) or found.column < 0:
+            raise ValueError(f"a time of {found.time}")
+        return found
+    except (SafetensorError, OSError, LookupError, TypeError, ValueError, RecursionError) as error:
+        raise DumpError(f"{path}: no dump, or a damaged one ({one_line(error)}); run the training again") from error

@@ -39,7 +39,7 @@ LIMIT_MARGIN = 0.25
 
 @wp.func_native("""
 float* to = &wp::index(history, slot, env, 0);
-int column = 1, found = 0;
+int column = 1, wrong = 0, odd = 0;
 for (int k = 0; k < table.shape[0]; ++k) {
     const wp::int64* entry = table.data + 4 * k;
     const char* row = (const char*)entry[0] + size_t(env) * entry[1];
@@ -49,22 +49,33 @@ for (int k = 0; k < table.shape[0]; ++k) {
     column += count;
 }
 for (int i = 0; i < column; ++i) {
-    found |= to[i] - to[i] != 0.0f;
-    found |= 2 * ((to[i] < warn.data[i]) | (to[i] > warn.data[column + i]));
+    wrong |= (to[i] - to[i] != 0.0f) | (to[i] < sound.data[i]) | (to[i] > sound.data[column + i]);
+    odd |= (to[i] < warn.data[i]) | (to[i] > warn.data[column + i]);
 }
-return found;
+if (wrong) return -1;
+if (odd) for (int i = 0; i < column; ++i) if (to[i] < warn.data[i] || to[i] > warn.data[column + i]) odd = i;
+return odd;
 """)
 def keep_row(
-    table: wp.array2d[wp.int64], warn: wp.array2d[float], env: int, history: wp.array3d[float], slot: int
+    table: wp.array2d[wp.int64],
+    sound: wp.array2d[float],
+    warn: wp.array2d[float],
+    env: int,
+    history: wp.array3d[float],
+    slot: int,
 ) -> int:
-    """Copy an environment's state into its history, from column 1 on: 1 if a number is not finite, 2 if one is odd.
+    """Copy an environment's state into its history, from column 1 on.
 
     Args:
         table: Address, bytes from one environment to the next, numbers, and bytes of a number of each array, (K, 4).
-        warn: Least and largest value of each column, shape (2, D).
+        sound: Least and largest value of each column of a sound state, shape (2, D).
+        warn: The same of a state without a warning.
         env: Environment.
         history: Kept states, shape (N + 1, E, D).
         slot: Where to.
+
+    Returns:
+        -1 if a number is not finite or unsound, else the last column that is odd, or 0.
     """
     ...
 
@@ -85,43 +96,29 @@ def guard_kernel(
     age_out: wp.array[int],
     history_out: wp.array3d[float],
     rows_out: wp.array[int],
-    cause_out: wp.array[int],
+    broken_out: wp.array[int],
     diverged_out: wp.array[int],
     divergences_out: wp.array[int],
     warned_column_out: wp.array[int],
     warned_out: wp.array2d[int],
     overflow_seen_out: wp.array2d[int],
 ):
-    """Add the state to the ring of the last N, unless the ring waits to be read; find the first wrong column.
+    """Add the state to the ring of the last N, and check it.
 
-    ``cause`` is -1, or the column that is no finite number, or D + the column that is beyond its bounds. The last row
-    of the history is where states go that are checked but not kept.
+    A wrong state ends the ring, which is ``broken`` until it is read. The last row of the history is where states go
+    that are checked but not kept.
     """
     env = wp.tid()
-    kept, size = history_out.shape[0] - 1, history_out.shape[2]
-    frozen = cause_out[env] >= 0
+    kept = history_out.shape[0] - 1
+    frozen = broken_out[env] > 0
     slot = rows_out[env] % kept
     if frozen:
         slot = kept
     history_out[slot, env, 0] = float(age_out[env]) * dt
-    found = keep_row(table, warn, env, history_out, slot)
-
-    cause = int(-1)
-    if (found & 1) != 0:
-        for i in range(size):
-            if cause < 0 and not wp.isfinite(history_out[slot, env, i]):
-                cause = i
-    # what diverged is beyond the bounds of a warning too
-    if cause < 0 and (found & 2) != 0:
-        for i in range(size):
-            state = history_out[slot, env, i]
-            if state < warn[0, i] or state > warn[1, i]:
-                if state < sound[0, i] or state > sound[1, i]:
-                    if cause < 0:
-                        cause = size + i
-                else:
-                    warned_column_out[env] = i
-                    warned_out[env, 0] = warned_out[env, 0] + 1
+    found = keep_row(table, sound, warn, env, history_out, slot)
+    if found > 0:
+        warned_column_out[env] = found
+        warned_out[env, 0] = warned_out[env, 0] + 1
     dropped = int(0)
     for i in range(overflow_in.shape[1]):
         # counters and flags of the engine rise and stay: only a change is news
@@ -131,16 +128,15 @@ def guard_kernel(
             overflow_seen_out[env, i] = now
     warned_out[env, 1] = warned_out[env, 1] + dropped
 
-    if cause >= 0:
+    if found < 0:
         if diverged_out[env] == 0:
             divergences_out[env] = divergences_out[env] + 1
         diverged_out[env] = 1
-        if not frozen:
-            cause_out[env] = cause
+        broken_out[env] = 1
     if last == 0:
         age_out[env] = age_out[env] + 1
     # at the end of a policy step the state is only checked: the next torque step keeps it
-    if not frozen and (last == 0 or cause >= 0):
+    if not frozen and (last == 0 or found < 0):
         rows_out[env] = rows_out[env] + 1
 
 
@@ -186,7 +182,7 @@ class NanGuard:
             [[t.data_ptr(), t.stride(0) * t.element_size(), len(names), t.element_size()] for names, t in kept]
         ).to(device)
         self._state = s
-        self._rows, self._cause, self.divergences = ints(num_envs), ints(num_envs, value=-1), ints(num_envs)
+        self._rows, self._broken, self.divergences = ints(num_envs), ints(num_envs), ints(num_envs)
         self._warned_column, self._warned = ints(num_envs, value=-1), ints(num_envs, 2)
         self._history = torch.zeros(KEPT + 1, num_envs, len(self.columns), device=device)
         overflow = sim.backend.overflow
@@ -197,7 +193,7 @@ class NanGuard:
                 num_envs,
                 [last, sim.dt, sim.backend.overflow_mask, table, sound, warn, overflow],
                 [
-                    *(s.torque_steps, self._history, self._rows, self._cause, s.diverged, self.divergences),
+                    *(s.torque_steps, self._history, self._rows, self._broken, s.diverged, self.divergences),
                     *(self._warned_column, self._warned, seen),
                 ],
             )
@@ -206,26 +202,19 @@ class NanGuard:
 
     def forget(self) -> None:
         """Begin anew in all environments, without history; the counts go on."""
-        for tensor in (self._state.torque_steps, self._rows, self._state.diverged, self._state.total):
+        for tensor in (self._state.torque_steps, self._rows, self._broken, self._state.diverged, self._state.total):
             tensor.zero_()
-        self._cause.fill_(-1)
 
     def take(self) -> list[Divergence]:
         """First divergences of the environments since the last call, with their last states; reads the device back."""
-        found, size = [], len(self.columns)
-        for env in (self._cause >= 0).nonzero()[:, 0].tolist():
-            count, cause = int(self._rows[env]), int(self._cause[env])
+        found = []
+        for env in self._broken.nonzero()[:, 0].tolist():
+            count = int(self._rows[env])
             states = self._history[:KEPT, env].cpu().numpy()
-            states = np.roll(states, -(count % KEPT), axis=0) if count >= KEPT else states[:count]
-            columns, bounds = self.columns, self.bounds
-            finite, column = divmod(cause, size)
-            found.append(
-                Divergence(
-                    env=env, column=column, finite=bool(finite), columns=columns, states=states.copy(), bounds=bounds
-                )
-            )
+            states = np.roll(states, -(count % KEPT), axis=0) if count >= KEPT else states[:count].copy()
+            found.append(Divergence(env=env, columns=self.columns, states=states, bounds=self.bounds))
             self._rows[env] = 0
-        self._cause.fill_(-1)
+        self._broken.zero_()
         return found
 
     def warnings(self) -> Warnings:

@@ -26,7 +26,7 @@ def make_divergence(count: int = 30) -> Divergence:
     states[-2, 3] = 20.0
     states[-1, 2:] = np.nan
     bounds = np.array([[-np.inf, -10.0, -400.0, -np.inf], [np.inf, 10.0, 400.0, np.inf]])
-    return Divergence(env=3, column=2, finite=False, columns=COLUMNS, states=states, bounds=bounds)
+    return Divergence(env=3, columns=COLUMNS, states=states, bounds=bounds)
 
 
 def test_a_dump_comes_back_as_it_was(tmp_path: Path) -> None:
