@@ -251,11 +251,10 @@ class MrActuator:
         if name not in FIELDS:
             raise KeyError(f"no MR parameter {name!r}; known: {', '.join(FIELDS)}")
         rows, num_mr = self.params.shape
-        ptr, size = self.params.ptr, 4 * len(FIELDS)
-        return wp.array(
-            ptr=ptr + 4 * FIELDS.index(name) if ptr else None, dtype=float, shape=(rows, num_mr),
-            strides=(num_mr * size, size), device=self.device, copy=False,
-        )  # fmt: skip
+        size = 4 * len(FIELDS)
+        ptr, shape, strides = self.params.ptr, (rows, num_mr), (num_mr * size, size)
+        first = ptr + 4 * FIELDS.index(name) if ptr else None
+        return wp.array(ptr=first, dtype=float, shape=shape, strides=strides, device=self.device, copy=False)
 
     def set_param(self, name: str, values: Any) -> None:
         """Write one MR parameter [unit as in ``mrwarp.params``], broadcast to shape (E or 1, M), unchecked."""

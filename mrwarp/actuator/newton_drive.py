@@ -196,13 +196,9 @@ class DriveMR(DriveBase):
             raise ParameterError(f"{_WHERE}: parameter arrays differ in shape: {wrong}, need ({first.size},)")
         self.coupling, self.hold_current, self.z_step = coupling, hold_current, z_step
         count, device = first.size, first.device
-        self._inputs = ActuatorInputs(
-            current_e=wp.zeros(count, dtype=float, device=device),
-            **{
-                name: wp.zeros((count, 1), dtype=float, device=device)
-                for name in ("q_des", "q", "qd", "f_foot", "friction")
-            },
-        )
+        names = ("q_des", "q", "qd", "f_foot", "friction")
+        columns = {name: wp.zeros((count, 1), dtype=float, device=device) for name in names}
+        self._inputs = ActuatorInputs(current_e=wp.zeros(count, dtype=float, device=device), **columns)
         # N environments of one joint: the simulator's own step
         self._joints = MrActuator(
             [_Device(effects=EffectSet(effects))], [0], self._inputs, dt=SHORTEST_STEP, share_params=False
@@ -273,9 +269,8 @@ class DriveMR(DriveBase):
             ValueError: the step is too short for effects.
         """
         joints = self._joints
-        cfg = MrActuatorCfg(
-            coupling=self.coupling, hold_current=self.hold_current, z_step=self.z_step, gated=gated
-        )  # fmt: skip
+        choices = {name: getattr(self, name) for name in _CHOICES}
+        cfg = MrActuatorCfg(**choices, gated=gated)
         if (dt, cfg, self._learned) == (joints.dt, joints.cfg, joints.residual):
             return
         if joints.effects is not None and dt < SHORTEST_STEP:

@@ -193,11 +193,7 @@ class LearnedTorque:
         self._count = wp.zeros(1, dtype=int, device=device)
         index = wp.zeros(max(windows, 1), dtype=int, device=device)
         self._gather = record(
-            learned.open_windows_kernel,
-            dim=m_dyn.shape,
-            inputs=[int(self.evaluate_all), m_dyn],
-            outputs=[self._count, index],
-            device=device,
+            learned.open_windows_kernel, m_dyn.shape, [int(self.evaluate_all), m_dyn], [self._count, index], device
         )
         inputs = [self._count, index, head, ring, m_dyn]
         whole = int(not self.model.is_residual)
@@ -234,7 +230,7 @@ class LearnedTorque:
 class _Helper:
     """A thread that repeats a launch when woken; it ends with this object.
 
-    A ``concurrent.futures`` pool wakes its threads half as fast, and one waits for its answers: here the kernel itself
+    A ``concurrent.futures`` pool wakes its threads half as fast, and waits for their answers: here the kernel itself
     waits for work that a helper has taken, and nobody for a helper that came too late.
     """
 

@@ -18,12 +18,6 @@ from mujoco_warp import DeterminismType, OverflowType
 
 from mrwarp.enums import BackendKind
 
-STATE_FIELDS = ("qpos", "qvel", "qacc_warmstart", "qfrc_applied", "xfrc_applied")
-"""Writable per-environment fields that both backends offer."""
-
-SOLUTION_FIELDS = ("sensordata", "M", "qacc", "qacc_smooth", "qfrc_constraint")
-"""Read-only fields of the last step."""
-
 
 class Backend(Protocol):
     """An engine as :class:`mrwarp.env.sim.Sim` uses it."""
@@ -38,7 +32,7 @@ class Backend(Protocol):
     """Its bits that mean one was dropped."""
 
     def field(self, name: str) -> wp.array:
-        """Live array of one of STATE_FIELDS or SOLUTION_FIELDS, shape (E, ...)."""
+        """Live array of a field of MuJoCo's data, shape (E, ...)."""
         ...
 
     def expand(self, name: str) -> wp.array:

@@ -1,4 +1,4 @@
-"""Velocity commands: v_x, v_y and yaw rate."""
+"""What drives a robot: velocity commands, a policy's joint targets; and what motors and coils spent on them."""
 
 # pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false, reportIndexIssue=false
 # pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false
@@ -11,9 +11,11 @@ from dataclasses import dataclass
 import torch
 import warp as wp
 
-from mrwarp.env.rng import COMMAND, between, place
+from mrwarp.energy.power import ElectricalCfg, copper_factor
+from mrwarp.env.rng import COMMAND, STEP, between, place
 from mrwarp.env.state import WalkState
 from mrwarp.kernels.launch import Launch, record
+from mrwarp.kernels.ledger import COIL, MOTOR, MOTOR_SQUARE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,15 +59,110 @@ def command_kernel(
 
 
 def draw_commands(s: WalkState, cfg: CommandCfg, step_dt: float, begins: wp.array) -> Launch:
-    """What draws a command for every new episode, and every ``period`` at the same step of all; never if infinite.
-
-    Args:
-        s: The task's arrays.
-        cfg: Ranges and period.
-        step_dt: Policy step [s].
-        begins: Environments whose episode begins, bool, shape (E,).
-    """
+    """What draws a command where an episode begins, mask (E,), and every ``period``; ``step_dt`` in s."""
     ranges = zip(cfg.v_x, cfg.v_y, cfg.yaw_rate, strict=True)
     low, high = (torch.tensor(side, device=s.command.device) for side in ranges)
     period = max(round(cfg.period / step_dt), 1) if math.isfinite(cfg.period) else 0
     return record(command_kernel, len(s.command), [period, low, high, s.key, s.episode_length_buf, begins], [s.command])
+
+
+@wp.func
+def spent(ledger: wp.array3d[float], copper: wp.array[float], env: int) -> wp.vec2:
+    """What all joints spent since the reset: integral of the squared motor torques [(N·m)^2 s]; electrical energy [J].
+
+    The energy is the motors' copper loss and mechanical work, given-back work counted in full, and the coils' loss.
+
+    Args:
+        ledger: Energy ledger, shape (E, J, entries).
+        copper: Copper loss per torque squared, shape (J,) [W/(N·m)^2].
+        env: Environment.
+    """
+    square, energy = float(0.0), float(0.0)
+    for joint in range(ledger.shape[1]):
+        square += ledger[env, joint, MOTOR_SQUARE]
+        energy += (
+            copper[joint] * ledger[env, joint, MOTOR_SQUARE] + ledger[env, joint, MOTOR] + ledger[env, joint, COIL]
+        )
+    return wp.vec2(square, energy)
+
+
+@wp.kernel(enable_backward=False)
+def action_kernel(
+    # parameters: action scale [rad]; neutral stance [rad], shape (A,); copper loss [W/(N·m)^2], shape (J,)
+    action_scale: float,
+    default_q: wp.array[float],
+    copper: wp.array[float],
+    # in, shapes (E, A), (E, J) [rad/s], (E, J, entries)
+    actions_in: wp.array2d[float],
+    qd_in: wp.array2d[float],
+    ledger_in: wp.array3d[float],
+    # out, shapes (E, A), (E, A), (E, J) [rad], (E, J) [rad/s], (E, 2) [(N·m)^2 s, J]
+    action_out: wp.array2d[float],
+    last_action_out: wp.array2d[float],
+    q_des_out: wp.array2d[float],
+    last_qd_out: wp.array2d[float],
+    spent_out: wp.array2d[float],
+):
+    """Take the new action, and remember what the coming policy step is compared with."""
+    env = wp.tid()
+    for k in range(actions_in.shape[1]):
+        last_action_out[env, k] = action_out[env, k]
+        action_out[env, k] = actions_in[env, k]
+        q_des_out[env, k] = default_q[k] + action_scale * actions_in[env, k]
+        last_qd_out[env, k] = qd_in[env, k]
+    before = spent(ledger_in, copper, env)
+    spent_out[env, 0] = before[0]
+    spent_out[env, 1] = before[1]
+
+
+@wp.kernel(enable_backward=False)
+def effort_kernel(
+    # parameters: clock advance per policy step [1], policy step [s]; copper loss [W/(N·m)^2], shape (J,)
+    advance: float,
+    step_dt: float,
+    copper: wp.array[float],
+    # in, shapes (E, J, entries), (E, 2) [(N·m)^2 s, J], (E,)
+    ledger_in: wp.array3d[float],
+    spent_in: wp.array2d[float],
+    phase_in: wp.array[float],
+    # out, shapes (E,) [(N·m)^2], (E,) [W], (E,), (2,)
+    effort_out: wp.array[float],
+    power_out: wp.array[float],
+    phase_out: wp.array[float],
+    key_out: wp.array[wp.int64],
+):
+    """Squared motor torques and electrical power, means over the policy step; the gait clock at its end; count it."""
+    env = wp.tid()
+    if env == 0:
+        key_out[STEP] = key_out[STEP] + wp.int64(1)  # nothing is drawn in this launch
+    mean = (spent(ledger_in, copper, env) - wp.vec2(spent_in[env, 0], spent_in[env, 1])) / step_dt
+    effort_out[env] = mean[0]
+    power_out[env] = mean[1]
+    phase = phase_in[env] + advance
+    phase_out[env] = phase - wp.floor(phase)
+
+
+def take_actions(s: WalkState, scale: float, winding_resistance: float) -> Launch:
+    """What writes joint targets from ``s.actions``, ``scale`` [rad] for each; motors as of the resistance [Ohm]."""
+    return record(
+        action_kernel,
+        len(s.q),
+        [scale, s.default_q, _copper(s, winding_resistance), s.actions, s.qd, s.ledger],
+        [s.action, s.last_action, s.q_des, s.last_qd, s.spent],
+    )
+
+
+def account(s: WalkState, winding_resistance: float, step_dt: float, gait_frequency: float) -> Launch:
+    """What ends a policy step of ``step_dt`` [s]: effort, power, the gait clock [Hz] and the count of policy steps."""
+    return record(
+        effort_kernel,
+        len(s.q),
+        [gait_frequency * step_dt, step_dt, _copper(s, winding_resistance), s.ledger, s.spent, s.phase],
+        [s.effort, s.power, s.phase, s.key],
+    )
+
+
+def _copper(s: WalkState, winding_resistance: float) -> wp.array:
+    """Copper loss per torque squared of each motor [W/(N·m)^2]."""
+    factor = copper_factor(ElectricalCfg(winding_resistance=winding_resistance))
+    return wp.array(factor, dtype=float, device=str(s.q.device))

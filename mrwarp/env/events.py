@@ -50,15 +50,10 @@ class RandomizeCfg:
 
 
 def make_randomize_cfg(kind: str = "all") -> RandomizeCfg | None:
-    """What differs between training environments.
+    """What differs between training environments: a kind of :data:`RANDOMIZATIONS`, else ValueError.
 
-    Args:
-        kind: One of :data:`RANDOMIZATIONS`. ``all``: everything that :class:`RandomizeCfg` has. ``ground``: friction
-            and kicks, what legged_gym, the common walking environments for Isaac Gym, randomises by default, and
-            nothing of the robot. ``none``.
-
-    Raises:
-        ValueError: there is no such kind.
+    ``all`` is everything that :class:`RandomizeCfg` has; ``ground`` friction and kicks, what legged_gym randomises by
+    default, and nothing of the robot.
     """
     if kind not in RANDOMIZATIONS:
         raise ValueError(f"randomize = {kind!r} is unknown; choose from {', '.join(RANDOMIZATIONS)}")
@@ -167,7 +162,7 @@ def push_kernel(
 def begin_episodes(s: WalkState, sim: Sim, mask: wp.array, origins: torch.Tensor | None) -> list[Launch]:
     """What starts a new episode in masked environments, near the neutral stance, at any gait phase.
 
-    The others stay bit-equal. Where no environment is masked, it costs the launches: nothing is drawn or written.
+    The others stay bit-equal.
 
     Args:
         s: The task's arrays.
@@ -185,15 +180,8 @@ def begin_episodes(s: WalkState, sim: Sim, mask: wp.array, origins: torch.Tensor
         begin_episode_kernel,
         num_envs,
         [
-            STAND_HEIGHT + CLEARANCE,
-            q_adr,
-            s.default_q,
-            origins.to(s.q.device),
-            *s.cleared(),
-            s.key,
-            mask,
-            s.level,
-            s.kind,
+            *(STAND_HEIGHT + CLEARANCE, q_adr, s.default_q, origins.to(s.q.device), *s.cleared()),
+            *(s.key, mask, s.level, s.kind),
         ],
         [qpos, qvel, s.phase, s.q_des, s.tau_motor],
     )
@@ -201,14 +189,7 @@ def begin_episodes(s: WalkState, sim: Sim, mask: wp.array, origins: torch.Tensor
 
 
 def draw_devices(s: WalkState, cfg: RandomizeCfg | None, actuator: MrActuator, mask: wp.array) -> list[Launch]:
-    """What draws new devices in masked environments: a factor on each of :data:`SCALED`; nothing without randomisation.
-
-    Args:
-        s: The task's arrays.
-        cfg: Ranges.
-        actuator: The devices, with their nominal values.
-        mask: Environments that get them, bool, shape (E,).
-    """
+    """What draws new devices where the mask (E,) is set: a factor on each of :data:`SCALED`; nothing without a cfg."""
     if cfg is None or not actuator.mr_joints:
         return []
     assert len(SCALED) * len(actuator.mr_joints) <= WIDTH
@@ -224,28 +205,14 @@ def draw_devices(s: WalkState, cfg: RandomizeCfg | None, actuator: MrActuator, m
 
 
 def push(s: WalkState, cfg: RandomizeCfg | None, step_dt: float) -> list[Launch]:
-    """What kicks the trunk sideways by up to ``push_speed`` at random times; nothing without randomisation.
-
-    Args:
-        s: The task's arrays.
-        cfg: Speed and interval.
-        step_dt: Policy step [s].
-    """
+    """What kicks the trunk sideways at random times, by policy steps of ``step_dt`` [s]; nothing without a cfg."""
     if cfg is None or cfg.push_speed <= 0.0:
         return []
     return [record(push_kernel, len(s.q), [step_dt / cfg.push_interval, cfg.push_speed, s.key], [s.qvel])]
 
 
 def randomize_robots(s: WalkState, cfg: RandomizeCfg, seed: int, sim: Sim, actuator: MrActuator) -> None:
-    """Draw what stays for the whole run: ground friction, trunk mass, motor gains.
-
-    Args:
-        s: The task's arrays; friction and added mass are written to ``s.privileged``.
-        cfg: Ranges.
-        seed: Seed of the draws.
-        sim: The physics, which gets friction and mass.
-        actuator: The motors, which get the gains.
-    """
+    """Draw what stays for the whole run: ground friction, trunk mass, motor gains; the critic sees the first two."""
     device = s.q.device
     generator = torch.Generator(device=device).manual_seed(seed)
 

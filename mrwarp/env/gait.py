@@ -63,12 +63,6 @@ def leg_phase(phase: float, leg: int) -> float:
 
 
 @wp.func
-def clock_stance(leg: float) -> bool:
-    """Whether the clock wants a leg of this phase on the ground."""
-    return leg < 0.5
-
-
-@wp.func
 def swing_clearance(leg: float, height: float) -> float:
     """Wanted clearance over the ground of a leg of this phase [m]: a half sine over the swing, 0 in stance."""
     return height * wp.sin(wp.pi * wp.max(2.0 * leg - 1.0, 0.0))
@@ -138,16 +132,13 @@ def derived_kernel(
     for leg in range(4):
         phase = leg_phase(phase_in[env], leg)
         leg_phase_out[env, leg] = phase
-        clock_match_out[env, leg] = (f_foot_in[env, leg] > contact_force) == clock_stance(phase)
+        clock_match_out[env, leg] = (f_foot_in[env, leg] > contact_force) == (phase < 0.5)
 
 
 def derive(s: WalkState, mask: wp.array, contact_force: float) -> Launch:
-    """Height, gravity, velocity, leg phases and contacts that match the clock, where the mask, bool (E,), is set.
+    """What writes height, gravity, velocity, leg phases and contacts that match the clock, where the mask (E,) is set.
 
-    Args:
-        s: The task's arrays.
-        mask: Environments to compute.
-        contact_force: Foot force above which a foot touches the ground [N].
+    A foot touches the ground above ``contact_force`` [N].
     """
     return record(
         derived_kernel,

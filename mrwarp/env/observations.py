@@ -149,10 +149,6 @@ def observe(s: WalkState, cfg: NoiseCfg | None) -> Launch:
     Actor, shape (E, 47): gyro [rad/s], projected gravity, command, joint positions and velocities, last action, gait
     clock, with noise. Critic: the same without noise, and base velocity, height, foot forces, I_e, motor torques,
     friction and added mass, gates and coil currents.
-
-    Args:
-        s: The task's arrays.
-        cfg: Noise; None for none.
     """
     noise = cfg or NoiseCfg(gyro=0.0, gravity=0.0, q=0.0, qd=0.0)
     assert 6 + 2 * s.q.shape[1] <= WIDTH

@@ -189,14 +189,7 @@ def rewards_kernel(
 
 
 def reward(s: WalkState, cfg: RewardCfg, step_dt: float, lengths: LegLengths) -> Launch:
-    """What writes all terms, ``s.terms``, and their weighted sum over a policy step, ``s.total``.
-
-    Args:
-        s: The task's arrays.
-        cfg: Weights and widths.
-        step_dt: Policy step [s].
-        lengths: Lengths of a leg.
-    """
+    """What writes all terms, ``s.terms``, and their weighted sum over a policy step of ``step_dt`` [s], ``s.total``."""
     weights = torch.tensor([getattr(cfg, name) for name in TERMS], device=s.q.device)
     return record_per_env(
         rewards_kernel,

@@ -88,9 +88,7 @@ class Sim:
         self.device = wp.get_device(cfg.device)
         self.backend: Backend
         if cfg.engine is BackendKind.MJBATCH:
-            self.backend = MjBatchBackend(
-                scene.model, cfg.num_envs, threads=cfg.threads, keep_data=cfg.keep_data
-            )  # fmt: skip
+            self.backend = MjBatchBackend(scene.model, cfg.num_envs, threads=cfg.threads, keep_data=cfg.keep_data)
         else:
             self.backend = MjWarpBackend(scene.model, cfg.num_envs, device=cfg.device, deterministic=cfg.deterministic)
         num_envs, num_joints, num_feet = cfg.num_envs, len(scene.actuators), max(len(scene.foot_adr), 1)
@@ -114,12 +112,7 @@ class Sim:
         self.reset()
 
     def step(self, tau: wp.array, bound: wp.array) -> None:
-        """Advance by one step of ``cfg.dt``.
-
-        Args:
-            tau: Joint torques to apply [N·m], shape (E, J).
-            bound: Bounds of the brake constraint [N·m], shape (E, J); ignored with the explicit coupling.
-        """
+        """Advance by one step under joint torques and bounds of the brake constraint [N·m], shape (E, J)."""
         for launch in self.physics(tau, bound):
             launch()
 
@@ -135,12 +128,9 @@ class Sim:
         self.backend.step()
 
     def reset(self, mask: wp.array | None = None, qpos: wp.array | None = None, qvel: wp.array | None = None) -> None:
-        """Put masked environments into a state; the others stay bit-equal.
+        """Put masked environments, bool (E,), into a state in MuJoCo's layout, (E, nq) and (E, nv), float32.
 
-        Args:
-            mask: Environments to reset, bool, shape (E,); None resets all.
-            qpos: Positions in MuJoCo's layout, float32, shape (E, nq); None takes the model's own.
-            qvel: Velocities, float32, shape (E, nv); None is at rest.
+        None stands for all environments, the model's own position, and rest. The others stay bit-equal.
         """
         model = self.scene.model
         if mask is None:
@@ -174,28 +164,16 @@ class Sim:
             wp.copy(array, copy)
 
     def push(self, body: str, force: np.ndarray) -> None:
-        """Apply a force at a body's centre of mass from now on, until called again [N], world frame, shape (E, 3).
-
-        Raises:
-            ValueError: there is no such body.
-        """
+        """Apply a force at a body's centre of mass from now on, until called again [N], world frame, shape (E, 3)."""
         view = wp.to_torch(self.backend.field("xfrc_applied")).reshape(self.num_envs, -1, 6)
         view[:, self.body(body), :3] = torch.as_tensor(force, dtype=view.dtype, device=view.device)
 
     def body_mass(self, body: str) -> float:
-        """Nominal mass of a body [kg].
-
-        Raises:
-            ValueError: there is no such body.
-        """
+        """Nominal mass of a body [kg]."""
         return float(self.scene.model.body_mass[self.body(body)])
 
     def rescale_mass(self, body: str, mass: np.ndarray) -> None:
-        """Give a body another mass per environment [kg], shape (E,), its inertia in proportion.
-
-        Raises:
-            ValueError: there is no such body, or a mass is not positive.
-        """
+        """Give a body another mass per environment [kg], shape (E,), its inertia in proportion."""
         model = self.scene.model
         index = self.body(body)
         if not np.all(mass > 0.0):
@@ -222,11 +200,7 @@ class Sim:
         array.assign(values)
 
     def body(self, body: str) -> int:
-        """Index of a body in the model by its short name.
-
-        Raises:
-            ValueError: there is no such body.
-        """
+        """Index of a body in the model by its short name; ValueError if there is none."""
         model = self.scene.model
         return named([model.body(i).name for i in range(model.nbody)], body, "body")
 
@@ -234,43 +208,34 @@ class Sim:
         lanes = 1 if in_one_thread(self.device) else len(self.scene.actuators)
         return record(
             sim_kernels.apply_kernel,
-            dim=(self.num_envs, lanes),
-            inputs=[lanes, self._v_adr, int(self.coupling is Coupling.CONSTRAINT), tau, bound],
-            outputs=[self.backend.field("qfrc_applied"), self._frictionloss],
+            (self.num_envs, lanes),
+            [lanes, self._v_adr, int(self.coupling is Coupling.CONSTRAINT), tau, bound],
+            [self.backend.field("qfrc_applied"), self._frictionloss],
         )
 
     def _record_gather(self, bound: wp.array) -> Launch:
-        backend = self.backend
+        fields = [self.backend.field(name) for name in ("qpos", "qvel", "sensordata")]
+        floating = int(self.scene.floating)
         return record(
             sim_kernels.gather_kernel,
-            dim=self.num_envs,
-            inputs=[
-                self._q_adr, self._v_adr, self._foot_adr, int(self.scene.floating), brake_constraint.CREEP,
-                backend.field("qpos"), backend.field("qvel"), backend.field("sensordata"), bound,
+            self.num_envs,
+            [self._q_adr, self._v_adr, self._foot_adr, floating, brake_constraint.CREEP, *fields, bound],
+            [
+                *(self.q, self.qd, self.friction, self.f_foot),
+                *(self.root_pos, self.root_quat, self.root_vel, self.root_ang),
             ],
-            outputs=[
-                self.q, self.qd, self.friction, self.f_foot, self.root_pos, self.root_quat, self.root_vel,
-                self.root_ang,
-            ],
-        )  # fmt: skip
+        )
 
     def _record_check(self) -> Launch:
         model, backend = self.scene.model, self.backend
-        pattern = [wp.array(a, dtype=int, device=self.device) for a in (
-            model.M_rowadr, model.M_rownnz, model.M_colind,
-        )]  # fmt: skip
+        pattern = [wp.array(a, dtype=int, device=self.device) for a in (model.M_rowadr, model.M_rownnz, model.M_colind)]
         ends = model.M_colind[model.M_rowadr + model.M_rownnz - 1]
         assert np.array_equal(ends, np.arange(model.nv))  # the kernel relies on it
+        fields = [backend.field(name) for name in ("M", "qacc", "qacc_smooth", "qfrc_constraint")]
         scratch = wp.zeros((self.num_envs, 2 * model.nv), dtype=wp.float64, device=self.device)
-        return record(
-            sim_kernels.residual_kernel,
-            dim=self.num_envs,
-            inputs=[
-                *pattern, backend.residual_tolerance, backend.field("M"), backend.field("qacc"),
-                backend.field("qacc_smooth"), backend.field("qfrc_constraint"),
-            ],
-            outputs=[scratch, self.residual, self.unsolved],
-        )  # fmt: skip
+        outputs = [scratch, self.residual, self.unsolved]
+        inputs = [*pattern, backend.residual_tolerance, *fields]
+        return record(sim_kernels.residual_kernel, self.num_envs, inputs, outputs)
 
 
 class ActuatedSim:
@@ -304,21 +269,13 @@ class ActuatedSim:
     ) -> None:
         actuator_cfg = actuator_cfg or MrActuatorCfg()
         self.sim = sim = Sim(scene, cfg, coupling=actuator_cfg.coupling)
-        shape = (cfg.num_envs, len(scene.actuators))
-        self.q_des = wp.zeros(shape, dtype=float, device=cfg.device)
+        self.q_des = wp.zeros((cfg.num_envs, len(scene.actuators)), dtype=float, device=cfg.device)
         self.current_e = wp.zeros(cfg.num_envs, dtype=float, device=cfg.device)
-        self.actuator = MrActuator(
-            scene.actuators,
-            scene.legs,
-            ActuatorInputs(
-                q_des=self.q_des, q=sim.q, qd=sim.qd, f_foot=sim.f_foot, current_e=self.current_e,
-                friction=sim.friction,
-            ),
-            dt=cfg.dt,
-            cfg=actuator_cfg,
-            residual=residual,
-            share_params=share_params,
-        )  # fmt: skip
+        inputs = ActuatorInputs(
+            q_des=self.q_des, q=sim.q, qd=sim.qd, f_foot=sim.f_foot, current_e=self.current_e, friction=sim.friction
+        )
+        choices = {"cfg": actuator_cfg, "residual": residual, "share_params": share_params}
+        self.actuator = MrActuator(scene.actuators, scene.legs, inputs, dt=cfg.dt, **choices)
         self.physics = sim.physics(self.actuator.tau, self.actuator.bound)
         self.before_hooks: list[Callable[[], object]] = []
         self.hooks: list[Callable[[], object]] = []
@@ -374,15 +331,7 @@ def robot_scene(
     edit: Edit | None = None,
     ground: Field | None = None,
 ) -> Scene:
-    """The robot of an asset on the ground, as :class:`ActuatedSim` wants it.
-
-    Args:
-        asset: The asset; None loads ``assets/usd/mr_go.usda``.
-        cfg: How it will be stepped.
-        coupling: How its devices act.
-        edit: Changes to the MuJoCo specification, see :func:`build_scene`.
-        ground: Heights of the ground; None is flat.
-    """
+    """The robot of an asset (None: ``assets/usd/mr_go.usda``) on flat or other ground, see :func:`build_scene`."""
     cfg = cfg or SimCfg()
     return build_scene(
         asset or load_robot(), dt=cfg.dt, coupling=coupling, solver=cfg.solver, ground=ground or True, edit=edit

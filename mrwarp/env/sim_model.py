@@ -43,10 +43,9 @@ class SolverCfg:
 
     def __post_init__(self) -> None:
         if self.ls_iterations < brake_constraint.MIN_LS_ITERATIONS:
+            least = brake_constraint.MIN_LS_ITERATIONS
             raise ValueError(
-                f"ls_iterations = {self.ls_iterations} is too small: below {brake_constraint.MIN_LS_ITERATIONS} "
-                "line-search "
-                "iterations the brake constraint fails silently; use that many or more"
+                f"ls_iterations = {self.ls_iterations}: below {least} the brake constraint fails silently; use {least} or more"
             )
 
 
@@ -101,13 +100,12 @@ def build_scene(
     ground: bool | Field = True,
     edit: Edit | None = None,
 ) -> Scene:
-    """Convert an asset through Newton into a :class:`Scene`.
+    """Convert an asset, its variants chosen, through Newton into a :class:`Scene`.
 
     Args:
-        asset: The asset with its variants chosen.
+        asset: The asset.
         dt: Physics step [s].
-        coupling: With ``CONSTRAINT`` every MR joint gets :mod:`mrwarp.actuator.brake_constraint`: reference damping
-            1/dt, so that the friction row sees the velocity after the step and cannot do positive work.
+        coupling: With ``CONSTRAINT`` every MR joint gets :mod:`mrwarp.actuator.brake_constraint`.
         solver: Constraint solver options.
         ground: Add a ground plane at z = 0, or a height field.
         edit: Changes to the MuJoCo specification before it is compiled, e.g. a body that falls on the robot; bodies and

@@ -72,11 +72,7 @@ def terminations_kernel(
 def terminate(s: WalkState, fall_height: float, fall_tilt: float, length: int) -> Launch:
     """What counts the policy step, writes ``s.flags`` and ``s.reward``, and clears ``s.diverged`` and ``s.total``.
 
-    Args:
-        s: The task's arrays.
-        fall_height: Height of the trunk at which a robot has fallen [m].
-        fall_tilt: Lean at which it has fallen [rad].
-        length: Length of an episode [policy steps].
+    A robot has fallen below ``fall_height`` [m] or beyond ``fall_tilt`` [rad]; ``length`` is in policy steps.
     """
     return record(
         terminations_kernel,

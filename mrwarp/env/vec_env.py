@@ -14,7 +14,6 @@ from tensordict import TensorDict
 from mrwarp.actuator.mr_actuator import PROPERTIES
 from mrwarp.actuator.residual import LearnedTorque, with_bouc_wen
 from mrwarp.env import commands, events, gait, observations, rewards, terminations
-from mrwarp.env.actions import Actions
 from mrwarp.env.cfg import LEARNED, EnvCfg
 from mrwarp.env.nan_guard import NanGuard
 from mrwarp.env.rng import first_key
@@ -120,10 +119,10 @@ class WalkEnv(VecEnv):
             robot.after_step,
         ]
         return [
-            self._actions.take,
+            self._take_actions,
             *self._push,
             *torque_step * self.cfg.decimation,
-            self._actions.account,  # effort, power, gait clock
+            self._account,  # effort, power, gait clock
             *self._derive,  # what the following share
             self._reward,
             self.nan_guard.check,
@@ -145,7 +144,8 @@ class WalkEnv(VecEnv):
             ground = [terrain.heights(s, lengths, mask)] if terrain else []
             return [*ground, gait.derive(s, mask, self.contact_force)]
 
-        self._actions = Actions(s, cfg.action_scale, cfg.rewards.winding_resistance, cfg.step_dt, cfg.gait_frequency)
+        self._take_actions = commands.take_actions(s, cfg.action_scale, cfg.rewards.winding_resistance)
+        self._account = commands.account(s, cfg.rewards.winding_resistance, cfg.step_dt, cfg.gait_frequency)
         self._push = events.push(s, cfg.randomize, cfg.step_dt)
         self._derive = derive(everywhere)
         self._reward = rewards.reward(s, cfg.rewards, cfg.step_dt, lengths)

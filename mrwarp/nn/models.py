@@ -68,13 +68,8 @@ class MlpTorque(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.scaler = StandardScaler()
-        self.net = nn.Sequential(
-            nn.Linear(SAMPLES["mlp"] * FEATURES, HIDDEN),
-            nn.Tanh(),
-            nn.Linear(HIDDEN, HIDDEN),
-            nn.Tanh(),
-            nn.Linear(HIDDEN, 1),
-        )
+        layers = [nn.Linear(SAMPLES["mlp"] * FEATURES, HIDDEN), nn.Tanh(), nn.Linear(HIDDEN, HIDDEN), nn.Tanh()]
+        self.net = nn.Sequential(*layers, nn.Linear(HIDDEN, 1))
 
     def forward(self, window: torch.Tensor) -> torch.Tensor:
         """Torque [N·m], shape (N,), of raw windows (N, 3, FEATURES), oldest sample first."""
@@ -114,15 +109,7 @@ TorqueNet = MlpTorque | LstmTorque
 
 
 def make_net(kind: str, seed: int = 0) -> TorqueNet:
-    """A network with seeded random weights.
-
-    Args:
-        kind: ``mlp``, ``lstm`` or ``pg_rlstm``.
-        seed: Seed of the weights; torch's global generator stays as it was.
-
-    Raises:
-        ValueError: there is no such kind.
-    """
+    """A network of a kind of :data:`SAMPLES` with seeded random weights; torch's global generator stays as it was."""
     if kind not in SAMPLES:
         raise ValueError(f"there is no learned model {kind!r}; choose from {', '.join(SAMPLES)}")
     with torch.random.fork_rng(devices=[]):

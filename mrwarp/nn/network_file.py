@@ -72,14 +72,7 @@ class LearnedModel:
         return {"schema": SCHEMA, **values, "samples": self.samples, "features": features, "scaler": scaler}
 
     def check_rate(self, dt: float) -> None:
-        """Refuse another sampling rate than the model's.
-
-        Args:
-            dt: Sampling interval of what it shall run on [s].
-
-        Raises:
-            SamplingRateError: it differs by more than 0.1 %.
-        """
+        """Raise SamplingRateError if the interval ``dt`` [s] differs from the model's by more than 0.1 %."""
         if not math.isclose(dt, self.dt, rel_tol=1e-3):
             raise SamplingRateError(
                 f"this {self.kind} model was trained at {1.0 / self.dt:g} Hz and cannot run at {1.0 / dt:g} Hz: its "
@@ -145,27 +138,14 @@ def write_onnx(
 ) -> None:
     """Write a network as ONNX, whole or not at all.
 
-    Args:
-        net: The network, in evaluation mode.
-        example: Its inputs; the first dimension may be any.
-        path: File to write.
-        input: Name of its input.
-        output: Name of its output.
-        description: Plain values, stored as metadata under :data:`META`.
+    The first dimension of the ``example`` inputs may be any; the description, plain values, becomes metadata under
+    :data:`META`.
     """
     with atomic_write(path) as partial, warnings.catch_warnings():
         # this exporter is deprecated, but keeps the layers' names, by which rl.policy finds the weights
         warnings.simplefilter("ignore")
-        torch.onnx.export(
-            net,
-            example,
-            str(partial),
-            input_names=[input],
-            output_names=[output],
-            opset_version=18,
-            dynamo=False,
-            dynamic_axes={input: {0: "n"}, output: {0: "n"}},
-        )
+        names = {"input_names": [input], "output_names": [output], "dynamic_axes": {input: {0: "n"}, output: {0: "n"}}}
+        torch.onnx.export(net, example, str(partial), **names, opset_version=18, dynamo=False)
         proto = onnx.load(str(partial))
         onnx.helper.set_model_props(proto, {META: json.dumps(description)})
         onnx.save(proto, str(partial))
@@ -173,12 +153,9 @@ def write_onnx(
 
 @torch.no_grad()
 def torque_of(model: LearnedModel, features: np.ndarray, lstm_state: LstmState = LstmState.WINDOW) -> np.ndarray:
-    """Output of the network along one trajectory [N·m], shape (N,); NaN where the window is not yet full.
+    """Output of the network [N·m], shape (N,), along raw (q_c, qd, current) of one trajectory, shape (N, 3).
 
-    Args:
-        model: The model.
-        features: Raw (q_c, qd, current), shape (N, 3).
-        lstm_state: What an LSTM begins each sample with; an MLP has no state.
+    NaN where the window is not yet full.
     """
     x = torch.from_numpy(np.ascontiguousarray(features, dtype=np.float32))
     result = np.full(len(x), np.nan)

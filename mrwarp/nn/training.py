@@ -1,5 +1,7 @@
 """Training of a torque network on windows: Adam on the mean squared error, early stopping, one recipe for all kinds.
 
+Windows are views of one array of samples, never across two trajectories, never copied out.
+
 An epoch is a fixed number of windows, drawn without replacement from all overlapping ones: neighbours differ by one
 sample in fifty, so a pass over every window costs far more than it teaches. What is validated and kept is the running
 average of the weights, which takes out the noise that Adam's constant rate leaves.
@@ -9,18 +11,73 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 import torch
 from matplotlib.figure import Figure
 
 from mrwarp.nn.models import TorqueNet
-from mrwarp.nn.windows import WindowSet
 
 MICRO = 128
 """Windows per forward and backward pass; larger ones fall out of the processor's cache and take 1.6 times as long."""
+
+
+class WindowSet:
+    """All overlapping windows of a set of trajectories, each with the torque at its last sample as target (eq. 12).
+
+    Args:
+        features: Samples of each trajectory, shape (N_i, 3).
+        targets: Target at each sample [N·m], shape (N_i,).
+        samples: Length of a window.
+
+    Attributes:
+        features: All samples end to end, float32, shape (N, 3).
+        targets: float32, shape (N,).
+        last: Row of each window's last sample, shape (W,). A trajectory shorter than a window has none.
+    """
+
+    def __init__(self, features: Sequence[np.ndarray], targets: Sequence[np.ndarray], samples: int) -> None:
+        self.samples = samples
+        rows, begin = [], 0
+        for x, y in zip(features, targets, strict=True):
+            if len(x) != len(y):
+                raise ValueError(f"a trajectory has {len(x)} samples of features, but {len(y)} of the target")
+            rows.append(begin + torch.arange(samples - 1, max(len(x), samples - 1)))
+            begin += len(x)
+        empty = np.zeros((0, 3), dtype=np.float32)
+        self.features = torch.from_numpy(np.concatenate([empty, *features]).astype(np.float32))
+        self.targets = torch.from_numpy(np.concatenate([empty[:, 0], *targets]).astype(np.float32))
+        self.last = torch.cat(rows) if rows else torch.zeros(0, dtype=torch.long)
+        self._offsets = torch.arange(1 - samples, 1).unsqueeze(1)
+
+    def __len__(self) -> int:
+        return len(self.last)
+
+    def standardize(self, scaler: torch.nn.Module) -> None:
+        """Replace the features by the standardised ones, once for all windows."""
+        with torch.no_grad():
+            self.features = scaler(self.features)
+
+    def batch(self, which: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Windows with time first, shape (samples, B, 3), and their targets (B,), of window numbers ``which`` (B,)."""
+        last = self.last[which]
+        return self.features[last + self._offsets], self.targets[last]
+
+
+def split(count: int, seed: int, validation: float = 0.2) -> tuple[list[int], list[int]]:
+    """Sorted numbers of the training and of the validation trajectories, divided at random (section 4.3).
+
+    Raises:
+        ValueError: there are fewer than two trajectories.
+    """
+    if count < 2:
+        raise ValueError(f"{count} trajectory cannot be divided into training and validation; record at least two")
+    order = np.random.default_rng(seed).permutation(count)
+    held = min(max(round(validation * count), 1), count - 1)
+    return sorted(order[held:].tolist()), sorted(order[:held].tolist())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,12 +135,8 @@ Report = Callable[[History, FitCfg], None]
 def fit(net: TorqueNet, train: WindowSet, validation: WindowSet, cfg: FitCfg, report: Report | None = None) -> History:
     """Train in place; the network ends with the weights of the best epoch. Ctrl-C ends the training, not the program.
 
-    Args:
-        net: Network; its scaler is fitted here, on the training set only.
-        train: Training windows, raw; standardised in place.
-        validation: Validation windows, raw; standardised in place.
-        cfg: The recipe.
-        report: Called after every epoch, e.g. to print.
+    The network's scaler is fitted on the training set; both sets come raw and are standardised in place. ``report`` is
+    called after every epoch.
 
     Raises:
         ValueError: a set holds no window.

@@ -1,6 +1,8 @@
 """Checkpoints: everything a training needs to go on as if it had never stopped, written atomically, read as data.
 
-Checkpoints, exported policies and results all carry the task that a policy was trained on, see :func:`task`.
+Checkpoints, exported policies and results all carry the task that a policy was trained on, see :func:`task`. A new
+training may begin with the networks of an earlier one of another task, e.g. rough ground after flat:
+:func:`read_networks`.
 """
 
 from __future__ import annotations
@@ -9,7 +11,7 @@ import io
 import json
 import os
 import pickle
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +19,9 @@ import torch
 
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.nn.network_file import MODELS, shipped_model
-from mrwarp.rl.ppo_cfg import LearningCfg
-from mrwarp.run_dir import atomic_write, no_file
+from mrwarp.rl.policy import OnnxPolicy, PolicyError
+from mrwarp.rl.ppo_cfg import STEPS_PER_UPDATE, LearningCfg
+from mrwarp.run_dir import atomic_write, no_file, one_line
 
 FORMAT = 1
 """Version of the checkpoint's layout."""
@@ -72,13 +75,7 @@ def random_state(device: torch.device) -> dict[str, torch.Tensor]:
 
 
 def set_random_state(content: dict[str, Any], device: torch.device) -> str:
-    """Put back what :func:`random_state` gave; a note if there is none of the GPU's, as in earlier versions.
-
-    Raises:
-        KeyError: the CPU's state is missing.
-        RuntimeError: a state is not one of torch's.
-        TypeError: a state is no tensor.
-    """
+    """Put back what :func:`random_state` gave; a note if there is none of the GPU's, as in earlier versions."""
     torch.set_rng_state(content["torch_rng"])
     if device.type != "cuda":
         return ""
@@ -89,13 +86,16 @@ def set_random_state(content: dict[str, Any], device: torch.device) -> str:
 
 
 def task(cfg: EnvCfg) -> dict[str, Any]:
-    """The task that a policy was trained on, as plain values."""
-    return {
+    """The task that a policy was trained on, as JSON gives it back, so that it can be compared with a saved one."""
+    file = cfg.actuator_file
+    if file and file == shipped_model(cfg.actuator_model):
+        file = f"{MODELS.name}/{Path(file).name}"  # the same in every checkout
+    content = {
         "robot": cfg.robot,
         "payload": cfg.payload,
         "asset": cfg.asset,
         "actuator": cfg.actuator_model,
-        "actuator_file": _portable(cfg),
+        "actuator_file": file,
         "lstm_state": cfg.lstm_state.value if "lstm" in cfg.actuator_model else None,
         "model": cfg.model if isinstance(cfg.model, str | None) else cfg.model.fitted_on.source,
         "coupling": cfg.actuator.coupling.value,
@@ -104,8 +104,8 @@ def task(cfg: EnvCfg) -> dict[str, Any]:
         "sal": cfg.actuator.sal,
         "terrain": "rough" if cfg.terrain else "flat",
         "gains": list(cfg.gains) if cfg.gains else None,
-        "randomize": _plain(cfg.randomize),
-        "rewards": _plain(cfg.rewards),
+        "randomize": asdict(cfg.randomize) if cfg.randomize else None,
+        "rewards": asdict(cfg.rewards),
         "num_envs": cfg.sim.num_envs,
         "device": cfg.sim.device,
         "engine": cfg.sim.engine.value,
@@ -113,6 +113,7 @@ def task(cfg: EnvCfg) -> dict[str, Any]:
         "step_dt": cfg.step_dt,
         "gait_frequency": cfg.gait_frequency,
     }
+    return json.loads(json.dumps(content))
 
 
 def learned(content: dict[str, Any]) -> dict[str, float]:
@@ -121,12 +122,107 @@ def learned(content: dict[str, Any]) -> dict[str, float]:
     return {**asdict(LearningCfg()), **(said if isinstance(said, dict) else {})}
 
 
-def _plain(part: Any) -> dict[str, Any] | None:
-    """A part of a configuration as JSON gives it back, so that it can be compared with a saved one."""
-    return json.loads(json.dumps(asdict(part))) if part else None
+NETWORKS = ("actor", "critic")
+"""Networks that are taken from a checkpoint, with normalisers and exploration noise; all else is new."""
+
+NOISE = 0.15
+"""Exploration to begin with when the file holds none: a policy's. Trained ones have 0.10 to 0.22, new ones 0.6, with
+which a gait falls."""
+
+CRITIC_FIRST = 100
+"""Updates in which a new critic learns alone beside a policy's actor. Its values begin at 0 and move by at most
+``clip_param`` an update, so that till then the advantages are wrong: an actor that followed them from the start lost a
+quarter of its reward, or the gait, and took hundreds of updates to find it again (docs/policies.md)."""
 
 
-def _portable(cfg: EnvCfg) -> str | None:
-    """The learned model's file; of a shipped one its name, which is the same in every checkout."""
-    file = cfg.actuator_file
-    return f"{MODELS.name}/{Path(file).name}" if file and file == shipped_model(cfg.actuator_model) else file
+@dataclass(frozen=True, kw_only=True)
+class Networks:
+    """Networks of an earlier training, read but not yet compared with those of the new one."""
+
+    path: Path
+    """File they stand in."""
+    origin: dict[str, Any]
+    """Training that the file is of: ``task``, ``seed`` and ``iteration``."""
+    weights: dict[str, dict[str, torch.Tensor]]
+    """Weights by network; the new training draws those that are not here."""
+    divisor: torch.Tensor | None = None
+    """Divisor of a policy's normaliser, shape (1, 47); its statistics follow from it. None from a checkpoint."""
+
+
+def read_networks(path: Path) -> Networks:
+    """Read what a new training shall begin with; needs no environment.
+
+    Args:
+        path: A checkpoint of any task whose observations and actions are as many, by any number of processes: actor and
+            critic. Or an exported policy (.onnx): the actor alone, with :data:`NOISE`; the critic stays as drawn.
+
+    Raises:
+        CheckpointError: a checkpoint cannot be read.
+        PolicyError: a policy cannot be read, or its metadata lack something.
+    """
+    if path.suffix == ".onnx":
+        policy = OnnxPolicy(path)
+        try:
+            origin = {name: policy.description[name] for name in ("task", "seed", "iteration")}
+            samples = int(origin["iteration"]) * STEPS_PER_UPDATE * int(origin["task"]["num_envs"])
+            weights, divisor = policy.actor()
+        except (KeyError, TypeError, ValueError) as error:
+            raise PolicyError(f"{path}: lacks {one_line(error)}; use a policy of train/ppo.py") from error
+        weights["obs_normalizer.count"] = torch.tensor(max(samples, 1))  # it weighs as much as what it was trained on
+        return Networks(path=path, origin=origin, weights={"actor": weights}, divisor=divisor)
+    content = load(path)
+    try:
+        origin = {name: content[name] for name in ("task", "seed", "iteration")}
+        saved = {name: dict(content["algorithm"][f"{name}_state_dict"]) for name in NETWORKS}
+        if not isinstance(origin["task"], dict):
+            raise TypeError("task is no table")
+        if wrong := [key for net in saved.values() for key, value in net.items() if not torch.is_tensor(value)]:
+            raise TypeError(f"{wrong[0]} is no tensor")
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise CheckpointError(
+            f"{path}: does not fit this version of mrwarp ({one_line(error)}); start from another checkpoint"
+        ) from error
+    return Networks(path=path, origin=origin, weights=saved)
+
+
+def take_networks(algorithm: Any, networks: Networks) -> dict[str, Any]:
+    """Give the networks of a new training, rsl-rl's PPO, the weights of an earlier one.
+
+    Returns:
+        Where the networks come from, for the record: ``file``, its ``task``, ``seed`` and ``iteration``.
+
+    Raises:
+        CheckpointError: networks do not fit the new task; nothing has been taken over.
+    """
+    saved = networks.weights
+    if networks.divisor is not None:  # the file holds neither the normaliser's spread nor the noise
+        std = (networks.divisor - algorithm.actor.obs_normalizer.eps).clamp(min=0.0)
+        noise = torch.full_like(algorithm.actor.state_dict()["distribution.std_param"], NOISE)
+        spread = {"obs_normalizer._std": std, "obs_normalizer._var": std.square(), "distribution.std_param": noise}
+        saved = {"actor": {**saved["actor"], **spread}}
+    for name, weights in saved.items():
+        own, what = getattr(algorithm, name).state_dict(), f"{networks.path}: its {name}"
+        for key in sorted(own.keys() | weights.keys()):
+            theirs, ours = (tuple(net[key].shape) if key in net else "none" for net in (weights, own))
+            if theirs != ours:
+                task = networks.origin["task"]
+                raise CheckpointError(
+                    f"{what} has {key} of shape {theirs}, this training needs {ours} (it was trained on "
+                    f"{task.get('robot')} with {task.get('actuator')}); start from a robot with the same joints and "
+                    "devices"
+                )
+            if not bool(torch.isfinite(weights[key]).all()):
+                raise CheckpointError(f"{what} holds no numbers in {key}; use an earlier one")
+    for name, weights in saved.items():
+        getattr(algorithm, name).load_state_dict(weights, strict=True)
+    return {"file": str(networks.path), **networks.origin}
+
+
+def critic_learns_alone(origin: dict[str, Any] | None, iteration: int) -> bool:
+    """Whether after so many updates of a training the actor waits for a critic that is new (see :data:`CRITIC_FIRST`).
+
+    Args:
+        origin: What :func:`take_networks` gave; None if all networks are new, which learn together.
+        iteration: Updates that are done.
+    """
+    return origin is not None and Path(origin["file"]).suffix == ".onnx" and iteration < CRITIC_FIRST

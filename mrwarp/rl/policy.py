@@ -23,6 +23,9 @@ LAYERS = ("Add", "Constant", "Div", "Elu", "Gemm", "Identity", "Mul", "Relu", "S
 """Operators that a policy may consist of: none of them makes more numbers than it takes."""
 
 
+_REMEDY = "use a policy exported by train/ppo.py"
+
+
 class PolicyError(ValueError):
     """A policy file cannot be used; the message names the file and the remedy."""
 
@@ -68,48 +71,36 @@ class OnnxPolicy:
         except Exception as error:  # onnx and protobuf raise many types for a file that is no model
             raise PolicyError(f"{path}: not a readable ONNX model ({one_line(error)}); export it again") from error
         self.description = self._described({entry.key: entry.value for entry in proto.metadata_props})
-        if any(w.data_location == onnx.TensorProto.EXTERNAL for w in proto.graph.initializer):
+        nodes, weights = proto.graph.node, proto.graph.initializer
+        if any(w.data_location == onnx.TensorProto.EXTERNAL for w in weights):
             raise PolicyError(f"{path}: weights in other files; export it again, as one file")
-        if foreign := next((node.op_type for node in proto.graph.node if node.op_type not in LAYERS), None):
-            raise PolicyError(
-                f"{path}: layer {shown(foreign)} is not one of {', '.join(LAYERS)}; "
-                "use a policy exported by train/ppo.py"
-            )
-        if not (proto.graph.input and proto.graph.output):
-            raise PolicyError(f"{path}: no input or no output; export it again")
-        try:
-            self._weights = {
-                w.name: torch.from_numpy(onnx.numpy_helper.to_array(w).copy()) for w in proto.graph.initializer
-            }
-        except Exception as error:  # the checker lets shapes and types pass that numpy or torch do not have
-            raise PolicyError(f"{path}: unreadable weights ({one_line(error)}); export it again") from error
-        self._divisors = [node.input[1] for node in proto.graph.node if node.op_type == "Div"]
-        self._input, self._net, self._device = proto.graph.input[0].name, None, torch.device("cpu")
+        if foreign := next((node.op_type for node in nodes if node.op_type not in LAYERS), None):
+            raise PolicyError(f"{path}: layer {shown(foreign)} is not one of {', '.join(LAYERS)}; {_REMEDY}")
+        self._net, self._device = None, torch.device("cpu")
         probe = torch.linspace(-3.0, 3.0, sum(ACTOR_TERMS.values())).reshape(1, -1)
-        try:
+        try:  # the checker lets shapes and types pass that numpy, torch or onnxruntime do not have
+            self._input = proto.graph.input[0].name
+            self._weights = {w.name: torch.from_numpy(onnx.numpy_helper.to_array(w).copy()) for w in weights}
             self._session = _session(proto.SerializeToString())
             actions = self(probe)
         except Exception as error:  # onnxruntime has a type of error for each of its status codes
-            raise PolicyError(
-                f"{path}: does not run ({one_line(error)}); use a policy exported by train/ppo.py"
-            ) from error
+            raise PolicyError(f"{path}: does not run ({one_line(error)}); {_REMEDY}") from error
         if actions.shape != (1, len(JOINTS)):
             raise PolicyError(
                 f"{path}: gives actions of shape {tuple(actions.shape)}, needed is {(1, len(JOINTS))}; train it again"
             )
-        self._net = self._as_torch([node.op_type for node in proto.graph.node], probe, actions)
+        self._divisors = [node.input[1] for node in nodes if node.op_type == "Div"]
+        self._net = self._as_torch([node.op_type for node in nodes], probe, actions)
 
     def _described(self, props: dict[str, str]) -> dict[str, Any]:
         """The description in the metadata, if it is of this version."""
         if META not in props:
-            raise PolicyError(f"{self.path}: no mrwarp metadata; use a policy exported by train/ppo.py")
+            raise PolicyError(f"{self.path}: no mrwarp metadata; {_REMEDY}")
         try:
             description = dict(json.loads(props[META]))
             dict(description.get("task", {}))
         except (ValueError, TypeError, RecursionError) as error:
-            raise PolicyError(
-                f"{self.path}: unreadable mrwarp metadata ({one_line(error)}); export it again"
-            ) from error
+            raise PolicyError(f"{self.path}: unreadable mrwarp metadata ({one_line(error)}); {_REMEDY}") from error
         if description.get("observations") != ACTOR_TERMS:
             raise PolicyError(
                 f"{self.path}: made for observations {shown(description.get('observations'))}, this version gives "
@@ -148,9 +139,12 @@ class OnnxPolicy:
             weights, divisor = self.actor()
             net = nn.Sequential(_Normaliser(weights["obs_normalizer._mean"], divisor))
             for k, operator in enumerate(layers[2:]):
-                net.append(
-                    nn.ELU() if operator == "Elu" else _linear(weights[f"mlp.{k}.weight"], weights[f"mlp.{k}.bias"])
-                )
+                layer: nn.Module = nn.ELU()
+                if operator == "Gemm":
+                    weight, bias = weights[f"mlp.{k}.weight"], weights[f"mlp.{k}.bias"]
+                    layer = nn.Linear(weight.shape[1], weight.shape[0])
+                    layer.load_state_dict({"weight": weight, "bias": bias})
+                net.append(layer)
             agrees = torch.allclose(net(probe), actions, rtol=1e-4, atol=1e-4)
         except (KeyError, RuntimeError, TypeError, ValueError):
             return None
@@ -166,12 +160,6 @@ class _Normaliser(nn.Module):
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         return (x - self.mean) / self.divisor
-
-
-def _linear(weight: torch.Tensor, bias: torch.Tensor) -> nn.Linear:
-    layer = nn.Linear(weight.shape[1], weight.shape[0])
-    layer.load_state_dict({"weight": weight, "bias": bias})
-    return layer
 
 
 def _session(model: bytes) -> onnxruntime.InferenceSession:

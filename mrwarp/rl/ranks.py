@@ -22,6 +22,7 @@ from tensordict import TensorDict
 from torch.distributed.rendezvous import rendezvous
 
 from mrwarp.rl.ppo import PPO
+from mrwarp.run_dir import one_line
 from mrwarp.runtime import one_of_several
 
 TIMEOUT = timedelta(minutes=10)
@@ -58,12 +59,8 @@ class Ranks:
         if not one_of_several():
             return cls()
         rank, world = int(os.environ["RANK"]), int(os.environ["WORLD_SIZE"])
-        ranks = cls(
-            rank=rank,
-            world=world,
-            local_rank=int(os.environ.get("LOCAL_RANK") or 0),
-            local_world=int(os.environ.get("LOCAL_WORLD_SIZE") or 1),
-        )
+        local = {name: int(os.environ.get(name.upper()) or 0) for name in ("local_rank", "local_world_size")}
+        ranks = cls(rank=rank, world=world, local_rank=local["local_rank"], local_world=local["local_world_size"] or 1)
         signal.signal(signal.SIGTERM, ranks._end)
         try:
             store, _, _ = next(iter(rendezvous("env://", timeout=TIMEOUT)))
@@ -74,11 +71,10 @@ class Ranks:
             dist.init_process_group(
                 "cpu:gloo,cuda:nccl" if gpu else "gloo", store=store, rank=rank, world_size=world, timeout=TIMEOUT
             )
+        except RankLostError:
+            raise
         except (RuntimeError, ValueError) as error:
-            if isinstance(error, RankLostError):
-                raise
-            cause = str(error).partition("\n")[0]
-            raise RankLostError(f"{ranks} cannot meet the others ({cause})") from error
+            raise RankLostError(f"{ranks} cannot meet the others ({one_line(error)})") from error
         return ranks
 
     def leave(self) -> None:

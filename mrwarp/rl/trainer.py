@@ -16,12 +16,11 @@ from torch.utils.tensorboard import SummaryWriter
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.rl import checkpoint, policy, progress
-from mrwarp.rl.checkpoint import learned, task
-from mrwarp.rl.divergence import DivergenceError, Divergences, not_finite
+from mrwarp.rl.checkpoint import critic_learns_alone, learned, read_networks, take_networks, task
 from mrwarp.rl.ppo import PPO
 from mrwarp.rl.ppo_cfg import LearningCfg, make_ppo_cfg
+from mrwarp.rl.progress import DivergenceError, Divergences, not_finite
 from mrwarp.rl.ranks import Ranks
-from mrwarp.rl.warm_start import critic_learns_alone, read_networks, take_networks
 from mrwarp.run_dir import check_writable, claim, one_line, write_result
 from mrwarp.runtime import one_torch_thread, repeating_torch, silent
 from mrwarp.trials.walking import GateCheck
@@ -132,6 +131,8 @@ class Trainer:
                 if self.ranks.main:
                     writer = SummaryWriter(str(self.cfg.out / "tensorboard"), purge_step=self.iteration + 1)
                 return self._run(writer)
+            except DivergenceError as error:
+                raise TrainingError(f"{error}; {self._left()}") from error
             except RuntimeError as error:
                 if isinstance(error, TrainingError) or not self.ranks.lost(error):
                     raise
@@ -239,7 +240,12 @@ class Trainer:
             ) from error
 
     def update(self) -> dict[str, float]:
-        """One PPO update: collect, learn; returns the progress figures, averaged over the last updates."""
+        """One PPO update: collect, learn; returns the progress figures, averaged over the last updates.
+
+        Raises:
+            DivergenceError: too many environments diverged.
+            TrainingError: the update left networks without numbers.
+        """
         env, algorithm = self.env, self.algorithm
         begin = time.perf_counter()
         error, reward, match = 0.0, 0.0, 0.0
@@ -258,13 +264,14 @@ class Trainer:
             algorithm.compute_returns(self.obs)
         collected = time.perf_counter()
         algorithm.critic_only = critic_learns_alone(self.started_from, self.iteration)
-        if self._usable():
-            losses = algorithm.update()
-            self._check_networks()
+        if self.divergences.take(self.iteration + 1):
+            value_loss = algorithm.update()["value"]
+            weights = [*algorithm.actor.parameters(), *algorithm.critic.parameters()]
+            if not bool(torch.isfinite(torch.stack([weight.detach().sum() for weight in weights]).sum())):
+                raise TrainingError(f"update {self.iteration + 1} left networks without numbers; {self._left()}")
         else:
             algorithm.storage.clear()
-            window = self.progress.window
-            losses = {"value": window[-1]["value_loss"] if window else 0.0}
+            value_loss = self.progress.window[-1]["value_loss"] if self.progress.window else 0.0
         learned = time.perf_counter()
         self.iteration += 1
         figures = {
@@ -274,7 +281,7 @@ class Trainer:
             "falls_per_hour": float(falls) / (steps * env.cfg.step_dt * env.num_envs / 3600.0),
             "collect_ms": 1e3 * (collected - begin),
             "learn_ms": 1e3 * (learned - collected),
-            "value_loss": losses["value"],
+            "value_loss": value_loss,
         }
         row = self.progress.average(self.ranks.means(figures))
         taken = steps * env.num_envs * self.ranks.world
@@ -285,27 +292,6 @@ class Trainer:
             row |= self.ranks.means({"level": float(self.env.arrays.level.float().mean())})
         row["iteration"] = float(self.iteration)
         return row
-
-    def _usable(self) -> bool:
-        """Whether the rollout may be learned from.
-
-        Raises:
-            TrainingError: too many environments diverged.
-        """
-        try:
-            return self.divergences.take(self.iteration + 1)
-        except DivergenceError as error:
-            raise TrainingError(f"{error}; {self._left()}") from error
-
-    def _check_networks(self) -> None:
-        """Stop at once when an update left networks without numbers.
-
-        Raises:
-            TrainingError: it did.
-        """
-        weights = [*self.algorithm.actor.parameters(), *self.algorithm.critic.parameters()]
-        if not bool(torch.isfinite(torch.stack([weight.detach().sum() for weight in weights]).sum())):
-            raise TrainingError(f"update {self.iteration + 1} left networks without numbers; {self._left()}")
 
     def _left(self) -> str:
         """The remedy in a message: the checkpoint to go on from."""
@@ -370,11 +356,7 @@ class Trainer:
 
 
 def _of_as_many(content: dict[str, Any], path: Path, processes: int) -> dict[str, Any]:
-    """A checkpoint's content, if as many processes wrote it: each one's environments and draws are in it.
-
-    Raises:
-        CheckpointError: others wrote it.
-    """
+    """A checkpoint's content: environments and draws of each process that wrote it, who must be as many as now."""
     wrote = 1 + len(content.get("other_ranks", []))  # files of an earlier version are of one process
     if wrote != processes:
         remedy = "without torchrun" if wrote == 1 else f"with 'torchrun --nproc-per-node {wrote}'"

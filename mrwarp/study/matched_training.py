@@ -11,9 +11,8 @@ from typing import Any
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.model_file import read_json_file, shown
 from mrwarp.rl import checkpoint
-from mrwarp.rl.checkpoint import learned, task
+from mrwarp.rl.checkpoint import learned, read_networks, task
 from mrwarp.rl.trainer import TrainCfg, Trainer
-from mrwarp.rl.warm_start import read_networks
 from mrwarp.run_dir import FolderError, claim, write_bytes, write_text
 from mrwarp.study.plan import PAYING, StudyCfg, name, plant_cfg, policy_file, record_file, start_file
 

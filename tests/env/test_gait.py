@@ -26,7 +26,7 @@ def leg_phase_kernel(clock_in: wp.array[float], legs_out: wp.array2d[float], sta
     """Phase of every leg, and whether the clock wants it on the ground."""
     i, leg = wp.tid()
     legs_out[i, leg] = gait.leg_phase(clock_in[i], leg)
-    stance_out[i, leg] = gait.clock_stance(gait.leg_phase(clock_in[i], leg))
+    stance_out[i, leg] = gait.leg_phase(clock_in[i], leg) < 0.5
 
 
 @wp.kernel

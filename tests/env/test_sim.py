@@ -142,7 +142,7 @@ def test_sim_counts_nan_as_unsolved(scene, kind, tmp_path, monkeypatch):
 
 def test_solver_cfg_refuses_few_line_search_iterations():
     """Below the measured minimum the message names the value and the remedy."""
-    with pytest.raises(ValueError, match="ls_iterations = 29 is too small.*use that many or more"):
+    with pytest.raises(ValueError, match="ls_iterations = 29: below 30 .*use 30 or more"):
         SolverCfg(ls_iterations=29)
     assert SolverCfg(ls_iterations=brake_constraint.MIN_LS_ITERATIONS).ls_iterations == 30
 

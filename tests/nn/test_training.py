@@ -5,8 +5,7 @@ import pytest
 import torch
 
 from mrwarp.nn.models import make_net
-from mrwarp.nn.training import FitCfg, History, fit, rmse
-from mrwarp.nn.windows import WindowSet
+from mrwarp.nn.training import FitCfg, History, WindowSet, fit, rmse
 
 
 def make_sets(samples: int, seed: int = 0, noise: float = 0.0) -> tuple[WindowSet, WindowSet]:

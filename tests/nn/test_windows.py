@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from mrwarp.nn.models import StandardScaler
-from mrwarp.nn.windows import WindowSet, split
+from mrwarp.nn.training import WindowSet, split
 
 
 def make_set(lengths: tuple[int, ...], samples: int) -> WindowSet:

@@ -16,7 +16,7 @@ from mrwarp.env import nan_dump
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.rl import checkpoint, trainer
 from mrwarp.rl import progress as curves
-from mrwarp.rl.divergence import not_finite
+from mrwarp.rl.progress import not_finite
 from mrwarp.rl.trainer import TrainCfg, Trainer, TrainingError
 from mrwarp.run_dir import FolderError
 from mrwarp.trials.walking import GateCheck, WalkingGate
