@@ -45,7 +45,8 @@ class SolverCfg:
         if self.ls_iterations < brake_constraint.MIN_LS_ITERATIONS:
             least = brake_constraint.MIN_LS_ITERATIONS
             raise ValueError(
-                f"ls_iterations = {self.ls_iterations}: below {least} the brake constraint fails silently; use {least} or more"
+                f"ls_iterations = {self.ls_iterations}: below {least} the brake constraint fails silently; "
+                f"use {least} or more"
             )
 
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from mrwarp.identify.dataset import rms
 from mrwarp.identify.replay import simulate
-from mrwarp.nn import network_file, windows
+from mrwarp.nn import network_file
 from mrwarp.nn.models import SAMPLES, LstmState, make_net
 from mrwarp.nn.network_file import LearnedModel
-from mrwarp.nn.training import FitCfg, History, Report, fit, rmse
+from mrwarp.nn.training import FitCfg, History, Report, WindowSet, fit, rmse, split
 from mrwarp.params import BoucWenParams
 from mrwarp.recording.load import Recording, RecordingError
 
@@ -75,9 +75,9 @@ def learn(
             f"{kind} window; record at least two such"
         )
     x, y = [x[k] for k in long], [y[k] for k in long]
-    training, held = windows.split(len(x), cfg.seed, VALIDATION)
+    training, held = split(len(x), cfg.seed, VALIDATION)
     train_set, validation_set = (
-        windows.WindowSet([x[i] for i in part], [y[i] for i in part], samples) for part in (training, held)
+        WindowSet([x[i] for i in part], [y[i] for i in part], samples) for part in (training, held)
     )
     net = make_net(kind, cfg.seed)
     history = fit(net, train_set, validation_set, cfg, report)
@@ -131,7 +131,7 @@ def left_to_learn(
     """
     runs, window = recording.trajectories, SAMPLES["pg_rlstm"]
     usable = [k for k, run in enumerate(runs) if len(run.t) >= window]
-    held = [usable[k] for k in windows.split(len(usable), recipe.seed, VALIDATION)[1]] if len(usable) > 1 else []
+    held = [usable[k] for k in split(len(usable), recipe.seed, VALIDATION)[1]] if len(usable) > 1 else []
     target, physical, with_learned = [], [], []
     for name, torque in (("baseline", baseline), ("extension", extended)):
 
