@@ -105,8 +105,8 @@ def threshold_reductions(trace: ImpactTrace) -> dict[str, list[dict[str, Any]]]:
     return rows
 
 
-def plot_thresholds(rows: dict[str, list[dict[str, Any]]], path: Path) -> None:
-    """Draw both reductions over each threshold, beside the paper's ranges."""
+def plot_thresholds(rows: dict[str, list[dict[str, Any]]], path: Path, *, paper_device: bool = True) -> None:
+    """Draw both reductions over each threshold, of the paper's device beside the paper's ranges."""
     labels = {
         "f_th": "foot force threshold f_th [N]",
         "eps_e": "tracking error threshold eps_e [rad]",
@@ -122,7 +122,7 @@ def plot_thresholds(rows: dict[str, list[dict[str, Any]]], path: Path) -> None:
                 x, [e[quantity]["mean"] for e in entries], [e[quantity]["sd"] for e in entries],
                 marker="o", color="#1f6fb4", capsize=3, label="ours: mean, SD over trials",
             )  # fmt: skip
-            if quantity in paper.THRESHOLDS[name]:
+            if paper_device and quantity in paper.THRESHOLDS[name]:
                 ends = paper.THRESHOLDS[name][quantity]
                 axis.plot([x[0], x[-1]], ends, "s--", color="#b4451f", label="paper: ends of the range")
             axis.grid(alpha=0.3)

@@ -31,17 +31,21 @@ STANCE_SHARE = 0.5
 """Share of a stride in which the trot's clock has a leg on the ground."""
 
 
-def row(result: WalkResult, cfg: ElectricalCfg, *, calibrated: bool = True) -> dict[str, Any]:
+def row(
+    result: WalkResult, cfg: ElectricalCfg, *, calibrated: bool = True, paper_device: bool = True
+) -> dict[str, Any]:
     """All figures of one condition; spreads are over its trials.
 
     Args:
         result: The trials.
         cfg: The numbers.
         calibrated: Whether these were fitted to Go1's rows, which are then marked.
+        paper_device: Whether the robots' devices are the paper's; rows of others have no paper's row beside them.
     """
-    reference = paper.TABLE_6.get(result.key)
+    comparable = paper_device or result.robot == "go1"
+    reference = paper.TABLE_6.get(result.key) if comparable else None
     power, cots = battery_power(result.joints, cfg), cot(result, cfg)
-    activation = paper.TABLE_7.get(result.cell) if result.robot == "mr_go_sal" else None
+    activation = paper.TABLE_7.get(result.cell) if comparable and result.robot == "mr_go_sal" else None
     return {
         "robot": result.robot, "payload": result.payload, "command": result.command, "mass": result.mass,
         "calibrated": calibrated and result.robot == "go1" and reference is not None,
@@ -155,13 +159,16 @@ class Saving:
         return paper.condition_name(self.payload, self.command)
 
 
-def savings(results: Sequence[WalkResult], cfg: ElectricalCfg, standing: float | None = None) -> list[Saving]:
+def savings(
+    results: Sequence[WalkResult], cfg: ElectricalCfg, standing: float | None = None, *, paper_device: bool = True
+) -> list[Saving]:
     """What SAL saves in each condition in which both robots arrived.
 
     Args:
         results: Trials with MR_Go and MR_Go-SAL.
         cfg: The numbers.
         standing: What holding saves our standing robots [W], see :func:`standing_saving`.
+        paper_device: Whether the robots' devices are the paper's; without, nothing of the paper stands beside.
     """
     arrived = {r.key: r for r in results if len(r.speed)}
     found = []
@@ -174,10 +181,9 @@ def savings(results: Sequence[WalkResult], cfg: ElectricalCfg, standing: float |
         cots = [float(cot(r, cfg).mean()) for r in (off, on)]
         share = float(on.hold.mean())
         stance = float(np.clip(share / STANCE_SHARE, 0.0, 1.0))
-        bound = {
-            "walking_copper": stance * before["copper_calves"],
-            "paper_standing": consistency.holding_bound(share, on.mass),
-        }
+        bound = {"walking_copper": stance * before["copper_calves"]}
+        if paper_device:
+            bound["paper_standing"] = consistency.holding_bound(share, on.mass)
         if standing is not None:
             bound["our_standing"] = consistency.holding_bound(share, on.mass, standing=standing)
         saving = Saving(
@@ -189,7 +195,7 @@ def savings(results: Sequence[WalkResult], cfg: ElectricalCfg, standing: float |
             power_reduction=1.0 - powers[1] / powers[0],
             saving_by_part={name: before[name] - after[name] for name in before},
             bound=bound,
-            paper=_paper_saving(payload, command),
+            paper=_paper_saving(payload, command) if paper_device else None,
         )
         found.append(saving)
     return found
@@ -233,7 +239,9 @@ def _difference(ours: np.ndarray, theirs: float, sd: float) -> dict[str, float]:
     return {"absolute": delta, "relative": delta / theirs, "in_sd": delta / joint}
 
 
-def mission_row(robot: str, trace: MissionTrace, *, calibrated: Collection[str] = MISSION_GROUPS) -> dict[str, Any]:
+def mission_row(
+    robot: str, trace: MissionTrace, *, calibrated: Collection[str] = MISSION_GROUPS, paper_device: bool = True
+) -> dict[str, Any]:
     """One robot's figures beside the paper's.
 
     Args:
@@ -241,24 +249,22 @@ def mission_row(robot: str, trace: MissionTrace, *, calibrated: Collection[str] 
         trace: Its mission.
         calibrated: Groups of :data:`MISSION_GROUPS` whose numbers come from Go1's figures, which are then marked; none
             where the task is not the paper's.
+        paper_device: Whether the robots' devices are the paper's; figures of others have None of the paper's beside.
     """
+    comparable = paper_device or robot == "go1"
     own = {name: robot == "go1" and name in calibrated for name in MISSION_GROUPS}
-    theirs = paper.MISSION_POWER[robot]
-    mean, sd = paper.MISSION_DEPLETION[robot]
+    theirs = paper.MISSION_POWER[robot] if comparable else {}
+    mean, sd = paper.MISSION_DEPLETION[robot] if comparable else (None, None)
+    rises = {**paper.MISSION_RISE[robot], "proximal": paper.proximal_rise(robot)} if comparable else {}
     return {
-        "power": {name: {**spread(values), "paper": theirs[name], "calibrated": own["electrical"]}
+        "power": {name: {**spread(values), "paper": theirs.get(name), "calibrated": own["electrical"]}
                   for name, values in trace.power.items()},
         "seconds": {name: spread(values) for name, values in trace.seconds.items()},
         "depletion": {**spread(trace.depletion), "paper": mean, "paper_sd": sd, "calibrated": own["battery"]},
-        "rise": {name: {**spread(values), "paper": _paper_rise(robot, name),
+        "rise": {name: {**spread(values), "paper": rises.get(name),
                         "calibrated": own["thermal"] and name in ("calf_walking", "calf_standby")}
                  for name, values in trace.rise.items()},
     }  # fmt: skip
-
-
-def _paper_rise(robot: str, name: str) -> float | None:
-    """The paper's rise [K]; that of hips and thighs follows from its other two means, the fluid's is not given."""
-    return paper.proximal_rise(robot) if name == "proximal" else paper.MISSION_RISE[robot].get(name)
 
 
 def mission_windows(phases: Mapping[str, Mapping[str, PhaseLoad]]) -> dict[str, Any]:
@@ -276,7 +282,7 @@ def mission_changes(rows: dict[str, Any]) -> dict[str, Any]:
     """Relative change from MR_Go to MR_Go-SAL, ours and the paper's; predictions.
 
     ``sd`` and ``paper_sd`` are those of the ratio of two independent figures; the latter is None where the paper states
-    no spread.
+    no spread. Nothing of the paper stands beside another device than its own.
     """
     if not {"mr_go", "mr_go_sal"} <= set(rows):
         return {}
@@ -291,9 +297,11 @@ def mission_changes(rows: dict[str, Any]) -> dict[str, Any]:
         found[name] = {
             "ours": after["mean"] / before["mean"] - 1.0,
             "sd": ratio_sd((after["mean"], after["sd"]), (before["mean"], before["sd"])),
-            "paper": after["paper"] / before["paper"] - 1.0,
-            "paper_sd": ratio_sd((after["paper"], after["paper_sd"]), (before["paper"], before["paper_sd"]))
-            if "paper_sd" in after else None,
-            "calibrated": False,
+            "paper": None, "paper_sd": None, "calibrated": False,
         }  # fmt: skip
+        if before["paper"] is not None:
+            found[name]["paper"] = after["paper"] / before["paper"] - 1.0
+            if "paper_sd" in after:
+                theirs = ((row["paper"], row["paper_sd"]) for row in (after, before))
+                found[name]["paper_sd"] = ratio_sd(*theirs)
     return found

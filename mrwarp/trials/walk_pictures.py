@@ -149,10 +149,8 @@ def mission_temperature(traces: Mapping[str, MissionTrace], rows: Mapping[str, A
     for robot, trace in traces.items():
         left.plot(trace.t, trace.calf, color=COLORS[robot])
         left.plot(trace.t, trace.proximal, color=COLORS[robot], linestyle=":")
-    styles = {"calves": "-", "hips and thighs": ":"}
-    left.legend(
-        handles=[Line2D([], [], color="0.4", linestyle=s, label=name) for name, s in styles.items()], fontsize=8
-    )
+    calves, others = Line2D([], [], color="0.4"), Line2D([], [], color="0.4", linestyle=":")
+    left.legend([calves, others], ["calves", "hips and thighs"], fontsize=8)
     left.set(xlabel="time [s]", ylabel="motor temperature above ambient [K]")
     groups = {"calf_walking": "calves, both walks", "calf_standby": "calves, standby", "all": "all motors, mission"}
     width = 0.8 / max(len(rows), 1)

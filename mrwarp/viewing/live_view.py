@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import rerun as rr
 import torch
@@ -20,7 +19,7 @@ from mrwarp.trials.impact import ImpactSweep
 from mrwarp.trials.walking import measure
 from mrwarp.viewing.frames import FrameReader, Frames, FrameStream
 from mrwarp.viewing.robot_view import RobotLogger, make_blueprint
-from mrwarp.viewing.viewer import DEFAULT_URL, ViewerError, WebViewer, listens, open_window
+from mrwarp.viewing.viewer import DEFAULT_URL, WebViewer, check_viewer, open_window
 
 APPLICATION = "mrwarp"
 """rerun's application id: recordings with the same one share a layout in the viewer."""
@@ -64,17 +63,9 @@ def connect(recording: rr.RecordingStream, url: str = DEFAULT_URL) -> None:
     """Send everything logged from now on to a viewer that runs already.
 
     Raises:
-        ViewerError: the address is none of rerun's, or nobody listens there.
+        ViewerError: see :func:`mrwarp.viewing.viewer.check_viewer`.
     """
-    parts = urlsplit(url)
-    try:
-        port = parts.port
-    except ValueError:
-        port = None
-    if parts.scheme not in ("rerun", "rerun+http", "rerun+https") or not parts.hostname or parts.path != "/proxy":
-        raise ViewerError(f"{url}: not the address of a rerun viewer; one looks like {DEFAULT_URL}")
-    if not listens(parts.hostname, port or 443):
-        raise ViewerError(f"{url}: no viewer listens there; start one with 'rerun', or save a file with --rrd")
+    check_viewer(url)
     recording.connect_grpc(url)
 
 

@@ -83,19 +83,44 @@ class Viewer:
         raise ViewerError(f"rerun's viewer did not start ({lines[-1]}); save a file with --rrd instead")
 
 
+def check_viewer(url: str | None = None) -> bool:
+    """Refuse a viewer that cannot be shown to, in no time: before an engine is loaded.
+
+    Args:
+        url: A viewer that should run already; None: rerun's window, which may still have to be opened.
+
+    Returns:
+        Whether it runs.
+
+    Raises:
+        ViewerError: the address is none of rerun's, nobody listens there, or there is no display for a window.
+    """
+    parts = urlsplit(url or DEFAULT_URL)
+    try:
+        port = parts.port or 443
+    except ValueError:
+        port = 0
+    named = parts.scheme in ("rerun", "rerun+http", "rerun+https") and parts.hostname and parts.path == "/proxy"
+    if not named or not port:
+        raise ViewerError(f"{url}: not the address of a rerun viewer; one looks like {DEFAULT_URL}")
+    if listens(str(parts.hostname), port):
+        return True
+    if url:
+        raise ViewerError(f"{url}: no viewer listens there; start one with 'rerun', or save a file with --rrd")
+    if sys.platform.startswith("linux") and not {"DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"} & set(os.environ):
+        raise ViewerError("no display to open rerun's window on; save a file with --rrd, or use --serve-web")
+    return False
+
+
 def open_window() -> str:
     """Open rerun's window, or find the one that is open; returns where it takes data.
 
     Raises:
         ViewerError: there is no display, or it did not start.
     """
-    port = urlsplit(DEFAULT_URL).port
-    assert port is not None
-    if listens(LOCALHOST, port):
+    if check_viewer():
         return DEFAULT_URL
-    if sys.platform.startswith("linux") and not {"DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"} & set(os.environ):
-        raise ViewerError("no display to open rerun's window on; save a file with --rrd, or use --serve-web")
-    return Viewer("--expect-data-soon", "--hide-welcome-screen", port=port).url
+    return Viewer("--expect-data-soon", "--hide-welcome-screen", port=urlsplit(DEFAULT_URL).port).url
 
 
 def offline_environment() -> dict[str, str]:

@@ -119,6 +119,17 @@ def test_all_powers_of_go1_are_calibrated() -> None:
         assert [cell["calibrated"] for cell in cells] == [robot == "go1"] * 3
 
 
+def test_another_device_has_no_paper_figure_beside_it() -> None:
+    """Go1 keeps the paper's figures; the robots with devices have none, nor has the change between them."""
+    trace = run(PHASE_USES, *NUMBERS, feedback=False)
+    rows = {robot: walk_figures.mission_row(robot, trace, paper_device=False) for robot in paper.ROBOTS}
+    for robot, row in rows.items():
+        cells = (*row["power"].values(), row["depletion"], row["rise"]["all"], row["rise"]["proximal"])
+        assert [cell["paper"] is not None for cell in cells] == [robot == "go1"] * len(cells)
+    for change in walk_figures.mission_changes(rows).values():
+        assert change["paper"] is None and change["paper_sd"] is None and change["ours"] == 0.0
+
+
 def test_figures_of_given_numbers_are_not_called_calibrated() -> None:
     """With another winding Go1's powers fixed nothing; its depletion and calves only what is fitted with it."""
     groups = {"electrical": ElectricalCfg(winding_resistance=0.2), "thermal": ThermalCfg(), "battery": BatteryCfg()}

@@ -106,6 +106,16 @@ def test_rows_say_what_was_calibrated(results: list[WalkResult]) -> None:
     assert sum(saved[0].saving_by_part.values()) == pytest.approx(saved[0].saving)
 
 
+def test_another_device_has_no_paper_row_beside_it(results: list[WalkResult]) -> None:
+    """Go1 carries no device and keeps its row; of MR_Go and MR_Go-SAL nothing is compared, nor of what SAL saves."""
+    for result in results:
+        row = walk_figures.row(result, ElectricalCfg(), paper_device=False)
+        compared = [row[name] is not None for name in ("paper", "difference")]
+        assert compared == [result.robot == "go1"] * 2 and row["paper_hold_mean"] is None
+    (saved,) = walk_figures.savings(results, ElectricalCfg(), 20.0, paper_device=False)
+    assert saved.paper is None and set(saved.bound) == {"walking_copper", "our_standing"}
+
+
 def test_traces_hold_two_strides(results: list[WalkResult]) -> None:
     """The front-right calf at 200 Hz while the walk lasts, at most two strides; Go1 has no device to show."""
     for result in results:
