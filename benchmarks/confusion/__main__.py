@@ -24,6 +24,7 @@ def main() -> int:
     parser.add_argument("--size", choices=SIZES, help="size of every data set (default: large; none: both in turn)")
     parser.add_argument("--noise", choices=NOISES, help="noise of every data set (default: realistic; none: in turn)")
     parser.add_argument("--spread", type=float, help="spread of the base coefficients (default: 0.02; none: and 0.2)")
+    parser.add_argument("--truth-rate", type=float, help="lowest rate of the truth's steps in 1/s (default: 2000)")
     parser.add_argument("--jobs", type=int, default=2, help="processes; 0 runs in this one")
     parser.add_argument("--check-gain", action="store_true", help="compare claimed gains with untouched sessions")
     parser.add_argument(
@@ -37,7 +38,7 @@ def main() -> int:
     try:
         plan = Plan(
             family=args.family, level=args.level, seed=args.seed, size=args.size, noise=args.noise,
-            base_spread=args.spread, kinds=tuple(args.kinds),
+            base_spread=args.spread, truth_rate=args.truth_rate, kinds=tuple(args.kinds),
         )  # fmt: skip
         if args.only is not None:
             _one(plan, args)

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 
 from benchmarks.confusion.effects import CALIBRATION, EFFECTS, UNCATALOGUED, Effect, true_value
 from benchmarks.confusion.levels import level_of, strength_for
-from benchmarks.confusion.motion import Motion, make_session
+from benchmarks.confusion.motion import TRUTH_RATE, Motion, make_session
 from benchmarks.confusion.truth import Device, simulate
 from mrwarp.recording.differentiate import differentiate
 from mrwarp.recording.load import Recording, Trajectory
@@ -159,6 +159,7 @@ class Case:
             rate=self.motion.rate,
             seed=_stream(self.seed, 4, *([k] if k else [])),
             clock_error=self.settings.get("clock_error", 0.005),
+            truth_rate=self.settings.get("truth_rate", TRUTH_RATE),
         )
         return self.record(motion, stream=_SESSIONS + k if k else 5)
 
@@ -195,6 +196,7 @@ def make_case(
     velocity: bool = True,
     session_clock: bool = True,
     clock_error: float = 0.005,
+    truth_rate: float = TRUTH_RATE,
 ) -> Case:
     """Make a data set with a hidden effect.
 
@@ -212,6 +214,7 @@ def make_case(
         velocity: Whether a velocity channel is logged; without one it is derived from q as when a file is read.
         session_clock: Whether the time runs on between trajectories.
         clock_error: See :func:`~benchmarks.confusion.motion.make_session`.
+        truth_rate: See there.
     """
     kinds = () if kind == "none" else (kind,) if isinstance(kind, str) else tuple(kind)
     hidden = (*kinds, *([background] if background else []))
@@ -224,7 +227,9 @@ def make_case(
     plain = Device.drawn(base_spread, _stream(seed, 1))
     motion, effects, closest = None, {}, np.inf
     for attempt in range(_ATTEMPTS):
-        drawn = make_session(size=size, rate=rate, seed=_stream(seed, 0, attempt), clock_error=clock_error)
+        drawn = make_session(
+            size=size, rate=rate, seed=_stream(seed, 0, attempt), clock_error=clock_error, truth_rate=truth_rate
+        )
         rng = np.random.default_rng(_stream(seed, 2))
         found = {name: _effect(name, level, plain, drawn, errors.sigma, rng) for name in hidden}
         off = max((miss for _, miss in found.values()), default=0.0)
@@ -253,7 +258,7 @@ def make_case(
             base=plain.base,
         ),
         level=level_of(device, motion, errors.sigma) if hidden else 0.0,
-        settings={"size": size, "clock_error": clock_error},
+        settings={"size": size, "clock_error": clock_error, "truth_rate": truth_rate},
     )
 
 

@@ -44,6 +44,8 @@ class Plan:
     """Noise of all data sets; None: realistic, in the family "none" all in turn."""
     base_spread: float | None = None
     """Spread of all coefficients; None: 0.02, in the family "none" 0.02 and 0.2 in turn."""
+    truth_rate: float | None = None
+    """Lowest rate at which the truth is stepped [1/s]; None: 2 kHz."""
     kinds: tuple[str, ...] = ()
     """Only these effects (a pair as ``a+b``); empty for all."""
 
@@ -73,7 +75,12 @@ class Plan:
         elif self.family == "other":
             names = [name for name in VARIANTS if kind != "velocity_lag" or VARIANTS[name].get("velocity", True)]
             out |= VARIANTS[names[(turn + index) % len(names)]]
-        fixed = {"size": self.size, "noise": self.noise, "base_spread": self.base_spread}
+        fixed = {
+            "size": self.size,
+            "noise": self.noise,
+            "base_spread": self.base_spread,
+            "truth_rate": self.truth_rate,
+        }
         return {**out, **{key: value for key, value in fixed.items() if value is not None}}
 
     def make(self, index: int) -> Case:

@@ -126,7 +126,12 @@ class Motion:
 
 
 def make_session(
-    *, size: str = "large", rate: float = 200.0, seed: np.random.SeedSequence, clock_error: float = 0.005
+    *,
+    size: str = "large",
+    rate: float = 200.0,
+    seed: np.random.SeedSequence,
+    clock_error: float = 0.005,
+    truth_rate: float = TRUTH_RATE,
 ) -> Motion:
     """Draw a session.
 
@@ -136,6 +141,7 @@ def make_session(
         seed: Source of everything random.
         clock_error: Largest relative error of the clock that updates the current against the logging clock, drawn for
             each trajectory; 0 locks them, then all updates of a trajectory have the same phase between samples.
+        truth_rate: Lowest rate at which the truth is stepped [1/s].
     """
     if size not in SIZES:
         raise ValueError(f"size = {size!r} is unknown; one of {', '.join(SIZES)}")
@@ -143,7 +149,7 @@ def make_session(
         raise ValueError(f"rate = {rate:g} 1/s is out of range; 100 to 3000")
     counts, seconds = SIZES[size]
     rng = np.random.default_rng(seed)
-    substeps = math.ceil(TRUTH_RATE / rate)
+    substeps = math.ceil(truth_rate / rate)
     t = np.arange((round(seconds * rate) - 1) * substeps + 1) / (rate * substeps)
     rows = [_steps(t, rng) for _ in range(counts[0])]
     rows += _sines(t, counts[1], rng)

@@ -87,6 +87,14 @@ class Excitation:
         return current
 
 
+    def mean_current(self, t: np.ndarray, dt: float) -> np.ndarray:
+        """Mean of the current over the step that ends at t [A], shape (N, T); a step lies within one segment."""
+        command, begin = self.commanded(t), self.current(np.maximum(t - dt, 0.0))
+        lag = np.where(self.lag > 0.0, self.lag, 1.0)[:, None]
+        mean = command + (begin - command) * lag / dt * (1.0 - np.exp(-dt / lag))
+        return np.where((self.lag[:, None] > 0.0) & (t > 0.0), mean, command)
+
+
 def along_the_path(excitation: Excitation, t: np.ndarray, p: BoucWenParams = PAPER) -> np.ndarray:
     """z at times of shape (T,) [rad], shape (N, T), by the closed form between turning points.
 
@@ -124,9 +132,11 @@ def _loaded(u: float, path: np.ndarray, p: BoucWenParams) -> np.ndarray:
     return np.where(path < to_zero, below, above)
 
 
-def torque(excitation: Excitation, t: np.ndarray, z: np.ndarray, p: BoucWenParams = PAPER) -> np.ndarray:
-    """Eq. 14 in float64 [N·m], shape (N, T)."""
-    qd, current = excitation.qd(t), excitation.current(t)
+def torque(
+    excitation: Excitation, t: np.ndarray, z: np.ndarray, p: BoucWenParams = PAPER, held: float = 0.0
+) -> np.ndarray:
+    """Eq. 14 in float64 [N·m], shape (N, T); a torque that is ``held`` for a step [s] takes the mean current over it."""
+    qd, current = excitation.qd(t), excitation.mean_current(t, held) if held else excitation.current(t)
     q_c = excitation.q(t) - (p.q_offset + p.q_center)
     hysteretic = (p.K0 + p.K1 * current) / (1.0 + p.alpha * np.abs(qd)) * z
     return p.D + p.B * qd + p.C * q_c + p.I1 * current + hysteretic
@@ -136,10 +146,14 @@ def replayed(excitation: Excitation, dt: float, *, exact: bool, substeps: int) -
     """The same torque by the kernels from samples at ``dt`` [N·m], shape (N, T)."""
     t = times(dt)
     num_runs = len(excitation.lag)
+    command = excitation.commanded(t)
+    if substeps:  # a bench's log holds the command that begins at a sample, a coil without lag answers at once
+        begins = excitation.commanded(np.minimum(t + 0.5 * dt, SECONDS))
+        command = np.where(excitation.lag[:, None] > 0.0, begins, command)
     samples = Dataset(
         q=(excitation.q(t) + PAPER.q_neutral).ravel(),
         qd=excitation.qd(t).ravel(),
-        current=excitation.commanded(t).ravel(),
+        current=command.ravel(),
         torque=np.zeros(num_runs * len(t)),
         start=len(t) * np.arange(num_runs + 1),
         dt=np.full(num_runs, dt),
@@ -186,9 +200,10 @@ def hysteresis(*, seed: int, num_runs: int = 64) -> Hysteresis:
     size = 0.0
     for dt in STEPS:
         t = times(dt)
-        true = torque(excitation, t, along_the_path(excitation, t))
-        size = float(root_mean_square(true))
+        z = along_the_path(excitation, t)
+        size = float(root_mean_square(torque(excitation, t, z)))
         for method, (exact, substeps) in METHODS.items():
+            true = torque(excitation, t, z, held=0.0 if substeps else dt)
             error = replayed(excitation, dt, exact=exact, substeps=substeps) - true
             rms[method].append(float(root_mean_square(error)))
             largest[method].append(float(np.abs(error).max()))

@@ -66,7 +66,6 @@ class DeviceEffects:
         memory: States of the effects, shape (E, M, SLOTS).
         commands: Past commands [A], shape (E, M, DEPTH).
         newest: Where the newest of them stands, shape (E, M).
-        coil: Current before the effects [A], shape (E, M).
         heat: Stored heat [J], shape (E, M).
         clock: Steps since the session began, shape (1,).
         params: The devices' parameters as the effects leave them in this step, shape (E, M).
@@ -89,14 +88,14 @@ class DeviceEffects:
             self.states[name] = wp.zeros(shape, dtype=dtype, device=device)
             return self.states[name]
 
-        self.coil, self.heat = state("coil", *shape), state("heat", *shape)
+        self.heat = state("heat", *shape)
         self.newest = state("newest", *shape, dtype=int)
         self.memory = state("memory", *shape, SLOTS)
         self.commands = state("commands", *shape, depth)
         self.clock = state("clock", 1, dtype=int)
         self.params = wp.zeros(shape, dtype=JointParams, device=device)  # pyright: ignore[reportArgumentType]
         self.arrays = EffectArrays()
-        for name in ("coil", "heat", "newest", "clock", "params"):
+        for name in ("heat", "newest", "clock", "params"):
             setattr(self.arrays, name, getattr(self, name))
         self.arrays.values = self.values.reshape((rows * num_mr, COLUMNS))
         self.arrays.memory = self.memory.reshape((num_envs * num_mr, SLOTS))

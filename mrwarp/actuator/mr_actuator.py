@@ -118,6 +118,8 @@ class MrActuator:
         share_params: Keep one row of parameters for all environments; False gives each its own row (randomisation).
 
     Attributes:
+        coil: Current of the coil at the step's end [A], shape (E, M).
+        current: Current that the laws take [A], shape (E, M): the mean over the step, after the effects.
         effects: Values and states of the devices' effects; None if no device has one that acts in the kernels. Then
             the kernels are those of the plain laws.
     """
@@ -168,11 +170,12 @@ class MrActuator:
             self._saved[name] = zeros(*shape, dtype=dtype)
             return self._saved[name]
 
-        self.z, self.current = saved("z", num_envs, num_mr), saved("current", num_envs, num_mr)
+        self.z, self.coil = saved("z", num_envs, num_mr), saved("coil", num_envs, num_mr)
         self.ring = saved("ring", num_envs, num_mr, WINDOW, FEATURES)
         self.head = saved("head", 1, dtype=int)
         self.ledger = saved("ledger", num_envs, num_joints, len(ledger.ENTRIES))
         # outputs of the last step
+        self.current = saved("current", num_envs, num_mr)
         self.m_dyn, self.m_hold = saved("m_dyn", num_envs, num_mr), saved("m_hold", num_envs, num_mr)
         self.tau_dyn, self.tau_mr = saved("tau_dyn", num_envs, num_mr), saved("tau_mr", num_envs, num_mr)
         self.tau_motor, self.tau, self.bound = (zeros(num_envs, num_joints) for _ in range(3))
@@ -223,10 +226,11 @@ class MrActuator:
             dim=self._lanes,
             inputs=[*self._lanes, self.params, self.slot_of, mask, self.inputs.q],
             outputs=[
-                self.z, self.current, self.m_dyn, self.m_hold, self.tau_dyn, self.tau_mr, self.ring, self.ledger,
+                *(self.z, self.coil, self.current, self.m_dyn, self.m_hold, self.tau_dyn, self.tau_mr),
+                *(self.ring, self.ledger),
             ],
             device=self.device,
-        )  # fmt: skip
+        )
         if self.effects is not None:
             self.effects.reset(mask)
         if self.residual is not None:
@@ -290,7 +294,7 @@ class MrActuator:
         damping = int(cfg.sal and cfg.damping) if cfg.gated else mr_joint.UNGATED
         switches = [self.dt, damping, int(cfg.sal and cfg.holding), fixed, exact]
         read = [i.q_des, i.q, i.qd, i.f_foot, i.current_e, self.head]
-        outputs = [self.m_dyn, self.m_hold, self.z, self.current, self.tau_dyn, self.ring, self.head]
+        outputs = [self.m_dyn, self.m_hold, self.z, self.coil, self.current, self.tau_dyn, self.ring, self.head]
         torques = [self.tau_motor, self.tau_mr, self.tau, self.bound]
         motors = [self.kp, self.kd, self.tau_limit]
         kernel, arrays, counters = step_kernel, EffectArrays(), [(WINDOW, self.head)]
@@ -298,7 +302,7 @@ class MrActuator:
             kernel, arrays = effect_step_kernel, self.effects.arrays
             counters.append((2**31 - 1, self.effects.clock))
         inputs = [rows, lanes, self.params, self.slot_of, self.leg_of, *motors, *switches, constraint, *read]
-        step = record(kernel, (rows, lanes), [*inputs, self.z, self.current], [arrays, *outputs, *torques])
+        step = record(kernel, (rows, lanes), [*inputs, self.z, self.coil], [arrays, *outputs, *torques])
         self._predict: list[Launch] = [step]
         if not one_thread:
             advance = [record(mr_stages.advance_head_kernel, 1, [length, at], [at]) for length, at in counters]

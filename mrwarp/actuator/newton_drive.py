@@ -111,16 +111,15 @@ class DriveMR(DriveBase):
         z: wp.array[Any] | None = None
         """Hysteresis state [rad], shape (N,)."""
         current: wp.array[Any] | None = None
-        """Coil current [A], shape (N,)."""
+        """Coil current at the step's end [A], shape (N,)."""
         head: wp.array[Any] | None = None
         """Row of the history's newest sample, shape (1,)."""
         fresh: wp.array[Any] | None = None
         """Joints that forget all else with the next step, bool, shape (N,)."""
         ring: wp.array[Any] | None = None
         """History, shape (N, 1, 50, 3), see ``mrwarp.kernels.learned_torque``; only with a learned torque."""
-        coil: wp.array[Any] | None = None
-        """This and the following only with effects, see :class:`mrwarp.actuator.effect_runtime.DeviceEffects`."""
         heat: wp.array[Any] | None = None
+        """This and the following only with effects, see :class:`mrwarp.actuator.effect_runtime.DeviceEffects`."""
         newest: wp.array[Any] | None = None
         memory: wp.array[Any] | None = None
         commands: wp.array[Any] | None = None
@@ -258,7 +257,7 @@ class DriveMR(DriveBase):
     def _remembered(self) -> dict[str, wp.array]:
         """Arrays of the step that a :class:`State` holds between steps, by its names."""
         joints = self._joints
-        arrays = {"z": joints.z.flatten(), "current": joints.current.flatten(), "head": joints.head}
+        arrays = {"z": joints.z.flatten(), "current": joints.coil.flatten(), "head": joints.head}
         arrays |= {"ring": joints.ring} if self._learned is not None else {}
         return arrays | (joints.effects.states if joints.effects is not None else {})
 

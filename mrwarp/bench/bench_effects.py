@@ -199,12 +199,11 @@ def simulate(
     direction = np.tanh(qd / 0.02)
     log(0.1)
 
-    # from the command to the field
+    # from the command to the field; two lags in series do not care for their order
     command = np.repeat(np.minimum(drive.command, params.coil.current_max), SUBSTEPS, axis=0)
-    delay = round(e["command_delay"] / dt)
-    if delay:
-        command = np.concatenate([np.repeat(command[:1], delay, axis=0), command[:-delay]])
-    current = _lag(_lag(command, params.coil.coil_time_constant, dt), e["coil_lag"], dt) * e["current_gain"]
+    slow, quick = sorted((params.coil.coil_time_constant, e["coil_lag"]), reverse=True)
+    delay = round(e["command_delay"] / dt, 9)
+    current = _lag(_lag_of_steps(command, delay, slow, dt), quick, dt) * e["current_gain"]
     field = current
     if e.acts("remanence"):
         field = sum(_play(current, share * e["remanence"]) for share in (0.5, 1.0, 1.5)) / 3.0
@@ -216,34 +215,40 @@ def simulate(
     log(0.7)
     speed = np.abs(qd)
     q_c = q - (p.q_offset + p.q_center)
-    gain = (p.K0 + p.K1 * field) / (1.0 + p.alpha * speed) ** e["speed_weakening"]
-    gain *= 1.0 + e["run_gain"] * run.gain
-    gain *= 1.0 + e["loop_asymmetry"] * direction
-    gain *= 1.0 + e["position_gain"] * np.sin(2.0 * q_c + 0.6)
-    gain *= 1.0 - e["wear"] * drive.session
-    viscous = (p.B + e["current_viscosity"] * current) * qd
-    hysteretic = gain * z
-    if e.acts("breakaway"):
-        h = params.hold
-        tau_y = h.T_max * field**h.n / (h.K**h.n + field**h.n)
-        hysteretic += e["breakaway"] * tau_y * _stop(q, 0.02) * np.exp(-speed / 0.5)
-    if e.acts("temperature_drift"):
-        rise = _temperature(np.abs((hysteretic + viscous) * qd), current, run.warmth, params, dt)
-        hysteretic *= np.exp(-e["temperature_drift"] * rise)
-        viscous *= np.exp(-2.0 * e["temperature_drift"] * rise)
-    torque = p.D + viscous + p.C * q_c + p.I1 * current + hysteretic
-    log(0.9)
+    common = (1.0 + e["run_gain"] * run.gain) * (1.0 + e["loop_asymmetry"] * direction)
+    common *= 1.0 + e["position_gain"] * np.sin(2.0 * q_c + 0.6)
+    common *= (1.0 - e["wear"] * drive.session) * z / (1.0 + p.alpha * speed) ** e["speed_weakening"]
 
     # dry friction and the machine around the device
-    torque += e["coulomb_friction"] * direction + e["friction_asymmetry"] * np.abs(direction)
-    torque += e["viscous_asymmetry"] * speed
-    torque += e["stribeck"] * direction / (1.0 + (qd / 0.4) ** 2)
-    torque += e["cogging"] * (np.sin(24.0 * q) + 0.2 * np.sin(48.0 * q))
+    around = p.D + p.C * q_c + e["coulomb_friction"] * direction + e["friction_asymmetry"] * np.abs(direction)
+    around += e["viscous_asymmetry"] * speed
+    around += e["stribeck"] * direction / (1.0 + (qd / 0.4) ** 2)
+    around += e["cogging"] * (np.sin(24.0 * q) + 0.2 * np.sin(48.0 * q))
     if e.acts("rotor_inertia"):
-        torque += e["rotor_inertia"] * np.gradient(qd, dt, axis=0)
+        around += e["rotor_inertia"] * np.gradient(qd, dt, axis=0)
+
+    def torque_at(current: np.ndarray, field: np.ndarray) -> np.ndarray:
+        viscous = (p.B + e["current_viscosity"] * current) * qd
+        hysteretic = (p.K0 + p.K1 * field) * common
+        if e.acts("breakaway"):
+            h = params.hold
+            tau_y = h.T_max * field**h.n / (h.K**h.n + field**h.n)
+            hysteretic += e["breakaway"] * tau_y * _stop(q, 0.02) * np.exp(-speed / 0.5)
+        if e.acts("temperature_drift"):
+            rise = _temperature(np.abs((hysteretic + viscous) * qd), current, run.warmth, params, dt)
+            hysteretic *= np.exp(-e["temperature_drift"] * rise)
+            viscous *= np.exp(-2.0 * e["temperature_drift"] * rise)
+        return around + viscous + p.I1 * current + hysteretic
+
+    torque = torque_at(current, field)
+    log(0.9)
 
     # sensors and logging; the motor's encoder sits before the coupling's play
-    torque = _lag(torque, e["torque_sensor_lag"], dt)[::SUBSTEPS] * e["torque_gain"] + e["torque_bias"]
+    if e.acts("torque_sensor_lag"):
+        # without a lag of the coil the torque jumps with the command, between two samples if that is delayed so
+        late = torque if slow > 0.0 else torque_at(_shifted(current, 1), _shifted(field, 1))
+        torque = _lag(torque, e["torque_sensor_lag"], dt, late, -delay % 1.0)
+    torque = torque[::SUBSTEPS] * e["torque_gain"] + e["torque_bias"]
     torque += e["run_bias"] * run.bias + e["torque_noise"] * run.white + e["coloured_noise"] * run.coloured
     qd_log = _lag(np.gradient(drive.q, dt, axis=0), e["velocity_lag"], dt)[::SUBSTEPS] + e["velocity_noise"] * run.speed
     q_log = drive.q[::SUBSTEPS] - e["encoder_offset"]
@@ -290,12 +295,42 @@ def _recursion(x: np.ndarray, keep: float, start: np.ndarray) -> np.ndarray:
     return np.concatenate([start[None], lfilter([1.0], [1.0, -keep], x, axis=0, zi=keep * start[None])[0]])
 
 
-def _lag(x: np.ndarray, time_constant: float, dt: float) -> np.ndarray:
-    """First-order lag that starts at rest, exact for an input that is held over each step."""
+def _lag(
+    x: np.ndarray, time_constant: float, dt: float, before_jump: np.ndarray | None = None, since_jump: float = 0.0
+) -> np.ndarray:
+    """First-order lag that starts settled, exact for an input that is straight in each step but for one jump.
+
+    Args:
+        x: Input at the samples, shape (S, N).
+        time_constant: Of the lag [s].
+        dt: Step [s].
+        before_jump: What the input would be at each sample without the jump of the step that ends there.
+        since_jump: Share of the step that follows its jump; 0: it jumps at the sample itself.
+    """
     if time_constant <= 0.0:
         return x
     keep = np.exp(-dt / time_constant)
-    return _recursion(x[1:] * (1.0 - keep), keep, x[0])
+    mean = time_constant / dt * (1.0 - keep)
+    end = x if before_jump is None else before_jump
+    forced = (mean - keep) * x[:-1] + (1.0 - mean) * end[1:]
+    forced += (1.0 - np.exp(-since_jump * dt / time_constant)) * (x - end)[1:]
+    return _recursion(forced, keep, x[0])
+
+
+def _lag_of_steps(x: np.ndarray, delay: float, time_constant: float, dt: float) -> np.ndarray:
+    """Lag of an input that jumps at samples, holds its value in between and comes ``delay`` steps late; exact."""
+    whole, part = int(delay), delay % 1.0
+    new, old = _shifted(x, whole), _shifted(x, whole + 1)
+    if time_constant <= 0.0:
+        return old if part else new
+    keep, since = np.exp(-dt / time_constant), np.exp(-(1.0 - part) * dt / time_constant)
+    return _recursion(((1.0 - since) * new + (since - keep) * old)[:-1], keep, x[0])
+
+
+def _shifted(x: np.ndarray, samples: int) -> np.ndarray:
+    """The input as it was so many samples ago; before the first one it was the same."""
+    samples = min(samples, len(x))
+    return np.concatenate([np.repeat(x[:1], samples, axis=0), x[: len(x) - samples]])
 
 
 def _play(x: np.ndarray, half_width: float) -> np.ndarray:

@@ -3,6 +3,7 @@
 import warp as wp
 
 from mrwarp.effects.law import EffectLaw, EffectParameter, Path
+from mrwarp.kernels.coil import coil_current, mean_coil_current
 
 
 @wp.func
@@ -11,7 +12,12 @@ def coil_lag_law(
 ) -> Path:
     """The current in the coil follows its command with a first-order lag."""
     time_constant = values[row, at]
-    if time_constant > 0.0:
+    if time_constant > 0.0 and s.held == 1:
+        begin = memory[line, slot]
+        memory[line, slot] = coil_current(begin, s.command, time_constant, s.dt)
+        s.current = mean_coil_current(begin, s.command, time_constant, s.dt)
+        s.field = s.current
+    elif time_constant > 0.0:
         before = s.command_before
         # between two logged samples the command ramps (hold = 0), or keeps its value up to the second (hold = 1)
         slope = (1.0 - values[row, at + 1]) * (s.command - before) / s.dt

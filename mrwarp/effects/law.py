@@ -28,6 +28,8 @@ class Path:
     """Time in the session, counted by sliding: the path length so far over its mean speed [s]."""
     begins: wp.int32
     """1 at the first step, where states are set."""
+    held: wp.int32
+    """1 in the simulator, where command and torque hold for the whole step; 0 where a sample is what was at its time."""
     command: wp.float32
     """Commanded current at the step's end [A]."""
     command_before: wp.float32
@@ -62,6 +64,8 @@ class Path:
     """Energy turned to heat and not yet lost [J]."""
     torque: wp.float32
     """Torque [N·m]: in the stage ``torque`` what is added to eq. 14, in the stage ``sensor`` the reading."""
+    torque_before: wp.float32
+    """Torque at a sample as long as the command that comes with it does not act [N·m]."""
 
 
 Stage = Literal["current", "motion", "shaft", "torque", "sensor"]

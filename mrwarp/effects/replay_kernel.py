@@ -15,7 +15,7 @@ from mrwarp.effects.catalogue import column_of
 from mrwarp.effects.law import Path
 from mrwarp.effects.path import current_path, motion_path, path_hysteresis, path_torque, sensor_path, torque_path
 from mrwarp.kernels.bouc_wen import bouc_wen_exact
-from mrwarp.kernels.coil import coil_current
+from mrwarp.kernels.coil import coil_current, mean_coil_current
 from mrwarp.kernels.mr_joint import JointParams, hysteresis
 
 LAWS = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
@@ -27,6 +27,8 @@ HEAT_TIMES = (10.0, 25.0, 60.0, 150.0, 400.0, 1000.0, 3000.0)
 """Thermal time constants for which the stored heat is prepared [s]; it is interpolated in between."""
 
 _DELAY = wp.constant(column_of("command_delay", "delay"))
+_COIL_LAG = wp.constant(column_of("coil_lag", "time_constant"))
+_JUMPS = wp.constant(column_of("torque_sensor_lag", "hold"))
 _THERMAL = wp.constant(column_of("temperature_drift", "time_constant"))
 _TIMES = wp.constant(wp.types.vector(length=len(HEAT_TIMES), dtype=wp.float32)(*HEAT_TIMES))
 _COUNT = wp.constant(len(HEAT_TIMES))
@@ -146,6 +148,8 @@ def make_replay_kernel(effects: bool) -> Any:
         dt = dt_in[trajectory]
         p = laws_of(base, row)
         coil, z = float(current_in[first]), float(0.0)
+        current_before = float(0.0)
+        field_before = float(0.0)
         if begin_in[trajectory] != 0.0:
             z = begin_in[trajectory] / wp.max(p.beta + p.gamma, 1.0e-6)
         for k in range(first, last + 1):
@@ -175,8 +179,16 @@ def make_replay_kernel(effects: bool) -> Any:
                     s.heat = stored_heat(heat_in, k, thermal)
                 s = torque_path(s, values, row, memory_out, line)
             else:
-                coil = coil_current(coil, s.command, p.coil_time_constant, dt)
-                s.current = saturating_current(coil, base[row, _SATURATION])
+                flowing = float(0.0)
+                if substeps == 0:  # as in the simulator: the command acts over the step that ends at its sample
+                    flowing = mean_coil_current(coil, s.command, p.coil_time_constant, dt)
+                    coil = coil_current(coil, s.command, p.coil_time_constant, dt)
+                elif p.coil_time_constant > 0.0:  # as on a bench: the command holds from its sample to the next
+                    coil = coil_current(coil, current_in[before], p.coil_time_constant, dt)
+                    flowing = coil
+                else:
+                    flowing = s.command
+                s.current = saturating_current(flowing, base[row, _SATURATION])
                 s.field = s.current
                 softening, creep = base[row, _SOFTENING], base[row, _CREEP]
                 parts = wp.max(substeps, 1)
@@ -197,6 +209,17 @@ def make_replay_kernel(effects: bool) -> Any:
                 s.yield_gain = 1.0
                 s.viscous_gain = 1.0
                 s.weakening = 1.0
+            if wp.static(effects):
+                current, field = float(s.current), float(s.field)
+                if values[row, _JUMPS] == 1.0:
+                    if k > first and values[row, _COIL_LAG] <= 0.0:  # behind a lag the current does not jump
+                        s.current = current_before
+                        s.field = field_before
+                    s.torque_before = path_torque(p, s)
+                    s.current = current
+                    s.field = field
+                current_before = current
+                field_before = field
             s.torque = path_torque(p, s)
             if wp.static(effects):
                 s = sensor_path(s, values, row, memory_out, line)

@@ -12,7 +12,7 @@ from typing import Any
 import warp as wp
 
 from mrwarp.effects.joint import delayed_command, joint_path, stored_heat
-from mrwarp.kernels.coil import coil_current
+from mrwarp.kernels.coil import coil_current, mean_coil_current
 from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.kernels.mr_joint import JointParams, displacement, gated_command, hysteresis, sliding_torque
 from mrwarp.kernels.mr_stages import device_share, flat, motor_torque, put, put4
@@ -27,8 +27,6 @@ class EffectArrays:
     """Parameters, shape (E*M or M, COLUMNS)."""
     clock: wp.array[int]
     """Steps since the session began, shape (1,)."""
-    coil: wp.array2d[float]
-    """Current before the effects [A], shape (E, M)."""
     heat: wp.array2d[float]
     """Stored heat [J], shape (E, M)."""
     newest: wp.array2d[int]
@@ -72,12 +70,13 @@ def make_step_kernel(effects: bool) -> Any:
         current_e_in: wp.array[float],
         head_in: wp.array[int],
         z_in: wp.array2d[float],
-        current_in: wp.array2d[float],
+        coil_in: wp.array2d[float],
         # out, shape (E, M); ring of shape (E, M, WINDOW, FEATURES); (1,); (E, J), (E, M), (E, J), (E, J) [N·m]
         effects_out: EffectArrays,
         m_dyn_out: wp.array2d[float],
         m_hold_out: wp.array2d[float],
         z_out: wp.array2d[float],
+        coil_out: wp.array2d[float],
         current_out: wp.array2d[float],
         tau_dyn_out: wp.array2d[float],
         ring_out: wp.array4d[float],
@@ -90,8 +89,9 @@ def make_step_kernel(effects: bool) -> Any:
         """Gates (5, 8), coil, history, z (15), tau_BW (14), motor (2, 9) and device (6, 19) of every joint.
 
         ``tau`` is what the simulator applies to the joint and ``bound`` the dry friction it may use. With the
-        constraint coupling ``tau_mr`` is known only after the step; it is NaN until then. The history holds what a
-        bench logs, and a residual was trained on: the current before the effects.
+        constraint coupling ``tau_mr`` is known only after the step; it is NaN until then. Of the coil's own current
+        ``coil`` is the value at the step's end; laws and history take its mean over the step, for the torque holds so
+        long. The history holds what a bench logs, and a residual was trained on: the current before the effects.
 
         A GPU takes a thread per joint, a CPU one for all: it runs threads one after the other, and starting one, which
         copies all arguments, costs as much as the laws. A single thread moves the ring's head and the session's clock
@@ -124,9 +124,11 @@ def make_step_kernel(effects: bool) -> Any:
                     f_foot = flat(f_foot_in, env * legs + leg_of[slot])
                     m_dyn, m_hold, command = gated_command(p, f_foot, e, qd, allowed, damping, holding, hold_current)
                     q_c = displacement(p, q)
+                    begin = flat(coil_in, k)
+                    logged = mean_coil_current(begin, command, p.coil_time_constant, dt)
+                    put(coil_out, k, coil_current(begin, command, p.coil_time_constant, dt))
                     if wp.static(effects):
                         x = effects_out
-                        logged = coil_current(flat(x.coil, k), command, p.coil_time_constant, dt)
                         newest = (x.newest[env, slot] + 1) % x.commands.shape[1]
                         x.commands[k, newest] = logged
                         own = k % x.values.shape[0]
@@ -136,14 +138,12 @@ def make_step_kernel(effects: bool) -> Any:
                             p, x.values, own, x.memory, k, begun, q, qd, flat(z_in, k), heat, time, dt, exact
                         )
                         current, z, sliding = s.current, s.z, s.torque
-                        put(x.coil, k, logged)
                         put(x.heat, k, stored_heat(s, x.values, own, p.coil_resistance))
                         x.newest[env, slot] = newest
                         x.params[env, slot] = p
                         x.params[env, slot].T_max = s.yield_gain * p.T_max  # what weakens the yield weakens eq. 18 too
                         p = x.params[env, slot]
                     else:
-                        logged = coil_current(flat(current_in, k), command, p.coil_time_constant, dt)
                         z = hysteresis(p, qd, flat(z_in, k), dt, exact)
                         current, sliding = logged, sliding_torque(p, qd, q_c, logged, z)
                     known, device, bound = device_share(p, constraint, m_hold, e, qd, current, sliding)
@@ -182,8 +182,7 @@ def reset_effects_kernel(
     """Masked reset: a cold device without current and field, its coupling in the middle of its play."""
     env, slot = wp.tid()
     if mask_in[env]:
-        line = env * effects_out.coil.shape[1] + slot
-        effects_out.coil[env, slot] = 0.0
+        line = env * effects_out.newest.shape[1] + slot
         effects_out.heat[env, slot] = 0.0
         effects_out.newest[env, slot] = 0
         for k in range(effects_out.memory.shape[1]):

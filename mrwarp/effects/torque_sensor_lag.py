@@ -14,9 +14,11 @@ def torque_sensor_lag_law(
     if time_constant > 0.0:
         reading = float(s.torque)
         if s.begins == 0:
-            before = memory[line, slot + 1]
-            lag = (s.torque - before) / s.dt * time_constant
-            reading = s.torque - lag + (memory[line, slot] - before + lag) * wp.exp(-s.dt / time_constant)
+            before, reached = memory[line, slot + 1], float(s.torque)
+            if values[row, at + 1] == 1.0:  # the command holds its value up to a sample, and the torque jumps there
+                reached = s.torque_before
+            lag = (reached - before) / s.dt * time_constant
+            reading = reached - lag + (memory[line, slot] - before + lag) * wp.exp(-s.dt / time_constant)
         memory[line, slot] = reading
         memory[line, slot + 1] = s.torque
         s.torque = reading
@@ -39,6 +41,7 @@ LAW = EffectLaw(
             high=lambda r: 0.1,
             starts=lambda r: (0.0006, 0.0015, 0.003, 0.006, 0.015),
         ),
+        EffectParameter(name="hold", unit="1", choices=(0.0, 1.0)),
     ),
     law=torque_sensor_lag_law,
     states=2,

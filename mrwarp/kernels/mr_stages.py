@@ -119,6 +119,7 @@ def reset_kernel(
     q_in: wp.array2d[float],
     # out, shape (E, M); ring (E, M, WINDOW, FEATURES); ledger (E, J, entries)
     z_out: wp.array2d[float],
+    coil_out: wp.array2d[float],
     current_out: wp.array2d[float],
     m_dyn_out: wp.array2d[float],
     m_hold_out: wp.array2d[float],
@@ -137,6 +138,7 @@ def reset_kernel(
                 slot = slot_of[joint]
                 if slot >= 0:
                     z_out[env, slot] = 0.0
+                    coil_out[env, slot] = 0.0
                     current_out[env, slot] = 0.0
                     m_dyn_out[env, slot] = 0.0
                     m_hold_out[env, slot] = 0.0

@@ -157,9 +157,18 @@ def simulated(effects: tuple[Effect, ...]) -> tuple[np.ndarray, np.ndarray, np.n
             q=np.array(q), qd=np.array(qd), q_des=np.array(q - np.sign(qd)), f_foot=np.array(10.0),
             current_e=np.array(current),
         )  # fmt: skip
-        samples.append((rig.actuator.tau_dyn.numpy()[0, 0], state.coil.numpy()[0, 0], heat))
+        samples.append((rig.actuator.tau_dyn.numpy()[0, 0], rig.actuator.coil.numpy()[0, 0], heat))
     tau, command, heat = np.array(samples).T
     return tau, command, heat
+
+
+def mean_current(command: np.ndarray, lag: float) -> np.ndarray:
+    """Mean over each step of the current that follows a held command with a first-order lag, from 0 A."""
+    kept, begin, means = np.exp(-DT / lag), 0.0, []
+    for wanted in command:
+        means.append(wanted + (begin - wanted) * lag / DT * (1.0 - kept))
+        begin = wanted + (begin - wanted) * kept
+    return np.array(means)
 
 
 def replayed(effects: tuple[Effect, ...], command: np.ndarray, heat: np.ndarray) -> np.ndarray:
@@ -171,10 +180,12 @@ def replayed(effects: tuple[Effect, ...], command: np.ndarray, heat: np.ndarray)
     bouc_wen = OPEN.bouc_wen
     values = {**dict(OPEN), "q_zero": bouc_wen.q_neutral + bouc_wen.q_offset + bouc_wen.q_center}
     row = values_row(effects)
-    if any(e.name == "coil_lag" for e in effects):
-        # the lag's command is held from the sample before on; the simulator's from the step's begin
-        row[column_of("coil_lag", "hold")] = 1.0
-        command = np.append(command[1:], 0.0)
+    lag = row[column_of("coil_lag", "time_constant")]
+    if lag > 0.0:
+        # a sample of the diagnosis is the current at its time; the simulator's torque takes the mean over the step
+        late = row[column_of("command_delay", "delay")] / DT
+        command = mean_current(np.interp(np.arange(count) - late, np.arange(count), command), lag)
+        row[[column_of("coil_lag", "time_constant"), column_of("command_delay", "delay")]] = 0.0
 
     def array(x: np.ndarray) -> wp.array:
         return wp.array(np.ascontiguousarray(x, dtype=np.float32), dtype=float, device="cpu")
@@ -329,7 +340,7 @@ def test_masked_reset_leaves_the_others_bit_equal() -> None:
     mask = np.array([False, True, False, True])
     rig.actuator.reset(wp.array(mask, dtype=wp.bool, device="cpu"))
     state = rig.actuator.state()
-    for name in ("effects_coil", "effects_heat", "effects_memory", "effects_commands", "effects_newest"):
+    for name in ("effects_heat", "effects_memory", "effects_commands", "effects_newest"):
         assert not state[name][mask].any() and twin.actuator.state()[name][mask].any(), name
     for _ in range(5):
         x = random_inputs(rng)

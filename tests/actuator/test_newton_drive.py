@@ -25,7 +25,6 @@ from mrwarp.usd.asset import JointActuator, load_bench
 from mrwarp.usd.open_stage import ASSETS
 from tests.actuator.test_effect_runtime import MECHANISMS, OPEN, effect, motion, replayed
 
-ORIGIN = FittedOn(source="bench", trajectories=3, samples=2000, rate=200.0)
 DT = 0.005
 INERTIA = 0.2
 NUM = 5
@@ -103,7 +102,7 @@ def reference(
         kd=mr.motor.kd,
         tau_limit=mr.motor.tau_limit,
         mr=mr,
-        model=Model(parameters={}, fitted_on=ORIGIN, effects=effects),
+        effects=effects,
     )
     num = model.joint_dof_count
     names = ("q_des", "q", "qd", "f_foot", "friction")
@@ -401,10 +400,11 @@ def test_actuator_api_is_touched_in_one_file() -> None:
 
 def model_file(path: Path, effects: tuple[Effect, ...], **values: float) -> Path:
     """A model.json with effects, and other numbers than the paper's."""
-    laws = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", "T_max", "K", "n")
+    laws = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
     values = {**{name: MrParams().to_dict()[name] for name in laws}, **values}
     parameters = {name: Parameter(value=value, unit=MrParams.spec(name).unit) for name, value in values.items()}
-    return save_model(Model(parameters=parameters, fitted_on=ORIGIN, effects=effects), path)
+    fitted_on = FittedOn(source="bench", trajectories=3, samples=2000, rate=200.0)
+    return save_model(Model(parameters=parameters, fitted_on=fitted_on, effects=effects), path)
 
 
 def fitted_scene(path: Path, num: int, **arguments: Any) -> newton.Model:
@@ -459,7 +459,7 @@ def test_drive_with_effects_gives_the_torque_of_the_diagnosis(names: list[str], 
         heats.append(rig.now.drive_state.heat.numpy()[0, 0])
         rig.write(q=np.array([q]), qd=np.array([qd]), current=np.array([current]))
         efforts.append(rig.step()[0])
-        commands.append(rig.now.drive_state.coil.numpy()[0, 0])
+        commands.append(rig.now.drive_state.current.numpy()[0])
     want = replayed(effects, np.array(commands), np.array(heats))
     opposing = -np.sign(motion(4.0)[1]) * np.abs(want)
     np.testing.assert_allclose(efforts, opposing, rtol=0, atol=1e-5 * np.abs(want).max())

@@ -353,6 +353,19 @@ def test_torque_sensor_lag_is_of_first_order(lag: float) -> None:
     np.testing.assert_allclose(found[10:], want, rtol=0, atol=20 * EPS * max(1.0, lag / DT))
 
 
+@pytest.mark.parametrize("lag", [0.0006, 0.004, 0.05])
+def test_torque_sensor_lag_of_a_torque_that_jumps(lag: float) -> None:
+    """A command that holds up to a sample makes the torque jump there; behind a coil's lag it does not jump."""
+    command = np.where(np.arange(60) < 10, 0.4, 1.4)
+    since = DT * np.arange(50)
+    found = current_of(command, {"torque_sensor_lag": {"time_constant": lag, "hold": 1.0}})
+    np.testing.assert_allclose(found[10:], 1.4 - np.exp(-since / lag), rtol=0, atol=20 * EPS * max(1.0, lag / DT))
+    smooth = {"coil_lag": {"time_constant": 0.02, "hold": 1.0}}
+    ramps = current_of(command, smooth | {"torque_sensor_lag": {"time_constant": lag}})
+    held = current_of(command, smooth | {"torque_sensor_lag": {"time_constant": lag, "hold": 1.0}})
+    np.testing.assert_array_equal(held, ramps)
+
+
 def test_torque_sensor_lag_takes_the_whole_torque() -> None:
     """Every part of the torque passes the filter: it equals a float64 filter behind the torque without it."""
     lag, shaft = 0.01, Shaft.swinging()

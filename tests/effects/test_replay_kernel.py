@@ -44,10 +44,12 @@ def reference(p: dict, data: dict, lag: float = 0.0) -> np.ndarray:
         z, current = 0.0, data["current"][at]
         for k in range(at, at + n):
             qd, q_c = data["qd"][k], data["q"][k] - p["q_neutral"] - p["q_offset"]
-            current = data["current"][k] + (current - data["current"][k]) * (np.exp(-dt / lag) if lag else 0.0)
+            command, begin = data["current"][k], current
+            current = command + (begin - command) * (np.exp(-dt / lag) if lag else 0.0)
+            mean = command + (begin - command) * (lag / dt * (1.0 - np.exp(-dt / lag)) if lag else 0.0)
             z += dt * (qd - p["beta"] * abs(qd) * z - p["gamma"] * qd * abs(z))
-            gain = (p["K0"] + p["K1"] * current) / (1 + p["alpha"] * abs(qd))
-            tau.append(p["D"] + p["B"] * qd + p["C"] * q_c + p["I1"] * current + gain * z)
+            gain = (p["K0"] + p["K1"] * mean) / (1 + p["alpha"] * abs(qd))
+            tau.append(p["D"] + p["B"] * qd + p["C"] * q_c + p["I1"] * mean + gain * z)
         at += n
     return np.array(tau)
 
@@ -59,6 +61,17 @@ def test_euler_replay_equals_numpy(lag: float) -> None:
     tau = launch([PAPER | {"coil_time_constant": lag}], data, exact=0)[0]
     # torque up to 3 N·m of a contracting state: a few dozen roundings of float32
     np.testing.assert_allclose(tau, reference(PAPER, data, lag), rtol=0, atol=40 * EPS * 3.0)
+
+
+def test_coil_of_a_recorded_command_answers_from_its_sample() -> None:
+    """A step of the command at a sample reaches a bench's torque as 1 - exp(-t/T) from there, not a sample early."""
+    lag, data = 0.012, {"q": np.zeros(sum(LENGTHS)), "qd": np.zeros(sum(LENGTHS)), "current": np.zeros(sum(LENGTHS))}
+    at = np.concatenate([np.arange(n) for n in LENGTHS])
+    dt = np.repeat(STEPS, LENGTHS)
+    data["current"] = np.where(at >= 10, 1.0, 0.0)
+    tau = launch([{"I1": 1.0, "coil_time_constant": lag}], data, substeps=2)[0]
+    want = 1.0 - np.exp(-np.maximum(at - 10, 0) * dt / lag)
+    np.testing.assert_allclose(tau, want, rtol=0, atol=20 * EPS)
 
 
 def test_substeps_converge_at_second_order() -> None:

@@ -73,7 +73,7 @@ def step(
 ) -> dict[str, np.ndarray]:
     """Outputs of the step kernel by name, poisoned before; a thread per joint, so the head stays at row 0."""
     num_envs = len(x["q"])
-    shapes = {"m_dyn": 2, "m_hold": 2, "z": 2, "current": 2, "tau_dyn": 2, "ring": 0, "head": 0}
+    shapes = {"m_dyn": 2, "m_hold": 2, "z": 2, "coil": 2, "current": 2, "tau_dyn": 2, "ring": 0, "head": 0}
     shapes |= {"tau_motor": 3, "tau_mr": 2, "tau": 3, "bound": 3}
     out = {name: poisoned(num_envs, columns) for name, columns in shapes.items() if columns}
     out |= {"ring": poisoned(num_envs, 2, WINDOW, FEATURES), "head": ints([0])}
@@ -110,13 +110,16 @@ def expected_prediction(x: dict[str, np.ndarray], slot: int, sal: int, hold: int
     support = np.minimum(mr.hold.K * (share / (1 - share)) ** (1 / mr.hold.n), limit)
     command = m_dyn * limit + m_hold * (support if hold == SUPPORT else limit)
     lag = mr.coil.coil_time_constant
-    current = command + (x["current"][:, slot] - command) * (np.exp(-DT / lag) if lag else 0.0)
+    kept = np.exp(-DT / lag) if lag else 0.0
+    coil = command + (x["current"][:, slot] - command) * kept
+    current = command + (x["current"][:, slot] - command) * lag / DT * (1.0 - kept)
     z, steps = x["z"][:, slot].astype(float), 2000 if exact else 1
     for _ in range(steps):
         z = z + DT / steps * (qd - bw.beta * abs(qd) * z - bw.gamma * qd * abs(z))
     tau = bw.D + bw.B * qd + bw.C * q_c + bw.I1 * current + (bw.K0 + bw.K1 * current) / (1 + bw.alpha * abs(qd)) * z
     features = np.stack([q_c, qd, current], axis=-1)
-    return {"m_dyn": m_dyn, "m_hold": m_hold, "z": z, "current": current, "tau_dyn": tau, "features": features}
+    device = {"z": z, "coil": coil, "current": current, "tau_dyn": tau}
+    return {"m_dyn": m_dyn, "m_hold": m_hold, **device, "features": features}
 
 
 @pytest.mark.parametrize(("sal", "hold", "exact"), [(1, SUPPORT, 0), (1, FIXED, 0), (0, SUPPORT, 0), (1, SUPPORT, 1)])
@@ -128,7 +131,8 @@ def test_predict_equals_the_equations(sal: int, hold: int, exact: int):
         want = expected_prediction(x, slot, sal, int(hold), exact)
         np.testing.assert_array_equal(got["m_dyn"][:, slot], want["m_dyn"])
         np.testing.assert_array_equal(got["m_hold"][:, slot], want["m_hold"])
-        np.testing.assert_allclose(got["current"][:, slot], want["current"], rtol=1e-4, atol=1e-6)
+        for name in ("coil", "current"):
+            np.testing.assert_allclose(got[name][:, slot], want[name], rtol=1e-4, atol=1e-6)
         # the exact step is checked against 2000 Euler steps of 2.5 us: x/2 = 30 rad/s*2.5e-6*27/2 = 1e-3 of 0.17 rad
         np.testing.assert_allclose(got["z"][:, slot], want["z"], rtol=0, atol=[5e-6, 2e-4][exact])
         np.testing.assert_allclose(got["tau_dyn"][:, slot], want["tau_dyn"], rtol=2e-5, atol=[1e-4, 3e-3][exact])
@@ -208,7 +212,7 @@ def test_reset_overwrites_masked_environments_only():
     """Masked environments come to rest with a history at their angle; NaN elsewhere shows that nothing was written."""
     q = f32(np.random.default_rng(11).normal(-1.5, 0.3, (5, 3)))
     mask = np.array([True, False, True, False, False])
-    state = [poisoned(5, 2) for _ in range(6)]
+    state = [poisoned(5, 2) for _ in range(7)]
     ring, ledger = poisoned(5, 2, WINDOW, FEATURES), poisoned(5, 3, len(ENTRIES))
     inputs = [5, 3, struct(*DEVICES), ints(SLOT_OF), wp.array(mask, dtype=wp.bool, device="cpu"), floats(q)]
     wp.launch(reset_kernel, dim=(5, 3), inputs=inputs, outputs=[*state, ring, ledger], device="cpu")

@@ -5,7 +5,7 @@ import warp as wp
 
 from mrwarp.kernels.bouc_wen import bouc_wen_euler, bouc_wen_exact
 from mrwarp.kernels.brake import holding_torque, oppose_velocity, support_current, yield_torque
-from mrwarp.kernels.coil import coil_current
+from mrwarp.kernels.coil import coil_current, mean_coil_current
 from mrwarp.kernels.gate import dynamic_gate, hold_gate
 from mrwarp.kernels.learned_torque import FEATURES, window_row
 from mrwarp.kernels.pd import pd_torque
@@ -59,10 +59,12 @@ def coil_kernel(
     current_in: wp.array2d[float],
     # out, shape (E, M) [A]
     current_out: wp.array2d[float],
+    mean_out: wp.array2d[float],
 ):
     """Advance the coil current by one step."""
     env, joint = wp.tid()
     current_out[env, joint] = coil_current(current_in[env, joint], command_in[env, joint], time_constant, dt)
+    mean_out[env, joint] = mean_coil_current(current_in[env, joint], command_in[env, joint], time_constant, dt)
 
 
 @wp.kernel
