@@ -85,6 +85,13 @@ def silent() -> Iterator[None]:
         yield
 
 
+def duration(seconds: float) -> str:
+    """A length of time as people say it beforehand: ``40 s``, ``3 min``, ``1.5 h``."""
+    if seconds < 90.0:
+        return f"{max(seconds, 1.0):.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
+
+
 class ProgressLine:
     """One line that says how far the work is; a fifth at a time where the output is no terminal."""
 

@@ -15,7 +15,7 @@ from mrwarp.reproduce.registry import CATALOGUE
 from mrwarp.reproduce.settings import Settings
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.run_dir import check_writable, claim, plain, write_result
-from mrwarp.runtime import ProgressLine
+from mrwarp.runtime import ProgressLine, duration
 
 
 def run(options: Reproduce, line: CommandLine) -> int:
@@ -27,6 +27,9 @@ def run(options: Reproduce, line: CommandLine) -> int:
     wanted = list(dict.fromkeys(name for part in options.part for name in (TITLES if part == "all" else (part,))))
     progress = ProgressLine(sys.stdout)
     runner = Runner(catalogue=CATALOGUE, settings=settings, out=options.out, report=progress)
+    if left := runner.estimate(wanted):
+        parts = ", ".join(f"{name} {duration(seconds)}" for name, seconds in left.items())
+        print(f"to make: {parts}; about {duration(sum(left.values()))} on two idle cores", flush=True)
     started, stopped = time.perf_counter(), False
     try:
         with claim(options.out):

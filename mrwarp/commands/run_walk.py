@@ -18,7 +18,7 @@ from mrwarp.run_dir import check_writable, write_result
 from mrwarp.runtime import ProgressLine
 from mrwarp.study.plan import ENERGY, SEEDS, plant_of, policy_file
 from mrwarp.trials import walk_figures, walk_pictures
-from mrwarp.trials.walk_trials import WalkCfg, standing_load, walk
+from mrwarp.trials.walk_trials import WalkCfg, robot_env, standing_load, walk
 from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy
 
 
@@ -145,7 +145,7 @@ class _Standing:
 
     def use(self, robot: str, *, hold: bool = False) -> Any:
         if (robot, hold) not in self._known:
-            cfg = replace(self._env, robot=robot, payload=PAYLOAD_VARIANT)
+            cfg = robot_env(self._env, robot, PAYLOAD_VARIANT)
             self._known[robot, hold] = standing_load(cfg, load=self._load, hold=hold)[0]
         return self._known[robot, hold]
 

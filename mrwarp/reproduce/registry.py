@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from mrwarp.nn.models import SAMPLES
 from mrwarp.reproduce import (
     drops,
@@ -19,6 +21,7 @@ from mrwarp.reproduce import (
 )
 from mrwarp.reproduce.cache import Experiment
 from mrwarp.reproduce.policies import networks, study_files
+from mrwarp.reproduce.settings import Settings
 from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, record_file
 from mrwarp.study.rollouts import PLANT
 
@@ -28,25 +31,57 @@ WINDOWS = ("policies", "rollouts", "window", "seed")
 TRAININGS = (CONVENTIONAL, AWARE)
 READINGS = tuple(dict.fromkeys(reading.torque for reading in pushes.READINGS))
 
+
+def _impacts(seconds: float) -> Callable[[Settings], float]:
+    """Time of impacts [s], of which the report has 12 for each of three policies."""
+    return lambda settings: seconds * (0.3 + 0.7 * len(settings.impacted) * settings.impacts / 36.0)
+
+
+def _walks(seconds: float, length: str, usual: float) -> Callable[[Settings], float]:
+    """Time of walks [s], of which the report has three for each of five policies; ``length`` is their setting."""
+    return lambda settings: (
+        seconds * (0.1 + 0.9 * settings.policy_seeds * settings.rollouts / 15.0 * getattr(settings, length) / usual)
+    )
+
+
+def _rollouts(settings: Settings) -> float:
+    """Time of table 2 or 3 [s], which have three rollouts of each policy."""
+    return 3.0 + settings.rollouts
+
+
 _ALL = (
-    Experiment(name="fig4", compute=fig4.compute, files=lambda: networks(SAMPLES)),
+    Experiment(name="fig4", compute=fig4.compute, files=lambda: networks(SAMPLES), seconds=lambda _: 7.0),
     Experiment(name="fig5", compute=training_results.fig5, files=lambda: study_files(TRAININGS, record_file)),
     Experiment(
         name="table2",
         compute=training_results.table2,
         settings=("rollouts", "seed"),
         files=lambda: [*study_files(TRAININGS), *networks((PLANT,))],
+        seconds=_rollouts,
     ),
     Experiment(
         name="table3",
         compute=training_results.table3,
         settings=("rollouts", "seed"),
         files=lambda: [*study_files(MODELS), *networks((PLANT,))],
+        seconds=_rollouts,
     ),
-    Experiment(name="pushes", compute=pushes.simulate, settings=IMPACTS, files=lambda: networks(READINGS)),
-    Experiment(name="drops", compute=drops.simulate, settings=IMPACTS),
+    Experiment(
+        name="pushes",
+        compute=pushes.simulate,
+        settings=IMPACTS,
+        files=lambda: networks(READINGS),
+        seconds=_impacts(110.0),
+    ),
+    Experiment(name="drops", compute=drops.simulate, settings=IMPACTS, seconds=_impacts(5.0)),
     Experiment(name="table4", compute=table4.compute, needs=("pushes", "drops")),
-    Experiment(name="sensitivity", compute=impact_results.sensitivity, needs=("pushes",), settings=IMPACTS),
+    Experiment(
+        name="sensitivity",
+        compute=impact_results.sensitivity,
+        needs=("pushes",),
+        settings=IMPACTS,
+        seconds=_impacts(6.0),
+    ),
     Experiment(name="fig6", compute=impact_results.fig6, needs=("pushes",)),
     Experiment(name="fig7", compute=impact_results.fig7, needs=("drops",)),
     Experiment(
@@ -54,14 +89,15 @@ _ALL = (
         compute=impact_results.table5,
         settings=("impacts", "seed"),
         files=lambda: study_files(TRAININGS),
+        seconds=_impacts(3.0),
     ),
-    Experiment(name="walks", compute=walks.simulate, settings=WALKS),
+    Experiment(name="walks", compute=walks.simulate, settings=WALKS, seconds=_walks(360.0, "distance", 30.0)),
     Experiment(name="table6", compute=table6.compute, needs=("walks",)),
     Experiment(name="table7", compute=support.table7, needs=("walks",)),
-    Experiment(name="electrical", compute=electrical.compute, needs=("walks",)),
+    Experiment(name="electrical", compute=electrical.compute, needs=("walks",), seconds=lambda _: 10.0),
     Experiment(name="fig8", compute=support.fig8, needs=("walks",)),
     Experiment(name="fig9", compute=table6.fig9, needs=("walks",)),
-    Experiment(name="windows", compute=missions.simulate, settings=WINDOWS),
+    Experiment(name="windows", compute=missions.simulate, settings=WINDOWS, seconds=_walks(40.0, "window", 10.0)),
     Experiment(name="fig10", compute=mission_results.fig10, needs=("walks", "windows")),
     Experiment(name="fig11", compute=mission_results.fig11, needs=("walks", "windows")),
 )

@@ -20,7 +20,7 @@ from mrwarp.energy.power import BatteryCfg, ElectricalCfg, JointLoad, battery_po
 from mrwarp.energy.thermal import Temperatures, ThermalCfg
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.trials.walk_trials import ASSET_ROBOT, WalkCfg, standing_load, walk
+from mrwarp.trials.walk_trials import ASSET_ROBOT, WalkCfg, robot_env, standing_load, walk
 from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy
 from mrwarp.usd.robot import CALF_COLUMNS
 
@@ -175,7 +175,7 @@ def measure(
     for robot in cfg.robots:
         asset = ASSET_ROBOT[robot]
         if asset not in standing:
-            env = replace(cfg.env, robot=asset, payload=PAYLOAD_VARIANT, currents=(cfg.current,))
+            env = replace(robot_env(cfg.env, robot, PAYLOAD_VARIANT), currents=(cfg.current,))
             standing[asset] = standing_load(env, load=cfg.outbound_load, hold=asset != "go1")[0]
         found[robot]["standby"] = PhaseLoad(
             joints=standing[asset][None], seconds=np.array([cfg.standby]), speed=np.zeros(1)

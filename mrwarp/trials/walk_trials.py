@@ -25,6 +25,13 @@ from mrwarp.usd.robot import CALF_COLUMNS, STAND_HEIGHT
 ASSET_ROBOT = {"go1": "go1", "mr_go": "mr_go", "mr_go_sal": "mr_go"}
 """Robot variant of the asset."""
 
+
+def robot_env(env: EnvCfg, robot: str, payload: int) -> EnvCfg:
+    """The task of one of ``paper.ROBOTS``; Go1 has no device that would take a model."""
+    asset = ASSET_ROBOT[robot]
+    return replace(env, robot=asset, payload=payload, model=None if asset == "go1" else env.model)
+
+
 STAND_SETTLE = 4.0
 """Time in which the targets are moved until the pose is the neutral one [s]."""
 
@@ -181,7 +188,7 @@ class WalkBatch:
         self.cfg, self.payload, self._policies = cfg, payload, policies
         self.conditions = [(robot, speed) for robot in robots for speed in cfg.speeds]
         variant = PAYLOAD_VARIANT if payload > 0.0 else 0
-        env_cfg = replace(cfg.env, robot=ASSET_ROBOT[robots[0]], payload=variant, seed=cfg.seed)
+        env_cfg = replace(robot_env(cfg.env, robots[0], variant), seed=cfg.seed)
         count = len(self.conditions) * cfg.trials
         self.env = env = make_env(env_cfg, count, cfg.seed)
         if payload != variant:

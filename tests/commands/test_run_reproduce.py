@@ -89,8 +89,10 @@ def test_catalogue_is_ordered_and_described() -> None:
     assert [name for name in catalogue.CATALOGUE if name in TITLES] == list(TITLES)
 
 
-def test_stopped_run_leaves_a_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ctrl-C: exit code 130, and the report says what was not run."""
+def test_stopped_run_leaves_a_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    """Ctrl-C: exit code 130, and the report says what was not run; how long it would have taken was said before."""
 
     def stop(job: object) -> Findings:
         """Stopped."""
@@ -98,6 +100,7 @@ def test_stopped_run_leaves_a_report(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     monkeypatch.setitem(catalogue.CATALOGUE, "walks", replace(catalogue.CATALOGUE["walks"], compute=stop))
     assert main(["reproduce", "table6", "--out", str(tmp_path)]) == 130
+    assert capsys.readouterr().out.startswith("to make: walks 6 min, table6 1 s; about 6 min on two idle cores")
     assert json.loads((tmp_path / "result.json").read_text())["parts"]["table6"]["status"] == "not run"
     assert "not run" in (tmp_path / "report.md").read_text()
 

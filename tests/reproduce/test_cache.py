@@ -80,6 +80,24 @@ def test_runner_makes_only_what_changed(tmp_path: Path) -> None:
     assert CALLS[2:] == ["base", "reader"]
 
 
+def test_the_time_of_what_is_not_kept_is_told_beforehand(tmp_path: Path) -> None:
+    """All of it at first, nothing when all is kept, what a changed setting makes anew; nothing is run to tell it."""
+
+    def left(settings: Settings | None = None) -> dict[str, float]:
+        parts = catalogue(reader, waiting)
+        parts["base"] = replace(parts["base"], seconds=lambda settings: 2.0 * settings.impacts)
+        parts["waiting"] = replace(parts["waiting"], files=needed)
+        return Runner(catalogue=parts, settings=settings or Settings(), out=tmp_path).estimate(["reader", "waiting"])
+
+    def needed() -> list[Path]:
+        raise NotYet("no policies yet")
+
+    assert left() == {"base": 24.0, "reader": 1.0} and not CALLS
+    run(tmp_path, reader)
+    assert left() == {}
+    assert left(Settings(seed=1, impacts=3)) == {"base": 6.0, "reader": 1.0}
+
+
 def test_runner_makes_it_again_when_the_code_or_an_input_changed(tmp_path: Path, monkeypatch) -> None:
     """The hash of the code and of the files belongs to the key."""
     run(tmp_path, reader)

@@ -16,7 +16,7 @@ from mrwarp.kernels import ledger
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
 from mrwarp.trials import walk_figures
 from mrwarp.trials.power_meter import PowerMeter
-from mrwarp.trials.walk_trials import WalkBatch, WalkCfg, WalkResult, standing_load, walk
+from mrwarp.trials.walk_trials import WalkBatch, WalkCfg, WalkResult, robot_env, standing_load, walk
 from mrwarp.trials.walking import make_env, set_payload
 
 ENV = make_walk_cfg(threads=1)
@@ -34,6 +34,12 @@ def policies() -> dict[str, OnnxPolicy]:
 def results(policies: dict[str, OnnxPolicy]) -> list[WalkResult]:
     """A short walk of all three robots."""
     return walk(SHORT, policies)
+
+
+def test_a_model_goes_to_the_robots_that_carry_a_device() -> None:
+    """`mrwarp walk --model` compares with Go1, which has none."""
+    env = replace(ENV, model="model.json")
+    assert [robot_env(env, robot, 3).model for robot in paper.ROBOTS] == [None, "model.json", "model.json"]
 
 
 def test_meter_agrees_with_the_ledger() -> None:
