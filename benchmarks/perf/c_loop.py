@@ -56,7 +56,7 @@ class CLoop:
         self.out = {name: getattr(a, name).numpy().copy() for name in self.OUTPUTS}
         before = (a.params, a.slot_of, a.leg_of, a.kp, a.kd, a.tau_limit)
         inputs = (i.q_des, i.q, i.qd, i.f_foot, i.current_e)
-        sizes = (robot.sim.num_envs, a.num_joints, len(a.mr_joints), i.f_foot.shape[1])
+        sizes = (*i.q.shape, len(a.mr_joints), i.f_foot.shape[1])
         if a.params.shape[0] != robot.sim.num_envs:
             raise ValueError("the loop wants a row of parameters per environment")
         self._sizes = [ctypes.c_int(size) for size in sizes]

@@ -150,8 +150,9 @@ def _readings(found: Pushes) -> list[str]:
     free, base = found.of(pushes.UNWEAKENED), found.of(pushes.BASE).change
     best = min(found.readings, key=lambda entry: entry.worst)
     height, velocity = TITLES
-    moved = [(e.reading, *(100.0 * (e.change[cell] - base[cell]) for cell in TITLES)) for e in found.readings]
-    moved = sorted(moved, key=lambda item: -abs(item[1]))[:5]
+    points = {e.reading: [100.0 * (e.change[cell] - base[cell]) for cell in TITLES] for e in found.readings}
+    most = sorted(points, key=lambda name: -abs(points[name][0]))[:5]
+    moved = [f"{name}: {points[name][0]:+.1f} and {points[name][1]:+.1f} points" for name in most]
     return [
         f"Adopted reading: {adopted.reading}. Push of {adopted.duration:.2f} s. Duration and gains, which "
         "the paper does not state, are chosen by the 0 A row alone; the largest difference of the six predicted "
@@ -170,7 +171,7 @@ def _readings(found: Pushes) -> list[str]:
         f"without that the changes are {100.0 * free.change[height]:+.1f} and {_percent(free.change[velocity])}, and "
         f"the largest difference of the six cells {100.0 * free.worst:.1f} %.",
         f"The base reading's 1.5 A change height by {_percent(base[height])} and speed by {_percent(base[velocity])}. "
-        f"What moves these most: {'; '.join(f'{name}: {z:+.1f} and {v:+.1f} points' for name, z, v in moved)}.",
+        f"What moves these most: {'; '.join(moved)}.",
         f"Of all readings '{best.reading}' comes nearest (worst cell {100.0 * best.worst:.1f} % off, height "
         f"{_percent(best.change[height])}, speed {_percent(best.change[velocity])}); being chosen by its result, it "
         "predicts nothing.",
