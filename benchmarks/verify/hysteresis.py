@@ -86,7 +86,6 @@ class Excitation:
             current[k] = self.command[k, segment] + (at_start[k, segment] - self.command[k, segment]) * kept
         return current
 
-
     def mean_current(self, t: np.ndarray, dt: float) -> np.ndarray:
         """Mean of the current over the step that ends at t [A], shape (N, T); a step lies within one segment."""
         command, begin = self.commanded(t), self.current(np.maximum(t - dt, 0.0))
@@ -135,7 +134,7 @@ def _loaded(u: float, path: np.ndarray, p: BoucWenParams) -> np.ndarray:
 def torque(
     excitation: Excitation, t: np.ndarray, z: np.ndarray, p: BoucWenParams = PAPER, held: float = 0.0
 ) -> np.ndarray:
-    """Eq. 14 in float64 [N·m], shape (N, T); a torque that is ``held`` for a step [s] takes the mean current over it."""
+    """Eq. 14 in float64 [N·m], shape (N, T); a torque that is ``held`` for a step [s] takes its mean current."""
     qd, current = excitation.qd(t), excitation.mean_current(t, held) if held else excitation.current(t)
     q_c = excitation.q(t) - (p.q_offset + p.q_center)
     hysteretic = (p.K0 + p.K1 * current) / (1.0 + p.alpha * np.abs(qd)) * z

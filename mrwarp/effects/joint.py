@@ -2,9 +2,9 @@
 
 What the simulator's step fixes: command and torque hold over the step (``held``), so the torque follows the mean of the
 coil's current over it; a semi-implicit step moves the joint by ``dt*qd`` with the newest velocity, so that velocity is
-the whole step's (``qd_before = qd``, no acceleration) and the shaft's path is the joint's true one; z takes the Euler or
-exact step that it takes without effects, with the shaft's velocity. So with every effect at null each number is that of
-the plain laws, bit for bit.
+the whole step's (``qd_before = qd``, no acceleration) and the shaft's path is the joint's true one; z takes the Euler
+or exact step that it takes without effects, with the shaft's velocity. So with every effect at null each number is that
+of the plain laws, bit for bit.
 
 Backlash: the joint's path takes up the play before it turns the device's shaft, and only the shaft's path drives z. In
 the gap the shaft stands: the sliding torque, and so the brake's bound, is that of the standing shaft. The joint is not

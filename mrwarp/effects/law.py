@@ -29,7 +29,7 @@ class Path:
     begins: wp.int32
     """1 at the first step, where states are set."""
     held: wp.int32
-    """1 in the simulator, where command and torque hold for the whole step; 0 where a sample is what was at its time."""
+    """1 in the simulator, where command and torque hold for a step; 0 where a sample is what was at its time."""
     command: wp.float32
     """Commanded current at the step's end [A]."""
     command_before: wp.float32

@@ -57,7 +57,7 @@ def test_coil_step_does_not_depend_on_the_rate():
 
 
 def test_mean_over_a_step_is_that_of_the_exact_current():
-    """The mean over 5 ms equals that of 1,000 exact parts of it, for lags from a tenth of the step to a hundred steps."""
+    """The mean over 5 ms equals that of 1,000 exact parts of it, for lags of a tenth to a hundred steps."""
     for lag in (0.0005, 0.005, 0.03, 0.5):
         mean = coil_and_mean([[1.2]], [[0.2]], lag, 0.005)[1]
         middles = (np.arange(1000) + 0.5) * 0.005 / 1000
