@@ -26,16 +26,20 @@ def loops_picture(recording: Recording, result: FitResult, extended: ExtendedFit
     axes = figure.subplots(2, len(chosen), squeeze=False)
     for column, (key, k) in enumerate(chosen):
         run = recording.trajectories[k]
-        for row, (x, label) in enumerate(((run.q, f"q [{recording.units['q']}]"), (run.qd, "velocity [per s]"))):
+        unit = recording.units["q"]
+        for row, (x, label) in enumerate(((run.q, f"displacement [{unit}]"), (run.qd, f"velocity [{unit}/s]"))):
             ax = axes[row, column]
             ax.plot(x, run.torque, color="0.6", lw=0.8, label="measured")
             ax.plot(x, result.simulated[k], color="tab:red", lw=0.8, label="eqs. 14, 15")
             if extended is not None:
                 ax.plot(x, extended.simulated[k], color="tab:blue", lw=0.8, label="extended")
             ax.set_xlabel(label)
-            ax.set_ylabel(f"torque [{recording.units['torque']}]")
+            ax.grid(alpha=0.3)
         axes[0, column].set_title(f"{key}: {run.id}", fontsize=9)
-    axes[0, 0].legend(fontsize=8)
+    for ax in axes[:, 0]:
+        ax.set_ylabel(f"torque [{recording.units['torque']}]")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), fontsize=8)
     figure.savefig(path, dpi=110)
 
 
@@ -48,9 +52,11 @@ def residual_picture(recording: Recording, result: FitResult, extended: Extended
         sets.append(("extended", extended.simulated, "tab:blue"))
     for label, simulated, color in sets:
         error = np.concatenate([s - run.torque for s, run in zip(simulated, recording.trajectories, strict=True)])
-        ax.hist(error, bins=120, histtype="step", color=color, label=f"{label}: RMSE {np.sqrt(np.mean(error**2)):.3g}")
+        text = f"{label}: RMSE {np.sqrt(np.mean(error**2)):.3g} {recording.units['torque']}"
+        ax.hist(error, bins=120, histtype="step", color=color, label=text)
     ax.set_yscale("log")
-    ax.set_xlabel(f"simulated - measured [{recording.units['torque']}]")
-    ax.set_ylabel("samples")
-    ax.legend()
+    ax.set_xlabel(f"simulated less measured torque [{recording.units['torque']}]")
+    ax.set_ylabel("number of samples")
+    ax.grid(alpha=0.3)
+    figure.legend(loc="outside upper center", ncols=len(sets), fontsize=8)
     figure.savefig(path, dpi=110)

@@ -28,6 +28,7 @@ from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, compare
 from mrwarp.reproduce.policies import PLANT_TITLES, networks
 from mrwarp.run_dir import write_text
+from mrwarp.trials.walk_pictures import PAPER_MARK
 
 COLOURS = {"mlp": "#9aa5b1", "bouc_wen": "#c98b3c", "lstm": "#5b8fc7", "pg_rlstm": "#2f7d4f"}
 """The models of figure 4, and the colour of each."""
@@ -119,12 +120,12 @@ def plot(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         means, sds = [c["mean"] for c in cells], [c["sd"] for c in cells]
         left.bar(x, means, width, yerr=sds, capsize=3, color=COLOURS[name], label=name)
         marks = [cell.mean if (cell := paper.FIGURE_4[name].get(float(amps))) else np.nan for amps in currents]
-        left.plot(x, marks, "k_", markersize=14, label="paper" if k == 0 else None)
+        left.plot(x + 0.25 * width, marks, **PAPER_MARK, label="paper" if k == 0 else None)
         averages = [rows[name]["average"] for rows in results.values()]
         right.bar(np.arange(len(results)) + (k - 1.5) * width, averages, width, color=COLOURS[name])
     left.set_xticks(range(len(currents)), [f"{amps} A" for amps in currents])
     left.set_ylabel("RMSE on ten unseen trajectories [N·m]")
-    left.legend(ncols=2, fontsize="small")
+    figure.legend(loc="outside upper center", ncols=len(COLOURS) + 1, fontsize=8)
     right.set_xticks(range(len(results)), [f"effects × {name}" for name in results])
     right.set_ylabel("average RMSE [N·m]")
     for axis in (left, right):

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from mrwarp import paper
 from mrwarp.reproduce import drops, pushes
@@ -17,6 +19,7 @@ from mrwarp.reproduce.policies import Ensemble, study_files
 from mrwarp.study.plan import AWARE, CONVENTIONAL
 from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace, Variant, fixed_current_env
 from mrwarp.trials.impact_figures import plot_thresholds, threshold_reductions, threshold_variants
+from mrwarp.trials.walk_pictures import PAPER_MARK
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
 from mrwarp.viewing.robot_pictures import COLORS
 
@@ -124,7 +127,9 @@ def _plot_push(trace: dict[str, np.ndarray], job: Job) -> None:
         axis.set_xlabel("time after the push began [s]")
     for axis in axes[:, 0]:
         axis.set_ylabel("motor torque [N·m]")
-    axes[0, 0].legend(fontsize=8)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    handles, labels = [*handles, Patch(color="#e08a1e", alpha=0.2)], [*labels, "damping gate open at 1.5 A"]
+    figure.legend(handles, labels, loc="outside upper center", ncols=3, fontsize=8)
     figure.savefig(job.out / "torque.png", dpi=110)
 
 
@@ -150,7 +155,9 @@ def fig7(job: Job) -> Findings:
         rows=rows,
         claims={"1.5 A lower the torque of FR and RL": all(lower)},
         notes=drops.lost(found.values()),
-        pictures={"torque.png": "Mean calf motor torque over 0.1 s by leg and current; black: the paper's FR and RL"},
+        pictures={
+            "torque.png": "Mean calf motor torque over 0.1 s by leg and current; diamonds: the paper's FR and RL"
+        },
     )
 
 
@@ -166,14 +173,16 @@ def _plot_drop(found: dict[str, dict[str, np.ndarray]], seeds: np.ndarray | None
                      yerr=[o["sd"] or 0.0 for o in ours], capsize=2)  # fmt: skip
             for leg, theirs in paper.FIGURE_7.items():
                 if amps in theirs:
-                    axis.errorbar(x[LEGS.index(leg)], theirs[amps].mean, theirs[amps].sd, color="black", marker="_",
-                                  markersize=14, capsize=3)  # fmt: skip
+                    place = x[LEGS.index(leg)] + 0.25 * width
+                    axis.errorbar(place, theirs[amps].mean, theirs[amps].sd, capsize=2, **PAPER_MARK)
         axis.set_xticks(range(len(LEGS)), LEGS)
         axis.set_title(name, fontsize=9)
         axis.grid(axis="y", alpha=0.3)
         axis.set_axisbelow(True)
     axes[0].set_ylabel("mean |calf motor torque| over 0.1 s [N·m]")
-    axes[0].legend(fontsize=8)
+    handles, labels = axes[0].get_legend_handles_labels()
+    handles, labels = [*handles, Line2D([], [], **PAPER_MARK)], [*labels, "paper, FR and RL"]
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), fontsize=8)
     figure.savefig(job.out / "torque.png", dpi=110)
 
 

@@ -102,7 +102,7 @@ def fig11(job: Job) -> Findings:
             f"{found.thermal.housing_capacity:.0f} J/K and {found.thermal.housing_resistance:.1f} K/W of the housings "
             "are fitted to Go1's calves; every rise of the other robots, and of all motors, is a prediction.",
         ],
-        pictures={"temperature.png": "Motor temperatures over the mission, and rises beside the paper's (black marks)"},
+        pictures={"temperature.png": "Motor temperatures over the mission, and rises beside the paper's (diamonds)"},
         figures={"changes": changes},
     )
 

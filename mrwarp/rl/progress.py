@@ -97,26 +97,33 @@ def plot(progress: Progress, path: Path) -> None:
     minutes = [row["seconds"] / 60.0 for row in progress.rows]
     panels = {
         "v_x_rmse": "v_x RMSE while exploring [m/s]",
-        "reward": "reward per second",
-        "falls_per_hour": "falls per robot hour",
+        "reward": "reward [1/s]",
+        "falls_per_hour": "falls per robot and hour [1/h]",
         "clock_match": "contact matches the clock [1]",
     }
     for axis, (name, label) in zip(axes.flat, panels.items(), strict=True):
         axis.plot(minutes, [row[name] for row in progress.rows], color="#1f6fb4", linewidth=1.2)
         axis.set_ylabel(label)
         axis.grid(alpha=0.3)
-    first = axes[0, 0]
+        axis.margins(y=0.08)
+    first, _, falls, match = axes.flat
     first.axhline(gate.rmse, color="#b4451f", linestyle="--", linewidth=1, label=f"gate {gate.rmse} m/s")
     first.axhline(gate.rmse_aim, color="#3a8f3a", linestyle=":", linewidth=1, label=f"aim {gate.rmse_aim} m/s")
-    for row in progress.gate_rows:
-        color = "#3a8f3a" if row["passed"] else "#b4451f"
-        first.plot(row["seconds"] / 60.0, rmse_at(row, gate), marker="o", color=color)
-    first.set_ylim(0.0, 0.6)
-    first.legend()
-    axes[1, 0].set_yscale("symlog", linthresh=1.0)
-    axes[1, 1].set_ylim(0.4, 1.0)
+    for passed, color, label in ((True, "#3a8f3a", "gate check passed"), (False, "#b4451f", "gate check not passed")):
+        checks = [row for row in progress.gate_rows if row["passed"] == passed]
+        if checks:
+            times, errors = [row["seconds"] / 60.0 for row in checks], [rmse_at(row, gate) for row in checks]
+            first.plot(times, errors, "o", color=color, label=label)
+    first.set_ylim(bottom=0.0)
+    # no falls is the best there is, and lies on the axis; decades as plain numbers
+    falls.set_yscale("symlog", linthresh=1.0)
+    falls.set_ylim(bottom=0.0)
+    falls.yaxis.set_major_formatter("{x:g}")
+    match.set_ylim(0.0, 1.02)
     for axis in axes[1]:
         axis.set_xlabel("wall time [min]")
+    handles, labels = first.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=4, fontsize=8)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
 

@@ -80,7 +80,7 @@ def plot(curves: dict[str, Curve], path: Path) -> None:
         axes.plot(curve.update, curve.mean, color=colour, label=TITLES.get(plant, plant), linewidth=1.4)
         axes.fill_between(curve.update, curve.mean - curve.sd, curve.mean + curve.sd, color=colour, alpha=0.2)
     axes.set_xlabel("PPO update")
-    axes.set_ylabel("reward per second")
+    axes.set_ylabel("reward [1/s]")
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right")
     figure.savefig(path, dpi=120)
