@@ -14,7 +14,7 @@ import warp as wp
 
 from benchmarks.perf import c_loop, training
 from benchmarks.perf.lstm import LstmCost
-from benchmarks.perf.perf_cfg import PerfCfg
+from benchmarks.perf.perf_cfg import AIMED_AT, PerfCfg
 from benchmarks.perf.timing import Spread, Times, interleave, ratio
 from benchmarks.perf.walks import Walk
 from mrwarp.trials.walking import Policy
@@ -38,9 +38,6 @@ LIMITS = {
     "learn share": 1.0 / 3.0,
 }
 """What the ratios aim for, by the name before ``@``: costs, so less is better."""
-
-AIMED_AT = (64, 256)
-"""Numbers of robots for which the limits hold."""
 
 FEW = 64
 """Robots that get going from the stance; more begin as copies of them."""
@@ -103,7 +100,7 @@ def walking(
     cfg: PerfCfg, count: int, policy: Policy, progress: Callable[[float], None]
 ) -> tuple[dict[str, Any], dict[str, Spread]]:
     """Plain physics, plain motors, Bouc-Wen in both couplings, the LSTM residual, and MuJoCo-Warp, walking."""
-    steps = cfg.steps or max(1, 640 // count)
+    steps, rounds = cfg.turns(count)
     walks = {name: _walk(name, cfg, count, steps, policy) for name in BRACKETED}
     if count <= cfg.mjwarp_up_to:
         for name in ("mjwarp_eager", "mjwarp_captured"):
@@ -111,7 +108,6 @@ def walking(
             walks[name] = Walk(name, policy, num_envs=count, steps=few, seconds=0.2, like=walks["bouc_wen"])
     turns = {"plain": walks["bouc_wen"].plain_turn, "pd_plain": walks["pd"].plain_turn}
     turns |= {name: walk.turn for name, walk in walks.items()}
-    rounds = max(3, cfg.rounds * 256 // count) if count > 256 else cfg.rounds
     times = interleave(turns, rounds=rounds, progress=progress)
     checks = {name: walk.check() for name, walk in walks.items()}
     at = f" @{count}"

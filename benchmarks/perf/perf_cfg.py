@@ -6,6 +6,9 @@ from dataclasses import dataclass, field
 
 import warp as wp
 
+AIMED_AT = (64, 256)
+"""Numbers of robots for which limits hold, and whose training is timed."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PerfCfg:
@@ -31,6 +34,26 @@ class PerfCfg:
             raise ValueError(f"num_envs = {self.num_envs} must be at least one number, none below 1")
         if self.rounds < 2:
             raise ValueError(f"rounds = {self.rounds} must be at least 2")
+
+    def turns(self, count: int) -> tuple[int, int]:
+        """Policy steps per turn, and turns of each variant, with a number of robots."""
+        rounds = max(3, self.rounds * 256 // count) if count > 256 else self.rounds
+        return self.steps or max(1, 640 // count), rounds
+
+    def estimate(self) -> dict[str, float]:
+        """How long each part takes on two idle cores [s]."""
+        found = {"start": 10.0}
+        if "walking" in self.parts:
+            for count in self.num_envs:
+                steps, rounds = self.turns(count)
+                variants = 27 if count <= self.mjwarp_up_to else 17  # in units of a step of the plain environment
+                step = 0.35e-3 + 0.034e-3 * count
+                found[f"walking, {count} robots"] = 4.0 + 0.01 * count + (rounds + 1) * steps * variants * step
+        found |= {part: 2.0 + 0.05 * self.rounds for part in ("joint", "lstm") if part in self.parts}
+        if "training" in self.parts and self.updates:
+            for count in [count for count in self.num_envs if count in AIMED_AT]:
+                found[f"training, {count} robots"] = 1.0 + (self.updates + 2) * (0.03 + 0.0017 * count)
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,7 @@ from mrwarp.options.command_line import CommandLine
 from mrwarp.options.perf_options import Perf
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.run_dir import check_writable, write_result
-from mrwarp.runtime import ProgressLine
+from mrwarp.runtime import ProgressLine, duration
 
 Run = Callable[[Any, Callable[[str, float], None]], dict[str, Any]]
 """Measures with a policy, and tells what is measured and the share of it that is done."""
@@ -68,6 +68,9 @@ def _cpu(options: Perf) -> Run:
         cfg = replace(cfg, num_envs=tuple(sorted(set(options.num_envs))))
     if options.mjwarp_up_to is not None:
         cfg = replace(cfg, mjwarp_up_to=options.mjwarp_up_to)
+    parts = cfg.estimate()
+    told = ", ".join(f"{name} {duration(seconds)}" for name, seconds in parts.items())
+    print(f"to measure: {told}; about {duration(sum(parts.values()))} on two idle cores", flush=True)
     return lambda policy, progress: measure.run_all(cfg, policy, progress)
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.perf import measure
 from benchmarks.perf.measure import LIMITS, limit_of
+from benchmarks.perf.perf_cfg import PerfCfg
 from mrwarp.cli import main
 
 TINY = "--num-envs 2 --rounds 2 --steps 25 --parts walking --threads 1 --mjwarp-up-to 0".split()
@@ -19,6 +20,15 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("perf")
     assert main(["perf", *TINY, "--out", str(out)]) == 0
     return out
+
+
+def test_the_time_of_all_parts_is_told_beforehand() -> None:
+    """What is left out costs nothing; more turns and more robots cost more; the quick run is about a minute."""
+    quick = PerfCfg(num_envs=(64, 256), rounds=15, updates=0).estimate()
+    assert list(quick) == ["start", "walking, 64 robots", "walking, 256 robots", "joint", "lstm"]
+    assert 30.0 < sum(quick.values()) < 90.0
+    assert 200.0 < sum(PerfCfg().estimate().values()) < 600.0
+    assert set(PerfCfg(parts=("joint",)).estimate()) == {"start", "joint"}
 
 
 def test_result_holds_medians_ratios_checks_and_device(result: Path) -> None:
