@@ -9,7 +9,6 @@ have its parameters, in the units of the device and of a sign that makes sense; 
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import difflib
 import json
@@ -22,8 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from mrwarp.effects.catalogue import CATALOGUE
-from mrwarp.effects.law import EffectLaw, EffectParameter
-from mrwarp.params import MrParams, ParameterError, ParamSpec, with_unit
+from mrwarp.effects.law import EffectParameter
+from mrwarp.params import HoldParams, MrParams, ParameterError, ParamSpec, with_unit
 from mrwarp.run_dir import write_text
 
 SCHEMA = 1
@@ -32,18 +31,24 @@ SCHEMA = 1
 MAX_BYTES = 2**20
 """Largest model file that is read [bytes]."""
 
+HOLDING_NOTE = (
+    "warning: holding was not measured: the yield torque is taken as the torque of slow sliding; "
+    "record break-away tests in holding.csv (docs/data.md) and fit again"
+)
+"""What a user is told of a device without break-away tests."""
+
 JOINT_UNITS = {"q": "rad", "current": "A", "torque": "N·m"}
 """Units of a model that the simulator can run."""
 
-_LONGEST_UNIT = 20
-"""Characters of a unit; others stand in messages about parameters."""
+MAX_UNIT = 20
+"""Longest unit [characters]; units stand in messages about parameters."""
+
 _KEYS = ("schema", "units", "parameters", "effects", "fitted_on", "seed", "versions")
 _NAMES = tuple(spec.name for spec in MrParams.specs() if spec.name != "q_neutral")
 _REQUIRED = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
 _PARAMETER_KEYS = ("value", "unit", "ci95")
 _REMEDY = "give the model.json that 'mrwarp fit' wrote"
 
-_LARGEST = sys.float_info.max
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother, _SHORT.maxlong = 3, 80, 80, 80
 
@@ -100,6 +105,8 @@ class FittedOn:
     samples: int
     rate: float
     """Sampling rate [1/s]."""
+    current: tuple[float, float] | None = None
+    """Smallest and largest current of the recordings, in size [unit of the model's current]; None: not known."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,11 +125,20 @@ class Model:
         """The parameters as plain numbers."""
         return {name: p.value for name, p in self.parameters.items()}
 
-    def to_params(self, base: MrParams | None = None) -> MrParams:
+    @property
+    def holding_measured(self) -> bool:
+        """Whether the model states the holding law (eq. 18), as ``fit`` does with break-away tests."""
+        return "T_max" in self.parameters
+
+    def to_params(self, base: MrParams | None = None, *, extrapolate: bool = False) -> MrParams:
         """The joint for the simulator.
 
+        Its largest current is at most the largest that was measured. A holding law that was not measured follows from
+        the sliding torque, see :meth:`mrwarp.params.HoldParams.unmeasured`.
+
         Args:
-            base: Gives what the model does not hold (``q_neutral``, gates, motor); None: the paper's.
+            base: Gives what else the model does not hold (``q_neutral``, gates, motor); None: the paper's.
+            extrapolate: Keep a largest current beyond what was measured.
 
         Raises:
             ModelFileError: the model is not in rad, A and N·m, or a value is out of range.
@@ -133,9 +149,36 @@ class Model:
                 "fit a recording in these units, converted by the lever of the device"
             )
         try:
-            return (base or MrParams()).replace(**self.values)
+            params = (base or MrParams()).replace(**self.values)
+            if self.fitted_on.current and not extrapolate and "current_max" not in self.parameters:
+                params = params.replace(current_max=min(params.coil.current_max, self.fitted_on.current[1]))
+            law = HoldParams.unmeasured(params.bouc_wen, params.coil.current_max)
+            return params.replace(**{name: value for name, value in law.items() if name not in self.parameters})
         except ParameterError as error:
             raise ModelFileError(str(error)) from None
+
+
+def completed(model: Model, earlier: Model) -> Model:
+    """A model with what an earlier one of the same device knows besides: parameters, effects, measured currents.
+
+    What the model holds itself stands. Effects of the catalogue are the model's; others are carried along.
+
+    Raises:
+        ModelFileError: the two are in other units.
+    """
+    if model.units != earlier.units:
+        theirs, ours = (", ".join(x.units.values()) for x in (earlier, model))
+        source = shown(earlier.fitted_on.source)
+        raise ModelFileError(f"the model of {source} is in {theirs}, the recording in {ours}; convert one of them")
+    ranges = [current for current in (model.fitted_on.current, earlier.fitted_on.current) if current]
+    current = (min(r[0] for r in ranges), max(r[1] for r in ranges)) if ranges else None
+    carried = tuple(effect for effect in earlier.effects if effect.name not in CATALOGUE)
+    return dataclasses.replace(
+        model,
+        parameters={**earlier.parameters, **model.parameters},
+        effects=(*model.effects, *carried),
+        fitted_on=dataclasses.replace(model.fitted_on, current=current),
+    )
 
 
 def parameter_unit(name: str, units: Mapping[str, str]) -> str:
@@ -174,15 +217,14 @@ def load_model(path: str | Path) -> Model:
         ModelFileError: the file is missing, too large, not JSON, of another schema, or one of its entries is unusable.
     """
     path = Path(path)
-    with contextlib.suppress(OSError):  # told when it is read
-        if path.stat().st_size > MAX_BYTES:
-            raise ModelFileError(f"{path}: {path.stat().st_size} bytes; a model file has at most {MAX_BYTES}")
+    if path.is_file() and (size := path.stat().st_size) > MAX_BYTES:
+        raise ModelFileError(f"{path}: {size} bytes; a model file has at most {MAX_BYTES}")
     return model_from_dict(read_json_file(path), str(path))
 
 
 def model_to_dict(model: Model) -> dict[str, Any]:
     """The content of a model file: objects, lists, texts and numbers as JSON has them."""
-    return _as_json({"schema": SCHEMA, **dataclasses.asdict(model)})
+    return json.loads(json.dumps({"schema": SCHEMA, **dataclasses.asdict(model)}))
 
 
 def model_from_dict(content: Any, where: str = "model") -> Model:
@@ -203,10 +245,9 @@ def model_from_dict(content: Any, where: str = "model") -> Model:
     checked_object(content, where, _KEYS)
     units = _texts(checked_object(content["units"], f"{where}: units", tuple(JOINT_UNITS)), f"{where}: units")
     for key, unit in units.items():
-        if not unit.isprintable() or len(unit) > _LONGEST_UNIT:
-            raise ModelFileError(
-                f"{where}: units.{key} = {shown(unit)}; allowed: a unit of at most {_LONGEST_UNIT} characters"
-            )
+        if not unit.isprintable() or len(unit) > MAX_UNIT:
+            allowed = f"a unit of at most {MAX_UNIT} characters"
+            raise ModelFileError(f"{where}: units.{key} = {shown(unit)}; allowed: {allowed}")
     parameters = _mapping(content["parameters"], f"{where}: parameters")
     missing = [name for name in _REQUIRED if name not in parameters]
     if missing:
@@ -238,7 +279,7 @@ def check_effects(effects: Iterable[Effect], where: str) -> None:
     Raises:
         ModelFileError: an effect is unusable, or one of the catalogue stands twice; ``where`` says in what.
     """
-    _effects([_as_json(dataclasses.asdict(effect)) for effect in effects], JOINT_UNITS, where)
+    _effects(json.loads(json.dumps([dataclasses.asdict(effect) for effect in effects])), JOINT_UNITS, where)
 
 
 def silent_note(effects: Iterable[Effect]) -> str:
@@ -293,15 +334,7 @@ def key_shown(name: str) -> str:
     return name if name.isprintable() and len(name) <= _SHORT.maxstring else shown(name)
 
 
-def _as_json(value: Any) -> Any:
-    """The same with lists for tuples."""
-    if isinstance(value, dict):
-        return {key: _as_json(item) for key, item in value.items()}
-    return [_as_json(item) for item in value] if isinstance(value, list | tuple) else value
-
-
 def _parameter(name: str, entry: Any, units: Mapping[str, str], file: str) -> Parameter:
-    """One checked entry of ``parameters``."""
     where = f"{file}: parameters.{key_shown(name)}"
     if name not in _NAMES:
         raise ModelFileError(f"{where}: there is no such parameter; known: {', '.join(_NAMES)}")
@@ -321,7 +354,10 @@ def _with_unit(entry: dict[str, Any], expected: str | None, where: str, spec: Pa
         value = value if spec is None else spec.check(value, f"{where}.value")
     except ParameterError as error:
         raise ModelFileError(str(error)) from None
-    return Parameter(value=value, unit=unit, ci95=checked_interval(entry["ci95"], value, f"{where}.ci95"))
+    ci95 = _interval(entry["ci95"], f"{where}.ci95")
+    if ci95 and not ci95[0] <= value <= ci95[1]:
+        raise ModelFileError(f"{where}.ci95 = {list(ci95)} leaves out the value {value:g}; correct either")
+    return Parameter(value=value, unit=unit, ci95=ci95)
 
 
 def _effects(entries: Any, units: Mapping[str, str], where: str) -> tuple[Effect, ...]:
@@ -332,9 +368,7 @@ def _effects(entries: Any, units: Mapping[str, str], where: str) -> tuple[Effect
     for i, entry in enumerate(entries):
         place = f"{where}[{i}]"
         checked_object(entry, place, ("name", "parameters"))
-        name = entry["name"]
-        if not _is_text(name) or not name:
-            raise ModelFileError(f"{place}.name = {shown(name)}; allowed: a text that names an effect")
+        name = _text(entry["name"] or None, f"{place}.name")
         if name in CATALOGUE and any(effect.name == name for effect in found):
             raise ModelFileError(f"{place}: {name} stands twice; remove one")
         found.append(_effect(name, _mapping(entry["parameters"], f"{place}.parameters"), units, place))
@@ -342,12 +376,11 @@ def _effects(entries: Any, units: Mapping[str, str], where: str) -> tuple[Effect
 
 
 def _effect(name: str, content: dict[str, Any], units: Mapping[str, str], where: str) -> Effect:
-    law: EffectLaw | None = CATALOGUE.get(name)
-    known = {} if law is None else {spec.name: spec for spec in law.parameters}
+    known = {spec.name: spec for spec in CATALOGUE[name].parameters} if name in CATALOGUE else {}
     parameters: dict[str, Parameter] = {}
     for key, entry in content.items():
         place = f"{where}.parameters.{key_shown(key)}"
-        if law is not None and key not in known:
+        if name in CATALOGUE and key not in known:
             raise ModelFileError(f"{place}: {name} has no such parameter; {_known(key, known)}")
         parameters[key] = _effect_parameter(entry, known.get(key), units, place)
     for key, spec in known.items():
@@ -381,12 +414,14 @@ def _known(name: str, known: Iterable[str]) -> str:
 
 
 def _fitted_on(entry: Any, where: str) -> FittedOn:
+    entry = {"current": None, **_mapping(entry, where)}  # files of mrwarp 0.1 have none
     checked_object(entry, where, tuple(f.name for f in dataclasses.fields(FittedOn)))
     return FittedOn(
         source=_text(entry["source"], f"{where}.source"),
         trajectories=_whole(entry["trajectories"], f"{where}.trajectories"),
         samples=_whole(entry["samples"], f"{where}.samples"),
         rate=checked_number(entry["rate"], f"{where}.rate"),
+        current=_interval(entry["current"], f"{where}.current"),
     )
 
 
@@ -396,24 +431,20 @@ def checked_number(value: Any, where: str) -> float:
     Raises:
         ModelFileError: it is none.
     """
-    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST:
+    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max:
         return float(value)
     raise ModelFileError(f"{where} = {shown(value)}; allowed: a finite number")
 
 
-def checked_interval(ci95: Any, value: float, where: str) -> tuple[float, float] | None:
-    """A 95 % interval of a file around a value; None if there is none.
-
-    Raises:
-        ModelFileError: it is none, or leaves the value out.
-    """
+def _interval(ci95: Any, where: str) -> tuple[float, float] | None:
+    """A pair of numbers, the lower one first, or None."""
     if ci95 is None:
         return None
     if not isinstance(ci95, list) or len(ci95) != 2:
         raise ModelFileError(f"{where} = {shown(ci95)}; allowed: [low, high] or null")
     low, high = checked_number(ci95[0], f"{where}[0]"), checked_number(ci95[1], f"{where}[1]")
-    if not low <= value <= high:
-        raise ModelFileError(f"{where} = {[low, high]} leaves out the value {value:g}; correct either")
+    if low > high:
+        raise ModelFileError(f"{where} = {[low, high]}; allowed: [low, high]; exchange them")
     return low, high
 
 
@@ -425,13 +456,9 @@ def _whole(value: Any, where: str) -> int:
     return int(value)
 
 
-def _is_text(value: Any) -> bool:
-    """Whether a value is a text that UTF-8 can write."""
-    return isinstance(value, str) and not any("\ud800" <= c <= "\udfff" for c in value)
-
-
 def _text(value: Any, where: str) -> str:
-    if not _is_text(value):
+    """A text that UTF-8 can write."""
+    if not isinstance(value, str) or any("\ud800" <= c <= "\udfff" for c in value):
         raise ModelFileError(f"{where} = {shown(value)}; allowed: a text")
     return value
 

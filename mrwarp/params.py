@@ -127,6 +127,10 @@ class BoucWenParams(ParamGroup):
         """Bound 1/(beta + gamma) of |z| under monotonic loading [rad]."""
         return 1.0 / (self.beta + self.gamma)
 
+    def sliding_torque(self, current: float) -> float:
+        """Torque of slow steady sliding [N·m]: the hysteretic part of eq. 14 at |z| = ``z_bound`` and qd = 0."""
+        return (self.K0 + self.K1 * abs(current)) * self.z_bound
+
 
 @dataclass(frozen=True, kw_only=True)
 class HoldParams(ParamGroup):
@@ -138,6 +142,23 @@ class HoldParams(ParamGroup):
     safety_factor: float = param(
         1.2, "1", 1.0, 10.0, "paper section 5.2", "Margin of the support current over the needed torque."
     )
+
+    @staticmethod
+    def unmeasured(bouc_wen: BoucWenParams, current: float) -> dict[str, float]:
+        """T_max, K and n of a device whose break-away torque nobody measured.
+
+        The yield torque is taken as the torque at which the device slides slowly: a Bingham plastic (Phillips, PhD
+        thesis, UC Berkeley 1969; Spencer et al., J. Eng. Mech. 123, 1997) gives way where its flow begins. That is the
+        least that it holds: real fluids and seals stick above it (the paper's device nine times). With n = 1.3 and K =
+        1.5 times the current, eq. 18 rises as the sliding torque does, within 3 % of a straight line from 0 A.
+
+        Args:
+            bouc_wen: The device as it slides.
+            current: Largest current that it is used with [A].
+        """
+        n, top = 1.3, max(abs(current), 1e-3)
+        T_max = min(max(bouc_wen.sliding_torque(top) * (1.0 + 1.5**n), 1e-6), 1e6)
+        return {"T_max": T_max, "K": 1.5 * top, "n": n}
 
 
 @dataclass(frozen=True, kw_only=True)

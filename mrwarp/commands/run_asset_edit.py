@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
 from mujoco import MjModel
-from pxr import Usd
 
 from mrwarp.env.sim_model import build_scene
-from mrwarp.model_file import load_model, silent_note
+from mrwarp.model_file import HOLDING_NOTE, load_model, silent_note
 from mrwarp.options.asset_options import Apply, CheckAsset, Set
 from mrwarp.options.command_line import CommandLine
 from mrwarp.runtime import silent
 from mrwarp.usd.asset import RobotAsset
-from mrwarp.usd.edit import Change, edit_asset
+from mrwarp.usd.edit import Change, EditReport, edit_asset
 from mrwarp.usd.open_stage import ASSETS
-from mrwarp.usd.record import RECORD, read_parameters, record_text, summary
+from mrwarp.usd.record import RECORD, summary
 from mrwarp.usd.scene_report import check_asset, value_text
 
 CONVERSION_DT = 0.005
@@ -31,33 +30,33 @@ def run(options: Set | Apply | CheckAsset, line: CommandLine) -> int:
             for text in check_asset(options.file or ASSETS / "mr_go.usda", convert):
                 print(text, flush=True)
         case Set():
-            _edit(options, line, {options.attribute: options.value})
+            report = edit_asset(options.file, options.prim, {options.attribute: options.value}, options.out, _checked)
+            _print(report, [options.attribute], options, line)
         case Apply():
             model = load_model(options.model)
             model.to_params()  # refuses other units than the simulator's
-            _edit(options, line, model.values, lambda prim: record_text(model, read_parameters(prim, options.file)))
+            report = edit_asset(
+                options.file, options.prim, {}, options.out, _checked, model=model, extrapolate=options.extrapolate
+            )
+            _print(report, model.values, options, line)
             for effect in model.effects:
                 if effect.acts:
                     print(f"acts in the simulator: {effect}")
             if note := silent_note(model.effects):
                 print(note)
+            if not model.holding_measured:
+                print(HOLDING_NOTE)
     return 0
 
 
-def _edit(
-    options: Set | Apply,
-    line: CommandLine,
-    values: Mapping[str, float | str],
-    record: Callable[[Usd.Prim], str] | None = None,
-) -> None:
-    """Edit, and say what changed."""
-    report = edit_asset(options.file, options.prim, dict(values), options.out, _checked, record)
+def _print(report: EditReport, names: Iterable[str], options: Set | Apply, line: CommandLine) -> None:
+    """Say what an edit changed, or that it changed nothing."""
     for change in report.changes:
         print(_change(change))
     for text in report.kept:
         print(text)
     if not report.changes:
-        print(f"{options.prim} has these numbers already: {', '.join(values)}")
+        print(f"{options.prim} has these numbers already: {', '.join(names)}")
     if report.notice:
         print(f"{line.prog}: notice: {report.notice}", file=sys.stderr)
     print(f"wrote {report.path}")

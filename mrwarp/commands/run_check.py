@@ -23,7 +23,7 @@ def run(options: Check, line: CommandLine) -> int:
     """Explain a recording; a :class:`RecordingError` says what is wrong with it."""
     recording = load_recording(options.data)
     beside = find_holding(options.data)
-    holding = load_holding(beside) if beside else None
+    holding = load_holding(beside, recording) if beside else None
     print(describe(recording))
     if holding is not None:
         amps = np.unique(holding.current)

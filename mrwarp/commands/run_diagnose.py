@@ -17,8 +17,9 @@ from mrwarp.diagnose.pipeline import diagnose
 from mrwarp.diagnose.report.diagnosis_page import Table, render
 from mrwarp.diagnose.report.overview_pictures import NAMES, draw
 from mrwarp.diagnose.result import Diagnosis
+from mrwarp.identify.fit import read_holding
 from mrwarp.identify.learn import left_to_learn
-from mrwarp.model_file import JOINT_UNITS, load_model, save_model
+from mrwarp.model_file import HOLDING_NOTE, JOINT_UNITS, load_model, save_model
 from mrwarp.options.command_line import CommandLine
 from mrwarp.options.data_options import Diagnose
 from mrwarp.recording.load import Recording, check_same_units, load_recording
@@ -100,7 +101,12 @@ def _diagnose(options: Diagnose, progress: Progress) -> tuple[Diagnosis, dict[st
     unseen = load_recording(options.predict) if options.predict else None
     if unseen is not None:
         check_same_units(unseen, recording)
-    diagnosis = diagnose(recording, model=model, seed=options.seed, progress=progress, threads=_threads())
+    holding = read_holding(options.data, recording, None, progress)
+    if holding is None and (model is None or not model.holding_measured):
+        progress(HOLDING_NOTE)
+    diagnosis = diagnose(
+        recording, model=model, holding=holding, seed=options.seed, progress=progress, threads=_threads()
+    )
     besides: dict[str, Any] = {}
     tables: dict[str, Table] = {}
     if unseen is not None:

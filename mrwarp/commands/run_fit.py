@@ -16,21 +16,17 @@ from mrwarp.identify.damper import (
     prediction_errors,
     undo_moving_average,
 )
-from mrwarp.identify.fit import FitResult, fit, fit_holding
+from mrwarp.identify.fit import FitResult, fit, read_holding
 from mrwarp.identify.fit_pictures import loops_picture, residual_picture
 from mrwarp.identify.intervals import Estimate
-from mrwarp.identify.projection import Progress
 from mrwarp.identify.replay import simulate
-from mrwarp.model_file import Effect, FittedOn, Model, Parameter, parameter_unit, save_model
+from mrwarp.model_file import HOLDING_NOTE, Effect, FittedOn, Model, Parameter, parameter_unit, save_model
 from mrwarp.options.command_line import CommandLine
 from mrwarp.options.data_options import Fit
 from mrwarp.recording.load import (
-    Holding,
     Recording,
     RecordingError,
     check_same_units,
-    find_holding,
-    load_holding,
     load_recording,
 )
 from mrwarp.run_dir import check_writable, versions, write_result
@@ -49,9 +45,10 @@ def run(options: Fit, line: CommandLine) -> int:
     unseen = load_recording(options.predict) if options.predict else None
     if unseen is not None:
         check_same_units(unseen, recording)
+    holding = read_holding(options.data, recording, options.holding, progress)
     result = fit(
         recording,
-        holding=_holding(options, recording, progress),
+        holding=holding,
         robust=options.robust,
         seed=options.seed,
         progress=lambda text: progress(f"eq. 14: {text}"),
@@ -67,6 +64,8 @@ def run(options: Fit, line: CommandLine) -> int:
     content = figures(result, extended) | {"predicted": predicted}
     write_result(options.out, content, seed=options.seed, command=str(line))
     print(table(result, extended))
+    if holding is None:
+        print(f"\n{HOLDING_NOTE}")
     for name, errors in predicted.items():
         print(f"NRMSE of {name}: " + ", ".join(f"{key} {100 * value:.1f} %" for key, value in errors.items()))
     seconds = time.perf_counter() - started
@@ -90,36 +89,18 @@ def _without(recording: Recording, pattern: str | None) -> Recording:
     return dataclasses.replace(recording, trajectories=kept)
 
 
-def _holding(options: Fit, recording: Recording, told: Progress) -> Holding | None:
-    """Break-away torques: those of ``--holding``, else those beside the data if they can be used.
-
-    Raises:
-        RecordingError: the file is refused; or that of ``--holding`` holds too few tests or is in other units.
-    """
-    file = options.holding or find_holding(options.data)
-    if file is None:
-        return None
-    holding = load_holding(file)
-    try:
-        if any(recording.units[key] != unit for key, unit in holding.units.items()):
-            theirs, ours = (", ".join(x.units[key] for key in holding.units) for x in (holding, recording))
-            raise RecordingError(f"in {theirs}, but {recording.source} in {ours}; convert one of them")
-        fit_holding(holding.current, holding.torque)
-    except RecordingError as error:
-        if options.holding is None:
-            told(f"no eq. 18: {file} is not used: {error}")
-            return None
-        raise RecordingError(f"{file}: {error}") from None
-    told(f"eq. 18: break-away torques of {file}")
-    return holding
-
-
 def to_model(result: FitResult, extended: ExtendedFit | None = None) -> Model:
     """What goes into ``model.json``: eqs. 14, 15 (18); an extended model only as an effect with its own full set."""
     estimates = {name: Parameter(value=v, unit=parameter_unit(name, result.units)) for name, v in result.fixed.items()}
     for name, e in result.estimates.items():
         estimates[name] = Parameter(value=e.value, unit=parameter_unit(name, result.units), ci95=e.ci95)
-    origin = FittedOn(source=result.source, trajectories=result.trajectories, samples=result.samples, rate=result.rate)
+    origin = FittedOn(
+        source=result.source,
+        trajectories=result.trajectories,
+        samples=result.samples,
+        rate=result.rate,
+        current=result.current,
+    )
     effects = (extended_damper(extended, result.units),) if extended else ()
     return Model(
         parameters=estimates,

@@ -14,7 +14,7 @@ from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.run_dir import check_writable, write_result
 from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, Variant
 from mrwarp.trials.impact_figures import figures, plot_thresholds, threshold_reductions, threshold_variants
-from mrwarp.usd.asset import check_currents, effect_lines
+from mrwarp.usd.asset import check_currents, device_lines
 from mrwarp.viewing import robot_pictures
 from mrwarp.viewing.live_view import ImpactView, open_sink
 
@@ -28,7 +28,7 @@ def run(options: Impact, line: CommandLine) -> int:
     sweeps = {coupling: ImpactSweep(make_cfg(options, coupling, variants), policy) for coupling in couplings}
     actuators = sweeps[couplings[0]].env.sim.scene.actuators
     check_currents(actuators, options.current)
-    for text in effect_lines(actuators):
+    for text in device_lines(actuators):
         print(text, flush=True)
     shown = sweeps.get(Coupling.CONSTRAINT) or sweeps[couplings[0]]
     sink = None

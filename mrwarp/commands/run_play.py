@@ -21,7 +21,7 @@ from mrwarp.resources import shipped_model
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.run_dir import check_output, write_result
 from mrwarp.trials.walking import make_env
-from mrwarp.usd.asset import check_currents, effect_lines
+from mrwarp.usd.asset import check_currents, device_lines
 from mrwarp.viewing.frames import Frames
 from mrwarp.viewing.live_view import Player, open_sink
 from mrwarp.viewing.robot_pictures import contact_sheet
@@ -57,7 +57,7 @@ def prepare(options: Play) -> Player:
     cfg = make_cfg(options, policy.description.get("task", {}) if policy else {})
     env = make_env(cfg, options.num_envs, options.seed)
     check_currents(env.sim.scene.actuators, options.current)
-    for text in effect_lines(env.sim.scene.actuators):
+    for text in device_lines(env.sim.scene.actuators):
         print(text, flush=True)
     actor = on_device(policy, env.device) if policy else make_agent(str(options.agent), env)
     sink = None

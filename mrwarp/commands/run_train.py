@@ -15,7 +15,7 @@ from mrwarp.rl.ranks import Ranks
 from mrwarp.rl.trainer import TrainCfg, Trainer
 from mrwarp.run_dir import one_line
 from mrwarp.runtime import exit_code
-from mrwarp.usd.asset import effect_lines
+from mrwarp.usd.asset import device_lines
 from mrwarp.viewing.live_view import LiveTraining
 
 
@@ -41,7 +41,7 @@ def _train(options: Train, line: CommandLine, ranks: Ranks) -> int:
     trainer = Trainer(make_cfg(options, line, ranks), resume=options.resume, start_from=options.start_from, ranks=ranks)
     view = None
     if ranks.main:
-        for text in effect_lines(trainer.env.sim.scene.actuators):
+        for text in device_lines(trainer.env.sim.scene.actuators):
             print(text, flush=True)
         if options.live or options.rrd or options.connect:
             view = LiveTraining(trainer.env, rrd=options.rrd, url=options.connect)

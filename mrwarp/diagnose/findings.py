@@ -337,5 +337,11 @@ def outer_model(
         units=dict(units),
         seed=seed,
         versions=versions(),
-        fitted_on=FittedOn(source=source, trajectories=len(runs), samples=recording.samples, rate=1.0 / runs[0].dt),
+        fitted_on=FittedOn(
+            source=source,
+            trajectories=len(runs),
+            samples=recording.samples,
+            rate=1.0 / runs[0].dt,
+            current=recording.current_range,
+        ),
     )

@@ -24,15 +24,17 @@ from mrwarp.diagnose.residual_structure import find_line, without_line
 from mrwarp.diagnose.result import Diagnosis
 from mrwarp.diagnose.search import best_single, screen_candidates, select
 from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.identify.fit import fit_holding
 from mrwarp.identify.projection import Progress
-from mrwarp.model_file import Model
-from mrwarp.recording.load import Recording
+from mrwarp.model_file import Model, Parameter, completed, parameter_unit
+from mrwarp.recording.load import Holding, Recording
 
 
 def diagnose(
     recording: Recording,
     *,
     model: Model | None = None,
+    holding: Holding | None = None,
     seed: int = 0,
     progress: Progress | None = None,
     threads: int = 1,
@@ -42,7 +44,9 @@ def diagnose(
     Args:
         recording: Measured runs.
         model: The device as it should be: its parameters are nominal for shifts of calibration, its effects are part
-            of the baseline. None: the paper's joint where the units are its own.
+            of the baseline. None: the paper's joint where the units are its own. What it knows besides, such as the
+            holding law, the models of the result know too.
+        holding: Break-away torques, for eq. 18 of those models; they count before the model's.
         seed: Seed of every draw (starts, resampling).
         progress: Takes a line on what is being done.
         threads: CPU threads of the replay.
@@ -104,7 +108,20 @@ def diagnose(
         notes=(decimated,) if decimated else (),
         seed=seed,
     )
-    return diagnosis_of(found, begun)
+    result = diagnosis_of(found, begun)
+    models = (_completed(x, model, holding) if x else None for x in (result.model, result.baseline_model))
+    return replace(result, **dict(zip(("model", "baseline_model"), models, strict=True)))
+
+
+def _completed(fitted: Model, nominal: Model | None, holding: Holding | None) -> Model:
+    """A model with its holding law, and with what the nominal one knows besides."""
+    estimates = fit_holding(holding.current, holding.torque) if holding else {}
+    law = {
+        name: Parameter(value=e.value, unit=parameter_unit(name, fitted.units), ci95=e.ci95)
+        for name, e in estimates.items()
+    }
+    fitted = replace(fitted, parameters={**fitted.parameters, **law})
+    return completed(fitted, nominal) if nominal else fitted
 
 
 def _candidates(problem: Problem, model: Model | None) -> list[str]:

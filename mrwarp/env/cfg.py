@@ -37,6 +37,8 @@ class EnvCfg:
     16 % are while walking."""
     model: Model | str | None = None
     """Identified joint with its effects (a model.json) for all MR joints; None keeps the asset's own."""
+    extrapolate: bool = False
+    """Whether ``model``'s coils take more current than it was measured with, up to the asset's largest."""
     robot: str = "mr_go"
     """Robot variant of the asset: ``mr_go`` or ``go1``."""
     payload: int = 0

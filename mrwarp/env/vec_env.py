@@ -267,7 +267,7 @@ def _asset(cfg: EnvCfg) -> tuple[RobotAsset, LearnedTorque | None]:
     if cfg.actuator_model == "none":
         asset = replace(asset, actuators=tuple(replace(a, mr=None) for a in asset.actuators))
     if cfg.model is not None:
-        asset = with_model(asset, cfg.model)
+        asset = with_model(asset, cfg.model, extrapolate=cfg.extrapolate)
     if cfg.actuator_model not in LEARNED:
         return asset, None
     assert cfg.actuator_file is not None  # EnvCfg has checked

@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ from mrwarp.identify.parameters import (
 from mrwarp.identify.projection import FEW, Point, Progress, Structure, search
 from mrwarp.identify.replay import Replay
 from mrwarp.params import BoucWenParams
-from mrwarp.recording.load import Holding, Recording, RecordingError
+from mrwarp.recording.load import Holding, Recording, RecordingError, find_holding, load_holding
 
 PARAMETERS = (*LINEAR, *SHAPE)
 """What is fitted of eqs. 14 and 15."""
@@ -94,6 +95,8 @@ class FitResult(Misfit):
     trajectories: int
     rate: float
     """Sampling rate [1/s], median."""
+    current: tuple[float, float]
+    """Smallest and largest current, in size."""
     condition: float
     seed: int
 
@@ -150,6 +153,7 @@ def fit(
         samples=len(samples.q),
         trajectories=len(runs),
         rate=float(np.median([1.0 / run.dt for run in runs])),
+        current=recording.current_range,
         condition=assessment.condition,
         seed=seed,
         **misfit(recording, point, samples, warnings),
@@ -220,6 +224,27 @@ def holding_curve(current: np.ndarray, T_max: float, K: float, n: float) -> np.n
     """tau_y of eq. 18 [N·m], as ``mrwarp.kernels.brake.yield_torque``, in float64."""
     ratio = (np.abs(current) / K) ** n
     return T_max * ratio / (1.0 + ratio)
+
+
+def read_holding(data: Path, recording: Recording, file: Path | None, log: Progress) -> Holding | None:
+    """Break-away torques: those of ``file``, else those beside the data if they can be used.
+
+    Raises:
+        RecordingError: the torques do not fit the recording, or those of ``file`` are too few.
+    """
+    found = file or find_holding(data)
+    if found is None:
+        return None
+    holding = load_holding(found, recording)
+    try:
+        fit_holding(holding.current, holding.torque)
+    except RecordingError as error:
+        if file is None:
+            log(f"no eq. 18: {found} is not used: {error}")
+            return None
+        raise RecordingError(f"{found}: {error}") from None
+    log(f"eq. 18: break-away torques of {found}")
+    return holding
 
 
 def fit_holding(current: np.ndarray, torque: np.ndarray) -> dict[str, Estimate]:

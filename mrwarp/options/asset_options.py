@@ -73,6 +73,8 @@ class Apply:
     """model.json, as 'mrwarp fit' writes it"""
     prim: Annotated[str, NAME] = "MRDevice"
     """joint or class; MRDevice is all four"""
+    extrapolate: opt.Flag = False
+    """let the coil take more current than the model was measured with"""
     out: opt.OptionalFile = None
     """write here and leave the file alone"""
 

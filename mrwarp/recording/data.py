@@ -1,7 +1,8 @@
-"""What a recording holds: trajectories, break-away tests, and the error for one that is refused."""
+"""What a recording holds: trajectories, break-away tests, their units, and the error for one that is refused."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,10 +19,37 @@ HOLDING_COLUMNS = ("current", "torque")
 """Columns of break-away tests."""
 
 HOLDING_FILE = "holding.csv"
-"""Break-away torques beside recordings (see :func:`load_holding`); not a recording itself."""
+"""Break-away torques beside recordings; not a recording itself."""
 
 UNITS = {"t": "s", "q": "rad", "qd": "rad/s", "current": "A", "torque": "N·m", "temperature": "degC"}
 """Unit of each column where nothing else is declared."""
+
+DEGREES = 180.0 / np.pi
+"""Degrees in a radian."""
+
+_RAD, _NM = 1.0 / DEGREES, "N·m"
+_CONVERSIONS: dict[str, dict[str, tuple[float, str]]] = {
+    "t": {"s": (1.0, "s"), "ms": (1e-3, "s"), "us": (1e-6, "s"), "µs": (1e-6, "s")},
+    "q": {
+        "rad": (1.0, "rad"),
+        **dict.fromkeys(("deg", "degree", "degrees", "°"), (_RAD, "rad")),
+        **{"mrad": (1e-3, "rad"), "m": (1.0, "m"), "mm": (1e-3, "m")},
+    },
+    "qd": {
+        "rad/s": (1.0, "rad/s"),
+        **dict.fromkeys(("deg/s", "°/s"), (_RAD, "rad/s")),
+        **{"mrad/s": (1e-3, "rad/s"), "rpm": (2.0 * np.pi / 60.0, "rad/s"), "m/s": (1.0, "m/s"), "mm/s": (1e-3, "m/s")},
+    },
+    "current": {"A": (1.0, "A"), "mA": (1e-3, "A"), "V": (1.0, "V"), "mV": (1e-3, "V")},
+    "torque": {
+        **dict.fromkeys(("N·m", "Nm", "N*m", "N.m", "N m"), (1.0, _NM)),
+        **dict.fromkeys(("mN·m", "mNm", "mN*m"), (1e-3, _NM)),
+        **dict.fromkeys(("kN·m", "kNm"), (1e3, _NM)),
+        **{"N": (1.0, "N"), "mN": (1e-3, "N"), "kN": (1e3, "N")},
+    },
+    "temperature": dict.fromkeys(("degC", "°C", "C", "K"), (1.0, "degC")),
+}
+"""Unit as declared to its factor and the unit that is kept."""
 
 
 class RecordingError(ValueError):
@@ -74,6 +102,12 @@ class Recording:
         """Samples of all trajectories together."""
         return sum(len(trajectory.t) for trajectory in self.trajectories)
 
+    @property
+    def current_range(self) -> tuple[float, float]:
+        """Smallest and largest current, in size [unit of the current]."""
+        sizes = [np.abs(trajectory.current) for trajectory in self.trajectories]
+        return float(min(size.min() for size in sizes)), float(max(size.max() for size in sizes))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Holding:
@@ -87,3 +121,55 @@ class Holding:
     """Units of both as held here."""
     header: dict[str, Any] = field(default_factory=dict)
     """What the file says about how it was made."""
+
+
+@dataclass(frozen=True)
+class Units:
+    """What ``units.json`` declares, completed."""
+
+    declared: dict[str, str]
+    trusted: bool = False
+    """Values are not compared with what is plausible."""
+
+    def base(self, key: str) -> str:
+        """Unit that the values have after :meth:`convert`."""
+        return _CONVERSIONS[key][self.declared[key]][1]
+
+    def convert(self, key: str, values: np.ndarray) -> np.ndarray:
+        """Values in the unit that is kept."""
+        if self.declared[key] == "K":
+            return values - 273.15
+        return values * _CONVERSIONS[key][self.declared[key]][0]
+
+
+def read_units(folder: Path) -> Units:
+    """The units of a folder's recordings."""
+    path = folder / "units.json"
+    declared: Any = {}
+    if path.is_file():
+        try:
+            declared = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError) as error:
+            raise RecordingError(f"{path}: not readable as JSON ({error}); repair or remove it") from None
+        if not isinstance(declared, dict):
+            raise RecordingError(f'{path}: must hold one object, e.g. {{"q": "deg", "current": "mA"}}')
+    trusted = declared.pop("trust_units", False)
+    if not isinstance(trusted, bool):
+        raise RecordingError(f"{path}: trust_units = {trusted!r} must be true or false")
+    for key, unit in declared.items():
+        if key not in _CONVERSIONS:
+            raise RecordingError(f"{path}: there is no column {key!r}; known: {', '.join(_CONVERSIONS)}")
+        if not isinstance(unit, str) or unit not in _CONVERSIONS[key]:
+            known = ", ".join(_CONVERSIONS[key])
+            raise RecordingError(f"{path}: the unit {unit!r} of {key} is not known; use one of {known}")
+    if "q" in declared and "qd" not in declared:
+        declared["qd"] = ("deg" if declared["q"] in ("degree", "degrees") else declared["q"]) + "/s"
+    result = Units({**UNITS, **declared}, trusted)
+    linear = result.base("q") == "m"
+    for key, wanted in (("qd", "m/s" if linear else "rad/s"), ("torque", "N" if linear else "N·m")):
+        if result.base(key) != wanted:
+            units = result.declared
+            raise RecordingError(
+                f"{path}: q in {units['q']} does not go with {key} in {units[key]}; declare {key} in {wanted}"
+            )
+    return result

@@ -15,7 +15,7 @@ MIN_HALF_SAMPLES = 2
 """Fewest samples on each side: below, four coefficients leave no noise to average."""
 
 
-def differentiate(x: np.ndarray, dt: float, *, half_width: float = HALF_WIDTH) -> np.ndarray:
+def differentiate(x: np.ndarray, dt: float) -> np.ndarray:
     """Time derivative of a uniformly sampled signal, without phase shift.
 
     The first and last half window take the slopes of the cubic through the first and last full window: one-sided and so
@@ -24,24 +24,22 @@ def differentiate(x: np.ndarray, dt: float, *, half_width: float = HALF_WIDTH) -
     Args:
         x: Signal, shape (N,), N >= 5.
         dt: Sampling interval [s].
-        half_width: Half of the window [s].
 
     Returns:
         Derivative [unit of x per s], shape (N,).
     """
-    window = 2 * half_samples(len(x), dt, half_width) + 1
     moved = x - x[0]  # a large offset would eat digits of the slope
-    return np.asarray(savgol_filter(moved, window, ORDER, deriv=1, delta=dt))
+    return np.asarray(savgol_filter(moved, 2 * half_samples(len(x), dt) + 1, ORDER, deriv=1, delta=dt))
 
 
-def half_samples(count: int, dt: float, half_width: float = HALF_WIDTH) -> int:
+def half_samples(count: int, dt: float) -> int:
     """Samples on each side of the window for a signal of ``count`` samples."""
-    return min(max(round(half_width / dt), MIN_HALF_SAMPLES), (count - 1) // 2)
+    return min(max(round(HALF_WIDTH / dt), MIN_HALF_SAMPLES), (count - 1) // 2)
 
 
-def frequency_response(f: np.ndarray, dt: float, *, half_width: float = HALF_WIDTH) -> np.ndarray:
+def frequency_response(f: np.ndarray, dt: float) -> np.ndarray:
     """Gain of :func:`differentiate` over that of the ideal derivative at the frequencies ``f`` [Hz]; real: no phase."""
-    m = half_samples(2**31, dt, half_width)
+    m = half_samples(2**31, dt)
     slope, k = savgol_coeffs(2 * m + 1, ORDER, deriv=1, use="dot"), np.arange(-m, m + 1)
     # the weights are odd in k, so only the sine part is left; sum(k*slope) = 1 is its limit at 0 Hz
     cycles = 2.0 * np.asarray(f, dtype=np.float64)[:, None] * dt * k

@@ -2,62 +2,70 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mrwarp.recording.checks import (
-    MAX_JITTER,
-    MIN_SAMPLES,
-    check_plausible,
-    checked_trajectories,
-    converted,
-    derivative_ratio,
-)
 from mrwarp.recording.data import (
     COLUMNS,
+    DEGREES,
     HOLDING_COLUMNS,
     HOLDING_FILE,
     REQUIRED,
+    UNITS,
     Holding,
     Recording,
     RecordingError,
     Trajectory,
+    Units,
+    read_units,
 )
-from mrwarp.recording.tables import SUFFIXES, read_table, suffix_of
-from mrwarp.recording.units import read_units
+from mrwarp.recording.differentiate import differentiate
+from mrwarp.recording.tables import MAX_BYTES, SUFFIXES, Table, read_table, suffix_of
 from mrwarp.recording.write import save_holding, save_recording
 
 __all__ = [
     "COLUMNS",
     "HOLDING_FILE",
-    "MAX_BYTES",
-    "MAX_JITTER",
-    "MIN_SAMPLES",
-    "SUFFIXES",
     "Holding",
     "Recording",
     "RecordingError",
     "Trajectory",
-    "check_same_units",
-    "derivative_ratio",
-    "find_holding",
-    "load_holding",
-    "load_recording",
     "save_holding",
     "save_recording",
 ]
 
-MAX_BYTES = 2**29
-"""Largest recording that is read, all files together and uncompressed [bytes]: 512 MiB, 14 hours at 200 Hz."""
+MIN_SAMPLES = 50
+"""Fewest samples of a trajectory: one history window of the learned models."""
+
+MAX_JITTER = 0.5
+"""Largest deviation of a sampling interval from the median interval, as a share of it; above, it is a gap."""
+
+SAME_CURRENT = (0.05, 20.0)
+"""Plausible ratio of the largest current of break-away tests to that of the recordings."""
+
+SAME_TORQUE = (0.2, 50.0)
+"""Plausible ratio of the largest break-away torque, at the recordings' currents, to their sliding torque.
+
+A brake sticks about as it slides: 1 to 1.5 for MR fluids; the paper's device has 9. A wrong prefix is 1000.
+"""
+
+_PLAUSIBLE = {
+    # base unit: largest plausible value, unit that larger values are likely in, where the limit comes from
+    "rad": (2.0 * np.pi, "deg"),  # a joint does not leave its middle by more than a turn
+    "m": (10.0, "mm"),
+    "A": (50.0, "mA"),  # MR coils take a few ampere
+    "V": (500.0, "mV"),
+    "N·m": (300.0, "mN·m"),  # ten times the paper's 26 N·m joint
+    "N": (1.0e6, "mN"),
+}
 
 
 def load_recording(path: str | Path) -> Recording:
-    """Read and check a recording: one CSV or Parquet file, or a folder of them (docs/data.md has the format).
-
-    Reads at most :data:`MAX_BYTES`; writes nothing.
+    """Read and check a recording: one CSV or Parquet file, or a folder of them; at most :data:`MAX_BYTES`.
 
     Raises:
         RecordingError: the recording is refused; the message names file, row and column, and the remedy.
@@ -68,12 +76,12 @@ def load_recording(path: str | Path) -> Recording:
     left = MAX_BYTES
     trajectories: list[Trajectory] = []
     for file in files:
-        table = read_table(file, REQUIRED, left, MAX_BYTES)
+        table = read_table(file, REQUIRED, left)
         left -= table.size
-        trajectories += checked_trajectories(table, units, file.name.removesuffix(suffix_of(file)), path.is_dir())
+        trajectories += _checked_trajectories(table, units, file.name.removesuffix(suffix_of(file)), path.is_dir())
     names = [trajectory.id for trajectory in trajectories]
-    double = next((name for name in names if names.count(name) > 1), None) if len(set(names)) < len(names) else None
-    if double is not None:
+    if len(set(names)) < len(names):
+        double = next(name for name in names if names.count(name) > 1)
         raise RecordingError(f"{path}: two trajectories are called {double!r}; rename a file or a trajectory")
     return Recording(
         trajectories=tuple(trajectories),
@@ -101,28 +109,49 @@ def find_holding(path: str | Path) -> Path | None:
     return next((f / HOLDING_FILE for f in (folder, folder.absolute().parent) if (f / HOLDING_FILE).is_file()), None)
 
 
-def load_holding(path: str | Path) -> Holding:
+def load_holding(path: str | Path, recording: Recording | None = None) -> Holding:
     """Read break-away tests: columns ``current`` [A] and ``torque`` [N·m], one row per test (docs/data.md).
+
+    ``units.json`` is for recordings and does not apply.
 
     Args:
         path: The file (``.csv``, ``.csv.gz``, ``.parquet``), or the folder that holds ``holding.csv``.
+        recording: Recordings of the same device. Numbers that cannot be of one device are refused; a device in V or N
+            has its break-away tests in these, too.
 
     Raises:
         RecordingError: the file is refused; the message names file, row and column, and the remedy.
     """
     path = Path(path)
     file = _files_of(path / HOLDING_FILE if path.is_dir() else path)[0]
-    table = read_table(file, HOLDING_COLUMNS, MAX_BYTES, MAX_BYTES)
-    units = read_units(file.parent)
-    columns = converted(table, units)
-    for name in HOLDING_COLUMNS:
-        check_plausible(table, name, float(np.abs(columns[name]).max()), units)
-    return Holding(
-        current=columns["current"],
-        torque=columns["torque"],
-        units={name: units.base(name) for name in HOLDING_COLUMNS},
-        header=table.header,
-    )
+    table = read_table(file, HOLDING_COLUMNS, MAX_BYTES)
+    units = {name: (recording.units if recording else UNITS)[name] for name in HOLDING_COLUMNS}
+    remedy = f"convert them, this file is in {' and '.join(units.values())} whatever units.json says"
+    _check_finite(table)
+    if not read_units(file.parent).trusted:
+        for name, unit in units.items():
+            _check_plausible(table, name, float(np.abs(table.columns[name]).max()), unit, remedy)
+        if recording is not None:
+            _check_same_device(table, recording, units, remedy)
+    return Holding(current=table.columns["current"], torque=table.columns["torque"], units=units, header=table.header)
+
+
+def _check_same_device(table: Table, recording: Recording, units: dict[str, str], remedy: str) -> None:
+    """Refuse break-away tests whose currents or torques are far from those of the recordings."""
+    current, torque = (np.abs(table.columns[name]) for name in HOLDING_COLUMNS)
+    top = recording.current_range[1]
+    sliding = float(np.percentile(np.abs(np.concatenate([run.torque for run in recording.trajectories])), 99))
+    held = float(np.max(torque, where=current <= 1.2 * top, initial=0.0))
+    for name, value, other, (low, high) in (
+        ("current", float(current.max()), top, SAME_CURRENT),
+        ("torque", held, sliding, SAME_TORQUE),
+    ):
+        if top > 0.0 and other > 0.0 and not low <= value / other <= high:
+            raise table.refuse(
+                f"up to {value:.4g} {units[name]}, but up to {other:.4g} {units[name]} in {recording.source}: a factor "
+                f"of {value / other:.3g}, plausible are {low:g} to {high:g}; {remedy}, or take it away",
+                column=name,
+            )
 
 
 def _files_of(path: Path) -> list[Path]:
@@ -150,3 +179,123 @@ def _common(headers: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """The entries that all headers hold alike."""
     first = headers[0]
     return {k: v for k, v in first.items() if all(k in h and h[k] == v for h in headers[1:])}
+
+
+def _checked_trajectories(table: Table, units: Units, stem: str, in_folder: bool) -> list[Trajectory]:
+    """The trajectories of one file, converted and checked; the file's name ``stem`` begins their ids in a folder."""
+    _check_finite(table)
+    columns = {name: units.convert(name, values) for name, values in table.columns.items()}
+    flag = bool(table.header.get("qd_derived", False))
+    parts = []
+    for name, rows in _groups(table):
+        part = {key: values[rows] for key, values in columns.items()}
+        _check_time(table, part["t"], rows, name)
+        dt = (part["t"][-1] - part["t"][0]) / (len(part["t"]) - 1)
+        derived = "qd" not in part
+        parts.append(
+            Trajectory(
+                id=stem if name is None else f"{stem}/{name}" if in_folder else name,
+                qd=differentiate(part["q"], dt) if derived else part.pop("qd"),
+                qd_derived=derived or flag,
+                header=table.header,
+                **part,
+            )
+        )
+    if not units.trusted:
+        _check_units(table, parts, units)
+    return parts
+
+
+def _check_finite(table: Table) -> None:
+    for name, values in table.columns.items():
+        if not np.isfinite(values).all():
+            row = int(np.flatnonzero(~np.isfinite(values))[0])
+            what = "an empty cell or NaN" if np.isnan(values[row]) else "infinity"
+            raise table.refuse(f"{what} instead of a number; cut it out or record again", row=row, column=name)
+
+
+def _groups(table: Table) -> Iterator[tuple[str | None, np.ndarray]]:
+    """Rows of each trajectory in the order of first appearance."""
+    if table.ids is None:
+        yield None, np.arange(len(table.columns["t"]))
+        return
+    names, first, code = np.unique(table.ids, return_index=True, return_inverse=True)
+    for k in np.argsort(first):
+        yield str(names[k]), np.flatnonzero(code == k)
+
+
+def _check_time(table: Table, t: np.ndarray, rows: np.ndarray, name: str | None) -> None:
+    of = "" if name is None else f" of trajectory {name!r}"
+    if len(t) < MIN_SAMPLES:
+        raise table.refuse(f"{len(t)} samples{of}; at least {MIN_SAMPLES} are needed, record a longer run")
+    step = np.diff(t)
+    if (step <= 0.0).any():
+        k = int(np.flatnonzero(step <= 0.0)[0])
+        raise table.refuse(
+            f"time does not increase{of}: {t[k + 1]:.9g} s after {t[k]:.9g} s; sort the rows, or give each run its own "
+            "'trajectory' id",
+            row=int(rows[k + 1]),
+            column="t",
+        )
+    dt = float(np.median(step))
+    if dt > 1.0:
+        raise table.refuse(
+            f"{dt:g} s between samples{of}: these look like milliseconds; divide by 1000, or declare the unit in "
+            'units.json: {"t": "ms"}',
+            column="t",
+        )
+    odd = np.abs(step - dt) > MAX_JITTER * dt
+    if odd.any():
+        k = int(np.flatnonzero(odd)[0])
+        what = "a gap" if step[k] > dt else "uneven sampling"
+        raise table.refuse(
+            f"{what}{of}: {step[k]:.6g} s between samples, elsewhere {dt:.6g} s; split the run there into two "
+            "trajectories, or resample it uniformly",
+            row=int(rows[k + 1]),
+            column="t",
+        )
+
+
+def _check_units(table: Table, parts: list[Trajectory], units: Units) -> None:
+    """Refuse values that are clearly in another unit than declared."""
+    largest = {
+        "q": max(float(np.abs(part.q - np.median(part.q)).max()) for part in parts),
+        "current": max(float(np.abs(part.current).max()) for part in parts),
+        "torque": max(float(np.abs(part.torque).max()) for part in parts),
+    }
+    for key, value in largest.items():
+        likely = _PLAUSIBLE[units.base(key)][1]
+        remedy = f'convert them, or declare the unit in units.json beside the file: {{"{key}": "{likely}"}}'
+        _check_plausible(table, key, value, units.base(key), remedy)
+    if units.base("q") != "rad":
+        return
+    for part in parts:
+        ratio = derivative_ratio(part)
+        if part.qd_derived or not (0.6 < ratio / DEGREES < 1.6 or 0.6 < ratio * DEGREES < 1.6):
+            continue
+        key, unit, other = ("q", "deg", "qd") if ratio > 1.0 else ("qd", "deg/s", "q")
+        declared = {"q": "deg", "qd": "rad/s"} if key == "q" else {"q": "rad", "qd": "deg/s"}
+        raise table.refuse(
+            f"dq/dt is {ratio:.3g} times qd in trajectory {part.id!r}, so {key} looks like {unit} where {other} is in "
+            f"radians; convert it, or declare it in units.json beside the file: {json.dumps(declared)}",
+            column=key,
+        )
+
+
+def _check_plausible(table: Table, key: str, largest: float, unit: str, remedy: str) -> None:
+    """Refuse a column whose largest value no device of this kind reaches."""
+    limit, likely = _PLAUSIBLE[unit]
+    if largest > limit:
+        what = "away from their median" if key == "q" else "in size"
+        raise table.refuse(
+            f"values up to {largest:.4g} {unit} {what} look like {likely}; {remedy} (if they really are {unit}: "
+            '{"trust_units": true})',
+            column=key,
+        )
+
+
+def derivative_ratio(part: Trajectory) -> float:
+    """RMS of dq/dt over RMS of the trajectory's qd; 1 where either rests."""
+    derived = differentiate(part.q, part.dt)
+    own, other = float(np.sqrt(np.mean(part.qd**2))), float(np.sqrt(np.mean(derived**2)))
+    return other / own if own > 1e-9 and other > 1e-9 else 1.0

@@ -10,7 +10,7 @@ import json
 import re
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,29 +24,31 @@ from mrwarp.recording.data import UNITS, RecordingError
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
 """File types that are recordings."""
 
+MAX_BYTES = 2**29
+"""Largest recording that is read, all files together and uncompressed [bytes]: 512 MiB, 14 hours at 200 Hz."""
+
 _ALIASES = {
     "t": ("time", "timestamp", "t [s]", "time [s]"),
     "q": ("theta", "position", "angle", "displacement", "pos"),
     "current": ("i", "i_coil", "coil_current", "amps"),
     "torque": ("tau", "force", "moment"),
 }
-_NULLS = ["", "NA", "N/A", "NaN", "nan", "-nan", "null", "NULL", "None"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Table:
     """The columns of one file, as recorded."""
 
     file: Path
-    columns: dict[str, np.ndarray]
-    """Float64, NaN where a cell is empty."""
-    ids: np.ndarray | None
-    """Trajectory of each row, or None for one trajectory."""
     header: dict[str, Any]
-    size: int = 0
+    size: int
     """Bytes that the content takes in memory."""
     first_line: int | None = None
     """Line of the first row in a text file, for messages; None where rows are not lines."""
+    columns: dict[str, np.ndarray]
+    """Float64, NaN where a cell is empty."""
+    ids: np.ndarray | None = None
+    """Trajectory of each row, or None for one trajectory."""
 
     def refuse(self, problem: str, *, row: int | None = None, column: str | None = None) -> RecordingError:
         """The error for a row (counted from 0) and a column of this file."""
@@ -63,14 +65,13 @@ def suffix_of(path: Path) -> str:
     return next((s for s in reversed(SUFFIXES) if path.name.lower().endswith(s)), "")
 
 
-def read_table(file: Path, required: Sequence[str], limit: int, most: int) -> Table:
+def read_table(file: Path, required: Sequence[str], limit: int) -> Table:
     """Read one file.
 
     Args:
         file: A regular file.
         required: Columns that it must have.
-        limit: Largest content [bytes], uncompressed.
-        most: Largest content of a whole recording [bytes], for the message.
+        limit: Largest content [bytes], uncompressed: what other files of the recording leave.
 
     Raises:
         RecordingError: the file is refused.
@@ -82,33 +83,30 @@ def read_table(file: Path, required: Sequence[str], limit: int, most: int) -> Ta
     except OSError as error:
         raise RecordingError(f"{file}: cannot be read ({error.strerror}); check its permissions") from None
     compressed, suffix = start[:2] == b"\x1f\x8b", suffix_of(file)
-    _check_size(file, size, limit, most)
+    _check_size(file, size, limit)
     if size and (suffix == ".parquet" or start == b"PAR1"):
-        return _read_parquet(file, required, limit, most)
+        return _read_parquet(file, required, limit)
     if size and suffix == ".csv.gz" and not compressed:
         raise RecordingError(f"{file}: named .gz, but not compressed with gzip; rename it to .csv or compress it")
     try:
         with gzip.open(file) if compressed else file.open("rb") as stream:
-            data = stream.read(4096)
-            if b"\0" in data or any(byte < 9 or 13 < byte < 32 for byte in data):
-                raise RecordingError(
-                    f"{file}: binary data, not text; export it as CSV with columns t, q, qd, current, torque, or as "
-                    ".parquet"
-                )
-            data += stream.read(limit + 1)  # a small file may hold more than any memory
+            data = stream.read(limit + 1)  # a small file may hold more than any memory
     except (OSError, EOFError, zlib.error) as error:
         raise RecordingError(f"{file}: the gzip data is damaged ({error}); copy or record it again") from None
     if not data:
         raise RecordingError(f"{file}: the file is empty; record it again")
-    _check_size(file, len(data), limit, most, more="more than ")
+    if any(byte < 9 or 13 < byte < 32 for byte in data[:4096]):
+        hint = "export it as CSV with columns t, q, qd, current, torque, or as .parquet"
+        raise RecordingError(f"{file}: binary data, not text; {hint}")
+    _check_size(file, len(data), limit)
     return _read_csv(file, data, required)
 
 
-def _check_size(file: Path, size: int, limit: int, most: int, more: str = "") -> None:
+def _check_size(file: Path, size: int, limit: int) -> None:
     if size > limit:
         raise RecordingError(
-            f"{file}: {more}{(most if more else size) / 2**30:.1f} GiB is more than is read at once "
-            f"({most / 2**20:g} MiB per recording, uncompressed); split it into several recordings"
+            f"{file}: {size / 2**30:.1f} GiB is more than is read at once "
+            f"({MAX_BYTES / 2**20:g} MiB per recording, uncompressed); split it into several recordings"
         )
 
 
@@ -129,29 +127,24 @@ def _read_csv(file: Path, data: bytes, required: Sequence[str]) -> Table:
                 header[key.strip()] = value.strip()
     names = [name.strip().strip('"').strip() for name in line.split(",")]
     blank_lines = any(0 <= data.find(blank, position) < len(data) - 8 for blank in (b"\n\n", b"\n\r\n"))
-    table = Table(file, {}, None, header, len(data), None if blank_lines else lines + 1)
+    first_line = None if blank_lines else lines + 1
+    table = Table(file=file, header=header, size=len(data), first_line=first_line, columns={})
     _check_names(table, names, line, required)
     if not data[position : position + 256].strip():
         raise table.refuse("no samples, only the column names; record it again")
-
-    def parse(threads: bool) -> pa.Table:
-        return pyarrow.csv.read_csv(
+    try:
+        content = pyarrow.csv.read_csv(
             pa.BufferReader(pa.py_buffer(data).slice(position)),
-            read_options=pyarrow.csv.ReadOptions(column_names=names, use_threads=threads),
+            # with more threads pyarrow's messages do not know the row
+            read_options=pyarrow.csv.ReadOptions(column_names=names, use_threads=False),
             convert_options=pyarrow.csv.ConvertOptions(
                 column_types={n: pa.string() if n == "trajectory" else pa.float64() for n in names},
                 include_columns=[n for n in names if n in UNITS or n == "trajectory"],
-                null_values=_NULLS,
             ),
         )
-
-    try:
-        return _with_columns(table, parse(threads=True))
-    except (pa.ArrowInvalid, UnicodeDecodeError):
-        try:  # only a single thread knows the row
-            return _with_columns(table, parse(threads=False))
-        except (pa.ArrowInvalid, UnicodeDecodeError) as error:
-            raise _bad_line(table, names, str(error)) from None
+        return _with_columns(table, content)
+    except (pa.ArrowInvalid, UnicodeDecodeError) as error:
+        raise _bad_line(table, names, str(error)) from None
 
 
 def _bad_line(table: Table, names: list[str], message: str) -> RecordingError:
@@ -166,8 +159,7 @@ def _bad_line(table: Table, names: list[str], message: str) -> RecordingError:
     return table.refuse(f"not readable as CSV ({message.splitlines()[0][:200]}); export it again")
 
 
-def _read_parquet(file: Path, required: Sequence[str], limit: int, most: int) -> Table:
-    table = Table(file, {}, None, {})
+def _read_parquet(file: Path, required: Sequence[str], limit: int) -> Table:
     try:
         with pa.OSFile(str(file)) as stream:
             parquet = pyarrow.parquet.ParquetFile(stream)
@@ -175,19 +167,21 @@ def _read_parquet(file: Path, required: Sequence[str], limit: int, most: int) ->
             wanted = [n for n in names if n in UNITS or n == "trajectory"]
             # 8 bytes a value: what the file takes in memory, however well it is compressed
             size = 8 * parquet.metadata.num_rows * max(len(wanted), 1)
-            _check_size(file, size, limit, most)
-            _check_names(table, names, ",".join(names), required)
+            _check_size(file, size, limit)
             header = json.loads((parquet.schema_arrow.metadata or {}).get(b"mrwarp", b"{}"))
+            table = Table(
+                file=file, header=header if isinstance(header, dict) else {"header": header}, size=size, columns={}
+            )
+            _check_names(table, names, ",".join(names), required)
             content = parquet.read(columns=wanted)
     except RecordingError:
         raise
     except (pa.ArrowException, OSError, ValueError, RecursionError) as error:
         reason = str(error).splitlines()[0][:200]
-        raise table.refuse(f"not a readable Parquet file ({reason}); export it again") from None
+        raise RecordingError(f"{file}: not a readable Parquet file ({reason}); export it again") from None
     if content.num_rows == 0:
         raise table.refuse("no samples; record it again")
-    header = header if isinstance(header, dict) else {"header": header}
-    return _with_columns(Table(file, {}, None, header, size), content)
+    return _with_columns(table, content)
 
 
 def _check_names(table: Table, names: list[str], line: str, required: Sequence[str]) -> None:
@@ -223,4 +217,4 @@ def _with_columns(table: Table, content: pa.Table) -> Table:
             columns[name] = column.cast(pa.float64()).to_numpy().astype(np.float64)
         except pa.ArrowException:
             raise table.refuse(f"holds {column.type}, not numbers; store it as double", column=name) from None
-    return Table(table.file, columns, ids, table.header, table.size, table.first_line)
+    return replace(table, columns=columns, ids=ids)

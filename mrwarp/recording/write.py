@@ -19,14 +19,13 @@ from mrwarp.recording.data import (
     COLUMNS,
     HOLDING_COLUMNS,
     HOLDING_FILE,
-    UNITS,
     Holding,
     Recording,
     RecordingError,
     Trajectory,
+    read_units,
 )
 from mrwarp.recording.tables import suffix_of
-from mrwarp.recording.units import read_units
 from mrwarp.run_dir import write_bytes
 
 
@@ -49,12 +48,15 @@ def save_recording(
     """
     path = Path(path)
     folder = path.parent if suffix_of(path) else path
-    folder.mkdir(parents=True, exist_ok=True)
-    _write_units(folder, recording.units)
+    units, declared = folder / "units.json", read_units(folder).declared
+    if any(declared[key] != unit for key, unit in recording.units.items()):
+        if units.is_file():
+            raise RecordingError(f"{units}: the files beside it are in other units; choose another folder")
+        write_bytes(units, (json.dumps(recording.units, ensure_ascii=False, indent=1) + "\n").encode())
     added = {**recording.header, **(header or {})}
     if suffix_of(path):
-        ids = {"trajectory": [run.id for run in recording.trajectories for _ in range(len(run.t))]}
-        _write_runs(recording.trajectories, path, added, ids)
+        ids = [run.id for run in recording.trajectories for _ in range(len(run.t))]
+        _write_runs(recording.trajectories, path, added, {"trajectory": ids})
         return [path]
     files = [folder / (re.sub(r"[^\w.+=-]", "_", run.id) + kind) for run in recording.trajectories]
     if len(set(files)) < len(files):
@@ -66,21 +68,9 @@ def save_recording(
 
 def save_holding(holding: Holding, folder: str | Path) -> Path:
     """Write break-away tests as ``folder/holding.csv``, with their header."""
-    Path(folder).mkdir(parents=True, exist_ok=True)
     file = Path(folder) / HOLDING_FILE
     _write({name: getattr(holding, name) for name in HOLDING_COLUMNS}, file, holding.header)
     return file
-
-
-def _write_units(folder: Path, units: dict[str, str]) -> None:
-    """Write ``units.json`` where it is needed; refuse a folder whose files are in other units."""
-    path, usual = folder / "units.json", {key: UNITS[key] for key in units}
-    if path.is_file():
-        there = read_units(folder)
-        if any(there.declared[key] != unit for key, unit in units.items()):
-            raise RecordingError(f"{path}: the files beside it are in other units; choose another folder")
-    elif units != usual:
-        write_bytes(path, (json.dumps(units, ensure_ascii=False, indent=1) + "\n").encode())
 
 
 def _write_runs(runs: Sequence[Trajectory], file: Path, header: dict[str, Any], columns: dict[str, Any]) -> None:

@@ -11,19 +11,16 @@ from pathlib import Path
 
 from pxr import Sdf, Usd, UsdUtils
 
-from mrwarp.model_file import Effect, Model, ModelFileError, check_effects, load_model, silent_note
+from mrwarp.model_file import HOLDING_NOTE, Effect, Model, ModelFileError, check_effects, load_model, silent_note
 from mrwarp.params import MrParams
 from mrwarp.usd.open_stage import ASSETS, SCHEMA, AssetError, open_stage
-from mrwarp.usd.record import PD, is_mr, read_effects, read_number, read_parameters
+from mrwarp.usd.record import PD, is_mr, read_model, read_number, read_parameters
 from mrwarp.usd.robot import JOINTS
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointActuator:
-    """What drives one joint: gains [N·m/rad, N·m·s/rad], motor torque limit [N·m], MR device (``None``: motor only).
-
-    The device's ``effects`` are those of the model that was applied to the prim, see :mod:`mrwarp.usd.record`.
-    """
+    """What drives one joint: gains [N·m/rad, N·m·s/rad], motor torque limit [N·m], MR device (``None``: motor only)."""
 
     joint: str
     prim_path: str
@@ -31,9 +28,34 @@ class JointActuator:
     kd: float
     tau_limit: float
     mr: MrParams | None
-    effects: tuple[Effect, ...] = ()
+    model: Model | None = None
+    """The model that the device's numbers are of, see :mod:`mrwarp.usd.record`; None: numbers alone."""
     lost: str = ""
-    """Why the prim's effects cannot be read, if they cannot."""
+    """Why the prim's model cannot be read, if it cannot."""
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Effects of the device's model."""
+        return self.model.effects if self.model else ()
+
+    @property
+    def holding_measured(self) -> bool:
+        """False where the holding law was neither measured nor stated: it follows from the sliding torque."""
+        return self.model is None or self.model.holding_measured
+
+    @property
+    def measured_current(self) -> tuple[float, float] | None:
+        """Smallest and largest current that the device was measured with [A]; None: not known."""
+        return self.model.fitted_on.current if self.model else None
+
+    @property
+    def is_paper_device(self) -> bool:
+        """Whether the device is the paper's, number by number: sliding, holding and coil, without effects."""
+        if self.mr is None or self.effects or self.lost:
+            return False
+        values, paper = self.mr.to_dict(), MrParams()
+        names = [spec.name for spec in paper.specs() if spec.group in ("BoucWenParams", "HoldParams", "CoilParams")]
+        return all(values[name] == value for name, value in paper if name in names and name != "q_neutral")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +109,7 @@ def check_currents(actuators: Sequence[JointActuator], currents: Sequence[float]
         if a.mr is not None and max(currents) > a.mr.coil.current_max:
             raise AssetError(
                 f"--current {max(currents):g}: {a.joint} takes 0 to {a.mr.coil.current_max:g} A; give currents up to "
-                "that, or an --asset with another current_max"
+                "that, or an --asset with another current_max ('mrwarp asset apply --extrapolate')"
             )
 
 
@@ -99,7 +121,7 @@ def load_bench(path: str | Path | None = None) -> RobotAsset:
     return RobotAsset(path=file, robot="bench", payload=0, stage=stage, actuators=found)
 
 
-def with_model(asset: RobotAsset, model: Model | str | Path) -> RobotAsset:
+def with_model(asset: RobotAsset, model: Model | str | Path, *, extrapolate: bool = False) -> RobotAsset:
     """The asset with the numbers and effects of a model on every MR joint, in place of its own.
 
     What the model does not hold (neutral angle, gates, motor) stays each joint's.
@@ -107,6 +129,7 @@ def with_model(asset: RobotAsset, model: Model | str | Path) -> RobotAsset:
     Args:
         asset: Robot or bench.
         model: A model, or the file that holds one.
+        extrapolate: As in :meth:`mrwarp.model_file.Model.to_params`.
 
     Raises:
         ModelFileError: it cannot be used, or no joint of the asset has a device.
@@ -119,29 +142,38 @@ def with_model(asset: RobotAsset, model: Model | str | Path) -> RobotAsset:
     return replace(
         asset,
         actuators=tuple(
-            a if a.mr is None else _mr_joint(a.joint, a.prim_path, model.to_params(a.mr), model.effects)
+            a
+            if a.mr is None
+            else _mr_joint(a.joint, a.prim_path, model.to_params(a.mr, extrapolate=extrapolate), model)
             for a in asset.actuators
         ),
     )
 
 
-def _mr_joint(joint: str, path: str, mr: MrParams, effects: tuple[Effect, ...] = (), lost: str = "") -> JointActuator:
+def _mr_joint(joint: str, path: str, mr: MrParams, model: Model | None, lost: str = "") -> JointActuator:
     """A joint with a device, whose parameters hold the motor's gains too."""
     gains = {"kp": mr.motor.kp_base, "kd": mr.motor.kd, "tau_limit": mr.motor.tau_limit}
-    return JointActuator(joint=joint, prim_path=path, mr=mr, effects=effects, lost=lost, **gains)
+    return JointActuator(joint=joint, prim_path=path, mr=mr, model=model, lost=lost, **gains)
 
 
-def effect_lines(actuators: Sequence[JointActuator]) -> Iterator[str]:
-    """What acts on which joints, and what does not; nothing for joints without effects."""
-    carrying = [a for a in actuators if a.mr is not None and a.effects]
-    while carrying:
-        effects = carrying[0].effects
-        joints = [a.joint for a in carrying if a.effects == effects]
-        carrying = [a for a in carrying if a.effects != effects]
-        if acting := [str(effect) for effect in effects if effect.acts]:
-            yield f"effects on {', '.join(joints)}: {'; '.join(acting)}"
-        if note := silent_note(effects):
-            yield f"note: {note}"
+def device_lines(actuators: Sequence[JointActuator]) -> Iterator[str]:
+    """What a user is told of the devices, a line each: effects that act or do not, and what was not measured."""
+    told: dict[str, list[str]] = {}
+    for a in actuators:
+        if a.mr is None or a.model is None:
+            continue
+        if acting := [str(effect) for effect in a.effects if effect.acts]:
+            told.setdefault(f"effects on {{}}: {'; '.join(acting)}", []).append(a.joint)
+        if note := silent_note(a.effects):
+            told.setdefault(f"note: {note}", []).append(a.joint)
+        if not a.holding_measured:
+            top = a.mr.coil.current_max
+            torque = a.mr.bouc_wen.sliding_torque(top)
+            told.setdefault(f"{HOLDING_NOTE}; {{}} yields at {torque:.3g} N·m with {top:.3g} A", []).append(a.joint)
+        if a.measured_current and a.mr.coil.current_max > a.measured_current[1]:
+            most = a.measured_current[1]
+            told.setdefault(f"warning: {{}} was measured up to {most:.4g} A; more is a guess", []).append(a.joint)
+    yield from (line.replace("{}", ", ".join(joints)) for line, joints in told.items())
 
 
 def variant_choices(stage: Usd.Stage, name: str) -> list[str]:
@@ -197,9 +229,10 @@ def _actuator(prim: Usd.Prim, joint: str, file: Path) -> JointActuator:
     if is_mr(prim):
         mr = read_parameters(prim, file)
         try:
-            return _mr_joint(joint, path, mr, read_effects(prim, file))
+            held = read_model(prim, file)
+            return _mr_joint(joint, path, mr, held.model if held.applied else None)
         except AssetError as error:
-            return _mr_joint(joint, path, mr, lost=str(error))
+            return _mr_joint(joint, path, mr, None, lost=str(error))
     if not {"NewtonPDControlAPI", "NewtonMaxEffortClampingAPI"} <= set(schemas):
         allowed = f"allowed: {SCHEMA}, or NewtonPDControlAPI with NewtonMaxEffortClampingAPI"
         raise AssetError(f"{file}: {path}: apiSchemas = {list(schemas)}; {allowed}")

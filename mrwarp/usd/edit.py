@@ -18,9 +18,10 @@ from typing import Any
 
 from pxr import Sdf, Tf, Usd
 
+from mrwarp.model_file import Model
 from mrwarp.params import MrParams, ParameterError
 from mrwarp.usd.open_stage import AssetError, choices, open_stage
-from mrwarp.usd.record import PD, PREFIX, RECORD, is_mr
+from mrwarp.usd.record import PD, PREFIX, RECORD, is_mr, read_parameters, record_text
 from mrwarp.usd.scene_report import decimal, plain, value_text
 
 SUFFIXES = (".usda", ".usdc", ".usd")
@@ -70,7 +71,8 @@ def edit_asset(
     values: dict[str, Any],
     out: Path | None = None,
     check: Callable[[Path], object] | None = None,
-    record: Callable[[Usd.Prim], str] | None = None,
+    model: Model | None = None,
+    extrapolate: bool = False,
 ) -> EditReport:
     """Set attributes of one actuator, or of the class that several inherit.
 
@@ -78,9 +80,10 @@ def edit_asset(
         file: USD file.
         prim: Prim path, or the short name of a joint (``FL_calf``) or class (``MRDevice``).
         values: Attribute name, with or without ``newton:mr:``, to number.
+        model: A model whose numbers are set before ``values``, with its record, see :mod:`mrwarp.usd.record`.
+        extrapolate: As in :meth:`mrwarp.model_file.Model.to_params`.
         out: File to write; ``None`` is ``file`` itself.
         check: Called with the edited copy; raises ``AssetError`` when it is not usable.
-        record: Gives the record of the model that the values are of, see :mod:`mrwarp.usd.record`.
 
     Raises:
         AssetError: a prim, name or number is refused, or the result is not usable; then nothing was written.
@@ -91,9 +94,16 @@ def edit_asset(
         raise AssetError(f"{out or file}: cannot be written; give a name ending in {', '.join(SUFFIXES)} in a folder")
     found = find_prim(stage, prim, file)
     path = str(found.GetPath())
-    wanted: dict[str, float | str] = {**_checked(found, values, file)}
-    if record is not None:
-        wanted[RECORD] = record(found)
+    record = {}
+    if model is not None:
+        if not is_mr(found):
+            raise AssetError(f"{file}: {path}: a plain motor takes no model; name a joint with an MR device")
+        held = read_parameters(found, file)
+        params = model.to_params(held, extrapolate=extrapolate)
+        record = {RECORD: record_text(model, params)}
+        own = {name: value for name, value in params if name in model.parameters or value != held.to_dict()[name]}
+        values = own | values
+    wanted: dict[str, float | str] = {**_checked(found, values, file), **record}
     sites: dict[str, dict[str, tuple[float | str, str]]] = {}
     for name, value in wanted.items():
         where, kind = _site(found, name)

@@ -236,9 +236,15 @@ def _start() -> subprocess.Popen[str]:
     run = f"import sys; sys.path = {[package, *sys.path]!r}; from mrwarp.usd.open_stage import serve; serve()"
     # one thread: the limit is of address space, of which every thread takes a large piece
     env = {**os.environ, "PXR_WORK_THREAD_LIMIT": "1", "MALLOC_ARENA_MAX": "1", "OPENBLAS_NUM_THREADS": "1"}
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
     try:
-        return subprocess.Popen([sys.executable, "-I", "-c", run], env=env, text=True, encoding="ascii", **pipes)
+        return subprocess.Popen(
+            [sys.executable, "-I", "-c", run],
+            env=env,
+            encoding="ascii",
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
     except OSError as error:
         raise AssetError(f"no process can be started to try USD files out ({error.strerror}); free some") from None
 

@@ -21,7 +21,6 @@ from pxr import Sdf, Usd
 from mrwarp.model_file import (
     JOINT_UNITS,
     MAX_BYTES,
-    Effect,
     FittedOn,
     Model,
     ModelFileError,
@@ -166,17 +165,6 @@ def read_model(prim: Usd.Prim, file: str | Path = "stage") -> PrimModel:
     return PrimModel(model=replace(applied, parameters=parameters), applied=applied, changed=changed)
 
 
-def read_effects(prim: Usd.Prim, file: str | Path = "stage") -> tuple[Effect, ...]:
-    """The effects of the model that was applied to a prim; none without a record.
-
-    Raises:
-        AssetError: the record is unusable.
-    """
-    place = f"{file}: {prim.GetPath()}"
-    found = _record(prim, place)
-    return parse_record(found, place)[0].effects if found else ()
-
-
 def record_text(model: Model, params: MrParams) -> str:
     """The record of a model for a prim whose numbers, beside the model's, are those of ``params``."""
     rest = {name: value for name, value in params if name != "q_neutral" and name not in model.parameters}
@@ -184,7 +172,7 @@ def record_text(model: Model, params: MrParams) -> str:
 
 
 def write_model(prim: Usd.Prim, model: Model) -> None:
-    """Author a model's numbers and its record on an MR prim, at the stage's edit target; its other numbers stay.
+    """Author a model's numbers and its record on an MR prim, at the stage's edit target; the prim's other numbers stay.
 
     Raises:
         AssetError: the prim is not an MR actuator.

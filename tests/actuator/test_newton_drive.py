@@ -25,6 +25,7 @@ from mrwarp.usd.asset import JointActuator, load_bench
 from mrwarp.usd.open_stage import ASSETS
 from tests.actuator.test_effect_runtime import MECHANISMS, OPEN, effect, motion, replayed
 
+ORIGIN = FittedOn(source="bench", trajectories=3, samples=2000, rate=200.0)
 DT = 0.005
 INERTIA = 0.2
 NUM = 5
@@ -102,7 +103,7 @@ def reference(
         kd=mr.motor.kd,
         tau_limit=mr.motor.tau_limit,
         mr=mr,
-        effects=effects,
+        model=Model(parameters={}, fitted_on=ORIGIN, effects=effects),
     )
     num = model.joint_dof_count
     names = ("q_des", "q", "qd", "f_foot", "friction")
@@ -400,11 +401,10 @@ def test_actuator_api_is_touched_in_one_file() -> None:
 
 def model_file(path: Path, effects: tuple[Effect, ...], **values: float) -> Path:
     """A model.json with effects, and other numbers than the paper's."""
-    laws = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
+    laws = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", "T_max", "K", "n")
     values = {**{name: MrParams().to_dict()[name] for name in laws}, **values}
     parameters = {name: Parameter(value=value, unit=MrParams.spec(name).unit) for name, value in values.items()}
-    fitted_on = FittedOn(source="bench", trajectories=3, samples=2000, rate=200.0)
-    return save_model(Model(parameters=parameters, fitted_on=fitted_on, effects=effects), path)
+    return save_model(Model(parameters=parameters, fitted_on=ORIGIN, effects=effects), path)
 
 
 def fitted_scene(path: Path, num: int, **arguments: Any) -> newton.Model:

@@ -1,13 +1,14 @@
 """The whole command on a small recording with a hidden effect, as a user runs it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from benchmarks.confusion.case import make_case, write_case
 from mrwarp import cli
-from mrwarp.model_file import load_model
+from mrwarp.model_file import JOINT_UNITS, Parameter, load_model, parameter_unit, save_model
 
 KEYS = {
     "schema", "verdict", "causes", "parameter_shift", "unexplained", "detectable", "baseline", "extended", "gain",
@@ -55,10 +56,16 @@ def test_the_report_shows_it(answer: Path) -> None:
 
 
 def test_the_extended_model_is_a_known_model(answer: Path, tmp_path: Path) -> None:
-    """With it as the nominal model nothing is missing any more."""
-    data = answer.parent / "data"
-    assert (
-        cli.main(["diagnose", str(data), "--model", str(answer / "model.json"), "--out", str(tmp_path / "again")]) == 0
-    )
+    """With it as the nominal model nothing is missing any more, and what it knows of the device besides stays known."""
+    data, nominal = answer.parent / "data", load_model(answer / "model.json")
+    besides = {
+        name: Parameter(value=value, unit=parameter_unit(name, JOINT_UNITS), ci95=(0.9 * value, 1.1 * value))
+        for name, value in {"T_max": 3.4, "K": 0.21, "n": 2.2, "coil_resistance": 7.0, "current_max": 1.1}.items()
+    }
+    known = save_model(replace(nominal, parameters=nominal.parameters | besides), tmp_path / "known.json")
+    assert cli.main(["diagnose", str(data), "--model", str(known), "--out", str(tmp_path / "again")]) == 0
+    carried = load_model(tmp_path / "again" / "model.json")
+    assert {name: carried.parameters[name] for name in besides} == besides
+    assert carried.fitted_on.current == nominal.fitted_on.current is not None
     again = json.loads((tmp_path / "again" / "result.json").read_text(encoding="utf-8"))
     assert again["verdict"] == "none" and not again["causes"]

@@ -15,6 +15,7 @@ from mrwarp.env.sim import SimCfg, robot_scene
 from mrwarp.env.sim_model import build_scene
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.model_file import (
+    HOLDING_NOTE,
     JOINT_UNITS,
     Effect,
     FittedOn,
@@ -27,7 +28,7 @@ from mrwarp.model_file import (
     save_model,
 )
 from mrwarp.params import MrParams
-from mrwarp.usd.asset import effect_lines, load_bench, load_robot, with_model
+from mrwarp.usd.asset import device_lines, load_bench, load_robot, with_model
 from mrwarp.usd.open_stage import ASSETS
 from mrwarp.usd.record import RECORD, write_model
 from mrwarp.usd.robot import CALVES
@@ -56,11 +57,11 @@ def test_a_model_reaches_every_mr_joint(tmp_path: Path) -> None:
             assert actuator.effects == (extended.effects if actuator.mr else ())
             assert actuator.mr is None or actuator.mr.bouc_wen.K1 == 12.0
     scene = robot_scene(with_model(load_robot(), extended), SimCfg(num_envs=1))
-    assert list(effect_lines(scene.actuators)) == [
-        "effects on FL_calf, FR_calf, RL_calf, RR_calf: coil_lag: time_constant = 0.03 s",
-        "note: does not act in the simulator: velocity_lag (of the bench's log, not of the device)",
-    ]
-    assert list(effect_lines(load_robot().actuators)) == []
+    acting, silent, holding = device_lines(scene.actuators)
+    assert acting == "effects on FL_calf, FR_calf, RL_calf, RR_calf: coil_lag: time_constant = 0.03 s"
+    assert silent == "note: does not act in the simulator: velocity_lag (of the bench's log, not of the device)"
+    assert holding.startswith(HOLDING_NOTE) and "yields at 3.08 N·m with 1.5 A" in holding
+    assert list(device_lines(load_robot().actuators)) == []
 
 
 @pytest.mark.parametrize(

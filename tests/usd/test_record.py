@@ -19,7 +19,7 @@ from mrwarp.usd import record as asset_record
 from mrwarp.usd.asset import load_bench, load_robot
 from mrwarp.usd.edit import edit_asset, find_prim
 from mrwarp.usd.open_stage import ASSETS, AssetError
-from mrwarp.usd.record import PREFIX, RECORD, read_model, read_parameters, record_difference, record_text, write_model
+from mrwarp.usd.record import PREFIX, RECORD, read_model, record_difference, record_text, write_model
 from tests.messages import tells
 
 SHIPPED = ASSETS / "mr_go.usda"
@@ -108,7 +108,7 @@ def model() -> Model:
 
 def applied(file: Path, model: Model, prim: str = "MRDevice", out: Path | None = None) -> Path:
     """The file with a model on a prim, as ``mrwarp asset apply`` writes it, without the conversion."""
-    edit_asset(file, prim, dict(model.values), out, record=lambda p: record_text(model, read_parameters(p)))
+    edit_asset(file, prim, {}, out, model=model)
     return out or file
 
 
@@ -194,7 +194,7 @@ def test_a_leg_keeps_its_own_model(robot: Path, model: Model, capsys: pytest.Cap
     """A model on the class does not reach a leg that has its own; both can be exported, and diff names the record."""
     own = replace(model, seed=6)
     applied(robot, own, "RR_calf")
-    report = edit_asset(robot, "MRDevice", dict(model.values), record=lambda p: record_text(model, read_parameters(p)))
+    report = edit_asset(robot, "MRDevice", {}, model=model)
     assert any(
         line.startswith("/mr_go/actuators/RR_calf keeps its own mr:model:record = model ") for line in report.kept
     )
