@@ -17,7 +17,6 @@ from mrwarp.env.rng import DEVICE, POSE, PUSH, WIDTH, between, draw, place
 from mrwarp.env.sim import Sim
 from mrwarp.env.state import WalkState, clear_rows
 from mrwarp.kernels.launch import Launch, record, record_per_env
-from mrwarp.usd.robot import STAND_HEIGHT
 
 SCALED = ("B", "K0", "K1", "T_max")
 """MR parameters that are scaled."""
@@ -180,7 +179,7 @@ def begin_episodes(s: WalkState, sim: Sim, mask: wp.array, origins: torch.Tensor
         begin_episode_kernel,
         num_envs,
         [
-            *(STAND_HEIGHT + CLEARANCE, q_adr, s.default_q, origins.to(s.q.device), *s.cleared()),
+            *(sim.scene.stand_height + CLEARANCE, q_adr, s.default_q, origins.to(s.q.device), *s.cleared()),
             *(s.key, mask, s.level, s.kind),
         ],
         [qpos, qvel, s.phase, s.q_des, s.tau_motor],

@@ -10,6 +10,7 @@ import tempfile
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import mujoco
@@ -21,7 +22,7 @@ from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.effect_runtime import added_inertia
 from mrwarp.enums import Coupling
 from mrwarp.usd.asset import JointActuator, RobotAsset
-from mrwarp.usd.robot import LEGS, leg_of
+from mrwarp.usd.robot import DEFAULT_Q, LEGS, leg_of
 
 Edit = Callable[[mujoco.MjSpec], None]
 """A change to the MuJoCo specification."""
@@ -90,6 +91,23 @@ class Scene:
     def joints(self) -> tuple[str, ...]:
         """Joint names, length J."""
         return tuple(actuator.joint for actuator in self.actuators)
+
+    @cached_property
+    def soles(self) -> np.ndarray:
+        """Lowest point of each foot in the neutral stance, with the trunk at the origin [m]; shape (L, 3)."""
+        data = mujoco.MjData(self.model)
+        data.qpos[:] = self.model.qpos0
+        data.qpos[:3] = 0.0
+        data.qpos[self.q_adr] = DEFAULT_Q
+        mujoco.mj_kinematics(self.model, data)
+        names = [self.model.geom(i).name for i in range(self.model.ngeom)]
+        feet = [next(i for i, name in enumerate(names) if f"/{leg}_foot" in name) for leg in LEGS]
+        return data.geom_xpos[feet] - self.model.geom_size[feet, :1] * np.array([0.0, 0.0, 1.0])
+
+    @cached_property
+    def stand_height(self) -> float:
+        """Trunk height in the neutral stance [m], to the millimetre: the lowest sole touches the ground."""
+        return round(-float(self.soles[:, 2].min()), 3)
 
 
 def build_scene(

@@ -20,7 +20,7 @@ from mrwarp.env.vec_env import WalkEnv
 from mrwarp.paper import NAMES, ROBOTS, condition_name
 from mrwarp.trials.power_meter import GaitTrace, PowerMeter, TraceRecorder
 from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy, make_env, same_starts, set_payload
-from mrwarp.usd.robot import CALF_COLUMNS, STAND_HEIGHT
+from mrwarp.usd.robot import CALF_COLUMNS
 
 ASSET_ROBOT = {"go1": "go1", "mr_go": "mr_go", "mr_go_sal": "mr_go"}
 """Robot variant of the asset."""
@@ -332,7 +332,7 @@ def _settle(env: WalkEnv) -> torch.Tensor:
     """Put the robot down in the neutral pose and return the actions that keep it there."""
     model = env.sim.scene.model
     qpos = torch.zeros(env.num_envs, model.nq, device=env.device)
-    qpos[:, 2], qpos[:, 3] = STAND_HEIGHT, 1.0
+    qpos[:, 2], qpos[:, 3] = env.sim.scene.stand_height, 1.0
     qpos[:, torch.from_numpy(env.sim.scene.q_adr).long()] = env.default_q
     everywhere = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
     env.robot.reset(wp.from_torch(everywhere), wp.from_torch(qpos), None)

@@ -5,6 +5,7 @@ The files are edited by hand: what is missing, misspelt or out of range is refus
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from mrwarp.model_file import HOLDING_NOTE, Effect, Model, ModelFileError, check
 from mrwarp.params import MrParams
 from mrwarp.usd.open_stage import ASSETS, SCHEMA, AssetError, open_stage
 from mrwarp.usd.record import PD, is_mr, read_model, read_number, read_parameters
-from mrwarp.usd.robot import JOINTS
+from mrwarp.usd.robot import DEFAULT_POSE, JOINTS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,6 +202,7 @@ def _actuators(stage: Usd.Stage, file: Path, names: tuple[str, ...]) -> tuple[Jo
         prim = stage.GetPrimAtPath(f"{root}/joints/{name}")
         if not prim or prim.GetTypeName() != "PhysicsRevoluteJoint":
             raise AssetError(f"{file}: {root}/joints/{name}: revolute joint is missing; needed: {', '.join(names)}")
+        _check_limits(prim, file)
     found: dict[str, JointActuator] = {}
     for prim in stage.Traverse():
         if prim.GetTypeName() != "NewtonActuator":
@@ -221,6 +223,18 @@ def _actuators(stage: Usd.Stage, file: Path, names: tuple[str, ...]) -> tuple[Jo
             where = f"{file}: {root}/actuators/{name}"
             raise AssetError(f"{where}: no NewtonActuator drives joint {name}; add one with newton:targets")
     return tuple(found[name] for name in names)
+
+
+def _check_limits(prim: Usd.Prim, file: Path) -> None:
+    """Refuse limits that are exchanged, or that leave out a leg's neutral stance."""
+    low, high = (prim.GetAttribute(f"physics:{which}Limit").Get() for which in ("lower", "upper"))
+    where = f"{file}: {prim.GetPath()}: physics:lowerLimit = {low}, physics:upperLimit = {high} deg"
+    if not isinstance(low, float) or not isinstance(high, float) or not low < high:
+        raise AssetError(f"{where}: the lower one must be a number below the upper one; exchange or correct them")
+    segment = prim.GetName().rpartition("_")[2]
+    stance = math.degrees(DEFAULT_POSE.get(segment, 0.0))
+    if segment in DEFAULT_POSE and not low <= stance <= high:
+        raise AssetError(f"{where}: the neutral stance of a {segment}, {stance:.4g} deg, lies outside; widen them")
 
 
 def _actuator(prim: Usd.Prim, joint: str, file: Path) -> JointActuator:

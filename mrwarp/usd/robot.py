@@ -28,7 +28,9 @@ DEFAULT_Q = tuple(DEFAULT_POSE[segment] for _ in LEGS for segment in SEGMENTS)
 """Neutral stance angles in the order of :data:`JOINTS` [rad]."""
 
 STAND_HEIGHT = 0.334
-"""Trunk height in the neutral stance [m]: 0.213 (cos 0.8 + cos 0.7) + foot radius 0.023, from the Go1 link lengths."""
+"""Trunk height of the shipped robot in the neutral stance [m]: 0.213 (cos 0.8 + cos 0.7) + foot radius 0.023.
+
+Another robot's follows from its links, see ``Scene.stand_height``."""
 
 GAIT_FREQUENCY = 1.5
 """Stride frequency [Hz], paper section 5.1."""

@@ -111,6 +111,8 @@ def check_asset(file: Path, convert: Callable[[RobotAsset], MjModel]) -> Iterato
         total, devices = sum(masses(asset).values()), sum(a.mr is not None for a in asset.actuators)
         try:
             model = convert(asset)
+        except AssetError:
+            raise
         except Exception as error:  # whatever Newton and MuJoCo raise is about this file
             reason = " ".join(str(error).split()) or type(error).__name__
             raise AssetError(f"{file}: {label(asset)}: Newton cannot convert it: {reason}") from error

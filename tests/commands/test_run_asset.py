@@ -5,6 +5,7 @@ import itertools
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +13,14 @@ import pytest
 
 from mrwarp.cli import main
 from mrwarp.commands.run_asset_edit import convert
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.env.vec_env import WalkEnv
 from mrwarp.model_file import load_model
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import load_robot
 from mrwarp.usd.edit import edit_asset
 from mrwarp.usd.open_stage import ASSETS
-from mrwarp.usd.robot import CALVES
+from mrwarp.usd.robot import CALVES, STAND_HEIGHT
 from mrwarp.usd.scene_report import check_asset
 from tests.messages import tells
 
@@ -218,3 +221,38 @@ def test_an_inertia_of_another_type_is_refused(tmp_path: Path, capsys: pytest.Ca
     assert main(["asset", "show", str(path)]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and "physics:diagonalInertia" in said
+
+
+LINK = "(0, 0, -0.213)"
+
+
+def test_a_robot_with_longer_links_starts_on_the_ground(robot):
+    """Links of 0.25 m pass the check, and the height that episodes begin at follows from them."""
+    replaced(robot, LINK, "(0, 0, -0.25)")
+    assert main(["asset", "check", str(robot)]) == 0
+    env = WalkEnv(replace(make_walk_cfg(num_envs=2), asset=str(robot), randomize=None))
+    soles = env.root_pos[:, 2].numpy()[:, None] + env.sim.scene.soles[:, 2]
+    assert np.all((soles > 0.0) & (soles < 0.011))
+    assert env.sim.scene.stand_height == 0.388
+    assert WalkEnv(replace(make_walk_cfg(num_envs=1), randomize=None)).sim.scene.stand_height == STAND_HEIGHT
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "count", "words"),
+    [
+        ("lowerLimit = -161.45950667", "lowerLimit = -40", 1, "lowerLimit = -40.0 .. below .. exchange"),
+        ("lowerLimit = -161.45950667", "lowerLimit = nan", 1, "lowerLimit = nan .. number below"),
+        ("upperLimit = -50.87865221", "upperLimit = -90", 1, "stance of a calf, -85.94 deg .. widen"),
+        (LINK, "(0, 0, -0.05)", -1, "trunk is 0.096 m high .. more than 0.16 m .. correct the links"),
+        (f"localPos0 = {LINK}", "localPos0 = (0, 0, -0.15)", 1, "feet are not level: FL -0.2"),
+        ("localPos0 = (-0.1881,", "localPos0 = (0.15,", -1, "feet span .. centre of mass is beside them"),
+    ],
+)
+def test_a_robot_that_cannot_stand_is_refused(robot, capsys, old, new, count, words):
+    """Limits exchanged, no number or around another stance, legs short or uneven, feet not under the body."""
+    text = robot.read_text(encoding="utf-8")
+    assert old in text
+    robot.write_text(text.replace(old, new, count), encoding="utf-8")
+    assert main(["asset", "check", str(robot)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"mrwarp asset check: {robot}: ") and tells(said, words)
