@@ -23,19 +23,7 @@ except ImportError:  # Windows has no such locks: there two runs in one folder a
 SCHEMA = 1
 """Version of the layout of ``result.json``."""
 
-LIBRARIES = (
-    "mrwarp",
-    "warp-lang",
-    "newton",
-    "mujoco",
-    "mujoco-warp",
-    "torch",
-    "rsl-rl-lib",
-    "numpy",
-    "scipy",
-    "usd-core",
-    "safetensors",
-)
+LIBRARIES = "mrwarp warp-lang newton mujoco mujoco-warp torch rsl-rl-lib numpy scipy usd-core safetensors".split()
 """Libraries whose versions a result names."""
 
 

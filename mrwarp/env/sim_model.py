@@ -101,7 +101,9 @@ class Scene:
         data.qpos[self.q_adr] = DEFAULT_Q
         mujoco.mj_kinematics(self.model, data)
         names = [self.model.geom(i).name for i in range(self.model.ngeom)]
-        feet = [next(i for i, name in enumerate(names) if f"/{leg}_foot" in name) for leg in LEGS]
+        feet = [i for leg in LEGS for i, name in enumerate(names) if f"/{leg}_foot" in name]
+        if len(feet) != len(LEGS):
+            raise ValueError(f"{len(feet)} shapes are called LEG_foot; needed: one for each of {', '.join(LEGS)}")
         return data.geom_xpos[feet] - self.model.geom_size[feet, :1] * np.array([0.0, 0.0, 1.0])
 
     @cached_property

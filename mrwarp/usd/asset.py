@@ -9,13 +9,15 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from pxr import Sdf, Usd, UsdUtils
 
 from mrwarp.model_file import HOLDING_NOTE, Effect, Model, ModelFileError, check_effects, load_model, silent_note
 from mrwarp.params import MrParams
 from mrwarp.usd.open_stage import ASSETS, SCHEMA, AssetError, open_stage
-from mrwarp.usd.record import PD, is_mr, read_model, read_number, read_parameters
+from mrwarp.usd.record import PD, is_mr, plain, read_model, read_number, read_parameters
 from mrwarp.usd.robot import DEFAULT_POSE, JOINTS
 
 
@@ -68,6 +70,9 @@ class RobotAsset:
     payload: int
     stage: Usd.Stage
     actuators: tuple[JointActuator, ...]
+
+    def __post_init__(self) -> None:
+        masses(self)
 
     def save(self, path: str | Path) -> None:
         """Write the asset, with its variant choice and the edits made on ``stage``, to a new, self-contained file."""
@@ -193,6 +198,40 @@ def variant_choices(stage: Usd.Stage, name: str) -> list[str]:
         return ["mr_go" if any(is_mr(prim) for prim in stage.Traverse()) else "go1"]
     load = stage.GetAttributeAtPath(root.GetPath().AppendPath("payload.physics:mass"))
     return [f"{load.Get() or 0:g}" if load else "0"]
+
+
+def masses(asset: RobotAsset) -> dict[str, float]:
+    """Mass of every body [kg].
+
+    Raises:
+        AssetError: a mass is missing, or a mass or an inertia is not that of a body.
+    """
+    found: dict[str, float] = {}
+    for prim in asset.stage.Traverse():
+        if "PhysicsRigidBodyAPI" not in prim.GetAppliedSchemas():
+            continue
+        attribute = prim.GetAttribute("physics:mass")
+        value = plain(attribute) if attribute and attribute.HasAuthoredValue() else None
+        if not isinstance(value, float) or not 0.0 < value < math.inf:
+            text = "is missing" if value is None else f"= {value} is not a positive number"
+            raise AssetError(f"{asset.path}: {prim.GetPath()}: physics:mass {text}; state a mass above 0 kg")
+        inertia = prim.GetAttribute("physics:diagonalInertia").Get()
+        if inertia is not None and not _is_inertia(inertia):  # Newton would quietly correct it
+            raise AssetError(
+                f"{asset.path}: {prim.GetPath()}: physics:diagonalInertia = {inertia} is no body's; "
+                "state three numbers above 0 kg·m2, none larger than the sum of the others"
+            )
+        found[prim.GetName()] = value
+    return found
+
+
+def _is_inertia(value: Any) -> bool:
+    """Whether a value, which USD may have let be of any type, holds principal inertias of a body."""
+    try:
+        numbers = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        return False
+    return numbers.shape == (3,) and bool(numbers.min() > 0.0 and 2.0 * numbers.max() <= numbers.sum() * (1.0 + 1e-6))
 
 
 def _actuators(stage: Usd.Stage, file: Path, names: tuple[str, ...]) -> tuple[JointActuator, ...]:

@@ -21,8 +21,8 @@ from pxr import Sdf, Tf, Usd
 from mrwarp.model_file import Model
 from mrwarp.params import MrParams, ParameterError
 from mrwarp.usd.open_stage import AssetError, choices, open_stage
-from mrwarp.usd.record import PD, PREFIX, RECORD, is_mr, read_parameters, record_text
-from mrwarp.usd.scene_report import decimal, plain, value_text
+from mrwarp.usd.record import PD, PREFIX, RECORD, decimal, is_mr, plain, read_parameters, record_text
+from mrwarp.usd.scene_report import value_text
 
 SUFFIXES = (".usda", ".usdc", ".usd")
 

@@ -270,3 +270,26 @@ def _same(prim: Usd.Prim, name: str, value: float, recorded: float) -> bool:
     single = str(next(s for s in opinions if s.HasDefaultValue()).typeName) == "float"
     with np.errstate(over="ignore"):
         return single and np.float32(value) == np.float32(recorded)
+
+
+def plain(item: Usd.Property) -> Any:
+    """The value of a property without its precision: a 32-bit number as its shortest decimal, the rest as text."""
+    if isinstance(item, Usd.Relationship):
+        return [str(target) for target in item.GetTargets()]
+    assert isinstance(item, Usd.Attribute)
+    if item.GetNumTimeSamples() or item.HasAuthoredConnections():
+        return [repr(item.Get(time)) for time in item.GetTimeSamples()] + [str(p) for p in item.GetConnections()]
+    authored = next((spec for spec in authored_values(item)), None)
+    return decimal(item.Get(), str(authored.typeName if authored else item.GetTypeName()))
+
+
+def authored_values(item: Usd.Property) -> Iterator[Sdf.AttributeSpec]:
+    """The specs that state a value of a property, strongest first."""
+    yield from (s for s in item.GetPropertyStack() if isinstance(s, Sdf.AttributeSpec) and s.HasDefaultValue())
+
+
+def decimal(value: Any, type_name: str) -> Any:
+    """A number as Python float; a value of type ``float`` as the shortest decimal that rounds to it."""
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return float(str(np.float32(value))) if type_name == "float" else float(value)
+    return value if isinstance(value, (bool, str, type(None))) else str(value)

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from mujoco import MjModel
 from pxr import Sdf, Usd
 
 from mrwarp.params import MrParams
-from mrwarp.usd.asset import RobotAsset, load_bench, load_robot, variant_choices
+from mrwarp.usd.asset import RobotAsset, load_bench, load_robot, masses, variant_choices
 from mrwarp.usd.open_stage import AssetError, open_stage
-from mrwarp.usd.record import PD, PREFIX, RECORD, PrimModel, read_model, record_difference, summary
+from mrwarp.usd.record import (
+    PD,
+    PREFIX,
+    RECORD,
+    PrimModel,
+    authored_values,
+    plain,
+    read_model,
+    record_difference,
+    summary,
+)
 
 _UNITS = {
     "physics:lowerLimit": "deg",
@@ -58,40 +66,6 @@ def load_variants(file: Path, robot: str | None = None, payload: str | None = No
 def label(asset: RobotAsset) -> str:
     """The variant choice as text."""
     return "bench" if asset.robot == "bench" else f"robot={asset.robot} payload={asset.payload}"
-
-
-def masses(asset: RobotAsset) -> dict[str, float]:
-    """Mass of every body [kg].
-
-    Raises:
-        AssetError: a mass is missing, or a mass or an inertia is not that of a body.
-    """
-    found: dict[str, float] = {}
-    for prim in asset.stage.Traverse():
-        if "PhysicsRigidBodyAPI" not in prim.GetAppliedSchemas():
-            continue
-        attribute = prim.GetAttribute("physics:mass")
-        value = plain(attribute) if attribute and attribute.HasAuthoredValue() else None
-        if not isinstance(value, float) or not 0.0 < value < math.inf:
-            text = "is missing" if value is None else f"= {value} is not a positive number"
-            raise AssetError(f"{asset.path}: {prim.GetPath()}: physics:mass {text}; state a mass above 0 kg")
-        inertia = prim.GetAttribute("physics:diagonalInertia").Get()
-        if inertia is not None and not _is_inertia(inertia):  # Newton would quietly correct it
-            raise AssetError(
-                f"{asset.path}: {prim.GetPath()}: physics:diagonalInertia = {inertia} is no body's; "
-                "state three numbers above 0 kg·m2, none larger than the sum of the others"
-            )
-        found[prim.GetName()] = value
-    return found
-
-
-def _is_inertia(value: Any) -> bool:
-    """Whether a value, which USD may have let be of any type, holds principal inertias of a body."""
-    try:
-        numbers = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        return False
-    return numbers.shape == (3,) and bool(numbers.min() > 0.0 and 2.0 * numbers.max() <= numbers.sum() * (1.0 + 1e-6))
 
 
 def check_asset(file: Path, convert: Callable[[RobotAsset], MjModel]) -> Iterator[str]:
@@ -158,7 +132,7 @@ def show_asset(asset: RobotAsset, full: bool = False) -> Iterator[str]:
         yield f"  {actuator.joint:12s} {kind:11s} {actuator.prim_path:26s} {gains}"
         if actuator.mr is None:
             continue
-        lines = list(held[actuator.joint].lines())
+        lines = ["device: the paper's"] if actuator.is_paper_device else list(held[actuator.joint].lines())
         if lines != origin or full:
             yield from (f"    {line}" for line in lines or ["model: none"])
         rows = {spec.name: _row(prim, actuator.mr, spec.name, held[actuator.joint]) for spec in MrParams.specs()}
@@ -173,7 +147,7 @@ def show_asset(asset: RobotAsset, full: bool = False) -> Iterator[str]:
 
 def authored_at(item: Usd.Property) -> str:
     """Where the value of a property stands: ``class MRDevice``, or ``FL_calf in robot=mr_go``; with a foreign file."""
-    spec = next(_values(item))
+    spec = next(authored_values(item))
     path = spec.path.GetPrimPath()
     holder = spec.layer.GetPrimAtPath(path)
     text = f"{'class ' if holder.specifier == Sdf.SpecifierClass else ''}{path.StripAllVariantSelections().name}"
@@ -193,29 +167,6 @@ def value_text(attribute: str, value: Any) -> str:
     if attribute == RECORD:
         return summary(value)
     return "none" if value is None else f"{value:.10g} {unit_of(attribute)}"
-
-
-def plain(item: Usd.Property) -> Any:
-    """The value of a property without its precision: a 32-bit number as its shortest decimal, the rest as text."""
-    if isinstance(item, Usd.Relationship):
-        return [str(target) for target in item.GetTargets()]
-    assert isinstance(item, Usd.Attribute)
-    if item.GetNumTimeSamples() or item.HasAuthoredConnections():
-        return [repr(item.Get(time)) for time in item.GetTimeSamples()] + [str(p) for p in item.GetConnections()]
-    authored = next((spec for spec in _values(item)), None)
-    return decimal(item.Get(), str(authored.typeName if authored else item.GetTypeName()))
-
-
-def _values(item: Usd.Property) -> Iterator[Sdf.AttributeSpec]:
-    """The specs that state a value of a property, strongest first."""
-    yield from (s for s in item.GetPropertyStack() if isinstance(s, Sdf.AttributeSpec) and s.HasDefaultValue())
-
-
-def decimal(value: Any, type_name: str) -> Any:
-    """A number as Python float; a value of type ``float`` as the shortest decimal that rounds to it."""
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return float(str(np.float32(value))) if type_name == "float" else float(value)
-    return value if isinstance(value, (bool, str, type(None))) else str(value)
 
 
 def _row(prim: Usd.Prim, params: MrParams, name: str, held: PrimModel) -> tuple[str, ...]:

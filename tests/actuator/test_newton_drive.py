@@ -479,8 +479,7 @@ def test_the_documented_scene_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     page = (Path(__file__).parents[2] / "docs" / "drive.md").read_text(encoding="utf-8")
     scene_code, fitted_code = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "runs" / "diagnose").mkdir(parents=True)
-    model_file(tmp_path / "runs" / "diagnose" / "model.json", (effect("cogging"),))
+    model_file(tmp_path / "model.json", (effect("cogging"),))
     names: dict[str, Any] = {}
     exec(compile(scene_code.replace("finalize()", "finalize(device='cpu')"), "docs/drive.md", "exec"), names)
     angle = names["angle"]

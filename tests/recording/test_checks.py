@@ -233,3 +233,47 @@ def test_a_header_nested_without_end_is_kept_as_text(tmp_path: Path) -> None:
     (tmp_path / "units.json").write_text('{"q": ["deg"]}')
     with pytest.raises(RecordingError, match=r"the unit \['deg'\] of q is not known; use one of"):
         load_recording(path)
+
+
+def _brake(folder: Path, units: str, scale: float, holding: str) -> Path:
+    """Recordings of a brake that slides at 2.5 N·m with 1 A, in other units, and break-away tests."""
+    data = columns()
+    data["torque"], data["current"] = scale * 2.5 * np.tanh(data["qd"]) * data["current"], scale * data["current"]
+    write(folder / "a.csv", data)
+    (folder / "units.json").write_text(units)
+    (folder / "holding.csv").write_text("current,torque\n" + holding)
+    return folder
+
+
+MILLI = '{"current": "mA", "torque": "mN·m"}'
+
+
+def test_units_json_is_not_for_break_away_tests(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Recordings in mA and mN·m, break-away tests in A and N·m: both are of one brake."""
+    folder = _brake(tmp_path, MILLI, 1e3, "0.25,1\n0.5,2\n1,3.4\n")
+    assert load_holding(folder, load_recording(folder)).torque.tolist() == [1.0, 2.0, 3.4]
+    assert cli.main(["check", str(folder)]) == 0
+    assert "up to 3.4 N·m" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("holding", "parts"),
+    [
+        ("0.25,0.001\n0.5,0.002\n1,0.0034\n", ("'torque'", "up to 0.0034 N·m", "up to 2.4", "0.2 to 50")),
+        ("0.25,100\n0.5,200\n1,299\n", ("'torque'", "up to 299 N·m", "a factor of 12")),
+        ("10,1\n20,2\n40,3.4\n", ("'current'", "up to 40 A", "up to 1 A", "0.05 to 20")),
+    ],
+)
+def test_break_away_tests_of_another_size_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], holding: str, parts: tuple[str, ...]
+):
+    """0.0034 N·m of holding beside 2.5 N·m of sliding: file, column, values, units and remedy; in every command."""
+    folder = _brake(tmp_path, "{}", 1.0, holding)
+    for command in ("check", "fit", "diagnose"):
+        assert cli.main([command, str(folder), *(["--out", str(tmp_path / "out")] if command != "check" else [])]) == 2
+        said = capsys.readouterr().err
+        for part in (f"{folder / 'holding.csv'}, column", *parts, "this file is in A and N·m whatever units.json says"):
+            assert part in said
+    assert not (tmp_path / "out").exists()
+    (folder / "units.json").write_text('{"trust_units": true}')
+    assert cli.main(["check", str(folder)]) == 0
