@@ -10,8 +10,7 @@ from mrwarp.options.command_line import CommandLine
 from mrwarp.options.paper_options import Sweep
 from mrwarp.run_dir import check_writable
 from mrwarp.sweep.grid import GridError, make_trials
-from mrwarp.sweep.runners import LocalRunner, RayRunner
-from mrwarp.sweep.session import Session
+from mrwarp.sweep.session import LocalRunner, RayRunner, Session
 
 
 def run(options: Sweep, line: CommandLine) -> int:

@@ -23,7 +23,7 @@ import numpy as np
 
 import mrwarp
 from mrwarp.reproduce.comparison import Findings
-from mrwarp.reproduce.settings import Settings
+from mrwarp.reproduce.settings import NotYet, Settings
 from mrwarp.run_dir import atomic_write, one_line, plain, versions, write_text
 from mrwarp.usd.open_stage import ASSETS
 
@@ -32,10 +32,6 @@ KEPT = "findings.json"
 
 T = TypeVar("T")
 Report = Callable[[str, float], None]
-
-
-class NotYet(RuntimeError):
-    """What the experiment needs is not there yet; the message says what."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ import numpy as np
 from mrwarp.reproduce import pushes
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, seeds_of
-from mrwarp.reproduce.policies import Ensemble
+from mrwarp.reproduce.settings import Ensemble
 from mrwarp.trials.impact import (
     ImpactCfg,
     ImpactKind,

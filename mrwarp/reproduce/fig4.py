@@ -26,7 +26,7 @@ from mrwarp.nn.models import SAMPLES, LstmState
 from mrwarp.nn.training import FitCfg, plot_history, print_epoch
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, compare
-from mrwarp.reproduce.policies import PLANT_TITLES, networks
+from mrwarp.reproduce.settings import PLANT_TITLES, networks
 from mrwarp.run_dir import write_text
 from mrwarp.trials.walk_pictures import PAPER_MARK
 

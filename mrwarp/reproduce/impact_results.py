@@ -15,7 +15,7 @@ from mrwarp import paper
 from mrwarp.reproduce import drops, pushes
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, compare, over_seeds, seeds_of
-from mrwarp.reproduce.policies import Ensemble, study_files
+from mrwarp.reproduce.settings import Ensemble, study_files
 from mrwarp.study.plan import AWARE, CONVENTIONAL
 from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace, Variant, fixed_current_env
 from mrwarp.trials.impact_figures import plot_thresholds, threshold_reductions, threshold_variants

@@ -1,24 +1,36 @@
-"""The mission behind figures 10 and 11: windows of every phase, simulated once."""
+"""Figures 10 and 11: power, charge and temperatures of the pickup-and-return mission, from windows of every phase."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from mrwarp import paper
+from mrwarp.energy import consistency
 from mrwarp.energy.power import BatteryCfg, ElectricalCfg
 from mrwarp.energy.thermal import ThermalCfg
 from mrwarp.enums import Coupling
 from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.paper import PaperValue
 from mrwarp.reproduce import walks
 from mrwarp.reproduce.cache import Job
-from mrwarp.reproduce.comparison import Findings, over_seeds
-from mrwarp.reproduce.policies import ensembles
+from mrwarp.reproduce.comparison import Comparison, Findings, compare, over_seeds
+from mrwarp.reproduce.settings import ensembles
+from mrwarp.trials import walk_figures, walk_pictures
 from mrwarp.trials.mission import MissionCfg, MissionTrace, PhaseLoad, calibrate, measure, run
 
 HELD = (3.0, 0.3)
 """Payload [kg] and speed [m/s] of the walk of table 7 that is the mission's way back, see :class:`MissionCfg`."""
+
+RISES = {
+    "calf_walking": "calves, both walks",
+    "calf_standby": "calves, standby",
+    "all": "all motors, mission",
+    "proximal": "hips and thighs, mission",
+}
+"""Rises as the paper names them; that of hips and thighs follows from its other two."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,3 +92,151 @@ def arrivals(phases: Mapping[str, Mapping[str, PhaseLoad]]) -> list[str]:
         for name, phase in found.items()
     }
     return [f"{note} A repetition counts if it finished both ways." for note in walks.lost(counts)]
+
+
+def fig10(job: Job) -> Findings:
+    """Power per phase, depletion, their changes by SAL, and what the paper's own numbers say of each other."""
+    found = read(job)
+    rows = []
+    figures = {robot: walk_figures.mission_row(robot, trace) for robot, trace in found.traces.items()}
+    for robot, trace in found.traces.items():
+        name = paper.NAMES[robot]
+        for phase, values in trace.power.items():
+            cell, quantity = figures[robot]["power"][phase], ("power", "W", 1)
+            standing = phase == "standby"
+            why = _standing(found, cell["paper"]) if standing else _walking(robot, found, phase)
+            ours = over_seeds(values[:1] if standing else values)  # a robot stands once, for all seeds
+            row = compare(f"{name}, {phase}", quantity, cell["paper"], ours, why, calibrated=cell["calibrated"])
+            rows.append(row)
+        cell, quantity = figures[robot]["depletion"], ("depletion", "points", 1)
+        theirs = PaperValue(mean=cell["paper"], sd=cell["paper_sd"])
+        ours, why = over_seeds(trace.depletion), _depletion(robot, found)
+        rows.append(compare(name, quantity, theirs, ours, why, calibrated=cell["calibrated"]))
+    changes = walk_figures.mission_changes(figures)
+    check = consistency.check()
+    first = check["by_speed"][0]
+    for name in ("outbound_power", "return_power", "depletion"):
+        why = (
+            f"The paper's own powers ask for {100.0 * (first['energy_ratio'] - 1.0):+.1f} % at equal speeds; what SAL "
+            "saves while walking is in the rows above."
+            if name == "depletion"
+            else _walking("mr_go_sal", found, name.removesuffix("_power"))
+        )
+        rows.append(change_row(found, changes[name], name.replace("_", " "), "change", why))
+    walk_pictures.mission_power(found.traces, job.out / "power.png")
+    depletion = changes["depletion"]
+    return Findings(
+        rows=rows,
+        claims={
+            "SAL lowers the depletion against MR_Go": depletion["ours"] < 0.0,
+            f"by at least {-100.0 * depletion['paper']:.1f} %": depletion["ours"] <= depletion["paper"],
+        },
+        notes=[
+            *found.arrivals,
+            f"The paper's own numbers: SAL walks on {check['walking_power_ratio']:.3f} of MR_Go's power, so at equal "
+            f"speeds on {first['energy_ratio']:.3f} of its energy, but depletes {check['depletion_ratio']:.3f} of its "
+            f"charge ({first['deviation_in_sd']:.1f} SD apart). A walk of MR_Go-SAL at "
+            f"{first['reconciled_by']['sal_speed']:.2f} m/s would reconcile them.",
+        ],
+        pictures={"power.png": "Battery power and state of charge over the mission, mean over seeds"},
+        figures={"robots": figures, "changes": changes, "consistency": check},
+    )
+
+
+def fig11(job: Job) -> Findings:
+    """Temperature rises per robot, and the relief of the calves by SAL."""
+    found = read(job)
+    figures = {robot: walk_figures.mission_row(robot, trace) for robot, trace in found.traces.items()}
+    rows = []
+    for robot, trace in found.traces.items():
+        for name, title in RISES.items():
+            cell = figures[robot]["rise"][name]
+            ours, why = over_seeds(trace.rise[name]), _rise(robot, name, found)
+            condition = f"{paper.NAMES[robot]}, {title}"
+            rows.append(compare(condition, ("rise", "K", 2), cell["paper"], ours, why, calibrated=cell["calibrated"]))
+    changes = walk_figures.mission_changes(figures)
+    relief = changes["calf_walking_rise"]
+    whys = {"calf_walking": _relief(found), "all": _rise("mr_go_sal", "all", found)}
+    for name, why in whys.items():
+        rows.append(change_row(found, changes[f"{name}_rise"], RISES[name], "change of rise", why))
+    walk_pictures.mission_temperature(found.traces, figures, job.out / "temperature.png")
+    least = f"SAL lowers the calves' rise while walking by at least {-100.0 * relief['paper']:.1f} %"
+    return Findings(
+        rows=rows,
+        claims={
+            least: relief["ours"] <= relief["paper"],
+            "held calves do not warm while standing": figures["mr_go_sal"]["rise"]["calf_standby"]["mean"] <= 0.5,
+        },
+        notes=[
+            *found.arrivals,
+            f"{found.thermal.housing_capacity:.0f} J/K and {found.thermal.housing_resistance:.1f} K/W of the housings "
+            "are fitted to Go1's calves; every rise of the other robots, and of all motors, is a prediction.",
+        ],
+        pictures={"temperature.png": "Motor temperatures over the mission, and rises beside the paper's (diamonds)"},
+        figures={"changes": changes},
+    )
+
+
+def change_row(found: Mission, change: Mapping[str, Any], title: str, quantity: str, why: str) -> Comparison:
+    """What SAL changes against MR_Go, of ``walk_figures.mission_changes``; no spread when one repetition is left."""
+    n = min(len(found.traces[robot].depletion) for robot in walks.SAL)
+    sd = change["paper_sd"]
+    return compare(
+        f"MR_Go to MR_Go-SAL, {title}",
+        (quantity, "%", 1),
+        PaperValue(mean=100.0 * change["paper"], sd=None if sd is None else 100.0 * sd),
+        {"ours": 100.0 * change["ours"], "sd": 100.0 * change["sd"] if n > 1 else None, "n": n},
+        why,
+    )
+
+
+def _standing(found: Mission, theirs: float) -> str:
+    return (
+        f"Of our standing power {found.electrical.electronics:.0f} W are electronics, calibrated on Go1's rows with a "
+        f"wide interval (table 6); the paper's {theirs:.0f} W bound them from above."
+    )
+
+
+def _walking(robot: str, found: Mission, phase: str) -> str:
+    ours, theirs = float(found.traces[robot].power[phase].mean()), paper.MISSION_POWER
+    if robot != "mr_go_sal":
+        off = ours - theirs[robot][phase]
+        place = "within" if abs(off) <= found.misfit else "beyond"
+        return f"{off:+.1f} W are {place} the {found.misfit:.1f} W (RMS) to which Go1's rows fit, see table 6."
+    before = float(found.traces["mr_go"].power[phase].mean())
+    saved = theirs["mr_go"][phase] - theirs[robot][phase]
+    return f"SAL saves {before - ours:.0f} W here and {saved:.0f} W in the paper, see table 6 for the parts."
+
+
+def _depletion(robot: str, found: Mission) -> str:
+    trace, theirs = found.traces[robot], paper.MISSION_POWER[robot]
+    walked = float(sum(trace.seconds[name].mean() for name in ("outbound", "return")))
+    energy = sum(float((trace.power[name] * trace.seconds[name]).mean()) / 3600.0 for name in trace.power)
+    wanted = sum(theirs[name] * float(trace.seconds[name].mean()) / 3600.0 for name in trace.power)
+    return (
+        f"{walked:.0f} s of walking: our phases draw {energy:.1f} W·h, the paper's powers over the same "
+        f"times {wanted:.1f} W·h of the {found.battery.capacity:.0f} W·h that Go1's depletion gives."
+    )
+
+
+def _rise(robot: str, name: str, found: Mission) -> str:
+    if name in ("all", "proximal"):
+        return (
+            f"Hips and thighs warm by {float(found.traces[robot].rise['proximal'].mean()):.1f} K here; the paper's two "
+            f"means imply {paper.proximal_rise(robot):.1f} K: all motors have the calves' housing in our model, and "
+            "the policy chooses how much the thighs carry."
+        )
+    if robot == "go1":
+        left = float(found.traces[robot].rise[name].mean()) - paper.MISSION_RISE[robot][name]
+        return f"Go1's calves alone fix both numbers of the housings; their fit leaves {left:+.2f} K here."
+    relief = _relief(found)
+    return f"A prediction from Go1's calves; {relief[:1].lower()}{relief[1:]}"
+
+
+def _relief(found: Mission) -> str:
+    rise = {robot: float(trace.rise["calf_walking"].mean()) for robot, trace in found.traces.items()}
+    load, speed = HELD
+    theirs = paper.TABLE_7[load, speed]["simulation"]
+    shares = f"{100.0 * found.held:.0f} % of the time and the paper's for {100.0 * theirs:.0f} % (table 7)"
+    held = "" if math.isnan(found.held) else f", which at {load:g} kg and {speed:g} m/s are held for {shares},"
+    return f"Our calves{held} warm by {rise['mr_go_sal']:.1f} K with SAL and {rise['mr_go']:.1f} K without."

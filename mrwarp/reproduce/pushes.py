@@ -19,8 +19,7 @@ from mrwarp.nn.network_file import shipped_model
 from mrwarp.params import BoucWenParams, HoldParams
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, seeds_of
-from mrwarp.reproduce.policies import Ensemble
-from mrwarp.reproduce.settings import Settings
+from mrwarp.reproduce.settings import Ensemble, Settings
 from mrwarp.trials.impact import (
     FALL_HEIGHT,
     ImpactCfg,

@@ -10,7 +10,6 @@ from mrwarp.reproduce import (
     electrical,
     fig4,
     impact_results,
-    mission_results,
     missions,
     pushes,
     support,
@@ -20,8 +19,7 @@ from mrwarp.reproduce import (
     walks,
 )
 from mrwarp.reproduce.cache import Experiment
-from mrwarp.reproduce.policies import networks, study_files
-from mrwarp.reproduce.settings import Settings
+from mrwarp.reproduce.settings import Settings, networks, study_files
 from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, record_file
 from mrwarp.study.rollouts import PLANT
 
@@ -98,8 +96,8 @@ _ALL = (
     Experiment(name="fig8", compute=support.fig8, needs=("walks",)),
     Experiment(name="fig9", compute=table6.fig9, needs=("walks",)),
     Experiment(name="windows", compute=missions.simulate, settings=WINDOWS, seconds=_walks(40.0, "window", 10.0)),
-    Experiment(name="fig10", compute=mission_results.fig10, needs=("walks", "windows")),
-    Experiment(name="fig11", compute=mission_results.fig11, needs=("walks", "windows")),
+    Experiment(name="fig10", compute=missions.fig10, needs=("walks", "windows")),
+    Experiment(name="fig11", compute=missions.fig11, needs=("walks", "windows")),
 )
 
 CATALOGUE = {experiment.name: experiment for experiment in _ALL}

@@ -1,15 +1,27 @@
-"""Every number and policy that changes a result of ``mrwarp reproduce``."""
+"""Every number and policy that changes a result of ``mrwarp reproduce``; policies of several training seeds as one."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import torch
+
 from mrwarp.enums import Coupling
+from mrwarp.nn.models import SAMPLES
+from mrwarp.nn.network_file import shipped_model
 from mrwarp.paper import ROBOTS
+from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.study.plan import AWARE, ENERGY, ENERGY_SEEDS, HIGH_PRICE, PUBLIC, SEEDS, STUDY, plant_of, policy_file
+
+PLANT_TITLES = {"mlp": "MLP", "bouc_wen": "Bouc-Wen", "lstm": "LSTM", "pg_rlstm": "PG-RLSTM"}
+"""Torque models as the paper writes them."""
+
+
+class NotYet(RuntimeError):
+    """What the experiment needs is not there yet; the message says what."""
 
 
 def _of(folder: Path, plant: str, seeds: tuple[int, ...] = SEEDS) -> tuple[Path, ...]:
@@ -93,3 +105,56 @@ class Settings:
     def policy_seeds(self) -> int:
         """Policies per robot."""
         return len(self.policies[ROBOTS[0]])
+
+
+class Ensemble:
+    """Several policies as one: row i of a batch is driven by policy ``i % n``."""
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self._policies = [OnnxPolicy(path) for path in paths]
+
+    def __len__(self) -> int:
+        """Number of policies."""
+        return len(self._policies)
+
+    def __call__(self, obs) -> torch.Tensor:
+        """Actions (E, 12)."""
+        n = len(self)
+        rows = obs["actor"] if not isinstance(obs, torch.Tensor) else obs
+        actions = torch.empty(len(rows), 12, device=rows.device)
+        for k, policy in enumerate(self._policies):
+            actions[k::n] = policy(rows[k::n])
+        return actions
+
+
+def ensembles(policies: Mapping[str, Sequence[Path]]) -> dict[str, Ensemble]:
+    """Policies of each robot; robots with the same files share one object, and so one evaluation."""
+    made = {paths: Ensemble(paths) for paths in {tuple(paths) for paths in policies.values()}}
+    return {robot: made[tuple(paths)] for robot, paths in policies.items()}
+
+
+def study_files(plants: Sequence[str], file: Callable[[Path, str, int], Path] = policy_file) -> list[Path]:
+    """Policies of some trainings of the study, all seeds of each, or another ``file``, such as ``record_file``.
+
+    Raises:
+        NotYet: one is not there.
+    """
+    paths = [file(STUDY, plant, seed) for plant in plants for seed in SEEDS]
+    if missing := [path.name for path in paths if not path.is_file()]:
+        raise NotYet(
+            f"no policies yet: {len(missing)} of {len(paths)} files are not in {STUDY.name}, e.g. {missing[0]}; "
+            "'mrwarp study train' and 'mrwarp study collect' make them"
+        )
+    return paths
+
+
+def networks(kinds: Iterable[str]) -> list[Path]:
+    """Shipped networks of some torque models, in their order; those that learn nothing have none.
+
+    Raises:
+        NotYet: one is not there.
+    """
+    found = {kind: shipped_model(kind) for kind in kinds if kind in SAMPLES}
+    if missing := [kind for kind, path in found.items() if path is None]:
+        raise NotYet(f"no trained network for {', '.join(missing)}; run 'mrwarp reproduce fig4 --train'")
+    return [Path(path) for path in found.values() if path is not None]

@@ -8,7 +8,7 @@ from mrwarp import paper
 from mrwarp.paper import PaperValue
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare
-from mrwarp.reproduce.policies import PLANT_TITLES
+from mrwarp.reproduce.settings import PLANT_TITLES
 from mrwarp.study import curves, paper_tables
 from mrwarp.study.paper_tables import LEAST, Change, Row, Table2, Table3
 from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS

@@ -14,7 +14,7 @@ from mrwarp.enums import Coupling
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, seeds_of
-from mrwarp.reproduce.policies import Ensemble, ensembles
+from mrwarp.reproduce.settings import Ensemble, ensembles
 from mrwarp.trials.walk_figures import calibration_rows
 from mrwarp.trials.walk_trials import WalkCfg, WalkResult, standing_load, walk
 from mrwarp.trials.walking import PAYLOAD_VARIANT

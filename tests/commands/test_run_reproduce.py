@@ -13,9 +13,8 @@ from mrwarp.cli import main
 from mrwarp.options.paper_options import TITLES
 from mrwarp.reproduce import cache
 from mrwarp.reproduce import registry as catalogue
-from mrwarp.reproduce.cache import NotYet
 from mrwarp.reproduce.comparison import Findings
-from mrwarp.reproduce.settings import Settings
+from mrwarp.reproduce.settings import NotYet, Settings
 from mrwarp.run_dir import claim
 
 

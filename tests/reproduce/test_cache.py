@@ -9,9 +9,9 @@ import pytest
 
 from mrwarp.paper import PaperValue
 from mrwarp.reproduce import cache
-from mrwarp.reproduce.cache import KEPT, Experiment, Job, NotYet, Runner
+from mrwarp.reproduce.cache import KEPT, Experiment, Job, Runner
 from mrwarp.reproduce.comparison import Comparison, Findings, over_seeds, seeds_of
-from mrwarp.reproduce.settings import Settings
+from mrwarp.reproduce.settings import NotYet, Settings
 
 CALLS: list[str] = []
 

@@ -12,7 +12,7 @@ from mrwarp.energy.thermal import ThermalCfg
 from mrwarp.reproduce import missions
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Comparison, Findings
-from mrwarp.reproduce.mission_results import fig10, fig11
+from mrwarp.reproduce.missions import fig10, fig11
 from mrwarp.reproduce.settings import Settings
 from mrwarp.trials.mission import PHASES, MissionTrace, PhaseLoad
 

@@ -13,7 +13,7 @@ import psutil
 import pytest
 
 from mrwarp.cli import main
-from mrwarp.sweep import runners
+from mrwarp.sweep import session
 from mrwarp.sweep.trial import State, read_status
 from tests.sweep.fake_remote import fake_remote
 
@@ -47,7 +47,7 @@ def test_six_trials_survive_a_killed_worker(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """SIGKILL to Ray's worker: its trial dies with it, Ray begins it again, it goes on from its checkpoint."""
-    monkeypatch.setattr(runners, "_remote", fake_remote)
+    monkeypatch.setattr(session, "_remote", fake_remote)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
     found: dict = {}
     watch = threading.Thread(target=kill_a_worker, args=(tmp_path, found))

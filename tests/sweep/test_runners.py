@@ -11,10 +11,9 @@ from typing import Any
 import pytest
 
 from mrwarp.run_dir import write_text
-from mrwarp.sweep import runners
+from mrwarp.sweep import session
 from mrwarp.sweep.grid import GridError, Trial
-from mrwarp.sweep.runners import LocalRunner
-from mrwarp.sweep.session import Session
+from mrwarp.sweep.session import LocalRunner, Session
 from mrwarp.sweep.trial import State, Status, read_status, write_status
 
 TRIALS = [Trial(name=f"seed={k}", values={"seed": str(k)}, command="train", args=()) for k in range(6)]
@@ -34,7 +33,7 @@ def test_no_two_trials_share_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
         busy.remove(pair)
         return State.DONE
 
-    monkeypatch.setattr(runners, "run_trial", run)
+    monkeypatch.setattr(session, "run_trial", run)
     runner = LocalRunner(8, cpus=3, gpus=2, visible=("0", "1", "2", "3", "7"))
     assert runner.workers == 2
     with ThreadPoolExecutor(4) as pool:
@@ -54,7 +53,7 @@ def test_an_error_of_the_sweep_itself_comes_out(monkeypatch: pytest.MonkeyPatch,
     def run(*_: Any, **__: Any) -> State:
         raise OSError("no space left on device")
 
-    monkeypatch.setattr(runners, "run_trial", run)
+    monkeypatch.setattr(session, "run_trial", run)
     with pytest.raises(OSError, match="no space left"):
         Session(TRIALS, tmp_path).run(LocalRunner(2), retries=0, figures=(), command="")
 
@@ -113,8 +112,8 @@ def test_ray_runs_the_trials_and_a_lost_worker_is_a_failed_trial(
         write_status(folder, Status(state=State.DONE, attempts=1, args=["train"]))
         return State.DONE
 
-    monkeypatch.setattr(runners, "run_trial", run)
-    assert Session(TRIALS, tmp_path).run(runners.RayRunner(2, cpus=2), retries=0, figures=(), command="") == 1
+    monkeypatch.setattr(session, "run_trial", run)
+    assert Session(TRIALS, tmp_path).run(session.RayRunner(2, cpus=2), retries=0, figures=(), command="") == 1
     assert ray.shut
     found = {trial.name: read_status(tmp_path / trial.name) for trial in TRIALS}
     assert [name for name, status in found.items() if status.state is not State.DONE] == ["seed=3"]
@@ -133,7 +132,7 @@ def test_a_stopped_task_of_ray_is_waited_for_while_it_saves(
         write_status(folder, Status(state=State.STOPPED))
         return State.STOPPED
 
-    monkeypatch.setattr(runners, "run_trial", run)
-    runner = runners.RayRunner(1)
+    monkeypatch.setattr(session, "run_trial", run)
+    runner = session.RayRunner(1)
     runner.run(TRIALS[0], tmp_path, 0, lambda: read_status(tmp_path).state is State.RUNNING)
     assert read_status(tmp_path).state is State.STOPPED

@@ -2,9 +2,9 @@
 
 import pytest
 
-from mrwarp.reproduce import fig4, policies
-from mrwarp.reproduce.cache import NotYet
+from mrwarp.reproduce import fig4, settings
 from mrwarp.reproduce.registry import CATALOGUE
+from mrwarp.reproduce.settings import NotYet
 
 
 @pytest.mark.parametrize("name", ["table2", "table3", "pushes", "fig4"])
@@ -15,10 +15,10 @@ def test_entries_depend_on_the_network_they_run(name: str) -> None:
 
 def test_networks_are_those_that_learn(monkeypatch: pytest.MonkeyPatch) -> None:
     """A law has none; a network that is not there is named."""
-    assert [path.name for path in policies.networks(("bouc_wen", "lstm"))] == ["lstm.safetensors"]
-    monkeypatch.setattr(policies, "shipped_model", lambda kind: None)
+    assert [path.name for path in settings.networks(("bouc_wen", "lstm"))] == ["lstm.safetensors"]
+    monkeypatch.setattr(settings, "shipped_model", lambda kind: None)
     with pytest.raises(NotYet, match="no trained network for lstm"):
-        policies.networks(("bouc_wen", "lstm"))
+        settings.networks(("bouc_wen", "lstm"))
 
 
 def test_figure4_compares_the_bench_with_the_device() -> None:
