@@ -450,8 +450,7 @@ def _interval(ci95: Any, where: str) -> tuple[float, float] | None:
 
 def _whole(value: Any, where: str) -> int:
     """A whole number; an integer of any length keeps all its digits."""
-    checked_number(value, where)
-    if value != int(value):
+    if not checked_number(value, where).is_integer():
         raise ModelFileError(f"{where} = {shown(value)}; allowed: a whole number")
     return int(value)
 

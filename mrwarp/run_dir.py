@@ -89,30 +89,21 @@ def claim(out: Path) -> Iterator[None]:
     """
     made = _missing(out)
     out.mkdir(parents=True, exist_ok=True)
-    try:
-        with _locked(out):
-            yield
-    except BaseException:
-        _remove_empty(made)
-        raise
-
-
-@contextlib.contextmanager
-def _locked(out: Path) -> Iterator[None]:
-    if fcntl is None:
-        yield
-        return
-    handle = os.open(out, os.O_RDONLY)
-    try:
+    with contextlib.ExitStack() as stack:
+        if fcntl is not None:
+            handle = os.open(out, os.O_RDONLY)
+            stack.callback(os.close, handle)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise FolderError(f"{out}: another run writes here; wait for it or name another --out") from error
+            except OSError:
+                pass  # a file system without locks
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise FolderError(f"{out}: another run writes here; wait for it or name another --out") from error
-        except OSError:
-            pass  # a file system without locks
-        yield
-    finally:
-        os.close(handle)
+            yield
+        except BaseException:
+            _remove_empty(made)
+            raise
 
 
 def _missing(out: Path) -> list[Path]:

@@ -25,7 +25,8 @@ from mrwarp.model_file import (
 )
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import load_bench, load_robot
-from mrwarp.usd.record import read_parameters, write_model
+from mrwarp.usd.edit import edit_asset
+from mrwarp.usd.open_stage import ASSETS
 from tests.messages import tells
 
 VALUES = {
@@ -105,23 +106,20 @@ def test_missing_groups_take_defaults() -> None:
 
 
 def test_usd_round_trip_is_lossless(tmp_path: Path) -> None:
-    """Written on a calf of the robot and saved, the values read back to the last bit; the stance pose stays."""
-    robot = load_robot()
-    mr = next(a for a in robot.actuators if a.mr is not None)
-    write_model(robot.stage.GetPrimAtPath(mr.prim_path), model())
-    robot.save(tmp_path / "robot.usda")
-    back = next(a.mr for a in load_robot(tmp_path / "robot.usda").actuators if a.joint == mr.joint)
-    assert back is not None and mr.mr is not None
-    assert back == model().to_params(mr.mr)
+    """Edited onto a calf of the robot, the values read back to the last bit; the stance pose stays."""
+    before = load_robot().actuators[2].mr
+    edit_asset(ASSETS / "mr_go.usda", "FL_calf", {}, tmp_path / "robot.usda", model=model())
+    back = load_robot(tmp_path / "robot.usda").actuators[2].mr
+    assert back is not None and before is not None
+    assert back == model().to_params(before)
     assert {name: back.to_dict()[name] for name in VALUES} == VALUES
 
 
-def test_bench_asset_takes_the_model() -> None:
-    """The one-joint bench accepts the same model on its stage."""
-    bench = load_bench()
-    prim = bench.stage.GetPrimAtPath(bench.actuators[0].prim_path)
-    write_model(prim, model())
-    assert read_parameters(prim).hold.n == 3.0
+def test_bench_asset_takes_the_model(tmp_path: Path) -> None:
+    """The one-joint bench accepts the same model."""
+    edit_asset(ASSETS / "mr_bench.usda", "bench_joint", {}, tmp_path / "bench.usda", model=model())
+    back = load_bench(tmp_path / "bench.usda").actuators[0].mr
+    assert back is not None and back.hold.n == 3.0
 
 
 def test_linear_damper_keeps_its_units_and_is_no_joint(tmp_path: Path) -> None:

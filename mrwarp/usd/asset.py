@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Sdf, Usd, UsdUtils
+from pxr import Usd
 
 from mrwarp.model_file import HOLDING_NOTE, Effect, Model, ModelFileError, check_effects, load_model, silent_note
 from mrwarp.params import MrParams
@@ -73,14 +73,6 @@ class RobotAsset:
 
     def __post_init__(self) -> None:
         masses(self)
-
-    def save(self, path: str | Path) -> None:
-        """Write the asset, with its variant choice and the edits made on ``stage``, to a new, self-contained file."""
-        merged = Sdf.Layer.CreateAnonymous(".usda")
-        merged.TransferContent(self.stage.GetSessionLayer())
-        UsdUtils.StitchLayers(merged, self.stage.GetRootLayer())
-        if not merged.Export(str(path)):
-            raise AssetError(f"{path}: cannot be written")
 
 
 def load_robot(path: str | Path | None = None, *, robot: str = "mr_go", payload: int = 0) -> RobotAsset:

@@ -106,20 +106,6 @@ def read_parameters(prim: Usd.Prim, file: str | Path = "stage") -> MrParams:
         raise AssetError(str(error).replace("MR parameter '", f"MR parameter '{PREFIX}")) from None
 
 
-def write_parameters(prim: Usd.Prim, params: MrParams) -> None:
-    """Author all parameters on an MR prim, in double precision, at the stage's edit target.
-
-    On the stage of a :class:`RobotAsset` that is the session layer: the file stays as it is (see ``RobotAsset.save``).
-
-    Raises:
-        AssetError: the prim is not an MR actuator.
-    """
-    if not is_mr(prim):
-        raise AssetError(f"{prim.GetPath()}: {SCHEMA} is not applied; apply it, or choose variant robot = mr_go")
-    for name, value in params:
-        prim.CreateAttribute(PREFIX + name, Sdf.ValueTypeNames.Double, custom=False).Set(value)
-
-
 def read_number(prim: Usd.Prim, name: str, spec: ParamSpec, file: str | Path) -> float:
     """The authored value of a numeric attribute; a 32-bit value is read as its shortest decimal (23.7).
 
@@ -169,18 +155,6 @@ def record_text(model: Model, params: MrParams) -> str:
     """The record of a model for a prim whose numbers, beside the model's, are those of ``params``."""
     rest = {name: value for name, value in params if name != "q_neutral" and name not in model.parameters}
     return json.dumps({"model": model_to_dict(model), "rest": rest}, allow_nan=False, separators=(",", ":"))
-
-
-def write_model(prim: Usd.Prim, model: Model) -> None:
-    """Author a model's numbers and its record on an MR prim, at the stage's edit target; the prim's other numbers stay.
-
-    Raises:
-        AssetError: the prim is not an MR actuator.
-        ModelFileError: as :meth:`mrwarp.model_file.Model.to_params`.
-    """
-    params = model.to_params(read_parameters(prim))
-    write_parameters(prim, params)
-    prim.CreateAttribute(RECORD, Sdf.ValueTypeNames.String, custom=False).Set(record_text(model, params))
 
 
 def parse_record(text: str, place: str) -> tuple[Model, dict[str, float]]:

@@ -201,7 +201,10 @@ def test_command_writes_model_figures_and_pictures(tmp_path: Path, capsys: pytes
     assert result["command"].startswith("mrwarp fit")
     params = load_model(tmp_path / "out/model.json").to_params()
     assert params.bouc_wen.beta == result["parameters"]["beta"]["value"]
-    assert "K1 [N·m/(rad·A)]" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "K1 [N·m/(rad·A)]" in said and "warning: holding was not measured" in said
+    model = load_model(tmp_path / "out/model.json")
+    assert not model.holding_measured and model.fitted_on.current == (0.0, 1.5)
 
 
 def test_command_refuses_bad_data_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -29,8 +29,9 @@ from mrwarp.model_file import (
 )
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import device_lines, load_bench, load_robot, with_model
+from mrwarp.usd.edit import edit_asset
 from mrwarp.usd.open_stage import ASSETS
-from mrwarp.usd.record import RECORD, write_model
+from mrwarp.usd.record import RECORD
 from mrwarp.usd.robot import CALVES
 
 LAG = make_effect("coil_lag", {"time_constant": 0.03})
@@ -132,9 +133,7 @@ def test_effects_reach_the_simulator_through_usd(tmp_path: Path, capsys: pytest.
 
 def test_effects_on_the_bench_asset(tmp_path: Path) -> None:
     """The one-joint bench reads them from its prim too."""
-    bench = load_bench()
-    write_model(bench.stage.GetPrimAtPath(bench.actuators[0].prim_path), model(LAG))
-    bench.save(tmp_path / "bench.usda")
+    edit_asset(ASSETS / "mr_bench.usda", "bench_joint", {}, tmp_path / "bench.usda", model=model(LAG))
     assert load_bench(tmp_path / "bench.usda").actuators[0].effects == (LAG,)
 
 

@@ -13,8 +13,9 @@ from pxr import Sdf, Usd
 
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import load_bench, load_robot
+from mrwarp.usd.edit import edit_asset
 from mrwarp.usd.open_stage import ASSETS, SCHEMA, AssetError
-from mrwarp.usd.record import PREFIX, read_parameters, write_parameters
+from mrwarp.usd.record import PREFIX
 from mrwarp.usd.robot import CALVES, DEFAULT_Q, JOINTS, LEGS, STAND_HEIGHT
 
 LIMITS = {"hip": (-0.863, 0.863), "thigh": (-0.686, 4.501), "calf": (-2.818, -0.888)}  # [rad] unitree_go1, Menagerie
@@ -218,7 +219,7 @@ def test_load_robot_leaves_file_alone():
     """Variant choice and edits live in the session layer: the file and later loads do not see them."""
     before = (ASSETS / "mr_go.usda").read_bytes()
     asset = load_robot(payload=3)
-    write_parameters(asset.stage.GetPrimAtPath(FL_CALF), MrParams().replace(K1=3.0))
+    assert asset.stage.GetPrimAtPath(FL_CALF).GetAttribute(f"{PREFIX}K1").Set(3.0)
     assert not asset.stage.GetRootLayer().dirty
     assert load_robot().actuators[2].mr == MrParams()
     assert (ASSETS / "mr_go.usda").read_bytes() == before
@@ -359,26 +360,15 @@ def test_one_edit_changes_four_or_one(tmp_path):
 
 
 def test_parameters_round_trip(tmp_path):
-    """Parameters survive prim, file and reload bit for bit; the saved file keeps variants and the other legs."""
+    """Parameters survive file and reload bit for bit; the saved file keeps variants and the other legs."""
     rng = np.random.default_rng(7)
     values = {spec.name: float(rng.uniform(max(spec.low, -1e3), min(spec.high, 1e3))) for spec in MrParams.specs()}
     params = MrParams.from_dict({**values, "beta": 1 / 3, "gamma": math.pi})
-    asset = load_robot(payload=3)
-    prim = asset.stage.GetPrimAtPath(FL_CALF)
-    write_parameters(prim, params)
-    assert read_parameters(prim) == params
-    asset.save(tmp_path / "saved.usda")
+    edit_asset(ASSETS / "mr_go.usda", "FL_calf", params.to_dict(), tmp_path / "saved.usda")
     again = load_robot(tmp_path / "saved.usda", payload=3)
     assert again.actuators[2].mr == params
     assert again.actuators[5].mr == MrParams()
     assert load_robot(tmp_path / "saved.usda", robot="go1").actuators[2].mr is None
-
-
-def test_write_parameters_refuses_motor():
-    """MR parameters do not go onto a plain motor: it would be driven twice."""
-    asset = load_robot(robot="go1")
-    with pytest.raises(AssetError, match=f"{FL_CALF}: MrwarpMRDriveAPI is not applied; .*robot = mr_go"):
-        write_parameters(asset.stage.GetPrimAtPath(FL_CALF), MrParams())
 
 
 def test_schema_agrees_with_parameters():

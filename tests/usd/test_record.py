@@ -19,7 +19,7 @@ from mrwarp.usd import record as asset_record
 from mrwarp.usd.asset import load_bench, load_robot
 from mrwarp.usd.edit import edit_asset, find_prim
 from mrwarp.usd.open_stage import ASSETS, AssetError
-from mrwarp.usd.record import PREFIX, RECORD, read_model, record_difference, record_text, write_model
+from mrwarp.usd.record import PREFIX, RECORD, read_model, record_difference, record_text
 from tests.messages import tells
 
 SHIPPED = ASSETS / "mr_go.usda"
@@ -133,21 +133,13 @@ def test_apply_and_export_are_lossless(robot: Path, seed: int) -> None:
 
 
 def test_many_random_models_are_lossless(tmp_path: Path) -> None:
-    """200 random models through the API: on the stage, saved, and edited into the text of one file again and again."""
+    """20 random models edited into the text of one file, one over the other."""
     rng = np.random.default_rng(7)
     text = Path(shutil.copy(ASSETS / "mr_bench.usda", tmp_path / "bench.usda"))
-    for k in range(200):
+    for _ in range(20):
         model = random_model(rng)
-        asset = load_bench(text)
-        prim = asset.stage.GetPrimAtPath(asset.actuators[0].prim_path)
-        write_model(prim, model)
-        assert bits(read_model(prim).model) == bits(model)
-        if k % 10 == 0:
-            asset.save(tmp_path / "saved.usda")
-            applied(text, model, "bench_joint")
-            for file in (tmp_path / "saved.usda", text):
-                again = load_bench(file)
-                assert bits(read_model(again.stage.GetPrimAtPath(again.actuators[0].prim_path)).model) == bits(model)
+        bench = load_bench(applied(text, model, "bench_joint"))
+        assert bits(read_model(bench.stage.GetPrimAtPath(bench.actuators[0].prim_path)).model) == bits(model)
 
 
 def test_without_a_record_the_numbers_are_the_model(robot: Path) -> None:
