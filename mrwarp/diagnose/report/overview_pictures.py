@@ -128,7 +128,8 @@ def tried_picture(d: Diagnosis) -> Figure | None:
     ax.set_ylim(-0.7, len(rows) - 0.3)
     shown = [Patch(facecolor=AFTER, label="named")] * bool(causes)
     shown += [Patch(facecolor=ALTERNATIVE, edgecolor=MEASURED, hatch="///", label="alternative")] * bool(others)
-    ax.legend(handles=[*shown, Patch(facecolor=NOISE, label="rejected")], loc="lower right")
+    shown += [Patch(facecolor=NOISE, label="rejected")]
+    figure.legend(handles=shown, loc="outside upper left", ncols=len(shown), frameon=False)
     reach = 100.0 * max(t.gain + 1.96 * (t.error if np.isfinite(t.error) else 0.0) for t in rows)
     ax.set_xlim(-0.02 * max(reach, 1.0), min(1.04 * max(reach, 1.0), max(102.0, 110.0 * rows[-1].gain)))
     return figure
