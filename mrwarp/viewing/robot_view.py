@@ -304,7 +304,7 @@ def _scene(robots: RobotLogger) -> rrb.Spatial3DView:
     y = robots.place(middle)[1]
     return rrb.Spatial3DView(
         origin="/",
-        contents=["/robots/**", "- /robots/*/series/**", "- /robots/*/gate/**"],
+        contents=["/ground", "/robots/**", "- /robots/*/series/**", "- /robots/*/gate/**"],
         name="robots",
         background=rrb.Background(color=[24, 27, 32]),
         line_grid=rrb.LineGrid3D(visible=True, spacing=0.5, plane=rr.components.Plane3D.XY, color=[120, 130, 140, 90]),

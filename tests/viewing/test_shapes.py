@@ -18,7 +18,7 @@ from mrwarp.usd.robot import JOINTS, LEGS
 from mrwarp.viewing import live_view
 from mrwarp.viewing.frames import FrameReader
 from mrwarp.viewing.robot_pictures import contact_sheet
-from mrwarp.viewing.robot_view import RobotLogger
+from mrwarp.viewing.robot_view import RobotLogger, make_blueprint
 from mrwarp.viewing.shapes import (
     Ground,
     Part,
@@ -151,8 +151,11 @@ def test_robots_stand_on_the_drawn_ground(rough: WalkEnv, tmp_path: Path, read_r
     target = rr.RecordingStream("test")
     target.save(tmp_path / "rough.rrd")
     robots = RobotLogger(rough.sim.scene, [0.0] * 4, target)
+    target.send_blueprint(make_blueprint(robots))
     robots.log(frames)
     assert live_view.disconnect(target)
     assert all(robots.place(k)[1] == 0.0 for k in range(4))
+    shown = read_rrd(tmp_path / "rough.rrd").blueprint("ViewContents:query")
+    assert any("/ground" in expressions for expressions in shown)
     ((_, vertices),) = read_rrd(tmp_path / "rough.rrd").columns("/ground", "Mesh3D:vertex_positions", static=True)
     assert len(vertices) == ground.heights.size
