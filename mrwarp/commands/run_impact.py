@@ -28,9 +28,9 @@ def run(options: Impact, line: CommandLine) -> int:
     sweeps = {coupling: ImpactSweep(make_cfg(options, coupling, variants), policy) for coupling in couplings}
     actuators = sweeps[couplings[0]].env.sim.scene.actuators
     check_currents(actuators, options.current)
-    for text in device_lines(actuators):
-        print(text, flush=True)
     shown = sweeps.get(Coupling.CONSTRAINT) or sweeps[couplings[0]]
+    for text in (*device_lines(actuators), *([shown.foreign] if shown.foreign else [])):
+        print(text, flush=True)
     sink = None
     if options.live or options.rrd or options.connect or options.serve_web:
         sink = open_sink(rrd=options.rrd, url=options.connect, web=options.serve_web)
@@ -39,7 +39,7 @@ def run(options: Impact, line: CommandLine) -> int:
     result: dict[str, Any] = {
         "kind": options.kind,
         "branches": options.branches,
-        "paper_change": paper.IMPACT_CHANGE,
+        "paper_change": None if shown.foreign else paper.IMPACT_CHANGE,
         "couplings": {},
     }
     for coupling, sweep in sweeps.items():
@@ -48,7 +48,7 @@ def run(options: Impact, line: CommandLine) -> int:
         trace = sweep.run()
         found = figures(trace, sweep.cfg.currents)
         result["couplings"][coupling.value] = found
-        _print(found, options.kind)
+        _print(found, None if sweep.foreign else options.kind)
         robot_pictures.impact_sheet(sweep, trace, options.out / f"impact_{coupling.value}.png")
         robot_pictures.impact_loops(trace, sweep.cfg.currents, options.out / f"loops_{coupling.value}.png")
         robot_pictures.impact_timeline(trace, sweep.cfg.currents, options.out / f"timeline_{coupling.value}.png")
@@ -93,15 +93,15 @@ def _sensitivity(options: Impact, policy: OnnxPolicy) -> dict[str, Any]:
     current = max(options.current)
     sweep = ImpactSweep(make_cfg(options, Coupling.CONSTRAINT, threshold_variants(current)), policy)
     rows = threshold_reductions(sweep.run())
-    plot_thresholds(rows, options.out / "sensitivity.png")
+    plot_thresholds(rows, options.out / "sensitivity.png", paper_device=not sweep.foreign)
     for name, entries in rows.items():
         text = ", ".join(f"{e['value']:g}: {e['drop']['mean']:.2f} / {e['motor']['mean']:.2f} %" for e in entries)
         print(f"  {name:6s} reduction of CoM drop / motor torque: {text}")
-    return {"current": current, "ours": rows, "paper": paper.THRESHOLDS}
+    return {"current": current, "ours": rows, "paper": None if sweep.foreign else paper.THRESHOLDS}
 
 
-def _print(found: dict[str, Any], kind: str) -> None:
-    """The table of one sweep."""
+def _print(found: dict[str, Any], kind: str | None) -> None:
+    """The table of one sweep; ``kind`` of impact, of which the paper's change stands beside."""
     print(f"  {'current':>8s}  {'min height [m]':>18s}  {'peak v_z [m/s]':>18s}  {'drop [m]':>16s}  {'damping':>7s}")
     for row in found["by_current"]:
         cells = [f"{row[k]['mean']:.4f} ± {row[k]['sd']:.4f}" for k in ("min_height", "peak_down_velocity", "drop")]
@@ -114,6 +114,6 @@ def _print(found: dict[str, Any], kind: str) -> None:
         low, high = change["ci95"]
         monotone = "monotone" if found["monotone"][name] else "not monotone"
         print(
-            f"  {text}: {change['percent']:+.2f} % [{low:+.2f}, {high:+.2f}] from first to last current, {monotone} "
-            f"(paper {paper.IMPACT_CHANGE[name][kind]:+.1f} %)"
+            f"  {text}: {change['percent']:+.2f} % [{low:+.2f}, {high:+.2f}] from first to last current, {monotone}"
+            + (f" (paper {paper.IMPACT_CHANGE[name][kind]:+.1f} %)" if kind else "")
         )

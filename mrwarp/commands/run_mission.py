@@ -15,6 +15,7 @@ from mrwarp.run_dir import check_writable, write_result
 from mrwarp.runtime import ProgressLine
 from mrwarp.trials import mission, walk_figures, walk_pictures
 from mrwarp.trials.mission import MissionCfg
+from mrwarp.trials.walking import device_notes
 
 _TASK = ("speed", "distance", "standby", "outbound_load", "return_load")
 """What makes a mission the paper's or another."""
@@ -32,6 +33,8 @@ def run(options: Mission, line: CommandLine) -> int:
     if options.calibrate and not of_paper:
         others = ", ".join(f"--{name.replace('_', '-')}" for name in _TASK)
         raise ValueError(f"--calibrate needs the paper's task, whose figures it fits; leave out {others}")
+    for text in device_notes(cfg.env, options.current):
+        print(text, flush=True)
     try:
         phases = mission.measure(cfg, policies, progress)
         fit = None
@@ -102,15 +105,17 @@ def _rows(traces: dict[str, Any], calibrated: tuple[str, ...]) -> dict[str, Any]
 
 def _print(figures: dict[str, Any]) -> None:
     """The tables."""
-    theirs = "paper" if figures["task"]["of_paper"] else "paper, whose task is another: see --help"
-    print(f"simulated: {figures['simulated']}; ours ({theirs}); * used to calibrate")
+    compared = any(row["depletion"]["paper"] is not None for row in figures["robots"].values())
+    theirs = " (paper)" if figures["task"]["of_paper"] else " (paper, whose task is another: see --help)"
+    print(f"simulated: {figures['simulated']}; ours{theirs if compared else ''}; * used to calibrate")
     print(f"{'robot':10s} {'out [W]':>16s} {'standby [W]':>16s} {'back [W]':>16s} {'charge [pp]':>16s} "
           f"{'calf walk [K]':>16s} {'calf stand [K]':>16s} {'all [K]':>16s}")  # fmt: skip
     for robot, row in figures["robots"].items():
         cells = [*(row["power"][name] for name in ("outbound", "standby", "return")), row["depletion"],
                  *(row["rise"][name] for name in ("calf_walking", "calf_standby", "all"))]  # fmt: skip
         print(f"{paper.NAMES[robot]:10s} " + " ".join(
-            f"{cell['mean']:7.1f} ({cell['paper']:.1f}){'*' if cell['calibrated'] else ' '}".rjust(16) for cell in cells
+            (f"{cell['mean']:7.1f}" + ("" if cell["paper"] is None else f" ({cell['paper']:.1f})")
+             + ("*" if cell["calibrated"] else " ")).rjust(16) for cell in cells
         ))  # fmt: skip
     for robot, walks in figures["windows"].items():
         for name, walk in walks.items():
@@ -120,7 +125,10 @@ def _print(figures: dict[str, Any]) -> None:
                     f"{paper.NAMES[robot]}, {name}: {lost}; {walk['counted']} repetitions finished both ways and count"
                 )
     for name, change in figures["changes"].items():
-        print(f"MR_Go to MR_Go-SAL, {name.replace('_', ' ')}: {change['ours']:+.1%} (paper {change['paper']:+.1%})")
+        theirs = "" if change["paper"] is None else f" (paper {change['paper']:+.1%})"
+        print(f"MR_Go to MR_Go-SAL, {name.replace('_', ' ')}: {change['ours']:+.1%}{theirs}")
+    if not compared:
+        return
     check = figures["consistency"]
     first = check["by_speed"][0]
     by = first["reconciled_by"]

@@ -19,7 +19,7 @@ from mrwarp.runtime import ProgressLine
 from mrwarp.study.plan import ENERGY, SEEDS, plant_of, policy_file
 from mrwarp.trials import walk_figures, walk_pictures
 from mrwarp.trials.walk_trials import WalkCfg, robot_env, standing_load, walk
-from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy
+from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy, device_notes
 
 
 def run(options: Walk, line: CommandLine) -> int:
@@ -39,6 +39,8 @@ def run(options: Walk, line: CommandLine) -> int:
     if options.calibrate and not _can_calibrate(cfg):
         conditions = "Go1 at 0.3 and 0.5 m/s with 0 and 3 kg"
         raise ValueError(f"--calibrate needs {conditions}; leave out --robot, --sal, --speed and --payload")
+    for text in device_notes(cfg.env, options.current):
+        print(text, flush=True)
     started, progress = time.perf_counter(), ProgressLine(sys.stdout)
     try:
         results = walk(cfg, policies, progress)
@@ -161,18 +163,21 @@ class _Standing:
 
 def _print(figures: dict[str, Any]) -> None:
     """The tables."""
-    print(f"{'robot':10s} {'load':>5s} {'cmd':>4s} {'speed':>6s} {'power':>8s} {'COT':>15s} {'paper':>15s} "
-          f"{'diff':>7s} {'held':>6s} {'paper':>6s}")  # fmt: skip
+    compared = any(row["paper"] for row in figures["conditions"])
+    print(f"{'robot':10s} {'load':>5s} {'cmd':>4s} {'speed':>6s} {'power':>8s} {'COT':>15s} "
+          + (f"{'paper':>15s} {'diff':>7s} {'held':>6s} {'paper':>6s}" if compared else f"{'held':>6s}"))  # fmt: skip
     for row in figures["conditions"]:
         reference, held = row["paper"], row["hold_mean"]
         theirs = f"{reference['cot']:.3f} ± {reference['sd']:.3f}" if reference else ""
         difference = f"{row['difference']['relative']:+.1%}" if reference else ""
         activation = row["paper_hold_mean"]
+        share = f"{'' if held is None else format(held['mean'], '.1%'):>6s}"
+        if compared:
+            simulated = "" if activation is None else format(activation["simulation"], ".1%")
+            share = f"{theirs:>15s} {difference:>7s} {share} {simulated:>6s}"
         print(
             f"{paper.NAMES[row['robot']]:10s} {row['payload']:5g} {row['command']:4g} {row['speed']['mean']:6.3f} "
-            f"{row['power']['mean']:6.1f} W {row['cot']['mean']:7.3f} ± {row['cot']['sd']:.3f} {theirs:>15s} "
-            f"{difference:>7s} {'' if held is None else format(held['mean'], '.1%'):>6s} "
-            f"{'' if activation is None else format(activation['simulation'], '.1%'):>6s}"
+            f"{row['power']['mean']:6.1f} W {row['cot']['mean']:7.3f} ± {row['cot']['sd']:.3f} {share}"
             + ("  calibrated" if row["calibrated"] else "")
             + (f"  fell {row['fell']}" if row["fell"] else "")
             + (f"  late {row['late']}" if row["late"] else "")
@@ -190,6 +195,7 @@ def _print(figures: dict[str, Any]) -> None:
             f"(calves {row['saving_by_part']['copper_calves']:+.1f}, hips and thighs "
             f"{row['saving_by_part']['copper_hips_thighs']:+.1f}, coils {row['saving_by_part']['coil']:+.1f}), COT "
             f"{-row['cot_reduction']:+.1%}; holding at most {bound['walking_copper']:.1f} W (closed form: "
-            f"{bound['our_standing']:.1f} from our standing saving, {bound['paper_standing']:.1f} from the paper's)"
+            f"{bound['our_standing']:.1f} from our standing saving"
+            + (f", {bound['paper_standing']:.1f} from the paper's)" if "paper_standing" in bound else ")")
             + (f"; paper {-reference['saving']:+.1f} W, {-reference['cot_reduction']:+.1%}" if reference else "")
         )

@@ -21,7 +21,7 @@ from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.params import MrParams
 from mrwarp.trials.falling_mass import FallingMass, MassCfg, add_mass
-from mrwarp.trials.walking import Policy
+from mrwarp.trials.walking import Policy, foreign_device
 from mrwarp.usd.robot import CALF_COLUMNS, CURRENT_GROUPS, LEGS
 
 FALL_HEIGHT = 0.10
@@ -151,6 +151,7 @@ class ImpactSweep:
 
     Attributes:
         env: The environments; setting i, trial k is environment ``i*trials + k``.
+        foreign: What tells the devices from the paper's, see :func:`mrwarp.trials.walking.foreign_device`.
         watchers: Called after every torque step with the time relative to the impact's onset [s], e.g. to show it.
     """
 
@@ -170,6 +171,7 @@ class ImpactSweep:
         drop = cfg.kind is ImpactKind.DROP
         self.env = WalkEnv(env_cfg, edit=add_mass(cfg.mass) if drop else None)
         self.mass = FallingMass(self.env, cfg.mass) if drop else None
+        self.foreign = foreign_device(self.env.sim.scene.actuators)
         self.currents = self.env.current_e.clone()
         self._command = torch.tensor([cfg.speed, 0.0, 0.0], device=self.env.device)
         for i, variant in enumerate(cfg.variants):

@@ -87,6 +87,8 @@ class PhaseLoad:
     """Of these fell in this phase."""
     late: int = 0
     """Of these did not cover the window in time."""
+    paper_device: bool = True
+    """See :class:`mrwarp.trials.walk_trials.WalkResult`."""
 
     def of(self, trials: np.ndarray) -> PhaseLoad:
         """The same for some repetitions; what stands for all stays."""
@@ -122,6 +124,8 @@ class MissionTrace:
     """Mean hip and thigh motor above ambient [K], shape (T,)."""
     fluid: np.ndarray
     """Mean fluid temperature above ambient during each phase [K], shape (3, n)."""
+    paper_device: bool = True
+    """See :class:`mrwarp.trials.walk_trials.WalkResult`."""
 
 
 class MissionError(RuntimeError):
@@ -167,7 +171,7 @@ def measure(
                 )
             found[result.robot][phase] = PhaseLoad(
                 joints=result.joints, seconds=cfg.distance / result.speed, speed=result.speed, trial=result.trial,
-                tried=cfg.seeds, fell=result.fell, late=result.late,
+                tried=cfg.seeds, fell=result.fell, late=result.late, paper_device=result.paper_device,
             )  # fmt: skip
     found = {robot: _paired(robot, walked) for robot, walked in found.items()}
     report("standing", 0.9)
@@ -254,8 +258,8 @@ def run(
         "fluid": now.fluid.mean(1) if devices else zero,
     }
     return MissionTrace(
-        power=power, seconds=durations, depletion=charge, rise=rises, fluid=np.array(fluid),
-        t=t, power_over_time=drawn, charge=mean_charge, calf=calf, proximal=proximal,
+        power=power, seconds=durations, depletion=charge, rise=rises, fluid=np.array(fluid), t=t,
+        power_over_time=drawn, charge=mean_charge, calf=calf, proximal=proximal, paper_device=out.paper_device,
     )  # fmt: skip
 
 

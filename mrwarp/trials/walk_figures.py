@@ -31,21 +31,17 @@ STANCE_SHARE = 0.5
 """Share of a stride in which the trot's clock has a leg on the ground."""
 
 
-def row(
-    result: WalkResult, cfg: ElectricalCfg, *, calibrated: bool = True, paper_device: bool = True
-) -> dict[str, Any]:
-    """All figures of one condition; spreads are over its trials.
+def row(result: WalkResult, cfg: ElectricalCfg, *, calibrated: bool = True) -> dict[str, Any]:
+    """All figures of one condition; spreads are over its trials. Another device has no paper's row beside it.
 
     Args:
         result: The trials.
         cfg: The numbers.
         calibrated: Whether these were fitted to Go1's rows, which are then marked.
-        paper_device: Whether the robots' devices are the paper's; rows of others have no paper's row beside them.
     """
-    comparable = paper_device or result.robot == "go1"
-    reference = paper.TABLE_6.get(result.key) if comparable else None
+    reference = paper.TABLE_6.get(result.key) if result.paper_device else None
     power, cots = battery_power(result.joints, cfg), cot(result, cfg)
-    activation = paper.TABLE_7.get(result.cell) if comparable and result.robot == "mr_go_sal" else None
+    activation = paper.TABLE_7.get(result.cell) if result.paper_device and result.robot == "mr_go_sal" else None
     return {
         "robot": result.robot, "payload": result.payload, "command": result.command, "mass": result.mass,
         "calibrated": calibrated and result.robot == "go1" and reference is not None,
@@ -159,16 +155,13 @@ class Saving:
         return paper.condition_name(self.payload, self.command)
 
 
-def savings(
-    results: Sequence[WalkResult], cfg: ElectricalCfg, standing: float | None = None, *, paper_device: bool = True
-) -> list[Saving]:
-    """What SAL saves in each condition in which both robots arrived.
+def savings(results: Sequence[WalkResult], cfg: ElectricalCfg, standing: float | None = None) -> list[Saving]:
+    """What SAL saves in each condition in which both robots arrived; nothing of the paper beside another device.
 
     Args:
         results: Trials with MR_Go and MR_Go-SAL.
         cfg: The numbers.
         standing: What holding saves our standing robots [W], see :func:`standing_saving`.
-        paper_device: Whether the robots' devices are the paper's; without, nothing of the paper stands beside.
     """
     arrived = {r.key: r for r in results if len(r.speed)}
     found = []
@@ -182,7 +175,7 @@ def savings(
         share = float(on.hold.mean())
         stance = float(np.clip(share / STANCE_SHARE, 0.0, 1.0))
         bound = {"walking_copper": stance * before["copper_calves"]}
-        if paper_device:
+        if on.paper_device:
             bound["paper_standing"] = consistency.holding_bound(share, on.mass)
         if standing is not None:
             bound["our_standing"] = consistency.holding_bound(share, on.mass, standing=standing)
@@ -195,7 +188,7 @@ def savings(
             power_reduction=1.0 - powers[1] / powers[0],
             saving_by_part={name: before[name] - after[name] for name in before},
             bound=bound,
-            paper=_paper_saving(payload, command) if paper_device else None,
+            paper=_paper_saving(payload, command) if on.paper_device else None,
         )
         found.append(saving)
     return found
@@ -239,23 +232,19 @@ def _difference(ours: np.ndarray, theirs: float, sd: float) -> dict[str, float]:
     return {"absolute": delta, "relative": delta / theirs, "in_sd": delta / joint}
 
 
-def mission_row(
-    robot: str, trace: MissionTrace, *, calibrated: Collection[str] = MISSION_GROUPS, paper_device: bool = True
-) -> dict[str, Any]:
-    """One robot's figures beside the paper's.
+def mission_row(robot: str, trace: MissionTrace, *, calibrated: Collection[str] = MISSION_GROUPS) -> dict[str, Any]:
+    """One robot's figures, beside the paper's where its devices are the paper's, else beside None.
 
     Args:
         robot: Of ``paper.ROBOTS``.
         trace: Its mission.
         calibrated: Groups of :data:`MISSION_GROUPS` whose numbers come from Go1's figures, which are then marked; none
             where the task is not the paper's.
-        paper_device: Whether the robots' devices are the paper's; figures of others have None of the paper's beside.
     """
-    comparable = paper_device or robot == "go1"
     own = {name: robot == "go1" and name in calibrated for name in MISSION_GROUPS}
-    theirs = paper.MISSION_POWER[robot] if comparable else {}
-    mean, sd = paper.MISSION_DEPLETION[robot] if comparable else (None, None)
-    rises = {**paper.MISSION_RISE[robot], "proximal": paper.proximal_rise(robot)} if comparable else {}
+    theirs = paper.MISSION_POWER[robot] if trace.paper_device else {}
+    mean, sd = paper.MISSION_DEPLETION[robot] if trace.paper_device else (None, None)
+    rises = {**paper.MISSION_RISE[robot], "proximal": paper.proximal_rise(robot)} if trace.paper_device else {}
     return {
         "power": {name: {**spread(values), "paper": theirs.get(name), "calibrated": own["electrical"]}
                   for name, values in trace.power.items()},

@@ -19,7 +19,7 @@ from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.paper import NAMES, ROBOTS, condition_name
 from mrwarp.trials.power_meter import GaitTrace, PowerMeter, TraceRecorder
-from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy, make_env, same_starts, set_payload
+from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy, foreign_device, make_env, same_starts, set_payload
 from mrwarp.usd.robot import CALF_COLUMNS
 
 ASSET_ROBOT = {"go1": "go1", "mr_go": "mr_go", "mr_go_sal": "mr_go"}
@@ -134,6 +134,8 @@ class WalkResult:
     """Trials that did not cover the distance in time."""
     trace: GaitTrace
     """Two strides of the front-right calf at 200 Hz."""
+    paper_device: bool = True
+    """Whether the robot's devices, if it has any, are the paper's: only then the paper's figures stand beside these."""
 
     @property
     def key(self) -> tuple[str, float, float]:
@@ -193,6 +195,7 @@ class WalkBatch:
         self.env = env = make_env(env_cfg, count, cfg.seed)
         if payload != variant:
             set_payload(env, np.full(count, payload))
+        self.paper_device = not foreign_device(env.sim.scene.actuators)
         self.mass = float(env.sim.scene.model.body_mass.sum()) - variant + payload
         sal = [robot == "mr_go_sal" for robot, _ in self.conditions]
         self._per_env(env.current_e, [cfg.current if on else 0.0 for on in sal])
@@ -286,7 +289,7 @@ class WalkBatch:
                 tilt_rms=np.degrees(np.sqrt(mean["tilt"][done])), yaw_rate_rmse=np.sqrt(mean["yaw_rate"][done]),
                 hold=self.meter.hold[done], dynamic=self.meter.dynamic[done],
                 counts=self.meter.counts[done].sum(0).cpu().numpy(), fell=int(fell[rows].sum()),
-                late=int(late[rows].sum()), trace=self.recorder.trace(i),
+                late=int(late[rows].sum()), trace=self.recorder.trace(i), paper_device=self.paper_device,
             )  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from tensordict import TensorDict
 from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels import ledger
+from mrwarp.usd.asset import JointActuator, device_lines, load_robot, with_model
 from mrwarp.usd.robot import CALF_COLUMNS, DEFAULT_POSE
 
 PAYLOAD_BODY = "payload"
@@ -93,6 +94,46 @@ class GateCheck:
         measured = measure(self.env, policy, self.command, warmup=self.gate.warmup, seconds=self.gate.seconds)
         verdicts = self.gate.judge(measured)
         return {**measured, "conditions": verdicts, "passed": all(verdicts.values())}
+
+
+def task_devices(cfg: EnvCfg) -> tuple[JointActuator, ...]:
+    """The joints of the task's MR_Go that carry a device, read from its files alone: no engine is loaded."""
+    asset = load_robot(cfg.asset, robot="mr_go")
+    if cfg.model is not None:
+        asset = with_model(asset, cfg.model, extrapolate=cfg.extrapolate)
+    return tuple(actuator for actuator in asset.actuators if actuator.mr is not None)
+
+
+def foreign_device(actuators: Sequence[JointActuator]) -> str:
+    """What tells a robot's devices from the paper's, as a line for the user; empty if they are the paper's.
+
+    Figures of another device are set beside nothing of the paper.
+    """
+    for joint in actuators:
+        if joint.mr is None or joint.is_paper_device:
+            continue
+        values, groups = joint.mr.to_dict(), ("BoucWenParams", "HoldParams", "CoilParams")
+        other = [spec for spec in joint.mr.specs() if spec.group in groups and values[spec.name] != spec.default]
+        why = [f"{s.name} {values[s.name]:.4g}, not {s.default:.4g}" for s in other if s.name != "q_neutral"]
+        why += ["its effects"] if joint.effects else ["a model that cannot be read"] if joint.lost else []
+        return f"note: {joint.joint} is not the paper's device ({why[0]}): the paper's figures are left out"
+    return ""
+
+
+def device_notes(cfg: EnvCfg, current: float) -> Iterator[str]:
+    """What a user is told of the devices before a walk, a line each.
+
+    Args:
+        cfg: The task.
+        current: Current that the devices may use [A].
+    """
+    devices = task_devices(cfg)
+    yield from device_lines(devices)
+    most = min((a.mr.coil.current_max for a in devices if a.mr is not None), default=current)
+    if current > most:
+        yield f"note: the devices take 0 to {most:g} A; of {current:g} A they use that much"
+    if note := foreign_device(devices):
+        yield note
 
 
 def make_env(cfg: EnvCfg, num_envs: int, seed: int) -> WalkEnv:

@@ -83,7 +83,8 @@ def test_a_repetition_counts_if_it_finished_both_ways(monkeypatch: pytest.Monkey
             PHASE_USES["outbound"].joints, torque_square=np.full((2, 12), 1.0) * (10.0 * load + trial[:, None])
         )
         fell, late = (1, 0) if load < 3.0 else (0, 1)
-        return [SimpleNamespace(robot="go1", joints=joints, speed=0.1 * (1 + trial), trial=trial, fell=fell, late=late)]
+        return [SimpleNamespace(robot="go1", joints=joints, speed=0.1 * (1 + trial), trial=trial, fell=fell, late=late,
+                                paper_device=True)]  # fmt: skip
 
     monkeypatch.setattr(mission, "walk", walk)
     monkeypatch.setattr(mission, "standing_load", lambda *_, **__: PHASE_USES["standby"].joints)
@@ -121,8 +122,10 @@ def test_all_powers_of_go1_are_calibrated() -> None:
 
 def test_another_device_has_no_paper_figure_beside_it() -> None:
     """Go1 keeps the paper's figures; the robots with devices have none, nor has the change between them."""
-    trace = run(PHASE_USES, *NUMBERS, feedback=False)
-    rows = {robot: walk_figures.mission_row(robot, trace, paper_device=False) for robot in paper.ROBOTS}
+    other = {name: replace(load, paper_device=False) for name, load in PHASE_USES.items()}
+    traces = {robot: run(other, *NUMBERS, feedback=False) for robot in ("mr_go", "mr_go_sal")}
+    traces["go1"] = run(PHASE_USES, *NUMBERS, feedback=False)
+    rows = {robot: walk_figures.mission_row(robot, trace) for robot, trace in traces.items()}
     for robot, row in rows.items():
         cells = (*row["power"].values(), row["depletion"], row["rise"]["all"], row["rise"]["proximal"])
         assert [cell["paper"] is not None for cell in cells] == [robot == "go1"] * len(cells)

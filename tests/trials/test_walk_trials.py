@@ -114,11 +114,13 @@ def test_rows_say_what_was_calibrated(results: list[WalkResult]) -> None:
 
 def test_another_device_has_no_paper_row_beside_it(results: list[WalkResult]) -> None:
     """Go1 carries no device and keeps its row; of MR_Go and MR_Go-SAL nothing is compared, nor of what SAL saves."""
-    for result in results:
-        row = walk_figures.row(result, ElectricalCfg(), paper_device=False)
+    assert all(result.paper_device for result in results)
+    others = [replace(result, paper_device=result.robot == "go1") for result in results]
+    for result in others:
+        row = walk_figures.row(result, ElectricalCfg())
         compared = [row[name] is not None for name in ("paper", "difference")]
         assert compared == [result.robot == "go1"] * 2 and row["paper_hold_mean"] is None
-    (saved,) = walk_figures.savings(results, ElectricalCfg(), 20.0, paper_device=False)
+    (saved,) = walk_figures.savings(others, ElectricalCfg(), 20.0)
     assert saved.paper is None and set(saved.bound) == {"walking_copper", "our_standing"}
 
 

@@ -1,0 +1,83 @@
+"""A robot with another device than the paper's: nothing of the paper beside its figures, and the user is told."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from mrwarp.cli import main
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.model_file import JOINT_UNITS, FittedOn, Model, Parameter, make_effect, parameter_unit, save_model
+from mrwarp.params import MrParams
+from mrwarp.trials.walking import device_notes, foreign_device, task_devices
+
+
+@pytest.fixture(scope="module")
+def small_brake(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A device a quarter as strong, measured up to 1 A, whose holding nobody measured."""
+    names = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
+    values = {**MrParams().to_dict(), "K0": 0.1, "K1": 2.6}
+    parameters = {name: Parameter(value=values[name], unit=parameter_unit(name, JOINT_UNITS)) for name in names}
+    origin = FittedOn(source="bench", trajectories=1, samples=1, rate=1000.0, current=(0.0, 1.0))
+    path = tmp_path_factory.mktemp("model") / "small.json"
+    save_model(Model(parameters=parameters, fitted_on=origin, effects=()), path)
+    return path
+
+
+def test_the_shipped_robot_has_the_papers_device() -> None:
+    """No note, whatever the task's robot; a lag as an effect makes it another."""
+    devices = task_devices(make_walk_cfg())
+    assert len(devices) == 4 and foreign_device(devices) == "" and not list(device_notes(make_walk_cfg(), 1.5))
+    assert devices[1].mr is not None
+    other = replace(devices[1], mr=devices[1].mr.replace(T_max=9.0))
+    assert "FR_calf is not the paper's device (T_max 9, not 26.6)" in foreign_device([devices[0], other])
+
+
+def test_effects_make_another_device(small_brake: Path) -> None:
+    """The paper's numbers with a coil that lags are not the paper's device."""
+    names = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", "T_max", "K", "n")
+    values = MrParams().to_dict()
+    parameters = {name: Parameter(value=values[name], unit=parameter_unit(name, JOINT_UNITS)) for name in names}
+    origin = FittedOn(source="bench", trajectories=1, samples=1, rate=200.0)
+    plain = Model(parameters=parameters, fitted_on=origin, effects=())
+    lagging = replace(plain, effects=(make_effect("coil_lag", {"time_constant": 0.02}),))
+    assert foreign_device(task_devices(make_walk_cfg(model=plain))) == ""
+    assert "its effects" in foreign_device(task_devices(make_walk_cfg(model=lagging)))
+
+
+def test_walk_sets_nothing_of_the_paper_beside_it(
+    small_brake: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Told before the walk: what was not measured, the current that is used, and why the paper's columns are empty."""
+    options = ["--distance", "0.3", "--trials", "1", "--speed", "0.5", "--payload", "0", "--threads", "1"]
+    robots = ["--robot", "mr_go", "mr_go_sal"]
+    assert main(["walk", "--model", str(small_brake), *options, *robots, "--out", str(tmp_path / "out")]) == 0
+    shown = capsys.readouterr().out
+    assert "holding was not measured" in shown and "of 1.5 A they use that much" in shown
+    assert "is not the paper's device (K0 0.1, not 0.3993): the paper's figures are left out" in shown
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    for row in result["conditions"]:
+        assert row["paper"] is None and row["difference"] is None and row["paper_hold_mean"] is None
+    assert [saving["paper"] for saving in result["savings"]] == [None]
+    assert "paper" not in shown.partition("left out")[2].replace(
+        "cmd  speed    power             COT           paper", ""
+    )
+
+
+def test_mission_and_impact_too(small_brake: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line says why, and the paper's figures are nowhere in tables and results."""
+    options = ["--robot", "mr_go", "mr_go_sal", "--window", "0.3", "--seeds", "1", "--threads", "1"]
+    assert main(["mission", "--model", str(small_brake), *options, "--out", str(tmp_path / "mission")]) == 0
+    result = json.loads((tmp_path / "mission" / "result.json").read_text())
+    for row in result["robots"].values():
+        assert {cell["paper"] for cell in (*row["power"].values(), *row["rise"].values(), row["depletion"])} == {None}
+    assert {change["paper"] for change in result["changes"].values()} == {None}
+    shown = capsys.readouterr().out
+    assert "is not the paper's device" in shown and "(paper" not in shown
+
+    options = ["--trials", "1", "--current", "0", "1", "--coupling", "constraint"]
+    assert main(["impact", "--model", str(small_brake), *options, "--out", str(tmp_path / "impact")]) == 0
+    assert json.loads((tmp_path / "impact" / "result.json").read_text())["paper_change"] is None
+    shown = capsys.readouterr().out
+    assert "is not the paper's device" in shown and "(paper" not in shown
