@@ -161,7 +161,8 @@ def reported_fit(problem: Problem, fit: Fit) -> Fit:
     motion that is known to some milliseconds only, or a law in a slightly wrong form, shrinks an effect.
     """
     resolution = np.zeros(fit.parameters.size)
-    resolution[EFFECT_PART] = [slot.parameter.resolution for slot in fit.parameters.slots]
+    numbers = zip(fit.parameters.slots, fit.x[EFFECT_PART], strict=True)
+    resolution[EFFECT_PART] = [s.parameter.resolution * (1.0 if s.logarithmic else abs(x)) for s, x in numbers]
     least = np.diag(covariance(fit)) + resolution**2
     plain = replace(plain_fit(problem, fit), least_variance=least)
     if any(p.form for effect in fit.effects for p in CATALOGUE[effect].parameters):

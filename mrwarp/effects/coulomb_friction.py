@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mrwarp.effects.law import DRY_FRICTION_SPEED, EffectLaw, EffectParameter, Path
+from mrwarp.effects.law import DRY_FRICTION_RESOLUTION, DRY_FRICTION_SPEED, EffectLaw, EffectParameter, Path
 
 
 @wp.func
@@ -23,7 +23,7 @@ LAW = EffectLaw(
     kind="mechanism",
     stage="torque",
     parameters=(
-        EffectParameter(name="torque", unit="N·m", scale=(0, 0, 1)),
+        EffectParameter(name="torque", unit="N·m", scale=(0, 0, 1), resolution=DRY_FRICTION_RESOLUTION),
         DRY_FRICTION_SPEED,
     ),
     law=coulomb_friction_law,

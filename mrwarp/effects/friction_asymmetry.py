@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mrwarp.effects.law import DRY_FRICTION_SPEED, EffectLaw, EffectParameter, Path
+from mrwarp.effects.law import DRY_FRICTION_RESOLUTION, DRY_FRICTION_SPEED, EffectLaw, EffectParameter, Path
 
 
 @wp.func
@@ -26,7 +26,7 @@ LAW = EffectLaw(
     kind="mechanism",
     stage="torque",
     parameters=(
-        EffectParameter(name="coulomb", unit="N·m", scale=(0, 0, 1)),
+        EffectParameter(name="coulomb", unit="N·m", scale=(0, 0, 1), resolution=DRY_FRICTION_RESOLUTION),
         EffectParameter(name="viscous", unit="N·m·s/rad", scale=(-1, 0, 1)),
         DRY_FRICTION_SPEED,
         EffectParameter(
