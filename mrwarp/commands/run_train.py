@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
 
 import warp as wp
 
+from mrwarp.enums import RANDOMIZATIONS, BackendKind, Coupling, HoldCurrent, ZStep
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.options.command_line import CommandLine
+from mrwarp.env.events import make_randomize_cfg
+from mrwarp.options.command_line import CommandLine, given
 from mrwarp.options.train_options import Train
 from mrwarp.resources import shipped_model
+from mrwarp.rl import checkpoint
 from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.rl.ranks import Ranks
 from mrwarp.rl.trainer import TrainCfg, Trainer
@@ -38,6 +43,13 @@ def run(options: Train, line: CommandLine) -> int:
 
 
 def _train(options: Train, line: CommandLine, ranks: Ranks) -> int:
+    if options.resume:
+        options = resumed(options, given(line), ranks)
+    kept = options.out / "checkpoint.pt"
+    if ranks.main and kept.is_file() and not options.overwrite and not _is(kept, options.resume):
+        raise ValueError(
+            f"{kept} is there already; go on with --resume {kept}, choose another --out or add --overwrite"
+        )
     trainer = Trainer(make_cfg(options, line, ranks), resume=options.resume, start_from=options.start_from, ranks=ranks)
     view = None
     if ranks.main:
@@ -60,6 +72,55 @@ def _train(options: Train, line: CommandLine, ranks: Ranks) -> int:
     passed, minutes = "met" if result["gate_passed"] else "NOT met", result["seconds"] / 60
     print(f"walking gate {passed} after {minutes:.1f} min ({result['iterations']} updates); see {options.out}")
     return 0 if result["gate_passed"] or options.no_gate else 1
+
+
+def resumed(options: Train, typed: set[str], ranks: Ranks) -> Train:
+    """The options of a training that goes on: those of the checkpoint, in its folder, but for what was typed.
+
+    What was typed and changes the task is refused by the trainer, which compares it with the checkpoint.
+
+    Raises:
+        CheckpointError: the checkpoint cannot be used.
+    """
+    path = options.resume
+    assert path is not None  # asked by the caller
+    content = checkpoint.load(path)
+    try:
+        task, learning = content["task"], checkpoint.learned(content)
+        randomized = {kind: make_randomize_cfg(kind) for kind in RANDOMIZATIONS}
+        kinds = {json.dumps(asdict(cfg) if cfg else None): kind for kind, cfg in randomized.items()}
+        file, shipped = task["actuator_file"], shipped_model(task["actuator"])
+        kept = {
+            **{name: task[name] for name in ("robot", "payload", "asset", "actuator", "model", "terrain", "num_envs")},
+            "actuator_model": None if shipped and file == checkpoint.portable(shipped) else file,
+            "coupling": Coupling(task["coupling"]),
+            "hold_current": HoldCurrent(task["hold_current"]),
+            "z_step": ZStep(task["z_step"]),
+            "sal": "on" if task["sal"] else "off",
+            "randomize": kinds[json.dumps(task["randomize"])],
+            "power_price": 0.0 - task["rewards"]["power"],
+            "device": "cuda" if ranks.world > 1 and task["device"].startswith("cuda") else task["device"],
+            "backend": BackendKind(task["engine"]),
+            "seed": content["seed"],
+            "desired_kl": learning["desired_kl"],
+            "entropy": learning["entropy"],
+            "out": path.parent,
+            **content.get("run", {}),  # files of earlier versions do not hold it
+        }
+        found = replace(options, **{name: value for name, value in kept.items() if name not in typed})
+        update = int(content["iteration"])
+    except (KeyError, TypeError, ValueError, AttributeError, StopIteration) as error:
+        raise checkpoint.CheckpointError(
+            f"{path}: does not fit this version of mrwarp ({one_line(error)}); start anew"
+        ) from error
+    if ranks.main:
+        print(f"going on from {path}, update {update}, with its options, in {found.out}", flush=True)
+    return found
+
+
+def _is(path: Path, other: Path | None) -> bool:
+    """Whether both are the same file."""
+    return other is not None and other.is_file() and path.samefile(other)
 
 
 def make_cfg(options: Train, line: CommandLine, ranks: Ranks) -> TrainCfg:

@@ -77,6 +77,11 @@ def parse(options: type[OptionsT], argv: Sequence[str], prog: str) -> OptionsT:
         raise
 
 
+def given(line: CommandLine) -> set[str]:
+    """Fields of the options that were typed, by name, whatever their value."""
+    return {word[2:].partition("=")[0].replace("-", "_") for word in line.argv if word.startswith("--")}
+
+
 def option_flags(options: type) -> dict[str, bool]:
     """Every ``--option`` of a dataclass by its name without the hyphens, and whether it is a flag, without a value."""
     found = {}

@@ -75,6 +75,8 @@ class Train(Learning):
     """time between checkpoints [s]"""
     out: opt.Folder = Path("runs/walk")
     """output folder"""
+    overwrite: opt.Flag = False
+    """start over in a folder that holds a checkpoint"""
     live: Annotated[opt.Flag, TRAIN_VIEW] = False
     """watch four robots in rerun while they train"""
     rrd: Annotated[opt.OptionalFile, TRAIN_VIEW] = None
@@ -82,7 +84,7 @@ class Train(Learning):
     connect: Annotated[opt.OptionalText, TRAIN_VIEW] = None
     """URL: send it to a rerun viewer that runs already"""
     resume: Annotated[opt.OptionalFile, TRAIN_BEGIN] = None
-    """go on from a checkpoint.pt"""
+    """go on from a checkpoint.pt, in its folder and with its options; options of the task cannot change"""
     start_from: Annotated[opt.OptionalFile, TRAIN_BEGIN] = None
     """a new training that begins with the networks of another task's checkpoint.pt, or a policy's actor (.onnx)"""
 

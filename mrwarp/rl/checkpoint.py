@@ -89,7 +89,7 @@ def task(cfg: EnvCfg) -> dict[str, Any]:
     """The task that a policy was trained on, as JSON gives it back, so that it can be compared with a saved one."""
     file = cfg.actuator_file
     if file and file == shipped_model(cfg.actuator_model):
-        file = f"{MODELS.name}/{Path(file).name}"  # the same in every checkout
+        file = portable(file)
     content = {
         "robot": cfg.robot,
         "payload": cfg.payload,
@@ -114,6 +114,11 @@ def task(cfg: EnvCfg) -> dict[str, Any]:
         "gait_frequency": cfg.gait_frequency,
     }
     return json.loads(json.dumps(content))
+
+
+def portable(shipped: str) -> str:
+    """A shipped network's name, which is the same in every checkout."""
+    return f"{MODELS.name}/{Path(shipped).name}"
 
 
 def learned(content: dict[str, Any]) -> dict[str, float]:

@@ -200,6 +200,11 @@ class Trainer:
                 **self.divergences.state(),
                 "seed": self.cfg.seed,
                 "task": task(self.cfg.env),
+                "run": {
+                    "iterations": self.cfg.iterations,
+                    "no_gate": not self.cfg.until_gate,
+                    "save_every": self.cfg.save_every,
+                },
                 "learning": asdict(self.cfg.learning),
                 "started_from": self.started_from,
             },

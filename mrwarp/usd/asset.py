@@ -100,10 +100,14 @@ def load_robot(path: str | Path | None = None, *, robot: str = "mr_go", payload:
 def check_currents(actuators: Sequence[JointActuator], currents: Sequence[float]) -> None:
     """Refuse currents that the coils' controllers would cut down to their own maximum.
 
+    A coil of 0 A beside others is a broken wire: it takes none, whatever the others get.
+
     Raises:
         AssetError: one is larger than a device's ``current_max``.
     """
-    for a in actuators:
+    devices = [a for a in actuators if a.mr is not None]
+    alive = [a for a in devices if a.mr is not None and a.mr.coil.current_max > 0.0]
+    for a in alive or devices:
         if a.mr is not None and max(currents) > a.mr.coil.current_max:
             raise AssetError(
                 f"--current {max(currents):g}: {a.joint} takes 0 to {a.mr.coil.current_max:g} A; give currents up to "

@@ -159,3 +159,29 @@ def test_ctrl_c_exits_130_with_a_checkpoint_to_resume(tmp_path: Path) -> None:
     _, stderr = again.communicate(timeout=300)
     assert again.returncode == 0, stderr
     assert checkpoint.load(out / "checkpoint.pt")["iteration"] == done + 1
+
+
+def test_resuming_takes_folder_and_options_from_the_checkpoint(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only --resume is typed, and what may change: folder, seed and task are the checkpoint's, and it says so."""
+    monkeypatch.chdir(tmp_path)
+    out, kept = tmp_path / "a", tmp_path / "a" / "checkpoint.pt"
+    task = ["--num-envs", "4", "--seed", "7", "--randomize", "ground", "--power-price", "0.01", "--entropy", "0.001"]
+    task += ["--coupling", "explicit", "--iterations", "1", "--no-gate", "--out", str(out)]
+    assert main(["train", *task]) == 0
+    before = kept.read_bytes()
+    capsys.readouterr()
+    assert main(["train", *task]) == 2
+    error = capsys.readouterr().err
+    assert f"{kept} is there already; go on with --resume {kept}, choose another --out or add --overwrite" in error
+    assert main(["train", "--resume", str(kept), "--num-envs", "8"]) == 2
+    assert "trained with num_envs = 4, this run has 8" in capsys.readouterr().err
+    assert kept.read_bytes() == before
+    assert main(["train", "--resume", str(kept), "--iterations", "2"]) == 0
+    assert f"going on from {kept}, update 1, with its options, in {out}" in capsys.readouterr().out
+    content = checkpoint.load(kept)
+    assert (content["iteration"], content["seed"], content["task"]["coupling"]) == (2, 7, "explicit")
+    assert not (tmp_path / "runs").exists()
+    assert main(["train", *task, "--overwrite"]) == 0
+    assert checkpoint.load(kept)["iteration"] == 1
