@@ -155,7 +155,9 @@ class DriveMR(DriveBase):
         return {**device.to_dict(), **choices, "effects": effects}
 
     @classmethod
-    def from_model(cls, path: str | Path, builder: newton.ModelBuilder, *, index: int, **arguments: Any) -> None:
+    def from_model(
+        cls, path: str | Path, builder: newton.ModelBuilder, *, index: int, extrapolate: bool = False, **arguments: Any
+    ) -> None:
         """Put the device of a model file on a joint: its numbers, its named effects, and their inertia as armature.
 
         Effects of the bench's sensors and of its calibration are no part of the device and do not act.
@@ -164,6 +166,7 @@ class DriveMR(DriveBase):
             path: A model.json of ``mrwarp fit`` or ``mrwarp diagnose``.
             builder: The scene.
             index: DOF of the joint.
+            extrapolate: Let the coil take more current than the recordings held.
             arguments: Further ones of ``add_actuator``, which win over the file's.
 
         Raises:
@@ -175,7 +178,7 @@ class DriveMR(DriveBase):
         armature = builder.joint_armature[index] + added_inertia(model.effects)
         if armature < 0.0:
             raise ValueError(f"{path}: its rotor_inertia leaves joint {index} an armature of {armature:g} kg·m²")
-        values = model.to_params().to_dict()
+        values = model.to_params(extrapolate=extrapolate).to_dict()
         builder.add_actuator(cls, index=index, **{**values, "effects": model.effects, **arguments})
         builder.joint_armature[index] = armature
 

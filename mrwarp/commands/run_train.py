@@ -11,6 +11,7 @@ import warp as wp
 from mrwarp.enums import RANDOMIZATIONS, BackendKind, Coupling, HoldCurrent, ZStep
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.events import make_randomize_cfg
+from mrwarp.env.vec_env import WalkEnv
 from mrwarp.options.command_line import CommandLine, given
 from mrwarp.options.train_options import Train
 from mrwarp.resources import shipped_model
@@ -55,6 +56,8 @@ def _train(options: Train, line: CommandLine, ranks: Ranks) -> int:
     if ranks.main:
         for text in device_lines(trainer.env.sim.scene.actuators):
             print(text, flush=True)
+        for text in limited(trainer.env):
+            print(text, flush=True)
         if options.live or options.rrd or options.connect:
             view = LiveTraining(trainer.env, rrd=options.rrd, url=options.connect)
             trainer.watchers.append(view.update)
@@ -93,6 +96,7 @@ def resumed(options: Train, typed: set[str], ranks: Ranks) -> Train:
         kept = {
             **{name: task[name] for name in ("robot", "payload", "asset", "actuator", "model", "terrain", "num_envs")},
             "actuator_model": None if shipped and file == checkpoint.portable(shipped) else file,
+            "extrapolate": task.get("extrapolate", False),
             "coupling": Coupling(task["coupling"]),
             "hold_current": HoldCurrent(task["hold_current"]),
             "z_step": ZStep(task["z_step"]),
@@ -123,6 +127,16 @@ def _is(path: Path, other: Path | None) -> bool:
     return other is not None and other.is_file() and path.samefile(other)
 
 
+def limited(env: WalkEnv) -> list[str]:
+    """Which coils take less than the training's currents, a line each; broken wires too."""
+    top, coils = max(env.cfg.currents), [(a.joint, a.mr.coil.current_max) for a in env.sim.scene.actuators if a.mr]
+    most = sorted({current for _, current in coils if current < top})
+    joints = {current: ", ".join(joint for joint, own in coils if own == current) for current in most}
+    return [
+        f"warning: {joints[i]} take at most {i:.4g} A; training currents up to {top:g} A are cut to it" for i in most
+    ]
+
+
 def make_cfg(options: Train, line: CommandLine, ranks: Ranks) -> TrainCfg:
     """The training that the options ask for; says what it is."""
     device = ranks.device(options.device)
@@ -137,6 +151,7 @@ def make_cfg(options: Train, line: CommandLine, ranks: Ranks) -> TrainCfg:
         actuator_model=options.actuator,
         actuator_file=options.actuator_model or shipped_model(options.actuator),
         model=options.model,
+        extrapolate=options.extrapolate,
         coupling=options.coupling,
         hold_current=options.hold_current,
         z_step=options.z_step,

@@ -45,6 +45,8 @@ class Train(Learning):
     """trained network of --actuator mlp, lstm or pg_rlstm (default: the shipped one)"""
     model: opt.OptionalText = None
     """model.json: identified joint with its effects, on all MR joints (default: the asset's own numbers)"""
+    extrapolate: opt.Flag = False
+    """let coils take more current than the recordings of --model held"""
     robot: Literal["mr_go", "go1"] = "mr_go"
     """robot variant of the USD asset"""
     payload: Literal[0, 3] = 0

@@ -221,3 +221,21 @@ def test_robot_without_devices_is_plain_pd():
     assert not bench.actuator.state()["ledger"].any()
     bench.actuator.load_state(state)
     assert_bit_equal(bench.actuator.state(), state)
+
+
+@each_cfg
+def test_a_broken_wire_carries_no_current_and_never_holds(cfg: MrActuatorCfg):
+    """Without a current of its own, one device damps by its drag alone; the other is as before."""
+    broken, whole = Bench(8, cfg, share_params=False), Bench(8, cfg, share_params=False)
+    broken.actuator.set_param("current_max", [[1.5, 0.0]] * 8)
+    rng, drag = np.random.default_rng(27), 0.0
+    for _ in range(60):
+        x = random_inputs(rng, 8)
+        broken.step(**x)
+        whole.step(**x)
+        got = {name: getattr(broken.actuator, name).numpy() for name in ("current", "m_hold", "tau_dyn", "tau")}
+        assert all(np.isfinite(values).all() for values in got.values())
+        assert not got["current"][:, 1].any() and not got["m_hold"][:, 1].any()
+        np.testing.assert_array_equal(got["tau_dyn"][:, 0], whole.actuator.tau_dyn.numpy()[:, 0])
+        drag = max(drag, np.abs(got["tau_dyn"][:, 1]).max())
+    assert drag > 0.1

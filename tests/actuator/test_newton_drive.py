@@ -6,6 +6,7 @@
 import ast
 import re
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -399,12 +400,15 @@ def test_actuator_api_is_touched_in_one_file() -> None:
     assert users == ["mrwarp/actuator/newton_drive.py"]
 
 
-def model_file(path: Path, effects: tuple[Effect, ...], **values: float) -> Path:
+def model_file(
+    path: Path, effects: tuple[Effect, ...], current: tuple[float, float] | None = None, **values: float
+) -> Path:
     """A model.json with effects, and other numbers than the paper's."""
     laws = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma", "T_max", "K", "n")
     values = {**{name: MrParams().to_dict()[name] for name in laws}, **values}
     parameters = {name: Parameter(value=value, unit=MrParams.spec(name).unit) for name, value in values.items()}
-    return save_model(Model(parameters=parameters, fitted_on=ORIGIN, effects=effects), path)
+    origin = replace(ORIGIN, current=current)
+    return save_model(Model(parameters=parameters, fitted_on=origin, effects=effects), path)
 
 
 def fitted_scene(path: Path, num: int, **arguments: Any) -> newton.Model:
@@ -472,6 +476,14 @@ def test_inertia_of_a_model_file_is_armature(tmp_path: Path) -> None:
     path = model_file(tmp_path / "less.json", (make_effect("rotor_inertia", {"inertia": -0.04}),))
     with pytest.raises(ValueError, match=r"less\.json: its rotor_inertia .* armature of -0.01"):
         fitted_scene(path, 1)
+
+
+def test_current_of_a_model_file_is_limited_to_what_was_measured(tmp_path: Path) -> None:
+    """A bench that went up to 0.3 A gives a coil of 0.3 A, unless the rest is asked for."""
+    path = model_file(tmp_path / "model.json", (), current=(0.0, 0.3))
+    (measured,), (asked,) = fitted_scene(path, 1).actuators, fitted_scene(path, 1, extrapolate=True).actuators
+    assert measured.drive.param("current_max").numpy() == np.float32(0.3)
+    assert asked.drive.param("current_max").numpy() == np.float32(1.5)
 
 
 def test_the_documented_scene_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 import math
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -12,7 +13,7 @@ import pytest
 from pxr import Sdf, Usd
 
 from mrwarp.params import MrParams
-from mrwarp.usd.asset import load_bench, load_robot
+from mrwarp.usd.asset import check_currents, load_bench, load_robot
 from mrwarp.usd.edit import edit_asset
 from mrwarp.usd.open_stage import ASSETS, SCHEMA, AssetError
 from mrwarp.usd.record import PREFIX
@@ -417,3 +418,19 @@ def test_a_file_that_is_not_utf8_is_refused_in_one_line(tmp_path: Path) -> None:
     path.write_bytes(b"#usda 1.0\n(\n    defaultPrim = \xff\xfe\n)\n")
     with pytest.raises(AssetError, match="not readable as USD: the text is not UTF-8; repair the file there"):
         load_robot(path)
+
+
+def test_a_broken_wire_takes_none_of_the_currents(tmp_path):
+    """One coil of 0 A beside whole ones is simulated with any current; coils that all take less refuse it."""
+
+    def legs(**most: float):
+        robot = load_robot().actuators
+        return [replace(a, mr=a.mr.replace(current_max=most.get(a.joint, 1.5))) if a.mr else a for a in robot]
+
+    check_currents(legs(RR_calf=0.0), [0.0, 1.5])
+    with pytest.raises(AssetError, match="RR_calf takes 0 to 0.5 A"):
+        check_currents(legs(RR_calf=0.5), [0.0, 1.5])
+    dead = {joint: 0.0 for joint in ("FL_calf", "FR_calf", "RL_calf", "RR_calf")}
+    check_currents(legs(**dead), [0.0])
+    with pytest.raises(AssetError, match="takes 0 to 0 A"):
+        check_currents(legs(**dead), [0.5])
