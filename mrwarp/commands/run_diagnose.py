@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from mrwarp.diagnose import verdict_text as text
+from mrwarp.diagnose.countdown import Countdown
 from mrwarp.diagnose.held_out import predicted_errors, summary
 from mrwarp.diagnose.pipeline import diagnose
 from mrwarp.diagnose.report.diagnosis_page import Table, render
@@ -38,10 +39,11 @@ def run(options: Diagnose, line: CommandLine) -> int:
         print(f"[{time.perf_counter() - started:5.1f} s] {said}", flush=True)
 
     try:
-        diagnosis, besides, tables = _diagnose(options, progress)
-        progress("pictures")
-        pictures = draw(diagnosis)
-        page = render(diagnosis, str(line), **tables, pictures=pictures)
+        with Countdown(progress) as log:
+            diagnosis, besides, tables = _diagnose(options, log)
+            log("pictures")
+            pictures = draw(diagnosis)
+            page = render(diagnosis, str(line), **tables, pictures=pictures)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("nothing was written") from None
     with _undisturbed():
@@ -71,14 +73,14 @@ def verdict_table(d: Diagnosis, tables: Mapping[str, Any] | None = None) -> str:
         if cause.alternatives:
             lines.append(f"{cause.name}: these data do not tell it from {', '.join(cause.alternatives)}")
     if d.verdict is not None:
-        lines.append(f"\nNRMSE of the baseline {text.percent(d.baseline.nrmse, 2)}" + (
-            f", with the extension {text.percent(d.extended.nrmse, 2)}" if d.causes else ""))  # fmt: skip
-        if d.gain is not None and d.causes:
-            low, high = d.gain.ci95
-            lines.append(
-                f"RMS mismatch on {len(d.gain.held_out)} trajectories, each predicted without it: "
-                f"{100.0 * -d.gain.rmse_reduction:+.1f} % ({100.0 * -high:+.1f} to {100.0 * -low:+.1f} %)"
-            )
+        lines.append(f"\nRMS error, each of {len(d.per_trajectory)} trajectories predicted by a fit to the others")
+        unit = d.baseline.unit
+        lines.append(f"{'baseline':36s} {text.measured(d.baseline.rmse, unit):>16s}  NRMSE {d.baseline.nrmse:.2%}")
+        if d.gain is not None:
+            after, (low, high) = text.measured(d.extended.rmse, unit), d.gain.ci95
+            lines.append(f"{'with the extension':36s} {after:>16s}  NRMSE {d.extended.nrmse:.2%}")
+            change, least, most = (f"{-100.0 * x:+.1f}" for x in (d.gain.rmse_reduction, low, high))
+            lines.append(f"{'change':36s} {change + ' %':>16s}  {most} to {least} %")
     if d.next_experiment is not None:
         lines.append(f"next experiment, {d.next_experiment.seconds:.0f} s: {d.next_experiment.what}")
     for name, table in (tables or {}).items():

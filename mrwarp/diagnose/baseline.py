@@ -64,7 +64,7 @@ def fit_baseline(
     the samples on which starts are searched; ``log`` takes a line on what is being done.
     """
     resistance = MrParams().coil.coil_resistance if recording.units.get("current") == "A" else 0.0
-    motion = Motion.of(recording, resistance=resistance)
+    motion = Motion.of(recording, resistance=resistance).stretches(LIMIT)
     scales = motion.scales
     q_zero = nominal_zero(recording, model) / scales.q
     log("eqs. 14 and 15: starts")
@@ -214,7 +214,7 @@ def hold_rests(problem: Problem, recording: Recording, fit: Fit, rate: float) ->
     ``rate`` is how fast z forgets along the path [1/normalised unit of q]. Returns the problem with its model.
     """
     motion = problem.motion
-    held = Motion.of(recording, motion.scales, resistance=motion.resistance, rests=True)
+    held = Motion.of(recording, motion.scales, resistance=motion.resistance, rests=True).stretches(LIMIT)
     if not held.kinematics.rests:
         return problem, fit
     resting = replace(problem.with_motion(held), weight=held.settled(rate) * ~held.doubtful)

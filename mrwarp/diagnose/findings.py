@@ -81,11 +81,7 @@ class Findings:
 def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
     """The typed result of steps that began at ``begun``, by ``time.perf_counter``."""
     problem, selection, recording = found.problem, found.selection, found.recording
-    measured, scale, unit = problem.measured, problem.motion.scales.torque, problem.units["torque"]
-    errors = measured - found.baseline.torque, measured - found.extended.torque
-    baseline, extended = (
-        Error(rmse=rms(e) * scale, nrmse=rms(e) / (float(measured.std()) or 1.0), unit=unit) for e in errors
-    )
+    measured, scale, held = problem.measured, problem.motion.scales.torque, found.held_out
     traces = _traces(found)
     model = outer_model(problem, found.extended, recording, found.seed, selection.refined)
     causes = causes_of(selection, model)
@@ -97,14 +93,19 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
     if unexplained:
         verdict = "named_and_unexplained" if causes else "unexplained"
     detectable, invisible = _detectable(found)
-    held, names = found.held_out, tuple(run.id for run in recording.trajectories)
-    squares = zip(held.baseline, held.extended if causes else held.baseline, np.diff(problem.motion.start), strict=True)
-    per_trajectory = [(float(np.sqrt(a / n)) * scale, float(np.sqrt(b / n)) * scale) for a, b, n in squares]
+    names = tuple(run.id for run in recording.trajectories)
+    counts = problem.weight > 0.0
+    errors = (np.stack([held.predicted_baseline, held.predicted_extended]) - measured) * scale
+    spread = float(measured[counts].std()) * scale or 1.0
+    sizes = _sizes(errors, counts)
+    baseline, extended = (Error(rmse=x, nrmse=x / spread, unit=problem.units["torque"]) for x in sizes)
+    runs = np.repeat(np.arange(len(names)), np.diff(problem.motion.start))
+    per_trajectory = {name: _sizes(errors, counts & (runs == k)) for k, name in enumerate(names)}
+    masks = {name: counts & (traces.regime == i) for i, name in enumerate(REGIMES)}
+    per_regime = {name: _sizes(errors, at) for name, at in masks.items() if at.any()}
     gain = None
     if causes:
         value, ci95 = reduction(held, found.seed)
-        unseen = held.predicted_baseline - measured, held.predicted_extended - measured
-        per_regime = _per_regime(*unseen, traces.regime, scale)
         gain = Gain(rmse_reduction=value, ci95=ci95, held_out=names, per_regime=per_regime)
     rows = np.stack([found.baseline.row, found.extended.row])
     result = Diagnosis(
@@ -122,8 +123,8 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
         next_experiment=found.next_experiment,
         tried=_tried(problem, selection, causes),
         accounting=_accounting(selection, found.line, unexplained is not None),
-        per_trajectory=dict(zip(names, per_trajectory, strict=True)),
-        per_regime=_per_regime(*errors, traces.regime, scale),
+        per_trajectory=per_trajectory,
+        per_regime=per_regime,
         notes=_notes(found, causes),
         model=model,
         baseline_model=outer_model(problem, found.baseline, recording, found.seed),
@@ -244,8 +245,13 @@ def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
         notes.append(f"velocity derived from the angle without phase: {derived} of {len(runs)} trajectories")
     if found.held_out.agreed < 1.0 and causes:
         others = 100 * (1 - found.held_out.agreed)
-        notes.append(f"without one of the trajectories another model would have been chosen in {others:.0f} % of cases")
+        notes.append(f"without one of the trajectories nothing would have been named in {others:.0f} % of cases")
     notes += found.notes
+    if len(motion.q) < found.recording.samples:
+        notes.append(
+            f"{found.recording.samples} samples are more than a diagnosis needs: it used {len(motion.q)}, one stretch "
+            "of each trajectory"
+        )
     if motion.ahead:
         milliseconds = 1e3 * motion.ahead * motion.ranges.dt
         notes.append(
@@ -288,11 +294,9 @@ def regimes(motion: Motion) -> np.ndarray:
     return out
 
 
-def _per_regime(
-    before: np.ndarray, after: np.ndarray, regime: np.ndarray, scale: float
-) -> dict[str, tuple[float, float]]:
-    masks = {name: regime == i for i, name in enumerate(REGIMES)}
-    return {name: (rms(before[at]) * scale, rms(after[at]) * scale) for name, at in masks.items() if at.any()}
+def _sizes(errors: np.ndarray, at: np.ndarray) -> tuple[float, float]:
+    """RMSE of baseline and extension over some samples from their errors, shape (2, N)."""
+    return rms(errors[0, at]), rms(errors[1, at])
 
 
 def outer_model(
@@ -340,7 +344,7 @@ def outer_model(
         fitted_on=FittedOn(
             source=source,
             trajectories=len(runs),
-            samples=recording.samples,
+            samples=len(fit.torque),
             rate=1.0 / runs[0].dt,
             current=recording.current_range,
         ),

@@ -1,8 +1,8 @@
 """What models predict of data that took no part: trajectories left out in turn, and other recordings of the device.
 
-Every trajectory is predicted once by a model that was fitted without it, and chosen without it: among the baseline and
-all fits of the search, the one that predicts the *other* trajectories best. So the whole data set counts, and none of
-it twice. The fits without a trajectory come from normal equations.
+Every trajectory is predicted once, by the baseline and by the extension as they are reported, each fitted again to the
+other trajectories by their normal equations. Where these would not have chosen the extension, the baseline stands for
+it. So the whole data set counts, none of it twice, and every figure of error or gain of a diagnosis comes from here.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mrwarp.diagnose.problem import Fit, Problem, reported_fit
+from mrwarp.diagnose.problem import Fit, Problem
 from mrwarp.diagnose.search import Selection
 from mrwarp.identify.damper import prediction_errors, undo_moving_average
 from mrwarp.identify.dataset import Motion
@@ -26,38 +26,30 @@ MODELS = ("baseline", "extended")
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Squared mismatch of each trajectory, normalised units, shape (T,), and what was predicted of it, shape (N,)."""
+    """Squared error of each trajectory, normalised units, shape (T,), and what was predicted of it, shape (N,).
+
+    Samples of weight 0, where nobody knows the state of the joint, do not count in the former.
+    """
 
     baseline: np.ndarray
     extended: np.ndarray
     predicted_baseline: np.ndarray
     predicted_extended: np.ndarray
     agreed: float
-    """Share of the trajectories without which the same effects would have been chosen."""
+    """Share of the trajectories without which the extension would have been chosen."""
 
 
 def hold_out(problem: Problem, selection: Selection, baseline: Fit, extended: Fit) -> HeldOut:
     """Predict every trajectory by what the others say; ``baseline`` and ``extended`` are the models as reported."""
-    models, motion = list(selection.fits.values()), problem.motion
-    final, base = models.index(selection.final), models.index(selection.base)
-    losses = np.array([fit.loo_loss for fit in models])
-    others = losses.sum(axis=1, keepdims=True) - losses
-    # the final model stands unless another that was fitted predicts the others clearly better
-    margin = 0.05 * (others[base] - others[final])
-    picked = np.where(others[final] <= others.min(axis=0) + margin, final, others.argmin(axis=0))
-    reported = {final: extended, base: baseline}
-    for k in map(int, np.unique(picked)):
-        if k not in reported:
-            reported[k] = reported_fit(problem, models[k])
-    predicted = {k: _predicted(problem, fit) for k, fit in reported.items()}
-    chosen = np.empty(len(motion.q))
-    for k, part in zip(picked, motion.parts, strict=True):
-        chosen[part] = predicted[int(k)][part]
-    before, after = (
-        np.array([float(((x[p] - motion.torque[p]) ** 2).sum()) for p in motion.parts])
-        for x in (predicted[base], chosen)
-    )
-    return HeldOut(before, after, predicted[base], chosen, agreed=float(np.mean(picked == final)))
+    before, after = (_predicted(problem, fit) for fit in (baseline, extended))
+    others = [fit.total - fit.loo_loss for fit in (selection.base, selection.final)]
+    agreed = others[1] <= others[0]
+    for part, chosen in zip(problem.motion.parts, agreed, strict=True):
+        if not chosen:
+            after[part] = before[part]
+    errors = problem.weight * (np.stack([before, after]) - problem.measured) ** 2
+    squares = np.add.reduceat(errors, problem.motion.start[:-1], axis=1)
+    return HeldOut(*squares, before, after, agreed=float(agreed.mean()))
 
 
 def _predicted(problem: Problem, fit: Fit) -> np.ndarray:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
+from threadpoolctl import threadpool_limits
+
 from mrwarp.diagnose.baseline import (
     align_clocks,
     begin_under_way,
@@ -30,6 +32,7 @@ from mrwarp.model_file import Model, Parameter, completed, parameter_unit
 from mrwarp.recording.load import Holding, Recording
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # its threads would wait for those of the replay, at full load
 def diagnose(
     recording: Recording,
     *,

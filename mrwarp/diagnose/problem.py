@@ -71,7 +71,7 @@ class Problem:
 
     def equations(self, blocks: Sequence[np.ndarray], torque: np.ndarray) -> NormalEquations:
         """Whitened normal equations of signals, in blocks of shape (k, N), about a simulated torque."""
-        return NormalEquations(blocks, torque, self.motion, self.noise, self.weight)
+        return NormalEquations(blocks, torque, self.motion, self.noise, self.weight, self.replay.threads)
 
     def linearised(self, parameters: Parameters, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, NormalEquations]:
         """Torque of a model, its derivatives, and the normal equations of [derivatives, mismatch]."""

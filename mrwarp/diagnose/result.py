@@ -79,7 +79,11 @@ class Tried:
 
 @dataclass(frozen=True, kw_only=True)
 class Error:
-    """Size of a mismatch."""
+    """RMS of measured minus predicted torque, each trajectory predicted by a fit to the others.
+
+    All samples count alike but those at which nobody knows the state of the joint: the first of a trajectory, until the
+    unknown stress at its start is forgotten, and the edges of rests.
+    """
 
     rmse: float
     nrmse: float
@@ -89,10 +93,10 @@ class Error:
 
 @dataclass(frozen=True, kw_only=True)
 class Gain:
-    """What the extension gains on trajectories that took no part in choosing or fitting it."""
+    """What the extension gains on trajectories that took no part in fitting it."""
 
     rmse_reduction: float
-    """1 - rmse(extended)/rmse(baseline) [1]."""
+    """1 - rmse(extended)/rmse(baseline), of the errors that :class:`Error` defines [1]."""
     ci95: tuple[float, float]
     held_out: tuple[str, ...]
     per_regime: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -174,7 +178,7 @@ class Diagnosis:
     tried: tuple[Tried, ...] = ()
     accounting: Accounting = Accounting(named=0.0, predictable=0.0, noise=1.0)
     per_trajectory: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """RMSE of baseline and extension."""
+    """RMSE of baseline and extension, of the same errors; so is that per regime."""
     per_regime: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     model: Model | None = None

@@ -21,6 +21,8 @@ from mrwarp.recording.load import Recording
 
 _SETTLED = 4.0
 """Yield travels after which the unknown initial z is forgotten to exp(-4) = 2 %."""
+_STRETCH = 3.0
+"""Shortest stretch that is taken of a longer trajectory [s]."""
 _MOVING = 0.05
 """Part of the typical speed above which the joint moves."""
 
@@ -214,6 +216,32 @@ class Motion(Dataset):
             for x in shifted.values():
                 x[part] = np.interp(at + shift, at, x[part])
         return dataclasses.replace(self, **shifted, ahead=self.ahead + shift)
+
+    def stretches(self, limit: int) -> Motion:
+        """At most about ``limit`` samples: of each trajectory one stretch, elsewhere in it from one to the next.
+
+        A stretch begins while the joint moves, so that its hysteresis can be known. What depends on the past (heat,
+        path, time in the session) is that of the whole recording.
+        """
+        share, taken = limit / len(self.q), []
+        if share >= 1.0:
+            return self
+        for k, (part, dt) in enumerate(zip(self.parts, self.dt, strict=True)):
+            size = part.stop - part.start
+            length = min(size, max(round(share * size), round(_STRETCH / dt)))
+            first = part.start + int((0.618 * k % 1.0) * (size - length))
+            moves = np.abs(self.qd[first : part.stop - length + 1]) > _MOVING * self.ranges.qd
+            first += int(np.argmax(moves))
+            taken.append(np.arange(first, first + length))
+        at, k = np.concatenate(taken), self.kinematics
+        doubtful = None if k.doubtful is None else k.doubtful[at]
+        return dataclasses.replace(
+            self,
+            **{name: getattr(self, name)[at] for name in ("q", "qd", "qdd", "current", "torque", "time", "slid_time")},
+            heat=self.heat[:, at],
+            start=np.cumsum([0, *(len(stretch) for stretch in taken)]),
+            kinematics=dataclasses.replace(k, qd=k.qd[at], qdd=k.qdd[at], doubtful=doubtful),
+        )
 
     def under_way(self) -> Motion:
         """The motion with trajectories that begin while the joint moves taken as cut out of a longer motion."""

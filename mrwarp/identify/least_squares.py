@@ -8,6 +8,7 @@ formula take ``scipy.optimize.least_squares``.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -173,31 +174,43 @@ class NormalEquations:
         samples: The samples.
         noise: The noise model.
         weight: 1 for samples that count, 0 for those that do not, shape (N,).
+        threads: CPU threads.
     """
 
     def __init__(
-        self, blocks: Sequence[np.ndarray], torque: np.ndarray, samples: Dataset, noise: Noise, weight: np.ndarray
+        self,
+        blocks: Sequence[np.ndarray],
+        torque: np.ndarray,
+        samples: Dataset,
+        noise: Noise,
+        weight: np.ndarray,
+        threads: int = 1,
     ) -> None:
         cuts = np.cumsum([0, *(len(block) for block in blocks)])
         size, first = int(cuts[-1]), len(noise.whitening) - 1
         spread = np.maximum([noise.offset, noise.gain], 1e-9)
-        parts = []
-        self.count = 0.0
-        for part in samples.parts:  # one after the other: a whole table would be many times the recording
+        counts = weight.copy()
+        for part in samples.parts:  # the first samples have no past that whitens them
+            counts[part][:first] = 0.0
+
+        def reduced(part: slice) -> np.ndarray:
+            """Gram matrix of one trajectory: a table of all would be many times the recording."""
             table = np.empty((size + 2, part.stop - part.start))
             for at, block in zip(cuts[:-1], blocks, strict=True):
                 table[at : at + len(block)] = block[:, part]
             table[size], table[size + 1] = 1.0, torque[part]
-            counted = weight[part].copy()
-            counted[:first] = 0.0
-            table = noise.white(table) * counted
+            table = noise.white(table)
+            table *= counts[part]
             gram = table @ table.T
             inner = gram[size:, size:] + np.diag(1.0 / spread**2)
             cross = gram[:size, size:]
-            parts.append(gram[:size, :size] - cross @ np.linalg.solve(inner, cross.T))
-            self.count += float(counted.sum())
-        self.parts = np.array(parts)
+            return gram[:size, :size] - cross @ np.linalg.solve(inner, cross.T)
+
+        with ThreadPoolExecutor(threads) as pool:
+            self.parts = np.array(list(pool.map(reduced, samples.parts)))
         """Shape (T, M, M)."""
+        self.count = float(counts.sum())
+        """Samples that count."""
         self.total = self.parts.sum(axis=0)
 
 

@@ -94,14 +94,12 @@ def _taken(t: Tried) -> str:
 def _facts(d: Diagnosis) -> list[tuple[str, str]]:
     """The three or four numbers at the top."""
     unit = d.baseline.unit
-    facts = [(text.percent(d.baseline.nrmse), f"mismatch of the baseline, {text.measured(d.baseline.rmse, unit)} RMS")]
-    if d.causes:
-        after = text.measured(d.extended.rmse, unit)
-        facts.append((text.percent(d.extended.nrmse), f"mismatch with the extension, {after} RMS"))
-    if d.gain and d.causes:
-        low, high = (text.percent(x, 0) for x in d.gain.ci95)
-        change = text.percent(-d.gain.rmse_reduction, 0).replace("-", "−")
-        facts.append((change, f"RMS on unseen trajectories ({low} to {high} less)"))
+    facts = [(text.percent(d.baseline.nrmse), f"error of the baseline, {text.measured(d.baseline.rmse, unit)} RMS")]
+    if d.gain:
+        after, (low, high) = text.measured(d.extended.rmse, unit), (text.percent(x) for x in d.gain.ci95)
+        change = text.percent(-d.gain.rmse_reduction).replace("-", "−")
+        facts.append((text.percent(d.extended.nrmse), f"error with the extension, {after} RMS"))
+        facts.append((change, f"RMS ({low} to {high} less); each trajectory predicted by a fit to the others"))
     if d.traces:
         facts.append((text.measured(d.traces.noise_rms, unit), "noise RMS: less cannot be reached"))
     return facts
@@ -160,8 +158,8 @@ def _gain(d: Diagnosis) -> dict[str, Any] | None:
     if g.rmse_reduction <= 0.0:
         change = f"rises by {text.percent(-g.rmse_reduction)}"
     return {
-        "text": f"On {count} whole trajectories, each predicted by a model that was fitted and chosen without it, "
-        f"the RMS mismatch {change} (95 % interval over trajectories: {text.percent(low)} to {text.percent(high)}).",
+        "text": f"On {count} whole trajectories, each predicted by a model that was fitted without it, the RMS error "
+        f"{change} (95 % interval over trajectories: {text.percent(low)} to {text.percent(high)}).",
         "regimes": [
             (name, text.measured(before, unit), text.measured(after, unit), _change(before, after))
             for name, (before, after) in g.per_regime.items()

@@ -24,7 +24,7 @@ from mrwarp.diagnose.report.mismatch_profile import (
 from mrwarp.diagnose.result import Diagnosis, Traces
 from mrwarp.diagnose.verdict_text import axis_label, capital, short, title
 from mrwarp.effects.catalogue import CATALOGUE
-from mrwarp.identify.dataset import rms
+from mrwarp.identify.dataset import rms, session_clock
 
 MEASURED, BEFORE, AFTER, ALTERNATIVE, NOISE, OTHER = "#222222", "#d55e00", "#0072b2", "#56b4e9", "#d0d0d0", "#e69f00"
 """Okabe and Ito's colours: baseline, extension, its alternatives; grey for noise, yellow for what stays unexplained."""
@@ -120,8 +120,7 @@ def worst_picture(d: Diagnosis) -> Figure:
     part = max((_stretch(t, p, _WORST) for p in t.parts), key=lambda p: float(np.mean((t.torque - t.baseline)[p] ** 2)))
     k = int(np.searchsorted(t.start, part.start, side="right")) - 1
     run = d.recording.trajectories[k]
-    first = part.start - int(t.start[k])
-    clock = run.t[first : first + part.stop - part.start] - run.t[0]
+    clock = t.time[part] - session_clock(d.recording)[k]
     figure = Figure(figsize=(WIDTH, 8.6), layout="constrained")
     panels = figure.subplots(4, 1, sharex=True, height_ratios=(3, 2, 2, 1.3))
     _three(panels[0], clock, t, part)
