@@ -57,7 +57,8 @@ def verdict_table(d: Diagnosis, tables: Mapping[str, Any] | None = None) -> str:
     """The verdict and a short table as text."""
     lines = ["", d.sentence]
     advice = f"; {d.next_experiment.what}" if d.next_experiment is not None else ""
-    lines += [f"  cannot be known: {why.removesuffix(advice)}" for why in d.cannot_know]
+    unsaid = [why for why in d.cannot_know if why not in d.sentence]
+    lines += [f"  cannot be known: {why.removesuffix(advice)}" for why in unsaid]
     rows = []
     for cause in d.causes:
         for name, value in cause.parameters.items():

@@ -1,13 +1,15 @@
-"""What a recording cannot answer, found before any fit."""
+"""What a recording cannot answer: found before any fit, or by what a finished search predicts."""
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
+from mrwarp.diagnose.held_out import HeldOut
+from mrwarp.diagnose.problem import Problem
 from mrwarp.diagnose.result import Diagnosis, Error, NextExperiment
-from mrwarp.diagnose.verdict_text import quantity, sentence_of
+from mrwarp.diagnose.search import Selection
+from mrwarp.diagnose.verdict_text import both, title
+from mrwarp.identify.contradictions import EXPLAINS_NOTHING, contradictions, explains_nothing, quantity
 from mrwarp.recording.load import Recording
 
 MIN_TRAJECTORIES = 3
@@ -18,8 +20,6 @@ MIN_SAMPLES = 1500
 """Fewest samples, all trajectories together."""
 _CLIPPED = 0.002
 """Share of samples that stand, in runs, at the very largest torque above which the sensor counts as saturated."""
-_FOLLOWED = 0.02
-"""Part of the torque's variance that motion and current must predict, by the plainest of laws."""
 
 STANDARD = (
     "record at least 12 trajectories of 4 s or more: current steps while the joint moves, sines of several amplitudes "
@@ -42,34 +42,15 @@ def hindrances(recording: Recording) -> list[str]:
             f"too little data: {seconds:.3g} s, {recording.samples} samples; a cause needs at least {MIN_SECONDS:g} s "
             f"and {MIN_SAMPLES} samples; {STANDARD}"
         )
-    q = np.concatenate([run.q - run.q[0] for run in runs])
-    qd = np.concatenate([run.qd for run in runs])
-    noise = float(np.median([np.abs(np.diff(run.q, 2)).mean() for run in runs]))
-    reach = float(np.median([np.ptp(run.q) for run in runs]))
-    if reach <= 20.0 * noise or not np.any(np.abs(qd) > 0.0) or not np.any(q):
-        found.append(
-            "the joint does not move: friction, hysteresis and everything else in the torque shows along motion only; "
-            "move it by at least ten times what it takes to make it yield, at 0.5 to 2 Hz and several amplitudes"
-        )
+    wrong = contradictions(recording)
     torque = np.concatenate([run.torque for run in runs])
-    if float(np.ptp(torque)) == 0.0:
-        found.append(f"the torque is {torque[0]:.4g} throughout: is the sensor connected? Then {STANDARD}")
-        return found
     clipped, limit = max((_at_limit(torque), torque.max()), (_at_limit(-torque), torque.min()))
-    if clipped > _CLIPPED:
+    if clipped > _CLIPPED and not wrong:
         found.append(
             f"the torque sensor is saturated: {100 * clipped:.2g} % of the samples stand at its largest reading "
             f"({limit:.4g}), so the torque beyond is unknown; use a larger range or less current"
         )
-    current = np.concatenate([run.current for run in runs])
-    if current.max() <= 0.0 and current.min() < 0.0:
-        found.append(
-            f"the {quantity(recording.units['current'])} is negative throughout ({current.min():.4g} to "
-            f"{current.max():.4g}): eq. 14 counts it as a size; turn its sign and diagnose again"
-        )
-    if not found:
-        found += _unrelated(qd, current, torque, recording)
-    return found
+    return found + wrong
 
 
 def without_verdict(recording: Recording, reasons: list[str], seed: int, seconds: float) -> Diagnosis:
@@ -77,39 +58,32 @@ def without_verdict(recording: Recording, reasons: list[str], seed: int, seconds
     nothing = Error(rmse=float("nan"), nrmse=float("nan"), unit=recording.units["torque"])
     to_make = reasons[0].rsplit("; ", 1)[-1] if "; " in reasons[0] else STANDARD
     following = NextExperiment(what=to_make, seconds=60.0, separates=(), kind="recording")
-    result = Diagnosis(
+    sentence = "; ".join(reason.split(":")[0] for reason in reasons) if len(reasons) > 1 else reasons[0]
+    return Diagnosis(
         verdict=None,
-        sentence="",
+        sentence=f"No verdict: {sentence}.",
         cannot_know=tuple(reasons + gaps(recording)),
         baseline=nothing,
         extended=nothing,
-        next_experiment=None if to_make.endswith("diagnose again") else following,  # these data only need a change
+        next_experiment=None if to_make.endswith("try again") else following,  # these data only need a change
         recording=recording,
         seconds=seconds,
         seed=seed,
     )
-    return dataclasses.replace(result, sentence=sentence_of(result))
 
 
-def _unrelated(qd: np.ndarray, current: np.ndarray, torque: np.ndarray, recording: Recording) -> list[str]:
-    """Whether the torque has nothing to do with the motion, or drives it where it should resist."""
-    q = np.concatenate([run.q for run in recording.trajectories])
-    qdd = np.concatenate([np.gradient(run.qd, run.dt) for run in recording.trajectories])
-    table = np.stack([np.ones_like(q), q, qd, np.sign(qd), qdd, current, current * np.sign(qd), current * qd], axis=1)
-    table /= np.maximum(np.abs(table).max(axis=0), 1e-300)
-    rest = torque - table @ np.linalg.lstsq(table, torque, rcond=None)[0]
-    what = quantity(recording.units["torque"])
-    if float(rest.var()) > (1.0 - _FOLLOWED) * float(torque.var()):
+def doubts(found: HeldOut, selection: Selection, problem: Problem) -> list[str]:
+    """Reasons not to believe a finished search: nothing is explained, or the extension predicts no better."""
+    power = float(problem.weight @ (problem.measured - problem.measured.mean()) ** 2) or 1.0
+    before, after = (float(np.sqrt(errors.sum() / power)) for errors in (found.baseline, found.extended))
+    if selection.named and after >= before:
         return [
-            f"the {what} does not follow motion or {quantity(recording.units['current'])}: is the sensor connected, "
-            f"and does its log belong to this motion? Then {STANDARD}"
+            f"{both(map(title, selection.named))} would fit these data, but unseen trajectories are predicted no "
+            f"better (NRMSE {100.0 * before:.1f} % without, {100.0 * after:.1f} % with): check that all are of one "
+            f"device and one set-up; {STANDARD}"
         ]
-    power = (torque - torque.mean()) * qd
-    if float(power.sum()) < -0.3 * float(np.abs(power).sum()):
-        return [
-            f"the {what} drives the motion instead of resisting it: its sign, or that of the "
-            f"{quantity(recording.units['q'])}, is turned against eq. 14; turn one of them and diagnose again"
-        ]
+    if after >= EXPLAINS_NOTHING:
+        return [f"{explains_nothing(after, 'eqs. 14 and 15 and every effect of the catalogue explain')}; {STANDARD}"]
     return []
 
 

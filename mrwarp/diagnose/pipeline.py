@@ -17,7 +17,7 @@ from mrwarp.diagnose.baseline import (
     with_learned_noise,
 )
 from mrwarp.diagnose.calibration_shift import calibration_shifts
-from mrwarp.diagnose.data_checks import hindrances, without_verdict
+from mrwarp.diagnose.data_checks import doubts, hindrances, without_verdict
 from mrwarp.diagnose.findings import Findings, diagnosis_of
 from mrwarp.diagnose.held_out import hold_out
 from mrwarp.diagnose.next_experiment import propose, smallest_sizes
@@ -92,6 +92,9 @@ def diagnose(
     if selection.final is not selection.base:
         extended = reported_fit(problem, selection.final)
     held_out = hold_out(problem, selection, baseline, extended)
+    reasons = doubts(held_out, selection, problem)
+    if reasons:
+        return without_verdict(recording, reasons, seed, time.perf_counter() - begun)
     shifts = calibration_shifts(selection.final, problem.motion, recording, model)
     log("smallest sizes that would have shown")
     sizes = smallest_sizes(problem, selection.final, candidates)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from mrwarp.diagnose.result import Diagnosis, Value
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
+from mrwarp.identify.contradictions import quantity
 
 _STEPS: dict[str, tuple[tuple[float, float, str], ...]] = {
     "s": ((0.0, 1e3, "ms"), (1.0, 1.0, "s"), (600.0, 1.0 / 60.0, "min")),
@@ -28,8 +29,6 @@ _STEPS: dict[str, tuple[tuple[float, float, str], ...]] = {
 }
 """Unit: from which size on, what factor gives what readable unit."""
 
-_NAMES = {"rad": "angle", "m": "displacement", "A": "current", "V": "driver voltage", "N·m": "torque", "N": "force"}
-
 _VARIABLES = {
     "qd": "the velocity",
     "qdd": "the acceleration",
@@ -46,11 +45,6 @@ class Readable(NamedTuple):
     value: str
     interval: str
     si: str
-
-
-def quantity(unit: str) -> str:
-    """What is measured in a unit: angle or displacement, current or voltage, torque or force."""
-    return _NAMES.get(unit, "quantity")
 
 
 def scale(size: float, unit: str) -> tuple[float, str]:
@@ -159,8 +153,6 @@ def _signed(factor: float) -> str:
 
 def sentence_of(d: Diagnosis) -> str:
     """The verdict in one sentence."""
-    if d.verdict is None:
-        return "No verdict: " + "; ".join(reason.split(":")[0] for reason in d.cannot_know) + "."
     parts = []
     if d.causes:
         parts.append("the model lacks " + both(_cause_text(c.name, c.alternatives, len(d.causes)) for c in d.causes))

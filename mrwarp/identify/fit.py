@@ -15,6 +15,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import least_squares
 
+from mrwarp.identify.contradictions import EXPLAINS_NOTHING, contradictions, explains_nothing
 from mrwarp.identify.dataset import Dataset, Scales, rms
 from mrwarp.identify.intervals import Estimate, assess
 from mrwarp.identify.parameters import (
@@ -128,9 +129,12 @@ def fit(
         progress: Called with what is being done.
 
     Raises:
-        RecordingError: too few break-away torques for eq. 18; before the work.
+        RecordingError: too few break-away torques for eq. 18, columns that contradict each other, or a model that
+            explains next to nothing.
     """
-    log = progress or (lambda text: None)
+    log, where = progress or (lambda text: None), recording.source or "recording"
+    for reason in contradictions(recording):
+        raise RecordingError(f"{where}: {reason}")
     at_rest = {} if holding is None else fit_holding(holding.current, holding.torque)
     scales = Scales.of(recording)
     samples = Dataset.of(recording, scales)
@@ -143,7 +147,9 @@ def fit(
     top = 1.0 if not samples.current.any() else float(np.abs(samples.current).max())
     assessment = assess(point, lambda x: _named(structure, scales, x, top), len(names), names)
     warnings += _notes(recording, point, structure, assessment.together)
-    runs = recording.trajectories
+    runs, missed = recording.trajectories, misfit(recording, point, samples, warnings)
+    if missed["nrmse"] > EXPLAINS_NOTHING:
+        raise RecordingError(f"{where}: {explains_nothing(missed['nrmse'])}")
     return FitResult(
         estimates={name: assessment.estimates[name] for name in PARAMETERS} | at_rest,
         combinations={name: e for name, e in assessment.estimates.items() if name not in PARAMETERS},
@@ -156,7 +162,7 @@ def fit(
         current=recording.current_range,
         condition=assessment.condition,
         seed=seed,
-        **misfit(recording, point, samples, warnings),
+        **missed,
     )
 
 

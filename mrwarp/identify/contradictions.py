@@ -1,0 +1,157 @@
+"""What speaks against a recording as bench data: columns that contradict each other, or a model that explains nothing.
+
+A fit always ends somewhere. These checks say where its numbers would mean nothing, each with what to look at.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import nnls
+
+from mrwarp.recording.data import Recording
+from mrwarp.recording.differentiate import differentiate
+
+EXPLAINS_NOTHING = 0.9
+"""NRMSE from which a model explains next to nothing."""
+_FOLLOWED = 0.02
+"""Part of the torque's variance that motion and current must predict, by the plainest laws of a passive joint."""
+_BY_CURRENT = 1e-3
+"""Part of it that a current which changes must add to the motion alone."""
+_DRIVES = 0.3
+"""Part of the power, in size, that a torque with a turned sign gives to the motion."""
+_COPY = 1e-6
+"""Part of the torque's variance that another column, times a factor, may leave if it is not a copy."""
+_NOISE = 1.2
+"""Ratio of the current's change from sample to sample to its spread from which it is noise: 1.41 where it is white."""
+_BELONG = 0.5
+"""Least correlation of qd with dq/dt, and least ratio of the two; at most its inverse."""
+
+
+_NAMES = {"rad": "angle", "m": "displacement", "A": "current", "V": "driver voltage", "N·m": "torque", "N": "force"}
+
+
+def quantity(unit: str) -> str:
+    """What is measured in a unit: angle or displacement, current or voltage, torque or force."""
+    return _NAMES.get(unit, "quantity")
+
+
+def contradictions(recording: Recording) -> list[str]:
+    """Reasons why no model of a joint on a bench can follow from a recording, each with what to check or to record."""
+    runs, units = recording.trajectories, recording.units
+    current_name, torque_name = quantity(units["current"]), quantity(units["torque"])
+    q, qd, current, torque = (
+        np.concatenate([getattr(run, name) for run in runs]) for name in ("q", "qd", "current", "torque")
+    )
+    found = []
+    noise = float(np.median([np.abs(np.diff(run.q, 2)).mean() for run in runs]))
+    reach = float(np.median([np.ptp(run.q) for run in runs]))
+    moves = reach > 20.0 * noise
+    if not moves:
+        found.append(
+            "the joint does not move: friction, hysteresis and everything else in the torque shows along motion only; "
+            "move it by at least ten times what it takes to make it yield, at 0.5 to 2 Hz and several amplitudes"
+        )
+    if float(np.ptp(torque)) == 0.0:
+        return [*found, f"the torque is {torque[0]:.4g} throughout: is the sensor connected? Then record again"]
+    if current.max() <= 0.0 and current.min() < 0.0:
+        found.append(
+            f"the {current_name} is negative throughout ({current.min():.4g} to {current.max():.4g}): eq. 14 counts it "
+            "as a size; turn its sign and try again"
+        )
+    if found or (wrong := _wrong_velocity(recording)):
+        return found or [wrong]
+    copies = {"q": q, "qd": qd, "current": current}
+    for name, x in copies.items():
+        if np.ptp(x) > 0.0 and 1.0 - np.corrcoef(x, torque)[0, 1] ** 2 < _COPY:
+            return [
+                f"the {torque_name} is the column {name} times a factor: a command or a copy, not a measurement; take "
+                "the sensor's column and try again"
+            ]
+    if current.min() < 0.0 < current.max() and torque.min() >= 0.0 and _turns(qd, current) > 0.5 > _turns(qd, torque):
+        return [
+            f"the {current_name} changes its sign with the motion and the {torque_name} never does: the two columns "
+            "look swapped; swap them and try again"
+        ]
+    jumps = np.concatenate([np.diff(run.current) for run in runs])
+    if float(jumps.std()) > _NOISE * float(current.std()) > 0.0:
+        return [
+            f"the {current_name} changes from sample to sample as noise does (up to {np.abs(current).max():.3g} "
+            f"{units['current']}): is its sensor connected? Write 0 where there is none, and try again"
+        ]
+    return _unrelated(recording, q, qd, current, torque)
+
+
+def explains_nothing(nrmse: float, what: str = "eqs. 14 and 15 explain") -> str:
+    """What to check where even the best model misses most of the torque."""
+    return (
+        f"{what} next to nothing of the torque (NRMSE {100.0 * nrmse:.1f} %): check that it was measured at this "
+        "joint, that the columns belong together, and that the bench prescribed the motion; in a log of a walking "
+        "robot the motion answers to the torque"
+    )
+
+
+def _wrong_velocity(recording: Recording) -> str:
+    """Whether the velocity channel is not the derivative of the angle."""
+    runs = [run for run in recording.trajectories if not run.qd_derived]
+    if not runs:
+        return ""
+    qd = np.concatenate([run.qd for run in runs])
+    derived = np.concatenate([differentiate(run.q, run.dt) for run in runs])
+    own, other, both = float(qd @ qd), float(derived @ derived), float(qd @ derived)
+    if own == 0.0:
+        return "qd is 0 throughout while q moves: leave the column out, then it is derived, and try again"
+    if both < _BELONG * np.sqrt(own * other):
+        return (
+            f"qd is not the derivative of q (correlation {both / np.sqrt(own * other):.2f}): are two columns swapped, "
+            "or of different joints? Put them right, or leave qd out, and try again"
+        )
+    if not _BELONG < both / own < 1.0 / _BELONG:
+        return f"dq/dt is {both / own:.3g} times qd: one of them is in another unit; convert it, and try again"
+    return ""
+
+
+def _turns(qd: np.ndarray, x: np.ndarray) -> float:
+    """Correlation, in size, of a column with the direction of motion; 0 for a constant one."""
+    return float(abs(np.corrcoef(np.sign(qd), x)[0, 1])) if np.ptp(x) > 0.0 and np.ptp(np.sign(qd)) > 0.0 else 0.0
+
+
+def _unrelated(
+    recording: Recording, q: np.ndarray, qd: np.ndarray, current: np.ndarray, torque: np.ndarray
+) -> list[str]:
+    """Whether the torque has a turned sign, or nothing to do with the motion, or with a current that changes."""
+    qdd = np.concatenate([np.gradient(run.qd, run.dt) for run in recording.trajectories])
+    free, passive = [np.ones_like(q), q], [qd, np.sign(qd), qdd]
+    by_current = [current * np.sign(qd), current * qd]
+    unexplained = _left(torque, free, passive)
+    with_current = _left(torque, [*free, current], [*passive, *by_current])
+    power = (torque - torque.mean()) * qd
+    name, torque_name = quantity(recording.units["current"]), quantity(recording.units["torque"])
+    if float(power.sum()) < -_DRIVES * float(np.abs(power).sum()):
+        return [
+            f"the {torque_name} drives the motion instead of resisting it: its sign, or that of the "
+            f"{quantity(recording.units['q'])}, is turned against eq. 14, or the motion answers to the {torque_name} as in "
+            "a log of a walking robot; turn a sign, or record where a bench prescribes the motion, and try again"
+        ]
+    if with_current > 1.0 - _FOLLOWED:
+        return [
+            f"the {torque_name} does not follow motion or {name}: is the sensor connected, does its log belong to this "
+            "motion, and did the bench prescribe it (in a log of a walking robot the motion answers to the torque)? "
+            "Then record again"
+        ]
+    if np.ptp(current) > 0.02 * np.abs(current).max() and unexplained - with_current < _BY_CURRENT * with_current:
+        return [
+            f"the {torque_name} does not depend on the {name}, although that changes from {current.min():.3g} to "
+            f"{current.max():.3g} {recording.units['current']}: is the coil connected, and is it this joint's log? "
+            "Then record again"
+        ]
+    return []
+
+
+def _left(torque: np.ndarray, free: list[np.ndarray], passive: list[np.ndarray]) -> float:
+    """Part of the torque's variance that columns leave; those of a passive joint have no negative factor."""
+    table = np.stack([*free, *(-x for x in free), *passive], axis=1)
+    table = table / np.maximum(np.abs(table).max(axis=0), 1e-300)
+    gram, moment = table.T @ table, table.T @ torque
+    root = np.linalg.cholesky(gram + 1e-10 * np.trace(gram) / len(gram) * np.eye(len(gram)))
+    factors, _ = nnls(root.T, np.linalg.solve(root, moment))
+    return float(np.mean((torque - table @ factors) ** 2) / torque.var())
