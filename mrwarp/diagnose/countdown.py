@@ -61,7 +61,8 @@ class Countdown:
             return None
         whole = (self._step_begun - self._begun) / self._share
         later = [share for share in (*_BEGINS.values(), 1.0) if share > self._share]
-        return max(whole - (now - self._begun), whole * (1.0 - min(later)), 1.0)
+        slow = 0.2 * (now - self._step_begun)  # a step that lasts longer than it should
+        return max(whole - (now - self._begun), whole * (1.0 - min(later)) + slow, 1.0)
 
     def _repeat(self) -> None:
         while not self._done.wait(0.25):

@@ -129,8 +129,8 @@ def _unrelated(
     if float(power.sum()) < -_DRIVES * float(np.abs(power).sum()):
         return [
             f"the {torque_name} drives the motion instead of resisting it: its sign, or that of the "
-            f"{quantity(recording.units['q'])}, is turned against eq. 14, or the motion answers to the {torque_name} as in "
-            "a log of a walking robot; turn a sign, or record where a bench prescribes the motion, and try again"
+            f"{quantity(recording.units['q'])}, is turned against eq. 14, or the motion answers to the {torque_name} "
+            "as in a log of a walking robot; turn a sign, or record where a bench prescribes the motion, and try again"
         ]
     if with_current > 1.0 - _FOLLOWED:
         return [

@@ -1,6 +1,8 @@
 """The whole command on a small recording with a hidden effect, as a user runs it."""
 
 import json
+import re
+from contextlib import redirect_stdout
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +23,8 @@ def answer(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder that the command wrote for 12 trajectories of 4 s with a strong coil lag."""
     folder = tmp_path_factory.mktemp("command")
     write_case(make_case(kind="coil_lag", level=1.5, seed=5, size="small"), folder / "data")
-    assert cli.main(["diagnose", str(folder / "data"), "--out", str(folder / "out"), "--seed", "3"]) == 0
+    with (folder / "printed").open("w", encoding="utf-8") as printed, redirect_stdout(printed):
+        assert cli.main(["diagnose", str(folder / "data"), "--out", str(folder / "out"), "--seed", "3"]) == 0
     return folder / "out"
 
 
@@ -37,6 +40,29 @@ def test_the_hidden_effect_is_named(answer: Path) -> None:
     assert result["gain"]["rmse_reduction"] > 0.1 and len(result["gain"]["held_out"]) == 12
     assert result["extended"]["rmse"] < result["baseline"]["rmse"]
     assert "remanence" in result["detectable"] and "coil_lag" not in result["detectable"]
+
+
+def test_sentence_table_and_file_say_the_same(answer: Path) -> None:
+    """One definition of error and gain: the same digits in the sentence, the table, the page and ``result.json``."""
+    result = json.loads((answer / "result.json").read_text(encoding="utf-8"))
+    printed = (answer.parent / "printed").read_text(encoding="utf-8")
+    before, after, gain = result["baseline"], result["extended"], result["gain"]
+    reduction = 100.0 * (1.0 - after["rmse"] / before["rmse"])
+    assert reduction == pytest.approx(100.0 * gain["rmse_reduction"])
+    assert after["nrmse"] / before["nrmse"] == pytest.approx(after["rmse"] / before["rmse"])
+    low, high = (f"{100.0 * x:.1f}" for x in gain["ci95"])
+    assert (
+        f"falls by {reduction:.1f} % (95 %: {low} % to {high} %)" in result["sentence"]
+        and result["sentence"] in printed
+    )
+    assert re.search(rf"baseline +\S+ \S+ +NRMSE {before['nrmse']:.2%}\n", printed)
+    assert re.search(rf"with the extension +\S+ \S+ +NRMSE {after['nrmse']:.2%}\n", printed)
+    assert re.search(rf"change +-{reduction:.1f} % +-{high} to -{low} %\n", printed)
+    assert f"falls by {reduction:.1f} %" in (answer / "report.html").read_text(encoding="utf-8").split("gains</h2>")[1]
+    assert gain["per_regime"] == result["per_regime"]
+    runs = list(result["per_trajectory"].values())  # of one length
+    for name, whole in (("baseline", before), ("extended", after)):
+        assert (sum(run[name] ** 2 for run in runs) / len(runs)) ** 0.5 == pytest.approx(whole["rmse"], rel=0.02)
 
 
 def test_the_extended_model_can_be_loaded(answer: Path) -> None:

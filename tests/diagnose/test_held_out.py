@@ -1,5 +1,7 @@
 """Gain on trajectories that took no part: against brute-force refits, and its interval."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -63,6 +65,25 @@ def test_gain_is_that_on_new_data(problem) -> None:
         for f in (selection.base, selection.final)
     ]
     assert value == pytest.approx(1.0 - errors[1] / errors[0], rel=0.2)
+
+
+def test_gain_is_that_of_the_reported_model(problem) -> None:
+    """A better model that the search fitted on its way, and did not name, does not lend its figures."""
+    selection = searched(problem, None)
+    better = known.fitted(problem, HIDDEN)
+    assert better.total < selection.base.total
+    found = held(problem, dataclasses.replace(selection, fits={**selection.fits, better.effects: better}))
+    assert np.array_equal(found.baseline, found.extended)
+
+
+def test_samples_without_weight_do_not_count(problem) -> None:
+    """An error at the head of a trajectory, whose stress nobody knows, is no error of the model."""
+    weight = np.ones(len(problem.measured))
+    weight[:40] = 0.0
+    measured = np.where(weight > 0.0, problem.measured, problem.measured + 5.0)
+    selection = searched(problem, None)
+    spoilt = held(dataclasses.replace(problem, weight=weight, measured=measured), selection)
+    assert spoilt.baseline[0] < 1.2 * held(problem, selection).baseline[0]
 
 
 def test_base_alone_gains_nothing(problem) -> None:

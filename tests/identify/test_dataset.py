@@ -108,3 +108,20 @@ def test_torque_of_a_recording_does_not_depend_on_its_units() -> None:
     for name in ("q", "qd", "current", "torque"):
         np.testing.assert_allclose(getattr(there, name), getattr(here, name), rtol=1e-6, atol=1e-9)
     assert list(vars(there.ranges).values()) == pytest.approx(list(vars(here.ranges).values()))
+
+
+def test_stretches_keep_what_depends_on_the_past() -> None:
+    """One stretch of each run, that begins while the joint moves, with the heat, path and time of the whole session."""
+    whole = known.motion(3, runs=6, seconds=20.0)
+    part = whole.stretches(len(whole.q) // 4)
+    assert whole.stretches(len(whole.q)) is whole
+    assert len(part.parts) == 6 and len(part.q) <= len(whole.q) // 4 + 6
+    at = np.searchsorted(whole.time, part.time)
+    for name in ("q", "qd", "qdd", "current", "torque", "slid_time"):
+        np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[at])
+    np.testing.assert_array_equal(part.heat, whole.heat[:, at])
+    np.testing.assert_array_equal(part.kinematics.qd, whole.kinematics.qd[at])
+    assert all(np.all(np.diff(at[p]) == 1) for p in part.parts)
+    assert np.all(np.abs(part.qd[part.start[:-1]]) > 0.0)
+    offsets = at[part.start[:-1]] - whole.start[:-1]
+    assert len(set(offsets.tolist())) == 6
