@@ -49,7 +49,7 @@ def hold_out(problem: Problem, selection: Selection, baseline: Fit, extended: Fi
             after[part] = before[part]
     errors = problem.weight * (np.stack([before, after]) - problem.measured) ** 2
     squares = np.add.reduceat(errors, problem.motion.start[:-1], axis=1)
-    return HeldOut(*squares, before, after, agreed=float(agreed.mean()))
+    return HeldOut(squares[0], squares[1], before, after, float(agreed.mean()))
 
 
 def _predicted(problem: Problem, fit: Fit) -> np.ndarray:
