@@ -147,9 +147,11 @@ def fit(
     top = 1.0 if not samples.current.any() else float(np.abs(samples.current).max())
     assessment = assess(point, lambda x: _named(structure, scales, x, top), len(names), names)
     warnings += _notes(recording, point, structure, assessment.together)
-    runs, missed = recording.trajectories, misfit(recording, point, samples, warnings)
-    if missed["nrmse"] > EXPLAINS_NOTHING:
-        raise RecordingError(f"{where}: {explains_nothing(missed['nrmse'])}")
+    runs, error = recording.trajectories, np.abs(point.simulated - samples.torque)
+    plain = error <= np.quantile(error, 0.98)  # without single spikes
+    missed = rms(error[plain]) / (float(samples.torque[plain].std()) or 1.0)
+    if missed > EXPLAINS_NOTHING:
+        raise RecordingError(f"{where}: {explains_nothing(missed)}")
     return FitResult(
         estimates={name: assessment.estimates[name] for name in PARAMETERS} | at_rest,
         combinations={name: e for name, e in assessment.estimates.items() if name not in PARAMETERS},
@@ -162,7 +164,7 @@ def fit(
         current=recording.current_range,
         condition=assessment.condition,
         seed=seed,
-        **missed,
+        **misfit(recording, point, samples, warnings),
     )
 
 
