@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 import torch
 
-from benchmarks.verify.rigs import StepMeter, mass_matrix, standing_robot
+from benchmarks.verify.rigs import mass_matrix, standing_robot
 from mrwarp.enums import Coupling
 from mrwarp.env.backend import MjBatchBackend
 from mrwarp.env.cfg import make_walk_cfg
@@ -69,7 +69,7 @@ class LedgerRun:
         }
 
 
-class EnergyMeter(StepMeter):
+class EnergyMeter:
     """Books the energy of every step of a robot of nominal mass on ``mujoco.batch``.
 
     Args:
@@ -77,7 +77,9 @@ class EnergyMeter(StepMeter):
     """
 
     def __init__(self, robot: ActuatedSim) -> None:
-        super().__init__(robot)
+        self.robot = robot
+        robot.before_hooks.append(self.before_step)
+        robot.hooks.append(self.after_step)
         backend = robot.sim.backend
         assert isinstance(backend, MjBatchBackend)
         self.model, self._backend = robot.sim.scene.model, backend
@@ -161,9 +163,9 @@ def ledger_runs(policy: Policy, *, seed: int) -> list[LedgerRun]:
     return [*in_the_air, *on_the_ground, *(walking(policy, seed=seed, dt=dt) for dt in (DT, DT / 4.0))]
 
 
-def free_fall(*, dt: float = DT, moving: bool, coupling: Coupling = Coupling.CONSTRAINT) -> LedgerRun:
+def free_fall(*, dt: float = DT, moving: bool) -> LedgerRun:
     """The robot falls through the air, at rest in its stance or with legs on the move to random targets."""
-    robot = standing_robot(coupling=coupling, lift=5.0, dt=dt, threads=1)
+    robot = standing_robot(lift=5.0, dt=dt, threads=1)
     targets = np.tile(np.array(DEFAULT_Q), (len(CURRENT_GROUPS), 1))
     if moving:
         targets += np.random.default_rng(0).uniform(-0.5, 0.5, targets.shape)
@@ -173,22 +175,22 @@ def free_fall(*, dt: float = DT, moving: bool, coupling: Coupling = Coupling.CON
     return meter.run("free fall, legs moving" if moving else "free fall")
 
 
-def standing(*, dt: float = DT, lift: float = 0.0, coupling: Coupling = Coupling.CONSTRAINT) -> LedgerRun:
+def standing(*, lift: float = 0.0, coupling: Coupling = Coupling.CONSTRAINT) -> LedgerRun:
     """The robot sinks into its stance, or drops into it from ``lift`` [m]; one robot per current."""
-    meter = EnergyMeter(standing_robot(coupling=coupling, lift=lift, dt=dt, threads=1))
-    meter.robot.step(round(STANDING / dt))
+    meter = EnergyMeter(standing_robot(coupling=coupling, lift=lift, dt=DT, threads=1))
+    meter.robot.step(round(STANDING / DT))
     return meter.run(f"dropped from {lift:g} m" if lift else "standing")
 
 
 @torch.no_grad()
-def walking(policy: Policy, *, seed: int, dt: float = DT, coupling: Coupling = Coupling.CONSTRAINT) -> LedgerRun:
+def walking(policy: Policy, *, seed: int, dt: float = DT) -> LedgerRun:
     """The robot walks at 0.4 m/s; one robot per current. The torque loop runs at ``dt`` too, the policy at 50 Hz.
 
     Raises:
         RuntimeError: a robot fell, and its ledger was emptied on the way.
     """
     num_envs = len(CURRENT_GROUPS)
-    cfg = make_walk_cfg(num_envs=num_envs, seed=seed, coupling=coupling, threads=1)
+    cfg = make_walk_cfg(num_envs=num_envs, seed=seed, threads=1)
     cfg = replace(cfg, sim=replace(cfg.sim, dt=dt, keep_data=True), decimation=round(cfg.step_dt / dt))
     env = make_env(cfg, num_envs, seed)
     meter = EnergyMeter(env.robot)

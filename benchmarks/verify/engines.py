@@ -309,25 +309,25 @@ def _lowest(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     return float(min(heights))
 
 
-def captured_equals_eager(counts: tuple[int, ...] = (1, 2, 3, 5)) -> dict[int, bool]:
+def captured_equals_eager() -> dict[int, bool]:
     """Whether captured steps of MuJoCo-Warp leave the same bits as eager ones, by steps per launch."""
     captured, eager = (standing_robot((1.0, 1.0), backend=BackendKind.MJWARP, capture=c) for c in (True, False))
-    return {count: _same_after(captured, eager, count) for count in counts}
+    return {count: _same_after(captured, eager, count) for count in (1, 2, 3, 5)}
 
 
-def alone_equals_batch(backend: BackendKind, *, steps: int = 60) -> float:
+def alone_equals_batch(backend: BackendKind) -> float:
     """Largest difference of any state between an environment in a batch of three and the same one alone."""
     currents = (0.0, 0.5, 1.5)
     batch, alone = (standing_robot(own, backend=backend) for own in (currents, currents[:1]))
     starts = _landing(batch)
     _restart(batch, starts)
-    for _ in range(steps):
+    for _ in range(60):
         batch.step()
     together, worst = _everything(batch), 0.0
     for env in range(3):
         alone.current_e.fill_(currents[env])
         _restart(alone, starts[env : env + 1])
-        for _ in range(steps):
+        for _ in range(60):
             alone.step()
         for name, value in _everything(alone).items():
             worst = max(worst, float(np.abs(value[0].astype(np.float64) - together[name][env]).max(initial=0.0)))
@@ -335,14 +335,14 @@ def alone_equals_batch(backend: BackendKind, *, steps: int = 60) -> float:
 
 
 @torch.no_grad()
-def same_at_any_thread_count(*, seed: int, steps: int = 200, num_envs: int = 16) -> bool:
+def same_at_any_thread_count(*, seed: int) -> bool:
     """Whether 200 policy steps of random actions give the same bits at one and two threads (``mjbatch``)."""
-    runs = []
+    runs, num_envs = [], 16
     for threads in (1, 2):
         cfg = make_walk_cfg(num_envs=num_envs, seed=seed, threads=threads)
         env, generator = WalkEnv(replace(cfg, episode_seconds=2.0)), torch.Generator().manual_seed(seed)
         history = []
-        for _ in range(steps):
+        for _ in range(200):
             obs, reward, done, _ = env.step(torch.randn(num_envs, env.num_actions, generator=generator))
             history.append(torch.cat([obs["actor"], obs["critic"], reward[:, None], done[:, None].float()], dim=1))
         runs.append(torch.stack(history))
@@ -376,11 +376,11 @@ def _restart(robot: ActuatedSim, starts: np.ndarray) -> None:
     robot.reset(None, wp.array(starts, dtype=float, device="cpu"))
 
 
-def _same_after(captured: ActuatedSim, eager: ActuatedSim, count: int, launches: int = 12) -> bool:
-    """Whether both robots hold the same bits after ``launches`` times ``count`` steps from the same foot-fall."""
+def _same_after(captured: ActuatedSim, eager: ActuatedSim, count: int) -> bool:
+    """Whether both robots hold the same bits after twelve times ``count`` steps from the same foot-fall."""
     for robot in (captured, eager):
         _restart(robot, _landing(robot))
-        for _ in range(launches):
+        for _ in range(12):
             robot.step(count)
     left, right = _everything(captured), _everything(eager)
     return all(np.array_equal(left[name], right[name]) for name in left)

@@ -52,6 +52,9 @@ MOVING = 0.05
 ANGLE_ULP = 2.0**-23
 """Spacing of float32 angles between 1 and 2 rad: MuJoCo-Warp rounds each step's motion to it [rad]."""
 
+HOLDING = 1.0
+"""Time over which creep is measured, and length of the ramp [s]."""
+
 SETTLE, STANDING = 0.1, 1.0
 """Time before the creep is measured, and before the calf motors of the standing robot are switched off [s]."""
 
@@ -101,20 +104,19 @@ def bench_rig(*, brake: bool = True) -> Scene:
     return build_scene(load_bench(), dt=DT, coupling=coupling, ground=False)
 
 
-def hold(name: str, scene: Scene, backend: BackendKind, *, seconds: float = 1.0, brake: bool = True) -> HoldRun:
+def hold(name: str, scene: Scene, backend: BackendKind, *, brake: bool = True) -> HoldRun:
     """Load a held joint: two environments at LOADS, a third on the ramp.
 
     Args:
         name: Name of the joint.
         scene: A rig with one MR joint and no weight.
         backend: The engine.
-        seconds: Time over which creep is measured, and length of the ramp [s].
         brake: Whether the scene has the brake constraint. Without it the joint creeps faster than the holding gate
             allows: the gate is kept open at any speed.
     """
     mr = scene.actuators[0].mr
     assert mr is not None
-    tau_y, steps, settle = yield_torque(mr, CURRENT), round(seconds / DT), round(SETTLE / DT)
+    tau_y, steps, settle = yield_torque(mr, CURRENT), round(HOLDING / DT), round(SETTLE / DT)
     cfg = SimCfg(num_envs=3, dt=DT, backend=backend)
     robot = ActuatedSim(scene, cfg, MrActuatorCfg(hold_current=HoldCurrent.FIXED))
     outside = Load(robot)
@@ -254,9 +256,10 @@ def stand_runs() -> list[StandRun]:
     return [*runs, stand_on_brakes(BackendKind.MJBATCH, stiff_feet=True)]
 
 
-def line_search_trap(settings: tuple[int, ...] = (3, 10, 20, 30, 50)) -> list[StandRun]:
+def line_search_trap() -> list[StandRun]:
     """The robot on its brakes for 2 s with few to enough line-search iterations; ``unsolved`` must tell them apart."""
-    return [stand_on_brakes(BackendKind.MJBATCH, seconds=2.0, ls_iterations=count) for count in settings]
+    counts = (3, 10, 20, 30, 50)
+    return [stand_on_brakes(BackendKind.MJBATCH, seconds=2.0, ls_iterations=count) for count in counts]
 
 
 def holding_figures(holds: list[HoldRun], stands: list[StandRun], trap: list[StandRun]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from benchmarks.verify.rigs import Link, WorkMeter, link_scene, standing_robot
+from benchmarks.verify.rigs import MOTORLESS, Link, WorkMeter, link_scene, standing_robot
 from mrwarp.actuator.mr_actuator import MrActuatorCfg
 from mrwarp.enums import Coupling
 from mrwarp.env.backend import BackendKind
@@ -21,6 +21,9 @@ from mrwarp.usd.robot import CURRENT_GROUPS, JOINTS
 
 DT = 0.005
 """Physics step [s], the paper's 200 Hz."""
+
+LEVEL = 2.7
+"""|tau_dyn_hat| of eq. 6 of the device that brakes it [N·m]; about what the device slides at with 1.5 A."""
 
 FALLING_SPEED = 5.0
 """Speed of the falling link when the brake closes [rad/s]."""
@@ -54,33 +57,22 @@ class PassivityRun:
     """See :meth:`WorkMeter.figures`."""
 
 
-def falling_link(
-    coupling: Coupling, *, level: float = 2.7, seconds: float = 0.6, backend: BackendKind = BackendKind.MJBATCH
-) -> PassivityRun:
-    """A 0.3 kg link passes the horizontal at 5 rad/s, falling, as a device of constant torque level starts to brake it.
+def falling_link(coupling: Coupling) -> PassivityRun:
+    """A 0.3 kg link passes the horizontal at 5 rad/s, falling, as a device of constant torque starts to brake it.
 
     The brake is five times stronger than the weight: a real one stops the link within 0.04 s and keeps it there.
-
-    Args:
-        coupling: How the device acts.
-        level: |tau_dyn_hat| of eq. 6 [N·m]; 2.7 is about what the device slides at with 1.5 A.
-        seconds: Length of the run [s].
-        backend: The engine.
     """
-    mr = MrParams().replace(kp_base=0.0, kp_low=0.0, kd=0.0, D=level, B=0.0, C=0.0, I1=0.0, K0=0.0, K1=0.0)
+    mr = MrParams().replace(**MOTORLESS, D=LEVEL, B=0.0, C=0.0, I1=0.0, K0=0.0, K1=0.0)
     scene = link_scene(mr, dt=DT, link=Link(), brake=coupling is Coupling.CONSTRAINT)
-    cfg = SimCfg(num_envs=1, dt=DT, backend=backend, keep_data=True)
+    cfg = SimCfg(num_envs=1, dt=DT, keep_data=True)
     robot = ActuatedSim(scene, cfg, MrActuatorCfg(coupling=coupling, sal=False))
     robot.reset(None, qvel=wp.array([[FALLING_SPEED]], dtype=float, device="cpu"))
-    return _run(f"falling link, {level:g} N·m", robot, round(seconds / DT))
+    return _run(f"falling link, {LEVEL:g} N·m", robot, round(0.6 / DT))
 
 
-def dropped_robot(
-    coupling: Coupling, *, height: float = 0.3, seconds: float = 1.0, backend: BackendKind = BackendKind.MJBATCH
-) -> PassivityRun:
-    """The robot falls on its feet from ``height`` [m]: one environment per current of eq. 20."""
-    robot = standing_robot(coupling=coupling, lift=height, backend=backend)
-    return _run(f"robot dropped from {height:g} m", robot, round(seconds / DT))
+def dropped_robot(coupling: Coupling, *, backend: BackendKind = BackendKind.MJBATCH) -> PassivityRun:
+    """The robot falls on its feet from 0.3 m: one environment per current of eq. 20, 1 s."""
+    return _run("robot dropped from 0.3 m", standing_robot(coupling=coupling, lift=0.3, backend=backend), round(1 / DT))
 
 
 @torch.no_grad()
@@ -116,17 +108,15 @@ def walking_robot(
     return _result(name, meter, np.repeat(angles, env.cfg.decimation), {"falls": float(falls)})
 
 
-def passivity(*, seed: int, policy: Policy | None, walk_seconds: float = 20.0) -> list[PassivityRun]:
+def passivity(*, seed: int, policy: Policy | None) -> list[PassivityRun]:
     """All rigs with both couplings, and the robot once more on MuJoCo-Warp with the constraint."""
     runs = []
     for coupling in (Coupling.CONSTRAINT, Coupling.EXPLICIT):
-        runs.append(falling_link(coupling))
-        runs.append(dropped_robot(coupling))
-        runs.append(walking_robot(coupling, policy=policy, seconds=walk_seconds, seed=seed))
+        walked = walking_robot(coupling, policy=policy, seconds=20.0, seed=seed)
+        runs += [falling_link(coupling), dropped_robot(coupling), walked]
     engine, coupling = BackendKind.MJWARP, Coupling.CONSTRAINT
-    runs.append(dropped_robot(coupling, backend=engine))
-    runs.append(walking_robot(coupling, policy=policy, seconds=walk_seconds / 4.0, seed=seed, backend=engine))
-    return runs
+    walked = walking_robot(coupling, policy=policy, seconds=5.0, seed=seed, backend=engine)
+    return [*runs, dropped_robot(coupling, backend=engine), walked]
 
 
 def passivity_figures(runs: list[PassivityRun]) -> dict[str, Any]:

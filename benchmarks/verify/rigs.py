@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -162,27 +161,6 @@ def standing_robot(
     return robot
 
 
-class StepMeter(ABC):
-    """Meters every torque and physics step of a robot, whoever makes it.
-
-    Args:
-        robot: What is metered.
-    """
-
-    def __init__(self, robot: ActuatedSim) -> None:
-        self.robot = robot
-        robot.before_hooks.append(self.before_step)
-        robot.hooks.append(self.after_step)
-
-    @abstractmethod
-    def before_step(self) -> None:
-        """Note where a step begins."""
-
-    @abstractmethod
-    def after_step(self) -> None:
-        """Book the step."""
-
-
 def solver_friction(sim: Sim) -> np.ndarray:
     """Dry friction per joint as the engine's own solver left it in its constraint rows [N·m], shape (E, J).
 
@@ -206,7 +184,7 @@ def solver_friction(sim: Sim) -> np.ndarray:
     return torque[:, sim.scene.v_adr]
 
 
-class WorkMeter(StepMeter):
+class WorkMeter:
     """Measures the work of a robot's MR devices over every physics step.
 
     The work is ``torque * (joint motion of the step)``. The torque is the solver's own row force (constraint coupling)
@@ -220,7 +198,9 @@ class WorkMeter(StepMeter):
     """
 
     def __init__(self, robot: ActuatedSim) -> None:
-        super().__init__(robot)
+        self.robot = robot
+        robot.before_hooks.append(self.before_step)
+        robot.hooks.append(self.after_step)
         self.work: list[np.ndarray] = []
         self.friction_gap = self.motion_gap = 0.0
         self._start = self._positions()

@@ -32,7 +32,7 @@ READINGS = tuple(dict.fromkeys(reading.torque for reading in pushes.READINGS))
 
 def _impacts(seconds: float) -> Callable[[Settings], float]:
     """Time of impacts [s], of which the report has 12 for each of three policies."""
-    return lambda settings: seconds * (0.3 + 0.7 * len(settings.impacted) * settings.impacts / 36.0)
+    return lambda settings: seconds * (0.15 + 0.85 * len(settings.impacted) * settings.impacts / 36.0)
 
 
 def _walks(seconds: float, length: str, usual: float) -> Callable[[Settings], float]:
@@ -92,7 +92,7 @@ _ALL = (
     Experiment(name="walks", compute=walks.simulate, settings=WALKS, seconds=_walks(360.0, "distance", 30.0)),
     Experiment(name="table6", compute=table6.compute, needs=("walks",)),
     Experiment(name="table7", compute=support.table7, needs=("walks",)),
-    Experiment(name="electrical", compute=electrical.compute, needs=("walks",), seconds=lambda _: 10.0),
+    Experiment(name="electrical", compute=electrical.compute, needs=("walks",)),
     Experiment(name="fig8", compute=support.fig8, needs=("walks",)),
     Experiment(name="fig9", compute=table6.fig9, needs=("walks",)),
     Experiment(name="windows", compute=missions.simulate, settings=WINDOWS, seconds=_walks(40.0, "window", 10.0)),

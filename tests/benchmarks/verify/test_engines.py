@@ -57,7 +57,7 @@ def test_engines_cases_are_what_they_say(compared):
 
 def test_engines_captured_step_equals_eager():
     """MuJoCo-Warp's captured graph of 1, 2, 3 and 5 steps leaves the same bits as the eager steps."""
-    same = captured_equals_eager((1, 2, 3, 5))
+    same = captured_equals_eager()
     assert same == {1: True, 2: True, 3: True, 5: True}
 
 
