@@ -1,13 +1,11 @@
 """``mrwarp <command>``: one entry for everything that computes, and the one place that says what went wrong.
 
-A command is a dataclass of options (:mod:`mrwarp.options`) and a module (:mod:`mrwarp.commands`) whose
-``run(options, line)`` is imported once the options are read.
+A command is a dataclass in :mod:`mrwarp.commands`; :mod:`mrwarp.options` names and reads them.
 """
 
 from __future__ import annotations
 
 import errno
-import importlib
 import os
 import sys
 from collections.abc import Sequence
@@ -29,7 +27,7 @@ def main(argv: Sequence[str] | None = None, prog: str = "") -> int:
         prog: What the command is called, where a script of another name runs it.
     """
     words = list(sys.argv[1:] if argv is None else argv)
-    called, entry = "mrwarp", Group(help="", commands=COMMANDS)
+    called, entry = "mrwarp", Group("", COMMANDS)
     while isinstance(entry, Group):
         if not words or words[0] in ("-h", "--help"):
             print(_usage(called, entry))
@@ -50,10 +48,10 @@ def _run(command: Command, line: CommandLine) -> int:
     """Read the options, run, and say in one line what is wrong with them."""
     try:
         with one_voice():
-            options = parse(command.load_options(), line.argv, line.prog)
-        if command.engines:
+            options = parse(command.load(), line.argv, line.prog)
+        if options.engines:
             quiet_libraries()
-        code = importlib.import_module(command.run).run(options, line)
+        code = options.run(line)
         sys.stdout.flush()
         return code
     except SystemExit as leaving:  # after --help
@@ -67,10 +65,6 @@ def _run(command: Command, line: CommandLine) -> int:
     except BrokenPipeError:  # whoever read the output has gone, as in `mrwarp ... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] == command.run.partition(".")[0] == "benchmarks":
-            return _refuse(line.prog, "is part of a checkout, not of what is installed; run it in one", 2)
-        raise
     except FolderError as error:
         return _refuse(line.prog, str(error), 2)
     except OSError as error:

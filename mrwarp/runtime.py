@@ -1,4 +1,4 @@
-"""Set-up of the commands: silent libraries, one torch thread, one process that prints.
+"""What commands share: silent libraries, one torch thread, one process that prints, progress and tables as text.
 
 Torch and Warp are loaded when they are first set up, so that ``--help`` need not wait for them.
 """
@@ -9,7 +9,8 @@ import contextlib
 import io
 import logging
 import os
-from collections.abc import Iterator
+import time
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 NAMED_BY = ("RANK", "WORLD_SIZE", "MASTER_ADDR", "MASTER_PORT")
@@ -110,3 +111,29 @@ class ProgressLine:
         """Clear the line."""
         if self._live:
             print("\r\033[K", end="", file=self._stream, flush=True)
+
+
+class Stopwatch:
+    """Prints lines with the seconds since it was made."""
+
+    def __init__(self) -> None:
+        self._started = time.perf_counter()
+
+    @property
+    def seconds(self) -> float:
+        """Time since it was made [s]."""
+        return time.perf_counter() - self._started
+
+    def __call__(self, text: str) -> None:
+        """Print what begins now."""
+        print(f"[{self.seconds:5.1f} s] {text}", flush=True)
+
+
+def text_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> list[str]:
+    """Lines of a table, each column as wide as its widest cell; the first ``left`` columns begin at the left."""
+    cells = [tuple(head), *map(tuple, rows)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    return [
+        "  ".join(f"{cell:{'<' if i < left else '>'}{widths[i]}}" for i, cell in enumerate(row)).rstrip()
+        for row in cells
+    ]

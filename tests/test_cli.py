@@ -47,7 +47,7 @@ def test_a_full_disk_ends_in_one_line(
     def run(options: object, line: object) -> int:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), named)
 
-    monkeypatch.setattr("mrwarp.commands.run_check.run", run)
+    monkeypatch.setattr("mrwarp.commands.run_fit.Check.run", run)
     assert cli.main(["check", "x"]) == 1
     where = f"{named}: " if named else ""
     remedy = "make room or name another folder, then run it again"
@@ -93,7 +93,7 @@ def test_shipped_files_are_there() -> None:
 @pytest.mark.parametrize("name", [name for name, _ in all_commands()])
 def test_every_option_is_explained(name: str, capsys: pytest.CaptureFixture) -> None:
     """The help names each option once, says what it is, and its default where it has one."""
-    options = dict(all_commands())[name].load_options()
+    options = dict(all_commands())[name].load()
     assert cli.main([*name.split(), "--help"]) == 0
     text = " ".join(capsys.readouterr().out.split())
     for option in option_flags(options):

@@ -106,7 +106,7 @@ def test_fit_refuses_before_it_fits(
 ) -> None:
     """What comes after the search is read and checked before it."""
     monkeypatch.chdir(bench)
-    monkeypatch.setattr("mrwarp.commands.run_fit.fit", not_reached)
+    monkeypatch.setattr("mrwarp.identify.fit.fit", not_reached)
     args, parts = LATE[what]
     before = sorted(bench.rglob("*"))
     line = refused(["fit", "data", "--out", "out", *args], capsys)
@@ -127,7 +127,7 @@ def test_fit_takes_the_tests_beside_the_data(
         assert (len(holding.current) if holding else 0) == (5 if what == "five.csv" else 0)
         raise Seen
 
-    monkeypatch.setattr("mrwarp.commands.run_fit.fit", fit)
+    monkeypatch.setattr("mrwarp.identify.fit.fit", fit)
     if what:
         (bench / "data/holding.csv").write_bytes((bench / what).read_bytes())
     with pytest.raises(Seen):
@@ -142,7 +142,7 @@ def test_diagnose_compares_the_units_before_it_diagnoses(
     bench: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Recordings to predict in other units."""
-    monkeypatch.setattr("mrwarp.commands.run_diagnose.diagnose", not_reached)
+    monkeypatch.setattr("mrwarp.diagnose.pipeline.diagnose", not_reached)
     line = refused(["diagnose", str(bench / "data"), "--predict", str(bench / "feet")], capsys)
     assert "convert one of them" in line
 
@@ -196,7 +196,7 @@ def test_an_error_stands_on_a_line_of_its_own_below_the_progress(
         told(0.5, "walking")
         raise ValueError("it fell")
 
-    monkeypatch.setattr("mrwarp.commands.run_bench.run_bench", fail)
+    monkeypatch.setattr("mrwarp.bench.virtual_bench.run_bench", fail)
     assert cli.main(["bench", "--out", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err.splitlines()[-1] == "mrwarp bench: it fell"
     assert not (tmp_path / "out").exists()

@@ -12,8 +12,8 @@ from benchmarks.perf import gpu, measure
 from benchmarks.perf.compare import compare, load_ratios
 from benchmarks.perf.perf_cfg import GpuCfg, PerfCfg
 from benchmarks.perf.pictures import breakdown_picture, cost_picture
+from mrwarp.commands.run_benchmarks import Perf
 from mrwarp.options.command_line import CommandLine
-from mrwarp.options.perf_options import Perf
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.run_dir import check_writable, write_result
 from mrwarp.runtime import ProgressLine, duration

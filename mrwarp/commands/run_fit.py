@@ -1,211 +1,202 @@
-"""``mrwarp fit``: identify a joint from recordings and write its model, figures and pictures."""
+"""``mrwarp check``, ``fit`` and ``learn``: recordings explained, and models that are made from them."""
 
 from __future__ import annotations
 
-import dataclasses
 import fnmatch
-import math
-import time
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from mrwarp.identify.damper import (
-    ExtendedFit,
-    extended_torque,
-    fit_extended,
-    prediction_errors,
-    undo_moving_average,
-)
-from mrwarp.identify.fit import FitResult, fit, read_holding
-from mrwarp.identify.fit_pictures import loops_picture, residual_picture
-from mrwarp.identify.intervals import Estimate
-from mrwarp.identify.replay import simulate
-from mrwarp.model_file import HOLDING_NOTE, Effect, FittedOn, Model, Parameter, parameter_unit, save_model
-from mrwarp.options.command_line import CommandLine
-from mrwarp.options.data_options import Fit
-from mrwarp.recording.load import (
-    Recording,
-    RecordingError,
-    check_same_units,
-    load_recording,
-)
-from mrwarp.run_dir import check_writable, versions, write_result
+from mrwarp.enums import LEARNED
+from mrwarp.options import option_types as opt
+from mrwarp.options.command_line import CommandLine, Options
+from mrwarp.run_dir import check_writable, write_result
+from mrwarp.runtime import Stopwatch
+
+if TYPE_CHECKING:
+    from mrwarp.recording.load import Recording
+
+Averaged = Annotated[float, opt.one(opt.within(0.0, 60.0, "s"), "S")]
 
 
-def run(options: Fit, line: CommandLine) -> int:
-    """Identify a joint; 0 when its model is written, 2 on bad input (then nothing is written)."""
-    started = time.perf_counter()
+@dataclass(frozen=True, kw_only=True)
+class Check(Options):
+    """Explain a recording; 0 when it is good to use, 2 when it is refused."""
 
-    def progress(text: str) -> None:
-        print(f"[{time.perf_counter() - started:5.1f} s] {text}", flush=True)
+    engines = False
+    data: opt.Data
+    """CSV or Parquet file, or a folder of them"""
 
-    check_writable(options.out)
-    progress(f"reading {options.data}")
-    recording = _without(load_recording(options.data), options.exclude)
-    unseen = load_recording(options.predict) if options.predict else None
-    if unseen is not None:
-        check_same_units(unseen, recording)
-    holding = read_holding(options.data, recording, options.holding, progress)
-    result = fit(
-        recording,
-        holding=holding,
-        robust=options.robust,
-        seed=options.seed,
-        progress=lambda text: progress(f"eq. 14: {text}"),
-    )
-    extended = None
-    if options.extended:
-        extended = fit_extended(recording, seed=options.seed, progress=lambda text: progress(f"extended: {text}"))
-    predicted = predictions(unseen, result, extended, options.averaged) if unseen else {}
-    save_model(to_model(result, extended), options.out / "model.json")
-    progress("pictures")
-    loops_picture(recording, result, extended, options.out / "loops.png")
-    residual_picture(recording, result, extended, options.out / "residual.png")
-    content = figures(result, extended) | {"predicted": predicted}
-    write_result(options.out, content, seed=options.seed, command=str(line))
-    print(table(result, extended))
-    if holding is None:
-        print(f"\n{HOLDING_NOTE}")
-    for name, errors in predicted.items():
-        print(f"NRMSE of {name}: " + ", ".join(f"{key} {100 * value:.1f} %" for key, value in errors.items()))
-    seconds = time.perf_counter() - started
-    print(f"\nmodel.json, result.json, loops.png and residual.png in {options.out} ({seconds:.0f} s)")
-    return 0
+    def run(self, line: CommandLine) -> int:
+        """0 when it is good to use; a RecordingError says what is wrong with it."""
+        from mrwarp.recording.description import describe, notes
+        from mrwarp.recording.load import find_holding, load_holding, load_recording
+
+        recording, beside = load_recording(self.data), find_holding(self.data)
+        lines = describe(recording)
+        if beside:
+            holding = load_holding(beside, recording)
+            count = f"{len(holding.current)} tests at {len({*holding.current})} currents"
+            unit = recording.units["torque"]
+            lines.append(f"break-away    {count}, up to {holding.torque.max():.4g} {unit} ({beside})")
+        print("\n".join([*lines, *(f"note: {note}" for note in notes(recording))]))
+        return 0
 
 
-def _without(recording: Recording, pattern: str | None) -> Recording:
-    """The recording without the trajectories whose name matches.
+@dataclass(frozen=True, kw_only=True)
+class Fit(Options):
+    """Identify eqs. 14 and 15, and 18 where there are break-away torques, from bench recordings by simulation error."""
 
-    Raises:
-        RecordingError: nothing, or everything, matches.
+    data: opt.Data
+    """recording: a CSV or Parquet file, or a folder of them"""
+    out: opt.Folder = Path("runs/fit")
+    """output folder"""
+    holding: opt.OptionalFile = None
+    """break-away torques for eq. 18 (default: a holding.csv beside the data)"""
+    extended: opt.Flag = False
+    """also fit the extended physical model"""
+    robust: opt.Flag = False
+    """weigh down outliers"""
+    exclude: Annotated[str | None, opt.one(str, "PATTERN")] = None
+    """leave out trajectories by name, such as 'chirp*'"""
+    predict: opt.OptionalFolder = None
+    """recordings that are not fitted but predicted"""
+    averaged: Averaged = 0.0
+    """moving average [s] that q and torque of --predict passed before they were published; 0 is none"""
+    seed: opt.Seed = 0
+    """seed of the search's subset"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 when the model is written, 2 on bad input (then nothing is written)."""
+        check_writable(self.out)
+
+        from mrwarp.identify import fit_report
+        from mrwarp.identify.damper import fit_extended
+        from mrwarp.identify.fit import fit, read_holding
+        from mrwarp.identify.fit_pictures import loops_picture, residual_picture
+        from mrwarp.model_file import HOLDING_NOTE, save_model
+        from mrwarp.recording.load import check_same_units, load_recording
+
+        progress = Stopwatch()
+        progress(f"reading {self.data}")
+        recording = self._kept(load_recording(self.data))
+        unseen = load_recording(self.predict) if self.predict else None
+        if unseen is not None:
+            check_same_units(unseen, recording)
+        holding = read_holding(self.data, recording, self.holding, progress)
+        result = fit(
+            recording,
+            holding=holding,
+            robust=self.robust,
+            seed=self.seed,
+            progress=lambda text: progress(f"eq. 14: {text}"),
+        )
+        extended = None
+        if self.extended:
+            extended = fit_extended(recording, seed=self.seed, progress=lambda text: progress(f"extended: {text}"))
+        predicted = fit_report.predictions(unseen, result, extended, self.averaged) if unseen else {}
+        save_model(fit_report.to_model(result, extended), self.out / "model.json")
+        progress("pictures")
+        loops_picture(recording, result, extended, self.out / "loops.png")
+        residual_picture(recording, result, extended, self.out / "residual.png")
+        content = fit_report.figures(result, extended) | {"predicted": predicted}
+        write_result(self.out, content, seed=self.seed, command=str(line))
+        print("\n".join(fit_report.lines(result, extended)))
+        if holding is None:
+            print(f"\n{HOLDING_NOTE}")
+        for name, errors in predicted.items():
+            print(f"NRMSE of {name}: " + ", ".join(f"{key} {100 * value:.1f} %" for key, value in errors.items()))
+        print(f"\nmodel.json, result.json, loops.png and residual.png in {self.out} ({progress.seconds:.0f} s)")
+        return 0
+
+    def _kept(self, recording: Recording) -> Recording:
+        """The recording without the trajectories that are to be left out.
+
+        Raises:
+            RecordingError: nothing, or everything, is.
+        """
+        if self.exclude is None:
+            return recording
+        from mrwarp.recording.load import RecordingError
+
+        kept = tuple(run for run in recording.trajectories if not fnmatch.fnmatch(run.id, self.exclude))
+        if not 0 < len(kept) < len(recording.trajectories):
+            names = ", ".join(run.id for run in recording.trajectories[:5])
+            which = "no" if kept else "every"
+            raise RecordingError(f"--exclude {self.exclude!r} matches {which} trajectory; they are named {names} ...")
+        return replace(recording, trajectories=kept)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Learn(Options):
+    """Train a torque model of an MR joint on bench recordings.
+
+    A network alone (mlp, lstm), or an LSTM on what the Bouc-Wen model leaves (pg_rlstm). DATA/fit is used if it is
+    there; DATA/evaluation judges only.
     """
-    if pattern is None:
-        return recording
-    kept = tuple(run for run in recording.trajectories if not fnmatch.fnmatch(run.id, pattern))
-    if not 0 < len(kept) < len(recording.trajectories):
-        names = ", ".join(run.id for run in recording.trajectories[:5])
-        which = "no" if kept else "every"
-        raise RecordingError(f"--exclude {pattern!r} matches {which} trajectory; they are named {names} ...")
-    return dataclasses.replace(recording, trajectories=kept)
 
+    data: opt.Data
+    """recording: a file or a folder"""
+    out: opt.Folder
+    """output folder"""
+    model: Annotated[str, opt.one_of(LEARNED)] = "pg_rlstm"
+    """kind"""
+    bouc_wen: opt.OptionalFile = None
+    """model.json of 'mrwarp fit' (default: the paper)"""
+    epochs: opt.Count = 80
+    """most epochs"""
+    windows_per_epoch: opt.Count = 65_536
+    """training windows drawn per epoch"""
+    patience: opt.Count = 15
+    """epochs without gain before stopping"""
+    seed: opt.Seed = 0
+    """seed of division, weights and batches"""
 
-def to_model(result: FitResult, extended: ExtendedFit | None = None) -> Model:
-    """What goes into ``model.json``: eqs. 14, 15 (18); an extended model only as an effect with its own full set."""
-    estimates = {name: Parameter(value=v, unit=parameter_unit(name, result.units)) for name, v in result.fixed.items()}
-    for name, e in result.estimates.items():
-        estimates[name] = Parameter(value=e.value, unit=parameter_unit(name, result.units), ci95=e.ci95)
-    origin = FittedOn(
-        source=result.source,
-        trajectories=result.trajectories,
-        samples=result.samples,
-        rate=result.rate,
-        current=result.current,
-    )
-    effects = (extended_damper(extended, result.units),) if extended else ()
-    return Model(
-        parameters=estimates,
-        fitted_on=origin,
-        units=result.units,
-        effects=effects,
-        seed=result.seed,
-        versions=versions(),
-    )
+    def run(self, line: CommandLine) -> int:
+        """0 when done, 2 on bad input (nothing is written), 130 after Ctrl-C (the best is written)."""
+        check_writable(self.out)
 
+        from mrwarp.identify import learn
+        from mrwarp.model_file import load_model
+        from mrwarp.nn import network_file
+        from mrwarp.nn.models import LstmState
+        from mrwarp.nn.training import FitCfg, plot_history, print_epoch
+        from mrwarp.recording.load import load_recording
 
-def extended_damper(extended: ExtendedFit, units: Mapping[str, str]) -> Effect:
-    """The extended model as an effect, every number with its unit and interval."""
-    q, current, torque = (units[key] for key in ("q", "current", "torque"))
-    unit = {
-        "B_current": f"{torque}·s/({q}·{current})", "B_direction": f"{torque}·s/{q}",
-        "B_direction_current": f"{torque}·s/({q}·{current})", "saturation": "1", "softening": "1", "creep": "1/s",
-        "current_full": current,
-    }  # fmt: skip
-    intervals = {name: e.ci95 for name, e in extended.estimates.items()}
-    return Effect(
-        name="extended_damper",
-        parameters={
-            name: Parameter(value=value, unit=unit.get(name) or parameter_unit(name, units), ci95=intervals.get(name))
-            for name, value in extended.values.items()
-        },
-    )
+        cfg = FitCfg(**self.chosen("epochs", "windows_per_epoch", "patience", "seed"))
+        bouc_wen = learn.bench_parameters(load_model(self.bouc_wen).values if self.bouc_wen else None)
+        recording, evaluation = load_recording(self._parts()[0]), None
+        held_out = self._parts()[1]
+        if held_out.is_dir():
+            evaluation = load_recording(held_out)
+            if learn.sampling_interval(evaluation) != learn.sampling_interval(recording):
+                raise ValueError(f"{held_out}: sampled at another rate than {self.data}; resample one of them")
+        learned = learn.learn(recording, kind=self.model, bouc_wen=bouc_wen, cfg=cfg, report=print_epoch)
+        model = replace(learned.model, source=str(self.data))
+        figures = {**learned.figures, "bouc_wen": model.bouc_wen, "evaluation": None}
+        if evaluation:
+            torques = {
+                "bouc_wen": learn.bouc_wen_torque(evaluation, bouc_wen),
+                self.model: learn.predict(model, evaluation),
+            }
+            if "lstm" in self.model:  # as the simulation runs it
+                torques[f"{self.model}, carried"] = learn.predict(model, evaluation, lstm_state=LstmState.CARRIED)
+            errors = {name: learn.errors(torque, evaluation) for name, torque in torques.items()}
+            figures["evaluation"] = {name: learn.summary(found) for name, found in errors.items()}
+            print(learn.table(figures["evaluation"]))
+        network_file.save(model, self.out / "model.safetensors")
+        network_file.export_onnx(model, self.out / "model.onnx")
+        plot_history(learned.history, self.model, self.out / "curves.png")
+        write_result(self.out, figures, seed=self.seed, command=str(line))
+        print(
+            f"{self.model}: validation RMSE {figures['validation_rmse']:.3f} N·m at epoch {figures['best_epoch']} of "
+            f"{figures['epochs']} ({figures['windows_seen']} windows drawn from {figures['training_windows']}, "
+            f"{figures['seconds'] / 60:.1f} min); written to {self.out}"
+        )
+        return 130 if learned.history.stopped == "interrupted" else 0
 
-
-def predictions(
-    recording: Recording, result: FitResult, extended: ExtendedFit | None, window: float
-) -> dict[str, dict[str, float]]:
-    """RMSE over standard deviation of each unseen trajectory, per model and per reading of its motion.
-
-    With ``window`` > 0 the simulated torque passes the moving average that the measured one passed, and both lose their
-    mean; the motion is taken as published, and again with its own average undone.
-    """
-    motions = {"": recording} if window == 0.0 else {
-        " (motion as published)": recording, " (average of the motion undone)": undo_moving_average(recording, window)
-    }  # fmt: skip
-    found = {}
-    for name, motion in motions.items():
-        found[f"eqs. 14, 15{name}"] = prediction_errors(motion, simulate(result.values, motion), window)
-        if extended is not None:
-            torque = extended_torque(extended.values, motion)
-            found[f"extended model{name}"] = prediction_errors(motion, torque, window)
-    return found
-
-
-def figures(result: FitResult, extended: ExtendedFit | None = None) -> dict[str, Any]:
-    """What goes into ``result.json``; an interval that the data do not give is null."""
-    fitted = {
-        "parameters": {name: _entry(e) for name, e in result.estimates.items()},
-        "combinations": {name: _entry(e) for name, e in result.combinations.items()},
-        "fixed": result.fixed,
-        "units": result.units,
-        "source": result.source,
-        "trajectories": result.trajectories,
-        "samples": result.samples,
-        "rate": result.rate,
-        "condition": min(result.condition, 1e300),
-        "warnings": list(result.warnings),
-        **_errors(result),
-    }
-    if extended is not None:
-        parameters = {name: _entry(e) for name, e in extended.estimates.items()}
-        fitted["extended"] = {
-            "parameters": parameters, "current_full": extended.current_full, "warnings": list(extended.warnings),
-            **_errors(extended),
-        }  # fmt: skip
-    return fitted
-
-
-def table(result: FitResult, extended: ExtendedFit | None = None) -> str:
-    """Parameters, combinations, errors per current and warnings as text."""
-    rows = [f"\n{'parameter':44s} {'value':>13s}  95 % interval"]
-    for name, e in [*result.estimates.items(), *result.combinations.items()]:
-        unit = f" [{parameter_unit(name, result.units)}]" if name in result.estimates else ""
-        rows.append(f"{name + unit:44s} {e.value:13.6g}  {_interval(e)}")
-    if extended is not None:
-        rows.append(f"\n{'extended model':44s} {'value':>13s}  95 % interval")
-        rows += [f"{name:44s} {e.value:13.6g}  {_interval(e)}" for name, e in extended.estimates.items()]
-    unit = result.units["torque"]
-    rows.append(
-        f"\n{'current [' + result.units['current'] + ']':14s} {'RMSE [' + unit + ']':>14s}"
-        + "  extended" * bool(extended)
-    )
-    for key, value in result.rmse_per_current.items():
-        more = f" {extended.rmse_per_current[key]:9.4g}" if extended else ""
-        rows.append(f"{key:14s} {value:14.4g}{more}")
-    more = f" {extended.rmse:9.4g}; NRMSE {100 * extended.nrmse:.2f} %" if extended else ""
-    rows.append(f"{'all':14s} {result.rmse:14.4g}{more}   (eq. 14: NRMSE {100 * result.nrmse:.2f} %)")
-    rows += [f"warning: {text}" for text in result.warnings]
-    return "\n".join(rows)
-
-
-def _errors(result: FitResult | ExtendedFit) -> dict[str, Any]:
-    names = ("rmse", "nrmse", "rmse_per_current", "rmse_per_trajectory")
-    return {name: getattr(result, name) for name in names}
-
-
-def _entry(e: Estimate) -> dict[str, Any]:
-    joint = [e.value - e.half_joint, e.value + e.half_joint] if math.isfinite(e.half_joint) else None
-    return {"value": e.value, "ci95": list(e.ci95) if e.ci95 else None, "ci95_joint": joint}
-
-
-def _interval(e: Estimate) -> str:
-    return f"{e.ci95[0]:.6g} to {e.ci95[1]:.6g}" if e.ci95 else "none: not determined, or held at the edge of its range"
+    def _parts(self) -> tuple[Path, Path]:
+        """Fitting and evaluation data: DATA/fit and DATA/evaluation as the bench writes, or DATA."""
+        if (self.data / "fit").is_dir():
+            return self.data / "fit", self.data / "evaluation"
+        return self.data, (self.data.parent if self.data.name == "fit" else self.data) / "evaluation"

@@ -6,26 +6,21 @@ import math
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
-
-import torch
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from mrwarp.commands.run_train import check_device
-from mrwarp.enums import Coupling, HoldCurrent, ZStep
-from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.enums import ACTUATORS, TERRAINS, Coupling, HoldCurrent, ZStep
+from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine
-from mrwarp.options.train_options import Play
 from mrwarp.resources import shipped_model
-from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.run_dir import check_output, write_result
-from mrwarp.trials.walking import make_env
-from mrwarp.usd.asset import check_currents, device_lines
-from mrwarp.viewing.frames import Frames
-from mrwarp.viewing.live_view import Player, open_sink
-from mrwarp.viewing.robot_pictures import contact_sheet
-from mrwarp.viewing.viewer import DEFAULT_URL, WebViewer
+
+if TYPE_CHECKING:
+    from mrwarp.env.cfg import EnvCfg
+    from mrwarp.viewing.live_view import Player
+    from mrwarp.viewing.viewer import WebViewer
 
 WARMUP = 2.0
 """Longest time to get going that is shown but not measured [s]; at most a quarter of the run."""
@@ -33,151 +28,196 @@ WARMUP = 2.0
 MAX_SHOWN = 8
 """Most robots that are drawn; with more environments these are spread over all of them."""
 
-Actor = Callable[[Any], torch.Tensor]
-"""Observations to actions (E, 12)."""
+WHO = opt.exclusive("who walks", required=True)
+
+port = opt.checked(int, lambda n: 1 <= n <= 65535, "; allowed: 1 to 65535")
+duration = opt.checked(float, lambda s: 1.0 <= s < math.inf, " must be a finite number of at least 1 s")
 
 
-def run(options: Play, line: CommandLine) -> int:
-    """Run and show; 0 when done, 1 when a recording failed, 2 on bad input, 130 after Ctrl-C."""
-    player = prepare(options)
-    web = player.sink.web if player.sink else None
-    try:
-        return _play(options, line, player, web)
-    finally:
-        if web:
-            web.close()
+@dataclass(frozen=True, kw_only=True)
+class Play(opt.RobotOptions):
+    """Run a policy with one robot per MR current side by side, and show it in rerun, in a recording or in a picture.
 
-
-def prepare(options: Play) -> Player:
-    """The player, with its viewers open; nothing is written when something is wrong."""
-    check_device(options.device)
-    for path, suffix in ((options.rrd, ".rrd"), (options.png, ".png"), (options.out, "")):
-        check_output(path, suffix)
-    policy = OnnxPolicy(options.policy) if options.policy else None
-    cfg = make_cfg(options, policy.description.get("task", {}) if policy else {})
-    env = make_env(cfg, options.num_envs, options.seed)
-    check_currents(env.sim.scene.actuators, options.current)
-    for text in device_lines(env.sim.scene.actuators):
-        print(text, flush=True)
-    actor = on_device(policy, env.device) if policy else make_agent(str(options.agent), env)
-    sink = None
-    if (
-        options.rrd
-        or options.connect is not None
-        or options.serve_web
-        or options.live
-        or not (options.png or options.out)
-    ):
-        sink = open_sink(
-            rrd=_partial(options.rrd) if options.rrd else None,
-            url=DEFAULT_URL if options.connect == "" else options.connect,
-            web=options.serve_web,
-            web_port=options.web_port,
-        )
-    keep = options.png is not None
-    return Player(env, actor, speed=options.speed, shown=shown(options.num_envs), sink=sink, keep=keep)
-
-
-def _partial(path: Path) -> Path:
-    """Where a recording stands until it is whole."""
-    return path.with_name(path.name + ".part")
-
-
-def _play(options: Play, line: CommandLine, player: Player, web: WebViewer | None) -> int:
-    """Play, then write what was asked for."""
-    cfg, agent = player.env.cfg, options.policy or f"agent {options.agent}"
-    print(
-        f"{agent}: {len(player.currents)} of {options.num_envs} robots shown ({cfg.robot}, payload {cfg.payload} kg, "
-        f"SAL {'on' if cfg.actuator.sal else 'off'}, {'rough' if cfg.terrain else 'flat'} ground), "
-        f"{options.speed:g} m/s for {options.seconds:g} s",
-        flush=True,
-    )
-    if web:
-        print(f"open {web.page}", flush=True)
-    started = time.perf_counter()
-    figures: dict[str, Any] = {}
-    code = 0
-    try:
-        figures = player.play(options.seconds, warmup=min(WARMUP, 0.25 * options.seconds))
-    except KeyboardInterrupt:
-        print("\nstopped", file=sys.stderr)
-        code = 130
-    except RuntimeError as error:
-        print(f"{line.prog}: {error}", file=sys.stderr)
-        code = 1
-    wall = time.perf_counter() - started
-    if not player.close():
-        where = "recording is not complete" if options.rrd else "viewer did not take everything"
-        print(f"{line.prog}: the {where} ({player.dropped} frames dropped)", file=sys.stderr)
-        code = code or int(options.rrd is not None)
-    if options.rrd:
-        _partial(options.rrd).replace(options.rrd)
-        print(f"recording: {options.rrd}; open it with: rerun {options.rrd}")
-    if options.png and len(player.frames) > 1:
-        where = f"{cfg.robot}, payload {cfg.payload} kg, command {options.speed:g} m/s, seed {options.seed}"
-        where += ", rough ground" if cfg.terrain else ""
-        frames, title = Frames.join(player.frames), f"{Path(agent).name} on {where}"
-        contact_sheet(player.env.sim.scene, frames, player.currents, options.png, title=title)
-        print(f"picture: {options.png}")
-    if figures:
-        _report(figures, wall)
-        if options.out:
-            figures |= {"wall_seconds": wall, "dropped_frames": player.dropped, "currents": player.currents}
-            written = write_result(options.out, figures, seed=options.seed, command=str(line))
-            print(f"figures: {written}")
-        if web:
-            print("the page stays until Ctrl-C", flush=True)
-            web.wait()
-            print()
-    return code
-
-
-def make_cfg(options: Play, task: dict[str, Any]) -> EnvCfg:
-    """The task to play: what the options say, else what the policy was trained with.
-
-    Args:
-        options: Parsed options.
-        task: The policy's task, as :func:`mrwarp.rl.checkpoint.task` describes it; empty without a policy.
-
-    Raises:
-        ValueError: the policy was made for another action scale or rate than this version has.
+    Without --rrd, --connect, --serve-web, --png and --out, rerun's window opens. The default of each option on the
+    robot is what the policy was trained with.
     """
 
-    def chosen(name: str, default: Any) -> Any:
-        option = getattr(options, name)
-        return task.get(name, default) if option is None else option
+    policy: Annotated[opt.OptionalText, WHO] = None
+    """exported policy (.onnx), as train/ppo.py writes it"""
+    agent: Annotated[Literal["zero", "random"] | None, WHO] = None
+    """no policy: stand still, or move at random"""
+    live: Annotated[opt.Flag, opt.VIEW] = False
+    """open rerun's window, also beside --png and --out"""
+    rrd: Annotated[opt.OptionalFile, opt.VIEW] = None
+    """save a recording for 'rerun FILE'"""
+    connect: Annotated[str | None, opt.maybe_one("URL"), opt.VIEW] = None
+    """send to a viewer that runs already"""
+    serve_web: Annotated[opt.Flag, opt.VIEW] = False
+    """show in a browser on this machine"""
+    web_port: Annotated[int | None, opt.one(port, "PORT")] = None
+    """port of --serve-web (default: 9090 if free)"""
+    png: opt.OptionalFile = None
+    """save a picture: five instants and time series"""
+    out: opt.OptionalFolder = None
+    """folder for result.json, the measured figures"""
+    num_envs: opt.Count = len(opt.CURRENTS)
+    """robots"""
+    current: opt.Currents = opt.CURRENTS
+    """currents I_e [A], over equal groups of robots"""
+    speed: opt.Speed = 0.5
+    """commanded forward speed [m/s]"""
+    seconds: Annotated[float, opt.one(duration, "S")] = 10.0
+    """time shown [s]"""
+    seed: opt.Seed = 0
+    """seed of initial poses and of --agent random"""
+    device: str = "cpu"
+    """cpu or cuda:N"""
+    robot: Literal["mr_go", "go1"] | None = None
+    """robot variant of the USD asset"""
+    payload: Literal[0, 3] | None = None
+    """payload variant [kg]"""
+    sal: Literal["on", "off"] | None = None
+    """whether the gates may open"""
+    actuator: Annotated[str | None, opt.one_of(ACTUATORS)] = None
+    """torque model of the MR joint"""
+    actuator_model: opt.OptionalText = None
+    """trained network of --actuator mlp, lstm or pg_rlstm"""
+    terrain: Annotated[str | None, opt.one_of(TERRAINS)] = None
+    """ground; on rough ground the robots stand on different tiles"""
+    coupling: Coupling | None = None
+    """how the device acts"""
+    hold_current: HoldCurrent | None = None
+    """current while holding"""
 
-    actuator = chosen("actuator", "bouc_wen")
-    cfg = make_walk_cfg(
-        num_envs=options.num_envs,
-        device=options.device,
-        seed=options.seed,
-        robot=chosen("robot", "mr_go"),
-        payload=chosen("payload", 0),
-        asset=options.asset,
-        actuator_model=actuator,
-        actuator_file=options.actuator_model or shipped_model(actuator),
-        model=options.model,
-        coupling=Coupling(chosen("coupling", "constraint")),
-        hold_current=HoldCurrent(chosen("hold_current", "support")),
-        z_step=ZStep(task.get("z_step", "euler")),
-        sal=task.get("sal", True) if options.sal is None else options.sal == "on",
-        terrain=chosen("terrain", "flat"),
-    )
-    for name in ("action_scale", "step_dt", "gait_frequency"):
-        same = isinstance(task.get(name, 0.0), int | float) and math.isclose(task.get(name, 0.0), getattr(cfg, name))
-        if name in task and not same:
-            raise ValueError(f"{options.policy}: made for {name} = {task[name]}, this version has {getattr(cfg, name)}")
-    return replace(cfg, currents=tuple(options.current))
+    def run(self, line: CommandLine) -> int:
+        """0 when done, 1 when a recording failed, 2 on bad input, 130 after Ctrl-C."""
+        player = self._prepare()
+        web = player.sink.web if player.sink else None
+        try:
+            return self._play(line, player, web)
+        finally:
+            if web:
+                web.close()
+
+    def _prepare(self) -> Player:
+        """The player, with its viewers open; nothing is written when something is wrong."""
+        check_device(self.device)
+        for path, suffix in ((self.rrd, ".rrd"), (self.png, ".png"), (self.out, "")):
+            check_output(path, suffix)
+
+        from mrwarp.rl.policy import OnnxPolicy
+        from mrwarp.trials.walking import make_env
+        from mrwarp.usd.asset import check_currents, device_lines
+        from mrwarp.viewing.live_view import Player, open_sink
+        from mrwarp.viewing.viewer import DEFAULT_URL
+
+        policy = OnnxPolicy(self.policy) if self.policy else None
+        cfg = self._cfg(policy.description.get("task", {}) if policy else {})
+        env = make_env(cfg, self.num_envs, self.seed)
+        check_currents(env.sim.scene.actuators, self.current)
+        for text in device_lines(env.sim.scene.actuators):
+            print(text, flush=True)
+        if policy:  # it runs on the CPU
+            actor = lambda obs: policy(obs["actor"].cpu()).to(env.device)  # noqa: E731
+        else:
+            actor = make_agent(str(self.agent), env)
+        sink, viewed = None, self.live or self.rrd or self.connect is not None or self.serve_web
+        if viewed or not (self.png or self.out):
+            sink = open_sink(
+                rrd=_partial(self.rrd) if self.rrd else None,
+                url=DEFAULT_URL if self.connect == "" else self.connect,
+                web=self.serve_web,
+                web_port=self.web_port,
+            )
+        keep = self.png is not None
+        return Player(env, actor, speed=self.speed, shown=shown(self.num_envs), sink=sink, keep=keep)
+
+    def _play(self, line: CommandLine, player: Player, web: WebViewer | None) -> int:
+        """Play, then write what was asked for."""
+        from mrwarp.viewing.frames import Frames
+        from mrwarp.viewing.robot_pictures import contact_sheet
+
+        cfg, agent = player.env.cfg, self.policy or f"agent {self.agent}"
+        print(
+            f"{agent}: {len(player.currents)} of {self.num_envs} robots shown ({cfg.robot}, payload {cfg.payload} kg, "
+            f"SAL {'on' if cfg.actuator.sal else 'off'}, {'rough' if cfg.terrain else 'flat'} ground), "
+            f"{self.speed:g} m/s for {self.seconds:g} s",
+            flush=True,
+        )
+        if web:
+            print(f"open {web.page}", flush=True)
+        started, figures, code = time.perf_counter(), {}, 0
+        try:
+            figures = player.play(self.seconds, warmup=min(WARMUP, 0.25 * self.seconds))
+        except KeyboardInterrupt:
+            print("\nstopped", file=sys.stderr)
+            code = 130
+        except RuntimeError as error:
+            print(f"{line.prog}: {error}", file=sys.stderr)
+            code = 1
+        wall = time.perf_counter() - started
+        if not player.close():
+            where = "recording is not complete" if self.rrd else "viewer did not take everything"
+            print(f"{line.prog}: the {where} ({player.dropped} frames dropped)", file=sys.stderr)
+            code = code or int(self.rrd is not None)
+        if self.rrd:
+            _partial(self.rrd).replace(self.rrd)
+            print(f"recording: {self.rrd}; open it with: rerun {self.rrd}")
+        if self.png and len(player.frames) > 1:
+            where = f"{cfg.robot}, payload {cfg.payload} kg, command {self.speed:g} m/s, seed {self.seed}"
+            title = f"{Path(agent).name} on {where}{', rough ground' * bool(cfg.terrain)}"
+            contact_sheet(player.env.sim.scene, Frames.join(player.frames), player.currents, self.png, title=title)
+            print(f"picture: {self.png}")
+        if figures:
+            _report(figures, wall)
+            if self.out:
+                figures |= {"wall_seconds": wall, "dropped_frames": player.dropped, "currents": player.currents}
+                print(f"figures: {write_result(self.out, figures, seed=self.seed, command=str(line))}")
+            if web:
+                print("the page stays until Ctrl-C", flush=True)
+                web.wait()
+                print()
+        return code
+
+    def _cfg(self, task: dict[str, Any]) -> EnvCfg:
+        """What the options say, else what the policy was trained with.
+
+        Args:
+            task: The policy's task, as :func:`mrwarp.rl.checkpoint.task` describes it; empty without a policy.
+
+        Raises:
+            ValueError: the policy was made for another action scale or rate than this version has.
+        """
+        from mrwarp.env.cfg import make_walk_cfg
+
+        def chosen(name: str, default: Any) -> Any:
+            option = getattr(self, name)
+            return task.get(name, default) if option is None else option
+
+        actuator = chosen("actuator", "bouc_wen")
+        cfg = make_walk_cfg(
+            **self.chosen("num_envs", "device", "seed", "asset", "model"),
+            robot=chosen("robot", "mr_go"),
+            payload=chosen("payload", 0),
+            actuator_model=actuator,
+            actuator_file=self.actuator_model or shipped_model(actuator),
+            coupling=Coupling(chosen("coupling", "constraint")),
+            hold_current=HoldCurrent(chosen("hold_current", "support")),
+            z_step=ZStep(task.get("z_step", "euler")),
+            sal=task.get("sal", True) if self.sal is None else self.sal == "on",
+            terrain=chosen("terrain", "flat"),
+        )
+        for name in ("action_scale", "step_dt", "gait_frequency"):
+            theirs, ours = task.get(name, getattr(cfg, name)), getattr(cfg, name)
+            if not (isinstance(theirs, int | float) and math.isclose(theirs, ours)):
+                raise ValueError(f"{self.policy}: made for {name} = {theirs}, this version has {ours}")
+        return replace(cfg, currents=self.current)
 
 
-def on_device(policy: OnnxPolicy, device: torch.device | str) -> Actor:
-    """The policy for observations on another device; it runs on the CPU."""
-    return lambda obs: policy(obs["actor"].cpu()).to(device)
+def make_agent(name: str, env: Any) -> Callable[[Any], Any]:
+    """Actions (E, 12) without a policy: ``zero`` keeps the neutral stance, ``random`` draws from [-1, 1)."""
+    import torch
 
-
-def make_agent(name: str, env: Any) -> Actor:
-    """Actions without a policy: ``zero`` keeps the neutral stance, ``random`` draws from [-1, 1)."""
     shape = (env.num_envs, env.num_actions)
     if name == "zero":
         return lambda _: torch.zeros(shape, device=env.device)
@@ -192,7 +232,6 @@ def shown(num_envs: int) -> list[int]:
 
 
 def _report(figures: dict[str, Any], wall: float) -> None:
-    """Print what was measured."""
     simulated = figures["shown_seconds"]
     print(f"simulated {simulated:g} s in {wall:.1f} s ({simulated / wall:.1f} times real time)")
     print("current [A]   v_x RMSE [m/s]")
@@ -203,3 +242,8 @@ def _report(figures: dict[str, Any], wall: float) -> None:
         f"{figures['clock_match']:.0%}, gates open: hold {figures['hold_share']:.0%}, dynamic "
         f"{figures['dynamic_share']:.0%}, falls {len(figures['falls'])}"
     )
+
+
+def _partial(path: Path) -> Path:
+    """Where a recording stands until it is whole."""
+    return path.with_name(path.name + ".part")

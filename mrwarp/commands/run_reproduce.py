@@ -1,102 +1,171 @@
-"""``mrwarp reproduce``: the paper's tables and figures, ours beside theirs."""
+"""``mrwarp reproduce``: the paper's tables and figures, ours beside theirs; with ``fig4 --train`` its models anew."""
 
 from __future__ import annotations
 
 import sys
 import time
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
-from mrwarp.options.command_line import CommandLine
-from mrwarp.options.paper_options import TITLES, Reproduce
-from mrwarp.paper import ROBOTS
-from mrwarp.reproduce import report_page
-from mrwarp.reproduce.cache import Outcome, Runner
-from mrwarp.reproduce.registry import CATALOGUE
-from mrwarp.reproduce.settings import Settings
-from mrwarp.rl.policy import OnnxPolicy
+from tyro.conf import Positional
+
+from mrwarp.options import option_types as opt
+from mrwarp.options.command_line import CommandLine, Options
+from mrwarp.paper import ROBOTS, TITLES
 from mrwarp.run_dir import check_writable, claim, plain, write_result
 from mrwarp.runtime import ProgressLine, duration
 
+if TYPE_CHECKING:
+    from mrwarp.reproduce.cache import Runner
+    from mrwarp.reproduce.settings import Settings
 
-def run(options: Reproduce, line: CommandLine) -> int:
-    """Make the parts; 0 made, 1 when one failed, 2 on bad input, 130 when stopped."""
-    settings = make_settings(options)
-    for path in settings.files():
-        OnnxPolicy(path)
-    check_writable(options.out)
-    wanted = list(dict.fromkeys(name for part in options.part for name in (TITLES if part == "all" else (part,))))
-    progress = ProgressLine(sys.stdout)
-    runner = Runner(catalogue=CATALOGUE, settings=settings, out=options.out, report=progress)
-    if left := runner.estimate(wanted):
-        parts = ", ".join(f"{name} {duration(seconds)}" for name, seconds in left.items())
-        print(f"to make: {parts}; about {duration(sum(left.values()))} on two idle cores", flush=True)
-    started, stopped = time.perf_counter(), False
-    try:
-        with claim(options.out):
-            try:
-                runner.run(wanted)
-            except KeyboardInterrupt:
-                stopped = True
-            progress.done()
-            _finish(runner, wanted, options, line, time.perf_counter() - started)
-    finally:
-        progress.done()
-    if stopped:
-        print(f"\nstopped; the same command goes on in {options.out}", file=sys.stderr)
-        return 130
-    return 1 if any(outcome.findings is None for outcome in runner.outcomes.values()) else 0
+Policies = Annotated[tuple[Path, ...] | None, opt.some(Path, "P")]
 
 
-def make_settings(options: Reproduce) -> Settings:
-    """The settings that the options ask for."""
-    default, every = Settings(), options.policy
-    return Settings(
-        policies={robot: getattr(options, f"policy_{robot}") or every or default.policies[robot] for robot in ROBOTS},
-        impacted=options.policy_impacted or every or default.impacted,
-        aware=options.policy_aware or every or default.aware,
-        sticking=options.policy_sticking or every or default.sticking,
-        high={robot: every or default.high[robot] for robot in ROBOTS},
-        rollouts=options.rollouts,
-        impacts=options.impacts,
-        distance=options.distance,
-        window=options.window,
-        seed=options.seed,
-        threads=options.threads,
+@dataclass(frozen=True, kw_only=True)
+class Reproduce(Options):  # noqa: D101  (its docstring lists the titles)
+    __doc__ = (
+        "Tables and figures of the paper with our row beside each, as report.html and report.md.\n\n"
+        + "\n".join(f"- {name}: {title}" for name, title in TITLES.items())
+        + "\n\nOnly what changed since the last run into the same folder is made again. 'mrwarp reproduce fig4 "
+        "--train' trains figure 4's models anew and has options of its own."
     )
 
+    part: Positional[Annotated[tuple[str, ...], opt.some(str, "PART", (*TITLES, "all"))]]
+    """tables and figures, or all"""
+    out: opt.Folder = Path("runs/report")
+    """output folder"""
+    policy: Policies = None
+    """policies of all robots, one per training seed"""
+    policy_go1: Policies = None
+    """of go1's walks alone"""
+    policy_mr_go: Policies = None
+    """of mr_go's walks alone"""
+    policy_mr_go_sal: Policies = None
+    """of mr_go_sal's walks alone"""
+    policy_impacted: Policies = None
+    """of pushes and falling masses alone, trained with the public gains (default: public_gains of the studies)"""
+    policy_aware: Policies = None
+    """of those with the asset's gains, and of walks without a price on power (default: the aware ones of table 2)"""
+    policy_sticking: Policies = None
+    """of MR_Go-SAL's walks on devices that stick (default: those trained with them)"""
+    rollouts: opt.Count = 3
+    """walks per policy and condition"""
+    impacts: opt.Count = 12
+    """impacts per policy and current"""
+    distance: opt.Positive = 30.0
+    """walk of table 6 [m]"""
+    window: opt.Positive = 10.0
+    """simulated walk of the mission [m]"""
+    seed: opt.Seed = 0
+    """seed of poses and gait phases"""
+    threads: opt.Whole = 0
+    """CPU threads; 0 = all, the figures are the same for any number"""
 
-def _finish(runner: Runner, wanted: list[str], options: Reproduce, line: CommandLine, seconds: float) -> None:
-    """Write report and ``result.json`` of everything that ended, and print the tables."""
-    outcomes = dict(runner.outcomes)
-    outcomes |= {name: Outcome(name=name, status="not run") for name in wanted if name not in outcomes}
-    page, _ = report_page.write(outcomes, options.out, str(line))
-    found = {
-        name: {
-            "status": outcome.status,
-            "seconds": outcome.seconds,
-            "message": outcome.message,
-            **(asdict(outcome.findings) if outcome.findings else {}),
+    def run(self, line: CommandLine) -> int:
+        """0 made, 1 when one failed, 2 on bad input, 130 when stopped."""
+        check_writable(self.out)
+
+        from mrwarp.reproduce.cache import Runner
+        from mrwarp.reproduce.registry import CATALOGUE
+        from mrwarp.rl.policy import OnnxPolicy
+
+        settings = self._settings()
+        for path in settings.files():
+            OnnxPolicy(path)
+        wanted = list(dict.fromkeys(name for part in self.part for name in (TITLES if part == "all" else (part,))))
+        progress = ProgressLine(sys.stdout)
+        runner = Runner(catalogue=CATALOGUE, settings=settings, out=self.out, report=progress)
+        if left := runner.estimate(wanted):
+            parts = ", ".join(f"{name} {duration(seconds)}" for name, seconds in left.items())
+            print(f"to make: {parts}; about {duration(sum(left.values()))} on two idle cores", flush=True)
+        started, stopped = time.perf_counter(), False
+        try:
+            with claim(self.out):
+                try:
+                    runner.run(wanted)
+                except KeyboardInterrupt:
+                    stopped = True
+                progress.done()
+                self._finish(runner, wanted, line, time.perf_counter() - started)
+        finally:
+            progress.done()
+        if stopped:
+            print(f"\nstopped; the same command goes on in {self.out}", file=sys.stderr)
+            return 130
+        return 1 if any(outcome.findings is None for outcome in runner.outcomes.values()) else 0
+
+    def _settings(self) -> Settings:
+        """The settings that the options ask for."""
+        from mrwarp.reproduce.settings import Settings
+
+        default, every = Settings(), self.policy
+
+        def own(name: str) -> Any:
+            return getattr(self, f"policy_{name}") or every
+
+        return Settings(
+            **self.chosen("rollouts", "impacts", "distance", "window", "seed", "threads"),
+            **{name: own(name) or getattr(default, name) for name in ("impacted", "aware", "sticking")},
+            policies={robot: own(robot) or default.policies[robot] for robot in ROBOTS},
+            high={robot: every or default.high[robot] for robot in ROBOTS},
+        )
+
+    def _finish(self, runner: Runner, wanted: list[str], line: CommandLine, seconds: float) -> None:
+        """Write report and ``result.json`` of everything that ended, and print the tables."""
+        from mrwarp.reproduce import report_page
+        from mrwarp.reproduce.cache import Outcome
+
+        outcomes = dict(runner.outcomes)
+        outcomes |= {name: Outcome(name=name, status="not run") for name in wanted if name not in outcomes}
+        page, _ = report_page.write(outcomes, self.out, str(line))
+        found = {
+            name: {
+                **{key: getattr(outcome, key) for key in ("status", "seconds", "message")},
+                **(asdict(outcome.findings) if outcome.findings else {}),
+            }
+            for name, outcome in outcomes.items()
         }
-        for name, outcome in outcomes.items()
-    }
-    content = plain({"parts": found, "wall_seconds": seconds})
-    write_result(options.out, content, seed=options.seed, command=str(line))
-    for outcome in outcomes.values():
-        if outcome.name in TITLES:
-            _print(outcome, TITLES[outcome.name])
-    print(f"\nreport in {page}")
+        content = plain({"parts": found, "wall_seconds": seconds})
+        write_result(self.out, content, seed=self.seed, command=str(line))
+        for outcome in outcomes.values():
+            if outcome.name in TITLES:
+                print("\n".join(report_page.lines(outcome)))
+        print(f"\nreport in {page}")
 
 
-def _print(outcome: Outcome, title: str) -> None:
-    """The rows of one part without their reasons, which the report has."""
-    print(f"\n{title}: {outcome.status}{f' ({outcome.seconds:.0f} s)' if outcome.seconds else ''}")
-    if outcome.findings is None:
-        print(f"  {outcome.message}" if outcome.message else "")
-        return
-    rows = [report_page.cells(row)[:-1] for row in outcome.findings.rows]
-    if rows:
-        widths = [max(len(row[i]) for row in (*rows, report_page.HEAD[:-1])) for i in range(len(rows[0]))]
-        for row in (report_page.HEAD[:-1], *rows):
-            print("  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
-    for text, holds in outcome.findings.claims.items():
-        print(f"  {'holds ' if holds else 'MISSED'}  {text}")
+@dataclass(frozen=True, kw_only=True)
+class TrainFigure4(Options):
+    """Train and evaluate the models of figure 4 at all strengths of the bench's effects."""
+
+    out: opt.Folder
+    """output folder; a stopped run goes on there"""
+    strengths: Annotated[tuple[float, ...], opt.some(opt.number, "X")] = (1.0, 0.5, 2.0)
+    """factors on the effects"""
+    epochs: opt.Count = 80
+    """most epochs per network"""
+    windows_per_epoch: opt.Count = 65_536
+    """training windows drawn per epoch"""
+    samples: opt.Count = 665_442
+    """samples of the fitting data"""
+    trajectories: opt.Count = 120
+    """trajectories of the fitting data"""
+    seed: opt.Seed = 0
+    """seed of the bench and of the training"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 when every claim holds at full strength, 1 when one does not, 2 on bad input."""
+        check_writable(self.out)
+
+        from mrwarp.bench.virtual_bench import BenchCfg
+        from mrwarp.nn.training import FitCfg
+        from mrwarp.reproduce import fig4
+
+        bench = BenchCfg(**self.chosen("samples", "trajectories", "seed"))
+        recipe = FitCfg(**self.chosen("epochs", "windows_per_epoch", "seed"))
+        result = fig4.train(bench, recipe, self.strengths, self.out)
+        write_result(self.out, result, seed=self.seed, command=str(line))
+        for name, holds in result["verdicts"].items():
+            print(f"{name:34s} {'holds' if holds else 'MISSED'}")
+        return 0 if all(result["verdicts"].values()) else 1

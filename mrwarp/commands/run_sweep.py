@@ -3,39 +3,70 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
-import warp as wp
+from tyro.conf import Positional
 
-from mrwarp.options.command_line import CommandLine
-from mrwarp.options.paper_options import Sweep
+from mrwarp.options import option_types as opt
+from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.run_dir import check_writable
-from mrwarp.sweep.grid import GridError, make_trials
-from mrwarp.sweep.session import LocalRunner, RayRunner, Session
 
 
-def run(options: Sweep, line: CommandLine) -> int:
-    """Sweep; 0 when every trial has a result, 1 when one failed, 2 on bad input, 130 after Ctrl-C."""
-    if options.address and options.runner == "local":
-        raise GridError("--address needs --runner ray; leave --runner out")
-    trials = make_trials(options.command, options.grid, options.arguments, options.out, threads=options.cpus)
-    session = Session(trials, options.out)
-    check_writable(options.out)
-    return session.run(make_runner(options), retries=options.retries, figures=options.figure, command=str(line))
+@dataclass(frozen=True, kw_only=True)
+class Sweep(Options):
+    """Run a command for every combination of a grid of its options.
 
-
-def make_runner(options: Sweep) -> LocalRunner:
-    """Where the trials run.
-
-    Raises:
-        GridError: not there.
+    Each trial has a folder of its own; trials that are finished are not run again, trainings go on from their
+    checkpoints. Example: mrwarp sweep --out runs/sweep --command train --grid seed=0,1,2 actuator=bouc_wen,pg_rlstm
+    -- --iterations 300 --num-envs 64
     """
-    workers = options.workers or max((os.cpu_count() or 1) // options.cpus, 1)
-    if options.address or options.runner == "ray":
-        return RayRunner(workers, cpus=options.cpus, gpus=options.gpus, address=options.address)
-    return LocalRunner(workers, cpus=options.cpus, gpus=options.gpus, visible=_gpus() if options.gpus else ())
+
+    engines = False
+    arguments: Positional[Annotated[tuple[str, ...], opt.some(str, "ARGUMENT", least=0)]] = ()
+    """after '--': options of the command, the same for all trials"""
+    out: opt.Folder
+    """output folder; the same call again goes on there"""
+    command: Annotated[str, opt.one(str, "NAME")]
+    """what to run, e.g. train, walk, impact, fit, diagnose, learn"""
+    grid: Annotated[tuple[str, ...], opt.some(str, "OPTION=V,V")]
+    """values of the command's options; a value of several words stands in quotes, a flag is on or off"""
+    workers: Annotated[int | None, opt.one(opt.count, "N")] = None
+    """trials at a time on this machine (default: cores / --cpus)"""
+    cpus: opt.Count = 1
+    """CPU threads of a trial"""
+    gpus: opt.Whole = 0
+    """GPUs of a trial, which sees them from cuda:0 on"""
+    retries: opt.Whole = 2
+    """new starts of a trial that is killed"""
+    figure: Annotated[tuple[str, ...], opt.some(str, "NAME")] = ()
+    """figures to compare, e.g. gate.v_x_rmse.0.5"""
+    runner: Literal["local", "ray"] | None = None
+    """local: processes of this machine; ray: Ray's workers (pip install 'mrwarp[sweep]') (default: local)"""
+    address: Annotated[str | None, opt.one(str, "A")] = None
+    """Ray cluster, e.g. auto or HOST:6379; its nodes must share --out"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 when every trial has a result, 1 when one failed, 2 on bad input, 130 after Ctrl-C."""
+        from mrwarp.sweep.grid import GridError, make_trials
+        from mrwarp.sweep.session import LocalRunner, RayRunner, Session
+
+        if self.address and self.runner == "local":
+            raise GridError("--address needs --runner ray; leave --runner out")
+        trials = make_trials(self.command, self.grid, self.arguments, self.out, threads=self.cpus)
+        session = Session(trials, self.out)
+        check_writable(self.out)
+        workers = self.workers or max((os.cpu_count() or 1) // self.cpus, 1)
+        if self.address or self.runner == "ray":
+            runner = RayRunner(workers, cpus=self.cpus, gpus=self.gpus, address=self.address)
+        else:
+            runner = LocalRunner(workers, cpus=self.cpus, gpus=self.gpus, visible=_gpus() if self.gpus else ())
+        return session.run(runner, retries=self.retries, figures=self.figure, command=str(line))
 
 
 def _gpus() -> tuple[str, ...]:
     if named := os.environ.get("CUDA_VISIBLE_DEVICES"):
         return tuple(named.split(","))
+    import warp as wp
+
     return tuple(str(k) for k in range(wp.get_cuda_device_count()))

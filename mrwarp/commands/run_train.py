@@ -1,80 +1,211 @@
-"""``mrwarp train`` and ``python train/ppo.py``: train a walking policy."""
+"""``mrwarp train`` (``python train/ppo.py``): train a walking policy; ``replay-dump``: where a number went wrong."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
-import warp as wp
+from tyro.conf import Positional
 
-from mrwarp.enums import RANDOMIZATIONS, BackendKind, Coupling, HoldCurrent, ZStep
-from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.env.events import make_randomize_cfg
-from mrwarp.env.vec_env import WalkEnv
-from mrwarp.options.command_line import CommandLine, given
-from mrwarp.options.train_options import Train
+from mrwarp.enums import ACTUATORS, RANDOMIZATIONS, TERRAINS, BackendKind, Coupling, HoldCurrent, ZStep
+from mrwarp.options import option_types as opt
+from mrwarp.options.command_line import CommandLine, Options, given
 from mrwarp.resources import shipped_model
-from mrwarp.rl import checkpoint
-from mrwarp.rl.ppo_cfg import LearningCfg
-from mrwarp.rl.ranks import Ranks
-from mrwarp.rl.trainer import TrainCfg, Trainer
-from mrwarp.run_dir import one_line
+from mrwarp.run_dir import check_output, one_line
 from mrwarp.runtime import exit_code
-from mrwarp.usd.asset import device_lines
-from mrwarp.viewing.live_view import LiveTraining
+
+if TYPE_CHECKING:
+    from mrwarp.env.vec_env import WalkEnv
+    from mrwarp.rl.ppo_cfg import LearningCfg
+    from mrwarp.rl.ranks import Ranks
+    from mrwarp.rl.trainer import TrainCfg
+
+BEGIN = opt.exclusive("begin with")
 
 
-def run(options: Train, line: CommandLine) -> int:
-    """Run a training.
+@dataclass(frozen=True, kw_only=True)
+class Learning(Options):
+    """How fast networks learn."""
 
-    Returns:
-        0 when the gate was met or not asked for, 1 when missed or broken off, 130 after Ctrl-C, 2 on bad input.
-    """
-    ranks = Ranks()
-    try:
-        ranks = Ranks.join()
-        return _train(options, line, ranks)
-    except Exception as error:
-        code = exit_code(error)
-        if ranks.world == 1 or code is None:
-            raise
-        ranks.complain(f"{line.prog}: {one_line(error)}")
-        return ranks.exit(code)
+    desired_kl: opt.Positive = 0.04
+    """divergence between the policies of two updates; 0.01 settles a gait"""
+    entropy: opt.NotNegative = 0.003
+    """weight of the entropy, which keeps up exploration, in the loss"""
+
+    def learning(self) -> LearningCfg:
+        """As the trainer takes it."""
+        from mrwarp.rl.ppo_cfg import LearningCfg
+
+        return LearningCfg(desired_kl=self.desired_kl, entropy=self.entropy)
 
 
-def _train(options: Train, line: CommandLine, ranks: Ranks) -> int:
-    if options.resume:
-        options = resumed(options, given(line), ranks)
-    kept = options.out / "checkpoint.pt"
-    if ranks.main and kept.is_file() and not options.overwrite and not _is(kept, options.resume):
-        raise ValueError(
-            f"{kept} is there already; go on with --resume {kept}, choose another --out or add --overwrite"
+@dataclass(frozen=True, kw_only=True)
+class Train(opt.ViewOptions, opt.RobotOptions, Learning):
+    """Train a quadruped with MR calf joints to walk, until the walking gate is met."""
+
+    device: str = "cpu"
+    """cpu, cuda:N, or cuda: under torchrun a GPU for each process"""
+    num_envs: opt.Count = 64
+    """parallel environments, in each process of torchrun"""
+    seed: opt.Seed = 0
+    """seed of everything random"""
+    iterations: opt.Count = 6000
+    """most PPO updates"""
+    no_gate: opt.Flag = False
+    """run all iterations instead of stopping at the gate"""
+    actuator: Annotated[str, opt.one_of(ACTUATORS)] = "bouc_wen"
+    """torque model of the MR joint"""
+    actuator_model: opt.OptionalText = None
+    """trained network of --actuator mlp, lstm or pg_rlstm (default: the shipped one)"""
+    extrapolate: opt.Flag = False
+    """let coils take more current than the recordings of --model held"""
+    robot: Literal["mr_go", "go1"] = "mr_go"
+    """robot variant of the USD asset"""
+    payload: Literal[0, 3] = 0
+    """payload variant [kg]"""
+    coupling: Coupling = Coupling.CONSTRAINT
+    """how the device acts: the paper's explicit torque, or a brake that sticks"""
+    hold_current: HoldCurrent = HoldCurrent.SUPPORT
+    """current while holding: as much as the load needs, or the environment's own"""
+    z_step: ZStep = ZStep.EULER
+    """step of the hysteresis state: the paper's, or the closed form for constant speed"""
+    sal: Literal["on", "off"] = "on"
+    """whether the gates may open"""
+    terrain: Annotated[str, opt.one_of(TERRAINS)] = "flat"
+    """ground; rough has a curriculum"""
+    randomize: Annotated[str, opt.one_of(RANDOMIZATIONS)] = "all"
+    """what differs between environments: friction, kicks, mass, gains and devices; friction and kicks; nothing"""
+    power_price: opt.NotNegative = 0.0
+    """reward taken per watt of motors and coils; the policies in policies/energy pay 0.002"""
+    backend: BackendKind | None = None
+    """physics engine (default: by device)"""
+    threads: opt.Whole = 0
+    """CPU threads of the physics; 0 = all"""
+    deterministic: opt.Flag = False
+    """make a GPU repeat its bits, at some cost in speed (the CPU repeats them anyway)"""
+    save_every: opt.NotNegative = 30.0
+    """time between checkpoints [s]"""
+    out: opt.Folder = Path("runs/walk")
+    """output folder"""
+    overwrite: opt.Flag = False
+    """start over in a folder that holds a checkpoint"""
+    resume: Annotated[opt.OptionalFile, BEGIN] = None
+    """go on from a checkpoint.pt, in its folder and with its options; options of the task cannot change"""
+    start_from: Annotated[opt.OptionalFile, BEGIN] = None
+    """a new training that begins with the networks of another task's checkpoint.pt, or a policy's actor (.onnx)"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 when the gate was met or not asked for, 1 when missed or broken off, 130 after Ctrl-C, 2 on bad input."""
+        from mrwarp.rl.ranks import Ranks
+
+        ranks = Ranks()
+        try:
+            ranks = Ranks.join()
+            options = resumed(self, given(line), ranks) if self.resume else self
+            return options._train(line, ranks)
+        except Exception as error:
+            code = exit_code(error)
+            if ranks.world == 1 or code is None:
+                raise
+            ranks.complain(f"{line.prog}: {one_line(error)}")
+            return ranks.exit(code)
+
+    def _train(self, line: CommandLine, ranks: Ranks) -> int:
+        from mrwarp.rl.trainer import Trainer
+        from mrwarp.usd.asset import device_lines
+        from mrwarp.viewing.live_view import LiveTraining
+
+        kept = self.out / "checkpoint.pt"
+        if ranks.main and kept.is_file() and not self.overwrite and not _is(kept, self.resume):
+            remedy = f"go on with --resume {kept}, choose another --out or add --overwrite"
+            raise ValueError(f"{kept} is there already; {remedy}")
+        cfg = self._cfg(line, ranks)
+        trainer = Trainer(cfg, resume=self.resume, start_from=self.start_from, ranks=ranks)
+        view = None
+        if ranks.main:
+            for text in (*device_lines(trainer.env.sim.scene.actuators), *limited(trainer.env)):
+                print(text, flush=True)
+            if self.live or self.rrd or self.connect:
+                view = LiveTraining(trainer.env, rrd=self.rrd, url=self.connect)
+                trainer.watchers.append(view.update)
+        try:
+            result = trainer.run()
+        finally:
+            if view is not None:
+                view.close()
+        ranks.leave()
+        if not ranks.main:
+            return 0
+        if result["stopped"] == "interrupted":
+            print(f"stopped; go on with --resume {self.out / 'checkpoint.pt'}")
+            return 130
+        passed, minutes = "met" if result["gate_passed"] else "NOT met", result["seconds"] / 60
+        print(f"walking gate {passed} after {minutes:.1f} min ({result['iterations']} updates); see {self.out}")
+        return 0 if result["gate_passed"] or self.no_gate else 1
+
+    def _cfg(self, line: CommandLine, ranks: Ranks) -> TrainCfg:
+        """The training that the options ask for; says what it is."""
+        from mrwarp.env.cfg import make_walk_cfg
+        from mrwarp.rl.trainer import TrainCfg
+
+        device = ranks.device(self.device)
+        check_device(device)
+        env = make_walk_cfg(
+            **self.chosen("num_envs", "seed", "robot", "payload", "asset", "model", "extrapolate", "coupling"),
+            **self.chosen("hold_current", "z_step", "backend", "deterministic", "terrain", "randomize"),
+            device=device,
+            actuator_model=self.actuator,
+            actuator_file=self.actuator_model or shipped_model(self.actuator),
+            sal=self.sal == "on",
+            threads=ranks.threads(self.threads),
         )
-    trainer = Trainer(make_cfg(options, line, ranks), resume=options.resume, start_from=options.start_from, ranks=ranks)
-    view = None
-    if ranks.main:
-        for text in device_lines(trainer.env.sim.scene.actuators):
-            print(text, flush=True)
-        for text in limited(trainer.env):
-            print(text, flush=True)
-        if options.live or options.rrd or options.connect:
-            view = LiveTraining(trainer.env, rrd=options.rrd, url=options.connect)
-            trainer.watchers.append(view.update)
-    try:
-        result = trainer.run()
-    finally:
-        if view is not None:
-            view.close()
-    ranks.leave()
-    if not ranks.main:
+        cfg = TrainCfg(
+            **self.chosen("out", "seed", "iterations", "save_every"),
+            env=replace(env, rewards=replace(env.rewards, power=0.0 - self.power_price)),
+            until_gate=not self.no_gate,
+            learning=self.learning(),
+            command=str(line),
+        )
+        if ranks.main:
+            together = f"{ranks.world} processes with {self.num_envs} each" if ranks.world > 1 else f"{self.num_envs}"
+            print(
+                f"training {self.robot} ({self.actuator}, {self.coupling.value} coupling) in {together} "
+                f"environments on {self.device}; first start compiles kernels; output in {self.out}",
+                flush=True,
+            )
+        return cfg
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayDump(Options):
+    """Open the last states of an environment in which a number went wrong: what was first, when, and how it got there.
+
+    A training writes such files to the folder 'broken' of its output.
+    """
+
+    engines = False
+    file: Positional[opt.File]
+    """dump, a .safetensors file"""
+    rows: opt.Count = 10
+    """last states to print"""
+    png: opt.OptionalFile = None
+    """save a picture of the states over time"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 when done, 2 on bad input."""
+        check_output(self.png, ".png")
+
+        from mrwarp.env.nan_dump import load
+        from mrwarp.viewing import dump_report
+
+        found = load(self.file)
+        print("\n".join([*dump_report.report(found), "", *dump_report.table(found, self.rows)]))
+        if self.png is not None:
+            dump_report.plot(found, self.png)
+            print(f"picture: {self.png}")
         return 0
-    if result["stopped"] == "interrupted":
-        print(f"stopped; go on with --resume {options.out / 'checkpoint.pt'}")
-        return 130
-    passed, minutes = "met" if result["gate_passed"] else "NOT met", result["seconds"] / 60
-    print(f"walking gate {passed} after {minutes:.1f} min ({result['iterations']} updates); see {options.out}")
-    return 0 if result["gate_passed"] or options.no_gate else 1
 
 
 def resumed(options: Train, typed: set[str], ranks: Ranks) -> Train:
@@ -85,6 +216,9 @@ def resumed(options: Train, typed: set[str], ranks: Ranks) -> Train:
     Raises:
         CheckpointError: the checkpoint cannot be used.
     """
+    from mrwarp.env.events import make_randomize_cfg
+    from mrwarp.rl import checkpoint
+
     path = options.resume
     assert path is not None  # asked by the caller
     content = checkpoint.load(path)
@@ -137,53 +271,10 @@ def limited(env: WalkEnv) -> list[str]:
     ]
 
 
-def make_cfg(options: Train, line: CommandLine, ranks: Ranks) -> TrainCfg:
-    """The training that the options ask for; says what it is."""
-    device = ranks.device(options.device)
-    check_device(device)
-    env = make_walk_cfg(
-        num_envs=options.num_envs,
-        device=device,
-        seed=options.seed,
-        robot=options.robot,
-        payload=options.payload,
-        asset=options.asset,
-        actuator_model=options.actuator,
-        actuator_file=options.actuator_model or shipped_model(options.actuator),
-        model=options.model,
-        extrapolate=options.extrapolate,
-        coupling=options.coupling,
-        hold_current=options.hold_current,
-        z_step=options.z_step,
-        sal=options.sal == "on",
-        backend=options.backend,
-        threads=ranks.threads(options.threads),
-        deterministic=options.deterministic,
-        terrain=options.terrain,
-        randomize=options.randomize,
-    )
-    cfg = TrainCfg(
-        env=replace(env, rewards=replace(env.rewards, power=0.0 - options.power_price)),
-        out=options.out,
-        seed=options.seed,
-        iterations=options.iterations,
-        until_gate=not options.no_gate,
-        save_every=options.save_every,
-        learning=LearningCfg(desired_kl=options.desired_kl, entropy=options.entropy),
-        command=str(line),
-    )
-    if ranks.main:
-        together = f"{ranks.world} processes with {options.num_envs} each" if ranks.world > 1 else f"{options.num_envs}"
-        print(
-            f"training {options.robot} ({options.actuator}, {options.coupling.value} coupling) in {together} "
-            f"environments on {options.device}; first start compiles kernels; output in {options.out}",
-            flush=True,
-        )
-    return cfg
-
-
 def check_device(device: str) -> None:
     """Raise ValueError unless the device is there."""
+    import warp as wp
+
     known = ["cpu"] + [f"cuda:{i}" for i in range(wp.get_cuda_device_count())]
     if device not in known:
         raise ValueError(f"--device {device}: no such device here; choose from {', '.join(known)}")

@@ -1,201 +1,234 @@
-"""``mrwarp walk``: cost of transport, support activation and tracking of three robots over a measured distance."""
+"""``mrwarp walk`` and ``mrwarp mission``: the electrical energy of three robots, ours beside the paper's."""
 
 from __future__ import annotations
 
 import sys
 import time
-from dataclasses import asdict, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from mrwarp import paper
-from mrwarp.energy import consistency, model_numbers
-from mrwarp.energy.power import battery_power
-from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.enums import Coupling
+from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine
-from mrwarp.options.trial_options import EnergyRun, Walk
-from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.paper import ROBOTS
 from mrwarp.run_dir import check_writable, write_result
 from mrwarp.runtime import ProgressLine
-from mrwarp.study.plan import ENERGY, SEEDS, plant_of, policy_file
-from mrwarp.trials import walk_figures, walk_pictures
-from mrwarp.trials.walk_trials import WalkCfg, robot_env, standing_load, walk
-from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy, device_notes
+
+if TYPE_CHECKING:
+    from mrwarp.env.cfg import EnvCfg
+    from mrwarp.trials.walking import Policy
+
+TASK = ("speed", "distance", "standby", "outbound_load", "return_load")
+"""What makes a mission the paper's or another."""
+
+trot_speed = opt.within(0.05, 1.0, "m/s")
+"""Command; the 1.5 Hz trot reaches about 0.6 m/s (section 7)."""
+
+load = opt.within(0.0, 20.0, "kg")
+"""Mass on the back; the robot has 12 kg."""
+
+used_current = opt.within(0.01, 100.0, "A")
+"""Coil current; each device clips it to its own ``current_max``."""
+
+Distance = Annotated[float, opt.one(opt.within(0.01, 1e4, "m"), "M")]
+Load = Annotated[float, opt.one(load, "KG")]
 
 
-def run(options: Walk, line: CommandLine) -> int:
-    """Walk and report; 0 done, 1 when a robot fell or was too slow in every trial, 2 on bad input."""
-    check_writable(options.out)
-    groups, policies = model_numbers.read_numbers(options.numbers, options.set), read_policies(options)
-    cfg = WalkCfg(
-        robots=_robots(options),
-        payloads=options.payload,
-        speeds=options.speed,
-        trials=options.trials,
-        distance=options.distance,
-        current=options.current,
-        env=env_cfg(options),
-        seed=options.seed,
-    )
-    if options.calibrate and not _can_calibrate(cfg):
-        conditions = "Go1 at 0.3 and 0.5 m/s with 0 and 3 kg"
-        raise ValueError(f"--calibrate needs {conditions}; leave out --robot, --sal, --speed and --payload")
-    for text in device_notes(cfg.env, options.current):
-        print(text, flush=True)
-    started, progress = time.perf_counter(), ProgressLine(sys.stdout)
-    try:
-        results = walk(cfg, policies, progress)
-        figures, code = _figures(options, cfg, results, groups)
-    finally:
-        progress.done()
-    if options.calibrate:
-        model_numbers.write_numbers(options.out / "numbers.json", groups)
-    figures |= {"distance": options.distance, "wall_seconds": time.perf_counter() - started}
-    write_result(options.out, figures, seed=options.seed, command=str(line))
-    walk_pictures.cost(figures["conditions"], options.out / "cot.png")
-    walk_pictures.holding(results, options.out / "holding.png")
-    walk_pictures.distributions(results, options.out / "torques.png")
-    _print(figures)
-    print(f"\nfigures and pictures in {options.out}")
-    return code
+@dataclass(frozen=True, kw_only=True)
+class EnergyOptions(opt.RobotOptions):
+    """What the measurements of energy share: policies, devices and the numbers of the models."""
 
+    policy: opt.OptionalFile = None
+    """policy of all robots (default: each robot's own of policies/energy, training seed 0)"""
+    policy_go1: opt.OptionalFile = None
+    """another policy for go1"""
+    policy_mr_go: opt.OptionalFile = None
+    """another policy for mr_go"""
+    policy_mr_go_sal: opt.OptionalFile = None
+    """another policy for mr_go_sal"""
+    numbers: opt.OptionalFile = None
+    """JSON with numbers of the models, as --calibrate writes it"""
+    set: Annotated[tuple[str, ...], opt.some(str, "NAME=VALUE", least=0)] = ()
+    """single numbers, e.g. regeneration=0"""
+    coupling: Coupling = Coupling.CONSTRAINT
+    """how the device acts"""
+    branches: Literal["both", "holding"] = "both"
+    """SAL with damping and holding, or holding alone"""
+    current: Annotated[float, opt.one(used_current, "A")] = 1.5
+    """current the devices may use"""
+    threads: opt.Whole = 0
+    """CPU threads; 0 = all, the figures are the same for any number"""
+    seed: opt.Seed = 0
+    """seed of poses and gait phases"""
 
-def env_cfg(options: EnergyRun) -> EnvCfg:
-    """The task that the options ask for."""
-    env = make_walk_cfg(coupling=options.coupling, asset=options.asset, model=options.model, threads=options.threads)
-    return replace(env, currents=(options.current,), actuator=replace(env.actuator, damping=options.branches == "both"))
+    def env_cfg(self) -> EnvCfg:
+        """The task that the options ask for."""
+        from mrwarp.env.cfg import make_walk_cfg
 
+        env = make_walk_cfg(**self.chosen("coupling", "asset", "model", "threads"))
+        return replace(env, currents=(self.current,), actuator=replace(env.actuator, damping=self.branches == "both"))
 
-def read_policies(options: EnergyRun) -> dict[str, Policy]:
-    """Policy of each robot, by default trained with its coupling; files that are the same are loaded once.
+    def read_policies(self) -> dict[str, Policy]:
+        """Policy of each robot, by default trained with its coupling; files that are the same are loaded once.
 
-    Raises:
-        PolicyError: a file cannot be used.
-    """
-    paths = {
-        robot: getattr(options, f"policy_{robot}")
-        or options.policy
-        or policy_file(ENERGY, plant_of(robot, options.coupling), SEEDS[0])
-        for robot in paper.ROBOTS
-    }
-    loaded = {path: OnnxPolicy(path) for path in set(paths.values())}
-    return {robot: loaded[path] for robot, path in paths.items()}
+        Raises:
+            PolicyError: a file cannot be used.
+        """
+        from mrwarp.rl.policy import OnnxPolicy
+        from mrwarp.study.plan import ENERGY, SEEDS, plant_of, policy_file
 
-
-def _robots(options: Walk) -> tuple[str, ...]:
-    """Robots that are asked for.
-
-    Raises:
-        ValueError: --robot and --sal exclude each other.
-    """
-    if options.sal is None:
-        return tuple(robot for robot in paper.ROBOTS if options.robot is None or robot in options.robot)
-    if options.robot is not None:
-        raise ValueError("--robot and --sal exclude each other: --sal on is --robot mr_go_sal, --sal off is mr_go")
-    return ("mr_go_sal",) if options.sal == "on" else ("mr_go",)
-
-
-def _can_calibrate(cfg: Any) -> bool:
-    """Whether all four conditions of Go1 in table 6 are walked."""
-    walked = {(robot, load, speed) for robot in cfg.robots for load in cfg.payloads for speed in cfg.speeds}
-    return {key for key in paper.TABLE_6 if key[0] == "go1"} <= walked
-
-
-def _figures(options: Walk, cfg: Any, results: list[Any], groups: dict[str, Any]) -> tuple[dict, int]:
-    """Everything for ``result.json``, and the exit code; ``--calibrate`` replaces the electrical numbers.
-
-    Raises:
-        ValueError: --calibrate, and Go1 did not arrive in one of its four conditions.
-    """
-    load = paper.arm_load()
-    stand = _Standing(cfg.env, load)
-    found: dict[str, Any] = {"consistency": consistency.check()}
-    rows = walk_figures.calibration_rows(results, stand.use("go1")) if "go1" in cfg.robots else []
-    complete = _can_calibrate(cfg) and len(rows) == 5
-    if options.calibrate and not complete:
-        raise ValueError("--calibrate: Go1 did not arrive in all four conditions; name another --policy-go1")
-    fitted: tuple[str, ...] = ()
-    if complete:
-        fit = model_numbers.calibrate(rows, groups["electrical"])
-        found["calibration"] = {
-            **asdict(fit), "text": str(fit), "rows": "Go1 of table 6 and its standby power of section 6.5",
-            "standby_load": load,
-        }  # fmt: skip
-        if options.calibrate:
-            groups["electrical"] = fit.cfg
-            fitted = model_numbers.fitted_names("electrical")
-    electrical = groups["electrical"]
-    found["numbers"] = model_numbers.described(groups, fitted)
-    own = "electrical" in model_numbers.calibrated(groups, fitted)
-    found["conditions"] = [walk_figures.row(result, electrical, calibrated=own) for result in results]
-    if {"mr_go", "mr_go_sal"} <= set(cfg.robots):
-        standing = stand.powers(electrical)
-        saving = walk_figures.standing_saving(stand.use("go1"), stand.use("mr_go", hold=True), electrical)
-        found["standing"] = {**standing, "saving": saving, "load": load, "calibrated": {"go1": own, "others": False}}
-        found["savings"] = [asdict(s) for s in walk_figures.savings(results, electrical, saving)]
-        found["paper_bounds"] = {source: consistency.paper_bounds(source) for source in ("hardware", "simulation")}
-        if complete:
-            found["sensitivity"] = walk_figures.sensitivity(results, rows, electrical)
-    lost = [result for result in results if not len(result.speed)]
-    return found, 1 if lost else 0
-
-
-class _Standing:
-    """Standing robots, each simulated when it is first asked for."""
-
-    def __init__(self, env: Any, load: float) -> None:
-        self._env, self._load, self._known = env, load, {}
-
-    def use(self, robot: str, *, hold: bool = False) -> Any:
-        if (robot, hold) not in self._known:
-            cfg = robot_env(self._env, robot, PAYLOAD_VARIANT)
-            self._known[robot, hold] = standing_load(cfg, load=self._load, hold=hold)[0]
-        return self._known[robot, hold]
-
-    def powers(self, electrical: Any) -> dict[str, float]:
-        """Battery power by robot and by what holds the calves [W]."""
-        uses = {
-            "go1": self.use("go1"),
-            "mr_go_motors": self.use("mr_go"),
-            "mr_go_holding": self.use("mr_go", hold=True),
+        paths = {
+            robot: getattr(self, f"policy_{robot}")
+            or self.policy
+            or policy_file(ENERGY, plant_of(robot, self.coupling), SEEDS[0])
+            for robot in ROBOTS
         }
-        return {name: float(battery_power(use, electrical).total) for name, use in uses.items()}
+        loaded = {path: OnnxPolicy(path) for path in set(paths.values())}
+        return {robot: loaded[path] for robot, path in paths.items()}
 
 
-def _print(figures: dict[str, Any]) -> None:
-    """The tables."""
-    compared = any(row["paper"] for row in figures["conditions"])
-    print(f"{'robot':10s} {'load':>5s} {'cmd':>4s} {'speed':>6s} {'power':>8s} {'COT':>15s} "
-          + (f"{'paper':>15s} {'diff':>7s} {'held':>6s} {'paper':>6s}" if compared else f"{'held':>6s}"))  # fmt: skip
-    for row in figures["conditions"]:
-        reference, held = row["paper"], row["hold_mean"]
-        theirs = f"{reference['cot']:.3f} ± {reference['sd']:.3f}" if reference else ""
-        difference = f"{row['difference']['relative']:+.1%}" if reference else ""
-        activation = row["paper_hold_mean"]
-        share = f"{'' if held is None else format(held['mean'], '.1%'):>6s}"
-        if compared:
-            simulated = "" if activation is None else format(activation["simulation"], ".1%")
-            share = f"{theirs:>15s} {difference:>7s} {share} {simulated:>6s}"
-        print(
-            f"{paper.NAMES[row['robot']]:10s} {row['payload']:5g} {row['command']:4g} {row['speed']['mean']:6.3f} "
-            f"{row['power']['mean']:6.1f} W {row['cot']['mean']:7.3f} ± {row['cot']['sd']:.3f} {share}"
-            + ("  calibrated" if row["calibrated"] else "")
-            + (f"  fell {row['fell']}" if row["fell"] else "")
-            + (f"  late {row['late']}" if row["late"] else "")
+@dataclass(frozen=True, kw_only=True)
+class Walk(EnergyOptions):
+    """Walk a measured distance with Go1, MR_Go (SAL off) and MR_Go-SAL.
+
+    Battery power and cost of transport (table 6), support activation (table 7), torques (figure 8) and tracking.
+    """
+
+    out: opt.Folder = Path("runs/walk-energy")
+    """output folder"""
+    robot: Annotated[tuple[str, ...] | None, opt.some_of(ROBOTS)] = None
+    """robots (default: all three)"""
+    sal: Literal["on", "off"] | None = None
+    """only MR_Go-SAL (on) or MR_Go (off)"""
+    speed: Annotated[tuple[float, ...], opt.some(trot_speed, "V")] = (0.3, 0.5)
+    """commands [m/s]"""
+    payload: Annotated[tuple[float, ...], opt.some(load, "KG")] = (0.0, 3.0)
+    """loads [kg]"""
+    distance: Distance = 30.0
+    """measured distance [m]"""
+    trials: opt.Count = 3
+    """repetitions per condition"""
+    calibrate: opt.Flag = False
+    """fit the electrical numbers to this run's Go1 rows, write numbers.json"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 done, 1 when a robot fell or was too slow in every trial, 2 on bad input."""
+        check_writable(self.out)
+
+        from mrwarp.energy.model_numbers import read_numbers, write_numbers
+        from mrwarp.trials import energy_report, walk_pictures
+        from mrwarp.trials.walk_trials import WalkCfg, walk
+        from mrwarp.trials.walking import device_notes
+
+        groups, policies = read_numbers(self.numbers, self.set), self.read_policies()
+        cfg = WalkCfg(
+            **self.chosen("trials", "distance", "current", "seed"),
+            robots=self._robots(),
+            payloads=self.payload,
+            speeds=self.speed,
+            env=self.env_cfg(),
         )
-    if "calibration" in figures:
-        fit = figures["calibration"]
-        print(
-            f"\nGo1 alone gives: {fit['text']}; its five rows to {fit['rmse']:.1f} W (RMS)"
-            + "".join(f"; {name} stands at the end of its range" for name in fit["at_bound"])
-        )
-    for row in figures.get("savings", []):
-        bound, reference = row["bound"], row["paper"]
-        print(
-            f"SAL at {row['payload']:g} kg, {row['command']:g} m/s saves {row['saving']:+.1f} W "
-            f"(calves {row['saving_by_part']['copper_calves']:+.1f}, hips and thighs "
-            f"{row['saving_by_part']['copper_hips_thighs']:+.1f}, coils {row['saving_by_part']['coil']:+.1f}), COT "
-            f"{-row['cot_reduction']:+.1%}; holding at most {bound['walking_copper']:.1f} W (closed form: "
-            f"{bound['our_standing']:.1f} from our standing saving"
-            + (f", {bound['paper_standing']:.1f} from the paper's)" if "paper_standing" in bound else ")")
-            + (f"; paper {-reference['saving']:+.1f} W, {-reference['cot_reduction']:+.1%}" if reference else "")
-        )
+        if self.calibrate and not energy_report.can_calibrate(cfg):
+            conditions = "Go1 at 0.3 and 0.5 m/s with 0 and 3 kg"
+            raise ValueError(f"--calibrate needs {conditions}; leave out --robot, --sal, --speed and --payload")
+        for text in device_notes(cfg.env, self.current):
+            print(text, flush=True)
+        started, progress = time.perf_counter(), ProgressLine(sys.stdout)
+        try:
+            results = walk(cfg, policies, progress)
+            figures = energy_report.walk_figures_of(cfg, results, groups, calibrated=self.calibrate)
+        finally:
+            progress.done()
+        if self.calibrate:
+            write_numbers(self.out / "numbers.json", groups)
+        figures |= {"distance": self.distance, "wall_seconds": time.perf_counter() - started}
+        write_result(self.out, figures, seed=self.seed, command=str(line))
+        walk_pictures.cost(figures["conditions"], self.out / "cot.png")
+        walk_pictures.holding(results, self.out / "holding.png")
+        walk_pictures.distributions(results, self.out / "torques.png")
+        print("\n".join(energy_report.walk_lines(figures)))
+        print(f"\nfigures and pictures in {self.out}")
+        return 0 if all(len(result.speed) for result in results) else 1
+
+    def _robots(self) -> tuple[str, ...]:
+        """Robots that are asked for.
+
+        Raises:
+            ValueError: --robot and --sal exclude each other.
+        """
+        if self.sal is None:
+            return tuple(robot for robot in ROBOTS if self.robot is None or robot in self.robot)
+        if self.robot is not None:
+            raise ValueError("--robot and --sal exclude each other: --sal on is --robot mr_go_sal, --sal off is mr_go")
+        return ("mr_go_sal",) if self.sal == "on" else ("mr_go",)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mission(EnergyOptions):
+    """The pickup-and-return task with Go1, MR_Go and MR_Go-SAL.
+
+    A window of every phase is simulated and carried over the whole phase by the electrical, battery and thermal models.
+    """
+
+    out: opt.Folder = Path("runs/mission")
+    """output folder"""
+    robot: Annotated[tuple[str, ...], opt.some_of(ROBOTS)] = ROBOTS
+    """robots"""
+    speed: Annotated[float, opt.one(trot_speed, "V")] = 0.3
+    """command [m/s], not in the paper"""
+    distance: Distance = paper.DISTANCE
+    """one way [m]"""
+    standby: opt.Positive = paper.STANDBY
+    """standing [s]"""
+    outbound_load: Load = paper.arm_load()
+    """load out and while standing [kg]: by default the arm, from Go1's own rows"""
+    return_load: Load = 3.0
+    """load back [kg]"""
+    window: Distance = 10.0
+    """simulated distance of each walk [m]"""
+    seeds: opt.Count = 3
+    """repetitions"""
+    feedback: opt.Flag = False
+    """warm windings and fluids act back; a second pass"""
+    calibrate: opt.Flag = False
+    """fit thermal numbers and capacity to Go1's, write numbers.json"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 done, 1 when a robot could not finish, 2 on bad input."""
+        check_writable(self.out)
+
+        from mrwarp.energy.model_numbers import read_numbers, write_numbers
+        from mrwarp.trials import energy_report, walk_pictures
+        from mrwarp.trials.mission import MissionCfg
+        from mrwarp.trials.walking import device_notes
+
+        started, progress = time.perf_counter(), ProgressLine(sys.stdout)
+        groups, policies = read_numbers(self.numbers, self.set), self.read_policies()
+        same = self.chosen(*TASK, "window", "seeds", "current", "feedback", "seed")
+        cfg = MissionCfg(**same, robots=tuple(r for r in ROBOTS if r in self.robot), env=self.env_cfg())
+        of_paper = all(getattr(cfg, name) == getattr(MissionCfg(), name) for name in TASK)
+        if self.calibrate and "go1" not in cfg.robots:
+            raise ValueError("--calibrate needs Go1 among the robots")
+        if self.calibrate and not of_paper:
+            others = ", ".join(f"--{name.replace('_', '-')}" for name in TASK)
+            raise ValueError(f"--calibrate needs the paper's task, whose figures it fits; leave out {others}")
+        for text in device_notes(cfg.env, self.current):
+            print(text, flush=True)
+        task = {**self.chosen(*TASK, "feedback", "seeds"), "of_paper": of_paper}
+        try:
+            traces, figures = energy_report.mission_figures_of(
+                cfg, policies, groups, progress, of_paper=of_paper, calibrated=self.calibrate
+            )
+        finally:
+            progress.done()
+        if self.calibrate:
+            write_numbers(self.out / "numbers.json", groups)
+        figures |= {"task": task, "wall_seconds": time.perf_counter() - started}
+        write_result(self.out, figures, seed=self.seed, command=str(line))
+        walk_pictures.mission_power(traces, self.out / "power.png")
+        walk_pictures.mission_temperature(traces, figures["robots"], self.out / "temperature.png")
+        print("\n".join(energy_report.mission_lines(figures)))
+        print(f"\nfigures and pictures in {self.out}")
+        return 0

@@ -1,1 +1,1 @@
-"""Options of the commands; loads no engine."""
+"""Command lines: how options are read, and which commands there are; loads no engine."""

@@ -6,6 +6,7 @@ An option is a field: ``num_envs`` is ``--num-envs``, its docstring is the help.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import difflib
 import io
 import os
@@ -14,14 +15,11 @@ import shlex
 import shutil
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_type_hints
 
 import tyro
 from tyro import _errors as events  # not public, see pyproject.toml
 from tyro.conf import DisallowNone, EnumChoicesFromValues, Positional
-
-OptionsT = TypeVar("OptionsT")
 
 HELP_WIDTH = 120
 """Columns of a help that is not shown in a terminal."""
@@ -34,7 +32,7 @@ class OptionError(ValueError):
     """A command line that cannot be read; the message names the option, its value and what is allowed."""
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class CommandLine:
     """What was typed."""
 
@@ -46,6 +44,25 @@ class CommandLine:
     def __str__(self) -> str:
         """The line as it can be typed again; scripts are run by python."""
         return f"{'python ' * self.prog.endswith('.py')}{self.prog} {shlex.join(self.argv)}"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options:
+    """A command: its fields are the options, ``run`` does the work; engines are imported there."""
+
+    engines: ClassVar[bool] = True
+    """Whether it loads Warp or torch, whose start-up notes are silenced."""
+
+    def run(self, line: CommandLine) -> int:
+        """Do the work; returns the exit code: 0 done, 1 measured but missed, 2 bad input, 130 stopped by Ctrl-C."""
+        raise NotImplementedError
+
+    def chosen(self, *names: str) -> dict[str, Any]:
+        """Options by name, for a configuration in which they are called the same."""
+        return {name: getattr(self, name) for name in names}
+
+
+OptionsT = TypeVar("OptionsT")
 
 
 def parse(options: type[OptionsT], argv: Sequence[str], prog: str) -> OptionsT:
@@ -67,10 +84,8 @@ def parse(options: type[OptionsT], argv: Sequence[str], prog: str) -> OptionsT:
     printed = io.StringIO()
     try:
         with events.on_parse_error(refuse), contextlib.redirect_stdout(printed), _plain():
-            return tyro.cli(
-                Annotated[options, DisallowNone, EnumChoicesFromValues],  # type: ignore
-                args=argv, prog=prog,
-            )  # fmt: skip
+            read: Any = Annotated[options, DisallowNone, EnumChoicesFromValues]
+            return tyro.cli(read, args=argv, prog=prog)
     except SystemExit:
         for text in _NO_DEFAULT.sub("", printed.getvalue()).splitlines():
             print(textwrap.fill(text, _width()) if len(text.rstrip()) > _width() else text.rstrip())
@@ -83,13 +98,10 @@ def given(line: CommandLine) -> set[str]:
 
 
 def option_flags(options: type) -> dict[str, bool]:
-    """Every ``--option`` of a dataclass by its name without the hyphens, and whether it is a flag, without a value."""
-    found = {}
-    for name, hint in get_type_hints(options, include_extras=True).items():
-        kind, *marks = get_args(hint) if hasattr(hint, "__metadata__") else (hint,)
-        if _POSITIONAL not in marks:
-            found[name.replace("_", "-")] = kind is bool
-    return found
+    """Every ``--option`` of a command by its name without the hyphens, and whether it is a flag, without a value."""
+    hints = get_type_hints(options, include_extras=True)
+    named = {field.name: get_args(hints[field.name]) or (hints[field.name],) for field in dataclasses.fields(options)}
+    return {name.replace("_", "-"): kind[0] is bool for name, kind in named.items() if _POSITIONAL not in kind}
 
 
 def _width() -> int:
@@ -100,17 +112,15 @@ def _width() -> int:
 def _plain() -> Iterator[None]:
     """Help without boxes and colours, as wide as the terminal."""
     style = tyro._experimental_options
-    before = style.copy()
+    before, columns = style.copy(), os.environ.get("COLUMNS")
     style.update(utf8_boxes=False, ansi_codes=False)
-    columns = os.environ.get("COLUMNS")
-    if columns is None:
-        os.environ["COLUMNS"] = str(_width())
+    os.environ["COLUMNS"] = columns or str(_width())
     try:
         yield
     finally:
         style.update(before)
         if columns is None:
-            os.environ.pop("COLUMNS", None)
+            del os.environ["COLUMNS"]
 
 
 def _message(event: events.ParseErrorEvent, options: type) -> str:

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
-from tyro.conf import FlagCreatePairsOff, create_mutex_group
+from tyro.conf import FlagCreatePairsOff, Positional, create_mutex_group
 from tyro.constructors import PrimitiveConstructorSpec
 
+from mrwarp.options.command_line import Options
 from mrwarp.params import with_unit
-
-LARGEST_SEED = 2**63 - 1
-"""Largest seed that all random generators take."""
 
 CURRENTS = (0.0, 0.5, 1.0, 1.5)
 """Fixed currents I_e over groups of robots [A], eq. 20."""
@@ -21,38 +20,30 @@ CURRENTS = (0.0, 0.5, 1.0, 1.5)
 Flag = FlagCreatePairsOff[bool]
 """An option without a value: ``--live`` alone, without ``--no-live``."""
 
+Number = TypeVar("Number", int, float)
+
 
 def one(read: Callable[[str], Any], metavar: str, choices: Sequence[str] | None = None) -> PrimitiveConstructorSpec:
     """Type of an option with one value; ``read`` raises ValueError with value and what is allowed."""
-    return PrimitiveConstructorSpec(
-        nargs=1, metavar=metavar, instance_from_str=lambda words: read(words[0]), is_instance=lambda _: True,
-        str_from_instance=lambda value: [_text(value)], choices=tuple(choices) if choices else None,
-    )  # fmt: skip
+    return _spec(lambda words: read(words[0]), 1, metavar, choices)
 
 
 def some(
-    read: Callable[[str], Any],
-    metavar: str,
-    choices: Sequence[str] | None = None,
-    *,
-    least: int = 1,
-    exactly: int | None = None,
+    read: Callable[[str], Any], metavar: str, choices: Sequence[str] | None = None, *, least: int = 1
 ) -> PrimitiveConstructorSpec:
-    """Type of an option with several values, a tuple: of at least ``least``, or of ``exactly`` so many."""
+    """Type of an option with ``least`` values or more, a tuple."""
 
     def instance(words: list[str]) -> tuple[Any, ...]:
         if len(words) < least:
             raise ValueError("expected at least one value")
         return tuple(read(word) for word in words)
 
-    return PrimitiveConstructorSpec(
-        nargs="*" if exactly is None else exactly,
-        metavar=f"{metavar} [{metavar} ...]" if exactly is None else " ".join([metavar] * exactly),
-        instance_from_str=instance,
-        is_instance=lambda _: True,
-        str_from_instance=lambda values: ["None"] if values is None else [_text(value) for value in values],
-        choices=tuple(choices) if choices else None,
-    )
+    return _spec(instance, "*", f"{metavar} [{metavar} ...]", choices)
+
+
+def three(read: Callable[[str], Any], metavar: str) -> PrimitiveConstructorSpec:
+    """Type of an option with three values, such as a force."""
+    return _spec(lambda words: tuple(read(word) for word in words), 3, " ".join([metavar] * 3))
 
 
 def maybe_one(metavar: str) -> PrimitiveConstructorSpec:
@@ -63,20 +54,17 @@ def maybe_one(metavar: str) -> PrimitiveConstructorSpec:
             raise ValueError(f"expected one value, not {' '.join(words)}")
         return words[0] if words else ""
 
-    return PrimitiveConstructorSpec(
-        nargs="*", metavar=f"[{metavar}]", instance_from_str=instance, is_instance=lambda _: True,
-        str_from_instance=lambda value: [_text(value)],
-    )  # fmt: skip
+    return _spec(instance, "*", f"[{metavar}]")
 
 
 def one_of(choices: Sequence[str]) -> PrimitiveConstructorSpec:
     """Type of a choice."""
-    return one(str, _braces(choices), choices)
+    return one(str, f"{{{','.join(choices)}}}", choices)
 
 
 def some_of(choices: Sequence[str]) -> PrimitiveConstructorSpec:
     """Type of several choices."""
-    return some(str, _braces(choices), choices)
+    return some(str, f"{{{','.join(choices)}}}", choices)
 
 
 def exclusive(title: str, *, required: bool = False) -> object:
@@ -84,8 +72,16 @@ def exclusive(title: str, *, required: bool = False) -> object:
     return create_mutex_group(required=required, title=title)
 
 
-def _braces(choices: Sequence[str]) -> str:
-    return "{" + ",".join(choices) + "}"
+def _spec(
+    read: Callable[[list[str]], Any], nargs: Any, metavar: str, choices: Sequence[str] | None = None
+) -> PrimitiveConstructorSpec:
+    def shown(value: Any) -> list[str]:
+        return [_text(item) for item in (value if isinstance(value, tuple) else (value,))]
+
+    return PrimitiveConstructorSpec(
+        nargs=nargs, metavar=metavar, instance_from_str=read, is_instance=lambda _: True,
+        str_from_instance=shown, choices=tuple(choices) if choices else None,
+    )  # fmt: skip
 
 
 def _text(value: Any) -> str:
@@ -95,78 +91,40 @@ def _text(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def finite(text: str) -> float:
-    """A finite number."""
-    value = number(text)
-    if not math.isfinite(value):
-        raise ValueError(f"{text} must be a finite number")
-    return value
+def checked(kind: type[Number], allowed: Callable[[Number], bool], wanted: str) -> Callable[[str], Number]:
+    """Reader of a number; its refusal gives the text and then what is ``wanted``."""
 
+    def read(text: str) -> Number:
+        try:
+            value = kind(text)
+        except ValueError:
+            raise ValueError(f"{text!r} is not a {'whole ' * (kind is int)}number") from None
+        if not allowed(value):
+            raise ValueError(f"{text}{wanted}")
+        return value
 
-def positive(text: str) -> float:
-    """A positive, finite number."""
-    value = number(text)
-    if not (math.isfinite(value) and value > 0.0):
-        raise ValueError(f"{text} must be a positive number")
-    return value
-
-
-def not_negative(text: str) -> float:
-    """A finite number of at least 0."""
-    value = number(text)
-    if not (math.isfinite(value) and value >= 0.0):
-        raise ValueError(f"{text} must be at least 0")
-    return value
+    return read
 
 
 def within(low: float, high: float, unit: str) -> Callable[[str], float]:
     """A number in a closed range."""
-
-    def checked(text: str) -> float:
-        value = number(text)
-        if not low <= value <= high:
-            raise ValueError(f"{text}; allowed: {low:g} to {high:g}{with_unit(unit)}")
-        return value
-
-    return checked
+    return checked(float, lambda x: low <= x <= high, f"; allowed: {low:g} to {high:g}{with_unit(unit)}")
 
 
-def whole(text: str, low: int = 0) -> int:
-    """A whole number of at least ``low``."""
-    value = integer(text)
-    if value < low:
-        raise ValueError(f"{value} must be at least {low}")
-    return value
+def assignment(text: str) -> tuple[str, float]:
+    """A name and its number."""
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise ValueError(f"{text!r} is not NAME=VALUE")
+    return name, number(value)
 
 
-def count(text: str) -> int:
-    """A whole number of at least 1."""
-    return whole(text, 1)
-
-
-def seed(text: str) -> int:
-    """Seed of random draws."""
-    value = integer(text)
-    if not 0 <= value <= LARGEST_SEED:
-        raise ValueError(f"{text}; allowed: a whole number from 0 to 2^63 - 1")
-    return value
-
-
-def number(text: str) -> float:
-    """Any number."""
-    try:
-        return float(text)
-    except ValueError:
-        raise ValueError(f"{text!r} is not a number") from None
-
-
-def integer(text: str) -> int:
-    """Any whole number."""
-    try:
-        return int(text)
-    except ValueError:
-        raise ValueError(f"{text!r} is not a whole number") from None
-
+number = checked(float, lambda _: True, "")
+positive = checked(float, lambda x: 0.0 < x < math.inf, " must be a positive number")
+not_negative = checked(float, lambda x: 0.0 <= x < math.inf, " must be at least 0")
+whole = checked(int, lambda n: n >= 0, " must be at least 0")
+count = checked(int, lambda n: n >= 1, " must be at least 1")
+seed = checked(int, lambda n: 0 <= n < 2**63, "; allowed: a whole number from 0 to 2^63 - 1")
 
 coil_current = within(0.0, 100.0, "A")
 """Coil current; what a robot's devices take is known when it is loaded, see ``mrwarp.usd.asset.check_currents``."""
@@ -175,16 +133,44 @@ forward_speed = within(-5.0, 5.0, "m/s")
 """Commanded forward speed; quadrupeds of this size run at 3 to 5 m/s."""
 
 FILE = one(Path, "FILE")
-FOLDER = one(Path, "DIR")
 
 File = Annotated[Path, FILE]
-Folder = Annotated[Path, FOLDER]
+Folder = Annotated[Path, one(Path, "DIR")]
+Data = Positional[Annotated[Path, one(Path, "DATA")]]
+Text = Annotated[str, one(str, "TEXT")]
 Count = Annotated[int, one(count, "N")]
 Whole = Annotated[int, one(whole, "N")]
 Seed = Annotated[int, one(seed, "N")]
+Seeds = Annotated[tuple[int, ...], some(seed, "S")]
 Positive = Annotated[float, one(positive, "X")]
 NotNegative = Annotated[float, one(not_negative, "X")]
-Averaged = Annotated[float, one(within(0.0, 60.0, "s"), "S")]
+Speed = Annotated[float, one(forward_speed, "V")]
+Currents = Annotated[tuple[float, ...], some(coil_current, "A")]
 OptionalFile = Annotated[Path | None, FILE]
-OptionalFolder = Annotated[Path | None, FOLDER]
+OptionalFolder = Annotated[Path | None, one(Path, "DIR")]
 OptionalText = Annotated[str | None, one(str, "TEXT")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotOptions(Options):
+    """What makes a robot, for every command that simulates one."""
+
+    model: OptionalText = None
+    """model.json: identified joint with its effects, on all MR joints (default: the asset's own numbers)"""
+    asset: OptionalText = None
+    """another USD file than assets/usd/mr_go.usda"""
+
+
+VIEW = exclusive("view")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewOptions(Options):
+    """Where robots are shown while they run."""
+
+    live: Annotated[Flag, VIEW] = False
+    """open rerun and watch some of the robots"""
+    rrd: Annotated[OptionalFile, VIEW] = None
+    """save that view as a recording"""
+    connect: Annotated[OptionalText, VIEW] = None
+    """URL: send it to a rerun viewer that runs already"""

@@ -10,10 +10,11 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from mrwarp.options.paper_options import TITLES
+from mrwarp.paper import TITLES
 from mrwarp.reproduce.cache import Outcome
 from mrwarp.reproduce.comparison import RELATIVE, Comparison, Findings
 from mrwarp.run_dir import versions, write_text
+from mrwarp.runtime import text_table
 
 HEAD = ("condition", "quantity", "paper", "ours", "difference", "in joint SD", "kind", "why it differs")
 """Columns of the rows' table."""
@@ -51,6 +52,18 @@ def write(outcomes: Mapping[str, Outcome], out: Path, command: str) -> tuple[Pat
     )
     html = environment.get_template("report.html.jinja").render(**page)
     return write_text(out / "report.html", html), write_text(out / "report.md", _markdown(page))
+
+
+def lines(outcome: Outcome) -> list[str]:
+    """The rows of one part as text, without their reasons."""
+    seconds = f" ({outcome.seconds:.0f} s)" if outcome.seconds else ""
+    found = ["", f"{TITLES[outcome.name]}: {outcome.status}{seconds}"]
+    if outcome.findings is None:
+        return [*found, f"  {outcome.message}".rstrip()]
+    rows = [cells(row)[:-1] for row in outcome.findings.rows]
+    if rows:
+        found += [f"  {row}" for row in text_table(HEAD[:-1], rows, left=len(rows[0]))]
+    return found + [f"  {'holds ' if holds else 'MISSED'}  {text}" for text, holds in outcome.findings.claims.items()]
 
 
 def cells(row: Comparison) -> list[str]:

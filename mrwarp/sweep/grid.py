@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mrwarp.options.command_line import OptionError, option_flags, parse
+from mrwarp.options.command_line import OptionError, Options, option_flags, parse
 from mrwarp.options.command_table import COMMANDS, Command
 
 LONGEST_NAME = 120
@@ -59,7 +59,7 @@ def make_trials(
         GridError: the command cannot be swept, the grid cannot be read, or the command refuses a trial.
     """
     known = COMMANDS.get(command) if command != "sweep" else None
-    options = known.load_options() if isinstance(known, Command) else object
+    options = known.load() if isinstance(known, Command) else Options
     flags = option_flags(options)
     if "out" not in flags:
         can = "train, walk, impact, mission, reproduce, fit, diagnose, learn or bench"

@@ -21,7 +21,7 @@ from pxr import Sdf, Tf, Usd
 from mrwarp.model_file import Model
 from mrwarp.params import MrParams, ParameterError
 from mrwarp.usd.open_stage import AssetError, choices, open_stage
-from mrwarp.usd.record import PD, PREFIX, RECORD, decimal, is_mr, plain, read_parameters, record_text
+from mrwarp.usd.record import PD, PREFIX, RECORD, decimal, is_mr, plain, read_parameters, record_text, summary
 from mrwarp.usd.scene_report import value_text
 
 SUFFIXES = (".usda", ".usdc", ".usd")
@@ -51,6 +51,12 @@ class Change:
     attribute: str
     before: Any
     after: float | str
+
+    def __str__(self) -> str:
+        if self.attribute == RECORD:
+            return f"{self.prim} {RECORD}: {summary(self.before)} -> {summary(self.after)}"
+        before = "none" if self.before is None else f"{self.before:.10g}"
+        return f"{self.prim} {self.attribute}: {before} -> {value_text(self.attribute, self.after)}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrwarp.bench import excitation
+from mrwarp.bench import excitation, session_report
 from mrwarp.bench.bench_effects import LOG_DT, SUBSTEPS, Effects
 from mrwarp.bench.virtual_bench import BenchCfg, run_bench
 from mrwarp.cli import main
-from mrwarp.commands import run_bench as bench_cli
 from mrwarp.params import MrParams
 from mrwarp.recording.load import COLUMNS, load_holding, load_recording
 
@@ -89,7 +88,7 @@ def test_holding_tests_follow_eq_18():
 def test_default_effects_leave_what_fig_4_says():
     """Plain eq. 14 with the paper's coefficients: the order of Fig. 4, growing with current (0.42, 0.64, 0.78 N·m)."""
     cfg = BenchCfg(trajectories=1, samples=50, evaluation_samples=2000)
-    figures = bench_cli.measure(run_bench(cfg), cfg)["plain_rmse"]
+    figures = session_report.measure(run_bench(cfg), cfg)["plain_rmse"]
     means = [figures[amps]["mean"] for amps in ("1", "1.2", "1.5")]
     assert means == sorted(means)
     assert 0.4 < means[0] and means[2] < 0.8
@@ -98,7 +97,7 @@ def test_default_effects_leave_what_fig_4_says():
 def test_clean_bench_is_what_the_simulator_replays():
     """Bench and simulator share no code, and agree: 2 kHz truth against the kernels at 200 Hz."""
     cfg = BenchCfg(trajectories=1, samples=50, evaluation_samples=1000, effects=Effects())
-    figures = bench_cli.measure(run_bench(cfg), cfg)
+    figures = session_report.measure(run_bench(cfg), cfg)
     for amps in ("1", "1.2", "1.5"):
         # 200 Hz is ten times coarser: 1 % of the torque
         assert figures["plain_rmse"][amps]["mean"] < 0.01 * figures["torque_rms"][amps]["mean"]
@@ -171,7 +170,7 @@ def test_stopping_leaves_no_result(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(bench_cli, "run_bench", stop)
+    monkeypatch.setattr("mrwarp.bench.virtual_bench.run_bench", stop)
     assert main(["bench", "--out", str(tmp_path / "bench")]) == 130
     assert not list(tmp_path.rglob("*.*"))
 

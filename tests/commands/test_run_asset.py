@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from mrwarp.cli import main
-from mrwarp.commands.run_asset_edit import convert
+from mrwarp.env.asset_trial import convert
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.model_file import load_model

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from mrwarp.cli import main
-from mrwarp.commands import run_diagnose
 from mrwarp.model_file import load_model, save_model
 from mrwarp.nn.training import FitCfg
 from tests.diagnose import made_up
@@ -36,7 +35,7 @@ def computed(monkeypatch: pytest.MonkeyPatch):
         options["progress"]("fitting")
         return state.diagnosis
 
-    monkeypatch.setattr(run_diagnose, "diagnose", diagnose)
+    monkeypatch.setattr("mrwarp.diagnose.pipeline.diagnose", diagnose)
     return state
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from mrwarp.cli import main
-from mrwarp.options.paper_options import TITLES
+from mrwarp.paper import TITLES
 from mrwarp.reproduce import cache
 from mrwarp.reproduce import registry as catalogue
 from mrwarp.reproduce.comparison import Findings

@@ -13,8 +13,8 @@ import pytest
 import torch
 
 from mrwarp.cli import main
+from mrwarp.commands.run_train import Train
 from mrwarp.options.command_line import parse
-from mrwarp.options.train_options import Train
 from mrwarp.rl import checkpoint
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.rl.ppo_cfg import LearningCfg

@@ -3,9 +3,8 @@
 import pytest
 import torch
 
-from mrwarp.commands.run_walk import read_policies
+from mrwarp.commands.run_walk import Walk
 from mrwarp.options.command_line import parse
-from mrwarp.options.trial_options import Walk
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.study.plan import ENERGY, EXPLICIT, policy_file
 
@@ -16,7 +15,7 @@ OBS = torch.linspace(-1.0, 1.0, 94).reshape(2, 47)
 def drawn(*argv: str) -> dict[str, torch.Tensor]:
     """Actions of each robot's policy with these options."""
     options = parse(Walk, argv, "mrwarp walk")
-    return {robot: policy(OBS) for robot, policy in read_policies(options).items()}
+    return {robot: policy(OBS) for robot, policy in options.read_policies().items()}
 
 
 @pytest.mark.parametrize(("options", "plant"), [([], "mr_go_sal"), (["--coupling", "explicit"], EXPLICIT)])

@@ -164,7 +164,7 @@ def test_commands_and_options_exist(name: str) -> None:
                 unknown.append(f"{block.line}: {command}")
                 continue
             variants = [COMMANDS[command], *COMMANDS[command].variants.values()]
-            known = {f"--{option}" for entry in variants for option in option_flags(entry.load_options())}
+            known = {f"--{option}" for entry in variants for option in option_flags(entry.load())}
             known |= {word for words in COMMANDS[command].variants for word in words} | {"--help", "--"}
             given = {word.partition("=")[0] for word in argv[: (argv + ["--"]).index("--")] if word.startswith("--")}
             unknown += [f"{block.line}: {command} {option}" for option in sorted(given - known)]

@@ -3,14 +3,15 @@
 from pathlib import Path
 
 from mrwarp.bench.virtual_bench import BenchCfg
+from mrwarp.commands.run_bench import Bench
+from mrwarp.commands.run_fit import Learn
+from mrwarp.commands.run_reproduce import Reproduce, TrainFigure4
+from mrwarp.commands.run_study import StudyTrain
+from mrwarp.commands.run_train import Train
 from mrwarp.enums import LEARNED
 from mrwarp.nn.models import SAMPLES
 from mrwarp.nn.training import FitCfg
-from mrwarp.options.data_options import Bench, Learn
 from mrwarp.options.option_types import CURRENTS
-from mrwarp.options.paper_options import Reproduce, TrainFigure4
-from mrwarp.options.study_options import StudyTrain
-from mrwarp.options.train_options import Train
 from mrwarp.reproduce.settings import Settings
 from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.study import plan

@@ -14,10 +14,10 @@ from rerun.chunk import RrdReader
 
 from mrwarp.cli import main
 from mrwarp.commands import run_play as play_cli
+from mrwarp.commands.run_play import Play
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.observations import ACTOR_TERMS
 from mrwarp.options.command_line import parse
-from mrwarp.options.train_options import Play
 from mrwarp.rl.checkpoint import task
 from mrwarp.rl.policy import META, OnnxPolicy
 from mrwarp.trials.walking import make_env, measure

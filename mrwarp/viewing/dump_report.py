@@ -1,4 +1,4 @@
-"""``mrwarp replay-dump``: what went wrong first in an environment, and the states that led to it."""
+"""An environment in which a number went wrong, as text and picture: what was first, and the states that led to it."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from mrwarp.env.nan_dump import Divergence, load
-from mrwarp.options.command_line import CommandLine
-from mrwarp.options.trial_options import ReplayDump
-from mrwarp.run_dir import atomic_write, check_output
+from mrwarp.env.nan_dump import Divergence
+from mrwarp.run_dir import atomic_write
+from mrwarp.runtime import text_table
 
 PANELS = (
     ("position", "rad", "joint position [rad]"),
@@ -24,22 +23,10 @@ PANELS = (
 """Quantity, unit and label of the picture's panels."""
 
 
-def run(options: ReplayDump, line: CommandLine) -> int:
-    """Print and draw a dump; 0 when done, 2 on bad input."""
-    check_output(options.png, ".png")
-    found = load(options.file)
-    print("\n".join([*report(found), "", *table(found, options.rows)]))
-    if options.png is not None:
-        plot(found, options.png)
-        print(f"picture: {options.png}")
-    return 0
-
-
 def report(found: Divergence) -> list[str]:
     """Lines that say what went wrong first, where and when."""
     run = ", ".join(f"{name} {found.run[name]}" for name in ("update", "seed", "num_envs") if name in found.run)
-    wrong = np.flatnonzero(~np.isfinite(found.states[-1]))
-    others = [str(found.columns[i]) for i in wrong if i != found.column]
+    others = [str(found.columns[i]) for i in np.flatnonzero(~np.isfinite(found.states[-1])) if i != found.column]
     lines = [f"first wrong: {found}", f"run: {run or 'not said'}"]
     if others:
         more = f"{', '.join(others[:6])}{' ...' * (len(others) > 6)}"
@@ -57,9 +44,8 @@ def largest_change(found: Divergence) -> str:
         return ""
     with np.errstate(all="ignore"):
         spread = states[:-1].std(0) + 1e-6 * (1.0 + np.abs(states[:-1]).max(0))
-        ratio = np.abs(states[-1] - states[-2]) / spread
+        ratio = np.nan_to_num(np.abs(states[-1] - states[-2]) / spread, nan=0.0, posinf=0.0)
     ratio[0] = 0.0  # the time
-    ratio[~np.isfinite(ratio)] = 0.0
     i = int(ratio.argmax())
     unit = f" {found.columns[i].unit}".rstrip()
     change = f"{found.columns[i]} from {states[-2, i]:.4g} to {states[-1, i]:.4g}{unit} in one step"
@@ -75,12 +61,8 @@ def table(found: Divergence, rows: int) -> list[str]:
         "max |torque| [N·m]": np.abs(found.pick("torque", "N·m")),
         str(found.columns[found.column]): found.states[:, found.column :][:, :1],
     }
-    first = max(len(found.states) - rows, 0)
-    columns = [[head, *(f"{x:.4g}" for x in part.max(1)[first:])] for head, part in parts.items() if part.size]
-    width = [max(len(column[0]), 10) for column in columns]
-    return [
-        "  ".join(cell.rjust(w) for cell, w in zip(line, width, strict=True)) for line in zip(*columns, strict=True)
-    ]
+    shown = {head: part.max(1)[-rows:] for head, part in parts.items() if part.size}
+    return text_table([*shown], [[f"{x:.4g}" for x in row] for row in zip(*shown.values(), strict=True)], left=0)
 
 
 def plot(found: Divergence, path: Path) -> None:

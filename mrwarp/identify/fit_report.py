@@ -1,0 +1,138 @@
+"""What a fit says: the model of ``model.json``, the figures of ``result.json``, the printed table, predictions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from mrwarp.identify.damper import ExtendedFit, extended_torque, prediction_errors, undo_moving_average
+from mrwarp.identify.fit import FitResult
+from mrwarp.identify.intervals import Estimate
+from mrwarp.identify.replay import simulate
+from mrwarp.model_file import Effect, FittedOn, Model, Parameter, parameter_unit
+from mrwarp.recording.load import Recording
+from mrwarp.run_dir import versions
+from mrwarp.runtime import text_table
+
+
+def to_model(result: FitResult, extended: ExtendedFit | None = None) -> Model:
+    """Eqs. 14, 15 (18); an extended model only as an effect with its own full set."""
+    estimates = {name: Parameter(value=v, unit=parameter_unit(name, result.units)) for name, v in result.fixed.items()}
+    for name, e in result.estimates.items():
+        estimates[name] = Parameter(value=e.value, unit=parameter_unit(name, result.units), ci95=e.ci95)
+    origin = FittedOn(
+        source=result.source,
+        trajectories=result.trajectories,
+        samples=result.samples,
+        rate=result.rate,
+        current=result.current,
+    )
+    return Model(
+        parameters=estimates,
+        fitted_on=origin,
+        units=result.units,
+        effects=(extended_damper(extended, result.units),) if extended else (),
+        seed=result.seed,
+        versions=versions(),
+    )
+
+
+def extended_damper(extended: ExtendedFit, units: Mapping[str, str]) -> Effect:
+    """The extended model as an effect, every number with its unit and interval."""
+    q, current, torque = (units[key] for key in ("q", "current", "torque"))
+    unit = {
+        "B_current": f"{torque}·s/({q}·{current})", "B_direction": f"{torque}·s/{q}",
+        "B_direction_current": f"{torque}·s/({q}·{current})", "saturation": "1", "softening": "1", "creep": "1/s",
+        "current_full": current,
+    }  # fmt: skip
+    intervals = {name: e.ci95 for name, e in extended.estimates.items()}
+    parameters = {
+        name: Parameter(value=value, unit=unit.get(name) or parameter_unit(name, units), ci95=intervals.get(name))
+        for name, value in extended.values.items()
+    }
+    return Effect(name="extended_damper", parameters=parameters)
+
+
+def predictions(
+    recording: Recording, result: FitResult, extended: ExtendedFit | None, window: float
+) -> dict[str, dict[str, float]]:
+    """RMSE over standard deviation of each unseen trajectory, per model and per reading of its motion.
+
+    With ``window`` > 0 the simulated torque passes the moving average that the measured one passed, and both lose their
+    mean; the motion is taken as published, and again with its own average undone.
+    """
+    motions = {"": recording}
+    if window > 0.0:
+        undone = undo_moving_average(recording, window)
+        motions = {" (motion as published)": recording, " (average of the motion undone)": undone}
+    found = {}
+    for name, motion in motions.items():
+        found[f"eqs. 14, 15{name}"] = prediction_errors(motion, simulate(result.values, motion), window)
+        if extended is not None:
+            torque = extended_torque(extended.values, motion)
+            found[f"extended model{name}"] = prediction_errors(motion, torque, window)
+    return found
+
+
+def figures(result: FitResult, extended: ExtendedFit | None = None) -> dict[str, Any]:
+    """What goes into ``result.json``; an interval that the data do not give is null."""
+    same = ("fixed", "units", "source", "trajectories", "samples", "rate")
+    fitted = {
+        "parameters": _entries(result.estimates),
+        "combinations": _entries(result.combinations),
+        **{name: getattr(result, name) for name in same},
+        "condition": min(result.condition, 1e300),
+        "warnings": result.warnings,
+        **_errors(result),
+    }
+    if extended is not None:
+        fitted["extended"] = {
+            "parameters": _entries(extended.estimates),
+            "current_full": extended.current_full,
+            "warnings": extended.warnings,
+            **_errors(extended),
+        }
+    return fitted
+
+
+def lines(result: FitResult, extended: ExtendedFit | None = None) -> list[str]:
+    """Parameters, combinations, errors per current and warnings as text."""
+
+    def estimates(title: str, found: Mapping[str, Estimate]) -> list[str]:
+        rows = [(name, f"{e.value:.6g}", _interval(e)) for name, e in found.items()]
+        return ["", *text_table((f"{title:44s}", "value", "95 % interval"), rows)]
+
+    named = {f"{name} [{parameter_unit(name, result.units)}]": e for name, e in result.estimates.items()}
+    found = estimates("parameter", named | result.combinations)
+    errors = [{**result.rmse_per_current, "all": result.rmse}]
+    head = [f"current [{result.units['current']}]", f"RMSE [{result.units['torque']}]"]
+    share = f"NRMSE of eq. 14 {100 * result.nrmse:.2f} %"
+    if extended is not None:
+        found += estimates("extended model", extended.estimates)
+        errors.append({**extended.rmse_per_current, "all": extended.rmse})
+        head.append("extended")
+        share += f", extended {100 * extended.nrmse:.2f} %"
+    rows = [(key, *(f"{values[key]:.4g}" for values in errors)) for key in errors[0]]
+    found += ["", *text_table(head, rows), share]
+    return found + [f"warning: {text}" for text in result.warnings]
+
+
+def _errors(result: FitResult | ExtendedFit) -> dict[str, Any]:
+    names = ("rmse", "nrmse", "rmse_per_current", "rmse_per_trajectory")
+    return {name: getattr(result, name) for name in names}
+
+
+def _entries(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
+    return {
+        name: {
+            "value": e.value,
+            "ci95": e.ci95,
+            "ci95_joint": [e.value - e.half_joint, e.value + e.half_joint] if math.isfinite(e.half_joint) else None,
+        }
+        for name, e in estimates.items()
+    }
+
+
+def _interval(e: Estimate) -> str:
+    return f"{e.ci95[0]:.6g} to {e.ci95[1]:.6g}" if e.ci95 else "none: not determined, or held at the edge of its range"

@@ -1,0 +1,86 @@
+"""What a recording holds, as text, and what a user should know before using one that is not wrong."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from mrwarp.recording.differentiate import HALF_WIDTH, frequency_response, half_samples
+from mrwarp.recording.load import Recording, derivative_ratio
+
+
+def describe(recording: Recording) -> list[str]:
+    """Sizes, rates, ranges with units, and the header."""
+    runs, units = recording.trajectories, recording.units
+    lengths = [len(run.t) for run in runs]
+    rates = ", ".join(f"{1.0 / dt:.4g}" for dt in sorted({float(f"{run.dt:.4g}") for run in runs}, reverse=True))
+    seconds = sum(len(run.t) * run.dt for run in runs)
+    lines = [
+        f"{recording.source}: good",
+        f"trajectories  {len(runs)} of {min(lengths)} to {max(lengths)} samples",
+        f"samples       {recording.samples} at {rates} Hz, {seconds:.4g} s",
+    ]
+    shown = {**units, "qd": f"{units['q']}/s", "temperature": "degC"}
+    more = {"qd": _velocity(recording), "current": _levels(recording)}
+    for key in ("q", "qd", "current", "torque", "temperature"):
+        columns = [column for run in runs if (column := getattr(run, key)) is not None]
+        if columns:
+            low, high = (float(end(list(map(end, columns)))) for end in (np.min, np.max))
+            known = f" in {len(columns)} trajectories" if key == "temperature" else more.get(key, "")
+            lines.append(f"{key:13s} {low:.4g} to {high:.4g} {shown[key]}{known}")
+    for key, value in recording.header.items():
+        text = json.dumps(value, ensure_ascii=False)
+        lines.append(f"{key:13s} {text if len(text) <= 100 else text[:97] + '...'}")
+    return lines
+
+
+def _velocity(recording: Recording) -> str:
+    """How a velocity that was not measured was made."""
+    derived = [run for run in recording.trajectories if run.qd_derived]
+    if not derived:
+        return ""
+    run = derived[0]
+    f = np.linspace(0.0, 0.5 / run.dt, 2000)
+    cut = f[int(np.argmax(frequency_response(f, run.dt) < np.sqrt(0.5)))]
+    return (
+        f", derived from q in {len(derived)} of {len(recording.trajectories)} trajectories: zero phase, cubic over "
+        f"{2 * half_samples(len(run.t), run.dt) + 1} samples, half the power at {cut:.3g} Hz"
+    )
+
+
+def _levels(recording: Recording) -> str:
+    currents = [run.current for run in recording.trajectories]
+    levels = np.unique(np.concatenate(currents))
+    steps = sum(int(np.count_nonzero(np.diff(current))) for current in currents)
+    named = ", ".join(f"{x:g}" for x in levels) if len(levels) <= 12 else f"{len(levels)} different"
+    return f"; levels {named} {recording.units['current']}; {steps} changes within trajectories"
+
+
+def notes(recording: Recording) -> list[str]:
+    """What a user should know before using a recording that is not wrong."""
+    runs, found = recording.trajectories, []
+    against = [run.id for run in runs if float(np.mean(run.torque * run.qd)) < 0.0]
+    if len(against) > len(runs) / 2:
+        found.append(
+            f"torque times velocity is negative in {len(against)} of {len(runs)} trajectories: torque must be positive "
+            "against positive velocity (eq. 14); if the sensor counts the other way, flip its sign"
+        )
+    odd = [run.id for run in runs if not run.qd_derived and not 0.7 < derivative_ratio(run) < 1.4]
+    if odd:
+        found.append(
+            f"qd is not the derivative of q in {len(odd)} trajectories, e.g. {odd[0]!r}; if qd is not to be trusted, "
+            "leave its column out and it is derived from q"
+        )
+    if all(np.ptp(run.current) == 0.0 for run in runs):
+        found.append("the current is constant in every trajectory: a lag or delay of the coil cannot be seen")
+    if len({float(run.current.max()) for run in runs}) == 1:
+        found.append("all trajectories reach the same current: current-dependent terms rest on its changes only")
+    still = [run.id for run in runs if float(np.ptp(run.q)) == 0.0]
+    if still:
+        found.append(f"no motion in {len(still)} trajectories, e.g. {still[0]!r}")
+    if len(runs) == 1:
+        found.append("one trajectory: nothing is left to test a model on; record several")
+    if any(run.qd_derived for run in runs):
+        found.append(f"derived velocities blunt reversals shorter than {1e3 * HALF_WIDTH:g} ms")
+    return found
