@@ -10,7 +10,7 @@ from tyro.conf import Positional
 
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
-from mrwarp.run_dir import check_writable
+from mrwarp.run_dir import check_writable, claim
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,25 +48,25 @@ class Sweep(Options):
 
     def run(self, line: CommandLine) -> int:
         """0 when every trial has a result, 1 when one failed, 2 on bad input, 130 after Ctrl-C."""
+        from mrwarp.sweep.compare import report
         from mrwarp.sweep.grid import GridError, make_trials
-        from mrwarp.sweep.session import LocalRunner, RayRunner, Session
+        from mrwarp.sweep.runners import local_runner, ray_runner, run_trials
 
         if self.address and self.runner == "local":
             raise GridError("--address needs --runner ray; leave --runner out")
         trials = make_trials(self.command, self.grid, self.arguments, self.out, threads=self.cpus)
-        session = Session(trials, self.out)
         check_writable(self.out)
         workers = self.workers or max((os.cpu_count() or 1) // self.cpus, 1)
         if self.address or self.runner == "ray":
-            runner = RayRunner(workers, cpus=self.cpus, gpus=self.gpus, address=self.address)
+            runner = ray_runner(workers, cpus=self.cpus, gpus=self.gpus, retries=self.retries, address=self.address)
         else:
-            runner = LocalRunner(workers, cpus=self.cpus, gpus=self.gpus, visible=_gpus() if self.gpus else ())
-        return session.run(runner, retries=self.retries, figures=self.figure, command=str(line))
-
-
-def _gpus() -> tuple[str, ...]:
-    if named := os.environ.get("CUDA_VISIBLE_DEVICES"):
-        return tuple(named.split(","))
-    import warp as wp
-
-    return tuple(str(k) for k in range(wp.get_cuda_device_count()))
+            runner = local_runner(workers, cpus=self.cpus, gpus=self.gpus, retries=self.retries)
+        with claim(self.out):
+            ended = run_trials(trials, self.out, runner)
+            complete = report(trials, self.figure, self.out, str(line))
+        if not ended:
+            print("stopped; the same command goes on")
+            return 130
+        if not complete:
+            print("the same command runs the failed ones again")
+        return 0 if complete else 1

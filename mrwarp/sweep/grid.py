@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import itertools
 import math
 import re
@@ -15,13 +13,8 @@ from pathlib import Path
 from mrwarp.options.command_line import OptionError, Options, option_flags, parse
 from mrwarp.options.command_table import COMMANDS, Command
 
-LONGEST_NAME = 120
-"""Longest name of a trial's folder."""
-
 MOST_TRIALS = 10_000
 """Most combinations that are taken for what the user meant."""
-
-SET_BY_SWEEP = ("out", "resume")
 
 
 class GridError(ValueError):
@@ -32,28 +25,23 @@ class GridError(ValueError):
 class Trial:
     """One run of the command."""
 
-    name: str
-    """Name of its folder, e.g. ``seed=0_actuator=pg_rlstm``."""
+    folder: Path
+    """Its own folder, named after the values, e.g. ``seed=0_actuator=pg_rlstm``."""
     values: dict[str, str]
     """Value of each option in the grid."""
-    command: str
-    """Command of mrwarp."""
-    args: tuple[str, ...]
-    """The command's arguments without ``--out``."""
+    args: list[str]
+    """Command of mrwarp and its arguments without ``--out``."""
 
 
-def make_trials(
-    command: str, grid: Sequence[str], fixed: Sequence[str], out: Path, *, threads: int | None = None
-) -> list[Trial]:
+def make_trials(command: str, items: Sequence[str], fixed: Sequence[str], out: Path, *, threads: int) -> list[Trial]:
     """Every combination of the grid, the last option varying fastest.
 
     Args:
-        command: Command of mrwarp that is run.
-        grid: ``name=value,value,...``, one for each option; a value of several words is several values, a flag is
-            ``on`` or ``off``.
+        command: Command of mrwarp.
+        items: The grid, e.g. ``seed=0,1,2``; a value of several words is several values, a flag is ``on`` or ``off``.
         fixed: Arguments that all trials share.
         out: Folder of the sweep.
-        threads: CPU threads of a trial, given to commands that have ``--threads`` and were not told.
+        threads: CPU threads of a trial, for commands that have ``--threads`` and were not told.
 
     Raises:
         GridError: the command cannot be swept, the grid cannot be read, or the command refuses a trial.
@@ -64,59 +52,52 @@ def make_trials(
     if "out" not in flags:
         can = "train, walk, impact, mission, reproduce, fit, diagnose, learn or bench"
         raise GridError(f"--command {command}: cannot be swept; choose one that writes figures into --out: {can}")
-    axes = _axes(grid)
-    words = [word.partition("=")[0] for word in fixed]
-    for option in (*SET_BY_SWEEP, *axes):
-        if f"--{option}" in words:
-            remedy = "the sweep sets it" if option in SET_BY_SWEEP else "it is in the grid"
-            raise GridError(f"--{option} after '--': {remedy}; leave it out there")
-    shared = list(fixed)
-    if threads and "threads" in flags and "--threads" not in words and "threads" not in axes:
+    grid = _read_grid(items)
+    given = {word.partition("=")[0].removeprefix("--") for word in fixed if word.startswith("--")}
+    for option in ("out", "resume"):
+        if option in given or option in grid:
+            raise GridError(f"--{option}: the sweep sets it for every trial; leave it out")
+    if twice := [option for option in grid if option in given]:
+        raise GridError(f"--{twice[0]} after '--': it is in the grid; leave it out there")
+    shared = [command, *fixed]
+    if "threads" in flags and "threads" not in given and "threads" not in grid:
         shared.append(f"--threads={threads}")
-    trials: dict[str, Trial] = {}
-    for combination in itertools.product(*axes.values()):
-        values = dict(zip(axes, combination, strict=True))
-        args = [word for option, value in values.items() for word in _arguments(command, flags, option, value)]
+    trials: dict[Path, Trial] = {}
+    for combination in itertools.product(*grid.values()):
+        values = dict(zip(grid, combination, strict=True))
         name = "_".join(f"{option}={re.sub(r'[^A-Za-z0-9_.+-]+', '-', value)}" for option, value in values.items())
-        name = name[:LONGEST_NAME]
-        if name in trials:
-            raise GridError(f"--grid: two trials would share the folder {name}; give files distinct, shorter names")
-        trials[name] = Trial(name=name, values=values, command=command, args=(*shared, *args))
-    for name, trial in trials.items():
+        folder = out.absolute() / name[:120]
+        if folder in trials:
+            raise GridError(f"--grid: two trials would share the folder {folder.name}; name each value once")
+        args = [word for option, value in values.items() for word in _arguments(option, value, flags)]
+        trials[folder] = Trial(folder=folder, values=values, args=[*shared, *args])
+    for folder, trial in trials.items():
         try:
-            with contextlib.redirect_stdout(io.StringIO()):
-                parse(options, [*trial.args, "--out", str(out / name)], f"mrwarp {command}")
+            parse(options, [*trial.args[1:], "--out", str(folder)], f"mrwarp {command}")
         except OptionError as error:
-            raise GridError(f"{name}: mrwarp {command}: {error}; see --help") from None
-        except SystemExit:
-            raise GridError("--help stands before '--' for the sweep; see 'mrwarp COMMAND --help'") from None
+            raise GridError(f"{folder.name}: mrwarp {command}: {error}; see --help") from None
     return list(trials.values())
 
 
-def _axes(grid: Sequence[str]) -> dict[str, list[str]]:
-    """Values by option."""
-    axes: dict[str, list[str]] = {}
-    for item in grid:
-        option, equals, text = item.partition("=")
-        option, values = option.removeprefix("--"), [value.strip() for value in text.split(",")]
-        if not equals or not option or not all(values):
-            raise GridError(f"--grid {item}: not of the form name=value,value,...; e.g. seed=0,1,2")
-        if option in axes:
-            raise GridError(f"--grid {item}: {option} is there twice; put all its values into one list")
-        if len(set(values)) < len(values):
-            raise GridError(f"--grid {item}: a value is there twice; name each once")
-        axes[option] = values
-    if (count := math.prod(map(len, axes.values()))) > MOST_TRIALS:
+def _read_grid(items: Sequence[str]) -> dict[str, list[str]]:
+    """Values by option, from texts like ``seed=0,1,2``."""
+    grid: dict[str, list[str]] = {}
+    for item in items:
+        option, _, text = item.removeprefix("--").partition("=")
+        values = [value.strip() for value in text.split(",")]
+        if not option or not all(values) or option in grid:
+            raise GridError(
+                f"--grid {item}: not of the form name=value,value,... with every name once; e.g. seed=0,1,2"
+            )
+        grid[option] = values
+    if (count := math.prod(map(len, grid.values()))) > MOST_TRIALS:
         raise GridError(f"--grid: {count} combinations are more than {MOST_TRIALS}; sweep fewer values at once")
-    return axes
+    return grid
 
 
-def _arguments(command: str, flags: dict[str, bool], option: str, value: str) -> list[str]:
+def _arguments(option: str, value: str, flags: dict[str, bool]) -> list[str]:
     """The arguments that set an option."""
-    if option in SET_BY_SWEEP or option not in flags:
-        known = ", ".join(sorted(flags))
-        raise GridError(f"--grid {option}={value}: mrwarp {command} has no such option to sweep; it has {known}")
-    if flags[option]:
+    if flags.get(option):
         if value not in ("on", "off"):
             raise GridError(f"--grid {option}={value}: --{option} is a flag; give {option}=on,off")
         return [f"--{option}"] if value == "on" else []

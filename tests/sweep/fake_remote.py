@@ -3,11 +3,11 @@
 import sys
 from pathlib import Path
 
-from mrwarp.sweep import trial
+from mrwarp.sweep import runners
+from mrwarp.sweep.grid import Trial
 
 
-def fake_remote(task: trial.Trial, folder: str, retries: int, variables: dict[str, str]) -> str:
+def fake_remote(trial: Trial, mark: Path, retries: int, variables: dict[str, str]) -> None:
     """As the runner's own, see ``tests/sweep/conftest.py``."""
-    trial.LAUNCH = (sys.executable, str(Path(__file__).with_name("fake_command.py")))
-    variables = {**variables, "FAKE_STEP_TIME": "0.1"}
-    return trial.run_trial(task, Path(folder), retries=retries, environment=variables).value
+    runners.LAUNCH = (sys.executable, str(Path(__file__).with_name("fake_command.py")))
+    runners.run_trial(trial, mark, retries, {**variables, "FAKE_STEP_TIME": "0.1"})

@@ -13,8 +13,9 @@ import psutil
 import pytest
 
 from mrwarp.cli import main
-from mrwarp.sweep import session
-from mrwarp.sweep.trial import State, read_status
+from mrwarp.sweep import runners
+from mrwarp.sweep.grid import Trial
+from mrwarp.sweep.runners import read_status
 from tests.sweep.fake_remote import fake_remote
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -24,8 +25,8 @@ def kill_a_worker(out: Path, found: dict) -> None:
     """Kill the process of Ray that runs the first trial with a checkpoint; keeps where Ray's servers listen."""
     for _ in range(1200):
         for folder in sorted(out.glob("seed=*")):
-            status = read_status(folder)
-            if status.state is State.RUNNING and status.pid and (folder / "checkpoint.pt").is_file():
+            status = read_status(Trial(folder=folder, values={}, args=[]))
+            if status.state == "running" and status.pid and (folder / "checkpoint.pt").is_file():
                 worker = psutil.Process(status.pid).parent()
                 assert worker is not None
                 family = psutil.Process().children(recursive=True)
@@ -47,7 +48,7 @@ def test_six_trials_survive_a_killed_worker(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """SIGKILL to Ray's worker: its trial dies with it, Ray begins it again, it goes on from its checkpoint."""
-    monkeypatch.setattr(session, "_remote", fake_remote)
+    monkeypatch.setattr(runners, "run_trial", fake_remote)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
     found: dict = {}
     watch = threading.Thread(target=kill_a_worker, args=(tmp_path, found))
@@ -61,7 +62,7 @@ def test_six_trials_survive_a_killed_worker(
     assert all(trial["figures"]["iterations"] == 20 for trial in result["trials"])
     log = (tmp_path / found["trial"] / "log.txt").read_text()
     assert log.count("starts at step") == 2 and log.count("starts at step 0") == 1
-    assert f"{found['trial']}: started again (its worker was killed)" in capsys.readouterr().out
+    assert f"{found['trial']}: done" in capsys.readouterr().out
     assert found["addresses"] and all(ip in ("127.0.0.1", "::1", "::ffff:127.0.0.1") for ip in found["addresses"])
 
 

@@ -1,138 +1,174 @@
-"""Where trials run: GPUs are handed out to one trial at a time, errors of the sweep itself come out."""
+"""A trial is begun again from its checkpoint when it is killed, not when its input is bad; where it runs; stopping."""
 
+import json
 import sys
 import threading
 import time
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
 
-from mrwarp.run_dir import write_text
-from mrwarp.sweep import session
+from mrwarp.sweep import runners
 from mrwarp.sweep.grid import GridError, Trial
-from mrwarp.sweep.session import LocalRunner, Session
-from mrwarp.sweep.trial import State, Status, read_status, write_status
-
-TRIALS = [Trial(name=f"seed={k}", values={"seed": str(k)}, command="train", args=()) for k in range(6)]
+from mrwarp.sweep.runners import Status, local_runner, ray_runner, read_status, run_trial, run_trials, write_status
 
 
-def test_no_two_trials_share_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+def make_trial(out: Path, seed: int = 0) -> Trial:
+    """A training with one seed, which decides what happens to it; the sweep's mark stands in its folder."""
+    (out / "running").touch()
+    return Trial(folder=out / f"seed={seed}", values={"seed": str(seed)}, args=["train", f"--seed={seed}"])
+
+
+@pytest.mark.usefixtures("fake")
+def test_a_killed_trial_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
+    """SIGKILL at step 10: the second start begins there, not at 0."""
+    trial = make_trial(tmp_path, 92)
+    run_trial(trial, tmp_path / "running", 2, {})
+    log = (trial.folder / "log.txt").read_text()
+    assert "starts at step 0" in log and "starts at step 10" in log
+    assert log.count("$ mrwarp train") == 2 and log.count("--resume") == 1
+    status = read_status(trial)
+    assert (status.state, status.attempts, status.pid) == ("done", 2, None) and status.wall_seconds > 0.0
+
+
+@pytest.mark.usefixtures("fake")
+@pytest.mark.parametrize(
+    ("seed", "retries", "state", "attempts", "why"),
+    [(90, 1, "failed", 1, "exit code 2"), (91, 1, "failed", 2, "exit code 1 without a result.json"),
+     (92, 0, "failed", 1, "killed by SIGKILL"), (93, 1, "missed", 1, "missed its aim (exit code 1)")],
+)  # fmt: skip
+def test_how_a_trial_ends(tmp_path: Path, seed: int, retries: int, state: str, attempts: int, why: str) -> None:
+    """Bad input is not tried again, a crash is, a missed aim is a result; a failure keeps the last lines."""
+    trial = make_trial(tmp_path, seed)
+    run_trial(trial, tmp_path / "running", retries, {})
+    status = read_status(trial)
+    assert (status.state, status.attempts, status.why) == (state, attempts, why)
+    assert bool(status.last_lines) == (state == "failed")
+
+
+@pytest.mark.usefixtures("fake")
+def test_stopping_lets_the_trial_save(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the mark it saves and ends; with it again it goes on from there; none begins without."""
+    monkeypatch.setenv("FAKE_STEP_TIME", "0.5")
+    trial = make_trial(tmp_path)
+    saved = trial.folder / "checkpoint.pt"
+    run = threading.Thread(target=run_trial, args=(trial, tmp_path / "running", 2, {}))
+    run.start()
+    while not saved.is_file():
+        time.sleep(0.05)
+    (tmp_path / "running").unlink()
+    run.join()
+    reached = int(saved.read_text())
+    assert 0 < reached < 20 and read_status(trial).state == "stopped"
+    run_trial(trial, tmp_path / "running", 2, {})
+    assert read_status(trial).state == "waiting" and int(saved.read_text()) == reached
+    monkeypatch.setenv("FAKE_STEP_TIME", "0")
+    run_trial(make_trial(tmp_path), tmp_path / "running", 0, {})
+    assert read_status(trial).state == "done"
+    assert f"starts at step {reached}" in (trial.folder / "log.txt").read_text()
+
+
+@pytest.mark.usefixtures("fake")
+def test_only_a_training_is_resumed(tmp_path: Path) -> None:
+    """Other commands have no ``--resume``."""
+    trial = Trial(folder=make_trial(tmp_path).folder, values={}, args=["walk", "--seed=0"])
+    trial.folder.mkdir()
+    (trial.folder / "checkpoint.pt").write_text("3")
+    run_trial(trial, tmp_path / "running", 0, {})
+    assert (trial.folder / "log.txt").read_text().splitlines()[0] == f"$ mrwarp walk --seed=0 --out {trial.folder}"
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"state": "done", "more": 1}'])
+def test_a_damaged_status_is_a_waiting_trial(tmp_path: Path, text: str) -> None:
+    """The trial is run again rather than believed."""
+    trial = make_trial(tmp_path)
+    write_status(trial, Status(state="failed", args=["a"], attempts=3, why="x"))
+    assert read_status(trial) == Status(state="failed", args=["a"], attempts=3, why="x")
+    (trial.folder / "trial.json").write_text(text)
+    assert read_status(trial) == Status()
+
+
+def test_no_two_trials_share_a_gpu(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Five GPUs, two for each trial: two trials at a time, each with a pair of its own."""
     busy: set[str] = set()
     seen: list[str] = []
 
-    def run(trial: Trial, folder: Path, *, environment: dict[str, str], **_: Any) -> State:
-        pair = environment["CUDA_VISIBLE_DEVICES"]
-        assert pair not in busy and environment["OMP_NUM_THREADS"] == "3"
+    def run(trial: Trial, mark: Path, retries: int, variables: dict[str, str]) -> None:
+        pair = variables["CUDA_VISIBLE_DEVICES"]
+        assert pair not in busy and variables["OMP_NUM_THREADS"] == "3"
         busy.add(pair)
         seen.append(pair)
         time.sleep(0.05)
         busy.remove(pair)
-        return State.DONE
 
-    monkeypatch.setattr(session, "run_trial", run)
-    runner = LocalRunner(8, cpus=3, gpus=2, visible=("0", "1", "2", "3", "7"))
+    monkeypatch.setattr(runners, "run_trial", run)
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "0,1,2,3,7")
+    runner = local_runner(8, cpus=3, gpus=2, retries=0)
     assert runner.workers == 2
     with ThreadPoolExecutor(4) as pool:
-        list(pool.map(lambda trial: runner.run(trial, Path(trial.name), 0, lambda: False), TRIALS))
+        list(pool.map(runner.run, [make_trial(tmp_path, seed) for seed in range(6)], [tmp_path] * 6))
     assert set(seen) == {"0,1", "2,3"} and len(seen) == 6
 
 
-def test_more_gpus_than_there_are_are_refused() -> None:
+def test_more_gpus_than_there_are_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Both numbers are named."""
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "0")
     with pytest.raises(GridError, match="--gpus 2: this machine has 1"):
-        LocalRunner(2, gpus=2, visible=("0",))
+        local_runner(1, cpus=1, gpus=2, retries=0)
 
 
 def test_an_error_of_the_sweep_itself_comes_out(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A full disk under ``trial.json`` is no trial's failure and must not be lost."""
 
-    def run(*_: Any, **__: Any) -> State:
+    def run(*_: Any) -> None:
         raise OSError("no space left on device")
 
-    monkeypatch.setattr(session, "run_trial", run)
+    monkeypatch.setattr(runners, "run_trial", run)
     with pytest.raises(OSError, match="no space left"):
-        Session(TRIALS, tmp_path).run(LocalRunner(2), retries=0, figures=(), command="")
+        run_trials(
+            [make_trial(tmp_path, seed) for seed in range(6)], tmp_path, local_runner(2, cpus=1, gpus=0, retries=0)
+        )
+    assert not list(tmp_path.glob("running-*"))
 
 
-class FakeRay(ModuleType):
-    """As much of Ray as the runner calls, with tasks in threads; a cancelled task gets ``KeyboardInterrupt``."""
+def test_what_ray_is_asked_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A stand-in for Ray: a worker that is lost for good leaves a failed trial, the others their results."""
+    trials = [make_trial(tmp_path, seed) for seed in range(3)]
+    found: dict[str, Any] = {}
 
-    def __init__(self) -> None:
-        super().__init__("ray")
-        self.exceptions = SimpleNamespace(RayError=RuntimeError)
-        self.pool, self.cancelled, self.shut = ThreadPoolExecutor(4), threading.Event(), False
+    class Ray:
+        """The calls that a sweep makes of it."""
 
-    def init(self, **_: Any) -> None:
-        """A cluster is there."""
+        class exceptions:  # noqa: N801
+            """Ray's errors."""
 
-    def remote(self, **_: Any) -> Any:
-        """Decorates a task."""
-        return lambda task: SimpleNamespace(remote=lambda *args: self.pool.submit(task, *args))
+            class RayError(Exception):
+                """Of a task."""
 
-    def wait(self, references: list[Future[Any]], timeout: float) -> tuple[list[Future[Any]], list[Future[Any]]]:
-        """Those that are done, and the others."""
-        done, left = wait(references, timeout=timeout)
-        return list(done), list(left)
+        def init(self, **options: Any) -> None:
+            """Start."""
+            found["init"] = options
 
-    def get(self, reference: Future[Any]) -> Any:
-        """What a task returned."""
-        return reference.result()
+        def remote(self, **options: Any) -> Any:
+            """A task that runs where it is called."""
+            found["task"] = options
+            return lambda function: type("Task", (), {"remote": lambda _, *args: (function, args)})()
 
-    def cancel(self, reference: Future[Any]) -> None:
-        """Ends all of them here."""
-        self.cancelled.set()
+        def get(self, task: Any) -> None:
+            """Run it, but for the trial that is lost."""
+            function, (trial, *more) = task
+            if trial is trials[1]:
+                raise self.exceptions.RayError("node\ndied")
+            function(trial, *more)
 
-    def shutdown(self) -> None:
-        """Leaves."""
-        self.shut = True
+    def run(trial: Trial, mark: Path, retries: int, variables: dict[str, str]) -> None:
+        write_status(trial, Status(state="done", args=trial.args, attempts=1))
 
-
-@pytest.fixture
-def ray(monkeypatch: pytest.MonkeyPatch) -> FakeRay:
-    """In place of the package."""
-    fake = FakeRay()
-    monkeypatch.setitem(sys.modules, "ray", fake)
-    return fake
-
-
-def test_ray_runs_the_trials_and_a_lost_worker_is_a_failed_trial(
-    ray: FakeRay, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """Five end, the worker of one is gone; the sweep goes on and leaves the cluster."""
-
-    def run(trial: Trial, folder: Path, *, environment: dict[str, str], **_: Any) -> State:
-        assert environment["OMP_NUM_THREADS"] == "2"
-        if trial.name == "seed=3":
-            raise RuntimeError("the worker died")
-        write_text(folder / "result.json", "{}")
-        write_status(folder, Status(state=State.DONE, attempts=1, args=["train"]))
-        return State.DONE
-
-    monkeypatch.setattr(session, "run_trial", run)
-    assert Session(TRIALS, tmp_path).run(session.RayRunner(2, cpus=2), retries=0, figures=(), command="") == 1
-    assert ray.shut
-    found = {trial.name: read_status(tmp_path / trial.name) for trial in TRIALS}
-    assert [name for name, status in found.items() if status.state is not State.DONE] == ["seed=3"]
-    assert found["seed=3"].why == "its worker was lost (the worker died)"
-
-
-def test_a_stopped_task_of_ray_is_waited_for_while_it_saves(
-    ray: FakeRay, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """Cancelled, and the runner returns when the trial's status says that it has stopped."""
-
-    def run(trial: Trial, folder: Path, **_: Any) -> State:
-        write_status(folder, Status(state=State.RUNNING))
-        assert ray.cancelled.wait(20.0)
-        time.sleep(0.3)
-        write_status(folder, Status(state=State.STOPPED))
-        return State.STOPPED
-
-    monkeypatch.setattr(session, "run_trial", run)
-    runner = session.RayRunner(1)
-    runner.run(TRIALS[0], tmp_path, 0, lambda: read_status(tmp_path).state is State.RUNNING)
-    assert read_status(tmp_path).state is State.STOPPED
+    monkeypatch.setitem(sys.modules, "ray", Ray())
+    monkeypatch.setattr(runners, "run_trial", run)
+    assert run_trials(trials, tmp_path, ray_runner(1, cpus=2, gpus=1, retries=5, address="auto"))
+    assert found["init"]["address"] == "auto" and found["task"] == {"max_retries": 5, "num_cpus": 2, "num_gpus": 1}
+    assert [read_status(trial).state for trial in trials] == ["done", "failed", "done"]
+    assert json.loads((trials[1].folder / "trial.json").read_text())["why"] == "its worker was lost (node died)"
