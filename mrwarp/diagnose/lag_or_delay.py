@@ -67,25 +67,37 @@ def decided_by_steps(models: Models, final: Fit, candidates: list[str]) -> LagOr
     named = [e for e in (LAG, DELAY) if e in models.added(final)]
     if len(named) != 1:
         return LagOrDelay(final)
+    certain = LagOrDelay(final, refined=_refined(find_steps(models.problem, final)) if named[0] == DELAY else {})
     other = DELAY if named[0] == LAG else LAG
     without = models.without(final, named[0])
     screened = screen(models.problem, without, [other]) if other in candidates else []
     if not screened:
-        return LagOrDelay(final)
+        return certain
     rival = models.grown(without, screened[0])
     behind = (rival.total - final.total) / max(without.total - final.total, 1e-9)
     if behind > _NEAR:
-        return LagOrDelay(final)
+        return certain
     steps = find_steps(models.problem, final if named[0] == LAG else rival)
     found = more_likely(steps) if steps is not None else None
     if steps is None or found is None:  # neither law knows when the command changed: their fits do not decide
         return LagOrDelay(final, undecided=other)
-    refined = {}
-    if found == DELAY and (size := size_from(steps, DELAY))[0] < 2.0 * steps.dt:
-        # the fit has a delay of parts of a sample as a mean of two samples
-        refined[DELAY, CATALOGUE[DELAY].parameters[0].name] = size
     model, loser = (final, other) if found == named[0] else (rival, named[0])
-    return LagOrDelay(model, excluded=loser, refined=refined)
+    return LagOrDelay(model, excluded=loser, refined=_refined(steps) if found == DELAY else {})
+
+
+def _refined(steps: StepResponses | None) -> dict[tuple[str, str], tuple[float, float, float]]:
+    """The delay by the single steps, where the fit does not have it.
+
+    The fit has a delay of parts of a sample as a mean of two samples. And where all steps fall alike between two
+    samples, as where the log and the command share a clock, every delay up to the next whole sample gives one record.
+    """
+    if steps is None:
+        return {}
+    size = size_from(steps, DELAY)
+    _, (apart, _, alike) = _likelihoods(steps, DELAY)
+    if size[0] < 2.0 * steps.dt or alike.max() > apart.max() - 1e-6:  # alike at a whole sample
+        return {(DELAY, CATALOGUE[DELAY].parameters[0].name): size}
+    return {}
 
 
 def more_likely(steps: StepResponses) -> str | None:
@@ -105,15 +117,15 @@ def size_from(steps: StepResponses, effect: str) -> tuple[float, float, float]:
 
 
 def find_steps(problem: Problem, lag: Fit) -> StepResponses | None:
-    """Steps of a data set, measured against the model without the lag; None if they are too few."""
+    """Steps of a data set, measured against a model without its lag or delay; None if they are too few."""
     s, noise = problem.motion, problem.noise.rms
     dt = float(np.median(s.dt))
     if float(np.ptp(s.dt)) > 1e-3 * dt:
         return None
     constant, delay = (row_column(effect, CATALOGUE[effect].parameters[0].name) for effect in (LAG, DELAY))
-    reach = int(np.clip(np.ceil(1.6 * lag.row[constant] / dt), 3, 40))
+    reach = int(np.clip(np.ceil(max(1.6 * lag.row[constant], lag.row[delay] + 2.0 * dt) / dt), 3, 40))
     rows = np.stack([lag.row, lag.row])
-    rows[:, constant] = 0.0
+    rows[:, [constant, delay]] = 0.0
     rows[1, delay] = reach * dt
     new, old = problem.replay.torque(rows).astype(float)
     late, error, trajectory = [], [], []
@@ -138,23 +150,30 @@ def find_steps(problem: Problem, lag: Fit) -> StepResponses | None:
 
 
 def _profile(steps: StepResponses, effect: str) -> tuple[np.ndarray, np.ndarray]:
-    """Sizes [s] and the logarithm of the likelihood at each.
+    """Sizes [s] and the logarithm of the likelihood at each, of what explains the steps' times between samples best."""
+    sizes, ways = _likelihoods(steps, effect)
+    return sizes, ways.max(axis=0)
 
-    The time of each step is integrated over, and so is one common time of all steps of a trajectory; the better counts.
+
+def _likelihoods(steps: StepResponses, effect: str) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes [s], shape (S,), and the logarithm of the likelihood at each, shape (3, S).
+
+    A step's time between two samples is unknown and integrated over: that of each step, one that is common to all steps
+    of a trajectory, and one that is common to all.
     """
     dt, reach = steps.dt, steps.late.shape[1]
     age = (np.arange(_AGES) + 0.5) / _AGES * dt
     since = age[:, None] + dt * np.arange(reach)
     sizes = dt * (np.geomspace(0.02, 2.0 * reach, 80) if effect == LAG else np.linspace(0.02, reach, 50 * reach))
     members = [np.flatnonzero(steps.trajectory == k) for k in np.unique(steps.trajectory)]
-    profile = np.empty(len(sizes))
+    out = np.empty((3, len(sizes)))
     for i, size in enumerate(sizes):
         late = np.exp(-since / size) if effect == LAG else (since < size).astype(float)
         miss = (steps.late[:, None, :] - late) / steps.error[:, None, :]
         each = -0.5 * np.minimum(miss**2, 25.0).sum(axis=2)
         together = np.stack([each[m].sum(axis=0) for m in members])
-        profile[i] = max(float(_mean_exp(each).sum()), float(_mean_exp(together).sum()))
-    return sizes, profile
+        out[:, i] = _mean_exp(each).sum(), _mean_exp(together).sum(), _mean_exp(each.sum(axis=0))
+    return sizes, out
 
 
 def _mean_exp(logs: np.ndarray) -> np.ndarray:

@@ -38,6 +38,16 @@ def test_delay_is_measured_to_parts_of_a_sample() -> None:
     assert np.median([high - low for _, low, high in found]) < 0.4 * DT
 
 
+@pytest.mark.parametrize("delay", [1.2, 1.5, 2.0])
+def test_delay_on_the_logs_own_clock_is_known_to_a_sample_only(delay: float) -> None:
+    """Where each step falls on a sample, delays up to the next whole sample give one record: the interval has them."""
+    rng = np.random.default_rng(2)
+    late = (np.arange(6) < 2).astype(float) + 0.08 * rng.normal(size=(40, 6))
+    found = StepResponses(late=late, error=np.full(late.shape, 0.08), trajectory=np.arange(40) // 4, dt=DT)
+    _, low, high = size_from(found, DELAY)
+    assert low < delay * DT < high < 3.0 * DT
+
+
 def test_without_steps_that_are_late_nothing_is_told() -> None:
     """Noise alone speaks for neither."""
     rng = np.random.default_rng(1)
