@@ -9,11 +9,12 @@ import errno
 import os
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 
 from mrwarp.options.command_line import CommandLine, OptionError, closest, parse
 from mrwarp.options.command_table import COMMANDS, Command, Group
 from mrwarp.run_dir import FolderError, one_line
-from mrwarp.runtime import exit_code, one_voice, quiet_libraries
+from mrwarp.runtime import exit_code, one_of_several, one_voice, quiet_libraries
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 """Errors of a disk that takes no more: no fault of the command line."""
@@ -26,7 +27,20 @@ def main(argv: Sequence[str] | None = None, prog: str = "") -> int:
         argv: Command and its arguments; None takes those of the process.
         prog: What the command is called, where a script of another name runs it.
     """
-    words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        code = _main(list(sys.argv[1:] if argv is None else argv), prog)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:  # whoever read the output has gone, as in `mrwarp ... | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+
+
+def _main(words: list[str], prog: str) -> int:
+    """Find the command that is named, and run it."""
+    if words[:1] == ["--version"]:
+        print(f"mrwarp {version('mrwarp')}")
+        return 0
     called, entry = "mrwarp", Group("", COMMANDS)
     while isinstance(entry, Group):
         if not words or words[0] in ("-h", "--help"):
@@ -49,11 +63,11 @@ def _run(command: Command, line: CommandLine) -> int:
     try:
         with one_voice():
             options = parse(command.load(), line.argv, line.prog)
+            if not one_of_several():  # then the processes agree on who complains
+                options.check()
         if options.engines:
-            quiet_libraries()
-        code = options.run(line)
-        sys.stdout.flush()
-        return code
+            quiet_libraries(gpu=options.on_gpu)
+        return options.run(line)
     except SystemExit as leaving:  # after --help
         return leaving.code if isinstance(leaving.code, int) else 2
     except OptionError as error:
@@ -62,9 +76,8 @@ def _run(command: Command, line: CommandLine) -> int:
     except KeyboardInterrupt as stopped:
         print(f"\nstopped{f'; {stopped}' if str(stopped) else ''}", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # whoever read the output has gone, as in `mrwarp ... | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
+    except BrokenPipeError:  # an OSError; for main
+        raise
     except FolderError as error:
         return _refuse(line.prog, str(error), 2)
     except OSError as error:

@@ -6,9 +6,11 @@ Torch and Warp are loaded when they are first set up, so that ``--help`` need no
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import io
 import logging
 import os
+import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
@@ -37,12 +39,50 @@ def exit_code(error: BaseException) -> int | None:
     return getattr(error, "exit_code", 2 if isinstance(error, ValueError | OSError) else None)
 
 
-def quiet_libraries() -> None:
-    """Silence the libraries' start-up notes, and keep torch on one thread as :func:`one_torch_thread` does."""
+def gpu_count() -> int:
+    """CUDA devices that this process may use; asks the driver, so that no engine need be loaded."""
+    count = ctypes.c_int(0)
+    try:
+        driver = ctypes.CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1")
+        return 0 if driver.cuInit(0) or driver.cuDeviceGetCount(ctypes.byref(count)) else count.value
+    except (OSError, AttributeError):
+        return 0
+
+
+def check_device(device: str) -> None:
+    """Raise ValueError unless the device is there; ``cuda`` alone is a GPU for each process of a training."""
+    if device == "cuda":
+        device = f"cuda:{os.environ.get('LOCAL_RANK') or 0}"
+    if device != "cpu" and device not in (known := [f"cuda:{i}" for i in range(gpu_count())]):
+        raise ValueError(f"--device {device}: no such device here; choose from {', '.join(['cpu', *known])}")
+
+
+@contextlib.contextmanager
+def _silent_stderr() -> Iterator[None]:
+    """Swallow what native code writes to the error stream."""
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def quiet_libraries(*, gpu: bool = True) -> None:
+    """Silence the libraries' start-up notes, and keep torch on one thread as :func:`one_torch_thread` does.
+
+    Without ``gpu`` Warp does not complain that there is none.
+    """
     import torch
     import warp as wp
 
     wp.config.log_level = wp.LOG_WARNING
+    if not gpu and gpu_count() == 0:
+        with _silent_stderr():
+            wp.init()
     logging.getLogger("newton").setLevel(logging.WARNING)
     torch.set_num_threads(1)
 

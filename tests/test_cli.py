@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from tyro._docstrings import get_field_docstring
 
 from mrwarp import cli
 from mrwarp.enums import LEARNED
-from mrwarp.options.command_line import option_flags
+from mrwarp.options.command_line import option_flags, parse
 from mrwarp.options.command_table import all_commands
 from mrwarp.resources import DEFAULT_POLICY, shipped_model
 
@@ -48,17 +49,18 @@ def test_a_full_disk_ends_in_one_line(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), named)
 
     monkeypatch.setattr("mrwarp.commands.run_fit.Check.run", run)
-    assert cli.main(["check", "x"]) == 1
+    assert cli.main(["check", "."]) == 1
     where = f"{named}: " if named else ""
     remedy = "make room or name another folder, then run it again"
     assert capsys.readouterr().err == f"mrwarp check: {where}No space left on device; {remedy}\n"
 
 
-def test_a_reader_that_has_gone_is_no_error() -> None:
+@pytest.mark.parametrize("argv", [["bench", "--list-effects"], ["--help"], ["train", "--help"], ["asset"]])
+def test_a_reader_that_has_gone_is_no_error(argv: list[str]) -> None:
     """``mrwarp COMMAND | true`` says nothing on stderr."""
     read, write = os.pipe()
     os.close(read)
-    command = [sys.executable, "-m", "mrwarp.cli", "bench", "--list-effects"]
+    command = [sys.executable, "-m", "mrwarp", *argv]
     done = subprocess.run(
         command, stdout=write, stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[1], check=False
     )
@@ -82,6 +84,56 @@ for name in {sorted(name for name, _ in all_commands())}:
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+REFUSED = [
+    "train --device cuda:99", "train --resume none.pt", "train --asset none.usda", "train --model none.json",
+    "train --out file", "play --policy none.onnx", "play --agent zero --device cuda:99", "impact --policy none.onnx",
+    "impact --out file", "walk --policy-go1 none.onnx", "mission --model none.json", "fit none.csv", "fit . --out file",
+    "diagnose none.csv", "diagnose . --predict none.csv", "learn none.csv --out o", "bench --policy none.onnx",
+    "perf --device cuda:99", "verify --policy none.onnx", "reproduce all --out file", "study table2 --out file",
+]  # fmt: skip
+"""Paths and devices that are not there, and an output folder that is a file."""
+
+
+def test_refusals_load_no_engine(tmp_path: Path) -> None:
+    """What can be seen without torch, Warp, Newton and MuJoCo is looked at before they are loaded."""
+    (tmp_path / "file").write_text("")
+    script = f"""
+import contextlib, io, sys
+from mrwarp import cli
+for line in {REFUSED}:
+    with contextlib.redirect_stderr(io.StringIO()) as said:
+        assert cli.main(line.split()) == 2, line
+    assert said.getvalue().count("\\n") == 1, (line, said.getvalue())
+    loaded = sorted({{"torch", "warp", "newton", "mujoco"}} & set(sys.modules))
+    assert not loaded, (line, loaded)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_nobody_who_asked_for_no_gpu_is_told_that_there_is_none() -> None:
+    """Warp's library says so on stderr when it begins."""
+    script = "from mrwarp.runtime import quiet_libraries; quiet_libraries(gpu=False); import warp; warp.zeros(1)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_version(capsys: pytest.CaptureFixture) -> None:
+    """``mrwarp --version``."""
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"mrwarp {version('mrwarp')}\n"
+
+
+def test_an_option_of_another_name_is_refused_with_the_new_one(capsys: pytest.CaptureFixture) -> None:
+    """One word per thing; the kind of network keeps its earlier name beside the new one."""
+    assert cli.main(["mission", "--seeds", "2"]) == 2
+    assert "it is --trials now" in capsys.readouterr().err
+    learn = dict(all_commands())["learn"].load()
+    for name in ("--kind", "--model"):
+        assert parse(learn, ["data", "--out", "o", name, "mlp"], "mrwarp learn").kind == "mlp"
 
 
 def test_shipped_files_are_there() -> None:

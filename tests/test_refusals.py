@@ -388,7 +388,7 @@ def test_what_cannot_be_read(argv: list[str], parts: tuple[str, ...], capsys: py
     assert all(part in line for part in parts) and line.endswith("; see --help\n")
 
 
-@pytest.mark.parametrize(("word", "hint"), [("fitt", "did you mean 'fit'? see"), ("--version", "; see mrwarp --help")])
+@pytest.mark.parametrize(("word", "hint"), [("fitt", "did you mean 'fit'? see"), ("--versoin", "; see mrwarp --help")])
 def test_a_misspelt_command(word: str, hint: str, capsys: pytest.CaptureFixture[str]) -> None:
     """One line with the nearest name."""
     assert cli.main([word]) == 2

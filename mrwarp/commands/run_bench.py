@@ -35,7 +35,7 @@ class Bench(Options):
     overwrite: opt.Flag = False
     """replace recordings that are already there"""
     effect: UseAppendAction[tuple[Annotated[tuple[str, float], opt.one(opt.assignment, "NAME=VALUE")], ...]] = ()
-    """set one effect, in SI units; --list-effects shows them"""
+    """set one effect, such as coil_lag=0.02 [s], cogging=0.3 [N·m] or backlash=0.01 [rad]; see --list-effects"""
     list_effects: opt.Flag = False
     """print all effects with defaults and reasons"""
     scale_effects: Annotated[float, opt.one(opt.within(0.0, 10.0, ""), "X")] = 1.0

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from tyro.conf import arg
+
 from mrwarp.enums import LEARNED
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
@@ -139,8 +141,8 @@ class Learn(Options):
     """recording: a file or a folder"""
     out: opt.Folder
     """output folder"""
-    model: Annotated[str, opt.one_of(LEARNED)] = "pg_rlstm"
-    """kind"""
+    kind: Annotated[str, opt.one_of(LEARNED), arg(aliases=["--model"])] = "pg_rlstm"
+    """kind of network; --model is its earlier name"""
     bouc_wen: opt.OptionalFile = None
     """model.json of 'mrwarp fit' (default: the paper)"""
     epochs: opt.Count = 80
@@ -171,25 +173,25 @@ class Learn(Options):
             evaluation = load_recording(held_out)
             if learn.sampling_interval(evaluation) != learn.sampling_interval(recording):
                 raise ValueError(f"{held_out}: sampled at another rate than {self.data}; resample one of them")
-        learned = learn.learn(recording, kind=self.model, bouc_wen=bouc_wen, cfg=cfg, report=print_epoch)
+        learned = learn.learn(recording, kind=self.kind, bouc_wen=bouc_wen, cfg=cfg, report=print_epoch)
         model = replace(learned.model, source=str(self.data))
         figures = {**learned.figures, "bouc_wen": model.bouc_wen, "evaluation": None}
         if evaluation:
             torques = {
                 "bouc_wen": learn.bouc_wen_torque(evaluation, bouc_wen),
-                self.model: learn.predict(model, evaluation),
+                self.kind: learn.predict(model, evaluation),
             }
-            if "lstm" in self.model:  # as the simulation runs it
-                torques[f"{self.model}, carried"] = learn.predict(model, evaluation, lstm_state=LstmState.CARRIED)
+            if "lstm" in self.kind:  # as the simulation runs it
+                torques[f"{self.kind}, carried"] = learn.predict(model, evaluation, lstm_state=LstmState.CARRIED)
             errors = {name: learn.errors(torque, evaluation) for name, torque in torques.items()}
             figures["evaluation"] = {name: learn.summary(found) for name, found in errors.items()}
             print(learn.table(figures["evaluation"]))
         network_file.save(model, self.out / "model.safetensors")
         network_file.export_onnx(model, self.out / "model.onnx")
-        plot_history(learned.history, self.model, self.out / "curves.png")
+        plot_history(learned.history, self.kind, self.out / "curves.png")
         write_result(self.out, figures, seed=self.seed, command=str(line))
         print(
-            f"{self.model}: validation RMSE {figures['validation_rmse']:.3f} N·m at epoch {figures['best_epoch']} of "
+            f"{self.kind}: validation RMSE {figures['validation_rmse']:.3f} N·m at epoch {figures['best_epoch']} of "
             f"{figures['epochs']} ({figures['windows_seen']} windows drawn from {figures['training_windows']}, "
             f"{figures['seconds'] / 60:.1f} min); written to {self.out}"
         )

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from mrwarp.commands.run_train import check_device
 from mrwarp.enums import ACTUATORS, TERRAINS, Coupling, HoldCurrent, ZStep
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine
@@ -101,7 +100,6 @@ class Play(opt.RobotOptions):
 
     def _prepare(self) -> Player:
         """The player, with its viewers open; nothing is written when something is wrong."""
-        check_device(self.device)
         for path, suffix in ((self.rrd, ".rrd"), (self.png, ".png"), (self.out, "")):
             check_output(path, suffix)
 

@@ -172,6 +172,7 @@ class Mission(EnergyOptions):
     A window of every phase is simulated and carried over the whole phase by the electrical, battery and thermal models.
     """
 
+    renamed = {"seeds": "trials"}
     out: opt.Folder = Path("runs/mission")
     """output folder"""
     robot: Annotated[tuple[str, ...], opt.some_of(ROBOTS)] = ROBOTS
@@ -188,7 +189,7 @@ class Mission(EnergyOptions):
     """load back [kg]"""
     window: Distance = 10.0
     """simulated distance of each walk [m]"""
-    seeds: opt.Count = 3
+    trials: opt.Count = 3
     """repetitions"""
     feedback: opt.Flag = False
     """warm windings and fluids act back; a second pass"""
@@ -206,8 +207,10 @@ class Mission(EnergyOptions):
 
         started, progress = time.perf_counter(), ProgressLine(sys.stdout)
         groups, policies = read_numbers(self.numbers, self.set), self.read_policies()
-        same = self.chosen(*TASK, "window", "seeds", "current", "feedback", "seed")
-        cfg = MissionCfg(**same, robots=tuple(r for r in ROBOTS if r in self.robot), env=self.env_cfg())
+        same = self.chosen(*TASK, "window", "current", "feedback", "seed")
+        cfg = MissionCfg(
+            **same, seeds=self.trials, robots=tuple(r for r in ROBOTS if r in self.robot), env=self.env_cfg()
+        )
         of_paper = all(getattr(cfg, name) == getattr(MissionCfg(), name) for name in TASK)
         if self.calibrate and "go1" not in cfg.robots:
             raise ValueError("--calibrate needs Go1 among the robots")
@@ -216,7 +219,7 @@ class Mission(EnergyOptions):
             raise ValueError(f"--calibrate needs the paper's task, whose figures it fits; leave out {others}")
         for text in device_notes(cfg.env, self.current):
             print(text, flush=True)
-        task = {**self.chosen(*TASK, "feedback", "seeds"), "of_paper": of_paper}
+        task = {**self.chosen(*TASK, "feedback"), "seeds": self.trials, "of_paper": of_paper}
         try:
             traces, figures = energy_report.mission_figures_of(
                 cfg, policies, groups, progress, of_paper=of_paper, calibrated=self.calibrate

@@ -15,14 +15,33 @@ import shlex
 import shutil
 import textwrap
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_type_hints
 
 import tyro
 from tyro import _errors as events  # not public, see pyproject.toml
 from tyro.conf import DisallowNone, EnumChoicesFromValues, Positional
 
+from mrwarp.run_dir import check_writable
+from mrwarp.runtime import check_device
+
 HELP_WIDTH = 120
 """Columns of a help that is not shown in a terminal."""
+
+_POLICY = "no such policy; name an .onnx file that train/ppo.py wrote"
+
+INPUTS = {
+    "policy": _POLICY,
+    "policy_go1": _POLICY,
+    "policy_mr_go": _POLICY,
+    "policy_mr_go_sal": _POLICY,
+    "resume": "no such checkpoint; name the file checkpoint.pt that training wrote",
+    "asset": "no such file; name a .usda file",
+    "model": "No such file; name a model.json, as 'mrwarp fit' writes it",
+    "data": "there is no such file or folder; check the path",
+    "predict": "there is no such file or folder; check the path",
+}
+"""Options that name an input, and what is said where it is not there."""
 
 _POSITIONAL = get_args(Positional[int])[1]
 _NO_DEFAULT = re.compile(r"\s*\(default:\s+(None|False|)\)")
@@ -52,6 +71,30 @@ class Options:
 
     engines: ClassVar[bool] = True
     """Whether it loads Warp or torch, whose start-up notes are silenced."""
+
+    renamed: ClassVar[dict[str, str]] = {}
+    """New name of each option that had another one, without the hyphens."""
+
+    @property
+    def on_gpu(self) -> bool:
+        """Whether a GPU was asked for."""
+        return getattr(self, "device", "cpu") != "cpu" or getattr(self, "gpus", 0) > 0
+
+    def check(self) -> None:
+        """Refuse what needs no engine to be refused: files and devices that are not there, an unusable output folder.
+
+        Raises:
+            ValueError: a file or a device is not there; the message names it.
+            FolderError: the output folder cannot be written.
+        """
+        for name, reason in INPUTS.items():
+            path = getattr(self, name, None)
+            if isinstance(path, str | Path) and not os.path.lexists(path):
+                raise ValueError(f"{path}: {reason}")
+        check_device(getattr(self, "device", "cpu"))
+        marks = getattr(get_type_hints(type(self), include_extras=True).get("out"), "__metadata__", ())
+        if any(getattr(mark, "metavar", "") == "DIR" for mark in marks) and (out := getattr(self, "out", None)):
+            check_writable(out)
 
     def run(self, line: CommandLine) -> int:
         """Do the work; returns the exit code: 0 done, 1 measured but missed, 2 bad input, 130 stopped by Ctrl-C."""
@@ -142,6 +185,8 @@ def _message(event: events.ParseErrorEvent, options: type) -> str:
             return f"one of the arguments {'; '.join(names)} is required"
         case events.UnrecognizedArgs(tokens=tokens):
             known = [f"--{name}" for name in option_flags(options)]
+            if new := [options.renamed[t[2:]] for t in tokens if t[2:] in getattr(options, "renamed", {})]:
+                return f"unrecognized arguments: {' '.join(tokens)}; it is --{new[0]} now"
             near = [near for token in tokens for near in difflib.get_close_matches(token.partition("=")[0], known, n=1)]
             return f"unrecognized arguments: {' '.join(tokens)}" + (f"; did you mean {near[0]}?" if near else "")
     return type(event).__name__

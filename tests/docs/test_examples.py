@@ -54,7 +54,7 @@ SHORT = {
     "train": {"--iterations": "1", "--num-envs": "4"},
     "impact": {"--trials": "1"},
     "walk": {"--distance": "0.5", "--trials": "1"},
-    "mission": {"--window": "0.5", "--seeds": "1"},
+    "mission": {"--window": "0.5", "--trials": "1"},
     "play": {"--seconds": "1"},
     "study table2": {"--rollouts": "1", "--seeds": "0"},
     "study table3": {"--rollouts": "1", "--seeds": "0"},

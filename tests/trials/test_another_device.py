@@ -65,7 +65,7 @@ def test_walk_sets_nothing_of_the_paper_beside_it(
 
 def test_mission_and_impact_too(small_brake: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One line says why, and the paper's figures are nowhere in tables and results."""
-    options = ["--robot", "mr_go", "mr_go_sal", "--window", "0.3", "--seeds", "1", "--threads", "1"]
+    options = ["--robot", "mr_go", "mr_go_sal", "--window", "0.3", "--trials", "1", "--threads", "1"]
     assert main(["mission", "--model", str(small_brake), *options, "--out", str(tmp_path / "mission")]) == 0
     result = json.loads((tmp_path / "mission" / "result.json").read_text())
     for row in result["robots"].values():

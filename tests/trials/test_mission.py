@@ -147,7 +147,7 @@ def test_figures_of_given_numbers_are_not_called_calibrated() -> None:
 def test_a_short_mission_from_the_command_line(tmp_path: Path) -> None:
     """MR_Go and MR_Go-SAL over a window of 0.3 m: result, pictures, predictions marked as such."""
     out = tmp_path / "mission"
-    options = ["--robot", "mr_go", "mr_go_sal", "--window", "0.3", "--seeds", "1", "--threads", "1"]
+    options = ["--robot", "mr_go", "mr_go_sal", "--window", "0.3", "--trials", "1", "--threads", "1"]
     assert main(["mission", "--out", str(out), *options]) == 0
     result = json.loads((out / "result.json").read_text())
     for robot in ("mr_go", "mr_go_sal"):
