@@ -73,7 +73,8 @@ def check_writable(out: Path) -> None:
         finally:
             probe.unlink(missing_ok=True)
     except OSError as error:
-        raise FolderError(f"{out}: cannot be written ({error.strerror}); free it or name another --out") from error
+        reason = "it is a file" if isinstance(error, FileExistsError) else error.strerror
+        raise FolderError(f"{out}: cannot be written ({reason}); free it or name another --out") from error
     finally:
         _remove_empty(made)
 

@@ -133,7 +133,7 @@ def test_an_option_of_another_name_is_refused_with_the_new_one(capsys: pytest.Ca
     assert "it is --trials now" in capsys.readouterr().err
     learn = dict(all_commands())["learn"].load()
     for name in ("--kind", "--model"):
-        assert parse(learn, ["data", "--out", "o", name, "mlp"], "mrwarp learn").kind == "mlp"
+        assert vars(parse(learn, ["data", "--out", "o", name, "mlp"], "mrwarp learn"))["kind"] == "mlp"
 
 
 def test_shipped_files_are_there() -> None:
