@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import gc
-import importlib
 import json
 import multiprocessing
 import os
@@ -181,7 +180,7 @@ def run(kind: str, cases: int, *, seed: int, out: Path, seconds: float, coverage
         state = json.loads(file.read_text())
     if kind == "cli":  # once, not in every batch
         for _, command in all_commands():
-            importlib.import_module(command.run)
+            command.load()
     else:
         with tempfile.TemporaryDirectory() as folder:  # a good file first: its imports are no case's time
             path = Path(folder) / f"input{KINDS[kind].suffix}"

@@ -106,7 +106,9 @@ def from_drive(model: Model, folder: Path) -> dict[str, float]:
     builder.add_articulation([joint])
     DriveMR.from_model(saved(model, folder), builder, index=builder.joint_qd_start[joint])
     (actuator,) = builder.finalize(device="cpu").actuators
-    return {name: float(actuator.drive.param(name).numpy()[0]) for name, _ in MrParams()}
+    drive = actuator.drive
+    assert isinstance(drive, DriveMR)
+    return {name: float(drive.param(name).numpy()[0]) for name, _ in MrParams()}
 
 
 def from_learning(model: Model, folder: Path) -> dict[str, float]:

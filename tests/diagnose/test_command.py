@@ -88,7 +88,7 @@ def test_the_extended_model_is_a_known_model(answer: Path, tmp_path: Path) -> No
         name: Parameter(value=value, unit=parameter_unit(name, JOINT_UNITS), ci95=(0.9 * value, 1.1 * value))
         for name, value in {"T_max": 3.4, "K": 0.21, "n": 2.2, "coil_resistance": 7.0, "current_max": 1.1}.items()
     }
-    known = save_model(replace(nominal, parameters=nominal.parameters | besides), tmp_path / "known.json")
+    known = save_model(replace(nominal, parameters={**nominal.parameters, **besides}), tmp_path / "known.json")
     assert cli.main(["diagnose", str(data), "--model", str(known), "--out", str(tmp_path / "again")]) == 0
     carried = load_model(tmp_path / "again" / "model.json")
     assert {name: carried.parameters[name] for name in besides} == besides
