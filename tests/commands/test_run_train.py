@@ -8,16 +8,19 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
 
 from mrwarp.cli import main
 from mrwarp.commands.run_train import Train
-from mrwarp.options.command_line import parse
+from mrwarp.env.cfg import make_walk_cfg
+from mrwarp.options.command_line import CommandLine, parse
 from mrwarp.rl import checkpoint
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.rl.ppo_cfg import LearningCfg
+from mrwarp.rl.ranks import Ranks
 from mrwarp.study.plan import POWER_PRICE
 from mrwarp.usd.open_stage import ASSETS
 
@@ -193,3 +196,17 @@ def test_a_coil_of_less_current_is_told(tmp_path: Path, capsys: pytest.CaptureFi
     assert main(["train", *options, "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr().out
     assert "FL_calf, " in said and "take at most 0.3 A; training currents up to 1.5 A are cut to it" in said
+
+
+@pytest.mark.parametrize(("world", "code"), [(1, 1), (2, 0)])
+def test_a_missed_gate_of_several_processes_is_no_error(
+    world: int, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Torchrun shows a traceback after any other exit code than 0; a lone process ends with 1."""
+    scene = SimpleNamespace(sim=SimpleNamespace(scene=SimpleNamespace(actuators=())), cfg=make_walk_cfg())
+    result = {"stopped": "iterations", "gate_passed": False, "seconds": 1.0, "iterations": 1}
+    trainer = SimpleNamespace(env=scene, run=lambda: result)
+    monkeypatch.setattr("mrwarp.rl.trainer.Trainer", lambda *_, **__: trainer)
+    monkeypatch.setattr(Ranks, "leave", lambda _: None)
+    options = Train(out=tmp_path)
+    assert options._train(CommandLine("mrwarp train", ()), Ranks(world=world)) == code
