@@ -114,6 +114,22 @@ for line in {REFUSED}:
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+def test_looking_at_an_asset_and_changing_it_load_no_engine(tmp_path: Path) -> None:
+    """Show, set and diff take a second or two; the engines would take ten."""
+    script = """
+import shutil, sys
+from mrwarp import cli
+from mrwarp.usd.open_stage import ASSETS
+shutil.copy(ASSETS / "mr_go.usda", "a.usda")
+assert cli.main(["asset", "show", "a.usda"]) == 0
+assert cli.main(["asset", "set", "a.usda", "FL_calf", "K1", "9"]) == 0
+assert cli.main(["asset", "diff", "a.usda", str(ASSETS / "mr_go.usda")]) == 1
+assert not {"torch", "warp", "newton"} & set(sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
 def test_nobody_who_asked_for_no_gpu_is_told_that_there_is_none() -> None:
     """Warp's library says so on stderr when it begins."""
     script = "from mrwarp.runtime import quiet_libraries; quiet_libraries(gpu=False); import warp; warp.zeros(1)"
