@@ -115,13 +115,13 @@ class Figure5(Options):
         """0 done, 2 when a record is missing."""
         check_writable(self.out)
 
-        from mrwarp.study import curves
+        from mrwarp.study.matched_training import TITLES, figure5, plot
 
-        found = curves.figure5(self.policies, seeds=self.seeds)
+        found = figure5(self.policies, seeds=self.seeds)
         self.out.mkdir(parents=True, exist_ok=True)
-        curves.plot(found, self.out / "fig5.png")
+        plot(found, self.out / "fig5.png")
         for plant, curve in found.items():
-            title = curves.TITLES.get(plant, plant)
+            title = TITLES.get(plant, plant)
             print(f"{title:20s} reward at the end {curve.mean[-1]:.2f} ± {curve.sd[-1]:.2f} per second")
         content = {plant: {"update": c.update, "mean": c.mean, "sd": c.sd} for plant, c in found.items()}
         write_result(self.out, {"curves": content}, seed=self.seeds[0], command=str(line))
@@ -135,6 +135,8 @@ class Evaluation(Options):
 
     same: ClassVar[tuple[str, ...]] = ()
     """Further options that the evaluation's configuration calls the same."""
+    fixed: ClassVar[dict[str, str]] = {}
+    """Choices of the evaluation's configuration that are no options."""
     out: opt.Folder
     """output folder"""
     policies: opt.Folder = POLICIES / "study"
@@ -155,7 +157,8 @@ class Evaluation(Options):
 
         from mrwarp.study.rollouts import EvaluationCfg
 
-        cfg = EvaluationCfg(**self.chosen("seeds", "rollouts", "seed", "threads", *self.same), folder=self.policies)
+        chosen = self.chosen("seeds", "rollouts", "seed", "threads", *self.same)
+        cfg = EvaluationCfg(**chosen, **self.fixed, folder=self.policies)
         progress = ProgressLine(sys.stdout)
         try:
             lines, figures, met = self._table(cfg, lambda share: progress(line.prog.rpartition(" ")[2], share))
@@ -183,10 +186,10 @@ class Table3Options(Evaluation):
     """ground that all walk on; rough has 36 tiles, so take as many --rollouts"""
 
     def _table(self, cfg: EvaluationCfg, report: Callable[[float], None]) -> Table:
-        from mrwarp.study import paper_tables, study_report
+        from mrwarp.study import paper_tables
 
         table = paper_tables.table3(cfg, report=report)
-        return study_report.table3_lines(table), study_report.figures(table), True
+        return paper_tables.table3_lines(table), paper_tables.figures(table), True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,27 +202,28 @@ class Table2Options(Table3Options):
     """aware policies"""
 
     def _table(self, cfg: EvaluationCfg, report: Callable[[float], None]) -> Table:
-        from mrwarp.study import paper_tables, study_report
+        from mrwarp.study import paper_tables
 
         table = paper_tables.table2(cfg, aware=self.aware, report=report)
-        lines, met = study_report.table2_lines(table)
-        return lines, study_report.figures(table), met
+        lines, met = paper_tables.table2_lines(table)
+        return lines, paper_tables.figures(table), met
 
 
 @dataclass(frozen=True, kw_only=True)
 class Causes(Evaluation):
     """Which part of the plant makes a policy's velocity error."""
 
+    fixed = {"plant": "bouc_wen"}
     out: opt.Folder = Path("runs/causes")
     """output folder"""
     plants: Annotated[tuple[str, ...], opt.some_of(PLANTS)] = (CONVENTIONAL, AWARE)
     """trainings"""
 
     def _table(self, cfg: EvaluationCfg, report: Callable[[float], None]) -> Table:
-        from mrwarp.study.paper_tables import STEPS, causes
-        from mrwarp.study.study_report import UNITS, plain_row, row_lines
+        from mrwarp.study.paper_tables import STEPS, causes, plain_row, row_lines
+        from mrwarp.study.rollouts import METRICS
 
         found = causes(cfg, self.plants, report)
         rows = {plant: {step: plain_row(row) for step, row in own.items()} for plant, own in found.items()}
         lines = [text for own in found.values() for text in row_lines(own)]
-        return lines, {"rows": rows, "steps": STEPS, "units": UNITS}, True
+        return lines, {"rows": rows, "steps": STEPS, "units": METRICS}, True

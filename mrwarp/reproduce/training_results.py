@@ -9,7 +9,7 @@ from mrwarp.paper import PaperValue
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare
 from mrwarp.reproduce.settings import PLANT_TITLES
-from mrwarp.study import curves, paper_tables
+from mrwarp.study import matched_training, paper_tables
 from mrwarp.study.paper_tables import LEAST, Change, Row, Table2, Table3
 from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS
 from mrwarp.study.rollouts import EvaluationCfg
@@ -94,8 +94,8 @@ def table3(job: Job) -> Findings:
 
 def fig5(job: Job) -> Findings:
     """Learning curves; whether the aware policies learn more slowly and end higher. The paper gives no numbers."""
-    found = curves.figure5()
-    curves.plot(found, job.out / "rewards.png")
+    found = matched_training.figure5()
+    matched_training.plot(found, job.out / "rewards.png")
     slow, plain = found[AWARE], found[CONVENTIONAL]
     quarter, last = slow.update <= 0.25 * slow.update[-1], slow.update >= 0.9 * slow.update[-1]
     early, late = ([float(curve.mean[part].mean()) for curve in (slow, plain)] for part in (quarter, last))

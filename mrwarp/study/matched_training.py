@@ -1,12 +1,19 @@
-"""Training of the studies' policies, one after another; any number of processes may share the work."""
+"""Training of the studies' policies, their training records, and figure 5 from these.
+
+Policies are trained one after another; any number of processes may share the work.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from itertools import cycle
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
 
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.model_file import read_json_file, shown
@@ -14,7 +21,20 @@ from mrwarp.rl import checkpoint
 from mrwarp.rl.checkpoint import learned, read_networks, task
 from mrwarp.rl.trainer import TrainCfg, Trainer
 from mrwarp.run_dir import FolderError, claim, write_bytes, write_text
-from mrwarp.study.plan import PAYING, StudyCfg, name, plant_cfg, policy_file, record_file, start_file
+from mrwarp.study.plan import (
+    AWARE,
+    CONVENTIONAL,
+    PAYING,
+    SEEDS,
+    STUDY,
+    StudyCfg,
+    check_seeds,
+    name,
+    plant_cfg,
+    policy_file,
+    record_file,
+    start_file,
+)
 
 _REMEDY = "remove the folder to train anew"
 
@@ -33,9 +53,15 @@ KEPT = ("iteration", "reward", "v_x_rmse", "falls_per_hour", "clock_match", "lev
 _ORIGIN = ("task", "seed", "iteration")
 """Entries that tell apart the policies that trainings begin with; their files may have moved."""
 
+TITLES = {CONVENTIONAL: "baseline Go1 policy", AWARE: "MRA-SAL policy"}
+"""Names of figure 5's curves."""
+
+COLOURS = ("#b4451f", "#1f6fb4", "#3a8f3a", "#7a4fa3", "#555555")
+"""Of the curves in their order; a sixth begins anew."""
+
 
 class RunError(ValueError):
-    """A run was trained with other choices than asked for; the message names it, what differs and the remedy."""
+    """A run was trained with other choices than asked for, or its record cannot be used."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,10 +89,7 @@ def train(cfg: StudyCfg, out: Path, *, threads: int = 0, report: Callable[[str],
 
     Raises:
         RunError: a run was trained with other choices; nothing has been written.
-        CheckpointError: a checkpoint cannot be used.
-        PolicyError: a policy to start from is missing or unreadable.
-        TrainingError: a training broke off.
-        ValueError: a result is damaged.
+        ValueError: a result, a checkpoint or a policy to start from cannot be used, or a training broke off.
     """
     runs = [(plant, seed, out / name(plant, seed)) for seed in cfg.seeds for plant in cfg.plants]
     for plant, seed, run in runs:  # all of them, before anything is written
@@ -103,8 +126,7 @@ def collect(cfg: StudyCfg, out: Path, folder: Path) -> list[Path]:
     Raises:
         RunError: a run was trained with other choices.
         FileNotFoundError: a training is not finished.
-        CheckpointError: a checkpoint cannot be read.
-        ValueError: a result is damaged.
+        ValueError: a checkpoint or a result is damaged.
     """
     runs = [(plant, seed, out / name(plant, seed)) for plant in cfg.plants for seed in cfg.seeds]
     for plant, seed, run in runs:
@@ -132,13 +154,7 @@ def failed_conditions(record: Path) -> list[str]:
 
 
 def _found(cfg: StudyCfg, plant: str, seed: int, run: Path) -> _Run | None:
-    """The training in a run's folder, None without anything to use or go on from.
-
-    Raises:
-        RunError: it was trained with other choices, or longer.
-        CheckpointError: a checkpoint cannot be read.
-        ValueError: a result is damaged.
-    """
+    """The training in a run's folder, None without anything to use or go on from; refused if made otherwise."""
     content = _result(run) if (run / "result.json").is_file() else {}
     ended = content.get("iterations", 0) >= cfg.iterations and content.get("stopped") != "interrupted"
     remedy = f"give the choices of '{content.get('command')}'"
@@ -220,11 +236,7 @@ def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> T
 
 
 def _result(run: Path) -> dict[str, Any]:
-    """Result of a training in its folder.
-
-    Raises:
-        ValueError: it is no result of a training.
-    """
+    """Result of a training in its folder; ValueError if it is none."""
     path = run / "result.json"
     content = read_json_file(path, _REMEDY)
     lacks = [key for key in (*_COPIED, "seed") if not isinstance(content, dict) or key not in content]
@@ -247,3 +259,67 @@ def _record(run: Path, plant: str, seed: int) -> dict[str, Any]:
         "started_from": result.get("started_from"),  # results of earlier versions have none
         "curve": {key: [row[key] for row in kept] for key in KEPT if kept and key in kept[0]},
     }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """Reward per second over the updates of one plant's trainings."""
+
+    update: np.ndarray
+    """PPO updates, shape (n,)."""
+    reward: np.ndarray
+    """Reward per second, shape (seeds, n)."""
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Mean over seeds, shape (n,)."""
+        return self.reward.mean(axis=0)
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Sample standard deviation over seeds, 0 for one, shape (n,)."""
+        return self.reward.std(axis=0, ddof=1) if len(self.reward) > 1 else np.zeros(self.reward.shape[1])
+
+
+def figure5(
+    folder: Path = STUDY, *, plants: Sequence[str] = (CONVENTIONAL, AWARE), seeds: Sequence[int] = SEEDS
+) -> dict[str, Curve]:
+    """Read the learning curves of some plants' trainings from their records; one curve per plant.
+
+    Raises:
+        RunError: a record is missing or damaged, or records differ in length.
+        ValueError: a seed is named twice.
+    """
+    check_seeds(seeds)
+    found = {}
+    for plant in plants:
+        curves = [_read_curve(record_file(folder, plant, seed)) for seed in seeds]
+        if any(not np.array_equal(update, curves[0][0]) for update, _ in curves):
+            raise RunError(f"{folder}: records of {plant} differ in length; train all with the same --iterations")
+        found[plant] = Curve(update=curves[0][0], reward=np.stack([reward for _, reward in curves]))
+    return found
+
+
+def _read_curve(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Updates, and reward per second after each."""
+    try:
+        curve = json.loads(path.read_text(encoding="utf-8"))["curve"]
+        return np.asarray(curve["iteration"], dtype=float), np.asarray(curve["reward"], dtype=float)
+    except FileNotFoundError as error:
+        raise RunError(f"{path}: no such record; 'mrwarp study train' and 'collect' make it") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise RunError(f"{path}: no training record ({error!r}); collect it again") from error
+
+
+def plot(curves: dict[str, Curve], path: Path) -> None:
+    """Draw the curves of :func:`figure5` with bands of one standard deviation."""
+    figure = Figure(figsize=(7, 4.2), layout="constrained")
+    axes = figure.subplots()
+    for (plant, curve), colour in zip(curves.items(), cycle(COLOURS), strict=False):
+        axes.plot(curve.update, curve.mean, color=colour, label=TITLES.get(plant, plant), linewidth=1.4)
+        axes.fill_between(curve.update, curve.mean - curve.sd, curve.mean + curve.sd, color=colour, alpha=0.2)
+    axes.set_xlabel("PPO update")
+    axes.set_ylabel("reward [1/s]")
+    axes.grid(alpha=0.3)
+    axes.legend(loc="lower right")
+    figure.savefig(path, dpi=120)

@@ -4,13 +4,15 @@
 
 Every policy is rolled out on the MR_Go plant at one command. The rollouts of a training seed are averaged first; means
 and sample standard deviations are those of the seeds' averages, as in the paper.
+
+At the end: the tables as plain values for ``result.json``, and as text.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -19,8 +21,9 @@ from scipy import stats
 
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.runtime import text_table
 from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, plant_cfg, policy_file
-from mrwarp.study.rollouts import METRICS, EvaluationCfg, Measured, roll_out
+from mrwarp.study.rollouts import METRICS, EvaluationCfg, roll_out
 from mrwarp.trials.statistics import spread
 
 CURRENT = 1.5
@@ -99,7 +102,15 @@ class Table2:
 
     def limits(self) -> dict[str, str]:
         """Bound of the reduction of the RMSE, SAL ``off`` and ``on``: how much of each RMSE is not bias."""
-        return {sal: _limit(self.rows[first], self.rows[second]) for sal, (first, second) in PAIRS.items()}
+        found = {}
+        for sal, (first, second) in PAIRS.items():
+            plain, aware = self.rows[first], self.rows[second]
+            most = 1.0 - plain.ripple / float(plain.seeds["v_x_rmse"].mean())
+            found[sal] = (
+                f"without bias the v_x RMSE is {plain.ripple:.4f} (conventional) and {aware.ripple:.4f} m/s (aware), "
+                f"so that no bias at all and the conventional policies' oscillation would lower it by {most:.0%}"
+            )
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,35 +158,29 @@ def table3(cfg: EvaluationCfg | None = None, *, models: Sequence[str] = MODELS, 
     """Roll the policies of every torque model out on one and the same plant, with SAL on, see :func:`evaluate`."""
     rows = evaluate(cfg or EvaluationCfg(), [(model, CURRENT) for model in models], report)
     by_model = dict(zip(models, rows, strict=True))
-    size = {metric: {m: _size(row, metric) for m, row in by_model.items()} for metric in RANKED}
-    return Table3(
-        rows=by_model,
-        ranking={metric: tuple(sorted(models, key=size[metric].__getitem__)) for metric in RANKED},
-        pairs=tuple(pair for metric in RANKED for pair in _pairs(metric, by_model, size[metric])),
-    )
+    ranking, pairs = {}, []
+    for metric in RANKED:
+        # mean over seeds of the absolute values; infinite, so last, without figures
+        means = {model: float(np.abs(row.seeds[metric]).mean()) for model, row in by_model.items()}
+        size = {model: math.inf if math.isnan(mean) else mean for model, mean in means.items()}
+        ranking[metric] = tuple(sorted(models, key=size.__getitem__))
+        pairs += _pairs(metric, by_model, size)
+    return Table3(rows=by_model, ranking=ranking, pairs=tuple(pairs))
 
 
-def _size(row: Row, metric: str) -> float:
-    """Mean over seeds of the absolute values, by which models are ranked; infinite, so last, without figures."""
-    mean = float(np.abs(row.seeds[metric]).mean())
-    return math.inf if math.isnan(mean) else mean
-
-
-def _limit(first: Row, second: Row) -> str:
-    whole = float(first.seeds["v_x_rmse"].mean())
-    return (
-        f"without bias the v_x RMSE is {first.ripple:.4f} (conventional) and {second.ripple:.4f} m/s (aware), so that "
-        f"no bias at all and the conventional policies' oscillation would lower it by {1.0 - first.ripple / whole:.0%}"
-    )
-
-
-def evaluate(cfg: EvaluationCfg, cells: Sequence[tuple[str, float]], report: Report | None = None) -> list[Row]:
+def evaluate(
+    cfg: EvaluationCfg, cells: Sequence[tuple[str, float]], report: Report | None = None, *, env: EnvCfg | None = None
+) -> list[Row]:
     """Roll out the policies of several trainings in one batch.
 
     Args:
         cfg: Which policies, and how they are rolled out.
         cells: Training plant, and current that the devices may use [A].
         report: Called with the share that is done.
+        env: What they walk on; None takes the plant and terrain of ``cfg``.
+
+    Returns:
+        A row for each cell. A seed's average leaves out rollouts without figures.
 
     Raises:
         PolicyError: a policy is missing or unreadable.
@@ -184,17 +189,16 @@ def evaluate(cfg: EvaluationCfg, cells: Sequence[tuple[str, float]], report: Rep
     loaded = {(name, seed): OnnxPolicy(policy_file(cfg.folder, name, seed)) for name in names for seed in cfg.seeds}
     policies = [loaded[name, seed] for name, _ in cells for seed in cfg.seeds]
     currents = [current for _, current in cells for _ in cfg.seeds]
-    env = plant_cfg(cfg.plant, terrain=cfg.terrain, threads=cfg.threads)
+    env = env or plant_cfg(cfg.plant, terrain=cfg.terrain, threads=cfg.threads)
     found = roll_out(cfg, env, policies, currents, report)
-    count = len(cfg.seeds)
-    return [make_row(*cell, found, slice(k * count, (k + 1) * count)) for k, cell in enumerate(cells)]
-
-
-def make_row(plant: str, current: float, found: Measured, own: slice) -> Row:
-    """The row of some policies of a batch: their rollouts, averaged within each seed, but for those without figures."""
-    single = {metric: getattr(found, metric)[own] for metric in METRICS}
-    averages = {metric: np.nanmean(values, axis=1) for metric, values in single.items()}
-    return Row(plant=plant, current=current, seeds=averages, rollouts=single, fell=int(found.fell[own].sum()))
+    rows = []
+    for k, (plant, current) in enumerate(cells):
+        own = slice(k * len(cfg.seeds), (k + 1) * len(cfg.seeds))
+        single = {metric: getattr(found, metric)[own] for metric in METRICS}
+        averages = {metric: np.nanmean(values, axis=1) for metric, values in single.items()}
+        fell = int(found.fell[own].sum())
+        rows.append(Row(plant=plant, current=current, seeds=averages, rollouts=single, fell=fell))
+    return rows
 
 
 def change(first: np.ndarray, second: np.ndarray, *, absolute: bool = False) -> Change:
@@ -273,14 +277,11 @@ def causes(cfg: EvaluationCfg, plants: Sequence[str], report: Report | None = No
     Returns:
         Rows by training plant and step of :data:`STEPS`.
     """
-    policies = [OnnxPolicy(policy_file(cfg.folder, plant, seed)) for plant in plants for seed in cfg.seeds]
     rows: dict[str, dict[str, Row]] = {plant: {} for plant in plants}
     for k, step in enumerate(STEPS):
         env, current = _plant(step, cfg.threads)
-        found = roll_out(cfg, env, policies, [current] * len(policies))
-        for i, plant in enumerate(plants):
-            own = slice(i * len(cfg.seeds), (i + 1) * len(cfg.seeds))
-            rows[plant][step] = make_row(plant, current, found, own)
+        for row in evaluate(cfg, [(plant, current) for plant in plants], env=env):
+            rows[row.plant][step] = row
         if report:
             report((k + 1) / len(STEPS))
     return rows
@@ -297,3 +298,61 @@ def _plant(step: str, threads: int) -> tuple[EnvCfg, float]:
         return env, 0.0
     branches = replace(env.actuator, damping=step != "holding", holding=step != "damping")
     return replace(env, actuator=branches), CURRENT
+
+
+def plain_row(row: Row) -> dict[str, Any]:
+    """Conditions, and every metric with its spread over the seeds, their averages and the single rollouts."""
+    metrics = {
+        m: {**row.spread(m), "seeds": row.seeds[m].tolist(), "rollouts": row.rollouts[m].tolist()} for m in METRICS
+    }
+    return {"training": row.plant, "current": row.current, "fell": row.fell, **metrics}
+
+
+def figures(table: Table2 | Table3) -> dict[str, Any]:
+    """Everything a table found."""
+    rows = {"rows": {name: plain_row(row) for name, row in table.rows.items()}, "units": METRICS}
+    if isinstance(table, Table3):
+        return {**rows, "ranking": table.ranking, "pairs": [asdict(pair) for pair in table.pairs]}
+    changes = {name: getattr(table, name) for name in ("rmse", "bias")}
+    return rows | {name: {sal: asdict(change) for sal, change in found.items()} for name, found in changes.items()}
+
+
+def row_lines(rows: Mapping[str, Row]) -> list[str]:
+    """Metrics of each row, mean ± SD over the seeds."""
+
+    def cell(row: Row, metric: str) -> str:
+        found, digits = row.spread(metric), 2 if metric == "tilt_rms" else 4
+        return f"{found['mean']:.{digits}f} ± {found['sd']:.{digits}f}"
+
+    shown = [
+        (name, row.plant, f"{row.current:g}", *(cell(row, metric) for metric in METRICS),
+         f"fell {row.fell}" if row.fell else "")
+        for name, row in rows.items()
+    ]  # fmt: skip
+    return text_table(("", "training", "A", *(f"{m} [{unit}]" for m, unit in METRICS.items()), ""), shown, left=2)
+
+
+def table2_lines(table: Table2) -> tuple[list[str], bool]:
+    """Table 2, and whether actuator-aware training lowers RMSE and bias by :data:`LEAST`."""
+    lines, met = row_lines(table.rows), True
+    for sal in ("off", "on"):
+        rmse, bias = table.rmse[sal], table.bias[sal]
+        met = met and rmse.reduction >= LEAST["rmse"] and bias.reduction >= LEAST["bias"]
+        lines.append(
+            f"SAL {sal}: actuator-aware training lowers v_x RMSE by {rmse.reduction:.1%} (p = {rmse.p:.3f}, Welch over "
+            f"seeds; asked for {LEAST['rmse']:.0%}), the absolute bias by {bias.reduction:.1%} (p = {bias.p:.3f}; "
+            f"{LEAST['bias']:.0%}; averaged over seeds without sign {bias.by_seed:.1%})"
+        )
+        lines.append(f"SAL {sal}: {table.limits()[sal]}")
+    return lines, met
+
+
+def table3_lines(table: Table3) -> list[str]:
+    """Table 3, and which models differ beyond chance."""
+    lines = row_lines(table.rows)
+    for metric, order in table.ranking.items():
+        pairs = [pair for pair in table.pairs if pair.metric == metric]
+        sure = [f"{pair.better} < {pair.worse}" for pair in pairs if pair.p < 0.05]
+        none = "not tested" if pairs and all(math.isnan(pair.p) for pair in pairs) else "no pair"
+        lines.append(f"{metric}: {' < '.join(order)}; beyond chance (p < 0.05): {', '.join(sure) or none}")
+    return lines

@@ -19,8 +19,15 @@ from mrwarp.trials.walking import Policy, make_env, same_starts
 PLANT = AWARE
 """Torque model of the plant that all policies are evaluated on: the most accurate one."""
 
-METRICS = ("v_x_rmse", "v_x_bias", "height", "height_rmse", "tilt_rms", "yaw_rate_rmse")
-"""Measured figures of a rollout, by name; see :class:`Measured`."""
+METRICS = {
+    "v_x_rmse": "m/s",
+    "v_x_bias": "m/s",
+    "height": "m",
+    "height_rmse": "m",
+    "tilt_rms": "deg",
+    "yaw_rate_rmse": "rad/s",
+}
+"""Measured figures of a rollout, see :class:`Measured`, and their units."""
 
 
 @dataclass(frozen=True, kw_only=True)

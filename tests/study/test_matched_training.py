@@ -20,7 +20,7 @@ from mrwarp.rl import trainer
 from mrwarp.rl.policy import POLICIES, OnnxPolicy, PolicyError
 from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.run_dir import claim
-from mrwarp.study import curves, plan
+from mrwarp.study import matched_training, plan
 from mrwarp.study.matched_training import RunError, collect, failed_conditions, train
 from mrwarp.study.plan import (
     AWARE,
@@ -167,10 +167,10 @@ def test_training_in_two_goes_gives_the_policy_of_one_and_a_record(tmp_path: Pat
     assert train(CFG, once, report=lines.append)
     assert lines == ["conventional_seed0: finished", "bouc_wen_seed0: finished"]
 
-    found = curves.figure5(tmp_path / "once_policies", plants=(CONVENTIONAL, "bouc_wen"), seeds=(0,))
+    found = matched_training.figure5(tmp_path / "once_policies", plants=(CONVENTIONAL, "bouc_wen"), seeds=(0,))
     assert found["bouc_wen"].reward.tolist() == [record["curve"]["reward"]]
     np.testing.assert_array_equal(found["bouc_wen"].sd, 0.0)
-    curves.plot(found, tmp_path / "fig5.png")
+    matched_training.plot(found, tmp_path / "fig5.png")
     assert (tmp_path / "fig5.png").stat().st_size > 5000
 
 
@@ -280,11 +280,9 @@ def test_more_curves_than_colours_are_all_drawn(tmp_path: Path, monkeypatch: pyt
         return original(self, *args, **kwargs)
 
     monkeypatch.setattr(Axes, "plot", spy)
-    found = {
-        plant: curves.Curve(plant=plant, update=np.arange(2.0), reward=np.zeros((1, 2))) for plant in plan.TRAINABLE
-    }
-    curves.plot(found, tmp_path / "fig5.png")
-    assert len(drawn) == len(plan.TRAINABLE) > len(curves.COLOURS)
+    found = {plant: matched_training.Curve(update=np.arange(2.0), reward=np.zeros((1, 2))) for plant in plan.TRAINABLE}
+    matched_training.plot(found, tmp_path / "fig5.png")
+    assert len(drawn) == len(plan.TRAINABLE) > len(matched_training.COLOURS)
 
 
 def test_policy_that_another_process_trains_is_left_out(tmp_path: Path) -> None:
@@ -319,15 +317,15 @@ def test_a_damaged_result_is_named(tmp_path: Path, text: str) -> None:
 
 def test_record_that_cannot_be_used_is_named(tmp_path: Path) -> None:
     """Missing, damaged, and of another length."""
-    with pytest.raises(curves.RecordError, match=r"conventional_seed0\.json: no such record"):
-        curves.figure5(tmp_path, seeds=(0,))
+    with pytest.raises(RunError, match=r"conventional_seed0\.json: no such record"):
+        matched_training.figure5(tmp_path, seeds=(0,))
     for seed, text in ((0, "{}"), (1, '{"curve": {"iteration": [1], "reward": [0.5]}}')):
         record_file(tmp_path, CONVENTIONAL, seed).write_text(text)
-    with pytest.raises(curves.RecordError, match=r"conventional_seed0\.json: no training record"):
-        curves.figure5(tmp_path, plants=(CONVENTIONAL,), seeds=(0,))
+    with pytest.raises(RunError, match=r"conventional_seed0\.json: no training record"):
+        matched_training.figure5(tmp_path, plants=(CONVENTIONAL,), seeds=(0,))
     record_file(tmp_path, CONVENTIONAL, 0).write_text('{"curve": {"iteration": [1, 2], "reward": [0.5, 0.6]}}')
-    with pytest.raises(curves.RecordError, match="records of conventional differ in length"):
-        curves.figure5(tmp_path, plants=(CONVENTIONAL,), seeds=(0, 1))
+    with pytest.raises(RunError, match="records of conventional differ in length"):
+        matched_training.figure5(tmp_path, plants=(CONVENTIONAL,), seeds=(0, 1))
 
 
 @pytest.mark.parametrize(

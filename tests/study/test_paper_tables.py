@@ -10,7 +10,7 @@ from scipy import stats
 
 from mrwarp.cli import main
 from mrwarp.rl.policy import DEFAULT_POLICY, PolicyError
-from mrwarp.study import study_report
+from mrwarp.study import paper_tables
 from mrwarp.study.paper_tables import Row, Table3, change, holm, table2, table3, welch
 from mrwarp.study.plan import CONVENTIONAL, MODELS, policy_file
 from mrwarp.study.rollouts import METRICS, EvaluationCfg
@@ -73,7 +73,7 @@ def test_one_seed_is_no_test(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its p-values are NaN, not 1, and the printed table says so; Holm's correction lets a NaN pass."""
     table = biased(monkeypatch, {"mlp": [0.2], "lstm": [-0.1], "pg_rlstm": [0.0]})
     assert all(np.isnan(pair.p) for pair in table.pairs)
-    lines = study_report.table3_lines(table)
+    lines = paper_tables.table3_lines(table)
     assert lines[-4] == "v_x_bias: pg_rlstm < lstm < mlp; beyond chance (p < 0.05): not tested"
     assert holm([0.02, float("nan"), 0.01, 0.4]) == pytest.approx([0.06, float("nan"), 0.04, 0.8], nan_ok=True)
     assert holm([]) == []
