@@ -54,7 +54,7 @@ class Row:
     current: float
     """Current that the devices may use [A]; 0 is SAL off."""
     seeds: dict[str, np.ndarray]
-    """Average over its rollouts of each seed, by metric, shape (seeds,); see ``rollouts.Measured`` for units."""
+    """Average over its rollouts of each seed, by metric, shape (seeds,); see ``rollouts.METRICS`` for units."""
     rollouts: dict[str, np.ndarray]
     """The single rollouts, by metric, shape (seeds, rollouts)."""
     fell: int
@@ -194,7 +194,7 @@ def evaluate(
     rows = []
     for k, (plant, current) in enumerate(cells):
         own = slice(k * len(cfg.seeds), (k + 1) * len(cfg.seeds))
-        single = {metric: getattr(found, metric)[own] for metric in METRICS}
+        single = {metric: values[own] for metric, values in found.figures.items()}
         averages = {metric: np.nanmean(values, axis=1) for metric, values in single.items()}
         fell = int(found.fell[own].sum())
         rows.append(Row(plant=plant, current=current, seeds=averages, rollouts=single, fell=fell))

@@ -20,14 +20,14 @@ PLANT = AWARE
 """Torque model of the plant that all policies are evaluated on: the most accurate one."""
 
 METRICS = {
-    "v_x_rmse": "m/s",
-    "v_x_bias": "m/s",
-    "height": "m",
-    "height_rmse": "m",
-    "tilt_rms": "deg",
-    "yaw_rate_rmse": "rad/s",
+    "v_x_rmse": "m/s",  # root of the mean squared error of the forward speed in the heading frame, every 20 ms
+    "v_x_bias": "m/s",  # mean error of the forward speed, positive if too fast
+    "height": "m",  # mean trunk height, the paper's proxy of the centre of mass
+    "height_rmse": "m",  # about the height that the reward asks for
+    "tilt_rms": "deg",  # root of mean roll^2 + pitch^2
+    "yaw_rate_rmse": "rad/s",  # root of the mean squared yaw rate; the command is 0
 }
-"""Measured figures of a rollout, see :class:`Measured`, and their units."""
+"""Measured figures of a rollout and their units."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,20 +67,10 @@ class EvaluationCfg:
 class Measured:
     """Figures of the rollouts of each policy; arrays of shape (policies, rollouts)."""
 
-    v_x_rmse: np.ndarray
-    """Root of the mean squared error of the forward speed in the heading frame, every 20 ms [m/s]."""
-    v_x_bias: np.ndarray
-    """Mean error of the forward speed, positive if too fast [m/s]."""
-    height: np.ndarray
-    """Mean trunk height, the paper's proxy of the centre of mass [m]."""
-    height_rmse: np.ndarray
-    """About the height that the reward asks for [m]."""
-    tilt_rms: np.ndarray
-    """Root of mean roll^2 + pitch^2 [deg]."""
-    yaw_rate_rmse: np.ndarray
-    """Root of the mean squared yaw rate; the command is 0 [rad/s]."""
+    figures: dict[str, np.ndarray]
+    """By metric; up to the fall, or NaN if the rollout never began."""
     fell: np.ndarray
-    """Whether the rollout fell; its figures count up to there, or are NaN if it never began, bool."""
+    """Whether the rollout fell, bool."""
 
 
 @torch.no_grad()
@@ -124,15 +114,15 @@ def roll_out(
     total = {name: value.reshape(count, cfg.rollouts).cpu().numpy() for name, value in sums.items()}
     with np.errstate(invalid="ignore"):  # a rollout that fell at once has no steps
         mean = {name: value / total["steps"] for name, value in total.items()}
-    return Measured(
-        v_x_rmse=np.sqrt(mean["v_x_square"]),
-        v_x_bias=mean["v_x"],
-        height=mean["height"],
-        height_rmse=np.sqrt(mean["height_square"]),
-        tilt_rms=np.degrees(np.sqrt(mean["tilt_square"])),
-        yaw_rate_rmse=np.sqrt(mean["yaw_rate_square"]),
-        fell=~going.reshape(count, cfg.rollouts).cpu().numpy(),
-    )
+    figures = {
+        "v_x_rmse": np.sqrt(mean["v_x_square"]),
+        "v_x_bias": mean["v_x"],
+        "height": mean["height"],
+        "height_rmse": np.sqrt(mean["height_square"]),
+        "tilt_rms": np.degrees(np.sqrt(mean["tilt_square"])),
+        "yaw_rate_rmse": np.sqrt(mean["yaw_rate_square"]),
+    }
+    return Measured(figures=figures, fell=~going.reshape(count, cfg.rollouts).cpu().numpy())
 
 
 def _figures(env: WalkEnv, speed: float) -> dict[str, torch.Tensor]:

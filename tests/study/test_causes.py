@@ -1,11 +1,13 @@
 """Causes: every step changes the plant in one thing, and the rows are those of the tables."""
 
+import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from mrwarp.cli import main
 from mrwarp.rl.policy import DEFAULT_POLICY
 from mrwarp.study.paper_tables import STEPS, _plant, causes, evaluate
 from mrwarp.study.plan import CONVENTIONAL, policy_file
@@ -20,6 +22,13 @@ def test_every_step_changes_one_thing() -> None:
     assert [current for _, current in cfgs.values()] == [0.0, 0.0, 0.0, 1.5, 1.5, 1.5]
     branches = [(cfg.actuator.damping, cfg.actuator.holding) for cfg, _ in list(cfgs.values())[2:]]
     assert branches == [(True, True), (True, False), (False, True), (True, True)]
+
+
+def test_the_result_names_the_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The steps are Bouc-Wen devices, whatever the other tables walk on."""
+    monkeypatch.setattr("mrwarp.study.paper_tables.causes", lambda *_: {})
+    assert main(["study", "causes", "--out", str(tmp_path)]) == 0
+    assert json.loads((tmp_path / "result.json").read_text())["evaluation"]["plant"] == "bouc_wen"
 
 
 @pytest.mark.slow

@@ -59,7 +59,7 @@ def test_figures_equal_those_of_the_recorded_states(policy: OnnxPolicy, monkeypa
     }
     assert set(expected) == set(METRICS)
     for name, value in expected.items():
-        np.testing.assert_allclose(getattr(found, name)[0], value, rtol=2e-5, err_msg=name)
+        np.testing.assert_allclose(found.figures[name][0], value, rtol=2e-5, err_msg=name)
     assert not found.fell.any()
 
 
@@ -68,9 +68,9 @@ def test_figures_do_not_depend_on_the_company(policy: OnnxPolicy) -> None:
     alone = roll_out(CFG, PLANT, [policy], [1.5])
     beside = roll_out(CFG, PLANT, [still, policy, policy], [0.0, 1.5, 1.5])
     for name in METRICS:
-        np.testing.assert_array_equal(getattr(beside, name)[1], getattr(alone, name)[0], err_msg=name)
-        np.testing.assert_array_equal(getattr(beside, name)[2], getattr(alone, name)[0], err_msg=name)
-    assert (np.abs(beside.v_x_bias[0]) > 0.3).all()  # it stands
+        np.testing.assert_array_equal(beside.figures[name][1], alone.figures[name][0], err_msg=name)
+        np.testing.assert_array_equal(beside.figures[name][2], alone.figures[name][0], err_msg=name)
+    assert (np.abs(beside.figures["v_x_bias"][0]) > 0.3).all()  # it stands
 
 
 def test_rollout_that_falls_says_so_and_counts_up_to_there() -> None:
@@ -79,7 +79,7 @@ def test_rollout_that_falls_says_so_and_counts_up_to_there() -> None:
     found = roll_out(cfg, PLANT, [jump, still], [0.0, 0.0])
     assert found.fell[0].all() and not found.fell[1].any()
     for name in METRICS:
-        assert np.isfinite(getattr(found, name)).all(), name
+        assert np.isfinite(found.figures[name]).all(), name
 
 
 def test_configuration_refuses_nonsense() -> None:
