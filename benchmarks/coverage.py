@@ -48,7 +48,7 @@ HIDDEN = {
     "rotor_inertia": Hidden(0.002, "inertia"),
     "coulomb_friction": Hidden(0.05, "torque"),
     "friction_asymmetry": Hidden(0.05, "coulomb"),
-    "current_viscosity": Hidden(0.05, "viscosity"),
+    "current_viscosity": Hidden(0.05, "B1"),
     "remanence": Hidden(0.03, "half_width"),
     "backlash": Hidden(0.003, "half_gap"),
 }

@@ -25,6 +25,8 @@ _MOTION = 0.5
 """Part of it that a wider smoother leaves, at most, where it was motion."""
 _CERTAIN = 1e4
 """Weight of a velocity that is known, over all others."""
+_LAG_STEPS = 4
+"""Steps of the fit of the lag; the first takes it as small against the motion's periods."""
 _LAG_T = 5.0
 """The velocity lags when its time constant is this many standard errors from 0."""
 
@@ -79,9 +81,7 @@ def reconstruct(recording: Recording, *, rests: bool = True) -> Kinematics:
         doubtful.append(at_edge)
         v, a = smooth(run.q, v, run.dt, sigma_q, sigma_v, bandwidth, known)
         if lag > 0.0:
-            keep = np.exp(-run.dt / lag)
-            ramp = lag * (1.0 - keep) / run.dt  # first-order hold: exact for a velocity that is linear in between
-            late, _ = lfilter([1.0 - ramp, ramp - keep], [1.0, -keep], v, zi=[v[0] - (1.0 - ramp) * v[0]])
+            late = lagged(v, lag, run.dt)
             v, a = late, (v - late) / lag
         qd.append(v)
         qdd.append(a)
@@ -172,18 +172,29 @@ def smooth(
 
 def _lag_of(recording: Recording, sigma_q: float) -> tuple[float, float]:
     """Time constant of the velocity channel against the angle, and its standard error over trajectories [s]."""
-    tops, bottoms = [], []
-    for run in recording.trajectories:
-        v, a = smooth(run.q, run.qd, run.dt, sigma_q, float("inf"))
+    runs = recording.trajectories
+    motions = [smooth(run.q, run.qd, run.dt, sigma_q, float("inf")) for run in runs]
+    lag, error = 0.0, float("inf")
+    for _ in range(_LAG_STEPS):  # Gauss-Newton: dv/dT = -a, both behind the lag
+        late = [(lagged(v, lag, run.dt), lagged(a, lag, run.dt)) for run, (v, a) in zip(runs, motions, strict=True)]
         inner = slice(20, -20)
-        tops.append(float(((v - run.qd) * a)[inner].sum()))
-        bottoms.append(float((a**2)[inner].sum()))
-    top, bottom = np.array(tops), np.array(bottoms)
-    if bottom.sum() <= 0.0:
-        return 0.0, float("inf")
-    lag = float(top.sum() / bottom.sum())
-    error = float(np.sqrt(((top - lag * bottom) ** 2).sum()) / bottom.sum())
+        miss = [((v - run.qd) * a)[inner].sum() for run, (v, a) in zip(runs, late, strict=True)]
+        top, bottom = np.array(miss), np.array([(a**2)[inner].sum() for _, a in late])
+        if bottom.sum() <= 0.0:
+            return 0.0, float("inf")
+        step = float(top.sum() / bottom.sum())
+        error = float(np.sqrt(((top - step * bottom) ** 2).sum()) / bottom.sum())
+        lag = max(lag + step, 0.0)
     return lag, max(error, 2e-5)
+
+
+def lagged(x: np.ndarray, time_constant: float, dt: float) -> np.ndarray:
+    """First-order lag that starts settled, exact for a signal that is linear between its samples."""
+    if time_constant <= 0.0:
+        return x
+    keep = np.exp(-dt / time_constant)
+    ramp = time_constant * (1.0 - keep) / dt
+    return np.asarray(lfilter([1.0 - ramp, ramp - keep], [1.0, -keep], x, zi=[ramp * x[0]])[0])
 
 
 def _angle_noise(run: Trajectory) -> float:
