@@ -120,7 +120,7 @@ def test_a_folder_that_cannot_be_used_is_refused(tmp_path: Path, capsys: pytest.
     """A file in its place, and one that another process writes to: exit code 2, one line."""
     (tmp_path / "file").write_text("mine")
     assert main(["reproduce", "fig5", "--out", str(tmp_path / "file")]) == 2
-    assert "file: cannot be written (File exists); free it or name another --out" in capsys.readouterr().err
+    assert "file: cannot be written (it is a file); free it or name another --out" in capsys.readouterr().err
     with claim(tmp_path / "out"):
         assert main(["reproduce", "fig5", "--out", str(tmp_path / "out")]) == 2
     assert "out: another run writes here; wait for it" in capsys.readouterr().err

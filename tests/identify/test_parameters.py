@@ -21,10 +21,14 @@ def motion() -> Motion:
     return known.motion(3, runs=3, seconds=2.0)
 
 
+CHOSEN = (("coil_lag", "hold"), ("torque_sensor_lag", "hold"), ("wear", "clock"))
+"""What says how the data were logged."""
+
+
 @pytest.mark.parametrize("effect", list(CATALOGUE))
 def test_row_holds_the_numbers_of_the_vector(effect: str, motion: Motion) -> None:
     """Base, effect, presets and choices stand in their columns; all other effects are at null."""
-    c = Parameters((effect,), motion.ranges, 0.2, {("coil_lag", "hold"): 1.0, ("wear", "clock"): 1.0})
+    c = Parameters((effect,), motion.ranges, 0.2, {key: 1.0 for key in CHOSEN})
     values = STRONG.get(effect, {p.name: 1.1 for p in CATALOGUE[effect].parameters})
     row = c.row(known.vector(c, {effect: values}))
     assert row[: len(LAWS) + 1] == pytest.approx([*(known.TRUTH[name] for name in LAWS), 0.2])
