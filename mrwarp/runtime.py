@@ -85,6 +85,19 @@ def quiet_libraries(*, gpu: bool = True) -> None:
             wp.init()
     logging.getLogger("newton").setLevel(logging.WARNING)
     torch.set_num_threads(1)
+    leave_compiler_out(torch)
+
+
+def leave_compiler_out(torch: Any) -> None:
+    """Keep torch's compiler from being loaded, which takes a second: nothing here is compiled by it.
+
+    tensordict marks functions for it, and torch's optimisers mark theirs when they are first called.
+    """
+    torch.compiler.allow_in_graph = torch.compiler.assume_constant_result = lambda function: function
+    for name in ("add_param_group", "load_state_dict", "state_dict", "zero_grad"):
+        function = getattr(getattr(torch.optim.Optimizer, name), "__wrapped__", None)
+        if function is not None:
+            function.__dynamo_disable = function
 
 
 @contextlib.contextmanager

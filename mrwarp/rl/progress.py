@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from matplotlib.figure import Figure
 
 from mrwarp.env import nan_dump
 from mrwarp.env.vec_env import WalkEnv
@@ -91,6 +90,8 @@ def rmse_at(measured: dict[str, Any], gate: WalkingGate) -> float:
 
 def plot(progress: Progress, path: Path) -> None:
     """Draw tracking error, reward, falls and clock match over wall time, with the gate checks, as PNG."""
+    from matplotlib.figure import Figure  # half a second, for which the first update need not wait
+
     gate = WalkingGate()
     figure = Figure(figsize=(10, 6), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True)

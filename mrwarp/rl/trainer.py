@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import signal
 import time
 from collections.abc import Callable
@@ -147,7 +148,7 @@ class Trainer:
 
     def _run(self, writer: SummaryWriter | None) -> dict[str, Any]:
         started = time.perf_counter() - self.seconds
-        saved, checked, printed = self.seconds, self.seconds, 0.0
+        saved, checked, printed = self.seconds, self.seconds, -math.inf
         while self.iteration < self.cfg.iterations and not self._asked_to_stop():
             row = self.update()
             self.seconds = time.perf_counter() - started

@@ -117,6 +117,7 @@ def test_short_training_from_end_to_end(tmp_path: Path) -> None:
     assert process.returncode == 0, stderr
     assert stderr == ""
     assert "walking gate NOT met" in stdout and str(out) in stdout
+    assert "\nupdate     1 " in stdout  # at once, then every five seconds
     assert {path.name for path in out.iterdir()} == {
         "checkpoint.pt", "policy.onnx", "learning_curve.png", "result.json", "tensorboard",
     }  # fmt: skip
@@ -210,3 +211,14 @@ def test_a_missed_gate_of_several_processes_is_no_error(
     monkeypatch.setattr(Ranks, "leave", lambda _: None)
     options = Train(out=tmp_path)
     assert options._train(CommandLine("mrwarp train", ()), Ranks(world=world)) == code
+
+
+def test_a_training_loads_no_compiler_and_no_pictures_before_it_begins() -> None:
+    """torch's compiler and matplotlib cost 1.5 s of the start; an optimiser does not bring the compiler in either."""
+    code = (
+        "import sys; from mrwarp.runtime import quiet_libraries; quiet_libraries(); import mrwarp.rl.trainer; "
+        "import torch; torch.optim.Adam([torch.nn.Parameter(torch.zeros(2))], fused=True).zero_grad(); "
+        "print([name for name in ('torch._dynamo', 'matplotlib') if name in sys.modules])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert found.stdout.splitlines()[-1] == "[]"
