@@ -135,7 +135,7 @@ class Evaluation(Options):
 
     same: ClassVar[tuple[str, ...]] = ()
     """Further options that the evaluation's configuration calls the same."""
-    fixed: ClassVar[dict[str, str]] = {}
+    fixed: ClassVar[dict[str, Any]] = {}
     """Choices of the evaluation's configuration that are no options."""
     out: opt.Folder
     """output folder"""
