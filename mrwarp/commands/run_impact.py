@@ -48,8 +48,8 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
     """the dynamic branch alone, as the paper's section 6.3 evaluates it, or with holding"""
     robot: Literal["mr_go", "go1"] = "mr_go"
     """robot variant"""
-    payload: Literal[0, 3] = 0
-    """payload variant [kg]"""
+    payload: opt.Load = 0
+    """mass on the back [kg]"""
     sensitivity: opt.Flag = False
     """also vary the gates' thresholds (paper section 3.2)"""
     seed: opt.Seed = 0

@@ -73,8 +73,8 @@ class Play(opt.RobotOptions):
     """cpu or cuda:N"""
     robot: Literal["mr_go", "go1"] | None = None
     """robot variant of the USD asset"""
-    payload: Literal[0, 3] | None = None
-    """payload variant [kg]"""
+    payload: Annotated[float | None, opt.one(opt.load, "KG")] = None
+    """mass on the back [kg]"""
     sal: Literal["on", "off"] | None = None
     """whether the gates may open"""
     actuator: Annotated[str | None, opt.one_of(ACTUATORS)] = None
@@ -137,9 +137,9 @@ class Play(opt.RobotOptions):
 
         cfg, agent = player.env.cfg, self.policy or f"agent {self.agent}"
         print(
-            f"{agent}: {len(player.currents)} of {self.num_envs} robots shown ({cfg.robot}, payload {cfg.payload} kg, "
-            f"SAL {'on' if cfg.actuator.sal else 'off'}, {'rough' if cfg.terrain else 'flat'} ground), "
-            f"{self.speed:g} m/s for {self.seconds:g} s",
+            f"{agent}: {len(player.currents)} of {self.num_envs} robots shown ({cfg.robot}, "
+            f"payload {cfg.payload:g} kg, SAL {'on' if cfg.actuator.sal else 'off'}, "
+            f"{'rough' if cfg.terrain else 'flat'} ground), {self.speed:g} m/s for {self.seconds:g} s",
             flush=True,
         )
         if web:
@@ -162,7 +162,7 @@ class Play(opt.RobotOptions):
             _partial(self.rrd).replace(self.rrd)
             print(f"recording: {self.rrd}; open it with: rerun {self.rrd}")
         if self.png and len(player.frames) > 1:
-            where = f"{cfg.robot}, payload {cfg.payload} kg, command {self.speed:g} m/s, seed {self.seed}"
+            where = f"{cfg.robot}, payload {cfg.payload:g} kg, command {self.speed:g} m/s, seed {self.seed}"
             title = f"{Path(agent).name} on {where}{', rough ground' * bool(cfg.terrain)}"
             contact_sheet(player.env.sim.scene, Frames.join(player.frames), player.currents, self.png, title=title)
             print(f"picture: {self.png}")

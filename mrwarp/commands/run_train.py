@@ -63,8 +63,8 @@ class Train(opt.ViewOptions, opt.RobotOptions, Learning):
     """let coils take more current than the recordings of --model held"""
     robot: Literal["mr_go", "go1"] = "mr_go"
     """robot variant of the USD asset"""
-    payload: Literal[0, 3] = 0
-    """payload variant [kg]"""
+    payload: opt.Load = 0
+    """mass on the back [kg]"""
     coupling: Coupling = Coupling.CONSTRAINT
     """how the device acts: the paper's explicit torque, or a brake that sticks"""
     hold_current: HoldCurrent = HoldCurrent.SUPPORT

@@ -26,14 +26,10 @@ TASK = ("speed", "distance", "standby", "outbound_load", "return_load")
 trot_speed = opt.within(0.05, 1.0, "m/s")
 """Command; the 1.5 Hz trot reaches about 0.6 m/s (section 7)."""
 
-load = opt.within(0.0, 20.0, "kg")
-"""Mass on the back; the robot has 12 kg."""
-
 used_current = opt.within(0.01, 100.0, "A")
 """Coil current; each device clips it to its own ``current_max``."""
 
 Distance = Annotated[float, opt.one(opt.within(0.01, 1e4, "m"), "M")]
-Load = Annotated[float, opt.one(load, "KG")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,7 +100,7 @@ class Walk(EnergyOptions):
     """only MR_Go-SAL (on) or MR_Go (off)"""
     speed: Annotated[tuple[float, ...], opt.some(trot_speed, "V")] = (0.3, 0.5)
     """commands [m/s]"""
-    payload: Annotated[tuple[float, ...], opt.some(load, "KG")] = (0.0, 3.0)
+    payload: Annotated[tuple[float, ...], opt.some(opt.load, "KG")] = (0.0, 3.0)
     """loads [kg]"""
     distance: Distance = 30.0
     """measured distance [m]"""
@@ -183,9 +179,9 @@ class Mission(EnergyOptions):
     """one way [m]"""
     standby: opt.Positive = paper.STANDBY
     """standing [s]"""
-    outbound_load: Load = paper.arm_load()
+    outbound_load: opt.Load = paper.arm_load()
     """load out and while standing [kg]: by default the arm, from Go1's own rows"""
-    return_load: Load = 3.0
+    return_load: opt.Load = 3.0
     """load back [kg]"""
     window: Distance = 10.0
     """simulated distance of each walk [m]"""

@@ -41,8 +41,8 @@ class EnvCfg:
     """Whether ``model``'s coils take more current than it was measured with, up to the asset's largest."""
     robot: str = "mr_go"
     """Robot variant of the asset: ``mr_go`` or ``go1``."""
-    payload: int = 0
-    """Payload variant of the asset [kg]: 0 or 3."""
+    payload: float = 0
+    """Mass on the back [kg]."""
     asset: str | None = None
     """USD file; None takes ``assets/usd/mr_go.usda``."""
     gains: tuple[float, float] | None = None
@@ -107,7 +107,7 @@ def make_walk_cfg(
     device: str = "cpu",
     seed: int = 0,
     robot: str = "mr_go",
-    payload: int = 0,
+    payload: float = 0,
     asset: str | None = None,
     actuator_model: str = "bouc_wen",
     actuator_file: str | None = None,

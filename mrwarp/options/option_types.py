@@ -140,7 +140,11 @@ Data = Positional[Annotated[Path, one(Path, "DATA")]]
 Text = Annotated[str, one(str, "TEXT")]
 Count = Annotated[int, one(count, "N")]
 Whole = Annotated[int, one(whole, "N")]
+load = within(0.0, 20.0, "kg")
+"""Mass on the back; the robot has 12 kg."""
+
 Seed = Annotated[int, one(seed, "N")]
+Load = Annotated[float, one(load, "KG")]
 Seeds = Annotated[tuple[int, ...], some(seed, "S")]
 Positive = Annotated[float, one(positive, "X")]
 NotNegative = Annotated[float, one(not_negative, "X")]

@@ -67,7 +67,7 @@ class RobotAsset:
 
     path: Path
     robot: str
-    payload: int
+    payload: float
     stage: Usd.Stage
     actuators: tuple[JointActuator, ...]
 
@@ -75,26 +75,54 @@ class RobotAsset:
         masses(self)
 
 
-def load_robot(path: str | Path | None = None, *, robot: str = "mr_go", payload: int = 0) -> RobotAsset:
+def load_robot(path: str | Path | None = None, *, robot: str = "mr_go", payload: float = 0) -> RobotAsset:
     """Open the quadruped with one choice of variants and check it.
 
     Args:
         path: USD file; ``None`` is ``mr_go.usda`` of :data:`ASSETS`.
         robot: variant ``robot``: ``mr_go`` (MR calves) or ``go1`` (PD motors only).
-        payload: variant ``payload`` [kg]: 0 or 3. A file without variant sets, as flattening leaves it, has one choice.
+        payload: mass on the back [kg]: that of a variant ``payload``, else the heaviest variant's body with this mass
+            and its inertia in proportion. A file without variant sets, as flattening leaves it, has one choice.
 
     Raises:
         AssetError: the file, a variant, a joint, an actuator or one of its numbers is not usable.
     """
     file = Path(path) if path is not None else ASSETS / "mr_go.usda"
     stage = open_stage(file)
-    for name, choice in (("robot", robot), ("payload", str(payload))):
+    loads = variant_choices(stage, "payload")
+    load = f"{payload:g}"
+    if load not in loads and payload > 0.0 and loads != ["0"]:
+        load = max(loads, key=_kilograms)
+    for name, choice in (("robot", robot), ("payload", load)):
         root, offered = stage.GetDefaultPrim(), variant_choices(stage, name)
         if choice not in offered:
             raise AssetError(f"{file}: {root.GetPath()}: no variant {name} = {choice!r}; allowed: {', '.join(offered)}")
         if root.GetVariantSets().HasVariantSet(name):
             root.GetVariantSet(name).SetVariantSelection(choice)
+    if load != f"{payload:g}":
+        _weigh(stage, file, payload)
     return RobotAsset(path=file, robot=robot, payload=payload, stage=stage, actuators=_actuators(stage, file, JOINTS))
+
+
+def _kilograms(variant: str) -> float:
+    """Mass of a payload variant [kg] by its name; a name that is no number counts as none."""
+    try:
+        return float(variant)
+    except ValueError:
+        return 0.0
+
+
+def _weigh(stage: Usd.Stage, file: Path, mass: float) -> None:
+    """Give the payload's body a mass [kg], and its inertia in proportion."""
+    path = stage.GetDefaultPrim().GetPath().AppendPath("payload")
+    body = stage.GetPrimAtPath(path)
+    own, inertia = (body.GetAttribute(f"physics:{name}") for name in ("mass", "diagonalInertia"))
+    before = own.Get() if own else None
+    if not before or before <= 0.0:
+        raise AssetError(f"{file}: {path}: there is no body with physics:mass above 0; it carries the payload")
+    if inertia and inertia.Get() is not None:
+        inertia.Set(inertia.Get() * (mass / before))
+    own.Set(mass)
 
 
 def check_currents(actuators: Sequence[JointActuator], currents: Sequence[float]) -> None:

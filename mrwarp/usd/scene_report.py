@@ -65,7 +65,7 @@ def load_variants(file: Path, robot: str | None = None, payload: str | None = No
 
 def label(asset: RobotAsset) -> str:
     """The variant choice as text."""
-    return "bench" if asset.robot == "bench" else f"robot={asset.robot} payload={asset.payload}"
+    return "bench" if asset.robot == "bench" else f"robot={asset.robot} payload={asset.payload:g}"
 
 
 def check_asset(file: Path, convert: Callable[[RobotAsset], MjModel]) -> Iterator[str]:

@@ -180,6 +180,15 @@ def test_asset_device_mass_by_parallel_axes(models):
         np.testing.assert_allclose(inertia(mr_go, i), total, atol=2e-8)
 
 
+def test_any_payload_can_be_carried():
+    """Half of the variant's mass has half of its inertia; the robot is otherwise the same."""
+    half, whole = (to_mujoco(load_robot(payload=payload).stage) for payload in (1.5, 3))
+    index = body(half, "payload")
+    assert half.body_mass[index] == pytest.approx(1.5, rel=1e-6)
+    np.testing.assert_allclose(half.body_inertia[index], 0.5 * whole.body_inertia[index], rtol=1e-5)
+    np.testing.assert_array_equal(np.delete(half.body_mass, index), np.delete(whole.body_mass, index))
+
+
 def test_asset_payload_is_rigid(models):
     """The payload is a 3 kg body without joint on the trunk's back; it adds no degree of freedom."""
     loaded = models["mr_go", 3]
@@ -311,8 +320,8 @@ def test_load_robot_refuses_files_and_variants(tmp_path):
     empty.write_text(text.replace('variantSet "payload" = {', 'variantSet "payloads" = {'))
     with pytest.raises(AssetError, match="empty.usda: /mr_go: variant set 'payload' is empty; write"):
         load_robot(empty)
-    with pytest.raises(AssetError, match="payload = '5'.*0, 3"):
-        load_robot(payload=5)
+    with pytest.raises(AssetError, match="payload = '-1'.*0, 3"):
+        load_robot(payload=-1)
 
 
 @pytest.mark.parametrize(
