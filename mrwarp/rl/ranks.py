@@ -170,7 +170,10 @@ class Ranks:
         if self.world == 1:
             return False
         text = str(error)
-        return isinstance(error, RankLostError | dist.DistError) or any(word in text for word in _LOST)
+        lost = isinstance(error, RankLostError | dist.DistError) or any(word in text for word in _LOST)
+        if lost:
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the launcher's follows, and must not cut the clean-up short
+        return lost
 
     def complain(self, message: str) -> None:
         """Print a message to stderr, unless another rank has already said why the training ends."""

@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def start(out: Path) -> subprocess.Popen[str]:
-    """Two processes that train; returns after the first line of progress."""
+    """Two processes that train; returns once they have printed progress and written a checkpoint."""
     command = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", "train/ppo.py"]
     options = ["--num-envs", "4", "--iterations", "100000", "--no-gate", "--save-every", "0", "--out", str(out)]
     pipe = subprocess.PIPE
@@ -26,6 +26,8 @@ def start(out: Path) -> subprocess.Popen[str]:
     assert run.stdout is not None
     for line in run.stdout:
         if line.startswith("update"):
+            while not (out / "checkpoint.pt").is_file() and run.poll() is None:
+                time.sleep(0.01)
             return run
     raise AssertionError(run.communicate()[1])
 
