@@ -18,7 +18,7 @@ from mrwarp.kernels import ledger
 from mrwarp.paper import GRAVITY
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import JointActuator
-from mrwarp.usd.robot import CURRENT_GROUPS, DEFAULT_Q, STAND_HEIGHT
+from mrwarp.usd.robot import CURRENT_GROUPS, DEFAULT_Q, MR_GO, STAND_HEIGHT
 
 LOADED = 100.0
 """Foot force written to rigs without feet, so that their gates see a loaded leg [N]."""
@@ -69,7 +69,10 @@ def link_scene(mr: MrParams, *, dt: float, link: Link | None = None, brake: bool
     kp, kd, limit = mr.motor.kp_base, mr.motor.kd, mr.motor.tau_limit
     joint = JointActuator(joint="joint", prim_path="", kp=kp, kd=kd, tau_limit=limit, mr=mr)
     at = np.zeros(1, dtype=np.int32)
-    return Scene(model=model, actuators=(joint,), legs=(0,), q_adr=at, v_adr=at, foot_adr=at[:0], floating=False)
+    none = at[:0]
+    return Scene(
+        model=model, actuators=(joint,), layout=MR_GO, q_adr=at, v_adr=at, feet=none, foot_adr=none, floating=False
+    )
 
 
 def yield_torque(mr: MrParams, current: float) -> float:

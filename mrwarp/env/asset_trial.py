@@ -10,7 +10,6 @@ from mrwarp.env.sim_model import Scene, build_scene
 from mrwarp.runtime import silent
 from mrwarp.usd.asset import RobotAsset
 from mrwarp.usd.open_stage import AssetError
-from mrwarp.usd.robot import DEFAULT_Q, LEGS
 from mrwarp.usd.scene_report import label
 
 CONVERSION_DT = 0.005
@@ -38,14 +37,14 @@ def check_stance(asset: RobotAsset, scene: Scene) -> None:
     """
     where, soles = f"{asset.path}: {label(asset)}: in the neutral stance", scene.soles
     remedy = "correct the links' physics:localPos0 and localPos1"
-    heights = ", ".join(f"{leg} {z:.3f}" for leg, z in zip(LEGS, soles[:, 2], strict=True))
+    heights = ", ".join(f"{leg} {z:.3f}" for leg, z in zip(scene.layout.leg_names, soles[:, 2], strict=True))
     if np.ptp(soles[:, 2]) > LEVEL:
         raise AssetError(f"{where} the feet are not level: {heights} m from the trunk; allowed: {LEVEL} m; {remedy}")
     least = EnvCfg().fall_height
     if scene.stand_height <= least:
         raise AssetError(f"{where} the trunk is {scene.stand_height:.3f} m high; needed: more than {least} m; {remedy}")
     data = mujoco.MjData(scene.model)
-    data.qpos[scene.q_adr] = DEFAULT_Q
+    data.qpos[scene.q_adr] = scene.layout.default_q
     mujoco.mj_forward(scene.model, data)
     weight = data.subtree_com[0, :2] - data.qpos[:2]
     low, high = soles[:, :2].min(axis=0), soles[:, :2].max(axis=0)

@@ -220,7 +220,8 @@ def randomize_robots(s: WalkState, cfg: RandomizeCfg, seed: int, sim: Sim, actua
 
     friction, added = uniform(*cfg.friction, len(s.q)), uniform(*cfg.added_mass, len(s.q))
     sim.set_friction(friction.cpu().numpy())
-    sim.rescale_mass("trunk", (sim.body_mass("trunk") + added).cpu().numpy())
+    trunk = sim.scene.layout.trunk
+    sim.rescale_mass(trunk, (sim.body_mass(trunk) + added).cpu().numpy())
     for plain, own in ((actuator.kp, ("kp_base", "kp_low")), (actuator.kd, ("kd",))):
         scale = uniform(*cfg.gain_scale, *plain.shape)
         wp.to_torch(plain).mul_(scale)

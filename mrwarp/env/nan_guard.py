@@ -23,7 +23,6 @@ from mrwarp.env.nan_dump import KEPT, Column, Divergence
 from mrwarp.env.sim import ActuatedSim, Sim
 from mrwarp.env.state import WalkState
 from mrwarp.kernels.launch import record
-from mrwarp.usd.robot import LEGS
 
 MAX_SPEED, MAX_RATE, MAX_QD = 30.0, 200.0, 400.0
 """Trunk speed [m/s], trunk rate [rad/s] and joint speed [rad/s] beyond which the physics has blown up: ten times what
@@ -246,7 +245,8 @@ def _kept(robot: ActuatedSim, s: WalkState) -> list[tuple[list[Column], torch.Te
     for joint, q, v in zip(joints, scene.q_adr, scene.v_adr, strict=True):
         position[q] = Column(quantity="position", part=joint, unit="rad")
         velocity[v] = Column(quantity="velocity", part=joint, unit="rad/s")
-    feet = LEGS if sim.f_foot.shape[1] == len(LEGS) else [str(i) for i in range(sim.f_foot.shape[1])]
+    names, count = scene.layout.leg_names, sim.f_foot.shape[1]
+    feet = names if count == len(names) else [str(i) for i in range(count)]
     return [
         (each("action", joints, ""), s.action),
         (each("hysteresis state", devices, "rad"), z),

@@ -13,8 +13,11 @@ from mrwarp.env.rng import NOISE, WIDTH, between, place
 from mrwarp.env.state import WalkState
 from mrwarp.kernels.launch import Launch, record_per_env
 
-ACTOR_TERMS = {"gyro": 3, "gravity": 3, "command": 3, "q": 12, "qd": 12, "action": 12, "clock": 2}
-"""Actor observation terms and their sizes, in order; 47 in total."""
+
+def actor_terms(joints: int) -> dict[str, int]:
+    """The actor's observation terms and their sizes, in order; 47 in total with 12 joints."""
+    return {"gyro": 3, "gravity": 3, "command": 3, "q": joints, "qd": joints, "action": joints, "clock": 2}
+
 
 QD_SCALE, F_FOOT_SCALE, TORQUE_SCALE = 0.05, 0.02, 0.05
 """Factors on joint velocities, foot forces and torques, so that all terms are of order one."""
@@ -36,7 +39,7 @@ class NoiseCfg:
 
 def critic_columns(joints: int, legs: int, devices: int) -> int:
     """Columns of the critic's observation: those of the actor, and what :func:`observe_kernel` adds."""
-    return sum(ACTOR_TERMS.values()) + 3 + 1 + legs + 1 + joints + 2 + 3 * devices
+    return sum(actor_terms(joints).values()) + 3 + 1 + legs + 1 + joints + 2 + 3 * devices
 
 
 _COPY = """
@@ -146,7 +149,7 @@ def observe_kernel(
 def observe(s: WalkState, cfg: NoiseCfg | None) -> Launch:
     """What writes ``s.actor`` and ``s.critic``.
 
-    Actor, shape (E, 47): gyro [rad/s], projected gravity, command, joint positions and velocities, last action, gait
+    Actor, shape (E, O): gyro [rad/s], projected gravity, command, joint positions and velocities, last action, gait
     clock, with noise. Critic: the same without noise, and base velocity, height, foot forces, I_e, motor torques,
     friction and added mass, gates and coil currents.
     """

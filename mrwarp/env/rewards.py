@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import torch
 import warp as wp
 
-from mrwarp.env.gait import LegLengths, foot_height, swing_clearance
+from mrwarp.env.gait import Legs, foot_height, swing_clearance
 from mrwarp.env.state import WalkState
 from mrwarp.kernels.launch import Launch, record_per_env
 
@@ -24,7 +24,7 @@ TERMS = {
     "bounce": "squared vertical speed [(m/s)^2]",
     "roll_pitch_rate": "squared roll and pitch rates [(rad/s)^2]",
     "posture": "squared distance of all joints from the neutral stance [rad^2]",
-    "hip_posture": "squared hip angles [rad^2]: legs stay under the body",
+    "hip_posture": "squared distance of hips, which turn about x, from the stance [rad^2]: legs stay under the body",
     "effort": "squared motor torques [(N·m)^2], averaged over the torque steps",
     "action_rate": "squared change of the action",
     "joint_acceleration": "squared joint acceleration over the policy step [(rad/s^2)^2]",
@@ -92,7 +92,7 @@ def contact_share(clock_match: wp.array2d[wp.bool], env: int) -> float:
 
 @wp.func
 def clearance_error(
-    lengths: LegLengths,
+    legs: Legs,
     q: wp.array2d[float],
     leg_phase: wp.array2d[float],
     ground: wp.array2d[float],
@@ -103,10 +103,10 @@ def clearance_error(
 ) -> float:
     """Squared error of the swinging feet's clearance over the ground [m^2], summed."""
     total = float(0.0)
-    for leg in range(4):
+    for leg in range(leg_phase.shape[1]):
         phase = leg_phase[env, leg]
         if phase >= 0.5:
-            height = foot_height(lengths, leg, q[env, 3 * leg], q[env, 3 * leg + 1], q[env, 3 * leg + 2], root_z, up)
+            height = foot_height(legs, leg, q, env, root_z, up)
             error = height - ground[env, leg] - swing_clearance(phase, step_height)
             total += error * error
     return total
@@ -115,7 +115,7 @@ def clearance_error(
 @wp.kernel(enable_backward=False)
 def rewards_kernel(
     # parameters: environments that a thread takes are this far apart; squared widths of the tracking rewards, swing
-    # clearance [m], trunk height [m], policy step [s]; leg; neutral stance [rad], shape (J,); weights in the order of
+    # clearance [m], trunk height [m], policy step [s]; legs; neutral stance [rad], shape (J,); weights in the order of
     # TERMS, shape (T,)
     rows: int,
     velocity_width: float,
@@ -123,11 +123,11 @@ def rewards_kernel(
     step_height: float,
     target_height: float,
     step_dt: float,
-    lengths: LegLengths,
+    legs: Legs,
     default_q: wp.array[float],
     weights: wp.array[float],
     # in, shapes (E, 3) twice, (E,) over the ground, (E, 3) four times, (E, J) three times, (E, A) twice, (E,) twice,
-    # (E, 4) three times: height of the ground below each foot [m], phases, contacts
+    # (E, L) three times: height of the ground below each foot [m], phases, contacts
     body_velocity_in: wp.array2d[float],
     command_in: wp.array2d[float],
     height_in: wp.array[float],
@@ -163,7 +163,7 @@ def rewards_kernel(
         terms_out[env, 1] = tracking(error_yaw * error_yaw, yaw_width)
         terms_out[env, 2] = contact_share(clock_match_in, env) - 0.5
         terms_out[env, 3] = clearance_error(
-            lengths, q_in, leg_phase_in, foot_ground_in, root_pos_in[env, 2], -gravity, step_height, env
+            legs, q_in, leg_phase_in, foot_ground_in, root_pos_in[env, 2], -gravity, step_height, env
         )
         terms_out[env, 4] = (z - target_height) * (z - target_height)
         terms_out[env, 5] = gravity[0] * gravity[0] + gravity[1] * gravity[1]
@@ -173,8 +173,8 @@ def rewards_kernel(
         for joint in range(q_in.shape[1]):
             q = q_in[env, joint]
             posture += (q - default_q[joint]) * (q - default_q[joint])
-            if joint % 3 == 0:
-                hips += q * q
+            if legs.hips[joint] == 1.0:
+                hips += (q - default_q[joint]) * (q - default_q[joint])
         terms_out[env, 8] = posture
         terms_out[env, 9] = hips
         terms_out[env, 10] = effort_in[env]
@@ -188,14 +188,14 @@ def rewards_kernel(
         total_out[env] = total * step_dt
 
 
-def reward(s: WalkState, cfg: RewardCfg, step_dt: float, lengths: LegLengths) -> Launch:
+def reward(s: WalkState, cfg: RewardCfg, step_dt: float, legs: Legs) -> Launch:
     """What writes all terms, ``s.terms``, and their weighted sum over a policy step of ``step_dt`` [s], ``s.total``."""
     weights = torch.tensor([getattr(cfg, name) for name in TERMS], device=s.q.device)
     return record_per_env(
         rewards_kernel,
         len(s.q),
         [
-            *(cfg.velocity_width, cfg.yaw_width, cfg.step_height, cfg.target_height, step_dt, lengths),
+            *(cfg.velocity_width, cfg.yaw_width, cfg.step_height, cfg.target_height, step_dt, legs),
             *(s.default_q, weights),
             *(s.body_velocity, s.command, s.height, s.root_pos, s.root_vel, s.root_ang, s.gravity),
             *(s.q, s.qd, s.last_qd, s.action, s.last_action, s.effort, s.power),

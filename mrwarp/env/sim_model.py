@@ -22,7 +22,7 @@ from mrwarp.actuator import brake_constraint
 from mrwarp.actuator.effect_runtime import added_inertia
 from mrwarp.enums import Coupling
 from mrwarp.usd.asset import JointActuator, RobotAsset
-from mrwarp.usd.robot import DEFAULT_Q, LEGS, leg_of
+from mrwarp.usd.robot import Layout
 
 Edit = Callable[[mujoco.MjSpec], None]
 """A change to the MuJoCo specification."""
@@ -76,12 +76,14 @@ class Scene:
     model: mujoco.MjModel
     actuators: tuple[JointActuator, ...]
     """Joint drives in the order of the joint axis; length J."""
-    legs: tuple[int, ...]
-    """Leg of each joint; length J."""
+    layout: Layout
+    """Trunk, legs and neutral stance."""
     q_adr: np.ndarray
     """Address of each joint in qpos; shape (J,)."""
     v_adr: np.ndarray
     """Address of each joint in qvel; shape (J,)."""
+    feet: np.ndarray
+    """Shape of each foot, a sphere; shape (L,), empty without feet."""
     foot_adr: np.ndarray
     """Address of each foot's force in sensordata; shape (L,), empty without feet."""
     floating: bool
@@ -92,19 +94,20 @@ class Scene:
         """Joint names, length J."""
         return tuple(actuator.joint for actuator in self.actuators)
 
+    @property
+    def legs(self) -> tuple[int, ...]:
+        """Leg of each joint; length J."""
+        return tuple(self.layout.leg_of(joint) for joint in self.joints)
+
     @cached_property
     def soles(self) -> np.ndarray:
         """Lowest point of each foot in the neutral stance, with the trunk at the origin [m]; shape (L, 3)."""
         data = mujoco.MjData(self.model)
         data.qpos[:] = self.model.qpos0
         data.qpos[:3] = 0.0
-        data.qpos[self.q_adr] = DEFAULT_Q
+        data.qpos[self.q_adr] = self.layout.default_q
         mujoco.mj_kinematics(self.model, data)
-        names = [self.model.geom(i).name for i in range(self.model.ngeom)]
-        feet = [i for leg in LEGS for i, name in enumerate(names) if f"/{leg}_foot" in name]
-        if len(feet) != len(LEGS):
-            raise ValueError(f"{len(feet)} shapes are called LEG_foot; needed: one for each of {', '.join(LEGS)}")
-        return data.geom_xpos[feet] - self.model.geom_size[feet, :1] * np.array([0.0, 0.0, 1.0])
+        return data.geom_xpos[self.feet] - self.model.geom_size[self.feet, :1] * np.array([0.0, 0.0, 1.0])
 
     @cached_property
     def stand_height(self) -> float:
@@ -144,7 +147,7 @@ def build_scene(
         _add_field(builder, ground, surface)
     elif ground:
         builder.add_ground_plane(cfg=surface)
-    model = _with_sensors(newton.solvers.SolverMuJoCo, builder.finalize(device="cpu"), edit)
+    model = _with_sensors(newton.solvers.SolverMuJoCo, builder.finalize(device="cpu"), asset.layout, edit)
 
     model.opt.timestep = dt
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
@@ -161,16 +164,32 @@ def build_scene(
     add_inertia(model, v_adr, asset.actuators)
     if coupling is Coupling.CONSTRAINT:
         set_brake_constraint(model, [v for v, a in zip(v_adr, asset.actuators, strict=True) if a.mr], dt)
-    feet = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, FOOT_SENSOR.format(leg=leg)) for leg in LEGS]
+    feet = _feet(model, asset.layout)
+    sensors = [model.sensor(FOOT_SENSOR.format(leg=leg.name)) for leg in asset.layout.legs] if len(feet) else []
     return Scene(
         model=model,
         actuators=asset.actuators,
-        legs=tuple(leg_of(a.joint) if a.joint.split("_")[0] in LEGS else 0 for a in asset.actuators),
+        layout=asset.layout,
         q_adr=q_adr.astype(np.int32),
         v_adr=v_adr.astype(np.int32),
-        foot_adr=np.array([model.sensor_adr[i] for i in feet if i >= 0], dtype=np.int32),
+        feet=feet,
+        foot_adr=np.array([sensor.adr[0] for sensor in sensors], dtype=np.int32),
         floating=bool(model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE),
     )
+
+
+def _feet(model: mujoco.MjModel, layout: Layout) -> np.ndarray:
+    """Shape of each leg's foot, shape (L,); empty for a bench, which has none.
+
+    Raises:
+        ValueError: some legs have no foot of their own.
+    """
+    names = [model.geom(i).name for i in range(model.ngeom)]
+    feet = [i for leg in layout.legs for i, name in enumerate(names) if f"/{leg.foot}" in name]
+    if feet and len(feet) != len(layout.legs):
+        wanted = ", ".join(leg.foot for leg in layout.legs)
+        raise ValueError(f"{len(feet)} shapes are called after a foot; needed: one for each of {wanted}")
+    return np.array(feet, dtype=np.int32)
 
 
 def _add_field(builder: newton.ModelBuilder, ground: Field, surface: newton.ModelBuilder.ShapeConfig) -> None:
@@ -219,7 +238,7 @@ def named(names: list[str], short: str, kind: str) -> int:
     return found[0]
 
 
-def _with_sensors(solver_class: type, newton_model: newton.Model, edit: Edit | None) -> mujoco.MjModel:
+def _with_sensors(solver_class: type, newton_model: newton.Model, layout: Layout, edit: Edit | None) -> mujoco.MjModel:
     """Newton's MuJoCo model plus one net contact force sensor per foot sphere.
 
     The model goes through its MJCF text because a compiled model cannot take sensors; every number of the compiled
@@ -229,10 +248,10 @@ def _with_sensors(solver_class: type, newton_model: newton.Model, edit: Edit | N
         path = str(Path(folder) / "model.xml")
         original = solver_class(newton_model, save_to_mjcf=path, use_mujoco_cpu=True).mj_model
         spec = mujoco.MjSpec.from_file(path)
-    for leg in LEGS:
-        feet = [geom for geom in spec.geoms if f"/{leg}_foot" in geom.name]
+    for leg in layout.legs:
+        feet = [geom for geom in spec.geoms if f"/{leg.foot}" in geom.name]
         if feet:
-            sensor = spec.add_sensor(name=FOOT_SENSOR.format(leg=leg), type=mujoco.mjtSensor.mjSENS_CONTACT)
+            sensor = spec.add_sensor(name=FOOT_SENSOR.format(leg=leg.name), type=mujoco.mjtSensor.mjSENS_CONTACT)
             sensor.objtype = mujoco.mjtObj.mjOBJ_GEOM
             sensor.objname = feet[0].name
             sensor.intprm = _contact_force_intprm()

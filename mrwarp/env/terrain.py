@@ -16,7 +16,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from mrwarp.env.gait import LegLengths, foot_point
+from mrwarp.env.gait import Legs, foot_point
 from mrwarp.env.rng import LEVEL, draw, place
 from mrwarp.env.sim_model import Field
 from mrwarp.env.state import WalkState
@@ -139,8 +139,8 @@ def ground_height(heights: wp.array2d[float], cell: float, x: float, y: float) -
 
 @wp.kernel(enable_backward=False)
 def ground_kernel(
-    # parameters: leg; heights [m], shape (rows, columns); their spacing [m]
-    lengths: LegLengths,
+    # parameters: legs; heights [m], shape (rows, columns); their spacing [m]
+    legs: Legs,
     heights: wp.array2d[float],
     cell: float,
     # in, shapes (E,), (E, 3) [m], (E, 4), (E, J) [rad]
@@ -148,7 +148,7 @@ def ground_kernel(
     root_pos_in: wp.array2d[float],
     root_quat_in: wp.array2d[float],
     q_in: wp.array2d[float],
-    # out, shapes (E,), (E, 4) [m]
+    # out, shapes (E,), (E, L) [m]
     ground_out: wp.array[float],
     foot_ground_out: wp.array2d[float],
 ):
@@ -160,9 +160,8 @@ def ground_kernel(
     ground_out[env] = ground_height(heights, cell, x, y)
     # Warp's quaternions end with the real part
     turn = wp.quat(root_quat_in[env, 1], root_quat_in[env, 2], root_quat_in[env, 3], root_quat_in[env, 0])
-    for leg in range(4):
-        point = foot_point(lengths, leg, q_in[env, 3 * leg], q_in[env, 3 * leg + 1], q_in[env, 3 * leg + 2])
-        foot = wp.quat_rotate(turn, point)
+    for leg in range(foot_ground_out.shape[1]):
+        foot = wp.quat_rotate(turn, foot_point(legs, leg, q_in, env))
         foot_ground_out[env, leg] = ground_height(heights, cell, x + foot[0], y + foot[1])
 
 
@@ -233,13 +232,13 @@ class Terrain:
         s.walked.zero_()
         s.commanded.zero_()
 
-    def heights(self, s: WalkState, lengths: LegLengths, mask: wp.array) -> Launch:
+    def heights(self, s: WalkState, legs: Legs, mask: wp.array) -> Launch:
         """What writes the height of the ground below trunk and feet where the mask, bool (E,), is set."""
         heights = torch.from_numpy(self.field.heights).to(s.q.device)
         return record(
             ground_kernel,
             len(s.q),
-            [lengths, heights, self.field.cell, mask, s.root_pos, s.root_quat, s.q],
+            [legs, heights, self.field.cell, mask, s.root_pos, s.root_quat, s.q],
             [s.ground, s.foot_ground],
         )
 

@@ -25,11 +25,10 @@ from mrwarp.kernels.launch import Launch
 from mrwarp.nn import network_file
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import RobotAsset, load_robot, with_model
-from mrwarp.usd.robot import DEFAULT_Q, LEGS
 
 
 class WalkEnv(VecEnv):
-    """A batch of quadrupeds that follow velocity commands.
+    """A batch of legged robots that follow velocity commands.
 
     Args:
         cfg: The task.
@@ -38,6 +37,7 @@ class WalkEnv(VecEnv):
     Attributes:
         arrays: Everything the task computes with, kept in place: the next step writes into it. The arrays that are
             read most stand here too, e.g. ``env.q``; see :class:`mrwarp.env.state.WalkState` for all of them.
+        layout: Trunk, legs and joints of the robot.
         robot, sim, actuator: The robot, its physics, its motors and devices.
         terrain: The height field and its curriculum; None on flat ground.
         contact_force: Foot force above which a foot touches the ground [N], the gates' ``f_th``.
@@ -53,7 +53,7 @@ class WalkEnv(VecEnv):
 
     def __init__(self, cfg: EnvCfg, *, edit: Edit | None = None) -> None:
         self.cfg = cfg
-        self.num_envs, self.num_actions = cfg.sim.num_envs, len(DEFAULT_Q)
+        self.num_envs = cfg.sim.num_envs
         self.device = torch.device(cfg.sim.device)
         self.max_episode_length = cfg.episode_steps
         asset, residual = _asset(cfg)
@@ -65,9 +65,11 @@ class WalkEnv(VecEnv):
         if cfg.gains is not None:
             self._set_gains(*cfg.gains)
 
-        joints, legs, devices = len(scene.actuators), len(LEGS), len(self.actuator.mr_joints)
+        self.layout = layout = scene.layout
+        joints, legs, devices = len(scene.actuators), len(layout.legs), len(self.actuator.mr_joints)
+        self.num_actions = joints
         columns = observations.critic_columns(joints, self.sim.f_foot.shape[1], devices)
-        observed = sum(observations.ACTOR_TERMS.values())
+        observed = sum(observations.actor_terms(joints).values())
         sizes = {"E": self.num_envs, "A": self.num_actions, "J": joints, "L": legs, "T": len(rewards.TERMS)}
         self.arrays = s = WalkState.of(self.robot, self.device, **sizes, O=observed, C=columns)
         self.q, self.qd, self.q_des, self.f_foot = s.q, s.qd, s.q_des, s.f_foot
@@ -76,7 +78,7 @@ class WalkEnv(VecEnv):
         self.action, self.last_action, self.command, self.phase = s.action, s.last_action, s.command, s.phase
         self.height, self.gravity, self.body_velocity = s.height, s.gravity, s.body_velocity
         self.clock_match, self.effort, self.power, self.key = s.clock_match, s.effort, s.power, s.key
-        self.default_q.copy_(torch.tensor(DEFAULT_Q))
+        self.default_q.copy_(torch.tensor(layout.default_q))
         group = torch.arange(self.num_envs, device=self.device) * len(cfg.currents) // self.num_envs  # eq. 20
         self.current_e.copy_(torch.tensor(cfg.currents, device=self.device)[group])
         self.nan_guard = NanGuard(self.robot, s)
@@ -93,7 +95,7 @@ class WalkEnv(VecEnv):
         On MuJoCo-Warp all of it is one graph; the host reads no number.
 
         Args:
-            actions: Joint targets relative to the neutral stance, in units of ``action_scale``, shape (E, 12).
+            actions: Joint targets relative to the neutral stance, in units of ``action_scale``, shape (E, A).
 
         Returns:
             Observations, rewards (E,), dones (E,) and extras with ``time_outs`` (E,) for bootstrapping; tensors of
@@ -138,17 +140,17 @@ class WalkEnv(VecEnv):
         s, cfg, terrain, actuator = self.arrays, self.cfg, self.terrain, self.actuator
         everywhere = wp.full(self.num_envs, True, dtype=wp.bool, device=self.sim.device)
         done = wp.from_torch(s.flags[terminations.DONE])
-        lengths = gait.leg_lengths(self.sim.scene.model)
+        legs = gait.legs_of(self.sim.scene, str(self.sim.device))
 
         def derive(mask: wp.array) -> list[Launch]:
-            ground = [terrain.heights(s, lengths, mask)] if terrain else []
-            return [*ground, gait.derive(s, mask, self.contact_force)]
+            ground = [terrain.heights(s, legs, mask)] if terrain else []
+            return [*ground, gait.derive(s, mask, self.contact_force, legs)]
 
         self._take_actions = commands.take_actions(s, cfg.action_scale, cfg.rewards.winding_resistance)
         self._account = commands.account(s, cfg.rewards.winding_resistance, cfg.step_dt, cfg.gait_frequency)
         self._push = events.push(s, cfg.randomize, cfg.step_dt)
         self._derive = derive(everywhere)
-        self._reward = rewards.reward(s, cfg.rewards, cfg.step_dt, lengths)
+        self._reward = rewards.reward(s, cfg.rewards, cfg.step_dt, legs)
         self._terminate = terminations.terminate(s, cfg.fall_height, cfg.fall_tilt, cfg.episode_steps)
         self._curriculum = [terrain.curriculum(s, cfg.step_dt)] if terrain else []
         self._begin_episodes = [
@@ -162,7 +164,7 @@ class WalkEnv(VecEnv):
 
     @torch.no_grad()
     def get_observations(self) -> TensorDict:
-        """Observation groups ``actor`` (E, 47) and ``critic``; see ``observations.py``.
+        """Observation groups ``actor`` (E, O) and ``critic``; see ``observations.py``.
 
         The noise belongs to the policy step: seen twice, the same state has the same noise.
         """

@@ -12,16 +12,17 @@ import torch
 from tensordict import TensorDict
 from torch import nn
 
-from mrwarp.env.observations import ACTOR_TERMS
+from mrwarp.env.observations import actor_terms
 from mrwarp.model_file import shown
 from mrwarp.nn.network_file import META, write_onnx
 from mrwarp.resources import DEFAULT_POLICY, POLICIES  # noqa: F401  (where policies are looked for)
 from mrwarp.run_dir import no_file, one_line
-from mrwarp.usd.robot import JOINTS
 
 LAYERS = ("Add", "Constant", "Div", "Elu", "Gemm", "Identity", "Mul", "Relu", "Sub", "Tanh")
 """Operators that a policy may consist of: none of them makes more numbers than it takes."""
 
+MAX_JOINTS = 64
+"""Most joints of a robot that a policy may be made for."""
 
 _REMEDY = "use a policy exported by train/ppo.py"
 
@@ -31,7 +32,7 @@ class PolicyError(ValueError):
 
 
 def export_onnx(actor: Any, path: Path, description: dict[str, Any]) -> None:
-    """Write the actor with its normaliser as ONNX: input ``obs`` (N, 47), output ``actions`` (N, 12).
+    """Write the actor with its normaliser as ONNX: input ``obs`` (N, 11 + 3*J), output ``actions`` (N, J).
 
     Args:
         actor: The rsl-rl actor model.
@@ -39,8 +40,9 @@ def export_onnx(actor: Any, path: Path, description: dict[str, Any]) -> None:
         description: What a user needs to run it, e.g. action scale, gains, command that made it; stored as metadata.
     """
     model = actor.as_onnx(verbose=False).to("cpu").eval()
-    description = {"observations": ACTOR_TERMS, **description}
-    write_onnx(model, model.get_dummy_inputs(), path, input="obs", output="actions", description=description)
+    inputs = model.get_dummy_inputs()
+    description = {"observations": actor_terms(model(*inputs).shape[1]), **description}
+    write_onnx(model, inputs, path, input="obs", output="actions", description=description)
 
 
 class OnnxPolicy:
@@ -55,6 +57,7 @@ class OnnxPolicy:
 
     Attributes:
         description: The metadata.
+        joints: Joints J of the robot it was trained on.
 
     Raises:
         PolicyError: the file is missing, no ONNX, has another interface or layers that a policy does not have,
@@ -71,13 +74,14 @@ class OnnxPolicy:
         except Exception as error:  # onnx and protobuf raise many types for a file that is no model
             raise PolicyError(f"{path}: not a readable ONNX model ({one_line(error)}); export it again") from error
         self.description = self._described({entry.key: entry.value for entry in proto.metadata_props})
+        self.joints = self.description["observations"]["q"]
         nodes, weights = proto.graph.node, proto.graph.initializer
         if any(w.data_location == onnx.TensorProto.EXTERNAL for w in weights):
             raise PolicyError(f"{path}: weights in other files; export it again, as one file")
         if foreign := next((node.op_type for node in nodes if node.op_type not in LAYERS), None):
             raise PolicyError(f"{path}: layer {shown(foreign)} is not one of {', '.join(LAYERS)}; {_REMEDY}")
         self._net, self._device = None, torch.device("cpu")
-        probe = torch.linspace(-3.0, 3.0, sum(ACTOR_TERMS.values())).reshape(1, -1)
+        probe = torch.linspace(-3.0, 3.0, sum(actor_terms(self.joints).values())).reshape(1, -1)
         try:  # the checker lets shapes and types pass that numpy, torch or onnxruntime do not have
             self._input = proto.graph.input[0].name
             self._weights = {w.name: torch.from_numpy(onnx.numpy_helper.to_array(w).copy()) for w in weights}
@@ -85,9 +89,9 @@ class OnnxPolicy:
             actions = self(probe)
         except Exception as error:  # onnxruntime has a type of error for each of its status codes
             raise PolicyError(f"{path}: does not run ({one_line(error)}); {_REMEDY}") from error
-        if actions.shape != (1, len(JOINTS)):
+        if actions.shape != (1, self.joints):
             raise PolicyError(
-                f"{path}: gives actions of shape {tuple(actions.shape)}, needed is {(1, len(JOINTS))}; train it again"
+                f"{path}: gives actions of shape {tuple(actions.shape)}, needed is {(1, self.joints)}; train it again"
             )
         self._divisors = [node.input[1] for node in nodes if node.op_type == "Div"]
         self._net = self._as_torch([node.op_type for node in nodes], probe, actions)
@@ -101,17 +105,23 @@ class OnnxPolicy:
             dict(description.get("task", {}))
         except (ValueError, TypeError, RecursionError) as error:
             raise PolicyError(f"{self.path}: unreadable mrwarp metadata ({one_line(error)}); {_REMEDY}") from error
-        if description.get("observations") != ACTOR_TERMS:
+        found = description.get("observations")
+        joints = found.get("q") if isinstance(found, dict) else None
+        if not isinstance(joints, int) or not 1 <= joints <= MAX_JOINTS or found != actor_terms(joints):
             raise PolicyError(
-                f"{self.path}: made for observations {shown(description.get('observations'))}, this version gives "
-                f"{ACTOR_TERMS}; train it again"
+                f"{self.path}: made for observations {shown(found)}, this version gives {actor_terms(12)} "
+                "to a robot of 12 joints; train it again"
             )
         return description
 
     @torch.no_grad()
     def __call__(self, obs: TensorDict | torch.Tensor) -> torch.Tensor:
-        """Actions (E, 12) for observations (the ``actor`` group, or a tensor (E, 47))."""
+        """Actions (E, J) for observations (the ``actor`` group, or a tensor (E, 11 + 3*J))."""
         x = obs["actor"] if isinstance(obs, TensorDict) else obs
+        if x.shape[1] != sum(actor_terms(self.joints).values()):
+            raise PolicyError(
+                f"{self.path}: made for a robot of {self.joints} joints, not for this one; train it again"
+            )
         if self._net is not None:
             if x.device != self._device:
                 self._net, self._device = self._net.to(x.device), x.device
@@ -120,7 +130,7 @@ class OnnxPolicy:
         return torch.from_numpy(actions).to(x.device)
 
     def actor(self) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
-        """Weights under the actor's own names, and what its normaliser divides by, shape (1, 47).
+        """Weights under the actor's own names, and what its normaliser divides by, shape (1, 11 + 3*J).
 
         Raises:
             KeyError: it has no normaliser.

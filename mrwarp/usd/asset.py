@@ -18,7 +18,7 @@ from mrwarp.model_file import HOLDING_NOTE, Effect, Model, ModelFileError, check
 from mrwarp.params import MrParams
 from mrwarp.usd.open_stage import ASSETS, SCHEMA, AssetError, open_stage
 from mrwarp.usd.record import PD, is_mr, plain, read_model, read_number, read_parameters
-from mrwarp.usd.robot import DEFAULT_POSE, JOINTS
+from mrwarp.usd.robot import DEFAULT_POSE, JOINTS, MR_GO, Layout
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +70,8 @@ class RobotAsset:
     payload: float
     stage: Usd.Stage
     actuators: tuple[JointActuator, ...]
+    layout: Layout = MR_GO
+    """Trunk, legs, joints and neutral stance."""
 
     def __post_init__(self) -> None:
         masses(self)

@@ -1,10 +1,64 @@
-"""The Go1-like quadruped: names, order, default pose and gait of everything that is indexed by joint or leg.
+"""What legged tasks know of a robot: its trunk, legs, joints in their order, neutral stance and gait.
 
-Geometry, masses, limits and gains live in ``assets/usd/mr_go.usda``; this file holds what Python needs to know about
-their order and the neutral stance. Angle signs follow the public Go1 description (unitree_go1 of MuJoCo Menagerie).
+A :class:`Layout` says it of any robot; one stands in the USD file (:mod:`mrwarp.usd.layout`). The constants are those
+of the shipped one, whose geometry, masses, limits and gains live in ``assets/usd/mr_go.usda``. Angle signs follow the
+public Go1 description (unitree_go1 of MuJoCo Menagerie).
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leg:
+    """A leg, from the trunk to the ground."""
+
+    name: str
+    joints: tuple[str, ...]
+    """Its joints, from the trunk to the foot."""
+    foot: str
+    """Name of the collision shape that touches the ground, a sphere."""
+    phase: float
+    """Offset on the gait clock, 0 to 1: the leg stands in the first half of its own cycle."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """Trunk, legs and driven joints of a robot."""
+
+    trunk: str
+    """Name of the body that floats."""
+    legs: tuple[Leg, ...]
+    """In the order of every array with a leg axis."""
+    neutral: dict[str, float]
+    """Neutral stance [rad] of every driven joint, in the order of every array with a joint axis."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The driven joints."""
+        return tuple(self.neutral)
+
+    @property
+    def default_q(self) -> tuple[float, ...]:
+        """Neutral stance [rad]."""
+        return tuple(self.neutral.values())
+
+    @property
+    def leg_names(self) -> tuple[str, ...]:
+        """Names of the legs."""
+        return tuple(leg.name for leg in self.legs)
+
+    @cached_property
+    def columns(self) -> tuple[tuple[int, ...], ...]:
+        """Places of each leg's joints on the joint axis, from the trunk to the foot."""
+        return tuple(tuple(self.joints.index(joint) for joint in leg.joints) for leg in self.legs)
+
+    def leg_of(self, joint: str) -> int:
+        """Place of a joint's leg; the first one's for a joint of no leg."""
+        return next((k for k, leg in enumerate(self.legs) if joint in leg.joints), 0)
+
 
 LEGS = ("FL", "FR", "RL", "RR")
 """Leg order of every array with a leg axis."""
@@ -44,6 +98,17 @@ legged_gym (A1). The asset's are stiffer, see ``assets/usd``."""
 
 CURRENT_GROUPS = (0.0, 0.5, 1.0, 1.5)
 """Fixed currents I_e over the environments [A], eq. 20."""
+
+
+MR_GO = Layout(
+    trunk="trunk",
+    legs=tuple(
+        Leg(name=leg, joints=tuple(f"{leg}_{segment}" for segment in SEGMENTS), foot=f"{leg}_foot", phase=phase)
+        for leg, phase in zip(LEGS, TROT_PHASE, strict=True)
+    ),
+    neutral=dict(zip(JOINTS, DEFAULT_Q, strict=True)),
+)
+"""The shipped robot."""
 
 
 def leg_of(joint: str) -> int:

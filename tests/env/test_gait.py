@@ -13,7 +13,7 @@ from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.sim import robot_scene
 from mrwarp.env.sim_model import Scene
 from mrwarp.env.vec_env import WalkEnv
-from mrwarp.usd.robot import DEFAULT_Q, LEGS, STAND_HEIGHT
+from mrwarp.usd.robot import DEFAULT_Q, LEGS, STAND_HEIGHT, TROT_PHASE
 
 STEP_HEIGHT = 0.06
 
@@ -22,11 +22,16 @@ FK_TOLERANCE = 1e-6
 
 
 @wp.kernel
-def leg_phase_kernel(clock_in: wp.array[float], legs_out: wp.array2d[float], stance_out: wp.array2d[wp.bool]):
+def leg_phase_kernel(
+    offsets: wp.array[float],
+    clock_in: wp.array[float],
+    legs_out: wp.array2d[float],
+    stance_out: wp.array2d[wp.bool],
+):
     """Phase of every leg, and whether the clock wants it on the ground."""
     i, leg = wp.tid()
-    legs_out[i, leg] = gait.leg_phase(clock_in[i], leg)
-    stance_out[i, leg] = gait.leg_phase(clock_in[i], leg) < 0.5
+    legs_out[i, leg] = gait.leg_phase(clock_in[i], offsets[leg])
+    stance_out[i, leg] = gait.leg_phase(clock_in[i], offsets[leg]) < 0.5
 
 
 @wp.kernel
@@ -38,7 +43,7 @@ def clearance_kernel(height: float, legs_in: wp.array2d[float], clearance_out: w
 
 @wp.kernel
 def foot_height_kernel(
-    lengths: gait.LegLengths,
+    legs: gait.Legs,
     q_in: wp.array2d[float],
     root_z_in: wp.array[float],
     up_in: wp.array[wp.vec3],
@@ -46,21 +51,26 @@ def foot_height_kernel(
 ):
     """Height of every foot."""
     i, leg = wp.tid()
-    hip, thigh, calf = q_in[i, 3 * leg], q_in[i, 3 * leg + 1], q_in[i, 3 * leg + 2]
-    height_out[i, leg] = gait.foot_height(lengths, leg, hip, thigh, calf, root_z_in[i], up_in[i])
+    height_out[i, leg] = gait.foot_height(legs, leg, q_in, i, root_z_in[i], up_in[i])
 
 
 @wp.kernel
-def foot_point_kernel(lengths: gait.LegLengths, q_in: wp.array2d[float], point_out: wp.array2d[wp.vec3]):
+def foot_point_kernel(legs: gait.Legs, q_in: wp.array2d[float], point_out: wp.array2d[wp.vec3]):
     """Centre of every foot."""
     i, leg = wp.tid()
-    point_out[i, leg] = gait.foot_point(lengths, leg, q_in[i, 3 * leg], q_in[i, 3 * leg + 1], q_in[i, 3 * leg + 2])
+    point_out[i, leg] = gait.foot_point(legs, leg, q_in, i)
 
 
 def leg_phases(clock: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Phase of every leg and wanted stance, shape (N, 4), of clock phases (N,)."""
     legs, stance = torch.full((len(clock), 4), torch.nan), torch.zeros(len(clock), 4, dtype=torch.bool)
-    wp.launch(leg_phase_kernel, legs.shape, [clock], [legs, stance], device="cpu")
+    wp.launch(
+        leg_phase_kernel,
+        legs.shape,
+        [wp.array(TROT_PHASE, dtype=float, device="cpu"), clock],
+        [legs, stance],
+        device="cpu",
+    )
     return legs, stance
 
 
@@ -71,11 +81,11 @@ def clearances(legs: torch.Tensor) -> torch.Tensor:
     return found
 
 
-def foot_heights(model: mujoco.MjModel, q: np.ndarray, root_z: np.ndarray, up: np.ndarray) -> np.ndarray:
+def foot_heights(legs: gait.Legs, q: np.ndarray, root_z: np.ndarray, up: np.ndarray) -> np.ndarray:
     """Height of every foot [m], shape (N, 4), of joints (N, 12), trunk heights (N,) and verticals (N, 3)."""
     found = wp.full((len(q), 4), float("nan"), dtype=float, device="cpu")
     inputs = [
-        gait.leg_lengths(model), wp.array(q, dtype=float, device="cpu"), wp.array(root_z, dtype=float, device="cpu"),
+        legs, wp.array(q, dtype=float, device="cpu"), wp.array(root_z, dtype=float, device="cpu"),
         wp.array(up, dtype=wp.vec3, device="cpu"),
     ]  # fmt: skip
     wp.launch(foot_height_kernel, found.shape, inputs, [found], device="cpu")
@@ -125,8 +135,15 @@ def test_swing_clearance_is_zero_in_stance_and_a_half_sine_in_swing(clock: torch
     assert float(top) == pytest.approx(STEP_HEIGHT, rel=1e-6)
 
 
-def test_feet_are_where_mujocos_kinematics_puts_them(scene: Scene) -> None:
-    """Lowest point and place of each foot for random joints, trunk poses, any attitude, against ``mj_kinematics``."""
+@pytest.mark.parametrize("planar", [1, 0])
+def test_feet_are_where_mujocos_kinematics_puts_them(scene: Scene, planar: int) -> None:
+    """Lowest point and place of each foot for random joints, trunk poses, any attitude, against ``mj_kinematics``.
+
+    Both by the closed form and joint by joint.
+    """
+    legs = gait.legs_of(scene)
+    assert legs.planar == 1
+    legs.planar = planar
     model, data, rng = scene.model, mujoco.MjData(scene.model), np.random.default_rng(0)
     names = [model.geom(i).name for i in range(model.ngeom)]
     feet = [next(i for i, name in enumerate(names) if f"/{leg}_foot" in name) for leg in LEGS]
@@ -143,17 +160,19 @@ def test_feet_are_where_mujocos_kinematics_puts_them(scene: Scene) -> None:
         expected[k] = data.geom_xpos[feet, 2] - model.geom_size[feet, 0]
         up[k] = data.xmat[1].reshape(3, 3)[2]
         points[k] = (data.geom_xpos[feet] - data.xpos[1]) @ data.xmat[1].reshape(3, 3)
-    found = foot_heights(model, q, root_z, up)
+    found = foot_heights(legs, q, root_z, up)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=FK_TOLERANCE)
     centres = wp.full((count, 4), wp.vec3(float("nan")), dtype=wp.vec3, device="cpu")
-    inputs = [gait.leg_lengths(model), wp.array(q, dtype=float, device="cpu")]
+    inputs = [legs, wp.array(q, dtype=float, device="cpu")]
     wp.launch(foot_point_kernel, centres.shape, inputs, [centres], device="cpu")
     np.testing.assert_allclose(centres.numpy(), points, rtol=0.0, atol=FK_TOLERANCE)
 
 
 def test_feet_of_the_neutral_stance_touch_the_ground(scene: Scene) -> None:
     """At the stance height, which robot.py rounds to a millimetre, all four feet are at 0."""
-    height = foot_heights(scene.model, np.array([DEFAULT_Q]), np.array([STAND_HEIGHT]), np.array([[0.0, 0.0, 1.0]]))
+    height = foot_heights(
+        gait.legs_of(scene), np.array([DEFAULT_Q]), np.array([STAND_HEIGHT]), np.array([[0.0, 0.0, 1.0]])
+    )
     np.testing.assert_allclose(height, 0.0, atol=5e-4)
 
 

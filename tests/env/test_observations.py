@@ -44,9 +44,9 @@ def rotations(quat: torch.Tensor) -> np.ndarray:
 
 def test_actor_terms_add_up_to_47() -> None:
     """The table of terms, which policies carry as metadata, describes the layout."""
-    assert sum(observations.ACTOR_TERMS.values()) == 47
+    assert sum(observations.actor_terms(12).values()) == 47
     widths = {name: part.stop - part.start for name, part in SLICES.items()}
-    assert list(widths.items()) == list(observations.ACTOR_TERMS.items())
+    assert list(widths.items()) == list(observations.actor_terms(12).items())
 
 
 def test_actor_layout_without_noise() -> None:

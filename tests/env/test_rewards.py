@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+import warp as wp
 
 from mrwarp.env import rewards
-from mrwarp.env.gait import LegLengths
+from mrwarp.env.gait import Legs
 from mrwarp.env.rewards import RewardCfg
 from mrwarp.usd.robot import DEFAULT_Q
 
@@ -65,12 +66,14 @@ def total(state: Any) -> torch.Tensor:
     return state.total.clone()
 
 
-def go1() -> LegLengths:
-    """Lengths of the Go1's leg."""
-    lengths = LegLengths()
-    lengths.hip_x, lengths.hip_y, lengths.offset = 0.1881, 0.04675, 0.08
-    lengths.thigh, lengths.calf, lengths.foot_radius = 0.213, 0.213, 0.023
-    return lengths
+def go1() -> Legs:
+    """The Go1's legs."""
+    legs = Legs()
+    legs.planar = 1
+    legs.hip_x, legs.hip_y, legs.offset, legs.thigh, legs.calf = 0.1881, 0.04675, 0.08, 0.213, 0.213
+    legs.radii = wp.full(4, 0.023, dtype=float, device="cpu")
+    legs.hips = wp.array([1.0, 0.0, 0.0] * 4, dtype=float, device="cpu")
+    return legs
 
 
 def rotate(axis: str, angle: float) -> np.ndarray:

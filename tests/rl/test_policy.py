@@ -16,7 +16,7 @@ from rsl_rl.algorithms import PPO
 from tensordict import TensorDict
 
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.env.observations import ACTOR_TERMS
+from mrwarp.env.observations import actor_terms
 from mrwarp.rl import policy
 from mrwarp.rl.checkpoint import task
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, PolicyError, export_onnx
@@ -119,7 +119,7 @@ def test_metadata_say_what_the_policy_is_for(exported: Path) -> None:
     """Task, seed, command and the observation layout travel in the file, as JSON."""
     description = OnnxPolicy(exported).description
     assert description["task"] == TASK
-    assert description["observations"] == ACTOR_TERMS
+    assert description["observations"] == actor_terms(12)
     assert (description["seed"], description["iteration"]) == (3, 7)
     assert description["command"] == "python train/ppo.py"
     assert {"robot", "actuator", "coupling", "action_scale", "step_dt", "gait_frequency"} <= set(description["task"])
@@ -176,7 +176,7 @@ def test_unreadable_metadata_are_refused(exported: Path, tmp_path: Path, text: s
 
 def test_another_observation_layout_is_refused(exported: Path, tmp_path: Path) -> None:
     """A policy of another version would read the wrong columns."""
-    description = json.dumps({"observations": {**ACTOR_TERMS, "gyro": 4}})
+    description = json.dumps({"observations": {**actor_terms(12), "gyro": 4}})
     path = edited(
         exported, tmp_path / "p.onnx", lambda proto: helper.set_model_props(proto, {policy.META: description})
     )

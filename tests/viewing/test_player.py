@@ -16,7 +16,7 @@ from mrwarp.cli import main
 from mrwarp.commands import run_play as play_cli
 from mrwarp.commands.run_play import Play
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.env.observations import ACTOR_TERMS
+from mrwarp.env.observations import actor_terms
 from mrwarp.options.command_line import parse
 from mrwarp.rl.checkpoint import task
 from mrwarp.rl.policy import META, OnnxPolicy
@@ -37,7 +37,7 @@ def write_policy(path: Path, *, actions: int = 12, seed: int = 2, **changes: Any
         [numpy_helper.from_array(weight, "w"), numpy_helper.from_array(np.zeros(actions, np.float32), "b")],
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10)
-    description = {"observations": ACTOR_TERMS, "task": {**task(make_walk_cfg()), **changes}}
+    description = {"observations": actor_terms(12), "task": {**task(make_walk_cfg()), **changes}}
     helper.set_model_props(model, {META: json.dumps(description)})
     onnx.save(model, str(path))
     return path
@@ -66,7 +66,7 @@ REFUSED: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "a policy for another scale": (["--policy", "{scaled}"], ("{scaled}", "action_scale = 0.5", "0.25")),
     "an unknown robot": (["--agent", "zero", "--robot", "spot"], ("--robot", "spot", "mr_go")),
     "an unknown agent": (["--agent", "clever"], ("--agent", "clever", "random")),
-    "an unknown payload": (["--agent", "zero", "--payload", "5"], ("--payload", "5")),
+    "too much payload": (["--agent", "zero", "--payload", "50"], ("--payload", "50; allowed: 0 to 20 kg")),
     "an unknown option": (["--agent", "zero", "--gpu"], ("--gpu",)),
     "no robots": (["--agent", "zero", "--num-envs", "0"], ("--num-envs", "0 must be at least 1")),
     "no time": (["--agent", "zero", "--seconds", "0.5"], ("--seconds", "at least 1 s")),
