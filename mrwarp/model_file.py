@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.effects.catalogue import CATALOGUE, HYSTERESIS, KNOWN
 from mrwarp.effects.law import EffectParameter
 from mrwarp.params import HoldParams, MrParams, ParameterError, ParamSpec, with_unit
 from mrwarp.run_dir import write_text
@@ -43,7 +43,7 @@ JOINT_UNITS = {"q": "rad", "current": "A", "torque": "N·m"}
 MAX_UNIT = 20
 """Longest unit [characters]; units stand in messages about parameters."""
 
-_KEYS = ("schema", "units", "parameters", "effects", "fitted_on", "seed", "versions")
+_KEYS = ("schema", "units", "law", "parameters", "effects", "fitted_on", "seed", "versions")
 _NAMES = tuple(spec.name for spec in MrParams.specs() if spec.name != "q_neutral")
 _REQUIRED = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
 _PARAMETER_KEYS = ("value", "unit", "ci95")
@@ -80,12 +80,12 @@ class Effect:
 
     @property
     def acts(self) -> bool:
-        """Whether the effect is part of the device and acts in the simulator.
+        """Whether the effect, or law, is part of the device and acts in the simulator.
 
         Effects of the kinds ``sensor`` and ``calibration`` are properties of the bench's log and do not act on a robot,
         nor does an effect that the catalogue does not know.
         """
-        return self.name in CATALOGUE and CATALOGUE[self.name].kind == "mechanism"
+        return self.name in KNOWN and KNOWN[self.name].kind in ("mechanism", "law")
 
     def __str__(self) -> str:
         """Name, values, units and intervals on one line."""
@@ -117,6 +117,7 @@ class Model:
     fitted_on: FittedOn
     units: Mapping[str, str] = field(default_factory=lambda: dict(JOINT_UNITS))
     effects: tuple[Effect, ...] = ()
+    """What acts beyond eqs. 14 and 15; among them at most one law that takes the place of eq. 15."""
     seed: int = 0
     versions: Mapping[str, str] = field(default_factory=dict)
 
@@ -124,6 +125,11 @@ class Model:
     def values(self) -> dict[str, float]:
         """The parameters as plain numbers."""
         return {name: p.value for name, p in self.parameters.items()}
+
+    @property
+    def law(self) -> Effect | None:
+        """The published law that takes the place of eq. 15 (:mod:`mrwarp.effects.laws`); None: eq. 15 itself."""
+        return next((effect for effect in self.effects if effect.name in HYSTERESIS), None)
 
     @property
     def holding_measured(self) -> bool:
@@ -172,7 +178,7 @@ def completed(model: Model, earlier: Model) -> Model:
         raise ModelFileError(f"the model of {source} is in {theirs}, the recording in {ours}; convert one of them")
     ranges = [current for current in (model.fitted_on.current, earlier.fitted_on.current) if current]
     current = (min(r[0] for r in ranges), max(r[1] for r in ranges)) if ranges else None
-    carried = tuple(effect for effect in earlier.effects if effect.name not in CATALOGUE)
+    carried = tuple(effect for effect in earlier.effects if effect.name not in KNOWN)
     return dataclasses.replace(
         model,
         parameters={**earlier.parameters, **model.parameters},
@@ -224,7 +230,11 @@ def load_model(path: str | Path) -> Model:
 
 def model_to_dict(model: Model) -> dict[str, Any]:
     """The content of a model file: objects, lists, texts and numbers as JSON has them."""
-    return json.loads(json.dumps({"schema": SCHEMA, **dataclasses.asdict(model)}))
+    content = json.loads(json.dumps({"schema": SCHEMA, **dataclasses.asdict(model)}))
+    if model.law is not None:
+        content["law"] = next(entry for entry in content["effects"] if entry["name"] == model.law.name)
+        content["effects"].remove(content["law"])
+    return content
 
 
 def model_from_dict(content: Any, where: str = "model") -> Model:
@@ -242,6 +252,7 @@ def model_from_dict(content: Any, where: str = "model") -> Model:
     if content.get("schema") != SCHEMA:
         found = shown(content.get("schema"))
         raise ModelFileError(f"{where}: schema = {found}; allowed: {SCHEMA}; run 'mrwarp fit' again")
+    content = {"law": None, **content}
     checked_object(content, where, _KEYS)
     units = _texts(checked_object(content["units"], f"{where}: units", tuple(JOINT_UNITS)), f"{where}: units")
     for key, unit in units.items():
@@ -256,7 +267,7 @@ def model_from_dict(content: Any, where: str = "model") -> Model:
         parameters={name: _parameter(name, entry, units, where) for name, entry in parameters.items()},
         fitted_on=_fitted_on(content["fitted_on"], f"{where}: fitted_on"),
         units=units,
-        effects=_effects(content["effects"], units, f"{where}: effects"),
+        effects=_law(content["law"], units, f"{where}: law") + _effects(content["effects"], units, f"{where}: effects"),
         seed=_whole(content["seed"], f"{where}: seed"),
         versions=_texts(content["versions"], f"{where}: versions"),
     )
@@ -268,7 +279,7 @@ def make_effect(name: str, values: Mapping[str, float]) -> Effect:
     Raises:
         ModelFileError: there is no such effect or parameter, one is missing, or a value makes no sense.
     """
-    if name not in CATALOGUE:
+    if name not in KNOWN:
         raise ModelFileError(f"there is no effect {name!r}; {_known(name, CATALOGUE)}")
     return _effect(name, dict(values), JOINT_UNITS, f"effect {name}")
 
@@ -286,7 +297,7 @@ def silent_note(effects: Iterable[Effect]) -> str:
     """One line that names the effects that do not act and why; empty if all do."""
     found: dict[str, list[str]] = {}
     for effect in effects:
-        if effect.name not in CATALOGUE:
+        if effect.name not in KNOWN:
             found.setdefault("unknown to the catalogue of effects", []).append(key_shown(effect.name))
         elif not effect.acts:
             found.setdefault("of the bench's log, not of the device", []).append(effect.name)
@@ -371,16 +382,29 @@ def _effects(entries: Any, units: Mapping[str, str], where: str) -> tuple[Effect
         name = _text(entry["name"] or None, f"{place}.name")
         if name in CATALOGUE and any(effect.name == name for effect in found):
             raise ModelFileError(f"{place}: {name} stands twice; remove one")
+        if name in HYSTERESIS and any(effect.name in HYSTERESIS for effect in found):
+            raise ModelFileError(f"{place}: {name} is a second law; a device has one")
         found.append(_effect(name, _mapping(entry["parameters"], f"{place}.parameters"), units, place))
     return tuple(found)
 
 
+def _law(entry: Any, units: Mapping[str, str], where: str) -> tuple[Effect, ...]:
+    """The checked entry ``law``: ``{"name": ..., "parameters": ...}`` as of an effect, or null for eq. 15."""
+    if entry is None:
+        return ()
+    checked_object(entry, where, ("name", "parameters"))
+    name = _text(entry["name"] or None, f"{where}.name")
+    if name not in HYSTERESIS:
+        raise ModelFileError(f"{where}.name = {shown(name)}: there is no such law; {_known(name, HYSTERESIS)}")
+    return (_effect(name, _mapping(entry["parameters"], f"{where}.parameters"), units, where),)
+
+
 def _effect(name: str, content: dict[str, Any], units: Mapping[str, str], where: str) -> Effect:
-    known = {spec.name: spec for spec in CATALOGUE[name].parameters} if name in CATALOGUE else {}
+    known = {spec.name: spec for spec in KNOWN[name].parameters} if name in KNOWN else {}
     parameters: dict[str, Parameter] = {}
     for key, entry in content.items():
         place = f"{where}.parameters.{key_shown(key)}"
-        if name in CATALOGUE and key not in known:
+        if name in KNOWN and key not in known:
             raise ModelFileError(f"{place}: {name} has no such parameter; {_known(key, known)}")
         parameters[key] = _effect_parameter(entry, known.get(key), units, place)
     for key, spec in known.items():

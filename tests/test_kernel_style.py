@@ -44,6 +44,9 @@ LAW_ARGUMENTS = (
     ("s", "Path"), ("values", "wp.array2d[float]"), ("row", "int"), ("at", "int"), ("memory", "wp.array2d[float]"),
     ("line", "int"), ("slot", "int"),
 )  # fmt: skip
+HYSTERESIS = "mrwarp/effects/laws/"
+"""Laws in place of eq. 15: the same arguments with displacement and last value, h in return, helpers beside them."""
+HYSTERESIS_ARGUMENTS = (LAW_ARGUMENTS[0], ("q_c", "float"), ("h", "float"), *LAW_ARGUMENTS[1:])
 EFFECTS_FORBIDDEN = ("mrwarp.diagnose", "mrwarp.identify", "mrwarp.env", "torch")
 NN_FORBIDDEN = ("newton", "mujoco", "mujoco_warp", "mrwarp.env")
 NEWTON_ALLOWED = (
@@ -120,16 +123,17 @@ def law_problems(law: ast.FunctionDef) -> Iterator[tuple[int, str]]:
             yield arg.lineno, f"{law.name}: argument '{arg.arg}' has no type"
 
 
-def effect_problems(tree: ast.Module) -> Iterator[tuple[int, str]]:
+def effect_problems(tree: ast.Module, *, hysteresis: bool = False) -> Iterator[tuple[int, str]]:
     """Line and text of what is wrong with the file of one effect: one law, with the arguments that all laws have."""
-    laws = list(decorated(tree, "func"))
+    laws = [law for law in decorated(tree, "func") if not hysteresis or law.name.endswith("_law")]
+    arguments, returns = (HYSTERESIS_ARGUMENTS, "float") if hysteresis else (LAW_ARGUMENTS, "Path")
     if len(laws) != 1:
         yield 1, f"has {len(laws)} functions under @wp.func, want the law alone"
     for law in laws:
         found = tuple((arg.arg, ast.unparse(arg.annotation) if arg.annotation else "") for arg in law.args.args)
         if not law.name.endswith("_law"):
             yield law.lineno, f"law '{law.name}' does not end in '_law'"
-        if found != LAW_ARGUMENTS or law.returns is None or ast.unparse(law.returns) != "Path":
+        if found != arguments or law.returns is None or ast.unparse(law.returns) != returns:
             yield law.lineno, f"law '{law.name}' has not the arguments of all laws, see mrwarp/effects/law.py"
 
 
@@ -207,11 +211,13 @@ def test_effects_are_one_law_per_file() -> None:
     for file, _, tree in parsed("mrwarp/effects"):
         if is_effect(tree):
             effects += 1
-            findings += [f"{file}:{line}: {text}" for line, text in effect_problems(tree)]
+            hysteresis = file.startswith(HYSTERESIS)
+            allowed = (*LAW_IMPORTS, "mrwarp.effects.laws.hysteresis") if hysteresis else LAW_IMPORTS
+            findings += [f"{file}:{line}: {text}" for line, text in effect_problems(tree, hysteresis=hysteresis)]
             findings += [
-                f"{file}:{line}: an effect imports only {', '.join(LAW_IMPORTS)}, not {module}"
+                f"{file}:{line}: an effect imports only {', '.join(allowed)}, not {module}"
                 for line, module in imports(file, tree)
-                if not within(module, LAW_IMPORTS)
+                if not within(module, allowed)
             ]
     assert effects, "no effect under mrwarp/effects: does the test look in the right place?"
     assert not findings, "\n" + "\n".join(findings)

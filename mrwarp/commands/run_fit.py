@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
-from mrwarp.enums import LEARNED
+from mrwarp.enums import HYSTERESIS_LAWS, LEARNED
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.run_dir import check_writable, write_result
@@ -55,6 +55,8 @@ class Fit(Options):
     """output folder"""
     holding: opt.OptionalFile = None
     """break-away torques for eq. 18 (default: a holding.csv beside the data)"""
+    law: Annotated[str, opt.one_of(HYSTERESIS_LAWS)] = "bouc_wen"
+    """hysteresis law: the paper's, or a published one in its place"""
     extended: opt.Flag = False
     """also fit the extended physical model"""
     robust: opt.Flag = False
@@ -71,11 +73,14 @@ class Fit(Options):
     def run(self, line: CommandLine) -> int:
         """0 when the model is written, 2 on bad input (then nothing is written)."""
         check_writable(self.out)
+        if self.law != "bouc_wen" and (self.robust or self.extended):
+            raise ValueError(f"--law {self.law} takes neither --robust nor --extended; leave them out")
 
         from mrwarp.identify import fit_report
         from mrwarp.identify.damper import fit_extended
         from mrwarp.identify.fit import fit, read_holding
         from mrwarp.identify.fit_pictures import loops_picture, residual_picture
+        from mrwarp.identify.law_fit import fit_law
         from mrwarp.model_file import HOLDING_NOTE, save_model
         from mrwarp.recording.load import check_same_units, load_recording
 
@@ -86,13 +91,16 @@ class Fit(Options):
         if unseen is not None:
             check_same_units(unseen, recording)
         holding = read_holding(self.data, recording, self.holding, progress)
-        result = fit(
-            recording,
-            holding=holding,
-            robust=self.robust,
-            seed=self.seed,
-            progress=lambda text: progress(f"eq. 14: {text}"),
-        )
+        if self.law != "bouc_wen":
+            result = fit_law(recording, self.law, holding=holding, seed=self.seed, progress=progress)
+        else:
+            result = fit(
+                recording,
+                holding=holding,
+                robust=self.robust,
+                seed=self.seed,
+                progress=lambda text: progress(f"eq. 14: {text}"),
+            )
         extended = None
         if self.extended:
             extended = fit_extended(recording, seed=self.seed, progress=lambda text: progress(f"extended: {text}"))

@@ -14,7 +14,6 @@ from mrwarp.diagnose.problem import (
     Fit,
     Problem,
     base_vector,
-    factor_of,
     fit_model,
     gain_and_t,
     normalised,
@@ -28,7 +27,7 @@ from mrwarp.identify.dataset import Motion, Scales, rms
 from mrwarp.identify.fit import BoucWenStructure
 from mrwarp.identify.least_squares import ridge_solve
 from mrwarp.identify.noise import Noise, estimate_noise, trajectory_spread
-from mrwarp.identify.parameters import LINEAR_PART, Slot
+from mrwarp.identify.parameters import LINEAR_PART, Slot, factor_of
 from mrwarp.identify.projection import Progress, search_starts
 from mrwarp.identify.replay import EffectReplay, Replay
 from mrwarp.model_file import JOINT_UNITS, Model

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from mrwarp.diagnose.data_checks import gaps
 from mrwarp.diagnose.formula import find_formula
 from mrwarp.diagnose.held_out import HeldOut, Predictor, reduction
-from mrwarp.diagnose.problem import Fit, Problem, covariance, factor_of, interval, threshold
+from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, threshold
 from mrwarp.diagnose.residual_structure import Line
 from mrwarp.diagnose.result import (
     REGIMES,
@@ -33,7 +33,7 @@ from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import sentence_of
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
 from mrwarp.identify.dataset import Motion, rms
-from mrwarp.identify.parameters import LINEAR, SHAPE, Slot, slots_of
+from mrwarp.identify.parameters import LINEAR, SHAPE, Slot, factor_of, slots_of
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, effect_unit, parameter_unit
 from mrwarp.recording.load import Recording
 from mrwarp.run_dir import versions

@@ -14,7 +14,6 @@ import numpy as np
 from scipy import stats
 
 from mrwarp.effects.catalogue import CATALOGUE
-from mrwarp.effects.law import EffectParameter
 from mrwarp.identify.dataset import Motion, Scales
 from mrwarp.identify.least_squares import NormalEquations, Quadratic, Rules, losses, minimise, ridge_solve
 from mrwarp.identify.noise import Noise
@@ -236,9 +235,3 @@ def base_vector(values: Mapping[str, float], speed: float) -> np.ndarray:
     """Coordinates of eqs. 14 and 15, shape (9,), from their parameters and a typical speed, in normalised units."""
     shape = shape_coordinates(values["alpha"], values["beta"], values["gamma"], speed)
     return np.array([*(values[name] for name in LINEAR), *shape])
-
-
-def factor_of(parameter: EffectParameter, scales: Scales) -> float:
-    """Factor from an effect parameter's normalised value to that in the units of the recording."""
-    q, current, torque = parameter.scale
-    return scales.q**q * scales.current**current * scales.torque**torque

@@ -27,6 +27,7 @@ from mrwarp.effects import (
     wear,
 )
 from mrwarp.effects.law import STAGES, EffectLaw, EffectParameter
+from mrwarp.effects.laws import arctangent, biviscous, bouc_wen_power, dahl, kwok, lugre, spencer
 
 LAWS: tuple[EffectLaw, ...] = (
     command_delay.LAW,
@@ -54,10 +55,27 @@ LAWS: tuple[EffectLaw, ...] = (
 CATALOGUE: dict[str, EffectLaw] = {law.name: law for stage in STAGES for law in LAWS if law.stage == stage}
 """All effects by name."""
 
+HYSTERESIS: dict[str, EffectLaw] = {
+    law.name: law
+    for law in (
+        kwok.LAW,
+        arctangent.LAW,
+        dahl.LAW,
+        lugre.LAW,
+        bouc_wen_power.LAW,
+        spencer.LAW,
+        biviscous.LAW,
+    )
+}
+"""Laws that can stand in place of eq. 15, by name; at most one does."""
+
+KNOWN: dict[str, EffectLaw] = CATALOGUE | HYSTERESIS
+"""Effects and laws: all that a row of values holds."""
+
 
 def _offsets() -> tuple[dict[str, int], dict[str, int], int, int]:
     columns, slots, column, slot = {}, {}, 0, 0
-    for law in CATALOGUE.values():
+    for law in KNOWN.values():
         columns[law.name], slots[law.name] = column, slot
         column, slot = column + len(law.parameters), slot + law.states
     return columns, slots, column, slot
@@ -66,18 +84,18 @@ def _offsets() -> tuple[dict[str, int], dict[str, int], int, int]:
 COLUMN, SLOT, COLUMNS, SLOTS = _offsets()
 """First parameter column and first state of each effect; number of columns and of states."""
 
-SOURCES: int = zlib.crc32(f"{[law.law.adj.source for law in CATALOGUE.values()]}{COLUMN}{SLOT}".encode()) // 2
+SOURCES: int = zlib.crc32(f"{[law.law.adj.source for law in KNOWN.values()]}{COLUMN}{SLOT}".encode()) // 2
 """Checksum of all laws as they are written and of their places, for kernels that are composed of them."""
 
-NULLS: tuple[float, ...] = tuple(p.null for law in CATALOGUE.values() for p in law.parameters)
+NULLS: tuple[float, ...] = tuple(p.null for law in KNOWN.values() for p in law.parameters)
 """The row of parameters at which no effect acts."""
 
 
 def column_of(effect: str, parameter: str) -> int:
     """Column of a parameter in a row of values."""
-    return COLUMN[effect] + [p.name for p in CATALOGUE[effect].parameters].index(parameter)
+    return COLUMN[effect] + [p.name for p in KNOWN[effect].parameters].index(parameter)
 
 
 def parameter_of(effect: str, parameter: str) -> EffectParameter:
     """Specification of a parameter."""
-    return next(p for p in CATALOGUE[effect].parameters if p.name == parameter)
+    return next(p for p in KNOWN[effect].parameters if p.name == parameter)

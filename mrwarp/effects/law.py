@@ -68,11 +68,11 @@ class Path:
     """Torque at a sample as long as the command that comes with it does not act [N·m]."""
 
 
-Stage = Literal["current", "motion", "shaft", "torque", "sensor"]
-STAGES: tuple[Stage, ...] = ("current", "motion", "shaft", "torque", "sensor")
-"""Order of the path: command to field, measured to true motion, that to the device's shaft, torque, its sensor."""
+Stage = Literal["current", "motion", "shaft", "hysteresis", "torque", "sensor"]
+STAGES: tuple[Stage, ...] = ("current", "motion", "shaft", "hysteresis", "torque", "sensor")
+"""Order of the path: command to field, measured to true motion, that to the shaft, its stress, torque, its sensor."""
 
-Kind = Literal["mechanism", "sensor", "calibration"]
+Kind = Literal["mechanism", "sensor", "calibration", "law"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,7 +166,7 @@ class EffectLaw:
     equation: str
     kind: Kind
     """``mechanism``: part of the device; ``sensor``: only in what is measured; ``calibration``: a shift of constants
-    that re-fitting eq. 14 takes up without a trace."""
+    that re-fitting eq. 14 takes up without a trace; ``law``: takes the place of eq. 15."""
     stage: Stage
     parameters: tuple[EffectParameter, ...]
     law: Any

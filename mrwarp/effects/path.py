@@ -10,7 +10,7 @@ not among those, so each stage names the checksum of all laws: an edited law nev
 
 import warp as wp
 
-from mrwarp.effects.catalogue import CATALOGUE, COLUMN, SLOT, SOURCES
+from mrwarp.effects.catalogue import CATALOGUE, COLUMN, HYSTERESIS, SLOT, SOURCES
 from mrwarp.effects.law import Path
 from mrwarp.kernels.bouc_wen import bouc_wen_exact
 from mrwarp.kernels.mr_joint import JointParams, displacement
@@ -20,6 +20,7 @@ _MOTION = [law for law in CATALOGUE.values() if law.stage == "motion"]
 _SHAFT = [law for law in CATALOGUE.values() if law.stage == "shaft"]
 _TORQUE = [law for law in CATALOGUE.values() if law.stage == "torque"]
 _SENSOR = [law for law in CATALOGUE.values() if law.stage == "sensor"]
+_HYSTERESIS = list(HYSTERESIS.values())
 
 
 @wp.func
@@ -96,6 +97,41 @@ def path_hysteresis(z: float, path: float, beta: float, gamma: float) -> float:
     if path == 0.0:
         return z
     return bouc_wen_exact(path, z, beta, gamma, 1.0)
+
+
+@wp.func
+def law_in_force(values: wp.array2d[float], row: int) -> int:
+    """Which published law takes the place of eq. 15, counted from 1; 0: none."""
+    found = int(0)
+    wp.static(SOURCES)
+    for i in range(wp.static(len(_HYSTERESIS))):
+        if values[row, wp.static(COLUMN[_HYSTERESIS[i].name])] > 0.0:
+            found = i + 1
+    return found
+
+
+@wp.func
+def law_hysteresis(
+    law: int,
+    p: JointParams,
+    s: Path,
+    z: float,
+    values: wp.array2d[float],
+    row: int,
+    memory: wp.array2d[float],
+    line: int,
+) -> float:
+    """z after the step by the law in force [rad]: its unit hysteresis times z's bound."""
+    bound = 1.0 / wp.max(p.beta + p.gamma, 1.0e-6)
+    q_c, h = displacement(p, s.q), float(z / bound)
+    wp.static(SOURCES)
+    for i in range(wp.static(len(_HYSTERESIS))):
+        if law == i + 1:
+            h = wp.static(_HYSTERESIS[i].law)(
+                s, q_c, h, values, row, wp.static(COLUMN[_HYSTERESIS[i].name]),
+                memory, line, wp.static(SLOT[_HYSTERESIS[i].name]),
+            )  # fmt: skip
+    return h * bound
 
 
 @wp.func

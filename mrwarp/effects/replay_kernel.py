@@ -13,7 +13,16 @@ import warp as wp
 
 from mrwarp.effects.catalogue import column_of
 from mrwarp.effects.law import Path
-from mrwarp.effects.path import current_path, motion_path, path_hysteresis, path_torque, sensor_path, torque_path
+from mrwarp.effects.path import (
+    current_path,
+    law_hysteresis,
+    law_in_force,
+    motion_path,
+    path_hysteresis,
+    path_torque,
+    sensor_path,
+    torque_path,
+)
 from mrwarp.kernels.bouc_wen import bouc_wen_exact
 from mrwarp.kernels.coil import coil_current, mean_coil_current
 from mrwarp.kernels.mr_joint import JointParams, hysteresis
@@ -152,6 +161,8 @@ def make_replay_kernel(effects: bool) -> Any:
         field_before = float(0.0)
         if begin_in[trajectory] != 0.0:
             z = begin_in[trajectory] / wp.max(p.beta + p.gamma, 1.0e-6)
+        if wp.static(effects):
+            law = law_in_force(values, row)
         for k in range(first, last + 1):
             before = wp.max(k - 1, first)
             s = Path()
@@ -173,7 +184,10 @@ def make_replay_kernel(effects: bool) -> Any:
                 s.qdd = qdd_in[k]
                 s.qdd_before = qdd_in[before]
                 s = motion_path(s, values, row, memory_out, line)
-                z = path_hysteresis(path_hysteresis(z, s.path_1, p.beta, p.gamma), s.path_2, p.beta, p.gamma)
+                if law > 0:
+                    z = law_hysteresis(law, p, s, z, values, row, memory_out, line)
+                else:
+                    z = path_hysteresis(path_hysteresis(z, s.path_1, p.beta, p.gamma), s.path_2, p.beta, p.gamma)
                 s.z = z
                 if thermal > 0.0:
                     s.heat = stored_heat(heat_in, k, thermal)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from mrwarp.identify.parameters import (
 )
 from mrwarp.identify.projection import FEW, Point, Progress, Structure, search
 from mrwarp.identify.replay import Replay
+from mrwarp.model_file import Effect
 from mrwarp.params import BoucWenParams
 from mrwarp.recording.load import Holding, Recording, RecordingError, find_holding, load_holding
 
@@ -100,6 +101,12 @@ class FitResult(Misfit):
     """Smallest and largest current, in size."""
     condition: float
     seed: int
+    effects: tuple[Effect, ...] = ()
+    """The law that takes the place of eq. 15, if one was asked for, and what acts beside it."""
+    offsets: dict[str, float] = field(default_factory=dict)
+    """Torque by which the zero of each trajectory lies off D, where the zeros differ."""
+    held_out: float | None = None
+    """NRMSE of trajectories left out in turn; None where it was not asked for."""
 
     @property
     def values(self) -> dict[str, float]:
@@ -164,15 +171,15 @@ def fit(
         current=recording.current_range,
         condition=assessment.condition,
         seed=seed,
-        **misfit(recording, point, samples, warnings),
+        **misfit(recording, point.simulated, samples, warnings),
     )
 
 
-def misfit(recording: Recording, point: Point, samples: Dataset, warnings: list[str]) -> dict[str, Any]:
-    """The fields of :class:`Misfit` of a fitted point."""
-    runs, tau = recording.trajectories, point.simulated * samples.scales.torque
-    simulated = [tau[part] for part in samples.parts]
-    errors = [sim - run.torque for sim, run in zip(simulated, runs, strict=True)]
+def misfit(recording: Recording, simulated: np.ndarray, samples: Dataset, warnings: list[str]) -> dict[str, Any]:
+    """The fields of :class:`Misfit` of a simulated torque in normalised units, shape (N,)."""
+    runs, tau = recording.trajectories, simulated * samples.scales.torque
+    torques = [tau[part] for part in samples.parts]
+    errors = [sim - run.torque for sim, run in zip(torques, runs, strict=True)]
     groups: dict[str, list[np.ndarray]] = {}
     for run, error in zip(runs, errors, strict=True):
         constant = np.ptp(run.current) <= 0.02 * max(1e-9, float(np.abs(run.current).max()))
@@ -183,7 +190,7 @@ def misfit(recording: Recording, point: Point, samples: Dataset, warnings: list[
         "nrmse": rmse / (float(np.concatenate([run.torque for run in runs]).std()) or 1.0),
         "rmse_per_trajectory": {run.id: rms(e) for run, e in zip(runs, errors, strict=True)},
         "rmse_per_current": {key: rms(np.concatenate(groups[key])) for key in sorted(groups)},
-        "simulated": tuple(simulated),
+        "simulated": tuple(torques),
         "warnings": tuple(warnings),
     }
 

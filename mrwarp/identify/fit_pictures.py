@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from mrwarp.effects.catalogue import KNOWN
 from mrwarp.identify.damper import ExtendedFit
 from mrwarp.identify.fit import FitResult
 from mrwarp.recording.load import Recording
@@ -30,7 +31,7 @@ def loops_picture(recording: Recording, result: FitResult, extended: ExtendedFit
         for row, (x, label) in enumerate(((run.q, f"displacement [{unit}]"), (run.qd, f"velocity [{unit}/s]"))):
             ax = axes[row, column]
             ax.plot(x, run.torque, color="0.6", lw=0.8, label="measured")
-            ax.plot(x, result.simulated[k], color="tab:red", lw=0.8, label="eqs. 14, 15")
+            ax.plot(x, result.simulated[k], color="tab:red", lw=0.8, label=_title(result))
             if extended is not None:
                 ax.plot(x, extended.simulated[k], color="tab:blue", lw=0.8, label="extended")
             ax.set_xlabel(label)
@@ -43,11 +44,15 @@ def loops_picture(recording: Recording, result: FitResult, extended: ExtendedFit
     figure.savefig(path, dpi=110)
 
 
+def _title(result: FitResult) -> str:
+    return KNOWN[result.effects[0].name].title if result.effects else "eqs. 14, 15"
+
+
 def residual_picture(recording: Recording, result: FitResult, extended: ExtendedFit | None, path: Path) -> None:
     """Histogram of simulated minus measured torque."""
     figure = Figure(figsize=(6, 3.6), layout="constrained")
     ax = figure.subplots()
-    sets = [("eqs. 14, 15", result.simulated, "tab:red")]
+    sets = [(_title(result), result.simulated, "tab:red")]
     if extended is not None:
         sets.append(("extended", extended.simulated, "tab:blue"))
     for label, simulated, color in sets:

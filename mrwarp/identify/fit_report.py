@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Mapping
 from typing import Any
 
+from mrwarp.effects.catalogue import KNOWN
 from mrwarp.identify.damper import ExtendedFit, extended_torque, prediction_errors, undo_moving_average
 from mrwarp.identify.fit import FitResult
 from mrwarp.identify.intervals import Estimate
+from mrwarp.identify.law_fit import model_torque
 from mrwarp.identify.replay import simulate
-from mrwarp.model_file import Effect, FittedOn, Model, Parameter, parameter_unit
+from mrwarp.model_file import Effect, FittedOn, Model, Parameter, model_to_dict, parameter_unit
 from mrwarp.recording.load import Recording
 from mrwarp.run_dir import versions
 from mrwarp.runtime import text_table
@@ -32,7 +35,7 @@ def to_model(result: FitResult, extended: ExtendedFit | None = None) -> Model:
         parameters=estimates,
         fitted_on=origin,
         units=result.units,
-        effects=(extended_damper(extended, result.units),) if extended else (),
+        effects=(*result.effects, *((extended_damper(extended, result.units),) if extended else ())),
         seed=result.seed,
         versions=versions(),
     )
@@ -68,11 +71,20 @@ def predictions(
         motions = {" (motion as published)": recording, " (average of the motion undone)": undone}
     found = {}
     for name, motion in motions.items():
-        found[f"eqs. 14, 15{name}"] = prediction_errors(motion, simulate(result.values, motion), window)
+        if result.effects:
+            torque = model_torque(to_model(result), motion)
+            found[f"{law_title(result)}{name}"] = prediction_errors(motion, torque, window)
+        else:
+            found[f"eqs. 14, 15{name}"] = prediction_errors(motion, simulate(result.values, motion), window)
         if extended is not None:
             torque = extended_torque(extended.values, motion)
             found[f"extended model{name}"] = prediction_errors(motion, torque, window)
     return found
+
+
+def law_title(result: FitResult) -> str:
+    """The hysteresis law of a fit in words."""
+    return KNOWN[result.effects[0].name].title if result.effects else "eq. 14"
 
 
 def figures(result: FitResult, extended: ExtendedFit | None = None) -> dict[str, Any]:
@@ -86,6 +98,10 @@ def figures(result: FitResult, extended: ExtendedFit | None = None) -> dict[str,
         "warnings": result.warnings,
         **_errors(result),
     }
+    if result.effects:
+        model = model_to_dict(to_model(result))
+        fitted |= {"law": model["law"], "effects": model["effects"], "offsets": result.offsets}
+        fitted["held_out_nrmse"] = result.held_out
     if extended is not None:
         fitted["extended"] = {
             "parameters": _entries(extended.estimates),
@@ -105,9 +121,13 @@ def lines(result: FitResult, extended: ExtendedFit | None = None) -> list[str]:
 
     named = {f"{name} [{parameter_unit(name, result.units)}]": e for name, e in result.estimates.items()}
     found = estimates("parameter", named | result.combinations)
+    for effect in result.effects:
+        found += ["", *textwrap.wrap(str(effect), 118, subsequent_indent="    ")]
     errors = [{**result.rmse_per_current, "all": result.rmse}]
     head = [f"current [{result.units['current']}]", f"RMSE [{result.units['torque']}]"]
-    share = f"NRMSE of eq. 14 {100 * result.nrmse:.2f} %"
+    share = f"NRMSE of {law_title(result)} {100 * result.nrmse:.2f} %"
+    if result.held_out is not None:
+        share += f", of trajectories left out in turn {100 * result.held_out:.2f} %"
     if extended is not None:
         found += estimates("extended model", extended.estimates)
         errors.append({**extended.rmse_per_current, "all": extended.rmse})

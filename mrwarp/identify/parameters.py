@@ -15,9 +15,10 @@ from functools import cached_property
 
 import numpy as np
 
-from mrwarp.effects.catalogue import CATALOGUE, column_of
+from mrwarp.effects.catalogue import HYSTERESIS, KNOWN, column_of
 from mrwarp.effects.law import EffectParameter, Ranges
 from mrwarp.effects.replay_kernel import BASE
+from mrwarp.identify.dataset import Scales
 from mrwarp.identify.replay import EffectReplay, null_row
 
 LINEAR = ("D", "B", "C", "I1", "K0", "K1")
@@ -38,6 +39,8 @@ STEEPEST, DRY = (5.0, 8.0, 9.0), (5.0, 11.0, 12.0)
 
 The latter is a hysteresis that is over after 1e-5 of a unit of path, less than a step of an encoder.
 """
+UNIT_LOOP = (0.0, 0.0, 0.0)
+"""Coordinates of the shape beside a law that takes eq. 15's place: alpha = gamma = 0, beta = 1 inner unit."""
 _STEP = 1e-2
 """Step of the central differences in non-linear coordinates."""
 
@@ -93,12 +96,16 @@ class Slot:
         return self.parameter.null
 
 
+def factor_of(parameter: EffectParameter, scales: Scales) -> float:
+    """Factor from an effect parameter's normalised value to that in the units of the recording."""
+    q, current, torque = parameter.scale
+    return scales.q**q * scales.current**current * scales.torque**torque
+
+
 def slots_of(effect: str, *, form: bool = False) -> list[Slot]:
     """The searched numbers of an effect, with those that bend its law or without."""
     return [
-        Slot(effect, p)
-        for p in CATALOGUE[effect].parameters
-        if p.preset is None and not p.choices and (form or not p.form)
+        Slot(effect, p) for p in KNOWN[effect].parameters if p.preset is None and not p.choices and (form or not p.form)
     ]
 
 
@@ -125,6 +132,11 @@ class Parameters:
         return [slot for effect in self.effects for slot in slots_of(effect, form=self.form)]
 
     @property
+    def law(self) -> str:
+        """Name of the law that takes the place of eq. 15; empty: none does."""
+        return next((name for name in self.effects if name in HYSTERESIS), "")
+
+    @property
     def size(self) -> int:
         """Length of the vector."""
         return BASE_PART.stop + len(self.slots)
@@ -133,12 +145,14 @@ class Parameters:
     def low(self) -> np.ndarray:
         """Lower bounds, shape (P,)."""
         base = [0.0 if name in NON_NEGATIVE else -np.inf for name in LINEAR]
-        return np.array([*base, *LEAST_SHAPE, *(self._bound(slot, "low") for slot in self.slots)])
+        shape = UNIT_LOOP if self.law else LEAST_SHAPE
+        return np.array([*base, *shape, *(self._bound(slot, "low") for slot in self.slots)])
 
     @cached_property
     def high(self) -> np.ndarray:
         """Upper bounds, shape (P,)."""
-        return np.array([*[np.inf] * len(LINEAR), *self.steepest, *(self._bound(slot, "high") for slot in self.slots)])
+        shape = UNIT_LOOP if self.law else self.steepest
+        return np.array([*[np.inf] * len(LINEAR), *shape, *(self._bound(slot, "high") for slot in self.slots)])
 
     @cached_property
     def steps(self) -> np.ndarray:
@@ -190,7 +204,7 @@ class Parameters:
         for i, slot in self.items():
             row[row_column(*slot.key)] = np.exp(x[i]) if slot.logarithmic else x[i]
         for effect in self.effects:
-            for p in CATALOGUE[effect].parameters:
+            for p in KNOWN[effect].parameters:
                 at = row_column(effect, p.name)
                 if p.preset is not None:
                     row[at] = p.preset(self.ranges)
@@ -206,7 +220,7 @@ class Parameters:
         return {
             effect: {
                 p.name: float(row[row_column(effect, p.name)])
-                for p in CATALOGUE[effect].parameters
+                for p in KNOWN[effect].parameters
                 if not p.choices and (not p.form or self.form or (effect, p.name) in self.choices)
             }
             for effect in self.effects

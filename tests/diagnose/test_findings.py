@@ -7,9 +7,10 @@ import pytest
 
 from mrwarp.diagnose.findings import outer_model
 from mrwarp.diagnose.held_out import Predictor
-from mrwarp.diagnose.problem import factor_of, fit_model
+from mrwarp.diagnose.problem import fit_model
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
 from mrwarp.identify.dataset import Motion, Scales
+from mrwarp.identify.parameters import factor_of
 from mrwarp.model_file import effect_unit, load_model, save_model
 from tests.diagnose import known
 

@@ -11,7 +11,19 @@ import numpy as np
 import pytest
 
 from mrwarp.effects import catalogue
-from mrwarp.effects.catalogue import CATALOGUE, COLUMN, COLUMNS, LAWS, NULLS, SLOT, SLOTS, column_of, parameter_of
+from mrwarp.effects.catalogue import (
+    CATALOGUE,
+    COLUMN,
+    COLUMNS,
+    HYSTERESIS,
+    KNOWN,
+    LAWS,
+    NULLS,
+    SLOT,
+    SLOTS,
+    column_of,
+    parameter_of,
+)
 from mrwarp.effects.law import STAGES, Ranges
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -68,11 +80,11 @@ def test_parameters_have_unit_bounds_and_null(name: str) -> None:
 
 def test_columns_and_slots_do_not_overlap() -> None:
     """Each parameter has its own column and each state its own slot, without gaps; nulls stand in their columns."""
-    columns = [column_of(name, p.name) for name, law in CATALOGUE.items() for p in law.parameters]
+    columns = [column_of(name, p.name) for name, law in KNOWN.items() for p in law.parameters]
     assert sorted(columns) == list(range(COLUMNS)) == list(range(len(NULLS)))
-    slots = [SLOT[name] + k for name, law in CATALOGUE.items() for k in range(law.states)]
+    slots = [SLOT[name] + k for name, law in KNOWN.items() for k in range(law.states)]
     assert sorted(slots) == list(range(SLOTS))
-    for name, law in CATALOGUE.items():
+    for name, law in KNOWN.items():
         assert COLUMN[name] == column_of(name, law.parameters[0].name)
         for p in law.parameters:
             assert NULLS[column_of(name, p.name)] == p.null and parameter_of(name, p.name) is p
@@ -104,7 +116,9 @@ def test_every_file_of_a_law_is_listed_once() -> None:
     tree = ast.parse(inspect.getsource(catalogue))
     entries = [node.value.id for node in ast.walk(tree) if isinstance(node, ast.Attribute) and node.attr == "LAW"
                and isinstance(node.value, ast.Name)]  # fmt: skip
-    assert files == TOKENS and sorted(entries) == sorted(files)
+    laws = {path.stem for path in (folder / "laws").glob("*.py")} - {"__init__", "hysteresis"}
+    assert files == TOKENS and sorted(entries) == sorted(files | laws)
+    assert laws == set(HYSTERESIS) == {law.name for law in HYSTERESIS.values()}
 
 
 NEW_LAW = '''

@@ -1,0 +1,28 @@
+"""Kwok's hyperbolic tangent: ``h = tanh(beta*qd + delta*sgn(q_c))``."""
+
+import warp as wp
+
+from mrwarp.effects.law import EffectParameter, Path
+from mrwarp.effects.laws.hysteresis import hysteresis_law, rate
+
+
+@wp.func
+def kwok_law(
+    s: Path, q_c: float, h: float, values: wp.array2d[float], row: int, at: int,
+    memory: wp.array2d[float], line: int, slot: int,
+) -> float:  # fmt: skip
+    """A function of velocity whose branches are apart by the side of the displacement."""
+    return wp.tanh(values[row, at] * s.qd + values[row, at + 1] * wp.sign(q_c))
+
+
+LAW = hysteresis_law(
+    "kwok",
+    "Kwok's law",
+    "h = tanh(beta*qd + delta*sgn(q_c))",
+    "N. M. Kwok, Q. P. Ha, T. H. Nguyen, J. Li, B. Samali, A novel hysteretic model for magnetorheological fluid "
+    "dampers and parameter identification using particle swarm optimization, Sens. Actuators A 132 (2006)",
+    kwok_law,
+    rate("slope", "s/rad", -1, (0.7, 2.0, 6.0, 18.0), "qd"),
+    EffectParameter(name="width", unit="1", low=lambda r: -3.0, high=lambda r: 3.0),
+    depends_on=("qd", "side"),
+)

@@ -1,0 +1,58 @@
+"""Spencer's modified Bouc-Wen: a Bouc-Wen element, spring and dashpot in series with a further dashpot."""
+
+import warp as wp
+
+from mrwarp.effects.law import EffectParameter, Path
+from mrwarp.effects.laws.hysteresis import hysteresis_law, rate
+
+PARTS = wp.constant(6)
+"""Parts of a step."""
+
+
+@wp.func
+def spencer_law(
+    s: Path, q_c: float, h: float, values: wp.array2d[float], row: int, at: int,
+    memory: wp.array2d[float], line: int, slot: int,
+) -> float:  # fmt: skip
+    """Linearly implicit parts of a step: stable however stiff; states z and w = q - y."""
+    rate, series, inner, spring = values[row, at], values[row, at + 1], values[row, at + 2], values[row, at + 3]
+    both = series + inner
+    z, w = float(memory[line, slot]), float(memory[line, slot + 1])
+    speed_before = s.qd_before
+    dt = s.dt / float(PARTS)
+    flow = float(0.0)
+    for k in range(PARTS):
+        v = speed_before + (s.qd - speed_before) * (float(k) + 0.5) / float(PARTS)
+        if s.begins == 0:
+            drive = v - (z + inner * v + spring * w) / both  # of the Bouc-Wen element
+            free = rate * (1.0 - 0.5 * (wp.sign(drive) * z + wp.abs(z)) * wp.abs(z))
+            z = (z + dt * free * (v - (inner * v + spring * w) / both)) / (1.0 + dt * free / both)
+            z = wp.clamp(z, -1.0, 1.0)
+            w = (w + dt * (series * v - z) / both) / (1.0 + dt * spring / both)
+        flow = (z + inner * v + spring * w) / both
+    memory[line, slot] = z
+    memory[line, slot + 1] = w
+    return series * flow
+
+
+LAW = hysteresis_law(
+    "spencer",
+    "Spencer's modified Bouc-Wen law",
+    "h = series*dy/dt, (series + inner)*dy/dt = z + inner*qd + spring*(q - y), "
+    "dz/dt = rate*(r - (|r|*z*|z| + r*z^2)/2), r = qd - dy/dt",
+    "B. F. Spencer, S. J. Dyke, M. K. Sain, J. D. Carlson, Phenomenological model for magnetorheological dampers, "
+    "J. Eng. Mech. 123 (1997), with n = 2, gamma = beta and one line in the current for alpha, c0 and c1",
+    spencer_law,
+    rate("rate", "1/rad", -1, (3.0, 30.0, 300.0), "q"),
+    EffectParameter(
+        name="series", unit="s/rad", scale=(-1, 0, 0), negative=False, divides=True,
+        low=lambda r: 0.05 / r.qd, high=lambda r: 1e3 / r.qd, starts=lambda r: (1.0 / r.qd, 6.0 / r.qd, 40.0 / r.qd),
+    ),
+    EffectParameter(
+        name="inner", unit="s/rad", scale=(-1, 0, 0), negative=False, low=lambda r: 0.0, high=lambda r: 10.0 / r.qd,
+    ),
+    EffectParameter(
+        name="spring", unit="1/rad", scale=(-1, 0, 0), negative=False, low=lambda r: 0.0, high=lambda r: 100.0 / r.q,
+    ),
+    states=2,
+)  # fmt: skip

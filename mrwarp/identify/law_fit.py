@@ -1,0 +1,327 @@
+"""Identification with a published hysteresis law in place of eq. 15 (:mod:`mrwarp.effects.laws`).
+
+``tau = D + B*qd + C*q_c + I1*I + B1*I*qd + (K0 + K1*f(I))*h``: every coefficient linear in the control input, and
+``f`` its saturation where that predicts trajectories better that took no part. Each trajectory may have its own zero of
+the torque; where the zeros differ they are told apart from D by a straight line over the control input.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import stats
+
+from mrwarp.effects.catalogue import HYSTERESIS, KNOWN
+from mrwarp.effects.replay_kernel import BASE
+from mrwarp.identify.contradictions import EXPLAINS_NOTHING, contradictions, explains_nothing
+from mrwarp.identify.dataset import Motion, Scales, rms
+from mrwarp.identify.fit import FitResult, fit_holding, misfit
+from mrwarp.identify.intervals import Estimate
+from mrwarp.identify.least_squares import Quadratic, Rules, minimise, ridge_solve
+from mrwarp.identify.parameters import LINEAR, SHAPE, Parameters, Slot, factor_of, jacobian, row_column
+from mrwarp.identify.projection import Progress
+from mrwarp.identify.replay import EffectReplay, null_row
+from mrwarp.model_file import Effect, Model, Parameter, effect_unit
+from mrwarp.params import BoucWenParams
+from mrwarp.recording.load import Holding, Recording, RecordingError
+
+_STARTS_ON = 12_000
+"""Samples on which starts are searched."""
+_STARTS = 3
+_SATURATES = 0.03
+"""Share of the squared held-out error by which a saturating coefficient must be better than a straight line."""
+_MOVED = 0.85
+"""Ratio of squared errors, with a zero for each trajectory to one for all, below which the zeros differ."""
+_RULES = Rules(iterations=25, gained=lambda gain, loss: gain < 1e-6 * loss)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A model with a law at its best numbers, normalised units."""
+
+    layout: Parameters
+    x: np.ndarray
+    torque: np.ndarray
+    """Simulated torque without the trajectories' own zeros, shape (N,)."""
+    parts: np.ndarray
+    """Gram matrix of [derivatives, mismatch] of each trajectory, shape (T, P + 1, P + 1)."""
+    free: np.ndarray
+    """Coordinates that are searched and off their bounds, shape (F,)."""
+
+    @property
+    def loss(self) -> np.ndarray:
+        """Squared error of each trajectory, shape (T,)."""
+        return self.parts[:, -1, -1]
+
+    @cached_property
+    def moves(self) -> np.ndarray:
+        """What each trajectory left out moves the free coordinates by, shape (T, F)."""
+        a, b = self.parts[:, self.free][:, :, self.free], self.parts[:, self.free, -1]
+        return ridge_solve(a.sum(axis=0) - a, b.sum(axis=0) - b)
+
+    @cached_property
+    def held_out(self) -> np.ndarray:
+        """Squared error of each trajectory by the fit to the others, shape (T,)."""
+        a, b = self.parts[:, self.free][:, :, self.free], self.parts[:, self.free, -1]
+        d = self.moves
+        return self.loss - 2.0 * np.einsum("ti,ti->t", b, d) + np.einsum("ti,tij,tj->t", d, a, d)
+
+
+class LawSearch:
+    """A recording on which laws are fitted.
+
+    Args:
+        replay: The motion on a device.
+        q_zero: Angle from which q_c counts, normalised.
+        offsets: Whether each trajectory has a zero of its own.
+    """
+
+    def __init__(self, replay: EffectReplay, q_zero: float, *, offsets: bool) -> None:
+        self.replay, self.motion, self.q_zero, self.offsets = replay, replay.motion, q_zero, offsets
+        self.levels = len(np.unique(np.round(self.motion.current, 2)))
+        self.weight = self.motion.settled(4.0)
+
+    def layout(self, effects: Sequence[str]) -> Parameters:
+        """The vector of a model with these effects, in the order of the columns."""
+        return Parameters(tuple(name for name in KNOWN if name in effects), self.motion.ranges, self.q_zero)
+
+    def bounds(self, layout: Parameters) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds; what a single level of the control input does not show is 0."""
+        low, high = layout.low.copy(), layout.high.copy()
+        if self.levels < 2:
+            for i in (LINEAR.index("I1"), LINEAR.index("K1")):
+                low[i] = high[i] = 0.0
+        if self.offsets:
+            low[0] = high[0] = 0.0
+        return low, high
+
+    def evaluate(self, layout: Parameters, x: np.ndarray) -> Quadratic:
+        """Squared error about a vector; the content is (torque, Gram matrices of the trajectories)."""
+        torque, slopes = jacobian(self.replay, layout, x)
+        rows = np.vstack([slopes, (self.motion.torque - torque)[None]]) * self.weight
+        parts = np.empty((len(self.motion.parts), len(rows), len(rows)))
+        for k, part in enumerate(self.motion.parts):
+            inside = rows[:, part].astype(float)
+            if self.offsets:
+                w = self.weight[part]
+                inside -= inside.sum(axis=1)[:, None] / max(w.sum(), 1.0) * w
+            parts[k] = inside @ inside.T
+        return Quadratic.of(parts.sum(axis=0), (torque, parts))
+
+    def descend(self, layout: Parameters, x: np.ndarray, rules: Rules = _RULES) -> Solution:
+        """The nearest optimum within the bounds."""
+        low, high = self.bounds(layout)
+        x, best = minimise(lambda y: self.evaluate(layout, y), x, low, high, reach=layout.reach(1.0, 1.0), rules=rules)
+        torque, parts = best.content
+        return Solution(layout, x, torque, parts, np.flatnonzero((x > low + 1e-9) & (x < high - 1e-9)))
+
+    def starts(self, layout: Parameters) -> list[np.ndarray]:
+        """Best starts of the law's own grid, their linear numbers solved."""
+        own = [slot for slot in layout.slots if slot.logarithmic]
+        grids = [[np.log(v) for v in slot.parameter.starts(layout.ranges)] for slot in own if slot.parameter.starts]
+        base = np.zeros(9)
+        base[LINEAR.index("K0")] = 0.5
+        found: list[tuple[float, np.ndarray]] = []
+        low, high = self.bounds(layout)
+        linear = np.array([i for i in range(len(LINEAR)) if low[i] < high[i]])
+        for values in itertools.product(*grids):
+            x = layout.vector(base, {slot.key: v for slot, v in zip(own, values, strict=True)})
+            here = self.evaluate(layout, x)
+            step = ridge_solve(here.normal[np.ix_(linear, linear)], here.descent[linear])
+            x[linear] += step
+            x = np.clip(x, low, high)
+            d = np.zeros(len(x))
+            d[linear] = x[linear] - np.where(linear == LINEAR.index("K0"), 0.5, 0.0)
+            found.append((here.after(d), x))
+        return [x for _, x in sorted(found, key=lambda item: item[0])[:_STARTS]]
+
+
+def law_search(motion: Motion, q_zero: float, name: str, *, offsets: bool, effects: Sequence[str] = (),
+               threads: int = 1) -> Solution:  # fmt: skip
+    """The best fit of one law, from starts on a part of the samples.
+
+    Args:
+        motion: The reconstructed motion.
+        q_zero: Angle from which q_c counts, normalised.
+        name: The law.
+        offsets: Whether each trajectory has a zero of its own.
+        effects: What acts beside the law.
+        threads: CPU threads.
+    """
+    small = LawSearch(EffectReplay(motion.stretches(_STARTS_ON), threads=threads), q_zero, offsets=offsets)
+    whole = LawSearch(EffectReplay(motion, threads=threads), q_zero, offsets=offsets)
+    layout = whole.layout([name])
+    rough = min((small.descend(layout, x) for x in small.starts(layout)), key=lambda s: float(s.loss.sum()))
+    grown = whole.layout([name, *effects])
+    return whole.descend(grown, layout.grown(rough.x, grown.effects))
+
+
+def fit_law(
+    recording: Recording, name: str, *, holding: Holding | None = None, seed: int = 0, progress: Progress | None = None
+) -> FitResult:
+    """Identify a joint with a published law in place of eq. 15.
+
+    Args:
+        recording: Measured runs.
+        name: The law, a key of :data:`mrwarp.effects.catalogue.HYSTERESIS`.
+        holding: Break-away torques, for eq. 18.
+        seed: Written to the result; the search draws nothing.
+        progress: Called with what is being done.
+
+    Raises:
+        RecordingError: columns that contradict each other, or a model that explains next to nothing.
+    """
+    log, where = progress or (lambda text: None), recording.source or "recording"
+    for reason in contradictions(recording):
+        raise RecordingError(f"{where}: {reason}")
+    at_rest = {} if holding is None else fit_holding(holding.current, holding.torque)
+    motion = Motion.of(recording)
+    scales, runs = motion.scales, recording.trajectories
+    centres = [0.0, float(np.median([0.5 * (run.q.min() + run.q.max()) for run in runs]))]
+    levels = len(np.unique(np.round(motion.current, 2)))
+    beside = ["current_viscosity"] if levels > 1 else []
+    log(f"{HYSTERESIS[name].title}: starts")
+    fits = [
+        law_search(motion, centre / scales.q, name, offsets=len(runs) > 1, effects=beside)
+        for centre in (centres if "side" in HYSTERESIS[name].depends_on else centres[:1])
+    ]
+    best = min(fits, key=lambda s: float(s.loss.sum()))
+    centre = best.layout.q_zero * scales.q
+    search = LawSearch(EffectReplay(motion), centre / scales.q, offsets=len(runs) > 1)
+    if levels > 2:
+        log("saturation over the control input")
+        grown = search.layout([*best.layout.effects, "current_saturation"])
+        bent = search.descend(grown, best.layout.grown(best.x, grown.effects))
+        if bent.held_out.sum() < (1.0 - _SATURATES) * best.held_out.sum():
+            best = bent
+    plain = LawSearch(search.replay, centre / scales.q, offsets=False).descend(best.layout, best.x)
+    offsets: dict[str, float] = {}
+    warnings = []
+    if best.loss.sum() < _MOVED * plain.loss.sum():
+        best, zeros = _with_zeros(search, best)
+        offsets = {run.id: float(zero) * scales.torque for run, zero in zip(runs, zeros, strict=True)}
+        spread = np.array(list(offsets.values()))
+        warnings.append(
+            f"the zero of the {recording.units['torque']} reading moves from run to run, from {spread.min():+.4g} to "
+            f"{spread.max():+.4g} about D: each run counts with its own (offsets in result.json)"
+        )
+        simulated = best.torque + np.repeat(zeros, np.diff(motion.start))
+    else:
+        best, simulated = plain, plain.torque
+    missed = rms(simulated - motion.torque) / (float(motion.torque.std()) or 1.0)
+    if missed > EXPLAINS_NOTHING:
+        raise RecordingError(f"{where}: {explains_nothing(missed)}")
+    if any(run.qd_derived for run in runs):
+        warnings.append("the velocity was derived from q by zero-phase differentiation")
+    estimates, effects = outer_numbers(best, scales, recording.units, (0, 3) if offsets else ())
+    weight = search.weight
+    held = float(np.sqrt(best.held_out.sum() / weight.sum())) / (float(motion.torque.std()) or 1.0)
+    return FitResult(
+        estimates=estimates | at_rest,
+        combinations={},
+        fixed={
+            "q_offset": 0.0, "q_center": centre, "z_max": BoucWenParams().z_max, "coil_time_constant": 0.0,
+            "alpha": 0.0, "beta": 1.0, "gamma": 0.0,
+        },
+        units=dict(recording.units),
+        source=str(recording.source or "in memory"),
+        samples=len(motion.q),
+        trajectories=len(runs),
+        rate=float(np.median([1.0 / run.dt for run in runs])),
+        current=recording.current_range,
+        condition=1.0,
+        seed=seed,
+        effects=effects,
+        offsets=offsets,
+        held_out=held if len(runs) > 1 else None,
+        **misfit(recording, simulated, motion, warnings),
+    )  # fmt: skip
+
+
+def _with_zeros(search: LawSearch, best: Solution) -> tuple[Solution, np.ndarray]:
+    """The model with D and I1 of the middle of the trajectories' zeros over the control input, and what is left."""
+    motion = search.motion
+    mean = [float(np.average((motion.torque - best.torque)[p], weights=search.weight[p])) for p in motion.parts]
+    current = np.array([motion.current[p].mean() for p in motion.parts])
+    within = np.array([np.ptp(motion.current[p]) for p in motion.parts])
+    table = np.column_stack([np.ones(len(current)), current])
+    if search.levels < 2 or (within > 0.02).any():  # where the current changes within a trajectory, I1 is known
+        line = np.array([np.median(mean)])
+    else:
+        line = np.linalg.lstsq(table, np.array(mean), rcond=None)[0]
+    x = best.x.copy()
+    x[LINEAR.index("D")] += line[0]
+    torque = best.torque + line[0]
+    if len(line) > 1:
+        x[LINEAR.index("I1")] += line[1]
+        torque = torque + line[1] * motion.current
+    found = Solution(best.layout, x, torque, best.parts, best.free)
+    mean = [float(np.average((motion.torque - torque)[p], weights=search.weight[p])) for p in motion.parts]
+    return found, np.array(mean)
+
+
+def outer_numbers(
+    best: Solution, scales: Scales, units: Mapping[str, str], between: Sequence[int] = ()
+) -> tuple[dict[str, Estimate], tuple[Effect, ...]]:
+    """Numbers with intervals in the units of the recording: of eq. 14, and of the law and what acts beside it.
+
+    ``between`` are coordinates that were told from the zeros of the trajectories, without an interval.
+
+    With alpha = gamma = 0 and beta = 1 outside as inside, K0 and K1 are the sliding torque per unit of h.
+    """
+    count = len(best.parts)
+    half = np.full(len(best.x), np.inf)
+    if count > 2:
+        spread = best.moves - best.moves.mean(axis=0)
+        sigma = np.sqrt((count - 1) / count * (spread**2).sum(axis=0))
+        half[best.free] = float(stats.t.ppf(0.975, count - 1)) * sigma
+    wide = float(stats.t.ppf(1 - 0.025 / len(best.x), max(count - 1, 1)) / stats.t.ppf(0.975, max(count - 1, 1)))
+    factors = {"K0": scales.torque, "K1": scales.torque / scales.current}
+    estimates = {}
+    for i, name in enumerate(LINEAR):
+        if i in between:
+            half[i] = np.inf
+        factor = factors.get(name, scales.factor(name))
+        value, by = float(best.x[i]) * factor, float(half[i]) * factor
+        estimates[name] = Estimate(value=value, half=by, half_joint=by * wide)
+    slots = {slot.key: i for i, slot in best.layout.items()}
+    row = best.layout.row(best.x)
+    effects = []
+    order = sorted(best.layout.effects, key=lambda name: name not in HYSTERESIS)
+    for effect in order:
+        parameters = {}
+        for spec in KNOWN[effect].parameters:
+            value = float(row[row_column(effect, spec.name)]) * factor_of(spec, scales)
+            i = slots.get((effect, spec.name))
+            by = np.inf if i is None else half[i]
+            if i is not None:
+                by *= abs(value) if Slot(effect, spec).logarithmic else factor_of(spec, scales)
+            ci95 = (value - float(by), value + float(by)) if np.isfinite(by) else None
+            parameters[spec.name] = Parameter(value=value, unit=effect_unit(spec, units), ci95=ci95)
+        effects.append(Effect(name=effect, parameters=parameters))
+    return estimates, tuple(effects)
+
+
+def model_row(model: Model, scales: Scales) -> np.ndarray:
+    """The replay's row of a model with all its effects and its law, shape (WIDTH,)."""
+    row, values = null_row(), model.values
+    for name in (*LINEAR, *SHAPE):
+        row[BASE.index(name)] = values[name] / scales.factor(name)
+    row[BASE.index("q_zero")] = (values.get("q_offset", 0.0) + values.get("q_center", 0.0)) / scales.q
+    for effect in model.effects:
+        for spec in KNOWN[effect.name].parameters if effect.name in KNOWN else ():
+            if spec.name in effect.parameters:
+                row[row_column(effect.name, spec.name)] = effect.values[spec.name] / factor_of(spec, scales)
+    return row
+
+
+def model_torque(model: Model, recording: Recording) -> list[np.ndarray]:
+    """Torque of a model with all its effects and its law along each trajectory [unit of the recording]."""
+    motion = Motion.of(recording)
+    scales = motion.scales
+    tau = EffectReplay(motion).torque(model_row(model, scales)[None])[0].astype(float) * scales.torque
+    return [tau[part] for part in motion.parts]
