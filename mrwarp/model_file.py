@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import json
+import re
 import reprlib
 import sys
 from collections import Counter
@@ -205,9 +206,12 @@ def effect_unit(parameter: EffectParameter, units: Mapping[str, str]) -> str:
 def _exchanged(unit: str, units: Mapping[str, str]) -> str:
     for key, own in JOINT_UNITS.items():
         unit = unit.replace(own, f"<{key}>")
-    for key in JOINT_UNITS:
-        unit = unit.replace(f"<{key}>", units[key])
-    return unit
+    if units["current"] in ("1", "none"):  # a plain number, a flag, or nothing
+        unit = unit.replace("·<current>", "").replace("1/<current>", "1").replace("/<current>", "")
+    for key, own in JOINT_UNITS.items():
+        whole = units[key] if units[key] == own or unit == f"<{key}>" else re.sub(r"(.*[·/* ].*)", r"(\1)", units[key])
+        unit = unit.replace(f"<{key}>", whole)
+    return re.sub(r"\((\w+)\)", r"\1", unit)
 
 
 def save_model(model: Model, path: str | Path) -> Path:

@@ -32,6 +32,8 @@ class Diagnose(Options):
     """output folder"""
     model: opt.OptionalFile = None
     """nominal model.json, against which shifts of calibration count"""
+    skip_bad: opt.Flag = False
+    """leave out files of a folder that cannot be used, by name"""
     seed: opt.Seed = 0
     """seed of everything random"""
     predict: opt.OptionalFolder = None
@@ -85,11 +87,13 @@ class Diagnose(Options):
 
         model = load_model(self.model) if self.model else None
         progress(f"reading {self.data}")
-        recording = load_recording(self.data)
+        recording = load_recording(self.data, skip_bad=self.skip_bad)
+        for text in recording.repaired():
+            progress(f"note: {text}")
         if self.impact and recording.units != JOINT_UNITS:
             theirs, ours = (", ".join(units.values()) for units in (recording.units, JOINT_UNITS))
             raise ValueError(f"--impact: {self.data} is in {theirs}, the robot's joint in {ours}; leave --impact out")
-        unseen = load_recording(self.predict) if self.predict else None
+        unseen = load_recording(self.predict, skip_bad=self.skip_bad) if self.predict else None
         if unseen is not None:
             check_same_units(unseen, recording)
         allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -28,13 +28,15 @@ class Check(Options):
     engines = False
     data: opt.Data
     """CSV or Parquet file, or a folder of them"""
+    skip_bad: opt.Flag = False
+    """leave out files of a folder that cannot be used, by name"""
 
     def run(self, line: CommandLine) -> int:
         """0 when it is good to use; a RecordingError says what is wrong with it."""
         from mrwarp.recording.description import describe, notes
         from mrwarp.recording.load import find_holding, load_holding, load_recording
 
-        recording, beside = load_recording(self.data), find_holding(self.data)
+        recording, beside = load_recording(self.data, skip_bad=self.skip_bad), find_holding(self.data)
         lines = describe(recording)
         if beside:
             holding = load_holding(beside, recording)
@@ -63,6 +65,8 @@ class Fit(Options):
     """weigh down outliers"""
     exclude: Annotated[str | None, opt.one(str, "PATTERN")] = None
     """leave out trajectories by name, such as 'chirp*'"""
+    skip_bad: opt.Flag = False
+    """leave out files of a folder that cannot be used, by name"""
     predict: opt.OptionalFolder = None
     """recordings that are not fitted but predicted"""
     averaged: Averaged = 0.0
@@ -86,8 +90,10 @@ class Fit(Options):
 
         progress = Stopwatch()
         progress(f"reading {self.data}")
-        recording = self._kept(load_recording(self.data))
-        unseen = load_recording(self.predict) if self.predict else None
+        recording = self._kept(load_recording(self.data, skip_bad=self.skip_bad))
+        for note in recording.repaired():
+            progress(f"note: {note}")
+        unseen = load_recording(self.predict, skip_bad=self.skip_bad) if self.predict else None
         if unseen is not None:
             check_same_units(unseen, recording)
         holding = read_holding(self.data, recording, self.holding, progress)
@@ -109,7 +115,10 @@ class Fit(Options):
         progress("pictures")
         loops_picture(recording, result, extended, self.out / "loops.png")
         residual_picture(recording, result, extended, self.out / "residual.png")
-        content = fit_report.figures(result, extended) | {"predicted": predicted}
+        content = fit_report.figures(result, extended) | {
+            "predicted": predicted,
+            "repairs": [vars(repair) for repair in recording.repairs],
+        }
         write_result(self.out, content, seed=self.seed, command=str(line))
         print("\n".join(fit_report.lines(result, extended)))
         if holding is None:
@@ -161,6 +170,8 @@ class Learn(Options):
     """epochs without gain before stopping"""
     seed: opt.Seed = 0
     """seed of division, weights and batches"""
+    skip_bad: opt.Flag = False
+    """leave out files of a folder that cannot be used, by name"""
 
     def run(self, line: CommandLine) -> int:
         """0 when done, 2 on bad input (nothing is written), 130 after Ctrl-C (the best is written)."""
@@ -175,10 +186,10 @@ class Learn(Options):
 
         cfg = FitCfg(**self.chosen("epochs", "windows_per_epoch", "patience", "seed"))
         bouc_wen = learn.bench_parameters(load_model(self.bouc_wen).values if self.bouc_wen else None)
-        recording, evaluation = load_recording(self._parts()[0]), None
+        recording, evaluation = load_recording(self._parts()[0], skip_bad=self.skip_bad), None
         held_out = self._parts()[1]
         if held_out.is_dir():
-            evaluation = load_recording(held_out)
+            evaluation = load_recording(held_out, skip_bad=self.skip_bad)
             if learn.sampling_interval(evaluation) != learn.sampling_interval(recording):
                 raise ValueError(f"{held_out}: sampled at another rate than {self.data}; resample one of them")
         learned = learn.learn(recording, kind=self.kind, bouc_wen=bouc_wen, cfg=cfg, report=print_epoch)

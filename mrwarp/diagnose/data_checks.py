@@ -9,8 +9,8 @@ from mrwarp.diagnose.problem import Problem
 from mrwarp.diagnose.result import Diagnosis, Error, NextExperiment
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import both, title
-from mrwarp.identify.contradictions import EXPLAINS_NOTHING, contradictions, explains_nothing, quantity
-from mrwarp.recording.load import Recording
+from mrwarp.identify.contradictions import EXPLAINS_NOTHING, contradictions, explains_nothing
+from mrwarp.recording.data import Recording, quantity
 
 MIN_TRAJECTORIES = 3
 """Fewest trajectories: with fewer nothing can be predicted by the others."""
@@ -93,7 +93,7 @@ def gaps(recording: Recording) -> list[str]:
     current = np.concatenate([run.current for run in runs])
     top = float(np.abs(current).max())
     levels = np.unique(np.round(current / (top or 1.0), 2))
-    name, found = quantity(recording.units["current"]), []
+    name, found = quantity("current", recording.units), []
     if len(levels) == 1:
         found.append(
             f"the {name} is {current[0]:.3g} throughout: nothing that depends on it can be known (coil lag, command "

@@ -215,7 +215,7 @@ def _described(problem: Problem, kind: str, trial: Motion, missed: float, names:
     }
     motion = standard.motion.format(a=measured(size * scales.q, units["q"]), low=f"{low:.2g}", high=f"{high:.2g}")
     top_text = measured(top, units["current"])
-    current = _CURRENTS[standard.current].format(name=quantity(units["current"]), top=top_text)
+    current = _CURRENTS[standard.current].format(name=quantity("current", units), top=top_text)
     what = f"in {runs} runs of {run:.3g} s, {current} while the joint {motion}"
     return NextExperiment(what=what, seconds=seconds, separates=names, kind=kind, settings=settings)
 

@@ -247,5 +247,6 @@ def _about(recording: Recording) -> dict[str, Any]:
         "samples": recording.samples,
         "seconds": sum(float(run.t[-1] - run.t[0]) for run in runs),
         "rates": sorted({round(1.0 / run.dt, 3) for run in runs}),
+        "repairs": [vars(repair) for repair in recording.repairs],
         "velocity_derived": any(run.qd_derived for run in runs),
     }

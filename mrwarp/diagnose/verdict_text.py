@@ -9,7 +9,7 @@ from typing import NamedTuple
 from mrwarp.diagnose.result import Diagnosis, Value
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
-from mrwarp.identify.contradictions import quantity
+from mrwarp.recording.data import quantity
 
 _STEPS: dict[str, tuple[tuple[float, float, str], ...]] = {
     "s": ((0.0, 1e3, "ms"), (1.0, 1.0, "s"), (600.0, 1.0 / 60.0, "min")),
@@ -127,13 +127,13 @@ def both(words: Iterable[str], last: str = "and") -> str:
 def variable(name: str, units: Mapping[str, str]) -> str:
     """A variable of ``depends_on`` in words."""
     if name in ("q", "current", "torque"):
-        return f"the {quantity(units[name])}"
+        return f"the {quantity(name, units)}"
     return _VARIABLES.get(name, name)
 
 
 def axis_label(key: str, units: Mapping[str, str], gap: str = " ") -> str:
     """What a column of a recording holds, with its unit."""
-    return f"velocity{gap}[{units['q']}/s]" if key == "qd" else f"{quantity(units[key])}{gap}[{units[key]}]"
+    return f"velocity{gap}[{units['q']}/s]" if key == "qd" else f"{quantity(key, units)}{gap}[{units[key]}]"
 
 
 def short(text: str, most: int) -> str:

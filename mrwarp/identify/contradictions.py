@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import nnls
 
-from mrwarp.recording.data import Recording
+from mrwarp.recording.data import Recording, quantity, with_unit
 from mrwarp.recording.differentiate import differentiate
 
 EXPLAINS_NOTHING = 0.9
@@ -23,22 +23,16 @@ _COPY = 1e-6
 """Part of the torque's variance that another column, times a factor, may leave if it is not a copy."""
 _NOISE = 1.2
 """Ratio of the current's change from sample to sample to its spread from which it is noise: 1.41 where it is white."""
+_COIL = ("A", "V")
+"""Units of a control input that is a size and acts on the torque; a flag, a load or a pressure need not."""
 _BELONG = 0.5
 """Least correlation of qd with dq/dt, and least ratio of the two; at most its inverse."""
-
-
-_NAMES = {"rad": "angle", "m": "displacement", "A": "current", "V": "driver voltage", "N·m": "torque", "N": "force"}
-
-
-def quantity(unit: str) -> str:
-    """What is measured in a unit: angle or displacement, current or voltage, torque or force."""
-    return _NAMES.get(unit, "quantity")
 
 
 def contradictions(recording: Recording) -> list[str]:
     """Reasons why no model of a joint on a bench can follow from a recording, each with what to check or to record."""
     runs, units = recording.trajectories, recording.units
-    current_name, torque_name = quantity(units["current"]), quantity(units["torque"])
+    current_name, torque_name = quantity("current", units), quantity("torque", units)
     q, qd, current, torque = (
         np.concatenate([getattr(run, name) for run in runs]) for name in ("q", "qd", "current", "torque")
     )
@@ -53,7 +47,7 @@ def contradictions(recording: Recording) -> list[str]:
         )
     if float(np.ptp(torque)) == 0.0:
         return [*found, f"the torque is {torque[0]:.4g} throughout: is the sensor connected? Then record again"]
-    if current.max() <= 0.0 and current.min() < 0.0:
+    if units["current"] in _COIL and current.max() <= 0.0 and current.min() < 0.0:
         found.append(
             f"the {current_name} is negative throughout ({current.min():.4g} to {current.max():.4g}): eq. 14 counts it "
             "as a size; turn its sign and try again"
@@ -75,8 +69,9 @@ def contradictions(recording: Recording) -> list[str]:
     jumps = np.concatenate([np.diff(run.current) for run in runs])
     if float(jumps.std()) > _NOISE * float(current.std()) > 0.0:
         return [
-            f"the {current_name} changes from sample to sample as noise does (up to {np.abs(current).max():.3g} "
-            f"{units['current']}): is its sensor connected? Write 0 where there is none, and try again"
+            f"the {current_name} changes from sample to sample as noise does (up to "
+            f"{with_unit(f'{np.abs(current).max():.3g}', units['current'])}): is its sensor connected? Write 0 "
+            "where there is none, and try again"
         ]
     return _unrelated(recording, q, qd, current, torque)
 
@@ -124,12 +119,13 @@ def _unrelated(
     by_current = [current * np.sign(qd), current * qd]
     unexplained = _left(torque, free, passive)
     with_current = _left(torque, [*free, current], [*passive, *by_current])
-    power = (torque - torque.mean()) * qd
-    name, torque_name = quantity(recording.units["current"]), quantity(recording.units["torque"])
-    if float(power.sum()) < -_DRIVES * float(np.abs(power).sum()):
+    # a constant load does not count, unless the motion goes one way only: then its mean is what resists
+    powers = [(torque - mean) * qd for mean in (torque.mean(), 0.0)]
+    name, torque_name = quantity("current", recording.units), quantity("torque", recording.units)
+    if all(float(power.sum()) < -_DRIVES * float(np.abs(power).sum()) for power in powers):
         return [
             f"the {torque_name} drives the motion instead of resisting it: its sign, or that of the "
-            f"{quantity(recording.units['q'])}, is turned against eq. 14, or the motion answers to the {torque_name} "
+            f"{quantity('q', recording.units)}, is turned against eq. 14, or the motion answers to the {torque_name} "
             "as in a log of a walking robot; turn a sign, or record where a bench prescribes the motion, and try again"
         ]
     if with_current > 1.0 - _FOLLOWED:
@@ -138,7 +134,8 @@ def _unrelated(
             "motion, and did the bench prescribe it (in a log of a walking robot the motion answers to the torque)? "
             "Then record again"
         ]
-    if np.ptp(current) > 0.02 * np.abs(current).max() and unexplained - with_current < _BY_CURRENT * with_current:
+    varies = recording.units["current"] in _COIL and np.ptp(current) > 0.02 * np.abs(current).max()
+    if varies and unexplained - with_current < _BY_CURRENT * with_current:
         return [
             f"the {torque_name} does not depend on the {name}, although that changes from {current.min():.3g} to "
             f"{current.max():.3g} {recording.units['current']}: is the coil connected, and is it this joint's log? "

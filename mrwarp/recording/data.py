@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -40,20 +41,63 @@ _CONVERSIONS: dict[str, dict[str, tuple[float, str]]] = {
         **dict.fromkeys(("deg/s", "°/s"), (_RAD, "rad/s")),
         **{"mrad/s": (1e-3, "rad/s"), "rpm": (2.0 * np.pi / 60.0, "rad/s"), "m/s": (1.0, "m/s"), "mm/s": (1e-3, "m/s")},
     },
+    # any other unit of the control input is carried by its name
     "current": {"A": (1.0, "A"), "mA": (1e-3, "A"), "V": (1.0, "V"), "mV": (1e-3, "V")},
     "torque": {
         **dict.fromkeys(("N·m", "Nm", "N*m", "N.m", "N m"), (1.0, _NM)),
         **dict.fromkeys(("mN·m", "mNm", "mN*m"), (1e-3, _NM)),
         **dict.fromkeys(("kN·m", "kNm"), (1e3, _NM)),
         **{"N": (1.0, "N"), "mN": (1e-3, "N"), "kN": (1e3, "N")},
+        **{"A": (1.0, "A"), "mA": (1e-3, "A"), "V": (1.0, "V")},  # a drive's own estimate: carried, not converted
     },
     "temperature": dict.fromkeys(("degC", "°C", "C", "K"), (1.0, "degC")),
 }
 """Unit as declared to its factor and the unit that is kept."""
 
+MAX_UNIT = 20
+"""Longest unit [characters]; units stand in messages, pictures and model files."""
+
+NO_INPUT = "none"
+"""Unit of the control input of a device that has none: its column may be left out and then counts as 0."""
+
+_NAMES = {
+    "q": {"rad": "angle", "m": "displacement"},
+    "current": {
+        "A": "current", "V": "driver voltage", "N·m": "load torque", "N": "load force",
+        **dict.fromkeys(("bar", "mbar", "Pa", "hPa", "kPa", "MPa", "psi"), "pressure"),
+    },
+    "torque": {"N·m": "torque", "N": "force", "A": "motor current", "V": "motor voltage"},
+}  # fmt: skip
+
+
+def quantity(column: str, units: Mapping[str, str]) -> str:
+    """What ``q``, ``current`` (the control input) or ``torque`` holds by its unit, e.g. pressure."""
+    return _NAMES[column].get(units[column], {"current": "control input"}.get(column, "torque"))
+
+
+def with_unit(number: str, unit: str) -> str:
+    """A number, as text, with its unit; nothing is written for a plain number's unit."""
+    return number if unit in ("1", "", NO_INPUT) else f"{number} {unit}"
+
 
 class RecordingError(ValueError):
     """A recording was refused; the message names file, row and column, and the remedy."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Repair:
+    """What was put right or left out when a recording was read."""
+
+    trajectory: str
+    """Trajectory, or file, that it happened to."""
+    kind: str
+    """``resampled``, ``split``, ``left_out`` or ``saturated``."""
+    count: int
+    """Intervals, gaps or samples that are concerned."""
+    at: tuple[float, ...] = ()
+    """Where [s], the first ten places."""
+    text: str
+    """All of it for people."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,9 +113,9 @@ class Trajectory:
     qd: np.ndarray
     """Velocity [rad/s] or [m/s]."""
     current: np.ndarray
-    """Coil current [A] (or driver voltage [V])."""
+    """Control input in the unit of the recording: coil current [A], driver voltage [V], pressure [bar], ..."""
     torque: np.ndarray
-    """Measured torque [N·m] or force [N], positive against positive velocity (eq. 14)."""
+    """Measured torque [N·m], force [N] or motor current [A], positive against positive velocity (eq. 14)."""
     temperature: np.ndarray | None = None
     """Temperature [degC], if it was recorded."""
     qd_derived: bool = False
@@ -91,11 +135,25 @@ class Recording:
 
     trajectories: tuple[Trajectory, ...]
     units: dict[str, str] = field(default_factory=lambda: {"q": "rad", "current": "A", "torque": "N·m"})
-    """Units of q, current and torque as held here: rad or m, A or V, N·m or N; anything else was converted."""
+    """Units of q, current and torque as held here: rad or m; A, V or whatever the control input is in; N·m, N or A."""
     source: Path | None = None
     """File or folder it was read from."""
     header: dict[str, Any] = field(default_factory=dict)
     """What all files say alike about how they were made (the virtual bench writes its effects and seed)."""
+    repairs: tuple[Repair, ...] = ()
+    """What was put right or left out when it was read."""
+
+    def repaired(self, most: int = 4) -> list[str]:
+        """What was put right or left out, one line each; beyond ``most`` of a kind their number only."""
+        found = []
+        for kind in dict.fromkeys(repair.kind for repair in self.repairs):
+            of = [repair for repair in self.repairs if repair.kind == kind]
+            found += [f"{repair.trajectory}: {repair.text}" for repair in of[:most]]
+            if len(of) > most:
+                found.append(
+                    f"{kind.replace('_', ' ')}: {len(of) - most} more of {len(of)}, {sum(r.count for r in of)} in all"
+                )
+        return found
 
     @property
     def samples(self) -> int:
@@ -133,13 +191,13 @@ class Units:
 
     def base(self, key: str) -> str:
         """Unit that the values have after :meth:`convert`."""
-        return _CONVERSIONS[key][self.declared[key]][1]
+        return _CONVERSIONS[key].get(self.declared[key], (1.0, self.declared[key]))[1]
 
     def convert(self, key: str, values: np.ndarray) -> np.ndarray:
         """Values in the unit that is kept."""
         if self.declared[key] == "K":
             return values - 273.15
-        return values * _CONVERSIONS[key][self.declared[key]][0]
+        return values * _CONVERSIONS[key].get(self.declared[key], (1.0, ""))[0]
 
 
 def read_units(folder: Path) -> Units:
@@ -159,17 +217,20 @@ def read_units(folder: Path) -> Units:
     for key, unit in declared.items():
         if key not in _CONVERSIONS:
             raise RecordingError(f"{path}: there is no column {key!r}; known: {', '.join(_CONVERSIONS)}")
-        if not isinstance(unit, str) or unit not in _CONVERSIONS[key]:
+        if key == "current" and isinstance(unit, str) and unit.isprintable() and len(unit) <= MAX_UNIT:
+            declared[key] = unit.strip() or "1"
+        elif not isinstance(unit, str) or unit not in _CONVERSIONS[key]:
             known = ", ".join(_CONVERSIONS[key])
+            known += f", or any text of at most {MAX_UNIT} characters" if key == "current" else ""
             raise RecordingError(f"{path}: the unit {unit!r} of {key} is not known; use one of {known}")
     if "q" in declared and "qd" not in declared:
         declared["qd"] = ("deg" if declared["q"] in ("degree", "degrees") else declared["q"]) + "/s"
     result = Units({**UNITS, **declared}, trusted)
     linear = result.base("q") == "m"
-    for key, wanted in (("qd", "m/s" if linear else "rad/s"), ("torque", "N" if linear else "N·m")):
-        if result.base(key) != wanted:
+    for key, *wanted in (("qd", "m/s" if linear else "rad/s"), ("torque", "N" if linear else "N·m", "A", "V")):
+        if result.base(key) not in wanted:
             units = result.declared
             raise RecordingError(
-                f"{path}: q in {units['q']} does not go with {key} in {units[key]}; declare {key} in {wanted}"
+                f"{path}: q in {units['q']} does not go with {key} in {units[key]}; declare {key} in {wanted[0]}"
             )
     return result

@@ -6,8 +6,9 @@ import json
 
 import numpy as np
 
+from mrwarp.recording.data import quantity, with_unit
 from mrwarp.recording.differentiate import HALF_WIDTH, frequency_response, half_samples
-from mrwarp.recording.load import Recording, derivative_ratio
+from mrwarp.recording.load import TURNS, Recording, derivative_ratio, turns
 
 
 def describe(recording: Recording) -> list[str]:
@@ -28,7 +29,7 @@ def describe(recording: Recording) -> list[str]:
         if columns:
             low, high = (float(end(list(map(end, columns)))) for end in (np.min, np.max))
             known = f" in {len(columns)} trajectories" if key == "temperature" else more.get(key, "")
-            lines.append(f"{key:13s} {low:.4g} to {high:.4g} {shown[key]}{known}")
+            lines.append(f"{key:13s} {with_unit(f'{low:.4g} to {high:.4g}', shown[key])}{known}")
     for key, value in recording.header.items():
         text = json.dumps(value, ensure_ascii=False)
         lines.append(f"{key:13s} {text if len(text) <= 100 else text[:97] + '...'}")
@@ -54,17 +55,23 @@ def _levels(recording: Recording) -> str:
     levels = np.unique(np.concatenate(currents))
     steps = sum(int(np.count_nonzero(np.diff(current))) for current in currents)
     named = ", ".join(f"{x:g}" for x in levels) if len(levels) <= 12 else f"{len(levels)} different"
-    return f"; levels {named} {recording.units['current']}; {steps} changes within trajectories"
+    name, named = quantity("current", recording.units), with_unit(named, recording.units["current"])
+    known = f" ({name})" if name != "current" else ""
+    return f"{known}; levels {named}; {steps} changes within trajectories"
 
 
 def notes(recording: Recording) -> list[str]:
     """What a user should know before using a recording that is not wrong."""
-    runs, found = recording.trajectories, []
+    runs, found = recording.trajectories, recording.repaired(40)
     against = [run.id for run in runs if float(np.mean(run.torque * run.qd)) < 0.0]
     if len(against) > len(runs) / 2:
         found.append(
             f"torque times velocity is negative in {len(against)} of {len(runs)} trajectories: torque must be positive "
             "against positive velocity (eq. 14); if the sensor counts the other way, flip its sign"
+        )
+    if recording.units["q"] == "rad" and (round_ := max(map(turns, runs))) > TURNS:
+        found.append(
+            f"up to {round_:.0f} turns in one direction: taken as a rotation in rad; declare deg if it is that"
         )
     odd = [run.id for run in runs if not run.qd_derived and not 0.7 < derivative_ratio(run) < 1.4]
     if odd:

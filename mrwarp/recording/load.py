@@ -14,16 +14,19 @@ from mrwarp.recording.data import (
     DEGREES,
     HOLDING_COLUMNS,
     HOLDING_FILE,
+    NO_INPUT,
     REQUIRED,
     UNITS,
     Holding,
     Recording,
     RecordingError,
+    Repair,
     Trajectory,
     Units,
     read_units,
 )
 from mrwarp.recording.differentiate import differentiate
+from mrwarp.recording.resample import UnevenError, even_pieces
 from mrwarp.recording.tables import MAX_BYTES, SUFFIXES, Table, read_table, suffix_of
 from mrwarp.recording.write import save_holding, save_recording
 
@@ -41,9 +44,6 @@ __all__ = [
 MIN_SAMPLES = 50
 """Fewest samples of a trajectory: one history window of the learned models."""
 
-MAX_JITTER = 0.5
-"""Largest deviation of a sampling interval from the median interval, as a share of it; above, it is a gap."""
-
 SAME_CURRENT = (0.05, 20.0)
 """Plausible ratio of the largest current of break-away tests to that of the recordings."""
 
@@ -52,6 +52,9 @@ SAME_TORQUE = (0.2, 50.0)
 
 A brake sticks about as it slides: 1 to 1.5 for MR fluids; the paper's device has 9. A wrong prefix is 1000.
 """
+
+TURNS = 4.0
+"""Turns in one direction from which an angle is that of a motor or shaft that goes round."""
 
 _PLAUSIBLE = {
     # base unit: largest plausible value, unit that larger values are likely in, where the limit comes from
@@ -64,8 +67,14 @@ _PLAUSIBLE = {
 }
 
 
-def load_recording(path: str | Path) -> Recording:
+def load_recording(path: str | Path, *, skip_bad: bool = False) -> Recording:
     """Read and check a recording: one CSV or Parquet file, or a folder of them; at most :data:`MAX_BYTES`.
+
+    Time stamps are put on an even grid and long gaps split a trajectory; ``Recording.repairs`` says where.
+
+    Args:
+        path: The file or folder.
+        skip_bad: Leave files of a folder out, by name, that would be refused.
 
     Raises:
         RecordingError: the recording is refused; the message names file, row and column, and the remedy.
@@ -73,12 +82,30 @@ def load_recording(path: str | Path) -> Recording:
     path = Path(path)
     files = _files_of(path)
     units = read_units(path if path.is_dir() else path.parent)
+    required = [name for name in REQUIRED if name != "current" or units.base("current") != NO_INPUT]
     left = MAX_BYTES
     trajectories: list[Trajectory] = []
+    repairs: list[Repair] = []
+    refused: list[RecordingError] = []
     for file in files:
-        table = read_table(file, REQUIRED, left)
-        left -= table.size
-        trajectories += _checked_trajectories(table, units, file.name.removesuffix(suffix_of(file)), path.is_dir())
+        try:
+            table = read_table(file, required, left)
+            left -= table.size
+            stem = file.name.removesuffix(suffix_of(file))
+            found, done = _checked_trajectories(table, units, stem, path.is_dir())
+        except RecordingError as error:
+            if len(files) == 1:
+                raise
+            if not skip_bad:
+                raise RecordingError(f"{error}; or leave this file out with --skip-bad") from None
+            refused.append(error)
+            text = f"left out, {str(error).removeprefix(str(file)).lstrip(',: ')}"
+            repairs.append(Repair(trajectory=file.name, kind="left_out", count=1, text=text))
+        else:
+            trajectories += found
+            repairs += done
+    if not trajectories:
+        raise RecordingError(f"{refused[0]}; --skip-bad leaves nothing: each of the {len(files)} files is refused")
     names = [trajectory.id for trajectory in trajectories]
     if len(set(names)) < len(names):
         double = next(name for name in names if names.count(name) > 1)
@@ -88,6 +115,7 @@ def load_recording(path: str | Path) -> Recording:
         units={key: units.base(key) for key in ("q", "current", "torque")},
         source=path,
         header=_common([trajectory.header for trajectory in trajectories]),
+        repairs=tuple(repairs),
     )
 
 
@@ -181,29 +209,35 @@ def _common(headers: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return {k: v for k, v in first.items() if all(k in h and h[k] == v for h in headers[1:])}
 
 
-def _checked_trajectories(table: Table, units: Units, stem: str, in_folder: bool) -> list[Trajectory]:
+def _checked_trajectories(
+    table: Table, units: Units, stem: str, in_folder: bool
+) -> tuple[list[Trajectory], list[Repair]]:
     """The trajectories of one file, converted and checked; the file's name ``stem`` begins their ids in a folder."""
     _check_finite(table)
     columns = {name: units.convert(name, values) for name, values in table.columns.items()}
+    if "current" not in columns:
+        columns["current"] = np.zeros(len(columns["t"]))
     flag = bool(table.header.get("qd_derived", False))
-    parts = []
+    parts, repairs = [], []
     for name, rows in _groups(table):
-        part = {key: values[rows] for key, values in columns.items()}
-        _check_time(table, part["t"], rows, name)
-        dt = (part["t"][-1] - part["t"][0]) / (len(part["t"]) - 1)
-        derived = "qd" not in part
-        parts.append(
-            Trajectory(
-                id=stem if name is None else f"{stem}/{name}" if in_folder else name,
-                qd=differentiate(part["q"], dt) if derived else part.pop("qd"),
-                qd_derived=derived or flag,
-                header=table.header,
-                **part,
+        label = stem if name is None else f"{stem}/{name}" if in_folder else name
+        found, done = _even_parts(table, {key: values[rows] for key, values in columns.items()}, rows, name, label)
+        repairs += done
+        for own, part in found:
+            dt = (part["t"][-1] - part["t"][0]) / (len(part["t"]) - 1)
+            derived = "qd" not in part
+            parts.append(
+                Trajectory(
+                    id=own,
+                    qd=differentiate(part["q"], dt) if derived else part.pop("qd"),
+                    qd_derived=derived or flag,
+                    header=table.header,
+                    **part,
+                )
             )
-        )
     if not units.trusted:
         _check_units(table, parts, units)
-    return parts
+    return parts, repairs
 
 
 def _check_finite(table: Table) -> None:
@@ -224,36 +258,46 @@ def _groups(table: Table) -> Iterator[tuple[str | None, np.ndarray]]:
         yield str(names[k]), np.flatnonzero(code == k)
 
 
-def _check_time(table: Table, t: np.ndarray, rows: np.ndarray, name: str | None) -> None:
-    of = "" if name is None else f" of trajectory {name!r}"
+def _even_parts(
+    table: Table, part: dict[str, np.ndarray], rows: np.ndarray, name: str | None, label: str
+) -> tuple[list[tuple[str, dict[str, np.ndarray]]], list[Repair]]:
+    """Evenly sampled runs of one trajectory with their names, and what was done to its time stamps."""
+    of, t = "" if name is None else f" of trajectory {name!r}", part["t"]
     if len(t) < MIN_SAMPLES:
         raise table.refuse(f"{len(t)} samples{of}; at least {MIN_SAMPLES} are needed, record a longer run")
-    step = np.diff(t)
-    if (step <= 0.0).any():
-        k = int(np.flatnonzero(step <= 0.0)[0])
+    try:
+        dt = float(np.median(np.diff(t)))
+        if dt > 1.0:
+            raise table.refuse(
+                f"{dt:g} s between samples{of}: these look like milliseconds; divide by 1000, or declare the unit in "
+                'units.json: {"t": "ms"}',
+                column="t",
+            )
+        pieces, gaps = even_pieces(part)
+    except UnevenError as error:
+        raise table.refuse(f"{error}{of}", row=int(rows[error.row]), column="t") from None
+    kept = [piece for piece in pieces if len(piece.columns["t"]) >= MIN_SAMPLES]
+    if not kept:
         raise table.refuse(
-            f"time does not increase{of}: {t[k + 1]:.9g} s after {t[k]:.9g} s; sort the rows, or give each run its own "
-            "'trajectory' id",
-            row=int(rows[k + 1]),
+            f"{len(gaps)} gaps{of}, the first of {gaps[0][1]:.3g} s at {gaps[0][0]:.6g} s, leave no run of "
+            f"{MIN_SAMPLES} samples; record again without them",
             column="t",
         )
-    dt = float(np.median(step))
-    if dt > 1.0:
-        raise table.refuse(
-            f"{dt:g} s between samples{of}: these look like milliseconds; divide by 1000, or declare the unit in "
-            'units.json: {"t": "ms"}',
-            column="t",
-        )
-    odd = np.abs(step - dt) > MAX_JITTER * dt
-    if odd.any():
-        k = int(np.flatnonzero(odd)[0])
-        what = "a gap" if step[k] > dt else "uneven sampling"
-        raise table.refuse(
-            f"{what}{of}: {step[k]:.6g} s between samples, elsewhere {dt:.6g} s; split the run there into two "
-            "trajectories, or resample it uniformly",
-            row=int(rows[k + 1]),
-            column="t",
-        )
+    repairs, parts = [], []
+    if gaps:
+        places = ", ".join(f"{long:.3g} s at {at:.5g} s" for at, long in gaps[:3]) + (", ..." if len(gaps) > 3 else "")
+        lost = sum(len(piece.columns["t"]) for piece in pieces if len(piece.columns["t"]) < MIN_SAMPLES)
+        text = f"split at {len(gaps)} gaps ({places}) into {len(kept)} trajectories"
+        text += f"; {lost} samples between them are too few to use" if lost else ""
+        at = tuple(at for at, _ in gaps[:10])
+        repairs.append(Repair(trajectory=label, kind="split", count=len(gaps), at=at, text=text))
+    for k, piece in enumerate(kept):
+        own = f"{label}#{k + 1}" if len(kept) > 1 else label
+        parts.append((own, piece.columns))
+        if text := piece.text():
+            count = piece.moved or piece.repeated or len(piece.columns["t"])
+            repairs.append(Repair(trajectory=own, kind="resampled", count=count, at=piece.at, text=text))
+    return parts, repairs
 
 
 def _check_units(table: Table, parts: list[Trajectory], units: Units) -> None:
@@ -263,8 +307,10 @@ def _check_units(table: Table, parts: list[Trajectory], units: Units) -> None:
         "current": max(float(np.abs(part.current).max()) for part in parts),
         "torque": max(float(np.abs(part.torque).max()) for part in parts),
     }
+    if max(map(turns, parts)) > TURNS:
+        largest.pop("q")  # a rotation: no joint is driven that far, in degrees either, without a turn back
     for key, value in largest.items():
-        likely = _PLAUSIBLE[units.base(key)][1]
+        likely = _PLAUSIBLE.get(units.base(key), (np.inf, ""))[1]
         remedy = f'convert them, or declare the unit in units.json beside the file: {{"{key}": "{likely}"}}'
         _check_plausible(table, key, value, units.base(key), remedy)
     if units.base("q") != "rad":
@@ -284,7 +330,7 @@ def _check_units(table: Table, parts: list[Trajectory], units: Units) -> None:
 
 def _check_plausible(table: Table, key: str, largest: float, unit: str, remedy: str) -> None:
     """Refuse a column whose largest value no device of this kind reaches."""
-    limit, likely = _PLAUSIBLE[unit]
+    limit, likely = _PLAUSIBLE.get(unit, (np.inf, ""))  # what else a control input may be in has no limit
     if largest > limit:
         what = "away from their median" if key == "q" else "in size"
         raise table.refuse(
@@ -292,6 +338,12 @@ def _check_plausible(table: Table, key: str, largest: float, unit: str, remedy: 
             '{"trust_units": true})',
             column=key,
         )
+
+
+def turns(part: Trajectory) -> float:
+    """How often a trajectory goes round without turning back; 0 where it does turn back."""
+    path, way = float(np.abs(np.diff(part.q)).sum()), abs(float(part.q[-1] - part.q[0]))
+    return way / (2.0 * np.pi) if way > 0.9 * path else 0.0
 
 
 def derivative_ratio(part: Trajectory) -> float:

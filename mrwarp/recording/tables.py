@@ -195,6 +195,8 @@ def _check_names(table: Table, names: list[str], line: str, required: Sequence[s
         else:
             near = [name for name in names if name.lower() in (missing[0], *_ALIASES[missing[0]])]
             hint = f"rename {near[0]!r} to {missing[0]!r}" if near else f"add it [{UNITS[missing[0]]}]"
+            if not near and missing[0] == "current":
+                hint += ', or declare {"current": "none"} in units.json for a device without a control input'
         found = ", ".join(name if name.isprintable() else repr(name) for name in names)[:200]
         raise table.refuse(f"column {missing[0]!r} is missing (found: {found}); {hint}")
     double = [name for name in names if names.count(name) > 1]

@@ -120,7 +120,14 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
     "20 samples": (_text_edit(lambda x: x[:21]), ("20 samples", "at least 50")),
     "one sample": (_text_edit(lambda x: x[:2]), ("1 samples", "at least 50")),
     "names only": (_text_edit(lambda x: x[:1]), ("no samples",)),
-    "gap": (_text_edit(lambda x: x[:60] + x[70:]), ("row 60", "'t'", "a gap", "split the run")),
+    "nothing but gaps": (
+        _text_edit(lambda x: [x[0], *(line for k, line in enumerate(x[1:]) if k % 60 < 40)]),
+        ("'t'", "3 gaps", "no run of 50 samples"),
+    ),
+    "every other sample lost at random": (
+        _text_edit(lambda x: [x[0], *(line for k, line in enumerate(x[1:]) if k % 7 not in (1, 2, 4))]),
+        ("'t'", "uneven sampling", "of the samples are missing"),
+    ),
     "degrees": (_edited(q=lambda x: x * DEG, qd=lambda x: x * DEG), ("'q'", "look like deg", '{"q": "deg"}')),
     "small degrees": (_edited(q=lambda x: 0.1 * x * DEG, qd=lambda x: 0.1 * x), ("'q'", "looks like deg", "dq/dt")),
     "degrees per second": (_edited(qd=lambda x: x * DEG), ("'qd'", "looks like deg/s")),

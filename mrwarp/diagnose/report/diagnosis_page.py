@@ -199,13 +199,14 @@ def _data(d: Diagnosis) -> list[tuple[str, str]]:
         derived = sum(run.qd_derived for run in runs)
         velocity = "as recorded"
         if derived:
-            velocity = f"derived from the {text.quantity(r.units['q'])}, without phase"
+            velocity = f"derived from the {text.quantity('q', r.units)}, without phase"
             velocity += "" if derived == len(runs) else f", in {derived} of the trajectories"
         rows += [
             ("Trajectories", f"{len(runs)}, together {length:.0f} s, {r.samples:,} samples at {rate}"),
-            ("Units", ", ".join(f"{text.quantity(u)} [{u}]" for u in r.units.values())),
+            ("Units", ", ".join(f"{text.quantity(key, r.units)} [{u}]" for key, u in r.units.items())),
             ("Velocity", velocity),
         ]
+    rows += [("Put right", line) for line in r.repaired()]
     made = {k: v for k, v in r.header.items() if k != "effects"}
     if made:
         rows.append(("The files say", "; ".join(f"{k}: {v}" for k, v in made.items())[:600]))

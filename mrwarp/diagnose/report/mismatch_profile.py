@@ -81,7 +81,7 @@ def best_profile(axes: Iterable[Axis], traces: Traces) -> Profile | None:
 def axes_of(variable: str, traces: Traces, units: dict[str, str]) -> list[Axis]:
     """What can stand for a variable of ``depends_on``; several for ``memory``, none for ``frequency``."""
     t, amps, torque = traces, units["current"], units["torque"]
-    name, simulated = quantity(amps), f"simulated {quantity(torque)}"
+    name, simulated = quantity("current", units), f"simulated {quantity('torque', units)}"
     views = _views(t)
     minutes = float(np.ptp(t.time)) > 180.0
     plain: dict[str, tuple[np.ndarray, str]] = {

@@ -53,7 +53,7 @@ def test_other_units_are_on_the_axes() -> None:
     """A linear damper driven by a voltage has displacement, force and driver voltage."""
     labels = [a.label for a in profiles.axes_of("current", made_up.make().traces, UNITS | {"current": "V"})]
     assert labels == ["driver voltage [V]"]
-    assert quantity("N") == "force"
+    assert quantity("torque", {"torque": "N"}) == "force"
 
 
 def test_a_lag_shows_after_the_steps_of_the_current() -> None:
