@@ -13,6 +13,7 @@ from mrwarp.diagnose.data_checks import gaps
 from mrwarp.diagnose.formula import find_formula
 from mrwarp.diagnose.held_out import HeldOut, Predictor, reduction
 from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, threshold
+from mrwarp.diagnose.proof import Doubt
 from mrwarp.diagnose.residual_structure import Line
 from mrwarp.diagnose.result import (
     REGIMES,
@@ -23,6 +24,7 @@ from mrwarp.diagnose.result import (
     Gain,
     NextExperiment,
     Shift,
+    Suspect,
     Traces,
     Tried,
     Unexplained,
@@ -64,6 +66,8 @@ class Findings:
     recording: Recording
     problem: Problem
     selection: Selection
+    doubted: tuple[Doubt, ...] = ()
+    """Effects that the search found, but that are not proven."""
     baseline: Fit
     """The baseline as it is reported."""
     extended: Fit
@@ -112,6 +116,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
         verdict=verdict,
         sentence="",
         causes=causes,
+        suspects=suspects_of(found),
         parameter_shift=found.shifts,
         unexplained=unexplained,
         detectable=detectable,
@@ -121,7 +126,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
         extended=extended,
         gain=gain,
         next_experiment=found.next_experiment,
-        tried=_tried(problem, selection, causes),
+        tried=_tried(found, causes),
         accounting=_accounting(selection, found.line, unexplained is not None),
         per_trajectory=per_trajectory,
         per_regime=per_regime,
@@ -150,11 +155,7 @@ def causes_of(selection: Selection, model: Model) -> tuple[Cause, ...]:
     causes, searches = [], 6 * len(selection.screened)
     for effect in model.effects:
         if effect.name in selection.named:
-            fitted = {
-                name: Value(value=p.value, ci95=p.ci95, unit=p.unit)
-                for name, p in effect.parameters.items()
-                if p.ci95 is not None
-            }
+            fitted = _numbers(effect)
             own = selection.own_gain.get(effect.name, selection.gain)
             cause = Cause(
                 name=effect.name,
@@ -165,6 +166,22 @@ def causes_of(selection: Selection, model: Model) -> tuple[Cause, ...]:
             )
             causes.append(cause)
     return tuple(sorted(causes, key=lambda c: -c.gain))
+
+
+def suspects_of(found: Findings) -> tuple[Suspect, ...]:
+    """Effects that fit but are not proven, with their numbers where they were found."""
+    suspects = []
+    for doubt in found.doubted:
+        model = outer_model(found.problem, doubt.fit, found.recording, found.seed)
+        numbers = _numbers(next(e for e in model.effects if e.name == doubt.effect))
+        suspects.append(Suspect(name=doubt.effect, reason=doubt.reason, parameters=numbers, gain=doubt.gain))
+    return tuple(suspects)
+
+
+def _numbers(effect: Effect) -> dict[str, Value]:
+    """The numbers of an effect that were fitted."""
+    fitted = {name: (p, p.ci95) for name, p in effect.parameters.items()}
+    return {name: Value(value=p.value, ci95=ci95, unit=p.unit) for name, (p, ci95) in fitted.items() if ci95}
 
 
 def unexplained_of(selection: Selection, line: Line | None) -> Unexplained | None:
@@ -211,8 +228,9 @@ def _detectable(found: Findings) -> tuple[dict[str, Value], dict[str, str]]:
     return visible, invisible
 
 
-def _tried(problem: Problem, selection: Selection, causes: tuple[Cause, ...]) -> tuple[Tried, ...]:
+def _tried(found: Findings, causes: tuple[Cause, ...]) -> tuple[Tried, ...]:
     """Every candidate and what came of it."""
+    problem, selection, doubted = found.problem, found.selection, {x.effect: x.reason for x in found.doubted}
     named, rivals = {c.name for c in causes}, {a for c in causes for a in c.alternatives}
     base, rows = selection.base, []
     for c in selection.screened:
@@ -220,6 +238,8 @@ def _tried(problem: Problem, selection: Selection, causes: tuple[Cause, ...]) ->
         gain, error = float(d.sum()), float(np.std(d, ddof=1) * np.sqrt(len(d)))
         if c.effect in named:
             outcome = "named"
+        elif c.effect in doubted:
+            outcome = f"suspect: {doubted[c.effect]}"
         elif c.effect in rivals:
             outcome = "alternative: these data cannot tell it from the cause named"
         elif gain < threshold(base):

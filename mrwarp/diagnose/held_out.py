@@ -52,6 +52,12 @@ def hold_out(problem: Problem, selection: Selection, baseline: Fit, extended: Fi
     return HeldOut(squares[0], squares[1], before, after, float(agreed.mean()))
 
 
+def held_out_squares(problem: Problem, fit: Fit) -> np.ndarray:
+    """Squared error of each trajectory by a model fitted to the others, shape (T,); normalised units."""
+    errors = problem.weight * (_predicted(problem, fit) - problem.motion.torque) ** 2
+    return np.add.reduceat(errors, problem.motion.start[:-1])
+
+
 def _predicted(problem: Problem, fit: Fit) -> np.ndarray:
     """Torque of each trajectory by the fit without it, shape (N,)."""
     columns = [*fit.free, len(fit.x)]

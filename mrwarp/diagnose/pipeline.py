@@ -22,9 +22,10 @@ from mrwarp.diagnose.findings import Findings, diagnosis_of
 from mrwarp.diagnose.held_out import hold_out
 from mrwarp.diagnose.next_experiment import propose, smallest_sizes
 from mrwarp.diagnose.problem import Problem, refit, reported_fit
+from mrwarp.diagnose.proof import select_proven
 from mrwarp.diagnose.residual_structure import find_line, without_line
 from mrwarp.diagnose.result import Diagnosis
-from mrwarp.diagnose.search import best_single, screen_candidates, select
+from mrwarp.diagnose.search import best_single, screen_candidates
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.fit import fit_holding
 from mrwarp.identify.projection import Progress
@@ -87,7 +88,7 @@ def diagnose(
         base = refit(problem, base)
         screened = screen_candidates(problem, base, candidates)
 
-    selection = select(problem, base, screened, log)
+    selection, doubted = select_proven(problem, base, screened, log)
     baseline = extended = reported_fit(problem, selection.base)
     if selection.final is not selection.base:
         extended = reported_fit(problem, selection.final)
@@ -104,6 +105,7 @@ def diagnose(
         recording=recording,
         problem=problem,
         selection=selection,
+        doubted=doubted,
         baseline=baseline,
         extended=extended,
         held_out=held_out,

@@ -42,6 +42,19 @@ class Cause:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Suspect:
+    """An effect that fits, but is not proven: no cause, and no part of the extended model."""
+
+    name: str
+    reason: str
+    """What is missing for a proof."""
+    parameters: Mapping[str, Value]
+    """Its numbers where it was found."""
+    gain: float
+    """Reduction of the squared mismatch where it was found [1]."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Shift(Value):
     """A shift of calibration against the nominal model."""
 
@@ -163,6 +176,7 @@ class Diagnosis:
     """None: the data cannot carry a verdict; ``cannot_know`` says why."""
     sentence: str
     causes: tuple[Cause, ...] = ()
+    suspects: tuple[Suspect, ...] = ()
     parameter_shift: tuple[Shift, ...] = ()
     unexplained: Unexplained | None = None
     detectable: Mapping[str, Value] = field(default_factory=dict)
@@ -215,7 +229,10 @@ class Diagnosis:
         return {
             **{name: getattr(self, name) for name in plain},
             **{name: asdict(part) if (part := getattr(self, name)) else None for name in parts},
-            **{name: [asdict(row) for row in getattr(self, name)] for name in ("causes", "parameter_shift", "tried")},
+            **{
+                name: [asdict(row) for row in getattr(self, name)]
+                for name in ("causes", "suspects", "parameter_shift", "tried")
+            },
             **{name: _before_after(getattr(self, name)) for name in ("per_trajectory", "per_regime")},
             "detectable": {name: {"value": v.value, "unit": v.unit} for name, v in self.detectable.items()},
             "extended": {"rmse": self.extended.rmse, "nrmse": self.extended.nrmse},

@@ -73,10 +73,20 @@ def best_single(problem: Problem, base: Fit, screened: list[Candidate]) -> Fit |
     return Models(problem, base).grown(base, screened[0])
 
 
-def select(problem: Problem, base: Fit, screened: list[Candidate], log: Progress = lambda text: None) -> Selection:
-    """Search the effects that explain a data set, among those that :func:`screen_candidates` looked at."""
+def select(
+    problem: Problem,
+    base: Fit,
+    screened: list[Candidate],
+    log: Progress = lambda text: None,
+    *,
+    models: Models | None = None,
+) -> Selection:
+    """Search the effects that explain a data set, among those that :func:`screen_candidates` looked at.
+
+    ``models`` holds what earlier searches fitted.
+    """
     candidates = [c.effect for c in screened]
-    models, before = Models(problem, base), leftovers(problem, base)
+    models, before = models or Models(problem, base), leftovers(problem, base)
     best = _best_model(models, screened, before, log)
     found = Selection(base=base, final=best, screened=screened, fits=models.fits, leftovers=before)
     if best is base:

@@ -13,7 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mrwarp.diagnose import verdict_text as text
 from mrwarp.diagnose.report.overview_pictures import draw
-from mrwarp.diagnose.result import Cause, Diagnosis, NextExperiment, Shift, Tried, Value
+from mrwarp.diagnose.result import Cause, Diagnosis, NextExperiment, Shift, Suspect, Tried, Value
 from mrwarp.diagnose.verdict_text import capital
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
@@ -70,6 +70,7 @@ def _content(d: Diagnosis) -> dict[str, Any]:
         "extended": d.model is not None and bool(d.causes),
         "facts": _facts(d),
         "causes": [_cause(c) for c in d.causes],
+        "suspects": [_suspect(x) for x in d.suspects],
         "separates": d.next_experiment is not None and bool(d.next_experiment.separates),
         "unexplained": d.unexplained,
         "experiment": _experiment(d.next_experiment) if d.next_experiment else None,
@@ -130,6 +131,13 @@ def _parameter(name: str, value: Value, spec: EffectParameter | None) -> tuple[s
     shown = text.readable(value, spec)
     interval = shown.interval or ("set, not fitted" if spec is not None and spec.preset else "none")
     return label, shown.value, interval, shown.si
+
+
+def _suspect(s: Suspect) -> tuple[str, ...]:
+    law = CATALOGUE.get(s.name)
+    specs = {p.name: p for p in law.parameters} if law else {}
+    shown = [text.readable(v, specs.get(name)) for name, v in s.parameters.items()][:1]
+    return capital(text.title(s.name)), *((shown[0].value, shown[0].interval) if shown else ("", "")), s.reason
 
 
 def _shift(s: Shift) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ def lines(d: Diagnosis, tables: Mapping[str, Table]) -> list[str]:
     advice = f"; {d.next_experiment.what}" if d.next_experiment is not None else ""
     unsaid = [why for why in d.cannot_know if why not in d.sentence]
     found += [f"  cannot be known: {why.removesuffix(advice)}" for why in unsaid]
+    found += [f"  suspect, not proven: {text.title(s.name)}: {s.reason}" for s in d.suspects]
     rows = []
     for cause in d.causes:
         for name, value in cause.parameters.items():

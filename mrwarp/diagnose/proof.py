@@ -1,0 +1,130 @@
+"""What a found effect has to show before it is called a cause; one that fails is a suspect, with the reason in words.
+
+The search decides by whitened differences, which on a device of another shape are about that shape. Here an effect has
+to pass what does not rest on the noise's model: its interval excludes zero, its size is possible, and without it the
+plain simulation error of trajectories that took no part rises by more than chance, with trajectories as units.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mrwarp.diagnose.held_out import held_out_squares
+from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, reported_fit
+from mrwarp.diagnose.screening import Candidate, Models
+from mrwarp.diagnose.search import Selection, select
+from mrwarp.identify.projection import Progress
+
+_STANDARD_ERRORS = 1.0
+"""Least gain on trajectories left out, in its standard errors: the one-standard-error rule."""
+_KNOWN_WITHIN = 100.0
+"""Ratio of an interval's ends from which a positive number counts as not known at all."""
+_ROUNDS = 3
+"""Searches at most: each after the first leaves out the suspects of those before."""
+
+_SLOWEST = {"command_delay": 0.05, "coil_lag": 0.2, "torque_sensor_lag": 0.02, "velocity_lag": 0.02}
+"""Longest possible lag [s]. A driver and its bus wait some milliseconds; the coil of a large damper takes 0.1 s. A sensor
+that lags 20 ms passes 8 Hz: a bench that records motion does not have it."""
+_LAGS = {
+    "command_delay": "no driver waits that long",
+    "coil_lag": "no coil is that slow",
+    "torque_sensor_lag": "such a sensor would pass less than 8 Hz",
+    "velocity_lag": "such a velocity would pass less than 8 Hz",
+}
+_POSITIVE = {
+    "rotor_inertia": "an inertia is above 0",
+    "coulomb_friction": "friction brakes",
+    "stribeck": "Stribeck friction is larger at low speed",
+}
+"""Effects whose first number can only be above 0, and why."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doubt:
+    """Why an effect that was found is not proven."""
+
+    effect: str
+    reason: str
+    gain: float
+    """What it took from the loss where it was found, as a share of the baseline's."""
+    fit: Fit
+    """The model, as it would be reported, in which it was found."""
+
+
+def select_proven(
+    problem: Problem, base: Fit, screened: list[Candidate], log: Progress = lambda text: None
+) -> tuple[Selection, tuple[Doubt, ...]]:
+    """Search the causes and try each; what fails is left out, and the rest searched again without it."""
+    doubts: dict[str, Doubt] = {}
+    models, left = Models(problem, base), screened
+    for k in range(_ROUNDS):
+        selection = select(problem, base, left, log, models=models)
+        found = _doubts(problem, selection, models)
+        if not found:
+            break
+        log(f"not proven: {', '.join(found)}")
+        doubts |= found
+        # the last search is only among what it has shown so far
+        allowed = [c.effect for c in screened] if k < _ROUNDS - 2 else selection.named
+        left = [c for c in screened if c.effect in allowed and c.effect not in doubts]
+        models.fits = {effects: fit for effects, fit in models.fits.items() if not doubts.keys() & set(effects)}
+    else:
+        selection = select(problem, base, [], log)
+    return replace(selection, screened=screened), tuple(doubts.values())
+
+
+def _doubts(problem: Problem, selection: Selection, models: Models) -> dict[str, Doubt]:
+    """Effects of a search that are not proven."""
+    if not selection.named:
+        return {}
+    fit = reported_fit(problem, selection.final)
+    after = held_out_squares(problem, fit)
+    found: dict[str, Doubt] = {}
+    for effect in selection.named:
+        reason = _size_doubt(effect, fit) or _interval_doubt(effect, fit)
+        if not reason:
+            without = reported_fit(problem, models.without(selection.final, effect))
+            reason = _gain_doubt(held_out_squares(problem, without) - after)
+        if reason:
+            gain = selection.own_gain.get(effect, selection.gain) / selection.base.total
+            found[effect] = Doubt(effect=effect, reason=reason, gain=gain, fit=fit)
+    return found
+
+
+def _gain_doubt(gains: np.ndarray) -> str:
+    """Why a gain of each trajectory, shape (T,), may be chance, or nothing."""
+    error = float(np.std(gains, ddof=1) * np.sqrt(len(gains)))
+    if gains.sum() <= _STANDARD_ERRORS * error:
+        better = int((gains > 0.0).sum())
+        return (
+            f"without it the simulation of unseen trajectories is as good, but for chance (better with it in {better} "
+            f"of {len(gains)})"
+        )
+    return ""
+
+
+def _interval_doubt(effect: str, fit: Fit) -> str:
+    """Why the size of an effect is not known, or nothing."""
+    spread, known, linear = covariance(fit), False, False
+    for i, slot in fit.parameters.items():
+        if slot.effect != effect or slot.parameter.form:
+            continue
+        low, high = interval(fit, i, spread)
+        if not slot.logarithmic or slot.parameter.null > 0.0:
+            null = float(np.log(slot.parameter.null)) if slot.logarithmic else slot.parameter.null
+            linear = True
+            known |= not low <= null <= high
+        elif i == fit.parameters.own(effect)[0] and high - low > np.log(_KNOWN_WITHIN):
+            return "its size is not known within a factor of ten"
+    return "its 95 % interval contains zero" if linear and not known else ""
+
+
+def _size_doubt(effect: str, fit: Fit) -> str:
+    """Why no device has an effect of such a size, or nothing."""
+    first = fit.parameters.own(effect)[0]
+    value = dict(fit.parameters.items())[first].value(fit.x[first])
+    if value > _SLOWEST.get(effect, np.inf):
+        return f"{1e3 * value:.3g} ms are not possible: {_LAGS[effect]} (at most {1e3 * _SLOWEST[effect]:.0f} ms)"
+    return f"it would be negative: {_POSITIVE[effect]}" if effect in _POSITIVE and value <= 0.0 else ""

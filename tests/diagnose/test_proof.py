@@ -1,0 +1,49 @@
+"""What is called a cause has shown it: its interval excludes zero, its size is possible, unseen trajectories gain."""
+
+import numpy as np
+import pytest
+
+from mrwarp.diagnose.proof import _gain_doubt, select_proven
+from mrwarp.diagnose.search import screen_candidates
+from tests.diagnose import known
+
+
+def proven(hidden: dict, candidates: list[str], seed: int = 50):
+    """Outcome of the search on six runs of 3 s."""
+    problem = known.problem(hidden, seed=seed, at=known.motion(seed, runs=6, seconds=3.0))
+    base = known.fitted(problem)
+    return select_proven(problem, base, screen_candidates(problem, base, candidates))
+
+
+def test_an_effect_of_possible_size_is_a_cause() -> None:
+    """A sensor that lags 6 ms is named and nothing is suspected."""
+    selection, doubts = proven({"torque_sensor_lag": {"time_constant": 0.006}}, ["torque_sensor_lag", "cogging"])
+    assert selection.named == ["torque_sensor_lag"] and not doubts
+
+
+def test_an_effect_of_impossible_size_is_a_suspect() -> None:
+    """A sensor that lags 50 ms passes no motion: it is a suspect, with its reason, and the model stays without it."""
+    selection, [doubt] = proven({"torque_sensor_lag": {"time_constant": 0.05}}, ["torque_sensor_lag", "cogging"])
+    assert "torque_sensor_lag" not in selection.final.effects
+    assert doubt.effect == "torque_sensor_lag" and "ms are not possible" in doubt.reason
+    assert {c.effect for c in selection.screened} == {"torque_sensor_lag", "cogging"}  # it still counts as tried
+
+
+def test_a_negative_inertia_is_a_suspect() -> None:
+    """No rotor has one."""
+    selection, [doubt] = proven({"rotor_inertia": {"inertia": -0.004}}, ["rotor_inertia"])
+    assert not selection.named and "negative" in doubt.reason
+
+
+@pytest.mark.parametrize(("gains", "proof"), [([1.0, 1.2, 0.9], True), ([5.0, -1.0, -0.9], False), ([0.0, 0.0], False)])
+def test_a_gain_counts_by_trajectories(gains: list[float], proof: bool) -> None:
+    """One trajectory that gains is chance, all of them are not."""
+    assert (not _gain_doubt(np.array(gains))) == proof
+
+
+def test_a_suspect_comes_back_through_no_earlier_fit() -> None:
+    """What is left is searched without it, so that the other cause is still found."""
+    hidden = {"torque_sensor_lag": {"time_constant": 0.05}, "cogging": {"sine": 0.1, "cosine": 0.0, "periods": 25.0}}
+    selection, doubts = proven(hidden, ["torque_sensor_lag", "cogging"])
+    assert [d.effect for d in doubts] == ["torque_sensor_lag"] and selection.named == ["cogging"]
+    assert not any("torque_sensor_lag" in effects for effects in selection.fits)
