@@ -225,6 +225,7 @@ class Diagnosis:
         if self.gain is not None:
             gain = asdict(self.gain) | {"per_regime": _before_after(self.gain.per_regime)}
         plain = ("verdict", "seconds", "sentence", "cannot_know", "invisible", "notes")
+        rows = ("causes", "suspects", "parameter_shift", "tried")
         parts = ("unexplained", "baseline", "next_experiment", "accounting")
         return {
             **{name: getattr(self, name) for name in plain},
