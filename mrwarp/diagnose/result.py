@@ -230,10 +230,7 @@ class Diagnosis:
         return {
             **{name: getattr(self, name) for name in plain},
             **{name: asdict(part) if (part := getattr(self, name)) else None for name in parts},
-            **{
-                name: [asdict(row) for row in getattr(self, name)]
-                for name in ("causes", "suspects", "parameter_shift", "tried")
-            },
+            **{name: [asdict(row) for row in getattr(self, name)] for name in rows},
             **{name: _before_after(getattr(self, name)) for name in ("per_trajectory", "per_regime")},
             "detectable": {name: {"value": v.value, "unit": v.unit} for name, v in self.detectable.items()},
             "extended": {"rmse": self.extended.rmse, "nrmse": self.extended.nrmse},
