@@ -120,6 +120,8 @@ class Trajectory:
     """Temperature [degC], if it was recorded."""
     qd_derived: bool = False
     """True where qd was derived from q by zero-phase differentiation."""
+    qd_half: int | None = None
+    """Samples on each side of the window that it was derived with, if it was when the recording was read."""
     header: dict[str, Any] = field(default_factory=dict)
     """What the trajectory's own file says about how it was made."""
 

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 
-from mrwarp.recording.data import quantity, with_unit
+from mrwarp.recording.data import Trajectory, quantity, with_unit
 from mrwarp.recording.differentiate import HALF_WIDTH, frequency_response, half_samples
 from mrwarp.recording.load import TURNS, Recording, derivative_ratio, turns
 
@@ -41,13 +41,20 @@ def _velocity(recording: Recording) -> str:
     derived = [run for run in recording.trajectories if run.qd_derived]
     if not derived:
         return ""
-    run = derived[0]
+    run = max(derived, key=_half_width)
+    half = run.qd_half or half_samples(len(run.t), run.dt)
     f = np.linspace(0.0, 0.5 / run.dt, 2000)
-    cut = f[int(np.argmax(frequency_response(f, run.dt) < np.sqrt(0.5)))]
+    cut = f[int(np.argmax(frequency_response(f, run.dt, half) < np.sqrt(0.5)))]
+    widest = len(derived) > 1 and len({run.qd_half for run in derived}) > 1
     return (
         f", derived from q in {len(derived)} of {len(recording.trajectories)} trajectories: zero phase, cubic over "
-        f"{2 * half_samples(len(run.t), run.dt) + 1} samples, half the power at {cut:.3g} Hz"
+        f"{'up to ' if widest else ''}{2 * half + 1} samples, half the power at {cut:.3g} Hz"
     )
+
+
+def _half_width(run: Trajectory) -> float:
+    """Half of the window that a derived velocity was made with [s]."""
+    return HALF_WIDTH if run.qd_half is None else max(HALF_WIDTH, run.qd_half * run.dt)
 
 
 def _levels(recording: Recording) -> str:
@@ -88,6 +95,11 @@ def notes(recording: Recording) -> list[str]:
         found.append(f"no motion in {len(still)} trajectories, e.g. {still[0]!r}")
     if len(runs) == 1:
         found.append("one trajectory: nothing is left to test a model on; record several")
-    if any(run.qd_derived for run in runs):
-        found.append(f"derived velocities blunt reversals shorter than {1e3 * HALF_WIDTH:g} ms")
+    derived = [run for run in runs if run.qd_derived]
+    if derived:
+        width = max(map(_half_width, derived))
+        found.append(
+            f"derived velocities blunt reversals shorter than {1e3 * width:.3g} ms"
+            + (" (so long because the motion is slow against its noise)" if width > 2.0 * HALF_WIDTH else "")
+        )
     return found

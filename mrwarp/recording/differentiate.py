@@ -8,6 +8,15 @@ from scipy.signal import savgol_coeffs, savgol_filter
 HALF_WIDTH = 0.010
 """Half of the filter's window [s]; a longer one would blunt reversals, a shorter one pass on the encoder's steps."""
 
+WIDEST = 32
+"""Largest factor by which the window is widened where the signal is little more than noise within it."""
+
+_QUIET = 0.1
+"""Noise of the velocity, over its RMS, above which the window is widened: noise adds up as path."""
+
+_NOISE_ONLY = 1.1
+"""Factor by which what a wider window leaves of the signal may grow; more would be motion."""
+
 ORDER = 3
 """Order of the local polynomial: the derivative of a cubic is exact."""
 
@@ -15,7 +24,7 @@ MIN_HALF_SAMPLES = 2
 """Fewest samples on each side: below, four coefficients leave no noise to average."""
 
 
-def differentiate(x: np.ndarray, dt: float) -> np.ndarray:
+def differentiate(x: np.ndarray, dt: float, half: int | None = None) -> np.ndarray:
     """Time derivative of a uniformly sampled signal, without phase shift.
 
     The first and last half window take the slopes of the cubic through the first and last full window: one-sided and so
@@ -24,12 +33,43 @@ def differentiate(x: np.ndarray, dt: float) -> np.ndarray:
     Args:
         x: Signal, shape (N,), N >= 5.
         dt: Sampling interval [s].
+        half: Samples on each side of the window; None: those of :data:`HALF_WIDTH`.
 
     Returns:
         Derivative [unit of x per s], shape (N,).
     """
     moved = x - x[0]  # a large offset would eat digits of the slope
-    return np.asarray(savgol_filter(moved, 2 * half_samples(len(x), dt) + 1, ORDER, deriv=1, delta=dt))
+    half = half_samples(len(x), dt) if half is None else half
+    return np.asarray(savgol_filter(moved, 2 * half + 1, ORDER, deriv=1, delta=dt))
+
+
+def quiet_half(x: np.ndarray, dt: float) -> int:
+    """Samples on each side of the narrowest window whose slopes are motion and not noise.
+
+    That of :data:`HALF_WIDTH` unless noise is over a tenth of the velocity. Then it is doubled for as long as what it
+    leaves of the signal does not grow: slow motion of a few micrometres needs a longer window than a swing.
+    """
+    half = first = half_samples(len(x), dt)
+    steps = np.abs(np.diff(x))
+    # an encoder's step is noise of step/sqrt(12), also where it seldom flips
+    step = float(steps[steps > 0.0].min()) / np.sqrt(12.0) if (steps > 0.0).any() else 0.0
+    noise = max(_noise(x, half), step)
+    while half < WIDEST * first and 4 * half + 1 <= len(x) // 4:
+        slopes = differentiate(x, dt, half)
+        weights = savgol_coeffs(2 * half + 1, ORDER, deriv=1, delta=dt)
+        if noise * np.sqrt(weights @ weights) < _QUIET * np.sqrt(np.mean(slopes**2)):
+            break
+        if _noise(x, 2 * half) > _NOISE_ONLY * noise:
+            break
+        half *= 2
+    return half
+
+
+def _noise(x: np.ndarray, half: int) -> float:
+    """Standard deviation of the white noise of which a window would leave as much as it leaves of a signal."""
+    rest = x - savgol_filter(x - x[0], 2 * half + 1, ORDER) - x[0]
+    centre = float(savgol_coeffs(2 * half + 1, ORDER)[half])
+    return float(np.sqrt(np.mean(rest**2) / max(1.0 - centre, 1e-6)))
 
 
 def half_samples(count: int, dt: float) -> int:
@@ -37,9 +77,9 @@ def half_samples(count: int, dt: float) -> int:
     return min(max(round(HALF_WIDTH / dt), MIN_HALF_SAMPLES), (count - 1) // 2)
 
 
-def frequency_response(f: np.ndarray, dt: float) -> np.ndarray:
+def frequency_response(f: np.ndarray, dt: float, half: int | None = None) -> np.ndarray:
     """Gain of :func:`differentiate` over that of the ideal derivative at the frequencies ``f`` [Hz]; real: no phase."""
-    m = half_samples(2**31, dt)
+    m = half_samples(2**31, dt) if half is None else half
     slope, k = savgol_coeffs(2 * m + 1, ORDER, deriv=1, use="dot"), np.arange(-m, m + 1)
     # the weights are odd in k, so only the sine part is left; sum(k*slope) = 1 is its limit at 0 Hz
     cycles = 2.0 * np.asarray(f, dtype=np.float64)[:, None] * dt * k

@@ -25,7 +25,7 @@ from mrwarp.recording.data import (
     Units,
     read_units,
 )
-from mrwarp.recording.differentiate import differentiate
+from mrwarp.recording.differentiate import differentiate, quiet_half
 from mrwarp.recording.resample import UnevenError, even_pieces
 from mrwarp.recording.tables import MAX_BYTES, SUFFIXES, Table, read_table, suffix_of
 from mrwarp.recording.write import save_holding, save_recording
@@ -226,10 +226,12 @@ def _checked_trajectories(
         for own, part in found:
             dt = (part["t"][-1] - part["t"][0]) / (len(part["t"]) - 1)
             derived = "qd" not in part
+            half = quiet_half(part["q"], dt) if derived else None
             parts.append(
                 Trajectory(
                     id=own,
-                    qd=differentiate(part["q"], dt) if derived else part.pop("qd"),
+                    qd=differentiate(part["q"], dt, half) if derived else part.pop("qd"),
+                    qd_half=half,
                     qd_derived=derived or flag,
                     header=table.header,
                     **part,

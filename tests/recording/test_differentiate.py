@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mrwarp.recording.differentiate import differentiate, frequency_response, half_samples
+from mrwarp.recording.differentiate import differentiate, frequency_response, half_samples, quiet_half
 
 
 @pytest.mark.parametrize("dt", [0.001, 0.005, 0.01])
@@ -49,3 +49,18 @@ def test_noise_is_averaged_at_high_rates():
     rng = np.random.default_rng(0)
     noise = rng.standard_normal(20000) * 1e-4
     assert differentiate(noise, 0.001).std() < 0.1 * np.diff(noise).std() / 0.001
+
+
+def test_the_window_follows_the_noise_and_not_the_motion() -> None:
+    """Slow motion under noise gets a longer window, quick or clean motion keeps its own."""
+    dt, rng = 0.001, np.random.default_rng(0)
+    t = np.arange(8000) * dt
+    slow, quick = 1e-4 * np.sin(2.0 * np.pi * 0.25 * t), 1e-4 * np.sin(2.0 * np.pi * 20.0 * t)
+    noise = 1e-6 * rng.normal(size=len(t))
+    assert quiet_half(slow, dt) == quiet_half(quick, dt) == 10
+    assert quiet_half(quick + noise, dt) == 10
+    half = quiet_half(slow + noise, dt)
+    truth = 2.0 * np.pi * 0.25 * 1e-4 * np.cos(2.0 * np.pi * 0.25 * t)
+    narrow, wide = (np.std(differentiate(slow + noise, dt, h) - truth) / np.std(truth) for h in (10, half))
+    assert narrow > 0.3 and wide < 0.1
+    assert quiet_half(np.round(slow / 2e-6) * 2e-6, dt) > 10  # steps of an encoder
