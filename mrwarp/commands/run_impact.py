@@ -46,8 +46,8 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
     """how the device acts: a brake that sticks, the paper's explicit torque, or each in turn"""
     branches: Literal["damping", "both"] = "damping"
     """the dynamic branch alone, as the paper's section 6.3 evaluates it, or with holding"""
-    robot: Literal["mr_go", "go1"] = "mr_go"
-    """robot variant"""
+    robot: opt.Robot = "mr_go"
+    """robot variant, or a USD file of 'mrwarp robot import'"""
     payload: opt.Load = 0
     """mass on the back [kg]"""
     sensitivity: opt.Flag = False

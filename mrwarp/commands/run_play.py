@@ -71,8 +71,8 @@ class Play(opt.RobotOptions):
     """seed of initial poses and of --agent random"""
     device: str = "cpu"
     """cpu or cuda:N"""
-    robot: Literal["mr_go", "go1"] | None = None
-    """robot variant of the USD asset"""
+    robot: Annotated[str | None, opt.ROBOT] = None
+    """robot variant of the USD asset, or a USD file of 'mrwarp robot import'"""
     payload: Annotated[float | None, opt.one(opt.load, "KG")] = None
     """mass on the back [kg]"""
     sal: Literal["on", "off"] | None = None

@@ -61,8 +61,8 @@ class Train(opt.ViewOptions, opt.RobotOptions, Learning):
     """trained network of --actuator mlp, lstm or pg_rlstm (default: the shipped one)"""
     extrapolate: opt.Flag = False
     """let coils take more current than the recordings of --model held"""
-    robot: Literal["mr_go", "go1"] = "mr_go"
-    """robot variant of the USD asset"""
+    robot: opt.Robot = "mr_go"
+    """robot variant of the USD asset, or a USD file of 'mrwarp robot import'"""
     payload: opt.Load = 0
     """mass on the back [kg]"""
     coupling: Coupling = Coupling.CONSTRAINT

@@ -134,15 +134,17 @@ class Power:
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
 
-def copper_factor(cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> np.ndarray:
-    """Copper loss per torque squared of every joint [W/(N·m)^2], shape (..., 12).
+def copper_factor(cfg: ElectricalCfg, rise: np.ndarray | float = 0.0, joints: int = 12) -> np.ndarray:
+    """Copper loss per torque squared of every joint [W/(N·m)^2], shape (..., J).
 
     Args:
         cfg: The numbers.
-        rise: Temperature of the windings above that of the calibration [K], broadcast to (..., 12).
+        rise: Temperature of the windings above that of the calibration [K], broadcast to (..., J).
+        joints: Joints J; the calves' extra gear counts where there are 12, as on the shipped robot.
     """
-    gear = np.ones(12)
-    gear[list(CALF_COLUMNS)] = cfg.calf_gear
+    gear = np.ones(joints)
+    if joints == 12:
+        gear[list(CALF_COLUMNS)] = cfg.calf_gear
     warm = 1.0 + cfg.copper_coefficient * np.asarray(rise)
     return 1.5 * cfg.winding_resistance * warm / (gear * cfg.torque_constant) ** 2
 

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from mrwarp.env.cfg import EnvCfg
+from mrwarp.env.natural_units import in_natural_units
 from mrwarp.env.sim_model import Scene, build_scene
 from mrwarp.runtime import silent
 from mrwarp.usd.asset import RobotAsset
@@ -40,9 +41,11 @@ def check_stance(asset: RobotAsset, scene: Scene) -> None:
     heights = ", ".join(f"{leg} {z:.3f}" for leg, z in zip(scene.layout.leg_names, soles[:, 2], strict=True))
     if np.ptp(soles[:, 2]) > LEVEL:
         raise AssetError(f"{where} the feet are not level: {heights} m from the trunk; allowed: {LEVEL} m; {remedy}")
-    least = EnvCfg().fall_height
+    least = in_natural_units(EnvCfg(), scene).fall_height
     if scene.stand_height <= least:
-        raise AssetError(f"{where} the trunk is {scene.stand_height:.3f} m high; needed: more than {least} m; {remedy}")
+        raise AssetError(
+            f"{where} the trunk is {scene.stand_height:.3f} m high; needed: more than {least:.3g} m; {remedy}"
+        )
     data = mujoco.MjData(scene.model)
     data.qpos[scene.q_adr] = scene.layout.default_q
     mujoco.mj_forward(scene.model, data)

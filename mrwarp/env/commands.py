@@ -164,5 +164,5 @@ def account(s: WalkState, winding_resistance: float, step_dt: float, gait_freque
 
 def _copper(s: WalkState, winding_resistance: float) -> wp.array:
     """Copper loss per torque squared of each motor [W/(N·m)^2]."""
-    factor = copper_factor(ElectricalCfg(winding_resistance=winding_resistance))
+    factor = copper_factor(ElectricalCfg(winding_resistance=winding_resistance), joints=s.q.shape[1])
     return wp.array(factor, dtype=float, device=str(s.q.device))

@@ -16,6 +16,7 @@ from mrwarp.actuator.residual import LearnedTorque, with_bouc_wen
 from mrwarp.env import commands, events, gait, observations, rewards, terminations
 from mrwarp.env.cfg import LEARNED, EnvCfg
 from mrwarp.env.nan_guard import NanGuard
+from mrwarp.env.natural_units import in_natural_units, scales
 from mrwarp.env.rng import first_key
 from mrwarp.env.sim import ActuatedSim, robot_scene
 from mrwarp.env.sim_model import Edit
@@ -31,13 +32,13 @@ class WalkEnv(VecEnv):
     """A batch of legged robots that follow velocity commands.
 
     Args:
-        cfg: The task.
+        cfg: The task, in numbers of the shipped robot; ``env.cfg`` has them in proportion to its own.
         edit: Changes to the MuJoCo specification, e.g. a body that falls on the robot.
 
     Attributes:
         arrays: Everything the task computes with, kept in place: the next step writes into it. The arrays that are
             read most stand here too, e.g. ``env.q``; see :class:`mrwarp.env.state.WalkState` for all of them.
-        layout: Trunk, legs and joints of the robot.
+        layout, scales: Trunk, legs and joints of the robot; its size beside the shipped one's.
         robot, sim, actuator: The robot, its physics, its motors and devices.
         terrain: The height field and its curriculum; None on flat ground.
         contact_force: Foot force above which a foot touches the ground [N], the gates' ``f_th``.
@@ -50,9 +51,11 @@ class WalkEnv(VecEnv):
     """
 
     cfg: EnvCfg
+    task: EnvCfg
+    """As given, in numbers of the shipped robot."""
 
     def __init__(self, cfg: EnvCfg, *, edit: Edit | None = None) -> None:
-        self.cfg = cfg
+        self.task = cfg
         self.num_envs = cfg.sim.num_envs
         self.device = torch.device(cfg.sim.device)
         self.max_episode_length = cfg.episode_steps
@@ -65,8 +68,10 @@ class WalkEnv(VecEnv):
         if cfg.gains is not None:
             self._set_gains(*cfg.gains)
 
-        self.layout = layout = scene.layout
-        joints, legs, devices = len(scene.actuators), len(layout.legs), len(self.actuator.mr_joints)
+        self.layout, self.scales = scene.layout, scales(scene)
+        self.contact_force *= self.scales.mass
+        self.cfg = cfg = in_natural_units(cfg, scene)
+        joints, legs, devices = len(scene.actuators), len(scene.layout.legs), len(self.actuator.mr_joints)
         self.num_actions = joints
         columns = observations.critic_columns(joints, self.sim.f_foot.shape[1], devices)
         observed = sum(observations.actor_terms(joints).values())
@@ -78,7 +83,7 @@ class WalkEnv(VecEnv):
         self.action, self.last_action, self.command, self.phase = s.action, s.last_action, s.command, s.phase
         self.height, self.gravity, self.body_velocity = s.height, s.gravity, s.body_velocity
         self.clock_match, self.effort, self.power, self.key = s.clock_match, s.effort, s.power, s.key
-        self.default_q.copy_(torch.tensor(layout.default_q))
+        self.default_q.copy_(torch.tensor(scene.layout.default_q))
         group = torch.arange(self.num_envs, device=self.device) * len(cfg.currents) // self.num_envs  # eq. 20
         self.current_e.copy_(torch.tensor(cfg.currents, device=self.device)[group])
         self.nan_guard = NanGuard(self.robot, s)

@@ -53,6 +53,12 @@ ASSET = {
     "export": Command("run_asset:Export", "write the numbers of an MR device as model.json"),
 }
 
+ROBOT = {
+    "import": Command("run_robot:Import", "read a robot from MJCF, URDF or USD; writes what --robot takes"),
+    "show": Command("run_robot:ShowRobot", "trunk, legs, joints, feet, gait and devices; a picture"),
+    "fit-device": Command("run_robot:FitDevice", "put MR devices onto joints, or take them off"),
+}
+
 COMMANDS: dict[str, Command | Group] = {
     "train": Command("run_train:Train", "train a walking policy until the walking gate is met"),
     "play": Command("run_play:Play", "run a policy and show it in rerun, or save an .rrd or a picture"),
@@ -74,6 +80,7 @@ COMMANDS: dict[str, Command | Group] = {
     "study": Group("actuator-aware against conventional training: train the policies, tables 2 and 3", STUDY),
     "perf": Command("run_benchmarks:Perf", "what a step costs, part by part, and whether that got worse"),
     "asset": Group("show, check, change and compare USD assets", ASSET),
+    "robot": Group("bring a robot of your own, and put devices onto its joints", ROBOT),
     "verify": Command("run_benchmarks:Verify", "measure what the simulator promises: passivity, holding, accuracy"),
 }
 """Commands by name."""

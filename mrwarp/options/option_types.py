@@ -132,7 +132,18 @@ coil_current = within(0.0, 100.0, "A")
 forward_speed = within(-5.0, 5.0, "m/s")
 """Commanded forward speed; quadrupeds of this size run at 3 to 5 m/s."""
 
+
+def robot_name(text: str) -> str:
+    """A shipped robot, or a robot's USD file."""
+    if text not in ("mr_go", "go1") and Path(text).suffix not in (".usda", ".usdc", ".usd"):
+        raise ValueError(f"{text!r} is neither mr_go, go1 nor a .usda file")
+    return text
+
+
 FILE = one(Path, "FILE")
+ROBOT = one(robot_name, "ROBOT")
+
+Robot = Annotated[str, ROBOT]
 
 File = Annotated[Path, FILE]
 Folder = Annotated[Path, one(Path, "DIR")]

@@ -88,11 +88,10 @@ def rmse_at(measured: dict[str, Any], gate: WalkingGate) -> float:
     return measured["v_x_rmse"][f"{gate.rmse_at:g}"]
 
 
-def plot(progress: Progress, path: Path) -> None:
+def plot(progress: Progress, path: Path, gate: WalkingGate) -> None:
     """Draw tracking error, reward, falls and clock match over wall time, with the gate checks, as PNG."""
     from matplotlib.figure import Figure  # half a second, for which the first update need not wait
 
-    gate = WalkingGate()
     figure = Figure(figsize=(10, 6), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True)
     minutes = [row["seconds"] / 60.0 for row in progress.rows]

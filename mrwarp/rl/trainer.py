@@ -24,7 +24,7 @@ from mrwarp.rl.progress import DivergenceError, Divergences, not_finite
 from mrwarp.rl.ranks import Ranks
 from mrwarp.run_dir import check_writable, claim, one_line, write_result
 from mrwarp.runtime import one_torch_thread, repeating_torch, silent
-from mrwarp.trials.walking import GateCheck
+from mrwarp.trials.walking import GateCheck, WalkingGate
 
 
 class TrainingError(RuntimeError):
@@ -161,7 +161,8 @@ class Trainer:
                 print(progress.update_line(row, self.cfg.iterations), flush=True)
                 printed = self.seconds
             check, save = self.ranks.decided(
-                row["v_x_rmse"] < self.cfg.check_below and self.seconds - checked >= self.cfg.check_every,
+                row["v_x_rmse"] < self.cfg.check_below * self.env.scales.speed
+                and self.seconds - checked >= self.cfg.check_every,
                 self.seconds - saved >= self.cfg.save_every,
             )
             if check:
@@ -356,7 +357,7 @@ class Trainer:
         description = {name: result[name] for name in ("task", "started_from")}
         description |= {"seed": self.cfg.seed, "iteration": self.iteration, "command": self.cfg.command}
         policy.export_onnx(self.algorithm.get_policy(), out / "policy.onnx", description)
-        progress.plot(self.progress, out / "learning_curve.png")
+        progress.plot(self.progress, out / "learning_curve.png", WalkingGate().scaled(self.env.scales))
         write_result(out, result, seed=self.cfg.seed, command=self.cfg.command)
         return result
 

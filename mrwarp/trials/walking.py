@@ -12,6 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 from tensordict import TensorDict
 
 from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
+from mrwarp.env.natural_units import Scales
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels import ledger
 from mrwarp.usd.asset import JointActuator, device_lines, load_robot, with_model
@@ -59,6 +60,22 @@ class WalkingGate:
     clock_match: float = 0.80
     """Smallest share of time in which a foot's contact is what the diagonal trot's clock wants."""
 
+    def scaled(self, by: Scales) -> WalkingGate:
+        """The gate of a robot of another size."""
+        return (
+            self
+            if by == Scales()
+            else replace(
+                self,
+                speeds=tuple(round(speed * by.speed, 3) for speed in self.speeds),
+                rmse_at=round(self.rmse_at * by.speed, 3),
+                rmse=round(self.rmse * by.speed, 4),
+                rmse_aim=round(self.rmse_aim * by.speed, 4),
+                height=(self.height[0] * by.length, self.height[1] * by.length),
+                frequency=self.frequency / by.time,
+            )
+        )
+
     def judge(self, measured: dict[str, Any]) -> dict[str, bool]:
         """Each condition by name, True where it holds."""
         return {
@@ -81,8 +98,9 @@ class GateCheck:
     """
 
     def __init__(self, cfg: EnvCfg, *, gate: WalkingGate | None = None, seed: int = 1000) -> None:
-        self.gate = gate or WalkingGate()
-        self.env = make_env(cfg, self.gate.num_envs, seed)
+        gate = gate or WalkingGate()
+        self.env = make_env(cfg, gate.num_envs, seed)
+        self.gate = gate.scaled(self.env.scales)
         speeds = torch.tensor(self.gate.speeds, device=self.env.device)
         command = torch.zeros(self.gate.num_envs, 3, device=self.env.device)
         command[:, 0] = speeds.repeat(-(-self.gate.num_envs // len(speeds)))[: self.gate.num_envs]
@@ -164,7 +182,7 @@ def same_starts(env: WalkEnv, trials: int, seed: int) -> None:
     Random draws belong to an environment's place in its batch; without this, a robot or policy would start differently
     in other company.
     """
-    start = make_env(env.cfg, trials, seed).state()
+    start = make_env(env.task, trials, seed).state()
     source = torch.arange(env.num_envs, device=env.device) % trials
     state = env.state()
     for name, value in start.items():
@@ -238,7 +256,7 @@ def stride_frequency(contact: np.ndarray, dt: float) -> float:
     """Strongest frequency of the feet's contact signal [Hz], from its mean spectrum over feet and environments.
 
     Args:
-        contact: Contact of each foot, bool, shape (T, E, 4).
+        contact: Contact of each foot, bool, shape (T, E, L).
         dt: Sample time [s].
     """
     signal = contact.astype(np.float64)

@@ -6,7 +6,7 @@ The files are edited by hand: what is missing, misspelt or out of range is refus
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,14 @@ from pxr import Usd
 
 from mrwarp.model_file import HOLDING_NOTE, Effect, Model, ModelFileError, check_effects, load_model, silent_note
 from mrwarp.params import MrParams
+from mrwarp.usd.layout import read_layout
 from mrwarp.usd.open_stage import ASSETS, SCHEMA, AssetError, open_stage
 from mrwarp.usd.record import PD, is_mr, plain, read_model, read_number, read_parameters
-from mrwarp.usd.robot import DEFAULT_POSE, JOINTS, MR_GO, Layout
+from mrwarp.usd.robot import MR_GO, Layout
+
+
+ROBOT_SUFFIXES = (".usda", ".usdc", ".usd")
+"""How a file of a robot of one's own ends."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,15 +87,20 @@ def load_robot(path: str | Path | None = None, *, robot: str = "mr_go", payload:
 
     Args:
         path: USD file; ``None`` is ``mr_go.usda`` of :data:`ASSETS`.
-        robot: variant ``robot``: ``mr_go`` (MR calves) or ``go1`` (PD motors only).
+        robot: variant ``robot``: ``mr_go`` (MR calves) or ``go1`` (PD motors only); or a USD file in place of ``path``,
+            such as ``mrwarp robot import`` writes, with its first variant.
         payload: mass on the back [kg]: that of a variant ``payload``, else the heaviest variant's body with this mass
             and its inertia in proportion. A file without variant sets, as flattening leaves it, has one choice.
 
     Raises:
         AssetError: the file, a variant, a joint, an actuator or one of its numbers is not usable.
     """
-    file = Path(path) if path is not None else ASSETS / "mr_go.usda"
+    own = Path(robot).suffix in ROBOT_SUFFIXES
+    if own and path is not None:
+        raise AssetError(f"{path}: {robot} is a robot's file too; give one of --asset and --robot")
+    file = Path(robot) if own else Path(path) if path is not None else ASSETS / "mr_go.usda"
     stage = open_stage(file)
+    robot = variant_choices(stage, "robot")[0] if own else robot
     loads = variant_choices(stage, "payload")
     load = f"{payload:g}"
     if load not in loads and payload > 0.0 and loads != ["0"]:
@@ -103,7 +113,9 @@ def load_robot(path: str | Path | None = None, *, robot: str = "mr_go", payload:
             root.GetVariantSet(name).SetVariantSelection(choice)
     if load != f"{payload:g}":
         _weigh(stage, file, payload)
-    return RobotAsset(path=file, robot=robot, payload=payload, stage=stage, actuators=_actuators(stage, file, JOINTS))
+    layout = read_layout(stage, file)
+    found = _actuators(stage, file, layout.joints, layout.neutral)
+    return RobotAsset(path=file, robot=robot, payload=payload, stage=stage, actuators=found, layout=layout)
 
 
 def _kilograms(variant: str) -> float:
@@ -149,7 +161,7 @@ def load_bench(path: str | Path | None = None) -> RobotAsset:
     """Open the one-joint torque bench (``mr_bench.usda``) and check it; raises as :func:`load_robot`."""
     file = Path(path) if path is not None else ASSETS / "mr_bench.usda"
     stage = open_stage(file)
-    found = _actuators(stage, file, ("bench_joint",))
+    found = _actuators(stage, file, ("bench_joint",), {})
     return RobotAsset(path=file, robot="bench", payload=0, stage=stage, actuators=found)
 
 
@@ -260,14 +272,16 @@ def _is_inertia(value: Any) -> bool:
     return numbers.shape == (3,) and bool(numbers.min() > 0.0 and 2.0 * numbers.max() <= numbers.sum() * (1.0 + 1e-6))
 
 
-def _actuators(stage: Usd.Stage, file: Path, names: tuple[str, ...]) -> tuple[JointActuator, ...]:
-    """Read the actuators of the named joints, in that order."""
+def _actuators(
+    stage: Usd.Stage, file: Path, names: tuple[str, ...], neutral: Mapping[str, float]
+) -> tuple[JointActuator, ...]:
+    """Read the actuators of the named joints, in that order; ``neutral`` angles [rad] must lie within limits."""
     root = stage.GetDefaultPrim().GetPath()
     for name in names:
         prim = stage.GetPrimAtPath(f"{root}/joints/{name}")
         if not prim or prim.GetTypeName() != "PhysicsRevoluteJoint":
             raise AssetError(f"{file}: {root}/joints/{name}: revolute joint is missing; needed: {', '.join(names)}")
-        _check_limits(prim, file)
+        _check_limits(prim, file, neutral.get(name))
     found: dict[str, JointActuator] = {}
     for prim in stage.Traverse():
         if prim.GetTypeName() != "NewtonActuator":
@@ -290,16 +304,15 @@ def _actuators(stage: Usd.Stage, file: Path, names: tuple[str, ...]) -> tuple[Jo
     return tuple(found[name] for name in names)
 
 
-def _check_limits(prim: Usd.Prim, file: Path) -> None:
+def _check_limits(prim: Usd.Prim, file: Path, neutral: float | None) -> None:
     """Refuse limits that are exchanged, or that leave out a leg's neutral stance."""
     low, high = (prim.GetAttribute(f"physics:{which}Limit").Get() for which in ("lower", "upper"))
     where = f"{file}: {prim.GetPath()}: physics:lowerLimit = {low}, physics:upperLimit = {high} deg"
     if not isinstance(low, float) or not isinstance(high, float) or not low < high:
         raise AssetError(f"{where}: the lower one must be a number below the upper one; exchange or correct them")
-    segment = prim.GetName().rpartition("_")[2]
-    stance = math.degrees(DEFAULT_POSE.get(segment, 0.0))
-    if segment in DEFAULT_POSE and not low <= stance <= high:
-        raise AssetError(f"{where}: the neutral stance of a {segment}, {stance:.4g} deg, lies outside; widen them")
+    if neutral is not None and not low - 1e-4 <= math.degrees(neutral) <= high + 1e-4:
+        stance = f"{math.degrees(neutral):.4g} deg"
+        raise AssetError(f"{where}: the neutral stance of {prim.GetName()}, {stance}, lies outside; widen them")
 
 
 def _actuator(prim: Usd.Prim, joint: str, file: Path) -> JointActuator:

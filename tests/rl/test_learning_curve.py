@@ -6,6 +6,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from mrwarp.rl.progress import Progress, plot
+from mrwarp.trials.walking import WalkingGate
 
 
 @pytest.mark.parametrize("falls", [0.0, 250.0])
@@ -18,7 +19,7 @@ def test_axes_hold_what_is_drawn(falls: float, tmp_path: Path, monkeypatch: pyte
         figures = {"v_x_rmse": 0.9, "reward": -1.0, "falls_per_hour": falls, "clock_match": 0.1}
         progress.rows.append({"seconds": seconds, **figures})
     progress.gate_rows.append({"seconds": 12.0, "passed": False, "v_x_rmse": {"0.5": 0.5}})
-    plot(progress, tmp_path / "learning_curve.png")
+    plot(progress, tmp_path / "learning_curve.png", WalkingGate())
     error, _, fallen, match = drawn[0].axes
     assert fallen.get_ylim()[0] == 0.0 and fallen.get_ylim()[1] > falls
     assert error.get_ylim()[1] > 0.9 and match.get_ylim()[0] < 0.1

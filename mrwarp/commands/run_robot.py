@@ -1,0 +1,138 @@
+"""``mrwarp robot``: bring a robot of one's own (MJCF, URDF, USD), look at it, put devices onto its joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional
+
+from mrwarp.options import option_types as opt
+from mrwarp.options.command_line import CommandLine, Options
+
+PAIRS = Annotated[tuple[tuple[str, float], ...], opt.some(opt.assignment, "JOINT=X")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Import(Options):
+    """Read a robot from MJCF (.xml), URDF or USD and write it as a USD file that every command takes as --robot.
+
+    Trunk, legs, feet, neutral stance, gait, torque limits and gains are found and shown; every guess can be overridden
+    here, and edited in the file afterwards. Names of joints may hold * and ?, as in --kp '*_calf_joint=40'.
+    """
+
+    file: Positional[opt.File]
+    """the robot's file"""
+    out: opt.File
+    """USD file to write (.usda, .usdc)"""
+    pose: PAIRS = ()
+    """neutral angles [rad] (default: the first keyframe, else a solved stance)"""
+    kp: PAIRS = ()
+    """gains [N·m/rad] (default: the file's position actuators, else 1.5/rad of the torque limit)"""
+    kd: PAIRS = ()
+    """damping [N·m·s/rad] (default: the file's, else 0.02 s of Kp)"""
+    torque_limit: PAIRS = ()
+    """torque limits [N·m] (default: the file's)"""
+    feet: Annotated[tuple[str, ...], opt.some(str, "BODY")] = ()
+    """last bodies of the legs (default: the ends of chains that hang lowest)"""
+    gait: Literal["trot", "alternate", "tripod"] | None = None
+    """gait (default: trot of four legs, alternate of two, tripod of six)"""
+    overwrite: opt.Flag = False
+    """replace a file that is there"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 done, 2 on bad input."""
+        from mrwarp.robots.foreign import RobotFileError, read_robot
+        from mrwarp.robots.legs import Choices, understand
+        from mrwarp.robots.robot_table import layout_lines
+        from mrwarp.robots.write_robot import write_checked
+        from mrwarp.usd.asset import ROBOT_SUFFIXES
+
+        if self.out.suffix not in ROBOT_SUFFIXES:
+            raise ValueError(f"--out {self.out}: a robot is a USD file; end it in .usda")
+        if self.out.exists() and not self.overwrite:
+            raise ValueError(f"{self.out} is there already; choose another --out or add --overwrite")
+        if not self.out.parent.is_dir():
+            raise ValueError(f"--out {self.out}: no such folder; make it first")
+        choices = Choices(
+            pose=dict(self.pose),
+            kp=dict(self.kp),
+            kd=dict(self.kd),
+            torque_limit=dict(self.torque_limit),
+            gait=self.gait or "",
+            feet=self.feet,
+        )
+        robot = read_robot(self.file)
+        if not robot.floating:
+            raise RobotFileError(f"{self.file}: its root stands still; only robots whose trunk floats are imported")
+        understood = understand(robot, choices)
+        asset = write_checked(understood, self.out, source=str(self.file))
+        print("\n".join(layout_lines(asset)))
+        for note in understood.notes:
+            print(f"note: {note}")
+        print(f"robot written: {self.out}; look at it with 'mrwarp robot show {self.out} --png robot.png'")
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShowRobot(Options):
+    """Show what legged tasks know of a robot: trunk, legs, joints with limits and gains, feet, gait, devices."""
+
+    robot: Positional[opt.Robot]
+    """mr_go, go1, or a USD file"""
+    png: opt.OptionalFile = None
+    """draw it standing"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 done, 2 on bad input."""
+        from mrwarp.robots.robot_table import layout_lines
+        from mrwarp.run_dir import check_output
+        from mrwarp.usd.asset import load_robot
+
+        check_output(self.png, ".png")
+        asset = load_robot(robot=self.robot)
+        print("\n".join(layout_lines(asset)))
+        if self.png is not None:
+            from mrwarp.robots.standing_picture import draw
+
+            draw(asset, self.png)
+            print(f"picture: {self.png}")
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitDevice(Options):
+    """Put an MR device onto joints of a robot's USD file, in place of their plain motors; the motors' numbers stay.
+
+    Joints that are not named keep what they have. Repeat the command for devices of another kind.
+    """
+
+    robot: Positional[opt.File]
+    """USD file of 'mrwarp robot import'; it is changed unless --out is given"""
+    joint: Annotated[tuple[str, ...], opt.some(str, "JOINT")]
+    """joints; names may hold * and ?"""
+    model: opt.OptionalFile = None
+    """model.json of the device (default: the paper's)"""
+    remove: opt.Flag = False
+    """take the device off, and leave the motor"""
+    out: opt.OptionalFile = None
+    """write another file"""
+    extrapolate: opt.Flag = False
+    """let coils take more current than the recordings of --model held"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 done, 2 on bad input."""
+        from mrwarp.model_file import load_model
+        from mrwarp.robots.fit_device import fit_device
+        from mrwarp.robots.robot_table import layout_lines
+
+        if self.model is not None and self.remove:
+            raise ValueError("--model and --remove exclude each other")
+        model = load_model(self.model) if self.model else None
+        asset = fit_device(
+            self.robot, self.out or self.robot, self.joint, model, remove=self.remove, extrapolate=self.extrapolate
+        )
+        print("\n".join(layout_lines(asset)))
+        print(f"robot written: {self.out or self.robot}")
+        return 0

@@ -1,0 +1,90 @@
+"""The walking task for a robot of another size: lengths, speeds, times, masses and torques in the robot's own units.
+
+The task's numbers are those of the shipped robot. Another one gets them in proportion: lengths by its stance height,
+times by the root of that (as a pendulum's), masses by its mass, torques by mass times length. Angles stay.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from mrwarp.env.cfg import EnvCfg
+from mrwarp.env.sim_model import Scene
+from mrwarp.usd.robot import MR_GO, STAND_HEIGHT
+
+MASS = 12.6
+"""Mass of the shipped robot with its devices [kg], paper section 6.4."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scales:
+    """A robot's size beside the shipped one's."""
+
+    length: float = 1.0
+    mass: float = 1.0
+
+    @property
+    def time(self) -> float:
+        """Root of the length."""
+        return math.sqrt(self.length)
+
+    @property
+    def speed(self) -> float:
+        """Length by time."""
+        return self.length / self.time
+
+    @property
+    def torque(self) -> float:
+        """Mass times length, as gravity is the same."""
+        return self.mass * self.length
+
+
+def scales(scene: Scene) -> Scales:
+    """Size of a scene's robot; 1 for the shipped one, whatever it carries."""
+    if scene.layout == MR_GO:
+        return Scales()
+    return Scales(length=scene.stand_height / STAND_HEIGHT, mass=float(scene.model.body_mass.sum()) / MASS)
+
+
+def in_natural_units(cfg: EnvCfg, scene: Scene) -> EnvCfg:
+    """The task with its numbers in proportion to the scene's robot; the same object for the shipped one."""
+    by = scales(scene)
+    if by == Scales():
+        return cfg
+    rewards, commands, randomize = cfg.rewards, cfg.commands, cfg.randomize
+
+    def times(values: tuple[float, float], factor: float) -> tuple[float, float]:
+        return values[0] * factor, values[1] * factor
+
+    return replace(
+        cfg,
+        gait_frequency=cfg.gait_frequency / by.time,
+        fall_height=cfg.fall_height * by.length,
+        rewards=replace(
+            rewards,
+            swing_height=rewards.swing_height / by.length**2,
+            height=rewards.height / by.length**2,
+            bounce=rewards.bounce / by.speed**2,
+            roll_pitch_rate=rewards.roll_pitch_rate * by.time**2,
+            effort=rewards.effort / by.torque**2,
+            joint_acceleration=rewards.joint_acceleration * by.time**4,
+            power=rewards.power * by.time / by.torque,
+            target_height=rewards.target_height * by.length,
+            velocity_width=rewards.velocity_width * by.speed**2,
+            yaw_width=rewards.yaw_width / by.time**2,
+            step_height=rewards.step_height * by.length,
+        ),
+        commands=replace(
+            commands,
+            v_x=times(commands.v_x, by.speed),
+            v_y=times(commands.v_y, by.speed),
+            yaw_rate=times(commands.yaw_rate, 1.0 / by.time),
+        ),
+        randomize=randomize
+        and replace(
+            randomize,
+            added_mass=times(randomize.added_mass, by.mass),
+            push_speed=randomize.push_speed * by.speed,
+        ),
+    )
