@@ -99,6 +99,11 @@ class Scene:
         """Leg of each joint; length J."""
         return tuple(self.layout.leg_of(joint) for joint in self.joints)
 
+    @property
+    def watched(self) -> tuple[int, ...]:
+        """Of each leg, the joint that trials follow, see :meth:`Layout.watched`; the calves of the shipped robot."""
+        return self.layout.watched({actuator.joint for actuator in self.actuators if actuator.mr is not None})
+
     @cached_property
     def soles(self) -> np.ndarray:
         """Lowest point of each foot in the neutral stance, with the trunk at the origin [m]; shape (L, 3)."""

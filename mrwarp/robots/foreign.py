@@ -166,7 +166,8 @@ def _robot(path: Path, builder: newton.ModelBuilder, spec: mujoco.MjSpec | None)
         raise RobotFileError(f"{path}: {count} equality constraints close loops of bodies; only trees are simulated")
     bodies = [_body(path, builder, i) for i in range(len(builder.body_label))]
     root, floating, joints = None, True, []
-    for i, kind in enumerate(builder.joint_type):
+    for i, number in enumerate(builder.joint_type):
+        kind = newton.JointType(number)
         parent, child, name = builder.joint_parent[i], builder.joint_child[i], _short(builder.joint_label[i])
         if parent < 0:
             if root is not None:
@@ -252,7 +253,8 @@ def _actuators(spec: mujoco.MjSpec, joints: list[Joint]) -> None:
 
 def _shapes(builder: newton.ModelBuilder) -> tuple[list[Shape], list[str]]:
     shapes, left_out = [], 0
-    for i, kind in enumerate(builder.shape_type):
+    for i, number in enumerate(builder.shape_type):
+        kind = newton.GeoType(number)
         flags = int(builder.shape_flags[i])
         collides, visible = bool(flags & newton.ShapeFlags.COLLIDE_SHAPES), bool(flags & newton.ShapeFlags.VISIBLE)
         if builder.shape_body[i] < 0 or not (collides or visible):

@@ -138,8 +138,8 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
     drives = {joint.name: _drive(robot, joint, choices) for joint in joints}
     if ruled := [name for name, drive in drives.items() if drive.gains_from == "rule"]:
         notes.append(
-            f"no gains for {', '.join(ruled[:3])}{' and others' if ruled[3:] else ''}: Kp = {KP_PER_LIMIT:g}/rad of the "
-            f"torque limit, Kd = {KD_PER_KP:g} s of Kp; --kp and --kd change them"
+            f"no gains for {', '.join(ruled[:3])}{' and others' if ruled[3:] else ''}: Kp = {KP_PER_LIMIT:g}/rad of "
+            f"the torque limit, Kd = {KD_PER_KP:g} s of Kp; --kp and --kd change them"
         )
     radii = np.array([foot.radius for foot in touching])
     height = float(-(centres[:, 2] - radii).min())
@@ -245,7 +245,10 @@ def _foot(robot: ForeignRobot, body: int) -> Foot:
 def _stance(
     robot: ForeignRobot, legs: list[list[Joint]], feet: dict[int, Foot], pose: dict[str, float], choices: Choices
 ) -> dict[str, float]:
-    """A stance: every foot as far beside its leg's second joint as stretched, below it at :data:`CROUCH` of the leg's reach, knees inwards if they can be."""
+    """A stance: every foot below its leg's second joint, at :data:`CROUCH` of the reach, as far beside as stretched.
+
+    Knees point inwards if they can.
+    """
     pose = dict(pose)
     for leg in legs:
         free = [joint for joint in leg if _chosen(choices.pose, joint.name) is None]

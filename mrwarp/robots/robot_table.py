@@ -12,13 +12,14 @@ def layout_lines(asset: RobotAsset) -> Iterator[str]:
     """Trunk, legs from the trunk to the foot with stance, limits, gains and devices, and joints of no leg."""
     layout, drives = asset.layout, {a.joint: a for a in asset.actuators}
     base = asset.stage.GetDefaultPrim().GetPath()
-    total = masses(asset)
+    total, devices = masses(asset), sum(a.mr is not None for a in asset.actuators)
     yield (
         f"{asset.path.name}: {sum(total.values()):.2f} kg, trunk {layout.trunk} ({total[layout.trunk]:.2f} kg), "
-        f"{len(layout.legs)} legs, {len(layout.joints)} joints, {sum(a.mr is not None for a in asset.actuators)} MR devices"
+        f"{len(layout.legs)} legs, {len(layout.joints)} joints, {devices} MR devices"
     )
     width = max(len(name) for name in layout.joints)
-    yield f"{'joint':{width}s}  {'leg':8s} {'stance':>8s} {'limits [rad]':>16s} {'Kp':>7s} {'Kd':>6s} {'max N·m':>8s}  drive"
+    head = f"{'joint':{width}s}  {'leg':8s} {'stance':>8s} {'limits [rad]':>16s}"
+    yield f"{head} {'Kp':>7s} {'Kd':>6s} {'max N·m':>8s}  drive"
     legs = [(leg.name, joint) for leg in layout.legs for joint in leg.joints]
     named = {joint for _, joint in legs}
     for leg, joint in [*legs, *(("-", joint) for joint in layout.joints if joint not in named)]:

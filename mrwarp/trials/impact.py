@@ -10,6 +10,7 @@ import enum
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,8 @@ from mrwarp.env.vec_env import WalkEnv
 from mrwarp.params import MrParams
 from mrwarp.trials.falling_mass import FallingMass, MassCfg, add_mass
 from mrwarp.trials.walking import Policy, foreign_device
-from mrwarp.usd.robot import CALF_COLUMNS, CURRENT_GROUPS, LEGS
+from mrwarp.usd.asset import load_robot
+from mrwarp.usd.robot import CURRENT_GROUPS, LEGS, MR_GO
 
 FALL_HEIGHT = 0.10
 """Trunk height below which an impacted robot counts as fallen [m]: its belly is on the ground."""
@@ -108,30 +110,32 @@ class ImpactCfg:
 
 @dataclass(frozen=True, kw_only=True)
 class ImpactTrace:
-    """Time series of a sweep at 200 Hz from the impact's onset; C settings, N trials, T samples, 4 legs."""
+    """Time series of a sweep at 200 Hz from the impact's onset; C settings, N trials, T samples, L legs."""
 
     t: np.ndarray
     """Time since onset [s], shape (T,)."""
+    legs: tuple[str, ...] = LEGS
+    """Names of the legs; length L."""
     height: np.ndarray
     """Trunk height, the paper's proxy of the CoM height [m], shape (C, N, T)."""
     velocity: np.ndarray
     """Vertical trunk velocity [m/s], shape (C, N, T)."""
     tau_motor: np.ndarray
-    """Calf motor torque [N·m], shape (C, N, T, 4)."""
+    """Motor torque of each leg's joint that is followed, the shipped robot's calf [N·m], shape (C, N, T, L)."""
     tau_mr: np.ndarray
-    """Torque of the calf's device [N·m], shape (C, N, T, 4)."""
+    """Torque of its device [N·m], shape (C, N, T, L)."""
     current: np.ndarray
-    """Coil current [A], shape (C, N, T, 4)."""
+    """Coil current [A], shape (C, N, T, L)."""
     m_dyn: np.ndarray
-    """Dynamic gate, shape (C, N, T, 4)."""
+    """Dynamic gate, shape (C, N, T, L)."""
     m_hold: np.ndarray
-    """Holding gate, shape (C, N, T, 4)."""
+    """Holding gate, shape (C, N, T, L)."""
     f_foot: np.ndarray
-    """Foot forces [N], shape (C, N, T, 4)."""
+    """Foot forces [N], shape (C, N, T, L)."""
     q: np.ndarray
-    """Calf angles [rad], shape (C, N, T, 4)."""
+    """Its angle [rad], shape (C, N, T, L)."""
     qd: np.ndarray
-    """Calf velocities [rad/s], shape (C, N, T, 4)."""
+    """Its velocity [rad/s], shape (C, N, T, L)."""
     qpos: np.ndarray
     """MuJoCo positions of the first trial, shape (C, T, nq)."""
     ledger: np.ndarray
@@ -169,9 +173,16 @@ class ImpactSweep:
             fall_tilt=3.2,
         )
         drop = cfg.kind is ImpactKind.DROP
+        layout = load_robot(env_cfg.asset, robot=env_cfg.robot).layout
+        if drop and layout != MR_GO:
+            raise ValueError(f"--kind {cfg.kind.value}: the mass is guided above the shipped robot; use a push")
         self.env = WalkEnv(env_cfg, edit=add_mass(cfg.mass) if drop else None)
         self.mass = FallingMass(self.env, cfg.mass) if drop else None
         self.foreign = foreign_device(self.env.sim.scene.actuators)
+        if layout != MR_GO:
+            self.foreign = (
+                f"note: {Path(env_cfg.robot).name} is not the paper's robot: the paper's figures are left out"
+            )
         self.currents = self.env.current_e.clone()
         self._command = torch.tensor([cfg.speed, 0.0, 0.0], device=self.env.device)
         for i, variant in enumerate(cfg.variants):
@@ -218,7 +229,7 @@ class ImpactSweep:
         self._walk(obs, cfg.window)
         env.substep_hooks.clear()
         if mass is None:
-            env.sim.push("trunk", np.zeros((env.num_envs, 3)))
+            env.sim.push(env.layout.trunk, np.zeros((env.num_envs, 3)))
         return recorder.trace(contact, len(cfg.variants))
 
     @property
@@ -243,14 +254,14 @@ class ImpactSweep:
         """Push the trunks from now on; the hook ends each push after its setting's duration."""
         sim, cfg = self.env.sim, self.cfg
         left = np.repeat([round(duration / sim.dt) for duration in cfg.durations], cfg.trials)
-        force = np.tile(cfg.force, (self.env.num_envs, 1))
-        sim.push("trunk", force)
+        force, trunk = np.tile(cfg.force, (self.env.num_envs, 1)), self.env.layout.trunk
+        sim.push(trunk, force)
 
         def tick() -> None:
             """A torque step has passed."""
             left[:] -= 1
             if (left == 0).any():
-                sim.push("trunk", np.where(left[:, None] > 0, force, 0.0))
+                sim.push(trunk, np.where(left[:, None] > 0, force, 0.0))
 
         return tick
 
@@ -278,7 +289,7 @@ class _Recorder:
 
     def sample(self) -> None:
         """Take one sample of everything."""
-        env, device, calves = self.env, self.env.actuator, list(CALF_COLUMNS)
+        env, device, calves = self.env, self.env.actuator, list(self.env.sim.scene.watched)
         series = {
             "height": env.root_pos[:, 2],
             "velocity": env.root_vel[:, 2],
@@ -288,15 +299,15 @@ class _Recorder:
             "qd": env.qd[:, calves],
             "qpos": env.view(env.sim.backend.field("qpos")),
         }
-        legs = [joint // 3 for joint in device.mr_joints]
+        legs = [env.sim.scene.legs[joint] for joint in device.mr_joints]
         for name in ("tau_mr", "current", "m_dyn", "m_hold"):
             values = env.view(getattr(device, name))
             # one column per leg, 0 where a calf has no device
-            series[name] = torch.zeros(env.num_envs, len(LEGS), device=env.device)
+            series[name] = torch.zeros(env.num_envs, len(env.layout.legs), device=env.device)
             series[name][:, legs] = values
         for name, value in series.items():
             self.rows.setdefault(name, []).append(value.clone())
-        self.fell |= env.root_pos[:, 2] < FALL_HEIGHT
+        self.fell |= env.root_pos[:, 2] < FALL_HEIGHT * env.scales.length
 
     def trace(self, contact: torch.Tensor, settings: int) -> ImpactTrace:
         """Everything sampled so far, by setting and trial."""
@@ -305,7 +316,7 @@ class _Recorder:
         found |= {"ledger": env.view(env.actuator.ledger).sum(1), "fell": self.fell, "contact": contact}
         split = {name: x.cpu().numpy().reshape(settings, -1, *x.shape[1:]) for name, x in found.items()}
         t = np.arange(1, split["height"].shape[2] + 1) * env.sim.dt
-        return ImpactTrace(t=t, **{**split, "qpos": split["qpos"][:, 0]})
+        return ImpactTrace(t=t, legs=env.layout.leg_names, **{**split, "qpos": split["qpos"][:, 0]})
 
 
 def body_extremes(trace: ImpactTrace) -> dict[str, np.ndarray]:

@@ -18,7 +18,7 @@ from mrwarp.model_file import Model
 from mrwarp.trials.impact import ImpactCfg, ImpactSweep, ImpactTrace, Variant, body_extremes, fixed_current_env
 from mrwarp.trials.statistics import half_width, spread
 from mrwarp.trials.walking import Policy
-from mrwarp.usd.robot import CURRENT_GROUPS, LEGS
+from mrwarp.usd.robot import CURRENT_GROUPS
 
 MOTOR_WINDOW = 0.1
 """Window of the motor-torque figures after the impact [s], paper section 6.3."""
@@ -57,8 +57,8 @@ def figures(trace: ImpactTrace, currents: tuple[float, ...]) -> dict[str, Any]:
             "current": current,
             **{name: spread(values[i]) for name, values in body.items()},
             "acceleration": spread(acceleration[i]),
-            "motor_mean": {leg: spread(motor[i, :, :, k].mean(axis=1)) for k, leg in enumerate(LEGS)},
-            "motor_peak": {leg: spread(motor[i, :, :, k].max(axis=1)) for k, leg in enumerate(LEGS)},
+            "motor_mean": {leg: spread(motor[i, :, :, k].mean(axis=1)) for k, leg in enumerate(trace.legs)},
+            "motor_peak": {leg: spread(motor[i, :, :, k].max(axis=1)) for k, leg in enumerate(trace.legs)},
             "dynamic_share": float(trace.m_dyn[i].mean()),
             "hold_share": float(trace.m_hold[i].mean()),
             "energy": {name: float(trace.ledger[i, :, k].mean()) for k, name in enumerate(ledger.ENTRIES)},

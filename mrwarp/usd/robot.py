@@ -1,12 +1,13 @@
 """What legged tasks know of a robot: its trunk, legs, joints in their order, neutral stance and gait.
 
-A :class:`Layout` says it of any robot; one stands in the USD file (:mod:`mrwarp.usd.layout`). The constants are those
+A :class:`Layout` says it of any robot; one stands in the USD file (:mod:`mrwarp.usd.robot_layout`). The constants are those
 of the shipped one, whose geometry, masses, limits and gains live in ``assets/usd/mr_go.usda``. Angle signs follow the
 public Go1 description (unitree_go1 of MuJoCo Menagerie).
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -54,6 +55,11 @@ class Layout:
     def columns(self) -> tuple[tuple[int, ...], ...]:
         """Places of each leg's joints on the joint axis, from the trunk to the foot."""
         return tuple(tuple(self.joints.index(joint) for joint in leg.joints) for leg in self.legs)
+
+    def watched(self, devices: Collection[str]) -> tuple[int, ...]:
+        """Of each leg, the joint that trials follow: its last one with a device, else its last."""
+        with_device = [[column for column in leg if self.joints[column] in devices] for leg in self.columns]
+        return tuple((found or leg)[-1] for found, leg in zip(with_device, self.columns, strict=True))
 
     def leg_of(self, joint: str) -> int:
         """Place of a joint's leg; the first one's for a joint of no leg."""

@@ -18,9 +18,9 @@ from mrwarp.env.sim_model import Scene
 from mrwarp.kernels import ledger
 from mrwarp.run_dir import atomic_write
 from mrwarp.trials.impact import ImpactSweep, ImpactTrace
-from mrwarp.usd.robot import CALVES, GAIT_FREQUENCY, LEGS
+from mrwarp.usd.robot import GAIT_FREQUENCY
 from mrwarp.viewing.frames import Frames, Gate, gate_of
-from mrwarp.viewing.shapes import CURRENT_COLORS, GATE_COLORS, LEG_COLORS, Color, ground_of, trunk_height
+from mrwarp.viewing.shapes import CURRENT_COLORS, GATE_COLORS, Color, ground_of, leg_colors, trunk_height
 from mrwarp.viewing.side_view import FORCE_COLOR, SideView
 
 INSTANTS = 5
@@ -72,26 +72,26 @@ def contact_sheet(
     for robot, current in enumerate(currents):
         poses = [(frames.qpos[i, robot], frames.gate[i, robot], frames.foot_force[i, robot]) for i in instants]
         _draw_row(figure.add_subplot(grid[robot + 1, :]), side, poses, f"{current:g} A")
-    _draw_legend(figure.add_subplot(grid[num + 1, :]), currents, has_device)
+    legs = dict(zip(scene.layout.leg_names, leg_colors(scene), strict=True))
+    _draw_legend(figure.add_subplot(grid[num + 1, :]), currents, has_device, legs)
     axes = [[figure.add_subplot(grid[num + 2 + row, column]) for column in range(2)] for row in range(plots)]
     (velocity, height), (motor, work) = axes[0], axes[-1]
     of_robots = [_current_color(robot) for robot in range(num)]
     velocity.plot(time, frames.v_x_command[:, 0], color="0.4", linewidth=1, linestyle="--")
     _lines(velocity, "forward velocity [m/s]", time, frames.v_x, of_robots)
     _lines(height, "trunk height [m]", time, trunk_height(ground_of(scene.model), frames.qpos), of_robots)
+    colors, names = list(legs.values()), list(legs)
     # the joints of the last robot, which has the largest current
-    of_joints, at = [_rgb(LEG_COLORS[leg]) for leg in scene.legs], f"at {currents[k]:g} A"
+    of_joints, at = [_rgb(colors[leg]) for leg in scene.legs], f"at {currents[k]:g} A"
     if has_device:
         (torque, coil), (gates, force) = axes[1:3]
         devices = [joint for joint, actuator in enumerate(scene.actuators) if actuator.mr is not None]
         of_devices = [of_joints[joint] for joint in devices]
         _lines(torque, f"MR torque {at} [N·m]", time, frames.tau_mr[:, k], of_devices)
         _lines(coil, f"coil current {at} [A]", time, frames.current[:, k], of_devices, drawstyle="steps-post")
-        _lines(
-            force, f"foot force {at} [N]", time, np.linalg.norm(frames.foot_force[:, k], axis=-1), map(_rgb, LEG_COLORS)
-        )
-        _plot_gates(gates, f"gates {at}", time, frames.gate[:, k], [LEGS[scene.legs[joint]] for joint in devices])
-    calves = [joint for joint, name in enumerate(scene.joints) if name in CALVES]
+        _lines(force, f"foot force {at} [N]", time, np.linalg.norm(frames.foot_force[:, k], axis=-1), map(_rgb, colors))
+        _plot_gates(gates, f"gates {at}", time, frames.gate[:, k], [names[scene.legs[joint]] for joint in devices])
+    calves = list(scene.watched)
     of_calves = [of_joints[joint] for joint in calves]
     _lines(motor, f"calf motor torque {at} [N·m]", time, frames.tau_motor[:, k, calves], of_calves)
     used = (frames.ledger - frames.ledger[:1]).sum(2)
@@ -180,11 +180,16 @@ def impact_timeline(trace: ImpactTrace, currents: tuple[float, ...], path: Path)
             (trace.m_dyn, "#e08a1e", 0.35, 1),
             (trace.m_hold, "#1f6fb4", 0.35, 1),
         )
-        for leg in range(len(LEGS)):
+        for leg in range(len(trace.legs)):
             for state, color, half, order in bars:
                 where = state[row, 0, :, leg] > 0.0
                 axis.fill_between(trace.t, leg - half, leg + half, where=where, color=color, linewidth=0, zorder=order)
-        axis.set(yticks=range(len(LEGS)), yticklabels=LEGS, ylabel=f"{current:g} A", ylim=(-0.6, len(LEGS) - 0.4))
+        axis.set(
+            yticks=range(len(trace.legs)),
+            yticklabels=trace.legs,
+            ylabel=f"{current:g} A",
+            ylim=(-0.6, len(trace.legs) - 0.4),
+        )
     axes[-1].set_xlabel("time after onset [s]")
     figure.suptitle("Gates of the first trial: damping orange, holding blue; grey = foot loaded", fontsize=11)
     figure.savefig(path, dpi=110)
@@ -200,9 +205,9 @@ def _current_color(k: int) -> Rgb:
     return _rgb(CURRENT_COLORS[k % len(CURRENT_COLORS)])
 
 
-def _frame_row(axis: Axes, height: float) -> None:
-    """Axes of a row of drawn robots, in metres, without decoration."""
-    axis.set(xlim=(-0.3, PITCH * INSTANTS), ylim=(-0.04, -0.04 + height), aspect="equal")
+def _frame_row(axis: Axes, height: float, unit: float = 1.0) -> None:
+    """Axes of a row of drawn robots, in ``unit`` metres, without decoration."""
+    axis.set(xlim=(-0.3 * unit, PITCH * INSTANTS * unit), ylim=(-0.04 * unit, (height - 0.04) * unit), aspect="equal")
     axis.set_axis_off()
 
 
@@ -216,15 +221,16 @@ def _draw_times(axis: Axes, times: np.ndarray) -> None:
 
 def _draw_row(axis: Axes, side: SideView, poses: Sequence[Pose], label: str, notes: Sequence[str] = ()) -> None:
     """One robot at the instants, from left to right, with a note beside each."""
+    unit = side.unit
     for place, (qpos, gate, force) in enumerate(poses):
-        side.draw(axis, qpos, gate, force, x=PITCH * (place + 0.5))
+        side.draw(axis, qpos, gate, force, x=unit * PITCH * (place + 0.5))
     for place, note in enumerate(notes):
-        axis.text(PITCH * (place + 0.5) + 0.22, 0.44, note, fontsize=8, va="top")
-    axis.text(-0.28, 0.2, label, va="center", fontsize=11, fontweight="bold")
-    _frame_row(axis, 0.48)
+        axis.text(unit * (PITCH * (place + 0.5) + 0.22), 0.44 * unit, note, fontsize=8, va="top")
+    axis.text(-0.28 * unit, 0.2 * unit, label, va="center", fontsize=11, fontweight="bold")
+    _frame_row(axis, 0.48, unit)
 
 
-def _draw_legend(axis: Axes, currents: Sequence[float], has_device: bool) -> None:
+def _draw_legend(axis: Axes, currents: Sequence[float], has_device: bool, legs: dict[str, Color]) -> None:
     """Legend of the colours of robots, currents and legs."""
     axis.set_axis_off()
     robot: list[Patch | Line2D] = []
@@ -234,7 +240,7 @@ def _draw_legend(axis: Axes, currents: Sequence[float], has_device: bool) -> Non
     robot.append(Line2D([], [], color=FORCE_COLOR, marker="^", markersize=4, label="foot force"))
     lines = [Line2D([], [], color="0.4", linestyle="--", linewidth=1, label="command")]
     lines += [Line2D([], [], color=_current_color(k), label=f"{current:g} A") for k, current in enumerate(currents)]
-    lines += [Line2D([], [], color=_rgb(LEG_COLORS[leg]), label=name) for leg, name in enumerate(LEGS)]
+    lines += [Line2D([], [], color=_rgb(color), label=name) for name, color in legs.items()]
     style = {"fontsize": 8, "frameon": False, "borderpad": 0.0, "borderaxespad": 0.0, "handlelength": 1.6}
     axis.add_artist(axis.legend(handles=robot, loc="upper center", ncols=len(robot), **style))
     axis.legend(handles=lines, loc="lower center", ncols=len(lines), **style)

@@ -22,12 +22,10 @@ from mujoco import mjtGeom
 
 from mrwarp.env.sim_model import Scene
 from mrwarp.kernels import ledger
-from mrwarp.usd.robot import CALVES, LEGS
 from mrwarp.viewing.frames import Frames, Gate
 from mrwarp.viewing.shapes import (
     CURRENT_COLORS,
     GATE_COLORS,
-    LEG_COLORS,
     Color,
     Part,
     Shape,
@@ -35,6 +33,7 @@ from mrwarp.viewing.shapes import (
     body_poses,
     feet,
     ground_of,
+    leg_colors,
     robot_shapes,
     rotate,
     trunk_height,
@@ -115,12 +114,15 @@ class RobotLogger:
 
     def __init__(self, scene: Scene, currents: Sequence[float], recording: rr.RecordingStream) -> None:
         self.names = [f"{k}_{current:g}A" for k, current in enumerate(currents)]
-        self.device_legs = [LEGS[leg] for leg, a in zip(scene.legs, scene.actuators, strict=True) if a.mr is not None]
+        self.device_legs = [
+            scene.layout.leg_names[leg] for leg, a in zip(scene.legs, scene.actuators, strict=True) if a.mr is not None
+        ]
         self.series = [name for name, kind in SERIES.items() if self.device_legs or kind.lines != "devices"]
         self._recording, self._model = recording, scene.model
-        self._bodies, self._shapes = body_names(scene.model), robot_shapes(scene)
-        self._feet = feet(self._shapes)
-        self._calves = [i for i, name in enumerate(scene.joints) if name in CALVES]
+        self._bodies, self._shapes = body_names(scene), robot_shapes(scene)
+        self._feet = feet(scene, self._shapes)
+        self._calves, self._trunk = list(scene.watched), scene.layout.trunk
+        self._legs = dict(zip(scene.layout.leg_names, leg_colors(scene), strict=True))
         self._gates: dict[str, np.ndarray] = {}
         self._ground = ground_of(scene.model)
         self.trunk = next((self._shape_path("", shape) for shape in self._shapes if shape.part is Part.TRUNK), None)
@@ -159,19 +161,19 @@ class RobotLogger:
             for shape in self._shapes:
                 log(self._shape_path(root, shape), _primitive(shape), static=True)
             log(f"{root}/foot_force", rr.Arrows3D.from_fields(colors=[ARROW_COLOR], radii=[0.007]), static=True)
-            if "trunk" in self._bodies:
+            if self._trunk in self._bodies:
                 label = rr.Points3D(
                     [[0.0, 0.0, 0.16]], radii=0.0, labels=f"{current:g} A", show_labels=True, colors=[LABEL_COLOR]
                 )
-                log(f"{root}/body/trunk/label", label, static=True)
+                log(f"{root}/body/{self._trunk}/label", label, static=True)
             self._log_series_style(root, f"{current:g} A", CURRENT_COLORS[k % len(CURRENT_COLORS)])
 
     def _log_series_style(self, root: str, label: str, color: Color) -> None:
         lines: dict[str, dict[str, Color]] = {
             "robot": {label: color},
             "command": {"command": COMMAND_COLOR},
-            "legs": dict(zip(LEGS, LEG_COLORS, strict=True)),
-            "devices": dict(zip(self.device_legs, LEG_COLORS, strict=False)),
+            "legs": self._legs,
+            "devices": {leg: self._legs[leg] for leg in self.device_legs},
             "energy": {name: color for name, (_, color) in ENERGY.items()},
         }
         for name in self.series:

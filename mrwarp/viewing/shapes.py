@@ -12,7 +12,6 @@ from mujoco import mjtGeom
 from scipy.ndimage import map_coordinates
 
 from mrwarp.env.sim_model import Scene
-from mrwarp.usd.robot import JOINTS, LEGS
 from mrwarp.viewing.frames import Gate
 
 Color = tuple[int, int, int]
@@ -21,7 +20,7 @@ GATE_COLORS: dict[Gate, Color] = {Gate.OFF: (152, 160, 168), Gate.DYNAMIC: (235,
 """Colour of a calf by the state of its device's gates."""
 
 LEG_COLORS: tuple[Color, ...] = ((214, 84, 80), (70, 150, 220), (226, 160, 50), (60, 170, 130))
-"""Colour of the plotted lines of each leg, in the order of ``robot.LEGS``."""
+"""Colours of the plotted lines of the legs; used in turn."""
 
 CURRENT_COLORS: tuple[Color, ...] = ((160, 165, 70), (70, 185, 200), (150, 115, 235), (215, 60, 170))
 """Colours of lines that compare currents, from the smallest to the largest; used in turn."""
@@ -68,11 +67,16 @@ class Shape:
     """Device whose gate it shows, or -1."""
 
 
-def body_names(model: mujoco.MjModel) -> tuple[str, ...]:
+def leg_colors(scene: Scene) -> list[Color]:
+    """Colour of the plotted lines of each leg."""
+    return [LEG_COLORS[k % len(LEG_COLORS)] for k in range(len(scene.layout.legs))]
+
+
+def body_names(scene: Scene) -> tuple[str, ...]:
     """Short name of each body, world first: the robot's without the path of its root, others as they are called."""
-    names = [model.body(i).name for i in range(model.nbody)]
-    # Newton joins USD paths with underscores: the root's path is what stands before "trunk"
-    root = next((name.removesuffix("trunk") for name in names if name.endswith("_trunk")), "")
+    names, trunk = [scene.model.body(i).name for i in range(scene.model.nbody)], scene.layout.trunk
+    # Newton joins USD paths with underscores: the root's path is what stands before the trunk
+    root = next((name.removesuffix(trunk) for name in names if name.endswith(f"_{trunk}")), "")
     return tuple(name.removeprefix(root).strip("/_") or f"body_{i}" for i, name in enumerate(names))
 
 
@@ -81,12 +85,13 @@ def robot_shapes(scene: Scene) -> tuple[Shape, ...]:
 
     The symbols are links of bodies that have no geoms, and a disc on the axis of each joint with an MR device.
     """
-    model, names = scene.model, body_names(scene.model)
+    model, names = scene.model, body_names(scene)
     device_of = {actuator.joint: i for i, actuator in enumerate(a for a in scene.actuators if a.mr is not None)}
+    moved = dict(zip(model.dof_bodyid[scene.v_adr].tolist(), scene.joints, strict=True))
     shapes: list[Shape] = []
     for geom in range(model.ngeom):
         if mjtGeom(model.geom_type[geom]) in SIZES:
-            shape = _geom_shape(model, geom, names, device_of)
+            shape = _geom_shape(scene, geom, names, moved, device_of)
             taken = any(other.body == shape.body and other.name == shape.name for other in shapes)
             shapes.append(replace(shape, name=f"{shape.name}_{geom}") if taken else shape)
     used = {shape.body for shape in shapes}
@@ -113,19 +118,22 @@ def robot_shapes(scene: Scene) -> tuple[Shape, ...]:
     return tuple(shapes)
 
 
-def feet(shapes: tuple[Shape, ...]) -> dict[int, Shape]:
+def feet(scene: Scene, shapes: tuple[Shape, ...]) -> dict[int, Shape]:
     """The shape of each leg's foot, by leg; a leg without one is left out."""
-    return {leg: shape for leg, name in enumerate(LEGS) for shape in shapes if shape.name == f"{name}_foot"}
+    return {k: shape for k, leg in enumerate(scene.layout.legs) for shape in shapes if shape.name == leg.foot}
 
 
-def _geom_shape(model: mujoco.MjModel, geom: int, names: tuple[str, ...], device_of: dict[str, int]) -> Shape:
+def _geom_shape(
+    scene: Scene, geom: int, names: tuple[str, ...], moved: dict[int, str], device_of: dict[str, int]
+) -> Shape:
     """One geom; a leg's segment with a device on its joint shows the gate, its foot does not."""
+    model, layout = scene.model, scene.layout
     body, kind = int(model.geom_bodyid[geom]), mjtGeom(model.geom_type[geom])
     # Newton names a geom by its USD path and a running number
     name = re.sub(r"_\d+$", "", model.geom(geom).name.split("/")[-1]) or f"geom_{geom}"
-    foot = name in {f"{leg}_foot" for leg in LEGS}
-    device = -1 if foot else device_of.get(names[body], -1)
-    part = Part.LIMB if names[body] in JOINTS else Part.TRUNK if names[body] == "trunk" else Part.OTHER
+    foot = name in {leg.foot for leg in layout.legs}
+    device = -1 if foot else device_of.get(moved.get(body, ""), -1)
+    part = Part.LIMB if body in moved else Part.TRUNK if names[body] == layout.trunk else Part.OTHER
     return Shape(
         name=name,
         body=body,

@@ -10,6 +10,7 @@ from matplotlib.patches import Circle, Patch, Polygon
 from mujoco import mjtGeom
 from scipy.spatial import ConvexHull
 
+from mrwarp.env.natural_units import scales
 from mrwarp.env.sim_model import Scene
 from mrwarp.viewing.frames import Gate
 from mrwarp.viewing.shapes import GATE_COLORS, Part, Shape, body_poses, feet, ground_of, robot_shapes, rotate
@@ -31,12 +32,16 @@ class SideView:
 
     Args:
         scene: What is simulated.
+
+    Attributes:
+        unit: Size of the robot beside the shipped one's.
     """
 
     def __init__(self, scene: Scene) -> None:
+        self.unit = scales(scene).length if scene.floating else 1.0
         self._model, self._shapes, self._ground = scene.model, robot_shapes(scene), ground_of(scene.model)
         self._trunk = next((s.body for s in self._shapes if s.part is Part.TRUNK), 1)
-        self._feet = feet(self._shapes)
+        self._feet = feet(scene, self._shapes)
 
     def draw(self, axis: Axes, qpos: np.ndarray, gate: np.ndarray, force: np.ndarray, *, x: float = 0.0) -> None:
         """Draw one robot with its trunk above ``x``, looking at its own right side whatever its heading.

@@ -44,6 +44,10 @@ NOT_RUN = {
     "mrwarp reproduce all": "minutes; tests/commands/test_run_reproduce.py",
     "mrwarp reproduce table6 table7": "minutes; tests/commands/test_run_reproduce.py",
     "mrwarp reproduce fig4 --train": "hours; tests/reproduce/test_fig4.py",
+    "git clone": "needs a network",
+    "mrwarp robot": "reads a robot of others; tests/robots",
+    "mrwarp train --robot": "reads what the command before it made; tests/robots",
+    "mrwarp impact --robot": "reads what the command before it made; tests/robots",
     "mrwarp impact --live": "opens a window",
     "mrwarp play --policy runs/walk/policy.onnx": "opens a window",
 }

@@ -87,7 +87,7 @@ def test_poses_are_there(walk: Any, recording: Path, read_rrd: Any) -> None:
     for k, name in enumerate(NAMES):
         place = next(recorded.columns(f"/robots/{name}", "Transform3D:translation", static=True))[1]
         np.testing.assert_allclose(place, [[0.0, -1.0 * k, 0.0]])
-        for body, part in enumerate(body_names(scene.model)[1:], start=1):
+        for body, part in enumerate(body_names(scene)[1:], start=1):
             entity = f"/robots/{name}/body/{part}"
             _, found = series(recorded, entity, "Transform3D:translation")
             np.testing.assert_allclose(found[:, 0], pos[:, k, body], atol=1e-6)
@@ -98,7 +98,7 @@ def test_poses_are_there(walk: Any, recording: Path, read_rrd: Any) -> None:
 def test_shapes_are_logged_once(walk: Any, recording: Path, read_rrd: Any) -> None:
     """Each shape is static below its body, with the model's size; a capsule's length excludes its caps."""
     recorded, scene = read_rrd(recording), walk.env.sim.scene
-    names = body_names(scene.model)
+    names = body_names(scene)
     size = {mjtGeom.mjGEOM_BOX: "Boxes3D:half_sizes", mjtGeom.mjGEOM_SPHERE: "Ellipsoids3D:half_sizes",
             mjtGeom.mjGEOM_CAPSULE: "Capsules3D:lengths", mjtGeom.mjGEOM_CYLINDER: "Cylinders3D:lengths"}  # fmt: skip
     for shape in robot_shapes(scene):
@@ -141,7 +141,7 @@ def test_foot_forces_are_arrows_at_the_feet(walk: Any, recording: Path, read_rrd
     _, vectors = series(recorded, "/robots/2_1A/foot_force", "Arrows3D:vectors")
     _, origins = series(recorded, "/robots/2_1A/foot_force", "Arrows3D:origins")
     np.testing.assert_allclose(vectors, FORCE_SCALE * walk.frames.foot_force[:, 2], atol=1e-6)
-    calf = [body_names(model).index(f"{leg}_calf") for leg in LEGS]
+    calf = [body_names(walk.env.sim.scene).index(f"{leg}_calf") for leg in LEGS]
     distance = np.linalg.norm(origins - pos[:, 2][:, calf], axis=-1)
     np.testing.assert_allclose(distance, 0.213, atol=1e-6)
     assert FORCE_SCALE == 0.0025

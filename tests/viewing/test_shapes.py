@@ -55,7 +55,7 @@ def test_shapes_stand_where_mujoco_has_them(walk: Any) -> None:
 def test_every_leg_shows_its_own_gate(walk: Any) -> None:
     """Of each leg the calf and the disc at the knee are gated by that leg's device; feet are not."""
     scene = walk.env.sim.scene
-    names = body_names(scene.model)
+    names = body_names(scene)
     shapes = robot_shapes(scene)
     for device, leg in enumerate(LEGS):
         gated = [shape for shape in shapes if shape.device == device]
@@ -66,7 +66,7 @@ def test_every_leg_shows_its_own_gate(walk: Any) -> None:
 
 def test_names_are_the_robots(walk: Any) -> None:
     """Bodies carry the names of ``robot.JOINTS``; shapes of a body have different names."""
-    names = body_names(walk.env.sim.scene.model)
+    names = body_names(walk.env.sim.scene)
     assert names == ("world", "trunk", *JOINTS)
     paths = [(shape.body, shape.name) for shape in robot_shapes(walk.env.sim.scene)]
     assert len(set(paths)) == len(paths)
@@ -77,7 +77,7 @@ def test_variants_differ_in_what_they_carry(robot: str, payload: int, discs: int
     """``go1`` shows no device, a payload of 3 kg shows as a box on the trunk."""
     scene = robot_scene(load_robot(robot=robot, payload=payload))
     shapes = robot_shapes(scene)
-    names = body_names(scene.model)
+    names = body_names(scene)
     assert sum(shape.name == "mr_device" for shape in shapes) == discs
     assert (
         sum(names[shape.body] == "payload" and shape.kind == mujoco.mjtGeom.mjGEOM_BOX for shape in shapes) == payloads

@@ -1,0 +1,63 @@
+"""Robots written for the tests: legs of a hip, a thigh and a shank on a box, in MJCF."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+
+LEG = """
+<body name="{name}_hip" pos="{x} {y} 0">
+  <inertial pos="0 0 0" mass="{hip}" diaginertia="0.002 0.002 0.002"/>
+  <joint name="{name}_roll" type="hinge" axis="1 0 0" range="-0.7 0.7" armature="0.01"/>
+  <body name="{name}_upper" pos="0 {out} 0">
+    <inertial pos="0 0 -0.1" mass="{thigh}" diaginertia="0.01 0.01 0.002"/>
+    <joint name="{name}_pitch" type="hinge" axis="0 1 0" range="-1.5 3" armature="0.01"/>
+    <geom type="capsule" fromto="0 0 -0.02 0 0 -0.2" size="0.02"/>
+    <body name="{name}_lower" pos="0.01 0 -0.25">
+      <inertial pos="0 0 -0.1" mass="{shank}" diaginertia="0.004 0.004 0.0004"/>
+      <joint name="{name}_knee" type="hinge" axis="0 1 0" range="-2.6 -0.4" armature="0.01"/>
+      {foot}
+    </body>
+  </body>
+</body>
+"""
+
+SPHERE = '<geom name="{name}_toe" type="sphere" size="0.025" pos="0.005 0 -0.24" friction="0.7"/>'
+BOX = '<geom name="{name}_toe" type="box" size="0.04 0.03 0.01" pos="0.005 0 -0.24" friction="0.7"/>'
+
+Robot = Callable[..., Path]
+
+
+@pytest.fixture(scope="session")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    """Writes a robot with any number of legs; returns its file."""
+
+    def write(
+        places: Sequence[tuple[float, float]] = ((-0.3, -0.1), (-0.3, 0.1), (0.3, -0.1), (0.3, 0.1)),
+        *,
+        foot: str = SPHERE,
+        limit: float | None = 30.0,
+        keyframe: Sequence[float] | None = None,
+        tail: str = "",
+        more: str = "",
+    ) -> Path:
+        names = [f"leg_{chr(97 + k)}" for k in range(len(places))]
+        masses = {"hip": 0.6, "thigh": 1.1, "shank": 0.4}
+        legs = "".join(
+            LEG.format(name=name, x=x, y=y, out=0.08 if y > 0 else -0.08, foot=foot.format(name=name), **masses)
+            for name, (x, y) in zip(names, places, strict=True)
+        )
+        joints = [f"{name}_{part}" for name in names for part in ("roll", "pitch", "knee")]
+        motors = "".join(f'<motor joint="{joint}" ctrlrange="-{limit} {limit}"/>' for joint in joints) if limit else ""
+        pose = " ".join(map(str, [0, 0, 0.4, 1, 0, 0, 0, *(keyframe or ())]))
+        key = f'<keyframe><key name="home" qpos="{pose}"/></keyframe>' if keyframe else ""
+        path = tmp_path_factory.mktemp("robot") / "beast.xml"
+        path.write_text(
+            '<mujoco model="beast"><compiler angle="radian"/><worldbody><body name="torso" pos="0 0 0.6">'
+            '<freejoint/><inertial pos="0 0 0" mass="8" diaginertia="0.1 0.3 0.3"/>'
+            f'<geom type="box" size="0.3 0.1 0.05"/>{legs}{tail}</body>{more}</worldbody>'
+            f"<actuator>{motors}</actuator>{key}</mujoco>"
+        )
+        return path
+
+    return write
