@@ -15,8 +15,8 @@ from mrwarp.env.asset_trial import convert
 from mrwarp.robots.foreign import Joint, Shape
 from mrwarp.robots.legs import Foot, UnderstoodRobot
 from mrwarp.usd.asset import RobotAsset, load_robot
-from mrwarp.usd.robot_layout import write_layout
 from mrwarp.usd.open_stage import AssetError
+from mrwarp.usd.robot_layout import write_layout
 
 NO_LIMIT = 720.0
 """Limit of a joint that turns freely [deg]."""

@@ -16,10 +16,10 @@ from pxr import Usd
 
 from mrwarp.model_file import HOLDING_NOTE, Effect, Model, ModelFileError, check_effects, load_model, silent_note
 from mrwarp.params import MrParams
-from mrwarp.usd.robot_layout import read_layout
 from mrwarp.usd.open_stage import ASSETS, SCHEMA, AssetError, open_stage
 from mrwarp.usd.record import PD, is_mr, plain, read_model, read_number, read_parameters
 from mrwarp.usd.robot import MR_GO, Layout
+from mrwarp.usd.robot_layout import read_layout
 
 ROBOT_SUFFIXES = (".usda", ".usdc", ".usd")
 """How a file of a robot of one's own ends."""

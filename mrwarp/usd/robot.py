@@ -1,8 +1,8 @@
 """What legged tasks know of a robot: its trunk, legs, joints in their order, neutral stance and gait.
 
-A :class:`Layout` says it of any robot; one stands in the USD file (:mod:`mrwarp.usd.robot_layout`). The constants are those
-of the shipped one, whose geometry, masses, limits and gains live in ``assets/usd/mr_go.usda``. Angle signs follow the
-public Go1 description (unitree_go1 of MuJoCo Menagerie).
+A :class:`Layout` says it of any robot; one stands in the USD file (:mod:`mrwarp.usd.robot_layout`). The constants are
+those of the shipped one, whose geometry, masses, limits and gains live in ``assets/usd/mr_go.usda``. Angle signs follow
+the public Go1 description (unitree_go1 of MuJoCo Menagerie).
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ def test_masses_inertias_limits_and_motors_arrive(beast: RobotAsset, robot) -> N
     own = mujoco.MjModel.from_xml_path(str(beast.path.with_suffix(".xml")))
     scene = robot_scene(beast)
     matrices = []
-    for model, joints in ((own, None), (scene.model, scene.joints)):
+    for model in (own, scene.model):
         names = [model.joint(i).name for i in range(model.njnt)]
         data = mujoco.MjData(model)
         order = [next(i for i, name in enumerate(names) if name.endswith(joint)) for joint in beast.layout.joints]
