@@ -120,8 +120,8 @@ class Diagnose(Options):
             source = {"source": unseen.source, "averaged": self.averaged}
             besides["predicted"] = {**source, "nrmse": errors, "mean": means}
             tables["predicted"] = printed.predicted_table(means)
-        if self.learn and (not d.causes or d.traces is None):
-            progress("no named cause: the learned model has as much left to do as before")
+        if self.learn and (d.traces is None or not (d.causes or (d.account is not None and d.account.open))):
+            progress("no named cause, and nothing that repeats without one: there is nothing to learn")
         elif self.learn and d.traces is not None:
             models = ([torque[part] for part in d.traces.parts] for torque in (d.traces.baseline, d.traces.extended))
             besides["learned"] = left_to_learn(d.recording, *models, progress=progress)

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from mrwarp.diagnose.data_checks import gaps
 from mrwarp.diagnose.formula import find_formula
-from mrwarp.diagnose.held_out import HeldOut, Predictor, reduction
+from mrwarp.diagnose.held_out import Account, HeldOut, Predictor, reduction
 from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, threshold
 from mrwarp.diagnose.proof import Doubt
 from mrwarp.diagnose.residual_structure import Line
@@ -73,6 +73,7 @@ class Findings:
     extended: Fit
     """The final model as it is reported."""
     held_out: HeldOut
+    account: Account | None = None
     line: Line | None
     sizes: Mapping[str, float | None]
     """Smallest size of each effect that would have shown, normalised units; None: no size would."""
@@ -89,7 +90,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
     traces = _traces(found)
     model = outer_model(problem, found.extended, recording, found.seed, selection.refined)
     causes = causes_of(selection, model)
-    unexplained = unexplained_of(selection, found.line)
+    unexplained = unexplained_of(selection, found.line) or _repeatable(found)
     if unexplained is not None:
         formula = find_formula(traces, unexplained, problem.units)
         unexplained = replace(unexplained, formula=formula)
@@ -127,7 +128,8 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
         gain=gain,
         next_experiment=found.next_experiment,
         tried=_tried(found, causes),
-        accounting=_accounting(selection, found.line, unexplained is not None),
+        account=found.account,
+        accounting=_accounting(found, unexplained is not None),
         per_trajectory=per_trajectory,
         per_regime=per_regime,
         notes=_notes(found, causes),
@@ -142,12 +144,28 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
     return replace(result, sentence=sentence_of(result))
 
 
-def _accounting(selection: Selection, line: Line | None, structure: bool) -> Accounting:
+def _accounting(found: Findings, structure: bool) -> Accounting:
     """Shares of the baseline's loss: what the named effects take, what structure could, and the rest."""
+    if found.account is not None:
+        named, repeatable = found.account.named.share, found.account.repeatable.share
+        return Accounting(named=named, predictable=repeatable, noise=found.account.not_repeatable.share)
+    selection, line = found.selection, found.line
     left = max([f.gain for f in selection.leftovers], default=0.0) + (line.gain if line else 0.0)
     named = max(0.0, selection.gain) / selection.base.total
     predictable = max(0.0, left) / selection.base.total if structure else 0.0
     return Accounting(named=named, predictable=predictable, noise=max(0.0, 1.0 - named - predictable))
+
+
+def _repeatable(found: Findings) -> Unexplained | None:
+    """What repeats without a name, where the account says that it is much."""
+    account = found.account
+    if account is None or not account.open:
+        return None
+    share = account.repeatable.share / max(account.named.share + account.repeatable.share, 1e-9)
+    best = found.selection.leftovers[0] if found.selection.leftovers else None
+    if best is not None and best.gain > 0.0:
+        return Unexplained(depends_on=best.group.variables, form=best.group.form, share=share)
+    return Unexplained(depends_on=("memory",), form="what repeats, but follows no single variable", share=share)
 
 
 def causes_of(selection: Selection, model: Model) -> tuple[Cause, ...]:

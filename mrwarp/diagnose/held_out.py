@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 
 from mrwarp.diagnose.problem import Fit, Problem
+from mrwarp.diagnose.residual_structure import groups_along
 from mrwarp.diagnose.search import Selection
+from mrwarp.identify.boosting import chosen_samples, foretold
 from mrwarp.identify.damper import prediction_errors, undo_moving_average
 from mrwarp.identify.dataset import Motion
 from mrwarp.identify.least_squares import ridge_solve
@@ -70,6 +72,125 @@ def _predicted(problem: Problem, fit: Fit) -> np.ndarray:
     for delta, part in zip(left, problem.motion.parts, strict=True):
         out[part] += delta @ fit.slopes[fit.free, part]
     return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class Share:
+    """A part of the baseline's squared mismatch, with its 95 % interval over trajectories [1]."""
+
+    share: float
+    ci95: tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Account:
+    """Where the baseline's squared mismatch on unseen trajectories goes; the three shares add up to 1."""
+
+    named: Share
+    """What the named effects take away."""
+    repeatable: Share
+    """What no named effect takes away, but a predictor without any law foretells on trajectories it never saw."""
+    not_repeatable: Share
+    """What such a predictor cannot foretell either."""
+    left: float
+    """What it leaves, as a share of the measured torque's standard deviation [1]."""
+    cycle_spread: float | None
+    """Spread of the torque from cycle to cycle where the motion comes again, as such a share; None: it does not."""
+    learnable: Share
+    """Part of the extended model's RMSE that the predictor takes away on trajectories it never saw."""
+
+    @property
+    def open(self) -> bool:
+        """Whether much of the mismatch repeats and has no name: more than a tenth, and not by chance."""
+        return self.repeatable.share > MUCH and self.repeatable.ci95[0] > 0.0
+
+
+MUCH = 0.1
+"""Share of the mismatch that may repeat without being reported."""
+
+
+def account_of(problem: Problem, held: HeldOut, extended: Fit, seed: int) -> Account:
+    """Divide the mismatch into what is named, what repeats all the same and what does not repeat.
+
+    What does not repeat is never "what is left": gradient boosting on other trajectories foretells what the extended
+    model leaves, and where that is much also beside smooth functions, and the torque itself; the best of these counts.
+    """
+    motion = problem.motion
+    at = chosen_samples(motion, problem.weight)
+    torque = motion.torque
+    before, after = torque - held.predicted_baseline, torque - held.predicted_extended
+    beside = [held.predicted_extended]
+    left = _left(after, foretold(motion, at, after, beside=beside, seed=seed), at)
+    if float(left @ left) < (1.0 - MUCH) * float(np.sum(after[at] ** 2)):
+        smooth = np.vstack([group.rows for group in groups_along(problem, extended) if not group.slow])
+        more = _left(after, foretold(motion, at, after, beside=beside, smooth=smooth, seed=seed), at)
+        direct = _left(torque, foretold(motion, at, torque, seed=seed), at)
+        left = min(left, more, direct, key=lambda x: float(x @ x))
+    run = np.searchsorted(motion.start, at, side="right") - 1
+    squares = np.stack([np.bincount(run, x**2, len(motion.dt)) for x in (before[at], after[at], left)])
+    rng = np.random.default_rng(seed)
+    pick = rng.integers(0, squares.shape[1], (2000, squares.shape[1]))
+    draws = np.moveaxis(squares[:, pick].sum(axis=2), 0, 1)  # (draws, 3)
+    shares, drawn = _shares(squares.sum(axis=1)[None])[0], _shares(draws)
+    low, high = np.percentile(drawn, (2.5, 97.5), axis=0)
+    named, repeatable, rest, learnable = (
+        Share(share=float(x), ci95=(float(min(a, x)), float(max(b, x))))
+        for x, a, b in zip(shares, low, high, strict=True)
+    )
+    spread = float(torque[at].std()) or 1.0
+    cycles = cycle_spread(motion)
+    return Account(
+        named=named,
+        repeatable=repeatable,
+        not_repeatable=rest,
+        left=float(np.sqrt(np.mean(left**2))) / spread,
+        cycle_spread=None if cycles is None else cycles / spread,
+        learnable=learnable,
+    )
+
+
+def _left(target: np.ndarray, predicted: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """What a prediction leaves of a target, shrunk by one factor: what foretells nothing adds no noise."""
+    size = float(predicted @ predicted)
+    factor = float(np.clip(predicted @ target[at] / size, 0.0, 1.0)) if size > 0.0 else 0.0
+    return target[at] - factor * predicted
+
+
+def _shares(squares: np.ndarray) -> np.ndarray:
+    """Named, repeatable and not repeatable share, and part of the RMSE that can be learned, shape (draws, 4)."""
+    before, after, left = squares.T
+    after, before = np.minimum(after, before), np.maximum(before, 1e-300)
+    left = np.minimum(left, after)
+    learnable = 1.0 - np.sqrt(left / np.maximum(after, 1e-300))
+    return np.stack([(before - after) / before, (after - left) / before, left / before, learnable], axis=1)
+
+
+def cycle_spread(motion: Motion) -> float | None:
+    """Standard deviation of the torque from cycle to cycle where the motion comes again; None where it never does.
+
+    Cycles begin where the angle passes its middle upwards. They count as the same motion where at least three follow
+    each other that differ by less than 1 % of the stroke.
+    """
+    total, count = 0.0, 0.0
+    for part in motion.parts:
+        q, torque, current = motion.q[part], motion.torque[part], motion.current[part]
+        middle = q - 0.5 * (q.max() + q.min())
+        begins = np.flatnonzero((middle[:-1] < 0.0) & (middle[1:] >= 0.0))
+        if len(begins) < 4:
+            continue
+        begins = begins + middle[begins] / (middle[begins] - middle[begins + 1])  # between samples
+        grid = begins[:-1, None] + np.diff(begins)[:, None] * np.linspace(0.0, 1.0, 200, endpoint=False)
+        cycles, forces, fields = (np.interp(grid, np.arange(len(q)), x) for x in (q, torque, current))
+        stroke = float(np.ptp(q)) or 1.0
+        typical = np.median(cycles, axis=0)
+        alike = np.sqrt(np.mean((cycles - typical) ** 2, axis=1)) < 0.01 * stroke
+        alike &= np.abs(fields - np.median(fields, axis=0)).max(axis=1) < 0.02
+        alike[0] = False  # the first cycle begins with an unknown stress
+        if alike.sum() >= 3:
+            same = forces[alike]
+            total += float(same.var(axis=0, ddof=1).sum()) * len(same)
+            count += same.size
+    return float(np.sqrt(total / count)) if count else None
 
 
 def reduction(held: HeldOut, seed: int, count: int = 2000) -> tuple[float, tuple[float, float]]:

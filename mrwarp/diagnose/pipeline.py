@@ -19,7 +19,7 @@ from mrwarp.diagnose.baseline import (
 from mrwarp.diagnose.calibration_shift import calibration_shifts
 from mrwarp.diagnose.data_checks import doubts, hindrances, without_verdict
 from mrwarp.diagnose.findings import Findings, diagnosis_of
-from mrwarp.diagnose.held_out import hold_out
+from mrwarp.diagnose.held_out import account_of, hold_out
 from mrwarp.diagnose.next_experiment import propose, smallest_sizes
 from mrwarp.diagnose.problem import Problem, refit, reported_fit
 from mrwarp.diagnose.proof import select_proven
@@ -97,6 +97,8 @@ def diagnose(
     if reasons:
         return without_verdict(recording, reasons, seed, time.perf_counter() - begun)
     shifts = calibration_shifts(selection.final, problem.motion, recording, model)
+    log("what repeats")
+    account = account_of(problem, held_out, extended, seed)
     log("smallest sizes that would have shown")
     sizes = smallest_sizes(problem, selection.final, candidates)
     log("next experiment")
@@ -109,6 +111,7 @@ def diagnose(
         baseline=baseline,
         extended=extended,
         held_out=held_out,
+        account=account,
         line=line,
         sizes=sizes,
         shifts=shifts,

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from mrwarp.diagnose.held_out import Predictor
+from mrwarp.diagnose.held_out import Account, Predictor
 from mrwarp.identify.dataset import parts_of, rms
 from mrwarp.model_file import Model
 from mrwarp.recording.load import Recording
@@ -132,11 +132,11 @@ class NextExperiment:
 
 @dataclass(frozen=True, kw_only=True)
 class Accounting:
-    """Where the baseline's mean squared mismatch goes; the three parts add up to 1."""
+    """Where the baseline's mean squared mismatch goes; the parts add up to 1: :class:`Account` without intervals."""
 
     named: float
     predictable: float
-    """Predictable by smooth functions of what was measured, but not by the named effects."""
+    """Repeatable, but not explained by the named effects."""
     noise: float
 
 
@@ -190,6 +190,8 @@ class Diagnosis:
     gain: Gain | None = None
     next_experiment: NextExperiment | None = None
     tried: tuple[Tried, ...] = ()
+    account: Account | None = None
+    """The same with intervals, and what says so."""
     accounting: Accounting = Accounting(named=0.0, predictable=0.0, noise=1.0)
     per_trajectory: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """RMSE of baseline and extension, of the same errors; so is that per regime."""
@@ -226,7 +228,7 @@ class Diagnosis:
             gain = asdict(self.gain) | {"per_regime": _before_after(self.gain.per_regime)}
         plain = ("verdict", "seconds", "sentence", "cannot_know", "invisible", "notes")
         rows = ("causes", "suspects", "parameter_shift", "tried")
-        parts = ("unexplained", "baseline", "next_experiment", "accounting")
+        parts = ("unexplained", "baseline", "next_experiment", "account", "accounting")
         return {
             **{name: getattr(self, name) for name in plain},
             **{name: asdict(part) if (part := getattr(self, name)) else None for name in parts},

@@ -171,6 +171,12 @@ def sentence_of(d: Diagnosis) -> str:
         if d.unexplained.depends_on[0] == "frequency":
             what = d.unexplained.form
         parts.append(f"{beside}there is {what} that no effect of the catalogue explains")
+    if d.account is not None and d.account.open:
+        repeats, gains = d.account.repeatable.share, d.account.learnable.share
+        parts.append(
+            f"{percent(repeats, 0)} of the squared mismatch comes again in every run and has no name: a learned torque "
+            f"(--learn) could take up to {percent(gains, 0)} off the error on unseen trajectories"
+        )
     if not parts:
         parts.append("nothing is missing that these data could show")
     for s in d.parameter_shift:

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.held_out import HeldOut, hold_out, reduction
+from mrwarp.diagnose.held_out import HeldOut, account_of, cycle_spread, hold_out, reduction
 from mrwarp.diagnose.problem import Problem, reported_fit
 from mrwarp.diagnose.search import Selection
 from tests.diagnose import known
@@ -125,3 +125,42 @@ def test_reduction_is_that_of_the_rmse() -> None:
         baseline=baseline[:5], extended=mixed.extended[:5], predicted_baseline=none, predicted_extended=none, agreed=1.0
     )  # fmt: skip
     assert np.diff(reduction(few, seed=5)[1]) > high - low
+
+
+def accounted(plus: str | None):
+    """Account of a baseline that lacks nothing, or a torque along angle and velocity; and the noise's true share."""
+    at = known.motion(8, runs=6, seconds=2.0)
+    added = {"law": 0.3 * np.sin(3.0 * at.q) * at.qd}.get(plus or "", np.zeros(len(at.q)))
+    problem = known.problem(at=at, plus=added)
+    selection = searched(problem, None)
+    found = held(problem, selection)
+    return account_of(problem, found, reported_fit(problem, selection.final), seed=0), known.SIGMA**2 * len(
+        at.q
+    ) / float(found.baseline.sum())
+
+
+def test_account_calls_noise_what_does_not_repeat() -> None:
+    """Pure noise is not repeatable, whatever a flexible predictor makes of it, and nothing is left open."""
+    account, _ = accounted(None)
+    assert account.not_repeatable.share > 0.95 and not account.open
+
+
+def test_account_divides_the_mismatch() -> None:
+    """The three shares add up to 1; what repeats without a name is told from the noise that was put in."""
+    account, truth = accounted("law")
+    assert account.named.share + account.repeatable.share + account.not_repeatable.share == pytest.approx(1.0)
+    assert account.open and account.named.share == 0.0
+    assert 0.8 * truth < account.not_repeatable.share < 0.1
+    for part in (account.named, account.repeatable, account.not_repeatable, account.learnable):
+        assert part.ci95[0] <= part.share <= part.ci95[1]
+
+
+def test_cycle_spread_is_that_of_the_noise() -> None:
+    """Where the same cycle comes again the torque's spread is its noise; where it never does there is none."""
+    at = known.motion(8, runs=2, seconds=10.0, current=0.5)
+    assert cycle_spread(at) is None
+    t = at.time - at.time[at.start[:-1]].repeat(np.diff(at.start))
+    rng = np.random.default_rng(0)
+    q = np.sin(2 * np.pi * t - 0.5)
+    same = dataclasses.replace(at, q=q, torque=np.sign(np.cos(2 * np.pi * t)) + 0.05 * rng.normal(size=len(t)))
+    assert cycle_spread(same) == pytest.approx(0.05, rel=0.4)

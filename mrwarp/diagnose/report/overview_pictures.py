@@ -56,15 +56,20 @@ def accounting_picture(d: Diagnosis) -> Figure:
     a = d.accounting
     parts = [
         (a.named, f"{capital(both(title(c.name) for c in d.causes)) or 'Named cause'}", AFTER, "white"),
-        (a.predictable, "Predictable, cause unknown", OTHER, "black"),
-        (a.noise, "Noise", "#bdbdbd", "black"),
+        (a.predictable, "Repeatable, cause unknown", OTHER, "black"),
+        (a.noise, "Not repeatable", "#bdbdbd", "black"),
     ]
+    full = d.account
+    shares = (None,) * 3 if full is None else (full.named, full.repeatable, full.not_repeatable)
     figure = Figure(figsize=(WIDTH, 2.7), layout="constrained")
     ax = figure.subplots()
     begin = 0.0
-    for share, label, color, ink in parts:
+    for (share, label, color, ink), interval in zip(parts, shares, strict=True):
         width = 100.0 * max(share, 0.0)
-        ax.barh(0, width, left=begin, color=color, edgecolor="white", label=f"{short(label, 48)}: {percent(share, 0)}")
+        label = f"{short(label, 48)}: {percent(share, 0)}"
+        if interval is not None:
+            label += f" ({100.0 * interval.ci95[0]:.0f} to {percent(interval.ci95[1], 0)})"
+        ax.barh(0, width, left=begin, color=color, edgecolor="white", label=label)
         if width > 7.0:
             ax.text(begin + 0.5 * width, 0, f"{width:.0f} %", ha="center", va="center", color=ink, weight="bold")
         begin += width
