@@ -156,9 +156,9 @@ class State:
     t: np.ndarray
     """Time from the start of the trajectory [s], shape (M,)."""
     q: np.ndarray
-    """Displacement of the device [rad], behind backlash."""
+    """Displacement [rad]."""
     qd: np.ndarray
-    """Its velocity [rad/s]."""
+    """Velocity of the device [rad/s], 0 in a gap."""
     qdd: np.ndarray
     """Acceleration of the drive [rad/s^2]."""
     current: np.ndarray

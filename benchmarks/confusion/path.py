@@ -1,12 +1,14 @@
-"""Rate-independent memory over a prescribed path: turning points, play operators and the hysteresis of eq. 15.
+"""Rate-independent memory over a prescribed path: turning points, a gap and the hysteresis of eq. 15.
 
-Between two turning points the path is monotonic, and both operators have a closed form along it. So the memory is
-carried from turning point to turning point, without a time step, and every sample in between is exact. Arrays are
+Between two turning points the path is monotonic, and the hysteresis has a closed form along it. So the memory is
+carried from turning point to turning point, without a time step, and every sample in between is exact. A gap is stepped
+through the fine grid. Arrays are
 (T, N): trajectories by samples.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,23 +88,52 @@ def _loaded(u: np.ndarray, way: np.ndarray, beta: float, gamma: float) -> np.nda
     return np.where(way < to_zero, below, above)
 
 
-def play(x: np.ndarray, turns: Turns, half_gap: float, samples: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What a path drives through play; it begins in the middle of the gap.
+@dataclass(frozen=True, kw_only=True)
+class Driven:
+    """A device behind a gap at N samples of T trajectories, all (T, N)."""
+
+    z: np.ndarray
+    """z of eq. 15."""
+    contact: np.ndarray
+    """Side of the gap that is closed: 1, -1, or 0 in the gap."""
+
+
+def behind_gap(x: np.ndarray, half_gap: float, stiffness: np.ndarray, p: Mapping[str, float], dt: float) -> Driven:
+    """What a path drives through a gap with stops that can only push; it begins in the middle of the gap.
+
+    A force balance at each sample: the shaft follows the stop that it touches as long as that has to push; a free one
+    obeys ``B*dy/dt = -K*z/(1 + alpha*|dy/dt|)``; where it would then stand beyond a stop, the stop takes it along.
 
     Args:
         x: Driving path, shape (T, N).
-        turns: Its stretches.
         half_gap: Half of the gap.
-        samples: Samples that are asked for.
-
-    Returns:
-        The driven position at the samples, shape (T, M), whether it is being driven there, shape (T, M), and its
-        position at the beginning of each stretch, shape (T, S).
+        stiffness: K0 + K1*I, shape (T, N).
+        p: Coefficients of eqs. 14 and 15.
+        dt: Sampling interval [s].
     """
-    turning = np.take_along_axis(x, turns.at, axis=1)
-    held = turning.copy()
-    for k in range(1, held.shape[1]):
-        held[:, k] = np.clip(held[:, k - 1], turning[:, k] - half_gap, turning[:, k] + half_gap)
-    before = np.take_along_axis(held, turns.stretch[:, samples], axis=1)
-    driven = np.clip(before, x[:, samples] - half_gap, x[:, samples] + half_gap)
-    return driven, driven != before, held
+    beta, gamma = p["beta"], p["gamma"]
+    y, z, side = x[:, 0].copy(), np.zeros(len(x)), np.zeros(len(x))
+    all_z, contact = np.zeros_like(x), np.zeros_like(x)
+
+    def moved(z: np.ndarray, dy: np.ndarray) -> np.ndarray:
+        sign = np.where(dy < 0.0, -1.0, 1.0)
+        return sign * _loaded(sign * z, np.abs(dy), beta, gamma)
+
+    for k in range(1, x.shape[1]):
+        k_now = np.maximum(stiffness[:, k], 1e-9)
+        along = np.where(side != 0.0, x[:, k] - side * half_gap - y, 0.0)
+        z_along = moved(z, along)
+        weakened = k_now / (1.0 + p["alpha"] * np.abs(along) / dt)
+        pushes = (side != 0.0) & (side * (weakened * z_along + p["B"] * along / dt) >= 0.0)
+        slope, fast, free = 1.0 + (beta - gamma) * np.abs(z), 0.0, 0.0
+        for _ in range(3):  # implicit; the stress weakens with speed
+            free = -k_now * z * dt / (p["B"] * (1.0 + p["alpha"] * fast) + k_now * dt * slope)
+            fast = np.abs(free) / dt
+        dy = np.where(pushes, along, free)
+        apart = x[:, k] - y - dy
+        dy = np.where(np.abs(apart) > half_gap, x[:, k] - np.sign(apart) * half_gap - y, dy)
+        z = np.where(pushes & (dy == along), z_along, moved(z, dy))
+        side = np.where(pushes, side, np.where(np.abs(apart) > half_gap, np.sign(apart), 0.0))
+        y = y + dy
+        all_z[:, k], contact[:, k] = z, side
+    return Driven(z=all_z, contact=contact)

@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 from benchmarks.confusion import effects as law
 from benchmarks.confusion.effects import Effect, State
 from benchmarks.confusion.motion import Motion
-from benchmarks.confusion.path import Path, Turns, play
+from benchmarks.confusion.path import Path, Turns, behind_gap
 from mrwarp.params import MrParams
 
 BASE = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
@@ -105,13 +105,18 @@ def simulate(device: Device, motion: Motion) -> Signals:
 def _torque(device: Device, motion: Motion, samples: slice) -> np.ndarray:
     """Torque of the device [N·m], before the sensor, shape (T, M)."""
     p, hidden = device.base, device.effects
-    state, path = _state(device, motion, samples)
-    z = path.hysteresis(p["beta"], p["gamma"])
-
-    strength = state.current
-    if "current_saturation" in hidden:
-        strength = strength / np.sqrt(1.0 + (hidden["current_saturation"].strength * strength) ** 2)
-    hysteretic = (p["K0"] + p["K1"] * strength) / (1.0 + p["alpha"] * np.abs(state.qd)) * z
+    gap = "backlash" in hidden
+    state, path = _state(device, motion, slice(None) if gap else samples)
+    stiffness = p["K0"] + p["K1"] * _strength(device, state)
+    if gap:
+        driven = behind_gap(motion.q, hidden["backlash"].strength, stiffness, p, motion.dt)
+        z, stiffness, touched = driven.z[:, samples], stiffness[:, samples], driven.contact[:, samples] != 0.0
+        state, _ = _state(device, motion, samples)
+        z = np.where(touched, z, 0.0)
+        state = replace(state, qd=np.where(touched, state.qd, 0.0), qdd=np.where(touched, state.qdd, 0.0))
+    else:
+        z = path.hysteresis(p["beta"], p["gamma"])
+    hysteretic = stiffness / (1.0 + p["alpha"] * np.abs(state.qd)) * z
     if "speed_weakening" in hidden:
         hysteretic *= law.speed_weakening(hidden["speed_weakening"], state, p["alpha"])
     for name, factor in law.FACTORS.items():
@@ -130,6 +135,14 @@ def _torque(device: Device, motion: Motion, samples: slice) -> np.ndarray:
     return torque
 
 
+def _strength(device: Device, state: State) -> np.ndarray:
+    """Current that magnetises, behind a core that saturates."""
+    if "current_saturation" not in device.effects:
+        return state.current
+    u = device.effects["current_saturation"].strength
+    return state.current / np.sqrt(1.0 + (u * state.current) ** 2)
+
+
 def _state(device: Device, motion: Motion, samples: slice) -> tuple[State, Path]:
     """The device's state along the motion and the path of its hysteresis."""
     hidden, command = device.effects, motion.command
@@ -145,11 +158,6 @@ def _state(device: Device, motion: Motion, samples: slice) -> tuple[State, Path]
 
     q, qd = motion.q[:, samples], motion.qd[:, samples]
     path = motion.path if samples == motion.logged else Path.of(motion.q, motion.turns, samples)
-    if "backlash" in hidden:
-        q, driven, held = play(motion.q, motion.turns, hidden["backlash"].strength, samples)
-        qd = np.where(driven, qd, 0.0)
-        way = np.abs(q - np.take_along_axis(held, path.stretch, axis=1))
-        path = Path(turning=held, sign=path.sign, stretch=path.stretch, travelled=way)
     state = State(t=motion.t[samples], q=q, qd=qd, qdd=motion.qdd[:, samples], current=command.at(motion.t[samples]))
     if "temperature_drift" in hidden:
         state = replace(state, warmth=_on(samples, _warmth(device, motion), motion))

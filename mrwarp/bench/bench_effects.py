@@ -80,7 +80,7 @@ _ROWS: tuple[tuple[Any, ...], ...] = (
     ("stribeck", "N·m", 0.0, 0.0, 50.0, "F*s(qd)/(1 + (qd/0.4)^2)", "not named by the paper"),
     ("cogging", "N·m", 0.0, 0.0, 10.0, "F*(sin 24q + 0.2 sin 48q)", "no magnets in a brake"),
     ("rotor_inertia", "kg·m²", 0.0, 0.0, 10.0, "J*qdd", "the torque sensor sits on the stand's side"),
-    ("backlash", "rad", 0.015, 0.0, 0.2, "play of half-gap b between encoder and device", f"{_LOCAL}; {_FIG4}"),
+    ("backlash", "rad", 0.015, 0.0, 0.2, "dead zone of half-gap b, no torque in it", f"{_LOCAL}; {_FIG4}"),
     ("temperature_drift", "1/K", 0.005, 0.0, 0.1, "K*exp(-c*dT), B*exp(-2c*dT)", "5.2: yield and viscosity fall"),
     ("wear", "1", 0.0, 0.0, 0.95, "K*(1 - d*share of the session)", "an hour on the bench wears nothing"),
     # --- the sensors ---
@@ -193,10 +193,8 @@ def simulate(
     count = drive.q.shape[1]
     run = _Run(rng, count, len(drive.command))
 
-    # the shaft, behind the coupling's play
-    q = _play(drive.q, e["backlash"]) if e.acts("backlash") else drive.q
+    q = drive.q
     qd = np.gradient(q, dt, axis=0)
-    direction = np.tanh(qd / 0.02)
     log(0.1)
 
     # from the command to the field; two lags in series do not care for their order
@@ -210,8 +208,13 @@ def simulate(
     field = field / np.sqrt(1.0 + (e["current_saturation"] * field) ** 2)
     log(0.3)
 
-    # the hysteretic part
-    z = _bouc_wen_over_path(q, p.beta, p.gamma)
+    # the hysteretic part, behind the coupling's gap: where that is open, the device stands and bears nothing
+    if e.acts("backlash"):
+        z, touched = _behind_gap(q, e["backlash"], p.K0 + p.K1 * field, params, dt)
+        qd = np.where(touched, qd, 0.0)
+    else:
+        z = _bouc_wen_over_path(q, p.beta, p.gamma)
+    direction = np.tanh(qd / 0.02)
     log(0.7)
     speed = np.abs(qd)
     q_c = q - (p.q_offset + p.q_center)
@@ -358,19 +361,52 @@ def _bouc_wen_over_path(q: np.ndarray, beta: float, gamma: float) -> np.ndarray:
     if falling <= 0.0:
         raise ValueError(f"the bench's closed form needs beta > gamma, got {beta:g} and {gamma:g} 1/rad")
     dq = np.diff(q, axis=0)
-    path, sign = np.abs(dq), np.sign(dq)
-    end = 1.0 / rising
     out = np.empty_like(q)
     out[0] = 0.0
     for k in range(len(dq)):
-        u, s = sign[k] * out[k], path[k]
-        below = np.minimum(u, 0.0)
-        to_zero = np.log1p(-falling * below) / falling
-        first = np.minimum(s, to_zero)
-        u = u + np.where(below < 0.0, (1.0 - falling * u) * -np.expm1(-falling * first) / falling, 0.0)
-        u = u - (u - end) * -np.expm1(-rising * (s - first))
-        out[k + 1] = np.where(s > 0.0, sign[k] * u, out[k])
+        out[k + 1] = _stressed(out[k], dq[k], rising, falling)
     return out
+
+
+def _stressed(z: np.ndarray, way: np.ndarray, rising: float, falling: float) -> np.ndarray:
+    """z after a way in one direction."""
+    s, sign = np.abs(way), np.sign(way)
+    u = sign * z
+    below = np.minimum(u, 0.0)
+    to_zero = np.log1p(-falling * below) / falling
+    first = np.minimum(s, to_zero)
+    u = u + np.where(below < 0.0, (1.0 - falling * u) * -np.expm1(-falling * first) / falling, 0.0)
+    u = u - (u - 1.0 / rising) * -np.expm1(-rising * (s - first))
+    return np.where(s > 0.0, sign * u, z)
+
+
+def _behind_gap(
+    q: np.ndarray, half_gap: float, stiffness: np.ndarray, params: MrParams, dt: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """z of eq. 15 behind a gap, 0 while that is open, and whether it is closed; it begins open, in its middle.
+
+    A stop can only push. A shaft that no stop holds moves as its own stress drives it against B, to zero stress.
+    """
+    p = params.bouc_wen
+    shaft, z, side = q[0].copy(), np.zeros(q.shape[1]), np.zeros(q.shape[1])
+    out, touched = np.zeros_like(q), np.zeros(q.shape, dtype=bool)
+
+    def along(z: np.ndarray, way: np.ndarray) -> np.ndarray:
+        return _stressed(z, way, p.beta + p.gamma, p.beta - p.gamma)
+
+    for k in range(1, len(q)):
+        followed = q[k] - side * half_gap - shaft
+        torque = stiffness[k] * along(z, followed) / (1.0 + p.alpha * np.abs(followed) / dt) + p.B * followed / dt
+        held = (side != 0.0) & (side * torque >= 0.0)
+        slope = 1.0 + (p.beta - p.gamma) * np.abs(z)
+        way = np.where(held, followed, -stiffness[k] * z * dt / (p.B + stiffness[k] * slope * dt + 1e-12))
+        apart = q[k] - shaft - way
+        side = np.where(held, side, np.where(np.abs(apart) >= half_gap, np.sign(apart), 0.0))
+        way = np.where(side != 0.0, q[k] - side * half_gap - shaft, way)
+        z, shaft = along(z, way), shaft + way
+        touched[k] = side != 0.0
+        out[k] = np.where(touched[k], z, 0.0)
+    return out, touched
 
 
 def _temperature(power: np.ndarray, current: np.ndarray, warmth: np.ndarray, params: MrParams, dt: float) -> np.ndarray:

@@ -6,9 +6,9 @@ the whole step's (``qd_before = qd``, no acceleration) and the shaft's path is t
 or exact step that it takes without effects, with the shaft's velocity. So with every effect at null each number is that
 of the plain laws, bit for bit.
 
-Backlash: the joint's path takes up the play before it turns the device's shaft, and only the shaft's path drives z. In
-the gap the shaft stands: the sliding torque, and so the brake's bound, is that of the standing shaft. The joint is not
-free in the gap, for a brake that acts as a constraint on the joint knows no shaft of its own.
+Backlash: only the shaft's path drives z, and in the gap the device bears nothing: the sliding torque, and so the bound
+of the brake while damping, is what acts before the gap (D, C*q_c, I1*I). A joint that is *held* is held in the gap too,
+for a brake that acts as a constraint on the joint knows no shaft of its own.
 """
 
 import warp as wp
@@ -92,9 +92,9 @@ def joint_path(
     s.q = q
     s.qd = qd
     s.qd_before = qd
-    s = motion_path(s, values, row, memory, line)
+    s = motion_path(p, s, z, values, row, memory, line)
     speed = float(qd)
-    if s.path_2 != dt * qd:  # play has shortened the path of the shaft
+    if s.path_2 != dt * qd:  # a gap has shortened the path of the shaft
         speed = s.path_2 / dt
     law = law_in_force(values, row)
     if law > 0:

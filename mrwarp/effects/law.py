@@ -53,7 +53,19 @@ class Path:
     path_2: wp.float32
     """Signed path length after it [rad]."""
     z: wp.float32
-    """Hysteresis state [rad]."""
+    """Hysteresis state [rad]; in the stage ``shaft`` that before the step."""
+    stiffness: wp.float32
+    """Torque of the hysteresis over z [N·m/rad], known from the stage ``shaft`` on."""
+    viscosity: wp.float32
+    """B of eq. 14 [N·m·s/rad]."""
+    alpha: wp.float32
+    """Of eq. 14 [s/rad]."""
+    beta: wp.float32
+    """Of eq. 15 [1/rad]."""
+    gamma: wp.float32
+    """Of eq. 15 [1/rad]."""
+    engaged: wp.float32
+    """1 where the joint drives the device's shaft, 0 where it moves in a gap and the device takes no part."""
     yield_gain: wp.float32
     """Factor of the hysteretic torque."""
     viscous_gain: wp.float32

@@ -37,8 +37,17 @@ def current_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2
 
 
 @wp.func
-def motion_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int) -> Path:
+def motion_path(
+    p: JointParams, s: Path, z: float, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int
+) -> Path:
     """From the measured motion to that of the device's shaft, with its path on both sides of a reversal."""
+    s.z = z
+    s.stiffness = p.K0 + p.K1 * s.field
+    s.viscosity = p.B
+    s.alpha = p.alpha
+    s.beta = p.beta
+    s.gamma = p.gamma
+    s.engaged = 1.0
     wp.static(SOURCES)
     for i in range(wp.static(len(_MOTION))):
         s = wp.static(_MOTION[i].law)(
@@ -141,4 +150,6 @@ def path_torque(p: JointParams, s: Path) -> float:
     if s.weakening != 1.0:
         weakening = wp.pow(weakening, s.weakening)
     loop = s.yield_gain * (p.K0 + p.K1 * s.field) / weakening * s.z
+    if s.engaged < 1.0:
+        loop = s.engaged * loop
     return p.D + s.viscous_gain * p.B * s.qd + p.C * displacement(p, s.q) + p.I1 * s.current + loop + s.torque

@@ -183,7 +183,7 @@ def make_replay_kernel(effects: bool) -> Any:
                 s.qd_before = qd_in[before]
                 s.qdd = qdd_in[k]
                 s.qdd_before = qdd_in[before]
-                s = motion_path(s, values, row, memory_out, line)
+                s = motion_path(p, s, z, values, row, memory_out, line)
                 if law > 0:
                     z = law_hysteresis(law, p, s, z, values, row, memory_out, line)
                 else:
@@ -220,6 +220,7 @@ def make_replay_kernel(effects: bool) -> Any:
                     else:
                         z = creeping_hysteresis(p, softening, creep, speed, s.current, z, dt / float(parts))
                 s.z = z
+                s.engaged = 1.0
                 s.yield_gain = 1.0
                 s.viscous_gain = 1.0
                 s.weakening = 1.0

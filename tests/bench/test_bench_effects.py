@@ -224,15 +224,18 @@ def test_encoder_offset_and_steps_change_the_logged_angle_only():
 
 
 def test_backlash_lets_the_encoder_move_alone_at_a_reversal():
-    """The device trails by the half-gap and rests after a reversal until the gap is crossed."""
-    only_c = P.replace(B=0.0, D=0.0, I1=0.0, K0=0.0, K1=0.0, C=1.0, q_offset=0.0, q_center=0.0)
-    log = run({"backlash": 0.02}, only_c)
-    behind = log.q[:, 0] - log.torque[:, 0]
-    top = np.abs(behind).max()
-    assert top == pytest.approx(0.02, abs=1e-12)
-    rising, falling = (T > 0.2) & (T < 0.35), (T > 0.6) & (T < 0.75)
-    assert np.abs(behind[rising] - 0.02).max() < 1e-12
-    assert np.abs(behind[falling] + 0.02).max() < 1e-12
+    """The loop of the hysteresis alone, with steep flanks: zero along the gap's whole width after each reversal."""
+    steep = P.replace(B=0.0, D=0.0, I1=0.0, C=0.0, alpha=0.0, beta=400.0, gamma=0.0)
+    gap = 0.02
+    log = run({"backlash": gap}, steep)
+    q, torque = log.q[:, 0], log.torque[:, 0]
+    last = T > T[-1] - 0.8  # a whole period
+    full = np.abs(torque[last]).max()
+    open_ = last & (np.abs(torque) < 0.01 * full)
+    for rising in (True, False):
+        side = open_ & ((np.gradient(q) > 0.0) == rising)
+        assert np.ptp(q[side]) == pytest.approx(2.0 * gap, abs=np.abs(np.diff(q)).max() + 2.0 / 400.0)
+    assert np.abs(torque[last & ~open_]).min() > 0.0 and full == pytest.approx((P.bouc_wen.K0 + P.bouc_wen.K1) / 400.0)
 
 
 def test_breakaway_resists_at_rest_and_vanishes_with_speed():
