@@ -202,7 +202,7 @@ def test_backlash_is_what_a_shaft_between_stops_does(viscosity: float) -> None:
 
 
 def test_backlash_wider_than_the_motion_bears_nothing() -> None:
-    """A gap wider than the motion bears nothing once the joint has turned from its farthest angle; what acts before the gap stays."""
+    """Once the joint has turned from its farthest angle a wide gap bears nothing; what acts before it stays."""
     shaft, effects = Shaft.swinging(), {"backlash": {"half_gap": 2.0}}
     found = torque(shaft, {"D": 0.2, "K0": 1.0, "beta": 2e3}, effects)
     np.testing.assert_allclose(found[np.argmax(shaft.q) + 2 :], 0.2, rtol=0, atol=EPS)
