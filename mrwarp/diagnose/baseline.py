@@ -19,9 +19,10 @@ from mrwarp.diagnose.problem import (
     normalised,
     refit,
     threshold,
+    unit_loop,
 )
 from mrwarp.diagnose.residual_structure import groups_along
-from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.effects.catalogue import KNOWN
 from mrwarp.effects.law import EffectParameter
 from mrwarp.identify.dataset import Motion, Scales, rms
 from mrwarp.identify.fit import BoucWenStructure
@@ -71,7 +72,8 @@ def fit_baseline(
     points = search_starts(structure, Replay(motion), limit=_STARTS_ON, seed=seed)[:2]
     bases = [np.array([*point.linear, *point.theta]) for point in points]
     if model is not None:
-        bases.append(base_vector(normalised(model.values, scales), motion.ranges.qd))
+        values = normalised(model.values, scales)
+        bases.append(base_vector(unit_loop(values) if model.law else values, motion.ranges.qd))
     # the search sees few samples: now and then it ends in a corner
     bases += [np.array([*bases[0][LINEAR_PART], *shape]) for shape in _SHAPES]
     log("noise")
@@ -97,7 +99,12 @@ def fit_baseline(
     problem, plain = hold_rests(problem, recording, plain, rate)
     if problem is not at_first:
         log("the joint rests now and then")
-    fit = plain
+    return judged(problem, plain, log)
+
+
+def judged(problem: Problem, plain: Fit, log: Progress) -> tuple[Problem, Fit]:
+    """The problem with the noise that a model leaves found by least squares, and that model fitted to it."""
+    motion, fit = problem.motion, plain
     for _ in range(2):
         problem, fit = with_learned_noise(problem, fit)
     if rms(motion.torque - fit.torque) > _SPOILT * rms(motion.torque - plain.torque):
@@ -148,7 +155,7 @@ def nominal_zero(recording: Recording, model: Model | None) -> float:
 
 def known_effects(model: Model | None) -> list[str]:
     """Effects of a known model that belong to the baseline."""
-    return [e.name for e in model.effects if e.name in CATALOGUE] if model else []
+    return [e.name for e in model.effects if e.name in KNOWN] if model else []
 
 
 def _known_numbers(model: Model | None, scales: Scales) -> dict[tuple[str, EffectParameter], float]:
@@ -156,10 +163,16 @@ def _known_numbers(model: Model | None, scales: Scales) -> dict[tuple[str, Effec
     return {
         (effect.name, p): effect.parameters[p.name].value / factor_of(p, scales)
         for effect in (model.effects if model else ())
-        if effect.name in CATALOGUE
-        for p in CATALOGUE[effect.name].parameters
+        if effect.name in KNOWN
+        for p in KNOWN[effect.name].parameters
         if p.name in effect.parameters
     }
+
+
+def plain_problem(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
+    """The problem before its noise was learned, and the model fitted to that."""
+    problem = replace(problem, noise=_white(float(problem.motion.torque.std()) or 1.0), misfit=False)
+    return problem, refit(problem, fit, tolerance=1e-4)
 
 
 def _white(level: float) -> Noise:

@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from mrwarp.diagnose.data_checks import gaps
 from mrwarp.diagnose.formula import find_formula
 from mrwarp.diagnose.held_out import Account, HeldOut, Predictor, reduction
+from mrwarp.diagnose.law_choice import LawChoice
 from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, threshold
 from mrwarp.diagnose.proof import Doubt
 from mrwarp.diagnose.residual_structure import Line
@@ -34,6 +35,7 @@ from mrwarp.diagnose.result import (
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import sentence_of
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
+from mrwarp.identify.contradictions import quantity
 from mrwarp.identify.dataset import Motion, rms
 from mrwarp.identify.parameters import LINEAR, SHAPE, Slot, factor_of, slots_of
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, effect_unit, parameter_unit
@@ -73,6 +75,8 @@ class Findings:
     extended: Fit
     """The final model as it is reported."""
     held_out: HeldOut
+    law: LawChoice | None
+    """Which law the baseline follows; None: none was compared."""
     account: Account | None = None
     line: Line | None
     sizes: Mapping[str, float | None]
@@ -116,6 +120,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
     result = Diagnosis(
         verdict=verdict,
         sentence="",
+        law=found.law,
         causes=causes,
         suspects=suspects_of(found),
         parameter_shift=found.shifts,
@@ -284,6 +289,14 @@ def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
     if found.held_out.agreed < 1.0 and causes:
         others = 100 * (1 - found.held_out.agreed)
         notes.append(f"without one of the trajectories nothing would have been named in {others:.0f} % of cases")
+    if found.law is not None and found.law.offsets:
+        moved, unit = found.law.moved, found.problem.units["torque"]
+        zeros = [found.law.offsets[name] for name in moved] or list(found.law.offsets.values())
+        names = ", ".join(moved[:5]) + (f" and {len(moved) - 5} more" if moved[5:] else "")
+        notes.append(
+            f"the zero of the {quantity(unit)} sensor moved: {len(moved)} of {len(runs)} runs lie "
+            f"{min(zeros):+.3g} to {max(zeros):+.3g} {unit} off the others ({names}); each run counts with its own zero"
+        )
     notes += found.notes
     if len(motion.q) < found.recording.samples:
         notes.append(
@@ -352,6 +365,8 @@ def outer_model(
     parameters = {}
     for i, name in enumerate((*LINEAR, *SHAPE)):
         ci95, factor = interval(fit, i, spread), scales.factor(name)
+        if fit.parameters.law and name in ("K0", "K1", "beta"):  # of a unit loop: beta = 1 outside as inside
+            factor *= scales.q
         known = (ci95[0] * factor, ci95[1] * factor) if name in LINEAR and ci95[0] <= fit.x[i] <= ci95[1] else None
         parameters[name] = Parameter(value=float(row[i]) * factor, unit=parameter_unit(name, units), ci95=known)
     for name, value in (("q_offset", problem.q_zero * scales.q), ("q_center", 0.0)):

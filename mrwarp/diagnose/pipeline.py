@@ -12,19 +12,21 @@ from mrwarp.diagnose.baseline import (
     begin_under_way,
     decimate,
     fit_baseline,
-    known_effects,
+    judged,
     learn_noise,
+    plain_problem,
     with_learned_noise,
 )
 from mrwarp.diagnose.calibration_shift import calibration_shifts
 from mrwarp.diagnose.data_checks import doubts, hindrances, without_verdict
 from mrwarp.diagnose.findings import Findings, diagnosis_of
 from mrwarp.diagnose.held_out import account_of, hold_out
+from mrwarp.diagnose.law_choice import choose_law, structured
 from mrwarp.diagnose.next_experiment import propose, smallest_sizes
-from mrwarp.diagnose.problem import Problem, refit, reported_fit
+from mrwarp.diagnose.problem import Fit, Problem, refit, reported_fit
 from mrwarp.diagnose.proof import select_proven
 from mrwarp.diagnose.residual_structure import find_line, without_line
-from mrwarp.diagnose.result import Diagnosis
+from mrwarp.diagnose.result import Diagnosis, Shift
 from mrwarp.diagnose.search import best_single, screen_candidates
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.fit import fit_holding
@@ -62,9 +64,18 @@ def diagnose(
         return without_verdict(recording, reasons, seed, time.perf_counter() - begun)
     recording, decimated = decimate(recording)
     first, base = fit_baseline(recording, model=model, threads=threads, seed=seed, log=log)
-    candidates = _candidates(first, model)
+    candidates = _candidates(first, base)
     log(f"{len(candidates)} effects as candidates")
     screened = screen_candidates(first, base, candidates)
+    choice, other, other_base = choose_law(first, base, screened, [run.id for run in recording.trajectories], log)
+    if choice is not None and (choice.other or choice.offsets):
+        first, base = plain_problem(other, other_base)
+        if choice.other and structured(first, base):  # whitened differences would decide by what is quick
+            first, base = with_learned_noise(replace(first, misfit=True), base)
+        else:
+            first, base = judged(first, base, log)
+        candidates = _candidates(first, base)
+        screened = screen_candidates(first, base, candidates)
 
     # the best guess so far says how the log is to be read, and what is noise
     best = best_single(first, base, screened) or base
@@ -96,7 +107,9 @@ def diagnose(
     reasons = doubts(held_out, selection, problem)
     if reasons:
         return without_verdict(recording, reasons, seed, time.perf_counter() - begun)
-    shifts = calibration_shifts(selection.final, problem.motion, recording, model)
+    shifts: tuple[Shift, ...] = ()
+    if not base.parameters.law:
+        shifts = calibration_shifts(selection.final, problem.motion, recording, model)
     log("what repeats")
     account = account_of(problem, held_out, extended, seed)
     log("smallest sizes that would have shown")
@@ -112,6 +125,7 @@ def diagnose(
         extended=extended,
         held_out=held_out,
         account=account,
+        law=choice,
         line=line,
         sizes=sizes,
         shifts=shifts,
@@ -135,9 +149,11 @@ def _completed(fitted: Model, nominal: Model | None, holding: Holding | None) ->
     return completed(fitted, nominal) if nominal else fitted
 
 
-def _candidates(problem: Problem, model: Model | None) -> list[str]:
+def _candidates(problem: Problem, base: Fit) -> list[str]:
     """Effects that may be missing: what re-fitting takes up is none, nor what the baseline has."""
-    known, lag = known_effects(model), problem.motion.kinematics.velocity_lag
+    known, lag = set(base.effects), problem.motion.kinematics.velocity_lag
+    if base.parameters.law:
+        known.add("speed_weakening")  # of eq. 14's own form
     return [
         name
         for name, law in CATALOGUE.items()

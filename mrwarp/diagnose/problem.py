@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.effects.catalogue import KNOWN
 from mrwarp.identify.dataset import Motion, Scales
 from mrwarp.identify.least_squares import NormalEquations, Quadratic, Rules, losses, minimise, ridge_solve
 from mrwarp.identify.noise import Noise
@@ -65,7 +65,7 @@ class Problem:
 
     def parameters(self, effects: Sequence[str], choices: Mapping[tuple[str, str], float] | None = None) -> Parameters:
         """Layout of a model's vector on this data set; effects stand in the catalogue's order."""
-        order = tuple(name for name in CATALOGUE if name in effects)
+        order = tuple(name for name in KNOWN if name in effects)
         return Parameters(order, self.motion.ranges, self.q_zero, dict(choices or {}))
 
     def equations(self, blocks: Sequence[np.ndarray], torque: np.ndarray) -> NormalEquations:
@@ -164,7 +164,7 @@ def reported_fit(problem: Problem, fit: Fit) -> Fit:
     resolution[EFFECT_PART] = [s.parameter.resolution * (1.0 if s.logarithmic else abs(x)) for s, x in numbers]
     least = np.diag(covariance(fit)) + resolution**2
     plain = replace(plain_fit(problem, fit), least_variance=least)
-    if any(p.form for effect in fit.effects for p in CATALOGUE[effect].parameters):
+    if any(p.form for effect in fit.effects for p in KNOWN[effect].parameters):
         bent = plain_fit(problem, fit, bent=True)
         gain, t = gain_and_t(plain.loo_loss, bent.loo_loss)
         if gain > _BENT * plain.total and t > _BENT_T:
@@ -188,7 +188,7 @@ def gain_and_t(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
 
 def drifts(effect: str) -> bool:
     """Whether an effect changes slowly, over the session."""
-    return "time" in CATALOGUE[effect].depends_on
+    return "time" in KNOWN[effect].depends_on
 
 
 def as_good(fit: Fit, best: Fit, base: Fit) -> bool:
@@ -229,6 +229,13 @@ def interval(fit: Fit, index: int, spread: np.ndarray) -> tuple[float, float]:
 def normalised(values: Mapping[str, float], scales: Scales) -> dict[str, float]:
     """Parameters of eqs. 14 and 15 from the units of the recording."""
     return {name: values[name] / scales.factor(name) for name in (*LINEAR, *SHAPE)}
+
+
+def unit_loop(values: Mapping[str, float]) -> dict[str, float]:
+    """The same sliding torque with beta = 1, gamma = 0 and alpha = 0, as beside a law in eq. 15's place."""
+    rate = values["beta"] + values["gamma"]
+    gains = {name: values[name] / rate for name in ("K0", "K1")}
+    return {**values, **gains, "alpha": 0.0, "beta": 1.0, "gamma": 0.0}
 
 
 def base_vector(values: Mapping[str, float], speed: float) -> np.ndarray:

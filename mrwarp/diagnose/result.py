@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from mrwarp.diagnose.held_out import Account, Predictor
+from mrwarp.diagnose.law_choice import LawChoice
 from mrwarp.identify.dataset import parts_of, rms
 from mrwarp.model_file import Model
 from mrwarp.recording.load import Recording
@@ -175,6 +176,8 @@ class Diagnosis:
     verdict: Verdict | None
     """None: the data cannot carry a verdict; ``cannot_know`` says why."""
     sentence: str
+    law: LawChoice | None = None
+    """The hysteresis law of the baseline and what it was compared with; None: no comparison was needed."""
     causes: tuple[Cause, ...] = ()
     suspects: tuple[Suspect, ...] = ()
     parameter_shift: tuple[Shift, ...] = ()
@@ -234,6 +237,7 @@ class Diagnosis:
             **{name: asdict(part) if (part := getattr(self, name)) else None for name in parts},
             **{name: [asdict(row) for row in getattr(self, name)] for name in rows},
             **{name: _before_after(getattr(self, name)) for name in ("per_trajectory", "per_regime")},
+            "law": asdict(self.law) | {"title": self.law.title, "error": self.law.error} if self.law else None,
             "detectable": {name: {"value": v.value, "unit": v.unit} for name, v in self.detectable.items()},
             "extended": {"rmse": self.extended.rmse, "nrmse": self.extended.nrmse},
             "gain": gain,

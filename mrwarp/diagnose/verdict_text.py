@@ -154,8 +154,15 @@ def _signed(factor: float) -> str:
 def sentence_of(d: Diagnosis) -> str:
     """The verdict in one sentence."""
     parts = []
+    if d.law is not None and d.law.other:
+        before, after = (percent(error) for error in d.law.error)
+        parts.append(f"the hysteresis has another shape: {d.law.title}, error {before} → {after}")
     if d.causes:
-        parts.append("the model lacks " + both(_cause_text(c.name, c.alternatives, len(d.causes)) for c in d.causes))
+        parts.append(
+            ("beside it " if parts else "")
+            + "the model lacks "
+            + both(_cause_text(c.name, c.alternatives, len(d.causes)) for c in d.causes)
+        )
         if d.gain is not None:
             low, high = d.gain.ci95
             them = "it" if len(d.causes) == 1 else "them"

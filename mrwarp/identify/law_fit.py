@@ -31,12 +31,13 @@ from mrwarp.recording.load import Holding, Recording, RecordingError
 
 _STARTS_ON = 12_000
 """Samples on which starts are searched."""
-_STARTS = 3
+_STARTS = 2
 _SATURATES = 0.03
 """Share of the squared held-out error by which a saturating coefficient must be better than a straight line."""
 _MOVED = 0.85
 """Ratio of squared errors, with a zero for each trajectory to one for all, below which the zeros differ."""
-_RULES = Rules(iterations=25, gained=lambda gain, loss: gain < 1e-6 * loss)
+_RULES = Rules(iterations=25, gained=lambda gain, loss: gain < 1e-5 * loss)
+_ROUGH = Rules(iterations=10, gained=lambda gain, loss: gain < 1e-3 * loss)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +85,8 @@ class LawSearch:
         self.replay, self.motion, self.q_zero, self.offsets = replay, replay.motion, q_zero, offsets
         self.levels = len(np.unique(np.round(self.motion.current, 2)))
         self.weight = self.motion.settled(4.0)
+        self.varies = any(np.ptp(self.motion.current[part]) > 0.05 for part in self.motion.parts)
+        """Whether the current changes within a trajectory; else only their zeros tell I1."""
 
     def layout(self, effects: Sequence[str]) -> Parameters:
         """The vector of a model with these effects, in the order of the columns."""
@@ -97,6 +100,8 @@ class LawSearch:
                 low[i] = high[i] = 0.0
         if self.offsets:
             low[0] = high[0] = 0.0
+            if not self.varies:
+                low[LINEAR.index("I1")] = high[LINEAR.index("I1")] = 0.0
         return low, high
 
     def evaluate(self, layout: Parameters, x: np.ndarray) -> Quadratic:
@@ -155,7 +160,7 @@ def law_search(motion: Motion, q_zero: float, name: str, *, offsets: bool, effec
     small = LawSearch(EffectReplay(motion.stretches(_STARTS_ON), threads=threads), q_zero, offsets=offsets)
     whole = LawSearch(EffectReplay(motion, threads=threads), q_zero, offsets=offsets)
     layout = whole.layout([name])
-    rough = min((small.descend(layout, x) for x in small.starts(layout)), key=lambda s: float(s.loss.sum()))
+    rough = min((small.descend(layout, x, _ROUGH) for x in small.starts(layout)), key=lambda s: float(s.loss.sum()))
     grown = whole.layout([name, *effects])
     return whole.descend(grown, layout.grown(rough.x, grown.effects))
 
@@ -246,22 +251,23 @@ def _with_zeros(search: LawSearch, best: Solution) -> tuple[Solution, np.ndarray
     """The model with D and I1 of the middle of the trajectories' zeros over the control input, and what is left."""
     motion = search.motion
     mean = [float(np.average((motion.torque - best.torque)[p], weights=search.weight[p])) for p in motion.parts]
-    current = np.array([motion.current[p].mean() for p in motion.parts])
-    within = np.array([np.ptp(motion.current[p]) for p in motion.parts])
-    table = np.column_stack([np.ones(len(current)), current])
-    if search.levels < 2 or (within > 0.02).any():  # where the current changes within a trajectory, I1 is known
-        line = np.array([np.median(mean)])
-    else:
-        line = np.linalg.lstsq(table, np.array(mean), rcond=None)[0]
+    line = zero_line(search, np.array(mean))
     x = best.x.copy()
     x[LINEAR.index("D")] += line[0]
-    torque = best.torque + line[0]
-    if len(line) > 1:
-        x[LINEAR.index("I1")] += line[1]
-        torque = torque + line[1] * motion.current
+    x[LINEAR.index("I1")] += line[1]
+    torque = best.torque + line[0] + line[1] * motion.current
     found = Solution(best.layout, x, torque, best.parts, best.free)
     mean = [float(np.average((motion.torque - torque)[p], weights=search.weight[p])) for p in motion.parts]
     return found, np.array(mean)
+
+
+def zero_line(search: LawSearch, zeros: np.ndarray) -> tuple[float, float]:
+    """D and I1 among zeros of the trajectories, shape (T,): their straight line over the current, or their median."""
+    current = np.array([search.motion.current[part].mean() for part in search.motion.parts])
+    if search.varies or len(np.unique(np.round(current, 2))) < 3:
+        return float(np.median(zeros)), 0.0
+    slope, middle = stats.siegelslopes(zeros, current)  # as long as most zeros lie on the line
+    return float(middle), float(slope)
 
 
 def outer_numbers(

@@ -267,7 +267,8 @@ def simulate(replay: EffectReplay, models: Sequence[tuple[Parameters, np.ndarray
 def jacobian(replay: EffectReplay, p: Parameters, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Torque, shape (N,), and its derivatives by every coordinate, float32, shape (P, N), from one launch."""
     models, linear = [(p, x)], len(LINEAR)
-    for i in range(p.size):
+    first = SHAPE_PART.stop if p.law else linear  # beside a law the shape stands
+    for i in (*range(linear), *range(first, p.size)):
         for sign in (1.0,) if i < linear else (1.0, -1.0):
             y = x.copy()
             y[i] += sign * p.steps[i]
@@ -276,5 +277,6 @@ def jacobian(replay: EffectReplay, p: Parameters, x: np.ndarray) -> tuple[np.nda
     steps = p.steps[:, None].astype(np.float32)
     slopes = np.empty((p.size, tau.shape[1]), dtype=np.float32)
     slopes[:linear] = (tau[1 : 1 + linear] - tau[0]) / steps[:linear]
-    slopes[linear:] = (tau[1 + linear :: 2] - tau[2 + linear :: 2]) / (2.0 * steps[linear:])
+    slopes[linear:first] = 0.0
+    slopes[first:] = (tau[1 + linear :: 2] - tau[2 + linear :: 2]) / (2.0 * steps[first:])
     return tau[0].astype(float), slopes

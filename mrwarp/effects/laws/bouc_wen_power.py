@@ -12,7 +12,11 @@ def bouc_wen_power_path(h: float, way: float, share: float, n: float) -> float:
     parts = int(wp.clamp(wp.ceil(4.0 * wp.abs(way)), 1.0, 10.0))
     step = wp.clamp(way, -6.0, 6.0) / float(parts)
     z = float(h)
+    if way == 0.0:
+        return z
     for _ in range(parts):
+        if step * z > 0.0 and wp.abs(z) > 0.99999:  # yielded
+            break
         middle = wp.clamp(z + 0.5 * bouc_wen_power_step(z, step, share, n), -1.0, 1.0)
         z = wp.clamp(z + bouc_wen_power_step(middle, step, share, n), -1.0, 1.0)
     return z

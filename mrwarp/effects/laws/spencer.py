@@ -5,7 +5,7 @@ import warp as wp
 from mrwarp.effects.law import EffectParameter, Path
 from mrwarp.effects.laws.hysteresis import hysteresis_law, rate
 
-PARTS = wp.constant(6)
+PARTS = wp.constant(4)
 """Parts of a step."""
 
 
