@@ -35,10 +35,10 @@ from mrwarp.diagnose.result import (
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import sentence_of
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
-from mrwarp.identify.contradictions import quantity
 from mrwarp.identify.dataset import Motion, rms
 from mrwarp.identify.parameters import LINEAR, SHAPE, Slot, factor_of, slots_of
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, effect_unit, parameter_unit
+from mrwarp.recording.data import quantity
 from mrwarp.recording.load import Recording
 from mrwarp.run_dir import versions
 
@@ -291,10 +291,11 @@ def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
         notes.append(f"without one of the trajectories nothing would have been named in {others:.0f} % of cases")
     if found.law is not None and found.law.offsets:
         moved, unit = found.law.moved, found.problem.units["torque"]
+        sensor = quantity("torque", found.problem.units)
         zeros = [found.law.offsets[name] for name in moved] or list(found.law.offsets.values())
         names = ", ".join(moved[:5]) + (f" and {len(moved) - 5} more" if moved[5:] else "")
         notes.append(
-            f"the zero of the {quantity(unit)} sensor moved: {len(moved)} of {len(runs)} runs lie "
+            f"the zero of the {sensor} sensor moved: {len(moved)} of {len(runs)} runs lie "
             f"{min(zeros):+.3g} to {max(zeros):+.3g} {unit} off the others ({names}); each run counts with its own zero"
         )
     notes += found.notes
