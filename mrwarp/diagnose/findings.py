@@ -75,7 +75,7 @@ class Findings:
     extended: Fit
     """The final model as it is reported."""
     held_out: HeldOut
-    law: LawChoice | None
+    law: LawChoice | None = None
     """Which law the baseline follows; None: none was compared."""
     account: Account | None = None
     line: Line | None

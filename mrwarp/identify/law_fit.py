@@ -266,8 +266,8 @@ def zero_line(search: LawSearch, zeros: np.ndarray) -> tuple[float, float]:
     current = np.array([search.motion.current[part].mean() for part in search.motion.parts])
     if search.varies or len(np.unique(np.round(current, 2))) < 3:
         return float(np.median(zeros)), 0.0
-    slope, middle = stats.siegelslopes(zeros, current)  # as long as most zeros lie on the line
-    return float(middle), float(slope)
+    line = stats.siegelslopes(zeros, current)  # as long as most zeros lie on it
+    return float(line.intercept), float(line.slope)
 
 
 def outer_numbers(
