@@ -216,7 +216,8 @@ def _every(run: Trajectory, every: int) -> Trajectory:
     means = {name: getattr(run, name)[: count * every].reshape(count, every).mean(axis=1) for name in ("q", "qd")}
     samples = {name: getattr(run, name)[middle] for name in ("t", "current", "torque")}
     temperature = None if run.temperature is None else run.temperature[middle]
-    return replace(run, **means, **samples, temperature=temperature)
+    lost = None if run.lost is None else run.lost[: count * every].reshape(count, every).any(axis=1)
+    return replace(run, **means, **samples, temperature=temperature, lost=lost)
 
 
 def hold_rests(problem: Problem, recording: Recording, fit: Fit, rate: float) -> tuple[Problem, Fit]:

@@ -11,6 +11,7 @@ from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import both, title
 from mrwarp.identify.contradictions import EXPLAINS_NOTHING, contradictions, explains_nothing
 from mrwarp.recording.data import Recording, quantity
+from mrwarp.recording.saturation import CLIPPED, at_limit
 
 MIN_TRAJECTORIES = 3
 """Fewest trajectories: with fewer nothing can be predicted by the others."""
@@ -18,9 +19,6 @@ MIN_SECONDS = 10.0
 """Shortest recording, all trajectories together [s]."""
 MIN_SAMPLES = 1500
 """Fewest samples, all trajectories together."""
-_CLIPPED = 0.002
-"""Share of samples that stand, in runs, at the very largest torque above which the sensor counts as saturated."""
-
 STANDARD = (
     "record at least 12 trajectories of 4 s or more: current steps while the joint moves, sines of several amplitudes "
     "at several constant currents, in random order"
@@ -44,8 +42,8 @@ def hindrances(recording: Recording) -> list[str]:
         )
     wrong = contradictions(recording)
     torque = np.concatenate([run.torque for run in runs])
-    clipped, limit = max((_at_limit(torque), torque.max()), (_at_limit(-torque), torque.min()))
-    if clipped > _CLIPPED and not wrong:
+    clipped, limit = max((at_limit(torque), torque.max()), (at_limit(-torque), torque.min()))
+    if clipped > CLIPPED and not wrong and all(run.lost is None for run in runs):
         found.append(
             f"the torque sensor is saturated: {100 * clipped:.2g} % of the samples stand at its largest reading "
             f"({limit:.4g}), so the torque beyond is unknown; use a larger range or less current"
@@ -106,11 +104,3 @@ def gaps(recording: Recording) -> list[str]:
             f"record steps of the {name} while the joint moves"
         )
     return found
-
-
-def _at_limit(x: np.ndarray) -> float:
-    """Share of samples that stand, in runs, at the largest value; 0 where more are just below it, as at a peak."""
-    reach = max(float(np.ptp(x)), 1e-300)
-    at = x >= x.max() - 1e-9 * reach
-    below = (x >= x.max() - 0.01 * reach) & ~at
-    return float((at[1:] & at[:-1]).mean()) if at.sum() >= below.sum() else 0.0

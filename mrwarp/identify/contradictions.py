@@ -39,7 +39,7 @@ def contradictions(recording: Recording) -> list[str]:
     found = []
     noise = float(np.median([np.abs(np.diff(run.q, 2)).mean() for run in runs]))
     reach = float(np.median([np.ptp(run.q) for run in runs]))
-    moves = reach > 20.0 * noise
+    moves = reach > 8.0 * noise  # sixteen standard deviations
     if not moves:
         found.append(
             "the joint does not move: friction, hysteresis and everything else in the torque shows along motion only; "

@@ -84,6 +84,8 @@ class Dataset:
     dt: np.ndarray
     """Sampling step of each trajectory [s], shape (T,)."""
     scales: Scales
+    known: np.ndarray | None = None
+    """False where the torque is unknown because its sensor was at the end of its range, shape (N,); None: nowhere."""
 
     @classmethod
     def of(cls, recording: Recording, scales: Scales | None = None) -> Dataset:
@@ -97,7 +99,13 @@ class Dataset:
             start=np.concatenate([[0], np.cumsum([len(run.t) for run in runs])]),
             dt=np.array([run.dt for run in runs]),
             scales=scales,
+            known=np.concatenate([run.known for run in runs]) if any(run.lost is not None for run in runs) else None,
         )
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Weight 1 where the torque was measured, else 0; shape (N,)."""
+        return np.ones(len(self.q)) if self.known is None else self.known.astype(float)
 
     @property
     def parts(self) -> list[slice]:
@@ -110,7 +118,7 @@ class Dataset:
         Args:
             rate: How fast z forgets along the path, beta plus or minus gamma, the slower [1/inner unit of q].
         """
-        weight = np.ones(len(self.q))
+        weight = self.counts
         for part, dt in zip(self.parts, self.dt, strict=True):
             path = np.cumsum(np.abs(self.qd[part])) * dt
             first = min(int(np.searchsorted(path, _SETTLED / rate)), (part.stop - part.start) // 10)
@@ -136,7 +144,8 @@ class Dataset:
         pick = np.concatenate(index)
         start = np.concatenate([[0], np.cumsum([len(i) for i in index])])
         arrays = {name: getattr(self, name)[pick] for name in ("q", "qd", "current", "torque")}
-        return Dataset(**arrays, start=start, dt=self.dt[chosen], scales=self.scales)
+        known = None if self.known is None else self.known[pick]
+        return Dataset(**arrays, start=start, dt=self.dt[chosen], scales=self.scales, known=known)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,6 +247,7 @@ class Motion(Dataset):
         return dataclasses.replace(
             self,
             **{name: getattr(self, name)[at] for name in ("q", "qd", "qdd", "current", "torque", "time", "slid_time")},
+            known=None if self.known is None else self.known[at],
             heat=self.heat[:, at],
             start=np.cumsum([0, *(len(stretch) for stretch in taken)]),
             kinematics=dataclasses.replace(k, qd=k.qd[at], qdd=k.qdd[at], doubtful=doubtful),

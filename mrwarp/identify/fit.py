@@ -154,7 +154,7 @@ def fit(
     top = 1.0 if not samples.current.any() else float(np.abs(samples.current).max())
     assessment = assess(point, lambda x: _named(structure, scales, x, top), len(names), names)
     warnings += _notes(recording, point, structure, assessment.together)
-    runs, error = recording.trajectories, np.abs(point.simulated - samples.torque)
+    runs, error = recording.trajectories, np.abs(point.simulated - samples.torque) * samples.counts
     plain = error <= np.quantile(error, 0.98)  # without single spikes
     missed = rms(error[plain]) / (float(samples.torque[plain].std()) or 1.0)
     if missed > EXPLAINS_NOTHING:
@@ -179,7 +179,7 @@ def misfit(recording: Recording, simulated: np.ndarray, samples: Dataset, warnin
     """The fields of :class:`Misfit` of a simulated torque in normalised units, shape (N,)."""
     runs, tau = recording.trajectories, simulated * samples.scales.torque
     torques = [tau[part] for part in samples.parts]
-    errors = [sim - run.torque for sim, run in zip(torques, runs, strict=True)]
+    errors = [(sim - run.torque)[run.known] for sim, run in zip(torques, runs, strict=True)]
     groups: dict[str, list[np.ndarray]] = {}
     for run, error in zip(runs, errors, strict=True):
         constant = np.ptp(run.current) <= 0.02 * max(1e-9, float(np.abs(run.current).max()))
@@ -187,7 +187,7 @@ def misfit(recording: Recording, simulated: np.ndarray, samples: Dataset, warnin
     rmse = rms(np.concatenate(errors))
     return {
         "rmse": rmse,
-        "nrmse": rmse / (float(np.concatenate([run.torque for run in runs]).std()) or 1.0),
+        "nrmse": rmse / (float(np.concatenate([run.torque[run.known] for run in runs]).std()) or 1.0),
         "rmse_per_trajectory": {run.id: rms(e) for run, e in zip(runs, errors, strict=True)},
         "rmse_per_current": {key: rms(np.concatenate(groups[key])) for key in sorted(groups)},
         "simulated": tuple(torques),
@@ -216,7 +216,8 @@ def _notes(
 ) -> list[str]:
     """Warnings about what the data cannot say."""
     notes = []
-    levels = np.unique(np.round(np.concatenate([run.current for run in recording.trajectories]), 3))
+    top = recording.current_range[1] or 1.0
+    levels = np.unique(np.round(np.concatenate([run.current for run in recording.trajectories]) / top, 3)) * top
     if len(levels) == 1:
         notes.append(f"the current is {levels[0]:g} throughout: I1 and K1 cannot be told from D and K0")
     notes += [f"cannot be told apart: {', '.join(group)}; trust their combinations only" for group in together]
@@ -273,7 +274,7 @@ def fit_holding(current: np.ndarray, torque: np.ndarray) -> dict[str, Estimate]:
         RecordingError: fewer than five tests, or fewer than three levels of current above 0.
     """
     current, torque = np.abs(np.asarray(current, dtype=float)), np.abs(np.asarray(torque, dtype=float))
-    levels = len(np.unique(np.round(current[current > 0], 4)))
+    levels = len(np.unique(np.round(current[current > 0] / current.max(initial=0.0), 4)))
     if len(current) < 5 or levels < 3:
         raise RecordingError(
             f"{len(current)} break-away tests at {levels} currents above 0; eq. 18 needs 5 tests at 3 currents"

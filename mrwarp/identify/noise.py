@@ -55,9 +55,10 @@ def estimate_noise(residual: np.ndarray, torque: np.ndarray, samples: Dataset, o
     order = max(1, min(_ORDER, shortest // 50))
     covariance, count = np.zeros(order + 1), 0
     for part in samples.parts:
-        r = residual[part] - residual[part].mean()
+        counts = samples.counts[part] > 0.0
+        r = np.where(counts, residual[part] - residual[part][counts].mean(), 0.0)
         covariance += [float(r[: len(r) - k] @ r[k:]) for k in range(order + 1)]
-        count += len(r)
+        count += int(counts.sum())
     covariance /= max(count, 1)
     floor = 1e-12 * max(float(torque.var()), 1e-300)
     covariance[0] = covariance[0] * (1.0 + 1e-6) + floor

@@ -213,7 +213,7 @@ def search(
 def search_starts(structure: Structure, replay: Replay, *, limit: int = _SUBSET, seed: int = 0) -> list[Point]:
     """Optima on about ``limit`` samples, from the best starts of the structure's grid, best first."""
     small = replay.samples.subset(limit, seed)
-    rough = Projection(structure, Replay(small, exact=replay.exact, substeps=replay.substeps))
+    rough = Projection(structure, Replay(small, exact=replay.exact, substeps=replay.substeps), small.counts)
     points = [rough.descend(theta, tolerance=1e-5) for theta in rough.starts(_STARTS)]
     return sorted(points, key=lambda p: p.sse)
 

@@ -122,8 +122,15 @@ class Trajectory:
     """True where qd was derived from q by zero-phase differentiation."""
     qd_half: int | None = None
     """Samples on each side of the window that it was derived with, if it was when the recording was read."""
+    lost: np.ndarray | None = None
+    """True where the torque is unknown because its sensor was at the end of its range, bool; None: nowhere."""
     header: dict[str, Any] = field(default_factory=dict)
     """What the trajectory's own file says about how it was made."""
+
+    @property
+    def known(self) -> np.ndarray:
+        """True where the torque was measured, bool."""
+        return np.ones(len(self.t), dtype=bool) if self.lost is None else ~self.lost
 
     @property
     def dt(self) -> float:

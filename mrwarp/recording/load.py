@@ -27,6 +27,7 @@ from mrwarp.recording.data import (
 )
 from mrwarp.recording.differentiate import differentiate, quiet_half
 from mrwarp.recording.resample import UnevenError, even_pieces
+from mrwarp.recording.saturation import mark_saturated
 from mrwarp.recording.tables import MAX_BYTES, SUFFIXES, Table, read_table, suffix_of
 from mrwarp.recording.write import save_holding, save_recording
 
@@ -110,13 +111,14 @@ def load_recording(path: str | Path, *, skip_bad: bool = False) -> Recording:
     if len(set(names)) < len(names):
         double = next(name for name in names if names.count(name) > 1)
         raise RecordingError(f"{path}: two trajectories are called {double!r}; rename a file or a trajectory")
-    return Recording(
+    recording = Recording(
         trajectories=tuple(trajectories),
         units={key: units.base(key) for key in ("q", "current", "torque")},
         source=path,
         header=_common([trajectory.header for trajectory in trajectories]),
         repairs=tuple(repairs),
     )
+    return mark_saturated(recording)
 
 
 def check_same_units(recording: Recording, fitted: Recording) -> None:

@@ -1,0 +1,64 @@
+"""A torque sensor at the end of its range costs its samples, not the recording."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrwarp import cli
+from mrwarp.diagnose.data_checks import hindrances
+from mrwarp.identify.fit import fit
+from mrwarp.recording.load import Recording, load_recording, save_recording
+from mrwarp.recording.saturation import mark_saturated
+from tests.identify import synthetic
+
+
+def _clipped(recording: Recording, limit: float) -> Recording:
+    runs = (replace(run, torque=np.clip(run.torque, -limit, limit)) for run in recording.trajectories)
+    return replace(recording, trajectories=tuple(runs))
+
+
+def test_a_fit_recovers_the_device_from_what_was_not_clipped() -> None:
+    """Peaks cut off at two thirds of the torque: counted they bend the fit, set aside they do not."""
+    whole = synthetic.bench_like(0, runs=6, seconds=4.0)
+    torque = np.concatenate([run.torque for run in whole.trajectories])
+    limit = float(np.percentile(np.abs(torque), 93))
+    clipped = _clipped(whole, limit)
+    marked = mark_saturated(clipped)
+    lost = np.concatenate([~run.known for run in marked.trajectories])
+    assert 0.07 < lost.mean() < 0.2 and lost[np.abs(torque) > limit].all()
+    at = np.abs(clipped.trajectories[0].torque) >= limit
+    first = int(np.argmax(at))
+    assert (~marked.trajectories[0].known)[first - 1 : first + 5].all() and marked.trajectories[0].known[first - 2]
+    truth, bent, right = (fit(recording) for recording in (whole, clipped, marked))
+    assert right.nrmse < 0.7 * bent.nrmse
+
+    def slips(result) -> float:
+        return result.values["K1"] / (result.values["beta"] + result.values["gamma"])
+
+    assert slips(right) == pytest.approx(slips(truth), rel=0.02)
+    assert abs(slips(bent) / slips(truth) - 1.0) > 0.02
+
+
+def test_check_says_which_samples_do_not_count(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One note per trajectory; a diagnosis is no longer refused, unless most of the torque is unknown."""
+    whole = synthetic.bench_like(0, runs=4, seconds=4.0)
+    limit = float(np.percentile(np.abs(np.concatenate([run.torque for run in whole.trajectories])), 95))
+    save_recording(_clipped(whole, limit), tmp_path / "data")
+    recording = load_recording(tmp_path / "data")
+    assert {repair.kind for repair in recording.repairs} <= {"saturated", "left_out"} and recording.repairs
+    assert not [text for text in hindrances(recording) if "saturated" in text]
+    assert cli.main(["check", str(tmp_path / "data")]) == 0
+    assert "the torque stands at the end of its range in" in capsys.readouterr().out
+    hard = mark_saturated(_clipped(whole, 0.2 * limit))
+    assert all(run.lost is None for run in hard.trajectories) and hard.repairs == ()
+    assert [text for text in hindrances(hard) if "saturated" in text]
+
+
+def test_a_peak_is_no_end_of_a_range() -> None:
+    """A recording that was never clipped is the same object."""
+    whole = synthetic.bench_like(0, runs=2, seconds=2.0)
+    assert mark_saturated(whole) is whole
