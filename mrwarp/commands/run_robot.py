@@ -33,6 +33,8 @@ class Import(Options):
     """damping [N·m·s/rad] (default: the file's, else 0.02 s of Kp)"""
     torque_limit: PAIRS = ()
     """torque limits [N·m] (default: the file's)"""
+    unlimited: Annotated[tuple[str, ...], opt.some(str, "JOINT")] = ()
+    """joints that may turn without limits"""
     feet: Annotated[tuple[str, ...], opt.some(str, "BODY")] = ()
     """last bodies of the legs (default: the ends of chains that hang lowest)"""
     gait: Literal["trot", "alternate", "tripod"] | None = None
@@ -60,6 +62,7 @@ class Import(Options):
             kd=dict(self.kd),
             torque_limit=dict(self.torque_limit),
             gait=self.gait or "",
+            unlimited=self.unlimited,
             feet=self.feet,
         )
         robot = read_robot(self.file)

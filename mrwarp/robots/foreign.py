@@ -20,7 +20,7 @@ from mrwarp.runtime import silent
 SUFFIXES = {".xml": "MJCF", ".urdf": "URDF", ".usd": "USD", ".usda": "USD", ".usdc": "USD"}
 """What a file holds, by how its name ends."""
 
-FREE_LIMIT = 2.0 * math.pi
+FREE_LIMIT = 20.0 * math.pi
 """A joint whose limits are further apart counts as one without limits [rad]."""
 
 SHAPES = {
@@ -64,7 +64,7 @@ class Joint:
     axis: np.ndarray
     """Unit vector, shape (3,)."""
     limits: tuple[float, float] | None
-    """Lowest and highest angle [rad]; None: it turns freely."""
+    """Lowest and highest angle [rad]; None: the file gives none."""
     armature: float
     """Rotor inertia at the joint [kg·m²]."""
     kp: float | None = None
@@ -120,12 +120,8 @@ class ForeignRobot:
         return [found[i] for i in range(len(self.bodies))]
 
 
-def read_robot(path: Path, *, fixed: bool = False) -> ForeignRobot:
-    """Read a robot's file.
-
-    Args:
-        path: MJCF (.xml), URDF or USD file.
-        fixed: The root stands still, as an arm's; else it floats.
+def read_robot(path: Path) -> ForeignRobot:
+    """Read a robot's file: MJCF (.xml), URDF or USD. A URDF floats, unless its root link is called world.
 
     Raises:
         RobotFileError: it cannot be read, has no bodies, closed loops, joints other than hinges, or bodies without
@@ -144,6 +140,7 @@ def read_robot(path: Path, *, fixed: bool = False) -> ForeignRobot:
             match SUFFIXES[path.suffix.lower()]:
                 case "URDF":
                     builder.default_shape_cfg.density = 0.0  # a link without inertial has no mass there
+                    fixed = '<link name="world"' in path.read_text(encoding="utf-8", errors="replace")
                     builder.add_urdf(str(path), floating=not fixed, collapse_fixed_joints=True)
                 case "MJCF":
                     spec = mujoco.MjSpec.from_file(str(path))
@@ -175,7 +172,7 @@ def _robot(path: Path, builder: newton.ModelBuilder, spec: mujoco.MjSpec | None)
             root, floating = child, kind == newton.JointType.FREE
             if kind not in (newton.JointType.FREE, newton.JointType.FIXED):
                 raise RobotFileError(
-                    f"{path}: {name} joins the world by a {kind.name.lower()} joint; let it float or fix it"
+                    f"{path}: {name} joins the world by a {kind.name.lower()} joint; only robots that float are imported"
                 )
         elif kind != newton.JointType.REVOLUTE:
             raise RobotFileError(f"{path}: joint {name} is a {kind.name.lower()} joint; only hinges are simulated")

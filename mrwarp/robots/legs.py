@@ -66,6 +66,8 @@ class Choices:
     torque_limit: Mapping[str, float] = field(default_factory=dict)
     gait: str = ""
     """One of :data:`GAITS`; empty: by the number of legs."""
+    unlimited: tuple[str, ...] = ()
+    """Joints that may turn without limits."""
     feet: tuple[str, ...] = ()
     """Bodies that carry a foot; empty: the ends of chains that are lowest."""
 
@@ -92,11 +94,16 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
             lies outside a joint's limits.
     """
     chains = _chains(robot)
-    for choice in (choices.pose, choices.kp, choices.kd, choices.torque_limit):
+    for choice in (choices.pose, choices.kp, choices.kd, choices.torque_limit, choices.unlimited):
         for pattern in choice:
             if not fnmatch.filter([joint.name for joint in robot.joints], pattern):
                 known = ", ".join(joint.name for joint in robot.joints)
                 raise RobotFileError(f"{robot.path}: no joint is called {pattern}; choose among {known}")
+    for joint in robot.joints:
+        if joint.limits is None and not any(fnmatch.fnmatchcase(joint.name, name) for name in choices.unlimited):
+            raise RobotFileError(
+                f"{robot.path}: {joint.name} has no limits; give it some there, or say --unlimited {joint.name}"
+            )
     notes = list(robot.notes)
     pose = {joint.name: joint.home if joint.home is not None else _middle(joint) for joint in robot.joints}
     pose.update({joint.name: v for joint in robot.joints if (v := _chosen(choices.pose, joint.name)) is not None})
@@ -254,8 +261,8 @@ def _stance(
         free = [joint for joint in leg if _chosen(choices.pose, joint.name) is None]
         if not free:
             continue
-        low = np.array([joint.limits[0] + 1e-3 if joint.limits else -2.0 for joint in free])
-        high = np.array([joint.limits[1] - 1e-3 if joint.limits else 2.0 for joint in free])
+        low = np.array([max(joint.limits[0] + 1e-3, -2.0) if joint.limits else -2.0 for joint in free])
+        high = np.array([min(joint.limits[1] - 1e-3, 2.0) if joint.limits else 2.0 for joint in free])
         end = feet[leg[-1].child]
         reach = sum(float(np.linalg.norm(joint.in_parent.translation)) for joint in leg[2:])
         reach += float(np.linalg.norm(end.centre))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from mrwarp.robots.write_robot import NO_LIMIT
 from mrwarp.usd.asset import RobotAsset, masses
 
 
@@ -25,7 +26,7 @@ def layout_lines(asset: RobotAsset) -> Iterator[str]:
     for leg, joint in [*legs, *(("-", joint) for joint in layout.joints if joint not in named)]:
         prim, drive = asset.stage.GetPrimAtPath(base.AppendPath(f"joints/{joint}")), drives[joint]
         low, high = (math.radians(prim.GetAttribute(f"physics:{which}Limit").Get()) for which in ("lower", "upper"))
-        limits = f"{low:.2f} to {high:.2f}" if high - low < 4.0 * math.pi else "none"
+        limits = f"{low:.2f} to {high:.2f}" if high - low < math.radians(2.0 * NO_LIMIT) - 1e-3 else "none"
         device = "motor" if drive.mr is None else f"MR device, {drive.mr.coil.current_max:g} A"
         yield (
             f"{joint:{width}s}  {leg:8s} {layout.neutral[joint]:8.3f} {limits:>16s} {drive.kp:7.4g} {drive.kd:6.3g} "

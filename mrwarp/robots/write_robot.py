@@ -18,7 +18,7 @@ from mrwarp.usd.asset import RobotAsset, load_robot
 from mrwarp.usd.open_stage import AssetError
 from mrwarp.usd.robot_layout import write_layout
 
-NO_LIMIT = 720.0
+NO_LIMIT = 7200.0
 """Limit of a joint that turns freely [deg]."""
 
 FRICTION_OF_CONSTRAINTS = {"mjc:solimpfriction": (0.9999, 0.9999, 0.001, 0.5, 2.0), "mjc:solreffriction": (0.01, 1.0)}

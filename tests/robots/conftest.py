@@ -40,6 +40,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
         keyframe: Sequence[float] | None = None,
         tail: str = "",
         more: str = "",
+        head: str = "",
     ) -> Path:
         names = [f"leg_{chr(97 + k)}" for k in range(len(places))]
         masses = {"hip": 0.6, "thigh": 1.1, "shank": 0.4}
@@ -53,7 +54,8 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
         key = f'<keyframe><key name="home" qpos="{pose}"/></keyframe>' if keyframe else ""
         path = tmp_path_factory.mktemp("robot") / "beast.xml"
         path.write_text(
-            '<mujoco model="beast"><compiler angle="radian"/><worldbody><body name="torso" pos="0 0 0.6">'
+            '<mujoco model="beast"><compiler angle="radian"/>'
+            f'{head}<worldbody><body name="torso" pos="0 0 0.6">'
             '<freejoint/><inertial pos="0 0 0" mass="8" diaginertia="0.1 0.3 0.3"/>'
             f'<geom type="box" size="0.3 0.1 0.05"/>{legs}{tail}</body>{more}</worldbody>'
             f"<actuator>{motors}</actuator>{key}</mujoco>"

@@ -159,24 +159,34 @@ def test_a_keyframe_options_and_hands_decide(robot) -> None:  # noqa: ANN001
     assert sorted(load_robot(robot=str(asset.path)).layout.default_q)[3] == pytest.approx(-1.2929, abs=0.002)
 
 
+JOINT = '<body name="arm"><joint name="extra" type="{kind}"/>{inertial}</body>'
+
 BAD = {
     "no torque limit": ({"limit": None}, [], ("leg_", "torque limit", "--torque-limit")),
     "a joint that is not there": ({}, ["--kp", "*_wrist=3"], ("*_wrist", "leg_a_knee")),
     "a gait of other robots": ({}, ["--gait", "tripod"], ("tripod", "6 legs", "4")),
     "a stance beyond limits": ({}, ["--pose", "*_knee=0.5"], ("_knee", "0.500 rad", "-2.600 to -0.400")),
     "a foot that is none": ({}, ["--feet", "torso"], ("torso", "leg_a_lower")),
+    "a joint without limits": (
+        {"tail": JOINT.format(kind="hinge", inertial='<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>')},
+        [],
+        ("extra", "no limits", "--unlimited extra"),
+    ),
+    "a body without mass": ({"tail": JOINT.format(kind="hinge", inertial="")}, [], ("mass",)),
+    "a mesh that is missing": (
+        {"tail": '<geom type="mesh" mesh="shell"/>', "head": '<asset><mesh name="shell" file="shell.stl"/></asset>'},
+        [],
+        ("shell.stl",),
+    ),
     "two trunks": (
         {"more": '<body name="twin"><freejoint/><geom type="sphere" size="0.1" mass="1"/></body>'},
         [],
         ("torso", "twin", "two trunks"),
     ),
     "a slider": (
-        {
-            "tail": '<body name="arm"><joint name="rail" type="slide"/><inertial pos="0 0 0" mass="1" '
-            'diaginertia="1 1 1"/></body>'
-        },
+        {"tail": JOINT.format(kind="slide", inertial='<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>')},
         [],
-        ("rail", "prismatic", "hinges"),
+        ("extra", "prismatic", "hinges"),
     ),
 }
 
