@@ -172,7 +172,7 @@ def _robot(path: Path, builder: newton.ModelBuilder, spec: mujoco.MjSpec | None)
             root, floating = child, kind == newton.JointType.FREE
             if kind not in (newton.JointType.FREE, newton.JointType.FIXED):
                 raise RobotFileError(
-                    f"{path}: {name} joins the world by a {kind.name.lower()} joint; only robots that float are imported"
+                    f"{path}: {name} joins the world by a {kind.name.lower()} joint; only floating robots are imported"
                 )
         elif kind != newton.JointType.REVOLUTE:
             raise RobotFileError(f"{path}: joint {name} is a {kind.name.lower()} joint; only hinges are simulated")
