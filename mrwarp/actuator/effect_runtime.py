@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from mrwarp.effects.catalogue import CATALOGUE, COLUMN, COLUMNS, NULLS, SLOTS, column_of
+from mrwarp.effects.catalogue import COLUMN, COLUMNS, KNOWN, NULLS, SLOTS, column_of
 from mrwarp.effects.step_kernel import EffectArrays, reset_effects_kernel
 from mrwarp.kernels.mr_joint import JointParams
 from mrwarp.model_file import Effect
@@ -39,7 +39,7 @@ def values_row(effects: Iterable[Effect]) -> np.ndarray:
     row = np.array(NULLS, dtype=float)
     for effect in effects:
         if in_kernels([effect]):
-            for k, spec in enumerate(CATALOGUE[effect.name].parameters):
+            for k, spec in enumerate(KNOWN[effect.name].parameters):
                 given = effect.parameters.get(spec.name)
                 row[COLUMN[effect.name] + k] = given.value if given else (*spec.choices, spec.null)[0]
     return row

@@ -185,7 +185,13 @@ class Learn(Options):
         from mrwarp.recording.load import load_recording
 
         cfg = FitCfg(**self.chosen("epochs", "windows_per_epoch", "patience", "seed"))
-        bouc_wen = learn.bench_parameters(load_model(self.bouc_wen).values if self.bouc_wen else None)
+        physical = load_model(self.bouc_wen) if self.bouc_wen else None
+        if physical is not None and physical.law is not None:
+            raise ValueError(
+                f"{self.bouc_wen}: a network cannot be trained on top of the law {physical.law.name!r} yet; give a "
+                "model of eq. 15 ('mrwarp fit' without --law)"
+            )
+        bouc_wen = learn.bench_parameters(physical.values if physical else None)
         recording, evaluation = load_recording(self._parts()[0], skip_bad=self.skip_bad), None
         held_out = self._parts()[1]
         if held_out.is_dir():

@@ -17,7 +17,7 @@ from pxr import Usd
 from mrwarp.model_file import HOLDING_NOTE, Effect, Model, ModelFileError, check_effects, load_model, silent_note
 from mrwarp.params import MrParams
 from mrwarp.usd.open_stage import ASSETS, SCHEMA, AssetError, open_stage
-from mrwarp.usd.record import PD, is_mr, plain, read_model, read_number, read_parameters
+from mrwarp.usd.record import LAW, PD, is_mr, plain, read_model, read_number, read_parameters
 from mrwarp.usd.robot import MR_GO, Layout
 from mrwarp.usd.robot_layout import read_layout
 
@@ -323,6 +323,8 @@ def _actuator(prim: Usd.Prim, joint: str, file: Path) -> JointActuator:
             held = read_model(prim, file)
             return _mr_joint(joint, path, mr, held.model if held.applied else None)
         except AssetError as error:
+            if prim.GetAttribute(LAW).HasAuthoredValue():  # its numbers without it would be another device
+                raise
             return _mr_joint(joint, path, mr, None, lost=str(error))
     if not {"NewtonPDControlAPI", "NewtonMaxEffortClampingAPI"} <= set(schemas):
         allowed = f"allowed: {SCHEMA}, or NewtonPDControlAPI with NewtonMaxEffortClampingAPI"

@@ -21,7 +21,19 @@ from pxr import Sdf, Tf, Usd
 from mrwarp.model_file import Model
 from mrwarp.params import MrParams, ParameterError
 from mrwarp.usd.open_stage import AssetError, choices, open_stage
-from mrwarp.usd.record import PD, PREFIX, RECORD, decimal, is_mr, plain, read_parameters, record_text, summary
+from mrwarp.usd.record import (
+    LAW,
+    PD,
+    PREFIX,
+    RECORD,
+    decimal,
+    is_mr,
+    law_name,
+    plain,
+    read_parameters,
+    record_text,
+    summary,
+)
 from mrwarp.usd.scene_report import value_text
 
 SUFFIXES = (".usda", ".usdc", ".usd")
@@ -107,6 +119,8 @@ def edit_asset(
         held = read_parameters(found, file)
         params = model.to_params(held, extrapolate=extrapolate)
         record = {RECORD: record_text(model, params)}
+        if model.law is not None or found.GetAttribute(LAW).HasAuthoredValue():
+            record[LAW] = law_name(model)
         own = {name: value for name, value in params if name in model.parameters or value != held.to_dict()[name]}
         values = own | values
     wanted: dict[str, float | str] = {**_checked(found, values, file), **record}
@@ -213,7 +227,7 @@ def _site(prim: Usd.Prim, name: str) -> tuple[str, str]:
     held = [s for s in own if name in s.attributes and s.attributes[name].HasDefaultValue()]
     spec = held[0] if held else own[-1] if own else None
     kind = str(held[0].attributes[name].typeName) if held else "float"
-    kind = "double" if name.startswith(PREFIX) else "string" if name == RECORD else kind
+    kind = "string" if name in (RECORD, LAW) else "double" if name.startswith(PREFIX) else kind
     return str(spec.path if spec else prim.GetPath()), kind
 
 

@@ -47,6 +47,9 @@ PD = {f"newton:{n}": MrParams.spec(s) for n, s in (("kp", "kp_base"), ("kd", "kd
 
 _NUMBER_TYPES = {"double", "float", "int"}
 
+LAW = f"{PREFIX}law"
+"""Attribute of type ``string`` that names the hysteresis law; its numbers stand in the record. None: eq. 15."""
+
 RECORD = "mr:model:record"
 """Attribute of type ``string`` that holds the record; ASCII, so that no tool's encoding matters."""
 
@@ -72,7 +75,8 @@ class PrimModel:
             return
         yield f"model: {origin(self.applied)}"
         for effect in self.applied.effects:
-            yield f"effect{'' if effect.acts else ' (does not act)'}: {effect}"
+            kind = "law" if effect == self.applied.law else "effect"
+            yield f"{kind}{'' if effect.acts else ' (does not act)'}: {effect}"
         if note := silent_note(self.applied.effects):
             yield note
         if self.changed:
@@ -99,7 +103,8 @@ def read_parameters(prim: Usd.Prim, file: str | Path = "stage") -> MrParams:
     where = f"{file}: {prim.GetPath()}"
     try:
         for attribute in prim.GetAuthoredPropertiesInNamespace(PREFIX.rstrip(":")):
-            MrParams.spec(attribute.GetName().removeprefix(PREFIX), where)
+            if attribute.GetName() != LAW:
+                MrParams.spec(attribute.GetName().removeprefix(PREFIX), where)
         values = {spec.name: read_number(prim, PREFIX + spec.name, spec, file) for spec in MrParams.specs()}
         return MrParams.from_dict(values, where)
     except ParameterError as error:
@@ -141,10 +146,11 @@ def read_model(prim: Usd.Prim, file: str | Path = "stage") -> PrimModel:
     place = f"{file}: {prim.GetPath()}"
     bare = {name: Parameter(value=value, unit=parameter_unit(name, JOINT_UNITS)) for name, value in values.items()}
     found = _record(prim, place)
-    if not found:
+    applied, rest = parse_record(found, place) if found else (None, {})
+    _check_law(prim, applied, place)
+    if applied is None:
         origin = FittedOn(source=place, trajectories=0, samples=0, rate=0.0)
         return PrimModel(model=Model(parameters=bare, fitted_on=origin, versions=versions()))
-    applied, rest = parse_record(found, place)
     recorded = {**applied.values, **rest}
     changed = {name: recorded[name] for name in values if not _same(prim, name, values[name], recorded[name])}
     parameters = {**applied.parameters, **{name: bare[name] for name in changed}}
@@ -234,6 +240,23 @@ def _record(prim: Usd.Prim, place: str) -> str:
     if not isinstance(value, str) or attribute.GetTypeName() != Sdf.ValueTypeNames.String:
         raise AssetError(f"{place}: {attribute.GetTypeName()} {RECORD} = {shown(value)}; allowed: a string; {_REMEDY}")
     return value
+
+
+def law_name(model: Model | None) -> str:
+    """What :data:`LAW` says of a model."""
+    return model.law.name if model is not None and model.law is not None else "bouc_wen"
+
+
+def _check_law(prim: Usd.Prim, applied: Model | None, place: str) -> None:
+    """Refuse a law whose numbers the prim does not hold."""
+    attribute = prim.GetAttribute(LAW)
+    value = attribute.Get() if attribute and attribute.HasAuthoredValue() else None
+    held = law_name(applied)
+    if value not in (None, held):
+        raise AssetError(
+            f"{place}: {LAW} = {shown(value)}, but its record holds the numbers of {held!r}; allowed: {held!r}; "
+            "give the prim another law with 'mrwarp asset apply'"
+        )
 
 
 def _same(prim: Usd.Prim, name: str, value: float, recorded: float) -> bool:

@@ -14,6 +14,7 @@ from mrwarp.params import MrParams
 from mrwarp.usd.asset import RobotAsset, load_bench, load_robot, masses, variant_choices
 from mrwarp.usd.open_stage import AssetError, open_stage
 from mrwarp.usd.record import (
+    LAW,
     PD,
     PREFIX,
     RECORD,
@@ -166,6 +167,8 @@ def value_text(attribute: str, value: Any) -> str:
     """The value of an actuator's attribute with its unit; of a record, where the model comes from."""
     if attribute == RECORD:
         return summary(value)
+    if attribute == LAW:
+        return str(value)
     return "none" if value is None else f"{value:.10g} {unit_of(attribute)}"
 
 
@@ -225,7 +228,7 @@ def _contents(asset: RobotAsset) -> dict[tuple[str, str], Any]:
 
 def _difference(where: str, name: str, old: Any, new: Any) -> str:
     """One line of a difference: place, values and unit."""
-    unit = unit_of(name) if name.startswith(PREFIX) or name in PD else _UNITS.get(name, "")
+    unit = unit_of(name) if (name.startswith(PREFIX) and name != LAW) or name in PD else _UNITS.get(name, "")
     before, after = (
         "none" if value is None else f"{value:.10g}" if isinstance(value, float) else str(value) for value in (old, new)
     )
