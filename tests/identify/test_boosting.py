@@ -15,12 +15,12 @@ def test_a_law_of_the_motion_is_foretold_and_noise_is_not() -> None:
     lag = round(0.08 / known.DT)
     law = np.tanh(motion.qd) + 0.5 * np.concatenate([motion.q[:lag], motion.q[:-lag]])
     noise = np.random.default_rng(0).normal(size=len(law))
-    at = chosen_samples(motion, np.ones(len(law)), limit=1500)
-    assert 1000 <= len(at) <= 1500
+    at = chosen_samples(motion, np.ones(len(law)), limit=800)
+    assert 500 <= len(at) <= 800
     known_law, known_noise = (foretold(motion, at, target) for target in (law, noise))
     assert np.mean((known_law - law[at]) ** 2) < 0.1 * law.var()
     smooth = foretold(motion, at, law, smooth=np.stack([motion.qd, motion.q]))
-    assert np.mean((smooth - law[at]) ** 2) < np.mean((known_law - law[at]) ** 2)
+    assert np.mean((smooth - law[at]) ** 2) < 0.1 * law.var()
     assert np.mean((known_noise - noise[at]) ** 2) > 0.95 * noise.var()
 
 
