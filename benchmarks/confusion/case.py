@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter
 
+from benchmarks.confusion import foreign
 from benchmarks.confusion.effects import CALIBRATION, EFFECTS, UNCATALOGUED, Effect, true_value
 from benchmarks.confusion.levels import level_of, strength_for
 from benchmarks.confusion.motion import TRUTH_RATE, Motion, make_session
@@ -124,6 +125,8 @@ class Truth:
     """Variables of which the diagnosis has to name one for the background; empty without one."""
     base: Mapping[str, float]
     """The nine coefficients [rad, A, N·m]."""
+    law: str = ""
+    """Another law that the device follows; empty for eqs. 14 and 15."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -259,6 +262,50 @@ def make_case(
         ),
         level=level_of(device, motion, errors.sigma) if hidden else 0.0,
         settings={"size": size, "clock_error": clock_error, "truth_rate": truth_rate},
+    )
+
+
+def make_foreign(kind: str, law: str, *, share: float, seed: int, size: str = "large", noise: float = 0.01) -> Case:
+    """Make a data set of a device by another law.
+
+    Args:
+        kind: Effect, several joined by "+", or "none".
+        law: One of :data:`benchmarks.confusion.foreign.LAWS`.
+        share: RMS of what each effect alone changes in the torque, over the torque's RMS.
+        seed: Seed of the device, its motion, the effects' draws and the noise.
+        size: As in :func:`make_case`.
+        noise: White noise of the torque over its RMS; the other errors are those of the regime "clean".
+    """
+    hidden = () if kind == "none" else tuple(kind.split("+"))
+    motion = make_session(size=size, rate=200.0, seed=_stream(seed, 0, 0), clock_error=0.005, truth_rate=TRUTH_RATE)
+    plain = replace(Device.drawn(0.0, _stream(seed, 1)), law=law, numbers=foreign.drawn(law, _stream(seed, 1)))
+    torque = simulate(plain, motion).torque
+    rms = float(np.sqrt(np.mean(torque**2)))
+    rng = np.random.default_rng(_stream(seed, 2))
+    effects = {}
+    for name in hidden:
+        draws, strength = EFFECTS[name].draw(rng), EFFECTS[name].guess
+        for _ in range(4):  # the change is nearly proportional to the strength
+            moved = simulate(plain.with_effects({name: Effect(strength=strength, draws=draws)}), motion).torque
+            strength *= share * rms / float(np.sqrt(np.mean((moved - torque) ** 2)))
+        effects[name] = Effect(strength=strength, draws=draws)
+    rendering, errors = Rendering(), replace(NOISES["clean"], white=noise * rms, coloured=0.3 * noise * rms)
+    return Case(
+        seed=seed,
+        device=plain.with_effects(effects),
+        motion=motion,
+        noise=errors,
+        rendering=rendering,
+        truth=Truth(
+            kinds=hidden,
+            background=(),
+            parameters={name: _stated(name, effects[name], rendering, share) for name in hidden},
+            depends_on=frozenset(),
+            base={},
+            law=law,
+        ),
+        level=share if hidden else 0.0,
+        settings={"size": size, "clock_error": 0.005, "truth_rate": TRUTH_RATE},
     )
 
 

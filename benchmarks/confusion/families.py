@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.confusion.case import Case, make_case
+from benchmarks.confusion.case import Case, make_case, make_foreign
 from benchmarks.confusion.effects import CALIBRATION, PAIRS, SINGLE, UNCATALOGUED
+from benchmarks.confusion.foreign import HIDDEN, LAWS
 
-FAMILIES = ("single", "none", "uncatalogued", "pairs", "background", "calibration", "other")
+FAMILIES = ("single", "none", "uncatalogued", "pairs", "background", "calibration", "other", "foreign")
 """Families by name."""
 
 SEED_STEP = 100_003
@@ -36,7 +37,7 @@ class Plan:
 
     family: str
     level: float = 0.4
-    """Level of each effect."""
+    """Level of each effect; in the family "foreign" its share of the torque's RMS."""
     seed: int = 0
     size: str | None = None
     """Size of all data sets; None: large, in the family "none" both in turn."""
@@ -57,7 +58,7 @@ class Plan:
             raise ValueError(f"kind {min(unknown)!r} is not in family {self.family!r}; of {', '.join(self._known())}")
 
     def _known(self) -> list[str]:
-        kinds = {"uncatalogued": UNCATALOGUED, "calibration": CALIBRATION, "none": ("none",)}
+        kinds = {"uncatalogued": UNCATALOGUED, "calibration": CALIBRATION, "none": ("none",), "foreign": HIDDEN}
         if self.family == "pairs":
             return ["+".join(pair) for pair in PAIRS]
         return list(kinds.get(self.family, SINGLE))
@@ -68,6 +69,9 @@ class Plan:
         kind, turn = kinds[index % len(kinds)], index // len(kinds)
         out: dict[str, Any] = {"kind": tuple(kind.split("+")) if "+" in kind else kind, "level": self.level}
         out["seed"] = self.seed * SEED_STEP + index
+        if self.family == "foreign":
+            out = {"kind": kind, "law": LAWS[index % len(LAWS)], "share": self.level, "seed": out["seed"]}
+            return out | ({"size": self.size} if self.size else {})
         if self.family == "none":
             out["noise"], out["size"], out["base_spread"] = _NONE[index % len(_NONE)]
         elif self.family == "background":
@@ -85,4 +89,6 @@ class Plan:
 
     def make(self, index: int) -> Case:
         """Make the case ``index``."""
+        if self.family == "foreign":
+            return make_foreign(**self.arguments(index))
         return make_case(**self.arguments(index))

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from benchmarks.confusion import effects as law
+from benchmarks.confusion import foreign
 from benchmarks.confusion.effects import Effect, State
 from benchmarks.confusion.motion import Motion
 from benchmarks.confusion.path import Path, Turns, behind_gap
@@ -42,6 +43,10 @@ class Device:
     """Position where the stiffness of eq. 14 is zero [rad]."""
     effects: Mapping[str, Effect] = field(default_factory=dict)
     """What is hidden, by name."""
+    law: str = ""
+    """Another law than eqs. 14 and 15, of :data:`benchmarks.confusion.foreign.LAWS`; empty for these."""
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    """Coefficients of that law."""
 
     @classmethod
     def drawn(cls, spread: float, seed: np.random.SeedSequence) -> Device:
@@ -105,6 +110,11 @@ def simulate(device: Device, motion: Motion) -> Signals:
 def _torque(device: Device, motion: Motion, samples: slice) -> np.ndarray:
     """Torque of the device [N·m], before the sensor, shape (T, M)."""
     p, hidden = device.base, device.effects
+    if device.law:
+        fine, _ = _state(device, motion, slice(None))
+        own = foreign.torque(device.law, device.numbers, fine.q, fine.qd, fine.qdd, fine.current, motion.dt)
+        state, _ = _state(device, motion, samples)
+        return own[:, samples] + sum(add(hidden[name], state) for name, add in law.TORQUES.items() if name in hidden)
     gap = "backlash" in hidden
     state, path = _state(device, motion, slice(None) if gap else samples)
     stiffness = p["K0"] + p["K1"] * _strength(device, state)

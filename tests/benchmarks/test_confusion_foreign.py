@@ -1,0 +1,51 @@
+"""Devices by other laws than the simulator's: an effect hidden in one is found, and where none is, none is named."""
+
+import numpy as np
+import pytest
+
+from benchmarks.confusion.case import make_foreign
+from benchmarks.confusion.families import Plan
+from benchmarks.confusion.foreign import LAWS, drawn, torque
+from benchmarks.confusion.suite import run_case
+from benchmarks.confusion.truth import simulate
+
+
+def foreign(kind: str, law: str) -> dict:
+    """The first case of the family with this effect and law."""
+    plan = Plan(family="foreign", level=0.1, seed=811, size="small")
+    index = next(k for k in range(90) if plan.arguments(k)["kind"] == kind and plan.arguments(k)["law"] == law)
+    return run_case(plan, index)
+
+
+def test_hidden_effect_is_found_in_a_foreign_device() -> None:
+    """Cogging in a device by Kwok's law is named, and the law's own misfit stands beside it as unexplained."""
+    found = foreign("cogging", "kwok")
+    assert found["outcome"] == "right" and found["verdict"] == "named_and_unexplained"
+
+
+def test_nothing_hidden_in_a_foreign_device_is_not_named() -> None:
+    """A device by Spencer's law lacks no effect: nothing is named, and what repeats is unexplained."""
+    found = foreign("none", "spencer")
+    assert found["outcome"] == "right" and not found["causes"] and found["unexplained"]
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_foreign_law_dissipates_and_repeats(law: str) -> None:
+    """Over a closed cycle it takes energy, more with current, and half the step gives the same torque."""
+    numbers = drawn(law, np.random.SeedSequence(1))
+    work = []
+    for current, steps in ((0.0, 4000), (1.0, 4000), (1.0, 8000)):
+        t = np.linspace(0.0, 2.0, steps + 1)[None]
+        w = 2.0 * np.pi
+        q, qd, qdd = 0.4 * np.sin(w * t), 0.4 * w * np.cos(w * t), -0.4 * w * w * np.sin(w * t)
+        tau = torque(law, numbers, q, qd, qdd, np.full_like(t, current), 2.0 / steps)
+        half = steps // 2
+        work.append(float(np.trapezoid((tau * qd)[0, half:], t[0, half:])))
+    assert 0.0 < work[0] < work[1] and work[2] == pytest.approx(work[1], rel=1e-3)
+
+
+def test_an_effect_has_the_share_that_was_asked_for() -> None:
+    """Its change of the torque is a tenth of the torque."""
+    case = make_foreign("torque_sensor_lag", "guo", share=0.1, seed=3, size="small")
+    with_it, without = (simulate(d, case.motion).torque for d in (case.device, case.device.with_effects({})))
+    assert np.sqrt(np.mean((with_it - without) ** 2)) == pytest.approx(0.1 * np.sqrt(np.mean(without**2)), rel=0.05)
