@@ -24,7 +24,7 @@ from mrwarp.diagnose.held_out import account_of, hold_out
 from mrwarp.diagnose.law_choice import choose_law, structured
 from mrwarp.diagnose.next_experiment import propose, smallest_sizes
 from mrwarp.diagnose.problem import Fit, Problem, refit, reported_fit
-from mrwarp.diagnose.proof import select_proven
+from mrwarp.diagnose.proof import select_proven, without_parts
 from mrwarp.diagnose.residual_structure import find_line, without_line
 from mrwarp.diagnose.result import Diagnosis, Shift
 from mrwarp.diagnose.search import best_single, screen_candidates
@@ -107,11 +107,18 @@ def diagnose(
     reasons = doubts(held_out, selection, problem)
     if reasons:
         return without_verdict(recording, reasons, seed, time.perf_counter() - begun)
+    log("what repeats")
+    account = account_of(problem, held_out, extended, seed)
+    selection, parts = without_parts(problem, selection, account)
+    if parts:
+        log(f"not proven: {', '.join(x.effect for x in parts)}")
+        doubted += parts
+        extended = reported_fit(problem, selection.final)
+        held_out = hold_out(problem, selection, baseline, extended)
+        account = account_of(problem, held_out, extended, seed)
     shifts: tuple[Shift, ...] = ()
     if not base.parameters.law:
         shifts = calibration_shifts(selection.final, problem.motion, recording, model)
-    log("what repeats")
-    account = account_of(problem, held_out, extended, seed)
     log("smallest sizes that would have shown")
     sizes = smallest_sizes(problem, selection.final, candidates)
     log("next experiment")

@@ -11,14 +11,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mrwarp.diagnose.held_out import held_out_squares
+from mrwarp.diagnose.held_out import Account, held_out_squares
 from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, reported_fit
+from mrwarp.diagnose.residual_structure import leftovers
 from mrwarp.diagnose.screening import Candidate, Models
 from mrwarp.diagnose.search import Selection, select
 from mrwarp.identify.projection import Progress
 
 _STANDARD_ERRORS = 1.0
 """Least gain on trajectories left out, in its standard errors: the one-standard-error rule."""
+_PART = 0.2
+"""Least gain of an effect, as a share of what comes again without a name."""
 _KNOWN_WITHIN = 100.0
 """Ratio of an interval's ends from which a positive number counts as not known at all."""
 _ROUNDS = 3
@@ -73,6 +76,36 @@ def select_proven(
     else:
         selection = select(problem, base, [], log)
     return replace(selection, screened=screened), tuple(doubts.values())
+
+
+def without_parts(problem: Problem, selection: Selection, account: Account) -> tuple[Selection, tuple[Doubt, ...]]:
+    """The selection without effects that may be a part of what repeats without a name, because that is much larger.
+
+    A law of another shape leaves pieces that some effect fits: on devices by other laws these took a tenth to a sixth
+    of what repeated, effects that were there a third and more.
+    """
+    doubts: list[Doubt] = []
+    if not account.open or not selection.named:
+        return selection, ()
+    models = Models(problem, selection.base)
+    fit = reported_fit(problem, selection.final)
+    after = float(held_out_squares(problem, fit).sum())
+    baseline = float(held_out_squares(problem, reported_fit(problem, selection.base)).sum())
+    final = selection.final
+    for effect in selection.named:
+        without = float(held_out_squares(problem, reported_fit(problem, models.without(selection.final, effect))).sum())
+        gain = (without - after) / baseline
+        if gain < _PART * account.repeatable.share:
+            times = account.repeatable.share / max(gain, 1e-9)
+            much = f"{times:.0f} times as large" if times < 100.0 else "far larger"
+            reason = f"what comes again without a name is {much}: this may be a part of it"
+            doubts.append(Doubt(effect=effect, reason=reason, gain=max(gain, 0.0), fit=fit))
+            final = models.without(final, effect)
+    if not doubts:
+        return selection, ()
+    gains = {name: gain for name, gain in selection.own_gain.items() if name in final.effects}
+    left = leftovers(problem, final)
+    return replace(selection, final=final, own_gain=gains, leftovers=left), tuple(doubts)
 
 
 def _doubts(problem: Problem, selection: Selection, models: Models) -> dict[str, Doubt]:

@@ -1,9 +1,13 @@
 """What is called a cause has shown it: its interval excludes zero, its size is possible, unseen trajectories gain."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.proof import _gain_doubt, select_proven
+from mrwarp.diagnose.held_out import Account, Share, held_out_squares
+from mrwarp.diagnose.problem import reported_fit
+from mrwarp.diagnose.proof import _gain_doubt, select_proven, without_parts
 from mrwarp.diagnose.search import screen_candidates
 from tests.diagnose import known
 
@@ -47,3 +51,18 @@ def test_a_suspect_comes_back_through_no_earlier_fit() -> None:
     selection, doubts = proven(hidden, ["torque_sensor_lag", "cogging"])
     assert doubts[0].effect == "torque_sensor_lag"
     assert not any("torque_sensor_lag" in effects for effects in selection.fits)
+
+
+@pytest.mark.parametrize(("times", "stays"), [(2.0, True), (9.0, False)])
+def test_a_piece_of_something_much_larger_is_a_suspect(times: float, stays: bool) -> None:
+    """An effect stays where it takes away at least a fifth of what repeats without a name."""
+    problem = known.problem({"torque_sensor_lag": {"time_constant": 0.003}}, at=known.motion(50, runs=6, seconds=3.0))
+    base = known.fitted(problem)
+    selection, _ = select_proven(problem, base, screen_candidates(problem, base, ["torque_sensor_lag"]))
+    assert selection.named == ["torque_sensor_lag"]
+    plain = [held_out_squares(problem, reported_fit(problem, fit)).sum() for fit in (selection.base, selection.final)]
+    part = Share(share=0.5, ci95=(0.4, 0.6))
+    much = replace(part, share=float(1.0 - plain[1] / plain[0]) * times)
+    account = Account(named=part, repeatable=much, not_repeatable=part, left=0.1, cycle_spread=None, learnable=part)
+    found, doubts = without_parts(problem, selection, account)
+    assert found.named == (["torque_sensor_lag"] if stays else []) and len(doubts) == (not stays)
