@@ -68,9 +68,9 @@ def diagnose(
     log(f"{len(candidates)} effects as candidates")
     screened = screen_candidates(first, base, candidates)
     choice, other, other_base = choose_law(first, base, screened, [run.id for run in recording.trajectories], log)
-    if choice is not None and (choice.other or choice.offsets):
+    if choice is not None and choice.other:
         first, base = plain_problem(other, other_base)
-        if choice.other and structured(first, base):  # whitened differences would decide by what is quick
+        if structured(first, base):  # whitened differences would decide by what is quick
             first, base = with_learned_noise(replace(first, misfit=True), base)
         else:
             first, base = judged(first, base, log)
