@@ -18,8 +18,7 @@ _TYPICAL: dict[str, dict[str, float]] = {
         "k1": 0.25, "gamma": 8.0, "beta": 8.0, "A": 1.6,
     },
     "kwok": {
-        "c": 0.08, "c_current": 0.08, "k": 0.3, "beta": 1.6, "delta": 0.45, "yield0": 0.25, "yield1": 2.6,
-        "saturation": 0.5, "offset": 0.03,
+        "c": 0.08, "c_current": 0.08, "k": 0.3, "beta": 1.6, "delta": 0.45, "yield0": 0.25, "yield1": 1.2, "offset": 0.03,
     },
     "guo": {"c": 0.10, "yield0": 0.25, "yield1": 1.7, "steepness": 3.0, "speed0": 0.25, "rise": 6.0, "k": 0.2},
 }  # fmt: skip
@@ -80,9 +79,9 @@ def spencer(p: Numbers, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, current:
 
 
 def kwok(p: Numbers, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, current: np.ndarray, dt: float) -> np.ndarray:
-    """Hyperbolic tangent with a sign of the position (Kwok, Ha, Nguyen, Li, Samali 2006); the yield saturates."""
+    """Hyperbolic tangent with a sign of the position (Kwok, Ha, Nguyen, Li, Samali 2006)."""
     z = np.tanh(p["beta"] * qd + p["delta"] * np.tanh(20.0 * q))
-    size = p["yield0"] + p["yield1"] * (1.0 - np.exp(-p["saturation"] * current))
+    size = p["yield0"] + p["yield1"] * current
     return (p["c"] + p["c_current"] * current) * qd + p["k"] * q + size * z + p["offset"]
 
 

@@ -19,8 +19,6 @@ from mrwarp.identify.projection import Progress
 
 _ADDED, _ADDED_SLOWLY = 0.13, 0.06
 """Part of the gain so far that one more effect must add."""
-_MOST = 3
-"""Most effects that are named together."""
 KEPT, KEPT_BESIDE_MORE = 0.35, 0.5
 """Part of an effect's gain that must remain beside free functions of what it leaves, the latter if that is more."""
 WITHIN = 60.0
@@ -117,11 +115,11 @@ def _best_model(models: Models, screened: list[Candidate], before: list[Leftover
     if seconds:
         log(f"pairs: {' + '.join(best.effects)} with {', '.join(c.effect for c in seconds[:3])}")
         best = _best_pair(models, passing, candidates, best, seconds)
-        thirds = _passing(models, best, candidates)
-        if thirds and len(models.added(best)) < _MOST:
-            grown = _grow(models, best, thirds[:3])
-            if _worth(models, grown):
-                best = grown
+        while more := _passing(models, best, candidates):
+            grown = _grow(models, best, more[:3])
+            if not _worth(models, grown):
+                break
+            best = grown
     return confirmed(models, _pruned(models, best), before)
 
 

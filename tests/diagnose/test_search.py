@@ -141,3 +141,15 @@ def test_effect_at_the_edge_of_its_range_must_show_in_most_trajectories() -> Non
     edge[-1] = fit.parameters.low[-1]
     assert _within_range(models, replace(fit, x=inside)).effects == ("cogging",)
     assert _within_range(models, replace(fit, x=edge)) is selection.base
+
+
+def test_there_are_as_many_causes_as_are_hidden() -> None:
+    """Four effects that are not each other's rivals are all found: nothing ends the search at three."""
+    hidden = {
+        "coil_lag": {"time_constant": 0.01},
+        "rotor_inertia": {"inertia": 0.006},
+        "coulomb_friction": {"torque": 0.08},
+        "cogging": {"sine": 0.06, "cosine": 0.0, "periods": 25.0},
+    }
+    selection = searched(made(hidden), [*hidden, "wear"])
+    assert set(selection.final.effects) == set(hidden)
