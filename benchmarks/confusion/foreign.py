@@ -18,7 +18,8 @@ _TYPICAL: dict[str, dict[str, float]] = {
         "k1": 0.25, "gamma": 8.0, "beta": 8.0, "A": 1.6,
     },
     "kwok": {
-        "c": 0.08, "c_current": 0.08, "k": 0.3, "beta": 1.6, "delta": 0.45, "yield0": 0.25, "yield1": 1.2, "offset": 0.03,
+        "c": 0.08, "c_current": 0.08, "k": 0.3, "beta": 1.6, "delta": 0.45, "yield0": 0.25, "yield1": 1.2,
+        "offset": 0.03,
     },
     "guo": {"c": 0.10, "yield0": 0.25, "yield1": 1.7, "steepness": 3.0, "speed0": 0.25, "rise": 6.0, "k": 0.2},
 }  # fmt: skip
