@@ -54,6 +54,7 @@ NEWTON_ALLOWED = (
     "mrwarp/env/backend*.py",
     "mrwarp/actuator/newton_drive.py",
     "mrwarp/usd/asset.py",
+    "mrwarp/robots/foreign.py",
     "benchmarks/perf/newton_lstm.py",
 )
 
