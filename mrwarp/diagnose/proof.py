@@ -27,9 +27,10 @@ _KNOWN_WITHIN = 100.0
 _ROUNDS = 3
 """Searches at most: each after the first leaves out the suspects of those before."""
 
-_SLOWEST = {"command_delay": 0.05, "coil_lag": 0.2, "torque_sensor_lag": 0.02, "velocity_lag": 0.02}
-"""Longest possible lag [s]. A driver and its bus wait some milliseconds; the coil of a large damper takes 0.1 s. A
-sensor that lags 20 ms passes 8 Hz: a bench that records motion does not have it."""
+_SLOWEST = {"command_delay": 0.05, "coil_lag": 2.0, "torque_sensor_lag": 0.02, "velocity_lag": 0.02}
+"""Longest possible lag [s]. A driver and its bus wait some milliseconds; the coil of a large damper takes 0.1 s,
+and the field of one whose iron carries eddy currents a second. A sensor that lags 20 ms passes 8 Hz: a bench that
+records motion does not have it."""
 _LAGS = {
     "command_delay": "no driver waits that long",
     "coil_lag": "no coil is that slow",
