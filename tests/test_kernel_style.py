@@ -39,7 +39,7 @@ PATH_IMPORTS = (
     "mrwarp.effects.path",
     "mrwarp.effects.joint",
 )
-LAW_IMPORTS = ("warp", "mrwarp.effects.law", "mrwarp.kernels.coil")
+LAW_IMPORTS = ("warp", "mrwarp.effects.law", "mrwarp.kernels.bouc_wen", "mrwarp.kernels.coil")
 LAW_ARGUMENTS = (
     ("s", "Path"), ("values", "wp.array2d[float]"), ("row", "int"), ("at", "int"), ("memory", "wp.array2d[float]"),
     ("line", "int"), ("slot", "int"),

@@ -18,22 +18,7 @@ if it were that.
 import warp as wp
 
 from mrwarp.effects.law import EffectLaw, EffectParameter, Path
-from mrwarp.kernels.bouc_wen import bouc_wen_exact
-
-
-@wp.func
-def release(s: Path, z: float, dt: float) -> float:
-    """Signed path of a shaft that nothing holds [rad]."""
-    left = float(0.0)
-    if s.viscosity > 0.0 and s.stiffness > 0.0:
-        speed = s.stiffness * wp.abs(z) / s.viscosity
-        speed = 2.0 * speed / (1.0 + wp.sqrt(1.0 + 4.0 * s.alpha * speed))
-        left = wp.exp(-dt * s.stiffness / s.viscosity / (1.0 + s.alpha * speed))
-    size, r = (1.0 - left) * wp.abs(z), s.beta - s.gamma
-    way = size * (1.0 - 0.5 * r * size)
-    if wp.abs(r * size) > 1.0e-3:
-        way = wp.log(wp.max(1.0 + r * size, 1.0e-6)) / r
-    return -wp.sign(z) * way
+from mrwarp.kernels.bouc_wen import bouc_wen_exact, bouc_wen_release
 
 
 @wp.func
@@ -41,7 +26,7 @@ def backlash_law(
     s: Path, values: wp.array2d[float], row: int, at: int, memory: wp.array2d[float], line: int, slot: int
 ) -> Path:
     """Between encoder and device there is play."""
-    half_gap = values[row, at]
+    half_gap, rate = values[row, at], s.beta - s.gamma
     if half_gap > 0.0:
         gap = float(0.0)
         if s.begins == 0:
@@ -56,10 +41,11 @@ def backlash_law(
         z, first = float(s.z), float(0.0)
         if turn > 0.0:
             low = gap + s.path_1 - half_gap
-            first = wp.clamp(release(s, z, turn * s.dt), low, low + 2.0 * half_gap)
+            way = bouc_wen_release(z, rate, s.stiffness, s.viscosity, s.alpha, turn * s.dt)
+            first = wp.clamp(way, low, low + 2.0 * half_gap)
             gap = gap + s.path_1 - first
             z = bouc_wen_exact(first, z, s.beta, s.gamma, 1.0)
-        free = release(s, z, (1.0 - turn) * s.dt)
+        free = bouc_wen_release(z, rate, s.stiffness, s.viscosity, s.alpha, (1.0 - turn) * s.dt)
         low = gap + s.path_2 - half_gap
         second = wp.clamp(free, low, low + 2.0 * half_gap)
         gap = wp.clamp(gap + s.path_2 - second, -half_gap, half_gap)

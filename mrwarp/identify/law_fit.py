@@ -11,6 +11,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -266,7 +267,7 @@ def zero_line(search: LawSearch, zeros: np.ndarray) -> tuple[float, float]:
     current = np.array([search.motion.current[part].mean() for part in search.motion.parts])
     if search.varies or len(np.unique(np.round(current, 2))) < 3:
         return float(np.median(zeros)), 0.0
-    line = stats.siegelslopes(zeros, current)  # as long as most zeros lie on it
+    line: Any = stats.siegelslopes(zeros, current)  # as long as most zeros lie on it
     return float(line.intercept), float(line.slope)
 
 

@@ -1,4 +1,4 @@
-"""Current-aware Bouc-Wen torque (eq. 14) and its hysteresis state (eq. 15), by Euler and by the exact step."""
+"""Current-aware Bouc-Wen torque (eq. 14) and its hysteresis state (eq. 15): Euler's step, the exact one, release."""
 
 import warp as wp
 
@@ -53,6 +53,26 @@ def bouc_wen_exact(qd: float, z: float, beta: float, gamma: float, dt: float) ->
         path = path - to_zero
         u = float(0.0)
     return direction * _relax(u, beta + gamma, path)
+
+
+@wp.func
+def bouc_wen_release(z: float, rate: float, stiffness: float, viscosity: float, alpha: float, dt: float) -> float:
+    """Signed path of a shaft without mass that nothing holds, in ``dt`` [rad].
+
+    With K the ``stiffness`` of the hysteresis [N·m/rad] and B the ``viscosity`` it moves so that
+    ``K*z/(1 + alpha*|qd|) + B*qd = 0``: to where its stress is gone, at once for B = 0. ``rate`` is beta - gamma, by
+    which eq. 15 unloads.
+    """
+    left = float(0.0)
+    if viscosity > 0.0 and stiffness > 0.0:
+        speed = stiffness * wp.abs(z) / viscosity
+        speed = 2.0 * speed / (1.0 + wp.sqrt(1.0 + 4.0 * alpha * speed))
+        left = wp.exp(-dt * stiffness / viscosity / (1.0 + alpha * speed))
+    size = (1.0 - left) * wp.abs(z)
+    path = size * (1.0 - 0.5 * rate * size)
+    if wp.abs(rate * size) > 1.0e-3:
+        path = wp.log(wp.max(1.0 + rate * size, 1.0e-6)) / rate
+    return -wp.sign(z) * path
 
 
 @wp.func

@@ -1,6 +1,7 @@
 """A published hysteresis law in the joint: its torque, passive in both couplings; USD holds it and says so."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +25,8 @@ def swung(law: str, path: Path, coupling: Coupling) -> tuple[np.ndarray, np.ndar
     file = model_file(path / f"{law}.json", (make_effect(law, NUMBERS[law]),), **UNIT_LOOP)
     gains = {"kp_base": 0.0, "kp_low": 0.0, "kd": 0.0, "eps_hold": 0.0}
     rig = Rig(fitted_scene(file, 1, z_step=ZStep.EXACT, coupling=coupling, **gains))
-    rig.control.mr_foot_load = None
+    control: Any = rig.control
+    control.mr_foot_load = None
     w = 2.0 * np.pi * 1.3
     t = DT * np.arange(1, STEPS + 1)
     q, qd = 0.3 * np.sin(w * t), 0.3 * w * np.cos(w * t)
