@@ -10,7 +10,7 @@ from mrwarp.diagnose.result import Diagnosis, Error, NextExperiment
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import both, title
 from mrwarp.identify.contradictions import EXPLAINS_NOTHING, contradictions, explains_nothing
-from mrwarp.recording.data import Recording, quantity
+from mrwarp.recording.data import Recording, quantity, true_names
 from mrwarp.recording.saturation import CLIPPED, at_limit
 
 MIN_TRAJECTORIES = 3
@@ -48,7 +48,7 @@ def hindrances(recording: Recording) -> list[str]:
             f"the torque sensor is saturated: {100 * clipped:.2g} % of the samples stand at its largest reading "
             f"({limit:.4g}), so the torque beyond is unknown; use a larger range or less current"
         )
-    return found + wrong
+    return [true_names(reason, recording.units) for reason in found] + wrong
 
 
 def without_verdict(recording: Recording, reasons: list[str], seed: int, seconds: float) -> Diagnosis:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from mrwarp.diagnose.result import Diagnosis, Value
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
-from mrwarp.recording.data import quantity
+from mrwarp.recording.data import quantity, true_names
 
 _STEPS: dict[str, tuple[tuple[float, float, str], ...]] = {
     "s": ((0.0, 1e3, "ms"), (1.0, 1.0, "s"), (600.0, 1.0 / 60.0, "min")),
@@ -188,7 +188,7 @@ def sentence_of(d: Diagnosis) -> str:
         parts.append("nothing is missing that these data could show")
     for s in d.parameter_shift:
         parts.append(f"the calibration has shifted: {either((s.name, *s.alternatives))}")
-    return capital("; ".join(parts) + ".")
+    return true_names(capital("; ".join(parts) + "."), d.recording.units)
 
 
 def _cause_text(name: str, alternatives: tuple[str, ...], causes: int) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -73,6 +74,11 @@ _NAMES = {
 def quantity(column: str, units: Mapping[str, str]) -> str:
     """What ``q``, ``current`` (the control input) or ``torque`` holds by its unit, e.g. pressure."""
     return _NAMES[column].get(units[column], {"current": "control input"}.get(column, "torque"))
+
+
+def true_names(text: str, units: Mapping[str, str]) -> str:
+    """A text that calls the control input "current" as it is called for a device in ``units``, such as pressure."""
+    return re.sub(r"\bcurrent(s?)\b", lambda found: quantity("current", units) + found[1], text)
 
 
 def with_unit(number: str, unit: str) -> str:

@@ -17,7 +17,11 @@ from mrwarp.diagnose.result import Cause, Diagnosis, NextExperiment, Shift, Susp
 from mrwarp.diagnose.verdict_text import capital
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
+from mrwarp.recording.data import true_names
 from mrwarp.run_dir import versions
+
+_AS_IS = {"source", "data", "extended", "seed", "unexplained"}
+"""What the page shows as it stands: names of files and what units do not change."""
 
 _KINDS = {"mechanism": "part of the device", "sensor": "only in what is measured", "calibration": "calibration"}
 
@@ -49,7 +53,7 @@ def render(
     environment.filters |= {"percent": text.percent, "both": text.both, "variable": variable}
     found = draw(d) if pictures is None else pictures
     page = environment.get_template("report.html.jinja").render(
-        **_content(d),
+        **{key: x if key in _AS_IS else _truly(x, d.recording.units) for key, x in _content(d).items()},
         pictures={name: base64.b64encode(data).decode() for name, data in found.items()},
         impact=impact,
         learned=learned,
@@ -59,6 +63,15 @@ def render(
     )
     # a lone surrogate, as undecodable bytes of a file name give, cannot be written as UTF-8
     return page.encode("utf-8", "replace").decode("utf-8")
+
+
+def _truly(content: Any, units: Mapping[str, str]) -> Any:
+    """Texts, in lists and objects too, with the control input called what it is."""
+    if isinstance(content, str):
+        return true_names(content, units)
+    if isinstance(content, dict):
+        return {key: item if key == "equation" else _truly(item, units) for key, item in content.items()}
+    return [_truly(item, units) for item in content] if isinstance(content, list | tuple) else content
 
 
 def _content(d: Diagnosis) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from mrwarp.diagnose.report.trace_pictures import (
 )
 from mrwarp.diagnose.result import REGIMES, Diagnosis
 from mrwarp.diagnose.verdict_text import axis_label, both, capital, percent, short, title
+from mrwarp.recording.data import true_names
 
 NAMES = ("evidence", "gain", "loops", "worst", "accounting", "variables", "spectrum", "tried", "data")
 """All pictures."""
@@ -53,9 +54,14 @@ def draw(diagnosis: Diagnosis) -> dict[str, bytes]:
 
 def accounting_picture(d: Diagnosis) -> Figure:
     """Where the baseline's mean squared mismatch goes."""
-    a = d.accounting
+    a, named = d.accounting, true_names(both(title(c.name) for c in d.causes), d.recording.units)
     parts = [
-        (a.named, f"{capital(both(title(c.name) for c in d.causes)) or 'Named cause'}", AFTER, "white"),
+        (
+            a.named,
+            capital(named) or "Named cause",
+            AFTER,
+            "white",
+        ),
         (a.predictable, "Repeatable, cause unknown", OTHER, "black"),
         (a.noise, "Not repeatable", "#bdbdbd", "black"),
     ]
@@ -127,7 +133,7 @@ def tried_picture(d: Diagnosis) -> Figure | None:
         ax.barh(k, 100.0 * max(t.gain, 0.0), color=color, height=0.72, hatch=hatch, edgecolor=edge)
         if t.gain > 0.0 and np.isfinite(t.error):
             ax.errorbar(100.0 * t.gain, k, xerr=196.0 * t.error, fmt="none", elinewidth=1.1, ecolor="0.2", capsize=2.5)
-    ax.set_yticks(range(len(rows)), [title(t.name) for t in rows], fontsize=10.5)
+    ax.set_yticks(range(len(rows)), [true_names(title(t.name), d.recording.units) for t in rows], fontsize=10.5)
     ax.axvline(0.0, color=MEASURED, lw=0.8)
     ax.set_xlabel("squared mismatch taken away [%]")
     ax.set_ylim(-0.7, len(rows) - 0.3)

@@ -8,6 +8,7 @@ from typing import Any
 from mrwarp.diagnose import verdict_text as text
 from mrwarp.diagnose.report.diagnosis_page import Table
 from mrwarp.diagnose.result import Diagnosis
+from mrwarp.recording.data import true_names
 from mrwarp.runtime import text_table
 from mrwarp.trials.impact_figures import EFFECT_FIGURES, ImpactChange
 
@@ -19,6 +20,7 @@ def lines(d: Diagnosis, tables: Mapping[str, Table]) -> list[str]:
     unsaid = [why for why in d.cannot_know if why not in d.sentence]
     found += [f"  cannot be known: {why.removesuffix(advice)}" for why in unsaid]
     found += [f"  suspect, not proven: {text.title(s.name)}: {s.reason}" for s in d.suspects]
+    found = [true_names(line, d.recording.units) for line in found]
     rows = []
     for cause in d.causes:
         for name, value in cause.parameters.items():

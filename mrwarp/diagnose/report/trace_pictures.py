@@ -25,6 +25,7 @@ from mrwarp.diagnose.result import Diagnosis, Traces
 from mrwarp.diagnose.verdict_text import axis_label, capital, short, title
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.dataset import rms, session_clock
+from mrwarp.recording.data import true_names
 
 MEASURED, BEFORE, AFTER, ALTERNATIVE, NOISE, OTHER = "#222222", "#d55e00", "#0072b2", "#56b4e9", "#d0d0d0", "#e69f00"
 """Okabe and Ito's colours: baseline, extension, its alternatives; grey for noise, yellow for what stays unexplained."""
@@ -63,7 +64,7 @@ def evidence_picture(d: Diagnosis) -> Figure | None:
     for cause in d.causes[:2]:
         law = CATALOGUE.get(cause.name)
         axes = [axis for v in (law.depends_on if law else ()) for axis in axes_of(v, t, units)]
-        rows.append((best_profile(axes, t), title(cause.name)))
+        rows.append((best_profile(axes, t), true_names(title(cause.name), units)))
     plane = _plane(d)
     if d.unexplained is not None and plane is None:
         for name in d.unexplained.depends_on[:2]:
