@@ -46,7 +46,8 @@ def lines(d: Diagnosis, tables: Mapping[str, Table]) -> list[str]:
         found.append(f"\nRMS error, each of {len(d.per_trajectory)} trajectories predicted by a fit to the others")
         found += text_table(("", "", ""), errors)[1:]
     if d.next_experiment is not None:
-        found.append(f"next experiment, {d.next_experiment.seconds:.0f} s: {d.next_experiment.what}")
+        said = true_names(d.next_experiment.what, d.recording.units)
+        found.append(f"next experiment, {d.next_experiment.seconds:.0f} s: {said}")
     for name, table in tables.items():
         found.append(f"\n{name}: " + " | ".join(table.head))
         found += ["  " + " | ".join(row) for row in table.rows]
