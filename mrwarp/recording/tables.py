@@ -9,7 +9,7 @@ import gzip
 import json
 import re
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -65,13 +65,19 @@ def suffix_of(path: Path) -> str:
     return next((s for s in reversed(SUFFIXES) if path.name.lower().endswith(s)), "")
 
 
-def read_table(file: Path, required: Sequence[str], limit: int) -> Table:
+def _of_a_joint(name: str) -> bool:
+    """Whether a column belongs to a recording of one joint."""
+    return name in UNITS or name == "trajectory"
+
+
+def read_table(file: Path, required: Sequence[str], limit: int, keep: Callable[[str], bool] = _of_a_joint) -> Table:
     """Read one file.
 
     Args:
         file: A regular file.
         required: Columns that it must have.
         limit: Largest content [bytes], uncompressed: what other files of the recording leave.
+        keep: Whether a column, by its name, is read.
 
     Raises:
         RecordingError: the file is refused.
@@ -85,7 +91,7 @@ def read_table(file: Path, required: Sequence[str], limit: int) -> Table:
     compressed, suffix = start[:2] == b"\x1f\x8b", suffix_of(file)
     _check_size(file, size, limit)
     if size and (suffix == ".parquet" or start == b"PAR1"):
-        return _read_parquet(file, required, limit)
+        return _read_parquet(file, required, limit, keep)
     if size and suffix == ".csv.gz" and not compressed:
         raise RecordingError(f"{file}: named .gz, but not compressed with gzip; rename it to .csv or compress it")
     try:
@@ -99,7 +105,7 @@ def read_table(file: Path, required: Sequence[str], limit: int) -> Table:
         hint = "export it as CSV with columns t, q, qd, current, torque, or as .parquet"
         raise RecordingError(f"{file}: binary data, not text; {hint}")
     _check_size(file, len(data), limit)
-    return _read_csv(file, data, required)
+    return _read_csv(file, data, required, keep)
 
 
 def _check_size(file: Path, size: int, limit: int) -> None:
@@ -110,7 +116,7 @@ def _check_size(file: Path, size: int, limit: int) -> None:
         )
 
 
-def _read_csv(file: Path, data: bytes, required: Sequence[str]) -> Table:
+def _read_csv(file: Path, data: bytes, required: Sequence[str], keep: Callable[[str], bool]) -> Table:
     header: dict[str, Any] = {}
     position, lines, line = 3 if data.startswith(b"\xef\xbb\xbf") else 0, 0, ""  # a spreadsheet's mark before UTF-8
     while not line or line.startswith("#"):
@@ -139,7 +145,7 @@ def _read_csv(file: Path, data: bytes, required: Sequence[str]) -> Table:
             read_options=pyarrow.csv.ReadOptions(column_names=names, use_threads=False),
             convert_options=pyarrow.csv.ConvertOptions(
                 column_types={n: pa.string() if n == "trajectory" else pa.float64() for n in names},
-                include_columns=[n for n in names if n in UNITS or n == "trajectory"],
+                include_columns=[n for n in names if keep(n)],
             ),
         )
         return _with_columns(table, content)
@@ -159,12 +165,12 @@ def _bad_line(table: Table, names: list[str], message: str) -> RecordingError:
     return table.refuse(f"not readable as CSV ({message.splitlines()[0][:200]}); export it again")
 
 
-def _read_parquet(file: Path, required: Sequence[str], limit: int) -> Table:
+def _read_parquet(file: Path, required: Sequence[str], limit: int, keep: Callable[[str], bool]) -> Table:
     try:
         with pa.OSFile(str(file)) as stream:
             parquet = pyarrow.parquet.ParquetFile(stream)
             names = parquet.schema_arrow.names
-            wanted = [n for n in names if n in UNITS or n == "trajectory"]
+            wanted = [n for n in names if keep(n)]
             # 8 bytes a value: what the file takes in memory, however well it is compressed
             size = 8 * parquet.metadata.num_rows * max(len(wanted), 1)
             _check_size(file, size, limit)

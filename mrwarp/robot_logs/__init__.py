@@ -1,0 +1,1 @@
+"""Logs of whole robots: read, recorded, replayed against the simulation, and diagnosed."""
