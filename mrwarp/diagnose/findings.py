@@ -15,6 +15,7 @@ from mrwarp.diagnose.held_out import Account, HeldOut, Predictor, reduction
 from mrwarp.diagnose.law_choice import LawChoice
 from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, threshold
 from mrwarp.diagnose.proof import Doubt
+from mrwarp.diagnose.recording_faults import RecordingFault
 from mrwarp.diagnose.residual_structure import Line
 from mrwarp.diagnose.result import (
     REGIMES,
@@ -38,7 +39,6 @@ from mrwarp.effects.catalogue import CATALOGUE, parameter_of
 from mrwarp.identify.dataset import Motion, rms
 from mrwarp.identify.parameters import LINEAR, SHAPE, Slot, factor_of, slots_of
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, effect_unit, parameter_unit
-from mrwarp.recording.data import quantity
 from mrwarp.recording.load import Recording
 from mrwarp.run_dir import versions
 
@@ -66,6 +66,8 @@ class Findings:
     """What each step found."""
 
     recording: Recording
+    faults: tuple[RecordingFault, ...] = ()
+    """What was wrong with the recording, and was taken out of it."""
     problem: Problem
     selection: Selection
     doubted: tuple[Doubt, ...] = ()
@@ -120,6 +122,7 @@ def diagnosis_of(found: Findings, begun: float) -> Diagnosis:
     result = Diagnosis(
         verdict=verdict,
         sentence="",
+        recording_faults=found.faults,
         law=found.law,
         causes=causes,
         suspects=suspects_of(found),
@@ -289,15 +292,6 @@ def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
     if found.held_out.agreed < 1.0 and causes:
         others = 100 * (1 - found.held_out.agreed)
         notes.append(f"without one of the trajectories nothing would have been named in {others:.0f} % of cases")
-    if found.law is not None and found.law.offsets:
-        moved, unit = found.law.moved, found.problem.units["torque"]
-        sensor = quantity("torque", found.problem.units)
-        zeros = [found.law.offsets[name] for name in moved] or list(found.law.offsets.values())
-        names = ", ".join(moved[:5]) + (f" and {len(moved) - 5} more" if moved[5:] else "")
-        notes.append(
-            f"the zero of the {sensor} sensor moved: {len(moved)} of {len(runs)} runs lie "
-            f"{min(zeros):+.3g} to {max(zeros):+.3g} {unit} off the others ({names}); each run counts with its own zero"
-        )
     notes += found.notes
     if len(motion.q) < found.recording.samples:
         notes.append(

@@ -25,6 +25,7 @@ from mrwarp.diagnose.law_choice import choose_law, structured
 from mrwarp.diagnose.next_experiment import propose, smallest_sizes
 from mrwarp.diagnose.problem import Fit, Problem, refit, reported_fit
 from mrwarp.diagnose.proof import select_proven, without_parts
+from mrwarp.diagnose.recording_faults import recording_faults, zeros_about
 from mrwarp.diagnose.residual_structure import find_line, without_line
 from mrwarp.diagnose.result import Diagnosis, Shift
 from mrwarp.diagnose.search import best_single, screen_candidates
@@ -62,12 +63,17 @@ def diagnose(
     reasons = hindrances(recording)
     if reasons:
         return without_verdict(recording, reasons, seed, time.perf_counter() - begun)
+    recording, faults = recording_faults(recording)
+    for fault in faults:
+        log(fault.sentence)
     recording, decimated = decimate(recording)
     first, base = fit_baseline(recording, model=model, threads=threads, seed=seed, log=log)
     candidates = _candidates(first, base)
     log(f"{len(candidates)} effects as candidates")
     screened = screen_candidates(first, base, candidates)
     choice, other, other_base = choose_law(first, base, screened, [run.id for run in recording.trajectories], log)
+    if choice is not None and choice.offsets:
+        faults = (*faults, zeros_about(recording, choice.offsets, choice.moved))
     if choice is not None and choice.other:
         first, base = plain_problem(other, other_base)
         if structured(first, base):  # whitened differences would decide by what is quick
@@ -106,7 +112,7 @@ def diagnose(
     held_out = hold_out(problem, selection, baseline, extended)
     reasons = doubts(held_out, selection, problem)
     if reasons:
-        return without_verdict(recording, reasons, seed, time.perf_counter() - begun)
+        return replace(without_verdict(recording, reasons, seed, time.perf_counter() - begun), recording_faults=faults)
     log("what repeats")
     account = account_of(problem, held_out, extended, seed)
     selection, parts = without_parts(problem, selection, account)
@@ -125,6 +131,7 @@ def diagnose(
     next_experiment = propose(problem, selection, seed)
     found = Findings(
         recording=recording,
+        faults=faults,
         problem=problem,
         selection=selection,
         doubted=doubted,

@@ -10,10 +10,12 @@ groups are another gain. What scatters without a gap is left to the noise.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mrwarp.recording.data import quantity
 from mrwarp.recording.load import Recording, Trajectory
 
 _LEAST_RUNS = 4
@@ -23,12 +25,14 @@ _ERRORS = 6.0
 """Least width of the gap, in standard errors of the least certain run."""
 _ZERO, _GAIN = 0.05, 0.25
 """Smallest moved zero, in standard deviations of the torque, and smallest other gain that are told [1]."""
-_ALIKE, _SIMILAR = 0.9, 1.6
-"""Least correlation of each run with what the others say, and largest factor, where zeros are compared."""
-_FITS = 0.5
-"""Least correlation with the common description of a run that is called reversed."""
+_ALIKE, _SIMILAR, _MOST = 0.9, 1.6, 0.7
+"""Least correlation of a run with what the others say, largest factor, and share of the runs for which both hold."""
+_FITS = 0.7
+"""Least correlation, turned round, of a run that is called reversed."""
 _HELD_OUT_T = 3.0
 """Least ratio to its standard error, over runs, of what offsets of first halves gain in second halves."""
+_RIDGE = 3e-3
+"""Share of a feature's energy that keeps runs at the edge of what was recorded from being extrapolated."""
 _STEP = 40_000
 """Most samples that are looked at."""
 
@@ -46,7 +50,7 @@ class RecordingFault:
     ci95: tuple[float, float]
     """Over runs."""
     per_trajectory: dict[str, float]
-    """The same number for each run of the recording, the others about 0 (a zero) or 1 (a factor)."""
+    """The same number for each run of the recording; without the fault 0 (a zero) or 1 (a factor)."""
     sentence: str
 
 
@@ -65,6 +69,14 @@ def recording_faults(recording: Recording) -> tuple[Recording, tuple[RecordingFa
             recording = _mended(recording, fault)
             table.take(recording)
     return recording, tuple(found)
+
+
+def zeros_about(recording: Recording, zeros: Mapping[str, float], moved: Sequence[str]) -> RecordingFault:
+    """Zeros of the runs about their middle, as a fit found them, with the runs ``moved`` away from the others."""
+    names = [run.id for run in recording.trajectories]
+    values = np.array([zeros[name] for name in names])
+    far = np.array([k for k, name in enumerate(names) if name in moved])
+    return _fault(recording, "torque_zero", far, values, recording.units["torque"], 0.0)
 
 
 class _Table:
@@ -101,7 +113,8 @@ class _Table:
             others = _solved(gram - own[0], moment - own[1])
             shared, size = float(others @ own[1]), float(others @ own[0] @ others)
             factors[k] = shared / max(size, 1e-30)
-            fits[k] = shared / max(float(np.sqrt(max(size, 0.0) * len(y))) * float(y.std()), 1e-30)
+            power = float(np.sqrt(max(size, 0.0) * len(y))) * float(y.std())
+            fits[k] = shared / max(power, 1e-30)
         return factors, fits
 
 
@@ -114,7 +127,7 @@ def _moments(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _solved(gram: np.ndarray, moment: np.ndarray) -> np.ndarray:
     """Coefficients with a slight ridge, shape (K,)."""
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
-    return np.linalg.solve(gram / np.outer(scale, scale) + 1e-6 * np.eye(len(scale)), moment / scale) / scale
+    return np.linalg.solve(gram / np.outer(scale, scale) + _RIDGE * np.eye(len(scale)), moment / scale) / scale
 
 
 def _features(run: Trajectory, speed: float, span: float, level: float) -> np.ndarray:
@@ -142,8 +155,9 @@ def _stress(x: np.ndarray, reach: float) -> np.ndarray:
 
 def _moved_zero(recording: Recording, table: _Table) -> RecordingFault | None:
     factors, fits = table.factors()
-    if fits.min() < _ALIKE or factors.min() < 1.0 / _SIMILAR or factors.max() > _SIMILAR:
-        return None  # one description does not fit all runs: an offset would stand for something else
+    alike = (fits > _ALIKE) & (np.abs(np.log(np.maximum(factors, 1e-3))) < np.log(_SIMILAR))
+    if np.mean(alike) < _MOST:
+        return None  # one description does not fit the runs: an offset would stand for something else
     coefficients = _solved(*(sum(part) for part in zip(*table.moments, strict=True)))
     rest = [y - x @ coefficients for x, y in zip(table.rows, table.torque, strict=True)]
     offsets = np.array([r.mean() for r in rest])
@@ -152,6 +166,8 @@ def _moved_zero(recording: Recording, table: _Table) -> RecordingFault | None:
     if split is None or not _predicts(table):
         return None
     near, far = sorted(split, key=lambda group: float(abs(np.median(offsets[group]))))
+    if not alike[far].all():
+        return None
     zero = float(offsets[near].mean())
     return _fault(recording, "torque_zero", far, offsets - zero, recording.units["torque"], zero)
 
@@ -173,16 +189,27 @@ def _predicts(table: _Table) -> bool:
 
 
 def _reversed_runs(recording: Recording, table: _Table) -> RecordingFault | None:
-    _, fits = table.factors()
-    turned = np.flatnonzero(fits < -_FITS)
-    if not len(turned) or 2 * len(turned) >= len(fits) or np.mean(fits > _FITS) < 0.5:
+    signs = np.ones(len(table.rows))
+    plain = table.moments
+    for _ in range(len(signs) // 2):
+        factors, fits = table.factors()
+        worst = int(np.argmin(fits))
+        if fits[worst] > -_FITS:
+            break
+        signs[worst] = -signs[worst]
+        table.moments = [(gram, sign * moment) for (gram, moment), sign in zip(plain, signs, strict=True)]
+    turned = np.flatnonzero(signs < 0.0)
+    factors, fits = table.factors()
+    table.moments = plain
+    sure = (fits[turned] > _ALIKE) & (np.abs(np.log(np.maximum(factors[turned], 1e-3))) < np.log(_SIMILAR))
+    if not len(turned) or 2 * len(turned) >= len(signs) or not sure.all() or np.mean(fits > _ALIKE) < _MOST:
         return None
-    return _fault(recording, "torque_sign", turned, np.where(fits < -_FITS, -1.0, 1.0), "1", 1.0)
+    return _fault(recording, "torque_sign", turned, signs, "1", 1.0)
 
 
 def _other_gain(recording: Recording, table: _Table) -> RecordingFault | None:
     factors, fits = table.factors()
-    if factors.min() <= 0.0 or fits.min() < _ALIKE:
+    if factors.min() <= 0.0 or np.mean(fits > _ALIKE) < _MOST:
         return None
     split = _two_groups(np.log(factors), np.zeros(len(factors)), np.log1p(_GAIN))
     if split is None:
@@ -218,18 +245,20 @@ def _fault(
     own = values[runs]
     value = float(own.mean())
     half = 2.0 * float(np.std(own, ddof=1)) / np.sqrt(len(own)) if len(own) > 1 else 0.0
+    sensor = quantity("torque", recording.units)
     several = f"{len(runs)} of {len(names)} runs" if len(runs) > 1 else f"run {names[int(runs[0])]}"
     if kind == "torque_zero":
         low, high = own.min() + rest, own.max() + rest
         elsewhere = np.delete(values, runs) + rest
-        text = (
-            f"the zero of the torque moved between runs: {low:.3g} to {high:.3g} {unit} in {several}, "
-            f"{elsewhere.min():.3g} to {elsewhere.max():.3g} {unit} in the others; each run's own was taken out"
-        )
+        others = f", {elsewhere.min():.3g} to {elsewhere.max():.3g} {unit} in the others" if len(elsewhere) else ""
+        span = f"{low:.3g} to {high:.3g} {unit}" if len(own) > 1 else f"{low:.3g} {unit}"
+        text = f"the zero of the {sensor} moved between runs: {span} in {several}{others}; each run's own was taken out"
     elif kind == "torque_sign":
-        text = f"{several}: torque and motion have the other sign than in the rest; the torque was turned"
+        text = f"{several}: {sensor} and motion have the other sign than in the rest; the {sensor} was turned"
     else:
-        text = f"{several}: the torque is {value:.3g} times that of the rest at the same motion; it was divided by that"
+        text = (
+            f"{several}: the {sensor} is {value:.3g} times that of the rest at the same motion; it was divided by that"
+        )
     return RecordingFault(
         kind=kind,
         trajectories=tuple(names[int(k)] for k in sorted(runs)),

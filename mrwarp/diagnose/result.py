@@ -11,6 +11,7 @@ import numpy as np
 
 from mrwarp.diagnose.held_out import Account, Predictor
 from mrwarp.diagnose.law_choice import LawChoice
+from mrwarp.diagnose.recording_faults import RecordingFault
 from mrwarp.identify.dataset import parts_of, rms
 from mrwarp.model_file import Model
 from mrwarp.recording.load import Recording
@@ -178,6 +179,8 @@ class Diagnosis:
     sentence: str
     law: LawChoice | None = None
     """The hysteresis law of the baseline and what it was compared with; None: no comparison was needed."""
+    recording_faults: tuple[RecordingFault, ...] = ()
+    """What was wrong with the recording itself, and was taken out before anything else was asked."""
     causes: tuple[Cause, ...] = ()
     suspects: tuple[Suspect, ...] = ()
     parameter_shift: tuple[Shift, ...] = ()
@@ -230,7 +233,7 @@ class Diagnosis:
         if self.gain is not None:
             gain = asdict(self.gain) | {"per_regime": _before_after(self.gain.per_regime)}
         plain = ("verdict", "seconds", "sentence", "cannot_know", "invisible", "notes")
-        rows = ("causes", "suspects", "parameter_shift", "tried")
+        rows = ("recording_faults", "causes", "suspects", "parameter_shift", "tried")
         parts = ("unexplained", "baseline", "next_experiment", "account", "accounting")
         return {
             **{name: getattr(self, name) for name in plain},

@@ -152,7 +152,7 @@ def _signed(factor: float) -> str:
 
 
 def sentence_of(d: Diagnosis) -> str:
-    """The verdict in one sentence."""
+    """The verdict in one sentence, behind one for each thing that is wrong with the recording."""
     parts = []
     if d.law is not None and d.law.other:
         before, after = (percent(error) for error in d.law.error)
@@ -188,7 +188,8 @@ def sentence_of(d: Diagnosis) -> str:
         parts.append("nothing is missing that these data could show")
     for s in d.parameter_shift:
         parts.append(f"the calibration has shifted: {either((s.name, *s.alternatives))}")
-    return true_names(capital("; ".join(parts) + "."), d.recording.units)
+    said = [*(fault.sentence for fault in d.recording_faults), "; ".join(parts)]
+    return true_names(" ".join(capital(text) + "." for text in said), d.recording.units)
 
 
 def _cause_text(name: str, alternatives: tuple[str, ...], causes: int) -> str:
