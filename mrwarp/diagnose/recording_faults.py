@@ -1,10 +1,11 @@
 """What went wrong with a recording: runs whose torque has another zero, sign or factor than the rest.
 
-A regression that knows no law (odd functions of velocity and of path memory, times powers of the current; position,
-acceleration, what differs by direction) describes all runs together, each with an offset of its own. Offsets that fall
-into two groups with a wide gap between them are a zero that moved between runs; it has to predict the second half of
-runs from their first, too. Runs that the description of all fits only with the other sign are reversed; factors in two
-groups are another gain. What scatters without a gap is left to the noise.
+Eqs. 14 and 15 with few numbers describe all runs together, each with an offset of its own; runs that they do not fit
+count less (iteratively re-weighted least squares), so a minority of spoilt runs does not bend what the rest says.
+Offsets that fall into two groups with a wide gap between them are a zero that moved between runs; they have to show in
+both halves of the runs. Runs that fit with the other sign only are reversed; factors in two
+groups are another gain, where the control input of these runs is among that of the others. What scatters without a gap
+is left to the noise, and so is what goes with the place or the control input of the runs.
 """
 
 from __future__ import annotations
@@ -19,21 +20,25 @@ from mrwarp.recording.data import quantity
 from mrwarp.recording.load import Recording, Trajectory
 
 _LEAST_RUNS = 4
-_GAP = 2.0
-"""Least width of the gap between two groups, in ranges of the wider group."""
+_GAP, _GAIN_GAP = 2.0, 0.7
+"""Least width of the gap between two groups, in ranges of the wider group: of zeros, and of logarithms of factors."""
 _ERRORS = 6.0
-"""Least width of the gap, in standard errors of the least certain run."""
+"""Least width of the gap, in standard errors of a run."""
 _ZERO, _GAIN = 0.05, 0.25
 """Smallest moved zero, in standard deviations of the torque, and smallest other gain that are told [1]."""
 _ALIKE, _SIMILAR, _MOST = 0.9, 1.6, 0.7
 """Least correlation of a run with what the others say, largest factor, and share of the runs for which both hold."""
 _FITS = 0.7
 """Least correlation, turned round, of a run that is called reversed."""
-_HELD_OUT_T = 3.0
-"""Least ratio to its standard error, over runs, of what offsets of first halves gain in second halves."""
-_RIDGE = 3e-3
-"""Share of a feature's energy that keeps runs at the edge of what was recorded from being extrapolated."""
-_STEP = 40_000
+_CONFOUNDED = 0.8
+"""Share of the offsets' variance that place and control input of the runs may explain."""
+_REACHES, _WEAKENINGS = (0.003, 0.01, 0.03, 0.1, 0.3), (0.0, 1.0, 4.0)
+"""Elastic reach in ranges of the angle, and alpha of eq. 14 times the speed, that are tried."""
+_RIDGE = 1e-6
+"""Share of a feature's energy that keeps the normal equations regular."""
+_REWEIGHTED = 15
+"""Passes of re-weighting."""
+_STEP = 20_000
 """Most samples that are looked at."""
 
 
@@ -67,7 +72,7 @@ def recording_faults(recording: Recording) -> tuple[Recording, tuple[RecordingFa
         if fault is not None:
             found.append(fault)
             recording = _mended(recording, fault)
-            table.take(recording)
+        table.take(recording)
     return recording, tuple(found)
 
 
@@ -88,57 +93,70 @@ class _Table:
         speed = float(np.percentile(np.abs(np.concatenate([r.qd for r in runs])), 95))
         span = float(np.ptp(np.concatenate([r.q for r in runs])))
         level = max(float(np.abs(r.current).max()) for r in runs)
-        self.usable = speed > 0.0 and span > 0.0 and all(len(r.t) > 40 * self.every for r in runs)
+        self.usable = speed > 0.0 and span > 0.0 and all(len(r.t) > 20 * self.every for r in runs)
         if self.usable:
-            self.rows = [_features(r, speed, span, level)[:: self.every] for r in runs]
-            middle = np.concatenate(self.rows).mean(axis=0)
-            self.rows = [x - middle for x in self.rows]
+            # where a run is and what drives it, which may explain its offset
+            self.places = np.array([[r.q.mean() / span, r.current.mean() / (level or 1.0)] for r in runs])
+            self.looks = [
+                [_features(r, speed, span, level, reach, alpha)[:: self.every] for r in runs]
+                for reach in _REACHES
+                for alpha in _WEAKENINGS
+            ]
             self.take(recording)
 
     def take(self, recording: Recording) -> None:
         """Take the torque of a recording with the same motion."""
         self.torque = [r.torque[:: self.every] for r in recording.trajectories]
         self.std = float(np.concatenate(self.torque).std()) or 1.0
-        self.moments = [_moments(x, y) for x, y in zip(self.rows, self.torque, strict=True)]
+        self.fit = min((_Fit(rows, self.torque) for rows in self.looks), key=lambda fit: fit.error)
 
-    def halves(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Moments of the first half of each run."""
-        return [_moments(x[: len(x) // 2], y[: len(y) // 2]) for x, y in zip(self.rows, self.torque, strict=True)]
 
-    def factors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Factor of each run against what the others say, and its correlation with that."""
-        gram, moment = (sum(part) for part in zip(*self.moments, strict=True))
-        factors, fits = np.ones(len(self.rows)), np.zeros(len(self.rows))
-        for k, (own, y) in enumerate(zip(self.moments, self.torque, strict=True)):
-            others = _solved(gram - own[0], moment - own[1])
-            shared, size = float(others @ own[1]), float(others @ own[0] @ others)
-            factors[k] = shared / max(size, 1e-30)
-            power = float(np.sqrt(max(size, 0.0) * len(y))) * float(y.std())
-            fits[k] = shared / max(power, 1e-30)
-        return factors, fits
+class _Fit:
+    """Coefficients that most runs agree on, and each run's factor against them."""
+
+    def __init__(self, rows: list[np.ndarray], torque: list[np.ndarray]) -> None:
+        self.rows = rows
+        self.moments = [_moments(x, y) for x, y in zip(rows, torque, strict=True)]
+        self.spread = np.array([y.std() for y in torque])
+        weight = np.ones(len(rows))
+        for _ in range(_REWEIGHTED):
+            self.coefficients = self.agreed(weight)
+            left = np.sqrt([self._left(k) for k in range(len(rows))])
+            weight = 1.0 / np.maximum(left, 0.3 * np.median(left) + 1e-30) ** 2
+        self.error = float(left.sum() / max(self.spread.sum(), 1e-30))
+
+    def agreed(self, weight: np.ndarray) -> np.ndarray:
+        """Coefficients with these weights of the runs, shape (K,)."""
+        gram, moment = (sum(w * m[i] for w, m in zip(weight, self.moments, strict=True)) for i in (0, 1))
+        scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
+        return np.linalg.solve(gram / np.outer(scale, scale) + _RIDGE * np.eye(len(scale)), moment / scale) / scale
+
+    def _left(self, k: int) -> float:
+        (gram, moment), c = self.moments[k], self.coefficients
+        return max(self.spread[k] ** 2 - 2.0 * c @ moment + c @ gram @ c, 0.0)
+
+    def factors(self, by: Sequence[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Factor of each run against what most runs, or those named, agree on, and its correlation with that."""
+        c = self.coefficients if by is None else self.agreed(np.isin(np.arange(len(self.rows)), by).astype(float))
+        shared = np.array([c @ moment for _, moment in self.moments])
+        size = np.array([max(c @ gram @ c, 1e-30) for gram, _ in self.moments])
+        return shared / size, shared / np.sqrt(size) / np.maximum(self.spread, 1e-30)
 
 
 def _moments(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Gram matrix and moment with an offset taken out, shape (K, K) and (K,)."""
+    """Covariances of the features, and theirs with the torque, shape (K, K) and (K,)."""
     dx = x - x.mean(axis=0)
-    return dx.T @ dx, dx.T @ (y - y.mean())
+    return dx.T @ dx / len(y), dx.T @ (y - y.mean()) / len(y)
 
 
-def _solved(gram: np.ndarray, moment: np.ndarray) -> np.ndarray:
-    """Coefficients with a slight ridge, shape (K,)."""
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
-    return np.linalg.solve(gram / np.outer(scale, scale) + _RIDGE * np.eye(len(scale)), moment / scale) / scale
-
-
-def _features(run: Trajectory, speed: float, span: float, level: float) -> np.ndarray:
-    """Functions of the motion and the current, shape (N, K)."""
+def _features(run: Trajectory, speed: float, span: float, level: float, reach: float, alpha: float) -> np.ndarray:
+    """Eq. 14 in its linear numbers, shape (N, K)."""
     qd = run.qd / speed
-    odd = [np.tanh(qd / 0.03), np.tanh(qd / 0.3), qd]
-    odd += [_stress(run.q / span, reach) for reach in (0.01, 0.05, 0.2)]
-    out = [*odd, np.abs(odd[0]), np.abs(qd), run.q / span, np.gradient(qd) / run.dt]
+    loop = _stress(run.q / span, reach) / (1.0 + alpha * np.abs(qd))
+    out = [qd, run.q / span, loop]
     if level > 0.0:
         u = run.current / level
-        out += [f * u for f in odd] + [f * u * u for f in odd] + [u, u * u, run.q / span * u]
+        out += [u, u * loop, u * u * loop]
     return np.column_stack(out)
 
 
@@ -153,17 +171,25 @@ def _stress(x: np.ndarray, reach: float) -> np.ndarray:
     return out
 
 
+def _alike(fit: _Fit) -> np.ndarray:
+    """Runs that what all agree on fits."""
+    factors, fits = fit.factors()
+    return (fits > _ALIKE) & (np.abs(np.log(np.maximum(factors, 1e-3))) < np.log(_SIMILAR))
+
+
 def _moved_zero(recording: Recording, table: _Table) -> RecordingFault | None:
-    factors, fits = table.factors()
-    alike = (fits > _ALIKE) & (np.abs(np.log(np.maximum(factors, 1e-3))) < np.log(_SIMILAR))
+    fit = table.fit
+    alike = _alike(fit)
     if np.mean(alike) < _MOST:
         return None  # one description does not fit the runs: an offset would stand for something else
-    coefficients = _solved(*(sum(part) for part in zip(*table.moments, strict=True)))
-    rest = [y - x @ coefficients for x, y in zip(table.rows, table.torque, strict=True)]
+    rest = [y - x @ fit.coefficients for x, y in zip(fit.rows, table.torque, strict=True)]
     offsets = np.array([r.mean() for r in rest])
     # a run's cycles are few and alike: its own slow misfit is the error of its offset
-    split = _two_groups(offsets, np.array([_error_of_mean(r) for r in rest]), _ZERO * table.std)
-    if split is None or not _predicts(table):
+    split = _two_groups(offsets, _GAP, max(_ZERO * table.std, _ERRORS * _rms([_error_of_mean(r) for r in rest])))
+    if split is None or _explained(offsets, table.places):
+        return None
+    halves = np.array([[r[: len(r) // 2].mean(), r[len(r) // 2 :].mean()] for r in rest])
+    if not _lasts(halves, split, offsets):
         return None
     near, far = sorted(split, key=lambda group: float(abs(np.median(offsets[group]))))
     if not alike[far].all():
@@ -172,70 +198,75 @@ def _moved_zero(recording: Recording, table: _Table) -> RecordingFault | None:
     return _fault(recording, "torque_zero", far, offsets - zero, recording.units["torque"], zero)
 
 
+def _explained(offsets: np.ndarray, places: np.ndarray) -> bool:
+    """Whether offsets follow from where the runs are and what drives them."""
+    design = np.column_stack([np.ones(len(offsets)), places])
+    left = offsets - design @ np.linalg.lstsq(design, offsets, rcond=1e-6)[0]
+    return float(np.var(left)) < (1.0 - _CONFOUNDED) * float(np.var(offsets))
+
+
 def _error_of_mean(r: np.ndarray) -> float:
     """Standard error of a mean, from the means of eight blocks."""
     blocks = [b.mean() for b in np.array_split(r, 8)]
     return float(np.std(blocks, ddof=1) / np.sqrt(len(blocks)))
 
 
-def _predicts(table: _Table) -> bool:
-    """Whether the offsets of first halves say what the second halves' are."""
-    coefficients = _solved(*(sum(part) for part in zip(*table.halves(), strict=True)))
-    rest = [y - x @ coefficients for x, y in zip(table.rows, table.torque, strict=True)]
-    early = np.array([r[: len(r) // 2].mean() for r in rest])
-    late = [r[len(r) // 2 :] for r in rest]
-    gains = [np.mean((r - early.mean()) ** 2) - np.mean((r - own) ** 2) for r, own in zip(late, early, strict=True)]
-    return float(np.mean(gains)) > _HELD_OUT_T * float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
+def _rms(values: list[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _lasts(halves: np.ndarray, split: tuple[np.ndarray, np.ndarray], values: np.ndarray) -> bool:
+    """Whether either half of the runs, shape (R, 2), has half of the gap between the groups."""
+    low, high = split
+    gap = values[high].min() - values[low].max()
+    return bool((halves[high].min(axis=0) - halves[low].max(axis=0) > 0.5 * gap).all())
 
 
 def _reversed_runs(recording: Recording, table: _Table) -> RecordingFault | None:
-    signs = np.ones(len(table.rows))
-    plain = table.moments
-    for _ in range(len(signs) // 2):
-        factors, fits = table.factors()
-        worst = int(np.argmin(fits))
-        if fits[worst] > -_FITS:
-            break
-        signs[worst] = -signs[worst]
-        table.moments = [(gram, sign * moment) for (gram, moment), sign in zip(plain, signs, strict=True)]
-    turned = np.flatnonzero(signs < 0.0)
-    factors, fits = table.factors()
-    table.moments = plain
-    sure = (fits[turned] > _ALIKE) & (np.abs(np.log(np.maximum(factors[turned], 1e-3))) < np.log(_SIMILAR))
-    if not len(turned) or 2 * len(turned) >= len(signs) or not sure.all() or np.mean(fits > _ALIKE) < _MOST:
+    _, fits = table.fit.factors()
+    turned = np.flatnonzero(fits < -_FITS)
+    if not len(turned) or 2 * len(turned) >= len(fits):
         return None
-    return _fault(recording, "torque_sign", turned, signs, "1", 1.0)
+    signs = np.where(fits < -_FITS, -1.0, 1.0)
+    fault = _fault(recording, "torque_sign", turned, signs, "1", 1.0)
+    table.take(_mended(recording, fault))
+    alike = _alike(table.fit)
+    return fault if alike[turned].all() and np.mean(alike) > _MOST else None
 
 
 def _other_gain(recording: Recording, table: _Table) -> RecordingFault | None:
-    factors, fits = table.factors()
+    factors, fits = table.fit.factors()
     if factors.min() <= 0.0 or np.mean(fits > _ALIKE) < _MOST:
         return None
-    split = _two_groups(np.log(factors), np.zeros(len(factors)), np.log1p(_GAIN))
+    split = _two_groups(np.log(factors), 0.5 * _GAIN_GAP, 0.5 * np.log1p(_GAIN))
+    if split is None:
+        return None
+    # once more by the runs that agree alone: the others bend what all say together
+    factors, fits = table.fit.factors(max(split, key=len).tolist())
+    split = _two_groups(np.log(np.maximum(factors, 1e-3)), _GAIN_GAP, np.log1p(_GAIN))
     if split is None:
         return None
     most, few = sorted(split, key=len, reverse=True)
-    if 3 * len(few) > len(factors):
+    if 3 * len(few) > len(factors) or not (fits[few] > _ALIKE).all() or not _covered(recording, few, most):
         return None
-    # by the runs that agree alone: the others have bent what all say together
-    values = np.ones(len(factors))
-    said = _solved(*(sum(table.moments[k][i] for k in most) for i in (0, 1)))
-    for k in few:
-        gram, moment = table.moments[k]
-        values[k] = float(said @ moment) / max(float(said @ gram @ said), 1e-30)
-    return _fault(recording, "torque_gain", few, values, "1", 1.0)
+    return _fault(recording, "torque_gain", few, factors, "1", 1.0)
 
 
-def _two_groups(values: np.ndarray, errors: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray] | None:
+def _covered(recording: Recording, few: np.ndarray, most: np.ndarray) -> bool:
+    """Whether the control input of a few runs is among that of the others, so that it does not change the factor."""
+    levels = np.array([np.percentile(r.current, (5, 50, 95)) for r in recording.trajectories])
+    low, high = levels[most, 0].min(), levels[most, 2].max()
+    return bool(((levels[few, 1] >= low) & (levels[few, 1] <= high)).all())
+
+
+def _two_groups(values: np.ndarray, share: float, least: float) -> tuple[np.ndarray, np.ndarray] | None:
     """Places of the values below and above a gap that is wide beside both groups' ranges; None: there is none."""
     order = np.argsort(values)
     ranked = values[order]
     cut = int(np.argmax(np.diff(ranked))) + 1
     gap = ranked[cut] - ranked[cut - 1]
     within = max(ranked[cut - 1] - ranked[0], ranked[-1] - ranked[cut])
-    if gap < max(least, _GAP * within, _ERRORS * float(errors.max())):
-        return None
-    return order[:cut], order[cut:]
+    return None if gap < max(least, share * within) else (order[:cut], order[cut:])
 
 
 def _fault(
@@ -252,7 +283,9 @@ def _fault(
         elsewhere = np.delete(values, runs) + rest
         others = f", {elsewhere.min():.3g} to {elsewhere.max():.3g} {unit} in the others" if len(elsewhere) else ""
         span = f"{low:.3g} to {high:.3g} {unit}" if len(own) > 1 else f"{low:.3g} {unit}"
-        text = f"the zero of the {sensor} moved between runs: {span} in {several}{others}; each run's own was taken out"
+        text = (
+            f"the zero of the {sensor} moved between runs: {span} in {several}{others}; it was taken out of the former"
+        )
     elif kind == "torque_sign":
         text = f"{several}: {sensor} and motion have the other sign than in the rest; the {sensor} was turned"
     else:
@@ -271,9 +304,11 @@ def _fault(
 
 
 def _mended(recording: Recording, fault: RecordingFault) -> Recording:
-    """The recording with a fault taken out of the torque of every run."""
+    """The recording with a fault taken out of the torque of its runs."""
 
     def torque(run: Trajectory) -> np.ndarray:
+        if run.id not in fault.trajectories:
+            return run.torque
         own = fault.per_trajectory[run.id]
         return run.torque - own if fault.kind == "torque_zero" else run.torque / own
 
