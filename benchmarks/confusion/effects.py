@@ -5,7 +5,8 @@ at one place of the chain in :mod:`benchmarks.confusion.truth`: on the command, 
 hysteretic torque, as a torque of their own, or at the sensors. Where physics leaves one law only (lag, delay, inertia,
 gain, bias) the truth differs from any fit by its integration alone; elsewhere another law of the same mechanism is
 taken: hard signs, Lorentz for Stribeck, u/sqrt(1 + u^2) for saturation, three plays for remanence, a second harmonic
-in cogging, exponentials in temperature, wear by way instead of time.
+in cogging, exponentials in temperature, wear by way instead of time, a gear wheel between stops for play before a
+spring.
 """
 
 from __future__ import annotations
@@ -81,6 +82,10 @@ _SPECS = (
         draw=lambda rng: {"speed": 0.15 * 4.0 ** rng.uniform()},
     ),
     Spec(name="cogging", parameter="amplitude", unit="N·m", powers=(0, 0, 1), guess=0.01, draw=_cogging),
+    Spec(
+        name="compliance_with_backlash", parameter="stiffness", unit="N·m/rad", powers=(-1, 0, 1), guess=1.0,
+        draw=lambda rng: {"half_gap": rng.uniform(0.04, 0.15)},
+    ),
     Spec(name="current_viscosity", parameter="viscosity", unit="N·m·s/(rad·A)", powers=(-1, -1, 1), guess=0.01),
     Spec(
         name="speed_weakening", parameter="exponent", unit="1", powers=(0, 0, 0), guess=0.2, draw=_sign, largest=0.9,

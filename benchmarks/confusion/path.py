@@ -137,3 +137,34 @@ def behind_gap(x: np.ndarray, half_gap: float, stiffness: np.ndarray, p: Mapping
         y = y + dy
         all_z[:, k], contact[:, k] = z, side
     return Driven(z=all_z, contact=contact)
+
+
+def gear_to_locked_output(x: np.ndarray, stiffness: float, half_gap: float, dt: float) -> np.ndarray:
+    """Torque on a drive whose gear wheel sits between two stops and on a spring to an output that stands still.
+
+    The wheel has a mass (its spring swings at 40 Hz, damped by 0.3), the stops are fifty times as stiff as the spring
+    and dissipate. The stiffness is that of stop and spring together.
+
+    Args:
+        x: Deflection of the drive from the middle of its gap, shape (T, N).
+        stiffness: Of the closed gear.
+        half_gap: Half of the gap.
+        dt: Sampling interval [s].
+    """
+    if stiffness == 0.0:
+        return np.zeros_like(x)
+    spring, stop, parts = stiffness * 51.0 / 50.0, stiffness * 51.0, 3
+    swing = 2.0 * np.pi * 40.0
+    mass, damping, step = spring / swing**2, 0.6 * spring / swing, dt / parts
+    y, v = x[:, 0] - np.clip(x[:, 0], -half_gap, half_gap), np.zeros(len(x))
+    torque = np.zeros_like(x)
+    for k in range(1, x.shape[1]):
+        speed, force = (x[:, k] - x[:, k - 1]) / dt, np.zeros(len(x))
+        for i in range(parts):
+            apart = x[:, k - 1] + speed * (i + 1) * step - y
+            pressed = apart - np.clip(apart, -half_gap, half_gap)
+            force = stop * pressed + 3.0 * damping * (speed - v) * (pressed != 0.0)
+            v = v + step * (force - spring * y - damping * v) / mass
+            y = y + step * v
+        torque[:, k] = force
+    return torque

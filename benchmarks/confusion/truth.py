@@ -17,7 +17,7 @@ from benchmarks.confusion import effects as law
 from benchmarks.confusion import foreign
 from benchmarks.confusion.effects import Effect, State
 from benchmarks.confusion.motion import Motion
-from benchmarks.confusion.path import Path, Turns, behind_gap
+from benchmarks.confusion.path import Path, Turns, behind_gap, gear_to_locked_output
 from mrwarp.params import MrParams
 
 BASE = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
@@ -114,6 +114,7 @@ def _torque(device: Device, motion: Motion, samples: slice) -> np.ndarray:
         fine, _ = _state(device, motion, slice(None))
         own = foreign.torque(device.law, device.numbers, fine.q, fine.qd, fine.qdd, fine.current, motion.dt)
         state, _ = _state(device, motion, samples)
+        own = own + _gear(device, motion)
         return own[:, samples] + sum(add(hidden[name], state) for name, add in law.TORQUES.items() if name in hidden)
     gap = "backlash" in hidden
     state, path = _state(device, motion, slice(None) if gap else samples)
@@ -142,7 +143,15 @@ def _torque(device: Device, motion: Motion, samples: slice) -> np.ndarray:
     for name, own in law.TORQUES.items():
         if name in hidden:
             torque += own(hidden[name], state)
-    return torque
+    return torque + _gear(device, motion)[:, samples]
+
+
+def _gear(device: Device, motion: Motion) -> np.ndarray:
+    """What a gear with play bears that leads to a locked output, on the fine grid."""
+    if "compliance_with_backlash" not in device.effects:
+        return np.zeros_like(motion.q)
+    gear = device.effects["compliance_with_backlash"]
+    return gear_to_locked_output(motion.q - device.zero, gear.strength, gear.draws["half_gap"], motion.dt)
 
 
 def _strength(device: Device, state: State) -> np.ndarray:

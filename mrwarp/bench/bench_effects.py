@@ -79,6 +79,15 @@ _ROWS: tuple[tuple[Any, ...], ...] = (
     ("viscous_asymmetry", "N·m·s/rad", 0.02, -1.0, 1.0, "B*|qd|", "friction asymmetry (4.3): B/5, as in emps"),
     ("stribeck", "N·m", 0.0, 0.0, 50.0, "F*s(qd)/(1 + (qd/0.4)^2)", "not named by the paper"),
     ("cogging", "N·m", 0.0, 0.0, 10.0, "F*(sin 24q + 0.2 sin 48q)", "no magnets in a brake"),
+    (
+        "compliance_with_backlash",
+        "N·m/rad",
+        0.0,
+        0.0,
+        1e3,
+        "k*(q_c beyond a gap of 0.1 rad)",
+        "the device turns freely",
+    ),
     ("rotor_inertia", "kg·m²", 0.0, 0.0, 10.0, "J*qdd", "the torque sensor sits on the stand's side"),
     ("backlash", "rad", 0.015, 0.0, 0.2, "dead zone of half-gap b, no torque in it", f"{_LOCAL}; {_FIG4}"),
     ("temperature_drift", "1/K", 0.005, 0.0, 0.1, "K*exp(-c*dT), B*exp(-2c*dT)", "5.2: yield and viscosity fall"),
@@ -227,6 +236,7 @@ def simulate(
     around += e["viscous_asymmetry"] * speed
     around += e["stribeck"] * direction / (1.0 + (qd / 0.4) ** 2)
     around += e["cogging"] * (np.sin(24.0 * q) + 0.2 * np.sin(48.0 * q))
+    around += e["compliance_with_backlash"] * (q_c - np.clip(q_c, -0.05, 0.05))
     if e.acts("rotor_inertia"):
         around += e["rotor_inertia"] * np.gradient(qd, dt, axis=0)
 

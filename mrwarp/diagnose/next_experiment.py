@@ -277,7 +277,7 @@ def _trial(like: Motion, standard: Standard, rng: np.random.Generator) -> Motion
 def _exact(like: Motion, **arrays: np.ndarray) -> Motion:
     """A motion without errors of its log, that starts at rest, in place of a recorded one."""
     known = Kinematics(arrays["qd"], arrays["qdd"], velocity_lag=0.0, velocity_lag_error=float("inf"))
-    return dataclasses.replace(like, **arrays, kinematics=known, begin=None, ahead=0.0)
+    return dataclasses.replace(like, **arrays, kinematics=known, begin=None, middle=None, ahead=0.0)
 
 
 # --- a rest and the first runs again ---

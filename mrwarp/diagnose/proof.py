@@ -39,6 +39,7 @@ _LAGS = {
 }
 _POSITIVE = {
     "rotor_inertia": "an inertia is above 0",
+    "compliance_with_backlash": "a stiffness is above 0",
     "coulomb_friction": "friction brakes",
     "stribeck": "Stribeck friction is larger at low speed",
 }

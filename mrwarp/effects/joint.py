@@ -16,7 +16,7 @@ import warp as wp
 from mrwarp.effects.catalogue import column_of
 from mrwarp.effects.law import Path
 from mrwarp.effects.path import current_path, law_hysteresis, law_in_force, motion_path, path_torque, torque_path
-from mrwarp.kernels.mr_joint import JointParams, hysteresis
+from mrwarp.kernels.mr_joint import JointParams, displacement, hysteresis
 
 _DELAY = wp.constant(column_of("command_delay", "delay"))
 _THERMAL = wp.constant(column_of("temperature_drift", "time_constant"))
@@ -90,6 +90,8 @@ def joint_path(
     s.held = 1
     s = current_path(s, values, row, memory, line)
     s.q = q
+    s.zero = q - displacement(p, q)
+    s.middle = s.zero
     s.qd = qd
     s.qd_before = qd
     s = motion_path(p, s, z, values, row, memory, line)

@@ -40,6 +40,10 @@ class Path:
     """Current that magnetises: what K1 is multiplied by [A]."""
     q: wp.float32
     """Angle of the device's shaft [rad]."""
+    zero: wp.float32
+    """Angle where the stiffness of eq. 14 is at rest [rad]."""
+    middle: wp.float32
+    """Middle of the angles of the run [rad]; in the simulator ``zero``."""
     qd: wp.float32
     """Its velocity [rad/s]."""
     qdd: wp.float32

@@ -132,7 +132,8 @@ def make_replay_kernel(effects: bool) -> Any:
         exact: int,
         substeps: int,
         # in, samples of all trajectories end to end, shape (N,), those after the current with effects only;
-        # (len(HEAT_TIMES), N); first sample of each trajectory and the end of the last one, (T + 1,); (T,) [s]; (T,)
+        # (len(HEAT_TIMES), N); first sample of each trajectory and the end of the last one, (T + 1,); (T,) [s]; (T,);
+        # middle of its angles, (T,), with effects only
         q_in: wp.array[float],
         qd_in: wp.array[float],
         current_in: wp.array[float],
@@ -143,6 +144,7 @@ def make_replay_kernel(effects: bool) -> Any:
         start_in: wp.array[int],
         dt_in: wp.array[float],
         begin_in: wp.array[float],
+        middle_in: wp.array[float],
         # out: states of the effects, shape (C*T, SLOTS); torque, shape (C, N) [N·m]
         memory_out: wp.array2d[float],
         tau_out: wp.array2d[float],
@@ -172,6 +174,8 @@ def make_replay_kernel(effects: bool) -> Any:
             s.q = q_in[k]
             s.qd = qd_in[k]
             if wp.static(effects):
+                s.zero = p.q_offset
+                s.middle = middle_in[trajectory]
                 s.time = time_in[k]
                 s.slid_time = slid_in[k]
                 s.command_before = current_in[before]

@@ -167,6 +167,8 @@ class Motion(Dataset):
     begin: np.ndarray | None = None
     """Direction in which the joint had slid before the first sample of each trajectory: -1, 1, or 0 for a device at
     rest without stress; None: 0 for all; shape (T,)."""
+    middle: np.ndarray | None = None
+    """Middle of the angles of each trajectory, shape (T,); None: of the samples that are here."""
     ahead: float = 0.0
     """Samples by which the motion was shifted because the torque is logged ahead of it."""
 
@@ -212,6 +214,13 @@ class Motion(Dataset):
         )
 
     @property
+    def middles(self) -> np.ndarray:
+        """Middle of the angles of each trajectory, shape (T,)."""
+        if self.middle is not None:
+            return self.middle
+        return np.array([0.5 * (self.q[part].min() + self.q[part].max()) for part in self.parts])
+
+    @property
     def doubtful(self) -> np.ndarray:
         """Samples of which nobody knows whether the joint moves, bool, shape (N,)."""
         doubtful = self.kinematics.doubtful
@@ -248,6 +257,7 @@ class Motion(Dataset):
             self,
             **{name: getattr(self, name)[at] for name in ("q", "qd", "qdd", "current", "torque", "time", "slid_time")},
             known=None if self.known is None else self.known[at],
+            middle=self.middles,
             heat=self.heat[:, at],
             start=np.cumsum([0, *(len(stretch) for stretch in taken)]),
             kinematics=dataclasses.replace(k, qd=k.qd[at], qdd=k.qdd[at], doubtful=doubtful),

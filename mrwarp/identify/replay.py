@@ -61,7 +61,7 @@ class Replay:
         self.samples, self.exact, self.substeps = samples, exact, substeps
         self.device, self.threads = device, threads
         self._kernel, self._states = replay_kernel, 0
-        self._record([np.empty(0)] * 3, np.empty((len(HEAT_TIMES), 0)), np.zeros(len(samples.dt)))
+        self._record([np.empty(0)] * 3, np.empty((len(HEAT_TIMES), 0)), np.zeros(len(samples.dt)), np.empty(0))
 
     def torque(self, rows: np.ndarray | Sequence[Mapping[str, float]]) -> np.ndarray:
         """Simulated torque, float32, shape (C, N), of rows of shape (C, WIDTH) or of named parameters of the laws."""
@@ -76,12 +76,12 @@ class Replay:
             list(pool.map(lambda part: self._launch(rows[part], tau[part]), parts))
         return tau
 
-    def _record(self, motion: Sequence[np.ndarray], heat: np.ndarray, begin: np.ndarray) -> None:
+    def _record(self, motion: Sequence[np.ndarray], heat: np.ndarray, begin: np.ndarray, middle: np.ndarray) -> None:
         """Put the arrays of the samples on the device."""
         s = self.samples
         self._arrays = [self._array(x) for x in (s.q, s.qd, s.current, *motion, heat)]
         self._arrays.append(wp.array(s.start.astype(np.int32), dtype=int, device=self.device))
-        self._arrays += [self._array(s.dt), self._array(begin)]
+        self._arrays += [self._array(x) for x in (s.dt, begin, middle)]
 
     def _launch(self, rows: np.ndarray, tau: np.ndarray) -> None:
         trajectories = len(self.samples.dt)
@@ -110,7 +110,7 @@ class EffectReplay(Replay):
         self.motion = motion
         self._kernel, self._states = effect_replay_kernel, SLOTS
         begin = np.zeros(len(motion.dt)) if motion.begin is None else motion.begin
-        self._record((motion.qdd, motion.time, motion.slid_time), motion.heat, begin)
+        self._record((motion.qdd, motion.time, motion.slid_time), motion.heat, begin, motion.middles)
 
 
 def simulate(

@@ -117,6 +117,9 @@ ADDITIVE: dict[str, tuple[float, Callable[[float], np.ndarray]]] = {
     "viscous_asymmetry": (0.02, lambda x: x * np.abs(QD)),
     "stribeck": (0.2, lambda x: x * SIGN / (1.0 + (QD / 0.4) ** 2)),
     "cogging": (0.05, lambda x: x * (np.sin(24 * Q) + 0.2 * np.sin(48 * Q))[::SUBSTEPS]),
+    "compliance_with_backlash": (
+        0.5, lambda x: x * (Q[::SUBSTEPS] - BW.q_offset - np.clip(Q[::SUBSTEPS] - BW.q_offset, -0.05, 0.05)),
+    ),
     "rotor_inertia": (0.004, lambda x: x * AMPLITUDE * OMEGA**2 * np.cos(OMEGA * T)),
     "torque_bias": (0.1, lambda x: np.full(SAMPLES, x)),
     "torque_gain": (1.1, lambda x: (x - 1.0) * (LINEAR + HYSTERETIC)),

@@ -97,6 +97,8 @@ def torques(shaft: Shaft, base: Mapping[str, float], candidates: list[Effects]) 
     arrays["start_in"] = wp.array(np.array(shaft.start, dtype=np.int32), dtype=int, device="cpu")
     arrays["dt_in"] = array(np.full(trajectories, shaft.dt))
     arrays["begin_in"] = array(np.zeros(trajectories))
+    runs = [shaft.q[a:b] for a, b in zip(shaft.start[:-1], shaft.start[1:], strict=True)]
+    arrays["middle_in"] = array(np.array([0.5 * (q.min() + q.max()) for q in runs]))
     arrays |= {"exact": 1, "substeps": 0}
     inputs = [arrays[arg.label] for arg in effect_replay_kernel.adj.args if arg.label in arrays]
     dim = (len(made), trajectories)

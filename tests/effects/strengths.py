@@ -14,6 +14,7 @@ STRENGTHS = {
     "friction_asymmetry": {"coulomb": 0.2, "viscous": 0.05, "speed": 0.05, "thinning": 0.1},
     "stribeck": {"torque": 0.5, "stribeck_speed": 0.4, "speed": 0.05},
     "cogging": {"sine": 0.2, "cosine": -0.1, "periods": 24.0},
+    "compliance_with_backlash": {"stiffness": 1.5, "half_gap": 0.05},
     "current_viscosity": {"B1": 0.05},
     "speed_weakening": {"power": 0.6},
     "temperature_drift": {"yield_loss": 0.02, "viscosity_loss": 0.03, "time_constant": 37.0},

@@ -283,6 +283,19 @@ def test_cogging_repeats_along_the_angle() -> None:
     np.testing.assert_allclose(added(swing, effects), want, rtol=0, atol=30 * EPS + atol)
 
 
+def test_compliance_with_backlash_is_a_dead_zone() -> None:
+    """Nothing in the gap, a spring beyond it, about C's rest or about the middle of the run."""
+    k, b = 2.0, 0.05
+    shaft = Shaft.swinging(seconds=1.0)
+    effect = {"compliance_with_backlash": {"stiffness": k, "half_gap": b}}
+    e = shaft.q - TRUTH["q_zero"]
+    np.testing.assert_allclose(added(shaft, effect), k * (e - np.clip(e, -b, b)), rtol=0, atol=100 * EPS)
+    moved = replace(shaft, q=shaft.q + 3.0)
+    e = shaft.q - 0.5 * (shaft.q.min() + shaft.q.max())
+    effect["compliance_with_backlash"]["own_middle"] = 1.0
+    np.testing.assert_allclose(added(moved, effect), k * (e - np.clip(e, -b, b)), rtol=0, atol=300 * EPS)
+
+
 def test_current_viscosity_takes_the_current_that_flows() -> None:
     """B1*I*qd with the current behind its lag and gain, not the field behind saturation."""
     shaft = Shaft.swinging(seconds=1.0)

@@ -21,7 +21,12 @@ def motion() -> Motion:
     return known.motion(3, runs=3, seconds=2.0)
 
 
-CHOSEN = (("coil_lag", "hold"), ("torque_sensor_lag", "hold"), ("wear", "clock"))
+CHOSEN = (
+    ("coil_lag", "hold"),
+    ("torque_sensor_lag", "hold"),
+    ("wear", "clock"),
+    ("compliance_with_backlash", "own_middle"),
+)
 """What says how the data were logged."""
 
 
