@@ -91,7 +91,7 @@ def test_default_effects_leave_what_fig_4_says():
     figures = session_report.measure(run_bench(cfg), cfg)["plain_rmse"]
     means = [figures[amps]["mean"] for amps in ("1", "1.2", "1.5")]
     assert means == sorted(means)
-    assert 0.4 < means[0] and means[2] < 0.8
+    assert 0.35 < means[0] and means[2] < 0.8
 
 
 def test_clean_bench_is_what_the_simulator_replays():

@@ -242,7 +242,7 @@ def test_a_robot_with_longer_links_starts_on_the_ground(robot):
     [
         ("lowerLimit = -161.45950667", "lowerLimit = -40", 1, "lowerLimit = -40.0 .. below .. exchange"),
         ("lowerLimit = -161.45950667", "lowerLimit = nan", 1, "lowerLimit = nan .. number below"),
-        ("upperLimit = -50.87865221", "upperLimit = -90", 1, "stance of a calf, -85.94 deg .. widen"),
+        ("upperLimit = -50.87865221", "upperLimit = -90", 1, "stance of FL_calf, -85.94 deg .. widen"),
         (LINK, "(0, 0, -0.05)", -1, "trunk is 0.096 m high .. more than 0.16 m .. correct the links"),
         (f"localPos0 = {LINK}", "localPos0 = (0, 0, -0.15)", 1, "feet are not level: FL -0.2"),
         ("localPos0 = (-0.1881,", "localPos0 = (0.15,", -1, "feet span .. centre of mass is beside them"),

@@ -1,0 +1,177 @@
+"""The robot of a log as a MuJoCo model whose joints are driven as the log's drives were."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mrwarp.env.sim_model import build_scene
+from mrwarp.robot_logs.robot_log import LogError, RobotLog
+from mrwarp.run_dir import no_file, one_line
+from mrwarp.runtime import silent
+from mrwarp.usd.asset import ROBOT_SUFFIXES, load_robot
+
+LONGEST_STEP = 0.0011
+"""Longest physics step of a replay [s]: a longer one answers noticeably later than the robot."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayModel:
+    """A compiled model and where the log's J joints sit in it."""
+
+    path: Path
+    spec: mujoco.MjSpec
+    model: mujoco.MjModel
+    joints: tuple[str, ...]
+    q_adr: np.ndarray
+    """Address of each joint in qpos; shape (J,)."""
+    v_adr: np.ndarray
+    """Address of each joint in qvel; shape (J,)."""
+    free: bool
+    """Whether the trunk floats; then its pose is the first 7 of qpos."""
+    trunk: int
+    """Body that floats, or that the first joints hang on."""
+    feet: tuple[int, ...]
+    """Shapes that can touch the ground at the ends of the legs; empty for a fixed base."""
+
+    @property
+    def moving(self) -> list[int]:
+        """Bodies that the log's joints move."""
+        found = []
+        for i in range(1, self.model.nbody):
+            if self.model.body_mass[i] > 0.0 and self._below_a_joint(i):
+                found.append(i)
+        return found
+
+    def _below_a_joint(self, body: int) -> bool:
+        while body:
+            first, count = self.model.body_jntadr[body], self.model.body_jntnum[body]
+            if any(self.model.jnt_type[first + k] == mujoco.mjtJoint.mjJNT_HINGE for k in range(count)):
+                return True
+            body = int(self.model.body_parentid[body])
+        return False
+
+
+def replay_model(path: Path, log: RobotLog) -> ReplayModel:
+    """Read a robot (MJCF, URDF, USD, or the name of a shipped one) and drive its joints as the log says.
+
+    Raises:
+        LogError: it cannot be read, or lacks a joint of the log.
+    """
+    spec, drives = _spec(path)
+    roots = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
+    if log.base == "fixed":
+        for joint in roots:
+            spec.delete(joint)
+    elif not roots:
+        body = next((b for b in spec.worldbody.bodies), None)
+        if body is None:
+            raise LogError(f"{path}: there is no body that could float; the log says base = free")
+        body.add_freejoint()
+    known = [joint.name for joint in spec.joints]
+    for joint in log.joints:
+        if joint not in known:
+            near = difflib.get_close_matches(joint, known, 1)
+            hint = f"; is it {near[0]}?" if near else ""
+            raise LogError(f"{path}: the log's joint {joint} is not among the robot's ({', '.join(known)}){hint}")
+    limits = _torque_limits(spec) | drives
+    for item in [*spec.actuators, *spec.sensors, *spec.keys]:
+        spec.delete(item)
+    for k, joint in enumerate(log.joints):
+        drive = spec.add_actuator(name=f"drive {joint}", target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        drive.gaintype, drive.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+        drive.gainprm[0] = 1.0
+        drive.biasprm[1], drive.biasprm[2] = -float(log.kp[k]), -float(log.kd[k])
+        drive.ctrllimited = False
+        if joint in limits:
+            drive.forcelimited, drive.forcerange = True, limits[joint]
+    if log.base == "free" and not any(g.type == mujoco.mjtGeom.mjGEOM_PLANE for g in spec.worldbody.geoms):
+        spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50.0, 50.0, 1.0])
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    if log.base == "fixed":
+        spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    model = _compiled(spec, path)
+    ids = [model.joint(joint).id for joint in log.joints]
+    free = bool((model.jnt_type == mujoco.mjtJoint.mjJNT_FREE).any())
+    trunk = int(model.jnt_bodyid[int(np.argmax(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE))]) if free else 0
+    if not free:
+        trunk = int(model.body_parentid[model.jnt_bodyid[ids[0]]])
+    return ReplayModel(
+        path=path,
+        spec=spec,
+        model=model,
+        joints=log.joints,
+        q_adr=model.jnt_qposadr[ids],
+        v_adr=model.jnt_dofadr[ids],
+        free=free,
+        trunk=trunk,
+        feet=_feet(model) if free else (),
+    )
+
+
+def _spec(path: Path) -> tuple[mujoco.MjSpec, dict[str, list[float]]]:
+    """What the file says, and ranges of torques that stand elsewhere."""
+    if path.suffix in ROBOT_SUFFIXES or not path.suffix:
+        asset = load_robot(robot=str(path)) if path.suffix else load_robot(robot=path.name)
+        kept: list[mujoco.MjSpec] = []
+        build_scene(asset, dt=0.001, ground=False, edit=lambda spec: kept.append(spec.copy()))
+        for joint in kept[0].joints:
+            joint.name = next((a.joint for a in asset.actuators if joint.name.endswith("_" + a.joint)), joint.name)
+        return kept[0], {a.joint: [-a.tau_limit, a.tau_limit] for a in asset.actuators}
+    if not path.is_file():
+        raise LogError(f"{path}: {no_file(path, 'robot')}; --robot names an MJCF (.xml), URDF or USD file")
+    try:
+        with silent():
+            return mujoco.MjSpec.from_file(str(path)), {}
+    except Exception as error:  # MuJoCo raises several types
+        raise LogError(f"{path}: MuJoCo cannot read it ({one_line(error)}); correct it there") from None
+
+
+def _torque_limits(spec: mujoco.MjSpec) -> dict[str, list[float]]:
+    """Range of the torque of each joint whose actuator has one [N·m]."""
+    found = {}
+    for drive in spec.actuators:
+        span = drive.forcerange if drive.forcerange[1] > drive.forcerange[0] else None
+        gear = float(drive.gear[0])
+        if span is None and drive.ctrlrange[1] > drive.ctrlrange[0] and drive.biastype == mujoco.mjtBias.mjBIAS_NONE:
+            span = float(drive.gainprm[0]) * drive.ctrlrange
+        if span is not None:
+            found[drive.target] = [float(gear * span[0]), float(gear * span[1])]
+    return found
+
+
+def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
+    with silent():
+        with contextlib.suppress(Exception):
+            return spec.compile()
+        for geom in [g for g in spec.geoms if g.type == mujoco.mjtGeom.mjGEOM_MESH]:
+            spec.delete(geom)  # files of meshes that are not here, most often
+        for mesh in list(spec.meshes):
+            spec.delete(mesh)
+        try:
+            return spec.compile()
+        except Exception as error:
+            raise LogError(f"{path}: MuJoCo cannot simulate it ({one_line(error)}); correct it there") from None
+
+
+def _feet(model: mujoco.MjModel) -> tuple[int, ...]:
+    """Of each body at the end of a leg, the colliding shape that hangs lowest at the model's own pose."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    touches = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    shaped = set(model.geom_bodyid[touches].tolist())
+    above: set[int] = set()
+    for body in shaped:
+        while body:
+            body = int(model.body_parentid[body])
+            above.add(body)
+    found = []
+    for body in sorted(shaped - above):
+        shapes = [g for g in np.flatnonzero(touches).tolist() if model.geom_bodyid[g] == body]
+        found.append(min(shapes, key=lambda g: data.geom_xpos[g, 2] - model.geom_rbound[g]))
+    return tuple(found)
