@@ -1,0 +1,153 @@
+"""What may be wrong with the simulation of a robot: causes, their places, sizes that healthy robots have anyway."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from mrwarp.robot_logs.replay_model import ReplayModel
+from mrwarp.robot_logs.robot_log import RobotLog
+
+Field = Literal[
+    "friction", "damping", "armature", "stribeck", "lag", "kp", "kd", "strength", "offset", "shift", "delay", "mass", "com",
+    "tilt", "bias", "mu", "slope", "stiffness",
+]  # fmt: skip
+"""Array of a hypothesis that a parameter is added to, see :class:`mrwarp.robot_logs.replay.Hypotheses`."""
+
+ORDINARY = ("coulomb_friction", "viscous_friction", "rotor_inertia")
+"""What descriptions of robots rarely know: fitted in every case, and named where the log excludes the description."""
+
+SESSION = "session"
+"""What differs between sessions of one healthy robot, never a cause: where a joint settles, how a fixed base stands."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """One number of one cause at one place."""
+
+    cause: str
+    where: str
+    name: str
+    """What the number is called in a result."""
+    unit: str
+    field: Field
+    index: int
+    """Column of the field."""
+    step: float
+    """Change by which the replay's derivative is taken."""
+    spread: float
+    """Standard deviation that a healthy robot has about its description; large for :data:`ORDINARY` causes."""
+    least: float
+    """Smallest size that counts as a fault."""
+    fault: float
+    """Standard deviation of faults."""
+    lowest: float = -np.inf
+    """Least change that a robot can have: friction and inertia do not turn negative."""
+    nominal: float = 0.0
+    """Value that a change adds to; for ``kp``, ``kd`` and ``strength`` the change is relative to it."""
+
+    @property
+    def relative(self) -> bool:
+        """Whether the change is a share of ``nominal``."""
+        return self.field in ("kp", "kd", "strength", "mu", "stiffness")
+
+    def absolute(self, change: float) -> float:
+        """Value in ``unit`` that a change makes."""
+        return self.nominal * (1.0 + change) if self.relative else change
+
+
+def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
+    """All numbers that a log of this robot could speak of."""
+    found: list[Parameter] = []
+
+    def add(cause: str, where: str, name: str, unit: str, field: Field, index: int, *sizes: float, nominal: float = 0.0,
+            lowest: float = -np.inf) -> None:  # fmt: skip
+        step, spread, least, fault = (float(x) for x in sizes)
+        found.append(
+            Parameter(
+                cause=cause, where=where, name=name, unit=unit, field=field, index=index, step=step, spread=spread,
+                least=least, fault=fault, nominal=float(nominal), lowest=lowest,
+            )
+        )  # fmt: skip
+
+    mj = model.model
+    for j, joint in enumerate(model.joints):
+        v = model.v_adr[j]
+        scale = _torque_scale(model, log, j)
+        inertia = float(mj.dof_M0[v]) if hasattr(mj, "dof_M0") else float(1.0 / max(mj.dof_invweight0[v], 1e-6))
+        add("coulomb_friction", joint, "torque", "N·m", "friction", j, 0.01 * scale, 0.02 * scale, 0.005 * scale, 0.05 * scale,
+            lowest=-float(mj.dof_frictionloss[v]))  # fmt: skip
+        unit = "N·m·s/rad"
+        add("viscous_friction", joint, "coefficient", unit, "damping", j, 0.002 * scale, 0.006 * scale, 0.002 * scale, 0.02 * scale,
+            lowest=-float(mj.dof_damping[v]))  # fmt: skip
+        add("rotor_inertia", joint, "inertia", "kg·m²", "armature", j, 0.05 * inertia, 0.5 * inertia, 0.05 * inertia, 2.0 * inertia,
+            lowest=-0.9 * float(mj.dof_armature[v]))  # fmt: skip
+        add("stribeck", joint, "torque", "N·m", "stribeck", j, 0.01 * scale, 0.004 * scale, 0.01 * scale, 0.03 * scale)
+        add("encoder_offset", joint, "angle", "rad", "offset", j, 0.005, 0.004, 0.010, 0.05)
+        if log.kp[j] > 0.0:
+            add(SESSION, joint, "angle", "rad", "shift", j, 0.004, 0.005, np.inf, 0.0)
+            add("kp", joint, "gain", "N·m/rad", "kp", j, 0.05, 0.02, 0.04, 0.3, nominal=log.kp[j])
+        if log.kd[j] > 0.0:
+            add("kd", joint, "gain", "N·m·s/rad", "kd", j, 0.05, 0.02, 0.05, 0.5, nominal=log.kd[j])
+            add("velocity_lag", joint, "time_constant", "s", "lag", j, 0.002, 0.001, 0.003, 0.006)
+        add("motor_strength", joint, "factor", "1", "strength", j, 0.05, 0.02, 0.04, 0.2, nominal=1.0)
+    add("command_delay", "robot", "delay", "s", "delay", 0, 0.003, 0.0007, 0.0015, 0.01)
+    bodies = [b for b in model.moving if b != model.trunk]
+    for b in bodies:
+        mass = float(mj.body_mass[b])
+        if mass > 0.02:
+            add(
+                "link_mass",
+                mj.body(b).name,
+                "mass",
+                "kg",
+                "mass",
+                b,
+                0.05 * mass,
+                0.02 * mass,
+                0.05 * mass + 0.02,
+                0.3 * mass + 0.1,
+            )
+    if not model.free:
+        for k, axis in enumerate(("roll", "pitch")):
+            add(SESSION, "robot", axis, "rad", "slope", k, 0.01, 0.02, np.inf, 0.0)
+    if model.free:
+        total = float(mj.body_mass.sum())
+        add(
+            "trunk_mass",
+            mj.body(model.trunk).name,
+            "mass",
+            "kg",
+            "mass",
+            model.trunk,
+            *(total * np.array([0.02, 0.008, 0.015, 0.15])),
+        )
+        for k, axis in enumerate("xyz"):
+            add("trunk_com", mj.body(model.trunk).name, axis, "m", "com", k, 0.01, 0.004, 0.01, 0.04)
+        for k, axis in enumerate(("roll", "pitch")):
+            add("imu_tilt", "robot", axis, "rad", "tilt", k, 0.01, 0.005, 0.012, 0.04)
+            add("ground_slope", "robot", axis, "rad", "slope", k, 0.01, 0.008, 0.02, 0.06)
+        for k, axis in enumerate("xyz"):
+            add("gyro_bias", "robot", axis, "rad/s", "bias", k, 0.02, 0.01, 0.03, 0.1)
+        mu = float(mj.geom_friction[list(model.feet), 0].max()) if model.feet else 0.8
+        add("ground_friction", "robot", "coefficient", "1", "mu", 0, -0.1, 0.1, 0.1, 0.4, nominal=mu)
+        add("ground_stiffness", "robot", "factor", "1", "stiffness", 0, 0.2, 0.5, 0.7, 1.0, nominal=1.0)
+    return found
+
+
+def _torque_scale(model: ReplayModel, log: RobotLog, j: int) -> float:
+    """Torque that the joint's drive gives at most, or at 0.6 rad of error [N·m]."""
+    low, high = model.model.actuator_forcerange[j]
+    if model.model.actuator_forcelimited[j] and high > low:
+        return float(high)
+    if log.kp[j] > 0.0:
+        return 0.6 * float(log.kp[j])
+    found = [
+        np.nanquantile(np.abs(run.joint[c][:, j]), 0.99)
+        for run in log.runs
+        for c in ("tau_ff", "tau")
+        if c in run.joint
+    ]
+    return float(np.nanmax(found)) if found else 10.0

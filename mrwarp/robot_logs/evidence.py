@@ -1,0 +1,188 @@
+"""What a log says of every number: derivatives of the replays, freed of what is unknown about each window's start.
+
+Around a robot ``theta`` the mismatch of window w is ``r_w - J_w*(change) - Z_w*(start)``. The start is eliminated with
+its prior, channels weigh by what is left in them, and what remains is a quadratic form per window: the unit by which
+evidence is counted, because samples of a window are not independent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mrwarp.robot_logs.causes import Parameter
+from mrwarp.robot_logs.replay import Hypotheses, Replay, mismatch, nuisances
+from mrwarp.robot_logs.replay_model import ReplayModel
+from mrwarp.robot_logs.windows import Windows
+
+START_SPREAD = 1.0
+"""Standard deviation of a window's start, in the steps of :func:`mrwarp.robot_logs.replay.nuisances`."""
+
+ROUNDS = 4
+"""Times that channels are weighed anew by what is left in them."""
+
+WORST = 4.0
+"""A window whose mismatch is this many times the median one is left out: a fall, a hand that touched the robot."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """Quadratic forms of W windows in the P parameters, about the origin of the parameters."""
+
+    a: np.ndarray
+    """Information, shape (W, P, P)."""
+    b: np.ndarray
+    """Score at the origin, shape (W, P)."""
+    c: np.ndarray
+    """Weighted squared mismatch at the origin, shape (W,)."""
+    scale: float
+    """Factor by which information is overstated, samples being correlated and the simulation never quite right."""
+    sigma: dict[str, np.ndarray]
+    """What is left in each channel, by name, shape (C,)."""
+    run: np.ndarray
+    """Run of each window, shape (W,)."""
+    samples: int
+    """Readings of all windows that count."""
+    lost: int
+    """Windows left out."""
+
+
+def gather(
+    model: ReplayModel,
+    groups: Sequence[Windows],
+    parameters: list[Parameter],
+    theta: np.ndarray,
+    prior: np.ndarray,
+    log: Callable[[str], None],
+) -> Evidence:
+    """Replay all windows at ``theta`` and around it.
+
+    Args:
+        model: The robot.
+        groups: Windows, see :func:`mrwarp.robot_logs.windows.cut_windows`.
+        parameters: P parameters.
+        theta: Values about which derivatives are taken, shape (P,).
+        prior: Precision of a robot's parameters about the origin, by which the channels' weights are found, (P, P).
+        log: Told of progress.
+    """
+    found = [_derivatives(model, windows, parameters, theta, log) for windows in groups]
+    names = list(found[0][0])
+    sigma = {name: _rms([r[name] for r, _, _ in found]) for name in names}
+    a = b = c = np.zeros(0)
+    keep = np.ones(0, dtype=bool)
+    for round_ in range(ROUNDS):
+        pieces = [_reduced(r, j, z, sigma) for r, j, z in found]
+        a, b, c = (np.concatenate([p[i] for p in pieces]) for i in range(3))
+        b, c = b + a @ theta, c + 2.0 * b @ theta + np.einsum("wij,i,j->w", a, theta, theta)
+        keep = _usable(a, b, c, prior)
+        if round_ == ROUNDS - 1:
+            break
+        best = np.linalg.solve(a[keep].sum(axis=0) + prior, b[keep].sum(axis=0))
+        left, first = [], 0
+        for r, j, z in found:
+            count = len(next(iter(r.values())))
+            left.append(_left(r, j, z, sigma, best - theta, keep[first : first + count]))
+            first += count
+        sigma = {name: _rms([x[name] for x in left]) for name in names}
+    run = np.concatenate([w.run for w in groups])
+    samples = sum(int(np.prod(next(iter(r.values())).shape[:2])) for r, _, _ in found)
+    a, b, c, run = a[keep], b[keep], c[keep], run[keep]
+    return Evidence(
+        a=a, b=b, c=c, scale=_overstated(a, b, prior), sigma=sigma, run=run, samples=samples, lost=int((~keep).sum())
+    )
+
+
+def _derivatives(model, windows, parameters, theta, log) -> tuple[dict, dict, dict]:  # noqa: ANN001
+    """Mismatch (W, S, C), derivatives by parameter (P, W, S, C) and by start (Z, W, S, C), by channel, float32."""
+    replay, count, steps = Replay(model, windows), windows.count, nuisances(model)
+    every, rest = np.arange(count), np.zeros((count, len(steps)))
+
+    def run(values: np.ndarray, start: np.ndarray) -> dict[str, np.ndarray]:
+        return replay.run(Hypotheses.of(parameters, np.tile(values, (count, 1)), model), every, start)
+
+    base = run(theta, rest)
+    r = {name: x.astype(np.float32) for name, x in mismatch(windows.measured, base).items()}
+    j = {name: np.zeros((len(parameters), *x.shape), dtype=np.float32) for name, x in r.items()}
+    z = {name: np.zeros((len(steps), *x.shape), dtype=np.float32) for name, x in r.items()}
+    for k, p in enumerate(parameters):
+        if k % 10 == 0:
+            log(f"replaying {count} windows: {p.cause} ({k} of {len(parameters)})")
+        moved = theta.copy()
+        moved[k] += p.step
+        for name, x in mismatch(run(moved, rest), base).items():
+            j[name][k] = x / p.step
+    for k, step in enumerate(steps):
+        start = rest.copy()
+        start[:, k] = step
+        for name, x in mismatch(run(theta, start), base).items():
+            z[name][k] = x  # per step
+    for values in (*r.values(), *j.values(), *z.values()):
+        np.nan_to_num(values, copy=False, posinf=0.0, neginf=0.0)
+    return r, j, z
+
+
+def _rms(values: list[np.ndarray]) -> np.ndarray:
+    """Root mean square by channel over the middle of the windows, shape (C,)."""
+    squares = np.concatenate([(x.astype(float) ** 2).mean(axis=1) for x in values])
+    limit = np.quantile(squares, 0.9, axis=0)
+    return np.sqrt(
+        np.maximum(np.where(squares <= limit, squares, 0.0).sum(axis=0) / (squares <= limit).sum(axis=0), 1e-16)
+    )
+
+
+def _reduced(r: dict, j: dict, z: dict, sigma: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Quadratic forms of a group's windows about its theta: shapes (W, P, P), (W, P), (W,)."""
+    first = next(iter(r.values()))
+    count, params = first.shape[0], next(iter(j.values())).shape[0]
+    a, b, c = np.zeros((count, params, params)), np.zeros((count, params)), np.zeros(count)
+    for w in range(count):
+        rw, jw, zw = _window(r, j, z, sigma, w)
+        start = zw @ zw.T + np.eye(len(zw)) / START_SPREAD**2
+        solved = np.linalg.solve(start, np.column_stack([zw @ jw.T, zw @ rw]))
+        a[w] = jw @ jw.T - (zw @ jw.T).T @ solved[:, :-1]
+        b[w] = jw @ rw - (zw @ jw.T).T @ solved[:, -1]
+        c[w] = rw @ rw - (zw @ rw) @ solved[:, -1]
+    return a, b, c
+
+
+def _window(r: dict, j: dict, z: dict, sigma: dict, w: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    parts = [(r[n][w] / sigma[n], j[n][:, w] / sigma[n], z[n][:, w] / sigma[n]) for n in r]
+    rw = np.concatenate([p[0].ravel() for p in parts]).astype(float)
+    jw = np.concatenate([p[1].reshape(len(p[1]), -1) for p in parts], axis=1).astype(float)
+    zw = np.concatenate([p[2].reshape(len(p[2]), -1) for p in parts], axis=1).astype(float)
+    return rw, jw, zw
+
+
+def _left(r: dict, j: dict, z: dict, sigma: dict, change: np.ndarray, keep: np.ndarray) -> dict[str, np.ndarray]:
+    """Mismatch that is left at a change of the parameters and the best starts, windows that count."""
+    found = {name: [] for name in r}
+    for w in np.flatnonzero(keep):
+        rw, jw, zw = _window(r, j, z, sigma, w)
+        rest = rw - change @ jw
+        rest = rest - np.linalg.solve(zw @ zw.T + np.eye(len(zw)) / START_SPREAD**2, zw @ rest) @ zw
+        at = 0
+        for name in r:
+            shape = r[name][w].shape
+            size = int(np.prod(shape))
+            found[name].append(rest[at : at + size].reshape(shape) * sigma[name])
+            at += size
+    return {name: np.array(values) for name, values in found.items()}
+
+
+def _usable(a: np.ndarray, b: np.ndarray, c: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Windows whose mismatch at the best parameters is of the usual size."""
+    best = np.linalg.solve(a.sum(axis=0) + prior, b.sum(axis=0))
+    left = c - 2.0 * b @ best + np.einsum("wij,i,j->w", a, best, best)
+    return np.isfinite(left) & (left < WORST**2 * np.median(left))
+
+
+def _overstated(a: np.ndarray, b: np.ndarray, prior: np.ndarray) -> float:
+    """How much larger the scores' spread over windows is than their information says, in the median [1]."""
+    total = a.sum(axis=0)
+    best = np.linalg.solve(total + prior, b.sum(axis=0))
+    scores = b - a @ best
+    known = np.diag(total) > 1e-9 * np.diag(total).max()
+    ratio = (scores**2).sum(axis=0)[known] / np.diag(total)[known]
+    return float(max(np.median(ratio), 1.0))

@@ -1,0 +1,264 @@
+"""What the simulation of a robot gets wrong, and where: from a log to named causes, in the order of docs/robot_logs.md."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from mrwarp.robot_logs.causes import ORDINARY, SESSION, Parameter, parameters_of
+from mrwarp.robot_logs.evidence import Evidence, gather
+from mrwarp.robot_logs.replay import Hypotheses, Replay, mismatch, nuisances
+from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
+from mrwarp.robot_logs.robot_log import LogError, RobotLog
+from mrwarp.robot_logs.selection import Direction, Found, Posterior, healthy, posterior, select
+from mrwarp.robot_logs.unknowable import cannot_know
+from mrwarp.robot_logs.windows import Windows, cut_windows
+
+FIRST_SECONDS, SECONDS = 20.0, 60.0
+"""Parts of a log that the first rounds and the last one look at [s]."""
+
+FOLDS = 8
+"""Pieces of the log that are predicted from the others."""
+
+LEAST_WINDOWS = 8
+"""Fewest windows that carry a verdict."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedCause:
+    """A cause at a place, with its numbers."""
+
+    name: str
+    where: str
+    parameters: dict[str, dict[str, Any]]
+    """By name: value, ci95, unit."""
+    p_value: float
+    alternatives: tuple[str, ...]
+    gain: float
+    """Share of the squared mismatch that returns without it [1]."""
+    change: dict[int, float]
+    """Change of each of its parameters."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotDiagnosis:
+    """A verdict over a robot's log."""
+
+    verdict: str | None
+    sentence: str
+    causes: tuple[NamedCause, ...]
+    suspects: tuple[NamedCause, ...]
+    cannot_know: tuple[str, ...]
+    baseline: dict[str, float]
+    extended: dict[str, float]
+    gain: dict[str, Any]
+    per_joint: dict[str, dict[str, float]]
+    """RMSE of the angle over windows before and after, by joint [rad]."""
+    session: dict[str, float]
+    """Where each joint settled beside its command in this session [rad]."""
+    notes: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    theta: np.ndarray
+    """Changes of the named causes, shape (P,)."""
+    model: ReplayModel
+    log: RobotLog
+    windows: tuple[Windows, ...]
+    seconds: float
+
+
+def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] = lambda _: None) -> RobotDiagnosis:
+    """Diagnose a log against a robot's description.
+
+    Raises:
+        LogError: robot and log do not fit.
+    """
+    begun = time.perf_counter()
+    progress(f"reading {robot}")
+    model = replay_model(robot, log)
+    parameters = parameters_of(model, log)
+    theta = np.zeros(len(parameters))
+    lowest = np.array([p.lowest for p in parameters])
+    for seconds in (FIRST_SECONDS, FIRST_SECONDS, SECONDS):
+        groups = cut_windows(model, log, budget=seconds)
+        if sum(group.count for group in groups) < LEAST_WINDOWS:
+            raise LogError(
+                f"{log.path}: too short: {sum(group.count for group in groups)} pieces of "
+                f"{groups[0].t[0, -1] if groups else 0.5:.1f} s, {LEAST_WINDOWS} are needed; record longer"
+            )
+        # the numbers that no description knows are moved first; what stands out of the rest is asked at the end
+        evidence = gather(model, groups, parameters, theta, healthy(parameters), progress)
+        if seconds < SECONDS:
+            theta = np.maximum(posterior(evidence, parameters, []).mean, lowest)
+    progress("causes that stand out")
+    found = select(evidence, parameters)
+    released = [f.direction for f in found]
+    now = posterior(evidence, parameters, released)
+    causes = tuple(_named(f, found, evidence, parameters, now) for f in found)
+    extended = np.zeros(len(parameters))
+    for cause in causes:
+        for k, change in cause.change.items():
+            extended[k] = max(change, parameters[k].lowest)
+    progress("before and after")
+    gain, before, after = _held_out(evidence, parameters, found)
+    per_joint = _per_joint(model, groups, parameters, now, extended)
+    verdict = "named" if causes else "none"
+    session = {p.where: float(now.mean[k]) for k, p in enumerate(parameters) if p.field == "shift"}
+    notes = [*getattr(log, "notes", ())]
+    if evidence.lost:
+        notes.append(f"{evidence.lost} pieces of the log were left out: something else moved the robot there")
+    d = RobotDiagnosis(
+        verdict=verdict,
+        sentence=sentence_of(causes),
+        causes=causes,
+        suspects=(),
+        cannot_know=cannot_know(evidence, parameters, model, log, now),
+        baseline={"rmse": before, "unit": "of what is left in each channel"},
+        extended={"rmse": after},
+        gain=gain,
+        per_joint=per_joint,
+        session=session,
+        notes=tuple(notes),
+        parameters=tuple(parameters),
+        theta=extended,
+        model=model,
+        log=log,
+        windows=tuple(groups),
+        seconds=time.perf_counter() - begun,
+    )
+    return d
+
+
+def _named(f: Found, found: list[Found], evidence: Evidence, parameters: list[Parameter], now: Posterior) -> NamedCause:
+    """A cause with its size: of a single number as the log has it, of a group the change that all share."""
+    values: dict[str, dict[str, Any]] = {}
+    change: dict[int, float] = {}
+    first = parameters[f.direction.members[0]]
+    others = [x.direction for x in found if x is not f]
+    if len(f.direction.members) == 1:
+        k = f.direction.members[0]
+        mean, sd = _without_prior(k, now, evidence, parameters, [*others, f.direction])
+    else:
+        k = f.direction.members[0]
+        mean, sd = now.mean[k], float(np.sqrt(now.covariance[k, k]))
+    low, high = (first.absolute(mean + s * 1.96 * sd) for s in (-1.0, 1.0))
+    values[first.name] = {"value": first.absolute(mean), "ci95": (low, high), "unit": first.unit}
+    if first.relative:
+        values["factor"] = {"value": 1.0 + mean, "ci95": (1.0 + mean - 1.96 * sd, 1.0 + mean + 1.96 * sd), "unit": "1"}
+    for k in f.direction.members:
+        change[k] = float(now.mean[k]) if len(f.direction.members) > 1 else float(mean)
+    full = _left(evidence, now.mean)
+    without = posterior(evidence, parameters, others).mean.copy()
+    without[list(f.direction.members)] = 0.0
+    return NamedCause(
+        name=f.direction.cause,
+        where=f.direction.where,
+        parameters=values,
+        p_value=float(2.0 * stats.norm.sf(abs(f.z))),
+        alternatives=tuple(dict.fromkeys(_place(d) for d in f.alternatives)),
+        gain=float(max(1.0 - full / max(_left(evidence, without), 1e-12), 0.0)),
+        change=change,
+    )
+
+
+def _place(direction: Direction) -> str:
+    return f"{direction.cause} of {direction.where}" if direction.where != "robot" else direction.cause
+
+
+def _without_prior(
+    k: int, now: Posterior, evidence: Evidence, parameters: list[Parameter], released: list[Direction]
+) -> tuple[float, float]:
+    """Mean and standard deviation of one number by the log alone, the others as they are."""
+    variance = now.covariance[k, k]
+    known = max(1.0 / variance - now.precision[k, k], 1e-3 / variance)
+    return float(now.mean[k] / variance / known), float(1.0 / np.sqrt(known))
+
+
+def _left(evidence: Evidence, theta: np.ndarray) -> float:
+    """Squared mismatch of all windows at ``theta``."""
+    a, b = evidence.a.sum(axis=0), evidence.b.sum(axis=0)
+    return float(evidence.c.sum() - 2.0 * b @ theta + theta @ a @ theta)
+
+
+def _held_out(
+    evidence: Evidence, parameters: list[Parameter], found: list[Found]
+) -> tuple[dict[str, Any], float, float]:
+    """Reduction of the error on pieces of the log that took no part, with its interval, and both errors [1]."""
+    session = [k for k, p in enumerate(parameters) if p.cause == SESSION]
+    named = sorted({k for f in found for k in f.direction.members})
+    folds = np.array_split(np.arange(len(evidence.c)), FOLDS)
+    rows = []
+    for fold in folds:
+        keep = np.setdiff1d(np.arange(len(evidence.c)), fold)
+        a, b = evidence.a[keep].sum(axis=0) / evidence.scale, evidence.b[keep].sum(axis=0) / evidence.scale
+        q = healthy(parameters)
+        row = []
+        for free in (session, sorted({*session, *named})):
+            theta = np.zeros(len(parameters))
+            at = np.ix_(free, free)
+            weight = q[at].copy()
+            for i, k in enumerate(free):
+                if k in named:
+                    weight[i, i] = 1.0 / max(parameters[k].fault, parameters[k].spread) ** 2
+            if free:
+                theta[free] = np.linalg.solve(a[at] + weight, b[free])
+            own_a, own_b = evidence.a[fold].sum(axis=0), evidence.b[fold].sum(axis=0)
+            row.append(max(evidence.c[fold].sum() - 2.0 * own_b @ theta + theta @ own_a @ theta, 1e-12))
+        rows.append(row)
+    errors = np.sqrt(np.array(rows))
+    total = np.sqrt((errors**2).sum(axis=0) / max(evidence.samples, 1))
+    each = 1.0 - errors[:, 1] / errors[:, 0]
+    half = stats.t.ppf(0.975, FOLDS - 1) * each.std(ddof=1) / np.sqrt(FOLDS)
+    value = float(1.0 - total[1] / total[0])
+    gain = {"rmse_reduction": value, "ci95": (value - half, value + half), "held_out": tuple(range(FOLDS))}
+    return gain, float(total[0]), float(total[1])
+
+
+def _per_joint(
+    model: ReplayModel, groups: list[Windows], parameters: list[Parameter], now: Posterior, extended: np.ndarray
+) -> dict[str, dict[str, float]]:
+    """RMSE of the replayed angles before and after, both beside the session's offsets."""
+    session = np.array([p.cause == SESSION for p in parameters])
+    both = []
+    for theta in (np.where(session, now.mean, 0.0), np.where(session, now.mean, extended)):
+        squares, count = np.zeros(len(model.joints)), 0
+        for windows in groups:
+            every = np.arange(windows.count)
+            start = np.zeros((windows.count, len(nuisances(model))))
+            changes = Hypotheses.of(parameters, np.tile(theta, (windows.count, 1)), model)
+            left = mismatch(windows.measured, Replay(model, windows).run(changes, every, start))["q"]
+            left = np.nan_to_num(left)
+            squares += (left**2).sum(axis=(0, 1))
+            count += left.shape[0] * left.shape[1]
+        both.append(np.sqrt(squares / max(count, 1)))
+    return {
+        joint: {"baseline": float(both[0][j]), "extended": float(both[1][j])} for j, joint in enumerate(model.joints)
+    }
+
+
+def sentence_of(causes: tuple[NamedCause, ...]) -> str:
+    """The verdict in one sentence."""
+    if not causes:
+        return "Nothing is wrong with the simulation that this log could show."
+    return "; ".join(cause_text(cause) for cause in causes) + "."
+
+
+def cause_text(cause: NamedCause) -> str:
+    """A cause with place and size, such as "RL_calf_joint: Coulomb friction +0.61 N·m"."""
+    name, value = next(iter(cause.parameters.items()))
+    place = "" if cause.where == "robot" else f"{cause.where}: "
+    words = cause.name.replace("_", " ").replace("coulomb", "Coulomb").replace("stribeck", "Stribeck friction")
+    unit = "" if value["unit"] == "1" else f" {value['unit']}"
+    if "factor" in cause.parameters:
+        text = f"{place}{words} {cause.parameters['factor']['value']:.2f} times the description's"
+    else:
+        text = f"{place}{words} {value['value']:+.3g}{unit}" + (f" ({name})" if name in "xyzrollpitch" else "")
+    return text + (f" (or {', '.join(cause.alternatives)})" if cause.alternatives else "")
+
+
+__all__ = ["ORDINARY", "RobotDiagnosis", "diagnose_log"]

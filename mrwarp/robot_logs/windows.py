@@ -1,0 +1,232 @@
+"""Short pieces of a log from which simulations begin: stamps, commands, readings, and the state at their start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import mujoco
+import numpy as np
+from scipy.signal import savgol_filter
+from scipy.spatial.transform import Rotation
+
+from mrwarp.robot_logs.replay_model import LONGEST_STEP, ReplayModel
+from mrwarp.robot_logs.robot_log import LogRun, RobotLog
+
+SECONDS = {"fixed": 0.6, "free": 0.3}
+"""Length of a window [s]. In the air errors fade with the drives' damping; a legged robot's grow."""
+
+LARGEST_GAP = 5.0
+"""A step of the stamps this many times the usual one ends a window."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Windows:
+    """W windows of S samples each, all of one run or several with the same step; J joints."""
+
+    h: float
+    """Physics step [s]."""
+    steps: int
+    """Physics steps of a window, K."""
+    run: np.ndarray
+    """Run of each window, shape (W,)."""
+    start: np.ndarray
+    """First sample in its run, shape (W,)."""
+    t: np.ndarray
+    """Time of each sample since the window's start [s], shape (W, S)."""
+    feed: np.ndarray
+    """Torque that commands ask for apart from ``-kp*q - kd*qd`` [N·m]: ``kp*q_des``, ``kd*qd_des``, ``tau_ff``; shape
+    (3, W, K + M, J), M steps lie before the window."""
+    before: int
+    """M: steps of commands before the window, for delays."""
+    kp: np.ndarray
+    """[N·m/rad], shape (W, J)."""
+    kd: np.ndarray
+    """[N·m·s/rad], shape (W, J)."""
+    q: np.ndarray
+    """Angle at the start [rad], shape (W, J)."""
+    qd: np.ndarray
+    """[rad/s], shape (W, J)."""
+    root: np.ndarray
+    """Pose and velocity of the trunk at the start as in qpos and qvel, shape (W, 13); zero for a fixed base."""
+    measured: dict[str, np.ndarray]
+    """Readings by channel, shape (W, S, C)."""
+    motion: np.ndarray
+    """Smoothed velocity of the joints along the window [rad/s], shape (W, K, J)."""
+
+    @property
+    def count(self) -> int:
+        """W."""
+        return len(self.start)
+
+    @cached_property
+    def nearest(self) -> tuple[np.ndarray, np.ndarray]:
+        """Step below each sample and the share of the next, shapes (W, S), for interpolation among K + 1 states."""
+        x = np.clip(self.t / self.h, 0.0, self.steps - 1e-9)
+        low = x.astype(int)
+        return low, x - low
+
+
+def cut_windows(
+    model: ReplayModel, log: RobotLog, *, budget: float = 60.0, longest_delay: float = 0.03
+) -> list[Windows]:
+    """Windows of a log, side by side; where it is longer than ``budget`` [s], evenly chosen ones.
+
+    Runs of about the same step share a group.
+    """
+    length, groups = SECONDS[log.base], {}
+    every = max(1.0, log.seconds / budget)
+    for index, run in enumerate(log.runs):
+        count = max(4, round(length / run.dt))
+        usual = LARGEST_GAP * run.dt
+        gaps = np.flatnonzero(np.diff(run.t) > usual)
+        first, chosen, credit = max(3, round(longest_delay / run.dt)), [], 0.0
+        while first + count < run.samples - 3:
+            hit = gaps[(gaps >= first - 1) & (gaps < first + count)]
+            if len(hit):
+                first = int(hit[-1]) + 2
+                continue
+            credit += 1.0
+            if credit >= every:
+                chosen.append(first)
+                credit -= every
+            first += count
+        if chosen:
+            groups.setdefault((count, round(np.log(run.dt) / 0.02)), []).append((index, run, chosen))
+    return [_group(model, log, members, count, longest_delay) for (count, _), members in groups.items()]
+
+
+def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest_delay: float) -> Windows:
+    dt = float(np.median([run.dt for _, run, _ in members]))
+    h = dt / max(1, round(np.ceil(dt / LONGEST_STEP)))
+    span = max(float(run.t[s + count - 1] - run.t[s]) for _, run, starts in members for s in starts)
+    steps, before = int(np.ceil(span / h)) + 1, int(np.ceil(longest_delay / h)) + 1
+    rows: dict[str, list] = {
+        name: [] for name in ("run", "start", "t", "feed", "kp", "kd", "q", "qd", "root", "motion")
+    }
+    channels: dict[str, list] = {}
+    for index, run, starts in members:
+        feed, kp, kd = _commands(log, run)
+        speed = _speeds(run)
+        begin = _roots(model, run, speed) if log.base == "free" else np.zeros((run.samples, 13))
+        readings = _readings(log, run)
+        for s in starts:
+            t = run.t[s : s + count] - run.t[s]
+            grid = run.t[s] + h * np.arange(-before, steps)
+            # a row's command was computed after the row was read: it acts from the next row on
+            held = np.clip(np.searchsorted(run.t, grid + 1e-9, side="right") - 2, 0, run.samples - 1)
+            rows["run"].append(index)
+            rows["start"].append(s)
+            rows["t"].append(t)
+            rows["feed"].append(feed[:, held])
+            rows["kp"].append(kp[s : s + count].mean(axis=0))
+            rows["kd"].append(kd[s : s + count].mean(axis=0))
+            rows["q"].append(run.joint["q"][s])
+            rows["qd"].append(speed[s])
+            rows["root"].append(begin[s])
+            inside = run.t[s] + h * np.arange(steps)
+            rows["motion"].append(np.stack([np.interp(inside, run.t, v) for v in speed.T], axis=1))
+            for name, values in readings.items():
+                channels.setdefault(name, []).append(values[s : s + count])
+    arrays = {name: np.array(values) for name, values in rows.items()}
+    arrays["feed"] = np.ascontiguousarray(np.moveaxis(arrays["feed"], 1, 0))
+    measured = {name: np.array(values) for name, values in channels.items() if len(values) == len(rows["start"])}
+    return Windows(h=h, steps=steps, before=before, measured=measured, **arrays)
+
+
+def _commands(log: RobotLog, run: LogRun) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Parts of the torque asked for apart from the feedback, shape (3, N, J), and both gains, (N, J), along a run."""
+    joint, shape = run.joint, run.joint["q"].shape
+    kp = np.broadcast_to(np.where(np.isfinite(log.kp), log.kp, 0.0), shape)
+    kd = np.broadcast_to(np.where(np.isfinite(log.kd), log.kd, 0.0), shape)
+    if "kp" in joint:
+        kp = np.where(np.isfinite(joint["kp"]), joint["kp"], kp)
+    if "kd" in joint:
+        kd = np.where(np.isfinite(joint["kd"]), joint["kd"], kd)
+    target = joint.get("q_des", np.full(shape, np.nan))
+    kp = np.where(np.isfinite(target), kp, 0.0)
+    torque = joint.get("tau_ff", np.zeros(shape))
+    if "tau_ff" not in joint and "q_des" not in joint:
+        torque, kd = joint["tau"], np.zeros(shape)  # no command at all: what the motors gave drives the replay
+    feed = np.stack([kp * np.nan_to_num(target), kd * np.nan_to_num(joint.get("qd_des", np.zeros(shape))), torque])
+    return np.nan_to_num(feed), kp, kd
+
+
+def _speeds(run: LogRun) -> np.ndarray:
+    """Velocity of the joints along a run, smoothed over five samples; shape (N, J)."""
+    q = run.joint["q"]
+    width = min(7, 2 * ((run.samples - 1) // 2) + 1)
+    found = savgol_filter(q, width, 2, deriv=1, delta=run.dt, axis=0)
+    logged = run.joint.get("qd")
+    if logged is None or not np.isfinite(logged).all():
+        return found
+    return savgol_filter(logged, min(5, width), 2, axis=0)
+
+
+def _readings(log: RobotLog, run: LogRun) -> dict[str, np.ndarray]:
+    """Channels that a replay is compared with, shape (N, C)."""
+    found = {"q": run.joint["q"]}
+    if "qd" in run.joint and np.isfinite(run.joint["qd"]).all():
+        found["qd"] = run.joint["qd"]
+    if "tau" in run.joint and log.tau_is in ("measured", "estimate") and "q_des" in run.joint:
+        found["tau"] = run.joint["tau"]
+    for name in ("quat", "gyro", "pos", "vel"):
+        if log.base == "free" and name in run.base:
+            found[name] = run.base[name]
+    return found
+
+
+def _roots(model: ReplayModel, run: LogRun, speed: np.ndarray) -> np.ndarray:
+    """Pose and velocity of the trunk along a run, shape (N, 13); what was not logged follows from the feet.
+
+    The lowest foot stands on the ground, and does not slip.
+    """
+    data, count = mujoco.MjData(model.model), run.samples
+    found = np.zeros((count, 13))
+    quat = run.base.get("quat", np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)))
+    gyro = run.base.get("gyro", np.zeros((count, 3)))
+    place, velocity = run.base.get("pos"), run.base.get("vel")
+    feet = list(model.feet)
+    bodies = model.model.geom_bodyid[feet]
+    jacobian, ang = np.zeros((3, model.model.nv)), np.zeros((3, model.model.nv))
+    speeds = np.zeros((count, 3))
+    for k in range(count):
+        data.qpos[:] = model.model.qpos0
+        data.qpos[:3] = 0.0
+        data.qpos[3:7] = quat[k] / np.linalg.norm(quat[k])
+        data.qpos[model.q_adr] = run.joint["q"][k]
+        mujoco.mj_kinematics(model.model, data)
+        mujoco.mj_comPos(model.model, data)
+        low = data.geom_xpos[feet, 2] - model.model.geom_size[feet, 0]
+        standing = np.flatnonzero(low < low.min() + 0.008)
+        data.qvel[:] = 0.0
+        data.qvel[3:6] = gyro[k]
+        data.qvel[model.v_adr] = speed[k]
+        steady = []
+        for f in standing:
+            mujoco.mj_jac(model.model, data, jacobian, ang, data.geom_xpos[feet[f]], int(bodies[f]))
+            steady.append(-jacobian @ data.qvel)
+        found[k, :3] = (0.0, 0.0, -float(low.min()))
+        found[k, 3:7] = data.qpos[3:7]
+        speeds[k] = np.mean(steady, axis=0)
+        found[k, 10:13] = gyro[k]
+    width = min(9, 2 * ((count - 1) // 2) + 1)
+    found[:, 7:10] = savgol_filter(speeds, width, 1, axis=0)
+    if place is not None:
+        found[:, :3] = place
+    if velocity is not None:
+        found[:, 7:10] = velocity
+    return found
+
+
+def turned(quat: np.ndarray, by: np.ndarray) -> np.ndarray:
+    """Quaternions (w, x, y, z) turned about their own axes by rotation vectors; shapes (..., 4) and (..., 3)."""
+    whole = np.roll(quat, -1, axis=-1).reshape(-1, 4)
+    turn = Rotation.from_quat(whole) * Rotation.from_rotvec(np.broadcast_to(by, (*quat.shape[:-1], 3)).reshape(-1, 3))
+    return np.roll(turn.as_quat(), 1, axis=-1).reshape(quat.shape)
+
+
+def turn_between(quat: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Rotation vectors from ``quat`` to ``other``, in the axes of ``quat``; shapes (..., 4), result (..., 3)."""
+    a, b = (Rotation.from_quat(np.roll(x, -1, axis=-1).reshape(-1, 4)) for x in (quat, other))
+    return (a.inv() * b).as_rotvec().reshape(*quat.shape[:-1], 3)
