@@ -409,7 +409,10 @@ def _behind_gap(
         torque = stiffness[k] * along(z, followed) / (1.0 + p.alpha * np.abs(followed) / dt) + p.B * followed / dt
         held = (side != 0.0) & (side * torque >= 0.0)
         slope = 1.0 + (p.beta - p.gamma) * np.abs(z)
-        way = np.where(held, followed, -stiffness[k] * z * dt / (p.B + stiffness[k] * slope * dt + 1e-12))
+        speed = stiffness[k] * np.abs(z) / max(p.B, 1e-12)  # of a free shaft, were it not for alpha
+        speed = 2.0 * speed / (1.0 + np.sqrt(1.0 + 4.0 * p.alpha * speed))
+        drag = p.B * (1.0 + p.alpha * speed) + stiffness[k] * slope * dt
+        way = np.where(held, followed, -stiffness[k] * z * dt / (drag + 1e-12))
         apart = q[k] - shaft - way
         side = np.where(held, side, np.where(np.abs(apart) >= half_gap, np.sign(apart), 0.0))
         way = np.where(side != 0.0, q[k] - side * half_gap - shaft, way)

@@ -20,6 +20,10 @@ import warp as wp
 from mrwarp.effects.law import EffectLaw, EffectParameter, Path
 from mrwarp.kernels.bouc_wen import bouc_wen_exact, bouc_wen_release
 
+PARTS = wp.constant(4)
+STEP = wp.constant(0.25)
+"""Parts of a step, and of its path up to a reversal: the shaft leaves its stop and meets the other within steps."""
+
 
 @wp.func
 def backlash_law(
@@ -38,20 +42,28 @@ def backlash_law(
         turn = float(0.0)  # share of the step before a reversal, at one acceleration
         if s.path_1 != 0.0:
             turn = wp.sqrt(wp.abs(s.path_1)) / (wp.sqrt(wp.abs(s.path_1)) + wp.sqrt(wp.abs(s.path_2)))
-        z, first = float(s.z), float(0.0)
-        if turn > 0.0:
-            low = gap + s.path_1 - half_gap
-            way = bouc_wen_release(z, rate, s.stiffness, s.viscosity, s.alpha, turn * s.dt)
-            first = wp.clamp(way, low, low + 2.0 * half_gap)
-            gap = gap + s.path_1 - first
-            z = bouc_wen_exact(first, z, s.beta, s.gamma, 1.0)
-        free = bouc_wen_release(z, rate, s.stiffness, s.viscosity, s.alpha, (1.0 - turn) * s.dt)
-        low = gap + s.path_2 - half_gap
-        second = wp.clamp(free, low, low + 2.0 * half_gap)
-        gap = wp.clamp(gap + s.path_2 - second, -half_gap, half_gap)
-        pushed = wp.max(low - free, free - low - 2.0 * half_gap)
-        # at the end of the step: all but within the first part of the path, so that it has a slope
-        s.engaged = wp.clamp(4.0 * pushed / wp.max(wp.abs(s.path_2), 1.0e-12), 0.0, 1.0)
+        z, first, second, pushed, part = float(s.z), float(0.0), float(0.0), float(0.0), float(0.0)
+        for i in range(2 * PARTS):
+            x = float(i % PARTS) / float(PARTS)
+            if i < PARTS:
+                part, share = s.path_1 * (2.0 * (1.0 - x) - STEP) * STEP, turn
+            else:
+                part, share = s.path_2 * STEP, 1.0 - turn
+                if turn > 0.0:
+                    part = s.path_2 * (2.0 * x + STEP) * STEP
+            if share > 0.0:
+                free = bouc_wen_release(z, rate, s.stiffness, s.viscosity, s.alpha, share * STEP * s.dt)
+                low = gap + part - half_gap
+                way = wp.clamp(free, low, low + 2.0 * half_gap)
+                pushed = wp.max(low - free, free - low - 2.0 * half_gap)
+                gap = wp.clamp(gap + part - way, -half_gap, half_gap)
+                z = bouc_wen_exact(way, z, s.beta, s.gamma, 1.0)
+                if i < PARTS:
+                    first += way
+                else:
+                    second += way
+        # at the end of the step: all but within the first of its last part, so that it has a slope
+        s.engaged = wp.clamp(16.0 * pushed / wp.max(wp.abs(part), 1.0e-12), 0.0, 1.0)
         if s.begins == 1 and gap != 0.0:
             s.engaged = 1.0
         s.qd = s.engaged * s.qd
