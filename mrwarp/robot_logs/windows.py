@@ -16,6 +16,9 @@ from mrwarp.robot_logs.robot_log import LogRun, RobotLog
 SECONDS = {"fixed": 0.6, "free": 0.3}
 """Length of a window [s]. In the air errors fade with the drives' damping; a legged robot's grow."""
 
+DRIVEN_SECONDS = 0.3
+"""Length where joints are driven by torque alone, so that nothing brings them back [s]."""
+
 LARGEST_GAP = 5.0
 """A step of the stamps this many times the usual one ends a window."""
 
@@ -74,7 +77,8 @@ def cut_windows(
 
     Runs of about the same step share a group.
     """
-    length, groups = SECONDS[log.base], {}
+    length = SECONDS[log.base] if (log.kp > 0.0).any() else DRIVEN_SECONDS
+    groups: dict[tuple[int, int], list] = {}
     every = max(1.0, log.seconds / budget)
     for index, run in enumerate(log.runs):
         count = max(4, round(length / run.dt))
