@@ -63,7 +63,8 @@ def backlash_law(
                 else:
                     second += way
         # at the end of the step: all but within the first of its last part, so that it has a slope
-        s.engaged = wp.clamp(16.0 * pushed / wp.max(wp.abs(part), 1.0e-12), 0.0, 1.0)
+        rounding = 1.0e-5 * half_gap
+        s.engaged = wp.clamp((16.0 * pushed + rounding) / (wp.abs(part) + rounding), 0.0, 1.0)
         if s.begins == 1 and gap != 0.0:
             s.engaged = 1.0
         s.qd = s.engaged * s.qd

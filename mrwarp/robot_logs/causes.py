@@ -11,8 +11,8 @@ from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
 
 Field = Literal[
-    "friction", "damping", "armature", "stribeck", "lag", "kp", "kd", "strength", "offset", "shift", "delay", "mass", "com",
-    "tilt", "bias", "mu", "slope", "stiffness",
+    "friction", "damping", "armature", "stribeck", "lag", "kp", "kd", "strength", "offset", "shift", "delay", "mass",
+    "com", "tilt", "bias", "mu", "slope", "stiffness",
 ]  # fmt: skip
 """Array of a hypothesis that a parameter is added to, see :class:`mrwarp.robot_logs.replay.Hypotheses`."""
 
@@ -77,13 +77,12 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
         v = model.v_adr[j]
         scale = _torque_scale(model, log, j)
         inertia = float(mj.dof_M0[v]) if hasattr(mj, "dof_M0") else float(1.0 / max(mj.dof_invweight0[v], 1e-6))
-        add("coulomb_friction", joint, "torque", "N·m", "friction", j, 0.01 * scale, 0.02 * scale, 0.005 * scale, 0.05 * scale,
-            lowest=-float(mj.dof_frictionloss[v]))  # fmt: skip
-        unit = "N·m·s/rad"
-        add("viscous_friction", joint, "coefficient", unit, "damping", j, 0.002 * scale, 0.006 * scale, 0.002 * scale, 0.02 * scale,
-            lowest=-float(mj.dof_damping[v]))  # fmt: skip
-        add("rotor_inertia", joint, "inertia", "kg·m²", "armature", j, 0.05 * inertia, 0.5 * inertia, 0.05 * inertia, 2.0 * inertia,
-            lowest=-0.9 * float(mj.dof_armature[v]))  # fmt: skip
+        dry, wet = scale * np.array([0.01, 0.02, 0.005, 0.05]), scale * np.array([0.002, 0.006, 0.002, 0.02])
+        rotor = inertia * np.array([0.05, 0.5, 0.05, 2.0])
+        bound = -float(mj.dof_frictionloss[v]), -float(mj.dof_damping[v]), -0.9 * float(mj.dof_armature[v])
+        add("coulomb_friction", joint, "torque", "N·m", "friction", j, *dry, lowest=bound[0])
+        add("viscous_friction", joint, "coefficient", "N·m·s/rad", "damping", j, *wet, lowest=bound[1])
+        add("rotor_inertia", joint, "inertia", "kg·m²", "armature", j, *rotor, lowest=bound[2])
         add("stribeck", joint, "torque", "N·m", "stribeck", j, 0.01 * scale, 0.004 * scale, 0.01 * scale, 0.03 * scale)
         add("encoder_offset", joint, "angle", "rad", "offset", j, 0.005, 0.004, 0.010, 0.05)
         if log.kp[j] > 0.0:

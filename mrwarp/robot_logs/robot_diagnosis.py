@@ -1,4 +1,4 @@
-"""What the simulation of a robot gets wrong, and where: from a log to named causes, in the order of docs/robot_logs.md."""
+"""What the simulation of a robot gets wrong, and where: from a log to named causes, as docs/robot_logs.md has it."""
 
 from __future__ import annotations
 
