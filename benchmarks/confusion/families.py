@@ -75,10 +75,10 @@ class Plan:
         if self.family == "none":
             out["noise"], out["size"], out["base_spread"] = _NONE[index % len(_NONE)]
         elif self.family == "background":
-            out["background"] = UNCATALOGUED[(turn + index) % len(UNCATALOGUED)]
+            out["background"] = UNCATALOGUED[(turn + index % len(kinds)) % len(UNCATALOGUED)]
         elif self.family == "other":
             names = [name for name in VARIANTS if kind != "velocity_lag" or VARIANTS[name].get("velocity", True)]
-            out |= VARIANTS[names[(turn + index) % len(names)]]
+            out |= VARIANTS[names[(turn + index % len(kinds)) % len(names)]]
         fixed = {
             "size": self.size,
             "noise": self.noise,

@@ -14,7 +14,7 @@ Field = Literal[
     "friction", "damping", "armature", "stribeck", "lag", "kp", "kd", "strength", "offset", "shift", "delay", "mass",
     "com", "tilt", "bias", "mu", "slope", "stiffness",
 ]  # fmt: skip
-"""Array of a hypothesis that a parameter is added to, see :class:`mrwarp.robot_logs.replay.Hypotheses`."""
+"""Array of a hypothesis that a parameter is added to, see :class:`mrwarp.robot_logs.window_replay.Hypotheses`."""
 
 ORDINARY = ("coulomb_friction", "viscous_friction", "rotor_inertia")
 """What descriptions of robots rarely know: fitted in every case, and named where the log excludes the description."""

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrwarp.robot_logs.causes import Parameter
-from mrwarp.robot_logs.replay import Hypotheses, Replay, mismatch, nuisances
+from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.windows import Windows
 
 START_SPREAD = 1.0
-"""Standard deviation of a window's start, in the steps of :func:`mrwarp.robot_logs.replay.nuisances`."""
+"""Standard deviation of a window's start, in the steps of :func:`mrwarp.robot_logs.window_replay.nuisances`."""
 
 ROUNDS = 4
 """Times that channels are weighed anew by what is left in them."""

@@ -13,7 +13,7 @@ from scipy import stats
 
 from mrwarp.robot_logs.causes import ORDINARY, SESSION, Parameter, parameters_of
 from mrwarp.robot_logs.evidence import Evidence, gather
-from mrwarp.robot_logs.replay import Hypotheses, Replay, mismatch, nuisances
+from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
 from mrwarp.robot_logs.selection import Direction, Found, Posterior, healthy, posterior, select
