@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrwarp.robot_logs.causes import Parameter
-from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances
 from mrwarp.robot_logs.replay_model import ReplayModel
+from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances
 from mrwarp.robot_logs.windows import Windows
 
 START_SPREAD = 1.0

@@ -13,11 +13,11 @@ from scipy import stats
 
 from mrwarp.robot_logs.causes import ORDINARY, SESSION, Parameter, parameters_of
 from mrwarp.robot_logs.evidence import Evidence, gather
-from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
 from mrwarp.robot_logs.selection import Direction, Found, Posterior, healthy, posterior, select
 from mrwarp.robot_logs.unknowable import cannot_know
+from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances
 from mrwarp.robot_logs.windows import Windows, cut_windows
 
 FIRST_SECONDS, SECONDS = 20.0, 60.0
