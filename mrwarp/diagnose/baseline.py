@@ -107,7 +107,9 @@ def judged(problem: Problem, plain: Fit, log: Progress) -> tuple[Problem, Fit]:
     motion, fit = problem.motion, plain
     for _ in range(2):
         problem, fit = with_learned_noise(problem, fit)
-    if rms(motion.torque - fit.torque) > _SPOILT * rms(motion.torque - plain.torque):
+    # what repeats along the angle of a joint that turns on and on is as quick as noise, and would be taken for it
+    turns = motion.ranges.turns > 1.0
+    if turns or rms(motion.torque - fit.torque) > _SPOILT * rms(motion.torque - plain.torque):
         log("the misfit is larger than any noise: plain least squares")
         problem, fit = with_learned_noise(replace(problem, misfit=True), plain)
     return problem, fit

@@ -37,7 +37,7 @@ from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import sentence_of
 from mrwarp.effects.catalogue import CATALOGUE, parameter_of
 from mrwarp.identify.dataset import Motion, rms
-from mrwarp.identify.parameters import LINEAR, SHAPE, Slot, factor_of, slots_of
+from mrwarp.identify.parameters import LINEAR, SHAPE, Slot, factor_of
 from mrwarp.model_file import Effect, FittedOn, Model, Parameter, effect_unit, parameter_unit
 from mrwarp.recording.load import Recording
 from mrwarp.run_dir import versions
@@ -276,7 +276,7 @@ def _tried(found: Findings, causes: tuple[Cause, ...]) -> tuple[Tried, ...]:
             outcome = "rejected: free functions of other variables explain the same better"
         values = {
             slot.parameter.name: slot.value(x) * factor_of(slot.parameter, problem.motion.scales)
-            for slot, x in zip(slots_of(c.effect), c.values, strict=True)
+            for slot, x in zip(problem.parameters([c.effect], c.choices).slots, c.values, strict=True)
         }
         share, its_error = gain / base.total, error / base.total
         rows.append(Tried(name=c.effect, gain=share, error=its_error, values=values, outcome=outcome))
@@ -377,6 +377,9 @@ def outer_model(
                 low, high = interval(fit, places[key], spread)
                 slot = Slot(effect, p)
                 ci95 = (slot.value(low) * factor, slot.value(min(high, 50.0) if slot.logarithmic else high) * factor)
+            elif p.repeats:  # half of the resolution of the spectrum that it is known from
+                half = np.pi / problem.motion.ranges.q * factor
+                ci95 = (value * factor - half, value * factor + half)
             if refined and key in refined:
                 value, low, high = refined[key]
                 ci95 = (low * factor, high * factor)

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import stats
 
 from mrwarp.effects.catalogue import KNOWN
+from mrwarp.identify.angle_lines import angle_lines
 from mrwarp.identify.dataset import Motion, Scales
 from mrwarp.identify.least_squares import NormalEquations, Quadratic, Rules, losses, minimise, ridge_solve
 from mrwarp.identify.noise import Noise
@@ -22,6 +23,7 @@ from mrwarp.identify.parameters import (
     EFFECT_PART,
     LINEAR,
     SHAPE,
+    SHAPE_PART,
     Parameters,
     jacobian,
     shape_coordinates,
@@ -134,6 +136,8 @@ def fit_model(
     at_low, at_high = x <= parameters.low + 1e-9, x >= parameters.high - 1e-9
     held = (at_low & (best.descent < 0.0)) | (at_high & (best.descent > 0.0))
     held[EFFECT_PART] = False
+    if problem.motion.ranges.turns > 1.0:  # a joint that turns on and on shows little of a loop's shape
+        held[SHAPE_PART] = True
     free = [int(i) for i in np.flatnonzero(~held)]
     _, inside, outside = losses(equations, free, len(x))
     # what stands is the loss at x; the linear model only says what leaving a trajectory out adds to it
@@ -164,7 +168,8 @@ def reported_fit(problem: Problem, fit: Fit) -> Fit:
     resolution[EFFECT_PART] = [s.parameter.resolution * (1.0 if s.logarithmic else abs(x)) for s, x in numbers]
     least = np.diag(covariance(fit)) + resolution**2
     plain = replace(plain_fit(problem, fit), least_variance=least)
-    if any(p.form for effect in fit.effects for p in KNOWN[effect].parameters):
+    fit = _with_harmonics(problem, fit, plain)
+    if any(slot.parameter.form for slot in fit.parameters.bent().slots):
         bent = plain_fit(problem, fit, bent=True)
         gain, t = gain_and_t(plain.loo_loss, bent.loo_loss)
         if gain > _BENT * plain.total and t > _BENT_T:
@@ -172,6 +177,24 @@ def reported_fit(problem: Problem, fit: Fit) -> Fit:
             added = [0.0 if slot.parameter.form else next(own) for slot in bent.parameters.slots]
             return replace(bent, least_variance=np.array([*least[BASE_PART], *added]))
     return plain
+
+
+def _with_harmonics(problem: Problem, fit: Fit, plain: Fit) -> Fit:
+    """The model with the number of repetitions of further harmonics known, where what it leaves shows them."""
+    parameters, ranges, choices = fit.parameters, problem.motion.ranges, dict(fit.parameters.choices)
+    for effect in fit.effects if ranges.turns > 1.0 else ():
+        counts = [p for p in KNOWN[effect].parameters if p.repeats]
+        more = [p for p in counts if p.form and (effect, p.name) not in choices]
+        if more:
+            first, known = counts[0], [choices[effect, p.name] for p in counts if (effect, p.name) in choices]
+            limits, left = (first.low(ranges), first.high(ranges)), problem.motion.torque - plain.torque
+            lines = angle_lines(problem.motion, left, *limits, count=len(more), given=tuple(known))
+            choices |= {(effect, p.name): line for p, line in zip(more, lines, strict=False)}
+    return (
+        fit
+        if len(choices) == len(parameters.choices)
+        else replace(fit, parameters=replace(parameters, choices=choices))
+    )
 
 
 def threshold(fit: Fit) -> float:

@@ -171,11 +171,14 @@ def _low_pass(x: np.ndarray, samples: Dataset, time_constant: float) -> np.ndarr
 def find_line(problem: Problem, fit: Fit) -> Line | None:
     """Strongest line in a model's mismatch that stands out in at least half of the trajectories, or None.
 
-    What follows the angle, the velocity or the torque within a trajectory is no line. Each trajectory's periodogram
-    is divided by its local background; at a frequency without a line the median over trajectories follows from the
-    exponential law, whatever their number.
+    What follows the angle, the velocity or the torque within a trajectory is no line; where most trajectories turn one
+    way at a steady speed, what repeats along the angle repeats in time, and there is no telling. Each trajectory's
+    periodogram is divided by its local background; at a frequency without a line the median over trajectories follows
+    from the exponential law, whatever their number.
     """
     s, torque = problem.motion, fit.torque
+    if np.mean([abs(s.qd[part].mean()) > s.qd[part].std() for part in s.parts]) >= 0.5:
+        return None
     white = problem.noise.white(np.stack([s.torque - torque, np.ones(len(torque)), torque, s.q, s.qd]))
     length = int(np.median(np.diff(s.start)))
     powers = []

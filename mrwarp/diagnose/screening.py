@@ -14,11 +14,14 @@ import numpy as np
 
 from mrwarp.diagnose.problem import Fit, Problem, fit_model
 from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.identify.angle_lines import angle_lines
 from mrwarp.identify.least_squares import losses
 from mrwarp.identify.parameters import Parameters, simulate, slots_of
 
 _SLAB = 12
 """Trials whose signals share one table: bounds its memory and the products that nobody needs."""
+_LINES = 2
+"""Lines of the mismatch over the angle that are starts."""
 _REFINE = 6
 """Steps of improvement."""
 
@@ -62,7 +65,7 @@ class Models:
         choices = {**on.parameters.choices, **candidate.choices}
         layout = self.problem.parameters((*on.effects, candidate.effect), choices)
         if layout.effects not in self.fits:
-            x = on.parameters.grown(on.x, layout.effects)
+            x = on.parameters.moved(on.x, layout)
             x[layout.own(candidate.effect)] = candidate.values
             self.fits[layout.effects] = fit_model(self.problem, layout, x)
         return self.fits[layout.effects]
@@ -142,10 +145,25 @@ def _starts(problem: Problem, base: Fit, effect: str) -> list[_Trial]:
         values = (slot.neutral(ranges),) if given is None else given(ranges)
         starts.append([float(np.log(v)) for v in values] if given and slot.logarithmic else values)
     found = []
+    if lines := _lines(problem, base, effect):
+        return lines
     for choice in product(*(p.choices for p in logging)):
         own = {(effect, p.name): value for p, value in zip(logging, choice, strict=True)}
         layout = problem.parameters((*base.effects, effect), {**base.parameters.choices, **own})
         found += [_Trial(effect, layout, np.array(values)) for values in product(*starts)]
+    return found
+
+
+def _lines(problem: Problem, base: Fit, effect: str) -> list[_Trial]:
+    """Starts of an effect that repeats along the angle, of a joint that turns on and on: lines of the mismatch."""
+    ranges, found = problem.motion.ranges, []
+    for p in CATALOGUE[effect].parameters:
+        if p.repeats and not p.form and ranges.turns > 1.0:
+            left = problem.motion.torque - base.torque
+            for line in angle_lines(problem.motion, left, p.low(ranges), p.high(ranges), count=_LINES):
+                known = {**base.parameters.choices, (effect, p.name): line}
+                layout = problem.parameters((*base.effects, effect), known)
+                found.append(_Trial(effect, layout, np.zeros(len(layout.own(effect)))))
     return found
 
 
@@ -155,7 +173,7 @@ def _evaluated(problem: Problem, base: Fit, trials: list[_Trial]) -> list[_Trial
         return []
     models = []
     for t in trials:
-        x = base.parameters.grown(base.x, t.parameters.effects)
+        x = base.parameters.moved(base.x, t.parameters)
         x[t.own] = t.values
         models.append((t.parameters, x))
         for i in t.own:

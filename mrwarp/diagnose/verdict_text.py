@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from mrwarp.diagnose.result import Diagnosis, Value
+from mrwarp.diagnose.result import Cause, Diagnosis, Value
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter
 from mrwarp.recording.data import quantity, true_names
@@ -161,7 +161,7 @@ def sentence_of(d: Diagnosis) -> str:
         parts.append(
             ("beside it " if parts else "")
             + "the model lacks "
-            + both(_cause_text(c.name, c.alternatives, len(d.causes)) for c in d.causes)
+            + both(_cause_text(c.name, c.alternatives, len(d.causes)) + _per_turn(c) for c in d.causes)
         )
         if d.gain is not None:
             low, high = d.gain.ci95
@@ -190,6 +190,15 @@ def sentence_of(d: Diagnosis) -> str:
         parts.append(f"the calibration has shifted: {either((s.name, *s.alternatives))}")
     said = [*(fault.sentence for fault in d.recording_faults), "; ".join(parts)]
     return true_names(" ".join(capital(text) + "." for text in said), d.recording.units)
+
+
+def _per_turn(cause: Cause) -> str:
+    """How often something repeats in a full turn, strongest first, where it is known for several harmonics."""
+    found = [v.value for name, v in cause.parameters.items() if name.startswith("periods") and v.unit == "1/rad"]
+    if len(found) < 2:
+        return ""
+    first, *others = dict.fromkeys(f"{n:.0f}" for n in found)
+    return f" ({first} per turn, then {both(others)})" if others else f" ({first} per turn)"
 
 
 def _cause_text(name: str, alternatives: tuple[str, ...], causes: int) -> str:

@@ -1,8 +1,14 @@
-"""Cogging: ``A*sin(N*q) + B*cos(N*q)``."""
+"""Cogging: ``A*sin(N*q) + B*cos(N*q)``, and up to four more harmonics, each with its own size and phase.
+
+The further harmonics are looked for in what the strongest one leaves, where a joint turns on and on.
+"""
 
 import warp as wp
 
 from mrwarp.effects.law import EffectLaw, EffectParameter, Path
+
+HARMONICS = 5
+"""Most harmonics, the strongest included."""
 
 
 @wp.func
@@ -13,14 +19,33 @@ def cogging_law(
     if values[row, at] != 0.0 or values[row, at + 1] != 0.0:
         angle = values[row, at + 2] * s.q
         s.torque = s.torque + values[row, at] * wp.sin(angle) + values[row, at + 1] * wp.cos(angle)
+    for k in range(wp.static(HARMONICS - 1)):
+        more = at + 3 + 3 * k
+        if values[row, more + 2] > 0.0:
+            angle = values[row, more + 2] * s.q
+            s.torque = s.torque + values[row, more] * wp.sin(angle) + values[row, more + 1] * wp.cos(angle)
     return s
+
+
+def _more(k: int) -> tuple[EffectParameter, ...]:
+    """Numbers of one more harmonic."""
+    periods = f"periods_{k}"
+    return (
+        *(
+            EffectParameter(name=f"{part}_{k}", unit="N·m", scale=(0, 0, 1), form=True, beside=periods)
+            for part in ("sine", "cosine")
+        ),
+        EffectParameter(
+            name=periods, unit="1/rad", scale=(-1, 0, 0), form=True, negative=False, low=lambda r: 0.0, repeats=True
+        ),
+    )
 
 
 LAW = EffectLaw(
     name="cogging",
     title="cogging",
     sentence="A torque that repeats along the angle.",
-    equation="A*sin(N*q) + B*cos(N*q)",
+    equation="A*sin(N*q) + B*cos(N*q), and as much for up to four more N",
     kind="mechanism",
     stage="torque",
     parameters=(
@@ -32,9 +57,12 @@ LAW = EffectLaw(
             scale=(-1, 0, 0),
             negative=False,
             low=lambda r: 3.0 / r.q,
-            high=lambda r: 120.0 / r.q,
+            # of a joint that turns on and on: nine samples a period at its typical speed
+            high=lambda r: max(120.0 / r.q, 0.7 / (r.qd * r.dt) if r.turns > 1.0 else 0.0),
+            repeats=True,
             starts=lambda r: tuple((6.0 + 1.6 * k) / r.q for k in range(50)),
         ),
+        *(p for k in range(2, HARMONICS + 1) for p in _more(k)),
     ),
     law=cogging_law,
     source="slots and magnets of a motor, teeth of a gear",

@@ -105,6 +105,8 @@ class Ranges:
     """Typical torque."""
     dt: float = 0.005
     """Sampling interval [s]."""
+    turns: float = 0.0
+    """Full turns that a joint makes; 0 for a linear motion."""
     session: float = 600.0
     """Length of the session [s]."""
 
@@ -125,6 +127,11 @@ class EffectParameter:
     """Where it is searched."""
     starts: Callable[[Ranges], tuple[float, ...]] | None = None
     """Values from which a non-linear parameter is searched; None: the torque is smooth in it at its null value."""
+    beside: str = ""
+    """Name of the number of repetitions without which this number does nothing."""
+    repeats: bool = False
+    """Whether it counts repetitions along the angle. Of a joint that turns on and on the mismatch's spectrum tells them
+    better than any search would, and they are not searched."""
     preset: Callable[[Ranges], float] | None = None
     """Value of a parameter that is not searched but set by what the data cover."""
     resolution: float = 0.0

@@ -200,6 +200,7 @@ class Motion(Dataset):
             torque=float(data.torque.std()) or 1.0,
             dt=float(np.median(data.dt)),
             session=float(time.max()) or 1.0,
+            turns=float(np.ptp(data.q) * scales.q // (2.0 * np.pi)) if recording.units["q"] == "rad" else 0.0,
         )
         slid = _slid(data, time)
         return cls(

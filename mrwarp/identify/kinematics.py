@@ -96,9 +96,8 @@ def _bandwidth(run: Trajectory, sigma_q: float, sigma_v: float) -> float:
         if left < _LEFT * sigma_q or bandwidth > 0.2 / run.dt:
             break
         wider = _left(run, sigma_q, sigma_v, bandwidth)
-        if wider > _MOTION * left:
-            break
-        best, left = bandwidth, wider
+        if wider < _MOTION * left:  # vibration above one band shows in the next only
+            best, left = bandwidth, wider
     return best
 
 

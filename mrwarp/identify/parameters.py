@@ -129,7 +129,15 @@ class Parameters:
     @cached_property
     def slots(self) -> list[Slot]:
         """The effects' numbers in the order of the vector."""
-        return [slot for effect in self.effects for slot in slots_of(effect, form=self.form)]
+        slots = [slot for effect in self.effects for slot in slots_of(effect, form=self.form)]
+        return [slot for slot in slots if self._searched(slot)]
+
+    def _searched(self, slot: Slot) -> bool:
+        """Whether a number is searched: not a known number of repetitions, nor what needs one that is not known."""
+        p = slot.parameter
+        if p.repeats:
+            return not p.form and slot.key not in self.choices
+        return not p.beside or (slot.effect, p.beside) in self.choices
 
     @property
     def law(self) -> str:
@@ -141,10 +149,15 @@ class Parameters:
         """Length of the vector."""
         return BASE_PART.stop + len(self.slots)
 
+    @property
+    def _absent(self) -> tuple[str, ...]:
+        # what turns more than once has no stiffness about an angle: C would follow what differs from run to run
+        return ("C",) if self.ranges.turns > 1.0 else ()
+
     @cached_property
     def low(self) -> np.ndarray:
         """Lower bounds, shape (P,)."""
-        base = [0.0 if name in NON_NEGATIVE else -np.inf for name in LINEAR]
+        base = [0.0 if name in NON_NEGATIVE or name in self._absent else -np.inf for name in LINEAR]
         shape = UNIT_LOOP if self.law else LEAST_SHAPE
         return np.array([*base, *shape, *(self._bound(slot, "low") for slot in self.slots)])
 
@@ -152,7 +165,8 @@ class Parameters:
     def high(self) -> np.ndarray:
         """Upper bounds, shape (P,)."""
         shape = UNIT_LOOP if self.law else self.steepest
-        return np.array([*[np.inf] * len(LINEAR), *shape, *(self._bound(slot, "high") for slot in self.slots)])
+        linear = [0.0 if name in self._absent else np.inf for name in LINEAR]
+        return np.array([*linear, *shape, *(self._bound(slot, "high") for slot in self.slots)])
 
     @cached_property
     def steps(self) -> np.ndarray:
@@ -210,6 +224,8 @@ class Parameters:
                     row[at] = p.preset(self.ranges)
                 elif p.choices:
                     row[at] = self.choices.get((effect, p.name), p.choices[0])
+                elif p.repeats and (p.form or (effect, p.name) in self.choices):
+                    row[at] = self.choices.get((effect, p.name), p.null)
                 elif p.form and not self.form:
                     row[at] = self.choices.get((effect, p.name), p.null)
         return row
@@ -221,10 +237,16 @@ class Parameters:
             effect: {
                 p.name: float(row[row_column(effect, p.name)])
                 for p in KNOWN[effect].parameters
-                if not p.choices and (not p.form or self.form or (effect, p.name) in self.choices)
+                if not p.choices and (not p.form or self._shown(effect, p))
             }
             for effect in self.effects
         }
+
+    def _shown(self, effect: str, p: EffectParameter) -> bool:
+        """Whether a number that bends a law stands among the values."""
+        if p.repeats or p.beside:
+            return (effect, p.beside or p.name) in self.choices and (self.form or (effect, p.name) in self.choices)
+        return self.form or (effect, p.name) in self.choices
 
     def vector(self, base: np.ndarray, numbers: Mapping[tuple[str, str], float]) -> np.ndarray:
         """A vector from its base part and the effects' coordinates; those not given are known, neutral or a start."""
@@ -234,7 +256,7 @@ class Parameters:
     def moved(self, x: np.ndarray, other: Parameters) -> np.ndarray:
         """This model's vector in another layout; what it lacks here is known, at null, or its first start."""
         numbers = {slot.key: x[i] for i, slot in self.items()}
-        return dataclasses.replace(other, choices=self.choices).vector(x, numbers)
+        return dataclasses.replace(other, choices={**self.choices, **other.choices}).vector(x, numbers)
 
     def grown(self, x: np.ndarray, effects: Sequence[str]) -> np.ndarray:
         """This model's vector in a model with more effects; theirs are at null, or the first start."""

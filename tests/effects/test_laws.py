@@ -283,6 +283,16 @@ def test_cogging_repeats_along_the_angle() -> None:
     np.testing.assert_allclose(added(swing, effects), want, rtol=0, atol=30 * EPS + atol)
 
 
+def test_cogging_has_further_harmonics() -> None:
+    """Each with its own size and phase; without its number of repetitions it is absent."""
+    swing = Shaft.swinging(seconds=1.0)
+    more = {"sine": 0.1, "cosine": 0.0, "periods": 24.0, "sine_3": 0.3, "cosine_3": 0.2, "sine_2": 0.7}
+    want = 0.1 * np.sin(24.0 * swing.q)
+    np.testing.assert_allclose(added(swing, {"cogging": more}), want, rtol=0, atol=100 * EPS)
+    want += 0.3 * np.sin(9.0 * swing.q) + 0.2 * np.cos(9.0 * swing.q)
+    np.testing.assert_allclose(added(swing, {"cogging": {**more, "periods_3": 9.0}}), want, rtol=0, atol=200 * EPS)
+
+
 def test_compliance_with_backlash_is_a_dead_zone() -> None:
     """Nothing in the gap, a spring beyond it, about C's rest or about the middle of the run."""
     k, b = 2.0, 0.05

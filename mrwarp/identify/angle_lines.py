@@ -1,0 +1,86 @@
+"""Lines in a mismatch over the angle: how often per unit of angle something repeats, strongest first.
+
+A joint that turns many times sees harmonics far closer than a grid of starts could be; the spectrum over the angle
+shows them. The mismatch is summed into narrow bins of the angle, whose Fourier transform is that over the samples.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from mrwarp.identify.dataset import Dataset
+
+_FINE = 4
+"""Points of the spectrum within its resolution."""
+_LOOKED_AT = 12
+"""Peaks of the spectrum of which each is tried by least squares: one peak has many side lobes."""
+
+
+def angle_lines(
+    samples: Dataset, mismatch: np.ndarray, low: float, high: float, *, count: int = 1, given: tuple[float, ...] = ()
+) -> list[float]:
+    """Repetitions per unit of angle, times 2*pi, of the strongest lines, each found beside those before it.
+
+    Args:
+        samples: The motion.
+        mismatch: What is left of the torque, shape (N,).
+        low: Fewest repetitions [1/unit of angle].
+        high: Most.
+        count: Number of lines.
+        given: Lines that are known already.
+    """
+    q, found = samples.q - samples.q.min(), list(given)
+    reach = float(q.max()) or 1.0
+    spacing = 0.5 * np.pi / high
+    cell = np.minimum((q / spacing).astype(int), int(reach / spacing))
+    size = _FINE * (int(reach / spacing) + 1)
+    periods = 2.0 * np.pi * np.arange(size // 2 + 1) / (size * spacing)
+    counts = samples.counts
+    table = np.vstack([_within_runs(samples, mismatch[None]), *(_waves(samples, n) for n in found)])
+    while len(found) < len(given) + count:
+        left = _left(table, counts)
+        power = np.abs(np.fft.rfft(np.bincount(cell, weights=left * counts, minlength=size // _FINE), size))
+        power[(periods < low) | (periods > high)] = 0.0
+        for n in found:
+            power[np.abs(periods - n) < 2.0 * np.pi / reach] = 0.0
+        peaks = np.flatnonzero((power[1:-1] >= power[:-2]) & (power[1:-1] > power[2:])) + 1
+        if not len(peaks):
+            break
+        width = float(periods[1] - periods[0])
+        looked_at = periods[peaks[np.argsort(power[peaks])[::-1][:_LOOKED_AT]]]
+        best = float(max(looked_at, key=lambda n: _gain(samples, left, float(n))))
+        bounds = (best - width, best + width)
+        fine = minimize_scalar(lambda n, x=left: -_gain(samples, x, n), bounds=bounds, options={"xatol": 1e-3 * width})
+        if -fine.fun <= 0.0:
+            break
+        found.append(float(fine.x))
+        table = np.vstack([table, _waves(samples, found[-1])])
+    return found[len(given) :]
+
+
+def _within_runs(samples: Dataset, rows: np.ndarray) -> np.ndarray:
+    """Rows without their mean in each trajectory."""
+    rows = rows.copy()
+    for part in samples.parts:
+        rows[:, part] -= rows[:, part].mean(axis=1, keepdims=True)
+    return rows
+
+
+def _waves(samples: Dataset, periods: float) -> np.ndarray:
+    return _within_runs(samples, np.stack([np.sin(periods * samples.q), np.cos(periods * samples.q)]))
+
+
+def _gain(samples: Dataset, left: np.ndarray, periods: float) -> float:
+    """What a sine of any phase takes from the sum of squares."""
+    waves, counts = _waves(samples, periods), samples.counts
+    moment = waves @ (left * counts)
+    return float(moment @ np.linalg.pinv(waves * counts @ waves.T) @ moment)
+
+
+def _left(table: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """What the rows after the first leave of it."""
+    if len(table) == 1:
+        return table[0]
+    rows = table[1:] * counts
+    return table[0] - np.linalg.pinv(rows @ table[1:].T) @ (rows @ table[0]) @ table[1:]

@@ -1,0 +1,37 @@
+"""Public recordings of a motor and of a gear, whose causes are known; docs/diagnosis.md says where they come from."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from mrwarp.diagnose.pipeline import diagnose
+from mrwarp.diagnose.result import Diagnosis
+from mrwarp.recording.load import load_recording
+
+DATA = Path(os.environ.get("MRWARP_DATA", Path(__file__).parents[3] / "shared" / "data"))
+pytestmark = pytest.mark.slow
+
+
+def diagnosed(name: str) -> Diagnosis:
+    """The diagnosis of a set of recordings."""
+    if not (DATA / name).is_dir():
+        pytest.skip(f"{DATA / name} is not here; docs/diagnosis.md says where the recordings come from")
+    return diagnose(load_recording(DATA / name))
+
+
+def test_a_motor_at_constant_speed_cogs() -> None:
+    """Published: 72 per turn, then 18, 12, 144, 24."""
+    found = diagnosed("cogging_speed")
+    cogging = next(c for c in found.causes if c.name == "cogging")
+    repeats = [v.value for name, v in cogging.parameters.items() if name.startswith("periods")]
+    assert repeats[:3] == pytest.approx([72.0, 18.0, 12.0], abs=0.05)
+    assert found.extended.nrmse < 0.35 and "72 per turn" in found.sentence
+
+
+def test_a_gear_with_locked_output_has_play_and_compliance() -> None:
+    """Published by place and state: play 0.57 to 1.7 degrees, that is a half-gap of 5 to 15 mrad."""
+    found = diagnosed("cyclo_base")
+    gear = next(c for c in found.causes if c.name == "compliance_with_backlash")
+    assert 0.005 < gear.parameters["half_gap"].value < 0.017
+    assert found.extended.nrmse < 0.6 * found.baseline.nrmse

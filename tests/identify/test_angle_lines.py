@@ -1,0 +1,29 @@
+"""Lines over the angle are found beside each other, however the joint turns."""
+
+import numpy as np
+import pytest
+
+from mrwarp.identify.angle_lines import angle_lines
+from mrwarp.identify.dataset import Dataset, Scales
+
+
+def turning(repeats: dict[float, float], noise: float = 0.3) -> Dataset:
+    """A joint that turns forty times at an uneven speed, in two runs."""
+    rng = np.random.default_rng(0)
+    t = np.arange(20_000) * 1e-3
+    q = 6.0 * t + 0.3 * np.sin(11.0 * t) + 0.02 * np.sin(70.0 * t)
+    q = np.concatenate([q, q + 130.0])
+    torque = 2.0 + sum(size * np.sin(n * q + 0.3 * n) for n, size in repeats.items()) + noise * rng.normal(size=len(q))
+    runs = np.array([0, len(t), 2 * len(t)])
+    zero = np.zeros(len(q))
+    return Dataset(
+        q=q, qd=np.gradient(q, 1e-3), current=zero, torque=torque, start=runs, dt=np.full(2, 1e-3), scales=Scales()
+    )
+
+
+def test_harmonics_come_strongest_first() -> None:
+    """Three that are no multiples of each other, within a hundredth of a repetition per turn."""
+    data = turning({72.0: 1.0, 18.0: 0.4, 12.0: 0.25})
+    assert angle_lines(data, data.torque, 0.1, 100.0, count=3) == pytest.approx([72.0, 18.0, 12.0], abs=0.01)
+    assert angle_lines(data, data.torque, 0.1, 100.0, given=(72.0,)) == pytest.approx([18.0], abs=0.01)
+    assert angle_lines(data, data.torque, 0.1, 30.0) == pytest.approx([18.0], abs=0.01)
