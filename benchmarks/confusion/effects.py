@@ -6,7 +6,7 @@ hysteretic torque, as a torque of their own, or at the sensors. Where physics le
 gain, bias) the truth differs from any fit by its integration alone; elsewhere another law of the same mechanism is
 taken: hard signs, Lorentz for Stribeck, u/sqrt(1 + u^2) for saturation, three plays for remanence, a second harmonic
 in cogging, exponentials in temperature, wear by way instead of time, a gear wheel between stops for play before a
-spring.
+spring, a mass on a spring for compliance.
 """
 
 from __future__ import annotations
@@ -74,6 +74,7 @@ _SPECS = (
     Spec(name="torque_bias", parameter="bias", unit="N·m", powers=(0, 0, 1), guess=0.03, size=0.03),
     Spec(name="torque_gain", parameter="gain", unit="1", powers=(0, 0, 0), guess=1.0, size=1.15),
     Spec(name="backlash", parameter="half_gap", unit="rad", powers=(1, 0, 0), guess=0.0005),
+    Spec(name="series_compliance", parameter="compliance", unit="rad/(N·m)", powers=(1, 0, -1), guess=0.003),
     Spec(name="rotor_inertia", parameter="inertia", unit="kg·m²", powers=(-1, 0, 1), guess=0.0005),
     Spec(name="coulomb_friction", parameter="torque", unit="N·m", powers=(0, 0, 1), guess=0.03),
     Spec(name="friction_asymmetry", parameter="torque", unit="N·m", powers=(0, 0, 1), guess=0.03, draw=_asymmetry),

@@ -168,3 +168,36 @@ def gear_to_locked_output(x: np.ndarray, stiffness: float, half_gap: float, dt: 
             y = y + step * v
         torque[:, k] = force
     return torque
+
+
+def on_spring(
+    x: np.ndarray, compliance: float, stiffness: np.ndarray, p: Mapping[str, float], dt: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Torque that a spring carries to a device with a mass, and the device's velocity, both (T, N).
+
+    The mass, half a gram at a radius of 0.3 m, is damped by half on its spring; eq. 15 follows it exactly along each
+    small step. The fluid weakens with the speed of the drive: by its own, a mass on a spring would stick and slip.
+
+    Args:
+        x: Driving path, shape (T, N).
+        compliance: Of the spring.
+        stiffness: K0 + K1*I, shape (T, N).
+        p: Coefficients of eqs. 14 and 15.
+        dt: Sampling interval [s].
+    """
+    spring, mass = 1.0 / compliance, 5e-5
+    parts = int(np.clip(np.ceil(2.0 * dt / np.sqrt(mass * compliance)), 4, 40))
+    damping, step = np.sqrt(spring * mass), dt / parts
+    y, v, z = x[:, 0].copy(), (x[:, 1] - x[:, 0]) / dt, np.zeros(len(x))
+    torque, velocity = np.zeros_like(x), np.zeros_like(x)
+    for k in range(1, x.shape[1]):
+        speed, force = (x[:, k] - x[:, k - 1]) / dt, np.zeros(len(x))
+        for i in range(parts):
+            force = spring * (x[:, k - 1] + speed * (i + 1) * step - y) + damping * (speed - v)
+            borne = stiffness[:, k] * z / (1.0 + p["alpha"] * np.abs(speed))
+            v = (v + step * (force - borne) / mass) / (1.0 + step * p["B"] / mass)
+            sign = np.where(v < 0.0, -1.0, 1.0)
+            z = sign * _loaded(sign * z, np.abs(v) * step, p["beta"], p["gamma"])
+            y = y + step * v
+        torque[:, k], velocity[:, k] = force, v
+    return torque, velocity

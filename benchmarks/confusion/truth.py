@@ -17,7 +17,7 @@ from benchmarks.confusion import effects as law
 from benchmarks.confusion import foreign
 from benchmarks.confusion.effects import Effect, State
 from benchmarks.confusion.motion import Motion
-from benchmarks.confusion.path import Path, Turns, behind_gap, gear_to_locked_output
+from benchmarks.confusion.path import Path, Turns, behind_gap, gear_to_locked_output, on_spring
 from mrwarp.params import MrParams
 
 BASE = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
@@ -116,10 +116,18 @@ def _torque(device: Device, motion: Motion, samples: slice) -> np.ndarray:
         state, _ = _state(device, motion, samples)
         own = own + _gear(device, motion)
         return own[:, samples] + sum(add(hidden[name], state) for name, add in law.TORQUES.items() if name in hidden)
-    gap = "backlash" in hidden
-    state, path = _state(device, motion, slice(None) if gap else samples)
+    gap, compliance = "backlash" in hidden, 0.0
+    if "series_compliance" in hidden:
+        compliance = hidden["series_compliance"].strength
+    state, path = _state(device, motion, slice(None) if gap or compliance else samples)
     stiffness = p["K0"] + p["K1"] * _strength(device, state)
-    if gap:
+    if compliance:
+        carried, speed = on_spring(motion.q, compliance, stiffness, p, motion.dt)
+        state, _ = _state(device, motion, samples)
+        state = replace(state, qd=speed[:, samples])
+        # the spring carries all that the device bears
+        z, stiffness = carried[:, samples] - p["B"] * state.qd, 1.0 + p["alpha"] * np.abs(state.qd)
+    elif gap:
         driven = behind_gap(motion.q, hidden["backlash"].strength, stiffness, p, motion.dt)
         z, stiffness, touched = driven.z[:, samples], stiffness[:, samples], driven.contact[:, samples] != 0.0
         state, _ = _state(device, motion, samples)

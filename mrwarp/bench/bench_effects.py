@@ -79,6 +79,7 @@ _ROWS: tuple[tuple[Any, ...], ...] = (
     ("viscous_asymmetry", "N·m·s/rad", 0.02, -1.0, 1.0, "B*|qd|", "friction asymmetry (4.3): B/5, as in emps"),
     ("stribeck", "N·m", 0.0, 0.0, 50.0, "F*s(qd)/(1 + (qd/0.4)^2)", "not named by the paper"),
     ("cogging", "N·m", 0.0, 0.0, 10.0, "F*(sin 24q + 0.2 sin 48q)", "no magnets in a brake"),
+    ("series_compliance", "rad/(N·m)", 0.0, 0.0, 1.0, "device behind a spring of compliance c", "a stiff coupling"),
     (
         "compliance_with_backlash",
         "N·m/rad",
@@ -221,6 +222,8 @@ def simulate(
     if e.acts("backlash"):
         z, touched = _behind_gap(q, e["backlash"], p.K0 + p.K1 * field, params, dt)
         qd = np.where(touched, qd, 0.0)
+    elif e.acts("series_compliance"):
+        z, qd = _behind_spring(q, e["series_compliance"], p.K0 + p.K1 * field, params, dt)
     else:
         z = _bouc_wen_over_path(q, p.beta, p.gamma)
     direction = np.tanh(qd / 0.02)
@@ -420,6 +423,26 @@ def _behind_gap(
         touched[k] = side != 0.0
         out[k] = np.where(touched[k], z, 0.0)
     return out, touched
+
+
+def _behind_spring(
+    q: np.ndarray, compliance: float, stiffness: np.ndarray, params: MrParams, dt: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """z of eq. 15 and velocity of a device that a spring drives; by implicit steps of the shaft's velocity."""
+    p = params.bouc_wen
+    shaft, z, v = q[0].copy(), np.zeros(q.shape[1]), np.zeros(q.shape[1])
+    all_z, all_v = np.zeros_like(q), np.zeros_like(q)
+    for k in range(1, len(q)):
+        for _ in range(6):  # Newton: the spring bears what the device bears
+            reached = _stressed(z, v * dt, p.beta + p.gamma, p.beta - p.gamma)
+            stiff = stiffness[k] / (1.0 + p.alpha * np.abs(v))
+            miss = (q[k] - shaft - v * dt) / compliance - stiff * reached - p.B * v
+            u = np.sign(v) * reached
+            slope = np.maximum(1.0 - p.beta * u - p.gamma * np.abs(u), 0.0)
+            v = v + miss / (dt / compliance + stiff * slope * dt + p.B)
+        z, shaft = _stressed(z, v * dt, p.beta + p.gamma, p.beta - p.gamma), shaft + v * dt
+        all_z[k], all_v[k] = z, v
+    return all_z, all_v
 
 
 def _temperature(power: np.ndarray, current: np.ndarray, warmth: np.ndarray, params: MrParams, dt: float) -> np.ndarray:

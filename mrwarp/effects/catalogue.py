@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import zlib
 
+import warp as wp
+
 from mrwarp.effects import (
     backlash,
     cogging,
@@ -18,6 +20,7 @@ from mrwarp.effects import (
     friction_asymmetry,
     remanence,
     rotor_inertia,
+    series_compliance,
     speed_weakening,
     stribeck,
     temperature_drift,
@@ -29,6 +32,7 @@ from mrwarp.effects import (
 )
 from mrwarp.effects.law import STAGES, EffectLaw, EffectParameter
 from mrwarp.effects.laws import arctangent, biviscous, bouc_wen_power, dahl, kwok, lugre, spencer
+from mrwarp.kernels import bouc_wen, coil
 
 LAWS: tuple[EffectLaw, ...] = (
     command_delay.LAW,
@@ -39,6 +43,7 @@ LAWS: tuple[EffectLaw, ...] = (
     velocity_lag.LAW,
     encoder_offset.LAW,
     backlash.LAW,
+    series_compliance.LAW,
     rotor_inertia.LAW,
     coulomb_friction.LAW,
     friction_asymmetry.LAW,
@@ -86,8 +91,12 @@ def _offsets() -> tuple[dict[str, int], dict[str, int], int, int]:
 COLUMN, SLOT, COLUMNS, SLOTS = _offsets()
 """First parameter column and first state of each effect; number of columns and of states."""
 
-SOURCES: int = zlib.crc32(f"{[law.law.adj.source for law in KNOWN.values()]}{COLUMN}{SLOT}".encode()) // 2
-"""Checksum of all laws as they are written and of their places, for kernels that are composed of them."""
+_HELPERS = [f for module in (bouc_wen, coil) for f in vars(module).values() if isinstance(f, wp.Function)]
+SOURCES: int = (
+    zlib.crc32(f"{[f.adj.source for f in (*(law.law for law in KNOWN.values()), *_HELPERS)]}{COLUMN}{SLOT}".encode())
+    // 2
+)
+"""Checksum of all laws as they are written, of what they call and of their places, for kernels composed of them."""
 
 NULLS: tuple[float, ...] = tuple(p.null for law in KNOWN.values() for p in law.parameters)
 """The row of parameters at which no effect acts."""

@@ -76,6 +76,47 @@ def bouc_wen_release(z: float, rate: float, stiffness: float, viscosity: float, 
 
 
 @wp.func
+def bouc_wen_slope(qd: float, z: float, beta: float, gamma: float) -> float:
+    """dz/ds of eq. 15 along the path in the direction of qd, at least 0 [1]."""
+    u = wp.where(qd < 0.0, -z, z)
+    return wp.max(1.0 - beta * u - gamma * wp.abs(u), 0.0)
+
+
+@wp.func
+def bouc_wen_behind_spring(wound: float, z: float, ratio: float, beta: float, gamma: float) -> float:
+    """Signed path of a shaft without mass behind a spring, at whose end ``wound - path = ratio*z`` [rad].
+
+    |z| stays below its bound, so the path is known within ``ratio`` times that to either side: Newton's steps that
+    leave this bracket halve it.
+
+    Args:
+        wound: How far the spring would be wound if the shaft stood still [rad].
+        z: z of eq. 15 before the step [rad].
+        ratio: Stiffness of the hysteresis over that of the spring [1].
+        beta: Of eq. 15 [1/rad].
+        gamma: Of eq. 15 [1/rad].
+    """
+    most = ratio * wp.max(wp.abs(z), 1.0 / wp.max(beta + gamma, 1.0e-6))
+    low, high = wound - most, wound + most
+    rounding = 3.0e-7 * wp.max(most, wp.abs(wound))
+    ahead = wound - ratio * z
+    path = wp.clamp(ahead / (1.0 + ratio * bouc_wen_slope(ahead, z, beta, gamma)), low, high)
+    for _ in range(12):
+        reached = bouc_wen_exact(path, z, beta, gamma, 1.0)
+        miss = wound - path - ratio * reached
+        if wp.abs(miss) <= rounding:
+            return path
+        if miss > 0.0:
+            low = path
+        else:
+            high = path
+        path += miss / (1.0 + ratio * bouc_wen_slope(path, reached, beta, gamma))
+        if path <= low or path >= high:
+            path = 0.5 * (low + high)
+    return path
+
+
+@wp.func
 def bouc_wen_torque(
     qd: float,
     q_c: float,

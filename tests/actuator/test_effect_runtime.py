@@ -210,7 +210,8 @@ def test_simulated_torque_is_that_of_the_diagnosis(names: list[str]) -> None:
     plain, _, _ = simulated((make_effect("coil_lag", {"time_constant": 0.0}),))
     want = replayed(effects, command, heat)
     assert np.abs(tau - plain).max() > 0.02 * np.abs(want).max(), "the effect is too weak to test anything"
-    np.testing.assert_allclose(tau, want, rtol=0, atol=1e-5 * max(np.abs(want).max(), 1.0))
+    # a spring and a gap are solved for, and either path rounds on its own
+    np.testing.assert_allclose(tau, want, rtol=0, atol=2e-5 * max(np.abs(want).max(), 1.0))
 
 
 def test_coil_lag_is_the_lag_of_the_parameters() -> None:

@@ -241,6 +241,16 @@ def test_backlash_lets_the_encoder_move_alone_at_a_reversal():
     assert np.abs(torque[last & ~open_]).min() > 0.0 and full == pytest.approx((P.bouc_wen.K0 + P.bouc_wen.K1) / 400.0)
 
 
+def test_a_spring_delays_the_loop_by_its_winding():
+    """The spring is wound by c times the torque: the same torque, that much later along the way."""
+    plain, compliance = P.replace(B=0.0, D=0.0, I1=0.0, C=0.0, alpha=0.0, gamma=0.0), 0.01
+    q = 0.3 * TIME
+    there, here = (run(effects, plain, q=q).torque[:, 0] for effects in ({"series_compliance": compliance}, {}))
+    way = q[::SUBSTEPS] - compliance * there
+    np.testing.assert_allclose(there, np.interp(way, q[::SUBSTEPS], here), rtol=0, atol=2e-3 * here.max())
+    assert (here - there).max() > 0.02 * here.max() and there[-1] == pytest.approx(here[-1], rel=1e-3)
+
+
 def test_breakaway_resists_at_rest_and_vanishes_with_speed():
     """Slow motion meets the given share of eq. 18; fast motion does not."""
     tau_y = P.hold.T_max / (P.hold.K**P.hold.n + 1.0)
@@ -290,8 +300,8 @@ def test_every_effect_has_a_test():
     """No effect of the table is left out above."""
     tested = set(ADDITIVE) | {
         "coil_lag", "command_delay", "remanence", "torque_sensor_lag", "velocity_lag", "encoder_offset", "encoder_step",
-        "backlash", "breakaway", "temperature_drift", "run_bias", "run_gain", "torque_noise", "velocity_noise",
-        "coloured_noise",
+        "backlash", "series_compliance", "breakaway", "temperature_drift", "run_bias", "run_gain", "torque_noise",
+        "velocity_noise", "coloured_noise",
     }  # fmt: skip
     assert tested == set(EFFECTS)
 

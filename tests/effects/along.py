@@ -111,9 +111,9 @@ def torque(shaft: Shaft, base: Mapping[str, float], effects: Effects | None = No
     return torques(shaft, base, [effects or {}])[0].astype(float)
 
 
-def loop(way: np.ndarray, beta: float, gamma: float) -> np.ndarray:
+def loop(way: np.ndarray, beta: float, gamma: float, z: float = 0.0) -> np.ndarray:
     """z of eq. 15 along positions, float64: du/ds = 1 - (beta -+ gamma)*u below and above zero, without a time step."""
-    out, z = np.zeros(len(way)), 0.0
+    out = np.zeros(len(way))
     for k, step in enumerate(np.diff(way), start=1):
         direction, left = np.sign(step), abs(step)
         u = direction * z

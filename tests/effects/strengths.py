@@ -9,6 +9,7 @@ STRENGTHS = {
     "velocity_lag": {"time_constant": 0.01},
     "encoder_offset": {"offset": 0.1},
     "backlash": {"half_gap": 0.01},
+    "series_compliance": {"compliance": 0.05},
     "rotor_inertia": {"inertia": 0.01},
     "coulomb_friction": {"torque": 0.4, "speed": 0.05},
     "friction_asymmetry": {"coulomb": 0.2, "viscous": 0.05, "speed": 0.05, "thinning": 0.1},

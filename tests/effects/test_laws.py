@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from mrwarp.effects.replay_kernel import HEAT_TIMES
 from tests.effects import along
@@ -291,6 +292,28 @@ def test_cogging_has_further_harmonics() -> None:
     np.testing.assert_allclose(added(swing, {"cogging": more}), want, rtol=0, atol=100 * EPS)
     want += 0.3 * np.sin(9.0 * swing.q) + 0.2 * np.cos(9.0 * swing.q)
     np.testing.assert_allclose(added(swing, {"cogging": {**more, "periods_3": 9.0}}), want, rtol=0, atol=200 * EPS)
+
+
+@pytest.mark.parametrize("compliance", [0.002, 0.05, 1.0])
+def test_series_compliance_balances_spring_and_device(compliance: float) -> None:
+    """A float64 loop that finds each step's way by bisection; the device reaches the same torque later."""
+    base = {**TRUTH, "B": 0.0, "alpha": 0.0, "D": 0.0, "C": 0.0, "I1": 0.0}
+    shaft, effect = Shaft.swinging(dt=0.0005, seconds=0.7), {"series_compliance": {"compliance": compliance}}
+    z, wound, want = 0.0, 0.0, np.zeros(len(shaft.q))
+    for k in range(1, len(shaft.q)):
+        ratio = compliance * (base["K0"] + base["K1"] * shaft.current[k])
+        wound += shaft.q[k] - shaft.q[k - 1]
+
+        def miss(way: float, wound: float = wound, ratio: float = ratio, z: float = z) -> float:
+            return wound - way - ratio * float(loop(np.array([0.0, way]), base["beta"], base["gamma"], z)[-1])
+
+        way = brentq(miss, wound - 0.2 * ratio, wound + 0.2 * ratio, xtol=1e-13)
+        z = float(loop(np.array([0.0, way]), base["beta"], base["gamma"], z)[-1])
+        wound -= way
+        want[k] = ratio / compliance * z
+    found = torque(shaft, base, effect)
+    np.testing.assert_allclose(found, want, rtol=0, atol=5e-5)
+    assert np.abs(found - torque(shaft, base)).max() > 0.005
 
 
 def test_compliance_with_backlash_is_a_dead_zone() -> None:

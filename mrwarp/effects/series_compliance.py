@@ -1,0 +1,71 @@
+"""Series compliance: ``(q - y)/c = K*z/(1 + alpha*|qd|) + B*qd``, z driven by the shaft's way y.
+
+An elastic element of compliance c (stiffness 1/c) stands between the encoder at q and the device's shaft at y: a
+coupling, a belt, the teeth of a gear, the frame. The shaft has no mass, so what winds the element is the device's
+stress and drag. Where stress builds up by dz/dy, the shaft takes the share ``1/(1 + c*K*dz/dy)`` of the joint's way:
+little of it at a stiff stress, all of it when the device slides. The sliding torque is the same; the loop reaches it
+over a longer way, by c times that torque, so at a high current later than at a low one. At a single current it is hard
+to tell from a softer K.
+
+Each step finds the shaft's way at which both bear the same, within a bracket that holds it whatever the step's length;
+no mass and no time step are in it. D, C*q_c, I1*I and the torques of other effects act at the joint. Drag and
+weakening are those of the joint's speed: weakened by its own, a shaft without mass would stick and slip. Behind play
+(:mod:`mrwarp.effects.backlash`) the element is wound by what the gap lets through. Another hysteresis than eq. 15's
+winds it step by step as if it were that.
+"""
+
+import warp as wp
+
+from mrwarp.effects.law import EffectLaw, EffectParameter, Path
+from mrwarp.kernels.bouc_wen import bouc_wen_behind_spring, bouc_wen_exact
+
+
+@wp.func
+def series_compliance_law(
+    s: Path, values: wp.array2d[float], row: int, at: int, memory: wp.array2d[float], line: int, slot: int
+) -> Path:
+    """Between encoder and device there is an elastic element."""
+    if values[row, at] > 0.0:
+        ratio = values[row, at] * s.stiffness / (1.0 + s.alpha * wp.abs(s.qd))
+        drag = values[row, at] * s.viscosity * s.qd
+        wound = float(ratio * s.z + drag)  # what is steady winds the element
+        if s.begins == 0:
+            z = float(s.z)
+            wound = memory[line, slot] + s.path_1
+            if s.path_1 != 0.0:
+                first = bouc_wen_behind_spring(wound, z, ratio, s.beta, s.gamma)
+                wound = wound - first
+                z = bouc_wen_exact(first, z, s.beta, s.gamma, 1.0)
+                s.path_1 = first
+            wound = wound + s.path_2
+            second = bouc_wen_behind_spring(wound - drag, z, ratio, s.beta, s.gamma)
+            wound = wound - second
+            s.path_2 = second
+        memory[line, slot] = wound
+    return s
+
+
+LAW = EffectLaw(
+    name="series_compliance",
+    title="series compliance",
+    sentence="Between encoder and device there is an elastic element.",
+    equation="(q - y)/c = K*z/(1 + alpha*|qd|) + B*qd, dz by dy",
+    kind="mechanism",
+    stage="shaft",
+    parameters=(
+        EffectParameter(
+            name="compliance",
+            unit="rad/(N·m)",
+            scale=(1, 0, -1),
+            negative=False,
+            low=lambda r: 1e-4 * r.q / r.torque,
+            high=lambda r: 0.5 * r.q / r.torque,
+            starts=lambda r: tuple(x * r.q / r.torque for x in (0.001, 0.003, 0.01, 0.03, 0.1)),
+        ),
+    ),
+    law=series_compliance_law,
+    states=1,
+    source="elastic joint, Spong 1987, here before a device without mass",
+    depends_on=("qd", "memory"),
+    remedy="stiffen the coupling, or put the encoder on the device's shaft",
+)
