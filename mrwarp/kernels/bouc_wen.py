@@ -86,8 +86,8 @@ def bouc_wen_slope(qd: float, z: float, beta: float, gamma: float) -> float:
 def bouc_wen_behind_spring(wound: float, z: float, ratio: float, beta: float, gamma: float) -> float:
     """Signed path of a shaft without mass behind a spring, at whose end ``wound - path = ratio*z`` [rad].
 
-    |z| stays below its bound, so the path is known within ``ratio`` times that to either side: Newton's steps that
-    leave this bracket halve it.
+    z never falls along a forward path, so the path lies between 0 and where the spring would stand with z as it is:
+    Newton's steps that leave this bracket halve it.
 
     Args:
         wound: How far the spring would be wound if the shaft stood still [rad].
@@ -96,11 +96,10 @@ def bouc_wen_behind_spring(wound: float, z: float, ratio: float, beta: float, ga
         beta: Of eq. 15 [1/rad].
         gamma: Of eq. 15 [1/rad].
     """
-    most = ratio * wp.max(wp.abs(z), 1.0 / wp.max(beta + gamma, 1.0e-6))
-    low, high = wound - most, wound + most
-    rounding = 3.0e-7 * wp.max(most, wp.abs(wound))
     ahead = wound - ratio * z
-    path = wp.clamp(ahead / (1.0 + ratio * bouc_wen_slope(ahead, z, beta, gamma)), low, high)
+    low, high = wp.min(ahead, 0.0), wp.max(ahead, 0.0)
+    rounding = 3.0e-7 * (ratio * wp.abs(z) + wp.abs(wound))
+    path = ahead / (1.0 + ratio * bouc_wen_slope(ahead, z, beta, gamma))
     for _ in range(12):
         reached = bouc_wen_exact(path, z, beta, gamma, 1.0)
         miss = wound - path - ratio * reached

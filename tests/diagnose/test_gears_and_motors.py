@@ -1,4 +1,4 @@
-"""Public recordings of a motor and of a gear, whose causes are known; docs/diagnosis.md says where they come from."""
+"""Public recordings of a motor and of a gear, whose causes are known; docs/data.md says where they come from."""
 
 import os
 from pathlib import Path
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.slow
 def diagnosed(name: str) -> Diagnosis:
     """The diagnosis of a set of recordings."""
     if not (DATA / name).is_dir():
-        pytest.skip(f"{DATA / name} is not here; docs/diagnosis.md says where the recordings come from")
+        pytest.skip(f"{DATA / name} is not here; docs/data.md says where the recordings come from")
     return diagnose(load_recording(DATA / name))
 
 

@@ -316,6 +316,17 @@ def test_series_compliance_balances_spring_and_device(compliance: float) -> None
     assert np.abs(found - torque(shaft, base)).max() > 0.005
 
 
+def test_series_compliance_is_finite_whatever_the_loop() -> None:
+    """Loops that harden, soften or hardly bend, behind springs from stiff to slack: a torque within what K*z can be."""
+    shaft = Shaft.swinging(seconds=0.5)
+    for loading, unloading in ((1e-3, 1e3), (1e3, 1e-3), (1e-3, 1e-3), (1e3, 1e3)):
+        base = {"K0": 1.0, "beta": 0.5 * (loading + unloading), "gamma": 0.5 * (loading - unloading)}
+        for compliance in (1e-3, 1.0, 1e3):
+            found = torque(shaft, base, {"series_compliance": {"compliance": compliance}})
+            assert np.isfinite(found).all()
+            assert np.abs(found).max() <= 1.01 * min(1.0 / loading, np.ptp(shaft.q), np.ptp(shaft.q) / compliance)
+
+
 def test_compliance_with_backlash_is_a_dead_zone() -> None:
     """Nothing in the gap, a spring beyond it, about C's rest or about the middle of the run."""
     k, b = 2.0, 0.05
