@@ -78,6 +78,7 @@ _SPECS = (
     Spec(name="rotor_inertia", parameter="inertia", unit="kg·m²", powers=(-1, 0, 1), guess=0.0005),
     Spec(name="coulomb_friction", parameter="torque", unit="N·m", powers=(0, 0, 1), guess=0.03),
     Spec(name="friction_asymmetry", parameter="torque", unit="N·m", powers=(0, 0, 1), guess=0.03, draw=_asymmetry),
+    Spec(name="load_friction", parameter="F1", unit="N·m/A", powers=(0, -1, 1), guess=0.03),
     Spec(
         name="stribeck", parameter="torque", unit="N·m", powers=(0, 0, 1), guess=0.03, exact=False,
         draw=lambda rng: {"speed": 0.15 * 4.0 ** rng.uniform()},
@@ -247,6 +248,11 @@ def friction_asymmetry(e: Effect, s: State) -> np.ndarray:
     return e.draws["sign"] * e.strength * np.abs(np.sign(s.qd))
 
 
+def load_friction(e: Effect, s: State) -> np.ndarray:
+    """Hard sign, in proportion to the size of the current."""
+    return e.strength * np.abs(s.current) * np.sign(s.qd)
+
+
 def stribeck(e: Effect, s: State) -> np.ndarray:
     """Lorentz curve over the speed."""
     return e.strength * np.sign(s.qd) / (1.0 + (s.qd / e.draws["speed"]) ** 2)
@@ -287,8 +293,8 @@ def line(e: Effect, s: State) -> np.ndarray:
 TORQUES: dict[str, Callable[[Effect, State], np.ndarray]] = {
     law.__name__: law
     for law in (
-        coulomb_friction, friction_asymmetry, stribeck, cogging, current_viscosity, rotor_inertia, position_current,
-        position_viscosity, line,
+        coulomb_friction, friction_asymmetry, load_friction, stribeck, cogging, current_viscosity, rotor_inertia,
+        position_current, position_viscosity, line,
     )
 }  # fmt: skip
 """Torques that add to those of eq. 14."""

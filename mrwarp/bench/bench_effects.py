@@ -77,6 +77,7 @@ _ROWS: tuple[tuple[Any, ...], ...] = (
     ("coulomb_friction", "N·m", 0.0, 0.0, 50.0, "F*s(qd)", "K0 and z hold it already"),
     ("friction_asymmetry", "N·m", 0.08, -10.0, 10.0, "F*|s(qd)|", "friction asymmetry (4.3): about K0*z at 0 A"),
     ("viscous_asymmetry", "N·m·s/rad", 0.02, -1.0, 1.0, "B*|qd|", "friction asymmetry (4.3): B/5, as in emps"),
+    ("load_friction", "N·m/A", 0.0, -10.0, 10.0, "F1*|I|*s(qd)", "K1 and z hold it already"),
     ("stribeck", "N·m", 0.0, 0.0, 50.0, "F*s(qd)/(1 + (qd/0.4)^2)", "not named by the paper"),
     ("cogging", "N·m", 0.0, 0.0, 10.0, "F*(sin 24q + 0.2 sin 48q)", "no magnets in a brake"),
     ("series_compliance", "rad/(N·m)", 0.0, 0.0, 1.0, "device behind a spring of compliance c", "a stiff coupling"),
@@ -254,7 +255,8 @@ def simulate(
             rise = _temperature(np.abs((hysteretic + viscous) * qd), current, run.warmth, params, dt)
             hysteretic *= np.exp(-e["temperature_drift"] * rise)
             viscous *= np.exp(-2.0 * e["temperature_drift"] * rise)
-        return around + viscous + p.I1 * current + hysteretic
+        pressed = e["load_friction"] * np.abs(current) * direction
+        return around + viscous + pressed + p.I1 * current + hysteretic
 
     torque = torque_at(current, field)
     log(0.9)

@@ -54,9 +54,10 @@ _SHARE = 0.2
 
 _UNSEEN = {
     **dict.fromkeys(("coil_lag", "command_delay", "remanence"), "the current hardly changes within a trajectory"),
-    **dict.fromkeys(("current_saturation", "current_viscosity"), "too few levels of current"),
+    **dict.fromkeys(("current_saturation", "current_viscosity", "load_friction"), "too few levels of current"),
 }
 _NEVER = "at no size in its range would it stand out from what eq. 14 takes up and from the noise"
+_NO_FIELD = "the control input is a load or a pressure, which makes no magnetic field"
 _TAKEN_UP = "re-fitting eq. 14 takes it up without a trace; only nominal parameters (--model) can show it"
 """Why effects show at no size."""
 
@@ -245,6 +246,7 @@ def _detectable(found: Findings) -> tuple[dict[str, Value], dict[str, str]]:
             unit = effect_unit(p, found.problem.units)
             visible[name] = Value(value=size * factor_of(p, scales), ci95=(0.0, 0.0), unit=unit)
     invisible |= {name: _TAKEN_UP for name, law in CATALOGUE.items() if law.kind == "calibration"}
+    invisible |= dict.fromkeys(found.problem.impossible, _NO_FIELD)
     if kinematics.velocity_lag == 0.0:  # then it is no candidate
         if np.isfinite(kinematics.velocity_lag_error):
             size = max(5.0 * kinematics.velocity_lag_error, 1e-4)

@@ -165,7 +165,7 @@ def _completed(fitted: Model, nominal: Model | None, holding: Holding | None) ->
 
 def _candidates(problem: Problem, base: Fit) -> list[str]:
     """Effects that may be missing: what re-fitting takes up is none, nor what the baseline has."""
-    known, lag = set(base.effects), problem.motion.kinematics.velocity_lag
+    known, lag = {*base.effects, *problem.impossible}, problem.motion.kinematics.velocity_lag
     if base.parameters.law:
         known.add("speed_weakening")  # of eq. 14's own form
     return [

@@ -29,11 +29,16 @@ from mrwarp.identify.parameters import (
     shape_coordinates,
 )
 from mrwarp.identify.replay import EffectReplay
+from mrwarp.recording.data import quantity
 
 FLOOR = 0.003
 """Smallest gain that is worth a name, as a share of the noise's energy: the replay's own step errs by about as much."""
 CHI2 = 30.0
 """Smallest gain in units of the noise's variance: one chance in a million over a hundred starts."""
+_OF_A_FIELD = ("remanence", "current_saturation", "current_viscosity")
+"""Effects of a magnetic field, which a load or a pressure does not make."""
+_OF_A_COMMAND = ("coil_lag", "command_delay")
+"""Effects between a command and what it sets: a load is none, while a valve may lag."""
 _BENT, _BENT_T = 0.05, 4.0
 """Least gain, as a share of what a model leaves, and its least ratio to its standard error, for a bent law."""
 
@@ -60,6 +65,13 @@ class Problem:
     def motion(self) -> Motion:
         """The samples."""
         return self.replay.motion
+
+    @property
+    def impossible(self) -> tuple[str, ...]:
+        """Effects that a control input of this kind cannot have."""
+        if not self.motion.ranges.load:
+            return ()
+        return _OF_A_FIELD if quantity("current", self.units) == "pressure" else _OF_A_FIELD + _OF_A_COMMAND
 
     def with_motion(self, motion: Motion) -> Problem:
         """The problem with another reading of the motion, or another torque to be explained."""
@@ -227,7 +239,7 @@ def covariance(fit: Fit) -> np.ndarray:
     """Covariance of the coordinates, shape (P, P): the larger of the noise's and of the jackknife over trajectories."""
     parts, size = fit.equations.parts, len(fit.x)
     total = fit.equations.total[:size, :size]
-    scale = np.sqrt(np.maximum(np.diag(total), 1e-300))
+    scale = np.sqrt(np.where(np.diag(total) > 0.0, np.diag(total), 1.0))
     inverse = np.linalg.pinv(total / np.outer(scale, scale), rcond=1e-12, hermitian=True) / np.outer(scale, scale)
     noise = inverse * max(1.0, float(fit.equations.total[size, size]) / fit.equations.count)
     count = len(parts)

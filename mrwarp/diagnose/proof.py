@@ -40,7 +40,7 @@ _LAGS = {
 _POSITIVE = {
     "rotor_inertia": "an inertia is above 0",
     "compliance_with_backlash": "a stiffness is above 0",
-    "coulomb_friction": "friction brakes",
+    **dict.fromkeys(("coulomb_friction", "load_friction"), "friction brakes"),
     "stribeck": "Stribeck friction is larger at low speed",
 }
 """Effects whose first number can only be above 0, and why."""

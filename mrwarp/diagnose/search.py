@@ -104,7 +104,8 @@ def _best_model(models: Models, screened: list[Candidate], before: list[Leftover
     if not passing:
         return base
     log(f"refining {', '.join(c.effect for c in passing[:4])}")
-    best = _grow(models, base, passing)
+    expected = [c for c in passing if c.effect == expected_in(models.problem)]
+    best = models.grown(base, expected[0]) if expected else _grow(models, base, passing)
     if confirmed(models, best, before) is base:
         # smooth functions of other variables explain it better: the search for partners would only fit them piecemeal
         others = [f for f in models.singles() if f is not best and confirmed(models, f, before) is not base]
@@ -154,7 +155,9 @@ def _best_pair(
     """Best pair: the best single may be neither cause, so the three best singles each look for a partner."""
     pairs = [models.grown(best, c) for c in seconds[:3]]
     others = [f for f in sorted(models.singles(), key=attrgetter("total")) if f is not best][:2]
-    if len(others) < 2:
+    if expected_in(models.problem) in best.effects:
+        others = []
+    elif len(others) < 2:
         known = {*best.effects, *(e for f in others for e in f.effects)}
         others += [models.grown(models.base, c) for c in passing if c.effect not in known][: 2 - len(others)]
     for single in others:
@@ -166,7 +169,8 @@ def _best_pair(
 def _pruned(models: Models, best: Fit) -> Fit:
     """The model without effects that add too little to the others."""
     while len(models.added(best)) > 1:
-        without = {effect: models.without(best, effect) for effect in models.added(best)}
+        tried = [effect for effect in models.added(best) if effect != expected_in(models.problem)]
+        without = {effect: models.without(best, effect) for effect in tried}
         weakest = min(without, key=lambda e: without[e].total)
         if without[weakest].total - best.total > _needed(models, best, weakest):
             break
@@ -232,6 +236,14 @@ def _worn(fit: Fit, effect: str) -> bool:
     return fit.parameters.values(fit.x)[effect][slow.name] > 0.5 * slow.high(fit.parameters.ranges)
 
 
+def expected_in(problem: Problem) -> str:
+    """The effect that takes the place of ``K1*I`` where the control input is a load or a pressure; else empty.
+
+    Like a term of eq. 14 it comes before the others, and free functions do not take its place.
+    """
+    return "load_friction" if problem.motion.ranges.load else ""
+
+
 # --- whether named effects are real, or stand in for structure of another kind or for chance ---
 
 
@@ -259,6 +271,9 @@ def confirmed(models: Models, fit: Fit, before: list[Leftover]) -> Fit:
             kept[effect] = beside / max(alone, 1e-9) * (KEPT / KEPT_BESIDE_MORE if left[0].gain > 1.5 * alone else 1.0)
             if beside < threshold(fit):
                 kept[effect] = min(kept[effect], 0.0)
+        kept.pop(expected_in(models.problem), None)
+        if not kept:
+            return fit
         doubtful = min(kept, key=lambda e: kept[e])
         if kept[doubtful] > KEPT:
             return fit

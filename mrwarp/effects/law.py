@@ -109,6 +109,8 @@ class Ranges:
     """Full turns that a joint makes; 0 for a linear motion."""
     session: float = 600.0
     """Length of the session [s]."""
+    load: bool = False
+    """Whether the control input is a load or a pressure, which makes no field: K1 of eq. 14 is 0."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,7 @@ from scipy.signal import lfilter
 from mrwarp.effects.law import Ranges
 from mrwarp.effects.replay_kernel import HEAT_TIMES
 from mrwarp.identify.kinematics import Kinematics, reconstruct
+from mrwarp.recording.data import is_load
 from mrwarp.recording.load import Recording
 
 _SETTLED = 4.0
@@ -201,6 +202,7 @@ class Motion(Dataset):
             dt=float(np.median(data.dt)),
             session=float(time.max()) or 1.0,
             turns=float(np.ptp(data.q) * scales.q // (2.0 * np.pi)) if recording.units["q"] == "rad" else 0.0,
+            load=is_load(recording.units),
         )
         slid = _slid(data, time)
         return cls(

@@ -23,6 +23,7 @@ from mrwarp.identify.replay import EffectReplay, null_row
 
 LINEAR = ("D", "B", "C", "I1", "K0", "K1")
 """Parameters of eq. 14 in which the torque is linear."""
+_K1 = LINEAR.index("K1")
 SHAPE = ("alpha", "beta", "gamma")
 """Parameters that give the hysteresis its shape."""
 NON_NEGATIVE = ("B", "K0", "K1")
@@ -152,7 +153,8 @@ class Parameters:
     @property
     def _absent(self) -> tuple[str, ...]:
         # what turns more than once has no stiffness about an angle: C would follow what differs from run to run
-        return ("C",) if self.ranges.turns > 1.0 else ()
+        turning = ("C",) if self.ranges.turns > 1.0 else ()
+        return (*turning, "K1") if self.ranges.load else turning
 
     @cached_property
     def low(self) -> np.ndarray:
@@ -300,5 +302,7 @@ def jacobian(replay: EffectReplay, p: Parameters, x: np.ndarray) -> tuple[np.nda
     slopes = np.empty((p.size, tau.shape[1]), dtype=np.float32)
     slopes[:linear] = (tau[1 : 1 + linear] - tau[0]) / steps[:linear]
     slopes[linear:first] = 0.0
+    if p.ranges.load:
+        slopes[_K1] = 0.0  # stays at 0
     slopes[first:] = (tau[1 + linear :: 2] - tau[2 + linear :: 2]) / (2.0 * steps[first:])
     return tau[0].astype(float), slopes

@@ -76,6 +76,11 @@ def quantity(column: str, units: Mapping[str, str]) -> str:
     return _NAMES[column].get(units[column], {"current": "control input"}.get(column, "torque"))
 
 
+def is_load(units: Mapping[str, str]) -> bool:
+    """Whether the control input is a load or a pressure by its unit, not a current or voltage that makes a field."""
+    return quantity("current", units) in ("load torque", "load force", "pressure")
+
+
 def true_names(text: str, units: Mapping[str, str]) -> str:
     """A text that calls the control input "current" as it is called for a device in ``units``, such as pressure."""
     return re.sub(r"\bcurrent(s?)\b", lambda found: quantity("current", units) + found[1], text)

@@ -113,6 +113,7 @@ def test_monotonic_loading_has_the_closed_form():
 ADDITIVE: dict[str, tuple[float, Callable[[float], np.ndarray]]] = {
     "current_viscosity": (0.05, lambda x: x * 1.0 * QD),
     "coulomb_friction": (0.1, lambda x: x * SIGN),
+    "load_friction": (0.1, lambda x: x * 1.0 * SIGN),
     "friction_asymmetry": (0.1, lambda x: x * np.abs(SIGN)),
     "viscous_asymmetry": (0.02, lambda x: x * np.abs(QD)),
     "stribeck": (0.2, lambda x: x * SIGN / (1.0 + (QD / 0.4) ** 2)),

@@ -9,6 +9,7 @@ from mrwarp.diagnose.problem import CHI2, FLOOR, covariance, reported_fit, thres
 from mrwarp.diagnose.screening import Models
 from mrwarp.diagnose.search import Selection, _within_range, best_single, screen_candidates, select
 from mrwarp.effects.catalogue import CATALOGUE
+from mrwarp.identify.parameters import LINEAR
 from tests.diagnose import known
 
 CANDIDATES = [name for name, law in CATALOGUE.items() if law.kind != "calibration" and name != "velocity_lag"]
@@ -153,3 +154,17 @@ def test_there_are_as_many_causes_as_are_hidden() -> None:
     }
     selection = searched(made(hidden), [*hidden, "wear"])
     assert set(selection.final.effects) == set(hidden)
+
+
+def test_friction_that_grows_with_a_load_is_told_by_name() -> None:
+    """Where the control input is a pressure, K1 stays at 0 and ``load_friction`` is found in its place."""
+    at = known.motion(60, runs=6, seconds=3.0)
+    at = replace(at, ranges=replace(at.ranges, load=True))
+    on = known.problem({"load_friction": {"F1": 0.1}}, at=at, K1=0.0)
+    on = replace(on, units={**on.units, "current": "bar"})
+    selection = searched(on, ["coulomb_friction", "load_friction", "wear"])
+    assert selection.base.x[LINEAR.index("K1")] == 0.0 and "current_viscosity" in on.impossible
+    assert tuple(selection.named) == ("load_friction",)
+    final = selection.final
+    assert final.parameters.values(final.x)["load_friction"]["F1"] == pytest.approx(0.1, rel=0.05)
+    assert np.isfinite(covariance(final)).all()
