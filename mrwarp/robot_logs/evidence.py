@@ -158,7 +158,7 @@ def _window(r: dict, j: dict, z: dict, sigma: dict, w: int) -> tuple[np.ndarray,
 def _left(r: dict, j: dict, z: dict, sigma: dict, change: np.ndarray, keep: np.ndarray) -> dict[str, np.ndarray]:
     """Mismatch that is left at a change of the parameters and the best starts, windows that count."""
     found = {name: [] for name in r}
-    for w in np.flatnonzero(keep):
+    for w in np.flatnonzero(keep).tolist():
         rw, jw, zw = _window(r, j, z, sigma, w)
         rest = rw - change @ jw
         rest = rest - np.linalg.solve(zw @ zw.T + np.eye(len(zw)) / START_SPREAD**2, zw @ rest) @ zw

@@ -55,8 +55,8 @@ class RobotDiagnosis:
     causes: tuple[NamedCause, ...]
     suspects: tuple[NamedCause, ...]
     cannot_know: tuple[str, ...]
-    baseline: dict[str, float]
-    extended: dict[str, float]
+    baseline: dict[str, float | str]
+    extended: dict[str, float | str]
     gain: dict[str, Any]
     per_joint: dict[str, dict[str, float]]
     """RMSE of the angle over windows before and after, by joint [rad]."""

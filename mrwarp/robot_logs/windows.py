@@ -160,11 +160,11 @@ def _speeds(run: LogRun) -> np.ndarray:
     """Velocity of the joints along a run, smoothed over five samples; shape (N, J)."""
     q = run.joint["q"]
     width = min(7, 2 * ((run.samples - 1) // 2) + 1)
-    found = savgol_filter(q, width, 2, deriv=1, delta=run.dt, axis=0)
+    found = np.asarray(savgol_filter(q, width, 2, deriv=1, delta=run.dt, axis=0))
     logged = run.joint.get("qd")
     if logged is None or not np.isfinite(logged).all():
         return found
-    return savgol_filter(logged, min(5, width), 2, axis=0)
+    return np.asarray(savgol_filter(logged, min(5, width), 2, axis=0))
 
 
 def _readings(log: RobotLog, run: LogRun) -> dict[str, np.ndarray]:
