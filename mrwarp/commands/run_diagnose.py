@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from mrwarp.commands.run_fit import Averaged
 from mrwarp.options import option_types as opt
@@ -27,9 +27,11 @@ class Diagnose(Options):
     """Show what the simulation of a measured joint gets wrong, name the cause, extend the model, measure the gain."""
 
     data: opt.Data
-    """recording: a CSV or Parquet file, or a folder of them"""
+    """recording: a CSV or Parquet file, or a folder of them; or a robot's log, a folder with log.json"""
     out: opt.Folder = Path("runs/diagnose")
     """output folder"""
+    robot: Annotated[str | None, opt.one(str, "ROBOT")] = None
+    """of a robot's log: its description, MJCF, URDF or USD (default: the file that log.json names, beside it)"""
     model: opt.OptionalFile = None
     """nominal model.json, against which shifts of calibration count"""
     skip_bad: opt.Flag = False
@@ -48,6 +50,10 @@ class Diagnose(Options):
     def run(self, line: CommandLine) -> int:
         """0 when the report is written, 2 on bad input, 130 after Ctrl-C; then nothing is written."""
         self._check_out()
+        from mrwarp.robot_logs.robot_log import is_robot_log
+
+        if self.robot is not None or is_robot_log(self.data):
+            return self._diagnose_robot(line)
 
         from mrwarp.diagnose.countdown import Countdown
         from mrwarp.diagnose.report.diagnosis_page import render
@@ -67,6 +73,29 @@ class Diagnose(Options):
             written = self._write(diagnosis, line, besides, page, pictures)
         print("\n".join(lines(diagnosis, tables)))
         print(f"\n{', '.join(written)} in {self.out} ({progress.seconds:.0f} s)")
+        return 0
+
+    def _diagnose_robot(self, line: CommandLine) -> int:
+        """The same for a robot's log."""
+        from mrwarp.robot_logs.robot_diagnosis import diagnose_log, robot_of
+        from mrwarp.robot_logs.robot_log import load_log
+        from mrwarp.robot_logs.robot_verdict import lines
+
+        for name, given in (("--model", self.model), ("--predict", self.predict), ("--impact", self.impact or None),
+                            ("--learn", self.learn or None)):  # fmt: skip
+            if given is not None:
+                raise ValueError(f"{name} is for the recording of a joint; {self.data} is a robot's log: leave it out")
+        progress = Stopwatch()
+        try:
+            progress(f"reading {self.data}")
+            log = load_log(self.data)
+            d = diagnose_log(robot_of(log, self.robot), log, progress=progress)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("nothing was written") from None
+        with _undisturbed():
+            d.write(self.out, str(line), seed=self.seed)
+        print("\n".join(lines(d)))
+        print(f"\nresult.json in {self.out} ({progress.seconds:.0f} s)")
         return 0
 
     def _check_out(self) -> None:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
-from mrwarp.robot_logs.causes import ORDINARY, SESSION, Parameter, parameters_of
+from mrwarp.diagnose.result import Error, Value
+from mrwarp.robot_logs.causes import SESSION, Parameter, parameters_of
 from mrwarp.robot_logs.evidence import Evidence, gather
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
+from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, sentence_of
 from mrwarp.robot_logs.selection import Direction, Found, Posterior, healthy, posterior, select
 from mrwarp.robot_logs.unknowable import cannot_know
 from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances
@@ -30,46 +31,18 @@ LEAST_WINDOWS = 8
 """Fewest windows that carry a verdict."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class NamedCause:
-    """A cause at a place, with its numbers."""
+def robot_of(log: RobotLog, robot: str | None) -> Path:
+    """The robot's description: as given, or the file beside the log that the log names.
 
-    name: str
-    where: str
-    parameters: dict[str, dict[str, Any]]
-    """By name: value, ci95, unit."""
-    p_value: float
-    alternatives: tuple[str, ...]
-    gain: float
-    """Share of the squared mismatch that returns without it [1]."""
-    change: dict[int, float]
-    """Change of each of its parameters."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RobotDiagnosis:
-    """A verdict over a robot's log."""
-
-    verdict: str | None
-    sentence: str
-    causes: tuple[NamedCause, ...]
-    suspects: tuple[NamedCause, ...]
-    cannot_know: tuple[str, ...]
-    baseline: dict[str, float | str]
-    extended: dict[str, float | str]
-    gain: dict[str, Any]
-    per_joint: dict[str, dict[str, float]]
-    """RMSE of the angle over windows before and after, by joint [rad]."""
-    session: dict[str, float]
-    """Where each joint settled beside its command in this session [rad]."""
-    notes: tuple[str, ...]
-    parameters: tuple[Parameter, ...]
-    theta: np.ndarray
-    """Changes of the named causes, shape (P,)."""
-    model: ReplayModel
-    log: RobotLog
-    windows: tuple[Windows, ...]
-    seconds: float
+    Raises:
+        LogError: neither is there.
+    """
+    if robot is not None:
+        return Path(robot)
+    beside = log.path / log.robot
+    if not beside.is_file():
+        raise LogError(f"{log.path}: its robot, {log.robot}, does not lie beside it; name the description with --robot")
+    return beside
 
 
 def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] = lambda _: None) -> RobotDiagnosis:
@@ -112,14 +85,13 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     notes = [*getattr(log, "notes", ())]
     if evidence.lost:
         notes.append(f"{evidence.lost} pieces of the log were left out: something else moved the robot there")
-    d = RobotDiagnosis(
+    return RobotDiagnosis(
         verdict=verdict,
         sentence=sentence_of(causes),
         causes=causes,
-        suspects=(),
         cannot_know=cannot_know(evidence, parameters, model, log, now),
-        baseline={"rmse": before, "unit": "of what is left in each channel"},
-        extended={"rmse": after},
+        baseline=Error(rmse=before, nrmse=1.0, unit="healthy error"),
+        extended=Error(rmse=after, nrmse=after / max(before, 1e-12), unit="healthy error"),
         gain=gain,
         per_joint=per_joint,
         session=session,
@@ -131,12 +103,11 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
         windows=tuple(groups),
         seconds=time.perf_counter() - begun,
     )
-    return d
 
 
 def _named(f: Found, found: list[Found], evidence: Evidence, parameters: list[Parameter], now: Posterior) -> NamedCause:
     """A cause with its size: of a single number as the log has it, of a group the change that all share."""
-    values: dict[str, dict[str, Any]] = {}
+    values: dict[str, Value] = {}
     change: dict[int, float] = {}
     first = parameters[f.direction.members[0]]
     others = [x.direction for x in found if x is not f]
@@ -147,9 +118,9 @@ def _named(f: Found, found: list[Found], evidence: Evidence, parameters: list[Pa
         k = f.direction.members[0]
         mean, sd = now.mean[k], float(np.sqrt(now.covariance[k, k]))
     low, high = (first.absolute(mean + s * 1.96 * sd) for s in (-1.0, 1.0))
-    values[first.name] = {"value": first.absolute(mean), "ci95": (low, high), "unit": first.unit}
+    values[first.name] = Value(value=first.absolute(mean), ci95=(low, high), unit=first.unit)
     if first.relative:
-        values["factor"] = {"value": 1.0 + mean, "ci95": (1.0 + mean - 1.96 * sd, 1.0 + mean + 1.96 * sd), "unit": "1"}
+        values["factor"] = Value(value=1.0 + mean, ci95=(1.0 + mean - 1.96 * sd, 1.0 + mean + 1.96 * sd), unit="1")
     for k in f.direction.members:
         change[k] = float(now.mean[k]) if len(f.direction.members) > 1 else float(mean)
     full = _left(evidence, now.mean)
@@ -160,14 +131,14 @@ def _named(f: Found, found: list[Found], evidence: Evidence, parameters: list[Pa
         where=f.direction.where,
         parameters=values,
         p_value=float(2.0 * stats.norm.sf(abs(f.z))),
-        alternatives=tuple(dict.fromkeys(_place(d) for d in f.alternatives)),
+        alternatives=tuple(dict.fromkeys(_place(d, f.direction.where) for d in f.alternatives)),
         gain=float(max(1.0 - full / max(_left(evidence, without), 1e-12), 0.0)),
         change=change,
     )
 
 
-def _place(direction: Direction) -> str:
-    return f"{direction.cause} of {direction.where}" if direction.where != "robot" else direction.cause
+def _place(direction: Direction, here: str) -> str:
+    return direction.cause if direction.where == here else f"{direction.cause} of {direction.where}"
 
 
 def _without_prior(
@@ -239,26 +210,3 @@ def _per_joint(
     return {
         joint: {"baseline": float(both[0][j]), "extended": float(both[1][j])} for j, joint in enumerate(model.joints)
     }
-
-
-def sentence_of(causes: tuple[NamedCause, ...]) -> str:
-    """The verdict in one sentence."""
-    if not causes:
-        return "Nothing is wrong with the simulation that this log could show."
-    return "; ".join(cause_text(cause) for cause in causes) + "."
-
-
-def cause_text(cause: NamedCause) -> str:
-    """A cause with place and size, such as "RL_calf_joint: Coulomb friction +0.61 N·m"."""
-    name, value = next(iter(cause.parameters.items()))
-    place = "" if cause.where == "robot" else f"{cause.where}: "
-    words = cause.name.replace("_", " ").replace("coulomb", "Coulomb").replace("stribeck", "Stribeck friction")
-    unit = "" if value["unit"] == "1" else f" {value['unit']}"
-    if "factor" in cause.parameters:
-        text = f"{place}{words} {cause.parameters['factor']['value']:.2f} times the description's"
-    else:
-        text = f"{place}{words} {value['value']:+.3g}{unit}" + (f" ({name})" if name in "xyzrollpitch" else "")
-    return text + (f" (or {', '.join(cause.alternatives)})" if cause.alternatives else "")
-
-
-__all__ = ["ORDINARY", "RobotDiagnosis", "diagnose_log"]

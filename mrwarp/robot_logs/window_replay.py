@@ -182,7 +182,9 @@ class Replay:
         size = motion / STRIBECK_SPEED
         torque = -stribeck[:, None] * np.exp(-(size**2)) * np.tanh(8.0 * size)
         for e, j in zip(*np.nonzero(lag), strict=True):
-            torque[e, :, j] += kd[e, j] * (motion[e, :, j] - _lagged(motion[e, :, j], float(lag[e, j]) / self.windows.h))
+            torque[e, :, j] += kd[e, j] * (
+                motion[e, :, j] - _lagged(motion[e, :, j], float(lag[e, j]) / self.windows.h)
+            )
         return torque
 
     def _begin(self, w: np.ndarray, start: np.ndarray, offset: np.ndarray, slope: np.ndarray, ids: np.ndarray) -> None:
