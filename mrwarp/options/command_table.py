@@ -59,6 +59,10 @@ ROBOT = {
     "fit-device": Command("run_robot:FitDevice", "put MR devices onto joints, or take them off"),
 }
 
+LOG = {
+    "record": Command("run_log:RecordLog", "record logs of a virtual robot with known hidden effects"),
+}
+
 COMMANDS: dict[str, Command | Group] = {
     "train": Command("run_train:Train", "train a walking policy until the walking gate is met"),
     "play": Command("run_play:Play", "run a policy and show it in rerun, or save an .rrd or a picture"),
@@ -73,6 +77,7 @@ COMMANDS: dict[str, Command | Group] = {
     "diagnose": Command(
         "run_diagnose:Diagnose", "what the simulation gets wrong, why, and what it gains to put that right"
     ),
+    "log": Group("logs of whole robots, for 'mrwarp diagnose'", LOG),
     "learn": Command("run_fit:Learn", "train and evaluate the learned torque models"),
     "reproduce": Command(
         "run_reproduce:Reproduce", "the paper's figures and tables, ours beside theirs", {("fig4", "--train"): FIGURE_4}

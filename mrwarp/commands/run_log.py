@@ -1,0 +1,133 @@
+"""``mrwarp log``: logs of a virtual robot with a known truth."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from mrwarp.options import option_types as opt
+from mrwarp.options.command_line import CommandLine, Options
+from mrwarp.run_dir import claim, write_result
+from mrwarp.runtime import ProgressLine, text_table
+
+if TYPE_CHECKING:
+    from mrwarp.robot_logs.virtual.record_log import LogCfg
+
+MOTIONS = ("walk", "stand", "squat", "lean", "hop", "chirp", "slow", "steps")
+"""Motions by name, see ``mrwarp.robot_logs.virtual.motions``."""
+
+
+def named_motion(text: str) -> tuple[str, float]:
+    """A motion and its length, such as ``walk=20``."""
+    name, seconds = opt.assignment(text) if "=" in text else (text, 20.0)
+    if name not in MOTIONS:
+        raise ValueError(f"there is no motion {name!r}; there are {', '.join(MOTIONS)}")
+    if not 1.0 <= seconds <= 3600.0:
+        raise ValueError(f"{text}: {seconds:g} s; allowed: 1 to 3600 s")
+    return name, seconds
+
+
+def row_rate(text: str) -> int:
+    """Rows per second."""
+    value = opt.count(text)
+    if value % 50 or not 100 <= value <= 1000:
+        raise ValueError(f"{text} is not a multiple of 50 from 100 to 1000 Hz")
+    return value
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordLog(Options):
+    """Record logs of a virtual robot: plain MuJoCo at 0.5 ms, joints that give, noisy sensors, hidden effects.
+
+    Writes DIR/log.json, a file per motion, and DIR/truth.json with what was hidden; 'mrwarp diagnose' never reads that.
+    Motions on the ground (walk, stand, squat, lean, hop) and in the air (chirp, slow, steps) make two logs.
+    """
+
+    out: opt.Folder = Path("runs/log")
+    """output folder"""
+    robot: opt.Text = "mr_go"
+    """mr_go, go1, a USD file of 'mrwarp robot import', or the MJCF or URDF of an arm"""
+    policy: opt.OptionalFile = None
+    """walking policy (default: the shipped one for mr_go and go1)"""
+    motion: Annotated[tuple[tuple[str, float], ...], opt.some(named_motion, "NAME=SECONDS")] = ()
+    """what the robot does (default: stand=10 squat=15 walk=35; an arm: chirp=30 slow=20 steps=10)"""
+    hide: Annotated[tuple[str, ...], opt.some(str, "CAUSE=PLACE:SIZE")] = ()
+    """hidden effects, such as coil_dead=RL trunk_mass=0.8 coulomb_friction=FR_calf:0.6; see --list"""
+    list: opt.Flag = False
+    """print all effects that can be hidden, and end"""
+    rate: Annotated[int, opt.one(row_rate, "HZ")] = 200
+    """rows per second"""
+    current: Annotated[float, opt.one(opt.coil_current, "A")] = 1.5
+    """current that the devices may use"""
+    speed: Annotated[tuple[float, ...], opt.some(opt.forward_speed, "V")] = (0.2, 0.6)
+    """least and largest commanded forward speed [m/s]"""
+    tau: Literal["estimate", "measured", "command", "none"] = "estimate"
+    """what the torque columns are"""
+    noise: Annotated[float, opt.one(opt.within(0.0, 10.0, ""), "X")] = 1.0
+    """factor on noise, jitter, stale and lost rows"""
+    session_offset: Annotated[float, opt.one(opt.within(0.0, 0.1, "rad"), "RAD")] = 0.004
+    """largest offset of a joint in this session"""
+    leave_out: Annotated[tuple[str, ...], opt.some(str, "CHANNEL")] = ()
+    """channels that the log shall not have, such as current foot acc"""
+    motion_capture: opt.Flag = False
+    """log the trunk's position and velocity too"""
+    seed: opt.Seed = 0
+    """seed of noise, offsets and motions"""
+    format: Literal["csv", "parquet"] = "csv"
+    """file type"""
+    overwrite: opt.Flag = False
+    """replace a log that is there"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 when the log is written, 2 on bad input, 130 when stopped by Ctrl-C."""
+        from mrwarp.robot_logs.robot_log import LOG_FILE
+        from mrwarp.robot_logs.virtual.hidden_effects import listing
+        from mrwarp.robot_logs.virtual.record_log import TRUTH_FILE, FallError, record
+
+        if self.list:
+            print("\n".join(text_table(("effect", "unit", "what it is"), listing(), left=3)))
+            return 0
+        there = self.out / LOG_FILE
+        if there.exists() and not self.overwrite:
+            raise ValueError(f"{there} is there already; choose another --out or add --overwrite")
+        shown = ProgressLine(sys.stderr)
+        try:
+            with claim(self.out):
+                figures = record(self._cfg(), self.out, shown)
+                write_result(self.out, figures, seed=self.seed, command=str(line))
+        except FallError as error:
+            print(f"{line.prog}: {error}", file=sys.stderr)
+            return 1
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("nothing was written") from None
+        finally:
+            shown.done()
+        print(f"{figures['seconds']:.0f} s, {figures['rows']} rows: {', '.join(figures['recordings'])} in {self.out}")
+        print(f"what was hidden stands in {self.out / TRUTH_FILE}; look for it with:")
+        print(f"  mrwarp diagnose {self.out} --robot {self.robot} --out {self.out}-diagnosis")
+        return 0
+
+    def _cfg(self) -> LogCfg:
+        """What the options ask for, with the defaults that depend on the robot."""
+        from mrwarp.resources import DEFAULT_POLICY
+        from mrwarp.robot_logs.virtual.record_log import LogCfg
+
+        legged = self.robot in ("mr_go", "go1") or Path(self.robot).suffix in (".usda", ".usdc", ".usd")
+        policy = self.policy or (DEFAULT_POLICY if self.robot in ("mr_go", "go1") else None)
+        walk = (("walk", 35.0),) if policy else (("lean", 35.0),)
+        motions = self.motion or ((("stand", 10.0), ("squat", 15.0), *walk) if legged else ARM)
+        if len(self.speed) > 2:
+            raise ValueError(
+                f"--speed {' '.join(f'{v:g}' for v in self.speed)}: give one speed, or the least and the largest"
+            )
+        return LogCfg(
+            **self.chosen("robot", "hide", "rate", "current", "tau", "noise", "leave_out", "motion_capture", "seed"),
+            policy=policy, motions=motions, session=self.session_offset, kind=self.format,
+            speeds=(min(self.speed), max(self.speed)),
+        )  # fmt: skip
+
+
+ARM = (("chirp", 30.0), ("slow", 20.0), ("steps", 10.0))
+"""Motions of an arm."""

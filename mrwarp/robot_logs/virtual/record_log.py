@@ -1,0 +1,279 @@
+"""Record logs of a virtual robot: one file per motion, ``log.json`` as the contract has it, the truth beside it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from mrwarp.rl.policy import OnnxPolicy
+from mrwarp.robot_logs.robot_log import BASE_CHANNELS, LOG_FILE, TauIs
+from mrwarp.robot_logs.virtual.hidden_effects import Hidden, parse_all
+from mrwarp.robot_logs.virtual.log_sensors import Clean, sense
+from mrwarp.robot_logs.virtual.motions import AIR, WITH_DEVICES, Drives, Readings, make_motion
+from mrwarp.robot_logs.virtual.true_robot import STEP, Description, TrueRobot, describe
+from mrwarp.run_dir import atomic_write, write_text
+
+TRUTH_FILE = "truth.json"
+"""What was hidden; no command but a benchmark reads it."""
+
+SETTLE = 1.0
+"""Time on the ground before a recording begins [s]."""
+
+FALLEN = 0.5
+"""A robot has fallen when its trunk is lower than this share of its stance, or leans further than 1 rad."""
+
+TRIES = 4
+"""Times that a motion in which the robot fell is begun anew."""
+
+FRAME = ("quat", "gyro", "acc")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogCfg:
+    """What is recorded."""
+
+    robot: str = "mr_go"
+    motions: tuple[tuple[str, float], ...] = (("stand", 10.0), ("squat", 15.0), ("walk", 35.0))
+    """Names and lengths [s]."""
+    hide: tuple[str, ...] = ()
+    """Effects, see :func:`mrwarp.robot_logs.virtual.hidden_effects.parse_hidden`."""
+    policy: Path | None = None
+    rate: int = 200
+    """Rows per second: a multiple of 50."""
+    current: float = 1.5
+    """Current that the devices may use [A]."""
+    speeds: tuple[float, float] = (0.2, 0.6)
+    """Commanded forward speeds [m/s]."""
+    tau: TauIs = "estimate"
+    noise: float = 1.0
+    session: float = 0.004
+    """Largest offset of a joint in this session [rad]."""
+    leave_out: tuple[str, ...] = ()
+    """Channels that the log does not have."""
+    motion_capture: bool = False
+    seed: int = 0
+    kind: Literal["csv", "parquet"] = "csv"
+
+    @property
+    def base(self) -> Literal["free", "fixed"]:
+        """Whether the trunk floats."""
+        return "fixed" if all(name in AIR for name, _ in self.motions) else "free"
+
+
+class FallError(RuntimeError):
+    """The robot falls whenever it is asked to move so."""
+
+
+def record(cfg: LogCfg, out: Path, progress: Callable[[str, float], None] = lambda *_: None) -> dict[str, Any]:
+    """Record a log into a folder; returns the figures.
+
+    Raises:
+        LogError: the robot cannot be read.
+        ValueError: an effect or a motion is not of this robot.
+        FallError: it falls again and again.
+    """
+    description = describe(cfg.robot)
+    hidden = parse_all(cfg.hide, description.places)
+    policy = _policy(cfg, description)
+    rng = np.random.default_rng([cfg.seed, 28])
+    robot = TrueRobot(description, hidden, fixed=cfg.base == "fixed", rng=rng, session=cfg.session)
+    runs: list[tuple[str, np.ndarray, dict[str, np.ndarray]]] = []
+    total, before = sum(seconds for _, seconds in cfg.motions), 0.0
+    shifts = {h.where: h.value for h in hidden if h.cause == "clock_shift"}
+    for k, (name, seconds) in enumerate(cfg.motions):
+        for attempt in range(TRIES):
+            draws = np.random.default_rng([cfg.seed, k, attempt])
+            clean = _run(robot, cfg, name, seconds, policy, draws, lambda s: progress(name, (before + s) / total))  # noqa: B023
+            if clean is not None:
+                break
+        else:
+            raise FallError(
+                f"{cfg.robot}: it falls in each of {TRIES} tries of {name}; hide less or choose another --policy"
+            )
+        before += seconds
+        runs.append((f"{k + 1:02d}_{name}", *sense(clean, shifts, cfg.noise, draws)))
+    return _write(cfg, description, robot, hidden, runs, out)
+
+
+def _policy(cfg: LogCfg, d: Description) -> OnnxPolicy | None:
+    names = [name for name, _ in cfg.motions]
+    grounded = [name for name in names if name not in AIR]
+    if grounded and d.layout is None:
+        raise ValueError(f"--motion {grounded[0]}: {d.path} stands on no feet; its motions are {', '.join(AIR)}")
+    if grounded and len(grounded) < len(names):
+        air = next(name for name in names if name in AIR)
+        raise ValueError(
+            f"--motion {grounded[0]} {air}: one needs the ground, the other a trunk held in the air; record two logs"
+        )
+    if "walk" not in names:
+        return None
+    if cfg.policy is None:
+        raise ValueError("--motion walk: which policy? add --policy FILE.onnx")
+    policy = OnnxPolicy(cfg.policy)
+    if policy.joints != len(d.joints):
+        raise ValueError(
+            f"{cfg.policy}: made for {policy.joints} joints, {cfg.robot} has {len(d.joints)}; train one for it"
+        )
+    return policy
+
+
+def _run(
+    robot: TrueRobot, cfg: LogCfg, name: str, seconds: float, policy: OnnxPolicy | None, rng: np.random.Generator,
+    progress: Callable[[float], None],
+) -> Clean | None:  # fmt: skip
+    """One motion, or None if the robot fell; the recording begins when it has settled."""
+    d, dt = robot.description, 1.0 / cfg.rate
+    robot.reset()
+    motion, drives = (
+        make_motion(name, d, rng, seconds, policy, cfg.speeds),
+        Drives(d, cfg.current if name in WITH_DEVICES else 0.0),
+    )
+    settle = 0 if robot.fixed else round(SETTLE / dt)
+    count = round(seconds / dt)
+    height = float(robot.data.qpos[2]) if not robot.fixed else 0.0
+    rows: dict[str, list[np.ndarray]] = {}
+    for k in range(-settle, count):
+        seen = _readings(robot, max(k, 0) * dt, cfg.noise, rng)
+        q_des = motion(seen) if k >= 0 else d.neutral
+        command = drives(q_des, seen)
+        if k >= 0:
+            values = _row(robot, seen) | {
+                "q_des": q_des,
+                "kp": command.kp,
+                "kd": command.kd,
+                "current_cmd": command.coil,
+            }
+            for column, value in values.items():
+                rows.setdefault(column, []).append(value.copy())
+        robot.send(command)
+        robot.advance(dt)
+        if not robot.fixed and (robot.data.qpos[2] < FALLEN * height or seen.gravity[2] > -0.54):
+            return None
+        if k % cfg.rate == 0:
+            progress(max(k, 0) * dt)
+    return Clean(t=np.arange(count) * dt, columns={column: np.array(values) for column, values in rows.items()})
+
+
+def _readings(robot: TrueRobot, t: float, noise: float, rng: np.random.Generator) -> Readings:
+    """What the controller sees; it has noise of its own, as the log's is drawn later."""
+    gyro, gravity = np.zeros(3), np.array([0.0, 0.0, -1.0])
+    tilt = _tilt(robot)
+    if not robot.fixed:
+        turn = np.zeros(9)
+        mujoco.mju_quat2Mat(turn, robot.data.qpos[3:7])
+        gravity = tilt.T @ -turn.reshape(3, 3)[2]
+        gyro = tilt.T @ robot.data.qvel[3:6] + _values(robot, "gyro_bias", 3)
+    joints = len(robot.description.joints)
+    return Readings(
+        t=t, q=robot.q + noise * 8e-5 * rng.standard_normal(joints),
+        qd=robot.speed + noise * 0.015 * rng.standard_normal(joints),
+        gyro=gyro + noise * 0.004 * rng.standard_normal(3), gravity=gravity, forces=robot.foot_forces(),
+    )  # fmt: skip
+
+
+def _values(robot: TrueRobot, cause: str, count: int) -> np.ndarray:
+    return np.array(robot.hidden[cause][0].values) if cause in robot.hidden else np.zeros(count)
+
+
+def _tilt(robot: TrueRobot) -> np.ndarray:
+    """Axes of the inertial sensor in the trunk's frame, shape (3, 3)."""
+    roll, pitch = _values(robot, "imu_tilt", 2)
+    matrix, quat = np.zeros(9), np.zeros(4)
+    mujoco.mju_euler2Quat(quat, np.array([roll, pitch, 0.0]), "xyz")
+    mujoco.mju_quat2Mat(matrix, quat)
+    return matrix.reshape(3, 3)
+
+
+def _row(robot: TrueRobot, seen: Readings) -> dict[str, np.ndarray]:
+    """One row without noise."""
+    found = {"q": robot.q, "qd": robot.speed, "tau": robot.torque, "current": robot.coil}
+    if robot.fixed:
+        return found
+    data, tilt, turn = robot.data, _tilt(robot), np.zeros(9)
+    mujoco.mju_quat2Mat(turn, data.qpos[3:7])
+    world = turn.reshape(3, 3) @ tilt
+    quat = np.zeros(4)
+    mujoco.mju_mat2Quat(quat, world.ravel())
+    acceleration = world.T @ (data.qacc[:3] - robot.model.opt.gravity)
+    gyro = tilt.T @ data.qvel[3:6] + _values(robot, "gyro_bias", 3)
+    return found | {
+        "quat": quat, "gyro": gyro, "acc": acceleration, "pos": data.qpos[:3], "vel": data.qvel[:3],
+        "foot": seen.forces,
+    }  # fmt: skip
+
+
+def _write(
+    cfg: LogCfg, d: Description, robot: TrueRobot, hidden: Sequence[Hidden],
+    runs: list[tuple[str, np.ndarray, dict[str, np.ndarray]]], out: Path,
+) -> dict[str, Any]:  # fmt: skip
+    """Write recordings, ``log.json`` last but one and the truth; returns the figures."""
+    devices = [d.joints[x.joint] for x in d.devices]
+    legs = [leg.name for leg in d.layout.legs] if d.layout else []
+    left_out = set(cfg.leave_out) | ({"tau"} if cfg.tau == "none" else set())
+    left_out |= set() if cfg.motion_capture else {"pos", "vel"}
+    left_out |= set() if d.devices else {"kp", "current", "current_cmd"}
+    left_out |= {"kd"}  # never varies
+    for name, t, channels in runs:
+        columns = {"t": t}
+        for channel, values in channels.items():
+            if channel in left_out:
+                continue
+            if channel == "tau" and cfg.tau == "command":
+                values = channels["kp"] * (channels["q_des"] - channels["q"]) - channels["kd"] * channels["qd"]
+            axes = BASE_CHANNELS.get(channel) or {"foot": legs, "current": devices, "current_cmd": devices}.get(
+                channel, d.joints
+            )
+            columns |= {f"{channel}.{axis}": values[:, k] for k, axis in enumerate(axes)}
+        columns |= _slow(t, [] if {"temperature"} & left_out else d.joints, channels)
+        if "battery" not in left_out:
+            columns["battery"] = np.round(29.4 - 0.004 * t, 2)
+        _save(out, name, columns, cfg.kind)
+    header = {
+        "robot": cfg.robot, "base": cfg.base, "joints": list(d.joints), "kp": _by(d.joints, d.kp),
+        "kd": _by(d.joints, d.kd), "tau_is": cfg.tau, "source": "mrwarp log record", "units": {},
+    }  # fmt: skip
+    write_text(out / LOG_FILE, json.dumps(header, indent=1, ensure_ascii=False) + "\n")
+    truth = {
+        "hidden": [h.to_dict() for h in hidden],
+        "session": {"encoder": _by(d.joints, robot.encoder_zero), "drive": _by(d.joints, robot.drive_zero)},
+        "engine": {"step": STEP, "cone": "elliptic", "integrator": "implicit"},
+        "seed": cfg.seed,
+    }
+    write_text(out / TRUTH_FILE, json.dumps(truth, indent=1, ensure_ascii=False) + "\n")
+    seconds = float(sum(t[-1] for _, t, _ in runs))
+    return {
+        "recordings": [name for name, _, _ in runs],
+        "seconds": seconds,
+        "rows": int(sum(len(t) for _, t, _ in runs)),
+    }
+
+
+def _by(names: Sequence[str], values: np.ndarray) -> dict[str, float]:
+    return {name: float(f"{value:.6g}") for name, value in zip(names, values, strict=True)}
+
+
+def _slow(t: np.ndarray, joints: Sequence[str], channels: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Temperature of each motor: warmed by its torque, in steps of a degree [°C]."""
+    heat = np.cumsum(channels["tau"] ** 2, axis=0) * (t[-1] / max(len(t) - 1, 1)) * 5e-4
+    return {f"temperature.{joint}": np.round(30.0 + heat[:, k]) for k, joint in enumerate(joints)}
+
+
+def _save(out: Path, name: str, columns: dict[str, np.ndarray], kind: str) -> None:
+    rounded = {column: np.round(values, 7) for column, values in columns.items()}
+    table = pa.table(rounded)
+    path = out / f"{name}{'.parquet' if kind == 'parquet' else '.csv.gz'}"
+    with atomic_write(path) as partial:
+        if kind == "parquet":
+            pyarrow.parquet.write_table(table, partial)
+        else:
+            with pa.CompressedOutputStream(str(partial), "gzip") as stream:
+                pyarrow.csv.write_csv(table, stream)

@@ -1,0 +1,135 @@
+"""Logs of the virtual robot: what they hold, what was hidden, refusals."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrwarp.cli import main
+from mrwarp.resources import DEFAULT_POLICY
+from mrwarp.robot_logs.robot_log import load_log
+from mrwarp.robot_logs.virtual.hidden_effects import EFFECTS, Places, parse_all, parse_hidden
+from mrwarp.robot_logs.virtual.record_log import LogCfg, record
+
+PLACES = Places(
+    joint=("FL_hip", "FL_calf", "RL_calf"), device=("FL_calf", "RL_calf"), body=("FL_shank",), trunk="base",
+    legs={"FL": ("FL_hip", "FL_calf"), "RL": ("RL_calf",)},
+)  # fmt: skip
+
+
+def test_hidden_effects_are_read_with_place_and_size() -> None:
+    """A leg stands for its joints, a size for the first number of several."""
+    assert [(h.where, h.values) for h in parse_hidden("coulomb_friction=FL:0.6", PLACES)] == [
+        ("FL_hip", (0.6,)),
+        ("FL_calf", (0.6,)),
+    ]
+    assert [h.where for h in parse_hidden("coil_dead=RL", PLACES)] == ["RL_calf"]
+    assert [h.where for h in parse_hidden("encoder_offset=*_calf:0.02", PLACES)] == ["FL_calf", "RL_calf"]
+    (com,) = parse_hidden("trunk_com=-0.03", PLACES)
+    assert (com.where, com.values) == ("base", (-0.03, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("coil_daed=RL", "there is no effect 'coil_daed'"),
+        ("coulomb_friction=0.6", "where? write coulomb_friction=PLACE:SIZE; places: FL_hip"),
+        ("coulomb_friction=XX:0.6", "there is no place 'XX' for it; places: FL_hip, FL_calf, RL_calf"),
+        ("trunk_mass=heavy", "write trunk_mass=SIZE"),
+        ("trunk_mass=90", "90 kg; allowed: -5 to 20 kg"),
+        ("coil_dead=RL:3", "it has no size; write coil_dead=PLACE"),
+    ],
+)
+def test_what_cannot_be_hidden_is_refused(text: str, said: str) -> None:
+    """In one line with the remedy."""
+    with pytest.raises(ValueError, match="--hide") as refused:
+        parse_hidden(text, PLACES)
+    assert said in str(refused.value)
+
+
+def test_one_effect_twice_at_a_place_is_refused() -> None:
+    """The second would be lost."""
+    with pytest.raises(ValueError, match="FL_hip is named twice"):
+        parse_all(["kp=FL:0.9", "kp=FL_hip:0.8"], PLACES)
+
+
+@pytest.fixture(scope="module")
+def air(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three seconds of MR_Go in the air with friction, an offset and a delay."""
+    out = tmp_path_factory.mktemp("air")
+    hide = ("coulomb_friction=FR_calf:1.5", "encoder_offset=RL_hip:0.2", "motor_strength=RR_thigh:0.5")
+    record(LogCfg(motions=(("chirp", 3.0),), hide=hide, seed=1), out)
+    return out
+
+
+def test_a_log_has_the_contract_s_form(air: Path) -> None:
+    """Columns of joints without a base, rising stamps about 5 ms apart, gains in log.json."""
+    log = load_log(air)
+    (run,) = log.runs
+    assert log.base == "fixed" and log.tau_is == "estimate" and not run.base
+    assert {"q", "qd", "q_des", "tau", "current", "current_cmd", "temperature"} <= set(run.joint)
+    assert np.all(np.diff(run.t) > 0.0) and run.dt == pytest.approx(0.005, rel=0.02)
+    assert log.kp.min() > 0.0 and len(log.joints) == 12
+    header = json.loads((air / "log.json").read_text())
+    assert "hidden" not in json.dumps(header) and "friction" not in json.dumps(header)
+
+
+def test_the_truth_stands_beside_the_log(air: Path) -> None:
+    """Causes with place and size."""
+    hidden = json.loads((air / "truth.json").read_text())["hidden"]
+    assert [(h["cause"], h["where"], h["values"]["size"]) for h in hidden] == [
+        ("coulomb_friction", "FR_calf", 1.5), ("encoder_offset", "RL_hip", 0.2), ("motor_strength", "RR_thigh", 0.5),
+    ]  # fmt: skip
+
+
+def test_hidden_effects_act(air: Path) -> None:
+    """A joint with friction, beside its mirror image, rests more often; a weak motor gives half of what it is asked."""
+    log = load_log(air)
+    (run,) = log.runs
+    at = {name: k for k, name in enumerate(log.joints)}
+    still = np.abs(run.joint["qd"]) < 0.02
+    assert still[:, at["FR_calf"]].mean() > 2.0 * still[:, at["FL_calf"]].mean()
+    asked = log.kp * (run.joint["q_des"] - run.joint["q"]) - log.kd * run.joint["qd"]
+    slope = [np.polyfit(asked[:-1, at[j]], run.joint["tau"][1:, at[j]], 1)[0] for j in ("RL_thigh", "RR_thigh")]
+    assert slope[1] / slope[0] == pytest.approx(0.5, abs=0.06)
+
+
+def test_a_dead_coil_draws_no_current_while_it_walks(tmp_path: Path) -> None:
+    """The others do; the robot moves forward, its feet carry its weight."""
+    cfg = LogCfg(motions=(("walk", 3.0),), hide=("coil_dead=RL",), policy=DEFAULT_POLICY, motion_capture=True)
+    record(cfg, tmp_path)
+    (run,) = load_log(tmp_path).runs
+    top = {name: float(np.nanmax(run.joint["current"][:, k])) for k, name in enumerate(load_log(tmp_path).joints)}
+    assert top["RL_calf"] < 0.05 and min(top[j] for j in ("FL_calf", "FR_calf", "RR_calf")) > 1.0
+    assert run.base["pos"][-1, 0] - run.base["pos"][0, 0] > 0.3
+    assert sum(x.mean() for x in run.feet.values()) == pytest.approx(12.6 * 9.81, rel=0.1)
+
+
+def test_every_effect_of_the_listing_can_be_asked_for() -> None:
+    """By its own form."""
+    for name, effect in EFFECTS.items():
+        place = {"joint": "FL_hip", "device": "FL_calf", "body": "FL_shank", "foot": "FL", "channel": "imu"}
+        size = f"{0.5 * (effect.low + effect.high):g}" if effect.low < effect.high else ""
+        text = f"{name}={':'.join(x for x in (place.get(effect.kind, ''), size) if x)}"
+        assert parse_hidden(text, PLACES)[0].cause == name
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--motion", "walk=5", "chirp=5"], "record two logs"),
+        (["--motion", "run=5"], "there is no motion 'run'"),
+        (["--robot", "no.xml"], "no.xml: no such robot"),
+        (["--hide", "coil_daed=RL"], "there is no effect"),
+    ],
+)
+def test_the_command_refuses_in_one_line(
+    words: list[str], said: str, tmp_path: Path, capfd: pytest.CaptureFixture
+) -> None:
+    """Exit code 2, and nothing is written."""
+    assert main(["log", "record", "--out", str(tmp_path / "log"), *words]) == 2
+    err = capfd.readouterr().err
+    assert said in err and "Traceback" not in err and not (tmp_path / "log").exists()
