@@ -88,7 +88,7 @@ class Diagnose(Options):
         progress = Stopwatch()
         try:
             progress(f"reading {self.data}")
-            log = load_log(self.data)
+            log = load_log(self.data, skip_bad=self.skip_bad)
             d = diagnose_log(robot_of(log, self.robot), log, progress=progress)
         except KeyboardInterrupt:
             raise KeyboardInterrupt("nothing was written") from None

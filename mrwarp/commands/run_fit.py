@@ -27,7 +27,7 @@ class Check(Options):
 
     engines = False
     data: opt.Data
-    """CSV or Parquet file, or a folder of them"""
+    """CSV or Parquet file, or a folder of them; or a robot's log, a folder with log.json"""
     skip_bad: opt.Flag = False
     """leave out files of a folder that cannot be used, by name"""
 
@@ -35,7 +35,12 @@ class Check(Options):
         """0 when it is good to use; a RecordingError says what is wrong with it."""
         from mrwarp.recording.description import describe, notes
         from mrwarp.recording.load import find_holding, load_holding, load_recording
+        from mrwarp.robot_logs import robot_log
 
+        if robot_log.is_robot_log(self.data):
+            log = robot_log.load_log(self.data, skip_bad=self.skip_bad)
+            print("\n".join([*robot_log.describe(log), *(f"note: {note}" for note in log.notes)]))
+            return 0
         recording, beside = load_recording(self.data, skip_bad=self.skip_bad), find_holding(self.data)
         lines = describe(recording)
         if beside:
