@@ -98,7 +98,7 @@ def test_units_are_converted(tmp_path: Path) -> None:
     np.testing.assert_allclose(run.t, load.t, atol=1e-6)
 
 
-def _set(name: str, row: int, value: float) -> Callable[[dict, Columns], None]:
+def _set(name: str, row: int, value: float) -> Callable[[dict, Columns], Any]:
     def change(_: dict, columns: Columns) -> None:
         columns[name] = columns[name].copy()
         columns[name][row] = value
@@ -106,17 +106,17 @@ def _set(name: str, row: int, value: float) -> Callable[[dict, Columns], None]:
     return change
 
 
-def _drop(*names: str) -> Callable[[dict, Columns], None]:
+def _drop(*names: str) -> Callable[[dict, Columns], Any]:
     return lambda _, columns: [
         columns.pop(name) for name in list(columns) if name.split(".")[0] in names or name in names
     ]
 
 
-def _scale(name: str, by: float) -> Callable[[dict, Columns], None]:
+def _scale(name: str, by: float) -> Callable[[dict, Columns], Any]:
     return lambda _, columns: columns.update({k: by * v for k, v in columns.items() if k.startswith(name)})
 
 
-def _header(**entries: Any) -> Callable[[dict, Columns], None]:
+def _header(**entries: Any) -> Callable[[dict, Columns], Any]:
     return lambda header, _: header.update(entries)
 
 
@@ -153,7 +153,7 @@ BAD: dict[str, tuple[Callable[[dict, Columns], Any], str]] = {
     "an unknown base": (_header(base="float"), "base = 'float' .. \"free\" .. \"fixed\""),
     "an unknown meaning of tau": (_header(tau_is="motor"), "tau_is = 'motor' .. allowed: command, estimate"),
     "an unknown unit": (_header(units={"q": "turns"}), "units: q in 'turns' .. allowed: rad, deg"),
-    "an unknown channel's unit": (_header(units={"torque": "N·m"}), "units: no channel 'torque' .. channels: t, q"),
+    "an unknown channel's unit": (_header(units={"torque": "N·m"}), "no channel 'torque' .. channels: t, q"),
     "an orientation that is none": (_scale("quat.", 3.0), "'quat.w' .. length of 3 .. unit quaternion"),
     "half an orientation": (_drop("quat.z"), "quat.z is missing .. leave quat out"),
     "acceleration in g": (_scale("acc.", 0.11547), "'acc.z' .. is it in g? .. {\"acc\": \"g\"}"),
