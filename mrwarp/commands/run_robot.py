@@ -44,8 +44,9 @@ class Import(Options):
 
     def run(self, line: CommandLine) -> int:
         """0 done, 2 on bad input."""
-        from mrwarp.robots.foreign import RobotFileError, read_robot
+        from mrwarp.robots.foreign import RobotFileError, prim_pattern
         from mrwarp.robots.legs import Choices, understand
+        from mrwarp.robots.read_robot import read_robot
         from mrwarp.robots.robot_table import layout_lines
         from mrwarp.robots.write_robot import write_checked
         from mrwarp.usd.asset import ROBOT_SUFFIXES
@@ -56,14 +57,18 @@ class Import(Options):
             raise ValueError(f"{self.out} is there already; choose another --out or add --overwrite")
         if not self.out.parent.is_dir():
             raise ValueError(f"--out {self.out}: no such folder; make it first")
+
+        def by_name(pairs: tuple[tuple[str, float], ...]) -> dict[str, float]:
+            return {prim_pattern(name): value for name, value in pairs}
+
         choices = Choices(
-            pose=dict(self.pose),
-            kp=dict(self.kp),
-            kd=dict(self.kd),
-            torque_limit=dict(self.torque_limit),
+            pose=by_name(self.pose),
+            kp=by_name(self.kp),
+            kd=by_name(self.kd),
+            torque_limit=by_name(self.torque_limit),
             gait=self.gait or "",
-            unlimited=self.unlimited,
-            feet=self.feet,
+            unlimited=tuple(map(prim_pattern, self.unlimited)),
+            feet=tuple(map(prim_pattern, self.feet)),
         )
         robot = read_robot(self.file)
         if not robot.floating:

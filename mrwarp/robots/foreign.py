@@ -1,24 +1,21 @@
-"""A robot's file (MJCF, URDF, USD), read by Newton's importers, as bodies, joints and shapes."""
+"""A robot of others as bodies, joints and shapes; URDF and USD as Newton's importers read them."""
 
 from __future__ import annotations
 
 import math
-import re
 import warnings
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import newton
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from mrwarp.run_dir import no_file, one_line
+from mrwarp.run_dir import one_line
 from mrwarp.runtime import silent
-
-SUFFIXES = {".xml": "MJCF", ".urdf": "URDF", ".usd": "USD", ".usda": "USD", ".usdc": "USD"}
-"""What a file holds, by how its name ends."""
 
 FREE_LIMIT = 20.0 * math.pi
 """A joint whose limits are further apart counts as one without limits [rad]."""
@@ -31,6 +28,18 @@ SHAPES = {
     newton.GeoType.MESH: "mesh",
 }
 """Kinds of shapes that are taken over."""
+
+KINDS = {
+    newton.JointType.REVOLUTE: "hinge",
+    newton.JointType.PRISMATIC: "slide",
+    newton.JointType.BALL: "ball",
+    newton.JointType.FREE: "free",
+}
+"""Kinds of joints by the field's words; others keep Newton's."""
+
+
+SCOPES = ("joints", "actuators", "legs", "materials")
+"""Names in the written file that no body may have."""
 
 
 class RobotFileError(ValueError):
@@ -52,13 +61,15 @@ class Body:
 
 @dataclass(kw_only=True)
 class Joint:
-    """A hinge between two bodies."""
+    """What lies between two bodies."""
 
     name: str
+    kind: str = "hinge"
+    """``hinge``; others are read so that they can be named: ``slide``, ``ball`` and further ones."""
     parent: int
     child: int
     in_parent: RigidTransform
-    """Joint frame in the parent's; the hinge turns about ``axis`` of it."""
+    """Joint frame in the parent's; the hinge turns about ``axis`` of it, a slide moves along it."""
     in_child: RigidTransform
     """Joint frame in the child's."""
     axis: np.ndarray
@@ -96,6 +107,16 @@ class Shape:
     """Triangles of a mesh, shape (F, 3)."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Coupling:
+    """What ties bodies or joints together beside the tree."""
+
+    text: str
+    """Kind and names."""
+    joints: tuple[str, ...] = ()
+    """Joints that it ties; without them it ties nothing."""
+
+
 @dataclass(kw_only=True)
 class ForeignRobot:
     """What a file says."""
@@ -108,6 +129,8 @@ class ForeignRobot:
     root: int
     """The body that floats, or that stands on the ground."""
     floating: bool
+    couplings: list[Coupling] = field(default_factory=list)
+    """What makes it more than a tree."""
     notes: list[str] = field(default_factory=list)
     """What was left out."""
 
@@ -115,90 +138,154 @@ class ForeignRobot:
         """Every body in the frame of the root, at joint angles [rad]; a joint that is not named is at 0."""
         found: dict[int, RigidTransform] = {self.root: RigidTransform.identity()}
         for joint in self.joints:  # parents come first
-            turn = RigidTransform.from_rotation(Rotation.from_rotvec(joint.axis * q.get(joint.name, 0.0)))
+            moved = joint.axis * q.get(joint.name, 0.0)
+            turn = (
+                RigidTransform.from_translation(moved)
+                if joint.kind == "slide"
+                else RigidTransform.from_rotation(Rotation.from_rotvec(moved))
+            )
             found[joint.child] = found[joint.parent] * joint.in_parent * turn * joint.in_child.inv()
         return [found[i] for i in range(len(self.bodies))]
 
+    def check(self) -> None:
+        """Refuse what cannot be simulated.
 
-def read_robot(path: Path) -> ForeignRobot:
-    """Read a robot's file: MJCF (.xml), URDF or USD. A URDF floats, unless its root link is called world.
+        Raises:
+            RobotFileError: closed loops, joints other than hinges, or bodies without mass.
+        """
+        there = {joint.name for joint in self.joints}
+        if tied := [c for c in self.couplings if not c.joints or there & set(c.joints)]:
+            more = f" (and {len(tied) - 1} more)" if tied[1:] else ""
+            raise RobotFileError(
+                f"{self.path}: {tied[0].text}{more}; open it there: only trees of bodies are simulated"
+            )
+        for joint in self.joints:
+            if joint.kind != "hinge":
+                raise RobotFileError(
+                    f"{self.path}: joint {joint.name} is a {joint.kind} joint; only hinges are simulated: weld it there"
+                )
+        for body in self.bodies:
+            if not body.mass > 0.0 or not np.linalg.eigvalsh(body.inertia).min() > 0.0:
+                raise RobotFileError(
+                    f"{self.path}: body {body.name} has a mass of {body.mass:g} kg or no inertia; give it both there"
+                )
+
+
+def joined(parent: Body, child: Body, place: RigidTransform) -> Body:
+    """Two bodies as one, the child at a place in the parent's frame: masses, moments and inertias added."""
+    mass, turn = parent.mass + child.mass, place.rotation.as_matrix()
+    if not mass > 0.0:
+        return parent
+    com = (parent.mass * parent.com + child.mass * place.apply(child.com)) / mass
+    inertia = np.zeros((3, 3))
+    for own, m, at in (
+        (parent.inertia, parent.mass, parent.com),
+        (turn @ child.inertia @ turn.T, child.mass, place.apply(child.com)),
+    ):
+        arm = at - com
+        inertia += own + m * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return replace(parent, mass=mass, com=com, inertia=inertia)
+
+
+def prim_names(labels: Sequence[str]) -> list[str]:
+    """Names that USD takes, each once: other signs become underscores, what is then the same gets a number."""
+    names: list[str] = []
+    for label in labels:
+        name = prim_pattern(label.strip("/")) or "unnamed"
+        name = f"_{name}" if not name.isidentifier() or name in SCOPES else name
+        count = 2
+        base = name
+        while name in names:
+            name, count = f"{base}_{count}", count + 1
+        names.append(name)
+    return names
+
+
+def prim_pattern(pattern: str) -> str:
+    """A name, which may hold * and ?, as :func:`prim_names` writes it."""
+    return "".join(c if c in "*?" or f"_{c}".isidentifier() else "_" for c in pattern)
+
+
+def read_by_newton(path: Path, kind: str) -> ForeignRobot:
+    """Read a URDF or USD file. A URDF floats, unless its root link is called world.
 
     Raises:
-        RobotFileError: it cannot be read, has no bodies, closed loops, joints other than hinges, or bodies without
-            mass.
+        RobotFileError: it cannot be read, has no bodies or two trunks, or joins the world by a joint.
     """
-    if not path.is_file():
-        raise RobotFileError(f"{path}: {no_file(path, 'file')}; name an MJCF (.xml), URDF or USD file")
-    if path.suffix.lower() not in SUFFIXES:
-        raise RobotFileError(f"{path}: {path.suffix or 'no ending'} is not {', '.join(SUFFIXES)}; rename or convert it")
     builder = newton.ModelBuilder()
     newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
-    spec = None
     try:
         with silent(), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            match SUFFIXES[path.suffix.lower()]:
-                case "URDF":
-                    builder.default_shape_cfg.density = 0.0  # a link without inertial has no mass there
-                    fixed = '<link name="world"' in path.read_text(encoding="utf-8", errors="replace")
-                    builder.add_urdf(str(path), floating=not fixed, collapse_fixed_joints=True)
-                case "MJCF":
-                    spec = mujoco.MjSpec.from_file(str(path))
-                    builder.add_mjcf(str(path), collapse_fixed_joints=True)
-                case _:
-                    builder.add_usd(str(path), collapse_fixed_joints=True)
+            if kind == "URDF":
+                builder.default_shape_cfg.density = 0.0  # a link without inertial has no mass there
+                fixed = '<link name="world"' in path.read_text(encoding="utf-8", errors="replace")
+                builder.add_urdf(str(path), floating=not fixed, collapse_fixed_joints=True)
+            else:
+                builder.add_usd(str(path), collapse_fixed_joints=True)
     except Exception as error:  # importers raise many types for a file that is no robot
         raise RobotFileError(f"{path}: Newton cannot read it ({one_line(error)}); correct it there") from None
-    return _robot(path, builder, spec)
+    return _robot(path, builder)
 
 
-def _robot(path: Path, builder: newton.ModelBuilder, spec: mujoco.MjSpec | None) -> ForeignRobot:
-    """The builder's content, checked."""
+def _robot(path: Path, builder: newton.ModelBuilder) -> ForeignRobot:
+    """The builder's content."""
     if not builder.body_label:
         raise RobotFileError(f"{path}: there is no body that could move; is it a robot's file?")
-    if closed := [i for i, kind in enumerate(builder.joint_type) if builder.joint_articulation[i] < 0 and kind]:
-        names = ", ".join(_short(builder.joint_label[i]) for i in closed[:4])
-        raise RobotFileError(f"{path}: {names} closes a loop of bodies; open it there: only trees are simulated")
-    if count := len(spec.equalities) if spec else 0:
-        raise RobotFileError(f"{path}: {count} equality constraints close loops of bodies; only trees are simulated")
-    bodies = [_body(path, builder, i) for i in range(len(builder.body_label))]
-    root, floating, joints = None, True, []
+    bodies = [
+        Body(
+            name=name,
+            mass=float(builder.body_mass[i]),
+            com=np.array(builder.body_com[i], dtype=float),
+            inertia=np.array(builder.body_inertia[i], dtype=float).reshape(3, 3),
+        )
+        for i, name in enumerate(_names(builder.body_label))
+    ]
+    names, labels = _names(builder.joint_label), [label.rpartition("/")[2] for label in builder.joint_label]
+    root, floating, joints, couplings = None, True, [], []
     for i, number in enumerate(builder.joint_type):
         kind = newton.JointType(number)
-        parent, child, name = builder.joint_parent[i], builder.joint_child[i], _short(builder.joint_label[i])
-        if parent < 0:
+        parent, child = builder.joint_parent[i], builder.joint_child[i]
+        if builder.joint_articulation[i] < 0 and number:
+            ends = " and ".join(bodies[k].name if k >= 0 else "the world" for k in (parent, child))
+            couplings.append(Coupling(text=f"joint {labels[i]} closes a loop between {ends}"))
+        elif parent < 0:
             if root is not None:
                 raise RobotFileError(f"{path}: {bodies[root].name} and {bodies[child].name} are two trunks; remove one")
             root, floating = child, kind == newton.JointType.FREE
             if kind not in (newton.JointType.FREE, newton.JointType.FIXED):
                 raise RobotFileError(
-                    f"{path}: {name} joins the world by a {kind.name.lower()} joint; only floating robots are imported"
+                    f"{path}: {labels[i]} joins the world by a {KINDS.get(kind, kind.name.lower())} joint; "
+                    "only floating robots are imported"
                 )
-        elif kind != newton.JointType.REVOLUTE:
-            raise RobotFileError(f"{path}: joint {name} is a {kind.name.lower()} joint; only hinges are simulated")
         else:
-            joints.append(_joint(builder, i, parent, child, name))
+            joints.append(_joint(builder, i, parent, child, names[i]))
     if root is None:
         raise RobotFileError(f"{path}: no body is the root of the others; is it a robot's file?")
-    if spec is not None:
-        _actuators(spec, joints)
     shapes, notes = _shapes(builder)
-    name = re.sub(r"\W", "_", path.stem)
     return ForeignRobot(
-        path=path, name=name, bodies=bodies, joints=joints, shapes=shapes, root=root, floating=floating, notes=notes
+        path=path,
+        name=prim_names([path.stem])[0],
+        bodies=bodies,
+        joints=joints,
+        shapes=shapes,
+        root=root,
+        floating=floating,
+        couplings=couplings,
+        notes=notes,
     )
 
 
-def _body(path: Path, builder: newton.ModelBuilder, i: int) -> Body:
-    name, mass = _short(builder.body_label[i]), float(builder.body_mass[i])
-    inertia = np.array(builder.body_inertia[i], dtype=float).reshape(3, 3)
-    if not mass > 0.0 or not np.linalg.eigvalsh(inertia).min() > 0.0:
-        raise RobotFileError(f"{path}: body {name} has a mass of {mass:g} kg or no inertia; give it both there")
-    return Body(name=name, mass=mass, com=np.array(builder.body_com[i], dtype=float), inertia=inertia)
+def _names(labels: Sequence[str]) -> list[str]:
+    """Names from Newton's labels, which are paths: the last part, or as much as tells them apart."""
+    short = [label.rstrip("/").rpartition("/")[2] for label in labels]
+    often = Counter(short)
+    return prim_names([name if often[name] == 1 else label for name, label in zip(short, labels, strict=True)])
 
 
 def _joint(builder: newton.ModelBuilder, i: int, parent: int, child: int, name: str) -> Joint:
-    dof = builder.joint_qd_start[i]
+    kind = newton.JointType(builder.joint_type[i])
+    dof = min(builder.joint_qd_start[i], len(builder.joint_axis) - 1)
     low, high = float(builder.joint_limit_lower[dof]), float(builder.joint_limit_upper[dof])
     effort, kp, kd = (
         float(values[dof]) for values in (builder.joint_effort_limit, builder.joint_target_ke, builder.joint_target_kd)
@@ -206,46 +293,18 @@ def _joint(builder: newton.ModelBuilder, i: int, parent: int, child: int, name: 
     axis = np.array(builder.joint_axis[dof], dtype=float)
     return Joint(
         name=name,
+        kind=KINDS.get(kind, kind.name.lower()),
         parent=parent,
         child=child,
         in_parent=_transform(builder.joint_X_p[i]),
         in_child=_transform(builder.joint_X_c[i]),
-        axis=axis / np.linalg.norm(axis),
+        axis=axis / max(float(np.linalg.norm(axis)), 1e-9),
         limits=(low, high) if low < high and high - low <= FREE_LIMIT else None,
         armature=float(builder.joint_armature[dof]),
         kp=kp or None,
         kd=kd or None,
         torque_limit=effort if 0.0 < effort < 1e5 else None,
     )
-
-
-def _actuators(spec: mujoco.MjSpec, joints: list[Joint]) -> None:
-    """Take gains, torque limits and the first keyframe from an MJCF, which the importer leaves out in part."""
-    model = spec.compile()
-    by_name = {joint.name: joint for joint in joints}
-    for k in range(model.nu):
-        if model.actuator_trntype[k] != mujoco.mjtTrn.mjTRN_JOINT:
-            continue
-        joint = by_name.get(model.joint(model.actuator_trnid[k, 0]).name)
-        if joint is None:
-            continue
-        gear, bias = abs(float(model.actuator_gear[k, 0])), model.actuator_biasprm[k]
-        position = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE and bias[1] < 0.0
-        if position:
-            joint.kp, joint.kd = float(-bias[1]) * gear, float(-bias[2]) * gear or joint.kd
-        if model.actuator_forcelimited[k]:
-            joint.torque_limit = float(model.actuator_forcerange[k, 1]) * gear
-        elif model.actuator_ctrllimited[k] and not position:
-            joint.torque_limit = float(model.actuator_ctrlrange[k, 1] * model.actuator_gainprm[k, 0]) * gear
-    for k in range(model.njnt):
-        if (joint := by_name.get(model.joint(k).name)) is None:
-            continue
-        dof, address = model.jnt_dofadr[k], model.jnt_qposadr[k]
-        joint.kd = (joint.kd or 0.0) + float(model.dof_damping[dof]) or None
-        if joint.torque_limit is None and model.jnt_actfrclimited[k]:
-            joint.torque_limit = float(model.jnt_actfrcrange[k, 1])
-        if model.nkey:
-            joint.home = float(model.key_qpos[0, address])
 
 
 def _shapes(builder: newton.ModelBuilder) -> tuple[list[Shape], list[str]]:
@@ -279,9 +338,3 @@ def _transform(value: Any) -> RigidTransform:
     """A Warp transform: position, then quaternion with the real part last."""
     numbers = np.array(value, dtype=float)
     return RigidTransform.from_components(numbers[:3], Rotation.from_quat(numbers[3:]))
-
-
-def _short(label: str) -> str:
-    """A name that USD takes: the label's last part, other signs as underscores."""
-    name = re.sub(r"\W", "_", label.rstrip("/").rpartition("/")[2])
-    return f"_{name}" if name[:1].isdigit() else name

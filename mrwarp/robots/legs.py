@@ -93,6 +93,7 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
         RobotFileError: no chain reaches the ground, a torque limit is missing, a choice names no joint, or its angle
             lies outside a joint's limits.
     """
+    robot.check()
     chains = _chains(robot)
     for choice in (choices.pose, choices.kp, choices.kd, choices.torque_limit, choices.unlimited):
         for pattern in choice:

@@ -186,7 +186,7 @@ BAD = {
     "a slider": (
         {"tail": JOINT.format(kind="slide", inertial='<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>')},
         [],
-        ("extra", "prismatic", "hinges"),
+        ("extra", "slide", "hinges"),
     ),
 }
 

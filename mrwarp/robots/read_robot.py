@@ -1,0 +1,292 @@
+"""A robot's file, read: MJCF as MuJoCo compiles it, URDF and USD by Newton's importers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import trimesh
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from mrwarp.robots.foreign import (
+    Body,
+    Coupling,
+    ForeignRobot,
+    Joint,
+    RobotFileError,
+    Shape,
+    joined,
+    prim_names,
+    read_by_newton,
+)
+from mrwarp.run_dir import no_file, one_line
+from mrwarp.runtime import silent
+
+SUFFIXES = {".xml": "MJCF", ".mjcf": "MJCF", ".urdf": "URDF", ".usd": "USD", ".usda": "USD", ".usdc": "USD"}
+"""What a file holds, by how its name ends."""
+
+GEOMS = {
+    mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
+    mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
+    mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
+    mujoco.mjtGeom.mjGEOM_BOX: "box",
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID: "mesh",
+    mujoco.mjtGeom.mjGEOM_MESH: "mesh",
+}
+"""Kinds of geoms that are taken over, and as what."""
+
+STANCES = ("home", "stand", "standing", "default")
+"""Names of keyframes that are a stance; without one of them the first is taken."""
+
+
+def read_robot(path: Path) -> ForeignRobot:
+    """Read a robot's file. A URDF floats, unless its root link is called world.
+
+    Raises:
+        RobotFileError: it cannot be read, has no bodies, two trunks, or several joints between two bodies.
+    """
+    if not path.is_file():
+        raise RobotFileError(f"{path}: {no_file(path, 'file')}; name an MJCF (.xml), URDF or USD file")
+    kind = SUFFIXES.get(path.suffix.lower())
+    if kind is None:
+        raise RobotFileError(f"{path}: {path.suffix or 'no ending'} is not {', '.join(SUFFIXES)}; rename or convert it")
+    if kind == "MJCF" and b"<robot" in path.read_bytes()[:4096]:
+        kind = "URDF"
+    return read_by_newton(path, kind) if kind != "MJCF" else _read_mjcf(path)
+
+
+def _read_mjcf(path: Path) -> ForeignRobot:
+    try:
+        with silent():
+            spec = mujoco.MjSpec.from_file(str(path))
+            model = spec.compile()
+    except Exception as error:  # ValueError of the compiler, but also of what reads meshes
+        raise RobotFileError(f"{path}: MuJoCo cannot read it ({one_line(error)}); correct it there") from None
+    return _Compiled(path, model).robot()
+
+
+class _Compiled:
+    """A compiled model as bodies between which joints are: bodies without a joint belong to the one before them."""
+
+    def __init__(self, path: Path, model: mujoco.MjModel) -> None:
+        self.path, self.model = path, model
+        self.labels = [model.body(i).name or f"body_{i}" for i in range(model.nbody)]
+        self.joint_labels = [model.joint(i).name or f"joint_{i}" for i in range(model.njnt)]
+        self.root, self.floating = self._root()
+        # body that each belongs to, and its place there; -1: scenery
+        self.owner = np.full(model.nbody, -1)
+        self.place = [RigidTransform.identity()] * model.nbody
+        for i in range(model.nbody):
+            parent = model.body_parentid[i]
+            if i == self.root or (model.body_jntnum[i] and self.owner[parent] >= 0):
+                self.owner[i] = i
+            elif i:
+                self.owner[i] = self.owner[parent]
+                self.place[i] = self.place[parent] * _transform(model.body_pos[i], model.body_quat[i])
+
+    def _root(self) -> tuple[int, bool]:
+        """The body that floats; else the world, of which the base is a part."""
+        model = self.model
+        free = [int(model.jnt_bodyid[j]) for j in range(model.njnt) if self._kind(j) == mujoco.mjtJoint.mjJNT_FREE]
+        anchored = [
+            i for i in range(1, model.nbody) if model.body_jntnum[i] and not model.body_weldid[model.body_parentid[i]]
+        ]
+        if not anchored:
+            raise RobotFileError(f"{self.path}: there is no body that could move; is it a robot's file?")
+        if free and len(anchored) > 1:
+            first, second = (self.labels[i] for i in sorted(anchored, key=lambda i: i not in free)[:2])
+            raise RobotFileError(f"{self.path}: {first} and {second} are two trunks; remove one")
+        return (free[0], True) if free else (0, False)
+
+    def _kind(self, joint: int) -> mujoco.mjtJoint:
+        return mujoco.mjtJoint(self.model.jnt_type[joint])
+
+    def robot(self) -> ForeignRobot:
+        """Bodies, joints, shapes, couplings and notes.
+
+        Raises:
+            RobotFileError: there are several joints between two bodies.
+        """
+        model = self.model
+        own = [i for i in range(model.nbody) if self.owner[i] == i]
+        number = {body: k for k, body in enumerate(own)}
+        labels = [self.labels[i] for i in own]
+        if not self.floating:  # the root is what bears the first moving body
+            bearer = int(model.body_parentid[own[1]])
+            labels[0] = self.labels[bearer] if bearer else "base"
+        bodies = [self._body(i, name) for i, name in zip(own, prim_names(labels), strict=True)]
+        moving = [i for i in own if i != self.root]
+        for i in moving:
+            if (count := model.body_jntnum[i]) > 1:
+                first = model.body_jntadr[i]
+                raise RobotFileError(
+                    f"{self.path}: body {self.labels[i]} has {count} joints, "
+                    f"{', '.join(self.joint_labels[first : first + count])}; put a body with mass between each two"
+                )
+        names = dict(zip(moving, prim_names([self.joint_labels[model.body_jntadr[i]] for i in moving]), strict=True))
+        joints = [self._joint(i, number[int(self.owner[model.body_parentid[i]])], number[i], names[i]) for i in moving]
+        by_joint = {int(model.body_jntadr[i]): joint for i, joint in zip(moving, joints, strict=True)}
+        shapes = [s for g in range(model.ngeom) if (s := self._shape(g, number)) is not None]
+        notes = [*self._actuators(by_joint), *self._key(by_joint), *self._left_out(by_joint)]
+        return ForeignRobot(
+            path=self.path,
+            name=prim_names([self.path.stem])[0],
+            bodies=bodies,
+            joints=joints,
+            shapes=shapes,
+            root=number[self.root],
+            floating=self.floating,
+            couplings=list(self._couplings(by_joint)),
+            notes=notes,
+        )
+
+    def _body(self, i: int, name: str) -> Body:
+        """A body with all that is welded to it."""
+        body = Body(name=name, mass=0.0, com=np.zeros(3), inertia=np.zeros((3, 3)))
+        for k in range(1, self.model.nbody):
+            if self.owner[k] == i:
+                axes = _transform(self.model.body_ipos[k], self.model.body_iquat[k])
+                turn = axes.rotation.as_matrix()
+                part = Body(
+                    name=name,
+                    mass=float(self.model.body_mass[k]),
+                    com=axes.translation,
+                    inertia=turn @ np.diag(self.model.body_inertia[k]) @ turn.T,
+                )
+                body = joined(body, part, self.place[k])
+        return body
+
+    def _joint(self, i: int, parent: int, child: int, name: str) -> Joint:
+        model, j = self.model, int(self.model.body_jntadr[i])
+        before = int(model.body_parentid[i])
+        anchor, axis = RigidTransform.from_translation(model.jnt_pos[j]), np.array(model.jnt_axis[j])
+        kind, dof, rest = self._kind(j), int(model.jnt_dofadr[j]), float(model.qpos0[model.jnt_qposadr[j]])
+        in_parent = self.place[before] * _transform(model.body_pos[i], model.body_quat[i]) * anchor
+        if kind == mujoco.mjtJoint.mjJNT_HINGE:
+            in_parent = in_parent * RigidTransform.from_rotation(Rotation.from_rotvec(-rest * axis))
+        elif kind == mujoco.mjtJoint.mjJNT_SLIDE:
+            in_parent = in_parent * RigidTransform.from_translation(-rest * axis)
+        low, high = (float(x) for x in model.jnt_range[j])
+        forced = bool(model.jnt_actfrclimited[j])
+        return Joint(
+            name=name,
+            kind=KINDS[kind],
+            parent=parent,
+            child=child,
+            in_parent=in_parent,
+            in_child=anchor,
+            axis=axis / np.linalg.norm(axis),
+            limits=(low, high) if model.jnt_limited[j] and low < high else None,
+            armature=float(model.dof_armature[dof]),
+            kd=float(model.dof_damping[dof]) or None,
+            torque_limit=float(np.abs(model.jnt_actfrcrange[j]).max()) if forced else None,
+        )
+
+    def _actuators(self, joints: dict[int, Joint]) -> Iterator[str]:
+        """Take gains and torque limits from the actuators."""
+        model, others = self.model, []
+        for k in range(model.nu):
+            joint = joints.get(int(model.actuator_trnid[k, 0]))
+            if model.actuator_trntype[k] != mujoco.mjtTrn.mjTRN_JOINT or joint is None:
+                others.append(model.actuator(k).name or f"actuator_{k}")
+                continue
+            gear, bias = abs(float(model.actuator_gear[k, 0])), model.actuator_biasprm[k]
+            affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
+            stiff, damped = affine and bias[1] < 0.0, affine and bias[2] < 0.0
+            if stiff:
+                joint.kp = float(-bias[1]) * gear**2
+            if damped:
+                joint.kd = (joint.kd or 0.0) + float(-bias[2]) * gear**2
+            joint.armature += float(model.actuator_armature[k]) * gear**2
+            limit = None
+            if model.actuator_forcelimited[k]:
+                limit = float(np.abs(model.actuator_forcerange[k]).max()) * gear
+            elif model.actuator_ctrllimited[k] and not affine:
+                limit = float(np.abs(model.actuator_ctrlrange[k]).max() * abs(model.actuator_gainprm[k, 0])) * gear
+            if limit is not None:
+                joint.torque_limit = min(limit, joint.torque_limit or limit)
+        if others:
+            yield f"actuators of tendons and sites were left out: {', '.join(others[:4])}"
+
+    def _key(self, joints: dict[int, Joint]) -> Iterator[str]:
+        """Take the angles of the keyframe that is a stance, else of the first."""
+        names = [self.model.key(k).name for k in range(self.model.nkey)]
+        if not names:
+            return
+        key = next((names.index(name) for name in STANCES if name in names), 0)
+        for j, joint in joints.items():
+            joint.home = float(self.model.key_qpos[key, self.model.jnt_qposadr[j]])
+        if names[1:]:
+            yield f"the stance is keyframe {names[key] or key} of {', '.join(n or '(no name)' for n in names[:6])}"
+
+    def _left_out(self, joints: dict[int, Joint]) -> Iterator[str]:
+        model = self.model
+        if springs := [joint.name for j, joint in joints.items() if model.jnt_stiffness[j] > 0.0]:
+            yield f"springs of joints were left out: {', '.join(springs[:4])}"
+        if model.ntendon:
+            yield f"{model.ntendon} tendons were left out"
+        renamed = [
+            f"{label} is {joint.name}" for j, joint in joints.items() if (label := self.joint_labels[j]) != joint.name
+        ]
+        if renamed:
+            yield f"names that USD takes: {', '.join(renamed[:4])}{' and others' if renamed[4:] else ''}"
+
+    def _shape(self, g: int, number: dict[int, int]) -> Shape | None:
+        model, body, kind = self.model, int(self.model.geom_bodyid[g]), mujoco.mjtGeom(self.model.geom_type[g])
+        if self.owner[body] < 0 or body == 0 or kind not in GEOMS:
+            return None
+        points = faces = None
+        if kind == mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = model.mesh(model.geom_dataid[g])
+            vertices, triangles = int(mesh.vertadr[0]), int(mesh.faceadr[0])
+            points = np.array(model.mesh_vert[vertices : vertices + int(mesh.vertnum[0])], dtype=float)
+            faces = np.array(model.mesh_face[triangles : triangles + int(mesh.facenum[0])])
+        elif kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            ball: Any = trimesh.creation.icosphere(subdivisions=2)
+            points, faces = np.array(ball.vertices) * model.geom_size[g], np.array(ball.faces)
+        return Shape(
+            kind=GEOMS[kind],
+            body=number[self.owner[body]],
+            pose=self.place[body] * _transform(model.geom_pos[g], model.geom_quat[g]),
+            size=np.array(model.geom_size[g]),
+            collides=bool(model.geom_contype[g] or model.geom_conaffinity[g]),
+            friction=float(model.geom_friction[g, 0]),
+            points=points,
+            faces=faces,
+        )
+
+    def _couplings(self, joints: dict[int, Joint]) -> Iterator[Coupling]:
+        """What ties bodies or joints together beside the tree."""
+        model = self.model
+        for k in range(model.neq):
+            if not model.eq_active0[k]:
+                continue
+            kind, ends = mujoco.mjtEq(model.eq_type[k]), [int(model.eq_obj1id[k]), int(model.eq_obj2id[k])]
+            tag = kind.name.removeprefix("mjEQ_").lower()
+            if kind == mujoco.mjtEq.mjEQ_JOINT:
+                tied = [joints[j].name for j in ends if j in joints]
+                yield Coupling(text=f"<{tag}> ties {' to '.join(tied)}", joints=tuple(tied))
+            elif kind in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
+                bodies = model.eq_objtype[k] == mujoco.mjtObj.mjOBJ_BODY
+                found = ends if bodies else [int(model.site_bodyid[i]) for i in ends]
+                between = " and ".join(self.labels[i] for i in found)
+                yield Coupling(text=f"<{tag}> closes a loop between {between}")
+            else:
+                yield Coupling(text=f"an equality <{tag}> ties bodies together")
+
+
+KINDS = {
+    mujoco.mjtJoint.mjJNT_HINGE: "hinge",
+    mujoco.mjtJoint.mjJNT_SLIDE: "slide",
+    mujoco.mjtJoint.mjJNT_BALL: "ball",
+    mujoco.mjtJoint.mjJNT_FREE: "free",
+}
+"""Kinds of joints by the field's words."""
+
+
+def _transform(pos: np.ndarray, quat: np.ndarray) -> RigidTransform:
+    """MuJoCo's position and quaternion, whose real part comes first."""
+    return RigidTransform.from_components(pos, Rotation.from_quat(quat, scalar_first=True))
