@@ -198,13 +198,12 @@ class ReplayDump(Options):
         """0 when done, 2 on bad input."""
         check_output(self.png, ".png")
 
-        from mrwarp.env.nan_dump import load
-        from mrwarp.viewing import dump_report
+        from mrwarp.env import nan_dump
 
-        found = load(self.file)
-        print("\n".join([*dump_report.report(found), "", *dump_report.table(found, self.rows)]))
+        found = nan_dump.load(self.file)
+        print("\n".join([*nan_dump.report(found), "", *nan_dump.table(found, self.rows)]))
         if self.png is not None:
-            dump_report.plot(found, self.png)
+            nan_dump.plot(found, self.png)
             print(f"picture: {self.png}")
         return 0
 

@@ -11,7 +11,7 @@ from mrwarp.env.asset_trial import CONVERSION_DT
 from mrwarp.env.sim_model import build_scene
 from mrwarp.runtime import silent
 from mrwarp.usd.asset import RobotAsset
-from mrwarp.viewing.side_view import SideView
+from mrwarp.viewing.robot_pictures import SideView
 
 
 def draw(asset: RobotAsset, path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +11,20 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+from matplotlib.patches import Circle, Patch, Polygon
+from mujoco import mjtGeom
 from PIL import Image
+from scipy.spatial import ConvexHull
 
+from mrwarp.env.natural_units import scales
 from mrwarp.env.sim_model import Scene
 from mrwarp.kernels import ledger
 from mrwarp.run_dir import atomic_write
 from mrwarp.trials.impact import ImpactSweep, ImpactTrace
 from mrwarp.usd.robot import GAIT_FREQUENCY
+from mrwarp.viewing import shapes
 from mrwarp.viewing.frames import Frames, Gate, gate_of
-from mrwarp.viewing.shapes import CURRENT_COLORS, GATE_COLORS, Color, ground_of, leg_colors, trunk_height
-from mrwarp.viewing.side_view import FORCE_COLOR, SideView
+from mrwarp.viewing.shapes import CURRENT_COLORS, GATE_COLORS, Color, Part, Shape, ground_of, rotate
 
 INSTANTS = 5
 """Instants in a row."""
@@ -35,11 +38,117 @@ AFTER_IMPACT = (0.0, 0.05, 0.1, 0.2, 0.4)
 COLORS = ("#7a7f87", "#3a8f3a", "#e08a1e", "#b4451f", "#1f6fb4", "#6a3d9a")
 """One colour per setting of an impact sweep."""
 
+FORCE_SCALE = 0.16 / 100.0
+"""Length of a drawn foot force [m/N]: 100 N are 0.16 m."""
+
+FORCE_COLOR, GROUND_COLOR, GROUND_EDGE = "#d6335c", "#e4e6e9", "#9aa0a8"
+"""Foot forces, the ground and its surface."""
+
+FORCE_ARROW = {"arrowstyle": "-|>", "color": FORCE_COLOR, "lw": 1.3, "mutation_scale": 7, "shrinkA": 0, "shrinkB": 0}
+
+GROUND_DRAWN = 0.38
+"""Ground with heights is drawn this far before and behind the trunk [m]."""
+
+
 Rgb = tuple[float, float, float]
 """A colour as matplotlib wants it, in [0, 1]."""
 
 Pose = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Positions, gates of the devices and forces on the feet of one robot, see :meth:`SideView.draw`."""
+
+
+def _rgb(color: tuple[float, float, float], faded: float = 0.0) -> Rgb:
+    """A colour of 0 to 255, mixed with a share of white."""
+    red, green, blue = (c / 255.0 + (1.0 - c / 255.0) * faded for c in color)
+    return red, green, blue
+
+
+class SideView:
+    """Draws robots of a scene from their right side, as parallel projections of their shapes.
+
+    Args:
+        scene: What is simulated.
+
+    Attributes:
+        unit: Size of the robot beside the shipped one's.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.unit = scales(scene).length if scene.floating else 1.0
+        self._model, self._shapes, self._ground = scene.model, shapes.robot_shapes(scene), ground_of(scene.model)
+        self._trunk = next((s.body for s in self._shapes if s.part is Part.TRUNK), 1)
+        self._feet = shapes.feet(scene, self._shapes)
+
+    def draw(self, axis: Axes, qpos: np.ndarray, gate: np.ndarray, force: np.ndarray, *, x: float = 0.0) -> None:
+        """Draw one robot with its trunk above ``x``, looking at its own right side whatever its heading.
+
+        The ground, flat or with heights, is drawn in the plane of the trunk; it is at height 0 below the trunk.
+
+        Args:
+            axis: Axes in metres, equal aspect.
+            qpos: Positions, shape (nq,).
+            gate: Gates of its devices, shape (M,).
+            force: Forces of the ground on its feet [N], shape (L, 3).
+            x: Where to draw it [m].
+        """
+        pos, quat = shapes.body_poses(self._model, qpos)
+        heading = rotate(quat[self._trunk], np.array([1.0, 0.0, 0.0]))
+        yaw = np.arctan2(heading[1], heading[0])
+        forward, right = np.array([np.cos(yaw), np.sin(yaw), 0.0]), np.array([np.sin(yaw), -np.cos(yaw), 0.0])
+        origin = pos[self._trunk] * (1.0, 1.0, 0.0)
+        if self._ground is not None:
+            origin[2] = self._ground.height(origin[:2])
+
+        def flat(points: np.ndarray) -> np.ndarray:
+            """Points of the world in the drawing plane."""
+            relative = points - origin
+            return np.stack([relative @ forward + x, relative[..., 2]], axis=-1)
+
+        if self._ground is None:
+            axis.axhspan(-0.05, 0.0, color=GROUND_COLOR, zorder=0)
+            axis.axhline(0.0, color=GROUND_EDGE, linewidth=0.8, zorder=1)
+        else:
+            along = np.linspace(-GROUND_DRAWN, GROUND_DRAWN, 61)
+            height = self._ground.height(origin[:2] + along[:, None] * forward[:2]) - origin[2]
+            axis.fill_between(along + x, height, -0.3, color=GROUND_COLOR, linewidth=0, zorder=0.5)
+            axis.plot(along + x, height, color=GROUND_EDGE, linewidth=0.8, zorder=1)
+        for shape in self._shapes:
+            turn, centre = quat[shape.body], pos[shape.body] + rotate(quat[shape.body], shape.pos)
+            depth = float((centre - origin) @ right)
+            color = GATE_COLORS[Gate(int(gate[shape.device]))] if shape.device >= 0 else shape.part.value
+            faded = 0.5 if depth < -0.03 else 0.0  # what lies behind the trunk fades towards the paper
+            patch = _patch(shape, lambda points, c=centre, q=turn, s=shape: flat(c + rotate(q, rotate(s.quat, points))))
+            edge = _rgb((0.6 * color[0], 0.6 * color[1], 0.6 * color[2]), faded)
+            patch.set(facecolor=_rgb(color, faded), edgecolor=edge, linewidth=0.5, zorder=2.0 + depth)
+            axis.add_patch(patch)
+        for leg, foot in self._feet.items():
+            if np.linalg.norm(force[leg]) < 5.0:
+                continue
+            start = flat(pos[foot.body] + rotate(quat[foot.body], foot.pos))
+            end = start + FORCE_SCALE * np.array([force[leg] @ forward, force[leg][2]])
+            axis.annotate("", xy=tuple(end), xytext=tuple(start), arrowprops=FORCE_ARROW, zorder=4.0)
+
+
+def _patch(shape: Shape, flat: Callable[[np.ndarray], np.ndarray]) -> Patch:
+    """Outline of a shape in the drawing plane; ``flat`` puts points of its own frame there."""
+    if shape.kind == mjtGeom.mjGEOM_SPHERE:
+        return Circle(tuple(flat(np.zeros(3))), shape.size[0])
+    if shape.kind == mjtGeom.mjGEOM_BOX:
+        corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * shape.size
+        return _outline(flat(corners))
+    radius, half = shape.size
+    angle = np.linspace(0.0, 2.0 * np.pi, 25)
+    circle = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    if shape.kind == mjtGeom.mjGEOM_CAPSULE:
+        ends = flat(np.array([[0.0, 0.0, -half], [0.0, 0.0, half]]))
+        return _outline((ends[:, None] + circle).reshape(-1, 2))
+    rims = [np.pad(circle, ((0, 0), (0, 1)), constant_values=z) for z in (-half, half)]
+    return _outline(flat(np.concatenate(rims)))
+
+
+def _outline(points: np.ndarray) -> Polygon:
+    """Convex hull of points in the plane."""
+    return Polygon(points[ConvexHull(points).vertices])
 
 
 def contact_sheet(
@@ -72,14 +181,14 @@ def contact_sheet(
     for robot, current in enumerate(currents):
         poses = [(frames.qpos[i, robot], frames.gate[i, robot], frames.foot_force[i, robot]) for i in instants]
         _draw_row(figure.add_subplot(grid[robot + 1, :]), side, poses, f"{current:g} A")
-    legs = dict(zip(scene.layout.leg_names, leg_colors(scene), strict=True))
+    legs = dict(zip(scene.layout.leg_names, shapes.leg_colors(scene), strict=True))
     _draw_legend(figure.add_subplot(grid[num + 1, :]), currents, has_device, legs)
     axes = [[figure.add_subplot(grid[num + 2 + row, column]) for column in range(2)] for row in range(plots)]
     (velocity, height), (motor, work) = axes[0], axes[-1]
     of_robots = [_current_color(robot) for robot in range(num)]
     velocity.plot(time, frames.v_x_command[:, 0], color="0.4", linewidth=1, linestyle="--")
     _lines(velocity, "forward velocity [m/s]", time, frames.v_x, of_robots)
-    _lines(height, "trunk height [m]", time, trunk_height(ground_of(scene.model), frames.qpos), of_robots)
+    _lines(height, "trunk height [m]", time, shapes.trunk_height(ground_of(scene.model), frames.qpos), of_robots)
     colors, names = list(legs.values()), list(legs)
     # the joints of the last robot, which has the largest current
     of_joints, at = [_rgb(colors[leg]) for leg in scene.legs], f"at {currents[k]:g} A"
@@ -193,11 +302,6 @@ def impact_timeline(trace: ImpactTrace, currents: tuple[float, ...], path: Path)
     axes[-1].set_xlabel("time after onset [s]")
     figure.suptitle("Gates of the first trial: damping orange, holding blue; grey = foot loaded", fontsize=11)
     figure.savefig(path, dpi=110)
-
-
-def _rgb(color: Color) -> Rgb:
-    """A colour of 0 to 255."""
-    return color[0] / 255.0, color[1] / 255.0, color[2] / 255.0
 
 
 def _current_color(k: int) -> Rgb:

@@ -10,9 +10,8 @@ from PIL import Image
 from mrwarp.env.sim import robot_scene
 from mrwarp.usd.asset import load_robot
 from mrwarp.viewing.frames import Frames, Gate
-from mrwarp.viewing.robot_pictures import _spans, contact_sheet
+from mrwarp.viewing.robot_pictures import SideView, _spans, contact_sheet
 from mrwarp.viewing.shapes import GATE_COLORS, robot_shapes
-from mrwarp.viewing.side_view import SideView
 
 
 def test_contact_sheet_is_not_blank(walk: Any, tmp_path: Path) -> None:

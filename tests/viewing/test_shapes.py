@@ -17,7 +17,7 @@ from mrwarp.usd.asset import load_robot
 from mrwarp.usd.robot import JOINTS, LEGS
 from mrwarp.viewing import live_view
 from mrwarp.viewing.frames import FrameReader
-from mrwarp.viewing.robot_pictures import contact_sheet
+from mrwarp.viewing.robot_pictures import SideView, contact_sheet
 from mrwarp.viewing.robot_view import RobotLogger, make_blueprint
 from mrwarp.viewing.shapes import (
     Ground,
@@ -29,7 +29,6 @@ from mrwarp.viewing.shapes import (
     rotate,
     trunk_height,
 )
-from mrwarp.viewing.side_view import SideView
 
 
 def test_shapes_stand_where_mujoco_has_them(walk: Any) -> None:
