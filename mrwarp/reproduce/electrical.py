@@ -109,7 +109,7 @@ def budget(savings: Sequence[Saving], results: Sequence[WalkResult], cfg: Electr
                 *(f"{100.0 * share:.0f} %" for share in (*shares, saved.saving_by_part["copper_calves"] / copper)),
                 *(f"{value:.0f}" for value in watts),
                 f"{100.0 * (mean(on.speed) / mean(off.speed) - 1.0):+.1f} %",
-                f"{1e3 * (mean(on.height) - mean(off.height)):+.0f}",
+                f"{1e3 * (mean(on.motion['height']) - mean(off.motion['height'])):+.0f}",
             ]
         )
     return TextTable(title="What there is to save, and what SAL changes besides", head=head, rows=rows)

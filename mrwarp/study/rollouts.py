@@ -11,9 +11,9 @@ import torch
 from tensordict import TensorDict
 
 from mrwarp.env.cfg import EnvCfg
-from mrwarp.env.vec_env import WalkEnv
 from mrwarp.runtime import one_torch_thread
 from mrwarp.study.plan import AWARE, SEEDS, STUDY, check_seeds
+from mrwarp.trials.power_meter import MotionMeter
 from mrwarp.trials.walking import Policy, make_env, same_starts
 
 PLANT = AWARE
@@ -98,8 +98,7 @@ def roll_out(
     command = torch.zeros(env.num_envs, 3, device=env.device)
     command[:, 0] = cfg.speed
     env.set_command(command)
-    obs = env.get_observations()
-    sums: dict[str, torch.Tensor] = {}
+    obs, motion = env.get_observations(), MotionMeter(env, command)
     going = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
     skip, steps = round(cfg.warmup / env.cfg.step_dt), round(cfg.seconds / env.cfg.step_dt)
     for step in range(skip + steps):
@@ -107,38 +106,12 @@ def roll_out(
         env.set_command(command)
         going = going & ~env.fallen
         if step >= skip:
-            for name, value in _figures(env, cfg.speed).items():
-                sums[name] = sums.get(name, 0.0) + torch.where(going, value.to(torch.float64), 0.0)
+            motion.add(going)
         if report and step % 100 == 99:
             report((step + 1) / (skip + steps))
-    total = {name: value.reshape(count, cfg.rollouts).cpu().numpy() for name, value in sums.items()}
-    with np.errstate(invalid="ignore"):  # a rollout that fell at once has no steps
-        mean = {name: value / total["steps"] for name, value in total.items()}
-    figures = {
-        "v_x_rmse": np.sqrt(mean["v_x_square"]),
-        "v_x_bias": mean["v_x"],
-        "height": mean["height"],
-        "height_rmse": np.sqrt(mean["height_square"]),
-        "tilt_rms": np.degrees(np.sqrt(mean["tilt_square"])),
-        "yaw_rate_rmse": np.sqrt(mean["yaw_rate_square"]),
-    }
-    return Measured(figures=figures, fell=~going.reshape(count, cfg.rollouts).cpu().numpy())
-
-
-def _figures(env: WalkEnv, speed: float) -> dict[str, torch.Tensor]:
-    """Quantities that are summed over the steps of a rollout; each (E,)."""
-    error = env.body_velocity[:, 0] - speed
-    roll = torch.atan2(-env.gravity[:, 1], -env.gravity[:, 2])
-    pitch = torch.asin(env.gravity[:, 0].clamp(-1.0, 1.0))
-    return {
-        "steps": torch.ones_like(error),
-        "v_x": error,
-        "v_x_square": error.square(),
-        "height": env.height,
-        "height_square": (env.height - env.cfg.rewards.target_height).square(),
-        "tilt_square": roll.square() + pitch.square(),
-        "yaw_rate_square": env.root_ang[:, 2].square(),
-    }
+    found = {name: values.reshape(count, cfg.rollouts) for name, values in motion.figures().items()}
+    fell = ~going.reshape(count, cfg.rollouts).cpu().numpy()
+    return Measured(figures={name: found[name] for name in METRICS}, fell=fell)
 
 
 def _actions(policies: Sequence[Policy], obs: TensorDict, rollouts: int) -> torch.Tensor:

@@ -1,4 +1,4 @@
-"""What walking robots do in every torque step: summed per environment, and two strides of one calf as a series."""
+"""What walking robots do: torque steps and motion summed per environment, and two strides of one calf as a series."""
 
 from __future__ import annotations
 
@@ -108,6 +108,70 @@ class PowerMeter:
 
     def _mean(self, name: str) -> np.ndarray:
         return (self._sums[name] / self._steps.clamp(min=1.0).unsqueeze(1)).cpu().numpy()
+
+
+class MotionMeter:
+    """How trunks move against the command, over the policy steps that count.
+
+    Args:
+        env: The environments.
+        command: v_x, v_y [m/s] and yaw rate [rad/s], shape (E, 3).
+    """
+
+    def __init__(self, env: WalkEnv, command: torch.Tensor) -> None:
+        self._env, self._command = env, command.to(torch.float64)
+        names = ("steps", "speed", "error_square", "height", "height_square", "tilt_square", "yaw_square")
+        self._sums = {name: torch.zeros(env.num_envs, dtype=torch.float64, device=env.device) for name in names}
+
+    @property
+    def seconds(self) -> torch.Tensor:
+        """Counted time [s], shape (E,)."""
+        return self._sums["steps"] * self._env.cfg.step_dt
+
+    @property
+    def distance(self) -> torch.Tensor:
+        """Way forward in that time [m], shape (E,)."""
+        return self._sums["speed"] * self._env.cfg.step_dt
+
+    def add(self, counted: torch.Tensor) -> None:
+        """Add the policy step that has just been simulated, of these environments; bool, shape (E,)."""
+        env = self._env
+        roll = torch.atan2(-env.gravity[:, 1], -env.gravity[:, 2])
+        pitch = torch.asin(env.gravity[:, 0].clamp(-1.0, 1.0))
+        speed = env.body_velocity[:, 0].to(torch.float64)
+        values = {
+            "steps": torch.ones_like(speed),
+            "speed": speed,
+            "error_square": (speed - self._command[:, 0]).square(),
+            "height": env.height.to(torch.float64),
+            "height_square": (env.height.to(torch.float64) - env.cfg.rewards.target_height).square(),
+            "tilt_square": roll.square() + pitch.square(),
+            "yaw_square": (env.root_ang[:, 2] - self._command[:, 2]).square(),
+        }
+        for name, value in values.items():
+            self._sums[name] += torch.where(counted, torch.nan_to_num(value), 0.0)
+
+    def figures(self) -> dict[str, np.ndarray]:
+        """Figures by name, shape (E,); NaN where nothing was counted.
+
+        Returns:
+            ``speed``, its ``v_x_bias`` and ``v_x_rmse`` about the command [m/s]; ``height`` of the trunk over the
+            ground, the paper's proxy of the CoM's, its ``height_rmse`` about the rewarded one and ``height_sd`` about
+            its own mean [m]; ``tilt_rms``, the root of mean roll^2 + pitch^2 [deg]; ``yaw_rate_rmse`` [rad/s].
+        """
+        steps = self._sums["steps"]
+        mean = {name: (total / steps).cpu().numpy() for name, total in self._sums.items()}
+        off = mean["height"] - self._env.cfg.rewards.target_height
+        return {
+            "speed": mean["speed"],
+            "v_x_bias": mean["speed"] - self._command[:, 0].cpu().numpy(),
+            "v_x_rmse": np.sqrt(mean["error_square"]),
+            "height": mean["height"],
+            "height_rmse": np.sqrt(mean["height_square"]),
+            "height_sd": np.sqrt(np.maximum(mean["height_square"] - off**2, 0.0)),
+            "tilt_rms": np.degrees(np.sqrt(mean["tilt_square"])),
+            "yaw_rate_rmse": np.sqrt(mean["yaw_square"]),
+        }
 
 
 @dataclass(frozen=True, kw_only=True)

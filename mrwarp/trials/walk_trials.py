@@ -18,7 +18,7 @@ from mrwarp.energy.power import JointLoad
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.paper import NAMES, ROBOTS, condition_name
-from mrwarp.trials.power_meter import GaitTrace, PowerMeter, TraceRecorder
+from mrwarp.trials.power_meter import GaitTrace, MotionMeter, PowerMeter, TraceRecorder
 from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy, foreign_device, make_env, same_starts, set_payload
 from mrwarp.usd.robot import CALF_COLUMNS
 
@@ -108,20 +108,8 @@ class WalkResult:
     """Number of each trial among the repetitions, shape (n,); those that fell or were late are missing."""
     seconds: np.ndarray
     """Time over the distance [s], shape (n,)."""
-    speed: np.ndarray
-    """Mean speed [m/s], shape (n,)."""
-    v_x_rmse: np.ndarray
-    """[m/s], shape (n,)."""
-    height: np.ndarray
-    """Mean trunk height, the paper's proxy of the CoM's [m], shape (n,)."""
-    height_rmse: np.ndarray
-    """About the height the policy is rewarded for [m], shape (n,)."""
-    height_sd: np.ndarray
-    """About its own mean [m], shape (n,)."""
-    tilt_rms: np.ndarray
-    """Root of mean roll^2 + pitch^2 [deg], shape (n,)."""
-    yaw_rate_rmse: np.ndarray
-    """[rad/s], shape (n,)."""
+    motion: dict[str, np.ndarray]
+    """Figures of :class:`mrwarp.trials.power_meter.MotionMeter`, each of shape (n,)."""
     hold: np.ndarray
     """Share of time with the holding gate open, shape (n, M)."""
     dynamic: np.ndarray
@@ -136,6 +124,11 @@ class WalkResult:
     """Two strides of the front-right calf at 200 Hz."""
     paper_device: bool = True
     """Whether the robot's devices, if it has any, are the paper's: only then the paper's figures stand beside these."""
+
+    @property
+    def speed(self) -> np.ndarray:
+        """Mean speed [m/s], shape (n,)."""
+        return self.motion["speed"]
 
     @property
     def key(self) -> tuple[str, float, float]:
@@ -218,8 +211,7 @@ class WalkBatch:
         same_starts(env, self.cfg.trials, self.cfg.seed)
         env.set_command(self.command)
         meter.clear()
-        names = ("time", "distance", "v_x", "height", "height_square", "tilt", "yaw_rate")
-        sums = {name: torch.zeros(count, dtype=torch.float64, device=env.device) for name in names}
+        motion = MotionMeter(env, self.command)
         fell = torch.zeros(count, dtype=torch.bool, device=env.device)
         late = torch.zeros_like(fell)
         going = ~fell
@@ -234,17 +226,17 @@ class WalkBatch:
             env.set_command(self.command)
             fell |= going & env.fallen
             if step >= skip:
-                self._add(sums, going.to(torch.float64) * dt)
-                going = going & ~fell & (sums["distance"] < cfg.distance)
-                late |= going & (sums["time"] > patience - 0.5 * dt)
+                motion.add(going)
+                going = going & ~fell & (motion.distance < cfg.distance)
+                late |= going & (motion.seconds > patience - 0.5 * dt)
                 going = going & ~late
             else:
                 going = going & ~fell
             if step % 100 == 99:
-                report(float((sums["distance"] / cfg.distance).clamp(max=1.0).mean()))
+                report(float((motion.distance / cfg.distance).clamp(max=1.0).mean()))
             if not bool(going.any()):
                 break
-        return list(self._results(sums, fell.cpu().numpy(), (late | going).cpu().numpy()))
+        return list(self._results(motion, fell.cpu().numpy(), (late | going).cpu().numpy()))
 
     def _actions(self, obs) -> torch.Tensor:
         """Actions of every robot's own policy."""
@@ -257,40 +249,29 @@ class WalkBatch:
             actions[rows] = self._policies[name](obs[rows])
         return actions
 
-    def _add(self, sums: dict[str, torch.Tensor], weight: torch.Tensor) -> None:
-        """Add one policy step of the trials that are under way."""
-        env = self.env
-        roll = torch.atan2(-env.gravity[:, 1], -env.gravity[:, 2])
-        pitch = torch.asin(env.gravity[:, 0].clamp(-1.0, 1.0))
-        speed, height = env.body_velocity[:, 0], env.root_pos[:, 2]
-        values = {
-            "time": torch.ones_like(speed), "distance": speed, "v_x": (speed - self.command[:, 0]).square(),
-            "height": height, "height_square": height.square(), "tilt": roll.square() + pitch.square(),
-            "yaw_rate": (env.root_ang[:, 2] - self.command[:, 2]).square(),
-        }  # fmt: skip
-        for name, value in values.items():
-            sums[name] += weight * torch.nan_to_num(value.to(torch.float64))
-
-    def _results(self, sums: dict[str, torch.Tensor], fell: np.ndarray, late: np.ndarray) -> Iterator[WalkResult]:
-        total = {name: value.cpu().numpy() for name, value in sums.items()}
-        time = np.maximum(total["time"], 1e-9)
-        mean = {name: value / time for name, value in total.items()}
-        joints, target = self.meter.joint_load(), self.env.cfg.rewards.target_height
+    def _results(self, motion: MotionMeter, fell: np.ndarray, late: np.ndarray) -> Iterator[WalkResult]:
+        meter, trials = self.meter, self.cfg.trials
+        joints, seconds, figures = meter.joint_load(), motion.seconds.cpu().numpy(), motion.figures()
         for i, (robot, command) in enumerate(self.conditions):
-            rows = np.arange(i * self.cfg.trials, (i + 1) * self.cfg.trials)
+            rows = np.arange(i * trials, (i + 1) * trials)
             done = rows[~fell[rows] & ~late[rows]]
-            height, square = mean["height"][done], mean["height_square"][done]
             yield WalkResult(
-                robot=robot, payload=self.payload, command=command, mass=self.mass, joints=joints[done],
-                trial=done - rows[0], seconds=time[done], speed=mean["distance"][done],
-                v_x_rmse=np.sqrt(mean["v_x"][done]), height=height,
-                height_rmse=np.sqrt(np.maximum(square - 2.0 * target * height + target**2, 0.0)),
-                height_sd=np.sqrt(np.maximum(square - height**2, 0.0)),
-                tilt_rms=np.degrees(np.sqrt(mean["tilt"][done])), yaw_rate_rmse=np.sqrt(mean["yaw_rate"][done]),
-                hold=self.meter.hold[done], dynamic=self.meter.dynamic[done],
-                counts=self.meter.counts[done].sum(0).cpu().numpy(), fell=int(fell[rows].sum()),
-                late=int(late[rows].sum()), trace=self.recorder.trace(i), paper_device=self.paper_device,
-            )  # fmt: skip
+                robot=robot,
+                payload=self.payload,
+                command=command,
+                mass=self.mass,
+                joints=joints[done],
+                trial=done - rows[0],
+                seconds=seconds[done],
+                motion={name: values[done] for name, values in figures.items()},
+                hold=meter.hold[done],
+                dynamic=meter.dynamic[done],
+                counts=meter.counts[done].sum(0).cpu().numpy(),
+                fell=int(fell[rows].sum()),
+                late=int(late[rows].sum()),
+                trace=self.recorder.trace(i),
+                paper_device=self.paper_device,
+            )
 
 
 def standing_load(cfg: EnvCfg, *, load: float, hold: bool, seconds: float = 5.0) -> tuple[JointLoad, dict[str, float]]:

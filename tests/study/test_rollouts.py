@@ -8,10 +8,9 @@ import torch
 from tensordict import TensorDict
 
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.env.vec_env import WalkEnv
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
-from mrwarp.study import rollouts
 from mrwarp.study.rollouts import METRICS, EvaluationCfg, roll_out
+from mrwarp.trials.power_meter import MotionMeter
 
 PLANT = make_walk_cfg()
 CFG = EvaluationCfg(rollouts=2, warmup=0.1, seconds=0.4, seed=5)
@@ -36,15 +35,16 @@ def jump(obs: TensorDict) -> torch.Tensor:
 def test_figures_equal_those_of_the_recorded_states(policy: OnnxPolicy, monkeypatch: pytest.MonkeyPatch) -> None:
     """RMSE, bias, height, tilt and yaw rate of 20 steps, from the states that the rollout went through."""
     seen: list[dict[str, np.ndarray]] = []
-    original = rollouts._figures
+    original = MotionMeter.add
 
-    def spy(env: WalkEnv, speed: float) -> dict[str, torch.Tensor]:
+    def spy(meter: MotionMeter, counted: torch.Tensor) -> None:
+        env = meter._env
         up = -env.gravity.double().numpy()
         state = {"v": env.body_velocity, "z": env.root_pos[:, 2:], "yaw": env.root_ang[:, 2:]}
         seen.append({"up": up, **{name: value.double().numpy().copy() for name, value in state.items()}})
-        return original(env, speed)
+        original(meter, counted)
 
-    monkeypatch.setattr(rollouts, "_figures", spy)
+    monkeypatch.setattr(MotionMeter, "add", spy)
     found = roll_out(CFG, PLANT, [policy], [1.5])
     assert len(seen) == 20
     v, z, yaw, up = (np.stack([state[name] for state in seen]) for name in ("v", "z", "yaw", "up"))

@@ -86,7 +86,7 @@ def test_every_trial_covers_the_distance(results: list[WalkResult]) -> None:
         covered = result.speed * result.seconds
         assert np.all(covered >= SHORT.distance) and np.all(covered < SHORT.distance + 0.03)
         assert result.counts.sum() == pytest.approx(3 * 200.0 * result.seconds.sum(), rel=1e-6)
-        assert np.all(result.height_rmse >= result.height_sd - 1e-9)
+        assert np.all(result.motion["height_rmse"] >= result.motion["height_sd"] - 1e-9)
 
 
 def test_a_condition_in_a_batch_equals_the_same_alone(
