@@ -109,8 +109,7 @@ def holding_bound(share: float, mass: float, *, standing: float = STANDING, refe
 def paper_bounds(source: Literal["hardware", "simulation"]) -> list[dict[str, Any]]:
     """The bound by the paper's own activation beside its own saving, for each condition of table 7.
 
-    Args:
-        source: Whose mean share of time with the holding gate open.
+    ``source``: whose mean share of time with the holding gate open.
     """
     rows = []
     for (payload, command), shares in paper.TABLE_7.items():

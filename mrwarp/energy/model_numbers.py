@@ -93,11 +93,8 @@ def fitted_names(*groups: str) -> tuple[str, ...]:
 def calibrated(groups: dict[str, Any], fitted: tuple[str, ...] = ()) -> tuple[str, ...]:
     """Groups whose fitted numbers come from Go1's figures, in this run or by default; given ones do not.
 
-    The defaults of heat and battery were fitted with the electrical ones; without these they fit nothing.
-
-    Args:
-        groups: The groups in use.
-        fitted: What this run fitted, as ``group.name``.
+    The defaults of heat and battery were fitted with the electrical ones; without these they fit nothing. ``fitted``:
+    what this run fitted, as ``group.name``.
     """
     sources = described(groups, fitted)
 
@@ -113,9 +110,7 @@ def calibrated(groups: dict[str, Any], fitted: tuple[str, ...] = ()) -> tuple[st
 def described(groups: dict[str, Any], fitted: tuple[str, ...] = ()) -> dict[str, Any]:
     """Every number with unit, range, source and whether it was calibrated, for ``result.json``.
 
-    Args:
-        groups: The groups in use.
-        fitted: What this run fitted, as ``group.name``.
+    ``fitted``: what this run fitted, as ``group.name``.
     """
     found: dict[str, Any] = {name: {} for name in groups}
     for name, cfg in groups.items():
@@ -182,12 +177,8 @@ def calibrate(
     """Electronics, winding resistance and drive friction by least squares over the rows, within their ranges.
 
     ``P_i = electronics + R a_i + tau_f b_i + m_i`` with a_i the copper loss per ohm, b_i the speed of all joints and
-    m_i the mechanical terms.
-
-    Args:
-        rows: Measured powers and what the simulated robot did.
-        cfg: The other numbers.
-        hold: Those of :data:`CALIBRATED` that keep their values of ``cfg``; the others are fitted.
+    m_i the mechanical terms. Numbers named in ``hold`` keep their values of ``cfg``; the others of :data:`CALIBRATED`
+    are fitted.
 
     Raises:
         ValueError: fewer than one row more than numbers, or rows that cannot tell them apart.
@@ -236,12 +227,8 @@ def sensitivity(
 
     An assumed number stands at the ends of :data:`VARIED` and the calibrated ones are fitted; a calibrated number
     stands at the ends of its 95 % interval, cut to its range, and the others are fitted: together they still have to
-    give the measured rows, which one of them alone at an end would miss.
-
-    Args:
-        rows: The rows to calibrate on.
-        figure: Predictions by name for a set of numbers.
-        cfg: The numbers to start from.
+    give the measured rows, which one of them alone at an end would miss. ``figure`` gives the predictions by name for a
+    set of numbers; ``cfg`` are those to start from.
     """
 
     def end(name: str, value: float, **more: Any) -> dict[str, float]:

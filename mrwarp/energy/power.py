@@ -137,10 +137,8 @@ class Power:
 def copper_factor(cfg: ElectricalCfg, rise: np.ndarray | float = 0.0, joints: int = 12) -> np.ndarray:
     """Copper loss per torque squared of every joint [W/(N·m)^2], shape (..., J).
 
-    Args:
-        cfg: The numbers.
-        rise: Temperature of the windings above that of the calibration [K], broadcast to (..., J).
-        joints: Joints J; the calves' extra gear counts where there are 12, as on the shipped robot.
+    ``rise``: temperature of the windings above that of the calibration [K], broadcast to (..., J). The calves' extra
+    gear counts where there are 12 joints, as on the shipped robot.
     """
     gear = np.ones(joints)
     if joints == 12:
@@ -162,10 +160,7 @@ def motor_heat(joints: JointLoad, cfg: ElectricalCfg, rise: np.ndarray | float =
 def battery_power(joints: JointLoad, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> Power:
     """Mean power at the battery and its parts, see the module's equations.
 
-    Args:
-        joints: What the joints did.
-        cfg: The numbers.
-        rise: Temperature of the windings above that of the calibration [K]; 0 is the model without feedback.
+    ``rise``: temperature of the windings above that of the calibration [K]; 0 is the model without feedback.
     """
     devices = joints.coil.shape[-1]
     lead = joints.torque_square.shape[:-1]

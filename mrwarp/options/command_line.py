@@ -111,10 +111,7 @@ OptionsT = TypeVar("OptionsT")
 def parse(options: type[OptionsT], argv: Sequence[str], prog: str) -> OptionsT:
     """Read arguments.
 
-    Args:
-        options: Dataclass of options.
-        argv: Arguments.
-        prog: What the command is called in its help.
+    ``prog`` is what the command is called in its help.
 
     Raises:
         OptionError: they cannot be read.

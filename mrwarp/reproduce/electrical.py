@@ -145,10 +145,7 @@ def same_gait(alone: Sequence[Saving], stuck: Sequence[Saving]) -> TextTable:
 def drive_friction(walked: Walks, fit: Calibration, theirs: dict[str, float]) -> tuple[TextTable, str]:
     """What drive friction explains: Go1's rows, and the predicted reductions of COT, without it and with it.
 
-    Args:
-        walked: The walks.
-        fit: The calibration.
-        theirs: The paper's reductions of COT by condition.
+    ``theirs`` are the paper's reductions of COT by condition.
     """
     name = "drive_friction"
     without = calibrate(walked.calibration_rows(), replace(fit.cfg, **{name: 0.0}), hold=(name,))

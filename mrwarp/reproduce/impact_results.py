@@ -97,9 +97,7 @@ def fig6(job: Job) -> Findings:
 def same_load(leg: str, phases: tuple[float, float] | None) -> str:
     """The leg that is loaded here where ``leg`` of the paper's pair is: the one that stands at the same end.
 
-    Args:
-        leg: Of :data:`mrwarp.usd.robot.LEGS`.
-        phases: Gait phases at onset; None is any, and every leg stands for itself.
+    Gait ``phases`` at onset; None is any, and every leg stands for itself.
     """
     return next((stands for stands in pushes.stance_legs(phases) if stands[0] == leg[0]), leg)
 
@@ -278,9 +276,7 @@ def sensitivity(job: Job) -> Findings:
 def by_seed(trace: ImpactTrace, policies: int) -> dict[str, list[Mapping[str, Any]]]:
     """:func:`threshold_reductions` of each policy's own pushes: ``ours``, ``sd`` and ``n`` of a row over policies.
 
-    Args:
-        trace: Trace of a sweep over :func:`threshold_variants`; trial i was walked by policy ``i % policies``.
-        policies: Policies; of a single one the trials stand for themselves.
+    Trial i was walked by policy ``i % policies``; of a single policy the trials stand for themselves.
     """
     own = [slice(k, None, policies) for k in range(policies)]
     parts = [

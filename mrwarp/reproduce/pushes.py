@@ -194,12 +194,8 @@ def push(cfg: ImpactCfg, name: str, policy: Policy) -> tuple[ReadingResult, Impa
     """Calibrate the duration on the 0 A row, then push with every current.
 
     The duration is the one of a grid that brings both cells nearest to the paper's, by relative least squares; all
-    durations are pushed as one batch, and a finer grid about the best one follows.
-
-    Args:
-        cfg: The sweep, see :func:`config`; its duration is not used.
-        name: The reading's.
-        policy: What walks.
+    durations are pushed as one batch, and a finer grid about the best one follows. The sweep is that of :func:`config`;
+    its own duration is not used.
     """
     duration, grid = 0.0, COARSE
     for _ in range(2):

@@ -34,10 +34,7 @@ INTRODUCTION = (
 def write(outcomes: Mapping[str, Outcome], out: Path, command: str) -> tuple[Path, Path]:
     """Write ``report.html`` and ``report.md`` of the entries, each in an atomic write.
 
-    Args:
-        outcomes: How each experiment ended.
-        out: Folder of the run; pictures lie in each experiment's folder below it.
-        command: Command line that made it.
+    Pictures lie in each experiment's folder below ``out``.
     """
     page = {
         "entries": [_entry(outcome, out / name) for name, outcome in outcomes.items() if name in TITLES],

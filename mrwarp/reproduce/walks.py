@@ -103,8 +103,7 @@ def complete(results: Sequence[WalkResult]) -> bool:
 def lost(counts: Mapping[str, tuple[int, int, int]]) -> list[str]:
     """One note on what fell or came too late; none if nothing did.
 
-    Args:
-        counts: By condition, how many trials began, how many of them fell and how many came too late.
+    ``counts``: by condition, how many trials began, how many of them fell and how many came too late.
     """
     parts = [
         f"{name}: {fell} fell and {late} came too late of {began}"

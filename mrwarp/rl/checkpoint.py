@@ -227,8 +227,6 @@ def take_networks(algorithm: Any, networks: Networks) -> dict[str, Any]:
 def critic_learns_alone(origin: dict[str, Any] | None, iteration: int) -> bool:
     """Whether after so many updates of a training the actor waits for a critic that is new (see :data:`CRITIC_FIRST`).
 
-    Args:
-        origin: What :func:`take_networks` gave; None if all networks are new, which learn together.
-        iteration: Updates that are done.
+    ``origin`` is what :func:`take_networks` gave; None if all networks are new, which learn together.
     """
     return origin is not None and Path(origin["file"]).suffix == ".onnx" and iteration < CRITIC_FIRST

@@ -34,10 +34,7 @@ class PolicyError(ValueError):
 def export_onnx(actor: Any, path: Path, description: dict[str, Any]) -> None:
     """Write the actor with its normaliser as ONNX: input ``obs`` (N, 11 + 3*J), output ``actions`` (N, J).
 
-    Args:
-        actor: The rsl-rl actor model.
-        path: File to write.
-        description: What a user needs to run it, e.g. action scale, gains, command that made it; stored as metadata.
+    The ``description`` is stored as metadata: what a user needs to run it, e.g. action scale, gains, command.
     """
     model = actor.as_onnx(verbose=False).to("cpu").eval()
     inputs = model.get_dummy_inputs()

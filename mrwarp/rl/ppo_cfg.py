@@ -36,11 +36,7 @@ def make_ppo_cfg(
 ) -> dict[str, Any]:
     """Settings of actor, critic and algorithm: small nets with observation normalisation, adaptive rate.
 
-    Args:
-        num_envs: Environments of all processes together.
-        learning: How fast they learn; None takes the defaults.
-        hidden: Widths of the hidden layers.
-        epochs: Passes over a rollout.
+    ``num_envs`` are those of all processes together, ``epochs`` the passes over a rollout.
     """
     learning = learning or LearningCfg()
 

@@ -135,11 +135,7 @@ class DivergenceError(RuntimeError):
 class Divergences:
     """Episodes of a training's environments that ended because a number went wrong.
 
-    Args:
-        env: The environments of this process.
-        ranks: The processes that train together.
-        folder: Where the last states of such environments are written.
-        run: What a dump says of the training, besides the update.
+    The last states of such environments are written to ``folder``, with what ``run`` says of the training.
 
     Attributes:
         count: Divergences so far, of all processes.

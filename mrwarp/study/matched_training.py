@@ -118,10 +118,7 @@ def train(cfg: StudyCfg, out: Path, *, threads: int = 0, report: Callable[[str],
 def collect(cfg: StudyCfg, out: Path, folder: Path) -> list[Path]:
     """Copy finished policies into a folder and write their training records beside them.
 
-    Args:
-        cfg: The trainings; what they started from is not compared, the records say it.
-        out: Folder of the runs.
-        folder: Where policies and records go; nothing is written there unless all can be.
+    What trainings started from is not compared, the records say it. Nothing is written unless all can be.
 
     Raises:
         RunError: a run was trained with other choices.

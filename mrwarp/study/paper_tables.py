@@ -269,10 +269,7 @@ STEPS = {
 def causes(cfg: EvaluationCfg, plants: Sequence[str], report: Report | None = None) -> dict[str, dict[str, Row]]:
     """Roll the policies of some trainings out on every plant, with the Bouc-Wen device on flat ground.
 
-    Args:
-        cfg: As for :func:`evaluate`; its ``plant`` and ``terrain`` are not used.
-        plants: Training plants.
-        report: Called with the share that is done.
+    As :func:`evaluate`, but that ``plant`` and ``terrain`` of ``cfg`` are not used.
 
     Returns:
         Rows by training plant and step of :data:`STEPS`.

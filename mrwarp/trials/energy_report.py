@@ -28,11 +28,7 @@ def walk_figures_of(
 ) -> dict[str, Any]:
     """Everything for ``result.json``.
 
-    Args:
-        cfg: What was walked.
-        results: The trials.
-        groups: The numbers of the models; the electrical ones are replaced where they are to be calibrated.
-        calibrated: Fit the electrical numbers to Go1's rows, and use them.
+    Where ``calibrated``, the electrical numbers are fitted to Go1's rows, used, and replaced in ``groups``.
 
     Raises:
         ValueError: calibrate, and Go1 did not arrive in one of its four conditions.
@@ -120,13 +116,8 @@ def mission_figures_of(
 ) -> tuple[dict[str, MissionTrace], dict[str, Any]]:
     """The missions, and their figures for ``result.json``.
 
-    Args:
-        cfg: The task.
-        policies: Of each robot.
-        groups: The numbers of the models; thermal ones and battery are replaced where they are to be calibrated.
-        progress: Told what is done, and the share of it.
-        of_paper: Whether the task is the paper's, whose figures of Go1 fit the numbers.
-        calibrated: Use what they give.
+    ``of_paper``: whether the task is the paper's, whose figures of Go1 fit the numbers. Where ``calibrated``, these are
+    used, and replaced in ``groups``.
     """
     fitted = model_numbers.fitted_names("thermal", "battery") if calibrated else ()
 

@@ -65,9 +65,7 @@ def add_mass(cfg: MassCfg):
 class FallingMass:
     """Holds, releases and stops the mass in every environment.
 
-    Args:
-        env: Environments built with :func:`add_mass`.
-        cfg: The mass.
+    The environments are built with :func:`add_mass`.
     """
 
     def __init__(self, env: WalkEnv, cfg: MassCfg) -> None:

@@ -327,9 +327,7 @@ def body_extremes(trace: ImpactTrace) -> dict[str, np.ndarray]:
 def fixed_current_env(*, holding: bool = False, **choices: Any) -> EnvCfg:
     """Task of an impact: devices take all the current; damping alone, or the holding branch too.
 
-    Args:
-        holding: Whether the devices hold.
-        choices: Of :func:`make_walk_cfg`.
+    Further ``choices`` are those of :func:`make_walk_cfg`.
     """
     env = make_walk_cfg(hold_current=HoldCurrent.FIXED, **choices)
     return replace(env, actuator=replace(env.actuator, holding=holding))

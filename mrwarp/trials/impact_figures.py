@@ -89,8 +89,7 @@ def threshold_variants(current: float) -> tuple[Variant, ...]:
 def threshold_reductions(trace: ImpactTrace) -> dict[str, list[dict[str, Any]]]:
     """Reduction of CoM drop and of mean motor torque against no current, in percent over the paired trials.
 
-    Args:
-        trace: Trace of a sweep over :func:`threshold_variants`.
+    The trace is that of a sweep over :func:`threshold_variants`.
 
     Returns:
         Per threshold a list of rows with ``value``, ``drop`` and ``motor`` (mean and SD over trials).

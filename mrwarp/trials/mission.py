@@ -143,12 +143,7 @@ def measure(
 ) -> dict[str, dict[str, PhaseLoad]]:
     """Simulate a window of every phase for every robot; what fell on one way is left out of the other too.
 
-    Args:
-        cfg: The task.
-        policies: Policy of each robot.
-        report: Told what runs and the share that is done.
-        fluid: Temperature of the fluids above ambient [K] by robot, shape (3,) over the phases; None is cold.
-        thermal_cfg: How fluids soften.
+    ``fluid``: temperature of the fluids above ambient [K] by robot, shape (3,) over the phases; None is cold.
 
     Raises:
         MissionError: a robot did not finish a window in any repetition, or both windows in the same one.
@@ -204,12 +199,7 @@ def run(
 ) -> MissionTrace:
     """Carry the windows over the phases: power, state of charge and temperatures.
 
-    Args:
-        phases: The windows by phase.
-        electrical: Numbers of the electrical model.
-        heat: Numbers of the thermal model.
-        battery: Numbers of the battery.
-        feedback: Whether warm windings have more resistance.
+    With ``feedback``, warm windings have more resistance.
 
     Raises:
         ValueError: the two walks are not of the same repetitions.
@@ -268,11 +258,7 @@ def calibrate(
 ) -> tuple[ThermalCfg, BatteryCfg, dict[str, Any]]:
     """Thermal numbers and battery capacity from Go1's rises and depletion of section 6.5.
 
-    Args:
-        phases: Go1's windows.
-        electrical: Numbers of the electrical model.
-        heat: Start of the thermal numbers.
-        battery: Start of the battery's.
+    The numbers start from ``heat`` and ``battery``.
     """
     loss = {name: motor_heat(phases[name].joints, electrical).mean(0) for name in PHASES}
     seconds = {name: float(phases[name].seconds.mean()) for name in PHASES}

@@ -34,10 +34,7 @@ STANCE_SHARE = 0.5
 def row(result: WalkResult, cfg: ElectricalCfg, *, calibrated: bool = True) -> dict[str, Any]:
     """All figures of one condition; spreads are over its trials. Another device has no paper's row beside it.
 
-    Args:
-        result: The trials.
-        cfg: The numbers.
-        calibrated: Whether these were fitted to Go1's rows, which are then marked.
+    ``calibrated``: whether the numbers were fitted to Go1's rows, which are then marked.
     """
     reference = paper.TABLE_6.get(result.key) if result.paper_device else None
     power, cots = battery_power(result.joints, cfg), cot(result, cfg)
@@ -112,10 +109,7 @@ def calibration_rows(results: Sequence[WalkResult], standing: JointLoad) -> list
 def standing_saving(motors: JointLoad, devices: JointLoad, cfg: ElectricalCfg) -> float:
     """What holding saves standing robots, as the paper's 39.8 W of section 6.5 [W].
 
-    Args:
-        motors: Joint load of a standing Go1.
-        devices: Joint load of a standing MR_Go whose calves are held.
-        cfg: The numbers.
+    ``motors`` is the load of a standing Go1, ``devices`` that of a standing MR_Go whose calves are held.
     """
     return float(battery_power(motors, cfg).total) - float(battery_power(devices, cfg).total)
 
@@ -155,10 +149,7 @@ class Saving:
 def savings(results: Sequence[WalkResult], cfg: ElectricalCfg, standing: float | None = None) -> list[Saving]:
     """What SAL saves in each condition in which both robots arrived; nothing of the paper beside another device.
 
-    Args:
-        results: Trials with MR_Go and MR_Go-SAL.
-        cfg: The numbers.
-        standing: What holding saves our standing robots [W], see :func:`standing_saving`.
+    ``standing``: what holding saves our standing robots [W], see :func:`standing_saving`.
     """
     arrived = {r.key: r for r in results if len(r.speed)}
     found = []
@@ -232,11 +223,8 @@ def _difference(ours: np.ndarray, theirs: float, sd: float) -> dict[str, float]:
 def mission_row(robot: str, trace: MissionTrace, *, calibrated: Collection[str] = MISSION_GROUPS) -> dict[str, Any]:
     """One robot's figures, beside the paper's where its devices are the paper's, else beside None.
 
-    Args:
-        robot: Of ``paper.ROBOTS``.
-        trace: Its mission.
-        calibrated: Groups of :data:`MISSION_GROUPS` whose numbers come from Go1's figures, which are then marked; none
-            where the task is not the paper's.
+    Figures of the ``calibrated`` groups, whose numbers come from Go1's figures, are marked; none where the task is not
+    the paper's.
     """
     own = {name: robot == "go1" and name in calibrated for name in MISSION_GROUPS}
     theirs = paper.MISSION_POWER[robot] if trace.paper_device else {}

@@ -151,10 +151,7 @@ def walk(
 ) -> list[WalkResult]:
     """Walk all conditions.
 
-    Args:
-        cfg: The conditions.
-        policies: Policy of each robot.
-        report: Called now and then with what is being walked and the share that is done.
+    ``report`` is called now and then with what is being walked and the share that is done.
     """
     assets: dict[str, list[str]] = {}
     for robot in cfg.robots:

@@ -141,9 +141,7 @@ def foreign_device(actuators: Sequence[JointActuator]) -> str:
 def device_notes(cfg: EnvCfg, current: float) -> Iterator[str]:
     """What a user is told of the devices before a walk, a line each.
 
-    Args:
-        cfg: The task.
-        current: Current that the devices may use [A].
+    ``current``: what the devices may use [A].
     """
     devices = task_devices(cfg)
     yield from device_lines(devices)
@@ -255,9 +253,7 @@ def measure(env: WalkEnv, policy: Policy, command: torch.Tensor, *, warmup: floa
 def stride_frequency(contact: np.ndarray, dt: float) -> float:
     """Strongest frequency of the feet's contact signal [Hz], from its mean spectrum over feet and environments.
 
-    Args:
-        contact: Contact of each foot, bool, shape (T, E, L).
-        dt: Sample time [s].
+    ``contact`` of each foot, bool, shape (T, E, L), every ``dt`` [s].
     """
     signal = contact.astype(np.float64)
     signal = signal - signal.mean(axis=0)

@@ -167,12 +167,8 @@ def load_bench(path: str | Path | None = None) -> RobotAsset:
 def with_model(asset: RobotAsset, model: Model | str | Path, *, extrapolate: bool = False) -> RobotAsset:
     """The asset with the numbers and effects of a model on every MR joint, in place of its own.
 
-    What the model does not hold (neutral angle, gates, motor) stays each joint's.
-
-    Args:
-        asset: Robot or bench.
-        model: A model, or the file that holds one.
-        extrapolate: As in :meth:`mrwarp.model_file.Model.to_params`.
+    What the model does not hold (neutral angle, gates, motor) stays each joint's. ``extrapolate`` as in
+    :meth:`mrwarp.model_file.Model.to_params`.
 
     Raises:
         ModelFileError: it cannot be used, or no joint of the asset has a device.

@@ -257,10 +257,8 @@ def _write(stage: Usd.Stage, file: Path, copy: Path, sites: Mapping[str, Values]
 def set_values(text: str, path: str, values: Values) -> str:
     """``text`` with attributes of one prim set: replaced where they stand, others added at the top of its block.
 
-    Args:
-        text: Content of a ``.usda`` file.
-        path: Sdf path of the prim, such as ``/mr_go{robot=mr_go}actuators/FL_calf``.
-        values: What to set.
+    ``path`` is the prim's Sdf path, such as ``/mr_go{robot=mr_go}actuators/FL_calf``, in the ``text`` of a ``.usda``
+    file.
 
     Raises:
         UsdaTextError: the prim does not stand in the text, or the text is not readable.

@@ -72,9 +72,7 @@ def label(asset: RobotAsset) -> str:
 def check_asset(file: Path, convert: Callable[[RobotAsset], MjModel]) -> Iterator[str]:
     """Load and convert every variant; yields a line for each that is usable, and where numbers left their model.
 
-    Args:
-        file: USD file.
-        convert: Builds the MuJoCo model of an asset; whatever it raises is about the file.
+    ``convert`` builds the MuJoCo model of an asset; whatever it raises is about the file.
 
     Raises:
         AssetError: the first thing that is wrong.
@@ -111,9 +109,7 @@ def models(asset: RobotAsset) -> dict[str, PrimModel]:
 def show_asset(asset: RobotAsset, full: bool = False) -> Iterator[str]:
     """Bodies, joints and MR numbers; a device whose numbers stand above already lists what differs.
 
-    Args:
-        asset: A loaded asset.
-        full: List every number of every device.
+    With ``full`` every number of every device is listed.
     """
     yield f"{min(str(asset.path), os.path.relpath(asset.path), key=len)}: {label(asset)}   (* differs from the default)"
     yield "\nbodies"

@@ -138,10 +138,7 @@ class LiveView:
 class LiveTraining(LiveView):
     """One robot of each current group of a training; training never waits for the viewer.
 
-    Args:
-        env: The training's environments.
-        rrd: Write a recording instead of opening rerun's window.
-        url: Send to a viewer that runs already instead.
+    With ``rrd`` a recording is written instead of opening rerun's window; ``url`` is a viewer that runs already.
 
     Raises:
         ViewerError: no viewer could be reached or opened.

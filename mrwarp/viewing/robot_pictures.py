@@ -156,13 +156,7 @@ def contact_sheet(
 ) -> None:
     """Every robot at instants spread over one stride, and the time series of the last ``seconds`` around them.
 
-    Args:
-        scene: What is simulated.
-        frames: What happened; its last ``seconds`` are shown.
-        currents: Current I_e of each robot [A].
-        path: PNG to write.
-        title: Title.
-        seconds: Time shown [s].
+    ``currents``: I_e of each robot [A].
     """
     frames = frames[frames.time >= frames.time[-1] - seconds - 1e-9]
     stride = min(1.0 / GAIT_FREQUENCY, float(frames.time[-1] - frames.time[0]))

@@ -156,9 +156,7 @@ def _z_to(direction: np.ndarray) -> np.ndarray:
 def body_poses(model: mujoco.MjModel, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Positions of all bodies [m], shape (..., nbody, 3), and quaternions (w, x, y, z), shape (..., nbody, 4).
 
-    Args:
-        model: The model.
-        qpos: Positions in MuJoCo's layout, shape (..., nq).
+    ``qpos`` in MuJoCo's layout, shape (..., nq).
     """
     data = mujoco.MjData(model)
     pos, quat = np.empty((*qpos.shape[:-1], model.nbody, 3)), np.empty((*qpos.shape[:-1], model.nbody, 4))
@@ -188,8 +186,7 @@ class Ground:
     def height(self, points: np.ndarray) -> np.ndarray:
         """Height below points [m], shape (...), by bilinear interpolation.
 
-        Args:
-            points: x and y [m], shape (..., 2).
+        ``points``: x and y [m], shape (..., 2).
         """
         last = np.array(self.heights.shape[::-1]) - 1
         column, row = np.moveaxis((points / self.half + 1.0) * 0.5 * last, -1, 0)

@@ -86,8 +86,7 @@ class Viewer:
 def check_viewer(url: str | None = None) -> bool:
     """Refuse a viewer that cannot be shown to, in no time: before an engine is loaded.
 
-    Args:
-        url: A viewer that should run already; None: rerun's window, which may still have to be opened.
+    Without ``url`` it is rerun's window, which may still have to be opened.
 
     Returns:
         Whether it runs.
