@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from mrwarp import paper
-from mrwarp.reproduce import drops, pushes
+from mrwarp.reproduce import impacts
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, compare, over_seeds, seeds_of
 from mrwarp.reproduce.settings import Ensemble, study_files
@@ -55,10 +55,10 @@ REDUCED = {"drop": ("reduction of CoM drop", "%", 2), "motor": ("reduction of mo
 
 def fig6(job: Job) -> Findings:
     """Calf motor torque of the push: mean and peak while the damping gate is open at 1.5 A, and the paired change."""
-    found = pushes.read(job)
+    found = impacts.read_pushes(job)
     torque, gate = np.abs(found.trace["tau_motor"]), found.trace["m_dyn"][LAST] > 0.0
     rows, lower = [], []
-    pairs = {leg: same_load(leg, pushes.ADOPTED.phases) for leg in paper.FIGURE_6_PUSH}
+    pairs = {leg: same_load(leg, impacts.ADOPTED.phases) for leg in paper.FIGURE_6_PUSH}
     for leg, theirs in paper.FIGURE_6_PUSH.items():
         k, name = LEGS.index(pairs[leg]), leg if pairs[leg] == leg else f"{pairs[leg]} for the paper's {leg}"
         on, off = (_while_open(torque[place, :, :, k], gate[:, :, k]) for place in (LAST, 0))
@@ -79,7 +79,7 @@ def fig6(job: Job) -> Findings:
                 compare(f"{name}, {kind}, 1.5 A", TORQUE, theirs[kind], over_seeds(with_current, seeds), why),
                 compare(f"{name}, {kind}, 0 to 1.5 A", ("change", "%", 1), change_theirs, changes, taken),
             ]
-    notes = [f"Push of table 4, reading: {pushes.ADOPTED.name}."]
+    notes = [f"Push of table 4, reading: {impacts.ADOPTED.name}."]
     if any(leg != ours for leg, ours in pairs.items()):
         notes.append(
             f"This push meets the robot while {' and '.join(pairs.values())} stand, the paper's while "
@@ -89,7 +89,7 @@ def fig6(job: Job) -> Findings:
     return Findings(
         rows=rows,
         claims={"current lowers the motor's torque on the loaded pair": all(lower)},
-        notes=[*notes, *pushes.fallen(found.trace["fell"], "pushes")],
+        notes=[*notes, *impacts.fallen(found.trace["fell"], "pushes")],
         pictures={"torque.png": "Calf motor torque of the first trial at 0 and 1.5 A; damping gate open where shaded"},
     )
 
@@ -99,7 +99,7 @@ def same_load(leg: str, phases: tuple[float, float] | None) -> str:
 
     Gait ``phases`` at onset; None is any, and every leg stands for itself.
     """
-    return next((stands for stands in pushes.stance_legs(phases) if stands[0] == leg[0]), leg)
+    return next((stands for stands in impacts.stance_legs(phases) if stands[0] == leg[0]), leg)
 
 
 def _while_open(torque: np.ndarray, gate: np.ndarray) -> dict[str, np.ndarray]:
@@ -133,7 +133,7 @@ def _plot_push(trace: dict[str, np.ndarray], job: Job) -> None:
 
 def fig7(job: Job) -> Findings:
     """Mean calf motor torque over 0.1 s of the falling mass; the paper hit FR and RL in stance, and states those."""
-    dropped = drops.read(job)
+    dropped = impacts.read_drops(job)
     found, seeds = dropped.figures, dropped.seeds()
     rows, lower = [], []
     for name, values in found.items():
@@ -152,7 +152,7 @@ def fig7(job: Job) -> Findings:
     return Findings(
         rows=rows,
         claims={"1.5 A lower the torque of FR and RL": all(lower)},
-        notes=drops.lost(found.values()),
+        notes=impacts.lost(found.values()),
         pictures={
             "torque.png": "Mean calf motor torque over 0.1 s by leg and current; diamonds: the paper's FR and RL"
         },
@@ -197,10 +197,10 @@ def table5(job: Job) -> Findings:
             trials=len(paths) * settings.impacts,
             env=fixed_current_env(threads=settings.threads),
             seed=settings.seed,
-            phases=pushes.FR_RL_STANCE,
+            phases=impacts.FR_RL_STANCE,
             variants=tuple(Variant(current=current) for current in CURRENTS),
         )
-        found[training] = drops.measured(ImpactSweep(cfg, Ensemble(paths)).run())
+        found[training] = impacts.measured(ImpactSweep(cfg, Ensemble(paths)).run())
         seeds = seeds_of(np.arange(cfg.trials), len(paths))
     means = {
         name: {q: found[training][q][sal].mean() for q in STRUCK} for name, (training, sal) in CONFIGURATIONS.items()
@@ -230,7 +230,7 @@ def table5(job: Job) -> Findings:
         },
         notes=[
             "The paper's rows are hardware's: an estimate from its sensors, ours the simulated trunk's motion.",
-            *drops.lost(found.values()),
+            *impacts.lost(found.values()),
         ],
     )
 
@@ -238,12 +238,12 @@ def table5(job: Job) -> Findings:
 def sensitivity(job: Job) -> Findings:
     """The push of table 4 with one of the gates' thresholds at a time varied: reductions at both ends of its range."""
     settings, policies = job.settings, len(job.settings.impacted)
-    duration = pushes.read(job).of(pushes.ADOPTED).duration
-    cfg = pushes.config(pushes.ADOPTED, settings)
+    duration = impacts.read_pushes(job).of(impacts.ADOPTED).duration
+    cfg = impacts.config(impacts.ADOPTED, settings)
     off, on = cfg.variants[0], cfg.variants[-1]
     varied = [(off if v.current == 0.0 else on, v.params) for v in threshold_variants(on.current)]
     variants = tuple(replace(base, params={**base.params, **params}) for base, params in varied)
-    ensemble = Ensemble(settings.struck(pushes.ADOPTED.gains))
+    ensemble = Ensemble(settings.struck(impacts.ADOPTED.gains))
     trace = ImpactSweep(replace(cfg, variants=variants, duration=duration), ensemble).run()
     plot_thresholds(threshold_reductions(trace), job.out / "thresholds.png")
     reductions = by_seed(trace, policies)
@@ -265,9 +265,9 @@ def sensitivity(job: Job) -> Findings:
         rows=rows,
         claims=claims,
         notes=[
-            f"Push of table 4 ({duration:.2f} s), reading: {pushes.ADOPTED.name}. Each policy's reductions are "
+            f"Push of table 4 ({duration:.2f} s), reading: {impacts.ADOPTED.name}. Each policy's reductions are "
             "relative to its own drop and torque without current.",
-            *pushes.fallen(trace.fell, "pushes"),
+            *impacts.fallen(trace.fell, "pushes"),
         ],
         pictures={"thresholds.png": "Reduction of drop and motor torque by 1.5 A over each threshold, over all trials"},
     )

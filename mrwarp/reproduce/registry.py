@@ -6,16 +6,14 @@ from collections.abc import Callable
 
 from mrwarp.nn.models import SAMPLES
 from mrwarp.reproduce import (
-    drops,
     electrical,
     fig4,
     impact_results,
+    impacts,
     missions,
-    pushes,
-    support,
     table4,
-    table6,
     training_results,
+    walk_results,
     walks,
 )
 from mrwarp.reproduce.cache import Experiment
@@ -27,7 +25,7 @@ IMPACTS = ("impacted", "aware", "impacts", "seed")
 WALKS = ("policies", "aware", "sticking", "high", "rollouts", "distance", "seed")
 WINDOWS = ("policies", "rollouts", "window", "seed")
 TRAININGS = (CONVENTIONAL, AWARE)
-READINGS = tuple(dict.fromkeys(reading.torque for reading in pushes.READINGS))
+READINGS = tuple(dict.fromkeys(reading.torque for reading in impacts.READINGS))
 
 
 def _impacts(seconds: float) -> Callable[[Settings], float]:
@@ -66,12 +64,12 @@ _ALL = (
     ),
     Experiment(
         name="pushes",
-        compute=pushes.simulate,
+        compute=impacts.simulate_pushes,
         settings=IMPACTS,
         files=lambda: networks(READINGS),
         seconds=_impacts(110.0),
     ),
-    Experiment(name="drops", compute=drops.simulate, settings=IMPACTS, seconds=_impacts(5.0)),
+    Experiment(name="drops", compute=impacts.simulate_drops, settings=IMPACTS, seconds=_impacts(5.0)),
     Experiment(name="table4", compute=table4.compute, needs=("pushes", "drops")),
     Experiment(
         name="sensitivity",
@@ -90,11 +88,11 @@ _ALL = (
         seconds=_impacts(3.0),
     ),
     Experiment(name="walks", compute=walks.simulate, settings=WALKS, seconds=_walks(360.0, "distance", 30.0)),
-    Experiment(name="table6", compute=table6.compute, needs=("walks",)),
-    Experiment(name="table7", compute=support.table7, needs=("walks",)),
+    Experiment(name="table6", compute=walk_results.table6, needs=("walks",)),
+    Experiment(name="table7", compute=walk_results.table7, needs=("walks",)),
     Experiment(name="electrical", compute=electrical.compute, needs=("walks",)),
-    Experiment(name="fig8", compute=support.fig8, needs=("walks",)),
-    Experiment(name="fig9", compute=table6.fig9, needs=("walks",)),
+    Experiment(name="fig8", compute=walk_results.fig8, needs=("walks",)),
+    Experiment(name="fig9", compute=walk_results.fig9, needs=("walks",)),
     Experiment(name="windows", compute=missions.simulate, settings=WINDOWS, seconds=_walks(40.0, "window", 10.0)),
     Experiment(name="fig10", compute=missions.fig10, needs=("walks", "windows")),
     Experiment(name="fig11", compute=missions.fig11, needs=("walks", "windows")),

@@ -9,11 +9,10 @@ from matplotlib.figure import Figure
 
 from mrwarp import paper
 from mrwarp.params import BoucWenParams
-from mrwarp.reproduce import drops, pushes
+from mrwarp.reproduce import impacts
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare, over_seeds
-from mrwarp.reproduce.drops import Drops
-from mrwarp.reproduce.pushes import Pushes, ReadingResult
+from mrwarp.reproduce.impacts import Drops, Pushes, ReadingResult
 from mrwarp.usd.robot import CURRENT_GROUPS
 from mrwarp.viewing.robot_pictures import COLORS
 
@@ -26,8 +25,8 @@ WANTED = 0.05
 
 def compute(job: Job) -> Findings:
     """The adopted reading's rows, the drop's rows, and what every other reading gives."""
-    found, dropped = pushes.read(job), drops.read(job)
-    adopted = found.of(pushes.ADOPTED)
+    found, dropped = impacts.read_pushes(job), impacts.read_drops(job)
+    adopted = found.of(impacts.ADOPTED)
     rows = _rows(
         "push, {amps}", "simulation", adopted.cells, found.seeds(), lambda cell, i: _pushed(adopted, cell, i), True
     )
@@ -36,17 +35,17 @@ def compute(job: Job) -> Findings:
         condition = f"drop of 10 kg, {{amps}}, {name}"
         rows += _rows(condition, "hardware", values, dropped.seeds(), lambda cell, i, why=why: why[cell])
     _plot(found, dropped, job)
-    within = sum(abs(value) <= WANTED for value in pushes.predicted_off(adopted.means))
+    within = sum(abs(value) <= WANTED for value in impacts.predicted_off(adopted.means))
     return Findings(
         rows=rows,
         claims={
             f"the six predicted simulation cells lie within {100.0 * WANTED:.0f} % ({within} do)": within == 6,
             "height rises and speed falls with every step of the current": adopted.monotone,
-            f"of the {len(pushes.CANDIDATES)} readings with eq. 14, the adopted one's 0 A row is nearest": (
+            f"of the {len(impacts.CANDIDATES)} readings with eq. 14, the adopted one's 0 A row is nearest": (
                 _by_level(found)[0] is adopted
             ),
         },
-        notes=[*_readings(found), *_upright(found), *drops.lost(dropped.figures.values())],
+        notes=[*_readings(found), *_upright(found), *impacts.lost(dropped.figures.values())],
         tables=[table(found)],
         pictures={"table4.png": "Both figures over the current: ours (lines), the paper's (marks)"},
         figures={"readings": [reading.figures() for reading in found.readings]},
@@ -124,13 +123,13 @@ def table(found: Pushes) -> TextTable:
 
 def _by_level(found: Pushes) -> list[ReadingResult]:
     """The readings that the adopted one was chosen among, the one with the nearest 0 A row first."""
-    candidates = [found.of(reading) for reading in pushes.CANDIDATES]
+    candidates = [found.of(reading) for reading in impacts.CANDIDATES]
     return sorted(candidates, key=lambda entry: sum(value**2 for value in entry.off_mismatch))
 
 
 def _readings(found: Pushes) -> list[str]:
     """How the adopted reading was chosen, and what the others tell about the level at 0 A and the effect of current."""
-    adopted, theirs = found.of(pushes.ADOPTED), paper.TABLE_4["simulation"]
+    adopted, theirs = found.of(impacts.ADOPTED), paper.TABLE_4["simulation"]
     nearest = []
     for entry in _by_level(found)[:2]:
         off = zip(entry.off_mismatch, TITLES.values(), strict=True)
@@ -138,16 +137,17 @@ def _readings(found: Pushes) -> list[str]:
         nearest.append(f"'{entry.reading}' is off by {by}")
     # the paper's own 0 A row: nearly that of a spring without damping
     drop = paper.TABLE_2["D"]["height"].mean - theirs[0.0]["min_height"].mean
-    bound, speed = pushes.undamped_speed(drop), -theirs[0.0]["peak_down_velocity"].mean
+    bound, speed = impacts.undamped_speed(drop), -theirs[0.0]["peak_down_velocity"].mean
     stiff, little, ours = (
-        -found.of(reading).means["peak_down_velocity"][0] for reading in (pushes.BASE, pushes.UNDAMPED, pushes.ADOPTED)
+        -found.of(reading).means["peak_down_velocity"][0]
+        for reading in (impacts.BASE, impacts.UNDAMPED, impacts.ADOPTED)
     )
     changes = [
         f"{title} {_percent(adopted.change[cell])} (the paper "
         f"{_percent(theirs[1.5][cell].mean / theirs[0.0][cell].mean - 1.0)})"
         for cell, (title, *_) in TITLES.items()
     ]
-    free, base = found.of(pushes.UNWEAKENED), found.of(pushes.BASE).change
+    free, base = found.of(impacts.UNWEAKENED), found.of(impacts.BASE).change
     best = min(found.readings, key=lambda entry: entry.worst)
     height, velocity = TITLES
     points = {e.reading: [100.0 * (e.change[cell] - base[cell]) for cell in TITLES] for e in found.readings}
@@ -158,10 +158,10 @@ def _readings(found: Pushes) -> list[str]:
         "the paper does not state, are chosen by the 0 A row alone; the largest difference of the six predicted "
         f"cells is {100.0 * adopted.worst:.1f} %. Policies walk with the gains that they were trained with, Kp "
         "20 and Kd 0.5, or near them; with the asset's Kp of 35 the calibrated push lowers the trunk to "
-        f"{found.of(pushes.ASSET).means['min_height'][0]:.3f} m on average.",
+        f"{found.of(impacts.ASSET).means['min_height'][0]:.3f} m on average.",
         f"Of the readings with eq. 14 these two have the nearest 0 A rows: {'; '.join(nearest)}. Those with another "
         f"torque were not to choose from. The adopted one pushes while "
-        f"{' and '.join(pushes.stance_legs(pushes.ADOPTED.phases))} stand; the paper's figure 6(b) shows "
+        f"{' and '.join(impacts.stance_legs(impacts.ADOPTED.phases))} stand; the paper's figure 6(b) shows "
         f"{' and '.join(paper.FIGURE_6_PUSH)} loaded.",
         f"The paper's 0 A row is nearly that of an undamped spring: pressed down by {drop:.3f} m with a lasting 100 N, "
         f"{paper.MASS['mr_go']:g} kg reach at most sqrt(F drop/2m) = {bound:.3f} m/s; the paper has {speed:.3f} m/s. "
@@ -180,11 +180,11 @@ def _readings(found: Pushes) -> list[str]:
 
 def _upright(found: Pushes) -> list[str]:
     """What fell in the adopted reading, and how far off the cells are without; nothing if nothing fell."""
-    down, told = np.any(found.trace["fell"], axis=0), pushes.fallen(found.trace["fell"], "pushes")
+    down, told = np.any(found.trace["fell"], axis=0), impacts.fallen(found.trace["fell"], "pushes")
     if not down.any() or down.all():
         return told
-    cells = found.of(pushes.ADOPTED).cells
-    off = pushes.predicted_off({cell: cells[cell][:, ~down].mean(axis=1) for cell in TITLES})
+    cells = found.of(impacts.ADOPTED).cells
+    off = impacts.predicted_off({cell: cells[cell][:, ~down].mean(axis=1) for cell in TITLES})
     return [
         f"{told[0]} Without the {down.sum()} of {down.size} trials that fell at some current, with the same push, "
         f"{sum(abs(value) <= WANTED for value in off)} of the six predicted cells lie within {100.0 * WANTED:.0f} %, "
@@ -202,7 +202,7 @@ def _plot(found: Pushes, dropped: Drops, job: Job) -> None:
     x = list(CURRENT_GROUPS)
     for axis, (cell, (title, unit, _)) in zip(axes, TITLES.items(), strict=True):
         for k, entry in enumerate(found.readings):
-            if entry.reading == pushes.ADOPTED.name:
+            if entry.reading == impacts.ADOPTED.name:
                 style = {"color": "#1f6fb4", "linewidth": 2.5, "zorder": 2, "label": "push, adopted"}
             else:
                 last = k == len(found.readings) - 1

@@ -18,11 +18,10 @@ import warp as wp
 import mrwarp.actuator.residual
 from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, HoldCurrent, MrActuator, MrActuatorCfg
 from mrwarp.actuator.newton_drive import DriveMR
-from mrwarp.actuator.residual import KINDS, LearnedTorque, window_now, with_bouc_wen
+from mrwarp.actuator.residual import KINDS, LearnedTorque, states_at_rest, window_now, with_bouc_wen
 from mrwarp.identify import learn
 from mrwarp.kernels import launch
 from mrwarp.kernels.launch import capture
-from mrwarp.nn.layout import states_at_rest
 from mrwarp.nn.models import LstmState, LstmTorque, make_net
 from mrwarp.nn.network_file import LearnedModel, SamplingRateError, load, shipped_model
 from mrwarp.params import BoucWenParams, MrParams

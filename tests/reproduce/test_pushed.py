@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from mrwarp import paper
-from mrwarp.reproduce import drops, impact_results, pushes, table4
+from mrwarp.reproduce import impact_results, impacts, table4
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings
 from mrwarp.reproduce.impact_results import fig6, fig7
-from mrwarp.reproduce.pushes import ReadingResult
+from mrwarp.reproduce.impacts import ReadingResult
 from mrwarp.reproduce.settings import Settings
 from mrwarp.trials.impact import ImpactTrace
 from mrwarp.trials.impact_figures import threshold_variants
@@ -21,39 +21,39 @@ TRIALS = 6
 """Two of each of three policies."""
 
 
-def pushed(off: dict[str, float]) -> pushes.Pushes:
+def pushed(off: dict[str, float]) -> impacts.Pushes:
     """Pushes whose 0 A rows are off by so much, relative, by the name of the reading; 0.1 where it is not given."""
     row = paper.TABLE_4["simulation"][0.0]
     entries = []
-    for reading in pushes.READINGS:
+    for reading in impacts.READINGS:
         level = 1.0 + off.get(reading.name, 0.1)
-        cells = {cell: np.full((4, TRIALS), level * row[cell].mean) for cell in pushes.CELLS}
+        cells = {cell: np.full((4, TRIALS), level * row[cell].mean) for cell in impacts.CELLS}
         entries.append(ReadingResult(reading=reading.name, duration=0.2, cells=cells))
     shape = (4, TRIALS, 5, 4)
     torque = np.zeros(shape) + np.arange(1.0, 5.0)
     torque[-1] *= 0.9
     fell = np.zeros((4, TRIALS), dtype=bool)
     trace = {"t": np.arange(5.0), "tau_motor": torque, "m_dyn": np.ones(shape), "fell": fell}
-    return pushes.Pushes(readings=entries, trace=trace, policies=3)
+    return impacts.Pushes(readings=entries, trace=trace, policies=3)
 
 
-def dropped() -> drops.Drops:
+def dropped() -> impacts.Drops:
     """Falling masses: policies differ by 1, the trials of each by 0.1."""
     values = np.tile([0.0, 1.0, 2.0, 0.1, 1.1, 2.1], (4, 1))
-    figures = {name: values.copy() for name in (*pushes.CELLS, *LEGS)} | {"fell": np.zeros_like(values, dtype=bool)}
-    return drops.Drops(figures=dict.fromkeys(drops.GAINS, figures), policies=3)
+    figures = {name: values.copy() for name in (*impacts.CELLS, *LEGS)} | {"fell": np.zeros_like(values, dtype=bool)}
+    return impacts.Drops(figures=dict.fromkeys(impacts.GAINS, figures), policies=3)
 
 
-def made(entry, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: pushes.Pushes) -> Findings:
+def made(entry, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: impacts.Pushes) -> Findings:
     """What an entry finds in these pushes and falling masses."""
-    monkeypatch.setattr(pushes, "read", lambda job: found)
-    monkeypatch.setattr(drops, "read", lambda job: dropped())
+    monkeypatch.setattr(impacts, "read_pushes", lambda job: found)
+    monkeypatch.setattr(impacts, "read_drops", lambda job: dropped())
     return entry(Job(settings=Settings(), out=tmp_path))
 
 
 def test_figure6_reads_the_leg_that_is_loaded(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The adopted push meets FR and RL, the mirror image of the paper's FL and RR; rows and a note say so."""
-    assert pushes.ADOPTED.phases == pushes.FR_RL_STANCE
+    assert impacts.ADOPTED.phases == impacts.FR_RL_STANCE
     found = made(fig6, monkeypatch, tmp_path, pushed({}))
     ours = {row.condition: row.ours for row in found.rows}
     assert ours["FR for the paper's FL, mean, 1.5 A"] == pytest.approx(0.9 * (1 + LEGS.index("FR")))
@@ -65,7 +65,7 @@ def test_figure6_reads_the_leg_that_is_loaded(monkeypatch: pytest.MonkeyPatch, t
 
 @pytest.mark.parametrize(
     ("phases", "legs"),
-    [(pushes.FL_RR_STANCE, {"FL": "FL", "RR": "RR"}), (pushes.FR_RL_STANCE, {"FL": "FR", "RR": "RL"}),
+    [(impacts.FL_RR_STANCE, {"FL": "FL", "RR": "RR"}), (impacts.FR_RL_STANCE, {"FL": "FR", "RR": "RL"}),
      ((0.1, 0.3), {"FL": "FL", "RR": "RR"}), ((0.25, 0.75), {"FL": "FL"}), (None, {"FL": "FL", "RR": "RR"})],
 )  # fmt: skip
 def test_legs_follow_from_the_phases(phases: tuple[float, float] | None, legs: dict[str, str]) -> None:
@@ -75,10 +75,10 @@ def test_legs_follow_from_the_phases(phases: tuple[float, float] | None, legs: d
 
 def test_table4_claims_that_the_adopted_0_a_row_is_nearest(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Among readings with eq. 14; one with another torque may be nearer, another with eq. 14 may not."""
-    claim = f"of the {len(pushes.CANDIDATES)} readings with eq. 14, the adopted one's 0 A row is nearest"
-    assert pushes.ADOPTED in pushes.CANDIDATES and pushes.UNWEAKENED not in pushes.CANDIDATES
-    adopted, other = pushes.ADOPTED.name, pushes.BASE.name
-    near = {adopted: 0.001, pushes.UNWEAKENED.name: 0.0}
+    claim = f"of the {len(impacts.CANDIDATES)} readings with eq. 14, the adopted one's 0 A row is nearest"
+    assert impacts.ADOPTED in impacts.CANDIDATES and impacts.UNWEAKENED not in impacts.CANDIDATES
+    adopted, other = impacts.ADOPTED.name, impacts.BASE.name
+    near = {adopted: 0.001, impacts.UNWEAKENED.name: 0.0}
     found = made(table4.compute, monkeypatch, tmp_path, pushed(near))
     assert found.claims[claim]
     assert f"'{adopted}' is off by +0.1 %" in found.notes[1]
@@ -115,9 +115,9 @@ def test_table4_says_what_the_fallen_robots_change(monkeypatch: pytest.MonkeyPat
     """One trial of six fell at 0.5 A only and lies low at every current; without it the cells are the paper's."""
     found = pushed({})
     theirs = [paper.TABLE_4["simulation"][amps] for amps in CURRENT_GROUPS]
-    cells = {cell: np.tile([[row[cell].mean] for row in theirs], TRIALS) for cell in pushes.CELLS}
+    cells = {cell: np.tile([[row[cell].mean] for row in theirs], TRIALS) for cell in impacts.CELLS}
     cells["min_height"][:, 2] = 0.05
-    found.of(pushes.ADOPTED).cells.update(cells)
+    found.of(impacts.ADOPTED).cells.update(cells)
     assert not any("trunk below" in note for note in made(table4.compute, monkeypatch, tmp_path, found).notes)
     found.trace["fell"][1, 2] = True
     assert made(table4.compute, monkeypatch, tmp_path, found).notes[-1] == (
@@ -137,15 +137,15 @@ def test_masses_that_miss_leave_no_figure() -> None:
         qpos=np.zeros((1, 40, 19)), ledger=np.zeros((1, 3, 7)), fell=np.array([[False, True, False]]),
         contact=np.array([[0.02, 0.02, np.nan]]),
     )  # fmt: skip
-    found = drops.measured(trace)
-    for name in (*pushes.CELLS, "acceleration", *LEGS):
+    found = impacts.measured(trace)
+    for name in (*impacts.CELLS, "acceleration", *LEGS):
         assert np.isnan(found[name]).tolist() == [[False, False, True]]
     assert found["FR"][0, :2] == pytest.approx(2.0)
-    assert drops.lost([found]) == [
+    assert impacts.lost([found]) == [
         "1 of 3 masses missed the robot and leave no figure.",
         "1 of 3 falling masses brought the trunk below 0.1 m; their figures count.",
     ]
-    assert drops.lost([{**found, "min_height": height[..., 0], "fell": trace.fell & False}]) == []
+    assert impacts.lost([{**found, "min_height": height[..., 0], "fell": trace.fell & False}]) == []
 
 
 def test_sensitivity_is_over_seeds() -> None:

@@ -5,8 +5,8 @@ import pytest
 
 from mrwarp import paper
 from mrwarp.params import BoucWenParams, HoldParams
-from mrwarp.reproduce import drops, pushes, table4
-from mrwarp.reproduce.pushes import Pushes
+from mrwarp.reproduce import impacts, table4
+from mrwarp.reproduce.impacts import Pushes
 from mrwarp.reproduce.settings import Settings
 from mrwarp.trials.impact import ImpactTrace
 from mrwarp.usd.robot import CURRENT_GROUPS
@@ -14,9 +14,9 @@ from mrwarp.usd.robot import CURRENT_GROUPS
 
 def test_yield_reading_slides_at_the_yield_torque() -> None:
     """At the bound of z the sliding torque K1*I*z is eq. 18's, at any speed."""
-    reading = next(r for r in pushes.READINGS if r.torque == "yield")
+    reading = next(r for r in impacts.READINGS if r.torque == "yield")
     law = HoldParams()
-    for variant in pushes.config(reading, Settings()).variants[1:]:
+    for variant in impacts.config(reading, Settings()).variants[1:]:
         sliding = variant.params["K1"] * variant.current * BoucWenParams().z_bound
         wanted = law.T_max * variant.current**law.n / (law.K**law.n + variant.current**law.n)
         assert sliding == pytest.approx(wanted)
@@ -25,8 +25,8 @@ def test_yield_reading_slides_at_the_yield_torque() -> None:
 
 def test_low_gain_reading_opens_the_gate_at_zero_current() -> None:
     """Its 0 A setting has a current that holds less than a millionth of what the loaded calf needs."""
-    reading = next(r for r in pushes.READINGS if r.soft_at_zero)
-    first = pushes.config(reading, Settings()).variants[0].current
+    reading = next(r for r in impacts.READINGS if r.soft_at_zero)
+    first = impacts.config(reading, Settings()).variants[0].current
     law = HoldParams()
     assert 0.0 < law.T_max * (first / law.K) ** law.n < 1e-5
 
@@ -34,9 +34,9 @@ def test_low_gain_reading_opens_the_gate_at_zero_current() -> None:
 def test_mismatch_is_zero_at_the_papers_row_alone() -> None:
     """Relative squares: 10 % off in one cell is 0.01."""
     row = paper.TABLE_4["simulation"][0.0]
-    exact = {cell: np.array([row[cell].mean, 1.1 * row[cell].mean]) for cell in pushes.CELLS}
+    exact = {cell: np.array([row[cell].mean, 1.1 * row[cell].mean]) for cell in impacts.CELLS}
     exact["peak_down_velocity"][1] = row["peak_down_velocity"].mean
-    np.testing.assert_allclose(pushes.mismatch(exact), [0.0, 0.01], atol=1e-12)
+    np.testing.assert_allclose(impacts.mismatch(exact), [0.0, 0.01], atol=1e-12)
 
 
 def test_undamped_speed_is_that_of_an_integrated_spring() -> None:
@@ -48,14 +48,14 @@ def test_undamped_speed_is_that_of_an_integrated_spring() -> None:
         x += dt * v
         peak, lowest = max(peak, v), max(lowest, x)
     assert lowest == pytest.approx(0.15, rel=1e-3)
-    assert pushes.undamped_speed(0.15) == pytest.approx(peak, rel=1e-3)
+    assert impacts.undamped_speed(0.15) == pytest.approx(peak, rel=1e-3)
 
 
 def test_names_tell_the_readings_apart() -> None:
     """Each stands once, and the adopted one is among them."""
-    names = [reading.name for reading in pushes.READINGS]
+    names = [reading.name for reading in impacts.READINGS]
     assert len(set(names)) == len(names)
-    assert pushes.ADOPTED in pushes.READINGS
+    assert impacts.ADOPTED in impacts.READINGS
 
 
 def test_drop_is_measured_from_the_contact_on() -> None:
@@ -70,7 +70,7 @@ def test_drop_is_measured_from_the_contact_on() -> None:
         m_dyn=legs, m_hold=legs, f_foot=legs, q=legs, qd=legs, qpos=np.zeros((1, 80, 19)), ledger=np.zeros((1, 2, 7)),
         fell=np.zeros((1, 2), dtype=bool), contact=contact,
     )  # fmt: skip
-    found = drops.measured(trace)
+    found = impacts.measured(trace)
     np.testing.assert_allclose(found["FR"], 6.0)
     np.testing.assert_allclose(found["acceleration"], 3.0, rtol=1e-6)
     np.testing.assert_allclose(found["peak_down_velocity"], -3.0 * (t[-1] - contact))
@@ -79,12 +79,12 @@ def test_drop_is_measured_from_the_contact_on() -> None:
 def test_table_of_readings_has_a_line_each_and_the_papers_first() -> None:
     """Cells, changes and the worst prediction as text."""
     row = paper.TABLE_4["simulation"]
-    cells = {cell: np.array([[1.05 * row[amps][cell].mean] for amps in CURRENT_GROUPS]) for cell in pushes.CELLS}
+    cells = {cell: np.array([[1.05 * row[amps][cell].mean] for amps in CURRENT_GROUPS]) for cell in impacts.CELLS}
     cells["min_height"][3] = cells["min_height"][0]
-    entries = [pushes.ReadingResult(reading=r.name, duration=0.2, cells=cells) for r in pushes.READINGS]
+    entries = [impacts.ReadingResult(reading=r.name, duration=0.2, cells=cells) for r in impacts.READINGS]
     found = Pushes(readings=entries, trace={}, policies=1)
     table = table4.table(found)
-    assert len(table.rows) == len(pushes.READINGS) + 1
+    assert len(table.rows) == len(impacts.READINGS) + 1
     assert {len(row) for row in table.rows} == {len(table.head)}
     assert table.rows[0][2 : 2 + len(CURRENT_GROUPS)] == ["0.1851", "0.2030", "0.2072", "0.2124"]
     assert table.rows[1][-4:] == ["+0.0 %", "-19.3 %", "8 %", "no"]

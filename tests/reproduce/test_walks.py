@@ -9,12 +9,11 @@ import pytest
 from mrwarp import paper
 from mrwarp.energy import consistency
 from mrwarp.energy.power import JointLoad
-from mrwarp.reproduce import cache, electrical, table6, walks
+from mrwarp.reproduce import cache, electrical, walk_results, walks
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, over_seeds
 from mrwarp.reproduce.settings import Settings
-from mrwarp.reproduce.support import fig8, table7
-from mrwarp.reproduce.table6 import fig9
+from mrwarp.reproduce.walk_results import fig8, fig9, table6, table7
 from mrwarp.trials.power_meter import CHANNELS, GaitTrace
 from mrwarp.trials.walk_figures import Saving
 from mrwarp.trials.walk_trials import WalkResult
@@ -166,7 +165,7 @@ def test_a_reduction_counts_seeds_not_trials(tmp_path: Path) -> None:
     left = replace(
         left, joints=replace(left.joints, torque_square=left.joints.torque_square * (1 + left.trial % 3)[:, None])
     )
-    rows = {row.condition: row for row in made(table6.compute, folder(tmp_path, left)).rows}
+    rows = {row.condition: row for row in made(table6, folder(tmp_path, left)).rows}
     after, before = (rows[f"{robot}, 0 kg, 0.3 m/s"].ours for robot in ("MR_Go-SAL", "MR_Go"))
     reduction = rows["SAL against MR_Go, 0 kg, 0.3 m/s"]
     assert reduction.ours == pytest.approx(100.0 * (1.0 - after / before))
@@ -222,17 +221,17 @@ def test_a_reduction_has_the_spread_of_both_robots() -> None:
     """MR_Go-SAL's COT scatters by 4 %, MR_Go's by 3 %: their ratio by 5 % of itself; one seed has no spread."""
     cots = {("mr_go_sal", 0.0, 0.3): {"ours": 8.0, "sd": 0.32, "n": 3},
             ("mr_go", 0.0, 0.3): {"ours": 10.0, "sd": 0.3, "n": 3}}  # fmt: skip
-    row = table6.reduction_row("SAL against MR_Go", saved(0.0), cots, "")
+    row = walk_results.reduction_row("SAL against MR_Go", saved(0.0), cots, "")
     assert (row.ours, row.n) == (pytest.approx(20.0), 3)
     assert row.sd == pytest.approx(100.0 * 0.8 * 0.05)
     assert row.paper and row.paper.sd == pytest.approx(2.0)
     cots["mr_go", 0.0, 0.3] = {"ours": 10.0, "sd": None, "n": 1}
-    assert table6.reduction_row("SAL against MR_Go", saved(0.0), cots, "").sd is None
+    assert walk_results.reduction_row("SAL against MR_Go", saved(0.0), cots, "").sd is None
 
 
 def test_savings_stand_beside_their_closed_form(tmp_path: Path) -> None:
     """The table's columns, in percent of MR_Go's power, and the note's factors follow from ``holding_bound``."""
-    found = made(table6.compute, folder(tmp_path))
+    found = made(table6, folder(tmp_path))
     (table,) = (table for table in found.tables if "closed form" in table.title)
     (note,) = (note for note in found.notes if "closed form" in note)
     figures = found.figures
@@ -254,7 +253,7 @@ def test_savings_stand_beside_their_closed_form(tmp_path: Path) -> None:
 
 def test_what_the_devices_cost_is_told_beside_the_papers(tmp_path: Path) -> None:
     """MR_Go minus Go1 in each condition in which both arrived, the paper's with the spread of its two COTs."""
-    found = made(table6.compute, folder(tmp_path, walked("mr_go", 3.0, 0.5, TRIALS[:0], late=2)))
+    found = made(table6, folder(tmp_path, walked("mr_go", 3.0, 0.5, TRIALS[:0], late=2)))
     (table,) = (table for table in found.tables if "more than Go1" in table.title)
     assert [row[0] for row in table.rows] == ["0 kg, 0.3 m/s", "0 kg, 0.5 m/s", "3 kg, 0.3 m/s"]
     powers = {(c["robot"], c["payload"], c["command"]): c["power"]["mean"] for c in found.figures["conditions"]}

@@ -1,13 +1,14 @@
-"""The simulated push of section 6.3 behind table 4 and figure 6, under every reading of what the paper leaves open.
+"""The impacts of section 6.3 behind tables 4 and 5 and figures 6 and 7: the simulated push, and the falling mass.
 
-The paper states the force, not its duration, the motors' gains, where in the stance it began or which torque its
-dynamic branch had. Each reading has its own duration, calibrated on the 0 A row; the other rows are predictions.
+The push is simulated under every reading of what the paper leaves open: it states the force, not its duration, the
+motors' gains, where in the stance it began or which torque its dynamic branch had. Each reading has its own duration,
+calibrated on the 0 A row; the other rows are predictions.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,15 +21,9 @@ from mrwarp.params import BoucWenParams, HoldParams
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, seeds_of
 from mrwarp.reproduce.settings import Ensemble, Settings
-from mrwarp.trials.impact import (
-    FALL_HEIGHT,
-    ImpactCfg,
-    ImpactSweep,
-    ImpactTrace,
-    Variant,
-    body_extremes,
-    fixed_current_env,
-)
+from mrwarp.trials import impact
+from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace, Variant, body_extremes
+from mrwarp.trials.impact_figures import MOTOR_WINDOW
 from mrwarp.trials.walking import Policy
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS, PUBLIC_GAINS, TROT_PHASE
 
@@ -217,7 +212,7 @@ def fallen(fell: np.ndarray, what: str) -> list[str]:
     """A note on the impacts that brought a robot down, of any shape, under this name; none if nothing fell."""
     if not (count := int(np.sum(fell))):
         return []
-    return [f"{count} of {np.size(fell)} {what} brought the trunk below {FALL_HEIGHT:g} m; their figures count."]
+    return [f"{count} of {np.size(fell)} {what} brought the trunk below {impact.FALL_HEIGHT:g} m; their figures count."]
 
 
 def config(reading: Reading, settings: Settings) -> ImpactCfg:
@@ -229,7 +224,7 @@ def config(reading: Reading, settings: Settings) -> ImpactCfg:
         window=WINDOW,
         phases=reading.phases,
         gains=reading.gains,
-        env=fixed_current_env(
+        env=impact.fixed_current_env(
             holding=reading.holding,
             coupling=reading.coupling,
             threads=settings.threads,
@@ -258,7 +253,7 @@ SERIES = ("t", "height", "velocity", "tau_motor", "tau_mr", "m_dyn", "fell")
 
 @dataclass(frozen=True, kw_only=True)
 class Pushes:
-    """What was simulated."""
+    """The simulated pushes."""
 
     readings: list[ReadingResult]
     trace: dict[str, np.ndarray]
@@ -275,7 +270,7 @@ class Pushes:
         return seeds_of(np.arange(self.readings[0].cells["min_height"].shape[1]), self.policies)
 
 
-def simulate(job: Job) -> Findings:
+def simulate_pushes(job: Job) -> Findings:
     """Calibrate the duration of every reading on the 0 A row and push at all currents."""
     settings, done, kept = job.settings, [], {}
     for k, reading in enumerate(READINGS):
@@ -288,6 +283,78 @@ def simulate(job: Job) -> Findings:
     return job.save(Pushes(readings=done, trace=kept, policies=len(settings.impacted)))
 
 
-def read(job: Job) -> Pushes:
-    """Data of :func:`simulate`."""
+def read_pushes(job: Job) -> Pushes:
+    """Data of :func:`simulate_pushes`."""
     return job.load("pushes", Pushes)
+
+
+GAINS = {"Kp 20, Kd 0.5": PUBLIC_GAINS, "Kp 35, Kd 0.6": None}
+"""Gains of all motors by name, which the paper does not state; None is the asset's."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drops:
+    """The simulated falling masses: 10 kg on the backs of walking robots."""
+
+    figures: dict[str, dict[str, np.ndarray]]
+    """:func:`measured` by the names in :data:`GAINS`."""
+    policies: int
+    """Policies; trial i was walked by policy ``i % policies``."""
+
+    def seeds(self) -> np.ndarray | None:
+        """Policy of each trial, shape (N,); None with a single policy."""
+        return seeds_of(np.arange(next(iter(self.figures.values()))["min_height"].shape[1]), self.policies)
+
+
+def simulate_drops(job: Job) -> Findings:
+    """Drop the mass at every current with both sets of gains."""
+    settings, policies = job.settings, len(job.settings.impacted)
+    found = {}
+    for k, (name, gains) in enumerate(GAINS.items()):
+        job.report(name, k / len(GAINS))
+        cfg = ImpactCfg(
+            kind=ImpactKind.DROP,
+            trials=policies * settings.impacts,
+            gains=gains,
+            env=impact.fixed_current_env(threads=settings.threads),
+            phases=FR_RL_STANCE,
+            seed=settings.seed,
+        )
+        found[name] = measured(ImpactSweep(cfg, Ensemble(settings.struck(gains))).run())
+    return job.save(Drops(figures=found, policies=policies))
+
+
+def measured(trace: ImpactTrace) -> dict[str, np.ndarray]:
+    """Figures of every trial: table 4's cells and table 5's, shape (C, N); the 0.1 s begin at the contact.
+
+    Returns:
+        ``min_height`` [m], ``peak_down_velocity`` [m/s], ``acceleration``, the mean |a_z - g| over 0.1 s [m/s^2], and
+        per leg the mean calf motor torque over 0.1 s [N·m], all NaN where the mass never met the robot; ``fell``.
+    """
+    dt = float(trace.t[1] - trace.t[0])
+    since = trace.t - trace.contact[..., None]
+    during = (since > 0.0) & (since <= MOTOR_WINDOW + 0.5 * dt)
+    met = during.any(axis=2)
+    count = np.where(met, during.sum(axis=2), np.nan)
+    motor = (np.abs(trace.tau_motor) * during[..., None]).sum(axis=2) / count[..., None]
+    acceleration = np.abs(np.diff(trace.velocity, axis=2, prepend=trace.velocity[:, :, :1]) / dt)
+    return {
+        **{name: np.where(met, values, np.nan) for name, values in body_extremes(trace).items()},
+        "acceleration": (acceleration * during).sum(axis=2) / count,
+        **{leg: motor[..., k] for k, leg in enumerate(LEGS)},
+        "fell": trace.fell,
+    }
+
+
+def lost(found: Iterable[dict[str, np.ndarray]]) -> list[str]:
+    """Notes on falling masses that missed, which leave no figure, and on robots that fell."""
+    every = list(found)
+    missed = sum(int(np.isnan(values["min_height"]).sum()) for values in every)
+    fell = np.concatenate([np.ravel(values["fell"]) for values in every])
+    note = [f"{missed} of {fell.size} masses missed the robot and leave no figure."] if missed else []
+    return [*note, *fallen(fell, "falling masses")]
+
+
+def read_drops(job: Job) -> Drops:
+    """Data of :func:`simulate_drops`."""
+    return job.load("drops", Drops)
