@@ -491,7 +491,6 @@ def _text(value: Any, where: str) -> str:
 
 
 def _texts(value: Any, where: str) -> dict[str, str]:
-    """An object of texts."""
     found = _mapping(value, where)
     return {_text(k, f"{where}: key"): _text(v, f"{where}.{key_shown(k)}") for k, v in found.items()}
 

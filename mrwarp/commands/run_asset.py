@@ -185,7 +185,6 @@ class Export(Options):
 def _edit(
     options: Set | Apply, line: CommandLine, values: dict[str, Any], model: Model | None, *, extrapolate: bool = False
 ) -> None:
-    """Edit, and say what changed, or that nothing did."""
     from mrwarp.usd.edit import edit_asset
     from mrwarp.usd.scene_report import load_variants, masses, models
 

@@ -77,7 +77,6 @@ class Bench(Options):
             raise KeyboardInterrupt(left) from None
 
     def _cfg(self) -> BenchCfg:
-        """The session that the options ask for."""
         from mrwarp.bench.bench_effects import Effects
         from mrwarp.bench.virtual_bench import BenchCfg
         from mrwarp.params import MrParams

@@ -131,7 +131,6 @@ class Play(opt.RobotOptions):
         return Player(env, actor, speed=self.speed, shown=shown(self.num_envs), sink=sink, keep=keep)
 
     def _play(self, line: CommandLine, player: Player, web: WebViewer | None) -> int:
-        """Play, then write what was asked for."""
         from mrwarp.viewing.frames import Frames
         from mrwarp.viewing.robot_pictures import contact_sheet
 

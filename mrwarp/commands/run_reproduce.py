@@ -97,7 +97,6 @@ class Reproduce(Options):  # noqa: D101  (its docstring lists the titles)
         return 1 if any(outcome.findings is None for outcome in runner.outcomes.values()) else 0
 
     def _settings(self) -> Settings:
-        """The settings that the options ask for."""
         from mrwarp.reproduce.settings import Settings
 
         default, every = Settings(), self.policy

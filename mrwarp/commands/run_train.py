@@ -183,7 +183,7 @@ class Train(opt.ViewOptions, opt.RobotOptions, Learning):
 class ReplayDump(Options):
     """Open the last states of an environment in which a number went wrong: what was first, when, and how it got there.
 
-    A training writes such files to the folder 'broken' of its output.
+    A training writes such files to the folder 'diverged' of its output.
     """
 
     engines = False
@@ -257,7 +257,6 @@ def resumed(options: Train, typed: set[str], ranks: Ranks) -> Train:
 
 
 def _is(path: Path, other: Path | None) -> bool:
-    """Whether both are the same file."""
     return other is not None and other.is_file() and path.samefile(other)
 
 

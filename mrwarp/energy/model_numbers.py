@@ -192,7 +192,6 @@ def calibrate(
         )
 
     def powers(cfg: ElectricalCfg) -> np.ndarray:
-        """Power of every row [W]."""
         return np.array([float(battery_power(row.joints, cfg).total) for row in rows])
 
     bare = replace(cfg, **dict.fromkeys(fitted, 0.0))
@@ -232,7 +231,6 @@ def sensitivity(
     """
 
     def end(name: str, value: float, **more: Any) -> dict[str, float]:
-        """Calibrated with one number at the end of its range."""
         fit = calibrate(rows, replace(cfg, **{name: value}), **more)
         return {"value": value, "rmse": fit.rmse, **figure(fit.cfg)}
 

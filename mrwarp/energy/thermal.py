@@ -133,7 +133,6 @@ def calibrate(
         return replace(cfg, **dict(zip(names, np.exp(x).tolist(), strict=True)))
 
     def mismatch(x: np.ndarray) -> list[float]:
-        """Rises less the measured ones [K]."""
         return [rise - measured[name] for name, rise in calf_rises(motor_loss, seconds, calves, at(x)).items()]
 
     bounds = np.log([[50.0, 0.5], [1e4, 1e3]])

@@ -126,7 +126,7 @@ def load(path: Path) -> Divergence:
     """
     if not path.is_file():
         raise DumpError(
-            f"{path}: {no_file(path, 'dump')}; name a .safetensors file from the folder 'broken' of a training"
+            f"{path}: {no_file(path, 'dump')}; name a .safetensors file from the folder 'diverged' of a training"
         )
     try:
         with safe_open(str(path), framework="np") as content:

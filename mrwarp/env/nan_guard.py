@@ -95,7 +95,7 @@ def guard_kernel(
     age_out: wp.array[int],
     history_out: wp.array3d[float],
     rows_out: wp.array[int],
-    broken_out: wp.array[int],
+    frozen_out: wp.array[int],
     diverged_out: wp.array[int],
     divergences_out: wp.array[int],
     warned_column_out: wp.array[int],
@@ -104,12 +104,12 @@ def guard_kernel(
 ):
     """Add the state to the ring of the last N, and check it.
 
-    A wrong state ends the ring, which is ``broken`` until it is read. The last row of the history is where states go
+    A wrong state ends the ring, which is frozen until it is read. The last row of the history is where states go
     that are checked but not kept.
     """
     env = wp.tid()
     kept = history_out.shape[0] - 1
-    frozen = broken_out[env] > 0
+    frozen = frozen_out[env] > 0
     slot = rows_out[env] % kept
     if frozen:
         slot = kept
@@ -131,7 +131,7 @@ def guard_kernel(
         if diverged_out[env] == 0:
             divergences_out[env] = divergences_out[env] + 1
         diverged_out[env] = 1
-        broken_out[env] = 1
+        frozen_out[env] = 1
     if last == 0:
         age_out[env] = age_out[env] + 1
     # at the end of a policy step the state is only checked: the next torque step keeps it
@@ -181,7 +181,7 @@ class NanGuard:
             [[t.data_ptr(), t.stride(0) * t.element_size(), len(names), t.element_size()] for names, t in kept]
         ).to(device)
         self._state = s
-        self._rows, self._broken, self.divergences = ints(num_envs), ints(num_envs), ints(num_envs)
+        self._rows, self._frozen, self.divergences = ints(num_envs), ints(num_envs), ints(num_envs)
         self._warned_column, self._warned = ints(num_envs, value=-1), ints(num_envs, 2)
         self._history = torch.zeros(KEPT + 1, num_envs, len(self.columns), device=device)
         overflow = sim.backend.overflow
@@ -192,7 +192,7 @@ class NanGuard:
                 num_envs,
                 [last, sim.dt, sim.backend.overflow_mask, table, sound, warn, overflow],
                 [
-                    *(s.torque_steps, self._history, self._rows, self._broken, s.diverged, self.divergences),
+                    *(s.torque_steps, self._history, self._rows, self._frozen, s.diverged, self.divergences),
                     *(self._warned_column, self._warned, seen),
                 ],
             )
@@ -201,19 +201,19 @@ class NanGuard:
 
     def forget(self) -> None:
         """Begin anew in all environments, without history; the counts go on."""
-        for tensor in (self._state.torque_steps, self._rows, self._broken, self._state.diverged, self._state.total):
+        for tensor in (self._state.torque_steps, self._rows, self._frozen, self._state.diverged, self._state.total):
             tensor.zero_()
 
     def take(self) -> list[Divergence]:
         """First divergences of the environments since the last call, with their last states; reads the device back."""
         found = []
-        for env in self._broken.nonzero()[:, 0].tolist():
+        for env in self._frozen.nonzero()[:, 0].tolist():
             count = int(self._rows[env])
             states = self._history[:KEPT, env].cpu().numpy()
             states = np.roll(states, -(count % KEPT), axis=0) if count >= KEPT else states[:count].copy()
             found.append(Divergence(env=env, columns=self.columns, states=states, bounds=self.bounds))
             self._rows[env] = 0
-        self._broken.zero_()
+        self._frozen.zero_()
         return found
 
     def warnings(self) -> Warnings:

@@ -218,7 +218,6 @@ def table5(job: Job) -> Findings:
             rows.append(compare(condition, shown, paper.TABLE_5[name][quantity], over_seeds(figures, seeds), why))
 
     def lower(quantity: str, first: str, second: str) -> bool:
-        """Whether the second configuration lowers a quantity."""
         return bool(means[second][quantity] < means[first][quantity])
 
     return Findings(
@@ -284,7 +283,6 @@ def by_seed(trace: ImpactTrace, policies: int) -> dict[str, list[Mapping[str, An
     ]
 
     def cell(name: str, i: int, quantity: str) -> dict[str, Any]:
-        """One quantity at value i of a threshold."""
         values = [part[name][i][quantity] for part in parts]
         if policies > 1:
             return over_seeds(np.array([value["mean"] for value in values]))

@@ -102,7 +102,6 @@ def table(found: Pushes) -> TextTable:
     theirs = paper.TABLE_4["simulation"]
 
     def line(name: str, duration: str, means: Mapping[str, Sequence[float] | np.ndarray], rest: list[str]) -> list[str]:
-        """Name, duration, both columns by current, and the rest."""
         heights, speeds = ([f"{x:.{n}f}" for x in means[cell]] for cell, n in zip(TITLES, (4, 3), strict=True))
         return [name, duration, *heights, *speeds, *rest]
 

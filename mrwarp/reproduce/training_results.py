@@ -10,7 +10,7 @@ from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare
 from mrwarp.reproduce.settings import PLANT_TITLES
 from mrwarp.study import matched_training, paper_tables
-from mrwarp.study.paper_tables import LEAST, Change, Row, Table2, Table3
+from mrwarp.study.paper_tables import LEAST, Change, PolicyRow, Table2, Table3
 from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS
 from mrwarp.study.rollouts import EvaluationCfg
 
@@ -113,7 +113,7 @@ def fig5(job: Job) -> Findings:
 
 
 def metric_rows(
-    condition: str, found: Row, theirs: Mapping[str, PaperValue], why: Callable[[str], str]
+    condition: str, found: PolicyRow, theirs: Mapping[str, PaperValue], why: Callable[[str], str]
 ) -> list[Comparison]:
     """A row for each metric of the study that the paper gives; ``why`` says for a metric why they differ."""
     rows = []

@@ -99,7 +99,7 @@ def table6(job: Job) -> Findings:
         figures={
             "savings": [asdict(saved) for saved in savings],
             "holding_alone": [asdict(saved) for saved in alone],
-            "sticking": [asdict(saved) for saved in stuck],
+            "constraint_coupling": [asdict(saved) for saved in stuck],
             "standing": standing,
             "conditions": [walk_figures.row(result, fit.cfg) for result in walked.both],
             "calibration": {name: getattr(fit.cfg, name) for name in CALIBRATED["electrical"]}
@@ -326,8 +326,8 @@ def table7(job: Job) -> Findings:
         claims={**claims, **{f"a device that sticks: {name}": holds for name, holds in claims_sticking.items()}},
         notes=walked.arrivals("both", "constraint_coupling", robots=("mr_go_sal",)),
         figures={
-            "activation": {paper.condition_name(*cell): value for cell, value in share.items()},
-            "activation_sticking": {paper.condition_name(*cell): value for cell, value in share_sticking.items()},
+            name: {paper.condition_name(*cell): value for cell, value in found.items()}
+            for name, found in (("activation", share), ("activation_constraint_coupling", share_sticking))
         },
     )
 
@@ -377,11 +377,9 @@ def fig8(job: Job) -> Findings:
     cells = list(dict.fromkeys(r.cell for r in walked.both))
 
     def shown(robot: str, cell: tuple[float, float], joint: str, name: str) -> str:
-        """One number of the table as text."""
         return f"{torque[robot, *cell][joint][name]:.1f}" if (robot, *cell) in torque else "none arrived"
 
     def ratios(joint: str, name: str) -> list[float]:
-        """MR_Go-SAL over Go1 by condition."""
         return [torque["mr_go_sal", *cell][joint][name] / torque["go1", *cell][joint][name] for cell in cells]
 
     rows = [

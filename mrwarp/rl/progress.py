@@ -164,7 +164,7 @@ class Divergences:
             self._dumps += 1
             path = self._folder / f"update{update:06d}{rank}-env{item.env:05d}.safetensors"
             nan_dump.save(item, path, {"update": update, **self._run})
-            print(f"  broken: {item}; started over, last states in {path}", flush=True)
+            print(f"  diverged: {item}; started over, last states in {path}", flush=True)
         num_envs = self._env.num_envs * self._ranks.world
         at_once, window = count > max(1.0, MAX_DIVERGED * num_envs), sum(self._window) / (WINDOW * num_envs)
         if at_once or window > MAX_DIVERGED:
@@ -178,12 +178,12 @@ class Divergences:
 
     def state(self) -> dict[str, Any]:
         """What a checkpoint keeps."""
-        return {"breaks": self.count, "broken_window": list(self._window), "dumps": self._dumps}
+        return {"divergences": self.count, "divergences_window": list(self._window), "dumps": self._dumps}
 
     def load_state(self, content: Mapping[str, Any]) -> None:
         """Go on from a checkpoint; files of an earlier version count no divergences."""
-        self.count, self._dumps = content.get("breaks", 0), content.get("dumps", 0)
-        self._window.extend(content.get("broken_window", []))
+        self.count, self._dumps = content.get("divergences", 0), content.get("dumps", 0)
+        self._window.extend(content.get("divergences_window", []))
 
 
 def not_finite(values: Any, name: str = "") -> str:

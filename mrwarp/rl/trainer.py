@@ -112,7 +112,7 @@ class Trainer:
         # spread the episodes, so that resets do not come all at once
         self.env.episode_length_buf = torch.randint_like(self.env.episode_length_buf, self.env.max_episode_length)
         run = {"seed": self._seed, "num_envs": self.env.num_envs, "task": task(cfg.env)}
-        self.divergences = Divergences(self.env, ranks, cfg.out / "broken", run)
+        self.divergences = Divergences(self.env, ranks, cfg.out / "diverged", run)
         if content:
             self._load(content, resume)
 
@@ -330,7 +330,6 @@ class Trainer:
         return self._stop
 
     def _finish(self) -> dict[str, Any]:
-        """Write checkpoint, policy, curves and ``result.json``."""
         out = self.cfg.out
         self.save()
         rows, gate_rows = self.progress.rows, self.progress.gate_rows
@@ -345,8 +344,8 @@ class Trainer:
             "environment_steps": steps,
             "training": rows[-1] if rows else None,
             "unsolved_steps": unsolved,
-            "broken_episodes": self.divergences.count,
-            "noticed": asdict(self.env.nan_guard.warnings()),
+            "diverged_episodes": self.divergences.count,
+            "warnings": asdict(self.env.nan_guard.warnings()),
             "task": task(self.cfg.env),
             "learning": asdict(self.cfg.learning),
             "started_from": self.started_from,

@@ -40,7 +40,7 @@ _REMEDY = "remove the folder to train anew"
 
 _COPIED = (
     *("command", "iterations", "environment_steps", "seconds", "task"),
-    *("gate", "gate_passed", "broken_episodes", "unsolved_steps", "versions"),
+    *("gate", "gate_passed", "diverged_episodes", "unsolved_steps", "versions"),
 )
 """Entries of a result that the training's record repeats."""
 
@@ -201,7 +201,6 @@ def _check_start(cfg: StudyCfg, plant: str, seed: int, run: Path) -> None:
 
 
 def _env(cfg: StudyCfg, plant: str, threads: int = 0) -> EnvCfg:
-    """The task of a training."""
     return plant_cfg(
         plant,
         num_envs=cfg.num_envs,
@@ -243,7 +242,6 @@ def _result(run: Path) -> dict[str, Any]:
 
 
 def _record(run: Path, plant: str, seed: int) -> dict[str, Any]:
-    """Record of a training, kept beside its policy."""
     result = _result(run)
     rows = checkpoint.load(run / "checkpoint.pt")["rows"][: result["iterations"]]  # it may have gone on since
     stride = max(-(-len(rows) // POINTS), 1)

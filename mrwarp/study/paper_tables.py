@@ -46,7 +46,7 @@ Report = Callable[[float], None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class PolicyRow:
     """Policies of one training under one condition."""
 
     plant: str
@@ -93,7 +93,7 @@ class Change:
 class Table2:
     """Configurations A to D."""
 
-    rows: dict[str, Row]
+    rows: dict[str, PolicyRow]
     """By configuration."""
     rmse: dict[str, Change]
     """RMSE of the aware against the conventional policies, with SAL ``off`` and ``on``."""
@@ -132,7 +132,7 @@ class Pair:
 class Table3:
     """One row per torque model in training."""
 
-    rows: dict[str, Row]
+    rows: dict[str, PolicyRow]
     """By model."""
     ranking: dict[str, tuple[str, ...]]
     """Models from best to worst, by metric; the mean height has none."""
@@ -170,7 +170,7 @@ def table3(cfg: EvaluationCfg | None = None, *, models: Sequence[str] = MODELS, 
 
 def evaluate(
     cfg: EvaluationCfg, cells: Sequence[tuple[str, float]], report: Report | None = None, *, env: EnvCfg | None = None
-) -> list[Row]:
+) -> list[PolicyRow]:
     """Roll out the policies of several trainings in one batch.
 
     Args:
@@ -197,7 +197,7 @@ def evaluate(
         single = {metric: values[own] for metric, values in found.figures.items()}
         averages = {metric: np.nanmean(values, axis=1) for metric, values in single.items()}
         fell = int(found.fell[own].sum())
-        rows.append(Row(plant=plant, current=current, seeds=averages, rollouts=single, fell=fell))
+        rows.append(PolicyRow(plant=plant, current=current, seeds=averages, rollouts=single, fell=fell))
     return rows
 
 
@@ -229,7 +229,7 @@ def welch(first: np.ndarray, second: np.ndarray) -> tuple[tuple[float, float], f
     return (float(bounds.low), float(bounds.high)), float(test.pvalue)
 
 
-def _pairs(metric: str, rows: dict[str, Row], size: dict[str, float]) -> list[Pair]:
+def _pairs(metric: str, rows: dict[str, PolicyRow], size: dict[str, float]) -> list[Pair]:
     """All pairs of models, with Holm's correction."""
     found = []
     for first, second in combinations(rows, 2):
@@ -266,7 +266,7 @@ STEPS = {
 """Plants by name, in order, and what each is."""
 
 
-def causes(cfg: EvaluationCfg, plants: Sequence[str], report: Report | None = None) -> dict[str, dict[str, Row]]:
+def causes(cfg: EvaluationCfg, plants: Sequence[str], report: Report | None = None) -> dict[str, dict[str, PolicyRow]]:
     """Roll the policies of some trainings out on every plant, with the Bouc-Wen device on flat ground.
 
     As :func:`evaluate`, but that ``plant`` and ``terrain`` of ``cfg`` are not used.
@@ -274,7 +274,7 @@ def causes(cfg: EvaluationCfg, plants: Sequence[str], report: Report | None = No
     Returns:
         Rows by training plant and step of :data:`STEPS`.
     """
-    rows: dict[str, dict[str, Row]] = {plant: {} for plant in plants}
+    rows: dict[str, dict[str, PolicyRow]] = {plant: {} for plant in plants}
     for k, step in enumerate(STEPS):
         env, current = _plant(step, cfg.threads)
         for row in evaluate(cfg, [(plant, current) for plant in plants], env=env):
@@ -297,7 +297,7 @@ def _plant(step: str, threads: int) -> tuple[EnvCfg, float]:
     return replace(env, actuator=branches), CURRENT
 
 
-def plain_row(row: Row) -> dict[str, Any]:
+def plain_row(row: PolicyRow) -> dict[str, Any]:
     """Conditions, and every metric with its spread over the seeds, their averages and the single rollouts."""
     metrics = {
         m: {**row.spread(m), "seeds": row.seeds[m].tolist(), "rollouts": row.rollouts[m].tolist()} for m in METRICS
@@ -314,10 +314,10 @@ def figures(table: Table2 | Table3) -> dict[str, Any]:
     return rows | {name: {sal: asdict(change) for sal, change in found.items()} for name, found in changes.items()}
 
 
-def row_lines(rows: Mapping[str, Row]) -> list[str]:
+def row_lines(rows: Mapping[str, PolicyRow]) -> list[str]:
     """Metrics of each row, mean ± SD over the seeds."""
 
-    def cell(row: Row, metric: str) -> str:
+    def cell(row: PolicyRow, metric: str) -> str:
         found, digits = row.spread(metric), 2 if metric == "tilt_rms" else 4
         return f"{found['mean']:.{digits}f} ± {found['sd']:.{digits}f}"
 

@@ -115,6 +115,5 @@ def roll_out(
 
 
 def _actions(policies: Sequence[Policy], obs: TensorDict, rollouts: int) -> torch.Tensor:
-    """Actions of each policy in its own environments."""
     rows = [obs[k * rollouts : (k + 1) * rollouts] for k in range(len(policies))]
     return torch.cat([policy(own) for policy, own in zip(policies, rows, strict=True)])

@@ -41,7 +41,7 @@ MOST = 6
 NOT_FIGURES = ("schema", "seed", "versions", "command", "task")
 """Parts of a result that are no measurements."""
 
-Row = dict[str, Any]
+TrialRow = dict[str, Any]
 
 
 def report(trials: Sequence[Trial], figures: Sequence[str], out: Path, command: str) -> bool:
@@ -60,7 +60,7 @@ def report(trials: Sequence[Trial], figures: Sequence[str], out: Path, command: 
     return finished == len(rows)
 
 
-def read_row(trial: Trial) -> Row:
+def read_row(trial: Trial) -> TrialRow:
     """A trial as its folder has it."""
     status, figures = read_status(trial), {}
     if status.state in FINISHED:
@@ -77,12 +77,12 @@ def _numbers(value: Any, name: str = "") -> Iterator[tuple[str, float]]:
             yield from _numbers(item, f"{name}.{key}" if name else str(key))
 
 
-def condition(row: Row) -> str:
+def condition(row: TrialRow) -> str:
     """The grid's values without the seed, whose values are repetitions."""
     return ", ".join(f"{key}={value}" for key, value in row["values"].items() if key != "seed") or "all"
 
 
-def choose(rows: Sequence[Row], command: str, wanted: Sequence[str]) -> list[str]:
+def choose(rows: Sequence[TrialRow], command: str, wanted: Sequence[str]) -> list[str]:
     """Names of the figures to show: those named, else the command's own, else the first that differ between trials.
 
     A named figure that is in no result is said and left out.
@@ -98,7 +98,7 @@ def choose(rows: Sequence[Row], command: str, wanted: Sequence[str]) -> list[str
     return (differing or known)[:MOST]
 
 
-def summary(rows: Sequence[Row], names: Sequence[str]) -> list[dict[str, Any]]:
+def summary(rows: Sequence[TrialRow], names: Sequence[str]) -> list[dict[str, Any]]:
     """Mean, standard deviation over the finished trials of a condition, and their number, for each figure."""
     found = []
     for own in dict.fromkeys(condition(row) for row in rows):
@@ -112,7 +112,7 @@ def summary(rows: Sequence[Row], names: Sequence[str]) -> list[dict[str, Any]]:
     return found
 
 
-def table(rows: Sequence[Row], means: Sequence[dict[str, Any]], names: Sequence[str]) -> list[str]:
+def table(rows: Sequence[TrialRow], means: Sequence[dict[str, Any]], names: Sequence[str]) -> list[str]:
     """The lines that are printed: one for each trial, then one for each condition with several seeds."""
     cells = []
     for row in rows:
@@ -126,7 +126,7 @@ def table(rows: Sequence[Row], means: Sequence[dict[str, Any]], names: Sequence[
     return text_table(["trial", "state", *names], cells, left=2)
 
 
-def write_csv(rows: Sequence[Row], path: Path) -> None:
+def write_csv(rows: Sequence[TrialRow], path: Path) -> None:
     """All numbers of all trials, one line for each trial."""
     names = dict.fromkeys(name for row in rows for name in row["figures"])
     columns = ["trial", *rows[0]["values"], "state", "attempts", "wall_seconds", *names]
@@ -136,7 +136,7 @@ def write_csv(rows: Sequence[Row], path: Path) -> None:
         writer.writerows({"trial": row["name"], **row, **row["values"], **row["figures"]} for row in rows)
 
 
-def plot(rows: Sequence[Row], means: Sequence[dict[str, Any]], names: Sequence[str], path: Path) -> None:
+def plot(rows: Sequence[TrialRow], means: Sequence[dict[str, Any]], names: Sequence[str], path: Path) -> None:
     """A panel for each figure: every trial a point, every condition's mean a bar."""
     conditions = [mean["condition"] for mean in means]
     figure = Figure(figsize=(max(6.0, 0.8 * len(conditions)), 1.5 + 1.8 * len(names)), layout="constrained")

@@ -96,7 +96,6 @@ def _read_grid(items: Sequence[str]) -> dict[str, list[str]]:
 
 
 def _arguments(option: str, value: str, flags: dict[str, bool]) -> list[str]:
-    """The arguments that set an option."""
     if flags.get(option):
         if value not in ("on", "off"):
             raise GridError(f"--grid {option}={value}: --{option} is a flag; give {option}=on,off")

@@ -258,7 +258,6 @@ class ImpactSweep:
         sim.push(trunk, force)
 
         def tick() -> None:
-            """A torque step has passed."""
             left[:] -= 1
             if (left == 0).any():
                 sim.push(trunk, np.where(left[:, None] > 0, force, 0.0))

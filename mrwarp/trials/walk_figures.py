@@ -200,7 +200,6 @@ def sensitivity(
     """
 
     def reductions(results: Sequence[WalkResult], cfg: ElectricalCfg) -> dict[str, float]:
-        """By the name of the condition [1]."""
         return {saving.name: saving.cot_reduction for saving in savings(results, cfg)}
 
     found = model_numbers.sensitivity(rows, lambda varied: reductions(results, varied), cfg)

@@ -236,7 +236,6 @@ class WalkBatch:
         return list(self._results(motion, fell.cpu().numpy(), (late | going).cpu().numpy()))
 
     def _actions(self, obs) -> torch.Tensor:
-        """Actions of every robot's own policy."""
         names = [robot for robot, _ in self.conditions]
         if all(self._policies[name] is self._policies[names[0]] for name in names):
             return self._policies[names[0]](obs)

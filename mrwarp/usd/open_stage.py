@@ -231,7 +231,6 @@ def _answer(request: dict[str, Any]) -> dict[str, Any]:
 
 
 def _start() -> subprocess.Popen[str]:
-    """Start the helper."""
     package = str(Path(__file__).resolve().parents[2])
     run = f"import sys; sys.path = {[package, *sys.path]!r}; from mrwarp.usd.open_stage import serve; serve()"
     # one thread: the limit is of address space, of which every thread takes a large piece

@@ -86,7 +86,6 @@ def _targets(prim: Usd.Prim, name: str, file: Path, count: int | None) -> list[S
 
 
 def _neutral(root: Usd.Prim, name: str, file: Path) -> float:
-    """Neutral angle of a joint [rad]."""
     prim = root.GetStage().GetPrimAtPath(root.GetPath().AppendPath(f"joints/{name}"))
     value = prim.GetAttribute("mrwarp:neutral").Get() if prim else None
     if not isinstance(value, float) or not math.isfinite(value):

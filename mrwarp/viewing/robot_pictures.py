@@ -147,7 +147,6 @@ def _patch(shape: Shape, flat: Callable[[np.ndarray], np.ndarray]) -> Patch:
 
 
 def _outline(points: np.ndarray) -> Polygon:
-    """Convex hull of points in the plane."""
     return Polygon(points[ConvexHull(points).vertices])
 
 
@@ -299,7 +298,6 @@ def impact_timeline(trace: ImpactTrace, currents: tuple[float, ...], path: Path)
 
 
 def _current_color(k: int) -> Rgb:
-    """Colour of the lines of the ``k``-th current."""
     return _rgb(CURRENT_COLORS[k % len(CURRENT_COLORS)])
 
 
@@ -329,7 +327,6 @@ def _draw_row(axis: Axes, side: SideView, poses: Sequence[Pose], label: str, not
 
 
 def _draw_legend(axis: Axes, currents: Sequence[float], has_device: bool, legs: dict[str, Color]) -> None:
-    """Legend of the colours of robots, currents and legs."""
     axis.set_axis_off()
     robot: list[Patch | Line2D] = []
     if has_device:
@@ -345,7 +342,6 @@ def _draw_legend(axis: Axes, currents: Sequence[float], has_device: bool, legs: 
 
 
 def _lines(axis: Axes, title: str, time: np.ndarray, values: np.ndarray, colors: Iterable[Rgb], **style: Any) -> None:
-    """One line for each column of ``values``."""
     for column, color in zip(values.T, colors, strict=False):
         axis.plot(time, column, color=color, linewidth=1.2, **style)
     axis.set_title(title, fontsize=8.5, loc="left", pad=3)

@@ -319,7 +319,6 @@ def _scene(robots: RobotLogger) -> rrb.Spatial3DView:
 
 
 def _details(name: str, robots: RobotLogger) -> rrb.Grid:
-    """Everything of one robot's joints."""
     views: list[rrb.View] = [_plot(s, [f"/robots/{name}/series/{s}"]) for s in DETAILS if s in robots.series]
     if robots.device_legs:
         gates = rrb.StateTimelineView(origin=f"/robots/{name}/gate", name="gates", time_view=_time_axis())

@@ -124,7 +124,7 @@ def test_short_training_from_end_to_end(tmp_path: Path) -> None:
     result = json.loads((out / "result.json").read_text())
     assert set(result) == {
         "schema", "gate", "gate_passed", "stopped", "iterations", "seconds", "environment_steps", "training",
-        "unsolved_steps", "broken_episodes", "noticed", "task", "learning", "started_from", "processes", "seed",
+        "unsolved_steps", "diverged_episodes", "warnings", "task", "learning", "started_from", "processes", "seed",
         "versions", "command",
     }  # fmt: skip
     assert (result["iterations"], result["stopped"], result["gate_passed"]) == (2, "iterations", False)

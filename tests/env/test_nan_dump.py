@@ -31,7 +31,7 @@ def make_divergence(count: int = 30) -> Divergence:
 
 def test_a_dump_comes_back_as_it_was(tmp_path: Path) -> None:
     """All fields, bit for bit; nothing but the file is left."""
-    found, path = make_divergence(), tmp_path / "broken" / "a.safetensors"
+    found, path = make_divergence(), tmp_path / "diverged" / "a.safetensors"
     nan_dump.save(found, path, {"update": 12, "seed": 0, "task": {"robot": "mr_go"}})
     again = nan_dump.load(path)
     assert again.run == {"update": 12, "seed": 0, "task": {"robot": "mr_go"}}

@@ -295,7 +295,7 @@ def test_all_stop_where_the_environments_of_one_break(tmp_path: Path) -> None:
     first, second = together(spoilt, tmp_path, tmp_path / "run")
     assert first == second
     assert "in 12.5% of the environments in update 1" in first and "first: environment 2" in first
-    names = sorted(path.name for path in (tmp_path / "run" / "broken").iterdir())
+    names = sorted(path.name for path in (tmp_path / "run" / "diverged").iterdir())
     assert names == [f"update000001-rank1-env{env:05d}.safetensors" for env in (2, 5)]
 
 

@@ -185,7 +185,7 @@ def test_run_leaves_checkpoint_policy_curve_and_result(finished: Path) -> None:
     result = json.loads((finished / "result.json").read_text())
     assert set(result) == {
         "schema", "gate", "gate_passed", "stopped", "iterations", "seconds", "environment_steps", "training",
-        "unsolved_steps", "noticed", "broken_episodes", "task", "learning", "started_from", "processes", "seed",
+        "unsolved_steps", "warnings", "diverged_episodes", "task", "learning", "started_from", "processes", "seed",
         "versions", "command",
     }  # fmt: skip
     assert result["stopped"] == "iterations" and result["gate_passed"] is False

@@ -58,8 +58,8 @@ def test_one_broken_environment_is_dumped_and_training_goes_on(
     run = make_trainer(tmp_path / "run", save_every=0.0)
     spoil(run, [5], 10)
     result = run.run()
-    assert (result["broken_episodes"], result["iterations"]) == (1, 2)
-    (path,) = (tmp_path / "run" / "broken").iterdir()
+    assert (result["diverged_episodes"], result["iterations"]) == (1, 2)
+    (path,) = (tmp_path / "run" / "diverged").iterdir()
     found = nan_dump.load(path)
     assert found.env == 5 and found.run["update"] == 1 and "velocity" in str(found)
     assert "broken: environment 5" in capsys.readouterr().out
@@ -75,7 +75,7 @@ def test_too_many_broken_environments_stop_the_training(tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match=r"25.0% of the environments in update 3, more.*first: environment 1"):
         run.run()
     assert checkpoint.load(tmp_path / "run" / "checkpoint.pt")["iteration"] == 2
-    assert len(list((tmp_path / "run" / "broken").iterdir())) == 2
+    assert len(list((tmp_path / "run" / "diverged").iterdir())) == 2
 
 
 def test_an_environment_that_breaks_again_and_again_stops_the_training(tmp_path: Path) -> None:
@@ -100,7 +100,7 @@ def test_an_action_that_is_no_number_is_not_learned_from(tmp_path: Path, monkeyp
         return actions
 
     monkeypatch.setattr(run.algorithm, "act", broken)
-    assert run.run()["broken_episodes"] == 1
+    assert run.run()["diverged_episodes"] == 1
     assert not_finite(run.algorithm.save()) == ""
 
 

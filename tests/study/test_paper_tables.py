@@ -11,7 +11,7 @@ from scipy import stats
 from mrwarp.cli import main
 from mrwarp.rl.policy import DEFAULT_POLICY, PolicyError
 from mrwarp.study import paper_tables
-from mrwarp.study.paper_tables import Row, Table3, change, holm, table2, table3, welch
+from mrwarp.study.paper_tables import PolicyRow, Table3, change, holm, table2, table3, welch
 from mrwarp.study.plan import CONVENTIONAL, MODELS, policy_file
 from mrwarp.study.rollouts import METRICS, EvaluationCfg
 
@@ -45,7 +45,7 @@ def biased(monkeypatch: pytest.MonkeyPatch, bias: dict[str, list[float]]) -> Tab
     for model, values in bias.items():
         seeds = {m: np.array(values) if m == "v_x_bias" else np.arange(1.0, 1.0 + len(values)) for m in METRICS}
         rollouts = {metric: averages[:, None] for metric, averages in seeds.items()}
-        rows[model] = Row(plant=model, current=1.5, seeds=seeds, rollouts=rollouts, fell=0)
+        rows[model] = PolicyRow(plant=model, current=1.5, seeds=seeds, rollouts=rollouts, fell=0)
     monkeypatch.setattr(
         "mrwarp.study.paper_tables.evaluate", lambda cfg, cells, report: [rows[model] for model, _ in cells]
     )

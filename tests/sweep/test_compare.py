@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from mrwarp.sweep import compare
-from mrwarp.sweep.compare import Row
+from mrwarp.sweep.compare import TrialRow
 from mrwarp.sweep.grid import Trial
 from mrwarp.sweep.runners import Status, write_status
 
 
-def make_row(seed: int, current: str, **figures: float) -> Row:
+def make_row(seed: int, current: str, **figures: float) -> TrialRow:
     """A trial with given figures; without any it failed."""
     values = {"seed": str(seed), "current": current}
     state = "done" if figures else "failed"
@@ -70,7 +70,7 @@ def test_csv_holds_everything(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("rows", [ROWS, ROWS[3:], ROWS[:1]])
-def test_picture_of_any_number_of_results(tmp_path: Path, rows: list[Row]) -> None:
+def test_picture_of_any_number_of_results(tmp_path: Path, rows: list[TrialRow]) -> None:
     """Also where every trial failed."""
     compare.plot(rows, compare.summary(rows, ["a", "b"]), ["a", "b"], tmp_path / "trials.png")
     assert (tmp_path / "trials.png").read_bytes().startswith(b"\x89PNG")
