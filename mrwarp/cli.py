@@ -11,10 +11,10 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from mrwarp.options.command_line import CommandLine, OptionError, closest, parse
+from mrwarp.options.command_line import CommandLine, OptionError, parse
 from mrwarp.options.command_table import COMMANDS, Command, Group
 from mrwarp.run_dir import FolderError, one_line
-from mrwarp.runtime import exit_code, one_of_several, one_voice, quiet_libraries
+from mrwarp.runtime import closest, exit_code, one_of_several, one_voice, quiet_libraries
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 """Errors of a disk that takes no more: no fault of the command line."""
@@ -47,7 +47,7 @@ def _main(words: list[str], prog: str) -> int:
             print(_usage(called, entry))
             return 0 if words else 2
         if words[0] not in entry.commands:
-            hint = closest(words[0], list(entry.commands))
+            hint = closest(words[0], entry.commands)
             return _refuse(called, f"there is no command {words[0]!r}; {hint}see {called} --help", 2)
         called, entry = f"{called} {words[0]}", entry.commands[words.pop(0)]
     for asked, variant in entry.variants.items():

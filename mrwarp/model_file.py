@@ -10,13 +10,12 @@ have its parameters, in the units of the device and of a sign that makes sense; 
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import json
 import re
 import reprlib
 import sys
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from mrwarp.effects.catalogue import CATALOGUE, HYSTERESIS, KNOWN
 from mrwarp.effects.law import EffectParameter
 from mrwarp.params import HoldParams, MrParams, ParameterError, ParamSpec, with_unit
 from mrwarp.run_dir import write_text
+from mrwarp.runtime import closest
 
 SCHEMA = 1
 """Version of the file's layout."""
@@ -435,10 +435,9 @@ def _allowed(spec: EffectParameter, units: Mapping[str, str]) -> str:
     return spec.allowed() + (f", in{unit}" if unit else "")
 
 
-def _known(name: str, known: Iterable[str]) -> str:
+def _known(name: str, known: Collection[str]) -> str:
     """The nearest of the known names, and all of them."""
-    near = difflib.get_close_matches(name, known := list(known), n=1)
-    return (f"did you mean {near[0]!r}? " if near else "") + f"known: {', '.join(known)}"
+    return f"{closest(name, known)}known: {', '.join(known)}"
 
 
 def _fitted_on(entry: Any, where: str) -> FittedOn:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import difflib
 import io
 import logging
 import os
@@ -180,6 +181,12 @@ class Stopwatch:
     def __call__(self, text: str) -> None:
         """Print what begins now."""
         print(f"[{self.seconds:5.1f} s] {text}", flush=True)
+
+
+def closest(word: str, known: Iterable[str], *, cutoff: float = 0.6) -> str:
+    """A hint at the name that a misspelt one is nearest to; empty where none is near."""
+    near = difflib.get_close_matches(word, list(known), n=1, cutoff=cutoff)
+    return f"did you mean {near[0]!r}? " if near else ""
 
 
 def text_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> list[str]:

@@ -20,7 +20,6 @@ conclusion owes to it, or set each effect alone.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, cast
@@ -29,6 +28,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from mrwarp.params import MrParams, with_unit
+from mrwarp.runtime import closest
 
 SUBSTEPS = 10
 """Integration steps per logged sample: 2 kHz for 200 Hz."""
@@ -153,9 +153,7 @@ class Effects(Mapping[str, float]):
 
 def _checked(name: str, value: float) -> float:
     if name not in EFFECTS:
-        near = difflib.get_close_matches(name, EFFECTS, n=1)
-        hint = f"did you mean {near[0]!r}? " if near else ""
-        raise EffectError(f"there is no effect {name!r}; {hint}known: {', '.join(EFFECTS)}")
+        raise EffectError(f"there is no effect {name!r}; {closest(name, EFFECTS)}known: {', '.join(EFFECTS)}")
     spec = EFFECTS[name]
     if not spec.low <= value <= spec.high:
         raise EffectError(

@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import linalg
 from scipy.optimize import least_squares
 
 from mrwarp.params import ParamGroup, param
@@ -88,12 +89,10 @@ def step(
     end_h = motor_loss * cfg.housing_resistance
     end_w = end_h + motor_loss * cfg.winding_resistance
     w, h = now.winding - end_w, now.housing - end_h
-    # exp(A t) of d(T_w, T_h)/dt = A (T_w, T_h) + b by A's eigenvalues, real and distinct as of any two coupled masses
     flow, loss = 1.0 / cfg.winding_resistance, 1.0 / cfg.housing_resistance
-    rates = np.array([[-flow, flow], [flow, -(flow + loss)]])
-    values, vectors = np.linalg.eig(rates / [[cfg.winding_capacity], [cfg.housing_capacity]])
+    rates = np.array([[-flow, flow], [flow, -(flow + loss)]]) / [[cfg.winding_capacity], [cfg.housing_capacity]]
     time = np.asarray(seconds)[..., None]
-    matrix = (vectors * np.exp(values * time)[..., None, :]) @ np.linalg.inv(vectors)
+    matrix = linalg.expm(rates * time[..., None])
     (ww, wh), (hw, hh) = ([matrix[..., i, j, None] for j in (0, 1)] for i in (0, 1))
     end_f = device_loss * cfg.fluid_resistance
     decay = np.exp(-time / (cfg.fluid_resistance * cfg.fluid_capacity))

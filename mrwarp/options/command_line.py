@@ -192,9 +192,3 @@ def _message(event: events.ParseErrorEvent, options: type) -> str:
 def _name(argument: Any) -> str:
     """An option, or what a positional argument is called in the help."""
     return str(argument.lowered.metavar).strip("[]") if argument.is_positional() else argument.display_name()
-
-
-def closest(word: str, known: Sequence[str]) -> str:
-    """A hint at the name that a misspelt one is nearest to; empty where none is near."""
-    near: list[Any] = difflib.get_close_matches(word, known, n=1)
-    return f"did you mean {near[0]!r}? " if near else ""

@@ -19,9 +19,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from mrwarp.options.command_line import closest
 from mrwarp.run_dir import atomic_write, write_result
-from mrwarp.runtime import text_table
+from mrwarp.runtime import closest, text_table
 from mrwarp.sweep.grid import Trial
 from mrwarp.sweep.runners import FINISHED, read_status
 

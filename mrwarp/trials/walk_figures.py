@@ -82,15 +82,15 @@ def parts(joints: JointLoad, cfg: ElectricalCfg) -> dict[str, float]:
 
 def torques(result: WalkResult) -> dict[str, dict[str, float]]:
     """Figures of the distribution of |motor torque| of the front-right joints [N·m]; to half a bin, 0.25 N·m."""
-    centres = np.abs((np.arange(result.counts.shape[1]) + 0.5) * BIN - RANGE)
-    order = np.argsort(centres, kind="stable")
+    centres, percents = np.abs((np.arange(result.counts.shape[1]) + 0.5) * BIN - RANGE), (5, 25, 50, 75, 95, 99)
     found = {}
     for joint, counts in zip(SHOWN, result.counts, strict=True):
-        total = max(counts.sum(), 1.0)
-        share = np.cumsum(counts[order]) / total
-        at = {q: min(np.searchsorted(share, q / 100.0), len(order) - 1) for q in (5, 25, 50, 75, 95, 99)}
-        quantiles = {f"p{q}": float(centres[order][i]) for q, i in at.items()}
-        found[JOINTS[joint]] = {"mean": float((centres * counts).sum() / total), **quantiles}
+        if not counts.any():
+            found[JOINTS[joint]] = dict.fromkeys(("mean", *(f"p{q}" for q in percents)), float("nan"))
+            continue
+        at = np.percentile(centres, percents, weights=counts, method="inverted_cdf")
+        quantiles = {f"p{q}": float(value) for q, value in zip(percents, at, strict=True)}
+        found[JOINTS[joint]] = {"mean": float(np.average(centres, weights=counts)), **quantiles}
     return found
 
 

@@ -7,7 +7,6 @@ meant are tried in turn, and the text that USD reads as the wanted change, and a
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
 import shutil
@@ -20,6 +19,7 @@ from pxr import Sdf, Tf, Usd
 
 from mrwarp.model_file import Model
 from mrwarp.params import MrParams, ParameterError
+from mrwarp.runtime import closest
 from mrwarp.usd.open_stage import AssetError, choices, open_stage
 from mrwarp.usd.record import (
     LAW,
@@ -175,8 +175,7 @@ def find_prim(stage: Usd.Stage, name: str, file: Path) -> Usd.Prim:
                 known[prim.GetName()] = None
                 if name in (prim.GetName(), str(prim.GetPath())) and (is_mr(prim) or not need_mr):
                     return prim
-    near = difflib.get_close_matches(name.rsplit("/", 1)[-1], known, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]!r}? " if near else ""
+    hint = closest(name.rsplit("/", 1)[-1], known, cutoff=0.5)
     raise AssetError(f"{file}: there is no actuator {name!r}; {hint}known: {', '.join(known)}")
 
 
