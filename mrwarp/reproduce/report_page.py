@@ -43,12 +43,15 @@ def write(outcomes: Mapping[str, Outcome], out: Path, command: str) -> tuple[Pat
         "command": command,
         "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),
     }
-    loader = PackageLoader("mrwarp.reproduce", ".")
-    environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    html = environment.get_template("report.html.jinja").render(**page)
-    return write_text(out / "report.html", html), write_text(out / "report.md", _markdown(page))
+    loader, written = PackageLoader("mrwarp.reproduce", "."), []
+    for kind in ("html", "md"):
+        environment = Environment(
+            loader=loader, autoescape=kind == "html", undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        )
+        environment.filters["md"] = _text
+        text = environment.get_template(f"report.{kind}.jinja").render(**page)
+        written.append(write_text(out / f"report.{kind}", text.rstrip() + "\n"))
+    return written[0], written[1]
 
 
 def lines(outcome: Outcome) -> list[str]:
@@ -116,33 +119,6 @@ def _entry(outcome: Outcome, folder: Path) -> dict[str, Any]:
             if (folder / file).is_file()
         ],
     }
-
-
-def _markdown(page: dict[str, Any]) -> str:
-    """The page as Markdown; pictures are linked relative to the folder."""
-    lines = ["# The paper's experiments, ours beside theirs", "", _text(page["introduction"]), ""]
-    lines += [f"Made by {_text(page['command'])} with {_text(page['versions'])}.", ""]
-    for entry in page["entries"]:
-        lines += [f"## {_text(entry['title'])}", ""]
-        if entry["message"]:
-            lines += [_text(entry["message"]), ""]
-            continue
-        lines += [f"{_text(entry['agreement'])}.", ""] if entry["agreement"] else []
-        lines += [f"* {'holds' if holds else '**does not hold**'}: {_text(claim)}" for claim, holds in entry["claims"]]
-        lines += [""] if entry["claims"] else []
-        lines += _table(HEAD, entry["rows"]) if entry["rows"] else []
-        for note in entry["notes"]:
-            lines += [_text(note), ""]
-        for title, head, rows in entry["tables"]:
-            lines += [f"**{_text(title)}**", "", *_table(head, rows)]
-        for picture in entry["pictures"]:
-            lines += [f"![{_text(picture['caption'])}]({entry['name']}/{picture['file']})", ""]
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    lines = ["| " + " | ".join(map(_text, row)) + " |" for row in (head, *rows)]
-    return [lines[0], "|" + "---|" * len(head), *lines[1:], ""]
 
 
 def _text(text: str) -> str:
