@@ -8,13 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from tensordict import TensorDict
 
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.runtime import one_torch_thread
 from mrwarp.study.plan import AWARE, SEEDS, STUDY, check_seeds
 from mrwarp.trials.power_meter import MotionMeter
-from mrwarp.trials.walking import Policy, make_env, same_starts
+from mrwarp.trials.walking import Policy, act, make_env, same_starts
 
 PLANT = AWARE
 """Torque model of the plant that all policies are evaluated on: the most accurate one."""
@@ -102,7 +101,7 @@ def roll_out(
     going = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
     skip, steps = round(cfg.warmup / env.cfg.step_dt), round(cfg.seconds / env.cfg.step_dt)
     for step in range(skip + steps):
-        obs, _, _, _ = env.step(_actions(policies, obs, cfg.rollouts))
+        obs, _, _, _ = env.step(act(policies, obs))
         env.set_command(command)
         going = going & ~env.fallen
         if step >= skip:
@@ -112,8 +111,3 @@ def roll_out(
     found = {name: values.reshape(count, cfg.rollouts) for name, values in motion.figures().items()}
     fell = ~going.reshape(count, cfg.rollouts).cpu().numpy()
     return Measured(figures={name: found[name] for name in METRICS}, fell=fell)
-
-
-def _actions(policies: Sequence[Policy], obs: TensorDict, rollouts: int) -> torch.Tensor:
-    rows = [obs[k * rollouts : (k + 1) * rollouts] for k in range(len(policies))]
-    return torch.cat([policy(own) for policy, own in zip(policies, rows, strict=True)])

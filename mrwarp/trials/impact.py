@@ -22,6 +22,7 @@ from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.params import MrParams
 from mrwarp.trials.falling_mass import FallingMass, MassCfg, add_mass
+from mrwarp.trials.power_meter import leg_channels
 from mrwarp.trials.walking import Policy, foreign_device
 from mrwarp.usd.asset import load_robot
 from mrwarp.usd.robot import CURRENT_GROUPS, LEGS, MR_GO
@@ -288,23 +289,10 @@ class _Recorder:
 
     def sample(self) -> None:
         """Take one sample of everything."""
-        env, device, calves = self.env, self.env.actuator, list(self.env.sim.scene.watched)
-        series = {
-            "height": env.root_pos[:, 2],
-            "velocity": env.root_vel[:, 2],
-            "tau_motor": env.view(device.tau_motor)[:, calves],
-            "f_foot": env.f_foot,
-            "q": env.q[:, calves],
-            "qd": env.qd[:, calves],
-            "qpos": env.view(env.sim.backend.field("qpos")),
-        }
-        legs = [env.sim.scene.legs[joint] for joint in device.mr_joints]
-        for name in ("tau_mr", "current", "m_dyn", "m_hold"):
-            values = env.view(getattr(device, name))
-            # one column per leg, 0 where a calf has no device
-            series[name] = torch.zeros(env.num_envs, len(env.layout.legs), device=env.device)
-            series[name][:, legs] = values
-        for name, value in series.items():
+        env, legs = self.env, leg_channels(self.env)
+        del legs["q_des"]
+        trunk = {"height": env.root_pos[:, 2], "velocity": env.root_vel[:, 2]}
+        for name, value in (trunk | legs | {"qpos": env.view(env.sim.backend.field("qpos"))}).items():
             self.rows.setdefault(name, []).append(value.clone())
         self.fell |= env.root_pos[:, 2] < FALL_HEIGHT * env.scales.length
 

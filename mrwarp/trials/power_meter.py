@@ -174,6 +174,18 @@ class MotionMeter:
         }
 
 
+def leg_channels(env: WalkEnv) -> dict[str, torch.Tensor]:
+    """:data:`CHANNELS` of the joint that is followed on each leg, as they are now, shape (E, L); 0 without a device."""
+    device, scene = env.actuator, env.sim.scene
+    followed, legs = list(scene.watched), [scene.legs[joint] for joint in device.mr_joints]
+    motor = {"q_des": env.q_des, "q": env.q, "qd": env.qd, "tau_motor": env.view(device.tau_motor)}
+    found = {"f_foot": env.f_foot, **{name: array[:, followed] for name, array in motor.items()}}
+    for name in ("tau_mr", "current", "m_hold", "m_dyn"):
+        found[name] = torch.zeros(env.num_envs, len(env.layout.legs), device=env.device)
+        found[name][:, legs] = env.view(getattr(device, name))
+    return found
+
+
 @dataclass(frozen=True, kw_only=True)
 class GaitTrace:
     """The recorded calf of one robot."""
@@ -181,7 +193,7 @@ class GaitTrace:
     t: np.ndarray
     """Time [s], shape (T,)."""
     values: dict[str, np.ndarray]
-    """Every channel of :data:`CHANNELS` by name, shape (T,); a robot without devices has no ``tau_mr`` and so on."""
+    """Every channel of :data:`CHANNELS` by name, shape (T,)."""
 
 
 class TraceRecorder:
@@ -197,27 +209,18 @@ class TraceRecorder:
 
     def __init__(self, env: WalkEnv, shown: Sequence[int]) -> None:
         self.on = False
-        self._dt, self._rows = env.sim.dt, torch.tensor(list(shown), device=env.device)
+        self._env, self._rows = env, torch.tensor(list(shown), device=env.device)
         self._length = round(STRIDES / env.cfg.gait_frequency / env.sim.dt)
-        joint, actuator = JOINTS.index(JOINT), env.actuator
-        motor = {"q_des": env.q_des, "q": env.q, "qd": env.qd, "tau_motor": env.view(actuator.tau_motor)}
-        self._read = {
-            "f_foot": env.f_foot[:, leg_of(JOINT)],
-            **{name: array[:, joint] for name, array in motor.items()},
-        }
-        if joint in actuator.mr_joints:
-            slot = actuator.mr_joints.index(joint)
-            device = ("tau_mr", "current", "m_hold", "m_dyn")
-            self._read |= {name: env.view(getattr(actuator, name))[:, slot] for name in device}
         self._samples: list[dict[str, np.ndarray]] = []
         env.substep_hooks.append(self.count)
 
     def count(self) -> None:
         """Keep the torque step that has just been simulated."""
         if self.on and len(self._samples) < self._length:
-            self._samples.append({name: values[self._rows].cpu().numpy() for name, values in self._read.items()})
+            now, leg = leg_channels(self._env), leg_of(JOINT)
+            self._samples.append({name: values[self._rows, leg].cpu().numpy() for name, values in now.items()})
 
     def trace(self, index: int) -> GaitTrace:
         """What was recorded of the ``index``-th shown environment."""
-        values = {name: np.array([sample[name][index] for sample in self._samples]) for name in self._read}
-        return GaitTrace(t=np.arange(len(self._samples)) * self._dt, values=values)
+        values = {name: np.array([sample[name][index] for sample in self._samples]) for name in CHANNELS}
+        return GaitTrace(t=np.arange(len(self._samples)) * self._env.sim.dt, values=values)

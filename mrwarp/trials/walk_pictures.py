@@ -78,13 +78,12 @@ def holding(results: Sequence[WalkResult], path: Path) -> None:
         panels[1].plot(trace.t, value["qd"], color="#7a4fa3")
         panels[1].axhspan(-GateParams().eps_hold, GateParams().eps_hold, color="#7a4fa3", alpha=0.15, linewidth=0)
         panels[2].plot(trace.t, value["tau_motor"], color="#c0392b")
-        if "tau_mr" in value:
-            panels[2].plot(trace.t, value["tau_mr"], color="#1f6fb4")
-            panels[3].step(trace.t, value["current"], color="#1f6fb4", where="post")
-            for panel in panels:
-                for name, color in (("m_hold", "#1f6fb4"), ("m_dyn", "#e08a1e")):
-                    panel.fill_between(trace.t, 0, 1, where=value[name] > 0.0, color=color, alpha=0.15, linewidth=0,
-                                       transform=panel.get_xaxis_transform())  # fmt: skip
+        panels[2].plot(trace.t, value["tau_mr"], color="#1f6fb4")
+        panels[3].step(trace.t, value["current"], color="#1f6fb4", where="post")
+        for panel in panels:
+            for name, color in (("m_hold", "#1f6fb4"), ("m_dyn", "#e08a1e")):
+                panel.fill_between(trace.t, 0, 1, where=value[name] > 0.0, color=color, alpha=0.15, linewidth=0,
+                                   transform=panel.get_xaxis_transform())  # fmt: skip
         panels[0].set_title(f"{NAMES[result.robot]}, {result.payload:g} kg, {result.command:g} m/s", fontsize=9)
         panels[3].set_xlabel("time [s]")
         for panel in panels:

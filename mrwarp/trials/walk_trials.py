@@ -19,7 +19,7 @@ from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.paper import NAMES, ROBOTS, condition_name
 from mrwarp.trials.power_meter import GaitTrace, MotionMeter, PowerMeter, TraceRecorder
-from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy, foreign_device, make_env, same_starts, set_payload
+from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy, act, foreign_device, make_env, same_starts, set_payload
 from mrwarp.usd.robot import CALF_COLUMNS
 
 ASSET_ROBOT = {"go1": "go1", "mr_go": "mr_go", "mr_go_sal": "mr_go"}
@@ -177,8 +177,9 @@ class WalkBatch:
     """
 
     def __init__(self, cfg: WalkCfg, robots: Sequence[str], payload: float, policies: Mapping[str, Policy]) -> None:
-        self.cfg, self.payload, self._policies = cfg, payload, policies
+        self.cfg, self.payload = cfg, payload
         self.conditions = [(robot, speed) for robot in robots for speed in cfg.speeds]
+        self._policies = [policies[robot] for robot, _ in self.conditions]
         variant = PAYLOAD_VARIANT if payload > 0.0 else 0
         env_cfg = replace(robot_env(cfg.env, robots[0], variant), seed=cfg.seed)
         count = len(self.conditions) * cfg.trials
@@ -219,7 +220,7 @@ class WalkBatch:
         for step in range(most):
             meter.on.copy_(going & (step >= skip))
             self.recorder.on = step >= skip
-            obs, _, _, _ = env.step(self._actions(obs))
+            obs, _, _, _ = env.step(act(self._policies, obs))
             env.set_command(self.command)
             fell |= going & env.fallen
             if step >= skip:
@@ -234,16 +235,6 @@ class WalkBatch:
             if not bool(going.any()):
                 break
         return list(self._results(motion, fell.cpu().numpy(), (late | going).cpu().numpy()))
-
-    def _actions(self, obs) -> torch.Tensor:
-        names = [robot for robot, _ in self.conditions]
-        if all(self._policies[name] is self._policies[names[0]] for name in names):
-            return self._policies[names[0]](obs)
-        actions = torch.empty(self.env.num_envs, self.env.num_actions, device=self.env.device)
-        for i, name in enumerate(names):
-            rows = slice(i * self.cfg.trials, (i + 1) * self.cfg.trials)
-            actions[rows] = self._policies[name](obs[rows])
-        return actions
 
     def _results(self, motion: MotionMeter, fell: np.ndarray, late: np.ndarray) -> Iterator[WalkResult]:
         meter, trials = self.meter, self.cfg.trials

@@ -158,6 +158,14 @@ def make_env(cfg: EnvCfg, num_envs: int, seed: int) -> WalkEnv:
     return WalkEnv(replace(cfg, sim=replace(cfg.sim, num_envs=num_envs), seed=seed, episode_seconds=float(10**6)))
 
 
+def act(policies: Sequence[Policy], obs: TensorDict) -> torch.Tensor:
+    """Actions of policies that each drive an equal part of the environments, one after the other."""
+    if all(policy is policies[0] for policy in policies):
+        return policies[0](obs)
+    parts = obs.split(len(obs) // len(policies))
+    return torch.cat([policy(part) for policy, part in zip(policies, parts, strict=True)])
+
+
 def set_payload(env: WalkEnv, mass: np.ndarray) -> None:
     """Give the payload's body a mass per environment [kg], shape (E,); its inertia goes in proportion.
 
