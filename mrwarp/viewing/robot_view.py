@@ -11,7 +11,7 @@ Entities, for every shown environment ``<k>_<current>A``, and ``ground`` if it h
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,7 +68,7 @@ ENERGY = {
 """Plotted ledger entries, work of motors and devices on the joints and the coils' loss, and their colours."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Series:
     """One time series entity of a robot."""
 
@@ -76,20 +76,29 @@ class Series:
     """Name in the plots."""
     unit: str
     """Unit of its values."""
-    lines: str = "robot"
+    lines: str
     """Owners of the lines: the ``robot`` itself, its ``command``, ``legs``, ``devices`` or ``energy`` entries."""
+    values: Callable[[RobotLogger, Frames, int], np.ndarray]
+    """Values of a logger's robot k in some frames, shape (T,) or (T, lines)."""
 
 
 SERIES = {
-    "trunk_height": Series(title="trunk height", unit="m"),
-    "forward_velocity": Series(title="forward velocity", unit="m/s"),
-    "forward_velocity_command": Series(title="commanded forward velocity", unit="m/s", lines="command"),
-    "vertical_velocity": Series(title="vertical velocity", unit="m/s"),
-    "calf_motor_torque": Series(title="calf motor torque", unit="N·m", lines="legs"),
-    "mr_torque": Series(title="MR torque", unit="N·m", lines="devices"),
-    "coil_current": Series(title="coil current", unit="A", lines="devices"),
-    "foot_force": Series(title="foot force", unit="N", lines="legs"),
-    "energy": Series(title="work and coil loss", unit="J", lines="energy"),
+    "trunk_height": Series("trunk height", "m", "robot", lambda log, f, k: trunk_height(log.ground, f.qpos[:, k])),
+    "forward_velocity": Series("forward velocity", "m/s", "robot", lambda _, f, k: f.v_x[:, k]),
+    "forward_velocity_command": Series(
+        "commanded forward velocity", "m/s", "command", lambda _, f, k: f.v_x_command[:, k]
+    ),
+    "vertical_velocity": Series("vertical velocity", "m/s", "robot", lambda _, f, k: f.v_z[:, k]),
+    "calf_motor_torque": Series("calf motor torque", "N·m", "legs", lambda log, f, k: f.tau_motor[:, k, log.calves]),
+    "mr_torque": Series("MR torque", "N·m", "devices", lambda _, f, k: f.tau_mr[:, k]),
+    "coil_current": Series("coil current", "A", "devices", lambda _, f, k: f.current[:, k]),
+    "foot_force": Series("foot force", "N", "legs", lambda _, f, k: np.linalg.norm(f.foot_force[:, k], axis=-1)),
+    "energy": Series(
+        "work and coil loss",
+        "J",
+        "energy",
+        lambda _, f, k: f.ledger[:, k].sum(1)[:, [int(entry) for entry, _ in ENERGY.values()]],
+    ),
 }
 """Time series of each robot by entity name."""
 
@@ -109,6 +118,8 @@ class RobotLogger:
         names: Entity name of each robot: its place in the row and its current.
         device_legs: Names of the legs with a device.
         series: Names of the series that these robots have.
+        calves: Joints that are followed, one of each leg.
+        ground: Heights of the ground; None if it is a plane.
         trunk: Entity of the drawn trunk below a robot's own, for a camera to follow (rerun follows no bare pose).
     """
 
@@ -121,16 +132,16 @@ class RobotLogger:
         self._recording, self._model = recording, scene.model
         self._bodies, self._shapes = body_names(scene), robot_shapes(scene)
         self._feet = feet(scene, self._shapes)
-        self._calves, self._trunk = list(scene.watched), scene.layout.trunk
+        self.calves, self._trunk = list(scene.watched), scene.layout.trunk
         self._legs = dict(zip(scene.layout.leg_names, leg_colors(scene), strict=True))
         self._gates: dict[str, np.ndarray] = {}
-        self._ground = ground_of(scene.model)
+        self.ground = ground_of(scene.model)
         self.trunk = next((self._shape_path("", shape) for shape in self._shapes if shape.part is Part.TRUNK), None)
         self._log_static(currents)
 
     def place(self, k: int) -> tuple[float, float, float]:
         """Where robot k's world has its origin [m]: the row goes to the right of the walking direction."""
-        return 0.0, -SPACING * k if self._ground is None else 0.0, 0.0
+        return 0.0, -SPACING * k if self.ground is None else 0.0, 0.0
 
     def log(self, frames: Frames) -> None:
         """Add instants of all shown robots; several at once are cheaper than one by one."""
@@ -151,8 +162,8 @@ class RobotLogger:
         """Log what never changes: shapes, places in the row, names, colours and units of the series."""
         log = self._recording.log
         log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        if self._ground is not None:
-            vertices, triangles = self._ground.mesh()
+        if self.ground is not None:
+            vertices, triangles = self.ground.mesh()
             surface = rr.Mesh3D(vertex_positions=vertices, triangle_indices=triangles, albedo_factor=GROUND_COLOR)
             log("ground", surface, static=True)
         for k, (name, current) in enumerate(zip(self.names, currents, strict=True)):
@@ -217,20 +228,8 @@ class RobotLogger:
                     self._send(self._shape_path(root, shape), times[rows], columns)
 
     def _log_series(self, root: str, times: np.ndarray, frames: Frames, k: int) -> None:
-        entries = [int(entry) for entry, _ in ENERGY.values()]
-        values = {
-            "trunk_height": trunk_height(self._ground, frames.qpos[:, k])[:, None],
-            "forward_velocity": frames.v_x[:, k, None],
-            "forward_velocity_command": frames.v_x_command[:, k, None],
-            "vertical_velocity": frames.v_z[:, k, None],
-            "calf_motor_torque": frames.tau_motor[:, k, self._calves],
-            "mr_torque": frames.tau_mr[:, k],
-            "coil_current": frames.current[:, k],
-            "foot_force": np.linalg.norm(frames.foot_force[:, k], axis=-1),
-            "energy": frames.ledger[:, k].sum(1)[:, entries],
-        }
         for name in self.series:
-            table = np.asarray(values[name], dtype=np.float64)
+            table = np.asarray(SERIES[name].values(self, frames, k), dtype=np.float64).reshape(len(frames), -1)
             columns = rr.Scalars.columns(scalars=table.ravel()).partition([table.shape[1]] * len(table))
             self._send(f"{root}/series/{name}", times, columns)
 
