@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from tyro.conf import create_mutex_group
+
 from mrwarp.enums import ACTUATORS, TERRAINS, Coupling, HoldCurrent, ZStep
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine
@@ -27,7 +29,7 @@ WARMUP = 2.0
 MAX_SHOWN = 8
 """Most robots that are drawn; with more environments these are spread over all of them."""
 
-WHO = opt.exclusive("who walks", required=True)
+WHO = create_mutex_group(required=True, title="who walks")
 
 port = opt.checked(int, lambda n: 1 <= n <= 65535, "; allowed: 1 to 65535")
 duration = opt.checked(float, lambda s: 1.0 <= s < math.inf, " must be a finite number of at least 1 s")

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import Positional
+from tyro.conf import Positional, create_mutex_group
 
 from mrwarp.enums import ACTUATORS, RANDOMIZATIONS, TERRAINS, BackendKind, Coupling, HoldCurrent, ZStep
 from mrwarp.options import option_types as opt
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mrwarp.rl.ranks import Ranks
     from mrwarp.rl.trainer import TrainCfg
 
-BEGIN = opt.exclusive("begin with")
+BEGIN = create_mutex_group(required=False, title="begin with")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,7 +118,7 @@ class Train(opt.ViewOptions, opt.RobotOptions, Learning):
         from mrwarp.viewing.live_view import LiveTraining
 
         kept = self.out / "checkpoint.pt"
-        if ranks.main and kept.is_file() and not self.overwrite and not _is(kept, self.resume):
+        if ranks.main and kept.is_file() and not self.overwrite and not (self.resume and kept.samefile(self.resume)):
             remedy = f"go on with --resume {kept}, choose another --out or add --overwrite"
             raise ValueError(f"{kept} is there already; {remedy}")
         cfg = self._cfg(line, ranks)
@@ -254,10 +254,6 @@ def resumed(options: Train, typed: set[str], ranks: Ranks) -> Train:
     if ranks.main:
         print(f"going on from {path}, update {update}, with its options, in {found.out}", flush=True)
     return found
-
-
-def _is(path: Path, other: Path | None) -> bool:
-    return other is not None and other.is_file() and path.samefile(other)
 
 
 def limited(env: WalkEnv) -> list[str]:

@@ -67,11 +67,6 @@ def some_of(choices: Sequence[str]) -> PrimitiveConstructorSpec:
     return some(str, f"{{{','.join(choices)}}}", choices)
 
 
-def exclusive(title: str, *, required: bool = False) -> object:
-    """Group of options of which one excludes the others."""
-    return create_mutex_group(required=required, title=title)
-
-
 def _spec(
     read: Callable[[list[str]], Any], nargs: Any, metavar: str, choices: Sequence[str] | None = None
 ) -> PrimitiveConstructorSpec:
@@ -176,7 +171,7 @@ class RobotOptions(Options):
     """another USD file than assets/usd/mr_go.usda"""
 
 
-VIEW = exclusive("view")
+VIEW = create_mutex_group(required=False, title="view")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -64,7 +64,7 @@ def test_one_broken_environment_is_dumped_and_training_goes_on(
     assert found.env == 5 and found.run["update"] == 1 and "velocity" in str(found)
     assert "diverged: environment 5" in capsys.readouterr().out
     kept = checkpoint.load(tmp_path / "run" / "checkpoint.pt")
-    assert kept["breaks"] == 1 and not_finite(kept["algorithm"]) == ""
+    assert kept["divergences"] == 1 and not_finite(kept["algorithm"]) == ""
     assert Trainer(run.cfg, resume=tmp_path / "run" / "checkpoint.pt").divergences.count == 1
 
 
