@@ -160,7 +160,7 @@ class Diagnose(Options):
         elif self.impact and d.model is not None:
             policy = OnnxPolicy(DEFAULT_POLICY)
             change = impact_change(d.baseline_model, d.model, policy, seed=self.seed, progress=progress)
-            besides["impact"], tables["impact"] = change.to_dict(), printed.impact_table(change)
+            besides["impact"], tables["impact"] = change, printed.impact_table(change)
         return d, besides, tables
 
     def _write(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -134,45 +133,6 @@ def plot_thresholds(rows: dict[str, list[dict[str, Any]]], path: Path, *, paper_
     figure.savefig(path, dpi=110)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Change:
-    """A figure's mean over the trials, before and after."""
-
-    before: float
-    after: float
-    ci95: tuple[float, float]
-    """Interval of the change over the paired trials, Student's t."""
-
-    @property
-    def change(self) -> float:
-        """After minus before."""
-        return self.after - self.before
-
-
-@dataclass(frozen=True, kw_only=True)
-class ImpactChange:
-    """The impact sweep with two models."""
-
-    rows: dict[float, dict[str, Change]]
-    """By the current I_e [A] and the names of :data:`EFFECT_FIGURES`."""
-    trials: int
-    """Trials at each current: the same starts and gait phases with both models."""
-    seconds: float
-    """Time it took [s]."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """The table for ``result.json``."""
-        rows = [
-            {"current": current}
-            | {
-                name: {**asdict(found), "change": found.change, "unit": EFFECT_FIGURES[name][1]}
-                for name, found in row.items()
-            }
-            for current, row in self.rows.items()
-        ]
-        return {"rows": rows, "trials": self.trials, "seconds": self.seconds}
-
-
 def impact_change(
     before: Model | None,
     after: Model,
@@ -182,7 +142,7 @@ def impact_change(
     trials: int = 100,
     seed: int = 0,
     progress: Callable[[str], None] = lambda text: None,
-) -> ImpactChange:
+) -> dict[str, Any]:
     """Hit walking robots whose MR joints have one model, then the same robots with the other.
 
     The push is the paper's (100 N for 0.2 s), with damping alone and all the current, as ``mrwarp impact`` has it.
@@ -195,6 +155,11 @@ def impact_change(
         trials: Trials at each current, at random gait phases.
         seed: Seed of poses and gait phases.
         progress: Told what is being done.
+
+    Returns:
+        Plain values: ``rows``, each with a ``current`` [A] and, by the names of :data:`EFFECT_FIGURES`, means over the
+        trials ``before`` and ``after``, their ``change`` and its interval ``ci95`` over the paired trials (Student's
+        t), and the ``unit``; ``trials`` at each current, ``seconds`` that it took.
 
     Raises:
         ModelFileError: a model cannot be used in the robot.
@@ -219,14 +184,16 @@ def impact_change(
                 "damping_share": trace.m_dyn.mean(axis=(2, 3)),
             }
         )
-    rows = {
-        current: {name: _change(*(f[name][i] for f in found)) for name in EFFECT_FIGURES}
+    rows = [
+        {"current": current, **{name: _change(name, *(f[name][i] for f in found)) for name in EFFECT_FIGURES}}
         for i, current in enumerate(currents)
-    }
-    return ImpactChange(rows=rows, trials=trials, seconds=time.perf_counter() - started)
+    ]
+    return {"rows": rows, "trials": trials, "seconds": time.perf_counter() - started}
 
 
-def _change(before: np.ndarray, after: np.ndarray) -> Change:
+def _change(name: str, before: np.ndarray, after: np.ndarray) -> dict[str, Any]:
     half = half_width((after - before).astype(float))
     first, last = float(before.mean(dtype=float)), float(after.mean(dtype=float))
-    return Change(before=first, after=last, ci95=(last - first - half, last - first + half))
+    interval = (last - first - half, last - first + half)
+    unit = EFFECT_FIGURES[name][1]
+    return {"before": first, "after": last, "ci95": interval, "change": last - first, "unit": unit}

@@ -10,7 +10,7 @@ from mrwarp.diagnose.report.diagnosis_page import Table
 from mrwarp.diagnose.result import Diagnosis
 from mrwarp.recording.data import true_names
 from mrwarp.runtime import text_table
-from mrwarp.trials.impact_figures import EFFECT_FIGURES, ImpactChange
+from mrwarp.trials.impact_figures import EFFECT_FIGURES
 
 
 def lines(d: Diagnosis, tables: Mapping[str, Table]) -> list[str]:
@@ -78,13 +78,13 @@ def learned_table(found: Mapping[str, Any], unit: str) -> Table:
     return Table(head=("", "On the baseline", "On the extension", "Change"), rows=rows)
 
 
-def impact_table(found: ImpactChange) -> Table:
+def impact_table(found: dict[str, Any]) -> Table:
     """A walking robot that is hit, with the joint as the baseline has it and as the extension has it."""
     rows = []
-    for current, figures in found.rows.items():
+    for row in found["rows"]:
         for name, (words, unit) in EFFECT_FIGURES.items():
-            figure, (factor, unit) = figures[name], (100.0, "%") if unit == "1" else (1.0, unit)
-            before, after, low, high = (factor * x for x in (figure.before, figure.after, *figure.ci95))
+            figure, (factor, unit) = row[name], (100.0, "%") if unit == "1" else (1.0, unit)
+            before, after, low, high = (factor * x for x in (figure["before"], figure["after"], *figure["ci95"]))
             cells = (f"{before:.4g} {unit}", f"{after:.4g} {unit}", f"{low:+.2g} to {high:+.2g} {unit}")
-            rows.append((f"{current:g} A, {words}", *cells))
+            rows.append((f"{row['current']:g} A, {words}", *cells))
     return Table(head=("Impact on the walking robot", "Baseline", "With the extension", "Change, 95 %"), rows=rows)
