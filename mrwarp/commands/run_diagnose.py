@@ -77,8 +77,8 @@ class Diagnose(Options):
 
     def _diagnose_robot(self, line: CommandLine) -> int:
         """The same for a robot's log."""
+        from mrwarp.robot_logs.bag import open_log
         from mrwarp.robot_logs.robot_diagnosis import diagnose_log, robot_of
-        from mrwarp.robot_logs.robot_log import load_log
         from mrwarp.robot_logs.robot_verdict import lines
 
         for name, given in (("--model", self.model), ("--predict", self.predict), ("--impact", self.impact or None),
@@ -88,7 +88,7 @@ class Diagnose(Options):
         progress = Stopwatch()
         try:
             progress(f"reading {self.data}")
-            log = load_log(self.data, skip_bad=self.skip_bad)
+            log = open_log(self.data, skip_bad=self.skip_bad)
             d = diagnose_log(robot_of(log, self.robot), log, progress=progress)
         except KeyboardInterrupt:
             raise KeyboardInterrupt("nothing was written") from None

@@ -35,10 +35,10 @@ class Check(Options):
         """0 when it is good to use; a RecordingError says what is wrong with it."""
         from mrwarp.recording.description import describe, notes
         from mrwarp.recording.load import find_holding, load_holding, load_recording
-        from mrwarp.robot_logs import robot_log
+        from mrwarp.robot_logs import bag, robot_log
 
         if robot_log.is_robot_log(self.data):
-            log = robot_log.load_log(self.data, skip_bad=self.skip_bad)
+            log = bag.open_log(self.data, skip_bad=self.skip_bad)
             print("\n".join([*robot_log.describe(log), *(f"note: {note}" for note in log.notes)]))
             return 0
         recording, beside = load_recording(self.data, skip_bad=self.skip_bad), find_holding(self.data)

@@ -1,4 +1,4 @@
-"""``mrwarp log``: logs of a virtual robot with a known truth."""
+"""``mrwarp log``: bags become robot logs, and a virtual robot with a known truth records some."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import Positional
 
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
@@ -35,6 +37,56 @@ def row_rate(text: str) -> int:
     if value % 50 or not 100 <= value <= 1000:
         raise ValueError(f"{text} is not a multiple of 50 from 100 to 1000 Hz")
     return value
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportLog(Options):
+    """Write a ROS 2 bag or an MCAP file as a robot's log: log.json and a table, as 'mrwarp diagnose' reads them.
+
+    JointState, Imu, Odometry, PoseStamped and Unitree's LowState and LowCmd are found by themselves. A map (JSON) says
+    what a bag does not: {"robot": "go2.xml", "command": "/topic", "joints": {"name in the bag": "the robot's name"},
+    "kp": 20, "kd": {"FL_hip_joint": 0.5}, "tau_is": "estimate"}; all keys: docs/robot_logs.md.
+    """
+
+    engines = False
+    bag: Positional[opt.File]
+    """folder of a ROS 2 bag, or an .mcap, .db3 or .bag file"""
+    out: opt.Folder = Path("runs/log")
+    """output folder"""
+    map: opt.OptionalFile = None
+    """what the bag does not say (default: map.json beside it, if there is one)"""
+    format: Literal["csv", "parquet"] = "csv"
+    """file type"""
+    overwrite: opt.Flag = False
+    """replace a log that is there"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 when the log is written, 2 on bad input."""
+        from mrwarp.robot_logs.bag import read_bag, read_map, topics_used
+        from mrwarp.robot_logs.robot_log import describe
+        from mrwarp.robot_logs.save_log import save_log
+
+        _check_free(self.out, self.overwrite)
+        log = read_bag(self.bag, read_map(self.map) if self.map else None)
+        with claim(self.out):
+            names = save_log(log, self.out, self.format)
+            figures = {"files": names, "seconds": log.seconds, "topics": log.header["source"], "notes": log.notes}
+            write_result(self.out, figures, seed=0, command=str(line))
+        print("\n".join([*topics_used(log), *describe(log), *(f"note: {note}" for note in log.notes)]))
+        print(f"{', '.join(names)} in {self.out}; look at it with: mrwarp check {self.out}")
+        return 0
+
+
+def _check_free(out: Path, overwrite: bool) -> None:
+    """Refuse a folder that holds a log; with ``overwrite``, take that log's recordings away."""
+    from mrwarp.recording.tables import suffix_of
+    from mrwarp.robot_logs.robot_log import LOG_FILE
+
+    there = out / LOG_FILE
+    if there.exists() and not overwrite:
+        raise ValueError(f"{there} is there already; choose another --out or add --overwrite")
+    for old in [file for file in out.iterdir() if suffix_of(file)] if there.exists() else []:
+        old.unlink()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,16 +134,13 @@ class RecordLog(Options):
 
     def run(self, line: CommandLine) -> int:
         """0 when the log is written, 2 on bad input, 130 when stopped by Ctrl-C."""
-        from mrwarp.robot_logs.robot_log import LOG_FILE
         from mrwarp.robot_logs.virtual.hidden_effects import listing
         from mrwarp.robot_logs.virtual.record_log import TRUTH_FILE, FallError, record
 
         if self.list:
             print("\n".join(text_table(("effect", "unit", "what it is"), listing(), left=3)))
             return 0
-        there = self.out / LOG_FILE
-        if there.exists() and not self.overwrite:
-            raise ValueError(f"{there} is there already; choose another --out or add --overwrite")
+        _check_free(self.out, self.overwrite)
         shown = ProgressLine(sys.stderr)
         try:
             with claim(self.out):

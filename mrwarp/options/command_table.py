@@ -60,6 +60,7 @@ ROBOT = {
 }
 
 LOG = {
+    "import": Command("run_log:ImportLog", "a ROS 2 bag or MCAP file as a robot's log"),
     "record": Command("run_log:RecordLog", "record logs of a virtual robot with known hidden effects"),
 }
 

@@ -122,9 +122,14 @@ class RobotLog:
         return float(sum(run.t[-1] - run.t[0] for run in self.runs))
 
 
+def is_bag(path: Path) -> bool:
+    """Whether a path is a bag: an .mcap, .db3 or .bag file, or the folder of a ROS 2 bag."""
+    return path.suffix in (".mcap", ".db3", ".bag") or (path / "metadata.yaml").is_file()
+
+
 def is_robot_log(path: Path) -> bool:
-    """Whether a path is a robot's log rather than a recording of one joint."""
-    return (path / LOG_FILE).is_file() or path.name == LOG_FILE
+    """Whether a path is a robot's log, or a bag of one, rather than a recording of one joint."""
+    return (path / LOG_FILE).is_file() or path.name == LOG_FILE or is_bag(path)
 
 
 def load_log(path: Path, *, skip_bad: bool = False) -> RobotLog:
@@ -328,11 +333,21 @@ def _run(table: Table, joints: Sequence[str], units: Mapping[str, float], fixed:
 
 
 def check_run(run: LogRun, joints: Sequence[str], refuse: Callable[[str, str], Exception]) -> LogRun:
-    """What no file format can know: angles in degrees, speeds of another unit, orientations that are none.
+    """What no file format can know: no numbers, angles in degrees, speeds of another unit, orientations that are none.
 
     Raises:
         Exception: what ``refuse`` makes of a problem and the column that has it.
     """
+    for channel, values in (*run.joint.items(), *run.base.items()):
+        for k, x in enumerate(values.T):
+            bad = np.flatnonzero(~np.isfinite(x))
+            if (
+                len(bad)
+                and channel not in SLOW
+                and not (channel in run.joint and len(bad) == len(x) and channel != "q")
+            ):
+                where = joints[k] if channel in run.joint else BASE_CHANNELS[channel][k]
+                raise refuse(f"row {bad[0] + 1}: no number; leave the channel out, or repair it", f"{channel}.{where}")
     for channel in ("q", "q_des"):
         for k, joint in enumerate(joints if channel in run.joint else ()):
             x = run.joint[channel][:, k]

@@ -10,17 +10,15 @@ from typing import Any, Literal
 
 import mujoco
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet
 
 from mrwarp.rl.policy import OnnxPolicy
-from mrwarp.robot_logs.robot_log import BASE_CHANNELS, LOG_FILE, TauIs
+from mrwarp.robot_logs.robot_log import BASE_CHANNELS, JOINT_CHANNELS, LogRun, TauIs, make_log
+from mrwarp.robot_logs.save_log import Kind, save_log
 from mrwarp.robot_logs.virtual.hidden_effects import Hidden, parse_all
 from mrwarp.robot_logs.virtual.log_sensors import Clean, sense
 from mrwarp.robot_logs.virtual.motions import AIR, WITH_DEVICES, Drives, Readings, make_motion
 from mrwarp.robot_logs.virtual.true_robot import STEP, Description, TrueRobot, describe
-from mrwarp.run_dir import atomic_write, write_text
+from mrwarp.run_dir import write_text
 
 TRUTH_FILE = "truth.json"
 """What was hidden; no command but a benchmark reads it."""
@@ -61,7 +59,7 @@ class LogCfg:
     """Channels that the log does not have."""
     motion_capture: bool = False
     seed: int = 0
-    kind: Literal["csv", "parquet"] = "csv"
+    kind: Kind = "csv"
 
     @property
     def base(self) -> Literal["free", "fixed"]:
@@ -212,36 +210,21 @@ def _row(robot: TrueRobot, seen: Readings) -> dict[str, np.ndarray]:
 
 
 def _write(
-    cfg: LogCfg, d: Description, robot: TrueRobot, hidden: Sequence[Hidden],
-    runs: list[tuple[str, np.ndarray, dict[str, np.ndarray]]], out: Path,
-) -> dict[str, Any]:  # fmt: skip
-    """Write recordings, ``log.json`` last but one and the truth; returns the figures."""
-    devices = [d.joints[x.joint] for x in d.devices]
-    legs = [leg.name for leg in d.layout.legs] if d.layout else []
-    left_out = set(cfg.leave_out) | ({"tau"} if cfg.tau == "none" else set())
-    left_out |= set() if cfg.motion_capture else {"pos", "vel"}
-    left_out |= set() if d.devices else {"kp", "current", "current_cmd"}
-    left_out |= {"kd"}  # never varies
-    for name, t, channels in runs:
-        columns = {"t": t}
-        for channel, values in channels.items():
-            if channel in left_out:
-                continue
-            if channel == "tau" and cfg.tau == "command":
-                values = channels["kp"] * (channels["q_des"] - channels["q"]) - channels["kd"] * channels["qd"]
-            axes = BASE_CHANNELS.get(channel) or {"foot": legs, "current": devices, "current_cmd": devices}.get(
-                channel, d.joints
-            )
-            columns |= {f"{channel}.{axis}": values[:, k] for k, axis in enumerate(axes)}
-        columns |= _slow(t, [] if {"temperature"} & left_out else d.joints, channels)
-        if "battery" not in left_out:
-            columns["battery"] = np.round(29.4 - 0.004 * t, 2)
-        _save(out, name, columns, cfg.kind)
+    cfg: LogCfg,
+    d: Description,
+    robot: TrueRobot,
+    hidden: Sequence[Hidden],
+    runs: list[tuple[str, np.ndarray, dict[str, np.ndarray]]],
+    out: Path,
+) -> dict[str, Any]:
+    """Write recordings, ``log.json`` and the truth; returns the figures."""
     header = {
-        "robot": cfg.robot, "base": cfg.base, "joints": list(d.joints), "kp": _by(d.joints, d.kp),
-        "kd": _by(d.joints, d.kd), "tau_is": cfg.tau, "source": "mrwarp log record", "units": {},
+        "robot": cfg.robot, "base": cfg.base, "kp": _by(d.joints, d.kp), "kd": _by(d.joints, d.kd), "tau_is": cfg.tau,
+        "source": "mrwarp log record",
     }  # fmt: skip
-    write_text(out / LOG_FILE, json.dumps(header, indent=1, ensure_ascii=False) + "\n")
+    logged = tuple(_logged(cfg, d, name, t, channels) for name, t, channels in runs)
+    log = make_log(out, header, d.joints, logged)
+    save_log(log, out, cfg.kind)
     truth = {
         "hidden": [h.to_dict() for h in hidden],
         "session": {"encoder": _by(d.joints, robot.encoder_zero), "drive": _by(d.joints, robot.drive_zero)},
@@ -249,31 +232,41 @@ def _write(
         "seed": cfg.seed,
     }
     write_text(out / TRUTH_FILE, json.dumps(truth, indent=1, ensure_ascii=False) + "\n")
-    seconds = float(sum(t[-1] for _, t, _ in runs))
     return {
-        "recordings": [name for name, _, _ in runs],
-        "seconds": seconds,
-        "rows": int(sum(len(t) for _, t, _ in runs)),
+        "recordings": [run.id for run in logged],
+        "seconds": log.seconds,
+        "rows": sum(run.samples for run in logged),
     }
+
+
+def _logged(cfg: LogCfg, d: Description, name: str, t: np.ndarray, channels: dict[str, np.ndarray]) -> LogRun:
+    """The channels that the log has."""
+    if cfg.tau == "command":
+        asked = channels["kp"] * (channels["q_des"] - channels["q"]) - channels["kd"] * channels["qd"]
+        channels = channels | {"tau": asked}
+    heat = np.cumsum(channels["tau"] ** 2, axis=0) * (t[-1] / max(len(t) - 1, 1)) * 5e-4
+    channels = channels | {"temperature": np.round(30.0 + heat)}  # each motor is warmed by its torque, in whole degrees
+    left_out = {"kd", *cfg.leave_out}  # kd never varies
+    left_out |= {"tau"} if cfg.tau == "none" else set()
+    left_out |= set() if cfg.motion_capture else {"pos", "vel"}
+    left_out |= set() if d.devices else {"kp", "current", "current_cmd"}
+    kept = {channel: x for channel, x in channels.items() if channel not in left_out}
+    slots = [device.joint for device in d.devices]
+    for channel in {"current", "current_cmd"} & kept.keys():  # of the joints with a device
+        whole = np.full((len(t), len(d.joints)), np.nan)
+        whole[:, slots] = kept[channel]
+        kept[channel] = whole
+    feet = (
+        dict(zip([leg.name for leg in d.layout.legs], kept["foot"].T, strict=True))
+        if d.layout and "foot" in kept
+        else {}
+    )
+    return LogRun(
+        id=name, t=t, joint={c: kept[c] for c in JOINT_CHANNELS if c in kept},
+        base={c: kept[c] for c in BASE_CHANNELS if c in kept}, feet=feet,
+        battery=None if "battery" in left_out else np.round(29.4 - 0.004 * t, 2),
+    )  # fmt: skip
 
 
 def _by(names: Sequence[str], values: np.ndarray) -> dict[str, float]:
     return {name: float(f"{value:.6g}") for name, value in zip(names, values, strict=True)}
-
-
-def _slow(t: np.ndarray, joints: Sequence[str], channels: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Temperature of each motor: warmed by its torque, in steps of a degree [°C]."""
-    heat = np.cumsum(channels["tau"] ** 2, axis=0) * (t[-1] / max(len(t) - 1, 1)) * 5e-4
-    return {f"temperature.{joint}": np.round(30.0 + heat[:, k]) for k, joint in enumerate(joints)}
-
-
-def _save(out: Path, name: str, columns: dict[str, np.ndarray], kind: str) -> None:
-    rounded = {column: np.round(values, 7) for column, values in columns.items()}
-    table = pa.table(rounded)
-    path = out / f"{name}{'.parquet' if kind == 'parquet' else '.csv.gz'}"
-    with atomic_write(path) as partial:
-        if kind == "parquet":
-            pyarrow.parquet.write_table(table, partial)
-        else:
-            with pa.CompressedOutputStream(str(partial), "gzip") as stream:
-                pyarrow.csv.write_csv(table, stream)

@@ -1,0 +1,286 @@
+"""Bags that rosbags itself wrote become robot logs: JointState and Imu, Unitree's LowState and LowCmd, refusals."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys.store import Typestore
+
+from mrwarp.cli import main
+from mrwarp.recording.data import RecordingError
+from mrwarp.robot_logs.bag import UNITREE_JOINTS, open_log, read_bag, typestore
+from mrwarp.robot_logs.robot_log import is_robot_log, load_log
+from tests.messages import tells
+
+STORE = typestore()
+ROWS, DT = 120, 0.01
+JOINTS = ("hip", "knee")
+
+
+def _make(store: Typestore, kind: str, **fields: Any) -> Any:
+    return store.types[kind](**fields)
+
+
+def _stamp(t: float) -> Any:
+    time = _make(STORE, "builtin_interfaces/msg/Time", sec=int(t), nanosec=round((t % 1.0) * 1e9))
+    return _make(STORE, "std_msgs/msg/Header", stamp=time, frame_id="")
+
+
+def _joints(t: float, names: tuple[str, ...], q: list[float], qd: list[float], effort: list[float]) -> Any:
+    return _make(
+        STORE, "sensor_msgs/msg/JointState", header=_stamp(t), name=list(names), position=np.array(q),
+        velocity=np.array(qd), effort=np.array(effort),
+    )  # fmt: skip
+
+
+def angle(t: float, k: int) -> float:
+    """Of joint k at a time."""
+    return float(0.4 * np.sin(5.0 * t + k))
+
+
+def ros_bag(path: Path, plugin: StoragePlugin = StoragePlugin.MCAP, *, other: bool = False) -> Path:
+    """State, commands 2 ms after it, and an inertial sensor between; stamps of the headers lie 5 s before the bag's."""
+    with Writer(path, version=9, storage_plugin=plugin) as writer:
+        kinds = {"/joint_states": "JointState", "/joint_commands": "JointState", "/imu/data": "Imu"}
+        kinds |= {"/arm/joint_states": "JointState", "/leg/joint_states": "JointState"} if other else {}
+        topics = {t: writer.add_connection(t, f"sensor_msgs/msg/{k}", typestore=STORE) for t, k in kinds.items()}
+        vector = STORE.types["geometry_msgs/msg/Vector3"]
+        for row in range(ROWS):
+            t = 100.0 + row * DT
+            q = [angle(t, k) for k in range(2)]
+            qd = [2.0 * float(np.cos(5.0 * t + k)) for k in range(2)]
+            messages = [("/joint_states", t, _joints(t, JOINTS, q, qd, [1.0, 2.0]))]
+            if row >= 5:  # the other order of names, as two programs may have it
+                command = _joints(t + 0.002, JOINTS[::-1], [q[1] + 0.1, q[0] + 0.2], [], [])
+                messages.append(("/joint_commands", t + 0.002, command))
+            imu = _make(
+                STORE, "sensor_msgs/msg/Imu", header=_stamp(t + 0.005), orientation_covariance=np.zeros(9),
+                orientation=_make(STORE, "geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.6, w=0.8),
+                angular_velocity=vector(x=t + 0.005, y=0.0, z=0.0), angular_velocity_covariance=np.zeros(9),
+                linear_acceleration=vector(x=0.0, y=0.0, z=9.81), linear_acceleration_covariance=np.zeros(9),
+            )  # fmt: skip
+            messages.append(("/imu/data", t + 0.005, imu))
+            if other:
+                messages += [(x, t, messages[0][2]) for x in ("/arm/joint_states", "/leg/joint_states")]
+            for topic, when, message in messages:
+                raw = STORE.serialize_cdr(message, topics[topic].msgtype)
+                writer.write(topics[topic], round((when + 5.0) * 1e9), raw)
+    return path
+
+
+MAP = {
+    "robot": "two.xml", "base": "free", "joints": {"hip": "left hip", "knee": "left knee"}, "kp": 20,
+    "kd": {"left hip": 0.5, "left knee": 0.6}, "tau_is": "measured",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("plugin", list(StoragePlugin))
+def test_joint_states_and_commands_meet_on_the_state_s_stamps(plugin: StoragePlugin, tmp_path: Path) -> None:
+    """By the headers' clock; a command that follows a row stands in that row, under the robot's own names."""
+    log = read_bag(ros_bag(tmp_path / "bag", plugin), MAP)
+    (run,) = log.runs
+    t = 100.0 + np.arange(5, ROWS) * DT
+    assert log.joints == ("left hip", "left knee") and log.tau_is == "measured" and log.base == "free"
+    np.testing.assert_allclose(run.t, t - t[0], atol=1e-6)
+    q = np.array([[angle(x, k) for k in range(2)] for x in t])
+    np.testing.assert_allclose(run.joint["q"], q)
+    np.testing.assert_allclose(run.joint["q_des"], q + [0.2, 0.1])
+    np.testing.assert_allclose(run.base["gyro"][:, 0], t, atol=1e-6)
+    np.testing.assert_allclose(run.base["quat"][0], [0.8, 0.0, 0.0, 0.6])
+    assert log.kp.tolist() == [20.0, 20.0] and log.kd.tolist() == [0.5, 0.6]
+    assert "5 rows before the first command" in log.notes[0]
+
+
+def test_import_writes_what_is_read_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The command's log is the bag's; it says which topic became what."""
+    bag = ros_bag(tmp_path / "bag")
+    (tmp_path / "map.txt").write_text(json.dumps(MAP))
+    out = tmp_path / "log"
+    assert main(["log", "import", str(bag), "--map", str(tmp_path / "map.txt"), "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "command       /joint_commands (sensor_msgs/msg/JointState)" in said
+    ours, theirs = load_log(out), read_bag(bag, MAP)
+    for channel, values in theirs.runs[0].joint.items():
+        np.testing.assert_allclose(ours.runs[0].joint[channel], values, atol=1e-6)
+    assert ours.header["source"]["imu"] == "/imu/data (sensor_msgs/msg/Imu)"
+    assert json.loads((out / "result.json").read_text())["seconds"] == pytest.approx(1.14, abs=0.01)
+    assert main(["log", "import", str(bag), "--out", str(out)]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+
+
+def test_a_map_beside_the_bag_is_read_with_it(tmp_path: Path) -> None:
+    """So that a bag can be diagnosed directly; an .mcap file of a folder, too."""
+    bag = ros_bag(tmp_path / "bag")
+    (bag / "map.json").write_text(json.dumps(MAP))
+    assert is_robot_log(bag) and open_log(bag).joints == ("left hip", "left knee")
+    (file,) = bag.glob("*.mcap")
+    assert is_robot_log(file) and open_log(file).runs[0].samples == ROWS - 5
+
+
+def unitree_bag(path: Path) -> Path:
+    """A Go2's low-level state and commands in a bag without definitions, as ROS 2 Humble writes it."""
+    types = STORE.types
+
+    def make(name: str, **fields: Any) -> Any:
+        return types[f"unitree_go/msg/{name}"](**fields)
+
+    zeros = {
+        "head": np.zeros(2, np.uint8),
+        "level_flag": 0,
+        "frame_reserve": 0,
+        "sn": np.zeros(2, np.uint32),
+        "version": np.zeros(2, np.uint32),
+        "bandwidth": 0,
+        "reserve": 0,
+        "crc": 0,
+        "wireless_remote": np.zeros(40, np.uint8),
+    }
+    with Writer(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        state = writer.add_connection("/lowstate", "unitree_go/msg/LowState", typestore=STORE)
+        command = writer.add_connection("/lowcmd", "unitree_go/msg/LowCmd", typestore=STORE)
+        for row in range(ROWS):
+            t = row * 0.002
+            motors = [
+                make(
+                    "MotorState",
+                    mode=1,
+                    q=angle(t, k),
+                    dq=0.0,
+                    ddq=0.0,
+                    tau_est=float(k),
+                    q_raw=0.0,
+                    dq_raw=0.0,
+                    ddq_raw=0.0,
+                    temperature=30 + k,
+                    lost=0,
+                    reserve=np.zeros(2, np.uint32),
+                )
+                for k in range(20)
+            ]
+            bms = make(
+                "BmsState",
+                version_high=0,
+                version_low=0,
+                status=0,
+                soc=90,
+                current=0,
+                cycle=0,
+                bq_ntc=np.zeros(2, np.int8),
+                mcu_ntc=np.zeros(2, np.int8),
+                cell_vol=np.zeros(15, np.uint16),
+            )
+            imu = make(
+                "IMUState",
+                quaternion=np.array([1, 0, 0, 0], np.float32),
+                gyroscope=np.array([0.1, 0.2, 0.3], np.float32),
+                accelerometer=np.array([0.0, 0.0, 9.8], np.float32),
+                rpy=np.zeros(3, np.float32),
+                temperature=40,
+            )
+            low = make(
+                "LowState",
+                **zeros,
+                imu_state=imu,
+                motor_state=motors,
+                bms_state=bms,
+                tick=row,
+                bit_flag=0,
+                foot_force=np.array([10, 20, 30, 40], np.int16),
+                foot_force_est=np.zeros(4, np.int16),
+                adc_reel=0.0,
+                temperature_ntc1=0,
+                temperature_ntc2=0,
+                power_v=29.5,
+                power_a=1.0,
+                fan_frequency=np.zeros(4, np.uint16),
+            )
+            asked = [
+                make(
+                    "MotorCmd",
+                    mode=1,
+                    q=2.146e9 if k == 3 else angle(t, k) + 0.1,
+                    dq=0.0,
+                    tau=0.5,
+                    kp=20.0 + k,
+                    kd=1.0,
+                    reserve=np.zeros(3, np.uint32),
+                )
+                for k in range(20)
+            ]
+            cmd = make(
+                "LowCmd",
+                **zeros,
+                motor_cmd=asked,
+                led=np.zeros(12, np.uint8),
+                fan=np.zeros(2, np.uint8),
+                gpio=0,
+                bms_cmd=make("BmsCmd", off=0, reserve=np.zeros(3, np.uint8)),
+            )
+            writer.write(state, round(t * 1e9), STORE.serialize_cdr(low, state.msgtype))
+            writer.write(command, round((t + 3e-4) * 1e9), STORE.serialize_cdr(cmd, command.msgtype))
+    return path
+
+
+def test_unitree_s_low_level_messages_need_no_map(tmp_path: Path) -> None:
+    """Joints in Unitree's order, gains from the commands, a loop that is off has no gain."""
+    log = read_bag(unitree_bag(tmp_path / "bag"))
+    (run,) = log.runs
+    assert log.joints == UNITREE_JOINTS and log.base == "free" and log.tau_is == "estimate"
+    assert run.samples == ROWS and run.dt == pytest.approx(0.002)
+    np.testing.assert_allclose(run.joint["kp"][0], [0.0 if k == 3 else 20.0 + k for k in range(12)])
+    np.testing.assert_allclose(run.joint["q_des"][:, 3], run.joint["q"][:, 3])
+    np.testing.assert_allclose(run.joint["q_des"][:, 4] - run.joint["q"][:, 4], 0.1, atol=1e-6)
+    assert run.joint["temperature"][0, 11] == 41.0 and run.joint["tau"][0, 5] == 5.0
+    assert {name: x[0] for name, x in run.feet.items()} == {"FR": 10.0, "FL": 20.0, "RR": 30.0, "RL": 40.0}
+    np.testing.assert_allclose(run.base["gyro"][0], [0.1, 0.2, 0.3], atol=1e-6)
+    assert run.battery is not None and run.battery[0] == 29.5
+
+
+@pytest.mark.parametrize(
+    ("mapping", "said"),
+    [
+        ({}, "no gain .. add it to kp"),
+        ({"kp": 20, "command": "/joint_comands"}, "no topic of the bag .. is it /joint_commands?"),
+        ({"kp": 20, "joints": {"hipp": "hip"}}, "joint 'hipp' is not in the bag .. is it hip?"),
+        ({"kp": 20, "joints": 3}, "joints = 3 .. write"),
+        ({"kp": 20, "command": None}, ""),
+    ],
+)
+def test_a_map_that_does_not_fit_is_refused(mapping: dict[str, Any], said: str, tmp_path: Path) -> None:
+    """With the nearest name; without any command the torque drives the replay."""
+    bag = ros_bag(tmp_path / "bag")
+    if not said:
+        assert "q_des" not in read_bag(bag, mapping).runs[0].joint
+        return
+    with pytest.raises(RecordingError) as refused:
+        read_bag(bag, mapping)
+    assert tells(str(refused.value), said), str(refused.value)
+
+
+def test_the_usual_name_is_chosen_of_several_states(tmp_path: Path) -> None:
+    """``/joint_states`` before others; where no name is usual, the map must choose."""
+    assert read_bag(ros_bag(tmp_path / "bag", other=True), {"kp": 20}).runs[0].samples == ROWS - 5
+
+
+def test_maps_and_bags_that_are_none_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line, exit code 2, nothing written."""
+    bag = ros_bag(tmp_path / "bag")
+    (tmp_path / "map.json").write_text('{"joint": {}}')
+    (tmp_path / "bad.mcap").write_bytes(b"no bag at all" * 50)
+    for words, said in (
+        ([str(bag), "--map", str(tmp_path / "map.json")], "'joint' means nothing; is it joints?"),
+        ([str(bag), "--map", str(tmp_path / "no.json")], "no such map"),
+        ([str(tmp_path / "bad.mcap"), "--map", str(tmp_path / "no.json")], "no such map"),
+        ([str(tmp_path / "none.mcap")], "there is no such bag"),
+    ):
+        assert main(["log", "import", *words, "--out", str(tmp_path / "log")]) == 2
+        err = capsys.readouterr().err
+        assert said in err and err.count("\n") == 1 and not (tmp_path / "log").exists()
+    (tmp_path / "map.json").unlink()
+    assert main(["check", str(tmp_path / "bad.mcap")]) == 2
+    assert "is no bag that can be read" in capsys.readouterr().err
