@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mrwarp.diagnose.problem import Fit, Problem, fit_model, gain_and_t
+from mrwarp.diagnose.problem import Fit, Problem, fit_model
 from mrwarp.diagnose.screening import Candidate
 from mrwarp.effects.catalogue import HYSTERESIS
 from mrwarp.identify.law_fit import LawSearch, Solution, law_search, zero_line
@@ -23,7 +23,8 @@ from mrwarp.identify.replay import EffectReplay
 MARGIN = 0.15
 """Share by which the held-out RMSE of another law must be lower than that of eq. 14 with its best effect."""
 LEAST_T = 3.0
-"""Least ratio of that gain to its standard error over trajectories."""
+"""Least ratio of that gain to its standard error over trajectories, each by the logarithm of its error: in the sum only
+the few with the largest torque would count."""
 SIMPLER = 0.03
 """Share of the held-out RMSE within which a law with fewer numbers is taken instead."""
 _SAMPLES = 12_000
@@ -117,13 +118,24 @@ def choose_law(
     def nrmse(found: Solution) -> float:
         return float(np.sqrt(found.held_out.sum() / count)) / spread
 
+    def error(found: Solution) -> float:
+        return float(found.held_out.sum())
+
     laws = {name: law_search(small, q_zero, name, offsets=True, effects=beside, threads=threads) for name in HYSTERESIS}
     held_out = {"bouc_wen": nrmse(alone)} | {name: nrmse(found) for name, found in laws.items()}
     best = min(laws, key=lambda name: held_out[name])
     near = [name for name in laws if held_out[name] < (1.0 + SIMPLER) * held_out[best]]
     best = min(near, key=lambda name: (laws[name].layout.size, held_out[name]))
-    gain, t = gain_and_t(paper.held_out, laws[best].held_out)
-    taken = gain > 0.0 and t > LEAST_T and held_out[best] < (1.0 - MARGIN) * nrmse(paper)
+    found = laws[best]
+    extra = [name for name in effects if name not in beside and name not in base.effects]
+    if extra:  # a true effect bears as much of another law's error
+        layout = replace(search.layout([*found.layout.effects, *extra]), choices=paper.layout.choices)
+        x = found.layout.moved(found.x, layout)
+        for name in extra:
+            x[layout.own(name)] = paper.x[paper.layout.own(name)]
+        found = min(found, search.descend(layout, x), key=error)
+    clear = by_ratio(paper.held_out, found.held_out) > LEAST_T
+    taken = clear and error(found) < (1.0 - MARGIN) ** 2 * error(paper)
     found = laws[best]
     choice = LawChoice(name=best if taken else "bouc_wen", held_out=held_out, rival=nrmse(paper), beside=effects)
     if not taken:
@@ -133,6 +145,12 @@ def choose_law(
     log(f"the hysteresis has another shape: {HYSTERESIS[best].title}")
     layout = problem.parameters(found.layout.effects)
     return choice, problem, fit_model(problem, layout, found.x, tolerance=1e-4)
+
+
+def by_ratio(before: np.ndarray, after: np.ndarray) -> float:
+    """Mean logarithm of the ratio of trajectories' squared errors, shape (T,), over its standard error."""
+    ratio = np.log(np.maximum(before, 1e-300) / np.maximum(after, 1e-300))
+    return float(ratio.mean()) * np.sqrt(len(ratio)) / max(float(ratio.std(ddof=1)), 1e-12)
 
 
 def structured(problem: Problem, base: Fit) -> bool:
