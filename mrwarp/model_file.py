@@ -277,6 +277,11 @@ def model_from_dict(content: Any, where: str = "model") -> Model:
     )
 
 
+def acting(effects: Iterable[Effect]) -> dict[str, dict[str, float]]:
+    """Numbers of the law and the effects that act in the simulator, by name."""
+    return {effect.name: effect.values for effect in effects if effect.acts}
+
+
 def make_effect(name: str, values: Mapping[str, float]) -> Effect:
     """An effect of the catalogue from bare numbers, for a joint in rad, A and N·m.
 

@@ -202,8 +202,9 @@ class DriveMR(DriveBase):
         columns = {name: wp.zeros((count, 1), dtype=float, device=device) for name in names}
         self._inputs = ActuatorInputs(current_e=wp.zeros(count, dtype=float, device=device), **columns)
         # N environments of one joint: the simulator's own step
+        self._effects = EffectSet(effects)
         self._joints = MrActuator(
-            [_Device(effects=EffectSet(effects))], [0], self._inputs, dt=SHORTEST_STEP, share_params=False
+            [_Device(effects=self._effects)], [0], self._inputs, dt=SHORTEST_STEP, share_params=False
         )
         for name, array in params.items():
             wp.copy(self.param(name), array)
@@ -233,7 +234,7 @@ class DriveMR(DriveBase):
         """
         # its states are handed over twice in a step, so none is carried here
         self._learned = LearnedTorque(model, dt=dt, lstm_state=LstmState.WINDOW, threads=threads)
-        for name, value in with_bouc_wen(MrParams(), model):
+        for name, value in with_bouc_wen(MrParams(), model, self._effects):
             if name in model.bouc_wen and name != "q_neutral":
                 self.param(name).fill_(value)
 

@@ -11,7 +11,7 @@ import math
 import os
 import threading
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from queue import SimpleQueue
 
@@ -19,10 +19,12 @@ import numpy as np
 import torch
 import warp as wp
 
+from mrwarp.effects.catalogue import HYSTERESIS
 from mrwarp.kernels import learned_torque as learned
 from mrwarp.kernels import lstm_lanes
 from mrwarp.kernels.launch import Launch, in_one_thread, record
 from mrwarp.kernels.learned_torque import FEATURES, WINDOW
+from mrwarp.model_file import Effect, acting
 from mrwarp.nn.models import LstmState, LstmTorque
 from mrwarp.nn.network_file import LearnedModel
 from mrwarp.params import BoucWenParams, MrParams, ParameterError
@@ -255,14 +257,24 @@ def _repeat(calls: SimpleQueue[Callable[[], object] | None]) -> None:
         call()
 
 
-def with_bouc_wen(mr: MrParams, model: LearnedModel) -> MrParams:
+def with_bouc_wen(mr: MrParams, model: LearnedModel, effects: Iterable[Effect] = ()) -> MrParams:
     """A joint's parameters with the Bouc-Wen coefficients that the model was trained beside.
 
-    The joint keeps its own neutral angle; the bench's displacement is about its own zero.
+    The joint keeps its own neutral angle; the bench's displacement is about its own zero. ``effects`` are what acts in
+    the joint beside eqs. 14 and 15.
 
     Raises:
-        ParameterError: the model's coefficients are not those of ``BoucWenParams``, or out of a joint's range.
+        ParameterError: the model's coefficients are not those of ``BoucWenParams`` or out of a joint's range, or it was
+            trained on top of a law and effects that are not the joint's.
     """
+    ours = acting(effects)
+    # a residual on plain eqs. 14 and 15 may run beside effects, but not beside another law
+    if model.is_residual and model.beside != ours and (model.beside or HYSTERESIS.keys() & ours.keys()):
+        theirs, own = (", ".join(x) or "eqs. 14 and 15 alone" for x in (model.beside, ours))
+        raise ParameterError(
+            f"this pg_rlstm model was trained on top of {theirs}, the joint has {own}"
+            f"{'' if theirs != own else ' with other numbers'}; give both the same model.json (--bouc-wen, --model)"
+        )
     if model.is_residual and not model.bouc_wen:
         raise ParameterError("this pg_rlstm model is a residual on another physical model and cannot run in the loop")
     try:

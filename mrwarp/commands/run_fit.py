@@ -166,7 +166,7 @@ class Learn(Options):
     kind: Annotated[str, opt.one_of(LEARNED), arg(aliases=["--model"])] = "pg_rlstm"
     """kind of network; --model is its earlier name"""
     bouc_wen: opt.OptionalFile = None
-    """model.json of 'mrwarp fit' (default: the paper)"""
+    """model.json of 'mrwarp fit' or 'mrwarp diagnose' (default: the paper)"""
     epochs: opt.Count = 80
     """most epochs"""
     windows_per_epoch: opt.Count = 65_536
@@ -191,11 +191,6 @@ class Learn(Options):
 
         cfg = FitCfg(**self.chosen("epochs", "windows_per_epoch", "patience", "seed"))
         physical = load_model(self.bouc_wen) if self.bouc_wen else None
-        if physical is not None and physical.law is not None:
-            raise ValueError(
-                f"{self.bouc_wen}: a network cannot be trained on top of the law {physical.law.name!r} yet; give a "
-                "model of eq. 15 ('mrwarp fit' without --law)"
-            )
         bouc_wen = learn.bench_parameters(physical.values if physical else None)
         recording, evaluation = load_recording(self._parts()[0], skip_bad=self.skip_bad), None
         held_out = self._parts()[1]
@@ -203,16 +198,19 @@ class Learn(Options):
             evaluation = load_recording(held_out, skip_bad=self.skip_bad)
             if learn.sampling_interval(evaluation) != learn.sampling_interval(recording):
                 raise ValueError(f"{held_out}: sampled at another rate than {self.data}; resample one of them")
-        learned = learn.learn(recording, kind=self.kind, bouc_wen=bouc_wen, cfg=cfg, report=print_epoch)
+        learned = learn.learn(
+            recording, kind=self.kind, bouc_wen=bouc_wen, physical=physical, cfg=cfg, report=print_epoch
+        )
         model = replace(learned.model, source=str(self.data))
         figures = {**learned.figures, "bouc_wen": model.bouc_wen, "evaluation": None}
         if evaluation:
+            below = learn.physical_torque(evaluation, bouc_wen, physical)
             torques = {
-                "bouc_wen": learn.bouc_wen_torque(evaluation, bouc_wen),
-                self.kind: learn.predict(model, evaluation),
+                physical.law.name if physical and physical.law else "bouc_wen": below,
+                self.kind: learn.predict(model, evaluation, below),
             }
             if "lstm" in self.kind:  # as the simulation runs it
-                torques[f"{self.kind}, carried"] = learn.predict(model, evaluation, lstm_state=LstmState.CARRIED)
+                torques[f"{self.kind}, carried"] = learn.predict(model, evaluation, below, LstmState.CARRIED)
             errors = {name: learn.errors(torque, evaluation) for name, torque in torques.items()}
             figures["evaluation"] = {name: learn.summary(found) for name, found in errors.items()}
             print(learn.table(figures["evaluation"]))

@@ -188,8 +188,12 @@ def sentence_of(d: Diagnosis) -> str:
         parts.append("nothing is missing that these data could show")
     for s in d.parameter_shift:
         parts.append(f"the calibration has shifted: {either((s.name, *s.alternatives))}")
-    said = [*(fault.sentence for fault in d.recording_faults), "; ".join(parts)]
-    return true_names(" ".join(capital(text) + "." for text in said), d.recording.units)
+    return " ".join((*fault_sentences(d), true_names(capital("; ".join(parts)) + ".", d.recording.units)))
+
+
+def fault_sentences(d: Diagnosis) -> list[str]:
+    """What is wrong with the recording, a sentence each."""
+    return [true_names(capital(fault.sentence) + ".", d.recording.units) for fault in d.recording_faults]
 
 
 def _per_turn(cause: Cause) -> str:

@@ -286,5 +286,5 @@ def _asset(cfg: EnvCfg) -> tuple[RobotAsset, LearnedTorque | None]:
     residual = LearnedTorque(
         model, dt=cfg.sim.dt, lstm_state=cfg.lstm_state, threads=cfg.sim.threads, capacity=cfg.window_capacity
     )
-    actuators = tuple(replace(a, mr=with_bouc_wen(a.mr, model)) if a.mr else a for a in asset.actuators)
+    actuators = tuple(replace(a, mr=with_bouc_wen(a.mr, model, a.effects)) if a.mr else a for a in asset.actuators)
     return replace(asset, actuators=actuators), residual

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from mrwarp.identify.dataset import rms
+from mrwarp.identify.law_fit import model_torque
 from mrwarp.identify.replay import simulate
+from mrwarp.model_file import Model, acting
 from mrwarp.nn import network_file
 from mrwarp.nn.models import SAMPLES, LstmState, make_net
 from mrwarp.nn.network_file import LearnedModel
@@ -43,6 +45,7 @@ def learn(
     *,
     kind: str,
     bouc_wen: Mapping[str, float] | None = None,
+    physical: Model | None = None,
     baseline: Sequence[np.ndarray] | None = None,
     cfg: FitCfg | None = None,
     report: Report | None = None,
@@ -53,6 +56,7 @@ def learn(
         recording: Fitting data, one sampling rate throughout.
         kind: ``mlp``, ``lstm`` or ``pg_rlstm``.
         bouc_wen: The frozen Bouc-Wen parameters in the recording's units but for ``q_neutral``; None: the paper's.
+        physical: An identified joint in their place, with its hysteresis law and effects.
         baseline: Torque of another physical model along each trajectory, in place of Bouc-Wen's for ``pg_rlstm``; such
             a model predicts with that baseline only and does not run in the loop.
         cfg: The recipe; its seed also divides the trajectories and draws the weights.
@@ -61,13 +65,13 @@ def learn(
     Raises:
         RecordingError: the sampling rates differ, or too few trajectories are long enough.
     """
-    cfg, bouc_wen = cfg or FitCfg(), bench_parameters(bouc_wen)
+    cfg, bouc_wen = cfg or FitCfg(), bench_parameters(physical.values if physical else bouc_wen)
     dt = sampling_interval(recording)
     samples = SAMPLES[kind]
     x, y = features(recording, bouc_wen), [run.torque for run in recording.trajectories]
     if kind == "pg_rlstm":  # eq. 17
-        physical = baseline or bouc_wen_torque(recording, bouc_wen)
-        y = [measured - tau for measured, tau in zip(y, physical, strict=True)]
+        below = baseline or physical_torque(recording, bouc_wen, physical)
+        y = [measured - tau for measured, tau in zip(y, below, strict=True)]
     long = [k for k in range(len(x)) if len(x[k]) >= samples]
     if len(long) < 2:
         raise RecordingError(
@@ -101,6 +105,7 @@ def learn(
         net=net,
         dt=dt,
         bouc_wen={} if own_baseline else bouc_wen,
+        beside=acting(physical.effects) if physical and kind == "pg_rlstm" and not own_baseline else {},
         source=str(recording.source or ""),
         seed=cfg.seed,
         training=figures,
@@ -200,6 +205,15 @@ def bouc_wen_torque(recording: Recording, bouc_wen: Mapping[str, float]) -> list
     return simulate(bench_parameters(bouc_wen), recording, exact=False, substeps=0)
 
 
+def physical_torque(
+    recording: Recording, bouc_wen: Mapping[str, float], physical: Model | None = None
+) -> list[np.ndarray]:
+    """Torque of a joint along each trajectory [N·m]: with its law and effects if it has any, else tau_BW."""
+    if physical is not None and acting(physical.effects):
+        return model_torque(physical, recording)
+    return bouc_wen_torque(recording, bouc_wen)
+
+
 def predict(
     model: LearnedModel,
     recording: Recording,
@@ -216,9 +230,9 @@ def predict(
 
     Raises:
         SamplingRateError: the recording has another rate than the model.
-        ValueError: the model was trained on another baseline than Bouc-Wen, and none is given.
+        ValueError: the model was trained on another baseline than plain Bouc-Wen, and none is given.
     """
-    if model.is_residual and not model.bouc_wen and baseline is None:
+    if model.is_residual and (model.beside or not model.bouc_wen) and baseline is None:
         raise ValueError("this pg_rlstm model was trained on another physical model; give its torque as baseline")
     model.check_rate(sampling_interval(recording))
     tau = [network_file.torque_of(model, x, lstm_state) for x in features(recording, model.bouc_wen)]

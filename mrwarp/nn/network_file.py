@@ -47,6 +47,9 @@ class LearnedModel:
     bouc_wen: dict[str, float]
     """Bouc-Wen parameters beside which it was trained: the frozen baseline of ``pg_rlstm``, for all kinds the origin
     of the displacement q_c; names and units of ``mrwarp.params.BoucWenParams``."""
+    beside: dict[str, dict[str, float]] = field(default_factory=dict)
+    """What acts beside eqs. 14 and 15 in the model that ``pg_rlstm`` was trained on top of: numbers of the hysteresis
+    law and the effects, by name."""
     source: str = ""
     """Recording it was trained on."""
     seed: int = 0
@@ -113,6 +116,7 @@ def load(path: str | Path) -> LearnedModel:
             net=net.eval(),
             dt=float(meta["dt"]),
             bouc_wen={str(k): float(v) for k, v in meta["bouc_wen"].items()},
+            beside={str(k): {str(n): float(x) for n, x in v.items()} for k, v in meta.get("beside", {}).items()},
             source=str(meta["source"]),
             seed=int(meta["seed"]),
             training=dict(meta["training"]),

@@ -23,6 +23,9 @@ from mrwarp.run_dir import versions
 _AS_IS = {"source", "data", "extended", "seed", "unexplained"}
 """What the page shows as it stands: names of files and what units do not change."""
 
+_NUMBERS = 3
+"""Numbers of a cause that the first screen shows."""
+
 _KINDS = {"mechanism": "part of the device", "sensor": "only in what is measured", "calibration": "calibration"}
 
 
@@ -78,7 +81,8 @@ def _content(d: Diagnosis) -> dict[str, Any]:
     """Everything that the template shows, as plain text."""
     return {
         "verdict": d.verdict,
-        "sentence": d.sentence,
+        "sentence": d.sentence.removeprefix(" ".join(text.fault_sentences(d))).strip(),
+        "faults": text.fault_sentences(d),
         "source": d.recording.source.name if d.recording.source else "recording",
         "extended": d.model is not None and bool(d.causes),
         "facts": _facts(d),
@@ -114,7 +118,9 @@ def _facts(d: Diagnosis) -> list[tuple[str, str]]:
         change = text.percent(-d.gain.rmse_reduction).replace("-", "−")
         facts.append((text.percent(d.extended.nrmse), f"error with the extension, {after} RMS"))
         facts.append((change, f"RMS ({low} to {high} less); each trajectory predicted by a fit to the others"))
-    if d.traces:
+    if d.account:
+        facts.append((text.percent(d.account.left), "does not repeat from run to run: no model gets below that"))
+    elif d.traces:
         facts.append((text.measured(d.traces.noise_rms, unit), "noise RMS: less cannot be reached"))
     return facts
 
@@ -128,7 +134,8 @@ def _cause(c: Cause) -> dict[str, Any]:
         "kind": _KINDS[law.kind] if law else "unknown kind",
         "sentence": law.sentence if law else "",
         "equation": law.equation if law else "",
-        "parameters": [_parameter(name, v, specs.get(name)) for name, v in c.parameters.items()],
+        "parameters": (shown := [_parameter(name, v, specs.get(name)) for name, v in c.parameters.items()]),
+        "numbers": text.both(f"{label} {value} ({interval})" for label, value, interval, _ in shown[:_NUMBERS]),
         "gain": text.percent(c.gain),
         "chance": text.chance(c.p_value),
         "alternatives": text.either(c.alternatives),

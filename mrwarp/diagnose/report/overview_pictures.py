@@ -28,8 +28,8 @@ from mrwarp.diagnose.result import REGIMES, Diagnosis
 from mrwarp.diagnose.verdict_text import axis_label, both, capital, percent, short, title
 from mrwarp.recording.data import true_names
 
-NAMES = ("evidence", "gain", "loops", "worst", "accounting", "variables", "spectrum", "tried", "data")
-"""All pictures."""
+NAMES = ("loops", "accounting", "evidence", "gain", "worst", "variables", "spectrum", "tried", "data")
+"""All pictures, in the order of the report."""
 
 _NAMED = 28
 """Most trajectories that are written by name."""
@@ -67,7 +67,7 @@ def accounting_picture(d: Diagnosis) -> Figure:
     ]
     full = d.account
     shares = (None,) * 3 if full is None else (full.named, full.repeatable, full.not_repeatable)
-    figure = Figure(figsize=(WIDTH, 2.7), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 2.3), layout="constrained")
     ax = figure.subplots()
     begin = 0.0
     for (share, label, color, ink), interval in zip(parts, shares, strict=True):

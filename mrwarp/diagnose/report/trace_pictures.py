@@ -53,8 +53,10 @@ WIDTH = 6.4
 DPI = 100
 _WORST = 2.0
 """Length of the stretch that is shown in detail [s]."""
-_LOOP = 4.0
-"""Longest stretch of a trajectory that a loop shows [s]."""
+_LOOP, _CYCLES = 4.0, 2.0
+"""Stretch of a trajectory that a loop shows: seconds, or cycles of its motion if these take longer."""
+_POINTS = 4000
+"""Most samples of a loop that are drawn."""
 
 
 def evidence_picture(d: Diagnosis) -> Figure | None:
@@ -94,24 +96,22 @@ def evidence_picture(d: Diagnosis) -> Figure | None:
 
 
 def loops_picture(d: Diagnosis) -> Figure:
-    """Measured against simulated torque over angle and velocity: a typical and the worst trajectory."""
-    t = _traces(d)
+    """Measured and simulated torque over angle (left) and velocity (right): of the median and the worst trajectory."""
+    t, units, runs = _traces(d), d.recording.units, d.recording.trajectories
     rmse = np.array([rms(t.torque[p] - t.baseline[p]) for p in t.parts])
-    typical, worst = int(np.argsort(rmse)[len(rmse) // 2]), int(np.argmax(rmse))
-    chosen = [(typical, "typical")] + [(worst, "worst")] * (worst != typical)
-    figure = Figure(figsize=(WIDTH * (1.15 if len(chosen) == 2 else 0.8), 7.4), layout="constrained")
-    panels = figure.subplots(2, len(chosen), squeeze=False)
-    units = d.recording.units
-    for column, (k, text) in enumerate(chosen):
-        part = _stretch(t, t.parts[k], _LOOP)
-        for row, (x, label) in enumerate(((t.q, axis_label("q", units)), (t.qd, axis_label("qd", units)))):
-            ax = panels[row, column]
-            _three(ax, x[part], t, part)
-            ax.set_xlabel(label)
-            if column == 0:
-                ax.set_ylabel(axis_label("torque", units))
-        panels[0, column].set_title(f"{text}: {short(d.recording.trajectories[k].id, 18)}")
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    median, worst = int(np.argsort(rmse)[len(rmse) // 2]), int(np.argmax(rmse))
+    chosen = [(median, "median")] * (worst != median) + [(worst, "worst")]
+    figure = Figure(figsize=(WIDTH * 1.15, 2.75 * len(chosen) + 0.8), layout="constrained")
+    panels = figure.subplots(len(chosen), 2, squeeze=False, sharey="row")
+    for row, (k, text) in zip(panels, chosen, strict=True):
+        part = _stretch(t, t.parts[k], max(_LOOP, _CYCLES * _period(t, t.parts[k])))
+        some = slice(part.start, part.stop, max(1, (part.stop - part.start) // _POINTS))
+        for ax, x, name in zip(row, (t.q, t.qd), ("q", "qd"), strict=True):
+            _three(ax, x[some], t, some)
+            ax.set_xlabel(axis_label(name, units))
+        row[0].set_ylabel(axis_label("torque", units))
+        row[0].set_title(f"{text} trajectory: {short(runs[k].id, 34)}")
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=3, frameon=False)
     return figure
 
 
@@ -253,6 +253,14 @@ def _density(x: np.ndarray, parts: Sequence[slice], rate: float) -> tuple[np.nda
     band = np.unique(np.round(10.0 * np.log10(f / f[0])), return_inverse=True)[1]
     count = np.bincount(band)
     return np.bincount(band, weights=f) / count, np.sqrt(np.bincount(band, weights=power) / count)
+
+
+def _period(t: Traces, part: slice) -> float:
+    """Mean length of a cycle of a trajectory's motion [s]: two reversals beyond a tenth of its speed."""
+    qd = t.qd[part]
+    quick = np.sign(qd[np.abs(qd) > 0.1 * np.abs(qd).max()])
+    turns = int(np.sum(quick[1:] != quick[:-1]))
+    return 2.0 * float(t.time[part.stop - 1] - t.time[part.start]) / max(turns, 1)
 
 
 def _stretch(t: Traces, part: slice, seconds: float) -> slice:
