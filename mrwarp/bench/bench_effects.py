@@ -36,6 +36,9 @@ SUBSTEPS = 10
 LOG_DT = 0.005
 """Logging interval [s], paper section 4.1."""
 
+_BRISTLE = 2e-4
+"""Way after which a dry contact slips, once it is turned round [rad]."""
+
 Progress = Callable[[float], None]
 """Called with the finished share, 0 to 1."""
 
@@ -74,11 +77,12 @@ _ROWS: tuple[tuple[Any, ...], ...] = (
     ("loop_asymmetry", "1", 0.30, -0.9, 0.9, "(K0 + K1*I)*(1 + a*s(qd))", f"friction asymmetry (4.3); {_FIG4}"),
     ("position_gain", "1", 0.25, -0.9, 0.9, "(K0 + K1*I)*(1 + a*sin(2*q_c + 0.6))", f"{_LOCAL}; {_FIG4}"),
     ("breakaway", "1", 0.02, 0.0, 1.0, "b*tau_y(I)*y*exp(-|qd|/0.5), stop y over 0.02 rad", "eq. 18 > eq. 14"),
-    ("coulomb_friction", "N·m", 0.0, 0.0, 50.0, "F*s(qd)", "K0 and z hold it already"),
+    ("coulomb_friction", "N·m", 0.0, 0.0, 50.0, "F*s(x)", "K0 and z hold it already"),
     ("friction_asymmetry", "N·m", 0.08, -10.0, 10.0, "F*|s(qd)|", "friction asymmetry (4.3): about K0*z at 0 A"),
     ("viscous_asymmetry", "N·m·s/rad", 0.02, -1.0, 1.0, "B*|qd|", "friction asymmetry (4.3): B/5, as in emps"),
-    ("load_friction", "N·m/A", 0.0, -10.0, 10.0, "F1*|I|*s(qd)", "K1 and z hold it already"),
-    ("stribeck", "N·m", 0.0, 0.0, 50.0, "F*s(qd)/(1 + (qd/0.4)^2)", "not named by the paper"),
+    ("load_friction", "N·m/A", 0.0, -10.0, 10.0, "F1*|I|*s(x)", "K1 and z hold it already"),
+    ("position_friction", "N·m/rad²", 0.0, -50.0, 50.0, "F*q_c^2*s(x)", "a guide that is straight"),
+    ("stribeck", "N·m", 0.0, 0.0, 50.0, "F*s(x)/(1 + (qd/0.4)^2)", "not named by the paper"),
     ("cogging", "N·m", 0.0, 0.0, 10.0, "F*(sin 24q + 0.2 sin 48q)", "no magnets in a brake"),
     ("series_compliance", "rad/(N·m)", 0.0, 0.0, 1.0, "device behind a spring of compliance c", "a stiff coupling"),
     (
@@ -218,6 +222,7 @@ def simulate(
     log(0.3)
 
     # the hysteretic part, behind the coupling's gap: where that is open, the device stands and bears nothing
+    touched = np.ones_like(q, dtype=bool)
     if e.acts("backlash"):
         z, touched = _behind_gap(q, e["backlash"], p.K0 + p.K1 * field, params, dt)
         qd = np.where(touched, qd, 0.0)
@@ -226,6 +231,7 @@ def simulate(
     else:
         z = _bouc_wen_over_path(q, p.beta, p.gamma)
     direction = np.tanh(qd / 0.02)
+    rubbing = np.where(touched, _stop(np.cumsum(qd, axis=0) * dt, _BRISTLE), 0.0)  # stays at rest
     log(0.7)
     speed = np.abs(qd)
     q_c = q - (p.q_offset + p.q_center)
@@ -234,9 +240,10 @@ def simulate(
     common *= (1.0 - e["wear"] * drive.session) * z / (1.0 + p.alpha * speed) ** e["speed_weakening"]
 
     # dry friction and the machine around the device
-    around = p.D + p.C * q_c + e["coulomb_friction"] * direction + e["friction_asymmetry"] * np.abs(direction)
+    around = p.D + p.C * q_c + e["coulomb_friction"] * rubbing + e["friction_asymmetry"] * np.abs(direction)
     around += e["viscous_asymmetry"] * speed
-    around += e["stribeck"] * direction / (1.0 + (qd / 0.4) ** 2)
+    around += e["position_friction"] * q_c**2 * rubbing
+    around += e["stribeck"] * rubbing / (1.0 + (qd / 0.4) ** 2)
     around += e["cogging"] * (np.sin(24.0 * q) + 0.2 * np.sin(48.0 * q))
     around += e["compliance_with_backlash"] * (q_c - np.clip(q_c, -0.05, 0.05))
     if e.acts("rotor_inertia"):
@@ -253,7 +260,7 @@ def simulate(
             rise = _temperature(np.abs((hysteretic + viscous) * qd), current, run.warmth, params, dt)
             hysteretic *= np.exp(-e["temperature_drift"] * rise)
             viscous *= np.exp(-2.0 * e["temperature_drift"] * rise)
-        pressed = e["load_friction"] * np.abs(current) * direction
+        pressed = e["load_friction"] * np.abs(current) * rubbing
         return around + viscous + pressed + p.I1 * current + hysteretic
 
     torque = torque_at(current, field)

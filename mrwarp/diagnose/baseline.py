@@ -43,7 +43,7 @@ _SPOILT = 1.3
 """Ratio of the mismatch with the learned noise to that of least squares above which the noise is no noise."""
 _MANY = 20
 """Trajectories above which the features take up little of their offsets and factors; below, they take up most."""
-LIMIT = 160_000
+LIMIT = 60_000
 """Samples up to which a recording is diagnosed as it is: beyond, more of them say nothing new."""
 LEAST_RATE = 300.0
 """Rate below which nothing is decimated [Hz]: lags of a few milliseconds must still show."""

@@ -74,12 +74,15 @@ def diagnose(
     choice, other, other_base = choose_law(first, base, screened, [run.id for run in recording.trajectories], log)
     if choice is not None and choice.offsets:
         faults = (*faults, zeros_about(recording, choice.offsets, choice.moved))
+    as_whitened = first
     if choice is not None and choice.other:
         first, base = plain_problem(other, other_base)
-        if structured(first, base):  # whitened differences would decide by what is quick
-            first, base = with_learned_noise(replace(first, misfit=True), base)
-        else:
+        if not structured(first, base):
             first, base = judged(first, base, log)
+    if structured(first, base) and not first.misfit:  # whitened differences would decide by what is quick
+        log("the mismatch is structured: plain simulation error decides")
+        first, base = with_learned_noise(replace(first, misfit=True), base)
+    if first is not as_whitened:
         candidates = _candidates(first, base)
         screened = screen_candidates(first, base, candidates)
 
@@ -96,7 +99,8 @@ def diagnose(
         best = refit(problem, best)
     if problem is not first or best is not base:
         log(f"noise without {', '.join(best.effects) or 'line'}")
-        problem, best = with_learned_noise(problem, best)
+        misfit = problem.misfit and (problem.motion.ranges.turns > 1.0 or structured(problem, best))
+        problem, best = with_learned_noise(replace(problem, misfit=misfit), best)
     aligned = align_clocks(problem, best)
     if aligned is not problem:
         log(f"torque is logged {aligned.motion.ahead:.2f} samples ahead of the motion")
@@ -168,6 +172,8 @@ def _candidates(problem: Problem, base: Fit) -> list[str]:
     known, lag = {*base.effects, *problem.impossible}, problem.motion.kinematics.velocity_lag
     if base.parameters.law:
         known.add("speed_weakening")  # of eq. 14's own form
+    if problem.motion.ranges.turns > 1.0:
+        known.add("position_friction")  # what turns on and on has no place along its way
     return [
         name
         for name, law in CATALOGUE.items()

@@ -39,38 +39,46 @@ def backlash_law(
             gap = wp.sign(s.z) * half_gap
         elif s.qd != 0.0:  # a record that begins under way
             gap = wp.sign(s.qd) * half_gap
-        turn = float(0.0)  # share of the step before a reversal, at one acceleration
-        if s.path_1 != 0.0:
-            turn = wp.sqrt(wp.abs(s.path_1)) / (wp.sqrt(wp.abs(s.path_1)) + wp.sqrt(wp.abs(s.path_2)))
-        z, first, second, pushed, part = float(s.z), float(0.0), float(0.0), float(0.0), float(0.0)
-        for i in range(2 * PARTS):
-            x = float(i % PARTS) / float(PARTS)
-            if i < PARTS:
-                part, share = s.path_1 * (2.0 * (1.0 - x) - STEP) * STEP, turn
-            else:
-                part, share = s.path_2 * STEP, 1.0 - turn
-                if turn > 0.0:
-                    part = s.path_2 * (2.0 * x + STEP) * STEP
-            if share > 0.0:
-                free = bouc_wen_release(z, rate, s.stiffness, s.viscosity, s.alpha, share * STEP * s.dt)
-                low = gap + part - half_gap
-                way = wp.clamp(free, low, low + 2.0 * half_gap)
-                pushed = wp.max(low - free, free - low - 2.0 * half_gap)
-                gap = wp.clamp(gap + part - way, -half_gap, half_gap)
-                z = bouc_wen_exact(way, z, s.beta, s.gamma, 1.0)
+        ahead, same = wp.sign(s.path_2) * half_gap, s.begins == 0 and s.path_1 == 0.0 and s.path_2 != 0.0
+        if same and s.z * s.path_2 >= 0.0 and wp.abs(gap - ahead) <= 1.0e-5 * half_gap:
+            s.engaged = 1.0  # in contact all along, as in most steps
+        elif same and s.z == 0.0 and wp.abs(gap + s.path_2) < half_gap:
+            gap = gap + s.path_2  # through the gap all along
+            s.path_2 = 0.0
+            s.engaged = 0.0
+        else:
+            turn = float(0.0)  # share of the step before a reversal, at one acceleration
+            if s.path_1 != 0.0:
+                turn = wp.sqrt(wp.abs(s.path_1)) / (wp.sqrt(wp.abs(s.path_1)) + wp.sqrt(wp.abs(s.path_2)))
+            z, first, second, pushed, part = float(s.z), float(0.0), float(0.0), float(0.0), float(0.0)
+            for i in range(2 * PARTS):
+                x = float(i % PARTS) / float(PARTS)
                 if i < PARTS:
-                    first += way
+                    part, share = s.path_1 * (2.0 * (1.0 - x) - STEP) * STEP, turn
                 else:
-                    second += way
-        # at the end of the step: all but within the first of its last part, so that it has a slope
-        rounding = 1.0e-5 * half_gap
-        s.engaged = wp.clamp((16.0 * pushed + rounding) / (wp.abs(part) + rounding), 0.0, 1.0)
-        if s.begins == 1 and gap != 0.0:
-            s.engaged = 1.0
+                    part, share = s.path_2 * STEP, 1.0 - turn
+                    if turn > 0.0:
+                        part = s.path_2 * (2.0 * x + STEP) * STEP
+                if share > 0.0:
+                    free = bouc_wen_release(z, rate, s.stiffness, s.viscosity, s.alpha, share * STEP * s.dt)
+                    low = gap + part - half_gap
+                    way = wp.clamp(free, low, low + 2.0 * half_gap)
+                    pushed = wp.max(low - free, free - low - 2.0 * half_gap)
+                    gap = wp.clamp(gap + part - way, -half_gap, half_gap)
+                    z = bouc_wen_exact(way, z, s.beta, s.gamma, 1.0)
+                    if i < PARTS:
+                        first += way
+                    else:
+                        second += way
+            # at the end of the step: all but within the first of its last part, so that it has a slope
+            rounding = 1.0e-5 * half_gap
+            s.engaged = wp.clamp((16.0 * pushed + rounding) / (wp.abs(part) + rounding), 0.0, 1.0)
+            if s.begins == 1 and gap != 0.0:
+                s.engaged = 1.0
+            s.path_1 = first
+            s.path_2 = second
         s.qd = s.engaged * s.qd
         s.qdd = s.engaged * s.qdd
-        s.path_1 = first
-        s.path_2 = second
         memory[line, slot] = gap
     return s
 

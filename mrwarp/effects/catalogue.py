@@ -19,6 +19,7 @@ from mrwarp.effects import (
     encoder_offset,
     friction_asymmetry,
     load_friction,
+    position_friction,
     remanence,
     rotor_inertia,
     series_compliance,
@@ -31,7 +32,7 @@ from mrwarp.effects import (
     velocity_lag,
     wear,
 )
-from mrwarp.effects.law import STAGES, EffectLaw, EffectParameter
+from mrwarp.effects.law import STAGES, EffectLaw, EffectParameter, dry_direction
 from mrwarp.effects.laws import arctangent, biviscous, bouc_wen_power, dahl, kwok, lugre, spencer
 from mrwarp.kernels import bouc_wen, coil
 
@@ -49,6 +50,7 @@ LAWS: tuple[EffectLaw, ...] = (
     coulomb_friction.LAW,
     friction_asymmetry.LAW,
     load_friction.LAW,
+    position_friction.LAW,
     stribeck.LAW,
     cogging.LAW,
     compliance_with_backlash.LAW,
@@ -94,6 +96,7 @@ COLUMN, SLOT, COLUMNS, SLOTS = _offsets()
 """First parameter column and first state of each effect; number of columns and of states."""
 
 _HELPERS = [f for module in (bouc_wen, coil) for f in vars(module).values() if isinstance(f, wp.Function)]
+_HELPERS.append(dry_direction)
 SOURCES: int = (
     zlib.crc32(f"{[f.adj.source for f in (*(law.law for law in KNOWN.values()), *_HELPERS)]}{COLUMN}{SLOT}".encode())
     // 2

@@ -26,7 +26,8 @@ def compliance_with_backlash_law(
         deflection = s.q - s.zero
         if values[row, at + 2] == 1.0:
             deflection = s.q - s.middle
-        s.torque = s.torque + values[row, at] * (deflection - wp.clamp(deflection, -half_gap, half_gap))
+        beyond = deflection - wp.clamp(deflection, -half_gap, half_gap)
+        s.torque = s.torque + values[row, at] * (1.0 + values[row, at + 3] * wp.sign(beyond)) * beyond
     return s
 
 
@@ -34,7 +35,7 @@ LAW = EffectLaw(
     name="compliance_with_backlash",
     title="backlash and series compliance",
     sentence="Behind the drive's friction there are play and an elastic element, which lead to an output at rest.",
-    equation="k*(e - clamp(e, -b, b)), e = q - middle of the gap",
+    equation="k*(1 + d*sgn(e))*(e - clamp(e, -b, b)), e = q - middle of the gap",
     kind="mechanism",
     stage="torque",
     parameters=(
@@ -49,6 +50,7 @@ LAW = EffectLaw(
             starts=lambda r: tuple(x * r.q for x in (0.003, 0.006, 0.012, 0.025, 0.05, 0.1, 0.2)),
         ),
         EffectParameter(name="own_middle", unit="1", choices=(0.0, 1.0)),
+        EffectParameter(name="difference", unit="1", form=True, low=lambda r: -0.9, high=lambda r: 0.9),
     ),
     law=compliance_with_backlash_law,
     source="hysteresis test of a gearbox: lost motion and torsional stiffness, output locked",

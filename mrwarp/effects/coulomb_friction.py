@@ -1,8 +1,15 @@
-"""Coulomb friction: ``F*tanh(qd/v)``."""
+"""Coulomb friction: ``F*tanh(qd/v)``; at rest it stays what it was."""
 
 import warp as wp
 
-from mrwarp.effects.law import DRY_FRICTION_RESOLUTION, DRY_FRICTION_SPEED, EffectLaw, EffectParameter, Path
+from mrwarp.effects.law import (
+    DRY_FRICTION_RESOLUTION,
+    DRY_FRICTION_SPEED,
+    EffectLaw,
+    EffectParameter,
+    Path,
+    dry_direction,
+)
 
 
 @wp.func
@@ -11,7 +18,7 @@ def coulomb_friction_law(
 ) -> Path:
     """Dry friction that does not depend on the speed."""
     if values[row, at] != 0.0:
-        s.torque = s.torque + values[row, at] * wp.tanh(s.qd / values[row, at + 1])
+        s.torque = s.torque + values[row, at] * dry_direction(s, values[row, at + 1], memory, line, slot)
     return s
 
 
@@ -27,6 +34,7 @@ LAW = EffectLaw(
         DRY_FRICTION_SPEED,
     ),
     law=coulomb_friction_law,
+    states=1,
     source="Coulomb; seals and bearings",
     depends_on=("qd",),
     remedy="check seals and bearings",

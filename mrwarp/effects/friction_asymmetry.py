@@ -1,4 +1,8 @@
-"""Friction that differs by direction: ``F*|tanh(qd/v)| + B*|qd|`` beside eq. 14's viscous torque, which may thin."""
+"""Friction that differs by direction: ``F*|tanh(qd/v)| + B*|qd|`` beside eq. 14's viscous torque, which may thin.
+
+The hysteretic torque may differ too: ``1 + y*sgn(z)`` times it. Unlike F it builds up with the stress, and is absent
+where the device bears nothing.
+"""
 
 import warp as wp
 
@@ -12,6 +16,8 @@ def friction_asymmetry_law(
     """Friction is larger in one direction than in the other."""
     if values[row, at + 3] != 0.0:
         s.viscous_gain = s.viscous_gain / (1.0 + values[row, at + 3] * wp.abs(s.qd))
+    if values[row, at + 4] != 0.0:
+        s.yield_gain = s.yield_gain * (1.0 + values[row, at + 4] * wp.sign(s.z))
     if values[row, at] != 0.0 or values[row, at + 1] != 0.0:
         s.torque = s.torque + values[row, at] * wp.abs(wp.tanh(s.qd / values[row, at + 2]))
         s.torque = s.torque + values[row, at + 1] * wp.abs(s.qd)
@@ -22,7 +28,7 @@ LAW = EffectLaw(
     name="friction_asymmetry",
     title="friction that differs by direction",
     sentence="Friction is larger in one direction than in the other.",
-    equation="F*|tanh(qd/v)| + B*|qd|; eq. 14's viscous torque over 1 + c*|qd|",
+    equation="F*|tanh(qd/v)| + B*|qd|; eq. 14's viscous torque over 1 + c*|qd|, its hysteretic times 1 + y*sgn(z)",
     kind="mechanism",
     stage="torque",
     parameters=(
@@ -38,6 +44,7 @@ LAW = EffectLaw(
             low=lambda r: 0.0,
             high=lambda r: 10.0 / r.qd,
         ),
+        EffectParameter(name="yielding", unit="1", form=True, low=lambda r: -0.9, high=lambda r: 0.9),
     ),
     law=friction_asymmetry_law,
     source="paper section 4.3, friction asymmetry; Janot, Gautier and Brunot 2019 for a ball screw",

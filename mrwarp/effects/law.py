@@ -170,6 +170,25 @@ DRY_FRICTION_SPEED = EffectParameter(
 Friction that changes its sign at once, and one that does over a wider range, lie on either side of it.
 """
 
+
+@wp.func
+def dry_direction(s: Path, speed: float, memory: wp.array2d[float], line: int, slot: int) -> float:
+    """Direction of dry friction: that of the motion, kept while it slows and stops, ``tanh(qd/speed)`` as it turns.
+
+    What rubs is elastic: when a joint stops, the contact stays as it was strained, and holds the torque that it had
+    while it slid. In a gap nothing is held.
+    """
+    last = memory[line, slot]
+    if s.begins == 1:
+        last = float(0.0)
+    if wp.abs(s.qd) > speed:
+        last = wp.sign(s.qd)
+    memory[line, slot] = last
+    if s.qd * last >= 0.0 and last != 0.0 and s.engaged == 1.0:
+        return last
+    return wp.tanh(s.qd / speed)
+
+
 DRY_FRICTION_RESOLUTION = 0.01
 """Relative standard error of dry friction, whose change of sign nobody sees.
 

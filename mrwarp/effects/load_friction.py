@@ -6,7 +6,14 @@ brakes whatever the sign of u, where the hysteresis of eq. 14 with ``K1*I`` woul
 
 import warp as wp
 
-from mrwarp.effects.law import DRY_FRICTION_RESOLUTION, DRY_FRICTION_SPEED, EffectLaw, EffectParameter, Path
+from mrwarp.effects.law import (
+    DRY_FRICTION_RESOLUTION,
+    DRY_FRICTION_SPEED,
+    EffectLaw,
+    EffectParameter,
+    Path,
+    dry_direction,
+)
 
 
 @wp.func
@@ -15,7 +22,8 @@ def load_friction_law(
 ) -> Path:
     """Dry friction grows with the size of the current."""
     if values[row, at] != 0.0:
-        s.torque = s.torque + values[row, at] * wp.abs(s.current) * wp.tanh(s.qd / values[row, at + 1])
+        direction = dry_direction(s, values[row, at + 1], memory, line, slot)
+        s.torque = s.torque + values[row, at] * wp.abs(s.current) * direction
     return s
 
 
@@ -31,6 +39,7 @@ LAW = EffectLaw(
         DRY_FRICTION_SPEED,
     ),
     law=load_friction_law,
+    states=1,
     source="load-dependent friction of gears (Duclusaud et al. 2025) and of seals under pressure",
     depends_on=("qd", "current"),
     remedy="check lubrication and preload; in a gear or a seal it belongs to the device",

@@ -7,6 +7,9 @@ little of it at a stiff stress, all of it when the device slides. The sliding to
 over a longer way, by c times that torque, so at a high current later than at a low one. At a single current it is hard
 to tell from a softer K.
 
+Its two sides may differ, as the stops of a coupling do that is harder one way than the other: ``c*(1 + d)`` where the
+torque is positive, ``c*(1 - d)`` where it is negative; behind play that is play with different stops.
+
 Each step finds the shaft's way at which both bear the same, within a bracket that holds it whatever the step's length;
 no mass and no time step are in it. D, C*q_c, I1*I and the torques of other effects act at the joint. Drag and
 weakening are those of the joint's speed: weakened by its own, a shaft without mass would stick and slip. Behind play
@@ -17,7 +20,7 @@ winds it step by step as if it were that.
 import warp as wp
 
 from mrwarp.effects.law import EffectLaw, EffectParameter, Path
-from mrwarp.kernels.bouc_wen import bouc_wen_behind_spring, bouc_wen_exact
+from mrwarp.kernels.bouc_wen import bouc_wen_behind_spring, bouc_wen_exact, bouc_wen_release
 
 
 @wp.func
@@ -28,6 +31,15 @@ def series_compliance_law(
     if values[row, at] > 0.0:
         ratio = values[row, at] * s.stiffness / (1.0 + s.alpha * wp.abs(s.qd))
         drag = values[row, at] * s.viscosity * s.qd
+        if values[row, at + 1] != 0.0:
+            # where the shaft would stand without stress says on which side the element is wound
+            side = s.z
+            if s.begins == 0:
+                side = memory[line, slot] + s.path_1 + s.path_2
+                side = side - bouc_wen_release(s.z, s.beta - s.gamma, 0.0, 0.0, 0.0, s.dt)
+            uneven = 1.0 + values[row, at + 1] * wp.sign(side)
+            ratio = ratio * uneven
+            drag = drag * uneven
         wound = float(ratio * s.z + drag)  # what is steady winds the element
         if s.begins == 0:
             z = float(s.z)
@@ -49,7 +61,7 @@ LAW = EffectLaw(
     name="series_compliance",
     title="series compliance",
     sentence="Between encoder and device there is an elastic element.",
-    equation="(q - y)/c = K*z/(1 + alpha*|qd|) + B*qd, dz by dy",
+    equation="(q - y)/c = K*z/(1 + alpha*|qd|) + B*qd, dz by dy; c times 1 + d*sgn(torque)",
     kind="mechanism",
     stage="shaft",
     parameters=(
@@ -62,6 +74,7 @@ LAW = EffectLaw(
             high=lambda r: 0.5 * r.q / r.torque,
             starts=lambda r: tuple(x * r.q / r.torque for x in (0.001, 0.003, 0.01, 0.03, 0.1)),
         ),
+        EffectParameter(name="difference", unit="1", form=True, low=lambda r: -0.9, high=lambda r: 0.9),
     ),
     law=series_compliance_law,
     states=1,

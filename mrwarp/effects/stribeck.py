@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mrwarp.effects.law import DRY_FRICTION_SPEED, EffectLaw, EffectParameter, Path
+from mrwarp.effects.law import DRY_FRICTION_SPEED, EffectLaw, EffectParameter, Path, dry_direction
 
 
 @wp.func
@@ -12,7 +12,8 @@ def stribeck_law(
     """Friction that is larger just above standstill than at speed."""
     if values[row, at] != 0.0:
         ratio = s.qd / values[row, at + 1]
-        s.torque = s.torque + values[row, at] * wp.exp(-ratio * ratio) * wp.tanh(s.qd / values[row, at + 2])
+        direction = dry_direction(s, values[row, at + 2], memory, line, slot)
+        s.torque = s.torque + values[row, at] * wp.exp(-ratio * ratio) * direction
     return s
 
 
@@ -38,6 +39,7 @@ LAW = EffectLaw(
         DRY_FRICTION_SPEED,
     ),
     law=stribeck_law,
+    states=1,
     source="Stribeck 1902, in the form of Armstrong-Helouvry 1991",
     depends_on=("qd",),
     remedy="other lubricant or seal",

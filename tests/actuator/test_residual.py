@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 
 import newton
@@ -22,9 +22,10 @@ from mrwarp.actuator.residual import KINDS, LearnedTorque, states_at_rest, windo
 from mrwarp.identify import learn
 from mrwarp.kernels import launch
 from mrwarp.kernels.launch import capture
+from mrwarp.model_file import make_effect
 from mrwarp.nn.models import LstmState, LstmTorque, make_net
 from mrwarp.nn.network_file import LearnedModel, SamplingRateError, load, shipped_model
-from mrwarp.params import BoucWenParams, MrParams
+from mrwarp.params import BoucWenParams, MrParams, ParameterError
 from mrwarp.recording.load import Recording, Trajectory
 
 DT = 0.005
@@ -399,6 +400,24 @@ def test_bouc_wen_of_the_model_replaces_the_joints() -> None:
     assert mr.bouc_wen.K1 == 8.0
     assert mr.bouc_wen.q_neutral == MrParams().bouc_wen.q_neutral
     assert mr.hold == MrParams().hold
+
+
+def test_a_residual_on_a_law_runs_beside_that_law_only() -> None:
+    """The joint must have the law with the same numbers; plain residuals run beside effects, but beside no law."""
+    numbers = {"slope": 3.0, "width": 0.4}
+    law, plain = (make_effect("kwok", numbers),), make_model("pg_rlstm")
+    model = replace(plain, beside={"kwok": numbers})
+    assert with_bouc_wen(MrParams(), model, law).bouc_wen == with_bouc_wen(MrParams(), plain).bouc_wen
+    other = (make_effect("kwok", {**numbers, "slope": 2.0}),)
+    for trained, joint, said in (
+        (model, (), "kwok, the joint has eqs. 14 and 15 alone"),
+        (model, other, "with other numbers"),
+        (plain, law, "eqs. 14 and 15 alone, the joint has kwok"),
+    ):
+        with pytest.raises(ParameterError, match=said):
+            with_bouc_wen(MrParams(), trained, joint)
+    inertia = (make_effect("rotor_inertia", {"inertia": 0.01}),)
+    assert with_bouc_wen(MrParams(), plain, inertia).hold == MrParams().hold
 
 
 @pytest.mark.parametrize("kind", KINDS)

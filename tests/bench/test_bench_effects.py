@@ -40,6 +40,13 @@ def run(effects: dict[str, float] | None = None, params: MrParams = P, *, seed: 
 BASE = run()
 QD = np.gradient(Q, DT)[::SUBSTEPS]
 SIGN = np.tanh(QD / 0.02)
+RUBBING = np.empty(len(Q))
+"""Stretch of bristles that slip after 0.2 mrad, -1 to 1."""
+bent = 0.0
+for k, step in enumerate(np.gradient(Q)):
+    bent = min(max(bent + step / 2e-4, -1.0), 1.0) if k else 0.0
+    RUBBING[k] = bent
+RUBBING = RUBBING[::SUBSTEPS]
 LINEAR = BW.D + BW.B * QD + BW.C * (Q[::SUBSTEPS] - BW.q_offset - BW.q_center) + BW.I1 * 1.0
 HYSTERETIC = BASE.torque[:, 0] - LINEAR
 """The z term of eq. 14 at 1 A."""
@@ -112,11 +119,12 @@ def test_monotonic_loading_has_the_closed_form():
 
 ADDITIVE: dict[str, tuple[float, Callable[[float], np.ndarray]]] = {
     "current_viscosity": (0.05, lambda x: x * 1.0 * QD),
-    "coulomb_friction": (0.1, lambda x: x * SIGN),
-    "load_friction": (0.1, lambda x: x * 1.0 * SIGN),
+    "coulomb_friction": (0.1, lambda x: x * RUBBING),
+    "load_friction": (0.1, lambda x: x * 1.0 * RUBBING),
+    "position_friction": (2.0, lambda x: x * (Q[::SUBSTEPS] - BW.q_offset - BW.q_center) ** 2 * RUBBING),
     "friction_asymmetry": (0.1, lambda x: x * np.abs(SIGN)),
     "viscous_asymmetry": (0.02, lambda x: x * np.abs(QD)),
-    "stribeck": (0.2, lambda x: x * SIGN / (1.0 + (QD / 0.4) ** 2)),
+    "stribeck": (0.2, lambda x: x * RUBBING / (1.0 + (QD / 0.4) ** 2)),
     "cogging": (0.05, lambda x: x * (np.sin(24 * Q) + 0.2 * np.sin(48 * Q))[::SUBSTEPS]),
     "compliance_with_backlash": (
         0.5, lambda x: x * (Q[::SUBSTEPS] - BW.q_offset - np.clip(Q[::SUBSTEPS] - BW.q_offset, -0.05, 0.05)),

@@ -130,6 +130,15 @@ def loop(way: np.ndarray, beta: float, gamma: float, z: float = 0.0) -> np.ndarr
     return out
 
 
+def dry(qd: np.ndarray, speed: float) -> np.ndarray:
+    """Direction of dry friction along samples: kept until the motion turns, then by tanh until it is quick again."""
+    out, last = np.empty(len(qd)), 0.0
+    for k, v in enumerate(qd):
+        last = float(np.sign(v)) if abs(v) > speed else last
+        out[k] = last if v * last > 0.0 or (v == 0.0 and last) else np.tanh(v / speed)
+    return out
+
+
 def play(x: np.ndarray, half_width: float, start: float) -> np.ndarray:
     """Prandtl's play operator along samples."""
     out, held = np.empty(len(x)), start

@@ -32,7 +32,7 @@ TOKENS = {
     "coil_lag", "command_delay", "remanence", "current_saturation", "current_gain", "torque_sensor_lag",
     "velocity_lag", "encoder_offset", "torque_bias", "torque_gain", "backlash", "rotor_inertia", "coulomb_friction",
     "friction_asymmetry", "stribeck", "cogging", "current_viscosity", "speed_weakening", "temperature_drift", "wear",
-    "compliance_with_backlash", "series_compliance", "load_friction",
+    "compliance_with_backlash", "series_compliance", "load_friction", "position_friction",
 }  # fmt: skip
 VARIABLES = {"q", "qd", "qdd", "current", "torque", "time", "memory", "frequency"}
 RANGES = Ranges(q=0.8, qd=6.0, current=1.5, torque=0.7, dt=0.005, session=240.0)

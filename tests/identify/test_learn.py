@@ -9,7 +9,7 @@ import pytest
 
 from mrwarp.cli import main
 from mrwarp.identify import learn
-from mrwarp.model_file import JOINT_UNITS, FittedOn, Model, Parameter, parameter_unit, save_model
+from mrwarp.model_file import JOINT_UNITS, FittedOn, Model, Parameter, make_effect, parameter_unit, save_model
 from mrwarp.nn import network_file as model_file
 from mrwarp.nn.network_file import SamplingRateError
 from mrwarp.nn.training import FitCfg
@@ -51,6 +51,29 @@ def test_residual_target_of_a_perfect_model_is_learned_as_a_constant() -> None:
     assert list(physical["by_current"]) == ["1.2"] and physical["by_current"]["1.2"]["trajectories"] == 4
     assert learned.figures["trajectories"] == {"training": 8, "validation": 2}
     assert learned.model.bouc_wen["q_neutral"] == 0.0
+
+
+def test_a_residual_on_a_law_and_an_effect(tmp_path: Path) -> None:
+    """What a model with Kwok's law leaves is learned on top of it; the file keeps the law's numbers."""
+    law, silent = {"slope": 3.0, "width": 0.4}, make_recording(6, seed=11)
+    values = {**PAPER, "alpha": 0.0, "beta": 1.0, "gamma": 0.0, "K0": 0.4, "K1": 0.5}
+    del values["q_neutral"]
+    model = Model(
+        parameters={name: Parameter(value=x, unit=parameter_unit(name, JOINT_UNITS)) for name, x in values.items()},
+        effects=(make_effect("kwok", law),),
+        fitted_on=FittedOn(source="test", trajectories=6, samples=2400, rate=200.0),
+    )
+    tau = learn.physical_torque(silent, PAPER, model)
+    runs = tuple(replace(r, torque=x + 0.2) for r, x in zip(silent.trajectories, tau, strict=True))
+    recording = replace(silent, trajectories=runs)
+    learned = learn.learn(recording, kind="pg_rlstm", physical=model, cfg=QUICK)
+    assert learned.model.beside == {"kwok": law} and learned.figures["validation_rmse"] < 0.05
+    model_file.save(learned.model, tmp_path / "m.safetensors")
+    again = model_file.load(tmp_path / "m.safetensors")
+    predicted = learn.predict(again, recording, tau)
+    assert max(float(np.sqrt(np.nanmean((p - r.torque) ** 2))) for p, r in zip(predicted, runs, strict=True)) < 0.05
+    with pytest.raises(ValueError, match="another physical model"):
+        learn.predict(again, recording)
 
 
 def test_errors_leave_out_the_same_samples_for_every_model() -> None:
