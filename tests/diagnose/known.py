@@ -68,7 +68,7 @@ def vector(c: Parameters, effects: Mapping[str, Mapping[str, float]] | None = No
     alpha, beta, gamma = (p[name] for name in SHAPE)
     x += list(shape_coordinates(alpha, beta, gamma, c.ranges.qd))
     for slot in c.slots:
-        value = (effects or {})[slot.effect][slot.parameter.name]
+        value = (effects or {})[slot.effect].get(slot.parameter.name, slot.parameter.null)
         x.append(np.log(value) if slot.logarithmic else value)
     return np.array(x)
 

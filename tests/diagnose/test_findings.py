@@ -32,7 +32,7 @@ def test_units_of_a_linear_damper() -> None:
 def test_factor_agrees_with_the_unit(effect: str, name: str) -> None:
     """The powers of ``scale`` are those of rad, A and N·m in the unit as it is written; kg·m² and J hide them."""
     p = parameter_of(effect, name)
-    unit = {"kg·m²": "N·m·s²/rad", "1/J": "1/(N·m·rad)"}.get(p.unit, p.unit)
+    unit = {"kg·m²": "N·m·s²/rad", "1/J": "1/(N·m·rad)", "N·m/rad²": "N·m/(rad·rad)"}.get(p.unit, p.unit)
     above, _, below = unit.partition("/")
     above, below = above.replace("N·m", "T").split("·"), below.strip("()").replace("N·m", "T").split("·")
     powers = tuple(above.count(word) - below.count(word) for word in ("rad", "A", "T"))
