@@ -1,6 +1,6 @@
-"""What commands share: silent libraries, one torch thread, one process that prints, progress and tables as text.
+"""What commands share: silent libraries, one torch thread, one process that prints, progress, tables and figures.
 
-Torch and Warp are loaded when they are first set up, so that ``--help`` need not wait for them.
+Torch, Warp and matplotlib are loaded when they are first set up, so that ``--help`` need not wait for them.
 """
 
 from __future__ import annotations
@@ -14,7 +14,11 @@ import os
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    import numpy as np
+    from matplotlib.figure import Figure
 
 NAMED_BY = ("RANK", "WORLD_SIZE", "MASTER_ADDR", "MASTER_PORT")
 """Environment variables by which torchrun (or a scheduler) names a rank and where it meets the others."""
@@ -181,6 +185,23 @@ class Stopwatch:
     def __call__(self, text: str) -> None:
         """Print what begins now."""
         print(f"[{self.seconds:5.1f} s] {text}", flush=True)
+
+
+def panels(
+    size: tuple[float, float], rows: int = 1, columns: int = 1, *, grid: Literal["both", "x", "y"] = "both", **more: Any
+) -> tuple[Figure, np.ndarray]:
+    """A figure [inches] that lays itself out, and its axes with a faint grid behind all else, shape (rows, columns).
+
+    Further choices are those of :meth:`matplotlib.figure.Figure.subplots`.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False, **more)
+    for axis in axes.flat:
+        axis.grid(axis=grid, alpha=0.3)
+        axis.set_axisbelow(True)
+    return figure, axes
 
 
 def closest(word: str, known: Iterable[str], *, cutoff: float = 0.6) -> str:

@@ -16,7 +16,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from mrwarp.run_dir import atomic_write, no_file, one_line
-from mrwarp.runtime import text_table
+from mrwarp.runtime import panels, text_table
 
 META = "mrwarp_dump"
 SCHEMA = 1
@@ -192,10 +192,7 @@ def table(found: Divergence, rows: int) -> list[str]:
 
 def plot(found: Divergence, path: Path) -> None:
     """Draw the joints, currents and feet over the kept time; what went wrong in red."""
-    from matplotlib.figure import Figure  # half a second, for which no training need wait
-
-    figure = Figure(figsize=(12, 7), layout="constrained")
-    axes = figure.subplots(2, 3, sharex=True)
+    figure, axes = panels((12, 7), 2, 3, sharex=True)
     # steps before the last one: a new episode may have begun in between
     time = 5.0 * np.arange(1 - len(found.states), 1)
     with np.errstate(invalid="ignore"):
@@ -208,7 +205,6 @@ def plot(found: Divergence, path: Path) -> None:
             axis.axvline(0.0, color="#b4451f", linestyle=":", linewidth=1)
             axis.legend()
         axis.set_ylabel(label)
-        axis.grid(alpha=0.3)
     for axis in axes[1]:
         axis.set_xlabel("torque steps of 5 ms before the wrong one [ms]")
     figure.suptitle(str(found), wrap=True)

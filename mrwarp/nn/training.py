@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from matplotlib.figure import Figure
 
 from mrwarp.nn.models import TorqueNet
+from mrwarp.runtime import panels
 
 MICRO = 128
 """Windows per forward and backward pass; larger ones fall out of the processor's cache and take 1.6 times as long."""
@@ -238,8 +238,7 @@ def print_epoch(history: History, cfg: FitCfg) -> None:
 
 def plot_history(history: History, kind: str, path: Path) -> None:
     """Draw the learning curves."""
-    figure = Figure(figsize=(7, 4), layout="constrained")
-    axis = figure.subplots()
+    figure, ((axis,),) = panels((7, 4))
     axis.plot(history.epoch, history.train_rmse, color="#7f7f7f", label="training, while learning")
     axis.plot(history.epoch, history.validation_rmse, color="#1f6fb4", label="validation, averaged weights")
     if history.best_epoch:
@@ -247,7 +246,6 @@ def plot_history(history: History, kind: str, path: Path) -> None:
     axis.set_xlabel("epoch")
     axis.set_ylabel(f"{kind} RMSE [N·m]")
     axis.set_ylim(bottom=0.0)
-    axis.grid(alpha=0.3)
     axis.legend()
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from mrwarp import paper
 from mrwarp.bench.bench_effects import Effects
@@ -28,6 +27,7 @@ from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, compare
 from mrwarp.reproduce.settings import PLANT_TITLES, networks
 from mrwarp.run_dir import write_text
+from mrwarp.runtime import panels
 from mrwarp.trials.walk_pictures import PAPER_MARK
 
 COLOURS = {"mlp": "#9aa5b1", "bouc_wen": "#c98b3c", "lstm": "#5b8fc7", "pg_rlstm": "#2f7d4f"}
@@ -109,8 +109,7 @@ def judge(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, bool]:
 
 def plot(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:
     """Bars per current and model as in the paper, its values as marks; beside them the averages per strength."""
-    figure = Figure(figsize=(11, 4.2), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    figure, ((left, right),) = panels((11, 4.2), 1, 2, grid="y", width_ratios=(3, 2))
     first = next(iter(results.values()))
     currents = list(first["pg_rlstm"]["by_current"])
     width = 0.8 / len(COLOURS)
@@ -128,9 +127,6 @@ def plot(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:
     figure.legend(loc="outside upper center", ncols=len(COLOURS) + 1, fontsize=8)
     right.set_xticks(range(len(results)), [f"effects × {name}" for name in results])
     right.set_ylabel("average RMSE [N·m]")
-    for axis in (left, right):
-        axis.grid(axis="y", alpha=0.3)
-        axis.set_axisbelow(True)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)
 

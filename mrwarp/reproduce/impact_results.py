@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
@@ -16,6 +15,7 @@ from mrwarp.reproduce import impacts
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, compare, over_seeds, seeds_of
 from mrwarp.reproduce.settings import Ensemble, study_files
+from mrwarp.runtime import panels
 from mrwarp.study.plan import AWARE, CONVENTIONAL
 from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace, Variant, fixed_current_env
 from mrwarp.trials.impact_figures import plot_thresholds, threshold_reductions, threshold_variants
@@ -112,15 +112,13 @@ def _while_open(torque: np.ndarray, gate: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _plot_push(trace: dict[str, np.ndarray], job: Job) -> None:
-    figure = Figure(figsize=(11, 5.2), layout="constrained")
-    axes = figure.subplots(2, 2, sharex=True, sharey=True)
+    figure, axes = panels((11, 5.2), 2, 2, sharex=True, sharey=True)
     for k, (leg, axis) in enumerate(zip(LEGS, axes.flat, strict=True)):
         axis.plot(trace["t"], trace["tau_motor"][0, 0, :, k], color="0.5", label="0 A")
         axis.plot(trace["t"], trace["tau_motor"][LAST, 0, :, k], color="#1f6fb4", label="1.5 A")
         axis.fill_between(trace["t"], 0, 1, where=trace["m_dyn"][LAST, 0, :, k] > 0.0, color="#e08a1e", alpha=0.2,
                           linewidth=0, transform=axis.get_xaxis_transform())  # fmt: skip
         axis.set_title(f"{leg} calf", fontsize=9)
-        axis.grid(alpha=0.3)
     for axis in axes[1]:
         axis.set_xlabel("time after the push began [s]")
     for axis in axes[:, 0]:
@@ -160,8 +158,7 @@ def fig7(job: Job) -> Findings:
 
 
 def _plot_drop(found: dict[str, dict[str, np.ndarray]], seeds: np.ndarray | None, job: Job) -> None:
-    figure = Figure(figsize=(11, 4.2), layout="constrained")
-    axes = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
+    figure, (axes,) = panels((11, 4.2), 1, len(found), grid="y", sharey=True)
     width = 0.8 / len(CURRENT_GROUPS)
     for axis, (name, values) in zip(axes, found.items(), strict=True):
         for i, amps in enumerate(CURRENT_GROUPS):
@@ -175,8 +172,6 @@ def _plot_drop(found: dict[str, dict[str, np.ndarray]], seeds: np.ndarray | None
                     axis.errorbar(place, theirs[amps].mean, theirs[amps].sd, capsize=2, **PAPER_MARK)
         axis.set_xticks(range(len(LEGS)), LEGS)
         axis.set_title(name, fontsize=9)
-        axis.grid(axis="y", alpha=0.3)
-        axis.set_axisbelow(True)
     axes[0].set_ylabel("mean |calf motor torque| over 0.1 s [N·m]")
     handles, labels = axes[0].get_legend_handles_labels()
     handles, labels = [*handles, Line2D([], [], **PAPER_MARK)], [*labels, "paper, FR and RL"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from mrwarp import paper
 from mrwarp.params import BoucWenParams
@@ -13,6 +12,7 @@ from mrwarp.reproduce import impacts
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare, over_seeds
 from mrwarp.reproduce.impacts import Drops, Pushes, ReadingResult
+from mrwarp.runtime import panels
 from mrwarp.usd.robot import CURRENT_GROUPS
 from mrwarp.viewing.robot_pictures import COLORS
 
@@ -196,8 +196,7 @@ def _percent(share: float) -> str:
 
 
 def _plot(found: Pushes, dropped: Drops, job: Job) -> None:
-    figure = Figure(figsize=(11, 4.8), layout="constrained")
-    axes = figure.subplots(1, 2)
+    figure, (axes,) = panels((11, 4.8), 1, 2)
     x = list(CURRENT_GROUPS)
     for axis, (cell, (title, unit, _)) in zip(axes, TITLES.items(), strict=True):
         for k, entry in enumerate(found.readings):
@@ -217,7 +216,6 @@ def _plot(found: Pushes, dropped: Drops, job: Job) -> None:
             means, sds = [v.mean for v in theirs], [v.sd for v in theirs]
             axis.errorbar(x, means, sds, fmt=marker, color=color, capsize=3, label=f"paper, {source}")
         axis.set(xlabel="current [A]", ylabel=f"{title} [{unit}]")
-        axis.grid(alpha=0.3)
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, fontsize=8, loc="outside lower center", ncols=6)
     figure.savefig(job.out / "table4.png", dpi=110)

@@ -12,6 +12,7 @@ import torch
 from mrwarp.env import nan_dump
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.rl.ranks import Ranks
+from mrwarp.runtime import panels
 from mrwarp.trials.walking import WalkingGate
 
 WINDOW = 50
@@ -90,21 +91,17 @@ def rmse_at(measured: dict[str, Any], gate: WalkingGate) -> float:
 
 def plot(progress: Progress, path: Path, gate: WalkingGate) -> None:
     """Draw tracking error, reward, falls and clock match over wall time, with the gate checks, as PNG."""
-    from matplotlib.figure import Figure  # half a second, for which the first update need not wait
-
-    figure = Figure(figsize=(10, 6), layout="constrained")
-    axes = figure.subplots(2, 2, sharex=True)
+    figure, axes = panels((10, 6), 2, 2, sharex=True)
     minutes = [row["seconds"] / 60.0 for row in progress.rows]
-    panels = {
+    shown = {
         "v_x_rmse": "v_x RMSE while exploring [m/s]",
         "reward": "reward [1/s]",
         "falls_per_hour": "falls per robot and hour [1/h]",
         "clock_match": "contact matches the clock [1]",
     }
-    for axis, (name, label) in zip(axes.flat, panels.items(), strict=True):
+    for axis, (name, label) in zip(axes.flat, shown.items(), strict=True):
         axis.plot(minutes, [row[name] for row in progress.rows], color="#1f6fb4", linewidth=1.2)
         axis.set_ylabel(label)
-        axis.grid(alpha=0.3)
         axis.margins(y=0.08)
     first, _, falls, match = axes.flat
     first.axhline(gate.rmse, color="#b4451f", linestyle="--", linewidth=1, label=f"gate {gate.rmse} m/s")

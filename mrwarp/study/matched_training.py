@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.model_file import read_json_file, shown
@@ -21,6 +20,7 @@ from mrwarp.rl import checkpoint
 from mrwarp.rl.checkpoint import learned, read_networks, task
 from mrwarp.rl.trainer import TrainCfg, Trainer
 from mrwarp.run_dir import FolderError, claim, write_bytes, write_text
+from mrwarp.runtime import panels
 from mrwarp.study.plan import (
     AWARE,
     CONVENTIONAL,
@@ -308,13 +308,11 @@ def _read_curve(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 def plot(curves: dict[str, Curve], path: Path) -> None:
     """Draw the curves of :func:`figure5` with bands of one standard deviation."""
-    figure = Figure(figsize=(7, 4.2), layout="constrained")
-    axes = figure.subplots()
+    figure, ((axes,),) = panels((7, 4.2))
     for (plant, curve), colour in zip(curves.items(), cycle(COLOURS), strict=False):
         axes.plot(curve.update, curve.mean, color=colour, label=TITLES.get(plant, plant), linewidth=1.4)
         axes.fill_between(curve.update, curve.mean - curve.sd, curve.mean + curve.sd, color=colour, alpha=0.2)
     axes.set_xlabel("PPO update")
     axes.set_ylabel("reward [1/s]")
-    axes.grid(alpha=0.3)
     axes.legend(loc="lower right")
     figure.savefig(path, dpi=120)

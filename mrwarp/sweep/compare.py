@@ -17,10 +17,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from matplotlib.figure import Figure
-
 from mrwarp.run_dir import atomic_write, write_result
-from mrwarp.runtime import closest, text_table
+from mrwarp.runtime import closest, panels, text_table
 from mrwarp.sweep.grid import Trial
 from mrwarp.sweep.runners import FINISHED, read_status
 
@@ -138,18 +136,17 @@ def write_csv(rows: Sequence[TrialRow], path: Path) -> None:
 def plot(rows: Sequence[TrialRow], means: Sequence[dict[str, Any]], names: Sequence[str], path: Path) -> None:
     """A panel for each figure: every trial a point, every condition's mean a bar."""
     conditions = [mean["condition"] for mean in means]
-    figure = Figure(figsize=(max(6.0, 0.8 * len(conditions)), 1.5 + 1.8 * len(names)), layout="constrained")
-    panels = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
-    for panel, name in zip(panels, names, strict=True):
+    size = max(6.0, 0.8 * len(conditions)), 1.5 + 1.8 * len(names)
+    figure, axes = panels(size, len(names), 1, sharex=True)
+    for panel, name in zip(axes[:, 0], names, strict=True):
         own = [row for row in rows if name in row["figures"]]
         places = [conditions.index(condition(row)) for row in own]
         panel.plot(places, [row["figures"][name] for row in own], "o", color="#1f6fb4", markersize=5, alpha=0.6)
         bars = [mean["figures"][name]["mean"] for mean in means]
         panel.plot(range(len(means)), bars, "_", color="#b4451f", markersize=24, markeredgewidth=2)
         panel.set_title(name, fontsize=9)
-        panel.grid(alpha=0.3)
-    panels[-1].set_xticks(range(len(means)), conditions, fontsize=8, rotation=30, ha="right")
-    panels[-1].set_xlim(-0.6, len(means) - 0.4)
+    axes[-1, 0].set_xticks(range(len(means)), conditions, fontsize=8, rotation=30, ha="right")
+    axes[-1, 0].set_xlim(-0.6, len(means) - 0.4)
     finished = sum(bool(row["figures"]) for row in rows)
     figure.suptitle(f"{finished} of {len(rows)} trials; points are trials, bars are means", fontsize=9)
     figure.savefig(path, dpi=110)

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from mrwarp import paper
 from mrwarp.actuator.mr_actuator import Coupling
 from mrwarp.kernels import ledger
 from mrwarp.model_file import Model
+from mrwarp.runtime import panels
 from mrwarp.trials.impact import ImpactCfg, ImpactSweep, ImpactTrace, Variant, body_extremes, fixed_current_env
 from mrwarp.trials.statistics import half_width, spread
 from mrwarp.trials.walking import Policy
@@ -111,8 +111,7 @@ def plot_thresholds(rows: dict[str, list[dict[str, Any]]], path: Path, *, paper_
         "eps_v": "speed threshold eps_v [rad/s]",
     }
     titles = {"drop": "reduction of CoM drop [%]", "motor": "reduction of mean\ncalf motor torque [%]"}
-    figure = Figure(figsize=(11, 6), layout="constrained")
-    axes = figure.subplots(2, 3, sharex="col")
+    figure, axes = panels((11, 6), 2, 3, sharex="col")
     for column, (name, entries) in enumerate(rows.items()):
         x = [entry["value"] for entry in entries]
         for axis, quantity in zip(axes[:, column], titles, strict=True):
@@ -123,7 +122,6 @@ def plot_thresholds(rows: dict[str, list[dict[str, Any]]], path: Path, *, paper_
             if paper_device and quantity in paper.THRESHOLDS[name]:
                 ends = paper.THRESHOLDS[name][quantity]
                 axis.plot([x[0], x[-1]], ends, "s--", color="#b4451f", label="paper: ends of the range")
-            axis.grid(alpha=0.3)
             axis.axhline(0.0, color="0.6", linewidth=0.8)
             if column == 0:
                 axis.set_ylabel(titles[quantity])

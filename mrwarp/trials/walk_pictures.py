@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from mrwarp.paper import NAMES, ROBOTS
 from mrwarp.params import GateParams
+from mrwarp.runtime import panels
 from mrwarp.trials.mission import MissionTrace
 from mrwarp.trials.power_meter import BIN, RANGE
 from mrwarp.trials.walk_trials import WalkResult
@@ -29,8 +29,7 @@ PAPER_MARK = {"marker": "D", "markersize": 5, "color": "black", "markerfacecolor
 def cost(rows: Sequence[dict[str, Any]], path: Path) -> None:
     """Cost of transport per condition as bars, the paper's as marks; hatched bars were calibrated (figure 9)."""
     cells = list(dict.fromkeys((row["payload"], row["command"]) for row in rows))
-    figure = Figure(figsize=(9, 4.5), layout="constrained")
-    axis = figure.subplots()
+    figure, ((axis,),) = panels((9, 4.5), grid="y")
     width = 0.8 / len(ROBOTS)
     for row in rows:
         x = cells.index((row["payload"], row["command"])) + (ROBOTS.index(row["robot"]) - 1) * width
@@ -39,8 +38,6 @@ def cost(rows: Sequence[dict[str, Any]], path: Path) -> None:
             axis.errorbar(x + 0.25 * width, row["paper"]["cot"], row["paper"]["sd"], capsize=2, **PAPER_MARK)
     axis.set_xticks(range(len(cells)), [f"{payload:g} kg, {command:g} m/s" for payload, command in cells])
     axis.set_ylabel("cost of transport [1]")
-    axis.grid(axis="y", alpha=0.3)
-    axis.set_axisbelow(True)
     robots = list(dict.fromkeys(row["robot"] for row in rows))
     calibrated, theirs = (any(row[name] for row in rows) for name in ("calibrated", "paper"))
     figure.legend(handles=_bar_legend(robots, calibrated, theirs), loc="outside upper center", ncols=5, fontsize=8)
@@ -68,26 +65,23 @@ def holding(results: Sequence[WalkResult], path: Path) -> None:
     """The front-right calf over two strides with the holding intervals shaded (figures 8(a, b))."""
     shown = [r for r in results if r.robot == "mr_go_sal" and len(r.trace.t)]
     shown = shown or [r for r in results if len(r.trace.t)][:1]
-    figure = Figure(figsize=(3.6 * max(len(shown), 2), 7.0), layout="constrained")
-    axes = figure.subplots(4, len(shown), sharex="col", sharey="row", squeeze=False)
+    figure, axes = panels((3.6 * max(len(shown), 2), 7.0), 4, len(shown), sharex="col", sharey="row")
     for column, result in enumerate(shown):
         trace = result.trace
-        panels = axes[:, column]
         value = trace.values
-        panels[0].plot(trace.t, value["f_foot"], color="0.3")
-        panels[1].plot(trace.t, value["qd"], color="#7a4fa3")
-        panels[1].axhspan(-GateParams().eps_hold, GateParams().eps_hold, color="#7a4fa3", alpha=0.15, linewidth=0)
-        panels[2].plot(trace.t, value["tau_motor"], color="#c0392b")
-        panels[2].plot(trace.t, value["tau_mr"], color="#1f6fb4")
-        panels[3].step(trace.t, value["current"], color="#1f6fb4", where="post")
-        for panel in panels:
+        force, speed, torque, current = axes[:, column]
+        force.plot(trace.t, value["f_foot"], color="0.3")
+        speed.plot(trace.t, value["qd"], color="#7a4fa3")
+        speed.axhspan(-GateParams().eps_hold, GateParams().eps_hold, color="#7a4fa3", alpha=0.15, linewidth=0)
+        torque.plot(trace.t, value["tau_motor"], color="#c0392b")
+        torque.plot(trace.t, value["tau_mr"], color="#1f6fb4")
+        current.step(trace.t, value["current"], color="#1f6fb4", where="post")
+        for panel in axes[:, column]:
             for name, color in (("m_hold", "#1f6fb4"), ("m_dyn", "#e08a1e")):
                 panel.fill_between(trace.t, 0, 1, where=value[name] > 0.0, color=color, alpha=0.15, linewidth=0,
                                    transform=panel.get_xaxis_transform())  # fmt: skip
-        panels[0].set_title(f"{NAMES[result.robot]}, {result.payload:g} kg, {result.command:g} m/s", fontsize=9)
-        panels[3].set_xlabel("time [s]")
-        for panel in panels:
-            panel.grid(alpha=0.3)
+        force.set_title(f"{NAMES[result.robot]}, {result.payload:g} kg, {result.command:g} m/s", fontsize=9)
+        current.set_xlabel("time [s]")
     for panel, text in zip(axes[:, 0], ("foot force [N]", "calf velocity [rad/s]", "torque [N·m]", "current [A]"),
                            strict=True):  # fmt: skip
         panel.set_ylabel(text)
@@ -106,8 +100,7 @@ def holding(results: Sequence[WalkResult], path: Path) -> None:
 def distributions(results: Sequence[WalkResult], path: Path) -> None:
     """Distributions of the front-right motors' torque magnitude, Go1 left and MR_Go-SAL right (figure 8(c))."""
     cells = list(dict.fromkeys((r.payload, r.command) for r in results))
-    figure = Figure(figsize=(3.4 * max(len(cells), 2), 3.8), layout="constrained")
-    axes = figure.subplots(1, len(cells), sharey=True, squeeze=False)[0]
+    figure, (axes,) = panels((3.4 * max(len(cells), 2), 3.8), 1, len(cells), grid="y", sharey=True)
     sides = {"go1": -1.0, "mr_go_sal": 1.0}
     for axis, cell in zip(axes, cells, strict=True):
         for result in results:
@@ -116,7 +109,6 @@ def distributions(results: Sequence[WalkResult], path: Path) -> None:
                     _half_violin(axis, joint, counts, sides[result.robot], COLORS[result.robot])
         axis.set_xticks(range(3), ["FR hip", "FR thigh", "FR calf"])
         axis.set_title(f"{cell[0]:g} kg, {cell[1]:g} m/s", fontsize=9)
-        axis.grid(axis="y", alpha=0.3)
     drawn = [robot for robot in sides if any(result.robot == robot for result in results)]
     legend: list[Patch | Line2D] = [Patch(color=COLORS[robot], alpha=0.6, label=NAMES[robot]) for robot in drawn]
     legend.append(Line2D([], [], color="black", linewidth=1, label="mean"))
@@ -128,23 +120,19 @@ def distributions(results: Sequence[WalkResult], path: Path) -> None:
 
 def mission_power(traces: Mapping[str, MissionTrace], path: Path) -> None:
     """Battery power and state of charge over the mission, from a full battery."""
-    figure = Figure(figsize=(9, 5.5), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True)
+    figure, ((upper,), (lower,)) = panels((9, 5.5), 2, 1, sharex=True)
     for robot, trace in traces.items():
         upper.step(trace.t, trace.power_over_time, where="pre", color=COLORS[robot], label=NAMES[robot])
         lower.plot(trace.t, 100.0 - trace.charge, color=COLORS[robot])
     upper.set(ylabel="battery power [W]", ylim=(0.0, None))
     lower.set(xlabel="time [s]", ylabel="state of charge [%]")
-    for axis in (upper, lower):
-        axis.grid(alpha=0.3)
     figure.legend(loc="outside upper center", ncols=len(traces), fontsize=8)
     figure.savefig(path, dpi=110)
 
 
 def mission_temperature(traces: Mapping[str, MissionTrace], rows: Mapping[str, Any], path: Path) -> None:
     """Motor temperatures over time, and rises beside the paper's; hatched bars were calibrated."""
-    figure = Figure(figsize=(11, 4.5), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure, ((left, right),) = panels((11, 4.5), 1, 2)
     for robot, trace in traces.items():
         left.plot(trace.t, trace.calf, color=COLORS[robot])
         left.plot(trace.t, trace.proximal, color=COLORS[robot], linestyle=":")
@@ -164,9 +152,6 @@ def mission_temperature(traces: Mapping[str, MissionTrace], rows: Mapping[str, A
     right.axhline(0.0, color="0.5", linewidth=0.8)
     right.set_xticks(range(len(groups)), list(groups.values()), fontsize=8)
     right.set_ylabel("temperature rise [K]")
-    for axis in (left, right):
-        axis.grid(alpha=0.3)
-        axis.set_axisbelow(True)
     calibrated, theirs = any(c["calibrated"] for c in cells), any(c["paper"] is not None for c in cells)
     figure.legend(
         handles=_bar_legend(list(traces), calibrated, theirs), loc="outside upper center", ncols=5, fontsize=8

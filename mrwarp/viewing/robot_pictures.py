@@ -20,6 +20,7 @@ from mrwarp.env.natural_units import scales
 from mrwarp.env.sim_model import Scene
 from mrwarp.kernels import ledger
 from mrwarp.run_dir import atomic_write
+from mrwarp.runtime import panels
 from mrwarp.trials.impact import ImpactSweep, ImpactTrace
 from mrwarp.usd.robot import GAIT_FREQUENCY
 from mrwarp.viewing import shapes
@@ -254,8 +255,7 @@ def impact_sheet(sweep: ImpactSweep, trace: ImpactTrace, path: Path) -> None:
 
 def impact_loops(trace: ImpactTrace, currents: tuple[float, ...], path: Path) -> None:
     """Torque of the devices over calf velocity and angle during the impact, all trials and legs."""
-    figure = Figure(figsize=(11, 4.5), layout="constrained")
-    axes = figure.subplots(1, 2, sharey=True)
+    figure, (axes,) = panels((11, 4.5), 1, 2, sharey=True)
     for row, current in enumerate(currents):
         color = COLORS[row % len(COLORS)]
         for axis, values in zip(axes, (trace.qd[row], trace.q[row]), strict=True):
@@ -264,7 +264,6 @@ def impact_loops(trace: ImpactTrace, currents: tuple[float, ...], path: Path) ->
     axes[0].set(xlabel="calf velocity [rad/s]", ylabel="torque of the MR device [N·m]")
     axes[1].set(xlabel="calf angle [rad]")
     for axis in axes:
-        axis.grid(alpha=0.3)
         axis.axhline(0.0, color="0.6", linewidth=0.8)
     axes[0].axvline(0.0, color="0.6", linewidth=0.8)
     axes[0].legend(markerscale=4)
