@@ -398,10 +398,7 @@ def prepare_brake(solver: newton.solvers.SolverMuJoCo, actuator: Actuator, dt: f
 def apply_brake_bounds(solver: newton.solvers.SolverMuJoCo, actuator: Actuator, dt: float) -> None:
     """Hand the brake bounds of the last ``actuator.step`` to the solver, on top of the joints' own friction.
 
-    Args:
-        solver: Solver on the ``mujoco_warp`` backend, about to step.
-        actuator: Actuator whose drive is a :class:`DriveMR` with the constraint coupling.
-        dt: Physics step [s].
+    The arguments are those of :func:`prepare_brake`; the solver is about to step.
 
     Raises:
         ValueError: as :func:`prepare_brake`, or a graph is being captured and it was not called before.

@@ -101,7 +101,7 @@ def step(
     )
 
 
-def softened(fluid: np.ndarray, cfg: ThermalCfg) -> tuple[np.ndarray, np.ndarray]:
+def derated(fluid: np.ndarray, cfg: ThermalCfg) -> tuple[np.ndarray, np.ndarray]:
     """Factors on yield torque and on viscous torque of devices whose fluid is so much above ambient [K]."""
     return np.maximum(1.0 - cfg.yield_coefficient * fluid, 0.0), np.exp(-cfg.viscosity_coefficient * fluid)
 

@@ -156,7 +156,7 @@ def measure(
         trial = WalkCfg(
             robots=cfg.robots, payloads=(load,), speeds=(cfg.speed,), trials=cfg.seeds, distance=cfg.window,
             current=cfg.current, env=cfg.env, seed=cfg.seed,
-            soften=_softener(warm, cfg.seeds, thermal_cfg or ThermalCfg()) if warm else None,
+            derate=_derating(warm, cfg.seeds, thermal_cfg or ThermalCfg()) if warm else None,
         )  # fmt: skip
         for result in walk(trial, policies, lambda text, share, k=k: report(text, 0.45 * (k + share))):
             if not len(result.speed):
@@ -271,17 +271,17 @@ def calibrate(
     return heat, battery, {"fitted": got, "measured": rises, "depletion": depleted}
 
 
-def _softener(fluid: Mapping[str, float], seeds: int, cfg: ThermalCfg) -> Callable[[WalkEnv, Sequence[str]], None]:
+def _derating(fluid: Mapping[str, float], seeds: int, cfg: ThermalCfg) -> Callable[[WalkEnv, Sequence[str]], None]:
     """Change of the devices' parameters by their fluids' temperatures above ambient [K], by robot."""
 
-    def soften(env: WalkEnv, robots: Sequence[str]) -> None:
+    def derate(env: WalkEnv, robots: Sequence[str]) -> None:
         if not env.actuator.mr_joints:
             return
         warm = np.repeat([fluid.get(robot, 0.0) for robot in robots], seeds)
-        strength, viscosity = thermal.softened(warm, cfg)
+        strength, viscosity = thermal.derated(warm, cfg)
         for names, factor in ((("T_max", "K0", "K1"), strength), (("B",), viscosity)):
             scale = torch.tensor(factor, dtype=torch.float32, device=env.device).unsqueeze(1)
             for name in names:
                 env.view(env.actuator.param(name)).mul_(scale)
 
-    return soften
+    return derate

@@ -65,7 +65,7 @@ class WalkCfg:
     """A trial fails when it takes this many times ``distance/speed``."""
     current: float = 1.5
     """Current the devices may use with SAL on [A]."""
-    soften: Callable[[WalkEnv, Sequence[str]], None] | None = None
+    derate: Callable[[WalkEnv, Sequence[str]], None] | None = None
     """Change of the devices before the walk, given the environments and their robots in order; see ``mission``."""
     env: EnvCfg = field(default_factory=make_walk_cfg)
     """Actuator model, coupling and engine; robot, payload and currents are set here."""
@@ -192,8 +192,8 @@ class WalkBatch:
         self._per_env(env.current_e, [cfg.current if on else 0.0 for on in sal])
         self.command = torch.zeros(count, 3, device=env.device)
         self._per_env(self.command[:, 0], [speed for _, speed in self.conditions])
-        if cfg.soften is not None:
-            cfg.soften(env, robots)
+        if cfg.derate is not None:
+            cfg.derate(env, robots)
         self.meter = PowerMeter(env)
         self.recorder = TraceRecorder(env, [i * cfg.trials for i in range(len(self.conditions))])
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mrwarp.energy.thermal import Temperatures, ThermalCfg, calf_rises, calibrate, softened, step
+from mrwarp.energy.thermal import Temperatures, ThermalCfg, calf_rises, calibrate, derated, step
 
 CFG = ThermalCfg(
     winding_capacity=30.0, winding_resistance=1.0, housing_capacity=400.0, housing_resistance=5.0,
@@ -64,7 +64,7 @@ def test_a_motor_that_rests_cools_to_ambient_without_undershoot() -> None:
 
 def test_softening_is_off_when_cold_and_never_negative() -> None:
     """Factors 1 at ambient; yield falls linearly and stops at 0, viscosity exponentially."""
-    strength, viscosity = softened(np.array([0.0, 50.0, 1e4]), ThermalCfg())
+    strength, viscosity = derated(np.array([0.0, 50.0, 1e4]), ThermalCfg())
     np.testing.assert_allclose(strength, [1.0, 0.9, 0.0])
     np.testing.assert_allclose(viscosity[:2], [1.0, np.exp(-1.0)])
 
