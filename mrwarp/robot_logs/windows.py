@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import mujoco
@@ -42,8 +42,12 @@ class Windows:
     (3, W, K + M, J), M steps lie before the window."""
     before: int
     """M: steps of commands before the window, for delays."""
+    coil: np.ndarray
+    """Coil current that was commanded [A], at the steps of ``feed``, shape (W, K + M, J); 0 where none was logged."""
+    start_coil: np.ndarray
+    """Coil current at the start [A], shape (W, J)."""
     kp: np.ndarray
-    """[N·m/rad], shape (W, J)."""
+    """[N·m/rad] at the steps of ``feed``, shape (W, K + M, J)."""
     kd: np.ndarray
     """[N·m·s/rad], shape (W, J)."""
     q: np.ndarray
@@ -54,13 +58,23 @@ class Windows:
     """Pose and velocity of the trunk at the start as in qpos and qvel, shape (W, 13); zero for a fixed base."""
     measured: dict[str, np.ndarray]
     """Readings by channel, shape (W, S, C)."""
-    motion: np.ndarray
-    """Smoothed velocity of the joints along the window [rad/s], shape (W, K, J)."""
+    past: np.ndarray
+    """Smoothed velocity of the joints at the steps before the window [rad/s], shape (W, M, J): states begin by it."""
 
     @property
     def count(self) -> int:
         """W."""
         return len(self.start)
+
+    def coarse(self, times: int) -> Windows:
+        """The same with steps ``times`` as long."""
+        skip = self.before % times  # the window's start stays on the grid
+        grid = slice(skip, None, times)
+        return replace(
+            self, h=self.h * times, steps=-(-self.steps // times), before=self.before // times,
+            feed=np.ascontiguousarray(self.feed[:, :, grid]), coil=self.coil[:, grid], kp=self.kp[:, grid],
+            past=self.past[:, grid],
+        )  # fmt: skip
 
     @cached_property
     def nearest(self) -> tuple[np.ndarray, np.ndarray]:
@@ -106,30 +120,34 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
     span = max(float(run.t[s + count - 1] - run.t[s]) for _, run, starts in members for s in starts)
     steps, before = int(np.ceil(span / h)) + 1, int(np.ceil(longest_delay / h)) + 1
     rows: dict[str, list] = {
-        name: [] for name in ("run", "start", "t", "feed", "kp", "kd", "q", "qd", "root", "motion")
+        name: []
+        for name in ("run", "start", "t", "feed", "coil", "start_coil", "kp", "kd", "q", "qd", "root", "past")
     }
     channels: dict[str, list] = {}
     for index, run, starts in members:
         feed, kp, kd = _commands(log, run)
         speed = _speeds(run)
+        coil = np.nan_to_num(run.joint.get("current_cmd", run.joint.get("current", np.zeros(speed.shape))))
+        flowing = np.nan_to_num(run.joint.get("current", coil))
         begin = _roots(model, run, speed) if log.base == "free" else np.zeros((run.samples, 13))
         readings = _readings(log, run)
         for s in starts:
             t = run.t[s : s + count] - run.t[s]
             grid = run.t[s] + h * np.arange(-before, steps)
-            # a row's command was computed after the row was read: it acts from the next row on
-            held = np.clip(np.searchsorted(run.t, grid + 1e-9, side="right") - 2, 0, run.samples - 1)
+            # a row's command was computed after the row was read: it acts between this row and the next
+            held = np.clip(np.searchsorted(run.t, grid + 1e-9, side="right") - 1, 0, run.samples - 1)
             rows["run"].append(index)
             rows["start"].append(s)
             rows["t"].append(t)
             rows["feed"].append(feed[:, held])
-            rows["kp"].append(kp[s : s + count].mean(axis=0))
+            rows["kp"].append(kp[held])
+            rows["coil"].append(coil[held])
+            rows["start_coil"].append(flowing[s])
             rows["kd"].append(kd[s : s + count].mean(axis=0))
             rows["q"].append(run.joint["q"][s])
             rows["qd"].append(speed[s])
             rows["root"].append(begin[s])
-            inside = run.t[s] + h * np.arange(steps)
-            rows["motion"].append(np.stack([np.interp(inside, run.t, v) for v in speed.T], axis=1))
+            rows["past"].append(np.stack([np.interp(grid[:before], run.t, v) for v in speed.T], axis=1))
             for name, values in readings.items():
                 channels.setdefault(name, []).append(values[s : s + count])
     arrays = {name: np.array(values) for name, values in rows.items()}
@@ -172,6 +190,8 @@ def _readings(log: RobotLog, run: LogRun) -> dict[str, np.ndarray]:
     found = {"q": run.joint["q"]}
     if "qd" in run.joint and np.isfinite(run.joint["qd"]).all():
         found["qd"] = run.joint["qd"]
+    if "current" in run.joint and "current_cmd" in run.joint:
+        found["current"] = run.joint["current"]
     if "tau" in run.joint and log.tau_is in ("measured", "estimate") and "q_des" in run.joint:
         found["tau"] = run.joint["tau"]
     for name in ("quat", "gyro", "pos", "vel"):
