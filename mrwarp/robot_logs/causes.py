@@ -12,12 +12,12 @@ from mrwarp.robot_logs.robot_log import RobotLog
 
 Field = Literal[
     "friction", "damping", "armature", "stribeck", "lag", "kp", "kd", "strength", "offset", "shift", "delay", "mass",
-    "com", "tilt", "bias", "mu", "slope", "stiffness",
+    "com", "tilt", "bias", "mu", "slope", "stiffness", "limit", "length", "clock", "coil", "coil_lag", "device", "drag",
 ]  # fmt: skip
 """Array of a hypothesis that a parameter is added to, see :class:`mrwarp.robot_logs.window_replay.Hypotheses`."""
 
-ORDINARY = ("coulomb_friction", "viscous_friction", "rotor_inertia")
-"""What descriptions of robots rarely know: fitted in every case, and named where the log excludes the description."""
+ORDINARY = ("coulomb_friction", "viscous_friction", "rotor_inertia", "command_delay")
+"""What descriptions rarely know: fitted in every case, and named where the log excludes the description."""
 
 SESSION = "session"
 """What differs between sessions of one healthy robot, never a cause: where a joint settles, how a fixed base stands."""
@@ -45,13 +45,15 @@ class Parameter:
     """Standard deviation of faults."""
     lowest: float = -np.inf
     """Least change that a robot can have: friction and inertia do not turn negative."""
+    usual: tuple[float, float] = (0.0, 0.0)
+    """Range of what is no fault."""
     nominal: float = 0.0
     """Value that a change adds to; for ``kp``, ``kd`` and ``strength`` the change is relative to it."""
 
     @property
     def relative(self) -> bool:
         """Whether the change is a share of ``nominal``."""
-        return self.field in ("kp", "kd", "strength", "mu", "stiffness")
+        return self.field in ("kp", "kd", "strength", "mu", "stiffness", "limit", "coil", "device")
 
     def absolute(self, change: float) -> float:
         """Value in ``unit`` that a change makes."""
@@ -63,12 +65,12 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
     found: list[Parameter] = []
 
     def add(cause: str, where: str, name: str, unit: str, field: Field, index: int, *sizes: float, nominal: float = 0.0,
-            lowest: float = -np.inf) -> None:  # fmt: skip
+            lowest: float = -np.inf, usual: tuple[float, float] = (0.0, 0.0)) -> None:  # fmt: skip
         step, spread, least, fault = (float(x) for x in sizes)
         found.append(
             Parameter(
                 cause=cause, where=where, name=name, unit=unit, field=field, index=index, step=step, spread=spread,
-                least=least, fault=fault, nominal=float(nominal), lowest=lowest,
+                least=least, fault=fault, nominal=float(nominal), lowest=lowest, usual=usual,
             )
         )  # fmt: skip
 
@@ -92,7 +94,17 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
             add("kd", joint, "gain", "N·m·s/rad", "kd", j, 0.05, 0.02, 0.05, 0.5, nominal=log.kd[j])
             add("velocity_lag", joint, "time_constant", "s", "lag", j, 0.002, 0.001, 0.003, 0.006)
         add("motor_strength", joint, "factor", "1", "strength", j, 0.05, 0.02, 0.04, 0.2, nominal=1.0)
-    add("command_delay", "robot", "delay", "s", "delay", 0, 0.003, 0.0007, 0.0015, 0.01)
+        add("torque_limit", joint, "torque", "N·m", "limit", j, -0.1, 0.02, 0.05, 0.3, nominal=model.asked[j])
+        if j in model.devices.joint:
+            add("coil_dead", joint, "current_share", "1", "coil", j, -0.2, 0.02, 0.5, 1.0, nominal=1.0)
+            add("coil_lag", joint, "time_constant", "s", "coil_lag", j, 0.004, 0.001, 0.003, 0.02)
+            add("device_strength", joint, "factor", "1", "device", j, 0.1, 0.03, 0.06, 0.3, nominal=1.0)
+            add("device_drag", joint, "torque", "N·m", "drag", j, 0.2, 0.05, 0.1, 0.5)
+    # when in a row a command began to act no log says: up to the next row it is no delay of the robot
+    row = float(np.median([run.dt for run in log.runs]))
+    add("command_delay", "robot", "delay", "s", "delay", 0, 0.003, 0.0007 + row, 0.0015, 0.02, usual=(0.0, row))
+    if model.free and any("quat" in run.base or "gyro" in run.base for run in log.runs):
+        add("clock_shift", "imu", "shift", "s", "clock", 1, 0.003, 0.001, 0.002, 0.01)
     bodies = [b for b in model.moving if b != model.trunk]
     for b in bodies:
         mass = float(mj.body_mass[b])
@@ -109,6 +121,9 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
                 0.05 * mass + 0.02,
                 0.3 * mass + 0.1,
             )
+            if model.free and model.reach[b] > 0.02:
+                reach = model.reach[b]
+                add("link_length", mj.body(b).name, "length", "m", "length", b, 0.005, 0.002, 0.006, 0.1 * reach)
     if not model.free:
         for k, axis in enumerate(("roll", "pitch")):
             add(SESSION, "robot", axis, "rad", "slope", k, 0.01, 0.02, np.inf, 0.0)
@@ -138,9 +153,8 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
 
 def _torque_scale(model: ReplayModel, log: RobotLog, j: int) -> float:
     """Torque that the joint's drive gives at most, or at 0.6 rad of error [N·m]."""
-    low, high = model.model.actuator_forcerange[j]
-    if model.model.actuator_forcelimited[j] and high > low:
-        return float(high)
+    if model.limited[j]:
+        return float(model.model.actuator_forcerange[j, 1])
     if log.kp[j] > 0.0:
         return 0.6 * float(log.kp[j])
     found = [

@@ -20,6 +20,9 @@ from mrwarp.robot_logs.windows import Windows
 START_SPREAD = 1.0
 """Standard deviation of a window's start, in the steps of :func:`mrwarp.robot_logs.window_replay.nuisances`."""
 
+DERIVATIVE_STEP = 0.0051
+"""Longest physics step of the replays from which derivatives are taken [s]; mismatches are those of the fine step."""
+
 ROUNDS = 4
 """Times that channels are weighed anew by what is left in them."""
 
@@ -96,14 +99,16 @@ def gather(
 
 def _derivatives(model, windows, parameters, theta, log) -> tuple[dict, dict, dict]:  # noqa: ANN001
     """Mismatch (W, S, C), derivatives by parameter (P, W, S, C) and by start (Z, W, S, C), by channel, float32."""
-    replay, count, steps = Replay(model, windows), windows.count, nuisances(model)
+    times = max(1, int(np.floor(DERIVATIVE_STEP / windows.h + 1e-6)))
+    fine, replay = Replay(model, windows), Replay(model, windows.coarse(times))
+    count, steps = windows.count, nuisances(model)
     every, rest = np.arange(count), np.zeros((count, len(steps)))
 
-    def run(values: np.ndarray, start: np.ndarray) -> dict[str, np.ndarray]:
-        return replay.run(Hypotheses.of(parameters, np.tile(values, (count, 1)), model), every, start)
+    def run(values: np.ndarray, start: np.ndarray, by: Replay = replay) -> dict[str, np.ndarray]:
+        return by.run(Hypotheses.of(parameters, np.tile(values, (count, 1)), model), every, start)
 
     base = run(theta, rest)
-    r = {name: x.astype(np.float32) for name, x in mismatch(windows.measured, base).items()}
+    r = {name: x.astype(np.float32) for name, x in mismatch(windows.measured, run(theta, rest, fine)).items()}
     j = {name: np.zeros((len(parameters), *x.shape), dtype=np.float32) for name, x in r.items()}
     z = {name: np.zeros((len(steps), *x.shape), dtype=np.float32) for name, x in r.items()}
     for k, p in enumerate(parameters):

@@ -11,13 +11,30 @@ import mujoco
 import numpy as np
 
 from mrwarp.env.sim_model import build_scene
+from mrwarp.params import MrParams
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
 from mrwarp.run_dir import no_file, one_line
 from mrwarp.runtime import silent
 from mrwarp.usd.asset import ROBOT_SUFFIXES, load_robot
 
+NO_LIMIT = 1e6
+"""Limit of a drive whose description has none [N·m]."""
+
 LONGEST_STEP = 0.0011
 """Longest physics step of a replay [s]: a longer one answers noticeably later than the robot."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Devices:
+    """MR devices of M joints."""
+
+    joint: np.ndarray
+    """Place of each among the log's joints, shape (M,)."""
+    values: dict[str, np.ndarray]
+    """Parameters by name, shape (M,)."""
+
+    def __bool__(self) -> bool:
+        return len(self.joint) > 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +55,13 @@ class ReplayModel:
     """Body that floats, or that the first joints hang on."""
     feet: tuple[int, ...]
     """Shapes that can touch the ground at the ends of the legs; empty for a fixed base."""
+    devices: Devices
+    limited: np.ndarray
+    """Whether the description knows a limit of each joint's torque, shape (J,)."""
+    asked: np.ndarray
+    """Largest torque that the log asks of each joint [N·m], shape (J,)."""
+    reach: np.ndarray
+    """Distance from each body's joint to the furthest of what hangs on it [m], shape (B,)."""
 
     @property
     def moving(self) -> list[int]:
@@ -63,7 +87,7 @@ def replay_model(path: Path, log: RobotLog) -> ReplayModel:
     Raises:
         LogError: it cannot be read, or lacks a joint of the log.
     """
-    spec, drives = _spec(path)
+    spec, drives, params = _spec(path)
     roots = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
     if log.base == "fixed":
         for joint in roots:
@@ -88,8 +112,7 @@ def replay_model(path: Path, log: RobotLog) -> ReplayModel:
         drive.gainprm[0] = 1.0
         drive.biasprm[1], drive.biasprm[2] = -float(log.kp[k]), -float(log.kd[k])
         drive.ctrllimited = False
-        if joint in limits:
-            drive.forcelimited, drive.forcerange = True, limits[joint]
+        drive.forcelimited, drive.forcerange = True, limits.get(joint, [-NO_LIMIT, NO_LIMIT])
     if log.base == "free" and not any(g.type == mujoco.mjtGeom.mjGEOM_PLANE for g in spec.worldbody.geoms):
         spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50.0, 50.0, 1.0])
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -111,23 +134,57 @@ def replay_model(path: Path, log: RobotLog) -> ReplayModel:
         free=free,
         trunk=trunk,
         feet=_feet(model) if free else (),
+        devices=_devices(log, params),
+        limited=np.array([joint in limits for joint in log.joints]),
+        asked=_asked(log),
+        reach=_reach(model),
     )
 
 
-def _spec(path: Path) -> tuple[mujoco.MjSpec, dict[str, list[float]]]:
-    """What the file says, and ranges of torques that stand elsewhere."""
+def _devices(log: RobotLog, params: dict[str, MrParams]) -> Devices:
+    at = [k for k, joint in enumerate(log.joints) if joint in params]
+    values = [params[log.joints[k]].to_dict() for k in at]
+    names = values[0] if values else {}
+    return Devices(joint=np.array(at, dtype=int), values={name: np.array([v[name] for v in values]) for name in names})
+
+
+def _asked(log: RobotLog) -> np.ndarray:
+    """Largest torque asked for: all but a thousandth of the samples ask for less; shape (J,)."""
+    found = np.full(len(log.joints), 1e-3)
+    for run in log.runs:
+        joint = run.joint
+        ask = np.nan_to_num(joint.get("tau_ff", joint.get("tau", np.zeros(joint["q"].shape))))
+        if "q_des" in joint:
+            speed = np.nan_to_num(joint.get("qd", np.zeros(joint["q"].shape)))
+            kp, kd = (np.nan_to_num(joint.get(name, gain)) for name, gain in (("kp", log.kp), ("kd", log.kd)))
+            ask = np.nan_to_num(joint.get("tau_ff", 0.0)) + kp * np.nan_to_num(joint["q_des"] - joint["q"]) - kd * speed
+        found = np.maximum(found, np.quantile(np.abs(ask), 0.999, axis=0))
+    return found
+
+
+def _reach(model: mujoco.MjModel) -> np.ndarray:
+    found = np.full(model.nbody, 1e-3)
+    for k in range(1, model.nbody):
+        own = [*model.body_pos[model.body_parentid == k], *model.geom_pos[model.geom_bodyid == k]]
+        found[k] = max([1e-3, *(float(np.linalg.norm(p)) for p in own)])
+    return found
+
+
+def _spec(path: Path) -> tuple[mujoco.MjSpec, dict[str, list[float]], dict[str, MrParams]]:
+    """What the file says, ranges of torques that stand elsewhere, and devices by joint."""
     if path.suffix in ROBOT_SUFFIXES or not path.suffix:
         asset = load_robot(robot=str(path)) if path.suffix else load_robot(robot=path.name)
         kept: list[mujoco.MjSpec] = []
         build_scene(asset, dt=0.001, ground=False, edit=lambda spec: kept.append(spec.copy()))
         for joint in kept[0].joints:
             joint.name = next((a.joint for a in asset.actuators if joint.name.endswith("_" + a.joint)), joint.name)
-        return kept[0], {a.joint: [-a.tau_limit, a.tau_limit] for a in asset.actuators}
+        limits = {a.joint: [-a.tau_limit, a.tau_limit] for a in asset.actuators}
+        return kept[0], limits, {a.joint: a.mr for a in asset.actuators if a.mr is not None}
     if not path.is_file():
         raise LogError(f"{path}: {no_file(path, 'robot')}; --robot names an MJCF (.xml), URDF or USD file")
     try:
         with silent():
-            return mujoco.MjSpec.from_file(str(path)), {}
+            return mujoco.MjSpec.from_file(str(path)), {}, {}
     except Exception as error:  # MuJoCo raises several types
         raise LogError(f"{path}: MuJoCo cannot read it ({one_line(error)}); correct it there") from None
 

@@ -83,6 +83,13 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     verdict = "named" if causes else "none"
     session = {p.where: float(now.mean[k]) for k, p in enumerate(parameters) if p.field == "shift"}
     notes = [*getattr(log, "notes", ())]
+    late = next(k for k, p in enumerate(parameters) if p.cause == "command_delay")
+    if not any(c.name == "command_delay" for c in causes) and abs(now.mean[late]) > parameters[late].least:
+        row = parameters[late].usual[1]
+        notes.append(
+            f"commands act {1e3 * now.mean[late]:.1f} ms after their row: within a row of {1e3 * row:.1f} ms "
+            "that is how the log was written"
+        )
     if evidence.lost:
         notes.append(f"{evidence.lost} pieces of the log were left out: something else moved the robot there")
     return RobotDiagnosis(

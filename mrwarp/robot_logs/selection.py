@@ -164,8 +164,9 @@ def _described_wrong(evidence: Evidence, parameters: Sequence[Parameter], releas
         if known <= 1e-6 / p.spread**2:
             continue
         size = now.mean[k] / variance / known
-        z = size * np.sqrt(known)
-        if abs(z) > ORDINARY_Z and abs(size) >= p.least and z**2 * evidence.scale >= LEAST_SHARE * evidence.samples:
+        beyond = size - float(np.clip(size, *p.usual))
+        z = beyond * np.sqrt(known)
+        if abs(z) > ORDINARY_Z and abs(beyond) >= p.least and z**2 * evidence.scale >= LEAST_SHARE * evidence.samples:
             found.append(
                 Found(direction=Direction(cause=p.cause, where=p.where, members=(k,)), z=float(z), alternatives=())
             )

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import mujoco.batch
@@ -22,7 +21,7 @@ CHUNK = 192
 STRIBECK_SPEED = 0.15
 """Speed at which Stribeck's friction has faded [rad/s]."""
 
-_COLUMNS = {"delay": 1, "com": 3, "tilt": 2, "bias": 3, "mu": 1, "slope": 2, "stiffness": 1}
+_COLUMNS = {"delay": 1, "com": 3, "tilt": 2, "bias": 3, "mu": 1, "slope": 2, "stiffness": 1, "clock": 2}
 
 
 @dataclass
@@ -36,7 +35,7 @@ class Hypotheses:
     def of(cls, parameters: list[Parameter], theta: np.ndarray, model: ReplayModel) -> Hypotheses:
         """Of values of the parameters, shape (E, P)."""
         count, joints, bodies = len(theta), len(model.joints), model.model.nbody
-        sizes = _COLUMNS | {"mass": bodies}
+        sizes = _COLUMNS | {"mass": bodies, "length": bodies}
         fields = {p.field: np.zeros((count, sizes.get(p.field, joints))) for p in parameters}
         for k, p in enumerate(parameters):
             fields[p.field][:, p.index] += theta[:, k]
@@ -68,6 +67,7 @@ class Replay:
         self.mj = spec.compile()
         self.mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND)
         self.batch = mujoco.batch.Batch(self.mj, CHUNK, threads)
+        self._longer: set[int] = set()
         self.steps = 0
         """Physics steps so far."""
 
@@ -93,64 +93,98 @@ class Replay:
         self, changes: Hypotheses, window: np.ndarray, start: np.ndarray, rows: slice
     ) -> Iterator[tuple[str, np.ndarray]]:
         w, m, mj, windows = window[rows], self.model, self.mj, self.windows
-        count, joints = len(w), len(self.model.joints)
+        count, joints, begin = len(w), len(self.model.joints), self.windows.before
 
         def field(name: str, columns: int = joints) -> np.ndarray:
             return changes.get(name, columns, rows)
 
         ids = np.arange(count)
-        kp = windows.kp[w] * (1.0 + field("kp"))
-        kd = windows.kd[w] * (1.0 + field("kd"))
-        strength = 1.0 + field("strength")
-        offset = field("offset")
-        self._set("dof_frictionloss", ids, m.v_adr, np.maximum(mj.dof_frictionloss[m.v_adr] + field("friction"), 0.0))
+        more, kd = 1.0 + field("kp"), windows.kd[w] * (1.0 + field("kd"))
+        strength, offset, lag = 1.0 + field("strength"), field("offset"), field("lag")
+        dry = np.maximum(mj.dof_frictionloss[m.v_adr] + field("friction"), 0.0)
         self._set("dof_damping", ids, m.v_adr, np.maximum(mj.dof_damping[m.v_adr] + field("damping"), 0.0))
         self._set("dof_armature", ids, m.v_adr, np.maximum(mj.dof_armature[m.v_adr] + field("armature"), 1e-5))
+        limits = self._limits(w, field("limit"))
         gain, bias = self.batch.expand("actuator_gainprm"), self.batch.expand("actuator_biasprm")
-        gain[:count, :, 0] = strength
-        bias[:count, :, 1], bias[:count, :, 2] = -strength * kp, -strength * kd
-        self._masses(field("mass", mj.nbody), field("com", 3), ids)
-        if not m.free:
-            self._lean(field("slope", 2), ids)
+        gain[:count, :, 0], bias[:count, :, 2] = strength, -strength * kd
+        self.batch.expand("actuator_forcerange")[:count] = limits
+        self._bodies(field("mass", mj.nbody), field("length", mj.nbody), field("com", 3), ids)
+        slope = field("slope", 2)
         if m.free:
             self._ground(field("mu", 1), field("stiffness", 1), ids)
+            self.batch.expand("opt.gravity")[:count] = _rotation(slope).inv().apply(mj.opt.gravity)
+        else:
+            self._lean(slope, ids)
 
-        # commands: later by the delay, between steps in proportion
+        def late(x: np.ndarray) -> np.ndarray:
+            return _delayed(x, field("delay", 1)[:, 0] / windows.h, begin, windows.steps)
+
         parts = windows.feed[:, w]
-        feed = (1.0 + field("kp"))[:, None] * parts[0] + (1.0 + field("kd"))[:, None] * parts[1] + parts[2]
-        late = np.clip(field("delay", 1)[:, 0] / windows.h, -1.0, windows.before - 1.0)
-        whole = np.floor(late).astype(int)
-        at = windows.before + np.arange(windows.steps)[None] - whole[:, None]
-        top = windows.before + windows.steps - 1
-        share = (late - whole)[:, None, None]
-        feed = (1.0 - share) * feed[ids[:, None], np.minimum(at, top)] + share * feed[
-            ids[:, None], np.minimum(at - 1, top)
-        ]
-        control = np.zeros((count, windows.steps, mj.nu + mj.nv))
-        control[:, :, : mj.nu] = feed + (kp * (field("shift") - offset))[:, None]
-        control[:, :, mj.nu + m.v_adr] = self._beside(windows.motion[w], field("stribeck"), field("lag"), strength * kd)
-
-        self._begin(w, start[rows], offset, field("slope", 2), ids)
-        spec = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
+        ask = late(more[:, None] * parts[0] + (1.0 + field("kd"))[:, None] * parts[1] + parts[2])
+        kp = late(more[:, None] * windows.kp[w])
+        device = _Devices(m, field) if m.devices else None
+        coil = late(windows.coil[w])[:, :, m.devices.joint] if m.devices else None
+        if device is not None and coil is not None:
+            base = windows.kp[w].max(axis=1)[:, m.devices.joint]
+            device.begin(windows.start_coil[w][:, m.devices.joint], windows.past[w][:, :, m.devices.joint], windows.h)
+        self._begin(w, start[rows], offset, slope, field("tilt", 2), ids)
+        q, v = self.batch.bind("qpos"), self.batch.bind("qvel")
+        ctrl, loss = self.batch.bind("ctrl"), self.batch.expand("dof_frictionloss")
+        force = self.batch.bind("qfrc_actuator")
+        pos, vel = np.empty((count, windows.steps + 1, mj.nq)), np.empty((count, windows.steps + 1, mj.nv))
+        torque, flows = np.zeros((count, windows.steps + 1, joints)), np.zeros((count, windows.steps + 1, joints))
+        stribeck, shift = field("stribeck"), field("shift") - offset
+        slow = v[:count][:, m.v_adr].copy()
+        faded = np.maximum(lag, 0.0) / (np.maximum(lag, 0.0) + windows.h)  # late by the lag at any step
         with np.errstate(all="ignore"):
-            out = self.batch.rollout(windows.steps, control, spec, record=("qpos", "qvel"), ids=ids)
+            for k in range(windows.steps):
+                pos[:, k], vel[:, k] = q[:count], v[:count]
+                speed = vel[:, k][:, m.v_adr]
+                slow = speed + faded * (slow - speed)
+                bias[:count, :, 1] = -strength * kp[:, k]
+                ctrl[:count] = ask[:, k] + kp[:, k] * shift + kd * (speed - slow)
+                bound = dry + stribeck * np.exp(-((speed / STRIBECK_SPEED) ** 2))
+                if device is not None and coil is not None:
+                    hold = kp[:, k][:, m.devices.joint] < 0.5 * base * more[:, m.devices.joint]
+                    at = pos[:, k][:, m.q_adr[m.devices.joint]]
+                    bound[:, m.devices.joint] += device.bound(
+                        coil[:, k], at, speed[:, m.devices.joint], hold, windows.h
+                    )
+                    flows[:, k + 1][:, m.devices.joint] = device.coil
+                loss[np.ix_(ids, m.v_adr)] = np.maximum(bound, 0.0)
+                self.batch.step(ids)
+                torque[:, k] = force[:count][:, m.v_adr]
+        pos[:, -1], vel[:, -1], torque[:, -1], flows[:, 0] = q[:count], v[:count], torque[:, -2], flows[:, 1]
         self.steps += count * windows.steps
-        pos = np.concatenate([self._pos0[:, None], out["qpos"]], axis=1)
-        vel = np.concatenate([self._vel0[:, None], out["qvel"]], axis=1)
-        yield from self._read(w, pos, vel, field, feed, kp, kd, strength, offset)
+        yield from self._read(w, pos, vel, torque, flows, field)
+
+    def _limits(self, w: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """Range of each drive's torque, shape (E, J, 2): a lower limit counts from the most that was asked for."""
+        low, high = self.mj.actuator_forcerange[:, 0], self.mj.actuator_forcerange[:, 1]
+        own = np.where(change < 0.0, self.model.asked * (1.0 + change), np.inf)
+        return np.stack([np.maximum(low, -own), np.minimum(high, own)], axis=-1)
 
     def _set(self, name: str, ids: np.ndarray, columns: np.ndarray, values: np.ndarray) -> None:
         self.batch.expand(name)[np.ix_(ids, columns)] = values
 
-    def _masses(self, mass: np.ndarray, com: np.ndarray, ids: np.ndarray) -> None:
-        """Masses with inertias in proportion; the trunk's centre of mass."""
-        mj = self.mj
+    def _bodies(self, mass: np.ndarray, length: np.ndarray, com: np.ndarray, ids: np.ndarray) -> None:
+        """Masses with inertias in proportion; longer links; the trunk's centre of mass."""
+        mj, count = self.mj, len(ids)
         new = np.maximum(mj.body_mass + mass, 1e-4)
         factor = np.where(mj.body_mass > 0.0, new / np.maximum(mj.body_mass, 1e-9), 1.0)
-        self.batch.expand("body_mass")[: len(ids)] = np.where(mj.body_mass > 0.0, new, mj.body_mass)
-        self.batch.expand("body_inertia")[: len(ids)] = mj.body_inertia * factor[:, :, None]
-        self.batch.expand("body_ipos")[: len(ids)] = mj.body_ipos
-        self.batch.expand("body_ipos")[: len(ids), self.model.trunk] += com
+        self.batch.expand("body_mass")[:count] = np.where(mj.body_mass > 0.0, new, mj.body_mass)
+        self.batch.expand("body_inertia")[:count] = mj.body_inertia * factor[:, :, None]
+        self.batch.expand("body_ipos")[:count] = mj.body_ipos
+        self.batch.expand("body_ipos")[:count, self.model.trunk] += com
+        for body in np.flatnonzero(length.any(axis=0)):
+            far = 1.0 + length[:, body, None] / self.model.reach[body]
+            for name, members in (("body_pos", mj.body_parentid == body), ("geom_pos", mj.geom_bodyid == body)):
+                for k in np.flatnonzero(members):
+                    self.batch.expand(name)[:count, k] = getattr(mj, name)[k] * far
+            self._longer.add(int(body))
+        for body in [x for x in self._longer if not length[:, x].any()]:
+            for name, members in (("body_pos", mj.body_parentid == body), ("geom_pos", mj.geom_bodyid == body)):
+                self.batch.expand(name)[:count, members] = getattr(mj, name)[members]
         self.batch.set_const(ids)
 
     def _lean(self, slope: np.ndarray, ids: np.ndarray) -> None:
@@ -175,19 +209,9 @@ class Replay:
             self.mj.geom_solref[:, 0],
         )  # fmt: skip
 
-    def _beside(self, motion: np.ndarray, stribeck: np.ndarray, lag: np.ndarray, kd: np.ndarray) -> Any:
-        """Torques that follow from the logged motion: shape (E, K, J)."""
-        if not stribeck.any() and not lag.any():
-            return 0.0
-        size = motion / STRIBECK_SPEED
-        torque = -stribeck[:, None] * np.exp(-(size**2)) * np.tanh(8.0 * size)
-        for e, j in zip(*np.nonzero(lag), strict=True):
-            torque[e, :, j] += kd[e, j] * (
-                motion[e, :, j] - _lagged(motion[e, :, j], float(lag[e, j]) / self.windows.h)
-            )
-        return torque
-
-    def _begin(self, w: np.ndarray, start: np.ndarray, offset: np.ndarray, slope: np.ndarray, ids: np.ndarray) -> None:
+    def _begin(
+        self, w: np.ndarray, start: np.ndarray, offset: np.ndarray, slope: np.ndarray, tilt: np.ndarray, ids: np.ndarray
+    ) -> None:
         m, windows, joints = self.model, self.windows, len(self.model.joints)
         pos, vel = np.tile(self.mj.qpos0, (len(ids), 1)), np.zeros((len(ids), self.mj.nv))
         if m.free:
@@ -195,55 +219,110 @@ class Replay:
             pos[:, :7], vel[:, :6] = root[:, :7], root[:, 7:]
             extra = start[:, 2 * joints :]
             pos[:, 2] += extra[:, 0]
-            pos[:, 3:7] = turned(pos[:, 3:7], np.concatenate([extra[:, 1:3], np.zeros((len(ids), 1))], axis=1))
+            # the inertial sensor sits askew on the trunk, and gravity askew on the ground that the world's axes follow
+            lean = _rotation(slope).inv() * _quat(pos[:, 3:7]) * _rotation(tilt).inv() * _rotation(extra[:, 1:3])
+            pos[:, 3:7] = np.roll(lean.as_quat(), 1, axis=-1)
             vel[:, :3] += extra[:, 3:6]
-            # a slope of the ground turns gravity's direction: the robot begins turned, on level ground
-            lean = np.concatenate([slope, np.zeros((len(ids), 1))], axis=1)
-            pos[:, 3:7] = turned(pos[:, 3:7], lean)
         pos[:, m.q_adr] = windows.q[w] - offset + start[:, :joints]
         vel[:, m.v_adr] = windows.qd[w] + start[:, joints : 2 * joints]
-        self._pos0, self._vel0 = pos, vel
         self.batch.bind("qpos")[ids] = pos
         self.batch.bind("qvel")[ids] = vel
         self.batch.bind("qacc_warmstart")[ids] = 0.0
 
-    def _read(self, w, pos, vel, field, feed, kp, kd, strength, offset) -> Iterator[tuple[str, np.ndarray]]:  # noqa: ANN001
+    def _read(self, w, pos, vel, torque, flows, field) -> Iterator[tuple[str, np.ndarray]]:  # noqa: ANN001
         m, windows = self.model, self.windows
-        low, share = (x[w] for x in windows.nearest)
-        rows = np.arange(len(w))[:, None]
+        clock, rows = field("clock", 2), np.arange(len(w))[:, None]
 
-        def at_samples(x: np.ndarray) -> np.ndarray:
-            s = share[..., None]
+        def at_samples(x: np.ndarray, group: int = 0) -> np.ndarray:
+            along = np.clip((windows.t[w] - clock[:, group, None]) / windows.h, 0.0, windows.steps - 1e-9)
+            low = along.astype(int)
+            s = (along - low)[..., None]
             return (1.0 - s) * x[rows, low] + s * x[rows, low + 1]
 
-        joints = pos[:, :, m.q_adr] + offset[:, None]
         for name in windows.measured:
             if name == "q":
-                yield name, at_samples(joints)
+                yield name, at_samples(pos[:, :, m.q_adr] + field("offset")[:, None])
             elif name == "qd":
                 found, lag = at_samples(vel[:, :, m.v_adr]), field("lag")
-                if lag.any():
-                    step = float(np.median(np.diff(windows.t[0])))
-                    for e, j in zip(*np.nonzero(lag), strict=True):
-                        found[e, :, j] = _lagged(found[e, :, j], lag[e, j] / step)
+                step = float(np.median(np.diff(windows.t[0])))
+                for e, j in zip(*np.nonzero(lag), strict=True):
+                    found[e, :, j] = _lagged(found[e, :, j], lag[e, j] / step)
                 yield name, found
             elif name == "tau":
-                ask = (
-                    np.concatenate([feed[:, :1], feed], axis=1)
-                    - kp[:, None] * joints
-                    - kd[:, None] * vel[:, :, m.v_adr]
-                )
-                yield name, at_samples(strength[:, None] * ask)
+                yield name, at_samples(torque)
+            elif name == "current":
+                yield name, at_samples(flows)
             elif name == "gyro":
-                yield name, at_samples(vel[:, :, 3:6]) + field("bias", 3)[:, None]
+                rate = _rotation(field("tilt", 2)).inv()
+                found = at_samples(vel[:, :, 3:6], 1)
+                turned_ = np.einsum("eij,esj->esi", rate.as_matrix(), found)
+                yield name, turned_ + field("bias", 3)[:, None]
             elif name == "quat":
-                tilt = field("tilt", 2) - field("slope", 2)
-                lean = np.concatenate([tilt, np.zeros((len(w), 1))], axis=1)[:, None]
-                yield name, turned(pos[rows, low + (share > 0.5), 3:7], lean)
-            elif name == "pos":
-                yield name, at_samples(pos[:, :, :3])
-            elif name == "vel":
-                yield name, at_samples(vel[:, :, :3])
+                found = at_samples(pos[:, :, 3:7], 1)
+                found = found / np.maximum(np.linalg.norm(found, axis=-1, keepdims=True), 1e-9)
+                seen = turned(found, _flat(field("tilt", 2))[:, None])
+                lean = _rotation(field("slope", 2))
+                yield name, np.stack([np.roll((lean[e] * _quat(seen[e])).as_quat(), 1, axis=-1) for e in range(len(w))])
+            elif name in ("pos", "vel"):
+                yield name, at_samples((pos if name == "pos" else vel)[:, :, :3])
+
+
+class _Devices:
+    """MR devices beside the physics: coil, hysteresis and the torque that each bears; M devices, E environments."""
+
+    def __init__(self, model: ReplayModel, field: Callable[..., np.ndarray]) -> None:
+        d, at = model.devices, model.devices.joint
+        self.p = d.values
+        self.alive, self.strength = 1.0 + field("coil")[:, at], 1.0 + field("device")[:, at]
+        self.lag = np.maximum(d.values["coil_time_constant"] + field("coil_lag")[:, at], 0.0)
+        self.drag = field("drag")[:, at]
+
+    def begin(self, coil: np.ndarray, past: np.ndarray, h: float) -> None:
+        """Coil current (E, M) and the motion before, (E, K, M), by which the hysteresis begins."""
+        self.coil = coil.copy()
+        self.z = np.zeros_like(coil)
+        for k in range(past.shape[1]):
+            self._turn(past[:, k], h)
+
+    def _turn(self, qd: np.ndarray, h: float) -> None:
+        """Eq. 15 with the new z in its linear terms: stable for any speed."""
+        rate = self.p["beta"] * np.abs(qd) + self.p["gamma"] * qd * np.sign(self.z)
+        self.z = (self.z + h * qd) / np.maximum(1.0 + h * rate, 0.1)
+
+    def bound(self, coil: np.ndarray, q: np.ndarray, qd: np.ndarray, hold: np.ndarray, h: float) -> np.ndarray:
+        """Largest torque of each device [N·m], eqs. 14, 15 and, while it holds, 18; shape (E, M)."""
+        p, want = self.p, np.maximum(self.alive, 0.0) * coil
+        self.coil = want + np.where(self.lag > 0.0, np.exp(-h / np.maximum(self.lag, 1e-6)), 0.0) * (self.coil - want)
+        self._turn(qd, h)
+        amps = np.maximum(self.coil, 0.0)
+        at = q - p["q_neutral"] - p["q_offset"] - p["q_center"]
+        gain = (p["K0"] + self.strength * p["K1"] * amps) / (1.0 + p["alpha"] * np.abs(qd))
+        sliding = np.abs(p["D"] + p["B"] * qd + p["C"] * at + p["I1"] * amps + gain * self.z)
+        ratio = (amps / p["K"]) ** p["n"]
+        held = np.where(hold, self.strength * p["T_max"] * ratio / (1.0 + ratio), 0.0)
+        return np.maximum(sliding, held) + self.drag
+
+
+def _delayed(x: np.ndarray, steps: np.ndarray, before: int, count: int) -> np.ndarray:
+    """What was asked for ``steps`` earlier, between steps in proportion: (E, M + K, J) to (E, K, J)."""
+    late = np.clip(steps, -4.0, before - 1.0)
+    whole = np.floor(late).astype(int)
+    share, ids = (late - whole)[:, None, None], np.arange(len(x))[:, None]
+    at, top = before + np.arange(count)[None] - whole[:, None], x.shape[1] - 1
+    return (1.0 - share) * x[ids, np.clip(at, 0, top)] + share * x[ids, np.clip(at - 1, 0, top)]
+
+
+def _flat(lean: np.ndarray) -> np.ndarray:
+    """Rotation vectors about x and y, shape (E, 3)."""
+    return np.concatenate([lean, np.zeros((len(lean), 1))], axis=1)
+
+
+def _rotation(lean: np.ndarray) -> Rotation:
+    return Rotation.from_rotvec(_flat(lean))
+
+
+def _quat(quat: np.ndarray) -> Rotation:
+    return Rotation.from_quat(np.roll(quat, -1, axis=-1))
 
 
 def _lagged(x: np.ndarray, steps: float) -> np.ndarray:

@@ -120,8 +120,7 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
     span = max(float(run.t[s + count - 1] - run.t[s]) for _, run, starts in members for s in starts)
     steps, before = int(np.ceil(span / h)) + 1, int(np.ceil(longest_delay / h)) + 1
     rows: dict[str, list] = {
-        name: []
-        for name in ("run", "start", "t", "feed", "coil", "start_coil", "kp", "kd", "q", "qd", "root", "past")
+        name: [] for name in ("run", "start", "t", "feed", "coil", "start_coil", "kp", "kd", "q", "qd", "root", "past")
     }
     channels: dict[str, list] = {}
     for index, run, starts in members:
