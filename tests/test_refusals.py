@@ -152,8 +152,8 @@ def test_diagnose_compares_the_units_before_it_diagnoses(
     [
         (["--out", "few.csv"], "few.csv: cannot be written"),
         (["--start-from", "bad.onnx"], "bad.onnx: not a readable ONNX model"),
-        (["--start-from", "nofile.onnx"], "nofile.onnx: no such policy"),
-        (["--start-from", "nofile.pt"], "nofile.pt: no such checkpoint"),
+        (["--start-from", "nofile.onnx"], "nofile.onnx: no such file"),
+        (["--start-from", "nofile.pt"], "nofile.pt: no such file"),
         (["--resume", "nofile.pt"], "nofile.pt: no such checkpoint"),
     ],
 )
@@ -293,7 +293,7 @@ MESSAGES: dict[str, tuple[str, str]] = {
     "a folder for a result": ("perf --compare {tmp}", "{tmp} .. result.json"),
     "a folder to export to": ("asset export {usd} FL_calf --out {tmp}", "export: {tmp} .. directory .. another"),
     "a folder for an asset": ("asset show {tmp}", "{tmp} .. folder .. .usda"),
-    "no asset to change": ("asset set no.usda FL_calf K1 9", "no.usda .. no such file .. .usda"),
+    "no asset to change": ("asset set no.usda FL_calf K1 9", "no.usda .. no such file .. check the path"),
     "an unknown payload": ("asset show {usd} --payload 3kg", "show: payload = '3kg' .. 0, 3"),
     "an unknown robot": ("asset show {usd} --robot spot", "show: robot = 'spot' .. go1, mr_go"),
     "a list for a model": ("asset apply {usd} {tmp}/list.json", "list.json .. [1, 2] .. object"),

@@ -48,14 +48,16 @@ class Sweep(Options):
 
     def run(self, line: CommandLine) -> int:
         """0 when every trial has a result, 1 when one failed, 2 on bad input, 130 after Ctrl-C."""
-        from mrwarp.sweep.compare import report
         from mrwarp.sweep.grid import GridError, make_trials
-        from mrwarp.sweep.runners import local_runner, ray_runner, run_trials
 
         if self.address and self.runner == "local":
             raise GridError("--address needs --runner ray; leave --runner out")
         trials = make_trials(self.command, self.grid, self.arguments, self.out, threads=self.cpus)
         check_writable(self.out)
+
+        from mrwarp.sweep.compare import report
+        from mrwarp.sweep.runners import local_runner, ray_runner, run_trials
+
         workers = self.workers or max((os.cpu_count() or 1) // self.cpus, 1)
         if self.address or self.runner == "ray":
             runner = ray_runner(workers, cpus=self.cpus, gpus=self.gpus, retries=self.retries, address=self.address)

@@ -28,20 +28,24 @@ from mrwarp.runtime import check_device
 HELP_WIDTH = 120
 """Columns of a help that is not shown in a terminal."""
 
-_POLICY = "no such policy; name an .onnx file that train/ppo.py wrote"
+_MODEL = "no such file; name a model.json, as 'mrwarp fit' writes it"
+_PATH = "no such file or folder; check the path"
+_USD = "no such file; name a .usda file"
 
 INPUTS = {
-    "policy": _POLICY,
-    "policy_go1": _POLICY,
-    "policy_mr_go": _POLICY,
-    "policy_mr_go_sal": _POLICY,
+    "policy": "no such policy; name an .onnx file that train/ppo.py wrote",
     "resume": "no such checkpoint; name the file checkpoint.pt that training wrote",
-    "asset": "no such file; name a .usda file",
-    "model": "No such file; name a model.json, as 'mrwarp fit' writes it",
-    "data": "there is no such file or folder; check the path",
-    "predict": "there is no such file or folder; check the path",
+    "model": _MODEL,
+    "bouc_wen": _MODEL,
+    **dict.fromkeys(("asset", "robot", "a", "b"), _USD),
+    "numbers": "no such file; name the numbers.json that --calibrate wrote",
+    "compare": "no such file; name the result.json of an earlier run",
+    **dict.fromkeys(("data", "predict", "holding", "file", "start_from", "policies", "actuator_model"), _PATH),
 }
-"""Options that name an input, and what is said where it is not there."""
+"""Options that name an input, and what is said where it is not there; ``policy`` is every ``policy_NAME`` too."""
+
+OUTPUTS = ("out", "rrd", "png", "runs")
+"""Options that name what is written."""
 
 _POSITIONAL = get_args(Positional[int])[1]
 _NO_DEFAULT = re.compile(r"\s*\(default:\s+(None|False|)\)")
@@ -87,14 +91,25 @@ class Options:
             ValueError: a file or a device is not there; the message names it.
             FolderError: the output folder cannot be written.
         """
-        for name, reason in INPUTS.items():
-            path = getattr(self, name, None)
-            if isinstance(path, str | Path) and not os.path.lexists(path):
-                raise ValueError(f"{path}: {reason}")
+        self.check_inputs()
         check_device(getattr(self, "device", "cpu"))
         marks = getattr(get_type_hints(type(self), include_extras=True).get("out"), "__metadata__", ())
         if any(getattr(mark, "metavar", "") == "DIR" for mark in marks) and (out := getattr(self, "out", None)):
             check_writable(out)
+
+    def check_inputs(self) -> None:
+        """Refuse inputs that are not there; the name of a robot that is shipped is none.
+
+        Raises:
+            ValueError: a file or folder is not there; the message names it.
+        """
+        for field in dataclasses.fields(self):
+            reason = INPUTS.get("policy" if field.name.startswith("policy_") else field.name)
+            values = getattr(self, field.name)
+            for path in (values if isinstance(values, tuple) else (values,)) if reason else ():
+                named = isinstance(path, str) and field.name == "robot" and not Path(path).suffix
+                if isinstance(path, str | Path) and not named and not os.path.lexists(path):
+                    raise ValueError(f"{path}: {reason}")
 
     def run(self, line: CommandLine) -> int:
         """Do the work; returns the exit code: 0 done, 1 measured but missed, 2 bad input, 130 stopped by Ctrl-C."""

@@ -73,9 +73,11 @@ def make_trials(command: str, items: Sequence[str], fixed: Sequence[str], out: P
         trials[folder] = Trial(folder=folder, values=values, args=[*shared, *args])
     for folder, trial in trials.items():
         try:
-            parse(options, [*trial.args[1:], "--out", str(folder)], f"mrwarp {command}")
+            parse(options, [*trial.args[1:], "--out", str(folder)], f"mrwarp {command}").check_inputs()
         except OptionError as error:
             raise GridError(f"{folder.name}: mrwarp {command}: {error}; see --help") from None
+        except ValueError as error:
+            raise GridError(f"{folder.name}: mrwarp {command}: {error}") from None
     return list(trials.values())
 
 

@@ -204,7 +204,7 @@ def test_model_file_refusals(robot, capsys):
     """A missing model file, a plain motor and units other than the simulator's are refused; nothing is written."""
     missing = robot.with_name("none.json")
     assert main(["asset", "apply", str(robot), str(missing)]) == 2
-    assert "none.json: No such file" in capsys.readouterr().err
+    assert "none.json: no such file" in capsys.readouterr().err
     assert main(["asset", "export", str(robot), "FL_hip", "--out", str(missing)]) == 2
     assert "/mr_go/actuators/FL_hip is a plain motor" in capsys.readouterr().err
     assert robot.read_bytes() == SHIPPED.read_bytes()

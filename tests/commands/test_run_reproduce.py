@@ -52,9 +52,12 @@ def test_unusable_words_are_refused(argv: list[str], message: str, capsys: pytes
     ],
 )
 def test_bad_input_is_one_line_and_nothing_is_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture, options: list[str], message: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, options: list[str], message: str
 ) -> None:
-    """Exit code 2, no folder."""
+    """Exit code 2, no folder; of policies that are there, or files that look like them."""
+    monkeypatch.chdir(tmp_path)
+    for name in (*"abcdef", "a.onnx", "b.onnx"):
+        (tmp_path / name).touch()
     assert main(["reproduce", "table6", "--out", str(tmp_path / "out"), *options]) == 2
     error = capsys.readouterr().err
     assert message in error

@@ -1,0 +1,89 @@
+"""Files that a command reads are looked at before an engine is loaded, whatever the command."""
+
+import dataclasses
+import subprocess
+import sys
+from pathlib import Path
+from typing import get_type_hints
+
+import pytest
+
+from mrwarp.cli import main
+from mrwarp.options.command_line import INPUTS, OUTPUTS
+from mrwarp.options.command_table import all_commands
+
+COMMANDS = [(name, entry) for name, own in all_commands() for entry in (own, *own.variants.values())]
+
+MISSPELT = {
+    "check": "none",
+    "fit": "none",
+    "learn": "none --out o",
+    "diagnose": "none",
+    "play": "--policy none.onnx",
+    "impact": "--policy none.onnx",
+    "walk": "--policy-go1 none.onnx",
+    "mission": "--numbers none.json",
+    "train": "--start-from none.onnx",
+    "reproduce": "all --policy-aware none.onnx",
+    "bench": "--asset none.usda",
+    "perf": "--compare none.json",
+    "verify": "--policy none.onnx",
+    "replay-dump": "none.safetensors",
+    "sweep": "--out o --command fit --grid seed=0,1 -- none",
+    "study table2": "--policies none",
+    "study fig5": "--policies none",
+    "study train": "--start-from none",
+    "asset show": "none.usda",
+    "asset set": "none.usda FL_calf K1 1",
+    "asset check": "none.usda",
+    "asset diff": "none.usda none.usda",
+    "asset apply": "none.usda none.json",
+    "asset export": "none.usda --out o.json",
+    "robot import": "none.xml --out o.usda",
+    "robot show": "none.usda",
+    "robot fit-device": "none.usda --joint knee",
+}
+"""A misspelt path for every command that reads a file."""
+
+
+def test_every_path_is_known_as_input_or_output() -> None:
+    """A new option that names a file or folder belongs into one of the two lists."""
+    unknown = []
+    for name, entry in COMMANDS:
+        hints = get_type_hints(entry.load())
+        for field in dataclasses.fields(entry.load()):
+            known = field.name in (*INPUTS, *OUTPUTS) or field.name.startswith("policy_")
+            if "Path" in str(hints[field.name]) and not known:
+                unknown.append(f"{name}: {field.name}")
+    assert unknown == []
+
+
+def test_every_command_that_reads_is_tried() -> None:
+    """But for those that make something of nothing, or read what has a name of its own."""
+    reads = {name for name, own in COMMANDS if any(f.name in INPUTS for f in dataclasses.fields(own.load()))}
+    assert reads - set(MISSPELT) == {"study table3", "study causes"}  # as table2
+
+
+@pytest.mark.parametrize("command", MISSPELT)
+def test_a_misspelt_path(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line with the path, exit code 2, nothing written."""
+    monkeypatch.chdir(tmp_path)
+    assert main([*command.split(), *MISSPELT[command].split()]) == 2
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1 and "none" in line and ("no such" in line), line
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_engine_is_loaded_for_a_refusal() -> None:
+    """Nor USD, whose readers take half a second: all commands in one process, which loads none of them."""
+    lines = [f"{command} {words}" for command, words in MISSPELT.items()]
+    code = (
+        "import sys; from mrwarp.cli import main\n"
+        f"codes = {{line: main(line.split()) for line in {lines!r}}}\n"
+        "loaded = [name for name in ('warp', 'torch', 'newton', 'mujoco', 'pxr', 'scipy') if name in sys.modules]\n"
+        "sys.exit(f'{codes} {loaded}' if loaded or set(codes.values()) != {2} else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
