@@ -22,7 +22,7 @@ from typing import Any
 
 from mrwarp.effects.catalogue import CATALOGUE, HYSTERESIS, KNOWN
 from mrwarp.effects.law import EffectParameter
-from mrwarp.params import HoldParams, MrParams, ParameterError, ParamSpec, with_unit
+from mrwarp.params import CoilParams, HoldParams, MrParams, ParameterError, ParamSpec, with_unit
 from mrwarp.run_dir import write_text
 from mrwarp.runtime import closest
 
@@ -140,8 +140,9 @@ class Model:
     def to_params(self, base: MrParams | None = None, *, extrapolate: bool = False) -> MrParams:
         """The joint for the simulator.
 
-        Its largest current is at most the largest that was measured. A holding law that was not measured follows from
-        the sliding torque, see :meth:`mrwarp.params.HoldParams.unmeasured`.
+        Its largest current is the largest that was measured, unless ``base`` has a smaller one of its own: the paper's
+        1.5 A are of the paper's device. A holding law that was not measured follows from the sliding torque, see
+        :meth:`mrwarp.params.HoldParams.unmeasured`.
 
         Args:
             base: Gives what else the model does not hold (``q_neutral``, gates, motor); None: the paper's.
@@ -157,9 +158,12 @@ class Model:
             )
         try:
             params = (base or MrParams()).replace(**self.values)
-            if self.fitted_on.current and not extrapolate and "current_max" not in self.parameters:
-                params = params.replace(current_max=min(params.coil.current_max, self.fitted_on.current[1]))
-            law = HoldParams.unmeasured(params.bouc_wen, params.coil.current_max)
+            if self.fitted_on.current and "current_max" not in self.parameters:
+                own, top = params.coil.current_max, self.fitted_on.current[1]
+                most = max(own, top) if own == CoilParams().current_max else own
+                params = params.replace(current_max=most if extrapolate else min(most, top))
+            saturation = next((x.values["u"] for x in self.effects if x.name == "current_saturation"), 0.0)
+            law = HoldParams.unmeasured(params.bouc_wen, params.coil.current_max, saturation)
             return params.replace(**{name: value for name, value in law.items() if name not in self.parameters})
         except ParameterError as error:
             raise ModelFileError(str(error)) from None

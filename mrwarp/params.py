@@ -128,7 +128,7 @@ class BoucWenParams(ParamGroup):
         return 1.0 / (self.beta + self.gamma)
 
     def sliding_torque(self, current: float) -> float:
-        """Torque of slow steady sliding [N·m]: the hysteretic part of eq. 14 at |z| = ``z_bound`` and qd = 0."""
+        """Torque of slow steady sliding [N·m] at a current [A]: eq. 14's hysteresis at |z| = ``z_bound`` and qd = 0."""
         return (self.K0 + self.K1 * abs(current)) * self.z_bound
 
 
@@ -143,8 +143,12 @@ class HoldParams(ParamGroup):
         1.2, "1", 1.0, 10.0, "paper section 5.2", "Margin of the support current over the needed torque."
     )
 
+    def yield_torque(self, current: float) -> float:
+        """Torque up to which the device holds [N·m] at a coil current [A], eq. 18."""
+        return self.T_max / (1.0 + (self.K / abs(current)) ** self.n) if current else 0.0
+
     @staticmethod
-    def unmeasured(bouc_wen: BoucWenParams, current: float) -> dict[str, float]:
+    def unmeasured(bouc_wen: BoucWenParams, current: float, saturation: float = 0.0) -> dict[str, float]:
         """T_max, K and n of a device whose break-away torque nobody measured.
 
         The yield torque is taken as the torque at which the device slides slowly: a Bingham plastic (Phillips, PhD
@@ -155,9 +159,11 @@ class HoldParams(ParamGroup):
         Args:
             bouc_wen: The device as it slides.
             current: Largest current that it is used with [A].
+            saturation: u of the effect ``current_saturation`` [1/A], by which the sliding torque grows ever less.
         """
         n, top = 1.3, max(abs(current), 1e-3)
-        T_max = min(max(bouc_wen.sliding_torque(top) * (1.0 + 1.5**n), 1e-6), 1e6)
+        field = math.tanh(saturation * top) / saturation if saturation else top
+        T_max = min(max(bouc_wen.sliding_torque(field) * (1.0 + 1.5**n), 1e-6), 1e6)
         return {"T_max": T_max, "K": 1.5 * top, "n": n}
 
 

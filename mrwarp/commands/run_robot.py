@@ -133,6 +133,7 @@ class FitDevice(Options):
         from mrwarp.model_file import load_model
         from mrwarp.robots.fit_device import fit_device
         from mrwarp.robots.robot_table import layout_lines
+        from mrwarp.usd.asset import device_lines
 
         if self.model is not None and self.remove:
             raise ValueError("--model and --remove exclude each other")
@@ -140,6 +141,6 @@ class FitDevice(Options):
         asset = fit_device(
             self.robot, self.out or self.robot, self.joint, model, remove=self.remove, extrapolate=self.extrapolate
         )
-        print("\n".join(layout_lines(asset)))
+        print("\n".join([*layout_lines(asset), *device_lines(asset.actuators)]))
         print(f"robot written: {self.out or self.robot}")
         return 0

@@ -14,7 +14,7 @@ from mrwarp.params import MrParams
 from mrwarp.robots.write_robot import save_checked
 from mrwarp.usd.asset import RobotAsset, load_robot
 from mrwarp.usd.open_stage import SCHEMA, AssetError
-from mrwarp.usd.record import PD, PREFIX, RECORD, record_text
+from mrwarp.usd.record import LAW, PD, PREFIX, RECORD, record_text
 
 MOTOR_SCHEMAS = ("NewtonPDControlAPI", "NewtonMaxEffortClampingAPI")
 
@@ -77,4 +77,6 @@ def fit_device(
             prim.CreateAttribute(PREFIX + name, Sdf.ValueTypeNames.Double, custom=False).Set(value)
         if model is not None:
             prim.CreateAttribute(RECORD, Sdf.ValueTypeNames.String).Set(record_text(model, params))
+            if model.law is not None:
+                prim.CreateAttribute(LAW, Sdf.ValueTypeNames.String, custom=False).Set(model.law.name)
     return save_checked(layer, out)

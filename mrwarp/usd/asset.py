@@ -207,7 +207,7 @@ def device_lines(actuators: Sequence[JointActuator]) -> Iterator[str]:
             told.setdefault(f"note: {note}", []).append(a.joint)
         if not a.holding_measured:
             top = a.mr.coil.current_max
-            torque = a.mr.bouc_wen.sliding_torque(top)
+            torque = a.mr.hold.yield_torque(top)
             told.setdefault(f"{HOLDING_NOTE}; {{}} yields at {torque:.3g} N·m with {top:.3g} A", []).append(a.joint)
         if a.measured_current and a.mr.coil.current_max > a.measured_current[1]:
             most = a.measured_current[1]

@@ -172,6 +172,22 @@ def test_unmeasured_holding_follows_from_sliding() -> None:
     assert HoldParams.unmeasured(beyond.bouc_wen, 1.5)["T_max"] == beyond.hold.T_max > params.hold.T_max
 
 
+def test_unmeasured_holding_saturates_as_sliding_does() -> None:
+    """K1*tanh(u*I)/u in place of K1*I: 0.5 + 24.5*tanh(2)/2 over 10/rad."""
+    saturating = replace(small(), effects=(make_effect("current_saturation", {"u": 2.0}),)).to_params()
+    assert saturating.hold.yield_torque(1.0) == pytest.approx(0.05 + 2.45 * np.tanh(2.0) / 2.0)
+    assert saturating.hold.yield_torque(0.0) == 0.0
+
+
+def test_a_device_takes_what_its_bench_gave_it() -> None:
+    """3 A where it was measured with 3 A: 1.5 A are the paper's device. A smaller limit that somebody set stands."""
+    large = replace(small(), fitted_on=replace(small().fitted_on, current=(0.0, 3.0)))
+    for own, extrapolate, most in ((1.5, False, 3.0), (1.5, True, 3.0), (0.8, False, 0.8), (5.0, False, 3.0),
+                                   (5.0, True, 5.0), (0.0, False, 0.0)):  # fmt: skip
+        params = large.to_params(MrParams().replace(current_max=own), extrapolate=extrapolate)
+        assert params.coil.current_max == most, (own, extrapolate)
+
+
 def test_unmeasured_holding_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """apply warns; the robot's devices know it and say so; the paper's robot and a measured device do not."""
     robot = applied(small(), tmp_path)
