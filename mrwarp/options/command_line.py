@@ -37,10 +37,13 @@ INPUTS = {
     "resume": "no such checkpoint; name the file checkpoint.pt that training wrote",
     "model": _MODEL,
     "bouc_wen": _MODEL,
-    **dict.fromkeys(("asset", "robot", "a", "b"), _USD),
+    "robot": "no such robot; name its file",
+    **dict.fromkeys(("asset", "a", "b"), _USD),
     "numbers": "no such file; name the numbers.json that --calibrate wrote",
     "compare": "no such file; name the result.json of an earlier run",
-    **dict.fromkeys(("data", "predict", "holding", "file", "start_from", "policies", "actuator_model"), _PATH),
+    **dict.fromkeys(
+        ("data", "predict", "holding", "file", "bag", "map", "start_from", "policies", "actuator_model"), _PATH
+    ),
 }
 """Options that name an input, and what is said where it is not there; ``policy`` is every ``policy_NAME`` too."""
 

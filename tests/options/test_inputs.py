@@ -39,6 +39,8 @@ MISSPELT = {
     "asset diff": "none.usda none.usda",
     "asset apply": "none.usda none.json",
     "asset export": "none.usda --out o.json",
+    "log import": "none.bag",
+    "log record": "--policy none.onnx",
     "robot import": "none.xml --out o.usda",
     "robot show": "none.usda",
     "robot fit-device": "none.usda --joint knee",
