@@ -47,6 +47,11 @@ class Diagnose(Options):
     learn: opt.Flag = False
     """also train a residual on top of baseline and extension (minutes)"""
 
+    live: Annotated[opt.Flag, opt.VIEW] = False
+    """of a robot's log: show the logged robot beside the extended simulation in rerun's window"""
+    rrd: Annotated[opt.OptionalFile, opt.VIEW] = None
+    """save that view as a recording"""
+
     def run(self, line: CommandLine) -> int:
         """0 when the report is written, 2 on bad input, 130 after Ctrl-C; then nothing is written."""
         self._check_out()
@@ -54,6 +59,9 @@ class Diagnose(Options):
 
         if self.robot is not None or is_robot_log(self.data):
             return self._diagnose_robot(line)
+        if self.live or self.rrd is not None:
+            option = "--live" if self.live else "--rrd"
+            raise ValueError(f"{option}: {self.data} is the recording of a joint, no robot's log; leave it out")
 
         from mrwarp.diagnose.countdown import Countdown
         from mrwarp.diagnose.report.diagnosis_page import render
@@ -78,24 +86,46 @@ class Diagnose(Options):
     def _diagnose_robot(self, line: CommandLine) -> int:
         """The same for a robot's log."""
         from mrwarp.robot_logs.bag import open_log
+        from mrwarp.robot_logs.report import log_page, log_pictures
+        from mrwarp.robot_logs.report.compared_replays import compare
+        from mrwarp.robot_logs.report.log_view import log_view
         from mrwarp.robot_logs.robot_diagnosis import diagnose_log, robot_of
         from mrwarp.robot_logs.robot_verdict import lines
+        from mrwarp.run_dir import check_output, write_bytes
+        from mrwarp.viewing.live_view import disconnect, open_sink
+        from mrwarp.viewing.viewer import check_viewer
 
         for name, given in (("--model", self.model), ("--predict", self.predict), ("--impact", self.impact or None),
                             ("--learn", self.learn or None)):  # fmt: skip
             if given is not None:
                 raise ValueError(f"{name} is for the recording of a joint; {self.data} is a robot's log: leave it out")
+        check_output(self.rrd, ".rrd")
+        if self.live:
+            check_viewer()
         progress = Stopwatch()
         try:
             progress(f"reading {self.data}")
             log = open_log(self.data, skip_bad=self.skip_bad)
             d = diagnose_log(robot_of(log, self.robot), log, progress=progress)
+            progress("pictures")
+            compared = compare(d)
+            pictures = log_pictures.draw(d, compared)
+            page = log_page.render(d, compared, pictures, str(line))
+            sink = open_sink(rrd=self.rrd) if self.live or self.rrd is not None else None
+            if sink is not None:
+                log_view(d, compared, sink.recording)
+                disconnect(sink.recording)
         except KeyboardInterrupt:
             raise KeyboardInterrupt("nothing was written") from None
         with _undisturbed():
+            for name, data in pictures.items():
+                write_bytes(self.out / "pictures" / f"{name}.png", data)
+            write_text(self.out / "report.html", page)
             d.write(self.out, str(line), seed=self.seed)
         print("\n".join(lines(d)))
-        print(f"\nresult.json in {self.out} ({progress.seconds:.0f} s)")
+        print(f"\nresult.json, report.html, pictures/ in {self.out} ({progress.seconds:.0f} s)")
+        if self.rrd is not None:
+            print(f"recording: {self.rrd}; open it with: rerun {self.rrd}")
         return 0
 
     def _check_out(self) -> None:

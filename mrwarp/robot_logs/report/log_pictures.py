@@ -1,0 +1,124 @@
+"""Pictures of a robot's verdict: where and when simulation and log part, errors by joint and channel, a trace."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from mrwarp.robot_logs.report.compared_replays import UNITS, Compared, channel_errors, joint_windows
+from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
+
+BEFORE, AFTER, MEASURED = "#d55e00", "#0072b2", "#1c1f23"
+"""Colours of the description, the extended robot and the log; told apart by colour-blind readers."""
+
+CELLS, MOST_NAMES = 240, 6
+"""Most columns of the map over time, and most recordings whose names find room over it."""
+
+
+def draw(d: RobotDiagnosis, compared: list[Compared]) -> dict[str, bytes]:
+    """PNGs by name."""
+    return {"where": _where(d, compared), "errors": _errors(d, compared), "trace": _trace(d, compared)}
+
+
+def accused(d: RobotDiagnosis) -> list[int]:
+    """Joints that the verdict speaks of, else the one with the largest error."""
+    found = [
+        j for j, joint in enumerate(d.model.joints) if any(_touches(c.where, joint) for c in d.causes)
+    ]  # fmt: skip
+    errors = [d.per_joint[joint]["baseline"] for joint in d.model.joints]
+    return found or [int(np.argmax(errors))]
+
+
+def _touches(where: str, joint: str) -> bool:
+    return where == joint or (where != "robot" and joint.startswith(f"{where}_"))
+
+
+def _where(d: RobotDiagnosis, compared: list[Compared]) -> bytes:
+    """Error of each joint over time as a map, and each joint's error beside it."""
+    time, before, _ = joint_windows(compared)
+    joints = len(d.model.joints)
+    apart = 2.0 * float(np.median(np.diff(time)))
+    edges = np.linspace(0.0, time[-1] + apart, int(np.clip(time[-1] / apart, 1, CELLS)) + 1)
+    cell = np.clip(np.searchsorted(edges, time, side="right") - 1, 0, len(edges) - 2)
+    grid = np.full((joints, len(edges) - 1), np.nan)
+    for k in np.unique(cell):
+        grid[:, k] = np.sqrt((before[cell == k] ** 2).mean(axis=0))
+    figure = Figure(figsize=(8.0, 1.5 + 0.24 * max(joints, 4)), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=[3, 1], sharey=True)
+    image = left.pcolormesh(edges, np.arange(joints + 1), 1e3 * grid, cmap="magma_r", vmin=0.0)
+    figure.colorbar(image, ax=left, label="error of the angle [mrad]", pad=0.01)
+    begin = 0.0
+    for run in d.log.runs:
+        left.axvline(begin, color="white", linewidth=1.0)
+        if len(d.log.runs) <= MOST_NAMES:
+            left.text(begin, -0.1, f" {run.id}", fontsize=7, va="bottom", color="#5c646e")
+        begin += float(run.t[-1])
+    left.set(xlabel="time, recordings end to end [s]", yticks=np.arange(joints) + 0.5)
+    left.set_yticklabels(d.model.joints, fontsize=8)
+    left.invert_yaxis()
+    marked = accused(d) if d.causes else []
+    values = [1e3 * d.per_joint[joint]["baseline"] for joint in d.model.joints]
+    colors = [BEFORE if j in marked else "#a3abb5" for j in range(joints)]
+    right.barh(np.arange(joints) + 0.5, values, color=colors, height=0.7)
+    right.set(xlabel="RMS [mrad]")
+    for axis in (left, right):
+        axis.spines[["top", "right"]].set_visible(False)
+    return _png(figure)
+
+
+def _errors(d: RobotDiagnosis, compared: list[Compared]) -> bytes:
+    """Before and after, by joint and by channel."""
+    channels = channel_errors(compared)
+    figure = Figure(figsize=(8.0, 1.6 + 0.22 * max(len(d.model.joints), len(channels), 5)), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=[3, 2])
+    y = np.arange(len(d.model.joints))
+    for shift, key, color, label in ((-0.2, "baseline", BEFORE, "description"), (0.2, "extended", AFTER, "extended")):
+        left.barh(y + shift, [1e3 * d.per_joint[j][key] for j in d.model.joints], 0.38, color=color, label=label)
+    left.set(xlabel="RMS error of the angle [mrad]", yticks=y)
+    left.set_yticklabels(d.model.joints, fontsize=8)
+    left.invert_yaxis()
+    left.legend(frameon=False, fontsize=8)
+    names = list(channels)
+    share = [100.0 * channels[name][1] / max(channels[name][0], 1e-12) for name in names]
+    right.barh(np.arange(len(names)), share, 0.6, color=AFTER)
+    right.axvline(100.0, color=BEFORE, linewidth=1.5)
+    right.set(xlabel="error with the causes, % of before", yticks=np.arange(len(names)))
+    right.set_yticklabels([f"{name} [{UNITS.get(name, '')}]" for name in names], fontsize=8)
+    right.invert_yaxis()
+    for axis in (left, right):
+        axis.spines[["top", "right"]].set_visible(False)
+    return _png(figure)
+
+
+def _trace(d: RobotDiagnosis, compared: list[Compared]) -> bytes:
+    """The joint that is blamed, in the window in which it errs most, with its neighbours in time."""
+    joint = max(accused(d), key=lambda j: d.per_joint[d.model.joints[j]]["baseline"])
+    c = max(compared, key=lambda c: float((c.left(False)["q"][:, :, joint] ** 2).mean(axis=1).max()))
+    worst = int(np.argmax((c.left(False)["q"][:, :, joint] ** 2).mean(axis=1)))
+    near = np.flatnonzero((np.abs(c.offset - c.offset[worst]) < 1.0) & (c.windows.run == c.windows.run[worst]))
+    figure = Figure(figsize=(8.0, 4.2), layout="constrained")
+    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
+    for k, w in enumerate(near):
+        t = c.time[w]
+        label = [None, None, None] if k else ["log", "description", "extended"]
+        top.plot(t, c.windows.measured["q"][w, :, joint], color=MEASURED, linewidth=2.0, label=label[0])
+        top.plot(t, c.before["q"][w, :, joint], color=BEFORE, linewidth=1.2, label=label[1])
+        top.plot(t, c.after["q"][w, :, joint], color=AFTER, linewidth=1.2, label=label[2])
+        bottom.plot(t, 1e3 * c.left(False)["q"][w, :, joint], color=BEFORE, linewidth=1.2)
+        bottom.plot(t, 1e3 * c.left(True)["q"][w, :, joint], color=AFTER, linewidth=1.2)
+    top.set(ylabel="angle [rad]")
+    top.set_title(f"{d.model.joints[joint]}: where it errs most; each window begins anew in the log", fontsize=9)
+    bottom.set(xlabel="time, recordings end to end [s]", ylabel="mismatch [mrad]")
+    bottom.axhline(0.0, color="#a3abb5", linewidth=0.8)
+    top.legend(frameon=False, fontsize=8, ncols=3)
+    for axis in (top, bottom):
+        axis.spines[["top", "right"]].set_visible(False)
+    return _png(figure)
+
+
+def _png(figure: Figure) -> bytes:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=110)
+    return stream.getvalue()
