@@ -245,7 +245,9 @@ def _roots(model: ReplayModel, run: LogRun, speed: np.ndarray) -> np.ndarray:
 def turned(quat: np.ndarray, by: np.ndarray) -> np.ndarray:
     """Quaternions (w, x, y, z) turned about their own axes by rotation vectors; shapes (..., 4) and (..., 3)."""
     whole = np.roll(quat, -1, axis=-1).reshape(-1, 4)
-    turn = Rotation.from_quat(whole) * Rotation.from_rotvec(np.broadcast_to(by, (*quat.shape[:-1], 3)).reshape(-1, 3).copy())
+    turn = Rotation.from_quat(whole) * Rotation.from_rotvec(
+        np.broadcast_to(by, (*quat.shape[:-1], 3)).reshape(-1, 3).copy()
+    )
     return np.roll(turn.as_quat(), 1, axis=-1).reshape(quat.shape)
 
 

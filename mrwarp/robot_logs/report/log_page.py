@@ -14,6 +14,9 @@ from mrwarp.robot_logs.report.compared_replays import UNITS, Compared, channel_e
 from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, cause_text
 from mrwarp.run_dir import versions
 
+MOST_SAID = 3
+"""Most causes of the page's first sentence."""
+
 
 def render(d: RobotDiagnosis, compared: list[Compared], pictures: Mapping[str, bytes], command: str) -> str:
     """The page as text; ``pictures`` are PNGs by name."""
@@ -22,7 +25,7 @@ def render(d: RobotDiagnosis, compared: list[Compared], pictures: Mapping[str, b
         loader=ChoiceLoader(loaders), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
     page = environment.get_template("log_page.html.jinja").render(
-        source=d.log.path.name, sentence=d.sentence, causes=[_cause(c) for c in d.causes], facts=_facts(d),
+        source=d.log.path.name, sentence=_sentence(d), causes=[_cause(c) for c in d.causes], facts=_facts(d),
         suspects=[(s.name.replace("_", " "), s.reason) for s in d.suspects], unexplained=d.unexplained,
         gain=_gain(d), joints=_joints(d), channels=_channels(compared), experiment=d.next_experiment,
         cannot_know=[_parted(x) for x in d.cannot_know], session=_session(d),
@@ -32,6 +35,13 @@ def render(d: RobotDiagnosis, compared: list[Compared], pictures: Mapping[str, b
         pictures={name: base64.b64encode(data).decode() for name, data in pictures.items()},
     )  # fmt: skip
     return page.encode("utf-8", "replace").decode("utf-8")
+
+
+def _sentence(d: RobotDiagnosis) -> str:
+    """The verdict in a sentence that fits the first screen: the clearest causes, and how many more there are."""
+    if len(d.causes) <= MOST_SAID:
+        return d.sentence
+    return "; ".join(cause_text(c) for c in d.causes[:MOST_SAID]) + f"; and {len(d.causes) - MOST_SAID} more, below."
 
 
 def _number(value: float, unit: str) -> str:
@@ -47,7 +57,7 @@ def _interval(v: Value) -> str:
 def _facts(d: RobotDiagnosis) -> list[tuple[str, str]]:
     """The numbers at the top: size and interval of each cause, what it gains on parts that took no part."""
     facts = []
-    for c in d.causes[:3]:
+    for c in d.causes[:MOST_SAID]:
         name, v = next(iter(c.parameters.items()))
         place = "" if c.where == "robot" else f" of {c.where}"
         facts.append((_number(v.value, v.unit), f"{c.name.replace('_', ' ')}{place}: {name}, 95 % {_interval(v)}"))

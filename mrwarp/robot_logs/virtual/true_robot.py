@@ -114,6 +114,12 @@ def _described_usd(robot: str) -> Description:
         build_scene(asset, dt=STEP, ground=False, edit=lambda spec: kept.append(spec.copy()))
     spec, layout = kept[0], asset.layout
     drives = asset.actuators
+    root = next((b.name.removesuffix(layout.trunk) for b in spec.bodies if b.name.endswith(f"_{layout.trunk}")), "")
+    for body in spec.bodies:  # Newton joins USD paths with underscores
+        if body.name != "world":
+            body.name = body.name.removeprefix(root)
+    for exclude in list(spec.excludes):  # by the bodies' old names; only feet touch anything here
+        spec.delete(exclude)
     for joint in spec.joints:
         joint.name = next((a.joint for a in drives if joint.name.endswith("_" + a.joint)), joint.name)
     feet = tuple(next(g.name for g in spec.geoms if f"/{leg.foot}" in g.name) for leg in layout.legs)

@@ -1,0 +1,189 @@
+"""Hide causes in the virtual robot, diagnose its logs, and count how often cause and place are right.
+
+Each case records a log with ``mrwarp log record``'s virtual robot, whose engine path is another than the replay's, and
+diagnoses it. A case is a line of ``DIR/cases.jsonl``; cases that are there are not run again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import shutil
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mrwarp.resources import DEFAULT_POLICY
+from mrwarp.robot_logs.robot_diagnosis import diagnose_log
+from mrwarp.robot_logs.robot_log import load_log
+from mrwarp.robot_logs.virtual.hidden_effects import Places
+from mrwarp.robot_logs.virtual.record_log import FallError, LogCfg, record
+from mrwarp.robot_logs.virtual.true_robot import describe
+from mrwarp.run_dir import write_result
+from mrwarp.runtime import text_table
+
+FAMILIES = ("healthy", "single", "pair", "outside")
+
+MIXED = (("stand", 10.0), ("squat", 15.0), ("walk", 35.0))
+"""A minute of motion on the ground [s]."""
+
+SIZES: dict[str, tuple[str, str]] = {
+    "trunk_mass": ("trunk", "1.0"), "trunk_com": ("trunk", "-0.03"), "link_mass": ("calf", "0.15"),
+    "link_length": ("calf", "0.01"), "rotor_inertia": ("joint", "0.01"), "coulomb_friction": ("joint", "0.8"),
+    "viscous_friction": ("joint", "0.2"), "stribeck": ("joint", "1.0"), "backlash": ("joint", "0.015"),
+    "motor_strength": ("joint", "0.85"), "torque_limit": ("calf joint", "5.0"), "kp": ("joint", "0.8"),
+    "kd": ("joint", "1.8"), "command_delay": ("robot", "0.012"), "clock_shift": ("channel", "0.01"),
+    "encoder_offset": ("joint", "0.04"), "velocity_lag": ("joint", "0.006"), "imu_tilt": ("robot", "0,0.04"),
+    "gyro_bias": ("robot", "0,0,0.1"), "ground_friction": ("robot", "0.3"), "ground_slope": ("robot", "0,0.05"),
+    "ground_stiffness": ("robot", "0.2"), "coil_dead": ("device", ""), "coil_lag": ("device", "0.03"),
+    "device_strength": ("device", "0.6"), "device_drag": ("device", "0.8"), "hysteresis_law": ("device", ""),
+}  # fmt: skip
+"""Places and size of each cause; :option:`--scale` shrinks or widens what is added, and a factor's distance from 1."""
+
+FACTORS = ("motor_strength", "kp", "kd", "ground_stiffness", "device_strength")
+"""Causes whose size is a factor."""
+
+OUTSIDE = {"tail_weight": "0.8", "cable_pull": "25", "soft_foot=FL": "0.05", "wind": "25"}
+"""Effects that no catalogue holds."""
+
+
+def places_of(cause: str, places: Places) -> list[str]:
+    """Every place that a cause can have."""
+    kinds = {
+        "joint": places.joint, "calf joint": [j for j in places.joint if j in places.device], "device": places.device,
+        "calf": [b for b in places.body if b in places.device], "channel": ("imu", "commands"),
+    }  # fmt: skip
+    return list(kinds.get(SIZES[cause][0], [""]))
+
+
+def text_of(cause: str, place: str, scale: float) -> str:
+    """As ``--hide`` takes it."""
+    numbers = [float(x) for x in SIZES[cause][1].split(",") if x]
+    centre = 1.0 if cause in FACTORS else 0.0
+    scaled = (
+        [f"{centre + scale * (x - centre):g}" for x in numbers] if cause != "ground_friction" else [SIZES[cause][1]]
+    )
+    return f"{cause}={':'.join(x for x in (place, ','.join(scaled)) if x)}"
+
+
+def hidden_of(family: str, case: int, places: Places, scale: float, causes: Sequence[str]) -> list[str]:
+    """What a case hides: causes in turn, each at its places in turn; a pair takes the next cause but some with it."""
+    if family == "healthy":
+        return []
+    if family == "outside":
+        name, size = list(OUTSIDE.items())[case % len(OUTSIDE)]
+        return [f"{name}{':' if '=' in name else '='}{size}"]
+    found = []
+    for k in range(1 + (family == "pair")):
+        cause = causes[(case + k * (1 + case // len(causes))) % len(causes)]
+        where = places_of(cause, places)
+        found.append(text_of(cause, where[(case // len(causes) * 5 + case % len(causes) + 3 * k) % len(where)], scale))
+    return list(dict.fromkeys(found))
+
+
+def run_case(family: str, case: int, args: argparse.Namespace) -> dict[str, Any]:
+    """Record, diagnose, compare."""
+    hide = hidden_of(family, case, describe(args.robot).places, args.scale, args.causes)
+    folder = Path(tempfile.mkdtemp(prefix="robot_confusion_"))
+    started = time.process_time()
+    try:
+        cfg = LogCfg(
+            robot=args.robot, motions=tuple(args.motion), hide=tuple(hide), policy=args.policy,
+            seed=1000 * args.seed + case,
+        )  # fmt: skip
+        with contextlib.suppress(OSError):
+            record(cfg, folder)
+        truth = json.loads((folder / "truth.json").read_text())["hidden"]
+        d = diagnose_log(Path(args.robot), load_log(folder))
+    except FallError as error:
+        return {"family": family, "case": case, "hide": hide, "fell": str(error)}
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    named = [{"name": c.name, "where": c.where, "alternatives": list(c.alternatives)} for c in d.causes]
+    return {
+        "family": family, "case": case, "hide": hide, "truth": truth, "named": named, "verdict": d.verdict,
+        "unexplained": d.unexplained is not None, "cpu_seconds": time.process_time() - started,
+    }  # fmt: skip
+
+
+def judged(row: dict[str, Any]) -> str:
+    """Outcome of a case: right, ambiguous, place, missed, wrong; healthy and outside: none, unexplained, wrong."""
+    if "fell" in row:
+        return "fell"
+    named = [(c["name"], c["where"]) for c in row["named"]]
+    truth = [(t["cause"], t["where"]) for t in row["truth"] if t["catalogued"]]
+    right = [t for t in truth if any(_same(t, c) for c in named)]
+    false = [c for c in named if not any(t[0] == c[0] for t in truth)]
+    if not truth:
+        return "wrong" if named else "unexplained" if row["unexplained"] else "none"
+    if len(right) == len(truth) and not false:
+        return "right"
+    if false:
+        missing = [t for t in truth if t not in right]
+        near = [x for c in row["named"] for x in c["alternatives"]]
+        among = all(any(x.startswith(t[0]) for x in near) for t in missing)
+        return "ambiguous" if missing and among and len(false) <= len(missing) else "wrong"
+    return "place" if named and len(right) < len(truth) else "missed"
+
+
+def _same(truth: tuple[str, str], named: tuple[str, str]) -> bool:
+    """Same cause and place; a body may carry the path of its file, and one IMU or trunk is the robot's."""
+    place = named[1] == truth[1] or named[1].endswith(f"_{truth[1]}")
+    return truth[0] == named[0] and (place or truth[0] in ("imu_tilt", "gyro_bias", "trunk_mass", "trunk_com"))
+
+
+def table(rows: list[dict[str, Any]]) -> list[str]:
+    """Outcomes by what was hidden."""
+    outcomes = ("right", "ambiguous", "place", "missed", "wrong", "none", "unexplained", "fell")
+    kinds: dict[str, Counter] = {}
+    for row in rows:
+        names = "+".join(sorted(x.partition("=")[0] for x in row["hide"])) or "healthy"
+        kinds.setdefault(names, Counter())[judged(row)] += 1
+    kinds["all"] = sum(kinds.values(), Counter())
+    shown = [o for o in outcomes if kinds["all"][o]]
+    return text_table(("hidden", *shown), [(name, *(str(n[o]) for o in shown)) for name, n in kinds.items()])
+
+
+def main() -> int:
+    """Run the command."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.robot_confusion", description=__doc__)
+    parser.add_argument("--out", type=Path, required=True, help="folder of cases.jsonl and result.json")
+    parser.add_argument("--family", choices=FAMILIES, default="single", help="what is hidden")
+    parser.add_argument("--sets", type=int, default=12, help="number of cases")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the suite")
+    parser.add_argument("--scale", type=float, default=1.0, help="factor on the hidden sizes")
+    parser.add_argument("--causes", nargs="+", choices=list(SIZES), default=list(SIZES), help="only these")
+    parser.add_argument("--robot", default="mr_go", help="mr_go, go1, a USD file or an arm")
+    parser.add_argument("--policy", type=Path, default=DEFAULT_POLICY, help="walking policy")
+    parser.add_argument("--motion", nargs="+", default=MIXED, metavar="NAME=SECONDS", help="motions of every log",
+                        type=lambda x: (x.partition("=")[0], float(x.partition("=")[2] or 20.0)))  # fmt: skip
+    args = parser.parse_args()
+    file = args.out / "cases.jsonl"
+    args.out.mkdir(parents=True, exist_ok=True)
+    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    done = {(row["family"], row["case"]) for row in rows}
+    for case in range(args.sets):
+        if (args.family, case) in done:
+            continue
+        row = run_case(args.family, case, args)
+        rows.append(row)
+        with file.open("a") as stream:
+            stream.write(json.dumps(row, default=lambda x: np.asarray(x).tolist()) + "\n")
+        print(f"{case + 1} of {args.sets}: {' '.join(row['hide']) or 'healthy'}: {judged(row)}", flush=True)
+    mine = [row for row in rows if row["family"] == args.family]
+    print("\n".join(["", *table(mine)]))
+    counts = Counter(judged(row) for row in mine)
+    write_result(
+        args.out, {"family": args.family, "outcomes": counts}, seed=args.seed, command=" ".join(parser.prog.split())
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,73 @@
+"""Page, pictures and rerun view of a robot's verdict, made once from an arm's log with a heavier lower arm."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from rerun.chunk import RrdReader
+
+from mrwarp.cli import main
+from tests.robot_logs.arm_log import arm_log
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the command's output."""
+    folder = tmp_path_factory.mktemp("report")
+
+    def heavier(model) -> None:  # noqa: ANN001
+        body = model.body("lower").id
+        model.body_inertia[body] *= (model.body_mass[body] + 0.15) / model.body_mass[body]
+        model.body_mass[body] += 0.15
+
+    log = arm_log(folder / "log", change=heavier)
+    out = folder / "out"
+    assert main(["diagnose", str(log), "--out", str(out), "--rrd", str(folder / "view.rrd")]) == 0
+    return folder
+
+
+def test_the_page_says_first_what_is_wrong_and_where(written: Path) -> None:
+    """Sentence, number with interval and the map come before anything else; nothing is loaded from elsewhere."""
+    page = (written / "out" / "report.html").read_text()
+    cause = json.loads((written / "out" / "result.json").read_text())["causes"][0]
+    said = f"{cause['where']}: {cause['name'].replace('_', ' ')}"
+    assert page.index(said) < page.index('id="where"') < page.index("What it is, and where")
+    assert "95 %" in page[: page.index('id="where"')]
+    for heading in ("Error before and after", "What cannot be known from this log", "Method"):
+        assert heading in page
+    assert "shoulder" in page and "elbow" in page and "the robot&#39;s base was fixed" in page
+    assert re.findall(r'(?:src|href)="(?!data:)', page) == []
+
+
+def test_the_pictures_are_files_too(written: Path) -> None:
+    """Where, errors and a trace, as PNG."""
+    for name in ("where", "errors", "trace"):
+        assert (written / "out" / "pictures" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_both_robots_stand_side_by_side_in_rerun(written: Path) -> None:
+    """Poses of both over time, the link in question in its colour on both, the mismatch of each joint."""
+    chunks = [(c.entity_path, c.is_static, c.to_record_batch()) for c in RrdReader(written / "view.rrd").stream()]
+    rows = {path: sum(t.num_rows for p, still, t in chunks if p == path and not still) for path, _, _ in chunks}
+    moving = [f"/{robot}/{body}" for robot in ("logged", "simulated") for body in ("upper", "lower")]
+    assert min(rows[path] for path in (*moving, "/mismatch/shoulder", "/mismatch/elbow")) > 100
+    colors = {}
+    for path, _, table in chunks:
+        for name in table.schema.names:
+            if "colors" in name and path.endswith("/link"):
+                colors[path] = table.column(name).to_pylist()[0]
+    assert colors["/logged/lower/link"] == colors["/simulated/lower/link"] == [0xEB7E1EFF]
+
+
+def test_views_are_for_robots_logs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The recording of a joint has no robot to show; a view's name must end as rerun's files do."""
+    (tmp_path / "joint.csv").write_text("t,q,qd,current,torque\n")
+    assert (
+        main(["diagnose", str(tmp_path / "joint.csv"), "--rrd", str(tmp_path / "a.rrd"), "--out", str(tmp_path / "o")])
+        == 2
+    )
+    assert "no robot's log; leave it out" in capsys.readouterr().err
+    log = arm_log(tmp_path / "log", seconds=1.0)
+    assert main(["diagnose", str(log), "--rrd", str(tmp_path / "a.txt"), "--out", str(tmp_path / "o")]) == 2
+    assert ".rrd" in capsys.readouterr().err and not (tmp_path / "o").exists()
