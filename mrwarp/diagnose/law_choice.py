@@ -31,6 +31,8 @@ _SAMPLES = 12_000
 """Samples on which laws are compared."""
 _STRUCTURED = 2.5
 """Ratio of the mismatch to the noise from sample to sample below which no law is looked for."""
+_SMALL = 0.05
+"""Mismatch, as a share of the torque's standard deviation, up to which a model counts as right but for details."""
 _FEW = 4
 """Trajectories below which nobody can tell chance from gain."""
 _RIVALS = 3
@@ -159,6 +161,15 @@ def structured(problem: Problem, base: Fit) -> bool:
     bends = np.concatenate([np.diff(left[part], 2) for part in problem.motion.parts])
     noise = 1.4826 * float(np.median(np.abs(bends))) / np.sqrt(6.0)
     return float(np.sqrt(np.mean(left**2))) > _STRUCTURED * noise
+
+
+def misfits(problem: Problem, fit: Fit) -> bool:
+    """Whether a model is wrong by much that is structured, so that its whitened differences say what is quick only.
+
+    Below :data:`_SMALL` of the torque what it leaves is a correction to a model that is right, and may be whitened.
+    """
+    left = problem.motion.torque - fit.torque
+    return structured(problem, fit) and float(left.std()) > _SMALL * float(problem.motion.torque.std())
 
 
 def _eq_14(

@@ -21,7 +21,7 @@ from mrwarp.diagnose.calibration_shift import calibration_shifts
 from mrwarp.diagnose.data_checks import doubts, hindrances, without_verdict
 from mrwarp.diagnose.findings import Findings, diagnosis_of
 from mrwarp.diagnose.held_out import account_of, hold_out
-from mrwarp.diagnose.law_choice import choose_law, structured
+from mrwarp.diagnose.law_choice import choose_law, misfits
 from mrwarp.diagnose.next_experiment import propose, smallest_sizes
 from mrwarp.diagnose.problem import Fit, Problem, refit, reported_fit
 from mrwarp.diagnose.proof import select_proven, without_parts
@@ -77,9 +77,10 @@ def diagnose(
     as_whitened = first
     if choice is not None and choice.other:
         first, base = plain_problem(other, other_base)
-        if not structured(first, base):
+        if not misfits(first, base):
             first, base = judged(first, base, log)
-    if structured(first, base) and not first.misfit:  # whitened differences would decide by what is quick
+    spoilt = first.misfit
+    if misfits(first, base) and not spoilt:  # whitened differences would decide by what is quick
         log("the mismatch is structured: plain simulation error decides")
         first, base = with_learned_noise(replace(first, misfit=True), base)
     if first is not as_whitened:
@@ -99,7 +100,7 @@ def diagnose(
         best = refit(problem, best)
     if problem is not first or best is not base:
         log(f"noise without {', '.join(best.effects) or 'line'}")
-        misfit = problem.misfit and (problem.motion.ranges.turns > 1.0 or structured(problem, best))
+        misfit = spoilt or (problem.misfit and misfits(problem, best))
         problem, best = with_learned_noise(replace(problem, misfit=misfit), best)
     aligned = align_clocks(problem, best)
     if aligned is not problem:

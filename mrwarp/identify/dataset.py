@@ -241,8 +241,9 @@ class Motion(Dataset):
     def stretches(self, limit: int) -> Motion:
         """At most about ``limit`` samples: of each trajectory one stretch, elsewhere in it from one to the next.
 
-        A stretch begins while the joint moves, so that its hysteresis can be known. What depends on the past (heat,
-        path, time in the session) is that of the whole recording.
+        A stretch begins while the joint moves, and goes on to: its first tenth holds at least half of the path that a
+        tenth may hold, so that its hysteresis is known before the first rest. What depends on the past (heat, path,
+        time in the session) is that of the whole recording.
         """
         share, taken = limit / len(self.q), []
         if share >= 1.0:
@@ -251,8 +252,13 @@ class Motion(Dataset):
             size = part.stop - part.start
             length = min(size, max(round(share * size), round(_STRETCH / dt)))
             first = part.start + int((0.618 * k % 1.0) * (size - length))
-            moves = np.abs(self.qd[first : part.stop - length + 1]) > _MOVING * self.ranges.qd
-            first += int(np.argmax(moves))
+            speed = np.abs(self.qd[part])
+            path = np.concatenate([[0.0], np.cumsum(speed)])
+            ahead = path[length // 10 : length // 10 + size - length + 1] - path[: size - length + 1]
+            moves = speed[: size - length + 1] > _MOVING * self.ranges.qd
+            begins = np.flatnonzero(moves & (2.0 * ahead > ahead.max()))
+            if len(begins):
+                first = part.start + int(begins[np.argmin(np.abs(begins + part.start - first))])
             taken.append(np.arange(first, first + length))
         at, k = np.concatenate(taken), self.kinematics
         doubtful = None if k.doubtful is None else k.doubtful[at]

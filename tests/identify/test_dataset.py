@@ -123,5 +123,9 @@ def test_stretches_keep_what_depends_on_the_past() -> None:
     np.testing.assert_array_equal(part.kinematics.qd, whole.kinematics.qd[at])
     assert all(np.all(np.diff(at[p]) == 1) for p in part.parts)
     assert np.all(np.abs(part.qd[part.start[:-1]]) > 0.0)
+    for p, run in zip(part.parts, whole.parts, strict=True):  # much of the way lies ahead of its begin
+        tenth = (p.stop - p.start) // 10
+        ways = np.convolve(np.abs(whole.qd[run]), np.ones(tenth), "valid")
+        assert np.abs(part.qd[p.start : p.start + tenth]).sum() > 0.49 * ways[: len(ways) - 9 * tenth].max()
     offsets = at[part.start[:-1]] - whole.start[:-1]
     assert len(set(offsets.tolist())) == 6
