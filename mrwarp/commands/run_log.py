@@ -17,7 +17,7 @@ from mrwarp.runtime import ProgressLine, text_table
 if TYPE_CHECKING:
     from mrwarp.robot_logs.virtual.record_log import LogCfg
 
-MOTIONS = ("walk", "stand", "squat", "lean", "hop", "chirp", "slow", "steps")
+MOTIONS = ("walk", "stand", "squat", "lean", "chirp", "slow", "steps")
 """Motions by name, see ``mrwarp.robot_logs.virtual.motions``."""
 
 
@@ -94,7 +94,7 @@ class RecordLog(Options):
     """Record logs of a virtual robot: plain MuJoCo at 0.5 ms, joints that give, noisy sensors, hidden effects.
 
     Writes DIR/log.json, a file per motion, and DIR/truth.json with what was hidden; 'mrwarp diagnose' never reads that.
-    Motions on the ground (walk, stand, squat, lean, hop) and in the air (chirp, slow, steps) make two logs.
+    Motions on the ground (walk, stand, squat, lean) and in the air (chirp, slow, steps) make two logs.
     """
 
     out: opt.Folder = Path("runs/log")

@@ -13,6 +13,7 @@ from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.virtual.hidden_effects import EFFECTS, Places, parse_all, parse_hidden
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
+from tests.robot_logs.arm_log import ARM, JOINTS
 
 PLACES = Places(
     joint=("FL_hip", "FL_calf", "RL_calf"), device=("FL_calf", "RL_calf"), body=("FL_shank",), trunk="base",
@@ -134,3 +135,15 @@ def test_the_command_refuses_in_one_line(
     assert main(["log", "record", "--out", str(tmp_path / "log"), *words]) == 2
     err = capfd.readouterr().err
     assert said in err and "Traceback" not in err and not (tmp_path / "log").exists()
+
+
+def test_an_arm_is_recorded_from_its_mjcf(tmp_path: Path) -> None:
+    """With gains by the inertia that each joint moves; where its joints swing, they follow."""
+    (tmp_path / "arm.xml").write_text(ARM)
+    cfg = LogCfg(robot=str(tmp_path / "arm.xml"), motions=(("chirp", 3.0),), hide=("link_mass=lower:0.2",))
+    record(cfg, tmp_path / "log")
+    log = load_log(tmp_path / "log")
+    (run,) = log.runs
+    assert log.base == "fixed" and log.joints == JOINTS and log.kp.min() > 0.0 and "kp" not in run.joint
+    moved, asked = (np.ptp(run.joint[channel], axis=0) for channel in ("q", "q_des"))
+    assert np.all(moved > 0.2 * asked) and np.all(moved < 2.0 * asked)

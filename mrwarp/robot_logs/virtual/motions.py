@@ -21,7 +21,7 @@ from mrwarp.usd.robot import STAND_HEIGHT
 AIR = ("chirp", "slow", "steps")
 """Motions of a robot whose trunk is held; the others need the ground."""
 
-GROUND = ("walk", "stand", "squat", "lean", "hop")
+GROUND = ("walk", "stand", "squat", "lean")
 """Motions on the ground."""
 
 WITH_DEVICES = ("walk", "stand")
@@ -32,7 +32,6 @@ HELP = {
     "stand": "in the neutral stance, still",
     "squat": "down and up, at several rates",
     "lean": "shift and tilt the trunk to all sides over feet that stand",
-    "hop": "push off so that the feet leave the ground for a moment",
     "chirp": "every joint swings, from slow to 3 Hz, each with its own phase",
     "slow": "every joint turns to and fro through its range, slowly",
     "steps": "the targets step at uneven times",
@@ -207,12 +206,7 @@ def _path(name: str, rng: np.random.Generator) -> Callable[[float], np.ndarray]:
             * np.sin(2.0 * np.pi * rates * t + phase)
         )
 
-    def hop(t: float) -> np.ndarray:
-        x = t % 2.0
-        depth = 0.2 * size * np.interp(x, [0.0, 1.0, 1.4, 1.46, 2.0], [0.0, 0.0, 1.0, -0.35, 0.0])
-        return np.array([0.0, 0.0, -depth, 0.0, 0.0])
-
-    return {"stand": still, "squat": squat, "lean": lean, "hop": hop}[name]
+    return {"stand": still, "squat": squat, "lean": lean}[name]
 
 
 class Drives:

@@ -142,19 +142,18 @@ def _described_arm(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> De
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_forward(model, data)
-    inertia = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, inertia, data.qM)
+    inertia = model.dof_M0
     kp, kd, limit, neutral = (np.zeros(len(hinge)) for _ in range(4))
     for k, j in enumerate(hinge):
         v, q = int(model.jnt_dofadr[j]), int(model.jnt_qposadr[j])
         own = [a for a in range(model.nu) if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT
                and model.actuator_trnid[a, 0] == j]  # fmt: skip
-        kp[k] = 60.0 * inertia[v, v]  # without a gain: a drive of some 8 rad/s, well damped
-        kd[k], limit[k] = 2.0 * np.sqrt(kp[k] * inertia[v, v]), 0.6 * kp[k] + np.abs(data.qfrc_bias[v]) * 2.0
+        kp[k] = 60.0 * inertia[v]  # without a gain: a drive of some 8 rad/s, well damped
+        kd[k], limit[k] = 2.0 * np.sqrt(kp[k] * inertia[v]), 0.6 * kp[k] + np.abs(data.qfrc_bias[v]) * 2.0
         for a in own:
             if model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE and model.actuator_gainprm[a, 0] > 0.0:
                 kp[k], kd[k] = model.actuator_gainprm[a, 0], max(-model.actuator_biasprm[a, 2], 0.0)
-                kd[k] = kd[k] or 2.0 * np.sqrt(kp[k] * inertia[v, v])
+                kd[k] = kd[k] or 2.0 * np.sqrt(kp[k] * inertia[v])
             if model.actuator_forcelimited[a]:
                 limit[k] = abs(model.actuator_forcerange[a, 1])
             elif model.actuator_ctrllimited[a] and model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_NONE:
