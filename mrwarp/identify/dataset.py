@@ -116,13 +116,16 @@ class Dataset:
     def settled(self, rate: float) -> np.ndarray:
         """Weight 0 while the unknown initial z still shows, at most a tenth of each trajectory; else 1; shape (N,).
 
+        A stretch out of the middle of a trajectory may begin with any z: there it is at most the half.
+
         Args:
             rate: How fast z forgets along the path, beta plus or minus gamma, the slower [1/inner unit of q].
         """
+        part_of = 10 if getattr(self, "middle", None) is None else 2
         weight = self.counts
         for part, dt in zip(self.parts, self.dt, strict=True):
             path = np.cumsum(np.abs(self.qd[part])) * dt
-            first = min(int(np.searchsorted(path, _SETTLED / rate)), (part.stop - part.start) // 10)
+            first = min(int(np.searchsorted(path, _SETTLED / rate)), (part.stop - part.start) // part_of)
             weight[part.start : part.start + first] = 0.0
         return weight
 
