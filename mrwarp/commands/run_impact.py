@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -34,14 +34,14 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
     """currents I_e [A]"""
     kind: Literal["push", "drop"] = "push"
     """push on the trunk, or the guided 10 kg mass"""
-    force: Annotated[tuple[float, ...], opt.three(push_force, "N")] = (0.0, 0.0, -100.0)
-    """push, world frame [N]"""
-    duration: opt.Positive = 0.2
-    """duration of the push [s]"""
+    force: Annotated[tuple[float, ...] | None, opt.three(push_force, "N")] = None
+    """push, world frame [N] (default: 100 N down, as of a robot of 12.6 kg)"""
+    duration: Annotated[float | None, opt.one(opt.positive, "S")] = None
+    """duration of the push [s] (default: 0.2, as of a robot 0.334 m high)"""
     trials: opt.Count = 20
     """trials per current"""
-    speed: opt.Speed = 0.5
-    """commanded speed [m/s]"""
+    speed: Annotated[float | None, opt.one(opt.forward_speed, "V")] = None
+    """commanded speed [m/s] (default: 0.5, as of a robot 0.334 m high)"""
     coupling: Literal["constraint", "explicit", "both"] = "both"
     """how the device acts: a brake that sticks, the paper's explicit torque, or each in turn"""
     branches: Literal["damping", "both"] = "damping"
@@ -108,16 +108,18 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
         return 0
 
     def _sweep(self, coupling: Coupling, variants: tuple[Variant, ...], policy: OnnxPolicy) -> ImpactSweep:
+        from mrwarp.env.natural_units import scales_of
         from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, fixed_current_env
 
         robot = self.chosen("robot", "payload", "asset", "model")
+        given = {name: value for name, value in self.chosen("speed", "force", "duration").items() if value is not None}
         cfg = ImpactCfg(
-            **self.chosen("trials", "speed", "force", "duration", "seed"),
+            **self.chosen("trials", "seed"),
             kind=ImpactKind(self.kind),
             variants=variants,
             env=fixed_current_env(holding=self.branches == "both", coupling=coupling, **robot),
         )
-        return ImpactSweep(cfg, policy)
+        return ImpactSweep(replace(cfg.scaled(scales_of(self.robot, self.asset)), **given), policy)
 
     def _sensitivity(self, policy: OnnxPolicy) -> dict[str, Any]:
         from mrwarp.trials.impact_figures import plot_thresholds, threshold_reductions, threshold_variants

@@ -33,10 +33,14 @@ class Import(Options):
     """damping [N·m·s/rad] (default: the file's, else 0.02 s of Kp)"""
     torque_limit: PAIRS = ()
     """torque limits [N·m] (default: the file's)"""
+    armature: PAIRS = ()
+    """rotor inertias at the joints [kg·m²] (default: the file's, else 5 ms of Kd)"""
     unlimited: Annotated[tuple[str, ...], opt.some(str, "JOINT")] = ()
     """joints that may turn without limits"""
     feet: Annotated[tuple[str, ...], opt.some(str, "BODY")] = ()
     """last bodies of the legs (default: the ends of chains that hang lowest)"""
+    fix: Annotated[tuple[str, ...], opt.some(str, "JOINT")] = ()
+    """joints that are held at their neutral angle, as those of arms"""
     gait: Literal["trot", "alternate", "tripod"] | None = None
     """gait (default: trot of four legs, alternate of two, tripod of six)"""
     overwrite: opt.Flag = False
@@ -66,9 +70,11 @@ class Import(Options):
             kp=by_name(self.kp),
             kd=by_name(self.kd),
             torque_limit=by_name(self.torque_limit),
+            armature=by_name(self.armature),
             gait=self.gait or "",
             unlimited=tuple(map(prim_pattern, self.unlimited)),
             feet=tuple(map(prim_pattern, self.feet)),
+            fix=tuple(map(prim_pattern, self.fix)),
         )
         robot = read_robot(self.file)
         if not robot.floating:
@@ -108,6 +114,11 @@ class ShowRobot(Options):
         return 0
 
 
+def _scale(text: str) -> float | None:
+    """A factor; None stands for the joint's torque limit."""
+    return None if text == "limit" else opt.positive(text)
+
+
 @dataclass(frozen=True, kw_only=True)
 class FitDevice(Options):
     """Put an MR device onto joints of a robot's USD file, in place of their plain motors; the motors' numbers stay.
@@ -121,6 +132,8 @@ class FitDevice(Options):
     """joints; names may hold * and ?"""
     model: opt.OptionalFile = None
     """model.json of the device (default: the paper's)"""
+    scale: Annotated[float | None, opt.one(_scale, "X")] = 1.0
+    """times stronger than --model, at the same currents; 'limit': as the joint's torque limit to the paper's calf's"""
     remove: opt.Flag = False
     """take the device off, and leave the motor"""
     out: opt.OptionalFile = None
@@ -137,9 +150,11 @@ class FitDevice(Options):
 
         if self.model is not None and self.remove:
             raise ValueError("--model and --remove exclude each other")
+        if self.model is not None and self.scale is None:
+            raise ValueError("--scale limit is for the paper's device, made for a joint of 35.55 N·m; give a number")
         model = load_model(self.model) if self.model else None
         asset = fit_device(
-            self.robot, self.out or self.robot, self.joint, model, remove=self.remove, extrapolate=self.extrapolate
+            self.robot, self.out or self.robot, self.joint, model, **self.chosen("scale", "remove", "extrapolate")
         )
         print("\n".join([*layout_lines(asset), *device_lines(asset.actuators)]))
         print(f"robot written: {self.out or self.robot}")

@@ -12,9 +12,10 @@ from typing import Any
 import warp as wp
 
 from mrwarp.effects.joint import delayed_command, joint_path, stored_heat
+from mrwarp.kernels import mr_joint
 from mrwarp.kernels.coil import coil_current, mean_coil_current
 from mrwarp.kernels.learned_torque import FEATURES, WINDOW
-from mrwarp.kernels.mr_joint import JointParams, displacement, gated_command, hysteresis, sliding_torque
+from mrwarp.kernels.mr_joint import JointParams, displacement, gated_command, hysteresis, sliding_torque, stuck
 from mrwarp.kernels.mr_stages import device_share, flat, motor_torque, put, put4
 from mrwarp.kernels.pd import pd_torque
 
@@ -45,8 +46,8 @@ def make_step_kernel(effects: bool) -> Any:
     @wp.kernel(enable_backward=False, module="unique")
     def step_kernel(
         # parameters: environments and joints that a thread takes are this far apart; struct, shape (E or 1, M); slot of
-        # joint j or -1, (J,), and leg of each device, (M,); motor gains, (E or 1, J), of joints without a device (those
-        # with one have theirs in the struct); step [s]; switches: damping and holding branch allowed, holding current,
+        # joint j or -1, (J,), and leg of each device or -1, (M,); motor gains, (E or 1, J), of joints without a device
+        # (others have theirs in the struct); step [s]; switches: damping and holding branch allowed, holding current,
         # exact step of z, 1 = brake constraint, 0 = explicit torque
         rows: int,
         lanes: int,
@@ -121,8 +122,10 @@ def make_step_kernel(effects: bool) -> Any:
                 if slot >= 0:
                     k = env * devices + slot
                     p = params[wp.min(env, params.shape[0] - 1), slot]
-                    f_foot = flat(f_foot_in, env * legs + leg_of[slot])
-                    m_dyn, m_hold, command = gated_command(p, f_foot, e, qd, allowed, damping, holding, hold_current)
+                    no_foot = leg_of[slot] < 0
+                    branch = wp.where(no_foot, mr_joint.UNGATED, damping)
+                    f_foot = flat(f_foot_in, env * legs + wp.max(leg_of[slot], 0))
+                    m_dyn, m_hold, command = gated_command(p, f_foot, e, qd, allowed, branch, holding, hold_current)
                     q_c = displacement(p, q)
                     begin = flat(coil_in, k)
                     logged = mean_coil_current(begin, command, p.coil_time_constant, dt)
@@ -146,7 +149,10 @@ def make_step_kernel(effects: bool) -> Any:
                     else:
                         z = hysteresis(p, qd, flat(z_in, k), dt, exact)
                         current, sliding = logged, sliding_torque(p, qd, q_c, logged, z)
-                    known, device, bound = device_share(p, constraint, m_hold, e, qd, current, sliding)
+                    held = m_hold
+                    if no_foot and constraint == 1:
+                        held = stuck(p, qd)
+                    known, device, bound = device_share(p, constraint, held, e, qd, current, sliding)
                     motor = motor_torque(p, m_hold, e, qd)
                     sample = (k * WINDOW + row) * FEATURES
                     put4(ring_out, sample, q_c)

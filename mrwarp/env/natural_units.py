@@ -10,7 +10,9 @@ import math
 from dataclasses import dataclass, replace
 
 from mrwarp.env.cfg import EnvCfg
+from mrwarp.env.sim import robot_scene
 from mrwarp.env.sim_model import Scene
+from mrwarp.usd.asset import load_robot
 from mrwarp.usd.robot import MR_GO, STAND_HEIGHT
 
 MASS = 12.6
@@ -45,6 +47,12 @@ def scales(scene: Scene) -> Scales:
     if scene.layout == MR_GO:
         return Scales()
     return Scales(length=scene.stand_height / STAND_HEIGHT, mass=float(scene.model.body_mass.sum()) / MASS)
+
+
+def scales_of(robot: str, asset: str | None = None) -> Scales:
+    """Size of a robot by its variant or file, as :func:`mrwarp.usd.asset.load_robot` takes them."""
+    found = load_robot(asset, robot=robot)
+    return Scales() if found.layout == MR_GO else scales(robot_scene(found))
 
 
 def in_natural_units(cfg: EnvCfg, scene: Scene) -> EnvCfg:

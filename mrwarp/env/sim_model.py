@@ -96,8 +96,15 @@ class Scene:
 
     @property
     def legs(self) -> tuple[int, ...]:
-        """Leg of each joint; length J."""
+        """Leg of each joint, -1 for a joint of no leg; length J."""
         return tuple(self.layout.leg_of(joint) for joint in self.joints)
+
+    @property
+    def device_names(self) -> tuple[str, ...]:
+        """What each device is called: its leg where that has one device, else its joint."""
+        found = [(joint, leg) for joint, leg, a in zip(self.joints, self.legs, self.actuators, strict=True) if a.mr]
+        legs = [leg for _, leg in found]
+        return tuple(self.layout.leg_names[leg] if leg >= 0 and legs.count(leg) == 1 else joint for joint, leg in found)
 
     @property
     def watched(self) -> tuple[int, ...]:
@@ -257,8 +264,8 @@ def _with_sensors(solver_class: type, newton_model: newton.Model, layout: Layout
         feet = [geom for geom in spec.geoms if f"/{leg.foot}" in geom.name]
         if feet:
             sensor = spec.add_sensor(name=FOOT_SENSOR.format(leg=leg.name), type=mujoco.mjtSensor.mjSENS_CONTACT)
-            sensor.objtype = mujoco.mjtObj.mjOBJ_GEOM
-            sensor.objname = feet[0].name
+            sensor.objtype = mujoco.mjtObj.mjOBJ_BODY if leg.sole else mujoco.mjtObj.mjOBJ_GEOM
+            sensor.objname = feet[0].parent.name if leg.sole else feet[0].name
             sensor.intprm = _contact_force_intprm()
     if edit is not None:
         edit(spec)

@@ -60,7 +60,6 @@ class WalkEnv(VecEnv):
         self.device = torch.device(cfg.sim.device)
         self.max_episode_length = cfg.episode_steps
         asset, residual = _asset(cfg)
-        self.contact_force = next((a.mr for a in asset.actuators if a.mr), MrParams()).gate.f_th
         self.terrain = Terrain(cfg.terrain, self.num_envs, seed=cfg.seed) if cfg.terrain else None
         scene = robot_scene(asset, cfg.sim, cfg.actuator.coupling, edit, self.terrain and self.terrain.field)
         self.robot = ActuatedSim(scene, cfg.sim, cfg.actuator, residual=residual, share_params=False)
@@ -69,7 +68,8 @@ class WalkEnv(VecEnv):
             self._set_gains(*cfg.gains)
 
         self.layout, self.scales = scene.layout, scales(scene)
-        self.contact_force *= self.scales.mass
+        gates = [a.mr.gate.f_th for a in asset.actuators if a.mr]
+        self.contact_force = gates[0] if gates else MrParams().gate.f_th * self.scales.mass
         self.cfg = cfg = in_natural_units(cfg, scene)
         joints, legs, devices = len(scene.actuators), len(scene.layout.legs), len(self.actuator.mr_joints)
         self.num_actions = joints

@@ -90,6 +90,12 @@ def gated_command(
 
 
 @wp.func
+def stuck(p: JointParams, qd: float) -> float:
+    """1 where a device without gates holds with what current it has, as any brake does: the joint is slow."""
+    return hold_gate(wp.inf, qd, 0.0, p.f_th, p.eps_hold)
+
+
+@wp.func
 def displacement(p: JointParams, q: float) -> float:
     """Offset-corrected joint displacement q_c [rad] of eq. 14."""
     return q - p.q_neutral - (p.q_offset + p.q_center)

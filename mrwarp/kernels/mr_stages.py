@@ -6,9 +6,9 @@ Torques, the learned torque, the reset; and the way from the flat arrays of ``ne
 import warp as wp
 
 from mrwarp.kernels.clip import clip
-from mrwarp.kernels.gate import effective_kp, hold_gate
+from mrwarp.kernels.gate import effective_kp
 from mrwarp.kernels.learned_torque import WINDOW
-from mrwarp.kernels.mr_joint import JointParams, brake_bound, device_torque, displacement
+from mrwarp.kernels.mr_joint import JointParams, brake_bound, device_torque, displacement, stuck
 from mrwarp.kernels.pd import pd_torque
 
 
@@ -207,8 +207,8 @@ def drive_torque_kernel(
     qd, e = qd_in[i, 0], q_des_in[i, 0] - q_in[i, 0]
     current, m_hold, sliding = current_in[i, 0], m_hold_in[i, 0], sliding_in[i, 0]
     held = float(m_hold)
-    if gated == 0:  # plainly current-driven: it holds whenever it is slow
-        held = hold_gate(wp.inf, qd, 0.0, p.f_th, p.eps_hold)
+    if gated == 0:
+        held = stuck(p, qd)
     device, bound = float(0.0), float(0.0)
     if constraint == 1:
         bound = brake_bound(p, held, current, sliding)

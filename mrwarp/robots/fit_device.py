@@ -9,14 +9,18 @@ from pathlib import Path
 
 from pxr import Sdf, Usd
 
-from mrwarp.model_file import Model
+from mrwarp.env.natural_units import MASS
+from mrwarp.model_file import Model, Parameter
 from mrwarp.params import MrParams
 from mrwarp.robots.write_robot import save_checked
-from mrwarp.usd.asset import RobotAsset, load_robot
+from mrwarp.usd.asset import RobotAsset, load_robot, masses
 from mrwarp.usd.open_stage import SCHEMA, AssetError
 from mrwarp.usd.record import LAW, PD, PREFIX, RECORD, record_text
 
 MOTOR_SCHEMAS = ("NewtonPDControlAPI", "NewtonMaxEffortClampingAPI")
+
+LIMIT = MrParams().motor.tau_limit
+"""Torque limit of the paper's calf joint [N·m], whose device a scale of ``limit`` is in proportion to."""
 
 KP_LOW = 5.0 / 35.0
 """Share of Kp while the device holds: the paper's 5 of 35 N·m/rad (section 7)."""
@@ -28,6 +32,7 @@ def fit_device(
     patterns: Sequence[str],
     model: Model | None,
     *,
+    scale: float | None = 1.0,
     remove: bool = False,
     extrapolate: bool = False,
 ) -> RobotAsset:
@@ -38,6 +43,8 @@ def fit_device(
         out: File to write.
         patterns: Joints, by names that may hold * and ?.
         model: The device; None is the paper's.
+        scale: How many times stronger the device is made, see :func:`stronger`; None: the joint's torque limit over
+            :data:`LIMIT`.
         remove: Take devices off.
         extrapolate: As in :meth:`mrwarp.model_file.Model.to_params`.
 
@@ -49,6 +56,7 @@ def fit_device(
     for pattern in patterns:
         if not fnmatch.filter(names, pattern):
             raise AssetError(f"{file}: no joint is called {pattern}; choose among {', '.join(names)}")
+    weight = sum(masses(asset).values()) / MASS  # a heavier robot's foot is loaded from a larger force on
     layer = Sdf.Layer.OpenAsAnonymous(str(file))
     stage = Usd.Stage.Open(layer)
     for actuator in asset.actuators:
@@ -65,18 +73,51 @@ def fit_device(
             for name, value in zip(PD, (actuator.kp, actuator.kd, actuator.tau_limit), strict=True):
                 prim.CreateAttribute(name, Sdf.ValueTypeNames.Float, custom=False).Set(value)
             continue
-        own = MrParams()
+        own, factor = MrParams(), actuator.tau_limit / LIMIT if scale is None else scale
         motor = replace(
             own.motor, kp_base=actuator.kp, kp_low=KP_LOW * actuator.kp, kd=actuator.kd, tau_limit=actuator.tau_limit
         )
         neutral = asset.layout.neutral[actuator.joint]
-        own = replace(own, motor=motor, bouc_wen=replace(own.bouc_wen, q_neutral=neutral))
+        gate = replace(own.gate, f_th=round(own.gate.f_th * weight, 3))
+        own = replace(own, motor=motor, bouc_wen=replace(own.bouc_wen, q_neutral=neutral), gate=gate)
         params = own if model is None else model.to_params(own, extrapolate=extrapolate)
+        params, scaled = stronger(params, model, factor)
         prim.AddAppliedSchema(SCHEMA)
         for name, value in params:
             prim.CreateAttribute(PREFIX + name, Sdf.ValueTypeNames.Double, custom=False).Set(value)
-        if model is not None:
-            prim.CreateAttribute(RECORD, Sdf.ValueTypeNames.String).Set(record_text(model, params))
-            if model.law is not None:
-                prim.CreateAttribute(LAW, Sdf.ValueTypeNames.String, custom=False).Set(model.law.name)
+        if scaled is not None:
+            prim.CreateAttribute(RECORD, Sdf.ValueTypeNames.String).Set(record_text(scaled, params))
+            if scaled.law is not None:
+                prim.CreateAttribute(LAW, Sdf.ValueTypeNames.String, custom=False).Set(scaled.law.name)
     return save_checked(layer, out)
+
+
+def stronger(params: MrParams, model: Model | None, factor: float) -> tuple[MrParams, Model | None]:
+    """A device of the same kind and another size, with the same currents.
+
+    Torques grow in proportion to the volume of fluid, so every torque, stiffness and inertia gets the factor, and what
+    is per joule its inverse. The coil makes the same field in lengths that grow with the factor's third root: turns
+    grow with it, and so does the coil's resistance (turns squared, times their length, over the window's area).
+    """
+    if factor == 1.0:
+        return params, model
+
+    def scaled(parameter: Parameter) -> Parameter:
+        by = factor if parameter.unit.startswith(("N·m", "kg·m²")) else 1.0
+        by = 1.0 / factor if parameter.unit.startswith(("1/J", "1/(N·m")) else by
+        ci95 = parameter.ci95 and (by * parameter.ci95[0], by * parameter.ci95[1])
+        return replace(parameter, value=by * parameter.value, ci95=ci95)
+
+    torques = [s for s in params.specs() if s.group in ("BoucWenParams", "HoldParams") and s.unit.startswith("N·m")]
+    changes = {spec.name: factor * value for spec in torques for name, value in params if name == spec.name}
+    resistance = params.coil.coil_resistance * factor ** (1.0 / 3.0)
+    if model is not None:
+        numbers = {name: scaled(parameter) for name, parameter in model.parameters.items()}
+        if (coil := numbers.get("coil_resistance")) is not None:
+            numbers["coil_resistance"] = replace(coil, value=resistance, ci95=None)
+        effects = tuple(
+            replace(effect, parameters={name: scaled(parameter) for name, parameter in effect.parameters.items()})
+            for effect in model.effects
+        )
+        model = replace(model, parameters=numbers, effects=effects)
+    return params.replace(**changes, coil_resistance=resistance), model

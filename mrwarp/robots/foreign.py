@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -146,6 +146,31 @@ class ForeignRobot:
             )
             found[joint.child] = found[joint.parent] * joint.in_parent * turn * joint.in_child.inv()
         return [found[i] for i in range(len(self.bodies))]
+
+    def fixed(self, angles: Mapping[str, float]) -> ForeignRobot:
+        """The robot with some joints held at angles [rad]: what they carried is part of the body before them."""
+        bodies, joints, shapes = list(self.bodies), list(self.joints), list(self.shapes)
+        for joint in [joint for joint in self.joints if joint.name in angles][::-1]:  # the outermost first
+            turn = RigidTransform.from_rotation(Rotation.from_rotvec(joint.axis * angles[joint.name]))
+            place = joint.in_parent * turn * joint.in_child.inv()
+            bodies[joint.parent] = joined(bodies[joint.parent], bodies[joint.child], place)
+            shapes = [
+                replace(s, body=joint.parent, pose=place * s.pose) if s.body == joint.child else s for s in shapes
+            ]
+            joints = [
+                replace(j, parent=joint.parent, in_parent=place * j.in_parent) if j.parent == joint.child else j
+                for j in joints
+                if j.name != joint.name
+            ]
+        left = [self.root, *(joint.child for joint in joints)]
+        number = {body: k for k, body in enumerate(sorted(left))}
+        return replace(
+            self,
+            root=number[self.root],
+            bodies=[bodies[body] for body in number],
+            joints=[replace(j, parent=number[j.parent], child=number[j.child]) for j in joints],
+            shapes=[replace(s, body=number[s.body]) for s in shapes],
+        )
 
     def check(self) -> None:
         """Refuse what cannot be simulated.

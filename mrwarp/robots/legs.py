@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,14 @@ GROUND_SHARE = 0.15
 CROUCH = 0.73
 """Share of its reach at which a leg stands where the file has no keyframe: that of the shipped robot."""
 
+SOLE = 0.005
+"""Shapes of a foot that reach this close to its lowest point are its sole [m]."""
+
 GAITS = {"trot": 4, "alternate": 2, "tripod": 6}
 """Gaits, and for how many legs each is meant."""
+
+TORQUE_STEP = 0.005
+"""Step of the torque loop [s], paper section 5.1."""
 
 KP_PER_LIMIT, KD_PER_KP = 1.5, 0.02
 """Gains where the file has none: Kp = 1.5/rad of the torque limit, Kd = 0.02 s of Kp (Go1 in practice: 35 N·m/rad and
@@ -64,12 +70,16 @@ class Choices:
     kp: Mapping[str, float] = field(default_factory=dict)
     kd: Mapping[str, float] = field(default_factory=dict)
     torque_limit: Mapping[str, float] = field(default_factory=dict)
+    armature: Mapping[str, float] = field(default_factory=dict)
+    """Rotor inertia at the joint [kg·m²]."""
     gait: str = ""
     """One of :data:`GAITS`; empty: by the number of legs."""
     unlimited: tuple[str, ...] = ()
     """Joints that may turn without limits."""
     feet: tuple[str, ...] = ()
     """Bodies that carry a foot; empty: the ends of chains that are lowest."""
+    fix: tuple[str, ...] = ()
+    """Joints that are held at their neutral angle, as those of arms."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,20 +103,24 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
         RobotFileError: no chain reaches the ground, a torque limit is missing, a choice names no joint, or its angle
             lies outside a joint's limits.
     """
-    robot.check()
-    chains = _chains(robot)
-    for choice in (choices.pose, choices.kp, choices.kd, choices.torque_limit, choices.unlimited):
+    numbers = (choices.pose, choices.kp, choices.kd, choices.torque_limit, choices.armature)
+    for choice in (*numbers, choices.unlimited, choices.fix):
         for pattern in choice:
             if not fnmatch.filter([joint.name for joint in robot.joints], pattern):
                 known = ", ".join(joint.name for joint in robot.joints)
                 raise RobotFileError(f"{robot.path}: no joint is called {pattern}; choose among {known}")
+    held = {j.name: j for j in robot.joints if any(fnmatch.fnmatchcase(j.name, name) for name in choices.fix)}
+    angles = {name: _chosen(choices.pose, name) for name in held}
+    robot = robot.fixed({name: _home(held[name]) if q is None else q for name, q in angles.items()})
+    robot.check()
+    chains = _chains(robot)
     for joint in robot.joints:
         if joint.limits is None and not any(fnmatch.fnmatchcase(joint.name, name) for name in choices.unlimited):
             raise RobotFileError(
                 f"{robot.path}: {joint.name} has no limits; give it some there, or say --unlimited {joint.name}"
             )
     notes = list(robot.notes)
-    pose = {joint.name: joint.home if joint.home is not None else _middle(joint) for joint in robot.joints}
+    pose = {joint.name: _home(joint) for joint in robot.joints}
     pose.update({joint.name: v for joint in robot.joints if (v := _chosen(choices.pose, joint.name)) is not None})
     legs = _grounded(robot, chains, choices.feet)
     feet = {leg[-1].child: _foot(robot, leg[-1].child) for leg in legs}
@@ -138,8 +152,14 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
     layout = Layout(
         trunk=robot.bodies[robot.root].name,
         legs=tuple(
-            Leg(name=name, joints=tuple(joint.name for joint in leg), foot=f"{name}_foot", phase=phase)
-            for name, leg, phase in zip(names, legs, phases, strict=True)
+            Leg(
+                name=name,
+                joints=tuple(joint.name for joint in leg),
+                foot=f"{name}_foot",
+                phase=phase,
+                sole=foot.shape is None and any(s.collides and s.body == foot.body for s in robot.shapes),
+            )
+            for name, leg, phase, foot in zip(names, legs, phases, touching, strict=True)
         ),
         neutral={joint.name: pose[joint.name] for joint in joints},
     )
@@ -149,6 +169,8 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
             f"no gains for {', '.join(ruled[:3])}{' and others' if ruled[3:] else ''}: Kp = {KP_PER_LIMIT:g}/rad of "
             f"the torque limit, Kd = {KD_PER_KP:g} s of Kp; --kp and --kd change them"
         )
+    robot, rotors = _armatures(robot, drives, choices)
+    notes += rotors
     radii = np.array([foot.radius for foot in touching])
     height = float(-(centres[:, 2] - radii).min())
     return UnderstoodRobot(
@@ -162,8 +184,10 @@ def _chosen(choice: Mapping[str, float], name: str) -> float | None:
     return found[-1] if found else None
 
 
-def _middle(joint: Joint) -> float:
-    """An angle to begin with [rad]: 0, or the middle of limits that leave it out."""
+def _home(joint: Joint) -> float:
+    """An angle to begin with [rad]: the keyframe's, else 0, or the middle of limits that leave it out."""
+    if joint.home is not None:
+        return joint.home
     if joint.limits is None or joint.limits[0] <= 0.0 <= joint.limits[1]:
         return 0.0
     return 0.5 * (joint.limits[0] + joint.limits[1])
@@ -222,12 +246,17 @@ def _extreme(shape: Shape, down: np.ndarray) -> np.ndarray:
 
 def _lowest(robot: ForeignRobot, body: int, poses: list) -> np.ndarray:
     """Lowest point of a body in the root's frame [m]: of what collides, else of all shapes, else its origin."""
+    points = [poses[body].translation, *(point for _, point in _extremes(robot, body, poses))]
+    return min(points, key=lambda point: point[2])
+
+
+def _extremes(robot: ForeignRobot, body: int, poses: list) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Centre and lowest point of each of a body's shapes in the root's frame [m]."""
     shapes = [shape for shape in robot.shapes if shape.body == body]
-    points = [poses[body].translation]
     for shape in [shape for shape in shapes if shape.collides] or shapes:
         world = poses[body] * shape.pose
-        points.append(world.apply(_extreme(shape, world.rotation.inv().apply([0.0, 0.0, -1.0]))))
-    return min(points, key=lambda point: point[2])
+        low = world.apply(_extreme(shape, world.rotation.inv().apply([0.0, 0.0, -1.0])))
+        yield world.translation, low
 
 
 def _foot(robot: ForeignRobot, body: int) -> Foot:
@@ -246,7 +275,9 @@ def _foot(robot: ForeignRobot, body: int) -> Foot:
         )
     radius = 0.02
     own = [shape.friction for shape in robot.shapes if shape.body == body and shape.collides]
-    centre = poses[body].inv().apply(lowest + [0.0, 0.0, radius])
+    sole = [centre for centre, low in _extremes(robot, body, poses) if low[2] < lowest[2] + SOLE]
+    middle = np.array([*np.mean(sole or [lowest], axis=0)[:2], lowest[2] + radius])
+    centre = poses[body].inv().apply(middle)
     return Foot(body=body, centre=centre, radius=radius, friction=max(own, default=0.8), shape=None)
 
 
@@ -255,7 +286,7 @@ def _stance(
 ) -> dict[str, float]:
     """A stance: every foot below its leg's second joint, at :data:`CROUCH` of the reach, as far beside as stretched.
 
-    Knees point inwards if they can.
+    Knees point inwards if they can; a foot on ankles stays level.
     """
     pose = dict(pose)
     for leg in legs:
@@ -273,14 +304,25 @@ def _stance(
             anchors = [(poses[joint.parent] * joint.in_parent).translation for joint in leg]
             return anchors[0], anchors[min(1, len(anchors) - 1)], anchors[-1], poses[end.body].apply(end.centre)
 
+        stretched = robot.poses({})
+        upright = stretched[end.body].rotation.inv().apply([0.0, 0.0, 1.0])
+
         def miss(
-            q: np.ndarray, leg: list[Joint], free: list[Joint], end: Foot, beside: float, reach: float
+            q: np.ndarray,
+            leg: list[Joint],
+            free: list[Joint],
+            end: Foot,
+            beside: float,
+            reach: float,
+            upright: np.ndarray = upright,
         ) -> np.ndarray:
             _, hip, _, foot = seen(q, leg, free, end)
             below, side, drop = (foot - hip) / reach
-            return np.array([below, side - beside / reach, -drop - CROUCH, *(0.02 * q)])
+            poses = robot.poses({**pose, **{joint.name: x for joint, x in zip(free, q, strict=True)}})
+            flat = len(leg) > 3 and end.shape is None
+            level = poses[end.body].rotation.apply(upright)[:2] if flat else []
+            return np.array([below, side - beside / reach, -drop - CROUCH, *(0.02 * q), *level])
 
-        stretched = robot.poses({})
         beside = (
             float(
                 stretched[end.body].apply(end.centre)[1] - (stretched[leg[1].parent] * leg[1].in_parent).translation[1]
@@ -328,6 +370,25 @@ def _phases(robot: ForeignRobot, gait: str, rows: np.ndarray, sides: np.ndarray)
         return [0.0 if k % 2 == 0 else 0.5 for k in range(len(rows))]
     ranks = np.unique(-rows, return_inverse=True)[1]
     return [0.5 * float((int(rank) + int(side < 0.0)) % 2) for rank, side in zip(ranks, sides, strict=True)]
+
+
+def _armatures(robot: ForeignRobot, drives: Mapping[str, Drive], choices: Choices) -> tuple[ForeignRobot, list[str]]:
+    """The robot with a rotor inertia at every joint, and a note where the file has none.
+
+    Damping is computed at the begin of a torque step, so a joint is stable while ``Kd * step < 2 * inertia``. Light
+    feet alone fail that; a rotor of ``Kd * step`` does not, and is what motors with such gains have (G1: 0.004 to
+    0.025 kg·m² beside Kd of 0.9 to 6).
+    """
+    joints, ruled = [], []
+    for joint in robot.joints:
+        own = _chosen(choices.armature, joint.name)
+        if own is None and joint.armature == 0.0:
+            ruled.append(joint.name)
+            own = TORQUE_STEP * drives[joint.name].kd
+        joints.append(joint if own is None else replace(joint, armature=own))
+    names = f"{', '.join(ruled[:3])}{' and others' if ruled[3:] else ''}"
+    note = f"no rotor inertia for {names}: {TORQUE_STEP:g} s of Kd; --armature changes it"
+    return replace(robot, joints=joints), [note] * bool(ruled)
 
 
 def _drive(robot: ForeignRobot, joint: Joint, choices: Choices) -> Drive:

@@ -9,12 +9,17 @@ import numpy as np
 import torch
 import warp as wp
 
-from mrwarp.env.sim_model import named
+from mrwarp.env.natural_units import Scales
+from mrwarp.env.sim_model import Edit, named
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.paper import GRAVITY
+from mrwarp.usd.robot import MR_GO, Layout
 
 JOINTS = ("mass_x", "mass_y", "mass_z")
 """Slide joints of the mass: the guide moves with the robot sideways, the mass falls in it."""
+
+PLATE = "mass_plate"
+"""What the mass meets on another robot than the shipped one."""
 
 PARKED = 5.0
 """Height at which the mass waits [m]."""
@@ -41,9 +46,23 @@ class MassCfg:
         """Friction of the guide [N] that turns free fall into ``contact_speed``: m*(g - v^2/(2*drop))."""
         return self.mass * (GRAVITY - self.contact_speed**2 / (2.0 * self.drop))
 
+    def scaled(self, by: Scales) -> MassCfg:
+        """The mass for a robot of another size."""
+        if by == Scales():
+            return self
+        return MassCfg(
+            mass=self.mass * by.mass,
+            drop=self.drop * by.length,
+            contact_speed=self.contact_speed * by.speed,
+            travel=self.travel * by.length,
+        )
 
-def add_mass(cfg: MassCfg):
-    """The specification change that adds the parked mass; see ``build_scene(edit=...)``."""
+
+def add_mass(cfg: MassCfg, layout: Layout = MR_GO) -> Edit:
+    """The specification change that adds the parked mass; see ``build_scene(edit=...)``.
+
+    It meets the shipped robot's trunk, and on another robot a plate of its own size on the trunk's highest shape.
+    """
 
     def edit(spec: mujoco.MjSpec) -> None:
         body = spec.worldbody.add_body(name="mass", pos=[0.0, 0.0, PARKED])
@@ -56,10 +75,28 @@ def add_mass(cfg: MassCfg):
             contype=0, conaffinity=0,
         )  # fmt: skip
         # it meets the trunk and nothing else
-        trunk = next(geom for geom in spec.geoms if "/trunk_shape" in geom.name)
-        spec.add_pair(name="mass_on_trunk", geomname1="mass_geom", geomname2=trunk.name)
+        target = next((geom.name for geom in spec.geoms if layout == MR_GO and "/trunk_shape" in geom.name), PLATE)
+        if target == PLATE:
+            trunk = next(body for body in spec.bodies if body.name.endswith(f"_{layout.trunk}"))
+            top = max((_top(geom) for geom in trunk.geoms), default=0.0)
+            trunk.add_geom(
+                name=PLATE, type=mujoco.mjtGeom.mjGEOM_BOX, size=[HALF_SIZE, HALF_SIZE, 0.005], mass=0.0,
+                pos=[0.0, 0.0, top], contype=0, conaffinity=0,
+            )  # fmt: skip
+        spec.add_pair(name="mass_on_trunk", geomname1="mass_geom", geomname2=target)
 
     return edit
+
+
+def _top(geom: mujoco.MjsGeom) -> float:
+    """How high a shape reaches over its body's origin, its turn left out [m]; of a mesh its centre."""
+    half = {
+        mujoco.mjtGeom.mjGEOM_SPHERE: geom.size[0],
+        mujoco.mjtGeom.mjGEOM_CAPSULE: geom.size[0],
+        mujoco.mjtGeom.mjGEOM_BOX: geom.size[2],
+        mujoco.mjtGeom.mjGEOM_CYLINDER: geom.size[0],
+    }.get(geom.type, 0.0)
+    return float(geom.pos[2] + half)
 
 
 class FallingMass:
@@ -79,7 +116,8 @@ class FallingMass:
         self._qpos, self._qvel = env.view(backend.field("qpos")), env.view(backend.field("qvel"))
         self._friction = env.view(backend.expand("dof_frictionloss"))
         self._range = wp.to_torch(backend.expand("jnt_range")).reshape(env.num_envs, model.njnt, 2)
-        self._geom = next(i for i in range(model.ngeom) if "/trunk_shape" in model.geom(i).name)
+        names = [model.geom(i).name for i in range(model.ngeom)]
+        self._geom = next(i for i, name in enumerate(names) if name == PLATE or "/trunk_shape" in name)
         self._top = float(model.geom_size[self._geom][2] + model.geom_pos[self._geom][2])
         self.touched = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
         self.released = False

@@ -19,6 +19,7 @@ from tensordict import TensorDict
 
 from mrwarp.enums import HoldCurrent
 from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
+from mrwarp.env.natural_units import Scales
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.params import MrParams
 from mrwarp.trials.falling_mass import FallingMass, MassCfg, add_mass
@@ -98,6 +99,19 @@ class ImpactCfg:
             for name, value in variant.params.items():
                 MrParams.spec(name).check(value, "impact variant")
 
+    def scaled(self, by: Scales) -> ImpactCfg:
+        """The same impact on a robot of another size: speeds, times, lengths and body weights in proportion."""
+        if by == Scales():
+            return self
+        return replace(
+            self,
+            speed=round(self.speed * by.speed, 3),
+            force=tuple(x * by.mass for x in self.force),
+            duration=self.duration * by.time,
+            window=self.window * by.time,
+            mass=self.mass.scaled(by),
+        )
+
     @property
     def durations(self) -> tuple[float, ...]:
         """Duration of the push in each setting [s]."""
@@ -175,9 +189,7 @@ class ImpactSweep:
         )
         drop = cfg.kind is ImpactKind.DROP
         layout = load_robot(env_cfg.asset, robot=env_cfg.robot).layout
-        if drop and layout != MR_GO:
-            raise ValueError(f"--kind {cfg.kind.value}: the mass is guided above the shipped robot; use a push")
-        self.env = WalkEnv(env_cfg, edit=add_mass(cfg.mass) if drop else None)
+        self.env = WalkEnv(env_cfg, edit=add_mass(cfg.mass, layout) if drop else None)
         self.mass = FallingMass(self.env, cfg.mass) if drop else None
         self.foreign = foreign_device(self.env.sim.scene.actuators)
         if layout != MR_GO:

@@ -177,12 +177,14 @@ class MotionMeter:
 def leg_channels(env: WalkEnv) -> dict[str, torch.Tensor]:
     """:data:`CHANNELS` of the joint that is followed on each leg, as they are now, shape (E, L); 0 without a device."""
     device, scene = env.actuator, env.sim.scene
-    followed, legs = list(scene.watched), [scene.legs[joint] for joint in device.mr_joints]
+    followed = list(scene.watched)
+    slots = [slot for slot, joint in enumerate(device.mr_joints) if joint in followed]
+    legs = [followed.index(device.mr_joints[slot]) for slot in slots]
     motor = {"q_des": env.q_des, "q": env.q, "qd": env.qd, "tau_motor": env.view(device.tau_motor)}
     found = {"f_foot": env.f_foot, **{name: array[:, followed] for name, array in motor.items()}}
     for name in ("tau_mr", "current", "m_hold", "m_dyn"):
         found[name] = torch.zeros(env.num_envs, len(env.layout.legs), device=env.device)
-        found[name][:, legs] = env.view(getattr(device, name))
+        found[name][:, legs] = env.view(getattr(device, name))[:, slots]
     return found
 
 

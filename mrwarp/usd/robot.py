@@ -23,6 +23,8 @@ class Leg:
     """Name of the collision shape that touches the ground, a sphere."""
     phase: float
     """Offset on the gait clock, 0 to 1: the leg stands in the first half of its own cycle."""
+    sole: bool = False
+    """Whether all shapes of the foot's body bear its load, as a biped's sole; else the sphere alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,8 +64,8 @@ class Layout:
         return tuple((found or leg)[-1] for found, leg in zip(with_device, self.columns, strict=True))
 
     def leg_of(self, joint: str) -> int:
-        """Place of a joint's leg; the first one's for a joint of no leg."""
-        return next((k for k, leg in enumerate(self.legs) if joint in leg.joints), 0)
+        """Place of a joint's leg; -1 for a joint of no leg. A bench's joint counts as the first leg's."""
+        return next((k for k, leg in enumerate(self.legs) if joint in leg.joints), -1 if joint in self.neutral else 0)
 
 
 LEGS = ("FL", "FR", "RL", "RR")

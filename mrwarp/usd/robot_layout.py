@@ -10,6 +10,7 @@
             rel mrwarp:joints = [</robot/joints/LF_HAA>, </robot/joints/LF_HFE>, </robot/joints/LF_KFE>]
             rel mrwarp:foot = </robot/LF_SHANK/LF_foot>  # a sphere
             double mrwarp:phase = 0                      # offset on the gait clock, 0 to 1
+            bool mrwarp:sole = 1                         # optional: all shapes of the foot's body bear its load
         }
     }
 
@@ -60,6 +61,8 @@ def write_layout(stage: Usd.Stage, layout: Layout) -> None:
         foot = next(p.GetPath() for p in stage.Traverse() if p.GetName() == leg.foot and p.GetTypeName() == "Sphere")
         prim.CreateRelationship("mrwarp:foot").SetTargets([foot])
         prim.CreateAttribute("mrwarp:phase", Sdf.ValueTypeNames.Double).Set(leg.phase)
+        if leg.sole:
+            prim.CreateAttribute("mrwarp:sole", Sdf.ValueTypeNames.Bool).Set(True)
     for name, angle in layout.neutral.items():
         joint = stage.GetPrimAtPath(root.AppendPath(f"joints/{name}"))
         joint.CreateAttribute("mrwarp:neutral", Sdf.ValueTypeNames.Double).Set(round(math.degrees(angle), 6))
@@ -71,7 +74,8 @@ def _leg(prim: Usd.Prim, file: Path) -> Leg:
         raise AssetError(f"{file}: {prim.GetPath()}: mrwarp:phase = {phase}; allowed: a double from 0 to below 1")
     joints = tuple(path.name for path in _targets(prim, "mrwarp:joints", file, None))
     foot = _targets(prim, "mrwarp:foot", file, 1)[0]
-    return Leg(name=prim.GetName(), joints=joints, foot=foot.name, phase=phase)
+    sole = prim.GetAttribute("mrwarp:sole").Get() is True
+    return Leg(name=prim.GetName(), joints=joints, foot=foot.name, phase=phase, sole=sole)
 
 
 def _targets(prim: Usd.Prim, name: str, file: Path, count: int | None) -> list[Sdf.Path]:

@@ -22,7 +22,7 @@ from mrwarp.kernels import ledger
 from mrwarp.run_dir import atomic_write
 from mrwarp.runtime import panels
 from mrwarp.trials.impact import ImpactSweep, ImpactTrace
-from mrwarp.usd.robot import GAIT_FREQUENCY
+from mrwarp.usd.robot import GAIT_FREQUENCY, MR_GO
 from mrwarp.viewing import shapes
 from mrwarp.viewing.frames import Frames, Gate, gate_of
 from mrwarp.viewing.shapes import CURRENT_COLORS, GATE_COLORS, Color, Part, Shape, ground_of, rotate
@@ -176,27 +176,25 @@ def contact_sheet(
         poses = [(frames.qpos[i, robot], frames.gate[i, robot], frames.foot_force[i, robot]) for i in instants]
         _draw_row(figure.add_subplot(grid[robot + 1, :]), side, poses, f"{current:g} A")
     legs = dict(zip(scene.layout.leg_names, shapes.leg_colors(scene), strict=True))
-    _draw_legend(figure.add_subplot(grid[num + 1, :]), currents, has_device, legs)
+    _draw_legend(figure.add_subplot(grid[num + 1, :]), currents, has_device, legs, watched_name(scene))
     axes = [[figure.add_subplot(grid[num + 2 + row, column]) for column in range(2)] for row in range(plots)]
     (velocity, height), (motor, work) = axes[0], axes[-1]
     of_robots = [_current_color(robot) for robot in range(num)]
     velocity.plot(time, frames.v_x_command[:, 0], color="0.4", linewidth=1, linestyle="--")
     _lines(velocity, "forward velocity [m/s]", time, frames.v_x, of_robots)
     _lines(height, "trunk height [m]", time, shapes.trunk_height(ground_of(scene.model), frames.qpos), of_robots)
-    colors, names = list(legs.values()), list(legs)
+    colors = list(legs.values())
     # the joints of the last robot, which has the largest current
-    of_joints, at = [_rgb(colors[leg]) for leg in scene.legs], f"at {currents[k]:g} A"
+    at, joint = f"at {currents[k]:g} A", watched_name(scene)
     if has_device:
         (torque, coil), (gates, force) = axes[1:3]
-        devices = [joint for joint, actuator in enumerate(scene.actuators) if actuator.mr is not None]
-        of_devices = [of_joints[joint] for joint in devices]
+        of_devices = [_rgb(color) for color in shapes.device_colors(scene)]
         _lines(torque, f"MR torque {at} [N·m]", time, frames.tau_mr[:, k], of_devices)
         _lines(coil, f"coil current {at} [A]", time, frames.current[:, k], of_devices, drawstyle="steps-post")
         _lines(force, f"foot force {at} [N]", time, np.linalg.norm(frames.foot_force[:, k], axis=-1), map(_rgb, colors))
-        _plot_gates(gates, f"gates {at}", time, frames.gate[:, k], [names[scene.legs[joint]] for joint in devices])
-    calves = list(scene.watched)
-    of_calves = [of_joints[joint] for joint in calves]
-    _lines(motor, f"calf motor torque {at} [N·m]", time, frames.tau_motor[:, k, calves], of_calves)
+        _plot_gates(gates, f"gates {at}", time, frames.gate[:, k], scene.device_names)
+    of_motors = frames.tau_motor[:, k, list(scene.watched)]
+    _lines(motor, f"{joint} motor torque {at} [N·m]", time, of_motors, map(_rgb, colors))
     used = (frames.ledger - frames.ledger[:1]).sum(2)
     _lines(work, "work on the joints [J]", time, used[:, :, int(ledger.MOTOR)], of_robots)
     by_devices = used[:, :, int(ledger.DYNAMIC) : int(ledger.DRAG) + 1].sum(-1)
@@ -224,13 +222,16 @@ def contact_sheet(
 def impact_sheet(sweep: ImpactSweep, trace: ImpactTrace, path: Path) -> None:
     """The first trial per current at instants after the impact, and height and speed of all currents below."""
     currents = sweep.cfg.currents
-    side = SideView(sweep.env.sim.scene)
-    slots = [joint // 3 for joint in sweep.env.actuator.mr_joints]
+    scene, devices = sweep.env.sim.scene, sweep.env.actuator.mr_joints
+    followed = [(slot, scene.watched.index(joint)) for slot, joint in enumerate(devices) if joint in scene.watched]
+    slots, legs = (list(places) for places in zip(*followed, strict=True)) if followed else ([], [])
+    side = SideView(scene)
     figure = Figure(figsize=(12, 1.7 * len(currents) + 4.2), layout="constrained")
     grid = figure.add_gridspec(len(currents) + 1, 2, height_ratios=[1.0] * len(currents) + [2.0])
     instants = [min(int(np.searchsorted(trace.t, instant)), len(trace.t) - 1) for instant in AFTER_IMPACT]
     for row, current in enumerate(currents):
-        gates = gate_of(trace.m_dyn[row, 0], trace.m_hold[row, 0])[:, slots]
+        gates = np.zeros((len(trace.t), len(devices)), dtype=int)
+        gates[:, slots] = gate_of(trace.m_dyn[row, 0], trace.m_hold[row, 0])[:, legs]
         upward = trace.f_foot[row, 0, ..., None] * np.array([0.0, 0.0, 1.0])
         poses = [(trace.qpos[row, k], gates[k], upward[k]) for k in instants]
         notes = [
@@ -249,20 +250,20 @@ def impact_sheet(sweep: ImpactSweep, trace: ImpactTrace, path: Path) -> None:
         axis.set(xlabel="time after onset [s]", ylabel=label)
         axis.grid(alpha=0.3)
         axis.legend(fontsize=8, title="mean, SD over trials", title_fontsize=8)
-    figure.suptitle("First trial of every current; foot forces as arrows, calves coloured by gate", fontsize=11)
+    figure.suptitle("First trial of every current; foot forces as arrows, links coloured by gate", fontsize=11)
     figure.savefig(path, dpi=100)
 
 
 def impact_loops(trace: ImpactTrace, currents: tuple[float, ...], path: Path) -> None:
-    """Torque of the devices over calf velocity and angle during the impact, all trials and legs."""
+    """Torque of the devices over velocity and angle of their joints during the impact, all trials and legs."""
     figure, (axes,) = panels((11, 4.5), 1, 2, sharey=True)
     for row, current in enumerate(currents):
         color = COLORS[row % len(COLORS)]
         for axis, values in zip(axes, (trace.qd[row], trace.q[row]), strict=True):
             style = {"color": color, "markersize": 2, "alpha": 0.35, "label": f"{current:g} A"}
             axis.plot(values.ravel(), trace.tau_mr[row].ravel(), ".", **style)
-    axes[0].set(xlabel="calf velocity [rad/s]", ylabel="torque of the MR device [N·m]")
-    axes[1].set(xlabel="calf angle [rad]")
+    axes[0].set(xlabel="joint velocity [rad/s]", ylabel="torque of the MR device [N·m]")
+    axes[1].set(xlabel="joint angle [rad]")
     for axis in axes:
         axis.axhline(0.0, color="0.6", linewidth=0.8)
     axes[0].axvline(0.0, color="0.6", linewidth=0.8)
@@ -296,6 +297,11 @@ def impact_timeline(trace: ImpactTrace, currents: tuple[float, ...], path: Path)
     figure.savefig(path, dpi=110)
 
 
+def watched_name(scene: Scene) -> str:
+    """What the joints that are followed are called: the calves of the shipped robot."""
+    return "calf" if scene.layout == MR_GO else "joint"
+
+
 def _current_color(k: int) -> Rgb:
     return _rgb(CURRENT_COLORS[k % len(CURRENT_COLORS)])
 
@@ -325,12 +331,12 @@ def _draw_row(axis: Axes, side: SideView, poses: Sequence[Pose], label: str, not
     _frame_row(axis, 0.48, unit)
 
 
-def _draw_legend(axis: Axes, currents: Sequence[float], has_device: bool, legs: dict[str, Color]) -> None:
+def _draw_legend(axis: Axes, currents: Sequence[float], has_device: bool, legs: dict[str, Color], joint: str) -> None:
     axis.set_axis_off()
     robot: list[Patch | Line2D] = []
     if has_device:
         names = {Gate.OFF: "gates closed", Gate.DYNAMIC: "dynamic gate open", Gate.HOLD: "holding gate open"}
-        robot = [Patch(facecolor=_rgb(GATE_COLORS[gate]), label=f"calf: {text}") for gate, text in names.items()]
+        robot = [Patch(facecolor=_rgb(GATE_COLORS[gate]), label=f"{joint}: {text}") for gate, text in names.items()]
     robot.append(Line2D([], [], color=FORCE_COLOR, marker="^", markersize=4, label="foot force"))
     lines = [Line2D([], [], color="0.4", linestyle="--", linewidth=1, label="command")]
     lines += [Line2D([], [], color=_current_color(k), label=f"{current:g} A") for k, current in enumerate(currents)]

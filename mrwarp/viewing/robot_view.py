@@ -31,6 +31,7 @@ from mrwarp.viewing.shapes import (
     Shape,
     body_names,
     body_poses,
+    device_colors,
     feet,
     ground_of,
     leg_colors,
@@ -116,7 +117,7 @@ class RobotLogger:
 
     Attributes:
         names: Entity name of each robot: its place in the row and its current.
-        device_legs: Names of the legs with a device.
+        devices: Colour of each device by its name, see :attr:`Scene.device_names`.
         series: Names of the series that these robots have.
         calves: Joints that are followed, one of each leg.
         ground: Heights of the ground; None if it is a plane.
@@ -125,10 +126,8 @@ class RobotLogger:
 
     def __init__(self, scene: Scene, currents: Sequence[float], recording: rr.RecordingStream) -> None:
         self.names = [f"{k}_{current:g}A" for k, current in enumerate(currents)]
-        self.device_legs = [
-            scene.layout.leg_names[leg] for leg, a in zip(scene.legs, scene.actuators, strict=True) if a.mr is not None
-        ]
-        self.series = [name for name, kind in SERIES.items() if self.device_legs or kind.lines != "devices"]
+        self.devices = dict(zip(scene.device_names, device_colors(scene), strict=True))
+        self.series = [name for name, kind in SERIES.items() if self.devices or kind.lines != "devices"]
         self._recording, self._model = recording, scene.model
         self._bodies, self._shapes = body_names(scene), robot_shapes(scene)
         self._feet = feet(scene, self._shapes)
@@ -184,7 +183,7 @@ class RobotLogger:
             "robot": {label: color},
             "command": {"command": COMMAND_COLOR},
             "legs": self._legs,
-            "devices": {leg: self._legs[leg] for leg in self.device_legs},
+            "devices": self.devices,
             "energy": {name: color for name, (_, color) in ENERGY.items()},
         }
         for name in self.series:
@@ -196,7 +195,7 @@ class RobotLogger:
             colors=[GATE_COLORS[gate] for gate in Gate],
             visible=[gate is not Gate.OFF for gate in Gate],
         )
-        for leg in self.device_legs:
+        for leg in self.devices:
             self._recording.log(f"{root}/gate/{leg}", states, static=True)
 
     def _log_forces(self, root: str, times: np.ndarray, pos: np.ndarray, quat: np.ndarray, force: np.ndarray) -> None:
@@ -214,7 +213,7 @@ class RobotLogger:
         last = self._gates.get(root, np.full(gate.shape[1:], -1))
         self._gates[root] = gate[-1]
         changed = np.diff(gate, axis=0, prepend=last[None]) != 0
-        for device, leg in enumerate(self.device_legs):
+        for device, leg in enumerate(self.devices):
             rows = np.flatnonzero(changed[:, device])
             if not len(rows):
                 continue
@@ -319,7 +318,7 @@ def _scene(robots: RobotLogger) -> rrb.Spatial3DView:
 
 def _details(name: str, robots: RobotLogger) -> rrb.Grid:
     views: list[rrb.View] = [_plot(s, [f"/robots/{name}/series/{s}"]) for s in DETAILS if s in robots.series]
-    if robots.device_legs:
+    if robots.devices:
         gates = rrb.StateTimelineView(origin=f"/robots/{name}/gate", name="gates", time_view=_time_axis())
         views.insert(2, gates)
     return rrb.Grid(*views, grid_columns=2, name=name.partition("_")[2].replace("A", " A"))

@@ -72,6 +72,12 @@ def leg_colors(scene: Scene) -> list[Color]:
     return [LEG_COLORS[k % len(LEG_COLORS)] for k in range(len(scene.layout.legs))]
 
 
+def device_colors(scene: Scene) -> list[Color]:
+    """Colour of the plotted lines of each device: its leg's, grey at a joint of no leg."""
+    colors, devices = leg_colors(scene), [a.mr is not None for a in scene.actuators]
+    return [colors[leg] if leg >= 0 else (128, 128, 128) for leg, mr in zip(scene.legs, devices, strict=True) if mr]
+
+
 def body_names(scene: Scene) -> tuple[str, ...]:
     """Short name of each body, world first: the robot's without the path of its root, others as they are called."""
     names, trunk = [scene.model.body(i).name for i in range(scene.model.nbody)], scene.layout.trunk
