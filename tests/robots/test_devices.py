@@ -47,8 +47,8 @@ def test_held_joints_leave_one_body_of_the_same_mass_moment_and_inertia(robot) -
     masses = np.array([8.0, 1.0, 0.5])
     com = masses @ points / masses.sum()
     inertia = sum(
-        R @ I @ R.T + m * ((p - com) @ (p - com) * np.eye(3) - np.outer(p - com, p - com))
-        for R, I, m, p in zip(turns, own, masses, points, strict=True)
+        R @ J @ R.T + m * ((p - com) @ (p - com) * np.eye(3) - np.outer(p - com, p - com))
+        for R, J, m, p in zip(turns, own, masses, points, strict=True)
     )
     assert model.body_mass[trunk] == pytest.approx(9.5)
     np.testing.assert_allclose(model.body_ipos[trunk], com, atol=1e-6)
