@@ -56,7 +56,7 @@ def test_held_joints_leave_one_body_of_the_same_mass_moment_and_inertia(robot) -
 
 
 def test_a_stronger_device_has_its_torques_and_currents(robot) -> None:  # noqa: ANN001
-    """Torques in proportion, the coil by the third root, gates by the weight; angles, currents and motor as they were."""
+    """Torques in proportion, the coil by the third root, gates by the weight; angles and currents as they were."""
     file = imported(robot())
     assert main(["robot", "fit-device", file, "--joint", "*_knee", "--scale", "limit"]) == 0
     device = next(a.mr for a in load_robot(robot=file).actuators if a.mr)
