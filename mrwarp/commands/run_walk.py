@@ -29,6 +29,12 @@ trot_speed = opt.within(0.05, 1.0, "m/s")
 used_current = opt.within(0.01, 100.0, "A")
 """Coil current; each device clips it to its own ``current_max``."""
 
+
+def _walker(text: str) -> str:
+    """One of the paper's robots, or a robot's USD file."""
+    return text if text in ROBOTS else opt.robot_name(text)
+
+
 Distance = Annotated[float, opt.one(opt.within(0.01, 1e4, "m"), "M")]
 
 
@@ -94,14 +100,14 @@ class Walk(EnergyOptions):
 
     out: opt.Folder = Path("runs/walk-energy")
     """output folder"""
-    robot: Annotated[tuple[str, ...] | None, opt.some_of(ROBOTS)] = None
-    """robots (default: all three)"""
+    robot: Annotated[tuple[str, ...] | None, opt.some(_walker, f"{{{','.join(ROBOTS)}}}")] = None
+    """robots (default: all three), or a USD file of 'mrwarp robot import' alone, with --policy: cost by current"""
     sal: Literal["on", "off"] | None = None
     """only MR_Go-SAL (on) or MR_Go (off)"""
-    speed: Annotated[tuple[float, ...], opt.some(trot_speed, "V")] = (0.3, 0.5)
-    """commands [m/s]"""
-    payload: Annotated[tuple[float, ...], opt.some(opt.load, "KG")] = (0.0, 3.0)
-    """loads [kg]"""
+    speed: Annotated[tuple[float, ...] | None, opt.some(trot_speed, "V")] = None
+    """commands [m/s] (default: 0.3 and 0.5, as of a robot 0.334 m high)"""
+    payload: Annotated[tuple[float, ...] | None, opt.some(opt.load, "KG")] = None
+    """loads [kg] (default: 0 and 3; a robot of your own walks without)"""
     distance: Distance = 30.0
     """measured distance [m]"""
     trials: opt.Count = 3
@@ -112,6 +118,8 @@ class Walk(EnergyOptions):
     def run(self, line: CommandLine) -> int:
         """0 done, 1 when a robot fell or was too slow in every trial, 2 on bad input."""
         check_writable(self.out)
+        if files := [name for name in self.robot or () if name not in ROBOTS]:
+            return self._own(line, files[0])
 
         from mrwarp.energy.model_numbers import read_numbers, write_numbers
         from mrwarp.trials import energy_report, walk_pictures
@@ -122,8 +130,8 @@ class Walk(EnergyOptions):
         cfg = WalkCfg(
             **self.chosen("trials", "distance", "current", "seed"),
             robots=self._robots(),
-            payloads=self.payload,
-            speeds=self.speed,
+            payloads=(0.0, 3.0) if self.payload is None else self.payload,
+            speeds=self.speed or (0.3, 0.5),
             env=self.env_cfg(),
         )
         if self.calibrate and not energy_report.can_calibrate(cfg):
@@ -147,6 +155,55 @@ class Walk(EnergyOptions):
         print("\n".join(energy_report.walk_lines(figures)))
         print(f"\nfigures and pictures in {self.out}")
         return 0 if all(len(result.speed) for result in results) else 1
+
+    def _own(self, line: CommandLine, file: str) -> int:
+        """The same for a robot of one's own: with no current, and a third, two thirds and all of --current."""
+        from mrwarp.energy.model_numbers import described, read_numbers
+        from mrwarp.env.natural_units import scales_of
+        from mrwarp.rl.policy import OnnxPolicy
+        from mrwarp.trials import own_robot
+        from mrwarp.usd.asset import device_lines, load_robot
+
+        if len(self.robot or ()) > 1 or self.sal or self.calibrate:
+            raise ValueError(f"--robot {file}: leave out other robots, --sal and --calibrate, which are the paper's")
+        if self.policy is None:
+            raise ValueError(f"--robot {file}: give its --policy, as 'mrwarp train --robot {file}' writes it")
+        devices = [a for a in load_robot(robot=file).actuators if a.mr is not None]
+        if not devices:
+            raise ValueError(
+                f"{file}: no joint has a device to compare with; put some on with 'mrwarp robot fit-device'"
+            )
+        policy, by = OnnxPolicy(self.policy), scales_of(file)
+        electrical = read_numbers(self.numbers, self.set)["electrical"]
+        for text in (*device_lines(devices), own_robot.assumption(by)):
+            print(text, flush=True)
+        task = replace(self.env_cfg(), robot=file)
+        rows, progress, loads = [], ProgressLine(sys.stdout), self.payload or (0.0,)
+        try:
+            for k, load in enumerate(loads):
+                rows += own_robot.walk_currents(
+                    task,
+                    policy,
+                    **self.chosen("trials", "distance", "seed"),
+                    currents=[self.current * share / 3.0 for share in range(4)],
+                    speeds=self.speed or [round(speed * by.speed, 3) for speed in (0.3, 0.5)],
+                    payload=load,
+                    cfg=electrical,
+                    report=lambda share, k=k, load=load: progress(f"{load:g} kg", (k + share) / len(loads)),
+                )
+        finally:
+            progress.done()
+        figures = {
+            "robot": Path(file).name, "conditions": rows, "savings": own_robot.savings(rows),
+            "assumption": own_robot.assumption(by), "calibrated": False, "distance": self.distance,
+            "scales": {name: getattr(by, name) for name in ("length", "mass", "time", "torque", "power")},
+            "numbers": described({"electrical": electrical}),
+        }  # fmt: skip
+        write_result(self.out, figures, seed=self.seed, command=str(line))
+        own_robot.picture(rows, self.out / "cot.png", Path(file).name)
+        print("\n".join(own_robot.lines(rows)))
+        print(f"\nfigures and picture in {self.out}")
+        return 0 if all(row["trials"] for row in rows) else 1
 
     def _robots(self) -> tuple[str, ...]:
         """Robots that are asked for.

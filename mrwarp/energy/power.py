@@ -148,12 +148,12 @@ def copper_factor(cfg: ElectricalCfg, rise: np.ndarray | float = 0.0, joints: in
 
 
 def copper(joints: JointLoad, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> np.ndarray:
-    """Copper loss of every joint [W], shape (..., 12)."""
-    return copper_factor(cfg, rise) * joints.torque_square
+    """Copper loss of every joint [W], shape (..., J)."""
+    return copper_factor(cfg, rise, joints.torque_square.shape[-1]) * joints.torque_square
 
 
 def motor_heat(joints: JointLoad, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> np.ndarray:
-    """Heat in every motor with its gear, of copper and drive friction [W], shape (..., 12)."""
+    """Heat in every motor with its gear, of copper and drive friction [W], shape (..., J)."""
     return copper(joints, cfg, rise) + cfg.drive_friction * joints.speed
 
 

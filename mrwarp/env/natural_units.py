@@ -41,6 +41,11 @@ class Scales:
         """Mass times length, as gravity is the same."""
         return self.mass * self.length
 
+    @property
+    def power(self) -> float:
+        """Torque by time."""
+        return self.torque / self.time
+
 
 def scales(scene: Scene) -> Scales:
     """Size of a scene's robot; 1 for the shipped one, whatever it carries."""

@@ -89,7 +89,8 @@ def load_robot(path: str | Path | None = None, *, robot: str = "mr_go", payload:
         robot: variant ``robot``: ``mr_go`` (MR calves) or ``go1`` (PD motors only); or a USD file in place of ``path``,
             such as ``mrwarp robot import`` writes, with its first variant.
         payload: mass on the back [kg]: that of a variant ``payload``, else the heaviest variant's body with this mass
-            and its inertia in proportion. A file without variant sets, as flattening leaves it, has one choice.
+            and its inertia in proportion; a robot's file without such a variant carries it in its trunk. A file without
+            variant sets, as flattening leaves it, has one choice.
 
     Raises:
         AssetError: the file, a variant, a joint, an actuator or one of its numbers is not usable.
@@ -102,7 +103,9 @@ def load_robot(path: str | Path | None = None, *, robot: str = "mr_go", payload:
     robot = variant_choices(stage, "robot")[0] if own else robot
     loads = variant_choices(stage, "payload")
     load = f"{payload:g}"
-    if load not in loads and payload > 0.0 and loads != ["0"]:
+    if own and payload > 0.0 and loads == ["0"]:
+        load = loads[0]
+    elif load not in loads and payload > 0.0 and loads != ["0"]:
         load = max(loads, key=_kilograms)
     for name, choice in (("robot", robot), ("payload", load)):
         root, offered = stage.GetDefaultPrim(), variant_choices(stage, name)
@@ -110,9 +113,9 @@ def load_robot(path: str | Path | None = None, *, robot: str = "mr_go", payload:
             raise AssetError(f"{file}: {root.GetPath()}: no variant {name} = {choice!r}; allowed: {', '.join(offered)}")
         if root.GetVariantSets().HasVariantSet(name):
             root.GetVariantSet(name).SetVariantSelection(choice)
-    if load != f"{payload:g}":
-        _weigh(stage, file, payload)
     layout = read_layout(stage, file)
+    if load != f"{payload:g}":
+        _weigh(stage, file, payload, layout.trunk if loads == ["0"] else None)
     found = _actuators(stage, file, layout.joints, layout.neutral)
     return RobotAsset(path=file, robot=robot, payload=payload, stage=stage, actuators=found, layout=layout)
 
@@ -125,14 +128,15 @@ def _kilograms(variant: str) -> float:
         return 0.0
 
 
-def _weigh(stage: Usd.Stage, file: Path, mass: float) -> None:
-    """Give the payload's body a mass [kg], and its inertia in proportion."""
-    path = stage.GetDefaultPrim().GetPath().AppendPath("payload")
+def _weigh(stage: Usd.Stage, file: Path, mass: float, trunk: str | None) -> None:
+    """Give the payload's body a mass [kg], or the trunk so much more; the inertia in proportion."""
+    path = stage.GetDefaultPrim().GetPath().AppendPath(trunk or "payload")
     body = stage.GetPrimAtPath(path)
     own, inertia = (body.GetAttribute(f"physics:{name}") for name in ("mass", "diagonalInertia"))
     before = own.Get() if own else None
     if not before or before <= 0.0:
         raise AssetError(f"{file}: {path}: there is no body with physics:mass above 0; it carries the payload")
+    mass += before if trunk else 0.0
     if inertia and inertia.Get() is not None:
         inertia.Set(inertia.Get() * (mass / before))
     own.Set(mass)
