@@ -46,8 +46,8 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
     """how the device acts: a brake that sticks, the paper's explicit torque, or each in turn"""
     branches: Literal["damping", "both"] = "damping"
     """the dynamic branch alone, as the paper's section 6.3 evaluates it, or with holding"""
-    robot: opt.Robot = "mr_go"
-    """robot variant, or a USD file of 'mrwarp robot import'"""
+    robot: Annotated[str | None, opt.ROBOT] = None
+    """mr_go, go1, or a USD file of 'mrwarp robot import' (default: the file of the policy's robot, else mr_go)"""
     payload: opt.Load = 0
     """mass on the back [kg]"""
     sensitivity: opt.Flag = False
@@ -111,7 +111,7 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
         from mrwarp.env.natural_units import scales_of
         from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, fixed_current_env
 
-        robot = self.chosen("robot", "payload", "asset", "model")
+        robot = {**self.chosen("payload", "asset", "model"), "robot": self.robot or policy.file or "mr_go"}
         given = {name: value for name, value in self.chosen("speed", "force", "duration").items() if value is not None}
         cfg = ImpactCfg(
             **self.chosen("trials", "seed"),
@@ -119,7 +119,7 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
             variants=variants,
             env=fixed_current_env(holding=self.branches == "both", coupling=coupling, **robot),
         )
-        return ImpactSweep(replace(cfg.scaled(scales_of(self.robot, self.asset)), **given), policy)
+        return ImpactSweep(replace(cfg.scaled(scales_of(robot["robot"], self.asset)), **given), policy)
 
     def _sensitivity(self, policy: OnnxPolicy) -> dict[str, Any]:
         from mrwarp.trials.impact_figures import plot_thresholds, threshold_reductions, threshold_variants

@@ -35,6 +35,13 @@ def _walker(text: str) -> str:
     return text if text in ROBOTS else opt.robot_name(text)
 
 
+def _trained_on(policy: Path) -> str | None:
+    """USD file of the robot of one's own that a policy was trained on."""
+    from mrwarp.rl.policy import OnnxPolicy
+
+    return OnnxPolicy(policy).file
+
+
 Distance = Annotated[float, opt.one(opt.within(0.01, 1e4, "m"), "M")]
 
 
@@ -101,7 +108,8 @@ class Walk(EnergyOptions):
     out: opt.Folder = Path("runs/walk-energy")
     """output folder"""
     robot: Annotated[tuple[str, ...] | None, opt.some(_walker, f"{{{','.join(ROBOTS)}}}")] = None
-    """robots (default: all three), or a USD file of 'mrwarp robot import' alone, with --policy: cost by current"""
+    """robots (default: all three), or a USD file of 'mrwarp robot import', the default of a policy trained on one: its
+    cost of transport by current"""
     sal: Literal["on", "off"] | None = None
     """only MR_Go-SAL (on) or MR_Go (off)"""
     speed: Annotated[tuple[float, ...] | None, opt.some(trot_speed, "V")] = None
@@ -120,6 +128,8 @@ class Walk(EnergyOptions):
         check_writable(self.out)
         if files := [name for name in self.robot or () if name not in ROBOTS]:
             return self._own(line, files[0])
+        if self.policy and self.robot is None and (file := _trained_on(self.policy)):
+            return self._own(line, file)
 
         from mrwarp.energy.model_numbers import read_numbers, write_numbers
         from mrwarp.trials import energy_report, walk_pictures
@@ -194,7 +204,7 @@ class Walk(EnergyOptions):
         finally:
             progress.done()
         figures = {
-            "robot": Path(file).name, "conditions": rows, "savings": own_robot.savings(rows),
+            "robot": Path(file).name, "conditions": rows, "savings": own_robot.savings(rows), **own_robot.figures(rows),
             "assumption": own_robot.assumption(by), "calibrated": False, "distance": self.distance,
             "scales": {name: getattr(by, name) for name in ("length", "mass", "time", "torque", "power")},
             "numbers": described({"electrical": electrical}),

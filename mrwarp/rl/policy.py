@@ -17,6 +17,7 @@ from mrwarp.model_file import shown
 from mrwarp.nn.network_file import META, write_onnx
 from mrwarp.resources import DEFAULT_POLICY, POLICIES  # noqa: F401  (where policies are looked for)
 from mrwarp.run_dir import no_file, one_line
+from mrwarp.usd.asset import ROBOT_SUFFIXES
 
 LAYERS = ("Add", "Constant", "Div", "Elu", "Gemm", "Identity", "Mul", "Relu", "Sub", "Tanh")
 """Operators that a policy may consist of: none of them makes more numbers than it takes."""
@@ -55,6 +56,7 @@ class OnnxPolicy:
     Attributes:
         description: The metadata.
         joints: Joints J of the robot it was trained on.
+        file: USD file of a robot of one's own that it was trained on; None: a shipped robot.
 
     Raises:
         PolicyError: the file is missing, no ONNX, has another interface or layers that a policy does not have,
@@ -72,6 +74,8 @@ class OnnxPolicy:
             raise PolicyError(f"{path}: not a readable ONNX model ({one_line(error)}); export it again") from error
         self.description = self._described({entry.key: entry.value for entry in proto.metadata_props})
         self.joints = self.description["observations"]["q"]
+        robot = str(self.description.get("task", {}).get("robot"))
+        self.file = robot if robot.endswith(ROBOT_SUFFIXES) else None
         nodes, weights = proto.graph.node, proto.graph.initializer
         if any(w.data_location == onnx.TensorProto.EXTERNAL for w in weights):
             raise PolicyError(f"{path}: weights in other files; export it again, as one file")

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from matplotlib.figure import Figure
 
 from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power, cost_of_transport
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.env.natural_units import Scales
-from mrwarp.runtime import text_table
+from mrwarp.runtime import panels, text_table
 from mrwarp.trials.power_meter import MotionMeter, PowerMeter
 from mrwarp.trials.statistics import spread
 from mrwarp.trials.walking import Policy, make_env, same_starts
@@ -154,6 +153,14 @@ def savings(rows: Sequence[dict[str, Any]]) -> list[dict[str, float]]:
     ]
 
 
+def figures(rows: Sequence[dict[str, Any]]) -> dict[str, float | None]:
+    """At the fastest command with the lightest load: cost of transport without current, with all of it, the change."""
+    load, fast = min(row["payload"] for row in rows), max(row["command"] for row in rows)
+    own = [row for row in rows if (row["payload"], row["command"]) == (load, fast)]
+    off, on = ((row["cot"]["mean"] if row["trials"] else None) for row in (own[0], own[-1]))
+    return {"cot_off": off, "cot_on": on, "cot_change": on / off - 1.0 if on and off else None}
+
+
 def lines(rows: Sequence[dict[str, Any]]) -> list[str]:
     """The table."""
     changes = {(s["payload"], s["command"], s["current"]): s["cot_change"] for s in savings(rows)}
@@ -173,8 +180,7 @@ def lines(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 def picture(rows: Sequence[dict[str, Any]], path: Path, title: str) -> None:
     """Cost of transport over the current, a line per load and speed, as PNG."""
-    figure = Figure(figsize=(7, 4), layout="constrained")
-    axis = figure.subplots()
+    figure, ((axis,),) = panels((7, 4))
     for payload, command in dict.fromkeys((row["payload"], row["command"]) for row in rows):
         own = [r for r in rows if (r["payload"], r["command"]) == (payload, command) and r["trials"]]
         mean, sd = ([r["cot"][name] for r in own] for name in ("mean", "sd"))
@@ -182,6 +188,5 @@ def picture(rows: Sequence[dict[str, Any]], path: Path, title: str) -> None:
         axis.errorbar([r["current"] for r in own], mean, sd, marker="o", capsize=3, label=label)
     axis.set(xlabel="current the devices may use [A]", ylabel="cost of transport [1]", title=title)
     axis.set_ylim(bottom=0.0)
-    axis.grid(alpha=0.3)
     axis.legend()
     figure.savefig(path, dpi=110)
