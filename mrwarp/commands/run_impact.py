@@ -17,6 +17,7 @@ from mrwarp.runtime import text_table
 if TYPE_CHECKING:
     from mrwarp.rl.policy import OnnxPolicy
     from mrwarp.trials.impact import ImpactSweep, Variant
+    from mrwarp.usd.asset import RobotAsset
 
 push_force = opt.within(-1e4, 1e4, "N")
 """Push on a robot of 15 kg; the paper's is 100 N."""
@@ -62,12 +63,15 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
         check_writable(self.out)
 
         from mrwarp.rl.policy import OnnxPolicy
+        from mrwarp.trials.fixed_base import is_arm
         from mrwarp.trials.impact import Variant
         from mrwarp.trials.impact_figures import figures
-        from mrwarp.usd.asset import check_currents, device_lines
+        from mrwarp.usd.asset import check_currents, device_lines, load_robot
         from mrwarp.viewing import robot_pictures
         from mrwarp.viewing.live_view import ImpactView, open_sink
 
+        if self.robot and is_arm(arm := load_robot(robot=self.robot)):
+            return self._arm(line, arm)
         policy = OnnxPolicy(self.policy)
         couplings = list(Coupling) if self.coupling == "both" else [Coupling(self.coupling)]
         variants = tuple(Variant(current=current) for current in self.current)
@@ -105,6 +109,31 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
             print(f"open {sink.web.page} in a browser on this machine; Ctrl-C ends", flush=True)
             sink.web.wait()
             sink.web.close()
+        return 0
+
+    def _arm(self, line: CommandLine, arm: RobotAsset) -> int:
+        """Push the last link of an arm that keeps its stance; by default with the weight of all that moves."""
+        from mrwarp.trials import fixed_base
+        from mrwarp.usd.asset import check_currents
+
+        if self.kind == "drop":
+            raise ValueError("--kind drop: the mass falls on a trunk, an arm has none; use a push")
+        check_currents(arm.actuators, self.current)
+        force = self.force or (0.0, 0.0, -fixed_base.weight(arm))
+        couplings = [c for c in Coupling if self.coupling in ("both", c.value)]
+        result: dict[str, Any] = {"force": force, "couplings": {}}
+        self.out.mkdir(parents=True, exist_ok=True)
+        for coupling in couplings:
+            push = {"force": force, "duration": self.duration or 0.2, "seconds": 2.0, "coupling": coupling}
+            scene, trace = fixed_base.move(arm, self.current, **push)
+            rows = fixed_base.figures(scene, trace, self.current)
+            result["couplings"][coupling.value] = {"by_current": rows}
+            print(f"push on {scene.joints[-1]}'s link, {coupling.value} coupling")
+            print("\n".join(fixed_base.lines(rows)))
+            title = f"{arm.path.name} pushed, {coupling.value} coupling"
+            fixed_base.picture(scene, trace, self.current, self.out / f"impact_{coupling.value}.png", title)
+        write_result(self.out, result, seed=self.seed, command=str(line))
+        print(f"\nfigures and pictures in {self.out}")
         return 0
 
     def _sweep(self, coupling: Coupling, variants: tuple[Variant, ...], policy: OnnxPolicy) -> ImpactSweep:

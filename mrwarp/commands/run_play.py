@@ -45,8 +45,8 @@ class Play(opt.RobotOptions):
 
     policy: Annotated[opt.OptionalText, WHO] = None
     """exported policy (.onnx), as train/ppo.py writes it"""
-    agent: Annotated[Literal["zero", "random"] | None, WHO] = None
-    """no policy: stand still, or move at random"""
+    agent: Annotated[Literal["zero", "random", "sine"] | None, WHO] = None
+    """no policy: stand still, move at random; sine, for an arm: every joint follows one"""
     live: Annotated[opt.Flag, opt.VIEW] = False
     """open rerun's window, also beside --png and --out"""
     rrd: Annotated[opt.OptionalFile, opt.VIEW] = None
@@ -92,6 +92,8 @@ class Play(opt.RobotOptions):
 
     def run(self, line: CommandLine) -> int:
         """0 when done, 1 when a recording failed, 2 on bad input, 130 after Ctrl-C."""
+        if self.agent == "sine":
+            return self._sine(line)
         player = self._prepare()
         web = player.sink.web if player.sink else None
         try:
@@ -99,6 +101,28 @@ class Play(opt.RobotOptions):
         finally:
             if web:
                 web.close()
+
+    def _sine(self, line: CommandLine) -> int:
+        """An arm whose joints follow a sine with every current: a table, --png and --out."""
+        from mrwarp.trials import fixed_base
+        from mrwarp.usd.asset import check_currents, load_robot
+
+        for path, suffix in ((self.png, ".png"), (self.out, "")):
+            check_output(path, suffix)
+        asset = load_robot(robot=self.robot or "mr_go")
+        if not fixed_base.is_arm(asset):
+            raise ValueError("--agent sine: is for an arm; a robot with legs takes --policy, or --agent zero or random")
+        check_currents(asset.actuators, self.current)
+        options = {"seconds": self.seconds, "coupling": self.coupling or Coupling.CONSTRAINT}
+        scene, trace = fixed_base.move(asset, self.current, target=fixed_base.sine, **options)
+        rows = fixed_base.figures(scene, trace, self.current)
+        print("\n".join(fixed_base.lines(rows)))
+        if self.png:
+            fixed_base.picture(scene, trace, self.current, self.png, f"{asset.path.name}: a sine at every joint")
+            print(f"picture: {self.png}")
+        if self.out:
+            print(f"figures: {write_result(self.out, {'by_current': rows}, seed=self.seed, command=str(line))}")
+        return 0
 
     def _prepare(self) -> Player:
         """The player, with its viewers open; nothing is written when something is wrong."""

@@ -48,7 +48,7 @@ class Import(Options):
 
     def run(self, line: CommandLine) -> int:
         """0 done, 2 on bad input."""
-        from mrwarp.robots.foreign import RobotFileError, prim_pattern
+        from mrwarp.robots.foreign import prim_pattern
         from mrwarp.robots.legs import Choices, understand
         from mrwarp.robots.read_robot import read_robot
         from mrwarp.robots.robot_table import layout_lines
@@ -77,8 +77,6 @@ class Import(Options):
             fix=tuple(map(prim_pattern, self.fix)),
         )
         robot = read_robot(self.file)
-        if not robot.floating:
-            raise RobotFileError(f"{self.file}: its root stands still; only robots whose trunk floats are imported")
         understood = understand(robot, choices)
         asset = write_checked(understood, self.out, source=str(self.file))
         print("\n".join(layout_lines(asset)))

@@ -25,7 +25,7 @@ LEVEL = 0.01
 
 def convert(asset: RobotAsset) -> mujoco.MjModel:
     """The MuJoCo model of an asset that can stand; Newton's notes are swallowed."""
-    robot = asset.robot != "bench"
+    robot = asset.robot != "bench" and bool(asset.layout.legs)
     with silent():
         scene = build_scene(asset, dt=CONVERSION_DT, ground=robot)
     if robot:

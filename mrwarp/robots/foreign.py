@@ -189,7 +189,9 @@ class ForeignRobot:
                 raise RobotFileError(
                     f"{self.path}: joint {joint.name} is a {joint.kind} joint; only hinges are simulated: weld it there"
                 )
-        for body in self.bodies:
+        for k, body in enumerate(self.bodies):
+            if k == self.root and not self.floating:  # it stands still
+                continue
             if not body.mass > 0.0 or not np.linalg.eigvalsh(body.inertia).min() > 0.0:
                 raise RobotFileError(
                     f"{self.path}: body {body.name} has a mass of {body.mass:g} kg or no inertia; give it both there"
@@ -278,10 +280,14 @@ def _robot(path: Path, builder: newton.ModelBuilder) -> ForeignRobot:
             if root is not None:
                 raise RobotFileError(f"{path}: {bodies[root].name} and {bodies[child].name} are two trunks; remove one")
             root, floating = child, kind == newton.JointType.FREE
-            if kind not in (newton.JointType.FREE, newton.JointType.FIXED):
+            if kind == newton.JointType.REVOLUTE:
+                root = len(bodies)
+                bodies.append(Body(name="base", mass=0.0, com=np.zeros(3), inertia=np.zeros((3, 3))))
+                joints.append(_joint(builder, i, root, child, names[i]))
+            elif kind not in (newton.JointType.FREE, newton.JointType.FIXED):
                 raise RobotFileError(
                     f"{path}: {labels[i]} joins the world by a {KINDS.get(kind, kind.name.lower())} joint; "
-                    "only floating robots are imported"
+                    "only floating robots and arms with a hinge there are imported"
                 )
         else:
             joints.append(_joint(builder, i, parent, child, names[i]))

@@ -97,7 +97,7 @@ class UnderstoodRobot:
 
 
 def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
-    """Find legs, feet, stance, gait and drives.
+    """Find legs, feet, stance, gait and drives; a robot whose root stands still has no legs.
 
     Raises:
         RobotFileError: no chain reaches the ground, a torque limit is missing, a choice names no joint, or its angle
@@ -122,9 +122,11 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
     notes = list(robot.notes)
     pose = {joint.name: _home(joint) for joint in robot.joints}
     pose.update({joint.name: v for joint in robot.joints if (v := _chosen(choices.pose, joint.name)) is not None})
-    legs = _grounded(robot, chains, choices.feet)
+    legs = _grounded(robot, chains, choices.feet) if robot.floating else []
     feet = {leg[-1].child: _foot(robot, leg[-1].child) for leg in legs}
-    if not all(joint.home is not None or _chosen(choices.pose, joint.name) is not None for joint in robot.joints):
+    if legs and not all(
+        joint.home is not None or _chosen(choices.pose, joint.name) is not None for joint in robot.joints
+    ):
         pose = _stance(robot, legs, feet, pose, choices)
         notes.append("the file has no keyframe: the stance was solved; --pose JOINT=RAD changes it")
     for joint in robot.joints:
@@ -136,7 +138,8 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
     poses = robot.poses(pose)
     centres = np.array([poses[body].apply(foot.centre) for body, foot in feet.items()])
     # front legs first, left before right
-    rows = np.round(centres[:, 0] / max(np.ptp(centres[:, 0]), 0.05) * 2.0)
+    centres = centres.reshape(-1, 3)
+    rows = np.round(centres[:, 0] / max(np.ptp(centres[:, 0]) if legs else 0.0, 0.05) * 2.0)
     order = sorted(range(len(legs)), key=lambda k: (-rows[k], -centres[k, 1]))
     legs, centres = [legs[k] for k in order], centres[order]
     touching = [feet[leg[-1].child] for leg in legs]
@@ -172,7 +175,7 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
     robot, rotors = _armatures(robot, drives, choices)
     notes += rotors
     radii = np.array([foot.radius for foot in touching])
-    height = float(-(centres[:, 2] - radii).min())
+    height = float(-(centres[:, 2] - radii).min()) if legs else 0.0
     return UnderstoodRobot(
         robot=robot, layout=layout, feet=tuple(touching), drives=drives, height=height, notes=tuple(notes)
     )

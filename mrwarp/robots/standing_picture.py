@@ -19,13 +19,16 @@ def draw(asset: RobotAsset, path: Path) -> None:
     with silent():
         scene = build_scene(asset, dt=CONVERSION_DT)
     qpos = scene.model.qpos0.copy()
-    qpos[:7] = (0.0, 0.0, scene.stand_height, 1.0, 0.0, 0.0, 0.0)
+    height = scene.stand_height if scene.floating else 0.0
+    if scene.floating:
+        qpos[:7] = (0.0, 0.0, height, 1.0, 0.0, 0.0, 0.0)
     qpos[scene.q_adr] = scene.layout.default_q
     figure = Figure(figsize=(7, 5), layout="constrained")
     axis = figure.add_subplot()
     devices = sum(actuator.mr is not None for actuator in scene.actuators)
     SideView(scene).draw(axis, qpos, np.zeros(devices), np.zeros((len(scene.layout.legs), 3)))
     axis.autoscale_view()
-    axis.set(aspect="equal", xlabel="x [m]", ylabel="z [m]", ylim=(-0.05 * scene.stand_height, None))
-    axis.set_title(f"{asset.path.name}: trunk {scene.stand_height:.3f} m high, {devices} MR devices", fontsize=10)
+    axis.set(aspect="equal", xlabel="x [m]", ylabel="z [m]", ylim=(-0.05 * height, None) if height else None)
+    what = f"trunk {height:.3f} m high, " if height else ""
+    axis.set_title(f"{asset.path.name}: {what}{devices} MR devices", fontsize=10)
     figure.savefig(path, dpi=110)

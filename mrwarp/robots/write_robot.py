@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,8 @@ def write_checked(understood: UnderstoodRobot, path: Path, *, source: str) -> Ro
     poses = robot.poses({})
     feet = {foot.body: (leg, foot) for leg, foot in zip(layout.legs, understood.feet, strict=True)}
     for k, body in enumerate(robot.bodies):
+        if k == robot.root and not robot.floating:  # it stands still: any mass does
+            body = replace(body, mass=1.0, inertia=0.01 * np.eye(3))
         prim = UsdGeom.Xform.Define(stage, f"{base}/{body.name}").GetPrim()
         _apply(prim, "PhysicsRigidBodyAPI", "PhysicsMassAPI")
         _place(prim, poses[k])
@@ -73,6 +76,9 @@ def write_checked(understood: UnderstoodRobot, path: Path, *, source: str) -> Ro
             _shape(stage, f"{base}/{body.name}/{body.name}_shape_{number}", shape)
         if leg is not None and foot is not None:
             _foot(stage, f"{base}/{body.name}/{leg.foot}", foot, f"{base}/materials/foot_{leg.name}")
+    if not robot.floating:
+        anchor = UsdPhysics.FixedJoint.Define(stage, f"{base}/anchor").GetPrim()
+        anchor.CreateRelationship("physics:body1", False).SetTargets([f"{base}/{robot.bodies[robot.root].name}"])
     UsdGeom.Scope.Define(stage, f"{base}/joints")
     UsdGeom.Scope.Define(stage, f"{base}/actuators")
     by_name = {joint.name: joint for joint in robot.joints}

@@ -1,0 +1,175 @@
+"""An arm, whose root stands still: its joints follow a motion, or its last link is pushed, with each current at once.
+
+Joints without a foot have no gates: their devices get the current, damp while they turn and hold where they are slow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import warp as wp
+
+from mrwarp.actuator.mr_actuator import MrActuatorCfg
+from mrwarp.enums import Coupling
+from mrwarp.env.sim import ActuatedSim, SimCfg
+from mrwarp.env.sim_model import Scene, build_scene
+from mrwarp.paper import GRAVITY
+from mrwarp.runtime import panels
+from mrwarp.usd.asset import RobotAsset
+
+AMPLITUDE, FREQUENCY = 0.3, 0.5
+"""Motion of every joint about the neutral stance, where its limits allow it [rad, Hz]; neighbours a quarter apart."""
+
+SETTLE = 2.0
+"""Time to come to rest before a push [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmTrace:
+    """What an arm did with C currents; J joints, T samples at 200 Hz."""
+
+    t: np.ndarray
+    """Time [s], shape (T,); of a push, since it began."""
+    q_des: np.ndarray
+    """Targets [rad], shape (T, J)."""
+    q: np.ndarray
+    """Angles [rad], shape (C, T, J)."""
+    qd: np.ndarray
+    """Speeds [rad/s], shape (C, T, J)."""
+    tau_motor: np.ndarray
+    """Torques of the motors [N·m], shape (C, T, J)."""
+    end: np.ndarray
+    """Centre of mass of the last link [m], shape (C, T, 3)."""
+
+
+def is_arm(asset: RobotAsset) -> bool:
+    """Whether a robot has no legs to walk with."""
+    return not asset.layout.legs
+
+
+def sine(scene: Scene) -> Callable[[float], np.ndarray]:
+    """Targets [rad], shape (J,), at a time [s]: a sine at every joint."""
+    neutral = np.array(scene.layout.default_q)
+    joints = scene.model.dof_jntid[scene.v_adr]
+    low, high = scene.model.jnt_range[joints].T
+    free = ~scene.model.jnt_limited[joints].astype(bool)
+    room = np.where(free, AMPLITUDE, np.minimum(high - neutral, neutral - low))
+    amplitude = np.clip(0.9 * room, 0.0, AMPLITUDE)
+    begin = 0.5 * np.pi * np.arange(len(neutral))
+    return lambda t: neutral + amplitude * (np.sin(2.0 * np.pi * FREQUENCY * t + begin) - np.sin(begin) * np.exp(-t))
+
+
+def move(
+    asset: RobotAsset,
+    currents: Sequence[float],
+    *,
+    seconds: float,
+    coupling: Coupling = Coupling.CONSTRAINT,
+    target: Callable[[Scene], Callable[[float], np.ndarray]] | None = None,
+    force: Sequence[float] | None = None,
+    duration: float = 0.2,
+) -> tuple[Scene, ArmTrace]:
+    """Let an arm follow its targets, or push its last link while it keeps its stance.
+
+    Args:
+        asset: The arm.
+        currents: Current of the devices in each copy [A].
+        seconds: Time that is recorded [s].
+        coupling: How the devices act.
+        target: Targets over time; None keeps the neutral stance, :data:`SETTLE` before the record begins.
+        force: Push at the last link's centre of mass [N], world frame; None is no push.
+        duration: How long the push lasts [s].
+    """
+    scene = build_scene(asset, dt=0.005, coupling=coupling, ground=False)
+    sim = ActuatedSim(scene, SimCfg(num_envs=len(currents)), MrActuatorCfg(coupling=coupling))
+    count, neutral = len(currents), np.array(scene.layout.default_q)
+    qpos = np.tile(scene.model.qpos0, (count, 1))
+    qpos[:, scene.q_adr] = neutral
+    sim.reset(None, wp.array(qpos, dtype=float), None)
+    sim.current_e.assign(np.array(currents, dtype=np.float32))
+    at = target(scene) if target else lambda _: neutral
+    last = scene.model.body(scene.model.nbody - 1).name
+    data, rows = mujoco.MjData(scene.model), []
+
+    def step(t: float) -> np.ndarray:
+        wanted = at(t)
+        sim.q_des.assign(np.tile(wanted, (count, 1)).astype(np.float32))
+        sim.step()
+        return wanted
+
+    if target is None:
+        for _ in range(round(SETTLE / 0.005)):
+            step(0.0)
+    steps, pushed = round(seconds / 0.005), round(duration / 0.005)
+    for k in range(steps):
+        if force is not None and k in (0, pushed):
+            sim.sim.push(last, np.tile(np.array(force) * (k == 0), (count, 1)))
+        wanted = step((k + 1) * 0.005)
+        ends = []
+        for q in sim.sim.q.numpy():
+            data.qpos[scene.q_adr] = q
+            mujoco.mj_kinematics(scene.model, data)
+            mujoco.mj_comPos(scene.model, data)
+            ends.append(data.xipos[-1].copy())
+        state = (sim.sim.q, sim.sim.qd, sim.actuator.tau_motor)
+        rows.append((wanted, *(array.numpy().copy() for array in state), np.array(ends)))
+    q_des, *others = (np.array(values) for values in zip(*rows, strict=True))
+    q, qd, tau, end = (np.swapaxes(values, 0, 1) for values in others)
+    t = (1 + np.arange(steps)) * 0.005
+    return scene, ArmTrace(t=t, q_des=q_des, q=q, qd=qd, tau_motor=tau, end=end)
+
+
+def weight(asset: RobotAsset) -> float:
+    """Weight of what moves [N]."""
+    model = build_scene(asset, dt=0.005, ground=False).model
+    return GRAVITY * float(model.body_mass[model.body_dofnum[model.body_weldid] > 0].sum())
+
+
+def figures(scene: Scene, trace: ArmTrace, currents: Sequence[float]) -> list[dict[str, Any]]:
+    """Of each current: the last link's largest way and speed, and of each joint error, speed and torque."""
+    way = np.linalg.norm(trace.end - trace.end[:, :1], axis=-1)
+    speed = np.linalg.norm(np.diff(trace.end, axis=1), axis=-1) / (trace.t[1] - trace.t[0])
+    error = trace.q - trace.q_des
+    names = scene.joints
+    return [
+        {
+            "current": current,
+            "end_way": float(way[i].max()),
+            "end_speed": float(speed[i].max()),
+            "q_rmse": dict(zip(names, np.sqrt((error[i] ** 2).mean(0)).tolist(), strict=True)),
+            "peak_speed": dict(zip(names, np.abs(trace.qd[i]).max(0).tolist(), strict=True)),
+            "peak_motor_torque": dict(zip(names, np.abs(trace.tau_motor[i]).max(0).tolist(), strict=True)),
+        }
+        for i, current in enumerate(currents)
+    ]
+
+
+def lines(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """A line per current."""
+    return [
+        f"{row['current']:g} A: last link {1e3 * row['end_way']:.1f} mm, {row['end_speed']:.3f} m/s; "
+        + ", ".join(f"{joint} {row['q_rmse'][joint]:.4f} rad RMS" for joint in row["q_rmse"])
+        for row in rows
+    ]
+
+
+def picture(scene: Scene, trace: ArmTrace, currents: Sequence[float], path: Path, title: str) -> None:
+    """Angle and motor torque of every joint with every current, as PNG."""
+    figure, axes = panels((10, 1.2 + 2.0 * len(scene.joints)), len(scene.joints), 2, sharex=True)
+    for k, (name, (angle, torque)) in enumerate(zip(scene.joints, axes, strict=True)):
+        angle.plot(trace.t, trace.q_des[:, k], color="0.4", linestyle="--", label="target")
+        for i, current in enumerate(currents):
+            angle.plot(trace.t, trace.q[i, :, k], label=f"{current:g} A")
+            torque.plot(trace.t, trace.tau_motor[i, :, k])
+        angle.set_ylabel(f"{name} [rad]")
+        torque.set_ylabel("motor torque [N·m]")
+    axes[0][0].legend(fontsize=8)
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    figure.suptitle(title, fontsize=11)
+    figure.savefig(path, dpi=110)

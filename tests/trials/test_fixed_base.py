@@ -1,0 +1,64 @@
+"""An arm whose root stands still: imported, moved and pushed, with devices that have no gates."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrwarp.cli import main
+from mrwarp.trials import fixed_base
+from mrwarp.usd.asset import load_robot
+
+ARM = """<robot name="arm">
+<link name="world"/>
+{links}
+</robot>"""
+
+LINK = """<link name="link{k}"><inertial><origin xyz="0.1 0 0"/><mass value="0.5"/>
+<inertia ixx="0.001" iyy="0.002" izz="0.002" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="turn{k}" type="revolute"><parent link="{parent}"/><child link="link{k}"/><origin xyz="{x} 0 0"/>
+<axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="12" velocity="20"/></joint>"""
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two links that turn in the horizontal plane, a weak device on the second joint."""
+    folder = tmp_path_factory.mktemp("arm")
+    links = LINK.format(k=1, parent="world", x=0) + LINK.format(k=2, parent="link1", x=0.2)
+    (folder / "arm.urdf").write_text(ARM.format(links=links))
+    out = folder / "arm.usda"
+    assert main(["robot", "import", str(folder / "arm.urdf"), "--out", str(out)]) == 0
+    assert main(["robot", "fit-device", str(out), "--joint", "turn2", "--scale", "limit"]) == 0
+    return out
+
+
+def test_a_push_turns_the_arm_as_a_lagrangian_has_it(arm: Path) -> None:
+    """The first instants of a sideways push on the resting arm: the mass matrix of two bars, by hand."""
+    asset = load_robot(robot=str(arm))
+    assert fixed_base.is_arm(asset) and fixed_base.weight(asset) == pytest.approx(9.81, rel=1e-6)
+    scene, trace = fixed_base.move(asset, (0.0, 1.5), seconds=0.01, force=(0.0, 20.0, 0.0))
+    assert scene.joints == ("turn1", "turn2")
+    rotor = 0.005 * asset.actuators[0].kd  # of the import's rule
+    inner, outer, cross = 0.5 * 0.1**2 + 0.002, 0.5 * 0.1**2 + 0.002, 0.5 * 0.2 * 0.1
+    matrix = np.array([[inner + outer + 0.5 * 0.2**2 + 2 * cross, outer + cross], [outer + cross, outer]])
+    matrix += rotor * np.eye(2)
+    wanted = 0.005 * np.linalg.solve(matrix, [20.0 * 0.3, 20.0 * 0.1])
+    np.testing.assert_allclose(trace.qd[0, 0], wanted, rtol=0.08)  # the drag of a device without current slows it
+    stuck = 20.0 * 0.3 / matrix[0, 0]  # as one bar
+    assert abs(trace.qd[1, 0, 1]) < 1e-2  # 9 N·m hold against 2
+    assert trace.qd[1, 0, 0] == pytest.approx(0.005 * stuck, rel=1e-2)
+
+
+def test_play_and_impact_take_an_arm(arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Tables, pictures, figures; what needs a trunk or a policy is refused in one line."""
+    line = ["--robot", str(arm), "--out", str(tmp_path / "out")]
+    picture = tmp_path / "sine.png"
+    assert main(["play", *line, "--agent", "sine", "--seconds", "1", "--png", str(picture)]) == 0
+    assert picture.read_bytes()[:4] == b"\x89PNG" and (tmp_path / "out" / "result.json").is_file()
+    assert main(["impact", *line, "--coupling", "explicit", "--current", "0", "1"]) == 0
+    assert main(["robot", "show", str(arm), "--png", str(picture)]) == 0
+    capsys.readouterr()
+    assert main(["impact", *line, "--kind", "drop"]) == 2
+    assert main(["play", "--agent", "sine"]) == 2
+    error = capsys.readouterr().err
+    assert "--kind drop" in error and "--agent sine" in error
