@@ -55,7 +55,8 @@ def test_what_a_current_changes_stands_beside_none() -> None:
 def test_a_robots_file_needs_its_policy(capsys: pytest.CaptureFixture[str], tmp_path) -> None:  # noqa: ANN001
     """One line, exit code 2; a robot that is neither the paper's nor a file too."""
     out = ["--out", str(tmp_path / "out")]
-    assert main(["walk", "--robot", "beast.usda", *out]) == 2
+    (tmp_path / "beast.usda").touch()
+    assert main(["walk", "--robot", str(tmp_path / "beast.usda"), *out]) == 2
     assert "--policy" in capsys.readouterr().err
     assert main(["walk", "--robot", "beast", *out]) == 2
     assert "beast" in capsys.readouterr().err and not (tmp_path / "out").exists()
