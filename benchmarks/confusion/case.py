@@ -151,6 +151,13 @@ class Case:
         return self.record(self.motion, stream=3)
 
     @cached_property
+    def noise_share(self) -> float:
+        """RMS of all that was added to the ideal torque, over the standard deviation of the logged one [1]."""
+        logged = np.stack([run.torque for run in self.recording.trajectories])
+        ideal = self.rendering.torque * simulate(self.device, self.motion).torque
+        return float(np.sqrt(np.mean((logged - ideal) ** 2)) / logged.std())
+
+    @cached_property
     def untouched(self) -> Recording:
         """Another session with the same device: new motion, new noise."""
         return self.session(0)

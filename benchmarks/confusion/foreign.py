@@ -36,8 +36,15 @@ HIDDEN = (
     "coulomb_friction",
     "torque_sensor_lag",
     "cogging+rotor_inertia",
+    "compliance_with_backlash",
     "none",
-    "friction_asymmetry+rotor_inertia",
+    "load_friction",
+    "coil_lag",
+    "coulomb_friction+cogging+rotor_inertia",
+    "none",
+    "friction_asymmetry+torque_sensor_lag",
+    "compliance_with_backlash+rotor_inertia",
+    "command_delay",
 )
 """What is hidden in them, in turn."""
 

@@ -66,9 +66,10 @@ def run_case(
         "background": list(truth.background),
         "level": case.level,
         "parameters": {k: {**v, "draws": dict(v["draws"])} for k, v in truth.parameters.items()},
+        "noise_share": case.noise_share,
         "making": time.perf_counter() - begin,
     }
-    begin = time.perf_counter()
+    begin, cpu = time.perf_counter(), time.process_time()
     try:
         assert diagnose is not None
         result = diagnose(recording, seed=case.seed)
@@ -76,7 +77,7 @@ def run_case(
     except Exception as error:  # a failure is an outcome of the benchmark; the line says where
         where = traceback.format_exc(limit=-3)
         return {**out, "outcome": "failed", "remark": f"{type(error).__name__}: {error}", "traceback": where}
-    out["wall"] = time.perf_counter() - begin
+    out["wall"], out["cpu"] = time.perf_counter() - begin, time.process_time() - cpu
     calibration = any(kind in CALIBRATION for kind in truth.kinds)
     outcome, remark = judge(truth, calibration, found)
     out |= {**found, "outcome": outcome, "remark": remark, "coverage": coverage(truth, found)}

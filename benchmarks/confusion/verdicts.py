@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import Any
 
 from benchmarks.confusion.case import Truth
@@ -46,6 +47,9 @@ def record_of(result: Any) -> dict[str, Any]:
             "depends_on": list(result.unexplained.depends_on), "share": result.unexplained.share,
         },
         "gain": None if result.gain is None else result.gain.rmse_reduction,
+        "law": None if result.law is None else result.law.name,
+        "suspects": {suspect.name: suspect.reason for suspect in result.suspects},
+        "account": None if result.account is None else asdict(result.account),
         "seconds": result.seconds,
     }  # fmt: skip
 

@@ -91,11 +91,11 @@ class Account:
     repeatable: Share
     """What no named effect takes away, but a predictor without any law foretells on trajectories it never saw."""
     not_repeatable: Share
-    """What such a predictor cannot foretell either."""
+    """What such a predictor cannot foretell either, or what differs from cycle to cycle where that is less."""
     left: float
-    """What it leaves, as a share of the measured torque's standard deviation [1]."""
+    """What the predictor leaves, as a share of the measured torque's standard deviation [1]."""
     cycle_spread: float | None
-    """Spread of the torque from cycle to cycle where the motion comes again, as such a share; None: it does not."""
+    """Spread of the torque from cycle to cycle where the motion comes again in three runs or more, as such a share."""
     learnable: Share
     """Part of the extended model's RMSE that the predictor takes away on trajectories it never saw."""
 
@@ -114,6 +114,7 @@ def account_of(problem: Problem, held: HeldOut, extended: Fit, seed: int) -> Acc
 
     What does not repeat is never "what is left": gradient boosting on other trajectories foretells what the extended
     model leaves, and where that is much also beside smooth functions, and the torque itself; the best of these counts.
+    Where cycles of one motion differ by less than that, they do: the interval reaches from there to boosting's.
     """
     motion = problem.motion
     at = chosen_samples(motion, problem.weight)
@@ -131,14 +132,21 @@ def account_of(problem: Problem, held: HeldOut, extended: Fit, seed: int) -> Acc
     rng = np.random.default_rng(seed)
     pick = rng.integers(0, squares.shape[1], (2000, squares.shape[1]))
     draws = np.moveaxis(squares[:, pick].sum(axis=2), 0, 1)  # (draws, 3)
-    shares, drawn = _shares(squares.sum(axis=1)[None])[0], _shares(draws)
-    low, high = np.percentile(drawn, (2.5, 97.5), axis=0)
+    spread = float(torque[at].std()) or 1.0
+    cycles = cycle_spread(motion)
+    low, high = np.percentile(_shares(draws), (2.5, 97.5), axis=0)
+    total = squares.sum(axis=1)
+    learnable = _shares(total[None])[0, -1]
+    if cycles is not None:  # what comes again from cycle to cycle repeats, whether boosting can foretell it or not
+        factor = min(1.0, cycles**2 * len(at) / max(total[2], 1e-300))
+        total[2], draws[:, 2] = factor * total[2], factor * draws[:, 2]
+        ends = np.percentile(_shares(draws), (2.5, 97.5), axis=0)
+        low[:-1], high[:-1] = np.minimum(low, ends[0])[:-1], np.maximum(high, ends[1])[:-1]
+    shares = np.array([*_shares(total[None])[0, :-1], learnable])
     named, repeatable, rest, learnable = (
         Share(share=float(x), ci95=(float(min(a, x)), float(max(b, x))))
         for x, a, b in zip(shares, low, high, strict=True)
     )
-    spread = float(torque[at].std()) or 1.0
-    cycles = cycle_spread(motion)
     return Account(
         named=named,
         repeatable=repeatable,
@@ -165,13 +173,17 @@ def _shares(squares: np.ndarray) -> np.ndarray:
     return np.stack([(before - after) / before, (after - left) / before, left / before, learnable], axis=1)
 
 
+_RUNS = 3
+"""Runs with cycles from which these stand for all."""
+
+
 def cycle_spread(motion: Motion) -> float | None:
     """Standard deviation of the torque from cycle to cycle where the motion comes again; None where it never does.
 
     Cycles begin where the angle passes its middle upwards. They count as the same motion where at least three follow
     each other that differ by less than 1 % of the stroke.
     """
-    total, count = 0.0, 0.0
+    total, count, runs = 0.0, 0.0, 0
     for part in motion.parts:
         q, torque, current = motion.q[part], motion.torque[part], motion.current[part]
         middle = q - 0.5 * (q.max() + q.min())
@@ -190,7 +202,8 @@ def cycle_spread(motion: Motion) -> float | None:
             same = forces[alike]
             total += float(same.var(axis=0, ddof=1).sum()) * len(same)
             count += same.size
-    return float(np.sqrt(total / count)) if count else None
+            runs += 1
+    return float(np.sqrt(total / count)) if runs >= _RUNS else None
 
 
 def reduction(held: HeldOut, seed: int, count: int = 2000) -> tuple[float, tuple[float, float]]:

@@ -12,10 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mrwarp.diagnose.held_out import Account, held_out_squares
-from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, reported_fit
+from mrwarp.diagnose.problem import Fit, Problem, covariance, drifts, interval, reported_fit
 from mrwarp.diagnose.residual_structure import leftovers
 from mrwarp.diagnose.screening import Candidate, Models
 from mrwarp.diagnose.search import Selection, select
+from mrwarp.identify.dataset import Motion
+from mrwarp.identify.least_squares import ridge_solve
 from mrwarp.identify.projection import Progress
 
 _STANDARD_ERRORS = 1.0
@@ -24,6 +26,13 @@ _PART = 0.2
 """Least gain of an effect, as a share of what comes again without a name."""
 _KNOWN_WITHIN = 100.0
 """Ratio of an interval's ends from which a positive number counts as not known at all."""
+_HALF = 4
+"""Trajectories below which a half is none."""
+_APART, _TWICE = 3.0, 2.0
+"""Difference between an effect's sizes in two halves, in its standard errors, and their ratio: both from which it is
+no single effect."""
+_FAR = (-3.0, 3.0)
+"""Steps of a logarithm that a linear model is asked for."""
 _ROUNDS = 3
 """Searches at most: each after the first leaves out the suspects of those before."""
 
@@ -118,7 +127,7 @@ def _doubts(problem: Problem, selection: Selection, models: Models) -> dict[str,
     after = held_out_squares(problem, fit)
     found: dict[str, Doubt] = {}
     for effect in selection.named:
-        reason = _size_doubt(effect, fit) or _interval_doubt(effect, fit)
+        reason = _size_doubt(effect, fit) or _interval_doubt(effect, fit) or _halves_doubt(effect, fit, problem.motion)
         if not reason:
             without = reported_fit(problem, models.without(selection.final, effect))
             reason = _gain_doubt(held_out_squares(problem, without) - after)
@@ -137,6 +146,42 @@ def _gain_doubt(gains: np.ndarray) -> str:
             f"without it the simulation of unseen trajectories is as good, but for chance (better with it in {better} "
             f"of {len(gains)})"
         )
+    return ""
+
+
+def _halves_doubt(effect: str, fit: Fit, motion: Motion) -> str:
+    """Why an effect stands for something else, or nothing: a true one has the same size however the joint is driven.
+
+    A lag that makes up for a loop's shape is longer where the motion is slower, a friction that does so grows with the
+    current. The model is fitted again to each half of the trajectories, by the linear model about the fit.
+    """
+    parts, free, own = fit.equations.parts, np.array(fit.free), fit.parameters.own(effect)[0]
+    slot = dict(fit.parameters.items())[own]
+    if drifts(effect) or own not in fit.free:
+        return ""
+    at = list(fit.free).index(own)
+    gram, moment = parts[:, free][:, :, free], parts[:, free, -1]
+    drives = {
+        "slow and quick motion": [float(motion.qdd[r].std() / max(motion.qd[r].std(), 1e-9)) for r in motion.parts],
+        "low and high current": [float(motion.current[r].mean()) for r in motion.parts],
+    }
+    for drive, order in drives.items():
+        halves = np.array_split(np.argsort(order), 2)
+        if min(map(len, halves)) < _HALF or np.ptp(order) == 0.0:
+            continue
+        values, errors = [], []
+        for half in halves:
+            a, b = gram[half], moment[half]
+            step = ridge_solve(a.sum(axis=0), b.sum(axis=0))[at]
+            left = ridge_solve(a.sum(axis=0) - a, b.sum(axis=0) - b)[:, at]
+            values.append(
+                slot.value(fit.x[own] + float(np.clip(step, *_FAR))) if slot.logarithmic else fit.x[own] + step
+            )
+            scale = values[-1] if slot.logarithmic else 1.0
+            errors.append(scale * float(np.sqrt((len(half) - 1) / len(half) * ((left - left.mean()) ** 2).sum())))
+        small, large = sorted(values, key=abs)
+        if abs(large - small) > _APART * np.hypot(*errors) and small / large < 1.0 / _TWICE:
+            return f"its size is not one: it differs between {drive} by more than chance, and than by a factor of two"
     return ""
 
 

@@ -145,6 +145,18 @@ def test_account_calls_noise_what_does_not_repeat() -> None:
     assert account.not_repeatable.share > 0.95 and not account.open
 
 
+def test_cycles_that_come_again_bound_what_does_not_repeat(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where cycles differ by less than boosting leaves, they count; the interval reaches up to boosting's."""
+    before, _ = accounted("law")
+    half = 0.5 * before.left
+    monkeypatch.setattr("mrwarp.diagnose.held_out.cycle_spread", lambda motion: half * float(motion.torque.std()))
+    after, _ = accounted("law")
+    share, repeats = after.not_repeatable, after.repeatable
+    assert share.share == pytest.approx(0.25 * before.not_repeatable.share, rel=0.1)
+    assert share.ci95[0] < share.share and share.ci95[1] == pytest.approx(before.not_repeatable.ci95[1])
+    assert after.named.share + repeats.share + share.share == pytest.approx(1.0) and after.learnable == before.learnable
+
+
 def test_account_divides_the_mismatch() -> None:
     """The three shares add up to 1; what repeats without a name is told from the noise that was put in."""
     account, truth = accounted("law")
@@ -157,7 +169,7 @@ def test_account_divides_the_mismatch() -> None:
 
 def test_cycle_spread_is_that_of_the_noise() -> None:
     """Where the same cycle comes again the torque's spread is its noise; where it never does there is none."""
-    at = known.motion(8, runs=2, seconds=10.0, current=0.5)
+    at = known.motion(8, runs=3, seconds=10.0, current=0.5)
     assert cycle_spread(at) is None
     t = at.time - at.time[at.start[:-1]].repeat(np.diff(at.start))
     rng = np.random.default_rng(0)

@@ -7,7 +7,7 @@ import pytest
 
 from mrwarp.diagnose.held_out import Account, Share, held_out_squares
 from mrwarp.diagnose.problem import reported_fit
-from mrwarp.diagnose.proof import _gain_doubt, select_proven, without_parts
+from mrwarp.diagnose.proof import _gain_doubt, _halves_doubt, select_proven, without_parts
 from mrwarp.diagnose.search import screen_candidates
 from tests.diagnose import known
 
@@ -37,6 +37,22 @@ def test_a_negative_inertia_is_a_suspect() -> None:
     """No rotor has one."""
     selection, [doubt] = proven({"rotor_inertia": {"inertia": -0.004}}, ["rotor_inertia"])
     assert not selection.named and "negative" in doubt.reason
+
+
+@pytest.mark.parametrize("one", [True, False])
+def test_a_true_lag_is_as_long_in_slow_motion_as_in_quick(one: bool) -> None:
+    """A sensor has one lag; what is four times as long in the slower half of the runs stands for something else."""
+    at = known.motion(50, runs=8, seconds=3.0)
+    rates = [at.qdd[part].std() / at.qd[part].std() for part in at.parts]
+    lags = [{"torque_sensor_lag": {"time_constant": tau}} for tau in (0.003, 0.003 if one else 0.012)]
+    quick, slow = (known.problem(lag, at=at, seed=50) for lag in lags)
+    torque = quick.motion.torque.copy()
+    for rate, part in zip(rates, at.parts, strict=True):
+        if rate <= np.median(rates):
+            torque[part] = slow.motion.torque[part]
+    problem = known.posed(replace(at, torque=torque))
+    fit = known.fitted(problem, {"torque_sensor_lag": {"time_constant": 0.006}})
+    assert (not _halves_doubt("torque_sensor_lag", fit, at)) == one
 
 
 @pytest.mark.parametrize(("gains", "proof"), [([1.0, 1.2, 0.9], True), ([5.0, -1.0, -0.9], False), ([0.0, 0.0], False)])
