@@ -109,24 +109,34 @@ MUCH = 0.1
 """Share of the mismatch that may repeat without being reported."""
 
 
-def account_of(problem: Problem, held: HeldOut, extended: Fit, seed: int) -> Account:
+def not_foretold(problem: Problem, held: HeldOut, extended: Fit, seed: int) -> np.ndarray:
+    """What no predictor foretells of the torque on trajectories it never saw, at the samples that boosting looks at.
+
+    Gradient boosting on other trajectories foretells what the extended model leaves, and where that is much also beside
+    smooth functions, and the torque itself; the best of these counts. Normalised units, shape (M,).
+    """
+    motion = problem.motion
+    at = chosen_samples(motion, problem.weight)
+    after, beside = motion.torque - held.predicted_extended, [held.predicted_extended]
+    left = _left(after, foretold(motion, at, after, beside=beside, seed=seed), at)
+    if float(left @ left) < (1.0 - MUCH) * float(np.sum(after[at] ** 2)):
+        smooth = np.vstack([group.rows for group in groups_along(problem, extended) if not group.slow])
+        more = _left(after, foretold(motion, at, after, beside=beside, smooth=smooth, seed=seed), at)
+        direct = _left(motion.torque, foretold(motion, at, motion.torque, seed=seed), at)
+        left = min(left, more, direct, key=lambda x: float(x @ x))
+    return left
+
+
+def account_of(problem: Problem, held: HeldOut, left: np.ndarray, seed: int) -> Account:
     """Divide the mismatch into what is named, what repeats all the same and what does not repeat.
 
-    What does not repeat is never "what is left": gradient boosting on other trajectories foretells what the extended
-    model leaves, and where that is much also beside smooth functions, and the torque itself; the best of these counts.
-    Where cycles of one motion differ by less than that, they do: the interval reaches from there to boosting's.
+    What does not repeat is never "what is left" but what is :func:`not_foretold`. Where cycles of one motion differ by
+    less than that, they do: the interval reaches from there to boosting's.
     """
     motion = problem.motion
     at = chosen_samples(motion, problem.weight)
     torque = motion.torque
     before, after = torque - held.predicted_baseline, torque - held.predicted_extended
-    beside = [held.predicted_extended]
-    left = _left(after, foretold(motion, at, after, beside=beside, seed=seed), at)
-    if float(left @ left) < (1.0 - MUCH) * float(np.sum(after[at] ** 2)):
-        smooth = np.vstack([group.rows for group in groups_along(problem, extended) if not group.slow])
-        more = _left(after, foretold(motion, at, after, beside=beside, smooth=smooth, seed=seed), at)
-        direct = _left(torque, foretold(motion, at, torque, seed=seed), at)
-        left = min(left, more, direct, key=lambda x: float(x @ x))
     run = np.searchsorted(motion.start, at, side="right") - 1
     squares = np.stack([np.bincount(run, x**2, len(motion.dt)) for x in (before[at], after[at], left)])
     rng = np.random.default_rng(seed)

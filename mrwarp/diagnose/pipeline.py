@@ -20,7 +20,7 @@ from mrwarp.diagnose.baseline import (
 from mrwarp.diagnose.calibration_shift import calibration_shifts
 from mrwarp.diagnose.data_checks import doubts, hindrances, without_verdict
 from mrwarp.diagnose.findings import Findings, diagnosis_of
-from mrwarp.diagnose.held_out import account_of, hold_out
+from mrwarp.diagnose.held_out import account_of, hold_out, not_foretold
 from mrwarp.diagnose.law_choice import choose_law, misfits
 from mrwarp.diagnose.next_experiment import propose, smallest_sizes
 from mrwarp.diagnose.problem import Fit, Problem, refit, reported_fit
@@ -119,14 +119,15 @@ def diagnose(
     if reasons:
         return replace(without_verdict(recording, reasons, seed, time.perf_counter() - begun), recording_faults=faults)
     log("what repeats")
-    account = account_of(problem, held_out, extended, seed)
+    unforetold = not_foretold(problem, held_out, extended, seed)
+    account = account_of(problem, held_out, unforetold, seed)
     selection, parts = without_parts(problem, selection, account)
     if parts:
         log(f"not proven: {', '.join(x.effect for x in parts)}")
         doubted += parts
         extended = reported_fit(problem, selection.final)
         held_out = hold_out(problem, selection, baseline, extended)
-        account = account_of(problem, held_out, extended, seed)
+        account = account_of(problem, held_out, unforetold, seed)
     shifts: tuple[Shift, ...] = ()
     if not base.parameters.law:
         shifts = calibration_shifts(selection.final, problem.motion, recording, model)

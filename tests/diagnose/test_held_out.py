@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.held_out import HeldOut, account_of, cycle_spread, hold_out, reduction
+from mrwarp.diagnose.held_out import HeldOut, account_of, cycle_spread, hold_out, not_foretold, reduction
 from mrwarp.diagnose.problem import Problem, reported_fit
 from mrwarp.diagnose.search import Selection
 from tests.diagnose import known
@@ -134,9 +134,8 @@ def accounted(plus: str | None):
     problem = known.problem(at=at, plus=added)
     selection = searched(problem, None)
     found = held(problem, selection)
-    return account_of(problem, found, reported_fit(problem, selection.final), seed=0), known.SIGMA**2 * len(
-        at.q
-    ) / float(found.baseline.sum())
+    left = not_foretold(problem, found, reported_fit(problem, selection.final), seed=0)
+    return account_of(problem, found, left, seed=0), known.SIGMA**2 * len(at.q) / float(found.baseline.sum())
 
 
 def test_account_calls_noise_what_does_not_repeat() -> None:
