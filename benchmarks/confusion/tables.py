@@ -110,12 +110,47 @@ def acceptance(plan: Plan, cases: list[_Case]) -> list[str]:
             line("missed", ("missed",)),
             line("wrong", wrong, most=0.02),
         ]
+    if plan.family == "foreign":
+        return _foreign_lines(cases)
     return [
         line("right", ("right",)),
         line("right or ambiguous with the truth", ("right", "ambiguous")),
         line("missed", ("missed",)),
         line("wrong", wrong),
     ]
+
+
+def _foreign_lines(cases: list[_Case]) -> list[str]:
+    """What is asked for on devices by other laws, by the number of hidden effects, and of their accounts."""
+    none, one, more = ([c for c in cases if min(len(c["kinds"]), 2) == n] for n in range(3))
+    lines = []
+    if none:
+        lines.append(share("nothing hidden: named", none, lambda c: c["outcome"] != "right", most=0.02))
+    if one:
+        lines.append(share("one effect: right", one, lambda c: c["outcome"] == "right", least=0.85))
+        lines.append(share("one effect: wrong", one, lambda c: c["outcome"] in ("wrong", "failed"), most=0.02))
+    if more:
+        hidden = [{"found": any(name in _names(cause) for cause in c["causes"])} for c in more for name in c["kinds"]]
+        named = [{"false": not set(_names(cause)) & set(c["kinds"])} for c in more for cause in c["causes"]]
+        lines.append(share("two or three: found of the true ones", hidden, lambda x: x["found"], least=0.75))
+        lines += [share("two or three: false among the named", named, lambda x: x["false"], most=0.03)] if named else []
+    told = [c for c in cases if c.get("account")]
+    if told:
+        near = [{"near": 1.0 / 1.5 <= not_repeatable_ratio(c) <= 1.5} for c in told]
+        silent = [c for c in told if c["account"]["repeatable"]["share"] > 0.1]
+        lines.append(share("not repeatable within 1.5 of the truth", near, lambda x: x["near"], least=0.9))
+        if silent:
+            lines.append(share("unexplained empty, a tenth repeats", silent, lambda c: not c["unexplained"], most=0.0))
+    return lines
+
+
+def _names(cause: dict[str, Any]) -> list[str]:
+    return [cause["name"], *cause["alternatives"]]
+
+
+def not_repeatable_ratio(case: _Case) -> float:
+    """The account's share that does not repeat over the true one: the squared noise of the squared mismatch."""
+    return case["account"]["not_repeatable"]["share"] / (case["noise_share"] / case["baseline"]) ** 2
 
 
 def share(

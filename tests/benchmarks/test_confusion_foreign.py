@@ -11,10 +11,8 @@ from benchmarks.confusion.truth import simulate
 
 
 def foreign(kind: str, law: str) -> dict:
-    """The first case of the family with this effect and law."""
-    plan = Plan(family="foreign", level=0.1, seed=811, size="small")
-    index = next(k for k in range(90) if plan.arguments(k)["kind"] == kind and plan.arguments(k)["law"] == law)
-    return run_case(plan, index)
+    """A case of the family with this effect and law."""
+    return run_case(Plan(family="foreign", level=0.1, seed=811, size="small", kinds=(kind,)), LAWS.index(law))
 
 
 def test_hidden_effect_is_found_in_a_foreign_device() -> None:
