@@ -210,7 +210,9 @@ def cycle_spread(motion: Motion) -> float | None:
         alike[0] = False  # the first cycle begins with an unknown stress
         if alike.sum() >= 3:
             same = forces[alike]
-            total += float(same.var(axis=0, ddof=1).sum()) * len(same)
+            share = grid[alike] % 1.0  # white noise shrinks between two samples
+            kept = float(np.mean((1.0 - share) ** 2 + share**2))
+            total += float(same.var(axis=0, ddof=1).sum()) * len(same) / kept
             count += same.size
             runs += 1
     return float(np.sqrt(total / count)) if runs >= _RUNS else None

@@ -174,4 +174,4 @@ def test_cycle_spread_is_that_of_the_noise() -> None:
     rng = np.random.default_rng(0)
     q = np.sin(2 * np.pi * t - 0.5)
     same = dataclasses.replace(at, q=q, torque=np.cos(2 * np.pi * t) + 0.05 * rng.normal(size=len(t)))
-    assert cycle_spread(same) == pytest.approx(0.05, rel=0.4)
+    assert cycle_spread(same) == pytest.approx(0.05, rel=0.1)
