@@ -7,7 +7,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -86,6 +86,7 @@ class Diagnose(Options):
     def _diagnose_robot(self, line: CommandLine) -> int:
         """The same for a robot's log."""
         from mrwarp.robot_logs.bag import open_log
+        from mrwarp.robot_logs.extended_robot import write_extended
         from mrwarp.robot_logs.report import log_page, log_pictures
         from mrwarp.robot_logs.report.compared_replays import compare
         from mrwarp.robot_logs.report.log_view import log_view
@@ -118,12 +119,15 @@ class Diagnose(Options):
         except KeyboardInterrupt:
             raise KeyboardInterrupt("nothing was written") from None
         with _undisturbed():
+            self.out.mkdir(parents=True, exist_ok=True)
             for name, data in pictures.items():
                 write_bytes(self.out / "pictures" / f"{name}.png", data)
             write_text(self.out / "report.html", page)
-            d.write(self.out, str(line), seed=self.seed)
+            names, notes = write_extended(d, self.out)
+            d = replace(d, notes=(*d.notes, *notes))
+            d.write(self.out, str(line), seed=self.seed, model_name="model.json")
         print("\n".join(lines(d)))
-        print(f"\nresult.json, report.html, pictures/ in {self.out} ({progress.seconds:.0f} s)")
+        print(f"\nresult.json, report.html, pictures/, {', '.join(names)} in {self.out} ({progress.seconds:.0f} s)")
         if self.rrd is not None:
             print(f"recording: {self.rrd}; open it with: rerun {self.rrd}")
         return 0

@@ -45,6 +45,8 @@ class Parameter:
     """Standard deviation of faults."""
     lowest: float = -np.inf
     """Least change that a robot can have: friction and inertia do not turn negative."""
+    highest: float = np.inf
+    """Largest change: a limit that was never reached may lie anywhere above."""
     usual: tuple[float, float] = (0.0, 0.0)
     """Range of what is no fault."""
     nominal: float = 0.0
@@ -64,13 +66,15 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
     """All numbers that a log of this robot could speak of."""
     found: list[Parameter] = []
 
-    def add(cause: str, where: str, name: str, unit: str, field: Field, index: int, *sizes: float, nominal: float = 0.0,
-            lowest: float = -np.inf, usual: tuple[float, float] = (0.0, 0.0)) -> None:  # fmt: skip
+    def add(
+        cause: str, where: str, name: str, unit: str, field: Field, index: int, *sizes: float, nominal: float = 0.0,
+        lowest: float = -np.inf, highest: float = np.inf, usual: tuple[float, float] = (0.0, 0.0),
+    ) -> None:  # fmt: skip
         step, spread, least, fault = (float(x) for x in sizes)
         found.append(
             Parameter(
                 cause=cause, where=where, name=name, unit=unit, field=field, index=index, step=step, spread=spread,
-                least=least, fault=fault, nominal=float(nominal), lowest=lowest, usual=usual,
+                least=least, fault=fault, nominal=float(nominal), lowest=lowest, usual=usual, highest=highest,
             )
         )  # fmt: skip
 
@@ -85,20 +89,59 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
         add("coulomb_friction", joint, "torque", "N·m", "friction", j, *dry, lowest=bound[0])
         add("viscous_friction", joint, "coefficient", "N·m·s/rad", "damping", j, *wet, lowest=bound[1])
         add("rotor_inertia", joint, "inertia", "kg·m²", "armature", j, *rotor, lowest=bound[2])
-        add("stribeck", joint, "torque", "N·m", "stribeck", j, 0.01 * scale, 0.004 * scale, 0.01 * scale, 0.03 * scale)
+        add(
+            "stribeck",
+            joint,
+            "torque",
+            "N·m",
+            "stribeck",
+            j,
+            0.01 * scale,
+            0.004 * scale,
+            0.01 * scale,
+            0.03 * scale,
+            lowest=0.0,
+        )
         add("encoder_offset", joint, "angle", "rad", "offset", j, 0.005, 0.004, 0.010, 0.05)
         if log.kp[j] > 0.0:
             add(SESSION, joint, "angle", "rad", "shift", j, 0.004, 0.005, np.inf, 0.0)
-            add("kp", joint, "gain", "N·m/rad", "kp", j, 0.05, 0.02, 0.04, 0.3, nominal=log.kp[j])
+            add("kp", joint, "gain", "N·m/rad", "kp", j, 0.05, 0.02, 0.04, 0.3, nominal=log.kp[j], lowest=-0.95)
         if log.kd[j] > 0.0:
-            add("kd", joint, "gain", "N·m·s/rad", "kd", j, 0.05, 0.02, 0.05, 0.5, nominal=log.kd[j])
-            add("velocity_lag", joint, "time_constant", "s", "lag", j, 0.002, 0.001, 0.003, 0.006)
-        add("motor_strength", joint, "factor", "1", "strength", j, 0.05, 0.02, 0.04, 0.2, nominal=1.0)
-        add("torque_limit", joint, "torque", "N·m", "limit", j, -0.1, 0.02, 0.05, 0.3, nominal=model.asked[j])
+            add("kd", joint, "gain", "N·m·s/rad", "kd", j, 0.05, 0.02, 0.05, 0.5, nominal=log.kd[j], lowest=-0.95)
+            add("velocity_lag", joint, "time_constant", "s", "lag", j, 0.002, 0.001, 0.003, 0.006, lowest=0.0)
+        add("motor_strength", joint, "factor", "1", "strength", j, 0.05, 0.02, 0.04, 0.2, nominal=1.0, lowest=-0.95)
+        add(
+            "torque_limit",
+            joint,
+            "torque",
+            "N·m",
+            "limit",
+            j,
+            -0.1,
+            0.02,
+            0.05,
+            0.3,
+            nominal=model.asked[j],
+            highest=0.0,
+        )
         if j in model.devices.joint:
-            add("coil_dead", joint, "current_share", "1", "coil", j, -0.2, 0.02, 0.5, 1.0, nominal=1.0)
-            add("coil_lag", joint, "time_constant", "s", "coil_lag", j, 0.004, 0.001, 0.003, 0.02)
-            add("device_strength", joint, "factor", "1", "device", j, 0.1, 0.03, 0.06, 0.3, nominal=1.0)
+            add(
+                "coil_dead",
+                joint,
+                "current_share",
+                "1",
+                "coil",
+                j,
+                -0.2,
+                0.02,
+                0.5,
+                1.0,
+                nominal=1.0,
+                lowest=-1.3,
+                highest=0.0,
+            )
+            add("coil_lag", joint, "time_constant", "s", "coil_lag", j, 0.004, 0.001, 0.003, 0.02, lowest=0.0)
+            add("device_strength", joint, "factor", "1", "device", j, 0.1, 0.03, 0.06, 0.3, nominal=1.0, lowest=-0.95)
             add("device_drag", joint, "torque", "N·m", "drag", j, 0.2, 0.05, 0.1, 0.5)
     # when in a row a command began to act no log says: up to the next row it is no delay of the robot
     row = float(np.median([run.dt for run in log.runs]))
@@ -111,7 +154,7 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
         if mass > 0.02:
             add(
                 "link_mass",
-                mj.body(b).name,
+                model.body_name(b),
                 "mass",
                 "kg",
                 "mass",
@@ -123,7 +166,7 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
             )
             if model.free and model.reach[b] > 0.02:
                 reach = model.reach[b]
-                add("link_length", mj.body(b).name, "length", "m", "length", b, 0.005, 0.002, 0.006, 0.1 * reach)
+                add("link_length", model.body_name(b), "length", "m", "length", b, 0.005, 0.002, 0.006, 0.1 * reach)
     if not model.free:
         for k, axis in enumerate(("roll", "pitch")):
             add(SESSION, "robot", axis, "rad", "slope", k, 0.01, 0.02, np.inf, 0.0)
@@ -131,7 +174,7 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
         total = float(mj.body_mass.sum())
         add(
             "trunk_mass",
-            mj.body(model.trunk).name,
+            model.body_name(model.trunk),
             "mass",
             "kg",
             "mass",
@@ -139,7 +182,7 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
             *(total * np.array([0.02, 0.008, 0.015, 0.15])),
         )
         for k, axis in enumerate("xyz"):
-            add("trunk_com", mj.body(model.trunk).name, axis, "m", "com", k, 0.01, 0.004, 0.01, 0.04)
+            add("trunk_com", model.body_name(model.trunk), axis, "m", "com", k, 0.01, 0.004, 0.01, 0.04)
         for k, axis in enumerate(("roll", "pitch")):
             add("imu_tilt", "robot", axis, "rad", "tilt", k, 0.01, 0.005, 0.012, 0.04)
             add("ground_slope", "robot", axis, "rad", "slope", k, 0.01, 0.008, 0.02, 0.06)

@@ -55,6 +55,8 @@ class ReplayModel:
     """Body that floats, or that the first joints hang on."""
     feet: tuple[int, ...]
     """Shapes that can touch the ground at the ends of the legs; empty for a fixed base."""
+    prefix: str
+    """What Newton puts before the names of a USD file's bodies."""
     devices: Devices
     limited: np.ndarray
     """Whether the description knows a limit of each joint's torque, shape (J,)."""
@@ -62,6 +64,10 @@ class ReplayModel:
     """Largest torque that the log asks of each joint [N·m], shape (J,)."""
     reach: np.ndarray
     """Distance from each body's joint to the furthest of what hangs on it [m], shape (B,)."""
+
+    def body_name(self, body: int) -> str:
+        """Name of a body, of a USD file its prim's."""
+        return self.model.body(body).name.removeprefix(self.prefix)
 
     @property
     def moving(self) -> list[int]:
@@ -87,7 +93,7 @@ def replay_model(path: Path, log: RobotLog) -> ReplayModel:
     Raises:
         LogError: it cannot be read, or lacks a joint of the log.
     """
-    spec, drives, params = _spec(path)
+    spec, drives, params, prefix = _spec(path)
     roots = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
     if log.base == "fixed":
         for joint in roots:
@@ -114,7 +120,8 @@ def replay_model(path: Path, log: RobotLog) -> ReplayModel:
         drive.ctrllimited = False
         drive.forcelimited, drive.forcerange = True, limits.get(joint, [-NO_LIMIT, NO_LIMIT])
     if log.base == "free" and not any(g.type == mujoco.mjtGeom.mjGEOM_PLANE for g in spec.worldbody.geoms):
-        spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50.0, 50.0, 1.0])
+        ground = spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50.0, 50.0, 1.0])
+        ground.contype, ground.conaffinity = 2**31 - 1, int(not drives)  # of a USD file the feet alone touch it
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     if log.base == "fixed":
         spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
@@ -134,6 +141,7 @@ def replay_model(path: Path, log: RobotLog) -> ReplayModel:
         free=free,
         trunk=trunk,
         feet=_feet(model) if free else (),
+        prefix=prefix,
         devices=_devices(log, params),
         limited=np.array([joint in limits for joint in log.joints]),
         asked=_asked(log),
@@ -170,8 +178,8 @@ def _reach(model: mujoco.MjModel) -> np.ndarray:
     return found
 
 
-def _spec(path: Path) -> tuple[mujoco.MjSpec, dict[str, list[float]], dict[str, MrParams]]:
-    """What the file says, ranges of torques that stand elsewhere, and devices by joint."""
+def _spec(path: Path) -> tuple[mujoco.MjSpec, dict[str, list[float]], dict[str, MrParams], str]:
+    """What the file says, ranges of torques that stand elsewhere, devices by joint, what bodies' names begin with."""
     if path.suffix in ROBOT_SUFFIXES or not path.suffix:
         asset = load_robot(robot=str(path)) if path.suffix else load_robot(robot=path.name)
         kept: list[mujoco.MjSpec] = []
@@ -179,12 +187,17 @@ def _spec(path: Path) -> tuple[mujoco.MjSpec, dict[str, list[float]], dict[str, 
         for joint in kept[0].joints:
             joint.name = next((a.joint for a in asset.actuators if joint.name.endswith("_" + a.joint)), joint.name)
         limits = {a.joint: [-a.tau_limit, a.tau_limit] for a in asset.actuators}
-        return kept[0], limits, {a.joint: a.mr for a in asset.actuators if a.mr is not None}
+        return (
+            kept[0],
+            limits,
+            {a.joint: a.mr for a in asset.actuators if a.mr is not None},
+            (f"_{asset.stage.GetDefaultPrim().GetName()}_"),
+        )
     if not path.is_file():
         raise LogError(f"{path}: {no_file(path, 'robot')}; --robot names an MJCF (.xml), URDF or USD file")
     try:
         with silent():
-            return mujoco.MjSpec.from_file(str(path)), {}, {}
+            return mujoco.MjSpec.from_file(str(path)), {}, {}, ""
     except Exception as error:  # MuJoCo raises several types
         raise LogError(f"{path}: MuJoCo cannot read it ({one_line(error)}); correct it there") from None
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from mrwarp.diagnose.result import Error, Value
+from mrwarp.diagnose.result import Error, Suspect, Value
 from mrwarp.robot_logs.causes import SESSION, Parameter, parameters_of
 from mrwarp.robot_logs.evidence import Evidence, gather
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
@@ -21,8 +21,8 @@ from mrwarp.robot_logs.unknowable import cannot_know
 from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances
 from mrwarp.robot_logs.windows import Windows, cut_windows
 
-FIRST_SECONDS, SECONDS = 20.0, 60.0
-"""Parts of a log that the first rounds and the last one look at [s]."""
+BUDGETS = (20.0, 20.0, 60.0)
+"""Parts of a log that the rounds look at [s]: each begins at the robot that the one before found."""
 
 FOLDS = 8
 """Pieces of the log that are predicted from the others."""
@@ -56,17 +56,17 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     model = replay_model(robot, log)
     parameters = parameters_of(model, log)
     theta = np.zeros(len(parameters))
-    lowest = np.array([p.lowest for p in parameters])
-    for seconds in (FIRST_SECONDS, FIRST_SECONDS, SECONDS):
+    lowest = np.array([max(p.lowest, -0.95) if p.relative else p.lowest for p in parameters])
+    for round_, seconds in enumerate(BUDGETS):
         groups = cut_windows(model, log, budget=seconds)
         if sum(group.count for group in groups) < LEAST_WINDOWS:
             raise LogError(
                 f"{log.path}: too short: {sum(group.count for group in groups)} pieces of "
                 f"{groups[0].t[0, -1] if groups else 0.5:.1f} s, {LEAST_WINDOWS} are needed; record longer"
             )
-        # the numbers that no description knows are moved first; what stands out of the rest is asked at the end
         evidence = gather(model, groups, parameters, theta, healthy(parameters), progress)
-        if seconds < SECONDS:
+        # the numbers that no description knows are moved first; what stands out of the rest is asked at the end
+        if round_ < len(BUDGETS) - 1:
             theta = np.maximum(posterior(evidence, parameters, []).mean, lowest)
     progress("causes that stand out")
     found = select(evidence, parameters)
@@ -79,6 +79,13 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
             extended[k] = max(change, parameters[k].lowest)
     progress("before and after")
     gain, before, after = _held_out(evidence, parameters, found)
+    suspects: tuple[Suspect, ...] = ()
+    if causes and gain["ci95"][0] <= 0.0:
+        # what does not foretell the rest of the log is no cause, however sure its interval looks
+        reason = "pieces of the log that took no part are not predicted better with it"
+        suspects = tuple(Suspect(name=c.name, reason=f"at {c.where}: {reason}", parameters=c.parameters, gain=c.gain)
+                         for c in causes)  # fmt: skip
+        causes, extended, after = (), np.zeros(len(parameters)), before
     per_joint = _per_joint(model, groups, parameters, now, extended)
     verdict = "named" if causes else "none"
     session = {p.where: float(now.mean[k]) for k, p in enumerate(parameters) if p.field == "shift"}
@@ -96,6 +103,7 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
         verdict=verdict,
         sentence=sentence_of(causes),
         causes=causes,
+        suspects=suspects,
         cannot_know=cannot_know(evidence, parameters, model, log, now),
         baseline=Error(rmse=before, nrmse=1.0, unit="healthy error"),
         extended=Error(rmse=after, nrmse=after / max(before, 1e-12), unit="healthy error"),

@@ -27,6 +27,10 @@ LEAST_SHARE = 0.03
 """Least squared mismatch that a cause explains, in units of what every reading of its joints is left with."""
 
 
+MOST = 8
+"""Most causes beside :data:`mrwarp.robot_logs.causes.ORDINARY` that one log tells apart."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Direction:
     """A cause at a place: equal changes, in steps, of one parameter or of a group."""
@@ -126,7 +130,7 @@ def scores(now: Posterior, directions: Sequence[Direction], parameters: Sequence
     return Scores(z=z, size=score / information, odds=0.5 * (z**2 * room / (1.0 + room) - np.log1p(room)))
 
 
-def select(evidence: Evidence, parameters: Sequence[Parameter], *, most: int = 16) -> list[Found]:
+def select(evidence: Evidence, parameters: Sequence[Parameter], *, most: int = MOST) -> list[Found]:
     """Causes that stand out, the clearest first; then :data:`ORDINARY` ones that the description has wrong."""
     directions, found = [d for d in directions_of(parameters) if d.cause not in (*ORDINARY, SESSION)], []
     least = np.array([min(parameters[k].least / abs(parameters[k].step) for k in d.members) for d in directions])
@@ -135,7 +139,9 @@ def select(evidence: Evidence, parameters: Sequence[Parameter], *, most: int = 1
         released = [f.direction for f in found]
         now = scores(posterior(evidence, parameters, released), directions, parameters)
         share = now.z**2 * evidence.scale / (evidence.samples * joints)
-        odds = np.where((np.abs(now.size) >= least) & (share >= LEAST_SHARE), now.odds, -np.inf)
+        free = np.array([d not in released and not _spanned(d, released) for d in directions])
+        free &= _possible(now.size, directions, parameters)
+        odds = np.where(free & (np.abs(now.size) >= least) & (share >= LEAST_SHARE), now.odds, -np.inf)
         best = int(np.argmax(odds))
         if not odds[best] > NAMED_ODDS:
             break
@@ -151,6 +157,28 @@ def select(evidence: Evidence, parameters: Sequence[Parameter], *, most: int = 1
         alternatives = tuple(directions[k] for k in near[:4])
         found.append(Found(direction=directions[best], z=float(now.z[best]), alternatives=alternatives))
     return found + _described_wrong(evidence, parameters, [f.direction for f in found])
+
+
+def _possible(size: np.ndarray, directions: Sequence[Direction], parameters: Sequence[Parameter]) -> np.ndarray:
+    """Whether a robot can be changed by a size in steps along each direction, shape (D,)."""
+    found = np.ones(len(directions), dtype=bool)
+    for k, d in enumerate(directions):
+        for m in d.members:
+            p, change = parameters[m], size[k] * abs(parameters[m].step)
+            found[k] &= p.lowest <= change <= p.highest
+    return found
+
+
+DRIVE = ("kp", "kd", "motor_strength")
+"""A drive's torque is a line in Kp and Kd: a factor on all of it is both, so no more than two of the three are told."""
+
+
+def _spanned(direction: Direction, released: Sequence[Direction]) -> bool:
+    """Whether a direction follows from two that are released."""
+    if direction.cause not in DRIVE:
+        return False
+    others = {d.cause for d in released if d.cause in DRIVE and (d.where in ("robot", direction.where))}
+    return len(others - {direction.cause}) == 2
 
 
 def _described_wrong(evidence: Evidence, parameters: Sequence[Parameter], released: Sequence[Direction]) -> list[Found]:

@@ -125,7 +125,9 @@ class Replay:
         device = _Devices(m, field) if m.devices else None
         coil = late(windows.coil[w])[:, :, m.devices.joint] if m.devices else None
         if device is not None and coil is not None:
-            base = windows.kp[w].max(axis=1)[:, m.devices.joint]
+            middle = 0.5 * (
+                m.devices.values["kp_base"] + m.devices.values["kp_low"]
+            )  # eq. 9: the low gain while it holds
             device.begin(windows.start_coil[w][:, m.devices.joint], windows.past[w][:, :, m.devices.joint], windows.h)
         self._begin(w, start[rows], offset, slope, field("tilt", 2), ids)
         q, v = self.batch.bind("qpos"), self.batch.bind("qvel")
@@ -145,7 +147,7 @@ class Replay:
                 ctrl[:count] = ask[:, k] + kp[:, k] * shift + kd * (speed - slow)
                 bound = dry + stribeck * np.exp(-((speed / STRIBECK_SPEED) ** 2))
                 if device is not None and coil is not None:
-                    hold = kp[:, k][:, m.devices.joint] < 0.5 * base * more[:, m.devices.joint]
+                    hold = kp[:, k][:, m.devices.joint] < middle * more[:, m.devices.joint]
                     at = pos[:, k][:, m.q_adr[m.devices.joint]]
                     bound[:, m.devices.joint] += device.bound(
                         coil[:, k], at, speed[:, m.devices.joint], hold, windows.h

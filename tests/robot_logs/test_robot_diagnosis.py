@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -31,6 +32,8 @@ def test_the_command_writes_a_verdict_with_the_place_of_a_cause(tmp_path: Path, 
     cause = result["causes"][0]
     assert (cause["name"], cause["where"]) == ("link_mass", "lower")
     assert cause["parameters"]["mass"]["value"] == pytest.approx(0.15, abs=0.015)
+    robot = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "robot.xml"))
+    assert robot.body("lower").mass[0] == pytest.approx(0.5 + cause["parameters"]["mass"]["value"], abs=1e-4)
 
 
 def test_a_healthy_log_has_no_cause(tmp_path: Path) -> None:

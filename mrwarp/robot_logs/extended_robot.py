@@ -1,0 +1,173 @@
+"""The extended robot: its description with the corrections of a verdict, and the corrections as data."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mrwarp.robot_logs.robot_log import LogError
+from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
+from mrwarp.robots.foreign import RobotFileError
+from mrwarp.robots.legs import Choices, understand
+from mrwarp.robots.read_robot import read_robot
+from mrwarp.robots.write_robot import save_checked, write_checked
+from mrwarp.run_dir import plain, write_text
+from mrwarp.runtime import silent
+from mrwarp.usd.asset import ROBOT_SUFFIXES, load_robot
+from mrwarp.usd.open_stage import AssetError
+
+SCHEMA = 1
+
+
+def write_extended(d: RobotDiagnosis, out: Path) -> tuple[list[str], list[str]]:
+    """Write ``robot.xml`` or ``robot.usda`` (of a robot that walks both) and ``model.json``; returns names and notes.
+
+    What a robot's file has no place for, such as a delay, stands in ``model.json`` alone.
+    """
+    change = {(p.field, p.index): float(x) for p, x in zip(d.parameters, d.theta, strict=True) if x}
+    names, notes = [], []
+    source = d.model.path
+    if source.suffix in ROBOT_SUFFIXES or not source.suffix:
+        names.append(_write_usd(d, change, out / "robot.usda"))
+    else:
+        names.append(_write_mjcf(d, change, out / "robot.xml"))
+        try:
+            with silent():
+                robot = read_robot(out / "robot.xml")
+                if robot.floating:
+                    gains = {f: dict(zip(d.log.joints, _gains(d, f), strict=True)) for f in ("kp", "kd")}
+                    understood = understand(robot, Choices(kp=gains["kp"], kd=gains["kd"]))
+                    write_checked(understood, out / "robot.usda", source=str(source))
+                    names.append("robot.usda")
+        except (RobotFileError, AssetError, ValueError) as error:
+            notes.append(f"no robot.usda: {error}")
+    write_text(out / "model.json", json.dumps(plain(_model(d)), indent=2, allow_nan=False) + "\n")
+    return [*names, "model.json"], notes
+
+
+def _gains(d: RobotDiagnosis, name: str) -> np.ndarray:
+    """Kp or Kd of the log's joints with their corrections, shape (J,)."""
+    more = np.zeros(len(d.log.joints))
+    for p, x in zip(d.parameters, d.theta, strict=True):
+        if p.field == name:
+            more[p.index] += x
+    return np.nan_to_num(getattr(d.log, name)) * (1.0 + more)
+
+
+def _model(d: RobotDiagnosis) -> dict[str, Any]:
+    rows = []
+    for p, x in zip(d.parameters, d.theta, strict=True):
+        if x:
+            rows.append(
+                {"cause": p.cause, "where": p.where, "name": p.name, "value": p.absolute(float(x)), "unit": p.unit}
+            )
+    return {
+        "schema": SCHEMA,
+        "kind": "robot_corrections",
+        "robot": str(d.model.path),
+        "log": str(d.log.path),
+        "corrections": rows,
+        "kp": dict(zip(d.log.joints, _gains(d, "kp"), strict=True)),
+        "kd": dict(zip(d.log.joints, _gains(d, "kd"), strict=True)),
+        "session": d.session,
+    }
+
+
+def _write_mjcf(d: RobotDiagnosis, change: dict[tuple[str, int], float], path: Path) -> str:
+    """The source with the corrections, as MJCF; bodies state what was compiled of them."""
+    with silent():
+        spec = mujoco.MjSpec.from_file(str(d.model.path))
+    for name in ("meshdir", "texturedir"):
+        own = getattr(spec, name)
+        setattr(spec, name, os.path.relpath(d.model.path.resolve().parent / own, path.resolve().parent))
+    mj, bodies = d.model.model, {b.name: b for b in spec.bodies}
+    for (field, k), x in change.items():
+        if field in ("mass", "com"):
+            b = k if field == "mass" else d.model.trunk
+            body = bodies[mj.body(b).name]
+            if not body.explicitinertial:
+                body.mass, body.ipos, body.iquat = mj.body_mass[b], mj.body_ipos[b], mj.body_iquat[b]
+                body.inertia, body.fullinertia, body.explicitinertial = mj.body_inertia[b], [np.nan] * 6, True
+            if field == "com":
+                ipos = np.array(body.ipos)
+                ipos[k] += x
+                body.ipos = ipos
+                continue
+            factor = max(mj.body_mass[b] + x, 1e-4) / mj.body_mass[b]
+            body.mass = body.mass * factor
+            body.inertia, body.fullinertia = np.array(body.inertia) * factor, np.array(body.fullinertia) * factor
+        elif field == "length":
+            body, far = bodies[mj.body(k).name], 1.0 + x / d.model.reach[k]
+            for item in [*body.bodies, *body.geoms]:
+                item.pos = np.array(item.pos) * far
+        elif field in ("friction", "damping", "armature"):
+            joint, v = spec.joint(d.log.joints[k]), d.model.v_adr[k]
+            name = {"friction": "frictionloss"}.get(field, field)
+            value = max(float(getattr(mj, f"dof_{name}")[v]) + x, 0.0)
+            setattr(joint, name, [value, 0.0, 0.0] if np.ndim(getattr(joint, name)) else value)
+        elif field == "mu":
+            for geom in spec.geoms:
+                geom.friction = np.array(geom.friction) * [max(1.0 + x, 0.02), 1.0, 1.0]
+    try:
+        with silent():
+            text = spec.to_xml()
+    except Exception:  # meshes that are not here, most often: the shapes of the replay are written
+        try:
+            with silent():
+                for geom in [g for g in spec.geoms if g.type == mujoco.mjtGeom.mjGEOM_MESH]:
+                    spec.delete(geom)
+                for mesh in list(spec.meshes):
+                    spec.delete(mesh)
+                spec.compile()
+                text = spec.to_xml()
+        except Exception as error:
+            raise LogError(f"{path}: the corrections leave no robot that MuJoCo can simulate ({error})") from None
+    write_text(path, text)
+    return path.name
+
+
+def _write_usd(d: RobotDiagnosis, change: dict[tuple[str, int], float], path: Path) -> str:
+    """The source's stage, flattened, with the corrections that its attributes hold."""
+    source = d.model.path
+    asset = load_robot(robot=str(source)) if source.suffix else load_robot(robot=source.name)
+    stage, mj = asset.stage, d.model.model
+    root = stage.GetDefaultPrim().GetPath()
+    drives = {a.joint: stage.GetPrimAtPath(a.prim_path) for a in asset.actuators}
+
+    def scale(prim: Any, name: str, factor: float) -> None:
+        attribute = prim.GetAttribute(name)
+        attribute.Set(attribute.Get() * factor)
+
+    for (field, k), x in change.items():
+        if field in ("mass", "com"):
+            b = k if field == "mass" else d.model.trunk
+            body = stage.GetPrimAtPath(root.AppendChild(d.model.body_name(b)))
+            if field == "com":
+                center = body.GetAttribute("physics:centerOfMass")
+                value = center.Get()
+                value[k] += x
+                center.Set(value)
+                continue
+            for name in ("physics:mass", "physics:diagonalInertia"):
+                scale(body, name, max(mj.body_mass[b] + x, 1e-4) / mj.body_mass[b])
+        elif field == "armature":
+            joint = stage.GetPrimAtPath(root.AppendPath(f"joints/{d.log.joints[k]}"))
+            joint.GetAttribute("newton:armature").Set(max(float(mj.dof_armature[d.model.v_adr[k]]) + x, 1e-5))
+        elif field in ("kp", "kd", "strength"):
+            drive = drives[d.log.joints[k]]
+            names = {"kp": ("kp", "kp_base"), "kd": ("kd",), "strength": ("kp", "kp_base", "kd", "tau_limit")}[field]
+            for attribute in drive.GetAttributes():
+                if attribute.GetName().rpartition(":")[2] in names:
+                    attribute.Set(attribute.Get() * (1.0 + x))
+        elif field in ("device", "drag"):
+            for attribute in drives[d.log.joints[k]].GetAttributes():
+                name = attribute.GetName()
+                if field == "device" and name in ("newton:mr:K1", "newton:mr:T_max"):
+                    attribute.Set(attribute.Get() * (1.0 + x))
+    save_checked(stage.Flatten(), path)
+    return path.name
