@@ -96,6 +96,12 @@ class Train(opt.ViewOptions, opt.RobotOptions, Learning):
     start_from: Annotated[opt.OptionalFile, BEGIN] = None
     """a new training that begins with the networks of another task's checkpoint.pt, or a policy's actor (.onnx)"""
 
+    def check(self) -> None:
+        """Refuse also to start over, unasked, in a folder that holds a checkpoint."""
+        super().check()
+        if self.resume is None:
+            self._refuse_used_folder()
+
     def run(self, line: CommandLine) -> int:
         """0 when the gate was met or not asked for, 1 when missed or broken off, 130 after Ctrl-C, 2 on bad input."""
         from mrwarp.rl.ranks import Ranks
@@ -117,10 +123,8 @@ class Train(opt.ViewOptions, opt.RobotOptions, Learning):
         from mrwarp.usd.asset import device_lines
         from mrwarp.viewing.live_view import LiveTraining
 
-        kept = self.out / "checkpoint.pt"
-        if ranks.main and kept.is_file() and not self.overwrite and not (self.resume and kept.samefile(self.resume)):
-            remedy = f"go on with --resume {kept}, choose another --out or add --overwrite"
-            raise ValueError(f"{kept} is there already; {remedy}")
+        if ranks.main:
+            self._refuse_used_folder()
         cfg = self._cfg(line, ranks)
         trainer = Trainer(cfg, resume=self.resume, start_from=self.start_from, ranks=ranks)
         view = None
@@ -145,6 +149,12 @@ class Train(opt.ViewOptions, opt.RobotOptions, Learning):
         print(f"walking gate {passed} after {minutes:.1f} min ({result['iterations']} updates); see {self.out}")
         # torchrun ends in a traceback where a process ends with another code than 0
         return 0 if result["gate_passed"] or self.no_gate or ranks.world > 1 else 1
+
+    def _refuse_used_folder(self) -> None:
+        kept = self.out / "checkpoint.pt"
+        if kept.is_file() and not self.overwrite and not (self.resume and kept.samefile(self.resume)):
+            remedy = f"go on with --resume {kept}, choose another --out or add --overwrite"
+            raise ValueError(f"{kept} is there already; {remedy}")
 
     def _cfg(self, line: CommandLine, ranks: Ranks) -> TrainCfg:
         """The training that the options ask for; says what it is."""

@@ -182,7 +182,7 @@ def dry_direction(s: Path, speed: float, memory: wp.array2d[float], line: int, s
     if s.begins == 1:
         last = float(0.0)
     if wp.abs(s.qd) > speed:
-        last = wp.sign(s.qd)
+        last = float(wp.sign(s.qd))
     memory[line, slot] = last
     if s.qd * last >= 0.0 and last != 0.0 and s.engaged == 1.0:
         return last

@@ -466,7 +466,8 @@ def test_drive_with_effects_gives_the_torque_of_the_diagnosis(names: list[str], 
         commands.append(rig.now.drive_state.current.numpy()[0])
     want = replayed(effects, np.array(commands), np.array(heats))
     opposing = -np.sign(motion(4.0)[1]) * np.abs(want)
-    np.testing.assert_allclose(efforts, opposing, rtol=0, atol=1e-5 * np.abs(want).max())
+    # float32: where a gap ends, rounding of the seventeen mechanisms before it is amplified
+    np.testing.assert_allclose(efforts, opposing, rtol=0, atol=3e-5 * np.abs(want).max())
 
 
 def test_inertia_of_a_model_file_is_armature(tmp_path: Path) -> None:

@@ -65,13 +65,14 @@ def test_null_and_starts_lie_within_the_bounds(effect: str, motion: Motion) -> N
             assert low <= (np.log(start) if slot.logarithmic else start) <= high
 
 
-def test_bent_model_has_one_number_more(motion: Motion) -> None:
-    """At first the same row; its new number is searched within its bounds and stands among the values."""
+def test_bent_model_has_its_effects_bends(motion: Motion) -> None:
+    """At first the same row; its new numbers are searched within their bounds and stand among the values."""
     c = Parameters(("friction_asymmetry", "wear"), motion.ranges, 0.0)
     x, bent = known.vector(c, STRONG), c.bent()
     y = c.moved(x, bent)
-    assert bent.size == c.size + 1 and np.array_equal(c.row(x), bent.row(y))
-    at = next(i for i, slot in bent.items() if slot.parameter.form)
+    assert bent.size == c.size + 2 and np.array_equal(c.row(x), bent.row(y))
+    at, other = (i for i, slot in bent.items() if slot.parameter.form)
+    assert y[other] == 0.0 and bent.low[other] < 0.0 < bent.high[other]
     assert y[at] == bent.low[at] == 0.0 < bent.high[at] and bent.steeper().low[at] == 0.0
     y[at] = 0.2
     assert bent.values(y)["friction_asymmetry"]["thinning"] == pytest.approx(0.2)
@@ -85,7 +86,7 @@ def test_known_bend_acts_without_being_searched(motion: Motion) -> None:
     assert c.size == 11 and c.row(x)[at] == 0.3 == c.values(x)["friction_asymmetry"]["thinning"]
     y = c.moved(x, c.bent())
     assert np.array_equal(c.row(x), c.bent().row(y))
-    y[-1] = 0.1
+    y[next(i for i, slot in c.bent().items() if slot.parameter.name == key[1])] = 0.1
     assert c.bent().row(y)[at] == 0.1
     more = Parameters(("friction_asymmetry", "wear"), motion.ranges, 0.0, c.choices)
     assert more.row(c.grown(x, more.effects))[at] == 0.3

@@ -145,7 +145,7 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
     "not parquet": (_bytes("bad.parquet", b"t,q,current,torque\n" * 9), ("not a readable Parquet file",)),
     "parquet with text": (_parquet_text, ("'q'", "holds string, not numbers")),
     "unknown kind": (_bytes("bad.xlsx", b"x"), ("not a known kind", ".parquet")),
-    "no file": (lambda folder: folder / "bad.csv", ("there is no such file",)),
+    "no file": (lambda folder: folder / "bad.csv", ("no such file or folder", "check the path")),
 }
 
 

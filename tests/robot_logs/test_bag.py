@@ -274,9 +274,9 @@ def test_maps_and_bags_that_are_none_are_refused(tmp_path: Path, capsys: pytest.
     (tmp_path / "bad.mcap").write_bytes(b"no bag at all" * 50)
     for words, said in (
         ([str(bag), "--map", str(tmp_path / "map.json")], "'joint' means nothing; is it joints?"),
-        ([str(bag), "--map", str(tmp_path / "no.json")], "no such map"),
-        ([str(tmp_path / "bad.mcap"), "--map", str(tmp_path / "no.json")], "no such map"),
-        ([str(tmp_path / "none.mcap")], "there is no such bag"),
+        ([str(bag), "--map", str(tmp_path / "no.json")], "no.json: no such file"),
+        ([str(tmp_path / "bad.mcap"), "--map", str(tmp_path / "no.json")], "no.json: no such file"),
+        ([str(tmp_path / "none.mcap")], "none.mcap: no such file"),
     ):
         assert main(["log", "import", *words, "--out", str(tmp_path / "log")]) == 2
         err = capsys.readouterr().err
