@@ -79,6 +79,7 @@ _SPECS = (
     Spec(name="coulomb_friction", parameter="torque", unit="N·m", powers=(0, 0, 1), guess=0.03),
     Spec(name="friction_asymmetry", parameter="torque", unit="N·m", powers=(0, 0, 1), guess=0.03, draw=_asymmetry),
     Spec(name="load_friction", parameter="F1", unit="N·m/A", powers=(0, -1, 1), guess=0.03),
+    Spec(name="position_friction", parameter="F2", unit="N·m/rad²", powers=(-2, 0, 1), guess=0.1, exact=False),
     Spec(
         name="stribeck", parameter="torque", unit="N·m", powers=(0, 0, 1), guess=0.03, exact=False,
         draw=lambda rng: {"speed": 0.15 * 4.0 ** rng.uniform()},
@@ -253,6 +254,11 @@ def load_friction(e: Effect, s: State) -> np.ndarray:
     return e.strength * np.abs(s.current) * np.sign(s.qd)
 
 
+def position_friction(e: Effect, s: State) -> np.ndarray:
+    """Hard sign, in proportion to the square of the displacement."""
+    return e.strength * s.q**2 * np.sign(s.qd)
+
+
 def stribeck(e: Effect, s: State) -> np.ndarray:
     """Lorentz curve over the speed."""
     return e.strength * np.sign(s.qd) / (1.0 + (s.qd / e.draws["speed"]) ** 2)
@@ -293,8 +299,8 @@ def line(e: Effect, s: State) -> np.ndarray:
 TORQUES: dict[str, Callable[[Effect, State], np.ndarray]] = {
     law.__name__: law
     for law in (
-        coulomb_friction, friction_asymmetry, load_friction, stribeck, cogging, current_viscosity, rotor_inertia,
-        position_current, position_viscosity, line,
+        coulomb_friction, friction_asymmetry, load_friction, position_friction, stribeck, cogging, current_viscosity,
+        rotor_inertia, position_current, position_viscosity, line,
     )
 }  # fmt: skip
 """Torques that add to those of eq. 14."""

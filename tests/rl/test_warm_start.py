@@ -152,7 +152,7 @@ def test_the_command_refuses_a_policy_without_its_record(
     """A policy that does not tell what it was trained on, and a file that is none: exit code 2 and one line."""
     run = Trainer(make_cfg(tmp_path / "run"))
     export_onnx(run.algorithm.get_policy(), tmp_path / "bare.onnx", {"task": {}})
-    for name, message in {"bare.onnx": "lacks 'seed'", "none.onnx": "no such policy"}.items():
+    for name, message in {"bare.onnx": "lacks 'seed'", "none.onnx": "no such file or folder"}.items():
         path = tmp_path / name
         assert main(["train", "--num-envs", "4", "--out", str(tmp_path / "out"), "--start-from", str(path)]) == 2
         error = capsys.readouterr().err
