@@ -146,7 +146,7 @@ def test_command_writes_figures_and_refuses_a_folder_without_policies(
     out = tmp_path / "out"
     assert main(["study", "table2", "--out", str(out), "--policies", str(tmp_path / "none")]) == 2
     error = capsys.readouterr().err
-    assert error.count("\n") == 1 and "conventional_seed0.onnx: no such policy" in error
+    assert error.count("\n") == 1 and "none: no such file or folder" in error
     assert not out.exists()
 
     monkeypatch.setattr("mrwarp.study.paper_tables.EvaluationCfg", lambda **_: cfg)
