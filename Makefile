@@ -1,10 +1,11 @@
 # `make run` trains a policy, `make test` checks everything that takes seconds; both make their own environment first.
+SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
 PY := $(VENV)/bin/python
 READY := $(VENV)/.ready
 
-.PHONY: run test test-slow lint format pins env clean
+.PHONY: run test test-slow test-mjlab lint format pins env clean
 .DEFAULT_GOAL := test
 
 run: $(READY)
@@ -19,6 +20,12 @@ test: $(READY)
 # pytest exits with 5 where no test is marked slow
 test-slow: $(READY)
 	$(PY) -m pytest $(SHARED_OUT) -m slow || [ $$? -eq 5 ]
+
+# mjlab pins another MuJoCo, so it has an environment of its own, without mrwarp's dependencies
+test-mjlab:
+	test -x .venv-mjlab/bin/pytest || { $(PYTHON) -m venv .venv-mjlab && .venv-mjlab/bin/python -m pip install \
+		-c <(grep -E '^(torch|safetensors)==' constraints.txt) torch mjlab==1.6.0 safetensors pytest; }
+	PYTHONPATH=. .venv-mjlab/bin/python -m pytest --noconftest tests/integrations
 
 lint: $(READY)
 	$(PY) -m ruff check .
