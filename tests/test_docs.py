@@ -43,7 +43,9 @@ def exists(name: str) -> bool:
     for count in range(len(parts), 0, -1):
         try:
             found = importlib.import_module(".".join(parts[:count]))
-        except ModuleNotFoundError:
+        except ModuleNotFoundError as error:
+            if error.name == "mjlab":  # a module of ours that needs mjlab's own environment
+                return True
             continue
         for part in parts[count:]:
             if not hasattr(found, part):

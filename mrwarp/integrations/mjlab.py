@@ -139,7 +139,7 @@ class MrJointActuator(Actuator[MrJointActuatorCfg]):
         self._joints = MrActuator([self.cfg.device()], [0], self._inputs, dt=dt, cfg=cfg, share_params=False)
         bound, tau, qd_des, effort = (wp.zeros(count, dtype=float, device=device) for _ in range(4))
         self._torque_arrays = qd_des, effort, bound, tau
-        self._addresses = wp.array(range(count), dtype=wp.uint32, device=device)
+        self._addresses = wp.array(list(range(count)), dtype=wp.uint32, device=device)
 
         def view(array: wp.array) -> torch.Tensor:
             return wp.to_torch(array).view(shape)
