@@ -51,11 +51,14 @@ NOT_RUN = {
     "git clone": "needs a network",
     "mrwarp robot": "reads a robot of others; tests/robots",
     "mrwarp train --robot": "reads what the command before it made; tests/robots",
+    "mrwarp walk --policy runs/anymal/policy.onnx": "reads what the command before it made; tests/robots",
+    "mrwarp impact --policy runs/anymal/policy.onnx": "reads what the command before it made; tests/robots",
     "mrwarp impact --robot": "reads what the command before it made; tests/robots",
     "mrwarp impact --live": "opens a window",
     "mrwarp play --policy runs/walk/policy.onnx": "opens a window",
+    "mrwarp play --robot": "reads what the command before it made; tests/robots",
 }
-"""Beginnings of commands that are not run, and why, or what tests them. `mrwarp play` with ``--png`` is run anyway."""
+"""Beginnings of commands that are not run, and why, or what tests them. `mrwarp play --policy` with ``--png`` is run anyway."""
 
 SHORT = {
     "bench": {"--trajectories": "8", "--samples": "6400", "--evaluation-samples": "0"},
@@ -144,7 +147,7 @@ def shortened(argv: list[str]) -> list[str]:
 def left_out(words: list[str]) -> bool:
     """Whether a command is in :data:`NOT_RUN`."""
     line = " ".join(words)
-    pictured = words[:2] == ["mrwarp", "play"] and "--png" in words
+    pictured = words[:3] == ["mrwarp", "play", "--policy"] and "--png" in words
     return not pictured and any(line == left or line.startswith(f"{left} ") for left in _beginnings())
 
 
