@@ -96,7 +96,9 @@ def test_damper_baseline_fits_as_the_authors_do(damper: Diagnosis) -> None:
     assert t is not None and rms(t.torque - t.baseline) < 0.16 * t.torque.std()
 
 
-@pytest.mark.xfail(reason="found on 24 November 2026: the extended model errs 45.4 %, the baseline 45.0 %; to be mended")
+@pytest.mark.xfail(
+    reason="found on 24 November 2026: the extended model errs 45.4 %, the baseline 45.0 %; to be mended"
+)
 def test_extension_predicts_earthquakes(damper: Diagnosis) -> None:
     """On records that took no part, the extended model errs less than the baseline in most of them."""
     earthquakes = _recording("mr_utfsm_earthquake")
