@@ -58,7 +58,10 @@ NOT_RUN = {
     "mrwarp play --policy runs/walk/policy.onnx": "opens a window",
     "mrwarp play --robot": "reads what the command before it made; tests/robots",
 }
-"""Beginnings of commands that are not run, and why, or what tests them. `mrwarp play --policy` with ``--png`` is run anyway."""
+"""Beginnings of commands that are not run, and why, or what tests them.
+
+`mrwarp play --policy` with ``--png`` is run anyway.
+"""
 
 SHORT = {
     "bench": {"--trajectories": "8", "--samples": "6400", "--evaluation-samples": "0"},
