@@ -20,6 +20,9 @@ import mrwarp
 CPU_ONLY = {"mrwarp.kernels.lstm_lanes"}
 """Modules whose kernels hold vector instructions of a CPU; a GPU runs those of ``mrwarp.kernels.learned_torque``."""
 
+OTHER_SIMULATORS = "mrwarp.integrations."
+"""Modules that import a simulator this environment does not hold; they launch kernels of the package, with none of theirs."""
+
 SOLVER_FLOAT = wp.float32
 """Numbers of the solver on a GPU (MuJoCo-Warp): generic kernels are launched on arrays of them."""
 
@@ -31,7 +34,7 @@ def kernel_modules() -> Iterator[list[Module]]:
     """Warp's modules with the kernels of the package, whose generic ones have their overloads."""
     modules = {}
     for found in pkgutil.walk_packages(mrwarp.__path__, "mrwarp."):
-        if not found.name.endswith("__main__"):
+        if not found.name.endswith("__main__") and not found.name.startswith(OTHER_SIMULATORS):
             made = [x for x in vars(importlib.import_module(found.name)).values() if isinstance(x, Kernel)]
             modules |= {id(kernel.module): kernel.module for kernel in made}  # generated ones have modules of their own
     modules |= {id(m): m for name, m in user_modules.items() if name.startswith("mrwarp.") and m.kernels}
