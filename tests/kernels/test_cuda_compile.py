@@ -21,7 +21,7 @@ CPU_ONLY = {"mrwarp.kernels.lstm_lanes"}
 """Modules whose kernels hold vector instructions of a CPU; a GPU runs those of ``mrwarp.kernels.learned_torque``."""
 
 OTHER_SIMULATORS = "mrwarp.integrations."
-"""Modules that import a simulator this environment does not hold; they launch kernels of the package, with none of theirs."""
+"""Modules that import a simulator which is not installed here; they have no kernels of their own."""
 
 SOLVER_FLOAT = wp.float32
 """Numbers of the solver on a GPU (MuJoCo-Warp): generic kernels are launched on arrays of them."""
