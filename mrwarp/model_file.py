@@ -12,16 +12,27 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
-import reprlib
-import sys
-from collections import Counter
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from mrwarp.effects.catalogue import CATALOGUE, HYSTERESIS, KNOWN
 from mrwarp.effects.law import EffectParameter
+from mrwarp.options.json_file import (
+    JsonFileError,
+    checked_interval,
+    checked_mapping,
+    checked_number,
+    checked_object,
+    checked_text,
+    checked_texts,
+    checked_whole,
+    key_shown,
+    read_json_file,
+    shown,
+)
 from mrwarp.params import CoilParams, HoldParams, MrParams, ParameterError, ParamSpec, with_unit
 from mrwarp.run_dir import write_text
 from mrwarp.runtime import closest
@@ -50,12 +61,18 @@ _REQUIRED = ("D", "B", "C", "I1", "K0", "K1", "alpha", "beta", "gamma")
 _PARAMETER_KEYS = ("value", "unit", "ci95")
 _REMEDY = "give the model.json that 'mrwarp fit' wrote"
 
-_SHORT = reprlib.Repr()
-_SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother, _SHORT.maxlong = 3, 80, 80, 80
 
-
-class ModelFileError(ValueError):
+class ModelFileError(JsonFileError):
     """A model file was refused; the message names path, key, value, what is allowed and the remedy."""
+
+
+@contextmanager
+def _of_a_model() -> Iterator[None]:
+    """Entries that are refused are a model's."""
+    try:
+        yield
+    except JsonFileError as error:
+        raise ModelFileError(str(error)) from None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,6 +241,7 @@ def save_model(model: Model, path: str | Path) -> Path:
     return write_text(Path(path), text + "\n")
 
 
+@_of_a_model()
 def load_model(path: str | Path) -> Model:
     """Read and check a model file.
 
@@ -233,7 +251,7 @@ def load_model(path: str | Path) -> Model:
     path = Path(path)
     if path.is_file() and (size := path.stat().st_size) > MAX_BYTES:
         raise ModelFileError(f"{path}: {size} bytes; a model file has at most {MAX_BYTES}")
-    return model_from_dict(read_json_file(path), str(path))
+    return model_from_dict(read_json_file(path, _REMEDY), str(path))
 
 
 def model_to_dict(model: Model) -> dict[str, Any]:
@@ -245,6 +263,7 @@ def model_to_dict(model: Model) -> dict[str, Any]:
     return content
 
 
+@_of_a_model()
 def model_from_dict(content: Any, where: str = "model") -> Model:
     """Check the content of a model file, as JSON gives it; the inverse of :func:`model_to_dict`.
 
@@ -262,12 +281,12 @@ def model_from_dict(content: Any, where: str = "model") -> Model:
         raise ModelFileError(f"{where}: schema = {found}; allowed: {SCHEMA}; run 'mrwarp fit' again")
     content = {"law": None, **content}
     checked_object(content, where, _KEYS)
-    units = _texts(checked_object(content["units"], f"{where}: units", tuple(JOINT_UNITS)), f"{where}: units")
+    units = checked_texts(checked_object(content["units"], f"{where}: units", tuple(JOINT_UNITS)), f"{where}: units")
     for key, unit in units.items():
         if not unit.isprintable() or len(unit) > MAX_UNIT:
             allowed = f"a unit of at most {MAX_UNIT} characters"
             raise ModelFileError(f"{where}: units.{key} = {shown(unit)}; allowed: {allowed}")
-    parameters = _mapping(content["parameters"], f"{where}: parameters")
+    parameters = checked_mapping(content["parameters"], f"{where}: parameters")
     missing = [name for name in _REQUIRED if name not in parameters]
     if missing:
         raise ModelFileError(f"{where}: parameters.{missing[0]} is missing; needed: {', '.join(_REQUIRED)}")
@@ -276,8 +295,8 @@ def model_from_dict(content: Any, where: str = "model") -> Model:
         fitted_on=_fitted_on(content["fitted_on"], f"{where}: fitted_on"),
         units=units,
         effects=_law(content["law"], units, f"{where}: law") + _effects(content["effects"], units, f"{where}: effects"),
-        seed=_whole(content["seed"], f"{where}: seed"),
-        versions=_texts(content["versions"], f"{where}: versions"),
+        seed=checked_whole(content["seed"], f"{where}: seed"),
+        versions=checked_texts(content["versions"], f"{where}: versions"),
     )
 
 
@@ -286,6 +305,7 @@ def acting(effects: Iterable[Effect]) -> dict[str, dict[str, float]]:
     return {effect.name: effect.values for effect in effects if effect.acts}
 
 
+@_of_a_model()
 def make_effect(name: str, values: Mapping[str, float]) -> Effect:
     """An effect of the catalogue from bare numbers, for a joint in rad, A and N·m.
 
@@ -297,6 +317,7 @@ def make_effect(name: str, values: Mapping[str, float]) -> Effect:
     return _effect(name, dict(values), JOINT_UNITS, f"effect {name}")
 
 
+@_of_a_model()
 def check_effects(effects: Iterable[Effect], where: str) -> None:
     """Check effects that were made in Python as those of a file are; their numbers are in rad, A and N·m.
 
@@ -316,46 +337,6 @@ def silent_note(effects: Iterable[Effect]) -> str:
             found.setdefault("of the bench's log, not of the device", []).append(effect.name)
     parts = [f"{', '.join(names)} ({reason})" for reason, names in found.items()]
     return f"does not act in the simulator: {'; '.join(parts)}" if parts else ""
-
-
-def read_json_file(path: Path, remedy: str = _REMEDY) -> Any:
-    """What a JSON file holds.
-
-    Raises:
-        ModelFileError: it cannot be read, is not JSON, or a key stands twice in one object.
-    """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ModelFileError(f"{path}: not JSON: {error}; {remedy}") from None
-    except OSError as error:
-        raise ModelFileError(f"{path}: {error.strerror}; {remedy}") from None
-    return read_json(text, str(path), remedy)
-
-
-def read_json(text: str, where: str, remedy: str = _REMEDY) -> Any:
-    """What a JSON text holds.
-
-    Raises:
-        ModelFileError: it is not JSON, or a key stands twice in one object.
-    """
-    try:
-        return json.loads(text, object_pairs_hook=_unique)
-    except ModelFileError as error:
-        raise ModelFileError(f"{where}: {error}") from None
-    except (ValueError, RecursionError) as error:
-        raise ModelFileError(f"{where}: not JSON: {error}; {remedy}") from None
-
-
-def shown(value: Any) -> str:
-    """A value of a file for a message: as Python writes it, on one line, shortened."""
-    found = _SHORT.repr(value)
-    return found if len(found) <= _SHORT.maxstring else found[: _SHORT.maxstring - 3] + "..."
-
-
-def key_shown(name: str) -> str:
-    """A key of a file for a message: as it is, unless it is long or cannot be printed."""
-    return name if name.isprintable() and len(name) <= _SHORT.maxstring else shown(name)
 
 
 def _parameter(name: str, entry: Any, units: Mapping[str, str], file: str) -> Parameter:
@@ -378,7 +359,7 @@ def _with_unit(entry: dict[str, Any], expected: str | None, where: str, spec: Pa
         value = value if spec is None else spec.check(value, f"{where}.value")
     except ParameterError as error:
         raise ModelFileError(str(error)) from None
-    ci95 = _interval(entry["ci95"], f"{where}.ci95")
+    ci95 = checked_interval(entry["ci95"], f"{where}.ci95")
     if ci95 and not ci95[0] <= value <= ci95[1]:
         raise ModelFileError(f"{where}.ci95 = {list(ci95)} leaves out the value {value:g}; correct either")
     return Parameter(value=value, unit=unit, ci95=ci95)
@@ -392,12 +373,12 @@ def _effects(entries: Any, units: Mapping[str, str], where: str) -> tuple[Effect
     for i, entry in enumerate(entries):
         place = f"{where}[{i}]"
         checked_object(entry, place, ("name", "parameters"))
-        name = _text(entry["name"] or None, f"{place}.name")
+        name = checked_text(entry["name"] or None, f"{place}.name")
         if name in CATALOGUE and any(effect.name == name for effect in found):
             raise ModelFileError(f"{place}: {name} stands twice; remove one")
         if name in HYSTERESIS and any(effect.name in HYSTERESIS for effect in found):
             raise ModelFileError(f"{place}: {name} is a second law; a device has one")
-        found.append(_effect(name, _mapping(entry["parameters"], f"{place}.parameters"), units, place))
+        found.append(_effect(name, checked_mapping(entry["parameters"], f"{place}.parameters"), units, place))
     return tuple(found)
 
 
@@ -406,10 +387,10 @@ def _law(entry: Any, units: Mapping[str, str], where: str) -> tuple[Effect, ...]
     if entry is None:
         return ()
     checked_object(entry, where, ("name", "parameters"))
-    name = _text(entry["name"] or None, f"{where}.name")
+    name = checked_text(entry["name"] or None, f"{where}.name")
     if name not in HYSTERESIS:
         raise ModelFileError(f"{where}.name = {shown(name)}: there is no such law; {_known(name, HYSTERESIS)}")
-    return (_effect(name, _mapping(entry["parameters"], f"{where}.parameters"), units, where),)
+    return (_effect(name, checked_mapping(entry["parameters"], f"{where}.parameters"), units, where),)
 
 
 def _effect(name: str, content: dict[str, Any], units: Mapping[str, str], where: str) -> Effect:
@@ -450,85 +431,12 @@ def _known(name: str, known: Collection[str]) -> str:
 
 
 def _fitted_on(entry: Any, where: str) -> FittedOn:
-    entry = {"current": None, **_mapping(entry, where)}  # files of mrwarp 0.1 have none
+    entry = {"current": None, **checked_mapping(entry, where)}  # files of mrwarp 0.1 have none
     checked_object(entry, where, tuple(f.name for f in dataclasses.fields(FittedOn)))
     return FittedOn(
-        source=_text(entry["source"], f"{where}.source"),
-        trajectories=_whole(entry["trajectories"], f"{where}.trajectories"),
-        samples=_whole(entry["samples"], f"{where}.samples"),
+        source=checked_text(entry["source"], f"{where}.source"),
+        trajectories=checked_whole(entry["trajectories"], f"{where}.trajectories"),
+        samples=checked_whole(entry["samples"], f"{where}.samples"),
         rate=checked_number(entry["rate"], f"{where}.rate"),
-        current=_interval(entry["current"], f"{where}.current"),
+        current=checked_interval(entry["current"], f"{where}.current"),
     )
-
-
-def checked_number(value: Any, where: str) -> float:
-    """A finite number of a file, as float.
-
-    Raises:
-        ModelFileError: it is none.
-    """
-    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max:
-        return float(value)
-    raise ModelFileError(f"{where} = {shown(value)}; allowed: a finite number")
-
-
-def _interval(ci95: Any, where: str) -> tuple[float, float] | None:
-    """A pair of numbers, the lower one first, or None."""
-    if ci95 is None:
-        return None
-    if not isinstance(ci95, list) or len(ci95) != 2:
-        raise ModelFileError(f"{where} = {shown(ci95)}; allowed: [low, high] or null")
-    low, high = checked_number(ci95[0], f"{where}[0]"), checked_number(ci95[1], f"{where}[1]")
-    if low > high:
-        raise ModelFileError(f"{where} = {[low, high]}; allowed: [low, high]; exchange them")
-    return low, high
-
-
-def _whole(value: Any, where: str) -> int:
-    """A whole number; an integer of any length keeps all its digits."""
-    if not checked_number(value, where).is_integer():
-        raise ModelFileError(f"{where} = {shown(value)}; allowed: a whole number")
-    return int(value)
-
-
-def _text(value: Any, where: str) -> str:
-    """A text that UTF-8 can write."""
-    if not isinstance(value, str) or any("\ud800" <= c <= "\udfff" for c in value):
-        raise ModelFileError(f"{where} = {shown(value)}; allowed: a text")
-    return value
-
-
-def _texts(value: Any, where: str) -> dict[str, str]:
-    found = _mapping(value, where)
-    return {_text(k, f"{where}: key"): _text(v, f"{where}.{key_shown(k)}") for k, v in found.items()}
-
-
-def _mapping(value: Any, where: str) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise ModelFileError(f"{where} = {shown(value)}; allowed: an object {{...}}")
-    return value
-
-
-def checked_object(value: Any, where: str, keys: tuple[str, ...]) -> dict[str, Any]:
-    """A JSON object that has these keys and no others.
-
-    Raises:
-        ModelFileError: it is none.
-    """
-    content = _mapping(value, where)
-    for key in keys:
-        if key not in content:
-            raise ModelFileError(f"{where}: {key} is missing; needed: {', '.join(keys)}")
-    for key in content:
-        if key not in keys:
-            raise ModelFileError(f"{where}: there is no key {shown(key)}; known: {', '.join(keys)}; remove it")
-    return content
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object whose keys stand once each."""
-    content = dict(pairs)
-    if len(content) != len(pairs):
-        [(twice, _)] = Counter(key for key, _ in pairs).most_common(1)
-        raise ModelFileError(f"{key_shown(twice)} stands twice in one object; remove one")
-    return content

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mrwarp.model_file import read_json_file
+from mrwarp.options.json_file import read_json_file
 
 LEAST_TOLERANCE = 0.10
 """Tolerance that every ratio has [1]: between runs on one machine they differ by a few per cent more than within."""

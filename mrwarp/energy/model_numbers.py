@@ -13,7 +13,7 @@ from scipy import optimize, stats
 
 from mrwarp.energy.power import BatteryCfg, ElectricalCfg, JointLoad, battery_power
 from mrwarp.energy.thermal import ThermalCfg
-from mrwarp.model_file import read_json_file
+from mrwarp.options.json_file import read_json_file
 from mrwarp.params import ParameterError, ParamGroup
 from mrwarp.run_dir import write_text
 
@@ -51,7 +51,7 @@ def read_numbers(file: Path | None, given: Sequence[str]) -> dict[str, Any]:
 
     Raises:
         ParameterError: a name is unknown or a value out of range; the message says which.
-        ModelFileError: the file is not JSON.
+        JsonFileError: the file is not JSON.
         OSError: the file cannot be read.
     """
     changes: dict[str, dict[str, Any]] = {name: {} for name in GROUPS}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from mrwarp.options.json_file import JsonFileError, read_json_file
 
 COLUMNS = ("t", "q", "qd", "current", "torque")
 """Columns of a recording; ``qd`` may be missing, ``trajectory`` and ``temperature`` may be added."""
@@ -226,9 +227,9 @@ def read_units(folder: Path) -> Units:
     declared: Any = {}
     if path.is_file():
         try:
-            declared = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError) as error:
-            raise RecordingError(f"{path}: not readable as JSON ({error}); repair or remove it") from None
+            declared = read_json_file(path, "repair or remove it")
+        except JsonFileError as error:
+            raise RecordingError(str(error)) from None
         if not isinstance(declared, dict):
             raise RecordingError(f'{path}: must hold one object, e.g. {{"q": "deg", "current": "mA"}}')
     trusted = declared.pop("trust_units", False)

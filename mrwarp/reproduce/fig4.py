@@ -19,10 +19,10 @@ from mrwarp.bench.bench_effects import Effects
 from mrwarp.bench.virtual_bench import BenchCfg, BenchData, run_bench
 from mrwarp.identify import learn
 from mrwarp.identify.fit import fit
-from mrwarp.model_file import read_json_file
 from mrwarp.nn import network_file
 from mrwarp.nn.models import SAMPLES, LstmState
 from mrwarp.nn.training import FitCfg, plot_history, print_epoch
+from mrwarp.options.json_file import read_json_file
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, compare
 from mrwarp.reproduce.settings import PLANT_TITLES, networks

@@ -13,8 +13,8 @@ from tensordict import TensorDict
 from torch import nn
 
 from mrwarp.env.observations import actor_terms
-from mrwarp.model_file import shown
 from mrwarp.nn.network_file import META, write_onnx
+from mrwarp.options.json_file import shown
 from mrwarp.resources import DEFAULT_POLICY, POLICIES  # noqa: F401  (where policies are looked for)
 from mrwarp.run_dir import no_file, one_line
 from mrwarp.usd.asset import ROBOT_SUFFIXES

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mrwarp.env.cfg import EnvCfg
-from mrwarp.model_file import read_json_file, shown
+from mrwarp.options.json_file import read_json_file, shown
 from mrwarp.rl import checkpoint
 from mrwarp.rl.checkpoint import learned, read_networks, task
 from mrwarp.rl.trainer import TrainCfg, Trainer

@@ -25,16 +25,12 @@ from mrwarp.model_file import (
     Model,
     ModelFileError,
     Parameter,
-    checked_number,
-    checked_object,
-    key_shown,
     model_from_dict,
     model_to_dict,
     parameter_unit,
-    read_json,
-    shown,
     silent_note,
 )
+from mrwarp.options.json_file import JsonFileError, checked_number, checked_object, key_shown, read_json, shown
 from mrwarp.params import MrParams, ParameterError, ParamSpec
 from mrwarp.run_dir import versions
 from mrwarp.usd.open_stage import SCHEMA, AssetError
@@ -180,7 +176,7 @@ def parse_record(text: str, place: str) -> tuple[Model, dict[str, float]]:
         names = tuple(s.name for s in MrParams.specs() if s.name != "q_neutral" and s.name not in model.parameters)
         rest = checked_object(content["rest"], f"{where}: rest", names)
         return model, {name: checked_number(value, f"{where}: rest.{name}") for name, value in rest.items()}
-    except ModelFileError as error:
+    except JsonFileError as error:
         raise AssetError(f"{error}; {_REMEDY}") from None
 
 
