@@ -235,7 +235,7 @@ def test_a_header_nested_without_end_is_kept_as_text(tmp_path: Path) -> None:
     path.write_text("# source: " + "[" * 100_000 + "\nt,q,current,torque\n" + rows + "\n")
     assert load_recording(path).header["source"] == "[" * 100_000
     (tmp_path / "units.json").write_text("[" * 100_000)
-    with pytest.raises(RecordingError, match=r"units.json: not JSON .*; repair or remove it"):
+    with pytest.raises(RecordingError, match=r"units.json: not JSON: .*; repair or remove it"):
         load_recording(path)
     (tmp_path / "units.json").write_text('{"q": ["deg"]}')
     with pytest.raises(RecordingError, match=r"the unit \['deg'\] of q is not known; use one of"):
