@@ -127,10 +127,12 @@ def repeating_torch(wanted: bool) -> Iterator[None]:
     """Have torch take algorithms that repeat their bits on a GPU, and warn where it has none; on the CPU all do."""
     import torch
 
+    if not wanted:  # even to switch it off torch loads its compiler, a second
+        yield
+        return
     before = torch.are_deterministic_algorithms_enabled(), torch.is_deterministic_algorithms_warn_only_enabled()
-    if wanted:
-        os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # without it matrix products may not repeat
-        torch.use_deterministic_algorithms(True, warn_only=True)
+    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # without it matrix products may not repeat
+    torch.use_deterministic_algorithms(True, warn_only=True)
     try:
         yield
     finally:

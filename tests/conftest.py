@@ -27,6 +27,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.skip(reason="Warp finds no CUDA device"))
 
 
+@pytest.fixture
+def short_gate(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trainings check the gate for 0.1 s on 4 environments, and draw no picture."""
+    from mrwarp.rl import progress, trainer
+    from mrwarp.trials.walking import GateCheck, WalkingGate
+
+    gate = WalkingGate(num_envs=4, warmup=0.0, seconds=0.1)
+    monkeypatch.setattr(trainer, "GateCheck", lambda cfg: GateCheck(cfg, gate=gate))
+    monkeypatch.setattr(progress, "plot", lambda *_: None)
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Folder ``shared`` beside the checkout, which holds real measurements; skips where it is absent."""

@@ -16,7 +16,7 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.fuzz", description=(benchmarks.fuzz.__doc__ or "").splitlines()[0]
     )
-    parser.add_argument("--kind", choices=[*KINDS, "cli", "all"], default="all", help="what is read (default: all)")
+    parser.add_argument("--kind", choices=[*KINDS, "cli", "all"], nargs="+", default=["all"], help="what is read")
     parser.add_argument("--cases", type=int, default=100_000, help="cases per kind (default: 100000)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the mutations (default: 0)")
     parser.add_argument("--seconds", type=float, default=1e9, help="longest time per kind [s]; goes on when run again")
@@ -27,7 +27,7 @@ def main(argv: list[str] | None = None) -> int:
 
     quiet_libraries()
     failed = 0
-    for kind in [*KINDS, "cli"] if args.kind == "all" else [args.kind]:
+    for kind in [*KINDS, "cli"] if "all" in args.kind else args.kind:
         state = run(
             kind, args.cases, seed=args.seed, out=args.out.absolute(), seconds=args.seconds, coverage=args.coverage
         )

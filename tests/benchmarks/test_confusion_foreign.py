@@ -15,11 +15,13 @@ def foreign(kind: str, law: str) -> dict:
     return run_case(Plan(family="foreign", level=0.1, seed=811, size="small", kinds=(kind,)), LAWS.index(law))
 
 
+@pytest.mark.slow
 def test_hidden_effect_is_found_in_a_foreign_device() -> None:
     """Cogging in a device by Kwok's law is named, and nothing else."""
     assert foreign("cogging", "kwok")["outcome"] == "right"
 
 
+@pytest.mark.slow
 def test_nothing_hidden_in_a_foreign_device_is_not_named() -> None:
     """A device by Spencer's law lacks no effect: nothing is named, and what repeats is unexplained."""
     found = foreign("none", "spencer")

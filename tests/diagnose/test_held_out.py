@@ -1,6 +1,7 @@
 """Gain on trajectories that took no part: against brute-force refits, and its interval."""
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -127,15 +128,22 @@ def test_reduction_is_that_of_the_rmse() -> None:
     assert np.diff(reduction(few, seed=5)[1]) > high - low
 
 
-def accounted(plus: str | None):
-    """Account of a baseline that lacks nothing, or a torque along angle and velocity; and the noise's true share."""
+@functools.cache
+def predicted(plus: str | None):
+    """Problem, errors and what repeats, of a baseline that lacks nothing, or a torque along angle and velocity."""
     at = known.motion(8, runs=6, seconds=2.0)
     added = {"law": 0.3 * np.sin(3.0 * at.q) * at.qd}.get(plus or "", np.zeros(len(at.q)))
     problem = known.problem(at=at, plus=added)
     selection = searched(problem, None)
     found = held(problem, selection)
-    left = not_foretold(problem, found, reported_fit(problem, selection.final), seed=0)
-    return account_of(problem, found, left, seed=0), known.SIGMA**2 * len(at.q) / float(found.baseline.sum())
+    return problem, found, not_foretold(problem, found, reported_fit(problem, selection.final), seed=0)
+
+
+def accounted(plus: str | None):
+    """The account of it, and the noise's true share."""
+    problem, found, left = predicted(plus)
+    noise = known.SIGMA**2 * len(problem.motion.q)
+    return account_of(problem, found, left, seed=0), noise / float(found.baseline.sum())
 
 
 def test_account_calls_noise_what_does_not_repeat() -> None:

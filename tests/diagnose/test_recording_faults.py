@@ -29,7 +29,7 @@ def healthy() -> Recording:
     return make_case("coulomb_friction", level=0.8, seed=5, size="small").recording
 
 
-@pytest.mark.parametrize("effect", ["backlash", "wear", "temperature_drift", "cogging", "current_saturation"])
+@pytest.mark.parametrize("effect", ["wear", "temperature_drift", "cogging", "current_saturation"])
 def test_silent_without_a_fault(effect: str) -> None:
     """Effects and the noise of a stand are no fault of the recording, which stays as it is."""
     recording = make_case(effect, level=0.8, seed=6, size="small").recording

@@ -55,12 +55,14 @@ def by_current(errors: dict[str, float]) -> dict[str, float]:
     return {name.removeprefix("earthquake_").removesuffix("A"): value for name, value in errors.items()}
 
 
+@pytest.mark.slow
 def test_sines_are_fitted_below_the_authors(paper_fit: FitResult, extended: ExtendedFit) -> None:
     """Pooled NRMSE on the sines: eqs. 14, 15 alone stay below the authors' 12.5 %, the extension below 8 %."""
     assert paper_fit.nrmse < 0.125
     assert extended.nrmse < 0.08
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("undo", [False, True])
 def test_earthquakes_are_predicted_below_the_authors(extended: ExtendedFit, earthquake: Recording, undo: bool) -> None:
     """Beats the authors at every current, with the motion as published and with its own average undone."""
@@ -81,6 +83,7 @@ def test_published_records_passed_the_average(earthquake: Recording) -> None:
             assert zero < beside / 20
 
 
+@pytest.mark.slow
 def test_extended_torque_repeats_the_fit(extended: ExtendedFit, sines: Recording) -> None:
     """The parameters alone, in the recording's units, give the torque that the fit reported (float32: 1e-5 of 2 kN)."""
     for x, y in zip(extended_torque(extended.values, sines), extended.simulated, strict=True):

@@ -11,21 +11,12 @@ import torch
 
 from mrwarp.cli import main
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.rl import checkpoint, trainer
-from mrwarp.rl import progress as curves
+from mrwarp.rl import checkpoint
 from mrwarp.rl.checkpoint import CRITIC_FIRST, NOISE, CheckpointError, critic_learns_alone
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, export_onnx
 from mrwarp.rl.trainer import TrainCfg, Trainer
-from mrwarp.trials.walking import GateCheck, WalkingGate
 
-GATE = WalkingGate(num_envs=4, warmup=0.0, seconds=0.1)
-
-
-@pytest.fixture(autouse=True)
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Gate checks of 0.1 s on 4 environments, and no picture."""
-    monkeypatch.setattr(trainer, "GateCheck", lambda cfg: GateCheck(cfg, gate=GATE))
-    monkeypatch.setattr(curves, "plot", lambda *_: None)
+pytestmark = pytest.mark.usefixtures("short_gate")
 
 
 def make_cfg(out: Path, iterations: int = 1, **env: Any) -> TrainCfg:

@@ -15,8 +15,6 @@ from mrwarp.cli import main
 from mrwarp.env.cfg import RandomizeCfg, RewardCfg, make_play_cfg, make_randomize_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.paper import ROBOTS
-from mrwarp.rl import progress as training_curves
-from mrwarp.rl import trainer
 from mrwarp.rl.policy import POLICIES, OnnxPolicy, PolicyError
 from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.run_dir import claim
@@ -37,18 +35,10 @@ from mrwarp.study.plan import (
     policy_file,
     record_file,
 )  # fmt: skip
-from mrwarp.trials.walking import GateCheck, WalkingGate
 from mrwarp.usd.robot import PUBLIC_GAINS
 
-TINY_GATE = WalkingGate(num_envs=4, warmup=0.0, seconds=0.2)
+pytestmark = pytest.mark.usefixtures("short_gate")
 CFG = StudyCfg(num_envs=4, iterations=2, terrain="flat", seeds=(0,), plants=(CONVENTIONAL, "bouc_wen"))
-
-
-@pytest.fixture(autouse=True)
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Gate checks of 0.2 s on 4 environments, and no picture."""
-    monkeypatch.setattr(trainer, "GateCheck", lambda cfg: GateCheck(cfg, gate=TINY_GATE))
-    monkeypatch.setattr(training_curves, "plot", lambda *_: None)
 
 
 def test_plants_differ_in_the_device_alone() -> None:
