@@ -15,7 +15,7 @@ import numpy as np
 from mrwarp.diagnose.problem import Fit, Problem
 from mrwarp.diagnose.residual_structure import groups_along
 from mrwarp.diagnose.search import Selection
-from mrwarp.identify.boosting import chosen_samples, foretold
+from mrwarp.identify.boosting import chosen_samples, foretold, spread_where_it_repeats, white_floor
 from mrwarp.identify.damper import prediction_errors, undo_moving_average
 from mrwarp.identify.dataset import Motion
 from mrwarp.identify.least_squares import ridge_solve
@@ -91,22 +91,25 @@ class Account:
     repeatable: Share
     """What no named effect takes away, but a predictor without any law foretells on trajectories it never saw."""
     not_repeatable: Share
-    """What such a predictor cannot foretell either, or what differs from cycle to cycle where that is less."""
+    """What differs where the motion comes again; where it never does, what such a predictor cannot foretell."""
     left: float
     """What the predictor leaves, as a share of the measured torque's standard deviation [1]."""
     cycle_spread: float | None
-    """Spread of the torque from cycle to cycle where the motion comes again in three runs or more, as such a share."""
+    """Spread of the torque where the same motion comes again, as such a share; None where it hardly ever does."""
     learnable: Share
     """Part of the extended model's RMSE that the predictor takes away on trajectories it never saw."""
 
     @property
     def open(self) -> bool:
-        """Whether much of the mismatch repeats and has no name: more than a tenth, and not by chance."""
-        return self.repeatable.share > MUCH and self.repeatable.ci95[0] > 0.0
+        """Whether much of the mismatch repeats and has no name: more than a tenth."""
+        return self.repeatable.share > MUCH
 
 
 MUCH = 0.1
 """Share of the mismatch that may repeat without being reported."""
+_CLEARLY = 0.5
+"""Ratio of squares below which what differs where a motion comes again is clearly less than what boosting leaves: noise
+that differs from run to run, such as a moved zero, is not in the former."""
 
 
 def not_foretold(problem: Problem, held: HeldOut, extended: Fit, seed: int) -> np.ndarray:
@@ -130,8 +133,9 @@ def not_foretold(problem: Problem, held: HeldOut, extended: Fit, seed: int) -> n
 def account_of(problem: Problem, held: HeldOut, left: np.ndarray, seed: int) -> Account:
     """Divide the mismatch into what is named, what repeats all the same and what does not repeat.
 
-    What does not repeat is never "what is left" but what is :func:`not_foretold`. Where cycles of one motion differ by
-    less than that, they do: the interval reaches from there to boosting's.
+    What does not repeat is never "what is left" but what is :func:`not_foretold`. Where the same motion comes again and
+    differs by clearly less, that counts, and the interval reaches from there to what is not foretold. Elsewhere it
+    reaches down to the noise from sample to sample, which no predictor foretells.
     """
     motion = problem.motion
     at = chosen_samples(motion, problem.weight)
@@ -143,15 +147,17 @@ def account_of(problem: Problem, held: HeldOut, left: np.ndarray, seed: int) -> 
     pick = rng.integers(0, squares.shape[1], (2000, squares.shape[1]))
     draws = np.moveaxis(squares[:, pick].sum(axis=2), 0, 1)  # (draws, 3)
     spread = float(torque[at].std()) or 1.0
-    cycles = cycle_spread(motion)
     low, high = np.percentile(_shares(draws), (2.5, 97.5), axis=0)
     total = squares.sum(axis=1)
     learnable = _shares(total[None])[0, -1]
-    if cycles is not None:  # what comes again from cycle to cycle repeats, whether boosting can foretell it or not
-        factor = min(1.0, cycles**2 * len(at) / max(total[2], 1e-300))
-        total[2], draws[:, 2] = factor * total[2], factor * draws[:, 2]
-        ends = np.percentile(_shares(draws), (2.5, 97.5), axis=0)
-        low[:-1], high[:-1] = np.minimum(low, ends[0])[:-1], np.maximum(high, ends[1])[:-1]
+    samples = np.bincount(run, minlength=len(motion.dt))[pick].sum(axis=1)
+    again, drawn = _spread(problem, after, at, pick)
+    if again is not None and again * len(at) < _CLEARLY * total[2]:
+        total[2] = again * len(at)
+    elif again is not None:
+        drawn = draws[:, 2] / samples
+    ends = np.percentile(_shares(np.stack([*draws.T[:2], drawn * samples], axis=1)), (2.5, 97.5), axis=0)
+    low[:-1], high[:-1] = np.minimum(low, ends[0])[:-1], np.maximum(high, ends[1])[:-1]
     shares = np.array([*_shares(total[None])[0, :-1], learnable])
     named, repeatable, rest, learnable = (
         Share(share=float(x), ci95=(float(min(a, x)), float(max(b, x))))
@@ -162,9 +168,24 @@ def account_of(problem: Problem, held: HeldOut, left: np.ndarray, seed: int) -> 
         repeatable=repeatable,
         not_repeatable=rest,
         left=float(np.sqrt(np.mean(left**2))) / spread,
-        cycle_spread=None if cycles is None else cycles / spread,
+        cycle_spread=None if again is None else float(np.sqrt(again)) / spread,
         learnable=learnable,
     )
+
+
+def _spread(
+    problem: Problem, mismatch: np.ndarray, at: np.ndarray, pick: np.ndarray
+) -> tuple[float | None, np.ndarray]:
+    """Squared spread where the motion comes again, and draws of it; else None and the white floor.
+
+    ``pick`` are draws of trajectories, shape (draws, T).
+    """
+    counts, spreads = spread_where_it_repeats(problem.motion, mismatch, at)
+    if not counts.any():
+        return None, np.full(len(pick), white_floor(problem.motion, mismatch))
+    mean = float(counts @ spreads / counts.sum())
+    drawn = (counts * spreads)[pick].sum(axis=1) / np.maximum(counts[pick].sum(axis=1), 1.0)
+    return mean, np.where(counts[pick].any(axis=1), drawn, mean)
 
 
 def _left(target: np.ndarray, predicted: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -181,41 +202,6 @@ def _shares(squares: np.ndarray) -> np.ndarray:
     left = np.minimum(left, after)
     learnable = 1.0 - np.sqrt(left / np.maximum(after, 1e-300))
     return np.stack([(before - after) / before, (after - left) / before, left / before, learnable], axis=1)
-
-
-_RUNS = 3
-"""Runs with cycles from which these stand for all."""
-
-
-def cycle_spread(motion: Motion) -> float | None:
-    """Standard deviation of the torque from cycle to cycle where the motion comes again; None where it never does.
-
-    Cycles begin where the angle passes its middle upwards. They count as the same motion where at least three follow
-    each other that differ by less than 1 % of the stroke.
-    """
-    total, count, runs = 0.0, 0.0, 0
-    for part in motion.parts:
-        q, torque, current = motion.q[part], motion.torque[part], motion.current[part]
-        middle = q - 0.5 * (q.max() + q.min())
-        begins = np.flatnonzero((middle[:-1] < 0.0) & (middle[1:] >= 0.0))
-        if len(begins) < 4:
-            continue
-        begins = begins + middle[begins] / (middle[begins] - middle[begins + 1])  # between samples
-        grid = begins[:-1, None] + np.diff(begins)[:, None] * np.linspace(0.0, 1.0, 200, endpoint=False)
-        cycles, forces, fields = (np.interp(grid, np.arange(len(q)), x) for x in (q, torque, current))
-        stroke = float(np.ptp(q)) or 1.0
-        typical = np.median(cycles, axis=0)
-        alike = np.sqrt(np.mean((cycles - typical) ** 2, axis=1)) < 0.01 * stroke
-        alike &= np.abs(fields - np.median(fields, axis=0)).max(axis=1) < 0.02
-        alike[0] = False  # the first cycle begins with an unknown stress
-        if alike.sum() >= 3:
-            same = forces[alike]
-            share = grid[alike] % 1.0  # white noise shrinks between two samples
-            kept = float(np.mean((1.0 - share) ** 2 + share**2))
-            total += float(same.var(axis=0, ddof=1).sum()) * len(same) / kept
-            count += same.size
-            runs += 1
-    return float(np.sqrt(total / count)) if runs >= _RUNS else None
 
 
 def reduction(held: HeldOut, seed: int, count: int = 2000) -> tuple[float, tuple[float, float]]:

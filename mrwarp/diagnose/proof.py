@@ -12,12 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mrwarp.diagnose.held_out import Account, held_out_squares
+from mrwarp.diagnose.law_choice import by_ratio
 from mrwarp.diagnose.problem import Fit, Problem, covariance, drifts, interval, reported_fit
 from mrwarp.diagnose.residual_structure import leftovers
 from mrwarp.diagnose.screening import Candidate, Models
 from mrwarp.diagnose.search import Selection, select
-from mrwarp.identify.dataset import Motion
+from mrwarp.effects.catalogue import KNOWN
 from mrwarp.identify.least_squares import ridge_solve
+from mrwarp.identify.parameters import row_column
 from mrwarp.identify.projection import Progress
 
 _STANDARD_ERRORS = 1.0
@@ -28,11 +30,13 @@ _KNOWN_WITHIN = 100.0
 """Ratio of an interval's ends from which a positive number counts as not known at all."""
 _HALF = 4
 """Trajectories below which a half is none."""
-_APART, _TWICE = 3.0, 2.0
+_BEARS = 0.02
+"""Share of an effect's energy from which a trajectory belongs to a half."""
+_APART, _TWICE = 2.0, 2.0
 """Difference between an effect's sizes in two halves, in its standard errors, and their ratio: both from which it is
 no single effect."""
-_FAR = (-3.0, 3.0)
-"""Steps of a logarithm that a linear model is asked for."""
+_LOW_SPEED = 0.25
+"""Speed, as a share of the typical one, above which Stribeck friction has nothing to do with low speed."""
 _ROUNDS = 3
 """Searches at most: each after the first leaves out the suspects of those before."""
 
@@ -127,20 +131,26 @@ def _doubts(problem: Problem, selection: Selection, models: Models) -> dict[str,
     after = held_out_squares(problem, fit)
     found: dict[str, Doubt] = {}
     for effect in selection.named:
-        reason = _size_doubt(effect, fit) or _interval_doubt(effect, fit) or _halves_doubt(effect, fit, problem.motion)
+        reason = (
+            _size_doubt(effect, fit, problem) or _interval_doubt(effect, fit) or _halves_doubt(effect, fit, problem)
+        )
         if not reason:
             without = reported_fit(problem, models.without(selection.final, effect))
-            reason = _gain_doubt(held_out_squares(problem, without) - after)
+            reason = _gain_doubt(held_out_squares(problem, without), after)
         if reason:
             gain = selection.own_gain.get(effect, selection.gain) / selection.base.total
             found[effect] = Doubt(effect=effect, reason=reason, gain=gain, fit=fit)
     return found
 
 
-def _gain_doubt(gains: np.ndarray) -> str:
-    """Why a gain of each trajectory, shape (T,), may be chance, or nothing."""
+def _gain_doubt(before: np.ndarray, after: np.ndarray) -> str:
+    """Why the fall of the trajectories' squared errors, both of shape (T,), may be chance, or nothing.
+
+    It has to show in their sum and in each one's own error: in the sum only the few with the largest torque count.
+    """
+    gains = before - after
     error = float(np.std(gains, ddof=1) * np.sqrt(len(gains)))
-    if gains.sum() <= _STANDARD_ERRORS * error:
+    if gains.sum() <= _STANDARD_ERRORS * error or by_ratio(before, after) <= _STANDARD_ERRORS:
         better = int((gains > 0.0).sum())
         return (
             f"without it the simulation of unseen trajectories is as good, but for chance (better with it in {better} "
@@ -149,38 +159,49 @@ def _gain_doubt(gains: np.ndarray) -> str:
     return ""
 
 
-def _halves_doubt(effect: str, fit: Fit, motion: Motion) -> str:
-    """Why an effect stands for something else, or nothing: a true one has the same size however the joint is driven.
+def _halves_doubt(effect: str, fit: Fit, problem: Problem) -> str:
+    """Why an effect stands for something else, or nothing: a true one has the same size however the joint moves.
 
-    A lag that makes up for a loop's shape is longer where the motion is slower, a friction that does so grows with the
-    current. The model is fitted again to each half of the trajectories, by the linear model about the fit.
+    What makes up for the shape of a loop is a matter of some speeds, angles or currents: a lag that rounds corners acts
+    at reversals, cogging that bends a step acts at its angle. The samples are halved by each of these, so that both
+    halves bear half of what the effect changes if each has enough runs, else in the middle, and its size is fitted in
+    each, with all else free and common.
     """
-    parts, free, own = fit.equations.parts, np.array(fit.free), fit.parameters.own(effect)[0]
-    slot = dict(fit.parameters.items())[own]
-    if drifts(effect) or own not in fit.free:
+    motion, own = problem.motion, fit.parameters.own(effect)
+    if drifts(effect) or not set(own) & set(fit.free):
         return ""
-    at = list(fit.free).index(own)
-    gram, moment = parts[:, free][:, :, free], parts[:, free, -1]
+    change = problem.weight * (fit.torque - without_effect(problem, fit, effect))
+    free = [i for i in fit.free if i not in own]
+    rows = np.vstack([fit.slopes[free], (motion.torque - fit.torque)[None]]) * problem.weight
+    rows[-1] += change
+    rates = [float(motion.qdd[r].std() / max(motion.qd[r].std(), 1e-9)) for r in motion.parts]
     drives = {
-        "slow and quick motion": [float(motion.qdd[r].std() / max(motion.qd[r].std(), 1e-9)) for r in motion.parts],
-        "low and high current": [float(motion.current[r].mean()) for r in motion.parts],
+        "slow and quick motion": np.repeat(rates, np.diff(motion.start)),
+        "low and high speed": np.abs(motion.qd),
+        "small and large acceleration": np.abs(motion.qdd),
+        "the middle and the ends of the way": np.abs(motion.q - 0.5 * (motion.q.min() + motion.q.max())),
+        "low and high current": motion.current,
     }
-    for drive, order in drives.items():
-        halves = np.array_split(np.argsort(order), 2)
-        if min(map(len, halves)) < _HALF or np.ptp(order) == 0.0:
+    for drive, x in drives.items():
+        order = np.argsort(x, kind="stable")
+        energy = np.cumsum(change[order] ** 2)
+        for cut in (x[order][int(np.searchsorted(energy, 0.5 * energy[-1]))], float(np.median(x))):
+            low = change * (x <= cut)
+            halves = np.stack([low, change - low])
+            bears = np.add.reduceat(halves**2, motion.start[:-1], axis=1)
+            in_many = ((bears > _BEARS * bears.sum(axis=1, keepdims=True)).sum(axis=1) >= _HALF).all()
+            if in_many:
+                break
+        if not in_many:
             continue
-        values, errors = [], []
-        for half in halves:
-            a, b = gram[half], moment[half]
-            step = ridge_solve(a.sum(axis=0), b.sum(axis=0))[at]
-            left = ridge_solve(a.sum(axis=0) - a, b.sum(axis=0) - b)[:, at]
-            values.append(
-                slot.value(fit.x[own] + float(np.clip(step, *_FAR))) if slot.logarithmic else fit.x[own] + step
-            )
-            scale = values[-1] if slot.logarithmic else 1.0
-            errors.append(scale * float(np.sqrt((len(half) - 1) / len(half) * ((left - left.mean()) ** 2).sum())))
-        small, large = sorted(values, key=abs)
-        if abs(large - small) > _APART * np.hypot(*errors) and small / large < 1.0 / _TWICE:
+        parts = [np.vstack([rows[:-1, p], halves[:, p], rows[-1:, p]]) for p in motion.parts]
+        grams = np.stack([part @ part.T for part in parts])
+        total, left = grams.sum(axis=0), grams.sum(axis=0) - grams
+        sizes = ridge_solve(total[:-1, :-1], total[:-1, -1])[-2:]
+        apart = np.diff(ridge_solve(left[:, :-1, :-1], left[:, :-1, -1])[:, -2:])[:, 0]
+        error = float(np.sqrt((1.0 - 1.0 / len(apart)) * ((apart - apart.mean()) ** 2).sum()))
+        small, large = sorted(sizes, key=abs)
+        if abs(large - small) > _APART * error and small / large < 1.0 / _TWICE:
             return f"its size is not one: it differs between {drive} by more than chance, and than by a factor of two"
     return ""
 
@@ -201,10 +222,24 @@ def _interval_doubt(effect: str, fit: Fit) -> str:
     return "its 95 % interval contains zero" if linear and not known else ""
 
 
-def _size_doubt(effect: str, fit: Fit) -> str:
+def _size_doubt(effect: str, fit: Fit, problem: Problem) -> str:
     """Why no device has an effect of such a size, or nothing."""
-    first = fit.parameters.own(effect)[0]
+    first, ranges, torque = fit.parameters.own(effect)[0], problem.motion.ranges, problem.motion.torque
     value = dict(fit.parameters.items())[first].value(fit.x[first])
     if value > _SLOWEST.get(effect, np.inf):
         return f"{1e3 * value:.3g} ms are not possible: {_LAGS[effect]} (at most {1e3 * _SLOWEST[effect]:.0f} ms)"
-    return f"it would be negative: {_POSITIVE[effect]}" if effect in _POSITIVE and value <= 0.0 else ""
+    if effect in _POSITIVE and value <= 0.0:
+        return f"it would be negative: {_POSITIVE[effect]}"
+    if effect == "stribeck" and fit.parameters.values(fit.x)[effect]["stribeck_speed"] > _LOW_SPEED * ranges.qd:
+        return "it would act at nearly all speeds, and Stribeck friction is a matter of low ones"
+    counts = problem.weight > 0.0
+    borne = float((fit.torque - without_effect(problem, fit, effect))[counts].std() / max(torque[counts].std(), 1e-12))
+    return f"it would bear {borne:.2g} times the torque, which another term takes back" if borne > 1.0 else ""
+
+
+def without_effect(problem: Problem, fit: Fit, effect: str) -> np.ndarray:
+    """Torque of a model whose effect is taken out and all else kept, shape (N,)."""
+    row = fit.row
+    for parameter in KNOWN[effect].parameters:
+        row[row_column(effect, parameter.name)] = parameter.null
+    return problem.replay.torque(row[None])[0].astype(float)

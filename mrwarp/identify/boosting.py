@@ -1,7 +1,9 @@
-"""What of a signal can be foretold from the motion without any law: gradient boosting on trajectories it never saw.
+"""What of a signal repeats, without any law: what boosting foretells, and what differs where the motion comes again.
 
-It says what of a mismatch repeats, whatever its cause: what such a predictor cannot foretell of a trajectory that took
-no part differs from run to run. It is a ceiling only: where trajectories go where no other went, a law does better.
+What gradient boosting cannot foretell of a trajectory that took no part is a ceiling of what does not repeat: where
+trajectories go where no other went, a law does better. Where a motion comes again, with all its recent past, half of
+the squared difference is the noise itself, whatever the law (the idea of the Gamma test: Stefansson, Koncar and Jones,
+A note on the Gamma test, Neural Comput. Appl. 5, 1997).
 """
 
 from __future__ import annotations
@@ -21,6 +23,21 @@ _SAMPLES = 12_000
 _FOLDS = 5
 _RIDGE = 1e-3
 """Ridge of the smooth functions, relative to their size."""
+_AGAIN = (0.1, 0.4, 1.2)
+"""How far back a motion has to be the same to come again, in units of its typical time."""
+_APART = 1.5
+"""How far from itself it comes again at the earliest, in the same unit."""
+_ALIKE, _CLOSEST = 0.1, 0.3
+"""Largest distance of two samples whose motion is the same, in standard deviations; of these the closest count, as a
+share of all samples."""
+_MOVING = 0.05
+"""Least speed, as a share of the typical one: at rest the torque depends on what was long ago."""
+_PAIRS, _RUNS = 200, 3
+"""Fewest pairs, and fewest runs with some, that say anything."""
+_BLOCK = 400
+"""Samples whose distances to all others are in memory together."""
+_HALF_NORMAL = 0.4549
+"""Median of the square of a standard normal number."""
 _SETTINGS = {
     "max_iter": 150,
     "learning_rate": 0.1,
@@ -106,3 +123,52 @@ def _reversals(motion: Motion) -> list[np.ndarray]:
         since[part] = q - q[marks[last]]
         stroke[part] = q[marks[last]] - q[marks[np.maximum(last - 1, 0)]]
     return [since, stroke]
+
+
+def spread_where_it_repeats(motion: Motion, mismatch: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Squared spread of a mismatch where a motion comes again: counts of pairs and spread of each run, both (T,).
+
+    A sample's motion is its angle, velocity, acceleration and current, the recent past of angle and current, and the
+    strokes since the last reversals. Each is paired with the sample of the nearest motion, later or earlier by more
+    than noise remembers, or in another run. The spread is robust: it comes from the median of each run. All counts are
+    zero where the motion hardly ever comes again.
+    """
+    counts, spreads = np.zeros(len(motion.dt)), np.zeros(len(motion.dt))
+    typical = float(motion.q.std() / max(motion.qd.std(), 1e-12))
+    at = at[np.abs(motion.qd[at]) > _MOVING * motion.ranges.qd]
+    run = np.searchsorted(motion.start, at, side="right") - 1
+    if len(at) < 2 * _PAIRS:
+        return counts, spreads
+    past = [(np.round(share * typical / motion.dt[run])).astype(int) for share in _AGAIN]
+    before = [at, *(np.maximum(at - np.maximum(1, k), motion.start[run]) for k in past)]
+    columns = [x[k] for x in (motion.q, motion.current) for k in before]
+    columns += [motion.qd[at], 0.3 * motion.qdd[at] * motion.qd.std() / max(motion.qdd.std(), 1e-12)]
+    columns += [x[at] for x in _reversals(motion)]
+    sizes = [motion.q] * len(before) + [motion.current] * len(before) + [motion.qd] * 2 + [motion.q] * 2
+    rows = [(x - x.mean()) / y.std() for x, y in zip(columns, sizes, strict=True) if np.ptp(y) > 0.0]
+    table = np.stack(rows, axis=1).astype(np.float32)
+    squares, time = np.sum(table**2, axis=1), motion.time[at]
+    nearest, distance = np.empty(len(at), dtype=int), np.empty(len(at))
+    for first in range(0, len(at), _BLOCK):
+        here = slice(first, first + _BLOCK)
+        apart = squares[here, None] + squares - 2.0 * table[here] @ table.T
+        apart[(run[here, None] == run) & (np.abs(time[here, None] - time) < _APART * typical)] = np.inf
+        nearest[here] = apart.argmin(axis=1)
+        distance[here] = apart.min(axis=1)
+    limit = min(_ALIKE**2, float(np.quantile(distance, _CLOSEST)))
+    half = 0.5 * (mismatch[at] - mismatch[at[nearest]]) ** 2
+    for k in range(len(counts)):
+        mine = half[(run == k) & (distance <= limit)]
+        if len(mine) > _PAIRS // 10:
+            counts[k], spreads[k] = len(mine), float(np.median(mine)) / _HALF_NORMAL
+    known = counts.sum() >= _PAIRS and int((counts > 0).sum()) >= _RUNS
+    return (counts, spreads) if known else (0.0 * counts, 0.0 * spreads)
+
+
+def white_floor(motion: Motion, mismatch: np.ndarray) -> float:
+    """Squared size of what changes from sample to sample: noise that is white is no less.
+
+    From third differences, in which a smooth motion's share is small, by their median.
+    """
+    bends = np.concatenate([np.diff(mismatch[part], 3) for part in motion.parts])
+    return float(np.median(bends**2)) / _HALF_NORMAL / 20.0

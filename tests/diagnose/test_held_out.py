@@ -6,7 +6,7 @@ import functools
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.held_out import HeldOut, account_of, cycle_spread, hold_out, not_foretold, reduction
+from mrwarp.diagnose.held_out import HeldOut, account_of, hold_out, not_foretold, reduction
 from mrwarp.diagnose.problem import Problem, reported_fit
 from mrwarp.diagnose.search import Selection
 from tests.diagnose import known
@@ -152,11 +152,15 @@ def test_account_calls_noise_what_does_not_repeat() -> None:
     assert account.not_repeatable.share > 0.95 and not account.open
 
 
-def test_cycles_that_come_again_bound_what_does_not_repeat(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where cycles differ by less than boosting leaves, they count; the interval reaches up to boosting's."""
+def test_a_motion_that_comes_again_bounds_what_does_not_repeat(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where that differs by less than boosting leaves, it counts; the interval reaches up to boosting's."""
     before, _ = accounted("law")
     half = 0.5 * before.left
-    monkeypatch.setattr("mrwarp.diagnose.held_out.cycle_spread", lambda motion: half * float(motion.torque.std()))
+
+    def spread(motion, mismatch, at):
+        return np.ones(len(motion.dt)), np.full(len(motion.dt), (half * motion.torque[at].std()) ** 2)
+
+    monkeypatch.setattr("mrwarp.diagnose.held_out.spread_where_it_repeats", spread)
     after, _ = accounted("law")
     share, repeats = after.not_repeatable, after.repeatable
     assert share.share == pytest.approx(0.25 * before.not_repeatable.share, rel=0.1)
@@ -172,14 +176,3 @@ def test_account_divides_the_mismatch() -> None:
     assert 0.8 * truth < account.not_repeatable.share < 0.1
     for part in (account.named, account.repeatable, account.not_repeatable, account.learnable):
         assert part.ci95[0] <= part.share <= part.ci95[1]
-
-
-def test_cycle_spread_is_that_of_the_noise() -> None:
-    """Where the same cycle comes again the torque's spread is its noise; where it never does there is none."""
-    at = known.motion(8, runs=3, seconds=10.0, current=0.5)
-    assert cycle_spread(at) is None
-    t = at.time - at.time[at.start[:-1]].repeat(np.diff(at.start))
-    rng = np.random.default_rng(0)
-    q = np.sin(2 * np.pi * t - 0.5)
-    same = dataclasses.replace(at, q=q, torque=np.cos(2 * np.pi * t) + 0.05 * rng.normal(size=len(t)))
-    assert cycle_spread(same) == pytest.approx(0.05, rel=0.1)

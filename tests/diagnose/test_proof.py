@@ -7,7 +7,7 @@ import pytest
 
 from mrwarp.diagnose.held_out import Account, Share, held_out_squares
 from mrwarp.diagnose.problem import reported_fit
-from mrwarp.diagnose.proof import _gain_doubt, _halves_doubt, select_proven, without_parts
+from mrwarp.diagnose.proof import _gain_doubt, _halves_doubt, _size_doubt, select_proven, without_parts
 from mrwarp.diagnose.search import screen_candidates
 from tests.diagnose import known
 
@@ -52,13 +52,41 @@ def test_a_true_lag_is_as_long_in_slow_motion_as_in_quick(one: bool) -> None:
             torque[part] = slow.motion.torque[part]
     problem = known.posed(replace(at, torque=torque))
     fit = known.fitted(problem, {"torque_sensor_lag": {"time_constant": 0.006}})
-    assert (not _halves_doubt("torque_sensor_lag", fit, at)) == one
+    assert (not _halves_doubt("torque_sensor_lag", fit, problem)) == one
 
 
-@pytest.mark.parametrize(("gains", "proof"), [([1.0, 1.2, 0.9], True), ([5.0, -1.0, -0.9], False), ([0.0, 0.0], False)])
-def test_a_gain_counts_by_trajectories(gains: list[float], proof: bool) -> None:
-    """One trajectory that gains is chance, all of them are not."""
-    assert (not _gain_doubt(np.array(gains))) == proof
+@pytest.mark.parametrize(
+    ("before", "proof"),
+    [([2.0, 2.2, 1.9], True), ([6.0, 0.1, 0.1], False), ([1.0, 1.0, 1.0], False), ([9.0, 9.0, 9.0, 0.05, 0.05], False)],
+)
+def test_a_gain_counts_by_trajectories(before: list[float], proof: bool) -> None:
+    """One trajectory that gains is chance, all of them are not; those of large torque do not decide alone."""
+    assert (not _gain_doubt(np.array(before), np.ones(len(before)))) == proof
+
+
+def test_cogging_at_one_angle_only_is_a_suspect() -> None:
+    """A sine that fits a bend in the middle of the way is none: true cogging is the same all along it."""
+    at = known.motion(50, runs=8, seconds=3.0)
+    wave = 0.05 * np.sin(25.0 * at.q)
+    for local in (False, True):
+        plus = wave * (np.abs(at.q) < 0.5 * np.abs(at.q).max()) if local else wave
+        problem = known.problem(at=at, seed=50, plus=plus)
+        fit = known.fitted(problem, {"cogging": {"sine": 0.05, "cosine": 0.0, "periods": 25.0}})
+        assert bool(_halves_doubt("cogging", fit, problem)) == local
+
+
+def test_what_another_term_takes_back_is_a_suspect() -> None:
+    """A spring that would bear many times the torque, about a hair's gap, only bends C."""
+    problem = known.problem(seed=50, at=known.motion(50, runs=4, seconds=2.0))
+    gear = {"stiffness": 300.0 * problem.motion.torque.std() / np.ptp(problem.motion.q), "half_gap": 1e-3}
+    fit = known.fitted(problem)
+    layout = problem.parameters(["compliance_with_backlash"])
+    numbers = {("compliance_with_backlash", name): float(np.log(value)) for name, value in gear.items()}
+    x = fit.parameters.moved(fit.x, layout)
+    for i, slot in layout.items():
+        x[i] = numbers[slot.key]
+    made = replace(fit, parameters=layout, x=x, torque=problem.replay.torque(layout.row(x)[None])[0].astype(float))
+    assert "times the torque" in _size_doubt("compliance_with_backlash", made, problem)
 
 
 def test_a_suspect_comes_back_through_no_earlier_fit() -> None:

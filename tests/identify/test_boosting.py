@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mrwarp.identify.boosting import chosen_samples, features, foretold
+from mrwarp.identify.boosting import chosen_samples, features, foretold, spread_where_it_repeats, white_floor
 from tests.diagnose import known
 
 
@@ -40,3 +40,30 @@ def test_features_look_no_further_back_than_the_trajectory(kept: str) -> None:
     changed = getattr(motion, kept).copy()
     changed[: motion.start[1]] *= 0.5
     assert np.array_equal(features(motion, at), features(replace(motion, **{kept: changed}), at))
+
+
+def cycles(rates: tuple[float, ...]):
+    """Runs of 6 s of a swing at these rates [Hz], and a mismatch that follows the motion, with noise of 0.05."""
+    motion = known.motion(8, runs=len(rates), seconds=6.0, current=0.5)
+    t = motion.time - motion.time[motion.start[:-1]].repeat(np.diff(motion.start))
+    w = 2.0 * np.pi * np.repeat(rates, np.diff(motion.start))
+    q, qd, qdd = 0.4 * np.sin(w * t), 0.4 * w * np.cos(w * t), -0.4 * w**2 * np.sin(w * t)
+    noise = 0.05 * np.random.default_rng(0).normal(size=len(t))
+    return replace(motion, q=q, qd=qd, qdd=qdd), np.tanh(qd) * (1.0 + q) + noise
+
+
+def test_spread_where_a_motion_comes_again_is_that_of_the_noise() -> None:
+    """Cycles of no whole number of samples: what follows the motion is no spread, however large; noise is."""
+    motion, mismatch = cycles((0.61, 0.83, 1.27))
+    counts, spreads = spread_where_it_repeats(motion, mismatch, np.arange(len(mismatch)))
+    assert (counts > 0).all() and np.sqrt(counts @ spreads / counts.sum()) == pytest.approx(0.05, rel=0.15)
+    assert white_floor(motion, mismatch) == pytest.approx(0.05**2, rel=0.15)
+
+
+def test_motion_that_never_comes_again_says_nothing() -> None:
+    """Two runs alone, or a motion that wanders: no pairs."""
+    two = cycles((0.61, 0.83))
+    wandering = known.motion(8, runs=4, seconds=3.0)
+    for motion, mismatch in (two, (wandering, wandering.q)):
+        counts, _ = spread_where_it_repeats(motion, mismatch, np.arange(len(mismatch)))
+        assert not counts.any()
