@@ -1,7 +1,8 @@
 """Devices by other laws than eqs. 14 and 15: what a bench has, and nobody told the diagnosis.
 
 Each law gives the torque of the device without effects along a motion and the current that magnetises, on the fine
-grid. Numbers are drawn within 20 % of values that give some newton-metres on the benchmark's motion.
+grid. Its shaft turns with the encoder, or behind a dead zone or a spring that bear what the device bears. Numbers are
+drawn within 20 % of values that give some newton-metres on the benchmark's motion.
 """
 
 from __future__ import annotations
@@ -44,8 +45,17 @@ HIDDEN = (
     "none",
     "friction_asymmetry+torque_sensor_lag",
     "compliance_with_backlash+rotor_inertia",
+    "backlash",
+    "none",
+    "series_compliance",
 )
 """What is hidden in them, in turn; a delay that changes a tenth of the torque would be longer than any driver's."""
+
+STOP = 2e4
+"""Stiffness of the stops of a dead zone [N·m/rad]: they give way by about a tenth of a milliradian."""
+
+BEHIND = {"backlash": "half_gap", "series_compliance": "compliance"}
+"""Effects between encoder and shaft, and what their strength is in :func:`behind`."""
 
 SPREAD = 0.2
 """Largest deviation of the numbers from the typical ones."""
@@ -66,23 +76,37 @@ def torque(
 
 def spencer(p: Numbers, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, current: np.ndarray, dt: float) -> np.ndarray:
     """Modified Bouc-Wen (Spencer, Dyke, Sain, Carlson 1997): a Bouc-Wen element in series with a dashpot, by Heun."""
-    alpha = p["alpha0"] + p["alpha1"] * current
-    c0, c1 = p["c0"] + p["c0_current"] * current, p["c1"] + p["c1_current"] * current
-
-    def rates(k: int, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        yd = (alpha[:, k] * z + c0[:, k] * qd[:, k] + p["k0"] * (q[:, k] - y)) / (c0[:, k] + c1[:, k])
-        slip = qd[:, k] - yd
-        return yd, p["A"] * slip - p["gamma"] * np.abs(slip) * z * np.abs(z) - p["beta"] * slip * z * z
-
-    y, z = q[:, 0].copy(), np.zeros(len(q))
-    out = np.empty_like(q)
+    state, out = (q[:, 0], np.zeros(len(q))), np.empty_like(q)
     for k in range(q.shape[1]):
-        yd, zd = rates(k, y, z)
-        out[:, k] = c1[:, k] * yd + p["k1"] * q[:, k]
+        yd, zd, bears = _spencer_rates(p, q[:, k], qd[:, k], current[:, k], state)
+        out[:, k] = bears
         if k + 1 < q.shape[1]:
-            ahead = rates(k + 1, y + dt * yd, z + dt * zd)
-            y, z = y + 0.5 * dt * (yd + ahead[0]), z + 0.5 * dt * (zd + ahead[1])
+            state = _spencer_step(p, q[:, k + 1], qd[:, k + 1], current[:, k + 1], state, (yd, zd), dt)
     return out
+
+
+_State = tuple[np.ndarray, np.ndarray]
+"""Place of the inner node and z of Spencer's law, or their rates."""
+
+
+def _spencer_rates(
+    p: Numbers, q: np.ndarray, qd: np.ndarray, current: np.ndarray, state: _State
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rates of the state, and the torque."""
+    (y, z), c0, c1 = state, p["c0"] + p["c0_current"] * current, p["c1"] + p["c1_current"] * current
+    yd = ((p["alpha0"] + p["alpha1"] * current) * z + c0 * qd + p["k0"] * (q - y)) / (c0 + c1)
+    slip = qd - yd
+    zd = p["A"] * slip - p["gamma"] * np.abs(slip) * z * np.abs(z) - p["beta"] * slip * z * z
+    return yd, zd, c1 * yd + p["k1"] * q
+
+
+def _spencer_step(
+    p: Numbers, q: np.ndarray, qd: np.ndarray, current: np.ndarray, state: _State, rates: _State, dt: float
+) -> _State:
+    """The state after a step that ends at q, qd and the current."""
+    (y, z), (yd, zd) = state, rates
+    ahead = _spencer_rates(p, q, qd, current, (y + dt * yd, z + dt * zd))
+    return y + 0.5 * dt * (yd + ahead[0]), z + 0.5 * dt * (zd + ahead[1])
 
 
 def kwok(p: Numbers, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, current: np.ndarray, dt: float) -> np.ndarray:
@@ -100,3 +124,52 @@ def guo(p: Numbers, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, current: np.
 
 
 _TORQUES: dict[str, Callable[..., np.ndarray]] = {"spencer": spencer, "kwok": kwok, "guo": guo}
+
+
+def behind(
+    law: str,
+    p: Numbers,
+    q: np.ndarray,
+    qd: np.ndarray,
+    qdd: np.ndarray,
+    current: np.ndarray,
+    dt: float,
+    *,
+    half_gap: np.ndarray | float = 0.0,
+    compliance: np.ndarray | float = 0.0,
+) -> np.ndarray:
+    """Torque at the encoder of devices behind a dead zone or a spring, arrays (T, N) [N·m].
+
+    The shaft has no mass: in each step it moves so that the device bears what stops or spring bear, which is nothing in
+    the gap. The acceleration of Guo's law is the encoder's. ``half_gap`` [rad] and ``compliance`` [rad/(N·m)] are one
+    number or of shape (T,); the stops give way by :data:`STOP`.
+    """
+    give, out = compliance + 1.0 / STOP, np.empty_like(q)
+    y, v, state = q[:, 0], np.zeros(len(q)), (q[:, 0], np.zeros(len(q)))
+    out[:, 0] = 0.0
+    rates = _spencer_rates(p, y, v, current[:, 0], state)[:2] if law == "spencer" else state
+    for k in range(1, q.shape[1]):
+        x, now, pace = q[:, k], current[:, k], qdd[:, k]
+
+        def borne(v: np.ndarray) -> tuple[np.ndarray, _State, _State]:
+            """What the device bears when its shaft has this speed, its state and the rates of that."""
+            at = y + v * dt  # noqa: B023
+            if law != "spencer":
+                return _TORQUES[law](p, at, v, pace, now, dt), state, rates  # noqa: B023
+            after = _spencer_step(p, at, v, now, state, rates, dt)  # noqa: B023
+            *ahead, tau = _spencer_rates(p, at, v, now, after)  # noqa: B023
+            return tau, after, (ahead[0], ahead[1])
+
+        low, high = np.full(len(y), -1e3), np.full(len(y), 1e3)
+        for _ in range(20):  # Newton's steps within a bracket: what bears falls with the speed, what is borne grows
+            wound = x - y - v * dt
+            tau, after, ahead = borne(v)
+            over = (wound - np.clip(wound, -half_gap, half_gap)) / give - tau
+            if np.abs(over).max() < 1e-6:
+                break
+            slope = (borne(v + 1e-4)[0] - tau) / 1e-4 + np.where(np.abs(wound) > half_gap, dt / give, 0.0)
+            low, high = np.where(over > 0.0, v, low), np.where(over < 0.0, v, high)
+            step = v + over / np.maximum(slope, 1e-3)
+            v = np.where((step > low) & (step < high), step, 0.5 * (low + high))
+        y, state, rates, out[:, k] = y + v * dt, after, ahead, tau
+    return out

@@ -112,7 +112,9 @@ def _torque(device: Device, motion: Motion, samples: slice) -> np.ndarray:
     p, hidden = device.base, device.effects
     if device.law:
         fine, _ = _state(device, motion, slice(None))
-        own = foreign.torque(device.law, device.numbers, fine.q, fine.qd, fine.qdd, fine.current, motion.dt)
+        along = (fine.q, fine.qd, fine.qdd, fine.current, motion.dt)
+        shaft = {key: hidden[name].strength for name, key in foreign.BEHIND.items() if name in hidden}
+        own = (foreign.behind if shaft else foreign.torque)(device.law, device.numbers, *along, **shaft)
         state, _ = _state(device, motion, samples)
         own = own + _gear(device, motion)
         return own[:, samples] + sum(add(hidden[name], state) for name, add in law.TORQUES.items() if name in hidden)

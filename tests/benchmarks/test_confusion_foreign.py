@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.confusion.case import make_foreign
 from benchmarks.confusion.families import Plan
-from benchmarks.confusion.foreign import LAWS, drawn, torque
+from benchmarks.confusion.foreign import BEHIND, LAWS, STOP, behind, drawn, torque
 from benchmarks.confusion.suite import run_case
 from benchmarks.confusion.truth import simulate
 
@@ -48,3 +48,32 @@ def test_an_effect_has_the_share_that_was_asked_for() -> None:
     case = make_foreign("torque_sensor_lag", "guo", share=0.1, seed=3, size="small")
     with_it, without = (simulate(d, case.motion).torque for d in (case.device, case.device.with_effects({})))
     assert np.sqrt(np.mean((with_it - without) ** 2)) == pytest.approx(0.1 * np.sqrt(np.mean(without**2)), rel=0.05)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_shaft_behind_stops_or_a_spring_bears_what_these_bear(law: str) -> None:
+    """Without gap it is the rigid device but for the stops; in a gap nothing is borne; a spring lags by its torque."""
+    numbers, steps = drawn(law, np.random.SeedSequence(1)), 2000
+    t = np.linspace(0.0, 1.0, steps + 1)[None]
+    w = 2.0 * np.pi
+    q, qd, qdd = 0.4 * np.sin(w * t), 0.4 * w * np.cos(w * t), -0.4 * w * w * np.sin(w * t)
+    along = (q, qd, qdd, np.ones_like(t), 1.0 / steps)
+    rigid, settled = torque(law, numbers, *along), slice(steps // 4, None)
+    size = np.abs(rigid).max()
+    assert np.abs(behind(law, numbers, *along) - rigid)[:, settled].max() < 0.02 * size
+    gap = behind(law, numbers, *along, half_gap=0.02)
+    bare = np.abs(gap[:, settled]) < 1e-5
+    assert 0.01 < bare.mean() < 0.3  # two crossings
+    spring = behind(law, numbers, *along, compliance=0.01)
+    shaft = q - (0.01 + 1.0 / STOP) * spring
+    again = torque(law, numbers, shaft, np.gradient(shaft, 1.0 / steps, axis=1), qdd, np.ones_like(t), 1.0 / steps)
+    assert np.abs(again - spring)[:, settled].max() < 0.05 * size
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("effect", BEHIND)
+def test_an_effect_behind_the_encoder_has_the_share_that_was_asked_for(effect: str) -> None:
+    """A dead zone or a spring whose change of the torque is a tenth of it, to a few per cent."""
+    case = make_foreign(effect, "guo", share=0.1, seed=3, size="small")
+    with_it, without = (simulate(d, case.motion).torque for d in (case.device, case.device.with_effects({})))
+    assert np.sqrt(np.mean((with_it - without) ** 2)) == pytest.approx(0.1 * np.sqrt(np.mean(without**2)), rel=0.15)
