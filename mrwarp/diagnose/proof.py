@@ -1,8 +1,9 @@
 """What a found effect has to show before it is called a cause; one that fails is a suspect, with the reason in words.
 
 The search decides by whitened differences, which on a device of another shape are about that shape. Here an effect has
-to pass what does not rest on the noise's model: its interval excludes zero, its size is possible, and without it the
-plain simulation error of trajectories that took no part rises by more than chance, with trajectories as units.
+to pass what does not rest on the noise's model: its interval excludes zero, its size is possible and the same however
+the joint moves, and without it the plain simulation error of trajectories that took no part rises by more than chance,
+with trajectories as units.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ _APART, _TWICE = 2.0, 2.0
 no single effect."""
 _LOW_SPEED = 0.25
 """Speed, as a share of the typical one, above which Stribeck friction has nothing to do with low speed."""
-_ROUNDS = 3
+_ROUNDS = 4
 """Searches at most: each after the first leaves out the suspects of those before."""
 
 _SLOWEST = {"command_delay": 0.05, "coil_lag": 2.0, "torque_sensor_lag": 0.02, "velocity_lag": 0.02}
@@ -50,6 +51,8 @@ _LAGS = {
     "torque_sensor_lag": "such a sensor would pass less than 8 Hz",
     "velocity_lag": "such a velocity would pass less than 8 Hz",
 }
+_CORNERS = ("torque_sensor_lag", "velocity_lag")
+"""Lags that round a loop's corners, which a law of another shape draws too sharply: to a sample, as it is replayed."""
 _POSITIVE = {
     "rotor_inertia": "an inertia is above 0",
     "compliance_with_backlash": "a stiffness is above 0",
@@ -228,6 +231,8 @@ def _size_doubt(effect: str, fit: Fit, problem: Problem) -> str:
     value = dict(fit.parameters.items())[first].value(fit.x[first])
     if value > _SLOWEST.get(effect, np.inf):
         return f"{1e3 * value:.3g} ms are not possible: {_LAGS[effect]} (at most {1e3 * _SLOWEST[effect]:.0f} ms)"
+    if problem.misfit and effect in _CORNERS and value < ranges.dt:
+        return "it is shorter than a sample: beside a law of this shape it may only round the corners of the loop"
     if effect in _POSITIVE and value <= 0.0:
         return f"it would be negative: {_POSITIVE[effect]}"
     if effect == "stribeck" and fit.parameters.values(fit.x)[effect]["stribeck_speed"] > _LOW_SPEED * ranges.qd:
