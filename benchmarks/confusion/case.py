@@ -292,6 +292,8 @@ def make_foreign(kind: str, law: str, *, share: float, seed: int, size: str = "l
     effects = {}
     for name in hidden:
         draws, strength = EFFECTS[name].draw(rng), EFFECTS[name].guess
+        if name == "friction_asymmetry":  # if dry it is a constant while the joint moves, which D takes up
+            draws = {**draws, "viscous": 1.0}
         for _ in range(3 if name in foreign.BEHIND else 4):  # the change is nearly proportional to the strength
             moved = simulate(plain.with_effects({name: Effect(strength=strength, draws=draws)}), motion).torque
             strength *= share * rms / float(np.sqrt(np.mean((moved - torque) ** 2)))
