@@ -119,7 +119,8 @@ def _facts(d: Diagnosis) -> list[tuple[str, str]]:
         facts.append((text.percent(d.extended.nrmse), f"error with the extension, {after} RMS"))
         facts.append((change, f"RMS ({low} to {high} less); each trajectory predicted by a fit to the others"))
     if d.account:
-        facts.append((text.percent(d.account.left), "does not repeat from run to run: no model gets below that"))
+        least = d.baseline.nrmse * d.account.not_repeatable.share**0.5
+        facts.append((text.percent(least), "does not repeat from run to run: no model gets below that"))
     elif d.traces:
         facts.append((text.measured(d.traces.noise_rms, unit), "noise RMS: less cannot be reached"))
     return facts
