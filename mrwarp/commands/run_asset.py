@@ -185,7 +185,7 @@ class Export(Options):
 def _edit(
     options: Set | Apply, line: CommandLine, values: dict[str, Any], model: Model | None, *, extrapolate: bool = False
 ) -> None:
-    from mrwarp.usd.edit import edit_asset
+    from mrwarp.usd.edit import changes_by_prim, edit_asset
     from mrwarp.usd.scene_report import load_variants, masses, models
 
     def check(copy: Path) -> None:
@@ -195,7 +195,7 @@ def _edit(
             models(asset)
 
     report = edit_asset(options.file, options.prim, values, options.out, check, model=model, extrapolate=extrapolate)
-    for text in (*report.changes, *report.kept):
+    for text in (*changes_by_prim(report.changes), *report.kept):
         print(text)
     if not report.changes:
         print(f"{options.prim} has these numbers already: {', '.join(model.values if model else values)}")

@@ -183,6 +183,7 @@ class Learn(Options):
         check_writable(self.out)
 
         from mrwarp.identify import learn
+        from mrwarp.identify.contradictions import refuse_contradictions
         from mrwarp.model_file import load_model
         from mrwarp.nn import network_file
         from mrwarp.nn.models import LstmState
@@ -196,6 +197,7 @@ class Learn(Options):
         held_out = self._parts()[1]
         if held_out.is_dir():
             evaluation = load_recording(held_out, skip_bad=self.skip_bad)
+            refuse_contradictions(evaluation)
             if learn.sampling_interval(evaluation) != learn.sampling_interval(recording):
                 raise ValueError(f"{held_out}: sampled at another rate than {self.data}; resample one of them")
         learned = learn.learn(

@@ -24,6 +24,12 @@ if TYPE_CHECKING:
 
 BEGIN = create_mutex_group(required=False, title="begin with")
 
+AS_TYPED = (
+    "seed", "num_envs", "robot", "payload", "actuator", "terrain", "coupling", "hold_current", "z_step", "extrapolate",
+    "desired_kl", "entropy",
+)  # fmt: skip
+"""Options that a checkpoint holds as they are typed."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Learning(Options):
@@ -221,18 +227,23 @@ class ReplayDump(Options):
 def resumed(options: Train, typed: set[str], ranks: Ranks) -> Train:
     """The options of a training that goes on: those of the checkpoint, in its folder, but for what was typed.
 
-    What was typed and changes the task is refused by the trainer, which compares it with the checkpoint.
+    What was typed and changes the task is refused: what stands in the checkpoint as it is typed at once, the rest by
+    the trainer.
 
     Raises:
         CheckpointError: the checkpoint cannot be used.
     """
-    from mrwarp.env.events import make_randomize_cfg
     from mrwarp.rl import checkpoint
 
     path = options.resume
     assert path is not None  # asked by the caller
     content = checkpoint.load(path)
     try:
+        asked = {name: getattr(options, name) for name in AS_TYPED if name in typed}
+        checkpoint.check_same(path, content, asked)
+
+        from mrwarp.env.events import make_randomize_cfg
+
         task, learning = content["task"], checkpoint.learned(content)
         randomized = {kind: make_randomize_cfg(kind) for kind in RANDOMIZATIONS}
         kinds = {json.dumps(asdict(cfg) if cfg else None): kind for kind, cfg in randomized.items()}
@@ -257,6 +268,8 @@ def resumed(options: Train, typed: set[str], ranks: Ranks) -> Train:
         }
         found = replace(options, **{name: value for name, value in kept.items() if name not in typed})
         update = int(content["iteration"])
+    except checkpoint.CheckpointError:
+        raise
     except (KeyError, TypeError, ValueError, AttributeError, StopIteration) as error:
         raise checkpoint.CheckpointError(
             f"{path}: does not fit this version of mrwarp ({one_line(error)}); start anew"

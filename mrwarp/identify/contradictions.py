@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import nnls
 
-from mrwarp.recording.data import Recording, quantity, with_unit
+from mrwarp.recording.data import Recording, RecordingError, quantity, with_unit
 from mrwarp.recording.differentiate import differentiate
 
 EXPLAINS_NOTHING = 0.9
@@ -74,6 +74,16 @@ def contradictions(recording: Recording) -> list[str]:
             "where there is none, and try again"
         ]
     return _unrelated(recording, q, qd, current, torque)
+
+
+def refuse_contradictions(recording: Recording) -> None:
+    """Refuse a recording from which no model can follow.
+
+    Raises:
+        RecordingError: columns contradict each other; the first reason of :func:`contradictions`.
+    """
+    for reason in contradictions(recording):
+        raise RecordingError(f"{recording.source or 'recording'}: {reason}")
 
 
 def explains_nothing(nrmse: float, what: str = "eqs. 14 and 15 explain") -> str:

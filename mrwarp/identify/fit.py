@@ -15,7 +15,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import least_squares
 
-from mrwarp.identify.contradictions import EXPLAINS_NOTHING, contradictions, explains_nothing
+from mrwarp.identify.contradictions import EXPLAINS_NOTHING, explains_nothing, refuse_contradictions
 from mrwarp.identify.dataset import Dataset, Scales, rms
 from mrwarp.identify.intervals import Estimate, assess
 from mrwarp.identify.parameters import (
@@ -140,8 +140,7 @@ def fit(
             explains next to nothing.
     """
     log, where = progress or (lambda text: None), recording.source or "recording"
-    for reason in contradictions(recording):
-        raise RecordingError(f"{where}: {reason}")
+    refuse_contradictions(recording)
     at_rest = {} if holding is None else fit_holding(holding.current, holding.torque)
     scales = Scales.of(recording)
     samples = Dataset.of(recording, scales)

@@ -18,7 +18,7 @@ from scipy import stats
 
 from mrwarp.effects.catalogue import HYSTERESIS, KNOWN
 from mrwarp.effects.replay_kernel import BASE
-from mrwarp.identify.contradictions import EXPLAINS_NOTHING, contradictions, explains_nothing
+from mrwarp.identify.contradictions import EXPLAINS_NOTHING, explains_nothing, refuse_contradictions
 from mrwarp.identify.dataset import Motion, Scales, rms
 from mrwarp.identify.fit import FitResult, fit_holding, misfit
 from mrwarp.identify.intervals import Estimate
@@ -182,8 +182,7 @@ def fit_law(
         RecordingError: columns that contradict each other, or a model that explains next to nothing.
     """
     log, where = progress or (lambda text: None), recording.source or "recording"
-    for reason in contradictions(recording):
-        raise RecordingError(f"{where}: {reason}")
+    refuse_contradictions(recording)
     at_rest = {} if holding is None else fit_holding(holding.current, holding.torque)
     motion = Motion.of(recording)
     scales, runs = motion.scales, recording.trajectories

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mrwarp.identify.contradictions import refuse_contradictions
 from mrwarp.identify.dataset import rms
 from mrwarp.identify.law_fit import model_torque
 from mrwarp.identify.replay import simulate
@@ -63,8 +64,10 @@ def learn(
         report: Called after every epoch.
 
     Raises:
-        RecordingError: the sampling rates differ, or too few trajectories are long enough.
+        RecordingError: columns contradict each other, the sampling rates differ, or too few trajectories are long
+            enough.
     """
+    refuse_contradictions(recording)
     cfg, bouc_wen = cfg or FitCfg(), bench_parameters(physical.values if physical else bouc_wen)
     dt = sampling_interval(recording)
     samples = SAMPLES[kind]

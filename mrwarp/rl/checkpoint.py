@@ -1,8 +1,7 @@
 """Checkpoints: everything a training needs to go on as if it had never stopped, written atomically, read as data.
 
-Checkpoints, exported policies and results all carry the task that a policy was trained on, see :func:`task`. A new
-training may begin with the networks of an earlier one of another task, e.g. rough ground after flat:
-:func:`read_networks`.
+Checkpoints, exported policies and results all carry the task that a policy was trained on, see :func:`task`. Loads no
+engine: what cannot be resumed is refused before one is loaded.
 """
 
 from __future__ import annotations
@@ -11,17 +10,19 @@ import io
 import json
 import os
 import pickle
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 
-from mrwarp.env.cfg import EnvCfg
-from mrwarp.nn.network_file import MODELS, shipped_model
-from mrwarp.rl.policy import OnnxPolicy, PolicyError
-from mrwarp.rl.ppo_cfg import STEPS_PER_UPDATE, LearningCfg
-from mrwarp.run_dir import atomic_write, no_file, one_line
+from mrwarp.resources import MODELS, shipped_model
+from mrwarp.rl.ppo_cfg import LearningCfg
+from mrwarp.run_dir import atomic_write, no_file
+
+if TYPE_CHECKING:
+    from mrwarp.env.cfg import EnvCfg
 
 FORMAT = 1
 """Version of the checkpoint's layout."""
@@ -128,105 +129,15 @@ def learned(content: dict[str, Any]) -> dict[str, float]:
     return {**asdict(LearningCfg()), **(said if isinstance(said, dict) else {})}
 
 
-NETWORKS = ("actor", "critic")
-"""Networks that are taken from a checkpoint, with normalisers and exploration noise; all else is new."""
-
-NOISE = 0.15
-"""Exploration to begin with when the file holds none: a policy's. Trained ones have 0.10 to 0.22, new ones 0.6, with
-which a gait falls."""
-
-CRITIC_FIRST = 100
-"""Updates in which a new critic learns alone beside a policy's actor. Its values begin at 0 and move by at most
-``clip_param`` an update, so that till then the advantages are wrong: an actor that followed them from the start lost a
-quarter of its reward, or the gait, and took hundreds of updates to find it again (docs/policies.md)."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Networks:
-    """Networks of an earlier training, read but not yet compared with those of the new one."""
-
-    path: Path
-    """File they stand in."""
-    origin: dict[str, Any]
-    """Training that the file is of: ``task``, ``seed`` and ``iteration``."""
-    weights: dict[str, dict[str, torch.Tensor]]
-    """Weights by network; the new training draws those that are not here."""
-    divisor: torch.Tensor | None = None
-    """Divisor of a policy's normaliser, shape (1, 47); its statistics follow from it. None from a checkpoint."""
-
-
-def read_networks(path: Path) -> Networks:
-    """Read what a new training shall begin with; needs no environment.
-
-    Args:
-        path: A checkpoint of any task whose observations and actions are as many, by any number of processes: actor and
-            critic. Or an exported policy (.onnx): the actor alone, with :data:`NOISE`; the critic stays as drawn.
+def check_same(path: Path, content: dict[str, Any], own: Mapping[str, Any]) -> None:
+    """Compare what a run asks for, by the names of :func:`task`, of the learning and ``seed``, with a checkpoint.
 
     Raises:
-        CheckpointError: a checkpoint cannot be read.
-        PolicyError: a policy cannot be read, or its metadata lack something.
+        CheckpointError: one of them differs.
+        KeyError: the checkpoint lacks what each holds.
     """
-    if path.suffix == ".onnx":
-        policy = OnnxPolicy(path)
-        try:
-            origin = {name: policy.description[name] for name in ("task", "seed", "iteration")}
-            samples = int(origin["iteration"]) * STEPS_PER_UPDATE * int(origin["task"]["num_envs"])
-            weights, divisor = policy.actor()
-        except (KeyError, TypeError, ValueError) as error:
-            raise PolicyError(f"{path}: lacks {one_line(error)}; use a policy of train/ppo.py") from error
-        weights["obs_normalizer.count"] = torch.tensor(max(samples, 1))  # it weighs as much as what it was trained on
-        return Networks(path=path, origin=origin, weights={"actor": weights}, divisor=divisor)
-    content = load(path)
-    try:
-        origin = {name: content[name] for name in ("task", "seed", "iteration")}
-        saved = {name: dict(content["algorithm"][f"{name}_state_dict"]) for name in NETWORKS}
-        if not isinstance(origin["task"], dict):
-            raise TypeError("task is no table")
-        if wrong := [key for net in saved.values() for key, value in net.items() if not torch.is_tensor(value)]:
-            raise TypeError(f"{wrong[0]} is no tensor")
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise CheckpointError(
-            f"{path}: does not fit this version of mrwarp ({one_line(error)}); start from another checkpoint"
-        ) from error
-    return Networks(path=path, origin=origin, weights=saved)
-
-
-def take_networks(algorithm: Any, networks: Networks) -> dict[str, Any]:
-    """Give the networks of a new training, rsl-rl's PPO, the weights of an earlier one.
-
-    Returns:
-        Where the networks come from, for the record: ``file``, its ``task``, ``seed`` and ``iteration``.
-
-    Raises:
-        CheckpointError: networks do not fit the new task; nothing has been taken over.
-    """
-    saved = networks.weights
-    if networks.divisor is not None:  # the file holds neither the normaliser's spread nor the noise
-        std = (networks.divisor - algorithm.actor.obs_normalizer.eps).clamp(min=0.0)
-        noise = torch.full_like(algorithm.actor.state_dict()["distribution.std_param"], NOISE)
-        spread = {"obs_normalizer._std": std, "obs_normalizer._var": std.square(), "distribution.std_param": noise}
-        saved = {"actor": {**saved["actor"], **spread}}
-    for name, weights in saved.items():
-        own, what = getattr(algorithm, name).state_dict(), f"{networks.path}: its {name}"
-        for key in sorted(own.keys() | weights.keys()):
-            theirs, ours = (tuple(net[key].shape) if key in net else "none" for net in (weights, own))
-            if theirs != ours:
-                task = networks.origin["task"]
-                raise CheckpointError(
-                    f"{what} has {key} of shape {theirs}, this training needs {ours} (it was trained on "
-                    f"{task.get('robot')} with {task.get('actuator')}); start from a robot with the same joints and "
-                    "devices"
-                )
-            if not bool(torch.isfinite(weights[key]).all()):
-                raise CheckpointError(f"{what} holds no numbers in {key}; use an earlier one")
-    for name, weights in saved.items():
-        getattr(algorithm, name).load_state_dict(weights, strict=True)
-    return {"file": str(networks.path), **networks.origin}
-
-
-def critic_learns_alone(origin: dict[str, Any] | None, iteration: int) -> bool:
-    """Whether after so many updates of a training the actor waits for a critic that is new (see :data:`CRITIC_FIRST`).
-
-    ``origin`` is what :func:`take_networks` gave; None if all networks are new, which learn together.
-    """
-    return origin is not None and Path(origin["file"]).suffix == ".onnx" and iteration < CRITIC_FIRST
+    for name, value in {**content["task"], **learned(content), "seed": content["seed"]}.items():
+        if name in own and own[name] != value:
+            raise CheckpointError(
+                f"{path}: trained with {name} = {value!r}, this run has {own[name]!r}; resume the same task"
+            )

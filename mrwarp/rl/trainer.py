@@ -17,11 +17,12 @@ from torch.utils.tensorboard import SummaryWriter
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.rl import checkpoint, policy, progress
-from mrwarp.rl.checkpoint import critic_learns_alone, learned, read_networks, take_networks, task
+from mrwarp.rl.checkpoint import task
 from mrwarp.rl.ppo import PPO
 from mrwarp.rl.ppo_cfg import LearningCfg, make_ppo_cfg
 from mrwarp.rl.progress import DivergenceError, Divergences, not_finite
 from mrwarp.rl.ranks import Ranks
+from mrwarp.rl.warm_start import critic_learns_alone, read_networks, take_networks
 from mrwarp.run_dir import check_writable, claim, one_line, write_result
 from mrwarp.runtime import one_torch_thread, repeating_torch, silent
 from mrwarp.trials.walking import GateCheck, WalkingGate
@@ -88,7 +89,7 @@ class Trainer:
         self.ranks = ranks = ranks or Ranks()
         if ranks.main:
             check_writable(cfg.out)
-        content = _of_as_many(checkpoint.load(resume), resume, ranks.world) if resume else None
+        content = _of_as_many(checkpoint.load(resume), resume, ranks.world) if resume else {}
         networks = read_networks(start_from) if start_from else None
         self._seed = ranks.seed(cfg.seed)
         torch.manual_seed(self._seed)
@@ -113,7 +114,7 @@ class Trainer:
         self.env.episode_length_buf = torch.randint_like(self.env.episode_length_buf, self.env.max_episode_length)
         run = {"seed": self._seed, "num_envs": self.env.num_envs, "task": task(cfg.env)}
         self.divergences = Divergences(self.env, ranks, cfg.out / "diverged", run)
-        if content:
+        if resume:
             self._load(content, resume)
 
     def run(self) -> dict[str, Any]:
@@ -218,18 +219,13 @@ class Trainer:
         env = {name: value.cpu() for name, value in self.env.state().items()}
         return {**checkpoint.random_state(torch.device(self.env.device)), "env": env}
 
-    def _load(self, content: dict[str, Any], path: Path | None) -> None:
+    def _load(self, content: dict[str, Any], path: Path) -> None:
         """Go on from a checkpoint of the same task and seed (which drew the frictions, masses and gains)."""
         own = {**task(self.cfg.env), **asdict(self.cfg.learning), "seed": self.cfg.seed}
         try:
             if not self.ranks.main:
                 own["device"] = content["task"]["device"]  # that of the first process, which compares it
-            learning = learned(content)
-            for name, value in {**content["task"], **learning, "seed": content["seed"]}.items():
-                if own.get(name) != value:
-                    raise checkpoint.CheckpointError(
-                        f"{path}: trained with {name} = {value!r}, this run has {own.get(name)!r}; resume the same task"
-                    )
+            checkpoint.check_same(path, content, {**dict.fromkeys(content["task"]), **own})
             mine = content if self.ranks.main else content["other_ranks"][self.ranks.rank - 1]
             self.algorithm.load(content["algorithm"], None, strict=True)
             self.algorithm.learning_rate = content["learning_rate"]

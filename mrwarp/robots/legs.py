@@ -302,28 +302,23 @@ def _stance(
         reach = sum(float(np.linalg.norm(joint.in_parent.translation)) for joint in leg[2:])
         reach += float(np.linalg.norm(end.centre))
 
-        def seen(q: np.ndarray, leg: list[Joint], free: list[Joint], end: Foot) -> tuple[np.ndarray, ...]:
-            poses = robot.poses({**pose, **{joint.name: x for joint, x in zip(free, q, strict=True)}})
-            anchors = [(poses[joint.parent] * joint.in_parent).translation for joint in leg]
-            return anchors[0], anchors[min(1, len(anchors) - 1)], anchors[-1], poses[end.body].apply(end.centre)
-
         stretched = robot.poses({})
         upright = stretched[end.body].rotation.inv().apply([0.0, 0.0, 1.0])
 
-        def miss(
-            q: np.ndarray,
-            leg: list[Joint],
-            free: list[Joint],
-            end: Foot,
-            beside: float,
-            reach: float,
-            upright: np.ndarray = upright,
-        ) -> np.ndarray:
-            _, hip, _, foot = seen(q, leg, free, end)
-            below, side, drop = (foot - hip) / reach
+        def seen(
+            q: np.ndarray, leg: list[Joint], free: list[Joint], end: Foot, upright: np.ndarray = upright
+        ) -> tuple[np.ndarray, ...]:
             poses = robot.poses({**pose, **{joint.name: x for joint, x in zip(free, q, strict=True)}})
-            flat = len(leg) > 3 and end.shape is None
-            level = poses[end.body].rotation.apply(upright)[:2] if flat else []
+            anchors = [(poses[joint.parent] * joint.in_parent).translation for joint in leg[:2] + leg[-1:]]
+            foot, up = poses[end.body].apply(end.centre), poses[end.body].rotation.apply(upright)
+            return anchors[0], anchors[min(1, len(leg) - 1)], anchors[-1], foot, up
+
+        def miss(
+            q: np.ndarray, leg: list[Joint], free: list[Joint], end: Foot, beside: float, reach: float
+        ) -> np.ndarray:
+            _, hip, _, foot, up = seen(q, leg, free, end)
+            below, side, drop = (foot - hip) / reach
+            level = up[:2] if len(leg) > 3 and end.shape is None else []
             return np.array([below, side - beside / reach, -drop - CROUCH, *(0.02 * q), *level])
 
         beside = (
@@ -341,7 +336,7 @@ def _stance(
         near = [result for result in results if result.cost < min(r.cost for r in results) + 1e-3]
 
         def inwards(result: Any, leg: list[Joint] = leg, free: list[Joint] = free, end: Foot = end) -> float:
-            first, hip, knee, foot = seen(result.x, leg, free, end)
+            first, hip, knee, foot, _ = seen(result.x, leg, free, end)
             return float((knee[0] - 0.5 * (hip[0] + foot[0])) * (1.0 if first[0] < 0.0 else -1.0))
 
         found = max(near, key=inwards)

@@ -17,8 +17,9 @@ import numpy as np
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.options.json_file import read_json_file, shown
 from mrwarp.rl import checkpoint
-from mrwarp.rl.checkpoint import learned, read_networks, task
+from mrwarp.rl.checkpoint import learned, task
 from mrwarp.rl.trainer import TrainCfg, Trainer
+from mrwarp.rl.warm_start import read_networks
 from mrwarp.run_dir import FolderError, claim, write_bytes, write_text
 from mrwarp.runtime import panels
 from mrwarp.study.plan import (

@@ -64,11 +64,13 @@ class Change:
     before: Any
     after: float | str
 
-    def __str__(self) -> str:
+    @property
+    def what(self) -> str:
+        """The change without the actuator."""
         if self.attribute == RECORD:
-            return f"{self.prim} {RECORD}: {summary(self.before)} -> {summary(self.after)}"
-        before = "none" if self.before is None else f"{self.before:.10g}"
-        return f"{self.prim} {self.attribute}: {before} -> {value_text(self.attribute, self.after)}"
+            return f"{RECORD}: {summary(self.before)} -> {summary(self.after)}"
+        before = f"{self.before:.10g}" if isinstance(self.before, float) else self.before or "none"
+        return f"{self.attribute}: {before} -> {value_text(self.attribute, self.after)}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,6 +161,21 @@ def edit_asset(
         for (where, name), (old, new) in sorted(changed.items(), key=lambda item: (item[0][0] != path, item[0]))
     )
     return EditReport(path=out or file, changes=changes, kept=tuple(sorted(kept)), notice=notice)
+
+
+def changes_by_prim(changes: Iterable[Change]) -> list[str]:
+    """Lines that tell changes: those of one actuator stand together, once for all actuators that share them."""
+    told: dict[str, list[str]] = {}
+    for change in changes:
+        told.setdefault(change.prim, []).append(change.what)
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for prim, lines in told.items():
+        alike.setdefault(tuple(lines), []).append(prim)
+    found = []
+    for lines, (first, *others) in alike.items():
+        found += [f"{first} {line}" for line in lines]
+        found += [f"the same on {', '.join(others)}"] * bool(others)
+    return found
 
 
 def find_prim(stage: Usd.Stage, name: str, file: Path) -> Usd.Prim:

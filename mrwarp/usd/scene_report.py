@@ -5,9 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mujoco import MjModel
 from pxr import Sdf, Usd
 
 from mrwarp.params import MrParams
@@ -25,6 +24,9 @@ from mrwarp.usd.record import (
     record_difference,
     summary,
 )
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 _UNITS = {
     "physics:lowerLimit": "deg",

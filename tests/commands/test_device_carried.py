@@ -12,6 +12,7 @@ import warp as wp
 
 from mrwarp.actuator.newton_drive import DriveMR
 from mrwarp.cli import main
+from mrwarp.effects.catalogue import HYSTERESIS
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.identify.learn import bench_parameters
@@ -223,3 +224,26 @@ def test_currents_end_where_they_were_measured(tmp_path: Path) -> None:
         lines = list(device_lines(legs))
         assert lines == ([] if most == 1.0 else [lines[0]])
         assert most == 1.0 or "measured up to 1 A; more is a guess" in lines[0]
+
+
+def test_devices_that_are_alike_are_told_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """``asset apply`` prints a number once for the class and its four legs; the leg with numbers of its own apart."""
+    robot = applied(small(), tmp_path)
+    out = capsys.readouterr().out
+    assert out.count("newton:mr:K1:") == 1 and out.count("the same on /mr_go/actuators/FL_calf, ") == 1
+    assert main(["asset", "set", str(robot), "FL_calf", "K1", "9"]) == 0
+    capsys.readouterr()
+    assert main(["asset", "set", str(robot), "MRDevice", "K1", "8"]) == 0
+    out = capsys.readouterr().out
+    assert "K1: 24.5 -> 8 N" in out and "FL_calf keeps its own newton:mr:K1 = 9 N" in out
+
+
+def test_a_law_in_place_of_another_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Kwok's law, then Dahl's: the second says which was there before."""
+    kwok = make_effect("kwok", {"slope": 0.7, "width": 0.2})
+    plain = small(alpha=0.0, beta=1.0, gamma=0.0)
+    robot = applied(replace(plain, effects=(kwok,)), tmp_path)
+    dahl = make_effect("dahl", {p.name: 0.5 for p in HYSTERESIS["dahl"].parameters})
+    capsys.readouterr()
+    assert main(["asset", "apply", str(robot), str(saved(replace(plain, effects=(dahl,)), tmp_path))]) == 0
+    assert "newton:mr:law: kwok -> dahl" in capsys.readouterr().out

@@ -175,8 +175,11 @@ def test_resuming_takes_folder_and_options_from_the_checkpoint(
     assert main(["train", *task]) == 2
     error = capsys.readouterr().err
     assert f"{kept} is there already; go on with --resume {kept}, choose another --out or add --overwrite" in error
-    assert main(["train", "--resume", str(kept), "--num-envs", "8"]) == 2
-    assert "trained with num_envs = 4, this run has 8" in capsys.readouterr().err
+    for option, said in {"--num-envs": "num_envs = 4, this run has 8", "--seed": "seed = 7, this run has 8"}.items():
+        with monkeypatch.context() as patched:  # before an environment is made
+            patched.setattr("mrwarp.rl.trainer.WalkEnv", None)
+            assert main(["train", "--resume", str(kept), option, "8"]) == 2
+        assert f"{kept}: trained with {said}; resume the same task" in capsys.readouterr().err
     assert kept.read_bytes() == before
     assert main(["train", "--resume", str(kept), "--iterations", "2"]) == 0
     assert f"going on from {kept}, update 1, with its options, in {out}" in capsys.readouterr().out

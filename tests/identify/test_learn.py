@@ -150,3 +150,13 @@ def test_residual_on_another_physical_model() -> None:
     assert learn.summary(learn.errors(tau, evaluation))["average"] < 0.1
     with pytest.raises(ValueError, match="give its torque as baseline"):
         learn.predict(learned.model, evaluation)
+
+
+def test_a_turned_torque_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As ``mrwarp fit`` refuses it: one line that says what to check, and nothing written."""
+    runs = make_recording(4, seed=2).trajectories
+    save_recording(Recording(trajectories=tuple(replace(r, torque=-r.torque) for r in runs)), tmp_path / "data")
+    assert main(["learn", str(tmp_path / "data"), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "drives the motion" in error and "turn a sign" in error
+    assert not (tmp_path / "out").exists()

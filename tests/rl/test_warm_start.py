@@ -11,10 +11,11 @@ import torch
 
 from mrwarp.cli import main
 from mrwarp.env.cfg import make_walk_cfg
-from mrwarp.rl import checkpoint
-from mrwarp.rl.checkpoint import CRITIC_FIRST, NOISE, CheckpointError, critic_learns_alone
+from mrwarp.rl import checkpoint, warm_start
+from mrwarp.rl.checkpoint import CheckpointError
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, export_onnx
 from mrwarp.rl.trainer import TrainCfg, Trainer
+from mrwarp.rl.warm_start import CRITIC_FIRST, NOISE, critic_learns_alone
 
 pytestmark = pytest.mark.usefixtures("short_gate")
 
@@ -108,7 +109,7 @@ def test_a_policy_gives_its_actor_and_the_critic_is_new(flat: Path, tmp_path: Pa
 
 def test_a_new_critic_learns_before_the_actor_does(flat: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Beside a policy's actor the critic is new and learns alone, resumed or not; a checkpoint's learns with it."""
-    monkeypatch.setattr(checkpoint, "CRITIC_FIRST", 2)
+    monkeypatch.setattr(warm_start, "CRITIC_FIRST", 2)
     cfg = make_cfg(tmp_path / "out")
     run = Trainer(cfg, start_from=DEFAULT_POLICY)
     before = networks(run)

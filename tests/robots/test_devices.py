@@ -1,5 +1,7 @@
 """Devices at any joint: their size, joints that no foot loads, and joints that are held."""
 
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +31,17 @@ def imported(file: Path, *options: str) -> str:
     return str(out)
 
 
+@pytest.fixture(scope="module")
+def plain(robot, tmp_path_factory: pytest.TempPathFactory) -> Callable[[], str]:  # noqa: ANN001
+    """Makes a copy of a robot with four legs, imported once."""
+    file = imported(robot())
+
+    def copy() -> str:
+        return str(shutil.copy(file, tmp_path_factory.mktemp("robot")))
+
+    return copy
+
+
 def test_held_joints_leave_one_body_of_the_same_mass_moment_and_inertia(robot) -> None:  # noqa: ANN001
     """The trunk with the arm at an angle, composed by hand."""
     file = imported(
@@ -55,9 +68,9 @@ def test_held_joints_leave_one_body_of_the_same_mass_moment_and_inertia(robot) -
     np.testing.assert_allclose(model.body_inertia[trunk], np.sort(np.linalg.eigvalsh(inertia))[::-1], rtol=1e-4)
 
 
-def test_a_stronger_device_has_its_torques_and_currents(robot) -> None:  # noqa: ANN001
+def test_a_stronger_device_has_its_torques_and_currents(plain: Callable[[], str]) -> None:
     """Torques in proportion, the coil by the third root, gates by the weight; angles and currents as they were."""
-    file = imported(robot())
+    file = plain()
     assert main(["robot", "fit-device", file, "--joint", "*_knee", "--scale", "limit"]) == 0
     device = next(a.mr for a in load_robot(robot=file).actuators if a.mr)
     factor, paper = 30.0 / LIMIT, MrParams()
@@ -97,17 +110,19 @@ def test_several_kinds_at_once_and_a_joint_without_a_foot(robot) -> None:  # noq
     assert bool(slow.any()) and torch.allclose(bound[slow, joint], torch.tensor(yields, dtype=torch.float32), rtol=1e-4)
 
 
-def test_a_robot_without_devices_steps(robot) -> None:  # noqa: ANN001
+def test_a_robot_without_devices_steps(plain: Callable[[], str]) -> None:
     """A plain robot is one."""
-    env = WalkEnv(make_walk_cfg(num_envs=2, robot=imported(robot())))
+    env = WalkEnv(make_walk_cfg(num_envs=2, robot=plain()))
     _, reward, _, _ = env.step(torch.zeros(2, env.num_actions))
     assert not env.actuator.mr_joints and bool(torch.isfinite(reward).all())
 
 
-def test_a_scale_by_the_limit_is_the_papers_devices(robot, capsys: pytest.CaptureFixture[str], tmp_path) -> None:  # noqa: ANN001
+def test_a_scale_by_the_limit_is_the_papers_devices(
+    plain: Callable[[], str], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     """Another device was made for a joint that nobody named."""
     model = tmp_path / "model.json"
     model.write_text("{}")
-    line = ["robot", "fit-device", imported(robot()), "--joint", "*", "--model", str(model), "--scale", "limit"]
+    line = ["robot", "fit-device", plain(), "--joint", "*", "--model", str(model), "--scale", "limit"]
     assert main(line) == 2
     assert "--scale limit" in capsys.readouterr().err
