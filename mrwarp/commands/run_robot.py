@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Literal
 
 from tyro.conf import Positional
@@ -43,6 +44,10 @@ class Import(Options):
     """joints that are held at their neutral angle, as those of arms"""
     gait: Literal["trot", "alternate", "tripod"] | None = None
     """gait (default: trot of four legs, alternate of two, tripod of six)"""
+    packages: Annotated[tuple[Path, ...], opt.some(Path, "DIR")] = ()
+    """folders that hold the packages of a URDF's package:// meshes (default: those beside and around the file)"""
+    skip_meshes: opt.Flag = False
+    """leave all meshes out"""
     overwrite: opt.Flag = False
     """replace a file that is there"""
 
@@ -52,6 +57,7 @@ class Import(Options):
         from mrwarp.robots.legs import Choices, understand
         from mrwarp.robots.read_robot import read_robot
         from mrwarp.robots.robot_table import layout_lines
+        from mrwarp.robots.urdf import Meshes
         from mrwarp.robots.write_robot import write_checked
         from mrwarp.usd.asset import ROBOT_SUFFIXES
 
@@ -76,7 +82,7 @@ class Import(Options):
             feet=tuple(map(prim_pattern, self.feet)),
             fix=tuple(map(prim_pattern, self.fix)),
         )
-        robot = read_robot(self.file)
+        robot = read_robot(self.file, Meshes(packages=self.packages, skip=self.skip_meshes))
         understood = understand(robot, choices)
         asset = write_checked(understood, self.out, source=str(self.file))
         print("\n".join(layout_lines(asset)))

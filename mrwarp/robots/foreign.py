@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -233,8 +233,12 @@ def prim_pattern(pattern: str) -> str:
     return "".join(c if c in "*?" or f"_{c}".isidentifier() else "_" for c in pattern)
 
 
-def read_by_newton(path: Path, kind: str) -> ForeignRobot:
-    """Read a URDF or USD file. A URDF floats, unless its root link is called world.
+def read_by_newton(path: Path, add: Callable[[newton.ModelBuilder], Any]) -> ForeignRobot:
+    """Read a URDF or USD file.
+
+    Args:
+        path: The file.
+        add: Puts its content into a builder.
 
     Raises:
         RobotFileError: it cannot be read, has no bodies or two trunks, or joins the world by a joint.
@@ -244,12 +248,7 @@ def read_by_newton(path: Path, kind: str) -> ForeignRobot:
     try:
         with silent(), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            if kind == "URDF":
-                builder.default_shape_cfg.density = 0.0  # a link without inertial has no mass there
-                fixed = '<link name="world"' in path.read_text(encoding="utf-8", errors="replace")
-                builder.add_urdf(str(path), floating=not fixed, collapse_fixed_joints=True)
-            else:
-                builder.add_usd(str(path), collapse_fixed_joints=True)
+            add(builder)
     except Exception as error:  # importers raise many types for a file that is no robot
         raise RobotFileError(f"{path}: Newton cannot read it ({one_line(error)}); correct it there") from None
     return _robot(path, builder)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
+import newton
 import numpy as np
 import trimesh
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -22,8 +23,10 @@ from mrwarp.robots.foreign import (
     prim_names,
     read_by_newton,
 )
+from mrwarp.robots.urdf import Meshes, checked_urdf
 from mrwarp.run_dir import no_file, one_line
 from mrwarp.runtime import silent
+from mrwarp.usd.open_stage import open_stage
 
 SUFFIXES = {".xml": "MJCF", ".mjcf": "MJCF", ".urdf": "URDF", ".usd": "USD", ".usda": "USD", ".usdc": "USD"}
 """What a file holds, by how its name ends."""
@@ -42,29 +45,69 @@ STANCES = ("home", "stand", "standing", "default")
 """Names of keyframes that are a stance; without one of them the first is taken."""
 
 
-def read_robot(path: Path) -> ForeignRobot:
+def read_robot(path: Path, meshes: Meshes | None = None) -> ForeignRobot:
     """Read a robot's file. A URDF floats, unless its root link is called world.
+
+    Args:
+        path: The file.
+        meshes: Where a URDF's meshes are, or that all are left out.
 
     Raises:
         RobotFileError: it cannot be read, has no bodies, two trunks, or several joints between two bodies.
+        AssetError: as USD it cannot be opened.
     """
     if not path.is_file():
         raise RobotFileError(f"{path}: {no_file(path, 'file')}; name an MJCF (.xml), URDF or USD file")
     kind = SUFFIXES.get(path.suffix.lower())
     if kind is None:
         raise RobotFileError(f"{path}: {path.suffix or 'no ending'} is not {', '.join(SUFFIXES)}; rename or convert it")
-    if kind == "MJCF" and b"<robot" in path.read_bytes()[:4096]:
-        kind = "URDF"
-    return read_by_newton(path, kind) if kind != "MJCF" else _read_mjcf(path)
+    meshes = meshes or Meshes()
+    if kind == "URDF" or (kind == "MJCF" and b"<robot" in path.read_bytes()[:4096]):
+        return _read_urdf(path, meshes)
+    return _read_mjcf(path, meshes.skip) if kind == "MJCF" else _read_usd(path)
 
 
-def _read_mjcf(path: Path) -> ForeignRobot:
+def _read_urdf(path: Path, meshes: Meshes) -> ForeignRobot:
+    urdf = checked_urdf(path, meshes)
+
+    def add(builder: newton.ModelBuilder) -> None:
+        builder.default_shape_cfg.density = 0.0  # a link without inertial has no mass there
+        builder.add_urdf(urdf.text, floating=urdf.floating, collapse_fixed_joints=True)
+
+    robot = read_by_newton(path, add)
+    pairs = [prim_names(pair) for pair in urdf.mimics.items()]
+    robot.couplings += [Coupling(text=f"<mimic> ties {a} to {b}", joints=(a, b)) for a, b in pairs]
+    return robot
+
+
+def _read_usd(path: Path) -> ForeignRobot:
+    """A USD file, with the gains of Newton's motors."""
+    stage = open_stage(path)
+    robot = read_by_newton(path, lambda builder: builder.add_usd(stage, collapse_fixed_joints=True))
+    joints = {joint.name: joint for joint in robot.joints}
+    for motor in (prim for prim in stage.Traverse() if prim.GetTypeName() == "NewtonActuator"):
+        for target in motor.GetRelationship("newton:targets").GetTargets():
+            if (joint := joints.get(prim_names([target.name])[0])) is not None:
+                kp, kd, limit = (motor.GetAttribute(f"newton:{name}").Get() for name in ("kp", "kd", "maxEffort"))
+                joint.kp, joint.kd, joint.torque_limit = kp or joint.kp, kd or joint.kd, limit or joint.torque_limit
+    return robot
+
+
+def _read_mjcf(path: Path, skip_meshes: bool) -> ForeignRobot:
     try:
         with silent():
             spec = mujoco.MjSpec.from_file(str(path))
+            for geom in [g for g in spec.geoms if g.type == mujoco.mjtGeom.mjGEOM_MESH] if skip_meshes else []:
+                spec.delete(geom)
+            for mesh in list(spec.meshes) if skip_meshes else []:
+                spec.delete(mesh)
             model = spec.compile()
     except Exception as error:  # ValueError of the compiler, but also of what reads meshes
-        raise RobotFileError(f"{path}: MuJoCo cannot read it ({one_line(error)}); correct it there") from None
+        text = one_line(error)
+        remedy = "correct it there"
+        if "Error opening file" in text:
+            remedy = "put it there" if "'include'" in text else "put it there, or say --skip-meshes"
+        raise RobotFileError(f"{path}: MuJoCo cannot read it ({text}); {remedy}") from None
     return _Compiled(path, model).robot()
 
 

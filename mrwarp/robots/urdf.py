@@ -1,0 +1,148 @@
+"""A URDF before Newton reads it: what Newton would drop or rename in silence is refused, and meshes are found."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import unquote
+
+import trimesh
+
+from mrwarp.robots.foreign import RobotFileError
+from mrwarp.run_dir import one_line
+
+
+@dataclass(frozen=True, kw_only=True)
+class Meshes:
+    """Where meshes are, or that they are left out."""
+
+    packages: tuple[Path, ...] = ()
+    """Folders that hold the packages of ``package://`` names."""
+    skip: bool = False
+    """Whether robots are read without their meshes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Urdf:
+    """A URDF that was checked."""
+
+    text: str
+    """XML whose meshes have absolute paths."""
+    floating: bool
+    """Whether it floats: its root link is not called world."""
+    mimics: dict[str, str]
+    """Joints that follow another one, and which."""
+
+
+def checked_urdf(path: Path, meshes: Meshes) -> Urdf:
+    """Check names, tree, limits and meshes of a URDF.
+
+    Raises:
+        RobotFileError: it is no URDF; names are missing or stand twice; links are not one tree; limits are turned
+            round; a mesh is not there or of a kind that is not read.
+    """
+    try:
+        root = ET.fromstring(path.read_bytes())
+    except (ET.ParseError, ValueError, LookupError) as error:  # also of unknown encodings
+        raise RobotFileError(f"{path}: it is not XML ({one_line(error)}); correct it there") from None
+    if root.tag != "robot":
+        raise RobotFileError(f"{path}: its first element is <{root.tag}>, not <robot>; is it a robot's file?")
+    if next((e for e in root.iter() if "xacro" in e.tag), None) is not None:
+        raise RobotFileError(f"{path}: it holds xacro macros; expand them first: xacro {path.name} > robot.urdf")
+    root_link = _check_tree(path, root)
+    for link in root.findall("link"):
+        for kind in [e for e in link if meshes.skip and e.find("geometry/mesh") is not None]:
+            link.remove(kind)
+        for mesh in link.iter("mesh"):
+            mesh.set("filename", str(_mesh(path, link.get("name", ""), mesh.get("filename") or "", meshes)))
+    followed = {j.get("name", ""): j.find("mimic") for j in root.findall("joint")}
+    return Urdf(
+        text=ET.tostring(root, encoding="unicode"),
+        floating=root_link != "world",
+        mimics={name: mimic.get("joint", "") for name, mimic in followed.items() if mimic is not None},
+    )
+
+
+def _check_tree(path: Path, root: ET.Element) -> str:
+    """The root link's name."""
+    names = {kind: [e.get("name") or "" for e in root.findall(kind)] for kind in ("link", "joint")}
+    for kind, own in names.items():
+        if "" in own:
+            raise RobotFileError(f"{path}: {kind} number {own.index('') + 1} has no name; give it one there")
+        if twice := next((name for name, count in Counter(own).items() if count > 1), None):
+            raise RobotFileError(f"{path}: two {kind}s are called {twice}; rename one there")
+    if not names["link"]:
+        raise RobotFileError(f"{path}: <robot> has no <link>; is it a robot's file?")
+    before: dict[str, str] = {}
+    for joint in root.findall("joint"):
+        name = joint.get("name")
+        for end in ("parent", "child"):
+            found = joint.find(end)
+            link = "" if found is None else found.get("link") or ""
+            if link not in names["link"]:
+                raise RobotFileError(f"{path}: joint {name}: {end} {link or 'is missing'}: name a link that is there")
+            if end == "child":
+                if link in before:
+                    raise RobotFileError(
+                        f"{path}: joints {before[link]} and {name} both lead to link {link}: a closed loop; open it "
+                        "there: only trees of bodies are simulated"
+                    )
+                before[link] = str(name)
+        limit = joint.find("limit")
+        if limit is not None and joint.get("type") in ("revolute", "prismatic"):
+            low, high = (_number(path, name, limit, which) for which in ("lower", "upper"))
+            if low > high:
+                raise RobotFileError(f"{path}: joint {name}: lower {low:g} lies above upper {high:g}; swap them there")
+    roots = [name for name in names["link"] if name not in before]
+    if not roots:
+        raise RobotFileError(f"{path}: every link has a link before it: a closed loop; open it there")
+    if roots[1:]:
+        raise RobotFileError(f"{path}: {roots[0]} and {roots[1]} are two trunks; join them there, or remove one")
+    return roots[0]
+
+
+def _number(path: Path, joint: str | None, limit: ET.Element, which: str) -> float:
+    try:
+        return float(limit.get(which) or 0.0)
+    except ValueError:
+        raise RobotFileError(
+            f"{path}: joint {joint}: {which} = {limit.get(which)}; write a number in radians"
+        ) from None
+
+
+def _mesh(path: Path, link: str, name: str, meshes: Meshes) -> Path:
+    """The file of a mesh."""
+    where = f"{path}: link {link}: mesh {name}"
+    if name.startswith(("http://", "https://")):
+        raise RobotFileError(f"{where} lies on the network; put it beside the file, or say --skip-meshes")
+    found = next((file for file in _places(path, name, meshes.packages) if file.is_file()), None)
+    if found is None:
+        package = unquote(name).partition("://")[2].partition("/")[0]
+        remedy = f"--packages DIR with the folder that holds {package}, or " if "://" in name else ""
+        raise RobotFileError(f"{where} is not there; put it there, or say {remedy}--skip-meshes")
+    if found.suffix.lower().lstrip(".") not in (known := trimesh.available_formats()):
+        more = "; pip install pycollada reads it" if found.suffix.lower() == ".dae" else ""
+        usual = ", ".join(f".{kind}" for kind in ("stl", "obj", "ply", "glb") if kind in known)
+        raise RobotFileError(f"{where} is none of {usual}{more}; convert it, or say --skip-meshes")
+    return found.resolve()
+
+
+def _places(path: Path, name: str, packages: Sequence[Path]) -> Iterator[Path]:
+    """Where a mesh may be: a package beside the file, around it, or in one of the folders that were named."""
+    scheme, there, rest = name.partition("://")
+    if not there:
+        yield path.parent / name
+    elif scheme == "file":
+        yield Path(unquote(rest))
+    else:
+        inner = unquote(rest)
+        package, _, own = inner.partition("/")
+        around = path.resolve().parents
+        for folder in (*packages, *around):
+            yield folder / inner
+            if folder.name == package:
+                yield folder / own
+        yield from (folder / own for folder in around[:2])  # a package's folder of another name
