@@ -86,8 +86,6 @@ class Import(Options):
         understood = understand(robot, choices)
         asset = write_checked(understood, self.out, source=str(self.file))
         print("\n".join(layout_lines(asset)))
-        for note in understood.notes:
-            print(f"note: {note}")
         print(f"robot written: {self.out}; look at it with 'mrwarp robot show {self.out} --png robot.png'")
         return 0
 

@@ -135,7 +135,10 @@ class ForeignRobot:
     """What was left out."""
 
     def poses(self, q: dict[str, float]) -> list[RigidTransform]:
-        """Every body in the frame of the root, at joint angles [rad]; a joint that is not named is at 0."""
+        """Every body in the frame of the root, at joint angles [rad]; a joint that is not named is at 0.
+
+        A body that no joint leads to is at the root.
+        """
         found: dict[int, RigidTransform] = {self.root: RigidTransform.identity()}
         for joint in self.joints:  # parents come first
             moved = joint.axis * q.get(joint.name, 0.0)
@@ -145,7 +148,7 @@ class ForeignRobot:
                 else RigidTransform.from_rotation(Rotation.from_rotvec(moved))
             )
             found[joint.child] = found[joint.parent] * joint.in_parent * turn * joint.in_child.inv()
-        return [found[i] for i in range(len(self.bodies))]
+        return [found.get(i, found[self.root]) for i in range(len(self.bodies))]
 
     def fixed(self, angles: Mapping[str, float]) -> ForeignRobot:
         """The robot with some joints held at angles [rad]: what they carried is part of the body before them."""
@@ -179,11 +182,10 @@ class ForeignRobot:
             RobotFileError: closed loops, joints other than hinges, or bodies without mass.
         """
         there = {joint.name for joint in self.joints}
-        if tied := [c for c in self.couplings if not c.joints or there & set(c.joints)]:
+        if tied := [c for c in self.couplings if set(c.joints) <= there]:
             more = f" (and {len(tied) - 1} more)" if tied[1:] else ""
-            raise RobotFileError(
-                f"{self.path}: {tied[0].text}{more}; open it there: only trees of bodies are simulated"
-            )
+            remedy = f"take it out there, or say --fix {tied[0].joints[0]}" if tied[0].joints else "open it there"
+            raise RobotFileError(f"{self.path}: {tied[0].text}{more}; {remedy}: only trees of bodies are simulated")
         for joint in self.joints:
             if joint.kind != "hinge":
                 raise RobotFileError(

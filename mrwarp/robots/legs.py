@@ -308,7 +308,8 @@ def _stance(
         def seen(
             q: np.ndarray, leg: list[Joint], free: list[Joint], end: Foot, upright: np.ndarray = upright
         ) -> tuple[np.ndarray, ...]:
-            poses = robot.poses({**pose, **{joint.name: x for joint, x in zip(free, q, strict=True)}})
+            alone = replace(robot, joints=leg)  # the other legs need not be followed
+            poses = alone.poses({**pose, **{joint.name: x for joint, x in zip(free, q, strict=True)}})
             anchors = [(poses[joint.parent] * joint.in_parent).translation for joint in leg[:2] + leg[-1:]]
             foot, up = poses[end.body].apply(end.centre), poses[end.body].rotation.apply(upright)
             return anchors[0], anchors[min(1, len(leg) - 1)], anchors[-1], foot, up

@@ -10,6 +10,7 @@ import mujoco
 import newton
 import numpy as np
 import trimesh
+from pxr import Usd, UsdGeom, UsdPhysics
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from mrwarp.robots.foreign import (
@@ -26,7 +27,7 @@ from mrwarp.robots.foreign import (
 from mrwarp.robots.urdf import Meshes, checked_urdf
 from mrwarp.run_dir import no_file, one_line
 from mrwarp.runtime import silent
-from mrwarp.usd.open_stage import open_stage
+from mrwarp.usd.open_stage import SCHEMA, open_stage
 
 SUFFIXES = {".xml": "MJCF", ".mjcf": "MJCF", ".urdf": "URDF", ".usd": "USD", ".usda": "USD", ".usdc": "USD"}
 """What a file holds, by how its name ends."""
@@ -81,16 +82,47 @@ def _read_urdf(path: Path, meshes: Meshes) -> ForeignRobot:
 
 
 def _read_usd(path: Path) -> ForeignRobot:
-    """A USD file, with the gains of Newton's motors."""
+    """A USD file, with the gains of Newton's motors and of those beside MR devices."""
     stage = open_stage(path)
+    if stage.HasAuthoredMetadata("upAxis") and (up := UsdGeom.GetStageUpAxis(stage)) != "Z":
+        raise RobotFileError(f"{path}: upAxis is {up}; export it with Z up")
+    for name, unit in (("metersPerUnit", "metres"), ("kilogramsPerUnit", "kilograms")):
+        if stage.HasAuthoredMetadata(name) and (value := stage.GetMetadata(name)) != 1.0:
+            raise RobotFileError(f"{path}: {name} is {value:g}; export it in {unit}")
+    _refuse_loops(path, stage)
     robot = read_by_newton(path, lambda builder: builder.add_usd(stage, collapse_fixed_joints=True))
     joints = {joint.name: joint for joint in robot.joints}
-    for motor in (prim for prim in stage.Traverse() if prim.GetTypeName() == "NewtonActuator"):
+    names = (("kp", "mr:kp_base"), ("kd", "mr:kd"), ("maxEffort", "mr:tau_limit"))
+    motors = [prim for prim in stage.Traverse() if prim.GetTypeName() == "NewtonActuator"]
+    for motor in motors:
         for target in motor.GetRelationship("newton:targets").GetTargets():
             if (joint := joints.get(prim_names([target.name])[0])) is not None:
-                kp, kd, limit = (motor.GetAttribute(f"newton:{name}").Get() for name in ("kp", "kd", "maxEffort"))
+                kp, kd, limit = (
+                    next((v for name in pair if (v := motor.GetAttribute(f"newton:{name}").Get())), None)
+                    for pair in names
+                )
                 joint.kp, joint.kd, joint.torque_limit = kp or joint.kp, kd or joint.kd, limit or joint.torque_limit
+    if any(SCHEMA in motor.GetAppliedSchemas() for motor in motors):
+        robot.notes.append("MR devices were left out: put them on with 'mrwarp robot fit-device'")
     return robot
+
+
+def _refuse_loops(path: Path, stage: Usd.Stage) -> None:
+    """Name the joint that ties bodies which are tied already: Newton names none."""
+    group: dict[str, str] = {}
+    for prim in (prim for prim in stage.Traverse() if prim.IsA(UsdPhysics.Joint)):
+        made = UsdPhysics.Joint(prim)
+        ends = [str((rel.GetTargets() or [""])[0]) for rel in (made.GetBody0Rel(), made.GetBody1Rel())]
+        if not made.GetJointEnabledAttr().Get():
+            continue
+        first, second = (group.setdefault(end, end) for end in ends)
+        if first == second:
+            between = " and ".join(end.rpartition("/")[2] or "the world" for end in ends)
+            raise RobotFileError(
+                f"{path}: joint {prim.GetName()} closes a loop between {between}; open it there: only trees of bodies "
+                "are simulated"
+            )
+        group = {end: first if own == second else own for end, own in group.items()}
 
 
 def _read_mjcf(path: Path, skip_meshes: bool) -> ForeignRobot:

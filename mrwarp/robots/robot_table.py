@@ -1,16 +1,23 @@
-"""What legged tasks know of a robot, as a table."""
+"""What legged tasks know of a robot, as a table, with what was guessed and how to say it otherwise."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 
+from pxr import Usd, UsdGeom
+
 from mrwarp.robots.write_robot import NO_LIMIT
 from mrwarp.usd.asset import RobotAsset, masses
+from mrwarp.usd.robot_layout import read_notes
+
+MIRROR = 0.2
+"""How far a leg's mirror image may be from another leg that it mirrors, as a share of the feet's distance from the
+middle."""
 
 
 def layout_lines(asset: RobotAsset) -> Iterator[str]:
-    """Trunk, legs from the trunk to the foot with stance, limits, gains and devices, and joints of no leg."""
+    """Trunk, legs from the trunk to the foot with stance, limits, gains and devices, joints of no leg, and notes."""
     layout, drives = asset.layout, {a.joint: a for a in asset.actuators}
     base = asset.stage.GetDefaultPrim().GetPath()
     total, devices = masses(asset), sum(a.mr is not None for a in asset.actuators)
@@ -20,7 +27,7 @@ def layout_lines(asset: RobotAsset) -> Iterator[str]:
     )
     width = max(len(name) for name in layout.joints)
     head = f"{'joint':{width}s}  {'leg':8s} {'stance':>8s} {'limits [rad]':>16s}"
-    yield f"{head} {'Kp':>7s} {'Kd':>6s} {'max N·m':>8s}  drive"
+    yield f"{head} {'Kp':>7s} {'Kd':>6s} {'max N·m':>8s} {'rotor':>8s}  drive"
     legs = [(leg.name, joint) for leg in layout.legs for joint in leg.joints]
     named = {joint for _, joint in legs}
     for leg, joint in [*legs, *(("-", joint) for joint in layout.joints if joint not in named)]:
@@ -30,12 +37,32 @@ def layout_lines(asset: RobotAsset) -> Iterator[str]:
         device = "motor" if drive.mr is None else f"MR device, {drive.mr.coil.current_max:g} A"
         yield (
             f"{joint:{width}s}  {leg:8s} {layout.neutral[joint]:8.3f} {limits:>16s} {drive.kp:7.4g} {drive.kd:6.3g} "
-            f"{drive.tau_limit:8.4g}  {device}"
+            f"{drive.tau_limit:8.4g} {prim.GetAttribute('newton:armature').Get() or 0.0:8.3g}  {device}"
         )
+    feet = {leg.name: next(p for p in asset.stage.Traverse() if p.GetName() == leg.foot) for leg in layout.legs}
+    places = _places(asset, feet)
     for leg in layout.legs:
-        foot = next(prim for prim in asset.stage.Traverse() if prim.GetName() == leg.foot)
-        radius = foot.GetAttribute("radius").Get()
+        foot, x, y = feet[leg.name], *places[leg.name]
+        apart = {name: math.dist((x, -y), at) for name, at in places.items() if y * at[1] < 0.0}
+        twin = min(apart, key=lambda name: apart[name], default=None)
+        mirror = f"mirrors {twin}" if twin and apart[twin] < MIRROR * abs(y) else "mirrors no other leg"
         yield (
-            f"foot of {leg.name}: {leg.foot} on {foot.GetParent().GetName()}, radius {1e3 * radius:.0f} mm, "
-            f"phase {leg.phase:g} of the gait"
+            f"foot of {leg.name}: {leg.foot} on {foot.GetParent().GetName()}, radius "
+            f"{1e3 * foot.GetAttribute('radius').Get():.0f} mm{', and its whole sole' if leg.sole else ''}; "
+            f"{'left' if y > 0.0 else 'right'}, {mirror}; phase {leg.phase:g} of the gait"
         )
+    if not devices:
+        yield f"no MR devices: 'mrwarp robot fit-device {asset.path.name} --joint JOINT ...' puts them on"
+    for note in read_notes(asset.stage):
+        yield f"note: {note}"
+
+
+def _places(asset: RobotAsset, feet: dict[str, Usd.Prim]) -> dict[str, tuple[float, float]]:
+    """Where each foot is beside the trunk [m], forwards and to the left, as the file's bodies are placed."""
+    cache, trunk = UsdGeom.XformCache(), asset.layout.trunk
+    body = next(prim for prim in asset.stage.Traverse() if prim.GetName() == trunk)
+    own = cache.GetLocalToWorldTransform(body).GetInverse()
+    points = {
+        name: own.Transform(cache.GetLocalToWorldTransform(prim).ExtractTranslation()) for name, prim in feet.items()
+    }
+    return {name: (point[0], point[1]) for name, point in points.items()}

@@ -90,7 +90,7 @@ def write_checked(understood: UnderstoodRobot, path: Path, *, source: str) -> Ro
         motor.CreateRelationship("newton:targets", False).SetTargets([f"{base}/joints/{name}"])
         for attribute, value in (("kp", drive.kp), ("kd", drive.kd), ("maxEffort", drive.torque_limit)):
             _set(motor, f"newton:{attribute}", TYPES.Float, value)
-    write_layout(stage, layout)
+    write_layout(stage, layout, understood.notes)
     return save_checked(stage.GetRootLayer(), path)
 
 

@@ -14,12 +14,14 @@
         }
     }
 
-and ``double mrwarp:neutral`` [deg] on every driven joint. A file without the scope has the layout of the shipped robot.
+and ``double mrwarp:neutral`` [deg] on every driven joint; ``string[] mrwarp:notes`` on the robot, what was guessed.
+A file without the scope has the layout of the shipped robot.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from pxr import Sdf, Usd
@@ -28,6 +30,9 @@ from mrwarp.usd.open_stage import AssetError
 from mrwarp.usd.robot import MR_GO, Layout, Leg
 
 SCOPE = "legs"
+
+NOTES = "mrwarp:notes"
+"""Attribute of the default prim."""
 
 
 def read_layout(stage: Usd.Stage, file: Path) -> Layout:
@@ -50,8 +55,16 @@ def read_layout(stage: Usd.Stage, file: Path) -> Layout:
     return Layout(trunk=trunk, legs=legs, neutral=neutral)
 
 
-def write_layout(stage: Usd.Stage, layout: Layout) -> None:
-    """Write a layout into a stage whose joints and feet are there."""
+def read_notes(stage: Usd.Stage) -> tuple[str, ...]:
+    """What was guessed or left out when the robot was imported."""
+    notes = stage.GetDefaultPrim().GetAttribute(NOTES)
+    return tuple(notes.Get() or ()) if notes else ()
+
+
+def write_layout(stage: Usd.Stage, layout: Layout, notes: Sequence[str] = ()) -> None:
+    """Write a layout, and notes on it, into a stage whose joints and feet are there."""
+    if notes:
+        stage.GetDefaultPrim().CreateAttribute(NOTES, Sdf.ValueTypeNames.StringArray).Set(list(notes))
     root = stage.GetDefaultPrim().GetPath()
     scope = stage.DefinePrim(root.AppendChild(SCOPE), "Scope")
     scope.CreateRelationship("mrwarp:trunk").SetTargets([root.AppendChild(layout.trunk)])
