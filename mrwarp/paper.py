@@ -35,6 +35,9 @@ FIGURE_4 = {
 FIGURE_4_AVERAGE = 0.355
 """Average RMSE of PG-RLSTM [N·m], section 6.1."""
 
+HOLDING_CAPACITY = 26.15
+"""Pre-yield braking torque at 1.5 A [N·m], section 2.2; eq. 18 gives another."""
+
 FIGURE_4_REDUCTION = {"bouc_wen": 0.421, "lstm": 0.339, "mlp": 0.571}
 """Reduction of the average RMSE by PG-RLSTM relative to each other model, section 6.1."""
 
@@ -83,6 +86,16 @@ FIGURE_6_PUSH = {
 }
 """Simulated calf motor torque [N·m] at 1.5 A while current flows, and its change from no current, section 6.3."""
 
+FIGURE_6_HARDWARE = {"FR": {0.0: 8.962, 1.5: 7.661}, "RL": {0.0: 10.587, 1.5: 9.149}}
+"""Mean calf motor torque of one impact of the hardware [N·m] while current flows, by current [A], section 6.3."""
+
+IMPACTOR = {"mass": 10.0, "drop": 0.30, "speed": 1.5, "travel": 0.05, "window": 0.1}
+"""The guided mass [kg], its fall [m], its speed at the contact [m/s], the depth to which it follows the robot [m], and
+the time over which torques and accelerations are averaged [s], section 6.3."""
+
+PUSH_FORCE = 100.0
+"""Simulated push on the trunk, downward [N], section 6.3; its duration is not stated."""
+
 FIGURE_7 = {
     "FR": {0.0: _m(18.73, 1.41), 1.5: _m(16.03, 1.52)},
     "RL": {0.0: _m(16.93, 1.76), 1.5: _m(13.52, 1.69)},
@@ -103,6 +116,9 @@ THRESHOLDS: dict[str, dict[str, tuple[float, float]]] = {
     "eps_v": {"drop": (16.25, 13.19)},
 }
 """Reductions of CoM drop and motor torque [%] over each threshold's range, section 3.2 (first to last value)."""
+
+FASTEST = 0.6
+"""Largest speed that the 1.5 Hz gait reaches reliably [m/s], section 7."""
 
 ROBOTS = ("go1", "mr_go", "mr_go_sal")
 """Go1 has no MR devices; MR_Go carries them with SAL off; MR_Go-SAL has SAL on."""

@@ -6,7 +6,7 @@ import sys
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from tyro.conf import Positional
 
@@ -168,3 +168,28 @@ class TrainFigure4(Options):
         for name, holds in result["verdicts"].items():
             print(f"{name:34s} {'holds' if holds else 'MISSED'}")
         return 0 if all(result["verdicts"].values()) else 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class FillPages(Options):
+    """Fill the figures of README and docs from docs/results/paper.json, in a checkout."""
+
+    engines: ClassVar[bool] = False
+
+    results: Annotated[tuple[Path, ...], opt.some(Path, "DIR")] = ()
+    """output folders of whole reports, whose figures become docs/results/paper.json first"""
+    check: opt.Flag = False
+    """write nothing; exit code 1 where a page differs"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 filled or equal, 1 when a page differs under ``--check``, 2 on bad input."""
+        from mrwarp.reproduce import pages
+
+        if not (pages.ROOT / "docs").is_dir():
+            raise ValueError(f"{pages.ROOT}: has no docs; run it in a checkout")
+        if self.results:
+            print(f"figures in {pages.collect(self.results)}")
+        differing = pages.fill(check=self.check)
+        for path in differing:
+            print(f"{path.relative_to(pages.ROOT)}: {'differs; run mrwarp reproduce docs' if self.check else 'filled'}")
+        return 1 if self.check and differing else 0

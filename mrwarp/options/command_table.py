@@ -34,6 +34,7 @@ class Group:
 
 
 FIGURE_4 = Command("run_reproduce:TrainFigure4", "the models of figure 4, trained anew")
+PAGES = Command("run_reproduce:FillPages", "the figures of README and docs, from committed results")
 
 STUDY = {
     "train": Command("run_study:StudyTrain", "train what is not finished; resumable, any number of processes at once"),
@@ -81,7 +82,9 @@ COMMANDS: dict[str, Command | Group] = {
     "log": Group("logs of whole robots, for 'mrwarp diagnose'", LOG),
     "learn": Command("run_fit:Learn", "train and evaluate the learned torque models"),
     "reproduce": Command(
-        "run_reproduce:Reproduce", "the paper's figures and tables, ours beside theirs", {("fig4", "--train"): FIGURE_4}
+        "run_reproduce:Reproduce",
+        "the paper's figures and tables, ours beside theirs",
+        {("fig4", "--train"): FIGURE_4, ("docs",): PAGES},
     ),
     "study": Group("actuator-aware against conventional training: train the policies, tables 2 and 3", STUDY),
     "perf": Command("run_benchmarks:Perf", "what a step costs, part by part, and whether that got worse"),

@@ -1,23 +1,25 @@
 """The impacts of section 6.3 behind tables 4 and 5 and figures 6 and 7: the simulated push, and the falling mass.
 
-The push is simulated under every reading of what the paper leaves open: it states the force, not its duration, the
-motors' gains, where in the stance it began or which torque its dynamic branch had. Each reading has its own duration,
-calibrated on the 0 A row; the other rows are predictions.
+The paper states the push's force, not its duration, the motors' gains, which pair of legs stood, or what its row of
+0 A had switched on. The rule, which stood before it was run: of a grid over these, the reading whose 0 A row comes nearest
+in height at the onset, drop and peak speed (medians, squared relative differences) is adopted; every row above 0 A is
+what comes out.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import torch
 
 from mrwarp import paper
 from mrwarp.enums import Coupling
 from mrwarp.nn.network_file import shipped_model
 from mrwarp.params import BoucWenParams, HoldParams
+from mrwarp.reproduce import paper_checks
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, seeds_of
 from mrwarp.reproduce.settings import Ensemble, Settings
@@ -25,7 +27,7 @@ from mrwarp.trials import impact
 from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace, Variant, body_extremes
 from mrwarp.trials.impact_figures import MOTOR_WINDOW
 from mrwarp.trials.walking import Policy
-from mrwarp.usd.robot import CURRENT_GROUPS, LEGS, PUBLIC_GAINS, TROT_PHASE
+from mrwarp.usd.robot import CURRENT_GROUPS, LEGS, PUBLIC_GAINS, SEGMENTS, TROT_PHASE
 
 CELLS = ("min_height", "peak_down_velocity")
 """The two columns of table 4."""
@@ -36,8 +38,19 @@ FL_RR_STANCE = (0.0, 0.5)
 FR_RL_STANCE = (0.5, 1.0)
 """Gait phases in which FR and RL stand, the pair that the hardware's impacts were applied to (section 6.3)."""
 
-COARSE = tuple(round(0.05 * k, 2) for k in range(1, 13))
-"""Durations tried first [s]."""
+STANCES = {"FL-RR": FL_RR_STANCE, "FR-RL": FR_RL_STANCE}
+
+KP, KD = (16.0, 20.0, 25.0, 35.0), (0.1, 0.3, 0.6)
+"""Gains of the grid [N·m/rad], [N·m·s/rad], which the paper does not state: around the public ones and the asset's."""
+
+DURATIONS = tuple(round(0.05 * k, 2) for k in range(2, 13))
+"""Durations of the grid [s], which the paper does not state."""
+
+START = paper.TABLE_2["D"]["height"].mean
+"""Height at the push's onset [m]: the mean height of the paper's actuator-aware policy with SAL on."""
+
+SCORED = 4
+"""Pushes per policy and duration in the grid."""
 
 WINDOW = 0.8
 """Time after the push's onset over which minima are taken [s]."""
@@ -45,74 +58,79 @@ WINDOW = 0.8
 NEARLY_OFF = 1e-3
 """Current that holds nothing but lets the holding gate open [A]: the low gain also without current."""
 
+OFF, OPEN = 0, 1
+"""Places of SAL off and of 0 A with open gates among the settings of a push; the currents above 0 A follow."""
+
+TORQUES = ("eq. 14", "pg_rlstm", "unweakened", "yield", "required")
+"""Sliding torque of the dynamic branch: eq. 14; eq. 16 by the shipped PG-RLSTM; eq. 14 with alpha = 0; eq. 18 as if it
+slid at its yield torque; or what the paper's own rows require, :func:`paper_checks.required_torque`."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
     """One set of choices."""
 
-    name: str
-    coupling: Coupling = Coupling.EXPLICIT
-    """The paper's torque, or the brake constraint."""
+    kp: float
+    """Of all motors [N·m/rad]. The asset's Kp of 35 walks with policies trained with it, softer ones with those trained
+    with :data:`mrwarp.usd.robot.PUBLIC_GAINS`."""
+    kd: float
+    """[N·m·s/rad]"""
+    stance: str
+    """Pair that stands at the onset, of :data:`STANCES`."""
     holding: bool = False
-    """Whether the holding branch may open beside the dynamic one."""
+    """Whether both branches of the scheduler act, or damping alone, which section 6.3 evaluates."""
     soft_at_zero: bool = False
-    """Whether the holding gate lowers the motor's gain at 0 A too, where nothing holds (eqs. 8, 9 to the letter)."""
-    gains: tuple[float, float] | None = PUBLIC_GAINS
-    """Kp, Kd of all motors; None is the asset's 35 and 0.6. Only those walk with policies that were trained with them,
-    all others with policies that were trained with :data:`mrwarp.usd.robot.PUBLIC_GAINS`."""
-    phases: tuple[float, float] | None = FL_RR_STANCE
-    """Gait phase at onset; None is any."""
+    """Whether the row of 0 A has its gates open, so that the low gain of eqs. 8 and 9 acts where nothing holds; else
+    SAL is off there."""
+    brake: bool = False
+    """Whether the devices are brake constraints; else they have the paper's torque."""
     torque: str = "eq. 14"
-    """Sliding torque of the dynamic branch: ``eq. 14``, ``pg_rlstm`` (eq. 16), ``unweakened`` (eq. 14 with
-    alpha = 0) or ``yield`` (eq. 18 as if it slid at its yield torque)."""
+    """Of :data:`TORQUES`."""
+    frozen: bool = False
+    """Whether the joints' targets stand still from the onset on, so that no policy answers."""
+    lifted: bool = True
+    """Whether the joints' targets are moved until the trunk starts at :data:`START`."""
+
+    @property
+    def name(self) -> str:
+        """What is chosen, in words."""
+        text = [f"Kp {self.kp:g}, Kd {self.kd:g}, {self.stance}", "both branches" if self.holding else "damping alone"]
+        text += ["gates open at 0 A"] * self.soft_at_zero + ["brake constraint"] * self.brake
+        text += [f"{self.torque} torque"] * (self.torque != "eq. 14") + ["frozen targets"] * self.frozen
+        return ", ".join(text + ["not lifted"] * (not self.lifted))
+
+    @property
+    def zero(self) -> int:
+        """Place of the row that stands for the paper's 0 A."""
+        return OPEN if self.soft_at_zero else OFF
 
 
-BASE = Reading(name="base: explicit, damping alone, Kp 20, FL-RR stance, eq. 14")
-"""What the text says, with public gains."""
-
-LETTER = replace(
-    BASE, name="both branches, eqs. 8, 9 to the letter, FR-RL stance, Kp 17, Kd 0.1", holding=True, soft_at_zero=True,
-    gains=(17.0, 0.1), phases=FR_RL_STANCE,
-)  # fmt: skip
-"""All that the scheduler does, with gains that were chosen, like the duration, by the 0 A row alone."""
-
-READINGS = (
-    BASE,
-    replace(BASE, name="Kp 35, Kd 0.6 (our asset)", gains=None),
-    replace(BASE, name="FR-RL stance", phases=FR_RL_STANCE),
-    replace(BASE, name="brake constraint", coupling=Coupling.CONSTRAINT),
-    replace(BASE, name="with holding", holding=True),
-    replace(BASE, name="with holding, brake constraint", holding=True, coupling=Coupling.CONSTRAINT),
-    replace(BASE, name="with holding, low gain at 0 A too", holding=True, soft_at_zero=True),
-    replace(BASE, name="PG-RLSTM torque (eq. 16)", torque="pg_rlstm"),
-    replace(BASE, name="no speed weakening", torque="unweakened"),
-    replace(BASE, name="sliding at the yield torque (eq. 18)", torque="yield"),
-    replace(BASE, name="Kd 0.1", gains=(20.0, 0.1)),
-    LETTER,
-    replace(LETTER, name="the same, Kp 20, Kd 0.5", gains=PUBLIC_GAINS),
-    replace(LETTER, name="the same, Kp 20, Kd 0.1", gains=(20.0, 0.1)),
-    replace(LETTER, name="the same, Kp 18, Kd 0.1", gains=(18.0, 0.1)),
-    replace(LETTER, name="the same, Kp 16, Kd 0.3", gains=(16.0, 0.3)),
-    replace(LETTER, name="the same as with Kp 18, Kd 0.1, no speed weakening", gains=(18.0, 0.1), torque="unweakened"),
-    replace(LETTER, name="the same as with Kp 17, Kd 0.1, PG-RLSTM torque", torque="pg_rlstm"),
-    replace(LETTER, name="the same as with Kp 17, Kd 0.1, no speed weakening", torque="unweakened"),
+GRID = tuple(
+    Reading(kp=kp, kd=kd, stance=stance, holding=soft, soft_at_zero=soft)
+    for kp in KP
+    for kd in KD
+    for stance in STANCES
+    for soft in (False, True)
 )
-"""The base and what differs from it, then the reading that is adopted and what differs from that."""
+"""What the 0 A row chooses among. With SAL off at 0 A it cannot tell whether both branches act at the currents above;
+there damping acts alone, which is what section 6.3 evaluates."""
 
-ADOPTED = LETTER
-"""The reading that table 4 shows; whether its 0 A row is indeed the nearest of :data:`CANDIDATES` is a claim there."""
 
-CANDIDATES = tuple(reading for reading in READINGS if reading.torque == "eq. 14")
-"""What it was chosen among: readings with the paper's law. Those with another torque show what the law moves."""
-
-ASSET = next(reading for reading in READINGS if reading.gains is None)
-"""The same with the gains of the asset, by policies trained with them."""
-
-UNWEAKENED = READINGS[-1]
-"""The adopted reading without the speed weakening of eq. 14."""
-
-UNDAMPED = next(reading for reading in READINGS if reading.name == "Kd 0.1")
-"""The same with hardly any damping by the motors."""
+def variations(adopted: Reading) -> tuple[Reading, ...]:
+    """What each choice moves: the adopted reading and those that differ from it in one."""
+    other = next(stance for stance in STANCES if stance != adopted.stance)
+    return (
+        adopted,
+        replace(adopted, frozen=True),
+        replace(adopted, lifted=False),
+        replace(adopted, holding=not adopted.holding, soft_at_zero=False),
+        replace(adopted, holding=True, soft_at_zero=not adopted.soft_at_zero),
+        replace(adopted, stance=other),
+        replace(adopted, kd=0.6 if adopted.kd < 0.6 else 0.1),
+        replace(adopted, kp=35.0 if adopted.kp < 35.0 else 20.0),
+        replace(adopted, brake=True),
+        *(replace(adopted, torque=torque) for torque in TORQUES[1:]),
+    )
 
 
 def stance_legs(phases: tuple[float, float] | None) -> tuple[str, ...]:
@@ -123,89 +141,128 @@ def stance_legs(phases: tuple[float, float] | None) -> tuple[str, ...]:
     return tuple(leg for leg, at in zip(LEGS, TROT_PHASE, strict=True) if (low + at) % 1.0 + high - low <= 0.5)
 
 
-def undamped_speed(drop: float, *, force: float = 100.0, mass: float = paper.MASS["mr_go"]) -> float:
-    """Peak speed [m/s] of a mass on a linear spring that a lasting force presses down by ``drop`` [m] without damping.
+@dataclass(frozen=True, kw_only=True)
+class GridCell:
+    """The 0 A row of one reading, with its best duration; medians over all pushes."""
 
-    With ``drop = 2F/k`` and ``v = F/sqrt(k m)`` it is ``sqrt(F*drop/(2m))``; any damping lowers it at the same drop.
-    """
-    return math.sqrt(force * drop / (2.0 * mass))
+    reading: Reading
+    duration: float
+    """[s]"""
+    lift: float
+    """Angle by which the knees' targets are opened [rad]."""
+    onset: float
+    """Height at the onset [m]."""
+    drop: float
+    """Onset less minimum height [m]."""
+    speed: float
+    """Peak downward speed [m/s]."""
+    score: float
+    """Sum of the squared relative differences of these three from the paper's."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReadingResult:
-    """Both columns of table 4 under one reading; C currents, N trials."""
+class PushResult:
+    """Both columns of table 4 under one reading; C settings (SAL off, 0 A with open gates, 0.5, 1, 1.5 A), N trials."""
 
-    reading: str
-    """Its name."""
-    duration: float
-    """Calibrated on the 0 A row [s]."""
+    reading: Reading
+    onset: np.ndarray
+    """Height at the onset [m], shape (N,)."""
     cells: dict[str, np.ndarray]
     """Minimum height [m] and peak downward velocity [m/s] of every trial, shape (C, N)."""
+    policies: int
+    """Policies; trial i was walked by policy ``i % policies``."""
 
-    @property
-    def means(self) -> dict[str, np.ndarray]:
-        """Of both columns over the trials, shape (C,)."""
-        return {cell: values.mean(axis=1) for cell, values in self.cells.items()}
+    def by_policy(self, cell: str, place: int) -> np.ndarray:
+        """Medians over the pushes of each policy, shape (policies,); of a single policy every push."""
+        values = self.cells[cell][place]
+        if self.policies == 1:
+            return values
+        return np.array([np.median(values[k :: self.policies]) for k in range(self.policies)])
+
+    def row(self, cell: str, amps: float) -> np.ndarray:
+        """:meth:`by_policy` of table 4's row of a current [A]."""
+        return self.by_policy(cell, self.reading.zero if amps == 0.0 else OPEN + CURRENT_GROUPS.index(amps))
+
+    def change(self, cell: str, against: int) -> float:
+        """Relative change of the mean from SAL off or from open gates at 0 A to 1.5 A."""
+        return float(self.row(cell, 1.5).mean() / self.by_policy(cell, against).mean()) - 1.0
 
     @property
     def worst(self) -> float:
-        """Largest relative difference from the paper's six predicted cells."""
-        return max(abs(value) for value in predicted_off(self.means))
+        """Largest relative difference of the six cells above 0 A from the paper's."""
+        theirs = paper.TABLE_4["simulation"]
+        cells = [(amps, cell) for amps in CURRENT_GROUPS if amps > 0.0 for cell in CELLS]
+        return max(abs(float(self.row(cell, amps).mean()) / theirs[amps][cell].mean - 1.0) for amps, cell in cells)
 
     @property
     def monotone(self) -> bool:
         """Whether height rises and speed falls with every step of the current."""
-        return all(bool((np.diff(means) > 0.0).all()) for means in self.means.values())
-
-    @property
-    def change(self) -> dict[str, float]:
-        """Change of both from 0 to 1.5 A, relative."""
-        return {cell: float(means[-1] / means[0]) - 1.0 for cell, means in self.means.items()}
-
-    @property
-    def off_mismatch(self) -> list[float]:
-        """Relative differences of the 0 A row, which the duration was chosen by."""
-        target = paper.TABLE_4["simulation"][0.0]
-        return [float(means[0]) / target[cell].mean - 1.0 for cell, means in self.means.items()]
-
-    def figures(self) -> dict[str, Any]:
-        """Plain figures."""
-        names = ("reading", "duration", "worst", "monotone", "change", "off_mismatch")
-        means = {cell: values.tolist() for cell, values in self.means.items()}
-        return {**{name: getattr(self, name) for name in names}, **means}
+        return all(bool((np.diff([self.row(cell, a).mean() for a in CURRENT_GROUPS]) > 0.0).all()) for cell in CELLS)
 
 
-def predicted_off(means: Mapping[str, np.ndarray]) -> list[float]:
-    """Relative differences of the six predicted cells from the paper's, from the mean of both columns by current."""
-    return [
-        float(means[cell][i]) / paper.TABLE_4["simulation"][amps][cell].mean - 1.0
-        for cell in CELLS
-        for i, amps in enumerate(CURRENT_GROUPS)
-        if amps > 0.0
-    ]
+class Guided:
+    """A policy whose knees are opened by a constant angle, thighs by half of it against, and that may stop answering.
 
-
-def push(cfg: ImpactCfg, name: str, policy: Policy) -> tuple[ReadingResult, ImpactTrace]:
-    """Calibrate the duration on the 0 A row, then push with every current.
-
-    The duration is the one of a grid that brings both cells nearest to the paper's, by relative least squares; all
-    durations are pushed as one batch, and a finer grid about the best one follows. The sweep is that of :func:`config`;
-    its own duration is not used.
+    Args:
+        policy: The policy.
+        lift: Angle of the knees [rad].
+        scale: Angle per unit of action [rad].
+        answers: Calls after which the last action is repeated; None never.
     """
-    duration, grid = 0.0, COARSE
-    for _ in range(2):
-        variants = tuple(replace(cfg.variants[0], duration=tried) for tried in grid)
-        found = body_extremes(ImpactSweep(replace(cfg, variants=variants, duration=grid[0]), policy).run())
-        duration = grid[int(np.argmin(mismatch({cell: value.mean(1) for cell, value in found.items()})))]
-        grid = tuple(t for k in range(-4, 5) if 0.0 < (t := round(duration + 0.01 * k, 3)) <= cfg.window)
-    trace = ImpactSweep(replace(cfg, duration=duration), policy).run()
-    return ReadingResult(reading=name, duration=duration, cells=body_extremes(trace)), trace
+
+    def __init__(self, policy: Policy, lift: float, scale: float, answers: int | None = None) -> None:
+        self._policy, self._answers, self._calls = policy, answers, 0
+        self._offset = torch.tensor([{"hip": 0.0, "thigh": -0.5, "calf": 1.0}[s] for _ in LEGS for s in SEGMENTS])
+        self._offset *= lift / scale
+        self._last = torch.zeros(0)
+
+    def __call__(self, obs: Any) -> torch.Tensor:
+        """Actions (E, 12)."""
+        if self._answers is None or self._calls < self._answers:
+            self._last = self._policy(obs) + self._offset
+        self._calls += 1
+        return self._last
 
 
-def mismatch(found: dict[str, np.ndarray]) -> np.ndarray:
-    """Sum of the squared relative differences from the 0 A row, shape of the cells."""
-    target = paper.TABLE_4["simulation"][0.0]
-    return sum((found[cell] / target[cell].mean - 1.0) ** 2 for cell in CELLS)  # type: ignore[return-value]
+def sweep(reading: Reading, settings: Settings, *, lift: float, cfg: ImpactCfg) -> ImpactTrace:
+    """Push under a reading."""
+    paths = settings.aware if reading.kp == KP[-1] else settings.impacted
+    steps = round(cfg.warmup / cfg.env.step_dt) if reading.frozen else None
+    policy = Guided(Ensemble(paths), lift, cfg.env.action_scale, steps)
+    return ImpactSweep(cfg, policy).run()
+
+
+def score(reading: Reading, settings: Settings) -> GridCell:
+    """The 0 A row of a reading at every duration of the grid, the best of which counts.
+
+    The knees are opened until the median height at the onset is :data:`START`: a first push tells how far the robot
+    sags, :func:`paper_checks.lever` the angle that lifts it.
+    """
+    trials = len(settings.impacted) * min(SCORED, settings.impacts)
+    first = config(reading, settings, trials=trials)
+    zero = first.variants[reading.zero]
+
+    def push(durations: tuple[float, ...], lift: float) -> ImpactTrace:
+        variants = tuple(replace(zero, duration=duration) for duration in durations)
+        cfg = replace(first, variants=variants, window=WINDOW if len(durations) > 1 else max(durations))
+        return sweep(reading, settings, lift=lift, cfg=replace(cfg, duration=durations[0]))
+
+    lift = 0.0
+    if reading.lifted:
+        sagged = float(np.median(push((0.02,), 0.0).height[..., 0]))
+        lift = (START - sagged) / paper_checks.lever(START, sagged) if abs(START - sagged) > 1e-3 else 0.0
+    trace = push(DURATIONS, lift)
+    row = paper.TABLE_4["simulation"][0.0]
+    found = []
+    for k, duration in enumerate(DURATIONS):
+        onset = float(np.median(trace.height[k, :, 0]))
+        drop = float(np.median(trace.height[k, :, 0] - trace.height[k].min(axis=1)))
+        speed = float(np.median(-trace.velocity[k].min(axis=1)))
+        wanted = (onset, START), (drop, START - row["min_height"].mean), (speed, -row["peak_down_velocity"].mean)
+        squares = sum((ours / theirs - 1.0) ** 2 for ours, theirs in wanted)
+        found.append(GridCell(reading=reading, duration=duration, lift=lift, onset=onset, drop=drop, speed=speed,
+                              score=squares))  # fmt: skip
+    return min(found, key=lambda cell: cell.score)
 
 
 def fallen(fell: np.ndarray, what: str) -> list[str]:
@@ -215,18 +272,19 @@ def fallen(fell: np.ndarray, what: str) -> list[str]:
     return [f"{count} of {np.size(fell)} {what} brought the trunk below {impact.FALL_HEIGHT:g} m; their figures count."]
 
 
-def config(reading: Reading, settings: Settings) -> ImpactCfg:
-    """The sweep of a reading, with the duration still to be found."""
+def config(reading: Reading, settings: Settings, *, trials: int = 0, duration: float = 0.2) -> ImpactCfg:
+    """The sweep of a reading over all settings of :class:`PushResult`; 0 trials take those of the settings."""
     learned = reading.torque == "pg_rlstm"
     return ImpactCfg(
-        variants=tuple(_variant(reading, amps) for amps in CURRENT_GROUPS),
-        trials=len(settings.impacted) * settings.impacts,
+        variants=tuple(_variant(reading, amps) for amps in (0.0, NEARLY_OFF, *CURRENT_GROUPS[1:])),
+        trials=trials or len(settings.impacted) * settings.impacts,
         window=WINDOW,
-        phases=reading.phases,
-        gains=reading.gains,
+        duration=duration,
+        phases=STANCES[reading.stance],
+        gains=(reading.kp, reading.kd),
         env=impact.fixed_current_env(
             holding=reading.holding,
-            coupling=reading.coupling,
+            coupling=Coupling.CONSTRAINT if reading.brake else Coupling.EXPLICIT,
             threads=settings.threads,
             actuator_model="pg_rlstm" if learned else "bouc_wen",
             actuator_file=shipped_model("pg_rlstm") if learned else None,
@@ -236,51 +294,69 @@ def config(reading: Reading, settings: Settings) -> ImpactCfg:
 
 
 def _variant(reading: Reading, amps: float) -> Variant:
+    """A setting of the device; one that is loaded in one direction has z at its bound, where it slides at K1 I z."""
     params: dict[str, float] = {}
-    if reading.torque in ("unweakened", "yield"):
+    if reading.torque in ("unweakened", "yield", "required"):
         params["alpha"] = 0.0
-    if reading.torque == "yield" and amps > 0.0:
-        # loaded in one direction z settles at its bound, where K1*I*z is then the yield torque
+    if reading.torque in ("yield", "required") and amps > NEARLY_OFF:
         law = HoldParams()
         ratio = (amps / law.K) ** law.n
-        params["K1"] = law.T_max * ratio / (1.0 + ratio) / (amps * BoucWenParams().z_bound)
-    return Variant(current=NEARLY_OFF if reading.soft_at_zero and amps == 0.0 else amps, params=params)
+        torque = law.T_max * ratio / (1.0 + ratio)
+        if reading.torque == "required":
+            torque = float(np.mean(paper_checks.required_torque()[amps]))
+        params["K1"] = torque / (amps * BoucWenParams().z_bound)
+    return Variant(current=amps, params=params)
 
 
 SERIES = ("t", "height", "velocity", "tau_motor", "tau_mr", "m_dyn", "fell")
-"""What is kept of the adopted reading's trace."""
+"""What is kept of the adopted reading's trace, and of that with the required torque."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pushes:
     """The simulated pushes."""
 
-    readings: list[ReadingResult]
-    trace: dict[str, np.ndarray]
-    """Series of the adopted reading, see :class:`mrwarp.trials.impact.ImpactTrace`."""
-    policies: int
-    """Policies; trial i was walked by policy ``i % policies``."""
+    grid: list[GridCell]
+    """All of :data:`GRID`, the nearest 0 A row first."""
+    readings: list[PushResult]
+    """The adopted one first, see :func:`variations`."""
+    traces: dict[str, dict[str, np.ndarray]]
+    """Series of the adopted reading (``eq. 14``) and of that with the required torque (``required``), see
+    :class:`mrwarp.trials.impact.ImpactTrace`."""
 
-    def of(self, reading: Reading) -> ReadingResult:
-        """Result of a reading."""
-        return next(found for found in self.readings if found.reading == reading.name)
+    @property
+    def adopted(self) -> GridCell:
+        """The nearest 0 A row."""
+        return self.grid[0]
 
-    def seeds(self) -> np.ndarray | None:
-        """Policy of each trial, shape (N,); None with a single policy."""
-        return seeds_of(np.arange(self.readings[0].cells["min_height"].shape[1]), self.policies)
+    @property
+    def policies(self) -> int:
+        """Policies; trial i was walked by policy ``i % policies``."""
+        return self.readings[0].policies
 
 
 def simulate_pushes(job: Job) -> Findings:
-    """Calibrate the duration of every reading on the 0 A row and push at all currents."""
-    settings, done, kept = job.settings, [], {}
-    for k, reading in enumerate(READINGS):
-        job.report(reading.name, k / len(READINGS))
-        policy = Ensemble(settings.struck(reading.gains))
-        found, trace = push(config(reading, settings), reading.name, policy)
-        done.append(found)
-        if reading is ADOPTED:
-            kept = {name: getattr(trace, name) for name in SERIES}
-    return job.save(Pushes(readings=done, trace=kept, policies=len(settings.impacted)))
+    """Choose a reading by its 0 A row alone, then push with it, and with what differs from it, at all currents."""
+    settings, grid = job.settings, []
+    for k, reading in enumerate(GRID):
+        job.report(reading.name, 0.7 * k / len(GRID))
+        grid.append(score(reading, settings))
+    grid.sort(key=lambda cell: cell.score)
+    best, found, traces = grid[0], [], {}
+    for k, reading in enumerate(readings := variations(best.reading)):
+        job.report(reading.name, 0.7 + 0.3 * k / len(readings))
+        cfg = config(reading, settings, duration=best.duration)
+        trace = sweep(reading, settings, lift=best.lift if reading.lifted else 0.0, cfg=cfg)
+        result = PushResult(
+            reading=reading,
+            onset=trace.height[OFF, :, 0],
+            cells=body_extremes(trace),
+            policies=len(settings.impacted),
+        )
+        found.append(result)
+        if reading in (best.reading, replace(best.reading, torque="required")):
+            traces[reading.torque] = {name: getattr(trace, name) for name in SERIES}
+    return job.save(Pushes(grid=grid, readings=found, traces=traces))
 
 
 def read_pushes(job: Job) -> Pushes:

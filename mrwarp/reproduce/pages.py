@@ -1,0 +1,227 @@
+"""Fills the figures of README and docs from committed results, so that no stated figure has a second source.
+
+A page marks a block by ``<!-- figures: NAME -->`` and ``<!-- /figures -->`` on lines of their own; what stands between
+is written here. The results are those of a whole report, without its pictures and reasons.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import mrwarp
+from mrwarp.model_file import read_json_file
+from mrwarp.reproduce import claims, paper_checks
+from mrwarp.reproduce.claims import Figure, Judged, Results, Verdict
+from mrwarp.run_dir import SCHEMA, plain, write_text
+
+ROOT = Path(mrwarp.__file__).parents[1]
+"""The checkout."""
+
+RESULTS = Path("docs/results/paper.json")
+"""The committed figures, in the checkout."""
+
+BLOCK = re.compile(r"(<!-- figures: (\w+) -->\n)(.*?)(<!-- /figures -->)", re.DOTALL)
+
+KEPT = ("condition", "quantity", "unit", "paper", "ours", "sd", "n", "calibrated", "digits")
+"""What is kept of a row."""
+
+
+def collect(folders: tuple[Path, ...], root: Path = ROOT) -> Path:
+    """Write the committed results from whole reports; entries of a later folder replace those of an earlier.
+
+    Raises:
+        ValueError: a folder has no ``result.json`` of ``mrwarp reproduce``, or one of its entries was not made.
+    """
+    parts: dict[str, Any] = {}
+    commands, versions = [], {}
+    for folder in folders:
+        found = read_json_file(folder / "result.json", "name the --out of 'mrwarp reproduce all'")
+        if not isinstance(found, dict) or not isinstance(found.get("parts"), dict):
+            raise ValueError(f"{folder / 'result.json'}: is no result of 'mrwarp reproduce'; name the --out of one")
+        for name, part in found["parts"].items():
+            if "rows" not in part:
+                raise ValueError(f"{folder}: {name} was not made ({part.get('message')}); make it first")
+            rows = [{key: _short(row[key]) for key in KEPT} for row in part["rows"]]
+            parts[name] = {"rows": rows, "claims": part["claims"], "tables": part["tables"]}
+        commands.append(found["command"])
+        versions |= found["versions"]
+    content = {
+        "schema": SCHEMA,
+        "made": datetime.now(UTC).date().isoformat(),
+        "commands": commands,
+        "versions": versions,
+        "parts": parts,
+    }
+    return write_text(root / RESULTS, json.dumps(plain(content), indent=1, ensure_ascii=False) + "\n")
+
+
+def _short(value: Any) -> Any:
+    """Numbers to six digits: a run on another machine need not differ in what nobody states."""
+    if isinstance(value, dict):
+        return {name: _short(item) for name, item in value.items()}
+    return float(f"{value:.6g}") if isinstance(value, float) and math.isfinite(value) else value
+
+
+def read(root: Path = ROOT) -> dict[str, Any]:
+    """The committed results.
+
+    Raises:
+        ValueError: they are not there or damaged.
+    """
+    found = read_json_file(root / RESULTS, "run 'mrwarp reproduce docs --results DIR'")
+    if not isinstance(found, dict) or not isinstance(found.get("parts"), dict):
+        raise ValueError(f"{root / RESULTS}: is no file of results; run 'mrwarp reproduce docs --results DIR'")
+    return found
+
+
+def pages(root: Path = ROOT) -> list[Path]:
+    """README and every page of the documentation."""
+    return [root / "README.md", *sorted((root / "docs").glob("*.md"))]
+
+
+def filled(text: str, content: Mapping[str, Any], where: str) -> str:
+    """A page with its blocks written anew.
+
+    Raises:
+        ValueError: a block has no such name; ``where`` names the page.
+    """
+    found = Results(content["parts"])
+
+    def block(match: re.Match[str]) -> str:
+        name = match[2]
+        if name not in BLOCKS:
+            raise ValueError(f"{where}: no figures are called {name!r}; choose from {', '.join(BLOCKS)}")
+        return f"{match[1]}{BLOCKS[name](found).rstrip()}\n{match[4]}"
+
+    return BLOCK.sub(block, text)
+
+
+def fill(root: Path = ROOT, *, check: bool = False) -> list[Path]:
+    """Write the blocks of all pages anew, or only ``check`` them; returns the pages that differed."""
+    content, differing = read(root), []
+    for path in pages(root):
+        text = path.read_text(encoding="utf-8")
+        written = filled(text, content, str(path.relative_to(root)))
+        if written != text:
+            differing.append(path)
+            if not check:
+                write_text(path, written)
+    return differing
+
+
+def _table(head: list[str], rows: list[list[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+def _number(value: float, digits: int) -> str:
+    if not math.isfinite(value):
+        return "none"
+    text = f"{value:.{digits}f}".replace("-", "−")
+    return text.lstrip("−") if not float(text.replace("−", "-")) else text
+
+
+def _cells(figures: list[Figure]) -> list[str]:
+    """The paper's figures, ours, and the spreads of both."""
+
+    def many(values: list[float | None]) -> str:
+        return ", ".join("–" if v is None else _number(v, f.digits) for v, f in zip(values, figures, strict=True))
+
+    theirs, ours = [f.paper_sd for f in figures], [f.sd for f in figures]
+    spread = f"{many(ours)} (paper {many(theirs)})" if any(theirs) else many(ours) if any(ours) else ""
+    return [many([f.paper for f in figures]), many([f.ours for f in figures]), spread]
+
+
+def _claims(found: Results) -> str:
+    """All claims as one table."""
+    rows = []
+    for judged in claims.judge_all(found):
+        cells = _cells(list(judged.figures)) if judged.figures else ["", "", ""]
+        text = judged.claim
+        told = f"**{judged.verdict.value}**"
+        rows.append([text.place, text.says, *cells, judged.mark.value, told, text.why])
+    return _table(["where", "claim", "paper", "ours", "SD of ours", "kind", "verdict", ""], rows)
+
+
+def _counted(found: Results) -> list[Judged]:
+    """Claims that were not used to calibrate."""
+    return [judged for judged in claims.judge_all(found) if judged.mark is not claims.Mark.CALIBRATED]
+
+
+def _verdicts(found: Results) -> str:
+    """How many claims have which verdict, and the three largest differences."""
+    judged = _counted(found)
+    counts = [f"{sum(j.verdict is verdict for j in judged)} {verdict.value}" for verdict in Verdict]
+    named = [f"{n} {name}" for n, name in ((c.split(" ", 1)) for c in counts)]
+    largest = sorted(judged, key=lambda j: -j.largest)[:3]
+    told = []
+    for j in largest:
+        worst = max((f for f in j.figures if not f.calibrated), key=lambda f: abs(f.relative))
+        told.append(
+            f"{j.claim.place}, {j.claim.says.split(',')[0]}: {_number(worst.ours, worst.digits)} "
+            f"(paper {_number(worst.paper, worst.digits)})"
+        )
+    return f"Of {len(judged)} claims: {', '.join(named)}. The three largest differences: {'; '.join(told)}."
+
+
+def _checks(_: Results) -> str:
+    """The paper's figures against each other."""
+    return "\n\n".join(f"**{check.title}** {check.arithmetic}" for check in paper_checks.all_checks())
+
+
+def _part_table(part: str, begins: str) -> Callable[[Results], str]:
+    """A table of an entry, as it printed it."""
+
+    def block(found: Results) -> str:
+        for table in found.parts[part]["tables"]:
+            if table["title"].startswith(begins):
+                return f"{table['title']}:\n\n" + _table(list(table["head"]), [list(row) for row in table["rows"]])
+        raise ValueError(f"{RESULTS}: {part} has no table {begins!r}; make it anew")
+
+    return block
+
+
+def _rows_table(part: str) -> Callable[[Results], str]:
+    """All rows of an entry: conditions down, quantities across, ours and the paper's."""
+
+    def block(found: Results) -> str:
+        rows = [row for row in found.parts[part]["rows"] if row["paper"] is not None]
+        quantities = list(dict.fromkeys(row["quantity"] for row in rows))
+        units = {row["quantity"]: row["unit"] for row in rows}
+        cells: dict[str, dict[str, list[str]]] = {}
+        for row in rows:
+            n = min(row["digits"], 3)
+            ours, theirs = (
+                _number(mean, n) + ("" if sd is None else f" ± {_number(sd, n)}")
+                for mean, sd in ((row["ours"], row["sd"]), (row["paper"]["mean"], row["paper"]["sd"]))
+            )
+            star = "\\*" if row["calibrated"] else ""
+            cells.setdefault(row["condition"], {})[row["quantity"]] = [ours + star, theirs]
+        head = ["", *(t for q in quantities for t in (f"{q}{f' [{units[q]}]' if units[q] else ''}", "paper"))]
+        lines = [
+            [condition, *(text for q in quantities for text in found_cells.get(q, ["", ""]))]
+            for condition, found_cells in cells.items()
+        ]
+        return _table(head, lines)
+
+    return block
+
+
+BLOCKS: dict[str, Callable[[Results], str]] = {
+    "claims": _claims,
+    "verdicts": _verdicts,
+    "paper_checks": _checks,
+    "table2": _rows_table("table2"),
+    "table3": _rows_table("table3"),
+    "table4": _rows_table("table4"),
+    "table6": _rows_table("table6"),
+    "fig10": _rows_table("fig10"),
+    "fig11": _rows_table("fig11"),
+}
+"""What a page may ask for, by name."""
