@@ -245,6 +245,7 @@ TITLES = {
     "electrical": "Sensitivity of table 6 to the electrical numbers",
     "fig8": "Figure 8: stance support and torque relief",
     "fig9": "Figure 9: cost of transport",
+    "support": "Sections 3.3, 5.2 and 7: the support branch's free numbers, and the fastest speed",
     "fig10": "Figure 10: power and state of charge of the mission",
     "fig11": "Figure 11: temperatures of the mission",
 }

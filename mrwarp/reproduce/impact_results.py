@@ -56,40 +56,46 @@ REDUCED = {"drop": ("reduction of CoM drop", "%", 2), "motor": ("reduction of mo
 def fig6(job: Job) -> Findings:
     """Calf motor torque of the push: mean and peak while the damping gate is open at 1.5 A, and the paired change."""
     found = impacts.read_pushes(job)
-    torque, gate = np.abs(found.trace["tau_motor"]), found.trace["m_dyn"][LAST] > 0.0
-    rows, lower = [], []
-    pairs = {leg: same_load(leg, impacts.ADOPTED.phases) for leg in paper.FIGURE_6_PUSH}
-    for leg, theirs in paper.FIGURE_6_PUSH.items():
-        k, name = LEGS.index(pairs[leg]), leg if pairs[leg] == leg else f"{pairs[leg]} for the paper's {leg}"
-        on, off = (_while_open(torque[place, :, :, k], gate[:, :, k]) for place in (LAST, 0))
-        damped = ~np.isnan(on["mean"])
-        seeds = seeds_of(np.flatnonzero(damped), found.policies)
-        for kind in ("mean", "peak"):
-            with_current, without = on[kind][damped], off[kind][damped]
-            change = with_current / without - 1.0
-            lower.append(float(change.mean()) < 0.0)
-            reference = float(without.mean()) if len(without) else float("nan")
-            why = (
-                f"Without current ours is {reference:.1f} N·m, the paper's "
-                f"{theirs[kind] / (1.0 + theirs[f'{kind}_change']):.1f} N·m; its gains are not stated."
-            )
-            taken = "The device takes over what its sliding torque can carry, see the readings of table 4."
-            change_theirs, changes = 100.0 * theirs[f"{kind}_change"], over_seeds(100.0 * change, seeds)
-            rows += [
-                compare(f"{name}, {kind}, 1.5 A", TORQUE, theirs[kind], over_seeds(with_current, seeds), why),
-                compare(f"{name}, {kind}, 0 to 1.5 A", ("change", "%", 1), change_theirs, changes, taken),
-            ]
-    notes = [f"Push of table 4, reading: {impacts.ADOPTED.name}."]
+    adopted = found.adopted.reading
+    pairs = {leg: same_load(leg, impacts.STANCES[adopted.stance]) for leg in paper.FIGURE_6_PUSH}
+    rows, lower = [], {}
+    for law, trace in found.traces.items():
+        torque, gate = np.abs(trace["tau_motor"]), trace["m_dyn"][LAST] > 0.0
+        beside = "" if law == adopted.torque else f", {law} torque"
+        for leg, theirs in paper.FIGURE_6_PUSH.items():
+            k, name = LEGS.index(pairs[leg]), leg if pairs[leg] == leg else f"{pairs[leg]} for the paper's {leg}"
+            on, off = (_while_open(torque[place, :, :, k], gate[:, :, k]) for place in (LAST, adopted.zero))
+            damped = ~np.isnan(on["mean"])
+            seeds = seeds_of(np.flatnonzero(damped), found.policies)
+            for kind in ("mean", "peak"):
+                with_current, without = on[kind][damped], off[kind][damped]
+                change = with_current / without - 1.0
+                lower.setdefault(beside, []).append(float(change.mean()) < 0.0)
+                reference = float(without.mean()) if len(without) else float("nan")
+                why = (
+                    f"Without current ours is {reference:.1f} N·m, the paper's "
+                    f"{theirs[kind] / (1.0 + theirs[f'{kind}_change']):.1f} N·m; its gains are not stated."
+                )
+                taken = "The device takes over what its sliding torque can carry, see the readings of table 4."
+                change_theirs, changes = 100.0 * theirs[f"{kind}_change"], over_seeds(100.0 * change, seeds)
+                rows += [
+                    compare(
+                        f"{name}, {kind}, 1.5 A{beside}", TORQUE, theirs[kind], over_seeds(with_current, seeds), why
+                    ),
+                    compare(f"{name}, {kind}, 0 to 1.5 A{beside}", ("change", "%", 1), change_theirs, changes, taken),
+                ]
+    notes = [f"Push of table 4, reading: {adopted.name}."]
     if any(leg != ours for leg, ours in pairs.items()):
         notes.append(
             f"This push meets the robot while {' and '.join(pairs.values())} stand, the paper's while "
             f"{' and '.join(pairs)} do: the mirrored legs are compared."
         )
-    _plot_push(found.trace, job)
+    shown = found.traces[adopted.torque]
+    _plot_push(shown, adopted.zero, job)
     return Findings(
         rows=rows,
-        claims={"current lowers the motor's torque on the loaded pair": all(lower)},
-        notes=[*notes, *impacts.fallen(found.trace["fell"], "pushes")],
+        claims={f"current lowers the motor's torque on the loaded pair{law}": all(each) for law, each in lower.items()},
+        notes=[*notes, *impacts.fallen(shown["fell"], "pushes")],
         pictures={"torque.png": "Calf motor torque of the first trial at 0 and 1.5 A; damping gate open where shaded"},
     )
 
@@ -111,10 +117,10 @@ def _while_open(torque: np.ndarray, gate: np.ndarray) -> dict[str, np.ndarray]:
     return found
 
 
-def _plot_push(trace: dict[str, np.ndarray], job: Job) -> None:
+def _plot_push(trace: dict[str, np.ndarray], zero: int, job: Job) -> None:
     figure, axes = panels((11, 5.2), 2, 2, sharex=True, sharey=True)
     for k, (leg, axis) in enumerate(zip(LEGS, axes.flat, strict=True)):
-        axis.plot(trace["t"], trace["tau_motor"][0, 0, :, k], color="0.5", label="0 A")
+        axis.plot(trace["t"], trace["tau_motor"][zero, 0, :, k], color="0.5", label="0 A")
         axis.plot(trace["t"], trace["tau_motor"][LAST, 0, :, k], color="#1f6fb4", label="1.5 A")
         axis.fill_between(trace["t"], 0, 1, where=trace["m_dyn"][LAST, 0, :, k] > 0.0, color="#e08a1e", alpha=0.2,
                           linewidth=0, transform=axis.get_xaxis_transform())  # fmt: skip
@@ -133,11 +139,11 @@ def fig7(job: Job) -> Findings:
     """Mean calf motor torque over 0.1 s of the falling mass; the paper hit FR and RL in stance, and states those."""
     dropped = impacts.read_drops(job)
     found, seeds = dropped.figures, dropped.seeds()
-    rows, lower = [], []
+    rows, lower = [], {}
     for name, values in found.items():
         for leg, theirs in paper.FIGURE_7.items():
             fall = values[leg][-1].mean() / values[leg][0].mean() - 1.0
-            lower.append(values[leg][-1].mean() < values[leg][0].mean())
+            lower.setdefault(name, []).append(bool(values[leg][-1].mean() < values[leg][0].mean()))
             paired = theirs[1.5].mean / theirs[0.0].mean - 1.0
             why = (
                 "The gains behind the hardware's torques are not stated; current changes ours by "
@@ -149,7 +155,7 @@ def fig7(job: Job) -> Findings:
     _plot_drop(found, seeds, job)
     return Findings(
         rows=rows,
-        claims={"1.5 A lower the torque of FR and RL": all(lower)},
+        claims={f"1.5 A lower the torque of FR and RL, {name}": all(each) for name, each in lower.items()},
         notes=impacts.lost(found.values()),
         pictures={
             "torque.png": "Mean calf motor torque over 0.1 s by leg and current; diamonds: the paper's FR and RL"
@@ -232,13 +238,13 @@ def table5(job: Job) -> Findings:
 def sensitivity(job: Job) -> Findings:
     """The push of table 4 with one of the gates' thresholds at a time varied: reductions at both ends of its range."""
     settings, policies = job.settings, len(job.settings.impacted)
-    duration = impacts.read_pushes(job).of(impacts.ADOPTED).duration
-    cfg = impacts.config(impacts.ADOPTED, settings)
-    off, on = cfg.variants[0], cfg.variants[-1]
+    chosen = impacts.read_pushes(job).adopted
+    reading, duration = chosen.reading, chosen.duration
+    cfg = impacts.config(reading, settings, duration=duration)
+    off, on = cfg.variants[reading.zero], cfg.variants[-1]
     varied = [(off if v.current == 0.0 else on, v.params) for v in threshold_variants(on.current)]
     variants = tuple(replace(base, params={**base.params, **params}) for base, params in varied)
-    ensemble = Ensemble(settings.struck(impacts.ADOPTED.gains))
-    trace = ImpactSweep(replace(cfg, variants=variants, duration=duration), ensemble).run()
+    trace = impacts.sweep(reading, settings, lift=chosen.lift, cfg=replace(cfg, variants=variants))
     plot_thresholds(threshold_reductions(trace), job.out / "thresholds.png")
     reductions = by_seed(trace, policies)
     rows, claims, span = [], {}, []
@@ -259,7 +265,7 @@ def sensitivity(job: Job) -> Findings:
         rows=rows,
         claims=claims,
         notes=[
-            f"Push of table 4 ({duration:.2f} s), reading: {impacts.ADOPTED.name}. Each policy's reductions are "
+            f"Push of table 4 ({duration:.2f} s), reading: {reading.name}. Each policy's reductions are "
             "relative to its own drop and torque without current.",
             *impacts.fallen(trace.fell, "pushes"),
         ],

@@ -11,6 +11,7 @@ from mrwarp.reproduce import (
     impact_results,
     impacts,
     missions,
+    support,
     table4,
     training_results,
     walk_results,
@@ -25,7 +26,6 @@ IMPACTS = ("impacted", "aware", "impacts", "seed")
 WALKS = ("policies", "aware", "sticking", "high", "rollouts", "distance", "seed")
 WINDOWS = ("policies", "rollouts", "window", "seed")
 TRAININGS = (CONVENTIONAL, AWARE)
-READINGS = tuple(dict.fromkeys(reading.torque for reading in impacts.READINGS))
 
 
 def _impacts(seconds: float) -> Callable[[Settings], float]:
@@ -66,8 +66,8 @@ _ALL = (
         name="pushes",
         compute=impacts.simulate_pushes,
         settings=IMPACTS,
-        files=lambda: networks(READINGS),
-        seconds=_impacts(110.0),
+        files=lambda: networks(impacts.TORQUES),
+        seconds=_impacts(150.0),
     ),
     Experiment(name="drops", compute=impacts.simulate_drops, settings=IMPACTS, seconds=_impacts(5.0)),
     Experiment(name="table4", compute=table4.compute, needs=("pushes", "drops")),
@@ -93,6 +93,13 @@ _ALL = (
     Experiment(name="electrical", compute=electrical.compute, needs=("walks",)),
     Experiment(name="fig8", compute=walk_results.fig8, needs=("walks",)),
     Experiment(name="fig9", compute=walk_results.fig9, needs=("walks",)),
+    Experiment(
+        name="support",
+        compute=support.compute,
+        needs=("walks",),
+        settings=("policies", "window", "seed"),
+        seconds=_walks(60.0, "window", 10.0),
+    ),
     Experiment(name="windows", compute=missions.simulate, settings=WINDOWS, seconds=_walks(40.0, "window", 10.0)),
     Experiment(name="fig10", compute=missions.fig10, needs=("walks", "windows")),
     Experiment(name="fig11", compute=missions.fig11, needs=("walks", "windows")),

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from mrwarp import paper
-from mrwarp.params import BoucWenParams
 from mrwarp.reproduce import impacts
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare, over_seeds
-from mrwarp.reproduce.impacts import Drops, Pushes, ReadingResult
+from mrwarp.reproduce.impacts import Drops, Pushes, PushResult
 from mrwarp.runtime import panels
 from mrwarp.usd.robot import CURRENT_GROUPS
 from mrwarp.viewing.robot_pictures import COLORS
@@ -20,194 +19,152 @@ TITLES = {"min_height": ("minimum height", "m", 4), "peak_down_velocity": ("peak
 """Columns of the table, their units and digits."""
 
 WANTED = 0.05
-"""Largest relative difference of a predicted simulation cell that counts as reproduced."""
+"""Largest relative difference of a simulation cell above 0 A that counts as reproduced."""
+
+SHOWN = 12
+"""Cells of the grid that the report lists, the nearest first."""
 
 
 def compute(job: Job) -> Findings:
-    """The adopted reading's rows, the drop's rows, and what every other reading gives."""
+    """The adopted reading's rows, the effect of the current against both references, and the drop's rows."""
     found, dropped = impacts.read_pushes(job), impacts.read_drops(job)
-    adopted = found.of(impacts.ADOPTED)
-    rows = _rows(
-        "push, {amps}", "simulation", adopted.cells, found.seeds(), lambda cell, i: _pushed(adopted, cell, i), True
-    )
+    adopted = found.readings[0]
+    rows = [row for amps in CURRENT_GROUPS for row in _pushed(adopted, amps)]
+    rows += [row for result in found.readings for row in _effects(result)]
     for name, values in dropped.figures.items():
-        why = {cell: _dropped(values, cell) for cell in TITLES}
-        condition = f"drop of 10 kg, {{amps}}, {name}"
-        rows += _rows(condition, "hardware", values, dropped.seeds(), lambda cell, i, why=why: why[cell])
+        for i, amps in enumerate(CURRENT_GROUPS):
+            for cell, quantity in TITLES.items():
+                ours, theirs = over_seeds(values[cell][i], dropped.seeds()), paper.TABLE_4["hardware"][amps][cell]
+                condition = f"drop of {paper.IMPACTOR['mass']:g} kg, {amps:g} A, {name}"
+                rows.append(compare(condition, quantity, theirs, ours, _dropped(values, cell)))
     _plot(found, dropped, job)
-    within = sum(abs(value) <= WANTED for value in impacts.predicted_off(adopted.means))
+    off = {amps: _off(adopted, amps) for amps in CURRENT_GROUPS[1:]}
+    within = sum(abs(value) <= WANTED for values in off.values() for value in values)
     return Findings(
         rows=rows,
         claims={
-            f"the six predicted simulation cells lie within {100.0 * WANTED:.0f} % ({within} do)": within == 6,
+            f"the six simulation cells above 0 A lie within {100.0 * WANTED:.0f} % ({within} do)": within == 6,
             "height rises and speed falls with every step of the current": adopted.monotone,
-            f"of the {len(impacts.CANDIDATES)} readings with eq. 14, the adopted one's 0 A row is nearest": (
-                _by_level(found)[0] is adopted
-            ),
         },
-        notes=[*_readings(found), *_upright(found), *impacts.lost(dropped.figures.values())],
-        tables=[table(found)],
+        notes=[
+            f"Adopted by the rule: {adopted.reading.name}; push of {found.adopted.duration:.2f} s, knees opened by "
+            f"{found.adopted.lift:.2f} rad. Its 0 A row: onset {found.adopted.onset:.3f} m, drop "
+            f"{found.adopted.drop:.3f} m, peak speed {found.adopted.speed:.3f} m/s (the paper {impacts.START:.3f}, "
+            f"{impacts.START - paper.TABLE_4['simulation'][0.0]['min_height'].mean:.3f}, "
+            f"{-paper.TABLE_4['simulation'][0.0]['peak_down_velocity'].mean:.3f}).",
+            *impacts.fallen(found.traces["eq. 14"]["fell"], "pushes"),
+            *impacts.lost(dropped.figures.values()),
+        ],
+        tables=[_grid(found), _readings(found)],
         pictures={"table4.png": "Both figures over the current: ours (lines), the paper's (marks)"},
-        figures={"readings": [reading.figures() for reading in found.readings]},
+        figures={"adopted": adopted.reading.name, "duration": found.adopted.duration, "lift": found.adopted.lift},
     )
 
 
-def _rows(
-    condition: str,
-    source: str,
-    cells: Mapping[str, np.ndarray],
-    seeds: np.ndarray | None,
-    why: Callable[[str, int], str],
-    fitted: bool = False,
-) -> list[Comparison]:
-    """A row per current and column; with ``fitted`` that of 0 A was used to calibrate."""
+def _off(result: PushResult, amps: float) -> list[float]:
+    """Relative differences of a row's two cells from the paper's."""
+    theirs = paper.TABLE_4["simulation"][amps]
+    return [float(result.row(cell, amps).mean()) / theirs[cell].mean - 1.0 for cell in TITLES]
+
+
+def _pushed(adopted: PushResult, amps: float) -> list[Comparison]:
+    """Both cells of a current; the row of 0 A chose the reading."""
+    why = (
+        "This row chose gains, stance, duration and what is on at 0 A, see the grid."
+        if amps == 0.0
+        else "What eq. 14 changes against 0 A stands below, beside what the paper's rows require."
+    )
     return [
         compare(
-            condition.format(amps=f"{amps:g} A"),
+            f"push, {amps:g} A",
             quantity,
-            paper.TABLE_4[source][amps][cell],
-            over_seeds(cells[cell][i], seeds),
-            why(cell, i),
-            calibrated=fitted and amps == 0.0,
+            paper.TABLE_4["simulation"][amps][cell],
+            over_seeds(adopted.row(cell, amps)),
+            why,
+            calibrated=amps == 0.0,
         )
-        for i, amps in enumerate(CURRENT_GROUPS)
         for cell, quantity in TITLES.items()
     ]
 
 
-def _pushed(entry: ReadingResult, cell: str, i: int) -> str:
-    """What of the difference stands at 0 A already, and what current number i leaves over."""
-    theirs, ours = paper.TABLE_4["simulation"], entry.means[cell].astype(float)
-    off = _percent(ours[0] / theirs[0.0][cell].mean - 1.0)
-    if i == 0:
-        return f"Duration and gains are the least-squares compromise of both cells of this row, {off} off here."
-    gain, wanted = ours[i] / ours[0] - 1.0, theirs[CURRENT_GROUPS[i]][cell].mean / theirs[0.0][cell].mean - 1.0
-    return (
-        f"{off} stand at 0 A already; the current changes it by {_percent(gain)}, in the paper by {_percent(wanted)}."
-    )
+def _effects(result: PushResult) -> list[Comparison]:
+    """What 1.5 A change against SAL off and against open gates at 0 A, each policy against itself."""
+    rows = []
+    for cell, (title, _, _) in TITLES.items():
+        for name, place in (("SAL off", impacts.OFF), ("0 A, gates open", impacts.OPEN)):
+            before, after = result.by_policy(cell, place), result.row(cell, 1.5)
+            rows.append(
+                compare(
+                    f"1.5 A against {name}: {result.reading.name}",
+                    (f"change of {title}", "%", 1),
+                    paper.IMPACT_CHANGE[cell]["push"],
+                    over_seeds(100.0 * (after / before - 1.0)),
+                    "Eq. 14 has a part of the torque that the paper's rows require.",
+                )
+            )
+    return rows
 
 
 def _dropped(values: dict[str, np.ndarray], cell: str) -> str:
     change = values[cell][-1].mean() / values[cell][0].mean() - 1.0
-    theirs = paper.TABLE_4["hardware"]
-    wanted = theirs[1.5][cell].mean / theirs[0.0][cell].mean - 1.0
     return (
-        f"From 0 to 1.5 A ours changes by {_percent(change)}, the hardware by {_percent(wanted)}; the readings show "
-        "what torque the device would need."
+        f"From 0 to 1.5 A ours changes by {100.0 * change:+.1f} %, the hardware by "
+        f"{paper.IMPACT_CHANGE[cell]['drop']:+.1f} %."
     )
 
 
-def table(found: Pushes) -> TextTable:
-    """Every reading's cells beside the paper's."""
-    theirs = paper.TABLE_4["simulation"]
-
-    def line(name: str, duration: str, means: Mapping[str, Sequence[float] | np.ndarray], rest: list[str]) -> list[str]:
-        heights, speeds = ([f"{x:.{n}f}" for x in means[cell]] for cell, n in zip(TITLES, (4, 3), strict=True))
-        return [name, duration, *heights, *speeds, *rest]
-
-    means = {cell: [theirs[amps][cell].mean for amps in CURRENT_GROUPS] for cell in TITLES}
-    changes = [f"{paper.IMPACT_CHANGE[cell]['push']:+.1f} %" for cell in TITLES]
-    rows = [line("paper", "not stated", means, [*changes, "", "yes"])]
-    for entry in found.readings:
-        rest = [_percent(entry.change[cell]) for cell in TITLES]
-        rest += [f"{100.0 * entry.worst:.0f} %", "yes" if entry.monotone else "no"]
-        rows.append(line(entry.reading, f"{entry.duration:.2f}", entry.means, rest))
-    columns = [f"{symbol} {amps:g} A" for symbol in "zv" for amps in CURRENT_GROUPS]
+def _grid(found: Pushes) -> TextTable:
+    """The nearest 0 A rows of the grid."""
+    rows = [
+        [cell.reading.name, f"{cell.duration:.2f}", f"{cell.onset:.3f}", f"{cell.drop:.3f}", f"{cell.speed:.3f}",
+         f"{100.0 * cell.fell:.0f}", f"{cell.score:.4f}"]
+        for cell in found.grid[:SHOWN]
+    ]  # fmt: skip
+    row = paper.TABLE_4["simulation"][0.0]
+    theirs = [impacts.START, impacts.START - row["min_height"].mean, -row["peak_down_velocity"].mean]
     return TextTable(
-        title="Readings of the simulated push: z [m], v [m/s]; durations calibrated on 0 A; worst of six predictions",
-        head=["reading", "push [s]", *columns, "z change", "v change", "worst", "monotone"],
-        rows=rows,
+        title=f"The grid's 0 A rows, {len(rows)} nearest of {len(found.grid)}, medians",
+        head=["reading", "push [s]", "onset [m]", "drop [m]", "speed [m/s]", "fell [%]", "score"],
+        rows=[["paper", "not stated", *(f"{value:.3f}" for value in theirs), "", ""], *rows],
     )
 
 
-def _by_level(found: Pushes) -> list[ReadingResult]:
-    """The readings that the adopted one was chosen among, the one with the nearest 0 A row first."""
-    candidates = [found.of(reading) for reading in impacts.CANDIDATES]
-    return sorted(candidates, key=lambda entry: sum(value**2 for value in entry.off_mismatch))
-
-
-def _readings(found: Pushes) -> list[str]:
-    """How the adopted reading was chosen, and what the others tell about the level at 0 A and the effect of current."""
-    adopted, theirs = found.of(impacts.ADOPTED), paper.TABLE_4["simulation"]
-    nearest = []
-    for entry in _by_level(found)[:2]:
-        off = zip(entry.off_mismatch, TITLES.values(), strict=True)
-        by = " and ".join(f"{_percent(value)} ({title})" for value, (title, *_) in off)
-        nearest.append(f"'{entry.reading}' is off by {by}")
-    # the paper's own 0 A row: nearly that of a spring without damping
-    drop = paper.TABLE_2["D"]["height"].mean - theirs[0.0]["min_height"].mean
-    bound, speed = impacts.undamped_speed(drop), -theirs[0.0]["peak_down_velocity"].mean
-    stiff, little, ours = (
-        -found.of(reading).means["peak_down_velocity"][0]
-        for reading in (impacts.BASE, impacts.UNDAMPED, impacts.ADOPTED)
+def _readings(found: Pushes) -> TextTable:
+    """What each choice moves."""
+    names = {"min_height": "height", "peak_down_velocity": "speed"}
+    head = ["reading", "onset [m]", "0 A: height [m]", "speed [m/s]"]
+    head += [f"{name}, against {of} [%]" for of in ("SAL off", "0 A with open gates") for name in names.values()]
+    rows = []
+    for result in found.readings:
+        level = [abs(float(result.row(cell, 0.0).mean())) for cell in TITLES]
+        changes = [result.change(cell, place) for place in (impacts.OFF, impacts.OPEN) for cell in TITLES]
+        cells = [f"{np.median(result.onset):.3f}", *(f"{value:.3f}" for value in level)]
+        cells += [f"{100.0 * change:+.1f}" for change in changes]
+        rows.append([result.reading.name, *cells, f"{100.0 * result.worst:.0f} %", "yes" if result.monotone else "no"])
+    changes = [f"{paper.IMPACT_CHANGE[cell]['push']:+.1f}" for cell in TITLES]
+    level = [f"{abs(paper.TABLE_4['simulation'][0.0][cell].mean):.3f}" for cell in TITLES]
+    return TextTable(
+        title="What each choice moves: the adopted reading first, then those that differ in one",
+        head=[*head, "worst of six cells", "monotone"],
+        rows=[["paper", f"{impacts.START:.3f}", *level, *changes, *changes, "", "yes"], *rows],
     )
-    changes = [
-        f"{title} {_percent(adopted.change[cell])} (the paper "
-        f"{_percent(theirs[1.5][cell].mean / theirs[0.0][cell].mean - 1.0)})"
-        for cell, (title, *_) in TITLES.items()
-    ]
-    free, base = found.of(impacts.UNWEAKENED), found.of(impacts.BASE).change
-    best = min(found.readings, key=lambda entry: entry.worst)
-    height, velocity = TITLES
-    points = {e.reading: [100.0 * (e.change[cell] - base[cell]) for cell in TITLES] for e in found.readings}
-    most = sorted(points, key=lambda name: -abs(points[name][0]))[:5]
-    moved = [f"{name}: {points[name][0]:+.1f} and {points[name][1]:+.1f} points" for name in most]
-    return [
-        f"Adopted reading: {adopted.reading}. Push of {adopted.duration:.2f} s. Duration and gains, which "
-        "the paper does not state, are chosen by the 0 A row alone; the largest difference of the six predicted "
-        f"cells is {100.0 * adopted.worst:.1f} %. Policies walk with the gains that they were trained with, Kp "
-        "20 and Kd 0.5, or near them; with the asset's Kp of 35 the calibrated push lowers the trunk to "
-        f"{found.of(impacts.ASSET).means['min_height'][0]:.3f} m on average.",
-        f"Of the readings with eq. 14 these two have the nearest 0 A rows: {'; '.join(nearest)}. Those with another "
-        f"torque were not to choose from. The adopted one pushes while "
-        f"{' and '.join(impacts.stance_legs(impacts.ADOPTED.phases))} stand; the paper's figure 6(b) shows "
-        f"{' and '.join(paper.FIGURE_6_PUSH)} loaded.",
-        f"The paper's 0 A row is nearly that of an undamped spring: pressed down by {drop:.3f} m with a lasting 100 N, "
-        f"{paper.MASS['mr_go']:g} kg reach at most sqrt(F drop/2m) = {bound:.3f} m/s; the paper has {speed:.3f} m/s. "
-        f"Motors with Kp 20, a Kd of 0.5 and the device's off-current drag leave {stiff:.3f} m/s here, a Kd of 0.1 "
-        f"{little:.3f} m/s, and the adopted reading {ours:.3f} m/s.",
-        f"From 0 to 1.5 A: {', '.join(changes)}. Eq. 14 divides its torque by 1 + {BoucWenParams().alpha:.2f} |qd|; "
-        f"without that the changes are {100.0 * free.change[height]:+.1f} and {_percent(free.change[velocity])}, and "
-        f"the largest difference of the six cells {100.0 * free.worst:.1f} %.",
-        f"The base reading's 1.5 A change height by {_percent(base[height])} and speed by {_percent(base[velocity])}. "
-        f"What moves these most: {'; '.join(moved)}.",
-        f"Of all readings '{best.reading}' comes nearest (worst cell {100.0 * best.worst:.1f} % off, height "
-        f"{_percent(best.change[height])}, speed {_percent(best.change[velocity])}); being chosen by its result, it "
-        "predicts nothing.",
-    ]
-
-
-def _upright(found: Pushes) -> list[str]:
-    """What fell in the adopted reading, and how far off the cells are without; nothing if nothing fell."""
-    down, told = np.any(found.trace["fell"], axis=0), impacts.fallen(found.trace["fell"], "pushes")
-    if not down.any() or down.all():
-        return told
-    cells = found.of(impacts.ADOPTED).cells
-    off = impacts.predicted_off({cell: cells[cell][:, ~down].mean(axis=1) for cell in TITLES})
-    return [
-        f"{told[0]} Without the {down.sum()} of {down.size} trials that fell at some current, with the same push, "
-        f"{sum(abs(value) <= WANTED for value in off)} of the six predicted cells lie within {100.0 * WANTED:.0f} %, "
-        f"and the largest difference is {100.0 * max(map(abs, off)):.1f} %."
-    ]
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:+.1f} %"
 
 
 def _plot(found: Pushes, dropped: Drops, job: Job) -> None:
     figure, (axes,) = panels((11, 4.8), 1, 2)
     x = list(CURRENT_GROUPS)
     for axis, (cell, (title, unit, _)) in zip(axes, TITLES.items(), strict=True):
-        for k, entry in enumerate(found.readings):
-            if entry.reading == impacts.ADOPTED.name:
+        for k, result in enumerate(found.readings):
+            required = result.reading.torque == "required"
+            style: dict[str, Any] = {"color": "0.8", "linewidth": 1.0, "zorder": 1}
+            if k == 0:
                 style = {"color": "#1f6fb4", "linewidth": 2.5, "zorder": 2, "label": "push, adopted"}
-            else:
-                last = k == len(found.readings) - 1
-                label = "push, other readings" if last else None
-                style = {"color": "0.8", "linewidth": 1.0, "zorder": 1, "label": label}
-            axis.plot(x, entry.means[cell], **style)
-        for (name, values), color in zip(dropped.figures.items(), (COLORS[2], COLORS[5]), strict=True):
+            elif required:
+                style = {"color": "#2f7d4f", "linewidth": 2.0, "label": "push, the torque that the rows require"}
+            elif k == 1:
+                style["label"] = "push, other readings"
+            axis.plot(x, [result.row(cell, amps).mean() for amps in x], **style)
+        for (name, values), color in zip(dropped.figures.items(), (COLORS[2], COLORS[5], "0.5"), strict=False):
             ours = [over_seeds(row, dropped.seeds()) for row in values[cell]]
             means, sds = [o["ours"] for o in ours], [o["sd"] or 0.0 for o in ours]
             axis.errorbar(x, means, sds, color=color, linestyle="--", capsize=3, label=f"drop, {name}")
@@ -217,5 +174,5 @@ def _plot(found: Pushes, dropped: Drops, job: Job) -> None:
             axis.errorbar(x, means, sds, fmt=marker, color=color, capsize=3, label=f"paper, {source}")
         axis.set(xlabel="current [A]", ylabel=f"{title} [{unit}]")
     handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, fontsize=8, loc="outside lower center", ncols=6)
+    figure.legend(handles, labels, fontsize=8, loc="outside lower center", ncols=4)
     figure.savefig(job.out / "table4.png", dpi=110)
