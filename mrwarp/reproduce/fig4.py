@@ -19,12 +19,14 @@ from mrwarp.bench.bench_effects import Effects
 from mrwarp.bench.virtual_bench import BenchCfg, BenchData, run_bench
 from mrwarp.identify import learn
 from mrwarp.identify.fit import fit
+from mrwarp.identify.replay import simulate
 from mrwarp.nn import network_file
 from mrwarp.nn.models import SAMPLES, LstmState
 from mrwarp.nn.training import FitCfg, plot_history, print_epoch
 from mrwarp.options.json_file import read_json_file
+from mrwarp.recording.data import Recording
 from mrwarp.reproduce.cache import Job
-from mrwarp.reproduce.comparison import Findings, compare
+from mrwarp.reproduce.comparison import Comparison, Findings, compare
 from mrwarp.reproduce.settings import PLANT_TITLES, networks
 from mrwarp.run_dir import write_text
 from mrwarp.runtime import panels
@@ -33,20 +35,33 @@ from mrwarp.trials.walk_pictures import PAPER_MARK
 COLOURS = {"mlp": "#9aa5b1", "bouc_wen": "#c98b3c", "lstm": "#5b8fc7", "pg_rlstm": "#2f7d4f"}
 """The models of figure 4, and the colour of each."""
 
-FITTING = 1000
-"""Samples of fitting data that are recorded and not used; the evaluation does not depend on them."""
+FITTING = (24, 24_000)
+"""Trajectories and samples of the fitting data, on which eq. 13 is fitted; the evaluation does not depend on them."""
+
+SHAPES = tuple((total / (1.0 + ratio), ratio) for total in (2.0, 4.0, 8.0, 16.0, 32.0) for ratio in (-0.6, 0.0, 0.6))
+"""beta [1/rad] and gamma/beta that eq. 13 is fitted with, so that z is bounded by 1/2 to 1/32 rad."""
+
+ON = 0.5
+"""Share of the largest current above which it counts as on in figure 3."""
+
+SECTION = 1600
+"""Samples of figure 3, from the trajectory's first."""
 
 
 def compute(job: Job) -> Findings:
     """Evaluate the shipped networks and the Bouc-Wen model they stand beside."""
-    bench = BenchCfg(samples=FITTING, trajectories=1)
-    data = run_bench(bench, lambda share, text: job.report("bench", 0.8 * share)).evaluation
+    bench = BenchCfg(trajectories=FITTING[0], samples=FITTING[1])
+    session = run_bench(bench, lambda share, text: job.report("bench", 0.8 * share))
+    data = session.evaluation
     assert data is not None  # the default records it
     models = {name: network_file.load(path) for name, path in zip(SAMPLES, networks(SAMPLES), strict=True)}
     job.report("networks", 0.8)
     torque = {name: learn.predict(model, data) for name, model in models.items()}
     torque["bouc_wen"] = learn.bouc_wen_torque(data, models["pg_rlstm"].bouc_wen)
     found = {name: learn.summary(learn.errors(torque[name], data)) for name in COLOURS}
+    blind = conventional(session.fit)
+    found_blind = learn.summary(learn.errors(simulate(blind, data, exact=False, substeps=0), data))
+    on = figure3(torque, data, job.out / "figure3.png")
     carried = {
         name: learn.summary(learn.errors(learn.predict(models[name], data, lstm_state=LstmState.CARRIED), data))
         for name in ("lstm", "pg_rlstm")
@@ -59,6 +74,13 @@ def compute(job: Job) -> Findings:
             ours = {"ours": cell["mean"], "sd": cell["sd"], "n": cell["trajectories"]}
             reason = why(amps, paper.FIGURE_4["bouc_wen"][amps].mean, plain["mean"])
             rows.append(compare(f"{PLANT_TITLES[name]}, {amps:g} A", ("RMSE", "N·m", 3), theirs, ours, reason))
+    rows += [
+        Comparison(
+            condition=f"conventional Bouc-Wen (eq. 13), {amps} A", quantity="RMSE", unit="N·m", paper=None,
+            ours=cell["mean"], sd=cell["sd"], n=cell["trajectories"],
+        )
+        for amps, cell in found_blind["by_current"].items()
+    ]  # fmt: skip
     verdicts = judge(found)
     averages = " and ".join(
         f"{row['average']:.3f} instead of {found[name]['average']:.3f} N·m ({PLANT_TITLES[name]})"
@@ -73,15 +95,67 @@ def compute(job: Job) -> Findings:
                 f"it is at least {100.0 * wanted:.1f} % below {PLANT_TITLES[name]}": verdicts[f"lower_than_{name}"]
                 for name, wanted in paper.FIGURE_4_REDUCTION.items()
             },
+            "figure 3: the recurrent models follow the torque more closely than the MLP while the current is on": max(
+                on["lstm"], on["pg_rlstm"]
+            )
+            < on["mlp"],
         },
         notes=[
+            f"Eq. 13, which does not see the current, leaves {found_blind['average']:.3f} N·m on average, eq. 14 "
+            f"{found['bouc_wen']['average']:.3f}.",
+            "Figure 3, while the current is on: "
+            + ", ".join(f"{PLANT_TITLES[name]} {value:.3f}" for name, value in on.items())
+            + " N·m (RMSE).",
             "Spreads are over the ten trajectories. The data are the virtual bench's, not the paper's device.",
             "The rows start the LSTMs over with 50 samples at every step, as the paper does. With their state carried "
             f"on along a trajectory, as the simulation does, the same networks leave {averages} on average.",
         ],
-        pictures={"figure4.png": "RMSE by current, marks the paper's; right: averages over the currents"},
-        figures={"models": found, "carried": carried},
+        pictures={
+            "figure4.png": "RMSE by current, marks the paper's; right: averages over the currents",
+            "figure3.png": "Figure 3: an unseen trajectory at 1.2 A; current on where shaded",
+        },
+        figures={"models": found, "carried": carried, "conventional": {"parameters": blind, **found_blind}, "on": on},
     )
+
+
+def conventional(recording: Recording) -> dict[str, float]:
+    """Eq. 13 fitted to a recording: tau = D + B qd + C q + kappa z, which knows no current.
+
+    A of eq. 13 only scales z and stands at 1; kappa is K0 of eq. 14. For each of :data:`SHAPES` the rest is linear least
+    squares.
+    """
+    q, qd, tau = (
+        np.concatenate([getattr(run, name) for run in recording.trajectories]) for name in ("q", "qd", "torque")
+    )
+    best, least = {}, np.inf
+    for beta, ratio in SHAPES:
+        shape = {"beta": beta, "gamma": ratio * beta}
+        z = np.concatenate(simulate({"K0": 1.0, **shape}, recording, exact=False, substeps=0))
+        columns = np.stack([np.ones_like(q), qd, q, z], axis=1)
+        solution, *_ = np.linalg.lstsq(columns, tau, rcond=None)
+        error = float(np.mean((columns @ solution - tau) ** 2))
+        if error < least:
+            best, least = dict(zip(("D", "B", "C", "K0"), map(float, solution), strict=True)) | shape, error
+    return best
+
+
+def figure3(torque: Mapping[str, Sequence[np.ndarray]], data: Recording, path: Path) -> dict[str, float]:
+    """Draw the first unseen trajectory at 1.2 A; returns each model's RMSE there while the current is on [N·m]."""
+    k = next(i for i, run in enumerate(data.trajectories) if abs(np.abs(run.current).max() - 1.2) < 0.05)
+    run = data.trajectories[k]
+    on = np.abs(run.current) > ON * np.abs(run.current).max()
+    on[: learn.SKIP] = False
+    figure, ((axis,),) = panels((11, 3.6), 1, 1)
+    part = slice(learn.SKIP, learn.SKIP + SECTION)
+    axis.plot(run.t[part], run.torque[part], color="black", linewidth=1.5, label="measured (virtual bench)")
+    for name in COLOURS:
+        axis.plot(run.t[part], torque[name][k][part], color=COLOURS[name], linewidth=1.0, label=PLANT_TITLES[name])
+    axis.fill_between(run.t[part], 0, 1, where=on[part], color="#e08a1e", alpha=0.15, linewidth=0,
+                      transform=axis.get_xaxis_transform())  # fmt: skip
+    axis.set(xlabel="time [s]", ylabel="torque [N·m]")
+    figure.legend(loc="outside upper center", ncols=len(COLOURS) + 1, fontsize=8)
+    figure.savefig(path, dpi=110)
+    return {name: float(np.sqrt(np.mean((torque[name][k] - run.torque)[on] ** 2))) for name in COLOURS}
 
 
 def why(amps: float, theirs: float, ours: float) -> str:

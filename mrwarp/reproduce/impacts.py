@@ -41,7 +41,7 @@ FR_RL_STANCE = (0.5, 1.0)
 
 STANCES = {"FL-RR": FL_RR_STANCE, "FR-RL": FR_RL_STANCE}
 
-KP, KD = (12.0, 16.0, 20.0, 25.0, 35.0), (0.1, 0.3, 0.6)
+KP, KD = (12.0, 16.0, 20.0, 35.0), (0.1, 0.3, 0.6)
 """Gains of the grid [N·m/rad], [N·m·s/rad], which the paper does not state: around the public ones and the asset's."""
 
 DURATIONS = tuple(round(0.1 * k, 1) for k in range(1, 9))
