@@ -32,6 +32,7 @@ lint: $(READY)
 	$(PY) -m ruff format --check .
 	$(PY) -m pyright --pythonpath $(PY)
 	$(VENV)/bin/lint-imports --no-cache
+	$(PY) -m mrwarp reproduce docs --only-check
 
 format: $(READY)
 	$(PY) -m ruff check --fix .

@@ -178,18 +178,19 @@ class FillPages(Options):
 
     results: Annotated[tuple[Path, ...], opt.some(Path, "DIR")] = ()
     """output folders of whole reports, whose figures become docs/results/paper.json first"""
-    check: opt.Flag = False
+    only_check: opt.Flag = False
     """write nothing; exit code 1 where a page differs"""
 
     def run(self, line: CommandLine) -> int:
-        """0 filled or equal, 1 when a page differs under ``--check``, 2 on bad input."""
+        """0 filled or equal, 1 when a page differs under ``--only-check``, 2 on bad input."""
         from mrwarp.reproduce import pages
 
         if not (pages.ROOT / "docs").is_dir():
             raise ValueError(f"{pages.ROOT}: has no docs; run it in a checkout")
         if self.results:
             print(f"figures in {pages.collect(self.results)}")
-        differing = pages.fill(check=self.check)
+        differing = pages.fill(check=self.only_check)
+        told = "differs; run mrwarp reproduce docs" if self.only_check else "filled"
         for path in differing:
-            print(f"{path.relative_to(pages.ROOT)}: {'differs; run mrwarp reproduce docs' if self.check else 'filled'}")
-        return 1 if self.check and differing else 0
+            print(f"{path.relative_to(pages.ROOT)}: {told}")
+        return 1 if self.only_check and differing else 0

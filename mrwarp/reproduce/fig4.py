@@ -121,8 +121,8 @@ def compute(job: Job) -> Findings:
 def conventional(recording: Recording) -> dict[str, float]:
     """Eq. 13 fitted to a recording: tau = D + B qd + C q + kappa z, which knows no current.
 
-    A of eq. 13 only scales z and stands at 1; kappa is K0 of eq. 14. For each of :data:`SHAPES` the rest is linear least
-    squares.
+    A of eq. 13 only scales z and stands at 1; kappa is K0 of eq. 14. For each of :data:`SHAPES` the rest is linear
+    least squares.
     """
     q, qd, tau = (
         np.concatenate([getattr(run, name) for run in recording.trajectories]) for name in ("q", "qd", "torque")

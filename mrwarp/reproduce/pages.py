@@ -170,6 +170,26 @@ def _verdicts(found: Results) -> str:
     return f"Of {len(judged)} claims: {', '.join(named)}. The three largest differences: {'; '.join(told)}."
 
 
+HEADLINES = (
+    ("RMSE of PG-RLSTM on ten unseen trajectories at 1, 1.2, 1.5 A [N·m]", "fig4", "Figure 4", 0),
+    ("v_x RMSE changed by actuator-aware training, SAL off, on [%]", "table2", "Table 2", 1),
+    ("minimum height changed by 0 to 1.5 A under the push [%]", "table4", "Table 4, simulation", 2),
+    ("COT lower by SAL: 0 kg at 0.3, 0.5; 3 kg at 0.3, 0.5 m/s [%]", "table6", "Table 6, abstract", 0),
+)
+"""Rows of README: what, command, and which claim of a place."""
+
+
+def _readme(found: Results) -> str:
+    """The headlines with their verdicts, how many claims have which, and the largest differences."""
+    judged = claims.judge_all(found)
+    rows = []
+    for what, part, place, k in HEADLINES:
+        claim = [j for j in judged if j.claim.place == place][k]
+        theirs, ours, spread = _cells(list(claim.figures))
+        rows.append([what, ours, spread.split(" (paper")[0], theirs, claim.verdict.value, f"`mrwarp reproduce {part}`"])
+    return _table(["against the paper", "ours", "SD", "paper", "verdict", "command"], rows) + "\n\n" + _verdicts(found)
+
+
 def _checks(_: Results) -> str:
     """The paper's figures against each other."""
     return "\n\n".join(f"**{check.title}** {check.arithmetic}" for check in paper_checks.all_checks())
@@ -215,6 +235,7 @@ def _rows_table(part: str) -> Callable[[Results], str]:
 
 BLOCKS: dict[str, Callable[[Results], str]] = {
     "claims": _claims,
+    "readme": _readme,
     "verdicts": _verdicts,
     "paper_checks": _checks,
     "table2": _rows_table("table2"),

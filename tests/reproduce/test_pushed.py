@@ -11,7 +11,6 @@ from mrwarp.reproduce import impact_results, impacts, table4
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings
 from mrwarp.reproduce.impact_results import fig6, fig7
-from mrwarp.reproduce.impacts import ReadingResult
 from mrwarp.reproduce.settings import Settings
 from mrwarp.trials.impact import ImpactTrace
 from mrwarp.trials.impact_figures import threshold_variants
@@ -21,27 +20,31 @@ TRIALS = 6
 """Two of each of three policies."""
 
 
-def pushed(off: dict[str, float]) -> impacts.Pushes:
-    """Pushes whose 0 A rows are off by so much, relative, by the name of the reading; 0.1 where it is not given."""
-    row = paper.TABLE_4["simulation"][0.0]
-    entries = []
-    for reading in impacts.READINGS:
-        level = 1.0 + off.get(reading.name, 0.1)
-        cells = {cell: np.full((4, TRIALS), level * row[cell].mean) for cell in impacts.CELLS}
-        entries.append(ReadingResult(reading=reading.name, duration=0.2, cells=cells))
-    shape = (4, TRIALS, 5, 4)
+def pushed(level: float = 1.1, stance: str = "FR-RL") -> impacts.Pushes:
+    """Pushes whose cells are the paper's times ``level``, SAL off as its 0 A."""
+    theirs, adopted = paper.TABLE_4["simulation"], impacts.Reading(kp=16.0, kd=0.1, stance=stance)
+    currents = (0.0, 0.0, *CURRENT_GROUPS[1:])
+    cells = {cell: np.tile([[level * theirs[amps][cell].mean] for amps in currents], TRIALS) for cell in impacts.CELLS}
+    onset = np.full(TRIALS, impacts.START)
+    results = [
+        impacts.PushResult(reading=reading, onset=onset, cells=cells, policies=3)
+        for reading in impacts.variations(adopted)
+    ]
+    grid = [impacts.GridCell(reading=adopted, duration=0.2, lift=0.1, onset=0.33, drop=0.15, speed=0.7, score=0.0,
+                             fell=0.0)]  # fmt: skip
+    shape = (5, TRIALS, 5, 4)
     torque = np.zeros(shape) + np.arange(1.0, 5.0)
     torque[-1] *= 0.9
-    fell = np.zeros((4, TRIALS), dtype=bool)
+    fell = np.zeros((5, TRIALS), dtype=bool)
     trace = {"t": np.arange(5.0), "tau_motor": torque, "m_dyn": np.ones(shape), "fell": fell}
-    return impacts.Pushes(readings=entries, trace=trace, policies=3)
+    return impacts.Pushes(grid=grid, readings=results, traces={"eq. 14": trace, "required": trace})
 
 
 def dropped() -> impacts.Drops:
     """Falling masses: policies differ by 1, the trials of each by 0.1."""
     values = np.tile([0.0, 1.0, 2.0, 0.1, 1.1, 2.1], (4, 1))
     figures = {name: values.copy() for name in (*impacts.CELLS, *LEGS)} | {"fell": np.zeros_like(values, dtype=bool)}
-    return impacts.Drops(figures=dict.fromkeys(impacts.GAINS, figures), policies=3)
+    return impacts.Drops(figures=dict.fromkeys(impacts.DROPS, figures), policies=3)
 
 
 def made(entry, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: impacts.Pushes) -> Findings:
@@ -53,8 +56,7 @@ def made(entry, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: impacts.
 
 def test_figure6_reads_the_leg_that_is_loaded(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The adopted push meets FR and RL, the mirror image of the paper's FL and RR; rows and a note say so."""
-    assert impacts.ADOPTED.phases == impacts.FR_RL_STANCE
-    found = made(fig6, monkeypatch, tmp_path, pushed({}))
+    found = made(fig6, monkeypatch, tmp_path, pushed())
     ours = {row.condition: row.ours for row in found.rows}
     assert ours["FR for the paper's FL, mean, 1.5 A"] == pytest.approx(0.9 * (1 + LEGS.index("FR")))
     assert ours["RL for the paper's RR, peak, 1.5 A"] == pytest.approx(0.9 * (1 + LEGS.index("RL")))
@@ -73,25 +75,22 @@ def test_legs_follow_from_the_phases(phases: tuple[float, float] | None, legs: d
     assert {leg: impact_results.same_load(leg, phases) for leg in legs} == legs
 
 
-def test_table4_claims_that_the_adopted_0_a_row_is_nearest(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Among readings with eq. 14; one with another torque may be nearer, another with eq. 14 may not."""
-    claim = f"of the {len(impacts.CANDIDATES)} readings with eq. 14, the adopted one's 0 A row is nearest"
-    assert impacts.ADOPTED in impacts.CANDIDATES and impacts.UNWEAKENED not in impacts.CANDIDATES
-    adopted, other = impacts.ADOPTED.name, impacts.BASE.name
-    near = {adopted: 0.001, impacts.UNWEAKENED.name: 0.0}
-    found = made(table4.compute, monkeypatch, tmp_path, pushed(near))
-    assert found.claims[claim]
-    assert f"'{adopted}' is off by +0.1 %" in found.notes[1]
-    assert not made(table4.compute, monkeypatch, tmp_path, pushed({**near, other: -0.0005})).claims[claim]
-
-
-def test_table4_takes_the_papers_changes_and_the_mean_of_the_calibrated_push(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """From ``paper``; the note does not speak of every push."""
-    found = made(table4.compute, monkeypatch, tmp_path, pushed({}))
-    assert found.tables[0].rows[0][-4:-2] == ["+14.7 %", "-19.3 %"]
-    assert "the calibrated push lowers the trunk to 0.204 m on average" in found.notes[0]
+def test_table4_shows_the_effect_against_both_references(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Cells 10 % too high keep the paper's changes; the row of 0 A is calibrated, those above are not."""
+    found = made(table4.compute, monkeypatch, tmp_path, pushed())
+    rows = {(row.condition, row.quantity): row for row in found.rows}
+    for against in ("SAL off", "0 A, gates open"):
+        row = rows[f"1.5 A against {against}: {impacts.variations(pushed().adopted.reading)[0].name}",
+                   "change of minimum height"]  # fmt: skip
+        assert row.ours == pytest.approx(paper.IMPACT_CHANGE["min_height"]["push"], abs=0.06)
+    assert rows["push, 0 A", "minimum height"].calibrated and not rows["push, 1.5 A", "minimum height"].calibrated
+    assert rows["push, 1.5 A", "minimum height"].ours == pytest.approx(1.1 * 0.2124)
+    assert "the six simulation cells above 0 A lie within 5 % (0 do)" in found.claims
+    assert made(table4.compute, monkeypatch, tmp_path, pushed(1.0)).claims[
+        "the six simulation cells above 0 A lie within 5 % (6 do)"
+    ]
+    for table in found.tables:
+        assert {len(row) for row in table.rows} == {len(table.head)}
 
 
 @pytest.mark.parametrize(("entry", "method"), [(table4.compute, "errorbar"), (fig7, "bar")])
@@ -104,27 +103,11 @@ def test_bars_show_the_spread_of_the_rows(entry, method: str, monkeypatch: pytes
         return real(axes, x, y, *args, **kwargs)
 
     monkeypatch.setattr(matplotlib.axes.Axes, method, spy)
-    found = made(entry, monkeypatch, tmp_path, pushed({}))
+    found = made(entry, monkeypatch, tmp_path, pushed())
     row = next(row for row in found.rows if "drop of" in row.condition or entry is fig7)
     bars = [(y[0], sd[0]) for y, sd in drawn if np.isclose(y, 1.05).all()]
-    assert bars == [pytest.approx((row.ours, row.sd))] * (4 if entry is table4.compute else 8)
+    assert bars == [pytest.approx((row.ours, row.sd))] * (6 if entry is table4.compute else 12)
     assert (row.ours, row.sd, row.n) == (pytest.approx(1.05), pytest.approx(1.0), 3)
-
-
-def test_table4_says_what_the_fallen_robots_change(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """One trial of six fell at 0.5 A only and lies low at every current; without it the cells are the paper's."""
-    found = pushed({})
-    theirs = [paper.TABLE_4["simulation"][amps] for amps in CURRENT_GROUPS]
-    cells = {cell: np.tile([[row[cell].mean] for row in theirs], TRIALS) for cell in impacts.CELLS}
-    cells["min_height"][:, 2] = 0.05
-    found.of(impacts.ADOPTED).cells.update(cells)
-    assert not any("trunk below" in note for note in made(table4.compute, monkeypatch, tmp_path, found).notes)
-    found.trace["fell"][1, 2] = True
-    assert made(table4.compute, monkeypatch, tmp_path, found).notes[-1] == (
-        "1 of 24 pushes brought the trunk below 0.1 m; their figures count. Without the 1 of 6 trials that fell at "
-        "some current, with the same push, 6 of the six predicted cells lie within 5 %, and the largest difference is "
-        "0.0 %."
-    )
 
 
 def test_masses_that_miss_leave_no_figure() -> None:

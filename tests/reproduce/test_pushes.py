@@ -1,42 +1,65 @@
 """Readings of the push and figures of the drop: closed forms on made-up numbers."""
 
+from dataclasses import fields, replace
+
 import numpy as np
 import pytest
+import torch
 
-from mrwarp import paper
 from mrwarp.params import BoucWenParams, HoldParams
-from mrwarp.reproduce import impacts, table4
-from mrwarp.reproduce.impacts import Pushes
+from mrwarp.reproduce import impacts, paper_checks
 from mrwarp.reproduce.settings import Settings
 from mrwarp.trials.impact import ImpactTrace
-from mrwarp.usd.robot import CURRENT_GROUPS
 
 
-def test_yield_reading_slides_at_the_yield_torque() -> None:
-    """At the bound of z the sliding torque K1*I*z is eq. 18's, at any speed."""
-    reading = next(r for r in impacts.READINGS if r.torque == "yield")
+def test_yield_and_required_torques_slide_at_theirs() -> None:
+    """At the bound of z the sliding torque K1*I*z is eq. 18's, or what the paper's rows require, at any speed."""
+    law, bound = HoldParams(), BoucWenParams().z_bound
+    for torque in ("yield", "required"):
+        reading = replace(impacts.GRID[0], torque=torque)
+        for variant in impacts.config(reading, Settings()).variants[impacts.OPEN + 1 :]:
+            wanted = law.T_max * variant.current**law.n / (law.K**law.n + variant.current**law.n)
+            if torque == "required":
+                wanted = np.mean(paper_checks.required_torque()[variant.current])
+            assert variant.params["K1"] * variant.current * bound == pytest.approx(wanted)
+            assert variant.params["alpha"] == 0.0
+
+
+def test_open_gates_hold_nothing_at_zero_current() -> None:
+    """That setting has a current that holds less than a millionth of what the loaded calf needs; SAL off has none."""
+    variants = impacts.config(impacts.GRID[0], Settings()).variants
     law = HoldParams()
-    for variant in impacts.config(reading, Settings()).variants[1:]:
-        sliding = variant.params["K1"] * variant.current * BoucWenParams().z_bound
-        wanted = law.T_max * variant.current**law.n / (law.K**law.n + variant.current**law.n)
-        assert sliding == pytest.approx(wanted)
-        assert variant.params["alpha"] == 0.0
+    assert variants[impacts.OFF].current == 0.0
+    assert 0.0 < law.T_max * (variants[impacts.OPEN].current / law.K) ** law.n < 1e-5
 
 
-def test_low_gain_reading_opens_the_gate_at_zero_current() -> None:
-    """Its 0 A setting has a current that holds less than a millionth of what the loaded calf needs."""
-    reading = next(r for r in impacts.READINGS if r.soft_at_zero)
-    first = impacts.config(reading, Settings()).variants[0].current
-    law = HoldParams()
-    assert 0.0 < law.T_max * (first / law.K) ** law.n < 1e-5
+def test_grid_crosses_every_choice_once() -> None:
+    """All gains, stances and modes of 0 A; variations differ from the adopted reading in one choice."""
+    assert len({reading.name for reading in impacts.GRID}) == len(impacts.GRID)
+    assert len(impacts.GRID) == len(impacts.KP) * len(impacts.KD) * len(impacts.STANCES) * 2
+    first, *others = impacts.variations(impacts.GRID[0])
+    assert first == impacts.GRID[0]
+    for other in others:
+        differing = [f.name for f in fields(other) if getattr(other, f.name) != getattr(first, f.name)]
+        assert differing and (len(differing) == 1 or set(differing) == {"holding", "soft_at_zero"})
 
 
-def test_mismatch_is_zero_at_the_papers_row_alone() -> None:
-    """Relative squares: 10 % off in one cell is 0.01."""
-    row = paper.TABLE_4["simulation"][0.0]
-    exact = {cell: np.array([row[cell].mean, 1.1 * row[cell].mean]) for cell in impacts.CELLS}
-    exact["peak_down_velocity"][1] = row["peak_down_velocity"].mean
-    np.testing.assert_allclose(impacts.mismatch(exact), [0.0, 0.01], atol=1e-12)
+def test_rule_takes_the_nearest_row_without_falls() -> None:
+    """A nearer row in which robots fall comes after one in which none does."""
+    shared = {"reading": impacts.GRID[0], "duration": 0.2, "lift": 0.0, "onset": 0.33, "drop": 0.15, "speed": 0.7}
+    cells = [
+        impacts.GridCell(score=score, fell=fell, **shared) for score, fell in ((0.1, 0.0), (0.0, 0.06), (0.2, 0.0))
+    ]
+    assert [cell.score for cell in sorted(cells, key=impacts.rank)] == [0.1, 0.2, 0.0]
+
+
+def test_guided_policy_opens_the_knees_and_stops_answering() -> None:
+    """Half of the knee's angle goes to the thigh; after two answers the last one stands."""
+    calls = iter(range(5))
+    policy = impacts.Guided(lambda obs: torch.full((1, 12), float(next(calls))), lift=0.1, scale=0.25, answers=2)
+    first, second, third = (policy(None)[0] for _ in range(3))
+    assert first[:3].tolist() == pytest.approx([0.0, -0.2, 0.4])
+    assert second[0] == 1.0 and third.tolist() == second.tolist()
 
 
 def test_undamped_speed_is_that_of_an_integrated_spring() -> None:
@@ -48,14 +71,7 @@ def test_undamped_speed_is_that_of_an_integrated_spring() -> None:
         x += dt * v
         peak, lowest = max(peak, v), max(lowest, x)
     assert lowest == pytest.approx(0.15, rel=1e-3)
-    assert impacts.undamped_speed(0.15) == pytest.approx(peak, rel=1e-3)
-
-
-def test_names_tell_the_readings_apart() -> None:
-    """Each stands once, and the adopted one is among them."""
-    names = [reading.name for reading in impacts.READINGS]
-    assert len(set(names)) == len(names)
-    assert impacts.ADOPTED in impacts.READINGS
+    assert paper_checks.undamped_speed(0.15) == pytest.approx(peak, rel=1e-3)
 
 
 def test_drop_is_measured_from_the_contact_on() -> None:
@@ -74,17 +90,3 @@ def test_drop_is_measured_from_the_contact_on() -> None:
     np.testing.assert_allclose(found["FR"], 6.0)
     np.testing.assert_allclose(found["acceleration"], 3.0, rtol=1e-6)
     np.testing.assert_allclose(found["peak_down_velocity"], -3.0 * (t[-1] - contact))
-
-
-def test_table_of_readings_has_a_line_each_and_the_papers_first() -> None:
-    """Cells, changes and the worst prediction as text."""
-    row = paper.TABLE_4["simulation"]
-    cells = {cell: np.array([[1.05 * row[amps][cell].mean] for amps in CURRENT_GROUPS]) for cell in impacts.CELLS}
-    cells["min_height"][3] = cells["min_height"][0]
-    entries = [impacts.ReadingResult(reading=r.name, duration=0.2, cells=cells) for r in impacts.READINGS]
-    found = Pushes(readings=entries, trace={}, policies=1)
-    table = table4.table(found)
-    assert len(table.rows) == len(impacts.READINGS) + 1
-    assert {len(row) for row in table.rows} == {len(table.head)}
-    assert table.rows[0][2 : 2 + len(CURRENT_GROUPS)] == ["0.1851", "0.2030", "0.2072", "0.2124"]
-    assert table.rows[1][-4:] == ["+0.0 %", "-19.3 %", "8 %", "no"]
