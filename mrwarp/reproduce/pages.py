@@ -167,7 +167,7 @@ def _verdicts(found: Results) -> str:
             f"{j.claim.place}, {j.claim.says.split(',')[0]}: {_number(worst.ours, worst.digits)} "
             f"(paper {_number(worst.paper, worst.digits)})"
         )
-    return f"Of {len(judged)} claims: {', '.join(named)}. The three largest differences: {'; '.join(told)}."
+    return f"Of the paper's {len(judged)} claims ([each one](docs/reproduce.md)): {', '.join(named)}. The three largest differences: {'; '.join(told)}."
 
 
 HEADLINES = (
@@ -236,7 +236,7 @@ def _rows_table(part: str) -> Callable[[Results], str]:
 BLOCKS: dict[str, Callable[[Results], str]] = {
     "claims": _claims,
     "readme": _readme,
-    "verdicts": _verdicts,
+    "verdicts": lambda found: _verdicts(found).replace(" ([each one](docs/reproduce.md))", ""),
     "paper_checks": _checks,
     "table2": _rows_table("table2"),
     "table3": _rows_table("table3"),
