@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import mrwarp
-from mrwarp.model_file import read_json_file
+from mrwarp.options.json_file import read_json_file
 from mrwarp.reproduce import claims, paper_checks
-from mrwarp.reproduce.claims import Figure, Judged, Results, Verdict
+from mrwarp.reproduce.claims import Figure, Results, Verdict
 from mrwarp.run_dir import SCHEMA, plain, write_text
 
 ROOT = Path(mrwarp.__file__).parents[1]
@@ -149,25 +149,16 @@ def _claims(found: Results) -> str:
     return _table(["where", "claim", "paper", "ours", "SD of ours", "kind", "verdict", ""], rows)
 
 
-def _counted(found: Results) -> list[Judged]:
-    """Claims that were not used to calibrate."""
-    return [judged for judged in claims.judge_all(found) if judged.mark is not claims.Mark.CALIBRATED]
-
-
 def _verdicts(found: Results) -> str:
-    """How many claims have which verdict, and the three largest differences."""
-    judged = _counted(found)
-    counts = [f"{sum(j.verdict is verdict for j in judged)} {verdict.value}" for verdict in Verdict]
-    named = [f"{n} {name}" for n, name in ((c.split(" ", 1)) for c in counts)]
-    largest = sorted(judged, key=lambda j: -j.largest)[:3]
+    """How many claims have which verdict, calibrated ones aside, and the three largest differences."""
+    judged = [judged for judged in claims.judge_all(found) if judged.mark is not claims.Mark.CALIBRATED]
+    counts = ", ".join(f"{sum(j.verdict is verdict for j in judged)} {verdict.value}" for verdict in Verdict)
     told = []
-    for j in largest:
+    for j in sorted(judged, key=lambda j: -j.largest)[:3]:
         worst = max((f for f in j.figures if not f.calibrated), key=lambda f: abs(f.relative))
-        told.append(
-            f"{j.claim.place}, {j.claim.says.split(',')[0]}: {_number(worst.ours, worst.digits)} "
-            f"(paper {_number(worst.paper, worst.digits)})"
-        )
-    return f"Of the paper's {len(judged)} claims ([each one](docs/reproduce.md)): {', '.join(named)}. The three largest differences: {'; '.join(told)}."
+        ours, theirs = (_number(value, worst.digits) for value in (worst.ours, worst.paper))
+        told.append(f"{j.claim.place}, {j.claim.says}: {ours} where the paper has {theirs}")
+    return f"Of the paper's {len(judged)} claims: {counts}. The three largest differences: {'; '.join(told)}."
 
 
 HEADLINES = (
@@ -187,7 +178,8 @@ def _readme(found: Results) -> str:
         claim = [j for j in judged if j.claim.place == place][k]
         theirs, ours, spread = _cells(list(claim.figures))
         rows.append([what, ours, spread.split(" (paper")[0], theirs, claim.verdict.value, f"`mrwarp reproduce {part}`"])
-    return _table(["against the paper", "ours", "SD", "paper", "verdict", "command"], rows) + "\n\n" + _verdicts(found)
+    table = _table(["against the paper", "ours", "SD", "paper", "verdict", "command"], rows)
+    return f"{table}\n\n{_verdicts(found)} Each one: [docs/reproduce.md](docs/reproduce.md)."
 
 
 def _checks(_: Results) -> str:
@@ -236,7 +228,7 @@ def _rows_table(part: str) -> Callable[[Results], str]:
 BLOCKS: dict[str, Callable[[Results], str]] = {
     "claims": _claims,
     "readme": _readme,
-    "verdicts": lambda found: _verdicts(found).replace(" ([each one](docs/reproduce.md))", ""),
+    "verdicts": _verdicts,
     "paper_checks": _checks,
     "table2": _rows_table("table2"),
     "table3": _rows_table("table3"),
