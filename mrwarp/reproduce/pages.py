@@ -145,7 +145,8 @@ def _claims(found: Results) -> str:
         cells = _cells(list(judged.figures)) if judged.figures else ["", "", ""]
         text = judged.claim
         told = f"**{judged.verdict.value}**"
-        rows.append([text.place, text.says, *cells, judged.mark.value, told, text.why])
+        kind = "" if text.excluded else judged.mark.value
+        rows.append([text.place, text.says, *cells, kind, told, text.why])
     return _table(["where", "claim", "paper", "ours", "SD of ours", "kind", "verdict", ""], rows)
 
 
@@ -177,7 +178,16 @@ def _readme(found: Results) -> str:
     for what, part, place, k in HEADLINES:
         claim = [j for j in judged if j.claim.place == place][k]
         theirs, ours, spread = _cells(list(claim.figures))
-        rows.append([what, ours, spread.split(" (paper")[0], theirs, claim.verdict.value, f"`mrwarp reproduce {part}`"])
+        rows.append(
+            [
+                what,
+                ours,
+                spread.split(" (paper")[0],
+                theirs,
+                f"{claim.verdict.value}, {claim.mark.value}",
+                f"`mrwarp reproduce {part}`",
+            ]
+        )
     table = _table(["against the paper", "ours", "SD", "paper", "verdict", "command"], rows)
     return f"{table}\n\n{_verdicts(found)} Each one: [docs/reproduce.md](docs/reproduce.md)."
 
@@ -191,6 +201,8 @@ def _part_table(part: str, begins: str) -> Callable[[Results], str]:
     """A table of an entry, as it printed it."""
 
     def block(found: Results) -> str:
+        if part not in found.parts:
+            return f"*Not among the committed figures; `mrwarp reproduce {part}` makes it.*"
         for table in found.parts[part]["tables"]:
             if table["title"].startswith(begins):
                 return f"{table['title']}:\n\n" + _table(list(table["head"]), [list(row) for row in table["rows"]])
