@@ -42,7 +42,8 @@ INPUTS = {
     "numbers": "no such file; name the numbers.json that --calibrate wrote",
     "compare": "no such file; name the result.json of an earlier run",
     **dict.fromkeys(
-        ("data", "predict", "holding", "file", "bag", "map", "start_from", "policies", "actuator_model"), _PATH
+        ("data", "predict", "holding", "file", "bag", "map", "start_from", "policies", "results", "actuator_model"),
+        _PATH,
     ),
 }
 """Options that name an input, and what is said where it is not there; ``policy`` is every ``policy_NAME`` too."""
