@@ -112,12 +112,12 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
         return 0
 
     def _arm(self, line: CommandLine, arm: RobotAsset) -> int:
-        """Push the last link of an arm that keeps its stance; by default with the weight of all that moves."""
+        """Push an arm's last link, or a rail's carriage, by default with the weight of all that moves."""
         from mrwarp.trials import fixed_base
         from mrwarp.usd.asset import check_currents
 
         if self.kind == "drop":
-            raise ValueError("--kind drop: the mass falls on a trunk, an arm has none; use a push")
+            raise ValueError("--kind drop: the mass falls on a trunk that floats, this robot has none; use a push")
         check_currents(arm.actuators, self.current)
         force = self.force or (0.0, 0.0, -fixed_base.weight(arm))
         couplings = [c for c in Coupling if self.coupling in ("both", c.value)]
@@ -128,8 +128,9 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
             scene, trace = fixed_base.move(arm, self.current, **push)
             rows = fixed_base.figures(scene, trace, self.current)
             result["couplings"][coupling.value] = {"by_current": rows}
-            print(f"push on {scene.joints[-1]}'s link, {coupling.value} coupling")
-            print("\n".join(fixed_base.lines(rows)))
+            what = "carriage" if fixed_base.has_rail(arm) else "last link"
+            print(f"push on the {what}, {coupling.value} coupling")
+            print("\n".join(fixed_base.lines(rows, what)))
             title = f"{arm.path.name} pushed, {coupling.value} coupling"
             fixed_base.picture(scene, trace, self.current, self.out / f"impact_{coupling.value}.png", title)
         write_result(self.out, result, seed=self.seed, command=str(line))

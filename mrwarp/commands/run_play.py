@@ -116,7 +116,7 @@ class Play(opt.RobotOptions):
         options = {"seconds": self.seconds, "coupling": self.coupling or Coupling.CONSTRAINT}
         scene, trace = fixed_base.move(asset, self.current, target=fixed_base.sine, **options)
         rows = fixed_base.figures(scene, trace, self.current)
-        print("\n".join(fixed_base.lines(rows)))
+        print("\n".join(fixed_base.lines(rows, "carriage" if fixed_base.has_rail(asset) else "last link")))
         if self.png:
             fixed_base.picture(scene, trace, self.current, self.png, f"{asset.path.name}: a sine at every joint")
             print(f"picture: {self.png}")

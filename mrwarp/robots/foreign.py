@@ -38,7 +38,7 @@ KINDS = {
 """Kinds of joints by the field's words; others keep Newton's."""
 
 
-SCOPES = ("joints", "actuators", "legs", "materials")
+SCOPES = ("joints", "rails", "actuators", "legs", "materials")
 """Names in the written file that no body may have."""
 
 
@@ -134,6 +134,16 @@ class ForeignRobot:
     notes: list[str] = field(default_factory=list)
     """What was left out."""
 
+    @property
+    def rails(self) -> list[str]:
+        """Sliders between the ground and the first body that turns; nothing drives them."""
+        found, ends = [], set() if self.floating else {self.root}
+        for joint in self.joints:  # parents come first
+            if joint.kind == "slide" and joint.parent in ends:
+                found.append(joint.name)
+                ends.add(joint.child)
+        return found
+
     def poses(self, q: dict[str, float]) -> list[RigidTransform]:
         """Every body in the frame of the root, at joint angles [rad]; a joint that is not named is at 0.
 
@@ -187,9 +197,10 @@ class ForeignRobot:
             remedy = f"take it out there, or say --fix {tied[0].joints[0]}" if tied[0].joints else "open it there"
             raise RobotFileError(f"{self.path}: {tied[0].text}{more}; {remedy}: only trees of bodies are simulated")
         for joint in self.joints:
-            if joint.kind != "hinge":
+            if joint.kind != "hinge" and joint.name not in self.rails:
                 raise RobotFileError(
-                    f"{self.path}: joint {joint.name} is a {joint.kind} joint; only hinges are simulated: weld it there"
+                    f"{self.path}: joint {joint.name} is a {joint.kind} joint; only hinges, and rails that join the "
+                    "ground, are simulated: weld it there"
                 )
         for k, body in enumerate(self.bodies):
             if k == self.root and not self.floating:  # it stands still
@@ -281,14 +292,14 @@ def _robot(path: Path, builder: newton.ModelBuilder) -> ForeignRobot:
             if root is not None:
                 raise RobotFileError(f"{path}: {bodies[root].name} and {bodies[child].name} are two trunks; remove one")
             root, floating = child, kind == newton.JointType.FREE
-            if kind == newton.JointType.REVOLUTE:
+            if kind in (newton.JointType.REVOLUTE, newton.JointType.PRISMATIC):
                 root = len(bodies)
                 bodies.append(Body(name="base", mass=0.0, com=np.zeros(3), inertia=np.zeros((3, 3))))
                 joints.append(_joint(builder, i, root, child, names[i]))
             elif kind not in (newton.JointType.FREE, newton.JointType.FIXED):
                 raise RobotFileError(
                     f"{path}: {labels[i]} joins the world by a {KINDS.get(kind, kind.name.lower())} joint; "
-                    "only floating robots and arms with a hinge there are imported"
+                    "only floating robots, arms with a hinge there and legs on a rail are imported"
                 )
         else:
             joints.append(_joint(builder, i, parent, child, names[i]))

@@ -114,14 +114,15 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
     robot = robot.fixed({name: _home(held[name]) if q is None else q for name, q in angles.items()})
     robot.check()
     chains = _chains(robot)
-    for joint in robot.joints:
+    driven = [joint for joint in robot.joints if joint.name not in robot.rails]
+    for joint in driven:
         if joint.limits is None and not any(fnmatch.fnmatchcase(joint.name, name) for name in choices.unlimited):
             raise RobotFileError(
                 f"{robot.path}: {joint.name} has no limits; give it some there, or say --unlimited {joint.name}"
             )
     notes = list(robot.notes)
-    pose = {joint.name: _home(joint) for joint in robot.joints}
-    pose.update({joint.name: v for joint in robot.joints if (v := _chosen(choices.pose, joint.name)) is not None})
+    pose = {joint.name: _home(joint) for joint in driven}
+    pose.update({joint.name: v for joint in driven if (v := _chosen(choices.pose, joint.name)) is not None})
     legs = _grounded(robot, chains, choices.feet) if robot.floating else []
     feet = {leg[-1].child: _foot(robot, leg[-1].child) for leg in legs}
     if legs and not all(
@@ -129,7 +130,7 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
     ):
         pose = _stance(robot, legs, feet, pose, choices)
         notes.append("the file has no keyframe: the stance was solved; --pose JOINT=RAD changes it")
-    for joint in robot.joints:
+    for joint in driven:
         if joint.limits and not joint.limits[0] - 1e-6 <= pose[joint.name] <= joint.limits[1] + 1e-6:
             raise RobotFileError(
                 f"{robot.path}: neutral angle of {joint.name} = {pose[joint.name]:.3f} rad lies outside its limits, "
@@ -151,7 +152,7 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
     names = _names(legs)
     phases = _phases(robot, choices.gait, rows[order], centres[:, 1])
     used = {joint.name for leg in legs for joint in leg}
-    joints = [joint for leg in legs for joint in leg] + [joint for joint in robot.joints if joint.name not in used]
+    joints = [joint for leg in legs for joint in leg] + [joint for joint in driven if joint.name not in used]
     layout = Layout(
         trunk=robot.bodies[robot.root].name,
         legs=tuple(
@@ -381,7 +382,7 @@ def _armatures(robot: ForeignRobot, drives: Mapping[str, Drive], choices: Choice
     joints, ruled = [], []
     for joint in robot.joints:
         own = _chosen(choices.armature, joint.name)
-        if own is None and joint.armature == 0.0:
+        if own is None and joint.armature == 0.0 and joint.name in drives:
             ruled.append(joint.name)
             own = TORQUE_STEP * drives[joint.name].kd
         joints.append(joint if own is None else replace(joint, armature=own))

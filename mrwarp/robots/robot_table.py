@@ -39,6 +39,9 @@ def layout_lines(asset: RobotAsset) -> Iterator[str]:
             f"{joint:{width}s}  {leg:8s} {layout.neutral[joint]:8.3f} {limits:>16s} {drive.kp:7.4g} {drive.kd:6.3g} "
             f"{drive.tau_limit:8.4g} {prim.GetAttribute('newton:armature').Get() or 0.0:8.3g}  {device}"
         )
+    rails = asset.stage.GetPrimAtPath(base.AppendChild("rails"))
+    for rail in rails.GetChildren() if rails else []:
+        yield f"rail {rail.GetName()}, which nothing drives; the ground is at z = 0 of the file"
     feet = {leg.name: next(p for p in asset.stage.Traverse() if p.GetName() == leg.foot) for leg in layout.legs}
     places = _places(asset, feet)
     for leg in layout.legs:

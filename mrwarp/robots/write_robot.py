@@ -81,10 +81,12 @@ def write_checked(understood: UnderstoodRobot, path: Path, *, source: str) -> Ro
         anchor.CreateRelationship("physics:body1", False).SetTargets([f"{base}/{robot.bodies[robot.root].name}"])
     UsdGeom.Scope.Define(stage, f"{base}/joints")
     UsdGeom.Scope.Define(stage, f"{base}/actuators")
+    for joint in [joint for joint in robot.joints if joint.name in robot.rails]:
+        _joint(stage, f"{base}/rails", base, joint, robot.bodies[joint.parent].name, robot.bodies[joint.child].name)
     by_name = {joint.name: joint for joint in robot.joints}
     for name, drive in understood.drives.items():
         joint = by_name[name]
-        _joint(stage, base, joint, robot.bodies[joint.parent].name, robot.bodies[joint.child].name)
+        _joint(stage, f"{base}/joints", base, joint, robot.bodies[joint.parent].name, robot.bodies[joint.child].name)
         motor = stage.DefinePrim(f"{base}/actuators/{name}", "NewtonActuator")
         _apply(motor, "NewtonPDControlAPI", "NewtonMaxEffortClampingAPI")
         motor.CreateRelationship("newton:targets", False).SetTargets([f"{base}/joints/{name}"])
@@ -109,8 +111,10 @@ def save_checked(layer: Sdf.Layer, path: Path) -> RobotAsset:
     return load_robot(robot=str(path))
 
 
-def _joint(stage: Usd.Stage, base: str, joint: Joint, parent: str, child: str) -> None:
-    prim = UsdPhysics.RevoluteJoint.Define(stage, f"{base}/joints/{joint.name}").GetPrim()
+def _joint(stage: Usd.Stage, scope: str, base: str, joint: Joint, parent: str, child: str) -> None:
+    slides = joint.kind == "slide"
+    schema = UsdPhysics.PrismaticJoint if slides else UsdPhysics.RevoluteJoint
+    prim = schema.Define(stage, f"{scope}/{joint.name}").GetPrim()
     _apply(prim, "NewtonJointAPI")
     prim.CreateRelationship("physics:body0", False).SetTargets([f"{base}/{parent}"])
     prim.CreateRelationship("physics:body1", False).SetTargets([f"{base}/{child}"])
@@ -120,8 +124,8 @@ def _joint(stage: Usd.Stage, base: str, joint: Joint, parent: str, child: str) -
         _set(prim, f"physics:localPos{end}", TYPES.Point3f, Gf.Vec3f(*map(float, frame.translation)))
         _set(prim, f"physics:localRot{end}", TYPES.Quatf, Gf.Quatf(_quat(frame.rotation * turn)))
     low, high = joint.limits or (math.radians(-NO_LIMIT), math.radians(NO_LIMIT))
-    _set(prim, "physics:lowerLimit", TYPES.Float, math.degrees(low))
-    _set(prim, "physics:upperLimit", TYPES.Float, math.degrees(high))
+    _set(prim, "physics:lowerLimit", TYPES.Float, low if slides else math.degrees(low))
+    _set(prim, "physics:upperLimit", TYPES.Float, high if slides else math.degrees(high))
     for name, value in (("armature", joint.armature), ("damping", 0.0), ("friction", 0.0)):
         _set(prim, f"newton:{name}", TYPES.Float, value)
     _set(prim, "mjc:solreflimit", TYPES.DoubleArray, Vt.DoubleArray([0.02, 1.0]))

@@ -1,4 +1,6 @@
-"""An arm, whose root stands still: its joints follow a motion, or its last link is pushed, with each current at once.
+"""A robot whose root stands still, with each current at once: its joints follow a motion, or it is pushed.
+
+An arm is pushed at its last link; a leg on a rail at its carriage, which slides while the foot stands on the ground.
 
 Joints without a foot have no gates: their devices get the current, damp while they turn and hold where they are slow.
 """
@@ -44,12 +46,42 @@ class ArmTrace:
     tau_motor: np.ndarray
     """Torques of the motors [N·m], shape (C, T, J)."""
     end: np.ndarray
-    """Centre of mass of the last link [m], shape (C, T, 3)."""
+    """Centre of mass of the last link, or of the carriage on a rail [m], shape (C, T, 3)."""
+
+
+def has_rail(asset: RobotAsset) -> bool:
+    """Whether it slides on a rail."""
+    return bool(asset.stage.GetPrimAtPath(asset.stage.GetDefaultPrim().GetPath().AppendChild("rails")))
 
 
 def is_arm(asset: RobotAsset) -> bool:
     """Whether a robot has no legs to walk with."""
     return not asset.layout.legs
+
+
+def rails(model: mujoco.MjModel) -> list[int]:
+    """The joints that slide: those of a rail, the last one bears the carriage."""
+    return [j for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE]
+
+
+def watched(model: mujoco.MjModel) -> int:
+    """The body that is pushed and followed: the carriage, else the last link."""
+    return int(model.jnt_bodyid[rails(model)[-1]]) if rails(model) else model.nbody - 1
+
+
+def on_the_ground(scene: Scene) -> np.ndarray:
+    """The neutral stance, shape (nq,); a rail that is not level is moved until the lowest shape touches the ground."""
+    model, data = scene.model, mujoco.MjData(scene.model)
+    data.qpos[scene.q_adr] = scene.layout.default_q
+    mujoco.mj_kinematics(model, data)
+    for j in rails(model):
+        up = float(data.xaxis[j, 2])
+        moving = [g for g in range(model.ngeom) if model.geom_contype[g] and model.body_weldid[model.geom_bodyid[g]]]
+        if abs(up) > 0.5 and moving:
+            lowest = min(data.geom_xpos[g, 2] - model.geom_rbound[g] for g in moving)
+            data.qpos[model.jnt_qposadr[j]] -= lowest / up
+            break
+    return data.qpos.copy()
 
 
 def sine(scene: Scene) -> Callable[[float], np.ndarray]:
@@ -74,26 +106,26 @@ def move(
     force: Sequence[float] | None = None,
     duration: float = 0.2,
 ) -> tuple[Scene, ArmTrace]:
-    """Let an arm follow its targets, or push its last link while it keeps its stance.
+    """Let it follow its targets, or push it while it keeps its stance.
 
     Args:
-        asset: The arm.
+        asset: The arm, or the leg on a rail.
         currents: Current of the devices in each copy [A].
         seconds: Time that is recorded [s].
         coupling: How the devices act.
         target: Targets over time; None keeps the neutral stance, :data:`SETTLE` before the record begins.
-        force: Push at the last link's centre of mass [N], world frame; None is no push.
+        force: Push at the last link's or the carriage's centre of mass [N], world frame; None is no push.
         duration: How long the push lasts [s].
     """
-    scene = build_scene(asset, dt=0.005, coupling=coupling, ground=False)
+    scene = build_scene(asset, dt=0.005, coupling=coupling, ground=has_rail(asset))
     sim = ActuatedSim(scene, SimCfg(num_envs=len(currents)), MrActuatorCfg(coupling=coupling))
     count, neutral = len(currents), np.array(scene.layout.default_q)
-    qpos = np.tile(scene.model.qpos0, (count, 1))
-    qpos[:, scene.q_adr] = neutral
+    qpos = np.tile(on_the_ground(scene), (count, 1))
     sim.reset(None, wp.array(qpos, dtype=float), None)
     sim.current_e.assign(np.array(currents, dtype=np.float32))
     at = target(scene) if target else lambda _: neutral
-    last = scene.model.body(scene.model.nbody - 1).name
+    body = watched(scene.model)
+    last = scene.model.body(body).name
     data, rows = mujoco.MjData(scene.model), []
 
     def step(t: float) -> np.ndarray:
@@ -111,11 +143,11 @@ def move(
             sim.sim.push(last, np.tile(np.array(force) * (k == 0), (count, 1)))
         wanted = step((k + 1) * 0.005)
         ends = []
-        for q in sim.sim.q.numpy():
-            data.qpos[scene.q_adr] = q
+        for state in sim.sim.backend.field("qpos").numpy():
+            data.qpos[:] = state
             mujoco.mj_kinematics(scene.model, data)
             mujoco.mj_comPos(scene.model, data)
-            ends.append(data.xipos[-1].copy())
+            ends.append(data.xipos[body].copy())
         state = (sim.sim.q, sim.sim.qd, sim.actuator.tau_motor)
         rows.append((wanted, *(array.numpy().copy() for array in state), np.array(ends)))
     q_des, *others = (np.array(values) for values in zip(*rows, strict=True))
@@ -149,10 +181,10 @@ def figures(scene: Scene, trace: ArmTrace, currents: Sequence[float]) -> list[di
     ]
 
 
-def lines(rows: Sequence[dict[str, Any]]) -> list[str]:
+def lines(rows: Sequence[dict[str, Any]], what: str = "last link") -> list[str]:
     """A line per current."""
     return [
-        f"{row['current']:g} A: last link {1e3 * row['end_way']:.1f} mm, {row['end_speed']:.3f} m/s; "
+        f"{row['current']:g} A: {what} {1e3 * row['end_way']:.1f} mm, {row['end_speed']:.3f} m/s; "
         + ", ".join(f"{joint} {row['q_rmse'][joint]:.4f} rad RMS" for joint in row["q_rmse"])
         for row in rows
     ]

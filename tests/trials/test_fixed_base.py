@@ -1,4 +1,4 @@
-"""An arm whose root stands still: imported, moved and pushed, with devices that have no gates."""
+"""An arm whose root stands still, and a leg on a rail: imported, moved and pushed, with devices without gates."""
 
 from pathlib import Path
 
@@ -62,3 +62,34 @@ def test_play_and_impact_take_an_arm(arm: Path, tmp_path: Path, capsys: pytest.C
     assert main(["play", "--agent", "sine"]) == 2
     error = capsys.readouterr().err
     assert "--kind drop" in error and "--agent sine" in error
+
+
+LEG = """<mujoco><compiler angle="radian"/><worldbody><body name="carriage" pos="0 0 0.9">
+<joint name="rail" type="slide" axis="0 0 1"/>
+<inertial pos="0 0 0" mass="3" diaginertia="0.01 0.01 0.01"/>
+<body name="thigh"><joint name="hip" axis="0 1 0" range="-2 2"/>
+<inertial pos="0 0 -0.1" mass="1" diaginertia="0.01 0.01 0.01"/>
+<body name="shank" pos="0 0 -0.2"><joint name="knee" axis="0 1 0" range="-2.6 -0.1"/>
+<inertial pos="0 0 -0.1" mass="0.3" diaginertia="0.003 0.003 0.003"/><geom type="sphere" size="0.02" pos="0 0 -0.2"/>
+</body></body></body></worldbody>
+<actuator><motor joint="hip" ctrlrange="-24 24"/><motor joint="knee" ctrlrange="-36 36"/></actuator></mujoco>"""
+
+
+def test_a_leg_on_a_rail_stands_is_pushed_and_jumps_about(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing drives the rail: the foot bears the weight, and a current lets the carriage go less far down."""
+    (tmp_path / "leg.xml").write_text(LEG)
+    file = str(tmp_path / "leg.usda")
+    pose = ["--pose", "hip=0.8", "knee=-1.5", "--kp", "*=80"]
+    assert main(["robot", "import", str(tmp_path / "leg.xml"), "--out", file, *pose]) == 0
+    assert main(["robot", "fit-device", file, "--joint", "knee"]) == 0
+    asset = load_robot(robot=file)
+    assert asset.layout.joints == ("hip", "knee") and "rail rail" in capsys.readouterr().out
+    scene, trace = fixed_base.move(asset, (0.0, 1.5), seconds=0.4, force=(0.0, 0.0, -4.3 * 9.81))
+    stretched = 0.2 * (np.cos(0.8) + np.cos(0.7)) + 0.02  # of a stance that no weight bends
+    assert 0.7 * stretched < trace.end[0, 0, 2] < stretched
+    down = trace.end[:, 0, 2] - trace.end[..., 2].min(axis=1)
+    assert down[0] > 0.002 and down[1] < 0.5 * down[0]
+    assert np.ptp(trace.end[..., :2], axis=1).max() < 1e-9
+    assert main(["impact", "--robot", file, "--out", str(tmp_path / "out"), "--coupling", "constraint"]) == 0
+    assert main(["play", "--robot", file, "--agent", "sine", "--seconds", "1", "--png", str(tmp_path / "s.png")]) == 0
+    assert "carriage" in capsys.readouterr().out
