@@ -47,6 +47,9 @@ LIMIT = 60_000
 """Samples up to which a recording is diagnosed as it is: beyond, more of them say nothing new."""
 LEAST_RATE = 300.0
 """Rate below which nothing is decimated [Hz]: lags of a few milliseconds must still show."""
+_QUICKEST, _PER_PERIOD = 0.95, 10.0
+"""Share of the torque's energy below a frequency, and samples per period of that frequency that are kept at least: an
+acceleration of fewer is too small by a tenth and more."""
 _BEGUN = 0.8
 """Ratio of squared mismatches of a trajectory's head below which it begins under way instead of without stress."""
 _TRIED = (0.25, 0.5, 0.75, 1.0)
@@ -193,8 +196,11 @@ def decimate(recording: Recording) -> tuple[Recording, str | None]:
     """
     runs, every = recording.trajectories, 1
     factors = [1] * len(runs)
-    # the widest odd step of each trajectory that keeps LEAST_RATE
-    widest = [max(1, 2 * int((1.0 / run.dt / LEAST_RATE + 1e-6 + 1.0) / 2.0) - 1) for run in runs]
+    # the widest odd step of each trajectory that keeps its rate
+    least = [max(LEAST_RATE, _PER_PERIOD * _quickest(run)) for run in runs]
+    widest = [
+        max(1, 2 * int((1.0 / run.dt / rate + 1e-6 + 1.0) / 2.0) - 1) for run, rate in zip(runs, least, strict=True)
+    ]
     while sum(len(run.t) // k for run, k in zip(runs, factors, strict=True)) > LIMIT:
         every += 2
         wider = [min(every, most) for most in widest]
@@ -207,6 +213,13 @@ def decimate(recording: Recording) -> tuple[Recording, str | None]:
     out = replace(recording, trajectories=kept)
     rates = " or ".join(str(rate) for rate in sorted({round(1.0 / run.dt) for run in kept}))
     return out, f"{recording.samples} samples are more than a diagnosis needs: it used {out.samples}, at {rates} Hz"
+
+
+def _quickest(run: Trajectory) -> float:
+    """Frequency below which most of the torque's energy lies [Hz]."""
+    varies = (run.torque - run.torque.mean()) * np.hanning(len(run.t))
+    energy = np.cumsum(np.abs(np.fft.rfft(varies)) ** 2)
+    return float(np.searchsorted(energy, _QUICKEST * energy[-1])) / (len(run.t) * run.dt)
 
 
 def _every(run: Trajectory, every: int) -> Trajectory:

@@ -41,6 +41,9 @@ _OF_A_COMMAND = ("coil_lag", "command_delay")
 """Effects between a command and what it sets: a load is none, while a valve may lag."""
 _BENT, _BENT_T = 0.05, 4.0
 """Least gain, as a share of what a model leaves, and its least ratio to its standard error, for a bent law."""
+_HARMONIC_T = 2.0
+"""That ratio for further harmonics, all that bends where a joint turns on and on: a line at one place of the spectrum
+stands in for nothing else, as the bend of a law may."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,7 +187,7 @@ def reported_fit(problem: Problem, fit: Fit) -> Fit:
     if any(slot.parameter.form for slot in fit.parameters.bent().slots):
         bent = plain_fit(problem, fit, bent=True)
         gain, t = gain_and_t(plain.loo_loss, bent.loo_loss)
-        if gain > _BENT * plain.total and t > _BENT_T:
+        if gain > _BENT * plain.total and t > (_HARMONIC_T if problem.motion.ranges.turns > 1.0 else _BENT_T):
             own = iter(least[EFFECT_PART])
             added = [0.0 if slot.parameter.form else next(own) for slot in bent.parameters.slots]
             return replace(bent, least_variance=np.array([*least[BASE_PART], *added]))

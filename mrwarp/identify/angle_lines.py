@@ -15,6 +15,8 @@ _FINE = 4
 """Points of the spectrum within its resolution."""
 _LOOKED_AT = 12
 """Peaks of the spectrum of which each is tried by least squares: one peak has many side lobes."""
+_APART = 0.5
+"""Repetitions per turn by which two lines differ at least: nearer ones are one, whose size drifts from turn to turn."""
 
 
 def angle_lines(
@@ -32,6 +34,7 @@ def angle_lines(
     """
     q, found = samples.q - samples.q.min(), list(given)
     reach = float(q.max()) or 1.0
+    apart = max(2.0 * np.pi / reach, _APART * samples.scales.q)
     spacing = 0.5 * np.pi / high
     cell = np.minimum((q / spacing).astype(int), int(reach / spacing))
     size = _FINE * (int(reach / spacing) + 1)
@@ -43,7 +46,7 @@ def angle_lines(
         power = np.abs(np.fft.rfft(np.bincount(cell, weights=left * counts, minlength=size // _FINE), size))
         power[(periods < low) | (periods > high)] = 0.0
         for n in found:
-            power[np.abs(periods - n) < 2.0 * np.pi / reach] = 0.0
+            power[np.abs(periods - n) < apart] = 0.0
         peaks = np.flatnonzero((power[1:-1] >= power[:-2]) & (power[1:-1] > power[2:])) + 1
         if not len(peaks):
             break

@@ -73,6 +73,16 @@ def test_rates_under_the_least_are_left(monkeypatch: pytest.MonkeyPatch) -> None
     assert decimate(recording) == (recording, None)
 
 
+def test_quick_torque_is_not_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten samples per period stay, or an acceleration would be too small: 60 Hz at 1 kHz is not thinned."""
+    monkeypatch.setattr(baseline, "LIMIT", 10)
+    slow = _swings((1000.0,))
+    run = slow.trajectories[0]
+    quick = dataclasses.replace(run, torque=run.torque + 2.0 * np.sin(2.0 * np.pi * 60.0 * run.t))
+    assert decimate(slow)[0].samples < slow.samples
+    assert decimate(dataclasses.replace(slow, trajectories=(quick,)))[1] is None
+
+
 def _cut(long: Motion, first: int) -> Motion:
     """Each run without its first samples."""
     taken = np.concatenate([np.arange(p.start + first, p.stop) for p in long.parts])

@@ -20,10 +20,6 @@ def diagnosed(name: str) -> Diagnosis:
     return diagnose(load_recording(DATA / name))
 
 
-@pytest.mark.xfail(
-    raises=StopIteration,
-    reason="found on 24 November 2026: no verdict, as if next to nothing were explained (NRMSE 98.6 %); to be mended",
-)
 def test_a_motor_at_constant_speed_cogs() -> None:
     """Published: 72 per turn, then 18, 12, 144, 24."""
     found = diagnosed("cogging_speed")

@@ -27,3 +27,10 @@ def test_harmonics_come_strongest_first() -> None:
     assert angle_lines(data, data.torque, 0.1, 100.0, count=3) == pytest.approx([72.0, 18.0, 12.0], abs=0.01)
     assert angle_lines(data, data.torque, 0.1, 100.0, given=(72.0,)) == pytest.approx([18.0], abs=0.01)
     assert angle_lines(data, data.torque, 0.1, 30.0) == pytest.approx([18.0], abs=0.01)
+
+
+def test_a_line_whose_size_drifts_is_one() -> None:
+    """72 per turn that fades along forty turns has side lines at a fraction of a turn; the second line is another."""
+    data = turning({72.0: 1.0, 18.0: 0.2})
+    fades = (data.torque - 2.0) * np.tile(np.linspace(2.0, 0.0, len(data.q) // 2), 2)
+    assert angle_lines(data, fades, 0.1, 100.0, count=2) == pytest.approx([72.0, 18.0], abs=0.01)
