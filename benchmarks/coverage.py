@@ -20,6 +20,7 @@ from mrwarp.bench.bench_effects import Effects
 from mrwarp.bench.virtual_bench import BenchCfg, run_bench
 from mrwarp.diagnose import diagnose
 from mrwarp.run_dir import atomic_write
+from mrwarp.runtime import quiet_libraries
 
 STAND = {
     "run_bias": 0.003,
@@ -107,6 +108,7 @@ def main() -> int:
     parser.add_argument("--samples", type=int, default=51_200, help="as `mrwarp bench` (default: 51200)")
     parser.add_argument("--out", metavar="DIR", default="runs/coverage", help="folder of coverage.json")
     args = parser.parse_args()
+    quiet_libraries(gpu=False)
     path = Path(args.out) / "coverage.json"
     rows = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else []
     done = {(row["effect"], row["seed"]) for row in rows}

@@ -185,7 +185,7 @@ def main(argv: list[str] | None = None) -> int:
     if args.cost:
         from mrwarp.runtime import quiet_libraries
 
-        quiet_libraries()
+        quiet_libraries(gpu=False)
         found = cost(args.cost)
         times = ", ".join(f"{name} {ms:.3f} ms" for name, ms in found.items())
         print(f"{times}: {found['with'] / found['without']:.3f} times as long")
@@ -193,7 +193,7 @@ def main(argv: list[str] | None = None) -> int:
     if args.one:
         from mrwarp.runtime import quiet_libraries
 
-        quiet_libraries()
+        quiet_libraries(gpu=False)
         kind, setting = args.one[0], json.loads(args.one[1])
         with tempfile.TemporaryDirectory() as folder:
             print(json.dumps(simulate(**setting) if kind == "simulate" else train(Path(folder), **setting)))

@@ -180,7 +180,7 @@ def main(argv: list[str] | None = None) -> int:
         "--out", type=Path, default=Path("out/kills"), help="folder, emptied first (default: out/kills)"
     )
     args = parser.parse_args(argv)
-    quiet_libraries()
+    quiet_libraries(gpu=False)
     for name in ("whole", "part"):
         shutil.rmtree(args.out / name, ignore_errors=True)
     import mrwarp.rl.trainer  # noqa: F401  once, not in every life

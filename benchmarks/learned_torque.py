@@ -66,7 +66,7 @@ def measure_speed(
 
 
 if __name__ == "__main__":
-    quiet_libraries()
+    quiet_libraries(gpu=False)
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--policy", required=True, help="policy.onnx of train/ppo.py")
     parser.add_argument("--model", required=True, help="model.safetensors of mrwarp learn")

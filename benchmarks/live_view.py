@@ -47,7 +47,7 @@ def measure(policy: OnnxPolicy, *, num_envs: int = 64, rounds: int = 12, steps: 
 
 
 if __name__ == "__main__":
-    quiet_libraries()
+    quiet_libraries(gpu=False)
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--policy", default=DEFAULT_POLICY, help="exported walking policy")
     for name, value in measure(OnnxPolicy(parser.parse_args().policy)).items():

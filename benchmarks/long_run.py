@@ -164,7 +164,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--policy", default=DEFAULT_POLICY, help="exported walking policy")
     parser.add_argument("--out", type=Path, default=Path("out/long_run"), help="folder (default: out/long_run)")
     args = parser.parse_args(argv)
-    quiet_libraries()
+    quiet_libraries(gpu=False)
     args.out.mkdir(parents=True, exist_ok=True)
     cfg = make_walk_cfg(
         num_envs=args.num_envs,

@@ -26,7 +26,7 @@ from mrwarp.robot_logs.virtual.hidden_effects import Places
 from mrwarp.robot_logs.virtual.record_log import FallError, LogCfg, record
 from mrwarp.robot_logs.virtual.true_robot import describe
 from mrwarp.run_dir import write_result
-from mrwarp.runtime import text_table
+from mrwarp.runtime import quiet_libraries, text_table
 
 FAMILIES = ("healthy", "single", "pair", "outside")
 
@@ -164,6 +164,7 @@ def main() -> int:
     parser.add_argument("--motion", nargs="+", default=MIXED, metavar="NAME=SECONDS", help="motions of every log",
                         type=lambda x: (x.partition("=")[0], float(x.partition("=")[2] or 20.0)))  # fmt: skip
     args = parser.parse_args()
+    quiet_libraries(gpu=False)
     file = args.out / "cases.jsonl"
     args.out.mkdir(parents=True, exist_ok=True)
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []

@@ -11,6 +11,7 @@ from benchmarks.confusion.families import FAMILIES, Plan
 from benchmarks.confusion.motion import SIZES
 from benchmarks.confusion.suite import SuiteError, read_cases, run_case, run_suite
 from benchmarks.confusion.tables import report
+from mrwarp.runtime import quiet_libraries
 
 
 def main() -> int:
@@ -35,6 +36,7 @@ def main() -> int:
     parser.add_argument("--only", type=int, metavar="INDEX", help="run this case alone and print what was found")
     parser.add_argument("--keep", metavar="DIR", help="with --only: write the case's files instead of running it")
     args = parser.parse_args()
+    quiet_libraries(gpu=False)
     try:
         plan = Plan(
             family=args.family, level=args.level, seed=args.seed, size=args.size, noise=args.noise,

@@ -212,7 +212,7 @@ def _cases(plan: Plan, left: list[int], jobs: int, how: dict[str, Any]) -> Itera
 def _quiet() -> None:
     from mrwarp.runtime import quiet_libraries
 
-    quiet_libraries()
+    quiet_libraries(gpu=False)
 
 
 def _plain(value: Any) -> Any:

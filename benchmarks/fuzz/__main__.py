@@ -25,7 +25,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     from mrwarp.runtime import quiet_libraries
 
-    quiet_libraries()
+    quiet_libraries(gpu=False)
     failed = 0
     for kind in [*KINDS, "cli"] if "all" in args.kind else args.kind:
         state = run(

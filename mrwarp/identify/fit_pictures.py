@@ -10,11 +10,12 @@ from matplotlib.figure import Figure
 from mrwarp.effects.catalogue import KNOWN
 from mrwarp.identify.damper import ExtendedFit
 from mrwarp.identify.fit import FitResult
+from mrwarp.recording.data import quantity
 from mrwarp.recording.load import Recording
 
 
 def loops_picture(recording: Recording, result: FitResult, extended: ExtendedFit | None, path: Path) -> None:
-    """Measured against simulated torque over displacement and velocity, one column per current."""
+    """Measured against simulated torque over angle (or displacement) and velocity, one column per current."""
     groups: dict[str, int] = {}
     for k, run in enumerate(recording.trajectories):
         constant = np.ptp(run.current) <= 0.02 * max(1e-9, abs(run.current).max())
@@ -28,7 +29,8 @@ def loops_picture(recording: Recording, result: FitResult, extended: ExtendedFit
     for column, (key, k) in enumerate(chosen):
         run = recording.trajectories[k]
         unit = recording.units["q"]
-        for row, (x, label) in enumerate(((run.q, f"displacement [{unit}]"), (run.qd, f"velocity [{unit}/s]"))):
+        way = quantity("q", recording.units)
+        for row, (x, label) in enumerate(((run.q, f"{way} [{unit}]"), (run.qd, f"velocity [{unit}/s]"))):
             ax = axes[row, column]
             ax.plot(x, run.torque, color="0.6", lw=0.8, label="measured")
             ax.plot(x, result.simulated[k], color="tab:red", lw=0.8, label=_title(result))
@@ -38,7 +40,7 @@ def loops_picture(recording: Recording, result: FitResult, extended: ExtendedFit
             ax.grid(alpha=0.3)
         axes[0, column].set_title(f"{key}: {run.id}", fontsize=9)
     for ax in axes[:, 0]:
-        ax.set_ylabel(f"torque [{recording.units['torque']}]")
+        ax.set_ylabel(f"{quantity('torque', recording.units)} [{recording.units['torque']}]")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), fontsize=8)
     figure.savefig(path, dpi=110)

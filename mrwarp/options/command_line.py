@@ -188,7 +188,8 @@ def _message(event: events.ParseErrorEvent, options: type) -> str:
         case events.InstantiationFailure(argument=argument, message=message):
             return f"argument {_name(argument)}: {message}" if argument else message
         case events.InvalidChoice(argument=argument, value=value, choices=choices):
-            return f"argument {_name(argument)}: invalid choice: {value!r} (choose from {', '.join(choices)})"
+            known = ", ".join(choice for choice in choices if choice != "None")  # that is leaving it out
+            return f"argument {_name(argument)}: invalid choice: {value!r} (choose from {known})"
         case events.BadValue(argument=argument):
             wanted = argument.lowered.nargs
             return f"argument {_name(argument)}: expected {wanted} value{'s' * (wanted != 1)}"
@@ -210,4 +211,4 @@ def _message(event: events.ParseErrorEvent, options: type) -> str:
 
 def _name(argument: Any) -> str:
     """An option, or what a positional argument is called in the help."""
-    return str(argument.lowered.metavar).strip("[]") if argument.is_positional() else argument.display_name()
+    return str(argument.lowered.metavar).split()[0].strip("[]") if argument.is_positional() else argument.display_name()
