@@ -37,11 +37,6 @@ def misled(found: list[Case]) -> list[Case]:
     return [case for case in found if case["outcome"] in ("wrong", "failed")]
 
 
-def test_a_hidden_effect_is_named() -> None:
-    """Cogging, and nothing else; the slow tests hide all others."""
-    assert hits(cases(Plan(family="single", level=0.8, seed=1, size="small", kinds=("cogging",)), 1)) == 1
-
-
 def test_clean_data_raise_no_alarm() -> None:
     """Nothing hidden, realistic noise: no effect is named."""
     assert hits(cases(Plan(family="none", seed=2, size="small"), 1), ("right",)) == 1

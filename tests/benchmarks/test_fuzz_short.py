@@ -15,7 +15,7 @@ from benchmarks.fuzz.kinds import KINDS
 from benchmarks.fuzz.runner import isolated, run
 from mrwarp.run_dir import one_line
 
-CASES = {300: ("csv", "model", "dump"), 150: ("parquet", "safetensors", "checkpoint"), 40: ("usd", "usd-attr", "onnx")}
+CASES = {300: ("csv", "model", "dump"), 80: ("parquet", "safetensors", "checkpoint"), 20: ("usd", "usd-attr", "onnx")}
 
 
 @pytest.mark.parametrize("cases", CASES)

@@ -218,6 +218,7 @@ def test_a_missed_gate_of_several_processes_is_no_error(
     assert options._train(CommandLine("mrwarp train", ()), Ranks(world=world)) == code
 
 
+@pytest.mark.slow
 def test_a_training_loads_no_compiler_and_no_pictures_before_it_begins() -> None:
     """torch's compiler and matplotlib cost 1.5 s of the start; an optimiser does not bring the compiler in either."""
     code = (

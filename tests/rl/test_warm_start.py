@@ -41,9 +41,9 @@ def networks(run: Trainer) -> dict[str, dict[str, torch.Tensor]]:
 
 
 def test_networks_and_normalisers_are_taken_over_and_the_rest_is_new(flat: Path, tmp_path: Path) -> None:
-    """Rough ground begins with the flat checkpoint's networks, and else as a run of its own: update 0, own draws."""
-    run = Trainer(make_cfg(tmp_path / "rough", terrain="rough"), start_from=flat)
-    fresh = Trainer(make_cfg(tmp_path / "fresh", terrain="rough"))
+    """A robot with a load begins with the other's networks, and else as a run of its own: update 0, own draws."""
+    run = Trainer(make_cfg(tmp_path / "loaded", payload=3), start_from=flat)
+    fresh = Trainer(make_cfg(tmp_path / "fresh", payload=3))
     saved, own, drawn = checkpoint.load(flat), networks(run), networks(fresh)
     for name in ("actor", "critic"):
         expected = saved["algorithm"][f"{name}_state_dict"]
@@ -59,15 +59,15 @@ def test_networks_and_normalisers_are_taken_over_and_the_rest_is_new(flat: Path,
 
 def test_the_origin_stands_in_result_policy_and_checkpoint_also_after_a_resume(flat: Path, tmp_path: Path) -> None:
     """Stopped and resumed, a warm-started run still tells where its first networks came from; others say None."""
-    out = tmp_path / "rough"
-    cfg = make_cfg(out, terrain="rough")
+    out = tmp_path / "loaded"
+    cfg = make_cfg(out, payload=3)
     assert Trainer(make_cfg(tmp_path / "fresh")).run()["started_from"] is None
     origin = Trainer(cfg, start_from=flat).run()["started_from"]
     assert (origin["file"], origin["iteration"], origin["seed"]) == (str(flat), 2, 5)
-    assert origin["task"]["terrain"] == "flat"
+    assert origin["task"]["payload"] == 0
     Trainer(replace(cfg, iterations=2), resume=out / "checkpoint.pt").run()
     result = json.loads((out / "result.json").read_text())
-    assert (result["iterations"], result["task"]["terrain"], result["started_from"]) == (2, "rough", origin)
+    assert (result["iterations"], result["task"]["payload"], result["started_from"]) == (2, 3, origin)
     assert OnnxPolicy(out / "policy.onnx").description["started_from"] == origin
 
 
@@ -95,8 +95,8 @@ def broken(flat: Path, folder: Path, what: str) -> Path:
 
 def test_a_policy_gives_its_actor_and_the_critic_is_new(flat: Path, tmp_path: Path) -> None:
     """From the shipped policy: its actions to rounding, its statistics with their weight, little noise, no critic."""
-    fresh = Trainer(make_cfg(tmp_path / "fresh", terrain="rough"))
-    run = Trainer(make_cfg(tmp_path / "out", terrain="rough"), start_from=DEFAULT_POLICY)
+    fresh = Trainer(make_cfg(tmp_path / "fresh", payload=3))
+    run = Trainer(make_cfg(tmp_path / "out", payload=3), start_from=DEFAULT_POLICY)
     policy, actor = OnnxPolicy(DEFAULT_POLICY), run.algorithm.actor
     with torch.no_grad():
         torch.testing.assert_close(actor(run.obs), policy(run.obs), rtol=1e-5, atol=1e-5)

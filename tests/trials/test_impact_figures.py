@@ -14,7 +14,7 @@ POLICY = OnnxPolicy(DEFAULT_POLICY)
 TRUE_LAG = 0.03
 """Coil lag of the true device [s]."""
 
-SWEEP: dict[str, Any] = {"trials": 20, "currents": (0.0, 1.5)}
+SWEEP: dict[str, Any] = {"trials": 10, "currents": (0.0, 1.5)}
 
 
 def model(*effects: Effect, **more: float) -> Model:
