@@ -6,7 +6,7 @@ import functools
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.held_out import HeldOut, account_of, hold_out, not_foretold, reduction
+from mrwarp.diagnose.held_out import Account, HeldOut, Share, account_of, hold_out, not_foretold, reduction
 from mrwarp.diagnose.problem import Problem, reported_fit
 from mrwarp.diagnose.search import Selection
 from tests.diagnose import known
@@ -176,3 +176,11 @@ def test_account_divides_the_mismatch() -> None:
     assert 0.8 * truth < account.not_repeatable.share < 0.1
     for part in (account.named, account.repeatable, account.not_repeatable, account.learnable):
         assert part.ci95[0] <= part.share <= part.ci95[1]
+
+
+@pytest.mark.parametrize(("share", "is_open"), [(0.2, True), (0.05, False)])
+def test_what_repeats_is_open_from_a_tenth(share: float, is_open: bool) -> None:
+    """The share itself decides, however wide its interval: an empty `unexplained` would claim that nothing does."""
+    part = Share(share=share, ci95=(0.0, 0.9))
+    account = Account(named=part, repeatable=part, not_repeatable=part, left=0.1, cycle_spread=None, learnable=part)
+    assert account.open == is_open
