@@ -134,8 +134,8 @@ def account_of(problem: Problem, held: HeldOut, left: np.ndarray, seed: int) -> 
     """Divide the mismatch into what is named, what repeats all the same and what does not repeat.
 
     What does not repeat is never "what is left" but what is :func:`not_foretold`. Where the same motion comes again and
-    differs by clearly less, that counts, and the interval reaches from there to what is not foretold. Elsewhere it
-    reaches down to the noise from sample to sample, which no predictor foretells.
+    differs by clearly less, that counts. Where it hardly ever does, the interval reaches down to the noise from sample
+    to sample, which no predictor foretells.
     """
     motion = problem.motion
     at = chosen_samples(motion, problem.weight)
@@ -152,12 +152,15 @@ def account_of(problem: Problem, held: HeldOut, left: np.ndarray, seed: int) -> 
     learnable = _shares(total[None])[0, -1]
     samples = np.bincount(run, minlength=len(motion.dt))[pick].sum(axis=1)
     again, drawn = _spread(problem, after, at, pick)
+    drawn = drawn * samples
     if again is not None and again * len(at) < _CLEARLY * total[2]:
         total[2] = again * len(at)
-    elif again is not None:
-        drawn = draws[:, 2] / samples
-    ends = np.percentile(_shares(np.stack([*draws.T[:2], drawn * samples], axis=1)), (2.5, 97.5), axis=0)
-    low[:-1], high[:-1] = np.minimum(low, ends[0])[:-1], np.maximum(high, ends[1])[:-1]
+        draws[:, 2] = drawn
+    ends = np.percentile(_shares(draws), (2.5, 97.5), axis=0)
+    if again is None:
+        floor = np.percentile(_shares(np.stack([*draws.T[:2], drawn], axis=1)), (2.5, 97.5), axis=0)
+        ends = np.minimum(ends[0], floor[0]), np.maximum(ends[1], floor[1])
+    low[:-1], high[:-1] = ends[0][:-1], ends[1][:-1]
     shares = np.array([*_shares(total[None])[0, :-1], learnable])
     named, repeatable, rest, learnable = (
         Share(share=float(x), ci95=(float(min(a, x)), float(max(b, x))))
