@@ -17,7 +17,7 @@ from typing import Any
 import mrwarp
 from mrwarp.options.json_file import read_json_file
 from mrwarp.reproduce import claims, paper_checks
-from mrwarp.reproduce.claims import Figure, Results, Verdict
+from mrwarp.reproduce.claims import Figure, Judged, Results, Verdict
 from mrwarp.run_dir import SCHEMA, plain, write_text
 
 ROOT = Path(mrwarp.__file__).parents[1]
@@ -138,16 +138,20 @@ def _cells(figures: list[Figure]) -> list[str]:
     return [many([f.paper for f in figures]), many([f.ours for f in figures]), spread]
 
 
+CLAIM_HEAD = ("where", "claim", "paper", "ours", "SD of ours", "kind", "verdict", "")
+"""Columns of the table of claims."""
+
+
+def claim_row(judged: Judged) -> list[str]:
+    """A claim with its figures, in the order of :data:`CLAIM_HEAD`."""
+    cells = _cells(list(judged.figures)) if judged.figures else ["", "", ""]
+    kind = "" if judged.claim.excluded else judged.mark.value
+    return [judged.claim.place, judged.claim.says, *cells, kind, judged.verdict.value, judged.claim.why]
+
+
 def _claims(found: Results) -> str:
     """All claims as one table."""
-    rows = []
-    for judged in claims.judge_all(found):
-        cells = _cells(list(judged.figures)) if judged.figures else ["", "", ""]
-        text = judged.claim
-        told = f"**{judged.verdict.value}**"
-        kind = "" if text.excluded else judged.mark.value
-        rows.append([text.place, text.says, *cells, kind, told, text.why])
-    return _table(["where", "claim", "paper", "ours", "SD of ours", "kind", "verdict", ""], rows)
+    return _table(list(CLAIM_HEAD), [claim_row(judged) for judged in claims.judge_all(found)])
 
 
 def _verdicts(found: Results) -> str:

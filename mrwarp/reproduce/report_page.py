@@ -5,12 +5,14 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mrwarp.paper import TITLES
+from mrwarp.reproduce import claims, pages
 from mrwarp.reproduce.cache import Outcome
 from mrwarp.reproduce.comparison import RELATIVE, Comparison, Findings
 from mrwarp.run_dir import versions, write_text
@@ -26,7 +28,8 @@ INTRODUCTION = (
     "Each row has the paper's figure (mean ± SD), ours (mean ± sample SD), the difference relative to the paper's and "
     "in units of the joint spread, the root of the two variances' sum (positive: ours is further from 0). A row "
     "differs if it is off by more than one joint spread, or by more than 5 % where the paper states no spread. "
-    "'Calibrated' rows were used to fit a number of our model; all others are predictions."
+    "'Calibrated' rows were used to fit a number of our model; for those 'chosen in view' a choice was made while the "
+    "paper's rows were looked at (docs/choices.md); 'predicted' is neither."
 )
 """How to read the tables."""
 
@@ -37,7 +40,10 @@ def write(outcomes: Mapping[str, Outcome], out: Path, command: str) -> tuple[Pat
     Pictures lie in each experiment's folder below ``out``.
     """
     page = {
-        "entries": [_entry(outcome, out / name) for name, outcome in outcomes.items() if name in TITLES],
+        "entries": [
+            *_verdicts(outcomes),
+            *(_entry(outcome, out / name) for name, outcome in outcomes.items() if name in TITLES),
+        ],
         "head": HEAD,
         "introduction": INTRODUCTION,
         "command": command,
@@ -60,14 +66,15 @@ def lines(outcome: Outcome) -> list[str]:
     found = ["", f"{TITLES[outcome.name]}: {outcome.status}{seconds}"]
     if outcome.findings is None:
         return [*found, f"  {outcome.message}".rstrip()]
-    rows = [cells(row)[:-1] for row in outcome.findings.rows]
+    rows = [cells(row, outcome.name)[:-1] for row in outcome.findings.rows]
     if rows:
         found += [f"  {row}" for row in text_table(HEAD[:-1], rows, left=len(rows[0]))]
     return found + [f"  {'holds ' if holds else 'MISSED'}  {text}" for text, holds in outcome.findings.claims.items()]
 
 
-def cells(row: Comparison) -> list[str]:
-    """One row as text, in the order of :data:`HEAD`."""
+def cells(row: Comparison, part: str = "") -> list[str]:
+    """One row of an entry as text, in the order of :data:`HEAD`."""
+    chosen = claims.Mark.IN_VIEW if part in claims.IN_VIEW else claims.Mark.PREDICTED
     theirs = "–" if row.paper is None else _spread(row.paper.mean, row.paper.sd, row.digits)
     ours = _spread(row.ours, row.sd, row.digits) + ("" if row.sd is None else f" (n = {row.n})")
     return [
@@ -77,7 +84,7 @@ def cells(row: Comparison) -> list[str]:
         ours if math.isfinite(row.ours) else "no figure",
         "" if row.relative is None or not math.isfinite(row.relative) else f"{100.0 * row.relative:+.1f} %",
         "" if row.in_sd is None or not math.isfinite(row.in_sd) else f"{row.in_sd:+.1f}",
-        "calibrated" if row.calibrated else "predicted",
+        (claims.Mark.CALIBRATED if row.calibrated else chosen).value,
         row.why if row.differs else "",
     ]
 
@@ -93,9 +100,9 @@ def agreement(rows: Sequence[Comparison]) -> str:
         return ""
     near = [not row.differs for row in judged if not row.calibrated]
     fitted = len(judged) - len(near)
-    calibrated = f"; {fitted} rows were used to calibrate" if fitted else ""
+    calibrated = f"; {fitted} more were used to calibrate" if fitted else ""
     return (
-        f"{sum(near)} of {len(near)} predicted rows within the joint spread, or {100.0 * RELATIVE:.0f} % where the "
+        f"{sum(near)} of {len(near)} rows within the joint spread, or {100.0 * RELATIVE:.0f} % where the "
         f"paper states none{calibrated}"
     )
 
@@ -110,7 +117,7 @@ def _entry(outcome: Outcome, folder: Path) -> dict[str, Any]:
         "message": message if outcome.findings is None else "",
         "agreement": agreement(found.rows),
         "claims": list(found.claims.items()),
-        "rows": [cells(row) for row in found.rows],
+        "rows": [cells(row, outcome.name) for row in found.rows],
         "notes": found.notes,
         "tables": [(table.title, table.head, table.rows) for table in found.tables],
         "pictures": [
@@ -119,6 +126,21 @@ def _entry(outcome: Outcome, folder: Path) -> dict[str, Any]:
             if (folder / file).is_file()
         ],
     }
+
+
+def _verdicts(outcomes: Mapping[str, Outcome]) -> list[dict[str, Any]]:
+    """The claims of what was made, as a first entry; none where no claim has all its rows."""
+    found = claims.Results({name: asdict(o.findings) for name, o in outcomes.items() if o.findings is not None})
+    rows = []
+    for claim in claims.CLAIMS:
+        if claim.entry in found.parts:
+            try:
+                rows.append(pages.claim_row(claims.judge(claim, found)))
+            except KeyError:  # a row that this run has not, as where no robot arrived
+                continue
+    entry = {"name": "claims", "title": "Every claim of the paper that was made", "message": "", "agreement": ""}
+    table = ("Claims and verdicts, see docs/reproduce.md", pages.CLAIM_HEAD, rows)
+    return [{**entry, "claims": [], "rows": [], "notes": [], "tables": [table], "pictures": []}] if rows else []
 
 
 def _text(text: str) -> str:

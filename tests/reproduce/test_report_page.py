@@ -55,7 +55,7 @@ def test_agreement_names_both_measures() -> None:
     row = Comparison(condition="", quantity="", unit="", paper=PaperValue(mean=1.0), ours=1.04)
     far = Comparison(condition="", quantity="", unit="", paper=PaperValue(mean=1.0, sd=0.1), ours=2.0)
     text = report.agreement([row, far])
-    assert text == "1 of 2 predicted rows within the joint spread, or 5 % where the paper states none"
+    assert text == "1 of 2 rows within the joint spread, or 5 % where the paper states none"
 
 
 def test_an_experiment_without_findings_says_why(tmp_path: Path) -> None:
