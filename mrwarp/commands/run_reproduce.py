@@ -177,7 +177,7 @@ class FillPages(Options):
     engines: ClassVar[bool] = False
 
     results: Annotated[tuple[Path, ...], opt.some(Path, "DIR")] = ()
-    """output folders of whole reports, whose figures become docs/results/paper.json first"""
+    """output folders of reports, whose entries replace those of docs/results/paper.json first"""
     only_check: opt.Flag = False
     """write nothing; exit code 1 where a page differs"""
 

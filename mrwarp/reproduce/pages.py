@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import mrwarp
+from mrwarp import paper
 from mrwarp.options.json_file import read_json_file
 from mrwarp.reproduce import claims, paper_checks
 from mrwarp.reproduce.claims import Figure, Judged, Results, Verdict
@@ -33,31 +34,25 @@ KEPT = ("condition", "quantity", "unit", "paper", "ours", "sd", "n", "calibrated
 
 
 def collect(folders: tuple[Path, ...], root: Path = ROOT) -> Path:
-    """Write the committed results from whole reports; entries of a later folder replace those of an earlier.
+    """Write the entries of some runs into the committed results; entries that no folder has stay as they are.
 
     Raises:
         ValueError: a folder has no ``result.json`` of ``mrwarp reproduce``, or one of its entries was not made.
     """
-    parts: dict[str, Any] = {}
-    commands, versions = [], {}
+    parts: dict[str, Any] = read(root)["parts"] if (root / RESULTS).is_file() else {}
+    made = datetime.now(UTC).date().isoformat()
     for folder in folders:
         found = read_json_file(folder / "result.json", "name the --out of 'mrwarp reproduce all'")
         if not isinstance(found, dict) or not isinstance(found.get("parts"), dict):
             raise ValueError(f"{folder / 'result.json'}: is no result of 'mrwarp reproduce'; name the --out of one")
+        origin = {"made": made, "command": found.get("command"), "versions": found.get("versions")}
         for name, part in found["parts"].items():
             if "rows" not in part:
                 raise ValueError(f"{folder}: {name} was not made ({part.get('message')}); make it first")
-            rows = [{key: _short(row[key]) for key in KEPT} for row in part["rows"]]
-            parts[name] = {"rows": rows, "claims": part["claims"], "tables": part["tables"]}
-        commands.append(found["command"])
-        versions |= found["versions"]
-    content = {
-        "schema": SCHEMA,
-        "made": datetime.now(UTC).date().isoformat(),
-        "commands": commands,
-        "versions": versions,
-        "parts": parts,
-    }
+            if name in paper.TITLES:
+                rows = [{key: _short(row[key]) for key in KEPT} for row in part["rows"]]
+                parts[name] = {**origin, "rows": rows, "claims": part["claims"], "tables": part["tables"]}
+    content = {"schema": SCHEMA, "parts": parts}
     return write_text(root / RESULTS, json.dumps(plain(content), indent=1, ensure_ascii=False) + "\n")
 
 

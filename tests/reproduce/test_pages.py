@@ -23,7 +23,7 @@ def test_committed_pages_are_those_of_the_committed_results() -> None:
 
 
 def test_collected_results_keep_figures_alone(tmp_path: Path) -> None:
-    """Six digits, no reasons; the command and the versions beside."""
+    """Six digits, no reasons; command and versions beside. Another run adds its entries."""
     (tmp_path / "run").mkdir()
     (tmp_path / "docs/results").mkdir(parents=True)
     result = {"parts": {"table2": PART}, "command": "mrwarp reproduce table2", "versions": {"mrwarp": "1"}}
@@ -31,7 +31,11 @@ def test_collected_results_keep_figures_alone(tmp_path: Path) -> None:
     found = json.loads(pages.collect((tmp_path / "run",), tmp_path).read_text())
     row = found["parts"]["table2"]["rows"][0]
     assert row["ours"] == 0.123457 and "why" not in row
-    assert found["commands"] == ["mrwarp reproduce table2"] and found["versions"] == {"mrwarp": "1"}
+    part = found["parts"]["table2"]
+    assert part["command"] == "mrwarp reproduce table2" and part["versions"] == {"mrwarp": "1"}
+    (tmp_path / "run/result.json").write_text(json.dumps(plain({**result, "parts": {"table3": PART, "walks": PART}})))
+    pages.collect((tmp_path / "run",), tmp_path)
+    assert list(pages.read(tmp_path)["parts"]) == ["table2", "table3"]
 
 
 def test_fill_writes_blocks_and_check_sees_a_changed_figure(tmp_path: Path) -> None:
