@@ -29,7 +29,7 @@ def moved(entries: tuple[str, ...], settings: Settings, out: Path) -> list[str]:
         for row in committed[name]["rows"]:
             now, was = ours.get((row["condition"], row["quantity"])), row["ours"]
             if now is None or abs(now - was) > max(row["sd"] or 0.0, NEAR * abs(was)):
-                found.append(f"{name}: {row['condition']}, {row['quantity']}: {was} was {now}")
+                found.append(f"{name}: {row['condition']}, {row['quantity']}: {now}, committed {was}")
     return found
 
 
