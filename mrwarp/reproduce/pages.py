@@ -154,7 +154,8 @@ def _verdicts(found: Results) -> str:
     judged = [judged for judged in claims.judge_all(found) if judged.mark is not claims.Mark.CALIBRATED]
     counts = ", ".join(f"{sum(j.verdict is verdict for j in judged)} {verdict.value}" for verdict in Verdict)
     told = []
-    for j in sorted(judged, key=lambda j: -j.largest)[:3]:
+    by_place = {j.claim.place: j for j in sorted(judged, key=lambda j: j.largest)}  # of each place the largest
+    for j in sorted(by_place.values(), key=lambda j: -j.largest)[:3]:
         worst = max((f for f in j.figures if not f.calibrated), key=lambda f: abs(f.relative))
         ours, theirs = (_number(value, worst.digits) for value in (worst.ours, worst.paper))
         told.append(f"{j.claim.place}, {j.claim.says}: {ours} where the paper has {theirs}")
