@@ -66,7 +66,7 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
         from mrwarp.trials.fixed_base import is_arm
         from mrwarp.trials.impact import Variant
         from mrwarp.trials.impact_figures import figures
-        from mrwarp.usd.asset import check_currents, device_lines, load_robot
+        from mrwarp.usd.asset import device_lines, load_robot, taken_currents
         from mrwarp.viewing import robot_pictures
         from mrwarp.viewing.live_view import ImpactView, open_sink
 
@@ -77,7 +77,8 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
         variants = tuple(Variant(current=current) for current in self.current)
         sweeps = {coupling: self._sweep(coupling, variants, policy) for coupling in couplings}
         actuators = sweeps[couplings[0]].env.sim.scene.actuators
-        check_currents(actuators, self.current)
+        if (currents := taken_currents(actuators, self.current, opt.CURRENTS)) != self.current:
+            return replace(self, current=currents).run(line)
         shown = sweeps.get(Coupling.CONSTRAINT) or sweeps[couplings[0]]
         for text in (*device_lines(actuators), *([shown.foreign] if shown.foreign else [])):
             print(text, flush=True)
@@ -114,25 +115,25 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
     def _arm(self, line: CommandLine, arm: RobotAsset) -> int:
         """Push an arm's last link, or a rail's carriage, by default with the weight of all that moves."""
         from mrwarp.trials import fixed_base
-        from mrwarp.usd.asset import check_currents
+        from mrwarp.usd.asset import taken_currents
 
         if self.kind == "drop":
             raise ValueError("--kind drop: the mass falls on a trunk that floats, this robot has none; use a push")
-        check_currents(arm.actuators, self.current)
+        currents = taken_currents(arm.actuators, self.current, opt.CURRENTS)
         force = self.force or (0.0, 0.0, -fixed_base.weight(arm))
         couplings = [c for c in Coupling if self.coupling in ("both", c.value)]
         result: dict[str, Any] = {"force": force, "couplings": {}}
         self.out.mkdir(parents=True, exist_ok=True)
         for coupling in couplings:
             push = {"force": force, "duration": self.duration or 0.2, "seconds": 2.0, "coupling": coupling}
-            scene, trace = fixed_base.move(arm, self.current, **push)
-            rows = fixed_base.figures(scene, trace, self.current)
+            scene, trace = fixed_base.move(arm, currents, **push)
+            rows = fixed_base.figures(scene, trace, currents)
             result["couplings"][coupling.value] = {"by_current": rows}
             what = "carriage" if fixed_base.has_rail(arm) else "last link"
             print(f"push on the {what}, {coupling.value} coupling")
             print("\n".join(fixed_base.lines(rows, what)))
             title = f"{arm.path.name} pushed, {coupling.value} coupling"
-            fixed_base.picture(scene, trace, self.current, self.out / f"impact_{coupling.value}.png", title)
+            fixed_base.picture(scene, trace, currents, self.out / f"impact_{coupling.value}.png", title)
         write_result(self.out, result, seed=self.seed, command=str(line))
         print(f"\nfigures and pictures in {self.out}")
         return 0

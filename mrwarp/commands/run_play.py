@@ -105,20 +105,20 @@ class Play(opt.RobotOptions):
     def _sine(self, line: CommandLine) -> int:
         """An arm whose joints follow a sine with every current: a table, --png and --out."""
         from mrwarp.trials import fixed_base
-        from mrwarp.usd.asset import check_currents, load_robot
+        from mrwarp.usd.asset import load_robot, taken_currents
 
         for path, suffix in ((self.png, ".png"), (self.out, "")):
             check_output(path, suffix)
         asset = load_robot(robot=self.robot or "mr_go")
         if not fixed_base.is_arm(asset):
             raise ValueError("--agent sine: is for an arm; a robot with legs takes --policy, or --agent zero or random")
-        check_currents(asset.actuators, self.current)
+        currents = taken_currents(asset.actuators, self.current, opt.CURRENTS)
         options = {"seconds": self.seconds, "coupling": self.coupling or Coupling.CONSTRAINT}
-        scene, trace = fixed_base.move(asset, self.current, target=fixed_base.sine, **options)
-        rows = fixed_base.figures(scene, trace, self.current)
+        scene, trace = fixed_base.move(asset, currents, target=fixed_base.sine, **options)
+        rows = fixed_base.figures(scene, trace, currents)
         print("\n".join(fixed_base.lines(rows, "carriage" if fixed_base.has_rail(asset) else "last link")))
         if self.png:
-            fixed_base.picture(scene, trace, self.current, self.png, f"{asset.path.name}: a sine at every joint")
+            fixed_base.picture(scene, trace, currents, self.png, f"{asset.path.name}: a sine at every joint")
             print(f"picture: {self.png}")
         if self.out:
             print(f"figures: {write_result(self.out, {'by_current': rows}, seed=self.seed, command=str(line))}")
@@ -131,14 +131,15 @@ class Play(opt.RobotOptions):
 
         from mrwarp.rl.policy import OnnxPolicy
         from mrwarp.trials.walking import make_env
-        from mrwarp.usd.asset import check_currents, device_lines
+        from mrwarp.usd.asset import device_lines, taken_currents
         from mrwarp.viewing.live_view import Player, open_sink
         from mrwarp.viewing.viewer import DEFAULT_URL
 
         policy = OnnxPolicy(self.policy) if self.policy else None
         cfg = self._cfg(policy.description.get("task", {}) if policy else {})
         env = make_env(cfg, self.num_envs, self.seed)
-        check_currents(env.sim.scene.actuators, self.current)
+        if (currents := taken_currents(env.sim.scene.actuators, self.current, opt.CURRENTS)) != self.current:
+            env = make_env(replace(cfg, currents=currents), self.num_envs, self.seed)
         for text in device_lines(env.sim.scene.actuators):
             print(text, flush=True)
         if policy:  # it runs on the CPU

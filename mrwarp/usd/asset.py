@@ -160,6 +160,22 @@ def check_currents(actuators: Sequence[JointActuator], currents: Sequence[float]
             )
 
 
+def taken_currents(
+    actuators: Sequence[JointActuator], currents: Sequence[float], default: Sequence[float]
+) -> tuple[float, ...]:
+    """The currents to use: those of a command's ``default`` end at the largest that the coils take.
+
+    Raises:
+        AssetError: others are larger than that, see :func:`check_currents`.
+    """
+    most = min((a.mr.coil.current_max for a in actuators if a.mr and a.mr.coil.current_max > 0.0), default=math.inf)
+    if tuple(currents) == tuple(default) and max(currents) > most:
+        currents = tuple(dict.fromkeys(min(current, most) for current in currents))
+        print(f"note: the devices take at most {most:g} A, and get {', '.join(f'{i:g}' for i in currents)} A")
+    check_currents(actuators, currents)
+    return tuple(currents)
+
+
 def load_bench(path: str | Path | None = None) -> RobotAsset:
     """Open the one-joint torque bench (``mr_bench.usda``) and check it; raises as :func:`load_robot`."""
     file = Path(path) if path is not None else ASSETS / "mr_bench.usda"

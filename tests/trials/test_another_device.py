@@ -63,6 +63,17 @@ def test_walk_sets_nothing_of_the_paper_beside_it(
     assert "paper" not in shown.partition("left out")[2]
 
 
+def test_currents_end_at_what_the_device_takes(
+    small_brake: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By default, and that is told; a current that was typed is refused."""
+    line = ["play", "--agent", "zero", "--model", str(small_brake), "--seconds", "1", "--out", str(tmp_path / "out")]
+    assert main(line) == 0
+    assert "take at most 1 A, and get 0, 0.5, 1 A" in capsys.readouterr().out
+    assert main([*line, "--current", "0", "1.2"]) == 2
+    assert "--current 1.2: FL_calf takes 0 to 1 A" in capsys.readouterr().err
+
+
 def test_mission_and_impact_too(small_brake: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One line says why, and the paper's figures are nowhere in tables and results."""
     options = ["--robot", "mr_go", "mr_go_sal", "--window", "0.3", "--trials", "1", "--threads", "1"]
@@ -74,8 +85,10 @@ def test_mission_and_impact_too(small_brake: Path, tmp_path: Path, capsys: pytes
     shown = capsys.readouterr().out
     assert "is not the paper's device" in shown and "(paper" not in shown
 
-    options = ["--trials", "1", "--current", "0", "1", "--coupling", "constraint"]
+    options = ["--trials", "1", "--coupling", "constraint"]
     assert main(["impact", "--model", str(small_brake), *options, "--out", str(tmp_path / "impact")]) == 0
-    assert json.loads((tmp_path / "impact" / "result.json").read_text())["paper_change"] is None
+    found = json.loads((tmp_path / "impact" / "result.json").read_text())
+    assert found["paper_change"] is None
+    assert [row["current"] for row in found["couplings"]["constraint"]["by_current"]] == [0.0, 0.5, 1.0]
     shown = capsys.readouterr().out
     assert "is not the paper's device" in shown and "(paper" not in shown
