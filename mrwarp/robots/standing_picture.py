@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from mrwarp.env.asset_trial import CONVERSION_DT
 from mrwarp.env.sim_model import build_scene
 from mrwarp.runtime import silent
+from mrwarp.trials.fixed_base import has_rail, is_arm, on_the_ground
 from mrwarp.usd.asset import RobotAsset
 from mrwarp.viewing.robot_pictures import SideView
 
@@ -17,12 +18,11 @@ from mrwarp.viewing.robot_pictures import SideView
 def draw(asset: RobotAsset, path: Path) -> None:
     """Draw the robot from its right side, as PNG; joints with a device carry a disc."""
     with silent():
-        scene = build_scene(asset, dt=CONVERSION_DT)
-    qpos = scene.model.qpos0.copy()
+        scene = build_scene(asset, dt=CONVERSION_DT, ground=has_rail(asset) or not is_arm(asset))
+    qpos = on_the_ground(scene)
     height = scene.stand_height if scene.floating else 0.0
     if scene.floating:
         qpos[:7] = (0.0, 0.0, height, 1.0, 0.0, 0.0, 0.0)
-    qpos[scene.q_adr] = scene.layout.default_q
     figure = Figure(figsize=(7, 5), layout="constrained")
     axis = figure.add_subplot()
     devices = sum(actuator.mr is not None for actuator in scene.actuators)

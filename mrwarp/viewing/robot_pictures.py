@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -77,13 +78,14 @@ class SideView:
     def __init__(self, scene: Scene) -> None:
         self.unit = scales(scene).length if scene.floating else 1.0
         self._model, self._shapes, self._ground = scene.model, shapes.robot_shapes(scene), ground_of(scene.model)
+        self._flat = bool((scene.model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE).any())
         self._trunk = next((s.body for s in self._shapes if s.part is Part.TRUNK), 1)
         self._feet = shapes.feet(scene, self._shapes)
 
     def draw(self, axis: Axes, qpos: np.ndarray, gate: np.ndarray, force: np.ndarray, *, x: float = 0.0) -> None:
         """Draw one robot with its trunk above ``x``, looking at its own right side whatever its heading.
 
-        The ground, flat or with heights, is drawn in the plane of the trunk; it is at height 0 below the trunk.
+        The ground, flat or with heights, is drawn in the plane of the trunk if there is one; it is at height 0 below it.
 
         Args:
             axis: Axes in metres, equal aspect.
@@ -105,10 +107,10 @@ class SideView:
             relative = points - origin
             return np.stack([relative @ forward + x, relative[..., 2]], axis=-1)
 
-        if self._ground is None:
+        if self._flat:
             axis.axhspan(-0.05, 0.0, color=GROUND_COLOR, zorder=0)
             axis.axhline(0.0, color=GROUND_EDGE, linewidth=0.8, zorder=1)
-        else:
+        elif self._ground is not None:
             along = np.linspace(-GROUND_DRAWN, GROUND_DRAWN, 61)
             height = self._ground.height(origin[:2] + along[:, None] * forward[:2]) - origin[2]
             axis.fill_between(along + x, height, -0.3, color=GROUND_COLOR, linewidth=0, zorder=0.5)
