@@ -85,7 +85,7 @@ class SideView:
     def draw(self, axis: Axes, qpos: np.ndarray, gate: np.ndarray, force: np.ndarray, *, x: float = 0.0) -> None:
         """Draw one robot with its trunk above ``x``, looking at its own right side whatever its heading.
 
-        The ground, flat or with heights, is drawn in the plane of the trunk if there is one; it is at height 0 below it.
+        The ground, if there is one, is drawn in the plane of the trunk; it is at height 0 below the trunk.
 
         Args:
             axis: Axes in metres, equal aspect.
