@@ -17,7 +17,7 @@ from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
 from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, sentence_of
 from mrwarp.robot_logs.selection import Direction, Found, Posterior, healthy, posterior, select
-from mrwarp.robot_logs.unknowable import cannot_know
+from mrwarp.robot_logs.unknowable import cannot_know, next_experiment
 from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances
 from mrwarp.robot_logs.windows import Windows, cut_windows
 
@@ -86,7 +86,7 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
         suspects = tuple(Suspect(name=c.name, reason=f"at {c.where}: {reason}", parameters=c.parameters, gain=c.gain)
                          for c in causes)  # fmt: skip
         causes, extended, after = (), np.zeros(len(parameters)), before
-    per_joint = _per_joint(model, groups, parameters, now, extended)
+    per_joint, per_channel = _errors(model, groups, parameters, now, extended)
     verdict = "named" if causes else "none"
     session = {p.where: float(now.mean[k]) for k, p in enumerate(parameters) if p.field == "shift"}
     notes = [*getattr(log, "notes", ())]
@@ -99,16 +99,19 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
         )
     if evidence.lost:
         notes.append(f"{evidence.lost} pieces of the log were left out: something else moved the robot there")
+    unknown = cannot_know(evidence, parameters, model, log, now)
     return RobotDiagnosis(
         verdict=verdict,
         sentence=sentence_of(causes),
         causes=causes,
         suspects=suspects,
-        cannot_know=cannot_know(evidence, parameters, model, log, now),
+        cannot_know=unknown,
+        next_experiment=next_experiment(causes, unknown),
         baseline=Error(rmse=before, nrmse=1.0, unit="healthy error"),
         extended=Error(rmse=after, nrmse=after / max(before, 1e-12), unit="healthy error"),
         gain=gain,
         per_joint=per_joint,
+        per_channel=per_channel,
         session=session,
         notes=tuple(notes),
         parameters=tuple(parameters),
@@ -205,23 +208,25 @@ def _held_out(
     return gain, float(total[0]), float(total[1])
 
 
-def _per_joint(
+def _errors(
     model: ReplayModel, groups: list[Windows], parameters: list[Parameter], now: Posterior, extended: np.ndarray
-) -> dict[str, dict[str, float]]:
-    """RMSE of the replayed angles before and after, both beside the session's offsets."""
+) -> tuple[dict[str, dict[str, float]], dict[str, dict[str, float]]]:
+    """RMSE before and after, both beside the session's offsets: of the angle by joint, and by channel."""
     session = np.array([p.cause == SESSION for p in parameters])
-    both = []
+    both: list[dict[str, np.ndarray]] = []
     for theta in (np.where(session, now.mean, 0.0), np.where(session, now.mean, extended)):
-        squares, count = np.zeros(len(model.joints)), 0
+        squares: dict[str, list[np.ndarray]] = {}
         for windows in groups:
             every = np.arange(windows.count)
             start = np.zeros((windows.count, len(nuisances(model))))
             changes = Hypotheses.of(parameters, np.tile(theta, (windows.count, 1)), model)
-            left = mismatch(windows.measured, Replay(model, windows).run(changes, every, start))["q"]
-            left = np.nan_to_num(left)
-            squares += (left**2).sum(axis=(0, 1))
-            count += left.shape[0] * left.shape[1]
-        both.append(np.sqrt(squares / max(count, 1)))
-    return {
-        joint: {"baseline": float(both[0][j]), "extended": float(both[1][j])} for j, joint in enumerate(model.joints)
-    }
+            for name, x in mismatch(windows.measured, Replay(model, windows).run(changes, every, start)).items():
+                squares.setdefault(name, []).append(np.nan_to_num(x).reshape(-1, x.shape[-1]) ** 2)
+        both.append({name: np.sqrt(np.concatenate(x).mean(axis=0)) for name, x in squares.items()})
+
+    def pair(of: Callable[[dict[str, np.ndarray]], float]) -> dict[str, float]:
+        return {"baseline": of(both[0]), "extended": of(both[1])}
+
+    joints = {joint: pair(lambda x, j=j: float(x["q"][j])) for j, joint in enumerate(model.joints)}
+    channels = {name: pair(lambda x, n=name: float(np.sqrt((x[n] ** 2).mean()))) for name in both[0]}
+    return joints, channels

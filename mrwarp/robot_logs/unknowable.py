@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
+
 import numpy as np
 
+from mrwarp.diagnose.result import NextExperiment
 from mrwarp.robot_logs.causes import Parameter
 from mrwarp.robot_logs.evidence import Evidence
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
+from mrwarp.robot_logs.robot_verdict import NamedCause
 from mrwarp.robot_logs.selection import Posterior
 
 GROUND = ("trunk_mass", "trunk_com", "ground_friction", "ground_slope", "ground_stiffness", "imu_tilt", "gyro_bias")
@@ -66,3 +71,23 @@ def cannot_know(
     if log.tau_is == "command":
         found.append("tau is the command: it says nothing of what the motors gave; log a measured torque or current")
     return tuple(found)
+
+
+def next_experiment(causes: Sequence[NamedCause], unknown: Sequence[str]) -> NextExperiment | None:
+    """The motion that tells the first cause from its alternatives, or shows the first of what cannot be known."""
+    for cause in causes:
+        rivals = [x.partition(" of ")[0] for x in cause.alternatives]
+        if rivals:
+            return _experiment(rivals[0], (cause.name, *rivals))
+    for text in unknown:
+        name = text.partition(":")[0].partition(" of ")[0]
+        if name in MOTIONS:
+            same = [x.partition(":")[0] for x in unknown if x.endswith(MOTIONS[name])]
+            return _experiment(name, tuple(x.partition(" of ")[0] for x in same))
+    return None
+
+
+def _experiment(cause: str, separates: tuple[str, ...]) -> NextExperiment:
+    what = MOTIONS[cause]
+    seconds = re.findall(r"(\d+) s\b", what)
+    return NextExperiment(what=what, seconds=float(seconds[0]) if seconds else 20.0, separates=separates, kind=cause)

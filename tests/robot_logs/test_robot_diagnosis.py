@@ -28,6 +28,9 @@ def test_the_command_writes_a_verdict_with_the_place_of_a_cause(tmp_path: Path, 
     assert result["sentence"] in capsys.readouterr().out
     keys = {"verdict", "sentence", "causes", "suspects", "unexplained", "cannot_know", "baseline", "extended", "gain"}
     assert keys <= set(result)
+    assert set(result["per_channel"]) == {"q", "qd"}
+    assert result["per_channel"]["q"]["extended"] < 0.2 * result["per_channel"]["q"]["baseline"]
+    assert result["next_experiment"]["what"] in "".join(result["cannot_know"])
     assert result["verdict"] == "named"
     cause = result["causes"][0]
     assert (cause["name"], cause["where"]) == ("link_mass", "lower")
