@@ -21,6 +21,22 @@ class HoldCurrent(enum.Enum):
     FIXED = "fixed"
 
 
+class CurrentCommand(enum.Enum):
+    """What sets the coils' current: the gates and I_e alone; a law at 50 Hz; or the policy at 50 Hz, an action each.
+
+    See :mod:`mrwarp.env.commands`.
+    """
+
+    FIXED = "fixed"
+    SCHEDULED = "scheduled"
+    LEARNED = "learned"
+
+
+ARMS = ("none", "off", "fixed", "support", "scheduled", "learned")
+"""What `mrwarp study current` compares: no device; a device without current; the gates at the best fixed current, and
+at the support current; both ways of :class:`CurrentCommand` to command one at 50 Hz."""
+
+
 class ZStep(enum.Enum):
     """Step of the hysteresis state: the paper's explicit Euler, or the closed form for constant velocity."""
 

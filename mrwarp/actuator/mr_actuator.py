@@ -85,6 +85,10 @@ class MrActuatorCfg:
     gated: bool = True
     """False: no gates, a plain current-driven device. The coil gets ``inputs.current_e``, a learned torque always acts,
     and nothing holds."""
+    latch: float = 5.0
+    """Speed at which a device with ``inputs.command`` that holds lets go, in eps_hold of eq. 8: the gate's hysteresis
+    keeps a joint that creeps about the threshold from switching its coil. 1 is the paper's gate; 2 saves nothing, 5
+    saves a watt of 110 (docs/beyond.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,6 +107,9 @@ class ActuatorInputs:
     """Current I_e each environment may use [A], shape (E,)."""
     friction: wp.array
     """Torque of the brake constraint during the last physics step [N·m], shape (E, J); unused when explicit."""
+    command: wp.array | None = None
+    """Current commanded of each device [A], shape (E, M), which its coil gets while a gate is open; None leaves the
+    current to the gates."""
 
 
 class MrActuator:
@@ -291,10 +298,11 @@ class MrActuator:
         rows, lanes = (1, 1) if in_one_thread(self.device) else self.inputs.q.shape
         self._lanes, one_thread = (rows, lanes), rows * lanes == 1  # see step_kernel
         constraint = int(cfg.coupling is Coupling.CONSTRAINT)
-        fixed, exact = int(cfg.hold_current is HoldCurrent.FIXED), int(cfg.z_step is ZStep.EXACT)
+        fixed = int(cfg.hold_current is HoldCurrent.FIXED or i.command is not None)
+        exact = int(cfg.z_step is ZStep.EXACT)
         damping = int(cfg.sal and cfg.damping) if cfg.gated else mr_joint.UNGATED
         switches = [self.dt, damping, int(cfg.sal and cfg.holding), fixed, exact]
-        read = [i.q_des, i.q, i.qd, i.f_foot, i.current_e, self.head]
+        read = [i.q_des, i.q, i.qd, i.f_foot, i.current_e, i.command, self.head]
         outputs = [self.m_dyn, self.m_hold, self.z, self.coil, self.current, self.tau_dyn, self.ring, self.head]
         torques = [self.tau_motor, self.tau_mr, self.tau, self.bound]
         motors = [self.kp, self.kd, self.tau_limit]
@@ -302,7 +310,8 @@ class MrActuator:
         if self.effects is not None:
             kernel, arrays = effect_step_kernel, self.effects.arrays
             counters.append((2**31 - 1, self.effects.clock))
-        inputs = [rows, lanes, self.params, self.slot_of, self.leg_of, *motors, *switches, constraint, *read]
+        switches += [constraint, cfg.latch]
+        inputs = [rows, lanes, self.params, self.slot_of, self.leg_of, *motors, *switches, *read]
         step = record(kernel, (rows, lanes), [*inputs, self.z, self.coil], [arrays, *outputs, *torques])
         self._predict: list[Launch] = [step]
         if not one_thread:

@@ -1,8 +1,9 @@
-"""``mrwarp check``, ``fit`` and ``learn``: recordings explained, and models that are made from them."""
+"""``mrwarp check``, ``fit``, ``learn`` and ``monitor``: recordings explained, and models that are made from them."""
 
 from __future__ import annotations
 
 import fnmatch
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +14,7 @@ from mrwarp.enums import HYSTERESIS_LAWS, LEARNED
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.run_dir import check_writable, write_result
-from mrwarp.runtime import Stopwatch
+from mrwarp.runtime import ProgressLine, Stopwatch
 
 if TYPE_CHECKING:
     from mrwarp.recording.load import Recording
@@ -232,3 +233,38 @@ class Learn(Options):
         if (self.data / "fit").is_dir():
             return self.data / "fit", self.data / "evaluation"
         return self.data, (self.data.parent if self.data.name == "fit" else self.data) / "evaluation"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Monitor(Options):
+    """Follow a device's health through a folder of calibration records, one file or folder each, in order of names."""
+
+    data: opt.Data
+    """folder of records"""
+    out: opt.Folder = Path("runs/monitor")
+    """output folder: health.png, result.json"""
+    baseline: opt.Count = 40
+    """first records, of a device that counts as healthy"""
+    horizon: opt.Count = 200
+    """records over which at most 5 % of healthy devices give an alarm"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 healthy, 1 a change was noticed, 2 on bad input."""
+        check_writable(self.out)
+
+        from mrwarp.identify import monitor
+
+        cfg = monitor.MonitorCfg(**self.chosen("baseline", "horizon"))
+        progress = ProgressLine(sys.stdout)
+        try:
+            records = monitor.read(self.data, progress)
+            health = monitor.monitor(records, cfg, progress)
+        finally:
+            progress.done()
+        figures = {"records": health.names, **health.values, "error": health.error, "bounds": health.bounds,
+                   "alarms": health.alarms}  # fmt: skip
+        write_result(self.out, figures, seed=0, command=str(line))
+        monitor.picture(health, cfg, self.out / "health.png")
+        print("\n".join(monitor.lines(health, cfg)))
+        print(f"\nfigures and picture in {self.out}")
+        return 1 if health.alarms else 0

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import create_mutex_group
 
-from mrwarp.enums import ACTUATORS, TERRAINS, Coupling, HoldCurrent, ZStep
+from mrwarp.enums import ACTUATORS, TERRAINS, Coupling, CurrentCommand, HoldCurrent, ZStep
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine
 from mrwarp.resources import shipped_model
@@ -227,6 +227,9 @@ class Play(opt.RobotOptions):
             actuator_file=self.actuator_model or shipped_model(actuator),
             coupling=Coupling(chosen("coupling", "constraint")),
             hold_current=HoldCurrent(chosen("hold_current", "support")),
+            current=CurrentCommand(task.get("current", "fixed")),
+            coil_lag=task.get("coil_lag"),
+            hold_speed=task.get("hold_speed"),
             z_step=ZStep(task.get("z_step", "euler")),
             sal=task.get("sal", True) if self.sal is None else self.sal == "on",
             terrain=chosen("terrain", "flat"),

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, create_mutex_group
 
-from mrwarp.enums import ACTUATORS, RANDOMIZATIONS, TERRAINS, BackendKind, Coupling, HoldCurrent, ZStep
+from mrwarp.enums import (
+    ACTUATORS,
+    RANDOMIZATIONS,
+    TERRAINS,
+    BackendKind,
+    Coupling,
+    CurrentCommand,
+    HoldCurrent,
+    ZStep,
+)
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options, given
 from mrwarp.resources import shipped_model
@@ -75,6 +84,12 @@ class Train(opt.ViewOptions, opt.RobotOptions, Learning):
     """how the device acts: the paper's explicit torque, or a brake that sticks"""
     hold_current: HoldCurrent = HoldCurrent.SUPPORT
     """current while holding: as much as the load needs, or the environment's own"""
+    current: CurrentCommand = CurrentCommand.FIXED
+    """what commands the coils: the gates alone, a law at 50 Hz, or the policy, with an action for each"""
+    coil_lag: opt.OptionalLag = None
+    """time constant of the coils [s] (default: the devices' own)"""
+    hold_speed: Annotated[float | None, opt.one(opt.positive, "W")] = None
+    """speed below which a device may hold [rad/s] (default: the devices' own eps_hold)"""
     z_step: ZStep = ZStep.EULER
     """step of the hysteresis state: the paper's, or the closed form for constant speed"""
     sal: Literal["on", "off"] = "on"
@@ -171,7 +186,17 @@ class Train(opt.ViewOptions, opt.RobotOptions, Learning):
         check_device(device)
         env = make_walk_cfg(
             **self.chosen("num_envs", "seed", "robot", "payload", "asset", "model", "extrapolate", "coupling"),
-            **self.chosen("hold_current", "z_step", "backend", "deterministic", "terrain", "randomize"),
+            **self.chosen(
+                "hold_current",
+                "current",
+                "coil_lag",
+                "hold_speed",
+                "z_step",
+                "backend",
+                "deterministic",
+                "terrain",
+                "randomize",
+            ),
             device=device,
             actuator_model=self.actuator,
             actuator_file=self.actuator_model or shipped_model(self.actuator),
@@ -254,6 +279,8 @@ def resumed(options: Train, typed: set[str], ranks: Ranks) -> Train:
             "extrapolate": task.get("extrapolate", False),
             "coupling": Coupling(task["coupling"]),
             "hold_current": HoldCurrent(task["hold_current"]),
+            "current": CurrentCommand(task.get("current", "fixed")),  # files of earlier versions have none
+            **{name: task.get(name) for name in ("coil_lag", "hold_speed")},
             "z_step": ZStep(task["z_step"]),
             "sal": "on" if task["sal"] else "off",
             "randomize": kinds[json.dumps(task["randomize"])],

@@ -6,10 +6,10 @@ import sys
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from mrwarp import paper
-from mrwarp.enums import Coupling
+from mrwarp.enums import Coupling, CurrentCommand
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine
 from mrwarp.paper import ROBOTS
@@ -18,6 +18,7 @@ from mrwarp.runtime import ProgressLine
 
 if TYPE_CHECKING:
     from mrwarp.env.cfg import EnvCfg
+    from mrwarp.trials.mission import MissionCfg
     from mrwarp.trials.walking import Policy
 
 TASK = ("speed", "distance", "standby", "outbound_load", "return_load")
@@ -67,6 +68,8 @@ class EnergyOptions(opt.RobotOptions):
     """SAL with damping and holding, or holding alone"""
     current: Annotated[float, opt.one(used_current, "A")] = 1.5
     """current the devices may use"""
+    current_by: CurrentCommand | None = None
+    """what commands the coils within that (default: as the policy of mr_go_sal was trained)"""
     threads: opt.Whole = 0
     """CPU threads; 0 = all, the figures are the same for any number"""
     seed: opt.Seed = 0
@@ -76,8 +79,29 @@ class EnergyOptions(opt.RobotOptions):
         """The task that the options ask for."""
         from mrwarp.env.cfg import make_walk_cfg
 
-        env = make_walk_cfg(**self.chosen("coupling", "asset", "model", "threads"))
+        env = make_walk_cfg(**self.chosen("coupling", "asset", "model", "threads"), **self._coils())
         return replace(env, currents=(self.current,), actuator=replace(env.actuator, damping=self.branches == "both"))
+
+    def _coils(self) -> dict[str, Any]:
+        """What commands the coils, their lag and their gate, as the policy was trained unless an option says else.
+
+        Raises:
+            ValueError: the policy commands the coils and the option says that it does not, or the other way round.
+        """
+        path = self.policy_mr_go_sal or self.policy
+        if path is None:
+            learns, task = False, {}
+        else:
+            from mrwarp.rl.policy import OnnxPolicy
+
+            policy = OnnxPolicy(path)
+            learns, task = policy.currents > 0, policy.description.get("task", {})
+        trained = task.get("current", "fixed")
+        command = self.current_by or CurrentCommand("learned" if learns else trained)
+        if learns != (command is CurrentCommand.LEARNED):
+            has = "commands the coils" if learns else "commands no coils"
+            raise ValueError(f"--current-by {command.value}: {path or 'the shipped policy'} {has}; name another policy")
+        return {"current": command, **{name: task.get(name) for name in ("coil_lag", "hold_speed")}}
 
     def read_policies(self) -> dict[str, Policy]:
         """Policy of each robot, by default trained with its coupling; files that are the same are loaded once.
@@ -256,6 +280,10 @@ class Mission(EnergyOptions):
     """repetitions"""
     feedback: opt.Flag = False
     """warm windings and fluids act back; a second pass"""
+    thermal: opt.Flag = False
+    """MR_Go-SAL alone, its devices warming up along the way: what holds slip, what compensation costs"""
+    ambient: Annotated[float, opt.one(opt.within(-60.0, 80.0, "K"), "K")] = 0.0
+    """with --thermal: air above the temperature at which the devices were identified"""
     calibrate: opt.Flag = False
     """fit thermal numbers and capacity to Go1's, write numbers.json"""
 
@@ -275,6 +303,10 @@ class Mission(EnergyOptions):
             **same, seeds=self.trials, robots=tuple(r for r in ROBOTS if r in self.robot), env=self.env_cfg()
         )
         of_paper = all(getattr(cfg, name) == getattr(MissionCfg(), name) for name in TASK)
+        if self.thermal:
+            return self._thermal(line, cfg, policies["mr_go_sal"], groups, progress)
+        if self.ambient:
+            raise ValueError("--ambient goes with --thermal; add it")
         if self.calibrate and "go1" not in cfg.robots:
             raise ValueError("--calibrate needs Go1 among the robots")
         if self.calibrate and not of_paper:
@@ -297,4 +329,27 @@ class Mission(EnergyOptions):
         walk_pictures.mission_temperature(traces, figures["robots"], self.out / "temperature.png")
         print("\n".join(energy_report.mission_lines(figures)))
         print(f"\nfigures and pictures in {self.out}")
+        return 0
+
+    def _thermal(
+        self, line: CommandLine, cfg: MissionCfg, policy: Policy, groups: dict[str, Any], progress: ProgressLine
+    ) -> int:
+        """The mission of MR_Go-SAL with devices that warm up."""
+        from mrwarp.energy.model_numbers import described
+        from mrwarp.trials import thermal_mission
+
+        if self.calibrate or self.feedback:
+            raise ValueError("--thermal takes neither --calibrate nor --feedback; leave them out")
+        if self.current_by is not None:
+            raise ValueError("--thermal compares fixed and scheduled currents by itself; leave out --current-by")
+        try:
+            found = thermal_mission.run(cfg, policy, groups["electrical"], groups["thermal"], self.ambient, progress)
+        finally:
+            progress.done()
+        same = {**self.chosen(*TASK), "window": self.window, "trials": self.trials}
+        figures = {**found, "task": same, "numbers": described(groups)}
+        write_result(self.out, figures, seed=self.seed, command=str(line))
+        thermal_mission.picture(found, self.out / "thermal.png")
+        print("\n".join(thermal_mission.lines(found)))
+        print(f"\nfigures and picture in {self.out}")
         return 0

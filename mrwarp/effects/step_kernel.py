@@ -48,7 +48,7 @@ def make_step_kernel(effects: bool) -> Any:
         # parameters: environments and joints that a thread takes are this far apart; struct, shape (E or 1, M); slot of
         # joint j or -1, (J,), and leg of each device or -1, (M,); motor gains, (E or 1, J), of joints without a device
         # (others have theirs in the struct); step [s]; switches: damping and holding branch allowed, holding current,
-        # exact step of z, 1 = brake constraint, 0 = explicit torque
+        # exact step of z, 1 = brake constraint, 0 = explicit torque; hysteresis of the holding gate, see gated_command
         rows: int,
         lanes: int,
         params: wp.array2d[JointParams],
@@ -63,12 +63,15 @@ def make_step_kernel(effects: bool) -> Any:
         hold_current: int,
         exact: int,
         constraint: int,
-        # in, shape (E, J) [rad, rad, rad/s], (E, 4) [N], (E,) [A], (1,), state of shape (E, M)
+        latch: float,
+        # in, shape (E, J) [rad, rad, rad/s], (E, 4) [N], (E,) [A], commanded current (E, M) [A] or none, (1,), state
+        # of shape (E, M)
         q_des_in: wp.array2d[float],
         q_in: wp.array2d[float],
         qd_in: wp.array2d[float],
         f_foot_in: wp.array2d[float],
         current_e_in: wp.array[float],
+        command_in: wp.array2d[float],
         head_in: wp.array[int],
         z_in: wp.array2d[float],
         coil_in: wp.array2d[float],
@@ -125,7 +128,13 @@ def make_step_kernel(effects: bool) -> Any:
                     no_foot = leg_of[slot] < 0
                     branch = wp.where(no_foot, mr_joint.UNGATED, damping)
                     f_foot = flat(f_foot_in, env * legs + wp.max(leg_of[slot], 0))
-                    m_dyn, m_hold, command = gated_command(p, f_foot, e, qd, allowed, branch, holding, hold_current)
+                    may_use, held_before = float(allowed), float(0.0)
+                    if command_in:
+                        may_use = wp.min(allowed, flat(command_in, k))
+                        held_before = flat(m_hold_out, k)
+                    m_dyn, m_hold, command = gated_command(
+                        p, f_foot, e, qd, may_use, branch, holding, hold_current, held_before, latch
+                    )
                     q_c = displacement(p, q)
                     begin = flat(coil_in, k)
                     logged = mean_coil_current(begin, command, p.coil_time_constant, dt)

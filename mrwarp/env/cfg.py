@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 
 from mrwarp.actuator.mr_actuator import MrActuatorCfg
-from mrwarp.enums import ACTUATORS, LEARNED, TERRAINS, BackendKind, Coupling, HoldCurrent, ZStep
+from mrwarp.enums import ACTUATORS, LEARNED, TERRAINS, BackendKind, Coupling, CurrentCommand, HoldCurrent, ZStep
 from mrwarp.env.commands import CommandCfg
 from mrwarp.env.events import RandomizeCfg, make_randomize_cfg
 from mrwarp.env.observations import NoiseCfg
@@ -49,6 +49,12 @@ class EnvCfg:
     """Kp [N·m/rad] and Kd [N·m·s/rad] of all motors; None keeps the asset's. The low gain while holding stays."""
     currents: tuple[float, ...] = CURRENT_GROUPS
     """Fixed currents I_e over equal groups of environments [A], eq. 20."""
+    current: CurrentCommand = CurrentCommand.FIXED
+    """What commands the coils within that, see :mod:`mrwarp.env.commands`."""
+    coil_lag: float | None = None
+    """Time constant of all coils [s]; None keeps the devices' own."""
+    hold_speed: float | None = None
+    """Speed below which all devices may hold [rad/s], eps_hold of eq. 8; None keeps the devices' own."""
     decimation: int = 4
     """Torque steps per policy step: 200 Hz / 50 Hz."""
     episode_seconds: float = 20.0
@@ -83,6 +89,12 @@ class EnvCfg:
             )
         if not self.currents or not all(0.0 <= current < math.inf for current in self.currents):
             raise ValueError(f"currents = {self.currents} must be at least one value, finite and none below 0 A")
+        number = int | float  # a policy's file may say anything
+        if self.coil_lag is not None and not (isinstance(self.coil_lag, number) and 0.0 <= self.coil_lag <= 10.0):
+            raise ValueError(f"coil_lag = {self.coil_lag!r} s must lie in [0, 10]")
+        speed = self.hold_speed
+        if speed is not None and not (isinstance(speed, number) and 0.0 < speed < math.inf):
+            raise ValueError(f"hold_speed = {speed!r} rad/s must be positive and finite")
         if self.gains is not None and not (self.gains[0] > 0.0 and self.gains[1] >= 0.0):
             raise ValueError(f"gains = {self.gains}: Kp must be positive and Kd not negative")
         if not 0.0 < self.window_capacity <= 1.0:
@@ -117,6 +129,9 @@ def make_walk_cfg(
     hold_current: HoldCurrent = HoldCurrent.SUPPORT,
     z_step: ZStep = ZStep.EULER,
     sal: bool = True,
+    current: CurrentCommand = CurrentCommand.FIXED,
+    coil_lag: float | None = None,
+    hold_speed: float | None = None,
     lstm_state: LstmState = LstmState.CARRIED,
     backend: BackendKind | None = None,
     threads: int = 0,
@@ -136,6 +151,9 @@ def make_walk_cfg(
         actuator=MrActuatorCfg(coupling=coupling, hold_current=hold_current, z_step=z_step, sal=sal),
         actuator_model=actuator_model,
         actuator_file=actuator_file,
+        current=current,
+        coil_lag=coil_lag,
+        hold_speed=hold_speed,
         lstm_state=lstm_state,
         model=model,
         extrapolate=extrapolate,

@@ -1,4 +1,9 @@
-"""What drives a robot: velocity commands, a policy's joint targets; and what motors and coils spent on them."""
+"""What drives a robot: velocity commands, a policy's joint targets, coil currents; and what was spent on them.
+
+Coils may be commanded at 50 Hz, by a law or by the policy. A device's coil gets its current while one of its gates is
+open (200 Hz), else none; the coil's lag follows. Without a command (``fixed``) nothing of this runs, and the gates take
+I_e, or the support current at 200 Hz.
+"""
 
 # pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false, reportIndexIssue=false
 # pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false
@@ -7,15 +12,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 import warp as wp
 
 from mrwarp.energy.power import ElectricalCfg, copper_factor
+from mrwarp.enums import CurrentCommand
 from mrwarp.env.rng import COMMAND, STEP, between, place
 from mrwarp.env.state import WalkState
+from mrwarp.kernels.brake import holding_need, support_current
 from mrwarp.kernels.launch import Launch, record
 from mrwarp.kernels.ledger import COIL, MOTOR, MOTOR_SQUARE
+from mrwarp.kernels.mr_joint import JointParams
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,6 +117,7 @@ def action_kernel(
     for k in range(actions_in.shape[1]):
         last_action_out[env, k] = action_out[env, k]
         action_out[env, k] = actions_in[env, k]
+    for k in range(q_des_out.shape[1]):  # further actions command currents
         q_des_out[env, k] = default_q[k] + action_scale * actions_in[env, k]
         last_qd_out[env, k] = qd_in[env, k]
     before = spent(ledger_in, copper, env)
@@ -150,6 +160,79 @@ def take_actions(s: WalkState, scale: float, winding_resistance: float) -> Launc
         [scale, s.default_q, _copper(s, winding_resistance), s.actions, s.qd, s.ledger],
         [s.action, s.last_action, s.q_des, s.last_qd, s.spent],
     )
+
+
+MIDDLE = wp.constant(1.0 / 3.0)
+"""Current that a learned action of 0 commands, as a share of I_e: of 1.5 A the best fixed one, 0.5 A (docs/beyond.md).
+Actions of -1 and 2 command none and all."""
+
+
+@wp.func
+def scheduled_current(p: JointParams, e: float, qd: float, strength: float, allowed: float) -> float:
+    """Current by law [A]: as much as the load needs (eq. 18) of a joint that may soon hold, all for one that moves.
+
+    Args:
+        p: The device.
+        e: Tracking error [rad], eq. 4, whose share of the low gain is the need (eq. 19).
+        qd: Joint velocity [rad/s]. Above eps_v only damping (eq. 5) may open, whose torque is far below the need.
+        strength: Yield torque expected of the device, as a share of its nominal one: 1 cold, less when warm.
+        allowed: Largest current [A].
+    """
+    if wp.abs(qd) > p.eps_v:
+        return allowed
+    need = holding_need(e, p.kp_base, p.kp_low) / wp.max(strength, 0.05)
+    return support_current(need, p.safety_factor, allowed, p.T_max, p.K, p.n)
+
+
+@wp.func
+def learned_current(action: float, allowed: float) -> float:
+    """Current that the policy commands [A]: linear in its action about :data:`MIDDLE`, clipped to what is allowed."""
+    return allowed * wp.clamp(MIDDLE * (1.0 + action), 0.0, 1.0)
+
+
+@wp.kernel(enable_backward=False)
+def current_kernel(
+    # parameters: 1 = the policy commands, 0 = the law; structs, shape (E or 1, M); joint of each device, shape (M,)
+    learned: int,
+    params: wp.array2d[JointParams],
+    joint_of: wp.array[int],
+    # in, shapes (E, A), (E, J) [rad, rad, rad/s], (E,) [A], (E, M)
+    action_in: wp.array2d[float],
+    q_des_in: wp.array2d[float],
+    q_in: wp.array2d[float],
+    qd_in: wp.array2d[float],
+    current_e_in: wp.array[float],
+    strength_in: wp.array2d[float],
+    # out, shape (E, M) [A]
+    command_out: wp.array2d[float],
+):
+    """Commanded current of every device over the coming policy step."""
+    env = wp.tid()
+    for slot in range(joint_of.shape[0]):
+        joint = joint_of[slot]
+        p = params[wp.min(env, params.shape[0] - 1), slot]
+        allowed = wp.min(current_e_in[env], p.current_max)
+        if learned == 1:
+            command_out[env, slot] = learned_current(action_in[env, q_in.shape[1] + slot], allowed)
+        else:
+            e = q_des_in[env, joint] - q_in[env, joint]
+            command_out[env, slot] = scheduled_current(p, e, qd_in[env, joint], strength_in[env, slot], allowed)
+
+
+def command_current(s: WalkState, command: CurrentCommand, params: wp.array, joint_of: wp.array) -> list[Launch]:
+    """What writes ``s.current_command`` from the state at the begin of a policy step; nothing for fixed currents.
+
+    Args:
+        s: The task's arrays.
+        command: Who commands.
+        params: The devices' parameters, shape (E or 1, M).
+        joint_of: Joint of each device, shape (M,).
+    """
+    if command is CurrentCommand.FIXED or not len(joint_of):
+        return []
+    inputs: list[Any] = [int(command is CurrentCommand.LEARNED), params, joint_of]
+    arrays = [s.action, s.q_des, s.q, s.qd, s.current_e, s.strength]
+    return [record(current_kernel, len(s.q), [*inputs, *arrays], [s.current_command])]
 
 
 def account(s: WalkState, winding_resistance: float, step_dt: float, gait_frequency: float) -> Launch:

@@ -14,9 +14,12 @@ from mrwarp.env.state import WalkState
 from mrwarp.kernels.launch import Launch, record_per_env
 
 
-def actor_terms(joints: int) -> dict[str, int]:
-    """The actor's observation terms and their sizes, in order; 47 in total with 12 joints."""
-    return {"gyro": 3, "gravity": 3, "command": 3, "q": joints, "qd": joints, "action": joints, "clock": 2}
+def actor_terms(joints: int, currents: int = 0) -> dict[str, int]:
+    """The actor's observation terms and their sizes, in order; 47 in total with 12 joints.
+
+    ``currents``: coils that the policy commands, whose last command is part of the last action.
+    """
+    return {"gyro": 3, "gravity": 3, "command": 3, "q": joints, "qd": joints, "action": joints + currents, "clock": 2}
 
 
 QD_SCALE, F_FOOT_SCALE, TORQUE_SCALE = 0.05, 0.02, 0.05
@@ -37,9 +40,9 @@ class NoiseCfg:
     """Joint velocity [rad/s]."""
 
 
-def critic_columns(joints: int, legs: int, devices: int) -> int:
+def critic_columns(joints: int, legs: int, devices: int, currents: int = 0) -> int:
     """Columns of the critic's observation: those of the actor, and what :func:`observe_kernel` adds."""
-    return sum(actor_terms(joints).values()) + 3 + 1 + legs + 1 + joints + 2 + 3 * devices
+    return sum(actor_terms(joints, currents).values()) + 3 + 1 + legs + 1 + joints + 2 + 3 * devices
 
 
 _COPY = """

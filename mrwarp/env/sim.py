@@ -247,12 +247,14 @@ class ActuatedSim:
         actuator_cfg: Choices of the MR joint's model.
         residual: Learned torque, see :class:`mrwarp.actuator.mr_actuator.MrActuator`.
         share_params: One set of actuator parameters for all environments.
+        commanded: Whether coils get ``current_command`` while a gate is open.
 
     Attributes:
         sim: The physics.
         actuator: The joints' motors and devices.
         q_des: Joint targets [rad], shape (E, J); write them before stepping.
         current_e: Current each environment may use [A], shape (E,).
+        current_command: Current commanded of each device [A], shape (E, M); unused without ``commanded``.
         physics: Launches of a physics step.
         before_hooks, hooks: Called on the host before and after every torque step, e.g. to record or to push; empty in
             training.
@@ -266,14 +268,18 @@ class ActuatedSim:
         *,
         residual: LearnedTorque | None = None,
         share_params: bool = True,
+        commanded: bool = False,
     ) -> None:
         actuator_cfg = actuator_cfg or MrActuatorCfg()
         self.sim = sim = Sim(scene, cfg, coupling=actuator_cfg.coupling)
         self.q_des = wp.zeros((cfg.num_envs, len(scene.actuators)), dtype=float, device=cfg.device)
         self.current_e = wp.zeros(cfg.num_envs, dtype=float, device=cfg.device)
+        devices = sum(actuator.mr is not None for actuator in scene.actuators)
+        self.current_command = wp.zeros((cfg.num_envs, devices), dtype=float, device=cfg.device)
         inputs = ActuatorInputs(
-            q_des=self.q_des, q=sim.q, qd=sim.qd, f_foot=sim.f_foot, current_e=self.current_e, friction=sim.friction
-        )
+            q_des=self.q_des, q=sim.q, qd=sim.qd, f_foot=sim.f_foot, current_e=self.current_e, friction=sim.friction,
+            command=self.current_command if commanded else None,
+        )  # fmt: skip
         choices = {"cfg": actuator_cfg, "residual": residual, "share_params": share_params}
         self.actuator = MrActuator(scene.actuators, scene.legs, inputs, dt=cfg.dt, **choices)
         self.physics = sim.physics(self.actuator.tau, self.actuator.bound)

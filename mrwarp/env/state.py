@@ -61,6 +61,10 @@ class WalkState:
     """Joint targets."""
     current_e: torch.Tensor = array("E", "A", owner="robot")
     """Current I_e that an environment may use."""
+    current_command: torch.Tensor = array("E M", "A", owner="robot")
+    """Current that is commanded of each device, see :mod:`mrwarp.env.commands`."""
+    strength: torch.Tensor = array("E M")
+    """Yield torque that the current's law expects of each device, as a share of the nominal one."""
 
     # physics
     q: torch.Tensor = array("E J", "rad", owner="sim", saved=True)

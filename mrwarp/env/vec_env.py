@@ -13,6 +13,7 @@ from tensordict import TensorDict
 
 from mrwarp.actuator.mr_actuator import PROPERTIES
 from mrwarp.actuator.residual import LearnedTorque, with_bouc_wen
+from mrwarp.enums import CurrentCommand
 from mrwarp.env import commands, events, gait, observations, rewards, terminations
 from mrwarp.env.cfg import LEARNED, EnvCfg
 from mrwarp.env.nan_guard import NanGuard
@@ -62,7 +63,9 @@ class WalkEnv(VecEnv):
         asset, residual = _asset(cfg)
         self.terrain = Terrain(cfg.terrain, self.num_envs, seed=cfg.seed) if cfg.terrain else None
         scene = robot_scene(asset, cfg.sim, cfg.actuator.coupling, edit, self.terrain and self.terrain.field)
-        self.robot = ActuatedSim(scene, cfg.sim, cfg.actuator, residual=residual, share_params=False)
+        commanded = cfg.current is not CurrentCommand.FIXED
+        choices = {"residual": residual, "share_params": False, "commanded": commanded}
+        self.robot = ActuatedSim(scene, cfg.sim, cfg.actuator, **choices)
         self.sim, self.actuator, self.substep_hooks = self.robot.sim, self.robot.actuator, self.robot.hooks
         if cfg.gains is not None:
             self._set_gains(*cfg.gains)
@@ -72,10 +75,12 @@ class WalkEnv(VecEnv):
         self.contact_force = gates[0] if gates else MrParams().gate.f_th * self.scales.mass
         self.cfg = cfg = in_natural_units(cfg, scene)
         joints, legs, devices = len(scene.actuators), len(scene.layout.legs), len(self.actuator.mr_joints)
-        self.num_actions = joints
-        columns = observations.critic_columns(joints, self.sim.f_foot.shape[1], devices)
-        observed = sum(observations.actor_terms(joints).values())
-        sizes = {"E": self.num_envs, "A": self.num_actions, "J": joints, "L": legs, "T": len(rewards.TERMS)}
+        currents = devices if cfg.current is CurrentCommand.LEARNED else 0
+        self.num_actions = joints + currents
+        columns = observations.critic_columns(joints, self.sim.f_foot.shape[1], devices, currents)
+        observed = sum(observations.actor_terms(joints, currents).values())
+        sizes = {"E": self.num_envs, "A": self.num_actions, "J": joints, "L": legs, "M": devices}
+        sizes |= {"T": len(rewards.TERMS)}
         self.arrays = s = WalkState.of(self.robot, self.device, **sizes, O=observed, C=columns)
         self.q, self.qd, self.q_des, self.f_foot = s.q, s.qd, s.q_des, s.f_foot
         self.root_pos, self.root_quat, self.root_vel, self.root_ang = s.root_pos, s.root_quat, s.root_vel, s.root_ang
@@ -84,6 +89,7 @@ class WalkEnv(VecEnv):
         self.height, self.gravity, self.body_velocity = s.height, s.gravity, s.body_velocity
         self.clock_match, self.effort, self.power, self.key = s.clock_match, s.effort, s.power, s.key
         self.default_q.copy_(torch.tensor(scene.layout.default_q))
+        s.strength.fill_(1.0)
         group = torch.arange(self.num_envs, device=self.device) * len(cfg.currents) // self.num_envs  # eq. 20
         self.current_e.copy_(torch.tensor(cfg.currents, device=self.device)[group])
         self.nan_guard = NanGuard(self.robot, s)
@@ -100,7 +106,8 @@ class WalkEnv(VecEnv):
         On MuJoCo-Warp all of it is one graph; the host reads no number.
 
         Args:
-            actions: Joint targets relative to the neutral stance, in units of ``action_scale``, shape (E, A).
+            actions: Joint targets relative to the neutral stance, in units of ``action_scale``, and where the policy
+                commands the coils a current each, see :mod:`mrwarp.env.commands`; shape (E, A).
 
         Returns:
             Observations, rewards (E,), dones (E,) and extras with ``time_outs`` (E,) for bootstrapping; tensors of
@@ -127,6 +134,7 @@ class WalkEnv(VecEnv):
         ]
         return [
             self._take_actions,
+            *self._command_current,
             *self._push,
             *torque_step * self.cfg.decimation,
             self._account,  # effort, power, gait clock
@@ -152,6 +160,7 @@ class WalkEnv(VecEnv):
             return [*ground, gait.derive(s, mask, self.contact_force, legs)]
 
         self._take_actions = commands.take_actions(s, cfg.action_scale, cfg.rewards.winding_resistance)
+        self._command_current = commands.command_current(s, cfg.current, actuator.params, actuator.joint_of)
         self._account = commands.account(s, cfg.rewards.winding_resistance, cfg.step_dt, cfg.gait_frequency)
         self._push = events.push(s, cfg.randomize, cfg.step_dt)
         self._derive = derive(everywhere)
@@ -275,6 +284,10 @@ def _asset(cfg: EnvCfg) -> tuple[RobotAsset, LearnedTorque | None]:
         asset = replace(asset, actuators=tuple(replace(a, mr=None) for a in asset.actuators))
     if cfg.model is not None:
         asset = with_model(asset, cfg.model, extrapolate=cfg.extrapolate)
+    own = {"coil_time_constant": cfg.coil_lag, "eps_hold": cfg.hold_speed}
+    if given := {name: value for name, value in own.items() if value is not None}:
+        actuators = (replace(a, mr=a.mr.replace(**given)) if a.mr else a for a in asset.actuators)
+        asset = replace(asset, actuators=tuple(actuators))
     if cfg.actuator_model not in LEARNED:
         return asset, None
     assert cfg.actuator_file is not None  # EnvCfg has checked

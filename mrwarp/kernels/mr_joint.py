@@ -75,16 +75,29 @@ def coil_command(p: JointParams, m_dyn: float, m_hold: float, e: float, limit: f
 
 @wp.func
 def gated_command(
-    p: JointParams, f_foot: float, e: float, qd: float, allowed: float, damping: int, holding: int, hold_current: int
+    p: JointParams,
+    f_foot: float,
+    e: float,
+    qd: float,
+    allowed: float,
+    damping: int,
+    holding: int,
+    hold_current: int,
+    held: float,
+    latch: float,
 ) -> tuple[float, float, float]:
     """(m_dyn, m_hold, commanded current [A]), up to the allowed current [A]; each branch may be switched off (0).
 
-    With ``damping = UNGATED`` the coil gets the allowed current, and the device counts as damping.
-    """
+    With ``damping = UNGATED`` the coil gets the allowed current, and the device counts as damping. With ``latch > 1`` a
+    device that was holding (``held`` = 1) goes on, whatever eq. 5 says, up to ``latch`` times the speed of eq. 8.
+    """  # fmt: skip
     limit = wp.min(allowed, p.current_max)
     if damping == UNGATED:
         return 1.0, 0.0, limit
     may_damp, may_hold = gates(p, f_foot, e, qd, limit)
+    if latch > 1.0 and held > 0.0 and limit > 0.0:
+        may_hold = hold_gate(f_foot, qd, 0.0, p.f_th, latch * p.eps_hold)
+        may_damp = wp.where(may_hold > 0.0, 0.0, may_damp)
     m_dyn, m_hold = float(damping) * may_damp, float(holding) * may_hold
     return m_dyn, m_hold, coil_command(p, m_dyn, m_hold, e, limit, hold_current)
 

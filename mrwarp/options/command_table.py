@@ -43,6 +43,8 @@ STUDY = {
     "table3": Command("run_study:Table3Options", "torque models in training"),
     "causes": Command("run_study:Causes", "which part of the plant makes a policy's velocity error"),
     "fig5": Command("run_study:Figure5", "learning curves"),
+    "current": Command("run_beyond:Current", "who should command the coils: fixed, a law, or the policy; resumable"),
+    "ageing": Command("run_beyond:Ageing", "how soon one calibration a day notices a worn device"),
 }
 
 ASSET = {
@@ -79,6 +81,7 @@ COMMANDS: dict[str, Command | Group] = {
     "diagnose": Command(
         "run_diagnose:Diagnose", "what the simulation gets wrong, why, and what it gains to put that right"
     ),
+    "monitor": Command("run_fit:Monitor", "follow a device's health through a folder of calibration records"),
     "log": Group("logs of whole robots, for 'mrwarp diagnose'", LOG),
     "learn": Command("run_fit:Learn", "train and evaluate the learned torque models"),
     "reproduce": Command(

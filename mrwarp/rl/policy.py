@@ -33,13 +33,15 @@ class PolicyError(ValueError):
 
 
 def export_onnx(actor: Any, path: Path, description: dict[str, Any]) -> None:
-    """Write the actor with its normaliser as ONNX: input ``obs`` (N, 11 + 3*J), output ``actions`` (N, J).
+    """Write the actor with its normaliser as ONNX: input ``obs`` (N, 11 + 3*J + C), output ``actions`` (N, J + C).
 
     The ``description`` is stored as metadata: what a user needs to run it, e.g. action scale, gains, command.
     """
     model = actor.as_onnx(verbose=False).to("cpu").eval()
     inputs = model.get_dummy_inputs()
-    description = {"observations": actor_terms(model(*inputs).shape[1]), **description}
+    observed, given = inputs[0].shape[1], model(*inputs).shape[1]
+    joints = (observed - given - sum(actor_terms(0).values())) // 2  # actor_terms is linear in joints and currents
+    description = {"observations": actor_terms(joints, given - joints), **description}
     write_onnx(model, inputs, path, input="obs", output="actions", description=description)
 
 
@@ -56,6 +58,7 @@ class OnnxPolicy:
     Attributes:
         description: The metadata.
         joints: Joints J of the robot it was trained on.
+        currents: Coils C whose current it commands.
         file: USD file of a robot of one's own that it was trained on; None: a shipped robot.
 
     Raises:
@@ -74,6 +77,7 @@ class OnnxPolicy:
             raise PolicyError(f"{path}: not a readable ONNX model ({one_line(error)}); export it again") from error
         self.description = self._described({entry.key: entry.value for entry in proto.metadata_props})
         self.joints = self.description["observations"]["q"]
+        self.currents = self.description["observations"]["action"] - self.joints
         robot = str(self.description.get("task", {}).get("robot"))
         self.file = robot if robot.endswith(ROBOT_SUFFIXES) else None
         nodes, weights = proto.graph.node, proto.graph.initializer
@@ -82,7 +86,7 @@ class OnnxPolicy:
         if foreign := next((node.op_type for node in nodes if node.op_type not in LAYERS), None):
             raise PolicyError(f"{path}: layer {shown(foreign)} is not one of {', '.join(LAYERS)}; {_REMEDY}")
         self._net, self._device = None, torch.device("cpu")
-        probe = torch.linspace(-3.0, 3.0, sum(actor_terms(self.joints).values())).reshape(1, -1)
+        probe = torch.linspace(-3.0, 3.0, sum(self.description["observations"].values())).reshape(1, -1)
         try:  # the checker lets shapes and types pass that numpy, torch or onnxruntime do not have
             self._input = proto.graph.input[0].name
             self._weights = {w.name: torch.from_numpy(onnx.numpy_helper.to_array(w).copy()) for w in weights}
@@ -90,9 +94,10 @@ class OnnxPolicy:
             actions = self(probe)
         except Exception as error:  # onnxruntime has a type of error for each of its status codes
             raise PolicyError(f"{path}: does not run ({one_line(error)}); {_REMEDY}") from error
-        if actions.shape != (1, self.joints):
+        if actions.shape != (1, self.joints + self.currents):
+            needed = (1, self.joints + self.currents)
             raise PolicyError(
-                f"{path}: gives actions of shape {tuple(actions.shape)}, needed is {(1, self.joints)}; train it again"
+                f"{path}: gives actions of shape {tuple(actions.shape)}, needed is {needed}; train it again"
             )
         self._divisors = [node.input[1] for node in nodes if node.op_type == "Div"]
         self._net = self._as_torch([node.op_type for node in nodes], probe, actions)
@@ -107,8 +112,13 @@ class OnnxPolicy:
         except (ValueError, TypeError, RecursionError) as error:
             raise PolicyError(f"{self.path}: unreadable mrwarp metadata ({one_line(error)}); {_REMEDY}") from error
         found = description.get("observations")
-        joints = found.get("q") if isinstance(found, dict) else None
-        if not isinstance(joints, int) or not 1 <= joints <= MAX_JOINTS or found != actor_terms(joints):
+        joints, actions = (found.get("q"), found.get("action")) if isinstance(found, dict) else (None, None)
+        if (
+            not (isinstance(joints, int) and isinstance(actions, int))
+            or not 1 <= joints <= MAX_JOINTS
+            or not 0 <= actions - joints <= joints
+            or found != actor_terms(joints, actions - joints)
+        ):
             raise PolicyError(
                 f"{self.path}: made for observations {shown(found)}, this version gives {actor_terms(12)} "
                 "to a robot of 12 joints; train it again"
@@ -117,11 +127,12 @@ class OnnxPolicy:
 
     @torch.no_grad()
     def __call__(self, obs: TensorDict | torch.Tensor) -> torch.Tensor:
-        """Actions (E, J) for observations (the ``actor`` group, or a tensor (E, 11 + 3*J))."""
+        """Actions (E, J + C) for observations (the ``actor`` group, or a tensor (E, 11 + 3*J + C))."""
         x = obs["actor"] if isinstance(obs, TensorDict) else obs
-        if x.shape[1] != sum(actor_terms(self.joints).values()):
+        if x.shape[1] != sum(self.description["observations"].values()):
+            what = f" whose {self.currents} coil currents it commands (--current learned)" if self.currents else ""
             raise PolicyError(
-                f"{self.path}: made for a robot of {self.joints} joints, not for this one; train it again"
+                f"{self.path}: made for a robot of {self.joints} joints{what}, not for this one; train it again"
             )
         if self._net is not None:
             if x.device != self._device:
@@ -131,7 +142,7 @@ class OnnxPolicy:
         return torch.from_numpy(actions).to(x.device)
 
     def actor(self) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
-        """Weights under the actor's own names, and what its normaliser divides by, shape (1, 11 + 3*J).
+        """Weights under the actor's own names, and what its normaliser divides by, shape (1, 11 + 3*J + C).
 
         Raises:
             KeyError: it has no normaliser.

@@ -8,6 +8,7 @@ from typing import Any
 
 import torch
 
+from mrwarp.env.observations import actor_terms
 from mrwarp.rl.checkpoint import CheckpointError, load
 from mrwarp.rl.policy import OnnxPolicy, PolicyError
 from mrwarp.rl.ppo_cfg import STEPS_PER_UPDATE
@@ -91,6 +92,7 @@ def take_networks(algorithm: Any, networks: Networks) -> dict[str, Any]:
         noise = torch.full_like(algorithm.actor.state_dict()["distribution.std_param"], NOISE)
         spread = {"obs_normalizer._std": std, "obs_normalizer._var": std.square(), "distribution.std_param": noise}
         saved = {"actor": {**saved["actor"], **spread}}
+    saved = _with_currents(algorithm, saved)
     for name, weights in saved.items():
         own, what = getattr(algorithm, name).state_dict(), f"{networks.path}: its {name}"
         for key in sorted(own.keys() | weights.keys()):
@@ -107,6 +109,39 @@ def take_networks(algorithm: Any, networks: Networks) -> dict[str, Any]:
     for name, weights in saved.items():
         getattr(algorithm, name).load_state_dict(weights, strict=True)
     return {"file": str(networks.path), **networks.origin}
+
+
+def _with_currents(algorithm: Any, saved: dict[str, dict[str, torch.Tensor]]) -> dict[str, dict[str, torch.Tensor]]:
+    """Networks that commanded no coils, for a training whose policy does: as they were, and 0 for the new actions.
+
+    Where the new actor has no more actions than the saved one, nothing changes.
+    """
+    own, last = algorithm.actor.state_dict(), [key for key in saved["actor"] if key.startswith("mlp.")]
+    if not last or last[-1] not in own or own[last[-1]].shape[0] <= saved["actor"][last[-1]].shape[0]:
+        return saved
+    joints, actions = saved["actor"][last[-1]].shape[0], own[last[-1]].shape[0]
+    column, currents = sum(actor_terms(joints).values()) - 2, actions - joints  # before the clock
+
+    def wider(weights: torch.Tensor, axis: int, at: int, value: float) -> torch.Tensor:
+        shape = list(weights.shape)
+        shape[axis] = currents
+        before, after = weights.split([at, weights.shape[axis] - at], axis)
+        return torch.cat([before, weights.new_full(shape, value), after], axis)
+
+    found = {}
+    for name, net in saved.items():
+        layers = sorted(key for key in net if key.startswith("mlp."))
+        found[name] = new = dict(net)
+        for key in net:
+            if key.startswith("obs_normalizer._"):
+                new[key] = wider(net[key], 1, column, 0.0 if key.endswith("mean") else 1.0)
+            elif key == "distribution.std_param" and len(net[key]) == joints:
+                new[key] = wider(net[key], 0, joints, NOISE)
+            elif key == layers[1]:  # weight of the first layer
+                new[key] = wider(net[key], 1, column, 0.0)
+            elif key in layers[-2:] and name == "actor":
+                new[key] = wider(net[key], 0, joints, 0.0)
+    return found
 
 
 def critic_learns_alone(origin: dict[str, Any] | None, iteration: int) -> bool:

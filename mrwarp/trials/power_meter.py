@@ -54,7 +54,7 @@ class PowerMeter:
         count = env.num_envs
         self.on = torch.zeros(count, dtype=torch.bool, device=env.device)
         self._steps = zeros(count)
-        self._sums = {name: zeros(count, env.num_actions) for name in ("square", "speed", "out", "in")}
+        self._sums = {name: zeros(count, env.q.shape[1]) for name in ("square", "speed", "out", "in")}
         self._sums |= {name: zeros(count, len(self._mr)) for name in ("coil", "friction", "hold", "dynamic")}
         self.counts = zeros(count, len(SHOWN), round(2.0 * RANGE / BIN)).float()
         env.substep_hooks.append(self.count)

@@ -69,18 +69,32 @@ def random_inputs(rng: np.random.Generator, num_envs: int) -> dict[str, np.ndarr
 
 
 def step(
-    x: dict[str, np.ndarray], *, sal: int = 1, hold: int = SUPPORT, exact: int = 0, constraint: int = 0
+    x: dict[str, np.ndarray],
+    *,
+    sal: int = 1,
+    hold: int = SUPPORT,
+    exact: int = 0,
+    constraint: int = 0,
+    latch: float = 1.0,
+    command: np.ndarray | None = None,
+    held: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
-    """Outputs of the step kernel by name, poisoned before; a thread per joint, so the head stays at row 0."""
+    """Outputs of the step kernel by name, poisoned before; a thread per joint, so the head stays at row 0.
+
+    ``command`` [A] of each device and whether it was ``held``, shape (E, M).
+    """
     num_envs = len(x["q"])
     shapes = {"m_dyn": 2, "m_hold": 2, "z": 2, "coil": 2, "current": 2, "tau_dyn": 2, "ring": 0, "head": 0}
     shapes |= {"tau_motor": 3, "tau_mr": 2, "tau": 3, "bound": 3}
     out = {name: poisoned(num_envs, columns) for name, columns in shapes.items() if columns}
     out |= {"ring": poisoned(num_envs, 2, WINDOW, FEATURES), "head": ints([0])}
+    if held is not None:
+        out["m_hold"].assign(held)
     arrays = [floats(x[name]) for name in ("q_des", "q", "qd", "f_foot", "current_e")]
+    arrays.append(None if command is None else floats(command))
     inputs = [
         *(num_envs, 3, struct(*DEVICES), ints(SLOT_OF), ints(LEG_OF), floats([KP]), floats([KD]), floats([TAU_LIMIT])),
-        *(DT, sal, sal, int(hold), exact, constraint, *arrays, ints([0]), floats(x["z"]), floats(x["current"])),
+        *(DT, sal, sal, int(hold), exact, constraint, latch, *arrays, ints([0]), floats(x["z"]), floats(x["current"])),
     ]
     outputs = [EffectArrays(), *(out[name] for name in shapes)]
     wp.launch(step_kernel, dim=(num_envs, 3), inputs=inputs, outputs=outputs, device="cpu")
@@ -229,3 +243,32 @@ def test_reset_overwrites_masked_environments_only():
 def test_struct_has_the_fields_of_the_parameters():
     """The kernels' struct and MrParams name the same parameters in the same order."""
     assert tuple(spec.name for spec in MrParams.specs()) == FIELDS
+
+
+def test_a_commanded_device_gets_its_current_while_a_gate_is_open():
+    """The coil of device 0, which has no lag: its own command where a gate is open, up to I_e, else none."""
+    rng = np.random.default_rng(12)
+    x = random_inputs(rng, 400)
+    command = f32(rng.uniform(0.1, 2.0, (400, 2)))
+    out = step(x, hold=FIXED, command=command, held=np.zeros((400, 2)))
+    want = np.minimum(np.minimum(command[:, 0], x["current_e"]), f32(DEVICES[0].coil.current_max))
+    gate = np.maximum(out["m_dyn"], out["m_hold"])[:, 0]
+    np.testing.assert_array_equal(out["current"][:, 0], gate * want)
+    assert 0.1 < gate.mean() < 0.9
+
+
+def test_a_device_that_holds_lets_go_at_a_higher_speed():
+    """With a latch of 5, between 0.2 and 1 rad/s only what held goes on holding, and it does not damp meanwhile."""
+    rng = np.random.default_rng(13)
+    x, gate = random_inputs(rng, 400), DEVICES[0].gate
+    held = f32(rng.integers(0, 2, (400, 2)))
+    command = np.full((400, 2), 1.0)
+    out = step(x, hold=FIXED, latch=5.0, command=command, held=held)
+    qd, loaded = abs(x["qd"][:, JOINT_OF[0]]), x["f_foot"][:, LEG_OF[0]] > gate.f_th
+    allowed = loaded & (x["current_e"] > 0.0)
+    between = allowed & (qd > gate.eps_hold) & (qd < 5.0 * gate.eps_hold)
+    assert 20 < between.sum()
+    np.testing.assert_array_equal(out["m_hold"][between, 0], held[between, 0])
+    assert (out["m_dyn"][between & (held[:, 0] == 1.0), 0] == 0.0).all()
+    fast = qd > 5.0 * gate.eps_hold
+    assert fast.sum() > 20 and (out["m_hold"][fast, 0] == 0.0).all()

@@ -1,0 +1,106 @@
+"""``mrwarp study current`` and the other studies beyond the paper."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from mrwarp.enums import ARMS
+from mrwarp.options import option_types as opt
+from mrwarp.options.command_line import CommandLine, Options
+from mrwarp.run_dir import check_writable, write_result
+from mrwarp.runtime import ProgressLine
+
+
+@dataclass(frozen=True, kw_only=True)
+class Current(Options):
+    """Who should command the coils: the gates at a fixed current, a law, or the policy.
+
+    Every arm goes on from the shipped policy of its robot with the same updates and price; then all are walked, loaded
+    and pushed. What is in the folder is not done again.
+    """
+
+    out: opt.Folder = Path("runs/current")
+    """output folder: trainings, measurements, result.json, current.png"""
+    arms: Annotated[tuple[str, ...], opt.some_of(ARMS)] = ("none", "fixed", "scheduled", "learned")
+    """what is compared"""
+    seeds: opt.Seeds = (0, 1, 2)
+    """training seeds, of 0, 1, 2"""
+    num_envs: opt.Count = 128
+    """training environments"""
+    iterations: opt.Whole = 250
+    """PPO updates of every arm, the first 100 of the critic alone; 0 compares with the shipped policies as they are"""
+    power_price: opt.NotNegative = 0.01
+    """price of a watt of motors and coils [1/W]"""
+    coil_lag: Annotated[float, opt.one(opt.within(0.0, 10.0, "s"), "S")] = 0.01
+    """time constant of the coils [s]; assumed"""
+    trials: opt.Count = 3
+    """walks of each condition"""
+    distance: Annotated[float, opt.one(opt.within(0.01, 1e4, "m"), "M")] = 10.0
+    """measured distance of each walk [m]"""
+    pushes: opt.Count = 10
+    """pushes on a walking robot"""
+    threads: opt.Whole = 0
+    """CPU threads; 0 = all, the figures are the same"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 done, 130 after Ctrl-C, 2 on bad input."""
+        check_writable(self.out)
+
+        from mrwarp.energy.model_numbers import read_numbers
+        from mrwarp.study import currents
+
+        if unknown := [seed for seed in self.seeds if seed > 2]:
+            raise ValueError(f"--seeds {unknown[0]}: policies to begin with are shipped for 0, 1 and 2")
+        if self.iterations == 0 and "learned" in self.arms:
+            raise ValueError("--iterations 0: no policy that commands currents is shipped; leave out --arms learned")
+        names = ("arms", "seeds", "num_envs", "iterations", "power_price", "coil_lag", "trials", "distance", "pushes")
+        cfg = currents.CurrentsCfg(**self.chosen(*names, "threads"))
+        groups, progress = read_numbers(None, ()), ProgressLine(sys.stdout)
+        try:
+            found = currents.run(cfg, self.out, groups["electrical"], groups["thermal"], progress)
+        finally:
+            progress.done()
+        if found is None:
+            print("stopped; the same command goes on")
+            return 130
+        write_result(self.out, {**found, "units": currents.UNITS}, seed=self.seeds[0], command=str(line))
+        currents.picture(found, self.out / "current.png")
+        print("\n".join(currents.lines(found)))
+        print(f"\nfigures and picture in {self.out}")
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ageing(Options):
+    """How soon a worn device is noticed by one calibration a day, and how often a healthy one gives an alarm."""
+
+    out: opt.Folder = Path("runs/ageing")
+    """output folder: ageing.png, result.json"""
+    devices: opt.Count = 3
+    """virtual devices"""
+    days: opt.Count = 200
+    """healthy days of each after the baseline"""
+    follow: opt.Count = 60
+    """days after a loss of 5, 10, 20 %"""
+    seed: opt.Seed = 0
+    """seed of noise, and of what differs from run to run"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 done, 2 on bad input."""
+        check_writable(self.out)
+
+        from mrwarp.study import ageing
+
+        progress = ProgressLine(sys.stdout)
+        try:
+            found = ageing.run(ageing.AgeingCfg(**self.chosen("devices", "days", "follow", "seed")), progress)
+        finally:
+            progress.done()
+        write_result(self.out, found, seed=self.seed, command=str(line))
+        ageing.picture(found, self.out / "ageing.png")
+        print("\n".join(ageing.lines(found)))
+        print(f"\nfigures and picture in {self.out}")
+        return 0

@@ -1,0 +1,63 @@
+"""A device's health over calibration records: the share that is left, false alarms, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrwarp.cli import main
+from mrwarp.identify.monitor import MonitorCfg, judge, monitor
+from mrwarp.recording.load import RecordingError, save_recording
+from mrwarp.study.ageing import AgeingCfg, calibrations, lines, run
+
+NAMES = tuple(f"day-{k:03d}" for k in range(240))
+
+
+def test_healthy_devices_rarely_alarm_and_losses_are_noticed_the_sooner_the_larger() -> None:
+    """Normal scatter of 3 %, 200 devices: at most 5 % alarm in 200 days, within the test's own error."""
+    rng, cfg = np.random.default_rng(2), MonitorCfg()
+    error = np.zeros(240)
+
+    def alarm(loss: float) -> int | None:
+        series = 1.0 + 0.03 * rng.standard_normal(240)
+        series[cfg.baseline :] -= loss
+        found = judge(NAMES, {"yield": series, "viscosity": np.ones(240) + 0.01 * rng.standard_normal(240)}, error, cfg)
+        return found.alarms["yield"]["number"] - cfg.baseline if "yield" in found.alarms else None
+
+    false = sum(alarm(0.0) is not None for _ in range(200))
+    assert false <= 18  # 10 expected at most; 99 % of such counts
+    delays = [np.median([alarm(loss) or np.inf for _ in range(20)]) for loss in (0.05, 0.1, 0.2)]
+    assert delays[0] > delays[1] > delays[2] == 1.0
+
+
+def test_a_loss_of_yield_shows_in_full(tmp_path: Path) -> None:
+    """Recordings of the virtual bench: a fifth less yield is told as a fifth; the command says it and returns 1."""
+    rng = np.random.default_rng(5)
+    days = [*calibrations(10, 0.0, rng), *calibrations(4, 0.2, rng)]
+    health = monitor({f"d{k:02d}": recording for k, recording in enumerate(days)}, MonitorCfg(baseline=10, horizon=20))
+    assert health.values["yield"][10:].mean() == pytest.approx(0.8, abs=0.06)
+    assert health.alarms["yield"]["change"] < -0.05
+    for k, recording in enumerate(days):
+        save_recording(recording, tmp_path / "records" / f"d{k:02d}")
+    out = tmp_path / "out"
+    line = ["monitor", str(tmp_path / "records"), "--out", str(out), "--baseline", "10", "--horizon", "20"]
+    assert main(line) == 1
+    assert (out / "health.png").is_file() and "d1" in (out / "result.json").read_text()
+
+
+def test_what_is_no_series_of_records_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A missing folder, an empty one, and one with no more records than the baseline."""
+    for folder, said in ((tmp_path / "none", "no such file or folder"), (tmp_path, "holds no record")):
+        assert main(["monitor", str(folder), "--out", str(tmp_path / "out")]) == 2
+        assert said in capsys.readouterr().err
+    with pytest.raises(RecordingError, match="lower --baseline"):
+        monitor({"a": calibrations(1, 0.0, np.random.default_rng(0))[0]}, MonitorCfg(baseline=5))
+    with pytest.raises(ValueError, match="at least 5"):
+        MonitorCfg(baseline=2)
+
+
+def test_the_study_counts_false_alarms_and_delays(capsys: pytest.CaptureFixture[str]) -> None:
+    """A short study: two healthy days, one loss of a half, noticed at once."""
+    found = run(AgeingCfg(devices=1, days=2, losses=(0.5,), follow=2, monitor=MonitorCfg(baseline=6, horizon=5)))
+    assert found["losses"]["0.5"]["records"] == [1] and len(found["healthy"]["alarms"]) == 1
+    assert "noticed" in lines(found)[1]
