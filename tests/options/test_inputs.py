@@ -17,6 +17,7 @@ COMMANDS = [(name, entry) for name, own in all_commands() for entry in (own, *ow
 MISSPELT = {
     "check": "none",
     "fit": "none",
+    "monitor": "none",
     "learn": "none --out o",
     "diagnose": "none",
     "play": "--policy none.onnx",
