@@ -536,7 +536,7 @@ CLAIMS = (
         says="fastest reliable speed of the 1.5 Hz gait [m/s]",
         measure=rows("support", "fastest reliable speed", "MR_Go-SAL, 0 kg"),
         part="support",
-        why="The trainings command up to 0.6 m/s, so that policy and gait are not told apart.",
+        why="Ours reaches a command of 0.7 m/s, above those of its training, and falls from 0.8 m/s on.",
     ),
     Claim(
         place="Table 7, simulation",
