@@ -154,7 +154,7 @@ def bytes_moved(env: WalkEnv) -> int:
     """Bytes that the joints' laws have to read and write in a torque step: parameters, inputs, state, outputs."""
     a = env.actuator
     read = [a.params, a.kp, a.kd, a.tau_limit, *vars(a.inputs).values(), a.z, a.current]
-    read = [array for array in read if array is not a.inputs.friction]  # the ledger's
+    read = [array for array in read if array is not None and array is not a.inputs.friction]  # the ledger's
     written = [a.m_dyn, a.m_hold, a.z, a.current, a.tau_dyn, a.tau_mr, a.tau_motor, a.tau, a.bound]
     newest = 4 * a.ring.size // a.ring.shape[2]
     return newest + sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in (*read, *written))

@@ -33,12 +33,14 @@ _HALF = 4
 """Trajectories below which a half is none."""
 _BEARS = 0.02
 """Share of an effect's energy from which a trajectory belongs to a half."""
+_TELLS = 0.1
+"""Share of an effect's energy below which a half says nothing of its size: what else is wrong there is as large."""
 _APART, _TWICE = 2.0, 2.0
 """Difference between an effect's sizes in two halves, in its standard errors, and their ratio: both from which it is
 no single effect."""
 _LOW_SPEED = 0.25
 """Speed, as a share of the typical one, above which Stribeck friction has nothing to do with low speed."""
-_ROUNDS = 4
+_ROUNDS = 6
 """Searches at most: each after the first leaves out the suspects of those before."""
 
 _SLOWEST = {"command_delay": 0.05, "coil_lag": 2.0, "torque_sensor_lag": 0.02, "velocity_lag": 0.02}
@@ -131,19 +133,17 @@ def _doubts(problem: Problem, selection: Selection, models: Models) -> dict[str,
     if not selection.named:
         return {}
     fit = reported_fit(problem, selection.final)
-    after = held_out_squares(problem, fit)
-    found: dict[str, Doubt] = {}
-    for effect in selection.named:
-        reason = (
-            _size_doubt(effect, fit, problem) or _interval_doubt(effect, fit) or _halves_doubt(effect, fit, problem)
-        )
-        if not reason:
-            without = reported_fit(problem, models.without(selection.final, effect))
-            reason = _gain_doubt(held_out_squares(problem, without), after)
-        if reason:
-            gain = selection.own_gain.get(effect, selection.gain) / selection.base.total
-            found[effect] = Doubt(effect=effect, reason=reason, gain=gain, fit=fit)
-    return found
+    reasons = {e: _size_doubt(e, fit, problem) or _interval_doubt(e, fit) for e in selection.named}
+    if not any(reasons.values()):  # beside what cannot be, nothing else has its true size
+        after = held_out_squares(problem, fit)
+        for effect in selection.named:
+            before = held_out_squares(problem, reported_fit(problem, models.without(selection.final, effect)))
+            reasons[effect] = _gain_doubt(before, after)
+            # what takes away more than all that is left is no piece of it, whatever its law's exact form
+            if not reasons[effect] and before.sum() < 2.0 * after.sum():
+                reasons[effect] = _halves_doubt(effect, fit, problem)
+    gains = {e: selection.own_gain.get(e, selection.gain) / selection.base.total for e in selection.named}
+    return {e: Doubt(effect=e, reason=x, gain=gains[e], fit=fit) for e, x in reasons.items() if x}
 
 
 def _gain_doubt(before: np.ndarray, after: np.ndarray) -> str:
@@ -192,7 +192,8 @@ def _halves_doubt(effect: str, fit: Fit, problem: Problem) -> str:
             low = change * (x <= cut)
             halves = np.stack([low, change - low])
             bears = np.add.reduceat(halves**2, motion.start[:-1], axis=1)
-            in_many = ((bears > _BEARS * bears.sum(axis=1, keepdims=True)).sum(axis=1) >= _HALF).all()
+            whole = bears.sum(axis=1, keepdims=True)
+            in_many = ((bears > _BEARS * whole).sum(axis=1) >= _HALF).all() and whole.min() > _TELLS * whole.sum()
             if in_many:
                 break
         if not in_many:

@@ -42,7 +42,19 @@ INPUTS = {
     "numbers": "no such file; name the numbers.json that --calibrate wrote",
     "compare": "no such file; name the result.json of an earlier run",
     **dict.fromkeys(
-        ("data", "predict", "holding", "file", "bag", "map", "start_from", "policies", "results", "actuator_model"),
+        (
+            "data",
+            "predict",
+            "holding",
+            "file",
+            "bag",
+            "map",
+            "start_from",
+            "policies",
+            "results",
+            "actuator_model",
+            "packages",
+        ),
         _PATH,
     ),
 }

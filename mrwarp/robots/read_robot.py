@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
-import newton
 import numpy as np
 import trimesh
 from pxr import Usd, UsdGeom, UsdPhysics
@@ -71,7 +70,7 @@ def read_robot(path: Path, meshes: Meshes | None = None) -> ForeignRobot:
 def _read_urdf(path: Path, meshes: Meshes) -> ForeignRobot:
     urdf = checked_urdf(path, meshes)
 
-    def add(builder: newton.ModelBuilder) -> None:
+    def add(builder: Any) -> None:
         builder.default_shape_cfg.density = 0.0  # a link without inertial has no mass there
         builder.add_urdf(urdf.text, floating=urdf.floating, collapse_fixed_joints=True)
 
