@@ -96,10 +96,6 @@ def test_damper_baseline_fits_as_the_authors_do(damper: Diagnosis) -> None:
     assert t is not None and rms(t.torque - t.baseline) < 0.16 * t.torque.std()
 
 
-@pytest.mark.xfail(
-    reason="found on 24 November 2026: the extended model errs 45.4 %, the baseline 45.0 %: 26 % at 0.2 A, 70 % at 1 A "
-    "(21 and 62 % with 160,000 samples; current_saturation beside eq. 14 does not mend it); to be mended"
-)
 def test_extension_predicts_earthquakes(damper: Diagnosis) -> None:
     """On records that took no part, the extended model errs less than the baseline in most of them."""
     earthquakes = _recording("mr_utfsm_earthquake")
