@@ -1,4 +1,4 @@
-"""The committed figures come out again: a change that moves the science is seen. Shorter runs than the report's."""
+"""The committed figures come out again: a change that moves the science is seen. Walks are shorter than the report's."""
 
 from pathlib import Path
 
@@ -46,8 +46,12 @@ def test_walks_and_mission(tmp_path: Path) -> None:
 
 
 def test_pushes_of_the_adopted_reading(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The grid is the adopted reading alone."""
+    """The grid is the adopted reading alone, at the report's own size: some robots fall, so that half of it differs.
+
+    Falls are chaotic: another processor may move a few rows beyond their spread.
+    """
     grid = next(t for t in pages.read()["parts"]["table4"]["tables"] if t["title"].startswith("The grid's"))
     adopted = grid["rows"][1][0]
     monkeypatch.setattr(impacts, "GRID", tuple(reading for reading in impacts.GRID if reading.name == adopted))
-    assert moved(("table4", "fig6", "sensitivity"), Settings(impacts=6), tmp_path) == []
+    found = moved(("table4", "fig6", "sensitivity"), Settings(), tmp_path)
+    assert len(found) <= 10, found
