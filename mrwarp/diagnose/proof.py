@@ -38,6 +38,9 @@ _TELLS = 0.1
 _APART, _TWICE = 2.0, 2.0
 """Difference between an effect's sizes in two halves, in its standard errors, and their ratio: both from which it is
 no single effect."""
+_DRY, _STATIC = ("coulomb_friction", "load_friction", "position_friction"), 4.0
+"""Dry frictions, and that ratio for them between speeds: a real contact rubs more at rest than when it slides."""
+_SPEEDS = ("slow and quick motion", "low and high speed")
 _LOW_SPEED = 0.25
 """Speed, as a share of the typical one, above which Stribeck friction has nothing to do with low speed."""
 _ROUNDS = 6
@@ -179,8 +182,8 @@ def _halves_doubt(effect: str, fit: Fit, problem: Problem) -> str:
     rows[-1] += change
     rates = [float(motion.qdd[r].std() / max(motion.qd[r].std(), 1e-9)) for r in motion.parts]
     drives = {
-        "slow and quick motion": np.repeat(rates, np.diff(motion.start)),
-        "low and high speed": np.abs(motion.qd),
+        _SPEEDS[0]: np.repeat(rates, np.diff(motion.start)),
+        _SPEEDS[1]: np.abs(motion.qd),
         "small and large acceleration": np.abs(motion.qdd),
         "the middle and the ends of the way": np.abs(motion.q - 0.5 * (motion.q.min() + motion.q.max())),
         "low and high current": motion.current,
@@ -205,8 +208,9 @@ def _halves_doubt(effect: str, fit: Fit, problem: Problem) -> str:
         apart = np.diff(ridge_solve(left[:, :-1, :-1], left[:, :-1, -1])[:, -2:])[:, 0]
         error = float(np.sqrt((1.0 - 1.0 / len(apart)) * ((apart - apart.mean()) ** 2).sum()))
         small, large = sorted(sizes, key=abs)
-        if abs(large - small) > _APART * error and small / large < 1.0 / _TWICE:
-            return f"its size is not one: it differs between {drive} by more than chance, and than by a factor of two"
+        ratio = _STATIC if effect in _DRY and drive in _SPEEDS else _TWICE
+        if abs(large - small) > _APART * error and small / large < 1.0 / ratio:
+            return f"its size is not one: it differs between {drive} by more than chance, and by over {ratio:.0f} times"
     return ""
 
 

@@ -187,6 +187,8 @@ def _evaluated(problem: Problem, base: Fit, trials: list[_Trial]) -> list[_Trial
         for t in some:
             here = next(tau)
             moved = np.stack([next(tau) for _ in t.own])
+            if not (np.isfinite(here).all() and np.isfinite(moved).all()):  # no start: beside this law it runs away
+                here, moved = base.torque, np.repeat(base.torque[None], len(t.own), axis=0)
             blocks += [(moved - here) / t.parameters.steps[t.own, None], (problem.motion.torque - here)[None]]
         equations = problem.equations(blocks, base.torque)
         column = len(base.slopes)
