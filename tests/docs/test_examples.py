@@ -53,7 +53,7 @@ NOT_RUN = {
     "mrwarp study current": "hours; tests/study",
     "mrwarp study ageing": "minutes; tests/identify/test_monitor.py",
     "mrwarp monitor": "reads records of others; tests/identify/test_monitor.py",
-    "mrwarp walk --sal on --policy runs/own": "reads what a training of hours makes; tests/env",
+    "mrwarp walk --sal on --policy runs/own/policy.onnx": "reads what a training of hours makes; tests/env",
     "git clone": "needs a network",
     "mrwarp robot": "reads a robot of others; tests/robots",
     "mrwarp train --robot": "reads what the command before it made; tests/robots",
