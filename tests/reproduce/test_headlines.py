@@ -1,4 +1,4 @@
-"""The committed figures come out again: a change that moves the science is seen. Walks are shorter than the report's."""
+"""The committed figures come out again: a change that moves the science is seen. Walks are shorter here."""
 
 from pathlib import Path
 
