@@ -106,8 +106,7 @@ def _falling_mass() -> Check:
         title="The guided mass.",
         arithmetic=(
             f"A fall of {paper.IMPACTOR['drop']:g} m gives {free:.2f} m/s; at {paper.IMPACTOR['speed']:g} m/s the "
-            f"guide has "
-            f"taken {100.0 * lost:.0f} % of the energy, or the fall was "
+            f"guide has taken {100.0 * lost:.0f} % of the energy, or the fall was "
             f"{paper.IMPACTOR['speed'] ** 2 / (2.0 * paper.GRAVITY):.3f} m."
         ),
         figures={"free": free, "lost": lost},
@@ -125,9 +124,8 @@ def _momentum() -> Check:
         title="Table 4, hardware: momentum.",
         arithmetic=(
             f"After a plastic impact {paper.IMPACTOR['mass']:g} kg at {paper.IMPACTOR['speed']:g} m/s and "
-            f"{paper.MASS['mr_go']:g} kg move at {after:.3f} m/s, which is the row of 0 A ({still:.3f}): there "
-            f"nothing brakes. "
-            f"For the {damped:.3f} m/s at 1.5 A the legs have to take {mass * (after - damped):.1f} N·s in "
+            f"{paper.MASS['mr_go']:g} kg move at {after:.3f} m/s, which is the row of 0 A ({still:.3f}): there nothing "
+            f"brakes. For the {damped:.3f} m/s at 1.5 A the legs have to take {mass * (after - damped):.1f} N·s in "
             f"{paper.IMPACTOR['window']:g} s, {force:.0f} N or {wanted:.1f} N·m per stance calf. Eq. 14 adds "
             f"{gain(1.5):.2f} N·m at {SPEED:g} rad/s, and {most:.2f} N·m at most, at standstill."
         ),
@@ -148,8 +146,7 @@ def _acceleration() -> Check:
         title="Table 5 beside table 4.",
         arithmetic=(
             f"A mean |a_z − g| over {window:g} s changes the speed by its product with the time at most: "
-            f"{'; '.join(texts)}. "
-            "Either the accelerations are filtered, or the peaks are reached outside the window."
+            f"{'; '.join(texts)}. Either the accelerations are filtered, or the peaks are reached outside the window."
         ),
         figures=figures,
     )
@@ -164,11 +161,9 @@ def _spring() -> Check:
         title="Table 4, simulation: the row of 0 A.",
         arithmetic=(
             f"A lasting {paper.PUSH_FORCE:g} N that presses {paper.MASS['mr_go']:g} kg down by {drop:.3f} m (from "
-            f"table 2's "
-            f"height) reaches sqrt(F d/2m) = {bound:.3f} m/s on an undamped spring; the row has "
+            f"table 2's height) reaches sqrt(F d/2m) = {bound:.3f} m/s on an undamped spring; the row has "
             f"{-row['peak_down_velocity'].mean:.3f} m/s, {100.0 * -row['peak_down_velocity'].mean / bound:.0f} % of "
-            f"it. "
-            f"So motors and drag hardly damp, and the push lasts about {half:.2f} s, half a period, or longer."
+            f"it. So motors and drag hardly damp, and the push lasts about {half:.2f} s, half a period, or longer."
         ),
         figures={"bound": bound, "half_period": half},
     )
@@ -186,18 +181,13 @@ def _required() -> Check:
     return Check(
         title="Table 4, simulation: the torque that it requires.",
         arithmetic=(
-            f"With that spring, a friction that is constant while the body falls explains both columns: beyond 0 A "
-            f"it is "
-            f"{many(by_drop)} N·m per stance calf at 0.5, 1 and 1.5 A by the drops, {many(by_speed)} by the speeds. "
+            "With that spring, a friction that is constant while the body falls explains both columns: beyond 0 A it "
+            f"is {many(by_drop)} N·m per stance calf at 0.5, 1 and 1.5 A by the drops, {many(by_speed)} by the speeds. "
             f"Eq. 14 adds {many(have)} N·m at {SPEED:g} rad/s. The first 0.5 A give "
-            f"{100.0 * by_drop[0] / by_drop[2]:.0f} % "
-            f"of what 1.5 A give, where K1·I of eq. 14 gives 33 %: the rows ask for a law that saturates, as eq. 18 "
-            f"does. "
-            f"Figure 4 leaves the paper's device {left:.2f} N·m (RMSE) from eq. 14 at 1.5 A; eq. 14 and a residual "
-            f"of that "
-            f"size, always against the motion, are {have[2] + left:.2f} N·m. So its PG-RLSTM could just carry the "
-            f"row, were "
-            "all its corrections of one sign."
+            f"{100.0 * by_drop[0] / by_drop[2]:.0f} % of what 1.5 A give, where K1·I of eq. 14 gives 33 %: the rows "
+            f"ask for a law that saturates, as eq. 18 does. Figure 4 leaves the paper's device {left:.2f} N·m (RMSE) "
+            "from eq. 14 at 1.5 A; eq. 14 and a residual of that size, always against the motion, are "
+            f"{have[2] + left:.2f} N·m. So its PG-RLSTM could just carry the row, were all its corrections of one sign."
         ),
         figures={"drop": by_drop[2], "speed": by_speed[2], "eq14": have[2], "first_share": by_drop[0] / by_drop[2]},
     )
@@ -210,11 +200,9 @@ def _figures_6_and_7() -> Check:
         title="Figures 6(c) and 7.",
         arithmetic=(
             f"The same leg under the same impact: {one[0.0]:.2f} N·m (FR, 0 A) in the representative trial, "
-            f"{many[0.0].mean:.2f} ± {many[0.0].sd:.2f} N·m over ten, twice as much; the windows differ (current "
-            f"on; 0.1 s). "
-            f"In figure 7 the motors lose {relief[0]:.1f} and {relief[1]:.1f} N·m, more than the "
-            f"{gain(1.5, 0.0):.1f} N·m that "
-            "eq. 14 can add at any speed; a softer motion has to give the rest."
+            f"{many[0.0].mean:.2f} ± {many[0.0].sd:.2f} N·m over ten, twice as much; the windows differ (current on; "
+            f"0.1 s). In figure 7 the motors lose {relief[0]:.1f} and {relief[1]:.1f} N·m, more than the "
+            f"{gain(1.5, 0.0):.1f} N·m that eq. 14 can add at any speed; a softer motion has to give the rest."
         ),
         figures={"FR": relief[0], "RL": relief[1]},
     )
@@ -242,10 +230,8 @@ def _two_tables() -> Check:
         title="Tables 2 and 3.",
         arithmetic=(
             f"Row D and the row of PG-RLSTM are the same training, SAL on, at 0.5 m/s, with {two.mean:.4f} ± "
-            f"{two.sd:.4f} and "
-            f"{three.mean:.4f} ± {three.sd:.4f} m/s: {apart:.1f} joint SD apart. Differences of that size between "
-            f"the models "
-            "of table 3 say nothing."
+            f"{two.sd:.4f} and {three.mean:.4f} ± {three.sd:.4f} m/s: {apart:.1f} joint SD apart. Differences of that "
+            "size between the models of table 3 say nothing."
         ),
         figures={"apart": apart},
     )
@@ -262,13 +248,10 @@ def _claims_of_table6() -> Check:
         title="Table 6: its two claims.",
         arithmetic=(
             f"'Longer activation gives a larger reduction' (section 6.4): {told}; it does not order the four. What "
-            f"holding can "
-            f"save while trotting, 4 a S (m/m₀)² with the paper's own standing saving S = "
-            f"{consistency.STANDING:.1f} W, is "
-            f"{', '.join(f'{100.0 * bound:.0f}' for bound in bounds)} % in the table's order: by load and time held "
-            f"alone it "
-            f"spans a factor of {max(bounds) / min(bounds):.1f}, the paper's reductions one of "
-            f"{paper.COT_REDUCTION[1] / paper.COT_REDUCTION[0]:.2f}."
+            "holding can save while trotting, 4 a S (m/m₀)² with the paper's own standing saving S = "
+            f"{consistency.STANDING:.1f} W, is {', '.join(f'{100.0 * bound:.0f}' for bound in bounds)} % in the "
+            f"table's order: by load and time held alone it spans a factor of {max(bounds) / min(bounds):.1f}, the "
+            f"paper's reductions one of {paper.COT_REDUCTION[1] / paper.COT_REDUCTION[0]:.2f}."
         ),
         figures={"least": min(bounds), "most": max(bounds)},
     )
@@ -281,8 +264,8 @@ def _two_digits() -> Check:
     return Check(
         title="Table 6: two-digit speeds.",
         arithmetic=(
-            f"A speed of {slow:.2f} m/s is known to ± {100.0 * 0.005 / slow:.1f} %, one of {fast:.2f} to "
-            f"± {100.0 * 0.005 / fast:.1f} %; a power that is computed from it carries that beside the ± "
+            f"A speed of {slow:.2f} m/s is known to ± {100.0 * 0.005 / slow:.1f} %, one of {fast:.2f} to ± "
+            f"{100.0 * 0.005 / fast:.1f} %; a power that is computed from it carries that beside the ± "
             f"{100.0 * least:.1f} % and more of COT."
         ),
         figures={"slow": 0.005 / slow, "fast": 0.005 / fast},
@@ -297,15 +280,12 @@ def _charge() -> Check:
         title="Figure 10: power and charge.",
         arithmetic=(
             f"MR_Go-SAL walks on {found['walking_power_ratio']:.3f} of MR_Go's power but depletes "
-            f"{found['depletion_ratio']:.3f} of its charge. At equal speeds of {first['speed']:g} m/s the energies "
-            f"are as "
-            f"{first['energy_ratio']:.3f} to 1, so {first['expected_depletion']:.1f} points were to be expected "
-            f"instead of "
-            f"{paper.MISSION_DEPLETION['mr_go_sal'][0]} ± {paper.MISSION_DEPLETION['mr_go_sal'][1]} "
+            f"{found['depletion_ratio']:.3f} of its charge. At equal speeds of {first['speed']:g} m/s the energies are "
+            f"as {first['energy_ratio']:.3f} to 1, so {first['expected_depletion']:.1f} points were to be expected "
+            f"instead of {paper.MISSION_DEPLETION['mr_go_sal'][0]} ± {paper.MISSION_DEPLETION['mr_go_sal'][1]} "
             f"({first['deviation_in_sd']:.1f} SD). Any one of these would reconcile them: a walk of MR_Go-SAL at "
             f"{by['sal_speed']:.2f} m/s; {by['hidden_load']:.0f} W beside the meter; a gauge that follows energy to "
-            f"the power "
-            f"{by['gauge_exponent']:.2f}. On the name plate the three depletions mean "
+            f"the power {by['gauge_exponent']:.2f}. On the name plate the three depletions mean "
             f"{', '.join(f'{speed:.2f}' for speed in plate.values())} m/s."
         ),
         figures={"energy_ratio": first["energy_ratio"], "expected": first["expected_depletion"]},
@@ -317,10 +297,9 @@ def _proximal() -> Check:
     return Check(
         title="Figure 11: hips and thighs.",
         arithmetic=(
-            f"The means over calves and over all motors leave "
-            f"{', '.join(f'{value:.1f}' for value in rise.values())} K for hips "
-            "and thighs of Go1, MR_Go and MR_Go-SAL: with SAL they warm more, so load moves upwards, which figure 8 "
-            "does not say."
+            f"The means over calves and over all motors leave {', '.join(f'{value:.1f}' for value in rise.values())} K "
+            "for hips and thighs of Go1, MR_Go and MR_Go-SAL: with SAL they warm more, so load moves upwards, which "
+            "figure 8 does not say."
         ),
         figures=rise,
     )
