@@ -92,8 +92,9 @@ REFUSED = [
     "impact --out file", "walk --policy-go1 none.onnx", "mission --model none.json", "fit none.csv", "fit . --out file",
     "diagnose none.csv", "diagnose . --predict none.csv", "learn none.csv --out o", "bench --policy none.onnx",
     "perf --device cuda:99", "verify --policy none.onnx", "reproduce all --out file", "study table2 --out file",
+    "fit .", "diagnose .",
 ]  # fmt: skip
-"""Paths and devices that are not there, and an output folder that is a file."""
+"""Paths and devices that are not there, an output folder that is a file, and a folder without recordings."""
 
 
 def test_refusals_load_no_engine(tmp_path: Path) -> None:

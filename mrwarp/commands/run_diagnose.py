@@ -15,17 +15,20 @@ from mrwarp.commands.run_fit import Averaged
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.run_dir import check_writable, write_text
-from mrwarp.runtime import Stopwatch
+from mrwarp.runtime import Stopwatch, quiet_libraries
 
 if TYPE_CHECKING:
     from mrwarp.diagnose.report.diagnosis_page import Table
     from mrwarp.diagnose.result import Diagnosis
+    from mrwarp.model_file import Model
+    from mrwarp.recording.data import Recording
 
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnose(Options):
     """Show what the simulation of a measured joint gets wrong, name the cause, extend the model, measure the gain."""
 
+    engines = False  # before the data are read
     data: opt.Data
     """recording: a CSV or Parquet file, or a folder of them; or a robot's log, a folder with log.json"""
     out: opt.Folder = Path("runs/diagnose")
@@ -63,15 +66,17 @@ class Diagnose(Options):
             option = "--live" if self.live else "--rrd"
             raise ValueError(f"{option}: {self.data} is the recording of a joint, no robot's log; leave it out")
 
-        from mrwarp.diagnose.countdown import Countdown
-        from mrwarp.diagnose.report.diagnosis_page import render
-        from mrwarp.diagnose.report.overview_pictures import draw
-        from mrwarp.diagnose.report.printed import lines
-
         progress = Stopwatch()
         try:
+            given = self._read(progress)
+            quiet_libraries(gpu=False)
+            from mrwarp.diagnose.countdown import Countdown
+            from mrwarp.diagnose.report.diagnosis_page import render
+            from mrwarp.diagnose.report.overview_pictures import draw
+            from mrwarp.diagnose.report.printed import lines
+
             with Countdown(progress) as log:
-                diagnosis, besides, tables = self._diagnose(log)
+                diagnosis, besides, tables = self._diagnose(*given, log)
                 log("pictures")
                 pictures = draw(diagnosis)
                 page = render(diagnosis, str(line), **tables, pictures=pictures)
@@ -85,6 +90,7 @@ class Diagnose(Options):
 
     def _diagnose_robot(self, line: CommandLine) -> int:
         """The same for a robot's log."""
+        quiet_libraries(gpu=False)
         from mrwarp.robot_logs.bag import open_log
         from mrwarp.robot_logs.extended_robot import write_extended
         from mrwarp.robot_logs.report import log_page, log_pictures
@@ -141,16 +147,16 @@ class Diagnose(Options):
                 f"--out {self.out}: its model.json is the nominal model and would be overwritten; name another folder"
             )
 
-    def _diagnose(self, progress: Callable[[str], None]) -> tuple[Diagnosis, dict[str, Any], dict[str, Table]]:
-        """The diagnosis, what ``result.json`` and what the report holds besides; writes nothing."""
-        from mrwarp.diagnose.pipeline import diagnose
-        from mrwarp.identify.fit import read_holding
-        from mrwarp.model_file import HOLDING_NOTE, JOINT_UNITS, load_model
+    def _read(self, progress: Callable[[str], None]) -> tuple[Recording, Recording | None, Model | None]:
+        """The recording, the one to predict and the nominal model, checked against each other."""
         from mrwarp.recording.load import check_same_units, load_recording
 
-        model = load_model(self.model) if self.model else None
         progress(f"reading {self.data}")
         recording = load_recording(self.data, skip_bad=self.skip_bad)
+
+        from mrwarp.model_file import JOINT_UNITS, load_model
+
+        model = load_model(self.model) if self.model else None
         for text in recording.repaired():
             progress(f"note: {text}")
         if self.impact and recording.units != JOINT_UNITS:
@@ -159,6 +165,18 @@ class Diagnose(Options):
         unseen = load_recording(self.predict, skip_bad=self.skip_bad) if self.predict else None
         if unseen is not None:
             check_same_units(unseen, recording)
+        return recording, unseen, model
+
+    def _diagnose(
+        self, recording: Recording, unseen: Recording | None, model: Model | None, progress: Callable[[str], None]
+    ) -> tuple[Diagnosis, dict[str, Any], dict[str, Table]]:
+        """The diagnosis, what ``result.json`` and what the report holds besides; writes nothing."""
+        from mrwarp.diagnose.held_out import predicted_errors, summary
+        from mrwarp.diagnose.pipeline import diagnose
+        from mrwarp.diagnose.report import printed
+        from mrwarp.identify.fit import read_holding
+        from mrwarp.model_file import HOLDING_NOTE
+
         allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         holding = read_holding(self.data, recording, None, progress)
         if holding is None and (model is None or not model.holding_measured):
@@ -166,12 +184,6 @@ class Diagnose(Options):
         d = diagnose(
             recording, model=model, holding=holding, seed=self.seed, progress=progress, threads=min(allowed, 8)
         )
-
-        from mrwarp.diagnose.held_out import predicted_errors, summary
-        from mrwarp.diagnose.report import printed
-        from mrwarp.identify.learn import left_to_learn
-        from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
-        from mrwarp.trials.impact_figures import impact_change
 
         besides: dict[str, Any] = {}
         tables: dict[str, Table] = {}
@@ -186,15 +198,20 @@ class Diagnose(Options):
         if self.learn and (d.traces is None or not (d.causes or (d.account is not None and d.account.open))):
             progress("no named cause, and nothing that repeats without one: there is nothing to learn")
         elif self.learn and d.traces is not None:
+            from mrwarp.identify.learn import left_to_learn
+
             models = ([torque[part] for part in d.traces.parts] for torque in (d.traces.baseline, d.traces.extended))
             besides["learned"] = left_to_learn(d.recording, *models, progress=progress)
             tables["learned"] = printed.learned_table(besides["learned"], d.baseline.unit)
         if self.impact and (d.model is None or not d.causes):
             progress("no extension: the robot is what it was")
         elif self.impact and d.model is not None:
+            from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy
+            from mrwarp.trials.impact_figures import EFFECT_FIGURES, impact_change
+
             policy = OnnxPolicy(DEFAULT_POLICY)
             change = impact_change(d.baseline_model, d.model, policy, seed=self.seed, progress=progress)
-            besides["impact"], tables["impact"] = change, printed.impact_table(change)
+            besides["impact"], tables["impact"] = change, printed.impact_table(change, EFFECT_FIGURES)
         return d, besides, tables
 
     def _write(

@@ -14,7 +14,7 @@ from mrwarp.enums import HYSTERESIS_LAWS, LEARNED
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.run_dir import check_writable, write_result
-from mrwarp.runtime import ProgressLine, Stopwatch
+from mrwarp.runtime import ProgressLine, Stopwatch, quiet_libraries
 
 if TYPE_CHECKING:
     from mrwarp.recording.load import Recording
@@ -57,6 +57,7 @@ class Check(Options):
 class Fit(Options):
     """Identify eqs. 14 and 15, and 18 where there are break-away torques, from bench recordings by simulation error."""
 
+    engines = False  # before the data are read
     data: opt.Data
     """recording: a CSV or Parquet file, or a folder of them"""
     out: opt.Folder = Path("runs/fit")
@@ -86,12 +87,6 @@ class Fit(Options):
         if self.law != "bouc_wen" and (self.robust or self.extended):
             raise ValueError(f"--law {self.law} takes neither --robust nor --extended; leave them out")
 
-        from mrwarp.identify import fit_report
-        from mrwarp.identify.damper import fit_extended
-        from mrwarp.identify.fit import fit, read_holding
-        from mrwarp.identify.fit_pictures import loops_picture, residual_picture
-        from mrwarp.identify.law_fit import fit_law
-        from mrwarp.model_file import HOLDING_NOTE, save_model
         from mrwarp.recording.load import check_same_units, load_recording
 
         progress = Stopwatch()
@@ -102,6 +97,15 @@ class Fit(Options):
         unseen = load_recording(self.predict, skip_bad=self.skip_bad) if self.predict else None
         if unseen is not None:
             check_same_units(unseen, recording)
+
+        quiet_libraries(gpu=False)
+        from mrwarp.identify import fit_report
+        from mrwarp.identify.damper import fit_extended
+        from mrwarp.identify.fit import fit, read_holding
+        from mrwarp.identify.fit_pictures import loops_picture, residual_picture
+        from mrwarp.identify.law_fit import fit_law
+        from mrwarp.model_file import HOLDING_NOTE, save_model
+
         holding = read_holding(self.data, recording, self.holding, progress)
         if self.law != "bouc_wen":
             result = fit_law(recording, self.law, holding=holding, seed=self.seed, progress=progress)

@@ -10,7 +10,6 @@ from mrwarp.diagnose.report.diagnosis_page import Table
 from mrwarp.diagnose.result import Diagnosis
 from mrwarp.recording.data import true_names
 from mrwarp.runtime import text_table
-from mrwarp.trials.impact_figures import EFFECT_FIGURES
 
 
 def lines(d: Diagnosis, tables: Mapping[str, Table]) -> list[str]:
@@ -78,11 +77,16 @@ def learned_table(found: Mapping[str, Any], unit: str) -> Table:
     return Table(head=("", "On the baseline", "On the extension", "Change"), rows=rows)
 
 
-def impact_table(found: dict[str, Any]) -> Table:
-    """A walking robot that is hit, with the joint as the baseline has it and as the extension has it."""
+def impact_table(found: Mapping[str, Any], figures: Mapping[str, tuple[str, str]]) -> Table:
+    """A walking robot that is hit, with the joint as the baseline has it and as the extension has it.
+
+    Args:
+        found: Result of :func:`mrwarp.trials.impact_figures.impact_change`.
+        figures: Name in words and unit of each figure.
+    """
     rows = []
     for row in found["rows"]:
-        for name, (words, unit) in EFFECT_FIGURES.items():
+        for name, (words, unit) in figures.items():
             figure, (factor, unit) = row[name], (100.0, "%") if unit == "1" else (1.0, unit)
             before, after, low, high = (factor * x for x in (figure["before"], figure["after"], *figure["ci95"]))
             cells = (f"{before:.4g} {unit}", f"{after:.4g} {unit}", f"{low:+.2g} to {high:+.2g} {unit}")
