@@ -54,7 +54,7 @@ NEWTON_ALLOWED = (
     "mrwarp/env/backend*.py",
     "mrwarp/actuator/newton_drive.py",
     "mrwarp/usd/asset.py",
-    "mrwarp/robots/foreign.py",
+    "mrwarp/robots/newton_robot.py",
     "benchmarks/perf/newton_lstm.py",
 )
 

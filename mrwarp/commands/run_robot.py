@@ -10,6 +10,7 @@ from tyro.conf import Positional
 
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
+from mrwarp.runtime import quiet_libraries
 
 PAIRS = Annotated[tuple[tuple[str, float], ...], opt.some(opt.assignment, "JOINT=X")]
 
@@ -21,6 +22,8 @@ class Import(Options):
     Trunk, legs, feet, neutral stance, gait, torque limits and gains are found and shown; every guess can be overridden
     here, and edited in the file afterwards. Names of joints may hold * and ?, as in --kp '*_calf_joint=40'.
     """
+
+    engines = False  # until it is tried out
 
     file: Positional[opt.File]
     """the robot's file"""
@@ -44,6 +47,8 @@ class Import(Options):
     """joints that are held at their neutral angle, as those of arms"""
     gait: Literal["trot", "alternate", "tripod"] | None = None
     """gait (default: trot of four legs, alternate of two, tripod of six)"""
+    forward: Literal["x", "-x", "y", "-y"] = "x"
+    """axis of the trunk that points forwards"""
     packages: Annotated[tuple[Path, ...], opt.some(Path, "DIR")] = ()
     """folders that hold the packages of a URDF's package:// meshes (default: those beside and around the file)"""
     skip_meshes: opt.Flag = False
@@ -56,9 +61,7 @@ class Import(Options):
         from mrwarp.robots.foreign import prim_pattern
         from mrwarp.robots.legs import Choices, understand
         from mrwarp.robots.read_robot import read_robot
-        from mrwarp.robots.robot_table import layout_lines
         from mrwarp.robots.urdf import Meshes
-        from mrwarp.robots.write_robot import write_checked
         from mrwarp.usd.asset import ROBOT_SUFFIXES
 
         if self.out.suffix not in ROBOT_SUFFIXES:
@@ -81,9 +84,15 @@ class Import(Options):
             unlimited=tuple(map(prim_pattern, self.unlimited)),
             feet=tuple(map(prim_pattern, self.feet)),
             fix=tuple(map(prim_pattern, self.fix)),
+            forward=self.forward,
         )
         robot = read_robot(self.file, Meshes(packages=self.packages, skip=self.skip_meshes))
         understood = understand(robot, choices)
+        print(f"{self.file} is understood; trying it out in the simulation ...", flush=True)
+        from mrwarp.robots.robot_table import layout_lines
+        from mrwarp.robots.write_robot import write_checked  # Newton takes seconds to load
+
+        quiet_libraries(gpu=False)
         asset = write_checked(understood, self.out, source=str(self.file))
         print("\n".join(layout_lines(asset)))
         print(f"robot written: {self.out}; look at it with 'mrwarp robot show {self.out} --png robot.png'")
@@ -93,6 +102,8 @@ class Import(Options):
 @dataclass(frozen=True, kw_only=True)
 class ShowRobot(Options):
     """Show what legged tasks know of a robot: trunk, legs, joints with limits and gains, feet, gait, devices."""
+
+    engines = False  # until it is tried out
 
     robot: Positional[opt.Robot]
     """mr_go, go1, or a USD file"""
@@ -111,6 +122,7 @@ class ShowRobot(Options):
         if self.png is not None:
             from mrwarp.robots.standing_picture import draw
 
+            quiet_libraries(gpu=False)
             draw(asset, self.png)
             print(f"picture: {self.png}")
         return 0
@@ -127,6 +139,8 @@ class FitDevice(Options):
 
     Joints that are not named keep what they have. Repeat the command for devices of another kind.
     """
+
+    engines = False  # until it is tried out
 
     robot: Positional[opt.File]
     """USD file of 'mrwarp robot import'; it is changed unless --out is given"""
@@ -155,9 +169,11 @@ class FitDevice(Options):
         if self.model is not None and self.scale is None:
             raise ValueError("--scale limit is for the paper's device, made for a joint of 35.55 N·m; give a number")
         model = load_model(self.model) if self.model else None
-        asset = fit_device(
-            self.robot, self.out or self.robot, self.joint, model, **self.chosen("scale", "remove", "extrapolate")
-        )
+        layer = fit_device(self.robot, self.joint, model, **self.chosen("scale", "remove", "extrapolate"))
+        from mrwarp.robots.write_robot import save_checked  # Newton takes seconds to load
+
+        quiet_libraries(gpu=False)
+        asset = save_checked(layer, self.out or self.robot)
         print("\n".join([*layout_lines(asset), *device_lines(asset.actuators)]))
         print(f"robot written: {self.out or self.robot}")
         return 0

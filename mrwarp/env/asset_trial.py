@@ -11,6 +11,7 @@ from mrwarp.env.sim_model import Scene, build_scene
 from mrwarp.runtime import silent
 from mrwarp.usd.asset import RobotAsset
 from mrwarp.usd.open_stage import AssetError
+from mrwarp.usd.robot import MR_GO
 from mrwarp.usd.scene_report import label
 
 CONVERSION_DT = 0.005
@@ -40,7 +41,9 @@ def check_stance(asset: RobotAsset, scene: Scene) -> None:
         AssetError: the feet are not level, not around the robot's weight, or too near to the trunk.
     """
     where, soles = f"{asset.path}: {label(asset)}: in the neutral stance", scene.soles
+    own = asset.layout != MR_GO
     remedy = "correct the links' physics:localPos0 and localPos1"
+    remedy = "correct mrwarp:neutral of the joints, or import it again with --pose or --feet" if own else remedy
     heights = ", ".join(f"{leg} {z:.3f}" for leg, z in zip(scene.layout.leg_names, soles[:, 2], strict=True))
     if np.ptp(soles[:, 2]) > LEVEL:
         raise AssetError(f"{where} the feet are not level: {heights} m from the trunk; allowed: {LEVEL} m; {remedy}")

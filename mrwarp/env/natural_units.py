@@ -13,10 +13,7 @@ from mrwarp.env.cfg import EnvCfg
 from mrwarp.env.sim import robot_scene
 from mrwarp.env.sim_model import Scene
 from mrwarp.usd.asset import load_robot
-from mrwarp.usd.robot import MR_GO, STAND_HEIGHT
-
-MASS = 12.6
-"""Mass of the shipped robot with its devices [kg], paper section 6.4."""
+from mrwarp.usd.robot import MASS, MR_GO, STAND_HEIGHT
 
 
 @dataclass(frozen=True, kw_only=True)

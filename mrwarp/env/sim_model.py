@@ -6,6 +6,7 @@ foot, the solver's options and, for the constraint coupling, the parameters of t
 
 from __future__ import annotations
 
+import re
 import tempfile
 import warnings
 from collections.abc import Callable, Sequence
@@ -197,7 +198,7 @@ def _feet(model: mujoco.MjModel, layout: Layout) -> np.ndarray:
         ValueError: some legs have no foot of their own.
     """
     names = [model.geom(i).name for i in range(model.ngeom)]
-    feet = [i for leg in layout.legs for i, name in enumerate(names) if f"/{leg.foot}" in name]
+    feet = [i for leg in layout.legs for i, name in enumerate(names) if shape_name(name) == leg.foot]
     if feet and len(feet) != len(layout.legs):
         wanted = ", ".join(leg.foot for leg in layout.legs)
         raise ValueError(f"{len(feet)} shapes are called after a foot; needed: one for each of {wanted}")
@@ -238,13 +239,21 @@ def set_brake_constraint(model: mujoco.MjModel, dofs: list[int], dt: float) -> N
     model.dof_invweight0[dofs] = brake_constraint.invweight(dt)
 
 
+def shape_name(geom: str) -> str:
+    """A shape's name, of its geom's: Newton names geoms by the USD path and a running number."""
+    return re.sub(r"_\d+$", "", geom.rsplit("/", 1)[-1])
+
+
 def named(names: list[str], short: str, kind: str) -> int:
     """Index of the one name that is ``short``, or its USD path's last part (Newton joins paths with underscores).
+
+    Of ``/robot/joints/knee`` and ``/robot/joints/left_knee`` the shorter one is ``knee``.
 
     Raises:
         ValueError: none or several match.
     """
     found = [i for i, name in enumerate(names) if name == short or name.endswith(f"_{short}")]
+    found = [i for i in found if len(names[i]) == min(len(names[k]) for k in found)]
     if len(found) != 1:
         raise ValueError(f"{kind} {short!r} stands {len(found)} times in the converted model, among: {names}")
     return found[0]
@@ -261,10 +270,10 @@ def _with_sensors(solver_class: type, newton_model: newton.Model, layout: Layout
         original = solver_class(newton_model, save_to_mjcf=path, use_mujoco_cpu=True).mj_model
         spec = mujoco.MjSpec.from_file(path)
     for leg in layout.legs:
-        feet = [geom for geom in spec.geoms if f"/{leg.foot}" in geom.name]
+        feet = [geom for geom in spec.geoms if shape_name(geom.name) == leg.foot]
         if feet:
             sensor = spec.add_sensor(name=FOOT_SENSOR.format(leg=leg.name), type=mujoco.mjtSensor.mjSENS_CONTACT)
-            sensor.objtype = mujoco.mjtObj.mjOBJ_BODY if leg.sole else mujoco.mjtObj.mjOBJ_GEOM
+            sensor.objtype = mujoco.mjtObj.mjOBJ_XBODY if leg.sole else mujoco.mjtObj.mjOBJ_GEOM
             sensor.objname = feet[0].parent.name if leg.sole else feet[0].name
             sensor.intprm = _contact_force_intprm()
     if edit is not None:

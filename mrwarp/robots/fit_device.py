@@ -9,13 +9,12 @@ from pathlib import Path
 
 from pxr import Sdf, Usd
 
-from mrwarp.env.natural_units import MASS
 from mrwarp.model_file import Model, Parameter
 from mrwarp.params import MrParams
-from mrwarp.robots.write_robot import save_checked
-from mrwarp.usd.asset import RobotAsset, load_robot, masses
+from mrwarp.usd.asset import load_robot, masses
 from mrwarp.usd.open_stage import SCHEMA, AssetError
 from mrwarp.usd.record import LAW, PD, PREFIX, RECORD, record_text
+from mrwarp.usd.robot import MASS
 
 MOTOR_SCHEMAS = ("NewtonPDControlAPI", "NewtonMaxEffortClampingAPI")
 
@@ -28,19 +27,17 @@ KP_LOW = 5.0 / 35.0
 
 def fit_device(
     file: Path,
-    out: Path,
     patterns: Sequence[str],
     model: Model | None,
     *,
     scale: float | None = 1.0,
     remove: bool = False,
     extrapolate: bool = False,
-) -> RobotAsset:
-    """Change the drives of joints, write the file, and load it.
+) -> Sdf.Layer:
+    """Change the drives of joints in a copy of the file.
 
     Args:
         file: Robot with a layout of its own.
-        out: File to write.
         patterns: Joints, by names that may hold * and ?.
         model: The device; None is the paper's.
         scale: How many times stronger the device is made, see :func:`stronger`; None: the joint's torque limit over
@@ -89,7 +86,7 @@ def fit_device(
             prim.CreateAttribute(RECORD, Sdf.ValueTypeNames.String).Set(record_text(scaled, params))
             if scaled.law is not None:
                 prim.CreateAttribute(LAW, Sdf.ValueTypeNames.String, custom=False).Set(scaled.law.name)
-    return save_checked(layer, out)
+    return layer
 
 
 def stronger(params: MrParams, model: Model | None, factor: float) -> tuple[MrParams, Model | None]:

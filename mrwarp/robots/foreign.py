@@ -1,42 +1,20 @@
-"""A robot of others as bodies, joints and shapes; URDF and USD as Newton's importers read them."""
+"""A robot of others as bodies, joints and shapes, whatever file it comes from."""
 
 from __future__ import annotations
 
 import math
-import warnings
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
-import newton
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
-
-from mrwarp.run_dir import one_line
-from mrwarp.runtime import silent
 
 FREE_LIMIT = 20.0 * math.pi
 """A joint whose limits are further apart counts as one without limits [rad]."""
 
-SHAPES = {
-    newton.GeoType.SPHERE: "sphere",
-    newton.GeoType.CAPSULE: "capsule",
-    newton.GeoType.CYLINDER: "cylinder",
-    newton.GeoType.BOX: "box",
-    newton.GeoType.MESH: "mesh",
-}
+SHAPES = ("sphere", "capsule", "cylinder", "box", "mesh")
 """Kinds of shapes that are taken over."""
-
-KINDS = {
-    newton.JointType.REVOLUTE: "hinge",
-    newton.JointType.PRISMATIC: "slide",
-    newton.JointType.BALL: "ball",
-    newton.JointType.FREE: "free",
-}
-"""Kinds of joints by the field's words; others keep Newton's."""
-
 
 SCOPES = ("joints", "rails", "actuators", "legs", "materials")
 """Names in the written file that no body may have."""
@@ -144,13 +122,13 @@ class ForeignRobot:
                 ends.add(joint.child)
         return found
 
-    def poses(self, q: dict[str, float]) -> list[RigidTransform]:
+    def poses(self, q: Mapping[str, float], joints: Sequence[Joint] | None = None) -> list[RigidTransform]:
         """Every body in the frame of the root, at joint angles [rad]; a joint that is not named is at 0.
 
-        A body that no joint leads to is at the root.
+        Bodies that no joint leads to, or none of ``joints`` where they are given, are at the root.
         """
         found: dict[int, RigidTransform] = {self.root: RigidTransform.identity()}
-        for joint in self.joints:  # parents come first
+        for joint in self.joints if joints is None else joints:  # parents come first
             moved = joint.axis * q.get(joint.name, 0.0)
             turn = (
                 RigidTransform.from_translation(moved)
@@ -184,6 +162,23 @@ class ForeignRobot:
             joints=[replace(j, parent=number[j.parent], child=number[j.child]) for j in joints],
             shapes=[replace(s, body=number[s.body]) for s in shapes],
         )
+
+    def turned(self, turn: Rotation) -> ForeignRobot:
+        """The robot with the root's axes turned: what lay along ``turn``'s x is forwards, along its z up."""
+        back = RigidTransform.from_rotation(turn.inv())
+        root = self.bodies[self.root]
+        matrix = back.rotation.as_matrix()
+        root = replace(root, com=matrix @ root.com, inertia=matrix @ root.inertia @ matrix.T)
+        return replace(
+            self,
+            bodies=[root if k == self.root else body for k, body in enumerate(self.bodies)],
+            joints=[replace(j, in_parent=back * j.in_parent) if j.parent == self.root else j for j in self.joints],
+            shapes=[replace(s, pose=back * s.pose) if s.body == self.root else s for s in self.shapes],
+        )
+
+    def upright(self, placed: Rotation) -> ForeignRobot:
+        """The robot with the world's axes for the root's, where the file places the root with its z not upwards."""
+        return self if placed.as_matrix()[2, 2] > 1.0 - 1e-6 else self.turned(placed.inv())
 
     def check(self) -> None:
         """Refuse what cannot be simulated.
@@ -244,140 +239,3 @@ def prim_names(labels: Sequence[str]) -> list[str]:
 def prim_pattern(pattern: str) -> str:
     """A name, which may hold * and ?, as :func:`prim_names` writes it."""
     return "".join(c if c in "*?" or f"_{c}".isidentifier() else "_" for c in pattern)
-
-
-def read_by_newton(path: Path, add: Callable[[newton.ModelBuilder], Any]) -> ForeignRobot:
-    """Read a URDF or USD file.
-
-    Args:
-        path: The file.
-        add: Puts its content into a builder.
-
-    Raises:
-        RobotFileError: it cannot be read, has no bodies or two trunks, or joins the world by a joint.
-    """
-    builder = newton.ModelBuilder()
-    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
-    try:
-        with silent(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            add(builder)
-    except Exception as error:  # importers raise many types for a file that is no robot
-        raise RobotFileError(f"{path}: Newton cannot read it ({one_line(error)}); correct it there") from None
-    return _robot(path, builder)
-
-
-def _robot(path: Path, builder: newton.ModelBuilder) -> ForeignRobot:
-    """The builder's content."""
-    if not builder.body_label:
-        raise RobotFileError(f"{path}: there is no body that could move; is it a robot's file?")
-    bodies = [
-        Body(
-            name=name,
-            mass=float(builder.body_mass[i]),
-            com=np.array(builder.body_com[i], dtype=float),
-            inertia=np.array(builder.body_inertia[i], dtype=float).reshape(3, 3),
-        )
-        for i, name in enumerate(_names(builder.body_label))
-    ]
-    names, labels = _names(builder.joint_label), [label.rpartition("/")[2] for label in builder.joint_label]
-    root, floating, joints, couplings = None, True, [], []
-    for i, number in enumerate(builder.joint_type):
-        kind = newton.JointType(number)
-        parent, child = builder.joint_parent[i], builder.joint_child[i]
-        if builder.joint_articulation[i] < 0 and number:
-            ends = " and ".join(bodies[k].name if k >= 0 else "the world" for k in (parent, child))
-            couplings.append(Coupling(text=f"joint {labels[i]} closes a loop between {ends}"))
-        elif parent < 0:
-            if root is not None:
-                raise RobotFileError(f"{path}: {bodies[root].name} and {bodies[child].name} are two trunks; remove one")
-            root, floating = child, kind == newton.JointType.FREE
-            if kind in (newton.JointType.REVOLUTE, newton.JointType.PRISMATIC):
-                root = len(bodies)
-                bodies.append(Body(name="base", mass=0.0, com=np.zeros(3), inertia=np.zeros((3, 3))))
-                joints.append(_joint(builder, i, root, child, names[i]))
-            elif kind not in (newton.JointType.FREE, newton.JointType.FIXED):
-                raise RobotFileError(
-                    f"{path}: {labels[i]} joins the world by a {KINDS.get(kind, kind.name.lower())} joint; "
-                    "only floating robots, arms with a hinge there and legs on a rail are imported"
-                )
-        else:
-            joints.append(_joint(builder, i, parent, child, names[i]))
-    if root is None:
-        raise RobotFileError(f"{path}: no body is the root of the others; is it a robot's file?")
-    shapes, notes = _shapes(builder)
-    return ForeignRobot(
-        path=path,
-        name=prim_names([path.stem])[0],
-        bodies=bodies,
-        joints=joints,
-        shapes=shapes,
-        root=root,
-        floating=floating,
-        couplings=couplings,
-        notes=notes,
-    )
-
-
-def _names(labels: Sequence[str]) -> list[str]:
-    """Names from Newton's labels, which are paths: the last part, or as much as tells them apart."""
-    short = [label.rstrip("/").rpartition("/")[2] for label in labels]
-    often = Counter(short)
-    return prim_names([name if often[name] == 1 else label for name, label in zip(short, labels, strict=True)])
-
-
-def _joint(builder: newton.ModelBuilder, i: int, parent: int, child: int, name: str) -> Joint:
-    kind = newton.JointType(builder.joint_type[i])
-    dof = min(builder.joint_qd_start[i], len(builder.joint_axis) - 1)
-    low, high = float(builder.joint_limit_lower[dof]), float(builder.joint_limit_upper[dof])
-    effort, kp, kd = (
-        float(values[dof]) for values in (builder.joint_effort_limit, builder.joint_target_ke, builder.joint_target_kd)
-    )
-    axis = np.array(builder.joint_axis[dof], dtype=float)
-    return Joint(
-        name=name,
-        kind=KINDS.get(kind, kind.name.lower()),
-        parent=parent,
-        child=child,
-        in_parent=_transform(builder.joint_X_p[i]),
-        in_child=_transform(builder.joint_X_c[i]),
-        axis=axis / max(float(np.linalg.norm(axis)), 1e-9),
-        limits=(low, high) if low < high and high - low <= FREE_LIMIT else None,
-        armature=float(builder.joint_armature[dof]),
-        kp=kp or None,
-        kd=kd or None,
-        torque_limit=effort if 0.0 < effort < 1e5 else None,
-    )
-
-
-def _shapes(builder: newton.ModelBuilder) -> tuple[list[Shape], list[str]]:
-    shapes, left_out = [], 0
-    for i, number in enumerate(builder.shape_type):
-        kind = newton.GeoType(number)
-        flags = int(builder.shape_flags[i])
-        collides, visible = bool(flags & newton.ShapeFlags.COLLIDE_SHAPES), bool(flags & newton.ShapeFlags.VISIBLE)
-        if builder.shape_body[i] < 0 or not (collides or visible):
-            continue
-        if kind not in SHAPES:
-            left_out += 1
-            continue
-        mesh: Any = builder.shape_source[i] if SHAPES[kind] == "mesh" else None
-        shapes.append(
-            Shape(
-                kind=SHAPES[kind],
-                body=builder.shape_body[i],
-                pose=_transform(builder.shape_transform[i]),
-                size=np.array(builder.shape_scale[i], dtype=float),
-                collides=collides,
-                friction=float(builder.shape_material_mu[i]),
-                points=None if mesh is None else np.array(mesh.vertices, dtype=float) * builder.shape_scale[i],
-                faces=None if mesh is None else np.array(mesh.indices).reshape(-1, 3),
-            )
-        )
-    return shapes, [f"{left_out} shapes of other kinds were left out"] if left_out else []
-
-
-def _transform(value: Any) -> RigidTransform:
-    """A Warp transform: position, then quaternion with the real part last."""
-    numbers = np.array(value, dtype=float)
-    return RigidTransform.from_components(numbers[:3], Rotation.from_quat(numbers[3:]))

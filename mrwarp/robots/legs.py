@@ -3,27 +3,44 @@
 from __future__ import annotations
 
 import fnmatch
+import itertools
+import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
 
 from mrwarp.robots.foreign import ForeignRobot, Joint, RobotFileError, Shape
-from mrwarp.usd.robot import Layout, Leg
+from mrwarp.robots.stance import Foot, solve_stance, standing_torques
+from mrwarp.usd.robot import STAND_HEIGHT, Layout, Leg
 
-GROUND_SHARE = 0.15
-"""Ends of chains that lie this share of the height above the lowest one still reach the ground."""
+GROUND_SHARE, LEVEL_SHARE = 0.15, 0.05
+"""Ends of chains that lie this share of the height above the lowest one still reach the ground: hanging with all joints
+at 0, and in a keyframe, where feet are level."""
 
-CROUCH = 0.73
-"""Share of its reach at which a leg stands where the file has no keyframe: that of the shipped robot."""
+EQUAL = 0.02
+"""Chains whose lengths differ by no more than this share are alike; legs are, a tail or one arm is not."""
+
+HEIGHTS = (0.01, 10.0)
+"""Smallest and largest height of a trunk in the stance [m]; beyond, a file's lengths are no metres."""
 
 SOLE = 0.005
-"""Shapes of a foot that reach this close to its lowest point are its sole [m]."""
+"""Shapes that reach this close to a foot's lowest point are its sole, and so are bodies to a leg's lowest [m]."""
+
+FOOT_RADIUS, LEVEL = 0.02, 0.01
+"""Largest radius of a foot that is put onto a leg, and largest difference of the soles' heights in the stance [m]."""
+
+_WORDS = re.compile(r"[A-Z]*[a-z]+\d*|[A-Z]+\d*|\d+|[^\W\d_a-zA-Z]+|_+")
+"""Words of a name: HipAA_joint2 has Hip, AA, _, joint2."""
 
 GAITS = {"trot": 4, "alternate": 2, "tripod": 6}
 """Gaits, and for how many legs each is meant."""
+
+FORWARD = {"x": 0.0, "y": 0.5 * np.pi, "-x": np.pi, "-y": -0.5 * np.pi}
+"""Axes of the trunk that may point forwards, and how far they are turned from x about z [rad]."""
 
 TORQUE_STEP = 0.005
 """Step of the torque loop [s], paper section 5.1."""
@@ -48,20 +65,6 @@ class Drive:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Foot:
-    """What touches the ground: a sphere on the last body of a leg."""
-
-    body: int
-    centre: np.ndarray
-    """In the body's frame [m], shape (3,)."""
-    radius: float
-    """[m]"""
-    friction: float
-    shape: Shape | None
-    """The file's own sphere; None: one was put where the leg is lowest."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Choices:
     """What the user says in place of a guess; names of joints may hold * and ?."""
 
@@ -80,6 +83,8 @@ class Choices:
     """Bodies that carry a foot; empty: the ends of chains that are lowest."""
     fix: tuple[str, ...] = ()
     """Joints that are held at their neutral angle, as those of arms."""
+    forward: str = "x"
+    """Where the trunk looks, one of :data:`FORWARD`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +118,8 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
     angles = {name: _chosen(choices.pose, name) for name in held}
     robot = robot.fixed({name: _home(held[name]) if q is None else q for name, q in angles.items()})
     robot.check()
-    chains = _chains(robot)
+    if choices.forward != "x":
+        robot = robot.turned(Rotation.from_rotvec([0.0, 0.0, FORWARD[choices.forward]]))
     driven = [joint for joint in robot.joints if joint.name not in robot.rails]
     for joint in driven:
         if joint.limits is None and not any(fnmatch.fnmatchcase(joint.name, name) for name in choices.unlimited):
@@ -121,15 +127,11 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
                 f"{robot.path}: {joint.name} has no limits; give it some there, or say --unlimited {joint.name}"
             )
     notes = list(robot.notes)
-    pose = {joint.name: _home(joint) for joint in driven}
-    pose.update({joint.name: v for joint in driven if (v := _chosen(choices.pose, joint.name)) is not None})
-    legs = _grounded(robot, chains, choices.feet) if robot.floating else []
-    feet = {leg[-1].child: _foot(robot, leg[-1].child) for leg in legs}
-    if legs and not all(
-        joint.home is not None or _chosen(choices.pose, joint.name) is not None for joint in robot.joints
-    ):
-        pose = _stance(robot, legs, feet, pose, choices)
-        notes.append("the file has no keyframe: the stance was solved; --pose JOINT=RAD changes it")
+    chosen = {joint.name: q for joint in driven if (q := _chosen(choices.pose, joint.name)) is not None}
+    pose = {joint.name: _home(joint) for joint in driven} | chosen
+    legs, touching = [], []
+    if robot.floating:
+        legs, touching, pose = _standing(robot, choices, pose, chosen, notes)
     for joint in driven:
         if joint.limits and not joint.limits[0] - 1e-6 <= pose[joint.name] <= joint.limits[1] + 1e-6:
             raise RobotFileError(
@@ -137,18 +139,17 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
                 f"{joint.limits[0]:.3f} to {joint.limits[1]:.3f}; give --pose {joint.name}=RAD"
             )
     poses = robot.poses(pose)
-    centres = np.array([poses[body].apply(foot.centre) for body, foot in feet.items()])
+    centres = np.array([poses[foot.body].apply(foot.centre) for foot in touching]).reshape(-1, 3)
     # front legs first, left before right
-    centres = centres.reshape(-1, 3)
     rows = np.round(centres[:, 0] / max(np.ptp(centres[:, 0]) if legs else 0.0, 0.05) * 2.0)
     order = sorted(range(len(legs)), key=lambda k: (-rows[k], -centres[k, 1]))
-    legs, centres = [legs[k] for k in order], centres[order]
-    touching = [feet[leg[-1].child] for leg in legs]
-    notes += [
-        f"{robot.bodies[foot.body].name} has no sphere below: one of {1e3 * foot.radius:.0f} mm was put there"
-        for foot in touching
-        if foot.shape is None
-    ]
+    legs, centres, touching = [legs[k] for k in order], centres[order], [touching[k] for k in order]
+    height = max((foot.radius - centre[2] for foot, centre in zip(touching, centres, strict=True)), default=0.0)
+    if legs:
+        _check_height(robot, legs, touching, poses, float(height))
+    if put := [robot.bodies[foot.body].name for foot in touching if foot.shape is None]:
+        sizes = ", ".join(sorted({f"{1e3 * foot.radius:.0f}" for foot in touching if foot.shape is None}))
+        notes.append(f"no sphere below {_some(put)}: one of {sizes} mm was put there")
     names = _names(legs)
     phases = _phases(robot, choices.gait, rows[order], centres[:, 1])
     used = {joint.name for leg in legs for joint in leg}
@@ -161,7 +162,7 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
                 joints=tuple(joint.name for joint in leg),
                 foot=f"{name}_foot",
                 phase=phase,
-                sole=foot.shape is None and any(s.collides and s.body == foot.body for s in robot.shapes),
+                sole=foot.sole,
             )
             for name, leg, phase, foot in zip(names, legs, phases, touching, strict=True)
         ),
@@ -170,16 +171,102 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
     drives = {joint.name: _drive(robot, joint, choices) for joint in joints}
     if ruled := [name for name, drive in drives.items() if drive.gains_from == "rule"]:
         notes.append(
-            f"no gains for {', '.join(ruled[:3])}{' and others' if ruled[3:] else ''}: Kp = {KP_PER_LIMIT:g}/rad of "
-            f"the torque limit, Kd = {KD_PER_KP:g} s of Kp; --kp and --kd change them"
+            f"no gains for {_some(ruled)}: Kp = {KP_PER_LIMIT:g}/rad of the torque limit, Kd = {KD_PER_KP:g} s of Kp; "
+            "--kp and --kd change them"
         )
     robot, rotors = _armatures(robot, drives, choices)
     notes += rotors
-    radii = np.array([foot.radius for foot in touching])
-    height = float(-(centres[:, 2] - radii).min()) if legs else 0.0
+    if legs:
+        notes.append(_holding(robot, touching, pose, drives))
     return UnderstoodRobot(
-        robot=robot, layout=layout, feet=tuple(touching), drives=drives, height=height, notes=tuple(notes)
+        robot=robot, layout=layout, feet=tuple(touching), drives=drives, height=float(height), notes=tuple(notes)
     )
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first three names."""
+    return f"{', '.join(names[:3])}{' and others' if names[3:] else ''}"
+
+
+def _holding(robot: ForeignRobot, feet: Sequence[Foot], pose: Mapping[str, float], drives: Mapping[str, Drive]) -> str:
+    """What it takes to hold the stance: the joint whose motor comes nearest to its limit, and what gives most."""
+    torques = {name: torque for name, torque in standing_torques(robot, feet, pose).items() if name in drives}
+    most = max(torques, key=lambda name: torques[name] / drives[name].torque_limit)
+    soft = max(torques, key=lambda name: torques[name] / drives[name].kp)
+    needed = f"{most} needs {torques[most]:.3g} of its {drives[most].torque_limit:.3g} N·m"
+    if torques[most] > drives[most].torque_limit:
+        return f"its motors cannot hold the stance: {needed}; --torque-limit, --pose or a device that holds"
+    gives = torques[soft] / drives[soft].kp
+    more = "; --kp makes it stiffer" if gives > 0.25 else ""
+    return f"to hold the stance {needed}; {soft} gives way by {gives:.2f} rad{more}"
+
+
+def _standing(
+    robot: ForeignRobot, choices: Choices, pose: dict[str, float], chosen: Mapping[str, float], notes: list[str]
+) -> tuple[list[list[Joint]], list[Foot], dict[str, float]]:
+    """Legs, their feet and the stance; what was guessed is added to ``notes``."""
+    home = {joint.name: joint.home for joint in robot.joints if joint.home is not None}
+    keyed = len(home) == len(robot.joints)
+    stretched: dict[str, float] = {}
+    paths = _hanging(robot, home, LEVEL_SHARE, notes) if keyed and not choices.feet else []
+    if paths and not _clear(robot, home, paths):
+        paths = []
+    if not paths:
+        paths = _named_paths(robot, choices.feet) if choices.feet else _hanging(robot, {}, GROUND_SHARE, notes)
+    if not paths:
+        paths, stretched = _reaching(robot)
+    if not paths:
+        raise RobotFileError(
+            f"{robot.path}: nothing hangs below {robot.bodies[robot.root].name}, so it has no legs; name the last "
+            "bodies of its legs with --feet"
+        )
+    legs = _legs(paths)
+    feet = [_foot(robot, leg, stretched) for leg in legs]
+    if len(chosen) == len(robot.joints) or (keyed and _clear(robot, pose, paths)):
+        return legs, feet, pose
+    notes.append(
+        "the keyframe is no stance, the trunk lies on the ground in it: one was solved; --pose JOINT=RAD changes it"
+        if keyed
+        else "the file has no keyframe: the stance was solved; --pose JOINT=RAD changes it"
+    )
+    first = {joint.name: _home(replace(joint, home=None)) for joint in robot.joints} | dict(chosen)
+    return legs, feet, solve_stance(robot, legs, feet, first if keyed else pose, stretched, chosen)
+
+
+def _clear(robot: ForeignRobot, pose: Mapping[str, float], paths: Sequence[Sequence[Joint]]) -> bool:
+    """Whether the trunk is well above the feet."""
+    poses = robot.poses(pose)
+    feet = min(_lowest(robot, path[-1].child, poses)[2] for path in paths)
+    return bool(feet < 0.0 and _lowest(robot, robot.root, poses)[2] > (1.0 - GROUND_SHARE) * feet)
+
+
+def _check_height(
+    robot: ForeignRobot, legs: Sequence[Sequence[Joint]], feet: Sequence[Foot], poses: list, height: float
+) -> None:
+    """Refuse a robot of another size, and one of which more than the feet is in the ground.
+
+    Raises:
+        RobotFileError: it is, or its feet are not level.
+    """
+    if not HEIGHTS[0] <= height <= HEIGHTS[1]:
+        raise RobotFileError(f"{robot.path}: its trunk is {height:.4g} m high; write its lengths in metres")
+    soles = {robot.bodies[f.body].name: poses[f.body].apply(f.centre)[2] - f.radius for f in feet}
+    if max(soles.values()) - min(soles.values()) > LEVEL:
+        heights = ", ".join(f"{name} {z:.3f}" for name, z in soles.items())
+        raise RobotFileError(
+            f"{robot.path}: in the stance the feet are not level: {heights} m; allowed: {LEVEL} m; name the bodies "
+            "that stand with --feet BODY ..., or the stance with --pose JOINT=RAD"
+        )
+    standing = {joint.child for leg in legs for joint in leg}
+    parents = {joint.child: joint.name for joint in robot.joints}
+    for k, body in enumerate(robot.bodies):
+        low = [low[2] for _, low in _extremes(robot, k, poses, solid=True)]
+        if k not in standing and low and min(low) < min(soles.values()) - SOLE:
+            remedy = f"--pose {parents[k]}=RAD or --fix {parents[k]}" if k in parents else "--pose JOINT=RAD"
+            raise RobotFileError(
+                f"{robot.path}: in the stance {body.name} reaches {1e3 * (min(soles.values()) - min(low)):.0f} mm into "
+                f"the ground; give {remedy}"
+            )
 
 
 def _chosen(choice: Mapping[str, float], name: str) -> float | None:
@@ -212,24 +299,75 @@ def _chains(robot: ForeignRobot) -> list[list[Joint]]:
     return chains
 
 
-def _grounded(robot: ForeignRobot, chains: list[list[Joint]], feet: Sequence[str]) -> list[list[Joint]]:
-    """The chains whose ends reach the ground with all joints at 0, where legs hang stretched."""
-    if feet:
-        known = {robot.bodies[chain[-1].child].name: chain for chain in chains}
-        for name in feet:
-            if name not in known:
-                raise RobotFileError(
-                    f"{robot.path}: --feet {name} is not the end of a chain; choose among {', '.join(known)}"
-                )
-        return [known[name] for name in feet]
-    poses = robot.poses({})
-    ends = [_lowest(robot, chain[-1].child, poses)[2] for chain in chains]
-    if not chains or min(ends) > -0.02:
+def _named_paths(robot: ForeignRobot, feet: Sequence[str]) -> list[list[Joint]]:
+    """Joints from the root to bodies by name."""
+    chains = _chains(robot)
+    known = {robot.bodies[j.child].name: chain[: k + 1] for chain in chains for k, j in enumerate(chain)}
+    if unknown := [name for name in feet if name not in known]:
         raise RobotFileError(
-            f"{robot.path}: nothing hangs below {robot.bodies[robot.root].name}, so it has no legs; name the last "
-            "bodies of its legs with --feet"
+            f"{robot.path}: --feet {unknown[0]} is no body at a joint; choose among {', '.join(known)}"
         )
-    return [chain for chain, end in zip(chains, ends, strict=True) if end < (1.0 - GROUND_SHARE) * min(ends)]
+    return [known[name] for name in feet]
+
+
+def _hanging(robot: ForeignRobot, pose: Mapping[str, float], share: float, notes: list[str]) -> list[list[Joint]]:
+    """Joints to the bodies that reach the ground in a pose, of chains that are alike if there are such."""
+    poses = robot.poses(pose)
+    chains = _chains(robot)
+    lows = [[_lowest(robot, joint.child, poses)[2] for joint in chain] for chain in chains]
+    floor = min((min(low) for low in lows), default=0.0)
+    if not floor < -0.02 * max((_length(chain) for chain in chains), default=0.0):
+        return []
+    # a leg ends at its first body that is on the ground: toes are part of the foot
+    ends = [next((k for k, z in enumerate(low) if z < min(low) + SOLE), 0) for low in lows]
+    near = [
+        chain[: k + 1] for chain, low, k in zip(chains, lows, ends, strict=True) if min(low) < (1.0 - share) * floor
+    ]
+    paths = list({path[-1].child: path for path in near}.values())
+    twins = [path for path in paths if sum(_alike(path, other) for other in paths) > 1]
+    if twins and (alone := [robot.bodies[path[-1].child].name for path in paths if path not in twins]):
+        notes.append(f"{_some(alone)} hangs as low as the feet, but no other is like it: it counts as no leg")
+    return twins or paths
+
+
+def _length(path: Sequence[Joint]) -> float:
+    """Distance along a path's joints [m]; offsets of the first are the trunk's."""
+    return sum(float(np.linalg.norm((j.in_child.inv() * k.in_parent).translation)) for j, k in itertools.pairwise(path))
+
+
+def _alike(a: Sequence[Joint], b: Sequence[Joint]) -> bool:
+    """Whether two paths have equally many joints, equally far apart."""
+    return len(a) == len(b) and abs(_length(a) - _length(b)) <= EQUAL * max(_length(a), _length(b))
+
+
+def _reaching(robot: ForeignRobot) -> tuple[list[list[Joint]], dict[str, float]]:
+    """Where nothing hangs: the most numerous chains that are alike and reach down, and the angles that stretch them."""
+    chains = _chains(robot)
+    kinds = [[other for other in chains if _alike(chain, other)] for chain in chains]
+    legs = max(kinds, key=len, default=[])
+    pose: dict[str, float] = {}
+    for leg in legs if len(legs) > 1 else []:
+        low = [joint.limits[0] if joint.limits else -np.pi for joint in leg]
+        high = [joint.limits[1] if joint.limits else np.pi for joint in leg]
+
+        def depth(q: np.ndarray, leg: list[Joint] = leg) -> float:
+            poses = robot.poses({joint.name: float(x) for joint, x in zip(leg, q, strict=True)}, leg)
+            return float(_lowest(robot, leg[-1].child, poses)[2] + 1e-3 * _length(leg) * (q @ q))
+
+        starts = (np.clip(np.full(len(leg), start), low, high) for start in (0.3, -0.3))
+        bounds = list(zip(low, high, strict=True))
+        tried = [minimize(depth, start, method="Powell", bounds=bounds) for start in starts]
+        found = min(tried, key=lambda result: result.fun)
+        if found.fun > -0.5 * _length(leg):
+            return [], {}
+        pose.update({joint.name: float(x) for joint, x in zip(leg, found.x, strict=True)})
+    return (legs, pose) if len(legs) > 1 else ([], {})
+
+
+def _legs(paths: Sequence[Sequence[Joint]]) -> list[list[Joint]]:
+    """What of each path is its own: a spine or a waist that bears several legs belongs to none."""
+    often = Counter(joint.name for path in paths for joint in path)
+    return [[joint for joint in path if often[joint.name] == 1 or len(paths) == 1] for path in paths]
 
 
 def _extreme(shape: Shape, down: np.ndarray) -> np.ndarray:
@@ -254,109 +392,65 @@ def _lowest(robot: ForeignRobot, body: int, poses: list) -> np.ndarray:
     return min(points, key=lambda point: point[2])
 
 
-def _extremes(robot: ForeignRobot, body: int, poses: list) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Centre and lowest point of each of a body's shapes in the root's frame [m]."""
-    shapes = [shape for shape in robot.shapes if shape.body == body]
-    for shape in [shape for shape in shapes if shape.collides] or shapes:
+def _extremes(
+    robot: ForeignRobot, body: int, poses: list, *, solid: bool = False
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Centre and lowest point of each of a body's shapes in the root's frame [m]; ``solid``: of what will collide."""
+    shapes = [shape for shape in robot.shapes if shape.body == body and not (solid and shape.kind == "mesh")]
+    for shape in [shape for shape in shapes if shape.collides] or ([] if solid else shapes):
         world = poses[body] * shape.pose
         low = world.apply(_extreme(shape, world.rotation.inv().apply([0.0, 0.0, -1.0])))
         yield world.translation, low
 
 
-def _foot(robot: ForeignRobot, body: int) -> Foot:
+def _foot(robot: ForeignRobot, leg: Sequence[Joint], stretched: Mapping[str, float]) -> Foot:
     """The sphere that touches the ground with the leg stretched: the lowest collision sphere, else one put there."""
-    poses = robot.poses({})
+    body, poses = leg[-1].child, robot.poses(stretched)
     lowest = _lowest(robot, body, poses)
+    own = [shape for shape in robot.shapes if shape.body == body and shape.collides]
     best = None
-    for shape in robot.shapes:
-        if shape.body == body and shape.kind == "sphere" and shape.collides:
+    for shape in own:
+        if shape.kind == "sphere":
             centre = (poses[body] * shape.pose).translation
             if centre[2] - shape.size[0] < lowest[2] + 0.01 and (best is None or shape.size[0] > best.size[0]):
                 best = shape
+    if not any(shape.body == body for shape in robot.shapes):
+        raise RobotFileError(
+            f"{robot.path}: {robot.bodies[body].name} ends a leg and has no shape that says where its foot is; give it "
+            "a collision sphere there, or leave --skip-meshes out"
+        )
     if best is not None:
         return Foot(
             body=body, centre=best.pose.translation, radius=float(best.size[0]), friction=best.friction, shape=best
         )
-    radius = 0.02
-    own = [shape.friction for shape in robot.shapes if shape.body == body and shape.collides]
+    radius = min(FOOT_RADIUS, FOOT_RADIUS / STAND_HEIGHT * abs(float(lowest[2])))
     sole = [centre for centre, low in _extremes(robot, body, poses) if low[2] < lowest[2] + SOLE]
     middle = np.array([*np.mean(sole or [lowest], axis=0)[:2], lowest[2] + radius])
-    centre = poses[body].inv().apply(middle)
-    return Foot(body=body, centre=centre, radius=radius, friction=max(own, default=0.8), shape=None)
-
-
-def _stance(
-    robot: ForeignRobot, legs: list[list[Joint]], feet: dict[int, Foot], pose: dict[str, float], choices: Choices
-) -> dict[str, float]:
-    """A stance: every foot below its leg's second joint, at :data:`CROUCH` of the reach, as far beside as stretched.
-
-    Knees point inwards if they can; a foot on ankles stays level.
-    """
-    pose = dict(pose)
-    for leg in legs:
-        free = [joint for joint in leg if _chosen(choices.pose, joint.name) is None]
-        if not free:
-            continue
-        low = np.array([max(joint.limits[0] + 1e-3, -2.0) if joint.limits else -2.0 for joint in free])
-        high = np.array([min(joint.limits[1] - 1e-3, 2.0) if joint.limits else 2.0 for joint in free])
-        end = feet[leg[-1].child]
-        reach = sum(float(np.linalg.norm(joint.in_parent.translation)) for joint in leg[2:])
-        reach += float(np.linalg.norm(end.centre))
-
-        stretched = robot.poses({})
-        upright = stretched[end.body].rotation.inv().apply([0.0, 0.0, 1.0])
-
-        def seen(
-            q: np.ndarray, leg: list[Joint], free: list[Joint], end: Foot, upright: np.ndarray = upright
-        ) -> tuple[np.ndarray, ...]:
-            alone = replace(robot, joints=leg)  # the other legs need not be followed
-            poses = alone.poses({**pose, **{joint.name: x for joint, x in zip(free, q, strict=True)}})
-            anchors = [(poses[joint.parent] * joint.in_parent).translation for joint in leg[:2] + leg[-1:]]
-            foot, up = poses[end.body].apply(end.centre), poses[end.body].rotation.apply(upright)
-            return anchors[0], anchors[min(1, len(leg) - 1)], anchors[-1], foot, up
-
-        def miss(
-            q: np.ndarray, leg: list[Joint], free: list[Joint], end: Foot, beside: float, reach: float
-        ) -> np.ndarray:
-            _, hip, _, foot, up = seen(q, leg, free, end)
-            below, side, drop = (foot - hip) / reach
-            level = up[:2] if len(leg) > 3 and end.shape is None else []
-            return np.array([below, side - beside / reach, -drop - CROUCH, *(0.02 * q), *level])
-
-        beside = (
-            float(
-                stretched[end.body].apply(end.centre)[1] - (stretched[leg[1].parent] * leg[1].in_parent).translation[1]
-            )
-            if leg[1:]
-            else 0.0
-        )
-        bend = np.array([0.0] * (len(free) - 2) + [0.7, -1.4][-len(free) :])
-        results = [
-            least_squares(miss, np.clip(start, low, high), bounds=(low, high), args=(leg, free, end, beside, reach))
-            for start in (bend, -bend, 0.5 * (low + high))
-        ]
-        near = [result for result in results if result.cost < min(r.cost for r in results) + 1e-3]
-
-        def inwards(result: Any, leg: list[Joint] = leg, free: list[Joint] = free, end: Foot = end) -> float:
-            first, hip, knee, foot, _ = seen(result.x, leg, free, end)
-            return float((knee[0] - 0.5 * (hip[0] + foot[0])) * (1.0 if first[0] < 0.0 else -1.0))
-
-        found = max(near, key=inwards)
-        pose.update({joint.name: round(float(x), 3) for joint, x in zip(free, found.x, strict=True)})
-    return pose
+    return Foot(
+        body=body,
+        centre=poses[body].inv().apply(middle),
+        radius=radius,
+        friction=max((shape.friction for shape in own), default=0.8),
+        shape=None,
+        sole=any(shape.kind != "mesh" for shape in own),
+    )
 
 
 def _names(legs: list[list[Joint]]) -> list[str]:
-    """Names of the legs: what the names of a leg's joints and no other's begin with, else numbers."""
-    names = []
-    for k, leg in enumerate(legs):
-        prefix = leg[0].name
-        for joint in leg[1:]:
-            while not joint.name.startswith(prefix):
-                prefix = prefix[:-1]
-        prefix = prefix.rstrip("_")
-        names.append(prefix if prefix else f"leg{k + 1}")
-    return names if len(set(names)) == len(names) else [f"leg{k + 1}" for k in range(len(legs))]
+    """Names of the legs: the words that begin, or end, the names of a leg's joints and no other's, else numbers."""
+    numbers = [f"leg{k + 1}" for k in range(len(legs))]
+    for begin in (True, False):
+        names = []
+        for leg in legs:
+            words = [_WORDS.findall(joint.name) for joint in leg]
+            if not begin:
+                words = [row[::-1] for row in words]
+            common = itertools.takewhile(lambda row: len(set(row)) == 1, zip(*words, strict=False))
+            same = [row[0] for row in common] if len(leg) > 1 else words[0][:-1]
+            names.append("".join(same if begin else same[::-1]).strip("_"))
+        if all(names) and len(set(names)) == len(names):
+            return [name if name.isidentifier() else f"_{name}" for name in names]
+    return numbers
 
 
 def _phases(robot: ForeignRobot, gait: str, rows: np.ndarray, sides: np.ndarray) -> list[float]:

@@ -21,8 +21,8 @@ from mrwarp.robots.foreign import (
     Shape,
     joined,
     prim_names,
-    read_by_newton,
 )
+from mrwarp.robots.newton_robot import read_by_newton
 from mrwarp.robots.urdf import Meshes, checked_urdf
 from mrwarp.run_dir import no_file, one_line
 from mrwarp.runtime import silent
@@ -205,6 +205,7 @@ class _Compiled:
         by_joint = {int(model.body_jntadr[i]): joint for i, joint in zip(moving, joints, strict=True)}
         shapes = [s for g in range(model.ngeom) if (s := self._shape(g, number)) is not None]
         notes = [*self._actuators(by_joint), *self._key(by_joint), *self._left_out(by_joint)]
+        placed = Rotation.from_quat(model.body_quat[self.root], scalar_first=True)
         return ForeignRobot(
             path=self.path,
             name=prim_names([self.path.stem])[0],
@@ -215,7 +216,7 @@ class _Compiled:
             floating=self.floating,
             couplings=list(self._couplings(by_joint)),
             notes=notes,
-        )
+        ).upright(placed if self.floating else Rotation.identity())
 
     def _body(self, i: int, name: str) -> Body:
         """A body with all that is welded to it."""

@@ -7,9 +7,8 @@ from collections.abc import Iterator
 
 from pxr import Usd, UsdGeom
 
-from mrwarp.robots.write_robot import NO_LIMIT
 from mrwarp.usd.asset import RobotAsset, masses
-from mrwarp.usd.robot_layout import read_notes
+from mrwarp.usd.robot_layout import NO_LIMIT, read_notes
 
 MIRROR = 0.2
 """How far a leg's mirror image may be from another leg that it mirrors, as a share of the feet's distance from the
@@ -42,7 +41,8 @@ def layout_lines(asset: RobotAsset) -> Iterator[str]:
     rails = asset.stage.GetPrimAtPath(base.AppendChild("rails"))
     for rail in rails.GetChildren() if rails else []:
         yield f"rail {rail.GetName()}, which nothing drives; the ground is at z = 0 of the file"
-    feet = {leg.name: next(p for p in asset.stage.Traverse() if p.GetName() == leg.foot) for leg in layout.legs}
+    spheres = {p.GetName(): p for p in asset.stage.Traverse() if p.GetTypeName() == "Sphere"}
+    feet = {leg.name: spheres[leg.foot] for leg in layout.legs}
     places = _places(asset, feet)
     for leg in layout.legs:
         foot, x, y = feet[leg.name], *places[leg.name]
@@ -63,7 +63,7 @@ def layout_lines(asset: RobotAsset) -> Iterator[str]:
 def _places(asset: RobotAsset, feet: dict[str, Usd.Prim]) -> dict[str, tuple[float, float]]:
     """Where each foot is beside the trunk [m], forwards and to the left, as the file's bodies are placed."""
     cache, trunk = UsdGeom.XformCache(), asset.layout.trunk
-    body = next(prim for prim in asset.stage.Traverse() if prim.GetName() == trunk)
+    body = asset.stage.GetPrimAtPath(asset.stage.GetDefaultPrim().GetPath().AppendChild(trunk))
     own = cache.GetLocalToWorldTransform(body).GetInverse()
     points = {
         name: own.Transform(cache.GetLocalToWorldTransform(prim).ExtractTranslation()) for name, prim in feet.items()

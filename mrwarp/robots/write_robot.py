@@ -17,10 +17,7 @@ from mrwarp.robots.foreign import Joint, Shape
 from mrwarp.robots.legs import Foot, UnderstoodRobot
 from mrwarp.usd.asset import RobotAsset, load_robot
 from mrwarp.usd.open_stage import AssetError
-from mrwarp.usd.robot_layout import write_layout
-
-NO_LIMIT = 7200.0
-"""Limit of a joint that turns freely [deg]."""
+from mrwarp.usd.robot_layout import NO_LIMIT, write_layout
 
 FRICTION_OF_CONSTRAINTS = {"mjc:solimpfriction": (0.9999, 0.9999, 0.001, 0.5, 2.0), "mjc:solreffriction": (0.01, 1.0)}
 """How stiff MuJoCo's dry friction is, which carries the brake of an MR device; see ``assets/usd/mr_go.usda``."""

@@ -94,6 +94,9 @@ STAND_HEIGHT = 0.334
 
 Another robot's follows from its links, see ``Scene.stand_height``."""
 
+MASS = 12.6
+"""Mass of the shipped robot with its devices [kg], paper section 6.4."""
+
 GAIT_FREQUENCY = 1.5
 """Stride frequency [Hz], paper section 5.1."""
 

@@ -31,6 +31,9 @@ from mrwarp.usd.robot import MR_GO, Layout, Leg
 
 SCOPE = "legs"
 
+NO_LIMIT = 7200.0
+"""Limit of a joint that turns freely [deg]."""
+
 NOTES = "mrwarp:notes"
 """Attribute of the default prim."""
 

@@ -24,6 +24,7 @@ from mrwarp.usd.record import (
     record_difference,
     summary,
 )
+from mrwarp.usd.robot import MR_GO
 
 if TYPE_CHECKING:
     from mujoco import MjModel
@@ -67,7 +68,9 @@ def load_variants(file: Path, robot: str | None = None, payload: str | None = No
 
 
 def label(asset: RobotAsset) -> str:
-    """The variant choice as text."""
+    """The variant choice as text; a robot with a layout of its own has none."""
+    if asset.robot != "bench" and asset.layout != MR_GO:
+        return str(asset.stage.GetDefaultPrim().GetName())
     return "bench" if asset.robot == "bench" else f"robot={asset.robot} payload={asset.payload:g}"
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import re
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -11,7 +10,7 @@ import numpy as np
 from mujoco import mjtGeom
 from scipy.ndimage import map_coordinates
 
-from mrwarp.env.sim_model import Scene
+from mrwarp.env.sim_model import Scene, shape_name
 from mrwarp.viewing.frames import Gate
 
 Color = tuple[int, int, int]
@@ -135,8 +134,7 @@ def _geom_shape(
     """One geom; a leg's segment with a device on its joint shows the gate, its foot does not."""
     model, layout = scene.model, scene.layout
     body, kind = int(model.geom_bodyid[geom]), mjtGeom(model.geom_type[geom])
-    # Newton names a geom by its USD path and a running number
-    name = re.sub(r"_\d+$", "", model.geom(geom).name.split("/")[-1]) or f"geom_{geom}"
+    name = shape_name(model.geom(geom).name) or f"geom_{geom}"
     foot = name in {leg.foot for leg in layout.legs}
     device = -1 if foot else device_of.get(moved.get(body, ""), -1)
     part = Part.LIMB if body in moved else Part.TRUNK if names[body] == layout.trunk else Part.OTHER

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mrwarp.env.sim_model import build_scene
+from mrwarp.env.sim_model import build_scene, shape_name
 from mrwarp.params import MrParams
 from mrwarp.robot_logs.robot_log import LogError
 from mrwarp.robot_logs.virtual.hidden_effects import Hidden, Places
@@ -122,7 +122,7 @@ def _described_usd(robot: str) -> Description:
         spec.delete(exclude)
     for joint in spec.joints:
         joint.name = next((a.joint for a in drives if joint.name.endswith("_" + a.joint)), joint.name)
-    feet = tuple(next(g.name for g in spec.geoms if f"/{leg.foot}" in g.name) for leg in layout.legs)
+    feet = tuple(next(g.name for g in spec.geoms if shape_name(g.name) == leg.foot) for leg in layout.legs)
     trunk = next(j.parent.name for j in spec.joints if j.type == mujoco.mjtJoint.mjJNT_FREE)
     legs = [next((k for k, leg in enumerate(layout.legs) if a.joint in leg.joints), 0) for a in drives]
     return Description(

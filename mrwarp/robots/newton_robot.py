@@ -1,0 +1,175 @@
+"""URDF and USD robots as Newton's importers read them."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from mrwarp.robots.foreign import (
+    FREE_LIMIT,
+    SHAPES,
+    Body,
+    Coupling,
+    ForeignRobot,
+    Joint,
+    RobotFileError,
+    Shape,
+    prim_names,
+)
+from mrwarp.run_dir import one_line
+from mrwarp.runtime import silent
+
+KINDS = {"REVOLUTE": "hinge", "PRISMATIC": "slide"}
+"""Kinds of joints by the field's words; others keep Newton's, in small letters."""
+
+
+def read_by_newton(path: Path, add: Callable[[Any], Any]) -> ForeignRobot:
+    """Read a URDF or USD file.
+
+    Args:
+        path: The file.
+        add: Puts its content into a builder.
+
+    Raises:
+        RobotFileError: it cannot be read, has no bodies or two trunks, or joins the world by a joint.
+    """
+    import newton  # it takes seconds to load
+
+    builder = newton.ModelBuilder()
+    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
+    try:
+        with silent(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            add(builder)
+    except Exception as error:  # importers raise many types for a file that is no robot
+        raise RobotFileError(f"{path}: Newton cannot read it ({one_line(error)}); correct it there") from None
+    return _robot(path, builder)
+
+
+def _robot(path: Path, builder: Any) -> ForeignRobot:
+    """The builder's content."""
+    if not builder.body_label:
+        raise RobotFileError(f"{path}: there is no body that could move; is it a robot's file?")
+    bodies = [
+        Body(
+            name=name,
+            mass=float(builder.body_mass[i]),
+            com=np.array(builder.body_com[i], dtype=float),
+            inertia=np.array(builder.body_inertia[i], dtype=float).reshape(3, 3),
+        )
+        for i, name in enumerate(_names(builder.body_label))
+    ]
+    from newton import JointType
+
+    names, labels = _names(builder.joint_label), [label.rpartition("/")[2] for label in builder.joint_label]
+    root, floating, joints, couplings = None, True, [], []
+    for i, number in enumerate(builder.joint_type):
+        kind = JointType(number)
+        parent, child = builder.joint_parent[i], builder.joint_child[i]
+        if builder.joint_articulation[i] < 0 and number:
+            ends = " and ".join(bodies[k].name if k >= 0 else "the world" for k in (parent, child))
+            couplings.append(Coupling(text=f"joint {labels[i]} closes a loop between {ends}"))
+        elif parent < 0:
+            if root is not None:
+                raise RobotFileError(f"{path}: {bodies[root].name} and {bodies[child].name} are two trunks; remove one")
+            root, floating = child, kind == JointType.FREE
+            if kind in (JointType.REVOLUTE, JointType.PRISMATIC):
+                root = len(bodies)
+                bodies.append(Body(name="base", mass=0.0, com=np.zeros(3), inertia=np.zeros((3, 3))))
+                joints.append(_joint(builder, i, root, child, names[i]))
+            elif kind not in (JointType.FREE, JointType.FIXED):
+                raise RobotFileError(
+                    f"{path}: {labels[i]} joins the world by a {KINDS.get(kind.name, kind.name.lower())} joint; "
+                    "only floating robots, arms with a hinge there and legs on a rail are imported"
+                )
+        else:
+            joints.append(_joint(builder, i, parent, child, names[i]))
+    if root is None:
+        raise RobotFileError(f"{path}: no body is the root of the others; is it a robot's file?")
+    shapes, notes = _shapes(builder)
+    placed = _transform(builder.body_q[root]).rotation if floating else Rotation.identity()
+    return ForeignRobot(
+        path=path,
+        name=prim_names([path.stem])[0],
+        bodies=bodies,
+        joints=joints,
+        shapes=shapes,
+        root=root,
+        floating=floating,
+        couplings=couplings,
+        notes=notes,
+    ).upright(placed)
+
+
+def _names(labels: Sequence[str]) -> list[str]:
+    """Names from Newton's labels, which are paths: the last part, or as much as tells them apart."""
+    short = [label.rstrip("/").rpartition("/")[2] for label in labels]
+    often = Counter(short)
+    return prim_names([name if often[name] == 1 else label for name, label in zip(short, labels, strict=True)])
+
+
+def _joint(builder: Any, i: int, parent: int, child: int, name: str) -> Joint:
+    from newton import JointType
+
+    kind = JointType(builder.joint_type[i])
+    dof = min(builder.joint_qd_start[i], len(builder.joint_axis) - 1)
+    low, high = float(builder.joint_limit_lower[dof]), float(builder.joint_limit_upper[dof])
+    effort, kp, kd = (
+        float(values[dof]) for values in (builder.joint_effort_limit, builder.joint_target_ke, builder.joint_target_kd)
+    )
+    axis = np.array(builder.joint_axis[dof], dtype=float)
+    return Joint(
+        name=name,
+        kind=KINDS.get(kind.name, kind.name.lower()),
+        parent=parent,
+        child=child,
+        in_parent=_transform(builder.joint_X_p[i]),
+        in_child=_transform(builder.joint_X_c[i]),
+        axis=axis / max(float(np.linalg.norm(axis)), 1e-9),
+        limits=(low, high) if low < high and high - low <= FREE_LIMIT else None,
+        armature=float(builder.joint_armature[dof]),
+        kp=kp or None,
+        kd=kd or None,
+        torque_limit=effort if 0.0 < effort < 1e5 else None,
+    )
+
+
+def _shapes(builder: Any) -> tuple[list[Shape], list[str]]:
+    from newton import GeoType, ShapeFlags
+
+    shapes, left_out = [], 0
+    for i, number in enumerate(builder.shape_type):
+        kind = GeoType(number).name.lower()
+        flags = int(builder.shape_flags[i])
+        collides, visible = bool(flags & ShapeFlags.COLLIDE_SHAPES), bool(flags & ShapeFlags.VISIBLE)
+        if builder.shape_body[i] < 0 or not (collides or visible):
+            continue
+        if kind not in SHAPES:
+            left_out += 1
+            continue
+        mesh: Any = builder.shape_source[i] if kind == "mesh" else None
+        shapes.append(
+            Shape(
+                kind=kind,
+                body=builder.shape_body[i],
+                pose=_transform(builder.shape_transform[i]),
+                size=np.array(builder.shape_scale[i], dtype=float),
+                collides=collides,
+                friction=float(builder.shape_material_mu[i]),
+                points=None if mesh is None else np.array(mesh.vertices, dtype=float) * builder.shape_scale[i],
+                faces=None if mesh is None else np.array(mesh.indices).reshape(-1, 3),
+            )
+        )
+    return shapes, [f"{left_out} shapes of other kinds were left out"] if left_out else []
+
+
+def _transform(value: Any) -> RigidTransform:
+    """A Warp transform: position, then quaternion with the real part last."""
+    numbers = np.array(value, dtype=float)
+    return RigidTransform.from_components(numbers[:3], Rotation.from_quat(numbers[3:]))

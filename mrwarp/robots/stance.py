@@ -1,0 +1,168 @@
+"""The stance of legs: solved where a file has none, and what it takes to hold it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import RigidTransform
+
+from mrwarp.paper import GRAVITY
+from mrwarp.robots.foreign import ForeignRobot, Joint, Shape
+
+CROUCH = 0.73
+"""Share of its reach at which a leg stands where the file has no keyframe: that of the shipped robot."""
+
+PARALLEL = 0.9
+"""Cosine from which on two axes of a leg count as parallel: they bend it in one plane."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Foot:
+    """What touches the ground: a sphere on a body of a leg, the first that reaches the ground."""
+
+    body: int
+    centre: np.ndarray
+    """In the body's frame [m], shape (3,)."""
+    radius: float
+    """[m]"""
+    friction: float
+    shape: Shape | None
+    """The file's own sphere; None: one was put where the leg is lowest."""
+    sole: bool = False
+    """Whether all shapes of the body, and of what it carries, bear the load."""
+
+
+class _Plane:
+    """A leg as a chain that bends in a plane: joints about one axis, beside others that turn the plane."""
+
+    def __init__(self, robot: ForeignRobot, leg: Sequence[Joint], foot: Foot, stretched: Mapping[str, float]) -> None:
+        self.robot, self.foot = robot, foot
+        before = {joint.child: joint for joint in robot.joints}
+        self.path: list[Joint] = []
+        body = foot.body
+        while body in before:
+            self.path.insert(0, before[body])
+            body = before[body].parent
+        own = {joint.name for joint in leg}
+        self.joints = [joint for joint in self.path if joint.name in own]
+        poses = self.poses(stretched)
+        axes = [(poses[j.parent] * j.in_parent).rotation.apply(j.axis) for j in self.joints]
+        alike = [[abs(a @ b) > PARALLEL for b in axes] for a in axes]
+        most = max(range(len(axes)), key=lambda k: (sum(alike[k]), k))
+        self.bends = [joint for joint, same in zip(self.joints, alike[most], strict=True) if same]
+        flat = axes[most] * (1.0, 1.0, 0.0)
+        lateral = flat / np.linalg.norm(flat) if np.linalg.norm(flat) > 0.5 else np.array([0.0, 1.0, 0.0])
+        self.lateral = lateral * (-1.0 if lateral[1] < -1e-6 else 1.0)
+        self.forward = np.cross(self.lateral, [0.0, 0.0, 1.0])
+        points = [*(self.point(poses, joint) for joint in self.joints), self.sole(poses)]
+        points = points[self.joints.index(self.bends[0]) :]
+        links = np.diff(points, axis=0)
+        self.reach = float(np.linalg.norm(links - np.outer(links @ axes[most], axes[most]), axis=1).sum())
+        self.beside = float((points[-1] - points[0]) @ self.lateral)
+        self.up = poses[foot.body].rotation.inv().apply([0.0, 0.0, 1.0])
+
+    def poses(self, q: Mapping[str, float]) -> list[RigidTransform]:
+        """Of the leg's bodies; the other legs need not be followed."""
+        return self.robot.poses(dict(q), self.path)
+
+    def point(self, poses: Sequence[RigidTransform], joint: Joint) -> np.ndarray:
+        """A joint's place [m]."""
+        return (poses[joint.parent] * joint.in_parent).translation
+
+    def sole(self, poses: Sequence[RigidTransform]) -> np.ndarray:
+        """The foot's place [m]."""
+        return poses[self.foot.body].apply(self.foot.centre)
+
+
+def solve_stance(
+    robot: ForeignRobot,
+    legs: Sequence[Sequence[Joint]],
+    feet: Sequence[Foot],
+    pose: Mapping[str, float],
+    stretched: Mapping[str, float],
+    chosen: Mapping[str, float],
+) -> dict[str, float]:
+    """A stance: every foot below the first joint that bends its leg, at :data:`CROUCH` of the reach from there.
+
+    Beside its plane the foot stays as far as stretched; a foot on ankles stays level. Knees point inwards, on bipeds
+    forwards and on sprawling legs outwards, if they can.
+
+    Args:
+        robot: The robot.
+        legs: Joints of each leg, from the trunk.
+        feet: Of each leg.
+        pose: Angles of all joints to begin with [rad].
+        stretched: Angles with which the legs hang stretched [rad].
+        chosen: Angles that the user gave [rad].
+    """
+    pose = dict(pose)
+    for leg, foot in zip(legs, feet, strict=True):
+        plane = _Plane(robot, leg, foot, stretched)
+        free = [joint for joint in plane.joints if joint.name not in chosen]
+        if not free:
+            continue
+        low = np.array([max(joint.limits[0] + 1e-3, -2.0) if joint.limits else -2.0 for joint in free])
+        high = np.array([min(joint.limits[1] - 1e-3, 2.0) if joint.limits else 2.0 for joint in free])
+        high = np.maximum(high, low + 1e-6)
+
+        def angles(q: np.ndarray, free: Sequence[Joint] = free) -> dict[str, float]:
+            return {**pose, **{joint.name: float(x) for joint, x in zip(free, q, strict=True)}}
+
+        def miss(q: np.ndarray, plane: _Plane = plane) -> np.ndarray:
+            poses = plane.poses(angles(q))
+            away = (plane.sole(poses) - plane.point(poses, plane.bends[0])) / plane.reach
+            up = poses[plane.foot.body].rotation.apply(plane.up)
+            level = up[:2] if len(plane.bends) > 2 and plane.foot.shape is None else []
+            side = away @ plane.lateral - plane.beside / plane.reach
+            return np.array([away @ plane.forward, side, -away[2] - CROUCH, *(0.02 * q), *level])
+
+        guess = dict(zip((joint.name for joint in plane.bends), (0.7, -1.4, 0.7), strict=False))
+        bend = np.array([guess.get(joint.name, 0.0) for joint in free])
+        results = [
+            least_squares(miss, np.clip(start, low, high), bounds=(low, high))
+            for start in (bend, -bend, 0.5 * (low + high))
+        ]
+        near = [result for result in results if result.cost < min(r.cost for r in results) + 1e-3]
+
+        def knee(result: Any, plane: _Plane = plane) -> float:
+            """How far the knee points to where it should [m]."""
+            poses = plane.poses(angles(result.x))
+            first = plane.point(poses, plane.joints[0])
+            hip, middle = (plane.point(poses, joint) for joint in (plane.bends * 2)[:2])
+            bent = middle - 0.5 * (hip + plane.sole(poses))
+            if abs(plane.lateral[1]) < 0.7:  # a sprawling leg
+                return float(bent[:2] @ hip[:2])
+            return float(bent[0] * (-1.0 if first[0] > 0.05 * plane.reach else 1.0))
+
+        found = max(near, key=knee)
+        pose.update({joint.name: round(float(x), 3) + 0.0 for joint, x in zip(free, found.x, strict=True)})
+    return pose
+
+
+def standing_torques(robot: ForeignRobot, feet: Sequence[Foot], pose: Mapping[str, float]) -> dict[str, float]:
+    """Torque of each joint that holds the stance [N·m], with the weight on all feet as evenly as balance allows."""
+    poses = robot.poses(dict(pose))
+    centres = np.array([place.apply(body.com) for place, body in zip(poses, robot.bodies, strict=True)])
+    weights = GRAVITY * np.array([body.mass for body in robot.bodies])
+    points = np.array([poses[foot.body].apply(foot.centre) for foot in feet])
+    balance = np.stack([np.ones(len(points)), points[:, 0], points[:, 1]])
+    wanted = np.array([weights.sum(), weights @ centres[:, 0], weights @ centres[:, 1]])
+    even = np.full(len(points), weights.sum() / len(points))
+    forces = even + np.linalg.lstsq(balance, wanted - balance @ even, rcond=None)[0]
+    torques = {}
+    for joint in robot.joints:
+        carried = {joint.child}
+        for other in robot.joints:  # parents come first
+            if other.parent in carried:
+                carried.add(other.child)
+        frame = poses[joint.parent] * joint.in_parent
+        moment = sum(np.cross(centres[b] - frame.translation, [0.0, 0.0, -weights[b]]) for b in carried)
+        for foot, point, force in zip(feet, points, forces, strict=True):
+            if foot.body in carried:
+                moment = moment + np.cross(point - frame.translation, [0.0, 0.0, force])
+        torques[joint.name] = float(abs(frame.rotation.apply(joint.axis) @ moment))
+    return torques
