@@ -120,7 +120,7 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
         if self.kind == "drop":
             raise ValueError("--kind drop: the mass falls on a trunk that floats, this robot has none; use a push")
         currents = taken_currents(arm.actuators, self.current, opt.CURRENTS)
-        force = self.force or (0.0, 0.0, -fixed_base.weight(arm))
+        force = self.force or fixed_base.default_push(arm)
         couplings = [c for c in Coupling if self.coupling in ("both", c.value)]
         result: dict[str, Any] = {"force": force, "couplings": {}}
         self.out.mkdir(parents=True, exist_ok=True)
@@ -130,7 +130,8 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
             rows = fixed_base.figures(scene, trace, currents)
             result["couplings"][coupling.value] = {"by_current": rows}
             what = "carriage" if fixed_base.has_rail(arm) else "last link"
-            print(f"push on the {what}, {coupling.value} coupling")
+            newtons = ", ".join(f"{round(f, 3) + 0.0:g}" for f in force)
+            print(f"push of ({newtons}) N on the {what}, {coupling.value} coupling")
             print("\n".join(fixed_base.lines(rows, what)))
             title = f"{arm.path.name} pushed, {coupling.value} coupling"
             fixed_base.picture(scene, trace, currents, self.out / f"impact_{coupling.value}.png", title)

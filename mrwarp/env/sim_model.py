@@ -124,7 +124,14 @@ class Scene:
 
     @cached_property
     def stand_height(self) -> float:
-        """Trunk height in the neutral stance [m], to the millimetre: the lowest sole touches the ground."""
+        """Trunk height in the neutral stance [m], to the millimetre: the lowest sole touches the ground.
+
+        Raises:
+            ValueError: it has no legs.
+        """
+        if not self.layout.legs:
+            move = "'mrwarp play --agent sine' and 'mrwarp impact' move arms and legs on a rail"
+            raise ValueError(f"{self.layout.trunk} has no legs to walk with; {move}")
         return round(-float(self.soles[:, 2].min()), 3)
 
 

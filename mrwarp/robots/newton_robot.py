@@ -23,7 +23,7 @@ from mrwarp.robots.foreign import (
     prim_names,
 )
 from mrwarp.run_dir import one_line
-from mrwarp.runtime import silent
+from mrwarp.runtime import quiet_libraries, silent
 
 KINDS = {"REVOLUTE": "hinge", "PRISMATIC": "slide"}
 """Kinds of joints by the field's words; others keep Newton's, in small letters."""
@@ -41,6 +41,7 @@ def read_by_newton(path: Path, add: Callable[[Any], Any]) -> ForeignRobot:
     """
     import newton  # it takes seconds to load
 
+    quiet_libraries(gpu=False)
     builder = newton.ModelBuilder()
     newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
     try:

@@ -76,12 +76,48 @@ def on_the_ground(scene: Scene) -> np.ndarray:
     mujoco.mj_kinematics(model, data)
     for j in rails(model):
         up = float(data.xaxis[j, 2])
-        moving = [g for g in range(model.ngeom) if model.geom_contype[g] and model.body_weldid[model.geom_bodyid[g]]]
+        solid = (model.geom_contype | model.geom_conaffinity).astype(bool)
+        moving = [g for g in np.flatnonzero(solid) if model.body_weldid[model.geom_bodyid[g]]]
         if abs(up) > 0.5 and moving:
-            lowest = min(data.geom_xpos[g, 2] - model.geom_rbound[g] for g in moving)
+            lowest = min(data.geom_xpos[g, 2] - _below(model, int(g), data.geom_xmat[g, 6:]) for g in moving)
             data.qpos[model.jnt_qposadr[j]] -= lowest / up
             break
     return data.qpos.copy()
+
+
+def _below(model: mujoco.MjModel, geom: int, up: np.ndarray) -> float:
+    """How far a shape reaches below its centre [m]; ``up``: the vertical in its frame, shape (3,)."""
+    size, kind = model.geom_size[geom], model.geom_type[geom]
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return float(size[0])
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        return float(size[0] + abs(up[2]) * size[1])
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return float(size[0] * np.hypot(up[0], up[1]) + abs(up[2]) * size[1])
+    centre, half = np.split(model.geom_aabb[geom], 2)
+    return float(np.abs(up) @ half - up @ centre)
+
+
+def default_push(asset: RobotAsset) -> tuple[float, float, float]:
+    """The weight of what moves [N], world frame: down on a rail's carriage, across an arm's last link.
+
+    An arm that hangs down or stands up does not move when it is pushed along itself, so it is pushed in the direction
+    in which that link's centre of mass is accelerated most: the largest axis of ``J M^-1 J^T``, downwards or forwards.
+    """
+    if has_rail(asset):
+        return 0.0, 0.0, -weight(asset)
+    scene = build_scene(asset, dt=0.005, ground=False)
+    model, data = scene.model, mujoco.MjData(scene.model)
+    data.qpos[scene.q_adr] = scene.layout.default_q
+    mujoco.mj_forward(model, data)
+    jacobian, solved = np.zeros((3, model.nv)), np.zeros((3, model.nv))
+    mujoco.mj_jacBodyCom(model, data, jacobian, None, watched(model))
+    mujoco.mj_solveM(model, data, solved, jacobian)
+    axis = np.linalg.eigh(jacobian @ solved.T)[1][:, -1]
+    largest = float(axis[np.argmax(np.abs(axis))])
+    axis = axis * (-np.sign(axis[2]) if abs(axis[2]) > 0.1 else np.sign(largest))
+    x, y, z = (weight(asset) * axis).tolist()
+    return x, y, z
 
 
 def sine(scene: Scene) -> Callable[[float], np.ndarray]:

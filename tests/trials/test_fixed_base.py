@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -60,8 +61,14 @@ def test_play_and_impact_take_an_arm(arm: Path, tmp_path: Path, capsys: pytest.C
     capsys.readouterr()
     assert main(["impact", *line, "--kind", "drop"]) == 2
     assert main(["play", "--agent", "sine"]) == 2
+    assert main(["play", "--robot", str(arm), "--agent", "zero", "--png", str(picture)]) == 2
     error = capsys.readouterr().err
-    assert "--kind drop" in error and "--agent sine" in error
+    assert "--kind drop" in error and "--agent sine" in error and "has no legs" in error and error.count("\n") == 3
+
+
+def test_an_arm_is_pushed_where_it_gives_way(arm: Path) -> None:
+    """Across the stretched links, in the plane in which they turn, with the weight of both."""
+    assert fixed_base.default_push(load_robot(robot=str(arm))) == pytest.approx((0.0, 9.81, 0.0), abs=1e-5)
 
 
 LEG = """<mujoco><compiler angle="radian"/><worldbody><body name="carriage" pos="0 0 0.9">
@@ -85,6 +92,11 @@ def test_a_leg_on_a_rail_stands_is_pushed_and_jumps_about(tmp_path: Path, capsys
     asset = load_robot(robot=file)
     assert asset.layout.joints == ("hip", "knee") and "rail rail" in capsys.readouterr().out
     scene, trace = fixed_base.move(asset, (0.0, 1.5), seconds=0.4, force=(0.0, 0.0, -4.3 * 9.81))
+    data = mujoco.MjData(scene.model)
+    data.qpos[:] = fixed_base.on_the_ground(scene)
+    mujoco.mj_kinematics(scene.model, data)
+    ball = int(np.flatnonzero(scene.model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE)[0])
+    assert data.geom_xpos[ball, 2] == pytest.approx(0.02, abs=1e-6)  # it begins on the ground, not in it
     stretched = 0.2 * (np.cos(0.8) + np.cos(0.7)) + 0.02  # of a stance that no weight bends
     assert 0.7 * stretched < trace.end[0, 0, 2] < stretched
     down = trace.end[:, 0, 2] - trace.end[..., 2].min(axis=1)
