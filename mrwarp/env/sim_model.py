@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import newton
@@ -89,6 +90,8 @@ class Scene:
     """Address of each foot's force in sensordata; shape (L,), empty without feet."""
     floating: bool
     """Whether qpos starts with a free joint."""
+    stage: Any = None
+    """USD stage of the asset: its meshes, which are drawn and do not collide, are not in the model."""
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -195,6 +198,7 @@ def build_scene(
         feet=feet,
         foot_adr=np.array([sensor.adr[0] for sensor in sensors], dtype=np.int32),
         floating=bool(model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE),
+        stage=asset.stage,
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon
@@ -51,6 +52,9 @@ FORCE_ARROW = {"arrowstyle": "-|>", "color": FORCE_COLOR, "lw": 1.3, "mutation_s
 GROUND_DRAWN = 0.38
 """Ground with heights is drawn this far before and behind the trunk [m]."""
 
+
+LIGHT = np.array([0.3, 0.6, 0.74])
+"""Where the light comes from: the drawing plane's x and z, and towards the reader."""
 
 Rgb = tuple[float, float, float]
 """A colour as matplotlib wants it, in [0, 1]."""
@@ -120,6 +124,10 @@ class SideView:
             depth = float((centre - origin) @ right)
             color = GATE_COLORS[Gate(int(gate[shape.device]))] if shape.device >= 0 else shape.part.value
             faded = 0.5 if depth < -0.03 else 0.0  # what lies behind the trunk fades towards the paper
+            if shape.points is not None and shape.faces is not None:
+                corners = centre + rotate(turn, shape.points)
+                axis.add_collection(_facets(flat(corners), (corners - origin) @ right, shape.faces, _rgb(color, faded)))
+                continue
             patch = _patch(shape, lambda points, c=centre, q=turn, s=shape: flat(c + rotate(q, rotate(s.quat, points))))
             edge = _rgb((0.6 * color[0], 0.6 * color[1], 0.6 * color[2]), faded)
             patch.set(facecolor=_rgb(color, faded), edgecolor=edge, linewidth=0.5, zorder=2.0 + depth)
@@ -147,6 +155,19 @@ def _patch(shape: Shape, flat: Callable[[np.ndarray], np.ndarray]) -> Patch:
         return _outline((ends[:, None] + circle).reshape(-1, 2))
     rims = [np.pad(circle, ((0, 0), (0, 1)), constant_values=z) for z in (-half, half)]
     return _outline(flat(np.concatenate(rims)))
+
+
+def _facets(flat: np.ndarray, depth: np.ndarray, faces: np.ndarray, color: Rgb) -> PolyCollection:
+    """A mesh in the drawing plane: the triangles that look at the reader, the farthest first."""
+    corners = np.column_stack([flat, depth])[faces]  # x, z and towards the reader
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    seen = normal[:, 2] > 0.0
+    normal, corners = normal[seen], corners[seen]
+    light = normal @ LIGHT / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
+    colors = np.clip(np.array(color) * (0.7 + 0.5 * np.clip(light, 0.0, 1.0))[:, None], 0.0, 1.0)
+    order = np.argsort(corners[:, :, 2].mean(axis=1))
+    style = {"facecolors": colors[order], "edgecolors": colors[order], "linewidths": 0.2}
+    return PolyCollection(list(corners[order][:, :, :2]), zorder=2.0 + float(depth.mean()), **style)
 
 
 def _outline(points: np.ndarray) -> Polygon:

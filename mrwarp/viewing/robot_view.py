@@ -223,7 +223,8 @@ class RobotLogger:
             colors = np.array([GATE_COLORS[g] for g in gates], dtype=np.uint8)
             for shape in self._shapes:
                 if shape.device == device:
-                    columns = _ARCHETYPES[shape.kind].columns(colors=colors)
+                    kind = _ARCHETYPES.get(shape.kind)
+                    columns = kind.columns(colors=colors) if kind else rr.Mesh3D.columns(albedo_factor=colors)
                     self._send(self._shape_path(root, shape), times[rows], columns)
 
     def _log_series(self, root: str, times: np.ndarray, frames: Frames, k: int) -> None:
@@ -247,8 +248,11 @@ _ARCHETYPES = {
 }
 
 
-def _primitive(shape: Shape) -> rr.Boxes3D | rr.Ellipsoids3D | rr.Capsules3D | rr.Cylinders3D:
+def _primitive(shape: Shape) -> rr.Mesh3D | rr.Boxes3D | rr.Ellipsoids3D | rr.Capsules3D | rr.Cylinders3D:
     """A shape as rerun draws it; the colour of a gated one comes with the gate."""
+    if shape.points is not None and shape.faces is not None:
+        color = None if shape.device >= 0 else shape.part.value
+        return rr.Mesh3D(vertex_positions=shape.points, triangle_indices=shape.faces, albedo_factor=color)
     style: dict[str, Any] = {
         "colors": None if shape.device >= 0 else [shape.part.value],
         "quaternions": [rr.Quaternion(xyzw=np.roll(shape.quat, -1))],

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 from mujoco import mjtGeom
+from pxr import Usd, UsdGeom, UsdPhysics
 from scipy.ndimage import map_coordinates
 
 from mrwarp.env.sim_model import Scene, shape_name
@@ -30,6 +32,9 @@ DEVICE_RADIUS, DEVICE_WIDTH = 0.034, 0.036
 LINK_RADIUS = 0.022
 """Links of bodies without shapes of their own, e.g. the hips [m]; drawn from their joint to the next."""
 
+CELLS = 40
+"""Meshes are drawn with corners on a grid of the body's size by this number: what is smaller is not seen."""
+
 SIZES = {mjtGeom.mjGEOM_BOX: 3, mjtGeom.mjGEOM_SPHERE: 1, mjtGeom.mjGEOM_CAPSULE: 2, mjtGeom.mjGEOM_CYLINDER: 2}
 """Geoms that are drawn, and how many numbers give the size of each."""
 
@@ -46,16 +51,16 @@ class Part(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class Shape:
-    """One primitive, fixed to a body."""
+    """One primitive or mesh, fixed to a body."""
 
     name: str
     """Unique on its body."""
     body: int
     """Body of the model that it moves with."""
     kind: mjtGeom
-    """Form, of :data:`SIZES`."""
+    """Form, of :data:`SIZES`, or a mesh."""
     size: tuple[float, ...]
-    """Box: half lengths; sphere: radius; capsule, cylinder: radius, half length along z without caps [m]."""
+    """Box: half lengths; sphere: radius; capsule, cylinder: radius, half length along z without caps [m]; mesh: ()."""
     pos: np.ndarray
     """Centre in the body's frame [m], shape (3,)."""
     quat: np.ndarray
@@ -64,6 +69,10 @@ class Shape:
     """Part of the robot that it belongs to."""
     device: int = -1
     """Device whose gate it shows, or -1."""
+    points: np.ndarray | None = None
+    """Corners of a mesh [m], shape (N, 3)."""
+    faces: np.ndarray | None = None
+    """Triangles of a mesh, shape (F, 3)."""
 
 
 def leg_colors(scene: Scene) -> list[Color]:
@@ -86,17 +95,20 @@ def body_names(scene: Scene) -> tuple[str, ...]:
 
 
 def robot_shapes(scene: Scene) -> tuple[Shape, ...]:
-    """Every box, sphere, capsule and cylinder of the model, and two kinds of symbols; planes and meshes are left out.
+    """What is drawn of the robot: its meshes, the shapes of bodies without meshes, the feet, and two kinds of symbols.
 
-    The symbols are links of bodies that have no geoms, and a disc on the axis of each joint with an MR device.
+    The symbols are links of bodies that have no shapes, and a disc on the axis of each joint with an MR device.
     """
     model, names = scene.model, body_names(scene)
     device_of = {actuator.joint: i for i, actuator in enumerate(a for a in scene.actuators if a.mr is not None)}
     moved = dict(zip(model.dof_bodyid[scene.v_adr].tolist(), scene.joints, strict=True))
-    shapes: list[Shape] = []
+    shapes: list[Shape] = _meshes(scene, names, moved, device_of)
+    in_mesh = {shape.body for shape in shapes}
     for geom in range(model.ngeom):
         if mjtGeom(model.geom_type[geom]) in SIZES:
             shape = _geom_shape(scene, geom, names, moved, device_of)
+            if shape.body in in_mesh and shape.part is not Part.FOOT:
+                continue
             taken = any(other.body == shape.body and other.name == shape.name for other in shapes)
             shapes.append(replace(shape, name=f"{shape.name}_{geom}") if taken else shape)
     used = {shape.body for shape in shapes}
@@ -148,6 +160,52 @@ def _geom_shape(
         part=Part.FOOT if foot else Part.GATED if device >= 0 else part,
         device=device,
     )
+
+
+def _meshes(scene: Scene, names: tuple[str, ...], moved: dict[int, str], device_of: dict[str, int]) -> list[Shape]:
+    """The meshes of the asset's bodies, in the bodies' frames, as coarse as they are drawn."""
+    shapes: list[Shape] = []
+    cache = UsdGeom.XformCache()
+    for prim in scene.stage.Traverse() if scene.stage else []:
+        body = next((p for p in _above(prim) if p.HasAPI(UsdPhysics.RigidBodyAPI)), None)
+        if prim.GetTypeName() != "Mesh" or body is None or body.GetName() not in names:
+            continue
+        mesh, k = UsdGeom.Mesh(prim), names.index(body.GetName())
+        counts, corners = mesh.GetFaceVertexCountsAttr().Get(), mesh.GetFaceVertexIndicesAttr().Get()
+        if not counts or any(count != 3 for count in counts):
+            continue
+        place = np.array(cache.GetLocalToWorldTransform(prim) * cache.GetLocalToWorldTransform(body).GetInverse())
+        points = np.array(mesh.GetPointsAttr().Get(), dtype=float) @ place[:3, :3] + place[3, :3]
+        points, faces = _coarse(points, np.array(corners).reshape(-1, 3))
+        device = device_of.get(moved.get(k, ""), -1)
+        part = Part.TRUNK if body.GetName() == scene.layout.trunk else Part.LIMB if k in moved else Part.OTHER
+        shapes.append(
+            Shape(
+                name=prim.GetName(), body=k, kind=mjtGeom.mjGEOM_MESH, size=(), pos=np.zeros(3),
+                quat=np.array([1.0, 0.0, 0.0, 0.0]), part=Part.GATED if device >= 0 else part, device=device,
+                points=points, faces=faces,
+            )
+        )  # fmt: skip
+    return shapes
+
+
+def _above(prim: Usd.Prim) -> Iterator[Usd.Prim]:
+    """What a prim lies in, innermost first."""
+    while prim := prim.GetParent():
+        yield prim
+
+
+def _coarse(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The mesh with its corners moved together on a grid, see :data:`CELLS`; triangles without area are left out."""
+    low, size = points.min(axis=0), max(float(np.ptp(points, axis=0).max()), 1e-9)
+    _, group = np.unique(np.round((points - low) / size * CELLS).astype(int), axis=0, return_inverse=True)
+    group = group.ravel()
+    count = np.bincount(group)
+    merged = np.stack([np.bincount(group, points[:, k]) / count for k in range(3)], axis=1)
+    faces = group[faces]
+    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
+    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    return merged, faces[np.sort(first)]
 
 
 def _z_to(direction: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from mrwarp.env.vec_env import WalkEnv
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import RobotAsset, load_robot
 from mrwarp.usd.robot import STAND_HEIGHT
+from mrwarp.viewing.shapes import Part, feet, robot_shapes
 
 SIX = tuple((x, y) for x in (0.3, 0.0, -0.3) for y in (0.1, -0.1))
 
@@ -212,3 +213,20 @@ def test_the_robot_is_drawn(beast: RobotAsset, tmp_path: Path) -> None:
     picture = tmp_path / "beast.png"
     assert main(["robot", "show", str(beast.path), "--png", str(picture)]) == 0
     assert picture.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_meshes_are_drawn_in_place_of_what_collides(robot, tmp_path: Path) -> None:  # noqa: ANN001
+    """The trunk's box is hidden by its mesh, which lies where the file has it; feet stay."""
+    corners = "-0.3 -0.1 0 0.3 -0.1 0 0.3 0.1 0 -0.3 0.1 0 0 0 0.2"
+    head = f'<asset><mesh name="shell" vertex="{corners}"/></asset>'
+    tail = '<geom type="mesh" mesh="shell" contype="0" conaffinity="0" mass="0" pos="0.05 0 0.05"/>'
+    asset = imported(robot(head=head, tail=tail))
+    scene = robot_scene(asset)
+    shapes = robot_shapes(scene)
+    (trunk,) = (shape for shape in shapes if shape.part is Part.TRUNK)
+    assert trunk.kind == mujoco.mjtGeom.mjGEOM_MESH and len(feet(scene, shapes)) == 4
+    assert trunk.points is not None and trunk.faces is not None
+    np.testing.assert_allclose(trunk.points.min(axis=0), (-0.25, -0.1, 0.05), atol=1e-6)
+    np.testing.assert_allclose(trunk.points.max(axis=0), (0.35, 0.1, 0.25), atol=1e-6)
+    picture = tmp_path / "shell.png"
+    assert main(["robot", "show", str(asset.path), "--png", str(picture)]) == 0 and picture.is_file()
