@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mrwarp.diagnose.law_choice import by_ratio
 from mrwarp.diagnose.problem import (
     Fit,
     Problem,
@@ -52,10 +53,17 @@ _QUICKEST, _PER_PERIOD = 0.95, 10.0
 acceleration of fewer is too small by a tenth and more."""
 _BEGUN = 0.8
 """Ratio of squared mismatches of a trajectory's head below which it begins under way instead of without stress."""
+_FEW_RESTS, _GROWS = 4, 0.05
+"""Fewest rests that tell a drive from a bench, and by how much the torque grows in the typical one, as a share of its
+standard deviation."""
+_SAME_CURRENT = 0.02
+"""Change of the control input, as a share of its largest value, up to which it stays the same."""
 _TRIED = (0.25, 0.5, 0.75, 1.0)
 """Shifts of the clock that are tried [samples]."""
+_SMOOTHING = (2.0, 4.0, 8.0)
+"""Divisors of the smoother's bandwidth that are tried."""
 _CLEAR, _CLEAR_T = 0.02, 4.0
-"""Least gain of a shift, as a share of all that the model leaves, and its least ratio to its standard error."""
+"""Least gain of another reading of the motion, as a share of all that the model leaves, and its least ratio to its standard error."""
 
 
 def fit_baseline(
@@ -249,7 +257,28 @@ def hold_rests(problem: Problem, recording: Recording, fit: Fit, rate: float) ->
     refitted = refit(resting, fit, tolerance=1e-4)
     known = problem.weight * resting.weight
     before, after = (known @ (held.torque - f.torque) ** 2 for f in (fit, refitted))
-    return (resting, refitted) if after < before else (problem, fit)
+    if after >= before:
+        return problem, fit
+    if not driven(held):
+        return resting, refitted
+    sticks = replace(resting, weight=resting.weight * ~held.kinematics.still)
+    return sticks, refit(sticks, refitted, tolerance=1e-4)
+
+
+def driven(motion: Motion) -> bool:
+    """Whether the torque of a joint that was held still grows in its rests: then a drive applies it, and the joint sticks.
+
+    A device that a bench moves can only relax while it stands, unless its control input changes. A torque that grows
+    all the same comes from a drive, and static friction balances it, whatever it is: no law of the motion knows it.
+    """
+    size = motion.torque.std()
+    rises = []
+    for rest in motion.rests:
+        tau = motion.torque[rest] * np.sign(motion.torque[rest].mean())
+        quarters = np.array([part.mean() for part in np.array_split(tau, 4)])  # the noise is not to grow
+        if np.ptp(motion.current[rest]) <= _SAME_CURRENT * motion.ranges.current:
+            rises.append(float((quarters - np.minimum.accumulate(quarters)).max()) / size)
+    return len(rises) >= _FEW_RESTS and float(np.median(rises)) > _GROWS
 
 
 def begin_under_way(problem: Problem, fit: Fit) -> Problem:
@@ -268,6 +297,30 @@ def begin_under_way(problem: Problem, fit: Fit) -> Problem:
     if 2 * np.sum(better & (moving.begin != 0.0)) < np.sum(moving.begin != 0.0):
         return problem
     return problem.with_motion(replace(moving, begin=np.where(better, moving.begin, 0.0)))
+
+
+def smooth_motion(problem: Problem, recording: Recording, fit: Fit) -> Problem:
+    """Smooth the motion more where a model with an inertia then predicts the torque clearly better.
+
+    Of an acceleration that is derived from a coarse angle, what is quick is noise. The angle cannot tell: it is the
+    torque of an inertia that shows which part of it was motion.
+    """
+    if "rotor_inertia" not in fit.effects:
+        return problem
+    fit = refit(problem, fit)
+    found = [(problem, fit)]
+    for smoothing in _SMOOTHING:
+        read = {"rests": problem.motion.kinematics.rests, "smoothing": smoothing}
+        motion = Motion.of(recording, problem.motion.scales, resistance=problem.motion.resistance, **read)
+        motion = motion.stretches(LIMIT)
+        part = {name: getattr(motion, name) for name in ("qd", "qdd", "kinematics")}
+        smooth = problem.with_motion(replace(problem.motion, **part))
+        found.append((smooth, refit(smooth, found[-1][1])))
+        if found[-1][1].total > found[-2][1].total:
+            break
+    best, refitted = min(found, key=lambda item: item[1].total)
+    clear = by_ratio(fit.loo_loss, refitted.loo_loss) > _CLEAR_T
+    return best if clear and refitted.total < (1.0 - _CLEAR) * fit.total else problem
 
 
 def align_clocks(problem: Problem, fit: Fit) -> Problem:

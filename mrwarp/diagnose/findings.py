@@ -300,6 +300,17 @@ def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
             f"{found.recording.samples} samples are more than a diagnosis needs: it used {len(motion.q)}, one stretch "
             "of each trajectory"
         )
+    still = motion.kinematics.still
+    if still is not None and still.any() and not found.problem.weight[still].any():
+        notes.append(
+            f"the joint sticks in {100 * still.mean():.0f} % of the samples while the torque of its drive changes: "
+            "static friction balances whatever it is there, so they do not count"
+        )
+    if motion.kinematics.smoothing > 1.0:
+        notes.append(
+            f"the motion was smoothed {motion.kinematics.smoothing:g} times as much as the angle asks for: the torque "
+            "shows that what was quicker in its acceleration is noise"
+        )
     if motion.ahead:
         milliseconds = 1e3 * motion.ahead * motion.ranges.dt
         notes.append(

@@ -236,7 +236,8 @@ class Predictor:
         """
         check_same_units(recording, self.recording)
         like = self.motion
-        motion = Motion.of(recording, like.scales, resistance=like.resistance, rests=like.kinematics.rests)
+        read = {"rests": like.kinematics.rests, "smoothing": like.kinematics.smoothing}
+        motion = Motion.of(recording, like.scales, resistance=like.resistance, **read)
         if like.ahead:
             motion = motion.later(like.ahead)
         if like.begin is not None:

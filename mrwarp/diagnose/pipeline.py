@@ -15,6 +15,7 @@ from mrwarp.diagnose.baseline import (
     judged,
     learn_noise,
     plain_problem,
+    smooth_motion,
     with_learned_noise,
 )
 from mrwarp.diagnose.calibration_shift import calibration_shifts
@@ -92,6 +93,10 @@ def diagnose(
     problem = begin_under_way(first, best)
     if problem is not first:
         log("trajectories begin under way")
+    smooth = smooth_motion(problem, recording, best)
+    if smooth is not problem:
+        log(f"the motion is smoothed {smooth.motion.kinematics.smoothing:g} times as much")
+        problem, best = smooth, refit(smooth, best)
     # beside a large misfit any of its harmonics would pass for a line
     line = None if problem.misfit else find_line(problem, best)
     if line:

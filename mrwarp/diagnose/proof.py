@@ -17,7 +17,7 @@ from mrwarp.diagnose.law_choice import by_ratio
 from mrwarp.diagnose.problem import Fit, Problem, covariance, drifts, interval, reported_fit
 from mrwarp.diagnose.residual_structure import leftovers
 from mrwarp.diagnose.screening import Candidate, Models
-from mrwarp.diagnose.search import Selection, select
+from mrwarp.diagnose.search import Selection, expected_in, select
 from mrwarp.effects.catalogue import KNOWN
 from mrwarp.identify.least_squares import ridge_solve
 from mrwarp.identify.parameters import row_column
@@ -105,7 +105,7 @@ def without_parts(problem: Problem, selection: Selection, account: Account) -> t
     """The selection without effects that may be a part of what repeats without a name, because that is much larger.
 
     A law of another shape leaves pieces that some effect fits: on devices by other laws these took a tenth to a sixth
-    of what repeated, effects that were there a third and more.
+    of what repeated, effects that were there a third and more. What stands in a term's place of eq. 14 is no such piece.
     """
     doubts: list[Doubt] = []
     if not account.open or not selection.named:
@@ -116,6 +116,8 @@ def without_parts(problem: Problem, selection: Selection, account: Account) -> t
     baseline = float(held_out_squares(problem, reported_fit(problem, selection.base)).sum())
     final = selection.final
     for effect in selection.named:
+        if effect == expected_in(problem):
+            continue
         without = float(held_out_squares(problem, reported_fit(problem, models.without(selection.final, effect))).sum())
         gain = (without - after) / baseline
         if gain < _PART * account.repeatable.share:

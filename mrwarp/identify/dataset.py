@@ -178,7 +178,13 @@ class Motion(Dataset):
 
     @classmethod
     def of(
-        cls, recording: Recording, scales: Scales | None = None, *, resistance: float = 0.0, rests: bool = False
+        cls,
+        recording: Recording,
+        scales: Scales | None = None,
+        *,
+        resistance: float = 0.0,
+        rests: bool = False,
+        smoothing: float = 1.0,
     ) -> Motion:
         """Reconstruct the motion of a recording.
 
@@ -187,8 +193,10 @@ class Motion(Dataset):
             scales: Units inside; None: those of the recording.
             resistance: Coil resistance for the heat [Ohm].
             rests: Whether the joint is held still where it seems to rest.
+            smoothing: Divisor of the smoother's bandwidth.
         """
-        data, kinematics = Dataset.of(recording, scales), reconstruct(recording, rests=rests)
+        data = Dataset.of(recording, scales)
+        kinematics = reconstruct(recording, rests=rests, smoothing=smoothing)
         scales = data.scales
         data = dataclasses.replace(data, qd=kinematics.qd / scales.q)
         clock = session_clock(recording)
@@ -232,6 +240,17 @@ class Motion(Dataset):
         doubtful = self.kinematics.doubtful
         return np.zeros(len(self.qdd), dtype=bool) if doubtful is None else doubtful
 
+    @property
+    def rests(self) -> list[slice]:
+        """Stretches in which the joint is held still."""
+        still = self.kinematics.still
+        if still is None:
+            return []
+        firsts = np.isin(np.arange(len(still)), self.start)
+        begins = np.flatnonzero(still & (firsts | ~np.roll(still, 1)))
+        ends = np.flatnonzero(still & np.roll(firsts | ~still, -1)) + 1
+        return [slice(int(a), int(b)) for a, b in zip(begins, ends, strict=True)]
+
     def later(self, shift: float) -> Motion:
         """The motion that was ``shift`` samples later; the last sample of a trajectory is held."""
         shifted = {name: getattr(self, name).copy() for name in ("q", "qd", "qdd")}
@@ -264,7 +283,7 @@ class Motion(Dataset):
                 first = part.start + int(begins[np.argmin(np.abs(begins + part.start - first))])
             taken.append(np.arange(first, first + length))
         at, k = np.concatenate(taken), self.kinematics
-        doubtful = None if k.doubtful is None else k.doubtful[at]
+        masks = {name: None if (x := getattr(k, name)) is None else x[at] for name in ("doubtful", "still")}
         return dataclasses.replace(
             self,
             **{name: getattr(self, name)[at] for name in ("q", "qd", "qdd", "current", "torque", "time", "slid_time")},
@@ -272,7 +291,7 @@ class Motion(Dataset):
             middle=self.middles,
             heat=self.heat[:, at],
             start=np.cumsum([0, *(len(stretch) for stretch in taken)]),
-            kinematics=dataclasses.replace(k, qd=k.qd[at], qdd=k.qdd[at], doubtful=doubtful),
+            kinematics=dataclasses.replace(k, qd=k.qd[at], qdd=k.qdd[at], **masks),
         )
 
     def under_way(self) -> Motion:

@@ -38,6 +38,8 @@ _EDGE = 0.03
 """Time at each end of a rest in which nobody knows whether the joint moves already, or still [s]."""
 _SCATTER = 1.8
 """Largest standard deviation of a resting angle over that of its noise; 1.73 for a reading that flips by one step."""
+_STEPS = 10
+"""Changes of a reading from which the smallest is a step of its encoder."""
 _T = 3.0
 """Standard errors by which the halves of a rest, or its velocity and 0, may differ."""
 
@@ -58,26 +60,33 @@ class Kinematics:
     """Whether the joint was held still where it seems to rest."""
     doubtful: np.ndarray | None = None
     """Whether a sample is at the edge of such a rest, shape (N,); None: none is."""
+    still: np.ndarray | None = None
+    """Whether it is inside one, shape (N,); None: none is."""
+    smoothing: float = 1.0
+    """Divisor of the smoother's bandwidth."""
 
 
-def reconstruct(recording: Recording, *, rests: bool = True) -> Kinematics:
-    """Smooth the motion of a recording; with ``rests``, nothing moves where it changes by no more than its noise."""
+def reconstruct(recording: Recording, *, rests: bool = True, smoothing: float = 1.0) -> Kinematics:
+    """Smooth the motion of a recording; with ``rests``, nothing moves where it changes by no more than its noise.
+
+    The bandwidth that the angle asks for is divided by ``smoothing``.
+    """
     runs = recording.trajectories
-    sigma_q = float(np.median([_angle_noise(run) for run in runs]))
+    sigma_q = float(np.median([angle_noise(run) for run in runs]))
     sigma_v, lag, error = float("inf"), 0.0, float("inf")
     if not any(run.qd_derived for run in runs):
         sigma_v = float(np.median([_velocity_noise(run) for run in runs]))
         lag, error = _lag_of(recording, sigma_q)
         if lag < _LAG_T * error or lag < 1e-4:
             lag = 0.0
-    qd, qdd, doubtful, rested = [], [], [], False
+    qd, qdd, doubtful, still = [], [], [], []
     for run in runs:
-        bandwidth = _bandwidth(run, sigma_q, sigma_v)
+        bandwidth = _bandwidth(run, sigma_q, sigma_v) / smoothing
         v = run.qd
         if lag > 0.0:
             v = v + lag * smooth(run.q * 0.0 + np.nan, run.qd, run.dt, float("inf"), sigma_v, bandwidth)[1]
         known, at_edge = known_velocity(run, sigma_q, sigma_v) if rests else (None, np.zeros(len(run.q), dtype=bool))
-        rested |= known is not None and bool(np.isfinite(known).any())
+        still.append(np.zeros(len(run.q), dtype=bool) if known is None else np.isfinite(known))
         doubtful.append(at_edge)
         v, a = smooth(run.q, v, run.dt, sigma_q, sigma_v, bandwidth, known)
         if lag > 0.0:
@@ -85,7 +94,9 @@ def reconstruct(recording: Recording, *, rests: bool = True) -> Kinematics:
             v, a = late, (v - late) / lag
         qd.append(v)
         qdd.append(a)
-    return Kinematics(np.concatenate(qd), np.concatenate(qdd), lag, error, rested, np.concatenate(doubtful))
+    rested = np.concatenate(still)
+    edges = np.concatenate(doubtful)
+    return Kinematics(np.concatenate(qd), np.concatenate(qdd), lag, error, bool(rested.any()), edges, rested, smoothing)
 
 
 def _bandwidth(run: Trajectory, sigma_q: float, sigma_v: float) -> float:
@@ -196,15 +207,20 @@ def lagged(x: np.ndarray, time_constant: float, dt: float) -> np.ndarray:
     return np.asarray(lfilter([1.0 - ramp, ramp - keep], [1.0, -keep], x, zi=[ramp * x[0]])[0])
 
 
-def _angle_noise(run: Trajectory) -> float:
+def angle_noise(run: Trajectory) -> float:
     """Noise of the angle: what a cubic over nine samples leaves, at least what its steps make."""
-    steps = np.abs(np.diff(run.q))
-    steps = steps[steps > 1e-9 * max(float(np.ptp(run.q)), 1e-300)]
-    quantum = float(steps.min()) / np.sqrt(12.0) if len(steps) else 0.0
+    least = 1e-9 * max(float(np.ptp(run.q)), 1e-300)
+    stands = np.abs(np.diff(run.q)) <= least
     rest = run.q - savgol_filter(run.q, 9, 3)
-    robust = 1.4826 * float(np.median(np.abs(rest)))
     typical = float(np.ptp(run.q)) * 1e-6
-    return max(robust, min(quantum, float(rest.std()) + typical), typical, 1e-12)
+    found = max(1.4826 * float(np.median(np.abs(rest))), typical, 1e-12)
+    # a log that was resampled has more values between the readings at which it stands, and bends less at a step
+    for readings, most in ((run.q, 1.0), (run.q[1:-1][stands[1:] & stands[:-1]], 2.0)):
+        steps = np.abs(np.diff(readings))
+        steps = steps[steps > least]
+        if len(steps) >= _STEPS:
+            found = max(found, min(float(steps.min()) / np.sqrt(12.0), most * float(rest.std()) + typical))
+    return found
 
 
 def _velocity_noise(run: Trajectory) -> float:

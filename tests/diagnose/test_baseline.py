@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mrwarp.diagnose import baseline
-from mrwarp.diagnose.baseline import align_clocks, begin_under_way, decimate
+from mrwarp.diagnose.baseline import align_clocks, begin_under_way, decimate, smooth_motion
 from mrwarp.diagnose.problem import Fit, Problem, fit_model, refit
-from mrwarp.identify.dataset import Motion
+from mrwarp.identify.dataset import Motion, Scales
 from mrwarp.identify.replay import EffectReplay
 from mrwarp.recording.load import Recording, Trajectory
 from tests.diagnose import known
@@ -174,3 +174,25 @@ def test_a_log_with_one_clock_stays_as_it_is(effects: dict) -> None:
     """Whether the model fits it, or lacks a lag."""
     problem = known.problem(effects)
     assert align_clocks(problem, known.fitted(problem)) is problem
+
+
+@pytest.mark.parametrize(("step", "smoothed"), [(2e-3, True), (1e-6, False)])
+def test_a_coarse_angle_is_smoothed_where_the_torque_of_an_inertia_asks_for_it(step: float, smoothed: bool) -> None:
+    """An acceleration that is derived from a coarse angle is mostly noise, one from a fine angle is not."""
+    made = known.problem(INERTIA, sigma=1e-2, at=known.motion(5, runs=8))
+    at = made.motion
+    q = np.round(at.q / step) * step
+    runs = [
+        Trajectory(
+            id=f"run {k}", t=10.0 * k + np.arange(p.stop - p.start) * known.DT, q=q[p], qd=np.gradient(q[p], known.DT),
+            current=at.current[p], torque=made.measured[p], qd_derived=True,
+        )
+        for k, p in enumerate(at.parts)
+    ]  # fmt: skip
+    recording = Recording(trajectories=tuple(runs))
+    problem = known.posed(Motion.of(recording, Scales()), sigma=1e-2)
+    found = smooth_motion(problem, recording, known.fitted(problem, INERTIA))
+    assert (found is not problem) == smoothed
+    if smoothed:
+        error = [np.std((x - at.qdd)[100:-100]) for x in (problem.motion.qdd, found.motion.qdd)]
+        assert found.motion.kinematics.smoothing > 1.0 and error[1] < 0.7 * error[0]

@@ -35,3 +35,12 @@ def test_a_gear_with_locked_output_has_play_and_compliance() -> None:
     gear = next(c for c in found.causes if c.name == "compliance_with_backlash")
     assert 0.005 < gear.parameters["half_gap"].value < 0.017
     assert found.extended.nrmse < 0.6 * found.baseline.nrmse
+
+
+def test_a_servo_has_friction_that_grows_with_its_load() -> None:
+    """Published: 0.267 of the motor's torque. The error stands over the samples at which the servo does not stick."""
+    found = diagnosed("servo_xl330")
+    friction = {c.name: c for c in found.causes}["load_friction"].parameters["F1"]
+    assert 0.15 < friction.value < 0.45
+    assert {c.name for c in found.causes} == {"rotor_inertia", "load_friction"} and found.extended.nrmse < 0.25
+    assert any("sticks" in note for note in found.notes)

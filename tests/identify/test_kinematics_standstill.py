@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.baseline import hold_rests
+from mrwarp.diagnose.baseline import driven, hold_rests
 from mrwarp.diagnose.problem import fit_model
 from mrwarp.identify.dataset import Motion
-from mrwarp.identify.kinematics import known_velocity, reconstruct, resting
+from mrwarp.identify.kinematics import angle_noise, known_velocity, reconstruct, resting
 from mrwarp.identify.replay import EffectReplay
 from mrwarp.recording.load import Recording, Trajectory
 from tests.diagnose import known
@@ -91,3 +91,32 @@ def test_rests_are_held_where_the_torque_agrees(dither: float, held: bool) -> No
     measured = tuple(dataclasses.replace(run, torque=part) for run, part in zip(runs, parts, strict=True))
     found, _ = hold_rests(problem, Recording(trajectories=measured), fit_model(problem, layout, x), 10.0)
     assert (found is not problem) is held
+
+
+@pytest.mark.parametrize(("rises", "sticks"), [(True, True), (False, False)])
+def test_torque_that_grows_in_rests_is_of_a_drive(rises: bool, sticks: bool) -> None:
+    """What is held still by a bench can only relax; torque that grows is balanced by static friction."""
+    runs = []
+    for seed in range(3):
+        qd, run = stops(seed)
+        torque = np.sign(qd) + 0.02 * np.random.default_rng(seed).normal(size=len(qd))
+        for begin, end in RESTS:
+            rest = (run.t - run.t[0] >= begin) & (run.t - run.t[0] < end)
+            way = np.linspace(0.0, 1.0, rest.sum())
+            torque[rest] += 0.2 + 0.6 * way if rises else 0.2 + 0.6 * np.exp(-3.0 * way)
+        runs.append(dataclasses.replace(run, torque=torque))
+    motion = Motion.of(Recording(trajectories=tuple(runs)), rests=True)
+    assert len(motion.rests) == 6
+    assert driven(motion) == sticks
+
+
+def test_noise_of_an_encoder_survives_resampling() -> None:
+    """A log that was interpolated to twice the rate has values between the steps, but stands at readings."""
+    t = np.arange(800) * 0.01
+    read = np.round((0.3 * np.sin(0.8 * t) ** 3) / STEP) * STEP
+    twice = np.arange(1599) * 0.005
+    run = Trajectory(
+        id="run", t=twice, q=np.interp(twice, t, read), qd=np.zeros(1599), current=np.zeros(1599),
+        torque=np.zeros(1599),
+    )  # fmt: skip
+    assert angle_noise(run) == pytest.approx(Q_NOISE, rel=0.3)
