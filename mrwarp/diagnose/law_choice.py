@@ -113,7 +113,7 @@ def choose_law(
     small = motion.stretches(_SAMPLES)
     threads, q_zero = problem.replay.threads, problem.q_zero
     search = LawSearch(EffectReplay(small, threads=threads), q_zero, offsets=True)
-    beside = [_BESIDE] if search.levels > 1 else []
+    beside = [_BESIDE] if search.levels > 1 and _BESIDE not in problem.impossible else []
     alone, paper, effects = _eq_14(search, base, screened, beside)
     count, spread = float(search.weight.sum()), float(small.torque.std()) or 1.0
 
