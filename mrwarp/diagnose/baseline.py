@@ -63,7 +63,8 @@ _TRIED = (0.25, 0.5, 0.75, 1.0)
 _SMOOTHING = (2.0, 4.0, 8.0)
 """Divisors of the smoother's bandwidth that are tried."""
 _CLEAR, _CLEAR_T = 0.02, 4.0
-"""Least gain of another reading of the motion, as a share of all that the model leaves, and its least ratio to its standard error."""
+"""Least gain of another reading of the motion, as a share of all that the model leaves, and its least ratio to its
+standard error."""
 
 
 def fit_baseline(
@@ -251,7 +252,8 @@ def hold_rests(problem: Problem, recording: Recording, fit: Fit, rate: float) ->
     """
     motion = problem.motion
     held = Motion.of(recording, motion.scales, resistance=motion.resistance, rests=True).stretches(LIMIT)
-    if not held.kinematics.rests:
+    still = held.kinematics.still
+    if still is None or not still.any():
         return problem, fit
     resting = replace(problem.with_motion(held), weight=held.settled(rate) * ~held.doubtful)
     refitted = refit(resting, fit, tolerance=1e-4)
@@ -261,12 +263,12 @@ def hold_rests(problem: Problem, recording: Recording, fit: Fit, rate: float) ->
         return problem, fit
     if not driven(held):
         return resting, refitted
-    sticks = replace(resting, weight=resting.weight * ~held.kinematics.still)
+    sticks = replace(resting, weight=resting.weight * ~still)
     return sticks, refit(sticks, refitted, tolerance=1e-4)
 
 
 def driven(motion: Motion) -> bool:
-    """Whether the torque of a joint that was held still grows in its rests: then a drive applies it, and the joint sticks.
+    """Whether the torque of a joint that is held still grows in its rests: a drive applies it, and the joint sticks.
 
     A device that a bench moves can only relax while it stands, unless its control input changes. A torque that grows
     all the same comes from a drive, and static friction balances it, whatever it is: no law of the motion knows it.

@@ -105,7 +105,7 @@ def without_parts(problem: Problem, selection: Selection, account: Account) -> t
     """The selection without effects that may be a part of what repeats without a name, because that is much larger.
 
     A law of another shape leaves pieces that some effect fits: on devices by other laws these took a tenth to a sixth
-    of what repeated, effects that were there a third and more. What stands in a term's place of eq. 14 is no such piece.
+    of what repeated, effects that were there a third and more. What takes the place of a term of eq. 14 is no piece.
     """
     doubts: list[Doubt] = []
     if not account.open or not selection.named:
