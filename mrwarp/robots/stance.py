@@ -13,8 +13,9 @@ from scipy.spatial.transform import RigidTransform
 from mrwarp.paper import GRAVITY
 from mrwarp.robots.foreign import ForeignRobot, Joint, Shape
 
-CROUCH = 0.73
-"""Share of its reach at which a leg stands where the file has no keyframe: that of the shipped robot."""
+CROUCH, UPRIGHT = 0.73, 0.93
+"""Share of its reach at which a leg stands where the file has no keyframe: that of the shipped robot; a biped's, whose
+knee bears half the weight, that of Unitree's H1 (hip 0.4, knee 0.8 rad) and G1 (0.31, 0.67 rad) in public policies."""
 
 PARALLEL = 0.9
 """Cosine from which on two axes of a leg count as parallel: they bend it in one plane."""
@@ -58,8 +59,7 @@ class _Plane:
         lateral = flat / np.linalg.norm(flat) if np.linalg.norm(flat) > 0.5 else np.array([0.0, 1.0, 0.0])
         self.lateral = lateral * (-1.0 if lateral[1] < -1e-6 else 1.0)
         self.forward = np.cross(self.lateral, [0.0, 0.0, 1.0])
-        points = [*(self.point(poses, joint) for joint in self.joints), self.sole(poses)]
-        points = points[self.joints.index(self.bends[0]) :]
+        points = [*(self.point(poses, joint) for joint in self.bends), self.sole(poses)]
         links = np.diff(points, axis=0)
         self.reach = float(np.linalg.norm(links - np.outer(links @ axes[most], axes[most]), axis=1).sum())
         self.beside = float((points[-1] - points[0]) @ self.lateral)
@@ -86,7 +86,7 @@ def solve_stance(
     stretched: Mapping[str, float],
     chosen: Mapping[str, float],
 ) -> dict[str, float]:
-    """A stance: every foot below the first joint that bends its leg, at :data:`CROUCH` of the reach from there.
+    """A stance: every foot below the first joint that bends its leg, at a share of the reach, see :data:`CROUCH`.
 
     Beside its plane the foot stays as far as stretched; a foot on ankles stays level. Knees point inwards, on bipeds
     forwards and on sprawling legs outwards, if they can.
@@ -99,7 +99,7 @@ def solve_stance(
         stretched: Angles with which the legs hang stretched [rad].
         chosen: Angles that the user gave [rad].
     """
-    pose = dict(pose)
+    pose, share = dict(pose), UPRIGHT if len(legs) == 2 else CROUCH
     for leg, foot in zip(legs, feet, strict=True):
         plane = _Plane(robot, leg, foot, stretched)
         free = [joint for joint in plane.joints if joint.name not in chosen]
@@ -118,7 +118,7 @@ def solve_stance(
             up = poses[plane.foot.body].rotation.apply(plane.up)
             level = up[:2] if len(plane.bends) > 2 and plane.foot.shape is None else []
             side = away @ plane.lateral - plane.beside / plane.reach
-            return np.array([away @ plane.forward, side, -away[2] - CROUCH, *(0.02 * q), *level])
+            return np.array([away @ plane.forward, side, -away[2] - share, *(0.02 * q), *level])
 
         guess = dict(zip((joint.name for joint in plane.bends), (0.7, -1.4, 0.7), strict=False))
         bend = np.array([guess.get(joint.name, 0.0) for joint in free])

@@ -83,7 +83,9 @@ def _check_tree(path: Path, root: ET.Element) -> str:
             found = joint.find(end)
             link = "" if found is None else found.get("link") or ""
             if link not in names["link"]:
-                raise RobotFileError(f"{path}: joint {name}: {end} {link or 'is missing'}: name a link that is there")
+                raise RobotFileError(
+                    f"{path}: joint {name}: {end} {link or 'is missing'}: name a link that is there, or add it"
+                )
             if end == "child":
                 if link in before:
                     raise RobotFileError(

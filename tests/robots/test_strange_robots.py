@@ -210,6 +210,7 @@ def test_toes_and_a_foot_of_its_own_name_bear_load(file: Callable[..., Path], tm
     assert scene.foot_adr.shape == (2,)
     spheres = [scene.model.geom_bodyid[geom] for geom in scene.feet]
     names = [scene.model.body(body).name for body in spheres]
+    assert 0.4 < scene.layout.neutral["left_knee"] < 1.0  # a biped stands nearly upright
     assert [name.endswith(("left_foot", "right_foot")) for name in names] == [True, True]
 
 
