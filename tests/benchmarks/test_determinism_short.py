@@ -36,6 +36,7 @@ def test_training_is_the_same_at_any_thread_counts(tmp_path: Path) -> None:
     assert set(differing([runs[0], other])) == set(runs[0])
 
 
+@pytest.mark.slow
 def test_training_of_many_robots_does_not_depend_on_torch_threads(tmp_path: Path) -> None:
     """704 robots make sums of more than 32,768 numbers, which torch would split among three threads of its own."""
     runs = [train(tmp_path / str(n), threads=2, torch_threads=n, num_envs=704, updates=1) for n in (1, 3)]

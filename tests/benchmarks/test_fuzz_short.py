@@ -1,4 +1,4 @@
-"""The fuzzers' short version: a few hundred cases per kind of input, each a good read or a refusal that helps."""
+"""The fuzzers' short version: cases of each kind of input, each a good read or a refusal that helps."""
 
 import json
 import os
@@ -15,18 +15,20 @@ from benchmarks.fuzz.kinds import KINDS
 from benchmarks.fuzz.runner import isolated, run
 from mrwarp.run_dir import one_line
 
-CASES = {300: ("csv", "model", "dump"), 80: ("parquet", "safetensors", "checkpoint"), 20: ("usd", "usd-attr", "onnx")}
+CASES = {100: ("csv", "model", "dump"), 30: ("parquet", "safetensors", "checkpoint"), 8: ("usd", "usd-attr", "onnx")}
 
 
-@pytest.mark.parametrize("cases", CASES)
-def test_mutated_files_are_read_or_refused(cases: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("times", [1, pytest.param(5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("few", CASES)
+def test_mutated_files_are_read_or_refused(few: int, times: int, tmp_path: Path) -> None:
     """No exception but the reader's own, no hang, nothing left behind; every refusal names the file and a remedy."""
     # the command itself: a batch is forked, and must not inherit the threads and locks of all tests before this one
-    line = [sys.executable, "-m", "benchmarks.fuzz", "--kind", *CASES[cases], "--cases", str(cases), "--seed", "1"]
+    cases = times * few
+    line = [sys.executable, "-m", "benchmarks.fuzz", "--kind", *CASES[few], "--cases", str(cases), "--seed", "1"]
     line += ["--seconds", "100", "--out", str(tmp_path)]
     done = subprocess.run(line, cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode in (0, 1), done.stderr
-    for kind in CASES[cases]:
+    for kind in CASES[few]:
         state = json.loads((tmp_path / f"{kind}-1.json").read_text())
         assert state["failures"] == 0, [path.read_text() for path in (tmp_path / "failures").glob("*.txt")][:3]
         assert state["cases"] == cases == sum(state["counts"].values())

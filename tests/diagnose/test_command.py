@@ -81,6 +81,7 @@ def test_the_report_shows_it(answer: Path) -> None:
     assert page.count("<img") == len(list((answer / "pictures").iterdir())) == 9
 
 
+@pytest.mark.slow
 def test_the_extended_model_is_a_known_model(answer: Path, tmp_path: Path) -> None:
     """With it as the nominal model nothing is missing any more, and what it knows of the device besides stays known."""
     data, nominal = answer.parent / "data", load_model(answer / "model.json")
