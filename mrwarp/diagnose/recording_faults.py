@@ -1,11 +1,13 @@
-"""What went wrong with a recording: runs whose torque has another zero, sign or factor than the rest.
+"""What went wrong with a recording: runs whose torque has another zero, sign or factor than the rest, or another device.
 
 Eqs. 14 and 15 with few numbers describe all runs together, each with an offset of its own; runs that they do not fit
 count less (iteratively re-weighted least squares), so a minority of spoilt runs does not bend what the rest says.
 Offsets that fall into two groups with a wide gap between them are a zero that moved between runs; they have to show in
 both halves of the runs. Runs that fit with the other sign only are reversed; factors in two
 groups are another gain, where the control input of these runs is among that of the others. What scatters without a gap
-is left to the noise, and so is what goes with the place or the control input of the runs.
+is left to the noise, and so is what goes with the place or the control input of the runs. Runs that need other
+coefficients altogether are of another device (clusterwise regression, Spaeth, Computing 22, 1979): each run has to be
+foretold by its own group without it far better than by the other, which a drift from run to run is not.
 """
 
 from __future__ import annotations
@@ -34,6 +36,10 @@ _CONFOUNDED = 0.8
 """Share of the offsets' variance that place and control input of the runs may explain."""
 _REACHES, _WEAKENINGS = (0.003, 0.01, 0.03, 0.1, 0.3), (0.0, 1.0, 4.0)
 """Elastic reach in ranges of the angle, and alpha of eq. 14 times the speed, that are tried."""
+_APART, _LEAST_GROUP = 1.5, 2
+"""Least factor by which the other group's coefficients leave more of each run than its own group's; its fewest runs."""
+_SLIPS = (0.02, 0.2)
+"""Speeds [of the 95th percentile] over which dry friction turns, that are tried for another device."""
 _RIDGE = 1e-6
 """Share of a feature's energy that keeps the normal equations regular."""
 _REWEIGHTED = 15
@@ -47,10 +53,11 @@ class RecordingFault:
     """Something that is wrong with some runs, not with the device."""
 
     kind: str
-    """``torque_zero``, ``torque_sign`` or ``torque_gain``."""
+    """``torque_zero``, ``torque_sign``, ``torque_gain`` or ``other_device``."""
     trajectories: tuple[str, ...]
     value: float
-    """Mean of these runs against the others: offset [unit of the torque], or factor [1]."""
+    """Mean of these runs against the others: offset [unit of the torque], or factor [1] (of another device: of its
+    error, when it is described as the others)."""
     unit: str
     ci95: tuple[float, float]
     """Over runs."""
@@ -60,7 +67,10 @@ class RecordingFault:
 
 
 def recording_faults(recording: Recording) -> tuple[Recording, tuple[RecordingFault, ...]]:
-    """The faults of a recording, and the recording without them: signs turned, zeros and factors taken out."""
+    """The faults of a recording, and the recording without them: signs turned, zeros and factors taken out.
+
+    Runs of another device are left out.
+    """
     found: list[RecordingFault] = []
     if len(recording.trajectories) < _LEAST_RUNS:
         return recording, ()
@@ -73,6 +83,11 @@ def recording_faults(recording: Recording) -> tuple[Recording, tuple[RecordingFa
             found.append(fault)
             recording = _mended(recording, fault)
         table.take(recording)
+    fault = _other_device(recording, table.richer(), table.conditions)
+    if fault is not None:
+        found.append(fault)
+        kept = tuple(run for run in recording.trajectories if run.id not in fault.trajectories)
+        recording = replace(recording, trajectories=kept)
     return recording, tuple(found)
 
 
@@ -97,12 +112,23 @@ class _Table:
         if self.usable:
             # where a run is and what drives it, which may explain its offset
             self.places = np.array([[r.q.mean() / span, r.current.mean() / (level or 1.0)] for r in runs])
+            moves = [[r.q.std() / span, r.qd.std() / speed, r.current.std() / (level or 1.0)] for r in runs]
+            self.conditions = np.column_stack([self.places, moves])
             self.looks = [
                 [_features(r, speed, span, level, reach, alpha)[:: self.every] for r in runs]
                 for reach in _REACHES
                 for alpha in _WEAKENINGS
             ]
             self.take(recording)
+
+    def richer(self) -> _Fit:
+        """The fit with dry friction, and with friction that the control input changes, as further features."""
+        rows = []
+        for x in self.fit.rows:
+            rubs = np.column_stack([np.tanh(x[:, 0] / slip) for slip in _SLIPS])
+            by_input = [x[:, 3:4] * part for part in (x[:, :1], rubs)] if x.shape[1] > 3 else []
+            rows.append(np.column_stack([x, rubs, *by_input]))
+        return _Fit(rows, self.torque)
 
     def take(self, recording: Recording) -> None:
         """Take the torque of a recording with the same motion."""
@@ -132,8 +158,48 @@ class _Fit:
         return np.linalg.solve(gram / np.outer(scale, scale) + _RIDGE * np.eye(len(scale)), moment / scale) / scale
 
     def _left(self, k: int) -> float:
-        (gram, moment), c = self.moments[k], self.coefficients
-        return max(self.spread[k] ** 2 - 2.0 * c @ moment + c @ gram @ c, 0.0)
+        return self.left_by(k, self.coefficients)
+
+    def left_by(self, k: int, c: np.ndarray) -> float:
+        """What coefficients leave of a run, as mean square."""
+        gram, moment = self.moments[k]
+        return float(max(self.spread[k] ** 2 - 2.0 * c @ moment + c @ gram @ c, 1e-6 * self.spread[k] ** 2))
+
+    def two_devices(self) -> np.ndarray:
+        """Whether each run belongs to the second of two groups with coefficients of their own, shape (R,).
+
+        Each run begins once as the one that the half most like it is gathered about; the best end counts.
+        """
+        scale = np.maximum(self.spread**2, 1e-30)
+        best, least = np.zeros(len(self.rows), dtype=bool), np.inf
+        for k in range(len(self.rows)):
+            own = self.agreed(np.arange(len(self.rows)) == k)
+            like = np.array([self.left_by(j, own) for j in range(len(self.rows))]) / scale
+            second = like > np.median(like)
+            for _ in range(_REWEIGHTED):
+                if min(second.sum(), (~second).sum()) < _LEAST_GROUP:
+                    break
+                left = np.array([[self.left_by(j, c) for c in self._of_two(second)] for j in range(len(self.rows))])
+                total, before, second = float((left.min(axis=1) / scale).sum()), second, left[:, 1] < left[:, 0]
+                if total < least:
+                    best, least = second, total
+                if (second == before).all():
+                    break
+        return best
+
+    def _of_two(self, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        weight = 1.0 / np.maximum(self.spread**2, 1e-30)
+        return self.agreed(weight * ~second), self.agreed(weight * second)
+
+    def apart(self, second: np.ndarray) -> np.ndarray:
+        """Factor by which the other group leaves more of each run than its own group without it, as RMS, shape (R,)."""
+        found = []
+        for k in range(len(second)):
+            without = np.arange(len(second)) != k
+            weight = without / np.maximum(self.spread**2, 1e-30)
+            own, other = (self.agreed(weight * (second == side)) for side in (second[k], ~second[k]))
+            found.append(math.sqrt(self.left_by(k, other) / self.left_by(k, own)))
+        return np.array(found)
 
     def factors(self, by: Sequence[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Factor of each run against what most runs, or those named, agree on, and its correlation with that."""
@@ -252,6 +318,23 @@ def _other_gain(recording: Recording, table: _Table) -> RecordingFault | None:
     return _fault(recording, "torque_gain", few, factors, "1", 1.0)
 
 
+def _other_device(recording: Recording, fit: _Fit, conditions: np.ndarray) -> RecordingFault | None:
+    second = fit.two_devices()
+    if min(second.sum(), (~second).sum()) < _LEAST_GROUP:
+        return None
+    apart = fit.apart(second)
+    if apart.min() < _APART or _separable(conditions, second):
+        return None
+    few = second if (second.sum(), second[0]) < ((~second).sum(), not second[0]) else ~second
+    return _fault(recording, "other_device", np.flatnonzero(few), np.where(few, apart, 1.0), "1", 1.0)
+
+
+def _separable(conditions: np.ndarray, second: np.ndarray) -> bool:
+    """Whether one condition of the runs tells the groups apart: then it, and not the device, may be what differs."""
+    apart = [x[second].max() < x[~second].min() or x[~second].max() < x[second].min() for x in conditions.T]
+    return any(apart)
+
+
 def _covered(recording: Recording, few: np.ndarray, most: np.ndarray) -> bool:
     """Whether the control input of a few runs is among that of the others, so that it does not change the factor."""
     levels = np.array([np.percentile(r.current, (5, 50, 95)) for r in recording.trajectories])
@@ -288,6 +371,13 @@ def _fault(
         )
     elif kind == "torque_sign":
         text = f"{several}: {sensor} and motion have the other sign than in the rest; the {sensor} was turned"
+    elif kind == "other_device":
+        of = ", ".join(names[int(k)] for k in runs[:4]) + (", ..." if len(runs) > 4 else "")
+        text = (
+            f"{several} ({of}) are of another device, or of this one with other settings: what describes the rest "
+            f"leaves {own.min():.2g} to {own.max():.2g} times what their own description does; they were left out, "
+            "diagnose them in a folder of their own"
+        )
     else:
         text = (
             f"{several}: the {sensor} is {value:.3g} times that of the rest at the same motion; it was divided by that"

@@ -15,7 +15,7 @@ def describe(recording: Recording) -> list[str]:
     """Sizes, rates, ranges with units, and the header."""
     runs, units = recording.trajectories, recording.units
     lengths = [len(run.t) for run in runs]
-    rates = ", ".join(f"{1.0 / dt:.4g}" for dt in sorted({float(f"{run.dt:.4g}") for run in runs}, reverse=True))
+    rates = ", ".join(f"{rate:g}" for rate in sorted({float(f"{1.0 / run.dt:.4g}") for run in runs}))
     seconds = sum(len(run.t) * run.dt for run in runs)
     lines = [
         f"{recording.source}: good",

@@ -60,6 +60,36 @@ def test_another_sign_and_gain(healthy: Recording, factor: float, kind: str) -> 
                                * healthy.trajectories[k].torque, rtol=1e-9)  # fmt: skip
 
 
+@pytest.mark.parametrize("runs", [SPOILT, (0, 3, 5, 6, 8, 11)])
+def test_another_device_is_told_and_left_out(healthy: Recording, runs: tuple[int, ...]) -> None:
+    """Runs of a device with less stress and more friction are named; what is left is the other device alone."""
+    mixed = list(healthy.trajectories)
+    std = float(np.concatenate([r.torque for r in mixed]).std())
+    for k in runs:
+        rubs = 0.4 * np.tanh(mixed[k].qd / 0.1) + 0.1 * mixed[k].qd / np.abs(mixed[k].qd).max()
+        mixed[k] = replace(mixed[k], torque=0.5 * mixed[k].torque + std * rubs)
+    rest, [fault] = recording_faults(replace(healthy, trajectories=tuple(mixed)))
+    assert fault.kind == "other_device" and fault.unit == "1" and fault.value > 1.5
+    assert fault.trajectories == tuple(healthy.trajectories[k].id for k in runs)
+    assert [r.id for r in rest.trajectories] == [r.id for k, r in enumerate(healthy.trajectories) if k not in runs]
+    assert f"{len(runs)} of 12 runs" in fault.sentence and "in a folder of their own" in fault.sentence
+
+
+@pytest.mark.parametrize("condition", ["current", "speed"])
+def test_runs_that_a_condition_tells_apart_are_no_other_device(healthy: Recording, condition: str) -> None:
+    """Where other runs have another control input or speed too, that may be what changes the torque."""
+    moved = list(healthy.trajectories)
+    for k in SPOILT:
+        run = moved[k]
+        torque = 0.5 * run.torque + 0.5 * run.torque.std() * np.tanh(run.qd / 0.1)
+        if condition == "current":
+            moved[k] = replace(run, current=np.full_like(run.current, 5.0), torque=torque)
+        else:
+            moved[k] = replace(run, q=10.0 * run.q, qd=10.0 * run.qd, torque=torque)
+    _, faults = recording_faults(replace(healthy, trajectories=tuple(moved)))
+    assert "other_device" not in [fault.kind for fault in faults]
+
+
 def test_few_runs_carry_no_verdict(healthy: Recording) -> None:
     """Three runs say nothing about the rest."""
     few = replace(healthy, trajectories=healthy.trajectories[:3])
