@@ -1,4 +1,4 @@
-"""What went wrong with a recording: runs whose torque has another zero, sign or factor than the rest, or another device.
+"""What went wrong with a recording: runs of another device, or whose torque has another zero, sign or factor.
 
 Eqs. 14 and 15 with few numbers describe all runs together, each with an offset of its own; runs that they do not fit
 count less (iteratively re-weighted least squares), so a minority of spoilt runs does not bend what the rest says.
