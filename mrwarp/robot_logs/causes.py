@@ -151,6 +151,10 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
     bodies = [b for b in model.moving if b != model.trunk]
     for b in bodies:
         mass = float(mj.body_mass[b])
+        # a weight counts as friction does: where it makes less torque than the least friction, drives hide it
+        joint = _driver(model, b)
+        arm = max(float(np.linalg.norm(mj.body_ipos[b])), 0.3 * float(model.reach[b]), 0.02)
+        hidden = 0.005 * _torque_scale(model, log, joint) / (9.81 * arm) if joint is not None else 0.0
         if mass > 0.02:
             add(
                 "link_mass",
@@ -161,7 +165,7 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
                 b,
                 0.05 * mass,
                 0.02 * mass,
-                0.05 * mass + 0.02,
+                max(0.05 * mass + 0.02, hidden),
                 0.3 * mass + 0.1,
             )
             if model.free and model.reach[b] > 0.02:
@@ -192,6 +196,13 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
         add("ground_friction", "robot", "coefficient", "1", "mu", 0, -0.1, 0.1, 0.1, 0.4, nominal=mu)
         add("ground_stiffness", "robot", "factor", "1", "stiffness", 0, 0.2, 0.5, 0.7, 1.0, nominal=1.0)
     return found
+
+
+def _driver(model: ReplayModel, body: int) -> int | None:
+    """The log's joint that moves a body, or None."""
+    first, count = int(model.model.body_jntadr[body]), int(model.model.body_jntnum[body])
+    own = {int(model.model.jnt_dofadr[first + k]) for k in range(count)}
+    return next((j for j, v in enumerate(model.v_adr.tolist()) if v in own), None)
 
 
 def _torque_scale(model: ReplayModel, log: RobotLog, j: int) -> float:

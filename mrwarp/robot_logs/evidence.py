@@ -23,8 +23,17 @@ START_SPREAD = 1.0
 DERIVATIVE_STEP = 0.0051
 """Longest physics step of the replays from which derivatives are taken [s]; mismatches are those of the fine step."""
 
+CENTRAL = ("kp", "kd", "strength", "mass", "armature")
+"""Fields with central derivatives: a factor on all torques and masses changes nothing, but their curvature would."""
+
+CENTRAL_SHARE = 0.1
+"""Their steps, in the parameters' own."""
+
 ROUNDS = 4
 """Times that channels are weighed anew by what is left in them."""
+
+CONVERGED = 2.0
+"""Gain of a step, in units of twice the logarithm of a likelihood, below which a fit ends."""
 
 WORST = 4.0
 """A window whose mismatch is this many times the median one is left out: a fall, a hand that touched the robot."""
@@ -50,6 +59,15 @@ class Evidence:
     """Readings of all windows that count."""
     lost: int
     """Windows left out."""
+    starts: tuple[dict[str, np.ndarray], ...] = ()
+    """Derivatives by the windows' start, of each group by channel, shape (Z, W, S, C)."""
+    keep: np.ndarray
+    """Whether each window of the groups counts."""
+
+    def at(self, theta: np.ndarray) -> float:
+        """Weighted squared mismatch at parameters, as the derivatives have it [1]."""
+        a, b = self.a.sum(axis=0), self.b.sum(axis=0)
+        return float(self.c.sum() - 2.0 * b @ theta + theta @ a @ theta)
 
 
 def gather(
@@ -93,8 +111,79 @@ def gather(
     samples = sum(int(np.prod(next(iter(r.values())).shape[:2])) for r, _, _ in found)
     a, b, c, run = a[keep], b[keep], c[keep], run[keep]
     return Evidence(
-        a=a, b=b, c=c, scale=_overstated(a, b, prior), sigma=sigma, run=run, samples=samples, lost=int((~keep).sum())
-    )
+        a=a, b=b, c=c, scale=_overstated(a, b, prior), sigma=sigma, run=run, samples=samples, lost=int((~keep).sum()),
+        starts=tuple(z for _, _, z in found), keep=keep,
+    )  # fmt: skip
+
+
+def replayed(
+    evidence: Evidence, model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], theta: np.ndarray
+) -> float:
+    """Weighted squared mismatch at parameters, as the replay has it: what :meth:`Evidence.at` foretells [1]."""
+    total, first = 0.0, 0
+    for windows, z in zip(groups, evidence.starts, strict=True):
+        count = windows.count
+        changes = Hypotheses.of(parameters, np.tile(theta, (count, 1)), model)
+        start = np.zeros((count, len(nuisances(model))))
+        left = mismatch(windows.measured, Replay(model, windows).run(changes, np.arange(count), start))
+        for w in np.flatnonzero(evidence.keep[first : first + count]).tolist():
+            r = np.concatenate([(left[n][w] / evidence.sigma[n]).ravel() for n in left])
+            if not np.isfinite(r).all():
+                return np.inf
+            zw = np.concatenate([(z[n][:, w] / evidence.sigma[n]).reshape(len(z[n]), -1) for n in left], axis=1)
+            zw = zw.astype(float)
+            total += r @ r - (zw @ r) @ np.linalg.solve(zw @ zw.T + np.eye(len(zw)) / START_SPREAD**2, zw @ r)
+        first += count
+    return float(total)
+
+
+def within(
+    information: np.ndarray, score: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Minimum of ``x.information.x/2 - score.x`` within bounds, and whether each number is held at one; shapes (P,)."""
+    free = np.ones(len(score), dtype=bool)
+    x = np.zeros(len(score))
+    for _ in range(30):
+        if free.any():
+            rest = score[free] - information[np.ix_(free, ~free)] @ x[~free]
+            x[free] = np.linalg.solve(information[np.ix_(free, free)], rest)
+        out = free & ((x < low) | (x > high))
+        x = np.clip(x, low, high)
+        if out.any():
+            free &= ~out
+            continue
+        pull = score - information @ x  # a number that is held, but drawn inwards, is let go
+        inwards = ~free & (low < high) & np.where(x <= low, pull > 1e-9, pull < -1e-9)
+        if not inwards.any():
+            break
+        free |= inwards
+    return x, ~free
+
+
+def fit(
+    model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], theta: np.ndarray, prior: np.ndarray,
+    low: np.ndarray, high: np.ndarray, log: Callable[[str], None], *, steps: int = 4,
+) -> np.ndarray:  # fmt: skip
+    """Likeliest parameters within bounds, by damped Gauss-Newton steps that the replay itself confirms; shape (P,)."""
+    damping = 1e-3
+    for _ in range(steps):
+        evidence = gather(model, groups, parameters, theta, prior, log)
+        a, b = evidence.a.sum(axis=0) / evidence.scale, evidence.b.sum(axis=0) / evidence.scale
+        here = evidence.at(theta) / evidence.scale + theta @ prior @ theta
+        there = np.inf
+        for _ in range(5):
+            more = damping * np.diag(np.diag(a + prior))
+            new, _ = within(a + prior + more, b + more @ theta, low, high)
+            there = replayed(evidence, model, groups, parameters, new) / evidence.scale + new @ prior @ new
+            if there < here:
+                break
+            damping *= 10.0
+        if not there < here:
+            return theta
+        theta, damping = new, max(damping / 10.0, 1e-6)
+        if here - there < CONVERGED:
+            break
+    return theta
 
 
 def _derivatives(model, windows, parameters, theta, log) -> tuple[dict, dict, dict]:  # noqa: ANN001
@@ -114,10 +203,12 @@ def _derivatives(model, windows, parameters, theta, log) -> tuple[dict, dict, di
     for k, p in enumerate(parameters):
         if k % 10 == 0:
             log(f"replaying {count} windows: {p.cause} ({k} of {len(parameters)})")
-        moved = theta.copy()
-        moved[k] += p.step
-        for name, x in mismatch(run(moved, rest), base).items():
-            j[name][k] = x / p.step
+        step = (CENTRAL_SHARE if p.field in CENTRAL else 1.0) * p.step
+        ahead, behind = theta.copy(), theta.copy()
+        ahead[k] += step
+        behind[k] -= step if p.field in CENTRAL else 0.0
+        for name, x in mismatch(run(ahead, rest), run(behind, rest) if p.field in CENTRAL else base).items():
+            j[name][k] = x / (ahead[k] - behind[k])
     for k, step in enumerate(steps):
         start = rest.copy()
         start[:, k] = step

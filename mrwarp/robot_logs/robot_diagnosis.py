@@ -11,18 +11,31 @@ import numpy as np
 from scipy import stats
 
 from mrwarp.diagnose.result import Error, Suspect, Value
-from mrwarp.robot_logs.causes import SESSION, Parameter, parameters_of
-from mrwarp.robot_logs.evidence import Evidence, gather
+from mrwarp.robot_logs.causes import ORDINARY, SESSION, Parameter, parameters_of
+from mrwarp.robot_logs.evidence import Evidence, fit, gather
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
 from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, sentence_of
-from mrwarp.robot_logs.selection import Direction, Found, Posterior, healthy, posterior, select
+from mrwarp.robot_logs.selection import (
+    Direction,
+    Found,
+    Posterior,
+    bounds_of,
+    estimate,
+    healthy,
+    posterior,
+    prior_of,
+    select,
+)
 from mrwarp.robot_logs.unknowable import cannot_know, next_experiment
 from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances
 from mrwarp.robot_logs.windows import Windows, cut_windows
 
-BUDGETS = (20.0, 20.0, 60.0)
-"""Parts of a log that the rounds look at [s]: each begins at the robot that the one before found."""
+FIT_SECONDS, SECONDS = 10.0, 60.0
+"""Parts of a log by which the robot is fitted step by step, and from which causes are told [s]."""
+
+ROUNDS = 4
+"""Times that what stands out is released and the robot fitted anew."""
 
 FOLDS = 8
 """Pieces of the log that are predicted from the others."""
@@ -55,21 +68,16 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     progress(f"reading {robot}")
     model = replay_model(robot, log)
     parameters = parameters_of(model, log)
-    theta = np.zeros(len(parameters))
-    lowest = np.array([max(p.lowest, -0.95) if p.relative else p.lowest for p in parameters])
-    for round_, seconds in enumerate(BUDGETS):
-        groups = cut_windows(model, log, budget=seconds)
-        if sum(group.count for group in groups) < LEAST_WINDOWS:
-            raise LogError(
-                f"{log.path}: too short: {sum(group.count for group in groups)} pieces of "
-                f"{groups[0].t[0, -1] if groups else 0.5:.1f} s, {LEAST_WINDOWS} are needed; record longer"
-            )
-        evidence = gather(model, groups, parameters, theta, healthy(parameters), progress)
-        # the numbers that no description knows are moved first; what stands out of the rest is asked at the end
-        if round_ < len(BUDGETS) - 1:
-            theta = np.maximum(posterior(evidence, parameters, []).mean, lowest)
+    groups = cut_windows(model, log, budget=SECONDS)
+    if (count := sum(group.count for group in groups)) < LEAST_WINDOWS:
+        raise LogError(
+            f"{log.path}: too short: {count} pieces of {groups[0].t[0, -1] if groups else 0.5:.1f} s, "
+            f"{LEAST_WINDOWS} are needed; record longer"
+        )
+    theta, confirmed = _fitted(model, log, parameters, progress)
+    evidence = gather(model, groups, parameters, theta, healthy(parameters), progress)
     progress("causes that stand out")
-    found = select(evidence, parameters)
+    found = select(evidence, parameters, confirmed)
     released = [f.direction for f in found]
     now = posterior(evidence, parameters, released)
     causes = tuple(_named(f, found, evidence, parameters, now) for f in found)
@@ -98,7 +106,10 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
             "that is how the log was written"
         )
     if evidence.lost:
-        notes.append(f"{evidence.lost} pieces of the log were left out: something else moved the robot there")
+        notes.append(
+            f"{evidence.lost} pieces of the log were left out: something else moved the robot there, "
+            f"at {_when(log, groups, evidence.keep)}"
+        )
     unknown = cannot_know(evidence, parameters, model, log, now)
     return RobotDiagnosis(
         verdict=verdict,
@@ -123,6 +134,45 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     )
 
 
+MOST_TIMES = 6
+"""Most times of pieces that a note lists."""
+
+
+def _when(log: RobotLog, groups: list[Windows], keep: np.ndarray) -> str:
+    """Recordings and times of the windows that do not count."""
+    runs, starts = (np.concatenate([getattr(w, name) for w in groups])[~keep] for name in ("run", "start"))
+    places = [f"{log.runs[r].t[s]:.1f} s of {log.runs[r].id}" for r, s in zip(runs, starts, strict=True)]
+    return ", ".join(places[:MOST_TIMES]) + (
+        f" and {len(places) - MOST_TIMES} more" if len(places) > MOST_TIMES else ""
+    )
+
+
+def _fitted(
+    model: ReplayModel, log: RobotLog, parameters: list[Parameter], progress: Callable[[str], None]
+) -> tuple[np.ndarray, list[Direction]]:
+    """The robot around which the log is judged, shape (P,), and what had to be released for it."""
+    groups = cut_windows(model, log, budget=FIT_SECONDS)
+    if sum(group.count for group in groups) < LEAST_WINDOWS:
+        groups = cut_windows(model, log, budget=SECONDS)
+    theta = np.zeros(len(parameters))
+    released: list[Direction] = []
+    for round_ in range(ROUNDS):
+        evidence = gather(model, groups, parameters, theta, healthy(parameters), progress)
+        found = [f.direction for f in select(evidence, parameters) if f.direction.cause not in ORDINARY]
+        # common causes go first: those at single places may only stand for them
+        common = [d for d in found if len(d.members) > 1]
+        wanted = common if common and common != released else found
+        if round_ and wanted == released:
+            break
+        released = wanted
+        named = {k for d in released for k in d.members}
+        low, high = bounds_of(parameters)
+        idle = [k for k, p in enumerate(parameters) if p.field == "limit" and k not in named]
+        low[idle] = high[idle] = 0.0  # a limit acts as soon as it is there
+        theta = fit(model, groups, parameters, theta, prior_of(parameters, released), low, high, progress)
+    return theta, released
+
+
 def _named(f: Found, found: list[Found], evidence: Evidence, parameters: list[Parameter], now: Posterior) -> NamedCause:
     """A cause with its size: of a single number as the log has it, of a group the change that all share."""
     values: dict[str, Value] = {}
@@ -131,17 +181,17 @@ def _named(f: Found, found: list[Found], evidence: Evidence, parameters: list[Pa
     others = [x.direction for x in found if x is not f]
     if len(f.direction.members) == 1:
         k = f.direction.members[0]
-        mean, sd = _without_prior(k, now, evidence, parameters, [*others, f.direction])
+        mean, sd = estimate(k, now, parameters)
     else:
         k = f.direction.members[0]
-        mean, sd = now.mean[k], float(np.sqrt(now.covariance[k, k]))
+        mean, sd = now.mean[k], float(np.sqrt(max(now.covariance[k, k], now.robust[k])))
     low, high = (first.absolute(mean + s * 1.96 * sd) for s in (-1.0, 1.0))
     values[first.name] = Value(value=first.absolute(mean), ci95=(low, high), unit=first.unit)
     if first.relative:
         values["factor"] = Value(value=1.0 + mean, ci95=(1.0 + mean - 1.96 * sd, 1.0 + mean + 1.96 * sd), unit="1")
     for k in f.direction.members:
         change[k] = float(now.mean[k]) if len(f.direction.members) > 1 else float(mean)
-    full = _left(evidence, now.mean)
+    full = evidence.at(now.mean)
     without = posterior(evidence, parameters, others).mean.copy()
     without[list(f.direction.members)] = 0.0
     return NamedCause(
@@ -150,28 +200,13 @@ def _named(f: Found, found: list[Found], evidence: Evidence, parameters: list[Pa
         parameters=values,
         p_value=float(2.0 * stats.norm.sf(abs(f.z))),
         alternatives=tuple(dict.fromkeys(_place(d, f.direction.where) for d in f.alternatives)),
-        gain=float(max(1.0 - full / max(_left(evidence, without), 1e-12), 0.0)),
+        gain=float(max(1.0 - full / max(evidence.at(without), 1e-12), 0.0)),
         change=change,
     )
 
 
 def _place(direction: Direction, here: str) -> str:
     return direction.cause if direction.where == here else f"{direction.cause} of {direction.where}"
-
-
-def _without_prior(
-    k: int, now: Posterior, evidence: Evidence, parameters: list[Parameter], released: list[Direction]
-) -> tuple[float, float]:
-    """Mean and standard deviation of one number by the log alone, the others as they are."""
-    variance = now.covariance[k, k]
-    known = max(1.0 / variance - now.precision[k, k], 1e-3 / variance)
-    return float(now.mean[k] / variance / known), float(1.0 / np.sqrt(known))
-
-
-def _left(evidence: Evidence, theta: np.ndarray) -> float:
-    """Squared mismatch of all windows at ``theta``."""
-    a, b = evidence.a.sum(axis=0), evidence.b.sum(axis=0)
-    return float(evidence.c.sum() - 2.0 * b @ theta + theta @ a @ theta)
 
 
 def _held_out(

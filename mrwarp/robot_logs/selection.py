@@ -12,13 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from mrwarp.robot_logs.causes import ORDINARY, SESSION, Parameter
-from mrwarp.robot_logs.evidence import Evidence
+from mrwarp.robot_logs.evidence import Evidence, within
 
 NAMED_ODDS = 12.0
 """Least logarithm of the odds of a cause: some 200 are looked at, and one log of a hundred may speak of one wrongly."""
 
 ORDINARY_Z = 4.5
 """Least standard score of a number that the description has wrong."""
+
+RECURRENCE = 4.0
+"""Least size of a cause in standard deviations over windows: one chance in a hundred over 200 causes and places."""
 
 RIVAL_ODDS = 4.5
 """Causes whose odds are nearer than this to the best one's, and vanish with it, are alternatives."""
@@ -29,6 +32,14 @@ LEAST_SHARE = 0.03
 
 MOST = 8
 """Most causes beside :data:`mrwarp.robot_logs.causes.ORDINARY` that one log tells apart."""
+
+
+SHARED = (
+    "kp", "kd", "motor_strength", "torque_limit", "velocity_lag", "stribeck", "coil_dead", "coil_lag",
+    "device_strength", "device_drag",
+)  # fmt: skip
+"""Causes that all joints may have at once, by one number of a configuration, one supply, one make of drive. Masses,
+lengths and zeros of encoders are each joint's own."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,23 +72,27 @@ class Posterior:
     """Shape (P, P)."""
     precision: np.ndarray
     """Of the prior, without what was released, shape (P, P)."""
+    unbounded: np.ndarray
+    """Mean, were there no bounds, shape (P,)."""
+    robust: np.ndarray
+    """Variance by the spread of the scores over windows, shape (P,)."""
 
 
 def directions_of(parameters: Sequence[Parameter]) -> list[Direction]:
-    """Single parameters, and all joints or bodies at once."""
+    """Single parameters, and all joints at once."""
     found = [Direction(cause=p.cause, where=p.where, members=(k,)) for k, p in enumerate(parameters)]
     by_cause: dict[tuple[str, str], list[int]] = {}
     for k, p in enumerate(parameters):
         by_cause.setdefault((p.cause, p.name), []).append(k)
     for (cause, _), members in by_cause.items():
-        if len({parameters[k].where for k in members}) > 2:
+        if cause in SHARED and len(members) > 1:
             found.append(Direction(cause=cause, where="robot", members=tuple(members)))
     return found
 
 
 def healthy(parameters: Sequence[Parameter]) -> np.ndarray:
     """Precision of healthy robots about their description, shape (P, P)."""
-    return np.diag([1.0 / p.spread**2 for p in parameters])
+    return prior_of(parameters, [])
 
 
 def vector(direction: Direction, parameters: Sequence[Parameter]) -> np.ndarray:
@@ -88,16 +103,34 @@ def vector(direction: Direction, parameters: Sequence[Parameter]) -> np.ndarray:
     return found
 
 
-def posterior(evidence: Evidence, parameters: Sequence[Parameter], released: Sequence[Direction]) -> Posterior:
-    """Parameters with the prior of healthy robots, and that of faults along ``released``."""
+def prior_of(parameters: Sequence[Parameter], released: Sequence[Direction]) -> np.ndarray:
+    """Precision of healthy robots, and of faults along ``released``, shape (P, P)."""
     covariance = np.diag([p.spread**2 for p in parameters])
     for x in released:
         d = vector(x, parameters)
         covariance = covariance + np.outer(d, d) * _fault(x, parameters) ** 2
-    q = np.linalg.inv(covariance)
+    return np.linalg.inv(covariance)
+
+
+def bounds_of(parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest change of each number that a robot can have, shapes (P,)."""
+    return (
+        np.array([max(p.lowest, -0.95) if p.relative else p.lowest for p in parameters]),
+        np.array([p.highest for p in parameters]),
+    )
+
+
+def posterior(evidence: Evidence, parameters: Sequence[Parameter], released: Sequence[Direction]) -> Posterior:
+    """Parameters with the prior of healthy robots, and that of faults along ``released``."""
+    q = prior_of(parameters, released)
     a, b = evidence.a.sum(axis=0) / evidence.scale, evidence.b.sum(axis=0) / evidence.scale
     spread = np.linalg.inv(a + q)
-    return Posterior(mean=spread @ b, covariance=spread, precision=q)
+    mean, _ = within(a + q, b, *bounds_of(parameters))
+    each = spread @ ((evidence.b - evidence.a @ mean) / evidence.scale).T
+    return Posterior(
+        mean=mean, covariance=spread, precision=q, unbounded=spread @ b,
+        robust=(each**2).sum(axis=1) + np.einsum("pq,qr,rp->p", spread, q, spread),
+    )  # fmt: skip
 
 
 def _fault(direction: Direction, parameters: Sequence[Parameter]) -> float:
@@ -130,12 +163,81 @@ def scores(now: Posterior, directions: Sequence[Direction], parameters: Sequence
     return Scores(z=z, size=score / information, odds=0.5 * (z**2 * room / (1.0 + room) - np.log1p(room)))
 
 
-def select(evidence: Evidence, parameters: Sequence[Parameter], *, most: int = MOST) -> list[Found]:
-    """Causes that stand out, the clearest first; then :data:`ORDINARY` ones that the description has wrong."""
+def select(evidence: Evidence, parameters: Sequence[Parameter], confirmed: Sequence[Direction] = ()) -> list[Found]:
+    """Causes that stand out, the clearest first; then :data:`ORDINARY` ones that the description has wrong.
+
+    What does not recur over windows is taken out again, the least certain first. ``confirmed`` are causes beside which
+    a fit by the replay needed no other of the same drive.
+    """
+    found = _simplest_drive(_forward(evidence, parameters), evidence, parameters, confirmed)
+    while found:
+        now = posterior(evidence, parameters, [f.direction for f in found])
+        certain = [_recurrence(f.direction, now, parameters) for f in found]
+        least = int(np.argmin(certain))
+        if certain[least] >= RECURRENCE:
+            break
+        del found[least]
+    return found
+
+
+def _simplest_drive(
+    found: list[Found], evidence: Evidence, parameters: Sequence[Parameter], confirmed: Sequence[Direction]
+) -> list[Found]:
+    """One cause of a drive in place of two that say as much: Kp alone is also a stronger motor with a lower Kd."""
+    for place in dict.fromkeys(f.direction.where for f in found if f.direction.cause in DRIVE):
+        pair = [f for f in found if f.direction.cause in DRIVE and f.direction.where == place]
+        size = len(pair[0].direction.members)
+        rest = [f for f in found if f not in pair]
+        others = [f.direction for f in rest]
+        alone = [
+            d for d in directions_of(parameters)
+            if d.cause in DRIVE and d.where == place and len(d.members) == size
+        ]  # fmt: skip
+        if len(pair) < 2 or not alone:
+            continue
+        both = _evidence([*others, *(f.direction for f in pair)], evidence, parameters)
+        each = [_evidence([*others, d], evidence, parameters) for d in alone]
+        best = int(np.argmax(each))
+        sure = [k for k, d in enumerate(alone) if d in confirmed]
+        best = sure[0] if len(sure) == 1 else best
+        if len(sure) == 1 or each[best] > both - NAMED_ODDS:  # the second one does not earn what a cause has to
+            now = scores(posterior(evidence, parameters, others), [alone[best]], parameters)
+            found = [*rest, Found(direction=alone[best], z=float(now.z[0]), alternatives=())]
+    return sorted(found, key=lambda f: f.direction.cause in ORDINARY)
+
+
+def _evidence(released: Sequence[Direction], evidence: Evidence, parameters: Sequence[Parameter]) -> float:
+    """Logarithm of the marginal likelihood, but for a constant."""
+    q = prior_of(parameters, released)
+    a, b = evidence.a.sum(axis=0) / evidence.scale, evidence.b.sum(axis=0) / evidence.scale
+    more = np.linalg.slogdet(q)[1] - np.linalg.slogdet(a + q)[1]
+    return float(0.5 * (b @ np.linalg.solve(a + q, b) + more))
+
+
+def estimate(k: int, now: Posterior, parameters: Sequence[Parameter]) -> tuple[float, float]:
+    """Mean and standard deviation of one number by the log alone, without its prior."""
+    variance = now.covariance[k, k]
+    known = max(1.0 / variance - now.precision[k, k], 1e-3 / variance)
+    mean = max(now.unbounded[k] / variance / known, parameters[k].lowest)
+    return float(mean), float(max(1.0 / np.sqrt(known), np.sqrt(now.robust[k])))
+
+
+def _recurrence(d: Direction, now: Posterior, parameters: Sequence[Parameter]) -> float:
+    """Size of a cause in standard deviations that count windows as the units; 0 where it may be too small to count."""
+    k = d.members[0]
+    p, mean, sd = parameters[k], now.mean[k], np.sqrt(max(now.covariance[k, k], now.robust[k]))
+    if len(d.members) == 1:
+        mean, sd = estimate(k, now, parameters)
+    size = abs(mean - float(np.clip(mean, *p.usual)))
+    return float(size / sd) if size - 1.96 * sd >= p.least else 0.0
+
+
+def _forward(evidence: Evidence, parameters: Sequence[Parameter]) -> list[Found]:
+    """Forward selection."""
     directions, found = [d for d in directions_of(parameters) if d.cause not in (*ORDINARY, SESSION)], []
     least = np.array([min(parameters[k].least / abs(parameters[k].step) for k in d.members) for d in directions])
     joints = np.array([len(d.members) for d in directions])
-    while len(found) < most:
+    while len(found) < MOST:
         released = [f.direction for f in found]
         now = scores(posterior(evidence, parameters, released), directions, parameters)
         share = now.z**2 * evidence.scale / (evidence.samples * joints)
@@ -191,7 +293,7 @@ def _described_wrong(evidence: Evidence, parameters: Sequence[Parameter], releas
         known = 1.0 / variance - now.precision[k, k]
         if known <= 1e-6 / p.spread**2:
             continue
-        size = now.mean[k] / variance / known
+        size = max(now.unbounded[k] / variance / known, p.lowest)
         beyond = size - float(np.clip(size, *p.usual))
         z = beyond * np.sqrt(known)
         if abs(z) > ORDINARY_Z and abs(beyond) >= p.least and z**2 * evidence.scale >= LEAST_SHARE * evidence.samples:

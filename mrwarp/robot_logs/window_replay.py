@@ -103,7 +103,11 @@ class Replay:
         strength, offset, lag = 1.0 + field("strength"), field("offset"), field("lag")
         dry = np.maximum(mj.dof_frictionloss[m.v_adr] + field("friction"), 0.0)
         self._set("dof_damping", ids, m.v_adr, np.maximum(mj.dof_damping[m.v_adr] + field("damping"), 0.0))
-        self._set("dof_armature", ids, m.v_adr, np.maximum(mj.dof_armature[m.v_adr] + field("armature"), 1e-5))
+        # damping at the end of a step instead of along it acts as an inertia of half of it: without it, steps of 5 ms
+        # and of 1 ms would disagree on a small joint's inertia
+        late_damping = 0.5 * windows.h * (strength * kd + np.maximum(mj.dof_damping[m.v_adr] + field("damping"), 0.0))
+        rotor = mj.dof_armature[m.v_adr] + field("armature") - late_damping
+        self._set("dof_armature", ids, m.v_adr, np.maximum(rotor, 1e-5))
         limits = self._limits(w, field("limit"))
         gain, bias = self.batch.expand("actuator_gainprm"), self.batch.expand("actuator_biasprm")
         gain[:count, :, 0], bias[:count, :, 2] = strength, -strength * kd

@@ -51,7 +51,7 @@ def test_gains_that_the_log_does_not_tell_come_back(tmp_path: Path) -> None:
     """The robot's Kp is 15, the log says 12."""
     d = _diagnosed(arm_log(tmp_path, seconds=8.0, kp=15.0))
     found = {c.where: c.parameters["gain"].value for c in d.causes if c.name == "kp"}
-    assert found == {joint: pytest.approx(15.0, rel=0.1) for joint in ("shoulder", "elbow")}
+    assert found == {"robot": pytest.approx(15.0, rel=0.1)}
 
 
 def test_a_delay_of_more_than_a_row_is_named(tmp_path: Path) -> None:
