@@ -13,6 +13,7 @@ from mrwarp.robot_logs.robot_log import RobotLog
 Field = Literal[
     "friction", "damping", "armature", "stribeck", "lag", "kp", "kd", "strength", "offset", "shift", "delay", "mass",
     "com", "tilt", "bias", "mu", "slope", "stiffness", "limit", "length", "clock", "coil", "coil_lag", "device", "drag",
+    "latency",
 ]  # fmt: skip
 """Array of a hypothesis that a parameter is added to, see :class:`mrwarp.robot_logs.window_replay.Hypotheses`."""
 
@@ -20,7 +21,12 @@ ORDINARY = ("coulomb_friction", "viscous_friction", "rotor_inertia", "command_de
 """What descriptions rarely know: fitted in every case, and named where the log excludes the description."""
 
 SESSION = "session"
-"""What differs between sessions of one healthy robot, never a cause: where a joint settles, how a fixed base stands."""
+"""What a healthy robot may have, never a cause: where a joint settles in a session, how a fixed base stands, the time
+from a drive's reading to its torque."""
+
+
+UNKNOWN_LATENCY = 0.002
+"""Time from a drive's reading to its torque that no log tells from a rotor's inertia, Kd times as large [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +91,7 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
         inertia = float(mj.dof_M0[v]) if hasattr(mj, "dof_M0") else float(1.0 / max(mj.dof_invweight0[v], 1e-6))
         dry, wet = scale * np.array([0.01, 0.02, 0.005, 0.05]), scale * np.array([0.002, 0.006, 0.002, 0.02])
         rotor = inertia * np.array([0.05, 0.5, 0.05, 2.0])
+        rotor[2] = max(rotor[2], UNKNOWN_LATENCY * float(np.nan_to_num(log.kd[j])))
         bound = -float(mj.dof_frictionloss[v]), -float(mj.dof_damping[v]), -0.9 * float(mj.dof_armature[v])
         add("coulomb_friction", joint, "torque", "N·m", "friction", j, *dry, lowest=bound[0])
         add("viscous_friction", joint, "coefficient", "N·m·s/rad", "damping", j, *wet, lowest=bound[1])
@@ -146,6 +153,7 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
     # when in a row a command began to act no log says: up to the next row it is no delay of the robot
     row = float(np.median([run.dt for run in log.runs]))
     add("command_delay", "robot", "delay", "s", "delay", 0, 0.003, 0.0007 + row, 0.0015, 0.02, usual=(0.0, row))
+    add(SESSION, "robot", "latency", "s", "latency", 0, 0.001, 0.0015, np.inf, 0.0, lowest=0.0)
     if model.free and any("quat" in run.base or "gyro" in run.base for run in log.runs):
         add("clock_shift", "imu", "shift", "s", "clock", 1, 0.003, 0.001, 0.002, 0.01)
     bodies = [b for b in model.moving if b != model.trunk]

@@ -23,6 +23,9 @@ NO_LIMIT = 1e6
 LONGEST_STEP = 0.0011
 """Longest physics step of a replay [s]: a longer one answers noticeably later than the robot."""
 
+STIFF_FRICTION = ([0.01, 1.0], [0.9999, 0.9999, 0.001, 0.5, 2.0])
+"""solref and solimp of dry friction: MuJoCo's own let a joint creep below some 0.1 rad/s as if it were viscous."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Devices:
@@ -122,6 +125,8 @@ def replay_model(path: Path, log: RobotLog) -> ReplayModel:
     if log.base == "free" and not any(g.type == mujoco.mjtGeom.mjGEOM_PLANE for g in spec.worldbody.geoms):
         ground = spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50.0, 50.0, 1.0])
         ground.contype, ground.conaffinity = 2**31 - 1, int(not drives)  # of a USD file the feet alone touch it
+    for joint in spec.joints:
+        joint.solref_friction, joint.solimp_friction = STIFF_FRICTION
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     if log.base == "fixed":
         spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)

@@ -12,15 +12,19 @@ from scipy import stats
 
 from mrwarp.diagnose.result import Error, Suspect, Value
 from mrwarp.robot_logs.causes import ORDINARY, SESSION, Parameter, parameters_of
-from mrwarp.robot_logs.evidence import Evidence, fit, gather
+from mrwarp.robot_logs.evidence import Evidence, fit, gather, replayed, within
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
 from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, sentence_of
 from mrwarp.robot_logs.selection import (
+    DRIVE,
+    LEAST_SHARE,
+    NAMED_ODDS,
     Direction,
     Found,
     Posterior,
     bounds_of,
+    directions_of,
     estimate,
     healthy,
     posterior,
@@ -39,6 +43,11 @@ ROUNDS = 4
 
 FOLDS = 8
 """Pieces of the log that are predicted from the others."""
+
+FORETOLD = 3.0
+"""Least gain of a cause on the pieces that took no part, as Wilcoxon's standard score over windows."""
+
+NOT_FORETOLD = "pieces of the log that took no part are not clearly predicted better with it"
 
 LEAST_WINDOWS = 8
 """Fewest windows that carry a verdict."""
@@ -77,9 +86,8 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     theta, confirmed = _fitted(model, log, parameters, progress)
     evidence = gather(model, groups, parameters, theta, healthy(parameters), progress)
     progress("causes that stand out")
-    found = select(evidence, parameters, confirmed)
-    released = [f.direction for f in found]
-    now = posterior(evidence, parameters, released)
+    found, doubtful = _foretelling(select(evidence, parameters, confirmed), evidence, parameters)
+    now = posterior(evidence, parameters, [f.direction for f in found])
     causes = tuple(_named(f, found, evidence, parameters, now) for f in found)
     extended = np.zeros(len(parameters))
     for cause in causes:
@@ -87,13 +95,11 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
             extended[k] = max(change, parameters[k].lowest)
     progress("before and after")
     gain, before, after = _held_out(evidence, parameters, found)
-    suspects: tuple[Suspect, ...] = ()
-    if causes and gain["ci95"][0] <= 0.0:
-        # what does not foretell the rest of the log is no cause, however sure its interval looks
-        reason = "pieces of the log that took no part are not predicted better with it"
-        suspects = tuple(Suspect(name=c.name, reason=f"at {c.where}: {reason}", parameters=c.parameters, gain=c.gain)
-                         for c in causes)  # fmt: skip
-        causes, extended, after = (), np.zeros(len(parameters)), before
+    beside = posterior(evidence, parameters, [*(f.direction for f in found), *(f.direction for f in doubtful)])
+    suspects = tuple(
+        Suspect(name=c.name, reason=f"at {c.where}: {NOT_FORETOLD}", parameters=c.parameters, gain=c.gain)
+        for c in (_named(f, [*found, *doubtful], evidence, parameters, beside) for f in doubtful)
+    )
     per_joint, per_channel = _errors(model, groups, parameters, now, extended)
     verdict = "named" if causes else "none"
     session = {p.where: float(now.mean[k]) for k, p in enumerate(parameters) if p.field == "shift"}
@@ -169,7 +175,39 @@ def _fitted(
         low, high = bounds_of(parameters)
         idle = [k for k, p in enumerate(parameters) if p.field == "limit" and k not in named]
         low[idle] = high[idle] = 0.0  # a limit acts as soon as it is there
-        theta = fit(model, groups, parameters, theta, prior_of(parameters, released), low, high, progress)
+
+        def refit(start: np.ndarray, directions: list[Direction], low=low, high=high) -> np.ndarray:  # noqa: ANN001
+            return fit(model, groups, parameters, start, prior_of(parameters, directions), low, high, progress)
+
+        def left(theta: np.ndarray, directions: list[Direction], evidence: Evidence = evidence) -> float:
+            seen = replayed(evidence, model, groups, parameters, theta) / evidence.scale
+            return seen + theta @ prior_of(parameters, directions) @ theta
+
+        theta = refit(theta, released)
+        theta, released = _one_drive(theta, released, parameters, refit, left)
+    return theta, released
+
+
+def _one_drive(
+    theta: np.ndarray, released: list[Direction], parameters: list[Parameter],
+    refit: Callable[[np.ndarray, list[Direction]], np.ndarray], left: Callable[[np.ndarray, list[Direction]], float],
+) -> tuple[np.ndarray, list[Direction]]:  # fmt: skip
+    """Of each drive one cause, where the replay is as good with it alone: Kp is much as a stronger motor with less Kd."""
+    for place in dict.fromkeys(d.where for d in released if d.cause in DRIVE):
+        own = [d for d in released if d.cause in DRIVE and d.where == place]
+        rest = [d for d in released if d not in own]
+        best, least = (theta, released), left(theta, released) - 2.0 * NAMED_ODDS * (len(own) > 1)
+        for other in directions_of(parameters):
+            if other.cause not in DRIVE or other.where != place or len(other.members) != len(own[0].members):
+                continue
+            if own == [other]:
+                continue
+            start = theta.copy()
+            start[[k for k, p in enumerate(parameters) if p.cause in DRIVE]] = 0.0
+            new = refit(start, [*rest, other])
+            if (value := left(new, [*rest, other])) < least:
+                best, least = (new, [*rest, other]), value
+        theta, released = best
     return theta, released
 
 
@@ -207,6 +245,58 @@ def _named(f: Found, found: list[Found], evidence: Evidence, parameters: list[Pa
 
 def _place(direction: Direction, here: str) -> str:
     return direction.cause if direction.where == here else f"{direction.cause} of {direction.where}"
+
+
+def _foretelling(
+    found: list[Found], evidence: Evidence, parameters: list[Parameter]
+) -> tuple[list[Found], list[Found]]:
+    """Causes without which pieces of the log that took no part are foretold worse, and those that make no difference.
+
+    The least certain is taken out first, and the others are tried again without it.
+    """
+    found, doubtful = list(found), []
+    while found:
+        losses = [_foretold(evidence, parameters, found, without) for without in (None, *found)]
+        gains = [loss - losses[0] for loss in losses[1:]]
+        sure = [_signed_ranks(g) for g in gains]
+        share = [
+            float(g.sum()) / (evidence.samples * len(f.direction.members)) for f, g in zip(found, gains, strict=True)
+        ]
+        certain = [min(t / FORETOLD, part / LEAST_SHARE) for t, part in zip(sure, share, strict=True)]
+        least = int(np.argmin(certain))
+        if certain[least] >= 1.0:
+            break
+        doubtful.append(found.pop(least))
+    return found, doubtful
+
+
+def _signed_ranks(gain: np.ndarray) -> float:
+    """Wilcoxon's signed-rank score over windows, whose gains differ by orders of magnitude."""
+    ranks = stats.rankdata(np.abs(gain))
+    return float((np.sign(gain) * ranks).sum() / max(np.sqrt((ranks**2).sum()), 1e-12))
+
+
+def _foretold(evidence: Evidence, parameters: list[Parameter], found: list[Found], without: Found | None) -> np.ndarray:
+    """Squared mismatch of each window, by parameters from the other pieces; ``without`` is held at its description."""
+    q = prior_of(parameters, [f.direction for f in found])
+    low, high = bounds_of(parameters)
+    named = {k for f in found for k in f.direction.members}
+    for k, p in enumerate(parameters):
+        if k not in named and p.cause not in (*ORDINARY, SESSION):  # as far as a healthy robot may be off
+            low[k], high[k] = max(low[k], -2.0 * p.spread), min(high[k], 2.0 * p.spread)
+    if without is not None:
+        for k in without.direction.members:
+            low[k], high[k] = parameters[k].usual
+    loss = np.zeros(len(evidence.c))
+    for fold in np.array_split(np.arange(len(loss)), FOLDS):
+        keep = np.setdiff1d(np.arange(len(loss)), fold)
+        a, b = evidence.a[keep].sum(axis=0) / evidence.scale, evidence.b[keep].sum(axis=0) / evidence.scale
+        theta, _ = within(a + q, b, low, high)
+        loss[fold] = (
+            evidence.c[fold] - 2.0 * evidence.b[fold] @ theta
+            + np.einsum("wij,i,j->w", evidence.a[fold], theta, theta)
+        )  # fmt: skip
+    return loss
 
 
 def _held_out(

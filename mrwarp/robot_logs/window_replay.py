@@ -21,7 +21,7 @@ CHUNK = 192
 STRIBECK_SPEED = 0.15
 """Speed at which Stribeck's friction has faded [rad/s]."""
 
-_COLUMNS = {"delay": 1, "com": 3, "tilt": 2, "bias": 3, "mu": 1, "slope": 2, "stiffness": 1, "clock": 2}
+_COLUMNS = {"delay": 1, "latency": 1, "com": 3, "tilt": 2, "bias": 3, "mu": 1, "slope": 2, "stiffness": 1, "clock": 2}
 
 
 @dataclass
@@ -106,11 +106,13 @@ class Replay:
         # damping at the end of a step instead of along it acts as an inertia of half of it: without it, steps of 5 ms
         # and of 1 ms would disagree on a small joint's inertia
         late_damping = 0.5 * windows.h * (strength * kd + np.maximum(mj.dof_damping[m.v_adr] + field("damping"), 0.0))
-        rotor = mj.dof_armature[m.v_adr] + field("armature") - late_damping
+        # a drive that answers what it read a little earlier: -kd*qd(t - x) is -kd*qd + x*kd*qdd, and so for the angle
+        latency = field("latency", 1)
+        rotor = mj.dof_armature[m.v_adr] + field("armature") - late_damping - latency * strength * kd
         self._set("dof_armature", ids, m.v_adr, np.maximum(rotor, 1e-5))
         limits = self._limits(w, field("limit"))
         gain, bias = self.batch.expand("actuator_gainprm"), self.batch.expand("actuator_biasprm")
-        gain[:count, :, 0], bias[:count, :, 2] = strength, -strength * kd
+        gain[:count, :, 0] = strength
         self.batch.expand("actuator_forcerange")[:count] = limits
         self._bodies(field("mass", mj.nbody), field("length", mj.nbody), field("com", 3), ids)
         slope = field("slope", 2)
@@ -148,6 +150,7 @@ class Replay:
                 speed = vel[:, k][:, m.v_adr]
                 slow = speed + faded * (slow - speed)
                 bias[:count, :, 1] = -strength * kp[:, k]
+                bias[:count, :, 2] = -strength * (kd - latency * kp[:, k])
                 ctrl[:count] = ask[:, k] + kp[:, k] * shift + kd * (speed - slow)
                 bound = dry + stribeck * np.exp(-((speed / STRIBECK_SPEED) ** 2))
                 if device is not None and coil is not None:

@@ -55,6 +55,7 @@ def arm_log(
     for run in range(2):
         model = mujoco.MjModel.from_xml_string(ARM)
         model.opt.timestep, model.opt.cone = H, mujoco.mjtCone.mjCONE_ELLIPTIC
+        model.dof_solref[:], model.dof_solimp[:] = (0.005, 1.0), (0.9999, 0.9999, 0.001, 0.5, 2.0)  # it sticks
         if change is not None:
             change(model)
         data, phase = mujoco.MjData(model), rng.uniform(0.0, 6.0, 2)
