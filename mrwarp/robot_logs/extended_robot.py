@@ -23,6 +23,11 @@ from mrwarp.usd.open_stage import AssetError
 
 SCHEMA = 1
 
+IN_USD = ("mass", "com", "armature", "kp", "kd")
+"""Fields whose corrections robot.usda carries; of a robot's own USD file also :data:`OF_DRIVES`, of an MJCF lengths."""
+
+OF_DRIVES = ("strength", "device")
+
 
 def write_extended(d: RobotDiagnosis, out: Path) -> tuple[list[str], list[str]]:
     """Write ``robot.xml`` or ``robot.usda`` (of a robot that walks both) and ``model.json``; returns names and notes.
@@ -46,6 +51,11 @@ def write_extended(d: RobotDiagnosis, out: Path) -> tuple[list[str], list[str]]:
                     names.append("robot.usda")
         except (RobotFileError, AssetError, ValueError) as error:
             notes.append(f"no robot.usda: {error}")
+    if "robot.usda" in names:
+        carried = (*IN_USD, *(OF_DRIVES if "robot.xml" not in names else ("length",)))
+        absent = sorted({p.cause for p, x in zip(d.parameters, d.theta, strict=True) if x and p.field not in carried})
+        if absent:
+            notes.append(f"robot.usda has no place for {', '.join(absent)}: model.json has the numbers")
     write_text(out / "model.json", json.dumps(plain(_model(d)), indent=2, allow_nan=False) + "\n")
     return [*names, "model.json"], notes
 
