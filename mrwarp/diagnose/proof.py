@@ -63,8 +63,10 @@ _POSITIVE = {
     "compliance_with_backlash": "a stiffness is above 0",
     **dict.fromkeys(("coulomb_friction", "load_friction"), "friction brakes"),
     "stribeck": "Stribeck friction is larger at low speed",
+    "wear": "what wears loses torque",
+    "temperature_drift": "what warms up loses torque",
 }
-"""Effects whose first number can only be above 0, and why."""
+"""Effects whose first number can only be above 0, and why; of those that drift with temperature one of both losses."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +100,18 @@ def select_proven(
         models.fits = {effects: fit for effects, fit in models.fits.items() if not doubts.keys() & set(effects)}
     else:
         selection = select(problem, base, [], log)
-    return replace(selection, screened=screened), tuple(doubts.values())
+    alternatives = _possible_alternatives(problem, selection, models)
+    return replace(selection, screened=screened, alternatives=alternatives), tuple(doubts.values())
+
+
+def _possible_alternatives(problem: Problem, selection: Selection, models: Models) -> dict[str, tuple[str, ...]]:
+    """Effects that would do as well in a named one's place, without those whose size no device has there."""
+    found = {}
+    for effect, names in selection.alternatives.items():
+        rest = [name for name in selection.final.effects if name != effect]
+        fits = {name: models.fits.get(problem.parameters([*rest, name]).effects) for name in names}
+        found[effect] = tuple(name for name, fit in fits.items() if fit is None or not _size_doubt(name, fit, problem))
+    return found
 
 
 def without_parts(problem: Problem, selection: Selection, account: Account) -> tuple[Selection, tuple[Doubt, ...]]:
@@ -240,6 +253,8 @@ def _size_doubt(effect: str, fit: Fit, problem: Problem) -> str:
         return f"{1e3 * value:.3g} ms are not possible: {_LAGS[effect]} (at most {1e3 * _SLOWEST[effect]:.0f} ms)"
     if problem.misfit and effect in _CORNERS and value < ranges.dt:
         return "it is shorter than a sample: beside a law of this shape it may only round the corners of the loop"
+    if effect == "temperature_drift":
+        value = max(fit.x[i] for i, slot in fit.parameters.items() if slot.effect == effect and slot.linear)
     if effect in _POSITIVE and value <= 0.0:
         return f"it would be negative: {_POSITIVE[effect]}"
     if effect == "stribeck" and fit.parameters.values(fit.x)[effect]["stribeck_speed"] > _LOW_SPEED * ranges.qd:

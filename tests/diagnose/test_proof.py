@@ -7,8 +7,16 @@ import pytest
 
 from mrwarp.diagnose.held_out import Account, Share, held_out_squares
 from mrwarp.diagnose.problem import reported_fit
-from mrwarp.diagnose.proof import _gain_doubt, _halves_doubt, _size_doubt, select_proven, without_parts
-from mrwarp.diagnose.search import screen_candidates
+from mrwarp.diagnose.proof import (
+    _gain_doubt,
+    _halves_doubt,
+    _possible_alternatives,
+    _size_doubt,
+    select_proven,
+    without_parts,
+)
+from mrwarp.diagnose.screening import Models
+from mrwarp.diagnose.search import Selection, screen_candidates
 from tests.diagnose import known
 
 
@@ -33,10 +41,31 @@ def test_an_effect_of_impossible_size_is_a_suspect() -> None:
     assert {c.effect for c in selection.screened} == {"torque_sensor_lag", "cogging"}  # it still counts as tried
 
 
-def test_a_negative_inertia_is_a_suspect() -> None:
-    """No rotor has one."""
-    selection, [doubt] = proven({"rotor_inertia": {"inertia": -0.004}}, ["rotor_inertia"])
+@pytest.mark.parametrize(
+    ("effect", "numbers"),
+    [
+        ("rotor_inertia", {"inertia": -0.004}),
+        ("wear", {"rate": -0.02}),
+        ("temperature_drift", {"yield_loss": -0.2, "viscosity_loss": -0.1, "time_constant": 60.0}),
+    ],
+)
+def test_an_effect_of_the_wrong_sign_is_a_suspect(effect: str, numbers: dict[str, float]) -> None:
+    """No rotor has a negative inertia, and what wears or warms up does not gain torque."""
+    selection, [doubt] = proven({effect: numbers}, [effect])
     assert not selection.named and "negative" in doubt.reason
+
+
+def test_an_alternative_is_possible_too() -> None:
+    """Wear that gives torque back is none, also where it would do as well as what is named."""
+    problem = known.problem({"wear": {"rate": -0.02}}, seed=50, at=known.motion(50, runs=6, seconds=3.0))
+    base = known.fitted(problem)
+    screened = screen_candidates(problem, base, ["wear"])
+    models = Models(problem, base)
+    final = models.grown(base, screened[0])
+    selection = Selection(
+        base=base, final=final, screened=screened, fits=models.fits, leftovers=[], alternatives={"wear": ("wear",)}
+    )  # fmt: skip
+    assert _possible_alternatives(problem, selection, models) == {"wear": ()}
 
 
 @pytest.mark.parametrize("one", [True, False])
