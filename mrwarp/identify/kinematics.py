@@ -8,6 +8,7 @@ banded system), without any phase. Where the joint rests, the velocity is known.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,8 +39,9 @@ _EDGE = 0.03
 """Time at each end of a rest in which nobody knows whether the joint moves already, or still [s]."""
 _SCATTER = 1.8
 """Largest standard deviation of a resting angle over that of its noise; 1.73 for a reading that flips by one step."""
-_STEPS = 10
-"""Changes of a reading from which the smallest is a step of its encoder."""
+_STEPS, _ON_GRID = 10, 0.1
+"""Changes between readings at which the angle stands that tell the step of its encoder, and by how much nine in ten of
+them may differ from whole steps."""
 _T = 3.0
 """Standard errors by which the halves of a rest, or its velocity and 0, may differ."""
 
@@ -72,7 +74,7 @@ def reconstruct(recording: Recording, *, rests: bool = True, smoothing: float = 
     The bandwidth that the angle asks for is divided by ``smoothing``.
     """
     runs = recording.trajectories
-    sigma_q = float(np.median([angle_noise(run) for run in runs]))
+    sigma_q = angle_noise(runs)
     sigma_v, lag, error = float("inf"), 0.0, float("inf")
     if not any(run.qd_derived for run in runs):
         sigma_v = float(np.median([_velocity_noise(run) for run in runs]))
@@ -207,20 +209,40 @@ def lagged(x: np.ndarray, time_constant: float, dt: float) -> np.ndarray:
     return np.asarray(lfilter([1.0 - ramp, ramp - keep], [1.0, -keep], x, zi=[ramp * x[0]])[0])
 
 
-def angle_noise(run: Trajectory) -> float:
+def angle_noise(runs: Sequence[Trajectory]) -> float:
+    """Noise of the angle: that of the median run, at least that of its encoder's step where half of them tell it."""
+    by_step = [noise for run in runs if (noise := _step_noise(run)) > 0.0]
+    least = float(np.median(by_step)) if 2 * len(by_step) >= len(runs) else 0.0
+    return max(least, float(np.median([_angle_noise(run) for run in runs])))
+
+
+def _angle_noise(run: Trajectory) -> float:
     """Noise of the angle: what a cubic over nine samples leaves, at least what its steps make."""
+    steps = np.abs(np.diff(run.q))
+    steps = steps[steps > 1e-9 * max(float(np.ptp(run.q)), 1e-300)]
+    quantum = float(steps.min()) / np.sqrt(12.0) if len(steps) else 0.0
+    rest = run.q - savgol_filter(run.q, 9, 3)
+    robust = 1.4826 * float(np.median(np.abs(rest)))
+    typical = float(np.ptp(run.q)) * 1e-6
+    return max(robust, min(quantum, float(rest.std()) + typical), typical, 1e-12)
+
+
+def _step_noise(run: Trajectory) -> float:
+    """Noise by the step between the readings at which the angle stands; 0 where these are on no grid.
+
+    A log that was resampled has more values in between, and bends less at a step.
+    """
     least = 1e-9 * max(float(np.ptp(run.q)), 1e-300)
     stands = np.abs(np.diff(run.q)) <= least
-    rest = run.q - savgol_filter(run.q, 9, 3)
-    typical = float(np.ptp(run.q)) * 1e-6
-    found = max(1.4826 * float(np.median(np.abs(rest))), typical, 1e-12)
-    # a log that was resampled has more values between the readings at which it stands, and bends less at a step
-    for readings, most in ((run.q, 1.0), (run.q[1:-1][stands[1:] & stands[:-1]], 2.0)):
-        steps = np.abs(np.diff(readings))
-        steps = steps[steps > least]
-        if len(steps) >= _STEPS:
-            found = max(found, min(float(steps.min()) / np.sqrt(12.0), most * float(rest.std()) + typical))
-    return found
+    steps = np.abs(np.diff(run.q[1:-1][stands[1:] & stands[:-1]]))
+    steps = steps[steps > least]
+    if len(steps) < _STEPS:
+        return 0.0
+    counts = steps / steps.min()
+    if np.percentile(np.abs(counts - np.round(counts)), 90) > _ON_GRID:
+        return 0.0
+    left = float((run.q - savgol_filter(run.q, 9, 3)).std())
+    return min(float(steps.min()) / np.sqrt(12.0), 2.0 * left)
 
 
 def _velocity_noise(run: Trajectory) -> float:

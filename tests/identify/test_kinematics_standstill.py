@@ -119,4 +119,4 @@ def test_noise_of_an_encoder_survives_resampling() -> None:
         id="run", t=twice, q=np.interp(twice, t, read), qd=np.zeros(1599), current=np.zeros(1599),
         torque=np.zeros(1599),
     )  # fmt: skip
-    assert angle_noise(run) == pytest.approx(Q_NOISE, rel=0.3)
+    assert angle_noise([run]) == pytest.approx(Q_NOISE, rel=0.3)
