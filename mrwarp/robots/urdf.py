@@ -53,6 +53,9 @@ def checked_urdf(path: Path, meshes: Meshes) -> Urdf:
     if next((e for e in root.iter() if "xacro" in e.tag), None) is not None:
         raise RobotFileError(f"{path}: it holds xacro macros; expand them first: xacro {path.name} > robot.urdf")
     root_link = _check_tree(path, root)
+    for limit in root.iterfind("joint[@type='continuous']/limit"):  # it has none there, but Newton would take them
+        for which in ("lower", "upper"):
+            limit.attrib.pop(which, None)
     for link in root.findall("link"):
         for kind in [e for e in link if meshes.skip and e.find("geometry/mesh") is not None]:
             link.remove(kind)

@@ -218,8 +218,12 @@ BAD_DOGS: dict[str, tuple[dict, tuple[str, ...]]] = {
     "limits turned round": ({"knee": "0.5"}, ("LF_KFE", "0.5", "-0.1", "swap")),
     "limits in words": ({"knee": "far"}, ("LF_KFE", "lower = far")),
     "a wheel": (
-        {"more": EXTRA.format(kind="continuous", limit='<limit effort="1" velocity="9"/>')},
+        {"more": EXTRA.format(kind="continuous", limit=LIMIT)},  # which the format ignores there
         ("spin", "no limits", "--unlimited spin"),
+    ),
+    "an inertia of no body": (
+        {"more": EXTRA.format(kind="revolute", limit=LIMIT).replace('izz="0.01"', 'izz="0.03"')},
+        ("body extra", "0.01, 0.01, 0.03", "none is larger"),
     ),
     "a slider": ({"more": EXTRA.format(kind="prismatic", limit=LIMIT)}, ("spin", "slide joint", "weld")),
 }

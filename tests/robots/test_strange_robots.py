@@ -170,6 +170,12 @@ ROBOTS: dict[str, tuple[dict, Choices, Sequence[str], Sequence[str]]] = {
         ("RR", "RL", "FR", "FL"),
         ("RR_roll", "RR_pitch", "RR_knee"),
     ),
+    "a joint whose name ends others": (
+        {"inner": DOG.replace('"FL_knee"', '"knee"')},
+        Choices(),
+        ("leg1", "leg2", "leg3", "leg4"),
+        ("FL_roll", "FL_pitch", "knee"),
+    ),
     "names that end with the leg": (
         {"inner": re.sub('joint name="(..)_([a-z]+)"', r'joint name="\2_\1"', DOG)},
         Choices(),
