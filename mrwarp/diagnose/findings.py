@@ -58,6 +58,7 @@ _UNSEEN = {
 }
 _NEVER = "at no size in its range would it stand out from what eq. 14 takes up and from the noise"
 _NO_FIELD = "the control input is a load or a pressure, which makes no magnetic field"
+_UNCHANGING = "the control input is the same throughout"
 _TAKEN_UP = "re-fitting eq. 14 takes it up without a trace; only nominal parameters (--model) can show it"
 """Why effects show at no size."""
 
@@ -246,7 +247,8 @@ def _detectable(found: Findings) -> tuple[dict[str, Value], dict[str, str]]:
             unit = effect_unit(p, found.problem.units)
             visible[name] = Value(value=size * factor_of(p, scales), ci95=(0.0, 0.0), unit=unit)
     invisible |= {name: _TAKEN_UP for name, law in CATALOGUE.items() if law.kind == "calibration"}
-    invisible |= dict.fromkeys(found.problem.impossible, _NO_FIELD)
+    problem = found.problem
+    invisible |= dict.fromkeys(problem.impossible, _UNCHANGING if problem.unchanging else _NO_FIELD)
     if kinematics.velocity_lag == 0.0:  # then it is no candidate
         if np.isfinite(kinematics.velocity_lag_error):
             size = max(5.0 * kinematics.velocity_lag_error, 1e-4)

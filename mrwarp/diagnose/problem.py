@@ -70,8 +70,16 @@ class Problem:
         return self.replay.motion
 
     @property
+    def unchanging(self) -> bool:
+        """Whether the control input is the same throughout."""
+        current = self.motion.current
+        return bool(np.ptp(current) <= 0.01 * np.abs(current).max())
+
+    @property
     def impossible(self) -> tuple[str, ...]:
-        """Effects that a control input of this kind cannot have."""
+        """Effects that a control input of this kind cannot have, or that nothing can show where it never changes."""
+        if self.unchanging:
+            return (*_OF_A_FIELD, *_OF_A_COMMAND, "load_friction")
         if not self.motion.ranges.load:
             return ()
         return _OF_A_FIELD if quantity("current", self.units) == "pressure" else _OF_A_FIELD + _OF_A_COMMAND

@@ -6,8 +6,10 @@ Offsets that fall into two groups with a wide gap between them are a zero that m
 both halves of the runs. Runs that fit with the other sign only are reversed; factors in two
 groups are another gain, where the control input of these runs is among that of the others. What scatters without a gap
 is left to the noise, and so is what goes with the place or the control input of the runs. Runs that need other
-coefficients altogether are of another device (clusterwise regression, Spaeth, Computing 22, 1979): each run has to be
-foretold by its own group without it far better than by the other, which a drift from run to run is not.
+coefficients altogether are of another device (clusterwise regression, Spaeth, Computing 22, 1979): its own group has
+to describe each run far better than the other, which a drift from run to run is not, and to foretell most runs without
+them. It is looked for first, for some of its runs would be taken for another gain; where one factor makes the
+groups alike, it is a gain.
 """
 
 from __future__ import annotations
@@ -38,6 +40,9 @@ _REACHES, _WEAKENINGS = (0.003, 0.01, 0.03, 0.1, 0.3), (0.0, 1.0, 4.0)
 """Elastic reach in ranges of the angle, and alpha of eq. 14 times the speed, that are tried."""
 _APART, _LEAST_GROUP = 1.5, 2
 """Least factor by which the other group's coefficients leave more of each run than its own group's; its fewest runs."""
+_FORETOLD = 2.0
+"""The same factor for the middle one of the runs where its own group does not have the run: one that is alone with its
+control input is foretold by nobody."""
 _SLIPS = (0.02, 0.2)
 """Speeds [of the 95th percentile] over which dry friction turns, that are tried for another device."""
 _RIDGE = 1e-6
@@ -77,17 +82,16 @@ def recording_faults(recording: Recording) -> tuple[Recording, tuple[RecordingFa
     table = _Table(recording)
     if not table.usable:
         return recording, ()
-    for look in (_reversed_runs, _moved_zero, _other_gain):
+    for look in (_reversed_runs, _other_device, _moved_zero, _other_gain):
         fault = look(recording, table)
         if fault is not None:
             found.append(fault)
             recording = _mended(recording, fault)
+            if len(recording.trajectories) < _LEAST_RUNS:
+                break
+            if fault.kind == "other_device":
+                table = _Table(recording)
         table.take(recording)
-    fault = _other_device(recording, table.richer(), table.conditions)
-    if fault is not None:
-        found.append(fault)
-        kept = tuple(run for run in recording.trajectories if run.id not in fault.trajectories)
-        recording = replace(recording, trajectories=kept)
     return recording, tuple(found)
 
 
@@ -168,14 +172,17 @@ class _Fit:
     def two_devices(self) -> np.ndarray:
         """Whether each run belongs to the second of two groups with coefficients of their own, shape (R,).
 
-        Each run begins once as the one that the half most like it is gathered about; the best end counts.
+        Each run begins once as the one that the half most like it is gathered about, and once as the first of a device
+        that came later; the best end counts.
         """
         scale = np.maximum(self.spread**2, 1e-30)
         best, least = np.zeros(len(self.rows), dtype=bool), np.inf
+        starts = [np.arange(len(self.rows)) >= k for k in range(_LEAST_GROUP, len(self.rows) - 1)]
         for k in range(len(self.rows)):
             own = self.agreed(np.arange(len(self.rows)) == k)
             like = np.array([self.left_by(j, own) for j in range(len(self.rows))]) / scale
-            second = like > np.median(like)
+            starts.append(like > np.median(like))
+        for second in starts:
             for _ in range(_REWEIGHTED):
                 if min(second.sum(), (~second).sum()) < _LEAST_GROUP:
                     break
@@ -191,15 +198,16 @@ class _Fit:
         weight = 1.0 / np.maximum(self.spread**2, 1e-30)
         return self.agreed(weight * ~second), self.agreed(weight * second)
 
-    def apart(self, second: np.ndarray) -> np.ndarray:
-        """Factor by which the other group leaves more of each run than its own group without it, as RMS, shape (R,)."""
+    def apart(self, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Factors by which the other group leaves more of each run than its own, with it and without it, shape (R,)."""
+        weight, runs = 1.0 / np.maximum(self.spread**2, 1e-30), np.arange(len(second))
         found = []
-        for k in range(len(second)):
-            without = np.arange(len(second)) != k
-            weight = without / np.maximum(self.spread**2, 1e-30)
-            own, other = (self.agreed(weight * (second == side)) for side in (second[k], ~second[k]))
-            found.append(math.sqrt(self.left_by(k, other) / self.left_by(k, own)))
-        return np.array(found)
+        for k in runs:
+            mine = weight * (second == second[k])
+            other = self.left_by(k, self.agreed(weight * (second != second[k])))
+            found.append([other / self.left_by(k, self.agreed(own)) for own in (mine, mine * (runs != k))])
+        both = np.sqrt(found).T
+        return both[0], both[1]
 
     def factors(self, by: Sequence[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Factor of each run against what most runs, or those named, agree on, and its correlation with that."""
@@ -313,20 +321,30 @@ def _other_gain(recording: Recording, table: _Table) -> RecordingFault | None:
     if split is None:
         return None
     most, few = sorted(split, key=len, reverse=True)
-    if 3 * len(few) > len(factors) or not (fits[few] > _ALIKE).all() or not _covered(recording, few, most):
+    covered = _covered(recording, table.conditions[:, 2:4], few, most)
+    if 3 * len(few) > len(factors) or not (fits[few] > _ALIKE).all() or not covered:
         return None
     return _fault(recording, "torque_gain", few, factors, "1", 1.0)
 
 
-def _other_device(recording: Recording, fit: _Fit, conditions: np.ndarray) -> RecordingFault | None:
+def _other_device(recording: Recording, table: _Table) -> RecordingFault | None:
+    fit = table.richer()
     second = fit.two_devices()
     if min(second.sum(), (~second).sum()) < _LEAST_GROUP:
         return None
-    apart = fit.apart(second)
-    if apart.min() < _APART or _separable(conditions, second):
+    apart, foretold = fit.apart(second)
+    if apart.min() < _APART or np.median(foretold) < _FORETOLD or _separable(table.conditions, second):
         return None
     few = second if (second.sum(), second[0]) < ((~second).sum(), not second[0]) else ~second
-    return _fault(recording, "other_device", np.flatnonzero(few), np.where(few, apart, 1.0), "1", 1.0)
+    runs = np.flatnonzero(few)
+    factors, fits = fit.factors(np.flatnonzero(~few).tolist())
+    gain = float(np.median(factors[few]))
+    most = fit.agreed(~few / np.maximum(fit.spread**2, 1e-30))
+    own = fit.agreed(few / np.maximum(fit.spread**2, 1e-30))
+    if gain > 0.0 and all(fit.left_by(k, gain * most) < _APART**2 * fit.left_by(k, own) for k in runs):
+        alike = bool((fits[few] > _ALIKE).all()) and abs(math.log(gain)) > math.log1p(_GAIN)
+        return _fault(recording, "torque_gain", runs, factors, "1", 1.0) if alike else None
+    return _fault(recording, "other_device", runs, np.where(few, apart, 1.0), "1", 1.0)
 
 
 def _separable(conditions: np.ndarray, second: np.ndarray) -> bool:
@@ -335,8 +353,10 @@ def _separable(conditions: np.ndarray, second: np.ndarray) -> bool:
     return any(apart)
 
 
-def _covered(recording: Recording, few: np.ndarray, most: np.ndarray) -> bool:
-    """Whether the control input of a few runs is among that of the others, so that it does not change the factor."""
+def _covered(recording: Recording, moves: np.ndarray, few: np.ndarray, most: np.ndarray) -> bool:
+    """Whether stroke, speed and control input of a few runs are among the others', so that they change no factor."""
+    if (moves[few] < moves[most].min(axis=0)).any() or (moves[few] > moves[most].max(axis=0)).any():
+        return False
     levels = np.array([np.percentile(r.current, (5, 50, 95)) for r in recording.trajectories])
     low, high = levels[most, 0].min(), levels[most, 2].max()
     return bool(((levels[few, 1] >= low) & (levels[few, 1] <= high)).all())
@@ -394,7 +414,10 @@ def _fault(
 
 
 def _mended(recording: Recording, fault: RecordingFault) -> Recording:
-    """The recording with a fault taken out of the torque of its runs."""
+    """The recording with a fault taken out of the torque of its runs, or without the runs of another device."""
+    if fault.kind == "other_device":
+        kept = tuple(run for run in recording.trajectories if run.id not in fault.trajectories)
+        return replace(recording, trajectories=kept)
 
     def torque(run: Trajectory) -> np.ndarray:
         if run.id not in fault.trajectories:

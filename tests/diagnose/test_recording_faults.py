@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.confusion.case import make_case
 from mrwarp.diagnose.recording_faults import recording_faults
-from mrwarp.recording.load import Recording, load_recording
+from mrwarp.recording.load import Recording, Trajectory, load_recording
 
 DATA = Path(os.environ.get("MRWARP_DATA", Path(__file__).parents[3] / "shared" / "data"))
 SPOILT = (1, 4, 5)
@@ -104,3 +104,56 @@ def test_the_damper_whose_zero_moved() -> None:
     _, [fault] = recording_faults(load_recording(folder))
     assert fault.kind == "torque_zero" and fault.unit == "N"
     assert len(fault.trajectories) == 34 and fault.value == pytest.approx(130.0, rel=0.1)
+
+
+def mixed_devices(other: tuple[int, ...], load: float, viscous: float, seed: int = 3) -> Recording:
+    """Ten runs of a device of bristles that slip at 0.5 + 1.2*I; those of ``other`` are of another device."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(1200) / 200.0
+    runs = []
+    for k in range(10):
+        size, f, phase = (rng.uniform(low, high, (3, 1)) for low, high in ((0.1, 0.4), (0.3, 1.5), (0.0, 6.0)))
+        q = (size * np.sin(2.0 * np.pi * f * t + phase)).sum(axis=0)
+        qd = np.gradient(q, t)
+        bent = np.zeros(len(t))
+        for i, dq in enumerate(np.diff(q)):
+            bent[i + 1] = np.clip(bent[i] + dq, -0.02, 0.02)
+        current = np.full(len(t), (0.0, 0.5, 1.0)[k % 3])
+        dry, slope = (1.1 + load * current, viscous) if k in other else (0.5 + 1.2 * current, 0.08)
+        torque = dry * bent / 0.02 + slope * qd + 0.01 * rng.standard_normal(len(t))
+        runs.append(Trajectory(id=f"run{k}", t=t, q=q, qd=qd, current=current, torque=torque))
+    return Recording(trajectories=tuple(runs))
+
+
+@pytest.mark.parametrize("other", [(5, 6, 7, 8, 9), (1, 4, 5, 8)])
+def test_two_devices_in_one_folder(other: tuple[int, ...]) -> None:
+    """The runs of the second device are named and left out."""
+    mended, [fault] = recording_faults(mixed_devices(other, load=0.5, viscous=0.25))
+    assert fault.kind == "other_device" and fault.trajectories == tuple(f"run{k}" for k in other)
+    assert [r.id for r in mended.trajectories] == [f"run{k}" for k in range(10) if k not in other]
+    assert "another device" in fault.sentence and fault.value > 1.5
+
+
+def test_a_device_like_the_first_but_stronger_is_a_gain() -> None:
+    """Half of the runs are 1.7 times as strong in every respect: that is a gain, named for all of them."""
+    other = (5, 6, 7, 8, 9)
+    recording = mixed_devices((), load=0.0, viscous=0.0)
+    runs = [replace(r, torque=1.7 * r.torque) if k in other else r for k, r in enumerate(recording.trajectories)]
+    _, [fault] = recording_faults(replace(recording, trajectories=tuple(runs)))
+    assert fault.kind == "torque_gain" and fault.trajectories == tuple(f"run{k}" for k in other)
+    assert fault.value == pytest.approx(1.7, rel=0.1)
+
+
+def test_a_small_slow_run_of_a_curved_law_is_no_gain() -> None:
+    """An absorber of gas and oil: over a slow, small sine its curved force has another factor."""
+    t = np.arange(3000) / 500.0
+    runs = []
+    for k in range(12):
+        size, f = (0.02, 0.035, 0.05)[k % 3], (0.5, 1.0, 1.7, 2.5)[k // 3]
+        q = size * np.sin(2.0 * np.pi * f * t + 0.5 * k)
+        v = 2.0 * np.pi * f * size * np.cos(2.0 * np.pi * f * t + 0.5 * k)
+        out = 1500.0 * v / (1.0 + 2.0 * np.abs(v)) + 300.0 * np.tanh(v / 0.08)
+        force = np.where(v > 0.0, out, 700.0 * v + 250.0 * v * np.abs(v) + 90.0 * np.tanh(v / 0.05))
+        force = force + 180.0 / (1.0 - q / 0.25) ** 1.2
+        runs.append(Trajectory(id=f"run{k}", t=t, q=q, qd=v, current=np.zeros(len(t)), torque=force))
+    assert recording_faults(Recording(trajectories=tuple(runs)))[1] == ()
