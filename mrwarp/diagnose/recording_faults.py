@@ -202,7 +202,7 @@ class _Fit:
         """Factors by which the other group leaves more of each run than its own, with it and without it, shape (R,)."""
         weight, runs = 1.0 / np.maximum(self.spread**2, 1e-30), np.arange(len(second))
         found = []
-        for k in runs:
+        for k in range(len(second)):
             mine = weight * (second == second[k])
             other = self.left_by(k, self.agreed(weight * (second != second[k])))
             found.append([other / self.left_by(k, self.agreed(own)) for own in (mine, mine * (runs != k))])
@@ -341,7 +341,7 @@ def _other_device(recording: Recording, table: _Table) -> RecordingFault | None:
     gain = float(np.median(factors[few]))
     most = fit.agreed(~few / np.maximum(fit.spread**2, 1e-30))
     own = fit.agreed(few / np.maximum(fit.spread**2, 1e-30))
-    if gain > 0.0 and all(fit.left_by(k, gain * most) < _APART**2 * fit.left_by(k, own) for k in runs):
+    if gain > 0.0 and all(fit.left_by(k, gain * most) < _APART**2 * fit.left_by(k, own) for k in runs.tolist()):
         alike = bool((fits[few] > _ALIKE).all()) and abs(math.log(gain)) > math.log1p(_GAIN)
         return _fault(recording, "torque_gain", runs, factors, "1", 1.0) if alike else None
     return _fault(recording, "other_device", runs, np.where(few, apart, 1.0), "1", 1.0)

@@ -1,5 +1,7 @@
 """Fitting: known parameters of data made by the kernel itself come back, first looks point at what was hidden."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -138,6 +140,16 @@ def test_an_effect_that_cannot_act_gains_nothing_where_a_number_is_at_its_bound(
     assert base.x[1] == 0.0 and 1 not in base.free
     (look,) = screen(problem, base, ["coil_lag"])
     assert look.total == pytest.approx(base.total, rel=1e-6)
+
+
+def test_nothing_depends_on_a_control_input_that_never_changes() -> None:
+    """Where it is 0 or the same throughout, no effect of it is a candidate: it would only be another start of a fit."""
+    at = known.problem().motion
+    assert known.posed(at).impossible == ()
+    for level in (0.0, 1.0):
+        still = known.posed(replace(at, current=np.full_like(at.current, level))).impossible
+        assert {"current_saturation", "current_viscosity", "coil_lag", "load_friction"} <= set(still)
+        assert "coulomb_friction" not in still and "speed_weakening" not in still
 
 
 def test_coordinates_follow_the_path() -> None:
