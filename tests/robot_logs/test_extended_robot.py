@@ -25,7 +25,7 @@ def test_robot_usda_carries_gain_and_rotor_inertia_and_names_what_it_cannot(tmp_
     d = SimpleNamespace(parameters=parameters, theta=theta, model=model, log=log, session={})
     out = tmp_path / "out"
     out.mkdir()
-    names, notes = write_extended(d, out)  # pyright: ignore[reportArgumentType]
+    names, notes = write_extended(d, out)
     assert names == ["robot.usda", "model.json"]
     assert notes == ["robot.usda has no place for coulomb_friction: model.json has the numbers"]
     old, new = load_robot(robot="mr_go"), load_robot(robot=str(out / "robot.usda"))
