@@ -31,6 +31,7 @@ def main() -> int:
     parser.add_argument(
         "--resolve", action="store_true", help="where the verdict is ambiguous, make the proposed experiment as well"
     )
+    parser.add_argument("--known", action="store_true", help="what is hidden is known: ask for its size only")
     parser.add_argument("--out", metavar="DIR", help="folder of cases.jsonl; cases in it are not run again")
     parser.add_argument("--report", action="store_true", help="print the tables of --out without running anything")
     parser.add_argument("--only", type=int, metavar="INDEX", help="run this case alone and print what was found")
@@ -61,8 +62,9 @@ def _run(plan: Plan, args: argparse.Namespace) -> list[dict[str, Any]]:
         print(line, flush=True)
 
     return run_suite(
-        plan, args.sets, args.out, jobs=args.jobs, check_gain=args.check_gain, resolve=args.resolve, told=told
-    )
+        plan, args.sets, args.out, jobs=args.jobs, check_gain=args.check_gain, resolve=args.resolve, known=args.known,
+        told=told,
+    )  # fmt: skip
 
 
 def _one(plan: Plan, args: argparse.Namespace) -> None:
@@ -71,7 +73,7 @@ def _one(plan: Plan, args: argparse.Namespace) -> None:
         write_case(case, args.keep)
         print(f"{args.keep}: {len(case.recording.trajectories)} trajectories, {'+'.join(case.truth.kinds) or 'none'}")
         return
-    found = run_case(plan, args.only, check_gain=args.check_gain, resolve=args.resolve)
+    found = run_case(plan, args.only, check_gain=args.check_gain, resolve=args.resolve, known=args.known)
     print(json.dumps(found, indent=1, default=float, ensure_ascii=False))
 
 

@@ -43,7 +43,13 @@ class SuiteError(ValueError):
 
 
 def run_case(
-    plan: Plan, index: int, *, check_gain: bool = False, resolve: bool = False, diagnose: Diagnose | None = None
+    plan: Plan,
+    index: int,
+    *,
+    check_gain: bool = False,
+    resolve: bool = False,
+    known: bool = False,
+    diagnose: Diagnose | None = None,
 ) -> dict[str, Any]:
     """Make a case, diagnose it and judge the result; what the diagnosis raises is recorded, not passed on.
 
@@ -52,6 +58,7 @@ def run_case(
         index: Which case.
         check_gain: Compare the claimed gain with that on untouched sessions.
         resolve: Where the verdict is ambiguous, make the experiment that it asks for and diagnose again.
+        known: Only the hidden effects may be named: asks for their sizes and intervals, in a quarter of the time.
         diagnose: The diagnosis; None takes ``mrwarp.diagnose.pipeline``.
     """
     if diagnose is None:
@@ -72,7 +79,7 @@ def run_case(
     begin, cpu = time.perf_counter(), time.process_time()
     try:
         assert diagnose is not None
-        result = diagnose(recording, seed=case.seed)
+        result = diagnose(recording, seed=case.seed, **({"effects": truth.kinds} if known else {}))
         found = record_of(result)
     except Exception as error:  # a failure is an outcome of the benchmark; the line says where
         where = traceback.format_exc(limit=-3)
@@ -136,6 +143,7 @@ def run_suite(
     jobs: int = 1,
     check_gain: bool = False,
     resolve: bool = False,
+    known: bool = False,
     diagnose: Diagnose | None = None,
     told: Callable[[str], None] = print,
 ) -> list[dict[str, Any]]:
@@ -148,6 +156,7 @@ def run_suite(
         jobs: Processes, each with one thread; 0 runs in this process.
         check_gain: As in :func:`run_case`.
         resolve: As in :func:`run_case`.
+        known: As in :func:`run_case`.
         diagnose: As in :func:`run_case`; must be importable by name where ``jobs`` > 0.
         told: Takes the lines of progress.
 
@@ -159,14 +168,17 @@ def run_suite(
     settings = json.loads(json.dumps({**asdict(plan), "check_gain": check_gain}))
     if resolve:
         settings["resolve"] = True
-    known = out / SETTINGS
-    if known.exists() and json.loads(known.read_text(encoding="utf-8")) != settings:
-        raise SuiteError(f"{out} holds another suite ({known.name} differs); choose another folder")
-    known.write_text(json.dumps(settings, indent=1) + "\n", encoding="utf-8")
+    if known:
+        settings["known"] = True
+    file = out / SETTINGS
+    if file.exists() and json.loads(file.read_text(encoding="utf-8")) != settings:
+        raise SuiteError(f"{out} holds another suite ({file.name} differs); choose another folder")
+    file.write_text(json.dumps(settings, indent=1) + "\n", encoding="utf-8")
     done = {case["index"]: case for case in read_cases(out)}
     left = [index for index in range(sets) if index not in done]
     with (out / CASES).open("a", encoding="utf-8") as stream:
-        for case in _cases(plan, left, jobs, {"check_gain": check_gain, "resolve": resolve, "diagnose": diagnose}):
+        how = {"check_gain": check_gain, "resolve": resolve, "known": known, "diagnose": diagnose}
+        for case in _cases(plan, left, jobs, how):
             stream.write(json.dumps(case, default=_plain, ensure_ascii=False) + "\n")
             stream.flush()
             done[case["index"]] = case

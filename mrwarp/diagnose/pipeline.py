@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Collection
 from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
@@ -43,6 +44,7 @@ def diagnose(
     *,
     model: Model | None = None,
     holding: Holding | None = None,
+    effects: Collection[str] | None = None,
     seed: int = 0,
     progress: Progress | None = None,
     threads: int = 1,
@@ -55,6 +57,7 @@ def diagnose(
             of the baseline. None: the paper's joint where the units are its own. What it knows besides, such as the
             holding law, the models of the result know too.
         holding: Break-away torques, for eq. 18 of those models; they count before the model's.
+        effects: Effects that may be named, of the catalogue; None: all of it.
         seed: Seed of every draw (starts, resampling).
         progress: Takes a line on what is being done.
         threads: CPU threads of the replay.
@@ -69,7 +72,7 @@ def diagnose(
         log(fault.sentence)
     recording, decimated = decimate(recording)
     first, base = fit_baseline(recording, model=model, threads=threads, seed=seed, log=log)
-    candidates = _candidates(first, base)
+    candidates = _candidates(first, base, effects)
     log(f"{len(candidates)} effects as candidates")
     screened = screen_candidates(first, base, candidates)
     choice, other, other_base = choose_law(first, base, screened, [run.id for run in recording.trajectories], log)
@@ -85,7 +88,7 @@ def diagnose(
         log("the mismatch is structured: plain simulation error decides")
         first, base = with_learned_noise(replace(first, misfit=True), base)
     if first is not as_whitened:
-        candidates = _candidates(first, base)
+        candidates = _candidates(first, base, effects)
         screened = screen_candidates(first, base, candidates)
 
     # the best guess so far says how the log is to be read, and what is noise
@@ -174,7 +177,7 @@ def _completed(fitted: Model, nominal: Model | None, holding: Holding | None) ->
     return completed(fitted, nominal) if nominal else fitted
 
 
-def _candidates(problem: Problem, base: Fit) -> list[str]:
+def _candidates(problem: Problem, base: Fit, effects: Collection[str] | None) -> list[str]:
     """Effects that may be missing: what re-fitting takes up is none, nor what the baseline has."""
     known, lag = {*base.effects, *problem.impossible}, problem.motion.kinematics.velocity_lag
     if base.parameters.law:
@@ -184,5 +187,8 @@ def _candidates(problem: Problem, base: Fit) -> list[str]:
     return [
         name
         for name, law in CATALOGUE.items()
-        if law.kind != "calibration" and name not in known and (name != "velocity_lag" or lag > 0.0)
+        if law.kind != "calibration"
+        and name not in known
+        and (effects is None or name in effects)
+        and (name != "velocity_lag" or lag > 0.0)
     ]

@@ -277,6 +277,24 @@ def test_suite_resumes_and_prints(tmp_path: Path) -> None:
         run_suite(dataclasses.replace(plan, level=0.8), 4, tmp_path, jobs=0, diagnose=blames_the_coil)
 
 
+def test_known_effects_alone_may_be_named(tmp_path: Path) -> None:
+    """With --known the diagnosis is told what is hidden; its cases are another suite's."""
+    asked: list[Any] = []
+
+    def told(recording: Recording, **options: Any) -> Any:
+        asked.append(options.get("effects"))
+        return blames_the_coil(recording, seed=options["seed"])
+
+    plan = Plan(family="single", size="small", kinds=("coil_lag", "cogging"), seed=3)
+    for index in range(2):
+        run_case(plan, index, known=True, diagnose=told)
+    run_case(plan, 0, diagnose=told)
+    assert asked == [("coil_lag",), ("cogging",), None]
+    run_suite(plan, 1, tmp_path, jobs=0, known=True, diagnose=told, told=lambda line: None)
+    with pytest.raises(SuiteError, match="another suite"):
+        run_suite(plan, 1, tmp_path, jobs=0, diagnose=told)
+
+
 def test_failures_are_outcomes() -> None:
     """A diagnosis that raises does not end the suite."""
 

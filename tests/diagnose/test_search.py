@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mrwarp.diagnose.pipeline import _candidates
 from mrwarp.diagnose.problem import CHI2, FLOOR, covariance, reported_fit, threshold
 from mrwarp.diagnose.screening import Models
 from mrwarp.diagnose.search import Selection, _within_range, best_single, screen_candidates, select
@@ -96,6 +97,14 @@ def test_only_candidates_are_named() -> None:
     selection = searched(made({"rotor_inertia": {"inertia": 0.01}}), ["wear", "coil_lag"])
     assert "rotor_inertia" not in selection.final.effects
     assert selection.leftovers[0].gain > threshold(selection.base)
+
+
+def test_a_caller_says_which_effects_may_be_named() -> None:
+    """Of the catalogue, and never one that the data cannot show."""
+    problem = made()
+    base = known.fitted(problem)
+    assert _candidates(problem, base, ("wear", "coil_lag", "torque_gain")) == ["coil_lag", "wear"]
+    assert {"coil_lag", "wear", "backlash"} < set(_candidates(problem, base, None))
 
 
 def test_search_is_the_same_twice() -> None:
