@@ -176,7 +176,8 @@ def make_log(
     Raises:
         LogError: base, gains or the meaning of ``tau`` are missing or cannot be.
     """
-    where, base = path / LOG_FILE, header.get("base")
+    bag, base = is_bag(path), header.get("base")
+    where = f"{path}: the map" if bag else str(path / LOG_FILE)
     if base is None and "robot" in header:
         base = "free" if any(run.base for run in runs) else "fixed"
         notes = [*notes, f"log.json names no base: taken as {base}"]
@@ -200,13 +201,23 @@ def make_log(
             targets = run.joint.get("q_des")
             varies = "kp" in run.joint and np.isfinite(run.joint["kp"][:, k]).all()
             if targets is not None and np.isfinite(targets[:, k]).any() and not np.isfinite(kp[k]) and not varies:
-                raise LogError(f"{where}: {joint} has q_des but no gain; add it to kp, or a column kp.{joint}")
+                raise LogError(_no_gain(path, joint, bag))
     if base == "free" and not any("quat" in run.base for run in runs):
         notes = [*notes, "the trunk floats, but its orientation (quat) was not logged: it is taken as level at first"]
     return RobotLog(
         path=path, robot=str(header.get("robot", "")), base=base, joints=joints, kp=np.nan_to_num(kp),
         kd=np.nan_to_num(kd), tau_is=tau_is, runs=runs, header=header, notes=tuple(notes),
     )  # fmt: skip
+
+
+def _no_gain(path: Path, joint: str, bag: bool) -> str:
+    """Refusal of a joint whose command is a target, with where its gain goes."""
+    if not bag:
+        return f"{path / LOG_FILE}: {joint} has q_des but no gain; add it to kp, or a column kp.{joint}"
+    return (
+        f'{path}: {joint} has targets but no gain; a map gives it, {{"kp": {{"{joint}": NUMBER}}}}, or one number '
+        "for all joints, by --map MAP.json of 'mrwarp log import', or as map.json in the bag's folder"
+    )
 
 
 def _header(path: Path) -> dict[str, Any]:
@@ -255,7 +266,7 @@ def _units(path: Path, header: Mapping[str, Any]) -> dict[str, float]:
     return found
 
 
-def _gains(where: Path, header: Mapping[str, Any], name: str, joints: tuple[str, ...]) -> np.ndarray:
+def _gains(where: str, header: Mapping[str, Any], name: str, joints: tuple[str, ...]) -> np.ndarray:
     """A gain by joint, NaN where it is not given; one number stands for all joints."""
     given = header.get(name, {})
     if isinstance(given, int | float) and not isinstance(given, bool):

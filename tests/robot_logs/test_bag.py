@@ -244,7 +244,8 @@ def test_unitree_s_low_level_messages_need_no_map(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("mapping", "said"),
     [
-        ({}, "no gain .. add it to kp"),
+        ({}, 'bag: hip has targets but no gain .. {"kp": {"hip": NUMBER}} .. --map MAP.json .. map.json in the bag'),
+        ({"kp": {"hipp": 20}}, "bag: the map: kp of 'hipp' .. is it hip?"),
         ({"kp": 20, "command": "/joint_comands"}, "no topic of the bag .. is it /joint_commands?"),
         ({"kp": 20, "joints": {"hipp": "hip"}}, "joint 'hipp' is not in the bag .. is it hip?"),
         ({"kp": 20, "joints": 3}, "joints = 3 .. write"),
