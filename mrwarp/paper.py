@@ -248,5 +248,6 @@ TITLES = {
     "support": "Sections 3.3, 5.2 and 7: the support branch's free numbers, and the fastest speed",
     "fig10": "Figure 10: power and state of charge of the mission",
     "fig11": "Figure 11: temperatures of the mission",
+    "predictions": "Frozen before they were run: new training seeds, 5 kg, a gait of 2 Hz, other impacts",
 }
 """Heading of each entry of the reproduction in the paper's order, by its name on the command line."""

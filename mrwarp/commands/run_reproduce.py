@@ -180,6 +180,8 @@ class FillPages(Options):
     """output folders of reports, whose entries replace those of docs/results/paper.json first"""
     only_check: opt.Flag = False
     """write nothing; exit code 1 where a page differs"""
+    freeze: opt.Flag = False
+    """write the intervals of 'predictions' into policies/unseen, from docs/results/paper.json; once"""
 
     def run(self, line: CommandLine) -> int:
         """0 filled or equal, 1 when a page differs under ``--only-check``, 2 on bad input."""
@@ -189,6 +191,11 @@ class FillPages(Options):
             raise ValueError(f"{pages.ROOT}: has no docs; run it in a checkout")
         if self.results:
             print(f"figures in {pages.collect(self.results)}")
+        if self.freeze:
+            from mrwarp.reproduce import predictions
+            from mrwarp.reproduce.claims import Results
+
+            print(f"frozen in {predictions.write(Results(pages.read()['parts']))}")
         differing = pages.fill(check=self.only_check)
         told = "differs; run mrwarp reproduce docs" if self.only_check else "filled"
         for path in differing:

@@ -250,6 +250,7 @@ BLOCKS: dict[str, Callable[[Results], str]] = {
     "table6_training": _part_table("table6", "Reduction of COT by SAL"),
     "table6_closed": _part_table("table6", "What holding saves"),
     "table6_electrical": _part_table("electrical", "Reduction of COT by SAL [%], both"),
+    "predictions": _part_table("predictions", "Frozen before"),
     "support": _part_table("support", "Reduction of COT"),
     "table6": _rows_table("table6"),
     "fig10": _rows_table("fig10"),

@@ -11,6 +11,7 @@ from mrwarp.reproduce import (
     impact_results,
     impacts,
     missions,
+    predictions,
     support,
     table4,
     training_results,
@@ -103,6 +104,14 @@ _ALL = (
     Experiment(name="windows", compute=missions.simulate, settings=WINDOWS, seconds=_walks(40.0, "window", 10.0)),
     Experiment(name="fig10", compute=missions.fig10, needs=("walks", "windows")),
     Experiment(name="fig11", compute=missions.fig11, needs=("walks", "windows")),
+    Experiment(
+        name="predictions",
+        compute=predictions.compute,
+        needs=("walks", "pushes"),
+        settings=("policies", "impacted", "aware", "rollouts", "distance", "impacts", "seed"),
+        files=predictions.files,
+        seconds=_walks(80.0, "distance", 30.0),
+    ),
 )
 
 CATALOGUE = {experiment.name: experiment for experiment in _ALL}

@@ -1,0 +1,46 @@
+"""Predictions are frozen once, by the stated rule, and a miss is told."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from mrwarp.reproduce import pages, predictions
+from mrwarp.reproduce.claims import Results
+from mrwarp.reproduce.predictions import Known, Prediction, between, interval
+
+ONE = Prediction(condition="5 kg", quantity="COT", unit="", digits=2, centre=3.0, half_width=0.5)
+
+
+def test_interval_is_students_over_seeds() -> None:
+    """t of 90 % with two degrees of freedom is 2.92; new seeds add their own scatter."""
+    known = Known(mean=1.0, sd=0.3, n=3)
+    assert interval(known) == pytest.approx(2.91999 * 0.3 / math.sqrt(3.0), rel=1e-4)
+    assert interval(known, 5) == pytest.approx(2.91999 * 0.3 * math.sqrt(1.0 / 3.0 + 1.0 / 5.0), rel=1e-4)
+
+
+def test_lines_carry_mean_and_spread() -> None:
+    """Beyond the second point its own spread counts more."""
+    known = between(Known(mean=1.0, sd=0.1, n=5), Known(mean=4.0, sd=0.1, n=3), 5.0 / 3.0)
+    assert (known.mean, known.n) == (pytest.approx(6.0), 3)
+    assert known.sd == pytest.approx(0.1 * math.hypot(2.0 / 3.0, 5.0 / 3.0))
+
+
+def test_the_rule_covers_every_part_and_is_frozen_once(tmp_path: Path) -> None:
+    """From the committed figures; a second freeze is refused, what was written is what is read."""
+    found = Results(pages.read()["parts"])
+    predictions.write(found, tmp_path)
+    assert predictions.read(tmp_path) == predictions.freeze(found)
+    with pytest.raises(ValueError, match="is frozen"):
+        predictions.write(found, tmp_path)
+    keys = [(each.condition, each.quantity) for each in predictions.read()]
+    assert len(keys) == len(set(keys)) == 36
+    assert all(each.half_width > 0.0 for each in predictions.read())
+
+
+def test_misses_are_told() -> None:
+    """Outside, and where no robot arrived."""
+    found = predictions.findings([(ONE, 3.4), (ONE, 3.6), (ONE, math.nan)])
+    assert [row[-1] for row in found.tables[0].rows] == ["hit", "missed", "missed"]
+    assert found.tables[0].title.startswith("Frozen before they were run: 1 of 3")
+    assert list(found.claims.values()) == [False]
