@@ -28,12 +28,14 @@ def layout_lines(asset: RobotAsset) -> Iterator[str]:
     head = f"{'joint':{width}s}  {'leg':8s} {'stance':>8s} {'limits [rad]':>16s}"
     yield f"{head} {'Kp':>7s} {'Kd':>6s} {'max N·m':>8s} {'rotor':>8s}  drive"
     legs = [(leg.name, joint) for leg in layout.legs for joint in leg.joints]
-    named = {joint for _, joint in legs}
+    named, bare = {joint for _, joint in legs}, list[str]()
     for leg, joint in [*legs, *(("-", joint) for joint in layout.joints if joint not in named)]:
         prim, drive = asset.stage.GetPrimAtPath(base.AppendPath(f"joints/{joint}")), drives[joint]
         low, high = (math.radians(prim.GetAttribute(f"physics:{which}Limit").Get()) for which in ("lower", "upper"))
         limits = f"{low:.2f} to {high:.2f}" if high - low < math.radians(2.0 * NO_LIMIT) - 1e-3 else "none"
         device = "motor" if drive.mr is None else f"MR device, {drive.mr.coil.current_max:g} A"
+        if drive.mr is not None and layout.leg_of(joint) < 0:
+            device, bare = f"{device}, no gates", [*bare, joint]
         yield (
             f"{joint:{width}s}  {leg:8s} {layout.neutral[joint]:8.3f} {limits:>16s} {drive.kp:7.4g} {drive.kd:6.3g} "
             f"{drive.tau_limit:8.4g} {prim.GetAttribute('newton:armature').Get() or 0.0:8.3g}  {device}"
@@ -56,6 +58,12 @@ def layout_lines(asset: RobotAsset) -> Iterator[str]:
         )
     if not devices:
         yield f"no MR devices: 'mrwarp robot fit-device {asset.path.name} --joint JOINT ...' puts them on"
+    if bare:
+        why = "no foot of a leg hangs below" if layout.legs else "there are no legs, so no foot loads"
+        yield (
+            f"no gates: {why} {', '.join(bare[:3])}{' and others' if bare[3:] else ''}; the coil gets its current all "
+            "the time, and the device holds wherever the joint is slow"
+        )
     for note in read_notes(asset.stage):
         yield f"note: {note}"
 

@@ -220,6 +220,20 @@ def test_toes_and_a_foot_of_its_own_name_bear_load(file: Callable[..., Path], tm
     assert [name.endswith(("left_foot", "right_foot")) for name in names] == [True, True]
 
 
+def test_a_device_at_the_toes_has_no_gates_and_that_is_said(
+    file: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A foot hangs below a knee, none below its toes."""
+    out = tmp_path / "toes.usda"
+    assert main(["robot", "import", str(file(WALKER, limit=100.0, kp=400.0)), "--out", str(out)]) == 0
+    assert "no gates" not in capsys.readouterr().out
+    assert main(["robot", "fit-device", str(out), "--joint", "*_toes", "*_knee"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    rows = {line.split()[0]: line for line in said if "MR device," in line}
+    assert [name for name, row in rows.items() if "no gates" in row] == ["left_toes", "right_toes"] and len(rows) == 4
+    assert any(line.startswith("no gates: no foot of a leg hangs below left_toes, right_toes; ") for line in said)
+
+
 def test_what_holding_the_stance_takes(file: Callable[..., Path]) -> None:
     """A leg bears a quarter of the weight, whose lever about the knee follows from the angles."""
     found = understand(read_robot(file(DOG)), Choices())
