@@ -118,9 +118,14 @@ class _Table:
             self.places = np.array([[r.q.mean() / span, r.current.mean() / (level or 1.0)] for r in runs])
             moves = [[r.q.std() / span, r.qd.std() / speed, r.current.std() / (level or 1.0)] for r in runs]
             self.conditions = np.column_stack([self.places, moves])
+            loops = [[_stress(r.q / span, reach)[:: self.every] for r in runs] for reach in _REACHES]
+            thinned = [(r.q[:: self.every], r.qd[:: self.every], r.current[:: self.every]) for r in runs]
             self.looks = [
-                [_features(r, speed, span, level, reach, alpha)[:: self.every] for r in runs]
-                for reach in _REACHES
+                [
+                    _features(q / span, qd / speed, current, level, z / (1.0 + alpha * np.abs(qd / speed)))
+                    for (q, qd, current), z in zip(thinned, stress, strict=True)
+                ]
+                for stress in loops
                 for alpha in _WEAKENINGS
             ]
             self.take(recording)
@@ -223,13 +228,11 @@ def _moments(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return dx.T @ dx / len(y), dx.T @ (y - y.mean()) / len(y)
 
 
-def _features(run: Trajectory, speed: float, span: float, level: float, reach: float, alpha: float) -> np.ndarray:
-    """Eq. 14 in its linear numbers, shape (N, K)."""
-    qd = run.qd / speed
-    loop = _stress(run.q / span, reach) / (1.0 + alpha * np.abs(qd))
-    out = [qd, run.q / span, loop]
+def _features(q: np.ndarray, qd: np.ndarray, current: np.ndarray, level: float, loop: np.ndarray) -> np.ndarray:
+    """Eq. 14 in its linear numbers, shape (N, K); angle, velocity and loop in their ranges, the current's is level."""
+    out = [qd, q, loop]
     if level > 0.0:
-        u = run.current / level
+        u = current / level
         out += [u, u * loop, u * u * loop]
     return np.column_stack(out)
 
@@ -316,11 +319,14 @@ def _other_gain(recording: Recording, table: _Table) -> RecordingFault | None:
     if split is None:
         return None
     # once more by the runs that agree alone: the others bend what all say together
-    factors, fits = table.fit.factors(max(split, key=len).tolist())
+    agree = max(split, key=len)
+    factors, fits = table.fit.factors(agree.tolist())
     split = _two_groups(np.log(np.maximum(factors, 1e-3)), _GAIN_GAP, np.log1p(_GAIN))
     if split is None:
         return None
     most, few = sorted(split, key=len, reverse=True)
+    if np.isin(few, agree).any():
+        return None  # by another look at the same runs others stand out: that is the description, not the runs
     covered = _covered(recording, table.conditions[:, 2:4], few, most)
     if 3 * len(few) > len(factors) or not (fits[few] > _ALIKE).all() or not covered:
         return None

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.confusion.case import make_case
+from benchmarks.confusion.families import Plan
 from mrwarp.diagnose.recording_faults import recording_faults
 from mrwarp.recording.load import Recording, Trajectory, load_recording
 
@@ -104,6 +105,22 @@ def test_the_damper_whose_zero_moved() -> None:
     _, [fault] = recording_faults(load_recording(folder))
     assert fault.kind == "torque_zero" and fault.unit == "N"
     assert len(fault.trajectories) == 34 and fault.value == pytest.approx(130.0, rel=0.1)
+
+
+def test_a_run_that_agreed_at_first_has_no_gain_of_its_own() -> None:
+    """Kwok's law, nothing hidden: which run stands out depends on who describes the rest."""
+    recording = Plan(family="foreign", level=0.1, seed=77).make(19).recording
+    assert recording_faults(recording) == (recording, ())
+
+
+@pytest.mark.parametrize(("family", "seed", "index"), [("none", 2, 0), ("foreign", 77, 1)])
+def test_a_gain_of_one_run_is_told(family: str, seed: int, index: int) -> None:
+    """Twice the torque in one run, on the paper's device and on one by Kwok's law."""
+    runs = list(Plan(family=family, level=0.1, seed=seed, size="small").make(index).recording.trajectories)
+    runs[5] = replace(runs[5], torque=2.0 * runs[5].torque)
+    _, [fault] = recording_faults(Recording(trajectories=tuple(runs)))
+    assert fault.kind == "torque_gain" and fault.trajectories == (runs[5].id,)
+    assert fault.value == pytest.approx(2.0, rel=0.3)
 
 
 def mixed_devices(other: tuple[int, ...], load: float, viscous: float, seed: int = 3) -> Recording:
