@@ -263,12 +263,12 @@ def covariance(fit: Fit) -> np.ndarray:
     return noise * np.outer(ratio, ratio)
 
 
-def interval(fit: Fit, index: int, spread: np.ndarray) -> tuple[float, float]:
-    """95 % interval of one coordinate, by the :func:`covariance` ``spread``."""
+def interval(fit: Fit, index: int, spread: np.ndarray, level: float = 0.95) -> tuple[float, float]:
+    """Interval of one coordinate that holds it with this chance, by the :func:`covariance` ``spread``."""
     parts, size = fit.equations.parts, len(fit.x)
     information = parts[:, index, index] if index < size else np.ones(len(parts))
     effective = float(information.sum() ** 2 / max(float((information**2).sum()), 1e-300))
-    half = float(stats.t.ppf(0.975, max(effective - 1.0, 2.0))) * float(np.sqrt(spread[index, index]))
+    half = float(stats.t.ppf(0.5 + 0.5 * level, max(effective - 1.0, 2.0))) * float(np.sqrt(spread[index, index]))
     return float(fit.x[index] - half), float(fit.x[index] + half)
 
 

@@ -141,6 +141,15 @@ def without_parts(problem: Problem, selection: Selection, account: Account) -> t
             final = models.without(final, effect)
     if not doubts:
         return selection, ()
+    unknown = True
+    while unknown:  # what stays has to have a known size without them, too
+        fit = reported_fit(problem, final)
+        reasons = {e: _size_doubt(e, fit, problem) or _interval_doubt(e, fit) for e in models.added(final)}
+        unknown = [e for e, reason in reasons.items() if reason]
+        for effect in unknown:
+            gain = selection.own_gain.get(effect, 0.0) / selection.base.total
+            doubts.append(Doubt(effect=effect, reason=reasons[effect], gain=gain, fit=fit))
+            final = models.without(final, effect)
     gains = {name: gain for name, gain in selection.own_gain.items() if name in final.effects}
     left = leftovers(problem, final)
     return replace(selection, final=final, own_gain=gains, leftovers=left), tuple(doubts)
@@ -230,18 +239,22 @@ def _halves_doubt(effect: str, fit: Fit, problem: Problem) -> str:
 
 
 def _interval_doubt(effect: str, fit: Fit) -> str:
-    """Why the size of an effect is not known, or nothing."""
-    spread, known, linear = covariance(fit), False, False
-    for i, slot in fit.parameters.items():
-        if slot.effect != effect or slot.parameter.form:
-            continue
-        low, high = interval(fit, i, spread)
-        if not slot.logarithmic or slot.parameter.null > 0.0:
+    """Why the size of an effect is not known, or nothing.
+
+    An effect of several numbers that may be zero is known if one of them is, with the 95 % shared among them.
+    """
+    spread, known = covariance(fit), False
+    own = [(i, slot) for i, slot in fit.parameters.items() if slot.effect == effect and not slot.parameter.form]
+    linear = [i for i, slot in own if not slot.logarithmic or slot.parameter.null > 0.0]
+    for i, slot in own:
+        if i in linear:
+            low, high = interval(fit, i, spread, 1.0 - 0.05 / len(linear))
             null = float(np.log(slot.parameter.null)) if slot.logarithmic else slot.parameter.null
-            linear = True
             known |= not low <= null <= high
-        elif i == fit.parameters.own(effect)[0] and high - low > np.log(_KNOWN_WITHIN):
-            return "its size is not known within a factor of ten"
+        elif i == fit.parameters.own(effect)[0]:
+            low, high = interval(fit, i, spread)
+            if high - low > np.log(_KNOWN_WITHIN):
+                return "its size is not known within a factor of ten"
     return "its 95 % interval contains zero" if linear and not known else ""
 
 

@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mrwarp.diagnose import proof
 from mrwarp.diagnose.held_out import Account, Share, held_out_squares
-from mrwarp.diagnose.problem import reported_fit
+from mrwarp.diagnose.problem import covariance, interval, reported_fit
 from mrwarp.diagnose.proof import (
     _gain_doubt,
     _halves_doubt,
+    _interval_doubt,
     _possible_alternatives,
     _size_doubt,
     select_proven,
@@ -139,3 +141,44 @@ def test_a_piece_of_something_much_larger_is_a_suspect(times: float, stays: bool
     account = Account(named=part, repeatable=much, not_repeatable=part, left=0.1, cycle_spread=None, learnable=part)
     found, doubts = without_parts(problem, selection, account)
     assert found.named == (["torque_sensor_lag"] if stays else []) and len(doubts) == (not stays)
+
+
+@pytest.mark.parametrize(("effect", "times", "known_"), [
+    ("position_friction", 1.05, False), ("position_friction", 1.3, True), ("rotor_inertia", 1.05, True),
+])  # fmt: skip
+def test_of_two_numbers_one_has_to_be_clear_of_zero(effect: str, times: float, known_: bool) -> None:
+    """Of two numbers that may be zero either is beyond its own 95 % interval by chance in nearly a tenth of cases."""
+    problem = known.problem(at=known.motion(50, runs=6, seconds=2.0))
+    numbers = {"F1": 0.0, "F2": 0.0, "speed": 0.05} if effect == "position_friction" else {"inertia": 0.0}
+    fit = known.fitted(problem, {effect: numbers})
+    first, *others = fit.parameters.own(effect)
+    low, high = interval(fit, first, covariance(fit))
+    x = fit.x.copy()
+    x[[first, *others[:1]]] = 0.0
+    x[first] = times * 0.5 * (high - low)
+    assert (not _interval_doubt(effect, replace(fit, x=x))) == known_
+
+
+def test_what_stays_is_known_without_the_pieces_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An effect whose interval contains zero once a piece of something larger is out is a suspect as well."""
+    hidden = {"torque_sensor_lag": {"time_constant": 0.0015}, "cogging": {"sine": 0.1, "cosine": 0.0, "periods": 25.0}}
+    problem = known.problem(hidden, at=known.motion(50, runs=6, seconds=3.0))
+    base = known.fitted(problem)
+    selection, _ = select_proven(problem, base, screen_candidates(problem, base, list(hidden)))
+    assert set(selection.named) == set(hidden)
+    part = Share(share=0.5, ci95=(0.4, 0.6))
+    account = Account(
+        named=part,
+        repeatable=replace(part, share=0.9),
+        not_repeatable=part,
+        left=0.1,
+        cycle_spread=None,
+        learnable=part,
+    )
+    found, [doubt] = without_parts(problem, selection, account)
+    assert found.named == ["cogging"] and doubt.effect == "torque_sensor_lag"
+    reason = "its 95 % interval contains zero"
+    monkeypatch.setattr(proof, "_interval_doubt", lambda effect, fit: "" if len(fit.effects) > 1 else reason)
+    found, doubts = without_parts(problem, selection, account)
+    assert not found.named and [doubt.effect for doubt in doubts] == ["torque_sensor_lag", "cogging"]
+    assert doubts[1].reason == reason
