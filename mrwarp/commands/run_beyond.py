@@ -10,6 +10,7 @@ from typing import Annotated
 from mrwarp.enums import ARMS
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
+from mrwarp.resources import POLICIES
 from mrwarp.run_dir import check_writable, write_result
 from mrwarp.runtime import ProgressLine
 
@@ -102,5 +103,49 @@ class Ageing(Options):
         write_result(self.out, found, seed=self.seed, command=str(line))
         ageing.picture(found, self.out / "ageing.png")
         print("\n".join(ageing.lines(found)))
+        print(f"\nfigures and picture in {self.out}")
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pushes(Options):
+    """Push robots from all directions, standing, walking and on rough ground, with each current.
+
+    Falls and displacement by direction, with intervals; which gate and which legs do it. What is in the folder is not
+    done again.
+    """
+
+    out: opt.Folder = Path("runs/pushes")
+    """output folder: cells, result.json, pushes.png"""
+    policies: opt.Folder = POLICIES / "study_rough"
+    """policies that walk on rough ground"""
+    seeds: opt.Seeds = (0, 1, 2)
+    """training seeds, and seeds of poses and gait phases"""
+    strengths: Annotated[tuple[float, ...], opt.some(opt.within(1.0, 1e4, "N"), "N")] = (40.0, 60.0, 80.0)
+    """pushes for 0.2 s [N]"""
+    currents: Annotated[tuple[float, ...], opt.some(opt.within(0.0, 1.5, "A"), "A")] = (0.0, 0.5, 1.0, 1.5)
+    """currents; the first is what the others are compared with [A]"""
+    trials: opt.Count = 6
+    """pushes into each of 12 sectors, per seed"""
+    seconds: Annotated[float, opt.one(opt.within(0.5, 60.0, "s"), "S")] = 2.0
+    """time after the push begins in which a fall counts [s]"""
+    threads: opt.Whole = 0
+    """CPU threads; 0 = all, the figures are the same"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 done, 2 on bad input."""
+        check_writable(self.out)
+
+        from mrwarp.study import pushes
+
+        names = ("policies", "seeds", "strengths", "currents", "trials", "seconds", "threads")
+        cfg, progress = pushes.PushesCfg(**self.chosen(*names)), ProgressLine(sys.stdout)
+        try:
+            found = pushes.run(cfg, self.out, progress)
+        finally:
+            progress.done()
+        write_result(self.out, found, seed=self.seeds[0], command=str(line))
+        pushes.picture(found, self.out / "pushes.png")
+        print("\n".join(pushes.lines(found)))
         print(f"\nfigures and picture in {self.out}")
         return 0

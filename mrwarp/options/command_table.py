@@ -45,6 +45,9 @@ STUDY = {
     "fig5": Command("run_study:Figure5", "learning curves"),
     "current": Command("run_beyond:Current", "who should command the coils: fixed, a law, or the policy; resumable"),
     "ageing": Command("run_beyond:Ageing", "how soon one calibration a day notices a worn device"),
+    "pushes": Command(
+        "run_beyond:Pushes", "pushes from all directions with each current: falls by direction; resumable"
+    ),
 }
 
 ASSET = {

@@ -6,7 +6,6 @@ per watt, coils included; coils lag. Then all are walked and pushed alike.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -20,15 +19,13 @@ from mrwarp.energy.power import ElectricalCfg, battery_power, cost_of_transport,
 from mrwarp.energy.thermal import Temperatures, ThermalCfg
 from mrwarp.enums import ARMS, CurrentCommand, HoldCurrent
 from mrwarp.env.cfg import EnvCfg
-from mrwarp.model_file import read_json_file
 from mrwarp.paper import DISTANCE
 from mrwarp.rl import checkpoint
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.rl.trainer import TrainCfg, Trainer
-from mrwarp.run_dir import plain, write_text
 from mrwarp.runtime import panels, text_table
-from mrwarp.study.plan import ENERGY, HIGH_POWER_PRICE, plant_cfg, policy_file
+from mrwarp.study.plan import ENERGY, HIGH_POWER_PRICE, kept, plant_cfg, policy_file
 from mrwarp.trials.impact import ImpactCfg, ImpactSweep, Variant, body_extremes
 from mrwarp.trials.statistics import half_width
 from mrwarp.trials.walk_trials import WalkCfg, WalkResult, walk
@@ -127,7 +124,9 @@ def run(
     Raises:
         ValueError: a file in ``out`` is damaged or of another comparison.
     """
-    sweep = _kept(out / "fixed_currents.json", cfg, lambda: _sweep(cfg, electrical, report))
+    names = ("coil_lag", "iterations", "trials", "distance", "pushes", "power_price")
+    asked = {name: getattr(cfg, name) for name in names}
+    sweep = kept(out / "fixed_currents.json", asked, lambda: _sweep(cfg, electrical, report))
     best = float(min(sweep, key=lambda amps: sweep[amps]["cot"]))
     jobs = [(arm, seed) for seed in cfg.seeds for arm in cfg.arms]
     rows: dict[str, dict[int, dict[str, Any]]] = {arm: {} for arm in cfg.arms}
@@ -138,22 +137,9 @@ def run(
         if policy is None:
             return None
         measure = partial(_measure, cfg, arm, best, policy, electrical, heat)
-        rows[arm][seed] = _kept(folder / "measured.json", cfg, measure)
+        rows[arm][seed] = kept(folder / "measured.json", asked, measure)
     return {"arms": figures(rows), "fixed_currents": sweep, "best_fixed": best, "seeds": list(cfg.seeds),
             "measured": rows}  # fmt: skip
-
-
-def _kept(path: Path, cfg: CurrentsCfg, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """What a file holds, or make it; ValueError where it is of another comparison."""
-    asked = plain(
-        {name: getattr(cfg, name) for name in ("coil_lag", "iterations", "trials", "distance", "pushes", "power_price")}
-    )
-    if not path.is_file():
-        write_text(path, json.dumps(plain({"of": asked, "figures": make()}), indent=1) + "\n")
-    found = read_json_file(path, "remove it to measure anew")
-    if not isinstance(found, dict) or found.get("of") != asked:
-        raise ValueError(f"{path}: measured with other choices than asked for; name another --out")
-    return found["figures"]
 
 
 def _sweep(cfg: CurrentsCfg, electrical: ElectricalCfg, report: Callable[[str, float], None]) -> dict[str, Any]:

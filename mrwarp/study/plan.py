@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from mrwarp.enums import (  # noqa: F401  (the names of the plants, declared where command lines can read them)
     AWARE,
@@ -19,8 +21,10 @@ from mrwarp.enums import (  # noqa: F401  (the names of the plants, declared whe
     Coupling,
 )
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.options.json_file import read_json_file
 from mrwarp.resources import POLICIES, shipped_model
 from mrwarp.rl.ppo_cfg import LearningCfg
+from mrwarp.run_dir import plain, write_text
 from mrwarp.usd.robot import CURRENT_GROUPS, PUBLIC_GAINS
 
 SEEDS = (0, 1, 2)
@@ -168,3 +172,22 @@ def plant_cfg(
         randomize=replace(cfg.randomize, added_mass=LOAD) if cfg.randomize else None,
         currents=(CURRENT_GROUPS[-1],),
     )
+
+
+def kept(path: Path, of: Mapping[str, Any], make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Figures that a file holds, or make them and write it: a study that was stopped goes on where it was.
+
+    Args:
+        path: The file.
+        of: The choices that the figures hang on; the file keeps them.
+        make: Measures them.
+
+    Raises:
+        ValueError: the file is damaged, or holds what other choices gave.
+    """
+    if not path.is_file():
+        write_text(path, json.dumps(plain({"of": of, "figures": make()}), indent=1) + "\n")
+    found = read_json_file(path, "remove it to measure anew")
+    if not isinstance(found, dict) or found.get("of") != plain(of):
+        raise ValueError(f"{path}: measured with other choices than asked for; name another --out")
+    return found["figures"]

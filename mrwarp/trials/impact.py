@@ -170,6 +170,7 @@ class ImpactSweep:
 
     Attributes:
         env: The environments; setting i, trial k is environment ``i*trials + k``.
+        forces: Push on each trunk [N], world frame, shape (E, 3); may be changed before a run.
         foreign: What tells the devices from the paper's, see :func:`mrwarp.trials.walking.foreign_device`.
         watchers: Called after every torque step with the time relative to the impact's onset [s], e.g. to show it.
     """
@@ -197,6 +198,7 @@ class ImpactSweep:
                 f"note: {Path(env_cfg.robot).name} is not the paper's robot: the paper's figures are left out"
             )
         self.currents = self.env.current_e.clone()
+        self.forces = np.tile(cfg.force, (self.env.num_envs, 1))
         self._command = torch.tensor([cfg.speed, 0.0, 0.0], device=self.env.device)
         for i, variant in enumerate(cfg.variants):
             rows = slice(i * cfg.trials, (i + 1) * cfg.trials)
@@ -204,30 +206,20 @@ class ImpactSweep:
                 self.env.view(self.env.actuator.param(name))[rows] = value
         self.watchers: list[Callable[[float], None]] = []
         self._time = 0.0
+        self._walked_in: dict[str, torch.Tensor] | None = None
 
-    def run(self) -> ImpactTrace:
-        """Walk in, hit, and record."""
+    def run(self, *, again: bool = False) -> ImpactTrace:
+        """Walk in, hit, and record; ``again``: begin with the robots that the last push met, which walk in but once."""
         cfg, env, mass = self.cfg, self.env, self.mass
         env.substep_hooks.clear()
-        env.restart()
-        if mass is not None:
-            mass.hold()
-        env.current_e.zero_()
-        source = torch.arange(env.num_envs, device=env.device) % cfg.trials
-        if cfg.phases is not None:
-            low, high = cfg.phases
-            onset = low + (high - low) * (source + 0.5) / cfg.trials
-            before = cfg.warmup + (self.fall_time if mass is not None else 0.0)
-            env.phase.copy_((onset - before * env.cfg.gait_frequency).remainder(1.0))
-        env.copy_envs(source)
-        env.set_command(self._command)
-        self._time = -cfg.warmup
         if self.watchers:
             env.substep_hooks.append(self._tell)
-        obs = self._walk(env.get_observations(), cfg.warmup)
-        if mass is not None:
-            self._fall_until_contact(mass, obs)
+        if again and self._walked_in is not None:
+            env.load_state(self._walked_in)
             obs = env.get_observations()
+        else:
+            obs = self._walk_in()
+            self._walked_in = env.state() if mass is None else None
         env.current_e.copy_(self.currents)
         env.actuator.ledger.zero_()
         self._time = 0.0
@@ -244,6 +236,28 @@ class ImpactSweep:
         if mass is None:
             env.sim.push(env.layout.trunk, np.zeros((env.num_envs, 3)))
         return recorder.trace(contact, len(cfg.variants))
+
+    def _walk_in(self) -> TensorDict:
+        """Copies of the same robots just before they are hit, without current until then; returns what they observe."""
+        cfg, env, mass = self.cfg, self.env, self.mass
+        env.restart()
+        if mass is not None:
+            mass.hold()
+        env.current_e.zero_()
+        source = torch.arange(env.num_envs, device=env.device) % cfg.trials
+        if cfg.phases is not None:
+            low, high = cfg.phases
+            onset = low + (high - low) * (source + 0.5) / cfg.trials
+            before = cfg.warmup + (self.fall_time if mass is not None else 0.0)
+            env.phase.copy_((onset - before * env.cfg.gait_frequency).remainder(1.0))
+        env.copy_envs(source)
+        env.set_command(self._command)
+        self._time = -cfg.warmup
+        obs = self._walk(env.get_observations(), cfg.warmup)
+        if mass is not None:
+            self._fall_until_contact(mass, obs)
+            obs = env.get_observations()
+        return obs
 
     @property
     def fall_time(self) -> float:
@@ -267,7 +281,7 @@ class ImpactSweep:
         """Push the trunks from now on; the hook ends each push after its setting's duration."""
         sim, cfg = self.env.sim, self.cfg
         left = np.repeat([round(duration / sim.dt) for duration in cfg.durations], cfg.trials)
-        force, trunk = np.tile(cfg.force, (self.env.num_envs, 1)), self.env.layout.trunk
+        force, trunk = self.forces, self.env.layout.trunk
         sim.push(trunk, force)
 
         def tick() -> None:

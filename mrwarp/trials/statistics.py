@@ -30,3 +30,9 @@ def half_width(values: np.ndarray) -> float:
     """Half width of the 95 % interval of the mean (Student's t), shape (n,); 0 for one value."""
     n = len(values)
     return float(stats.t.ppf(0.975, n - 1) * values.std(ddof=1) / np.sqrt(n)) if n > 1 else 0.0
+
+
+def share(count: int, of: int) -> dict[str, float]:
+    """A share with its 95 % interval (Wilson's), ``low`` to ``high``."""
+    ends = stats.binomtest(count, of).proportion_ci(method="wilson")
+    return {"share": count / of, "low": float(ends.low), "high": float(ends.high)}

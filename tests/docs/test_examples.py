@@ -51,6 +51,7 @@ NOT_RUN = {
     "mrwarp reproduce table4": "minutes; tests/reproduce/test_headlines.py",
     "mrwarp reproduce docs": "writes into a checkout; tests/reproduce/test_pages.py",
     "mrwarp study current": "hours; tests/study",
+    "mrwarp study pushes": "minutes; tests/study/test_pushes.py",
     "mrwarp study ageing": "minutes; tests/identify/test_monitor.py",
     "mrwarp monitor": "reads records of others; tests/identify/test_monitor.py",
     "mrwarp walk --sal on --policy runs/own/policy.onnx": "reads what a training of hours makes; tests/env",

@@ -33,6 +33,7 @@ MISSPELT = {
     "sweep": "--out o --command fit --grid seed=0,1 -- none",
     "study table2": "--policies none",
     "study fig5": "--policies none",
+    "study pushes": "--policies none",
     "study train": "--start-from none",
     "asset show": "none.usda",
     "asset set": "none.usda FL_calf K1 1",

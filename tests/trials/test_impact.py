@@ -72,6 +72,17 @@ def test_push_lowers_the_robot_and_ends(push: ImpactTrace, policy: OnnxPolicy) -
     assert float(sweep.env.view(sweep.env.sim.backend.field("xfrc_applied")).abs().max()) == 0.0
 
 
+def test_a_push_may_differ_between_robots_that_walked_in_once(push: ImpactTrace, policy: OnnxPolicy) -> None:
+    """A run that begins where the last one had its onset has the same bits; forces of one's own push each its way."""
+    sweep = ImpactSweep(make_cfg(), policy)
+    for again in (False, True):
+        np.testing.assert_array_equal(sweep.run(again=again).height, push.height)
+    sweep.forces[:] = np.array([[50.0, 0.0, 0.0], [-50.0, 0.0, 0.0]] * 3)
+    speed = sweep.run(again=True).qpos[0, :, 0]
+    sweep.forces[0] = sweep.forces[1]
+    assert speed[-1] - sweep.run(again=True).qpos[0, -1, 0] > 0.1
+
+
 def test_trials_differ_in_gait_phase(push: ImpactTrace) -> None:
     """The trials of one setting are hit at different gait phases, so their heights differ."""
     assert abs(push.height[0, 0] - push.height[0, 1]).max() > 1e-3
