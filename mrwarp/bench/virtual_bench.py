@@ -61,7 +61,7 @@ class BenchCfg:
             raise ValueError(f"evaluation_samples = {self.evaluation_samples} must be 0 or at least {4 * MIN_SAMPLES}")
         if self.policy is not None and not self.policy.is_file():
             raise ValueError(
-                f"{self.policy}: {no_file(self.policy, 'policy')}; name an .onnx file that train/ppo.py wrote"
+                f"{self.policy}: {no_file(self.policy, 'policy')}; name an .onnx file that 'mrwarp train' wrote"
             )
         if self.seed < 0:
             raise ValueError(f"seed = {self.seed} must not be negative")

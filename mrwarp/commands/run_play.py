@@ -44,7 +44,7 @@ class Play(opt.RobotOptions):
     """
 
     policy: Annotated[opt.OptionalText, WHO] = None
-    """exported policy (.onnx), as train/ppo.py writes it"""
+    """exported policy (.onnx), as 'mrwarp train' writes it"""
     agent: Annotated[Literal["zero", "random", "sine"] | None, WHO] = None
     """no policy: stand still, move at random; sine, for an arm: every joint follows one"""
     live: Annotated[opt.Flag, opt.VIEW] = False

@@ -130,7 +130,12 @@ class ShowRobot(Options):
 
 def _scale(text: str) -> float | None:
     """A factor; None stands for the joint's torque limit."""
-    return None if text == "limit" else opt.positive(text)
+    if text == "limit":
+        return None
+    try:
+        return opt.positive(text)
+    except ValueError as error:
+        raise ValueError(f"{error}; or say limit") from None
 
 
 @dataclass(frozen=True, kw_only=True)

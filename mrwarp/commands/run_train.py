@@ -58,7 +58,7 @@ class Learning(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class Train(opt.ViewOptions, opt.RobotOptions, Learning):
-    """Train a quadruped with MR calf joints to walk, until the walking gate is met."""
+    """Train a robot on legs, with MR devices at its joints, to walk, until the walking gate is met."""
 
     device: str = "cpu"
     """cpu, cuda:N, or cuda: under torchrun a GPU for each process"""

@@ -33,7 +33,7 @@ _PATH = "no such file or folder; check the path"
 _USD = "no such file; name a .usda file"
 
 INPUTS = {
-    "policy": "no such policy; name an .onnx file that train/ppo.py wrote",
+    "policy": "no such policy; name an .onnx file that 'mrwarp train' wrote",
     "resume": "no such checkpoint; name the file checkpoint.pt that training wrote",
     "model": _MODEL,
     "bouc_wen": _MODEL,

@@ -25,7 +25,7 @@ LAYERS = ("Add", "Constant", "Div", "Elu", "Gemm", "Identity", "Mul", "Relu", "S
 MAX_JOINTS = 64
 """Most joints of a robot that a policy may be made for."""
 
-_REMEDY = "use a policy exported by train/ppo.py"
+_REMEDY = "use a policy that 'mrwarp train' exported"
 
 
 class PolicyError(ValueError):
@@ -69,7 +69,7 @@ class OnnxPolicy:
     def __init__(self, path: str | Path) -> None:
         self.path = path = Path(path)
         if not path.is_file():
-            raise PolicyError(f"{path}: {no_file(path, 'policy')}; name an .onnx file that train/ppo.py wrote")
+            raise PolicyError(f"{path}: {no_file(path, 'policy')}; name an .onnx file that 'mrwarp train' wrote")
         try:
             proto = onnx.load(str(path), load_external_data=False)
             onnx.checker.check_model(proto)

@@ -59,7 +59,7 @@ def read_networks(path: Path) -> Networks:
             samples = int(origin["iteration"]) * STEPS_PER_UPDATE * int(origin["task"]["num_envs"])
             weights, divisor = policy.actor()
         except (KeyError, TypeError, ValueError) as error:
-            raise PolicyError(f"{path}: lacks {one_line(error)}; use a policy of train/ppo.py") from error
+            raise PolicyError(f"{path}: lacks {one_line(error)}; use a policy of 'mrwarp train'") from error
         weights["obs_normalizer.count"] = torch.tensor(max(samples, 1))  # it weighs as much as what it was trained on
         return Networks(path=path, origin=origin, weights={"actor": weights}, divisor=divisor)
     content = load(path)

@@ -11,6 +11,7 @@ from pxr import Sdf, Usd
 
 from mrwarp.model_file import Model, Parameter
 from mrwarp.params import MrParams
+from mrwarp.runtime import closest
 from mrwarp.usd.asset import load_robot, masses
 from mrwarp.usd.open_stage import SCHEMA, AssetError
 from mrwarp.usd.record import LAW, PD, PREFIX, RECORD, record_text
@@ -52,7 +53,9 @@ def fit_device(
     names = [a.joint for a in asset.actuators]
     for pattern in patterns:
         if not fnmatch.filter(names, pattern):
-            raise AssetError(f"{file}: no joint is called {pattern}; choose among {', '.join(names)}")
+            raise AssetError(
+                f"{file}: no joint is called {pattern}; {closest(pattern, names)}choose among {', '.join(names)}"
+            )
     weight = sum(masses(asset).values()) / MASS  # a heavier robot's foot is loaded from a larger force on
     layer = Sdf.Layer.OpenAsAnonymous(str(file))
     stage = Usd.Stage.Open(layer)

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from mrwarp.robots.foreign import ForeignRobot, Joint, RobotFileError, Shape
 from mrwarp.robots.stance import Foot, solve_stance, standing_torques
+from mrwarp.runtime import closest
 from mrwarp.usd.robot import STAND_HEIGHT, Layout, Leg
 
 GROUND_SHARE, LEVEL_SHARE = 0.15, 0.05
@@ -111,9 +112,9 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
     numbers = (choices.pose, choices.kp, choices.kd, choices.torque_limit, choices.armature)
     for choice in (*numbers, choices.unlimited, choices.fix):
         for pattern in choice:
-            if not fnmatch.filter([joint.name for joint in robot.joints], pattern):
-                known = ", ".join(joint.name for joint in robot.joints)
-                raise RobotFileError(f"{robot.path}: no joint is called {pattern}; choose among {known}")
+            if not fnmatch.filter(known := [joint.name for joint in robot.joints], pattern):
+                hint = f"{closest(pattern, known)}choose among {', '.join(known)}"
+                raise RobotFileError(f"{robot.path}: no joint is called {pattern}; {hint}")
     held = {j.name: j for j in robot.joints if any(fnmatch.fnmatchcase(j.name, name) for name in choices.fix)}
     angles = {name: _chosen(choices.pose, name) for name in held}
     robot = robot.fixed({name: _home(held[name]) if q is None else q for name, q in angles.items()})

@@ -202,7 +202,7 @@ def test_an_unknown_layer_is_refused(exported: Path, tmp_path: Path) -> None:
         node.ClearField("attribute")
 
     message = refusal(edited(exported, tmp_path / "p.onnx", change))
-    assert "'Sigmoid'" in message and "Gemm" in message and "train/ppo.py" in message
+    assert "'Sigmoid'" in message and "Gemm" in message and "mrwarp train" in message
 
 
 def test_weights_in_another_file_are_refused(exported: Path, tmp_path: Path) -> None:

@@ -126,3 +126,5 @@ def test_a_scale_by_the_limit_is_the_papers_devices(
     line = ["robot", "fit-device", plain(), "--joint", "*", "--model", str(model), "--scale", "limit"]
     assert main(line) == 2
     assert "--scale limit" in capsys.readouterr().err
+    assert main([*line[:-1], "big"]) == 2
+    assert "--scale: 'big' is not a number; or say limit" in capsys.readouterr().err

@@ -165,6 +165,7 @@ JOINT = '<body name="arm"><joint name="extra" type="{kind}"/>{inertial}</body>'
 BAD = {
     "no torque limit": ({"limit": None}, [], ("leg_", "torque limit", "--torque-limit")),
     "a joint that is not there": ({}, ["--kp", "*_wrist=3"], ("*_wrist", "leg_a_knee")),
+    "a misspelt joint": ({}, ["--kp", "leg_a_kne=3"], ("leg_a_kne;", "did you mean 'leg_a_knee'?")),
     "a gait of other robots": ({}, ["--gait", "tripod"], ("tripod", "6 legs", "4")),
     "a stance beyond limits": ({}, ["--pose", "*_knee=0.5"], ("_knee", "0.500 rad", "-2.600 to -0.400")),
     "a foot that is none": ({}, ["--feet", "torso"], ("torso", "leg_a_lower")),
