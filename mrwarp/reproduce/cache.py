@@ -91,7 +91,9 @@ class Outcome:
     """``made``, ``kept``, ``waiting`` (what it needs is not there yet), ``failed`` or ``not run``."""
     findings: Findings | None = None
     seconds: float = 0.0
-    """What it took when it was made."""
+    """What it took when it was made [s]."""
+    processor: float = 0.0
+    """And on all cores together [s], which other programs do not lengthen."""
     message: str = ""
     """Why there are no findings."""
 
@@ -153,7 +155,7 @@ class Runner:
             folder.mkdir(parents=True, exist_ok=True)
             for stale in (KEPT, "error.txt"):  # what follows may be cut short, and its data are another key's
                 (folder / stale).unlink(missing_ok=True)
-            started = time.perf_counter()
+            started, worked = time.perf_counter(), time.process_time()
             job = Job(
                 settings=self.settings,
                 out=folder,
@@ -161,8 +163,8 @@ class Runner:
             )
             job.report("", 0.0)
             findings = experiment.compute(job)
-            seconds = time.perf_counter() - started
-            content = plain({"key": key, "seconds": seconds, "findings": asdict(findings)})
+            seconds, processor = time.perf_counter() - started, time.process_time() - worked
+            content = plain({"key": key, "seconds": seconds, "processor": processor, "findings": asdict(findings)})
             write_text(folder / KEPT, json.dumps(content, indent=1, allow_nan=False))
         except NotYet as error:
             return Outcome(name=name, status="waiting", message=str(error))
@@ -170,7 +172,7 @@ class Runner:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / "error.txt").write_text(traceback.format_exc(), encoding="utf-8")
             return Outcome(name=name, status="failed", message=one_line(error) or type(error).__name__)
-        return Outcome(name=name, status="made", findings=findings, seconds=seconds)
+        return Outcome(name=name, status="made", findings=findings, seconds=seconds, processor=processor)
 
 
 def _read(path: Path, key: dict[str, Any]) -> Outcome | None:
@@ -179,7 +181,9 @@ def _read(path: Path, key: dict[str, Any]) -> Outcome | None:
         content = json.loads(path.read_text(encoding="utf-8"))
         if content["key"] == json.loads(json.dumps(key)):
             findings = typed(content["findings"], Findings)
-            return Outcome(name=path.parent.name, status="kept", findings=findings, seconds=float(content["seconds"]))
+            seconds, processor = float(content["seconds"]), float(content["processor"])
+            name = path.parent.name
+            return Outcome(name=name, status="kept", findings=findings, seconds=seconds, processor=processor)
     except (OSError, LookupError, TypeError, ValueError, RecursionError):
         pass
     return None

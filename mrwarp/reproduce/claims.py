@@ -75,6 +75,7 @@ class Results:
 
     def __init__(self, parts: Mapping[str, Any]) -> None:
         self.parts = parts
+        self.whole: Mapping[str, Any] | None = None  # what a run of all of them took, where one was measured
 
     def row(self, part: str, condition: str, quantity: str) -> Figure:
         """One row of an entry.

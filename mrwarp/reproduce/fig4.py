@@ -26,7 +26,7 @@ from mrwarp.nn.training import FitCfg, plot_history, print_epoch
 from mrwarp.options.json_file import read_json_file
 from mrwarp.recording.data import Recording
 from mrwarp.reproduce.cache import Job
-from mrwarp.reproduce.comparison import Comparison, Findings, compare
+from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare
 from mrwarp.reproduce.settings import PLANT_TITLES, networks
 from mrwarp.run_dir import write_text
 from mrwarp.runtime import panels
@@ -232,6 +232,7 @@ def train(bench: BenchCfg, recipe: FitCfg, strengths: Sequence[float], out: Path
         print(f"\neffects times {strength:g}\n{learn.table(results[f'{strength:g}'])}\n", flush=True)
     plot(results, out / "figure4.png")
     return {
+        "parts": {"fig4_strengths": {"rows": [], "claims": {}, "tables": [asdict(strength_table(results))]}},
         "strengths": results,
         "reductions": {name: reductions(rows) for name, rows in results.items()},
         "verdicts": judge(results[f"{strengths[0]:g}"]),
@@ -242,6 +243,30 @@ def train(bench: BenchCfg, recipe: FitCfg, strengths: Sequence[float], out: Path
         "recipe": asdict(recipe),
         "bench": {"samples": bench.samples, "trajectories": bench.trajectories, "seed": bench.seed},
     }
+
+
+def strength_table(results: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> TextTable:
+    """Average RMSE of each model by the strength of the bench's effects, and by how much PG-RLSTM is below it.
+
+    ``results``: a ``learn.summary`` per model, by strength; the paper's averages are those of its printed rows.
+    """
+    printed = {name: float(np.mean([cell.mean for cell in rows.values()])) for name, rows in paper.FIGURE_4.items()}
+    head = ["effects", *(f"{PLANT_TITLES[name]} [N·m]" for name in COLOURS)]
+    head += [f"below {PLANT_TITLES[name]} [%]" for name in paper.FIGURE_4_REDUCTION]
+    head += ["lowest at each current"]
+
+    def line(text: str, average: Mapping[str, float], lowest: bool) -> list[str]:
+        best = average["pg_rlstm"]
+        cells = [f"{average[name]:.3f}" for name in COLOURS]
+        cells += [f"{100.0 * (1.0 - best / average[name]):.0f}" for name in paper.FIGURE_4_REDUCTION]
+        return [text, *cells, "yes" if lowest else "no"]
+
+    lines = [line("the paper's device", printed, True)]
+    for strength in sorted(results, key=float):
+        rows = results[strength]
+        average = {name: row["average"] for name, row in rows.items()}
+        lines.append(line(f"times {strength}", average, judge(rows)["pg_rlstm_lowest_at_each_current"]))
+    return TextTable(title="Figure 4 by the strength of the bench's effects", head=head, rows=lines)
 
 
 def _one_strength(bench: BenchCfg, recipe: FitCfg, out: Path) -> dict[str, Any]:

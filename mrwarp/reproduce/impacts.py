@@ -9,6 +9,7 @@ run, whose nearest row was that of robots some of which fell: at most :data:`FAL
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -23,7 +24,7 @@ from mrwarp.params import BoucWenParams, HoldParams
 from mrwarp.reproduce import paper_checks
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, seeds_of
-from mrwarp.reproduce.settings import Ensemble, Settings
+from mrwarp.reproduce.settings import PUSHED_GAINS, Ensemble, Settings
 from mrwarp.trials import impact
 from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, ImpactTrace, Variant, body_extremes
 from mrwarp.trials.impact_figures import MOTOR_WINDOW
@@ -95,6 +96,9 @@ class Reading:
     """Whether the joints' targets stand still from the onset on, so that no policy answers."""
     lifted: bool = True
     """Whether the joints' targets are moved until the trunk starts at :data:`START`."""
+    pushed: bool = False
+    """Whether the policies are those trained with :data:`mrwarp.reproduce.settings.PUSHED_GAINS` under such pushes;
+    duration and lift are then by the rule anew."""
 
     @property
     def name(self) -> str:
@@ -102,6 +106,7 @@ class Reading:
         text = [f"Kp {self.kp:g}, Kd {self.kd:g}, {self.stance}", "both branches" if self.holding else "damping alone"]
         text += ["gates open at 0 A"] * self.soft_at_zero + ["brake constraint"] * self.brake
         text += [f"{self.torque} torque"] * (self.torque != "eq. 14") + ["frozen targets"] * self.frozen
+        text += ["policies trained with it"] * self.pushed
         return ", ".join(text + ["not lifted"] * (not self.lifted))
 
     @property
@@ -122,8 +127,13 @@ there damping acts alone, which is what section 6.3 evaluates."""
 
 
 def variations(adopted: Reading) -> tuple[Reading, ...]:
-    """What each choice moves: the adopted reading and those that differ from it in one."""
+    """What each choice moves: the adopted reading and those that differ from it in one.
+
+    Last, where they were trained with its gains, the policies that know the push, with either torque.
+    """
     other = next(stance for stance in STANCES if stance != adopted.stance)
+    knowing = replace(adopted, pushed=True)
+    trained = (knowing, replace(knowing, torque="required")) if (adopted.kp, adopted.kd) == PUSHED_GAINS else ()
     return (
         adopted,
         replace(adopted, frozen=True),
@@ -135,6 +145,7 @@ def variations(adopted: Reading) -> tuple[Reading, ...]:
         replace(adopted, kp=35.0 if adopted.kp < 35.0 else 20.0),
         replace(adopted, brake=True),
         *(replace(adopted, torque=torque) for torque in TORQUES[1:]),
+        *trained,
     )
 
 
@@ -183,6 +194,10 @@ class PushResult:
     """Minimum height [m] and peak downward velocity [m/s] of every trial, shape (C, N)."""
     policies: int
     """Policies; trial i was walked by policy ``i % policies``."""
+    duration: float = math.nan
+    """Of the push [s]."""
+    fell: int = 0
+    """Pushes that brought a robot down, of all settings."""
 
     def by_policy(self, cell: str, place: int) -> np.ndarray:
         """:func:`medians` of a cell in one setting."""
@@ -235,7 +250,7 @@ class Guided:
 
 def sweep(reading: Reading, settings: Settings, *, lift: float, cfg: ImpactCfg) -> ImpactTrace:
     """Push under a reading."""
-    paths = settings.aware if reading.kp == KP[-1] else settings.impacted
+    paths = settings.aware if reading.kp == KP[-1] else settings.pushed if reading.pushed else settings.impacted
     steps = round(cfg.warmup / cfg.env.step_dt) if reading.frozen else None
     policy = Guided(Ensemble(paths), lift, cfg.env.action_scale, steps)
     return ImpactSweep(cfg, policy).run()
@@ -291,7 +306,7 @@ def config(reading: Reading, settings: Settings, *, trials: int = 0, duration: f
     """The sweep of a reading over all settings of :class:`PushResult`; 0 trials take those of the settings."""
     learned = reading.torque == "pg_rlstm"
     return ImpactCfg(
-        variants=tuple(_variant(reading.torque, amps) for amps in (0.0, NEARLY_OFF, *CURRENT_GROUPS[1:])),
+        variants=tuple(device_variant(reading.torque, amps) for amps in (0.0, NEARLY_OFF, *CURRENT_GROUPS[1:])),
         trials=trials or len(settings.impacted) * settings.impacts,
         window=WINDOW,
         duration=duration,
@@ -308,7 +323,7 @@ def config(reading: Reading, settings: Settings, *, trials: int = 0, duration: f
     )
 
 
-def _variant(torque: str, amps: float) -> Variant:
+def device_variant(torque: str, amps: float) -> Variant:
     """A setting of the device; one that is loaded in one direction has z at its bound, where it slides at K1 I z."""
     params: dict[str, float] = {}
     if torque in ("unweakened", "yield", "required"):
@@ -360,13 +375,18 @@ def simulate_pushes(job: Job) -> Findings:
     best, found, traces = grid[0], [], {}
     for k, reading in enumerate(readings := variations(best.reading)):
         job.report(reading.name, 0.7 + 0.3 * k / len(readings))
-        cfg = config(reading, settings, duration=best.duration)
-        trace = sweep(reading, settings, lift=best.lift if reading.lifted else 0.0, cfg=cfg)
+        chosen = best
+        if reading.pushed:  # other policies sag otherwise; the torque above 0 A has no say
+            chosen = score(replace(reading, torque="eq. 14"), settings)
+        cfg = config(reading, settings, duration=chosen.duration)
+        trace = sweep(reading, settings, lift=chosen.lift if reading.lifted else 0.0, cfg=cfg)
         result = PushResult(
             reading=reading,
             onset=trace.height[OFF, :, 0],
             cells=body_extremes(trace),
             policies=len(settings.impacted),
+            duration=chosen.duration,
+            fell=int(trace.fell.sum()),
         )
         found.append(result)
         if reading in (best.reading, replace(best.reading, torque="required")):
@@ -409,7 +429,7 @@ def simulate_drops(job: Job) -> Findings:
         job.report(name, k / len(DROPS))
         cfg = ImpactCfg(
             kind=ImpactKind.DROP,
-            variants=tuple(_variant(torque, amps) for amps in CURRENT_GROUPS),
+            variants=tuple(device_variant(torque, amps) for amps in CURRENT_GROUPS),
             trials=policies * settings.impacts,
             gains=gains,
             env=impact.fixed_current_env(threads=settings.threads),

@@ -33,27 +33,62 @@ KEPT = ("condition", "quantity", "unit", "paper", "ours", "sd", "n", "calibrated
 """What is kept of a row."""
 
 
+FURTHER = ("fig4_strengths",)
+"""Entries that are no table or figure of the paper."""
+
+
 def collect(folders: tuple[Path, ...], root: Path = ROOT) -> Path:
     """Write the entries of some runs into the committed results; entries that no folder has stay as they are.
 
+    A folder of ``mrwarp study table2`` or ``causes`` is an entry, named by :func:`study_name`.
+
     Raises:
-        ValueError: a folder has no ``result.json`` of ``mrwarp reproduce``, or one of its entries was not made.
+        ValueError: a folder has no ``result.json`` of these commands, or one of its entries was not made.
     """
-    parts: dict[str, Any] = read(root)["parts"] if (root / RESULTS).is_file() else {}
-    made = datetime.now(UTC).date().isoformat()
+    before = read(root) if (root / RESULTS).is_file() else {}
+    parts: dict[str, Any] = before.get("parts", {})
+    whole = before.get("whole")
     for folder in folders:
         found = read_json_file(folder / "result.json", "name the --out of 'mrwarp reproduce all'")
+        if isinstance(found, dict) and "evaluation" in found:
+            origin = _origin(found)
+            kept = {key: _short(_spreads(found[key])) for key in ("rows", "rmse", "bias") if key in found}
+            parts[study_name(found)] = {**origin, "rows": [], "claims": {}, "tables": [], "study": kept}
+            continue
         if not isinstance(found, dict) or not isinstance(found.get("parts"), dict):
             raise ValueError(f"{folder / 'result.json'}: is no result of 'mrwarp reproduce'; name the --out of one")
-        origin = {"made": made, "command": found.get("command"), "versions": found.get("versions")}
+        origin = _origin(found)
+        if set(paper.TITLES) <= set(found["parts"]):
+            spent = {name: sum(part[name] for part in found["parts"].values()) for name in ("seconds", "processor")}
+            whole = {**origin, **_short(spent)}
         for name, part in found["parts"].items():
             if "rows" not in part:
                 raise ValueError(f"{folder}: {name} was not made ({part.get('message')}); make it first")
-            if name in paper.TITLES:
+            if name in (*paper.TITLES, *FURTHER):
                 rows = [{key: _short(row[key]) for key in KEPT} for row in part["rows"]]
                 parts[name] = {**origin, "rows": rows, "claims": part["claims"], "tables": part["tables"]}
-    content = {"schema": SCHEMA, "parts": parts}
+    content = {"schema": SCHEMA, "whole": whole, "parts": parts}
     return write_text(root / RESULTS, json.dumps(plain(content), indent=1, ensure_ascii=False) + "\n")
+
+
+def _origin(found: Mapping[str, Any]) -> dict[str, Any]:
+    """Day, command and versions; without the folder, which is the user's, and the threads, which change no figure."""
+    command = re.sub(r" --(out|threads) \S+", "", str(found.get("command")))
+    return {"made": datetime.now(UTC).date().isoformat(), "command": command, "versions": found.get("versions")}
+
+
+def study_name(found: Mapping[str, Any]) -> str:
+    """Name of an evaluation of a study's policies: its kind, their folder and the ground, if it is not flat."""
+    kind = str(found["command"]).split("study ")[-1].split()[0]
+    words = ["study", kind, Path(found["evaluation"]["folder"]).name, found["evaluation"]["terrain"]]
+    return " ".join(word for word in words if word != "flat")
+
+
+def _spreads(value: Any) -> Any:
+    """Figures without those of single seeds and rollouts."""
+    if isinstance(value, dict):
+        return {name: _spreads(item) for name, item in value.items() if name not in ("seeds", "rollouts", "interval")}
+    return value
 
 
 def _short(value: Any) -> Any:
@@ -87,6 +122,7 @@ def filled(text: str, content: Mapping[str, Any], where: str) -> str:
         ValueError: a block has no such name; ``where`` names the page.
     """
     found = Results(content["parts"])
+    found.whole = content.get("whole")
 
     def block(match: re.Match[str]) -> str:
         name = match[2]
@@ -237,12 +273,89 @@ def _rows_table(part: str) -> Callable[[Results], str]:
     return block
 
 
+def _studies(begins: str, *names: tuple[str, str]) -> Callable[[Results], str]:
+    """Table 2 by policies of several folders, each with how it is called: what training changes, and the p-values."""
+
+    def block(found: Results) -> str:
+        lines = []
+        for title, name in names:
+            if name not in found.parts:
+                return f"*Not among the committed figures: {name}.*"
+            study = found.parts[name]["study"]
+            for metric, key, text in (("v_x_rmse", "rmse", "RMSE"), ("v_x_bias", "bias", "bias")):
+                cells = [f"{title}: {text} [m/s]"]
+                for sal, pair in (("off", "AC"), ("on", "BD")):
+                    change = study[key][sal]
+                    cells += [_number(study["rows"][each][metric]["mean"], 3) for each in pair]
+                    p = change["p"]
+                    cells += [f"{_number(100.0 * change['reduction'], 0)} %", "< 0.001" if p < 0.001 else f"{p:.2g}"]
+                fell = ", ".join(str(study["rows"][each]["fell"]) for each in "ABCD")
+                lines.append([*cells, fell if key == "rmse" else ""])
+        head = [begins, "A", "C", "lower, SAL off", "p", "B", "D", "lower, SAL on", "p", "fell: A, B, C, D"]
+        return _table(head, lines)
+
+    return block
+
+
+CAUSES = ("Go1", "MR_Go's masses, no devices", "and the devices' drag at 0 A", "and damping at 1.5 A",
+          "and holding alone at 1.5 A", "and both")  # fmt: skip
+"""Steps of ``paper_tables.STEPS``, as the table calls them."""
+
+
+def _causes(found: Results) -> str:
+    """The bias of either training on one plant after another."""
+    if "study causes study" not in found.parts:
+        return "*Not among the committed figures: study causes.*"
+    rows = found.parts["study causes study"]["study"]["rows"]
+    cells = [
+        [_spread(row[step]["v_x_bias"]) for row in rows.values()] for step in next(iter(rows.values()))
+    ]  # by step, both trainings
+    head = ["v_x bias [m/s] on", *rows]
+    return _table(head, [[name, *line] for name, line in zip(CAUSES, cells, strict=True)])
+
+
+def _spread(value: Mapping[str, float]) -> str:
+    return f"{_number(value['mean'], 3)} ± {_number(value['sd'], 3)}"
+
+
+def _whole(found: Results) -> str:
+    """What the whole report takes."""
+    if found.whole is None:
+        return "*Not measured yet; `mrwarp reproduce all` does.*"
+    minutes = found.whole["processor"] / 60.0
+    return (
+        f"Measured on {found.whole['made']}: all entries from nothing took {minutes:.0f} minutes of one core together, "
+        f"{minutes / 2.0:.0f} on each of two if both are busy throughout."
+    )
+
+
+def _strengths(found: Results) -> str:
+    """Figure 4 with the bench's effects halved and doubled, beside the shipped networks'."""
+    if "fig4_strengths" not in found.parts:
+        return "*Not among the committed figures; `mrwarp reproduce fig4 --train` makes it.*"
+    table = found.parts["fig4_strengths"]["tables"][0]
+    return _table(list(table["head"]), [list(row) for row in table["rows"]])
+
+
 BLOCKS: dict[str, Callable[[Results], str]] = {
+    "whole": _whole,
     "claims": _claims,
     "readme": _readme,
     "verdicts": _verdicts,
     "paper_checks": _checks,
     "table2": _rows_table("table2"),
+    "table2_policies": _studies(
+        "policies",
+        ("`policies/study`", "study table2 study"),
+        ("`policies/study_randomised`", "study table2 study_randomised"),
+    ),
+    "table2_rough": _studies(
+        "policies on rough ground",
+        ("`policies/study_randomised`", "study table2 study_randomised rough"),
+        ("`policies/study_rough`", "study table2 study_rough rough"),
+    ),
+    "causes": _causes,
+    "fig4_strengths": _strengths,
     "table3": _rows_table("table3"),
     "table4": _rows_table("table4"),
     "table4_grid": _part_table("table4", "The grid's"),

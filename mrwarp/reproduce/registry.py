@@ -23,7 +23,7 @@ from mrwarp.reproduce.settings import Settings, networks, study_files
 from mrwarp.study.plan import AWARE, CONVENTIONAL, MODELS, record_file
 from mrwarp.study.rollouts import PLANT
 
-IMPACTS = ("impacted", "aware", "impacts", "seed")
+IMPACTS = ("impacted", "aware", "pushed", "impacts", "seed")
 WALKS = ("policies", "aware", "sticking", "high", "rollouts", "distance", "seed")
 WINDOWS = ("policies", "rollouts", "window", "seed")
 TRAININGS = (CONVENTIONAL, AWARE)
@@ -107,10 +107,9 @@ _ALL = (
     Experiment(
         name="predictions",
         compute=predictions.compute,
-        needs=("walks", "pushes"),
-        settings=("policies", "impacted", "aware", "rollouts", "distance", "impacts", "seed"),
+        settings=("policies", "impacted", "rollouts", "distance", "impacts", "seed"),
         files=predictions.files,
-        seconds=_walks(80.0, "distance", 30.0),
+        seconds=_walks(150.0, "distance", 30.0),
     ),
 )
 

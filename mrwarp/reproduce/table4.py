@@ -132,7 +132,7 @@ def _grid(found: Pushes) -> TextTable:
 def _readings(found: Pushes) -> TextTable:
     """What each choice moves."""
     names = {"min_height": "height", "peak_down_velocity": "speed"}
-    head = ["reading", "onset [m]", "0 A: height [m]", "speed [m/s]"]
+    head = ["reading", "push [s]", "onset [m]", "0 A: height [m]", "speed [m/s]"]
     head += [f"{name}, against {of} [%]" for of in ("SAL off", "0 A with open gates") for name in names.values()]
     rows = []
     for result in found.readings:
@@ -140,13 +140,14 @@ def _readings(found: Pushes) -> TextTable:
         changes = [result.change(cell, place) for place in (impacts.OFF, impacts.OPEN) for cell in TITLES]
         cells = [f"{np.median(result.onset):.3f}", *(f"{value:.3f}" for value in level)]
         cells += [f"{100.0 * change:+.1f}" for change in changes]
-        rows.append([result.reading.name, *cells, f"{100.0 * result.worst:.0f} %", "yes" if result.monotone else "no"])
+        cells += [f"{100.0 * result.worst:.0f} %", "yes" if result.monotone else "no", str(result.fell)]
+        rows.append([result.reading.name, f"{result.duration:.2f}", *cells])
     changes = [f"{paper.IMPACT_CHANGE[cell]['push']:+.1f}" for cell in TITLES]
     level = [f"{abs(paper.TABLE_4['simulation'][0.0][cell].mean):.3f}" for cell in TITLES]
     return TextTable(
         title="What each choice moves: the adopted reading first, then those that differ in one",
-        head=[*head, "worst of six cells", "monotone"],
-        rows=[["paper", f"{impacts.START:.3f}", *level, *changes, *changes, "", "yes"], *rows],
+        head=[*head, "worst of six cells", "monotone", "fell"],
+        rows=[["paper", "", f"{impacts.START:.3f}", *level, *changes, *changes, "", "yes", ""], *rows],
     )
 
 

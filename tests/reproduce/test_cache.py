@@ -74,6 +74,7 @@ def test_runner_makes_only_what_changed(tmp_path: Path) -> None:
     assert [o.status for o in first.values()] == ["made", "made"]
     assert [o.status for o in again.values()] == ["kept", "kept"]
     assert again["reader"].findings == first["reader"].findings
+    assert again["reader"].processor == first["reader"].processor > 0.0
     run(tmp_path, reader, settings=Settings(impacts=3))
     assert len(CALLS) == 2  # neither depends on the impacts
     run(tmp_path, reader, settings=Settings(seed=1))

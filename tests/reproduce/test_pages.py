@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 
 from mrwarp.cli import main
+from mrwarp.paper import TITLES
 from mrwarp.reproduce import pages
+from mrwarp.reproduce.claims import Results
 from mrwarp.run_dir import plain
 
 ROW = {"condition": "a", "quantity": "x", "unit": "m", "paper": {"mean": 1.0, "sd": None}, "ours": 0.123456789}
@@ -26,7 +28,7 @@ def test_collected_results_keep_figures_alone(tmp_path: Path) -> None:
     """Six digits, no reasons; command and versions beside. Another run adds its entries."""
     (tmp_path / "run").mkdir()
     (tmp_path / "docs/results").mkdir(parents=True)
-    result = {"parts": {"table2": PART}, "command": "mrwarp reproduce table2", "versions": {"mrwarp": "1"}}
+    result = {"parts": {"table2": PART}, "command": "mrwarp reproduce table2 --out x", "versions": {"mrwarp": "1"}}
     (tmp_path / "run/result.json").write_text(json.dumps(plain(result)))
     found = json.loads(pages.collect((tmp_path / "run",), tmp_path).read_text())
     row = found["parts"]["table2"]["rows"][0]
@@ -36,6 +38,44 @@ def test_collected_results_keep_figures_alone(tmp_path: Path) -> None:
     (tmp_path / "run/result.json").write_text(json.dumps(plain({**result, "parts": {"table3": PART, "walks": PART}})))
     pages.collect((tmp_path / "run",), tmp_path)
     assert list(pages.read(tmp_path)["parts"]) == ["table2", "table3"]
+
+
+def test_the_time_of_a_whole_report_is_kept(tmp_path: Path) -> None:
+    """Of one with every entry; half an hour of one core is a quarter on each of two."""
+    (tmp_path / "docs/results").mkdir(parents=True)
+    timed = {**PART, "seconds": 60.0, "processor": 90.0}
+    walks = {**PART, "seconds": 1.0, "processor": 10.0}
+    result = {"parts": {**dict.fromkeys(TITLES, timed), "walks": walks}, "command": "c"}
+    (tmp_path / "result.json").write_text(json.dumps(plain(result)))
+    pages.collect((tmp_path,), tmp_path)
+    whole = pages.read(tmp_path)["whole"]
+    assert whole["processor"] == 90.0 * len(TITLES) + 10.0
+    (tmp_path / "result.json").write_text(json.dumps(plain({**result, "parts": {"table2": PART}})))
+    pages.collect((tmp_path,), tmp_path)
+    assert pages.read(tmp_path)["whole"] == whole
+    text = pages.filled("<!-- figures: whole -->\n<!-- /figures -->\n", pages.read(tmp_path), "README.md")
+    assert f"{whole['processor'] / 60.0:.0f} minutes of one core" in text
+
+
+def test_studies_are_entries_of_their_own(tmp_path: Path) -> None:
+    """Named by kind, policies and ground; without the single seeds. A table of several folders has a line each."""
+    (tmp_path / "docs/results").mkdir(parents=True)
+    metric = {"mean": 0.04, "sd": 0.01, "seeds": [0.03, 0.05], "rollouts": [[0.03], [0.05]]}
+    row = {"training": "t", "current": 0.0, "fell": 2, "v_x_rmse": metric, "v_x_bias": metric}
+    change = {"reduction": 0.6, "p": 0.0004, "interval": [0.0, 1.0]}
+    study = {"rows": dict.fromkeys("ABCD", row), **{key: {"off": change, "on": change} for key in ("rmse", "bias")}}
+    for ground in ("flat", "rough"):
+        found = {**study, "evaluation": {"folder": "policies/study_rough", "terrain": ground}}
+        (tmp_path / "result.json").write_text(json.dumps({**found, "command": "mrwarp study table2 --out x"}))
+        pages.collect((tmp_path,), tmp_path)
+    parts = pages.read(tmp_path)["parts"]
+    assert list(parts) == ["study table2 study_rough", "study table2 study_rough rough"]
+    assert "seeds" not in json.dumps(parts) and "interval" not in json.dumps(parts)
+    names = ("`here`", "study table2 study_rough rough"), ("`there`", "study table2 study_rough")
+    lines = pages._studies("policies", *names)(Results(parts)).splitlines()
+    assert len(lines) == 6
+    cells = "0.040 | 0.040 | 60 % | < 0.001"
+    assert lines[2] == f"| `here`: RMSE [m/s] | {cells} | {cells} | 2, 2, 2, 2 |"
 
 
 def test_fill_writes_blocks_and_check_sees_a_changed_figure(tmp_path: Path) -> None:

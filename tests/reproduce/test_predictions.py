@@ -40,7 +40,7 @@ def test_the_rule_covers_every_part_and_is_frozen_once(tmp_path: Path) -> None:
 
 def test_misses_are_told() -> None:
     """Outside, and where no robot arrived."""
-    found = predictions.findings([(ONE, 3.4), (ONE, 3.6), (ONE, math.nan)])
-    assert [row[-1] for row in found.tables[0].rows] == ["hit", "missed", "missed"]
-    assert found.tables[0].title.startswith("Frozen before they were run: 1 of 3")
+    found = predictions.findings([(ONE, 3.4), (ONE, 3.6), (ONE, math.nan), (ONE, None)])
+    assert [row[-1] for row in found.tables[0].rows] == ["hit", "missed", "missed", "not run yet"]
+    assert found.tables[0].title == "Frozen before they were run: 1 of 3 hit their 90 % interval, 1 are not run yet"
     assert list(found.claims.values()) == [False]

@@ -1,14 +1,16 @@
 """Readings of the push and figures of the drop: closed forms on made-up numbers."""
 
 from dataclasses import fields, replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
 from mrwarp.params import BoucWenParams, HoldParams
-from mrwarp.reproduce import impacts, paper_checks
-from mrwarp.reproduce.settings import Settings
+from mrwarp.reproduce import impacts, paper_checks, training_results
+from mrwarp.reproduce.settings import PUSHED_GAINS, Settings
 from mrwarp.trials.impact import ImpactTrace
 
 
@@ -42,6 +44,32 @@ def test_grid_crosses_every_choice_once() -> None:
     for other in others:
         differing = [f.name for f in fields(other) if getattr(other, f.name) != getattr(first, f.name)]
         assert differing and (len(differing) == 1 or set(differing) == {"holding", "soft_at_zero"})
+
+
+def test_policies_that_know_the_push_are_tried_where_they_were_trained() -> None:
+    """On the gains of their training, with either torque; on others they are no variation."""
+    adopted = replace(impacts.GRID[0], kp=PUSHED_GAINS[0], kd=PUSHED_GAINS[1])
+    knowing = [reading for reading in impacts.variations(adopted) if reading.pushed]
+    assert [reading.torque for reading in knowing] == ["eq. 14", "required"]
+    assert knowing[0].name == f"{adopted.name}, policies trained with it"
+    assert not any(reading.pushed for reading in impacts.variations(impacts.GRID[0]))
+
+
+def test_pushes_of_a_training_last_as_long_as_that_of_the_reading() -> None:
+    """20 steps of 20 ms each at 100 N downward, one every few seconds, of each robot at its own times."""
+    forces: list[np.ndarray] = []
+    sim = SimpleNamespace(push=lambda body, force: forces.append(force))
+    step, layout = SimpleNamespace(step_dt=0.02), SimpleNamespace(trunk="t")
+    env: Any = SimpleNamespace(num_envs=8, cfg=step, sim=sim, layout=layout)
+    pushes = training_results.Pushes(env, seed=0)
+    for _ in range(2000):
+        pushes()
+    pushed = np.stack(forces)[..., 2] < 0.0
+    assert set(np.unique(np.stack(forces))) == {-100.0, 0.0}
+    starts = np.flatnonzero(~pushed[:-1, 0] & pushed[1:, 0])
+    assert all(pushed[k + 1 : k + 21, 0].all() and not pushed[k + 21, 0] for k in starts[:-1])
+    assert 2.0 < 40.0 / len(starts) < 8.0
+    assert not np.array_equal(pushed[:, 0], pushed[:, 1])
 
 
 def test_rule_takes_the_nearest_row_without_falls() -> None:
