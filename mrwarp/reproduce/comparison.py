@@ -34,7 +34,7 @@ class Comparison:
     n: int = 1
     """Seeds or trials."""
     calibrated: bool = False
-    """Whether the paper's figure was used to fit a number of ours; else ours is a prediction."""
+    """Whether the paper's figure was used to fit a number of ours."""
     digits: int = 3
     """Digits behind the point."""
     why: str = ""

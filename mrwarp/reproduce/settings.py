@@ -18,7 +18,7 @@ from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.study.plan import AWARE, ENERGY, ENERGY_SEEDS, HIGH_PRICE, PUBLIC, SEEDS, STUDY, plant_of, policy_file
 
 PUSHED = POLICIES / "pushed"
-"""Policies that were trained with :data:`PUSHED_GAINS` under pushes, with their training records."""
+"""Policies that were trained with :data:`PUSHED_GAINS` under pushes, see :func:`training_results.train_pushed`."""
 
 PUSHED_GAINS = (12.0, 0.6)
 """Kp [N·m/rad] and Kd [N·m·s/rad] of the reading of table 4 that the rule adopted."""

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -219,7 +220,8 @@ def train_pushed(seed: int, iterations: int, out: Path, *, threads: int = 0, com
         check_every=float("inf"),
         command=command,
     )
-    trainer = Trainer(cfg, start_from=start_file(STUDY, PUBLIC, seed))
+    begins = os.path.relpath(start_file(STUDY, PUBLIC, seed))  # the policy's metadata tells it
+    trainer = Trainer(cfg, start_from=Path(begins))
     trainer.watchers.append(Pushes(trainer.env, seed))
     if trainer.run()["stopped"] == "interrupted":
         return None

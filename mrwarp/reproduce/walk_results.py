@@ -86,7 +86,7 @@ def table6(job: Job) -> Findings:
         claims=_claims(cots, walked.both) | claims_stuck,
         notes=[
             f"Go1's four rows and its {paper.MISSION_POWER['go1']['standby']:g} W of standing give {fit} "
-            f"(95 %), to {fit.rmse:.1f} W (RMS). Every row of MR_Go and MR_Go-SAL is a prediction.",
+            f"(95 %), to {fit.rmse:.1f} W (RMS). No row of MR_Go and MR_Go-SAL took part.",
             "Devices act by the paper's explicit torque (eqs. 6, 19), with which MR_Go-SAL's policies were trained; "
             "those of a device that sticks were trained with brakes that hold a calf still, and walk with them.",
             "The spread of a reduction is that of the ratio of two independent COTs, ours over training seeds, the "

@@ -48,6 +48,7 @@ NOT_RUN = {
     "mrwarp reproduce all": "minutes; tests/commands/test_run_reproduce.py",
     "mrwarp reproduce table6 table7": "minutes; tests/commands/test_run_reproduce.py",
     "mrwarp reproduce fig4 --train": "hours; tests/reproduce/test_fig4.py",
+    "mrwarp reproduce predictions": "minutes; tests/reproduce/test_predictions.py",
     "mrwarp reproduce table4": "minutes; tests/reproduce/test_headlines.py",
     "mrwarp reproduce docs": "writes into a checkout; tests/reproduce/test_pages.py",
     "mrwarp study current": "hours; tests/study",
