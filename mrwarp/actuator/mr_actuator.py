@@ -108,8 +108,8 @@ class ActuatorInputs:
     friction: wp.array
     """Torque of the brake constraint during the last physics step [N·m], shape (E, J); unused when explicit."""
     command: wp.array | None = None
-    """Current commanded of each device [A], shape (E, M), which its coil gets while a gate is open; None leaves the
-    current to the gates."""
+    """Current commanded of each device [A], shape (E, M), which its coil gets while a gate is open, or with the gates
+    closed where it is negative; None leaves the current to the gates."""
 
 
 class MrActuator:

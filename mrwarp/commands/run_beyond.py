@@ -149,3 +149,83 @@ class Pushes(Options):
         print("\n".join(pushes.lines(found)))
         print(f"\nfigures and picture in {self.out}")
         return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits(Options):
+    """Where holding ends: gait frequency, payload, low gain against coil lag, and a stance on four brakes.
+
+    With the shipped policies as they are. What is in the folder is not measured again.
+    """
+
+    out: opt.Folder = Path("runs/limits")
+    """output folder: parts, result.json, limits.png"""
+    policies: opt.Folder = POLICIES / "energy"
+    """policies of MR_Go-SAL"""
+    seeds: opt.Seeds = (0, 1, 2)
+    """training seeds"""
+    trials: opt.Count = 2
+    """walks of each setting and policy, and stances"""
+    seconds: Annotated[float, opt.one(opt.within(1.0, 1e4, "s"), "S")] = 10.0
+    """measured time of a walk [s]"""
+    threads: opt.Whole = 0
+    """CPU threads; 0 = all, the figures are the same"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 done, 2 on bad input."""
+        check_writable(self.out)
+
+        from mrwarp.energy.model_numbers import read_numbers
+        from mrwarp.study import limits
+
+        names = ("policies", "seeds", "trials", "seconds", "threads")
+        cfg, progress = limits.LimitsCfg(**self.chosen(*names)), ProgressLine(sys.stdout)
+        try:
+            found = limits.run(cfg, self.out, read_numbers(None, ())["electrical"], progress)
+        finally:
+            progress.done()
+        write_result(self.out, found, seed=self.seeds[0], command=str(line))
+        limits.picture(found, self.out / "limits.png")
+        print("\n".join(limits.lines(found)))
+        print(f"\nfigures and picture in {self.out}")
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Release(Options):
+    """Release before toe-off: what a field that stays in the core costs in swing, and what a reverse pulse saves.
+
+    With the shipped policies as they are. What is in the folder is not measured again.
+    """
+
+    out: opt.Folder = Path("runs/release")
+    """output folder: walked.json, result.json, release.png"""
+    policies: opt.Folder = POLICIES / "energy"
+    """policies of MR_Go-SAL"""
+    seeds: opt.Seeds = (0, 1, 2)
+    """training seeds"""
+    trials: opt.Count = 4
+    """walks of each setting and policy"""
+    seconds: Annotated[float, opt.one(opt.within(1.0, 1e4, "s"), "S")] = 10.0
+    """measured time of a walk [s]"""
+    threads: opt.Whole = 0
+    """CPU threads; 0 = all, the figures are the same"""
+
+    def run(self, line: CommandLine) -> int:
+        """0 done, 2 on bad input."""
+        check_writable(self.out)
+
+        from mrwarp.energy.model_numbers import read_numbers
+        from mrwarp.study import limits, release
+
+        names = ("policies", "seeds", "trials", "seconds", "threads")
+        cfg, progress = limits.LimitsCfg(**self.chosen(*names)), ProgressLine(sys.stdout)
+        try:
+            found = release.run(cfg, self.out, read_numbers(None, ())["electrical"], progress)
+        finally:
+            progress.done()
+        write_result(self.out, found, seed=self.seeds[0], command=str(line))
+        release.picture(found, self.out / "release.png")
+        print("\n".join(release.lines(found)))
+        print(f"\nfigures and picture in {self.out}")
+        return 0

@@ -175,7 +175,7 @@ def battery_power(joints: JointLoad, cfg: ElectricalCfg, rise: np.ndarray | floa
     )
 
 
-def cost_of_transport(power: np.ndarray | float, mass: float, speed: np.ndarray | float) -> np.ndarray:
+def cost_of_transport(power: np.ndarray | float, mass: np.ndarray | float, speed: np.ndarray | float) -> np.ndarray:
     """COT of eq. 21 [1]: ``P/(m g v)``; infinite for a robot that stands still or walks backwards."""
     moving = np.maximum(np.asarray(speed, dtype=float), 0.0)
     with np.errstate(divide="ignore"):

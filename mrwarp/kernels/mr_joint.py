@@ -90,10 +90,13 @@ def gated_command(
 
     With ``damping = UNGATED`` the coil gets the allowed current, and the device counts as damping. With ``latch > 1`` a
     device that was holding (``held`` = 1) goes on, whatever eq. 5 says, up to ``latch`` times the speed of eq. 8.
+    A negative ``allowed`` is a pulse that demagnetises the core: it flows, and the gates are closed.
     """  # fmt: skip
     limit = wp.min(allowed, p.current_max)
     if damping == UNGATED:
         return 1.0, 0.0, limit
+    if limit < 0.0:
+        return 0.0, 0.0, limit
     may_damp, may_hold = gates(p, f_foot, e, qd, limit)
     if latch > 1.0 and held > 0.0 and limit > 0.0:
         may_hold = hold_gate(f_foot, qd, 0.0, p.f_th, latch * p.eps_hold)

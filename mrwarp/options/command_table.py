@@ -49,6 +49,8 @@ STUDY = {
     "pushes": Command(
         "run_beyond:Pushes", "pushes from all directions with each current: falls by direction; resumable"
     ),
+    "limits": Command("run_beyond:Limits", "where holding ends: gait, payload, low gain, coil lag, stance; resumable"),
+    "release": Command("run_beyond:Release", "what a field that stays in the core costs, what a reverse pulse saves"),
 }
 
 ASSET = {

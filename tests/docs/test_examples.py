@@ -53,6 +53,8 @@ NOT_RUN = {
     "mrwarp reproduce docs": "writes into a checkout; tests/reproduce/test_pages.py",
     "mrwarp study current": "hours; tests/study",
     "mrwarp study pushes": "minutes; tests/study/test_pushes.py",
+    "mrwarp study limits": "minutes; tests/study/test_limits.py",
+    "mrwarp study release": "minutes; tests/study/test_limits.py",
     "mrwarp study ageing": "minutes; tests/identify/test_monitor.py",
     "mrwarp monitor": "reads records of others; tests/identify/test_monitor.py",
     "mrwarp walk --sal on --policy runs/own/policy.onnx": "reads what a training of hours makes; tests/env",

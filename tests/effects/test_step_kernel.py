@@ -257,6 +257,19 @@ def test_a_commanded_device_gets_its_current_while_a_gate_is_open():
     assert 0.1 < gate.mean() < 0.9
 
 
+def test_a_negative_command_demagnetises_with_the_gates_closed():
+    """It flows whatever the gates would do, and neither damps nor holds; other devices are as they were."""
+    x = random_inputs(np.random.default_rng(14), 400)
+    command = np.full((400, 2), 1.0)
+    before = step(x, hold=FIXED, command=command, held=np.zeros((400, 2)))
+    command[:, 0] = -0.3
+    out = step(x, hold=FIXED, command=command, held=np.ones((400, 2)), latch=5.0)
+    np.testing.assert_array_equal(out["current"][:, 0], np.full(400, f32(-0.3)))
+    assert not out["m_dyn"][:, 0].any() and not out["m_hold"][:, 0].any() and before["m_hold"][:, 0].any()
+    unheld = step(x, hold=FIXED, command=command, held=np.zeros((400, 2)))
+    np.testing.assert_array_equal(unheld["m_hold"][:, 1], before["m_hold"][:, 1])
+
+
 def test_a_device_that_holds_lets_go_at_a_higher_speed():
     """With a latch of 5, between 0.2 and 1 rad/s only what held goes on holding, and it does not damp meanwhile."""
     rng = np.random.default_rng(13)

@@ -34,6 +34,8 @@ MISSPELT = {
     "study table2": "--policies none",
     "study fig5": "--policies none",
     "study pushes": "--policies none",
+    "study limits": "--policies none",
+    "study release": "--policies none",
     "study train": "--start-from none",
     "asset show": "none.usda",
     "asset set": "none.usda FL_calf K1 1",
