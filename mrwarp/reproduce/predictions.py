@@ -236,14 +236,29 @@ def files() -> list[Path]:
     return [UNSEEN / FROZEN, *trained()]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Trials:
+    """What came of the policies that were there when the intervals were frozen."""
+
+    came: dict[str, dict[str, float]]
+    """By condition and quantity."""
+
+
+def simulate(job: Job) -> Findings:
+    """Walk and hit what was foretold of table 6's and table 4's policies."""
+    came: dict[str, dict[str, float]] = {}
+    for k, (name, part) in enumerate((("loads and gait", _walked), ("pushes", _pushed), ("drops", _dropped))):
+        job.report(name, k / 3.0)
+        for (condition, quantity), value in part(job).items():
+            came.setdefault(condition, {})[quantity] = value
+    return job.save(Trials(came=came))
+
+
 def compute(job: Job) -> Findings:
-    """Run what was foretold, once, and say what hit and what missed."""
-    came: dict[tuple[str, str], float] = {}
-    for k, (name, part) in enumerate(
-        (("training seeds", _trained), ("loads and gait", _walked), ("pushes", _pushed), ("drops", _dropped))
-    ):
-        job.report(name, k / 4.0)
-        came |= part(job)
+    """What was foretold beside what came: hits and misses. New training seeds are walked here."""
+    trials = job.load("unseen", Trials).came
+    came = {(condition, name): value for condition, found in trials.items() for name, value in found.items()}
+    came |= _trained(job)
     frozen = read()
     return findings([(each, came.get((each.condition, each.quantity))) for each in frozen])
 

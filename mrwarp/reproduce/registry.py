@@ -105,11 +105,18 @@ _ALL = (
     Experiment(name="fig10", compute=missions.fig10, needs=("walks", "windows")),
     Experiment(name="fig11", compute=missions.fig11, needs=("walks", "windows")),
     Experiment(
+        name="unseen",
+        compute=predictions.simulate,
+        settings=("policies", "impacted", "rollouts", "distance", "impacts", "seed"),
+        seconds=_walks(120.0, "distance", 30.0),
+    ),
+    Experiment(
         name="predictions",
         compute=predictions.compute,
-        settings=("policies", "impacted", "rollouts", "distance", "impacts", "seed"),
-        files=predictions.files,
-        seconds=_walks(150.0, "distance", 30.0),
+        needs=("unseen",),
+        settings=("rollouts", "seed"),
+        files=lambda: [*predictions.files(), *networks((PLANT,))],
+        seconds=_rollouts,
     ),
 )
 
