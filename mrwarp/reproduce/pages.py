@@ -330,11 +330,20 @@ def _whole(found: Results) -> str:
 
 
 def _strengths(found: Results) -> str:
-    """Figure 4 with the bench's effects halved and doubled, beside the shipped networks'."""
+    """Figure 4 with the bench's effects halved and doubled, and between them the shipped networks of figure 4."""
     if "fig4_strengths" not in found.parts:
         return "*Not among the committed figures; `mrwarp reproduce fig4 --train` makes it.*"
     table = found.parts["fig4_strengths"]["tables"][0]
-    return _table(list(table["head"]), [list(row) for row in table["rows"]])
+    average = {
+        name: sum(found.row("fig4", f"{name}, {amps} A", "RMSE").ours for amps in ("1", "1.2", "1.5")) / 3.0
+        for name in ("MLP", "Bouc-Wen", "LSTM", "PG-RLSTM")
+    }
+    below = [100.0 * (1.0 - average["PG-RLSTM"] / average[name]) for name in ("Bouc-Wen", "LSTM", "MLP")]
+    cells = [*(f"{value:.3f}" for value in average.values()), *(f"{value:.0f}" for value in below)]
+    theirs, *rows = [list(row) for row in table["rows"] if row[0] != "times 1"]
+    rows.append(["times 1", *cells, "yes" if found.holds("fig4", "PG-RLSTM has the lowest") else "no"])
+    rows = [theirs, *sorted(rows, key=lambda row: float(row[0].split()[-1]))]
+    return _table(list(table["head"]), rows)
 
 
 BLOCKS: dict[str, Callable[[Results], str]] = {

@@ -219,10 +219,10 @@ def read(folder: Path = UNSEEN) -> list[Prediction]:
     return [Prediction(**each) for each in found["predictions"]]
 
 
-def trained() -> list[Path]:
-    """Policies of the new seeds; none before all of them are there."""
-    paths = [policy_file(UNSEEN, plant, seed) for plant in (CONVENTIONAL, AWARE) for seed in NEW_SEEDS]
-    return paths if all(path.is_file() for path in paths) else []
+def trained() -> tuple[int, ...]:
+    """Those of the new seeds whose policies are there, of either training."""
+    both = {seed: [policy_file(UNSEEN, plant, seed).is_file() for plant in (CONVENTIONAL, AWARE)] for seed in NEW_SEEDS}
+    return tuple(seed for seed, there in both.items() if all(there))
 
 
 def files() -> list[Path]:
@@ -233,7 +233,7 @@ def files() -> list[Path]:
     """
     if not (UNSEEN / FROZEN).is_file():
         raise NotYet(f"{UNSEEN / FROZEN}: nothing is frozen; 'mrwarp reproduce docs --freeze' does that")
-    return [UNSEEN / FROZEN, *trained()]
+    return [UNSEEN / FROZEN, *(policy_file(UNSEEN, plant, k) for plant in (CONVENTIONAL, AWARE) for k in trained())]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -298,12 +298,12 @@ Came = Mapping[tuple[str, str], float]
 
 
 def _trained(job: Job) -> Came:
-    """Table 2 with policies of the new seeds; nothing before they are trained."""
-    settings = job.settings
-    if not trained():
+    """Table 2 with policies of the new seeds; nothing before some are trained."""
+    settings, seeds = job.settings, trained()
+    if len(seeds) < 2:  # one has no spread
         return {}
     cfg = EvaluationCfg(
-        folder=UNSEEN, seeds=NEW_SEEDS, rollouts=settings.rollouts, seed=settings.seed + 1, threads=settings.threads
+        folder=UNSEEN, seeds=seeds, rollouts=settings.rollouts, seed=settings.seed + 1, threads=settings.threads
     )
     table = paper_tables.table2(cfg)
     found = {
