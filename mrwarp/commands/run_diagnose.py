@@ -117,7 +117,7 @@ class Diagnose(Options):
             progress("pictures")
             compared = compare(d)
             pictures = log_pictures.draw(d, compared)
-            page = log_page.render(d, compared, pictures, str(line))
+            page = log_page.render(d, pictures, str(line))
             sink = open_sink(rrd=self.rrd) if self.live or self.rrd is not None else None
             if sink is not None:
                 log_view(d, compared, sink.recording)

@@ -36,7 +36,8 @@ CONVERGED = 2.0
 """Gain of a step, in units of twice the logarithm of a likelihood, below which a fit ends."""
 
 WORST = 4.0
-"""A window whose mismatch is this many times the median one is left out: a fall, a hand that touched the robot."""
+"""A window whose mismatch is this many times the median one is left out: a fall, a hand that touched the robot. Others
+count less, the more is left in them than in the median one: small errors of some grow to large ones."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +50,8 @@ class Evidence:
     """Score at the origin, shape (W, P)."""
     c: np.ndarray
     """Weighted squared mismatch at the origin, shape (W,)."""
+    weight: np.ndarray
+    """By which each window counts in these, shape (W,)."""
     scale: float
     """Factor by which information is overstated, samples being correlated and the simulation never quite right."""
     sigma: dict[str, np.ndarray]
@@ -75,32 +78,33 @@ def gather(
     groups: Sequence[Windows],
     parameters: list[Parameter],
     theta: np.ndarray,
-    prior: np.ndarray,
     log: Callable[[str], None],
 ) -> Evidence:
     """Replay all windows at ``theta`` and around it.
+
+    Channels and windows are weighed by what is left in them when every number may be a fault: by what a healthy robot
+    would leave, a fault would hide itself behind the low weight of the channel in which it shows.
 
     Args:
         model: The robot.
         groups: Windows, see :func:`mrwarp.robot_logs.windows.cut_windows`.
         parameters: P parameters.
         theta: Values about which derivatives are taken, shape (P,).
-        prior: Precision of a robot's parameters about the origin, by which the channels' weights are found, (P, P).
         log: Told of progress.
     """
     found = [_derivatives(model, windows, parameters, theta, log) for windows in groups]
     names = list(found[0][0])
     sigma = {name: _rms([r[name] for r, _, _ in found]) for name in names}
-    a = b = c = np.zeros(0)
+    a = b = c = weight = np.zeros(0)
     keep = np.ones(0, dtype=bool)
+    prior = np.diag([1.0 / (p.spread**2 + p.fault**2) for p in parameters])
     for round_ in range(ROUNDS):
         pieces = [_reduced(r, j, z, sigma) for r, j, z in found]
         a, b, c = (np.concatenate([p[i] for p in pieces]) for i in range(3))
         b, c = b + a @ theta, c + 2.0 * b @ theta + np.einsum("wij,i,j->w", a, theta, theta)
-        keep = _usable(a, b, c, prior)
+        best, weight, keep = _weighed(a, b, c, prior)
         if round_ == ROUNDS - 1:
             break
-        best = np.linalg.solve(a[keep].sum(axis=0) + prior, b[keep].sum(axis=0))
         left, first = [], 0
         for r, j, z in found:
             count = len(next(iter(r.values())))
@@ -109,10 +113,11 @@ def gather(
         sigma = {name: _rms([x[name] for x in left]) for name in names}
     run = np.concatenate([w.run for w in groups])
     samples = sum(int(np.prod(next(iter(r.values())).shape[:2])) for r, _, _ in found)
-    a, b, c, run = a[keep], b[keep], c[keep], run[keep]
+    weight = weight[keep]
+    a, b, c, run = weight[:, None, None] * a[keep], weight[:, None] * b[keep], weight * c[keep], run[keep]
     return Evidence(
-        a=a, b=b, c=c, scale=_overstated(a, b, prior), sigma=sigma, run=run, samples=samples, lost=int((~keep).sum()),
-        starts=tuple(z for _, _, z in found), keep=keep,
+        a=a, b=b, c=c, weight=weight, scale=_overstated(a, b, prior), sigma=sigma, run=run, samples=samples,
+        lost=int((~keep).sum()), starts=tuple(z for _, _, z in found), keep=keep,
     )  # fmt: skip
 
 
@@ -120,21 +125,51 @@ def replayed(
     evidence: Evidence, model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], theta: np.ndarray
 ) -> float:
     """Weighted squared mismatch at parameters, as the replay has it: what :meth:`Evidence.at` foretells [1]."""
-    total, first = 0.0, 0
+    left, _ = losses(evidence, model, groups, parameters, np.tile(theta, (len(evidence.c), 1)))
+    return float(evidence.weight @ left)
+
+
+def losses(
+    evidence: Evidence, model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], theta: np.ndarray
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """What the replay leaves of each window that counts.
+
+    Args:
+        evidence: Weights, derivatives by the windows' start, and which of the groups' windows count.
+        model: The robot.
+        groups: The windows of ``evidence``.
+        parameters: P parameters.
+        theta: Values for each of the W windows that count, shape (W, P).
+
+    Returns:
+        Weighted squared mismatch beside the best start [1], shape (W,), infinite where the replay broke; and by channel
+        the mean square of the mismatch from the logged start, in the channel's unit squared, (W, C) without columns
+        that the log does not have.
+    """
+    totals, squares, first, done = [], {}, 0, 0
     for windows, z in zip(groups, evidence.starts, strict=True):
-        count = windows.count
-        changes = Hypotheses.of(parameters, np.tile(theta, (count, 1)), model)
-        start = np.zeros((count, len(nuisances(model))))
-        left = mismatch(windows.measured, Replay(model, windows).run(changes, np.arange(count), start))
-        for w in np.flatnonzero(evidence.keep[first : first + count]).tolist():
-            r = np.concatenate([(left[n][w] / evidence.sigma[n]).ravel() for n in left])
+        own = np.flatnonzero(evidence.keep[first : first + windows.count])
+        first += windows.count
+        if not len(own):
+            continue
+        changes = Hypotheses.of(parameters, theta[done : done + len(own)], model)
+        start = np.zeros((len(own), len(nuisances(model))))
+        seen = {name: x[own] for name, x in windows.measured.items()}
+        left = mismatch(seen, Replay(model, windows).run(changes, own, start))
+        for name, zero in mismatch(seen, seen).items():
+            read = np.isfinite(zero)
+            left[name] = np.where(read, left[name], 0.0)  # joints without a device have no current
+            squares.setdefault(name, []).append((left[name] ** 2).mean(axis=1)[:, read.any(axis=(0, 1))])
+        for i, w in enumerate(own.tolist()):
+            r = np.concatenate([(left[n][i] / evidence.sigma[n]).ravel() for n in left])
             if not np.isfinite(r).all():
-                return np.inf
+                totals.append(np.inf)
+                continue
             zw = np.concatenate([(z[n][:, w] / evidence.sigma[n]).reshape(len(z[n]), -1) for n in left], axis=1)
             zw = zw.astype(float)
-            total += r @ r - (zw @ r) @ np.linalg.solve(zw @ zw.T + np.eye(len(zw)) / START_SPREAD**2, zw @ r)
-        first += count
-    return float(total)
+            totals.append(r @ r - (zw @ r) @ np.linalg.solve(zw @ zw.T + np.eye(len(zw)) / START_SPREAD**2, zw @ r))
+        done += len(own)
+    return np.array(totals), {name: np.concatenate(x) for name, x in squares.items()}
 
 
 def within(
@@ -161,13 +196,17 @@ def within(
 
 
 def fit(
-    model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], theta: np.ndarray, prior: np.ndarray,
-    low: np.ndarray, high: np.ndarray, log: Callable[[str], None], *, steps: int = 4,
-) -> np.ndarray:  # fmt: skip
-    """Likeliest parameters within bounds, by damped Gauss-Newton steps that the replay itself confirms; shape (P,)."""
+    model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], theta: np.ndarray,
+    evidence: Evidence | None, prior: np.ndarray, low: np.ndarray, high: np.ndarray, log: Callable[[str], None], *,
+    steps: int = 4,
+) -> tuple[np.ndarray, Evidence]:  # fmt: skip
+    """Likeliest parameters within bounds, by damped Gauss-Newton steps that the replay itself confirms.
+
+    ``evidence`` is that about ``theta``, where it is known; returned are parameters, shape (P,), and that about them.
+    """
     damping = 1e-3
+    evidence = evidence or gather(model, groups, parameters, theta, log)
     for _ in range(steps):
-        evidence = gather(model, groups, parameters, theta, prior, log)
         a, b = evidence.a.sum(axis=0) / evidence.scale, evidence.b.sum(axis=0) / evidence.scale
         here = evidence.at(theta) / evidence.scale + theta @ prior @ theta
         there = np.inf
@@ -179,11 +218,12 @@ def fit(
                 break
             damping *= 10.0
         if not there < here:
-            return theta
+            break
         theta, damping = new, max(damping / 10.0, 1e-6)
+        evidence = gather(model, groups, parameters, theta, log)
         if here - there < CONVERGED:
             break
-    return theta
+    return theta, evidence
 
 
 def _derivatives(model, windows, parameters, theta, log) -> tuple[dict, dict, dict]:  # noqa: ANN001
@@ -267,11 +307,20 @@ def _left(r: dict, j: dict, z: dict, sigma: dict, change: np.ndarray, keep: np.n
     return {name: np.array(values) for name, values in found.items()}
 
 
-def _usable(a: np.ndarray, b: np.ndarray, c: np.ndarray, prior: np.ndarray) -> np.ndarray:
-    """Windows whose mismatch at the best parameters is of the usual size."""
-    best = np.linalg.solve(a.sum(axis=0) + prior, b.sum(axis=0))
-    left = c - 2.0 * b @ best + np.einsum("wij,i,j->w", a, best, best)
-    return np.isfinite(left) & (left < WORST**2 * np.median(left))
+def _weighed(
+    a: np.ndarray, b: np.ndarray, c: np.ndarray, prior: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Best parameters, (P,); by which each window counts, (W,); and whether its mismatch there is of the usual size."""
+    keep, weight = np.isfinite(c), np.ones(len(c))
+    best = np.zeros(len(prior))
+    for _ in range(ROUNDS):
+        own = weight * keep
+        best = np.linalg.solve(np.einsum("w,wpq->pq", own, a) + prior, own @ b)
+        left = c - 2.0 * b @ best + np.einsum("wij,i,j->w", a, best, best)
+        usual = float(np.median(left))
+        keep = np.isfinite(left) & (left < WORST**2 * usual)
+        weight = np.minimum(usual / np.maximum(left, 1e-12), 1.0)
+    return best, weight, keep
 
 
 def _overstated(a: np.ndarray, b: np.ndarray, prior: np.ndarray) -> float:

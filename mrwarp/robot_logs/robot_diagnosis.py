@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
-from mrwarp.diagnose.result import Error, Suspect, Value
+from mrwarp.diagnose.result import Error, Suspect, Value, Verdict
 from mrwarp.robot_logs.causes import ORDINARY, SESSION, Parameter, parameters_of
-from mrwarp.robot_logs.evidence import Evidence, fit, gather, replayed, within
+from mrwarp.robot_logs.evidence import Evidence, fit, gather, losses, replayed, within
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
 from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, sentence_of
@@ -20,35 +21,41 @@ from mrwarp.robot_logs.selection import (
     DRIVE,
     LEAST_SHARE,
     NAMED_ODDS,
+    PARTS,
     Direction,
     Found,
     Posterior,
     bounds_of,
     directions_of,
-    estimate,
-    healthy,
+    half_width,
     posterior,
     prior_of,
     select,
+    sizes,
 )
+from mrwarp.robot_logs.unexplained import outside, pushes
 from mrwarp.robot_logs.unknowable import cannot_know, next_experiment
-from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances
 from mrwarp.robot_logs.windows import Windows, cut_windows
 
 FIT_SECONDS, SECONDS = 10.0, 60.0
-"""Parts of a log by which the robot is fitted step by step, and from which causes are told [s]."""
+"""Parts of a log by which the robot is fitted step by step, and from which causes are told [s]; logs of up to
+:data:`WHOLE` s are fitted as a whole."""
+
+WHOLE = 15.0
 
 ROUNDS = 4
 """Times that what stands out is released and the robot fitted anew."""
-
-FOLDS = 8
-"""Pieces of the log that are predicted from the others."""
 
 FORETOLD, NEARLY_ALL = 4.0, 0.85
 """Least gain of a cause on the pieces that took no part, as Wilcoxon's standard score over windows: one chance in a
 hundred over 200 causes and places. Few windows cannot reach it: there, this share of the score that they can reach."""
 
 NOT_FORETOLD = "pieces of the log that took no part are not clearly predicted better with it"
+
+VERDICTS: dict[tuple[bool, bool], Verdict] = {
+    (False, False): "none", (True, False): "named", (False, True): "unexplained", (True, True): "named_and_unexplained",
+}  # fmt: skip
+"""By whether there are causes, and something that none explains."""
 
 LEAST_WINDOWS = 8
 """Fewest windows that carry a verdict."""
@@ -84,8 +91,12 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
             f"{log.path}: too short: {count} pieces of {groups[0].t[0, -1] if groups else 0.5:.1f} s, "
             f"{LEAST_WINDOWS} are needed; record longer"
         )
-    theta, confirmed = _fitted(model, log, parameters, progress)
-    evidence = gather(model, groups, parameters, theta, healthy(parameters), progress)
+    part = groups if log.seconds <= WHOLE else cut_windows(model, log, budget=FIT_SECONDS)
+    if sum(group.count for group in part) < LEAST_WINDOWS:
+        part = groups
+    theta, confirmed, evidence = _fitted(model, part, parameters, progress)
+    if part is not groups:
+        evidence = gather(model, groups, parameters, theta, progress)
     progress("causes that stand out")
     found, doubtful = _foretelling(select(evidence, parameters, confirmed), evidence, parameters)
     now = posterior(evidence, parameters, [f.direction for f in found])
@@ -93,17 +104,18 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     extended = np.zeros(len(parameters))
     for cause in causes:
         for k, change in cause.change.items():
-            extended[k] = max(change, parameters[k].lowest)
+            extended[k] = change
     progress("before and after")
-    gain, before, after = _held_out(evidence, parameters, found)
+    gain, errors = _held_out(model, groups, evidence, parameters, found)
     beside = posterior(evidence, parameters, [*(f.direction for f in found), *(f.direction for f in doubtful)])
     suspects = tuple(
         Suspect(name=c.name, reason=f"at {c.where}: {NOT_FORETOLD}", parameters=c.parameters, gain=c.gain)
         for c in (_named(f, [*found, *doubtful], evidence, parameters, beside) for f in doubtful)
     )
-    per_joint, per_channel = _errors(model, groups, parameters, now, extended)
-    verdict = "named" if causes else "none"
-    session = {p.where: float(now.mean[k]) for k, p in enumerate(parameters) if p.field == "shift"}
+    progress("what no cause explains")
+    unexplained = outside(pushes(evidence, model, groups, parameters, theta), groups, log)
+    size = sizes(evidence, parameters, [f.direction for f in found])
+    session = {p.where: float(size[k]) for k, p in enumerate(parameters) if p.field == "shift"}
     notes = [*getattr(log, "notes", ())]
     late = next(k for k, p in enumerate(parameters) if p.cause == "command_delay")
     if not any(c.name == "command_delay" for c in causes) and abs(now.mean[late]) > parameters[late].least:
@@ -119,17 +131,20 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
         )
     unknown = cannot_know(evidence, parameters, model, log, now)
     return RobotDiagnosis(
-        verdict=verdict,
-        sentence=sentence_of(causes),
+        verdict=VERDICTS[bool(causes), unexplained is not None],
+        sentence=sentence_of(causes, unexplained),
         causes=causes,
         suspects=suspects,
+        unexplained=unexplained,
         cannot_know=unknown,
         next_experiment=next_experiment(causes, unknown),
-        baseline=Error(rmse=before, nrmse=1.0, unit="healthy error"),
-        extended=Error(rmse=after, nrmse=after / max(before, 1e-12), unit="healthy error"),
+        baseline=Error(rmse=errors["all"][0], nrmse=1.0, unit="healthy error"),
+        extended=Error(
+            rmse=errors["all"][1], nrmse=errors["all"][1] / max(errors["all"][0], 1e-12), unit="healthy error"
+        ),
         gain=gain,
-        per_joint=per_joint,
-        per_channel=per_channel,
+        per_joint={joint: _both(*errors[f"q.{joint}"]) for joint in model.joints},
+        per_channel={name: _both(*errors[name]) for name in evidence.sigma},
         session=session,
         notes=tuple(notes),
         parameters=tuple(parameters),
@@ -155,16 +170,13 @@ def _when(log: RobotLog, groups: list[Windows], keep: np.ndarray) -> str:
 
 
 def _fitted(
-    model: ReplayModel, log: RobotLog, parameters: list[Parameter], progress: Callable[[str], None]
-) -> tuple[np.ndarray, list[Direction]]:
-    """The robot around which the log is judged, shape (P,), and what had to be released for it."""
-    groups = cut_windows(model, log, budget=FIT_SECONDS)
-    if sum(group.count for group in groups) < LEAST_WINDOWS:
-        groups = cut_windows(model, log, budget=SECONDS)
+    model: ReplayModel, groups: list[Windows], parameters: list[Parameter], progress: Callable[[str], None]
+) -> tuple[np.ndarray, list[Direction], Evidence]:
+    """The robot around which the log is judged, shape (P,), what had to be released for it, the evidence about it."""
     theta = np.zeros(len(parameters))
     released: list[Direction] = []
+    evidence = gather(model, groups, parameters, theta, progress)
     for round_ in range(ROUNDS):
-        evidence = gather(model, groups, parameters, theta, healthy(parameters), progress)
         found = [f.direction for f in select(evidence, parameters) if f.direction.cause not in ORDINARY]
         # common causes go first: those at single places may only stand for them
         common = [d for d in found if len(d.members) > 1]
@@ -177,59 +189,78 @@ def _fitted(
         idle = [k for k, p in enumerate(parameters) if p.field == "limit" and k not in named]
         low[idle] = high[idle] = 0.0  # a limit acts as soon as it is there
 
-        def refit(start: np.ndarray, directions: list[Direction], low=low, high=high) -> np.ndarray:  # noqa: ANN001
-            return fit(model, groups, parameters, start, prior_of(parameters, directions), low, high, progress)
+        def refit(directions: list[Direction], low=low, high=high) -> tuple[np.ndarray, Evidence]:  # noqa: ANN001
+            start = _alone(model, groups, parameters, directions, low, high, progress)
+            prior = prior_of(parameters, directions)
+            return fit(model, groups, parameters, start, None, prior, low, high, progress)
 
         def left(theta: np.ndarray, directions: list[Direction], evidence: Evidence = evidence) -> float:
             seen = replayed(evidence, model, groups, parameters, theta) / evidence.scale
             return float(seen + theta @ prior_of(parameters, directions) @ theta)
 
-        theta = refit(theta, released)
-        theta, released = _one_drive(theta, released, parameters, refit, left)
-    return theta, released
+        if released:
+            theta, evidence = refit(released)
+        else:
+            theta, evidence = fit(
+                model, groups, parameters, theta, evidence, prior_of(parameters, []), low, high, progress
+            )
+        theta, released, evidence = _one_drive(theta, released, evidence, parameters, refit, left)
+    return theta, released, evidence
+
+
+def _alone(
+    model: ReplayModel, groups: list[Windows], parameters: list[Parameter], released: list[Direction],
+    low: np.ndarray, high: np.ndarray, progress: Callable[[str], None],
+) -> np.ndarray:  # fmt: skip
+    """The robot with ``released`` and the session's offsets fitted alone, shape (P,): where a fit of all begins.
+
+    Far from the truth, where derivatives say little, the other numbers would take up what a large fault leaves.
+    """
+    free = sorted(
+        {k for d in released for k in d.members} | {k for k, p in enumerate(parameters) if p.cause == SESSION}
+    )
+    own = [parameters[k] for k in free]
+    directions = [replace(d, members=tuple(free.index(k) for k in d.members)) for d in released]
+    found = np.zeros(len(parameters))
+    start, prior = np.zeros(len(free)), prior_of(own, directions)
+    found[free], _ = fit(model, groups, own, start, None, prior, low[free], high[free], progress)
+    return found
 
 
 def _one_drive(
-    theta: np.ndarray, released: list[Direction], parameters: list[Parameter],
-    refit: Callable[[np.ndarray, list[Direction]], np.ndarray], left: Callable[[np.ndarray, list[Direction]], float],
-) -> tuple[np.ndarray, list[Direction]]:  # fmt: skip
+    theta: np.ndarray, released: list[Direction], evidence: Evidence, parameters: list[Parameter],
+    refit: Callable[[list[Direction]], tuple[np.ndarray, Evidence]],
+    left: Callable[[np.ndarray, list[Direction]], float],
+) -> tuple[np.ndarray, list[Direction], Evidence]:  # fmt: skip
     """Of each drive one cause, where the replay is as good with it alone: Kp is much as a stronger motor's."""
     for place in dict.fromkeys(d.where for d in released if d.cause in DRIVE):
         own = [d for d in released if d.cause in DRIVE and d.where == place]
         rest = [d for d in released if d not in own]
-        best, least = (theta, released), left(theta, released) - 2.0 * NAMED_ODDS * (len(own) > 1)
+        best, least = (theta, released, evidence), left(theta, released) - 2.0 * NAMED_ODDS * (len(own) > 1)
         for other in directions_of(parameters):
             if other.cause not in DRIVE or other.where != place or len(other.members) != len(own[0].members):
                 continue
             if own == [other]:
                 continue
-            start = theta.copy()
-            start[[k for k, p in enumerate(parameters) if p.cause in DRIVE]] = 0.0
-            new = refit(start, [*rest, other])
+            new, seen = refit([*rest, other])
             if (value := left(new, [*rest, other])) < least:
-                best, least = (new, [*rest, other]), value
-        theta, released = best
-    return theta, released
+                best, least = (new, [*rest, other], seen), value
+        theta, released, evidence = best
+    return theta, released, evidence
 
 
 def _named(f: Found, found: list[Found], evidence: Evidence, parameters: list[Parameter], now: Posterior) -> NamedCause:
-    """A cause with its size: of a single number as the log has it, of a group the change that all share."""
+    """A cause with its size and what it explains."""
     values: dict[str, Value] = {}
-    change: dict[int, float] = {}
     first = parameters[f.direction.members[0]]
     others = [x.direction for x in found if x is not f]
-    if len(f.direction.members) == 1:
-        k = f.direction.members[0]
-        mean, sd = estimate(k, now, parameters)
-    else:
-        k = f.direction.members[0]
-        mean, sd = now.mean[k], float(np.sqrt(max(now.covariance[k, k], now.robust[k])))
-    low, high = (first.absolute(mean + s * 1.96 * sd) for s in (-1.0, 1.0))
+    size = sizes(evidence, parameters, [x.direction for x in found])
+    mean = float(size[f.direction.members[0]])
+    half = half_width(f.direction, mean, now, parameters)
+    low, high = (first.absolute(mean + s * half) for s in (-1.0, 1.0))
     values[first.name] = Value(value=first.absolute(mean), ci95=(low, high), unit=first.unit)
     if first.relative:
-        values["factor"] = Value(value=1.0 + mean, ci95=(1.0 + mean - 1.96 * sd, 1.0 + mean + 1.96 * sd), unit="1")
-    for k in f.direction.members:
-        change[k] = float(now.mean[k]) if len(f.direction.members) > 1 else float(mean)
+        values["factor"] = Value(value=1.0 + mean, ci95=(1.0 + mean - half, 1.0 + mean + half), unit="1")
     full = evidence.at(now.mean)
     without = posterior(evidence, parameters, others).mean.copy()
     without[list(f.direction.members)] = 0.0
@@ -240,7 +271,7 @@ def _named(f: Found, found: list[Found], evidence: Evidence, parameters: list[Pa
         p_value=float(2.0 * stats.norm.sf(abs(f.z))),
         alternatives=tuple(dict.fromkeys(_place(d, f.direction.where) for d in f.alternatives)),
         gain=float(max(1.0 - full / max(evidence.at(without), 1e-12), 0.0)),
-        change=change,
+        change={k: float(size[k]) for k in f.direction.members},
     )
 
 
@@ -291,7 +322,7 @@ def _foretold(evidence: Evidence, parameters: list[Parameter], found: list[Found
         for k in without.direction.members:
             low[k], high[k] = parameters[k].usual
     loss = np.zeros(len(evidence.c))
-    for fold in np.array_split(np.arange(len(loss)), FOLDS):
+    for fold in np.array_split(np.arange(len(loss)), PARTS):
         keep = np.setdiff1d(np.arange(len(loss)), fold)
         a, b = evidence.a[keep].sum(axis=0) / evidence.scale, evidence.b[keep].sum(axis=0) / evidence.scale
         theta, _ = within(a + q, b, low, high)
@@ -303,58 +334,38 @@ def _foretold(evidence: Evidence, parameters: list[Parameter], found: list[Found
 
 
 def _held_out(
-    evidence: Evidence, parameters: list[Parameter], found: list[Found]
-) -> tuple[dict[str, Any], float, float]:
-    """Reduction of the error on pieces of the log that took no part, with its interval, and both errors [1]."""
-    session = [k for k, p in enumerate(parameters) if p.cause == SESSION]
-    named = sorted({k for f in found for k in f.direction.members})
-    folds = np.array_split(np.arange(len(evidence.c)), FOLDS)
-    rows = []
-    for fold in folds:
-        keep = np.setdiff1d(np.arange(len(evidence.c)), fold)
-        a, b = evidence.a[keep].sum(axis=0) / evidence.scale, evidence.b[keep].sum(axis=0) / evidence.scale
-        q = healthy(parameters)
-        row = []
-        for free in (session, sorted({*session, *named})):
-            theta = np.zeros(len(parameters))
-            at = np.ix_(free, free)
-            weight = q[at].copy()
-            for i, k in enumerate(free):
-                if k in named:
-                    weight[i, i] = 1.0 / max(parameters[k].fault, parameters[k].spread) ** 2
-            if free:
-                theta[free] = np.linalg.solve(a[at] + weight, b[free])
-            own_a, own_b = evidence.a[fold].sum(axis=0), evidence.b[fold].sum(axis=0)
-            row.append(max(evidence.c[fold].sum() - 2.0 * own_b @ theta + theta @ own_a @ theta, 1e-12))
-        rows.append(row)
-    errors = np.sqrt(np.array(rows))
-    total = np.sqrt((errors**2).sum(axis=0) / max(evidence.samples, 1))
-    each = 1.0 - errors[:, 1] / errors[:, 0]
-    half = stats.t.ppf(0.975, FOLDS - 1) * each.std(ddof=1) / np.sqrt(FOLDS)
-    value = float(1.0 - total[1] / total[0])
-    gain = {"rmse_reduction": value, "ci95": (value - half, value + half), "held_out": tuple(range(FOLDS))}
-    return gain, float(total[0]), float(total[1])
+    model: ReplayModel, groups: list[Windows], evidence: Evidence, parameters: list[Parameter], found: list[Found]
+) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
+    """Error of the replay on parts of the log that took no part, before and after, both beside their session's offsets.
+
+    Returns:
+        Reduction of the weighted error beside each window's best start, with its interval over parts; and errors before
+        and after: ``all`` is that one by reading [1], a channel's and ``q.JOINT`` are RMSE from the logged start.
+    """
+    released = [f.direction for f in found]
+    theta = np.zeros((2, len(evidence.c), len(parameters)))
+    parts = np.array_split(np.arange(len(evidence.c)), PARTS)
+    for part in parts:
+        rest = np.setdiff1d(np.arange(len(evidence.c)), part)
+        others = replace(evidence, a=evidence.a[rest], b=evidence.b[rest])
+        theta[0, part], theta[1, part] = (sizes(others, parameters, x) for x in ([], released))
+    both = [losses(evidence, model, groups, parameters, x) for x in theta]
+    whole = np.isfinite(both[0][0]) & np.isfinite(both[1][0])  # a replay that broke has no error to compare
+    channels = sum(len(x) for x in evidence.sigma.values())
+    samples = channels * np.mean([w.t.shape[1] for w in groups])
+    by_part = np.array([[loss[part[whole[part]]].sum() for loss, _ in both] for part in parts if whole[part].any()])
+    each = 1.0 - np.sqrt(by_part[:, 1] / np.maximum(by_part[:, 0], 1e-12))
+    half = stats.t.ppf(0.975, max(len(each) - 1, 1)) * each.std(ddof=1) / np.sqrt(len(each))
+    total = np.sqrt(by_part.sum(axis=0) / (whole.sum() * samples))
+    value = float(1.0 - total[1] / max(total[0], 1e-12))
+    errors = {"all": (float(total[0]), float(total[1]))}
+    for name in both[0][1]:
+        before, after = (np.sqrt(squares[name][whole].mean(axis=0)) for _, squares in both)
+        errors[name] = (float(np.sqrt((before**2).mean())), float(np.sqrt((after**2).mean())))
+        if name == "q":
+            errors |= {f"q.{j}": (float(before[k]), float(after[k])) for k, j in enumerate(model.joints)}
+    return {"rmse_reduction": value, "ci95": (value - half, value + half), "held_out": tuple(range(PARTS))}, errors
 
 
-def _errors(
-    model: ReplayModel, groups: list[Windows], parameters: list[Parameter], now: Posterior, extended: np.ndarray
-) -> tuple[dict[str, dict[str, float]], dict[str, dict[str, float]]]:
-    """RMSE before and after, both beside the session's offsets: of the angle by joint, and by channel."""
-    session = np.array([p.cause == SESSION for p in parameters])
-    both: list[dict[str, np.ndarray]] = []
-    for theta in (np.where(session, now.mean, 0.0), np.where(session, now.mean, extended)):
-        squares: dict[str, list[np.ndarray]] = {}
-        for windows in groups:
-            every = np.arange(windows.count)
-            start = np.zeros((windows.count, len(nuisances(model))))
-            changes = Hypotheses.of(parameters, np.tile(theta, (windows.count, 1)), model)
-            for name, x in mismatch(windows.measured, Replay(model, windows).run(changes, every, start)).items():
-                squares.setdefault(name, []).append(np.nan_to_num(x).reshape(-1, x.shape[-1]) ** 2)
-        both.append({name: np.sqrt(np.concatenate(x).mean(axis=0)) for name, x in squares.items()})
-
-    def pair(of: Callable[[dict[str, np.ndarray]], float]) -> dict[str, float]:
-        return {"baseline": of(both[0]), "extended": of(both[1])}
-
-    joints = {joint: pair(lambda x, j=j: float(x["q"][j])) for j, joint in enumerate(model.joints)}
-    channels = {name: pair(lambda x, n=name: float(np.sqrt((x[n] ** 2).mean()))) for name in both[0]}
-    return joints, channels
+def _both(before: float, after: float) -> dict[str, float]:
+    return {"baseline": before, "extended": after}

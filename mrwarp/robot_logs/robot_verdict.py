@@ -48,14 +48,14 @@ class RobotDiagnosis:
     cannot_know: tuple[str, ...]
     next_experiment: NextExperiment | None = None
     baseline: Error
-    """RMS of what is left over windows, each channel in units of its healthy error."""
+    """RMS of what is left of windows that took no part, each channel in units of its healthy error."""
     extended: Error
     gain: Mapping[str, Any]
     """Reduction of that error on pieces of the log that took no part: rmse_reduction, ci95, held_out."""
     per_joint: Mapping[str, Mapping[str, float]]
-    """RMSE of the angle over windows before and after, by joint [rad]."""
+    """RMSE of the angle over windows that took no part, before and after, by joint [rad]."""
     per_channel: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """RMSE before and after by channel, in the channel's unit."""
+    """Likewise by channel, in the channel's unit."""
     session: Mapping[str, float]
     """Where each joint settled beside its command in this session [rad]."""
     detectable: Mapping[str, Value] = field(default_factory=dict)

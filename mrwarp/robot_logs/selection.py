@@ -7,9 +7,10 @@ are moved beyond that: its score is that of the marginal likelihood for an added
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import stats
 
 from mrwarp.robot_logs.causes import ORDINARY, SESSION, Parameter
 from mrwarp.robot_logs.evidence import Evidence, within
@@ -29,6 +30,10 @@ RIVAL_ODDS = 4.5
 LEAST_SHARE = 0.03
 """Least squared mismatch that a cause explains, in units of what every reading of its joints is left with."""
 
+
+PARTS = 8
+"""Parts of a log, one after the other: each counts as one reading in an interval, as neighbouring windows err alike,
+and is predicted from the others."""
 
 MOST = 8
 """Most causes beside :data:`mrwarp.robot_logs.causes.ORDINARY` that one log tells apart."""
@@ -76,6 +81,8 @@ class Posterior:
     """Mean, were there no bounds, shape (P,)."""
     robust: np.ndarray
     """Variance by the spread of the scores over windows, shape (P,)."""
+    by_part: np.ndarray
+    """Likewise over :data:`PARTS`, shape (P,)."""
 
 
 def directions_of(parameters: Sequence[Parameter]) -> list[Direction]:
@@ -127,9 +134,11 @@ def posterior(evidence: Evidence, parameters: Sequence[Parameter], released: Seq
     spread = np.linalg.inv(a + q)
     mean, _ = within(a + q, b, *bounds_of(parameters))
     each = spread @ ((evidence.b - evidence.a @ mean) / evidence.scale).T
+    parts = [each[:, part].sum(axis=1) for part in np.array_split(np.arange(each.shape[1]), PARTS)]
+    own = np.einsum("pq,qr,rp->p", spread, q, spread)
     return Posterior(
         mean=mean, covariance=spread, precision=q, unbounded=spread @ b,
-        robust=(each**2).sum(axis=1) + np.einsum("pq,qr,rp->p", spread, q, spread),
+        robust=(each**2).sum(axis=1) + own, by_part=PARTS / (PARTS - 1) * np.square(parts).sum(axis=0) + own,
     )  # fmt: skip
 
 
@@ -220,6 +229,35 @@ def estimate(k: int, now: Posterior, parameters: Sequence[Parameter]) -> tuple[f
     known = max(1.0 / variance - now.precision[k, k], 1e-3 / variance)
     mean = max(now.unbounded[k] / variance / known, parameters[k].lowest)
     return float(mean), float(max(1.0 / np.sqrt(known), np.sqrt(now.robust[k])))
+
+
+def sizes(evidence: Evidence, parameters: Sequence[Parameter], released: Sequence[Direction]) -> np.ndarray:
+    """Changes by which the extended robot fits best, shape (P,): causes and session's offsets, else as described."""
+    named = {k for d in released for k in d.members}
+    free = [k for k, p in enumerate(parameters) if k in named or p.cause == SESSION]
+    own = [replace(d, members=tuple(free.index(k) for k in d.members)) for d in released]
+    a, b = evidence.a.sum(axis=0) / evidence.scale, evidence.b.sum(axis=0) / evidence.scale
+    low, high = bounds_of(parameters)
+    found = np.zeros(len(parameters))
+    if free:
+        q = prior_of([parameters[k] for k in free], own)
+        found[free], _ = within(a[np.ix_(free, free)] + q, b[free], low[free], high[free])
+    return found
+
+
+def half_width(d: Direction, size: float, now: Posterior, parameters: Sequence[Parameter]) -> float:
+    """Half of the 95 % interval about a direction's number ``size``, which :func:`sizes` gives.
+
+    It is the widest of four: by the model, over windows, over parts, and what the number moves by when all others may
+    be off as on healthy robots. Over parts it is the cluster-robust one with Student's t of ``PARTS - 1`` (Cameron and
+    Miller, J. Human Resources 50, 2015, sections II and VI).
+    """
+    k = d.members[0]
+    mean, sd = now.mean[k], float(np.sqrt(max(now.covariance[k, k], now.robust[k])))
+    if len(d.members) == 1:
+        mean, sd = estimate(k, now, parameters)
+    over_parts = stats.t.ppf(0.975, PARTS - 1) * np.sqrt(now.by_part[k])
+    return float(max(stats.norm.ppf(0.975) * sd, over_parts, abs(mean - size)))
 
 
 def _recurrence(d: Direction, now: Posterior, parameters: Sequence[Parameter]) -> float:

@@ -128,6 +128,7 @@ class Replay:
         parts = windows.feed[:, w]
         ask = late(more[:, None] * parts[0] + (1.0 + field("kd"))[:, None] * parts[1] + parts[2])
         kp = late(more[:, None] * windows.kp[w])
+        self.batch.bind("qfrc_applied")[:count] = field("push", mj.nv)
         device = _Devices(m, field) if m.devices else None
         coil = late(windows.coil[w])[:, :, m.devices.joint] if m.devices else None
         if device is not None and coil is not None:
@@ -234,13 +235,27 @@ class Replay:
             vel[:, :3] += extra[:, 3:6]
         pos[:, m.q_adr] = windows.q[w] - offset + start[:, :joints]
         vel[:, m.v_adr] = windows.qd[w] + start[:, joints : 2 * joints]
-        self.batch.bind("qpos")[ids] = pos
+        self.batch.bind("qpos")[ids] = self._later(pos, vel, 0.5 * windows.h)
         self.batch.bind("qvel")[ids] = vel
         self.batch.bind("qacc_warmstart")[ids] = 0.0
+
+    def _later(self, pos: np.ndarray, vel: np.ndarray, seconds: float) -> np.ndarray:
+        """Positions ``seconds`` on at the same speeds; shapes (..., nq), (..., nv).
+
+        The engine's semi-implicit Euler steps are leapfrog ones, of second order, where positions are those half a step
+        after the velocities beside them: read as of the same instant, the robot would answer half a step early.
+        """
+        m, found = self.model, pos.copy()
+        found[..., m.q_adr] += seconds * vel[..., m.v_adr]
+        if m.free:
+            found[..., :3] += seconds * vel[..., :3]
+            found[..., 3:7] = turned(pos[..., 3:7], seconds * vel[..., 3:6])
+        return found
 
     def _read(self, w, pos, vel, torque, flows, field) -> Iterator[tuple[str, np.ndarray]]:  # noqa: ANN001
         m, windows = self.model, self.windows
         clock, rows = field("clock", 2), np.arange(len(w))[:, None]
+        pos = self._later(pos, vel, -0.5 * windows.h)
 
         def at_samples(x: np.ndarray, group: int = 0) -> np.ndarray:
             along = np.clip((windows.t[w] - clock[:, group, None]) / windows.h, 0.0, windows.steps - 1e-9)

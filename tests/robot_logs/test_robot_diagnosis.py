@@ -1,5 +1,6 @@
 """What a diagnosis of an arm's log names; the truth is simulated by :mod:`tests.robot_logs.arm_log`."""
 
+import contextlib
 import json
 from pathlib import Path
 
@@ -8,14 +9,27 @@ import numpy as np
 import pytest
 
 from mrwarp.cli import main
+from mrwarp.resources import DEFAULT_POLICY
+from mrwarp.robot_logs import robot_diagnosis
+from mrwarp.robot_logs.causes import Parameter, parameters_of
+from mrwarp.robot_logs.evidence import Evidence, gather, replayed
+from mrwarp.robot_logs.replay_model import replay_model
 from mrwarp.robot_logs.robot_diagnosis import diagnose_log
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
+from mrwarp.robot_logs.selection import PARTS, Direction, half_width, posterior, sizes
+from mrwarp.robot_logs.virtual.record_log import LogCfg, record
+from mrwarp.robot_logs.windows import cut_windows
 from tests.robot_logs.arm_log import arm_log
 
 
-def test_the_command_writes_a_verdict_with_the_place_of_a_cause(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    """A lower arm of 150 g more than described; the keys are those of a joint's verdict."""
+def test_the_command_writes_a_verdict_with_the_place_of_a_cause(
+    tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A lower arm of 150 g more than described; keys as of a joint's verdict; errors of parts that took no part."""
+    corrections: list[np.ndarray] = []
+    losses = robot_diagnosis.losses
+    monkeypatch.setattr(robot_diagnosis, "losses", lambda *args: corrections.append(args[-1]) or losses(*args))
 
     def heavier(model) -> None:  # noqa: ANN001
         body = model.body("lower").id
@@ -29,12 +43,15 @@ def test_the_command_writes_a_verdict_with_the_place_of_a_cause(tmp_path: Path, 
     keys = {"verdict", "sentence", "causes", "suspects", "unexplained", "cannot_know", "baseline", "extended", "gain"}
     assert keys <= set(result)
     assert set(result["per_channel"]) == {"q", "qd"}
+    assert len(np.unique(corrections[-1], axis=0)) == PARTS  # each part's comes from the others
     assert result["per_channel"]["q"]["extended"] < 0.2 * result["per_channel"]["q"]["baseline"]
     assert result["next_experiment"]["what"] in "".join(result["cannot_know"])
     assert result["verdict"] == "named"
     cause = result["causes"][0]
     assert (cause["name"], cause["where"]) == ("link_mass", "lower")
-    assert cause["parameters"]["mass"]["value"] == pytest.approx(0.15, abs=0.015)
+    mass = cause["parameters"]["mass"]
+    assert mass["value"] == pytest.approx(0.15, abs=0.005)
+    assert mass["ci95"][0] < 0.15 < mass["ci95"][1]
     robot = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "robot.xml"))
     assert robot.body("lower").mass[0] == pytest.approx(0.5 + cause["parameters"]["mass"]["value"], abs=1e-4)
 
@@ -51,7 +68,7 @@ def test_gains_that_the_log_does_not_tell_come_back(tmp_path: Path) -> None:
     """The robot's Kp is 15, the log says 12."""
     d = _diagnosed(arm_log(tmp_path, seconds=8.0, kp=15.0))
     found = {c.where: c.parameters["gain"].value for c in d.causes if c.name == "kp"}
-    assert found == {"robot": pytest.approx(15.0, rel=0.1)}
+    assert found == {"robot": pytest.approx(15.0, rel=0.02)}
 
 
 def test_a_delay_of_more_than_a_row_is_named(tmp_path: Path) -> None:
@@ -59,6 +76,64 @@ def test_a_delay_of_more_than_a_row_is_named(tmp_path: Path) -> None:
     d = _diagnosed(arm_log(tmp_path, seconds=8.0, late=0.014))
     assert [(c.name, c.where) for c in d.causes] == [("command_delay", "robot")]
     assert d.causes[0].parameters["delay"].value == pytest.approx(0.014, abs=0.001)
+
+
+def test_the_replay_leaves_what_the_evidence_says_where_a_joint_has_no_current(tmp_path: Path) -> None:
+    """A joint without a device has no coil current: its missing readings are no broken replay."""
+    folder = arm_log(tmp_path, seconds=4.0)
+    for file in folder.glob("*.csv"):
+        head, *rows = file.read_text().splitlines()
+        rows = [head + ",current.elbow,current_cmd.elbow", *(row + ",0.1,0.1" for row in rows)]
+        file.write_text("\n".join(rows) + "\n")
+    log = load_log(folder)
+    model = replay_model(folder / "arm.xml", log)
+    groups, parameters = cut_windows(model, log), parameters_of(model, log)[:1]
+    evidence = gather(model, groups, parameters, np.zeros(1), print)
+    assert np.isnan(groups[0].measured["current"]).any()
+    assert replayed(evidence, model, groups, parameters, np.zeros(1)) == pytest.approx(evidence.at(np.zeros(1)))
+
+
+def test_intervals_cover_where_neighbouring_windows_err_alike() -> None:
+    """Eight windows at a time share one error: 95 % intervals hold the truth in 90 to 98 of a hundred logs."""
+    size = {"step": 1.0, "spread": 1e3, "least": 0.0, "fault": 1e3}
+    p = Parameter(cause="kp", where="a", name="gain", unit="1", field="kp", index=0, **size)
+    d, rng, held = Direction(cause="kp", where="a", members=(0,)), np.random.default_rng(0), []
+    for _ in range(400):
+        error = np.repeat(rng.normal(size=8), 8) + 0.3 * rng.normal(size=64)
+        evidence = Evidence(
+            a=np.ones((64, 1, 1)), b=error[:, None], c=error**2, weight=np.ones(64), scale=1.0, sigma={}, samples=64,
+            run=np.zeros(64), lost=0, keep=np.ones(64, dtype=bool),
+        )  # fmt: skip
+        now = posterior(evidence, [p], [])
+        size = float(sizes(evidence, [p], [d])[0])
+        held.append(abs(size) < half_width(d, size, now, [p]))
+    assert 0.90 <= np.mean(held) <= 0.98
+
+
+def test_a_torque_of_no_cause_is_unexplained_with_joint_and_time(tmp_path: Path) -> None:
+    """For 2.5 s something turns the elbow; no cause is blamed for it."""
+
+    def gust(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:  # noqa: ARG001
+        return np.array([0.0, 0.6 * (3.0 < t < 5.5)])
+
+    d = _diagnosed(arm_log(tmp_path, seconds=8.0, seed=3, extra=gust))
+    assert (d.verdict, d.causes) == ("unexplained", ())
+    found = d.to_dict()["unexplained"]
+    assert found["where"] == "elbow" and found["peak"][0] == pytest.approx(0.6, abs=0.06)
+    assert [name for name, _, _ in found["when"]] == ["run0", "run1"]
+    assert found["when"][0][1:] == pytest.approx((3.0, 5.5), abs=0.61)
+    assert "outside the catalogue: a torque in elbow" in d.sentence
+
+
+@pytest.mark.slow
+def test_a_dead_coil_is_named_from_twelve_seconds_of_walking(tmp_path: Path) -> None:
+    """Its current is missing, and no other number is blamed."""
+    cfg = LogCfg(robot="mr_go", motions=(("walk", 12.0),), hide=("coil_dead=RL",), policy=DEFAULT_POLICY, seed=1)
+    with contextlib.suppress(OSError):
+        record(cfg, tmp_path)
+    d = diagnose_log(Path("mr_go"), load_log(tmp_path))
+    assert [(c.name, c.where) for c in d.causes] == [("coil_dead", "RL_calf")]
+    assert d.per_channel["current"]["extended"] < 0.3 * d.per_channel["current"]["baseline"]
 
 
 def _diagnosed(folder: Path) -> RobotDiagnosis:

@@ -58,21 +58,6 @@ def compare(d: RobotDiagnosis) -> list[Compared]:
     return found
 
 
-def channel_errors(compared: list[Compared]) -> dict[str, tuple[float, float]]:
-    """RMS of each channel's mismatch before and after, in :data:`UNITS`, without the worst hundredth of windows."""
-    rows: dict[str, list[list[np.ndarray]]] = {}
-    for c in compared:
-        for k, after in enumerate((False, True)):
-            for name, x in c.left(after).items():
-                rows.setdefault(name, [[], []])[k].append((x**2).mean(axis=(1, 2)))
-    found = {}
-    for name, (before, after) in rows.items():
-        b, a = np.concatenate(before), np.concatenate(after)
-        keep = b <= np.quantile(b, 0.99)
-        found[name] = (float(np.sqrt(b[keep].mean())), float(np.sqrt(a[keep].mean())))
-    return found
-
-
 def joint_windows(compared: list[Compared]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """When windows begin [s], shape (W,), in order; RMS error of the angles before and after [rad], shapes (W, J)."""
     time = np.concatenate([c.offset for c in compared])

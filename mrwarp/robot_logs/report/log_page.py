@@ -10,7 +10,7 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from mrwarp.diagnose import verdict_text as text
 from mrwarp.diagnose.result import Value
-from mrwarp.robot_logs.report.compared_replays import UNITS, Compared, channel_errors
+from mrwarp.robot_logs.report.compared_replays import UNITS
 from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, cause_text
 from mrwarp.run_dir import versions
 
@@ -18,7 +18,7 @@ MOST_SAID = 3
 """Most causes of the page's first sentence."""
 
 
-def render(d: RobotDiagnosis, compared: list[Compared], pictures: Mapping[str, bytes], command: str) -> str:
+def render(d: RobotDiagnosis, pictures: Mapping[str, bytes], command: str) -> str:
     """The page as text; ``pictures`` are PNGs by name."""
     loaders = [PackageLoader(f"mrwarp.{room}", ".") for room in ("robot_logs.report", "diagnose.report")]
     environment = Environment(
@@ -27,7 +27,7 @@ def render(d: RobotDiagnosis, compared: list[Compared], pictures: Mapping[str, b
     page = environment.get_template("log_page.html.jinja").render(
         source=d.log.path.name, sentence=_sentence(d), causes=[_cause(c) for c in d.causes], facts=_facts(d),
         suspects=[(s.name.replace("_", " "), s.reason) for s in d.suspects], unexplained=d.unexplained,
-        gain=_gain(d), joints=_joints(d), channels=_channels(compared), experiment=d.next_experiment,
+        gain=_gain(d), joints=_joints(d), channels=_channels(d), experiment=d.next_experiment,
         cannot_know=[_parted(x) for x in d.cannot_know], session=_session(d),
         detectable=[_detectable(name, v) for name, v in d.detectable.items()],
         data=_data(d), notes=d.notes, command=command, seconds=f"{d.seconds:.0f}",
@@ -96,10 +96,10 @@ def _joints(d: RobotDiagnosis) -> list[tuple[str, ...]]:
     ]
 
 
-def _channels(compared: list[Compared]) -> list[tuple[str, ...]]:
+def _channels(d: RobotDiagnosis) -> list[tuple[str, ...]]:
     return [
-        (name, f"{before:.4g} {UNITS.get(name, '')}", f"{after:.4g} {UNITS.get(name, '')}", _change(before, after))
-        for name, (before, after) in channel_errors(compared).items()
+        (name, *(f"{x:.4g} {UNITS.get(name, '')}" for x in e.values()), _change(e["baseline"], e["extended"]))
+        for name, e in d.per_channel.items()
     ]
 
 

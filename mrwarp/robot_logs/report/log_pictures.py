@@ -7,7 +7,7 @@ import io
 import numpy as np
 from matplotlib.figure import Figure
 
-from mrwarp.robot_logs.report.compared_replays import UNITS, Compared, channel_errors, joint_windows
+from mrwarp.robot_logs.report.compared_replays import UNITS, Compared, joint_windows
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
 
 BEFORE, AFTER, MEASURED = "#d55e00", "#0072b2", "#1c1f23"
@@ -19,7 +19,7 @@ CELLS, MOST_NAMES = 240, 6
 
 def draw(d: RobotDiagnosis, compared: list[Compared]) -> dict[str, bytes]:
     """PNGs by name."""
-    return {"where": _where(d, compared), "errors": _errors(d, compared), "trace": _trace(d, compared)}
+    return {"where": _where(d, compared), "errors": _errors(d), "trace": _trace(d, compared)}
 
 
 def accused(d: RobotDiagnosis) -> list[int]:
@@ -68,9 +68,9 @@ def _where(d: RobotDiagnosis, compared: list[Compared]) -> bytes:
     return _png(figure)
 
 
-def _errors(d: RobotDiagnosis, compared: list[Compared]) -> bytes:
+def _errors(d: RobotDiagnosis) -> bytes:
     """Before and after, by joint and by channel."""
-    channels = channel_errors(compared)
+    channels = d.per_channel
     figure = Figure(figsize=(8.0, 1.6 + 0.22 * max(len(d.model.joints), len(channels), 5)), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=[3, 2])
     y = np.arange(len(d.model.joints))
@@ -81,7 +81,7 @@ def _errors(d: RobotDiagnosis, compared: list[Compared]) -> bytes:
     left.invert_yaxis()
     left.legend(frameon=False, fontsize=8)
     names = list(channels)
-    share = [100.0 * channels[name][1] / max(channels[name][0], 1e-12) for name in names]
+    share = [100.0 * e["extended"] / max(e["baseline"], 1e-12) for e in channels.values()]
     right.barh(np.arange(len(names)), share, 0.6, color=AFTER)
     right.axvline(100.0, color=BEFORE, linewidth=1.5)
     right.set(xlabel="error with the causes, % of before", yticks=np.arange(len(names)))

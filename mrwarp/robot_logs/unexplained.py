@@ -1,0 +1,151 @@
+"""What acts on the robot that no cause explains: the force that each window asks for beside the model, where and when.
+
+Every window is replayed with a constant force on the trunk and a constant torque in each joint, beside the unknown
+start. What a found cause explains acts already.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from mrwarp.diagnose.result import Unexplained
+from mrwarp.robot_logs.causes import Parameter
+from mrwarp.robot_logs.evidence import DERIVATIVE_STEP, START_SPREAD, Evidence
+from mrwarp.robot_logs.replay_model import ReplayModel
+from mrwarp.robot_logs.robot_log import RobotLog
+from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances
+from mrwarp.robot_logs.windows import Windows
+
+STEP = 0.02
+"""Forces by which derivatives are taken, as a share of the robot's weight and of the most a joint was asked for."""
+
+LEAST_SHARE = 0.3
+"""Least part of a window's mismatch that a force explains where it is told."""
+
+IN_A_ROW = 3
+"""Fewest windows one after the other that ask for a force."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outside(Unexplained):
+    """A force that no cause of the catalogue gives."""
+
+    where: str
+    """Joint, or the body that it pushes."""
+    when: tuple[tuple[str, float, float], ...]
+    """Recording, begin and end [s]."""
+    peak: tuple[float, ...]
+    """Largest of these windows: of the trunk x, y, z in the world's axes [N], of a joint its torque [N·m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pushes:
+    """Constant forces beside the model in each of W windows, at D places: the trunk, and each joint."""
+
+    where: tuple[str, ...]
+    size: tuple[np.ndarray, ...]
+    """Likeliest force of each place beside that of the median window, which a weight or an offset gives as well: of the
+    trunk x, y, z [N] in the world's axes, of a joint its torque [N·m]; shapes (3, W) and (1, W)."""
+    share: np.ndarray
+    """Part of each window's mismatch that a place's force explains, shape (D, W)."""
+
+
+def pushes(
+    evidence: Evidence, model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], theta: np.ndarray
+) -> Pushes:
+    """Forces that windows ask for about ``theta``, shape (P,), those too that do not count as evidence."""
+    mj = model.model
+    step = STEP * np.maximum(model.asked, 0.1)
+    places = [(j, [(int(v), s)]) for j, v, s in zip(model.joints, model.v_adr, step.tolist(), strict=True)]
+    if model.free:
+        first, push = int(mj.jnt_dofadr[mj.body_jntadr[model.trunk]]), STEP * 9.81 * float(mj.body_mass.sum())
+        places.insert(0, (model.body_name(model.trunk), [(first + k, push) for k in range(3)]))
+    found: list[list[tuple[np.ndarray, ...]]] = [[] for _ in places]
+    for windows, z in zip(groups, evidence.starts, strict=True):
+        left = mismatch(windows.measured, _replayed(Replay(model, windows), parameters, theta, 0, 0.0))
+        coarse = Replay(model, windows.coarse(max(1, int(np.floor(DERIVATIVE_STEP / windows.h + 1e-6)))))
+        base = _replayed(coarse, parameters, theta, 0, 0.0)
+        r, starts = _scaled(left, evidence), np.stack([_scaled(x, evidence) for x in _each(z)], axis=1)
+        begin = np.linalg.inv(starts @ starts.mT + np.eye(starts.shape[1]) / START_SPREAD**2)
+        r0 = (starts @ r[..., None])[..., 0]
+        c = np.maximum((r**2).sum(axis=1) - np.einsum("wi,wij,wj->w", r0, begin, r0), 1e-12)
+        for (_, members), rows in zip(places, found, strict=True):
+            slopes = [mismatch(_replayed(coarse, parameters, theta, dof, s), base) for dof, s in members]
+            f = np.stack([_scaled(x, evidence) / s for x, (_, s) in zip(slopes, members, strict=True)], axis=1)
+            across = begin @ (starts @ f.mT)
+            a = f @ f.mT - (f @ starts.mT) @ across
+            b = (f @ r[..., None])[..., 0] - np.einsum("wzi,wz->wi", across, r0)
+            inverse = np.linalg.pinv(a)
+            size = np.einsum("wij,wj->wi", inverse, b)
+            rows.append((a, size, c - (size * b).sum(axis=1)))
+    sizes, shares = [], []
+    for rows in found:
+        a, size, least = (np.concatenate(x) for x in zip(*rows, strict=True))
+        size = size - np.median(size, axis=0)
+        gain = np.einsum("wi,wij,wj->w", size, a, size)
+        sizes.append(size.T)
+        shares.append(gain / np.maximum(gain + least, 1e-12))
+    return Pushes(where=tuple(name for name, _ in places), size=tuple(sizes), share=np.stack(shares))
+
+
+def outside(found: Pushes, groups: Sequence[Windows], log: RobotLog) -> Outside | None:
+    """Where and when windows one after the other ask for a force: the place that explains most, or None."""
+    run, start = (np.concatenate([getattr(w, name) for w in groups]) for name in ("run", "start"))
+    length = np.concatenate([w.t[:, -1] for w in groups])
+    order = np.lexsort((start, run))
+    best, most = None, 0.0
+    for k, place in enumerate(found.where):
+        told = _in_a_row(found.share[k][order] >= LEAST_SHARE, run[order])
+        windows = [order[list(part)] for part in told]
+        if (share := sum(float(found.share[k][part].sum()) for part in windows)) > most:
+            best, most = (k, place, windows), share
+    if best is None:
+        return None
+    k, place, windows = best
+    when = []
+    for part in windows:
+        t = log.runs[run[part[0]]].t
+        end = t[start[part[-1]]] + length[part[-1]]
+        when.append((log.runs[run[part[0]]].id, float(t[start[part[0]]]), float(end)))
+    every = found.size[k][:, np.concatenate(windows)]
+    peak = tuple(float(x) for x in every[:, int(np.argmax(np.linalg.norm(every, axis=0)))])
+    size = ", ".join(f"{x:+.3g}" for x in peak)
+    what = f"a torque in {place} of up to {size} N·m"
+    if len(peak) > 1:
+        what = f"a force on {place} of up to {size} N along x, y, z"
+    at = ", ".join(f"{begin:.1f} to {end:.1f} s of {name}" for name, begin, end in when)
+    return Outside(
+        depends_on=("time",), form=f"{what}, at {at}", share=float(found.share[k].mean()), where=place,
+        when=tuple(when), peak=peak,
+    )  # fmt: skip
+
+
+def _in_a_row(clear: np.ndarray, run: np.ndarray) -> list[list[int]]:
+    """Windows that are clear one after the other in one run; both shape (W,)."""
+    pieces = [list(own) for _, own in groupby(range(len(clear)), key=lambda i: (run[i], clear[i]))]
+    return [own for own in pieces if clear[own[0]] and len(own) >= IN_A_ROW]
+
+
+def _replayed(
+    replay: Replay, parameters: list[Parameter], theta: np.ndarray, dof: int, push: float
+) -> dict[str, np.ndarray]:
+    """All windows with a force along one degree of freedom."""
+    count = replay.windows.count
+    changes = Hypotheses.of(parameters, np.tile(theta, (count, 1)), replay.model)
+    changes.fields["push"] = np.zeros((count, replay.model.model.nv))
+    changes.fields["push"][:, dof] = push
+    return replay.run(changes, np.arange(count), np.zeros((count, len(nuisances(replay.model)))))
+
+
+def _each(z: dict[str, np.ndarray]) -> list[dict[str, np.ndarray]]:
+    """Derivatives by each number of the start, by channel (W, S, C)."""
+    return [{name: x[k] for name, x in z.items()} for k in range(len(next(iter(z.values()))))]
+
+
+def _scaled(x: dict[str, np.ndarray], evidence: Evidence) -> np.ndarray:
+    """All channels in units of what is left in them, one row a window; 0 where there is no reading."""
+    return np.concatenate([np.nan_to_num(x[n] / s).reshape(len(x[n]), -1) for n, s in evidence.sigma.items()], axis=1)
