@@ -1,4 +1,4 @@
-"""Coulomb friction: ``F*tanh(qd/v)``; at rest it stays what it was."""
+"""Coulomb friction: ``F*s``, s the direction of :func:`~mrwarp.effects.law.dry_direction`; at rest it stays."""
 
 import warp as wp
 
@@ -26,7 +26,7 @@ LAW = EffectLaw(
     name="coulomb_friction",
     title="Coulomb friction",
     sentence="Dry friction that does not depend on the speed.",
-    equation="F*tanh(qd/v)",
+    equation="F*s, ds/dt = qd/(v*5 ms), |s| <= 1",
     kind="mechanism",
     stage="torque",
     parameters=(

@@ -1,4 +1,4 @@
-"""Dry friction that grows with the control input: ``F1*|u|*tanh(qd/v)``.
+"""Dry friction that grows with the control input: ``F1*|u|*s``, s as of Coulomb friction.
 
 The control input u presses the rubbing parts together: a load that a gear carries, the pressure behind a seal. It
 brakes whatever the sign of u, where the hysteresis of eq. 14 with ``K1*I`` would drive for a load that changes sign.
@@ -31,7 +31,7 @@ LAW = EffectLaw(
     name="load_friction",
     title="friction that grows with the current",
     sentence="Dry friction grows with the size of the current.",
-    equation="F1*|I|*tanh(qd/v)",
+    equation="F1*|I|*s, ds/dt = qd/(v*5 ms), |s| <= 1",
     kind="mechanism",
     stage="torque",
     parameters=(

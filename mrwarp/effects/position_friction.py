@@ -1,4 +1,4 @@
-"""Dry friction that depends on the position: ``(F1*x + F2*x^2)*tanh(qd/v)``, ``x = q - q_0``.
+"""Dry friction that depends on the position: ``(F1*x + F2*x^2)*s``, ``x = q - q_0``.
 
 A guide that is not straight, a cable that winds up, a rod that bends: what presses the rubbing parts together changes
 along the way. q_0 is the angle where C of eq. 14 is at rest. At rest the friction stays what it was.
@@ -32,7 +32,7 @@ LAW = EffectLaw(
     name="position_friction",
     title="friction that depends on the position",
     sentence="Dry friction changes along the way.",
-    equation="(F1*x + F2*x^2)*tanh(qd/v), x = q - q_0",
+    equation="(F1*x + F2*x^2)*s, x = q - q_0, ds/dt = qd/(v*5 ms), |s| <= 1",
     kind="mechanism",
     stage="torque",
     parameters=(

@@ -1,4 +1,4 @@
-"""Stribeck friction: ``F*exp(-(qd/v)^2)*tanh(qd/w)``."""
+"""Stribeck friction: ``F*exp(-(qd/v)^2)*s``, s as of Coulomb friction."""
 
 import warp as wp
 
@@ -21,7 +21,7 @@ LAW = EffectLaw(
     name="stribeck",
     title="Stribeck friction",
     sentence="Friction that is larger just above standstill than at speed.",
-    equation="F*exp(-(qd/v)^2)*tanh(qd/w)",
+    equation="F*exp(-(qd/v)^2)*s, ds/dt = qd/(w*5 ms), |s| <= 1",
     kind="mechanism",
     stage="torque",
     parameters=(

@@ -91,6 +91,7 @@ def reconstruct(recording: Recording, *, rests: bool = True, smoothing: float = 
         still.append(np.zeros(len(run.q), dtype=bool) if known is None else np.isfinite(known))
         doubtful.append(at_edge)
         v, a = smooth(run.q, v, run.dt, sigma_q, sigma_v, bandwidth, known)
+        _without_overshoot(v, at_edge, round(_EDGE / run.dt))
         if lag > 0.0:
             late = lagged(v, lag, run.dt)
             v, a = late, (v - late) / lag
@@ -267,6 +268,20 @@ def known_velocity(run: Trajectory, sigma_q: float, sigma_v: float) -> tuple[np.
         known[begin:end] = slope if abs(slope) > _T * error else 0.0
         doubtful[part.start : begin] = doubtful[end : part.stop] = True
     return known, doubtful
+
+
+def _without_overshoot(v: np.ndarray, at_edge: np.ndarray, count: int) -> None:
+    """Take from a velocity, shape (N,), what turns round at the edges of a rest, in place.
+
+    The angle rests there within its noise: it is the smoother that swings through, and dry friction would keep the sign
+    of that swing for as long as the joint rests. ``count`` samples outside of an edge say which way the joint moves.
+    """
+    changes = np.flatnonzero(np.diff(at_edge, prepend=False, append=False)).reshape(-1, 2)
+    for begin, end in changes:
+        before, after = v[max(begin - count, 0) : begin], v[end : end + count]
+        outside = max(before, after, key=lambda x: float(np.abs(x).max(initial=0.0)))
+        inside = v[begin:end]
+        inside[inside * outside.sum() < 0.0] = 0.0
 
 
 def resting(q: np.ndarray, qd: np.ndarray, dt: float, sigma_q: float, sigma_v: float) -> list[slice]:

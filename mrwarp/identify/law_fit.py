@@ -203,10 +203,10 @@ def fit_law(
         bent = search.descend(grown, best.layout.grown(best.x, grown.effects))
         if bent.held_out.sum() < (1.0 - _SATURATES) * best.held_out.sum():
             best = bent
-    plain = LawSearch(search.replay, centre / scales.q, offsets=False).descend(best.layout, best.x)
+    plain = one_zero(best, search.replay)
     offsets: dict[str, float] = {}
     warnings = []
-    if best.loss.sum() < _MOVED * plain.loss.sum():
+    if zeros_moved(best, plain):
         best, zeros = _with_zeros(search, best)
         offsets = {run.id: float(zero) * scales.torque for run, zero in zip(runs, zeros, strict=True)}
         spread = np.array(list(offsets.values()))
@@ -259,6 +259,25 @@ def _with_zeros(search: LawSearch, best: Solution) -> tuple[Solution, np.ndarray
     found = Solution(best.layout, x, torque, best.parts, best.free)
     mean = [float(np.average((motion.torque - torque)[p], weights=search.weight[p])) for p in motion.parts]
     return found, np.array(mean)
+
+
+def one_zero(found: Solution, replay: EffectReplay) -> Solution:
+    """A law with one zero for all trajectories, and with friction that differs by direction where that is a clear gain.
+
+    Such friction moves the mean of a trajectory as well, the more the faster it runs.
+    """
+    search = LawSearch(replay, found.layout.q_zero, offsets=False)
+    alike = search.descend(found.layout, found.x)
+    if not zeros_moved(found, alike):
+        return alike
+    layout = search.layout([*found.layout.effects, "friction_asymmetry"])
+    directed = search.descend(layout, found.layout.grown(alike.x, layout.effects))
+    return directed if zeros_moved(directed, alike) else alike
+
+
+def zeros_moved(apart: Solution, together: Solution) -> bool:
+    """Whether zeros of the trajectories' own leave clearly less than one zero for all does."""
+    return bool(apart.loss.sum() < _MOVED * together.loss.sum())
 
 
 def zero_line(search: LawSearch, zeros: np.ndarray) -> tuple[float, float]:

@@ -130,13 +130,12 @@ def loop(way: np.ndarray, beta: float, gamma: float, z: float = 0.0) -> np.ndarr
     return out
 
 
-def dry(qd: np.ndarray, speed: float) -> np.ndarray:
-    """Direction of dry friction along samples: kept until the motion turns, then by tanh until it is quick again."""
-    out, last = np.empty(len(qd)), 0.0
-    for k, v in enumerate(qd):
-        last = float(np.sign(v)) if abs(v) > speed else last
-        out[k] = last if v * last > 0.0 or (v == 0.0 and last) else np.tanh(v / speed)
-    return out
+def dry(qd: np.ndarray, speed: float, dt: float = 0.005) -> np.ndarray:
+    """Direction of dry friction along samples: a stop operator over the way of 5 ms at ``speed``."""
+    stroke, strain = 0.005 * speed, [float(np.tanh(qd[0] / speed))]
+    for way in qd[1:] * dt:
+        strain.append(float(np.clip(strain[-1] + way / stroke, -1.0, 1.0)))
+    return np.array(strain)
 
 
 def play(x: np.ndarray, half_width: float, start: float) -> np.ndarray:

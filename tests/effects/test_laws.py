@@ -224,11 +224,20 @@ def test_rotor_inertia_is_mass_times_acceleration() -> None:
 
 
 def test_coulomb_friction_opposes_motion() -> None:
-    """Positive with positive velocity, odd, all of it well above its speed, in proportion well below it."""
-    for qd, share in ((1.0, 1.0), (-1.0, -1.0), (0.05, np.tanh(1.0)), (5e-4, 0.01), (0.0, 0.0)):
-        shaft = Shaft.steady(np.full(20, 1.0), qd=qd)
-        found = added(shaft, {"coulomb_friction": {"torque": 0.3, "speed": 0.05}})
-        np.testing.assert_allclose(found, 0.3 * share, rtol=0, atol=1e-5)
+    """With the motion, odd, all of it after a way of 5 ms at its speed, however slow; none before anything moves."""
+    for qd, first in ((1.0, 1.0), (-1.0, -1.0), (0.05, np.tanh(1.0)), (0.0, 0.0)):
+        found = added(Shaft.steady(np.full(20, 1.0), qd=qd), {"coulomb_friction": {"torque": 0.3, "speed": 0.05}})
+        np.testing.assert_allclose(found, 0.3 * np.r_[first, np.full(19, np.sign(qd))], rtol=0, atol=1e-5)
+    slow = added(Shaft.steady(np.full(60, 1.0), qd=1e-3), {"coulomb_friction": {"torque": 0.3, "speed": 0.05}})
+    np.testing.assert_allclose(slow, 0.3 * np.minimum(np.tanh(0.02) + 0.02 * np.arange(60), 1.0), rtol=0, atol=1e-5)
+
+
+def test_dry_friction_stays_at_rest_whatever_the_noise() -> None:
+    """A joint that stops keeps the friction that it had; a velocity of rounding errors of either sign turns nothing."""
+    rest = 1e-6 * np.where(np.arange(200) % 2, 1.0, -1.0)
+    shaft = replace(Shaft.steady(np.full(220, 1.0), qd=1.0), qd=np.concatenate([np.full(20, 1.0), rest]))
+    found = added(shaft, {"coulomb_friction": {"torque": 0.3, "speed": 0.01}})
+    np.testing.assert_allclose(found, 0.3, rtol=0, atol=1e-3)
 
 
 def test_friction_asymmetry_is_even_in_the_velocity() -> None:
@@ -256,7 +265,7 @@ def test_thinning_bends_viscous_torque_alone() -> None:
 
 
 def test_stribeck_falls_with_speed() -> None:
-    """F*exp(-(qd/v)^2)*tanh(qd/w): odd, 1/e at the Stribeck speed, gone at three times it."""
+    """F*exp(-(qd/v)^2)*s: odd, 1/e at the Stribeck speed, gone at three times it."""
     effects = {"stribeck": {"torque": 0.5, "stribeck_speed": 0.4, "speed": 0.01}}
 
     def at(qd: float) -> float:
@@ -264,7 +273,7 @@ def test_stribeck_falls_with_speed() -> None:
 
     assert at(0.4) == pytest.approx(0.5 * np.exp(-1.0), rel=1e-5) == -at(-0.4)
     assert at(1.2) == pytest.approx(0.5 * np.exp(-9.0), rel=1e-4)
-    assert at(0.005) == pytest.approx(0.5 * np.tanh(0.5) * np.exp(-((0.005 / 0.4) ** 2)), rel=1e-5)
+    assert at(0.005) == pytest.approx(0.5 * np.exp(-((0.005 / 0.4) ** 2)), rel=1e-5)
     assert at(0.0) == 0.0
 
 

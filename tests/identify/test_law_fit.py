@@ -18,8 +18,12 @@ TRUTH = {"slope": 60.0, "width": 0.3, "D": 20.0, "B": 300.0, "C": 900.0, "K0": 7
 UNITS = {"q": "m", "current": "V", "torque": "N"}
 
 
-def kwok_damper(seed: int = 0, zeros: float = 0.0, runs: int = 10) -> Recording:
-    """A damper of Kwok's law, 1 % noise, at 0, 1, 2 V; ``zeros`` is the spread of the sensor's zero from run to run."""
+def kwok_damper(seed: int = 0, zeros: float = 0.0, runs: int = 10, lopsided: float = 0.0) -> Recording:
+    """A damper of Kwok's law, 1 % noise, at 0, 1, 2 V.
+
+    ``zeros`` is the spread of the sensor's zero from run to run. ``lopsided`` [N·s/m] damps one direction more, in runs
+    of small to large strokes.
+    """
     rng, found = np.random.default_rng(seed), []
     t = np.arange(800) / 200.0
     for k in range(runs):
@@ -27,10 +31,12 @@ def kwok_damper(seed: int = 0, zeros: float = 0.0, runs: int = 10) -> Recording:
         for _ in range(3):
             w, a, p = 2 * np.pi * rng.uniform(0.5, 2.0), rng.uniform(0.002, 0.008), rng.uniform(0, 2 * np.pi)
             q, qd = q + a * np.sin(w * t + p), qd + a * w * np.cos(w * t + p)
+        if lopsided:
+            q, qd = 0.2 * (k + 1) * q, 0.2 * (k + 1) * qd
         u = np.full(len(t), float(k % 3)) if k < 6 else np.repeat(rng.choice([0.0, 1.0, 2.0], 8), 100)
         h = np.tanh(TRUTH["slope"] * qd + TRUTH["width"] * np.sign(q))
         force = TRUTH["D"] + (TRUTH["B"] + TRUTH["B1"] * u) * qd + TRUTH["C"] * q + (TRUTH["K0"] + TRUTH["K1"] * u) * h
-        force += 2.0 * rng.normal(size=len(t)) + zeros * rng.choice([-1.0, 1.0])
+        force += 2.0 * rng.normal(size=len(t)) + zeros * rng.choice([-1.0, 1.0]) + lopsided * np.abs(qd)
         found.append(Trajectory(id=f"run{k}", t=t, q=q, qd=qd, current=u, torque=force))
     return Recording(trajectories=tuple(found), units=dict(UNITS))
 
@@ -60,6 +66,14 @@ def test_a_foreign_device_comes_back(zeros: float, tmp_path: Path) -> None:
     offsets = [result.offsets.get(run.id, 0.0) for run in recording.trajectories]
     for tau, zero, simulated in zip(model_torque(again, recording), offsets, result.simulated, strict=True):
         np.testing.assert_allclose(tau + zero, simulated, rtol=0, atol=0.2)
+
+
+def test_a_lopsided_damper_has_no_moved_zeros() -> None:
+    """A direction that is damped more moves the mean of each run, the faster the more; no sensor's zero has moved."""
+    result = fit_law(kwok_damper(lopsided=600.0), "kwok")
+    beside = {e.name: e.values for e in result.effects}
+    assert not result.offsets and beside["friction_asymmetry"]["viscous"] == pytest.approx(600.0, rel=0.1)
+    assert result.nrmse < 0.03
 
 
 def test_laws_of_other_shape_fit_worse() -> None:
