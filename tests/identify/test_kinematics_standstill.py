@@ -74,9 +74,10 @@ def test_a_joint_that_stops_at_once_does_not_turn_round() -> None:
     qd = np.where(run.t - 40.0 < 2.0, 1.5, np.where(run.t - 40.0 < 3.5, 0.0, -1.5))
     q = np.concatenate([[0.0], np.cumsum(0.5 * (qd[1:] + qd[:-1])) * 0.005])
     noise = V_NOISE * np.random.default_rng(6).normal(size=len(qd))
-    found = reconstruct(Recording(trajectories=(dataclasses.replace(run, q=np.round(q / STEP) * STEP, qd=qd + noise),)))
-    t = run.t - 40.0
-    assert found.rests and found.qd[(t > 1.9) & (t < 2.3)].min() > -1e-6 and found.qd[(t > 3.3) & (t < 3.6)].max() < 1e-6
+    run = dataclasses.replace(run, q=np.round(q / STEP) * STEP, qd=qd + noise)
+    found, t = reconstruct(Recording(trajectories=(run,))), run.t - 40.0
+    assert found.rests and found.qd[(t > 1.9) & (t < 2.3)].min() > -1e-6
+    assert found.qd[(t > 3.3) & (t < 3.6)].max() < 1e-6
 
 
 def test_a_creeping_joint_creeps_on() -> None:
