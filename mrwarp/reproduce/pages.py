@@ -363,6 +363,7 @@ BLOCKS: dict[str, Callable[[Results], str]] = {
         ("`policies/study_randomised`", "study table2 study_randomised rough"),
         ("`policies/study_rough`", "study table2 study_rough rough"),
     ),
+    "table2_unseen": _studies("policies", ("new seeds", "study table2 unseen")),
     "causes": _causes,
     "fig4_strengths": _strengths,
     "table3": _rows_table("table3"),
