@@ -38,11 +38,11 @@ _CONFOUNDED = 0.8
 """Share of the offsets' variance that place and control input of the runs may explain."""
 _REACHES, _WEAKENINGS = (0.003, 0.01, 0.03, 0.1, 0.3), (0.0, 1.0, 4.0)
 """Elastic reach in ranges of the angle, and alpha of eq. 14 times the speed, that are tried."""
-_APART, _LEAST_GROUP = 1.5, 2
+_APART, _LEAST_GROUP = 2.0, 2
 """Least factor by which the other group's coefficients leave more of each run than its own group's; its fewest runs."""
 _FORETOLD = 2.0
-"""The same factor for the middle one of the runs where its own group does not have the run: one that is alone with its
-control input is foretold by nobody."""
+"""The same factor for the middle run of each group where its own group does not have the run: one that is alone with
+its control input is foretold by nobody."""
 _SLIPS = (0.02, 0.2)
 """Speeds [of the 95th percentile] over which dry friction turns, that are tried for another device."""
 _RIDGE = 1e-6
@@ -339,7 +339,8 @@ def _other_device(recording: Recording, table: _Table) -> RecordingFault | None:
     if min(second.sum(), (~second).sum()) < _LEAST_GROUP:
         return None
     apart, foretold = fit.apart(second)
-    if apart.min() < _APART or np.median(foretold) < _FORETOLD or _separable(table.conditions, second):
+    middle = min(float(np.median(foretold[group])) for group in (second, ~second))
+    if apart.min() < _APART or middle < _FORETOLD or _separable(table.conditions, second):
         return None
     few = second if (second.sum(), second[0]) < ((~second).sum(), not second[0]) else ~second
     runs = np.flatnonzero(few)

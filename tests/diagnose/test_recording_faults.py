@@ -10,6 +10,7 @@ import pytest
 from benchmarks.confusion.case import make_case
 from benchmarks.confusion.families import Plan
 from mrwarp.diagnose.recording_faults import recording_faults
+from mrwarp.recording.differentiate import differentiate, quiet_half
 from mrwarp.recording.load import Recording, Trajectory, load_recording
 
 DATA = Path(os.environ.get("MRWARP_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -91,6 +92,21 @@ def test_runs_that_a_condition_tells_apart_are_no_other_device(healthy: Recordin
     assert "other_device" not in [fault.kind for fault in faults]
 
 
+def test_short_strokes_of_an_elastic_contact_are_no_other_device() -> None:
+    """Strokes within and beyond the slip of elements in parallel, slow and quick, of an angle with noise."""
+    rng, t, limits, runs = np.random.default_rng(2), np.arange(3000) / 1000.0, np.linspace(8e-6, 4e-5, 8), []
+    for k in range(12):
+        q = 0.5e-3 * (0.2, 0.12, 0.06)[k % 3] * np.sin(2.0 * np.pi * (0.5, 1.0, 2.0, 5.0)[k // 3] * t + k)
+        bent, force = np.zeros(8), np.zeros(len(t))
+        for i, dq in enumerate(np.diff(q)):
+            bent = np.clip(bent + dq, -limits, limits)
+            force[i + 1] = 1e5 * bent.mean()
+        q = q + 2e-7 * rng.normal(size=len(t))
+        qd = differentiate(q, 1e-3, quiet_half(q, 1e-3))
+        runs.append(Trajectory(id=f"run{k}", t=t, q=q, qd=qd, qd_derived=True, current=0.0 * t, torque=force))
+    assert recording_faults(Recording(trajectories=tuple(runs)))[1] == ()
+
+
 def test_few_runs_carry_no_verdict(healthy: Recording) -> None:
     """Three runs say nothing about the rest."""
     few = replace(healthy, trajectories=healthy.trajectories[:3])
@@ -107,9 +123,10 @@ def test_the_damper_whose_zero_moved() -> None:
     assert len(fault.trajectories) == 34 and fault.value == pytest.approx(130.0, rel=0.1)
 
 
-def test_a_run_that_agreed_at_first_has_no_gain_of_its_own() -> None:
-    """Kwok's law, nothing hidden: which run stands out depends on who describes the rest."""
-    recording = Plan(family="foreign", level=0.1, seed=77).make(19).recording
+@pytest.mark.parametrize(("seed", "index", "size"), [(77, 19, "large"), (78, 9, "small"), (78, 6, "small")])
+def test_a_law_of_another_shape_is_no_fault(seed: int, index: int, size: str) -> None:
+    """Kwok's and Spencer's law: their runs gather in groups by what describes them, or one stands out by one look."""
+    recording = Plan(family="foreign", level=0.1, seed=seed, size=size).make(index).recording
     assert recording_faults(recording) == (recording, ())
 
 
