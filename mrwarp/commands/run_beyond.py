@@ -153,7 +153,7 @@ class Pushes(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class Limits(Options):
-    """Where holding ends: gait frequency, payload, low gain against coil lag, and a stance on four brakes.
+    """Where holding ends: gait frequency, payload, low gain against coil lag, age, a stance on four brakes.
 
     With the shipped policies as they are. What is in the folder is not measured again.
     """

@@ -1,4 +1,4 @@
-"""Where holding ends: faster gaits, heavier loads, a softer motor and a slower coil, and a stance on four brakes.
+"""Where holding ends: faster gaits, heavier loads, a softer motor and a slower coil, age, and a stance on four brakes.
 
 The shipped policies of MR_Go-SAL walk as they are: they know the 1.5 Hz clock, loads up to 3.5 kg, and coils without
 lag. Each part is one batch, or one per gait or ground; every setting meets the same robots, poses and gait phases.
@@ -43,6 +43,8 @@ GAINS, LAGS = (0.0, 5.0, 10.0, 15.0), (0.0, 0.01, 0.025, 0.05)
 """Motor gains while holding [N·m/rad], and time constants of the coils [s]."""
 PAPER_GAIN = GAINS.index(5.0) * len(LAGS)
 """Setting that others are compared with: the paper's gain, coils without lag."""
+LOSSES = (0.0, 0.1, 0.2, 0.3, 0.4)
+"""Losses of yield and hysteresis with age [1]."""
 STAND_CURRENTS = (0.0, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.7, 1.0, 1.5)
 """Holding currents of a stance [A]; without current the motors show what the knees need."""
 SLOPES = (0.0, 0.15, 0.3)
@@ -195,6 +197,24 @@ def gain_and_lag(cfg: LimitsCfg, policies: Sequence[Policy], electrical: Electri
     return by_setting(cfg, found, len(pairs))
 
 
+def age(cfg: LimitsCfg, policies: Sequence[Policy], electrical: ElectricalCfg) -> dict[str, Any]:
+    """Walk at 0.5 m/s with 3 kg and devices that have lost :data:`LOSSES`; figures of shape (losses x 2, policies).
+
+    Each loss twice: the holding current is set for the device as it was new, and for the device as it is, re-fitted.
+    """
+    cases = [(1.0 - loss, known) for loss in LOSSES for known in (False, True)]
+    left, known = settings(cfg, cases).T
+    env = make_env(task(cfg, payload=PAYLOAD_VARIANT), len(left), 0)
+    factor = torch.tensor(left, dtype=torch.float32, device=env.device)[:, None]
+    for name in ("T_max", "K0", "K1"):
+        env.view(env.actuator.param(name)).mul_(factor)
+    # eq. 18 is solved for the T_max that a device has: with the safety factor times what is left it is a new one's
+    env.view(env.actuator.param("safety_factor")).mul_(torch.where(torch.tensor(known[:, None] > 0.0), 1.0, factor))
+    speed, load = np.full(len(left), 0.5), np.full(len(left), float(PAYLOAD_VARIANT))
+    found = walk(env, policies, speed, _mass(env, load), cfg.seconds, electrical, trials=cfg.trials)
+    return by_setting(cfg, found, len(cases))
+
+
 @torch.no_grad()
 def stance(cfg: LimitsCfg, ground: str) -> dict[str, Any]:
     """Stand with the knees held by their devices, uphill or on rough ground, under a load to the left.
@@ -280,6 +300,7 @@ def run(
         **{f"gait {f:g} Hz": partial(gait, cfg, f, policies, electrical) for f in GAITS},
         "payload": partial(payload, cfg, policies, electrical),
         "gain and lag": partial(gain_and_lag, cfg, policies, electrical),
+        "age": partial(age, cfg, policies, electrical),
         **{f"stance, {ground}": partial(stance, cfg, ground) for ground in ("flat", "rough")},
     }
     found = {}
@@ -293,6 +314,11 @@ def run(
             f"{gain:g}, {1e3 * lag:g} ms": row(found["gain and lag"], i * len(LAGS) + k, against=PAPER_GAIN)
             for i, gain in enumerate(GAINS)
             for k, lag in enumerate(LAGS)
+        },
+        "age": {
+            f"{loss:.0%}, {who}": row(found["age"], 2 * i + k, against=0)
+            for i, loss in enumerate(LOSSES)
+            for k, who in enumerate(("as new", "re-fitted"))
         },
         "stance": {ground: margin_rows(found[f"stance, {ground}"]) for ground in ("flat", "rough")},
         "stances": {ground: found[f"stance, {ground}"] for ground in ("flat", "rough")},
@@ -371,6 +397,7 @@ def lines(found: Mapping[str, Any]) -> list[str]:
     pairs = [
         (pair, change(own), *(cell(own[n], d, k) for n, d, k in SHOWN)) for pair, own in found["gain_and_lag"].items()
     ]
+    ages = [(name, change(own), *(cell(own[n], d, k) for n, d, k in SHOWN)) for name, own in found["age"].items()]
     stances = [
         (
             f"{ground}, {r['low']:g} to {r['high'] if r['high'] is not None else np.inf:g}", str(r["stances"]),
@@ -384,6 +411,7 @@ def lines(found: Mapping[str, Any]) -> list[str]:
         *text_table(("gait, at 0.5 m/s", "fastest held [m/s]", "against 1.5 Hz [W]", *names), gaits), "",
         *text_table(("load, at 0.3 m/s", *names), loads), "",
         *text_table(("Kp_low [N·m/rad], lag", "against 5, 0 ms [W]", *names), pairs), "",
+        *text_table(("loss, current set for the device", "against new [W]", *names), ages), "",
         *text_table(("stance, yield margin", "stances", "slipped [%]", "drift [mrad]", "most"), stances),
     ]  # fmt: skip
 
@@ -430,5 +458,5 @@ def picture(found: Mapping[str, Any], path: Path) -> None:
     stand.set_xticks([], minor=True)
     stand.set(xlabel="yield margin of the weakest knee", ylabel=f"drift over {STAND_SECONDS:g} s [mrad]",
               title="stance on four brakes")  # fmt: skip
-    stand.legend(fontsize=8)
+    stand.legend(loc="upper right", fontsize=8)
     figure.savefig(path, dpi=110)

@@ -107,12 +107,13 @@ def test_what_is_in_the_folder_is_not_done_again(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(limits, "gait", walked(len(limits.SPEEDS)))
     monkeypatch.setattr(limits, "payload", walked(len(limits.PAYLOADS)))
     monkeypatch.setattr(limits, "gain_and_lag", walked(len(limits.GAINS) * len(limits.LAGS)))
+    monkeypatch.setattr(limits, "age", walked(2 * len(limits.LOSSES)))
     monkeypatch.setattr(limits, "stance", lambda *_: done.append(1) or standing)
     cases = len(release.WIDTHS) * len(release.RELEASES)
     monkeypatch.setattr(
         release, "measure", lambda *_: done.append(cases) or {**made_up(cases), "drag": [[0.1]] * cases}
     )
-    for study, jobs in (("limits", 7), ("release", 1)):
+    for study, jobs in (("limits", 8), ("release", 1)):
         line = ["study", study, "--seeds", "0", "--out", str(tmp_path / study)]
         assert main(line) == 0 and len(done) == jobs
         assert main(line) == 0 and len(done) == jobs
