@@ -4,11 +4,9 @@ The hysteretic torque may differ too: ``1 + y*sgn(z)`` times it. Unlike F it bui
 where the device bears nothing.
 """
 
-from dataclasses import replace
-
 import warp as wp
 
-from mrwarp.effects.law import DRY_FRICTION_RESOLUTION, DRY_FRICTION_SPEED, EffectLaw, EffectParameter, Path
+from mrwarp.effects.law import DIRECTED_FRICTION_SPEED, DRY_FRICTION_RESOLUTION, EffectLaw, EffectParameter, Path
 
 
 @wp.func
@@ -36,7 +34,7 @@ LAW = EffectLaw(
     parameters=(
         EffectParameter(name="coulomb", unit="N·m", scale=(0, 0, 1), resolution=DRY_FRICTION_RESOLUTION),
         EffectParameter(name="viscous", unit="N·m·s/rad", scale=(-1, 0, 1)),
-        replace(DRY_FRICTION_SPEED, preset=lambda r: 0.0035 * r.qd),
+        DIRECTED_FRICTION_SPEED,
         EffectParameter(
             name="thinning",
             unit="s/rad",

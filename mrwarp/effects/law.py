@@ -10,7 +10,7 @@ arguments, so that the path can be composed of whatever the catalogue holds (:mo
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import warp as wp
@@ -170,6 +170,8 @@ DRY_FRICTION_SPEED = EffectParameter(
 A contact that slips at once, or a few times later, does so between samples: neither is seen.
 """
 
+DIRECTED_FRICTION_SPEED = replace(DRY_FRICTION_SPEED, preset=lambda r: 0.0035 * r.qd)
+"""The same of friction that differs by direction, which follows the speed and has no memory."""
 
 STRAIN_TIME = wp.constant(0.005)
 """Time in which a dry contact is strained until it slips, at the speed of its change of sign [s]: the paper's step."""
