@@ -127,7 +127,7 @@ def test_a_torque_of_no_cause_is_unexplained_with_joint_and_time(tmp_path: Path)
 
 @pytest.mark.slow
 def test_a_dead_coil_is_named_from_twelve_seconds_of_walking(tmp_path: Path) -> None:
-    """Its current is missing, and no other coil is blamed; that a weaker device is told beside it is known, and wrong."""
+    """Its current is missing, and no other coil is blamed. One other cause beside it is known, and wrong."""
     cfg = LogCfg(robot="mr_go", motions=(("walk", 12.0),), hide=("coil_dead=RL",), policy=DEFAULT_POLICY, seed=1)
     with contextlib.suppress(OSError):
         record(cfg, tmp_path)
