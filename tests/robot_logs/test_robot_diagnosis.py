@@ -64,6 +64,7 @@ def test_a_healthy_log_has_no_cause(tmp_path: Path) -> None:
     assert any(text.startswith("trunk_mass") for text in d.cannot_know)
 
 
+@pytest.mark.slow
 def test_gains_that_the_log_does_not_tell_come_back(tmp_path: Path) -> None:
     """The robot's Kp is 15, the log says 12."""
     d = _diagnosed(arm_log(tmp_path, seconds=8.0, kp=15.0))
