@@ -125,10 +125,9 @@ def behind_gap(x: np.ndarray, half_gap: float, stiffness: np.ndarray, p: Mapping
         z_along = moved(z, along)
         weakened = k_now / (1.0 + p["alpha"] * np.abs(along) / dt)
         pushes = (side != 0.0) & (side * (weakened * z_along + p["B"] * along / dt) >= 0.0)
-        slope, fast, free = 1.0 + (beta - gamma) * np.abs(z), 0.0, 0.0
-        for _ in range(3):  # implicit; the stress weakens with speed
-            free = -k_now * z * dt / (p["B"] * (1.0 + p["alpha"] * fast) + k_now * dt * slope)
-            fast = np.abs(free) / dt
+        # implicit; the stress weakens with speed: alpha*B*v^2 + (B + K*dt*slope)*v = K*|z|
+        drag, pull = p["B"] + k_now * dt * (1.0 + (beta - gamma) * np.abs(z)), k_now * np.abs(z)
+        free = -np.sign(z) * 2.0 * pull * dt / (drag + np.sqrt(drag**2 + 4.0 * p["alpha"] * p["B"] * pull))
         dy = np.where(pushes, along, free)
         apart = x[:, k] - y - dy
         dy = np.where(np.abs(apart) > half_gap, x[:, k] - np.sign(apart) * half_gap - y, dy)
