@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 from benchmarks.confusion.case import NOISES, Noise, Truth, make_case, write_case
@@ -16,6 +17,7 @@ from benchmarks.confusion.effects import CALIBRATION, EFFECTS, PAIRS, SINGLE, UN
 from benchmarks.confusion.families import FAMILIES, Plan
 from benchmarks.confusion.foreign import HIDDEN
 from benchmarks.confusion.motion import Motion, make_session
+from benchmarks.confusion.path import behind_gap
 from benchmarks.confusion.suite import SuiteError, run_case, run_suite
 from benchmarks.confusion.tables import report
 from benchmarks.confusion.truth import BASE, Device, Signals, simulate
@@ -147,6 +149,27 @@ def test_edges_fall_between_samples() -> None:
     current = session.command.at(session.t)
     assert current.min() >= 0.0 and 1.3 < current.max() <= 1.5
     assert np.all(session.qd[:, 0] == 0.0) and 4.0 < np.abs(session.qd).max() <= 8.0
+
+
+def test_a_shaft_that_leaves_its_stop_moves_by_its_balance() -> None:
+    """Pulled off a loaded device within a wide gap, the shaft obeys K*z/(1 + alpha*|v|) + B*v = 0 of a finer solver."""
+    base, dt, rest = Device.drawn(0.0, np.random.SeedSequence(0)).base, 1e-4, 1.0
+    k, b, alpha = base["K0"] + base["K1"], base["B"], base["alpha"]
+    t = np.arange(2000) * dt
+    drive = np.where(t < 0.1, 10.0 * t, rest - 50.0 * (t - 0.1))[None]
+    found = behind_gap(drive, 0.8, np.full_like(drive, k), base, dt)
+    left = 1000 + int(np.argmax(found.contact[0, 1000:] == 0.0))
+    open_ = slice(left, left + 200)
+    assert not found.contact[0, open_].any()
+
+    def rate(_: float, z: np.ndarray) -> np.ndarray:
+        v = 2.0 * k * z / (b + np.sqrt(b * b + 4.0 * alpha * b * k * z))
+        return -v * (1.0 + (base["beta"] - base["gamma"]) * z)
+
+    exact = solve_ivp(rate, (0.0, 0.02), found.z[0, left : left + 1], t_eval=np.arange(200) * dt, rtol=1e-9).y[0]
+    miss = np.abs(found.z[0, open_] - exact).max() / exact[0]
+    print(f"z {exact[0]:.3f} to {exact[-1]:.3f} rad, largest miss {miss:.4f} of it")
+    assert exact[-1] < 0.7 * exact[0] and miss < 0.01
 
 
 def test_a_proposed_experiment_runs_on_the_same_device() -> None:
