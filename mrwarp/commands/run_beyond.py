@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from types import ModuleType
+from typing import Annotated, Any
 
 from mrwarp.enums import ARMS
 from mrwarp.options import option_types as opt
@@ -13,6 +14,15 @@ from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.resources import POLICIES
 from mrwarp.run_dir import check_writable, write_result
 from mrwarp.runtime import ProgressLine
+
+
+def _report(study: ModuleType, found: dict[str, Any], out: Path, picture: str, seed: int, line: CommandLine) -> int:
+    """Write a study's result and picture into its folder, and print its table."""
+    write_result(out, found, seed=seed, command=str(line))
+    study.picture(found, out / picture)
+    print("\n".join(study.lines(found)))
+    print(f"\nfigures and picture in {out}")
+    return 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,11 +77,8 @@ class Current(Options):
         if found is None:
             print("stopped; the same command goes on")
             return 130
-        write_result(self.out, {**found, "units": currents.UNITS}, seed=self.seeds[0], command=str(line))
-        currents.picture(found, self.out / "current.png")
-        print("\n".join(currents.lines(found)))
-        print(f"\nfigures and picture in {self.out}")
-        return 0
+        found = {**found, "units": currents.UNITS}
+        return _report(currents, found, self.out, "current.png", self.seeds[0], line)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,11 +107,7 @@ class Ageing(Options):
             found = ageing.run(ageing.AgeingCfg(**self.chosen("devices", "days", "follow", "seed")), progress)
         finally:
             progress.done()
-        write_result(self.out, found, seed=self.seed, command=str(line))
-        ageing.picture(found, self.out / "ageing.png")
-        print("\n".join(ageing.lines(found)))
-        print(f"\nfigures and picture in {self.out}")
-        return 0
+        return _report(ageing, found, self.out, "ageing.png", self.seed, line)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,11 +147,7 @@ class Pushes(Options):
             found = pushes.run(cfg, self.out, progress)
         finally:
             progress.done()
-        write_result(self.out, found, seed=self.seeds[0], command=str(line))
-        pushes.picture(found, self.out / "pushes.png")
-        print("\n".join(pushes.lines(found)))
-        print(f"\nfigures and picture in {self.out}")
-        return 0
+        return _report(pushes, found, self.out, "pushes.png", self.seeds[0], line)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,11 +183,7 @@ class Limits(Options):
             found = limits.run(cfg, self.out, read_numbers(None, ())["electrical"], progress)
         finally:
             progress.done()
-        write_result(self.out, found, seed=self.seeds[0], command=str(line))
-        limits.picture(found, self.out / "limits.png")
-        print("\n".join(limits.lines(found)))
-        print(f"\nfigures and picture in {self.out}")
-        return 0
+        return _report(limits, found, self.out, "limits.png", self.seeds[0], line)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,8 +219,4 @@ class Release(Options):
             found = release.run(cfg, self.out, read_numbers(None, ())["electrical"], progress)
         finally:
             progress.done()
-        write_result(self.out, found, seed=self.seeds[0], command=str(line))
-        release.picture(found, self.out / "release.png")
-        print("\n".join(release.lines(found)))
-        print(f"\nfigures and picture in {self.out}")
-        return 0
+        return _report(release, found, self.out, "release.png", self.seeds[0], line)
