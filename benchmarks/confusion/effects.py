@@ -175,6 +175,15 @@ class State:
     """Temperature rise of the fluid [K], where it acts."""
     slid: np.ndarray | None = None
     """Way slid in the session as a share of its end, where it acts."""
+    touched: np.ndarray | None = None
+    """Whether the device is driven, where there is a gap."""
+
+    @property
+    def rubbing(self) -> np.ndarray:
+        """Direction of dry friction, -1 to 1: that of the last move, which stays at rest; 0 before it and in a gap."""
+        moved = np.where(self.qd != 0.0, np.arange(self.qd.shape[1]), 0)
+        last = np.sign(np.take_along_axis(self.qd, np.maximum.accumulate(moved, axis=1), axis=1))
+        return last if self.touched is None else np.where(self.touched, last, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,8 +247,8 @@ def position_gain(e: Effect, s: State) -> np.ndarray:
 
 
 def coulomb_friction(e: Effect, s: State) -> np.ndarray:
-    """Hard sign: nothing at rest."""
-    return e.strength * np.sign(s.qd)
+    """Hard sign that turns with the motion and stays at rest."""
+    return e.strength * s.rubbing
 
 
 def friction_asymmetry(e: Effect, s: State) -> np.ndarray:
@@ -251,17 +260,17 @@ def friction_asymmetry(e: Effect, s: State) -> np.ndarray:
 
 def load_friction(e: Effect, s: State) -> np.ndarray:
     """Hard sign, in proportion to the size of the current."""
-    return e.strength * np.abs(s.current) * np.sign(s.qd)
+    return e.strength * np.abs(s.current) * s.rubbing
 
 
 def position_friction(e: Effect, s: State) -> np.ndarray:
     """Hard sign, in proportion to the square of the displacement."""
-    return e.strength * s.q**2 * np.sign(s.qd)
+    return e.strength * s.q**2 * s.rubbing
 
 
 def stribeck(e: Effect, s: State) -> np.ndarray:
     """Lorentz curve over the speed."""
-    return e.strength * np.sign(s.qd) / (1.0 + (s.qd / e.draws["speed"]) ** 2)
+    return e.strength * s.rubbing / (1.0 + (s.qd / e.draws["speed"]) ** 2)
 
 
 def cogging(e: Effect, s: State) -> np.ndarray:

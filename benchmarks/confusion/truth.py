@@ -134,7 +134,9 @@ def _torque(device: Device, motion: Motion, samples: slice) -> np.ndarray:
         z, stiffness, touched = driven.z[:, samples], stiffness[:, samples], driven.contact[:, samples] != 0.0
         state, _ = _state(device, motion, samples)
         z = np.where(touched, z, 0.0)
-        state = replace(state, qd=np.where(touched, state.qd, 0.0), qdd=np.where(touched, state.qdd, 0.0))
+        state = replace(
+            state, qd=np.where(touched, state.qd, 0.0), qdd=np.where(touched, state.qdd, 0.0), touched=touched
+        )
     else:
         z = path.hysteresis(p["beta"], p["gamma"])
     hysteretic = stiffness / (1.0 + p["alpha"] * np.abs(state.qd)) * z
