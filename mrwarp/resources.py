@@ -14,6 +14,9 @@ DEFAULT_POLICY = POLICIES / "mr_go_walk.onnx"
 MODELS = next((p for p in (_HERE / "models", _HERE.parent / "models") if p.is_dir()), _HERE / "models")
 """Folder of the shipped networks: inside the package when installed as a wheel, beside it in a checkout."""
 
+META = "mrwarp"
+"""Key of the metadata entry of a policy or network that holds its description as JSON."""
+
 
 def shipped_model(kind: str) -> str | None:
     """File of the shipped network of a kind (``mlp``, ``lstm``, ``pg_rlstm``); None for what is not learned."""

@@ -11,7 +11,7 @@ from mrwarp.enums import Coupling
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine
 from mrwarp.resources import DEFAULT_POLICY
-from mrwarp.run_dir import check_writable, write_result
+from mrwarp.run_dir import write_result
 from mrwarp.runtime import text_table
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
 
     out: opt.Folder = Path("runs/impact")
     """output folder"""
-    policy: opt.File = DEFAULT_POLICY
-    """walking policy"""
+    policy: opt.OptionalFile = None
+    """walking policy (default: the shipped one; a robot of your own needs its own)"""
     current: opt.Currents = opt.CURRENTS
     """currents I_e [A]"""
     kind: Literal["push", "drop"] = "push"
@@ -58,21 +58,37 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
     serve_web: Annotated[opt.Flag, opt.VIEW] = False
     """serve that view to a browser on this machine"""
 
+    def check(self) -> None:
+        """Refuse also a robot that the policy was not made for."""
+        super().check()
+        from mrwarp.rl.policy_file import check_robot
+        from mrwarp.usd.asset import ROBOT_SUFFIXES, load_robot
+
+        if self.robot and not load_robot(robot=self.robot).layout.legs:
+            return
+        if self.robot and self.robot.endswith(ROBOT_SUFFIXES) and self.policy is None:
+            raise ValueError(
+                f"--robot {self.robot}: give its --policy, as 'mrwarp train --robot {self.robot}' writes it"
+            )
+        check_robot(self.policy or DEFAULT_POLICY, self.robot, self.asset)
+
     def run(self, line: CommandLine) -> int:
         """0 done, 2 on bad input."""
-        check_writable(self.out)
+        from mrwarp.rl.policy_file import check_robot
+        from mrwarp.usd.asset import device_lines, load_robot, taken_currents
+
+        if self.robot and not (arm := load_robot(robot=self.robot)).layout.legs:
+            return self._arm(line, arm)
+        if note := check_robot(self.policy or DEFAULT_POLICY, self.robot, self.asset):
+            print(note, flush=True)
 
         from mrwarp.rl.policy import OnnxPolicy
-        from mrwarp.trials.fixed_base import is_arm
         from mrwarp.trials.impact import Variant
         from mrwarp.trials.impact_figures import figures
-        from mrwarp.usd.asset import device_lines, load_robot, taken_currents
         from mrwarp.viewing import robot_pictures
         from mrwarp.viewing.live_view import ImpactView, open_sink
 
-        if self.robot and is_arm(arm := load_robot(robot=self.robot)):
-            return self._arm(line, arm)
-        policy = OnnxPolicy(self.policy)
+        policy = OnnxPolicy(self.policy or DEFAULT_POLICY)
         couplings = list(Coupling) if self.coupling == "both" else [Coupling(self.coupling)]
         variants = tuple(Variant(current=current) for current in self.current)
         sweeps = {coupling: self._sweep(coupling, variants, policy) for coupling in couplings}

@@ -90,6 +90,14 @@ class Play(opt.RobotOptions):
     hold_current: HoldCurrent | None = None
     """current while holding"""
 
+    def check(self) -> None:
+        """Refuse also a robot that the policy was not made for."""
+        super().check()
+        if self.policy:
+            from mrwarp.rl.policy_file import check_robot
+
+            check_robot(Path(self.policy), self.robot, self.asset)
+
     def run(self, line: CommandLine) -> int:
         """0 when done, 1 when a recording failed, 2 on bad input, 130 after Ctrl-C."""
         if self.agent == "sine":
@@ -128,6 +136,11 @@ class Play(opt.RobotOptions):
         """The player, with its viewers open; nothing is written when something is wrong."""
         for path, suffix in ((self.rrd, ".rrd"), (self.png, ".png"), (self.out, "")):
             check_output(path, suffix)
+        if self.policy:
+            from mrwarp.rl.policy_file import check_robot
+
+            if note := check_robot(Path(self.policy), self.robot, self.asset):
+                print(note, flush=True)
 
         from mrwarp.rl.policy import OnnxPolicy
         from mrwarp.trials.walking import make_env

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,7 +13,11 @@ from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.runtime import quiet_libraries
 
-PAIRS = Annotated[tuple[tuple[str, float], ...], opt.some(opt.assignment, "JOINT=X")]
+ANGLES = Annotated[tuple[tuple[str, float], ...], opt.some(opt.assignment, "JOINT=X")]
+POSITIVE = Annotated[tuple[tuple[str, float], ...], opt.some(partial(opt.assignment, read=opt.positive), "JOINT=X")]
+NOT_NEGATIVE = Annotated[
+    tuple[tuple[str, float], ...], opt.some(partial(opt.assignment, read=opt.not_negative), "JOINT=X")
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,15 +34,15 @@ class Import(Options):
     """the robot's file"""
     out: opt.File
     """USD file to write (.usda, .usdc)"""
-    pose: PAIRS = ()
+    pose: ANGLES = ()
     """neutral angles [rad] (default: the first keyframe, else a solved stance)"""
-    kp: PAIRS = ()
+    kp: POSITIVE = ()
     """gains [N·m/rad] (default: the file's position actuators, else 1.5/rad of the torque limit)"""
-    kd: PAIRS = ()
+    kd: NOT_NEGATIVE = ()
     """damping [N·m·s/rad] (default: the file's, else 0.02 s of Kp)"""
-    torque_limit: PAIRS = ()
+    torque_limit: POSITIVE = ()
     """torque limits [N·m] (default: the file's)"""
-    armature: PAIRS = ()
+    armature: NOT_NEGATIVE = ()
     """rotor inertias at the joints [kg·m²] (default: the file's, else 5 ms of Kd)"""
     unlimited: Annotated[tuple[str, ...], opt.some(str, "JOINT")] = ()
     """joints that may turn without limits"""

@@ -118,10 +118,15 @@ class Train(opt.ViewOptions, opt.RobotOptions, Learning):
     """a new training that begins with the networks of another task's checkpoint.pt, or a policy's actor (.onnx)"""
 
     def check(self) -> None:
-        """Refuse also to start over, unasked, in a folder that holds a checkpoint."""
+        """Refuse also to start over, unasked, in a folder that holds a checkpoint, and a robot without legs."""
         super().check()
         if self.resume is None:
             self._refuse_used_folder()
+        from mrwarp.usd.asset import load_robot
+
+        if Path(self.robot).suffix and not load_robot(robot=self.robot).layout.legs:
+            move = "'mrwarp play --agent sine' and 'mrwarp impact' move arms and legs on a rail"
+            raise ValueError(f"--robot {self.robot}: has no legs to walk with; {move}")
 
     def run(self, line: CommandLine) -> int:
         """0 when the gate was met or not asked for, 1 when missed or broken off, 130 after Ctrl-C, 2 on bad input."""

@@ -13,7 +13,7 @@ from mrwarp.enums import Coupling, CurrentCommand
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine
 from mrwarp.paper import ROBOTS
-from mrwarp.run_dir import check_writable, write_result
+from mrwarp.run_dir import write_result
 from mrwarp.runtime import ProgressLine
 
 if TYPE_CHECKING:
@@ -36,11 +36,21 @@ def _walker(text: str) -> str:
     return text if text in ROBOTS else opt.robot_name(text)
 
 
+def _of_paper(text: str) -> str:
+    """One of the paper's robots; another one has no battery and windings that are known."""
+    if text not in ROBOTS:
+        other = (
+            f"; the energy of another robot: mrwarp walk --robot {text} --policy P.onnx" if Path(text).suffix else ""
+        )
+        raise ValueError(f"{text!r} is none of {', '.join(ROBOTS)}, whose battery and windings are known{other}")
+    return text
+
+
 def _trained_on(policy: Path) -> str | None:
     """USD file of the robot of one's own that a policy was trained on."""
-    from mrwarp.rl.policy import OnnxPolicy
+    from mrwarp.rl.policy_file import read_policy, robot_of
 
-    return OnnxPolicy(policy).file
+    return robot_of(read_policy(policy)[1])
 
 
 Distance = Annotated[float, opt.one(opt.within(0.01, 1e4, "m"), "M")]
@@ -147,12 +157,33 @@ class Walk(EnergyOptions):
     calibrate: opt.Flag = False
     """fit the electrical numbers to this run's Go1 rows, write numbers.json"""
 
+    def check(self) -> None:
+        """Refuse also a robot of one's own without its policy, or without a device."""
+        super().check()
+        if (file := self._file()) is None:
+            return
+        from mrwarp.rl.policy_file import check_robot
+        from mrwarp.usd.asset import load_robot
+
+        if len(self.robot or ()) > 1 or self.sal or self.calibrate:
+            raise ValueError(f"--robot {file}: leave out other robots, --sal and --calibrate, which are the paper's")
+        if self.policy is None:
+            raise ValueError(f"--robot {file}: give its --policy, as 'mrwarp train --robot {file}' writes it")
+        check_robot(self.policy, file)
+        if all(actuator.mr is None for actuator in load_robot(robot=file).actuators):
+            raise ValueError(
+                f"{file}: no joint has a device to compare with; put some on with 'mrwarp robot fit-device'"
+            )
+
+    def _file(self) -> str | None:
+        """The robot of one's own that is named, or that the policy was trained on."""
+        if self.robot is None:
+            return _trained_on(self.policy) if self.policy else None
+        return next((name for name in self.robot if name not in ROBOTS), None)
+
     def run(self, line: CommandLine) -> int:
         """0 done, 1 when a robot fell or was too slow in every trial, 2 on bad input."""
-        check_writable(self.out)
-        if files := [name for name in self.robot or () if name not in ROBOTS]:
-            return self._own(line, files[0])
-        if self.policy and self.robot is None and (file := _trained_on(self.policy)):
+        if file := self._file():
             return self._own(line, file)
 
         from mrwarp.energy.model_numbers import read_numbers, write_numbers
@@ -195,18 +226,14 @@ class Walk(EnergyOptions):
         from mrwarp.energy.model_numbers import described, read_numbers
         from mrwarp.env.natural_units import scales_of
         from mrwarp.rl.policy import OnnxPolicy
+        from mrwarp.rl.policy_file import check_robot
         from mrwarp.trials import own_robot
         from mrwarp.usd.asset import device_lines, load_robot
 
-        if len(self.robot or ()) > 1 or self.sal or self.calibrate:
-            raise ValueError(f"--robot {file}: leave out other robots, --sal and --calibrate, which are the paper's")
-        if self.policy is None:
-            raise ValueError(f"--robot {file}: give its --policy, as 'mrwarp train --robot {file}' writes it")
+        assert self.policy is not None  # checked
+        if note := check_robot(self.policy, file):
+            print(note, flush=True)
         devices = [a for a in load_robot(robot=file).actuators if a.mr is not None]
-        if not devices:
-            raise ValueError(
-                f"{file}: no joint has a device to compare with; put some on with 'mrwarp robot fit-device'"
-            )
         policy, by = OnnxPolicy(self.policy), scales_of(file)
         electrical = read_numbers(self.numbers, self.set)["electrical"]
         for text in (*device_lines(devices), own_robot.assumption(by)):
@@ -262,7 +289,7 @@ class Mission(EnergyOptions):
     renamed = {"seeds": "trials"}
     out: opt.Folder = Path("runs/mission")
     """output folder"""
-    robot: Annotated[tuple[str, ...], opt.some_of(ROBOTS)] = ROBOTS
+    robot: Annotated[tuple[str, ...], opt.some(_of_paper, f"{{{','.join(ROBOTS)}}}")] = ROBOTS
     """robots"""
     speed: Annotated[float, opt.one(trot_speed, "V")] = 0.3
     """command [m/s], not in the paper"""
@@ -287,10 +314,17 @@ class Mission(EnergyOptions):
     calibrate: opt.Flag = False
     """fit thermal numbers and capacity to Go1's, write numbers.json"""
 
+    def check(self) -> None:
+        """Refuse also the policy of a robot of one's own."""
+        super().check()
+        if self.policy and (file := _trained_on(self.policy)):
+            raise ValueError(
+                f"--policy {self.policy}: was trained on {file}, whose battery and windings are not known; its energy: "
+                f"mrwarp walk --policy {self.policy}"
+            )
+
     def run(self, line: CommandLine) -> int:
         """0 done, 1 when a robot could not finish, 2 on bad input."""
-        check_writable(self.out)
-
         from mrwarp.energy.model_numbers import read_numbers, write_numbers
         from mrwarp.trials import energy_report, walk_pictures
         from mrwarp.trials.mission import MissionCfg

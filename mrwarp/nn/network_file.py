@@ -16,11 +16,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
 from mrwarp.nn.models import FEATURES, SAMPLES, LstmState, LstmTorque, TorqueNet, make_net
-from mrwarp.resources import MODELS, shipped_model  # noqa: F401  (where networks are looked for)
+from mrwarp.resources import META, MODELS, shipped_model  # noqa: F401  (where networks are looked for)
 from mrwarp.run_dir import atomic_write, no_file, one_line
-
-META = "mrwarp"
-"""Key of the metadata entry that holds the description as JSON, in both kinds of file."""
 
 SCHEMA = 1
 """Version of the description."""
@@ -143,7 +140,7 @@ def write_onnx(
     """Write a network as ONNX, whole or not at all.
 
     The first dimension of the ``example`` inputs may be any; the description, plain values, becomes metadata under
-    :data:`META`.
+    :data:`mrwarp.resources.META`.
     """
     with atomic_write(path) as partial, warnings.catch_warnings():
         # this exporter is deprecated, but keeps the layers' names, by which rl.policy finds the weights

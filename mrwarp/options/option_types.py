@@ -106,15 +106,18 @@ def within(low: float, high: float, unit: str) -> Callable[[str], float]:
     return checked(float, lambda x: low <= x <= high, f"; allowed: {low:g} to {high:g}{with_unit(unit)}")
 
 
-def assignment(text: str) -> tuple[str, float]:
-    """A name and its number."""
+def assignment(text: str, read: Callable[[str], float] | None = None) -> tuple[str, float]:
+    """A name and its number, by default any finite one."""
     name, equals, value = text.partition("=")
-    if not equals:
+    if not (name and equals):
         raise ValueError(f"{text!r} is not NAME=VALUE")
-    return name, number(value)
+    try:
+        return name, (read or number)(value)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
 
 
-number = checked(float, lambda _: True, "")
+number = checked(float, math.isfinite, " must be a finite number")
 positive = checked(float, lambda x: 0.0 < x < math.inf, " must be a positive number")
 not_negative = checked(float, lambda x: 0.0 <= x < math.inf, " must be at least 0")
 whole = checked(int, lambda n: n >= 0, " must be at least 0")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -13,23 +12,17 @@ from tensordict import TensorDict
 from torch import nn
 
 from mrwarp.env.observations import actor_terms
-from mrwarp.nn.network_file import META, write_onnx
+from mrwarp.nn.network_file import write_onnx
 from mrwarp.options.json_file import shown
 from mrwarp.resources import DEFAULT_POLICY, POLICIES  # noqa: F401  (where policies are looked for)
-from mrwarp.run_dir import no_file, one_line
-from mrwarp.usd.asset import ROBOT_SUFFIXES
+from mrwarp.rl.policy_file import REMEDY, PolicyError, read_policy, robot_of
+from mrwarp.run_dir import one_line
 
 LAYERS = ("Add", "Constant", "Div", "Elu", "Gemm", "Identity", "Mul", "Relu", "Sub", "Tanh")
 """Operators that a policy may consist of: none of them makes more numbers than it takes."""
 
 MAX_JOINTS = 64
 """Most joints of a robot that a policy may be made for."""
-
-_REMEDY = "use a policy that 'mrwarp train' exported"
-
-
-class PolicyError(ValueError):
-    """A policy file cannot be used; the message names the file and the remedy."""
 
 
 def export_onnx(actor: Any, path: Path, description: dict[str, Any]) -> None:
@@ -68,23 +61,16 @@ class OnnxPolicy:
 
     def __init__(self, path: str | Path) -> None:
         self.path = path = Path(path)
-        if not path.is_file():
-            raise PolicyError(f"{path}: {no_file(path, 'policy')}; name an .onnx file that 'mrwarp train' wrote")
-        try:
-            proto = onnx.load(str(path), load_external_data=False)
-            onnx.checker.check_model(proto)
-        except Exception as error:  # onnx and protobuf raise many types for a file that is no model
-            raise PolicyError(f"{path}: not a readable ONNX model ({one_line(error)}); export it again") from error
-        self.description = self._described({entry.key: entry.value for entry in proto.metadata_props})
+        proto, self.description = read_policy(path)
+        self._check_observations()
         self.joints = self.description["observations"]["q"]
         self.currents = self.description["observations"]["action"] - self.joints
-        robot = str(self.description.get("task", {}).get("robot"))
-        self.file = robot if robot.endswith(ROBOT_SUFFIXES) else None
+        self.file = robot_of(self.description)
         nodes, weights = proto.graph.node, proto.graph.initializer
         if any(w.data_location == onnx.TensorProto.EXTERNAL for w in weights):
             raise PolicyError(f"{path}: weights in other files; export it again, as one file")
         if foreign := next((node.op_type for node in nodes if node.op_type not in LAYERS), None):
-            raise PolicyError(f"{path}: layer {shown(foreign)} is not one of {', '.join(LAYERS)}; {_REMEDY}")
+            raise PolicyError(f"{path}: layer {shown(foreign)} is not one of {', '.join(LAYERS)}; {REMEDY}")
         self._net, self._device = None, torch.device("cpu")
         probe = torch.linspace(-3.0, 3.0, sum(self.description["observations"].values())).reshape(1, -1)
         try:  # the checker lets shapes and types pass that numpy, torch or onnxruntime do not have
@@ -93,7 +79,7 @@ class OnnxPolicy:
             self._session = _session(proto.SerializeToString())
             actions = self(probe)
         except Exception as error:  # onnxruntime has a type of error for each of its status codes
-            raise PolicyError(f"{path}: does not run ({one_line(error)}); {_REMEDY}") from error
+            raise PolicyError(f"{path}: does not run ({one_line(error)}); {REMEDY}") from error
         if actions.shape != (1, self.joints + self.currents):
             needed = (1, self.joints + self.currents)
             raise PolicyError(
@@ -102,16 +88,9 @@ class OnnxPolicy:
         self._divisors = [node.input[1] for node in nodes if node.op_type == "Div"]
         self._net = self._as_torch([node.op_type for node in nodes], probe, actions)
 
-    def _described(self, props: dict[str, str]) -> dict[str, Any]:
-        """The description in the metadata, if it is of this version."""
-        if META not in props:
-            raise PolicyError(f"{self.path}: no mrwarp metadata; {_REMEDY}")
-        try:
-            description = dict(json.loads(props[META]))
-            dict(description.get("task", {}))
-        except (ValueError, TypeError, RecursionError) as error:
-            raise PolicyError(f"{self.path}: unreadable mrwarp metadata ({one_line(error)}); {_REMEDY}") from error
-        found = description.get("observations")
+    def _check_observations(self) -> None:
+        """Refuse a policy whose observations are not those of this version."""
+        found = self.description.get("observations")
         joints, actions = (found.get("q"), found.get("action")) if isinstance(found, dict) else (None, None)
         if (
             not (isinstance(joints, int) and isinstance(actions, int))
@@ -123,7 +102,6 @@ class OnnxPolicy:
                 f"{self.path}: made for observations {shown(found)}, this version gives {actor_terms(12)} "
                 "to a robot of 12 joints; train it again"
             )
-        return description
 
     @torch.no_grad()
     def __call__(self, obs: TensorDict | torch.Tensor) -> torch.Tensor:

@@ -198,16 +198,28 @@ def make_log(
     kp, kd = (_gains(where, header, name, joints) for name in ("kp", "kd"))
     for k, joint in enumerate(joints):
         for run in runs:
-            targets = run.joint.get("q_des")
             varies = "kp" in run.joint and np.isfinite(run.joint["kp"][:, k]).all()
-            if targets is not None and np.isfinite(targets[:, k]).any() and not np.isfinite(kp[k]) and not varies:
+            if _filled(run, "q_des", k) and not np.isfinite(kp[k]) and not varies:
                 raise LogError(_no_gain(path, joint, bag))
+    undamped = [
+        joint
+        for k, joint in enumerate(joints)
+        if not np.isfinite(kd[k]) and any(_filled(run, "q_des", k) and not _filled(run, "kd", k) for run in runs)
+    ]
+    if undamped:
+        given = "the map" if bag else "log.json"
+        notes = [*notes, f"Kd of {', '.join(undamped)} is taken as 0: {given} gives none; kd of {given} does"]
     if base == "free" and not any("quat" in run.base for run in runs):
         notes = [*notes, "the trunk floats, but its orientation (quat) was not logged: it is taken as level at first"]
     return RobotLog(
         path=path, robot=str(header.get("robot", "")), base=base, joints=joints, kp=np.nan_to_num(kp),
         kd=np.nan_to_num(kd), tau_is=tau_is, runs=runs, header=header, notes=tuple(notes),
     )  # fmt: skip
+
+
+def _filled(run: LogRun, channel: str, k: int) -> bool:
+    """Whether a channel has a number of the k-th joint."""
+    return channel in run.joint and bool(np.isfinite(run.joint[channel][:, k]).any())
 
 
 def _no_gain(path: Path, joint: str, bag: bool) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 from pxr import Sdf, Usd
 
 from mrwarp.model_file import Model, Parameter
-from mrwarp.params import MrParams
+from mrwarp.params import MrParams, ParameterError
 from mrwarp.runtime import closest
 from mrwarp.usd.asset import load_robot, masses
 from mrwarp.usd.open_stage import SCHEMA, AssetError
@@ -81,7 +81,10 @@ def fit_device(
         gate = replace(own.gate, f_th=round(own.gate.f_th * weight, 3))
         own = replace(own, motor=motor, bouc_wen=replace(own.bouc_wen, q_neutral=neutral), gate=gate)
         params = own if model is None else model.to_params(own, extrapolate=extrapolate)
-        params, scaled = stronger(params, model, factor)
+        try:
+            params, scaled = stronger(params, model, factor)
+        except ParameterError as error:
+            raise ValueError(f"--scale {factor:g}: {error}") from None
         prim.AddAppliedSchema(SCHEMA)
         for name, value in params:
             prim.CreateAttribute(PREFIX + name, Sdf.ValueTypeNames.Double, custom=False).Set(value)

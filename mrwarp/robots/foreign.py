@@ -65,6 +65,16 @@ class Joint:
     home: float | None = None
     """Angle in the file's keyframe [rad]; None: it has no keyframe."""
 
+    def place(self, q: float) -> RigidTransform:
+        """The child in the parent's frame, at an angle [rad] or, of a slide, a way [m]."""
+        moved = self.axis * q
+        turn = (
+            RigidTransform.from_translation(moved)
+            if self.kind == "slide"
+            else RigidTransform.from_rotation(Rotation.from_rotvec(moved))
+        )
+        return self.in_parent * turn * self.in_child.inv()
+
 
 @dataclass(kw_only=True)
 class Shape:
@@ -129,21 +139,14 @@ class ForeignRobot:
         """
         found: dict[int, RigidTransform] = {self.root: RigidTransform.identity()}
         for joint in self.joints if joints is None else joints:  # parents come first
-            moved = joint.axis * q.get(joint.name, 0.0)
-            turn = (
-                RigidTransform.from_translation(moved)
-                if joint.kind == "slide"
-                else RigidTransform.from_rotation(Rotation.from_rotvec(moved))
-            )
-            found[joint.child] = found[joint.parent] * joint.in_parent * turn * joint.in_child.inv()
+            found[joint.child] = found[joint.parent] * joint.place(q.get(joint.name, 0.0))
         return [found.get(i, found[self.root]) for i in range(len(self.bodies))]
 
     def fixed(self, angles: Mapping[str, float]) -> ForeignRobot:
         """The robot with some joints held at angles [rad]: what they carried is part of the body before them."""
         bodies, joints, shapes = list(self.bodies), list(self.joints), list(self.shapes)
         for joint in [joint for joint in self.joints if joint.name in angles][::-1]:  # the outermost first
-            turn = RigidTransform.from_rotation(Rotation.from_rotvec(joint.axis * angles[joint.name]))
-            place = joint.in_parent * turn * joint.in_child.inv()
+            place = joint.place(angles[joint.name])
             bodies[joint.parent] = joined(bodies[joint.parent], bodies[joint.child], place)
             shapes = [
                 replace(s, body=joint.parent, pose=place * s.pose) if s.body == joint.child else s for s in shapes
@@ -186,6 +189,7 @@ class ForeignRobot:
         Raises:
             RobotFileError: closed loops, joints other than hinges, or bodies without mass.
         """
+        self._check_numbers()
         there = {joint.name for joint in self.joints}
         if tied := [c for c in self.couplings if set(c.joints) <= there]:
             more = f" (and {len(tied) - 1} more)" if tied[1:] else ""
@@ -195,7 +199,7 @@ class ForeignRobot:
             if joint.kind != "hinge" and joint.name not in self.rails:
                 raise RobotFileError(
                     f"{self.path}: joint {joint.name} is a {joint.kind} joint; only hinges, and rails that join the "
-                    "ground, are simulated: weld it there"
+                    f"ground, are simulated: say --fix {joint.name}, or weld it there"
                 )
         for k, body in enumerate(self.bodies):
             if k == self.root and not self.floating:  # it stands still
@@ -211,6 +215,19 @@ class ForeignRobot:
                     f"{self.path}: body {body.name} has the inertias {three} kg·m², which no body has; give it three "
                     "there of which none is larger than the sum of the others"
                 )
+
+    def _check_numbers(self) -> None:
+        """Refuse masses, places and axes that are no numbers."""
+        for body in self.bodies:
+            if not np.isfinite([body.mass, *body.com, *body.inertia.ravel()]).all():
+                raise RobotFileError(
+                    f"{self.path}: body {body.name} has a mass, centre of mass or inertia that is no number; "
+                    "correct it there"
+                )
+        for joint in self.joints:
+            place = (*joint.in_parent.translation, *joint.in_child.translation, *joint.axis)
+            if not np.isfinite(place).all() or not np.linalg.norm(joint.axis) > 0.5:
+                raise RobotFileError(f"{self.path}: joint {joint.name} has no place or no axis; correct it there")
 
 
 def joined(parent: Body, child: Body, place: RigidTransform) -> Body:

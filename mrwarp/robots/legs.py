@@ -125,7 +125,8 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
     for joint in driven:
         if joint.limits is None and not any(fnmatch.fnmatchcase(joint.name, name) for name in choices.unlimited):
             raise RobotFileError(
-                f"{robot.path}: {joint.name} has no limits; give it some there, or say --unlimited {joint.name}"
+                f"{robot.path}: {joint.name} has no limits less than ten turns apart; give it some there, in radians, "
+                f"or say --unlimited {joint.name}"
             )
     notes = list(robot.notes)
     chosen = {joint.name: q for joint in driven if (q := _chosen(choices.pose, joint.name)) is not None}

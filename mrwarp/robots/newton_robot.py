@@ -49,7 +49,9 @@ def read_by_newton(path: Path, add: Callable[[Any], Any]) -> ForeignRobot:
             warnings.simplefilter("ignore")
             add(builder)
     except Exception as error:  # importers raise many types for a file that is no robot
-        raise RobotFileError(f"{path}: Newton cannot read it ({one_line(error)}); correct it there") from None
+        text = one_line(error)
+        more = ", or say --skip-meshes" if text.startswith("Mesh file") else ""
+        raise RobotFileError(f"{path}: Newton cannot read it ({text}); correct it there{more}") from None
     return _robot(path, builder)
 
 

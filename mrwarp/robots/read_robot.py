@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -60,7 +61,10 @@ def read_robot(path: Path, meshes: Meshes | None = None) -> ForeignRobot:
         raise RobotFileError(f"{path}: {no_file(path, 'file')}; name an MJCF (.xml), URDF or USD file")
     kind = SUFFIXES.get(path.suffix.lower())
     if kind is None:
-        raise RobotFileError(f"{path}: {path.suffix or 'no ending'} is not {', '.join(SUFFIXES)}; rename or convert it")
+        remedy = (
+            f"expand its macros: xacro {path.name} > robot.urdf" if "xacro" in path.suffix else "rename or convert it"
+        )
+        raise RobotFileError(f"{path}: {path.suffix or 'no ending'} is not {', '.join(SUFFIXES)}; {remedy}")
     meshes = meshes or Meshes()
     if kind == "URDF" or (kind == "MJCF" and b"<robot" in path.read_bytes()[:4096]):
         return _read_urdf(path, meshes)
@@ -88,6 +92,7 @@ def _read_usd(path: Path) -> ForeignRobot:
     for name, unit in (("metersPerUnit", "metres"), ("kilogramsPerUnit", "kilograms")):
         if stage.HasAuthoredMetadata(name) and (value := stage.GetMetadata(name)) != 1.0:
             raise RobotFileError(f"{path}: {name} is {value:g}; export it in {unit}")
+    _refuse_no_numbers(path, stage)
     _refuse_loops(path, stage)
     robot = read_by_newton(path, lambda builder: builder.add_usd(stage, collapse_fixed_joints=True))
     joints = {joint.name: joint for joint in robot.joints}
@@ -104,6 +109,19 @@ def _read_usd(path: Path) -> ForeignRobot:
     if any(SCHEMA in motor.GetAppliedSchemas() for motor in motors):
         robot.notes.append("MR devices were left out: put them on with 'mrwarp robot fit-device'")
     return robot
+
+
+def _refuse_no_numbers(path: Path, stage: Usd.Stage) -> None:
+    """Name the attribute that is no number: Newton takes a default in its place, or the NaN."""
+    for prim in stage.Traverse():
+        for attribute in prim.GetAuthoredAttributes():
+            if attribute.GetName().startswith(("physics:", "xformOp:", "drive:")):
+                value = attribute.Get()
+                numbers = np.array([value.real, *value.imaginary] if hasattr(value, "imaginary") else value).ravel()
+                if numbers.dtype.kind == "f" and np.isnan(numbers).any():
+                    raise RobotFileError(
+                        f"{path}: {prim.GetPath()}: {attribute.GetName()} is no number; correct it there"
+                    )
 
 
 def _refuse_loops(path: Path, stage: Usd.Stage) -> None:
@@ -125,6 +143,8 @@ def _refuse_loops(path: Path, stage: Usd.Stage) -> None:
 
 
 def _read_mjcf(path: Path, skip_meshes: bool) -> ForeignRobot:
+    warned: list[str] = []
+    mujoco.set_mju_user_warning(warned.append)  # else it writes MUJOCO_LOG.TXT
     try:
         with silent():
             spec = mujoco.MjSpec.from_file(str(path))
@@ -139,6 +159,13 @@ def _read_mjcf(path: Path, skip_meshes: bool) -> ForeignRobot:
         if "Error opening file" in text:
             remedy = "put it there" if "'include'" in text else "put it there, or say --skip-meshes"
         raise RobotFileError(f"{path}: MuJoCo cannot read it ({text}); {remedy}") from None
+    finally:
+        mujoco.set_mju_user_warning(None)
+    if any("NaN" in text for text in warned):  # it stands for a default there
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        line = next((k for k, text in enumerate(lines, 1) if re.search(r"\bnan\b", text, re.IGNORECASE)), None)
+        where = f", line {line}" if line else " or a file that it includes"
+        raise RobotFileError(f"{path}{where}: a value is NaN; write a number in its place")
     return _Compiled(path, model).robot()
 
 
@@ -195,10 +222,12 @@ class _Compiled:
         moving = [i for i in own if i != self.root]
         for i in moving:
             if (count := model.body_jntnum[i]) > 1:
-                first = model.body_jntadr[i]
+                own = range(first := model.body_jntadr[i], first + count)
+                planar = not model.body_parentid[i] and any(self._kind(j) != mujoco.mjtJoint.mjJNT_HINGE for j in own)
                 raise RobotFileError(
                     f"{self.path}: body {self.labels[i]} has {count} joints, "
-                    f"{', '.join(self.joint_labels[first : first + count])}; put a body with mass between each two"
+                    f"{', '.join(self.joint_labels[j] for j in own)}; "
+                    + ("put a <freejoint/> in their place" if planar else "put a body with mass between each two")
                 )
         names = dict(zip(moving, prim_names([self.joint_labels[model.body_jntadr[i]] for i in moving]), strict=True))
         joints = [self._joint(i, number[int(self.owner[model.body_parentid[i]])], number[i], names[i]) for i in moving]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -52,6 +53,7 @@ def checked_urdf(path: Path, meshes: Meshes) -> Urdf:
         raise RobotFileError(f"{path}: its first element is <{root.tag}>, not <robot>; is it a robot's file?")
     if next((e for e in root.iter() if "xacro" in e.tag), None) is not None:
         raise RobotFileError(f"{path}: it holds xacro macros; expand them first: xacro {path.name} > robot.urdf")
+    _check_numbers(path, root)
     root_link = _check_tree(path, root)
     for limit in root.iterfind("joint[@type='continuous']/limit"):  # it has none there, but Newton would take them
         for which in ("lower", "upper"):
@@ -67,6 +69,48 @@ def checked_urdf(path: Path, meshes: Meshes) -> Urdf:
         floating=root_link != "world",
         mimics={name: mimic.get("joint", "") for name, mimic in followed.items() if mimic is not None},
     )
+
+
+TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+"""Types of joints of the format."""
+
+NUMBERS = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "mass": {"value": 1},
+    "inertia": dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), 1),
+    "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), 1),
+    "mesh": {"scale": 3},
+    "box": {"size": 3},
+    "sphere": {"radius": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+}
+"""How many numbers each attribute of an element holds; only limits may be infinite."""
+
+
+def _check_numbers(path: Path, root: ET.Element) -> None:
+    """Refuse what is no number, by link or joint, and types of joints that there are not."""
+    for part in (*root.iterfind("link"), *root.iterfind("joint")):
+        where = f"{path}: {part.tag} {part.get('name')}"
+        if part.tag == "joint" and part.get("type") not in TYPES:
+            raise RobotFileError(f"{where}: type {part.get('type') or 'is missing'}; write one of {', '.join(TYPES)}")
+        for element in part.iter():
+            for name, count in NUMBERS.get(element.tag, {}).items():
+                text = element.get(name)
+                if text is None:
+                    continue
+                try:
+                    numbers = [float(word) for word in text.split()]
+                except ValueError:
+                    numbers = []
+                finite = all(map(math.isfinite, numbers)) or (
+                    element.tag == "limit" and not any(map(math.isnan, numbers))
+                )
+                if len(numbers) != count or not finite:
+                    macro = f"; expand its macros: xacro {path.name} > robot.urdf" if "$" in text else ""
+                    wanted = "a number" if count == 1 else f"{count} numbers"
+                    raise RobotFileError(f'{where}: <{element.tag} {name}="{text[:40]}">: write {wanted}{macro}')
 
 
 def _check_tree(path: Path, root: ET.Element) -> str:
@@ -98,7 +142,7 @@ def _check_tree(path: Path, root: ET.Element) -> str:
                 before[link] = str(name)
         limit = joint.find("limit")
         if limit is not None and joint.get("type") in ("revolute", "prismatic"):
-            low, high = (_number(path, name, limit, which) for which in ("lower", "upper"))
+            low, high = (float(limit.get(which) or 0.0) for which in ("lower", "upper"))
             if low > high:
                 raise RobotFileError(f"{path}: joint {name}: lower {low:g} lies above upper {high:g}; swap them there")
     roots = [name for name in names["link"] if name not in before]
@@ -106,21 +150,28 @@ def _check_tree(path: Path, root: ET.Element) -> str:
         raise RobotFileError(f"{path}: every link has a link before it: a closed loop; open it there")
     if roots[1:]:
         raise RobotFileError(f"{path}: {roots[0]} and {roots[1]} are two trunks; join them there, or remove one")
+    ends = {str(joint.find("child").get("link")): joint for joint in root.iterfind("joint")}  # type: ignore[union-attr]
+    for name in names["link"]:
+        seen: set[str] = set()
+        while name in ends and name not in seen:
+            seen.add(name)
+            name = str(ends[name].find("parent").get("link"))  # type: ignore[union-attr]
+        if name in seen:
+            raise RobotFileError(f"{path}: link {name} comes after itself: a closed loop; open it there")
+    for joint in root.iterfind("joint[mimic]"):
+        followed = str(joint.find("mimic").get("joint"))  # type: ignore[union-attr]
+        if followed not in names["joint"]:
+            raise RobotFileError(
+                f"{path}: joint {joint.get('name')}: <mimic> of {followed}, which is no joint; name one, or take it out"
+            )
     return roots[0]
-
-
-def _number(path: Path, joint: str | None, limit: ET.Element, which: str) -> float:
-    try:
-        return float(limit.get(which) or 0.0)
-    except ValueError:
-        raise RobotFileError(
-            f"{path}: joint {joint}: {which} = {limit.get(which)}; write a number in radians"
-        ) from None
 
 
 def _mesh(path: Path, link: str, name: str, meshes: Meshes) -> Path:
     """The file of a mesh."""
     where = f"{path}: link {link}: mesh {name}"
+    if not name:
+        raise RobotFileError(f"{path}: link {link}: a <mesh> without filename; name its file, or say --skip-meshes")
     if name.startswith(("http://", "https://")):
         raise RobotFileError(f"{where} lies on the network; put it beside the file, or say --skip-meshes")
     found = next((file for file in _places(path, name, meshes.packages) if file.is_file()), None)

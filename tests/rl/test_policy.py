@@ -17,7 +17,7 @@ from tensordict import TensorDict
 
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.observations import actor_terms
-from mrwarp.rl import policy
+from mrwarp.resources import META
 from mrwarp.rl.checkpoint import task
 from mrwarp.rl.policy import DEFAULT_POLICY, OnnxPolicy, PolicyError, export_onnx
 from mrwarp.rl.ppo_cfg import make_ppo_cfg
@@ -170,25 +170,21 @@ def test_a_policy_without_metadata_is_refused(exported: Path, tmp_path: Path) ->
 @pytest.mark.parametrize("text", ["{", "[1, 2]", "3", '"text"'])
 def test_unreadable_metadata_are_refused(exported: Path, tmp_path: Path, text: str) -> None:
     """Metadata that are no JSON object are refused like missing ones."""
-    path = edited(exported, tmp_path / "p.onnx", lambda proto: helper.set_model_props(proto, {policy.META: text}))
+    path = edited(exported, tmp_path / "p.onnx", lambda proto: helper.set_model_props(proto, {META: text}))
     assert "metadata" in refusal(path)
 
 
 def test_another_observation_layout_is_refused(exported: Path, tmp_path: Path) -> None:
     """A policy of another version would read the wrong columns."""
     description = json.dumps({"observations": {**actor_terms(12), "gyro": 4}})
-    path = edited(
-        exported, tmp_path / "p.onnx", lambda proto: helper.set_model_props(proto, {policy.META: description})
-    )
+    path = edited(exported, tmp_path / "p.onnx", lambda proto: helper.set_model_props(proto, {META: description}))
     assert "made for observations" in refusal(path) and "train it again" in refusal(path)
 
 
 def test_a_long_description_makes_a_short_refusal(exported: Path, tmp_path: Path) -> None:
     """The refusal stays one readable line, whatever stands in the file."""
     description = json.dumps({"observations": {"gy" + 100_000 * "(": 3}})
-    path = edited(
-        exported, tmp_path / "p.onnx", lambda proto: helper.set_model_props(proto, {policy.META: description})
-    )
+    path = edited(exported, tmp_path / "p.onnx", lambda proto: helper.set_model_props(proto, {META: description}))
     message = refusal(path)
     assert len(message) < 1000 and "train it again" in message
 

@@ -82,6 +82,18 @@ def test_every_channel_of_the_contract_is_read(name: str, tmp_path: Path) -> Non
     assert any("hip, knee" in line for line in describe(log))
 
 
+def test_a_drive_without_damping_is_told(tmp_path: Path) -> None:
+    """Kd that nobody gives is 0, and that is said; a column or log.json gives it."""
+    header, columns = good()
+    columns = {name: column for name, column in columns.items() if not name.startswith("kd.")}
+    header["kd"] = {"hip": 0.5}
+    log = load_log(write(tmp_path / "a", header, columns))
+    assert log.kd.tolist() == [0.5, 0.0]
+    assert log.notes == ("Kd of knee is taken as 0: log.json gives none; kd of log.json does",)
+    header["kd"]["knee"] = 0.0
+    assert load_log(write(tmp_path / "b", header, columns)).notes == ()
+
+
 def test_units_are_converted(tmp_path: Path) -> None:
     """What log.json declares, channel by channel."""
     header, columns = good()

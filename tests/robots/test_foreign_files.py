@@ -1,5 +1,6 @@
 """Robots from URDF and USD: what arrives, and what is refused in one line that says where and what to write."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -216,7 +217,33 @@ BAD_DOGS: dict[str, tuple[dict, tuple[str, ...]]] = {
     "a name twice": ({"more": link("LF_hip")}, ("two links", "LF_hip", "rename")),
     "no name": ({"more": link("")}, ("link number 14", "no name")),
     "limits turned round": ({"knee": "0.5"}, ("LF_KFE", "0.5", "-0.1", "swap")),
-    "limits in words": ({"knee": "far"}, ("LF_KFE", "lower = far")),
+    "limits in words": ({"knee": "far"}, ("joint LF_KFE", '<limit lower="far">', "write a number")),
+    "limits that are no numbers": ({"knee": "nan"}, ("joint LF_KFE", '<limit lower="nan">')),
+    "limits in degrees": ({"knee": "-150"}, ("LF_KFE", "less than ten turns apart", "radians", "--unlimited LF_KFE")),
+    "a mass that is no number": ({"shank": math.nan}, ("link LF_shank", '<mass value="nan">', "write a number")),
+    "macros left in a number": (
+        {"more": EXTRA.format(kind="revolute", limit=LIMIT).replace('mass value="1.0"', 'mass value="${m}"')},
+        ("link extra", '<mass value="${m}">', "xacro dog.urdf > robot.urdf"),
+    ),
+    "two numbers of three": (
+        {"more": EXTRA.format(kind="revolute", limit=LIMIT).replace("0 0 0", "0 0")},
+        ("joint spin", '<origin xyz="0 0">', "write 3 numbers"),
+    ),
+    "no axis": (
+        {"more": EXTRA.format(kind="revolute", limit=LIMIT).replace("0 1 0", "0 0 0")},
+        ("joint spin", "no axis"),
+    ),
+    "a type of other formats": ({"more": EXTRA.format(kind="hinge", limit=LIMIT)}, ("spin", "type hinge", "revolute")),
+    "a planar joint": ({"more": EXTRA.format(kind="planar", limit=LIMIT)}, ("spin", "--fix spin", "weld")),
+    "a joint that follows none": (
+        {"more": EXTRA.format(kind="revolute", limit=f'{LIMIT}<mimic joint="LF"/>')},
+        ("joint spin", "<mimic> of LF", "no joint"),
+    ),
+    "a circle beside the trunk": (
+        {"more": link("a") + link("b") + joint("ab", "a", "b") + joint("ba", "b", "a")},
+        ("link a", "after itself", "closed loop"),
+    ),
+    "a mesh without a name": ({"more": camera("")}, ("link camera", "without filename", "--skip-meshes")),
     "a wheel": (
         {"more": EXTRA.format(kind="continuous", limit=LIMIT)},  # which the format ignores there
         ("spin", "no limits", "--unlimited spin"),
@@ -234,6 +261,19 @@ def test_bad_urdf_robots(what: str, tmp_path: Path, capsys: pytest.CaptureFixtur
     """Each names the place and what to write."""
     choices, parts = BAD_DOGS[what]
     refused(urdf(tmp_path, **choices), parts, capsys)
+
+
+def test_a_gripper_is_held_where_it_is(tmp_path: Path) -> None:
+    """Sliders and joints that follow are held, at the way that is said; their masses stay."""
+    file = tmp_path / "arm.urdf"
+    finger = joint("grip", "a", "b", kind="prismatic", at="0 0 0.3")
+    text = link("world", mass=None) + link("a") + link("b") + joint("j", "world", "a", at="0 0 1")
+    file.write_text(f"<robot>{text}{finger}</robot>")
+    asset = imported(file, "--fix", "grip", "--pose", "grip=0.2")
+    assert asset.layout.joints == ("j",)
+    found = UsdPhysics.MassAPI(asset.stage.GetPrimAtPath("/arm/a"))
+    assert found.GetMassAttr().Get() == pytest.approx(2.0)
+    assert found.GetCenterOfMassAttr().Get() == pytest.approx((0.0, 0.1, 0.15))  # the slider moves along y
 
 
 def test_no_feet(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -277,6 +317,16 @@ BAD_USD: dict[str, tuple[Callable[[Usd.Stage], None], tuple[str, ...]]] = {
         lambda stage: stage.GetPrimAtPath("/dog/LF_hip").GetAttribute("physics:mass").Set(0.0),
         ("LF_hip", "mass of 0 kg"),
     ),
+    "a mass that is no number": (
+        lambda stage: stage.GetPrimAtPath("/dog/LF_hip").GetAttribute("physics:mass").Set(math.nan),
+        ("/dog/LF_hip", "physics:mass is no number"),
+    ),
+    "a place that is no number": (
+        lambda stage: (
+            stage.GetPrimAtPath("/dog/trunk/LF_HAA").GetAttribute("physics:localPos0").Set(Gf.Vec3f(math.nan, 0, 0))
+        ),
+        ("/dog/trunk/LF_HAA", "physics:localPos0 is no number"),
+    ),
     "no physics": (lambda stage: Sdf.Layer.Clear(stage.GetRootLayer()), ("defaultPrim",)),
 }
 
@@ -288,13 +338,24 @@ def test_bad_usd_robots(what: str, tmp_path: Path, capsys: pytest.CaptureFixture
     refused(usd(tmp_path, change), parts, capsys)
 
 
-def test_a_missing_include_and_what_is_no_mjcf(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """MuJoCo names the line."""
+PLANAR = (
+    '<mujoco><worldbody><body name="cart"><joint name="x" type="slide"/><joint name="turn"/>'
+    '<geom size="0.1" mass="1"/></body></worldbody></mujoco>'
+)
+
+
+def test_a_missing_include_and_what_is_no_mjcf(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """MuJoCo names the line, and writes no log of its own."""
+    monkeypatch.chdir(tmp_path)
     for text, parts in (
         ('<mujoco><include file="legs.xml"/></mujoco>', ("legs.xml", "include", "put it there")),
         ("<sdf/>", ("sdf",)),
         ("hello", ("line number=1",)),
         ("<mujoco/>", ("no body",)),
+        (PLANAR, ("cart has 2 joints, x, turn", "<freejoint/>")),
+        (PLANAR.replace('mass="1"', 'mass="nan"'), ("line 1", "NaN", "write a number")),
     ):
         (tmp_path / "bad.xml").write_text(text)
         refused(tmp_path / "bad.xml", parts, capsys)

@@ -15,6 +15,7 @@ from mrwarp.env.natural_units import in_natural_units, scales
 from mrwarp.env.sim import robot_scene
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.params import MrParams
+from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.usd.asset import RobotAsset, load_robot
 from mrwarp.usd.robot import STAND_HEIGHT
 from mrwarp.viewing.shapes import Part, feet, robot_shapes
@@ -185,6 +186,9 @@ BAD = {
         [],
         ("torso", "twin", "two trunks"),
     ),
+    "a gain that is none": ({}, ["--kp", "*=nan"], ("--kp: *: nan must be a positive number",)),
+    "a torque limit below 0": ({}, ["--torque-limit", "*=-3"], ("--torque-limit: *: -3 must be a positive number",)),
+    "an angle without a joint": ({}, ["--pose", "=1"], ("'=1' is not NAME=VALUE",)),
     "a slider": (
         {"tail": JOINT.format(kind="slide", inertial='<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>')},
         [],
@@ -231,3 +235,51 @@ def test_meshes_are_drawn_in_place_of_what_collides(robot, tmp_path: Path) -> No
     np.testing.assert_allclose(trunk.points.max(axis=0), (0.35, 0.1, 0.25), atol=1e-6)
     picture = tmp_path / "shell.png"
     assert main(["robot", "show", str(asset.path), "--png", str(picture)]) == 0 and picture.is_file()
+
+
+@pytest.fixture(scope="module")
+def three(robot) -> Path:  # noqa: ANN001
+    """A robot of three legs."""
+    return imported(robot(((0.3, 0.0), (-0.2, 0.2), (-0.2, -0.2)))).path
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An arm of one joint."""
+    folder = tmp_path_factory.mktemp("arm")
+    (folder / "arm.xml").write_text(
+        '<mujoco><worldbody><body><joint name="j" range="-90 90" actuatorfrcrange="-9 9"/>'
+        '<geom type="capsule" fromto="0 0 0 0 0 -1" size="0.02"/></body></worldbody></mujoco>'
+    )
+    return imported(folder / "arm.xml").path
+
+
+@pytest.mark.parametrize(
+    ("line", "parts"),
+    [
+        ("mission --robot go2.usda", ("'go2.usda'", "go1, mr_go, mr_go_sal", "mrwarp walk --robot go2.usda")),
+        ("impact --robot {three}", ("beast.usda", "--policy", "mrwarp train")),
+        ("impact --robot {three} --policy {policy}", ("12 joints", "beast.usda has 9", "mrwarp train")),
+        ("walk --robot {three} --policy {policy}", ("12 joints", "beast.usda has 9", "mrwarp train")),
+        ("play --robot {three} --policy {policy} --png {png}", ("12 joints", "beast.usda has 9", "mrwarp train")),
+        ("train --robot {arm}", ("arm.usda", "no legs to walk with", "--agent sine")),
+        ("walk --robot {arm} --policy {policy}", ("arm.usda", "no legs to walk with", "mrwarp impact")),
+        ("log record --robot {arm}", ("arm.usda", "no legs", "MJCF or URDF")),
+    ],
+)
+def test_a_robot_that_does_not_fit_is_refused_at_once(
+    line: str,
+    parts: tuple[str, ...],
+    three: Path,
+    arm: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """One line with both sides and a remedy; nothing is made."""
+    monkeypatch.chdir(tmp_path)
+    words = line.format(three=three, arm=arm, policy=DEFAULT_POLICY, png="w.png").split()
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and all(part in error for part in parts), error
+    assert not list(tmp_path.iterdir())

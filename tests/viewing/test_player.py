@@ -18,8 +18,9 @@ from mrwarp.commands.run_play import Play
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.observations import actor_terms
 from mrwarp.options.command_line import parse
+from mrwarp.resources import META
 from mrwarp.rl.checkpoint import task
-from mrwarp.rl.policy import META, OnnxPolicy
+from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.trials.walking import make_env, measure
 from mrwarp.usd.robot import CURRENT_GROUPS
 from mrwarp.viewing.live_view import Player, open_sink

@@ -109,6 +109,8 @@ def describe(robot: str) -> Description:
 
 def _described_usd(robot: str) -> Description:
     asset = load_robot(robot=robot)
+    if not asset.layout.legs:
+        raise LogError(f"{robot}: has no legs; of an arm name the MJCF or URDF that it was imported from")
     kept: list[mujoco.MjSpec] = []
     with silent():
         build_scene(asset, dt=STEP, ground=False, edit=lambda spec: kept.append(spec.copy()))
