@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -102,7 +102,23 @@ class Coupling:
     text: str
     """Kind and names."""
     joints: tuple[str, ...] = ()
-    """Joints that it ties; without them it ties nothing."""
+    """Joints that it ties, or between the bodies that it ties."""
+    loop: bool = False
+    """Whether it ties bodies, as long as one of the joints moves; else joints, as long as all do."""
+
+    def ties(self, there: Collection[str]) -> bool:
+        """Whether it ties anything where only the joints ``there`` move."""
+        held = [joint for joint in self.joints if joint not in there]
+        return len(held) < len(self.joints) if self.loop and self.joints else not held
+
+    @property
+    def remedy(self) -> str:
+        """What the user can do about it."""
+        if not self.joints:
+            return "open it there"
+        if self.loop:
+            return f"open it there, or hold its joints: --fix {' '.join(self.joints)}"
+        return f"take it out there, or say --fix {self.joints[0]}"
 
 
 @dataclass(kw_only=True)
@@ -191,10 +207,11 @@ class ForeignRobot:
         """
         self._check_numbers()
         there = {joint.name for joint in self.joints}
-        if tied := [c for c in self.couplings if set(c.joints) <= there]:
+        if tied := [coupling for coupling in self.couplings if coupling.ties(there)]:
             more = f" (and {len(tied) - 1} more)" if tied[1:] else ""
-            remedy = f"take it out there, or say --fix {tied[0].joints[0]}" if tied[0].joints else "open it there"
-            raise RobotFileError(f"{self.path}: {tied[0].text}{more}; {remedy}: only trees of bodies are simulated")
+            raise RobotFileError(
+                f"{self.path}: {tied[0].text}{more}; {tied[0].remedy}: only trees of bodies are simulated"
+            )
         for joint in self.joints:
             if joint.kind != "hinge" and joint.name not in self.rails:
                 raise RobotFileError(

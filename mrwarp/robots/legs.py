@@ -195,7 +195,7 @@ def _holding(robot: ForeignRobot, feet: Sequence[Foot], pose: Mapping[str, float
     torques = {name: torque for name, torque in standing_torques(robot, feet, pose).items() if name in drives}
     most = max(torques, key=lambda name: torques[name] / drives[name].torque_limit)
     soft = max(torques, key=lambda name: torques[name] / drives[name].kp)
-    needed = f"{most} needs {torques[most]:.3g} of its {drives[most].torque_limit:.3g} N·m"
+    needed = f"{most} needs {torques[most]:.3g} of its {drives[most].torque_limit:.4g} N·m"
     if torques[most] > drives[most].torque_limit:
         return f"its motors cannot hold the stance: {needed}; --torque-limit, --pose or a device that holds"
     gives = torques[soft] / drives[soft].kp
@@ -318,8 +318,8 @@ def _hanging(robot: ForeignRobot, pose: Mapping[str, float], share: float, notes
     chains = _chains(robot)
     lows = [[_lowest(robot, joint.child, poses)[2] for joint in chain] for chain in chains]
     floor = min((min(low) for low in lows), default=0.0)
-    if not floor < -0.02 * max((_length(chain) for chain in chains), default=0.0):
-        return []
+    if not floor < min(-0.02 * max(map(_length, chains), default=0.0), _lowest(robot, robot.root, poses)[2]):
+        return []  # the trunk would lie on the ground
     # a leg ends at its first body that is on the ground: toes are part of the foot
     ends = [next((k for k, z in enumerate(low) if z < min(low) + SOLE), 0) for low in lows]
     near = [
@@ -410,12 +410,16 @@ def _foot(robot: ForeignRobot, leg: Sequence[Joint], stretched: Mapping[str, flo
     body, poses = leg[-1].child, robot.poses(stretched)
     lowest = _lowest(robot, body, poses)
     own = [shape for shape in robot.shapes if shape.body == body and shape.collides]
-    best = None
-    for shape in own:
-        if shape.kind == "sphere":
-            centre = (poses[body] * shape.pose).translation
-            if centre[2] - shape.size[0] < lowest[2] + 0.01 and (best is None or shape.size[0] > best.size[0]):
-                best = shape
+    balls = [
+        shape
+        for shape in own
+        if shape.kind == "sphere" and (poses[body] * shape.pose).translation[2] - shape.size[0] < lowest[2] + 0.01
+    ]
+    best = max(balls, key=lambda shape: shape.size[0], default=None)
+    if best is not None and any(
+        np.linalg.norm(ball.pose.translation - best.pose.translation) > best.size[0] + ball.size[0] for ball in balls
+    ):
+        best = None  # the corners of a sole
     if not any(shape.body == body for shape in robot.shapes):
         raise RobotFileError(
             f"{robot.path}: {robot.bodies[body].name} ends a leg and has no shape that says where its foot is; give it "
@@ -451,7 +455,7 @@ def _names(legs: list[list[Joint]]) -> list[str]:
             same = [row[0] for row in common] if len(leg) > 1 else words[0][:-1]
             names.append("".join(same if begin else same[::-1]).strip("_"))
         if all(names) and len(set(names)) == len(names):
-            return [name if name.isidentifier() else f"_{name}" for name in names]
+            return [name if name.isidentifier() else f"leg{name}" for name in names]
     return numbers
 
 

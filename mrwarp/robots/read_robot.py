@@ -176,6 +176,7 @@ class _Compiled:
         self.path, self.model = path, model
         self.labels = [model.body(i).name or f"body_{i}" for i in range(model.nbody)]
         self.joint_labels = [model.joint(i).name or f"joint_{i}" for i in range(model.njnt)]
+        self.paired = {*model.pair_geom1, *model.pair_geom2}
         self.root, self.floating = self._root()
         # body that each belongs to, and its place there; -1: scenery
         self.owner = np.full(model.nbody, -1)
@@ -356,11 +357,17 @@ class _Compiled:
             body=number[self.owner[body]],
             pose=self.place[body] * _transform(model.geom_pos[g], model.geom_quat[g]),
             size=np.array(model.geom_size[g]),
-            collides=bool(model.geom_contype[g] or model.geom_conaffinity[g]),
+            collides=bool(model.geom_contype[g] or model.geom_conaffinity[g] or g in self.paired),
             friction=float(model.geom_friction[g, 0]),
             points=points,
             faces=faces,
         )
+
+    def _bears(self, joint: int, body: int) -> bool:
+        """Whether a joint lies between the root and a body."""
+        while body and body != self.model.jnt_bodyid[joint]:
+            body = int(self.model.body_parentid[body])
+        return bool(body)
 
     def _couplings(self, joints: dict[int, Joint]) -> Iterator[Coupling]:
         """What ties bodies or joints together beside the tree."""
@@ -377,7 +384,9 @@ class _Compiled:
                 bodies = model.eq_objtype[k] == mujoco.mjtObj.mjOBJ_BODY
                 found = ends if bodies else [int(model.site_bodyid[i]) for i in ends]
                 between = " and ".join(self.labels[i] for i in found)
-                yield Coupling(text=f"<{tag}> closes a loop between {between}")
+                ways = [{j: joint.name for j, joint in joints.items() if self._bears(j, body)} for body in found]
+                names = tuple(name for j, name in (ways[0] | ways[1]).items() if (j in ways[0]) != (j in ways[1]))
+                yield Coupling(text=f"<{tag}> closes a loop between {between}", joints=names, loop=True)
             else:
                 yield Coupling(text=f"an equality <{tag}> ties bodies together")
 

@@ -53,7 +53,18 @@ def walker(name: str, y: float) -> str:
     return body(f"{name}_thigh", f"0 {y} 0", f"{name}_hip", "0 1 0", "-1.5 1.5", shin, 3.0)
 
 
+def ant(name: str, number: int) -> str:
+    """A leg that lies flat at 0: a hip about the vertical, and an ankle that bends it down."""
+    foot = body(f"{name}_foot", "0.2 0 0", f"{name}_ankle", "0 1 0", "0.5 1.7", ROD.format(end="0.5 0 0"))
+    angle = math.radians((-45.0, 45.0, -135.0, 135.0)[number])
+    inner = ROD.format(end="0.2 0 0") + foot
+    return body(f"{name}_leg", "0 0 0", f"{name}_hip", "0 0 1", "-0.7 0.7", inner, more=f'euler="0 0 {angle}"')
+
+
 BOX = '<geom type="box" size="0.03 0.03 0.01" pos="{at}"/>'
+CORNERS = "".join(
+    f'<geom type="sphere" size="0.005" pos="{x} {y} -0.065"/>' for x in (-0.04, 0.08) for y in (-0.02, 0.02)
+)
 DOG = "".join(leg(name, *at) for name, at in PLACES.items())
 SIX = {"lf": 1.0, "rf": -1.0, "lm": 1.5708, "rm": -1.5708, "lr": 2.1416, "rr": -2.1416}
 WALKER = walker("left", 0.1) + walker("right", -0.1)
@@ -119,6 +130,32 @@ ROBOTS: dict[str, tuple[dict, Choices, Sequence[str], Sequence[str]]] = {
         Choices(),
         tuple(SIX),
         ("lf_j1", "lf_j2", "lf_j3"),
+    ),
+    "an ant, whose legs lie flat above its belly": (
+        {
+            "inner": '<geom type="sphere" size="0.15"/>' + "".join(ant(n, k) for k, n in enumerate(PLACES)),
+            "limit": 50.0,
+        },
+        Choices(),
+        ("FL", "FR", "RL", "RR"),
+        ("FL_hip", "FL_ankle"),
+    ),
+    "balls at the corners of the soles": (
+        {"inner": WALKER.replace(BOX.format(at="0.03 0 -0.06"), CORNERS), "limit": 100.0},
+        Choices(),
+        ("left", "right"),
+        ("left_hip", "left_knee", "left_ankle"),
+    ),
+    "a gripper that closes a loop, held": (
+        {
+            "inner": DOG
+            + body("a", "0.3 0 0.1", "finger_a", "0 1 0", "-1 1", ROD.format(end="0.1 0 0"))
+            + body("b", "0.3 0 0.1", "finger_b", "0 1 0", "-1 1", ROD.format(end="0.1 0 0")),
+            "more": '<equality><connect body1="a" body2="b" anchor="0.1 0 0"/></equality>',
+        },
+        Choices(fix=("finger_*",)),
+        ("FL", "FR", "RL", "RR"),
+        ("FL_roll", "FL_pitch", "FL_knee"),
     ),
     "wheels": (
         {"inner": "".join(leg(name, *at, shank=WHEEL.replace("{}", name)) for name, at in PLACES.items())},
@@ -220,6 +257,24 @@ def test_toes_and_a_foot_of_its_own_name_bear_load(file: Callable[..., Path], tm
     assert [name.endswith(("left_foot", "right_foot")) for name in names] == [True, True]
 
 
+def test_a_sole_of_balls_bears_load_as_a_whole(file: Callable[..., Path]) -> None:
+    """The foot is the middle of its corners, alike on both sides; shapes of contact pairs are its sole too."""
+    inner = WALKER.replace(BOX.format(at="0.03 0 -0.06"), CORNERS)
+    first = understand(read_robot(file(inner, limit=100.0)), Choices())
+    for foot in first.feet:
+        assert foot.sole and foot.shape is None and foot.centre[:2] == pytest.approx((0.02, 0.0), abs=0.01)
+    assert first.layout.neutral["left_knee"] == pytest.approx(first.layout.neutral["right_knee"], abs=0.002)
+    bare = inner.replace("<geom", '<geom contype="0" conaffinity="0"').replace("-0.065", '-0.065" name="{}')
+    while "{}" in bare:
+        bare = bare.replace("{}", f"ball{bare.count('{}')}", 1)
+    pairs = "".join(f'<pair geom1="ball{k + 1}" geom2="floor"/>' for k in range(bare.count('name="ball')))
+    path = file(bare, limit=100.0, more=f"<contact>{pairs}</contact>")
+    path.write_text(
+        path.read_text().replace("<worldbody>", '<worldbody><geom name="floor" type="plane" size="9 9 1"/>')
+    )
+    assert all(foot.sole for foot in understand(read_robot(path), Choices()).feet)
+
+
 def test_a_device_at_the_toes_has_no_gates_and_that_is_said(
     file: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -263,6 +318,10 @@ REFUSED: dict[str, tuple[dict, tuple[str, ...]]] = {
     "a leg without an end": (
         {"inner": "".join(leg(name, *at, shank="") for name, at in PLACES.items())},
         ("_calf", "no shape", "sphere"),
+    ),
+    "a loop": (
+        {"inner": DOG, "more": '<equality><connect body1="FL_calf" body2="FL_hip" anchor="0 0 0"/></equality>'},
+        ("<connect> closes a loop between FL_calf and FL_hip", "open it there", "--fix FL_pitch FL_knee"),
     ),
     "a ball joint": (
         {
