@@ -37,6 +37,10 @@ from mrwarp.identify.projection import Progress
 from mrwarp.model_file import Model, Parameter, completed, parameter_unit
 from mrwarp.recording.load import Holding, Recording
 
+_TIGHTER = 0.5
+"""Ratio of the spreads of the trajectories' factors from which causes are searched again: where factors may differ much,
+a common one costs next to nothing, and a model's torque drifts away from what was measured."""
+
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # its threads would wait for those of the replay, at full load
 def diagnose(
@@ -119,6 +123,14 @@ def diagnose(
         screened = screen_candidates(problem, base, candidates)
 
     selection, doubted = select_proven(problem, base, screened, log)
+    most = doubted[0].fit if doubted else selection.final
+    noise = learn_noise(problem, most)
+    if noise.gain < _TIGHTER * problem.noise.gain:  # the causes together leave less than the first of them did
+        log(f"noise without {', '.join(most.effects)}")
+        problem = replace(problem, noise=noise)
+        base = refit(problem, base)
+        screened = screen_candidates(problem, base, candidates)
+        selection, doubted = select_proven(problem, base, screened, log)
     baseline = extended = reported_fit(problem, selection.base)
     if selection.final is not selection.base:
         extended = reported_fit(problem, selection.final)
