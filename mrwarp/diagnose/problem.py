@@ -93,14 +93,20 @@ class Problem:
         order = tuple(name for name in KNOWN if name in effects)
         return Parameters(order, self.motion.ranges, self.q_zero, dict(choices or {}))
 
-    def equations(self, blocks: Sequence[np.ndarray], torque: np.ndarray) -> NormalEquations:
-        """Whitened normal equations of signals, in blocks of shape (k, N), about a simulated torque."""
-        return NormalEquations(blocks, torque, self.motion, self.noise, self.weight, self.replay.threads)
+    def equations(
+        self, blocks: Sequence[np.ndarray], torque: np.ndarray, *, derivatives: bool = False
+    ) -> NormalEquations:
+        """Whitened normal equations of signals, in blocks of shape (k, N), about a simulated torque.
+
+        ``derivatives``: of its derivatives, and of the mismatch in the last row.
+        """
+        threads = self.replay.threads
+        return NormalEquations(blocks, torque, self.motion, self.noise, self.weight, threads, derivatives)
 
     def linearised(self, parameters: Parameters, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, NormalEquations]:
         """Torque of a model, its derivatives, and the normal equations of [derivatives, mismatch]."""
         torque, slopes = jacobian(self.replay, parameters, x)
-        return torque, slopes, self.equations([slopes, (self.motion.torque - torque)[None]], torque)
+        return torque, slopes, self.equations([slopes, (self.motion.torque - torque)[None]], torque, derivatives=True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -70,7 +70,7 @@ def leftovers(problem: Problem, fit: Fit) -> list[Leftover]:
     """What each group of functions would gain on top of a model, best first."""
     groups = groups_along(problem, fit)
     rows = [fit.slopes, *(g.rows for g in groups), (problem.motion.torque - fit.torque)[None]]
-    equations = problem.equations(rows, fit.torque)
+    equations = problem.equations(rows, fit.torque, derivatives=True)
     target = sum(len(r) for r in rows) - 1
     _, _, plain = losses(equations, fit.free, target, ridge=1e-7)
     at, found = len(fit.slopes), []

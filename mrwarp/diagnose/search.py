@@ -308,7 +308,9 @@ def _within_range(models: Models, fit: Fit) -> Fit:
 
 def _loss_beside(problem: Problem, fit: Fit, rows: np.ndarray) -> float:
     """Leave-one-out loss of a model with free functions beside it."""
-    equations = problem.equations([fit.slopes, rows, (problem.motion.torque - fit.torque)[None]], fit.torque)
+    equations = problem.equations(
+        [fit.slopes, rows, (problem.motion.torque - fit.torque)[None]], fit.torque, derivatives=True
+    )
     size = len(fit.slopes)
     use = [*fit.free, *range(size, size + len(rows))]
     return float(losses(equations, use, size + len(rows), ridge=1e-7)[2].sum())

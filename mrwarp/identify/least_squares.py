@@ -19,6 +19,8 @@ from mrwarp.identify.noise import Noise
 
 _RANK = 1e-9
 """Eigenvalues of a correlation matrix below this count as zero."""
+_LEAST_FACTOR = 0.1
+"""Smallest factor of a trajectory that derivatives are multiplied by."""
 
 
 @dataclass(frozen=True)
@@ -175,6 +177,8 @@ class NormalEquations:
         noise: The noise model.
         weight: 1 for samples that count, 0 for those that do not, shape (N,).
         threads: CPU threads.
+        derivatives: The last row is the mismatch, the others are derivatives of the simulated torque, which a
+            trajectory's factor multiplies as well.
     """
 
     def __init__(
@@ -185,6 +189,7 @@ class NormalEquations:
         noise: Noise,
         weight: np.ndarray,
         threads: int = 1,
+        derivatives: bool = False,
     ) -> None:
         cuts = np.cumsum([0, *(len(block) for block in blocks)])
         size, first = int(cuts[-1]), len(noise.whitening) - 1
@@ -204,7 +209,13 @@ class NormalEquations:
             gram = table @ table.T
             inner = gram[size:, size:] + np.diag(1.0 / spread**2)
             cross = gram[:size, size:]
-            return gram[:size, :size] - cross @ np.linalg.solve(inner, cross.T)
+            found = np.linalg.solve(inner, cross.T)
+            left = gram[:size, :size] - cross @ found
+            if derivatives:
+                factor = max(1.0 + found[1, -1], _LEAST_FACTOR)
+                left[:-1] *= factor
+                left[:, :-1] *= factor
+            return left
 
         with ThreadPoolExecutor(threads) as pool:
             self.parts = np.array(list(pool.map(reduced, samples.parts)))

@@ -27,6 +27,8 @@ _K1 = LINEAR.index("K1")
 SHAPE = ("alpha", "beta", "gamma")
 """Parameters that give the hysteresis its shape."""
 NON_NEGATIVE = ("B", "K0", "K1")
+_YIELDING = ("backlash", "series_compliance")
+"""Effects of a shaft whose way depends on B, K0 and K1, so that the torque is linear in these for small steps only."""
 
 LINEAR_PART = slice(0, len(LINEAR))
 SHAPE_PART = slice(len(LINEAR), len(LINEAR) + len(SHAPE))
@@ -44,6 +46,8 @@ UNIT_LOOP = (0.0, 0.0, 0.0)
 """Coordinates of the shape beside a law that takes eq. 15's place: alpha = gamma = 0, beta = 1 inner unit."""
 _STEP = 1e-2
 """Step of the central differences in non-linear coordinates."""
+_SHARE, _LEAST = 0.05, 1e-3
+"""Step in B, K0 and K1 beside a shaft that yields: as a share of the value, and at least."""
 
 
 def row_column(effect: str, parameter: str) -> int:
@@ -289,18 +293,34 @@ def simulate(replay: EffectReplay, models: Sequence[tuple[Parameters, np.ndarray
 
 
 def jacobian(replay: EffectReplay, p: Parameters, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Torque, shape (N,), and its derivatives by every coordinate, float32, shape (P, N), from one launch."""
-    models, linear = [(p, x)], len(LINEAR)
+    """Torque, shape (N,), and its derivatives by every coordinate, float32, shape (P, N), from one launch.
+
+    A shaft that yields moves by the ratio of B and K: its derivatives by each of them jump where a stop is left or met
+    between other samples. By all in proportion they do not, so the largest one's is what that leaves to the others.
+    """
+    models, linear, steps = [(p, x)], len(LINEAR), p.steps.copy()
+    yielding = [LINEAR.index(name) for name in NON_NEGATIVE] if set(_YIELDING) & set(p.effects) else []
+    largest = max(yielding, key=lambda i: x[i], default=0)
+    if yielding and x[largest] > _LEAST:
+        steps[yielding] = np.maximum(_SHARE * x[yielding], _LEAST)
+    else:
+        yielding = []
     first = SHAPE_PART.stop if p.law else linear  # beside a law the shape stands
     for i in (*range(linear), *range(first, p.size)):
         for sign in (1.0,) if i < linear else (1.0, -1.0):
             y = x.copy()
-            y[i] += sign * p.steps[i]
+            y[i] += sign * steps[i]
+            if yielding and i == largest:
+                y[yielding] = (1.0 + _SHARE) * x[yielding]
             models.append((p, y))
     tau = simulate(replay, models)
-    steps = p.steps[:, None].astype(np.float32)
+    steps = steps[:, None].astype(np.float32)
     slopes = np.empty((p.size, tau.shape[1]), dtype=np.float32)
     slopes[:linear] = (tau[1 : 1 + linear] - tau[0]) / steps[:linear]
+    if yielding:
+        others = [i for i in yielding if i != largest]
+        together = (tau[1 + largest] - tau[0]) / np.float32(_SHARE)
+        slopes[largest] = (together - x[others].astype(np.float32) @ slopes[others]) / np.float32(x[largest])
     slopes[linear:first] = 0.0
     if p.ranges.load:
         slopes[_K1] = 0.0  # stays at 0
