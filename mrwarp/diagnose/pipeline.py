@@ -38,8 +38,8 @@ from mrwarp.model_file import Model, Parameter, completed, parameter_unit
 from mrwarp.recording.load import Holding, Recording
 
 _TIGHTER = 0.5
-"""Ratio of the spreads of the trajectories' factors from which causes are searched again: where factors may differ much,
-a common one costs next to nothing, and a model's torque drifts away from what was measured."""
+"""Ratio of the spreads of the trajectories' factors from which causes are searched again: where factors may differ
+much, a common one costs next to nothing, and a model's torque drifts away from what was measured."""
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # its threads would wait for those of the replay, at full load

@@ -49,6 +49,26 @@ def test_offsets_and_factors_are_marginalised(table: tuple) -> None:
     np.testing.assert_allclose(found.total, found.parts.sum(0))
 
 
+def test_derivatives_follow_the_factor_of_their_trajectory(table: tuple) -> None:
+    """The slope of the loss over a model's numbers, where trajectories differ by large factors, is that of the loss."""
+    rows, _, samples = table
+    columns, weight = rows[:2] + 2.0, np.ones(rows.shape[1])
+    measured = np.array([1.0, -0.4]) @ columns + 0.05 * rows[-1]
+    for part, factor in zip(samples.parts, (0.5, 0.7, 0.8, 1.3, 0.6), strict=True):
+        measured[part] *= factor
+
+    def gram(x: np.ndarray, derivatives: bool) -> np.ndarray:
+        torque = x @ columns
+        blocks = [columns, (measured - torque)[None]]
+        return NormalEquations(blocks, torque, samples, noise(0.1, 0.3), weight, derivatives=derivatives).total
+
+    x, h = np.array([1.1, -0.3]), 1e-5
+    loss = [[gram(x + sign * h * step, True)[-1, -1] for sign in (1.0, -1.0)] for step in np.eye(2)]
+    slope = -np.diff(loss)[:, 0] / (2.0 * h)
+    np.testing.assert_allclose(2.0 * gram(x, True)[:-1, -1], -slope, rtol=1e-4)
+    assert np.abs(2.0 * gram(x, False)[:-1, -1] + slope).max() > 0.1 * np.abs(slope).max()
+
+
 def test_weights_leave_samples_out(table: tuple) -> None:
     """Samples of weight 0 do not count, nor the first of each trajectory; without spread it is a plain sum."""
     rows, torque, samples = table

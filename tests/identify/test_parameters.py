@@ -188,6 +188,14 @@ def test_jacobian_of_an_effect_converges(effect: str, motion: Motion) -> None:
         assert np.sqrt(np.mean((slopes[i] - want) ** 2)) < loose * size + rounding, dict(c.items())[i]
 
 
+def test_columns_beside_a_backlash_make_up_the_torque(motion: Motion) -> None:
+    """Euler's theorem: the released shaft moves by B/K, so the torque is the sum of its columns times their numbers."""
+    c = Parameters(("backlash",), motion.ranges, 0.0)
+    x = known.vector(c, STRONG)
+    tau, slopes = jacobian(EffectReplay(motion), c, x)
+    np.testing.assert_allclose(x[:6] @ slopes[:6], tau, rtol=0, atol=2e-3 * np.abs(tau).max())
+
+
 def test_columns_of_an_inertia_and_a_wear_are_known(motion: Motion) -> None:
     """dtau/dJ = qdd; dtau/drate = -t times the loop."""
     c = Parameters(("rotor_inertia", "wear"), motion.ranges, 0.0)
