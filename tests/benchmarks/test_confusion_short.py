@@ -63,16 +63,8 @@ def test_structure_outside_the_catalogue_is_left_over() -> None:
     assert not misled(found) and hits(found) >= len(found) - 2
 
 
-PAIRS = pytest.param(
-    "pairs",
-    marks=pytest.mark.xfail(
-        reason="found on 24 November 2026: backlash with current_viscosity is told as speed_weakening; to be mended"
-    ),
-)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("family", [PAIRS, "background"])
+@pytest.mark.parametrize("family", ["pairs", "background"])
 def test_two_causes_are_not_taken_for_others(family: str) -> None:
     """Two effects, or one beside uncatalogued structure: what is named was hidden."""
     found = cases(Plan(family=family, level=0.8, seed=7, size="small"), 4)
