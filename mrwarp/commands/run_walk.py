@@ -169,7 +169,7 @@ class Walk(EnergyOptions):
             raise ValueError(f"--robot {file}: leave out other robots, --sal and --calibrate, which are the paper's")
         if self.policy is None:
             raise ValueError(f"--robot {file}: give its --policy, as 'mrwarp train --robot {file}' writes it")
-        check_robot(self.policy, file)
+        check_robot(self.policy, file if self.robot else None)
         if all(actuator.mr is None for actuator in load_robot(robot=file).actuators):
             raise ValueError(
                 f"{file}: no joint has a device to compare with; put some on with 'mrwarp robot fit-device'"
@@ -250,7 +250,9 @@ class Walk(EnergyOptions):
                     speeds=self.speed or [round(speed * by.speed, 3) for speed in (0.3, 0.5)],
                     payload=load,
                     cfg=electrical,
-                    report=lambda share, k=k, load=load: progress(f"{load:g} kg", (k + share) / len(loads)),
+                    report=lambda share, k=k, load=load: progress(
+                        f"walking with {load:g} kg", (k + share) / len(loads)
+                    ),
                 )
         finally:
             progress.done()

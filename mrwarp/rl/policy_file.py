@@ -66,6 +66,8 @@ def check_robot(path: Path, robot: str | None, asset: str | None = None) -> str:
     """
     description = read_policy(path)[1]
     own, terms = robot_of(description), description.get("observations")
+    if robot is None and own and not Path(own).is_file():
+        raise PolicyError(f"{path}: was trained on {own}, which is not there; name its robot with --robot FILE")
     robot = robot or own or "mr_go"
     joints = terms.get("q") if isinstance(terms, dict) else None
     layout = load_robot(asset, robot=robot).layout

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -85,7 +86,7 @@ def _read_urdf(path: Path, meshes: Meshes) -> ForeignRobot:
 
 
 def _read_usd(path: Path) -> ForeignRobot:
-    """A USD file, with the gains of Newton's motors and of those beside MR devices."""
+    """A USD file, with the gains of Newton's motors, also beside MR devices, and the stance of an imported robot."""
     stage = open_stage(path)
     if stage.HasAuthoredMetadata("upAxis") and (up := UsdGeom.GetStageUpAxis(stage)) != "Z":
         raise RobotFileError(f"{path}: upAxis is {up}; export it with Z up")
@@ -94,19 +95,39 @@ def _read_usd(path: Path) -> ForeignRobot:
             raise RobotFileError(f"{path}: {name} is {value:g}; export it in {unit}")
     _refuse_no_numbers(path, stage)
     _refuse_loops(path, stage)
-    robot = read_by_newton(path, lambda builder: builder.add_usd(stage, collapse_fixed_joints=True))
-    joints = {joint.name: joint for joint in robot.joints}
-    names = (("kp", "mr:kp_base"), ("kd", "mr:kd"), ("maxEffort", "mr:tau_limit"))
     motors = [prim for prim in stage.Traverse() if prim.GetTypeName() == "NewtonActuator"]
-    for motor in motors:
-        for target in motor.GetRelationship("newton:targets").GetTargets():
-            if (joint := joints.get(prim_names([target.name])[0])) is not None:
-                kp, kd, limit = (
-                    next((v for name in pair if (v := motor.GetAttribute(f"newton:{name}").Get())), None)
-                    for pair in names
-                )
-                joint.kp, joint.kd, joint.torque_limit = kp or joint.kp, kd or joint.kd, limit or joint.torque_limit
-    if any(SCHEMA in motor.GetAppliedSchemas() for motor in motors):
+    names = (("kp", "mr:kp_base"), ("kd", "mr:kd"), ("maxEffort", "mr:tau_limit"))
+    drives = {
+        prim_names([target.name])[0]: [
+            next((v for name in pair if (v := motor.GetAttribute(f"newton:{name}").Get())), None) for pair in names
+        ]
+        for motor in motors
+        for target in motor.GetRelationship("newton:targets").GetTargets()
+    }
+    homes = {
+        prim_names([prim.GetName()])[0]: math.radians(angle)
+        for prim in stage.Traverse()
+        if prim.IsA(UsdPhysics.Joint) and (angle := prim.GetAttribute("mrwarp:neutral").Get()) is not None
+    }
+    devices = any(SCHEMA in motor.GetAppliedSchemas() for motor in motors)
+    with Usd.EditContext(stage, stage.GetSessionLayer()):  # their numbers are known; Newton refuses other kinds
+        for motor in motors:
+            motor.SetActive(False)
+        if not any(prim.HasAPI(UsdPhysics.ArticulationRootAPI) for prim in stage.Traverse()):
+            UsdPhysics.ArticulationRootAPI.Apply(stage.GetDefaultPrim())
+
+    def add(builder: Any) -> None:
+        from newton import usd
+
+        resolvers = [usd.SchemaResolverNewton(), usd.SchemaResolverMjc(), usd.SchemaResolverPhysx()]
+        builder.add_usd(stage, collapse_fixed_joints=True, schema_resolvers=resolvers)
+
+    robot = read_by_newton(path, add)
+    for joint in robot.joints:
+        kp, kd, limit = drives.get(joint.name, (None, None, None))
+        joint.kp, joint.kd, joint.torque_limit = kp or joint.kp, kd or joint.kd, limit or joint.torque_limit
+        joint.home = homes.get(joint.name)
+    if devices:
         robot.notes.append("MR devices were left out: put them on with 'mrwarp robot fit-device'")
     return robot
 

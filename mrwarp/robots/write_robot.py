@@ -148,9 +148,9 @@ def _shape(stage: Usd.Stage, path: str, shape: Shape) -> None:
     elif shape.kind == "mesh":
         assert shape.points is not None and shape.faces is not None
         mesh = UsdGeom.Mesh(prim)
-        mesh.CreatePointsAttr([Gf.Vec3f(*map(float, point)) for point in shape.points])
-        mesh.CreateFaceVertexCountsAttr([3] * len(shape.faces))
-        mesh.CreateFaceVertexIndicesAttr([int(i) for i in shape.faces.ravel()])
+        mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(shape.points.astype(np.float32)))
+        mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(shape.faces), 3, dtype=np.int32)))
+        mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(shape.faces.astype(np.int32).ravel()))
         mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     else:
         _set(prim, "radius", TYPES.Double, size[0])

@@ -135,6 +135,41 @@ def test_the_shipped_robot_is_read_back_with_its_motors(tmp_path: Path, capsys: 
     assert "MR devices were left out" in capsys.readouterr().out
 
 
+def _like_isaac(stage: Usd.Stage) -> None:
+    """PhysX's attributes, a motor of a kind that nobody knows here, and no articulation root."""
+    stage.GetDefaultPrim().RemoveAppliedSchema("PhysicsArticulationRootAPI")
+    for leg in PLACES:
+        prim = stage.GetPrimAtPath(f"/dog/{leg}_thigh/{leg}_KFE")
+        prim.CreateAttribute("physxJoint:armature", Sdf.ValueTypeNames.Float).Set(0.03)
+        motor = stage.DefinePrim(f"/dog/{leg}_motor", "NewtonActuator")
+        motor.CreateRelationship("newton:targets").SetTargets([prim.GetPath()])
+        motor.CreateAttribute("newton:kp", Sdf.ValueTypeNames.Float).Set(55.0)
+
+
+def test_usd_as_others_write_it(tmp_path: Path) -> None:
+    """Rotor inertias of PhysX, and gains of a motor whose kind Newton would refuse."""
+    asset = imported(usd(tmp_path, _like_isaac))
+    knees = [a for a in asset.actuators if a.joint.endswith("KFE")]
+    assert [a.kp for a in knees] == [55.0] * 4
+    for a in knees:
+        joint = asset.stage.GetPrimAtPath(f"/dog/joints/{a.joint}")
+        assert joint.GetAttribute("newton:armature").Get() == pytest.approx(0.03)
+
+
+def test_an_imported_robot_is_imported_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Stance, limits, gains, feet and gait are those that it has; its devices are left out and told."""
+    first = imported(urdf(tmp_path), "--pose", "*_KFE=-1.9", "*_HFE=0.95", "--kp", "*=33")
+    assert main(["robot", "fit-device", str(first.path), "--joint", "*_KFE"]) == 0
+    capsys.readouterr()
+    again = tmp_path / "again.usda"
+    assert main(["robot", "import", str(first.path), "--out", str(again)]) == 0
+    assert "MR devices were left out" in capsys.readouterr().out
+    second = load_robot(robot=str(again))
+    assert second.layout == first.layout
+    assert [(a.kp, a.kd, a.tau_limit) for a in second.actuators] == [(a.kp, a.kd, a.tau_limit) for a in first.actuators]
+    assert masses(second) == pytest.approx(masses(first))
+
+
 @pytest.mark.parametrize("names", ["左 Füß_{}"])
 def test_names_of_any_language(tmp_path: Path, names: str) -> None:
     """They stay as they are but for what USD does not take; folders too."""
