@@ -139,7 +139,7 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
                 "1",
                 "coil",
                 j,
-                -0.2,
+                0.2,
                 0.02,
                 0.5,
                 1.0,

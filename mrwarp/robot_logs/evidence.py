@@ -7,8 +7,8 @@ evidence is counted, because samples of a window are not independent.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,12 +32,44 @@ CENTRAL_SHARE = 0.1
 ROUNDS = 4
 """Times that channels are weighed anew by what is left in them."""
 
+AT_ONCE = 1600
+"""Windows times robots that are replayed before their readings are put by."""
+
+TRUSTED = 0.5
+"""A step that gains less than this share of what the derivatives promise calls for new ones."""
+
+RENEWED = 1
+"""Times that a fit takes new derivatives on its way: they cost as much as a hundred steps."""
+
 CONVERGED = 2.0
 """Gain of a step, in units of twice the logarithm of a likelihood, below which a fit ends."""
 
 WORST = 4.0
 """A window whose mismatch is this many times the median one is left out: a fall, a hand that touched the robot. Others
 count less, the more is left in them than in the median one: small errors of some grow to large ones."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slopes:
+    """Derivatives of the replays of a group's W windows, all N readings of a window in one row, channel by channel."""
+
+    layout: dict[str, tuple[int, int]]
+    """Samples and columns of each channel, by name."""
+    j: np.ndarray
+    """By parameter, shape (W, P, N)."""
+    z: np.ndarray
+    """By the window's start, per step of it, shape (W, Z, N)."""
+
+    def scale(self, sigma: dict[str, np.ndarray]) -> np.ndarray:
+        """What is left in each channel, one number a reading, shape (N,)."""
+        return np.concatenate([np.tile(sigma[name], samples) for name, (samples, _) in self.layout.items()])
+
+    def channels(self, x: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+        """Rows of readings by channel: (..., N) to (..., S, C)."""
+        at = 0
+        for name, (samples, columns) in self.layout.items():
+            yield name, x[..., at : at + samples * columns].reshape(*x.shape[:-1], samples, columns)
+            at += samples * columns
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,8 +94,8 @@ class Evidence:
     """Readings of all windows that count."""
     lost: int
     """Windows left out."""
-    starts: tuple[dict[str, np.ndarray], ...] = ()
-    """Derivatives by the windows' start, of each group by channel, shape (Z, W, S, C)."""
+    slopes: tuple[Slopes, ...] = ()
+    """Derivatives of each group's windows, those too that do not count."""
     keep: np.ndarray
     """Whether each window of the groups counts."""
 
@@ -71,6 +103,13 @@ class Evidence:
         """Weighted squared mismatch at parameters, as the derivatives have it [1]."""
         a, b = self.a.sum(axis=0), self.b.sum(axis=0)
         return float(self.c.sum() - 2.0 * b @ theta + theta @ a @ theta)
+
+    def of(self, free: Sequence[int]) -> Evidence:
+        """The same of some of the parameters, the others as described."""
+        k = list(free)
+        return replace(
+            self, a=self.a[:, k][:, :, k], b=self.b[:, k], slopes=tuple(replace(x, j=x.j[:, k]) for x in self.slopes)
+        )
 
 
 def gather(
@@ -92,41 +131,56 @@ def gather(
         theta: Values about which derivatives are taken, shape (P,).
         log: Told of progress.
     """
-    found = [_derivatives(model, windows, parameters, theta, log) for windows in groups]
-    names = list(found[0][0])
-    sigma = {name: _rms([r[name] for r, _, _ in found]) for name in names}
+    slopes = [_slopes(model, windows, parameters, theta, log) for windows in groups]
+    rows = [_mismatch(Replay(model, w), parameters, np.tile(theta, (w.count, 1)), np.arange(w.count)) for w in groups]
+    rows = [np.nan_to_num(x, posinf=0.0, neginf=0.0) for x in rows]
+    sigma = _rms(slopes, rows)
     a = b = c = weight = np.zeros(0)
     keep = np.ones(0, dtype=bool)
     prior = np.diag([1.0 / (p.spread**2 + p.fault**2) for p in parameters])
     for round_ in range(ROUNDS):
-        pieces = [_reduced(r, j, z, sigma) for r, j, z in found]
+        pieces = [_reduced(x, r, sigma) for x, r in zip(slopes, rows, strict=True)]
         a, b, c = (np.concatenate([p[i] for p in pieces]) for i in range(3))
-        b, c = b + a @ theta, c + 2.0 * b @ theta + np.einsum("wij,i,j->w", a, theta, theta)
+        b, c = _to_origin(a, b, c, theta)
         best, weight, keep = _weighed(a, b, c, prior)
         if round_ == ROUNDS - 1:
             break
-        left, first = [], 0
-        for r, j, z in found:
-            count = len(next(iter(r.values())))
-            left.append(_left(r, j, z, sigma, best - theta, keep[first : first + count]))
-            first += count
-        sigma = {name: _rms([x[name] for x in left]) for name in names}
+        counts = np.split(keep, np.cumsum([w.count for w in groups])[:-1])
+        sigma = _rms(slopes, [_left(*x, sigma, best - theta) for x in zip(slopes, rows, counts, strict=True)])
     run = np.concatenate([w.run for w in groups])
-    samples = sum(int(np.prod(next(iter(r.values())).shape[:2])) for r, _, _ in found)
+    samples = sum(w.t.size for w in groups)
     weight = weight[keep]
     a, b, c, run = weight[:, None, None] * a[keep], weight[:, None] * b[keep], weight * c[keep], run[keep]
     return Evidence(
-        a=a, b=b, c=c, weight=weight, scale=_overstated(a, b, prior), sigma=sigma, run=run, samples=samples,
-        lost=int((~keep).sum()), starts=tuple(z for _, _, z in found), keep=keep,
+        a=a, b=b, c=c, weight=weight, scale=_overstated(a, b, prior), sigma=sigma, run=run,
+        samples=samples, lost=int((~keep).sum()), slopes=tuple(slopes), keep=keep,
     )  # fmt: skip
 
 
 def replayed(
     evidence: Evidence, model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], theta: np.ndarray
-) -> float:
-    """Weighted squared mismatch at parameters, as the replay has it: what :meth:`Evidence.at` foretells [1]."""
-    left, _ = losses(evidence, model, groups, parameters, np.tile(theta, (len(evidence.c), 1)))
-    return float(evidence.weight @ left)
+) -> tuple[float, Evidence]:
+    """Weighted squared mismatch at parameters, as the replay has it: what :meth:`Evidence.at` foretells [1].
+
+    Returns:
+        It, and the evidence about ``theta`` with the slopes and weights of ``evidence``.
+    """
+    score, total = [], []
+    every = np.tile(theta, (len(evidence.c), 1))
+    for slopes, (own, left) in zip(evidence.slopes, _kept(evidence, model, groups, parameters, every), strict=True):
+        sigma = slopes.scale(evidence.sigma)
+        for w, r in zip(own, left, strict=True):
+            r, z = r / sigma, slopes.z[w] / sigma
+            solved = np.linalg.solve(z @ z.T + np.eye(len(z)) / START_SPREAD**2, z @ r)
+            clean = (r - solved @ z) / sigma
+            score.append(slopes.j[w] @ clean.astype(np.float32))
+            total.append(r @ r - (z @ r) @ solved)
+    b, c = evidence.weight[:, None] * np.array(score, dtype=float), evidence.weight * np.array(total)
+    if not np.isfinite(c).all():
+        return np.inf, evidence
+    b, c = _to_origin(evidence.a, b, c, theta)
+    moved = replace(evidence, b=b, c=c)
+    return moved.at(theta), moved
 
 
 def losses(
@@ -146,30 +200,34 @@ def losses(
         the mean square of the mismatch from the logged start, in the channel's unit squared, (W, C) without columns
         that the log does not have.
     """
-    totals, squares, first, done = [], {}, 0, 0
-    for windows, z in zip(groups, evidence.starts, strict=True):
-        own = np.flatnonzero(evidence.keep[first : first + windows.count])
-        first += windows.count
-        if not len(own):
-            continue
-        changes = Hypotheses.of(parameters, theta[done : done + len(own)], model)
-        start = np.zeros((len(own), len(nuisances(model))))
-        seen = {name: x[own] for name, x in windows.measured.items()}
-        left = mismatch(seen, Replay(model, windows).run(changes, own, start))
-        for name, zero in mismatch(seen, seen).items():
-            read = np.isfinite(zero)
-            left[name] = np.where(read, left[name], 0.0)  # joints without a device have no current
-            squares.setdefault(name, []).append((left[name] ** 2).mean(axis=1)[:, read.any(axis=(0, 1))])
-        for i, w in enumerate(own.tolist()):
-            r = np.concatenate([(left[n][i] / evidence.sigma[n]).ravel() for n in left])
+    totals, squares = [], {}
+    for windows, slopes, (own, left) in zip(
+        groups, evidence.slopes, _kept(evidence, model, groups, parameters, theta), strict=True
+    ):
+        zero = mismatch(windows.measured, windows.measured)
+        for name, x in slopes.channels(left):
+            read = np.isfinite(zero[name]).any(axis=(0, 1))
+            squares.setdefault(name, []).append((x**2).mean(axis=1)[:, read])
+        sigma = slopes.scale(evidence.sigma)
+        for w, r in zip(own, left / sigma, strict=True):
             if not np.isfinite(r).all():
                 totals.append(np.inf)
                 continue
-            zw = np.concatenate([(z[n][:, w] / evidence.sigma[n]).reshape(len(z[n]), -1) for n in left], axis=1)
-            zw = zw.astype(float)
-            totals.append(r @ r - (zw @ r) @ np.linalg.solve(zw @ zw.T + np.eye(len(zw)) / START_SPREAD**2, zw @ r))
-        done += len(own)
+            z = slopes.z[w] / sigma
+            totals.append(r @ r - (z @ r) @ np.linalg.solve(z @ z.T + np.eye(len(z)) / START_SPREAD**2, z @ r))
     return np.array(totals), {name: np.concatenate(x) for name, x in squares.items()}
+
+
+def _kept(
+    evidence: Evidence, model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], theta: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Of each group the windows that count, and their mismatch (W, N) at ``theta``, (W, P); 0 without a reading."""
+    first = done = 0
+    for windows in groups:
+        own = np.flatnonzero(evidence.keep[first : first + windows.count])
+        first += windows.count
+        yield own, _mismatch(Replay(model, windows), parameters, theta[done : done + len(own)], own)
+        done += len(own)
 
 
 def within(
@@ -198,113 +256,129 @@ def within(
 def fit(
     model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], theta: np.ndarray,
     evidence: Evidence | None, prior: np.ndarray, low: np.ndarray, high: np.ndarray, log: Callable[[str], None], *,
-    steps: int = 4,
-) -> tuple[np.ndarray, Evidence]:  # fmt: skip
+    steps: int = 8, renew: int = RENEWED,
+) -> tuple[np.ndarray, Evidence, bool]:  # fmt: skip
     """Likeliest parameters within bounds, by damped Gauss-Newton steps that the replay itself confirms.
 
-    ``evidence`` is that about ``theta``, where it is known; returned are parameters, shape (P,), and that about them.
+    Derivatives and weights stay those of ``evidence``, about ``theta`` where it is given, while steps gain what they
+    promise; ``renew`` times they are taken anew. Returned are parameters, shape (P,), the evidence about them, and
+    whether its derivatives are of there.
     """
-    damping = 1e-3
+    damping, fresh = 1e-3, True
     evidence = evidence or gather(model, groups, parameters, theta, log)
     for _ in range(steps):
         a, b = evidence.a.sum(axis=0) / evidence.scale, evidence.b.sum(axis=0) / evidence.scale
         here = evidence.at(theta) / evidence.scale + theta @ prior @ theta
-        there = np.inf
+        there, new, moved = np.inf, theta, evidence
         for _ in range(5):
             more = damping * np.diag(np.diag(a + prior))
             new, _ = within(a + prior + more, b + more @ theta, low, high)
-            there = replayed(evidence, model, groups, parameters, new) / evidence.scale + new @ prior @ new
+            there, moved = replayed(evidence, model, groups, parameters, new)
+            there = there / evidence.scale + new @ prior @ new
             if there < here:
                 break
             damping *= 10.0
-        if not there < here:
-            break
-        theta, damping = new, max(damping / 10.0, 1e-6)
-        evidence = gather(model, groups, parameters, theta, log)
-        if here - there < CONVERGED:
-            break
-    return theta, evidence
+        better = there < here
+        expected = here - (evidence.at(new) / evidence.scale + new @ prior @ new)
+        if better:
+            theta, evidence, fresh, damping = new, moved, False, max(damping / 10.0, 1e-6)
+            if here - there < CONVERGED:
+                break
+        if not better or here - there < TRUSTED * expected:  # derivatives from too far away
+            if renew and not (fresh and not better):
+                evidence, fresh, damping = gather(model, groups, parameters, theta, log), True, 1e-3
+                renew -= 1
+            elif not better:
+                break
+    return theta, evidence, fresh
 
 
-def _derivatives(model, windows, parameters, theta, log) -> tuple[dict, dict, dict]:  # noqa: ANN001
-    """Mismatch (W, S, C), derivatives by parameter (P, W, S, C) and by start (Z, W, S, C), by channel, float32."""
-    times = max(1, int(np.floor(DERIVATIVE_STEP / windows.h + 1e-6)))
-    fine, replay = Replay(model, windows), Replay(model, windows.coarse(times))
-    count, steps = windows.count, nuisances(model)
-    every, rest = np.arange(count), np.zeros((count, len(steps)))
+def _mismatch(replay: Replay, parameters: list[Parameter], theta: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Mismatch of some windows, (E,), at parameters (E, P): shape (E, N), 0 where there is no reading."""
+    start = np.zeros((len(own), len(nuisances(replay.model))))
+    seen = {name: x[own] for name, x in replay.windows.measured.items()}
+    left = mismatch(seen, replay.run(Hypotheses.of(parameters, theta, replay.model), own, start))
+    return _row({name: np.where(np.isnan(zero), 0.0, left[name]) for name, zero in mismatch(seen, seen).items()})
 
-    def run(values: np.ndarray, start: np.ndarray, by: Replay = replay) -> dict[str, np.ndarray]:
-        return by.run(Hypotheses.of(parameters, np.tile(values, (count, 1)), model), every, start)
 
-    base = run(theta, rest)
-    r = {name: x.astype(np.float32) for name, x in mismatch(windows.measured, run(theta, rest, fine)).items()}
-    j = {name: np.zeros((len(parameters), *x.shape), dtype=np.float32) for name, x in r.items()}
-    z = {name: np.zeros((len(steps), *x.shape), dtype=np.float32) for name, x in r.items()}
-    for k, p in enumerate(parameters):
-        if k % 10 == 0:
-            log(f"replaying {count} windows: {p.cause} ({k} of {len(parameters)})")
-        step = (CENTRAL_SHARE if p.field in CENTRAL else 1.0) * p.step
-        ahead, behind = theta.copy(), theta.copy()
-        ahead[k] += step
-        behind[k] -= step if p.field in CENTRAL else 0.0
-        for name, x in mismatch(run(ahead, rest), run(behind, rest) if p.field in CENTRAL else base).items():
-            j[name][k] = x / (ahead[k] - behind[k])
-    for k, step in enumerate(steps):
-        start = rest.copy()
-        start[:, k] = step
-        for name, x in mismatch(run(theta, start), base).items():
-            z[name][k] = x  # per step
-    for values in (*r.values(), *j.values(), *z.values()):
+def _row(x: dict[str, np.ndarray]) -> np.ndarray:
+    """All channels of each window side by side, (E, N)."""
+    return np.concatenate([values.reshape(len(values), -1) for values in x.values()], axis=1)
+
+
+def _slopes(model, windows, parameters, theta, log) -> Slopes:  # noqa: ANN001
+    """Derivatives of a group's replays, many hypotheses at once."""
+    replay = Replay(model, windows.coarse(max(1, int(np.floor(DERIVATIVE_STEP / windows.h + 1e-6)))))
+    steps, count, total = nuisances(model), windows.count, len(parameters)
+    central = [k for k, p in enumerate(parameters) if p.field in CENTRAL]
+    ahead = np.diag([(CENTRAL_SHARE if p.field in CENTRAL else 1.0) * p.step for p in parameters])
+    zero = np.zeros((1, total))
+    values = theta + np.concatenate([ahead, -ahead[central], zero, np.zeros((len(steps), total))])
+    starts = np.zeros((len(values), len(steps)))
+    starts[len(values) - len(steps) :] = np.diag(steps)
+    seen, rows = windows.measured, []
+    at_once = max(1, AT_ONCE // count)
+    for first in range(0, len(values), at_once):
+        part = np.arange(first, min(first + at_once, len(values)))
+        log(f"replaying {count} windows: {first} of {len(values)} robots")
+        changes = Hypotheses.of(parameters, np.repeat(values[part], count, axis=0), model)
+        found = replay.run(changes, np.tile(np.arange(count), len(part)), np.repeat(starts[part], count, axis=0))
+        many = {name: np.tile(x, (len(part), 1, 1)) for name, x in seen.items()}
+        rows.append(_row(mismatch(many, found)).reshape(len(part), count, -1).astype(np.float32))
+    x = np.concatenate(rows)  # mismatches fall by what readings rise
+    behind = np.tile(x[total + len(central)], (total, 1, 1))
+    behind[central] = x[total : total + len(central)]
+    widths = np.diag(ahead) * np.where(np.isin(np.arange(total), central), 2.0, 1.0)
+    j = (behind - x[:total]) / widths[:, None, None].astype(np.float32)
+    z = x[total + len(central)] - x[total + len(central) + 1 :]
+    for values in (j, z):
         np.nan_to_num(values, copy=False, posinf=0.0, neginf=0.0)
-    return r, j, z
+    layout = {name: values.shape[1:] for name, values in mismatch(seen, seen).items()}
+    return Slopes(layout=layout, j=np.ascontiguousarray(j.swapaxes(0, 1)), z=np.ascontiguousarray(z.swapaxes(0, 1)))
 
 
-def _rms(values: list[np.ndarray]) -> np.ndarray:
-    """Root mean square by channel over the middle of the windows, shape (C,)."""
-    squares = np.concatenate([(x.astype(float) ** 2).mean(axis=1) for x in values])
-    limit = np.quantile(squares, 0.9, axis=0)
-    return np.sqrt(
-        np.maximum(np.where(squares <= limit, squares, 0.0).sum(axis=0) / (squares <= limit).sum(axis=0), 1e-16)
-    )
+def _rms(slopes: Sequence[Slopes], rows: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
+    """Root mean square by channel over the middle of the windows, shape (C,), of mismatches (W, N)."""
+    found: dict[str, list[np.ndarray]] = {}
+    for own, row in zip(slopes, rows, strict=True):
+        for name, x in own.channels(row):
+            found.setdefault(name, []).append((x**2).mean(axis=1))
+    return {name: _middle(np.concatenate(x)) for name, x in found.items()}
 
 
-def _reduced(r: dict, j: dict, z: dict, sigma: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _middle(squares: np.ndarray) -> np.ndarray:
+    """Root of the mean of all but the largest tenth, by column; (W, C) to (C,)."""
+    counts = squares <= np.quantile(squares, 0.9, axis=0)
+    return np.sqrt(np.maximum(np.where(counts, squares, 0.0).sum(axis=0) / counts.sum(axis=0), 1e-16))
+
+
+def _reduced(slopes: Slopes, rows: np.ndarray, sigma: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Quadratic forms of a group's windows about its theta: shapes (W, P, P), (W, P), (W,)."""
-    first = next(iter(r.values()))
-    count, params = first.shape[0], next(iter(j.values())).shape[0]
+    count, params, _ = slopes.j.shape
+    scale = slopes.scale(sigma)
     a, b, c = np.zeros((count, params, params)), np.zeros((count, params)), np.zeros(count)
     for w in range(count):
-        rw, jw, zw = _window(r, j, z, sigma, w)
-        start = zw @ zw.T + np.eye(len(zw)) / START_SPREAD**2
-        solved = np.linalg.solve(start, np.column_stack([zw @ jw.T, zw @ rw]))
-        a[w] = jw @ jw.T - (zw @ jw.T).T @ solved[:, :-1]
-        b[w] = jw @ rw - (zw @ jw.T).T @ solved[:, -1]
-        c[w] = rw @ rw - (zw @ rw) @ solved[:, -1]
+        x = np.concatenate([slopes.j[w], rows[w : w + 1], slopes.z[w]]) / scale  # float64: the start takes most of it
+        g = x @ x.T
+        across, start = g[: params + 1, params + 1 :], g[params + 1 :, params + 1 :]
+        start = start + np.eye(len(start)) / START_SPREAD**2
+        left = g[: params + 1, : params + 1] - across @ np.linalg.solve(start, across.T)
+        a[w], b[w], c[w] = left[:params, :params], left[:params, params], left[params, params]
     return a, b, c
 
 
-def _window(r: dict, j: dict, z: dict, sigma: dict, w: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    parts = [(r[n][w] / sigma[n], j[n][:, w] / sigma[n], z[n][:, w] / sigma[n]) for n in r]
-    rw = np.concatenate([p[0].ravel() for p in parts]).astype(float)
-    jw = np.concatenate([p[1].reshape(len(p[1]), -1) for p in parts], axis=1).astype(float)
-    zw = np.concatenate([p[2].reshape(len(p[2]), -1) for p in parts], axis=1).astype(float)
-    return rw, jw, zw
-
-
-def _left(r: dict, j: dict, z: dict, sigma: dict, change: np.ndarray, keep: np.ndarray) -> dict[str, np.ndarray]:
-    """Mismatch that is left at a change of the parameters and the best starts, windows that count."""
-    found = {name: [] for name in r}
+def _left(slopes: Slopes, rows: np.ndarray, keep: np.ndarray, sigma: dict, change: np.ndarray) -> np.ndarray:
+    """Mismatch that is left at a change of the parameters and the best starts of windows that count, (W, N)."""
+    scale, found = slopes.scale(sigma), []
     for w in np.flatnonzero(keep).tolist():
-        rw, jw, zw = _window(r, j, z, sigma, w)
-        rest = rw - change @ jw
-        rest = rest - np.linalg.solve(zw @ zw.T + np.eye(len(zw)) / START_SPREAD**2, zw @ rest) @ zw
-        at = 0
-        for name in r:
-            shape = r[name][w].shape
-            size = int(np.prod(shape))
-            found[name].append(rest[at : at + size].reshape(shape) * sigma[name])
-            at += size
-    return {name: np.array(values) for name, values in found.items()}
+        rest, z = (rows[w] - change @ slopes.j[w]) / scale, slopes.z[w] / scale
+        found.append(scale * (rest - np.linalg.solve(z @ z.T + np.eye(len(z)) / START_SPREAD**2, z @ rest) @ z))
+    return np.array(found).reshape(-1, rows.shape[1])
+
+
+def _to_origin(a: np.ndarray, b: np.ndarray, c: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Scores and mismatches about the origin, of those about ``theta``; shapes (W, P), (W,)."""
+    return b + a @ theta, c + 2.0 * b @ theta + np.einsum("wij,i,j->w", a, theta, theta)
 
 
 def _weighed(

@@ -99,6 +99,8 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
         evidence = gather(model, groups, parameters, theta, progress)
     progress("causes that stand out")
     found, doubtful = _foretelling(select(evidence, parameters, confirmed), evidence, parameters)
+    found, refuted = _by_replay(found, model, groups, evidence, parameters)
+    doubtful += refuted
     now = posterior(evidence, parameters, [f.direction for f in found])
     causes = tuple(_named(f, found, evidence, parameters, now) for f in found)
     extended = np.zeros(len(parameters))
@@ -175,9 +177,11 @@ def _fitted(
     """The robot around which the log is judged, shape (P,), what had to be released for it, the evidence about it."""
     theta = np.zeros(len(parameters))
     released: list[Direction] = []
-    evidence = gather(model, groups, parameters, theta, progress)
+    described = evidence = gather(model, groups, parameters, theta, progress)
     for round_ in range(ROUNDS):
-        found = [f.direction for f in select(evidence, parameters) if f.direction.cause not in ORDINARY]
+        # what does not predict what it did not see is no cause, and would only lead the fit astray
+        seen, _ = _foretelling(select(evidence, parameters), evidence, parameters)
+        found = [f.direction for f in seen if f.direction.cause not in ORDINARY]
         # common causes go first: those at single places may only stand for them
         common = [d for d in found if len(d.members) > 1]
         wanted = common if common and common != released else found
@@ -189,31 +193,33 @@ def _fitted(
         idle = [k for k, p in enumerate(parameters) if p.field == "limit" and k not in named]
         low[idle] = high[idle] = 0.0  # a limit acts as soon as it is there
 
-        def refit(directions: list[Direction], low=low, high=high) -> tuple[np.ndarray, Evidence]:  # noqa: ANN001
-            start = _alone(model, groups, parameters, directions, low, high, progress)
+        def refit(
+            directions: list[Direction], start: np.ndarray = theta, evidence: Evidence = evidence, low=low, high=high,  # noqa: ANN001
+        ) -> tuple[np.ndarray, Evidence, bool]:  # fmt: skip
+            if directions:
+                start = _alone(model, groups, parameters, directions, described, low, high, progress)
+                _, evidence = replayed(evidence, model, groups, parameters, start)
             prior = prior_of(parameters, directions)
-            return fit(model, groups, parameters, start, None, prior, low, high, progress)
+            return fit(model, groups, parameters, start, evidence, prior, low, high, progress)
 
         def left(theta: np.ndarray, directions: list[Direction], evidence: Evidence = evidence) -> float:
-            seen = replayed(evidence, model, groups, parameters, theta) / evidence.scale
-            return float(seen + theta @ prior_of(parameters, directions) @ theta)
+            seen, _ = replayed(evidence, model, groups, parameters, theta)
+            return float(seen / evidence.scale + theta @ prior_of(parameters, directions) @ theta)
 
-        if released:
-            theta, evidence = refit(released)
-        else:
-            theta, evidence = fit(
-                model, groups, parameters, theta, evidence, prior_of(parameters, []), low, high, progress
-            )
-        theta, released, evidence = _one_drive(theta, released, evidence, parameters, refit, left)
+        theta, evidence, fresh = refit(released)
+        theta, released, evidence, fresh = _one_drive(theta, released, evidence, fresh, parameters, refit, left)
+        if not fresh:
+            evidence = gather(model, groups, parameters, theta, progress)
     return theta, released, evidence
 
 
 def _alone(
     model: ReplayModel, groups: list[Windows], parameters: list[Parameter], released: list[Direction],
-    low: np.ndarray, high: np.ndarray, progress: Callable[[str], None],
+    described: Evidence, low: np.ndarray, high: np.ndarray, progress: Callable[[str], None],
 ) -> np.ndarray:  # fmt: skip
     """The robot with ``released`` and the session's offsets fitted alone, shape (P,): where a fit of all begins.
 
+    ``described`` is the evidence about the robot as described.
     Far from the truth, where derivatives say little, the other numbers would take up what a large fault leaves.
     """
     free = sorted(
@@ -223,30 +229,30 @@ def _alone(
     directions = [replace(d, members=tuple(free.index(k) for k in d.members)) for d in released]
     found = np.zeros(len(parameters))
     start, prior = np.zeros(len(free)), prior_of(own, directions)
-    found[free], _ = fit(model, groups, own, start, None, prior, low[free], high[free], progress)
+    found[free], _, _ = fit(model, groups, own, start, described.of(free), prior, low[free], high[free], progress)
     return found
 
 
 def _one_drive(
-    theta: np.ndarray, released: list[Direction], evidence: Evidence, parameters: list[Parameter],
-    refit: Callable[[list[Direction]], tuple[np.ndarray, Evidence]],
+    theta: np.ndarray, released: list[Direction], evidence: Evidence, fresh: bool, parameters: list[Parameter],
+    refit: Callable[[list[Direction]], tuple[np.ndarray, Evidence, bool]],
     left: Callable[[np.ndarray, list[Direction]], float],
-) -> tuple[np.ndarray, list[Direction], Evidence]:  # fmt: skip
+) -> tuple[np.ndarray, list[Direction], Evidence, bool]:  # fmt: skip
     """Of each drive one cause, where the replay is as good with it alone: Kp is much as a stronger motor's."""
     for place in dict.fromkeys(d.where for d in released if d.cause in DRIVE):
         own = [d for d in released if d.cause in DRIVE and d.where == place]
         rest = [d for d in released if d not in own]
-        best, least = (theta, released, evidence), left(theta, released) - 2.0 * NAMED_ODDS * (len(own) > 1)
+        best, least = (theta, released, evidence, fresh), left(theta, released) - 2.0 * NAMED_ODDS * (len(own) > 1)
         for other in directions_of(parameters):
             if other.cause not in DRIVE or other.where != place or len(other.members) != len(own[0].members):
                 continue
             if own == [other]:
                 continue
-            new, seen = refit([*rest, other])
+            new, seen, near = refit([*rest, other])
             if (value := left(new, [*rest, other])) < least:
-                best, least = (new, [*rest, other], seen), value
-        theta, released, evidence = best
-    return theta, released, evidence
+                best, least = (new, [*rest, other], seen, near), value
+        theta, released, evidence, fresh = best
+    return theta, released, evidence, fresh
 
 
 def _named(f: Found, found: list[Found], evidence: Evidence, parameters: list[Parameter], now: Posterior) -> NamedCause:
@@ -282,14 +288,50 @@ def _place(direction: Direction, here: str) -> str:
 def _foretelling(
     found: list[Found], evidence: Evidence, parameters: list[Parameter]
 ) -> tuple[list[Found], list[Found]]:
-    """Causes without which pieces of the log that took no part are foretold worse, and those that make no difference.
+    """Causes without which pieces of the log that took no part are predicted worse, and the others."""
+
+    def without_each(found: list[Found]) -> list[np.ndarray]:
+        losses = [_foretold(evidence, parameters, found, without) for without in (None, *found)]
+        return [loss - losses[0] for loss in losses[1:]]
+
+    return _certain(found, without_each, evidence)
+
+
+def _by_replay(
+    found: list[Found], model: ReplayModel, groups: list[Windows], evidence: Evidence, parameters: list[Parameter]
+) -> tuple[list[Found], list[Found]]:
+    """Causes without which the replay itself, fitted anew, is worse, and those that only its derivatives ask for.
+
+    A step of a leg is far from linear: beside a large fault derivatives blame neighbours for what the replay with
+    them does not show.
+    """
+
+    def without_each(found: list[Found]) -> list[np.ndarray]:
+        q, left = prior_of(parameters, [f.direction for f in found]), []
+        start = posterior(evidence, parameters, [f.direction for f in found]).mean
+        for without in (None, *found):
+            low, high = _allowed(parameters, found, without)
+            begin = np.clip(start, low, high)
+            _, about = replayed(evidence, model, groups, parameters, begin)
+            theta, _, _ = fit(model, groups, parameters, begin, about, q, low, high, lambda _: None, renew=0)
+            each = np.tile(theta, (len(evidence.c), 1))
+            left.append(evidence.weight * losses(evidence, model, groups, parameters, each)[0])
+        broke = ~np.isfinite(left).all(axis=0)
+        return [np.where(broke, 0.0, loss - left[0]) for loss in left[1:]]
+
+    return _certain(found, without_each, evidence)
+
+
+def _certain(
+    found: list[Found], without_each: Callable[[list[Found]], list[np.ndarray]], evidence: Evidence
+) -> tuple[list[Found], list[Found]]:
+    """Causes that windows agree on, and the others; ``without_each`` gives what every window, (W,), loses without each.
 
     The least certain is taken out first, and the others are tried again without it.
     """
     found, doubtful = list(found), []
     while found:
-        losses = [_foretold(evidence, parameters, found, without) for without in (None, *found)]
-        gains = [loss - losses[0] for loss in losses[1:]]
+        gains = without_each(found)
         sure = [_signed_ranks(g) for g in gains]
         share = [
             float(g.sum()) / (evidence.samples * len(f.direction.members)) for f, g in zip(found, gains, strict=True)
@@ -313,14 +355,7 @@ def _signed_ranks(gain: np.ndarray) -> float:
 def _foretold(evidence: Evidence, parameters: list[Parameter], found: list[Found], without: Found | None) -> np.ndarray:
     """Squared mismatch of each window, by parameters from the other pieces; ``without`` is held at its description."""
     q = prior_of(parameters, [f.direction for f in found])
-    low, high = bounds_of(parameters)
-    named = {k for f in found for k in f.direction.members}
-    for k, p in enumerate(parameters):
-        if k not in named and p.cause not in (*ORDINARY, SESSION):  # as far as a healthy robot may be off
-            low[k], high[k] = max(low[k], -2.0 * p.spread), min(high[k], 2.0 * p.spread)
-    if without is not None:
-        for k in without.direction.members:
-            low[k], high[k] = parameters[k].usual
+    low, high = _allowed(parameters, found, without)
     loss = np.zeros(len(evidence.c))
     for fold in np.array_split(np.arange(len(loss)), PARTS):
         keep = np.setdiff1d(np.arange(len(loss)), fold)
@@ -331,6 +366,20 @@ def _foretold(evidence: Evidence, parameters: list[Parameter], found: list[Found
             + np.einsum("wij,i,j->w", evidence.a[fold], theta, theta)
         )  # fmt: skip
     return loss
+
+
+def _allowed(parameters: list[Parameter], found: list[Found], without: Found | None) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of causes, and of what a healthy robot may be off beside them, shapes (P,)."""
+    low, high = bounds_of(parameters)
+    named = {k for f in found for k in f.direction.members}
+    for k, p in enumerate(parameters):
+        if k not in named and p.cause not in (*ORDINARY, SESSION):
+            most = 2.0 * p.spread if p.field != "limit" else 0.0  # a limit acts as soon as it is there
+            low[k], high[k] = max(low[k], -most), min(high[k], most)
+    if without is not None:
+        for k in without.direction.members:
+            low[k], high[k] = parameters[k].usual
+    return low, high
 
 
 def _held_out(

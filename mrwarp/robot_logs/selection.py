@@ -120,9 +120,9 @@ def prior_of(parameters: Sequence[Parameter], released: Sequence[Direction]) -> 
 
 
 def bounds_of(parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest change of each number that a robot can have, shapes (P,)."""
+    """Least and largest change of each number that a robot can have, shapes (P,): a coil can be without current."""
     return (
-        np.array([max(p.lowest, -0.95) if p.relative else p.lowest for p in parameters]),
+        np.array([max(p.lowest, -1.0 if p.field == "coil" else -0.95) if p.relative else p.lowest for p in parameters]),
         np.array([p.highest for p in parameters]),
     )
 

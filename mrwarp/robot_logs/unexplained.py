@@ -65,11 +65,11 @@ def pushes(
         first, push = int(mj.jnt_dofadr[mj.body_jntadr[model.trunk]]), STEP * 9.81 * float(mj.body_mass.sum())
         places.insert(0, (model.body_name(model.trunk), [(first + k, push) for k in range(3)]))
     found: list[list[tuple[np.ndarray, ...]]] = [[] for _ in places]
-    for windows, z in zip(groups, evidence.starts, strict=True):
+    for windows, slopes in zip(groups, evidence.slopes, strict=True):
         left = mismatch(windows.measured, _replayed(Replay(model, windows), parameters, theta, 0, 0.0))
         coarse = Replay(model, windows.coarse(max(1, int(np.floor(DERIVATIVE_STEP / windows.h + 1e-6)))))
         base = _replayed(coarse, parameters, theta, 0, 0.0)
-        r, starts = _scaled(left, evidence), np.stack([_scaled(x, evidence) for x in _each(z)], axis=1)
+        r, starts = _scaled(left, evidence), slopes.z / slopes.scale(evidence.sigma)
         begin = np.linalg.inv(starts @ starts.mT + np.eye(starts.shape[1]) / START_SPREAD**2)
         r0 = (starts @ r[..., None])[..., 0]
         c = np.maximum((r**2).sum(axis=1) - np.einsum("wi,wij,wj->w", r0, begin, r0), 1e-12)
@@ -139,11 +139,6 @@ def _replayed(
     changes.fields["push"] = np.zeros((count, replay.model.model.nv))
     changes.fields["push"][:, dof] = push
     return replay.run(changes, np.arange(count), np.zeros((count, len(nuisances(replay.model)))))
-
-
-def _each(z: dict[str, np.ndarray]) -> list[dict[str, np.ndarray]]:
-    """Derivatives by each number of the start, by channel (W, S, C)."""
-    return [{name: x[k] for name, x in z.items()} for k in range(len(next(iter(z.values()))))]
 
 
 def _scaled(x: dict[str, np.ndarray], evidence: Evidence) -> np.ndarray:

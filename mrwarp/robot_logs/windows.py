@@ -7,6 +7,7 @@ from functools import cached_property
 
 import mujoco
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
@@ -18,6 +19,13 @@ SECONDS = {"fixed": 0.6, "free": 0.3}
 
 DRIVEN_SECONDS = 0.3
 """Length where joints are driven by torque alone, so that nothing brings them back [s]."""
+
+QUIET_SHARE = 0.3
+"""Part of a window of a robot on its feet that may be left out before it, until joints and trunk keep their speed: the
+speed at its start is an average over some samples, and wrong while a foot lands."""
+
+SPEED_STEPS = 0.05, 0.03
+"""What is not known of the speed of joints [rad/s] and trunk [m/s] at a window's start."""
 
 LARGEST_GAP = 5.0
 """A step of the stamps this many times the usual one ends a window."""
@@ -99,7 +107,10 @@ def cut_windows(
         usual = LARGEST_GAP * run.dt
         gaps = np.flatnonzero(np.diff(run.t) > usual)
         first, chosen, credit = max(3, round(longest_delay / run.dt)), [], 0.0
+        rough, wait = _roughness(model, run) if model.free else None, round(QUIET_SHARE * count)
         while first + count < run.samples - 3:
+            if rough is not None:
+                first += int(np.argmin(rough[first : min(first + wait, run.samples - 3 - count)]))
             hit = gaps[(gaps >= first - 1) & (gaps < first + count)]
             if len(hit):
                 first = int(hit[-1]) + 2
@@ -182,6 +193,14 @@ def _speeds(run: LogRun) -> np.ndarray:
     if logged is None or not np.isfinite(logged).all():
         return found
     return np.asarray(savgol_filter(logged, min(5, width), 2, axis=0))
+
+
+def _roughness(model: ReplayModel, run: LogRun) -> np.ndarray:
+    """How much joints and trunk change their speed about each sample, in what is not known of a start; shape (N,)."""
+    speed = _speeds(run)
+    trunk = _roots(model, run, speed)[:, 7:10]
+    change = np.gradient(speed, axis=0) / SPEED_STEPS[0], np.gradient(trunk, axis=0) / SPEED_STEPS[1]
+    return maximum_filter1d((change[0] ** 2).sum(axis=1) + (change[1] ** 2).sum(axis=1), 5)
 
 
 def _readings(log: RobotLog, run: LogRun) -> dict[str, np.ndarray]:

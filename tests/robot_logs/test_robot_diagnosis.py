@@ -7,6 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
 
 from mrwarp.cli import main
 from mrwarp.resources import DEFAULT_POLICY
@@ -91,7 +92,7 @@ def test_the_replay_leaves_what_the_evidence_says_where_a_joint_has_no_current(t
     groups, parameters = cut_windows(model, log), parameters_of(model, log)[:1]
     evidence = gather(model, groups, parameters, np.zeros(1), print)
     assert np.isnan(groups[0].measured["current"]).any()
-    assert replayed(evidence, model, groups, parameters, np.zeros(1)) == pytest.approx(evidence.at(np.zeros(1)))
+    assert replayed(evidence, model, groups, parameters, np.zeros(1))[0] == pytest.approx(evidence.at(np.zeros(1)))
 
 
 def test_intervals_cover_where_neighbouring_windows_err_alike() -> None:
@@ -126,14 +127,27 @@ def test_a_torque_of_no_cause_is_unexplained_with_joint_and_time(tmp_path: Path)
     assert "outside the catalogue: a torque in elbow" in d.sentence
 
 
+def test_windows_of_a_walk_begin_where_speeds_are_known(tmp_path: Path) -> None:
+    """Averaged over some samples, a joint's speed is wrong by 1 rad/s where a foot lands: no window begins there."""
+    cfg = LogCfg(robot="mr_go", motions=(("walk", 4.0),), policy=DEFAULT_POLICY, seed=1)
+    with contextlib.suppress(OSError):
+        record(cfg, tmp_path)
+    log = load_log(tmp_path)
+    (group,) = cut_windows(replay_model(Path("mr_go"), log), log)
+    qd = log.runs[0].joint["qd"]
+    wrong = np.abs(savgol_filter(qd, 5, 2, axis=0) - qd).max(axis=1)
+    assert wrong.max() > 1.0 and wrong[group.start].max() < 0.2
+
+
 @pytest.mark.slow
 def test_a_dead_coil_is_named_from_twelve_seconds_of_walking(tmp_path: Path) -> None:
-    """Its current is missing, and no other coil is blamed. One other cause beside it is known, and wrong."""
+    """Its current is missing, and nothing else is blamed: loads move to the legs beside it, whose devices are well."""
     cfg = LogCfg(robot="mr_go", motions=(("walk", 12.0),), hide=("coil_dead=RL",), policy=DEFAULT_POLICY, seed=1)
     with contextlib.suppress(OSError):
         record(cfg, tmp_path)
     d = diagnose_log(Path("mr_go"), load_log(tmp_path))
-    assert [c.where for c in d.causes if c.name == "coil_dead"] == ["RL_calf"] and len(d.causes) <= 2
+    assert [(c.name, c.where) for c in d.causes] == [("coil_dead", "RL_calf")]
+    assert d.causes[0].parameters["factor"].value < 0.01  # no current at all
     assert d.per_channel["current"]["extended"] < 0.3 * d.per_channel["current"]["baseline"]
 
 
