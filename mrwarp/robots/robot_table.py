@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pxr import Usd, UsdGeom
 
 from mrwarp.usd.asset import RobotAsset, masses
+from mrwarp.usd.robot import MR_GO
 from mrwarp.usd.robot_layout import NO_LIMIT, read_notes
 
 MIRROR = 0.2
@@ -20,10 +21,11 @@ def layout_lines(asset: RobotAsset) -> Iterator[str]:
     layout, drives = asset.layout, {a.joint: a for a in asset.actuators}
     base = asset.stage.GetDefaultPrim().GetPath()
     total, devices = masses(asset), sum(a.mr is not None for a in asset.actuators)
-    yield (
-        f"{asset.path.name}: {sum(total.values()):.2f} kg, trunk {layout.trunk} ({total[layout.trunk]:.2f} kg), "
-        f"{len(layout.legs)} legs, {len(layout.joints)} joints, {devices} MR devices"
-    )
+    mass, own = sum(total.values()), total[layout.trunk]
+    what = f"{mass:.2f} kg, trunk {layout.trunk} ({own:.2f} kg), {len(layout.legs)} legs"
+    if not layout.legs:  # its base stands still: any mass stands for it
+        what = f"{mass - own:.2f} kg on {layout.trunk}, which stands still, 0 legs"
+    yield f"{asset.path.name}: {what}, {len(layout.joints)} joints, {devices} MR devices"
     width = max(len(name) for name in layout.joints)
     head = f"{'joint':{width}s}  {'leg':8s} {'stance':>8s} {'limits [rad]':>16s}"
     yield f"{head} {'Kp':>7s} {'Kd':>6s} {'max N·m':>8s} {'rotor':>8s}  drive"
@@ -56,8 +58,8 @@ def layout_lines(asset: RobotAsset) -> Iterator[str]:
             f"{1e3 * foot.GetAttribute('radius').Get():.0f} mm{', and its whole sole' if leg.sole else ''}; "
             f"{'left' if y > 0.0 else 'right'}, {mirror}; phase {leg.phase:g} of the gait"
         )
-    if not devices:
-        yield f"no MR devices: 'mrwarp robot fit-device {asset.path.name} --joint JOINT ...' puts them on"
+    if not devices and layout != MR_GO:
+        yield f"no MR devices: 'mrwarp robot fit-device {asset.path} --joint JOINT ...' puts them on"
     if bare:
         why = "no foot of a leg hangs below" if layout.legs else "there are no legs, so no foot loads"
         yield (
