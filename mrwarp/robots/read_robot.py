@@ -169,10 +169,7 @@ def _read_mjcf(path: Path, skip_meshes: bool) -> ForeignRobot:
     try:
         with silent():
             spec = mujoco.MjSpec.from_file(str(path))
-            for geom in [g for g in spec.geoms if g.type == mujoco.mjtGeom.mjGEOM_MESH] if skip_meshes else []:
-                spec.delete(geom)
-            for mesh in list(spec.meshes) if skip_meshes else []:
-                spec.delete(mesh)
+            _strip(spec, skip_meshes)
             model = spec.compile()
     except Exception as error:  # ValueError of the compiler, but also of what reads meshes
         text = one_line(error)
@@ -188,6 +185,17 @@ def _read_mjcf(path: Path, skip_meshes: bool) -> ForeignRobot:
         where = f", line {line}" if line else " or a file that it includes"
         raise RobotFileError(f"{path}{where}: a value is NaN; write a number in its place")
     return _Compiled(path, model).robot()
+
+
+def _strip(spec: mujoco.MjSpec, meshes: bool) -> None:
+    """Take out what is not read, whether its files are there or not: textures, height fields, meshes if asked."""
+    for geom in list(spec.geoms):
+        if geom.hfieldname or (meshes and geom.meshname):
+            spec.delete(geom)
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    for element in (*spec.textures, *spec.hfields, *(spec.meshes if meshes else ())):
+        spec.delete(element)
 
 
 class _Compiled:

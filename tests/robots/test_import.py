@@ -213,6 +213,21 @@ def test_bad_robots_are_refused_in_one_line(
     assert sorted(file.parent.iterdir()) == [file]
 
 
+def test_pictures_and_ground_need_not_be_there(robot) -> None:  # noqa: ANN001
+    """Textures and height fields are not read; meshes that other shapes are fitted to are left out like drawn ones."""
+    head = (
+        '<asset><texture name="sky" type="skybox" file="sky.png"/><texture name="skin" type="2d" file="skin.png"/>'
+        '<material name="skin" texture="skin"/><hfield name="hills" file="hills.png" size="1 1 1 1"/>{}</asset>'
+    )
+    shapes = '<geom type="sphere" size="0.01" material="skin" mass="0"/>{}'
+    ground = '<geom type="hfield" hfield="hills"/>'
+    shell = ('<mesh name="shell" file="shell.stl"/>', '<geom type="box" mesh="shell" mass="0"/>')
+    whole = imported(robot(head=head.format(""), tail=shapes.format(""), more=ground))
+    fitted = robot(head=head.format(shell[0]), tail=shapes.format(shell[1]), more=ground)
+    assert imported(fitted, "--skip-meshes").layout == whole.layout
+    assert main(["robot", "import", str(fitted), "--out", str(fitted.with_name("out.usda"))]) == 2
+
+
 def test_the_robot_is_drawn(beast: RobotAsset, tmp_path: Path) -> None:
     """A picture of the robot standing."""
     picture = tmp_path / "beast.png"
