@@ -50,7 +50,11 @@ FORETOLD, NEARLY_ALL = 4.0, 0.85
 """Least gain of a cause on the pieces that took no part, as Wilcoxon's standard score over windows: one chance in a
 hundred over 200 causes and places. Few windows cannot reach it: there, this share of the score that they can reach."""
 
+PROOF_STEPS = 2
+"""Steps of the fits by which a cause is proven: from where derivatives say."""
+
 NOT_FORETOLD = "pieces of the log that took no part are not clearly predicted better with it"
+NOT_CLEAR = "its interval reaches to what is no fault"
 
 VERDICTS: dict[tuple[bool, bool], Verdict] = {
     (False, False): "none", (True, False): "named", (False, True): "unexplained", (True, True): "named_and_unexplained",
@@ -101,6 +105,8 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     found, doubtful = _foretelling(select(evidence, parameters, confirmed), evidence, parameters)
     found, refuted = _by_replay(found, model, groups, evidence, parameters)
     doubtful += refuted
+    found, unclear = _clear(found, evidence, parameters)
+    doubtful += unclear
     now = posterior(evidence, parameters, [f.direction for f in found])
     causes = tuple(_named(f, found, evidence, parameters, now) for f in found)
     extended = np.zeros(len(parameters))
@@ -110,10 +116,11 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     progress("before and after")
     gain, errors = _held_out(model, groups, evidence, parameters, found)
     beside = posterior(evidence, parameters, [*(f.direction for f in found), *(f.direction for f in doubtful)])
-    suspects = tuple(
-        Suspect(name=c.name, reason=f"at {c.where}: {NOT_FORETOLD}", parameters=c.parameters, gain=c.gain)
-        for c in (_named(f, [*found, *doubtful], evidence, parameters, beside) for f in doubtful)
-    )
+    suspects = []
+    for f in doubtful:
+        c = _named(f, [*found, *doubtful], evidence, parameters, beside)
+        reason = NOT_CLEAR if f in unclear else NOT_FORETOLD
+        suspects.append(Suspect(name=c.name, reason=f"at {c.where}: {reason}", parameters=c.parameters, gain=c.gain))
     progress("what no cause explains")
     unexplained = outside(pushes(evidence, model, groups, parameters, theta), groups, log)
     size = sizes(evidence, parameters, [f.direction for f in found])
@@ -136,7 +143,7 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
         verdict=VERDICTS[bool(causes), unexplained is not None],
         sentence=sentence_of(causes, unexplained),
         causes=causes,
-        suspects=suspects,
+        suspects=tuple(suspects),
         unexplained=unexplained,
         cannot_know=unknown,
         next_experiment=next_experiment(causes, unknown),
@@ -290,11 +297,11 @@ def _foretelling(
 ) -> tuple[list[Found], list[Found]]:
     """Causes without which pieces of the log that took no part are predicted worse, and the others."""
 
-    def without_each(found: list[Found]) -> list[np.ndarray]:
-        losses = [_foretold(evidence, parameters, found, without) for without in (None, *found)]
-        return [loss - losses[0] for loss in losses[1:]]
+    def without(found: list[Found], tried: list[Found]) -> list[np.ndarray]:
+        loss = _foretold(evidence, parameters, found, None)
+        return [_foretold(evidence, parameters, found, one) - loss for one in tried]
 
-    return _certain(found, without_each, evidence)
+    return _certain(found, without, evidence)
 
 
 def _by_replay(
@@ -306,43 +313,67 @@ def _by_replay(
     them does not show.
     """
 
-    def without_each(found: list[Found]) -> list[np.ndarray]:
-        q, left = prior_of(parameters, [f.direction for f in found]), []
-        start = posterior(evidence, parameters, [f.direction for f in found]).mean
-        for without in (None, *found):
-            low, high = _allowed(parameters, found, without)
-            begin = np.clip(start, low, high)
-            _, about = replayed(evidence, model, groups, parameters, begin)
-            theta, _, _ = fit(model, groups, parameters, begin, about, q, low, high, lambda _: None, renew=0)
+    def without(found: list[Found], tried: list[Found]) -> list[np.ndarray]:
+        q = prior_of(parameters, [f.direction for f in found])
+        about, left = evidence, []
+        for one in (None, *tried):
+            low, high = _allowed(parameters, found, one)
+            a, b = about.a.sum(axis=0) / about.scale, about.b.sum(axis=0) / about.scale
+            start, _ = within(a + q, b, low, high)
+            _, here = replayed(evidence, model, groups, parameters, start)
+            theta, here, _ = fit(
+                model, groups, parameters, start, here, q, low, high, lambda _: None, steps=PROOF_STEPS, renew=0
+            )
+            if one is None:
+                about = here
             each = np.tile(theta, (len(evidence.c), 1))
             left.append(evidence.weight * losses(evidence, model, groups, parameters, each)[0])
         broke = ~np.isfinite(left).all(axis=0)
         return [np.where(broke, 0.0, loss - left[0]) for loss in left[1:]]
 
-    return _certain(found, without_each, evidence)
+    return _certain(found, without, evidence)
+
+
+def _clear(found: list[Found], evidence: Evidence, parameters: list[Parameter]) -> tuple[list[Found], list[Found]]:
+    """Causes whose 95 % intervals leave out what is no fault, and the others, the least clear taken out first."""
+    found, doubtful = list(found), []
+    while found:
+        released = [f.direction for f in found]
+        now, size = posterior(evidence, parameters, released), sizes(evidence, parameters, released)
+        clear = []
+        for d in released:
+            k = d.members[0]
+            beyond = abs(size[k] - np.clip(size[k], *parameters[k].usual))
+            clear.append(float(beyond / half_width(d, float(size[k]), now, parameters)))
+        least = int(np.argmin(clear))
+        if clear[least] > 1.0:
+            break
+        doubtful.append(found.pop(least))
+    return found, doubtful
 
 
 def _certain(
-    found: list[Found], without_each: Callable[[list[Found]], list[np.ndarray]], evidence: Evidence
+    found: list[Found], without: Callable[[list[Found], list[Found]], list[np.ndarray]], evidence: Evidence
 ) -> tuple[list[Found], list[Found]]:
-    """Causes that windows agree on, and the others; ``without_each`` gives what every window, (W,), loses without each.
+    """Causes that windows agree on, and the others.
 
-    The least certain is taken out first, and the others are tried again without it.
+    ``without`` gives what every window, (W,), loses among causes without each of some. The least certain is taken out
+    first, and those that were not certain beside it are tried again.
     """
-    found, doubtful = list(found), []
-    while found:
-        gains = without_each(found)
-        sure = [_signed_ranks(g) for g in gains]
-        share = [
-            float(g.sum()) / (evidence.samples * len(f.direction.members)) for f, g in zip(found, gains, strict=True)
-        ]
-        count = np.arange(1.0, len(evidence.c) + 1.0)
-        needed = min(FORETOLD, NEARLY_ALL * float(count.sum() / np.sqrt((count**2).sum())))
-        certain = [min(t / needed, part / LEAST_SHARE) for t, part in zip(sure, share, strict=True)]
+    found, tried, doubtful = list(found), list(found), []
+    count = np.arange(1.0, len(evidence.c) + 1.0)
+    needed = min(FORETOLD, NEARLY_ALL * float(count.sum() / np.sqrt((count**2).sum())))
+    while tried:
+        certain = []
+        for f, gain in zip(tried, without(found, tried), strict=True):
+            share = float(gain.sum()) / (evidence.samples * len(f.direction.members))
+            certain.append(min(_signed_ranks(gain) / needed, share / LEAST_SHARE))
         least = int(np.argmin(certain))
         if certain[least] >= 1.0:
             break
-        doubtful.append(found.pop(least))
+        found.remove(tried[least])
+        doubtful.append(tried[least])
+        tried = [f for k, f in enumerate(tried) if certain[k] < 1.0 and k != least]
     return found, doubtful
 
 

@@ -18,7 +18,7 @@ from mrwarp.robot_logs.replay_model import replay_model
 from mrwarp.robot_logs.robot_diagnosis import diagnose_log
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
-from mrwarp.robot_logs.selection import PARTS, Direction, half_width, posterior, sizes
+from mrwarp.robot_logs.selection import PARTS, Direction, Found, half_width, posterior, sizes
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
 from mrwarp.robot_logs.windows import cut_windows
 from tests.robot_logs.arm_log import arm_log
@@ -110,6 +110,26 @@ def test_intervals_cover_where_neighbouring_windows_err_alike() -> None:
         size = float(sizes(evidence, [p], [d])[0])
         held.append(abs(size) < half_width(d, size, now, [p]))
     assert 0.90 <= np.mean(held) <= 0.98
+
+
+def test_a_cause_whose_interval_reaches_to_no_fault_is_a_suspect() -> None:
+    """A gain that one of eight parts of the log asks for is not clear; one that all ask for is."""
+    size = {"step": 1.0, "spread": 1e3, "least": 0.0, "fault": 1e3}
+    p = Parameter(cause="kp", where="a", name="gain", unit="1", field="kp", index=0, **size)
+    f = Found(direction=Direction(cause="kp", where="a", members=(0,)), z=9.0, alternatives=())
+
+    def clear(asked: np.ndarray) -> bool:
+        each = np.repeat(asked, 8)
+        evidence = Evidence(
+            a=np.ones((64, 1, 1)), b=each[:, None], c=each**2, weight=np.ones(64), scale=1.0, sigma={}, samples=64,
+            run=np.zeros(64), lost=0, keep=np.ones(64, dtype=bool),
+        )  # fmt: skip
+        found, doubtful = robot_diagnosis._clear([f], evidence, [p])
+        assert len(found) + len(doubtful) == 1
+        return bool(found)
+
+    assert clear(np.linspace(0.9, 1.1, 8))
+    assert not clear(np.array([8.0, -1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0]))
 
 
 def test_a_torque_of_no_cause_is_unexplained_with_joint_and_time(tmp_path: Path) -> None:
