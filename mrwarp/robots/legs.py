@@ -132,6 +132,11 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
     chosen = {joint.name: q for joint in driven if (q := _chosen(choices.pose, joint.name)) is not None}
     pose = {joint.name: _home(joint) for joint in driven} | chosen
     legs, touching = [], []
+    if choices.feet and not robot.floating:
+        raise RobotFileError(
+            f"{robot.path}: --feet {choices.feet[0]}: {robot.bodies[robot.root].name} stands still, so it has no feet; "
+            "let it float there, or leave --feet out"
+        )
     if robot.floating:
         legs, touching, pose = _standing(robot, choices, pose, chosen, notes)
     for joint in driven:
@@ -143,7 +148,7 @@ def understand(robot: ForeignRobot, choices: Choices) -> UnderstoodRobot:
     poses = robot.poses(pose)
     centres = np.array([poses[foot.body].apply(foot.centre) for foot in touching]).reshape(-1, 3)
     # front legs first, left before right
-    rows = np.round(centres[:, 0] / max(np.ptp(centres[:, 0]) if legs else 0.0, 0.05) * 2.0)
+    rows = _rows(centres)
     order = sorted(range(len(legs)), key=lambda k: (-rows[k], -centres[k, 1]))
     legs, centres, touching = [legs[k] for k in order], centres[order], [touching[k] for k in order]
     height = max((foot.radius - centre[2] for foot, centre in zip(touching, centres, strict=True)), default=0.0)
@@ -223,9 +228,9 @@ def _standing(
             "bodies of its legs with --feet"
         )
     legs = _legs(paths)
-    feet = [_foot(robot, leg, stretched) for leg in legs]
     if len(chosen) == len(robot.joints) or (keyed and _clear(robot, pose, paths)):
-        return legs, feet, pose
+        return legs, [_foot(robot, leg, pose) for leg in legs], pose
+    feet = [_foot(robot, leg, stretched) for leg in legs]
     notes.append(
         "the keyframe is no stance, the trunk lies on the ground in it: one was solved; --pose JOINT=RAD changes it"
         if keyed
@@ -405,9 +410,9 @@ def _extremes(
         yield world.translation, low
 
 
-def _foot(robot: ForeignRobot, leg: Sequence[Joint], stretched: Mapping[str, float]) -> Foot:
-    """The sphere that touches the ground with the leg stretched: the lowest collision sphere, else one put there."""
-    body, poses = leg[-1].child, robot.poses(stretched)
+def _foot(robot: ForeignRobot, leg: Sequence[Joint], pose: Mapping[str, float]) -> Foot:
+    """The sphere that touches the ground in a pose, standing or stretched: the lowest of them, else one put there."""
+    body, poses = leg[-1].child, robot.poses(pose)
     lowest = _lowest(robot, body, poses)
     own = [shape for shape in robot.shapes if shape.body == body and shape.collides]
     balls = [
@@ -457,6 +462,22 @@ def _names(legs: list[list[Joint]]) -> list[str]:
         if all(names) and len(set(names)) == len(names):
             return [name if name.isidentifier() else f"leg{name}" for name in names]
     return numbers
+
+
+def _rows(feet: np.ndarray) -> np.ndarray:
+    """Row of each foot, 0 the rearmost: rows are as far apart as half the widest gap between them, or further.
+
+    Args:
+        feet: Places in the trunk's frame [m], shape (L, 3).
+    """
+    if len(feet) < 2:
+        return np.zeros(len(feet))
+    order = np.argsort(feet[:, 0])
+    gaps = np.diff(feet[order, 0])
+    apart = max(0.5 * float(gaps.max()), 0.1 * float(np.ptp(feet[:, :2], axis=0).max()))
+    rows = np.zeros(len(feet))
+    rows[order[1:]] = np.cumsum(gaps > apart)
+    return rows
 
 
 def _phases(robot: ForeignRobot, gait: str, rows: np.ndarray, sides: np.ndarray) -> list[float]:

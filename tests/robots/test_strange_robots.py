@@ -116,7 +116,7 @@ ROBOTS: dict[str, tuple[dict, Choices, Sequence[str], Sequence[str]]] = {
     "eight legs": (
         {"inner": "".join(leg(f"leg{k}", 0.4 - 0.25 * (k // 2), 0.1 - 0.2 * (k % 2)) for k in range(8))},
         Choices(),
-        ("leg0", "leg1", "leg2", "leg4", "leg3", "leg5", "leg6", "leg7"),
+        tuple(f"leg{k}" for k in range(8)),
         ("leg0_roll", "leg0_pitch", "leg0_knee"),
     ),
     "an insect": (
@@ -245,6 +245,16 @@ def test_a_sprawling_leg_stands_below_its_knee(file: Callable[..., Path]) -> Non
         assert out == pytest.approx(0.17, abs=0.02)  # the femurs' joints are 0.12 + 0.05 m from the middle
 
 
+@pytest.mark.parametrize("shift", [-0.0126, -0.0125, 0.0, 0.0374])
+def test_two_feet_are_a_row_wherever_they_are(file: Callable[..., Path], shift: float) -> None:
+    """A biped's feet move in turn, though a millimetre lies between them."""
+    inner = WALKER.replace('pos="0 0.1 0"', f'pos="{shift} 0.1 0"').replace(
+        'pos="0 -0.1 0"', f'pos="{shift - 1e-4} -0.1 0"'
+    )
+    found = understand(read_robot(file(inner, limit=100.0, kp=400.0)), Choices())
+    assert [(leg.name, leg.phase) for leg in found.layout.legs] == [("left", 0.0), ("right", 0.5)]
+
+
 def test_toes_and_a_foot_of_its_own_name_bear_load(file: Callable[..., Path], tmp_path: Path) -> None:
     """A body called left_foot may have that name; what the foot's body carries bears its load."""
     out = tmp_path / "toes.usda"
@@ -307,6 +317,14 @@ def test_a_keyframe_that_is_no_stance(file: Callable[..., Path]) -> None:
     lying = understand(read_robot(file(DOG, more=key(-2.6, 2.6))), Choices())
     assert lying.height > 0.25 and any("keyframe is no stance" in note for note in lying.notes)
     assert understand(read_robot(file(DOG, more=key(-1.4, 0.7))), Choices()).layout.neutral["FL_knee"] == -1.4
+
+
+def test_feet_of_legs_whose_knees_are_held(file: Callable[..., Path]) -> None:
+    """The balls are the feet in the stance, though knees that are held bent lie lower with the hips at 0."""
+    thigh = ROD.format(end="0 0 -0.2")
+    inner = DOG.replace('<inertial pos="0 0 0" mass="0.8"', f'{thigh}<inertial pos="0 0 0" mass="0.8"')
+    found = understand(read_robot(file(inner, more=key(-2.0, 1.2))), Choices(fix=("*_knee",)))
+    assert [foot.radius for foot in found.feet] == [0.02] * 4 and all(foot.shape is not None for foot in found.feet)
 
 
 REFUSED: dict[str, tuple[dict, tuple[str, ...]]] = {
