@@ -72,6 +72,8 @@ LAW = EffectLaw(
             negative=False,
             low=lambda r: 1e-4 * r.q / r.torque,
             high=lambda r: 0.5 * r.q / r.torque,
+            # the way within a step is known to a few per cent (benchmarks.confusion)
+            resolution=0.03,
             starts=lambda r: tuple(x * r.q / r.torque for x in (0.001, 0.003, 0.01, 0.03, 0.1)),
         ),
         EffectParameter(name="difference", unit="1", form=True, low=lambda r: -0.9, high=lambda r: 0.9),
