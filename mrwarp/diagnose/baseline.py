@@ -276,6 +276,8 @@ def driven(motion: Motion) -> bool:
     size = motion.torque.std()
     rises = []
     for rest in motion.rests:
+        if rest.stop - rest.start < 4:  # no quarters
+            continue
         tau = motion.torque[rest] * np.sign(motion.torque[rest].mean())
         quarters = np.array([part.mean() for part in np.array_split(tau, 4)])  # the noise is not to grow
         if np.ptp(motion.current[rest]) <= _SAME_CURRENT * motion.ranges.current:

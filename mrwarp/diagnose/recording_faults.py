@@ -151,28 +151,26 @@ class _Fit:
 
     def __init__(self, rows: list[np.ndarray], torque: list[np.ndarray]) -> None:
         self.rows = rows
-        self.moments = [_moments(x, y) for x, y in zip(rows, torque, strict=True)]
+        moments = [_moments(x, y) for x, y in zip(rows, torque, strict=True)]
+        self.grams, self.crosses = (np.array([each[i] for each in moments]) for i in (0, 1))
         self.spread = np.array([y.std() for y in torque])
         weight = np.ones(len(rows))
         for _ in range(_REWEIGHTED):
             self.coefficients = self.agreed(weight)
-            left = np.sqrt([self._left(k) for k in range(len(rows))])
+            left = np.sqrt(self.left_by(self.coefficients))
             weight = 1.0 / np.maximum(left, 0.3 * np.median(left) + 1e-30) ** 2
         self.error = float(left.sum() / max(self.spread.sum(), 1e-30))
 
     def agreed(self, weight: np.ndarray) -> np.ndarray:
         """Coefficients with these weights of the runs, shape (K,)."""
-        gram, moment = (sum(w * m[i] for w, m in zip(weight, self.moments, strict=True)) for i in (0, 1))
+        gram, moment = np.tensordot(weight, self.grams, 1), weight @ self.crosses
         scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
         return np.linalg.solve(gram / np.outer(scale, scale) + _RIDGE * np.eye(len(scale)), moment / scale) / scale
 
-    def _left(self, k: int) -> float:
-        return self.left_by(k, self.coefficients)
-
-    def left_by(self, k: int, c: np.ndarray) -> float:
-        """What coefficients leave of a run, as mean square."""
-        gram, moment = self.moments[k]
-        return float(max(self.spread[k] ** 2 - 2.0 * c @ moment + c @ gram @ c, 1e-6 * self.spread[k] ** 2))
+    def left_by(self, c: np.ndarray) -> np.ndarray:
+        """What coefficients leave of each run, as mean square, shape (R,)."""
+        left = self.spread**2 - 2.0 * self.crosses @ c + np.einsum("i,rij,j->r", c, self.grams, c)
+        return np.maximum(left, 1e-6 * self.spread**2)
 
     def two_devices(self) -> np.ndarray:
         """Whether each run belongs to the second of two groups with coefficients of their own, shape (R,).
@@ -184,14 +182,13 @@ class _Fit:
         best, least = np.zeros(len(self.rows), dtype=bool), np.inf
         starts = [np.arange(len(self.rows)) >= k for k in range(_LEAST_GROUP, len(self.rows) - 1)]
         for k in range(len(self.rows)):
-            own = self.agreed(np.arange(len(self.rows)) == k)
-            like = np.array([self.left_by(j, own) for j in range(len(self.rows))]) / scale
+            like = self.left_by(self.agreed(np.arange(len(self.rows)) == k)) / scale
             starts.append(like > np.median(like))
         for second in starts:
             for _ in range(_REWEIGHTED):
                 if min(second.sum(), (~second).sum()) < _LEAST_GROUP:
                     break
-                left = np.array([[self.left_by(j, c) for c in self._of_two(second)] for j in range(len(self.rows))])
+                left = np.column_stack([self.left_by(c) for c in self._of_two(second)])
                 total, before, second = float((left.min(axis=1) / scale).sum()), second, left[:, 1] < left[:, 0]
                 if total < least:
                     best, least = second, total
@@ -209,16 +206,16 @@ class _Fit:
         found = []
         for k in range(len(second)):
             mine = weight * (second == second[k])
-            other = self.left_by(k, self.agreed(weight * (second != second[k])))
-            found.append([other / self.left_by(k, self.agreed(own)) for own in (mine, mine * (runs != k))])
+            other = self.left_by(self.agreed(weight * (second != second[k])))[k]
+            found.append([other / self.left_by(self.agreed(own))[k] for own in (mine, mine * (runs != k))])
         both = np.sqrt(found).T
         return both[0], both[1]
 
     def factors(self, by: Sequence[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Factor of each run against what most runs, or those named, agree on, and its correlation with that."""
         c = self.coefficients if by is None else self.agreed(np.isin(np.arange(len(self.rows)), by).astype(float))
-        shared = np.array([c @ moment for _, moment in self.moments])
-        size = np.array([max(c @ gram @ c, 1e-30) for gram, _ in self.moments])
+        shared = self.crosses @ c
+        size = np.maximum(np.einsum("i,rij,j->r", c, self.grams, c), 1e-30)
         return shared / size, shared / np.sqrt(size) / np.maximum(self.spread, 1e-30)
 
 
