@@ -345,7 +345,7 @@ def _other_device(recording: Recording, table: _Table) -> RecordingFault | None:
     gain = float(np.median(factors[few]))
     most = fit.agreed(~few / np.maximum(fit.spread**2, 1e-30))
     own = fit.agreed(few / np.maximum(fit.spread**2, 1e-30))
-    if gain > 0.0 and all(fit.left_by(k, gain * most) < _APART**2 * fit.left_by(k, own) for k in runs.tolist()):
+    if gain > 0.0 and (fit.left_by(gain * most) < _APART**2 * fit.left_by(own))[runs].all():
         alike = bool((fits[few] > _ALIKE).all()) and abs(math.log(gain)) > math.log1p(_GAIN)
         return _fault(recording, "torque_gain", runs, factors, "1", 1.0) if alike else None
     return _fault(recording, "other_device", runs, np.where(few, apart, 1.0), "1", 1.0)

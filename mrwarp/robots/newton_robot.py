@@ -55,6 +55,14 @@ def read_by_newton(path: Path, add: Callable[[Any], Any]) -> ForeignRobot:
     return _robot(path, builder)
 
 
+def add_stage(builder: Any, stage: Any) -> None:
+    """Put a USD stage into a builder, with the numbers of Newton's, MuJoCo's and PhysX's attributes."""
+    from newton import usd  # it takes seconds to load
+
+    resolvers = [usd.SchemaResolverNewton(), usd.SchemaResolverMjc(), usd.SchemaResolverPhysx()]
+    builder.add_usd(stage, collapse_fixed_joints=True, schema_resolvers=resolvers)
+
+
 def _robot(path: Path, builder: Any) -> ForeignRobot:
     """The builder's content."""
     if not builder.body_label:

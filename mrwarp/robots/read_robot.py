@@ -24,7 +24,7 @@ from mrwarp.robots.foreign import (
     joined,
     prim_names,
 )
-from mrwarp.robots.newton_robot import read_by_newton
+from mrwarp.robots.newton_robot import add_stage, read_by_newton
 from mrwarp.robots.urdf import Meshes, checked_urdf
 from mrwarp.run_dir import no_file, one_line
 from mrwarp.runtime import silent
@@ -116,13 +116,7 @@ def _read_usd(path: Path) -> ForeignRobot:
         if not any(prim.HasAPI(UsdPhysics.ArticulationRootAPI) for prim in stage.Traverse()):
             UsdPhysics.ArticulationRootAPI.Apply(stage.GetDefaultPrim())
 
-    def add(builder: Any) -> None:
-        from newton import usd
-
-        resolvers = [usd.SchemaResolverNewton(), usd.SchemaResolverMjc(), usd.SchemaResolverPhysx()]
-        builder.add_usd(stage, collapse_fixed_joints=True, schema_resolvers=resolvers)
-
-    robot = read_by_newton(path, add)
+    robot = read_by_newton(path, lambda builder: add_stage(builder, stage))
     for joint in robot.joints:
         kp, kd, limit = drives.get(joint.name, (None, None, None))
         joint.kp, joint.kd, joint.torque_limit = kp or joint.kp, kd or joint.kd, limit or joint.torque_limit
