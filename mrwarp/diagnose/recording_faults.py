@@ -118,7 +118,9 @@ class _Table:
             self.places = np.array([[r.q.mean() / span, r.current.mean() / (level or 1.0)] for r in runs])
             moves = [[r.q.std() / span, r.qd.std() / speed, r.current.std() / (level or 1.0)] for r in runs]
             self.conditions = np.column_stack([self.places, moves])
-            loops = [[_stress(r.q / span, reach)[:: self.every] for r in runs] for reach in _REACHES]
+            loops = [
+                [z[:: self.every] for z in stress] for stress in _stress([r.q / span for r in runs], np.array(_REACHES))
+            ]
             thinned = [(r.q[:: self.every], r.qd[:: self.every], r.current[:: self.every]) for r in runs]
             self.looks = [
                 [
@@ -234,15 +236,18 @@ def _features(q: np.ndarray, qd: np.ndarray, current: np.ndarray, level: float, 
     return np.column_stack(out)
 
 
-def _stress(x: np.ndarray, reach: float) -> np.ndarray:
-    """Memory of the path: dz = dx - |dx|*z/reach, in units of its bound."""
-    z, out = 0.0, np.zeros(len(x))
-    for k, dx in enumerate(np.diff(x).tolist(), start=1):
-        size = abs(dx) / reach
-        steady = 1.0 if dx > 0.0 else -1.0
-        z = steady + (z - steady) * math.exp(-size) if dx else z
-        out[k] = z
-    return out
+def _stress(paths: Sequence[np.ndarray], reaches: np.ndarray) -> list[list[np.ndarray]]:
+    """Memory of each path for each reach: dz = dx - |dx|*z/reach, in units of its bound."""
+    longest = max(len(x) for x in paths)
+    if longest * len(paths) > 2 * sum(len(x) for x in paths):  # side by side they would be mostly empty
+        alone = [_stress([x], reaches) for x in paths]
+        return [[each[i][0] for each in alone] for i in range(len(reaches))]
+    steps = np.diff([np.pad(x, (0, longest - len(x)), mode="edge") for x in paths], axis=1).T[:, None]
+    steady, kept = np.sign(steps), np.exp(-np.abs(steps) / reaches[:, None])
+    z = np.zeros((longest, len(reaches), len(paths)))
+    for k in range(longest - 1):
+        z[k + 1] = steady[k] + (z[k] - steady[k]) * kept[k]
+    return [[z[: len(x), i, run] for run, x in enumerate(paths)] for i in range(len(reaches))]
 
 
 def _alike(fit: _Fit) -> np.ndarray:

@@ -68,7 +68,8 @@ class Replay:
         if not isinstance(rows, np.ndarray):
             rows = np.stack([row_of(values) for values in rows])
         rows = np.atleast_2d(rows)
-        count = max(-(-len(rows) * len(self.samples.q) // _BATCH), min(self.threads, len(rows)))
+        # rows differ in what they cost: more parts than threads
+        count = max(-(-len(rows) * len(self.samples.q) // _BATCH), min(4 * self.threads, len(rows)))
         tau = np.empty((len(rows), len(self.samples.q)), dtype=np.float32)
         cuts = np.linspace(0, len(rows), count + 1).astype(int)
         parts = [slice(a, b) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
