@@ -170,7 +170,7 @@ class Evaluation(Options):
         return 0 if met else 1
 
     def _table(self, cfg: EvaluationCfg, report: Callable[[float], None]) -> Table:
-        raise NotImplementedError
+        raise NotImplementedError  # each table has its own; this is what they share
 
 
 @dataclass(frozen=True, kw_only=True)

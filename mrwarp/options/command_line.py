@@ -129,7 +129,7 @@ class Options:
 
     def run(self, line: CommandLine) -> int:
         """Do the work; returns the exit code: 0 done, 1 measured but missed, 2 bad input, 130 stopped by Ctrl-C."""
-        raise NotImplementedError
+        raise NotImplementedError  # each command has its own; options that several share are no command
 
     def chosen(self, *names: str) -> dict[str, Any]:
         """Options by name, for a configuration in which they are called the same."""

@@ -171,7 +171,7 @@ def replayed(
         sigma = slopes.scale(evidence.sigma)
         for w, r in zip(own, left, strict=True):
             r, z = r / sigma, slopes.z[w] / sigma
-            solved = np.linalg.solve(z @ z.T + np.eye(len(z)) / START_SPREAD**2, z @ r)
+            solved = _best_start(z, r)
             clean = (r - solved @ z) / sigma
             score.append(slopes.j[w] @ clean.astype(np.float32))
             total.append(r @ r - (z @ r) @ solved)
@@ -214,7 +214,7 @@ def losses(
                 totals.append(np.inf)
                 continue
             z = slopes.z[w] / sigma
-            totals.append(r @ r - (z @ r) @ np.linalg.solve(z @ z.T + np.eye(len(z)) / START_SPREAD**2, z @ r))
+            totals.append(r @ r - (z @ r) @ _best_start(z, r))
     return np.array(totals), {name: np.concatenate(x) for name, x in squares.items()}
 
 
@@ -372,8 +372,13 @@ def _left(slopes: Slopes, rows: np.ndarray, keep: np.ndarray, sigma: dict, chang
     scale, found = slopes.scale(sigma), []
     for w in np.flatnonzero(keep).tolist():
         rest, z = (rows[w] - change @ slopes.j[w]) / scale, slopes.z[w] / scale
-        found.append(scale * (rest - np.linalg.solve(z @ z.T + np.eye(len(z)) / START_SPREAD**2, z @ rest) @ z))
+        found.append(scale * (rest - _best_start(z, rest) @ z))
     return np.array(found).reshape(-1, rows.shape[1])
+
+
+def _best_start(z: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Likeliest start of a window, in steps, shape (Z,), by its derivatives (Z, N) and what is left in it (N,)."""
+    return np.linalg.solve(z @ z.T + np.eye(len(z)) / START_SPREAD**2, z @ r)
 
 
 def _to_origin(a: np.ndarray, b: np.ndarray, c: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
