@@ -8,6 +8,7 @@ it. So the whole data set counts, none of it twice, and every figure of error or
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -120,12 +121,13 @@ def not_foretold(problem: Problem, held: HeldOut, extended: Fit, seed: int) -> n
     """
     motion = problem.motion
     at = chosen_samples(motion, problem.weight)
+    told = partial(foretold, motion, at, seed=seed, threads=problem.replay.threads)
     after, beside = motion.torque - held.predicted_extended, [held.predicted_extended]
-    left = _left(after, foretold(motion, at, after, beside=beside, seed=seed), at)
+    left = _left(after, told(after, beside=beside), at)
     if float(left @ left) < (1.0 - MUCH) * float(np.sum(after[at] ** 2)):
         smooth = np.vstack([group.rows for group in groups_along(problem, extended) if not group.slow])
-        more = _left(after, foretold(motion, at, after, beside=beside, smooth=smooth, seed=seed), at)
-        direct = _left(motion.torque, foretold(motion, at, motion.torque, seed=seed), at)
+        more = _left(after, told(after, beside=beside, smooth=smooth), at)
+        direct = _left(motion.torque, told(motion.torque), at)
         left = min(left, more, direct, key=lambda x: float(x @ x))
     return left
 

@@ -29,6 +29,8 @@ SIMPLER = 0.03
 """Share of the held-out RMSE within which a law with fewer numbers is taken instead."""
 _SAMPLES = 12_000
 """Samples on which laws are compared."""
+_RUNS = 40
+"""Trajectories to which these may fall, where there are many short ones: enough to tell chance from gain."""
 _STRUCTURED = 2.5
 """Ratio of the mismatch to the noise from sample to sample below which no law is looked for."""
 _SMALL = 0.05
@@ -116,7 +118,7 @@ def choose_law(
     if len(motion.parts) < _FEW or base.parameters.law or not structured(problem, base):
         return None, problem, base
     log(f"other hysteresis laws: {', '.join(law.title for law in HYSTERESIS.values())}")
-    small = motion.stretches(_SAMPLES)
+    small = motion.stretches(_SAMPLES, _RUNS)
     threads, q_zero = problem.replay.threads, problem.q_zero
     search = LawSearch(EffectReplay(small, threads=threads), q_zero, offsets=True)
     beside = [_BESIDE] if search.levels > 1 and _BESIDE not in problem.impossible else []

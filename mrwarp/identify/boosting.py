@@ -9,6 +9,7 @@ A note on the Gamma test, Neural Comput. Appl. 5, 1997).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -81,6 +82,7 @@ def foretold(
     beside: Sequence[np.ndarray] = (),
     smooth: np.ndarray | None = None,
     seed: int = 0,
+    threads: int = 1,
 ) -> np.ndarray:
     """A signal at the samples ``at``, foretold by boosting on the other trajectories, shape (len(at),).
 
@@ -91,7 +93,9 @@ def foretold(
         beside: More signals to foretell it from, each of shape (N,).
         smooth: Functions, shape (k, N), whose best sum is taken out first: they go on where trees stand still.
         seed: Seed of the folds.
+        threads: Processes among which the folds are shared: trees grow in Python, which threads would wait for.
     """
+    from joblib import Parallel, delayed
     from sklearn.ensemble import HistGradientBoostingRegressor
 
     table = features(motion, at, beside)
@@ -101,14 +105,18 @@ def foretold(
     goal, out = target[at], np.zeros(len(at))
     rows = np.ones((1, len(at))) if smooth is None else np.vstack([np.ones(len(at)), smooth[:, at]])
     rows = rows / np.maximum(np.sqrt(np.mean(rows**2, axis=1, keepdims=True)), 1e-12)
+    work: list[Any] = []
+    folds = [fold[run] == k for k in range(int(fold.max()) + 1)]
+    for mine in folds:
+        known = rows[:, ~mine]
+        line = ridge_solve(known @ known.T, known @ goal[~mine], _RIDGE)
+        out[mine] = line @ rows[:, mine]
+        model = HistGradientBoostingRegressor(random_state=seed, **_SETTINGS)
+        work.append(delayed(model.fit)(table[~mine], goal[~mine] - line @ known))
     with threadpool_limits(1, "openmp"):
-        for k in range(int(fold.max()) + 1):
-            mine = fold[run] == k
-            known = rows[:, ~mine]
-            line = ridge_solve(known @ known.T, known @ goal[~mine], _RIDGE)
-            model = HistGradientBoostingRegressor(random_state=seed, **_SETTINGS)
-            model.fit(table[~mine], goal[~mine] - line @ known)
-            out[mine] = line @ rows[:, mine] + model.predict(table[mine])
+        grown: Any = Parallel(min(threads, len(folds)))(work)
+        for mine, model in zip(folds, grown, strict=True):
+            out[mine] += model.predict(table[mine])
     return out
 
 

@@ -24,6 +24,8 @@ _SETTLED = 4.0
 """Yield travels after which the unknown initial z is forgotten to exp(-4) = 2 %."""
 _STRETCH = 3.0
 """Shortest stretch that is taken of a longer trajectory [s]."""
+_GOLDEN = 0.618
+"""The golden section."""
 _MOVING = 0.05
 """Part of the typical speed above which the joint moves."""
 
@@ -260,20 +262,30 @@ class Motion(Dataset):
                 x[part] = np.interp(at + shift, at, x[part])
         return dataclasses.replace(self, **shifted, ahead=self.ahead + shift)
 
-    def stretches(self, limit: int) -> Motion:
+    def stretches(self, limit: int, fewest: int | None = None) -> Motion:
         """At most about ``limit`` samples: of each trajectory one stretch, elsewhere in it from one to the next.
 
         A stretch begins while the joint moves, and goes on to: its first tenth holds at least half of the path that a
         tenth may hold, so that its hysteresis is known before the first rest. What depends on the past (heat, path,
         time in the session) is that of the whole recording.
+
+        Args:
+            limit: Samples, more where the shortest stretches (3 s) are together.
+            fewest: Trajectories to which their number may fall then, taken evenly; None: all stay.
         """
         share, taken = limit / len(self.q), []
         if share >= 1.0:
             return self
-        for k, (part, dt) in enumerate(zip(self.parts, self.dt, strict=True)):
-            size = part.stop - part.start
-            length = min(size, max(round(share * size), round(_STRETCH / dt)))
-            first = part.start + int((0.618 * k % 1.0) * (size - length))
+        sizes = np.diff(self.start)
+        lengths = np.minimum(sizes, np.maximum(np.round(share * sizes), np.round(_STRETCH / self.dt)).astype(int))
+        chosen = np.arange(len(sizes))
+        if fewest is not None:
+            count = max(int(len(sizes) * limit / lengths.sum()), fewest)
+            # by steps of the golden section no regular order of the trajectories is met twice at the same place
+            chosen = np.sort(np.argsort(_GOLDEN * chosen % 1.0)[:count])
+        for k in chosen:
+            part, size, length = self.parts[k], int(sizes[k]), int(lengths[k])
+            first = part.start + int((_GOLDEN * k % 1.0) * (size - length))
             speed = np.abs(self.qd[part])
             path = np.concatenate([[0.0], np.cumsum(speed)])
             ahead = path[length // 10 : length // 10 + size - length + 1] - path[: size - length + 1]
@@ -288,7 +300,9 @@ class Motion(Dataset):
             self,
             **{name: getattr(self, name)[at] for name in ("q", "qd", "qdd", "current", "torque", "time", "slid_time")},
             known=None if self.known is None else self.known[at],
-            middle=self.middles,
+            dt=self.dt[chosen],
+            begin=None if self.begin is None else self.begin[chosen],
+            middle=self.middles[chosen],
             heat=self.heat[:, at],
             start=np.cumsum([0, *(len(stretch) for stretch in taken)]),
             kinematics=dataclasses.replace(k, qd=k.qd[at], qdd=k.qdd[at], **masks),

@@ -32,6 +32,8 @@ from mrwarp.recording.load import Holding, Recording, RecordingError
 
 _STARTS_ON = 12_000
 """Samples on which starts are searched."""
+_STARTS_RUNS = 16
+"""Trajectories to which these may fall, where there are many short ones."""
 _STARTS = 2
 _SATURATES = 0.03
 """Share of the squared held-out error by which a saturating coefficient must be better than a straight line."""
@@ -158,7 +160,9 @@ def law_search(motion: Motion, q_zero: float, name: str, *, offsets: bool, effec
         effects: What acts beside the law.
         threads: CPU threads.
     """
-    small = LawSearch(EffectReplay(motion.stretches(_STARTS_ON), threads=threads), q_zero, offsets=offsets)
+    small = LawSearch(
+        EffectReplay(motion.stretches(_STARTS_ON, _STARTS_RUNS), threads=threads), q_zero, offsets=offsets
+    )
     whole = LawSearch(EffectReplay(motion, threads=threads), q_zero, offsets=offsets)
     layout = whole.layout([name])
     rough = min((small.descend(layout, x, _ROUGH) for x in small.starts(layout)), key=lambda s: float(s.loss.sum()))

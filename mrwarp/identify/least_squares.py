@@ -21,6 +21,8 @@ _RANK = 1e-9
 """Eigenvalues of a correlation matrix below this count as zero."""
 _LEAST_FACTOR = 0.1
 """Smallest factor of a trajectory that derivatives are multiplied by."""
+_TOGETHER = 10_000
+"""Samples that are whitened together: few calls of many, while they stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -198,31 +200,43 @@ class NormalEquations:
         for part in samples.parts:  # the first samples have no past that whitens them
             counts[part][:first] = 0.0
 
-        def reduced(part: slice) -> np.ndarray:
-            """Gram matrix of one trajectory: a table of all would be many times the recording."""
-            table = np.empty((size + 2, part.stop - part.start))
+        def reduced(parts: Sequence[slice]) -> list[np.ndarray]:
+            """Gram matrices of trajectories in a row: a table of all would be many times the recording."""
+            here = slice(parts[0].start, parts[-1].stop)
+            table = np.empty((size + 2, here.stop - here.start))
             for at, block in zip(cuts[:-1], blocks, strict=True):
-                table[at : at + len(block)] = block[:, part]
-            table[size], table[size + 1] = 1.0, torque[part]
+                table[at : at + len(block)] = block[:, here]
+            table[size], table[size + 1] = 1.0, torque[here]
             table = noise.white(table)
-            table *= counts[part]
-            gram = table @ table.T
-            inner = gram[size:, size:] + np.diag(1.0 / spread**2)
-            cross = gram[:size, size:]
-            found = np.linalg.solve(inner, cross.T)
-            left = gram[:size, :size] - cross @ found
-            if derivatives:
-                factor = max(1.0 + found[1, -1], _LEAST_FACTOR)
-                left[:-1] *= factor
-                left[:, :-1] *= factor
-            return left
+            table *= counts[here]
+            inside = [table[:, part.start - here.start : part.stop - here.start] for part in parts]
+            return [signals @ signals.T for signals in inside]
 
         with ThreadPoolExecutor(threads) as pool:
-            self.parts = np.array(list(pool.map(reduced, samples.parts)))
+            grams = np.array([gram for some in pool.map(reduced, _together(samples.parts)) for gram in some])
+        inner = grams[:, size:, size:] + np.diag(1.0 / spread**2)
+        cross = grams[:, :size, size:]
+        found = np.linalg.solve(inner, cross.transpose(0, 2, 1))
+        self.parts = grams[:, :size, :size] - cross @ found
+        if derivatives:
+            factors = np.maximum(1.0 + found[:, 1, -1], _LEAST_FACTOR)[:, None]
+            self.parts[:, :-1] *= factors[..., None]
+            self.parts[:, :, :-1] *= factors[..., None]
         """Shape (T, M, M)."""
         self.count = float(counts.sum())
         """Samples that count."""
         self.total = self.parts.sum(axis=0)
+
+
+def _together(parts: Sequence[slice]) -> list[list[slice]]:
+    """Trajectories that follow each other, of about :data:`_TOGETHER` samples."""
+    groups: list[list[slice]] = []
+    for part in parts:
+        if groups and part.stop - groups[-1][0].start <= _TOGETHER:
+            groups[-1].append(part)
+        else:
+            groups.append([part])
+    return groups
 
 
 def losses(

@@ -19,6 +19,7 @@ def test_a_law_of_the_motion_is_foretold_and_noise_is_not() -> None:
     assert 500 <= len(at) <= 800
     known_law, known_noise = (foretold(motion, at, target) for target in (law, noise))
     assert np.mean((known_law - law[at]) ** 2) < 0.1 * law.var()
+    np.testing.assert_array_equal(foretold(motion, at, law, threads=2), known_law)
     smooth = foretold(motion, at, law, smooth=np.stack([motion.qd, motion.q]))
     assert np.mean((smooth - law[at]) ** 2) < 0.1 * law.var()
     assert np.mean((known_noise - noise[at]) ** 2) > 0.95 * noise.var()

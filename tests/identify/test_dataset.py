@@ -1,5 +1,6 @@
 """Replay with effects: the session's clock, the stored heat, units inside, threads."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -129,3 +130,21 @@ def test_stretches_keep_what_depends_on_the_past() -> None:
         assert np.abs(part.qd[p.start : p.start + tenth]).sum() > 0.49 * ways[: len(ways) - 9 * tenth].max()
     offsets = at[part.start[:-1]] - whole.start[:-1]
     assert len(set(offsets.tolist())) == 6
+
+
+def test_of_many_short_trajectories_some_are_taken() -> None:
+    """Where the shortest stretches are too many samples: evenly over any order of the runs, with their own numbers."""
+    whole = known.motion(3, runs=60, seconds=4.0)
+    whole = dataclasses.replace(whole, begin=np.arange(60.0), dt=whole.dt * (1.0 + 1e-6 * np.arange(60)))
+    all_runs = whole.stretches(len(whole.q) // 10)
+    assert len(all_runs.parts) == 60 and len(all_runs.q) > len(whole.q) // 2
+    some = whole.stretches(len(whole.q) // 10, 5)
+    assert some.begin is not None and some.middle is not None
+    taken = np.round(some.begin).astype(int)
+    assert len(taken) == 8 and len(some.q) <= len(whole.q) // 10 + 60
+    np.testing.assert_array_equal(some.dt, whole.dt[taken])
+    np.testing.assert_array_equal(some.middle, whole.middles[taken])
+    np.testing.assert_array_equal(some.q[: some.start[1]], all_runs.q[all_runs.parts[taken[0]]])
+    for period in (2, 3, 4, 5):
+        assert len(set(taken % period)) == period
+    assert len(whole.stretches(len(whole.q) // 10, 20).parts) == 20
