@@ -29,7 +29,7 @@ def _report(study: ModuleType, found: dict[str, Any], out: Path, picture: str, s
 class Current(Options):
     """Who should command the coils: the gates at a fixed current, a law, or the policy.
 
-    Every arm goes on from the shipped policy of its robot with the same updates and price; then all are walked, loaded
+    Every arm goes on from the policy of its robot with the same updates and price; then all are walked, loaded
     and pushed. What is in the folder is not done again.
     """
 
@@ -37,14 +37,18 @@ class Current(Options):
     """output folder: trainings, measurements, result.json, current.png"""
     arms: Annotated[tuple[str, ...], opt.some_of(ARMS)] = ("none", "fixed", "scheduled", "learned")
     """what is compared"""
-    seeds: opt.Seeds = (0, 1, 2)
-    """training seeds, of 0, 1, 2"""
+    seeds: opt.Seeds = (0, 1, 2, 3, 4)
+    """training seeds, of 0 to 4; what 3 and 4 begin with is trained first"""
     num_envs: opt.Count = 128
     """training environments"""
     iterations: opt.Whole = 250
     """PPO updates of every arm, the first 100 of the critic alone; 0 compares with the shipped policies as they are"""
     power_price: opt.NotNegative = 0.01
     """price of a watt of motors and coils [1/W]"""
+    more_prices: Annotated[tuple[float, ...], opt.some(opt.not_negative, "X")] = ()
+    """further prices [1/W], for a front of power against tracking and impact; each in a folder of its own"""
+    more_seeds: opt.Seeds = (0, 1, 2)
+    """training seeds at those prices"""
     coil_lag: Annotated[float, opt.one(opt.within(0.0, 10.0, "s"), "S")] = 0.01
     """time constant of the coils [s]; assumed"""
     trials: opt.Count = 3
@@ -63,12 +67,10 @@ class Current(Options):
         from mrwarp.energy.model_numbers import read_numbers
         from mrwarp.study import currents
 
-        if unknown := [seed for seed in self.seeds if seed > 2]:
-            raise ValueError(f"--seeds {unknown[0]}: policies to begin with are shipped for 0, 1 and 2")
         if self.iterations == 0 and "learned" in self.arms:
             raise ValueError("--iterations 0: no policy that commands currents is shipped; leave out --arms learned")
         names = ("arms", "seeds", "num_envs", "iterations", "power_price", "coil_lag", "trials", "distance", "pushes")
-        cfg = currents.CurrentsCfg(**self.chosen(*names, "threads"))
+        cfg = currents.CurrentsCfg(**self.chosen(*names, "more_prices", "more_seeds", "threads"))
         groups, progress = read_numbers(None, ()), ProgressLine(sys.stdout)
         try:
             found = currents.run(cfg, self.out, groups["electrical"], groups["thermal"], progress)

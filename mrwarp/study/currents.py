@@ -1,13 +1,14 @@
 """Who should command the coils: gates at a fixed current, a law, or the policy; all with the same budget and price.
 
-Every arm goes on from the shipped policy of its robot and training seed, for as many updates, and pays the same price
-per watt, coils included; coils lag. Then all are walked and pushed alike.
+Every arm goes on from the policy of its robot and training seed, for as many updates, and pays the same price per watt,
+coils included; coils lag. Then all are walked and pushed alike. Further prices show what power can be had for what
+tracking and what drop under a push.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,17 @@ from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.rl.trainer import TrainCfg, Trainer
 from mrwarp.runtime import panels, text_table
-from mrwarp.study.plan import ENERGY, HIGH_POWER_PRICE, kept, plant_cfg, policy_file
+from mrwarp.study.plan import (
+    ENERGY,
+    ENERGY_SEEDS,
+    EXPLICIT,
+    HIGH_POWER_PRICE,
+    POWER_PRICE,
+    SEEDS,
+    kept,
+    plant_cfg,
+    policy_file,
+)
 from mrwarp.trials.impact import ImpactCfg, ImpactSweep, Variant, body_extremes
 from mrwarp.trials.statistics import half_width
 from mrwarp.trials.walk_trials import WalkCfg, WalkResult, walk
@@ -60,14 +71,27 @@ HOLD_SPEED = 1.0
 held is the policy's choice, which commands no current where it wants none."""
 
 
+SETTLING = 256, 750
+"""Environments and updates of the last step in which ``policies/energy`` were trained, with :data:`LEARNING` and the
+price ``plan.POWER_PRICE``. It also makes what an arm begins with where no policy of MR_Go-SAL with devices that stick
+is shipped (seeds 3 and 4), from the shipped one of that seed with the paper's explicit torque."""
+
+LEARNING = LearningCfg(desired_kl=0.01, entropy=0.0005)
+"""How fast networks learn: a step that settles a gait."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class CurrentsCfg:
-    """What is compared, and how long each arm learns."""
+    """What is compared, and how long each arm learns.
+
+    Raises:
+        ValueError: no policy to begin with is there for a seed.
+    """
 
     arms: tuple[str, ...] = ARMS
     """Of :data:`mrwarp.enums.ARMS`."""
-    seeds: tuple[int, ...] = (0, 1, 2)
-    """Training seeds; policies to begin with are shipped for 0, 1, 2."""
+    seeds: tuple[int, ...] = ENERGY_SEEDS
+    """Training seeds, of ``plan.ENERGY_SEEDS``."""
     num_envs: int = 128
     """Training environments."""
     iterations: int = 250
@@ -75,6 +99,10 @@ class CurrentsCfg:
     all arms but ``learned`` with the same policy."""
     power_price: float = HIGH_POWER_PRICE
     """Price of a watt of motors and coils [1/W]."""
+    more_prices: tuple[float, ...] = ()
+    """Further prices [1/W], for all arms whose coils carry current: they make the front."""
+    more_seeds: tuple[int, ...] = SEEDS
+    """Training seeds there."""
     coil_lag: float = 0.01
     """Time constant of the coils [s]: assumed, MR brakes of this size answer in 5 to 25 ms."""
     trials: int = 3
@@ -85,8 +113,12 @@ class CurrentsCfg:
     """Pushes of 100 N for 0.2 s on a walking robot."""
     threads: int = 0
     """CPU threads of the physics; 0 = all."""
-    learning: LearningCfg = field(default_factory=lambda: LearningCfg(desired_kl=0.01, entropy=0.0005))
-    """How fast networks learn: a step that settles a gait."""
+    learning: LearningCfg = LEARNING
+    """How fast the arms learn."""
+
+    def __post_init__(self) -> None:
+        if unknown := [seed for seed in (*self.seeds, *self.more_seeds) if seed not in ENERGY_SEEDS]:
+            raise ValueError(f"seed {unknown[0]}: policies to begin with are shipped for 0 to {ENERGY_SEEDS[-1]}")
 
 
 def arm_env(cfg: CurrentsCfg, arm: str, fixed: float) -> EnvCfg:
@@ -124,22 +156,31 @@ def run(
     Raises:
         ValueError: a file in ``out`` is damaged or of another comparison.
     """
-    names = ("coil_lag", "iterations", "trials", "distance", "pushes", "power_price")
-    asked = {name: getattr(cfg, name) for name in names}
-    sweep = kept(out / "fixed_currents.json", asked, lambda: _sweep(cfg, electrical, report))
+    sweep = kept(out / "fixed_currents.json", _asked(cfg), lambda: _sweep(cfg, electrical, report))
     best = float(min(sweep, key=lambda amps: sweep[amps]["cot"]))
-    jobs = [(arm, seed) for seed in cfg.seeds for arm in cfg.arms]
-    rows: dict[str, dict[int, dict[str, Any]]] = {arm: {} for arm in cfg.arms}
-    for k, (arm, seed) in enumerate(jobs):
-        folder = out / f"{arm}_seed{seed}"
-        report(f"{arm}, seed {seed}", k / len(jobs))
-        policy = _trained(cfg, arm, seed, best, folder)
+    more = replace(cfg, arms=tuple(arm for arm in cfg.arms if arm not in ROBOT), seeds=cfg.more_seeds)
+    parts = {cfg.power_price: (cfg, out)}
+    parts |= {price: (replace(more, power_price=price), out / f"price_{price:g}") for price in cfg.more_prices}
+    jobs = [(price, arm, seed) for price, (part, _) in parts.items() for seed in part.seeds for arm in part.arms]
+    rows: dict[float, dict[str, dict[int, dict[str, Any]]]] = {}
+    for k, (price, arm, seed) in enumerate(jobs):
+        part, folder = parts[price][0], parts[price][1] / f"{arm}_seed{seed}"
+        report(f"{arm}, seed {seed}, {price:g} per W", k / len(jobs))
+        policy = _trained(part, arm, seed, best, folder, out)
         if policy is None:
             return None
-        measure = partial(_measure, cfg, arm, best, policy, electrical, heat)
-        rows[arm][seed] = kept(folder / "measured.json", asked, measure)
-    return {"arms": figures(rows), "fixed_currents": sweep, "best_fixed": best, "seeds": list(cfg.seeds),
-            "measured": rows}  # fmt: skip
+        measure = partial(_measure, part, arm, best, policy, electrical, heat)
+        by_arm = rows.setdefault(price, {arm: {} for arm in part.arms})
+        by_arm[arm][seed] = kept(folder / "measured.json", _asked(part), measure)
+    first, *others = ({"arms": figures(found), "measured": found, "power_price": price,
+                       "seeds": list(parts[price][0].seeds)} for price, found in rows.items())  # fmt: skip
+    return {**first, "more_prices": others, "fixed_currents": sweep, "best_fixed": best}
+
+
+def _asked(cfg: CurrentsCfg) -> dict[str, Any]:
+    """What measured figures hang on beside the folder."""
+    names = ("coil_lag", "iterations", "trials", "distance", "pushes", "power_price")
+    return {name: getattr(cfg, name) for name in names}
 
 
 def _sweep(cfg: CurrentsCfg, electrical: ElectricalCfg, report: Callable[[str, float], None]) -> dict[str, Any]:
@@ -153,27 +194,47 @@ def _sweep(cfg: CurrentsCfg, electrical: ElectricalCfg, report: Callable[[str, f
     return found
 
 
-def _trained(cfg: CurrentsCfg, arm: str, seed: int, best: float, folder: Path) -> Path | None:
+def _begin(cfg: CurrentsCfg, arm: str, seed: int, out: Path) -> Path | None:
+    """Policy that an arm begins with, shipped or made in ``out`` (:data:`SETTLING`); None after Ctrl-C."""
+    robot = ROBOT.get(arm, "mr_go_sal")
+    shipped = policy_file(ENERGY, robot, seed)
+    if shipped.is_file():
+        return shipped
+    envs, updates = SETTLING
+    env = plant_cfg(robot, num_envs=envs, threads=cfg.threads, randomize="all", power_price=POWER_PRICE)
+    begin = policy_file(ENERGY, EXPLICIT, seed)
+    return _train(env, seed, updates, LEARNING, lambda: begin, out / f"start_{robot}_seed{seed}")
+
+
+def _trained(cfg: CurrentsCfg, arm: str, seed: int, best: float, folder: Path, out: Path) -> Path | None:
     """Policy of an arm, trained to the end; None after Ctrl-C."""
-    begin = policy_file(ENERGY, ROBOT.get(arm, "mr_go_sal"), seed)
+    begin = partial(_begin, cfg, arm, seed, out)
     if cfg.iterations == 0:
-        return begin
+        return begin()
+    return _train(arm_env(cfg, arm, best), seed, cfg.iterations, cfg.learning, begin, folder)
+
+
+def _train(
+    env: EnvCfg, seed: int, updates: int, learning: LearningCfg, begin: Callable[[], Path | None], folder: Path
+) -> Path | None:
+    """Policy of a training that is done in a folder, or goes on or begins there; None after Ctrl-C."""
     policy, saved = folder / "policy.onnx", folder / "checkpoint.pt"
-    env = arm_env(cfg, arm, best)
+    start = None
     if saved.is_file():
         content = checkpoint.load(saved)
         mine = {**checkpoint.task(env), "seed": seed}
         theirs = {**content["task"], "seed": content["seed"]}
-        if mine != theirs or content["iteration"] > cfg.iterations:
+        if mine != theirs or content["iteration"] > updates:
             raise ValueError(f"{folder}: trained with other choices than asked for; name another --out")
-        if content["iteration"] == cfg.iterations and policy.is_file():
+        if content["iteration"] == updates and policy.is_file():
             return policy
+    elif (start := begin()) is None:
+        return None
     train = TrainCfg(
-        env=env, out=folder, seed=seed, iterations=cfg.iterations, until_gate=False, check_every=float("inf"),
-        learning=cfg.learning, command="mrwarp study current",
+        env=env, out=folder, seed=seed, iterations=updates, until_gate=False, check_every=float("inf"),
+        learning=learning, command="mrwarp study current",
     )  # fmt: skip
-    go_on = saved if saved.is_file() else None
-    result = Trainer(train, resume=go_on, start_from=None if go_on else begin).run()
+    result = Trainer(train, resume=None if start else saved, start_from=start).run()
     return None if result["stopped"] == "interrupted" else policy
 
 
@@ -261,51 +322,100 @@ UNITS = {
 the calves and tracking; fastest speed held; lowest trunk and peak downward velocity under the push; calves' rise."""
 
 
+RELATIVE = ("cot", "power")
+"""Figures whose difference between arms is a share of the arm ``fixed``; of all others it has the figure's unit."""
+
+AIM = 0.15
+"""Share of the cost of transport that commanded coils should save against the arm ``fixed``."""
+
+
 def figures(rows: Mapping[str, Mapping[int, Mapping[str, Any]]]) -> dict[str, Any]:
-    """Mean and 95 % interval over training seeds of every figure, and the paired difference to the arm ``fixed``."""
+    """Mean and 95 % interval over training seeds of every figure, and of its difference to ``fixed`` seed by seed.
+
+    ``against_fixed`` holds the differences; ``clear`` says that the interval leaves out zero.
+    """
     found: dict[str, Any] = {}
     for arm, by_seed in rows.items():
-        found[arm] = {}
-        for name in UNITS:
-            values = np.array([row[name] for row in by_seed.values()], dtype=float)
-            found[arm][name] = {"mean": float(values.mean()), "half_width": half_width(values), "seeds": len(values)}
+        found[arm] = {name: _interval([row[name] for row in by_seed.values()]) for name in UNITS}
         both = [seed for seed in by_seed if seed in rows.get("fixed", {})]
-        if arm != "fixed" and both:
-            change = np.array([by_seed[s]["cot"] / rows["fixed"][s]["cot"] - 1.0 for s in both])
-            found[arm]["cot_change"] = {
-                "mean": float(change.mean()),
-                "half_width": half_width(change),
-                "seeds": len(both),
-            }
+        if arm == "fixed" or not both:
+            continue
+        found[arm]["against_fixed"] = {}
+        for name in UNITS:
+            own, fixed = (np.array([rows[of][seed][name] for seed in both], dtype=float) for of in (arm, "fixed"))
+            change = _interval(own / fixed - 1.0 if name in RELATIVE else own - fixed)
+            clear = len(both) > 1 and abs(change["mean"]) > change["half_width"]
+            found[arm]["against_fixed"][name] = {**change, "clear": clear}
     return found
 
 
+def _interval(values: Sequence[float] | np.ndarray) -> dict[str, Any]:
+    numbers = np.asarray(values, dtype=float)
+    return {"mean": float(numbers.mean()), "half_width": half_width(numbers), "seeds": len(numbers)}
+
+
+DIGITS = {"cot": 3, "v_x_rmse": 4, "min_height": 4, "peak_down_velocity": 3}
+
+
 def lines(found: Mapping[str, Any]) -> list[str]:
-    """The table."""
-    digits = {"cot": 3, "v_x_rmse": 3, "min_height": 4, "peak_down_velocity": 3}
-    head = ("arm", *(f"{name} [{unit}]" for name, unit in UNITS.items()), "COT against fixed")
-    rows = []
-    for arm, own in found["arms"].items():
-        cells = [f"{own[n]['mean']:.{digits.get(n, 1)}f} ± {own[n]['half_width']:.{digits.get(n, 1)}f}" for n in UNITS]
-        change = own.get("cot_change")
-        rows.append((TITLES[arm], *cells, f"{change['mean']:+.1%} ± {change['half_width']:.1%}" if change else ""))
-    seeds = len(found["seeds"])
-    return [
-        f"best fixed current {found['best_fixed']:g} A; mean ± half width of the 95 % interval over {seeds} seeds",
-        *text_table(head, rows),
-    ]
+    """Two tables for each price: figures, and differences to the arm ``fixed``."""
+    head = ("arm", *(f"{name} [{unit}]" for name, unit in UNITS.items()))
+    text = [f"best fixed current {found['best_fixed']:g} A"]
+    for part in (found, *found["more_prices"]):
+        own, against = [], []
+        for arm, by_name in part["arms"].items():
+            own.append((TITLES[arm], *(_cell(name, by_name[name]) for name in UNITS)))
+            if change := by_name.get("against_fixed"):
+                against.append((TITLES[arm], *(_change(name, change[name]) for name in UNITS)))
+        text += [
+            "",
+            f"{part['power_price']:g} per W; mean ± half width of the 95 % interval over {len(part['seeds'])} seeds",
+            *text_table(head, own),
+        ]
+        if against:
+            text += ["against the fixed current, seed by seed; * leaves out zero", *text_table(head, against)]
+    return text
+
+
+def _cell(name: str, value: Mapping[str, Any]) -> str:
+    return f"{value['mean']:.{DIGITS.get(name, 1)}f} ± {value['half_width']:.{DIGITS.get(name, 1)}f}"
+
+
+def _change(name: str, value: Mapping[str, Any]) -> str:
+    form = "+.1%" if name in RELATIVE else f"+.{DIGITS.get(name, 1)}f"
+    return f"{value['mean']:{form}} ± {value['half_width']:{form[1:]}}{'*' if value['clear'] else ''}"
+
+
+COLOURS = {
+    "none": "0.45", "off": "#7a4fa3", "support": "#c98b3c", "fixed": "#b4451f", "scheduled": "#3a8f3a",
+    "learned": "#1f6fb4",
+}  # fmt: skip
 
 
 def picture(found: Mapping[str, Any], path: Path) -> None:
-    """The Pareto picture: power against tracking and against the drop under a push, a point per arm and seed."""
-    figure, ((left, middle, right),) = panels((13, 4.2), columns=3)
-    for arm, by_seed in found["measured"].items():
-        x = [row["power"] for row in by_seed.values()]
-        for axes, name in ((left, "v_x_rmse"), (middle, "min_height")):
-            axes.plot(x, [row[name] for row in by_seed.values()], "o", alpha=0.8, label=TITLES[arm])
-    left.set(xlabel="battery power [W]", ylabel="v_x RMSE [m/s]")
-    middle.set(xlabel="battery power [W]", ylabel="lowest trunk under 100 N [m]")
-    left.legend(fontsize=7)
+    """The front: cost of transport against tracking and drop under a push, a point per policy; where power goes."""
+    figure, ((left, middle, right),) = panels((13, 4.4), columns=3)
+    parts = sorted((found, *found["more_prices"]), key=lambda part: part["power_price"])
+    for axes, name, better in ((left, "v_x_rmse", -1.0), (middle, "min_height", 1.0)):
+        points = []
+        for k, part in enumerate(parts):
+            for arm, by_seed in part["measured"].items():
+                xy = np.array([(row["cot"], row[name]) for row in by_seed.values()])
+                axes.scatter(*xy.T, s=18.0 * 2.4**k, color=COLOURS[arm], alpha=0.75, linewidths=0)
+                points += list(xy) if arm not in ROBOT else []
+        front = _front(np.reshape(points, (-1, 2)), better)
+        axes.step(*front.T, where="post", color="0.3", linewidth=0.8, linestyle="--", zorder=0)
+        if "fixed" in found["arms"]:
+            aim = (1.0 - AIM) * found["arms"]["fixed"]["cot"]["mean"]
+            axes.axvline(aim, color="0.3", linewidth=0.8, linestyle=":")
+            axes.annotate(f" {AIM:.0%} less", (aim, 0.99), xycoords=("data", "axes fraction"), va="top", fontsize=7)
+    left.set(xlabel="cost of transport", ylabel="v_x RMSE [m/s]")
+    middle.set(xlabel="cost of transport", ylabel="lowest trunk under 100 N [m]")
+    for arm in found["arms"]:
+        left.scatter([], [], color=COLOURS[arm], s=36.0, label=TITLES[arm])
+    left.plot([], [], "--", color="0.3", linewidth=0.8, label="best of all with a device")
+    for k, part in enumerate(parts):
+        middle.scatter([], [], color="0.6", s=18.0 * 2.4**k, label=f"{part['power_price']:g} per W")
     names, arms = ("coil", "calves"), list(found["arms"])
     bottom = np.zeros(len(arms))
     for name, label in zip(names, ("coils", "copper of the calves"), strict=True):
@@ -314,6 +424,16 @@ def picture(found: Mapping[str, Any], path: Path) -> None:
         bottom += values
     right.bar(arms, [found["arms"][arm]["power"]["mean"] for arm in arms] - bottom, bottom=bottom, color="0.85",
               label="all else")  # fmt: skip
-    right.set(ylabel="battery power [W]")
-    right.legend(fontsize=7)
+    right.set(ylabel="battery power [W]", title=f"{found['power_price']:g} per W")
+    for axes in (left, middle, right):
+        axes.legend(fontsize=7)
     figure.savefig(path, dpi=120)
+
+
+def _front(points: np.ndarray, better: float) -> np.ndarray:
+    """Points, shape (n, 2), that no other beats in both: less of the first, and of the second as ``better`` says."""
+    kept_points: list[np.ndarray] = []
+    for point in points[np.lexsort((-better * points[:, 1], points[:, 0]))]:
+        if not kept_points or better * point[1] > better * kept_points[-1][1]:
+            kept_points.append(point)
+    return np.reshape(kept_points, (-1, 2))
