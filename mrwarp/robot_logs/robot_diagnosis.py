@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -32,6 +33,7 @@ from mrwarp.robot_logs.selection import (
     prior_of,
     select,
     sizes,
+    vector,
 )
 from mrwarp.robot_logs.unexplained import outside, pushes
 from mrwarp.robot_logs.unknowable import cannot_know, next_experiment
@@ -49,6 +51,10 @@ ROUNDS = 4
 FORETOLD, NEARLY_ALL = 4.0, 0.85
 """Least gain of a cause on the pieces that took no part, as Wilcoxon's standard score over windows: one chance in a
 hundred over 200 causes and places. Few windows cannot reach it: there, this share of the score that they can reach."""
+
+ACTS = 0.05
+"""A window has a say on a cause where it holds this share of the mean window's information on it: a coil that was not
+asked for current says nothing of it, but for what the other numbers do without it."""
 
 PROOF_STEPS = 2
 """Steps of the fits by which a cause is proven: from where derivatives say."""
@@ -185,14 +191,24 @@ def _fitted(
     theta = np.zeros(len(parameters))
     released: list[Direction] = []
     described = evidence = gather(model, groups, parameters, theta, progress)
-    for round_ in range(ROUNDS):
+    fits: dict[frozenset[Direction], tuple[np.ndarray, list[Direction]]] = {}
+
+    def left(theta: np.ndarray, directions: list[Direction], evidence: Evidence) -> float:
+        seen, _ = replayed(evidence, model, groups, parameters, theta)
+        return float(seen / evidence.scale + theta @ prior_of(parameters, directions) @ theta)
+
+    for _ in range(ROUNDS):
         # what does not predict what it did not see is no cause, and would only lead the fit astray
         seen, _ = _foretelling(select(evidence, parameters), evidence, parameters)
         found = [f.direction for f in seen if f.direction.cause not in ORDINARY]
         # common causes go first: those at single places may only stand for them
         common = [d for d in found if len(d.members) > 1]
         wanted = common if common and common != released else found
-        if round_ and wanted == released:
+        if (same := fits.get(frozenset(wanted))) is not None:
+            # the last fit asks for itself, or two ask for each other: the likelier one stands
+            if same[0] is not theta and left(*same, evidence) < left(theta, released, evidence):
+                theta, released = same
+                evidence = gather(model, groups, parameters, theta, progress)
             break
         released = wanted
         named = {k for d in released for k in d.members}
@@ -209,12 +225,10 @@ def _fitted(
             prior = prior_of(parameters, directions)
             return fit(model, groups, parameters, start, evidence, prior, low, high, progress)
 
-        def left(theta: np.ndarray, directions: list[Direction], evidence: Evidence = evidence) -> float:
-            seen, _ = replayed(evidence, model, groups, parameters, theta)
-            return float(seen / evidence.scale + theta @ prior_of(parameters, directions) @ theta)
-
         theta, evidence, fresh = refit(released)
-        theta, released, evidence, fresh = _one_drive(theta, released, evidence, fresh, parameters, refit, left)
+        judge = functools.partial(left, evidence=evidence)
+        theta, released, evidence, fresh = _one_drive(theta, released, evidence, fresh, parameters, refit, judge)
+        fits[frozenset(wanted)] = fits[frozenset(released)] = theta, released
         if not fresh:
             evidence = gather(model, groups, parameters, theta, progress)
     return theta, released, evidence
@@ -301,7 +315,7 @@ def _foretelling(
         loss = _foretold(evidence, parameters, found, None)
         return [_foretold(evidence, parameters, found, one) - loss for one in tried]
 
-    return _certain(found, without, evidence)
+    return _certain(found, without, evidence, parameters)
 
 
 def _by_replay(
@@ -327,11 +341,12 @@ def _by_replay(
             if one is None:
                 about = here
             each = np.tile(theta, (len(evidence.c), 1))
-            left.append(evidence.weight * losses(evidence, model, groups, parameters, each)[0])
+            unlikely = evidence.scale * float(theta @ q @ theta) / len(each)
+            left.append(evidence.weight * losses(evidence, model, groups, parameters, each)[0] + unlikely)
         broke = ~np.isfinite(left).all(axis=0)
         return [np.where(broke, 0.0, loss - left[0]) for loss in left[1:]]
 
-    return _certain(found, without, evidence)
+    return _certain(found, without, evidence, parameters)
 
 
 def _clear(found: list[Found], evidence: Evidence, parameters: list[Parameter]) -> tuple[list[Found], list[Found]]:
@@ -353,7 +368,8 @@ def _clear(found: list[Found], evidence: Evidence, parameters: list[Parameter]) 
 
 
 def _certain(
-    found: list[Found], without: Callable[[list[Found], list[Found]], list[np.ndarray]], evidence: Evidence
+    found: list[Found], without: Callable[[list[Found], list[Found]], list[np.ndarray]], evidence: Evidence,
+    parameters: list[Parameter],
 ) -> tuple[list[Found], list[Found]]:
     """Causes that windows agree on, and the others.
 
@@ -361,13 +377,11 @@ def _certain(
     first, and those that were not certain beside it are tried again.
     """
     found, tried, doubtful = list(found), list(found), []
-    count = np.arange(1.0, len(evidence.c) + 1.0)
-    needed = min(FORETOLD, NEARLY_ALL * float(count.sum() / np.sqrt((count**2).sum())))
     while tried:
         certain = []
         for f, gain in zip(tried, without(found, tried), strict=True):
             share = float(gain.sum()) / (evidence.samples * len(f.direction.members))
-            certain.append(min(_signed_ranks(gain) / needed, share / LEAST_SHARE))
+            certain.append(min(_agreement(gain[_acting(f.direction, evidence, parameters)]), share / LEAST_SHARE))
         least = int(np.argmin(certain))
         if certain[least] >= 1.0:
             break
@@ -377,14 +391,28 @@ def _certain(
     return found, doubtful
 
 
-def _signed_ranks(gain: np.ndarray) -> float:
-    """Wilcoxon's signed-rank score over windows, whose gains differ by orders of magnitude."""
-    ranks = stats.rankdata(np.abs(gain))
-    return float((np.sign(gain) * ranks).sum() / max(np.sqrt((ranks**2).sum()), 1e-12))
+def _acting(d: Direction, evidence: Evidence, parameters: list[Parameter]) -> np.ndarray:
+    """Windows that have a say on a direction, shape (N,)."""
+    change = vector(d, parameters)[list(d.members)]
+    own = evidence.a[:, list(d.members)][:, :, list(d.members)]
+    information = np.einsum("wij,i,j->w", own, change, change)
+    enough = np.sort(information)[-min(LEAST_WINDOWS, len(information))]
+    return np.flatnonzero(information >= min(ACTS * information.mean(), enough))
+
+
+def _agreement(gain: np.ndarray) -> float:
+    """Wilcoxon's signed-rank score over windows, whose gains differ by orders of magnitude, in what is needed of it."""
+    ranks, count = stats.rankdata(np.abs(gain)), np.arange(1.0, len(gain) + 1.0)
+    needed = min(FORETOLD, NEARLY_ALL * float(count.sum() / np.sqrt((count**2).sum())))
+    return float((np.sign(gain) * ranks).sum() / max(np.sqrt((ranks**2).sum()), 1e-12)) / needed
 
 
 def _foretold(evidence: Evidence, parameters: list[Parameter], found: list[Found], without: Found | None) -> np.ndarray:
-    """Squared mismatch of each window, by parameters from the other pieces; ``without`` is held at its description."""
+    """Squared mismatch of each window, by parameters from the other pieces; ``without`` is held at its description.
+
+    With it each window's part of what the parameters are unlikely by: twelve drives that all settle far beside their
+    commands foretell a log of a heavier trunk as well as its mass does.
+    """
     q = prior_of(parameters, [f.direction for f in found])
     low, high = _allowed(parameters, found, without)
     loss = np.zeros(len(evidence.c))
@@ -395,6 +423,7 @@ def _foretold(evidence: Evidence, parameters: list[Parameter], found: list[Found
         loss[fold] = (
             evidence.c[fold] - 2.0 * evidence.b[fold] @ theta
             + np.einsum("wij,i,j->w", evidence.a[fold], theta, theta)
+            + evidence.scale * float(theta @ q @ theta) / len(loss)
         )  # fmt: skip
     return loss
 

@@ -285,8 +285,9 @@ class Replay:
                 found = at_samples(pos[:, :, 3:7], 1)
                 found = found / np.maximum(np.linalg.norm(found, axis=-1, keepdims=True), 1e-9)
                 seen = turned(found, _flat(field("tilt", 2))[:, None])
-                lean = _rotation(field("slope", 2))
-                yield name, np.stack([np.roll((lean[e] * _quat(seen[e])).as_quat(), 1, axis=-1) for e in range(len(w))])
+                lean = Rotation.from_rotvec(np.repeat(_flat(field("slope", 2)), found.shape[1], axis=0))
+                leant = lean * _quat(seen.reshape(-1, 4))
+                yield name, np.roll(leant.as_quat(), 1, axis=-1).reshape(seen.shape)
             elif name in ("pos", "vel"):
                 yield name, at_samples((pos if name == "pos" else vel)[:, :, :3])
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -97,15 +98,11 @@ def test_the_replay_leaves_what_the_evidence_says_where_a_joint_has_no_current(t
 
 def test_intervals_cover_where_neighbouring_windows_err_alike() -> None:
     """Eight windows at a time share one error: 95 % intervals hold the truth in 90 to 98 of a hundred logs."""
-    size = {"step": 1.0, "spread": 1e3, "least": 0.0, "fault": 1e3}
-    p = Parameter(cause="kp", where="a", name="gain", unit="1", field="kp", index=0, **size)
+    p = _parameter()
     d, rng, held = Direction(cause="kp", where="a", members=(0,)), np.random.default_rng(0), []
     for _ in range(400):
         error = np.repeat(rng.normal(size=8), 8) + 0.3 * rng.normal(size=64)
-        evidence = Evidence(
-            a=np.ones((64, 1, 1)), b=error[:, None], c=error**2, weight=np.ones(64), scale=1.0, sigma={}, samples=64,
-            run=np.zeros(64), lost=0, keep=np.ones(64, dtype=bool),
-        )  # fmt: skip
+        evidence = _evidence(np.ones((64, 1, 1)), error[:, None])
         now = posterior(evidence, [p], [])
         size = float(sizes(evidence, [p], [d])[0])
         held.append(abs(size) < half_width(d, size, now, [p]))
@@ -114,22 +111,62 @@ def test_intervals_cover_where_neighbouring_windows_err_alike() -> None:
 
 def test_a_cause_whose_interval_reaches_to_no_fault_is_a_suspect() -> None:
     """A gain that one of eight parts of the log asks for is not clear; one that all ask for is."""
-    size = {"step": 1.0, "spread": 1e3, "least": 0.0, "fault": 1e3}
-    p = Parameter(cause="kp", where="a", name="gain", unit="1", field="kp", index=0, **size)
+    p = _parameter()
     f = Found(direction=Direction(cause="kp", where="a", members=(0,)), z=9.0, alternatives=())
 
     def clear(asked: np.ndarray) -> bool:
-        each = np.repeat(asked, 8)
-        evidence = Evidence(
-            a=np.ones((64, 1, 1)), b=each[:, None], c=each**2, weight=np.ones(64), scale=1.0, sigma={}, samples=64,
-            run=np.zeros(64), lost=0, keep=np.ones(64, dtype=bool),
-        )  # fmt: skip
+        evidence = _evidence(np.ones((64, 1, 1)), np.repeat(asked, 8)[:, None])
         found, doubtful = robot_diagnosis._clear([f], evidence, [p])
         assert len(found) + len(doubtful) == 1
         return bool(found)
 
     assert clear(np.linspace(0.9, 1.1, 8))
     assert not clear(np.array([8.0, -1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0]))
+
+
+def test_windows_in_which_a_cause_could_not_act_have_no_say() -> None:
+    """A coil that was asked for current in every third window: what the others lose or gain without it is chance."""
+    p = _parameter()
+    f = Found(direction=Direction(cause="coil_dead", where="a", members=(0,)), z=9.0, alternatives=())
+    acts = np.arange(60) % 3 == 0
+    evidence = _evidence(np.where(acts, 1.0, 1e-4)[:, None, None], np.zeros((60, 1)))
+
+    def certain(gain: np.ndarray) -> bool:
+        return bool(robot_diagnosis._certain([f], lambda *_: [gain], evidence, [p])[0])
+
+    assert certain(np.where(acts, 10.0, -1.0))
+    assert not certain(np.where(acts, np.where(np.arange(60) % 2, 10.0, -8.0), 5.0))
+
+
+def test_many_unlikely_numbers_are_no_better_than_one_cause() -> None:
+    """Twelve drives that all settle beside their commands give the readings that one weight gives."""
+    weight = Direction(cause="kp", where="a", members=(0,))
+    found = [Found(direction=weight, z=9.0, alternatives=())]
+    reading = np.array([1.0, *np.full(12, 1.0 / 12)])
+    noise = np.random.default_rng(0).normal(size=64)
+    evidence = _evidence(np.tile(np.outer(reading, reading), (64, 1, 1)), (4.0 + noise)[:, None] * reading)
+
+    def proven(spread: float) -> bool:
+        drives = [replace(_parameter(), cause="session", spread=spread) for _ in range(12)]
+        return bool(robot_diagnosis._foretelling(found, evidence, [replace(_parameter(), spread=0.1), *drives])[0])
+
+    assert proven(1.5)
+    assert not proven(20.0)  # as drives are: then the log does not tell
+
+
+def _parameter() -> Parameter:
+    """A number that any size of a fault can have."""
+    size = {"step": 1.0, "spread": 1e3, "least": 0.0, "fault": 1e3}
+    return Parameter(cause="kp", where="a", name="gain", unit="1", field="kp", index=0, **size)
+
+
+def _evidence(a: np.ndarray, b: np.ndarray) -> Evidence:
+    """Of W windows, shapes (W, P, P) and (W, P)."""
+    count = len(a)
+    return Evidence(
+        a=a, b=b, c=np.zeros(count), weight=np.ones(count), scale=1.0, sigma={}, samples=count,
+        run=np.zeros(count), lost=0, keep=np.ones(count, dtype=bool),
+    )  # fmt: skip
 
 
 def test_a_torque_of_no_cause_is_unexplained_with_joint_and_time(tmp_path: Path) -> None:
