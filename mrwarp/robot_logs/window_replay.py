@@ -163,8 +163,8 @@ class Replay:
                     flows[:, k + 1][:, m.devices.joint] = device.coil
                 loss[np.ix_(ids, m.v_adr)] = np.maximum(bound, 0.0)
                 self.batch.step(ids)
-                torque[:, k] = force[:count][:, m.v_adr]
-        pos[:, -1], vel[:, -1], torque[:, -1], flows[:, 0] = q[:count], v[:count], torque[:, -2], flows[:, 1]
+                torque[:, k + 1] = force[:count][:, m.v_adr]  # what a row reads acted before the row's command
+        pos[:, -1], vel[:, -1], torque[:, 0], flows[:, 0] = q[:count], v[:count], torque[:, 1], flows[:, 1]
         self.steps += count * windows.steps
         yield from self._read(w, pos, vel, torque, flows, field)
 

@@ -27,6 +27,13 @@ speed at its start is an average over some samples, and wrong while a foot lands
 SPEED_STEPS = 0.05, 0.03
 """What is not known of the speed of joints [rad/s] and trunk [m/s] at a window's start."""
 
+LEVEL = 0.002
+"""Feet that are no further than this above the lowest one bear load, where the log has no forces of feet [m]: one that
+is about to land moves at the robot's speed."""
+
+LOADED = 0.25
+"""A foot bears load where its reading is beyond this share of its range."""
+
 LARGEST_GAP = 5.0
 """A step of the stamps this many times the usual one ends a window."""
 
@@ -221,34 +228,35 @@ def _readings(log: RobotLog, run: LogRun) -> dict[str, np.ndarray]:
 def _roots(model: ReplayModel, run: LogRun, speed: np.ndarray) -> np.ndarray:
     """Pose and velocity of the trunk along a run, shape (N, 13); what was not logged follows from the feet.
 
-    The lowest foot stands on the ground, and does not slip.
+    The lowest foot touches the ground; where feet bear load they roll on it and do not slip.
     """
-    data, count = mujoco.MjData(model.model), run.samples
-    found = np.zeros((count, 13))
+    mj, count = model.model, run.samples
+    data, found = mujoco.MjData(mj), np.zeros((count, 13))
     quat = run.base.get("quat", np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)))
     gyro = run.base.get("gyro", np.zeros((count, 3)))
     place, velocity = run.base.get("pos"), run.base.get("vel")
-    feet = list(model.feet)
-    bodies = model.model.geom_bodyid[feet]
-    jacobian, ang = np.zeros((3, model.model.nv)), np.zeros((3, model.model.nv))
+    feet, radius = list(model.feet), mj.geom_size[list(model.feet), 0]
+    loaded = _loaded(model, run)
+    jacobian, ang = np.zeros((3, mj.nv)), np.zeros((3, mj.nv))
     speeds = np.zeros((count, 3))
     for k in range(count):
-        data.qpos[:] = model.model.qpos0
+        data.qpos[:] = mj.qpos0
         data.qpos[:3] = 0.0
         data.qpos[3:7] = quat[k] / np.linalg.norm(quat[k])
         data.qpos[model.q_adr] = run.joint["q"][k]
-        mujoco.mj_kinematics(model.model, data)
-        mujoco.mj_comPos(model.model, data)
-        low = data.geom_xpos[feet, 2] - model.model.geom_size[feet, 0]
-        standing = np.flatnonzero(low < low.min() + 0.008)
+        mujoco.mj_kinematics(mj, data)
+        mujoco.mj_comPos(mj, data)
+        soles = data.geom_xpos[feet] - radius[:, None] * np.array([0.0, 0.0, 1.0])
+        low = float(soles[:, 2].min())
+        standing = loaded[k] if loaded[k].any() else soles[:, 2] < low + LEVEL
         data.qvel[:] = 0.0
         data.qvel[3:6] = gyro[k]
         data.qvel[model.v_adr] = speed[k]
         steady = []
-        for f in standing:
-            mujoco.mj_jac(model.model, data, jacobian, ang, data.geom_xpos[feet[f]], int(bodies[f]))
+        for f in np.flatnonzero(standing):
+            mujoco.mj_jac(mj, data, jacobian, ang, soles[f], int(mj.geom_bodyid[feet[f]]))
             steady.append(-jacobian @ data.qvel)
-        found[k, :3] = (0.0, 0.0, -float(low.min()))
+        found[k, :3] = (0.0, 0.0, -low)
         found[k, 3:7] = data.qpos[3:7]
         speeds[k] = np.mean(steady, axis=0)
         found[k, 10:13] = gyro[k]
@@ -258,6 +266,22 @@ def _roots(model: ReplayModel, run: LogRun, speed: np.ndarray) -> np.ndarray:
         found[:, :3] = place
     if velocity is not None:
         found[:, 7:10] = velocity
+    return found
+
+
+def _loaded(model: ReplayModel, run: LogRun) -> np.ndarray:
+    """Whether each of the model's feet bears load, by the log's foot forces or switches, shape (N, F).
+
+    A foot that the log does not have bears none; one whose reading hardly changes stands all the time.
+    """
+    mj, found = model.model, np.zeros((run.samples, len(model.feet)), dtype=bool)
+    for k, foot in enumerate(model.feet):
+        names = f"{mj.geom(foot).name} {mj.body(int(mj.geom_bodyid[foot])).name}".lower()
+        own = [x for name, x in run.feet.items() if name.lower() in names]
+        if len(own) == 1:
+            least, most = np.nanquantile(own[0], (0.1, 0.9))
+            if most > 0.0:
+                found[:, k] = own[0] > least + LOADED * (most - least) if most - least > 0.5 * most else True
     return found
 
 
