@@ -368,7 +368,9 @@ def _clear(found: list[Found], evidence: Evidence, parameters: list[Parameter]) 
 
 
 def _certain(
-    found: list[Found], without: Callable[[list[Found], list[Found]], list[np.ndarray]], evidence: Evidence,
+    found: list[Found],
+    without: Callable[[list[Found], list[Found]], list[np.ndarray]],
+    evidence: Evidence,
     parameters: list[Parameter],
 ) -> tuple[list[Found], list[Found]]:
     """Causes that windows agree on, and the others.
