@@ -402,7 +402,7 @@ def _effect(name: str, content: dict[str, Any], units: Mapping[str, str], where:
             raise ModelFileError(f"{place}: {name} has no such parameter; {_known(key, known)}")
         parameters[key] = _effect_parameter(entry, known.get(key), units, place)
     for key, spec in known.items():
-        if key not in parameters and not (spec.choices or spec.form):
+        if key not in parameters and not (spec.choices or spec.form or spec.optional):
             raise ModelFileError(f"{where}.parameters.{key} is missing; needed: {_allowed(spec, units)}")
     return Effect(name=name, parameters=parameters)
 

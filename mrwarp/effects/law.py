@@ -143,6 +143,8 @@ class EffectParameter:
     form: bool = False
     """Whether it only bends the law: null while causes are searched, fitted for the reported fit where that predicts
     clearly better, and absent from a model otherwise."""
+    optional: bool = False
+    """Whether a model may do without it: then it is null."""
     negative: bool = True
     """Whether the sign is free."""
     divides: bool = False

@@ -1,4 +1,8 @@
-"""Spencer's modified Bouc-Wen: a Bouc-Wen element, spring and dashpot in series with a further dashpot."""
+"""Spencer's modified Bouc-Wen: a Bouc-Wen element, spring and dashpot in series with a further dashpot.
+
+All are in units of the Bouc-Wen element's torque at the same current. With ``fading`` that torque grows more with the
+current than they do: by ``fading = K1/K0`` they are constant.
+"""
 
 import warp as wp
 
@@ -15,7 +19,8 @@ def spencer_law(
     memory: wp.array2d[float], line: int, slot: int,
 ) -> float:  # fmt: skip
     """Linearly implicit parts of a step: stable however stiff; states z and w = q - y."""
-    rate, series, inner, spring = values[row, at], values[row, at + 1], values[row, at + 2], values[row, at + 3]
+    rate, share = values[row, at], float(1.0 / (1.0 + values[row, at + 4] * wp.abs(s.field)))
+    series, inner, spring = share * values[row, at + 1], share * values[row, at + 2], share * values[row, at + 3]
     both = series + inner
     z, w = float(memory[line, slot]), float(memory[line, slot + 1])
     speed_before = s.qd_before
@@ -39,9 +44,9 @@ LAW = hysteresis_law(
     "spencer",
     "Spencer's modified Bouc-Wen law",
     "h = series*dy/dt, (series + inner)*dy/dt = z + inner*qd + spring*(q - y), "
-    "dz/dt = rate*(r - (|r|*z*|z| + r*z^2)/2), r = qd - dy/dt",
+    "dz/dt = rate*(r - (|r|*z*|z| + r*z^2)/2), r = qd - dy/dt; series, inner and spring over 1 + fading*|I|",
     "B. F. Spencer, S. J. Dyke, M. K. Sain, J. D. Carlson, Phenomenological model for magnetorheological dampers, "
-    "J. Eng. Mech. 123 (1997), with n = 2, gamma = beta and one line in the current for alpha, c0 and c1",
+    "J. Eng. Mech. 123 (1997), with n = 2 and gamma = beta; one fading stands for its lines in the current of c0 and c1",
     spencer_law,
     rate("rate", "1/rad", -1, (3.0, 30.0, 300.0), "q"),
     EffectParameter(
@@ -53,6 +58,10 @@ LAW = hysteresis_law(
     ),
     EffectParameter(
         name="spring", unit="1/rad", scale=(-1, 0, 0), negative=False, low=lambda r: 0.0, high=lambda r: 100.0 / r.q,
+    ),
+    EffectParameter(
+        name="fading", unit="1/A", scale=(0, -1, 0), negative=False, optional=True,
+        low=lambda r: 0.0, high=lambda r: 30.0 / r.current,
     ),
     states=2,
 )  # fmt: skip
