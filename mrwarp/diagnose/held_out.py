@@ -108,7 +108,7 @@ class Account:
 
 MUCH = 0.1
 """Share of the mismatch that may repeat without being reported."""
-_CLEARLY = 0.5
+_CLEARLY = 2 / 3
 """Ratio of squares below which what differs where a motion comes again is clearly less than what boosting leaves: noise
 that differs from run to run, such as a moved zero, is not in the former."""
 

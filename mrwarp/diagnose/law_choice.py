@@ -15,7 +15,7 @@ import numpy as np
 
 from mrwarp.diagnose.problem import Fit, Problem, fit_model
 from mrwarp.diagnose.screening import Candidate
-from mrwarp.effects.catalogue import CATALOGUE, HYSTERESIS
+from mrwarp.effects.catalogue import HYSTERESIS
 from mrwarp.identify.law_fit import LawSearch, Solution, law_search, one_zero, zero_line, zeros_moved
 from mrwarp.identify.projection import Progress
 from mrwarp.identify.replay import EffectReplay
@@ -44,8 +44,6 @@ _ZEROS_SHARE, _ZEROS_GAIN = 0.05, 0.5
 takes away, from which the zeros have moved."""
 _GAP = 0.3
 """Share of the zeros' range from which a gap between them parts the moved ones from the others."""
-_DIRECTED = "friction_asymmetry"
-"""What moves the means of trajectories beside a law, as moved zeros do."""
 _BESIDE = "current_viscosity"
 """What published laws have besides: viscosity in a straight line over the current."""
 
@@ -67,9 +65,6 @@ class LawChoice:
 
     Beside eq. 14 they stay: what a law of the wrong form leaves on average in a trajectory may be its own form.
     """
-    directed: float | None = None
-    """NRMSE on trajectories left out, with one zero for all, of the law that was taken with friction that differs by
-    direction beside it; None where it has none. Such friction moves the mean of a trajectory, as a moved zero does."""
 
     @property
     def other(self) -> bool:
@@ -79,8 +74,7 @@ class LawChoice:
     @property
     def title(self) -> str:
         """The law in words."""
-        title = HYSTERESIS[self.name].title if self.other else "eq. 14"
-        return title if self.directed is None else f"{title} with {CATALOGUE[_DIRECTED].title}"
+        return HYSTERESIS[self.name].title if self.other else "eq. 14"
 
     @property
     def moved(self) -> list[str]:
@@ -96,7 +90,7 @@ class LawChoice:
     @property
     def error(self) -> tuple[float, float]:
         """Held-out NRMSE of eq. 14 and of the law that was taken."""
-        return self.held_out["bouc_wen"], self.held_out[self.name] if self.directed is None else self.directed
+        return self.held_out["bouc_wen"], self.held_out[self.name]
 
 
 def choose_law(
@@ -150,12 +144,9 @@ def choose_law(
     choice = LawChoice(name=best if taken else "bouc_wen", held_out=held_out, rival=nrmse(paper), beside=effects)
     if not taken:
         return choice, problem, base
-    together = one_zero(found, search.replay)
-    if zeros_moved(found, together):
+    if zeros_moved(found, one_zero(found, search.replay)):  # friction that differs by direction is searched as a cause
         problem, offsets = _without_zeros(problem, found, names)
         choice = replace(choice, offsets=offsets)
-    elif _DIRECTED in together.layout.effects:
-        found, choice = together, replace(choice, directed=nrmse(together))
     log(f"the hysteresis has another shape: {choice.title}")
     layout = problem.parameters(found.layout.effects)
     return choice, problem, fit_model(problem, layout, found.x, tolerance=1e-4)
