@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from mrwarp.diagnose.law_choice import by_ratio
 from mrwarp.diagnose.problem import (
     Fit,
     Problem,
     base_vector,
+    by_ratio,
     fit_model,
     gain_and_t,
     normalised,

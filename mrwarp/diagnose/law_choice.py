@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mrwarp.diagnose.problem import Fit, Problem, fit_model
+from mrwarp.diagnose.problem import Fit, Problem, by_ratio, fit_model
 from mrwarp.diagnose.screening import Candidate
 from mrwarp.effects.catalogue import HYSTERESIS
 from mrwarp.identify.law_fit import LawSearch, Solution, law_search, one_zero, zero_line, zeros_moved
@@ -150,12 +150,6 @@ def choose_law(
     log(f"the hysteresis has another shape: {choice.title}")
     layout = problem.parameters(found.layout.effects)
     return choice, problem, fit_model(problem, layout, found.x, tolerance=1e-4)
-
-
-def by_ratio(before: np.ndarray, after: np.ndarray) -> float:
-    """Mean logarithm of the ratio of trajectories' squared errors, shape (T,), over its standard error."""
-    ratio = np.log(np.maximum(before, 1e-300) / np.maximum(after, 1e-300))
-    return float(ratio.mean()) * np.sqrt(len(ratio)) / max(float(ratio.std(ddof=1)), 1e-12)
 
 
 def structured(problem: Problem, base: Fit) -> bool:

@@ -201,7 +201,8 @@ def reported_fit(problem: Problem, fit: Fit) -> Fit:
     if any(slot.parameter.form for slot in fit.parameters.bent().slots):
         bent = plain_fit(problem, fit, bent=True)
         gain, t = gain_and_t(plain.loo_loss, bent.loo_loss)
-        if gain > _BENT * plain.total and t > (_HARMONIC_T if problem.motion.ranges.turns > 1.0 else _BENT_T):
+        least_t = _HARMONIC_T if problem.motion.ranges.turns > 1.0 else _BENT_T
+        if gain > _BENT * plain.total and (t > least_t or by_ratio(plain.loo_loss, bent.loo_loss) > _BENT_T):
             own = iter(least[EFFECT_PART])
             added = [0.0 if slot.parameter.form else next(own) for slot in bent.parameters.slots]
             return replace(bent, least_variance=np.array([*least[BASE_PART], *added]))
@@ -209,12 +210,17 @@ def reported_fit(problem: Problem, fit: Fit) -> Fit:
 
 
 def _with_harmonics(problem: Problem, fit: Fit, plain: Fit) -> Fit:
-    """The model with the number of repetitions of further harmonics known, where what it leaves shows them."""
+    """The model with the number of repetitions of further harmonics known.
+
+    Where a joint turns on and on what the model leaves shows them; else twice the first one's number may be one.
+    """
     parameters, ranges, choices = fit.parameters, problem.motion.ranges, dict(fit.parameters.choices)
-    for effect in fit.effects if ranges.turns > 1.0 else ():
+    for effect in fit.effects:
         counts = [p for p in KNOWN[effect].parameters if p.repeats]
         more = [p for p in counts if p.form and (effect, p.name) not in choices]
-        if more:
+        if more and ranges.turns <= 1.0:
+            choices[effect, more[0].name] = 2.0 * parameters.values(fit.x)[effect][counts[0].name]
+        elif more:
             first, known = counts[0], [choices[effect, p.name] for p in counts if (effect, p.name) in choices]
             limits, left = (first.low(ranges), first.high(ranges)), problem.motion.torque - plain.torque
             lines = angle_lines(problem.motion, left, *limits, count=len(more), given=tuple(known))
@@ -236,6 +242,12 @@ def gain_and_t(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
     d = before - after
     error = float(np.std(d, ddof=1) * np.sqrt(len(d))) if len(d) > 1 else float("inf")
     return float(d.sum()), float(d.sum()) / max(error, 1e-12)
+
+
+def by_ratio(before: np.ndarray, after: np.ndarray) -> float:
+    """Mean logarithm of the ratio of trajectories' squared errors, shape (T,), over its standard error."""
+    ratio = np.log(np.maximum(before, 1e-300) / np.maximum(after, 1e-300))
+    return float(ratio.mean()) * np.sqrt(len(ratio)) / max(float(ratio.std(ddof=1)), 1e-12)
 
 
 def drifts(effect: str) -> bool:

@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mrwarp.diagnose.held_out import Account, held_out_squares
-from mrwarp.diagnose.law_choice import by_ratio
-from mrwarp.diagnose.problem import Fit, Problem, covariance, drifts, interval, reported_fit
+from mrwarp.diagnose.problem import Fit, Problem, by_ratio, covariance, drifts, interval, reported_fit
 from mrwarp.diagnose.residual_structure import leftovers
 from mrwarp.diagnose.screening import Candidate, Models
 from mrwarp.diagnose.search import Selection, expected_in, select
