@@ -46,7 +46,7 @@ LAW = hysteresis_law(
     "h = series*dy/dt, (series + inner)*dy/dt = z + inner*qd + spring*(q - y), "
     "dz/dt = rate*(r - (|r|*z*|z| + r*z^2)/2), r = qd - dy/dt; series, inner and spring over 1 + fading*|I|",
     "B. F. Spencer, S. J. Dyke, M. K. Sain, J. D. Carlson, Phenomenological model for magnetorheological dampers, "
-    "J. Eng. Mech. 123 (1997), with n = 2 and gamma = beta; one fading stands for its lines in the current of c0 and c1",
+    "J. Eng. Mech. 123 (1997), with n = 2 and gamma = beta; one fading stands for its lines in the current of c0, c1",
     spencer_law,
     rate("rate", "1/rad", -1, (3.0, 30.0, 300.0), "q"),
     EffectParameter(
