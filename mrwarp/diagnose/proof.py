@@ -26,7 +26,7 @@ _STANDARD_ERRORS = 1.0
 """Least gain on trajectories left out, in its standard errors: the one-standard-error rule."""
 _PART = 0.2
 """Least gain of an effect, as a share of what comes again without a name."""
-_KNOWN_WITHIN = 100.0
+_KNOWN_WITHIN = 25.0
 """Ratio of an interval's ends from which a positive number counts as not known at all."""
 _HALF = 4
 """Trajectories below which a half is none."""
@@ -255,7 +255,7 @@ def _interval_doubt(effect: str, fit: Fit) -> str:
         elif i == fit.parameters.own(effect)[0]:
             low, high = interval(fit, i, spread)
             if high - low > np.log(_KNOWN_WITHIN):
-                return "its size is not known within a factor of ten"
+                return "its size is not known within a factor of five"
     return "its 95 % interval contains zero" if linear and not known else ""
 
 
