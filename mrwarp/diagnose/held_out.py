@@ -108,9 +108,10 @@ class Account:
 
 MUCH = 0.1
 """Share of the mismatch that may repeat without being reported."""
-_CLEARLY = 2 / 3
+_CLEARLY, _CLEARLY_BESIDE_A_LAW = 0.5, 2 / 3
 """Ratio of squares below which what differs where a motion comes again is clearly less than what boosting leaves: noise
-that differs from run to run, such as a moved zero, is not in the former."""
+that differs from run to run, such as a moved zero, is not in the former. Beside a law of another shape, the latter:
+much of what boosting leaves there is the law's own rest."""
 
 
 def not_foretold(problem: Problem, held: HeldOut, extended: Fit, seed: int) -> np.ndarray:
@@ -132,12 +133,12 @@ def not_foretold(problem: Problem, held: HeldOut, extended: Fit, seed: int) -> n
     return left
 
 
-def account_of(problem: Problem, held: HeldOut, left: np.ndarray, seed: int) -> Account:
+def account_of(problem: Problem, held: HeldOut, left: np.ndarray, seed: int, *, law: bool = False) -> Account:
     """Divide the mismatch into what is named, what repeats all the same and what does not repeat.
 
     What does not repeat is never "what is left" but what is :func:`not_foretold`. Where the same motion comes again and
     differs by clearly less, that counts. Where it hardly ever does, the interval reaches down to the noise from sample
-    to sample, which no predictor foretells.
+    to sample, which no predictor foretells. ``law`` says whether another law takes the place of eq. 15.
     """
     motion = problem.motion
     at = chosen_samples(motion, problem.weight)
@@ -155,7 +156,7 @@ def account_of(problem: Problem, held: HeldOut, left: np.ndarray, seed: int) -> 
     samples = np.bincount(run, minlength=len(motion.dt))[pick].sum(axis=1)
     again, drawn = _spread(problem, after, at, pick)
     drawn = drawn * samples
-    if again is not None and again * len(at) < _CLEARLY * total[2]:
+    if again is not None and again * len(at) < (_CLEARLY_BESIDE_A_LAW if law else _CLEARLY) * total[2]:
         total[2] = again * len(at)
         draws[:, 2] = drawn
     ends = np.percentile(_shares(draws), (2.5, 97.5), axis=0)

@@ -140,14 +140,14 @@ def diagnose(
         return replace(without_verdict(recording, reasons, seed, time.perf_counter() - begun), recording_faults=faults)
     log("what repeats")
     unforetold = not_foretold(problem, held_out, extended, seed)
-    account = account_of(problem, held_out, unforetold, seed)
+    account = account_of(problem, held_out, unforetold, seed, law=bool(base.parameters.law))
     selection, parts = without_parts(problem, selection, account)
     if parts:
         log(f"not proven: {', '.join(x.effect for x in parts)}")
         doubted += parts
         extended = reported_fit(problem, selection.final)
         held_out = hold_out(problem, selection, baseline, extended)
-        account = account_of(problem, held_out, unforetold, seed)
+        account = account_of(problem, held_out, unforetold, seed, law=bool(base.parameters.law))
     shifts: tuple[Shift, ...] = ()
     if not base.parameters.law:
         shifts = calibration_shifts(selection.final, problem.motion, recording, model)

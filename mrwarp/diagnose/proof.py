@@ -19,7 +19,7 @@ from mrwarp.diagnose.screening import Candidate, Models
 from mrwarp.diagnose.search import Selection, expected_in, select
 from mrwarp.effects.catalogue import KNOWN
 from mrwarp.identify.least_squares import ridge_solve
-from mrwarp.identify.parameters import row_column
+from mrwarp.identify.parameters import YIELDING, row_column
 from mrwarp.identify.projection import Progress
 
 _STANDARD_ERRORS = 1.0
@@ -57,6 +57,8 @@ _LAGS = {
 }
 _CORNERS = ("torque_sensor_lag", "velocity_lag")
 """Lags that round a loop's corners, which a law of another shape draws too sharply: to a sample, as it is replayed."""
+_UNSEEN = 0.1
+"""Part of a sample below which such a lag is not told from the way of a yielding shaft, which nobody sees."""
 _POSITIVE = {
     "rotor_inertia": "an inertia is above 0",
     "compliance_with_backlash": "a stiffness is above 0",
@@ -267,6 +269,8 @@ def _size_doubt(effect: str, fit: Fit, problem: Problem) -> str:
         return f"{1e3 * value:.3g} ms are not possible: {_LAGS[effect]} (at most {1e3 * _SLOWEST[effect]:.0f} ms)"
     if problem.misfit and effect in _CORNERS and value < ranges.dt:
         return "it is shorter than a sample: beside a law of this shape it may only round the corners of the loop"
+    if effect in _CORNERS and value < _UNSEEN * ranges.dt and set(YIELDING) & set(fit.effects):
+        return "it is a small part of a sample: beside a shaft that yields it may stand for its way between samples"
     if effect == "temperature_drift":
         value = max(fit.x[i] for i, slot in fit.parameters.items() if slot.effect == effect and slot.linear)
     if effect in _POSITIVE and value <= 0.0:

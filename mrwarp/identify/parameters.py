@@ -27,7 +27,7 @@ _K1 = LINEAR.index("K1")
 SHAPE = ("alpha", "beta", "gamma")
 """Parameters that give the hysteresis its shape."""
 NON_NEGATIVE = ("B", "K0", "K1")
-_YIELDING = ("backlash", "series_compliance")
+YIELDING = ("backlash", "series_compliance")
 """Effects of a shaft whose way depends on B, K0 and K1, so that the torque is linear in these for small steps only."""
 
 LINEAR_PART = slice(0, len(LINEAR))
@@ -299,7 +299,7 @@ def jacobian(replay: EffectReplay, p: Parameters, x: np.ndarray) -> tuple[np.nda
     between other samples. By all in proportion they do not, so the largest one's is what that leaves to the others.
     """
     models, linear, steps = [(p, x)], len(LINEAR), p.steps.copy()
-    yielding = [LINEAR.index(name) for name in NON_NEGATIVE] if set(_YIELDING) & set(p.effects) else []
+    yielding = [LINEAR.index(name) for name in NON_NEGATIVE] if set(YIELDING) & set(p.effects) else []
     largest = max(yielding, key=lambda i: x[i], default=0)
     if yielding and x[largest] > _LEAST:
         steps[yielding] = np.maximum(_SHARE * x[yielding], _LEAST)
