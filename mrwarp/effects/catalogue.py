@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import zlib
+from pathlib import Path
 
 import warp as wp
 
@@ -97,11 +99,9 @@ COLUMN, SLOT, COLUMNS, SLOTS = _offsets()
 
 _HELPERS = [f for module in (bouc_wen, coil) for f in vars(module).values() if isinstance(f, wp.Function)]
 _HELPERS.append(dry_direction)
-SOURCES: int = (
-    zlib.crc32(f"{[f.adj.source for f in (*(law.law for law in KNOWN.values()), *_HELPERS)]}{COLUMN}{SLOT}".encode())
-    // 2
-)
-"""Checksum of all laws as they are written, of what they call and of their places, for kernels composed of them."""
+_FILES = sorted({inspect.getfile(f.func) for f in (*(law.law for law in KNOWN.values()), *_HELPERS)})
+SOURCES: int = zlib.crc32(f"{[Path(file).read_text(encoding='utf-8') for file in _FILES]}{COLUMN}{SLOT}".encode()) // 2
+"""Checksum of all laws' files, of what they call and of their places, for kernels composed of them."""
 
 NULLS: tuple[float, ...] = tuple(p.null for law in KNOWN.values() for p in law.parameters)
 """The row of parameters at which no effect acts."""

@@ -19,7 +19,7 @@ NUMBERS = {
     "spencer": {"rate": 30.0, "series": 2.0, "inner": 0.1, "spring": 0.5},
     "biviscous": {"speed": 0.4},
 }
-BENT = {"kwok": {"rounding": 0.3}, "arctangent": {"rounding": 8.0}, "spencer": {"fading": 0.7}}
+BENT = {"kwok": {"rounding": 0.3}, "arctangent": {"rounding": 8.0}, "spencer": {"fading": 0.7, "unloading": 0.3}}
 """Numbers that a model may do without."""
 CASES = [(name, numbers) for name, numbers in NUMBERS.items()] + [(n, {**NUMBERS[n], **b}) for n, b in BENT.items()]
 SHAFT = along.Shaft.swinging(dt=0.001)
@@ -65,14 +65,14 @@ def integrated(name: str, n: dict[str, float]) -> np.ndarray:
         z = solved(lambda s, z: bend(v(s), z), 1)[0]
         return z + n["damping"] * bend(SHAFT.qd, z)
 
-    share = 1.0 / (1.0 + n.get("fading", 0.0) * SHAFT.current)
+    share, loading = 1.0 / (1.0 + n.get("fading", 0.0) * SHAFT.current), 0.5 + n.get("unloading", 0.0)
 
     def flow(speed, f, z, w):
         return (z + f * (n["inner"] * speed + n["spring"] * w)) / (f * (n["series"] + n["inner"]))
 
     def spencer(s, x):
         r = v(s) - flow(v(s), np.interp(s, t, share), *x)
-        return n["rate"] * (r - 0.5 * (abs(r) * x[0] * abs(x[0]) + r * x[0] ** 2)), r
+        return n["rate"] * (r - (loading * abs(r) * x[0] * abs(x[0]) + (1.0 - loading) * r * x[0] ** 2)), r
 
     return share * n["series"] * flow(SHAFT.qd, share, *solved(spencer, 2))
 

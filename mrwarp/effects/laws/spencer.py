@@ -1,7 +1,7 @@
 """Spencer's modified Bouc-Wen: a Bouc-Wen element, spring and dashpot in series with a further dashpot.
 
 All are in units of the Bouc-Wen element's torque at the same current. With ``fading`` that torque grows more with the
-current than they do: by ``fading = K1/K0`` they are constant.
+current than they do: by ``fading = K1/K0`` they are constant. ``unloading`` is gamma's share of both rates beyond half.
 """
 
 import warp as wp
@@ -21,7 +21,7 @@ def spencer_law(
     """Linearly implicit parts of a step: stable however stiff; states z and w = q - y."""
     rate, share = values[row, at], float(1.0 / (1.0 + values[row, at + 4] * wp.abs(s.field)))
     series, inner, spring = share * values[row, at + 1], share * values[row, at + 2], share * values[row, at + 3]
-    both = series + inner
+    both, loading = series + inner, 0.5 + values[row, at + 5]
     z, w = float(memory[line, slot]), float(memory[line, slot + 1])
     speed_before = s.qd_before
     dt = s.dt / float(PARTS)
@@ -30,7 +30,7 @@ def spencer_law(
         v = speed_before + (s.qd - speed_before) * (float(k) + 0.5) / float(PARTS)
         if s.begins == 0:
             drive = v - (z + inner * v + spring * w) / both  # of the Bouc-Wen element
-            free = rate * (1.0 - 0.5 * (wp.sign(drive) * z + wp.abs(z)) * wp.abs(z))
+            free = rate * (1.0 - (loading * wp.sign(drive) * z + (1.0 - loading) * wp.abs(z)) * wp.abs(z))
             z = (z + dt * free * (v - (inner * v + spring * w) / both)) / (1.0 + dt * free / both)
             z = wp.clamp(z, -1.0, 1.0)
             w = (w + dt * (series * v - z) / both) / (1.0 + dt * spring / both)
@@ -44,9 +44,10 @@ LAW = hysteresis_law(
     "spencer",
     "Spencer's modified Bouc-Wen law",
     "h = series*dy/dt, (series + inner)*dy/dt = z + inner*qd + spring*(q - y), "
-    "dz/dt = rate*(r - (|r|*z*|z| + r*z^2)/2), r = qd - dy/dt; series, inner and spring over 1 + fading*|I|",
+    "dz/dt = rate*(r - (share*|r|*z*|z| + (1 - share)*r*z^2)), share = 0.5 + unloading, r = qd - dy/dt; "
+    "series, inner and spring over 1 + fading*|I|",
     "B. F. Spencer, S. J. Dyke, M. K. Sain, J. D. Carlson, Phenomenological model for magnetorheological dampers, "
-    "J. Eng. Mech. 123 (1997), with n = 2 and gamma = beta; one fading stands for its lines in the current of c0, c1",
+    "J. Eng. Mech. 123 (1997), with n = 2; one fading stands for its lines in the current of c0, c1",
     spencer_law,
     rate("rate", "1/rad", -1, (3.0, 30.0, 300.0), "q"),
     EffectParameter(
@@ -63,5 +64,6 @@ LAW = hysteresis_law(
         name="fading", unit="1/A", scale=(0, -1, 0), negative=False, optional=True,
         low=lambda r: 0.0, high=lambda r: 30.0 / r.current,
     ),
+    EffectParameter(name="unloading", unit="1", optional=True, low=lambda r: -0.5, high=lambda r: 5.0),
     states=2,
 )  # fmt: skip
