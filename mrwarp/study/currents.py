@@ -315,11 +315,17 @@ def _rise(result: WalkResult, electrical: ElectricalCfg, heat: ThermalCfg) -> fl
 
 
 UNITS = {
-    "cot": "1", "power": "W", "coil": "W", "calves": "W", "v_x_rmse": "m/s", "fastest": "m/s", "min_height": "m",
-    "peak_down_velocity": "m/s", "calf_rise": "K",
+    "cot": "1", "power": "W", "coil": "W", "calves": "W", "rest": "W", "v_x_rmse": "m/s", "fastest": "m/s",
+    "min_height": "m", "peak_down_velocity": "m/s", "calf_rise": "K",
 }  # fmt: skip
 """Figures of an arm: means over the four conditions of table 6 of cost of transport, battery power, coils, copper of
-the calves and tracking; fastest speed held; lowest trunk and peak downward velocity under the push; calves' rise."""
+the calves, all else and tracking; fastest speed held; lowest trunk and peak downward velocity under the push; calves'
+rise."""
+
+
+def _value(row: Mapping[str, Any], name: str) -> float:
+    """A figure of :data:`UNITS` of one policy."""
+    return row["power"] - row["coil"] - row["calves"] if name == "rest" else row[name]
 
 
 RELATIVE = ("cot", "power")
@@ -336,13 +342,13 @@ def figures(rows: Mapping[str, Mapping[int, Mapping[str, Any]]]) -> dict[str, An
     """
     found: dict[str, Any] = {}
     for arm, by_seed in rows.items():
-        found[arm] = {name: _interval([row[name] for row in by_seed.values()]) for name in UNITS}
+        found[arm] = {name: _interval([_value(row, name) for row in by_seed.values()]) for name in UNITS}
         both = [seed for seed in by_seed if seed in rows.get("fixed", {})]
         if arm == "fixed" or not both:
             continue
         found[arm]["against_fixed"] = {}
         for name in UNITS:
-            own, fixed = (np.array([rows[of][seed][name] for seed in both], dtype=float) for of in (arm, "fixed"))
+            own, fixed = (np.array([_value(rows[of][seed], name) for seed in both]) for of in (arm, "fixed"))
             change = _interval(own / fixed - 1.0 if name in RELATIVE else own - fixed)
             clear = len(both) > 1 and abs(change["mean"]) > change["half_width"]
             found[arm]["against_fixed"][name] = {**change, "clear": clear}
@@ -354,7 +360,7 @@ def _interval(values: Sequence[float] | np.ndarray) -> dict[str, Any]:
     return {"mean": float(numbers.mean()), "half_width": half_width(numbers), "seeds": len(numbers)}
 
 
-DIGITS = {"cot": 3, "v_x_rmse": 4, "min_height": 4, "peak_down_velocity": 3}
+DIGITS = {"cot": 3, "fastest": 2, "v_x_rmse": 4, "min_height": 4, "peak_down_velocity": 3}
 
 
 def lines(found: Mapping[str, Any]) -> list[str]:
@@ -378,12 +384,18 @@ def lines(found: Mapping[str, Any]) -> list[str]:
 
 
 def _cell(name: str, value: Mapping[str, Any]) -> str:
-    return f"{value['mean']:.{DIGITS.get(name, 1)}f} ± {value['half_width']:.{DIGITS.get(name, 1)}f}"
+    return _with_half(value, f".{DIGITS.get(name, 1)}f", "")
 
 
 def _change(name: str, value: Mapping[str, Any]) -> str:
-    form = "+.1%" if name in RELATIVE else f"+.{DIGITS.get(name, 1)}f"
-    return f"{value['mean']:{form}} ± {value['half_width']:{form[1:]}}{'*' if value['clear'] else ''}"
+    form = ".1%" if name in RELATIVE else f".{DIGITS.get(name, 1)}f"
+    return _with_half(value, form, "+") + ("*" if value["clear"] else "")
+
+
+def _with_half(value: Mapping[str, Any], form: str, sign: str) -> str:
+    """Mean and half width; one seed has none."""
+    mean = f"{value['mean']:{sign}{form}}"
+    return mean if value["seeds"] < 2 else f"{mean} ± {value['half_width']:{form}}"
 
 
 COLOURS = {
@@ -416,17 +428,19 @@ def picture(found: Mapping[str, Any], path: Path) -> None:
     left.plot([], [], "--", color="0.3", linewidth=0.8, label="best of all with a device")
     for k, part in enumerate(parts):
         middle.scatter([], [], color="0.6", s=18.0 * 2.4**k, label=f"{part['power_price']:g} per W")
-    names, arms = ("coil", "calves"), list(found["arms"])
+    arms = list(found["arms"])
     bottom = np.zeros(len(arms))
-    for name, label in zip(names, ("coils", "copper of the calves"), strict=True):
+    for name, label, colour in (
+        ("coil", "coils", "#1f6fb4"), ("calves", "copper of the calves", "#c98b3c"), ("rest", "all else", "0.85")
+    ):  # fmt: skip
         values = np.array([found["arms"][arm][name]["mean"] for arm in arms])
-        right.bar(arms, values, bottom=bottom, label=label)
+        right.bar(arms, values, bottom=bottom, label=label, color=colour)
         bottom += values
-    right.bar(arms, [found["arms"][arm]["power"]["mean"] for arm in arms] - bottom, bottom=bottom, color="0.85",
-              label="all else")  # fmt: skip
     right.set(ylabel="battery power [W]", title=f"{found['power_price']:g} per W")
-    for axes in (left, middle, right):
-        axes.legend(fontsize=7)
+    right.set_ylim(top=1.2 * bottom.max())
+    right.legend(fontsize=7)
+    handles = [*left.get_legend_handles_labels()[0], *middle.get_legend_handles_labels()[0]]
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), fontsize=8)
     figure.savefig(path, dpi=120)
 
 

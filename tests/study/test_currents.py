@@ -43,6 +43,11 @@ def test_intervals_are_over_seeds_and_paired() -> None:
     assert "against_fixed" not in found["fixed"]
     single = figures({arm: {0: {**row, "cot": values[0]}} for arm, values in cots.items()})
     assert not single["learned"]["against_fixed"]["cot"]["clear"], "one seed has no interval"
+    whole = {"best_fixed": 0.5, "arms": found, "power_price": 0.01, "seeds": [0, 1, 2]}
+    text = currents.lines({**whole, "more_prices": [{"arms": single, "power_price": 0.03, "seeds": [0]}]})
+    title = currents.TITLES["learned"]
+    cots_shown = [line.removeprefix(title).strip().split("  ")[0] for line in text if line.startswith(title)]
+    assert cots_shown == ["2.733 ± 2.361", "-9.2% ± 3.6%*", "1.800", "-10.0%"]
 
 
 def test_the_front_holds_what_nothing_beats_in_both() -> None:
