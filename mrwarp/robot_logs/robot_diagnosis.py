@@ -35,7 +35,7 @@ from mrwarp.robot_logs.selection import (
     sizes,
     vector,
 )
-from mrwarp.robot_logs.unexplained import outside, pushes
+from mrwarp.robot_logs.unexplained import listed, outside, pushes
 from mrwarp.robot_logs.unknowable import cannot_know, next_experiment
 from mrwarp.robot_logs.windows import Windows, cut_windows
 
@@ -139,6 +139,12 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
             f"commands act {1e3 * now.mean[late]:.1f} ms after their row: within a row of {1e3 * row:.1f} ms "
             "that is how the log was written"
         )
+    frictions = ("coulomb_friction", "viscous_friction")
+    if less := [c.where for c in causes if c.name in frictions and min(c.change.values()) < 0.0]:
+        notes.append(
+            f"less friction than described at {', '.join(dict.fromkeys(less))}: the description has too much, "
+            "or a controller compensates friction and the log's command does not have it"
+        )
     if evidence.lost:
         notes.append(
             f"{evidence.lost} pieces of the log were left out: something else moved the robot there, "
@@ -171,17 +177,10 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     )
 
 
-MOST_TIMES = 6
-"""Most times of pieces that a note lists."""
-
-
 def _when(log: RobotLog, groups: list[Windows], keep: np.ndarray) -> str:
     """Recordings and times of the windows that do not count."""
     runs, starts = (np.concatenate([getattr(w, name) for w in groups])[~keep] for name in ("run", "start"))
-    places = [f"{log.runs[r].t[s]:.1f} s of {log.runs[r].id}" for r, s in zip(runs, starts, strict=True)]
-    return ", ".join(places[:MOST_TIMES]) + (
-        f" and {len(places) - MOST_TIMES} more" if len(places) > MOST_TIMES else ""
-    )
+    return listed([f"{log.runs[r].t[s]:.1f} s of {log.runs[r].id}" for r, s in zip(runs, starts, strict=True)])
 
 
 def _fitted(

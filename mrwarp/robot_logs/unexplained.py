@@ -26,6 +26,9 @@ STEP = 0.02
 LEAST_SHARE = 0.3
 """Least part of a window's mismatch that a force explains where it is told."""
 
+MOST_TIMES = 6
+"""Most times of pieces that a sentence lists."""
+
 IN_A_ROW = 3
 """Fewest windows one after the other that ask for a force."""
 
@@ -117,11 +120,17 @@ def outside(found: Pushes, groups: Sequence[Windows], log: RobotLog) -> Outside 
     what = f"a torque in {place} of up to {size} N·m"
     if len(peak) > 1:
         what = f"a force on {place} of up to {size} N along x, y, z"
-    at = ", ".join(f"{begin:.1f} to {end:.1f} s of {name}" for name, begin, end in when)
+    at = listed([f"{begin:.1f} to {end:.1f} s of {name}" for name, begin, end in when])
     return Outside(
         depends_on=("time",), form=f"{what}, at {at}", share=float(found.share[k].mean()), where=place,
         when=tuple(when), peak=peak,
     )  # fmt: skip
+
+
+def listed(places: Sequence[str]) -> str:
+    """The first :data:`MOST_TIMES` of them in words, and how many more there are."""
+    more = len(places) - MOST_TIMES
+    return ", ".join(places[:MOST_TIMES]) + (f" and {more} more" if more > 0 else "")
 
 
 def _in_a_row(clear: np.ndarray, run: np.ndarray) -> list[list[int]]:

@@ -155,6 +155,34 @@ def test_many_unlikely_numbers_are_no_better_than_one_cause() -> None:
     assert not proven(20.0)  # as drives are: then the log does not tell
 
 
+def test_rounds_end_where_two_sets_of_causes_ask_for_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fit with the first asks for the second and back: each is fitted once, the likelier one stands."""
+    first, second = (Direction(cause="link_mass", where=x, members=(k,)) for k, x in enumerate("ab"))
+    asked, fitted = [], []
+    evidence = _evidence(np.ones((8, 2, 2)), np.zeros((8, 2)))
+
+    def select(*_) -> list[Found]:  # noqa: ANN002
+        asked.append((first, second)[len(asked) % 2])
+        return [Found(direction=asked[-1], z=9.0, alternatives=())]
+
+    def fit(*args) -> tuple[np.ndarray, Evidence, bool]:  # noqa: ANN002
+        fitted.append(asked[-1])
+        return np.eye(2)[asked[-1].members[0]], args[4], True
+
+    def replayed(evidence: Evidence, *args) -> tuple[float, Evidence]:  # noqa: ANN002
+        return 100.0 * float(args[-1][1]), evidence  # the second's fit is worse
+
+    stubs = {
+        "gather": lambda *_: evidence, "select": select, "fit": fit, "replayed": replayed,
+        "_foretelling": lambda found, *_: (found, []), "_alone": lambda *_: np.zeros(2),
+    }  # fmt: skip
+    for name, stub in stubs.items():
+        monkeypatch.setattr(robot_diagnosis, name, stub)
+    theta, released, _ = robot_diagnosis._fitted(None, [], [_parameter(), _parameter()], print)  # type: ignore[arg-type]
+    assert fitted == [first, second]
+    assert released == [first] and theta.tolist() == [1.0, 0.0]
+
+
 def _parameter() -> Parameter:
     """A number that any size of a fault can have."""
     size = {"step": 1.0, "spread": 1e3, "least": 0.0, "fault": 1e3}
@@ -183,6 +211,18 @@ def test_a_torque_of_no_cause_is_unexplained_with_joint_and_time(tmp_path: Path)
     assert [name for name, _, _ in found["when"]] == ["run0", "run1"]
     assert found["when"][0][1:] == pytest.approx((3.0, 5.5), abs=0.61)
     assert "outside the catalogue: a torque in elbow" in d.sentence
+
+
+def test_friction_that_a_controller_compensates_is_told(tmp_path: Path) -> None:
+    """What makes up for 80 % of the elbow's friction stands in no command."""
+
+    def helped(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:  # noqa: ARG001
+        return np.array([0.0, 0.08 * np.tanh(v[1] / 0.02)])
+
+    d = _diagnosed(arm_log(tmp_path, seconds=8.0, extra=helped))
+    assert [(c.name, c.where) for c in d.causes] == [("coulomb_friction", "elbow")]
+    assert d.causes[0].parameters["torque"].value == pytest.approx(-0.08, abs=0.01)
+    assert any(note.startswith("less friction than described at elbow") for note in d.notes)
 
 
 def test_windows_of_a_walk_begin_where_speeds_are_known(tmp_path: Path) -> None:
