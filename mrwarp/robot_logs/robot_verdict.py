@@ -156,7 +156,14 @@ def cause_text(cause: NamedCause) -> str:
     place = "" if cause.where == "robot" else f"{cause.where}: "
     words = cause.name.replace("_", " ").replace("coulomb", "Coulomb").replace("stribeck", "Stribeck friction")
     unit = "" if value.unit == "1" else f" {value.unit}"
-    if "factor" in cause.parameters:
+    if cause.name == "coil_dead":
+        share = max(100.0 * value.value, 0.0)
+        text = f"{place}coil {'dead' if share < 10.0 else 'weak'}, {share:.0f} % of its current"
+    elif cause.name == "command_delay":
+        text = f"commands act {1e3 * value.value:.1f} ms late"
+    elif cause.name in ("trunk_mass", "link_mass"):
+        text = f"{place}{abs(value.value):.3g} kg {'heavier' if value.value > 0.0 else 'lighter'}"
+    elif "factor" in cause.parameters:
         text = f"{place}{words} {cause.parameters['factor'].value:.2f} times the description's"
     else:
         text = f"{place}{words} {value.value:+.3g}{unit}" + (f" ({name})" if name in "xyzrollpitch" else "")

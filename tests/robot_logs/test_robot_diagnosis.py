@@ -55,6 +55,7 @@ def test_the_command_writes_a_verdict_with_the_place_of_a_cause(
     mass = cause["parameters"]["mass"]
     assert mass["value"] == pytest.approx(0.15, abs=0.005)
     assert mass["ci95"][0] < 0.15 < mass["ci95"][1]
+    assert result["sentence"] == f"lower: {mass['value']:.3g} kg heavier."
     robot = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "robot.xml"))
     assert robot.body("lower").mass[0] == pytest.approx(0.5 + cause["parameters"]["mass"]["value"], abs=1e-4)
 
@@ -79,7 +80,9 @@ def test_a_delay_of_more_than_a_row_is_named(tmp_path: Path) -> None:
     """Commands act 14 ms late; a row is 5 ms."""
     d = _diagnosed(arm_log(tmp_path, seconds=8.0, late=0.014))
     assert [(c.name, c.where) for c in d.causes] == [("command_delay", "robot")]
-    assert d.causes[0].parameters["delay"].value == pytest.approx(0.014, abs=0.001)
+    delay = d.causes[0].parameters["delay"].value
+    assert delay == pytest.approx(0.014, abs=0.001)
+    assert d.sentence == f"commands act {1e3 * delay:.1f} ms late."
 
 
 def test_the_replay_leaves_what_the_evidence_says_where_a_joint_has_no_current(tmp_path: Path) -> None:
