@@ -181,7 +181,7 @@ def test_rounds_end_where_two_sets_of_causes_ask_for_each_other(monkeypatch: pyt
     }  # fmt: skip
     for name, stub in stubs.items():
         monkeypatch.setattr(robot_diagnosis, name, stub)
-    theta, released, _ = robot_diagnosis._fitted(None, [], [_parameter(), _parameter()], print)  # type: ignore[arg-type]
+    theta, released, _ = robot_diagnosis._fitted(None, [], [_parameter(), _parameter()], print)
     assert fitted == [first, second]
     assert released == [first] and theta.tolist() == [1.0, 0.0]
 
