@@ -30,8 +30,10 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_page_says_first_what_is_wrong_and_where(written: Path) -> None:
     """Sentence, number with interval and the map come before anything else; nothing is loaded from elsewhere."""
     page = (written / "out" / "report.html").read_text()
-    cause = json.loads((written / "out" / "result.json").read_text())["causes"][0]
-    said = f"{cause['where']}: {cause['name'].replace('_', ' ')}"
+    result = json.loads((written / "out" / "result.json").read_text())
+    cause = result["causes"][0]
+    said = result["sentence"].partition(";")[0].rstrip(".")
+    assert said.startswith(f"{cause['where']}: ") and said.endswith(" kg heavier")
     assert page.index(said) < page.index('id="where"') < page.index("What it is, and where")
     assert "95 %" in page[: page.index('id="where"')]
     for heading in ("Error before and after", "What cannot be known from this log", "Method"):
