@@ -17,7 +17,7 @@ from mrwarp.diagnose.problem import Fit, Problem, by_ratio, covariance, drifts, 
 from mrwarp.diagnose.residual_structure import leftovers
 from mrwarp.diagnose.screening import Candidate, Models
 from mrwarp.diagnose.search import Selection, expected_in, select
-from mrwarp.effects.catalogue import CATALOGUE, KNOWN
+from mrwarp.effects.catalogue import KNOWN
 from mrwarp.identify.least_squares import ridge_solve
 from mrwarp.identify.parameters import YIELDING, row_column
 from mrwarp.identify.projection import Progress
@@ -244,24 +244,21 @@ def _halves_doubt(effect: str, fit: Fit, problem: Problem) -> str:
 def _interval_doubt(effect: str, fit: Fit) -> str:
     """Why the size of an effect is not known, or nothing.
 
-    An effect of several numbers that may be zero is known if one of them is, with the 95 % shared among them. Beside a
-    law of another shape they are shared among all effects as well: its own rest has something for each of them.
+    An effect of several numbers that may be zero is known if one of them is, with the 95 % shared among them.
     """
-    spread, known, chance = covariance(fit), False, 0.05 / (len(CATALOGUE) if fit.parameters.law else 1)
+    spread, known = covariance(fit), False
     own = [(i, slot) for i, slot in fit.parameters.items() if slot.effect == effect and not slot.parameter.form]
     linear = [i for i, slot in own if not slot.logarithmic or slot.parameter.null > 0.0]
     for i, slot in own:
         if i in linear:
-            low, high = interval(fit, i, spread, 1.0 - chance / len(linear))
+            low, high = interval(fit, i, spread, 1.0 - 0.05 / len(linear))
             null = float(np.log(slot.parameter.null)) if slot.logarithmic else slot.parameter.null
             known |= not low <= null <= high
         elif i == fit.parameters.own(effect)[0]:
             low, high = interval(fit, i, spread)
             if high - low > np.log(_KNOWN_WITHIN):
                 return "its size is not known within a factor of five"
-    if not linear or known:
-        return ""
-    return f"its {100.0 * (1.0 - chance):.3g} % interval contains zero"
+    return "its 95 % interval contains zero" if linear and not known else ""
 
 
 def _size_doubt(effect: str, fit: Fit, problem: Problem) -> str:
