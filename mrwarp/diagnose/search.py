@@ -21,6 +21,8 @@ _ADDED, _ADDED_SLOWLY = 0.13, 0.06
 """Part of the gain so far that one more effect must add."""
 KEPT, KEPT_BESIDE_MORE = 0.35, 0.5
 """Part of an effect's gain that must remain beside free functions of what it leaves, the latter if that is more."""
+_NEARLY_ALL = 10.0
+"""Ratio of losses without and with an effect from which it stands in for nothing: its few numbers explain nearly all."""
 WITHIN = 60.0
 """Gain within trajectories, in units of the noise's variance, below which an effect must show between them."""
 DRIFT_P = 1e-3
@@ -267,6 +269,8 @@ def confirmed(models: Models, fit: Fit, before: list[Leftover]) -> Fit:
         for effect in models.added(fit):
             without = models.without(fit, effect)
             alone = without.total - fit.total
+            if without.total > _NEARLY_ALL * fit.total:
+                continue
             beside = _loss_beside(models.problem, without, offered) - full
             kept[effect] = beside / max(alone, 1e-9) * (KEPT / KEPT_BESIDE_MORE if left[0].gain > 1.5 * alone else 1.0)
             if beside < threshold(fit):
