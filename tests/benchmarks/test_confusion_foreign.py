@@ -16,9 +16,13 @@ def foreign(kind: str, law: str) -> dict:
 
 
 @pytest.mark.slow
-def test_hidden_effect_is_found_in_a_foreign_device() -> None:
-    """Cogging in a device by Kwok's law is named, and nothing else."""
-    assert foreign("cogging", "kwok")["outcome"] == "right"
+@pytest.mark.parametrize(
+    ("kind", "law"),
+    [("cogging", "kwok"), ("torque_sensor_lag", "kwok"), ("friction_asymmetry", "spencer"), ("coulomb_friction", "guo")],
+)
+def test_hidden_effect_is_found_in_a_foreign_device(kind: str, law: str) -> None:
+    """It is named, and nothing else."""
+    assert foreign(kind, law)["outcome"] == "right"
 
 
 @pytest.mark.slow
