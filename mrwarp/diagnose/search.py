@@ -22,7 +22,7 @@ _ADDED, _ADDED_SLOWLY = 0.13, 0.06
 KEPT, KEPT_BESIDE_MORE = 0.35, 0.5
 """Part of an effect's gain that must remain beside free functions of what it leaves, the latter if that is more."""
 _NEARLY_ALL = 10.0
-"""Ratio of losses without and with an effect from which it stands in for nothing: its few numbers explain nearly all."""
+"""Ratio of losses without and with an effect from which it stands in for nothing: it explains nearly all."""
 WITHIN = 60.0
 """Gain within trajectories, in units of the noise's variance, below which an effect must show between them."""
 DRIFT_P = 1e-3

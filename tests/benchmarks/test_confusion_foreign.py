@@ -18,7 +18,12 @@ def foreign(kind: str, law: str) -> dict:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "law"),
-    [("cogging", "kwok"), ("torque_sensor_lag", "kwok"), ("friction_asymmetry", "spencer"), ("coulomb_friction", "guo")],
+    [
+        ("cogging", "kwok"),
+        ("torque_sensor_lag", "kwok"),
+        ("friction_asymmetry", "spencer"),
+        ("coulomb_friction", "guo"),
+    ],
 )
 def test_hidden_effect_is_found_in_a_foreign_device(kind: str, law: str) -> None:
     """It is named, and nothing else."""
