@@ -16,7 +16,7 @@ import numpy as np
 from mrwarp.diagnose.problem import Fit, Problem
 from mrwarp.diagnose.residual_structure import groups_along
 from mrwarp.diagnose.search import Selection
-from mrwarp.identify.boosting import chosen_samples, foretold, spread_where_it_repeats, white_floor
+from mrwarp.identify.boosting import chosen_samples, end_processes, foretold, spread_where_it_repeats, white_floor
 from mrwarp.identify.damper import prediction_errors, undo_moving_average
 from mrwarp.identify.dataset import Motion
 from mrwarp.identify.least_squares import ridge_solve
@@ -130,6 +130,8 @@ def not_foretold(problem: Problem, held: HeldOut, extended: Fit, seed: int) -> n
         more = _left(after, told(after, beside=beside, smooth=smooth), at)
         direct = _left(motion.torque, told(motion.torque), at)
         left = min(left, more, direct, key=lambda x: float(x @ x))
+    if problem.replay.threads > 1:
+        end_processes()
     return left
 
 

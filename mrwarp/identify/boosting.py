@@ -93,7 +93,8 @@ def foretold(
         beside: More signals to foretell it from, each of shape (N,).
         smooth: Functions, shape (k, N), whose best sum is taken out first: they go on where trees stand still.
         seed: Seed of the folds.
-        threads: Processes among which the folds are shared: trees grow in Python, which threads would wait for.
+        threads: Processes among which the folds are shared: trees grow in Python, which threads would wait for. They
+            stay for the next call until :func:`end_processes`.
     """
     from joblib import Parallel, delayed
     from sklearn.ensemble import HistGradientBoostingRegressor
@@ -118,6 +119,13 @@ def foretold(
         for mine, model in zip(folds, grown, strict=True):
             out[mine] += model.predict(table[mine])
     return out
+
+
+def end_processes() -> None:
+    """End the processes of :func:`foretold`, which wait for more work otherwise, and the thread that serves them."""
+    from joblib.externals.loky import get_reusable_executor
+
+    get_reusable_executor().shutdown()
 
 
 def _reversals(motion: Motion) -> list[np.ndarray]:

@@ -1,11 +1,19 @@
 """What repeats is foretold on trajectories that took no part; what differs from run to run is not."""
 
+import threading
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from mrwarp.identify.boosting import chosen_samples, features, foretold, spread_where_it_repeats, white_floor
+from mrwarp.identify.boosting import (
+    chosen_samples,
+    end_processes,
+    features,
+    foretold,
+    spread_where_it_repeats,
+    white_floor,
+)
 from tests.diagnose import known
 
 
@@ -20,6 +28,8 @@ def test_a_law_of_the_motion_is_foretold_and_noise_is_not() -> None:
     known_law, known_noise = (foretold(motion, at, target) for target in (law, noise))
     assert np.mean((known_law - law[at]) ** 2) < 0.1 * law.var()
     np.testing.assert_array_equal(foretold(motion, at, law, threads=2), known_law)
+    end_processes()
+    assert not [thread for thread in threading.enumerate() if "Executor" in thread.name]
     smooth = foretold(motion, at, law, smooth=np.stack([motion.qd, motion.q]))
     assert np.mean((smooth - law[at]) ** 2) < 0.1 * law.var()
     assert np.mean((known_noise - noise[at]) ** 2) > 0.95 * noise.var()
