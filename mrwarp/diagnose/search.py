@@ -268,9 +268,9 @@ def confirmed(models: Models, fit: Fit, before: list[Leftover]) -> Fit:
         kept: dict[str, float] = {}
         for effect in models.added(fit):
             without = models.without(fit, effect)
-            alone = without.total - fit.total
             if without.total > _NEARLY_ALL * fit.total:
                 continue
+            alone = without.total - fit.total
             beside = _loss_beside(models.problem, without, offered) - full
             kept[effect] = beside / max(alone, 1e-9) * (KEPT / KEPT_BESIDE_MORE if left[0].gain > 1.5 * alone else 1.0)
             if beside < threshold(fit):

@@ -218,11 +218,11 @@ class NormalEquations:
         cross = grams[:, :size, size:]
         found = np.linalg.solve(inner, cross.transpose(0, 2, 1))
         self.parts = grams[:, :size, :size] - cross @ found
-        if derivatives:
-            factors = np.maximum(1.0 + found[:, 1, -1], _LEAST_FACTOR)[:, None]
-            self.parts[:, :-1] *= factors[..., None]
-            self.parts[:, :, :-1] *= factors[..., None]
         """Shape (T, M, M)."""
+        if derivatives:
+            factors = np.maximum(1.0 + found[:, 1, -1], _LEAST_FACTOR)[:, None, None]
+            self.parts[:, :-1] *= factors
+            self.parts[:, :, :-1] *= factors
         self.count = float(counts.sum())
         """Samples that count."""
         self.total = self.parts.sum(axis=0)
