@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
-import gc
 import json
 import multiprocessing
 import os
@@ -126,7 +125,6 @@ def _child(kind: str, seed: int, batch: int, cases: int, coverage: bool, at: Any
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
     os.dup2(os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)  # USD and MuJoCo write there from C
-    gc.freeze()  # a fork has none of the parent's threads: to collect its simulators here would wait for them for ever
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         work = Path(folder) / "work"

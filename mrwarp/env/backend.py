@@ -7,6 +7,8 @@ batch's rows, or MuJoCo-Warp's own float32 arrays. A backend steps; what the num
 from __future__ import annotations
 
 import copy
+import os
+import weakref
 from typing import Protocol
 
 import mujoco
@@ -48,6 +50,20 @@ class Backend(Protocol):
         ...
 
 
+_batches: weakref.WeakSet[mujoco.batch.Batch] = weakref.WeakSet()
+_inherited: list[mujoco.batch.Batch] = []
+"""A forked process has none of its parent's threads; freeing a batch would wait for them for ever."""
+
+os.register_at_fork(after_in_child=lambda: _inherited.extend(_batches))
+
+
+def new_batch(model: mujoco.MjModel, num_envs: int, threads: int, *, keep_data: bool = False) -> mujoco.batch.Batch:
+    """A ``mujoco.batch`` that a forked process never frees; arguments as for :class:`MjBatchBackend`."""
+    batch = mujoco.batch.Batch(model, num_envs, threads, persistent=keep_data)
+    _batches.add(batch)
+    return batch
+
+
 class MjBatchBackend:
     """``mujoco.batch``: MuJoCo C over a pool of threads, float64, the same bits at any thread count.
 
@@ -70,7 +86,7 @@ class MjBatchBackend:
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         # a robot's constraints all hang together: looking for islands among them costs up to a tenth of a step
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
-        self.batch = mujoco.batch.Batch(model, num_envs, threads, persistent=keep_data)
+        self.batch = new_batch(model, num_envs, threads, keep_data=keep_data)
         self._views: dict[str, wp.array] = {}
         first = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
         counts = self.batch.warning[:, first : int(mujoco.mjtWarning.mjWARN_CNSTRFULL) + 1, 1]

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import mujoco
-import mujoco.batch
 import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
+from mrwarp.env.backend import new_batch
 from mrwarp.robot_logs.causes import Parameter
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.windows import Windows, turn_between, turned
@@ -66,7 +66,7 @@ class Replay:
         spec.option.timestep = windows.h
         self.mj = spec.compile()
         self.mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND)
-        self.batch = mujoco.batch.Batch(self.mj, CHUNK, threads)
+        self.batch = new_batch(self.mj, CHUNK, threads)
         self._longer: set[int] = set()
         self.steps = 0
         """Physics steps so far."""

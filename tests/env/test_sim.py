@@ -1,5 +1,9 @@
 """Sim: brake closed form, resets, masses, the solver's counter, refusals, and a USD edit that reaches the torque."""
 
+import gc
+import os
+import signal
+import time
 from pathlib import Path
 
 import mujoco
@@ -51,6 +55,30 @@ def test_sim_brake_stops_a_rotor_like_coulomb_friction():
     # the row stops it but for creep*torque, and the torque that stopped it is at most the bound
     assert abs(qd[13]) <= brake_constraint.CREEP * bound
     assert abs(qd[-1]) < 1e-9
+
+
+def test_a_forked_process_does_not_wait_for_threads_of_its_parent(scene):
+    """Rubbish of the parent with a pool of two threads, collected in the child: it ends at once."""
+    rubbish = [MjBatchBackend(scene.model, 4, threads=2)]
+    rubbish[0].step()
+    rubbish.append(rubbish)
+    gc.disable()
+    try:
+        del rubbish
+        pid = os.fork()
+        if pid == 0:
+            gc.collect()
+            os._exit(0)
+    finally:
+        gc.enable()
+    deadline, ended = time.monotonic() + 20.0, 0
+    while not ended and time.monotonic() < deadline:
+        time.sleep(0.02)
+        ended = os.waitpid(pid, os.WNOHANG)[0]
+    if not ended:
+        os.kill(pid, signal.SIGKILL)
+        os.waitpid(pid, 0)
+    assert ended == pid
 
 
 def test_sim_kept_data_change_no_bits_and_are_asked_for(scene):
