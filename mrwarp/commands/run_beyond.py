@@ -18,10 +18,14 @@ from mrwarp.runtime import ProgressLine
 
 def _report(study: ModuleType, found: dict[str, Any], out: Path, picture: str, seed: int, line: CommandLine) -> int:
     """Write a study's result and picture into its folder, and print its table."""
-    write_result(out, found, seed=seed, command=str(line))
+    from mrwarp.study.plan import spent
+
+    took = spent(out)
+    write_result(out, {**found, "took": took}, seed=seed, command=str(line))
     study.picture(found, out / picture)
     print("\n".join(study.lines(found)))
-    print(f"\nfigures and picture in {out}")
+    trained = f" and {took['training'] / 60.0:.1f} min of training" if took["training"] else ""
+    print(f"\nfigures and picture in {out}; {took['measuring'] / 60.0:.1f} processor minutes of measuring{trained}")
     return 0
 
 
@@ -85,10 +89,13 @@ class Current(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class Ageing(Options):
-    """How soon a worn device is noticed by one calibration a day, and how often a healthy one gives an alarm."""
+    """How soon a worn device is noticed by one calibration a day, and how often a healthy one gives an alarm.
+
+    A device that is in the folder is not followed again.
+    """
 
     out: opt.Folder = Path("runs/ageing")
-    """output folder: ageing.png, result.json"""
+    """output folder: devices, result.json, ageing.png"""
     devices: opt.Count = 3
     """virtual devices"""
     days: opt.Count = 200
@@ -104,9 +111,9 @@ class Ageing(Options):
 
         from mrwarp.study import ageing
 
-        progress = ProgressLine(sys.stdout)
+        cfg, progress = ageing.AgeingCfg(**self.chosen("devices", "days", "follow", "seed")), ProgressLine(sys.stdout)
         try:
-            found = ageing.run(ageing.AgeingCfg(**self.chosen("devices", "days", "follow", "seed")), progress)
+            found = ageing.run(cfg, self.out, progress)
         finally:
             progress.done()
         return _report(ageing, found, self.out, "ageing.png", self.seed, line)
@@ -156,15 +163,19 @@ class Pushes(Options):
 class Limits(Options):
     """Where holding ends: gait frequency, payload, low gain against coil lag, age, a stance on four brakes.
 
-    With the shipped policies as they are. What is in the folder is not measured again.
+    With the shipped policies as they are, and at each gait frequency also with policies that are trained on there if
+    you ask for it. What is in the folder is not done again.
     """
 
     out: opt.Folder = Path("runs/limits")
-    """output folder: parts, result.json, limits.png"""
+    """output folder: trainings, parts, result.json, limits.png"""
     policies: opt.Folder = POLICIES / "energy"
     """policies of MR_Go-SAL"""
     seeds: opt.Seeds = (0, 1, 2)
     """training seeds"""
+    train: opt.Whole = 0
+    """PPO updates of further policies for each gait frequency and seed, with 128 robots and 0.2 to 1.4 m/s, the first
+    100 of the critic alone; 0 = none"""
     trials: opt.Count = 2
     """walks of each setting and policy, and stances"""
     seconds: Annotated[float, opt.one(opt.within(1.0, 1e4, "s"), "S")] = 10.0
@@ -173,18 +184,21 @@ class Limits(Options):
     """CPU threads; 0 = all, the figures are the same"""
 
     def run(self, line: CommandLine) -> int:
-        """0 done, 2 on bad input."""
+        """0 done, 130 after Ctrl-C in a training, 2 on bad input."""
         check_writable(self.out)
 
         from mrwarp.energy.model_numbers import read_numbers
         from mrwarp.study import limits
 
-        names = ("policies", "seeds", "trials", "seconds", "threads")
+        names = ("policies", "seeds", "train", "trials", "seconds", "threads")
         cfg, progress = limits.LimitsCfg(**self.chosen(*names)), ProgressLine(sys.stdout)
         try:
             found = limits.run(cfg, self.out, read_numbers(None, ())["electrical"], progress)
         finally:
             progress.done()
+        if found is None:
+            print("stopped; the same command goes on")
+            return 130
         return _report(limits, found, self.out, "limits.png", self.seeds[0], line)
 
 

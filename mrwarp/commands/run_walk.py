@@ -310,7 +310,8 @@ class Mission(EnergyOptions):
     feedback: opt.Flag = False
     """warm windings and fluids act back; a second pass"""
     thermal: opt.Flag = False
-    """MR_Go-SAL alone, its devices warming up along the way: what holds slip, what compensation costs"""
+    """MR_Go-SAL alone, its devices warming up along the way: what holds slip, what compensation costs; with the three
+    shipped policies, or the one that is named"""
     ambient: Annotated[float, opt.one(opt.within(-60.0, 80.0, "K"), "K")] = 0.0
     """with --thermal: air above the temperature at which the devices were identified"""
     calibrate: opt.Flag = False
@@ -340,7 +341,7 @@ class Mission(EnergyOptions):
         )
         of_paper = all(getattr(cfg, name) == getattr(MissionCfg(), name) for name in TASK)
         if self.thermal:
-            return self._thermal(line, cfg, policies["mr_go_sal"], groups, progress)
+            return self._thermal(line, cfg, self._thermal_policies(policies), groups, progress)
         if self.ambient:
             raise ValueError("--ambient goes with --thermal; add it")
         if self.calibrate and "go1" not in cfg.robots:
@@ -367,8 +368,24 @@ class Mission(EnergyOptions):
         print(f"\nfigures and pictures in {self.out}")
         return 0
 
+    def _thermal_policies(self, policies: dict[str, Policy]) -> dict[str, Policy]:
+        """The policy that was named, or the three shipped ones by their seeds."""
+        if self.policy or self.policy_mr_go_sal:
+            return {"policy": policies["mr_go_sal"]}
+
+        from mrwarp.rl.policy import OnnxPolicy
+        from mrwarp.study.plan import ENERGY, SEEDS, plant_of, policy_file
+
+        plant = plant_of("mr_go_sal", self.coupling)
+        return {f"seed {seed}": OnnxPolicy(policy_file(ENERGY, plant, seed)) for seed in SEEDS}
+
     def _thermal(
-        self, line: CommandLine, cfg: MissionCfg, policy: Policy, groups: dict[str, Any], progress: ProgressLine
+        self,
+        line: CommandLine,
+        cfg: MissionCfg,
+        policies: dict[str, Policy],
+        groups: dict[str, Any],
+        progress: ProgressLine,
     ) -> int:
         """The mission of MR_Go-SAL with devices that warm up."""
         from mrwarp.energy.model_numbers import described
@@ -378,12 +395,22 @@ class Mission(EnergyOptions):
             raise ValueError("--thermal takes neither --calibrate nor --feedback; leave them out")
         if self.current_by is not None:
             raise ValueError("--thermal compares fixed and scheduled currents by itself; leave out --current-by")
+        begun, missions = time.process_time(), {}
         try:
-            found = thermal_mission.run(cfg, policy, groups["electrical"], groups["thermal"], self.ambient, progress)
+            for k, (name, policy) in enumerate(policies.items()):
+
+                def report(text: str, share: float, k: int = k, name: str = name) -> None:
+                    progress(f"{name}, {text}", (k + share) / len(policies))
+
+                missions[name] = thermal_mission.run(
+                    cfg, policy, groups["electrical"], groups["thermal"], self.ambient, report
+                )
         finally:
             progress.done()
+        found = thermal_mission.over(missions)
         same = {**self.chosen(*TASK), "window": self.window, "trials": self.trials}
         figures = {**found, "task": same, "numbers": described(groups)}
+        figures["processor_seconds"] = time.process_time() - begun
         write_result(self.out, figures, seed=self.seed, command=str(line))
         thermal_mission.picture(found, self.out / "thermal.png")
         print("\n".join(thermal_mission.lines(found)))

@@ -8,7 +8,8 @@ another bit warm.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,8 @@ from mrwarp.identify.monitor import MonitorCfg, monitor
 from mrwarp.params import MrParams
 from mrwarp.recording.load import Recording
 from mrwarp.runtime import panels, text_table
+from mrwarp.study.plan import kept
+from mrwarp.trials.statistics import interval, share
 
 SECONDS = 5.0
 """Length of a move at one current [s]."""
@@ -62,48 +65,73 @@ def calibrations(count: int, loss: float, rng: np.random.Generator) -> list[Reco
     return [Recording(trajectories=runs[k * size : (k + 1) * size], header={}) for k in range(count)]
 
 
-def run(cfg: AgeingCfg, report: Callable[[str, float], None] = lambda text, share: None) -> dict[str, Any]:
+def run(cfg: AgeingCfg, out: Path, report: Callable[[str, float], None] = lambda text, share: None) -> dict[str, Any]:
     """Follow healthy devices over all days, and each of them again with a loss after the baseline.
 
+    What ``out`` holds of a device is not simulated again.
+
     Returns:
-        ``healthy``: devices, days, and the first false alarm of each or None; ``losses``: by size, after how many
-        records each device's loss was noticed (None: not within the days that follow) and the change that was told.
+        ``healthy``: devices, days, the first false alarms of each, and the ``share`` of devices with one; ``losses``:
+        by size, after how many records each device's loss was noticed (None: not within the days that follow), the
+        share that was, and the change that was told.
+
+    Raises:
+        ValueError: a file in ``out`` is damaged or of other choices.
     """
-    alarms, delays = [], {f"{loss:g}": [] for loss in cfg.losses}
-    told: dict[str, list[float]] = {name: [] for name in delays}
-    done, total = 0, cfg.devices * (cfg.monitor.baseline + cfg.days + len(cfg.losses) * cfg.follow)
+    asked = {name: value for name, value in asdict(cfg).items() if name != "devices"}
+    devices = []
+    for device in range(cfg.devices):
+
+        def tell(text: str, share: float, device: int = device) -> None:
+            report(f"device {device + 1}, {text}", (device + share) / cfg.devices)
+
+        path = out / "devices" / f"{device}.json"
+        devices.append(kept(path, asked, partial(follow, cfg, device, tell)))
+    false = sum(bool(own["alarms"]) for own in devices)
+    losses = {}
+    for name in devices[0]["losses"]:
+        records, told = ([own["losses"][name][key] for own in devices] for key in ("records", "told"))
+        seen = share(sum(r is not None for r in records), len(records))
+        losses[name] = {"records": records, "told": interval(told), "noticed": seen}
+    return {
+        "healthy": {"devices": cfg.devices, "days": cfg.days, "alarms": [own["alarms"] for own in devices],
+                    "share": share(false, cfg.devices)},
+        "losses": losses,
+        "series": devices[0]["series"],
+    }  # fmt: skip
+
+
+def follow(cfg: AgeingCfg, device: int, report: Callable[[str, float], None]) -> dict[str, Any]:
+    """One device, healthy over all days and again with each loss after the baseline.
+
+    Returns:
+        ``alarms``: by what changed, days after the baseline; ``losses``: by size, ``records`` until it was noticed or
+        None, and the change ``told``; ``series``: yield of the baseline by record, of each loss and healthy (``0``).
+    """
     first = cfg.monitor.baseline
-    series: dict[str, list[float]] = {}
+    done, total = 0, first + cfg.days + len(cfg.losses) * cfg.follow
 
     def days(count: int, loss: float, stream: Sequence[int]) -> dict[str, Recording]:
         nonlocal done
         rng, found = np.random.default_rng([cfg.seed, *stream]), []
         while len(found) < count:
             found += calibrations(min(BATCH, count - len(found)), loss, rng)
-            report(f"device {stream[0] + 1}, loss {loss:.0%}", (done + len(found)) / total)
+            report(f"loss {loss:.0%}", (done + len(found)) / total)
         done += count
         return {f"{stream}-{k:03d}": recording for k, recording in enumerate(found)}
 
-    for device in range(cfg.devices):
-        healthy = days(first + cfg.days, 0.0, (device, 0))
-        health = monitor(healthy, cfg.monitor)
-        alarms.append({name: alarm["number"] - first for name, alarm in health.alarms.items()})
-        begin = dict(list(healthy.items())[:first])
-        for k, loss in enumerate(cfg.losses):
-            worn = monitor(begin | days(cfg.follow, loss, (device, k + 1)), cfg.monitor)
-            found = worn.alarms.get("yield")
-            delays[f"{loss:g}"].append(found["number"] - first if found else None)
-            told[f"{loss:g}"].append(float(worn.values["yield"][first:].mean() - 1.0))
-            if device == 0:
-                series[f"{loss:g}"] = worn.values["yield"].tolist()
-        if device == 0:
-            series["0"] = health.values["yield"].tolist()
-    return {
-        "healthy": {"devices": cfg.devices, "days": cfg.days, "alarms": alarms,
-                    "share": float(np.mean([bool(a) for a in alarms]))},
-        "losses": {name: {"records": delays[name], "told": told[name]} for name in delays},
-        "series": series,
-    }  # fmt: skip
+    healthy = days(first + cfg.days, 0.0, (device, 0))
+    health = monitor(healthy, cfg.monitor)
+    begin, losses, series = dict(list(healthy.items())[:first]), {}, {}
+    for k, loss in enumerate(cfg.losses):
+        worn = monitor(begin | days(cfg.follow, loss, (device, k + 1)), cfg.monitor)
+        alarm = worn.alarms.get("yield")
+        told = float(worn.values["yield"][first:].mean() - 1.0)
+        losses[f"{loss:g}"] = {"records": alarm["number"] - first if alarm else None, "told": told}
+        series[f"{loss:g}"] = worn.values["yield"].tolist()
+    series["0"] = health.values["yield"].tolist()
+    alarms = {name: alarm["number"] - first for name, alarm in health.alarms.items()}
+    return {"alarms": alarms, "losses": losses, "series": series}
 
 
 def lines(found: Mapping[str, Any]) -> list[str]:
@@ -112,12 +140,14 @@ def lines(found: Mapping[str, Any]) -> list[str]:
     rows = []
     for name, own in found["losses"].items():
         seen = [r for r in own["records"] if r is not None]
+        told = own["told"]
         rows.append((f"{float(name):.0%}", f"{len(seen)} of {len(own['records'])}",
                      f"{np.median(seen):g} ({min(seen)} to {max(seen)})" if seen else "",
-                     f"{np.mean(own['told']):+.1%}"))  # fmt: skip
-    false = sum(bool(a) for a in healthy["alarms"])
+                     f"{100.0 * told['mean']:+.1f} ± {100.0 * told['half_width']:.1f} %"))  # fmt: skip
+    false, rate = sum(bool(a) for a in healthy["alarms"]), healthy["share"]
     return [
-        f"healthy: {false} of {healthy['devices']} devices gave an alarm over {healthy['days']} days",
+        f"healthy: {false} of {healthy['devices']} devices gave an alarm over {healthy['days']} days "
+        f"({rate['share']:.0%}, {rate['low']:.0%} to {rate['high']:.0%})",
         *text_table(("loss", "noticed", "after records: median (range)", "change told"), rows),
     ]
 

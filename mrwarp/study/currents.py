@@ -21,11 +21,10 @@ from mrwarp.energy.thermal import Temperatures, ThermalCfg
 from mrwarp.enums import ARMS, CurrentCommand, HoldCurrent
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.paper import DISTANCE
-from mrwarp.rl import checkpoint
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.rl.ppo_cfg import LearningCfg
-from mrwarp.rl.trainer import TrainCfg, Trainer
 from mrwarp.runtime import panels, text_table
+from mrwarp.study.matched_training import settled
 from mrwarp.study.plan import (
     ENERGY,
     ENERGY_SEEDS,
@@ -41,6 +40,8 @@ from mrwarp.trials.impact import ImpactCfg, ImpactSweep, Variant, body_extremes
 from mrwarp.trials.statistics import half_width
 from mrwarp.trials.walk_trials import WalkCfg, WalkResult, walk
 from mrwarp.usd.robot import CALF_COLUMNS, CURRENT_GROUPS
+
+COMMAND = "mrwarp study current"
 
 ROBOT = {"none": "go1", "off": "mr_go"}
 """Robot of ``paper.ROBOTS`` of an arm; the others are MR_Go-SAL."""
@@ -203,7 +204,7 @@ def _begin(cfg: CurrentsCfg, arm: str, seed: int, out: Path) -> Path | None:
     envs, updates = SETTLING
     env = plant_cfg(robot, num_envs=envs, threads=cfg.threads, randomize="all", power_price=POWER_PRICE)
     begin = policy_file(ENERGY, EXPLICIT, seed)
-    return _train(env, seed, updates, LEARNING, lambda: begin, out / f"start_{robot}_seed{seed}")
+    return settled(env, seed, updates, LEARNING, lambda: begin, out / f"start_{robot}_seed{seed}", COMMAND)
 
 
 def _trained(cfg: CurrentsCfg, arm: str, seed: int, best: float, folder: Path, out: Path) -> Path | None:
@@ -211,31 +212,7 @@ def _trained(cfg: CurrentsCfg, arm: str, seed: int, best: float, folder: Path, o
     begin = partial(_begin, cfg, arm, seed, out)
     if cfg.iterations == 0:
         return begin()
-    return _train(arm_env(cfg, arm, best), seed, cfg.iterations, cfg.learning, begin, folder)
-
-
-def _train(
-    env: EnvCfg, seed: int, updates: int, learning: LearningCfg, begin: Callable[[], Path | None], folder: Path
-) -> Path | None:
-    """Policy of a training that is done in a folder, or goes on or begins there; None after Ctrl-C."""
-    policy, saved = folder / "policy.onnx", folder / "checkpoint.pt"
-    start = None
-    if saved.is_file():
-        content = checkpoint.load(saved)
-        mine = {**checkpoint.task(env), "seed": seed}
-        theirs = {**content["task"], "seed": content["seed"]}
-        if mine != theirs or content["iteration"] > updates:
-            raise ValueError(f"{folder}: trained with other choices than asked for; name another --out")
-        if content["iteration"] == updates and policy.is_file():
-            return policy
-    elif (start := begin()) is None:
-        return None
-    train = TrainCfg(
-        env=env, out=folder, seed=seed, iterations=updates, until_gate=False, check_every=float("inf"),
-        learning=learning, command="mrwarp study current",
-    )  # fmt: skip
-    result = Trainer(train, resume=None if start else saved, start_from=start).run()
-    return None if result["stopped"] == "interrupted" else policy
+    return settled(arm_env(cfg, arm, best), seed, cfg.iterations, cfg.learning, begin, folder, COMMAND)
 
 
 def _walks(cfg: CurrentsCfg, arm: str, best: float, policy: OnnxPolicy, speeds: Sequence[float]) -> list[WalkResult]:

@@ -1,7 +1,8 @@
 """Where holding ends: faster gaits, heavier loads, a softer motor and a slower coil, age, and a stance on four brakes.
 
 The shipped policies of MR_Go-SAL walk as they are: they know the 1.5 Hz clock, loads up to 3.5 kg, and coils without
-lag. Each part is one batch, or one per gait or ground; every setting meets the same robots, poses and gait phases.
+lag. Policies that were trained on at each clock may walk beside them. Each part is one batch, or one per gait or
+ground; every setting meets the same robots, poses and gait phases.
 """
 
 from __future__ import annotations
@@ -23,10 +24,11 @@ from mrwarp.paper import GRAVITY
 from mrwarp.params import MrParams
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.runtime import panels, text_table
-from mrwarp.study.currents import HELD
+from mrwarp.study.currents import HELD, LEARNING
+from mrwarp.study.matched_training import settled
 from mrwarp.study.plan import ENERGY, check_seeds, kept, plant_cfg, policy_file
 from mrwarp.trials.power_meter import MotionMeter, PowerMeter
-from mrwarp.trials.statistics import half_width, share
+from mrwarp.trials.statistics import interval, share
 from mrwarp.trials.thermal_mission import HoldMeter
 from mrwarp.trials.walk_trials import STAND_HOLD, STAND_RATE, STAND_SETTLE, STAND_STIFFER
 from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy, act, make_env, set_payload
@@ -35,8 +37,10 @@ ROBOT = "mr_go_sal"
 
 GAITS = (1.5, 2.0, 2.5)
 """Stride frequencies of the clock [Hz]."""
-SPEEDS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1)
+SPEEDS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4)
 """Commanded speeds at each [m/s]."""
+LEARNERS, LEARNED = 128, (0.2, 1.4)
+"""Robots that learn together at a clock, and the speeds that they are commanded [m/s]."""
 PAYLOADS = (0.0, 2.0, 4.0, 6.0, 8.0)
 """Loads on the back [kg]."""
 GAINS, LAGS = (0.0, 5.0, 10.0, 15.0), (0.0, 0.01, 0.025, 0.05)
@@ -69,6 +73,8 @@ class LimitsCfg:
     """Measured time of a walk [s]."""
     policies: Path = ENERGY
     """Folder of policies of MR_Go-SAL."""
+    train: int = 0
+    """PPO updates of further policies, one for each clock and seed, that go on from the shipped ones; 0 = none."""
     threads: int = 0
     """CPU threads of the physics; 0 = all, the figures are the same."""
 
@@ -161,6 +167,30 @@ def by_setting(cfg: LimitsCfg, found: Mapping[str, np.ndarray], count: int) -> d
     """Figures of :func:`walk` by setting: means over the trials of each policy, shape (settings, policies)."""
     shape = (len(cfg.seeds), count, cfg.trials)
     return {name: values.reshape(shape).mean(axis=2).T.tolist() for name, values in found.items()}
+
+
+def learners(cfg: LimitsCfg, frequency: float) -> EnvCfg:
+    """Task in which policies learn a clock of this frequency [Hz]: that of the shipped ones, with faster commands."""
+    env = plant_cfg(ROBOT, num_envs=LEARNERS, threads=cfg.threads, randomize="all")
+    return replace(env, gait_frequency=frequency, commands=replace(env.commands, v_x=LEARNED))
+
+
+def train(
+    cfg: LimitsCfg, out: Path, report: Callable[[str, float], None] = lambda text, share: None
+) -> dict[float, list[Path]] | None:
+    """Policies of each clock by seed, trained in a folder where they are not there yet; None after Ctrl-C."""
+    found: dict[float, list[Path]] = {f: [] for f in GAITS}
+    jobs = [(seed, f) for seed in cfg.seeds for f in GAITS]
+    for k, (seed, f) in enumerate(jobs):
+        report(f"training, {f:g} Hz, seed {seed}", k / len(jobs))
+        begin, folder = policy_file(cfg.policies, ROBOT, seed), out / f"{f:g}_Hz_seed{seed}"
+        policy = settled(
+            learners(cfg, f), seed, cfg.train, LEARNING, lambda begin=begin: begin, folder, "mrwarp study limits"
+        )
+        if policy is None:
+            return None
+        found[f].append(policy)
+    return found
 
 
 def _mass(env: WalkEnv, payload: np.ndarray | float = 0.0) -> np.ndarray:
@@ -288,8 +318,8 @@ def stance(cfg: LimitsCfg, ground: str) -> dict[str, Any]:
 def run(
     cfg: LimitsCfg, out: Path, electrical: ElectricalCfg,
     report: Callable[[str, float], None] = lambda text, share: None,
-) -> dict[str, Any]:  # fmt: skip
-    """Measure what is not in ``out`` yet, and sum up.
+) -> dict[str, Any] | None:  # fmt: skip
+    """Train and measure what is not in ``out`` yet, and sum up; None after Ctrl-C in a training.
 
     Raises:
         ValueError: a file in ``out`` is damaged or of other choices, or a policy is missing.
@@ -303,12 +333,20 @@ def run(
         "age": partial(age, cfg, policies, electrical),
         **{f"stance, {ground}": partial(stance, cfg, ground) for ground in ("flat", "rough")},
     }
+    learned = train(cfg, out / "trained", report) if cfg.train else {}
+    if learned is None:
+        return None
+    for f, files in learned.items():
+        own = [OnnxPolicy(file) for file in files]
+        jobs[f"gait {f:g} Hz, trained"] = partial(gait, cfg, f, own, electrical)
     found = {}
     for k, (name, measure) in enumerate(jobs.items()):
         report(name, k / len(jobs))
-        found[name] = kept(out / "parts" / f"{name.replace(', ', '_').replace(' ', '_')}.json", asked, measure)
+        of = asked | ({"train": cfg.train} if name.endswith("trained") else {})
+        found[name] = kept(out / "parts" / f"{name.replace(', ', '_').replace(' ', '_')}.json", of, measure)
     return {
-        "gait": {f"{f:g}": gait_row(found[f"gait {f:g} Hz"], found[f"gait {GAITS[0]:g} Hz"]) for f in GAITS},
+        "gait": gait_rows(found, ""),
+        "gait_trained": gait_rows(found, ", trained") if learned else {},
         "payload": {f"{load:g}": row(found["payload"], i) for i, load in enumerate(PAYLOADS)},
         "gain_and_lag": {
             f"{gain:g}, {1e3 * lag:g} ms": row(found["gain and lag"], i * len(LAGS) + k, against=PAPER_GAIN)
@@ -323,13 +361,6 @@ def run(
         "stance": {ground: margin_rows(found[f"stance, {ground}"]) for ground in ("flat", "rough")},
         "stances": {ground: found[f"stance, {ground}"] for ground in ("flat", "rough")},
     }
-
-
-def interval(values: Sequence[float | None] | np.ndarray) -> dict[str, Any]:
-    """Mean over policies and half width of its 95 % interval; of those that have a value, which stand there too."""
-    known = np.array([v for v in values if v is not None and np.isfinite(v)], dtype=float)
-    mean = float(known.mean()) if len(known) else float("nan")
-    return {"mean": mean, "half_width": half_width(known), "values": known.tolist()}
 
 
 def row(found: Mapping[str, Any], setting: int, *, against: int | None = None) -> dict[str, Any]:
@@ -356,6 +387,12 @@ def gait_row(found: Mapping[str, Any], first: Mapping[str, Any]) -> dict[str, An
     at = SPEEDS.index(0.5)
     change = interval(np.array(found["power"][at], dtype=float) - np.array(first["power"][at], dtype=float))
     return {"fastest": interval(fastest), "there": there, "by_speed": by_speed, "power_change": change}
+
+
+def gait_rows(found: Mapping[str, Mapping[str, Any]], kind: str) -> dict[str, Any]:
+    """Rows of all clocks, compared with the first of the same ``kind``: the end of the part's name."""
+    first = found[f"gait {GAITS[0]:g} Hz{kind}"]
+    return {f"{f:g}": gait_row(found[f"gait {f:g} Hz{kind}"], first) for f in GAITS}
 
 
 def margin_rows(found: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -385,12 +422,13 @@ def lines(found: Mapping[str, Any]) -> list[str]:
 
     gaits = [
         (
-            f"{f} Hz",
+            f"{f} Hz{kind}",
             ", ".join(f"{v:g}" for v in own["fastest"]["values"]),
             change(own),
             *(cell(own["by_speed"]["0.5"][n], d, k) for n, d, k in SHOWN),
         )
-        for f, own in found["gait"].items()
+        for rows, kind in ((found["gait"], ""), (found["gait_trained"], ", trained"))
+        for f, own in rows.items()
     ]
     names = [f"{name} [%]" if factor > 1.0 else name for name, _, factor in SHOWN]
     loads = [(f"{load} kg", *(cell(own[n], d, k) for n, d, k in SHOWN)) for load, own in found["payload"].items()]
@@ -426,9 +464,10 @@ SHOWN = (
 def picture(found: Mapping[str, Any], path: Path) -> None:
     """A panel for each part."""
     figure, ((left, right), (low, stand)) = panels((11, 8), 2, 2)
-    for k, (f, own) in enumerate(found["gait"].items()):
-        points = [(v + 0.012 * (k - 1), x) for v in SPEEDS for x in own["by_speed"][f"{v:g}"]["speed"]["values"]]
-        left.plot(*np.array(points).T, "o", markersize=3, label=f"{f} Hz, each policy")
+    for rows, mark, kind in ((found["gait"], ".", ""), (found["gait_trained"], "x", ", trained there")):
+        for k, (f, own) in enumerate(rows.items()):
+            points = [(v + 0.018 * (k - 1), x) for v in SPEEDS for x in own["by_speed"][f"{v:g}"]["speed"]["values"]]
+            left.plot(*np.array(points).T, mark, color=f"C{k}", markersize=4, label=f"{f} Hz{kind}, each policy")
     left.plot(SPEEDS, SPEEDS, color="0.6", linewidth=0.8)
     left.set(xlabel="commanded speed [m/s]", ylabel="speed [m/s]", title="gait")
     left.legend(fontsize=8)

@@ -18,6 +18,7 @@ from mrwarp.env.cfg import EnvCfg
 from mrwarp.options.json_file import read_json_file, shown
 from mrwarp.rl import checkpoint
 from mrwarp.rl.checkpoint import learned, task
+from mrwarp.rl.ppo_cfg import LearningCfg
 from mrwarp.rl.trainer import TrainCfg, Trainer
 from mrwarp.rl.warm_start import read_networks
 from mrwarp.run_dir import FolderError, claim, write_bytes, write_text
@@ -230,6 +231,46 @@ def _trainer(cfg: StudyCfg, plant: str, seed: int, run: Path, threads: int) -> T
         + (f" --start-from {cfg.start_from}" if cfg.start_from else ""),
     )
     return Trainer(train_cfg, resume=saved if saved.is_file() else None, start_from=begin)
+
+
+def settled(
+    env: EnvCfg, seed: int, updates: int, learning: LearningCfg, begin: Callable[[], Path | None], folder: Path,
+    command: str,
+) -> Path | None:  # fmt: skip
+    """Policy of a single training that is done in a folder, goes on there, or begins with another policy.
+
+    Args:
+        env: The task.
+        seed: Training seed.
+        updates: PPO updates in all.
+        learning: How fast the networks learn.
+        begin: Gives the file to begin with, or None after Ctrl-C; asked only where nothing is there to go on from.
+        folder: Folder of the training.
+        command: Command line that asks for it, for the record.
+
+    Returns:
+        The policy; None after Ctrl-C.
+
+    Raises:
+        ValueError: the folder holds a training of other choices, or it broke off.
+    """
+    policy, saved, start = folder / "policy.onnx", folder / "checkpoint.pt", None
+    if saved.is_file():
+        content = checkpoint.load(saved)
+        mine = {**checkpoint.task(env), "seed": seed}
+        theirs = {**content["task"], "seed": content["seed"]}
+        if mine != theirs or content["iteration"] > updates:
+            raise ValueError(f"{folder}: trained with other choices than asked for; name another --out")
+        if content["iteration"] == updates and policy.is_file():
+            return policy
+    elif (start := begin()) is None:
+        return None
+    train_cfg = TrainCfg(
+        env=env, out=folder, seed=seed, iterations=updates, until_gate=False, check_every=float("inf"),
+        learning=learning, command=command,
+    )  # fmt: skip
+    result = Trainer(train_cfg, resume=None if start else saved, start_from=start).run()
+    return None if result["stopped"] == "interrupted" else policy
 
 
 def _result(run: Path) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -178,7 +179,7 @@ def kept(path: Path, of: Mapping[str, Any], make: Callable[[], dict[str, Any]]) 
     """Figures that a file holds, or make them and write it: a study that was stopped goes on where it was.
 
     Args:
-        path: The file.
+        path: The file; it also keeps what making them took.
         of: The choices that the figures hang on; the file keeps them.
         make: Measures them.
 
@@ -186,8 +187,25 @@ def kept(path: Path, of: Mapping[str, Any], make: Callable[[], dict[str, Any]]) 
         ValueError: the file is damaged, or holds what other choices gave.
     """
     if not path.is_file():
-        write_text(path, json.dumps(plain({"of": of, "figures": make()}), indent=1) + "\n")
+        begun, figures = time.process_time(), make()
+        content = {"of": of, "figures": figures, "processor_seconds": time.process_time() - begun}
+        write_text(path, json.dumps(plain(content), indent=1) + "\n")
     found = read_json_file(path, "remove it to measure anew")
     if not isinstance(found, dict) or found.get("of") != plain(of):
         raise ValueError(f"{path}: measured with other choices than asked for; name another --out")
     return found["figures"]
+
+
+def spent(out: Path) -> dict[str, float]:
+    """What a study's folder took, over all calls that filled it.
+
+    Returns:
+        ``measuring``: processor seconds of all that :func:`kept` made; ``training``: seconds of the trainings.
+    """
+    found = {"measuring": 0.0, "training": 0.0}
+    for path in sorted(out.rglob("*.json")):
+        content = read_json_file(path, "remove it to measure anew")
+        if isinstance(content, dict) and path != out / "result.json":
+            found["measuring"] += content.get("processor_seconds", 0.0)
+            found["training"] += content.get("seconds", 0.0) if path.name == "result.json" else 0.0
+    return found

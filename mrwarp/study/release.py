@@ -25,9 +25,10 @@ from mrwarp.model_file import Effect, FittedOn, Model, Parameter
 from mrwarp.params import MrParams
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.runtime import panels, text_table
-from mrwarp.study.limits import ROBOT, LimitsCfg, by_setting, interval, settings, task, walk
+from mrwarp.study.limits import ROBOT, LimitsCfg, by_setting, settings, task, walk
 from mrwarp.study.plan import kept, policy_file
 from mrwarp.trials.power_meter import leg_channels
+from mrwarp.trials.statistics import interval
 from mrwarp.trials.walking import make_env
 from mrwarp.usd.robot import TROT_PHASE
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -30,6 +32,13 @@ def half_width(values: np.ndarray) -> float:
     """Half width of the 95 % interval of the mean (Student's t), shape (n,); 0 for one value."""
     n = len(values)
     return float(stats.t.ppf(0.975, n - 1) * values.std(ddof=1) / np.sqrt(n)) if n > 1 else 0.0
+
+
+def interval(values: Sequence[float | None] | np.ndarray) -> dict[str, Any]:
+    """Mean and half width of its 95 % interval (Student's t); of the values that are numbers, which stand there too."""
+    known = np.array([v for v in values if v is not None and np.isfinite(v)], dtype=float)
+    mean = float(known.mean()) if len(known) else float("nan")
+    return {"mean": mean, "half_width": half_width(known), "values": known.tolist()}
 
 
 def share(count: int, of: int) -> dict[str, float]:

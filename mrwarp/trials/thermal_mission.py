@@ -21,6 +21,7 @@ from mrwarp.enums import CurrentCommand, HoldCurrent
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.runtime import panels, text_table
 from mrwarp.trials.mission import MissionCfg, MissionError
+from mrwarp.trials.statistics import interval
 from mrwarp.trials.walk_trials import WalkBatch, WalkCfg, robot_env, standing_load
 from mrwarp.trials.walking import PAYLOAD_VARIANT, Policy, task_devices
 
@@ -117,7 +118,8 @@ def run(
         modes: Of :data:`MODES`.
 
     Returns:
-        ``modes`` by name, ``fixed_current`` [A] and ``need_95`` [N·m].
+        ``modes`` by name, ``fixed_current`` [A] and ``need_95`` [N·m]; ``slipped`` and ``short`` of a window with
+        devices as cold as they were identified, and ``ambient`` [K].
     """
     cold = _window(cfg, policy, "law", np.zeros(4), cfg.current, cfg.outbound_load, heat, electrical)
     need = float(np.quantile(cold.need, 0.95))
@@ -128,7 +130,8 @@ def run(
             cfg, policy, mode, need, electrical, heat, ambient,
             lambda share, k=k, mode=mode: report(MODES[mode], (k + share) / len(modes)),
         )  # fmt: skip
-    return {"modes": found, "fixed_current": fixed, "need_95": need, "ambient": ambient}
+    same = {"slipped": cold.slipped, "short": cold.short, "ambient": ambient}
+    return {"modes": found, "fixed_current": fixed, "need_95": need, **same}
 
 
 def _mission(
@@ -153,7 +156,8 @@ def _mission(
                 walked = _window(cfg, policy, mode, warm, limit, load, heat, electrical)
                 joints, seconds = walked.joints, cfg.distance / WINDOWS / walked.speed
                 figures = {"rise": float(now.fluid.mean()), "slipped": walked.slipped, "short": walked.short}
-                windows.append({"phase": phase, "t": elapsed, **figures, "coil": float(joints.coil.sum())})
+                heated = {"coil": float(joints.coil.sum()), "friction": float(joints.friction.sum())}
+                windows.append({"phase": phase, "t": elapsed, **figures, **heated})
             power = float(battery_power(joints, electrical).total)
             for _ in range(max(round(seconds / GO_ON), 1)):
                 step = seconds / max(round(seconds / GO_ON), 1)
@@ -240,33 +244,87 @@ def _window(
     )  # fmt: skip
 
 
+FIGURES = (
+    "rise", "yield_left", "safety_factor_left", "slipped", "slipped_at_the_end", "short", "coil_energy", "energy",
+)  # fmt: skip
+"""Figures of a mission that :func:`over` sums up."""
+
+
+def over(missions: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Sum up the missions of several policies: means, and half widths of 95 % intervals over the policies.
+
+    Args:
+        missions: What :func:`run` gave, by the policy's name; all in the same air, with the same modes.
+
+    Returns:
+        ``modes``: by name every figure of :data:`FIGURES`, ``used_up_after`` [s] of each policy, and what compensation
+        ``costs`` and changes, policy by policy; ``cold``: the window with cold devices; ``missions`` as they came.
+    """
+    every, modes = list(missions.values()), {}
+    for mode in every[0]["modes"]:
+        own = [m["modes"][mode] for m in every]
+        modes[mode] = {name: interval([m[name] for m in own]) for name in FIGURES}
+        modes[mode]["used_up_after"] = [m["used_up_after"] for m in own]
+        plain = mode.removesuffix("_compensated")
+        if mode != plain and plain in every[0]["modes"]:
+            modes[mode]["against_plain"] = {
+                name: interval([m["modes"][mode][name] - m["modes"][plain][name] for m in every]) for name in FIGURES
+            }
+    alike = {name: interval([m[name] for m in every]) for name in ("fixed_current", "need_95")}
+    cold = {name: interval([m[name] for m in every]) for name in ("slipped", "short")}
+    return {"modes": modes, "cold": cold, **alike, "ambient": every[0]["ambient"], "missions": missions}
+
+
 def lines(found: Mapping[str, Any]) -> list[str]:
-    """The table."""
-    rows = []
+    """The tables of :func:`over`."""
+    many = len(found["missions"]) > 1
+
+    def cell(value: Mapping[str, Any], form: str, factor: float = 1.0, sign: str = "") -> str:
+        mean = f"{factor * value['mean']:{sign}{form}}"
+        return f"{mean} ± {factor * value['half_width']:{form}}" if many else mean
+
+    rows, costs = [], []
     for mode, m in found["modes"].items():
-        gone = "not" if m["used_up_after"] is None else f"{m['used_up_after'] / 60:.0f} min"
+        gone = [t / 60.0 for t in m["used_up_after"] if t is not None]
+        when = f"{min(gone):.0f} to {max(gone):.0f} min" if gone else ""
+        used = "not" if not gone else when if len(gone) == len(found["missions"]) else f"{when}, {len(gone)} of them"
         rows.append((
-            MODES[mode], f"{m['rise']:.1f}", f"{m['yield_left']:.1%}", f"{m['safety_factor_left']:.2f}", gone,
-            f"{m['slipped']:.1%}", f"{m['short']:.1%}", f"{m['coil_energy'] / 3600:.2f}", f"{m['energy'] / 3600:.1f}",
+            MODES[mode], cell(m["rise"], ".1f"), cell(m["yield_left"], ".1f", 100.0),
+            cell(m["safety_factor_left"], ".3f"), used, cell(m["slipped"], ".1f", 100.0),
+            cell(m["short"], ".1f", 100.0), cell(m["coil_energy"], ".2f", 1.0 / 3600.0),
+            cell(m["energy"], ".1f", 1.0 / 3600.0),
         ))  # fmt: skip
-    head = ("holding current", "rise [K]", "yield left", "factor left", "used up", "holds that slip",
-            "time below need", "coils [W·h]", "battery [W·h]")  # fmt: skip
+        if change := m.get("against_plain"):
+            costs.append((
+                MODES[mode], cell(change["coil_energy"], ".3f", 1.0 / 3600.0, "+"),
+                cell(change["energy"], ".2f", 1.0 / 3600.0, "+"), cell(change["slipped"], ".2f", 100.0, "+"),
+                cell(change["short"], ".2f", 100.0, "+"),
+            ))  # fmt: skip
+    head = ("holding current", "rise [K]", "yield left [%]", "factor left", "used up", "holds that slip [%]",
+            "time below need [%]", "coils [W·h]", "battery [W·h]")  # fmt: skip
+    names = ("compensation against none", "coils [W·h]", "battery [W·h]", "holds that slip [points]",
+             "time below need [points]")  # fmt: skip
+    cold = cell(found["cold"]["slipped"], ".1f", 100.0)
     return [
-        f"air {found['ambient']:g} K above the identification; fixed support current {found['fixed_current']:.2f} A "
-        f"for {found['need_95']:.1f} N·m (95 % of the cold need)",
+        f"air {found['ambient']:g} K above the identification; fixed support current "
+        f"{cell(found['fixed_current'], '.2f')} A for {cell(found['need_95'], '.1f')} N·m (95 % of the cold need)",
+        f"with devices as warm as at their identification {cold} % of the law's holds slip",
         *text_table(head, rows),
+        *(["", *text_table(names, costs)] if costs else []),
     ]
 
 
 def picture(found: Mapping[str, Any], path: Path) -> None:
-    """Device temperature, yield that is left, and coils over time."""
+    """Device temperature, yield that is left, and coils over time; a line for each mode and policy."""
     figure, ((left, middle, right),) = panels((13, 3.8), columns=3)
-    for mode, m in found["modes"].items():
-        t = np.array(m["trace"]["t"]) / 60.0
-        style = "--" if mode.endswith("compensated") else "-"
-        left.plot(t, m["trace"]["rise"], style, label=MODES[mode])
-        middle.plot(t, 1.2 * np.array(m["trace"]["strength"]) if style == "-" else np.full(len(t), 1.2), style)
-        right.plot(t, m["trace"]["coil"], style)
+    for k, mission in enumerate(found["missions"].values()):
+        for i, (mode, m) in enumerate(mission["modes"].items()):
+            t = np.array(m["trace"]["t"]) / 60.0
+            style = {"linestyle": "--" if mode.endswith("compensated") else "-", "color": f"C{i}", "linewidth": 1.1}
+            left.plot(t, m["trace"]["rise"], **style, label=MODES[mode] if k == 0 else None)
+            whole = np.full(len(t), 1.2) if mode.endswith("compensated") else 1.2 * np.array(m["trace"]["strength"])
+            middle.plot(t, whole, **style)
+            right.plot(t, m["trace"]["coil"], **style)
     middle.axhline(1.0, color="black", linewidth=0.8)
     left.set(xlabel="time [min]", ylabel="device above air [K]")
     middle.set(xlabel="time [min]", ylabel="safety factor left")

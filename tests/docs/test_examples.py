@@ -51,6 +51,7 @@ NOT_RUN = {
     "mrwarp reproduce predictions": "minutes; tests/reproduce/test_predictions.py",
     "mrwarp reproduce table4": "minutes; tests/reproduce/test_headlines.py",
     "mrwarp reproduce docs": "writes into a checkout; tests/reproduce/test_pages.py",
+    "mrwarp mission --thermal --ambient": "minutes; tests/trials/test_thermal_mission.py",
     "mrwarp study current": "hours; tests/study",
     "mrwarp study pushes": "minutes; tests/study/test_pushes.py",
     "mrwarp study limits": "minutes; tests/study/test_limits.py",

@@ -1,5 +1,6 @@
 """A device's health over calibration records: the share that is left, false alarms, and what is refused."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,9 @@ import pytest
 from mrwarp.cli import main
 from mrwarp.identify.monitor import MonitorCfg, judge, monitor
 from mrwarp.recording.load import RecordingError, save_recording
+from mrwarp.study import ageing
 from mrwarp.study.ageing import AgeingCfg, calibrations, lines, run
+from mrwarp.study.plan import spent
 
 NAMES = tuple(f"day-{k:03d}" for k in range(240))
 
@@ -56,8 +59,18 @@ def test_what_is_no_series_of_records_is_refused(tmp_path: Path, capsys: pytest.
         MonitorCfg(baseline=2)
 
 
-def test_the_study_counts_false_alarms_and_delays(capsys: pytest.CaptureFixture[str]) -> None:
-    """A short study: two healthy days, one loss of a half, noticed at once."""
-    found = run(AgeingCfg(devices=1, days=2, losses=(0.5,), follow=2, monitor=MonitorCfg(baseline=6, horizon=5)))
+def test_the_study_counts_false_alarms_and_delays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two healthy days, one loss of a half, noticed at once; a device in the folder is not followed again."""
+    cfg = AgeingCfg(devices=1, days=2, losses=(0.5,), follow=2, monitor=MonitorCfg(baseline=6, horizon=5))
+    found = run(cfg, tmp_path)
     assert found["losses"]["0.5"]["records"] == [1] and len(found["healthy"]["alarms"]) == 1
     assert "noticed" in lines(found)[1]
+    assert spent(tmp_path)["measuring"] > 0.0 == spent(tmp_path)["training"]
+    monkeypatch.setattr(ageing, "follow", lambda _, device, __: {
+        "alarms": {"yield": 3}, "losses": {"0.5": {"records": None, "told": 0.0}}, "series": {},
+    })  # fmt: skip
+    more = run(replace(cfg, devices=2), tmp_path)
+    assert more["losses"]["0.5"]["records"] == [1, None] and more["losses"]["0.5"]["noticed"]["share"] == 0.5
+    assert more["healthy"]["share"]["share"] == 0.5 * (1 + bool(found["healthy"]["alarms"][0]))
+    with pytest.raises(ValueError, match="other choices"):
+        run(replace(cfg, days=3), tmp_path)

@@ -61,11 +61,13 @@ def test_seeds_without_a_shipped_policy_begin_with_a_training(tmp_path: Path, mo
     """Seed 3 of MR_Go-SAL is settled from the explicit policy, once for all arms; seed 0 and Go1 begin as shipped."""
     trained = []
 
-    def run(env: EnvCfg, seed: int, updates: int, learning: object, begin: Callable[[], Path], folder: Path) -> Path:
+    def run(
+        env: EnvCfg, seed: int, updates: int, learning: object, begin: Callable[[], Path], folder: Path, _: str
+    ) -> Path:
         trained.append((folder.name, env.sim.num_envs, env.rewards.power, updates, begin().name))
         return folder / "policy.onnx"
 
-    monkeypatch.setattr(currents, "_train", run)
+    monkeypatch.setattr(currents, "settled", run)
     cfg = CurrentsCfg()
     assert currents._begin(cfg, "none", 3, tmp_path) == policy_file(ENERGY, "go1", 3)
     assert currents._begin(cfg, "fixed", 0, tmp_path) == policy_file(ENERGY, "mr_go_sal", 0)

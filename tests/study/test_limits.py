@@ -113,6 +113,14 @@ def test_what_is_in_the_folder_is_not_done_again(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(
         release, "measure", lambda *_: done.append(cases) or {**made_up(cases), "drag": [[0.1]] * cases}
     )
+    trained: list[float] = []
+
+    def settled(env: Any, seed: int, updates: int, _: object, begin: Any, folder: Path, __: str) -> Path:
+        trained.append(env.gait_frequency)
+        assert updates in (7, 8) and env.commands.v_x == limits.LEARNED and folder.parent.name == "trained"
+        return begin()
+
+    monkeypatch.setattr(limits, "settled", settled)
     for study, jobs in (("limits", 8), ("release", 1)):
         line = ["study", study, "--seeds", "0", "--out", str(tmp_path / study)]
         assert main(line) == 0 and len(done) == jobs
@@ -122,6 +130,11 @@ def test_what_is_in_the_folder_is_not_done_again(tmp_path: Path, monkeypatch: py
         )
         assert main([*line, "--trials", "7"]) == 2 and main([*line, "--seeds", "99"]) == 2 and len(done) == jobs
         done.clear()
+    line = ["study", "limits", "--seeds", "0", "--train", "7", "--out", str(tmp_path / "limits")]
+    assert main(line) == 0 and len(done) == len(limits.GAITS) and trained == list(limits.GAITS)
+    found = json.loads((tmp_path / "limits" / "result.json").read_text())
+    assert list(found["gait_trained"]) == ["1.5", "2", "2.5"] and found["took"]["measuring"] > 0.0
+    assert main([*line[:-3], "8", *line[-2:]]) == 2, "trained for 7 updates"
 
 
 @pytest.mark.slow

@@ -75,6 +75,10 @@ def test_the_command_writes_table_and_picture(tmp_path: Path, capsys: pytest.Cap
     found = json.loads((tmp_path / "result.json").read_text())
     assert list(found["modes"]) == list(thermal_mission.MODES) and found["ambient"] == 20.0
     assert (tmp_path / "thermal.png").stat().st_size > 0
+    assert list(found["missions"]) == ["seed 0", "seed 1", "seed 2"]
+    law = found["missions"]["seed 0"]["modes"]["law"]
+    rise = found["modes"]["law"]["rise"]
+    assert rise["values"] == [law["rise"]] * 3 and rise["half_width"] == pytest.approx(0.0)
     for wrong in (["--ambient", "20"], ["--thermal", "--feedback"], ["--thermal", "--current-by", "scheduled"]):
         assert main(["mission", *wrong, "--out", str(tmp_path / "no")]) == 2
     assert not (tmp_path / "no").exists()
