@@ -22,7 +22,7 @@ charge falls by ``V*I*t/capacity``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -32,6 +32,10 @@ from mrwarp.usd.robot import CALF_COLUMNS
 
 NAME_PLATE = 129.6
 """Energy on Go1's name plate [W·h]: 21.6 V x 6 Ah, as usually quoted."""
+
+GO1_LIMIT = 23.7
+"""Torque limit of Go1's hips and thighs, whose motors the model was calibrated on [N·m]; its calves' have the same
+motor behind another gear. Source: unitree_go1 of MuJoCo Menagerie."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,6 +149,19 @@ def copper_factor(cfg: ElectricalCfg, rise: np.ndarray | float = 0.0, joints: in
         gear[list(CALF_COLUMNS)] = cfg.calf_gear
     warm = 1.0 + cfg.copper_coefficient * np.asarray(rise)
     return 1.5 * cfg.winding_resistance * warm / (gear * cfg.torque_constant) ** 2
+
+
+def copper_as_go1(limits: np.ndarray, power: float, cfg: ElectricalCfg) -> np.ndarray:
+    """Copper loss per torque squared of motors as good as Go1's [W/(N·m)^2], shape (J,).
+
+    At its joint's torque limit each loses what Go1's does at its own, times the robot's power beside Go1's.
+
+    Args:
+        limits: Torque limits of the joints [N·m], shape (J,).
+        power: Mass times speed of the robot beside Go1's [1].
+        cfg: Numbers of Go1's motors.
+    """
+    return power * copper_factor(replace(cfg, calf_gear=1.0), joints=len(limits)) * (GO1_LIMIT / limits) ** 2
 
 
 def copper(joints: JointLoad, cfg: ElectricalCfg, rise: np.ndarray | float = 0.0) -> np.ndarray:

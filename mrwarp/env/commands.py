@@ -17,7 +17,6 @@ from typing import Any
 import torch
 import warp as wp
 
-from mrwarp.energy.power import ElectricalCfg, copper_factor
 from mrwarp.enums import CurrentCommand
 from mrwarp.env.rng import COMMAND, STEP, between, place
 from mrwarp.env.state import WalkState
@@ -152,12 +151,15 @@ def effort_kernel(
     phase_out[env] = phase - wp.floor(phase)
 
 
-def take_actions(s: WalkState, scale: float, winding_resistance: float) -> Launch:
-    """What writes joint targets from ``s.actions``, ``scale`` [rad] for each; motors as of the resistance [Ohm]."""
+def take_actions(s: WalkState, scale: float, copper: wp.array) -> Launch:
+    """What writes joint targets from ``s.actions``, ``scale`` [rad] for each.
+
+    ``copper``: loss of each motor per torque squared [W/(N·m)^2], shape (J,).
+    """
     return record(
         action_kernel,
         len(s.q),
-        [scale, s.default_q, _copper(s, winding_resistance), s.actions, s.qd, s.ledger],
+        [scale, s.default_q, copper, s.actions, s.qd, s.ledger],
         [s.action, s.last_action, s.q_des, s.last_qd, s.spent],
     )
 
@@ -235,17 +237,14 @@ def command_current(s: WalkState, command: CurrentCommand, params: wp.array, joi
     return [record(current_kernel, len(s.q), [*inputs, *arrays], [s.current_command])]
 
 
-def account(s: WalkState, winding_resistance: float, step_dt: float, gait_frequency: float) -> Launch:
-    """What ends a policy step of ``step_dt`` [s]: effort, power, the gait clock [Hz] and the count of policy steps."""
+def account(s: WalkState, copper: wp.array, step_dt: float, gait_frequency: float) -> Launch:
+    """What ends a policy step of ``step_dt`` [s]: effort, power, the gait clock [Hz] and the count of policy steps.
+
+    ``copper``: loss of each motor per torque squared [W/(N·m)^2], shape (J,).
+    """
     return record(
         effort_kernel,
         len(s.q),
-        [gait_frequency * step_dt, step_dt, _copper(s, winding_resistance), s.ledger, s.spent, s.phase],
+        [gait_frequency * step_dt, step_dt, copper, s.ledger, s.spent, s.phase],
         [s.effort, s.power, s.phase, s.key],
     )
-
-
-def _copper(s: WalkState, winding_resistance: float) -> wp.array:
-    """Copper loss per torque squared of each motor [W/(N·m)^2]."""
-    factor = copper_factor(ElectricalCfg(winding_resistance=winding_resistance), joints=s.q.shape[1])
-    return wp.array(factor, dtype=float, device=str(s.q.device))

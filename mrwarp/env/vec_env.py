@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import numpy as np
 import torch
 import warp as wp
 from rsl_rl.env import VecEnv
@@ -13,6 +14,7 @@ from tensordict import TensorDict
 
 from mrwarp.actuator.mr_actuator import PROPERTIES
 from mrwarp.actuator.residual import LearnedTorque, with_bouc_wen
+from mrwarp.energy.power import ElectricalCfg, copper_as_go1, copper_factor
 from mrwarp.enums import CurrentCommand
 from mrwarp.env import commands, events, gait, observations, rewards, terminations
 from mrwarp.env.cfg import LEARNED, EnvCfg
@@ -27,6 +29,7 @@ from mrwarp.kernels.launch import Launch
 from mrwarp.nn import network_file
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import RobotAsset, load_robot, with_model
+from mrwarp.usd.robot import MR_GO
 
 
 class WalkEnv(VecEnv):
@@ -159,9 +162,10 @@ class WalkEnv(VecEnv):
             ground = [terrain.heights(s, legs, mask)] if terrain else []
             return [*ground, gait.derive(s, mask, self.contact_force, legs)]
 
-        self._take_actions = commands.take_actions(s, cfg.action_scale, cfg.rewards.winding_resistance)
+        copper = wp.array(self._copper(), dtype=float, device=str(self.sim.device))
+        self._take_actions = commands.take_actions(s, cfg.action_scale, copper)
         self._command_current = commands.command_current(s, cfg.current, actuator.params, actuator.joint_of)
-        self._account = commands.account(s, cfg.rewards.winding_resistance, cfg.step_dt, cfg.gait_frequency)
+        self._account = commands.account(s, copper, cfg.step_dt, cfg.gait_frequency)
         self._push = events.push(s, cfg.randomize, cfg.step_dt)
         self._derive = derive(everywhere)
         self._reward = rewards.reward(s, cfg.rewards, cfg.step_dt, legs)
@@ -261,6 +265,13 @@ class WalkEnv(VecEnv):
         """Copies of what actor and critic see."""
         s = self.arrays
         return TensorDict({"actor": s.actor.clone(), "critic": s.critic.clone()}, batch_size=[self.num_envs])
+
+    def _copper(self) -> np.ndarray:
+        """Copper loss of each motor per torque squared [W/(N·m)^2], shape (J,)."""
+        cfg, actuators = ElectricalCfg(winding_resistance=self.cfg.rewards.winding_resistance), self.sim.scene.actuators
+        if self.layout == MR_GO:
+            return copper_factor(cfg)
+        return copper_as_go1(np.array([actuator.tau_limit for actuator in actuators]), self.scales.power, cfg)
 
     def _set_gains(self, kp: float, kd: float) -> None:
         """Give all motors these gains; those with a device keep their low gain while holding."""

@@ -10,17 +10,13 @@ from typing import Any
 import numpy as np
 import torch
 
-from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power, cost_of_transport
+from mrwarp.energy.power import GO1_LIMIT, ElectricalCfg, JointLoad, battery_power, cost_of_transport
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.env.natural_units import Scales
 from mrwarp.runtime import panels, text_table
 from mrwarp.trials.power_meter import MotionMeter, PowerMeter
 from mrwarp.trials.statistics import spread
 from mrwarp.trials.walking import Policy, make_env, same_starts
-
-GO1_LIMIT = 23.7
-"""Torque limit of Go1's hips and thighs, whose motors the energy model was calibrated on [N·m]; its calves' have the
-same motor behind another gear. Source: unitree_go1 of MuJoCo Menagerie."""
 
 PATIENCE, WARMUP = 2.0, 2.0
 """A trial fails when it takes this many times ``distance/speed``; walking before it is measured [s]."""

@@ -1,5 +1,6 @@
 """A robot from MJCF to a USD file that the task takes: legs, stance, scales, devices, refusals."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -123,6 +124,16 @@ def test_the_task_scales_with_the_robot(beast: RobotAsset) -> None:
     assert scaled.commands.v_x[1] == pytest.approx(cfg.commands.v_x[1] * length**0.5)
     assert scaled.rewards.effort == pytest.approx(cfg.rewards.effort / (by.mass * length) ** 2)
     assert in_natural_units(cfg, robot_scene()) is cfg
+
+
+def test_power_has_its_price_with_the_robots_own_motors(beast: RobotAsset) -> None:
+    """Motors of 30 N·m lose there what Go1's do at 23.7, times the robot's power; their work is as it is."""
+    env = WalkEnv(replace(make_walk_cfg(num_envs=4, robot=str(beast.path)), decimation=1))
+    factor = env.scales.power * 1.5 * 0.128 / 0.639**2 * (23.7 / 30.0) ** 2
+    env.step(torch.full((4, 12), 0.5))
+    tau, qd = env.view(env.actuator.tau_motor), env.qd  # one torque step, after which the ledger counts
+    expected = (factor * tau.square() + tau * qd).sum(1)
+    torch.testing.assert_close(env.power, expected, rtol=1e-3, atol=1e-2)
 
 
 def test_devices_go_onto_any_joint_and_off_again(beast: RobotAsset, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mrwarp.cli import main
-from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power
+from mrwarp.energy.power import GO1_LIMIT, ElectricalCfg, JointLoad, battery_power
 from mrwarp.env.natural_units import Scales
 from mrwarp.trials import own_robot
 
@@ -28,7 +28,7 @@ def test_a_robot_as_go1_but_larger_uses_power_in_proportion() -> None:
     assert by.power == pytest.approx(power)
     small = battery_power(load(5.0, 2.0, 4.0), cfg).total
     large = load(16.0 * 5.0, 2.0 / np.sqrt(2.0), power * 4.0)
-    own = battery_power(own_robot.as_go1(large, np.full(3, 16.0 * own_robot.GO1_LIMIT), by), cfg).total
+    own = battery_power(own_robot.as_go1(large, np.full(3, 16.0 * GO1_LIMIT), by), cfg).total
     assert own == pytest.approx(small)
 
 
