@@ -113,8 +113,8 @@ class RecordLog(Options):
     """rows per second"""
     current: Annotated[float, opt.one(opt.coil_current, "A")] = 1.5
     """current that the devices may use"""
-    speed: Annotated[tuple[float, ...], opt.some(opt.forward_speed, "V")] = (0.2, 0.6)
-    """least and largest commanded forward speed [m/s]"""
+    speed: Annotated[tuple[float, ...], opt.some(opt.forward_speed, "V")] = ()
+    """least and largest commanded forward speed [m/s] (default: 0.2 0.6, of another robot in proportion to its size)"""
     tau: Literal["estimate", "measured", "command", "none"] = "estimate"
     """what the torque columns are"""
     noise: Annotated[float, opt.one(opt.within(0.0, 10.0, ""), "X")] = 1.0
@@ -162,8 +162,10 @@ class RecordLog(Options):
         """What the options ask for, with the defaults that depend on the robot."""
         from mrwarp.resources import DEFAULT_POLICY
         from mrwarp.robot_logs.virtual.record_log import LogCfg
+        from mrwarp.usd.asset import ROBOT_SUFFIXES, load_robot
 
-        legged = self.robot in ("mr_go", "go1") or Path(self.robot).suffix in (".usda", ".usdc", ".usd")
+        usd = self.robot in ("mr_go", "go1") or Path(self.robot).suffix in ROBOT_SUFFIXES
+        legged = usd and bool(load_robot(robot=self.robot).layout.legs)
         policy = self.policy or (DEFAULT_POLICY if self.robot in ("mr_go", "go1") else None)
         walk = (("walk", 35.0),) if policy else (("lean", 35.0),)
         motions = self.motion or ((("stand", 10.0), ("squat", 15.0), *walk) if legged else ARM)
@@ -174,7 +176,7 @@ class RecordLog(Options):
         return LogCfg(
             **self.chosen("robot", "hide", "rate", "current", "tau", "noise", "leave_out", "motion_capture", "seed"),
             policy=policy, motions=motions, session=self.session_offset, kind=self.format,
-            speeds=(min(self.speed), max(self.speed)),
+            speeds=(min(self.speed), max(self.speed)) if self.speed else None,
         )  # fmt: skip
 
 

@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 
 from mrwarp.cli import main
+from mrwarp.env.natural_units import Scales
 from mrwarp.resources import DEFAULT_POLICY
+from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.virtual.hidden_effects import EFFECTS, Places, parse_all, parse_hidden
+from mrwarp.robot_logs.virtual.motions import Walk, make_motion
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
+from mrwarp.robot_logs.virtual.true_robot import describe
 from tests.robot_logs.arm_log import ARM, JOINTS
 
 PLACES = Places(
@@ -147,3 +151,27 @@ def test_an_arm_is_recorded_from_its_mjcf(tmp_path: Path) -> None:
     assert log.base == "fixed" and log.joints == JOINTS and log.kp.min() > 0.0 and "kp" not in run.joint
     moved, asked = (np.ptp(run.joint[channel], axis=0) for channel in ("q", "q_des"))
     assert np.all(moved > 0.2 * asked) and np.all(moved < 2.0 * asked)
+
+
+def test_an_imported_arm_is_recorded(tmp_path: Path) -> None:
+    """With the gains that stand in its USD file, and the same joints; it stands on no feet."""
+    (tmp_path / "arm.xml").write_text(ARM)
+    out, log = str(tmp_path / "arm.usda"), str(tmp_path / "log")
+    choices = ["--torque-limit", "*=30", "--kp", "*=50", "--unlimited", "*"]
+    assert main(["robot", "import", str(tmp_path / "arm.xml"), "--out", out, *choices]) == 0
+    assert main(["log", "record", "--robot", out, "--motion", "chirp=2", "--out", log]) == 0
+    found = load_log(tmp_path / "log")
+    assert found.base == "fixed" and found.joints == JOINTS and found.kp.tolist() == [50.0] * len(JOINTS)
+    assert np.all(np.ptp(found.runs[0].joint["q"], axis=0) > 0.05)
+    assert main(["log", "record", "--robot", out, "--motion", "squat=2", "--out", log, "--overwrite"]) == 2
+
+
+def test_a_large_robot_walks_by_its_own_clock() -> None:
+    """Twice as high: strides, speeds and turns in its units, as it was trained."""
+    d = describe("mr_go")
+    d.scales = Scales(length=2.0)
+    motion = make_motion("walk", d, np.random.default_rng(1), 3.0, OnnxPolicy(DEFAULT_POLICY), None)
+    assert isinstance(motion, Walk)
+    assert motion.frequency == pytest.approx(1.5 / 2**0.5) and motion.speeds == pytest.approx(
+        (0.2 * 2**0.5, 0.6 * 2**0.5)
+    )

@@ -67,14 +67,15 @@ class Walk:
     """A policy at commanded speeds; its observations are those of :mod:`mrwarp.env.observations`."""
 
     def __init__(
-        self, d: Description, policy: OnnxPolicy, rng: np.random.Generator, speeds: tuple[float, float]
+        self, d: Description, policy: OnnxPolicy, rng: np.random.Generator, speeds: tuple[float, float] | None
     ) -> None:
         assert d.layout is not None
         task = policy.description.get("task", {})
         self.policy, self.neutral = policy, d.neutral
         self.scale, self.period = float(task.get("action_scale", 0.25)), float(task.get("step_dt", 0.02))
-        self.frequency = float(task.get("gait_frequency", 1.5))
-        self.rng, self.speeds = rng, speeds
+        self.frequency = float(task.get("gait_frequency", 1.5)) / d.scales.time
+        self.rng, self.turns = rng, 0.2 / d.scales.time
+        self.speeds = speeds or (0.2 * d.scales.speed, 0.6 * d.scales.speed)
         self.action, self.next, self.turn = np.zeros(len(d.joints)), 0.0, 0.0
         self.command, self.phase = np.zeros(3), float(rng.uniform())
 
@@ -82,7 +83,7 @@ class Walk:
         """Targets of the policy, held over its period."""
         if seen.t >= self.turn - 1e-9:
             self.turn += 4.0
-            self.command = np.array([self.rng.uniform(*self.speeds), 0.0, self.rng.uniform(-0.2, 0.2)])
+            self.command = np.array([self.rng.uniform(*self.speeds), 0.0, self.rng.uniform(-self.turns, self.turns)])
         if seen.t >= self.next - 1e-9:
             angle = 2.0 * math.pi * (self.phase + self.frequency * self.next)
             obs = np.concatenate([
@@ -172,7 +173,7 @@ class Swing:
 
 def make_motion(
     name: str, d: Description, rng: np.random.Generator, seconds: float, policy: OnnxPolicy | None,
-    speeds: tuple[float, float],
+    speeds: tuple[float, float] | None,
 ) -> Motion:  # fmt: skip
     """A motion of :data:`HELP`."""
     if name == "walk":
@@ -180,13 +181,12 @@ def make_motion(
         return Walk(d, policy, rng, speeds)
     if name in AIR:
         return Swing(d, rng, seconds, name)
-    return Pose(d, _path(name, rng))
+    return Pose(d, _path(name, rng, STAND_HEIGHT * d.scales.length))
 
 
-def _path(name: str, rng: np.random.Generator) -> Callable[[float], np.ndarray]:
-    """Movement of the trunk of a robot as large as the shipped one: x, y, z [m], roll, pitch [rad]."""
+def _path(name: str, rng: np.random.Generator, size: float) -> Callable[[float], np.ndarray]:
+    """Movement of the trunk of a robot whose stance is ``size`` [m] high: x, y, z [m], roll, pitch [rad]."""
     phase = rng.uniform(0.0, 2.0 * np.pi, 5)
-    size = STAND_HEIGHT
 
     def still(_: float) -> np.ndarray:
         return np.zeros(5)

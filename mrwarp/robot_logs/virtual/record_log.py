@@ -49,8 +49,8 @@ class LogCfg:
     """Rows per second: a multiple of 50."""
     current: float = 1.5
     """Current that the devices may use [A]."""
-    speeds: tuple[float, float] = (0.2, 0.6)
-    """Commanded forward speeds [m/s]."""
+    speeds: tuple[float, float] | None = None
+    """Commanded forward speeds [m/s]; None: 0.2 to 0.6 of the shipped robot, in the robot's own units."""
     tau: TauIs = "estimate"
     noise: float = 1.0
     session: float = 0.004

@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from mrwarp.env.natural_units import Scales, scales
 from mrwarp.env.sim_model import build_scene, shape_name
 from mrwarp.params import MrParams
 from mrwarp.robot_logs.robot_log import LogError
@@ -74,6 +75,8 @@ class Description:
     devices: tuple[Device, ...] = ()
     feet: tuple[str, ...] = ()
     """Shape of each leg's foot."""
+    scales: Scales = field(default_factory=Scales)
+    """Size of a robot on legs beside the shipped one's."""
 
     @property
     def places(self) -> Places:
@@ -109,11 +112,9 @@ def describe(robot: str) -> Description:
 
 def _described_usd(robot: str) -> Description:
     asset = load_robot(robot=robot)
-    if not asset.layout.legs:
-        raise LogError(f"{robot}: has no legs; of an arm name the MJCF or URDF that it was imported from")
     kept: list[mujoco.MjSpec] = []
     with silent():
-        build_scene(asset, dt=STEP, ground=False, edit=lambda spec: kept.append(spec.copy()))
+        scene = build_scene(asset, dt=STEP, ground=False, edit=lambda spec: kept.append(spec.copy()))
     spec, layout = kept[0], asset.layout
     drives = asset.actuators
     root = next((b.name.removesuffix(layout.trunk) for b in spec.bodies if b.name.endswith(f"_{layout.trunk}")), "")
@@ -125,14 +126,21 @@ def _described_usd(robot: str) -> Description:
     for joint in spec.joints:
         joint.name = next((a.joint for a in drives if joint.name.endswith("_" + a.joint)), joint.name)
     feet = tuple(next(g.name for g in spec.geoms if shape_name(g.name) == leg.foot) for leg in layout.legs)
-    trunk = next(j.parent.name for j in spec.joints if j.type == mujoco.mjtJoint.mjJNT_FREE)
+    floats = (j.parent.name for j in spec.joints if j.type == mujoco.mjtJoint.mjJNT_FREE)
+    trunk = next(floats, None) or _bearer(spec.joint(drives[0].joint)).name
     legs = [next((k for k, leg in enumerate(layout.legs) if a.joint in leg.joints), 0) for a in drives]
     return Description(
         path=Path(robot), spec=spec, joints=tuple(a.joint for a in drives), kp=np.array([a.kp for a in drives]),
         kd=np.array([a.kd for a in drives]), limit=np.array([a.tau_limit for a in drives]),
-        neutral=np.array([layout.neutral[a.joint] for a in drives]), trunk=trunk, layout=layout, feet=feet,
+        neutral=np.array([layout.neutral[a.joint] for a in drives]), trunk=trunk, feet=feet,
+        layout=layout if feet else None, scales=scales(scene) if feet else Scales(),
         devices=tuple(Device(joint=j, leg=legs[j], params=a.mr) for j, a in enumerate(drives) if a.mr is not None),
     )  # fmt: skip
+
+
+def _bearer(joint: mujoco.MjsJoint) -> mujoco.MjsBody:
+    """The body before that of a joint."""
+    return joint.parent.parent
 
 
 def _described_arm(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> Description:
