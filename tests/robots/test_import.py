@@ -290,7 +290,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("play --robot {three} --policy {policy} --png {png}", ("12 joints", "beast.usda has 9", "mrwarp train")),
         ("train --robot {arm}", ("arm.usda", "no legs to walk with", "--agent sine")),
         ("walk --robot {arm} --policy {policy}", ("arm.usda", "no legs to walk with", "mrwarp impact")),
-        ("log record --robot {arm}", ("arm.usda", "no legs", "MJCF or URDF")),
+        ("log record --robot {arm} --motion walk=5", ("arm.usda", "stands on no feet", "chirp, slow, steps")),
     ],
 )
 def test_a_robot_that_does_not_fit_is_refused_at_once(
