@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,9 @@ GEOMS = {
 }
 """Kinds of geoms that are taken over, and as what."""
 
+SPLIT = 0.01
+"""Share of a body's mass and inertia that each link has which is put between two of its joints."""
+
 STANCES = ("home", "stand", "standing", "default")
 """Names of keyframes that are a stance; without one of them the first is taken."""
 
@@ -55,7 +59,7 @@ def read_robot(path: Path, meshes: Meshes | None = None) -> ForeignRobot:
         meshes: Where a URDF's meshes are, or that all are left out.
 
     Raises:
-        RobotFileError: it cannot be read, has no bodies, two trunks, or several joints between two bodies.
+        RobotFileError: it cannot be read, has no bodies, two trunks, or a planar base.
         AssetError: as USD it cannot be opened.
     """
     if not path.is_file():
@@ -232,8 +236,10 @@ class _Compiled:
     def robot(self) -> ForeignRobot:
         """Bodies, joints, shapes, couplings and notes.
 
+        Between the joints of one body links are put that have a part of its mass.
+
         Raises:
-            RobotFileError: there are several joints between two bodies.
+            RobotFileError: the base slides.
         """
         model = self.model
         own = [i for i in range(model.nbody) if self.owner[i] == i]
@@ -242,22 +248,33 @@ class _Compiled:
         if not self.floating:  # the root is what bears the first moving body
             bearer = int(model.body_parentid[own[1]])
             labels[0] = self.labels[bearer] if bearer else "base"
-        bodies = [self._body(i, name) for i, name in zip(own, prim_names(labels), strict=True)]
-        moving = [i for i in own if i != self.root]
-        for i in moving:
-            if (count := model.body_jntnum[i]) > 1:
-                own = range(first := model.body_jntadr[i], first + count)
-                planar = not model.body_parentid[i] and any(self._kind(j) != mujoco.mjtJoint.mjJNT_HINGE for j in own)
-                raise RobotFileError(
-                    f"{self.path}: body {self.labels[i]} has {count} joints, "
-                    f"{', '.join(self.joint_labels[j] for j in own)}; "
-                    + ("put a <freejoint/> in their place" if planar else "put a body with mass between each two")
-                )
-        names = dict(zip(moving, prim_names([self.joint_labels[model.body_jntadr[i]] for i in moving]), strict=True))
-        joints = [self._joint(i, number[int(self.owner[model.body_parentid[i]])], number[i], names[i]) for i in moving]
-        by_joint = {int(model.body_jntadr[i]): joint for i, joint in zip(moving, joints, strict=True)}
+        moving = {i: self._joints_of(i) for i in own if i != self.root}
+        links = {j: (len(own) + k, i) for k, (i, j) in enumerate((i, j) for i in moving for j in moving[i][:-1])}
+        labels += [f"{self.labels[i]}_{self.joint_labels[j]}" for j, (_, i) in links.items()]
+        bodies = [self._body(i, name) for i, name in zip(own, prim_names(labels), strict=False)]
+        for name, (_, i) in zip(prim_names(labels)[len(own) :], links.values(), strict=True):
+            body = bodies[number[i]]
+            bodies.append(replace(body, name=name, mass=SPLIT * body.mass, inertia=SPLIT * body.inertia))
+        for i, found in moving.items():
+            left, body = 1.0 - SPLIT * (len(found) - 1), bodies[number[i]]
+            bodies[number[i]] = replace(body, mass=left * body.mass, inertia=left * body.inertia)
+        order = [j for found in moving.values() for j in found]
+        names = dict(zip(order, prim_names([self.joint_labels[j] for j in order]), strict=True))
+        by_joint: dict[int, Joint] = {}
+        for i, found in moving.items():
+            parent = number[int(self.owner[model.body_parentid[i]])]
+            for j in found:
+                child = links[j][0] if j in links else number[i]
+                by_joint[j] = self._joint(j, parent, child, names[j])
+                parent = child
+        joints = list(by_joint.values())
         shapes = [s for g in range(model.ngeom) if (s := self._shape(g, number)) is not None]
         notes = [*self._actuators(by_joint), *self._key(by_joint), *self._left_out(by_joint)]
+        if several := [self.labels[i] for i, found in moving.items() if found[1:]]:
+            more = " and others" if several[3:] else ""
+            notes.append(
+                f"links of {SPLIT:.0%} of the body's mass were put between the joints of {', '.join(several[:3])}{more}"
+            )
         placed = Rotation.from_quat(model.body_quat[self.root], scalar_first=True)
         return ForeignRobot(
             path=self.path,
@@ -287,12 +304,30 @@ class _Compiled:
                 body = joined(body, part, self.place[k])
         return body
 
-    def _joint(self, i: int, parent: int, child: int, name: str) -> Joint:
-        model, j = self.model, int(self.model.body_jntadr[i])
+    def _joints_of(self, i: int) -> range:
+        """A body's joints, from the one before it on.
+
+        Raises:
+            RobotFileError: it is a base that slides.
+        """
+        first = int(self.model.body_jntadr[i])
+        found = range(first, first + int(self.model.body_jntnum[i]))
+        slides = any(self._kind(j) != mujoco.mjtJoint.mjJNT_HINGE for j in found)
+        if found[1:] and slides and not self.model.body_parentid[i]:
+            raise RobotFileError(
+                f"{self.path}: body {self.labels[i]} has {len(found)} joints, "
+                f"{', '.join(self.joint_labels[j] for j in found)}; put a <freejoint/> in their place"
+            )
+        return found
+
+    def _joint(self, j: int, parent: int, child: int, name: str) -> Joint:
+        model, i = self.model, int(self.model.jnt_bodyid[j])
         before = int(model.body_parentid[i])
         anchor, axis = RigidTransform.from_translation(model.jnt_pos[j]), np.array(model.jnt_axis[j])
         kind, dof, rest = self._kind(j), int(model.jnt_dofadr[j]), float(model.qpos0[model.jnt_qposadr[j]])
-        in_parent = self.place[before] * _transform(model.body_pos[i], model.body_quat[i]) * anchor
+        in_parent = anchor
+        if j == model.body_jntadr[i]:
+            in_parent = self.place[before] * _transform(model.body_pos[i], model.body_quat[i]) * anchor
         if kind == mujoco.mjtJoint.mjJNT_HINGE:
             in_parent = in_parent * RigidTransform.from_rotation(Rotation.from_rotvec(-rest * axis))
         elif kind == mujoco.mjtJoint.mjJNT_SLIDE:

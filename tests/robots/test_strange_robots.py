@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -362,3 +363,29 @@ def test_what_cannot_be_understood_says_where(file: Callable[..., Path], what: s
     with pytest.raises(RobotFileError) as error:
         understand(read_robot(path), Choices())
     assert "\n" not in str(error.value) and all(part in str(error.value) for part in (str(path), *parts)), error.value
+
+
+def test_several_hinges_of_one_body(file: Callable[..., Path]) -> None:
+    """Links are put between them: all bodies are where they were, and as heavy; joints keep their order."""
+    hinge = '<joint name="{leg}_yaw" axis="0 0 1" range="-0.5 0.5" pos="0 0 0.03" armature="0.01"/>'
+    legs = "".join(
+        leg(name, *at).replace(f'<joint name="{name}_roll"', hinge.format(leg=name) + f'<joint name="{name}_roll"')
+        for name, at in PLACES.items()
+    )
+    path = file(legs)
+    found, model = read_robot(path), mujoco.MjModel.from_xml_path(str(path))
+    assert sum(b.mass for b in found.bodies) == pytest.approx(float(model.body_mass.sum()))
+    names = [joint.name for joint in found.joints]
+    assert [name.partition("_")[2] for name in names[:4]] == ["yaw", "roll", "pitch", "knee"]
+    angles = dict(zip(names, np.linspace(-0.4, 0.5, len(names)), strict=True))
+    data = mujoco.MjData(model)
+    for name, q in angles.items():
+        data.joint(name).qpos[:] = q
+    mujoco.mj_kinematics(model, data)
+    trunk = data.body("trunk")
+    for part, place in zip(found.bodies, found.poses(angles), strict=True):
+        if "yaw" not in part.name:
+            expected = trunk.xmat.reshape(3, 3).T @ (data.body(part.name).xpos - trunk.xpos)
+            np.testing.assert_allclose(place.translation, expected, atol=1e-9)
+    layout = understand(found, Choices(torque_limit={"*": 30.0})).layout
+    assert [len(own.joints) for own in layout.legs] == [4] * 4
