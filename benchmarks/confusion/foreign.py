@@ -13,7 +13,7 @@ import numpy as np
 
 Numbers = Mapping[str, float]
 
-_TYPICAL: dict[str, dict[str, float]] = {
+TYPICAL: dict[str, dict[str, float]] = {
     "spencer": {
         "alpha0": 6.0, "alpha1": 18.0, "c0": 0.10, "c0_current": 0.05, "c1": 3.0, "c1_current": 2.0, "k0": 1.0,
         "k1": 0.25, "gamma": 8.0, "beta": 8.0, "A": 1.6,
@@ -25,7 +25,7 @@ _TYPICAL: dict[str, dict[str, float]] = {
     "guo": {"c": 0.10, "yield0": 0.25, "yield1": 1.7, "steepness": 3.0, "speed0": 0.25, "rise": 6.0, "k": 0.2},
 }  # fmt: skip
 
-LAWS = tuple(_TYPICAL)
+LAWS = tuple(TYPICAL)
 """Laws by name."""
 
 HIDDEN = (
@@ -64,7 +64,7 @@ SPREAD = 0.2
 def drawn(law: str, seed: np.random.SeedSequence) -> dict[str, float]:
     """Numbers of one device."""
     rng = np.random.default_rng(seed)
-    return {name: value * (1.0 + SPREAD * rng.uniform(-1.0, 1.0)) for name, value in _TYPICAL[law].items()}
+    return {name: value * (1.0 + SPREAD * rng.uniform(-1.0, 1.0)) for name, value in TYPICAL[law].items()}
 
 
 def torque(
@@ -141,24 +141,26 @@ def behind(
     """Torque at the encoder of devices behind a dead zone or a spring, arrays (T, N) [N·m].
 
     The shaft has no mass: in each step it moves so that the device bears what stops or spring bear, which is nothing in
-    the gap. The acceleration of Guo's law is the encoder's. ``half_gap`` [rad] and ``compliance`` [rad/(N·m)] are one
-    number or of shape (T,); the stops give way by :data:`STOP`.
+    the gap. Places are those at the steps' ends, speeds and torques those in their middles, where a mean speed is the
+    speed; the torque at a sample is the mean of the steps on both sides. The acceleration of Guo's law is the
+    encoder's. ``half_gap`` [rad] and ``compliance`` [rad/(N·m)] are one number or of shape (T,); the stops give way by
+    :data:`STOP`.
     """
-    give, out = compliance + 1.0 / STOP, np.empty_like(q)
+    give, out = compliance + 1.0 / STOP, np.zeros((len(q), q.shape[1] + 1))
     y, v, state = q[:, 0], np.zeros(len(q)), (q[:, 0], np.zeros(len(q)))
-    out[:, 0] = 0.0
     rates = _spencer_rates(p, y, v, current[:, 0], state)[:2] if law == "spencer" else state
     for k in range(1, q.shape[1]):
-        x, now, pace = q[:, k], current[:, k], qdd[:, k]
+        x, now, pace = q[:, k], 0.5 * (current[:, k - 1] + current[:, k]), 0.5 * (qdd[:, k - 1] + qdd[:, k])
 
         def borne(v: np.ndarray) -> tuple[np.ndarray, _State, _State]:
             """What the device bears when its shaft has this speed, its state and the rates of that."""
-            at = y + v * dt  # noqa: B023
+            at = y + 0.5 * v * dt  # noqa: B023
             if law != "spencer":
                 return _TORQUES[law](p, at, v, pace, now, dt), state, rates  # noqa: B023
-            after = _spencer_step(p, at, v, now, state, rates, dt)  # noqa: B023
-            *ahead, tau = _spencer_rates(p, at, v, now, after)  # noqa: B023
-            return tau, after, (ahead[0], ahead[1])
+            half = _spencer_step(p, at, v, now, state, rates, 0.5 * dt)  # noqa: B023
+            *middle, tau = _spencer_rates(p, at, v, now, half)  # noqa: B023
+            after = tuple(old + dt * rate for old, rate in zip(state, middle, strict=True))  # noqa: B023
+            return tau, (after[0], after[1]), (middle[0], middle[1])
 
         low, high = np.full(len(y), -1e3), np.full(len(y), 1e3)
         for _ in range(20):  # Newton's steps within a bracket: what bears falls with the speed, what is borne grows
@@ -172,4 +174,5 @@ def behind(
             step = v + over / np.maximum(slope, 1e-3)
             v = np.where((step > low) & (step < high), step, 0.5 * (low + high))
         y, state, rates, out[:, k] = y + v * dt, after, ahead, tau
-    return out
+    out[:, -1] = out[:, -2]
+    return 0.5 * (out[:, :-1] + out[:, 1:])

@@ -271,6 +271,12 @@ def _size_doubt(effect: str, fit: Fit, problem: Problem) -> str:
         return "it is shorter than a sample: beside a law of this shape it may only round the corners of the loop"
     if effect in _CORNERS and value < _UNSEEN * ranges.dt and set(YIELDING) & set(fit.effects):
         return "it is a small part of a sample: beside a shaft that yields it may stand for its way between samples"
+    if (
+        effect == "series_compliance"
+        and "backlash" in fit.effects
+        and value * ranges.torque < 0.5 * ranges.qd * ranges.dt
+    ):
+        return "it gives way by less than the path between samples, in which nobody sees when play closes"
     if effect == "temperature_drift":
         value = max(fit.x[i] for i, slot in fit.parameters.items() if slot.effect == effect and slot.linear)
     if effect in _POSITIVE and value <= 0.0:

@@ -10,7 +10,7 @@ def current_viscosity_law(
     s: Path, values: wp.array2d[float], row: int, at: int, memory: wp.array2d[float], line: int, slot: int
 ) -> Path:
     """The viscous torque depends on the current."""
-    s.torque = s.torque + values[row, at] * s.current * s.qd
+    s.viscosity = s.viscosity + values[row, at] * s.current
     return s
 
 

@@ -15,7 +15,7 @@ import warp as wp
 
 from mrwarp.effects.catalogue import column_of
 from mrwarp.effects.law import Path
-from mrwarp.effects.path import current_path, law_hysteresis, law_in_force, motion_path, path_torque, torque_path
+from mrwarp.effects.path import current_path, law_in_force, law_path, motion_path, path_torque, torque_path
 from mrwarp.kernels.mr_joint import JointParams, displacement, hysteresis
 
 _DELAY = wp.constant(column_of("command_delay", "delay"))
@@ -94,17 +94,17 @@ def joint_path(
     s.middle = s.zero
     s.qd = qd
     s.qd_before = qd
-    s = motion_path(p, s, z, values, row, memory, line)
+    law = law_in_force(values, row)
+    s = motion_path(p, s, z, values, row, memory, line, law)
     speed = float(qd)
     if s.path_2 != dt * qd:  # a gap has shortened the path of the shaft
         speed = s.path_2 / dt
-    law = law_in_force(values, row)
+    s.heat = heat
     if law > 0:
-        s.z = law_hysteresis(law, p, s, z, values, row, memory, line)
+        s = law_path(law, p, s, z, values, row, memory, line)
     else:
         s.z = hysteresis(p, speed, z, dt, exact)
-    s.heat = heat
-    s = torque_path(s, values, row, memory, line)
+        s = torque_path(s, values, row, memory, line)
     s.yield_gain = wp.max(s.yield_gain, 0.0)  # a device that has worn out does not push
     s.torque = path_torque(p, s)
     return s

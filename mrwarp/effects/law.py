@@ -61,7 +61,7 @@ class Path:
     stiffness: wp.float32
     """Torque of the hysteresis over z [N·m/rad], known from the stage ``shaft`` on."""
     viscosity: wp.float32
-    """B of eq. 14 [N·m·s/rad]."""
+    """B of eq. 14 and, from the stage ``torque`` on, what effects add to it [N·m·s/rad]."""
     alpha: wp.float32
     """Of eq. 14 [s/rad]."""
     beta: wp.float32

@@ -10,7 +10,7 @@ not among those, so each stage names the checksum of all laws: an edited law nev
 
 import warp as wp
 
-from mrwarp.effects.catalogue import CATALOGUE, COLUMN, HYSTERESIS, SLOT, SOURCES
+from mrwarp.effects.catalogue import CATALOGUE, COLUMN, HYSTERESIS, SLOT, SLOTS, SOURCES, column_of
 from mrwarp.effects.law import Path
 from mrwarp.kernels.bouc_wen import bouc_wen_exact
 from mrwarp.kernels.mr_joint import JointParams, displacement
@@ -21,6 +21,13 @@ _SHAFT = [law for law in CATALOGUE.values() if law.stage == "shaft"]
 _TORQUE = [law for law in CATALOGUE.values() if law.stage == "torque"]
 _SENSOR = [law for law in CATALOGUE.values() if law.stage == "sensor"]
 _HYSTERESIS = list(HYSTERESIS.values())
+
+_HALF_GAP = wp.constant(column_of("backlash", "half_gap"))
+_COMPLIANCE = wp.constant(column_of("series_compliance", "compliance"))
+_DIFFERENCE = wp.constant(column_of("series_compliance", "difference"))
+_WOUND = wp.constant(SLOT["series_compliance"])
+_RATE = wp.constant(SLOT["backlash"])
+_LAST_SLOT = wp.constant(SLOTS - 1)
 
 
 @wp.func
@@ -38,9 +45,20 @@ def current_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2
 
 @wp.func
 def motion_path(
-    p: JointParams, s: Path, z: float, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int
+    p: JointParams,
+    s: Path,
+    z: float,
+    values: wp.array2d[float],
+    row: int,
+    memory: wp.array2d[float],
+    line: int,
+    law: int,
 ) -> Path:
-    """From the measured motion to that of the device's shaft, with its path on both sides of a reversal."""
+    """From the measured motion to that of the device's shaft, with its path on both sides of a reversal.
+
+    What stands before the shaft takes its share here beside eq. 15 (``law`` = 0); beside a law it is
+    :func:`law_path` that finds it.
+    """
     s.z = z
     s.stiffness = p.K0 + p.K1 * s.field
     s.viscosity = p.B
@@ -67,10 +85,11 @@ def motion_path(
     if s.begins == 1:
         s.path_1 = 0.0
         s.path_2 = 0.0
-    for i in range(wp.static(len(_SHAFT))):
-        s = wp.static(_SHAFT[i].law)(
-            s, values, row, wp.static(COLUMN[_SHAFT[i].name]), memory, line, wp.static(SLOT[_SHAFT[i].name])
-        )
+    if law == 0:
+        for i in range(wp.static(len(_SHAFT))):
+            s = wp.static(_SHAFT[i].law)(
+                s, values, row, wp.static(COLUMN[_SHAFT[i].name]), memory, line, wp.static(SLOT[_SHAFT[i].name])
+            )
     return s
 
 
@@ -144,6 +163,116 @@ def law_hysteresis(
 
 
 @wp.func
+def law_slot(law: int) -> int:
+    """First state of the law in force."""
+    found = int(0)
+    for i in range(wp.static(len(_HYSTERESIS))):
+        if law == i + 1:
+            found = wp.static(SLOT[_HYSTERESIS[i].name])
+    return found
+
+
+@wp.func
+def law_behind_shaft(
+    law: int,
+    p: JointParams,
+    s: Path,
+    z: float,
+    values: wp.array2d[float],
+    row: int,
+    memory: wp.array2d[float],
+    line: int,
+) -> Path:
+    """z by the law in force, and the shaft's speed, where play and an elastic element stand before the shaft.
+
+    ``w - clamp(w, -b, b) = c*tau``, w = q - y: the shaft at y has no mass, so the device bears what stops and element
+    bear. Its speed is that of the joint less the rate of w. The law is asked again and again, from the states that it
+    had before the step, for the w at the step's end at which both agree. What is borne grows with w and the device's
+    torque falls with it, so w lies between where a shaft that stands still has it and where the element bears that
+    shaft's torque. With an element the rate is the step's mean. Without one it is a line over the step within the gap,
+    which keeps the time of contact to a small part of a step, and 0 at a stop; a stop gives way by a thousandth of the
+    half-gap at the sliding torque. Factors of eq. 14 are those at the joint's speed.
+    """
+    half_gap, compliance, slot = values[row, _HALF_GAP], values[row, _COMPLIANCE], law_slot(law)
+    last = wp.min(slot + 1, _LAST_SLOT)
+    state_1, state_2 = float(memory[line, slot]), float(memory[line, last])
+    loop = s.yield_gain * (p.K0 + p.K1 * s.field)
+    size = wp.max(wp.abs(loop), 1.0e-9)
+    q, qd, qd_before, way = float(s.q), float(s.qd), float(s.qd_before), float(s.path_1 + s.path_2)
+    wound, rate_before, rate = float(memory[line, _WOUND]), float(memory[line, _RATE]), float(0.0)
+    w = float(wound + way)  # of a shaft that stands still
+    low, high, w_before, miss_before, struck = float(w), float(w), float(w), float(0.0), int(0)
+    for i in range(32):
+        if s.begins == 0:
+            mean = (w - wound) / s.dt
+            rate = mean
+            if compliance == 0.0:
+                rate = wp.where(struck == 1, 0.0, 2.0 * mean - rate_before)
+            s.q = q - w
+            s.qd = qd - rate
+            s.qd_before = qd_before + rate - 2.0 * mean
+            s.path_1 = 0.0
+            s.path_2 = way - (w - wound)
+            memory[line, slot] = state_1
+            memory[line, last] = state_2
+        s.z = law_hysteresis(law, p, s, z, values, row, memory, line)
+        tau = s.viscous_gain * s.viscosity * s.qd + loop * s.z
+        give = wp.max(compliance * (1.0 + values[row, _DIFFERENCE] * wp.sign(tau)), 1.0e-3 * half_gap / size)
+        side = wp.sign(tau)
+        if tau == 0.0:
+            side = wp.clamp(w / wp.max(half_gap, 1.0e-9), -1.0, 1.0)
+        alone = give * tau + side * half_gap
+        if s.begins == 1:
+            w = alone
+        if s.begins == 1 or struck == 1:
+            break
+        miss = w - wp.clamp(w, -half_gap, half_gap) - give * tau
+        if wp.abs(miss) <= 1.0e-5 * give * size + 1.0e-7 * wp.abs(w) or i == 30:
+            if compliance > 0.0 or wp.abs(w) <= half_gap:
+                break
+            struck = 1  # once more with the joint's own speed, which a shaft at a stop has
+            continue
+        if i == 0:
+            low, high = wp.min(alone, w), wp.max(alone, w)
+        if miss > 0.0:
+            high = w
+        else:
+            low = w
+        ahead = float(wound)  # what slides on keeps its element as it is wound
+        if i > 0:
+            ahead = w - miss * (w - w_before) / (miss - miss_before + 1.0e-30)
+        w_before = w
+        miss_before = miss
+        w = ahead
+        if not (w > low and w < high):
+            w = 0.5 * (low + high)
+    memory[line, _WOUND] = w
+    memory[line, _RATE] = rate
+    s.q = q
+    return s
+
+
+@wp.func
+def law_path(
+    law: int,
+    p: JointParams,
+    s: Path,
+    z: float,
+    values: wp.array2d[float],
+    row: int,
+    memory: wp.array2d[float],
+    line: int,
+) -> Path:
+    """z by the law in force, then factors and what is added to eq. 14, with the shaft's own speed behind an element."""
+    s.z = z
+    if values[row, _HALF_GAP] > 0.0 or values[row, _COMPLIANCE] > 0.0:
+        s = torque_path(s, values, row, memory, line)
+        return law_behind_shaft(law, p, s, z, values, row, memory, line)
+    s.z = law_hysteresis(law, p, s, z, values, row, memory, line)
+    return torque_path(s, values, row, memory, line)
+
+
+@wp.func
 def path_torque(p: JointParams, s: Path) -> float:
     """tau_BW of eq. 14 with the effects' factors, and what they add [N·m]."""
     weakening = 1.0 + p.alpha * wp.abs(s.qd)
@@ -152,4 +281,4 @@ def path_torque(p: JointParams, s: Path) -> float:
     loop = s.yield_gain * (p.K0 + p.K1 * s.field) / weakening * s.z
     if s.engaged < 1.0:
         loop = s.engaged * loop
-    return p.D + s.viscous_gain * p.B * s.qd + p.C * displacement(p, s.q) + p.I1 * s.current + loop + s.torque
+    return p.D + s.viscous_gain * s.viscosity * s.qd + p.C * displacement(p, s.q) + p.I1 * s.current + loop + s.torque

@@ -15,8 +15,8 @@ from mrwarp.effects.catalogue import column_of
 from mrwarp.effects.law import Path
 from mrwarp.effects.path import (
     current_path,
-    law_hysteresis,
     law_in_force,
+    law_path,
     motion_path,
     path_hysteresis,
     path_torque,
@@ -187,15 +187,16 @@ def make_replay_kernel(effects: bool) -> Any:
                 s.qd_before = qd_in[before]
                 s.qdd = qdd_in[k]
                 s.qdd_before = qdd_in[before]
-                s = motion_path(p, s, z, values, row, memory_out, line)
-                if law > 0:
-                    z = law_hysteresis(law, p, s, z, values, row, memory_out, line)
-                else:
-                    z = path_hysteresis(path_hysteresis(z, s.path_1, p.beta, p.gamma), s.path_2, p.beta, p.gamma)
-                s.z = z
+                s = motion_path(p, s, z, values, row, memory_out, line, law)
                 if thermal > 0.0:
                     s.heat = stored_heat(heat_in, k, thermal)
-                s = torque_path(s, values, row, memory_out, line)
+                if law > 0:
+                    s = law_path(law, p, s, z, values, row, memory_out, line)
+                    z = s.z
+                else:
+                    z = path_hysteresis(path_hysteresis(z, s.path_1, p.beta, p.gamma), s.path_2, p.beta, p.gamma)
+                    s.z = z
+                    s = torque_path(s, values, row, memory_out, line)
             else:
                 flowing = float(0.0)
                 if substeps == 0:  # as in the simulator: the command acts over the step that ends at its sample
@@ -225,6 +226,7 @@ def make_replay_kernel(effects: bool) -> Any:
                         z = creeping_hysteresis(p, softening, creep, speed, s.current, z, dt / float(parts))
                 s.z = z
                 s.engaged = 1.0
+                s.viscosity = p.B
                 s.yield_gain = 1.0
                 s.viscous_gain = 1.0
                 s.weakening = 1.0

@@ -1,5 +1,6 @@
 """A published hysteresis law in the joint: its torque, passive in both couplings; USD holds it and says so."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,21 +9,24 @@ import pytest
 
 from mrwarp.effects.catalogue import HYSTERESIS
 from mrwarp.enums import Coupling, ZStep
-from mrwarp.model_file import load_model, make_effect
+from mrwarp.model_file import Effect, load_model, make_effect
 from mrwarp.usd.asset import load_robot
 from mrwarp.usd.edit import edit_asset
 from mrwarp.usd.open_stage import ASSETS, AssetError
 from mrwarp.usd.record import LAW
 from tests.actuator.test_newton_drive import Rig, fitted_scene, model_file
+from tests.effects import along
 from tests.effects.test_hysteresis_laws import NUMBERS
 
 UNIT_LOOP = {"alpha": 0.0, "beta": 1.0, "gamma": 0.0, "K0": 0.2, "K1": 2.0, "D": 0.0, "C": 0.0, "I1": 0.0, "B": 0.05}
 STEPS, DT = 400, 0.005
 
 
-def swung(law: str, path: Path, coupling: Coupling) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def swung(
+    law: str, path: Path, coupling: Coupling, *before: Effect
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """(q, qd, effort, bound) of a current-driven joint with 1 A along a sine."""
-    file = model_file(path / f"{law}.json", (make_effect(law, NUMBERS[law]),), **UNIT_LOOP)
+    file = model_file(path / f"{law}.json", (make_effect(law, NUMBERS[law]), *before), **UNIT_LOOP)
     gains = {"kp_base": 0.0, "kp_low": 0.0, "kd": 0.0, "eps_hold": 0.0}
     rig = Rig(fitted_scene(file, 1, z_step=ZStep.EXACT, coupling=coupling, **gains))
     control: Any = rig.control
@@ -57,6 +61,21 @@ def test_the_torque_is_the_laws(tmp_path: Path) -> None:
     h = np.tanh(NUMBERS["kwok"]["slope"] * qd + NUMBERS["kwok"]["width"] * np.sign(q_c))
     want = -np.sign(qd) * np.abs(0.05 * qd + 2.2 * h)
     np.testing.assert_allclose(effort, want, rtol=0, atol=2e-3)
+
+
+@pytest.mark.parametrize("law", ["kwok", "dahl", "spencer"])
+def test_behind_play_the_joint_bears_what_the_replay_says(law: str, tmp_path: Path) -> None:
+    """Zero in the gap, then the law's torque: 19 of 20 samples within a tenth of the diagnosis' kernel."""
+    gap = make_effect("backlash", {"half_gap": 0.03})
+    q, qd, effort, _ = swung(law, tmp_path, Coupling.EXPLICIT, gap)
+    t, w = DT * np.arange(1, STEPS + 1), 2.0 * np.pi * 1.3
+    shaft = along.Shaft.steady(np.ones(STEPS), dt=DT)
+    shaft = replace(shaft, q=q + 1.5, qd=qd, qdd=-0.3 * w * w * np.sin(w * t))
+    base = {name: value for name, value in UNIT_LOOP.items() if value}
+    want = along.torque(shaft, base, {law: NUMBERS[law], "backlash": {"half_gap": 0.03}})
+    opposing = -np.sign(qd) * np.abs(want)
+    assert np.quantile(np.abs(effort - opposing)[50:], 0.95) < 0.1 * np.abs(want).max()
+    assert 0.08 < np.mean(np.abs(effort[50:]) < 0.02) < 0.5
 
 
 def test_usd_holds_the_law(tmp_path: Path) -> None:
