@@ -37,7 +37,7 @@ ROBOT = "mr_go_sal"
 
 GAITS = (1.5, 2.0, 2.5)
 """Stride frequencies of the clock [Hz]."""
-SPEEDS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4)
+SPEEDS = tuple(k / 10 for k in range(3, 19))
 """Commanded speeds at each [m/s]."""
 LEARNERS, LEARNED = 128, (0.2, 1.4)
 """Robots that learn together at a clock, and the speeds that they are commanded [m/s]."""
@@ -372,21 +372,25 @@ def row(found: Mapping[str, Any], setting: int, *, against: int | None = None) -
     return rows | {"power_change": interval(change)}
 
 
-def gait_row(found: Mapping[str, Any], first: Mapping[str, Any]) -> dict[str, Any]:
-    """Fastest speed that is held (nobody falls, 90 % of the command), figures there and by speed; over policies.
-
-    ``first``: figures of the gait with which the power at 0.5 m/s is compared.
-    """
+def steps_held(found: Mapping[str, Any]) -> np.ndarray:
+    """How many of :data:`SPEEDS` each policy holds: nobody falls, 90 % of it, and all slower ones too; shape (P,)."""
     speed, fell = np.array(found["speed"], dtype=float), np.array(found["fell"], dtype=float)
-    good = (fell == 0.0) & (speed >= HELD * np.array(SPEEDS)[:, None])
-    # a speed counts when all slower ones are held too
-    upto = np.cumprod(good, axis=0).sum(axis=0)
-    fastest = [SPEEDS[n - 1] if n else 0.0 for n in upto]
+    return np.cumprod((fell == 0.0) & (speed >= HELD * np.array(SPEEDS)[:, None]), axis=0).sum(axis=0)
+
+
+def gait_row(found: Mapping[str, Any], first: Mapping[str, Any]) -> dict[str, Any]:
+    """Fastest speed that is held, figures there and by speed; over policies.
+
+    ``first``: figures of the gait that speed and power at 0.5 m/s are compared with, policy by policy.
+    """
+    upto, before = steps_held(found), steps_held(first)
+    speeds, at = np.array([0.0, *SPEEDS]), SPEEDS.index(0.5)
     there = {name: interval([values[max(n - 1, 0)][k] for k, n in enumerate(upto)]) for name, values in found.items()}
-    by_speed = {f"{v:g}": row(found, i) for i, v in enumerate(SPEEDS)}
-    at = SPEEDS.index(0.5)
-    change = interval(np.array(found["power"][at], dtype=float) - np.array(first["power"][at], dtype=float))
-    return {"fastest": interval(fastest), "there": there, "by_speed": by_speed, "power_change": change}
+    power = np.array(found["power"][at], dtype=float) - np.array(first["power"][at], dtype=float)
+    return {
+        "fastest": interval(speeds[upto]), "fastest_change": interval(speeds[upto] - speeds[before]), "there": there,
+        "by_speed": {f"{v:g}": row(found, i) for i, v in enumerate(SPEEDS)}, "power_change": interval(power),
+    }  # fmt: skip
 
 
 def gait_rows(found: Mapping[str, Mapping[str, Any]], kind: str) -> dict[str, Any]:
@@ -424,6 +428,7 @@ def lines(found: Mapping[str, Any]) -> list[str]:
         (
             f"{f} Hz{kind}",
             ", ".join(f"{v:g}" for v in own["fastest"]["values"]),
+            cell(own["fastest_change"]),
             change(own),
             *(cell(own["by_speed"]["0.5"][n], d, k) for n, d, k in SHOWN),
         )
@@ -446,7 +451,7 @@ def lines(found: Mapping[str, Any]) -> list[str]:
         for r in rows
     ]  # fmt: skip
     return [
-        *text_table(("gait, at 0.5 m/s", "fastest held [m/s]", "against 1.5 Hz [W]", *names), gaits), "",
+        *text_table(("gait, at 0.5 m/s", "fastest held [m/s]", "against 1.5 Hz", "and [W]", *names), gaits), "",
         *text_table(("load, at 0.3 m/s", *names), loads), "",
         *text_table(("Kp_low [N·m/rad], lag", "against 5, 0 ms [W]", *names), pairs), "",
         *text_table(("loss, current set for the device", "against new [W]", *names), ages), "",
@@ -467,9 +472,9 @@ def picture(found: Mapping[str, Any], path: Path) -> None:
     for rows, mark, kind in ((found["gait"], ".", ""), (found["gait_trained"], "x", ", trained there")):
         for k, (f, own) in enumerate(rows.items()):
             points = [(v + 0.018 * (k - 1), x) for v in SPEEDS for x in own["by_speed"][f"{v:g}"]["speed"]["values"]]
-            left.plot(*np.array(points).T, mark, color=f"C{k}", markersize=4, label=f"{f} Hz{kind}, each policy")
+            left.plot(*np.array(points).T, mark, color=f"C{k}", markersize=4, label=f"{f} Hz{kind}")
     left.plot(SPEEDS, SPEEDS, color="0.6", linewidth=0.8)
-    left.set(xlabel="commanded speed [m/s]", ylabel="speed [m/s]", title="gait")
+    left.set(xlabel="commanded speed [m/s]", ylabel="speed [m/s]", title="gait, each policy")
     left.legend(fontsize=8)
     for name, label in (("hold", "time held"), ("short", "held time below the need"), ("full", "held time at 1.5 A")):
         rows = [own[name] for own in found["payload"].values()]

@@ -42,8 +42,10 @@ def test_a_speed_is_held_when_all_slower_ones_are() -> None:
     fell = np.zeros_like(speed)
     fell[1, 2] = 0.5
     found = {**{n: np.zeros_like(speed) for n in NAMES}, "speed": speed, "fell": fell}
-    rows = gait_row(found, {**found, "power": found["power"] - np.array([1.0, 2.0, 3.0])})
+    steady = {"speed": np.stack([speeds] * 3, axis=1), "fell": np.zeros_like(fell)}
+    rows = gait_row(found, {**found, **steady, "power": found["power"] - np.array([1.0, 2.0, 3.0])})
     assert rows["fastest"]["values"] == [0.5, limits.SPEEDS[-1], 0.3]
+    assert rows["fastest_change"]["values"] == pytest.approx([0.5 - limits.SPEEDS[-1], 0.0, 0.3 - limits.SPEEDS[-1]])
     half = 4.303 / 3**0.5  # Student's t of two degrees of freedom
     assert rows["power_change"]["mean"] == 2.0 and rows["power_change"]["half_width"] == pytest.approx(half, abs=1e-3)
 
