@@ -19,6 +19,7 @@ from mrwarp.energy.power import ElectricalCfg, JointLoad, battery_power
 from mrwarp.energy.thermal import Temperatures, ThermalCfg
 from mrwarp.enums import CurrentCommand, HoldCurrent
 from mrwarp.env.vec_env import WalkEnv
+from mrwarp.params import HoldParams
 from mrwarp.runtime import panels, text_table
 from mrwarp.trials.mission import MissionCfg, MissionError
 from mrwarp.trials.statistics import interval
@@ -35,7 +36,7 @@ MODES = {
 percentile of the need; or the law of :mod:`mrwarp.env.commands`. Each without and with I = tau_y^-1(tau, T)."""
 
 WINDOWS = 3
-"""Simulated windows of each walking phase."""
+"""Simulated windows of each phase."""
 
 STILL, SLIPS = 0.01, 0.05
 """A held joint is still below the one speed and slips above the other afterwards [rad/s]; the brake constraint's own
@@ -123,7 +124,7 @@ def run(
     """
     cold = _window(cfg, policy, "law", np.zeros(4), cfg.current, cfg.outbound_load, heat, electrical)
     need = float(np.quantile(cold.need, 0.95))
-    fixed = _inverse(cfg, need, 1.0)
+    fixed = _inverse(_hold(cfg), cfg.current, need, 1.0)
     found = {}
     for k, mode in enumerate(modes):
         found[mode] = _mission(
@@ -144,20 +145,20 @@ def _mission(
     energy, coil_energy, elapsed, windows = 0.0, 0.0, 0.0, []
     phases = [("outbound", cfg.outbound_load), ("standby", cfg.outbound_load), ("return", cfg.return_load)]
     for k, (phase, load) in enumerate(phases):
-        for part in range(1 if phase == "standby" else WINDOWS):
+        for part in range(WINDOWS):
             warm = now.fluid + ambient
-            strength = thermal.derated(warm, heat)[0]
+            strength, slips = thermal.derated(warm, heat)[0], {}
             if phase == "standby":
                 env = _env(cfg, mode, need, float(strength.min()), PAYLOAD_VARIANT)
-                joints = standing_load(env, load=load, hold=True)[0]
-                seconds, walked = cfg.standby, None
+                joints = standing_load(env, load=load, hold=True, derate=_derating(mode, warm, heat, electrical))[0]
+                seconds = cfg.standby / WINDOWS
             else:
                 limit = _current(cfg, mode, need, float(strength.min()))
                 walked = _window(cfg, policy, mode, warm, limit, load, heat, electrical)
                 joints, seconds = walked.joints, cfg.distance / WINDOWS / walked.speed
-                figures = {"rise": float(now.fluid.mean()), "slipped": walked.slipped, "short": walked.short}
-                heated = {"coil": float(joints.coil.sum()), "friction": float(joints.friction.sum())}
-                windows.append({"phase": phase, "t": elapsed, **figures, **heated})
+                slips = {"slipped": walked.slipped, "short": walked.short}
+            heated = {"coil": float(joints.coil.sum()), "friction": float(joints.friction.sum())}
+            windows.append({"phase": phase, "t": elapsed, "rise": float(now.fluid.mean()), **slips, **heated})
             power = float(battery_power(joints, electrical).total)
             for _ in range(max(round(seconds / GO_ON), 1)):
                 step = seconds / max(round(seconds / GO_ON), 1)
@@ -170,30 +171,46 @@ def _mission(
             energy += power * seconds
             coil_energy += float(joints.coil.sum()) * seconds / electrical.coil_efficiency
             report((k + (part + 1) / WINDOWS) / 3.0)
-    left = [1.2 if mode.endswith("compensated") else 1.2 * f for f in trace["strength"]]
-    gone = [t for t, factor in zip(trace["t"], left, strict=True) if factor < 1.0]
+    trace["factor"] = _factors(cfg, mode, need, trace["strength"])
+    gone = [t for t, factor in zip(trace["t"], trace["factor"], strict=True) if factor < 1.0]
+    walks = [w for w in windows if "slipped" in w]
     return {
-        "rise": max(trace["rise"]), "yield_left": min(trace["strength"]), "safety_factor_left": min(left),
+        "rise": max(trace["rise"]), "yield_left": min(trace["strength"]), "safety_factor_left": min(trace["factor"]),
         "used_up_after": gone[0] if gone else None,
-        "slipped": float(np.mean([w["slipped"] for w in windows])),
-        "slipped_at_the_end": windows[-1]["slipped"], "short": float(np.mean([w["short"] for w in windows])),
+        "slipped": float(np.mean([w["slipped"] for w in walks])),
+        "slipped_at_the_end": walks[-1]["slipped"], "short": float(np.mean([w["short"] for w in walks])),
         "coil_energy": coil_energy, "energy": energy, "seconds": elapsed, "windows": windows, "trace": trace,
     }  # fmt: skip
 
 
-def _inverse(cfg: MissionCfg, need: float, strength: float) -> float:
-    """Current at which a device of some strength holds 1.2 times the need [A], eq. 18, up to what is allowed."""
+def _hold(cfg: MissionCfg) -> HoldParams:
+    """How the task's devices hold."""
     mr = task_devices(cfg.env)[0].mr
     assert mr is not None
-    wanted = min(mr.hold.safety_factor * need / strength, 0.999 * mr.hold.T_max)
-    return min(mr.hold.K * (wanted / (mr.hold.T_max - wanted)) ** (1.0 / mr.hold.n), cfg.current)
+    return mr.hold
+
+
+def _inverse(hold: HoldParams, most: float, need: float, strength: float) -> float:
+    """Current at which a device of some strength holds 1.2 times the need [A], eq. 18, up to what is allowed."""
+    wanted = min(hold.safety_factor * need / strength, 0.999 * hold.T_max)
+    return min(hold.K * (wanted / (hold.T_max - wanted)) ** (1.0 / hold.n), most)
+
+
+def _factors(cfg: MissionCfg, mode: str, need: float, strengths: Sequence[float]) -> list[float]:
+    """Yield torque over the need, with the current that a mode gives devices which have so much of their strength left.
+
+    1.2 until a compensated current is as large as is allowed.
+    """
+    hold, known = _hold(cfg), mode.endswith("compensated")
+    currents = [_inverse(hold, cfg.current, need, strength if known else 1.0) for strength in strengths]
+    return [s * hold.yield_torque(current) / need for s, current in zip(strengths, currents, strict=True)]
 
 
 def _current(cfg: MissionCfg, mode: str, need: float, strength: float) -> float:
     """Current that the devices may use in a mode [A]."""
     if not mode.startswith("fixed"):
         return cfg.current
-    return _inverse(cfg, need, strength if mode.endswith("compensated") else 1.0)
+    return _inverse(_hold(cfg), cfg.current, need, strength if mode.endswith("compensated") else 1.0)
 
 
 def _env(cfg: MissionCfg, mode: str, need: float, strength: float, payload: int) -> Any:
@@ -209,14 +226,11 @@ def _env(cfg: MissionCfg, mode: str, need: float, strength: float, payload: int)
     )
 
 
-def _window(
-    cfg: MissionCfg, policy: Policy, mode: str, warm: np.ndarray, limit: float, load: float, heat: ThermalCfg,
-    electrical: ElectricalCfg,
-) -> Window:  # fmt: skip
-    """Walk a window with devices so warm [K above their identification], shape (M,)."""
+def _derating(mode: str, warm: np.ndarray, heat: ThermalCfg, electrical: ElectricalCfg) -> Callable[..., None]:
+    """What makes the devices of a mode so warm [K above their identification], shape (M,)."""
     strength, viscosity = thermal.derated(warm, heat)
 
-    def derate(env: WalkEnv, robots: Sequence[str]) -> None:
+    def derate(env: WalkEnv, robots: Sequence[str] = ()) -> None:
         del robots
         factors: Mapping[str, np.ndarray] = {
             **dict.fromkeys(("T_max", "K0", "K1"), strength), "B": viscosity,
@@ -227,9 +241,17 @@ def _window(
         if mode == "law":  # it takes the devices for as strong as they were cold
             env.arrays.strength.copy_(torch.tensor(1.0 / strength, dtype=torch.float32).expand_as(env.arrays.strength))
 
+    return derate
+
+
+def _window(
+    cfg: MissionCfg, policy: Policy, mode: str, warm: np.ndarray, limit: float, load: float, heat: ThermalCfg,
+    electrical: ElectricalCfg,
+) -> Window:  # fmt: skip
+    """Walk a window with devices so warm [K above their identification], shape (M,)."""
     walk = WalkCfg(
         robots=("mr_go_sal",), payloads=(load,), speeds=(cfg.speed,), trials=cfg.seeds, distance=cfg.window,
-        current=limit, derate=derate, env=_env(cfg, mode, 1.0, 1.0, 0), seed=cfg.seed,
+        current=limit, derate=_derating(mode, warm, heat, electrical), env=_env(cfg, mode, 1.0, 1.0, 0), seed=cfg.seed,
     )  # fmt: skip
     batch = WalkBatch(walk, ("mr_go_sal",), load, {"mr_go_sal": policy})
     meter = HoldMeter(batch.env)
@@ -322,8 +344,7 @@ def picture(found: Mapping[str, Any], path: Path) -> None:
             t = np.array(m["trace"]["t"]) / 60.0
             style = {"linestyle": "--" if mode.endswith("compensated") else "-", "color": f"C{i}", "linewidth": 1.1}
             left.plot(t, m["trace"]["rise"], **style, label=MODES[mode] if k == 0 else None)
-            whole = np.full(len(t), 1.2) if mode.endswith("compensated") else 1.2 * np.array(m["trace"]["strength"])
-            middle.plot(t, whole, **style)
+            middle.plot(t, m["trace"]["factor"], **style)
             right.plot(t, m["trace"]["coil"], **style)
     middle.axhline(1.0, color="black", linewidth=0.8)
     left.set(xlabel="time [min]", ylabel="device above air [K]")

@@ -261,7 +261,9 @@ class WalkBatch:
             )
 
 
-def standing_load(cfg: EnvCfg, *, load: float, hold: bool, seconds: float = 5.0) -> tuple[JointLoad, dict[str, float]]:
+def standing_load(
+    cfg: EnvCfg, *, load: float, hold: bool, seconds: float = 5.0, derate: Callable[[WalkEnv], None] | None = None
+) -> tuple[JointLoad, dict[str, float]]:
     """Stand in the neutral pose and measure what the joints do with the calves held by motors or by devices.
 
     A standing controller knows the robot's weight: the targets are moved until the joints stand where they should,
@@ -272,12 +274,15 @@ def standing_load(cfg: EnvCfg, *, load: float, hold: bool, seconds: float = 5.0)
         load: Mass on the back [kg].
         hold: Whether the devices hold.
         seconds: Measured time [s].
+        derate: Change of the devices beforehand.
 
     Returns:
         The mean joint load, shapes (J,) and (M,), and ``height`` [m], ``hold`` share, ``drift`` of the calves [rad].
     """
     env = make_env(replace(cfg, currents=(cfg.currents[-1],)), 1, 0)
     set_payload(env, np.array([load]))
+    if derate is not None:
+        derate(env)
     actuator, dt = env.actuator, env.cfg.step_dt
     # the low gain while holding stays
     for array in (actuator.kp, actuator.kd, actuator.param("kp_base"), actuator.param("kd")):

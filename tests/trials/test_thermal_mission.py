@@ -43,9 +43,24 @@ def test_temperature_and_safety_factor_follow_the_closed_form() -> None:
     gone = -520.0 * np.log(1.0 - (1.0 / 6.0) / 0.02 / 16.0)
     assert gone < law["used_up_after"] < gone + 10.1
     assert found["modes"]["law_compensated"]["used_up_after"] is None
+    assert found["modes"]["law_compensated"]["safety_factor_left"] == pytest.approx(1.2)
     hold = HoldParams()
     holds = hold.T_max * found["fixed_current"] ** hold.n / (hold.K**hold.n + found["fixed_current"] ** hold.n)
     assert holds == pytest.approx(1.2 * 10.0)
+
+
+def test_no_compensation_holds_more_than_the_largest_current_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """20 N·m: the device bears 25.3 N·m at 1.5 A; below 24/25.3 of its strength a compensated factor falls with it."""
+    window = thermal_mission.Window(joints=LOAD, speed=0.3, slipped=0.0, short=0.0, need=np.full(20, 20.0))
+    monkeypatch.setattr(thermal_mission, "_window", lambda *_: window)
+    monkeypatch.setattr(thermal_mission, "standing_load", lambda *_, **__: (LOAD, {}))
+    heat = ThermalCfg(yield_coefficient=0.02)
+    found = thermal_mission.run(MissionCfg(), lambda obs: obs, ElectricalCfg(), heat, 0.0)["modes"]
+    plain, raised = (np.array(found[mode]["trace"]["factor"]) for mode in ("fixed", "fixed_compensated"))
+    strength = np.array(found["fixed"]["trace"]["strength"])
+    np.testing.assert_allclose(plain, 1.2 * strength, rtol=1e-9)
+    np.testing.assert_allclose(raised, np.minimum(1.2, strength * HoldParams().yield_torque(1.5) / 20.0), rtol=1e-9)
+    assert found["fixed_compensated"]["used_up_after"] > found["fixed"]["used_up_after"] > 0.0
 
 
 def test_a_hold_slips_where_a_still_joint_moves_under_more_than_the_device_bears() -> None:
