@@ -11,7 +11,7 @@ from scipy import stats
 
 from mrwarp.diagnose.lag_or_delay import LagOrDelay, decided_by_steps
 from mrwarp.diagnose.problem import Fit, Problem, as_good, drifts, gain_and_t, threshold
-from mrwarp.diagnose.residual_structure import Leftover, leftovers
+from mrwarp.diagnose.residual_structure import Leftover, groups_along, leftovers
 from mrwarp.diagnose.screening import Candidate, Models, screen
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.least_squares import losses
@@ -263,15 +263,19 @@ def confirmed(models: Models, fit: Fit, before: list[Leftover]) -> Fit:
         left = [f for f in left if f.gain > 0.3 * gain_before[f.group.key]][:2]
         if not left:
             return fit
-        offered = np.vstack([f.group.rows for f in left])
-        full = _loss_beside(models.problem, fit, offered)
+        full = _loss_beside(models.problem, fit, np.vstack([f.group.rows for f in left]))
+        if full > fit.total:  # together they foretell less
+            left = left[:1]
+            full = _loss_beside(models.problem, fit, left[0].group.rows)
         kept: dict[str, float] = {}
         for effect in models.added(fit):
             without = models.without(fit, effect)
             if without.total > _NEARLY_ALL * fit.total:
                 continue
             alone = without.total - fit.total
-            beside = _loss_beside(models.problem, without, offered) - full
+            # along the hysteresis without the effect: along its own they would have its shape
+            groups = {group.key: group.rows for group in groups_along(models.problem, without)}
+            beside = _loss_beside(models.problem, without, np.vstack([groups[f.group.key] for f in left])) - full
             kept[effect] = beside / max(alone, 1e-9) * (KEPT / KEPT_BESIDE_MORE if left[0].gain > 1.5 * alone else 1.0)
             if beside < threshold(fit):
                 kept[effect] = min(kept[effect], 0.0)
