@@ -139,10 +139,9 @@ def choose_law(
         for name in extra:
             x[layout.own(name)] = paper.x[paper.layout.own(name)]
         found = min(found, search.descend(layout, x), key=error)
+
     def clear(paper: Solution, found: Solution) -> bool:
-        return (
-            by_ratio(paper.held_out, found.held_out) > LEAST_T and error(found) < (1.0 - MARGIN) ** 2 * error(paper)
-        )
+        return by_ratio(paper.held_out, found.held_out) > LEAST_T and error(found) < (1.0 - MARGIN) ** 2 * error(paper)
 
     taken = clear(paper, found)
     if not taken and error(found) < error(paper):  # what stands before the shaft bends the loop of either most
@@ -203,8 +202,9 @@ def _behind(search: LawSearch, found: Solution) -> Solution:
             continue
         layout = replace(search.layout([*found.layout.effects, name]), choices=found.layout.choices)
         x, own = found.layout.moved(found.x, layout), layout.own(name)[0]
-        first = KNOWN[name].parameters[0]
-        trials = [np.where(np.arange(len(x)) == own, np.log(v), x) for v in first.starts(layout.ranges)]
+        starts = KNOWN[name].parameters[0].starts
+        assert starts is not None
+        trials = [np.where(np.arange(len(x)) == own, np.log(v), x) for v in starts(layout.ranges)]
         start = min(trials, key=lambda trial: search.evaluate(layout, trial).loss)
         best = min(best, search.descend(layout, start), key=lambda s: float(s.held_out.sum()))
     return best

@@ -22,6 +22,8 @@ def foreign(kind: str, law: str) -> dict:
         pytest.param("torque_sensor_lag", "kwok", marks=pytest.mark.slow),
         pytest.param("friction_asymmetry", "spencer", marks=pytest.mark.slow),
         pytest.param("coulomb_friction", "guo", marks=pytest.mark.slow),
+        pytest.param("series_compliance", "kwok", marks=pytest.mark.slow),
+        pytest.param("backlash", "guo", marks=pytest.mark.slow),
     ],
 )
 def test_hidden_effect_is_found_in_a_foreign_device(kind: str, law: str) -> None:
