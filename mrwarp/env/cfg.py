@@ -75,6 +75,8 @@ class EnvCfg:
     """The robot has fallen when its trunk is lower than this [m]."""
     fall_tilt: float = 0.9
     """Or when it leans further than this [rad]."""
+    fall_cost: float = 0.0
+    """What a fall takes from the reward, besides what is earned no more."""
     seed: int = 0
     """Seed of every random draw of the environment."""
 

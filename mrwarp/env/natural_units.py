@@ -15,6 +15,11 @@ from mrwarp.env.sim_model import Scene
 from mrwarp.usd.asset import load_robot
 from mrwarp.usd.robot import MASS, MR_GO, STAND_HEIGHT
 
+FALL_COST = 4.0
+"""What a fall takes from the reward of a robot on one or two legs. It falls whatever it does at first, and the sum of
+its rewards is negative then: without a cost, falling soon is best. Isaac Lab's H1 and G1 pay as much, 200/s in a step
+of 20 ms, with like rewards for tracking."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Scales:
@@ -71,6 +76,7 @@ def in_natural_units(cfg: EnvCfg, scene: Scene) -> EnvCfg:
         cfg,
         gait_frequency=cfg.gait_frequency / by.time,
         fall_height=cfg.fall_height * by.length,
+        fall_cost=cfg.fall_cost if scene.layout.legs[2:] else FALL_COST,
         rewards=replace(
             rewards,
             swing_height=rewards.swing_height / by.length**2,

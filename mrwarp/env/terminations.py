@@ -24,11 +24,12 @@ falls included, pay up to 4 (measured over 300 steps of 64). A solver that throw
 @wp.kernel(enable_backward=False)
 def terminations_kernel(
     # parameters: least height of the trunk [m], largest z of gravity in its frame, length of an episode [policy steps],
-    # least reward of a policy step
+    # least reward of a policy step, what a fall takes from it
     least_height: float,
     largest_z: float,
     length: int,
     least_reward: float,
+    fall_cost: float,
     # in, shapes (E,) [m], (E, 3) four times, (E, J) twice
     height_in: wp.array[float],
     root_pos_in: wp.array2d[float],
@@ -64,21 +65,23 @@ def terminations_kernel(
     flags_out[TIME_OUT, env] = time_out
     flags_out[DONE, env] = fallen or time_out
     # the last reward of a robot that holds no numbers must not reach the learner
-    reward_out[env] = wp.where(diverged, 0.0, wp.max(total_out[env], least_reward))
+    earned = total_out[env] - wp.where(fallen, fall_cost, 0.0)
+    reward_out[env] = wp.where(diverged, 0.0, wp.max(earned, least_reward))
     diverged_out[env] = 0
     total_out[env] = 0.0
 
 
-def terminate(s: WalkState, fall_height: float, fall_tilt: float, length: int) -> Launch:
+def terminate(s: WalkState, fall_height: float, fall_tilt: float, length: int, fall_cost: float) -> Launch:
     """What counts the policy step, writes ``s.flags`` and ``s.reward``, and clears ``s.diverged`` and ``s.total``.
 
-    A robot has fallen below ``fall_height`` [m] or beyond ``fall_tilt`` [rad]; ``length`` is in policy steps.
+    A robot has fallen below ``fall_height`` [m] or beyond ``fall_tilt`` [rad], which takes ``fall_cost`` from its
+    reward; ``length`` is in policy steps.
     """
     return record(
         terminations_kernel,
         len(s.q),
         [
-            *(fall_height, -math.cos(fall_tilt), length, LEAST_REWARD),
+            *(fall_height, -math.cos(fall_tilt), length, LEAST_REWARD, fall_cost),
             *(s.height, s.root_pos, s.gravity, s.root_vel, s.root_ang, s.q, s.qd),
         ],
         [s.diverged, s.total, s.episode_length_buf, s.flags, s.reward],

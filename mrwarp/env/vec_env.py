@@ -169,7 +169,7 @@ class WalkEnv(VecEnv):
         self._push = events.push(s, cfg.randomize, cfg.step_dt)
         self._derive = derive(everywhere)
         self._reward = rewards.reward(s, cfg.rewards, cfg.step_dt, legs)
-        self._terminate = terminations.terminate(s, cfg.fall_height, cfg.fall_tilt, cfg.episode_steps)
+        self._terminate = terminations.terminate(s, cfg.fall_height, cfg.fall_tilt, cfg.episode_steps, cfg.fall_cost)
         self._curriculum = [terrain.curriculum(s, cfg.step_dt)] if terrain else []
         self._begin_episodes = [
             *events.begin_episodes(s, self.sim, done, terrain.origins if terrain else None),

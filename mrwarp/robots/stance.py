@@ -13,9 +13,10 @@ from scipy.spatial.transform import RigidTransform
 from mrwarp.paper import GRAVITY
 from mrwarp.robots.foreign import ForeignRobot, Joint, Shape
 
-CROUCH, UPRIGHT = 0.73, 0.93
+CROUCH, UPRIGHT = 0.73, 0.90
 """Share of its reach at which a leg stands where the file has no keyframe: that of the shipped robot; a biped's, whose
-knee bears half the weight, that of Unitree's H1 (hip 0.4, knee 0.8 rad) and G1 (0.31, 0.67 rad) in public policies."""
+knee bears half the weight, that of Unitree's H1 (hip 0.4, knee 0.8 rad: 0.89) and G1 (0.31, 0.67 rad: 0.91) in public
+policies; with feet that reach forwards a straight leg has 0.96."""
 
 PARALLEL = 0.9
 """Cosine from which on two axes of a leg count as parallel: they bend it in one plane."""

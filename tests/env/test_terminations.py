@@ -31,10 +31,10 @@ def make_state(num_envs: int = 4) -> Any:
     )
 
 
-def step(state: Any) -> list[list[bool]]:
+def step(state: Any, fall_cost: float = 0.0) -> list[list[bool]]:
     """One policy step of episodes of ten: fallen, diverged, time-out, done of each robot."""
     state.height.copy_(state.root_pos[:, 2])
-    terminations.terminate(state, fall_height=FALL_HEIGHT, fall_tilt=FALL_TILT, length=10)()
+    terminations.terminate(state, fall_height=FALL_HEIGHT, fall_tilt=FALL_TILT, length=10, fall_cost=fall_cost)()
     assert not state.diverged.any() and not state.total.any()
     return [flag.tolist() for flag in state.flags]
 
@@ -50,6 +50,14 @@ def test_fallen_by_height_at_the_limit() -> None:
     limit = FALL_HEIGHT
     state.root_pos[:, 2] = torch.tensor([limit + 1e-3, limit, limit - 1e-3, -0.5])
     assert step(state)[0] == [False, True, True, True]
+
+
+def test_a_fall_costs_once() -> None:
+    """It is taken from the reward of the step in which the robot falls, and of no other."""
+    state = make_state()
+    state.root_pos[1, 2] = 0.1
+    assert step(state, fall_cost=4.0)[0] == [False, True, False, False]
+    assert state.reward.tolist() == [1.0, -3.0, 1.0, 1.0]
 
 
 def test_fallen_by_tilt_at_the_limit() -> None:
