@@ -110,7 +110,7 @@ def test_other_numbers_of_legs_step(robot, places, phases) -> None:  # noqa: ANN
     assert [leg.phase for leg in asset.layout.legs] == phases
     env = WalkEnv(make_walk_cfg(num_envs=2, robot=str(asset.path)))
     assert env.num_actions == 3 * len(places)
-    assert env.cfg.fall_cost == (4.0 if len(places) == 2 else 0.0)
+    assert env.cfg.fall_cost == (1.0 if len(places) == 2 else 0.0)
     obs, reward, _, _ = env.step(torch.zeros(2, env.num_actions))
     assert obs["actor"].shape == (2, 11 + 9 * len(places)) and bool(torch.isfinite(reward).all())
 
