@@ -4,14 +4,17 @@ import warp as wp
 
 from mrwarp.effects.law import EffectLaw, EffectParameter, Path
 
+MOST = wp.constant(20.0)
+"""Largest exponent: a search that goes astray stays finite."""
+
 
 @wp.func
 def temperature_drift_law(
     s: Path, values: wp.array2d[float], row: int, at: int, memory: wp.array2d[float], line: int, slot: int
 ) -> Path:
     """The device grows weaker as the heat it turns out of motion and current warms it."""
-    s.yield_gain = s.yield_gain * wp.exp(-values[row, at] * s.heat)
-    s.viscous_gain = s.viscous_gain * wp.exp(-values[row, at + 1] * s.heat)
+    s.yield_gain = s.yield_gain * wp.exp(wp.clamp(-values[row, at] * s.heat, -MOST, MOST))
+    s.viscous_gain = s.viscous_gain * wp.exp(wp.clamp(-values[row, at + 1] * s.heat, -MOST, MOST))
     return s
 
 
