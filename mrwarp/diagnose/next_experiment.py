@@ -18,7 +18,6 @@ from mrwarp.diagnose.problem import Fit, Problem, drifts, threshold
 from mrwarp.diagnose.result import NextExperiment
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import measured, quantity
-from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.effects.law import EffectParameter, Ranges
 from mrwarp.effects.replay_kernel import HEAT_TIMES
 from mrwarp.identify.dataset import Motion
@@ -44,6 +43,7 @@ _RUNS = 4
 _MANY_RUNS = 24
 """Runs above which they are made longer instead."""
 _LONGEST = 36000.0
+"""An experiment that would last longer [s] is not proposed."""
 _AWAY = (-1.4, -0.7, 0.7, 1.4)
 """Where else the logarithm of a number is tried."""
 _FAR = 30.0
@@ -103,12 +103,14 @@ class _Pair(NamedTuple):
 
 
 def propose(problem: Problem, selection: Selection, seed: int) -> NextExperiment | None:
-    """The experiment for the first named effect that has rivals; None where nothing is left open."""
+    """The experiment for the first named effect whose rivals one can tell; None where nothing is left open."""
     for effect, rivals in selection.alternatives.items():
         if not rivals:
             continue
         names = (effect, *rivals)
         pairs = _pairs(problem, selection, effect, rivals)
+        if not pairs:
+            continue
         if any(drifts(name) for name in names):
             return _rest_and_repeat(problem, pairs, names)
         if {LAG, DELAY} <= set(names):
@@ -120,7 +122,8 @@ def propose(problem: Problem, selection: Selection, seed: int) -> NextExperiment
         trials = {kind: _trial(problem.motion, STANDARD[kind], np.random.default_rng(seed)) for kind in kinds}
         missed = {kind: _least_missed(problem, trial, pairs) for kind, trial in trials.items()}
         kind = max(missed, key=lambda k: missed[k])
-        return _described(problem, kind, trials[kind], missed[kind], names)
+        if {LAG, DELAY} <= set(names) or _seconds(trials[kind], missed[kind]) <= _LONGEST:
+            return _described(problem, kind, trials[kind], missed[kind], names)
     return None
 
 
@@ -129,7 +132,7 @@ def _pairs(problem: Problem, selection: Selection, effect: str, rivals: tuple[st
     final, found = selection.final, []
     rest = {e for e in final.effects if e != effect}
     for rival in rivals:
-        other = selection.fits.get(tuple(name for name in CATALOGUE if name in {*rest, rival}))
+        other = selection.fits.get(problem.parameters([*rest, rival]).effects)
         if other is not None:
             found += [
                 _Pair(final, other.parameters, _starts(problem, other, rival)),
@@ -190,13 +193,17 @@ def _least_loss(trial: Problem, p: Parameters, start: np.ndarray, data: Quadrati
 # --- a motion and a current ---
 
 
+def _seconds(trial: Motion, missed: float) -> float:
+    """How long an experiment has to last [s]; ``missed`` is what the wrong model misses of the trial."""
+    return float(len(trial.q)) * trial.ranges.dt * _CHI2 / max(missed, 1e-9)
+
+
 def _described(problem: Problem, kind: str, trial: Motion, missed: float, names: tuple[str, ...]) -> NextExperiment:
     like, standard, units = problem.motion, STANDARD[kind], problem.units
-    scales, run = like.scales, _run_seconds(like)
-    seconds = float(len(trial.q)) * like.ranges.dt * _CHI2 / max(missed, 1e-9)
+    scales, run, seconds = like.scales, _run_seconds(like), _seconds(trial, missed)
     if {LAG, DELAY} <= set(names):
         seconds = _STEPS * 0.35
-    seconds = min(max(seconds, _RUNS * run), _LONGEST)
+    seconds = max(seconds, _RUNS * run)
     if seconds > _MANY_RUNS * run:
         run = float(math.ceil(seconds / _MANY_RUNS))
     runs = math.ceil(seconds / run)

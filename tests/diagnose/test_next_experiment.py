@@ -107,10 +107,23 @@ def test_runs_repeated_after_a_rest_begin_cold_and_worn() -> None:
     assert again.heat[-1, 0] > like.heat[-1, 0]
 
 
-def test_experiment_of_an_effect_that_rivals_itself_is_endless() -> None:
-    """A rival that imitates everything separates by nothing: the time runs to its limit."""
+def test_what_no_experiment_can_tell_apart_is_not_proposed() -> None:
+    """A rival that imitates everything separates by nothing, however long; nor is there one without its fit."""
     problem, selection = ambiguous("coulomb_friction", "stribeck", FRICTION)
-    fits = {**selection.fits, ("stribeck",): selection.final}
-    found = propose(problem, replace(selection, fits=fits), 1)
-    assert found is not None and found.seconds == 36000.0
-    assert np.isfinite(found.settings["separation_sigma"])
+    for fits in ({**selection.fits, ("stribeck",): selection.final}, {}):
+        assert propose(problem, replace(selection, fits=fits), 1) is None
+
+
+def test_rivals_beside_another_law_are_found() -> None:
+    """The rival's fit is the one beside the same law."""
+    law = {"kwok": {"slope": 1.0, "width": 0.2}}
+    problem = known.problem({"coulomb_friction": FRICTION["coulomb_friction"]}, seed=60, at=known.motion(60, runs=6,
+                            seconds=3.0), sigma=0.05)  # fmt: skip
+    fits = {f.effects: f for f in (known.fitted(problem, {**law, name: FRICTION[name]}) for name in FRICTION)}
+    final = next(fit for fit in fits.values() if "coulomb_friction" in fit.effects)
+    selection = Selection(
+        base=known.fitted(problem, law), final=final, screened=[], leftovers=[],
+        alternatives={"coulomb_friction": ("stribeck",)}, fits=fits,
+    )  # fmt: skip
+    found = propose(problem, selection, 1)
+    assert found is not None and found.separates == ("coulomb_friction", "stribeck")
