@@ -283,8 +283,10 @@ def _size_doubt(effect: str, fit: Fit, problem: Problem) -> str:
         return f"it would be negative: {_POSITIVE[effect]}"
     if effect == "stribeck" and fit.parameters.values(fit.x)[effect]["stribeck_speed"] > _LOW_SPEED * ranges.qd:
         return "it would act at nearly all speeds, and Stribeck friction is a matter of low ones"
-    counts = problem.weight > 0.0
-    borne = float((fit.torque - without_effect(problem, fit, effect))[counts].std() / max(torque[counts].std(), 1e-12))
+    counts, bears = problem.weight > 0.0, fit.torque - without_effect(problem, fit, effect)
+    if effect == "compliance_with_backlash" and np.mean([bears[part].any() for part in problem.motion.parts]) < 0.5:
+        return "it would act in less than half of the runs, at the ends of the widest ways only"
+    borne = float(bears[counts].std() / max(torque[counts].std(), 1e-12))
     return f"it would bear {borne:.2g} times the torque, which another term takes back" if borne > 1.0 else ""
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from mrwarp.diagnose import proof
 from mrwarp.diagnose.held_out import Account, Share, held_out_squares
-from mrwarp.diagnose.problem import covariance, interval, reported_fit
+from mrwarp.diagnose.problem import Fit, Problem, covariance, interval, reported_fit
 from mrwarp.diagnose.proof import (
     _gain_doubt,
     _halves_doubt,
@@ -106,18 +106,31 @@ def test_cogging_at_one_angle_only_is_a_suspect() -> None:
         assert bool(_halves_doubt("cogging", fit, problem)) == local
 
 
+def with_gear(problem: Problem, **numbers: float) -> Fit:
+    """The paper's device with a spring behind play, of these numbers, as if they had been fitted."""
+    fit, layout = known.fitted(problem), problem.parameters(["compliance_with_backlash"])
+    x = fit.parameters.moved(fit.x, layout)
+    for i, slot in layout.items():
+        value = numbers[slot.parameter.name]
+        x[i] = np.log(value) if slot.logarithmic else value
+    return replace(fit, parameters=layout, x=x, torque=problem.replay.torque(layout.row(x)[None])[0].astype(float))
+
+
 def test_what_another_term_takes_back_is_a_suspect() -> None:
     """A spring that would bear many times the torque, about a hair's gap, only bends C."""
     problem = known.problem(seed=50, at=known.motion(50, runs=4, seconds=2.0))
-    gear = {"stiffness": 300.0 * problem.motion.torque.std() / np.ptp(problem.motion.q), "half_gap": 1e-3}
-    fit = known.fitted(problem)
-    layout = problem.parameters(["compliance_with_backlash"])
-    numbers = {("compliance_with_backlash", name): float(np.log(value)) for name, value in gear.items()}
-    x = fit.parameters.moved(fit.x, layout)
-    for i, slot in layout.items():
-        x[i] = numbers[slot.key]
-    made = replace(fit, parameters=layout, x=x, torque=problem.replay.torque(layout.row(x)[None])[0].astype(float))
+    stiffness = 300.0 * problem.motion.torque.std() / np.ptp(problem.motion.q)
+    made = with_gear(problem, stiffness=float(stiffness), half_gap=1e-3)
     assert "times the torque" in _size_doubt("compliance_with_backlash", made, problem)
+
+
+@pytest.mark.parametrize(("runs", "doubt"), [(2, "less than half of the runs"), (6, "")])
+def test_play_that_few_runs_would_cross_is_a_suspect(runs: int, doubt: str) -> None:
+    """A spring that the widest two of eight runs would reach; one that six reach is possible."""
+    problem = known.problem(seed=50, at=known.motion(50, runs=8, seconds=2.0))
+    reach = sorted(np.abs(problem.motion.q[part] - problem.q_zero).max() for part in problem.motion.parts)
+    made = with_gear(problem, stiffness=0.3, half_gap=float(reach[-runs] - 1e-6))
+    assert doubt in (found := _size_doubt("compliance_with_backlash", made, problem)) and bool(doubt) == bool(found)
 
 
 def test_a_suspect_comes_back_through_no_earlier_fit() -> None:
