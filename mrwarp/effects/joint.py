@@ -101,7 +101,7 @@ def joint_path(
         speed = s.path_2 / dt
     s.heat = heat
     if law > 0:
-        s = law_path(law, p, s, z, values, row, memory, line)
+        s = law_path(law, p, s, values, row, memory, line)
     else:
         s.z = hysteresis(p, speed, z, dt, exact)
         s = torque_path(s, values, row, memory, line)

@@ -177,7 +177,6 @@ def law_behind_shaft(
     law: int,
     p: JointParams,
     s: Path,
-    z: float,
     values: wp.array2d[float],
     row: int,
     memory: wp.array2d[float],
@@ -194,7 +193,7 @@ def law_behind_shaft(
     half-gap at the sliding torque. Factors of eq. 14 are those at the joint's speed.
     """
     half_gap, compliance, slot = values[row, _HALF_GAP], values[row, _COMPLIANCE], law_slot(law)
-    last = wp.min(slot + 1, _LAST_SLOT)
+    last, z = wp.min(slot + 1, _LAST_SLOT), float(s.z)
     state_1, state_2 = float(memory[line, slot]), float(memory[line, last])
     loop = s.yield_gain * (p.K0 + p.K1 * s.field)
     size = wp.max(wp.abs(loop), 1.0e-9)
@@ -257,18 +256,16 @@ def law_path(
     law: int,
     p: JointParams,
     s: Path,
-    z: float,
     values: wp.array2d[float],
     row: int,
     memory: wp.array2d[float],
     line: int,
 ) -> Path:
-    """z by the law in force, then factors and what is added to eq. 14, with the shaft's own speed behind an element."""
-    s.z = z
+    """From ``s.z`` before the step to z by the law in force, factors and what is added; behind an element too."""
     if values[row, _HALF_GAP] > 0.0 or values[row, _COMPLIANCE] > 0.0:
         s = torque_path(s, values, row, memory, line)
-        return law_behind_shaft(law, p, s, z, values, row, memory, line)
-    s.z = law_hysteresis(law, p, s, z, values, row, memory, line)
+        return law_behind_shaft(law, p, s, values, row, memory, line)
+    s.z = law_hysteresis(law, p, s, s.z, values, row, memory, line)
     return torque_path(s, values, row, memory, line)
 
 

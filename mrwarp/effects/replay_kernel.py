@@ -191,7 +191,7 @@ def make_replay_kernel(effects: bool) -> Any:
                 if thermal > 0.0:
                     s.heat = stored_heat(heat_in, k, thermal)
                 if law > 0:
-                    s = law_path(law, p, s, z, values, row, memory_out, line)
+                    s = law_path(law, p, s, values, row, memory_out, line)
                     z = s.z
                 else:
                     z = path_hysteresis(path_hysteresis(z, s.path_1, p.beta, p.gamma), s.path_2, p.beta, p.gamma)
