@@ -8,8 +8,9 @@ groups are another gain, where the control input of these runs is among that of 
 is left to the noise, and so is what goes with the place or the control input of the runs. Runs that need other
 coefficients altogether are of another device (clusterwise regression, Spaeth, Computing 22, 1979): its own group has
 to describe each run far better than the other, which a drift from run to run is not, and to foretell most runs without
-them. It is looked for first, for some of its runs would be taken for another gain; where one factor makes the
-groups alike, it is a gain.
+them, better than boosting foretells them from all others: what one function of the motion describes is one device,
+whatever its law. It is looked for first, for some of its runs would be taken for another gain; where one factor makes
+the groups alike, it is a gain.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mrwarp.identify.boosting import foretold
+from mrwarp.identify.dataset import Motion
 from mrwarp.recording.data import quantity
 from mrwarp.recording.load import Recording, Trajectory
 
@@ -43,6 +46,8 @@ _APART, _LEAST_GROUP = 2.0, 2
 _FORETOLD = 2.0
 """The same factor for the middle run of each group where its own group does not have the run: one that is alone with
 its control input is foretold by nobody."""
+_BOOSTING, _LEARNED = 1.25, 6000
+"""The same factor against boosting that learns from runs of both groups, and most samples that it learns from."""
 _SLIPS = (0.02, 0.2)
 """Speeds [of the 95th percentile] over which dry friction turns, that are tried for another device."""
 _RIDGE = 1e-6
@@ -202,16 +207,15 @@ class _Fit:
         weight = 1.0 / np.maximum(self.spread**2, 1e-30)
         return self.agreed(weight * ~second), self.agreed(weight * second)
 
-    def apart(self, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Factors by which the other group leaves more of each run than its own, with it and without it, shape (R,)."""
+    def left_by_groups(self, second: np.ndarray) -> np.ndarray:
+        """What the other group leaves of each run, its own group, and that without the run; mean squares, (3, R)."""
         weight, runs = 1.0 / np.maximum(self.spread**2, 1e-30), np.arange(len(second))
         found = []
         for k in range(len(second)):
-            mine = weight * (second == second[k])
-            other = self.left_by(self.agreed(weight * (second != second[k])))[k]
-            found.append([other / self.left_by(self.agreed(own))[k] for own in (mine, mine * (runs != k))])
-        both = np.sqrt(found).T
-        return both[0], both[1]
+            mine = second == second[k]
+            by = (~mine, mine, mine & (runs != k))
+            found.append([self.left_by(self.agreed(weight * group))[k] for group in by])
+        return np.array(found).T
 
     def factors(self, by: Sequence[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Factor of each run against what most runs, or those named, agree on, and its correlation with that."""
@@ -340,9 +344,11 @@ def _other_device(recording: Recording, table: _Table) -> RecordingFault | None:
     second = fit.two_devices()
     if min(second.sum(), (~second).sum()) < _LEAST_GROUP:
         return None
-    apart, foretold = fit.apart(second)
-    middle = min(float(np.median(foretold[group])) for group in (second, ~second))
-    if apart.min() < _APART or middle < _FORETOLD or _separable(table.conditions, second):
+    by_other, by_own, by_rest = fit.left_by_groups(second)
+    apart = np.sqrt(by_other / by_own)
+    if apart.min() < _APART or _better(by_rest, by_other, second) < _FORETOLD or _separable(table.conditions, second):
+        return None
+    if _better(by_rest, _left_by_boosting(recording, fit, table.every), second) < _BOOSTING:
         return None
     few = second if (second.sum(), second[0]) < ((~second).sum(), not second[0]) else ~second
     runs = np.flatnonzero(few)
@@ -354,6 +360,24 @@ def _other_device(recording: Recording, table: _Table) -> RecordingFault | None:
         alike = bool((fits[few] > _ALIKE).all()) and abs(math.log(gain)) > math.log1p(_GAIN)
         return _fault(recording, "torque_gain", runs, factors, "1", 1.0) if alike else None
     return _fault(recording, "other_device", runs, np.where(few, apart, 1.0), "1", 1.0)
+
+
+def _better(by_rest: np.ndarray, otherwise: np.ndarray, second: np.ndarray) -> float:
+    """Factor by which the rest of its own group leaves less of the middle run of both groups; mean squares, (R,)."""
+    ratio = np.sqrt(otherwise / by_rest)
+    return min(float(np.median(ratio[group])) for group in (second, ~second))
+
+
+def _left_by_boosting(recording: Recording, fit: _Fit, every: int) -> np.ndarray:
+    """What boosting leaves of each run after learning on other runs of either group, as mean square, shape (R,)."""
+    motion = Motion.of(recording)
+    kept = np.concatenate([np.arange(part.start, part.stop, every) for part in motion.parts])
+    smooth = np.zeros((fit.rows[0].shape[1], len(motion.q)))
+    smooth[:, kept] = np.concatenate(fit.rows).T
+    at = kept[:: -(-len(kept) // _LEARNED)]
+    left = (motion.torque[at] - foretold(motion, at, motion.torque, smooth=smooth)) * motion.scales.torque
+    run = np.searchsorted(motion.start, at, side="right") - 1
+    return np.array([np.var(left[run == k]) for k in range(len(fit.rows))])
 
 
 def _separable(conditions: np.ndarray, second: np.ndarray) -> bool:

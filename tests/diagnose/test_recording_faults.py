@@ -123,7 +123,10 @@ def test_the_damper_whose_zero_moved() -> None:
     assert len(fault.trajectories) == 34 and fault.value == pytest.approx(130.0, rel=0.1)
 
 
-@pytest.mark.parametrize(("seed", "index", "size"), [(77, 19, "large"), (78, 9, "small"), (78, 6, "small")])
+@pytest.mark.parametrize(
+    ("seed", "index", "size"),
+    [(77, 19, "large"), (78, 9, "small"), (78, 6, "small"), (1006, 0, "small"), (1007, 9, "small")],
+)
 def test_a_law_of_another_shape_is_no_fault(seed: int, index: int, size: str) -> None:
     """Kwok's and Spencer's law: their runs gather in groups by what describes them, or one stands out by one look."""
     recording = Plan(family="foreign", level=0.1, seed=seed, size=size).make(index).recording
