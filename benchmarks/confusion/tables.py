@@ -134,6 +134,7 @@ def _foreign_lines(cases: list[_Case]) -> list[str]:
         named = [{"false": not set(_names(cause)) & set(c["kinds"])} for c in more for cause in c["causes"]]
         lines.append(share("two or three: found of the true ones", hidden, lambda x: x["found"], least=0.75))
         lines += [share("two or three: false among the named", named, lambda x: x["false"], most=0.03)] if named else []
+    lines.append(share("a fault of the recording told", cases, lambda c: bool(c.get("faults")), most=0.02))
     told = [c for c in cases if c.get("account")]
     if told:
         near = [{"near": 1.0 / 1.5 <= not_repeatable_ratio(c) <= 1.5} for c in told]

@@ -48,6 +48,7 @@ def record_of(result: Any) -> dict[str, Any]:
         },
         "gain": None if result.gain is None else result.gain.rmse_reduction,
         "law": None if result.law is None else result.law.name,
+        "faults": [fault.kind for fault in result.recording_faults],
         "suspects": {suspect.name: suspect.reason for suspect in result.suspects},
         "baseline": None if result.account is None else result.baseline.nrmse,
         "account": None if result.account is None else asdict(result.account),

@@ -35,7 +35,8 @@ def test_hidden_effect_is_found_in_a_foreign_device(kind: str, law: str) -> None
 def test_nothing_hidden_in_a_foreign_device_is_not_named(law: str, repeats: bool) -> None:
     """Nothing is named; what repeats without a name, as beside Spencer's law, is unexplained."""
     found = foreign("none", law)
-    assert found["outcome"] == "right" and not found["causes"] and bool(found["unexplained"]) == repeats
+    assert found["outcome"] == "right" and not found["causes"] and not found["faults"]
+    assert bool(found["unexplained"]) == repeats
 
 
 @pytest.mark.parametrize("law", LAWS)
