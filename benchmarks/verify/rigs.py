@@ -69,10 +69,11 @@ def link_scene(mr: MrParams, *, dt: float, link: Link | None = None, brake: bool
     kp, kd, limit = mr.motor.kp_base, mr.motor.kd, mr.motor.tau_limit
     joint = JointActuator(joint="joint", prim_path="", kp=kp, kd=kd, tau_limit=limit, mr=mr)
     at = np.zeros(1, dtype=np.int32)
-    none = at[:0]
+    none, nothing = at[:0], np.zeros(1)
     return Scene(
-        model=model, actuators=(joint,), layout=MR_GO, q_adr=at, v_adr=at, feet=none, foot_adr=none, floating=False
-    )
+        model=model, actuators=(joint,), layout=MR_GO, q_adr=at, v_adr=at, friction=nothing, damping=nothing, feet=none,
+        foot_adr=none, floating=False,
+    )  # fmt: skip
 
 
 def yield_torque(mr: MrParams, current: float) -> float:

@@ -103,6 +103,9 @@ class Sim:
         self.residual = zeros(num_envs)
         self.unsolved = wp.zeros(num_envs, dtype=int, device=self.device)
         self._frictionloss = self.backend.expand("dof_frictionloss")
+        self._joint_friction, self._joint_damping = (
+            wp.array(values, dtype=float, device=self.device) for values in (scene.friction, scene.damping)
+        )
         self._no_bound = zeros(num_envs, num_joints)
         self._steps: dict[tuple[int | None, int | None], list[Launch]] = {}
         self._q_adr = wp.array(scene.q_adr, dtype=int, device=self.device)
@@ -209,7 +212,10 @@ class Sim:
         return record(
             sim_kernels.apply_kernel,
             (self.num_envs, lanes),
-            [lanes, self._v_adr, int(self.coupling is Coupling.CONSTRAINT), tau, bound],
+            [
+                *(lanes, self._v_adr, self._joint_friction, self._joint_damping),
+                *(int(self.coupling is Coupling.CONSTRAINT), tau, bound, self.qd),
+            ],
             [self.backend.field("qfrc_applied"), self._frictionloss],
         )
 

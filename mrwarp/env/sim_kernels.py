@@ -80,25 +80,29 @@ def gather_kernel(
 
 @wp.kernel(enable_backward=False)
 def apply_kernel(
-    # parameters: joints that a thread takes are this far apart (a GPU: J threads, a CPU: one); dof addresses, shape
-    # (J,); 1 = write the brake bounds
+    # parameters: joints that a thread takes are this far apart (a GPU: J threads, a CPU: one); dof addresses, friction
+    # [N·m] and damping [N·m·s/rad] of the joints, shape (J,); 1 = write the brake bounds
     lanes: int,
     v_adr: wp.array[int],
+    friction: wp.array[float],
+    damping: wp.array[float],
     constraint: int,
-    # in, shape (E, J) [N·m]
+    # in, shape (E, J) [N·m, N·m, rad/s]
     tau_in: wp.array2d[float],
     bound_in: wp.array2d[float],
+    qd_in: wp.array2d[float],
     # out, shape (E, nv) [N·m]
     qfrc_applied_out: wp.array2d[Any],
     frictionloss_out: wp.array2d[Any],
 ):
-    """Joint torques and brake bounds to the solver."""
+    """Joint torques and brake bounds to the solver, with the joints' own damping and dry friction."""
     env, lane = wp.tid()
     for joint in range(lane, v_adr.shape[0], lanes):
         dof = v_adr[joint]
-        qfrc_applied_out[env, dof] = qfrc_applied_out.dtype(tau_in[env, joint])
+        tau = tau_in[env, joint] - damping[joint] * qd_in[env, joint]
+        qfrc_applied_out[env, dof] = qfrc_applied_out.dtype(tau)
         if constraint == 1:
-            frictionloss_out[env, dof] = frictionloss_out.dtype(bound_in[env, joint])
+            frictionloss_out[env, dof] = frictionloss_out.dtype(bound_in[env, joint] + friction[joint])
 
 
 @wp.kernel(enable_backward=False)

@@ -84,6 +84,10 @@ class Scene:
     """Address of each joint in qpos; shape (J,)."""
     v_adr: np.ndarray
     """Address of each joint in qvel; shape (J,)."""
+    friction: np.ndarray
+    """Dry friction of each joint beside what its device does [N·m]; shape (J,)."""
+    damping: np.ndarray
+    """Its damping beside the drive's Kd [N·m·s/rad]; shape (J,)."""
     feet: np.ndarray
     """Shape of each foot, a sphere; shape (L,), empty without feet."""
     foot_adr: np.ndarray
@@ -182,11 +186,12 @@ def build_scene(
     names = [model.joint(i).name for i in range(model.njnt)]
     ids = [named(names, actuator.joint, "joint") for actuator in asset.actuators]
     q_adr, v_adr = model.jnt_qposadr[ids], model.jnt_dofadr[ids]
-    model.dof_damping[v_adr] = 0.0  # Euler steps stay exactly qd_next = qd + dt*qdd, as the brake constraint needs
-    model.dof_frictionloss[v_adr] = 0.0
+    friction, damping = model.dof_frictionloss[v_adr].copy(), model.dof_damping[v_adr].copy()
+    # a torque like Kd's: Euler steps stay exactly qd_next = qd + dt*qdd, as the brake constraint needs
+    model.dof_damping[v_adr] = 0.0
     add_inertia(model, v_adr, asset.actuators)
-    if coupling is Coupling.CONSTRAINT:
-        set_brake_constraint(model, [v for v, a in zip(v_adr, asset.actuators, strict=True) if a.mr], dt)
+    brakes = [a.mr is not None and coupling is Coupling.CONSTRAINT for a in asset.actuators]
+    set_brake_constraint(model, list(v_adr[np.array(brakes) | (friction > 0.0)]), dt)
     feet = _feet(model, asset.layout)
     sensors = [model.sensor(FOOT_SENSOR.format(leg=leg.name)) for leg in asset.layout.legs] if len(feet) else []
     return Scene(
@@ -195,6 +200,8 @@ def build_scene(
         layout=asset.layout,
         q_adr=q_adr.astype(np.int32),
         v_adr=v_adr.astype(np.int32),
+        friction=friction,
+        damping=damping,
         feet=feet,
         foot_adr=np.array([sensor.adr[0] for sensor in sensors], dtype=np.int32),
         floating=bool(model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE),

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
+from pxr import Usd
 
 from mrwarp.robot_logs.robot_log import LogError
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
@@ -18,15 +20,13 @@ from mrwarp.robots.read_robot import read_robot
 from mrwarp.robots.write_robot import save_checked, write_checked
 from mrwarp.run_dir import plain, write_text
 from mrwarp.runtime import silent
-from mrwarp.usd.asset import ROBOT_SUFFIXES, load_robot
+from mrwarp.usd.asset import ROBOT_SUFFIXES, RobotAsset, load_robot
 from mrwarp.usd.open_stage import AssetError
 
 SCHEMA = 1
 
-IN_USD = ("mass", "com", "armature", "kp", "kd")
-"""Fields whose corrections robot.usda carries; of a robot's own USD file also :data:`OF_DRIVES`, of an MJCF lengths."""
-
-OF_DRIVES = ("strength", "device")
+IN_USD = ("mass", "com", "armature", "kp", "kd", "friction", "damping", "strength", "limit")
+"""Fields whose corrections robot.usda carries; of a robot's own USD file also of its devices, of an MJCF lengths."""
 
 
 def write_extended(d: RobotDiagnosis, out: Path) -> tuple[list[str], list[str]]:
@@ -47,12 +47,17 @@ def write_extended(d: RobotDiagnosis, out: Path) -> tuple[list[str], list[str]]:
                 if robot.floating:
                     gains = {f: dict(zip(d.log.joints, _gains(d, f), strict=True)) for f in ("kp", "kd")}
                     understood = understand(robot, Choices(kp=gains["kp"], kd=gains["kd"]))
-                    write_checked(understood, out / "robot.usda", source=str(source))
+                    asset = write_checked(understood, out / "robot.usda", source=str(source))
+                    for (field, k), x in change.items():
+                        if field in ("strength", "limit"):
+                            _correct_drive(asset, d, field, k, x)
+                    _rub(asset.stage, d, change)
+                    save_checked(asset.stage, out / "robot.usda")
                     names.append("robot.usda")
         except (RobotFileError, AssetError, ValueError) as error:
             notes.append(f"no robot.usda: {error}")
     if "robot.usda" in names:
-        carried = (*IN_USD, *(OF_DRIVES if "robot.xml" not in names else ("length",)))
+        carried = (*IN_USD, "device" if "robot.xml" not in names else "length")
         absent = sorted({p.cause for p, x in zip(d.parameters, d.theta, strict=True) if x and p.field not in carried})
         if absent:
             notes.append(f"robot.usda has no place for {', '.join(absent)}: model.json has the numbers")
@@ -147,7 +152,6 @@ def _write_usd(d: RobotDiagnosis, change: dict[tuple[str, int], float], path: Pa
     asset = load_robot(robot=str(source)) if source.suffix else load_robot(robot=source.name)
     stage, mj = asset.stage, d.model.model
     root = stage.GetDefaultPrim().GetPath()
-    drives = {a.joint: stage.GetPrimAtPath(a.prim_path) for a in asset.actuators}
 
     def scale(prim: Any, name: str, factor: float) -> None:
         attribute = prim.GetAttribute(name)
@@ -166,18 +170,41 @@ def _write_usd(d: RobotDiagnosis, change: dict[tuple[str, int], float], path: Pa
             for name in ("physics:mass", "physics:diagonalInertia"):
                 scale(body, name, max(mj.body_mass[b] + x, 1e-4) / mj.body_mass[b])
         elif field == "armature":
-            joint = stage.GetPrimAtPath(root.AppendPath(f"joints/{d.log.joints[k]}"))
-            joint.GetAttribute("newton:armature").Set(max(float(mj.dof_armature[d.model.v_adr[k]]) + x, 1e-5))
-        elif field in ("kp", "kd", "strength"):
-            drive = drives[d.log.joints[k]]
-            names = {"kp": ("kp", "kp_base"), "kd": ("kd",), "strength": ("kp", "kp_base", "kd", "tau_limit")}[field]
-            for attribute in drive.GetAttributes():
-                if attribute.GetName().rpartition(":")[2] in names:
-                    attribute.Set(attribute.Get() * (1.0 + x))
-        elif field in ("device", "drag"):
-            for attribute in drives[d.log.joints[k]].GetAttributes():
-                name = attribute.GetName()
-                if field == "device" and name in ("newton:mr:K1", "newton:mr:T_max"):
-                    attribute.Set(attribute.Get() * (1.0 + x))
+            armature = max(float(mj.dof_armature[d.model.v_adr[k]]) + x, 1e-5)
+            _joint(stage, d.log.joints[k]).GetAttribute("newton:armature").Set(armature)
+        elif field in OF_DRIVES:
+            _correct_drive(asset, d, field, k, x)
+    _rub(stage, d, change)
     save_checked(stage.Flatten(), path)
     return path.name
+
+
+OF_DRIVES = {
+    "kp": ("kp", "kp_base"), "kd": ("kd",), "limit": ("maxEffort", "tau_limit"), "device": ("K1", "T_max"),
+    "strength": ("kp", "kp_base", "kp_low", "kd", "maxEffort", "tau_limit"),
+}  # fmt: skip
+"""Attributes of a drive, by the field that changes them."""
+
+
+def _correct_drive(asset: RobotAsset, d: RobotDiagnosis, field: str, j: int, x: float) -> None:
+    """Change a drive's numbers by a factor, or its limit to a share of the most that the log asks for."""
+    path = next(a.prim_path for a in asset.actuators if a.joint == d.log.joints[j])
+    for attribute in asset.stage.GetPrimAtPath(path).GetAttributes():
+        if attribute.GetName().rpartition(":")[2] in OF_DRIVES[field]:
+            whole = min(attribute.Get(), float(d.model.asked[j])) if field == "limit" else attribute.Get()
+            attribute.Set(whole * (1.0 + x))
+
+
+def _rub(stage: Usd.Stage, d: RobotDiagnosis, change: dict[tuple[str, int], float]) -> None:
+    """Give the joints the dry friction and damping of the replay, with their corrections."""
+    mj = d.model.model
+    for j, joint in enumerate(d.log.joints):
+        v = d.model.v_adr[j]
+        degree = math.pi / 180.0 if mj.jnt_type[mj.dof_jntid[v]] == mujoco.mjtJoint.mjJNT_HINGE else 1.0
+        for field, of, per in (("friction", "frictionloss", 1.0), ("damping", "damping", degree)):
+            value = float(getattr(mj, f"dof_{of}")[v]) + change.get((field, j), 0.0)
+            _joint(stage, joint).GetAttribute(f"newton:{field}").Set(max(value, 0.0) * per)
+
+
+def _joint(stage: Usd.Stage, joint: str) -> Usd.Prim:
+    return stage.GetPrimAtPath(stage.GetDefaultPrim().GetPath().AppendPath(f"joints/{joint}"))

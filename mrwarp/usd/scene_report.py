@@ -36,7 +36,7 @@ _UNITS = {
     "physics:diagonalInertia": "kg·m2",
     "physics:centerOfMass": "m",
     "newton:armature": "kg·m2",
-    "newton:damping": "N·m·s/rad",
+    "newton:damping": "N·m·s/deg",
     "newton:friction": "N·m",
     "physics:localPos0": "m",
     "physics:localPos1": "m",

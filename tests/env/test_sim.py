@@ -4,6 +4,7 @@ import gc
 import os
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -16,7 +17,7 @@ from benchmarks.verify.rigs import stance
 from mrwarp.actuator import brake_constraint
 from mrwarp.env.backend import BackendKind, MjBatchBackend
 from mrwarp.env.sim import ActuatedSim, Sim, SimCfg, robot_scene
-from mrwarp.env.sim_model import Scene, SolverCfg
+from mrwarp.env.sim_model import Scene, SolverCfg, build_scene
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import load_robot
 from mrwarp.usd.open_stage import ASSETS
@@ -55,6 +56,36 @@ def test_sim_brake_stops_a_rotor_like_coulomb_friction():
     # the row stops it but for creep*torque, and the torque that stopped it is at most the bound
     assert abs(qd[13]) <= brake_constraint.CREEP * bound
     assert abs(qd[-1]) < 1e-9
+
+
+def test_a_joint_has_its_own_friction_and_damping():
+    """A rotor loses (f + c*qd)*dt/J per step, here J = 0.01, f = 1 N·m, c = 0.02 N·m·s/rad, and then stands still.
+
+    The torque of the damping is rounded to float32.
+    """
+    inertia, friction, damping = float(np.float32(0.01)), 1.0, 0.02
+    sim = Sim(replace(bench_rig(), friction=np.array([friction]), damping=np.array([damping])), SimCfg(num_envs=1))
+    sim.reset(None, qvel=f32([[20.0]]))
+    expected, qd = [20.0], [20.0]
+    for _ in range(60):
+        sim.step(f32([[0.0]]), f32([[0.0]]))
+        qd.append(float(sim.backend.field("qvel").numpy()[0, 0]))
+        expected.append(max(expected[-1] - (friction + damping * expected[-1]) * sim.dt / inertia, 0.0))
+    assert expected[-1] == 0.0 < expected[30]
+    np.testing.assert_allclose(qd, expected, rtol=0.0, atol=2.0 * brake_constraint.CREEP)
+
+
+def test_friction_and_damping_of_joints_come_from_their_file():
+    """Newton's attributes of a joint; USD's damping of a hinge is per degree. Unmentioned joints have none."""
+    asset = load_robot(robot="go1")
+    joint = asset.actuators[4].joint
+    prim = next(x for x in asset.stage.Traverse() if x.GetName() == joint and x.GetAttribute("newton:friction"))
+    prim.GetAttribute("newton:friction").Set(0.3)
+    prim.GetAttribute("newton:damping").Set(0.07 * np.pi / 180.0)
+    found = build_scene(asset, dt=0.005)
+    np.testing.assert_allclose(found.friction, 0.3 * (np.arange(12) == 4), rtol=1e-6)
+    np.testing.assert_allclose(found.damping, 0.07 * (np.arange(12) == 4), rtol=1e-5)
+    assert not found.model.dof_damping.any()
 
 
 def test_a_forked_process_does_not_wait_for_threads_of_its_parent(scene):
