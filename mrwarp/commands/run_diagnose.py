@@ -15,7 +15,7 @@ from mrwarp.commands.run_fit import Averaged
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.run_dir import check_writable, write_text
-from mrwarp.runtime import Stopwatch, quiet_libraries
+from mrwarp.runtime import Stopwatch, quiet_libraries, text_table
 
 if TYPE_CHECKING:
     from mrwarp.diagnose.report.diagnosis_page import Table
@@ -35,6 +35,8 @@ class Diagnose(Options):
     """output folder"""
     robot: Annotated[str | None, opt.one(str, "ROBOT")] = None
     """of a robot's log: its description, MJCF, URDF or USD (default: the file that log.json names, beside it)"""
+    policy: opt.OptionalFile = None
+    """of a robot's log: also show what the verdict changes when this policy walks (falls, tracking, power)"""
     model: opt.OptionalFile = None
     """nominal model.json, against which shifts of calibration count"""
     skip_bad: opt.Flag = False
@@ -62,8 +64,8 @@ class Diagnose(Options):
 
         if self.robot is not None or is_robot_log(self.data):
             return self._diagnose_robot(line)
-        if self.live or self.rrd is not None:
-            option = "--live" if self.live else "--rrd"
+        if self.live or self.rrd is not None or self.policy is not None:
+            option = "--live" if self.live else "--rrd" if self.rrd is not None else "--policy"
             raise ValueError(f"{option}: {self.data} is the recording of a joint, no robot's log; leave it out")
 
         progress = Stopwatch()
@@ -96,6 +98,7 @@ class Diagnose(Options):
         from mrwarp.robot_logs.report import log_page, log_pictures
         from mrwarp.robot_logs.report.compared_replays import compare
         from mrwarp.robot_logs.report.log_view import log_view
+        from mrwarp.robot_logs.report.walk_change import HEAD, check_walker, walk_change
         from mrwarp.robot_logs.robot_diagnosis import diagnose_log, robot_of
         from mrwarp.robot_logs.robot_verdict import lines
         from mrwarp.run_dir import check_output, write_bytes
@@ -113,11 +116,19 @@ class Diagnose(Options):
         try:
             progress(f"reading {self.data}")
             log = open_log(self.data, skip_bad=self.skip_bad)
-            d = diagnose_log(robot_of(log, self.robot), log, progress=progress)
+            robot = robot_of(log, self.robot)
+            if self.policy is not None:
+                check_walker(self.policy, robot, log.base)
+            d = diagnose_log(robot, log, progress=progress)
+            walked = None
+            if self.policy is not None and d.causes:
+                walked = walk_change(d, self.policy, seed=self.seed, progress=progress)
+            elif self.policy is not None:
+                progress("no extension: the robot is what it was")
             progress("pictures")
             compared = compare(d)
             pictures = log_pictures.draw(d, compared)
-            page = log_page.render(d, pictures, str(line))
+            page = log_page.render(d, pictures, str(line), walked)
             sink = open_sink(rrd=self.rrd) if self.live or self.rrd is not None else None
             if sink is not None:
                 log_view(d, compared, sink.recording)
@@ -131,8 +142,11 @@ class Diagnose(Options):
             write_text(self.out / "report.html", page)
             names, notes = write_extended(d, self.out)
             d = replace(d, notes=(*d.notes, *notes))
-            d.write(self.out, str(line), seed=self.seed, model_name="model.json")
+            besides = {"walk": vars(walked)} if walked else {}
+            d.write(self.out, str(line), besides, seed=self.seed, model_name="model.json")
         print("\n".join(lines(d)))
+        if walked:
+            print("\n".join(("", "as described → extended", *text_table(HEAD, walked.rows()))))
         print(f"\nresult.json, report.html, pictures/, {', '.join(names)} in {self.out} ({progress.seconds:.0f} s)")
         if self.rrd is not None:
             print(f"recording: {self.rrd}; open it with: rerun {self.rrd}")

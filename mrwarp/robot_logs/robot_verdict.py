@@ -108,9 +108,12 @@ class RobotDiagnosis:
             },
         }  # fmt: skip
 
-    def write(self, out: Path, command: str, *, seed: int, model_name: str = "") -> Path:
-        """Write ``result.json`` atomically into a folder, which is made if it is not there."""
-        return write_result(out, self.to_dict() | {"model": model_name or None}, seed=seed, command=command)
+    def write(
+        self, out: Path, command: str, besides: Mapping[str, Any] | None = None, *, seed: int, model_name: str = ""
+    ) -> Path:
+        """Write ``result.json``, with what is known ``besides``, atomically into a folder, made if it is not there."""
+        found = self.to_dict() | {"model": model_name or None} | dict(besides or {})
+        return write_result(out, found, seed=seed, command=command)
 
 
 def lines(d: RobotDiagnosis) -> Iterator[str]:

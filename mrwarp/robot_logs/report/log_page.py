@@ -11,6 +11,7 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from mrwarp.diagnose import verdict_text as text
 from mrwarp.diagnose.result import Value
 from mrwarp.robot_logs.report.compared_replays import UNITS
+from mrwarp.robot_logs.report.walk_change import HEAD, WalkChange
 from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, cause_text
 from mrwarp.run_dir import versions
 
@@ -18,7 +19,9 @@ MOST_SAID = 3
 """Most causes of the page's first sentence."""
 
 
-def render(d: RobotDiagnosis, pictures: Mapping[str, bytes], command: str) -> str:
+def render(
+    d: RobotDiagnosis, pictures: Mapping[str, bytes], command: str, walked: WalkChange | None = None
+) -> str:
     """The page as text; ``pictures`` are PNGs by name."""
     loaders = [PackageLoader(f"mrwarp.{room}", ".") for room in ("robot_logs.report", "diagnose.report")]
     environment = Environment(
@@ -30,7 +33,7 @@ def render(d: RobotDiagnosis, pictures: Mapping[str, bytes], command: str) -> st
         gain=_gain(d), joints=_joints(d), channels=_channels(d), experiment=d.next_experiment,
         cannot_know=[_parted(x) for x in d.cannot_know], session=_session(d),
         detectable=[_detectable(name, v) for name, v in d.detectable.items()],
-        data=_data(d), notes=d.notes, command=command, seconds=f"{d.seconds:.0f}",
+        data=_data(d), notes=d.notes, walked=walked, walk_head=HEAD, command=command, seconds=f"{d.seconds:.0f}",
         versions=", ".join(f"{name} {number}" for name, number in versions().items()),
         pictures={name: base64.b64encode(data).decode() for name, data in pictures.items()},
     )  # fmt: skip
