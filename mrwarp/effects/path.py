@@ -28,6 +28,8 @@ _DIFFERENCE = wp.constant(column_of("series_compliance", "difference"))
 _WOUND = wp.constant(SLOT["series_compliance"])
 _RATE = wp.constant(SLOT["backlash"])
 _LAST_SLOT = wp.constant(SLOTS - 1)
+_RELUCTANT = wp.constant(0.7)
+"""Share of what is missing by which w goes at first: as the device's torque falls with w, all of it is too far."""
 
 
 @wp.func
@@ -187,10 +189,11 @@ def law_behind_shaft(
     ``w - clamp(w, -b, b) = c*tau``, w = q - y: the shaft at y has no mass, so the device bears what stops and element
     bear. Its speed is that of the joint less the rate of w. The law is asked again and again, from the states that it
     had before the step, for the w at the step's end at which both agree. What is borne grows with w and the device's
-    torque falls with it, so w lies between where a shaft that stands still has it and where the element bears that
-    shaft's torque. With an element the rate is the step's mean. Without one it is a line over the step within the gap,
-    which keeps the time of contact to a small part of a step, and 0 at a stop; a stop gives way by a thousandth of the
-    half-gap at the sliding torque. Factors of eq. 14 are those at the joint's speed.
+    torque falls with it, so w lies between any guess and where the element bears that guess's torque. The first guess
+    is where the last rate leads, without an element that of a shaft that stands still. With an element the rate is the
+    step's mean. Without one it is a line over the step within the gap, which keeps the time of contact to a small part
+    of a step, and 0 at a stop; a stop gives way by a thousandth of the half-gap at the sliding torque. Factors of
+    eq. 14 are those at the joint's speed.
     """
     half_gap, compliance, slot = values[row, _HALF_GAP], values[row, _COMPLIANCE], law_slot(law)
     last, z = wp.min(slot + 1, _LAST_SLOT), float(s.z)
@@ -199,8 +202,8 @@ def law_behind_shaft(
     size = wp.max(wp.abs(loop), 1.0e-9)
     q, qd, qd_before, way = float(s.q), float(s.qd), float(s.qd_before), float(s.path_1 + s.path_2)
     wound, rate_before, rate = float(memory[line, _WOUND]), float(memory[line, _RATE]), float(0.0)
-    w = float(wound + way)  # of a shaft that stands still
-    low, high, w_before, miss_before, struck = float(w), float(w), float(w), float(0.0), int(0)
+    w = wp.where(compliance > 0.0, wound + s.dt * rate_before, wound + way)
+    low, high, w_before, miss_before, struck = float(0.0), float(0.0), float(w), float(0.0), int(0)
     for i in range(32):
         if s.begins == 0:
             mean = (w - wound) / s.dt
@@ -231,13 +234,13 @@ def law_behind_shaft(
                 break
             struck = 1  # once more with the joint's own speed, which a shaft at a stop has
             continue
-        if i == 0:
+        if i == 0:  # alone, with this w's torque, lies beyond
             low, high = wp.min(alone, w), wp.max(alone, w)
         if miss > 0.0:
             high = w
         else:
             low = w
-        ahead = float(wound)  # what slides on keeps its element as it is wound
+        ahead = wp.where(compliance > 0.0, w - _RELUCTANT * miss, wound)  # what slides on keeps its element as it is
         if i > 0:
             ahead = w - miss * (w - w_before) / (miss - miss_before + 1.0e-30)
         w_before = w
