@@ -19,9 +19,7 @@ MOST_SAID = 3
 """Most causes of the page's first sentence."""
 
 
-def render(
-    d: RobotDiagnosis, pictures: Mapping[str, bytes], command: str, walked: WalkChange | None = None
-) -> str:
+def render(d: RobotDiagnosis, pictures: Mapping[str, bytes], command: str, walked: WalkChange | None = None) -> str:
     """The page as text; ``pictures`` are PNGs by name."""
     loaders = [PackageLoader(f"mrwarp.{room}", ".") for room in ("robot_logs.report", "diagnose.report")]
     environment = Environment(
