@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,10 +33,10 @@ class WalkChange:
 
     policy: str
     trials: int
-    described: Sequence[Mapping[str, object]]
+    described: Sequence[Mapping[str, Any]]
     """Per command: ``command`` [m/s], ``fell`` and ``late`` of the trials, and means over those that arrived:
     ``v_x_rmse`` [m/s], ``power`` [W], ``cot`` [1]; None where none arrived."""
-    extended: Sequence[Mapping[str, object]]
+    extended: Sequence[Mapping[str, Any]]
 
     def rows(self) -> list[tuple[str, ...]]:
         """What :data:`HEAD` names, described and extended, a row per command."""
@@ -101,5 +102,5 @@ def walk_change(
     return WalkChange(policy=str(policy), trials=trials, described=found[0], extended=found[1])
 
 
-def _shown(value: object) -> str:
+def _shown(value: float | None) -> str:
     return "–" if value is None else f"{value:.3g}"
