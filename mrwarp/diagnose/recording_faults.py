@@ -2,15 +2,15 @@
 
 Eqs. 14 and 15 with few numbers describe all runs together, each with an offset of its own; runs that they do not fit
 count less (iteratively re-weighted least squares), so a minority of spoilt runs does not bend what the rest says.
-Offsets that fall into two groups with a wide gap between them are a zero that moved between runs; they have to show in
-both halves of the runs. Runs that fit with the other sign only are reversed; factors in two
-groups are another gain, where the control input of these runs is among that of the others. What scatters without a gap
-is left to the noise, and so is what goes with the place or the control input of the runs. Runs that need other
-coefficients altogether are of another device (clusterwise regression, Spaeth, Computing 22, 1979): its own group has
-to describe each run far better than the other, which a drift from run to run is not, and to foretell most runs without
-them, better than boosting foretells them from all others: what one function of the motion describes is one device,
-whatever its law. It is looked for first, for some of its runs would be taken for another gain; where one factor makes
-the groups alike, it is a gain.
+Offsets that fall into two groups with a wide gap between them are a zero that moved between runs; they have to show
+in both halves of the runs. Runs that fit with the other sign only are reversed; factors in two groups are another
+gain, where the control input of these runs is among that of the others and the factor makes them runs like these.
+What scatters without a gap is left to the noise, and so is what goes with the place or the control input of the runs.
+Runs that need other coefficients altogether are of another device (clusterwise regression, Spaeth, Computing 22,
+1979): its own group has to describe each run far better than the other, which a drift from run to run is not, and to
+foretell most runs without them, better than boosting foretells them from all others: what one function of the motion
+describes is one device, whatever its law. It is looked for first, for some of its runs would be taken for another
+gain; where one factor makes the groups alike, it is a gain.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ _ZERO, _GAIN = 0.05, 0.25
 """Smallest moved zero, in standard deviations of the torque, and smallest other gain that are told [1]."""
 _ALIKE, _SIMILAR, _MOST = 0.9, 1.6, 0.7
 """Least correlation of a run with what the others say, largest factor, and share of the runs for which both hold."""
+_AS_WELL = 1.5
+"""Largest error of a run of another gain that is left after its factor, over that of the middle of the others."""
 _FITS = 0.7
 """Least correlation, turned round, of a run that is called reversed."""
 _CONFOUNDED = 0.8
@@ -336,6 +338,9 @@ def _other_gain(recording: Recording, table: _Table) -> RecordingFault | None:
     covered = _covered(recording, table.conditions[:, 2:4], few, most)
     if 3 * len(few) > len(factors) or not (fits[few] > _ALIKE).all() or not covered:
         return None
+    left = 1.0 - fits**2  # after its own factor, as a share of the run's energy
+    if left[few].max() > _AS_WELL**2 * np.median(left[most]):
+        return None  # no factor makes them runs like the others
     return _fault(recording, "torque_gain", few, factors, "1", 1.0)
 
 
