@@ -23,6 +23,10 @@ NO_LIMIT = 1e6
 LONGEST_STEP = 0.0011
 """Longest physics step of a replay [s]: a longer one answers noticeably later than the robot."""
 
+LEVEL = 0.002
+"""Feet that are no further than this above the lowest one bear load, where the log has no forces of feet [m]: one that
+is about to land moves at the robot's speed."""
+
 STIFF_FRICTION = ([0.01, 1.0], [0.9999, 0.9999, 0.001, 0.5, 2.0])
 """solref and solimp of dry friction: MuJoCo's own let a joint creep below some 0.1 rad/s as if it were viscous."""
 
@@ -67,6 +71,8 @@ class ReplayModel:
     """Largest torque that the log asks of each joint [N·m], shape (J,)."""
     reach: np.ndarray
     """Distance from each body's joint to the furthest of what hangs on it [m], shape (B,)."""
+    sink: np.ndarray
+    """Depth to which feet sink into the ground when one of them bears the robot, two, …, [m], shape (F,)."""
 
     def body_name(self, body: int) -> str:
         """Name of a body, of a USD file its prim's."""
@@ -151,6 +157,7 @@ def replay_model(path: Path, log: RobotLog) -> ReplayModel:
         limited=np.array([joint in limits for joint in log.joints]),
         asked=_asked(log),
         reach=_reach(model),
+        sink=_sink(model, _feet(model)) if free else np.zeros(0),
     )
 
 
@@ -181,6 +188,55 @@ def _reach(model: mujoco.MjModel) -> np.ndarray:
         own = [*model.body_pos[model.body_parentid == k], *model.geom_pos[model.geom_bodyid == k]]
         found[k] = max([1e-3, *(float(np.linalg.norm(p)) for p in own)])
     return found
+
+
+def _sink(model: mujoco.MjModel, feet: tuple[int, ...]) -> np.ndarray:
+    """Depth at which the first foot's contact bears the weight, half of it, …, by inverse dynamics at rest, (F,)."""
+    data, wrench = mujoco.MjData(model), np.zeros(6)
+    depths = 1e-4 * np.arange(1, 200)
+    force = np.zeros(len(depths))
+    for k, depth in enumerate(depths):
+        mujoco.mj_resetData(model, data)
+        mujoco.mj_kinematics(model, data)
+        data.qpos[2] -= data.geom_xpos[feet[0], 2] - model.geom_size[feet[0], 0] + depth
+        data.qacc[:] = 0.0
+        mujoco.mj_inverse(model, data)
+        for c in range(data.ncon):
+            if feet[0] in data.contact[c].geom:
+                mujoco.mj_contactForce(model, data, c, wrench)
+                force[k] += wrench[0]
+    weight = -model.opt.gravity[2] * model.body_mass.sum() / np.arange(1, len(feet) + 1)
+    return np.interp(weight, np.maximum.accumulate(force), depths)
+
+
+class Stance:
+    """A robot on its feet: how high its trunk is, and how fast, if feet that bear load stay where they are."""
+
+    def __init__(self, model: ReplayModel, mj: mujoco.MjModel) -> None:
+        self.model, self.mj, self.data = model, mj, mujoco.MjData(mj)
+        self.feet = list(model.feet)
+        self.radius = mj.geom_size[self.feet, 0]
+        self.jacobian, self.turn = np.zeros((3, mj.nv)), np.zeros((3, mj.nv))
+
+    def soles(self, qpos: np.ndarray) -> np.ndarray:
+        """Lowest point of each foot, shape (F, 3), at joints' angles and the trunk's orientation, from its origin."""
+        self.data.qpos[:], self.data.qpos[:3] = qpos, 0.0
+        mujoco.mj_kinematics(self.mj, self.data)
+        mujoco.mj_comPos(self.mj, self.data)
+        return self.data.geom_xpos[self.feet] - self.radius[:, None] * np.array([0.0, 0.0, 1.0])
+
+    def trunk(self, qpos: np.ndarray, qvel: np.ndarray, loaded: np.ndarray) -> tuple[float, np.ndarray]:
+        """Height [m] and velocity [m/s] of the trunk, by the mean of the feet that bear load, (F,); else the lowest."""
+        soles, self.data.qvel[:] = self.soles(qpos), qvel
+        self.data.qvel[:3] = 0.0
+        standing = loaded if loaded.any() else soles[:, 2] < soles[:, 2].min() + LEVEL
+        steady = []
+        for f in np.flatnonzero(standing):
+            body = int(self.mj.geom_bodyid[self.feet[f]])
+            mujoco.mj_jac(self.mj, self.data, self.jacobian, self.turn, soles[f], body)
+            steady.append(-self.jacobian @ self.data.qvel)
+        height = -float(soles[standing, 2].mean() + self.model.sink[standing.sum() - 1])
+        return height, np.mean(steady, axis=0)
 
 
 def _spec(path: Path) -> tuple[mujoco.MjSpec, dict[str, list[float]], dict[str, MrParams], str]:

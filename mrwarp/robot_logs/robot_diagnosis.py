@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +23,14 @@ from mrwarp.robot_logs.selection import (
     LEAST_SHARE,
     NAMED_ODDS,
     PARTS,
+    WALKING,
     Direction,
     Found,
     Posterior,
     bounds_of,
     directions_of,
     half_width,
+    healthy,
     posterior,
     prior_of,
     select,
@@ -56,6 +58,13 @@ ACTS = 0.05
 """A window has a say on a cause where it holds this share of the mean window's information on it: a coil that was not
 asked for current says nothing of it, but for what the other numbers do without it."""
 
+LOUD, MULTIPLES, PICKS = 6, (0.5, 1.0, 2.0, 4.0), 3
+"""Directions that are tried by the replay alone, their sizes in those that derivatives ask for, and how many are taken
+one after the other."""
+
+SEARCHED, SEARCHES = 1.25, 4
+"""Factor between sizes of a cause that are tried by the replay, and how often the range is widened."""
+
 PROOF_STEPS = 2
 """Steps of the fits by which a cause is proven: from where derivatives say."""
 
@@ -69,6 +78,23 @@ VERDICTS: dict[tuple[bool, bool], Verdict] = {
 
 LEAST_WINDOWS = 8
 """Fewest windows that carry a verdict."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sizes:
+    """Sizes by the replay, shape (P,)."""
+
+    size: np.ndarray
+    """Of the causes, beside the session's offsets."""
+    lone: np.ndarray
+    """The same where nothing else is off."""
+    wider: float
+    """Factor on intervals."""
+
+    def half_width(self, d: Direction, now: Posterior, parameters: list[Parameter]) -> float:
+        """See :func:`mrwarp.robot_logs.selection.half_width`."""
+        k = d.members[0]
+        return half_width(d, float(self.size[k]), now, parameters, wider=self.wider, lone=float(self.lone[k]))
 
 
 def robot_of(log: RobotLog, robot: str | None) -> Path:
@@ -111,26 +137,44 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     found, doubtful = _foretelling(select(evidence, parameters, confirmed), evidence, parameters)
     found, refuted = _by_replay(found, model, groups, evidence, parameters)
     doubtful += refuted
-    found, unclear = _clear(found, evidence, parameters)
+
+    def alone(found: list[Found]) -> tuple[Sizes, Evidence]:
+        released = [f.direction for f in found]
+        named = {k for d in released for k in d.members}
+        begin = np.where([k in named or p.cause == SESSION for k, p in enumerate(parameters)], theta, 0.0)
+        low, high = bounds_of(parameters)
+        size, near, free = _alone(model, groups, parameters, released, begin, low, high)
+        own, prior, lone = [parameters[k] for k in free], np.zeros((len(free), len(free))), size[free]
+        lone[[k for k, p in enumerate(own) if p.cause == SESSION]] = 0.0
+        for d in released:
+            at = [free.index(k) for k in d.members]
+            lone = _searched(lone, at, model, groups, own, near, prior, low[free], high[free])
+        each = size.copy()
+        each[free] = lone
+        return Sizes(size=size, lone=each, wider=WALKING if model.free else 1.0), _on_windows_of(evidence, near, free)
+
+    progress("sizes")
+    found, unclear, size, near = _clear(found, evidence, parameters, alone)
     doubtful += unclear
     now = posterior(evidence, parameters, [f.direction for f in found])
-    causes = tuple(_named(f, found, evidence, parameters, now) for f in found)
+    causes = tuple(_named(f, found, size, evidence, parameters, now) for f in found)
     extended = np.zeros(len(parameters))
     for cause in causes:
         for k, change in cause.change.items():
             extended[k] = change
     progress("before and after")
-    gain, errors = _held_out(model, groups, evidence, parameters, found)
+    before = near if not found else alone([])[1]
+    gain, errors = _held_out(model, groups, evidence, parameters, ([], before), ([f.direction for f in found], near))
     beside = posterior(evidence, parameters, [*(f.direction for f in found), *(f.direction for f in doubtful)])
-    suspects = []
+    suspects, both = [], [*found, *doubtful]
     for f in doubtful:
-        c = _named(f, [*found, *doubtful], evidence, parameters, beside)
+        about = sizes(evidence, parameters, [f.direction for f in both])
+        c = _named(f, both, replace(size, size=about, lone=about), evidence, parameters, beside)
         reason = NOT_CLEAR if f in unclear else NOT_FORETOLD
         suspects.append(Suspect(name=c.name, reason=f"at {c.where}: {reason}", parameters=c.parameters, gain=c.gain))
     progress("what no cause explains")
     unexplained = outside(pushes(evidence, model, groups, parameters, theta), groups, log)
-    size = sizes(evidence, parameters, [f.direction for f in found])
-    session = {p.where: float(size[k]) for k, p in enumerate(parameters) if p.field == "shift"}
+    session = {p.where: float(size.size[k]) for k, p in enumerate(parameters) if p.field == "shift"}
     notes = [*getattr(log, "notes", ())]
     late = next(k for k, p in enumerate(parameters) if p.cause == "command_delay")
     if not any(c.name == "command_delay" for c in causes) and abs(now.mean[late]) > parameters[late].least:
@@ -191,15 +235,19 @@ def _fitted(
     released: list[Direction] = []
     described = evidence = gather(model, groups, parameters, theta, progress)
     fits: dict[frozenset[Direction], tuple[np.ndarray, list[Direction]]] = {}
+    progress("single causes")
+    begin, loudest = _loudest(model, groups, parameters, described)
 
     def left(theta: np.ndarray, directions: list[Direction], evidence: Evidence) -> float:
         seen, _ = replayed(evidence, model, groups, parameters, theta)
         return float(seen / evidence.scale + theta @ prior_of(parameters, directions) @ theta)
 
-    for _ in range(ROUNDS):
-        # what does not predict what it did not see is no cause, and would only lead the fit astray
-        seen, _ = _foretelling(select(evidence, parameters), evidence, parameters)
-        found = [f.direction for f in seen if f.direction.cause not in ORDINARY]
+    for round_ in range(ROUNDS):
+        found = loudest
+        if round_ or not loudest:
+            # what does not predict what it did not see is no cause, and would only lead the fit astray
+            seen, _ = _foretelling(select(evidence, parameters), evidence, parameters)
+            found = [f.direction for f in seen if f.direction.cause not in ORDINARY]
         # common causes go first: those at single places may only stand for them
         common = [d for d in found if len(d.members) > 1]
         wanted = common if common and common != released else found
@@ -219,7 +267,9 @@ def _fitted(
             directions: list[Direction], start: np.ndarray = theta, evidence: Evidence = evidence, low=low, high=high,  # noqa: ANN001
         ) -> tuple[np.ndarray, Evidence, bool]:  # fmt: skip
             if directions:
-                start = _alone(model, groups, parameters, directions, described, low, high, progress)
+                first = begin.copy()
+                first[[k for d in loudest if d not in directions for k in d.members]] = 0.0
+                start, _, _ = _alone(model, groups, parameters, directions, first, low, high, described)
                 _, evidence = replayed(evidence, model, groups, parameters, start)
             prior = prior_of(parameters, directions)
             return fit(model, groups, parameters, start, evidence, prior, low, high, progress)
@@ -235,22 +285,101 @@ def _fitted(
 
 def _alone(
     model: ReplayModel, groups: list[Windows], parameters: list[Parameter], released: list[Direction],
-    described: Evidence, low: np.ndarray, high: np.ndarray, progress: Callable[[str], None],
-) -> np.ndarray:  # fmt: skip
-    """The robot with ``released`` and the session's offsets fitted alone, shape (P,): where a fit of all begins.
+    begin: np.ndarray, low: np.ndarray, high: np.ndarray, described: Evidence | None = None,
+) -> tuple[np.ndarray, Evidence, list[int]]:  # fmt: skip
+    """The robot with ``released`` and the session's offsets fitted alone by the replay, from ``begin``, (P,).
 
-    ``described`` is the evidence about the robot as described.
     Far from the truth, where derivatives say little, the other numbers would take up what a large fault leaves.
+    ``described`` is evidence about the robot as described; without it derivatives are taken at ``begin``.
+
+    Returns:
+        Parameters, shape (P,); evidence about them of those that were free; and which these are.
     """
-    free = sorted(
-        {k for d in released for k in d.members} | {k for k, p in enumerate(parameters) if p.cause == SESSION}
-    )
+    named = {k for d in released for k in d.members}
+    free = sorted(named | {k for k, p in enumerate(parameters) if p.cause == SESSION or begin[k] != 0.0})
     own = [parameters[k] for k in free]
-    directions = [replace(d, members=tuple(free.index(k) for k in d.members)) for d in released]
+    prior = prior_of(own, [replace(d, members=tuple(free.index(k) for k in d.members)) for d in released])
+    start, evidence = np.clip(begin[free], low[free], high[free]), described.of(free) if described else None
+    if evidence is not None and start.any():
+        _, evidence = replayed(evidence, model, groups, own, start)
     found = np.zeros(len(parameters))
-    start, prior = np.zeros(len(free)), prior_of(own, directions)
-    found[free], _, _ = fit(model, groups, own, start, described.of(free), prior, low[free], high[free], progress)
-    return found
+    found[free], evidence, _ = fit(
+        model, groups, own, start, evidence, prior, low[free], high[free], lambda _: None, renew=int(bool(described))
+    )
+    if described is None:
+        for d in released:
+            members = [free.index(k) for k in d.members]
+            found[free] = _searched(found[free], members, model, groups, own, evidence, prior, low[free], high[free])
+    return found, evidence, free
+
+
+def _searched(
+    x: np.ndarray, members: list[int], model: ReplayModel, groups: list[Windows], parameters: list[Parameter],
+    evidence: Evidence, prior: np.ndarray, low: np.ndarray, high: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Parameters, (P,), with ``members`` of the size that the replay is best with, found without derivatives.
+
+    Derivatives are those of coarse steps, and of feet that touch: a fit by them ends where they vanish.
+    """
+
+    def at(times: float) -> tuple[float, np.ndarray]:
+        new = x.copy()
+        new[members] = np.clip(times * new[members], low[members], high[members])
+        return replayed(evidence, model, groups, parameters, new)[0] / evidence.scale + new @ prior @ new, new
+
+    sizes, seen = [1.0 / SEARCHED, 1.0, SEARCHED], {}
+    for _ in range(SEARCHES):
+        seen |= {s: at(s) for s in sizes if s not in seen}
+        best = min(seen, key=lambda s: seen[s][0])
+        if min(seen) < best < max(seen):
+            break
+        sizes = [best / SEARCHED, best * SEARCHED]
+    if not min(seen) < best < max(seen):
+        return seen[best][1]
+    near = np.array([max(s for s in seen if s < best), best, min(s for s in seen if s > best)])
+    bend, slope, _ = np.polyfit(near, [seen[s][0] for s in near], 2)
+    return at(float(np.clip(-slope / (2.0 * bend), near[0], near[2])))[1] if bend > 0.0 else seen[best][1]
+
+
+def _loudest(
+    model: ReplayModel, groups: list[Windows], parameters: list[Parameter], described: Evidence
+) -> tuple[np.ndarray, list[Direction]]:
+    """A robot where a fit can begin, (P,), and the fault in it, if any: of single changes that which replays like best.
+
+    Derivatives about the described robot end where a foot lifts: in sum, many small changes then promise more than the
+    true large one, and the replay keeps none of it. So single changes are tried by the replay at several sizes, the
+    best is kept, and those beside it are tried, until one is more than a healthy robot can have.
+    """
+    theta, (low, high) = np.zeros(len(parameters)), bounds_of(parameters)
+    usual = healthy(parameters)
+    a, b = described.a.sum(axis=0), described.b.sum(axis=0)
+    directions = [d for d in directions_of(parameters) if d.cause != SESSION]
+    changes = np.stack([vector(d, parameters) for d in directions])
+    information = np.maximum(np.einsum("dp,pq,dq->d", changes, a, changes), 1e-12)
+
+    def seen(x: np.ndarray) -> float:
+        each = np.tile(x, (len(described.c), 1))
+        return float(described.weight @ losses(described, model, groups, parameters, each)[0] / described.scale)
+
+    here = seen(theta)
+    for _ in range(PICKS):
+        score = changes @ (b - a @ theta)
+        best, taken = 0.0, None
+        for k in np.argsort(-(score**2) / information)[:LOUD].tolist():
+            d, prior = directions[k], prior_of(parameters, [directions[k]])
+            for times in MULTIPLES:
+                new = np.clip(theta + times * score[k] / information[k] * changes[k], low, high)
+                gain = here - seen(new) - new @ prior @ new + theta @ usual @ theta
+                if gain > best:
+                    best, taken = gain, (new, d)
+        if taken is None or best < 2.0 * NAMED_ODDS:
+            return theta, []
+        d = taken[1]
+        alone = taken[0] - theta
+        theta, here = taken[0], seen(taken[0])
+        if d.cause not in ORDINARY and alone @ usual @ alone > 2.0 * NAMED_ODDS:
+            return theta, [d]
+    return theta, []
 
 
 def _one_drive(
@@ -275,14 +404,14 @@ def _one_drive(
     return theta, released, evidence, fresh
 
 
-def _named(f: Found, found: list[Found], evidence: Evidence, parameters: list[Parameter], now: Posterior) -> NamedCause:
+def _named(
+    f: Found, found: list[Found], size: Sizes, evidence: Evidence, parameters: list[Parameter], now: Posterior
+) -> NamedCause:
     """A cause with its size and what it explains."""
     values: dict[str, Value] = {}
     first = parameters[f.direction.members[0]]
     others = [x.direction for x in found if x is not f]
-    size = sizes(evidence, parameters, [x.direction for x in found])
-    mean = float(size[f.direction.members[0]])
-    half = half_width(f.direction, mean, now, parameters)
+    mean, half = float(size.size[f.direction.members[0]]), size.half_width(f.direction, now, parameters)
     low, high = (first.absolute(mean + s * half) for s in (-1.0, 1.0))
     values[first.name] = Value(value=first.absolute(mean), ci95=(low, high), unit=first.unit)
     if first.relative:
@@ -297,7 +426,7 @@ def _named(f: Found, found: list[Found], evidence: Evidence, parameters: list[Pa
         p_value=float(2.0 * stats.norm.sf(abs(f.z))),
         alternatives=tuple(dict.fromkeys(_place(d, f.direction.where) for d in f.alternatives)),
         gain=float(max(1.0 - full / max(evidence.at(without), 1e-12), 0.0)),
-        change={k: float(size[k]) for k in f.direction.members},
+        change={k: float(size.size[k]) for k in f.direction.members},
     )
 
 
@@ -348,22 +477,33 @@ def _by_replay(
     return _certain(found, without, evidence, parameters)
 
 
-def _clear(found: list[Found], evidence: Evidence, parameters: list[Parameter]) -> tuple[list[Found], list[Found]]:
-    """Causes whose 95 % intervals leave out what is no fault, and the others, the least clear taken out first."""
+def _clear(
+    found: list[Found], evidence: Evidence, parameters: list[Parameter],
+    alone: Callable[[list[Found]], tuple[Sizes, Evidence]],
+) -> tuple[list[Found], list[Found], Sizes, Evidence]:  # fmt: skip
+    """Causes whose 95 % intervals leave out what is no fault, and the others, the least clear taken out first.
+
+    ``alone`` fits causes and session's offsets alone; of what is left, its result comes with them.
+    """
     found, doubtful = list(found), []
-    while found:
-        released = [f.direction for f in found]
-        now, size = posterior(evidence, parameters, released), sizes(evidence, parameters, released)
-        clear = []
-        for d in released:
+    while True:
+        size, near = alone(found)
+        now, clear = posterior(evidence, parameters, [f.direction for f in found]), []
+        for d in (f.direction for f in found):
             k = d.members[0]
-            beyond = abs(size[k] - np.clip(size[k], *parameters[k].usual))
-            clear.append(float(beyond / half_width(d, float(size[k]), now, parameters)))
-        least = int(np.argmin(clear))
-        if clear[least] > 1.0:
-            break
-        doubtful.append(found.pop(least))
-    return found, doubtful
+            beyond = abs(size.size[k] - np.clip(size.size[k], *parameters[k].usual))
+            clear.append(float(beyond / size.half_width(d, now, parameters)))
+        if not found or min(clear) > 1.0:
+            return found, doubtful, size, near
+        doubtful.append(found.pop(int(np.argmin(clear))))
+
+
+def _on_windows_of(evidence: Evidence, near: Evidence, free: list[int]) -> Evidence:
+    """What ``near`` says of its ``free`` parameters, in the shapes of ``evidence``; nothing of windows it left out."""
+    a, b = np.zeros_like(evidence.a), np.zeros_like(evidence.b)
+    here, there = near.keep[evidence.keep], evidence.keep[near.keep]
+    a[np.ix_(here, free, free)], b[np.ix_(here, free)] = near.a[there], near.b[there]
+    return replace(evidence, a=a, b=b, scale=near.scale)
 
 
 def _certain(
@@ -444,21 +584,23 @@ def _allowed(parameters: list[Parameter], found: list[Found], without: Found | N
 
 
 def _held_out(
-    model: ReplayModel, groups: list[Windows], evidence: Evidence, parameters: list[Parameter], found: list[Found]
-) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
+    model: ReplayModel, groups: list[Windows], evidence: Evidence, parameters: list[Parameter],
+    *fits: tuple[list[Direction], Evidence],
+) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:  # fmt: skip
     """Error of the replay on parts of the log that took no part, before and after, both beside their session's offsets.
+
+    ``fits`` are the causes of each and the evidence about its fit.
 
     Returns:
         Reduction of the weighted error beside each window's best start, with its interval over parts; and errors before
         and after: ``all`` is that one by reading [1], a channel's and ``q.JOINT`` are RMSE from the logged start.
     """
-    released = [f.direction for f in found]
     theta = np.zeros((2, len(evidence.c), len(parameters)))
     parts = np.array_split(np.arange(len(evidence.c)), PARTS)
     for part in parts:
         rest = np.setdiff1d(np.arange(len(evidence.c)), part)
-        others = replace(evidence, a=evidence.a[rest], b=evidence.b[rest])
-        theta[0, part], theta[1, part] = (sizes(others, parameters, x) for x in ([], released))
+        for k, (released, near) in enumerate(fits):
+            theta[k, part] = sizes(replace(near, a=near.a[rest], b=near.b[rest]), parameters, released)
     both = [losses(evidence, model, groups, parameters, x) for x in theta]
     whole = np.isfinite(both[0][0]) & np.isfinite(both[1][0])  # a replay that broke has no error to compare
     channels = sum(len(x) for x in evidence.sigma.values())

@@ -35,6 +35,10 @@ PARTS = 8
 """Parts of a log, one after the other: each counts as one reading in an interval, as neighbouring windows err alike,
 and is predicted from the others."""
 
+WALKING = 2.0
+"""Factor on intervals of a robot on its feet: on a healthy walk of the virtual robot numbers lie this many of their
+standard deviations from what is true in root mean square, for the replay errs alike in every step."""
+
 MOST = 8
 """Most causes beside :data:`mrwarp.robot_logs.causes.ORDINARY` that one log tells apart."""
 
@@ -245,19 +249,22 @@ def sizes(evidence: Evidence, parameters: Sequence[Parameter], released: Sequenc
     return found
 
 
-def half_width(d: Direction, size: float, now: Posterior, parameters: Sequence[Parameter]) -> float:
-    """Half of the 95 % interval about a direction's number ``size``, which :func:`sizes` gives.
+def half_width(
+    d: Direction, size: float, now: Posterior, parameters: Sequence[Parameter], *, wider: float = 1.0, lone: float
+) -> float:
+    """Half of the 95 % interval about a direction's number ``size``.
 
-    It is the widest of four: by the model, over windows, over parts, and what the number moves by when all others may
-    be off as on healthy robots. Over parts it is the cluster-robust one with Student's t of ``PARTS - 1`` (Cameron and
-    Miller, J. Human Resources 50, 2015, sections II and VI).
+    It is the widest of five: by the model, over windows and over parts, each ``wider`` times as wide; and what the
+    number moves by when all others may be off as on healthy robots, or when nothing else is off, ``lone``. Over parts
+    it is the cluster-robust one with Student's t of ``PARTS - 1`` (Cameron and Miller, J. Human Resources 50, 2015,
+    sections II and VI).
     """
     k = d.members[0]
     mean, sd = now.mean[k], float(np.sqrt(max(now.covariance[k, k], now.robust[k])))
     if len(d.members) == 1:
         mean, sd = estimate(k, now, parameters)
     over_parts = stats.t.ppf(0.975, PARTS - 1) * np.sqrt(now.by_part[k])
-    return float(max(stats.norm.ppf(0.975) * sd, over_parts, abs(mean - size)))
+    return float(max(wider * stats.norm.ppf(0.975) * sd, wider * over_parts, abs(mean - size), abs(lone - size)))
 
 
 def _recurrence(d: Direction, now: Posterior, parameters: Sequence[Parameter]) -> float:

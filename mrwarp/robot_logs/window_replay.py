@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -12,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from mrwarp.env.backend import new_batch
 from mrwarp.robot_logs.causes import Parameter
-from mrwarp.robot_logs.replay_model import ReplayModel
+from mrwarp.robot_logs.replay_model import ReplayModel, Stance
 from mrwarp.robot_logs.windows import Windows, turn_between, turned
 
 CHUNK = 192
@@ -68,6 +69,7 @@ class Replay:
         self.mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND)
         self.batch = new_batch(self.mj, CHUNK, threads)
         self._longer: set[int] = set()
+        self._stance, self._plain = Stance(model, copy.copy(self.mj)), {}
         self.steps = 0
         """Physics steps so far."""
 
@@ -136,7 +138,7 @@ class Replay:
                 m.devices.values["kp_base"] + m.devices.values["kp_low"]
             )  # eq. 9: the low gain while it holds
             device.begin(windows.start_coil[w][:, m.devices.joint], windows.past[w][:, :, m.devices.joint], windows.h)
-        self._begin(w, start[rows], offset, slope, field("tilt", 2), ids)
+        self._begin(w, start[rows], field, ids)
         q, v = self.batch.bind("qpos"), self.batch.bind("qvel")
         ctrl, loss = self.batch.bind("ctrl"), self.batch.expand("dof_frictionloss")
         force = self.batch.bind("qfrc_actuator")
@@ -219,25 +221,64 @@ class Replay:
             self.mj.geom_solref[:, 0],
         )  # fmt: skip
 
-    def _begin(
-        self, w: np.ndarray, start: np.ndarray, offset: np.ndarray, slope: np.ndarray, tilt: np.ndarray, ids: np.ndarray
-    ) -> None:
+    def _begin(self, w: np.ndarray, start: np.ndarray, field: Callable[..., np.ndarray], ids: np.ndarray) -> None:
+        """Put robots where windows begin: as what was read truly was under each hypothesis, on feet that bear load."""
         m, windows, joints = self.model, self.windows, len(self.model.joints)
         pos, vel = np.tile(self.mj.qpos0, (len(ids), 1)), np.zeros((len(ids), self.mj.nv))
+        pos[:, m.q_adr] = windows.q[w] - field("offset")
+        vel[:, m.v_adr] = windows.qd[w]
         if m.free:
-            root = windows.root[w]
+            root, slope, tilt = windows.root[w], _rotation(field("slope", 2)), _rotation(field("tilt", 2))
             pos[:, :7], vel[:, :6] = root[:, :7], root[:, 7:]
+            # the inertial sensor sits askew on the trunk, and gravity askew on the ground that the world's axes follow
+            lean = slope.inv() * _quat(pos[:, 3:7]) * tilt.inv()
+            pos[:, 3:7] = np.roll(lean.as_quat(), 1, axis=-1)
+            vel[:, 3:6] = tilt.apply(vel[:, 3:6] - field("bias", 3))
+            self._stand(pos, vel, w, field)
             extra = start[:, 2 * joints :]
             pos[:, 2] += extra[:, 0]
-            # the inertial sensor sits askew on the trunk, and gravity askew on the ground that the world's axes follow
-            lean = _rotation(slope).inv() * _quat(pos[:, 3:7]) * _rotation(tilt).inv() * _rotation(extra[:, 1:3])
-            pos[:, 3:7] = np.roll(lean.as_quat(), 1, axis=-1)
+            pos[:, 3:7] = np.roll((_quat(pos[:, 3:7]) * _rotation(extra[:, 1:3])).as_quat(), 1, axis=-1)
             vel[:, :3] += extra[:, 3:6]
-        pos[:, m.q_adr] = windows.q[w] - offset + start[:, :joints]
-        vel[:, m.v_adr] = windows.qd[w] + start[:, joints : 2 * joints]
+        pos[:, m.q_adr] += start[:, :joints]
+        vel[:, m.v_adr] += start[:, joints : 2 * joints]
         self.batch.bind("qpos")[ids] = self._later(pos, vel, 0.5 * windows.h)
         self.batch.bind("qvel")[ids] = vel
         self.batch.bind("qacc_warmstart")[ids] = 0.0
+
+    def _stand(self, pos: np.ndarray, vel: np.ndarray, w: np.ndarray, field: Callable[..., np.ndarray]) -> None:
+        """Move trunks of robots that stand otherwise than the described one: how high and fast it is, its feet tell."""
+        m, windows = self.model, self.windows
+        length = field("length", self.mj.nbody)
+        told = [length, field("offset"), field("slope", 2), field("tilt", 2), field("bias", 3)]
+        for e in np.flatnonzero(np.concatenate(told, axis=1).any(axis=1)):
+            for body in np.flatnonzero(length[e]):
+                self._reach(self._stance.mj, int(body), float(length[e, body]))
+            plain, new = self._described(int(w[e])), self._stance.trunk(pos[e], vel[e], windows.loaded[w[e]])
+            if "pos" not in windows.measured:
+                pos[e, 2] += new[0] - plain[0]
+            if "vel" not in windows.measured:
+                vel[e, :3] += new[1] - plain[1]
+            for body in np.flatnonzero(length[e]):
+                self._reach(self._stance.mj, int(body), 0.0)
+        if "pos" not in windows.measured:
+            depth = m.sink[np.maximum(windows.loaded[w].sum(axis=1), 1) - 1]
+            pos[:, 2] += depth * (1.0 - 1.0 / np.maximum(1.0 + field("stiffness", 1)[:, 0], 0.05))
+
+    def _described(self, window: int) -> tuple[float, np.ndarray]:
+        """Height and velocity of the described robot's trunk at a window's start, by that sample alone."""
+        if window not in self._plain:
+            m, windows = self.model, self.windows
+            pos, vel = self.mj.qpos0.copy(), np.zeros(self.mj.nv)
+            pos[3:7], vel[3:6] = windows.root[window, 3:7], windows.root[window, 10:]
+            pos[m.q_adr], vel[m.v_adr] = windows.q[window], windows.qd[window]
+            self._plain[window] = self._stance.trunk(pos, vel, windows.loaded[window])
+        return self._plain[window]
+
+    def _reach(self, mj: mujoco.MjModel, body: int, length: float) -> None:
+        """Put what hangs on a body as far out as on a link that is longer by ``length`` [m]."""
+        far = 1.0 + length / self.model.reach[body]
+        for name, members in (("body_pos", mj.body_parentid == body), ("geom_pos", mj.geom_bodyid == body)):
+            getattr(mj, name)[members] = far * getattr(self.mj, name)[members]
 
     def _later(self, pos: np.ndarray, vel: np.ndarray, seconds: float) -> np.ndarray:
         """Positions ``seconds`` on at the same speeds; shapes (..., nq), (..., nv).

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import mujoco
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
-from mrwarp.robot_logs.replay_model import LONGEST_STEP, ReplayModel
+from mrwarp.robot_logs.replay_model import LONGEST_STEP, ReplayModel, Stance
 from mrwarp.robot_logs.robot_log import LogRun, RobotLog
 
 SECONDS = {"fixed": 0.6, "free": 0.3}
@@ -26,10 +25,6 @@ speed at its start is an average over some samples, and wrong while a foot lands
 
 SPEED_STEPS = 0.05, 0.03
 """What is not known of the speed of joints [rad/s] and trunk [m/s] at a window's start."""
-
-LEVEL = 0.002
-"""Feet that are no further than this above the lowest one bear load, where the log has no forces of feet [m]: one that
-is about to land moves at the robot's speed."""
 
 LOADED = 0.25
 """A foot bears load where its reading is beyond this share of its range."""
@@ -71,6 +66,8 @@ class Windows:
     """[rad/s], shape (W, J)."""
     root: np.ndarray
     """Pose and velocity of the trunk at the start as in qpos and qvel, shape (W, 13); zero for a fixed base."""
+    loaded: np.ndarray
+    """Whether each of the model's feet bears load at the start, shape (W, F)."""
     measured: dict[str, np.ndarray]
     """Readings by channel, shape (W, S, C)."""
     past: np.ndarray
@@ -138,7 +135,8 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
     span = max(float(run.t[s + count - 1] - run.t[s]) for _, run, starts in members for s in starts)
     steps, before = int(np.ceil(span / h)) + 1, int(np.ceil(longest_delay / h)) + 1
     rows: dict[str, list] = {
-        name: [] for name in ("run", "start", "t", "feed", "coil", "start_coil", "kp", "kd", "q", "qd", "root", "past")
+        name: []
+        for name in ("run", "start", "t", "feed", "coil", "start_coil", "kp", "kd", "q", "qd", "root", "past", "loaded")
     }
     channels: dict[str, list] = {}
     for index, run, starts in members:
@@ -147,7 +145,7 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
         coil = np.nan_to_num(run.joint.get("current_cmd", run.joint.get("current", np.zeros(speed.shape))))
         flowing = np.nan_to_num(run.joint.get("current", coil))
         begin = _roots(model, run, speed) if log.base == "free" else np.zeros((run.samples, 13))
-        readings = _readings(log, run)
+        readings, loaded = _readings(log, run), _loaded(model, run)
         for s in starts:
             t = run.t[s : s + count] - run.t[s]
             grid = run.t[s] + h * np.arange(-before, steps)
@@ -164,6 +162,7 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
             rows["q"].append(run.joint["q"][s])
             rows["qd"].append(speed[s])
             rows["root"].append(begin[s])
+            rows["loaded"].append(loaded[s])
             rows["past"].append(np.stack([np.interp(grid[:before], run.t, v) for v in speed.T], axis=1))
             for name, values in readings.items():
                 channels.setdefault(name, []).append(values[s : s + count])
@@ -228,38 +227,20 @@ def _readings(log: RobotLog, run: LogRun) -> dict[str, np.ndarray]:
 def _roots(model: ReplayModel, run: LogRun, speed: np.ndarray) -> np.ndarray:
     """Pose and velocity of the trunk along a run, shape (N, 13); what was not logged follows from the feet.
 
-    The lowest foot touches the ground; where feet bear load they roll on it and do not slip.
+    Feet that bear load have sunk into the ground by their share of the weight, and roll on it without slip.
     """
     mj, count = model.model, run.samples
-    data, found = mujoco.MjData(mj), np.zeros((count, 13))
+    found, speeds = np.zeros((count, 13)), np.zeros((count, 3))
     quat = run.base.get("quat", np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)))
     gyro = run.base.get("gyro", np.zeros((count, 3)))
     place, velocity = run.base.get("pos"), run.base.get("vel")
-    feet, radius = list(model.feet), mj.geom_size[list(model.feet), 0]
-    loaded = _loaded(model, run)
-    jacobian, ang = np.zeros((3, mj.nv)), np.zeros((3, mj.nv))
-    speeds = np.zeros((count, 3))
+    loaded, stance = _loaded(model, run), Stance(model, mj)
+    found[:, 3:7], found[:, 10:13] = quat / np.linalg.norm(quat, axis=1, keepdims=True), gyro
+    qpos, qvel = mj.qpos0.copy(), np.zeros(mj.nv)
     for k in range(count):
-        data.qpos[:] = mj.qpos0
-        data.qpos[:3] = 0.0
-        data.qpos[3:7] = quat[k] / np.linalg.norm(quat[k])
-        data.qpos[model.q_adr] = run.joint["q"][k]
-        mujoco.mj_kinematics(mj, data)
-        mujoco.mj_comPos(mj, data)
-        soles = data.geom_xpos[feet] - radius[:, None] * np.array([0.0, 0.0, 1.0])
-        low = float(soles[:, 2].min())
-        standing = loaded[k] if loaded[k].any() else soles[:, 2] < low + LEVEL
-        data.qvel[:] = 0.0
-        data.qvel[3:6] = gyro[k]
-        data.qvel[model.v_adr] = speed[k]
-        steady = []
-        for f in np.flatnonzero(standing):
-            mujoco.mj_jac(mj, data, jacobian, ang, soles[f], int(mj.geom_bodyid[feet[f]]))
-            steady.append(-jacobian @ data.qvel)
-        found[k, :3] = (0.0, 0.0, -low)
-        found[k, 3:7] = data.qpos[3:7]
-        speeds[k] = np.mean(steady, axis=0)
-        found[k, 10:13] = gyro[k]
+        qpos[3:7], qvel[3:6] = found[k, 3:7], gyro[k]
+        qpos[model.q_adr], qvel[model.v_adr] = run.joint["q"][k], speed[k]
+        found[k, 2], speeds[k] = stance.trunk(qpos, qvel, loaded[k])
     width = min(9, 2 * ((count - 1) // 2) + 1)
     found[:, 7:10] = savgol_filter(speeds, width, 1, axis=0)
     if place is not None:
