@@ -273,7 +273,6 @@ def test_a_robot_begins_as_it_stands_under_a_hypothesis(tmp_path: Path) -> None:
         assert np.abs(found["gyro"][:, 0] - group.measured["gyro"][:, 0]).max() < 0.01
         assert np.abs(found["q"][:, 0] - group.measured["q"][:, 0]).max() < 1e-3
         wrong.append(np.median(np.abs(found["gyro"] - group.measured["gyro"])[:, :6]))
-    print(wrong)
     assert wrong[1] < 0.8 * wrong[0]
 
 
