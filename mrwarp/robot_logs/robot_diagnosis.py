@@ -325,12 +325,12 @@ def _searched(
     def at(times: float) -> tuple[float, np.ndarray]:
         new = x.copy()
         new[members] = np.clip(times * new[members], low[members], high[members])
-        return replayed(evidence, model, groups, parameters, new)[0] / evidence.scale + new @ prior @ new, new
+        return replayed(evidence, model, groups, parameters, new)[0] / evidence.scale + float(new @ prior @ new), new
 
     sizes, seen = [1.0 / SEARCHED, 1.0, SEARCHED], {}
     for _ in range(SEARCHES):
         seen |= {s: at(s) for s in sizes if s not in seen}
-        best = min(seen, key=lambda s: seen[s][0])
+        best = min(seen, key=lambda size: seen[size][0])
         if min(seen) < best < max(seen):
             break
         sizes = [best / SEARCHED, best * SEARCHED]
@@ -501,8 +501,9 @@ def _clear(
 def _on_windows_of(evidence: Evidence, near: Evidence, free: list[int]) -> Evidence:
     """What ``near`` says of its ``free`` parameters, in the shapes of ``evidence``; nothing of windows it left out."""
     a, b = np.zeros_like(evidence.a), np.zeros_like(evidence.b)
-    here, there = near.keep[evidence.keep], evidence.keep[near.keep]
-    a[np.ix_(here, free, free)], b[np.ix_(here, free)] = near.a[there], near.b[there]
+    here, there = np.flatnonzero(near.keep[evidence.keep]), np.flatnonzero(evidence.keep[near.keep])
+    own = np.array(free, dtype=int)
+    a[np.ix_(here, own, own)], b[np.ix_(here, own)] = near.a[there], near.b[there]
     return replace(evidence, a=a, b=b, scale=near.scale)
 
 
