@@ -220,8 +220,9 @@ class _Fit:
         return np.array(found).T
 
     def factors(self, by: Sequence[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Factor of each run against what most runs, or those named, agree on, and its correlation with that."""
-        c = self.coefficients if by is None else self.agreed(np.isin(np.arange(len(self.rows)), by).astype(float))
+        """Factor of each run against what most runs, or those named alike, agree on, and its correlation with that."""
+        alike = np.isin(np.arange(len(self.rows)), [] if by is None else by) / np.maximum(self.spread**2, 1e-30)
+        c = self.coefficients if by is None else self.agreed(alike)
         shared = self.crosses @ c
         size = np.maximum(np.einsum("i,rij,j->r", c, self.grams, c), 1e-30)
         return shared / size, shared / np.sqrt(size) / np.maximum(self.spread, 1e-30)
