@@ -13,7 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mrwarp.diagnose.held_out import Account, held_out_squares
-from mrwarp.diagnose.problem import Fit, Problem, by_ratio, covariance, drifts, interval, reported_fit
+from mrwarp.diagnose.problem import (
+    Fit,
+    Problem,
+    by_ratio,
+    covariance,
+    drifts,
+    fit_model,
+    interval,
+    plain_fit,
+    reported_fit,
+)
 from mrwarp.diagnose.residual_structure import leftovers
 from mrwarp.diagnose.screening import Candidate, Models
 from mrwarp.diagnose.search import Selection, expected_in, select
@@ -55,6 +65,8 @@ _LAGS = {
     "torque_sensor_lag": "such a sensor would pass less than 8 Hz",
     "velocity_lag": "such a velocity would pass less than 8 Hz",
 }
+_LARGER = (1.0, 1.7, 2.8)
+"""Factors of the gap from which play is fitted anew where its fit stopped."""
 _CORNERS = ("torque_sensor_lag", "velocity_lag")
 """Lags that round a loop's corners, which a law of another shape draws too sharply: to a sample, as it is replayed."""
 _UNSEEN = 0.1
@@ -89,7 +101,7 @@ def select_proven(
     doubts: dict[str, Doubt] = {}
     models, left = Models(problem, base), screened
     for k in range(_ROUNDS):
-        selection = select(problem, base, left, log, models=models)
+        selection = _begun_anew(problem, select(problem, base, left, log, models=models), models)
         found = _doubts(problem, selection, models)
         if not found:
             break
@@ -103,6 +115,31 @@ def select_proven(
         selection = select(problem, base, [], log)
     alternatives = _possible_alternatives(problem, selection, models)
     return replace(selection, screened=screened, alternatives=alternatives), tuple(doubts.values())
+
+
+def _begun_anew(problem: Problem, selection: Selection, models: Models) -> Selection:
+    """The search's end with play that leaves no more than without: fits beside another law stop at contacts.
+
+    Where the reported model with play foretells worse than the one without, which it contains, it is fitted again from
+    there, from its own gap and from larger ones.
+    """
+    final = selection.final
+    if not final.parameters.law or "backlash" not in selection.named:
+        return selection
+    without = reported_fit(problem, models.without(final, "backlash"))
+    least = held_out_squares(problem, without).sum()
+    if held_out_squares(problem, reported_fit(problem, final)).sum() < least:
+        return selection
+    own = final.parameters.own("backlash")
+    for larger in _LARGER:
+        x = without.parameters.moved(without.x, final.parameters)
+        x[own] = final.x[own] + np.log(larger)
+        plain = plain_fit(problem, replace(final, x=x))
+        left = held_out_squares(problem, plain).sum()
+        if left < least:
+            x = plain.parameters.moved(plain.x, final.parameters)
+            least, selection = left, replace(selection, final=fit_model(problem, final.parameters, x, iterations=0))
+    return selection
 
 
 def _possible_alternatives(problem: Problem, selection: Selection, models: Models) -> dict[str, tuple[str, ...]]:
