@@ -66,7 +66,7 @@ _LAGS = {
     "velocity_lag": "such a velocity would pass less than 8 Hz",
 }
 _LARGER = (1.0, 1.7, 2.8)
-"""Factors of the gap from which play is fitted anew where its fit stopped."""
+"""Factors of the gap from which play is fitted anew."""
 _CORNERS = ("torque_sensor_lag", "velocity_lag")
 """Lags that round a loop's corners, which a law of another shape draws too sharply: to a sample, as it is replayed."""
 _UNSEEN = 0.1
@@ -118,18 +118,15 @@ def select_proven(
 
 
 def _begun_anew(problem: Problem, selection: Selection, models: Models) -> Selection:
-    """The search's end with play that leaves no more than without: fits beside another law stop at contacts.
+    """The search's end with play that foretells best: fits of play beside another law stop where contacts come and go.
 
-    Where the reported model with play foretells worse than the one without, which it contains, it is fitted again from
-    there, from its own gap and from larger ones.
+    It is also fitted from the model without play, from the gap found and from larger ones.
     """
     final = selection.final
     if not final.parameters.law or "backlash" not in selection.named:
         return selection
     without = reported_fit(problem, models.without(final, "backlash"))
-    least = held_out_squares(problem, without).sum()
-    if held_out_squares(problem, reported_fit(problem, final)).sum() < least:
-        return selection
+    least = min(held_out_squares(problem, fit).sum() for fit in (without, reported_fit(problem, final)))
     own = final.parameters.own("backlash")
     for larger in _LARGER:
         x = without.parameters.moved(without.x, final.parameters)
