@@ -57,7 +57,7 @@ def write_extended(d: RobotDiagnosis, out: Path) -> tuple[list[str], list[str]]:
         except (RobotFileError, AssetError, ValueError) as error:
             notes.append(f"no robot.usda: {error}")
     if "robot.usda" in names:
-        carried = (*IN_USD, "device" if "robot.xml" not in names else "length")
+        carried = (*IN_USD, *(("device", "coil", "coil_lag", "drag") if "robot.xml" not in names else ("length",)))
         absent = sorted({p.cause for p, x in zip(d.parameters, d.theta, strict=True) if x and p.field not in carried})
         if absent:
             notes.append(f"robot.usda has no place for {', '.join(absent)}: model.json has the numbers")
@@ -172,6 +172,11 @@ def _write_usd(d: RobotDiagnosis, change: dict[tuple[str, int], float], path: Pa
         elif field == "armature":
             armature = max(float(mj.dof_armature[d.model.v_adr[k]]) + x, 1e-5)
             _joint(stage, d.log.joints[k]).GetAttribute("newton:armature").Set(armature)
+        elif field == "coil":
+            _weaken_coil(asset, d.log.joints[k], max(1.0 + x, 0.0))
+        elif field == "coil_lag":
+            lag = _drive(asset, d.log.joints[k]).GetAttribute("newton:mr:coil_time_constant")
+            lag.Set(lag.Get() + x)
         elif field in OF_DRIVES:
             _correct_drive(asset, d, field, k, x)
     _rub(stage, d, change)
@@ -188,11 +193,18 @@ OF_DRIVES = {
 
 def _correct_drive(asset: RobotAsset, d: RobotDiagnosis, field: str, j: int, x: float) -> None:
     """Change a drive's numbers by a factor, or its limit to a share of the most that the log asks for."""
-    path = next(a.prim_path for a in asset.actuators if a.joint == d.log.joints[j])
-    for attribute in asset.stage.GetPrimAtPath(path).GetAttributes():
+    for attribute in _drive(asset, d.log.joints[j]).GetAttributes():
         if attribute.GetName().rpartition(":")[2] in OF_DRIVES[field]:
             whole = min(attribute.Get(), float(d.model.asked[j])) if field == "limit" else attribute.Get()
             attribute.Set(whole * (1.0 + x))
+
+
+def _weaken_coil(asset: RobotAsset, joint: str, share: float) -> None:
+    """A coil that gets a share of its current: the laws' numbers per ampere; without any the device holds nothing."""
+    factors = {"K1": share, "I1": share, **({"T_max": 0.0} if share < 0.05 else {"K": 1.0 / share})}
+    for name, factor in factors.items():
+        attribute = _drive(asset, joint).GetAttribute(f"newton:mr:{name}")
+        attribute.Set(max(attribute.Get() * factor, 1e-6) if name == "T_max" else attribute.Get() * factor)
 
 
 def _rub(stage: Usd.Stage, d: RobotDiagnosis, change: dict[tuple[str, int], float]) -> None:
@@ -203,7 +215,12 @@ def _rub(stage: Usd.Stage, d: RobotDiagnosis, change: dict[tuple[str, int], floa
         degree = math.pi / 180.0 if mj.jnt_type[mj.dof_jntid[v]] == mujoco.mjtJoint.mjJNT_HINGE else 1.0
         for field, of, per in (("friction", "frictionloss", 1.0), ("damping", "damping", degree)):
             value = float(getattr(mj, f"dof_{of}")[v]) + change.get((field, j), 0.0)
+            value += change.get(("drag", j), 0.0) if field == "friction" else 0.0
             _joint(stage, joint).GetAttribute(f"newton:{field}").Set(max(value, 0.0) * per)
+
+
+def _drive(asset: RobotAsset, joint: str) -> Usd.Prim:
+    return asset.stage.GetPrimAtPath(next(a.prim_path for a in asset.actuators if a.joint == joint))
 
 
 def _joint(stage: Usd.Stage, joint: str) -> Usd.Prim:

@@ -23,7 +23,8 @@ def test_robot_usda_carries_gain_and_rotor_inertia_and_names_what_it_cannot(tmp_
     parameters = parameters_of(model, log)
     changed = {
         ("rotor_inertia", "FL_calf"): 0.004, ("kp", "FL_calf"): 0.2, ("coulomb_friction", "FL_calf"): 0.3,
-        ("viscous_friction", "RR_hip"): 0.05, ("torque_limit", "FR_hip"): -0.1,
+        ("viscous_friction", "RR_hip"): 0.05, ("coil_dead", "RL_calf"): -1.0, ("device_drag", "RR_calf"): 0.4,
+        ("coil_lag", "FR_calf"): 0.02, ("torque_limit", "FR_hip"): -0.1,
         ("motor_strength", "RL_hip"): -0.2, ("command_delay", "robot"): 0.004,
     }  # fmt: skip
     theta = np.array([changed.get((p.cause, p.where), 0.0) for p in parameters])
@@ -44,5 +45,9 @@ def test_robot_usda_carries_gain_and_rotor_inertia_and_names_what_it_cannot(tmp_
     assert armature[1] - armature[0] == pytest.approx(0.004, abs=1e-6)
     scene = build_scene(new, dt=0.005)
     joints = np.array([a.joint for a in new.actuators])
-    np.testing.assert_allclose(scene.friction, 0.3 * (joints == "FL_calf"), rtol=1e-5)
+    np.testing.assert_allclose(scene.friction, 0.3 * (joints == "FL_calf") + 0.4 * (joints == "RR_calf"), rtol=1e-5)
+    dead = new.actuators[list(joints).index("RL_calf")].mr
+    slow = new.actuators[list(joints).index("FR_calf")].mr
+    assert slow is not None and slow.coil.coil_time_constant == pytest.approx(0.02)
+    assert dead is not None and dead.bouc_wen.K1 == 0.0 and dead.hold.T_max <= 1e-6
     np.testing.assert_allclose(scene.damping, 0.05 * (joints == "RR_hip"), rtol=1e-5)
