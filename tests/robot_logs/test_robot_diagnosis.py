@@ -12,7 +12,7 @@ from scipy.signal import savgol_filter
 
 from mrwarp.cli import main
 from mrwarp.resources import DEFAULT_POLICY
-from mrwarp.robot_logs import robot_diagnosis
+from mrwarp.robot_logs import robot_diagnosis, robot_fit, robot_proof
 from mrwarp.robot_logs.causes import Parameter, parameters_of
 from mrwarp.robot_logs.evidence import Evidence, gather, replayed
 from mrwarp.robot_logs.replay_model import replay_model
@@ -121,8 +121,8 @@ def test_a_cause_whose_interval_reaches_to_no_fault_is_a_suspect() -> None:
     def clear(asked: np.ndarray) -> bool:
         evidence = _evidence(np.ones((64, 1, 1)), np.repeat(asked, 8)[:, None])
         size = sizes(evidence, [p], [f.direction])
-        alone = robot_diagnosis.Sizes(size=size, lone=size, wider=1.0)
-        found, doubtful, *_ = robot_diagnosis._clear([f], evidence, [p], lambda _: (alone, evidence))
+        alone = robot_proof.Sizes(size=size, lone=size, wider=1.0)
+        found, doubtful, *_ = robot_proof.clear_ones([f], evidence, [p], lambda _: (alone, evidence))
         assert len(found) + len(doubtful) == 1
         return bool(found)
 
@@ -138,7 +138,7 @@ def test_windows_in_which_a_cause_could_not_act_have_no_say() -> None:
     evidence = _evidence(np.where(acts, 1.0, 1e-4)[:, None, None], np.zeros((60, 1)))
 
     def certain(gain: np.ndarray) -> bool:
-        return bool(robot_diagnosis._certain([f], lambda *_: [gain], evidence, [p])[0])
+        return bool(robot_proof._certain([f], lambda *_: [gain], evidence, [p])[0])
 
     assert certain(np.where(acts, 10.0, -1.0))
     assert not certain(np.where(acts, np.where(np.arange(60) % 2, 10.0, -8.0), 5.0))
@@ -154,7 +154,7 @@ def test_many_unlikely_numbers_are_no_better_than_one_cause() -> None:
 
     def proven(spread: float) -> bool:
         drives = [replace(_parameter(), cause="session", spread=spread) for _ in range(12)]
-        return bool(robot_diagnosis._foretelling(found, evidence, [replace(_parameter(), spread=0.1), *drives])[0])
+        return bool(robot_proof.foretelling(found, evidence, [replace(_parameter(), spread=0.1), *drives])[0])
 
     assert proven(1.5)
     assert not proven(20.0)  # as drives are: then the log does not tell
@@ -179,12 +179,12 @@ def test_rounds_end_where_two_sets_of_causes_ask_for_each_other(monkeypatch: pyt
 
     stubs = {
         "gather": lambda *_: evidence, "select": select, "fit": fit, "replayed": replayed,
-        "_foretelling": lambda found, *_: (found, []), "_alone": lambda *_: (np.zeros(2), evidence, []),
+        "foretelling": lambda found, *_: (found, []), "fitted_alone": lambda *_: (np.zeros(2), evidence, []),
         "_loudest": lambda *_: (np.zeros(2), []),
     }  # fmt: skip
     for name, stub in stubs.items():
-        monkeypatch.setattr(robot_diagnosis, name, stub)
-    theta, released, _ = robot_diagnosis._fitted(None, [], [_parameter(), _parameter()], print)
+        monkeypatch.setattr(robot_fit, name, stub)
+    theta, released, _ = robot_fit.fitted(None, [], [_parameter(), _parameter()], print)
     assert fitted == [first, second]
     assert released == [first] and theta.tolist() == [1.0, 0.0]
 

@@ -1,0 +1,213 @@
+"""Fit a robot to windows of its log: where a fit begins, what it has to let go, and sizes by the replay itself."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from mrwarp.robot_logs.causes import ORDINARY, SESSION, Parameter
+from mrwarp.robot_logs.evidence import Evidence, fit, gather, losses, replayed
+from mrwarp.robot_logs.replay_model import ReplayModel
+from mrwarp.robot_logs.robot_proof import foretelling
+from mrwarp.robot_logs.selection import (
+    DRIVE,
+    NAMED_ODDS,
+    Direction,
+    bounds_of,
+    directions_of,
+    healthy,
+    prior_of,
+    select,
+    vector,
+)
+from mrwarp.robot_logs.windows import Windows
+
+ROUNDS = 4
+"""Times that what stands out is released and the robot fitted anew."""
+
+LOUD, MULTIPLES, PICKS = 6, (0.5, 1.0, 2.0, 4.0), 3
+"""Directions that are tried by the replay alone, their sizes in those that derivatives ask for, and how many are taken
+one after the other."""
+
+SEARCHED, SEARCHES = 1.25, 4
+"""Factor between sizes of a cause that are tried by the replay, and how often the range is widened."""
+
+
+def fitted(
+    model: ReplayModel, groups: list[Windows], parameters: list[Parameter], progress: Callable[[str], None]
+) -> tuple[np.ndarray, list[Direction], Evidence]:
+    """The robot around which the log is judged, shape (P,), what had to be released for it, the evidence about it."""
+    theta = np.zeros(len(parameters))
+    released: list[Direction] = []
+    described = evidence = gather(model, groups, parameters, theta, progress)
+    fits: dict[frozenset[Direction], tuple[np.ndarray, list[Direction]]] = {}
+    progress("single causes")
+    begin, loudest = _loudest(model, groups, parameters, described)
+
+    def left(theta: np.ndarray, directions: list[Direction], evidence: Evidence) -> float:
+        seen, _ = replayed(evidence, model, groups, parameters, theta)
+        return float(seen / evidence.scale + theta @ prior_of(parameters, directions) @ theta)
+
+    for round_ in range(ROUNDS):
+        found = loudest
+        if round_ or not loudest:
+            # what does not predict what it did not see is no cause, and would only lead the fit astray
+            seen, _ = foretelling(select(evidence, parameters), evidence, parameters)
+            found = [f.direction for f in seen if f.direction.cause not in ORDINARY]
+        # common causes go first: those at single places may only stand for them
+        common = [d for d in found if len(d.members) > 1]
+        wanted = common if common and common != released else found
+        if (same := fits.get(frozenset(wanted))) is not None:
+            # the last fit asks for itself, or two ask for each other: the likelier one stands
+            if same[0] is not theta and left(*same, evidence) < left(theta, released, evidence):
+                theta, released = same
+                evidence = gather(model, groups, parameters, theta, progress)
+            break
+        released = wanted
+        named = {k for d in released for k in d.members}
+        low, high = bounds_of(parameters)
+        idle = [k for k, p in enumerate(parameters) if p.field == "limit" and k not in named]
+        low[idle] = high[idle] = 0.0  # a limit acts as soon as it is there
+
+        def refit(
+            directions: list[Direction], start: np.ndarray = theta, evidence: Evidence = evidence, low=low, high=high,  # noqa: ANN001
+        ) -> tuple[np.ndarray, Evidence, bool]:  # fmt: skip
+            if directions:
+                first = begin.copy()
+                first[[k for d in loudest if d not in directions for k in d.members]] = 0.0
+                start, _, _ = fitted_alone(model, groups, parameters, directions, first, low, high, described)
+                _, evidence = replayed(evidence, model, groups, parameters, start)
+            prior = prior_of(parameters, directions)
+            return fit(model, groups, parameters, start, evidence, prior, low, high, progress)
+
+        theta, evidence, fresh = refit(released)
+        judge = functools.partial(left, evidence=evidence)
+        theta, released, evidence, fresh = _one_drive(theta, released, evidence, fresh, parameters, refit, judge)
+        fits[frozenset(wanted)] = fits[frozenset(released)] = theta, released
+        if not fresh:
+            evidence = gather(model, groups, parameters, theta, progress)
+    return theta, released, evidence
+
+
+def fitted_alone(
+    model: ReplayModel, groups: list[Windows], parameters: list[Parameter], released: list[Direction],
+    begin: np.ndarray, low: np.ndarray, high: np.ndarray, described: Evidence | None = None,
+) -> tuple[np.ndarray, Evidence, list[int]]:  # fmt: skip
+    """The robot with ``released`` and the session's offsets fitted alone by the replay, from ``begin``, (P,).
+
+    Far from the truth, where derivatives say little, the other numbers would take up what a large fault leaves.
+    ``described`` is evidence about the robot as described; without it derivatives are taken at ``begin``.
+
+    Returns:
+        Parameters, shape (P,); evidence about them of those that were free; and which these are.
+    """
+    named = {k for d in released for k in d.members}
+    free = sorted(named | {k for k, p in enumerate(parameters) if p.cause == SESSION or begin[k] != 0.0})
+    own = [parameters[k] for k in free]
+    prior = prior_of(own, [replace(d, members=tuple(free.index(k) for k in d.members)) for d in released])
+    start, evidence = np.clip(begin[free], low[free], high[free]), described.of(free) if described else None
+    if evidence is not None and start.any():
+        _, evidence = replayed(evidence, model, groups, own, start)
+    found = np.zeros(len(parameters))
+    found[free], evidence, _ = fit(
+        model, groups, own, start, evidence, prior, low[free], high[free], lambda _: None, renew=int(bool(described))
+    )
+    if described is None:
+        for d in released:
+            members = [free.index(k) for k in d.members]
+            found[free] = searched(found[free], members, model, groups, own, evidence, prior, low[free], high[free])
+    return found, evidence, free
+
+
+def searched(
+    x: np.ndarray, members: list[int], model: ReplayModel, groups: list[Windows], parameters: list[Parameter],
+    evidence: Evidence, prior: np.ndarray, low: np.ndarray, high: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Parameters, (P,), with ``members`` of the size that the replay is best with, found without derivatives.
+
+    Derivatives are those of coarse steps, and of feet that touch: a fit by them ends where they vanish.
+    """
+
+    def at(times: float) -> tuple[float, np.ndarray]:
+        new = x.copy()
+        new[members] = np.clip(times * new[members], low[members], high[members])
+        return replayed(evidence, model, groups, parameters, new)[0] / evidence.scale + float(new @ prior @ new), new
+
+    sizes, seen = [1.0 / SEARCHED, 1.0, SEARCHED], {}
+    for _ in range(SEARCHES):
+        seen |= {s: at(s) for s in sizes if s not in seen}
+        best = min(seen, key=lambda size: seen[size][0])
+        if min(seen) < best < max(seen):
+            break
+        sizes = [best / SEARCHED, best * SEARCHED]
+    if not min(seen) < best < max(seen):
+        return seen[best][1]
+    near = np.array([max(s for s in seen if s < best), best, min(s for s in seen if s > best)])
+    bend, slope, _ = np.polyfit(near, [seen[s][0] for s in near], 2)
+    return at(float(np.clip(-slope / (2.0 * bend), near[0], near[2])))[1] if bend > 0.0 else seen[best][1]
+
+
+def _loudest(
+    model: ReplayModel, groups: list[Windows], parameters: list[Parameter], described: Evidence
+) -> tuple[np.ndarray, list[Direction]]:
+    """A robot where a fit can begin, (P,), and the fault in it, if any: of single changes that which replays like best.
+
+    Derivatives about the described robot end where a foot lifts: in sum, many small changes then promise more than the
+    true large one, and the replay keeps none of it. So single changes are tried by the replay at several sizes, the
+    best is kept, and those beside it are tried, until one is more than a healthy robot can have.
+    """
+    theta, (low, high) = np.zeros(len(parameters)), bounds_of(parameters)
+    usual = healthy(parameters)
+    a, b = described.a.sum(axis=0), described.b.sum(axis=0)
+    directions = [d for d in directions_of(parameters) if d.cause != SESSION]
+    changes = np.stack([vector(d, parameters) for d in directions])
+    information = np.maximum(np.einsum("dp,pq,dq->d", changes, a, changes), 1e-12)
+
+    def seen(x: np.ndarray) -> float:
+        each = np.tile(x, (len(described.c), 1))
+        return float(described.weight @ losses(described, model, groups, parameters, each)[0] / described.scale)
+
+    here = seen(theta)
+    for _ in range(PICKS):
+        score = changes @ (b - a @ theta)
+        best, taken = 0.0, None
+        for k in np.argsort(-(score**2) / information)[:LOUD].tolist():
+            d, prior = directions[k], prior_of(parameters, [directions[k]])
+            for times in MULTIPLES:
+                new = np.clip(theta + times * score[k] / information[k] * changes[k], low, high)
+                gain = here - seen(new) - new @ prior @ new + theta @ usual @ theta
+                if gain > best:
+                    best, taken = gain, (new, d)
+        if taken is None or best < 2.0 * NAMED_ODDS:
+            return theta, []
+        d = taken[1]
+        alone = taken[0] - theta
+        theta, here = taken[0], seen(taken[0])
+        if d.cause not in ORDINARY and alone @ usual @ alone > 2.0 * NAMED_ODDS:
+            return theta, [d]
+    return theta, []
+
+
+def _one_drive(
+    theta: np.ndarray, released: list[Direction], evidence: Evidence, fresh: bool, parameters: list[Parameter],
+    refit: Callable[[list[Direction]], tuple[np.ndarray, Evidence, bool]],
+    left: Callable[[np.ndarray, list[Direction]], float],
+) -> tuple[np.ndarray, list[Direction], Evidence, bool]:  # fmt: skip
+    """Of each drive one cause, where the replay is as good with it alone: Kp is much as a stronger motor's."""
+    for place in dict.fromkeys(d.where for d in released if d.cause in DRIVE):
+        own = [d for d in released if d.cause in DRIVE and d.where == place]
+        rest = [d for d in released if d not in own]
+        best, least = (theta, released, evidence, fresh), left(theta, released) - 2.0 * NAMED_ODDS * (len(own) > 1)
+        for other in directions_of(parameters):
+            if other.cause not in DRIVE or other.where != place or len(other.members) != len(own[0].members):
+                continue
+            if own == [other]:
+                continue
+            new, seen, near = refit([*rest, other])
+            if (value := left(new, [*rest, other])) < least:
+                best, least = (new, [*rest, other], seen, near), value
+        theta, released, evidence, fresh = best
+    return theta, released, evidence, fresh

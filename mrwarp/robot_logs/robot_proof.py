@@ -1,0 +1,196 @@
+"""Which causes of a robot's log are proven: by pieces that took no part, by the replay, and by clear sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from mrwarp.robot_logs.causes import ORDINARY, SESSION, Parameter
+from mrwarp.robot_logs.evidence import Evidence, fit, losses, replayed, within
+from mrwarp.robot_logs.replay_model import ReplayModel
+from mrwarp.robot_logs.selection import (
+    LEAST_SHARE,
+    PARTS,
+    Direction,
+    Found,
+    Posterior,
+    bounds_of,
+    half_width,
+    posterior,
+    prior_of,
+    vector,
+)
+from mrwarp.robot_logs.windows import Windows
+
+FORETOLD, NEARLY_ALL = 4.0, 0.85
+"""Least gain of a cause on the pieces that took no part, as Wilcoxon's standard score over windows: one chance in a
+hundred over 200 causes and places. Few windows cannot reach it: there, this share of the score that they can reach."""
+
+ACTS = 0.05
+"""A window has a say on a cause where it holds this share of the mean window's information on it: a coil that was not
+asked for current says nothing of it, but for what the other numbers do without it."""
+
+PROOF_STEPS = 2
+"""Steps of the fits by which a cause is proven: from where derivatives say."""
+
+LEAST_WINDOWS = 8
+"""Fewest windows that carry a verdict."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sizes:
+    """Sizes by the replay, shape (P,)."""
+
+    size: np.ndarray
+    """Of the causes, beside the session's offsets."""
+    lone: np.ndarray
+    """The same where nothing else is off."""
+    wider: float
+    """Factor on intervals."""
+
+    def half_width(self, d: Direction, now: Posterior, parameters: list[Parameter]) -> float:
+        """See :func:`mrwarp.robot_logs.selection.half_width`."""
+        k = d.members[0]
+        return half_width(d, float(self.size[k]), now, parameters, wider=self.wider, lone=float(self.lone[k]))
+
+
+def foretelling(found: list[Found], evidence: Evidence, parameters: list[Parameter]) -> tuple[list[Found], list[Found]]:
+    """Causes without which pieces of the log that took no part are predicted worse, and the others."""
+
+    def without(found: list[Found], tried: list[Found]) -> list[np.ndarray]:
+        loss = _foretold(evidence, parameters, found, None)
+        return [_foretold(evidence, parameters, found, one) - loss for one in tried]
+
+    return _certain(found, without, evidence, parameters)
+
+
+def by_replay(
+    found: list[Found], model: ReplayModel, groups: list[Windows], evidence: Evidence, parameters: list[Parameter]
+) -> tuple[list[Found], list[Found]]:
+    """Causes without which the replay itself, fitted anew, is worse, and those that only its derivatives ask for.
+
+    A step of a leg is far from linear: beside a large fault derivatives blame neighbours for what the replay with
+    them does not show.
+    """
+
+    def without(found: list[Found], tried: list[Found]) -> list[np.ndarray]:
+        q = prior_of(parameters, [f.direction for f in found])
+        about, left = evidence, []
+        for one in (None, *tried):
+            low, high = _allowed(parameters, found, one)
+            a, b = about.a.sum(axis=0) / about.scale, about.b.sum(axis=0) / about.scale
+            start, _ = within(a + q, b, low, high)
+            _, here = replayed(evidence, model, groups, parameters, start)
+            theta, here, _ = fit(
+                model, groups, parameters, start, here, q, low, high, lambda _: None, steps=PROOF_STEPS, renew=0
+            )
+            if one is None:
+                about = here
+            each = np.tile(theta, (len(evidence.c), 1))
+            unlikely = evidence.scale * float(theta @ q @ theta) / len(each)
+            left.append(evidence.weight * losses(evidence, model, groups, parameters, each)[0] + unlikely)
+        broke = ~np.isfinite(left).all(axis=0)
+        return [np.where(broke, 0.0, loss - left[0]) for loss in left[1:]]
+
+    return _certain(found, without, evidence, parameters)
+
+
+def clear_ones(
+    found: list[Found], evidence: Evidence, parameters: list[Parameter],
+    alone: Callable[[list[Found]], tuple[Sizes, Evidence]],
+) -> tuple[list[Found], list[Found], Sizes, Evidence]:  # fmt: skip
+    """Causes whose 95 % intervals leave out what is no fault, and the others, the least clear taken out first.
+
+    ``alone`` fits causes and session's offsets alone; of what is left, its result comes with them.
+    """
+    found, doubtful = list(found), []
+    while True:
+        size, near = alone(found)
+        now, clear = posterior(evidence, parameters, [f.direction for f in found]), []
+        for d in (f.direction for f in found):
+            k = d.members[0]
+            beyond = abs(size.size[k] - np.clip(size.size[k], *parameters[k].usual))
+            clear.append(float(beyond / size.half_width(d, now, parameters)))
+        if not found or min(clear) > 1.0:
+            return found, doubtful, size, near
+        doubtful.append(found.pop(int(np.argmin(clear))))
+
+
+def _certain(
+    found: list[Found],
+    without: Callable[[list[Found], list[Found]], list[np.ndarray]],
+    evidence: Evidence,
+    parameters: list[Parameter],
+) -> tuple[list[Found], list[Found]]:
+    """Causes that windows agree on, and the others.
+
+    ``without`` gives what every window, (W,), loses among causes without each of some. The least certain is taken out
+    first, and those that were not certain beside it are tried again.
+    """
+    found, tried, doubtful = list(found), list(found), []
+    while tried:
+        certain = []
+        for f, gain in zip(tried, without(found, tried), strict=True):
+            share = float(gain.sum()) / (evidence.samples * len(f.direction.members))
+            certain.append(min(_agreement(gain[_acting(f.direction, evidence, parameters)]), share / LEAST_SHARE))
+        least = int(np.argmin(certain))
+        if certain[least] >= 1.0:
+            break
+        found.remove(tried[least])
+        doubtful.append(tried[least])
+        tried = [f for k, f in enumerate(tried) if certain[k] < 1.0 and k != least]
+    return found, doubtful
+
+
+def _acting(d: Direction, evidence: Evidence, parameters: list[Parameter]) -> np.ndarray:
+    """Windows that have a say on a direction, shape (N,)."""
+    change = vector(d, parameters)[list(d.members)]
+    own = evidence.a[:, list(d.members)][:, :, list(d.members)]
+    information = np.einsum("wij,i,j->w", own, change, change)
+    enough = np.sort(information)[-min(LEAST_WINDOWS, len(information))]
+    return np.flatnonzero(information >= min(ACTS * information.mean(), enough))
+
+
+def _agreement(gain: np.ndarray) -> float:
+    """Wilcoxon's signed-rank score over windows, whose gains differ by orders of magnitude, in what is needed of it."""
+    ranks, count = stats.rankdata(np.abs(gain)), np.arange(1.0, len(gain) + 1.0)
+    needed = min(FORETOLD, NEARLY_ALL * float(count.sum() / np.sqrt((count**2).sum())))
+    return float((np.sign(gain) * ranks).sum() / max(np.sqrt((ranks**2).sum()), 1e-12)) / needed
+
+
+def _foretold(evidence: Evidence, parameters: list[Parameter], found: list[Found], without: Found | None) -> np.ndarray:
+    """Squared mismatch of each window, by parameters from the other pieces; ``without`` is held at its description.
+
+    With it each window's part of what the parameters are unlikely by: twelve drives that all settle far beside their
+    commands foretell a log of a heavier trunk as well as its mass does.
+    """
+    q = prior_of(parameters, [f.direction for f in found])
+    low, high = _allowed(parameters, found, without)
+    loss = np.zeros(len(evidence.c))
+    for fold in np.array_split(np.arange(len(loss)), PARTS):
+        keep = np.setdiff1d(np.arange(len(loss)), fold)
+        a, b = evidence.a[keep].sum(axis=0) / evidence.scale, evidence.b[keep].sum(axis=0) / evidence.scale
+        theta, _ = within(a + q, b, low, high)
+        loss[fold] = (
+            evidence.c[fold] - 2.0 * evidence.b[fold] @ theta
+            + np.einsum("wij,i,j->w", evidence.a[fold], theta, theta)
+            + evidence.scale * float(theta @ q @ theta) / len(loss)
+        )  # fmt: skip
+    return loss
+
+
+def _allowed(parameters: list[Parameter], found: list[Found], without: Found | None) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of causes, and of what a healthy robot may be off beside them, shapes (P,)."""
+    low, high = bounds_of(parameters)
+    named = {k for f in found for k in f.direction.members}
+    for k, p in enumerate(parameters):
+        if k not in named and p.cause not in (*ORDINARY, SESSION):
+            most = 2.0 * p.spread if p.field != "limit" else 0.0  # a limit acts as soon as it is there
+            low[k], high[k] = max(low[k], -most), min(high[k], most)
+    if without is not None:
+        for k in without.direction.members:
+            low[k], high[k] = parameters[k].usual
+    return low, high
