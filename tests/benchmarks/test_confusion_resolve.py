@@ -89,7 +89,7 @@ def unsure_at_first(recording: Recording, *, seed: int) -> Any:
     proposal = SimpleNamespace(kind="current steps", seconds=16.0, settings=MOTION, what="step the current")
     return SimpleNamespace(
         verdict="named", causes=[cause], parameter_shift=[], unexplained=None, gain=None, seconds=0.0,
-        law=None, suspects=[], account=None, next_experiment=None if enough else proposal,
+        law=None, suspects=[], recording_faults=(), account=None, next_experiment=None if enough else proposal,
     )  # fmt: skip
 
 

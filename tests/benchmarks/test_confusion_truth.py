@@ -225,6 +225,7 @@ def _result(verdict: str | None, *causes: tuple[str, tuple[str, ...]], depends_o
         gain=SimpleNamespace(rmse_reduction=0.07, ci95=(0.05, 0.09), held_out=[]),
         law=None,
         suspects=[],
+        recording_faults=(),
         account=None,
         seconds=0.0,
         baseline_rmse=lambda recording: 0.0241,
