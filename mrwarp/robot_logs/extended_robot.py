@@ -201,9 +201,10 @@ def _correct_drive(asset: RobotAsset, d: RobotDiagnosis, field: str, j: int, x: 
 
 def _weaken_coil(asset: RobotAsset, joint: str, share: float) -> None:
     """A coil that gets a share of its current: the laws' numbers per ampere; without any the device holds nothing."""
+    drive = _drive(asset, joint)
     factors = {"K1": share, "I1": share, **({"T_max": 0.0} if share < 0.05 else {"K": 1.0 / share})}
     for name, factor in factors.items():
-        attribute = _drive(asset, joint).GetAttribute(f"newton:mr:{name}")
+        attribute = drive.GetAttribute(f"newton:mr:{name}")
         attribute.Set(max(attribute.Get() * factor, 1e-6) if name == "T_max" else attribute.Get() * factor)
 
 

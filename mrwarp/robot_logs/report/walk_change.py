@@ -19,7 +19,7 @@ from mrwarp.robot_logs.extended_robot import write_extended
 from mrwarp.robot_logs.robot_log import LogError
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
 from mrwarp.trials.own_robot import walk_currents
-from mrwarp.usd.asset import load_robot
+from mrwarp.usd.asset import ROBOT_SUFFIXES, load_robot
 
 SPEEDS, DISTANCE = (0.3, 0.5), 4.0
 """Commands [m/s] and distance [m] of a robot of Go1's size; those of another go with its own."""
@@ -63,7 +63,7 @@ def check_walker(policy: Path, robot: Path, base: str) -> None:
     if base != "free":
         raise LogError(f"--policy {policy}: the robot of this log hangs or stands fixed; leave --policy out")
     OnnxPolicy(policy)
-    if robot.suffix.startswith(".usd") or not robot.suffix:
+    if robot.suffix in ROBOT_SUFFIXES or not robot.suffix:
         check_robot(policy, str(robot) if robot.suffix else robot.name)
 
 
@@ -77,7 +77,7 @@ def walk_change(
     Raises:
         PolicyError: the policy is of a robot with other joints.
     """
-    found = []
+    found, walker = [], OnnxPolicy(policy)
     with tempfile.TemporaryDirectory() as folder:
         for name, theta in (("described", np.zeros_like(d.theta)), ("extended", d.theta)):
             out = Path(folder, name)
@@ -90,7 +90,7 @@ def walk_change(
             currents = [a.mr.coil.current_max for a in load_robot(robot=robot).actuators if a.mr is not None]
             progress(f"walking on the {name} robot")
             rows = walk_currents(
-                make_walk_cfg(robot=robot), OnnxPolicy(policy), trials=trials, distance=DISTANCE * by.length, seed=seed,
+                make_walk_cfg(robot=robot), walker, trials=trials, distance=DISTANCE * by.length, seed=seed,
                 currents=[min(currents, default=0.0)], speeds=[round(v * by.speed, 3) for v in SPEEDS], payload=0.0,
                 cfg=ElectricalCfg(),
             )  # fmt: skip
