@@ -76,7 +76,7 @@ class LearnedTorque:
         self._arrays: tuple[int | None, ...] = ()
         self._helpers: list[_Helper] = []
         self._gather: Launch | None = None
-        self._units: Launch | None = None
+        self._units: tuple[Launch, ...] = ()
 
     def bind(self, ring: wp.array, head: wp.array, m_dyn: wp.array, tau_dyn: wp.array) -> None:
         """Prepare to work on these arrays, see :meth:`__call__`; every state begins anew."""
@@ -114,8 +114,8 @@ class LearnedTorque:
             parts = len(self._helpers) + 1 if self.carries else (int(self._open[0]) + 7) // 8
             for helper in self._helpers[: max(parts - 1, 0)]:
                 helper.wake(self._help)
-        if self._units is not None:
-            self._units()
+        for launch in self._units:
+            launch()
         self._evaluate()
 
     def reset(self, mask: wp.array) -> None:
@@ -138,7 +138,7 @@ class LearnedTorque:
         if not self.carries:
             return {}
         count = self._fresh.size
-        now = 0 if self._units is None else int(self._keep[1].numpy()[0]) % 2  # see lstm_unit_kernel
+        now = 0 if not self._units else int(self._keep[1].numpy()[0]) % 2  # see lstm_unit_kernel
         state = self._state.numpy()[[now, 2], :, :count].transpose(2, 0, 1).reshape(*self._shape, 2, learned.HIDDEN)
         return {"lstm": np.ascontiguousarray(state), "lstm_fresh": self._fresh.numpy().reshape(self._shape).copy()}
 
@@ -177,9 +177,13 @@ class LearnedTorque:
         else:
             assert isinstance(self.model.net, LstmTorque)  # or nothing would be carried
             rest = self._array(states_at_rest(self.model.net))
-            self._units = record(
-                learned.lstm_unit_kernel, (learned.HIDDEN, joints),
-                [self._array(lstm_weights(state)), rest, head, ring, self._fresh], [self._state], device,
+            weights, cells = self._array(lstm_weights(state)), (learned.HIDDEN // learned.UNITS, -(-joints // 4))
+            self._units = (
+                record(
+                    learned.lstm_rest_kernel, (learned.HIDDEN, joints), [rest, head, ring, self._fresh], [self._state],
+                    device,
+                ),
+                record(learned.lstm_unit_kernel, cells, [weights, head, ring], [self._state], device),
             )  # fmt: skip
             self._evaluate = record(
                 learned.lstm_torque_kernel, m_dyn.shape, [out, whole, head, self._state, m_dyn, tau_dyn],

@@ -242,9 +242,8 @@ class WalkEnv(VecEnv):
         prefix = "actuator/"
         self.actuator.load_state({k.removeprefix(prefix): v.numpy() for k, v in state.items() if k.startswith(prefix)})
         self._update_derived()
-        self.last_observations = TensorDict(
-            {"actor": state["last_actor"], "critic": state["last_critic"]}, batch_size=[self.num_envs]
-        )
+        seen = {group: state[f"last_{group}"].to(self.device) for group in ("actor", "critic")}
+        self.last_observations = TensorDict(seen, batch_size=[self.num_envs])
 
     def view(self, array: wp.array) -> torch.Tensor:
         """Torch tensor over the memory of a Warp array."""

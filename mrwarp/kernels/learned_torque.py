@@ -1,6 +1,6 @@
 """The learned torque in the loop: the LSTM carried on by one sample per joint, or networks over the open windows.
 
-The carried LSTM takes a thread per unit and joint, so that a few thousand joints fill a GPU.
+The carried LSTM takes a thread per two units of four joints, so that a few thousand joints fill a GPU.
 
 A network over windows is evaluated only for devices whose dynamic gate is open. Each joint is computed on its own, in
 one fixed order of operations, so its bits do not depend on the others. Inputs are the raw features: the
@@ -25,6 +25,9 @@ HIDDEN = 64
 
 GATES = 4
 """Gates of an LSTM cell in torch's order: input, forget, cell, output."""
+
+UNITS = 2
+"""Units of one thread of ``lstm_unit_kernel``."""
 
 REST_RANGE = 3.1415927
 """Displacements for which states at rest are kept: within half a turn [rad]."""
@@ -89,6 +92,20 @@ def write_torque(m_dyn: float, tau_bw: float, learned: float, replace: int) -> f
 
 
 @wp.func
+def gate_weights(weights: wp.array3d[float], unit: int, k: int) -> wp.vec4:
+    """Weights of a unit's four gates for one input."""
+    return wp.vec4(weights[unit, k, 0], weights[unit, k, 1], weights[unit, k, 2], weights[unit, k, 3])
+
+
+@wp.func
+def lstm_cell(gates: wp.vec4, unit: int, place: int, after: int, state: wp.array3d[float]):
+    """A unit's new cell and hidden state from its gates."""
+    cell = sigmoid(gates[1]) * state[2, unit, place] + sigmoid(gates[0]) * wp.tanh(gates[2])
+    state[2, unit, place] = cell
+    state[after, unit, place] = sigmoid(gates[3]) * wp.tanh(cell)
+
+
+@wp.func
 def lstm_sample(
     weights: wp.array3d[float],
     ring: wp.array4d[float],
@@ -104,18 +121,15 @@ def lstm_sample(
     Its rows are the hidden state before the sample (row ``before``, 0 or 1), after it (the other), and the cell state.
     """
     for unit in range(HIDDEN):
-        gates = wp.vec4(weights[unit, 0, 0], weights[unit, 0, 1], weights[unit, 0, 2], weights[unit, 0, 3])
+        gates = gate_weights(weights, unit, 0)
         for k in range(1, 1 + FEATURES + HIDDEN):
             x = float(0.0)
             if k <= FEATURES:
                 x = ring[env, joint, row, k - 1]
             else:
                 x = state[before, k - 1 - FEATURES, place]
-            own = wp.vec4(weights[unit, k, 0], weights[unit, k, 1], weights[unit, k, 2], weights[unit, k, 3])
-            gates += x * own
-        cell = sigmoid(gates[1]) * state[2, unit, place] + sigmoid(gates[0]) * wp.tanh(gates[2])
-        state[2, unit, place] = cell
-        state[1 - before, unit, place] = sigmoid(gates[3]) * wp.tanh(cell)
+            gates += x * gate_weights(weights, unit, k)
+        lstm_cell(gates, unit, place, 1 - before, state)
     return 1 - before
 
 
@@ -172,39 +186,71 @@ def at_rest(rest: wp.array3d[float], row: int, unit: int, q_c: float) -> float:
 
 
 @wp.kernel(enable_backward=False)
-def lstm_unit_kernel(
-    # parameters: rows (bias, features, hidden) of each unit's gates, shape (HIDDEN, 1 + FEATURES + HIDDEN, GATES);
-    # hidden and cell states at rest, shape (2, HIDDEN, points) for q_c from -REST_RANGE to REST_RANGE
-    weights: wp.array3d[float],
+def lstm_rest_kernel(
+    # parameters: hidden and cell states at rest, shape (2, HIDDEN, points) for q_c from -REST_RANGE to REST_RANGE
     rest: wp.array3d[float],
     # in, shape (1,), (E, M, WINDOW, FEATURES), (E*M,): 1 where a joint has rested until now
     head_in: wp.array[int],
     ring_in: wp.array4d[float],
     fresh_in: wp.array[int],
+    # out, see lstm_unit_kernel
+    state_out: wp.array3d[float],
+):
+    """The state that a joint which begins anew has before the newest sample; the joint is the fastest index."""
+    unit, place = wp.tid()
+    if fresh_in[place] > 0:
+        row = head_in[0]
+        oldest = (row + 1) % ring_in.shape[2]
+        q_c = ring_in[place // ring_in.shape[1], place % ring_in.shape[1], oldest, 0]
+        state_out[1 - row % 2, unit, place] = at_rest(rest, 0, unit, q_c)
+        state_out[2, unit, place] = at_rest(rest, 1, unit, q_c)
+
+
+@wp.kernel(enable_backward=False)
+def lstm_unit_kernel(
+    # parameters: rows (bias, features, hidden) of each unit's gates, shape (HIDDEN, 1 + FEATURES + HIDDEN, GATES)
+    weights: wp.array3d[float],
+    # in, shape (1,), (E, M, WINDOW, FEATURES)
+    head_in: wp.array[int],
+    ring_in: wp.array4d[float],
     # out, hidden states of two steps by turns and cell state, shape (3, HIDDEN, at least E*M)
     state_out: wp.array3d[float],
 ):
-    """One sample more for one unit of a joint's LSTM (table 1); the joint is the fastest index."""
-    unit, place = wp.tid()
-    env, joint, row = place // ring_in.shape[1], place % ring_in.shape[1], head_in[0]
+    """One sample more (table 1) for UNITS = 2 units of four joints' LSTM; the joint is the fastest index.
+
+    Its time is that of reading: what a thread reads of weights serves four joints, what it reads of a state two units.
+    """
+    pair, quad = wp.tid()
+    row, columns = head_in[0], ring_in.shape[1]
     after = row % 2  # the ring's length is even: rows of the ring and of the state take turns alike
-    q_c, fresh = ring_in[env, joint, (row + 1) % ring_in.shape[2], 0], fresh_in[place] > 0
-    gates = wp.vec4(weights[unit, 0, 0], weights[unit, 0, 1], weights[unit, 0, 2], weights[unit, 0, 3])
-    for k in range(1, 1 + FEATURES + HIDDEN):
-        x = float(0.0)
-        if k <= FEATURES:
-            x = ring_in[env, joint, row, k - 1]
-        elif fresh:
-            x = at_rest(rest, 0, k - 1 - FEATURES, q_c)
-        else:
-            x = state_out[1 - after, k - 1 - FEATURES, place]
-        gates += x * wp.vec4(weights[unit, k, 0], weights[unit, k, 1], weights[unit, k, 2], weights[unit, k, 3])
-    before = state_out[2, unit, place]
-    if fresh:
-        before = at_rest(rest, 1, unit, q_c)
-    cell = sigmoid(gates[1]) * before + sigmoid(gates[0]) * wp.tanh(gates[2])
-    state_out[2, unit, place] = cell
-    state_out[after, unit, place] = sigmoid(gates[3]) * wp.tanh(cell)
+    joints = ring_in.shape[0] * columns
+    apart, last, unit = (joints + 3) // 4, joints - 1, UNITS * pair
+    p0, p1, p2 = wp.min(quad, last), wp.min(quad + apart, last), wp.min(quad + 2 * apart, last)
+    p3 = wp.min(quad + 3 * apart, last)
+    ones = wp.vec4(1.0, 1.0, 1.0, 1.0)
+    first = wp.outer(ones, gate_weights(weights, unit, 0))
+    second = wp.outer(ones, gate_weights(weights, unit + 1, 0))
+    for k in range(FEATURES):
+        x = wp.vec4(
+            ring_in[p0 // columns, p0 % columns, row, k],
+            ring_in[p1 // columns, p1 % columns, row, k],
+            ring_in[p2 // columns, p2 % columns, row, k],
+            ring_in[p3 // columns, p3 % columns, row, k],
+        )
+        first += wp.outer(x, gate_weights(weights, unit, 1 + k))
+        second += wp.outer(x, gate_weights(weights, unit + 1, 1 + k))
+    before = 1 - after
+    for k in range(HIDDEN):
+        x = wp.vec4(
+            state_out[before, k, p0], state_out[before, k, p1], state_out[before, k, p2], state_out[before, k, p3]
+        )
+        first += wp.outer(x, gate_weights(weights, unit, 1 + FEATURES + k))
+        second += wp.outer(x, gate_weights(weights, unit + 1, 1 + FEATURES + k))
+    for j in range(4):
+        place = quad + j * apart
+        if place < joints:
+            lstm_cell(first[j], unit, place, after, state_out)
+            lstm_cell(second[j], unit + 1, place, after, state_out)
 
 
 @wp.kernel(enable_backward=False)

@@ -58,9 +58,15 @@ def make_model(kind: str, seed: int = 0, dt: float = DT) -> LearnedModel:
 class Loop:
     """An actuator with four devices per environment on arrays that the test writes."""
 
-    def __init__(self, num_envs: int, residual: LearnedTorque | None, coupling: Coupling = Coupling.EXPLICIT) -> None:
+    def __init__(
+        self,
+        num_envs: int,
+        residual: LearnedTorque | None,
+        coupling: Coupling = Coupling.EXPLICIT,
+        device: str = "cpu",
+    ) -> None:
         def zeros(*shape: int) -> wp.array:
-            return wp.zeros(shape, dtype=float, device="cpu")
+            return wp.zeros(shape, dtype=float, device=device)
 
         self.inputs = ActuatorInputs(
             q_des=zeros(num_envs, MR), q=zeros(num_envs, MR), qd=zeros(num_envs, MR), f_foot=zeros(num_envs, MR),
@@ -351,6 +357,22 @@ def test_an_actuator_in_a_gpus_threads_gives_the_bits_of_one_thread(
         assert loop.actuator.state()["ledger"].any()
     for name, want in states[0].items():
         np.testing.assert_array_equal(states[1][name], want, name)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("coupling", list(Coupling))
+@pytest.mark.parametrize("kind", [*KINDS, None])
+def test_an_actuator_on_a_gpu_is_that_of_a_cpu(kind: str | None, coupling: Coupling) -> None:
+    """Torques, bounds, state and ledger of a real GPU after 90 steps with a reset midway: float32 rounding apart."""
+    motion, found = make_motion(5, 90, seed=31), []
+    for device in ("cpu", "cuda:0"):
+        loop = Loop(5, LearnedTorque(make_model(kind), dt=DT) if kind else None, coupling, device)
+        torques = loop.run(motion, 0, 40, account=True)
+        loop.actuator.reset(wp.array([False, True, False, True, False], dtype=wp.bool, device=device))
+        found.append(torques | loop.run(motion, 40, account=True) | loop.actuator.state())
+    assert found[0]["m_dyn"].any() and not found[0]["m_dyn"].all()
+    for name, want in found[0].items():
+        np.testing.assert_allclose(found[1][name], want, rtol=2e-4, atol=2e-4, err_msg=name)
 
 
 def test_reset_of_one_environment_leaves_the_others_history_and_torque() -> None:

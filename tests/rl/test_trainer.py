@@ -87,6 +87,23 @@ def test_resume_equals_an_uninterrupted_run(tmp_path: Path) -> None:
     assert without_times(resumed.progress.gate_rows[-1]) == without_times(whole.progress.gate_rows[-1])
 
 
+@pytest.mark.gpu
+def test_resume_on_a_gpu(tmp_path: Path) -> None:
+    """What was saved is loaded to the bit, by another object on the GPU, which trains on."""
+    env = replace(ENV, episode_seconds=1.0)
+    env = replace(env, sim=replace(env.sim, device="cuda:0", num_envs=64))
+    first = Trainer(make_cfg(tmp_path, 2, env=env))
+    first.run()
+    torch.rand(17, device="cuda:0")  # whatever happens in between
+    resumed = Trainer(make_cfg(tmp_path, 4, env=env), resume=tmp_path / "checkpoint.pt")
+    before = content(first)
+    resumed.save()
+    for name in ("algorithm", "learning_rate", "torch_rng", "env"):
+        assert_same_bits(content(resumed)[name], before[name], name)
+    result = resumed.run()
+    assert resumed.iteration == 4 and math.isfinite(result["training"]["reward"])
+
+
 def test_training_repeats_with_its_seed(tmp_path: Path) -> None:
     """Same seed, same bits; another seed, other networks."""
     states = []

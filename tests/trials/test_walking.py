@@ -11,6 +11,8 @@ import torch
 from tensordict import TensorDict
 
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
+from mrwarp.resources import DEFAULT_POLICY
+from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.trials.walking import GateCheck, WalkingGate, make_env, measure, stride_frequency
 
 DT = 0.02
@@ -29,6 +31,14 @@ def trotting_policy(obs: TensorDict) -> torch.Tensor:
     action = torch.zeros(len(sin), 12)
     action[:, 1::3], action[:, 2::3] = 2.0 * bend, -4.0 * bend
     return action
+
+
+@pytest.mark.gpu
+def test_the_shipped_policy_walks_on_a_gpu() -> None:
+    """Trained on the CPU's engine, it meets the whole walking gate on a GPU's."""
+    cfg = make_walk_cfg(num_envs=64, device="cuda:0")
+    result = GateCheck(cfg)(OnnxPolicy(DEFAULT_POLICY))
+    assert result["passed"], result["conditions"]
 
 
 def trot_contact(frequency: float, seconds: float, *, duty: float = 0.5, num_envs: int = 6) -> np.ndarray:
