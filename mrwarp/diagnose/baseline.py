@@ -263,8 +263,8 @@ def hold_rests(problem: Problem, recording: Recording, fit: Fit, rate: float) ->
         return problem, fit
     if not driven(held):
         return resting, refitted
-    sticks = replace(resting, weight=resting.weight * ~still)
-    return sticks, refit(sticks, refitted, tolerance=1e-4)
+    sticking = replace(resting, weight=resting.weight * ~still)
+    return sticking, refit(sticking, refitted, tolerance=1e-4)
 
 
 def driven(motion: Motion) -> bool:
@@ -283,6 +283,12 @@ def driven(motion: Motion) -> bool:
         if np.ptp(motion.current[rest]) <= _SAME_CURRENT * motion.ranges.current:
             rises.append(float((quarters - np.minimum.accumulate(quarters)).max()) / size)
     return len(rises) >= _FEW_RESTS and float(np.median(rises)) > _GROWS
+
+
+def sticks(problem: Problem) -> bool:
+    """Whether a drive moves the joint, so that its rests do not count."""
+    still = problem.motion.kinematics.still
+    return still is not None and bool(still.any()) and not problem.weight[still].any()
 
 
 def begin_under_way(problem: Problem, fit: Fit) -> Problem:
@@ -307,7 +313,9 @@ def smooth_motion(problem: Problem, recording: Recording, fit: Fit) -> Problem:
     """Smooth the motion more where a model with an inertia then predicts the torque clearly better.
 
     Of an acceleration that is derived from a coarse angle, what is quick is noise. The angle cannot tell: it is the
-    torque of an inertia that shows which part of it was motion.
+    torque of an inertia that shows which part of it was motion. Where friction turns round, the torque of a bench
+    jumps, but that of a drive does not: the acceleration does. The smoother spreads that jump, so those samples of a
+    joint that sticks do not count.
     """
     if "rotor_inertia" not in fit.effects:
         return problem
@@ -324,7 +332,10 @@ def smooth_motion(problem: Problem, recording: Recording, fit: Fit) -> Problem:
             break
     best, refitted = min(found, key=lambda item: item[1].total)
     clear = by_ratio(fit.loo_loss, refitted.loo_loss) > _CLEAR_T
-    return best if clear and refitted.total < (1.0 - _CLEAR) * fit.total else problem
+    if not clear or refitted.total > (1.0 - _CLEAR) * fit.total:
+        best = problem
+    reversing = best.motion.kinematics.reversing
+    return replace(best, weight=best.weight * ~reversing) if sticks(best) and reversing is not None else best
 
 
 def align_clocks(problem: Problem, fit: Fit) -> Problem:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
+from mrwarp.diagnose.baseline import sticks
 from mrwarp.diagnose.data_checks import gaps
 from mrwarp.diagnose.formula import find_formula
 from mrwarp.diagnose.held_out import Account, HeldOut, Predictor, reduction
@@ -302,12 +303,17 @@ def _notes(found: Findings, causes: tuple[Cause, ...]) -> tuple[str, ...]:
             f"{found.recording.samples} samples are more than a diagnosis needs: it used {len(motion.q)}, one stretch "
             "of each trajectory"
         )
-    still = motion.kinematics.still
-    if still is not None and still.any() and not found.problem.weight[still].any():
+    still, reversing = motion.kinematics.still, motion.kinematics.reversing
+    if still is not None and sticks(found.problem):
         notes.append(
             f"the joint sticks in {100 * still.mean():.0f} % of the samples while the torque of its drive changes: "
             "static friction balances whatever it is there, so they do not count"
         )
+        if reversing is not None and not found.problem.weight[reversing].any():
+            notes.append(
+                f"{100 * (reversing & ~still).mean():.0f} % of the samples are so near a start, a stop or a reversal "
+                "that the acceleration, which friction makes jump there, is not known; they do not count"
+            )
     if motion.kinematics.smoothing > 1.0:
         notes.append(
             f"the motion was smoothed {motion.kinematics.smoothing:g} times as much as the angle asks for: the torque "

@@ -102,7 +102,8 @@ def diagnose(
         log("trajectories begin under way")
     smooth = smooth_motion(problem, recording, best)
     if smooth is not problem:
-        log(f"the motion is smoothed {smooth.motion.kinematics.smoothing:g} times as much")
+        if smooth.motion is not problem.motion:
+            log(f"the motion is smoothed {smooth.motion.kinematics.smoothing:g} times as much")
         problem, best = smooth, refit(smooth, best)
     # beside a large misfit any of its harmonics would pass for a line
     line = None if problem.misfit else find_line(problem, best)

@@ -44,6 +44,8 @@ _BENT, _BENT_T = 0.05, 4.0
 _HARMONIC_T = 2.0
 """That ratio for further harmonics, all that bends where a joint turns on and on: a line at one place of the spectrum
 stands in for nothing else, as the bend of a law may."""
+_CARRIED_T = 1.0
+"""That ratio for the inertia behind a gear: where an inertia is known to be there, some of it is."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,10 +200,13 @@ def reported_fit(problem: Problem, fit: Fit) -> Fit:
     least = np.diag(covariance(fit)) + resolution**2
     plain = replace(plain_fit(problem, fit), least_variance=least)
     fit = _with_harmonics(problem, fit, plain)
-    if any(slot.parameter.form for slot in fit.parameters.bent().slots):
+    bends = [slot.parameter for slot in fit.parameters.bent().slots if slot.parameter.form]
+    if bends:
         bent = plain_fit(problem, fit, bent=True)
         gain, t = gain_and_t(plain.loo_loss, bent.loo_loss)
         least_t = _HARMONIC_T if problem.motion.ranges.turns > 1.0 else _BENT_T
+        if all(p.carried for p in bends):
+            least_t = _CARRIED_T
         if gain > _BENT * plain.total and (t > least_t or by_ratio(plain.loo_loss, bent.loo_loss) > _BENT_T):
             own = iter(least[EFFECT_PART])
             added = [0.0 if slot.parameter.form else next(own) for slot in bent.parameters.slots]

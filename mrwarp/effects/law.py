@@ -111,6 +111,8 @@ class Ranges:
     """Length of the session [s]."""
     load: bool = False
     """Whether the control input is a load or a pressure, which makes no field: K1 of eq. 14 is 0."""
+    carried: bool = False
+    """Whether the control input is a load, in the unit of a torque or force."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,6 +145,9 @@ class EffectParameter:
     form: bool = False
     """Whether it only bends the law: null while causes are searched, fitted for the reported fit where that predicts
     clearly better, and absent from a model otherwise."""
+    carried: bool = False
+    """Whether it is that share of an inertia whose torque adds to a load: searched beside ``rotor_inertia`` only, where
+    the control input is a torque or a force. None of the inertia is then no better a guess than any part of it."""
     optional: bool = False
     """Whether a model may do without it: then it is null."""
     negative: bool = True

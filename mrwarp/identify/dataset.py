@@ -17,7 +17,7 @@ from scipy.signal import lfilter
 from mrwarp.effects.law import Ranges
 from mrwarp.effects.replay_kernel import HEAT_TIMES
 from mrwarp.identify.kinematics import Kinematics, reconstruct
-from mrwarp.recording.data import is_load
+from mrwarp.recording.data import is_load, quantity
 from mrwarp.recording.load import Recording
 
 _SETTLED = 4.0
@@ -216,6 +216,7 @@ class Motion(Dataset):
             session=float(time.max()) or 1.0,
             turns=float(np.ptp(data.q) * scales.q // (2.0 * np.pi)) if recording.units["q"] == "rad" else 0.0,
             load=is_load(recording.units),
+            carried=is_load(recording.units) and quantity("current", recording.units) != "pressure",
         )
         slid = _slid(data, time)
         return cls(
@@ -295,7 +296,7 @@ class Motion(Dataset):
                 first = part.start + int(begins[np.argmin(np.abs(begins + part.start - first))])
             taken.append(np.arange(first, first + length))
         at, k = np.concatenate(taken), self.kinematics
-        masks = {name: None if (x := getattr(k, name)) is None else x[at] for name in ("doubtful", "still")}
+        masks = {name: None if (x := getattr(k, name)) is None else x[at] for name in ("doubtful", "still", "reversing")}
         return dataclasses.replace(
             self,
             **{name: getattr(self, name)[at] for name in ("q", "qd", "qdd", "current", "torque", "time", "slid_time")},

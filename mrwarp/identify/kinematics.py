@@ -37,6 +37,8 @@ _SHORTEST = 0.25
 """Shortest rest [s]: a turning point of slow motion looks like a shorter one."""
 _EDGE = 0.03
 """Time at each end of a rest in which nobody knows whether the joint moves already, or still [s]."""
+_SPREAD = 0.25
+"""Time over which the smoother spreads a step of the acceleration to each side, in periods of its bandwidth."""
 _SCATTER = 1.8
 """Largest standard deviation of a resting angle over that of its noise; 1.73 for a reading that flips by one step."""
 _STEPS, _ON_GRID = 10, 0.1
@@ -66,6 +68,9 @@ class Kinematics:
     """Whether it is inside one, shape (N,); None: none is."""
     smoothing: float = 1.0
     """Divisor of the smoother's bandwidth."""
+    reversing: np.ndarray | None = None
+    """Whether a sample is so near a start, a stop or a reversal that an acceleration which jumps there is not known,
+    shape (N,); None: none is."""
 
 
 def reconstruct(recording: Recording, *, rests: bool = True, smoothing: float = 1.0) -> Kinematics:
@@ -81,7 +86,7 @@ def reconstruct(recording: Recording, *, rests: bool = True, smoothing: float = 
         lag, error = _lag_of(recording, sigma_q)
         if lag < _LAG_T * error or lag < 1e-4:
             lag = 0.0
-    qd, qdd, doubtful, still = [], [], [], []
+    qd, qdd, doubtful, still, reversing = [], [], [], [], []
     for run in runs:
         bandwidth = _bandwidth(run, sigma_q, sigma_v) / smoothing
         v = run.qd
@@ -92,14 +97,36 @@ def reconstruct(recording: Recording, *, rests: bool = True, smoothing: float = 
         doubtful.append(at_edge)
         v, a = smooth(run.q, v, run.dt, sigma_q, sigma_v, bandwidth, known)
         _without_overshoot(v, at_edge, round(_EDGE / run.dt))
+        reversing.append(near_reversals(v, still[-1], round(_SPREAD / bandwidth / run.dt)))
         if lag > 0.0:
             late = lagged(v, lag, run.dt)
             v, a = late, (v - late) / lag
         qd.append(v)
         qdd.append(a)
     rested = np.concatenate(still)
-    edges = np.concatenate(doubtful)
-    return Kinematics(np.concatenate(qd), np.concatenate(qdd), lag, error, bool(rested.any()), edges, rested, smoothing)
+    return Kinematics(
+        qd=np.concatenate(qd),
+        qdd=np.concatenate(qdd),
+        velocity_lag=lag,
+        velocity_lag_error=error,
+        rests=bool(rested.any()),
+        doubtful=np.concatenate(doubtful),
+        still=rested,
+        smoothing=smoothing,
+        reversing=np.concatenate(reversing),
+    )
+
+
+def near_reversals(qd: np.ndarray, still: np.ndarray, reach: int) -> np.ndarray:
+    """Whether fewer than ``reach`` samples lie between a sample and a start, a stop or a reversal, shape (N,).
+
+    Where a drive sets the torque, dry friction makes the acceleration of a joint jump there.
+    """
+    direction = np.where(still, 0.0, np.sign(qd))
+    near = np.zeros(len(qd), dtype=bool)
+    for k in np.flatnonzero(np.diff(direction)) + 1:
+        near[max(k - reach, 0) : k + reach] = True
+    return near
 
 
 def _bandwidth(run: Trajectory, sigma_q: float, sigma_v: float) -> float:

@@ -142,6 +142,8 @@ class Parameters:
         p = slot.parameter
         if p.repeats:
             return not p.form and slot.key not in self.choices
+        if p.carried:
+            return self.ranges.carried and "rotor_inertia" in self.effects
         return not p.beside or (slot.effect, p.beside) in self.choices
 
     @property
@@ -232,7 +234,7 @@ class Parameters:
                     row[at] = self.choices.get((effect, p.name), p.choices[0])
                 elif p.repeats and (p.form or (effect, p.name) in self.choices):
                     row[at] = self.choices.get((effect, p.name), p.null)
-                elif p.form and not self.form:
+                elif p.form and not (self.form and self._searched(Slot(effect, p))):
                     row[at] = self.choices.get((effect, p.name), p.null)
         return row
 
@@ -252,7 +254,7 @@ class Parameters:
         """Whether a number that bends a law stands among the values."""
         if p.repeats or p.beside:
             return (effect, p.beside or p.name) in self.choices and (self.form or (effect, p.name) in self.choices)
-        return self.form or (effect, p.name) in self.choices
+        return (effect, p.name) in self.choices or (self.form and self._searched(Slot(effect, p)))
 
     def vector(self, base: np.ndarray, numbers: Mapping[tuple[str, str], float]) -> np.ndarray:
         """A vector from its base part and the effects' coordinates; those not given are known, neutral or a start."""

@@ -32,6 +32,10 @@ class Joint:
     tau_limit: float = 23.7
 
 
+MASSLESS = {"load_friction": {"inertia": 0.0}}
+"""Strengths at which nothing is multiplied with an acceleration."""
+
+
 def effect(name: str) -> Effect:
     """An effect at its visible strength."""
     return make_effect(name, STRENGTHS[name])
@@ -205,13 +209,27 @@ def replayed(effects: tuple[Effect, ...], command: np.ndarray, heat: np.ndarray)
 @pytest.mark.parametrize("names", [[name] for name in MECHANISMS] + [MECHANISMS], ids=lambda names: "+".join(names))
 def test_simulated_torque_is_that_of_the_diagnosis(names: list[str]) -> None:
     """Along a prescribed motion each effect, and all together, gives the torque of the kernel that names it."""
-    effects = tuple(effect(name) for name in names)
+    # along this motion the kernel's accelerations are made for its way: what multiplies one has a test of its own
+    effects = tuple(make_effect(name, {**STRENGTHS[name], **MASSLESS.get(name, {})}) for name in names)
     tau, command, heat = simulated(effects)
     plain, _, _ = simulated((make_effect("coil_lag", {"time_constant": 0.0}),))
     want = replayed(effects, command, heat)
     assert np.abs(tau - plain).max() > 0.02 * np.abs(want).max(), "the effect is too weak to test anything"
     # a spring and a gap are solved for, and either path rounds on its own
     np.testing.assert_allclose(tau, want, rtol=0, atol=2e-5 * max(np.abs(want).max(), 1.0))
+
+
+def test_a_gear_carries_what_accelerates_the_load_behind_it() -> None:
+    """F1*|u + J*a| with the acceleration of the last two steps."""
+    strength = {"F1": 0.1, "speed": 0.05}
+    plain, current, _ = simulated((make_effect("coil_lag", {"time_constant": 0.0}),))
+    rubs = simulated((make_effect("load_friction", strength),))[0] - plain
+    found = simulated((make_effect("load_friction", {**strength, "inertia": 0.02}),))[0] - plain
+    _, qd, _ = motion(4.0)
+    loaded = np.flatnonzero(current > 0.1)
+    want = rubs * np.abs(1.0 + 0.02 * np.diff(qd, prepend=0.0) / DT / np.maximum(current, 0.1))
+    assert np.abs(want - rubs)[loaded].max() > 0.02 and len(loaded) > 300
+    np.testing.assert_allclose(found[loaded], want[loaded], rtol=0, atol=1e-5)
 
 
 def test_coil_lag_is_the_lag_of_the_parameters() -> None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from mrwarp.diagnose.problem import Fit, Problem, fit_model
+from mrwarp.effects.catalogue import parameter_of
 from mrwarp.effects.law import Ranges
 from mrwarp.effects.replay_kernel import HEAT_TIMES
 from mrwarp.identify.dataset import Motion, Scales
@@ -89,7 +90,8 @@ def problem(
 ) -> Problem:
     """Data of the paper's joint with effects, white noise of a known size and whatever is added."""
     at = at or motion(seed)
-    p = Parameters(tuple(effects or {}), at.ranges, 0.0, form=any("thinning" in p for p in (effects or {}).values()))
+    bent = any(parameter_of(effect, name).form for effect, p in (effects or {}).items() for name in p)
+    p = Parameters(tuple(effects or {}), at.ranges, 0.0, form=bent)
     torque = EffectReplay(at).torque(p.row(vector(p, effects, **changes))[None])[0].astype(float) + plus
     torque += sigma * np.random.default_rng([seed, 7]).normal(size=len(torque))
     return posed(dataclasses.replace(at, torque=torque), sigma=max(sigma, 1e-4))

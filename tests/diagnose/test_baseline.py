@@ -191,8 +191,18 @@ def test_a_coarse_angle_is_smoothed_where_the_torque_of_an_inertia_asks_for_it(s
     ]  # fmt: skip
     recording = Recording(trajectories=tuple(runs))
     problem = known.posed(Motion.of(recording, Scales()), sigma=1e-2)
-    found = smooth_motion(problem, recording, known.fitted(problem, INERTIA))
+    fit = known.fitted(problem, INERTIA)
+    found = smooth_motion(problem, recording, fit)
     assert (found is not problem) == smoothed
     if smoothed:
         error = [np.std((x - at.qdd)[100:-100]) for x in (problem.motion.qdd, found.motion.qdd)]
         assert found.motion.kinematics.smoothing > 1.0 and error[1] < 0.7 * error[0]
+        return
+    # of a joint that its drive could not move at first, reversals do not count
+    still = np.arange(len(at.q)) < 20
+    kinematics = dataclasses.replace(problem.motion.kinematics, still=still)
+    sticking = problem.with_motion(dataclasses.replace(problem.motion, kinematics=kinematics))
+    read = smooth_motion(dataclasses.replace(sticking, weight=1.0 * ~still), recording, fit)
+    reversing = read.motion.kinematics.reversing
+    assert reversing is not None and 0.02 < reversing.mean() < 0.4
+    assert not read.weight[reversing].any() and read.weight[~reversing & ~still].all()

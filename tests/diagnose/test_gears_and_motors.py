@@ -38,9 +38,13 @@ def test_a_gear_with_locked_output_has_play_and_compliance() -> None:
 
 
 def test_a_servo_has_friction_that_grows_with_its_load() -> None:
-    """Published: 0.267 of the motor's torque. The error stands over the samples at which the servo does not stick."""
+    """Published by model M3: 0.264 of what motor and load bear together, which is the mean of 0.42 and 0.72 of the load.
+
+    The pendulum has 0.0049 kg·m². The error stands over the samples at which the servo neither sticks nor turns round.
+    """
     found = diagnosed("servo_xl330")
-    friction = {c.name: c for c in found.causes}["load_friction"].parameters["F1"]
-    assert 0.15 < friction.value < 0.45
-    assert {c.name for c in found.causes} == {"rotor_inertia", "load_friction"} and found.extended.nrmse < 0.25
-    assert any("sticks" in note for note in found.notes)
+    friction = {c.name: c for c in found.causes}["load_friction"].parameters
+    assert friction["F1"].value == pytest.approx(0.57, abs=0.12)
+    assert friction["inertia"].value == pytest.approx(0.0049, abs=0.0015)
+    assert {c.name for c in found.causes} == {"rotor_inertia", "load_friction"} and found.extended.nrmse < 0.15
+    assert any("sticks" in note for note in found.notes) and any("a reversal" in note for note in found.notes)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mrwarp.diagnose.problem import covariance, fit_model, plain_fit
+from mrwarp.diagnose.problem import covariance, fit_model, plain_fit, reported_fit
 from mrwarp.diagnose.screening import screen
 from mrwarp.effects.catalogue import CATALOGUE
 from tests.diagnose import known
@@ -117,6 +117,22 @@ def test_stated_numbers_may_be_nearly_dry_friction() -> None:
     assert stated.x[7] > searched.x[7] + 0.5
     measured = problem.motion.torque
     assert np.square(measured - stated.torque).sum() < 0.9 * np.square(measured - searched.torque).sum()
+
+
+@pytest.mark.parametrize("unit", ["N·m", "bar"])
+def test_a_gear_carries_the_inertia_behind_it(unit: str) -> None:
+    """Stated beside an inertia where the control input is a load that the same teeth carry, not where it is a pressure."""
+    hidden = {"rotor_inertia": {"inertia": 0.02}, "load_friction": {"F1": 0.3, "inertia": 0.02}}
+    at = known.motion(61, runs=6, seconds=3.0)
+    at = replace(at, ranges=replace(at.ranges, load=True, carried=True))
+    made = known.problem(hidden, at=at, K1=0.0)
+    carried = unit == "N·m"
+    problem = known.posed(replace(made.motion, ranges=replace(at.ranges, carried=carried)))
+    stated = reported_fit(problem, known.fitted(problem, hidden))
+    numbers = stated.parameters.values(stated.x)["load_friction"]
+    assert ("inertia" in numbers) is carried
+    if carried:
+        assert numbers["inertia"] == pytest.approx(0.02, rel=0.15) and numbers["F1"] == pytest.approx(0.3, rel=0.05)
 
 
 def test_samples_without_weight_do_not_count() -> None:

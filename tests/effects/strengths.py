@@ -13,7 +13,7 @@ STRENGTHS = {
     "rotor_inertia": {"inertia": 0.01},
     "coulomb_friction": {"torque": 0.4, "speed": 0.05},
     "friction_asymmetry": {"coulomb": 0.2, "viscous": 0.05, "speed": 0.05, "thinning": 0.1, "yielding": 0.1},
-    "load_friction": {"F1": 0.1, "speed": 0.05},
+    "load_friction": {"F1": 0.1, "speed": 0.05, "inertia": 0.003},
     "position_friction": {"F1": 0.4, "F2": -0.2, "speed": 0.05},
     "stribeck": {"torque": 0.5, "stribeck_speed": 0.4, "speed": 0.05},
     "cogging": {"sine": 0.2, "cosine": -0.1, "periods": 24.0},

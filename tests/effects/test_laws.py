@@ -357,6 +357,9 @@ def test_load_friction_brakes_whatever_the_sign_of_the_load() -> None:
     for sign in (1.0, -1.0):
         loaded = replace(shaft, current=sign * shaft.current)
         np.testing.assert_allclose(added(loaded, effect), want, rtol=0, atol=100 * EPS)
+    effect["load_friction"]["inertia"] = 0.02
+    want = 0.3 * np.abs(shaft.current + 0.02 * shaft.qdd) * along.dry(shaft.qd, 0.05)
+    np.testing.assert_allclose(added(shaft, effect), want, rtol=0, atol=100 * EPS)
 
 
 def test_current_viscosity_takes_the_current_that_flows() -> None:

@@ -122,6 +122,27 @@ def test_torque_that_grows_in_rests_is_of_a_drive(rises: bool, sticks: bool) -> 
     assert driven(motion) == sticks
 
 
+@pytest.mark.parametrize("smoothing", [1.0, 4.0])
+def test_an_acceleration_that_jumps_is_known_but_near_reversals(smoothing: float) -> None:
+    """A mass that a sine pulls to and fro against dry friction: beside its reversals the smoother has its acceleration."""
+    t, pull = np.arange(1600) * 0.005, 30.0 * np.sin(2.0 * np.pi * 0.6 * np.arange(1600) * 0.005)
+    q, qd, qdd, fine = np.zeros(1600), np.zeros(1600), np.zeros(1600), 2.5e-4
+    for k in range(1, 1600):
+        x, v = q[k - 1], qd[k - 1]
+        for _ in range(20):
+            v += fine * (pull[k] - 12.0 * np.sign(v))
+            x += fine * v
+        q[k], qd[k], qdd[k] = x, v, pull[k] - 12.0 * np.sign(v)
+    run = Trajectory(
+        id="run", t=t, q=np.round(q / STEP) * STEP, qd=qd, current=np.ones(1600), torque=np.zeros(1600), qd_derived=True
+    )
+    found = reconstruct(Recording(trajectories=(run,)), smoothing=smoothing)
+    assert found.reversing is not None
+    error = (found.qdd - qdd) ** 2
+    assert 0.0 < found.reversing.mean() < 0.2
+    assert error[found.reversing].mean() > 4.0 * error[~found.reversing].mean()
+
+
 def test_noise_of_an_encoder_survives_resampling() -> None:
     """A log that was interpolated to twice the rate has values between the steps, but stands at readings."""
     t = np.arange(800) * 0.01

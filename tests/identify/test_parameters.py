@@ -1,5 +1,7 @@
 """A model as a vector: there and back, bounds, growth; its derivatives against float64 differences."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -76,6 +78,19 @@ def test_bent_model_has_its_effects_bends(motion: Motion) -> None:
     assert y[at] == bent.low[at] == 0.0 < bent.high[at] and bent.steeper().low[at] == 0.0
     y[at] = 0.2
     assert bent.values(y)["friction_asymmetry"]["thinning"] == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(("inertia", "carried"), [(True, True), (False, True), (True, False)])
+def test_inertia_behind_a_gear_needs_an_inertia_and_a_load(motion: Motion, inertia: bool, carried: bool) -> None:
+    """It is searched beside both only, and a known one acts without."""
+    effects = ("rotor_inertia", "load_friction") if inertia else ("load_friction",)
+    key = ("load_friction", "inertia")
+    bent = Parameters(effects, replace(motion.ranges, carried=carried), 0.0).bent()
+    searched = [slot.key for slot in bent.slots if slot.parameter.form]
+    assert searched == ([key] if inertia and carried else [])
+    known_bend = replace(bent, choices={key: 0.3})
+    x = known.vector(known_bend, {"rotor_inertia": {}, "load_friction": {"inertia": 0.3}})
+    assert known_bend.row(x)[len(BASE) + column_of(*key)] == known_bend.values(x)[key[0]][key[1]] == 0.3
 
 
 def test_known_bend_acts_without_being_searched(motion: Motion) -> None:
