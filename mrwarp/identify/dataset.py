@@ -296,7 +296,8 @@ class Motion(Dataset):
                 first = part.start + int(begins[np.argmin(np.abs(begins + part.start - first))])
             taken.append(np.arange(first, first + length))
         at, k = np.concatenate(taken), self.kinematics
-        masks = {name: None if (x := getattr(k, name)) is None else x[at] for name in ("doubtful", "still", "reversing")}
+        masks = ("doubtful", "still", "reversing")
+        known = {name: None if (x := getattr(k, name)) is None else x[at] for name in masks}
         return dataclasses.replace(
             self,
             **{name: getattr(self, name)[at] for name in ("q", "qd", "qdd", "current", "torque", "time", "slid_time")},
@@ -306,7 +307,7 @@ class Motion(Dataset):
             middle=self.middles[chosen],
             heat=self.heat[:, at],
             start=np.cumsum([0, *(len(stretch) for stretch in taken)]),
-            kinematics=dataclasses.replace(k, qd=k.qd[at], qdd=k.qdd[at], **masks),
+            kinematics=dataclasses.replace(k, qd=k.qd[at], qdd=k.qdd[at], **known),
         )
 
     def under_way(self) -> Motion:

@@ -38,7 +38,7 @@ def test_a_gear_with_locked_output_has_play_and_compliance() -> None:
 
 
 def test_a_servo_has_friction_that_grows_with_its_load() -> None:
-    """Published by model M3: 0.264 of what motor and load bear together, which is the mean of 0.42 and 0.72 of the load.
+    """Published by model M3: 0.264 of what motor and load bear: 0.72 of a load that is driven, 0.42 of one that drives.
 
     The pendulum has 0.0049 kg·m². The error stands over the samples at which the servo neither sticks nor turns round.
     """

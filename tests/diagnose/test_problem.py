@@ -121,7 +121,7 @@ def test_stated_numbers_may_be_nearly_dry_friction() -> None:
 
 @pytest.mark.parametrize("unit", ["N·m", "bar"])
 def test_a_gear_carries_the_inertia_behind_it(unit: str) -> None:
-    """Stated beside an inertia where the control input is a load that the same teeth carry, not where it is a pressure."""
+    """Stated beside an inertia where the control input is a load on the same teeth, not where it is a pressure."""
     hidden = {"rotor_inertia": {"inertia": 0.02}, "load_friction": {"F1": 0.3, "inertia": 0.02}}
     at = known.motion(61, runs=6, seconds=3.0)
     at = replace(at, ranges=replace(at.ranges, load=True, carried=True))

@@ -124,7 +124,7 @@ def test_torque_that_grows_in_rests_is_of_a_drive(rises: bool, sticks: bool) -> 
 
 @pytest.mark.parametrize("smoothing", [1.0, 4.0])
 def test_an_acceleration_that_jumps_is_known_but_near_reversals(smoothing: float) -> None:
-    """A mass that a sine pulls to and fro against dry friction: beside its reversals the smoother has its acceleration."""
+    """A mass pulled to and fro against dry friction: away from its reversals the smoother has its acceleration."""
     t, pull = np.arange(1600) * 0.005, 30.0 * np.sin(2.0 * np.pi * 0.6 * np.arange(1600) * 0.005)
     q, qd, qdd, fine = np.zeros(1600), np.zeros(1600), np.zeros(1600), 2.5e-4
     for k in range(1, 1600):
