@@ -23,7 +23,7 @@ from mrwarp.env.vec_env import WalkEnv
 from mrwarp.kernels.launch import capture
 from mrwarp.trials.walking import Policy
 
-VARIANTS = ("pd", "bouc_wen", "lstm", "mjwarp_eager")
+VARIANTS = ("pd", "explicit", "bouc_wen", "lstm", "mjwarp_eager")
 """Robots of :data:`benchmarks.perf.walks.VARIANTS`, all on MuJoCo-Warp."""
 
 AIMED_AT = 4096
@@ -107,7 +107,7 @@ def run_all(cfg: GpuCfg, policy: Policy, progress: Callable[[str, float], None])
 def walking(
     cfg: GpuCfg, count: int, policy: Policy, progress: Callable[[float], None]
 ) -> tuple[dict[str, Any], dict[str, Spread]]:
-    """Plain motors, Bouc-Wen, the LSTM residual and Bouc-Wen without a graph, walking."""
+    """Plain motors, Bouc-Wen as explicit torque and as constraint, the LSTM residual, and no graph; all walking."""
     walks = {
         name: Walk(
             name, policy, num_envs=count, steps=cfg.steps, seconds=1.0, device=cfg.device, backend=BackendKind.MJWARP
@@ -119,7 +119,7 @@ def walking(
     checks = {name: walk.check() for name, walk in walks.items()}
     decimation = walks["bouc_wen"].env.cfg.decimation
     at = f" @{count}"
-    ratios = {f"{name}/pd{at}": ratio(times, f"{name}.robot", "pd.robot") for name in ("bouc_wen", "lstm")}
+    ratios = {f"{name}/pd{at}": ratio(times, f"{name}.robot", "pd.robot") for name in ("explicit", "bouc_wen", "lstm")}
     ratios[f"env/robot{at}"] = ratio(times, "bouc_wen.env", "bouc_wen.robot")
     if "mjwarp_eager" in walks:
         ratios[f"captured/eager{at}"] = ratio(times, "bouc_wen.robot", "mjwarp_eager.robot")
@@ -167,6 +167,7 @@ def _torque_steps(env: WalkEnv) -> Turn:
     graph = capture(lambda: [env.actuator.step() for _ in range(REPEATS)], device)
 
     def turn() -> dict[str, float]:
+        assert env.actuator  # held: the graph works on its arrays
         return {"step": _timed(lambda: wp.capture_launch(graph), device) / REPEATS}
 
     return turn

@@ -177,13 +177,13 @@ class LearnedTorque:
         else:
             assert isinstance(self.model.net, LstmTorque)  # or nothing would be carried
             rest = self._array(states_at_rest(self.model.net))
-            weights, cells = self._array(lstm_weights(state)), (learned.HIDDEN // learned.UNITS, -(-joints // 4))
+            weights, fours = self._array(lstm_weights(state)), -(-joints // learned.UNITS)
             self._units = (
+                record(learned.lstm_rest_kernel, joints, [rest, head, ring, self._fresh], [self._state], device),
                 record(
-                    learned.lstm_rest_kernel, (learned.HIDDEN, joints), [rest, head, ring, self._fresh], [self._state],
-                    device,
+                    learned.lstm_unit_kernel, (learned.HIDDEN // learned.UNITS, fours), [weights, head, ring],
+                    [self._state], device,
                 ),
-                record(learned.lstm_unit_kernel, cells, [weights, head, ring], [self._state], device),
             )  # fmt: skip
             self._evaluate = record(
                 learned.lstm_torque_kernel, m_dyn.shape, [out, whole, head, self._state, m_dyn, tau_dyn],

@@ -143,7 +143,8 @@ class MjWarpBackend:
         device: Warp device.
         contacts: Contact points to allocate per environment (they share one pool).
         constraints: Constraint rows to allocate per environment.
-        deterministic: Order contacts and constraint rows, and sum in an order that does not depend on the threads.
+        deterministic: Order contacts, and sum in an order that does not depend on the threads. MuJoCo-Warp 3.17 does
+            not order constraint rows yet, so that bits still differ from run to run.
     """
 
     kind = BackendKind.MJWARP

@@ -41,7 +41,7 @@ class SimCfg:
     keep_data: bool = False
     """Keep each environment's whole ``MjData`` after a step of ``mjbatch``, for checks that read the solver's rows."""
     deterministic: bool = False
-    """Sort MuJoCo-Warp's contacts, rows and sums, so that a GPU repeats its bits; on the CPU both engines do anyway."""
+    """Sort MuJoCo-Warp's contacts and sums, see docs/determinism.md; a CPU repeats its bits anyway."""
 
     def __post_init__(self) -> None:
         if self.threads < 0:

@@ -1,6 +1,6 @@
 """The learned torque in the loop: the LSTM carried on by one sample per joint, or networks over the open windows.
 
-The carried LSTM takes a thread per two units of four joints, so that a few thousand joints fill a GPU.
+The carried LSTM takes a thread per four units of four joints, so that a few thousand joints fill a GPU.
 
 A network over windows is evaluated only for devices whose dynamic gate is open. Each joint is computed on its own, in
 one fixed order of operations, so its bits do not depend on the others. Inputs are the raw features: the
@@ -26,8 +26,11 @@ HIDDEN = 64
 GATES = 4
 """Gates of an LSTM cell in torch's order: input, forget, cell, output."""
 
-UNITS = 2
-"""Units of one thread of ``lstm_unit_kernel``."""
+UNITS = 4
+"""Units, and joints, of one thread of ``lstm_unit_kernel``, which is written for four."""
+
+UNROLLED = 2
+"""Hidden units that it reads at once."""
 
 REST_RANGE = 3.1415927
 """Displacements for which states at rest are kept: within half a turn [rad]."""
@@ -196,14 +199,15 @@ def lstm_rest_kernel(
     # out, see lstm_unit_kernel
     state_out: wp.array3d[float],
 ):
-    """The state that a joint which begins anew has before the newest sample; the joint is the fastest index."""
-    unit, place = wp.tid()
+    """The state that a joint which begins anew has before the newest sample; one thread per joint."""
+    place = wp.tid()
     if fresh_in[place] > 0:
         row = head_in[0]
         oldest = (row + 1) % ring_in.shape[2]
         q_c = ring_in[place // ring_in.shape[1], place % ring_in.shape[1], oldest, 0]
-        state_out[1 - row % 2, unit, place] = at_rest(rest, 0, unit, q_c)
-        state_out[2, unit, place] = at_rest(rest, 1, unit, q_c)
+        for unit in range(HIDDEN):
+            state_out[1 - row % 2, unit, place] = at_rest(rest, 0, unit, q_c)
+            state_out[2, unit, place] = at_rest(rest, 1, unit, q_c)
 
 
 @wp.kernel(enable_backward=False)
@@ -216,20 +220,21 @@ def lstm_unit_kernel(
     # out, hidden states of two steps by turns and cell state, shape (3, HIDDEN, at least E*M)
     state_out: wp.array3d[float],
 ):
-    """One sample more (table 1) for UNITS = 2 units of four joints' LSTM; the joint is the fastest index.
+    """One sample more (table 1) for UNITS units of UNITS joints' LSTM; the joint is the fastest index.
 
-    Its time is that of reading: what a thread reads of weights serves four joints, what it reads of a state two units.
+    Its time is that of reading: what a thread reads of weights serves four joints, what it reads of states four units.
     """
-    pair, quad = wp.tid()
+    four, quad = wp.tid()
     row, columns = head_in[0], ring_in.shape[1]
     after = row % 2  # the ring's length is even: rows of the ring and of the state take turns alike
     joints = ring_in.shape[0] * columns
-    apart, last, unit = (joints + 3) // 4, joints - 1, UNITS * pair
+    apart, last, u = (joints + UNITS - 1) // UNITS, joints - 1, UNITS * four
     p0, p1, p2 = wp.min(quad, last), wp.min(quad + apart, last), wp.min(quad + 2 * apart, last)
     p3 = wp.min(quad + 3 * apart, last)
     ones = wp.vec4(1.0, 1.0, 1.0, 1.0)
-    first = wp.outer(ones, gate_weights(weights, unit, 0))
-    second = wp.outer(ones, gate_weights(weights, unit + 1, 0))
+    # gates of a unit, one row per joint
+    g0, g1 = wp.outer(ones, gate_weights(weights, u, 0)), wp.outer(ones, gate_weights(weights, u + 1, 0))
+    g2, g3 = wp.outer(ones, gate_weights(weights, u + 2, 0)), wp.outer(ones, gate_weights(weights, u + 3, 0))
     for k in range(FEATURES):
         x = wp.vec4(
             ring_in[p0 // columns, p0 % columns, row, k],
@@ -237,20 +242,28 @@ def lstm_unit_kernel(
             ring_in[p2 // columns, p2 % columns, row, k],
             ring_in[p3 // columns, p3 % columns, row, k],
         )
-        first += wp.outer(x, gate_weights(weights, unit, 1 + k))
-        second += wp.outer(x, gate_weights(weights, unit + 1, 1 + k))
+        g0 += wp.outer(x, gate_weights(weights, u, 1 + k))
+        g1 += wp.outer(x, gate_weights(weights, u + 1, 1 + k))
+        g2 += wp.outer(x, gate_weights(weights, u + 2, 1 + k))
+        g3 += wp.outer(x, gate_weights(weights, u + 3, 1 + k))
     before = 1 - after
-    for k in range(HIDDEN):
-        x = wp.vec4(
-            state_out[before, k, p0], state_out[before, k, p1], state_out[before, k, p2], state_out[before, k, p3]
-        )
-        first += wp.outer(x, gate_weights(weights, unit, 1 + FEATURES + k))
-        second += wp.outer(x, gate_weights(weights, unit + 1, 1 + FEATURES + k))
-    for j in range(4):
+    for block in range(HIDDEN // UNROLLED):
+        for i in range(UNROLLED):  # written out, so that a step waits for several reads at once
+            h = UNROLLED * block + i
+            x = wp.vec4(
+                state_out[before, h, p0], state_out[before, h, p1], state_out[before, h, p2], state_out[before, h, p3]
+            )
+            g0 += wp.outer(x, gate_weights(weights, u, 1 + FEATURES + h))
+            g1 += wp.outer(x, gate_weights(weights, u + 1, 1 + FEATURES + h))
+            g2 += wp.outer(x, gate_weights(weights, u + 2, 1 + FEATURES + h))
+            g3 += wp.outer(x, gate_weights(weights, u + 3, 1 + FEATURES + h))
+    for j in range(UNITS):
         place = quad + j * apart
         if place < joints:
-            lstm_cell(first[j], unit, place, after, state_out)
-            lstm_cell(second[j], unit + 1, place, after, state_out)
+            lstm_cell(g0[j], u, place, after, state_out)
+            lstm_cell(g1[j], u + 1, place, after, state_out)
+            lstm_cell(g2[j], u + 2, place, after, state_out)
+            lstm_cell(g3[j], u + 3, place, after, state_out)
 
 
 @wp.kernel(enable_backward=False)
