@@ -41,6 +41,11 @@ def effect(name: str) -> Effect:
     return make_effect(name, STRENGTHS[name])
 
 
+def massless(name: str) -> Effect:
+    """The same for :func:`replayed`, whose accelerations are made for its way: what takes one is tested by itself."""
+    return make_effect(name, {**STRENGTHS[name], **MASSLESS.get(name, {})})
+
+
 ALL = tuple(effect(name) for name in MECHANISMS)
 
 
@@ -209,8 +214,7 @@ def replayed(effects: tuple[Effect, ...], command: np.ndarray, heat: np.ndarray)
 @pytest.mark.parametrize("names", [[name] for name in MECHANISMS] + [MECHANISMS], ids=lambda names: "+".join(names))
 def test_simulated_torque_is_that_of_the_diagnosis(names: list[str]) -> None:
     """Along a prescribed motion each effect, and all together, gives the torque of the kernel that names it."""
-    # along this motion the kernel's accelerations are made for its way: what multiplies one has a test of its own
-    effects = tuple(make_effect(name, {**STRENGTHS[name], **MASSLESS.get(name, {})}) for name in names)
+    effects = tuple(massless(name) for name in names)
     tau, command, heat = simulated(effects)
     plain, _, _ = simulated((make_effect("coil_lag", {"time_constant": 0.0}),))
     want = replayed(effects, command, heat)

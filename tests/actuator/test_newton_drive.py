@@ -24,7 +24,7 @@ from mrwarp.model_file import Effect, FittedOn, Model, Parameter, make_effect, s
 from mrwarp.params import MrParams, ParameterError
 from mrwarp.usd.asset import JointActuator, load_bench
 from mrwarp.usd.open_stage import ASSETS
-from tests.actuator.test_effect_runtime import MECHANISMS, OPEN, effect, motion, replayed
+from tests.actuator.test_effect_runtime import MECHANISMS, OPEN, effect, massless, motion, replayed
 
 ORIGIN = FittedOn(source="bench", trajectories=3, samples=2000, rate=200.0)
 DT = 0.005
@@ -452,7 +452,7 @@ def test_drive_with_effects_equals_the_robots_joint(coupling: Coupling, tmp_path
 @pytest.mark.parametrize("names", [["cogging"], ["command_delay"], MECHANISMS], ids="+".join)
 def test_drive_with_effects_gives_the_torque_of_the_diagnosis(names: list[str], tmp_path: Path) -> None:
     """Along a prescribed motion a current-driven drive gives the torque of the kernel that names the effects."""
-    effects = tuple(effect(name) for name in names)
+    effects = tuple(massless(name) for name in names)
     values = {name: value for name, value in OPEN if name in ("eps_v", "eps_hold")}
     path = model_file(tmp_path / "model.json", effects)
     rig = Rig(fitted_scene(path, 1, z_step=ZStep.EXACT, kp_base=0.0, kp_low=0.0, kd=0.0, **values))
