@@ -16,7 +16,7 @@ from mrwarp.diagnose.problem import Fit, Problem, fit_model
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.angle_lines import angle_lines
 from mrwarp.identify.least_squares import losses
-from mrwarp.identify.parameters import Parameters, simulate, slots_of
+from mrwarp.identify.parameters import Parameters, simulate, slots_of, without_hysteresis
 
 _SLAB = 12
 """Trials whose signals share one table: bounds its memory and the products that nobody needs."""
@@ -101,6 +101,25 @@ class _Trial:
         """Places of the effect's numbers in the model's vector."""
         return self.parameters.own(self.effect)
 
+    @property
+    def adds(self) -> bool:
+        """Whether the effect only adds to the torque."""
+        return CATALOGUE[self.effect].adds
+
+    @property
+    def _linear(self) -> np.ndarray:
+        return np.array([slot.linear for slot in self.parameters.slots if slot.effect == self.effect])
+
+    @property
+    def absent(self) -> bool:
+        """Whether the effect adds nothing with these numbers."""
+        return self.adds and not self.values[self._linear].any()
+
+    @property
+    def moving(self) -> list[int]:
+        """Places of the numbers that change the torque."""
+        return [i for i, linear in zip(self.own, self._linear, strict=True) if linear or not self.absent]
+
     def moved(self) -> _Trial:
         """The numbers one damped step on."""
         p, own = self.parameters, self.own
@@ -171,22 +190,25 @@ def _evaluated(problem: Problem, base: Fit, trials: list[_Trial]) -> list[_Trial
     """Trials with losses and next steps: one launch for the torques of all and their derivative columns."""
     if not trials:
         return []
-    models = []
+    models = [(base.parameters, base.x), without_hysteresis(base.parameters, base.x)]
     for t in trials:
         x = base.parameters.moved(base.x, t.parameters)
         x[t.own] = t.values
-        models.append((t.parameters, x))
-        for i in t.own:
-            y = x.copy()
-            y[i] += t.parameters.steps[i]
-            models.append((t.parameters, y))
-    tau = iter(simulate(problem.replay, models))
+        tried = [] if t.absent else [x]
+        for i in t.moving:
+            tried.append(x.copy())
+            tried[-1][i] += t.parameters.steps[i]
+        models += [without_hysteresis(t.parameters, y) if t.adds else (t.parameters, y) for y in tried]
+    torque, alone, *rows = simulate(problem.replay, models)
+    bears = torque - alone  # what a model without the hysteresis lacks
+    tau = iter(rows)
     found = []
     for first in range(0, len(trials), _SLAB):
         some, blocks = trials[first : first + _SLAB], [base.slopes]
         for t in some:
-            here = next(tau)
-            moved = np.stack([next(tau) for _ in t.own])
+            beside = bears if t.adds else 0.0
+            here = torque if t.absent else next(tau) + beside
+            moved = np.stack([next(tau) + beside if i in t.moving else here for i in t.own])
             if not (np.isfinite(here).all() and np.isfinite(moved).all()):  # no start: beside this law it runs away
                 here, moved = base.torque, np.repeat(base.torque[None], len(t.own), axis=0)
             blocks += [(moved - here) / t.parameters.steps[t.own, None], (problem.motion.torque - here)[None]]

@@ -65,6 +65,7 @@ LAW = EffectLaw(
         *(p for k in range(2, HARMONICS + 1) for p in _more(k)),
     ),
     law=cogging_law,
+    adds=True,
     source="slots and magnets of a motor, teeth of a gear",
     depends_on=("q",),
     remedy="compensate by a table over the angle",

@@ -53,6 +53,7 @@ LAW = EffectLaw(
         EffectParameter(name="difference", unit="1", form=True, low=lambda r: -0.9, high=lambda r: 0.9),
     ),
     law=compliance_with_backlash_law,
+    adds=True,
     source="hysteresis test of a gearbox: lost motion and torsional stiffness, output locked",
     depends_on=("q",),
     remedy="preload the gear; put the encoder on the output",

@@ -34,6 +34,7 @@ LAW = EffectLaw(
         DRY_FRICTION_SPEED,
     ),
     law=coulomb_friction_law,
+    adds=True,
     states=1,
     source="Coulomb; seals and bearings",
     depends_on=("qd",),

@@ -23,6 +23,7 @@ LAW = EffectLaw(
     stage="torque",
     parameters=(EffectParameter(name="B1", unit="N·m·s/(rad·A)", scale=(-1, -1, 1)),),
     law=current_viscosity_law,
+    adds=True,
     source="field-dependent post-yield viscosity of MR fluids",
     depends_on=("qd", "current"),
     remedy="none needed; it belongs to the fluid",

@@ -223,6 +223,8 @@ class EffectLaw:
     parameters: tuple[EffectParameter, ...]
     law: Any
     """The ``@wp.func``."""
+    adds: bool = False
+    """Whether it only adds to the torque, whatever the hysteresis bears, and nothing where its linear numbers are 0."""
     states: int = 0
     """Numbers that the law remembers from step to step."""
     source: str = ""

@@ -60,6 +60,7 @@ LAW = EffectLaw(
         ),
     ),
     law=load_friction_law,
+    adds=True,
     states=3,
     source="load-dependent friction of gears (Duclusaud et al. 2025, arXiv 2410.08650, M3) and of seals under pressure",
     depends_on=("qd", "current"),

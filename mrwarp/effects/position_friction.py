@@ -41,6 +41,7 @@ LAW = EffectLaw(
         DRY_FRICTION_SPEED,
     ),
     law=position_friction_law,
+    adds=True,
     states=1,
     source="Amontons' law, normal force along the way; Armstrong-Helouvry, Dupont and Canudas de Wit 1994",
     depends_on=("q", "qd"),

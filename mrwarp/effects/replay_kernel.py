@@ -194,7 +194,8 @@ def make_replay_kernel(effects: bool) -> Any:
                     s = law_path(law, p, s, values, row, memory_out, line)
                     z = s.z
                 else:
-                    z = path_hysteresis(path_hysteresis(z, s.path_1, p.beta, p.gamma), s.path_2, p.beta, p.gamma)
+                    if p.K0 != 0.0 or p.K1 != 0.0:  # else nobody asks for the stress
+                        z = path_hysteresis(path_hysteresis(z, s.path_1, p.beta, p.gamma), s.path_2, p.beta, p.gamma)
                     s.z = z
                     s = torque_path(s, values, row, memory_out, line)
             else:

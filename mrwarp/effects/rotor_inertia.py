@@ -23,6 +23,7 @@ LAW = EffectLaw(
     stage="torque",
     parameters=(EffectParameter(name="inertia", unit="kg·m²", scale=(-1, 0, 1)),),
     law=rotor_inertia_law,
+    adds=True,
     source="Newton's second law",
     depends_on=("qdd",),
     remedy="add it to the model's inertia",

@@ -39,6 +39,7 @@ LAW = EffectLaw(
         DRY_FRICTION_SPEED,
     ),
     law=stribeck_law,
+    adds=True,
     states=1,
     source="Stribeck 1902, in the form of Armstrong-Helouvry 1991",
     depends_on=("qd",),

@@ -23,7 +23,7 @@ from mrwarp.identify.replay import EffectReplay, null_row
 
 LINEAR = ("D", "B", "C", "I1", "K0", "K1")
 """Parameters of eq. 14 in which the torque is linear."""
-_K1 = LINEAR.index("K1")
+_K0, _K1 = LINEAR.index("K0"), LINEAR.index("K1")
 SHAPE = ("alpha", "beta", "gamma")
 """Parameters that give the hysteresis its shape."""
 NON_NEGATIVE = ("B", "K0", "K1")
@@ -294,13 +294,26 @@ def simulate(replay: EffectReplay, models: Sequence[tuple[Parameters, np.ndarray
     return replay.torque(np.stack([p.row(x) for p, x in models]))
 
 
+def without_hysteresis(p: Parameters, x: np.ndarray) -> tuple[Parameters, np.ndarray]:
+    """A model of what only adds to the torque beside a law: there it does what it does in the whole, for less time.
+
+    Behind play or an elastic element nothing only adds, and eq. 15 costs little: then it is the model itself.
+    """
+    if not p.law or set(YIELDING) & set(p.effects):
+        return p, x
+    layout = dataclasses.replace(p, effects=tuple(name for name in p.effects if name != p.law))
+    y = np.array([*x[BASE_PART], *(x[i] for i, slot in p.items() if slot.effect != p.law)])
+    y[[_K0, _K1]] = 0.0
+    return layout, y
+
+
 def jacobian(replay: EffectReplay, p: Parameters, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Torque, shape (N,), and its derivatives by every coordinate, float32, shape (P, N), from one launch.
 
     A shaft that yields moves by the ratio of B and K: its derivatives by each of them jump where a stop is left or met
     between other samples. By all in proportion they do not, so the largest one's is what that leaves to the others.
     """
-    models, linear, steps = [(p, x)], len(LINEAR), p.steps.copy()
+    linear, steps = len(LINEAR), p.steps.copy()
     yielding = [LINEAR.index(name) for name in NON_NEGATIVE] if set(YIELDING) & set(p.effects) else []
     largest = max(yielding, key=lambda i: x[i], default=0)
     if yielding and x[largest] > _LEAST:
@@ -308,23 +321,30 @@ def jacobian(replay: EffectReplay, p: Parameters, x: np.ndarray) -> tuple[np.nda
     else:
         yielding = []
     first = SHAPE_PART.stop if p.law else linear  # beside a law the shape stands
+    alone = without_hysteresis(p, x)
+    models = [(p, x)] if alone[0] is p else [(p, x), alone]
+    begin, rows = np.zeros(linear, dtype=int), len(models)
+    adds = {i for i in range(linear) if i not in (_K0, _K1)} | {i for i, slot in p.items() if KNOWN[slot.effect].adds}
     for i in (*range(linear), *range(first, p.size)):
+        cheap = alone[0] is not p and i in adds
+        if cheap and i < linear:
+            begin[i] = 1
         for sign in (1.0,) if i < linear else (1.0, -1.0):
             y = x.copy()
             y[i] += sign * steps[i]
             if yielding and i == largest:
                 y[yielding] = (1.0 + _SHARE) * x[yielding]
-            models.append((p, y))
+            models.append(without_hysteresis(p, y) if cheap else (p, y))
     tau = simulate(replay, models)
     steps = steps[:, None].astype(np.float32)
     slopes = np.empty((p.size, tau.shape[1]), dtype=np.float32)
-    slopes[:linear] = (tau[1 : 1 + linear] - tau[0]) / steps[:linear]
+    slopes[:linear] = (tau[rows : rows + linear] - tau[begin]) / steps[:linear]
     if yielding:
         others = [i for i in yielding if i != largest]
-        together = (tau[1 + largest] - tau[0]) / np.float32(_SHARE)
+        together = (tau[rows + largest] - tau[0]) / np.float32(_SHARE)
         slopes[largest] = (together - x[others].astype(np.float32) @ slopes[others]) / np.float32(x[largest])
     slopes[linear:first] = 0.0
     if p.ranges.load:
         slopes[_K1] = 0.0  # stays at 0
-    slopes[first:] = (tau[1 + linear :: 2] - tau[2 + linear :: 2]) / (2.0 * steps[first:])
+    slopes[first:] = (tau[rows + linear :: 2] - tau[rows + linear + 1 :: 2]) / (2.0 * steps[first:])
     return tau[0].astype(float), slopes

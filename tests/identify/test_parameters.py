@@ -5,10 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mrwarp.effects.catalogue import CATALOGUE, column_of
+from mrwarp.effects.catalogue import CATALOGUE, KNOWN, column_of
 from mrwarp.effects.replay_kernel import BASE, LAWS
 from mrwarp.identify.dataset import Motion
-from mrwarp.identify.parameters import BASE_PART, EFFECT_PART, LINEAR, Parameters, jacobian, simulate, slots_of
+from mrwarp.identify.parameters import (
+    BASE_PART,
+    EFFECT_PART,
+    LINEAR,
+    Parameters,
+    jacobian,
+    simulate,
+    slots_of,
+    without_hysteresis,
+)
 from mrwarp.identify.replay import EffectReplay
 from tests.diagnose import known
 from tests.effects.strengths import STRENGTHS
@@ -222,3 +231,29 @@ def test_columns_of_an_inertia_and_a_wear_are_known(motion: Motion) -> None:
     straight = p["D"] + p["B"] * s.qd + p["C"] * s.q + p["I1"] * s.current + inertia * motion.qdd
     loop = (tau - straight) / (1.0 - wear * motion.time)
     np.testing.assert_allclose(slopes[10], -motion.time * loop, rtol=0, atol=1e-2 * np.abs(motion.time * loop).max())
+
+
+@pytest.mark.parametrize("name", [name for name, law in KNOWN.items() if law.adds])
+def test_what_only_adds_does_so_without_the_hysteresis(motion: Motion, name: str) -> None:
+    """Beside a law it adds, by itself and in its derivatives, what it adds without it."""
+    effects = ("spencer", "temperature_drift", "torque_sensor_lag", name)
+    c = Parameters(tuple(known_name for known_name in KNOWN if known_name in effects), motion.ranges, 0.0)
+    x = known.vector(c, {**STRONG, "spencer": {"rate": 20.0, "series": 5.0, "inner": 0.1, "spring": 0.5}})
+    less, y = without_hysteresis(c, x)
+    own = c.own(name)
+    bare = x.copy()
+    bare[own] = [slot.neutral(c.ranges) for i, slot in c.items() if i in own]
+    replay = EffectReplay(motion)
+    full, plain, added, nothing = simulate(replay, [(c, x), (c, bare), (less, y), without_hysteresis(c, bare)])
+    assert less.effects == tuple(effect for effect in c.effects if effect != "spencer")
+    assert np.abs(added - nothing).max() > 0.01
+    absent = x.copy()
+    absent[[i for i, slot in c.items() if i in own and slot.linear]] = 0.0
+    assert np.array_equal(simulate(replay, [(c, absent)])[0], plain)
+    np.testing.assert_allclose(full - plain, added - nothing, rtol=0, atol=2e-5 * np.abs(full).max())
+    slopes = jacobian(replay, c, x)[1]
+    for i in (LINEAR.index("B"), LINEAR.index("C"), *own):
+        step = np.where(np.arange(c.size) == i, c.steps, 0.0)
+        up, down = simulate(replay, [(c, x + step), (c, x - step)])
+        want = (up - down) / (2.0 * c.steps[i])
+        np.testing.assert_allclose(slopes[i], want, rtol=0, atol=2e-5 * np.abs(full).max() / c.steps[i])

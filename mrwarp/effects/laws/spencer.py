@@ -21,20 +21,22 @@ def spencer_law(
     """Linearly implicit parts of a step: stable however stiff; states z and w = q - y."""
     rate, share = values[row, at], float(1.0 / (1.0 + values[row, at + 4] * wp.abs(s.field)))
     series, inner, spring = share * values[row, at + 1], share * values[row, at + 2], share * values[row, at + 3]
-    both, loading = series + inner, 0.5 + values[row, at + 5]
+    eases, loading = 1.0 / (series + inner), 0.5 + values[row, at + 5]
     z, w = float(memory[line, slot]), float(memory[line, slot + 1])
     speed_before = s.qd_before
     dt = s.dt / float(PARTS)
+    yields = 1.0 / (1.0 + dt * spring * eases)
     flow = float(0.0)
     for k in range(PARTS):
         v = speed_before + (s.qd - speed_before) * (float(k) + 0.5) / float(PARTS)
         if s.begins == 0:
-            drive = v - (z + inner * v + spring * w) / both  # of the Bouc-Wen element
+            past = v - (inner * v + spring * w) * eases
+            drive = past - z * eases  # of the Bouc-Wen element
             free = rate * (1.0 - (loading * wp.sign(drive) * z + (1.0 - loading) * wp.abs(z)) * wp.abs(z))
-            z = (z + dt * free * (v - (inner * v + spring * w) / both)) / (1.0 + dt * free / both)
+            z = (z + dt * free * past) / (1.0 + dt * free * eases)
             z = wp.clamp(z, -1.0, 1.0)
-            w = (w + dt * (series * v - z) / both) / (1.0 + dt * spring / both)
-        flow = (z + inner * v + spring * w) / both
+            w = (w + dt * (series * v - z) * eases) * yields
+        flow = (z + inner * v + spring * w) * eases
     memory[line, slot] = z
     memory[line, slot + 1] = w
     return series * flow
