@@ -1,4 +1,4 @@
-"""Public recordings of motors, a gear and pneumatic cylinders, whose causes are known; docs/data.md has their places."""
+"""Public recordings of motors, a gear and pneumatic cylinders, whose causes are known (docs/data.md)."""
 
 import os
 from pathlib import Path
