@@ -27,7 +27,6 @@ MOTIONS = {
     "coulomb_friction": "turn the joint slowly through its range and back, 10 s",
     "viscous_friction": "turn the joint at several speeds, 10 s",
     "stribeck": "turn the joint at 0.02 to 0.5 rad/s, 20 s",
-    "backlash": "reverse the joint slowly under a load that changes sign, 10 s",
     "motor_strength": "hold a known weight at a known arm, 5 s",
     "torque_limit": "ask the joint for more torque than it can give, 2 s",
     "kp": "hold a known weight at a known arm, then step the target by 0.1 rad, 10 s",
@@ -46,6 +45,12 @@ MOTIONS = {
     "device_drag": "turn the joint with the device switched off, 10 s",
 }
 """Motion that shows a cause."""
+
+NOT_LOOKED_FOR = {
+    "backlash": "a motor's encoder hardly shows play; reverse the joint on a bench under a load that changes sign",
+    "hysteresis_law": "a walk hardly shows a device's memory; record the joint on a bench, where laws are compared",
+}
+"""Causes that no replay of a log tries, why, and what shows them."""
 
 
 def cannot_know(
@@ -68,6 +73,9 @@ def cannot_know(
     for cause, places in unseen.items():
         where = "" if not known[cause] or places == ["robot"] else f" of {', '.join(places)}"
         found.append(f"{cause}{where}: no size would have shown in this log; {MOTIONS[cause]}")
+    for cause, why in NOT_LOOKED_FOR.items():
+        if cause == "backlash" or model.devices:
+            found.append(f"{cause}: not looked for in robot logs; {why}")
     if log.tau_is == "command":
         found.append("tau is the command: it says nothing of what the motors gave; log a measured torque or current")
     return tuple(found)
