@@ -25,11 +25,12 @@ from mrwarp.diagnose.findings import Findings, diagnosis_of
 from mrwarp.diagnose.held_out import account_of, hold_out, not_foretold
 from mrwarp.diagnose.law_choice import choose_law, misfits
 from mrwarp.diagnose.next_experiment import propose, smallest_sizes
-from mrwarp.diagnose.problem import Fit, Problem, refit, reported_fit
+from mrwarp.diagnose.problem import Fit, Problem, refit
 from mrwarp.diagnose.proof import select_proven, without_parts
 from mrwarp.diagnose.recording_faults import recording_faults, zeros_about
 from mrwarp.diagnose.residual_structure import find_line, without_line
 from mrwarp.diagnose.result import Diagnosis, Shift
+from mrwarp.diagnose.screening import Models
 from mrwarp.diagnose.search import best_single, screen_candidates
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.fit import fit_holding
@@ -123,7 +124,8 @@ def diagnose(
         base = refit(problem, base)
         screened = screen_candidates(problem, base, candidates)
 
-    selection, doubted = select_proven(problem, base, screened, log)
+    models = Models(problem, base)
+    selection, doubted = select_proven(models, screened, log)
     most = doubted[0].fit if doubted else selection.final
     noise = learn_noise(problem, most)
     if noise.gain < _TIGHTER * problem.noise.gain:  # the causes together leave less than the first of them did
@@ -131,10 +133,9 @@ def diagnose(
         problem = replace(problem, noise=noise)
         base = refit(problem, base)
         screened = screen_candidates(problem, base, candidates)
-        selection, doubted = select_proven(problem, base, screened, log)
-    baseline = extended = reported_fit(problem, selection.base)
-    if selection.final is not selection.base:
-        extended = reported_fit(problem, selection.final)
+        models = Models(problem, base)
+        selection, doubted = select_proven(models, screened, log)
+    baseline, extended = models.reported(selection.base), models.reported(selection.final)
     held_out = hold_out(problem, selection, baseline, extended)
     reasons = doubts(held_out, selection, problem)
     if reasons:
@@ -142,11 +143,11 @@ def diagnose(
     log("what repeats")
     unforetold = not_foretold(problem, held_out, extended, seed)
     account = account_of(problem, held_out, unforetold, seed, law=bool(base.parameters.law))
-    selection, parts = without_parts(problem, selection, account)
+    selection, parts = without_parts(models, selection, account)
     if parts:
         log(f"not proven: {', '.join(x.effect for x in parts)}")
         doubted += parts
-        extended = reported_fit(problem, selection.final)
+        extended = models.reported(selection.final)
         held_out = hold_out(problem, selection, baseline, extended)
         account = account_of(problem, held_out, unforetold, seed, law=bool(base.parameters.law))
     shifts: tuple[Shift, ...] = ()

@@ -22,7 +22,6 @@ from mrwarp.diagnose.problem import (
     fit_model,
     interval,
     plain_fit,
-    reported_fit,
 )
 from mrwarp.diagnose.residual_structure import leftovers
 from mrwarp.diagnose.screening import Candidate, Models
@@ -69,6 +68,8 @@ _LARGER = (1.0, 1.7, 2.8)
 """Factors of the gap from which play is fitted anew."""
 _CORNERS = ("torque_sensor_lag", "velocity_lag")
 """Lags that round a loop's corners, which a law of another shape draws too sharply: to a sample, as it is replayed."""
+_SHORT = "it is shorter than a sample: beside a law of this shape it may only round the corners of the loop"
+"""Why one that is shorter is no cause there."""
 _UNSEEN = 0.1
 """Part of a sample below which such a lag is not told from the way of a yielding shaft, which nobody sees."""
 _POSITIVE = {
@@ -95,14 +96,14 @@ class Doubt:
 
 
 def select_proven(
-    problem: Problem, base: Fit, screened: list[Candidate], log: Progress = lambda text: None
+    models: Models, screened: list[Candidate], log: Progress = lambda text: None
 ) -> tuple[Selection, tuple[Doubt, ...]]:
     """Search the causes and try each; what fails is left out, and the rest searched again without it."""
     doubts: dict[str, Doubt] = {}
-    models, left = Models(problem, base), screened
+    problem, base, left = models.problem, models.base, screened
     for k in range(_ROUNDS):
-        selection = _begun_anew(problem, select(problem, base, left, log, models=models), models)
-        found = _doubts(problem, selection, models)
+        selection = _begun_anew(select(problem, base, left, log, models=models), models)
+        found = _doubts(selection, models)
         if not found:
             break
         log(f"not proven: {', '.join(found)}")
@@ -113,20 +114,24 @@ def select_proven(
         models.fits = {effects: fit for effects, fit in models.fits.items() if not doubts.keys() & set(effects)}
     else:
         selection = select(problem, base, [], log)
-    alternatives = _possible_alternatives(problem, selection, models)
+    alternatives = _possible_alternatives(selection, models)
+    for effect, doubt in doubts.items():
+        if doubt.reason == _SHORT:  # it may be there all the same, and what is named instead stand for it
+            for name in set(selection.named) - set(doubt.fit.effects):
+                alternatives[name] = (*alternatives.get(name, ()), effect)
     return replace(selection, screened=screened, alternatives=alternatives), tuple(doubts.values())
 
 
-def _begun_anew(problem: Problem, selection: Selection, models: Models) -> Selection:
+def _begun_anew(selection: Selection, models: Models) -> Selection:
     """The search's end with play that foretells best: fits of play beside another law stop where contacts come and go.
 
     It is also fitted from the model without play, from the gap found and from larger ones.
     """
-    final = selection.final
+    problem, final = models.problem, selection.final
     if not final.parameters.law or "backlash" not in selection.named:
         return selection
-    without = reported_fit(problem, models.without(final, "backlash"))
-    least = min(held_out_squares(problem, fit).sum() for fit in (without, reported_fit(problem, final)))
+    without = models.reported(models.without(final, "backlash"))
+    least = min(held_out_squares(problem, fit).sum() for fit in (without, models.reported(final)))
     own = final.parameters.own("backlash")
     for larger in _LARGER:
         x = without.parameters.moved(without.x, final.parameters)
@@ -139,9 +144,9 @@ def _begun_anew(problem: Problem, selection: Selection, models: Models) -> Selec
     return selection
 
 
-def _possible_alternatives(problem: Problem, selection: Selection, models: Models) -> dict[str, tuple[str, ...]]:
+def _possible_alternatives(selection: Selection, models: Models) -> dict[str, tuple[str, ...]]:
     """Effects that would do as well in a named one's place, without those whose size no device has there."""
-    found = {}
+    problem, found = models.problem, {}
     for effect, names in selection.alternatives.items():
         rest = [name for name in selection.final.effects if name != effect]
         fits = {name: models.fits.get(problem.parameters([*rest, name]).effects) for name in names}
@@ -149,7 +154,7 @@ def _possible_alternatives(problem: Problem, selection: Selection, models: Model
     return found
 
 
-def without_parts(problem: Problem, selection: Selection, account: Account) -> tuple[Selection, tuple[Doubt, ...]]:
+def without_parts(models: Models, selection: Selection, account: Account) -> tuple[Selection, tuple[Doubt, ...]]:
     """The selection without effects that may be a part of what repeats without a name, because that is much larger.
 
     A law of another shape leaves pieces that some effect fits: on devices by other laws these took a tenth to a sixth
@@ -158,15 +163,14 @@ def without_parts(problem: Problem, selection: Selection, account: Account) -> t
     doubts: list[Doubt] = []
     if not account.open or not selection.named:
         return selection, ()
-    models = Models(problem, selection.base)
-    fit = reported_fit(problem, selection.final)
+    problem, final = models.problem, selection.final
+    fit = models.reported(final)
     after = float(held_out_squares(problem, fit).sum())
-    baseline = float(held_out_squares(problem, reported_fit(problem, selection.base)).sum())
-    final = selection.final
+    baseline = float(held_out_squares(problem, models.reported(selection.base)).sum())
     for effect in selection.named:
         if effect == expected_in(problem):
             continue
-        without = float(held_out_squares(problem, reported_fit(problem, models.without(selection.final, effect))).sum())
+        without = float(held_out_squares(problem, models.reported(models.without(selection.final, effect))).sum())
         gain = (without - after) / baseline
         if gain < _PART * account.repeatable.share:
             times = account.repeatable.share / max(gain, 1e-9)
@@ -178,7 +182,7 @@ def without_parts(problem: Problem, selection: Selection, account: Account) -> t
         return selection, ()
     unknown = True
     while unknown:  # what stays has to have a known size without them, too
-        fit = reported_fit(problem, final)
+        fit = models.reported(final)
         reasons = {e: _size_doubt(e, fit, problem) or _interval_doubt(e, fit) for e in models.added(final)}
         unknown = [e for e, reason in reasons.items() if reason]
         for effect in unknown:
@@ -190,16 +194,16 @@ def without_parts(problem: Problem, selection: Selection, account: Account) -> t
     return replace(selection, final=final, own_gain=gains, leftovers=left), tuple(doubts)
 
 
-def _doubts(problem: Problem, selection: Selection, models: Models) -> dict[str, Doubt]:
+def _doubts(selection: Selection, models: Models) -> dict[str, Doubt]:
     """Effects of a search that are not proven."""
     if not selection.named:
         return {}
-    fit = reported_fit(problem, selection.final)
+    problem, fit = models.problem, models.reported(selection.final)
     reasons = {e: _size_doubt(e, fit, problem) or _interval_doubt(e, fit) for e in selection.named}
     if not any(reasons.values()):  # beside what cannot be, nothing else has its true size
         after = held_out_squares(problem, fit)
         for effect in selection.named:
-            before = held_out_squares(problem, reported_fit(problem, models.without(selection.final, effect)))
+            before = held_out_squares(problem, models.reported(models.without(selection.final, effect)))
             reasons[effect] = _gain_doubt(before, after)
             # what takes away more than all that is left is no piece of it, whatever its law's exact form, but for a
             # lag, which rounds the corners of every loop
@@ -302,7 +306,7 @@ def _size_doubt(effect: str, fit: Fit, problem: Problem) -> str:
     if value > _SLOWEST.get(effect, np.inf):
         return f"{1e3 * value:.3g} ms are not possible: {_LAGS[effect]} (at most {1e3 * _SLOWEST[effect]:.0f} ms)"
     if problem.misfit and effect in _CORNERS and value < ranges.dt:
-        return "it is shorter than a sample: beside a law of this shape it may only round the corners of the loop"
+        return _SHORT
     if effect in _CORNERS and value < _UNSEEN * ranges.dt and set(YIELDING) & set(fit.effects):
         return "it is a small part of a sample: beside a shaft that yields it may stand for its way between samples"
     if (

@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from mrwarp.diagnose.problem import Fit, Problem, fit_model
+from mrwarp.diagnose.problem import Fit, Problem, fit_model, reported_fit
 from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.angle_lines import angle_lines
 from mrwarp.identify.least_squares import losses
@@ -46,11 +46,12 @@ class Candidate:
 
 
 class Models:
-    """Every model that a search on top of a baseline fits, by its effects: none is fitted twice."""
+    """Every model that a search on top of a baseline fits, by its effects, and as reported: none is fitted twice."""
 
     def __init__(self, problem: Problem, base: Fit) -> None:
         self.problem, self.base = problem, base
         self.fits = {base.effects: base}
+        self._reported: dict[Fit, Fit] = {}
 
     def added(self, fit: Fit) -> list[str]:
         """Effects of a model that the baseline does not have."""
@@ -69,6 +70,12 @@ class Models:
             x[layout.own(candidate.effect)] = candidate.values
             self.fits[layout.effects] = fit_model(self.problem, layout, x)
         return self.fits[layout.effects]
+
+    def reported(self, fit: Fit) -> Fit:
+        """The model whose numbers are reported, :func:`~mrwarp.diagnose.problem.reported_fit`."""
+        if fit not in self._reported:
+            self._reported[fit] = reported_fit(self.problem, fit)
+        return self._reported[fit]
 
     def without(self, fit: Fit, effect: str) -> Fit:
         """A model refitted without one of its effects."""

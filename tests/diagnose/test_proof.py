@@ -26,7 +26,7 @@ def proven(hidden: dict, candidates: list[str], seed: int = 50):
     """Outcome of the search on six runs of 3 s."""
     problem = known.problem(hidden, seed=seed, at=known.motion(seed, runs=6, seconds=3.0))
     base = known.fitted(problem)
-    return select_proven(problem, base, screen_candidates(problem, base, candidates))
+    return select_proven(Models(problem, base), screen_candidates(problem, base, candidates))
 
 
 def test_an_effect_of_possible_size_is_a_cause() -> None:
@@ -67,7 +67,28 @@ def test_an_alternative_is_possible_too() -> None:
     selection = Selection(
         base=base, final=final, screened=screened, fits=models.fits, leftovers=[], alternatives={"wear": ("wear",)}
     )  # fmt: skip
-    assert _possible_alternatives(problem, selection, models) == {"wear": ()}
+    assert _possible_alternatives(selection, models) == {"wear": ()}
+
+
+def test_a_lag_that_is_too_short_to_be_told_is_an_alternative(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is named in its place may stand for it; what was named beside it does not."""
+    hidden = {"torque_sensor_lag": {"time_constant": 0.0035}, "cogging": {"sine": 0.1, "cosine": 0.0, "periods": 25.0}}
+    problem = replace(known.problem(hidden, at=known.motion(50, runs=6, seconds=3.0)), misfit=True)
+    models = Models(problem, known.fitted(problem))
+    screened = screen_candidates(problem, models.base, list(hidden))
+    for beside in ((), ("cogging",)):
+        found = [known.fitted(problem, {e: hidden[e] for e in names}) for names in (
+            ("torque_sensor_lag", *beside), ("cogging",)
+        )]  # fmt: skip
+        steps = iter(found)
+
+        def searched(problem: Problem, base: Fit, left: list, log: object, *, models: Models) -> Selection:
+            return Selection(base=base, final=next(steps), screened=left, fits=models.fits, leftovers=[])
+
+        monkeypatch.setattr(proof, "select", searched)
+        selection, [doubt] = select_proven(models, screened)
+        assert selection.named == ["cogging"] and "shorter than a sample" in doubt.reason
+        assert selection.alternatives.get("cogging", ()) == (() if beside else ("torque_sensor_lag",))
 
 
 @pytest.mark.parametrize("one", [True, False])
@@ -146,13 +167,14 @@ def test_a_piece_of_something_much_larger_is_a_suspect(times: float, stays: bool
     """An effect stays where it takes away at least a fifth of what repeats without a name."""
     problem = known.problem({"torque_sensor_lag": {"time_constant": 0.003}}, at=known.motion(50, runs=6, seconds=3.0))
     base = known.fitted(problem)
-    selection, _ = select_proven(problem, base, screen_candidates(problem, base, ["torque_sensor_lag"]))
+    models = Models(problem, base)
+    selection, _ = select_proven(models, screen_candidates(problem, base, ["torque_sensor_lag"]))
     assert selection.named == ["torque_sensor_lag"]
     plain = [held_out_squares(problem, reported_fit(problem, fit)).sum() for fit in (selection.base, selection.final)]
     part = Share(share=0.5, ci95=(0.4, 0.6))
     much = replace(part, share=float(1.0 - plain[1] / plain[0]) * times)
     account = Account(named=part, repeatable=much, not_repeatable=part, left=0.1, cycle_spread=None, learnable=part)
-    found, doubts = without_parts(problem, selection, account)
+    found, doubts = without_parts(models, selection, account)
     assert found.named == (["torque_sensor_lag"] if stays else []) and len(doubts) == (not stays)
 
 
@@ -177,7 +199,8 @@ def test_what_stays_is_known_without_the_pieces_too(monkeypatch: pytest.MonkeyPa
     hidden = {"torque_sensor_lag": {"time_constant": 0.0015}, "cogging": {"sine": 0.1, "cosine": 0.0, "periods": 25.0}}
     problem = known.problem(hidden, at=known.motion(50, runs=6, seconds=3.0))
     base = known.fitted(problem)
-    selection, _ = select_proven(problem, base, screen_candidates(problem, base, list(hidden)))
+    models = Models(problem, base)
+    selection, _ = select_proven(models, screen_candidates(problem, base, list(hidden)))
     assert set(selection.named) == set(hidden)
     part = Share(share=0.5, ci95=(0.4, 0.6))
     account = Account(
@@ -188,10 +211,10 @@ def test_what_stays_is_known_without_the_pieces_too(monkeypatch: pytest.MonkeyPa
         cycle_spread=None,
         learnable=part,
     )
-    found, [doubt] = without_parts(problem, selection, account)
+    found, [doubt] = without_parts(models, selection, account)
     assert found.named == ["cogging"] and doubt.effect == "torque_sensor_lag"
     reason = "its 95 % interval contains zero"
     monkeypatch.setattr(proof, "_interval_doubt", lambda effect, fit: "" if len(fit.effects) > 1 else reason)
-    found, doubts = without_parts(problem, selection, account)
+    found, doubts = without_parts(models, selection, account)
     assert not found.named and [doubt.effect for doubt in doubts] == ["torque_sensor_lag", "cogging"]
     assert doubts[1].reason == reason
