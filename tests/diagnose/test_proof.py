@@ -77,15 +77,10 @@ def test_a_lag_that_is_too_short_to_be_told_is_an_alternative(monkeypatch: pytes
     models = Models(problem, known.fitted(problem))
     screened = screen_candidates(problem, models.base, list(hidden))
     for beside in ((), ("cogging",)):
-        found = [known.fitted(problem, {e: hidden[e] for e in names}) for names in (
-            ("torque_sensor_lag", *beside), ("cogging",)
-        )]  # fmt: skip
-        steps = iter(found)
-
-        def searched(problem: Problem, base: Fit, left: list, log: object, *, models: Models) -> Selection:
-            return Selection(base=base, final=next(steps), screened=left, fits=models.fits, leftovers=[])
-
-        monkeypatch.setattr(proof, "select", searched)
+        first = known.fitted(problem, {effect: hidden[effect] for effect in ("torque_sensor_lag", *beside)})
+        steps = [known.fitted(problem, {"cogging": hidden["cogging"]}), first]
+        found = Selection(base=models.base, final=first, screened=screened, fits=models.fits, leftovers=[])
+        monkeypatch.setattr(proof, "select", lambda *at, models, of=(found, steps): replace(of[0], final=of[1].pop()))
         selection, [doubt] = select_proven(models, screened)
         assert selection.named == ["cogging"] and "shorter than a sample" in doubt.reason
         assert selection.alternatives.get("cogging", ()) == (() if beside else ("torque_sensor_lag",))
