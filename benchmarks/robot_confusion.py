@@ -13,12 +13,13 @@ import shutil
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mrwarp.diagnose.result import Value
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.robot_logs.robot_diagnosis import diagnose_log
 from mrwarp.robot_logs.robot_log import load_log
@@ -105,15 +106,27 @@ def run_case(family: str, case: int, args: argparse.Namespace) -> dict[str, Any]
         return {"family": family, "case": case, "hide": hide, "fell": str(error)}
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-    named = [{"name": c.name, "where": c.where, "alternatives": list(c.alternatives)} for c in d.causes]
+    named = [
+        {"name": c.name, "where": c.where, "alternatives": list(c.alternatives), "sizes": _sizes(c.parameters)}
+        for c in d.causes
+    ]
     return {
         "family": family, "case": case, "hide": hide, "truth": truth, "named": named, "verdict": d.verdict,
+        "suspects": [f"{s.name} {s.reason}" for s in d.suspects], "cannot_know": list(d.cannot_know),
         "unexplained": d.unexplained is not None, "cpu_seconds": time.process_time() - started,
     }  # fmt: skip
 
 
+def _sizes(parameters: Mapping[str, Value]) -> dict[str, tuple[float, ...]]:
+    """Value and both ends of the interval of each number of a cause."""
+    return {name: (x.value, *x.ci95) for name, x in parameters.items()}
+
+
 def judged(row: dict[str, Any]) -> str:
-    """Outcome of a case: right, ambiguous, place, missed, wrong; healthy and outside: none, unexplained, wrong."""
+    """Outcome of a case: right, ambiguous, place, unknowable, missed, wrong; healthy, outside: none, unexplained, wrong.
+
+    Unknowable is what was missed and is listed, with its place, as what the log cannot show.
+    """
     if "fell" in row:
         return "fell"
     named = [(c["name"], c["where"]) for c in row["named"]]
@@ -129,7 +142,18 @@ def judged(row: dict[str, Any]) -> str:
         near = [x for c in row["named"] for x in c["alternatives"]]
         among = all(any(x.startswith(t[0]) for x in near) for t in missing)
         return "ambiguous" if missing and among and len(false) <= len(missing) else "wrong"
-    return "place" if named and len(right) < len(truth) else "missed"
+    if named:
+        return "place"
+    return "unknowable" if all(_listed(t, row.get("cannot_know", [])) for t in truth) else "missed"
+
+
+def _listed(truth: tuple[str, str], unknown: Sequence[str]) -> bool:
+    """Whether a cause at its place is among what the log cannot show."""
+    for text in unknown:
+        cause, _, places = text.partition(":")[0].partition(" of ")
+        if cause == truth[0] and (not places or any(_same(truth, (cause, x)) for x in places.split(", "))):
+            return True
+    return False
 
 
 def _same(truth: tuple[str, str], named: tuple[str, str]) -> bool:
@@ -140,7 +164,7 @@ def _same(truth: tuple[str, str], named: tuple[str, str]) -> bool:
 
 def table(rows: list[dict[str, Any]]) -> list[str]:
     """Outcomes by what was hidden."""
-    outcomes = ("right", "ambiguous", "place", "missed", "wrong", "none", "unexplained", "fell")
+    outcomes = ("right", "ambiguous", "place", "unknowable", "missed", "wrong", "none", "unexplained", "fell")
     kinds: dict[str, Counter] = {}
     for row in rows:
         names = "+".join(sorted(x.partition("=")[0] for x in row["hide"])) or "healthy"

@@ -24,6 +24,9 @@ SESSION = "session"
 """What a healthy robot may have, never a cause: where a joint settles in a session, how a fixed base stands, the time
 from a drive's reading to its torque."""
 
+FLOOR = ("ground_friction", "ground_stiffness")
+"""What the floor and the law of its contacts bring to every session: numbers that no description of a robot has. They
+are a cause where they lie beyond what floors differ by."""
 
 UNKNOWN_LATENCY = 0.002
 """Time from a drive's reading to its torque that no log tells from a rotor's inertia, Kd times as large [s]."""
@@ -62,6 +65,11 @@ class Parameter:
     def relative(self) -> bool:
         """Whether the change is a share of ``nominal``."""
         return self.field in ("kp", "kd", "strength", "mu", "stiffness", "limit", "coil", "device")
+
+    @property
+    def of_session(self) -> bool:
+        """Whether every session has its own, so that it is fitted beside any cause."""
+        return self.cause == SESSION or self.cause in FLOOR
 
     def absolute(self, change: float) -> float:
         """Value in ``unit`` that a change makes."""

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import stats
 
 from mrwarp.diagnose.result import Error, Suspect, Value, Verdict
-from mrwarp.robot_logs.causes import SESSION, Parameter, parameters_of
+from mrwarp.robot_logs.causes import Parameter, parameters_of
 from mrwarp.robot_logs.evidence import Evidence, gather, losses
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_fit import fitted, fitted_alone, searched
@@ -93,11 +93,11 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     def alone(found: list[Found]) -> tuple[Sizes, Evidence]:
         released = [f.direction for f in found]
         named = {k for d in released for k in d.members}
-        begin = np.where([k in named or p.cause == SESSION for k, p in enumerate(parameters)], theta, 0.0)
+        begin = np.where([k in named or p.of_session for k, p in enumerate(parameters)], theta, 0.0)
         low, high = bounds_of(parameters)
         size, near, free = fitted_alone(model, groups, parameters, released, begin, low, high)
         own, prior, lone = [parameters[k] for k in free], np.zeros((len(free), len(free))), size[free]
-        lone[[k for k, p in enumerate(own) if p.cause == SESSION]] = 0.0
+        lone[[k for k, p in enumerate(own) if p.of_session and free[k] not in named]] = 0.0
         for d in released:
             at = [free.index(k) for k in d.members]
             lone = searched(lone, at, model, groups, own, near, prior, low[free], high[free])

@@ -75,11 +75,13 @@ def fitted(
         def refit(
             directions: list[Direction], start: np.ndarray = theta, evidence: Evidence = evidence, low=low, high=high,  # noqa: ANN001
         ) -> tuple[np.ndarray, Evidence, bool]:  # fmt: skip
+            first = np.clip(begin, low, high)
+            first[[k for d in loudest if d not in directions for k in d.members]] = 0.0
             if directions:
-                first = begin.copy()
-                first[[k for d in loudest if d not in directions for k in d.members]] = 0.0
                 start, _, _ = fitted_alone(model, groups, parameters, directions, first, low, high, described)
-                _, evidence = replayed(evidence, model, groups, parameters, start)
+            elif not start.any():
+                start = first
+            _, evidence = replayed(evidence, model, groups, parameters, start)
             prior = prior_of(parameters, directions)
             return fit(model, groups, parameters, start, evidence, prior, low, high, progress)
 
@@ -105,7 +107,7 @@ def fitted_alone(
         Parameters, shape (P,); evidence about them of those that were free; and which these are.
     """
     named = {k for d in released for k in d.members}
-    free = sorted(named | {k for k, p in enumerate(parameters) if p.cause == SESSION or begin[k] != 0.0})
+    free = sorted(named | {k for k, p in enumerate(parameters) if p.of_session or begin[k] != 0.0})
     own = [parameters[k] for k in free]
     prior = prior_of(own, [replace(d, members=tuple(free.index(k) for k in d.members)) for d in released])
     start, evidence = np.clip(begin[free], low[free], high[free]), described.of(free) if described else None
@@ -183,9 +185,13 @@ def _loudest(
                     best, taken = gain, (new, d)
         if taken is None or best < 2.0 * NAMED_ODDS:
             return theta, []
-        d = taken[1]
-        alone = taken[0] - theta
-        theta, here = taken[0], seen(taken[0])
+        new, d = taken
+        # of its best size: what a pick leaves by its size, others would be blamed for
+        new = searched(
+            new, list(d.members), model, groups, parameters, described, prior_of(parameters, [d]), low, high
+        )
+        alone = new - theta
+        theta, here = new, seen(new)
         if d.cause not in ORDINARY and alone @ usual @ alone > 2.0 * NAMED_ODDS:
             return theta, [d]
     return theta, []

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
 
-from mrwarp.robot_logs.causes import ORDINARY, SESSION, Parameter
+from mrwarp.robot_logs.causes import ORDINARY, Parameter
 from mrwarp.robot_logs.evidence import Evidence, fit, losses, replayed, within
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.selection import (
@@ -25,8 +26,8 @@ from mrwarp.robot_logs.selection import (
 )
 from mrwarp.robot_logs.windows import Windows
 
-FORETOLD, NEARLY_ALL = 4.0, 0.85
-"""Least gain of a cause on the pieces that took no part, as Wilcoxon's standard score over windows: one chance in a
+FORETOLD, NEARLY_ALL = 5e-5, 0.85
+"""Largest chance that windows agree as much on a cause that explains nothing, by Wilcoxon's signed ranks: one in a
 hundred over 200 causes and places. Few windows cannot reach it: there, this share of the score that they can reach."""
 
 ACTS = 0.05
@@ -156,9 +157,20 @@ def _acting(d: Direction, evidence: Evidence, parameters: list[Parameter]) -> np
 
 def _agreement(gain: np.ndarray) -> float:
     """Wilcoxon's signed-rank score over windows, whose gains differ by orders of magnitude, in what is needed of it."""
-    ranks, count = stats.rankdata(np.abs(gain)), np.arange(1.0, len(gain) + 1.0)
-    needed = min(FORETOLD, NEARLY_ALL * float(count.sum() / np.sqrt((count**2).sum())))
-    return float((np.sign(gain) * ranks).sum() / max(np.sqrt((ranks**2).sum()), 1e-12)) / needed
+    ranks = stats.rankdata(np.abs(gain))
+    return float((np.sign(gain) * ranks).sum() / max(np.sqrt((ranks**2).sum()), 1e-12)) / _needed(len(gain))
+
+
+@functools.cache
+def _needed(count: int) -> float:
+    """Score that :data:`FORETOLD` asks of so many windows, by the exact distribution: a normal one has longer tails."""
+    chance = np.ones(1)  # of each sum of the ranks that gain
+    for rank in range(1, count + 1):
+        without = np.pad(chance, (0, rank))
+        chance = 0.5 * (without + np.roll(without, rank))
+    most, spread = 0.5 * count * (count + 1), float(np.sqrt(count * (count + 1) * (2 * count + 1) / 6.0))
+    rare = np.flatnonzero(np.cumsum(chance[::-1])[::-1] <= FORETOLD)
+    return min(float(2 * rare[0] - most) / spread if len(rare) else np.inf, NEARLY_ALL * most / spread)
 
 
 def _foretold(evidence: Evidence, parameters: list[Parameter], found: list[Found], without: Found | None) -> np.ndarray:
@@ -187,7 +199,7 @@ def _allowed(parameters: list[Parameter], found: list[Found], without: Found | N
     low, high = bounds_of(parameters)
     named = {k for f in found for k in f.direction.members}
     for k, p in enumerate(parameters):
-        if k not in named and p.cause not in (*ORDINARY, SESSION):
+        if k not in named and p.cause not in ORDINARY and not p.of_session:
             most = 2.0 * p.spread if p.field != "limit" else 0.0  # a limit acts as soon as it is there
             low[k], high[k] = max(low[k], -most), min(high[k], most)
     if without is not None:

@@ -238,7 +238,7 @@ def estimate(k: int, now: Posterior, parameters: Sequence[Parameter]) -> tuple[f
 def sizes(evidence: Evidence, parameters: Sequence[Parameter], released: Sequence[Direction]) -> np.ndarray:
     """Changes by which the extended robot fits best, shape (P,): causes and session's offsets, else as described."""
     named = {k for d in released for k in d.members}
-    free = [k for k, p in enumerate(parameters) if k in named or p.cause == SESSION]
+    free = [k for k, p in enumerate(parameters) if k in named or p.of_session]
     own = [replace(d, members=tuple(free.index(k) for k in d.members)) for d in released]
     a, b = evidence.a.sum(axis=0) / evidence.scale, evidence.b.sum(axis=0) / evidence.scale
     low, high = bounds_of(parameters)
