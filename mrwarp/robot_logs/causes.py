@@ -12,7 +12,7 @@ from mrwarp.robot_logs.robot_log import RobotLog
 
 Field = Literal[
     "friction", "damping", "armature", "stribeck", "lag", "kp", "kd", "strength", "offset", "shift", "delay", "mass",
-    "com", "tilt", "bias", "mu", "slope", "stiffness", "limit", "length", "clock", "coil", "coil_lag", "device", "drag",
+    "com", "tilt", "bias", "mu", "slope", "give", "limit", "length", "clock", "coil", "coil_lag", "device", "drag",
     "latency",
 ]  # fmt: skip
 """Array of a hypothesis that a parameter is added to, see :class:`mrwarp.robot_logs.window_replay.Hypotheses`."""
@@ -64,7 +64,7 @@ class Parameter:
     @property
     def relative(self) -> bool:
         """Whether the change is a share of ``nominal``."""
-        return self.field in ("kp", "kd", "strength", "mu", "stiffness", "limit", "coil", "device")
+        return self.field in ("kp", "kd", "strength", "mu", "limit", "coil", "device")
 
     @property
     def of_session(self) -> bool:
@@ -73,6 +73,8 @@ class Parameter:
 
     def absolute(self, change: float) -> float:
         """Value in ``unit`` that a change makes."""
+        if self.field == "give":
+            return self.nominal / max(1.0 + change, 1.0 + self.lowest)
         return self.nominal * (1.0 + change) if self.relative else change
 
 
@@ -210,7 +212,9 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
             add("gyro_bias", "robot", axis, "rad/s", "bias", k, 0.02, 0.01, 0.03, 0.1)
         mu = float(mj.geom_friction[list(model.feet), 0].max()) if model.feet else 0.8
         add("ground_friction", "robot", "coefficient", "1", "mu", 0, -0.1, 0.1, 0.1, 0.4, nominal=mu)
-        add("ground_stiffness", "robot", "factor", "1", "stiffness", 0, 0.2, 0.5, 0.7, 1.0, nominal=1.0)
+        # feet sink as far as the ground gives, and no two floors and laws of contact agree on it: one that bears them
+        # where they touch is as usual as one into which they sink twice as deep
+        add("ground_stiffness", "robot", "factor", "1", "give", 0, 0.2, 0.5, 1.0, 4.0, nominal=1.0, lowest=-0.95)
     return found
 
 

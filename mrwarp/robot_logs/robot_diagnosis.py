@@ -187,7 +187,7 @@ def _named(
     first = parameters[f.direction.members[0]]
     others = [x.direction for x in found if x is not f]
     mean, half = float(size.size[f.direction.members[0]]), size.half_width(f.direction, now, parameters)
-    low, high = (first.absolute(mean + s * half) for s in (-1.0, 1.0))
+    low, high = sorted(first.absolute(mean + s * half) for s in (-1.0, 1.0))
     values[first.name] = Value(value=first.absolute(mean), ci95=(low, high), unit=first.unit)
     if first.relative:
         values["factor"] = Value(value=1.0 + mean, ci95=(1.0 + mean - half, 1.0 + mean + half), unit="1")

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mrwarp.robot_logs.causes import ORDINARY, SESSION, Parameter
+from mrwarp.robot_logs.causes import FLOOR, ORDINARY, SESSION, Parameter
 from mrwarp.robot_logs.evidence import Evidence, fit, gather, losses, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_proof import foretelling
@@ -31,6 +31,10 @@ ROUNDS = 4
 LOUD, MULTIPLES, PICKS = 6, (0.5, 1.0, 2.0, 4.0), 3
 """Directions that are tried by the replay alone, their sizes in those that derivatives ask for, and how many are taken
 one after the other."""
+
+FLOORS = (-1.0, -0.5, 0.5, 1.0, 2.0, 4.0)
+"""Changes of the floor that are tried beside them, in those of a fault: feet that hardly slip or sink say nothing, by
+derivatives, of how others would."""
 
 SEARCHED, SEARCHES = 1.25, 4
 """Factor between sizes of a cause that are tried by the replay, and how often the range is widened."""
@@ -168,6 +172,12 @@ def _loudest(
     changes = np.stack([vector(d, parameters) for d in directions])
     information = np.maximum(np.einsum("dp,pq,dq->d", changes, a, changes), 1e-12)
 
+    floor = [k for k, d in enumerate(directions) if d.cause in FLOOR]
+
+    def sizes_of(k: int, asked: float) -> list[float]:
+        fault = parameters[directions[k].members[0]].fault / changes[k].max()
+        return [times * asked for times in MULTIPLES] if k not in floor else [times * fault for times in FLOORS]
+
     def seen(x: np.ndarray) -> float:
         each = np.tile(x, (len(described.c), 1))
         return float(described.weight @ losses(described, model, groups, parameters, each)[0] / described.scale)
@@ -176,10 +186,11 @@ def _loudest(
     for _ in range(PICKS):
         score = changes @ (b - a @ theta)
         best, taken = 0.0, None
-        for k in np.argsort(-(score**2) / information)[:LOUD].tolist():
+        loud = np.argsort(-(score**2) / information)[:LOUD].tolist()
+        for k in dict.fromkeys([*loud, *floor]):
             d, prior = directions[k], prior_of(parameters, [directions[k]])
-            for times in MULTIPLES:
-                new = np.clip(theta + times * score[k] / information[k] * changes[k], low, high)
+            for size in sizes_of(k, score[k] / information[k]):
+                new = np.clip(theta + size * changes[k], low, high)
                 gain = here - seen(new) - new @ prior @ new + theta @ usual @ theta
                 if gain > best:
                     best, taken = gain, (new, d)
@@ -187,9 +198,7 @@ def _loudest(
             return theta, []
         new, d = taken
         # of its best size: what a pick leaves by its size, others would be blamed for
-        new = searched(
-            new, list(d.members), model, groups, parameters, described, prior_of(parameters, [d]), low, high
-        )
+        new = searched(new, list(d.members), model, groups, parameters, described, prior_of(parameters, [d]), low, high)
         alone = new - theta
         theta, here = new, seen(new)
         if d.cause not in ORDINARY and alone @ usual @ alone > 2.0 * NAMED_ODDS:

@@ -22,7 +22,7 @@ CHUNK = 192
 STRIBECK_SPEED = 0.15
 """Speed at which Stribeck's friction has faded [rad/s]."""
 
-_COLUMNS = {"delay": 1, "latency": 1, "com": 3, "tilt": 2, "bias": 3, "mu": 1, "slope": 2, "stiffness": 1, "clock": 2}
+_COLUMNS = {"delay": 1, "latency": 1, "com": 3, "tilt": 2, "bias": 3, "mu": 1, "slope": 2, "give": 1, "clock": 2}
 
 
 @dataclass
@@ -119,7 +119,7 @@ class Replay:
         self._bodies(field("mass", mj.nbody), field("length", mj.nbody), field("com", 3), ids)
         slope = field("slope", 2)
         if m.free:
-            self._ground(field("mu", 1), field("stiffness", 1), ids)
+            self._ground(field("mu", 1), field("give", 1), ids)
             self.batch.expand("opt.gravity")[:count] = _rotation(slope).inv().apply(mj.opt.gravity)
         else:
             self._lean(slope, ids)
@@ -209,15 +209,15 @@ class Replay:
             pos[: len(ids), body] = lean.apply(self.mj.body_pos[body])
             quat[: len(ids), body] = np.roll((lean * own).as_quat(), 1, axis=-1)
 
-    def _ground(self, mu: np.ndarray, stiffness: np.ndarray, ids: np.ndarray) -> None:
-        """Friction and stiffness of every contact."""
+    def _ground(self, mu: np.ndarray, give: np.ndarray, ids: np.ndarray) -> None:
+        """Friction of every contact, and how much it gives."""
         friction = self.batch.expand("geom_friction")
         friction[: len(ids)] = self.mj.geom_friction
         friction[: len(ids), :, 0] *= np.maximum(1.0 + mu, 0.02)
         solref = self.batch.expand("geom_solref")
         solref[: len(ids)] = self.mj.geom_solref
         solref[: len(ids), :, 0] = np.where(
-            self.mj.geom_solref[:, 0] > 0.0, self.mj.geom_solref[:, 0] / np.sqrt(np.maximum(1.0 + stiffness, 0.05)),
+            self.mj.geom_solref[:, 0] > 0.0, self.mj.geom_solref[:, 0] * np.sqrt(np.maximum(1.0 + give, 0.05)),
             self.mj.geom_solref[:, 0],
         )  # fmt: skip
 
@@ -262,7 +262,7 @@ class Replay:
                 self._reach(self._stance.mj, int(body), 0.0)
         if "pos" not in windows.measured:
             depth = m.sink[np.maximum(windows.loaded[w].sum(axis=1), 1) - 1]
-            pos[:, 2] += depth * (1.0 - 1.0 / np.maximum(1.0 + field("stiffness", 1)[:, 0], 0.05))
+            pos[:, 2] -= depth * np.maximum(field("give", 1)[:, 0], -0.95)
 
     def _described(self, window: int) -> tuple[float, np.ndarray]:
         """Height and velocity of the described robot's trunk at a window's start, by that sample alone."""

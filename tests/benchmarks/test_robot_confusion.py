@@ -41,6 +41,10 @@ def test_verdicts_are_judged_by_cause_and_place() -> None:
     assert (
         judged(_row([kp, ("kd", "RL_calf")], kp)) == "wrong" or judged(_row([kp, ("kd", "RL_calf")], kp)) == "ambiguous"
     )
+    unknown = _row([], kp) | {"cannot_know": ["kp of RL_calf, FL_hip: no size would have shown in this log; turn it"]}
+    assert (
+        judged(unknown) == "unknowable" and judged(unknown | {"truth": _row([], ("kp", "FR_hip"))["truth"]}) == "missed"
+    )
     assert judged(_row([], None)) == "none" and judged(_row([kp], None)) == "wrong"
     assert judged(_row([], None, unexplained=True)) == "unexplained"
     assert table([_row([kp], kp), _row([], kp)])[-1].split() == ["all", "1", "1"]

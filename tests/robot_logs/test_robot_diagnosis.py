@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.signal import savgol_filter
 
 from mrwarp.cli import main
@@ -144,6 +145,18 @@ def test_windows_in_which_a_cause_could_not_act_have_no_say() -> None:
     assert not certain(np.where(acts, np.where(np.arange(60) % 2, 10.0, -8.0), 5.0))
 
 
+def test_windows_agree_by_the_exact_distribution_of_signed_ranks() -> None:
+    """What is needed of 15 to 60 windows is reached just where SciPy's exact test gives the chance that is allowed."""
+    rng, sides = np.random.default_rng(0), set()
+    for _ in range(300):
+        gain = rng.normal(rng.uniform(0.5, 2.0), 1.0, rng.integers(30, 50))
+        rare = stats.wilcoxon(gain, alternative="greater", method="exact").pvalue <= robot_proof.FORETOLD
+        assert (robot_proof._agreement(gain) >= 1.0 - 1e-12) == rare
+        sides.add(bool(rare))
+    assert sides == {True, False}
+    assert robot_proof._agreement(np.ones(8)) > 1.0 > robot_proof._agreement(np.array([*np.ones(7), -2.0]))
+
+
 def test_many_unlikely_numbers_are_no_better_than_one_cause() -> None:
     """Twelve drives that all settle beside their commands give the readings that one weight gives."""
     weight = Direction(cause="kp", where="a", members=(0,))
@@ -273,6 +286,27 @@ def test_a_robot_begins_as_it_stands_under_a_hypothesis(tmp_path: Path) -> None:
         assert np.abs(found["gyro"][:, 0] - group.measured["gyro"][:, 0]).max() < 0.01
         assert np.abs(found["q"][:, 0] - group.measured["q"][:, 0]).max() < 1e-3
         wrong.append(np.median(np.abs(found["gyro"] - group.measured["gyro"])[:, :6]))
+    assert wrong[1] < 0.8 * wrong[0]
+
+
+def test_a_soft_floor_is_replayed_by_one_into_which_feet_sink(tmp_path: Path) -> None:
+    """The robot begins as deep in the ground as it stands there, and its legs then bear it as they did."""
+    cfg = LogCfg(
+        robot="mr_go", motions=(("walk", 4.0),), policy=DEFAULT_POLICY, seed=1, hide=("ground_stiffness=0.05",)
+    )
+    with contextlib.suppress(OSError):
+        record(cfg, tmp_path)
+    log = load_log(tmp_path)
+    model = replay_model(Path("mr_go"), log)
+    (group,) = cut_windows(model, log)
+    (floor,) = [p for p in parameters_of(model, log) if p.cause == "ground_stiffness"]
+    assert floor.of_session and floor.absolute(9.0) == pytest.approx(0.1)
+    wrong = []
+    for size in (0.0, 9.0):
+        changes = Hypotheses.of([floor], np.full((group.count, 1), size), model)
+        start = np.zeros((group.count, len(nuisances(model))))
+        found = Replay(model, group).run(changes, np.arange(group.count), start)
+        wrong.append(np.median(np.abs(found["gyro"] - group.measured["gyro"])))
     assert wrong[1] < 0.8 * wrong[0]
 
 
