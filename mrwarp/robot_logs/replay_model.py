@@ -68,7 +68,7 @@ class ReplayModel:
     limited: np.ndarray
     """Whether the description knows a limit of each joint's torque, shape (J,)."""
     asked: np.ndarray
-    """Largest torque that the log asks of each joint [N·m], shape (J,)."""
+    """Largest torque that the log asks of each joint, up to the description's limit [N·m], shape (J,)."""
     reach: np.ndarray
     """Distance from each body's joint to the furthest of what hangs on it [m], shape (B,)."""
     sink: np.ndarray
@@ -155,7 +155,7 @@ def replay_model(path: Path, log: RobotLog) -> ReplayModel:
         prefix=prefix,
         devices=_devices(log, params),
         limited=np.array([joint in limits for joint in log.joints]),
-        asked=_asked(log),
+        asked=np.minimum(_asked(log), model.actuator_forcerange[:, 1]),
         reach=_reach(model),
         sink=_sink(model, _feet(model)) if free else np.zeros(0),
     )

@@ -36,6 +36,10 @@ FLOORS = (-1.0, -0.5, 0.5, 1.0, 2.0, 4.0)
 """Changes of the floor that are tried beside them, in those of a fault: feet that hardly slip or sink say nothing, by
 derivatives, of how others would."""
 
+LIMITED = 2
+"""Drives whose limit is tried beside them, at the most that they gave: those that gave least of what was asked of them.
+Derivatives see a limit only where it begins to act."""
+
 SEARCHED, SEARCHES = 1.25, 4
 """Factor between sizes of a cause that are tried by the replay, and how often the range is widened."""
 
@@ -172,11 +176,12 @@ def _loudest(
     changes = np.stack([vector(d, parameters) for d in directions])
     information = np.maximum(np.einsum("dp,pq,dq->d", changes, a, changes), 1e-12)
 
-    floor = [k for k, d in enumerate(directions) if d.cause in FLOOR]
-
-    def sizes_of(k: int, asked: float) -> list[float]:
-        fault = parameters[directions[k].members[0]].fault / changes[k].max()
-        return [times * asked for times in MULTIPLES] if k not in floor else [times * fault for times in FLOORS]
+    own = {}
+    for k, p in ((k, parameters[d.members[0]]) for k, d in enumerate(directions) if len(d.members) == 1):
+        if p.cause in FLOOR:
+            own[k] = [times * p.fault / abs(p.step) for times in FLOORS]
+        elif p.field == "limit" and p.index in (short := _short_of_torque(model, groups)):
+            own[k] = [short[p.index] / abs(p.step)]
 
     def seen(x: np.ndarray) -> float:
         each = np.tile(x, (len(described.c), 1))
@@ -187,9 +192,9 @@ def _loudest(
         score = changes @ (b - a @ theta)
         best, taken = 0.0, None
         loud = np.argsort(-(score**2) / information)[:LOUD].tolist()
-        for k in dict.fromkeys([*loud, *floor]):
+        for k in dict.fromkeys([*loud, *own]):
             d, prior = directions[k], prior_of(parameters, [directions[k]])
-            for size in sizes_of(k, score[k] / information[k]):
+            for size in own.get(k, [times * score[k] / information[k] for times in MULTIPLES]):
                 new = np.clip(theta + size * changes[k], low, high)
                 gain = here - seen(new) - new @ prior @ new + theta @ usual @ theta
                 if gain > best:
@@ -204,6 +209,15 @@ def _loudest(
         if d.cause not in ORDINARY and alone @ usual @ alone > 2.0 * NAMED_ODDS:
             return theta, [d]
     return theta, []
+
+
+def _short_of_torque(model: ReplayModel, groups: list[Windows]) -> dict[int, float]:
+    """Most that drives gave beside what was asked of them, as a change [1], of the :data:`LIMITED` least, by joint."""
+    read = [np.abs(w.measured["tau"]).reshape(-1, len(model.joints)) for w in groups if "tau" in w.measured]
+    if not read:
+        return {}
+    change = np.nanquantile(np.concatenate(read), 0.999, axis=0) / model.asked - 1.0
+    return {int(j): float(change[j]) for j in np.argsort(change)[:LIMITED] if change[j] < 0.0}
 
 
 def _one_drive(

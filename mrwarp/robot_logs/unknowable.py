@@ -60,7 +60,7 @@ def cannot_know(
     unseen: dict[str, list[str]] = {}
     known: dict[str, int] = {}
     for k, p in enumerate(parameters):
-        if p.cause not in MOTIONS:
+        if p.cause not in MOTIONS or p.field == "limit":
             continue
         information = 1.0 / now.covariance[k, k] - now.precision[k, k]
         sure = information > 0.0 and 1.0 / np.sqrt(max(information, 1e-30)) < max(2.0 * p.fault, 2.0 * p.least)
@@ -76,9 +76,20 @@ def cannot_know(
     for cause, why in NOT_LOOKED_FOR.items():
         if cause == "backlash" or model.devices:
             found.append(f"{cause}: not looked for in robot logs; {why}")
+    limits = [p for p in parameters if p.field == "limit"]
+    if above := [
+        f"{p.where} beyond {model.asked[p.index]:.3g} N·m" for p in limits
+        if model.asked[p.index] < (1.0 - p.fault) * _limit(model, p.index)
+    ]:  # fmt: skip
+        found.append(f"torque_limit of {', '.join(above)}: no more was asked for; {MOTIONS['torque_limit']}")
     if log.tau_is == "command":
         found.append("tau is the command: it says nothing of what the motors gave; log a measured torque or current")
     return tuple(found)
+
+
+def _limit(model: ReplayModel, joint: int) -> float:
+    """Largest torque that the description gives a joint [N·m]."""
+    return float(model.model.actuator_forcerange[joint, 1]) if model.limited[joint] else np.inf
 
 
 def next_experiment(causes: Sequence[NamedCause], unknown: Sequence[str]) -> NextExperiment | None:
