@@ -392,7 +392,7 @@ def _quat(quat: np.ndarray) -> Rotation:
 
 
 def _lagged(x: np.ndarray, steps: float) -> np.ndarray:
-    """First-order lag of ``steps`` samples of what runs on a line between them, settled at the first; negative, a lead."""
+    """First-order lag of ``steps`` samples, settled at the first; between them ``x`` runs on a line. Negative: a lead."""
     if steps < 0.0:
         return x - (_lagged(x, -steps) - x)
     steps = max(steps, 1e-3)
