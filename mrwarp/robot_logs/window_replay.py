@@ -392,9 +392,9 @@ def _quat(quat: np.ndarray) -> Rotation:
 
 
 def _lagged(x: np.ndarray, steps: float) -> np.ndarray:
-    """First-order lag of ``steps`` samples, settled at the first; between them ``x`` runs on a line. Negative: a lead."""
+    """First-order lag of ``steps`` samples of what runs on a line between them, settled at the first."""
     if steps < 0.0:
-        return x - (_lagged(x, -steps) - x)
+        return x - (_lagged(x, -steps) - x)  # a lead
     steps = max(steps, 1e-3)
     a = float(np.exp(-1.0 / steps))
     new = 1.0 - steps * (1.0 - a)  # held from the last sample on, 6 ms of lag would be 4 ms at 200 rows per second
