@@ -27,6 +27,8 @@ from a drive's reading to its torque."""
 FLOOR = ("ground_friction", "ground_stiffness")
 """What the floor and the law of its contacts bring to every session: numbers that no description of a robot has. They
 are a cause where they lie beyond what floors differ by."""
+SAME = {"coulomb_friction": "device_drag"}
+"""Causes that no log tells from another at the same place: the other is named, and they are its alternative."""
 
 UNKNOWN_LATENCY = 0.002
 """Time from a drive's reading to its torque that no log tells from a rotor's inertia, Kd times as large [s]."""
@@ -159,7 +161,8 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
             )
             add("coil_lag", joint, "time_constant", "s", "coil_lag", j, 0.004, 0.001, 0.003, 0.02, lowest=0.0)
             add("device_strength", joint, "factor", "1", "device", j, 0.1, 0.03, 0.06, 0.3, nominal=1.0, lowest=-0.95)
-            add("device_drag", joint, "torque", "N·m", "drag", j, 0.2, 0.05, 0.1, 0.5)
+            # more drag than described is dry friction as any other: see SAME
+            add("device_drag", joint, "torque", "N·m", "drag", j, -0.2, 0.05, 0.1, 0.5, highest=0.0)
     # when in a row a command began to act no log says: up to the next row it is no delay of the robot
     row = float(np.median([run.dt for run in log.runs]))
     add("command_delay", "robot", "delay", "s", "delay", 0, 0.003, 0.0007 + row, 0.0015, 0.02, usual=(0.0, row))

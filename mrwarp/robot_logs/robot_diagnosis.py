@@ -129,7 +129,7 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     session = {p.where: float(size.size[k]) for k, p in enumerate(parameters) if p.field == "shift"}
     notes = [*getattr(log, "notes", ())]
     late = next(k for k, p in enumerate(parameters) if p.cause == "command_delay")
-    if not any(c.name == "command_delay" for c in causes) and abs(now.mean[late]) > parameters[late].least:
+    if not any(late in c.change for c in causes) and abs(now.mean[late]) > parameters[late].least:
         row = parameters[late].usual[1]
         notes.append(
             f"commands act {1e3 * now.mean[late]:.1f} ms after their row: within a row of {1e3 * row:.1f} ms "
@@ -189,14 +189,17 @@ def _named(
     mean, half = float(size.size[f.direction.members[0]]), size.half_width(f.direction, now, parameters)
     low, high = sorted(first.absolute(mean + s * half) for s in (-1.0, 1.0))
     values[first.name] = Value(value=first.absolute(mean), ci95=(low, high), unit=first.unit)
+    early = first.field == "delay" and mean < 0.0  # none acts before it was given: the commands' stamps are late
+    if early:
+        values = {"shift": Value(value=-mean, ci95=(-high, -low), unit=first.unit)}
     if first.relative:
         values["factor"] = Value(value=1.0 + mean, ci95=(1.0 + mean - half, 1.0 + mean + half), unit="1")
     full = evidence.at(now.mean)
     without = posterior(evidence, parameters, others).mean.copy()
     without[list(f.direction.members)] = 0.0
     return NamedCause(
-        name=f.direction.cause,
-        where=f.direction.where,
+        name="clock_shift" if early else f.direction.cause,
+        where="commands" if early else f.direction.where,
         parameters=values,
         p_value=float(2.0 * stats.norm.sf(abs(f.z))),
         alternatives=tuple(dict.fromkeys(_place(d, f.direction.where) for d in f.alternatives)),

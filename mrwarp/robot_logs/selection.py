@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from mrwarp.robot_logs.causes import ORDINARY, SESSION, Parameter
+from mrwarp.robot_logs.causes import ORDINARY, SAME, SESSION, Parameter
 from mrwarp.robot_logs.evidence import Evidence, within
 
 NAMED_ODDS = 12.0
@@ -342,7 +342,7 @@ def _described_wrong(evidence: Evidence, parameters: Sequence[Parameter], releas
         beyond = size - float(np.clip(size, *p.usual))
         z = beyond * np.sqrt(known)
         if abs(z) > ORDINARY_Z and abs(beyond) >= p.least and z**2 * evidence.scale >= LEAST_SHARE * evidence.samples:
-            found.append(
-                Found(direction=Direction(cause=p.cause, where=p.where, members=(k,)), z=float(z), alternatives=())
-            )
+            own = Direction(cause=p.cause, where=p.where, members=(k,))
+            same = [d for d in directions_of(parameters) if d.cause == SAME.get(p.cause) and d.where == p.where]
+            found.append(Found(direction=own, z=float(z), alternatives=tuple(same) if beyond > 0.0 else ()))
     return sorted(found, key=lambda f: -abs(f.z))

@@ -42,7 +42,7 @@ MOTIONS = {
     "coil_dead": "walk with the devices switched on, 3 s",
     "coil_lag": "walk with the devices switched on, 10 s, coil current logged",
     "device_strength": "walk with the devices switched on, 10 s",
-    "device_drag": "turn the joint with the device switched off, 10 s",
+    "device_drag": "turn the joint slowly with the device and then without it, 10 s",
 }
 """Motion that shows a cause."""
 

@@ -370,8 +370,8 @@ class _Devices:
 
 
 def _delayed(x: np.ndarray, steps: np.ndarray, before: int, count: int) -> np.ndarray:
-    """What was asked for ``steps`` earlier, between steps in proportion: (E, M + K, J) to (E, K, J)."""
-    late = np.clip(steps, -4.0, before - 1.0)
+    """What was asked for ``steps`` earlier, between steps in proportion: (E, K + 2*M, J) to (E, K, J)."""
+    late = np.clip(steps, 1.0 - before, before - 1.0)
     whole = np.floor(late).astype(int)
     share, ids = (late - whole)[:, None, None], np.arange(len(x))[:, None]
     at, top = before + np.arange(count)[None] - whole[:, None], x.shape[1] - 1

@@ -49,15 +49,15 @@ class Windows:
     """Time of each sample since the window's start [s], shape (W, S)."""
     feed: np.ndarray
     """Torque that commands ask for apart from ``-kp*q - kd*qd`` [N·m]: ``kp*q_des``, ``kd*qd_des``, ``tau_ff``; shape
-    (3, W, K + M, J), M steps lie before the window."""
+    (3, W, K + 2*M, J), M steps lie before the window and as many after it."""
     before: int
-    """M: steps of commands before the window, for delays."""
+    """M: steps of commands before and after the window, for delays and late stamps."""
     coil: np.ndarray
-    """Coil current that was commanded [A], at the steps of ``feed``, shape (W, K + M, J); 0 where none was logged."""
+    """Coil current that was commanded [A], at the steps of ``feed``, shape (W, K + 2*M, J); 0 where none was logged."""
     start_coil: np.ndarray
     """Coil current at the start [A], shape (W, J)."""
     kp: np.ndarray
-    """[N·m/rad] at the steps of ``feed``, shape (W, K + M, J)."""
+    """[N·m/rad] at the steps of ``feed``, shape (W, K + 2*M, J)."""
     kd: np.ndarray
     """[N·m·s/rad], shape (W, J)."""
     q: np.ndarray
@@ -148,7 +148,7 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
         readings, loaded = _readings(log, run), _loaded(model, run)
         for s in starts:
             t = run.t[s : s + count] - run.t[s]
-            grid = run.t[s] + h * np.arange(-before, steps)
+            grid = run.t[s] + h * np.arange(-before, steps + before)
             # a row's command was computed after the row was read: it acts between this row and the next
             held = np.clip(np.searchsorted(run.t, grid + 1e-9, side="right") - 1, 0, run.samples - 1)
             rows["run"].append(index)

@@ -20,7 +20,7 @@ from mrwarp.robot_logs.replay_model import replay_model
 from mrwarp.robot_logs.robot_diagnosis import diagnose_log
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
-from mrwarp.robot_logs.selection import PARTS, Direction, Found, half_width, posterior, sizes
+from mrwarp.robot_logs.selection import PARTS, Direction, Found, half_width, posterior, select, sizes
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
 from mrwarp.robot_logs.window_replay import Hypotheses, Replay, nuisances
 from mrwarp.robot_logs.windows import cut_windows
@@ -84,6 +84,23 @@ def test_a_delay_of_more_than_a_row_is_named(tmp_path: Path) -> None:
     delay = d.causes[0].parameters["delay"].value
     assert delay == pytest.approx(0.014, abs=0.001)
     assert d.sentence == f"commands act {1e3 * delay:.1f} ms late."
+
+
+def test_commands_that_act_before_their_row_were_stamped_late(tmp_path: Path) -> None:
+    """Their column stands 3 rows of 5 ms further down than it was given: no delay, for no command acts before it is."""
+    log = load_log(arm_log(tmp_path, seconds=8.0))
+    late = [replace(run, joint=run.joint | {"q_des": np.roll(run.joint["q_des"], 3, axis=0)}) for run in log.runs]
+    d = diagnose_log(tmp_path / "arm.xml", replace(log, runs=tuple(late)))
+    assert [(c.name, c.where) for c in d.causes] == [("clock_shift", "commands")]
+    assert d.causes[0].parameters["shift"].value == pytest.approx(0.015, abs=0.001)
+
+
+def test_more_drag_than_described_is_dry_friction_or_it() -> None:
+    """Nothing in a log tells a device's drag from a joint's dry friction."""
+    dry = replace(_parameter(), cause="coulomb_friction", spread=0.5, fault=0.5, lowest=0.0)
+    drag = replace(_parameter(), cause="device_drag", spread=0.05, step=-0.05, fault=0.5, highest=0.0)
+    (found,) = select(_evidence(np.full((64, 2, 2), 4e3), np.full((64, 2), 4e3 * 0.8)), [dry, drag])
+    assert (found.direction.cause, [d.cause for d in found.alternatives]) == ("coulomb_friction", ["device_drag"])
 
 
 def test_the_replay_leaves_what_the_evidence_says_where_a_joint_has_no_current(tmp_path: Path) -> None:
