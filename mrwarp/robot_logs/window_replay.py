@@ -392,13 +392,11 @@ def _quat(quat: np.ndarray) -> Rotation:
 
 
 def _lagged(x: np.ndarray, steps: float) -> np.ndarray:
-    """First-order lag of ``steps`` samples of what runs on a line between them, settled at the first."""
+    """First-order lag of ``steps`` samples, settled at the first; a negative one leads."""
     if steps < 0.0:
-        return x - (_lagged(x, -steps) - x)  # a lead
-    steps = max(steps, 1e-3)
-    a = float(np.exp(-1.0 / steps))
-    new = 1.0 - steps * (1.0 - a)  # held from the last sample on, 6 ms of lag would be 4 ms at 200 rows per second
-    return np.asarray(lfilter([new, 1.0 - a - new], [1.0, -a], x, zi=[(1.0 - new) * x[0]])[0])
+        return x - (_lagged(x, -steps) - x)
+    a = float(np.exp(-1.0 / max(steps, 1e-3)))
+    return np.asarray(lfilter([1.0 - a], [1.0, -a], x, zi=[a * x[0]])[0])
 
 
 def mismatch(measured: dict[str, np.ndarray], predicted: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

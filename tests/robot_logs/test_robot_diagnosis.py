@@ -13,7 +13,7 @@ from scipy.signal import savgol_filter
 
 from mrwarp.cli import main
 from mrwarp.resources import DEFAULT_POLICY
-from mrwarp.robot_logs import robot_diagnosis, robot_fit, robot_proof, window_replay
+from mrwarp.robot_logs import robot_diagnosis, robot_fit, robot_proof
 from mrwarp.robot_logs.causes import Parameter, parameters_of
 from mrwarp.robot_logs.evidence import Evidence, gather, replayed
 from mrwarp.robot_logs.replay_model import replay_model
@@ -305,13 +305,6 @@ def test_a_robot_begins_as_it_stands_under_a_hypothesis(tmp_path: Path) -> None:
         assert np.abs(found["q"][:, 0] - group.measured["q"][:, 0]).max() < 1e-3
         wrong.append(np.median(np.abs(found["gyro"] - group.measured["gyro"])[:, :6]))
     assert wrong[1] < 0.8 * wrong[0]
-
-
-def test_a_lag_of_little_more_than_a_row_is_as_long_as_it_says() -> None:
-    """What rises evenly is read late by the lag; one that is settled stays."""
-    rising = window_replay._lagged(np.arange(60.0), 1.2)
-    assert rising[-10:] == pytest.approx(np.arange(50.0, 60.0) - 1.2)
-    assert window_replay._lagged(np.full(9, 3.0), 1.2) == pytest.approx(np.full(9, 3.0))
 
 
 def test_a_soft_floor_is_replayed_by_one_into_which_feet_sink(tmp_path: Path) -> None:
