@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import product
+from operator import attrgetter
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from mrwarp.effects.catalogue import CATALOGUE
 from mrwarp.identify.angle_lines import angle_lines
 from mrwarp.identify.least_squares import losses
 from mrwarp.identify.parameters import Parameters, simulate, slots_of, without_hysteresis
+
+_FEW = (1, 3)
+"""Steps from the first look that are tried where a fit to the end leaves more than the model without the effect."""
 
 _SLAB = 12
 """Trials whose signals share one table: bounds its memory and the products that nobody needs."""
@@ -68,7 +72,11 @@ class Models:
         if layout.effects not in self.fits:
             x = on.parameters.moved(on.x, layout)
             x[layout.own(candidate.effect)] = candidate.values
-            self.fits[layout.effects] = fit_model(self.problem, layout, x)
+            fit = fit_model(self.problem, layout, x)
+            if fit.total > on.total:  # led astray, as by contacts that come and go: better stay near the first look
+                near = [fit_model(self.problem, layout, x, iterations=n) for n in _FEW]
+                fit = min(fit, *near, key=attrgetter("total"))
+            self.fits[layout.effects] = fit
         return self.fits[layout.effects]
 
     def reported(self, fit: Fit) -> Fit:
