@@ -87,8 +87,6 @@ def fitted(
             first[[k for d in loudest if d not in directions for k in d.members]] = 0.0
             if directions:
                 start, _, _ = fitted_alone(model, groups, parameters, directions, first, low, high, described)
-            elif not start.any():
-                start = first
             _, evidence = replayed(evidence, model, groups, parameters, start)
             prior = prior_of(parameters, directions)
             return fit(model, groups, parameters, start, evidence, prior, low, high, progress)
