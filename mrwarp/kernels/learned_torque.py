@@ -101,11 +101,13 @@ def gate_weights(weights: wp.array3d[float], unit: int, k: int) -> wp.vec4:
 
 
 @wp.func
-def lstm_cell(gates: wp.vec4, unit: int, place: int, after: int, state: wp.array3d[float]):
-    """A unit's new cell and hidden state from its gates."""
+def lstm_cell(gates: wp.vec4, unit: int, place: int, after: int, state: wp.array3d[float]) -> float:
+    """Write a unit's new cell and hidden state from its gates; returns the hidden one."""
     cell = sigmoid(gates[1]) * state[2, unit, place] + sigmoid(gates[0]) * wp.tanh(gates[2])
+    hidden = sigmoid(gates[3]) * wp.tanh(cell)
     state[2, unit, place] = cell
-    state[after, unit, place] = sigmoid(gates[3]) * wp.tanh(cell)
+    state[after, unit, place] = hidden
+    return hidden
 
 
 @wp.func
