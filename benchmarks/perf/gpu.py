@@ -162,13 +162,12 @@ def bytes_moved(env: WalkEnv) -> int:
 
 def _torque_steps(env: WalkEnv) -> Turn:
     """Seconds of a torque step in a graph of several."""
-    device = env.sim.device
     env.actuator.step()  # compiles what the graph records
-    graph = capture(lambda: [env.actuator.step() for _ in range(REPEATS)], device)
+    graph = capture(lambda: [env.actuator.step() for _ in range(REPEATS)], env.sim.device)
 
     def turn() -> dict[str, float]:
-        assert env.actuator  # held: the graph works on its arrays
-        return {"step": _timed(lambda: wp.capture_launch(graph), device) / REPEATS}
+        # asked of env, which is held so: the graph works on its arrays
+        return {"step": _timed(lambda: wp.capture_launch(graph), env.sim.device) / REPEATS}
 
     return turn
 

@@ -83,9 +83,9 @@ def fitted(
         def refit(
             directions: list[Direction], start: np.ndarray = theta, evidence: Evidence = evidence, low=low, high=high,  # noqa: ANN001
         ) -> tuple[np.ndarray, Evidence, bool]:  # fmt: skip
-            first = np.clip(begin, low, high)
-            first[[k for d in loudest if d not in directions for k in d.members]] = 0.0
             if directions:
+                first = np.clip(begin, low, high)
+                first[[k for d in loudest if d not in directions for k in d.members]] = 0.0
                 start, _, _ = fitted_alone(model, groups, parameters, directions, first, low, high, described)
             _, evidence = replayed(evidence, model, groups, parameters, start)
             prior = prior_of(parameters, directions)
