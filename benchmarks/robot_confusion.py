@@ -14,16 +14,18 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.robot_levels import HealthyLog, healthy_log
 from mrwarp.diagnose.result import Value
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.robot_logs.robot_diagnosis import diagnose_log
 from mrwarp.robot_logs.robot_log import load_log
-from mrwarp.robot_logs.virtual.hidden_effects import Places
+from mrwarp.robot_logs.virtual.hidden_effects import Places, parse_all
 from mrwarp.robot_logs.virtual.record_log import FallError, LogCfg, record
 from mrwarp.robot_logs.virtual.true_robot import describe
 from mrwarp.run_dir import write_result
@@ -45,10 +47,7 @@ SIZES: dict[str, tuple[str, str]] = {
     "ground_stiffness": ("robot", "0.05"), "coil_dead": ("device", ""), "coil_lag": ("device", "0.03"),
     "device_strength": ("device", "0.6"), "device_drag": ("device", "0.8"), "hysteresis_law": ("device", ""),
 }  # fmt: skip
-"""Places and size of each cause; :option:`--scale` shrinks or widens what is added, and a factor's distance from 1."""
-
-FACTORS = ("motor_strength", "kp", "kd", "ground_stiffness", "device_strength")
-"""Causes whose size is a factor."""
+"""Places of each cause, and the size from which it is a fault; it is larger where that is less than ``--level``."""
 
 OUTSIDE = {"tail_weight": "0.8", "cable_pull": "25", "soft_foot=FL": "0.05", "wind": "25"}
 """Effects that no catalogue holds."""
@@ -63,17 +62,7 @@ def places_of(cause: str, places: Places) -> list[str]:
     return list(kinds.get(SIZES[cause][0], [""]))
 
 
-def text_of(cause: str, place: str, scale: float) -> str:
-    """As ``--hide`` takes it."""
-    numbers = [float(x) for x in SIZES[cause][1].split(",") if x]
-    centre = 1.0 if cause in FACTORS else 0.0
-    scaled = (
-        [f"{centre + scale * (x - centre):g}" for x in numbers] if cause != "ground_friction" else [SIZES[cause][1]]
-    )
-    return f"{cause}={':'.join(x for x in (place, ','.join(scaled)) if x)}"
-
-
-def hidden_of(family: str, case: int, places: Places, scale: float, causes: Sequence[str]) -> list[str]:
+def hidden_of(family: str, case: int, places: Places, causes: Sequence[str]) -> list[str]:
     """What a case hides: causes in turn, each at its places in turn; a pair takes the next cause but some with it."""
     if family == "healthy":
         return []
@@ -84,26 +73,36 @@ def hidden_of(family: str, case: int, places: Places, scale: float, causes: Sequ
     for k in range(1 + (family == "pair")):
         cause = causes[(case + k * (1 + case // len(causes))) % len(causes)]
         where = places_of(cause, places)
-        found.append(text_of(cause, where[(case // len(causes) * 5 + case % len(causes) + 3 * k) % len(where)], scale))
+        place = where[(case // len(causes) * 5 + case % len(causes) + 3 * k) % len(where)]
+        found.append(f"{cause}={':'.join(x for x in (place, SIZES[cause][1]) if x)}")
     return list(dict.fromkeys(found))
 
 
-def run_case(family: str, case: int, args: argparse.Namespace) -> dict[str, Any]:
-    """Record, diagnose, compare."""
-    hide = hidden_of(family, case, describe(args.robot).places, args.scale, args.causes)
+def enlarged(text: str, log: HealthyLog, places: Places, level: float) -> tuple[str, float | None]:
+    """As ``--hide`` takes it, of a size that has a level; and the level that it has, see :class:`HealthyLog`."""
+    cause, _, rest = text.partition("=")
+    hidden, found = log.size(parse_all([text], places)[0], level)
+    place = rest.rpartition(":")[0] or (rest if not SIZES[cause][1] else "")
+    numbers = ",".join(f"{x:.4g}" for x in hidden.values) if SIZES[cause][1] else ""
+    return f"{cause}={':'.join(x for x in (place, numbers) if x)}", found
+
+
+def run_case(case: int, log: HealthyLog | None, args: argparse.Namespace) -> dict[str, Any]:
+    """Record, diagnose, compare; ``log`` tells sizes."""
+    family, places, levels = args.family, describe(args.robot).places, [None]
+    hide = hidden_of(family, case, places, args.causes)
+    if log is not None:
+        hide, levels = zip(*(enlarged(x, log, places, args.level) for x in hide), strict=True)
     folder = Path(tempfile.mkdtemp(prefix="robot_confusion_"))
     started = time.process_time()
     try:
-        cfg = LogCfg(
-            robot=args.robot, motions=tuple(args.motion), hide=tuple(hide), policy=args.policy,
-            seed=1000 * args.seed + case,
-        )  # fmt: skip
+        cfg = replace(log_cfg(args), hide=tuple(hide), seed=1000 * args.seed + case)
         with contextlib.suppress(OSError):
             record(cfg, folder)
         truth = json.loads((folder / "truth.json").read_text())["hidden"]
         d = diagnose_log(Path(args.robot), load_log(folder))
     except FallError as error:
-        return {"family": family, "case": case, "hide": hide, "fell": str(error)}
+        return {"family": family, "case": case, "hide": hide, "levels": levels, "fell": str(error)}
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     named = [
@@ -111,10 +110,16 @@ def run_case(family: str, case: int, args: argparse.Namespace) -> dict[str, Any]
         for c in d.causes
     ]
     return {
-        "family": family, "case": case, "hide": hide, "truth": truth, "named": named, "verdict": d.verdict,
+        "family": family, "case": case, "hide": hide, "levels": levels, "truth": truth, "named": named,
+        "verdict": d.verdict,
         "suspects": [f"{s.name} {s.reason}" for s in d.suspects], "cannot_know": list(d.cannot_know),
         "unexplained": d.unexplained is not None, "cpu_seconds": time.process_time() - started,
     }  # fmt: skip
+
+
+def log_cfg(args: argparse.Namespace) -> LogCfg:
+    """What a healthy log of the suite is."""
+    return LogCfg(robot=args.robot, motions=tuple(args.motion), policy=args.policy, seed=1000 * args.seed)
 
 
 def _sizes(parameters: Mapping[str, Value]) -> dict[str, tuple[float, ...]]:
@@ -181,7 +186,8 @@ def main() -> int:
     parser.add_argument("--family", choices=FAMILIES, default="single", help="what is hidden")
     parser.add_argument("--sets", type=int, default=12, help="number of cases")
     parser.add_argument("--seed", type=int, default=0, help="seed of the suite")
-    parser.add_argument("--scale", type=float, default=1.0, help="factor on the hidden sizes")
+    parser.add_argument("--level", type=float, default=0.4,
+                        help="least level of a cause, in healthy errors of the re-fitted simulation")  # fmt: skip
     parser.add_argument("--causes", nargs="+", choices=list(SIZES), default=list(SIZES), help="only these")
     parser.add_argument("--robot", default="mr_go", help="mr_go, go1, a USD file or an arm")
     parser.add_argument("--policy", type=Path, default=DEFAULT_POLICY, help="walking policy")
@@ -193,10 +199,13 @@ def main() -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     done = {(row["family"], row["case"]) for row in rows}
+    log = None
     for case in range(args.sets):
         if (args.family, case) in done:
             continue
-        row = run_case(args.family, case, args)
+        if log is None and args.family in ("single", "pair"):
+            log = healthy_log(log_cfg(args))
+        row = run_case(case, log, args)
         rows.append(row)
         with file.open("a") as stream:
             stream.write(json.dumps(row, default=lambda x: np.asarray(x).tolist()) + "\n")

@@ -11,16 +11,14 @@ def test_every_cause_comes_at_different_places() -> None:
     """All of the contract's causes, each in a form that the virtual robot takes; pairs are two causes."""
     assert set(SIZES) == {name for name, effect in EFFECTS.items() if effect.catalogued}
     causes = list(SIZES)
-    seen = [parse_all(hidden_of("single", k, PLACES, 1.0, causes), PLACES)[0] for k in range(6 * len(causes))]
+    seen = [parse_all(hidden_of("single", k, PLACES, causes), PLACES)[0] for k in range(6 * len(causes))]
     assert {h.cause for h in seen} == set(SIZES)
     assert len({h.where for h in seen if h.cause == "coulomb_friction"}) == 6
-    assert all(
-        len({h.cause for h in parse_all(hidden_of("pair", k, PLACES, 1.0, causes), PLACES)}) == 2 for k in range(50)
-    )
-    assert {parse_all(hidden_of("outside", k, PLACES, 1.0, causes), PLACES)[0].cause for k in range(4)} == {
+    assert all(len({h.cause for h in parse_all(hidden_of("pair", k, PLACES, causes), PLACES)}) == 2 for k in range(50))
+    assert {parse_all(hidden_of("outside", k, PLACES, causes), PLACES)[0].cause for k in range(4)} == {
         name.partition("=")[0] for name in OUTSIDE
     }
-    assert hidden_of("healthy", 3, PLACES, 1.0, causes) == []
+    assert hidden_of("healthy", 3, PLACES, causes) == []
 
 
 def _row(named: list[tuple[str, str]], truth: tuple[str, str] | None, **more: object) -> dict:
