@@ -49,7 +49,7 @@ SIZES: dict[str, tuple[str, str]] = {
 }  # fmt: skip
 """Places of each cause, and the size from which it is a fault; it is larger where that is less than ``--level``."""
 
-OUTSIDE = {"tail_weight": "0.8", "cable_pull": "25", "soft_foot=FL": "0.05", "wind": "25"}
+OUTSIDE = {"tail_weight": "0.8", "cable_pull": "12", "soft_foot=FL": "0.05", "wind": "12"}
 """Effects that no catalogue holds."""
 
 

@@ -13,7 +13,7 @@ from mrwarp.robot_logs.robot_log import RobotLog
 Field = Literal[
     "friction", "damping", "armature", "stribeck", "lag", "kp", "kd", "strength", "offset", "shift", "delay", "mass",
     "com", "tilt", "bias", "mu", "slope", "give", "limit", "length", "clock", "coil", "coil_lag", "device", "drag",
-    "latency",
+    "latency", "foot", "pull",
 ]  # fmt: skip
 """Array of a hypothesis that a parameter is added to, see :class:`mrwarp.robot_logs.window_replay.Hypotheses`."""
 
@@ -27,6 +27,11 @@ from a drive's reading to its torque."""
 FLOOR = ("ground_friction", "ground_stiffness")
 """What the floor and the law of its contacts bring to every session: numbers that no description of a robot has. They
 are a cause where they lie beyond what floors differ by."""
+
+OUTSIDE = ("soft_foot", "steady_pull")
+"""What no cause of the catalogue is, and would be blamed on one if it were not tried: a foot that gives otherwise than
+the floor makes all of them, and a force that pulls the trunk sideways all the time. Told as unexplained."""
+
 SAME = {"coulomb_friction": "device_drag"}
 """Causes that no log tells from another at the same place: the other is named, and they are its alternative."""
 
@@ -75,7 +80,7 @@ class Parameter:
 
     def absolute(self, change: float) -> float:
         """Value in ``unit`` that a change makes."""
-        if self.field == "give":
+        if self.field in ("give", "foot"):
             return self.nominal / max(1.0 + change, 1.0 + self.lowest)
         return self.nominal * (1.0 + change) if self.relative else change
 
@@ -218,6 +223,12 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
         # feet sink as far as the ground gives, and no two floors and laws of contact agree on it: one that bears them
         # where they touch is as usual as one into which they sink twice as deep
         add("ground_stiffness", "robot", "factor", "1", "give", 0, 0.2, 0.5, 1.0, 4.0, nominal=1.0, lowest=-0.95)
+        for k, foot in enumerate(model.feet):
+            body = model.body_name(int(mj.geom_bodyid[foot]))
+            add("soft_foot", body, "factor", "1", "foot", k, 0.2, 0.3, 0.6, 4.0, nominal=1.0, lowest=-0.9)
+        weight = 9.81 * total * np.array([0.02, 0.005, 0.02, 0.1])
+        for k, axis in enumerate("xy"):
+            add("steady_pull", model.body_name(model.trunk), axis, "N", "pull", k, *weight)
     return found
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import stats
 
 from mrwarp.diagnose.result import Error, Suspect, Value, Verdict
-from mrwarp.robot_logs.causes import Parameter, parameters_of
+from mrwarp.robot_logs.causes import OUTSIDE, Parameter, parameters_of
 from mrwarp.robot_logs.evidence import Evidence, gather, losses
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_fit import fitted, fitted_alone, searched
@@ -30,7 +30,7 @@ from mrwarp.robot_logs.selection import (
     select,
     sizes,
 )
-from mrwarp.robot_logs.unexplained import listed, outside, pushes
+from mrwarp.robot_logs.unexplained import joined, listed, outside, pushes, steady
 from mrwarp.robot_logs.unknowable import cannot_know, next_experiment
 from mrwarp.robot_logs.windows import Windows, cut_windows
 
@@ -109,23 +109,33 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     found, unclear, size, near = clear_ones(found, evidence, parameters, alone)
     doubtful += unclear
     now = posterior(evidence, parameters, [f.direction for f in found])
-    causes = tuple(_named(f, found, size, evidence, parameters, now) for f in found)
+    named = [_named(f, found, size, evidence, parameters, now) for f in found]
+    causes = tuple(c for c in named if c.name not in OUTSIDE)
     extended = np.zeros(len(parameters))
     for cause in causes:
         for k, change in cause.change.items():
             extended[k] = change
     progress("before and after")
-    before = near if not found else alone([])[1]
-    gain, errors = _held_out(model, groups, evidence, parameters, ([], before), ([f.direction for f in found], near))
+    foreign = [f for f in found if f.direction.cause in OUTSIDE]
+    before = near if len(foreign) == len(found) else alone(foreign)[1]
+    gain, errors = _held_out(
+        model, groups, evidence, parameters, ([f.direction for f in foreign], before),
+        ([f.direction for f in found], near),
+    )  # fmt: skip
     beside = posterior(evidence, parameters, [*(f.direction for f in found), *(f.direction for f in doubtful)])
     suspects, both = [], [*found, *doubtful]
-    for f in doubtful:
+    for f in (f for f in doubtful if f.direction.cause not in OUTSIDE):
         about = sizes(evidence, parameters, [f.direction for f in both])
         c = _named(f, both, replace(size, size=about, lone=about), evidence, parameters, beside)
         reason = NOT_CLEAR if f in unclear else NOT_FORETOLD
         suspects.append(Suspect(name=c.name, reason=f"at {c.where}: {reason}", parameters=c.parameters, gain=c.gain))
     progress("what no cause explains")
-    unexplained = outside(pushes(evidence, model, groups, parameters, theta), groups, log)
+    acting = outside(pushes(evidence, model, groups, parameters, theta), groups, log)
+    always = [
+        steady(f.direction, next(iter(c.parameters.values())).value, c.gain, log, parameters)
+        for f, c in zip(found, named, strict=True) if c.name in OUTSIDE
+    ]  # fmt: skip
+    unexplained = joined([*always, *([acting] if acting else [])])
     session = {p.where: float(size.size[k]) for k, p in enumerate(parameters) if p.field == "shift"}
     notes = [*getattr(log, "notes", ())]
     late = next(k for k, p in enumerate(parameters) if p.cause == "command_delay")

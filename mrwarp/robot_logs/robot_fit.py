@@ -36,6 +36,9 @@ FLOORS = (-1.0, -0.5, 0.5, 1.0, 2.0, 4.0)
 """Changes of the floor that are tried beside them, in those of a fault: feet that hardly slip or sink say nothing, by
 derivatives, of how others would."""
 
+FEET = (0.25, 1.0, 4.0)
+"""Likewise of each foot."""
+
 LIMITED = 2
 """Drives whose limit is tried beside them, at the most that they gave: those that gave least of what was asked of them.
 Derivatives see a limit only where it begins to act."""
@@ -178,6 +181,8 @@ def _loudest(
     for k, p in ((k, parameters[d.members[0]]) for k, d in enumerate(directions) if len(d.members) == 1):
         if p.cause in FLOOR:
             own[k] = [times * p.fault / abs(p.step) for times in FLOORS]
+        elif p.field == "foot":
+            own[k] = [times * p.fault / abs(p.step) for times in FEET]
         elif p.field == "limit" and p.index in (short := _short_of_torque(model, groups)):
             own[k] = [short[p.index] / abs(p.step)]
 

@@ -7,7 +7,7 @@ start. What a found cause explains acts already.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
@@ -17,11 +17,15 @@ from mrwarp.robot_logs.causes import Parameter
 from mrwarp.robot_logs.evidence import DERIVATIVE_STEP, START_SPREAD, Evidence
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
+from mrwarp.robot_logs.selection import Direction
 from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances
 from mrwarp.robot_logs.windows import Windows
 
 STEP = 0.02
 """Forces by which derivatives are taken, as a share of the robot's weight and of the most a joint was asked for."""
+
+USUAL = 0.1
+"""Standard deviation of forces, as shares of the same: joints that stick hardly show one, however large."""
 
 LEAST_SHARE = 0.3
 """Least part of a window's mismatch that a force explains where it is told."""
@@ -68,6 +72,7 @@ def pushes(
         first, push = int(mj.jnt_dofadr[mj.body_jntadr[model.trunk]]), STEP * 9.81 * float(mj.body_mass.sum())
         places.insert(0, (model.body_name(model.trunk), [(first + k, push) for k in range(3)]))
     found: list[list[tuple[np.ndarray, ...]]] = [[] for _ in places]
+    rare = [evidence.scale * (STEP / USUAL / members[0][1]) ** 2 for _, members in places]
     for windows, slopes in zip(groups, evidence.slopes, strict=True):
         left = mismatch(windows.measured, _replayed(Replay(model, windows), parameters, theta, 0, 0.0))
         coarse = Replay(model, windows.coarse(max(1, int(np.floor(DERIVATIVE_STEP / windows.h + 1e-6)))))
@@ -76,22 +81,21 @@ def pushes(
         begin = np.linalg.inv(starts @ starts.mT + np.eye(starts.shape[1]) / START_SPREAD**2)
         r0 = (starts @ r[..., None])[..., 0]
         c = np.maximum((r**2).sum(axis=1) - np.einsum("wi,wij,wj->w", r0, begin, r0), 1e-12)
-        for (_, members), rows in zip(places, found, strict=True):
+        for (_, members), rows, few in zip(places, found, rare, strict=True):
             slopes = [mismatch(_replayed(coarse, parameters, theta, dof, s), base) for dof, s in members]
             f = np.stack([_scaled(x, evidence) / s for x, (_, s) in zip(slopes, members, strict=True)], axis=1)
             across = begin @ (starts @ f.mT)
             a = f @ f.mT - (f @ starts.mT) @ across
             b = (f @ r[..., None])[..., 0] - np.einsum("wzi,wz->wi", across, r0)
-            inverse = np.linalg.pinv(a)
-            size = np.einsum("wij,wj->wi", inverse, b)
-            rows.append((a, size, c - (size * b).sum(axis=1)))
+            size = np.linalg.solve(a + few * np.eye(len(members)), b[..., None])[..., 0]
+            rows.append((a, size, c - 2.0 * (size * b).sum(axis=1) + np.einsum("wi,wij,wj->w", size, a, size)))
     sizes, shares = [], []
     for rows in found:
-        a, size, least = (np.concatenate(x) for x in zip(*rows, strict=True))
+        a, size, left = (np.concatenate(x) for x in zip(*rows, strict=True))
         size = size - np.median(size, axis=0)
         gain = np.einsum("wi,wij,wj->w", size, a, size)
         sizes.append(size.T)
-        shares.append(gain / np.maximum(gain + least, 1e-12))
+        shares.append(gain / np.maximum(gain + left, 1e-12))
     return Pushes(where=tuple(name for name, _ in places), size=tuple(sizes), share=np.stack(shares))
 
 
@@ -124,6 +128,35 @@ def outside(found: Pushes, groups: Sequence[Windows], log: RobotLog) -> Outside 
     return Outside(
         depends_on=("time",), form=f"{what}, at {at}", share=float(found.share[k].mean()), where=place,
         when=tuple(when), peak=peak,
+    )  # fmt: skip
+
+
+def steady(direction: Direction, value: float, share: float, log: RobotLog, parameters: list[Parameter]) -> Outside:
+    """What acts all the time that no cause of the catalogue is, see :data:`mrwarp.robot_logs.causes.OUTSIDE`.
+
+    Args:
+        direction: What was found.
+        value: Its number, in the unit of its parameter.
+        share: Part of the mismatch that it explains [1].
+        log: The log.
+        parameters: All of them.
+    """
+    p = parameters[direction.members[0]]
+    what = f"a force on {p.where} of {value:+.3g} N along {p.name}, all the time"
+    if p.field == "foot":
+        what = f"the foot of {p.where} meets {value:.2g} times the stiffness that the others do"
+    when = tuple((run.id, float(run.t[0]), float(run.t[-1])) for run in log.runs)
+    return Outside(depends_on=("place",), form=what, share=share, where=p.where, when=when, peak=(value,))
+
+
+def joined(found: Sequence[Outside]) -> Outside | None:
+    """All that no cause explains as one, at the place of the first; None where there is nothing."""
+    if not found:
+        return None
+    first = found[0]
+    return replace(
+        first, form="; ".join(x.form for x in found), share=min(sum(x.share for x in found), 1.0),
+        depends_on=tuple(dict.fromkeys(name for x in found for name in x.depends_on)),
     )  # fmt: skip
 
 

@@ -22,7 +22,9 @@ CHUNK = 192
 STRIBECK_SPEED = 0.15
 """Speed at which Stribeck's friction has faded [rad/s]."""
 
-_COLUMNS = {"delay": 1, "latency": 1, "com": 3, "tilt": 2, "bias": 3, "mu": 1, "slope": 2, "give": 1, "clock": 2}
+_COLUMNS = {
+    "delay": 1, "latency": 1, "com": 3, "tilt": 2, "bias": 3, "mu": 1, "slope": 2, "give": 1, "clock": 2, "pull": 2,
+}  # fmt: skip
 
 
 @dataclass
@@ -36,7 +38,7 @@ class Hypotheses:
     def of(cls, parameters: list[Parameter], theta: np.ndarray, model: ReplayModel) -> Hypotheses:
         """Of values of the parameters, shape (E, P)."""
         count, joints, bodies = len(theta), len(model.joints), model.model.nbody
-        sizes = _COLUMNS | {"mass": bodies, "length": bodies}
+        sizes = _COLUMNS | {"mass": bodies, "length": bodies, "foot": len(model.feet)}
         fields = {p.field: np.zeros((count, sizes.get(p.field, joints))) for p in parameters}
         for k, p in enumerate(parameters):
             fields[p.field][:, p.index] += theta[:, k]
@@ -69,7 +71,7 @@ class Replay:
         self.mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND)
         self.batch = new_batch(self.mj, CHUNK, threads)
         self._longer: set[int] = set()
-        self._stance, self._plain = Stance(model, copy.copy(self.mj)), {}
+        self._stance, self._plain, self._moved = Stance(model, copy.copy(self.mj)), {}, {}
         self.steps = 0
         """Physics steps so far."""
 
@@ -119,7 +121,7 @@ class Replay:
         self._bodies(field("mass", mj.nbody), field("length", mj.nbody), field("com", 3), ids)
         slope = field("slope", 2)
         if m.free:
-            self._ground(field("mu", 1), field("give", 1), ids)
+            self._ground(field("mu", 1), field("give", 1), field("foot", len(m.feet)), ids)
             self.batch.expand("opt.gravity")[:count] = _rotation(slope).inv().apply(mj.opt.gravity)
         else:
             self._lean(slope, ids)
@@ -130,7 +132,11 @@ class Replay:
         parts = windows.feed[:, w]
         ask = late(more[:, None] * parts[0] + (1.0 + field("kd"))[:, None] * parts[1] + parts[2])
         kp = late(more[:, None] * windows.kp[w])
-        self.batch.bind("qfrc_applied")[:count] = field("push", mj.nv)
+        outer = self.batch.bind("qfrc_applied")
+        outer[:count] = field("push", mj.nv)
+        if m.free:
+            root = int(mj.jnt_dofadr[mj.body_jntadr[m.trunk]])
+            outer[:count, root : root + 2] += field("pull", 2)
         device = _Devices(m, field) if m.devices else None
         coil = late(windows.coil[w])[:, :, m.devices.joint] if m.devices else None
         if device is not None and coil is not None:
@@ -209,8 +215,8 @@ class Replay:
             pos[: len(ids), body] = lean.apply(self.mj.body_pos[body])
             quat[: len(ids), body] = np.roll((lean * own).as_quat(), 1, axis=-1)
 
-    def _ground(self, mu: np.ndarray, give: np.ndarray, ids: np.ndarray) -> None:
-        """Friction of every contact, and how much it gives."""
+    def _ground(self, mu: np.ndarray, give: np.ndarray, foot: np.ndarray, ids: np.ndarray) -> None:
+        """Friction of every contact, and how much it gives; beside that, how much each foot does."""
         friction = self.batch.expand("geom_friction")
         friction[: len(ids)] = self.mj.geom_friction
         friction[: len(ids), :, 0] *= np.maximum(1.0 + mu, 0.02)
@@ -220,6 +226,10 @@ class Replay:
             self.mj.geom_solref[:, 0] > 0.0, self.mj.geom_solref[:, 0] * np.sqrt(np.maximum(1.0 + give, 0.05)),
             self.mj.geom_solref[:, 0],
         )  # fmt: skip
+        if foot.any():  # a contact's time constant is the mean of its two shapes'
+            own = solref[: len(ids), self.model.feet, 0]
+            softer = np.maximum(2.0 * np.sqrt(np.maximum(1.0 + foot, 0.05)) - 1.0, 0.05)
+            solref[: len(ids), self.model.feet, 0] = np.where(own > 0.0, softer, 1.0) * own
 
     def _begin(self, w: np.ndarray, start: np.ndarray, field: Callable[..., np.ndarray], ids: np.ndarray) -> None:
         """Put robots where windows begin: as what was read truly was under each hypothesis, on feet that bear load."""
@@ -249,20 +259,35 @@ class Replay:
         """Move trunks of robots that stand otherwise than the described one: how high and fast it is, its feet tell."""
         m, windows = self.model, self.windows
         length = field("length", self.mj.nbody)
-        told = [length, field("offset"), field("slope", 2), field("tilt", 2), field("bias", 3)]
-        for e in np.flatnonzero(np.concatenate(told, axis=1).any(axis=1)):
-            for body in np.flatnonzero(length[e]):
-                self._reach(self._stance.mj, int(body), float(length[e, body]))
-            plain, new = self._described(int(w[e])), self._stance.trunk(pos[e], vel[e], windows.loaded[w[e]])
+        told = np.concatenate([length, field("offset"), field("slope", 2), field("tilt", 2), field("bias", 3)], axis=1)
+        for e in np.flatnonzero(told.any(axis=1)):
+            known = int(w[e]), told[e].tobytes()
+            if known not in self._moved:
+                self._moved[known] = self._other_stance(pos[e], vel[e], known[0], length[e])
+            height, speed = self._moved[known]
             if "pos" not in windows.measured:
-                pos[e, 2] += new[0] - plain[0]
+                pos[e, 2] += height
             if "vel" not in windows.measured:
-                vel[e, :3] += new[1] - plain[1]
-            for body in np.flatnonzero(length[e]):
-                self._reach(self._stance.mj, int(body), 0.0)
+                vel[e, :3] += speed
         if "pos" not in windows.measured:
-            depth = m.sink[np.maximum(windows.loaded[w].sum(axis=1), 1) - 1]
-            pos[:, 2] -= depth * np.maximum(field("give", 1)[:, 0], -0.95)
+            bearing = windows.loaded[w]
+            count = np.maximum(bearing.sum(axis=1), 1)
+            give = np.maximum(field("give", 1), -0.95)
+            soft = (1.0 + give) * np.where(bearing, np.maximum(field("foot", len(m.feet)), -0.95), 0.0)
+            pos[:, 2] -= m.sink[count - 1] * (give[:, 0] + soft.sum(axis=1) / count)
+
+    def _other_stance(
+        self, pos: np.ndarray, vel: np.ndarray, window: int, length: np.ndarray
+    ) -> tuple[float, np.ndarray]:
+        """By how much higher [m] and faster [m/s] a trunk is at a window's start than the described robot's."""
+        longer = [int(body) for body in np.flatnonzero(length)]
+        for body in longer:
+            self._reach(self._stance.mj, body, float(length[body]))
+        height, speed = self._stance.trunk(pos, vel, self.windows.loaded[window])
+        for body in longer:
+            self._reach(self._stance.mj, body, 0.0)
+        plain = self._described(window)
+        return height - plain[0], speed - plain[1]
 
     def _described(self, window: int) -> tuple[float, np.ndarray]:
         """Height and velocity of the described robot's trunk at a window's start, by that sample alone."""
