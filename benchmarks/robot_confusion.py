@@ -40,16 +40,16 @@ SIZES: dict[str, tuple[str, str]] = {
     "trunk_mass": ("trunk", "1.0"), "trunk_com": ("trunk", "-0.03"), "link_mass": ("calf", "0.15"),
     "link_length": ("calf", "0.015"), "rotor_inertia": ("joint", "0.01"), "coulomb_friction": ("joint", "0.8"),
     "viscous_friction": ("joint", "0.2"), "stribeck": ("joint", "1.0"), "backlash": ("joint", "0.015"),
-    "motor_strength": ("joint", "0.85"), "torque_limit": ("calf joint", "5.0"), "kp": ("joint", "0.8"),
+    "motor_strength": ("joint", "0.85"), "torque_limit": ("calf joint", "10.0"), "kp": ("joint", "0.8"),
     "kd": ("joint", "1.8"), "command_delay": ("robot", "0.012"), "clock_shift": ("channel", "0.01"),
     "encoder_offset": ("joint", "0.04"), "velocity_lag": ("joint", "0.006"), "imu_tilt": ("robot", "0,0.04"),
-    "gyro_bias": ("robot", "0,0,0.1"), "ground_friction": ("robot", "0.2"), "ground_slope": ("robot", "0,0.05"),
+    "gyro_bias": ("robot", "0,0,0.1"), "ground_friction": ("robot", "0.2"), "ground_slope": ("robot", "0,0.03"),
     "ground_stiffness": ("robot", "0.05"), "coil_dead": ("device", ""), "coil_lag": ("device", "0.03"),
     "device_strength": ("device", "0.6"), "device_drag": ("device", "0.8"), "hysteresis_law": ("device", ""),
 }  # fmt: skip
 """Places of each cause, and the size from which it is a fault; it is larger where that is less than ``--level``."""
 
-OUTSIDE = {"tail_weight": "0.8", "cable_pull": "12", "soft_foot=FL": "0.05", "wind": "12"}
+OUTSIDE = {"tail_weight": "0.8", "cable_pull": "12", "soft_foot=FL": "0.05", "wind": "7"}
 """Effects that no catalogue holds."""
 
 
