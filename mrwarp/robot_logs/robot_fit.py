@@ -19,6 +19,7 @@ from mrwarp.robot_logs.selection import (
     bounds_of,
     directions_of,
     healthy,
+    payload_of,
     prior_of,
     select,
     vector,
@@ -71,11 +72,7 @@ def fitted(
         # common causes go first: those at single places may only stand for them
         common = [d for d in found if len(d.members) > 1]
         wanted = common if common and common != released else found
-        if (same := fits.get(frozenset(wanted))) is not None:
-            # the last fit asks for itself, or two ask for each other: the likelier one stands
-            if same[0] is not theta and left(*same, evidence) < left(theta, released, evidence):
-                theta, released = same
-                evidence = gather(model, groups, parameters, theta, progress)
+        if frozenset(wanted) in fits:  # the last fit asks for itself, or two ask for each other
             break
         released = wanted
         named = {k for d in released for k in d.members}
@@ -99,6 +96,11 @@ def fitted(
         theta, released, evidence, fresh = _one_drive(theta, released, evidence, fresh, parameters, refit, judge)
         fits[frozenset(wanted)] = fits[frozenset(released)] = theta, released
         if not fresh:
+            evidence = gather(model, groups, parameters, theta, progress)
+    if len(others := {id(x): (x, own) for x, own in fits.values()}) > 1:  # the likeliest one stands
+        worth = {key: left(*fit_, evidence) + NAMED_ODDS * len(fit_[1]) for key, fit_ in others.items()}
+        if (best := min(worth, key=lambda key: worth[key])) != id(theta):
+            theta, released = others[best]
             evidence = gather(model, groups, parameters, theta, progress)
     return theta, released, evidence
 
@@ -190,6 +192,21 @@ def _loudest(
         each = np.tile(x, (len(described.c), 1))
         return float(described.weight @ losses(described, model, groups, parameters, each)[0] / described.scale)
 
+    payload = payload_of(parameters)
+
+    def heavier(theta: np.ndarray, least: float) -> np.ndarray | None:
+        """A weight on the trunk, which no single number is, where it gains more than ``least``."""
+        parts = np.stack([vector(d, parameters) for d in payload])
+        prior, best = prior_of(parameters, payload), None
+        score, own = parts @ (b - a @ theta), parts @ (a / described.scale + prior) @ parts.T
+        change = np.linalg.solve(own, score / described.scale) @ parts
+        for times in MULTIPLES:
+            new = np.clip(theta + times * change, low, high)
+            gain = here - seen(new) - new @ prior @ new + theta @ usual @ theta
+            if gain > least:
+                best, least = new, gain
+        return best
+
     here = seen(theta)
     for _ in range(PICKS):
         score = changes @ (b - a @ theta)
@@ -202,6 +219,8 @@ def _loudest(
                 gain = here - seen(new) - new @ prior @ new + theta @ usual @ theta
                 if gain > best:
                     best, taken = gain, (new, d)
+        if not theta.any() and payload and (weight := heavier(theta, best + 2.0 * NAMED_ODDS)) is not None:
+            return weight, payload
         if taken is None or best < 2.0 * NAMED_ODDS:
             return theta, []
         new, d = taken

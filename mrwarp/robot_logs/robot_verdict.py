@@ -166,6 +166,8 @@ def cause_text(cause: NamedCause) -> str:
         text = f"commands act {1e3 * value.value:.1f} ms late"
     elif cause.name in ("trunk_mass", "link_mass"):
         text = f"{place}{abs(value.value):.3g} kg {'heavier' if value.value > 0.0 else 'lighter'}"
+    elif cause.name == "trunk_com":
+        text = f"{place}centre of mass {1e3 * value.value:+.0f} mm along {name}"
     elif "factor" in cause.parameters:
         text = f"{place}{words} {cause.parameters['factor'].value:.2f} times the description's"
     else:

@@ -101,6 +101,15 @@ def directions_of(parameters: Sequence[Parameter]) -> list[Direction]:
     return found
 
 
+def payload_of(parameters: Sequence[Parameter]) -> list[Direction]:
+    """What a weight on the trunk changes: its mass, and its centre forwards and sideways; empty for a fixed base.
+
+    A weight that sits at a hip, or nearly there, is heavier a hip by one number as well.
+    """
+    own = [d for d in directions_of(parameters) if d.cause in ("trunk_mass", "trunk_com")]
+    return [d for d in own if parameters[d.members[0]].name in ("mass", "x", "y")]
+
+
 def healthy(parameters: Sequence[Parameter]) -> np.ndarray:
     """Precision of healthy robots about their description, shape (P, P)."""
     return prior_of(parameters, [])
@@ -302,8 +311,29 @@ def _forward(evidence: Evidence, parameters: Sequence[Parameter]) -> list[Found]
         ]
         near.sort(key=lambda k: -odds[k])
         alternatives = tuple(directions[k] for k in near[:4])
+        if payload := _payload(directions[best], released, evidence, parameters):
+            found += payload
+            continue
         found.append(Found(direction=directions[best], z=float(now.z[best]), alternatives=alternatives))
     return found + _described_wrong(evidence, parameters, [f.direction for f in found])
+
+
+def _payload(
+    best: Direction, released: Sequence[Direction], evidence: Evidence, parameters: Sequence[Parameter]
+) -> list[Found]:
+    """A weight on the trunk in place of a link's mass, where it makes the log likelier; empty where it does not."""
+    parts = payload_of(parameters)
+    if best.cause != "link_mass" or not parts or any(d in released for d in parts):
+        return []
+    if _evidence([*released, *parts], evidence, parameters) < _evidence([*released, best], evidence, parameters):
+        return []
+    found = []
+    for d in parts:
+        others = [*released, *(x for x in parts if x != d)]
+        now = scores(posterior(evidence, parameters, others), [d], parameters)
+        if now.odds[0] > NAMED_ODDS:
+            found.append(Found(direction=d, z=float(now.z[0]), alternatives=()))
+    return found
 
 
 def _possible(size: np.ndarray, directions: Sequence[Direction], parameters: Sequence[Parameter]) -> np.ndarray:
