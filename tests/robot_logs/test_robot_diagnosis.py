@@ -191,6 +191,22 @@ def test_many_unlikely_numbers_are_no_better_than_one_cause() -> None:
     assert not proven(20.0)  # as drives are: then the log does not tell
 
 
+def test_a_weight_on_the_trunk_is_no_heavy_hip() -> None:
+    """A hip's mass is nearly what a weight on the trunk is, by one number in place of two; a heavy hip stays one."""
+    names = (("trunk_mass", "mass"), ("trunk_com", "x"), ("link_mass", "mass"))
+    parameters = [replace(_parameter(), cause=c, name=n, spread=0.02, fault=1.0) for c, n in names]
+    readings = np.array([[1.0, 0.0, 0.8], [0.0, 1.0, 0.8]])
+
+    def named(truth: tuple[float, ...]) -> list[tuple[str, str]]:
+        a = np.tile(readings.T @ readings * 100.0, (64, 1, 1))
+        noise = 10.0 * np.random.default_rng(0).normal(size=(64, 2)) @ readings
+        found = select(_evidence(a, a[0] @ truth + noise), parameters)
+        return [(f.direction.cause, parameters[f.direction.members[0]].name) for f in found]
+
+    assert named((1.0, 0.5, 0.0)) == [("trunk_mass", "mass"), ("trunk_com", "x")]
+    assert named((0.0, 0.0, 1.0)) == [("link_mass", "mass")]
+
+
 def test_rounds_end_where_two_sets_of_causes_ask_for_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
     """The fit with the first asks for the second and back: each is fitted once, the likelier one stands."""
     first, second = (Direction(cause="link_mass", where=x, members=(k,)) for k, x in enumerate("ab"))
@@ -307,25 +323,47 @@ def test_a_robot_begins_as_it_stands_under_a_hypothesis(tmp_path: Path) -> None:
     assert wrong[1] < 0.8 * wrong[0]
 
 
-def test_a_soft_floor_is_replayed_by_one_into_which_feet_sink(tmp_path: Path) -> None:
-    """The robot begins as deep in the ground as it stands there, and its legs then bear it as they did."""
-    cfg = LogCfg(
-        robot="mr_go", motions=(("walk", 4.0),), policy=DEFAULT_POLICY, seed=1, hide=("ground_stiffness=0.05",)
-    )
+@pytest.mark.parametrize(
+    ("hide", "cause", "size"),
+    [("ground_stiffness=0.05", "ground_stiffness", 9.0), ("soft_foot=FL:0.05", "soft_foot", 4.0)],
+)
+def test_soft_ground_is_replayed_by_one_into_which_feet_sink(
+    tmp_path: Path, hide: str, cause: str, size: float
+) -> None:
+    """The robot begins as deep in the ground as it stands there, and its legs, or one, then bear it as they did."""
+    cfg = LogCfg(robot="mr_go", motions=(("walk", 4.0),), policy=DEFAULT_POLICY, seed=1, hide=(hide,))
     with contextlib.suppress(OSError):
         record(cfg, tmp_path)
     log = load_log(tmp_path)
     model = replay_model(Path("mr_go"), log)
     (group,) = cut_windows(model, log)
-    (floor,) = [p for p in parameters_of(model, log) if p.cause == "ground_stiffness"]
-    assert floor.of_session and floor.absolute(9.0) == pytest.approx(0.1)
+    own = [p for p in parameters_of(model, log) if p.cause == cause][:1]
+    assert own[0].of_session == (cause == "ground_stiffness")
+    assert own[0].absolute(size) == pytest.approx(1.0 / (1.0 + size))
     wrong = []
-    for size in (0.0, 9.0):
-        changes = Hypotheses.of([floor], np.full((group.count, 1), size), model)
+    for change in (0.0, size):
+        changes = Hypotheses.of(own, np.full((group.count, 1), change), model)
         start = np.zeros((group.count, len(nuisances(model))))
         found = Replay(model, group).run(changes, np.arange(group.count), start)
         wrong.append(np.median(np.abs(found["gyro"] - group.measured["gyro"])))
     assert wrong[1] < 0.8 * wrong[0]
+
+
+def test_a_steady_pull_accelerates_the_robot_in_the_air(tmp_path: Path) -> None:
+    """Without ground under its feet by F/m, along the world's axis."""
+    record(LogCfg(robot="mr_go", motions=(("stand", 4.0),), seed=1, motion_capture=True), tmp_path)
+    log = load_log(tmp_path)
+    model = replay_model(Path("mr_go"), log)
+    (group,) = cut_windows(model, log)
+    high = replace(group, root=group.root + np.eye(13)[2])
+    speeds = []
+    for newton in (0.0, 10.0):
+        pull = np.tile([0.0, newton], (group.count, 1))
+        start = np.zeros((group.count, len(nuisances(model))))
+        found = Replay(model, high).run(Hypotheses({"pull": pull}), np.arange(group.count), start)
+        speeds.append(found["vel"][:, -1])
+    gained = 10.0 / model.model.body_mass.sum() * group.t[0, -1]
+    assert np.median(speeds[1] - speeds[0], axis=0) == pytest.approx([0.0, gained, 0.0], abs=0.1 * gained)
 
 
 def test_a_torque_was_read_before_the_row_s_command_acts(tmp_path: Path) -> None:
