@@ -82,7 +82,7 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     part = groups if log.seconds <= WHOLE else cut_windows(model, log, budget=FIT_SECONDS)
     if sum(group.count for group in part) < LEAST_WINDOWS:
         part = groups
-    theta, confirmed, evidence = fitted(model, part, parameters, progress)
+    theta, confirmed, evidence, rivals = fitted(model, part, parameters, progress)
     if part is not groups:
         evidence = gather(model, groups, parameters, theta, progress)
     progress("causes that stand out")
@@ -109,6 +109,7 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     found, unclear, size, near = clear_ones(found, evidence, parameters, alone)
     doubtful += unclear
     now = posterior(evidence, parameters, [f.direction for f in found])
+    found = [replace(f, alternatives=(*f.alternatives, *rivals.get(f.direction, ()))) for f in found]
     named = [_named(f, found, size, evidence, parameters, now) for f in found]
     causes = tuple(c for c in named if c.name not in OUTSIDE)
     extended = np.zeros(len(parameters))

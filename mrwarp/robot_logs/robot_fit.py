@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from mrwarp.robot_logs.robot_proof import foretelling
 from mrwarp.robot_logs.selection import (
     DRIVE,
     NAMED_ODDS,
+    RIVAL_ODDS,
     Direction,
     bounds_of,
     directions_of,
@@ -48,14 +50,21 @@ SEARCHED, SEARCHES = 1.25, 4
 """Factor between sizes of a cause that are tried by the replay, and how often the range is widened."""
 
 
+NOTHING: Mapping[int, float] = MappingProxyType({})
+
+
 def fitted(
     model: ReplayModel, groups: list[Windows], parameters: list[Parameter], progress: Callable[[str], None]
-) -> tuple[np.ndarray, list[Direction], Evidence]:
-    """The robot around which the log is judged, shape (P,), what had to be released for it, the evidence about it."""
+) -> tuple[np.ndarray, list[Direction], Evidence, dict[Direction, list[Direction]]]:
+    """The robot around which the log is judged, shape (P,), what had to be released for it, the evidence about it.
+
+    And of causes of drives that were released, the others with which the replay was nearly as good.
+    """
     theta = np.zeros(len(parameters))
     released: list[Direction] = []
     described = evidence = gather(model, groups, parameters, theta, progress)
     fits: dict[frozenset[Direction], tuple[np.ndarray, list[Direction]]] = {}
+    rivals: dict[Direction, list[Direction]] = {}
     progress("single causes")
     begin, loudest = _loudest(model, groups, parameters, described)
 
@@ -81,11 +90,13 @@ def fitted(
         low[idle] = high[idle] = 0.0  # a limit acts as soon as it is there
 
         def refit(
-            directions: list[Direction], start: np.ndarray = theta, evidence: Evidence = evidence, low=low, high=high,  # noqa: ANN001
+            directions: list[Direction], sizes: Mapping[int, float] = NOTHING, start: np.ndarray = theta,
+            evidence: Evidence = evidence, low=low, high=high,  # noqa: ANN001
         ) -> tuple[np.ndarray, Evidence, bool]:  # fmt: skip
             if directions:
                 first = np.clip(begin, low, high)
                 first[[k for d in loudest if d not in directions for k in d.members]] = 0.0
+                first[list(sizes)] = list(sizes.values())
                 start, _, _ = fitted_alone(model, groups, parameters, directions, first, low, high, described)
             _, evidence = replayed(evidence, model, groups, parameters, start)
             prior = prior_of(parameters, directions)
@@ -93,7 +104,9 @@ def fitted(
 
         theta, evidence, fresh = refit(released)
         judge = functools.partial(left, evidence=evidence)
-        theta, released, evidence, fresh = _one_drive(theta, released, evidence, fresh, parameters, refit, judge)
+        theta, released, evidence, fresh = _one_drive(
+            theta, released, evidence, fresh, parameters, refit, judge, rivals
+        )
         fits[frozenset(wanted)] = fits[frozenset(released)] = theta, released
         if not fresh:
             evidence = gather(model, groups, parameters, theta, progress)
@@ -102,7 +115,7 @@ def fitted(
         if (best := min(worth, key=lambda key: worth[key])) != id(theta):
             theta, released = others[best]
             evidence = gather(model, groups, parameters, theta, progress)
-    return theta, released, evidence
+    return theta, released, evidence, rivals
 
 
 def fitted_alone(
@@ -197,15 +210,16 @@ def _loudest(
     def heavier(theta: np.ndarray, least: float) -> np.ndarray | None:
         """A weight on the trunk, which no single number is, where it gains more than ``least``."""
         parts = np.stack([vector(d, parameters) for d in payload])
-        prior, best = prior_of(parameters, payload), None
+        prior, members = prior_of(parameters, payload), [k for d in payload for k in d.members]
         score, own = parts @ (b - a @ theta), parts @ (a / described.scale + prior) @ parts.T
         change = np.linalg.solve(own, score / described.scale) @ parts
-        for times in MULTIPLES:
-            new = np.clip(theta + times * change, low, high)
-            gain = here - seen(new) - new @ prior @ new + theta @ usual @ theta
-            if gain > least:
-                best, least = new, gain
-        return best
+
+        def gain(x: np.ndarray) -> float:
+            return here - seen(x) - float(x @ prior @ x) + float(theta @ usual @ theta)
+
+        best = max((np.clip(theta + times * change, low, high) for times in MULTIPLES), key=gain)
+        best = searched(best, members, model, groups, parameters, described, prior, low, high)
+        return best if gain(best) > least else None
 
     here = seen(theta)
     for _ in range(PICKS):
@@ -219,7 +233,9 @@ def _loudest(
                 gain = here - seen(new) - new @ prior @ new + theta @ usual @ theta
                 if gain > best:
                     best, taken = gain, (new, d)
-        if not theta.any() and payload and (weight := heavier(theta, best + 2.0 * NAMED_ODDS)) is not None:
+        # rather than a heavy link: of one at a hip a weight on the trunk is the likelier reason
+        margin = 2.0 * NAMED_ODDS * (-1.0 if taken is not None and taken[1].cause == "link_mass" else 1.0)
+        if not theta.any() and payload and (weight := heavier(theta, best + margin)) is not None:
             return weight, payload
         if taken is None or best < 2.0 * NAMED_ODDS:
             return theta, []
@@ -244,21 +260,31 @@ def _short_of_torque(model: ReplayModel, groups: list[Windows]) -> dict[int, flo
 
 def _one_drive(
     theta: np.ndarray, released: list[Direction], evidence: Evidence, fresh: bool, parameters: list[Parameter],
-    refit: Callable[[list[Direction]], tuple[np.ndarray, Evidence, bool]],
-    left: Callable[[np.ndarray, list[Direction]], float],
+    refit: Callable[[list[Direction], Mapping[int, float]], tuple[np.ndarray, Evidence, bool]],
+    left: Callable[[np.ndarray, list[Direction]], float], rivals: dict[Direction, list[Direction]],
 ) -> tuple[np.ndarray, list[Direction], Evidence, bool]:  # fmt: skip
-    """Of each drive one cause, where the replay is as good with it alone: Kp is much as a stronger motor's."""
+    """Of each drive one cause, where the replay is as good with it alone: Kp is much as a stronger motor's.
+
+    Those with which it is nearly as good are added to ``rivals``.
+    """
     for place in dict.fromkeys(d.where for d in released if d.cause in DRIVE):
         own = [d for d in released if d.cause in DRIVE and d.where == place]
         rest = [d for d in released if d not in own]
-        best, least = (theta, released, evidence, fresh), left(theta, released) - 2.0 * NAMED_ODDS * (len(own) > 1)
+        both = left(theta, released)
+        best, least = (theta, released, evidence, fresh), both - 2.0 * NAMED_ODDS * (len(own) > 1)
+        alone = {own[0]: both} if len(own) == 1 else {}
         for other in directions_of(parameters):
             if other.cause not in DRIVE or other.where != place or len(other.members) != len(own[0].members):
                 continue
             if own == [other]:
                 continue
-            new, seen, near = refit([*rest, other])
-            if (value := left(new, [*rest, other])) < least:
-                best, least = (new, [*rest, other], seen, near), value
+            alike = len(own) == 1 and {own[0].cause, other.cause} == {"kp", "motor_strength"}
+            sizes = dict(zip(other.members, theta[list(own[0].members)], strict=True)) if alike else NOTHING
+            new, seen, near = refit([*rest, other], sizes)
+            alone[other] = left(new, [*rest, other])
+            if alone[other] < least:
+                best, least = (new, [*rest, other], seen, near), alone[other]
         theta, released, evidence, fresh = best
+        for d in (d for d in released if d in alone):
+            rivals[d] = [x for x, value in alone.items() if x != d and value < alone[d] + 2.0 * RIVAL_ODDS]
     return theta, released, evidence, fresh
