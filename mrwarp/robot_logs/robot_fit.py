@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -50,9 +49,6 @@ SEARCHED, SEARCHES = 1.25, 4
 """Factor between sizes of a cause that are tried by the replay, and how often the range is widened."""
 
 
-NOTHING: Mapping[int, float] = MappingProxyType({})
-
-
 def fitted(
     model: ReplayModel, groups: list[Windows], parameters: list[Parameter], progress: Callable[[str], None]
 ) -> tuple[np.ndarray, list[Direction], Evidence, dict[Direction, list[Direction]]]:
@@ -90,13 +86,14 @@ def fitted(
         low[idle] = high[idle] = 0.0  # a limit acts as soon as it is there
 
         def refit(
-            directions: list[Direction], sizes: Mapping[int, float] = NOTHING, start: np.ndarray = theta,
+            directions: list[Direction], sizes: Mapping[int, float] | None = None, start: np.ndarray = theta,
             evidence: Evidence = evidence, low=low, high=high,  # noqa: ANN001
         ) -> tuple[np.ndarray, Evidence, bool]:  # fmt: skip
             if directions:
                 first = np.clip(begin, low, high)
                 first[[k for d in loudest if d not in directions for k in d.members]] = 0.0
-                first[list(sizes)] = list(sizes.values())
+                for k, size in (sizes or {}).items():
+                    first[k] = size
                 start, _, _ = fitted_alone(model, groups, parameters, directions, first, low, high, described)
             _, evidence = replayed(evidence, model, groups, parameters, start)
             prior = prior_of(parameters, directions)
@@ -260,7 +257,7 @@ def _short_of_torque(model: ReplayModel, groups: list[Windows]) -> dict[int, flo
 
 def _one_drive(
     theta: np.ndarray, released: list[Direction], evidence: Evidence, fresh: bool, parameters: list[Parameter],
-    refit: Callable[[list[Direction], Mapping[int, float]], tuple[np.ndarray, Evidence, bool]],
+    refit: Callable[[list[Direction], Mapping[int, float] | None], tuple[np.ndarray, Evidence, bool]],
     left: Callable[[np.ndarray, list[Direction]], float], rivals: dict[Direction, list[Direction]],
 ) -> tuple[np.ndarray, list[Direction], Evidence, bool]:  # fmt: skip
     """Of each drive one cause, where the replay is as good with it alone: Kp is much as a stronger motor's.
@@ -278,8 +275,9 @@ def _one_drive(
                 continue
             if own == [other]:
                 continue
-            alike = len(own) == 1 and {own[0].cause, other.cause} == {"kp", "motor_strength"}
-            sizes = dict(zip(other.members, theta[list(own[0].members)], strict=True)) if alike else NOTHING
+            sizes = None
+            if len(own) == 1 and {own[0].cause, other.cause} == {"kp", "motor_strength"}:
+                sizes = dict(zip(other.members, theta[list(own[0].members)], strict=True))
             new, seen, near = refit([*rest, other], sizes)
             alone[other] = left(new, [*rest, other])
             if alone[other] < least:

@@ -236,6 +236,28 @@ def test_rounds_end_where_two_sets_of_causes_ask_for_each_other(monkeypatch: pyt
     assert released == [first] and theta.tolist() == [1.0, 0.0]
 
 
+@pytest.mark.parametrize(("motor", "named", "rivals"), [(105.0, 0, [1]), (95.0, 1, [0]), (150.0, 0, [])])
+def test_a_motor_s_strength_begins_at_the_size_of_kp_and_is_its_alternative(
+    motor: float, named: int, rivals: list[int]
+) -> None:
+    """The replay leaves 100 with Kp: the one that leaves less is released, one that leaves little more is a rival."""
+    names = ("kp", "motor_strength")
+    parameters = [replace(_parameter(), cause=name) for name in names]
+    kp, strength = (Direction(cause=name, where="a", members=(k,)) for k, name in enumerate(names))
+    evidence, begun, found = _evidence(np.ones((8, 2, 2)), np.zeros((8, 2))), [], {}
+
+    def refit(directions: list[Direction], sizes: dict[int, float]) -> tuple[np.ndarray, Evidence, bool]:
+        begun.append((directions, sizes))
+        return np.array([0.0, -0.2]), evidence, True
+
+    _, released, *_ = robot_fit._one_drive(
+        np.array([-0.2, 0.0]), [kp], evidence, True, parameters, refit, lambda x, _: 100.0 if x[0] else motor, found
+    )
+    assert begun == [([strength], {1: -0.2})]
+    assert released == [(kp, strength)[named]]
+    assert found == {released[0]: [(kp, strength)[k] for k in rivals]}
+
+
 def _parameter() -> Parameter:
     """A number that any size of a fault can have."""
     size = {"step": 1.0, "spread": 1e3, "least": 0.0, "fault": 1e3}
