@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.robot_levels import HealthyLog, healthy_log
+from benchmarks.robot_levels import HealthyLog, healthy_log, same_place
 from mrwarp.diagnose.result import Value
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.robot_logs.robot_diagnosis import diagnose_log
@@ -62,6 +62,11 @@ def places_of(cause: str, places: Places) -> list[str]:
     return list(kinds.get(SIZES[cause][0], [""]))
 
 
+def text_of(cause: str, place: str, numbers: str) -> str:
+    """As ``--hide`` takes it."""
+    return f"{cause}={':'.join(x for x in (place, numbers) if x)}"
+
+
 def hidden_of(family: str, case: int, places: Places, causes: Sequence[str]) -> list[str]:
     """What a case hides: causes in turn, each at its places in turn; a pair takes the next cause but some with it."""
     if family == "healthy":
@@ -74,17 +79,16 @@ def hidden_of(family: str, case: int, places: Places, causes: Sequence[str]) -> 
         cause = causes[(case + k * (1 + case // len(causes))) % len(causes)]
         where = places_of(cause, places)
         place = where[(case // len(causes) * 5 + case % len(causes) + 3 * k) % len(where)]
-        found.append(f"{cause}={':'.join(x for x in (place, SIZES[cause][1]) if x)}")
+        found.append(text_of(cause, place, SIZES[cause][1]))
     return list(dict.fromkeys(found))
 
 
 def enlarged(text: str, log: HealthyLog, places: Places, level: float) -> tuple[str, float | None]:
     """As ``--hide`` takes it, of a size that has a level; and the level that it has, see :class:`HealthyLog`."""
-    cause, _, rest = text.partition("=")
     hidden, found = log.size(parse_all([text], places)[0], level)
-    place = rest.rpartition(":")[0] or (rest if not SIZES[cause][1] else "")
-    numbers = ",".join(f"{x:.4g}" for x in hidden.values) if SIZES[cause][1] else ""
-    return f"{cause}={':'.join(x for x in (place, numbers) if x)}", found
+    place = hidden.where if places_of(hidden.cause, places) != [""] else ""
+    numbers = ",".join(f"{x:.4g}" for x in hidden.values) if SIZES[hidden.cause][1] else ""
+    return text_of(hidden.cause, place, numbers), found
 
 
 def run_case(case: int, log: HealthyLog | None, args: argparse.Namespace) -> dict[str, Any]:
@@ -163,8 +167,9 @@ def _listed(truth: tuple[str, str], unknown: Sequence[str]) -> bool:
 
 def _same(truth: tuple[str, str], named: tuple[str, str]) -> bool:
     """Same cause and place; a body may carry the path of its file, and one IMU or trunk is the robot's."""
-    place = named[1] == truth[1] or named[1].endswith(f"_{truth[1]}")
-    return truth[0] == named[0] and (place or truth[0] in ("imu_tilt", "gyro_bias", "trunk_mass", "trunk_com"))
+    return truth[0] == named[0] and (
+        same_place(truth[1], named[1]) or truth[0] in ("imu_tilt", "gyro_bias", "trunk_mass", "trunk_com")
+    )
 
 
 def table(rows: list[dict[str, Any]]) -> list[str]:

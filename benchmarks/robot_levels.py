@@ -68,21 +68,15 @@ class HealthyLog:
         theta, (low, high) = self.theta.copy(), bounds_of(self.parameters)
         for k, value in change.items():
             theta[k] = low[k] = high[k] = value
-        left = []
-        for x, evidence, most in ((self.theta, self.evidence, bounds_of(self.parameters)), (theta, None, (low, high))):
-            about = evidence or replayed(self.evidence, self.model, self.windows, self.parameters, x)[1]
-            left.append(self._refitted(about, *most))
-        return float(np.sqrt(max(left[1] / left[0] - 1.0, 0.0)))
+        _, about = replayed(self.evidence, self.model, self.windows, self.parameters, theta)
+        least = self._refitted(self.evidence, *bounds_of(self.parameters))
+        return float(np.sqrt(max(self._refitted(about, low, high) / least - 1.0, 0.0)))
 
     def _refitted(self, about: Evidence, low: np.ndarray, high: np.ndarray) -> float:
-        """Weighted squared error that is left within bounds [1]."""
+        """Weighted squared error that is left within bounds [1]; numbers that these hold are no healthy robot's."""
         prior = healthy(self.parameters) * about.scale
-        a, b = about.a.sum(axis=0) + prior, about.b.sum(axis=0)
-        fixed = low == high
-        x = np.where(fixed, low, 0.0)
-        free = np.flatnonzero(~fixed)
-        x[free], _ = within(a[np.ix_(free, free)], b[free] - a[np.ix_(free, fixed)] @ x[fixed], low[free], high[free])
-        own = np.where(fixed, 0.0, x)
+        x, _ = within(about.a.sum(axis=0) + prior, about.b.sum(axis=0), low, high)
+        own = np.where(low == high, 0.0, x)
         return about.at(x) + float(own @ prior @ own)
 
     def size(self, hidden: Hidden, level: float) -> tuple[Hidden, float | None]:
@@ -123,23 +117,20 @@ def _change(hidden: Hidden, parameters: list[Parameter]) -> dict[int, float]:
     cause, where = hidden.cause, hidden.where
     if (cause, where) == ("clock_shift", "commands"):
         cause, where = "command_delay", "robot"
-    own = [(k, p) for k, p in enumerate(parameters) if p.cause == cause and _same(where, p.where)]
+    own = [(k, p) for k, p in enumerate(parameters) if p.cause == cause and same_place(where, p.where)]
     found = {}
     for (k, p), value in zip(own, hidden.values, strict=False):
-        match cause:
-            case "kp" | "kd" | "motor_strength" | "device_strength":
-                found[k] = value - 1.0
-            case "ground_friction" | "torque_limit":
-                found[k] = min(value / p.nominal - 1.0, p.highest)
-            case "ground_stiffness":
-                found[k] = 1.0 / value - 1.0
-            case "coil_dead":
-                found[k] = -1.0
-            case _:
-                found[k] = value
+        if cause in FACTORS:
+            found[k] = value - 1.0
+        elif cause in ("ground_friction", "torque_limit"):
+            found[k] = min(value / p.nominal - 1.0, p.highest)
+        elif cause == "ground_stiffness":
+            found[k] = 1.0 / value - 1.0
+        else:
+            found[k] = -1.0 if cause == "coil_dead" else value
     return found
 
 
-def _same(where: str, other: str) -> bool:
-    """Whether places are one; a body may carry the path of its file."""
+def same_place(where: str, other: str) -> bool:
+    """Whether places are one; the other may be a body that carries the path of its file."""
     return where == other or other.endswith(f"_{where}")

@@ -204,17 +204,17 @@ def _loudest(
 
     payload = payload_of(parameters)
 
-    def heavier(theta: np.ndarray, least: float) -> np.ndarray | None:
-        """A weight on the trunk, which no single number is, where it gains more than ``least``."""
+    def heavier(least: float) -> np.ndarray | None:
+        """The robot with a weight on its trunk, which no single number is, where it gains more than ``least``."""
         parts = np.stack([vector(d, parameters) for d in payload])
         prior, members = prior_of(parameters, payload), [k for d in payload for k in d.members]
-        score, own = parts @ (b - a @ theta), parts @ (a / described.scale + prior) @ parts.T
-        change = np.linalg.solve(own, score / described.scale) @ parts
+        both = parts @ (a / described.scale + prior) @ parts.T
+        change = np.linalg.solve(both, parts @ b / described.scale) @ parts
 
         def gain(x: np.ndarray) -> float:
-            return here - seen(x) - float(x @ prior @ x) + float(theta @ usual @ theta)
+            return here - seen(x) - float(x @ prior @ x)
 
-        best = max((np.clip(theta + times * change, low, high) for times in MULTIPLES), key=gain)
+        best = max((np.clip(times * change, low, high) for times in MULTIPLES), key=gain)
         best = searched(best, members, model, groups, parameters, described, prior, low, high)
         return best if gain(best) > least else None
 
@@ -232,7 +232,7 @@ def _loudest(
                     best, taken = gain, (new, d)
         # rather than a heavy link: of one at a hip a weight on the trunk is the likelier reason
         margin = 2.0 * NAMED_ODDS * (-1.0 if taken is not None and taken[1].cause == "link_mass" else 1.0)
-        if not theta.any() and payload and (weight := heavier(theta, best + margin)) is not None:
+        if not theta.any() and payload and (weight := heavier(best + margin)) is not None:
             return weight, payload
         if taken is None or best < 2.0 * NAMED_ODDS:
             return theta, []

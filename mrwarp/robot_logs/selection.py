@@ -104,7 +104,7 @@ def directions_of(parameters: Sequence[Parameter]) -> list[Direction]:
 def payload_of(parameters: Sequence[Parameter]) -> list[Direction]:
     """What a weight on the trunk changes: its mass, and its centre forwards and sideways; empty for a fixed base.
 
-    A weight that sits at a hip, or nearly there, is heavier a hip by one number as well.
+    Where the weight sits near a hip, one number nearly says the same: a heavier hip.
     """
     own = [d for d in directions_of(parameters) if d.cause in ("trunk_mass", "trunk_com")]
     return [d for d in own if parameters[d.members[0]].name in ("mass", "x", "y")]
