@@ -49,6 +49,10 @@ WORST = 4.0
 count less, the more is left in them than in the median one: small errors of some grow to large ones."""
 
 
+CURRENT = "current"
+"""Channel of the coils' currents."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Slopes:
     """Derivatives of the replays of a group's W windows, all N readings of a window in one row, channel by channel."""
@@ -122,7 +126,8 @@ def gather(
     """Replay all windows at ``theta`` and around it.
 
     Channels and windows are weighed by what is left in them when every number may be a fault: by what a healthy robot
-    would leave, a fault would hide itself behind the low weight of the channel in which it shows.
+    would leave, a fault would hide itself behind the low weight of the channel in which it shows. Currents weigh by
+    what is left when they alone are fitted: no step of the robot changes them, and its mismatch may forbid their cause.
 
     Args:
         model: The robot.
@@ -134,7 +139,8 @@ def gather(
     slopes = [_slopes(model, windows, parameters, theta, log) for windows in groups]
     rows = [_mismatch(Replay(model, w), parameters, np.tile(theta, (w.count, 1)), np.arange(w.count)) for w in groups]
     rows = [np.nan_to_num(x, posinf=0.0, neginf=0.0) for x in rows]
-    sigma = _rms(slopes, rows)
+    alone = _currents_alone(slopes, rows)
+    sigma = _rms(slopes, rows) | alone
     a = b = c = weight = np.zeros(0)
     keep = np.ones(0, dtype=bool)
     prior = np.diag([1.0 / (p.spread**2 + p.fault**2) for p in parameters])
@@ -146,7 +152,7 @@ def gather(
         if round_ == ROUNDS - 1:
             break
         counts = np.split(keep, np.cumsum([w.count for w in groups])[:-1])
-        sigma = _rms(slopes, [_left(*x, sigma, best - theta) for x in zip(slopes, rows, counts, strict=True)])
+        sigma = _rms(slopes, [_left(*x, sigma, best - theta) for x in zip(slopes, rows, counts, strict=True)]) | alone
     run = np.concatenate([w.run for w in groups])
     samples = sum(w.t.size for w in groups)
     weight = weight[keep]
@@ -344,6 +350,27 @@ def _rms(slopes: Sequence[Slopes], rows: Sequence[np.ndarray]) -> dict[str, np.n
         for name, x in own.channels(row):
             found.setdefault(name, []).append((x**2).mean(axis=1))
     return {name: _middle(np.concatenate(x)) for name, x in found.items()}
+
+
+def _currents_alone(slopes: Sequence[Slopes], rows: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
+    """What is left in coil currents, shape (C,), by the numbers with which they alone agree best; empty without them."""
+    if not slopes or CURRENT not in slopes[0].layout:
+        return {}
+    squares = []
+    by_parameter, read = (
+        [dict(own.channels(x))[CURRENT] for own, x in zip(slopes, values, strict=True)]
+        for values in ([own.j for own in slopes], rows)
+    )
+    columns = read[0].shape[-1]
+    best = np.zeros((by_parameter[0].shape[1], columns))
+    for c in range(columns):
+        j = np.concatenate([x[..., c].swapaxes(1, 2).reshape(-1, x.shape[1]) for x in by_parameter])
+        shown = np.flatnonzero(j.any(axis=0))
+        if len(shown):
+            best[shown, c] = np.linalg.lstsq(j[:, shown], np.concatenate([x[..., c].ravel() for x in read]))[0]
+    for x, r in zip(by_parameter, read, strict=True):
+        squares.append(((r - np.einsum("wpsc,pc->wsc", x, best)) ** 2).mean(axis=1))
+    return {CURRENT: _middle(np.concatenate(squares))}
 
 
 def _middle(squares: np.ndarray) -> np.ndarray:
