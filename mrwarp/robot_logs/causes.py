@@ -75,8 +75,8 @@ class Parameter:
 
     @property
     def of_session(self) -> bool:
-        """Whether every session has its own, so that it is fitted beside any cause."""
-        return self.cause == SESSION or self.cause in FLOOR
+        """Whether every session has its own, so that it is fitted beside any cause; when commands act is one of them."""
+        return self.cause in (SESSION, "command_delay", *FLOOR)
 
     def absolute(self, change: float) -> float:
         """Value in ``unit`` that a change makes."""
