@@ -75,7 +75,7 @@ class Parameter:
 
     @property
     def of_session(self) -> bool:
-        """Whether every session has its own, so that it is fitted beside any cause; when commands act is one of them."""
+        """Whether every session has its own, so that it is fitted beside any cause; so has the time commands take."""
         return self.cause in (SESSION, "command_delay", *FLOOR)
 
     def absolute(self, change: float) -> float:
@@ -168,9 +168,10 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
             add("device_strength", joint, "factor", "1", "device", j, 0.1, 0.03, 0.06, 0.3, nominal=1.0, lowest=-0.95)
             # more drag than described is dry friction as any other: see SAME
             add("device_drag", joint, "torque", "N·m", "drag", j, -0.2, 0.05, 0.1, 0.5, highest=0.0)
-    # when in a row a command began to act no log says: up to the next row it is no delay of the robot
+    # when in a row a command began to act no log says: up to the next row it is no delay of the robot. Its step is
+    # short, for coils without lag read what a row commands until its last moment
     row = float(np.median([run.dt for run in log.runs]))
-    add("command_delay", "robot", "delay", "s", "delay", 0, 0.003, 0.0007 + row, 0.0015, 0.02, usual=(0.0, row))
+    add("command_delay", "robot", "delay", "s", "delay", 0, 0.0005, 0.0007 + row, 0.0015, 0.02, usual=(0.0, row))
     add(SESSION, "robot", "latency", "s", "latency", 0, 0.001, 0.0015, np.inf, 0.0, lowest=0.0)
     if model.free and any("quat" in run.base or "gyro" in run.base for run in log.runs):
         add("clock_shift", "imu", "shift", "s", "clock", 1, 0.003, 0.001, 0.002, 0.01)

@@ -353,7 +353,7 @@ def _rms(slopes: Sequence[Slopes], rows: Sequence[np.ndarray]) -> dict[str, np.n
 
 
 def _currents_alone(slopes: Sequence[Slopes], rows: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
-    """What is left in coil currents, shape (C,), by the numbers with which they alone agree best; empty without them."""
+    """What is left in coil currents, shape (C,), by the numbers with which they alone agree best; empty without."""
     if not slopes or CURRENT not in slopes[0].layout:
         return {}
     squares = []

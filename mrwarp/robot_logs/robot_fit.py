@@ -45,8 +45,8 @@ LIMITED = 2
 """Drives whose limit is tried beside them, at the most that they gave: those that gave least of what was asked of them.
 Derivatives see a limit only where it begins to act."""
 
-SEARCHED, SEARCHES = 1.25, 4
-"""Factor between sizes of a cause that are tried by the replay, and how often the range is widened."""
+SEARCHED, SEARCHES, NARROWED = 1.25, 4, 2
+"""Factor between sizes of a cause that are tried by the replay, how often the range is widened, and then narrowed."""
 
 
 def fitted(
@@ -168,9 +168,16 @@ def searched(
         sizes = [best / SEARCHED, best * SEARCHED]
     if not min(seen) < best < max(seen):
         return seen[best][1]
-    near = np.array([max(s for s in seen if s < best), best, min(s for s in seen if s > best)])
-    bend, slope, _ = np.polyfit(near, [seen[s][0] for s in near], 2)
-    return at(float(np.clip(-slope / (2.0 * bend), near[0], near[2])))[1] if bend > 0.0 else seen[best][1]
+    for _ in range(NARROWED):
+        near = np.array([max(s for s in seen if s < best), best, min(s for s in seen if s > best)])
+        bend, slope, _ = np.polyfit(near, [seen[s][0] for s in near], 2)
+        between = at(float(np.clip(-slope / (2.0 * bend), near[0], near[2]))) if bend > 0.0 else seen[best]
+        if between[0] < seen[best][0]:
+            return between[1]
+        # no parabola: beside a step, as where commands that come later are read by other rows
+        seen |= {s: at(s) for s in np.sqrt(near[:2] * near[1:]).tolist()}
+        best = min(seen, key=lambda size: seen[size][0])
+    return seen[best][1]
 
 
 def _loudest(

@@ -149,7 +149,7 @@ class Replay:
         ctrl, loss = self.batch.bind("ctrl"), self.batch.expand("dof_frictionloss")
         force = self.batch.bind("qfrc_actuator")
         pos, vel = np.empty((count, windows.steps + 1, mj.nq)), np.empty((count, windows.steps + 1, mj.nv))
-        torque, flows = np.zeros((count, windows.steps + 1, joints)), np.zeros((count, windows.steps + 1, joints))
+        torque = np.zeros((count, windows.steps + 1, joints))
         stribeck, shift = field("stribeck"), field("shift") - offset
         slow = v[:count][:, m.v_adr].copy()
         faded = np.maximum(lag, 0.0) / (np.maximum(lag, 0.0) + windows.h)  # late by the lag at any step
@@ -168,13 +168,12 @@ class Replay:
                     bound[:, m.devices.joint] += device.bound(
                         coil[:, k], at, speed[:, m.devices.joint], hold, windows.h
                     )
-                    flows[:, k + 1][:, m.devices.joint] = device.coil
                 loss[np.ix_(ids, m.v_adr)] = np.maximum(bound, 0.0)
                 self.batch.step(ids)
                 torque[:, k + 1] = force[:count][:, m.v_adr]  # what a row reads acted before the row's command
-        pos[:, -1], vel[:, -1], torque[:, 0], flows[:, 0] = q[:count], v[:count], torque[:, 1], flows[:, 1]
+        pos[:, -1], vel[:, -1], torque[:, 0] = q[:count], v[:count], torque[:, 1]
         self.steps += count * windows.steps
-        yield from self._read(w, pos, vel, torque, flows, field)
+        yield from self._read(w, pos, vel, torque, field)
 
     def _limits(self, w: np.ndarray, change: np.ndarray) -> np.ndarray:
         """Range of each drive's torque, shape (E, J, 2): a lower limit counts from the most that was asked for."""
@@ -318,7 +317,7 @@ class Replay:
             found[..., 3:7] = turned(pos[..., 3:7], seconds * vel[..., 3:6])
         return found
 
-    def _read(self, w, pos, vel, torque, flows, field) -> Iterator[tuple[str, np.ndarray]]:  # noqa: ANN001
+    def _read(self, w, pos, vel, torque, field) -> Iterator[tuple[str, np.ndarray]]:  # noqa: ANN001
         m, windows = self.model, self.windows
         clock, rows = field("clock", 2), np.arange(len(w))[:, None]
         pos = self._later(pos, vel, -0.5 * windows.h)
@@ -341,7 +340,7 @@ class Replay:
             elif name == "tau":
                 yield name, at_samples(torque)
             elif name == "current":
-                yield name, at_samples(flows)
+                yield name, self._currents(w, field)
             elif name == "gyro":
                 rate = _rotation(field("tilt", 2)).inv()
                 found = at_samples(vel[:, :, 3:6], 1)
@@ -356,6 +355,22 @@ class Replay:
                 yield name, np.roll(leant.as_quat(), 1, axis=-1).reshape(seen.shape)
             elif name in ("pos", "vel"):
                 yield name, at_samples((pos if name == "pos" else vel)[:, :, :3])
+
+    def _currents(self, w: np.ndarray, field: Callable[..., np.ndarray]) -> np.ndarray:
+        """Coil currents at the samples [A], shape (E, S, J): they follow from rows of commands and no physics step."""
+        m, windows, at = self.model, self.windows, self.model.devices.joint
+        if not m.devices:
+            return np.zeros((len(w), windows.t.shape[1], len(m.joints)))
+        alive = np.maximum(1.0 + field("coil")[:, at], 0.0)
+        lag = np.maximum(m.devices.values["coil_time_constant"] + field("coil_lag")[:, at], 0.0)
+        told = np.concatenate([w[:, None], alive, lag, field("delay", 1), field("clock", 2)[:, :1]], axis=1)
+        _, first, again = np.unique(told, axis=0, return_index=True, return_inverse=True)
+        found = np.zeros((len(first), windows.t.shape[1], len(m.joints)))
+        for k, e in enumerate(first):
+            rows, begins, late = windows.coil_rows[w[e]][:, at], windows.coil_t[w[e]], field("delay", 1)[e, 0]
+            t = windows.t[w[e]] - field("clock", 2)[e, 0]
+            found[k][:, at] = _coil_current(alive[e] * rows, begins + late, windows.start_coil[w[e]][at], t, lag[e])
+        return found[again.ravel()]
 
 
 class _Devices:
@@ -392,6 +407,20 @@ class _Devices:
         ratio = (amps / p["K"]) ** p["n"]
         held = np.where(hold, self.strength * p["T_max"] * ratio / (1.0 + ratio), 0.0)
         return np.maximum(sliding, held) + self.drag
+
+
+def _coil_current(
+    asked: np.ndarray, begins: np.ndarray, start: np.ndarray, t: np.ndarray, lag: np.ndarray
+) -> np.ndarray:
+    """Current of M coils [A] at times ``t``, (S, M), that are ``start`` at 0 and follow commands with time constants.
+
+    Commands (R, M) are each held until the next begins, the first since ever; times (R,) and (S,) [s], ``start`` and
+    ``lag`` (M,).
+    """
+    tau, limits = np.maximum(lag, 1e-6), (np.append(-np.inf, begins[1:]), np.append(begins[1:], np.inf))
+    since = [t[:, None] - np.clip(x, 0.0, np.maximum(t, 0.0)[:, None]) for x in limits]  # (S, R)
+    share = np.exp(-since[1][:, :, None] / tau) - np.exp(-since[0][:, :, None] / tau)
+    return np.einsum("srm,rm->sm", share, asked) + np.exp(-t[:, None] / tau) * start
 
 
 def _delayed(x: np.ndarray, steps: np.ndarray, before: int, count: int) -> np.ndarray:

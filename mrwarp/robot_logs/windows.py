@@ -54,6 +54,10 @@ class Windows:
     """M: steps of commands before and after the window, for delays and late stamps."""
     coil: np.ndarray
     """Coil current that was commanded [A], at the steps of ``feed``, shape (W, K + 2*M, J); 0 where none was logged."""
+    coil_rows: np.ndarray
+    """Coil current that rows of the log command [A], from before the window to after it, shape (W, R, J)."""
+    coil_t: np.ndarray
+    """Time of these rows since the window's start [s], shape (W, R)."""
     start_coil: np.ndarray
     """Coil current at the start [A], shape (W, J)."""
     kp: np.ndarray
@@ -81,11 +85,15 @@ class Windows:
     def coarse(self, times: int) -> Windows:
         """The same with steps ``times`` as long."""
         skip = self.before % times  # the window's start stays on the grid
-        grid = slice(skip, None, times)
+        ends = skip + np.arange(0, self.kp.shape[1] - skip, times)
+
+        def mean(x: np.ndarray, axis: int) -> np.ndarray:
+            counts = np.diff(np.append(ends, x.shape[axis]))
+            return np.add.reduceat(x, ends, axis=axis) / counts.reshape(-1, 1)
+
         return replace(
             self, h=self.h * times, steps=-(-self.steps // times), before=self.before // times,
-            feed=np.ascontiguousarray(self.feed[:, :, grid]), coil=self.coil[:, grid], kp=self.kp[:, grid],
-            past=self.past[:, grid],
+            feed=mean(self.feed, 2), coil=mean(self.coil, 1), kp=mean(self.kp, 1), past=self.past[:, skip::times],
         )  # fmt: skip
 
     @cached_property
@@ -136,8 +144,13 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
     steps, before = int(np.ceil(span / h)) + 1, int(np.ceil(longest_delay / h)) + 1
     rows: dict[str, list] = {
         name: []
-        for name in ("run", "start", "t", "feed", "coil", "start_coil", "kp", "kd", "q", "qd", "root", "past", "loaded")
-    }
+        for name in (
+            "run", "start", "t", "feed", "coil", "coil_rows", "coil_t", "start_coil", "kp", "kd", "q", "qd", "root",
+            "past", "loaded",
+        )
+    }  # fmt: skip
+    beyond = int(np.ceil(longest_delay / dt)) + 1
+    around = np.arange(-beyond, count + beyond)
     channels: dict[str, list] = {}
     for index, run, starts in members:
         feed, kp, kd = _commands(log, run)
@@ -150,13 +163,15 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
             t = run.t[s : s + count] - run.t[s]
             grid = run.t[s] + h * np.arange(-before, steps + before)
             # a row's command was computed after the row was read: it acts between this row and the next
-            held = np.clip(np.searchsorted(run.t, grid + 1e-9, side="right") - 1, 0, run.samples - 1)
             rows["run"].append(index)
             rows["start"].append(s)
             rows["t"].append(t)
-            rows["feed"].append(feed[:, held])
-            rows["kp"].append(kp[held])
-            rows["coil"].append(coil[held])
+            rows["feed"].append(np.stack([_held(x, run.t, grid, h) for x in feed]))
+            rows["kp"].append(_held(kp, run.t, grid, h))
+            rows["coil"].append(_held(coil, run.t, grid, h))
+            near = np.clip(s + around, 0, run.samples - 1)
+            rows["coil_rows"].append(coil[near])
+            rows["coil_t"].append(run.t[near] - run.t[s])
             rows["start_coil"].append(flowing[s])
             rows["kd"].append(kd[s : s + count].mean(axis=0))
             rows["q"].append(run.joint["q"][s])
@@ -170,6 +185,17 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
     arrays["feed"] = np.ascontiguousarray(np.moveaxis(arrays["feed"], 1, 0))
     measured = {name: np.array(values) for name, values in channels.items() if len(values) == len(rows["start"])}
     return Windows(h=h, steps=steps, before=before, measured=measured, **arrays)
+
+
+def _held(x: np.ndarray, t: np.ndarray, grid: np.ndarray, h: float) -> np.ndarray:
+    """Mean of rows (N, J) at times ``t``, each held until the next, over the steps of ``h`` that begin at ``grid``."""
+    sums = np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(np.diff(t)[:, None] * x[:-1], axis=0)])
+
+    def sum_until(times: np.ndarray) -> np.ndarray:
+        row = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 1)
+        return sums[row] + (times - t[row])[:, None] * x[row]
+
+    return (sum_until(grid + h) - sum_until(grid)) / h
 
 
 def _commands(log: RobotLog, run: LogRun) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
