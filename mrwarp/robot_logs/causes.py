@@ -35,6 +35,10 @@ the floor makes all of them, and a force that pulls the trunk sideways all the t
 SAME = {"coulomb_friction": "device_drag"}
 """Causes that no log tells from another at the same place: the other is named, and they are its alternative."""
 
+OWN_DELAY = 0.0005
+"""Time after its row at which a command acts on any robot, half a cycle of a bus at 1 kHz, give or take as much [s]: it
+is simulated, but is no part of a fault's size."""
+
 UNKNOWN_LATENCY = 0.002
 """Time from a drive's reading to its torque that no log tells from a rotor's inertia, Kd times as large [s]."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import stats
 
 from mrwarp.diagnose.result import Error, Suspect, Value, Verdict
-from mrwarp.robot_logs.causes import OUTSIDE, Parameter, parameters_of
+from mrwarp.robot_logs.causes import OUTSIDE, OWN_DELAY, Parameter, parameters_of
 from mrwarp.robot_logs.evidence import Evidence, gather, losses
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_fit import fitted, fitted_alone, searched
@@ -198,6 +198,8 @@ def _named(
     first = parameters[f.direction.members[0]]
     others = [x.direction for x in found if x is not f]
     mean, half = float(size.size[f.direction.members[0]]), size.half_width(f.direction, now, parameters)
+    if first.field == "delay":
+        mean, half = mean - OWN_DELAY, half + OWN_DELAY
     low, high = sorted(first.absolute(mean + s * half) for s in (-1.0, 1.0))
     values[first.name] = Value(value=first.absolute(mean), ci95=(low, high), unit=first.unit)
     early = first.field == "delay" and mean < 0.0  # none acts before it was given: the commands' stamps are late

@@ -166,9 +166,9 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
             rows["run"].append(index)
             rows["start"].append(s)
             rows["t"].append(t)
-            rows["feed"].append(np.stack([_held(x, run.t, grid, h) for x in feed]))
-            rows["kp"].append(_held(kp, run.t, grid, h))
-            rows["coil"].append(_held(coil, run.t, grid, h))
+            rows["feed"].append(np.stack([held_rows(x, run.t, grid, h) for x in feed]))
+            rows["kp"].append(held_rows(kp, run.t, grid, h))
+            rows["coil"].append(held_rows(coil, run.t, grid, h))
             near = np.clip(s + around, 0, run.samples - 1)
             rows["coil_rows"].append(coil[near])
             rows["coil_t"].append(run.t[near] - run.t[s])
@@ -187,7 +187,7 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
     return Windows(h=h, steps=steps, before=before, measured=measured, **arrays)
 
 
-def _held(x: np.ndarray, t: np.ndarray, grid: np.ndarray, h: float) -> np.ndarray:
+def held_rows(x: np.ndarray, t: np.ndarray, grid: np.ndarray, h: float) -> np.ndarray:
     """Mean of rows (N, J) at times ``t``, each held until the next, over the steps of ``h`` that begin at ``grid``."""
     sums = np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(np.diff(t)[:, None] * x[:-1], axis=0)])
 

@@ -4,6 +4,7 @@ import contextlib
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -15,15 +16,16 @@ from mrwarp.cli import main
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.robot_logs import robot_diagnosis, robot_fit, robot_proof
 from mrwarp.robot_logs.causes import Parameter, parameters_of
-from mrwarp.robot_logs.evidence import Evidence, gather, replayed
+from mrwarp.robot_logs.evidence import Evidence, Slopes, _currents_alone, gather, replayed
 from mrwarp.robot_logs.replay_model import replay_model
 from mrwarp.robot_logs.robot_diagnosis import diagnose_log
+from mrwarp.robot_logs.robot_fit import searched
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
 from mrwarp.robot_logs.selection import PARTS, Direction, Found, half_width, posterior, select, sizes
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
-from mrwarp.robot_logs.window_replay import Hypotheses, Replay, nuisances
-from mrwarp.robot_logs.windows import cut_windows
+from mrwarp.robot_logs.window_replay import Hypotheses, Replay, _coil_current, nuisances
+from mrwarp.robot_logs.windows import cut_windows, held_rows
 from tests.robot_logs.arm_log import arm_log
 
 
@@ -405,6 +407,48 @@ def test_a_torque_was_read_before_the_row_s_command_acts(tmp_path: Path) -> None
         q_des = run.joint["q_des"][rows - 1]
         asked = kp * (q_des - found["q"][w, 1:]) - kd * found["qd"][w, 1:]
         assert np.abs(found["tau"][w, 1:] - asked).max() < 0.2
+
+
+def test_a_coil_answers_rows_between_steps_and_samples() -> None:
+    """A lag of 30 ms, rows of 5 ms that act 7.3 ms late: as steps of 10 us have it; without lag, the row that holds."""
+    t, asked = np.arange(20) * 0.005 - 0.02, np.random.default_rng(3).uniform(0.0, 1.5, (20, 2))
+    at, late, lag = np.array([0.0, 0.0041, 0.02, 0.0487]), 0.0073, 0.03
+    found = _coil_current(asked, t + late, np.array([0.4, 0.4]), at, np.array([lag, 0.0]))
+    fine, current, step = [], 0.4, 1e-5
+    for k in range(round(0.05 / step)):
+        fine.append(current)
+        row = max(np.searchsorted(t + late, k * step, side="right") - 1, 0)
+        current += (1.0 - np.exp(-step / lag)) * (asked[row, 0] - current)
+    assert found[:, 0] == pytest.approx(np.array(fine)[np.round(at / step).astype(int)], abs=1e-3)
+    held = [0.4, *(asked[np.searchsorted(t + late, x, side="right") - 1, 1] for x in at[1:])]
+    assert found[:, 1] == pytest.approx(held)
+
+
+def test_commands_of_a_step_are_their_mean_over_it() -> None:
+    """Rows at uneven times are held until the next: a step gets of each as much as it holds in it."""
+    t, x = np.array([0.0, 0.0051, 0.0099, 0.015]), np.array([[1.0], [2.0], [4.0], [8.0]])
+    found = held_rows(x, t, np.array([-0.005, 0.0, 0.005, 0.01, 0.015]), 0.005)[:, 0]
+    assert found == pytest.approx([1.0, 1.0, (0.1 * 1.0 + 4.8 * 2.0 + 0.1 * 4.0) / 5.0, 4.0, 8.0])
+
+
+def test_a_fault_of_a_coil_cannot_hide_behind_the_robot() -> None:
+    """Its current says all of it: the channel weighs by what is left beside the share that currents alone ask for."""
+    rng = np.random.default_rng(4)
+    asked = rng.uniform(0.0, 1.5, (30, 60, 1))
+    share = np.stack([-asked, np.zeros_like(asked)], axis=1).reshape(30, 2, 60)  # and a number no current shows
+    read = (-asked + 0.004 * rng.standard_normal(asked.shape)).reshape(30, 60)
+    slopes = Slopes(layout={"current": (60, 1)}, j=share.astype(np.float32), z=np.zeros((30, 1, 60), np.float32))
+    assert _currents_alone([slopes], [read])["current"] == pytest.approx([0.004], rel=0.1)
+
+
+def test_a_search_ends_beside_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A parabola through a step lies far off: the least is found by halving, and never left for a worse one."""
+    monkeypatch.setattr(robot_fit, "replayed", lambda e, m, g, p, x: (abs(x[0] - 0.9) + 1e5 * (x[0] > 0.95), None))
+    found = searched(
+        np.array([0.8]), [0], None, [], [_parameter()], SimpleNamespace(scale=1.0), np.zeros((1, 1)), np.array([0.0]),
+        np.array([2.0]),
+    )  # fmt: skip
+    assert found[0] == pytest.approx(0.9, abs=0.03)
 
 
 @pytest.mark.slow
