@@ -58,11 +58,13 @@ def fitted(
     """
     theta = np.zeros(len(parameters))
     released: list[Direction] = []
+    # what every session has is fitted first: on another floor, what a fault changes is not what derivatives say
+    theta, _, _ = fitted_alone(model, groups, parameters, [], np.zeros(len(parameters)), *bounds_of(parameters))
     described = evidence = gather(model, groups, parameters, theta, progress)
     fits: dict[frozenset[Direction], tuple[np.ndarray, list[Direction]]] = {}
     rivals: dict[Direction, list[Direction]] = {}
     progress("single causes")
-    begin, loudest = _loudest(model, groups, parameters, described)
+    begin, loudest = _loudest(model, groups, parameters, described, theta)
 
     def left(theta: np.ndarray, directions: list[Direction], evidence: Evidence) -> float:
         seen, _ = replayed(evidence, model, groups, parameters, theta)
@@ -181,17 +183,18 @@ def searched(
 
 
 def _loudest(
-    model: ReplayModel, groups: list[Windows], parameters: list[Parameter], described: Evidence
+    model: ReplayModel, groups: list[Windows], parameters: list[Parameter], described: Evidence, theta: np.ndarray
 ) -> tuple[np.ndarray, list[Direction]]:
     """A robot where a fit can begin, (P,), and the fault in it, if any: of single changes that which replays like best.
 
-    Derivatives about the described robot end where a foot lifts: in sum, many small changes then promise more than the
-    true large one, and the replay keeps none of it. So single changes are tried by the replay at several sizes, the
-    best is kept, and those beside it are tried, until one is more than a healthy robot can have.
+    Derivatives about the described robot in this session, ``theta``, end where a foot lifts: in sum, many small changes
+    then promise more than the true large one, and the replay keeps none of it. So single changes are tried by the
+    replay at several sizes, the best is kept, and those beside it are tried, until one is more than a healthy robot
+    can have.
     """
-    theta, (low, high) = np.zeros(len(parameters)), bounds_of(parameters)
+    low, high = bounds_of(parameters)
     usual = healthy(parameters)
-    a, b = described.a.sum(axis=0), described.b.sum(axis=0)
+    a = described.a.sum(axis=0)
     directions = [d for d in directions_of(parameters) if d.cause != SESSION]
     changes = np.stack([vector(d, parameters) for d in directions])
     information = np.maximum(np.einsum("dp,pq,dq->d", changes, a, changes), 1e-12)
@@ -216,18 +219,19 @@ def _loudest(
         parts = np.stack([vector(d, parameters) for d in payload])
         prior, members = prior_of(parameters, payload), [k for d in payload for k in d.members]
         both = parts @ (a / described.scale + prior) @ parts.T
-        change = np.linalg.solve(both, parts @ b / described.scale) @ parts
+        change = np.linalg.solve(both, parts @ pull / described.scale) @ parts
 
         def gain(x: np.ndarray) -> float:
-            return here - seen(x) - float(x @ prior @ x)
+            return here - seen(x) - float(x @ prior @ x) + float(theta @ usual @ theta)
 
-        best = max((np.clip(times * change, low, high) for times in MULTIPLES), key=gain)
+        best = max((np.clip(theta + times * change, low, high) for times in MULTIPLES), key=gain)
         best = searched(best, members, model, groups, parameters, described, prior, low, high)
         return best if gain(best) > least else None
 
     here = seen(theta)
-    for _ in range(PICKS):
-        score = changes @ (b - a @ theta)
+    for pick in range(PICKS):
+        pull = replayed(described, model, groups, parameters, theta)[1].b.sum(axis=0) - a @ theta
+        score = changes @ pull
         best, taken = 0.0, None
         loud = np.argsort(-(score**2) / information)[:LOUD].tolist()
         for k in dict.fromkeys([*loud, *own]):
@@ -239,7 +243,7 @@ def _loudest(
                     best, taken = gain, (new, d)
         # rather than a heavy link: of one at a hip a weight on the trunk is the likelier reason
         margin = 2.0 * NAMED_ODDS * (-1.0 if taken is not None and taken[1].cause == "link_mass" else 1.0)
-        if not theta.any() and payload and (weight := heavier(best + margin)) is not None:
+        if not pick and payload and (weight := heavier(best + margin)) is not None:
             return weight, payload
         if taken is None or best < 2.0 * NAMED_ODDS:
             return theta, []
