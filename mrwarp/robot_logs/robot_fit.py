@@ -196,7 +196,12 @@ def _loudest(
     usual = healthy(parameters)
     a = described.a.sum(axis=0)
     directions = [d for d in directions_of(parameters) if d.cause != SESSION]
-    changes = np.stack([vector(d, parameters) for d in directions])
+    # a session's numbers, fitted without the change, have taken up what they can of it: they follow
+    session = np.array([p.of_session for p in parameters])
+    plain = np.stack([vector(d, parameters) for d in directions])
+    follow = np.linalg.solve((a / described.scale + usual)[np.ix_(session, session)], a[session] @ plain.T)
+    changes = plain.copy()
+    changes[:, session] -= np.where(plain[:, session].any(axis=1), 0.0, follow / described.scale).T
     information = np.maximum(np.einsum("dp,pq,dq->d", changes, a, changes), 1e-12)
 
     own = {}
@@ -236,8 +241,9 @@ def _loudest(
         loud = np.argsort(-(score**2) / information)[:LOUD].tolist()
         for k in dict.fromkeys([*loud, *own]):
             d, prior = directions[k], prior_of(parameters, [directions[k]])
+            along = plain[k] if k in own else changes[k]
             for size in own.get(k, [times * score[k] / information[k] for times in MULTIPLES]):
-                new = np.clip(theta + size * changes[k], low, high)
+                new = np.clip(theta + size * along, low, high)
                 gain = here - seen(new) - new @ prior @ new + theta @ usual @ theta
                 if gain > best:
                     best, taken = gain, (new, d)
@@ -250,7 +256,7 @@ def _loudest(
         new, d = taken
         # of its best size: what a pick leaves by its size, others would be blamed for
         new = searched(new, list(d.members), model, groups, parameters, described, prior_of(parameters, [d]), low, high)
-        alone = new - theta
+        alone = np.where(session & ~plain[directions.index(d)].astype(bool), 0.0, new - theta)
         theta, here = new, seen(new)
         if d.cause not in ORDINARY and alone @ usual @ alone > 2.0 * NAMED_ODDS:
             return theta, [d]
