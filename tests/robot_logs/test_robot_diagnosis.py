@@ -19,10 +19,10 @@ from mrwarp.robot_logs.causes import Parameter, parameters_of
 from mrwarp.robot_logs.evidence import Evidence, Slopes, _currents_alone, gather, replayed
 from mrwarp.robot_logs.replay_model import replay_model
 from mrwarp.robot_logs.robot_diagnosis import diagnose_log
-from mrwarp.robot_logs.robot_fit import searched
+from mrwarp.robot_logs.robot_fit import _loudest, fitted_alone, searched
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
-from mrwarp.robot_logs.selection import PARTS, Direction, Found, half_width, posterior, select, sizes
+from mrwarp.robot_logs.selection import PARTS, Direction, Found, bounds_of, half_width, posterior, select, sizes
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
 from mrwarp.robot_logs.window_replay import Hypotheses, Replay, _coil_current, nuisances
 from mrwarp.robot_logs.windows import cut_windows, held_rows
@@ -461,6 +461,25 @@ def test_a_dead_coil_is_named_from_twelve_seconds_of_walking(tmp_path: Path) -> 
     assert [(c.name, c.where) for c in d.causes] == [("coil_dead", "RL_calf")]
     assert d.causes[0].parameters["factor"].value < 0.01  # no current at all
     assert d.per_channel["current"]["extended"] < 0.3 * d.per_channel["current"]["baseline"]
+
+
+@pytest.mark.slow
+def test_a_weak_device_is_the_single_change_that_replays_best(tmp_path: Path) -> None:
+    """It is none of those that derivatives about the described floor ask for most: the session is fitted first."""
+    cfg = LogCfg(
+        robot="mr_go", motions=(("walk", 12.0),), hide=("device_strength=FR:0.5",), policy=DEFAULT_POLICY, seed=62001
+    )
+    record(cfg, tmp_path)
+    log = load_log(tmp_path)
+    model = replay_model(Path("mr_go"), log)
+    parameters, groups = parameters_of(model, log), cut_windows(model, log)
+    theta, _, _ = fitted_alone(model, groups, parameters, [], np.zeros(len(parameters)), *bounds_of(parameters))
+    floor = next(k for k, p in enumerate(parameters) if p.cause == "ground_stiffness")
+    assert theta[floor] < -0.2  # the virtual robot's floor is stiffer than the description's
+    evidence = gather(model, groups, parameters, theta, print)
+    begin, (loudest,) = _loudest(model, groups, parameters, evidence, theta)
+    assert (loudest.cause, loudest.where) == ("device_strength", "FR_calf")
+    assert begin[list(loudest.members)] == pytest.approx(-0.5, abs=0.15)
 
 
 def _diagnosed(folder: Path) -> RobotDiagnosis:
