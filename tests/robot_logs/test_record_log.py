@@ -14,6 +14,7 @@ from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.robot_logs.robot_log import load_log
 from mrwarp.robot_logs.virtual.hidden_effects import EFFECTS, Places, parse_all, parse_hidden
+from mrwarp.robot_logs.virtual.log_sensors import Clean, sense
 from mrwarp.robot_logs.virtual.motions import Walk, make_motion
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
 from mrwarp.robot_logs.virtual.true_robot import describe
@@ -175,3 +176,10 @@ def test_a_large_robot_walks_by_its_own_clock() -> None:
     assert motion.frequency == pytest.approx(1.5 / 2**0.5) and motion.speeds == pytest.approx(
         (0.2 * 2**0.5, 0.6 * 2**0.5)
     )
+
+
+def test_commands_whose_stamps_are_two_rows_late_are_those_of_two_rows_before() -> None:
+    """For every row, though times in floating point miss each other by their last digit."""
+    t, asked = np.arange(2400) * 0.005, np.arange(2400.0)[:, None]
+    _, found = sense(Clean(t=t, columns={"q_des": asked}), {"commands": 0.01}, 0.0, np.random.default_rng(0))
+    assert np.array_equal(found["q_des"][2:], asked[:-2])

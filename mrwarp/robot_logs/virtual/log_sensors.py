@@ -81,5 +81,8 @@ def _shifted(t: np.ndarray, x: np.ndarray, late: float, name: str) -> np.ndarray
     if not late:
         return x.copy()
     if group_of(name) == "commands":
-        return x[np.clip(np.searchsorted(t, t - late, side="right") - 1, 0, len(t) - 1)]
+        begun = np.searchsorted(
+            t, t - late + 1e-9, side="right"
+        )  # a shift of whole rows is one of as many for every row
+        return x[np.clip(begun - 1, 0, len(t) - 1)]
     return np.stack([np.interp(t - late, t, column) for column in x.T], axis=1)
