@@ -81,8 +81,6 @@ def _shifted(t: np.ndarray, x: np.ndarray, late: float, name: str) -> np.ndarray
     if not late:
         return x.copy()
     if group_of(name) == "commands":
-        begun = np.searchsorted(
-            t, t - late + 1e-9, side="right"
-        )  # whole rows late are as many in every row
+        begun = np.searchsorted(t, t - late + 1e-9, side="right")  # whole rows late are as many in every row
         return x[np.clip(begun - 1, 0, len(t) - 1)]
     return np.stack([np.interp(t - late, t, column) for column in x.T], axis=1)
