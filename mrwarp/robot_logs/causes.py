@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -69,6 +69,8 @@ class Parameter:
     """Largest change: a limit that was never reached may lie anywhere above."""
     usual: tuple[float, float] = (0.0, 0.0)
     """Range of what is no fault."""
+    every_session: bool = False
+    """Whether it is fitted beside any cause though it may be one."""
     nominal: float = 0.0
     """Value that a change adds to; for ``kp``, ``kd`` and ``strength`` the change is relative to it."""
 
@@ -79,8 +81,8 @@ class Parameter:
 
     @property
     def of_session(self) -> bool:
-        """Whether every session has its own, so that it is fitted beside any cause; so has the time commands take."""
-        return self.cause in (SESSION, "command_delay", *FLOOR)
+        """Whether every session has its own, so that it is fitted beside any cause."""
+        return self.every_session or self.cause in (SESSION, *FLOOR)
 
     def absolute(self, change: float) -> float:
         """Value in ``unit`` that a change makes."""
@@ -176,6 +178,8 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
     # short, for coils without lag read what a row commands until its last moment
     row = float(np.median([run.dt for run in log.runs]))
     add("command_delay", "robot", "delay", "s", "delay", 0, 0.0005, 0.0007 + row, 0.0015, 0.02, usual=(0.0, row))
+    # coils tell it beside any cause; in the air inertias and gains are traded for it
+    found[-1] = replace(found[-1], every_session=model.free)
     add(SESSION, "robot", "latency", "s", "latency", 0, 0.001, 0.0015, np.inf, 0.0, lowest=0.0)
     if model.free and any("quat" in run.base or "gyro" in run.base for run in log.runs):
         add("clock_shift", "imu", "shift", "s", "clock", 1, 0.003, 0.001, 0.002, 0.01)

@@ -58,8 +58,9 @@ def fitted(
     """
     theta = np.zeros(len(parameters))
     released: list[Direction] = []
-    # what every session has is fitted first: on another floor, what a fault changes is not what derivatives say
-    theta, _, _ = fitted_alone(model, groups, parameters, [], np.zeros(len(parameters)), *bounds_of(parameters))
+    theta = np.zeros(len(parameters))
+    if model.free:  # what every session has is first: on another floor, derivatives of a fault are others
+        theta, _, _ = fitted_alone(model, groups, parameters, [], theta, *bounds_of(parameters))
     described = evidence = gather(model, groups, parameters, theta, progress)
     fits: dict[frozenset[Direction], tuple[np.ndarray, list[Direction]]] = {}
     rivals: dict[Direction, list[Direction]] = {}
@@ -197,7 +198,7 @@ def _loudest(
     a = described.a.sum(axis=0)
     directions = [d for d in directions_of(parameters) if d.cause != SESSION]
     # a session's numbers, fitted without the change, have taken up what they can of it: they follow
-    session = np.array([p.of_session for p in parameters])
+    session = np.array([p.of_session and model.free for p in parameters])
     plain = np.stack([vector(d, parameters) for d in directions])
     follow = np.linalg.solve((a / described.scale + usual)[np.ix_(session, session)], a[session] @ plain.T)
     changes = plain.copy()

@@ -233,7 +233,7 @@ def test_rounds_end_where_two_sets_of_causes_ask_for_each_other(monkeypatch: pyt
     }  # fmt: skip
     for name, stub in stubs.items():
         monkeypatch.setattr(robot_fit, name, stub)
-    theta, released, *_ = robot_fit.fitted(None, [], [_parameter(), _parameter()], print)
+    theta, released, *_ = robot_fit.fitted(SimpleNamespace(free=True), [], [_parameter(), _parameter()], print)
     assert fitted == [first, second]
     assert released == [first] and theta.tolist() == [1.0, 0.0]
 
