@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -98,12 +98,14 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
     def add(
         cause: str, where: str, name: str, unit: str, field: Field, index: int, *sizes: float, nominal: float = 0.0,
         lowest: float = -np.inf, highest: float = np.inf, usual: tuple[float, float] = (0.0, 0.0),
+        every_session: bool = False,
     ) -> None:  # fmt: skip
         step, spread, least, fault = (float(x) for x in sizes)
         found.append(
             Parameter(
                 cause=cause, where=where, name=name, unit=unit, field=field, index=index, step=step, spread=spread,
                 least=least, fault=fault, nominal=float(nominal), lowest=lowest, usual=usual, highest=highest,
+                every_session=every_session,
             )
         )  # fmt: skip
 
@@ -177,9 +179,11 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
     # when in a row a command began to act no log says: up to the next row it is no delay of the robot. Its step is
     # short, for coils without lag read what a row commands until its last moment
     row = float(np.median([run.dt for run in log.runs]))
-    add("command_delay", "robot", "delay", "s", "delay", 0, 0.0005, 0.0007 + row, 0.0015, 0.02, usual=(0.0, row))
-    # coils tell it beside any cause; in the air inertias and gains are traded for it
-    found[-1] = replace(found[-1], every_session=model.free)
+    # coils tell it beside any cause; in the air inertias and gains would be traded for it
+    add(
+        "command_delay", "robot", "delay", "s", "delay", 0, 0.0005, 0.0007 + row, 0.0015, 0.02, usual=(0.0, row),
+        every_session=model.free,
+    )  # fmt: skip
     add(SESSION, "robot", "latency", "s", "latency", 0, 0.001, 0.0015, np.inf, 0.0, lowest=0.0)
     if model.free and any("quat" in run.base or "gyro" in run.base for run in log.runs):
         add("clock_shift", "imu", "shift", "s", "clock", 1, 0.003, 0.001, 0.002, 0.01)
