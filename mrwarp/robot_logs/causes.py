@@ -13,7 +13,7 @@ from mrwarp.robot_logs.robot_log import RobotLog
 Field = Literal[
     "friction", "damping", "armature", "stribeck", "lag", "kp", "kd", "strength", "offset", "shift", "delay", "mass",
     "com", "tilt", "bias", "mu", "slope", "give", "limit", "length", "clock", "coil", "coil_lag", "device", "drag",
-    "latency", "foot", "pull",
+    "latency", "foot", "pull", "scale",
 ]  # fmt: skip
 """Array of a hypothesis that a parameter is added to, see :class:`mrwarp.robot_logs.window_replay.Hypotheses`."""
 
@@ -22,7 +22,7 @@ ORDINARY = ("coulomb_friction", "viscous_friction", "rotor_inertia", "command_de
 
 SESSION = "session"
 """What a healthy robot may have, never a cause: where a joint settles in a session, how a fixed base stands, the time
-from a drive's reading to its torque."""
+from a drive's reading to its torque, torques of all drives against masses of all links where the trunk is held."""
 
 FLOOR = ("ground_friction", "ground_stiffness")
 """What the floor and the law of its contacts bring to every session: numbers that no description of a robot has. They
@@ -38,6 +38,10 @@ SAME = {"coulomb_friction": "device_drag"}
 OWN_DELAY = 0.0005
 """Time after its row at which a command acts on any robot, half a cycle of a bus at 1 kHz, give or take as much [s]: it
 is simulated, but is no part of a fault's size."""
+
+TORQUE_SCALE = 0.1
+"""Standard deviation of all drives' torque alike against all masses alike, of a robot that is held: nothing anchors
+either there. A real Go2's legs droop 1.2 times as far as its description says."""
 
 UNKNOWN_LATENCY = 0.002
 """Time from a drive's reading to its torque that no log tells from a rotor's inertia, Kd times as large [s]."""
@@ -181,8 +185,8 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
     row = float(np.median([run.dt for run in log.runs]))
     # coils tell it beside any cause; in the air inertias and gains would be traded for it
     add(
-        "command_delay", "robot", "delay", "s", "delay", 0, 0.0005, 0.0007 + row, 0.0015, 0.02, usual=(0.0, row),
-        every_session=model.free,
+        "command_delay", "robot", "delay", "s", "delay", 0, 0.0005, 0.0007 + row, 0.0015, 0.02,
+        usual=(0.0, row + OWN_DELAY), every_session=model.free,
     )  # fmt: skip
     add(SESSION, "robot", "latency", "s", "latency", 0, 0.001, 0.0015, np.inf, 0.0, lowest=0.0)
     if model.free and any("quat" in run.base or "gyro" in run.base for run in log.runs):
@@ -213,6 +217,7 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
     if not model.free:
         for k, axis in enumerate(("roll", "pitch")):
             add(SESSION, "robot", axis, "rad", "slope", k, 0.01, 0.02, np.inf, 0.0)
+        add(SESSION, "robot", "torque_scale", "1", "scale", 0, 0.05, TORQUE_SCALE, np.inf, 0.0, lowest=-0.9)
     if model.free:
         total = float(mj.body_mass.sum())
         add(

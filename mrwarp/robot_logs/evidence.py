@@ -23,7 +23,7 @@ START_SPREAD = 1.0
 DERIVATIVE_STEP = 0.0051
 """Longest physics step of the replays from which derivatives are taken [s]; mismatches are those of the fine step."""
 
-CENTRAL = ("kp", "kd", "strength", "mass", "armature")
+CENTRAL = ("kp", "kd", "strength", "scale", "mass", "armature")
 """Fields with central derivatives: a factor on all torques and masses changes nothing, but their curvature would."""
 
 CENTRAL_SHARE = 0.1
@@ -107,6 +107,17 @@ class Evidence:
         """Weighted squared mismatch at parameters, as the derivatives have it [1]."""
         a, b = self.a.sum(axis=0), self.b.sum(axis=0)
         return float(self.c.sum() - 2.0 * b @ theta + theta @ a @ theta)
+
+    def sized(self, x: np.ndarray, members: Sequence[int], low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Parameters with ``members`` as many times as large as the derivatives ask for, within bounds; shapes (P,)."""
+        part = np.zeros(len(x))
+        part[members] = x[members]
+        a, pull = self.a.sum(axis=0), self.b.sum(axis=0) @ part
+        rest, new = x - part, x.copy()
+        information = part @ a @ part
+        times = (pull - part @ a @ rest) / information if information > 0.0 else 1.0
+        new[members] = np.clip(times * x[members], low[members], high[members])
+        return new
 
     def of(self, free: Sequence[int]) -> Evidence:
         """The same of some of the parameters, the others as described."""

@@ -87,13 +87,26 @@ class ReplayModel:
                 found.append(i)
         return found
 
+    @property
+    def limbs(self) -> dict[str, str]:
+        """First body of the limb that each joint and each moving body belongs to, by their names."""
+        mj = self.model
+        found = {self.body_name(b): self.body_name(self._hinged_above(b)[-1]) for b in self.moving}
+        own = [self.body_name(int(mj.jnt_bodyid[np.flatnonzero(mj.jnt_dofadr == v)[0]])) for v in self.v_adr]
+        return found | {joint: found[body] for joint, body in zip(self.joints, own, strict=True) if body in found}
+
     def _below_a_joint(self, body: int) -> bool:
+        return bool(self._hinged_above(body))
+
+    def _hinged_above(self, body: int) -> list[int]:
+        """Bodies with a hinge on the way from a body to the world, itself the first."""
+        found = []
         while body:
             first, count = self.model.body_jntadr[body], self.model.body_jntnum[body]
             if any(self.model.jnt_type[first + k] == mujoco.mjtJoint.mjJNT_HINGE for k in range(count)):
-                return True
+                found.append(body)
             body = int(self.model.body_parentid[body])
-        return False
+        return found
 
 
 def replay_model(path: Path, log: RobotLog) -> ReplayModel:

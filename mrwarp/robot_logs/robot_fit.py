@@ -89,10 +89,12 @@ def fitted(
         low[idle] = high[idle] = 0.0  # a limit acts as soon as it is there
 
         def refit(
-            directions: list[Direction], sizes: Mapping[int, float] | None = None, start: np.ndarray = theta,
-            evidence: Evidence = evidence, low=low, high=high,  # noqa: ANN001
+            directions: list[Direction], sizes: Mapping[int, float] | None = None, twin: np.ndarray | None = None,
+            start: np.ndarray = theta, evidence: Evidence = evidence, low=low, high=high,  # noqa: ANN001
         ) -> tuple[np.ndarray, Evidence, bool]:  # fmt: skip
-            if directions:
+            if twin is not None:
+                start = np.clip(twin, low, high)
+            elif directions:
                 first = np.clip(begin, low, high)
                 first[[k for d in loudest if d not in directions for k in d.members]] = 0.0
                 for k, size in (sizes or {}).items():
@@ -142,10 +144,15 @@ def fitted_alone(
         model, groups, own, start, evidence, prior, low[free], high[free], lambda _: None, renew=int(bool(described))
     )
     if described is None:
-        for d in released:
+        for d in uneven(released, model, parameters):
             members = [free.index(k) for k in d.members]
             found[free] = searched(found[free], members, model, groups, own, evidence, prior, low[free], high[free])
     return found, evidence, free
+
+
+def uneven(released: list[Direction], model: ReplayModel, parameters: list[Parameter]) -> list[Direction]:
+    """Those of which derivatives do not say the size to the end: where feet touch all, in the air limits and delays."""
+    return [d for d in released if model.free or parameters[d.members[0]].field in ("limit", "delay")]
 
 
 def searched(
@@ -273,9 +280,28 @@ def _short_of_torque(model: ReplayModel, groups: list[Windows]) -> dict[int, flo
     return {int(j): float(change[j]) for j in np.argsort(change)[:LIMITED] if change[j] < 0.0}
 
 
+def _twin(own: Direction, other: Direction, theta: np.ndarray, parameters: list[Parameter]) -> np.ndarray | None:
+    """Of a robot whose Kp is another at all joints, that whose Kd is, beside another torque scale, and back; (P,).
+
+    No log of a robot that is held tells the two apart but by that scale. None where the session has no scale.
+    """
+    scale = next((k for k, p in enumerate(parameters) if p.field == "scale"), None)
+    if {own.cause, other.cause} != {"kp", "kd"} or own.where != "robot" or scale is None:
+        return None
+    found, members = theta.copy(), list(own.members)
+    times = 1.0 + theta[members].mean()
+    found[members] = (1.0 + theta[members]) / times - 1.0
+    found[list(other.members)] = (1.0 + theta[list(other.members)]) / times - 1.0
+    found[[k for k, p in enumerate(parameters) if p.field == "strength"]] *= times
+    found[scale] = (1.0 + theta[scale]) * times - 1.0
+    return found
+
+
 def _one_drive(
     theta: np.ndarray, released: list[Direction], evidence: Evidence, fresh: bool, parameters: list[Parameter],
-    refit: Callable[[list[Direction], Mapping[int, float] | None], tuple[np.ndarray, Evidence, bool]],
+    refit: Callable[
+        [list[Direction], Mapping[int, float] | None, np.ndarray | None], tuple[np.ndarray, Evidence, bool]
+    ],
     left: Callable[[np.ndarray, list[Direction]], float], rivals: dict[Direction, list[Direction]],
 ) -> tuple[np.ndarray, list[Direction], Evidence, bool]:  # fmt: skip
     """Of each drive one cause, where the replay is as good with it alone: Kp is much as a stronger motor's.
@@ -293,10 +319,12 @@ def _one_drive(
                 continue
             if own == [other]:
                 continue
-            sizes = None
+            sizes = twin = None
             if len(own) == 1 and {own[0].cause, other.cause} == {"kp", "motor_strength"}:
                 sizes = dict(zip(other.members, theta[list(own[0].members)], strict=True))
-            new, seen, near = refit([*rest, other], sizes)
+            elif len(own) == 1:
+                twin = _twin(own[0], other, theta, parameters)
+            new, seen, near = refit([*rest, other], sizes, twin)
             alone[other] = left(new, [*rest, other])
             if alone[other] < least:
                 best, least = (new, [*rest, other], seen, near), alone[other]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from scipy import stats
@@ -69,34 +70,39 @@ def foretelling(found: list[Found], evidence: Evidence, parameters: list[Paramet
 
 
 def by_replay(
-    found: list[Found], model: ReplayModel, groups: list[Windows], evidence: Evidence, parameters: list[Parameter]
-) -> tuple[list[Found], list[Found]]:
+    found: list[Found], model: ReplayModel, groups: list[Windows], evidence: Evidence, parameters: list[Parameter],
+    fitted: np.ndarray,
+) -> tuple[list[Found], list[Found]]:  # fmt: skip
     """Causes without which the replay itself, fitted anew, is worse, and those that only its derivatives ask for.
 
     A step of a leg is far from linear: beside a large fault derivatives blame neighbours for what the replay with
-    them does not show.
+    them does not show. ``fitted``, (P,), is the robot that ``evidence`` is about.
     """
 
     def without(found: list[Found], tried: list[Found]) -> list[np.ndarray]:
         q = prior_of(parameters, [f.direction for f in found])
-        about, left = evidence, []
+        about, base, left = evidence, fitted, []
         for one in (None, *tried):
             low, high = _allowed(parameters, found, one)
             a, b = about.a.sum(axis=0) / about.scale, about.b.sum(axis=0) / about.scale
-            start, _ = within(a + q, b, low, high)
-            _, here = replayed(evidence, model, groups, parameters, start)
+            # where derivatives say, or without the cause alone: the better one, for derivatives may lead far astray
+            starts = within(a + q, b, low, high)[0], np.clip(base, low, high)
+            seen = [replayed(evidence, model, groups, parameters, x) for x in starts]
+            worth = [value / evidence.scale + float(x @ q @ x) for x, (value, _) in zip(starts, seen, strict=True)]
+            begin = int(np.argmin(worth))
             theta, here, _ = fit(
-                model, groups, parameters, start, here, q, low, high, lambda _: None, steps=PROOF_STEPS, renew=0
-            )
+                model, groups, parameters, starts[begin], seen[begin][1], q, low, high, lambda _: None,
+                steps=PROOF_STEPS, renew=0,
+            )  # fmt: skip
             if one is None:
-                about = here
+                about, base = here, theta
             each = np.tile(theta, (len(evidence.c), 1))
             unlikely = evidence.scale * float(theta @ q @ theta) / len(each)
             left.append(evidence.weight * losses(evidence, model, groups, parameters, each)[0] + unlikely)
         broke = ~np.isfinite(left).all(axis=0)
         return [np.where(broke, 0.0, loss - left[0]) for loss in left[1:]]
 
-    return _certain(found, without, evidence, parameters)
+    return _certain(found, without, evidence, parameters, {} if model.free else model.limbs)
 
 
 def clear_ones(
@@ -125,11 +131,13 @@ def _certain(
     without: Callable[[list[Found], list[Found]], list[np.ndarray]],
     evidence: Evidence,
     parameters: list[Parameter],
+    limbs: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[list[Found], list[Found]]:
     """Causes that windows agree on, and the others.
 
     ``without`` gives what every window, (W,), loses among causes without each of some. The least certain is taken out
-    first, and those that were not certain beside it are tried again.
+    first, and those that were not certain beside it are tried again. ``limbs``, by place, do not move each other: of
+    each one goes at a time.
     """
     found, tried, doubtful = list(found), list(found), []
     while tried:
@@ -137,12 +145,17 @@ def _certain(
         for f, gain in zip(tried, without(found, tried), strict=True):
             share = float(gain.sum()) / (evidence.samples * len(f.direction.members))
             certain.append(min(_agreement(gain[_acting(f.direction, evidence, parameters)]), share / LEAST_SHARE))
-        least = int(np.argmin(certain))
-        if certain[least] >= 1.0:
+        least: dict[str, int] = {}
+        for k in (k for k in np.argsort(certain).tolist() if certain[k] < 1.0):
+            least.setdefault(limbs.get(tried[k].direction.where, ""), k)
+        if not least:
             break
-        found.remove(tried[least])
-        doubtful.append(tried[least])
-        tried = [f for k, f in enumerate(tried) if certain[k] < 1.0 and k != least]
+        first, *others = least
+        gone = [least[first], *(least[limb] for limb in others if first and limb)]
+        for f in (tried[k] for k in gone):
+            found.remove(f)
+            doubtful.append(f)
+        tried = [f for k, f in enumerate(tried) if certain[k] < 1.0 and k not in gone]
     return found, doubtful
 
 

@@ -125,7 +125,9 @@ def vector(direction: Direction, parameters: Sequence[Parameter]) -> np.ndarray:
 
 def prior_of(parameters: Sequence[Parameter], released: Sequence[Direction]) -> np.ndarray:
     """Precision of healthy robots, and of faults along ``released``, shape (P, P)."""
-    covariance = np.diag([p.spread**2 for p in parameters])
+    same = {x.cause for x in released if x.where == "robot"}  # as the torque scale of a session
+    known = "motor_strength" in same or {"kp", "kd"} <= same
+    covariance = np.diag([(1e-3 * p.spread if known and p.field == "scale" else p.spread) ** 2 for p in parameters])
     for x in released:
         d = vector(x, parameters)
         covariance = covariance + np.outer(d, d) * _fault(x, parameters) ** 2

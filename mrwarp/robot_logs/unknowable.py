@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mrwarp.diagnose.result import NextExperiment
-from mrwarp.robot_logs.causes import Parameter
+from mrwarp.robot_logs.causes import TORQUE_SCALE, Parameter
 from mrwarp.robot_logs.evidence import Evidence
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
@@ -17,6 +17,9 @@ from mrwarp.robot_logs.selection import Posterior
 
 GROUND = ("trunk_mass", "trunk_com", "ground_friction", "ground_slope", "ground_stiffness", "imu_tilt", "gyro_bias")
 """Causes that speak through feet, ground or a moving trunk."""
+
+ALIKE = f"up to some {200 * TORQUE_SCALE:.0f} % it would have looked like other masses of all links"
+"""Why a robot in the air does not tell the torque of all its drives."""
 
 MOTIONS = {
     "trunk_mass": "stand and squat on level ground, 20 s, with torque or enough droop of the joints to see the weight",
@@ -70,6 +73,8 @@ def cannot_know(
     found = []
     if not model.free:
         found += [f"{cause}: the robot's base was fixed; {MOTIONS[cause]}" for cause in GROUND]
+        if "tau" not in evidence.sigma:
+            found.append(f"motor_strength of robot: {ALIKE}; {MOTIONS['motor_strength']}")
     for cause, places in unseen.items():
         where = "" if not known[cause] or places == ["robot"] else f" of {', '.join(places)}"
         found.append(f"{cause}{where}: no size would have shown in this log; {MOTIONS[cause]}")

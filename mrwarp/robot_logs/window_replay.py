@@ -24,6 +24,7 @@ STRIBECK_SPEED = 0.15
 
 _COLUMNS = {
     "delay": 1, "latency": 1, "com": 3, "tilt": 2, "bias": 3, "mu": 1, "slope": 2, "give": 1, "clock": 2, "pull": 2,
+    "scale": 1,
 }  # fmt: skip
 
 
@@ -104,7 +105,7 @@ class Replay:
 
         ids = np.arange(count)
         more, kd = 1.0 + field("kp"), windows.kd[w] * (1.0 + field("kd"))
-        strength, offset, lag = 1.0 + field("strength"), field("offset"), field("lag")
+        strength, offset, lag = 1.0 + field("strength") + field("scale", 1), field("offset"), field("lag")
         dry = np.maximum(mj.dof_frictionloss[m.v_adr] + field("friction"), 0.0)
         self._set("dof_damping", ids, m.v_adr, np.maximum(mj.dof_damping[m.v_adr] + field("damping"), 0.0))
         # damping at the end of a step instead of along it acts as an inertia of half of it: without it, steps of 5 ms
