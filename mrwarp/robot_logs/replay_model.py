@@ -83,7 +83,7 @@ class ReplayModel:
         """Bodies that the log's joints move."""
         found = []
         for i in range(1, self.model.nbody):
-            if self.model.body_mass[i] > 0.0 and self._below_a_joint(i):
+            if self.model.body_mass[i] > 0.0 and self._hinged_above(i):
                 found.append(i)
         return found
 
@@ -94,9 +94,6 @@ class ReplayModel:
         found = {self.body_name(b): self.body_name(self._hinged_above(b)[-1]) for b in self.moving}
         own = [self.body_name(int(mj.jnt_bodyid[np.flatnonzero(mj.jnt_dofadr == v)[0]])) for v in self.v_adr]
         return found | {joint: found[body] for joint, body in zip(self.joints, own, strict=True) if body in found}
-
-    def _below_a_joint(self, body: int) -> bool:
-        return bool(self._hinged_above(body))
 
     def _hinged_above(self, body: int) -> list[int]:
         """Bodies with a hinge on the way from a body to the world, itself the first."""

@@ -105,7 +105,7 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
         lone[[k for k, p in enumerate(own) if p.of_session and free[k] not in named]] = 0.0
         for d in released:
             at = [free.index(k) for k in d.members]
-            if d in uneven(released, model, parameters):
+            if uneven(d, model, parameters):
                 lone = searched(lone, at, model, groups, own, near, prior, low[free], high[free])
             else:
                 lone = near.sized(lone, at, low[free], high[free])

@@ -58,7 +58,6 @@ def fitted(
     """
     theta = np.zeros(len(parameters))
     released: list[Direction] = []
-    theta = np.zeros(len(parameters))
     if model.free:  # what every session has is first: on another floor, derivatives of a fault are others
         theta, _, _ = fitted_alone(model, groups, parameters, [], theta, *bounds_of(parameters))
     described = evidence = gather(model, groups, parameters, theta, progress)
@@ -144,15 +143,15 @@ def fitted_alone(
         model, groups, own, start, evidence, prior, low[free], high[free], lambda _: None, renew=int(bool(described))
     )
     if described is None:
-        for d in uneven(released, model, parameters):
+        for d in (d for d in released if uneven(d, model, parameters)):
             members = [free.index(k) for k in d.members]
             found[free] = searched(found[free], members, model, groups, own, evidence, prior, low[free], high[free])
     return found, evidence, free
 
 
-def uneven(released: list[Direction], model: ReplayModel, parameters: list[Parameter]) -> list[Direction]:
-    """Those of which derivatives do not say the size to the end: where feet touch all, in the air limits and delays."""
-    return [d for d in released if model.free or parameters[d.members[0]].field in ("limit", "delay")]
+def uneven(d: Direction, model: ReplayModel, parameters: list[Parameter]) -> bool:
+    """Whether derivatives do not say a cause's size to the end: on feet of any, in the air of limits and delays."""
+    return model.free or parameters[d.members[0]].field in ("limit", "delay")
 
 
 def searched(
