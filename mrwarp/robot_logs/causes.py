@@ -43,6 +43,10 @@ TORQUE_SCALE = 0.1
 """Standard deviation of all drives' torque alike against all masses alike, of a robot that is held: nothing anchors
 either there. A real Go2's legs droop 1.2 times as far as its description says."""
 
+LARGEST_SCALE = 1.4
+"""Factor within which it lies, either way: no joint of that Go2 droops more than 1.36 times as far. What is further off
+is a fault of gains or motors."""
+
 UNKNOWN_LATENCY = 0.002
 """Time from a drive's reading to its torque that no log tells from a rotor's inertia, Kd times as large [s]."""
 
@@ -217,7 +221,8 @@ def parameters_of(model: ReplayModel, log: RobotLog) -> list[Parameter]:
     if not model.free:
         for k, axis in enumerate(("roll", "pitch")):
             add(SESSION, "robot", axis, "rad", "slope", k, 0.01, 0.02, np.inf, 0.0)
-        add(SESSION, "robot", "torque_scale", "1", "scale", 0, 0.05, TORQUE_SCALE, np.inf, 0.0, lowest=-0.9)
+        add(SESSION, "robot", "torque_scale", "1", "scale", 0, 0.05, TORQUE_SCALE, np.inf, 0.0,
+            lowest=1.0 / LARGEST_SCALE - 1.0, highest=LARGEST_SCALE - 1.0)  # fmt: skip
     if model.free:
         total = float(mj.body_mass.sum())
         add(

@@ -32,7 +32,7 @@ CENTRAL_SHARE = 0.1
 ROUNDS = 4
 """Times that channels are weighed anew by what is left in them."""
 
-AT_ONCE = 1600
+AT_ONCE = 3200
 """Windows times robots that are replayed before their readings are put by."""
 
 TRUSTED = 0.5
@@ -107,6 +107,10 @@ class Evidence:
         """Weighted squared mismatch at parameters, as the derivatives have it [1]."""
         a, b = self.a.sum(axis=0), self.b.sum(axis=0)
         return float(self.c.sum() - 2.0 * b @ theta + theta @ a @ theta)
+
+    def by_window(self, theta: np.ndarray) -> np.ndarray:
+        """The same of each window, shape (W,)."""
+        return self.c - 2.0 * self.b @ theta + np.einsum("wij,i,j->w", self.a, theta, theta)
 
     def sized(self, x: np.ndarray, members: Sequence[int], low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Parameters with ``members`` as many times as large as the derivatives ask for, within bounds; shapes (P,)."""
@@ -333,24 +337,20 @@ def _slopes(model, windows, parameters, theta, log) -> Slopes:  # noqa: ANN001
     values = theta + np.concatenate([ahead, -ahead[central], zero, np.zeros((len(steps), total))])
     starts = np.zeros((len(values), len(steps)))
     starts[len(values) - len(steps) :] = np.diag(steps)
-    seen, rows = windows.measured, []
-    at_once = max(1, AT_ONCE // count)
+    rows, at_once = [], max(1, AT_ONCE // count)
     for first in range(0, len(values), at_once):
         part = np.arange(first, min(first + at_once, len(values)))
         log(f"replaying {count} windows: {first} of {len(values)} robots")
         changes = Hypotheses.of(parameters, np.repeat(values[part], count, axis=0), model)
-        found = replay.run(changes, np.tile(np.arange(count), len(part)), np.repeat(starts[part], count, axis=0))
-        many = {name: np.tile(x, (len(part), 1, 1)) for name, x in seen.items()}
-        rows.append(_row(mismatch(many, found)).reshape(len(part), count, -1).astype(np.float32))
-    x = np.concatenate(rows)  # mismatches fall by what readings rise
-    behind = np.tile(x[total + len(central)], (total, 1, 1))
-    behind[central] = x[total : total + len(central)]
-    widths = np.diag(ahead) * np.where(np.isin(np.arange(total), central), 2.0, 1.0)
-    j = (behind - x[:total]) / widths[:, None, None].astype(np.float32)
+        rows.append(replay.left(changes, np.tile(np.arange(count), len(part)), np.repeat(starts[part], count, axis=0)))
+    x = np.concatenate(rows).reshape(len(values), count, -1)  # mismatches fall by what readings rise
+    j = (x[total + len(central)] - x[:total]) / np.diag(ahead)[:, None, None].astype(np.float32)
+    j[central] = 0.5 * (x[total : total + len(central)] - x[central]) / np.diag(ahead)[central, None, None]
     z = x[total + len(central)] - x[total + len(central) + 1 :]
     for values in (j, z):
         np.nan_to_num(values, copy=False, posinf=0.0, neginf=0.0)
-    layout = {name: values.shape[1:] for name, values in mismatch(seen, seen).items()}
+    seen = windows.measured
+    layout = {name: x.shape[1:] for name, x in mismatch(seen, seen).items()}
     return Slopes(layout=layout, j=np.ascontiguousarray(j.swapaxes(0, 1)), z=np.ascontiguousarray(z.swapaxes(0, 1)))
 
 

@@ -15,7 +15,7 @@ from mrwarp.diagnose.result import Error, Suspect, Value, Verdict
 from mrwarp.robot_logs.causes import OUTSIDE, OWN_DELAY, TORQUE_SCALE, Parameter, parameters_of
 from mrwarp.robot_logs.evidence import Evidence, gather, losses
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
-from mrwarp.robot_logs.robot_fit import fitted, fitted_alone, searched, uneven
+from mrwarp.robot_logs.robot_fit import fitted, fitted_alone, likelier, searched, uneven
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
 from mrwarp.robot_logs.robot_proof import LEAST_WINDOWS, Sizes, by_replay, clear_ones, foretelling
 from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, sentence_of
@@ -95,10 +95,10 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     found, refuted = by_replay(found, model, groups, evidence, parameters, theta)
     doubtful += refuted
 
-    def alone(found: list[Found]) -> tuple[Sizes, Evidence]:
+    def alone(found: list[Found], start: np.ndarray = theta) -> tuple[Sizes, Evidence]:
         released = [f.direction for f in found]
         named = {k for d in released for k in d.members}
-        begin = np.where([k in named or p.of_session for k, p in enumerate(parameters)], theta, 0.0)
+        begin = np.where([k in named or p.of_session for k, p in enumerate(parameters)], start, 0.0)
         low, high = bounds_of(parameters)
         size, near, free = fitted_alone(model, groups, parameters, released, begin, low, high)
         own, prior, lone = [parameters[k] for k in free], np.zeros((len(free), len(free))), size[free]
@@ -116,6 +116,23 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     progress("sizes")
     found, unclear, size, near = clear_ones(found, evidence, parameters, alone)
     doubtful += unclear
+    told, other = likelier(found, size.size, parameters)
+    if [f.direction for f in told] != [f.direction for f in found]:
+        size, near = alone(told, other)
+    found = told
+    progress("before and after")
+    foreign = [f for f in found if f.direction.cause in OUTSIDE]
+
+    def held_out(found: list[Found], near: Evidence) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
+        before = near if len(foreign) == len(found) else alone(foreign)[1]
+        fits = (([f.direction for f in own], x) for own, x in ((foreign, before), (found, near)))
+        return _held_out(model, groups, evidence, parameters, *fits)
+
+    gain, errors = held_out(found, near)
+    if gain["ci95"][1] < 0.0:  # each was clear, but with them all together the replay is worse
+        doubtful += [f for f in found if f not in foreign]
+        found, (size, near) = foreign, alone(foreign)
+        gain, errors = held_out(found, near)
     now = posterior(evidence, parameters, [f.direction for f in found])
     found = [replace(f, alternatives=(*f.alternatives, *rivals.get(f.direction, ()))) for f in found]
     named = [_named(f, found, size, evidence, parameters, now) for f in found]
@@ -124,13 +141,6 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     for cause in causes:
         for k, change in cause.change.items():
             extended[k] = change
-    progress("before and after")
-    foreign = [f for f in found if f.direction.cause in OUTSIDE]
-    before = near if len(foreign) == len(found) else alone(foreign)[1]
-    gain, errors = _held_out(
-        model, groups, evidence, parameters, ([f.direction for f in foreign], before),
-        ([f.direction for f in found], near),
-    )  # fmt: skip
     beside = posterior(evidence, parameters, [*(f.direction for f in found), *(f.direction for f in doubtful)])
     suspects, both = [], [*found, *doubtful]
     for f in (f for f in doubtful if f.direction.cause not in OUTSIDE):

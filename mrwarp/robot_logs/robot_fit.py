@@ -17,6 +17,7 @@ from mrwarp.robot_logs.selection import (
     NAMED_ODDS,
     RIVAL_ODDS,
     Direction,
+    Found,
     bounds_of,
     directions_of,
     healthy,
@@ -294,6 +295,39 @@ def _twin(own: Direction, other: Direction, theta: np.ndarray, parameters: list[
     found[[k for k, p in enumerate(parameters) if p.field == "strength"]] *= times
     found[scale] = (1.0 + theta[scale]) * times - 1.0
     return found
+
+
+def likelier(
+    found: list[Found], theta: np.ndarray, parameters: list[Parameter]
+) -> tuple[list[Found], np.ndarray]:  # fmt: skip
+    """Causes and sizes, (P,), with that of Kp and Kd of all joints whose torque scale and size are the likelier.
+
+    They are one robot: which of them a fit came nearer to does not tell. The other is its alternative.
+    """
+    found = list(found)
+    for k, f in enumerate(found):
+        for other in (d for d in directions_of(parameters) if d.where == "robot" and d != f.direction):
+            twin = _twin(f.direction, other, theta, parameters)
+            if twin is None:
+                continue
+            less = _unlikely(f.direction, theta, parameters) - _unlikely(other, twin, parameters)
+            if less > -2.0 * RIVAL_ODDS:
+                told, rival = (other, f.direction) if less > 0.0 else (f.direction, other)
+                alternatives = dict.fromkeys([rival, *(d for d in f.alternatives if d != told)])
+                found[k] = replace(f, direction=told, alternatives=tuple(alternatives))
+                theta = twin if less > 0.0 else theta
+                break
+    return found, theta
+
+
+def _unlikely(own: Direction, theta: np.ndarray, parameters: list[Parameter]) -> float:
+    """How unlikely a cause at all joints is beside its torque scale: twice a negative logarithm of the prior."""
+    (scale,) = (p for p in parameters if p.field == "scale")
+    at = theta[parameters.index(scale)]
+    if not scale.lowest <= at <= scale.highest:
+        return np.inf
+    size = float(theta[list(own.members)].mean()) / parameters[own.members[0]].fault
+    return float(size**2 + (at / scale.spread) ** 2)
 
 
 def _one_drive(

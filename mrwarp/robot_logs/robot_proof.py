@@ -20,10 +20,12 @@ from mrwarp.robot_logs.selection import (
     Found,
     Posterior,
     bounds_of,
+    common,
     half_width,
     posterior,
     prior_of,
     vector,
+    wider_than,
 )
 from mrwarp.robot_logs.windows import Windows
 
@@ -80,25 +82,28 @@ def by_replay(
     """
 
     def without(found: list[Found], tried: list[Found]) -> list[np.ndarray]:
-        q = prior_of(parameters, [f.direction for f in found])
-        about, base, left = evidence, fitted, []
+        about, base, least, left = evidence, fitted, -np.inf, []
         for one in (None, *tried):
-            low, high = _allowed(parameters, found, one)
+            q, low, high = _without(parameters, found, one)
             a, b = about.a.sum(axis=0) / about.scale, about.b.sum(axis=0) / about.scale
             # where derivatives say, or without the cause alone: the better one, for derivatives may lead far astray
             starts = within(a + q, b, low, high)[0], np.clip(base, low, high)
             seen = [replayed(evidence, model, groups, parameters, x) for x in starts]
             worth = [value / evidence.scale + float(x @ q @ x) for x, (value, _) in zip(starts, seen, strict=True)]
             begin = int(np.argmin(worth))
-            theta, here, _ = fit(
-                model, groups, parameters, starts[begin], seen[begin][1], q, low, high, lambda _: None,
-                steps=PROOF_STEPS, renew=0,
-            )  # fmt: skip
+            theta, here = starts[begin], seen[begin][1]
+            if not worth[begin] <= least:  # else it is as good without the cause, and a fit would make it better
+                theta, here, _ = fit(
+                    model, groups, parameters, theta, here, q, low, high, lambda _: None, steps=PROOF_STEPS, renew=0
+                )
+            if not np.isfinite(worth[begin]):
+                each = losses(evidence, model, groups, parameters, np.tile(theta, (len(evidence.c), 1)))[0]
+                each = evidence.weight * each
+            else:
+                each = here.by_window(theta)
             if one is None:
-                about, base = here, theta
-            each = np.tile(theta, (len(evidence.c), 1))
-            unlikely = evidence.scale * float(theta @ q @ theta) / len(each)
-            left.append(evidence.weight * losses(evidence, model, groups, parameters, each)[0] + unlikely)
+                about, base, least = here, theta, float(each.sum() / evidence.scale + theta @ q @ theta)
+            left.append(each + evidence.scale * float(theta @ q @ theta) / len(each))
         broke = ~np.isfinite(left).all(axis=0)
         return [np.where(broke, 0.0, loss - left[0]) for loss in left[1:]]
 
@@ -119,7 +124,8 @@ def clear_ones(
         now, clear = posterior(evidence, parameters, [f.direction for f in found]), []
         for d in (f.direction for f in found):
             k = d.members[0]
-            beyond = abs(size.size[k] - np.clip(size.size[k], *parameters[k].usual))
+            own = size.size[k] - common(d, [f.direction for f in found], size.size)
+            beyond = abs(own - np.clip(own, *parameters[k].usual))
             clear.append(float(beyond / size.half_width(d, now, parameters)))
         if not found or min(clear) > 1.0:
             return found, doubtful, size, near
@@ -192,8 +198,7 @@ def _foretold(evidence: Evidence, parameters: list[Parameter], found: list[Found
     With it each window's part of what the parameters are unlikely by: twelve drives that all settle far beside their
     commands foretell a log of a heavier trunk as well as its mass does.
     """
-    q = prior_of(parameters, [f.direction for f in found])
-    low, high = _allowed(parameters, found, without)
+    q, low, high = _without(parameters, found, without)
     loss = np.zeros(len(evidence.c))
     for fold in np.array_split(np.arange(len(loss)), PARTS):
         keep = np.setdiff1d(np.arange(len(loss)), fold)
@@ -207,15 +212,24 @@ def _foretold(evidence: Evidence, parameters: list[Parameter], found: list[Found
     return loss
 
 
-def _allowed(parameters: list[Parameter], found: list[Found], without: Found | None) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds of causes, and of what a healthy robot may be off beside them, shapes (P,)."""
+def _without(
+    parameters: list[Parameter], found: list[Found], one: Found | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A robot without one of its causes: precision of its numbers, (P, P), and bounds, (P,), of what is then allowed.
+
+    What a healthy robot may be off beside causes stays allowed. A joint's gain beside that of all joints is then
+    theirs, and not as described.
+    """
+    alike = one is not None and bool(wider_than(one.direction, [f.direction for f in found]))
+    if alike:
+        found = [f for f in found if f is not one]
     low, high = bounds_of(parameters)
     named = {k for f in found for k in f.direction.members}
     for k, p in enumerate(parameters):
         if k not in named and p.cause not in ORDINARY and not p.of_session:
             most = 2.0 * p.spread if p.field != "limit" else 0.0  # a limit acts as soon as it is there
             low[k], high[k] = max(low[k], -most), min(high[k], most)
-    if without is not None:
-        for k in without.direction.members:
+    if one is not None and not alike:
+        for k in one.direction.members:
             low[k], high[k] = parameters[k].usual
-    return low, high
+    return prior_of(parameters, [f.direction for f in found]), low, high

@@ -115,6 +115,18 @@ def healthy(parameters: Sequence[Parameter]) -> np.ndarray:
     return prior_of(parameters, [])
 
 
+def wider_than(d: Direction, released: Sequence[Direction]) -> list[Direction]:
+    """Causes that a direction's numbers have a part in beside their own: Kp of all joints beside that of one."""
+    return [x for x in released if set(d.members) < set(x.members)]
+
+
+def common(d: Direction, released: Sequence[Direction], x: np.ndarray) -> float:
+    """What a direction's number has in common with those of all joints, where that is a cause, too; else 0."""
+    alone = {k for y in released for k in y.members if len(y.members) == 1}
+    others = [x[k] for wide in wider_than(d, released) for k in wide.members if k not in alone]
+    return float(np.mean(others)) if others else 0.0
+
+
 def vector(direction: Direction, parameters: Sequence[Parameter]) -> np.ndarray:
     """The change that a direction makes, in steps of its members; shape (P,)."""
     found = np.zeros(len(parameters))
@@ -196,7 +208,8 @@ def select(evidence: Evidence, parameters: Sequence[Parameter], confirmed: Seque
     found = _simplest_drive(_forward(evidence, parameters), evidence, parameters, confirmed)
     while found:
         now = posterior(evidence, parameters, [f.direction for f in found])
-        certain = [_recurrence(f.direction, now, parameters) for f in found]
+        released = [f.direction for f in found]
+        certain = [_recurrence(d, now, parameters, common(d, released, now.mean)) for d in released]
         least = int(np.argmin(certain))
         if certain[least] >= RECURRENCE:
             break
@@ -207,7 +220,10 @@ def select(evidence: Evidence, parameters: Sequence[Parameter], confirmed: Seque
 def _simplest_drive(
     found: list[Found], evidence: Evidence, parameters: Sequence[Parameter], confirmed: Sequence[Direction]
 ) -> list[Found]:
-    """One cause of a drive in place of two that say as much: Kp alone is also a stronger motor with a lower Kd."""
+    """One cause of a drive in place of two that say as much: Kp alone is also a stronger motor with a lower Kd.
+
+    Where the replay has told which of a drive's causes it is, that one stands: derivatives trade one for another.
+    """
     for place in dict.fromkeys(f.direction.where for f in found if f.direction.cause in DRIVE):
         pair = [f for f in found if f.direction.cause in DRIVE and f.direction.where == place]
         size = len(pair[0].direction.members)
@@ -217,16 +233,19 @@ def _simplest_drive(
             d for d in directions_of(parameters)
             if d.cause in DRIVE and d.where == place and len(d.members) == size
         ]  # fmt: skip
-        if len(pair) < 2 or not alone:
+        sure = [d for d in alone if d in confirmed]
+        if not alone or (len(pair) == 1 and (len(sure) != 1 or pair[0].direction in sure)):
             continue
-        both = _evidence([*others, *(f.direction for f in pair)], evidence, parameters)
-        each = [_evidence([*others, d], evidence, parameters) for d in alone]
-        best = int(np.argmax(each))
-        sure = [k for k, d in enumerate(alone) if d in confirmed]
-        best = sure[0] if len(sure) == 1 else best
-        if len(sure) == 1 or each[best] > both - NAMED_ODDS:  # the second one does not earn what a cause has to
-            now = scores(posterior(evidence, parameters, others), [alone[best]], parameters)
-            found = [*rest, Found(direction=alone[best], z=float(now.z[0]), alternatives=())]
+        if len(sure) == 1:
+            best = sure[0]
+        else:
+            both = _evidence([*others, *(f.direction for f in pair)], evidence, parameters)
+            each = [_evidence([*others, d], evidence, parameters) for d in alone]
+            best = alone[int(np.argmax(each))]
+            if max(each) <= both - NAMED_ODDS:  # the second one earns what a cause has to
+                continue
+        now = scores(posterior(evidence, parameters, others), [best], parameters)
+        found = [*rest, Found(direction=best, z=float(now.z[0]), alternatives=())]
     return sorted(found, key=lambda f: f.direction.cause in ORDINARY)
 
 
@@ -278,13 +297,17 @@ def half_width(
     return float(max(wider * stats.norm.ppf(0.975) * sd, wider * over_parts, abs(mean - size), abs(lone - size)))
 
 
-def _recurrence(d: Direction, now: Posterior, parameters: Sequence[Parameter]) -> float:
-    """Size of a cause in standard deviations that count windows as the units; 0 where it may be too small to count."""
+def _recurrence(d: Direction, now: Posterior, parameters: Sequence[Parameter], others: float) -> float:
+    """Size of a cause in standard deviations that count windows as the units; 0 where it may be too small to count.
+
+    ``others`` is what all joints have in common, see :func:`common`.
+    """
     k = d.members[0]
     p, mean, sd = parameters[k], now.mean[k], np.sqrt(max(now.covariance[k, k], now.robust[k]))
     if len(d.members) == 1:
         mean, sd = estimate(k, now, parameters)
-    size = abs(mean - float(np.clip(mean, *p.usual)))
+    own = mean - others
+    size = abs(own - float(np.clip(own, *p.usual)))
     return float(size / sd) if size - 1.96 * sd >= p.least else 0.0
 
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import copy
+import os
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 import mujoco
+import mujoco.batch
 import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
@@ -16,11 +20,13 @@ from mrwarp.robot_logs.causes import Parameter
 from mrwarp.robot_logs.replay_model import ReplayModel, Stance
 from mrwarp.robot_logs.windows import Windows, turn_between, turned
 
-CHUNK = 192
-"""Environments that run at once."""
+CHUNK, WORKERS = 400, 2
+"""Environments that run at once in one thread, and threads."""
 
 STRIBECK_SPEED = 0.15
 """Speed at which Stribeck's friction has faded [rad/s]."""
+
+T = TypeVar("T")
 
 _COLUMNS = {
     "delay": 1, "latency": 1, "com": 3, "tilt": 2, "bias": 3, "mu": 1, "slope": 2, "give": 1, "clock": 2, "pull": 2,
@@ -62,19 +68,19 @@ def nuisances(model: ReplayModel) -> np.ndarray:
 
 
 class Replay:
-    """Steps windows under hypotheses, many at once."""
+    """Steps windows under hypotheses, many at once.
 
-    def __init__(self, model: ReplayModel, windows: Windows, threads: int = 0) -> None:
-        self.model, self.windows = model, windows
+    Robots are shared out to :data:`WORKERS` threads: while one of them prepares or reads its own in Python, the engine
+    steps another's.
+    """
+
+    def __init__(self, model: ReplayModel, windows: Windows) -> None:
         spec = model.spec.copy()
         spec.option.timestep = windows.h
-        self.mj = spec.compile()
-        self.mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND)
-        self.batch = new_batch(self.mj, CHUNK, threads)
-        self._longer: set[int] = set()
-        self._stance, self._plain, self._moved = Stance(model, copy.copy(self.mj)), {}, {}
-        self.steps = 0
-        """Physics steps so far."""
+        mj = spec.compile()
+        mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND)
+        self.model, self.windows = model, windows
+        self._steppers = [_Stepper(model, windows, copy.copy(mj)) for _ in range(WORKERS)]
 
     def run(self, changes: Hypotheses, window: np.ndarray, start: np.ndarray) -> dict[str, np.ndarray]:
         """Readings that the simulation predicts.
@@ -87,18 +93,56 @@ class Replay:
         Returns:
             By channel, shape (E, S, C).
         """
-        parts: dict[str, list[np.ndarray]] = {}
-        for first in range(0, len(window), CHUNK):
-            rows = slice(first, min(first + CHUNK, len(window)))
-            for name, values in self._chunk(changes, window, start, rows):
-                parts.setdefault(name, []).append(values)
-        return {name: np.concatenate(values) for name, values in parts.items()}
+        parts = self._chunks(changes, window, start, lambda found, _: found)
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
-    def _chunk(
+    def left(self, changes: Hypotheses, window: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """Measured minus predicted, all channels of an environment side by side, shape (E, N); arguments as above."""
+        measured = self.windows.measured
+
+        def row(found: dict[str, np.ndarray], w: np.ndarray) -> np.ndarray:
+            rest = mismatch({name: x[w] for name, x in measured.items()}, found)
+            return np.concatenate([x.reshape(len(w), -1) for x in rest.values()], axis=1, dtype=np.float32)
+
+        return np.concatenate(self._chunks(changes, window, start, row))
+
+    def _chunks(
+        self, changes: Hypotheses, window: np.ndarray, start: np.ndarray,
+        made: Callable[[dict[str, np.ndarray], np.ndarray], T],
+    ) -> list[T]:  # fmt: skip
+        """What is made of the readings and windows of each chunk, in its thread."""
+        size = min(CHUNK, -(-len(window) // WORKERS))
+        chunks = [slice(first, min(first + size, len(window))) for first in range(0, len(window), size)]
+
+        def work(k: int) -> list[T]:
+            readings = ((dict(self._steppers[k].chunk(changes, window, start, x)), x) for x in chunks[k::WORKERS])
+            return [made(found, window[x]) for found, x in readings]
+
+        with ThreadPoolExecutor(WORKERS) as pool:
+            found = list(pool.map(work, range(WORKERS)))
+        return [found[k % WORKERS][k // WORKERS] for k in range(len(chunks))]
+
+
+class _Stepper:
+    """Steps the robots of one thread, :data:`CHUNK` at once."""
+
+    def __init__(self, model: ReplayModel, windows: Windows, mj: mujoco.MjModel) -> None:
+        self.model, self.windows, self.mj = model, windows, mj
+        self.batch = self._batch(1)
+        self._longer: set[int] = set()
+        self._stance, self._plain, self._moved = Stance(model, copy.copy(mj)), {}, {}
+        self._coils: dict[bytes, np.ndarray] = {}
+
+    def _batch(self, robots: int) -> mujoco.batch.Batch:
+        return new_batch(self.mj, robots, max((os.cpu_count() or 1) // WORKERS, 1))
+
+    def chunk(
         self, changes: Hypotheses, window: np.ndarray, start: np.ndarray, rows: slice
     ) -> Iterator[tuple[str, np.ndarray]]:
         w, m, mj, windows = window[rows], self.model, self.mj, self.windows
         count, joints, begin = len(w), len(self.model.joints), self.windows.before
+        if count > self.batch.nsim:
+            self.batch, self._longer = self._batch(count), set()
 
         def field(name: str, columns: int = joints) -> np.ndarray:
             return changes.get(name, columns, rows)
@@ -173,7 +217,6 @@ class Replay:
                 self.batch.step(ids)
                 torque[:, k + 1] = force[:count][:, m.v_adr]  # what a row reads acted before the row's command
         pos[:, -1], vel[:, -1], torque[:, 0] = q[:count], v[:count], torque[:, 1]
-        self.steps += count * windows.steps
         yield from self._read(w, pos, vel, torque, field)
 
     def _limits(self, w: np.ndarray, change: np.ndarray) -> np.ndarray:
@@ -350,10 +393,14 @@ class Replay:
             elif name == "quat":
                 found = at_samples(pos[:, :, 3:7], 1)
                 found = found / np.maximum(np.linalg.norm(found, axis=-1, keepdims=True), 1e-9)
-                seen = turned(found, _flat(field("tilt", 2))[:, None])
-                lean = Rotation.from_rotvec(np.repeat(_flat(field("slope", 2)), found.shape[1], axis=0))
-                leant = lean * _quat(seen.reshape(-1, 4))
-                yield name, np.roll(leant.as_quat(), 1, axis=-1).reshape(seen.shape)
+                tilt, slope = field("tilt", 2), field("slope", 2)
+                if tilt.any():
+                    found = turned(found, _flat(tilt)[:, None])
+                if slope.any():
+                    lean = Rotation.from_rotvec(np.repeat(_flat(slope), found.shape[1], axis=0))
+                    leant = lean * _quat(found.reshape(-1, 4))
+                    found = np.roll(leant.as_quat(), 1, axis=-1).reshape(found.shape)
+                yield name, found
             elif name in ("pos", "vel"):
                 yield name, at_samples((pos if name == "pos" else vel)[:, :, :3])
 
@@ -365,13 +412,16 @@ class Replay:
         alive = np.maximum(1.0 + field("coil")[:, at], 0.0)
         lag = np.maximum(m.devices.values["coil_time_constant"] + field("coil_lag")[:, at], 0.0)
         told = np.concatenate([w[:, None], alive, lag, field("delay", 1), field("clock", 2)[:, :1]], axis=1)
-        _, first, again = np.unique(told, axis=0, return_index=True, return_inverse=True)
-        found = np.zeros((len(first), windows.t.shape[1], len(m.joints)))
-        for k, e in enumerate(first):
-            rows, begins, late = windows.coil_rows[w[e]][:, at], windows.coil_t[w[e]], field("delay", 1)[e, 0]
-            t = windows.t[w[e]] - field("clock", 2)[e, 0]
-            found[k][:, at] = _coil_current(alive[e] * rows, begins + late, windows.start_coil[w[e]][at], t, lag[e])
-        return found[again.ravel()]
+        found = np.zeros((len(w), windows.t.shape[1], len(m.joints)))
+        for e in range(len(w)):
+            if (known := told[e].tobytes()) not in self._coils:
+                rows, begins, late = windows.coil_rows[w[e]][:, at], windows.coil_t[w[e]], field("delay", 1)[e, 0]
+                t = windows.t[w[e]] - field("clock", 2)[e, 0]
+                self._coils[known] = _coil_current(
+                    alive[e] * rows, begins + late, windows.start_coil[w[e]][at], t, lag[e]
+                )
+            found[e][:, at] = self._coils[known]
+        return found
 
 
 class _Devices:
