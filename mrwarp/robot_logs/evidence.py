@@ -244,10 +244,13 @@ def _kept(
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Of each group the windows that count, and their mismatch (W, N) at ``theta``, (W, P); 0 without a reading."""
     first = done = 0
-    for windows in groups:
+    for windows, slopes in zip(groups, evidence.slopes, strict=True):
         own = np.flatnonzero(evidence.keep[first : first + windows.count])
         first += windows.count
-        yield own, _mismatch(Replay(model, windows), parameters, theta[done : done + len(own)], own)
+        left = np.zeros((0, slopes.j.shape[-1]))
+        if len(own):
+            left = _mismatch(Replay(model, windows), parameters, theta[done : done + len(own)], own)
+        yield own, left
         done += len(own)
 
 

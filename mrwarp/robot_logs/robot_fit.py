@@ -297,9 +297,7 @@ def _twin(own: Direction, other: Direction, theta: np.ndarray, parameters: list[
     return found
 
 
-def likelier(
-    found: list[Found], theta: np.ndarray, parameters: list[Parameter]
-) -> tuple[list[Found], np.ndarray]:  # fmt: skip
+def likelier(found: list[Found], theta: np.ndarray, parameters: list[Parameter]) -> tuple[list[Found], np.ndarray]:
     """Causes and sizes, (P,), with that of Kp and Kd of all joints whose torque scale and size are the likelier.
 
     They are one robot: which of them a fit came nearer to does not tell. The other is its alternative.

@@ -199,6 +199,19 @@ def test_the_replay_leaves_what_the_evidence_says_where_a_joint_has_no_current(t
     assert replayed(evidence, model, groups, parameters, np.zeros(1))[0] == pytest.approx(evidence.at(np.zeros(1)))
 
 
+def test_recordings_of_which_no_window_counts_are_not_replayed(tmp_path: Path) -> None:
+    """A hand may have held the robot all along one of them."""
+    log = load_log(arm_log(tmp_path, seconds=4.0))
+    model = replay_model(tmp_path / "arm.xml", log)
+    (windows,), parameters = cut_windows(model, log), parameters_of(model, log)[:1]
+    both = gather(model, [windows, windows], parameters, np.zeros(1), print)
+    count = int(both.keep[: windows.count].sum())
+    kept = {name: getattr(both, name)[:count] for name in ("a", "b", "c", "weight", "run")}
+    first = replace(both, keep=both.keep & (np.arange(len(both.keep)) < windows.count), **kept)
+    left, _ = replayed(first, model, [windows, windows], parameters, np.zeros(1))
+    assert left == pytest.approx(first.at(np.zeros(1)))
+
+
 def test_intervals_cover_where_neighbouring_windows_err_alike() -> None:
     """Eight windows at a time share one error: 95 % intervals hold the truth in 90 to 98 of a hundred logs."""
     p = _parameter()
