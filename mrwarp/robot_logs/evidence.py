@@ -14,7 +14,7 @@ import numpy as np
 
 from mrwarp.robot_logs.causes import Parameter
 from mrwarp.robot_logs.replay_model import ReplayModel
-from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances
+from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances, side_by_side
 from mrwarp.robot_logs.windows import Windows
 
 START_SPREAD = 1.0
@@ -110,7 +110,7 @@ class Evidence:
 
     def by_window(self, theta: np.ndarray) -> np.ndarray:
         """The same of each window, shape (W,)."""
-        return self.c - 2.0 * self.b @ theta + np.einsum("wij,i,j->w", self.a, theta, theta)
+        return left_at(theta, self.a, self.b, self.c)
 
     def sized(self, x: np.ndarray, members: Sequence[int], low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Parameters with ``members`` as many times as large as the derivatives ask for, within bounds; shapes (P,)."""
@@ -129,6 +129,11 @@ class Evidence:
         return replace(
             self, a=self.a[:, k][:, :, k], b=self.b[:, k], slopes=tuple(replace(x, j=x.j[:, k]) for x in self.slopes)
         )
+
+
+def left_at(theta: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Weighted squared mismatch of windows by their quadratic forms, see :class:`Evidence`; shape (W,)."""
+    return c - 2.0 * b @ theta + np.einsum("wij,i,j->w", a, theta, theta)
 
 
 def gather(
@@ -322,12 +327,9 @@ def _mismatch(replay: Replay, parameters: list[Parameter], theta: np.ndarray, ow
     start = np.zeros((len(own), len(nuisances(replay.model))))
     seen = {name: x[own] for name, x in replay.windows.measured.items()}
     left = mismatch(seen, replay.run(Hypotheses.of(parameters, theta, replay.model), own, start))
-    return _row({name: np.where(np.isnan(zero), 0.0, left[name]) for name, zero in mismatch(seen, seen).items()})
-
-
-def _row(x: dict[str, np.ndarray]) -> np.ndarray:
-    """All channels of each window side by side, (E, N)."""
-    return np.concatenate([values.reshape(len(values), -1) for values in x.values()], axis=1)
+    return side_by_side(
+        {name: np.where(np.isnan(zero), 0.0, left[name]) for name, zero in mismatch(seen, seen).items()}
+    )
 
 
 def _slopes(model, windows, parameters, theta, log) -> Slopes:  # noqa: ANN001
@@ -436,7 +438,7 @@ def _weighed(
     for _ in range(ROUNDS):
         own = weight * keep
         best = np.linalg.solve(np.einsum("w,wpq->pq", own, a) + prior, own @ b)
-        left = c - 2.0 * b @ best + np.einsum("wij,i,j->w", a, best, best)
+        left = left_at(best, a, b, c)
         usual = float(np.median(left))
         keep = np.isfinite(left) & (left < WORST**2 * usual)
         weight = np.minimum(usual / np.maximum(left, 1e-12), 1.0)

@@ -122,16 +122,16 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     found = told
     progress("before and after")
     foreign = [f for f in found if f.direction.cause in OUTSIDE]
+    before = (size, near) if len(foreign) == len(found) else alone(foreign)
 
     def held_out(found: list[Found], near: Evidence) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
-        before = near if len(foreign) == len(found) else alone(foreign)[1]
-        fits = (([f.direction for f in own], x) for own, x in ((foreign, before), (found, near)))
+        fits = (([f.direction for f in own], x) for own, x in ((foreign, before[1]), (found, near)))
         return _held_out(model, groups, evidence, parameters, *fits)
 
     gain, errors = held_out(found, near)
     if gain["ci95"][1] < 0.0:  # each was clear, but with them all together the replay is worse
         doubtful += [f for f in found if f not in foreign]
-        found, (size, near) = foreign, alone(foreign)
+        found, (size, near) = foreign, before
         gain, errors = held_out(found, near)
     now = posterior(evidence, parameters, [f.direction for f in found])
     found = [replace(f, alternatives=(*f.alternatives, *rivals.get(f.direction, ()))) for f in found]

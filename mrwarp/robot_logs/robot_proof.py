@@ -11,7 +11,7 @@ import numpy as np
 from scipy import stats
 
 from mrwarp.robot_logs.causes import ORDINARY, Parameter
-from mrwarp.robot_logs.evidence import Evidence, fit, losses, replayed, within
+from mrwarp.robot_logs.evidence import Evidence, fit, left_at, losses, replayed, within
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.selection import (
     LEAST_SHARE,
@@ -204,11 +204,8 @@ def _foretold(evidence: Evidence, parameters: list[Parameter], found: list[Found
         keep = np.setdiff1d(np.arange(len(loss)), fold)
         a, b = evidence.a[keep].sum(axis=0) / evidence.scale, evidence.b[keep].sum(axis=0) / evidence.scale
         theta, _ = within(a + q, b, low, high)
-        loss[fold] = (
-            evidence.c[fold] - 2.0 * evidence.b[fold] @ theta
-            + np.einsum("wij,i,j->w", evidence.a[fold], theta, theta)
-            + evidence.scale * float(theta @ q @ theta) / len(loss)
-        )  # fmt: skip
+        own = left_at(theta, evidence.a[fold], evidence.b[fold], evidence.c[fold])
+        loss[fold] = own + evidence.scale * float(theta @ q @ theta) / len(loss)
     return loss
 
 

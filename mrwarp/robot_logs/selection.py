@@ -207,8 +207,8 @@ def select(evidence: Evidence, parameters: Sequence[Parameter], confirmed: Seque
     """
     found = _simplest_drive(_forward(evidence, parameters), evidence, parameters, confirmed)
     while found:
-        now = posterior(evidence, parameters, [f.direction for f in found])
         released = [f.direction for f in found]
+        now = posterior(evidence, parameters, released)
         certain = [_recurrence(d, now, parameters, common(d, released, now.mean)) for d in released]
         least = int(np.argmin(certain))
         if certain[least] >= RECURRENCE:

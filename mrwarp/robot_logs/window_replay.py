@@ -101,8 +101,7 @@ class Replay:
         measured = self.windows.measured
 
         def row(found: dict[str, np.ndarray], w: np.ndarray) -> np.ndarray:
-            rest = mismatch({name: x[w] for name, x in measured.items()}, found)
-            return np.concatenate([x.reshape(len(w), -1) for x in rest.values()], axis=1, dtype=np.float32)
+            return side_by_side(mismatch({name: x[w] for name, x in measured.items()}, found)).astype(np.float32)
 
         return np.concatenate(self._chunks(changes, window, start, row))
 
@@ -510,3 +509,8 @@ def mismatch(measured: dict[str, np.ndarray], predicted: dict[str, np.ndarray]) 
         name: turn_between(predicted[name], values) if name == "quat" else values - predicted[name]
         for name, values in measured.items()
     }
+
+
+def side_by_side(x: dict[str, np.ndarray]) -> np.ndarray:
+    """All channels of each of E windows in one row, (E, N)."""
+    return np.concatenate([values.reshape(len(values), -1) for values in x.values()], axis=1)
