@@ -1,19 +1,21 @@
 """Hide causes in the virtual robot, diagnose its logs, and count how often cause and place are right.
 
 Each case records a log with ``mrwarp log record``'s virtual robot, whose engine path is another than the replay's, and
-diagnoses it. A case is a line of ``DIR/cases.jsonl``; cases that are there are not run again.
+diagnoses it. Of ``proposed`` the causes are those that a log of ``--motion`` cannot show, each recorded in the motion
+that the verdict proposes. A case is a line of ``DIR/cases.jsonl``; cases that are there are not run again.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
 import json
 import shutil
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,16 +27,20 @@ from mrwarp.diagnose.result import Value
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.robot_logs.robot_diagnosis import diagnose_log
 from mrwarp.robot_logs.robot_log import load_log
+from mrwarp.robot_logs.unknowable import MOTIONS
 from mrwarp.robot_logs.virtual.hidden_effects import Places, parse_all
 from mrwarp.robot_logs.virtual.record_log import FallError, LogCfg, record
 from mrwarp.robot_logs.virtual.true_robot import describe
 from mrwarp.run_dir import write_result
 from mrwarp.runtime import quiet_libraries, text_table
 
-FAMILIES = ("healthy", "single", "pair", "outside")
+FAMILIES = ("healthy", "single", "pair", "outside", "proposed")
 
 MIXED = (("stand", 10.0), ("squat", 15.0), ("walk", 35.0))
 """A minute of motion on the ground [s]."""
+
+AIR = (("chirp", 8.0), ("slow", 8.0))
+"""Motion that leaves most to be proposed [s]."""
 
 SIZES: dict[str, tuple[str, str]] = {
     "trunk_mass": ("trunk", "1.0"), "trunk_com": ("trunk", "-0.03"), "link_mass": ("calf", "0.15"),
@@ -74,7 +80,7 @@ def hidden_of(family: str, case: int, places: Places, causes: Sequence[str]) -> 
     if family == "outside":
         name, size = list(OUTSIDE.items())[case % len(OUTSIDE)]
         return [f"{name}{':' if '=' in name else '='}{size}"]
-    found = []
+    found = []  # of "proposed" the causes are those that a log cannot show
     for k in range(1 + (family == "pair")):
         cause = causes[(case + k * (1 + case // len(causes))) % len(causes)]
         where = places_of(cause, places)
@@ -91,16 +97,32 @@ def enlarged(text: str, log: HealthyLog, places: Places, level: float) -> tuple[
     return text_of(hidden.cause, place, numbers), found
 
 
-def run_case(case: int, log: HealthyLog | None, args: argparse.Namespace) -> dict[str, Any]:
-    """Record, diagnose, compare; ``log`` tells sizes."""
+def unknown_causes(args: argparse.Namespace) -> list[str]:
+    """Causes that a healthy log of ``args.motion`` cannot show, and for which a motion is proposed."""
+    folder = Path(tempfile.mkdtemp(prefix="robot_confusion_"))
+    try:
+        record(log_cfg(args), folder)
+        d = diagnose_log(Path(args.robot), load_log(folder))
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    listed = [text.partition(":")[0].partition(" of ")[0] for text in d.cannot_know]
+    return [cause for cause in dict.fromkeys(listed) if cause in MOTIONS and cause in args.causes]
+
+
+def run_case(
+    case: int, causes: Sequence[str], logs: Callable[[LogCfg], HealthyLog], args: argparse.Namespace
+) -> dict[str, Any]:
+    """Record, diagnose, compare; ``logs`` tell sizes."""
     family, places, levels = args.family, describe(args.robot).places, [None]
-    hide = hidden_of(family, case, places, args.causes)
-    if log is not None:
-        hide, levels = zip(*(enlarged(x, log, places, args.level) for x in hide), strict=True)
+    hide, cfg = hidden_of(family, case, places, causes), log_cfg(args)
+    if family == "proposed":
+        cfg = replace(cfg, motions=tuple(MOTIONS[causes[case % len(causes)]].record.items()))
+    if family in ("single", "pair", "proposed"):
+        hide, levels = zip(*(enlarged(x, logs(cfg), places, args.level) for x in hide), strict=True)
     folder = Path(tempfile.mkdtemp(prefix="robot_confusion_"))
     started = time.process_time()
     try:
-        cfg = replace(log_cfg(args), hide=tuple(hide), seed=1000 * args.seed + case)
+        cfg = replace(cfg, hide=tuple(hide), seed=1000 * args.seed + case)
         with contextlib.suppress(OSError):
             record(cfg, folder)
         truth = json.loads((folder / "truth.json").read_text())["hidden"]
@@ -114,7 +136,8 @@ def run_case(case: int, log: HealthyLog | None, args: argparse.Namespace) -> dic
         for c in d.causes
     ]
     return {
-        "family": family, "case": case, "hide": hide, "levels": levels, "truth": truth, "named": named,
+        "family": family, "case": case, "motions": cfg.motions, "hide": hide, "levels": levels, "truth": truth,
+        "named": named,
         "verdict": d.verdict,
         "suspects": [f"{s.name} {s.reason}" for s in d.suspects], "cannot_know": list(d.cannot_know),
         "unexplained": d.unexplained is not None, "cpu_seconds": time.process_time() - started,
@@ -196,21 +219,23 @@ def main() -> int:
     parser.add_argument("--causes", nargs="+", choices=list(SIZES), default=list(SIZES), help="only these")
     parser.add_argument("--robot", default="mr_go", help="mr_go, go1, a USD file or an arm")
     parser.add_argument("--policy", type=Path, default=DEFAULT_POLICY, help="walking policy")
-    parser.add_argument("--motion", nargs="+", default=MIXED, metavar="NAME=SECONDS", help="motions of every log",
+    parser.add_argument("--motion", nargs="+", metavar="NAME=SECONDS", help="motions of every log",
                         type=lambda x: (x.partition("=")[0], float(x.partition("=")[2] or 20.0)))  # fmt: skip
     args = parser.parse_args()
+    args.motion = args.motion or (AIR if args.family == "proposed" else MIXED)
     quiet_libraries(gpu=False)
     file = args.out / "cases.jsonl"
     args.out.mkdir(parents=True, exist_ok=True)
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     done = {(row["family"], row["case"]) for row in rows}
-    log = None
+    logs, causes = functools.cache(healthy_log), args.causes
+    if args.family == "proposed":
+        causes = unknown_causes(args)
+        print(f"a log of {' '.join(name for name, _ in args.motion)} cannot show: {' '.join(causes)}", flush=True)
     for case in range(args.sets):
         if (args.family, case) in done:
             continue
-        if log is None and args.family in ("single", "pair"):
-            log = healthy_log(log_cfg(args))
-        row = run_case(case, log, args)
+        row = run_case(case, causes, logs, args)
         rows.append(row)
         with file.open("a") as stream:
             stream.write(json.dumps(row, default=lambda x: np.asarray(x).tolist()) + "\n")

@@ -26,6 +26,7 @@ from mrwarp.robot_logs.selection import (
     Found,
     Posterior,
     bounds_of,
+    own_members,
     posterior,
     select,
     sizes,
@@ -219,9 +220,9 @@ def _named(
 ) -> NamedCause:
     """A cause with its size and what it explains."""
     values: dict[str, Value] = {}
-    first = parameters[f.direction.members[0]]
     others = [x.direction for x in found if x is not f]
-    mean, half = float(size.size[f.direction.members[0]]), size.half_width(f.direction, now, parameters)
+    first = parameters[own_members(f.direction, others)[0]]
+    mean, half = size.of(f.direction, [x.direction for x in found], now, parameters)
     if first.field == "delay":
         mean, half = mean - OWN_DELAY, half + OWN_DELAY
     low, high = sorted(first.absolute(mean + s * half) for s in (-1.0, 1.0))

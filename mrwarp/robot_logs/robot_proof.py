@@ -22,6 +22,7 @@ from mrwarp.robot_logs.selection import (
     bounds_of,
     common,
     half_width,
+    own_members,
     posterior,
     prior_of,
     vector,
@@ -55,10 +56,13 @@ class Sizes:
     wider: float
     """Factor on intervals."""
 
-    def half_width(self, d: Direction, now: Posterior, parameters: list[Parameter]) -> float:
-        """See :func:`mrwarp.robot_logs.selection.half_width`."""
-        k = d.members[0]
-        return half_width(d, float(self.size[k]), now, parameters, wider=self.wider, lone=float(self.lone[k]))
+    def of(
+        self, d: Direction, released: list[Direction], now: Posterior, parameters: list[Parameter]
+    ) -> tuple[float, float]:
+        """Size of one of the causes ``released``, and half of its interval."""
+        members = own_members(d, released)
+        size, lone = (float(x[members].mean()) for x in (self.size, self.lone))
+        return size, half_width(members, size, now, parameters, wider=self.wider, lone=lone)
 
 
 def foretelling(found: list[Found], evidence: Evidence, parameters: list[Parameter]) -> tuple[list[Found], list[Found]]:
@@ -121,12 +125,13 @@ def clear_ones(
     found, doubtful = list(found), []
     while True:
         size, near = alone(found)
-        now, clear = posterior(evidence, parameters, [f.direction for f in found]), []
-        for d in (f.direction for f in found):
-            k = d.members[0]
-            own = size.size[k] - common(d, [f.direction for f in found], size.size)
-            beyond = abs(own - np.clip(own, *parameters[k].usual))
-            clear.append(float(beyond / size.half_width(d, now, parameters)))
+        released = [f.direction for f in found]
+        now, clear = posterior(evidence, parameters, released), []
+        for d in released:
+            own, half = size.of(d, released, now, parameters)
+            own -= common(d, released, size.size)
+            beyond = abs(own - np.clip(own, *parameters[d.members[0]].usual))
+            clear.append(float(beyond / half))
         if not found or min(clear) > 1.0:
             return found, doubtful, size, near
         doubtful.append(found.pop(int(np.argmin(clear))))

@@ -142,7 +142,8 @@ def lines(d: RobotDiagnosis) -> Iterator[str]:
         yield from ("", "cannot be known from this log:")
         yield from (f"  {text}" for text in d.cannot_know)
     if d.next_experiment is not None:
-        yield f"\nnext recording, {d.next_experiment.seconds:.0f} s: {d.next_experiment.what}"
+        motions = " ".join(f"{name}={seconds:g}" for name, seconds in d.next_experiment.settings.items())
+        yield f"\nnext recording: {d.next_experiment.what} (mrwarp log record --motion {motions})"
 
 
 def sentence_of(causes: tuple[NamedCause, ...], unexplained: Unexplained | None = None) -> str:

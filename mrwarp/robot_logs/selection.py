@@ -122,9 +122,14 @@ def wider_than(d: Direction, released: Sequence[Direction]) -> list[Direction]:
 
 def common(d: Direction, released: Sequence[Direction], x: np.ndarray) -> float:
     """What a direction's number has in common with those of all joints, where that is a cause, too; else 0."""
-    alone = {k for y in released for k in y.members if len(y.members) == 1}
-    others = [x[k] for wide in wider_than(d, released) for k in wide.members if k not in alone]
-    return float(np.mean(others)) if others else 0.0
+    wide = [k for y in wider_than(d, released) for k in own_members(y, released)]
+    return float(np.mean(x[wide])) if wide else 0.0
+
+
+def own_members(d: Direction, released: Sequence[Direction]) -> list[int]:
+    """Numbers whose mean is a direction's size: those that no other cause moves alone."""
+    alone = {k for y in released for k in y.members if y != d and len(y.members) == 1}
+    return [k for k in d.members if k not in alone] or list(d.members)
 
 
 def vector(direction: Direction, parameters: Sequence[Parameter]) -> np.ndarray:
@@ -209,7 +214,7 @@ def select(evidence: Evidence, parameters: Sequence[Parameter], confirmed: Seque
     while found:
         released = [f.direction for f in found]
         now = posterior(evidence, parameters, released)
-        certain = [_recurrence(d, now, parameters, common(d, released, now.mean)) for d in released]
+        certain = [_recurrence(d, now, parameters, released) for d in released]
         least = int(np.argmin(certain))
         if certain[least] >= RECURRENCE:
             break
@@ -280,33 +285,32 @@ def sizes(evidence: Evidence, parameters: Sequence[Parameter], released: Sequenc
 
 
 def half_width(
-    d: Direction, size: float, now: Posterior, parameters: Sequence[Parameter], *, wider: float = 1.0, lone: float
-) -> float:
-    """Half of the 95 % interval about a direction's number ``size``.
+    members: Sequence[int], size: float, now: Posterior, parameters: Sequence[Parameter], *, wider: float = 1.0,
+    lone: float,
+) -> float:  # fmt: skip
+    """Half of the 95 % interval about ``size``, the mean of a direction's ``members``.
 
     It is the widest of five: by the model, over windows and over parts, each ``wider`` times as wide; and what the
     number moves by when all others may be off as on healthy robots, or when nothing else is off, ``lone``. Over parts
     it is the cluster-robust one with Student's t of ``PARTS - 1`` (Cameron and Miller, J. Human Resources 50, 2015,
     sections II and VI).
     """
-    k = d.members[0]
-    mean, sd = now.mean[k], float(np.sqrt(max(now.covariance[k, k], now.robust[k])))
-    if len(d.members) == 1:
+    k = members[0]
+    mean, sd = float(now.mean[list(members)].mean()), float(np.sqrt(max(now.covariance[k, k], now.robust[k])))
+    if len(members) == 1:
         mean, sd = estimate(k, now, parameters)
     over_parts = stats.t.ppf(0.975, PARTS - 1) * np.sqrt(now.by_part[k])
     return float(max(wider * stats.norm.ppf(0.975) * sd, wider * over_parts, abs(mean - size), abs(lone - size)))
 
 
-def _recurrence(d: Direction, now: Posterior, parameters: Sequence[Parameter], others: float) -> float:
-    """Size of a cause in standard deviations that count windows as the units; 0 where it may be too small to count.
-
-    ``others`` is what all joints have in common, see :func:`common`.
-    """
-    k = d.members[0]
-    p, mean, sd = parameters[k], now.mean[k], np.sqrt(max(now.covariance[k, k], now.robust[k]))
-    if len(d.members) == 1:
+def _recurrence(d: Direction, now: Posterior, parameters: Sequence[Parameter], released: Sequence[Direction]) -> float:
+    """Size of a cause in standard deviations that count windows as the units; 0 where it may be too small to count."""
+    members = own_members(d, released)
+    k = members[0]
+    p, mean, sd = parameters[k], now.mean[members].mean(), np.sqrt(max(now.covariance[k, k], now.robust[k]))
+    if len(members) == 1:
         mean, sd = estimate(k, now, parameters)
-    own = mean - others
+    own = mean - common(d, released, now.mean)
     size = abs(own - float(np.clip(own, *p.usual)))
     return float(size / sd) if size - 1.96 * sd >= p.least else 0.0
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,37 +15,66 @@ from mrwarp.robot_logs.robot_log import RobotLog
 from mrwarp.robot_logs.robot_verdict import NamedCause
 from mrwarp.robot_logs.selection import Posterior
 
-GROUND = ("trunk_mass", "trunk_com", "ground_friction", "ground_slope", "ground_stiffness", "imu_tilt", "gyro_bias")
+GROUND = (
+    "trunk_mass", "trunk_com", "link_length", "ground_friction", "ground_slope", "ground_stiffness", "imu_tilt",
+    "gyro_bias",
+)  # fmt: skip
 """Causes that speak through feet, ground or a moving trunk."""
+
+COIL = ("coil", "coil_lag", "device")
+"""Fields that do nothing while no current is asked for: a lag that lets measured noise die away would seem to."""
 
 ALIKE = f"up to some {200 * TORQUE_SCALE:.0f} % it would have looked like other masses of all links"
 """Why a robot in the air does not tell the torque of all its drives."""
 
+
+class Shown(NamedTuple):
+    """A motion that shows a cause."""
+
+    how: str
+    """In words."""
+    record: dict[str, float]
+    """The same by ``mrwarp log record``: its motions and how long each lasts [s]."""
+
+    @property
+    def seconds(self) -> float:
+        """How long it lasts."""
+        return sum(self.record.values())
+
+    @property
+    def what(self) -> str:
+        """In words, with its length."""
+        return f"{self.how}, {self.seconds:.0f} s"
+
+
 MOTIONS = {
-    "trunk_mass": "stand and squat on level ground, 20 s, with torque or enough droop of the joints to see the weight",
-    "trunk_com": "stand and lean to all sides on level ground, 20 s",
-    "link_mass": "swing the link slowly through its range with the trunk fixed, 20 s",
-    "link_length": "stand on level ground in several heights, 20 s",
-    "rotor_inertia": "move the joint to and fro at 3 to 8 Hz with the trunk fixed, 10 s",
-    "coulomb_friction": "turn the joint slowly through its range and back, 10 s",
-    "viscous_friction": "turn the joint at several speeds, 10 s",
-    "stribeck": "turn the joint at 0.02 to 0.5 rad/s, 20 s",
-    "motor_strength": "hold a known weight at a known arm, 5 s",
-    "torque_limit": "ask the joint for more torque than it can give, 2 s",
-    "kp": "hold a known weight at a known arm, then step the target by 0.1 rad, 10 s",
-    "kd": "step the target by 0.1 rad, 10 s; a log of the measured torque tells it from friction",
-    "command_delay": "step the targets by 0.1 rad at uneven times, 10 s",
-    "velocity_lag": "move the joint at 3 to 8 Hz and log its velocity, 10 s",
-    "encoder_offset": "stand on level ground in several heights, 20 s",
-    "imu_tilt": "stand on a level floor, turn by half and stand again, 20 s",
-    "gyro_bias": "stand still for 10 s",
-    "ground_friction": "walk or push off so hard that a foot slips, 10 s",
-    "ground_slope": "stand on the ground, turn by half and stand again, 20 s",
-    "ground_stiffness": "land from small jumps, 10 s",
-    "coil_dead": "walk with the devices switched on, 3 s",
-    "coil_lag": "walk with the devices switched on, 10 s, coil current logged",
-    "device_strength": "walk with the devices switched on, 10 s",
-    "device_drag": "turn the joint slowly with the device and then without it, 10 s",
+    "trunk_mass": Shown(
+        "with torque or enough droop of the joints to see the weight, stand and squat on level ground",
+        {"stand": 5.0, "squat": 15.0},
+    ),
+    "trunk_com": Shown("stand and lean to all sides on level ground", {"stand": 5.0, "lean": 15.0}),
+    "link_mass": Shown("swing the link slowly through its range with the trunk fixed", {"slow": 20.0}),
+    "link_length": Shown("stand and squat on level ground", {"stand": 5.0, "squat": 15.0}),
+    "rotor_inertia": Shown("move the joint to and fro at 3 to 8 Hz with the trunk fixed", {"chirp": 15.0}),
+    "coulomb_friction": Shown("turn the joint slowly through its range and back", {"slow": 10.0}),
+    "viscous_friction": Shown("turn the joint at several speeds", {"chirp": 15.0}),
+    "stribeck": Shown("turn the joint at 0.02 to 0.5 rad/s", {"slow": 20.0}),
+    "motor_strength": Shown("hold a known weight at a known arm, as the trunk's in a squat", {"squat": 20.0}),
+    "torque_limit": Shown("ask the joint for more torque than it can give, as a walk may", {"walk": 20.0}),
+    "kp": Shown("hold a known weight at a known arm, as the trunk's in a squat", {"squat": 20.0}),
+    "kd": Shown("step the target by 0.1 rad, with the measured torque in the log", {"steps": 10.0}),
+    "command_delay": Shown("step the targets by 0.1 rad at uneven times", {"steps": 10.0}),
+    "velocity_lag": Shown("move the joint at 3 to 8 Hz and log its velocity", {"chirp": 15.0}),
+    "encoder_offset": Shown("stand and squat on level ground", {"stand": 5.0, "squat": 15.0}),
+    "imu_tilt": Shown("walk and turn on a level floor", {"walk": 20.0}),
+    "gyro_bias": Shown("stand still", {"stand": 10.0}),
+    "ground_friction": Shown("walk or push off so hard that a foot slips", {"walk": 20.0}),
+    "ground_slope": Shown("walk and turn on that ground", {"walk": 20.0}),
+    "ground_stiffness": Shown("walk, or land from small jumps", {"walk": 20.0}),
+    "coil_dead": Shown("walk with the devices switched on", {"walk": 10.0}),
+    "coil_lag": Shown("walk with the devices switched on and the coils' current in the log", {"walk": 10.0}),
+    "device_strength": Shown("walk with the devices switched on", {"walk": 20.0}),
+    "device_drag": Shown("turn the joint slowly with the device and then without it", {"slow": 10.0}),
 }
 """Motion that shows a cause."""
 
@@ -60,24 +89,30 @@ def cannot_know(
     evidence: Evidence, parameters: list[Parameter], model: ReplayModel, log: RobotLog, now: Posterior
 ) -> tuple[str, ...]:
     """Causes that no size of interest would have shown in this log, each with the motion to record."""
+    commands = [np.nan_to_num(run.joint.get("current_cmd", np.inf)).max(axis=0) for run in log.runs]
+    asked = np.broadcast_to(np.max(commands, axis=0) > 0.0, log.kp.shape)
     unseen: dict[str, list[str]] = {}
     known: dict[str, int] = {}
     for k, p in enumerate(parameters):
         if p.cause not in MOTIONS or p.field == "limit":
             continue
         information = 1.0 / now.covariance[k, k] - now.precision[k, k]
-        sure = information > 0.0 and 1.0 / np.sqrt(max(information, 1e-30)) < max(2.0 * p.fault, 2.0 * p.least)
+        sure = (
+            (p.field not in COIL or asked[p.index])
+            and information > 0.0
+            and 1.0 / np.sqrt(max(information, 1e-30)) < max(2.0 * p.fault, 2.0 * p.least)
+        )
         known[p.cause] = known.get(p.cause, 0) + int(sure)
         if not sure:
             unseen.setdefault(p.cause, []).append(p.where)
     found = []
     if not model.free:
-        found += [f"{cause}: the robot's base was fixed; {MOTIONS[cause]}" for cause in GROUND]
+        found += [f"{cause}: the robot's base was fixed; {MOTIONS[cause].what}" for cause in GROUND]
         if "tau" not in evidence.sigma:
-            found.append(f"motor_strength of robot: {ALIKE}; {MOTIONS['motor_strength']}")
+            found.append(f"motor_strength of robot: {ALIKE}; {MOTIONS['motor_strength'].what}")
     for cause, places in unseen.items():
         where = "" if not known[cause] or places == ["robot"] else f" of {', '.join(places)}"
-        found.append(f"{cause}{where}: no size would have shown in this log; {MOTIONS[cause]}")
+        found.append(f"{cause}{where}: no size would have shown in this log; {MOTIONS[cause].what}")
     for cause, why in NOT_LOOKED_FOR.items():
         if cause == "backlash" or model.devices:
             found.append(f"{cause}: not looked for in robot logs; {why}")
@@ -86,7 +121,7 @@ def cannot_know(
         f"{p.where} beyond {model.asked[p.index]:.3g} N·m" for p in limits
         if model.asked[p.index] < (1.0 - p.fault) * _limit(model, p.index)
     ]:  # fmt: skip
-        found.append(f"torque_limit of {', '.join(above)}: no more was asked for; {MOTIONS['torque_limit']}")
+        found.append(f"torque_limit of {', '.join(above)}: no more was asked for; {MOTIONS['torque_limit'].what}")
     if log.tau_is == "command":
         found.append("tau is the command: it says nothing of what the motors gave; log a measured torque or current")
     return tuple(found)
@@ -106,12 +141,13 @@ def next_experiment(causes: Sequence[NamedCause], unknown: Sequence[str]) -> Nex
     for text in unknown:
         name = text.partition(":")[0].partition(" of ")[0]
         if name in MOTIONS:
-            same = [x.partition(":")[0] for x in unknown if x.endswith(MOTIONS[name])]
+            same = [x.partition(":")[0] for x in unknown if x.endswith(MOTIONS[name].what)]
             return _experiment(name, tuple(x.partition(" of ")[0] for x in same))
     return None
 
 
 def _experiment(cause: str, separates: tuple[str, ...]) -> NextExperiment:
-    what = MOTIONS[cause]
-    seconds = re.findall(r"(\d+) s\b", what)
-    return NextExperiment(what=what, seconds=float(seconds[0]) if seconds else 20.0, separates=separates, kind=cause)
+    shown = MOTIONS[cause]
+    return NextExperiment(
+        what=shown.what, seconds=shown.seconds, separates=separates, kind=cause, settings=dict(shown.record)
+    )

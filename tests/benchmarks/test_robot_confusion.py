@@ -19,6 +19,7 @@ def test_every_cause_comes_at_different_places() -> None:
         name.partition("=")[0] for name in OUTSIDE
     }
     assert hidden_of("healthy", 3, PLACES, causes) == []
+    assert hidden_of("proposed", 1, PLACES, ["trunk_mass", "imu_tilt"]) == ["imu_tilt=0,0.04"]
 
 
 def _row(named: list[tuple[str, str]], truth: tuple[str, str] | None, **more: object) -> dict:

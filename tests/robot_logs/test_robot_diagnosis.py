@@ -221,7 +221,7 @@ def test_intervals_cover_where_neighbouring_windows_err_alike() -> None:
         evidence = _evidence(np.ones((64, 1, 1)), error[:, None])
         now = posterior(evidence, [p], [])
         size = float(sizes(evidence, [p], [d])[0])
-        held.append(abs(size) < half_width(d, size, now, [p], lone=size))
+        held.append(abs(size) < half_width(d.members, size, now, [p], lone=size))
     assert 0.90 <= np.mean(held) <= 0.98
 
 
@@ -417,6 +417,22 @@ def test_a_joint_s_gain_beside_that_of_all_joints_is_one_that_differs(own: float
         [Found(direction=d, z=9.0, alternatives=()) for d in (wide, one)], evidence, parameters
     )
     assert [f.direction for f in found] == [wide, one][: 1 + (own != 0.3)]
+
+
+def test_what_all_joints_have_in_common_is_told_without_the_one_that_differs() -> None:
+    """Kp is 1.3 times the description's at all joints, but 1.6 times at the first."""
+    parameters = [replace(_parameter(), where=where, nominal=1.0) for where in "abcd"]
+    truth, a = np.array([0.6, 0.31, 0.30, 0.29]), np.tile(1e3 * np.eye(4), (64, 1, 1))
+    evidence, released = _evidence(a, a @ truth), []
+    for where, members in (("robot", (0, 1, 2, 3)), ("a", (0,))):
+        released.append(Direction(cause="kp", where=where, members=members))
+    found = [Found(direction=d, z=9.0, alternatives=()) for d in released]
+    about = robot_proof.Sizes(size=truth, lone=truth, wider=1.0)
+    named = [
+        robot_diagnosis._named(f, found, about, evidence, parameters, posterior(evidence, parameters, released))
+        for f in found
+    ]
+    assert [c.parameters["factor"].value for c in named] == pytest.approx([1.3, 1.6])
 
 
 def _parameter() -> Parameter:
