@@ -48,26 +48,23 @@ class Shown(NamedTuple):
 
 
 MOTIONS = {
-    "trunk_mass": Shown(
-        "with torque or enough droop of the joints to see the weight, stand and squat on level ground",
-        {"stand": 5.0, "squat": 15.0},
-    ),
+    "trunk_mass": Shown("walk on level ground, with the motors' torque in the log", {"walk": 20.0}),
     "trunk_com": Shown("stand and lean to all sides on level ground", {"stand": 5.0, "lean": 15.0}),
     "link_mass": Shown("swing the link slowly through its range with the trunk fixed", {"slow": 20.0}),
-    "link_length": Shown("stand and squat on level ground", {"stand": 5.0, "squat": 15.0}),
+    "link_length": Shown("walk on level ground", {"walk": 20.0}),
     "rotor_inertia": Shown("move the joint to and fro at 3 to 8 Hz with the trunk fixed", {"chirp": 15.0}),
     "coulomb_friction": Shown("turn the joint slowly through its range and back", {"slow": 10.0}),
     "viscous_friction": Shown("turn the joint at several speeds", {"chirp": 15.0}),
     "stribeck": Shown("turn the joint at 0.02 to 0.5 rad/s", {"slow": 20.0}),
-    "motor_strength": Shown("hold a known weight at a known arm, as the trunk's in a squat", {"squat": 20.0}),
+    "motor_strength": Shown("bear the trunk's weight in a walk", {"walk": 20.0}),
     "torque_limit": Shown("ask the joint for more torque than it can give, as a walk may", {"walk": 20.0}),
-    "kp": Shown("hold a known weight at a known arm, as the trunk's in a squat", {"squat": 20.0}),
+    "kp": Shown("bear the trunk's weight in a walk", {"walk": 20.0}),
     "kd": Shown("step the target by 0.1 rad, with the measured torque in the log", {"steps": 10.0}),
     "command_delay": Shown("step the targets by 0.1 rad at uneven times", {"steps": 10.0}),
     "velocity_lag": Shown("move the joint at 3 to 8 Hz and log its velocity", {"chirp": 15.0}),
-    "encoder_offset": Shown("stand and squat on level ground", {"stand": 5.0, "squat": 15.0}),
+    "encoder_offset": Shown("walk on level ground", {"walk": 20.0}),
     "imu_tilt": Shown("walk and turn on a level floor", {"walk": 20.0}),
-    "gyro_bias": Shown("stand still", {"stand": 10.0}),
+    "gyro_bias": Shown("walk and turn on a level floor", {"walk": 20.0}),
     "ground_friction": Shown("walk or push off so hard that a foot slips", {"walk": 20.0}),
     "ground_slope": Shown("walk and turn on that ground", {"walk": 20.0}),
     "ground_stiffness": Shown("walk, or land from small jumps", {"walk": 20.0}),
@@ -76,7 +73,7 @@ MOTIONS = {
     "device_strength": Shown("walk with the devices switched on", {"walk": 20.0}),
     "device_drag": Shown("turn the joint slowly with the device and then without it", {"slow": 10.0}),
 }
-"""Motion that shows a cause."""
+"""Motion that shows a cause; on the ground a walk, for logs that only stand or squat are not to be trusted."""
 
 NOT_LOOKED_FOR = {
     "backlash": "a motor's encoder hardly shows play; reverse the joint on a bench under a load that changes sign",
