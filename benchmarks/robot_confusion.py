@@ -99,12 +99,9 @@ def enlarged(text: str, log: HealthyLog, places: Places, level: float) -> tuple[
 
 def unknown_causes(args: argparse.Namespace) -> list[str]:
     """Causes that a healthy log of ``args.motion`` cannot show, and for which a motion is proposed."""
-    folder = Path(tempfile.mkdtemp(prefix="robot_confusion_"))
-    try:
-        record(log_cfg(args), folder)
-        d = diagnose_log(Path(args.robot), load_log(folder))
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    with tempfile.TemporaryDirectory(prefix="robot_confusion_") as folder:
+        record(log_cfg(args), Path(folder))
+        d = diagnose_log(Path(args.robot), load_log(Path(folder)))
     listed = [text.partition(":")[0].partition(" of ")[0] for text in d.cannot_know]
     return [cause for cause in dict.fromkeys(listed) if cause in MOTIONS and cause in args.causes]
 

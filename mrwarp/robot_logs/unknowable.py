@@ -86,8 +86,9 @@ def cannot_know(
     evidence: Evidence, parameters: list[Parameter], model: ReplayModel, log: RobotLog, now: Posterior
 ) -> tuple[str, ...]:
     """Causes that no size of interest would have shown in this log, each with the motion to record."""
-    commands = [np.nan_to_num(run.joint.get("current_cmd", np.inf)).max(axis=0) for run in log.runs]
-    asked = np.broadcast_to(np.max(commands, axis=0) > 0.0, log.kp.shape)
+    asked = np.zeros(log.kp.shape, dtype=bool)
+    for run in log.runs:  # one without commands may have had any
+        asked |= (run.joint.get("current_cmd", np.ones((1, 1))) > 0.0).any(axis=0)
     unseen: dict[str, list[str]] = {}
     known: dict[str, int] = {}
     for k, p in enumerate(parameters):

@@ -31,6 +31,9 @@ def test_a_coil_that_was_asked_for_no_current_shows_nothing(amps: list[float], k
     model = SimpleNamespace(free=True, devices=True)
     found = cannot_know(SimpleNamespace(sigma={}), [p], model, log, now)
     assert any(text.startswith("coil_lag") for text in found) != known
+    log.runs.append(SimpleNamespace(joint={}))  # nobody knows what this one asked for
+    found_with_other = cannot_know(SimpleNamespace(sigma={}), [p], model, log, now)
+    assert not any(text.startswith("coil_lag") for text in found_with_other)
     if not known:
         proposed = next_experiment((), found)
         assert proposed is not None and proposed.settings == {"walk": 10.0} and proposed.seconds == 10.0
