@@ -52,6 +52,19 @@ count less, the more is left in them than in the median one: small errors of som
 CURRENT = "current"
 """Channel of the coils' currents."""
 
+CREEP = 0.004
+"""Standard deviation of a slow drift of joints of a robot on its feet, over a window [rad/s]: in simulations and on
+soft soles feet that stick creep, and how fast none agree on. The virtual robot's hips drift by up to 0.002 rad/s while
+it stands."""
+
+LEAN = 0.002
+"""Standard deviation of an inertial unit's roll and pitch, over a window, beside those of the session [rad]: its filter
+wanders."""
+
+LEAST_LEFT = {"q": 3e-4, "quat": 5e-4}
+"""Least that counts as left in a channel of a robot on its feet [rad]: no simulation of standing feet is better, and of
+a robot at rest smaller errors would be blamed on causes."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Slopes:
@@ -160,22 +173,28 @@ def gather(
     rows = [_mismatch(Replay(model, w), parameters, np.tile(theta, (w.count, 1)), np.arange(w.count)) for w in groups]
     rows = [np.nan_to_num(x, posinf=0.0, neginf=0.0) for x in rows]
     alone = _currents_alone(slopes, rows)
-    sigma = _rms(slopes, rows) | alone
+    least = LEAST_LEFT if model.free else {}
+
+    def left(rows: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
+        return {name: np.maximum(x, least.get(name, 0.0)) for name, x in (_rms(slopes, rows) | alone).items()}
+
+    sigma = left(rows)
     a = b = c = weight = np.zeros(0)
     keep = np.ones(0, dtype=bool)
     prior = np.diag([1.0 / (p.spread**2 + p.fault**2) for p in parameters])
+    distinct = np.concatenate([w.distinct for w in groups])
     for round_ in range(ROUNDS):
         pieces = [_reduced(x, r, sigma) for x, r in zip(slopes, rows, strict=True)]
         a, b, c = (np.concatenate([p[i] for p in pieces]) for i in range(3))
         b, c = _to_origin(a, b, c, theta)
-        best, weight, keep = _weighed(a, b, c, prior)
+        best, weight, keep = _weighed(a, b, c, prior, distinct)
         if round_ == ROUNDS - 1:
             break
         counts = np.split(keep, np.cumsum([w.count for w in groups])[:-1])
-        sigma = _rms(slopes, [_left(*x, sigma, best - theta) for x in zip(slopes, rows, counts, strict=True)]) | alone
+        sigma = left([_left(*x, sigma, best - theta) for x in zip(slopes, rows, counts, strict=True)])
     run = np.concatenate([w.run for w in groups])
-    samples = sum(w.t.size for w in groups)
-    weight = weight[keep]
+    samples = round(sum(w.t.shape[1] * w.distinct.sum() for w in groups))
+    weight = (weight * distinct)[keep]
     a, b, c, run = weight[:, None, None] * a[keep], weight[:, None] * b[keep], weight * c[keep], run[keep]
     return Evidence(
         a=a, b=b, c=c, weight=weight, scale=_overstated(a, b, prior), sigma=sigma, run=run,
@@ -352,11 +371,30 @@ def _slopes(model, windows, parameters, theta, log) -> Slopes:  # noqa: ANN001
     j = (x[total + len(central)] - x[:total]) / np.diag(ahead)[:, None, None].astype(np.float32)
     j[central] = 0.5 * (x[total : total + len(central)] - x[central]) / np.diag(ahead)[central, None, None]
     z = x[total + len(central)] - x[total + len(central) + 1 :]
+    if model.free:
+        z = np.concatenate([z, _wandering(windows)])
     for values in (j, z):
         np.nan_to_num(values, copy=False, posinf=0.0, neginf=0.0)
     seen = windows.measured
     layout = {name: x.shape[1:] for name, x in mismatch(seen, seen).items()}
     return Slopes(layout=layout, j=np.ascontiguousarray(j.swapaxes(0, 1)), z=np.ascontiguousarray(z.swapaxes(0, 1)))
+
+
+def _wandering(windows: Windows) -> np.ndarray:
+    """Readings that drift in a window beside all else, by :data:`CREEP` of each joint and :data:`LEAN`, (Z, W, N)."""
+    layout = {name: x.shape for name, x in mismatch(windows.measured, windows.measured).items()}
+    rows = []
+    for j in range(windows.q.shape[1]):
+        drift = {name: np.zeros(shape) for name, shape in layout.items()}
+        drift["q"][:, :, j] = CREEP * windows.t
+        if "qd" in drift:
+            drift["qd"][:, :, j] = CREEP
+        rows.append(side_by_side(drift))
+    for k in range(2 if "quat" in layout else 0):
+        drift = {name: np.zeros(shape) for name, shape in layout.items()}
+        drift["quat"][:, :, k] = LEAN
+        rows.append(side_by_side(drift))
+    return np.stack(rows)
 
 
 def _rms(slopes: Sequence[Slopes], rows: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
@@ -430,13 +468,14 @@ def _to_origin(a: np.ndarray, b: np.ndarray, c: np.ndarray, theta: np.ndarray) -
 
 
 def _weighed(
-    a: np.ndarray, b: np.ndarray, c: np.ndarray, prior: np.ndarray
+    a: np.ndarray, b: np.ndarray, c: np.ndarray, prior: np.ndarray, distinct: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Best parameters, (P,); by which each window counts, (W,); and whether its mismatch there is of the usual size."""
+    """Best parameters, (P,); by which each window counts, (W,), but for its share of those that repeat each other,
+    ``distinct``; and whether its mismatch there is of the usual size."""
     keep, weight = np.isfinite(c), np.ones(len(c))
     best = np.zeros(len(prior))
     for _ in range(ROUNDS):
-        own = weight * keep
+        own = weight * keep * distinct
         best = np.linalg.solve(np.einsum("w,wpq->pq", own, a) + prior, own @ b)
         left = left_at(best, a, b, c)
         usual = float(np.median(left))

@@ -30,6 +30,10 @@ is about to land moves at the robot's speed."""
 STIFF_FRICTION = ([0.01, 1.0], [0.9999, 0.9999, 0.001, 0.5, 2.0])
 """solref and solimp of dry friction: MuJoCo's own let a joint creep below some 0.1 rad/s as if it were viscous."""
 
+NO_SLIP = 5
+"""Iterations of MuJoCo's solver against slip. Without it feet that stick creep under what legs press them sideways, so
+that the legs of a robot on four feet relax within a window, as those of a real one do not."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Devices:
@@ -146,6 +150,8 @@ def replay_model(path: Path, log: RobotLog) -> ReplayModel:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     if log.base == "fixed":
         spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    else:
+        spec.option.noslip_iterations = NO_SLIP
     model = _compiled(spec, path)
     ids = [model.joint(joint).id for joint in log.joints]
     free = bool((model.jnt_type == mujoco.mjtJoint.mjJNT_FREE).any())

@@ -29,6 +29,10 @@ SPEED_STEPS = 0.05, 0.03
 LOADED = 0.25
 """A foot bears load where its reading is beyond this share of its range."""
 
+REPEATED = 0.02
+"""Windows whose joints nowhere differ by more than this repeat each other [rad]: what the simulation of a robot at rest
+gets wrong, it gets wrong in every window, and they say together what one of them says."""
+
 LARGEST_GAP = 5.0
 """A step of the stamps this many times the usual one ends a window."""
 
@@ -95,6 +99,15 @@ class Windows:
             self, h=self.h * times, steps=-(-self.steps // times), before=self.before // times,
             feed=mean(self.feed, 2), coil=mean(self.coil, 1), kp=mean(self.kp, 1), past=self.past[:, skip::times],
         )  # fmt: skip
+
+    @cached_property
+    def distinct(self) -> np.ndarray:
+        """One over how many windows repeat each window of a free robot, itself among them, shape (W,)."""
+        if not self.root.any():
+            return np.ones(self.count)
+        q = self.measured["q"]
+        path = q[:, np.linspace(0, q.shape[1] - 1, 4).astype(int)].reshape(self.count, -1)
+        return 1.0 / (np.abs(path[:, None] - path).max(axis=-1) < REPEATED).sum(axis=1)
 
     @cached_property
     def nearest(self) -> tuple[np.ndarray, np.ndarray]:
