@@ -470,8 +470,10 @@ def _to_origin(a: np.ndarray, b: np.ndarray, c: np.ndarray, theta: np.ndarray) -
 def _weighed(
     a: np.ndarray, b: np.ndarray, c: np.ndarray, prior: np.ndarray, distinct: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Best parameters, (P,); by which each window counts, (W,), but for its share of those that repeat each other,
-    ``distinct``; and whether its mismatch there is of the usual size."""
+    """Best parameters, (P,); weights of windows, (W,); and whether the mismatch of each there is of the usual size.
+
+    ``distinct`` is each window's share of those that repeat each other; weights are without it.
+    """
     keep, weight = np.isfinite(c), np.ones(len(c))
     best = np.zeros(len(prior))
     for _ in range(ROUNDS):

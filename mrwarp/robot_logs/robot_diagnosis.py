@@ -26,6 +26,7 @@ from mrwarp.robot_logs.selection import (
     Found,
     Posterior,
     bounds_of,
+    bounds_without,
     own_members,
     posterior,
     select,
@@ -96,11 +97,12 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     found, refuted = by_replay(found, model, groups, evidence, parameters, theta)
     doubtful += refuted
 
-    def alone(found: list[Found], start: np.ndarray = theta) -> tuple[Sizes, Evidence]:
-        released = [f.direction for f in found]
+    def alone(
+        found: list[Found], start: np.ndarray = theta, bounds: tuple[np.ndarray, np.ndarray] = bounds_of(parameters)
+    ) -> tuple[Sizes, Evidence]:
+        released, (low, high) = [f.direction for f in found], bounds
         named = {k for d in released for k in d.members}
         begin = np.where([k in named or p.of_session for k, p in enumerate(parameters)], start, 0.0)
-        low, high = bounds_of(parameters)
         size, near, free = fitted_alone(model, groups, parameters, released, begin, low, high)
         own, prior, lone = [parameters[k] for k in free], np.zeros((len(free), len(free))), size[free]
         lone[[k for k, p in enumerate(own) if p.of_session and free[k] not in named]] = 0.0
@@ -123,16 +125,20 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     found = told
     progress("before and after")
     foreign = [f for f in found if f.direction.cause in OUTSIDE]
-    before = (size, near) if len(foreign) == len(found) else alone(foreign)
+    wide = bounds_of(parameters)
+    # a floor or a delay that is a fault is no part of the session before it is told
+    usual = bounds_without(parameters, [f.direction for f in found if f not in foreign])
+    before = (size, near) if len(foreign) == len(found) else alone(foreign, bounds=usual)
 
     def held_out(found: list[Found], near: Evidence) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
-        fits = (([f.direction for f in own], x) for own, x in ((foreign, before[1]), (found, near)))
-        return _held_out(model, groups, evidence, parameters, *fits)
+        own = ([f.direction for f in foreign], before[1], usual), ([f.direction for f in found], near, wide)
+        return _held_out(model, groups, evidence, parameters, *own)
 
     gain, errors = held_out(found, near)
     if gain["ci95"][1] < 0.0:  # each was clear, but with them all together the replay is worse
         doubtful += [f for f in found if f not in foreign]
-        found, (size, near) = foreign, before
+        found, usual = foreign, wide
+        size, near = before = alone(foreign)
         gain, errors = held_out(found, near)
     now = posterior(evidence, parameters, [f.direction for f in found])
     found = [replace(f, alternatives=(*f.alternatives, *rivals.get(f.direction, ()))) for f in found]
@@ -145,7 +151,7 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     beside = posterior(evidence, parameters, [*(f.direction for f in found), *(f.direction for f in doubtful)])
     suspects, both = [], [*found, *doubtful]
     for f in (f for f in doubtful if f.direction.cause not in OUTSIDE):
-        about = sizes(evidence, parameters, [f.direction for f in both])
+        about = sizes(evidence, parameters, [f.direction for f in both], *wide)
         c = _named(f, both, replace(size, size=about, lone=about), evidence, parameters, beside)
         reason = NOT_CLEAR if f in unclear else NOT_FORETOLD
         suspects.append(Suspect(name=c.name, reason=f"at {c.where}: {reason}", parameters=c.parameters, gain=c.gain))
@@ -261,11 +267,11 @@ def _on_windows_of(evidence: Evidence, near: Evidence, free: list[int]) -> Evide
 
 def _held_out(
     model: ReplayModel, groups: list[Windows], evidence: Evidence, parameters: list[Parameter],
-    *fits: tuple[list[Direction], Evidence],
+    *fits: tuple[list[Direction], Evidence, tuple[np.ndarray, np.ndarray]],
 ) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:  # fmt: skip
     """Error of the replay on parts of the log that took no part, before and after, both beside their session's offsets.
 
-    ``fits`` are the causes of each and the evidence about its fit.
+    ``fits`` are the causes of each, the evidence about its fit, and its bounds.
 
     Returns:
         Reduction of the weighted error beside each window's best start, with its interval over parts; and errors before
@@ -275,8 +281,8 @@ def _held_out(
     parts = np.array_split(np.arange(len(evidence.c)), PARTS)
     for part in parts:
         rest = np.setdiff1d(np.arange(len(evidence.c)), part)
-        for k, (released, near) in enumerate(fits):
-            theta[k, part] = sizes(replace(near, a=near.a[rest], b=near.b[rest]), parameters, released)
+        for k, (released, near, bounds) in enumerate(fits):
+            theta[k, part] = sizes(replace(near, a=near.a[rest], b=near.b[rest]), parameters, released, *bounds)
     both = [losses(evidence, model, groups, parameters, x) for x in theta]
     whole = np.isfinite(both[0][0]) & np.isfinite(both[1][0])  # a replay that broke has no error to compare
     channels = sum(len(x) for x in evidence.sigma.values())

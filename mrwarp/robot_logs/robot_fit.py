@@ -60,7 +60,7 @@ def fitted(
     theta = np.zeros(len(parameters))
     released: list[Direction] = []
     if model.free:  # what every session has is first: on another floor, derivatives of a fault are others
-        theta, _, _ = fitted_alone(model, groups, parameters, [], theta, *bounds_of(parameters))
+        theta = _session(model, groups, parameters)
     described = evidence = gather(model, groups, parameters, theta, progress)
     fits: dict[frozenset[Direction], tuple[np.ndarray, list[Direction]]] = {}
     rivals: dict[Direction, list[Direction]] = {}
@@ -118,6 +118,23 @@ def fitted(
             theta, released = others[best]
             evidence = gather(model, groups, parameters, theta, progress)
     return theta, released, evidence, rivals
+
+
+def _session(model: ReplayModel, groups: list[Windows], parameters: list[Parameter]) -> np.ndarray:
+    """What every session has, fitted alone, (P,); when commands act by search, and the rest anew beside it.
+
+    Coils read what rows command, step by step: derivatives do not say how far off the right row is.
+    """
+    low, high = bounds_of(parameters)
+    theta, evidence, free = fitted_alone(model, groups, parameters, [], np.zeros(len(parameters)), low, high)
+    own = [parameters[k] for k in free]
+    late = [k for k, p in enumerate(own) if p.field == "delay"]
+    moved = theta.copy()
+    prior = prior_of(own, [])
+    moved[free] = searched(theta[free], late, model, groups, own, evidence, prior, low[free], high[free])
+    if (np.abs(moved - theta)[free][late] < [own[k].least for k in late]).all():
+        return theta
+    return fitted_alone(model, groups, parameters, [], moved, low, high)[0]
 
 
 def fitted_alone(

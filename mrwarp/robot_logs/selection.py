@@ -159,6 +159,14 @@ def bounds_of(parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
+def bounds_without(parameters: Sequence[Parameter], causes: Sequence[Direction]) -> tuple[np.ndarray, np.ndarray]:
+    """The same where ``causes`` are within what is no fault."""
+    low, high = bounds_of(parameters)
+    for k in (k for d in causes for k in d.members):
+        low[k], high[k] = parameters[k].usual
+    return low, high
+
+
 def posterior(evidence: Evidence, parameters: Sequence[Parameter], released: Sequence[Direction]) -> Posterior:
     """Parameters with the prior of healthy robots, and that of faults along ``released``."""
     q = prior_of(parameters, released)
@@ -270,13 +278,15 @@ def estimate(k: int, now: Posterior, parameters: Sequence[Parameter]) -> tuple[f
     return float(mean), float(max(1.0 / np.sqrt(known), np.sqrt(now.robust[k])))
 
 
-def sizes(evidence: Evidence, parameters: Sequence[Parameter], released: Sequence[Direction]) -> np.ndarray:
+def sizes(
+    evidence: Evidence, parameters: Sequence[Parameter], released: Sequence[Direction], low: np.ndarray,
+    high: np.ndarray,
+) -> np.ndarray:  # fmt: skip
     """Changes by which the extended robot fits best, shape (P,): causes and session's offsets, else as described."""
     named = {k for d in released for k in d.members}
     free = [k for k, p in enumerate(parameters) if k in named or p.of_session]
     own = [replace(d, members=tuple(free.index(k) for k in d.members)) for d in released]
     a, b = evidence.a.sum(axis=0) / evidence.scale, evidence.b.sum(axis=0) / evidence.scale
-    low, high = bounds_of(parameters)
     found = np.zeros(len(parameters))
     if free:
         q = prior_of([parameters[k] for k in free], own)

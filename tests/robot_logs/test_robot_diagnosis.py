@@ -27,6 +27,7 @@ from mrwarp.robot_logs.selection import (
     Direction,
     Found,
     bounds_of,
+    bounds_without,
     half_width,
     posterior,
     prior_of,
@@ -220,7 +221,7 @@ def test_intervals_cover_where_neighbouring_windows_err_alike() -> None:
         error = np.repeat(rng.normal(size=8), 8) + 0.3 * rng.normal(size=64)
         evidence = _evidence(np.ones((64, 1, 1)), error[:, None])
         now = posterior(evidence, [p], [])
-        size = float(sizes(evidence, [p], [d])[0])
+        size = float(sizes(evidence, [p], [d], *bounds_of([p]))[0])
         held.append(abs(size) < half_width(d.members, size, now, [p], lone=size))
     assert 0.90 <= np.mean(held) <= 0.98
 
@@ -232,7 +233,7 @@ def test_a_cause_whose_interval_reaches_to_no_fault_is_a_suspect() -> None:
 
     def clear(asked: np.ndarray) -> bool:
         evidence = _evidence(np.ones((64, 1, 1)), np.repeat(asked, 8)[:, None])
-        size = sizes(evidence, [p], [f.direction])
+        size = sizes(evidence, [p], [f.direction], *bounds_of([p]))
         alone = robot_proof.Sizes(size=size, lone=size, wider=1.0)
         found, doubtful, *_ = robot_proof.clear_ones([f], evidence, [p], lambda _: (alone, evidence))
         assert len(found) + len(doubtful) == 1
@@ -344,7 +345,7 @@ def test_rounds_end_where_two_sets_of_causes_ask_for_each_other(monkeypatch: pyt
     stubs = {
         "gather": lambda *_: evidence, "select": select, "fit": fit, "replayed": replayed,
         "foretelling": lambda found, *_: (found, []), "fitted_alone": lambda *_: (np.zeros(2), evidence, []),
-        "_loudest": lambda *_: (np.zeros(2), []),
+        "_loudest": lambda *_: (np.zeros(2), []), "_session": lambda *_: np.zeros(2),
     }  # fmt: skip
     for name, stub in stubs.items():
         monkeypatch.setattr(robot_fit, name, stub)
@@ -548,6 +549,36 @@ def test_soft_ground_is_replayed_by_one_into_which_feet_sink(
     assert wrong[1] < 0.8 * wrong[0]
 
 
+def test_feet_of_a_robot_that_stands_do_not_creep(tmp_path: Path) -> None:
+    """Drives that press its feet apart do not spread its legs, though the trunk may sway."""
+    record(LogCfg(robot="mr_go", motions=(("stand", 4.0),), seed=1), tmp_path)
+    log = load_log(tmp_path)
+    model = replay_model(Path("mr_go"), log)
+    (group,) = cut_windows(model, log)
+    hips = [k for k, joint in enumerate(model.joints) if joint.endswith("hip")]
+    shift = np.zeros((group.count, len(model.joints)))
+    apart = np.array([1.0 if model.joints[k].startswith(("FL", "RL")) else -1.0 for k in hips])
+    shift[:, hips] = 0.02 * apart
+    start = np.zeros((group.count, len(nuisances(model))))
+    q = Replay(model, group).run(Hypotheses({"shift": shift}), np.arange(group.count), start)["q"][:, :, hips]
+    moved = q[:, -1] - q[:, group.t.shape[1] // 2]
+    assert abs(np.median((moved * apart).mean(axis=1))) < 2e-4
+
+
+def test_windows_of_a_robot_at_rest_count_together_once(tmp_path: Path) -> None:
+    """And each of a walk for itself."""
+    counts = {}
+    for motion in ("stand", "walk"):
+        cfg = LogCfg(robot="mr_go", motions=((motion, 4.0),), policy=DEFAULT_POLICY, seed=1)
+        with contextlib.suppress(OSError):
+            record(cfg, tmp_path / motion)
+        log = load_log(tmp_path / motion)
+        (group,) = cut_windows(replay_model(Path("mr_go"), log), log)
+        counts[motion] = float(group.distinct.sum()), group.count
+    assert counts["stand"][0] == pytest.approx(1.0, abs=0.2)
+    assert counts["walk"][0] == counts["walk"][1]
+
+
 def test_a_steady_pull_accelerates_the_robot_in_the_air(tmp_path: Path) -> None:
     """Without ground under its feet by F/m, along the world's axis."""
     record(LogCfg(robot="mr_go", motions=(("stand", 4.0),), seed=1, motion_capture=True), tmp_path)
@@ -626,6 +657,32 @@ def test_a_search_ends_beside_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found[0] == pytest.approx(0.9, abs=0.03)
 
 
+def test_when_commands_act_is_searched_where_derivatives_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They end at 7 ms of a delay of 12 ms, where the replay is best; the rest of a session is fitted beside that."""
+    p = replace(_parameter(), cause="command_delay", field="delay", least=0.0015, every_session=True)
+    begun = []
+
+    def fitted_alone(*args) -> tuple[np.ndarray, Evidence, list[int]]:  # noqa: ANN002
+        begun.append(float(args[4][0]))
+        return np.maximum(args[4], 0.007), _evidence(np.ones((8, 1, 1)), np.zeros((8, 1))), [0]
+
+    monkeypatch.setattr(robot_fit, "fitted_alone", fitted_alone)
+    monkeypatch.setattr(robot_fit, "replayed", lambda e, m, g, p, x: (1e9 * (x[0] - 0.012) ** 2, None))
+    assert robot_fit._session(None, [], [p])[0] == pytest.approx(0.012, abs=1e-4)
+    assert begun == [0.0, pytest.approx(0.012, abs=1e-4)]
+
+
+def test_a_delay_that_is_a_fault_is_no_part_of_the_error_before() -> None:
+    """Every session has one, within a row: the error without the cause is that of the latest that is no fault."""
+    p = replace(_parameter(), cause="command_delay", field="delay", usual=(0.0, 0.006), every_session=True)
+    d = Direction(cause="command_delay", where="robot", members=(0,))
+    evidence = _evidence(np.ones((64, 1, 1)), np.full((64, 1), 0.012))
+    before, after = (
+        sizes(evidence, [p], own, *bounds)[0] for own, bounds in (([], bounds_without([p], [d])), ([d], bounds_of([p])))
+    )
+    assert (before, after) == (pytest.approx(0.006), pytest.approx(0.012))
+
+
 @pytest.mark.slow
 def test_a_dead_coil_is_named_from_twelve_seconds_of_walking(tmp_path: Path) -> None:
     """Its current is missing, and nothing else is blamed: loads move to the legs beside it, whose devices are well."""
@@ -636,6 +693,14 @@ def test_a_dead_coil_is_named_from_twelve_seconds_of_walking(tmp_path: Path) -> 
     assert [(c.name, c.where) for c in d.causes] == [("coil_dead", "RL_calf")]
     assert d.causes[0].parameters["factor"].value < 0.01  # no current at all
     assert d.per_channel["current"]["extended"] < 0.3 * d.per_channel["current"]["baseline"]
+
+
+@pytest.mark.slow
+def test_a_healthy_robot_that_squats_has_no_cause(tmp_path: Path) -> None:
+    """No foot lifts: what lengths, inertias and floor would share is not blamed on any of them."""
+    record(LogCfg(robot="mr_go", motions=(("stand", 5.0), ("squat", 15.0)), seed=7), tmp_path)
+    d = diagnose_log(Path("mr_go"), load_log(tmp_path))
+    assert (d.verdict, d.causes) == ("none", ())
 
 
 @pytest.mark.slow
