@@ -33,6 +33,9 @@ REPEATED = 0.02
 """Windows whose joints nowhere differ by more than this repeat each other [rad]: what the simulation of a robot at rest
 gets wrong, it gets wrong in every window, and they say together what one of them says."""
 
+REPEATS = 8
+"""Windows of one recording that may repeat each other: as many as a verdict needs at least."""
+
 LARGEST_GAP = 5.0
 """A step of the stamps this many times the usual one ends a window."""
 
@@ -106,8 +109,7 @@ class Windows:
         if not self.root.any():
             return np.ones(self.count)
         q = self.measured["q"]
-        path = q[:, np.linspace(0, q.shape[1] - 1, 4).astype(int)].reshape(self.count, -1)
-        return 1.0 / (np.abs(path[:, None] - path).max(axis=-1) < REPEATED).sum(axis=1)
+        return 1.0 / np.array([_repeating(q, own).sum() for own in q])
 
     @cached_property
     def nearest(self) -> tuple[np.ndarray, np.ndarray]:
@@ -130,7 +132,7 @@ def cut_windows(
     for index, run in enumerate(log.runs):
         count = max(4, round(length / run.dt))
         usual = LARGEST_GAP * run.dt
-        gaps = np.flatnonzero(np.diff(run.t) > usual)
+        gaps, path = np.flatnonzero(np.diff(run.t) > usual), run.joint["q"]
         first, chosen, credit = max(3, round(longest_delay / run.dt)), [], 0.0
         rough, wait = _roughness(model, run) if model.free else None, round(QUIET_SHARE * count)
         while first + count < run.samples - 3:
@@ -142,12 +144,25 @@ def cut_windows(
                 continue
             credit += 1.0
             if credit >= every:
-                chosen.append(first)
+                if rough is None or _repeats(path, chosen, first, count) < REPEATS:
+                    chosen.append(first)
                 credit -= every
             first += count
         if chosen:
             groups.setdefault((count, round(np.log(run.dt) / 0.02)), []).append((index, run, chosen))
     return [_group(model, log, members, count, longest_delay) for (count, _), members in groups.items()]
+
+
+def _repeats(q: np.ndarray, chosen: list[int], first: int, count: int) -> int:
+    """How many of the windows that begin at ``chosen`` the one at ``first`` repeats, in angles along a run, (N, J)."""
+    others = np.array([q[k : k + count] for k in chosen]).reshape(-1, count, q.shape[1])
+    return int(_repeating(others, q[first : first + count]).sum())
+
+
+def _repeating(others: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Which windows' angles, (W, S, J), are those of one, (S, J), where it begins and ends and between."""
+    at = np.linspace(0, len(own) - 1, 4).astype(int)
+    return np.abs(others[:, at] - own[at]).max(axis=(1, 2)) < REPEATED
 
 
 def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest_delay: float) -> Windows:
