@@ -19,7 +19,7 @@ from mrwarp.robot_logs.selection import (
     Direction,
     Found,
     Posterior,
-    bounds_of,
+    bounds_without,
     common,
     half_width,
     own_members,
@@ -225,13 +225,10 @@ def _without(
     alike = one is not None and bool(wider_than(one.direction, [f.direction for f in found]))
     if alike:
         found = [f for f in found if f is not one]
-    low, high = bounds_of(parameters)
+    low, high = bounds_without(parameters, [] if one is None or alike else [one.direction])
     named = {k for f in found for k in f.direction.members}
     for k, p in enumerate(parameters):
         if k not in named and p.cause not in ORDINARY and not p.of_session:
             most = 2.0 * p.spread if p.field != "limit" else 0.0  # a limit acts as soon as it is there
             low[k], high[k] = max(low[k], -most), min(high[k], most)
-    if one is not None and not alike:
-        for k in one.direction.members:
-            low[k], high[k] = parameters[k].usual
     return prior_of(parameters, [f.direction for f in found]), low, high

@@ -73,7 +73,7 @@ MOTIONS = {
     "device_strength": Shown("walk with the devices switched on", {"walk": 20.0}),
     "device_drag": Shown("turn the joint slowly with the device and then without it", {"slow": 10.0}),
 }
-"""Motion that shows a cause; on the ground a walk, for logs that only stand or squat are not to be trusted."""
+"""Motion that shows a cause; on the ground mostly a walk, for windows of a robot at rest repeat each other."""
 
 NOT_LOOKED_FOR = {
     "backlash": "a motor's encoder hardly shows play; reverse the joint on a bench under a load that changes sign",
