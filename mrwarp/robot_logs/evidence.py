@@ -59,7 +59,7 @@ it stands."""
 
 LEAN = 0.002
 """Standard deviation of an inertial unit's roll and pitch, over a window, beside those of the session [rad]: its filter
-wanders."""
+wanders, the virtual robot's by as much."""
 
 LEAST_LEFT = {"q": 3e-4, "quat": 5e-4}
 """Least that counts as left in a channel of a robot on its feet [rad]: no simulation of standing feet is better, and of
@@ -75,7 +75,7 @@ class Slopes:
     j: np.ndarray
     """By parameter, shape (W, P, N)."""
     z: np.ndarray
-    """By the window's start, per step of it, shape (W, Z, N)."""
+    """By the window's start, per step of it, and by what wanders in a window of a free robot, shape (W, Z, N)."""
 
     def scale(self, sigma: dict[str, np.ndarray]) -> np.ndarray:
         """What is left in each channel, one number a reading, shape (N,)."""
@@ -108,7 +108,7 @@ class Evidence:
     run: np.ndarray
     """Run of each window, shape (W,)."""
     samples: int
-    """Readings of all windows that count."""
+    """Readings of all windows, of those that repeat each other as of one."""
     lost: int
     """Windows left out."""
     slopes: tuple[Slopes, ...] = ()
