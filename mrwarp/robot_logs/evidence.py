@@ -383,16 +383,13 @@ def _slopes(model, windows, parameters, theta, log) -> Slopes:  # noqa: ANN001
 def _wandering(windows: Windows) -> np.ndarray:
     """Readings that drift in a window beside all else, by :data:`CREEP` of each joint and :data:`LEAN`, (Z, W, N)."""
     layout = {name: x.shape for name, x in mismatch(windows.measured, windows.measured).items()}
+    wander: list[tuple[int, dict]] = [(j, {"q": CREEP * windows.t, "qd": CREEP}) for j in range(windows.q.shape[1])]
+    wander += [(k, {"quat": LEAN}) for k in range(2) if "quat" in layout]
     rows = []
-    for j in range(windows.q.shape[1]):
+    for column, sizes in wander:
         drift = {name: np.zeros(shape) for name, shape in layout.items()}
-        drift["q"][:, :, j] = CREEP * windows.t
-        if "qd" in drift:
-            drift["qd"][:, :, j] = CREEP
-        rows.append(side_by_side(drift))
-    for k in range(2 if "quat" in layout else 0):
-        drift = {name: np.zeros(shape) for name, shape in layout.items()}
-        drift["quat"][:, :, k] = LEAN
+        for name in sizes.keys() & drift.keys():
+            drift[name][..., column] = sizes[name]
         rows.append(side_by_side(drift))
     return np.stack(rows)
 

@@ -17,7 +17,7 @@ from mrwarp.robot_logs.evidence import Evidence, gather, losses
 from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
 from mrwarp.robot_logs.robot_fit import fitted, fitted_alone, likelier, searched, uneven
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
-from mrwarp.robot_logs.robot_proof import LEAST_WINDOWS, Sizes, by_replay, clear_ones, foretelling
+from mrwarp.robot_logs.robot_proof import Sizes, by_replay, clear_ones, foretelling
 from mrwarp.robot_logs.robot_verdict import NamedCause, RobotDiagnosis, sentence_of
 from mrwarp.robot_logs.selection import (
     PARTS,
@@ -34,7 +34,7 @@ from mrwarp.robot_logs.selection import (
 )
 from mrwarp.robot_logs.unexplained import joined, listed, outside, pushes, steady
 from mrwarp.robot_logs.unknowable import cannot_know, next_experiment
-from mrwarp.robot_logs.windows import Windows, cut_windows
+from mrwarp.robot_logs.windows import LEAST_WINDOWS, Windows, cut_windows
 
 FIT_SECONDS, SECONDS = 10.0, 60.0
 """Parts of a log by which the robot is fitted step by step, and from which causes are told [s]; logs of up to
@@ -97,8 +97,10 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     found, refuted = by_replay(found, model, groups, evidence, parameters, theta)
     doubtful += refuted
 
+    wide = bounds_of(parameters)
+
     def alone(
-        found: list[Found], start: np.ndarray = theta, bounds: tuple[np.ndarray, np.ndarray] = bounds_of(parameters)
+        found: list[Found], start: np.ndarray = theta, bounds: tuple[np.ndarray, np.ndarray] = wide
     ) -> tuple[Sizes, Evidence]:
         released, (low, high) = [f.direction for f in found], bounds
         named = {k for d in released for k in d.members}
@@ -125,7 +127,6 @@ def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] 
     found = told
     progress("before and after")
     foreign = [f for f in found if f.direction.cause in OUTSIDE]
-    wide = bounds_of(parameters)
     # a floor or a delay that is a fault is no part of the session before it is told
     usual = bounds_without(parameters, [f.direction for f in found if f not in foreign])
     before = (size, near) if len(foreign) == len(found) else alone(foreign, bounds=usual)

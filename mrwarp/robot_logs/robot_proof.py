@@ -28,7 +28,7 @@ from mrwarp.robot_logs.selection import (
     vector,
     wider_than,
 )
-from mrwarp.robot_logs.windows import Windows
+from mrwarp.robot_logs.windows import LEAST_WINDOWS, Windows
 
 FORETOLD, NEARLY_ALL = 5e-5, 0.85
 """Largest chance that windows agree as much on a cause that explains nothing, by Wilcoxon's signed ranks: one in a
@@ -40,9 +40,6 @@ asked for current says nothing of it, but for what the other numbers do without 
 
 PROOF_STEPS = 2
 """Steps of the fits by which a cause is proven: from where derivatives say."""
-
-LEAST_WINDOWS = 8
-"""Fewest windows that carry a verdict."""
 
 
 @dataclass(frozen=True, kw_only=True)

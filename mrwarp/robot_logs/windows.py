@@ -33,8 +33,8 @@ REPEATED = 0.02
 """Windows whose joints nowhere differ by more than this repeat each other [rad]: what the simulation of a robot at rest
 gets wrong, it gets wrong in every window, and they say together what one of them says."""
 
-REPEATS = 8
-"""Windows of one recording that may repeat each other: as many as a verdict needs at least."""
+LEAST_WINDOWS = 8
+"""Fewest windows that carry a verdict, and most of one recording that may repeat each other."""
 
 LARGEST_GAP = 5.0
 """A step of the stamps this many times the usual one ends a window."""
@@ -144,7 +144,7 @@ def cut_windows(
                 continue
             credit += 1.0
             if credit >= every:
-                if rough is None or _repeats(path, chosen, first, count) < REPEATS:
+                if rough is None or _repeats(path, chosen, first, count) < LEAST_WINDOWS:
                     chosen.append(first)
                 credit -= every
             first += count

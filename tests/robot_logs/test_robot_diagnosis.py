@@ -36,7 +36,7 @@ from mrwarp.robot_logs.selection import (
 )
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
 from mrwarp.robot_logs.window_replay import Hypotheses, Replay, _coil_current, nuisances
-from mrwarp.robot_logs.windows import REPEATS, cut_windows, held_rows
+from mrwarp.robot_logs.windows import LEAST_WINDOWS, cut_windows, held_rows
 from tests.robot_logs.arm_log import arm_log
 
 
@@ -575,7 +575,7 @@ def test_windows_of_a_robot_at_rest_count_together_once(tmp_path: Path) -> None:
         log = load_log(tmp_path / motion)
         (group,) = cut_windows(replay_model(Path("mr_go"), log), log)
         counts[motion] = float(group.distinct.sum()), group.count
-    assert counts["stand"] == (pytest.approx(1.0, abs=0.2), REPEATS)
+    assert counts["stand"] == (pytest.approx(1.0, abs=0.2), LEAST_WINDOWS)
     assert counts["walk"][0] == counts["walk"][1]
 
 
