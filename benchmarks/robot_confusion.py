@@ -101,7 +101,7 @@ def unknown_causes(args: argparse.Namespace) -> list[str]:
     """Causes that a healthy log of ``args.motion`` cannot show, and for which a motion is proposed."""
     with tempfile.TemporaryDirectory(prefix="robot_confusion_") as folder:
         record(log_cfg(args), Path(folder))
-        d = diagnose_log(Path(args.robot), load_log(Path(folder)))
+        d = diagnose_log(Path(args.robot), load_log(Path(folder)), device=args.device)
     listed = [text.partition(":")[0].partition(" of ")[0] for text in d.cannot_know]
     return [cause for cause in dict.fromkeys(listed) if cause in MOTIONS and cause in args.causes]
 
@@ -123,7 +123,7 @@ def run_case(
         with contextlib.suppress(OSError):
             record(cfg, folder)
         truth = json.loads((folder / "truth.json").read_text())["hidden"]
-        d = diagnose_log(Path(args.robot), load_log(folder))
+        d = diagnose_log(Path(args.robot), load_log(folder), device=args.device)
     except FallError as error:
         return {"family": family, "case": case, "hide": hide, "levels": levels, "fell": str(error)}
     finally:
@@ -215,6 +215,7 @@ def main() -> int:
                         help="least level of a cause, in healthy errors of the re-fitted simulation")  # fmt: skip
     parser.add_argument("--causes", nargs="+", choices=list(SIZES), default=list(SIZES), help="only these")
     parser.add_argument("--robot", default="mr_go", help="mr_go, go1, a USD file or an arm")
+    parser.add_argument("--device", default="cpu", help="cpu, or a GPU on which logs are replayed, such as cuda:0")
     parser.add_argument("--policy", type=Path, default=DEFAULT_POLICY, help="walking policy")
     parser.add_argument("--motion", nargs="+", metavar="NAME=SECONDS", help="motions of every log",
                         type=lambda x: (x.partition("=")[0], float(x.partition("=")[2] or 20.0)))  # fmt: skip
@@ -225,7 +226,7 @@ def main() -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     done = {(row["family"], row["case"]) for row in rows}
-    logs, causes = functools.cache(healthy_log), args.causes
+    logs, causes = functools.cache(functools.partial(healthy_log, device=args.device)), args.causes
     if args.family == "proposed":
         causes = unknown_causes(args)
         print(f"a log of {' '.join(name for name, _ in args.motion)} cannot show: {' '.join(causes)}", flush=True)

@@ -94,15 +94,15 @@ class HealthyLog:
         return new, found
 
 
-def healthy_log(cfg: LogCfg) -> HealthyLog:
-    """Record a log as ``cfg`` says but without what it hides, and fit the replay to it."""
+def healthy_log(cfg: LogCfg, device: str = "cpu") -> HealthyLog:
+    """Record a log as ``cfg`` says but without what it hides, and fit the replay to it, on a Warp ``device``."""
     folder = Path(tempfile.mkdtemp(prefix="robot_levels_"))
     try:
         record(replace(cfg, hide=()), folder)
         log = load_log(folder)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-    model = replay_model(Path(cfg.robot), log)
+    model = replay_model(Path(cfg.robot), log, device)
     parameters = parameters_of(model, log)
     windows = cut_windows(model, log, budget=FIT_SECONDS)
     low, high = bounds_of(parameters)

@@ -15,7 +15,7 @@ from mrwarp.commands.run_fit import Averaged
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.run_dir import check_writable, write_text
-from mrwarp.runtime import Stopwatch, quiet_libraries, text_table
+from mrwarp.runtime import Stopwatch, check_device, quiet_libraries, text_table
 
 if TYPE_CHECKING:
     from mrwarp.diagnose.report.diagnosis_page import Table
@@ -35,6 +35,8 @@ class Diagnose(Options):
     """output folder"""
     robot: Annotated[str | None, opt.one(str, "ROBOT")] = None
     """of a robot's log: its description, MJCF, URDF or USD (default: the file that log.json names, beside it)"""
+    device: str = "cpu"
+    """of a robot's log: cpu, or a GPU such as cuda:0, on which its pieces are replayed"""
     policy: opt.OptionalFile = None
     """of a robot's log: also show what the verdict changes when this policy walks (falls, tracking, power)"""
     model: opt.OptionalFile = None
@@ -64,8 +66,8 @@ class Diagnose(Options):
 
         if self.robot is not None or is_robot_log(self.data):
             return self._diagnose_robot(line)
-        if self.live or self.rrd is not None or self.policy is not None:
-            option = "--live" if self.live else "--rrd" if self.rrd is not None else "--policy"
+        own = {"--live": self.live, "--rrd": self.rrd, "--policy": self.policy, "--device": self.device != "cpu"}
+        if option := next((name for name, given in own.items() if given), ""):
             raise ValueError(f"{option}: {self.data} is the recording of a joint, no robot's log; leave it out")
 
         progress = Stopwatch()
@@ -92,7 +94,8 @@ class Diagnose(Options):
 
     def _diagnose_robot(self, line: CommandLine) -> int:
         """The same for a robot's log."""
-        quiet_libraries(gpu=False)
+        quiet_libraries(gpu=self.device != "cpu")
+        check_device(self.device)
         from mrwarp.robot_logs.bag import open_log
         from mrwarp.robot_logs.extended_robot import write_extended
         from mrwarp.robot_logs.report import log_page, log_pictures
@@ -119,7 +122,7 @@ class Diagnose(Options):
             robot = robot_of(log, self.robot)
             if self.policy is not None:
                 check_walker(self.policy, robot, log.base)
-            d = diagnose_log(robot, log, progress=progress)
+            d = diagnose_log(robot, log, device=self.device, progress=progress)
             walked = None
             if self.policy is not None and d.causes:
                 walked = walk_change(d, self.policy, seed=self.seed, progress=progress)

@@ -185,11 +185,13 @@ class MjWarpBackend:
 
     def expand(self, name: str) -> wp.array:
         """See :class:`Backend`."""
-        shared = getattr(self.model, name)
+        *above, own = name.split(".")  # as mujoco.batch has it: opt.gravity is the options' gravity
+        holder = getattr(self.model, *above) if above else self.model
+        shared = getattr(holder, own)
         if shared.shape[0] != self.num_envs or (self.num_envs > 1 and shared.strides[0] == 0):
             values = np.repeat(shared.numpy()[:1], self.num_envs, axis=0)
-            setattr(self.model, name, wp.array(values, dtype=shared.dtype, device=self.device))
-        return getattr(self.model, name)
+            setattr(holder, own, wp.array(values, dtype=shared.dtype, device=self.device))
+        return getattr(holder, own)
 
     def set_const(self) -> None:
         """See :class:`Backend`."""

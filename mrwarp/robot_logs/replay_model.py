@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import mujoco
@@ -47,6 +47,13 @@ class Devices:
     def __bool__(self) -> bool:
         return len(self.joint) > 0
 
+    def of_joints(self, name: str, joints: int) -> np.ndarray:
+        """A parameter of the device of each joint, 0 where there is none; shape (J,)."""
+        found = np.zeros(joints)
+        if self:
+            found[self.joint] = self.values[name]
+        return found
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayModel:
@@ -75,8 +82,22 @@ class ReplayModel:
     """Largest torque that the log asks of each joint, up to the description's limit [N·m], shape (J,)."""
     reach: np.ndarray
     """Distance from each body's joint to the furthest of what hangs on it [m], shape (B,)."""
+    device: str
+    """Warp device on which it is replayed."""
     sink: np.ndarray
     """Depth to which feet sink into the ground when one of them bears the robot, two, …, [m], shape (F,)."""
+    engines: dict = field(default_factory=dict)
+    """Engines in use, see :class:`mrwarp.robot_logs.window_replay.Replay`."""
+    compiled: dict[float, mujoco.MjModel] = field(default_factory=dict)
+    """Models by physics step [s], see :meth:`at_step`."""
+
+    def at_step(self, h: float) -> mujoco.MjModel:
+        """The model with physics steps of ``h`` [s], the same object each time."""
+        if h not in self.compiled:
+            spec = self.spec.copy()
+            spec.option.timestep = h
+            self.compiled[h] = spec.compile()
+        return self.compiled[h]
 
     def body_name(self, body: int) -> str:
         """Name of a body, of a USD file its prim's."""
@@ -110,8 +131,10 @@ class ReplayModel:
         return found
 
 
-def replay_model(path: Path, log: RobotLog) -> ReplayModel:
+def replay_model(path: Path, log: RobotLog, device: str = "cpu") -> ReplayModel:
     """Read a robot (MJCF, URDF, USD, or the name of a shipped one) and drive its joints as the log says.
+
+    On a GPU, a Warp ``device``, MuJoCo-Warp replays it.
 
     Raises:
         LogError: it cannot be read, or lacks a joint of the log.
@@ -173,6 +196,7 @@ def replay_model(path: Path, log: RobotLog) -> ReplayModel:
         limited=np.array([joint in limits for joint in log.joints]),
         asked=np.minimum(_asked(log), model.actuator_forcerange[:, 1]),
         reach=_reach(model),
+        device=device,
         sink=_sink(model, _feet(model)) if free else np.zeros(0),
     )
 

@@ -65,15 +65,17 @@ def robot_of(log: RobotLog, robot: str | None) -> Path:
     return beside
 
 
-def diagnose_log(robot: Path, log: RobotLog, *, progress: Callable[[str], None] = lambda _: None) -> RobotDiagnosis:
-    """Diagnose a log against a robot's description.
+def diagnose_log(
+    robot: Path, log: RobotLog, *, device: str = "cpu", progress: Callable[[str], None] = lambda _: None
+) -> RobotDiagnosis:
+    """Diagnose a log against a robot's description, with replays on a Warp ``device``.
 
     Raises:
         LogError: robot and log do not fit.
     """
     begun = time.perf_counter()
     progress(f"reading {robot}")
-    model = replay_model(robot, log)
+    model = replay_model(robot, log, device)
     parameters = parameters_of(model, log)
     groups = cut_windows(model, log, budget=SECONDS)
     if (count := sum(group.count for group in groups)) < LEAST_WINDOWS:

@@ -10,21 +10,26 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import mujoco
-import mujoco.batch
 import numpy as np
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from mrwarp.env.backend import new_batch
+from mrwarp.enums import BackendKind
 from mrwarp.robot_logs.causes import Parameter
+from mrwarp.robot_logs.replay_engine import ReplayEngine, threads_of
 from mrwarp.robot_logs.replay_model import ReplayModel, Stance
 from mrwarp.robot_logs.windows import Windows, turn_between, turned
 
 CHUNK, WORKERS = 400, 2
-"""Environments that run at once in one thread, and threads."""
+"""Environments that run at once in one thread of a CPU, and threads."""
 
-STRIBECK_SPEED = 0.15
-"""Speed at which Stribeck's friction has faded [rad/s]."""
+GPU_CHUNK = 8192
+"""Environments that run at once on a GPU: fewer leave it idle, more save nothing."""
+
+GPU_LEAST = 256
+"""Fewest environments for which a GPU makes room: so many take the time of one."""
+
+FEW_PER_CORE = 50
+"""Environments that a core of a CPU steps in the time in which a GPU steps a thousand: 0.9 ms (H100, a quadruped)."""
 
 T = TypeVar("T")
 
@@ -70,17 +75,26 @@ def nuisances(model: ReplayModel) -> np.ndarray:
 class Replay:
     """Steps windows under hypotheses, many at once.
 
-    Robots are shared out to :data:`WORKERS` threads: while one of them prepares or reads its own in Python, the engine
-    steps another's.
+    On a CPU robots are shared out to :data:`WORKERS` threads: while one of them prepares or reads its own in Python,
+    the engine steps another's. A model on a GPU has few robots stepped on the CPU, too.
+
+    Attributes:
+        at_once: Robots by which it is busy, or more.
+
+    Args:
+        model: The robot.
+        windows: What it is replayed along.
+        kind: Engine of all robots; None takes the model's device.
     """
 
-    def __init__(self, model: ReplayModel, windows: Windows) -> None:
-        spec = model.spec.copy()
-        spec.option.timestep = windows.h
-        mj = spec.compile()
-        mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND)
+    def __init__(self, model: ReplayModel, windows: Windows, *, kind: BackendKind | None = None) -> None:
+        own, batch, warp = model.at_step(windows.h), BackendKind.MJBATCH, BackendKind.MJWARP
         self.model, self.windows = model, windows
-        self._steppers = [_Stepper(model, windows, copy.copy(mj)) for _ in range(WORKERS)]
+        few = [] if kind is warp else [_Stepper(model, windows, own, batch, k) for k in range(WORKERS)]
+        on_gpu = kind is warp or (kind is None and model.device != "cpu")
+        self._many = [_Stepper(model, windows, own, warp, 0)] if on_gpu else few
+        self._few = few or self._many
+        self.at_once = GPU_CHUNK if on_gpu else CHUNK
 
     def run(self, changes: Hypotheses, window: np.ndarray, start: np.ndarray) -> dict[str, np.ndarray]:
         """Readings that the simulation predicts.
@@ -110,113 +124,98 @@ class Replay:
         made: Callable[[dict[str, np.ndarray], np.ndarray], T],
     ) -> list[T]:  # fmt: skip
         """What is made of the readings and windows of each chunk, in its thread."""
-        size = min(CHUNK, -(-len(window) // WORKERS))
+        many = len(window) > FEW_PER_CORE * (os.cpu_count() or 1)
+        steppers, most = (self._many, self.at_once) if many else (self._few, CHUNK)
+        workers = len(steppers)
+        size = min(most, -(-len(window) // workers))
         chunks = [slice(first, min(first + size, len(window))) for first in range(0, len(window), size)]
+        for k, x in enumerate(chunks):
+            steppers[k % workers].make_room(size, x.stop - x.start)
 
         def work(k: int) -> list[T]:
-            readings = ((dict(self._steppers[k].chunk(changes, window, start, x)), x) for x in chunks[k::WORKERS])
-            return [made(found, window[x]) for found, x in readings]
+            own = chunks[k::workers]
+            return [made(dict(steppers[k].chunk(changes, window, start, x)), window[x]) for x in own]
 
-        with ThreadPoolExecutor(WORKERS) as pool:
-            found = list(pool.map(work, range(WORKERS)))
-        return [found[k % WORKERS][k // WORKERS] for k in range(len(chunks))]
+        with ThreadPoolExecutor(workers) as pool:
+            found = list(pool.map(work, range(workers)))
+        return [found[k % workers][k // workers] for k in range(len(chunks))]
 
 
 class _Stepper:
-    """Steps the robots of one thread, :data:`CHUNK` at once."""
+    """Steps the robots of one thread, a chunk at once."""
 
-    def __init__(self, model: ReplayModel, windows: Windows, mj: mujoco.MjModel) -> None:
-        self.model, self.windows, self.mj = model, windows, mj
-        self.batch = self._batch(1)
-        self._longer: set[int] = set()
+    def __init__(self, model: ReplayModel, windows: Windows, mj: mujoco.MjModel, kind: BackendKind, own: int) -> None:
+        self.model, self.windows, self.mj, self._kind, self._own = model, windows, mj, kind, own
+        self.engine: ReplayEngine
         self._stance, self._plain, self._moved = Stance(model, copy.copy(mj)), {}, {}
         self._coils: dict[bytes, np.ndarray] = {}
 
-    def _batch(self, robots: int) -> mujoco.batch.Batch:
-        return new_batch(self.mj, robots, max((os.cpu_count() or 1) // WORKERS, 1))
+    def make_room(self, robots: int, count: int) -> None:
+        """Take an engine for so many robots, the model's of that size where there is one; ``count`` of them run."""
+        robots = 1 << (robots - 1).bit_length()
+        if self._kind is BackendKind.MJWARP:
+            robots = max(GPU_LEAST, robots)
+        key = self._kind, self._own, self.windows.h, robots
+        if key not in self.model.engines:
+            workers = WORKERS if self._kind is BackendKind.MJBATCH else 1
+            self.model.engines[key] = ReplayEngine(
+                self.model, self.mj, robots, kind=self._kind, threads=threads_of(workers)
+            )
+        self.engine = self.model.engines[key]
+        self.engine.load(self.windows)
+        self.engine.prepare(count)
 
     def chunk(
         self, changes: Hypotheses, window: np.ndarray, start: np.ndarray, rows: slice
     ) -> Iterator[tuple[str, np.ndarray]]:
-        w, m, mj, windows = window[rows], self.model, self.mj, self.windows
-        count, joints, begin = len(w), len(self.model.joints), self.windows.before
-        if count > self.batch.nsim:
-            self.batch, self._longer = self._batch(count), set()
+        w, m, mj, windows, engine = window[rows], self.model, self.mj, self.windows, self.engine
+        count, joints = len(w), len(self.model.joints)
 
         def field(name: str, columns: int = joints) -> np.ndarray:
             return changes.get(name, columns, rows)
 
         ids = np.arange(count)
-        more, kd = 1.0 + field("kp"), windows.kd[w] * (1.0 + field("kd"))
-        strength, offset, lag = 1.0 + field("strength") + field("scale", 1), field("offset"), field("lag")
-        dry = np.maximum(mj.dof_frictionloss[m.v_adr] + field("friction"), 0.0)
-        self._set("dof_damping", ids, m.v_adr, np.maximum(mj.dof_damping[m.v_adr] + field("damping"), 0.0))
+        kp, kd, drives = 1.0 + field("kp"), 1.0 + field("kd"), engine.drives
+        strength, latency = 1.0 + field("strength") + field("scale", 1), field("latency", 1)
+        damping = np.maximum(mj.dof_damping[m.v_adr] + field("damping"), 0.0)
+        self._set("dof_damping", ids, m.v_adr, damping)
         # damping at the end of a step instead of along it acts as an inertia of half of it: without it, steps of 5 ms
         # and of 1 ms would disagree on a small joint's inertia
-        late_damping = 0.5 * windows.h * (strength * kd + np.maximum(mj.dof_damping[m.v_adr] + field("damping"), 0.0))
+        late_damping = 0.5 * windows.h * (strength * windows.kd[w] * kd + damping)
         # a drive that answers what it read a little earlier: -kd*qd(t - x) is -kd*qd + x*kd*qdd, and so for the angle
-        latency = field("latency", 1)
-        rotor = mj.dof_armature[m.v_adr] + field("armature") - late_damping - latency * strength * kd
+        rotor = mj.dof_armature[m.v_adr] + field("armature") - late_damping - latency * strength * windows.kd[w] * kd
         self._set("dof_armature", ids, m.v_adr, np.maximum(rotor, 1e-5))
-        limits = self._limits(w, field("limit"))
-        gain, bias = self.batch.expand("actuator_gainprm"), self.batch.expand("actuator_biasprm")
-        gain[:count, :, 0] = strength
-        self.batch.expand("actuator_forcerange")[:count] = limits
+        engine.of_model("actuator_gainprm")[:count, :, 0] = strength
+        engine.of_model("actuator_forcerange")[:count] = self._limits(w, field("limit"))
         self._bodies(field("mass", mj.nbody), field("length", mj.nbody), field("com", 3), ids)
         slope = field("slope", 2)
         if m.free:
             self._ground(field("mu", 1), field("give", 1), field("foot", len(m.feet)), ids)
-            self.batch.expand("opt.gravity")[:count] = _rotation(slope).inv().apply(mj.opt.gravity)
+            engine.of_model("opt.gravity")[:count] = _rotation(slope).inv().apply(mj.opt.gravity)
         else:
             self._lean(slope, ids)
-
-        def late(x: np.ndarray) -> np.ndarray:
-            return _delayed(x, field("delay", 1)[:, 0] / windows.h, begin, windows.steps)
-
-        parts = windows.feed[:, w]
-        ask = late(more[:, None] * parts[0] + (1.0 + field("kd"))[:, None] * parts[1] + parts[2])
-        kp = late(more[:, None] * windows.kp[w])
-        outer = self.batch.bind("qfrc_applied")
+        outer = engine.state("qfrc_applied")
         outer[:count] = field("push", mj.nv)
         if m.free:
             root = int(mj.jnt_dofadr[mj.body_jntadr[m.trunk]])
             outer[:count, root : root + 2] += field("pull", 2)
-        device = _Devices(m, field) if m.devices else None
-        coil = late(windows.coil[w])[:, :, m.devices.joint] if m.devices else None
-        if device is not None and coil is not None:
-            middle = 0.5 * (
-                m.devices.values["kp_base"] + m.devices.values["kp_low"]
-            )  # eq. 9: the low gain while it holds
-            device.begin(windows.start_coil[w][:, m.devices.joint], windows.past[w][:, :, m.devices.joint], windows.h)
+        lag, coil_lag = np.maximum(field("lag"), 0.0), m.devices.of_joints("coil_time_constant", joints)
+        engine.window[:count] = w
+        # commands reach no further than those that were cut out beside the window
+        engine.delay[:count] = np.clip(field("delay", 1)[:, 0] / windows.h, 1.0 - windows.before, windows.before - 1.0)
+        engine.latency[:count] = latency[:, 0]
+        for name, values in {
+            "kp": kp, "kd": kd, "strength": strength, "shift": field("shift") - field("offset"),
+            "faded": lag / (lag + windows.h),  # late by the lag at any step
+            "dry": np.maximum(mj.dof_frictionloss[m.v_adr] + field("friction"), 0.0), "stribeck": field("stribeck"),
+            "alive": np.maximum(1.0 + field("coil"), 0.0), "device": 1.0 + field("device"), "drag": field("drag"),
+            "lag": np.maximum(coil_lag + field("coil_lag"), 0.0),
+        }.items():  # fmt: skip
+            drives[name][:count] = values
         self._begin(w, start[rows], field, ids)
-        q, v = self.batch.bind("qpos"), self.batch.bind("qvel")
-        ctrl, loss = self.batch.bind("ctrl"), self.batch.expand("dof_frictionloss")
-        force = self.batch.bind("qfrc_actuator")
-        pos, vel = np.empty((count, windows.steps + 1, mj.nq)), np.empty((count, windows.steps + 1, mj.nv))
-        torque = np.zeros((count, windows.steps + 1, joints))
-        stribeck, shift = field("stribeck"), field("shift") - offset
-        slow = v[:count][:, m.v_adr].copy()
-        faded = np.maximum(lag, 0.0) / (np.maximum(lag, 0.0) + windows.h)  # late by the lag at any step
         with np.errstate(all="ignore"):
-            for k in range(windows.steps):
-                pos[:, k], vel[:, k] = q[:count], v[:count]
-                speed = vel[:, k][:, m.v_adr]
-                slow = speed + faded * (slow - speed)
-                bias[:count, :, 1] = -strength * kp[:, k]
-                bias[:count, :, 2] = -strength * (kd - latency * kp[:, k])
-                ctrl[:count] = ask[:, k] + kp[:, k] * shift + kd * (speed - slow)
-                bound = dry + stribeck * np.exp(-((speed / STRIBECK_SPEED) ** 2))
-                if device is not None and coil is not None:
-                    hold = kp[:, k][:, m.devices.joint] < middle * more[:, m.devices.joint]
-                    at = pos[:, k][:, m.q_adr[m.devices.joint]]
-                    bound[:, m.devices.joint] += device.bound(
-                        coil[:, k], at, speed[:, m.devices.joint], hold, windows.h
-                    )
-                loss[np.ix_(ids, m.v_adr)] = np.maximum(bound, 0.0)
-                self.batch.step(ids)
-                torque[:, k + 1] = force[:count][:, m.v_adr]  # what a row reads acted before the row's command
-        pos[:, -1], vel[:, -1], torque[:, 0] = q[:count], v[:count], torque[:, 1]
-        yield from self._read(w, pos, vel, torque, field)
+            pos, vel, torque = engine.run(count)
+            yield from self._read(w, pos, vel, torque, field)
 
     def _limits(self, w: np.ndarray, change: np.ndarray) -> np.ndarray:
         """Range of each drive's torque, shape (E, J, 2): a lower limit counts from the most that was asked for."""
@@ -225,32 +224,32 @@ class _Stepper:
         return np.stack([np.maximum(low, -own), np.minimum(high, own)], axis=-1)
 
     def _set(self, name: str, ids: np.ndarray, columns: np.ndarray, values: np.ndarray) -> None:
-        self.batch.expand(name)[np.ix_(ids, columns)] = values
+        self.engine.of_model(name)[np.ix_(ids, columns)] = values
 
     def _bodies(self, mass: np.ndarray, length: np.ndarray, com: np.ndarray, ids: np.ndarray) -> None:
         """Masses with inertias in proportion; longer links; the trunk's centre of mass."""
         mj, count = self.mj, len(ids)
         new = np.maximum(mj.body_mass + mass, 1e-4)
         factor = np.where(mj.body_mass > 0.0, new / np.maximum(mj.body_mass, 1e-9), 1.0)
-        self.batch.expand("body_mass")[:count] = np.where(mj.body_mass > 0.0, new, mj.body_mass)
-        self.batch.expand("body_inertia")[:count] = mj.body_inertia * factor[:, :, None]
-        self.batch.expand("body_ipos")[:count] = mj.body_ipos
-        self.batch.expand("body_ipos")[:count, self.model.trunk] += com
+        self.engine.of_model("body_mass")[:count] = np.where(mj.body_mass > 0.0, new, mj.body_mass)
+        self.engine.of_model("body_inertia")[:count] = mj.body_inertia * factor[:, :, None]
+        self.engine.of_model("body_ipos")[:count] = mj.body_ipos
+        self.engine.of_model("body_ipos")[:count, self.model.trunk] += com
         for body in np.flatnonzero(length.any(axis=0)):
             far = 1.0 + length[:, body, None] / self.model.reach[body]
             for name, members in (("body_pos", mj.body_parentid == body), ("geom_pos", mj.geom_bodyid == body)):
                 for k in np.flatnonzero(members):
-                    self.batch.expand(name)[:count, k] = getattr(mj, name)[k] * far
-            self._longer.add(int(body))
-        for body in [x for x in self._longer if not length[:, x].any()]:
+                    self.engine.of_model(name)[:count, k] = getattr(mj, name)[k] * far
+            self.engine.longer.add(int(body))
+        for body in [x for x in self.engine.longer if not length[:, x].any()]:
             for name, members in (("body_pos", mj.body_parentid == body), ("geom_pos", mj.geom_bodyid == body)):
-                self.batch.expand(name)[:count, members] = getattr(mj, name)[members]
-        self.batch.set_const(ids)
+                self.engine.of_model(name)[:count, members] = getattr(mj, name)[members]
+        self.engine.set_const(len(ids))
 
     def _lean(self, slope: np.ndarray, ids: np.ndarray) -> None:
         """A fixed robot that is not mounted level: every body at the world's root is turned about its origin."""
         roots = np.flatnonzero(self.mj.body_parentid == 0)[1:]
-        pos, quat = self.batch.expand("body_pos"), self.batch.expand("body_quat")
+        pos, quat = self.engine.of_model("body_pos"), self.engine.of_model("body_quat")
         lean = Rotation.from_rotvec(np.concatenate([slope, np.zeros((len(ids), 1))], axis=1))
         for body in roots:
             own = Rotation.from_quat(np.roll(self.mj.body_quat[body], -1))
@@ -259,10 +258,10 @@ class _Stepper:
 
     def _ground(self, mu: np.ndarray, give: np.ndarray, foot: np.ndarray, ids: np.ndarray) -> None:
         """Friction of every contact, and how much it gives; beside that, how much each foot does."""
-        friction = self.batch.expand("geom_friction")
+        friction = self.engine.of_model("geom_friction")
         friction[: len(ids)] = self.mj.geom_friction
         friction[: len(ids), :, 0] *= np.maximum(1.0 + mu, 0.02)
-        solref = self.batch.expand("geom_solref")
+        solref = self.engine.of_model("geom_solref")
         solref[: len(ids)] = self.mj.geom_solref
         solref[: len(ids), :, 0] = np.where(
             self.mj.geom_solref[:, 0] > 0.0, self.mj.geom_solref[:, 0] * np.sqrt(np.maximum(1.0 + give, 0.05)),
@@ -293,9 +292,9 @@ class _Stepper:
             vel[:, :3] += extra[:, 3:6]
         pos[:, m.q_adr] += start[:, :joints]
         vel[:, m.v_adr] += start[:, joints : 2 * joints]
-        self.batch.bind("qpos")[ids] = self._later(pos, vel, 0.5 * windows.h)
-        self.batch.bind("qvel")[ids] = vel
-        self.batch.bind("qacc_warmstart")[ids] = 0.0
+        self.engine.state("qpos")[ids] = self._later(pos, vel, 0.5 * windows.h)
+        self.engine.state("qvel")[ids] = vel
+        self.engine.state("qacc_warmstart")[ids] = 0.0
 
     def _stand(self, pos: np.ndarray, vel: np.ndarray, w: np.ndarray, field: Callable[..., np.ndarray]) -> None:
         """Move trunks of robots that stand otherwise than the described one: how high and fast it is, its feet tell."""
@@ -363,34 +362,32 @@ class _Stepper:
     def _read(self, w, pos, vel, torque, field) -> Iterator[tuple[str, np.ndarray]]:  # noqa: ANN001
         m, windows = self.model, self.windows
         clock, rows = field("clock", 2), np.arange(len(w))[:, None]
-        pos = self._later(pos, vel, -0.5 * windows.h)
+        along = np.clip((windows.t[w] - clock.T[:, :, None]) / windows.h, 0.0, windows.steps - 1e-9)
+        below = along.astype(int)
 
         def at_samples(x: np.ndarray, group: int = 0) -> np.ndarray:
-            along = np.clip((windows.t[w] - clock[:, group, None]) / windows.h, 0.0, windows.steps - 1e-9)
-            low = along.astype(int)
-            s = (along - low)[..., None]
-            return (1.0 - s) * x[rows, low] + s * x[rows, low + 1]
+            share = (along[group] - below[group])[..., None]
+            return (1.0 - share) * x[rows, below[group]] + share * x[rows, below[group] + 1]
 
+        early = -0.5 * windows.h  # see _later
         for name in windows.measured:
             if name == "q":
-                yield name, at_samples(pos[:, :, m.q_adr] + field("offset")[:, None])
+                moved = early * at_samples(vel[:, :, m.v_adr])
+                yield name, at_samples(pos[:, :, m.q_adr]) + moved + field("offset")[:, None]
             elif name == "qd":
                 found, lag = at_samples(vel[:, :, m.v_adr]), field("lag")
                 step = float(np.median(np.diff(windows.t[0])))
-                for e, j in zip(*np.nonzero(lag), strict=True):
-                    found[e, :, j] = _lagged(found[e, :, j], lag[e, j] / step)
-                yield name, found
+                yield name, _lagged(found, lag / step) if lag.any() else found
             elif name == "tau":
                 yield name, at_samples(torque)
             elif name == "current":
                 yield name, self._currents(w, field)
             elif name == "gyro":
                 rate = _rotation(field("tilt", 2)).inv()
-                found = at_samples(vel[:, :, 3:6], 1)
-                turned_ = np.einsum("eij,esj->esi", rate.as_matrix(), found)
+                turned_ = np.einsum("eij,esj->esi", rate.as_matrix(), at_samples(vel[:, :, 3:6], 1))
                 yield name, turned_ + field("bias", 3)[:, None]
             elif name == "quat":
-                found = at_samples(pos[:, :, 3:7], 1)
+                found = turned(at_samples(pos[:, :, 3:7], 1), early * at_samples(vel[:, :, 3:6], 1))
                 found = found / np.maximum(np.linalg.norm(found, axis=-1, keepdims=True), 1e-9)
                 tilt, slope = field("tilt", 2), field("slope", 2)
                 if tilt.any():
@@ -400,8 +397,10 @@ class _Stepper:
                     leant = lean * _quat(found.reshape(-1, 4))
                     found = np.roll(leant.as_quat(), 1, axis=-1).reshape(found.shape)
                 yield name, found
-            elif name in ("pos", "vel"):
-                yield name, at_samples((pos if name == "pos" else vel)[:, :, :3])
+            elif name == "pos":
+                yield name, at_samples(pos[:, :, :3]) + early * at_samples(vel[:, :, :3])
+            elif name == "vel":
+                yield name, at_samples(vel[:, :, :3])
 
     def _currents(self, w: np.ndarray, field: Callable[..., np.ndarray]) -> np.ndarray:
         """Coil currents at the samples [A], shape (E, S, J): they follow from rows of commands and no physics step."""
@@ -423,42 +422,6 @@ class _Stepper:
         return found
 
 
-class _Devices:
-    """MR devices beside the physics: coil, hysteresis and the torque that each bears; M devices, E environments."""
-
-    def __init__(self, model: ReplayModel, field: Callable[..., np.ndarray]) -> None:
-        d, at = model.devices, model.devices.joint
-        self.p = d.values
-        self.alive, self.strength = 1.0 + field("coil")[:, at], 1.0 + field("device")[:, at]
-        self.lag = np.maximum(d.values["coil_time_constant"] + field("coil_lag")[:, at], 0.0)
-        self.drag = field("drag")[:, at]
-
-    def begin(self, coil: np.ndarray, past: np.ndarray, h: float) -> None:
-        """Coil current (E, M) and the motion before, (E, K, M), by which the hysteresis begins."""
-        self.coil = coil.copy()
-        self.z = np.zeros_like(coil)
-        for k in range(past.shape[1]):
-            self._turn(past[:, k], h)
-
-    def _turn(self, qd: np.ndarray, h: float) -> None:
-        """Eq. 15 with the new z in its linear terms: stable for any speed."""
-        rate = self.p["beta"] * np.abs(qd) + self.p["gamma"] * qd * np.sign(self.z)
-        self.z = (self.z + h * qd) / np.maximum(1.0 + h * rate, 0.1)
-
-    def bound(self, coil: np.ndarray, q: np.ndarray, qd: np.ndarray, hold: np.ndarray, h: float) -> np.ndarray:
-        """Largest torque of each device [N·m], eqs. 14, 15 and, while it holds, 18; shape (E, M)."""
-        p, want = self.p, np.maximum(self.alive, 0.0) * coil
-        self.coil = want + np.where(self.lag > 0.0, np.exp(-h / np.maximum(self.lag, 1e-6)), 0.0) * (self.coil - want)
-        self._turn(qd, h)
-        amps = np.maximum(self.coil, 0.0)
-        at = q - p["q_neutral"] - p["q_offset"] - p["q_center"]
-        gain = (p["K0"] + self.strength * p["K1"] * amps) / (1.0 + p["alpha"] * np.abs(qd))
-        sliding = np.abs(p["D"] + p["B"] * qd + p["C"] * at + p["I1"] * amps + gain * self.z)
-        ratio = (amps / p["K"]) ** p["n"]
-        held = np.where(hold, self.strength * p["T_max"] * ratio / (1.0 + ratio), 0.0)
-        return np.maximum(sliding, held) + self.drag
-
-
 def _coil_current(
     asked: np.ndarray, begins: np.ndarray, start: np.ndarray, t: np.ndarray, lag: np.ndarray
 ) -> np.ndarray:
@@ -471,15 +434,6 @@ def _coil_current(
     since = [t[:, None] - np.clip(x, 0.0, np.maximum(t, 0.0)[:, None]) for x in limits]  # (S, R)
     share = np.exp(-since[1][:, :, None] / tau) - np.exp(-since[0][:, :, None] / tau)
     return np.einsum("srm,rm->sm", share, asked) + np.exp(-t[:, None] / tau) * start
-
-
-def _delayed(x: np.ndarray, steps: np.ndarray, before: int, count: int) -> np.ndarray:
-    """What was asked for ``steps`` earlier, between steps in proportion: (E, K + 2*M, J) to (E, K, J)."""
-    late = np.clip(steps, 1.0 - before, before - 1.0)
-    whole = np.floor(late).astype(int)
-    share, ids = (late - whole)[:, None, None], np.arange(len(x))[:, None]
-    at, top = before + np.arange(count)[None] - whole[:, None], x.shape[1] - 1
-    return (1.0 - share) * x[ids, np.clip(at, 0, top)] + share * x[ids, np.clip(at - 1, 0, top)]
 
 
 def _flat(lean: np.ndarray) -> np.ndarray:
@@ -495,12 +449,13 @@ def _quat(quat: np.ndarray) -> Rotation:
     return Rotation.from_quat(np.roll(quat, -1, axis=-1))
 
 
-def _lagged(x: np.ndarray, steps: float) -> np.ndarray:
-    """First-order lag of ``steps`` samples, settled at the first; a negative one leads."""
-    if steps < 0.0:
-        return x - (_lagged(x, -steps) - x)
-    a = float(np.exp(-1.0 / max(steps, 1e-3)))
-    return np.asarray(lfilter([1.0 - a], [1.0, -a], x, zi=[a * x[0]])[0])
+def _lagged(x: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """First-order lag of ``steps`` samples, (E, J), of (E, S, J), settled at the first; a negative one leads."""
+    left = np.exp(-1.0 / np.maximum(np.abs(steps), 1e-3))
+    late = x.copy()
+    for k in range(1, x.shape[1]):
+        late[:, k] += left * (late[:, k - 1] - x[:, k])
+    return np.where(steps[:, None] < 0.0, 2.0 * x - late, late)
 
 
 def mismatch(measured: dict[str, np.ndarray], predicted: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 from scipy.signal import savgol_filter
-from scipy.spatial.transform import Rotation
 
 from mrwarp.robot_logs.replay_model import LONGEST_STEP, ReplayModel, Stance
 from mrwarp.robot_logs.robot_log import LogRun, RobotLog
@@ -322,14 +321,24 @@ def _loaded(model: ReplayModel, run: LogRun) -> np.ndarray:
 
 def turned(quat: np.ndarray, by: np.ndarray) -> np.ndarray:
     """Quaternions (w, x, y, z) turned about their own axes by rotation vectors; shapes (..., 4) and (..., 3)."""
-    whole = np.roll(quat, -1, axis=-1).reshape(-1, 4)
-    turn = Rotation.from_quat(whole) * Rotation.from_rotvec(
-        np.broadcast_to(by, (*quat.shape[:-1], 3)).reshape(-1, 3).copy()
-    )
-    return np.roll(turn.as_quat(), 1, axis=-1).reshape(quat.shape)
+    half = 0.5 * np.linalg.norm(by, axis=-1, keepdims=True)
+    return _product(quat, np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * by], axis=-1))
 
 
 def turn_between(quat: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Rotation vectors from ``quat`` to ``other``, in the axes of ``quat``; shapes (..., 4), result (..., 3)."""
-    a, b = (Rotation.from_quat(np.roll(x, -1, axis=-1).reshape(-1, 4)) for x in (quat, other))
-    return (a.inv() * b).as_rotvec().reshape(*quat.shape[:-1], 3)
+    turn = _product(quat * np.array([1.0, -1.0, -1.0, -1.0]), other)
+    turn = np.where(turn[..., :1] < 0.0, -turn, turn)
+    sine = np.linalg.norm(turn[..., 1:], axis=-1, keepdims=True)
+    return 2.0 * np.arctan2(sine, turn[..., :1]) / np.maximum(sine, 1e-30) * turn[..., 1:]
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Hamilton's product of quaternions (w, x, y, z), shapes (..., 4)."""
+    (aw, ax, ay, az), (bw, bx, by, bz) = (np.moveaxis(x, -1, 0) for x in (a, b))
+    return np.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz, aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx, aw * bz + ax * by - ay * bx + az * bw,
+        ], axis=-1,
+    )  # fmt: skip
