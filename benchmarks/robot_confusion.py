@@ -32,7 +32,7 @@ from mrwarp.robot_logs.virtual.hidden_effects import Places, parse_all
 from mrwarp.robot_logs.virtual.record_log import FallError, LogCfg, record
 from mrwarp.robot_logs.virtual.true_robot import describe
 from mrwarp.run_dir import write_result
-from mrwarp.runtime import quiet_libraries, text_table
+from mrwarp.runtime import check_device, quiet_libraries, text_table
 
 FAMILIES = ("healthy", "single", "pair", "outside", "proposed")
 
@@ -210,6 +210,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder of cases.jsonl and result.json")
     parser.add_argument("--family", choices=FAMILIES, default="single", help="what is hidden")
     parser.add_argument("--sets", type=int, default=12, help="number of cases")
+    parser.add_argument("--first", type=int, default=0, help="first case: several processes share a suite")
     parser.add_argument("--seed", type=int, default=0, help="seed of the suite")
     parser.add_argument("--level", type=float, default=0.4,
                         help="least level of a cause, in healthy errors of the re-fitted simulation")  # fmt: skip
@@ -221,7 +222,8 @@ def main() -> int:
                         type=lambda x: (x.partition("=")[0], float(x.partition("=")[2] or 20.0)))  # fmt: skip
     args = parser.parse_args()
     args.motion = args.motion or (AIR if args.family == "proposed" else MIXED)
-    quiet_libraries(gpu=False)
+    check_device(args.device)
+    quiet_libraries(gpu=args.device != "cpu")
     file = args.out / "cases.jsonl"
     args.out.mkdir(parents=True, exist_ok=True)
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
@@ -230,14 +232,15 @@ def main() -> int:
     if args.family == "proposed":
         causes = unknown_causes(args)
         print(f"a log of {' '.join(name for name, _ in args.motion)} cannot show: {' '.join(causes)}", flush=True)
-    for case in range(args.sets):
+    for case in range(args.first, args.first + args.sets):
         if (args.family, case) in done:
             continue
         row = run_case(case, causes, logs, args)
         rows.append(row)
         with file.open("a") as stream:
             stream.write(json.dumps(row, default=lambda x: np.asarray(x).tolist()) + "\n")
-        print(f"{case + 1} of {args.sets}: {' '.join(row['hide']) or 'healthy'}: {judged(row)}", flush=True)
+        hidden = " ".join(row["hide"]) or "healthy"
+        print(f"{case + 1 - args.first} of {args.sets}: {hidden}: {judged(row)}", flush=True)
     mine = [row for row in rows if row["family"] == args.family]
     print("\n".join(["", *table(mine)]))
     counts = Counter(judged(row) for row in mine)
