@@ -44,6 +44,11 @@ def exit_code(error: BaseException) -> int | None:
     return getattr(error, "exit_code", 2 if isinstance(error, ValueError | OSError) else None)
 
 
+def core_count() -> int:
+    """CPU cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def gpu_count() -> int:
     """CUDA devices that this process may use; asks the driver, so that no engine need be loaded."""
     count = ctypes.c_int(0)

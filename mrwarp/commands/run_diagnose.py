@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -15,7 +14,7 @@ from mrwarp.commands.run_fit import Averaged
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.run_dir import check_writable, write_text
-from mrwarp.runtime import Stopwatch, check_device, quiet_libraries, text_table
+from mrwarp.runtime import Stopwatch, check_device, core_count, quiet_libraries, text_table
 
 if TYPE_CHECKING:
     from mrwarp.diagnose.report.diagnosis_page import Table
@@ -194,12 +193,11 @@ class Diagnose(Options):
         from mrwarp.identify.fit import read_holding
         from mrwarp.model_file import HOLDING_NOTE
 
-        allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         holding = read_holding(self.data, recording, None, progress)
         if holding is None and (model is None or not model.holding_measured):
             progress(HOLDING_NOTE)
         d = diagnose(
-            recording, model=model, holding=holding, seed=self.seed, progress=progress, threads=min(allowed, 8)
+            recording, model=model, holding=holding, seed=self.seed, progress=progress, threads=min(core_count(), 8)
         )
 
         besides: dict[str, Any] = {}

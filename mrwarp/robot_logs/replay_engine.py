@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-
 import mujoco
 import numpy as np
 import warp as wp
@@ -14,6 +12,7 @@ from mrwarp.kernels.launch import Launch, StepGraph, record
 from mrwarp.kernels.mr_joint import JointParams
 from mrwarp.robot_logs.drive_kernel import Commands, Drives, begin_kernel, drive_kernel, next_kernel, record_kernel
 from mrwarp.robot_logs.replay_model import ReplayModel
+from mrwarp.robot_logs.robot_log import LogError
 from mrwarp.robot_logs.windows import Windows
 
 CONTACTS = 48
@@ -40,7 +39,8 @@ class ReplayEngine:
     """
 
     def __init__(self, model: ReplayModel, mj: mujoco.MjModel, robots: int, *, kind: BackendKind, threads: int) -> None:
-        self.robots, self.longer, self._mj = robots, set(), mj
+        self.robots, self._mj, self._path = robots, mj, model.path
+        self.longer: set[int] = set()
         self.device = wp.get_device(model.device if kind is BackendKind.MJWARP else "cpu")
         if kind is BackendKind.MJBATCH:
             self.backend = MjBatchBackend(mj, robots, threads=threads)
@@ -114,6 +114,9 @@ class ReplayEngine:
         Returns:
             Positions (count, K + 1, nq), velocities (count, K + 1, nv), and torques of the drives (count, K + 1, J) in
             the step before; they hold until the next run.
+
+        Raises:
+            LogError: contacts had no room on a GPU.
         """
         assert self._windows is not None
         self._upload()
@@ -126,6 +129,10 @@ class ReplayEngine:
             for call in calls:
                 call()
         end()
+        if isinstance(self.backend, MjWarpBackend) and self._dropped():
+            raise LogError(
+                f"{self._path}: the robot touches something at more points than a GPU has room for; take --device cpu"
+            )
         pos, vel, torque = (x[:count].numpy() for x in self._record)
         torque[:, 0] = torque[:, 1]
         return pos, vel, torque
@@ -161,6 +168,10 @@ class ReplayEngine:
         on = record(next_kernel, 1, [1], [self._step])
         # capturing is not for threads, and a CPU gains nothing by it
         return begin, StepGraph([seen, drive, self._physics, on], self.device, eager=self.device.is_cpu), seen
+
+    def _dropped(self) -> bool:
+        """Whether a contact or a row of a constraint had no room."""
+        return bool((self.backend.overflow.numpy() & self.backend.overflow_mask).any())
 
     def _physics(self) -> None:
         if isinstance(self.backend, MjBatchBackend):
@@ -200,8 +211,3 @@ class ReplayEngine:
 
     def _array(self, values: np.ndarray, dtype: type) -> wp.array:
         return wp.array(np.ascontiguousarray(values), dtype=dtype, device=self.device)
-
-
-def threads_of(workers: int) -> int:
-    """Threads of the engine of each of ``workers``."""
-    return max((os.cpu_count() or 1) // workers, 1)

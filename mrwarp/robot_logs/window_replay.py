@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -15,9 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from mrwarp.enums import BackendKind
 from mrwarp.robot_logs.causes import Parameter
-from mrwarp.robot_logs.replay_engine import ReplayEngine, threads_of
+from mrwarp.robot_logs.replay_engine import ReplayEngine
 from mrwarp.robot_logs.replay_model import ReplayModel, Stance
-from mrwarp.robot_logs.windows import Windows, turn_between, turned
+from mrwarp.robot_logs.windows import Windows, product, quaternion, turn_between, turned
+from mrwarp.runtime import core_count
 
 CHUNK, WORKERS = 400, 2
 """Environments that run at once in one thread of a CPU, and threads."""
@@ -124,7 +124,7 @@ class Replay:
         made: Callable[[dict[str, np.ndarray], np.ndarray], T],
     ) -> list[T]:  # fmt: skip
         """What is made of the readings and windows of each chunk, in its thread."""
-        many = len(window) > FEW_PER_CORE * (os.cpu_count() or 1)
+        many = len(window) > FEW_PER_CORE * core_count()
         steppers, most = (self._many, self.at_once) if many else (self._few, CHUNK)
         workers = len(steppers)
         size = min(most, -(-len(window) // workers))
@@ -157,10 +157,8 @@ class _Stepper:
             robots = max(GPU_LEAST, robots)
         key = self._kind, self._own, self.windows.h, robots
         if key not in self.model.engines:
-            workers = WORKERS if self._kind is BackendKind.MJBATCH else 1
-            self.model.engines[key] = ReplayEngine(
-                self.model, self.mj, robots, kind=self._kind, threads=threads_of(workers)
-            )
+            threads = max(core_count() // WORKERS, 1)
+            self.model.engines[key] = ReplayEngine(self.model, self.mj, robots, kind=self._kind, threads=threads)
         self.engine = self.model.engines[key]
         self.engine.load(self.windows)
         self.engine.prepare(count)
@@ -392,11 +390,7 @@ class _Stepper:
                 tilt, slope = field("tilt", 2), field("slope", 2)
                 if tilt.any():
                     found = turned(found, _flat(tilt)[:, None])
-                if slope.any():
-                    lean = Rotation.from_rotvec(np.repeat(_flat(slope), found.shape[1], axis=0))
-                    leant = lean * _quat(found.reshape(-1, 4))
-                    found = np.roll(leant.as_quat(), 1, axis=-1).reshape(found.shape)
-                yield name, found
+                yield name, product(quaternion(_flat(slope))[:, None], found) if slope.any() else found
             elif name == "pos":
                 yield name, at_samples(pos[:, :, :3]) + early * at_samples(vel[:, :, :3])
             elif name == "vel":

@@ -321,19 +321,24 @@ def _loaded(model: ReplayModel, run: LogRun) -> np.ndarray:
 
 def turned(quat: np.ndarray, by: np.ndarray) -> np.ndarray:
     """Quaternions (w, x, y, z) turned about their own axes by rotation vectors; shapes (..., 4) and (..., 3)."""
-    half = 0.5 * np.linalg.norm(by, axis=-1, keepdims=True)
-    return _product(quat, np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * by], axis=-1))
+    return product(quat, quaternion(by))
+
+
+def quaternion(turn: np.ndarray) -> np.ndarray:
+    """Quaternions (w, x, y, z) of rotation vectors; shapes (..., 3) and (..., 4)."""
+    half = 0.5 * np.linalg.norm(turn, axis=-1, keepdims=True)
+    return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * turn], axis=-1)
 
 
 def turn_between(quat: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Rotation vectors from ``quat`` to ``other``, in the axes of ``quat``; shapes (..., 4), result (..., 3)."""
-    turn = _product(quat * np.array([1.0, -1.0, -1.0, -1.0]), other)
+    turn = product(quat * np.array([1.0, -1.0, -1.0, -1.0]), other)
     turn = np.where(turn[..., :1] < 0.0, -turn, turn)
     sine = np.linalg.norm(turn[..., 1:], axis=-1, keepdims=True)
     return 2.0 * np.arctan2(sine, turn[..., :1]) / np.maximum(sine, 1e-30) * turn[..., 1:]
 
 
-def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Hamilton's product of quaternions (w, x, y, z), shapes (..., 4)."""
     (aw, ax, ay, az), (bw, bx, by, bz) = (np.moveaxis(x, -1, 0) for x in (a, b))
     return np.stack(
