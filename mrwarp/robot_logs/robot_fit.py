@@ -297,6 +297,27 @@ def _short_of_torque(model: ReplayModel, groups: list[Windows]) -> dict[int, flo
     return {int(j): float(change[j]) for j in np.argsort(change)[:LIMITED] if change[j] < 0.0}
 
 
+def _same_drive(own: Direction, theta: np.ndarray, parameters: list[Parameter]) -> np.ndarray:
+    """The same robot, (P,), with the motors, Kp and Kd of ``own``'s joints such that the other two are the healthiest.
+
+    A drive gives its strength times what its gains ask for: only products of it and a gain are told by a replay.
+    """
+    found = theta.copy()
+    for joint in (parameters[k].index for k in own.members):
+        at = {p.field: k for k, p in enumerate(parameters) if p.index == joint and p.field in ("kp", "kd", "strength")}
+        if len(at) < 3:
+            continue
+        motor, kp, kd = (1.0 + found[at[name]] for name in ("strength", "kp", "kd"))
+        times = {"strength": np.sqrt(kp * kd), "kp": np.sqrt(kd / motor), "kd": np.sqrt(kp / motor)}
+        share = times[parameters[own.members[0]].field]
+        found[at["strength"]], found[at["kp"]], found[at["kd"]] = (
+            motor * share - 1.0,
+            kp / share - 1.0,
+            kd / share - 1.0,
+        )
+    return found
+
+
 def _twin(own: Direction, other: Direction, theta: np.ndarray, parameters: list[Parameter]) -> np.ndarray | None:
     """Of a robot whose Kp is another at all joints, that whose Kd is, beside another torque scale, and back; (P,).
 
@@ -376,6 +397,11 @@ def _one_drive(
             alone[other] = left(new, [*rest, other])
             if alone[other] < least:
                 best, least = (new, [*rest, other], seen, near), alone[other]
+        if len(own) == 1 and best[1] != released:  # the other fit came further: the first goes on from there
+            new, seen, near = refit(released, None, _same_drive(own[0], best[0], parameters))
+            alone[own[0]] = min(alone[own[0]], left(new, released))
+            if alone[own[0]] < least:
+                best = new, released, seen, near
         theta, released, evidence, fresh = best
         for d in (d for d in released if d in alone):
             rivals[d] = [x for x, value in alone.items() if x != d and value < alone[d] + 2.0 * RIVAL_ODDS]
