@@ -36,8 +36,8 @@ class Commands:
     """Coil current [A], shape (W, T, J)."""
     start_coil: wp.array2d[float]
     """Coil current at the start [A], shape (W, J)."""
-    past: wp.array3d[float]
-    """Velocity of the joints before the window [rad/s], shape (W, before, J)."""
+    memory: wp.array2d[float]
+    """Hysteresis of each joint's device at the start [rad], shape (W, J)."""
 
 
 @wp.struct
@@ -91,12 +91,28 @@ def device_bound(
 
 
 @wp.kernel(enable_backward=False)
-def begin_kernel(
-    # parameters: physics step [s]; addresses in qvel, device of each joint (-1: none), shape (J,); the devices, (M,)
-    h: float,
-    v_adr: wp.array[int],
-    device: wp.array[int],
+def memory_kernel(
+    # parameters, shape (M,)
     devices: wp.array[JointParams],
+    # in, shapes (N,) [s], (N, M) [rad/s]: time until the next sample and the mean velocity until then
+    seconds_in: wp.array[float],
+    qd_in: wp.array2d[float],
+    # out, shape (N, M) [rad]
+    z_out: wp.array2d[float],
+):
+    """Hysteresis of a device along a run, 0 at its first sample."""
+    slot = wp.tid()
+    p = devices[slot]
+    z = float(0.0)
+    for k in range(qd_in.shape[0]):
+        z_out[k, slot] = z
+        z = bouc_wen_exact(qd_in[k, slot], z, p.beta, p.gamma, seconds_in[k])
+
+
+@wp.kernel(enable_backward=False)
+def begin_kernel(
+    # parameters: addresses in qvel, shape (J,)
+    v_adr: wp.array[int],
     commands: Commands,
     # in, shapes (E,), (E, nv)
     window_in: wp.array[int],
@@ -106,17 +122,12 @@ def begin_kernel(
     coil_out: wp.array2d[float],
     z_out: wp.array2d[float],
 ):
-    """States at a window's start: the coil's as it was logged, the hysteresis after the motion before."""
+    """States at a window's start, the coil's as it was logged."""
     env, joint = wp.tid()
     window = window_in[env]
     slow_out[env, joint] = wp.float32(qvel_in[env, v_adr[joint]])
     coil_out[env, joint] = commands.start_coil[window, joint]
-    z = float(0.0)
-    if device[joint] >= 0:
-        p = devices[device[joint]]
-        for k in range(commands.past.shape[1]):
-            z = bouc_wen_exact(commands.past[window, k, joint], z, p.beta, p.gamma, h)
-    z_out[env, joint] = z
+    z_out[env, joint] = commands.memory[window, joint]
 
 
 @wp.kernel(enable_backward=False)

@@ -9,7 +9,6 @@ import warp as wp
 from mrwarp.enums import BackendKind
 from mrwarp.env.backend import MjBatchBackend, MjWarpBackend
 from mrwarp.kernels.launch import Launch, StepGraph, record
-from mrwarp.kernels.mr_joint import JointParams
 from mrwarp.robot_logs.drive_kernel import Commands, Drives, begin_kernel, drive_kernel, next_kernel, record_kernel
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import LogError
@@ -52,12 +51,8 @@ class ReplayEngine:
         self.window, self.delay, self.latency = np.zeros(robots, dtype=int), np.zeros(robots), np.zeros(robots)
         slot = np.full(joints, -1)
         slot[model.devices.joint] = np.arange(len(model.devices.joint))
-        record_of = np.dtype(JointParams.numpy_dtype())  # pyright: ignore[reportCallIssue,reportArgumentType]
-        params = np.zeros(max(len(model.devices.joint), 1), dtype=record_of)
-        for name in model.devices.values.keys() & JointParams.vars.keys():
-            params[name] = model.devices.values[name]
         self._joints = [self._array(x, int) for x in (model.q_adr, model.v_adr, slot)]
-        self._devices = wp.array(params, dtype=JointParams, device=self.device)
+        self._devices = model.devices.structs(self.device)
         self._step, (self._at, self._whole) = self._array(np.zeros(1), int), (self._room(int) for _ in range(2))
         self._share, self._latency = self._room(float), self._room(float)
         self._own, self._commands = Drives(), Commands()
@@ -84,7 +79,7 @@ class ReplayEngine:
         if self._windows is windows:
             return
         parts = dict(zip(("ask_kp", "ask_kd", "ask"), windows.feed, strict=True))
-        parts |= {name: getattr(windows, name) for name in ("kp", "kd", "coil", "start_coil", "past")}
+        parts |= {name: getattr(windows, name) for name in ("kp", "kd", "coil", "start_coil", "memory")}
         shape = windows.steps, *windows.kp.shape
         if shape != self._shape:
             self._shape = shape
@@ -150,12 +145,12 @@ class ReplayEngine:
 
     def _recorded(self, robots: int) -> tuple[Launch, StepGraph, Launch]:
         assert self._windows is not None
-        q_adr, v_adr, slot = self._joints
+        v_adr = self._joints[1]
         joints = (robots, v_adr.shape[0])
         q, v, force, ctrl = (self.backend.field(name) for name in ("qpos", "qvel", "qfrc_actuator", "ctrl"))
         bias, loss = self._plain("actuator_biasprm"), self._plain("dof_frictionloss")
         h, about = self._windows.h, [self._devices, self._commands]
-        begin = record(begin_kernel, joints, [h, v_adr, slot, *about, self._at, v], self._states)
+        begin = record(begin_kernel, joints, [v_adr, self._commands, self._at, v], self._states)
         seen = record(record_kernel, robots, [v_adr, self._step, q, v, force], self._record)
         drive = record(
             drive_kernel, joints,

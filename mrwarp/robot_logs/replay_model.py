@@ -6,11 +6,14 @@ import contextlib
 import difflib
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
+import warp as wp
 
 from mrwarp.env.sim_model import build_scene
+from mrwarp.kernels.mr_joint import JointParams
 from mrwarp.params import MrParams
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
 from mrwarp.run_dir import no_file, one_line
@@ -46,6 +49,14 @@ class Devices:
 
     def __bool__(self) -> bool:
         return len(self.joint) > 0
+
+    def structs(self, device: Any = "cpu") -> wp.array:
+        """The parameters as kernels read them, on a Warp device, shape (M,), or (1,) of zeros where there are none."""
+        record = np.dtype(JointParams.numpy_dtype())  # pyright: ignore[reportCallIssue,reportArgumentType]
+        found = np.zeros(max(len(self.joint), 1), dtype=record)
+        for name in self.values.keys() & JointParams.vars.keys():
+            found[name] = self.values[name]
+        return wp.array(found, dtype=JointParams, device=device)
 
     def of_joints(self, name: str, joints: int) -> np.ndarray:
         """A parameter of the device of each joint, 0 where there is none; shape (J,)."""
@@ -267,6 +278,11 @@ class Stance:
 
     def trunk(self, qpos: np.ndarray, qvel: np.ndarray, loaded: np.ndarray) -> tuple[float, np.ndarray]:
         """Height [m] and velocity [m/s] of the trunk, by the mean of the feet that bear load, (F,); else the lowest."""
+        height, steady = self.by_feet(qpos, qvel, loaded)
+        return height, np.mean(steady, axis=0)
+
+    def by_feet(self, qpos: np.ndarray, qvel: np.ndarray, loaded: np.ndarray) -> tuple[float, np.ndarray]:
+        """Height [m], and what each of these feet says of the trunk's velocity [m/s], shape (feet that stand, 3)."""
         soles, self.data.qvel[:] = self.soles(qpos), qvel
         self.data.qvel[:3] = 0.0
         standing = loaded if loaded.any() else soles[:, 2] < soles[:, 2].min() + LEVEL
@@ -275,8 +291,7 @@ class Stance:
             body = int(self.mj.geom_bodyid[self.feet[f]])
             mujoco.mj_jac(self.mj, self.data, self.jacobian, self.turn, soles[f], body)
             steady.append(-self.jacobian @ self.data.qvel)
-        height = -float(soles[standing, 2].mean() + self.model.sink[standing.sum() - 1])
-        return height, np.mean(steady, axis=0)
+        return -float(soles[standing, 2].mean() + self.model.sink[standing.sum() - 1]), np.array(steady)
 
 
 def _spec(path: Path) -> tuple[mujoco.MjSpec, dict[str, list[float]], dict[str, MrParams], str]:

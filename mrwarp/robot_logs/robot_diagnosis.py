@@ -33,7 +33,7 @@ from mrwarp.robot_logs.selection import (
     sizes,
 )
 from mrwarp.robot_logs.unexplained import joined, listed, outside, pushes, steady
-from mrwarp.robot_logs.unknowable import cannot_know, next_experiment
+from mrwarp.robot_logs.unknowable import cannot_know, friction_that_holds, next_experiment
 from mrwarp.robot_logs.windows import LEAST_WINDOWS, Windows, cut_windows
 
 FIT_SECONDS, SECONDS = 10.0, 60.0
@@ -191,7 +191,8 @@ def diagnose_log(
             f"{evidence.lost} pieces of the log were left out: something else moved the robot there, "
             f"at {_when(log, groups, evidence.keep)}"
         )
-    unknown = cannot_know(evidence, parameters, model, log, now)
+    holds = friction_that_holds(evidence, model, log, groups, parameters, theta)
+    unknown = cannot_know(evidence, parameters, model, log, now, holds)
     return RobotDiagnosis(
         verdict=VERDICTS[bool(causes), unexplained is not None],
         sentence=sentence_of(causes, unexplained),

@@ -9,11 +9,12 @@ import numpy as np
 
 from mrwarp.diagnose.result import NextExperiment
 from mrwarp.robot_logs.causes import TORQUE_SCALE, Parameter
-from mrwarp.robot_logs.evidence import Evidence
+from mrwarp.robot_logs.evidence import Evidence, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
 from mrwarp.robot_logs.robot_verdict import NamedCause
-from mrwarp.robot_logs.selection import Posterior
+from mrwarp.robot_logs.selection import NAMED_ODDS, Posterior, bounds_of
+from mrwarp.robot_logs.windows import Windows, foot_slipped
 
 GROUND = (
     "trunk_mass", "trunk_com", "link_length", "ground_friction", "ground_slope", "ground_stiffness", "imu_tilt",
@@ -82,17 +83,58 @@ NOT_LOOKED_FOR = {
 """Causes that no replay of a log tries, why, and what shows them."""
 
 
+HALVED = 5
+"""Times that the range is halved in which the friction lies that holds the feet: to 3 % of it."""
+
+
+def friction_that_holds(
+    evidence: Evidence, model: ReplayModel, log: RobotLog, groups: Sequence[Windows], parameters: list[Parameter],
+    theta: np.ndarray,
+) -> float | None:  # fmt: skip
+    """Friction of the ground beyond which any would have made the same log [1]; None where a foot slipped.
+
+    How well feet hold is told where they slip. Of others the replay excludes what is so low that they would.
+
+    Args:
+        evidence: About ``theta``.
+        model: The robot.
+        log: Its log.
+        groups: The windows of ``evidence``.
+        parameters: P parameters.
+        theta: The robot around which the log is judged, shape (P,).
+    """
+    k = next((k for k, p in enumerate(parameters) if p.field == "mu"), None)
+    if k is None or foot_slipped(model, log):
+        return None
+
+    def left(change: float) -> float:
+        new = theta.copy()
+        new[k] = change
+        return replayed(evidence, model, groups, parameters, new)[0] / evidence.scale
+
+    low, high = float(bounds_of(parameters)[0][k]), min(float(theta[k]), 0.0)
+    shows = left(high) + 2.0 * NAMED_ODDS
+    for _ in range(HALVED):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if left(middle) > shows else (low, middle)
+    return parameters[k].absolute(high)
+
+
 def cannot_know(
-    evidence: Evidence, parameters: list[Parameter], model: ReplayModel, log: RobotLog, now: Posterior
-) -> tuple[str, ...]:
-    """Causes that no size of interest would have shown in this log, each with the motion to record."""
+    evidence: Evidence, parameters: list[Parameter], model: ReplayModel, log: RobotLog, now: Posterior,
+    holds: float | None = None,
+) -> tuple[str, ...]:  # fmt: skip
+    """Causes that no size of interest would have shown in this log, each with the motion to record.
+
+    ``holds`` is the friction of the ground beyond which none would have, see :func:`friction_that_holds`.
+    """
     asked = np.zeros(log.kp.shape, dtype=bool)
     for run in log.runs:  # one without commands may have had any
         asked |= (run.joint.get("current_cmd", np.ones((1, 1))) > 0.0).any(axis=0)
     unseen: dict[str, list[str]] = {}
     known: dict[str, int] = {}
     for k, p in enumerate(parameters):
-        if p.cause not in MOTIONS or p.field == "limit":
+        if p.cause not in MOTIONS or p.field == "limit" or (p.field == "mu" and holds is not None):
             continue
         information = 1.0 / now.covariance[k, k] - now.precision[k, k]
         sure = (
@@ -120,6 +162,8 @@ def cannot_know(
         if model.asked[p.index] < (1.0 - p.fault) * _limit(model, p.index)
     ]:  # fmt: skip
         found.append(f"torque_limit of {', '.join(above)}: no more was asked for; {MOTIONS['torque_limit'].what}")
+    if holds is not None:
+        found.append(f"ground_friction of robot beyond {holds:.2g}: no foot slipped; {MOTIONS['ground_friction'].what}")
     if log.tau_is == "command":
         found.append("tau is the command: it says nothing of what the motors gave; log a measured torque or current")
     return tuple(found)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import warp as wp
 from scipy.ndimage import maximum_filter1d
 from scipy.signal import savgol_filter
 
+from mrwarp.robot_logs.drive_kernel import memory_kernel
 from mrwarp.robot_logs.replay_model import LONGEST_STEP, ReplayModel, Stance
 from mrwarp.robot_logs.robot_log import LogRun, RobotLog
 
@@ -27,6 +30,10 @@ SPEED_STEPS = 0.05, 0.03
 
 LOADED = 0.25
 """A foot bears load where its reading is beyond this share of its range."""
+
+SLIPS = 3.0 * SPEED_STEPS[1]
+"""Speed of a foot on the ground that is no error of reading, nor creep: where virtual robots stand, squat or lean it is
+below 0.08 m/s, in a hundredth of a walk beyond 0.4 m/s."""
 
 REPEATED = 0.02
 """Windows whose joints nowhere differ by more than this repeat each other [rad]: what the simulation of a robot at rest
@@ -80,8 +87,8 @@ class Windows:
     """Whether each of the model's feet bears load at the start, shape (W, F)."""
     measured: dict[str, np.ndarray]
     """Readings by channel, shape (W, S, C)."""
-    past: np.ndarray
-    """Smoothed velocity of the joints at the steps before the window [rad/s], shape (W, M, J): states begin by it."""
+    memory: np.ndarray
+    """Hysteresis of each joint's device at the start [rad], by the motion since its run began, shape (W, J)."""
 
     @property
     def count(self) -> int:
@@ -99,7 +106,7 @@ class Windows:
 
         return replace(
             self, h=self.h * times, steps=-(-self.steps // times), before=self.before // times,
-            feed=mean(self.feed, 2), coil=mean(self.coil, 1), kp=mean(self.kp, 1), past=self.past[:, skip::times],
+            feed=mean(self.feed, 2), coil=mean(self.coil, 1), kp=mean(self.kp, 1),
         )  # fmt: skip
 
     @cached_property
@@ -173,7 +180,7 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
         name: []
         for name in (
             "run", "start", "t", "feed", "coil", "coil_rows", "coil_t", "start_coil", "kp", "kd", "q", "qd", "root",
-            "past", "loaded",
+            "memory", "loaded",
         )
     }  # fmt: skip
     beyond = int(np.ceil(longest_delay / dt)) + 1
@@ -185,7 +192,7 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
         coil = np.nan_to_num(run.joint.get("current_cmd", run.joint.get("current", np.zeros(speed.shape))))
         flowing = np.nan_to_num(run.joint.get("current", coil))
         begin = _roots(model, run, speed) if log.base == "free" else np.zeros((run.samples, 13))
-        readings, loaded = _readings(log, run), _loaded(model, run)
+        readings, loaded, memory = _readings(log, run), _loaded(model, run), _memory(model, run, speed)
         for s in starts:
             t = run.t[s : s + count] - run.t[s]
             grid = run.t[s] + h * np.arange(-before, steps + before)
@@ -205,13 +212,31 @@ def _group(model: ReplayModel, log: RobotLog, members: list, count: int, longest
             rows["qd"].append(speed[s])
             rows["root"].append(begin[s])
             rows["loaded"].append(loaded[s])
-            rows["past"].append(np.stack([np.interp(grid[:before], run.t, v) for v in speed.T], axis=1))
+            rows["memory"].append(memory[s])
             for name, values in readings.items():
                 channels.setdefault(name, []).append(values[s : s + count])
     arrays = {name: np.array(values) for name, values in rows.items()}
     arrays["feed"] = np.ascontiguousarray(np.moveaxis(arrays["feed"], 1, 0))
     measured = {name: np.array(values) for name, values in channels.items() if len(values) == len(rows["start"])}
     return Windows(h=h, steps=steps, before=before, measured=measured, **arrays)
+
+
+def _memory(model: ReplayModel, run: LogRun, speed: np.ndarray) -> np.ndarray:
+    """Hysteresis of each joint's device along a run [rad], by its speed [rad/s], shapes (N, J).
+
+    A device forgets after a path of some ``1 / (beta + gamma)`` [rad], however long that takes: 0.17 rad of the shipped
+    one's, several strides of a leg that moves little. It is 0 where the run begins; what moved in a gap is not known.
+    """
+    found, at = np.zeros(speed.shape), model.devices.joint
+    if not model.devices:
+        return found
+    seconds = np.minimum(np.diff(run.t, append=run.t[-1]), LARGEST_GAP * run.dt)
+    mean = 0.5 * (speed + np.concatenate([speed[1:], speed[-1:]]))[:, at]
+    z = wp.zeros(mean.shape, dtype=float, device="cpu")
+    inputs = [wp.array(x, dtype=float, device="cpu") for x in (seconds, mean)]
+    wp.launch(memory_kernel, len(at), [model.devices.structs(), *inputs], [z], device="cpu")
+    found[:, at] = z.numpy()
+    return found
 
 
 def held_rows(x: np.ndarray, t: np.ndarray, grid: np.ndarray, h: float) -> np.ndarray:
@@ -282,18 +307,12 @@ def _roots(model: ReplayModel, run: LogRun, speed: np.ndarray) -> np.ndarray:
 
     Feet that bear load have sunk into the ground by their share of the weight, and roll on it without slip.
     """
-    mj, count = model.model, run.samples
+    count = run.samples
     found, speeds = np.zeros((count, 13)), np.zeros((count, 3))
-    quat = run.base.get("quat", np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)))
-    gyro = run.base.get("gyro", np.zeros((count, 3)))
+    found[:, 3:7], found[:, 10:13] = _attitude(run)
     place, velocity = run.base.get("pos"), run.base.get("vel")
-    loaded, stance = _loaded(model, run), Stance(model, mj)
-    found[:, 3:7], found[:, 10:13] = quat / np.linalg.norm(quat, axis=1, keepdims=True), gyro
-    qpos, qvel = mj.qpos0.copy(), np.zeros(mj.nv)
-    for k in range(count):
-        qpos[3:7], qvel[3:6] = found[k, 3:7], gyro[k]
-        qpos[model.q_adr], qvel[model.v_adr] = run.joint["q"][k], speed[k]
-        found[k, 2], speeds[k] = stance.trunk(qpos, qvel, loaded[k])
+    for k, (height, steady) in enumerate(_by_feet(model, run, speed)):
+        found[k, 2], speeds[k] = height, steady.mean(axis=0)
     width = min(9, 2 * ((count - 1) // 2) + 1)
     found[:, 7:10] = savgol_filter(speeds, width, 1, axis=0)
     if place is not None:
@@ -301,6 +320,31 @@ def _roots(model: ReplayModel, run: LogRun, speed: np.ndarray) -> np.ndarray:
     if velocity is not None:
         found[:, 7:10] = velocity
     return found
+
+
+def _attitude(run: LogRun) -> tuple[np.ndarray, np.ndarray]:
+    """Orientation, (N, 4), and angular velocity, (N, 3) [rad/s], of the trunk along a run; level and 0 without."""
+    quat = run.base.get("quat", np.tile([1.0, 0.0, 0.0, 0.0], (run.samples, 1)))
+    return quat / np.linalg.norm(quat, axis=1, keepdims=True), run.base.get("gyro", np.zeros((run.samples, 3)))
+
+
+def _by_feet(model: ReplayModel, run: LogRun, speed: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
+    """What feet that bear load say of the trunk along a run, see :meth:`Stance.by_feet`; joints' speed (N, J)."""
+    mj, stance, loaded, (quat, gyro) = model.model, Stance(model, model.model), _loaded(model, run), _attitude(run)
+    qpos, qvel = mj.qpos0.copy(), np.zeros(mj.nv)
+    for k in range(run.samples):
+        qpos[3:7], qvel[3:6] = quat[k], gyro[k]
+        qpos[model.q_adr], qvel[model.v_adr] = run.joint["q"][k], speed[k]
+        yield stance.by_feet(qpos, qvel, loaded[k])
+
+
+def foot_slipped(model: ReplayModel, log: RobotLog) -> bool:
+    """Whether a foot that bore load moved on the ground: at more than :data:`SLIPS`, beside the mean of those feet."""
+    return any(
+        float(np.abs(steady - steady.mean(axis=0))[:, :2].max()) > SLIPS
+        for run in log.runs
+        for _, steady in _by_feet(model, run, _speeds(run))
+    )
 
 
 def _loaded(model: ReplayModel, run: LogRun) -> np.ndarray:

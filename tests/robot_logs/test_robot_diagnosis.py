@@ -34,7 +34,8 @@ from mrwarp.robot_logs.selection import (
     select,
     sizes,
 )
-from mrwarp.robot_logs.virtual.record_log import LogCfg, record
+from mrwarp.robot_logs.virtual.record_log import SETTLE, LogCfg, record
+from mrwarp.robot_logs.virtual.true_robot import Command, TrueRobot
 from mrwarp.robot_logs.window_replay import Hypotheses, Replay, _coil_current, nuisances
 from mrwarp.robot_logs.windows import LEAST_WINDOWS, cut_windows, held_rows
 from tests.robot_logs.arm_log import arm_log
@@ -563,6 +564,28 @@ def test_feet_of_a_robot_that_stands_do_not_creep(tmp_path: Path) -> None:
     q = Replay(model, group).run(Hypotheses({"shift": shift}), np.arange(group.count), start)["q"][:, :, hips]
     moved = q[:, -1] - q[:, group.t.shape[1] // 2]
     assert abs(np.median((moved * apart).mean(axis=1))) < 2e-4
+
+
+def test_a_device_remembers_how_it_turned_long_before_a_window(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Begun anew 30 ms before each window, that of a leg which moves little had a fifth of its hysteresis."""
+    true, own = [], TrueRobot._device_bound
+
+    def noted(robot: TrueRobot, command: Command, qd: np.ndarray) -> np.ndarray:
+        found = own(robot, command, qd)
+        true.append((robot.time, *robot.z))
+        return found
+
+    monkeypatch.setattr(TrueRobot, "_device_bound", noted)
+    record(LogCfg(robot="mr_go", motions=(("walk", 4.0),), policy=DEFAULT_POLICY, seed=1), tmp_path)
+    log = load_log(tmp_path)
+    model = replay_model(Path("mr_go"), log)
+    (group,) = cut_windows(model, log)
+    time, *memories = np.transpose(true)
+    later = group.start > 200  # what was before the recording is forgotten after a second
+    at = log.runs[0].t[group.start[later]] + SETTLE
+    for joint, z in zip(model.devices.joint, memories, strict=True):
+        known, found = np.interp(at, time, z), group.memory[later, joint]
+        assert np.sqrt(np.mean((found - known) ** 2)) < 0.4 * np.sqrt(np.mean(known**2))
 
 
 def test_windows_of_a_robot_at_rest_count_together_once(tmp_path: Path) -> None:
