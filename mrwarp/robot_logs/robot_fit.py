@@ -397,11 +397,12 @@ def _one_drive(
             alone[other] = left(new, [*rest, other])
             if alone[other] < least:
                 best, least = (new, [*rest, other], seen, near), alone[other]
-        if len(own) == 1 and best[1] != released:  # the other fit came further: the first goes on from there
-            new, seen, near = refit(released, None, _same_drive(own[0], best[0], parameters))
-            alone[own[0]] = min(alone[own[0]], left(new, released))
-            if alone[own[0]] < least:
-                best = new, released, seen, near
+        for d in alone if len(own) == 1 == len(own[0].members) else ():
+            if d not in best[1]:  # one fit came further than the other: that goes on from there
+                new, seen, near = refit([*rest, d], None, _same_drive(d, best[0], parameters))
+                alone[d] = min(alone[d], now := left(new, [*rest, d]))
+                if now < least:
+                    best, least = (new, [*rest, d], seen, near), now
         theta, released, evidence, fresh = best
         for d in (d for d in released if d in alone):
             rivals[d] = [x for x, value in alone.items() if x != d and value < alone[d] + 2.0 * RIVAL_ODDS]

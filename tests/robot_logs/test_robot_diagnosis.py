@@ -367,14 +367,39 @@ def test_a_motor_s_strength_begins_at_the_size_of_kp_and_is_its_alternative(
 
     def refit(directions: list[Direction], sizes: dict[int, float], _: None) -> tuple[np.ndarray, Evidence, bool]:
         begun.append((directions, sizes))
-        return np.array([0.0, -0.2]), evidence, True
+        return np.array([-0.2, 0.0] if directions == [kp] else [0.0, -0.2]), evidence, True
 
     _, released, *_ = robot_fit._one_drive(
         np.array([-0.2, 0.0]), [kp], evidence, True, parameters, refit, lambda x, _: 100.0 if x[0] else motor, found
     )
-    assert begun == [([strength], {1: -0.2})]
+    assert begun == [([strength], {1: -0.2}), ([(strength, kp)[named]], None)]
     assert released == [(kp, strength)[named]]
     assert found == {released[0]: [(kp, strength)[k] for k in rivals]}
+
+
+def test_a_drive_s_cause_goes_on_from_where_the_fit_of_another_came() -> None:
+    """A fit that stopped early is no verdict: Kp leaves 100 by its own way, a motor 90, and Kp 80 from there."""
+    parameters = [
+        replace(_parameter(), cause=cause, field=field, index=0)
+        for cause, field in (("kp", "kp"), ("kd", "kd"), ("motor_strength", "strength"))
+    ]
+    kp, kd, motor = (Direction(cause=p.cause, where="a", members=(k,)) for k, p in enumerate(parameters))
+    evidence = _evidence(np.ones((8, 3, 3)), np.zeros((8, 3)))
+    leaves = {kd: 120.0, motor: 90.0}
+
+    def refit(
+        directions: list[Direction], sizes: dict[int, float] | None, twin: np.ndarray | None
+    ) -> tuple[np.ndarray, Evidence, bool]:
+        theta = np.array([0.0, 0.1, -0.19]) if twin is None else twin
+        return np.append(theta, leaves[directions[0]] if twin is None else 80.0), evidence, True
+
+    theta, released, *_ = robot_fit._one_drive(
+        np.array([-0.2, 0.0, 0.0, 100.0]), [kp], evidence, True, parameters, refit, lambda x, _: x[-1], {}
+    )
+    assert released == [kp]
+    same = (1.0 + theta[2]) * (1.0 + theta[:2])
+    assert same == pytest.approx([0.81, 0.81 * 1.1])  # the same drive, the other two as healthy as can be
+    assert theta[1:3] == pytest.approx(np.sqrt(0.81 * 1.1) - 1.0)
 
 
 @pytest.mark.parametrize(("size", "scale", "told"), [(-0.4, 0.4, "kd"), (-0.4, -0.1, "kp"), (0.5, -0.25, "kd")])
