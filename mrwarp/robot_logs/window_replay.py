@@ -79,7 +79,7 @@ class Replay:
     the engine steps another's. A model on a GPU has few robots stepped on the CPU, too.
 
     Attributes:
-        at_once: Robots by which it is busy, or more.
+        at_once: Robots that keep it busy.
 
     Args:
         model: The robot.
