@@ -14,7 +14,7 @@ from mrwarp.commands.run_fit import Averaged
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.run_dir import check_writable, write_text
-from mrwarp.runtime import Stopwatch, check_device, core_count, quiet_libraries, text_table
+from mrwarp.runtime import Stopwatch, core_count, quiet_libraries, text_table
 
 if TYPE_CHECKING:
     from mrwarp.diagnose.report.diagnosis_page import Table
@@ -94,7 +94,6 @@ class Diagnose(Options):
     def _diagnose_robot(self, line: CommandLine) -> int:
         """The same for a robot's log."""
         quiet_libraries(gpu=self.device != "cpu")
-        check_device(self.device)
         from mrwarp.robot_logs.bag import open_log
         from mrwarp.robot_logs.extended_robot import write_extended
         from mrwarp.robot_logs.report import log_page, log_pictures
