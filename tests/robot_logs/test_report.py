@@ -63,7 +63,7 @@ def test_both_robots_stand_side_by_side_in_rerun(written: Path) -> None:
 
 
 def test_views_and_devices_are_for_robots_logs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The recording of a joint has no robot to show; a view's name must end as rerun's files do; a GPU must be there."""
+    """A joint has no robot to show; a name must end as rerun's files do; a GPU must be there."""
     joint, out = tmp_path / "joint.csv", ["--out", str(tmp_path / "o")]
     joint.write_text("t,q,qd,current,torque\n")
     assert main(["diagnose", str(joint), "--rrd", str(tmp_path / "a.rrd"), *out]) == 2
