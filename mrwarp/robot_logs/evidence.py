@@ -361,7 +361,7 @@ def _slopes(model, windows, parameters, theta, log) -> Slopes:  # noqa: ANN001
     values = theta + np.concatenate([ahead, -ahead[central], zero, np.zeros((len(steps), total))])
     starts = np.zeros((len(values), len(steps)))
     starts[len(values) - len(steps) :] = np.diag(steps)
-    rows, at_once = [], max(1, max(AT_ONCE, replay.at_once) // count)
+    rows, at_once = [], max(1, AT_ONCE // count, replay.at_once // count)
     for first in range(0, len(values), at_once):
         part = np.arange(first, min(first + at_once, len(values)))
         log(f"replaying {count} windows: {first} of {len(values)} robots")

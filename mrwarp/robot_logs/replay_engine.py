@@ -85,7 +85,7 @@ class ReplayEngine:
             self._shape = shape
             self._graphs.clear()
             for name, values in parts.items():
-                setattr(self._commands, name, self._array(values, float))
+                setattr(self._commands, name, wp.empty(values.shape, dtype=float, device=self.device))
             sizes = self._mj.nq, self._mj.nv, len(self._joints[0])
             real = self.backend.field("qpos").dtype
             self._record = [
@@ -118,11 +118,8 @@ class ReplayEngine:
         begin, graph, end = self.prepare(count)
         self._step.zero_()
         begin()
-        host = frozenset([self._physics]) if isinstance(self.backend, MjBatchBackend) else frozenset()
-        calls = graph.calls(host)
         for _ in range(self._windows.steps):
-            for call in calls:
-                call()
+            graph.run()
         end()
         if isinstance(self.backend, MjWarpBackend) and self._dropped():
             raise LogError(
