@@ -44,6 +44,13 @@ class ZStep(enum.Enum):
     EXACT = "exact"
 
 
+class ResidualEngine(enum.Enum):
+    """Evaluates a learned torque: Warp kernels for the paper's networks, or torch, for any module."""
+
+    KERNELS = "kernels"
+    TORCH = "torch"
+
+
 class BackendKind(enum.Enum):
     """Which engine steps the physics."""
 

@@ -1,4 +1,4 @@
-"""The learned torque by itself: our kernels, torch's and onnxruntime's LSTM, Newton's LSTM drive.
+"""The learned torque by itself: our kernels, the same in torch, torch's and onnxruntime's LSTM, Newton's LSTM drive.
 
 They do not all compute the same. Our kernel over
 windows, torch and onnxruntime replay the last 50 samples of each open window (eq. 12), so a window owes nothing to what
@@ -20,6 +20,7 @@ import warp as wp
 from benchmarks.perf.newton_lstm import NewtonLstm
 from benchmarks.perf.timing import Turn
 from mrwarp.actuator.residual import LearnedTorque, window_now
+from mrwarp.enums import ResidualEngine
 from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.nn import network_file
 from mrwarp.nn.models import LstmState
@@ -51,6 +52,7 @@ class LstmCost:
         self._ours = {
             state: LearnedTorque(model, dt=model.dt, lstm_state=state, threads=threads) for state in LstmState
         }
+        self._in_torch = LearnedTorque(model, dt=model.dt, engine=ResidualEngine.TORCH)
         rng = np.random.default_rng(0)
         scale = np.array([0.3, 3.0, 0.7])
         windows = (rng.normal(size=(count, 1, WINDOW, FEATURES)) * scale).astype(np.float32)
@@ -74,6 +76,7 @@ class LstmCost:
         """Seconds per step of all joints."""
         return {
             **{state.value: _timed(partial(self._step_ours, state), repeat) for state in LstmState},
+            "torch_engine": _timed(self._step_in_torch, repeat),
             "torch": _timed(self._step_torch, repeat),
             "newton": _timed(self._newton.step, repeat),
             "onnxruntime": _timed(self._step_onnx, repeat),
@@ -82,6 +85,10 @@ class LstmCost:
     def _step_ours(self, state: LstmState) -> None:
         self._torque.zero_()
         self._ours[state](self._ring, self._head, self._open, self._torque)
+
+    def _step_in_torch(self) -> None:
+        self._torque.zero_()
+        self._in_torch(self._ring, self._head, self._open, self._torque)
 
     def _step_torch(self) -> None:
         with torch.inference_mode():

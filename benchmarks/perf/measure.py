@@ -166,7 +166,7 @@ def joint(cfg: PerfCfg, folder: Path, progress: Callable[[float], None]) -> tupl
 
 
 def lstm(cfg: PerfCfg, folder: Path, progress: Callable[[float], None]) -> tuple[dict[str, Any], dict[str, Spread]]:
-    """The learned torque of 64 robots' calves on one core by our kernel, torch, Newton's drive and onnxruntime.
+    """The learned torque of 64 robots' calves on one core: our kernel, the torch engine, torch, Newton, onnxruntime.
 
     All on one, or a busy second core would look like a slower kernel.
     """
@@ -180,6 +180,7 @@ def lstm(cfg: PerfCfg, folder: Path, progress: Callable[[float], None]) -> tuple
     return found, {
         "lstm carried/newton": ratio(times, "carried.step", "newton.step"),
         "lstm carried/window": ratio(times, "carried.step", "window.step"),
+        "lstm carried/torch_engine": ratio(times, "carried.step", "torch_engine.step"),
         **{f"lstm window/{name}": ratio(times, "window.step", f"{name}.step") for name in ("torch", "onnxruntime")},
     }
 

@@ -3,6 +3,7 @@
 The torch module is the master (``mrwarp.nn``); here its weights are laid out once, its standardisation folded in, for
 Warp kernels that compute the same function. torch's own LSTM would need the windows in time order (a copy), the number
 of open ones on the host (a wait on a GPU, and no graph capture), and its bits depend on the size of the batch.
+Modules of other shapes run in torch all the same, see :mod:`mrwarp.actuator.torch_residual`.
 """
 
 from __future__ import annotations
@@ -18,14 +19,17 @@ from queue import SimpleQueue
 import numpy as np
 import torch
 import warp as wp
+from torch import nn
 
+from mrwarp.actuator.torch_residual import CarriedNet, TorchTorque, rest_states
 from mrwarp.effects.catalogue import HYSTERESIS
+from mrwarp.enums import ResidualEngine
 from mrwarp.kernels import learned_torque as learned
 from mrwarp.kernels import lstm_lanes
 from mrwarp.kernels.launch import Launch, in_one_thread, record
 from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.model_file import Effect, acting
-from mrwarp.nn.models import LstmState, LstmTorque
+from mrwarp.nn.models import LstmState, LstmTorque, MlpTorque
 from mrwarp.nn.network_file import LearnedModel
 from mrwarp.params import BoucWenParams, MrParams, ParameterError
 
@@ -43,13 +47,19 @@ class LearnedTorque:
     ``pg_rlstm`` is added to tau_BW (eq. 16); ``mlp`` and ``lstm`` take its place. Both only where the dynamic gate is
     open: elsewhere the device keeps the Bouc-Wen drag.
 
+    Any other ``torch.nn.Module`` runs too, in torch: one that maps raw windows of 50 samples (N, 50, 3), features
+    (q_c, qd, current), to torques (N,), or a :class:`~mrwarp.actuator.torch_residual.CarriedNet`, which takes one
+    sample and a carried state.
+
     An LSTM's state is carried on from step to step for all joints, open or not; a joint's first one after a reset is
     that of its history, which a reset fills with rest. With ``LstmState.WINDOW`` it is made from the last 50 samples
     at every step, for open gates only: fifty times the work (eq. 12 to the letter).
 
     Args:
-        model: The network.
-        dt: Torque step [s].
+        model: The network: one of ``mrwarp learn``, or any module.
+        dt: Torque step [s]; of a bare module it is taken as right.
+        engine: Warp kernels, or torch on the same arrays; a bare module runs in torch.
+        adds: A bare module's torque is added to tau_BW; False replaces it.
         lstm_state: What an LSTM begins each sample with; an MLP has no state.
         threads: CPU threads for the LSTM; 0 = all. The results are the same bits for any number.
         evaluate_all: Compute closed windows too, without using them (to test that nothing depends on it).
@@ -62,17 +72,22 @@ class LearnedTorque:
     """
 
     def __init__(
-        self, model: LearnedModel, *, dt: float, lstm_state: LstmState = LstmState.CARRIED, threads: int = 0,
-        evaluate_all: bool = False, capacity: float = 1.0,
+        self, model: LearnedModel | nn.Module, *, dt: float, engine: ResidualEngine = ResidualEngine.KERNELS,
+        adds: bool = True, lstm_state: LstmState = LstmState.CARRIED, threads: int = 0, evaluate_all: bool = False,
+        capacity: float = 1.0,
     ) -> None:  # fmt: skip
-        model.check_rate(dt)
+        if isinstance(model, LearnedModel):
+            model.check_rate(dt)
+            self.net, self._samples, self._whole = model.net, model.samples, not model.is_residual
+        else:
+            self.net, self._samples, self._whole, engine = model, WINDOW, not adds, ResidualEngine.TORCH
         if not 0.0 < capacity <= 1.0:
             raise ValueError(f"capacity = {capacity} must lie in (0, 1], a share of all windows")
         self.capacity = capacity
-        self.model = model
+        self.model, self.engine = model, engine
         self.threads = threads or os.cpu_count() or 1
         self.evaluate_all = evaluate_all
-        self.carries = isinstance(model.net, LstmTorque) and lstm_state is LstmState.CARRIED
+        self.carries = isinstance(self.net, CarriedNet) and lstm_state is LstmState.CARRIED
         self._arrays: tuple[int | None, ...] = ()
         self._helpers: list[_Helper] = []
         self._gather: Launch | None = None
@@ -85,7 +100,15 @@ class LearnedTorque:
         self._arrays = (ring.ptr, head.ptr, m_dyn.ptr, tau_dyn.ptr)
         self._device, self._shape = wp.get_device(str(tau_dyn.device)), m_dyn.shape
         self._helpers = []
-        state = {name: t.double().numpy() for name, t in self.model.net.state_dict().items()}
+        self._gather, self._units = None, ()
+        if self.engine is ResidualEngine.TORCH:
+            self._torch = self._evaluate = TorchTorque(
+                self.net, ring, head, m_dyn, tau_dyn, samples=self._samples, carries=self.carries, whole=self._whole,
+                evaluate_all=self.evaluate_all,
+            )  # fmt: skip
+            self._fresh, self._keep = self._torch.fresh, (ring, head, m_dyn, tau_dyn)
+            return
+        state = {name: t.double().numpy() for name, t in self.net.state_dict().items()}
         if self.carries:
             self._bind_carried(state, ring, head, m_dyn, tau_dyn)
         else:
@@ -127,16 +150,20 @@ class LearnedTorque:
 
     @property
     def graphable(self) -> bool:
-        """Whether a graph loses nothing: it runs on one thread, and other threads help when there is much to do."""
-        return not self._helpers
+        """Whether a graph loses nothing: kernels on one thread. Threads that help, and torch, run between graphs."""
+        return not self._helpers and self.engine is ResidualEngine.KERNELS
 
     def state(self) -> dict[str, np.ndarray]:
         """Copy of what a resumed run needs, by name; empty where nothing is carried.
 
-        Hidden and cell states, shape (E, M, 2, HIDDEN), and 1 for joints that begin anew, shape (E, M).
+        Hidden and cell states, shape (E, M, 2, HIDDEN), of torch (E, M, state_size), and 1 for joints that begin
+        again, shape (E, M).
         """
         if not self.carries:
             return {}
+        if self.engine is ResidualEngine.TORCH:
+            states = self._torch.states.cpu().numpy().reshape(*self._shape, -1).copy()
+            return {"net_state": states, "net_fresh": self._fresh.numpy().reshape(self._shape).copy()}
         count = self._fresh.size
         now = 0 if not self._units else int(self._keep[1].numpy()[0]) % 2  # see lstm_unit_kernel
         state = self._state.numpy()[[now, 2], :, :count].transpose(2, 0, 1).reshape(*self._shape, 2, learned.HIDDEN)
@@ -147,6 +174,9 @@ class LearnedTorque:
         if not self.carries:
             return
         count = self._fresh.size
+        if self.engine is ResidualEngine.TORCH:
+            self._torch.load(state["net_state"].reshape(count, -1), state["net_fresh"].reshape(-1))
+            return
         hidden, cell = state["lstm"].reshape(count, 2, learned.HIDDEN).transpose(1, 2, 0)
         values = self._state.numpy()
         values[:, :, :count] = hidden, hidden, cell
@@ -158,7 +188,7 @@ class LearnedTorque:
     ) -> None:
         device, joints = self._device, m_dyn.size
         parts = -(-joints // lstm_lanes.LANES)
-        whole = int(not self.model.is_residual)
+        whole = int(self._whole)
         self._fresh = wp.full(joints, 1, dtype=int, device=device)
         self._state = wp.zeros((3, learned.HIDDEN, parts * lstm_lanes.LANES), dtype=float, device=device)
         out = self._array(output_layer(state))
@@ -175,8 +205,8 @@ class LearnedTorque:
             )  # fmt: skip
             self._helpers = [_Helper() for _ in range(threads - 1)]
         else:
-            assert isinstance(self.model.net, LstmTorque)  # or nothing would be carried
-            rest = self._array(states_at_rest(self.model.net))
+            assert isinstance(self.net, LstmTorque)  # or nothing would be carried
+            rest = self._array(states_at_rest(self.net))
             weights, fours = self._array(lstm_weights(state)), -(-joints // learned.UNITS)
             self._units = (
                 record(learned.lstm_rest_kernel, joints, [rest, head, ring, self._fresh], [self._state], device),
@@ -201,12 +231,12 @@ class LearnedTorque:
             learned.open_windows_kernel, m_dyn.shape, [int(self.evaluate_all), m_dyn], [self._count, index], device
         )
         inputs = [self._count, index, head, ring, m_dyn]
-        whole = int(not self.model.is_residual)
+        whole = int(self._whole)
 
         def scratch(rows: int) -> wp.array:
             return wp.empty((rows, learned.HIDDEN, places), dtype=float, device=device)
 
-        if self.model.kind == "mlp":
+        if isinstance(self.net, MlpTorque):
             layers = [self._array(layer) for layer in mlp_layers(state)]
             self._evaluate = record(
                 learned.mlp_window_kernel, places, [*layers, whole, *inputs, tau_dyn], [scratch(2), tau_dyn], device
@@ -327,14 +357,6 @@ def mlp_layers(state: dict[str, np.ndarray]) -> list[np.ndarray]:
     return layers
 
 
-@torch.no_grad()
 def states_at_rest(net: LstmTorque) -> np.ndarray:
-    """Hidden and cell states after resting for all but one sample of a window, without current.
-
-    Returns:
-        Shape (2, HIDDEN, REST_POINTS), for displacements evenly from -REST_RANGE to REST_RANGE.
-    """
-    x = torch.zeros(WINDOW - 1, learned.REST_POINTS, FEATURES)
-    x[:, :, 0] = torch.linspace(-learned.REST_RANGE, learned.REST_RANGE, learned.REST_POINTS)
-    _, (hidden, cell) = net.lstm(net.scaler(x))
-    return torch.stack([hidden[0].T, cell[0].T]).numpy()
+    """:func:`~mrwarp.actuator.torch_residual.rest_states` of an LSTM, shape (2, HIDDEN, REST_POINTS), hidden first."""
+    return rest_states(net.step, net.state_size).numpy().T.reshape(2, learned.HIDDEN, learned.REST_POINTS)

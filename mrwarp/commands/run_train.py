@@ -17,6 +17,7 @@ from mrwarp.enums import (
     Coupling,
     CurrentCommand,
     HoldCurrent,
+    ResidualEngine,
     ZStep,
 )
 from mrwarp.options import option_types as opt
@@ -74,6 +75,8 @@ class Train(opt.ViewOptions, opt.RobotOptions, Learning):
     """torque model of the MR joint"""
     actuator_model: opt.OptionalText = None
     """trained network of --actuator mlp, lstm or pg_rlstm (default: the shipped one)"""
+    residual_engine: ResidualEngine = ResidualEngine.KERNELS
+    """what evaluates that network: our kernels, or torch on the same arrays, slower"""
     extrapolate: opt.Flag = False
     """let coils take more current than the recordings of --model held"""
     robot: opt.Robot = "mr_go"
@@ -197,6 +200,7 @@ class Train(opt.ViewOptions, opt.RobotOptions, Learning):
                 "coil_lag",
                 "hold_speed",
                 "z_step",
+                "residual_engine",
                 "backend",
                 "deterministic",
                 "terrain",
@@ -287,6 +291,7 @@ def resumed(options: Train, typed: set[str], ranks: Ranks) -> Train:
             "current": CurrentCommand(task.get("current", "fixed")),  # files of earlier versions have none
             **{name: task.get(name) for name in ("coil_lag", "hold_speed")},
             "z_step": ZStep(task["z_step"]),
+            "residual_engine": ResidualEngine(task.get("residual_engine") or "kernels"),
             "sal": "on" if task["sal"] else "off",
             "randomize": kinds[json.dumps(task["randomize"])],
             "power_price": 0.0 - task["rewards"]["power"],

@@ -6,7 +6,17 @@ import math
 from dataclasses import dataclass, field, replace
 
 from mrwarp.actuator.mr_actuator import MrActuatorCfg
-from mrwarp.enums import ACTUATORS, LEARNED, TERRAINS, BackendKind, Coupling, CurrentCommand, HoldCurrent, ZStep
+from mrwarp.enums import (
+    ACTUATORS,
+    LEARNED,
+    TERRAINS,
+    BackendKind,
+    Coupling,
+    CurrentCommand,
+    HoldCurrent,
+    ResidualEngine,
+    ZStep,
+)
 from mrwarp.env.commands import CommandCfg
 from mrwarp.env.events import RandomizeCfg, make_randomize_cfg
 from mrwarp.env.observations import NoiseCfg
@@ -32,6 +42,8 @@ class EnvCfg:
     """Trained network (.safetensors) of a learned ``actuator_model``; none for the others."""
     lstm_state: LstmState = LstmState.CARRIED
     """What the LSTM of a learned ``actuator_model`` begins each sample with."""
+    residual_engine: ResidualEngine = ResidualEngine.KERNELS
+    """What evaluates the network of a learned ``actuator_model``; torch is the slower one."""
     window_capacity: float = 1.0
     """GPU threads for a learned torque as a share of all devices; if more gates are open they take several in turn.
     16 % are while walking."""
@@ -135,6 +147,7 @@ def make_walk_cfg(
     coil_lag: float | None = None,
     hold_speed: float | None = None,
     lstm_state: LstmState = LstmState.CARRIED,
+    residual_engine: ResidualEngine = ResidualEngine.KERNELS,
     backend: BackendKind | None = None,
     threads: int = 0,
     deterministic: bool = False,
@@ -157,6 +170,7 @@ def make_walk_cfg(
         coil_lag=coil_lag,
         hold_speed=hold_speed,
         lstm_state=lstm_state,
+        residual_engine=residual_engine,
         model=model,
         extrapolate=extrapolate,
         robot=robot,

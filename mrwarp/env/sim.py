@@ -311,12 +311,12 @@ class ActuatedSim:
         return StepGraph(sequence, self.sim.device, eager=not self.sim.cfg.capture)
 
     def on_host(self) -> frozenset[Launch]:
-        """What no graph can take of a torque step: ``mjbatch``, a learned torque with threads of its own, hooks."""
+        """Launches that no graph can take: ``mjbatch``, a learned torque in torch or with threads of its own, hooks."""
         found: list[Launch] = []
         if self.sim.backend.kind is BackendKind.MJBATCH:
             found.append(self.sim.engine)
-            if self.actuator.residual is not None and not self.actuator.residual.graphable:
-                found.append(self.actuator.add_residual)
+        if self.actuator.residual is not None and not self.actuator.residual.graphable:
+            found.append(self.actuator.add_residual)
         found += [self.before_step] * bool(self.before_hooks) + [self.after_step] * bool(self.hooks)
         return frozenset(found)
 

@@ -38,6 +38,8 @@ class WalkEnv(VecEnv):
     Args:
         cfg: The task, in numbers of the shipped robot; ``env.cfg`` has them in proportion to its own.
         edit: Changes to the MuJoCo specification, e.g. a body that falls on the robot.
+        residual: Learned torque of all devices, e.g. ``LearnedTorque(my_module, dt=cfg.sim.dt)``, in place of one of
+            ``cfg.actuator_file``. The devices keep their own coefficients of eqs. 14 and 15.
 
     Attributes:
         arrays: Everything the task computes with, kept in place: the next step writes into it. The arrays that are
@@ -58,16 +60,18 @@ class WalkEnv(VecEnv):
     task: EnvCfg
     """As given, in numbers of the shipped robot."""
 
-    def __init__(self, cfg: EnvCfg, *, edit: Edit | None = None) -> None:
+    def __init__(self, cfg: EnvCfg, *, edit: Edit | None = None, residual: LearnedTorque | None = None) -> None:
         self.task = cfg
         self.num_envs = cfg.sim.num_envs
         self.device = torch.device(cfg.sim.device)
         self.max_episode_length = cfg.episode_steps
-        asset, residual = _asset(cfg)
+        asset, trained = _asset(cfg)
+        if trained is not None and residual is not None:
+            raise ValueError(f"actuator_model = {cfg.actuator_model!r} brings a learned torque; give no other residual")
         self.terrain = Terrain(cfg.terrain, self.num_envs, seed=cfg.seed) if cfg.terrain else None
         scene = robot_scene(asset, cfg.sim, cfg.actuator.coupling, edit, self.terrain and self.terrain.field)
         commanded = cfg.current is not CurrentCommand.FIXED
-        choices = {"residual": residual, "share_params": False, "commanded": commanded}
+        choices = {"residual": residual or trained, "share_params": False, "commanded": commanded}
         self.robot = ActuatedSim(scene, cfg.sim, cfg.actuator, **choices)
         self.sim, self.actuator, self.substep_hooks = self.robot.sim, self.robot.actuator, self.robot.hooks
         if cfg.gains is not None:
@@ -307,7 +311,8 @@ def _asset(cfg: EnvCfg) -> tuple[RobotAsset, LearnedTorque | None]:
             f"{cfg.actuator_file}: holds a {model.kind} model; use --actuator {model.kind} or another file"
         )
     residual = LearnedTorque(
-        model, dt=cfg.sim.dt, lstm_state=cfg.lstm_state, threads=cfg.sim.threads, capacity=cfg.window_capacity
-    )
+        model, dt=cfg.sim.dt, engine=cfg.residual_engine, lstm_state=cfg.lstm_state, threads=cfg.sim.threads,
+        capacity=cfg.window_capacity,
+    )  # fmt: skip
     actuators = tuple(replace(a, mr=with_bouc_wen(a.mr, model, a.effects)) if a.mr else a for a in asset.actuators)
     return replace(asset, actuators=actuators), residual

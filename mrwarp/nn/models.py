@@ -98,6 +98,15 @@ class LstmTorque(nn.Module):
         output, _ = self.lstm(window)
         return self.out(output[-1]).squeeze(1)
 
+    state_size = 2 * HIDDEN
+    """Hidden and cell state."""
+
+    def step(self, x: torch.Tensor, state: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Torque [N·m], shape (N,), and next state (N, 2 HIDDEN), hidden first, of raw samples (N, FEATURES)."""
+        hidden, cell = (part.contiguous()[None] for part in state.split(HIDDEN, dim=1))
+        output, (hidden, cell) = self.lstm(self.scaler(x)[None], (hidden, cell))
+        return self.out(output[0]).squeeze(1), torch.cat([hidden[0], cell[0]], dim=1)
+
     def carried(self, x: torch.Tensor) -> torch.Tensor:
         """Torque [N·m] at every sample of one trajectory, the state carried on, shape (N,), of raw x (N, FEATURES)."""
         output, _ = self.lstm(self.scaler(x).unsqueeze(1))

@@ -98,6 +98,7 @@ def task(cfg: EnvCfg) -> dict[str, Any]:
         "actuator": cfg.actuator_model,
         "actuator_file": file,
         "lstm_state": cfg.lstm_state.value if "lstm" in cfg.actuator_model else None,
+        "residual_engine": cfg.residual_engine.value if file else None,
         "model": cfg.model if isinstance(cfg.model, str | None) else cfg.model.fitted_on.source,
         "extrapolate": cfg.extrapolate,
         "coupling": cfg.actuator.coupling.value,
