@@ -11,10 +11,13 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from mrwarp.options.command_line import CommandLine, OptionError, parse
+from mrwarp.options.command_line import CommandLine, OptionError, Options, parse
 from mrwarp.options.command_table import COMMANDS, Command, Group
 from mrwarp.run_dir import FolderError, one_line
 from mrwarp.runtime import closest, exit_code, one_of_several, one_voice, quiet_libraries
+
+MODELS = ("model", "bouc_wen")
+"""Options that name a model.json."""
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 """Errors of a disk that takes no more: no fault of the command line."""
@@ -65,9 +68,11 @@ def _run(command: Command, line: CommandLine) -> int:
             options = parse(command.load(), line.argv, line.prog)
             if not one_of_several():  # then the processes agree on who complains
                 options.check()
+                check_models(options)
         if options.engines:
             quiet_libraries(gpu=options.on_gpu)
-        return options.run(line)
+        with options.claimed():
+            return options.run(line)
     except SystemExit as leaving:  # after --help
         return leaving.code if isinstance(leaving.code, int) else 2
     except OptionError as error:
@@ -90,6 +95,20 @@ def _run(command: Command, line: CommandLine) -> int:
         if code is None or sys.flags.dev_mode:  # `python -X dev -m mrwarp` shows where it was raised
             raise
         return _refuse(line.prog, one_line(error), code)
+
+
+def check_models(options: Options) -> None:
+    """Read the model files that options name, before an engine is loaded.
+
+    Raises:
+        ModelFileError: one cannot be used.
+    """
+    for name in MODELS:
+        file = getattr(options, name, None)
+        if file is not None:
+            from mrwarp.model_file import load_model
+
+            load_model(file)
 
 
 def _refuse(prog: str, message: str, code: int) -> int:

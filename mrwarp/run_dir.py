@@ -84,7 +84,7 @@ def check_writable(out: Path) -> None:
 def claim(out: Path) -> Iterator[None]:
     """Make a folder and keep other processes out of it; ends with the process, however that ends.
 
-    A folder that was made for work that fails is removed again if it is still empty.
+    A folder that was made for this is removed again if it is still empty.
 
     Raises:
         FolderError: another process writes into it.
@@ -103,9 +103,8 @@ def claim(out: Path) -> Iterator[None]:
                 pass  # a file system without locks
         try:
             yield
-        except BaseException:
+        finally:
             _remove_empty(made)
-            raise
 
 
 def _missing(out: Path) -> list[Path]:

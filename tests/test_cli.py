@@ -17,6 +17,7 @@ from mrwarp.enums import LEARNED
 from mrwarp.options.command_line import option_flags, parse
 from mrwarp.options.command_table import all_commands
 from mrwarp.resources import DEFAULT_POLICY, shipped_model
+from mrwarp.run_dir import claim
 
 
 @pytest.mark.parametrize("name", list(cli.COMMANDS))
@@ -53,6 +54,40 @@ def test_a_full_disk_ends_in_one_line(
     where = f"{named}: " if named else ""
     remedy = "make room or name another folder, then run it again"
     assert capsys.readouterr().err == f"mrwarp check: {where}No space left on device; {remedy}\n"
+
+
+@pytest.mark.parametrize("command", ["fit .", "learn . --kind mlp", "sweep --command fit --grid seed=0", "monitor ."])
+def test_a_second_run_in_the_same_folder_is_refused(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    """Whatever command it is, before it does anything."""
+    monkeypatch.setattr("mrwarp.recording.records.check_count", lambda *_: None)
+    (tmp_path / "a.csv").touch()
+    monkeypatch.chdir(tmp_path)
+    with claim(tmp_path / "out"):
+        assert cli.main([*command.split(), "--out", "out"]) == 2
+        assert list((tmp_path / "out").iterdir()) == []
+    assert "out: another run writes here; wait for it or name another --out" in capsys.readouterr().err
+
+
+def test_a_training_that_goes_on_elsewhere_is_not_read(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """The folder is that of the checkpoint, which is another's work until that ends: not even read."""
+    (tmp_path / "checkpoint.pt").write_bytes(b"half written")
+    with claim(tmp_path):
+        assert cli.main(["train", "--resume", str(tmp_path / "checkpoint.pt")]) == 2
+    assert "another run writes here" in capsys.readouterr().err
+    assert cli.main(["train", "--resume", str(tmp_path / "checkpoint.pt")]) == 2
+    assert "checkpoint.pt: damaged" in capsys.readouterr().err
+
+
+def test_a_model_file_is_read_before_an_engine_is_loaded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    """One with an entry that is missing: refused by its own message."""
+    monkeypatch.setattr("mrwarp.cli.quiet_libraries", lambda **_: pytest.fail("an engine was loaded"))
+    (tmp_path / "model.json").write_text('{"schema": 1, "parameters": {}, "units": {}, "fitted_on": {}}')
+    assert cli.main(["walk", "--model", str(tmp_path / "model.json")]) == 2
+    assert "model.json: effects is missing" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("argv", [["bench", "--list-effects"], ["--help"], ["train", "--help"], ["asset"]])

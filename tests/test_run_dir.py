@@ -3,6 +3,8 @@
 import errno
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -48,6 +50,20 @@ def test_a_claim_makes_the_folder_and_keeps_others_out(tmp_path: Path) -> None:
                 pass
     with claim(out):
         assert list(out.iterdir()) == []
+
+
+def test_a_claim_ends_with_its_process(tmp_path: Path) -> None:
+    """However that ends: after ``kill -9`` the folder is free, and as it was."""
+    code = "import pathlib, sys, time; from mrwarp.run_dir import claim\nwith claim(pathlib.Path(sys.argv[1])):"
+    code += " print('held', flush=True); time.sleep(60)"
+    with subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None and other.stdout.readline() == "held\n"
+        with pytest.raises(FolderError, match="another run writes here"), claim(tmp_path):
+            pass
+        other.kill()
+        other.wait()
+    with claim(tmp_path):
+        assert list(tmp_path.iterdir()) == []
 
 
 def test_a_claim_for_work_that_fails_leaves_no_empty_folder(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ from mrwarp.kernels.mr_joint import FIELDS
 from mrwarp.kernels.mr_stages import brake_bounds_kernel, drive_gather_kernel, drive_reset_kernel, drive_torque_kernel
 from mrwarp.model_file import Effect, check_effects, load_model
 from mrwarp.nn.models import LstmState
-from mrwarp.nn.network_file import LearnedModel
+from mrwarp.nn.network_file import DEVICE, LearnedModel
 from mrwarp.params import MrParams, ParameterError
 
 _CHOICES = {"coupling": Coupling, "hold_current": HoldCurrent, "z_step": ZStep}
@@ -231,10 +231,15 @@ class DriveMR(DriveBase):
 
         Raises:
             SamplingRateError: the model was trained at another rate than 1/dt.
+            OtherDeviceError: it learned another device than one of the drive's.
         """
+        own = {name: self.param(name).numpy() for name in FIELDS}
+        devices = [MrParams().replace(**{n: float(own[n][k]) for n in DEVICE}) for k in range(self.brake_bound.size)]
+        for device in dict.fromkeys(devices):
+            model.check_device(device.to_dict())
         # its states are handed over twice in a step, so none is carried here
         self._learned = LearnedTorque(model, dt=dt, lstm_state=LstmState.WINDOW, threads=threads)
-        for name, value in with_bouc_wen(MrParams(), model, self._effects):
+        for name, value in with_bouc_wen(devices[0], model, self._effects):
             if name in model.bouc_wen and name != "q_neutral":
                 self.param(name).fill_(value)
 

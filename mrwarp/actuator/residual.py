@@ -300,7 +300,9 @@ def with_bouc_wen(mr: MrParams, model: LearnedModel, effects: Iterable[Effect] =
     Raises:
         ParameterError: the model's coefficients are not those of ``BoucWenParams`` or out of a joint's range, or it was
             trained on top of a law and effects that are not the joint's.
+        OtherDeviceError: it learned another device than the joint's.
     """
+    model.check_device(mr.to_dict())
     ours = acting(effects)
     # a residual on plain eqs. 14 and 15 may run beside effects, but not beside another law
     if model.is_residual and model.beside != ours and (model.beside or HYSTERESIS.keys() & ours.keys()):

@@ -221,6 +221,8 @@ class Learn(Options):
             errors = {name: learn.errors(torque, evaluation) for name, torque in torques.items()}
             figures["evaluation"] = {name: learn.summary(found) for name, found in errors.items()}
             print(learn.table(figures["evaluation"]))
+        if physical is None:
+            print("note: without --bouc-wen the network counts as one of the paper's device, and runs in no other")
         network_file.save(model, self.out / "model.safetensors")
         network_file.export_onnx(model, self.out / "model.onnx")
         plot_history(learned.history, self.kind, self.out / "curves.png")
@@ -252,16 +254,24 @@ class Monitor(Options):
     horizon: opt.Count = 200
     """records over which at most 5 % of healthy devices give an alarm"""
 
+    def check(self) -> None:
+        """Refuse also too few records, before they are read."""
+        super().check()
+        from mrwarp.recording.records import check_count, records_of
+
+        check_count(len(records_of(self.data)), self.baseline, str(self.data))
+
     def run(self, line: CommandLine) -> int:
         """0 healthy, 1 a change was noticed, 2 on bad input."""
         check_writable(self.out)
 
         from mrwarp.identify import monitor
+        from mrwarp.recording.records import records_of
 
         cfg = monitor.MonitorCfg(**self.chosen("baseline", "horizon"))
         progress = ProgressLine(sys.stdout)
         try:
-            records = monitor.read(self.data, progress)
+            records = monitor.read(records_of(self.data), progress)
             health = monitor.monitor(records, cfg, progress)
         finally:
             progress.done()

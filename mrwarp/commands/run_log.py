@@ -11,7 +11,7 @@ from tyro.conf import Positional
 
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
-from mrwarp.run_dir import claim, write_result
+from mrwarp.run_dir import write_result
 from mrwarp.runtime import ProgressLine, text_table
 
 if TYPE_CHECKING:
@@ -68,10 +68,9 @@ class ImportLog(Options):
 
         _check_free(self.out, self.overwrite)
         log = read_bag(self.bag, read_map(self.map) if self.map else None)
-        with claim(self.out):
-            names = save_log(log, self.out, self.format)
-            figures = {"files": names, "seconds": log.seconds, "topics": log.header["source"], "notes": log.notes}
-            write_result(self.out, figures, seed=0, command=str(line))
+        names = save_log(log, self.out, self.format)
+        figures = {"files": names, "seconds": log.seconds, "topics": log.header["source"], "notes": log.notes}
+        write_result(self.out, figures, seed=0, command=str(line))
         print("\n".join([*topics_used(log), *describe(log), *(f"note: {note}" for note in log.notes)]))
         print(f"{', '.join(names)} in {self.out}; look at it with: mrwarp check {self.out}")
         return 0
@@ -143,9 +142,8 @@ class RecordLog(Options):
         _check_free(self.out, self.overwrite)
         shown = ProgressLine(sys.stderr)
         try:
-            with claim(self.out):
-                figures = record(self._cfg(), self.out, shown)
-                write_result(self.out, figures, seed=self.seed, command=str(line))
+            figures = record(self._cfg(), self.out, shown)
+            write_result(self.out, figures, seed=self.seed, command=str(line))
         except FallError as error:
             print(f"{line.prog}: {error}", file=sys.stderr)
             return 1

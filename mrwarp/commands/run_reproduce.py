@@ -13,7 +13,7 @@ from tyro.conf import Positional
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.paper import ROBOTS, TITLES
-from mrwarp.run_dir import check_writable, claim, plain, write_result
+from mrwarp.run_dir import check_writable, plain, write_result
 from mrwarp.runtime import ProgressLine, duration
 
 if TYPE_CHECKING:
@@ -84,13 +84,12 @@ class Reproduce(Options):  # noqa: D101  (its docstring lists the titles)
             print(f"to make: {parts}; about {duration(sum(left.values()))} on two idle cores", flush=True)
         started, stopped = time.perf_counter(), False
         try:
-            with claim(self.out):
-                try:
-                    runner.run(wanted)
-                except KeyboardInterrupt:
-                    stopped = True
-                progress.done()
-                self._finish(runner, wanted, line, time.perf_counter() - started)
+            try:
+                runner.run(wanted)
+            except KeyboardInterrupt:
+                stopped = True
+            progress.done()
+            self._finish(runner, wanted, line, time.perf_counter() - started)
         finally:
             progress.done()
         if stopped:

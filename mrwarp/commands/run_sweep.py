@@ -10,7 +10,7 @@ from tyro.conf import Positional
 
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
-from mrwarp.run_dir import check_writable, claim
+from mrwarp.run_dir import check_writable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,9 +63,8 @@ class Sweep(Options):
             runner = ray_runner(workers, cpus=self.cpus, gpus=self.gpus, retries=self.retries, address=self.address)
         else:
             runner = local_runner(workers, cpus=self.cpus, gpus=self.gpus, retries=self.retries)
-        with claim(self.out):
-            ended = run_trials(trials, self.out, runner)
-            complete = report(trials, self.figure, self.out, str(line))
+        ended = run_trials(trials, self.out, runner)
+        complete = report(trials, self.figure, self.out, str(line))
         if not ended:
             print("stopped; the same command goes on")
             return 130

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from mrwarp.enums import (
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options, given
 from mrwarp.resources import shipped_model
-from mrwarp.run_dir import check_output, one_line
+from mrwarp.run_dir import check_output, claim, one_line
 from mrwarp.runtime import check_device, exit_code
 
 if TYPE_CHECKING:
@@ -131,6 +132,10 @@ class Train(opt.ViewOptions, opt.RobotOptions, Learning):
             move = "'mrwarp play --agent sine' and 'mrwarp impact' move arms and legs on a rail"
             raise ValueError(f"--robot {self.robot}: has no legs to walk with; {move}")
 
+    def claimed(self) -> contextlib.AbstractContextManager[None]:
+        """Nothing yet: the folder follows from the checkpoint, and one of several processes keeps it."""
+        return contextlib.nullcontext()
+
     def run(self, line: CommandLine) -> int:
         """0 when the gate was met or not asked for, 1 when missed or broken off, 130 after Ctrl-C, 2 on bad input."""
         from mrwarp.rl.ranks import Ranks
@@ -138,8 +143,10 @@ class Train(opt.ViewOptions, opt.RobotOptions, Learning):
         ranks = Ranks()
         try:
             ranks = Ranks.join()
-            options = resumed(self, given(line), ranks) if self.resume else self
-            return options._train(line, ranks)
+            out = self.resume.parent if self.resume and "out" not in given(line) else self.out
+            with claim(out) if ranks.main else contextlib.nullcontext():  # before its checkpoint is read
+                options = resumed(self, given(line), ranks) if self.resume else self
+                return options._train(line, ranks)
         except Exception as error:
             code = exit_code(error)
             if ranks.world == 1 or code is None:
@@ -164,7 +171,7 @@ class Train(opt.ViewOptions, opt.RobotOptions, Learning):
                 view = LiveTraining(trainer.env, rrd=self.rrd, url=self.connect)
                 trainer.watchers.append(view.update)
         try:
-            result = trainer.run()
+            result = trainer.run(claimed=True)
         finally:
             if view is not None:
                 view.close()

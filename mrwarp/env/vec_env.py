@@ -290,7 +290,8 @@ def _asset(cfg: EnvCfg) -> tuple[RobotAsset, LearnedTorque | None]:
     A learned model brings its own Bouc-Wen coefficients; ``actuator_model`` none leaves plain motors on all joints.
 
     Raises:
-        NetworkFileError: the network's file cannot be used, or holds another kind of model than the task's.
+        NetworkFileError: the network's file cannot be used, or holds another kind of model than the task's, or one that
+            learned another device than the joints'.
         SamplingRateError: the network was trained at another rate than the torque loop's.
     """
     asset = load_robot(cfg.asset, robot=cfg.robot, payload=cfg.payload)
@@ -314,5 +315,8 @@ def _asset(cfg: EnvCfg) -> tuple[RobotAsset, LearnedTorque | None]:
         model, dt=cfg.sim.dt, engine=cfg.residual_engine, lstm_state=cfg.lstm_state, threads=cfg.sim.threads,
         capacity=cfg.window_capacity,
     )  # fmt: skip
-    actuators = tuple(replace(a, mr=with_bouc_wen(a.mr, model, a.effects)) if a.mr else a for a in asset.actuators)
+    try:
+        actuators = tuple(replace(a, mr=with_bouc_wen(a.mr, model, a.effects)) if a.mr else a for a in asset.actuators)
+    except network_file.OtherDeviceError as error:
+        raise network_file.NetworkFileError(f"{cfg.actuator_file}: {error}") from None
     return replace(asset, actuators=actuators), residual

@@ -108,6 +108,7 @@ def learn(
         net=net,
         dt=dt,
         bouc_wen={} if own_baseline else bouc_wen,
+        device={} if own_baseline else {name: bouc_wen[name] for name in network_file.DEVICE},
         beside=acting(physical.effects) if physical and kind == "pg_rlstm" and not own_baseline else {},
         source=str(recording.source or ""),
         seed=cfg.seed,

@@ -23,7 +23,8 @@ from scipy import stats
 
 from mrwarp.identify.fit import fit
 from mrwarp.identify.replay import simulate
-from mrwarp.recording.load import Recording, RecordingError, load_recording
+from mrwarp.recording.load import Recording, load_recording
+from mrwarp.recording.records import check_count
 from mrwarp.runtime import panels
 
 QUANTITIES = {"yield": "yield torque", "viscosity": "viscosity"}
@@ -69,25 +70,10 @@ class Health:
     """First record at which a quantity's change is noticed, with its size and interval; without one, nothing."""
 
 
-def records_of(folder: Path) -> list[Path]:
-    """The records of a folder in order of their names: each a file, or a folder of files.
-
-    Raises:
-        RecordingError: it is no folder, or holds none.
-    """
-    if not folder.is_dir():
-        raise RecordingError(f"{folder}: is no folder; name one that holds a calibration record after another")
-    suffixes = (".csv", ".csv.gz", ".parquet")
-    found = [p for p in sorted(folder.iterdir()) if p.is_dir() or p.name.endswith(suffixes)]
-    found = [p for p in found if not p.name.startswith((".", "holding"))]
-    if not found:
-        raise RecordingError(f"{folder}: holds no record; put a .csv or .parquet file, or a folder, per calibration")
-    return found
-
-
-def read(folder: Path, report: Callable[[str, float], None] = lambda text, share: None) -> dict[str, Recording]:
-    """All records of a folder by name; RecordingError names a bad one."""
-    paths = records_of(folder)
+def read(
+    paths: Sequence[Path], report: Callable[[str, float], None] = lambda text, share: None
+) -> dict[str, Recording]:
+    """Records by name; RecordingError names a bad one."""
     found = {}
     for k, path in enumerate(paths):
         report(f"reading {path.name}", k / len(paths))
@@ -101,12 +87,10 @@ def monitor(
     """Follow a device through its records, in their order.
 
     Raises:
-        RecordingError: there are not more records than the baseline has, or the first cannot be fitted.
+        RecordingError: there are too few records (:func:`check_count`), or the first cannot be fitted.
     """
     names, runs = tuple(records), list(records.values())
-    if len(runs) <= cfg.baseline:
-        raise RecordingError(f"{len(runs)} records, of which the first {cfg.baseline} are the baseline: record more or "
-                             "lower --baseline")  # fmt: skip
+    check_count(len(runs), cfg.baseline)
     report("reference", 0.0)
     together = tuple(replace(run, id=f"{k}/{run.id}") for k, r in enumerate(runs[:REFERENCE]) for run in r.trajectories)
     reference = fit(replace(runs[0], trajectories=together)).values

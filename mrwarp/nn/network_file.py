@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,9 +23,20 @@ from mrwarp.run_dir import atomic_write, no_file, one_line
 SCHEMA = 1
 """Version of the description."""
 
+DEVICE = ("K1", "K0", "B", "alpha", "beta", "gamma", "D", "C", "I1")
+"""Parameters of eqs. 14 and 15 by which a device is known again, those named first that its torque hangs on most. The
+zeros of bench and robot are no part of it."""
+
+SAME = 1e-5
+"""Largest relative difference of a parameter that is the same: a USD attribute of type ``float`` keeps seven digits."""
+
 
 class NetworkFileError(ValueError):
     """A model file cannot be used; the message names the file and the remedy."""
+
+
+class OtherDeviceError(ValueError):
+    """A model learned another device; the message says how they differ, and the remedy."""
 
 
 class SamplingRateError(ValueError):
@@ -47,6 +59,9 @@ class LearnedModel:
     beside: dict[str, dict[str, float]] = field(default_factory=dict)
     """What acts beside eqs. 14 and 15 in the model that ``pg_rlstm`` was trained on top of: numbers of the hysteresis
     law and the effects, by name."""
+    device: dict[str, float] = field(default_factory=dict)
+    """Of which device it is: the :data:`DEVICE` parameters of the joint that was recorded. ``bouc_wen`` may be another
+    fit of it. Files of earlier versions have none: theirs is ``bouc_wen``."""
     source: str = ""
     """Recording it was trained on."""
     seed: int = 0
@@ -70,6 +85,27 @@ class LearnedModel:
         scaler = {"mean": self.net.scaler.mean.tolist(), "std": self.net.scaler.std.tolist()}
         features = ["q_c [rad]", "qd [rad/s]", "current [A]"]
         return {"schema": SCHEMA, **values, "samples": self.samples, "features": features, "scaler": scaler}
+
+    def check_device(self, joint: Mapping[str, float]) -> None:
+        """Refuse a joint whose device is another than the one that was learned.
+
+        Args:
+            joint: Parameters of the joint by name, among them those of :data:`DEVICE`.
+
+        Raises:
+            OtherDeviceError: they differ.
+        """
+        learned = self.device or self.bouc_wen
+        pairs = {name: (learned[name], joint[name]) for name in DEVICE if name in learned}
+        other = [n for n, (ours, theirs) in pairs.items() if not math.isclose(ours, theirs, rel_tol=SAME, abs_tol=1e-9)]
+        if other:
+            parts = ", ".join(f"{name} {learned[name]:.4g} instead of {joint[name]:.4g}" for name in other[:2])
+            more = f" and {len(other) - 2} more" if other[2:] else ""
+            raise OtherDeviceError(
+                f"this {self.kind} network learned another device than the joint's ({parts}{more}); learn this one: "
+                "'mrwarp learn DATA --bouc-wen MODEL.json --out DIR' with the joint's model.json, then name "
+                "DIR/model.safetensors"
+            )
 
     def check_rate(self, dt: float) -> None:
         """Raise SamplingRateError if the interval ``dt`` [s] differs from the model's by more than 0.1 %."""
@@ -114,6 +150,7 @@ def load(path: str | Path) -> LearnedModel:
             dt=float(meta["dt"]),
             bouc_wen={str(k): float(v) for k, v in meta["bouc_wen"].items()},
             beside={str(k): {str(n): float(x) for n, x in v.items()} for k, v in meta.get("beside", {}).items()},
+            device={str(k): float(v) for k, v in meta.get("device", {}).items()},
             source=str(meta["source"]),
             seed=int(meta["seed"]),
             training=dict(meta["training"]),

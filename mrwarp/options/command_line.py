@@ -22,7 +22,8 @@ import tyro
 from tyro import _errors as events  # not public, see pyproject.toml
 from tyro.conf import DisallowNone, EnumChoicesFromValues, Positional
 
-from mrwarp.run_dir import check_writable
+from mrwarp.options.file_kinds import refuse_other_kind
+from mrwarp.run_dir import check_writable, claim
 from mrwarp.runtime import check_device
 
 HELP_WIDTH = 120
@@ -109,23 +110,38 @@ class Options:
         """
         self.check_inputs()
         check_device(getattr(self, "device", "cpu"))
-        marks = getattr(get_type_hints(type(self), include_extras=True).get("out"), "__metadata__", ())
-        if any(getattr(mark, "metavar", "") == "DIR" for mark in marks) and (out := getattr(self, "out", None)):
+        if out := self.output():
             check_writable(out)
 
-    def check_inputs(self) -> None:
-        """Refuse inputs that are not there; the name of a robot that is shipped is none.
+    def output(self) -> Path | None:
+        """The folder that the command fills, which no other run may fill at the same time; None: it has none."""
+        marks = getattr(get_type_hints(type(self), include_extras=True).get("out"), "__metadata__", ())
+        return getattr(self, "out", None) if any(getattr(mark, "metavar", "") == "DIR" for mark in marks) else None
+
+    def claimed(self) -> contextlib.AbstractContextManager[None]:
+        """Keep other runs out of :meth:`output` while this one works.
 
         Raises:
-            ValueError: a file or folder is not there; the message names it.
+            FolderError: another run is at work there.
+        """
+        return claim(out) if (out := self.output()) else contextlib.nullcontext()
+
+    def check_inputs(self) -> None:
+        """Refuse inputs that are not there or of another kind; the name of a robot that is shipped is none.
+
+        Raises:
+            ValueError: a file or folder is not there, or of another kind than the option's; the message names it.
         """
         for field in dataclasses.fields(self):
             reason = INPUTS.get("policy" if field.name.startswith("policy_") else field.name)
             values = getattr(self, field.name)
             for path in (values if isinstance(values, tuple) else (values,)) if reason else ():
                 named = isinstance(path, str) and field.name == "robot" and not Path(path).suffix
-                if isinstance(path, str | Path) and not named and not os.path.lexists(path):
+                if not isinstance(path, str | Path) or named:
+                    continue
+                if not os.path.lexists(path):
                     raise ValueError(f"{path}: {reason}")
+                refuse_other_kind(Path(path), field.name)
 
     def run(self, line: CommandLine) -> int:
         """Do the work; returns the exit code: 0 done, 1 measured but missed, 2 bad input, 130 stopped by Ctrl-C."""

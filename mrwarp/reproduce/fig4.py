@@ -24,6 +24,7 @@ from mrwarp.nn import network_file
 from mrwarp.nn.models import SAMPLES, LstmState
 from mrwarp.nn.training import FitCfg, plot_history, print_epoch
 from mrwarp.options.json_file import read_json_file
+from mrwarp.params import MrParams
 from mrwarp.recording.data import Recording
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Comparison, Findings, TextTable, compare
@@ -302,7 +303,9 @@ def _train(name: str, data: BenchData, bouc_wen: dict[str, float] | None, recipe
         if learned.history.stopped == "interrupted":
             raise KeyboardInterrupt
         torque, made = learn.predict(learned.model, data.evaluation), {"training": learned.figures}
-        network_file.save(replace(learned.model, source="mrwarp virtual bench"), out / f"{name}.safetensors")
+        device = {key: value for key, value in MrParams() if key in network_file.DEVICE}  # the bench's: the paper's
+        model = replace(learned.model, source="mrwarp virtual bench", device=device)
+        network_file.save(model, out / f"{name}.safetensors")
         plot_history(learned.history, name, out / f"{name}_curves.png")
     errors = learn.errors(torque, data.evaluation)
     by_current = {f"{amps:g}": list(values) for amps, values in errors.items()}

@@ -117,16 +117,18 @@ class Trainer:
         if resume:
             self._load(content, resume)
 
-    def run(self) -> dict[str, Any]:
+    def run(self, *, claimed: bool = False) -> dict[str, Any]:
         """Train until the gate is met, the iterations are used up, or Ctrl-C; returns what ``result.json`` holds.
+
+        ``claimed``: whether the caller keeps other runs out of the folder, since before it read a checkpoint there.
 
         Raises:
             FolderError: another run writes into the folder.
             TrainingError: too many environments or the networks hold no numbers, the disk takes no more, or another
                 process of this training ended.
         """
-        claimed = claim(self.cfg.out) if self.ranks.main else contextlib.nullcontext()
-        with claimed, one_torch_thread(), repeating_torch(self.cfg.env.sim.deterministic):
+        alone = claim(self.cfg.out) if self.ranks.main and not claimed else contextlib.nullcontext()
+        with alone, one_torch_thread(), repeating_torch(self.cfg.env.sim.deterministic):
             previous = signal.signal(signal.SIGINT, self._interrupt)
             writer = None
             try:

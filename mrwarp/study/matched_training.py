@@ -104,10 +104,8 @@ def train(cfg: StudyCfg, out: Path, *, threads: int = 0, report: Callable[[str],
             continue
         report(f"{run.name}: training")
         try:
-            run.mkdir(parents=True, exist_ok=True)
             with claim(run):  # before its checkpoint is read
-                pass
-            result = _trainer(cfg, plant, seed, run, threads).run()
+                result = _trainer(cfg, plant, seed, run, threads).run(claimed=True)
         except FolderError as error:
             report(f"{run.name}: left out ({error})")
             finished = False
@@ -254,23 +252,24 @@ def settled(
     Raises:
         ValueError: the folder holds a training of other choices, or it broke off.
     """
-    policy, saved, start = folder / "policy.onnx", folder / "checkpoint.pt", None
-    if saved.is_file():
-        content = checkpoint.load(saved)
-        mine = {**checkpoint.task(env), "seed": seed}
-        theirs = {**content["task"], "seed": content["seed"]}
-        if mine != theirs or content["iteration"] > updates:
-            raise ValueError(f"{folder}: trained with other choices than asked for; name another --out")
-        if content["iteration"] == updates and policy.is_file():
-            return policy
-    elif (start := begin()) is None:
-        return None
-    train_cfg = TrainCfg(
-        env=env, out=folder, seed=seed, iterations=updates, until_gate=False, check_every=float("inf"),
-        learning=learning, command=command,
-    )  # fmt: skip
-    result = Trainer(train_cfg, resume=None if start else saved, start_from=start).run()
-    return None if result["stopped"] == "interrupted" else policy
+    with claim(folder):  # before its checkpoint is read
+        policy, saved, start = folder / "policy.onnx", folder / "checkpoint.pt", None
+        if saved.is_file():
+            content = checkpoint.load(saved)
+            mine = {**checkpoint.task(env), "seed": seed}
+            theirs = {**content["task"], "seed": content["seed"]}
+            if mine != theirs or content["iteration"] > updates:
+                raise ValueError(f"{folder}: trained with other choices than asked for; name another --out")
+            if content["iteration"] == updates and policy.is_file():
+                return policy
+        elif (start := begin()) is None:
+            return None
+        train_cfg = TrainCfg(
+            env=env, out=folder, seed=seed, iterations=updates, until_gate=False, check_every=float("inf"),
+            learning=learning, command=command,
+        )  # fmt: skip
+        result = Trainer(train_cfg, resume=None if start else saved, start_from=start).run(claimed=True)
+        return None if result["stopped"] == "interrupted" else policy
 
 
 def _result(run: Path) -> dict[str, Any]:

@@ -24,12 +24,13 @@ from mrwarp.kernels import launch
 from mrwarp.kernels.launch import capture
 from mrwarp.model_file import make_effect
 from mrwarp.nn.models import LstmState, LstmTorque, make_net
-from mrwarp.nn.network_file import LearnedModel, SamplingRateError, load, shipped_model
+from mrwarp.nn.network_file import DEVICE, LearnedModel, OtherDeviceError, SamplingRateError, load, shipped_model
 from mrwarp.params import BoucWenParams, MrParams, ParameterError
 from mrwarp.recording.load import Recording, Trajectory
 
 DT = 0.005
 MR = 4
+PAPER = {name: value for name, value in MrParams() if name in DEVICE}
 
 
 @dataclass(frozen=True)
@@ -416,12 +417,38 @@ def test_learned_torque_refuses_another_rate() -> None:
 
 def test_bouc_wen_of_the_model_replaces_the_joints() -> None:
     """The joint takes the coefficients the model was trained beside, and keeps its own neutral angle."""
-    model = make_model("pg_rlstm")
+    model = replace(make_model("pg_rlstm"), device=PAPER)
     model.bouc_wen["K1"] = 8.0
     mr = with_bouc_wen(MrParams(), model)
     assert mr.bouc_wen.K1 == 8.0
     assert mr.bouc_wen.q_neutral == MrParams().bouc_wen.q_neutral
     assert mr.hold == MrParams().hold
+
+
+def test_a_network_is_refused_for_another_device() -> None:
+    """By the number that differs and the remedy; the zeros of a bench, and what holds, are no part of a device."""
+    model = make_model("lstm")
+    with pytest.raises(OtherDeviceError, match=r"K1 10\.41 instead of 985, beta .*learn DATA --bouc-wen MODEL\.json"):
+        with_bouc_wen(MrParams().replace(K1=985.0, beta=300.0), model)
+    moved = MrParams().replace(q_offset=0.3, q_center=0.1, T_max=4.0, coil_resistance=30.0, kd=1.0)
+    assert with_bouc_wen(moved, model).hold.T_max == 4.0
+    own = replace(model, device={**PAPER, "K1": 985.0})  # whatever fit of the device it was trained beside
+    assert with_bouc_wen(MrParams().replace(K1=985.0), own).bouc_wen.K1 == model.bouc_wen["K1"]
+    with pytest.raises(OtherDeviceError, match=r"K1 985 instead of 10\.41"):
+        with_bouc_wen(MrParams(), own)
+
+
+def test_a_drive_refuses_the_network_of_another_device() -> None:
+    """One of its joints is another device than the others."""
+    builder = newton.ModelBuilder()
+    for k1 in (MrParams().bouc_wen.K1, 20.0):
+        body = builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3) * 0.2))
+        joint = builder.add_joint_revolute(parent=-1, child=body, axis=(0.0, 0.0, 1.0))
+        builder.add_articulation([joint])
+        builder.add_actuator(DriveMR, index=builder.joint_qd_start[joint], K1=k1)
+    (actuator,) = builder.finalize(device="cpu").actuators
+    with pytest.raises(OtherDeviceError, match=r"K1 10\.41 instead of 20"):
+        actuator.drive.use_learned(make_model("mlp"), dt=DT)
 
 
 def test_a_residual_on_a_law_runs_beside_that_law_only() -> None:
@@ -445,7 +472,7 @@ def test_a_residual_on_a_law_runs_beside_that_law_only() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_newton_drive_with_a_learned_torque_is_the_actuator_with_it(kind: str) -> None:
     """Same inputs, same efforts, through a masked reset; the drive's coefficients become the model's."""
-    model, num, steps = make_model(kind, seed=14), 3, 70
+    model, num, steps = replace(make_model(kind, seed=14), device=PAPER), 3, 70
     model.bouc_wen["K1"] = 8.0
     builder = newton.ModelBuilder()
     for _ in range(num):

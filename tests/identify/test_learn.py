@@ -119,7 +119,7 @@ def test_learn_command_writes_model_curves_and_result(tmp_path: Path, capsys: py
     assert {p.name for p in out.iterdir()} == {"model.safetensors", "model.onnx", "curves.png", "result.json"}
     result = json.loads((out / "result.json").read_text())
     model = model_file.load(out / "model.safetensors")
-    assert model.bouc_wen["K1"] == 9.0 and model.seed == result["seed"] == 5
+    assert model.device["K1"] == model.bouc_wen["K1"] == 9.0 and model.seed == result["seed"] == 5
     evaluation = load_recording(data / "evaluation")
     again = learn.summary(learn.errors(learn.predict(model, evaluation), evaluation))
     assert result["evaluation"]["mlp"]["average"] == pytest.approx(again["average"], rel=1e-6)

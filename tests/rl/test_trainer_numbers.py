@@ -156,6 +156,6 @@ def test_a_second_training_in_the_same_folder_is_refused(tmp_path: Path) -> None
     run = make_trainer(tmp_path / "run")
     with folder.claim(tmp_path / "run"), pytest.raises(FolderError, match="another run writes here; wait"):
         run.run()
-    assert not any((tmp_path / "run").iterdir())
+    assert list(tmp_path.glob("run/*")) == []
     with folder.claim(tmp_path / "run"):
         pass

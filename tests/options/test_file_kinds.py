@@ -1,0 +1,114 @@
+"""A file of another kind than the option's is named as what it is, before anything is loaded."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mrwarp.cli import main
+from mrwarp.options.file_kinds import kind_of
+
+RESULT = {"schema": 1, "conditions": [], "seed": 0, "versions": {"python": "3.11"}, "command": "mrwarp walk --trials 1"}
+FILES = {
+    "result.json": (RESULT, "the result.json of 'mrwarp walk'"),
+    "policy.json": ({"plant": "go1", "task": {}, **RESULT}, "the record of a policy's training"),
+    "log.json": ({"robot": "arm.xml", "base": "fixed", "joints": ["a"]}, "the log.json of a robot's log"),
+    "units.json": ({"q": "deg", "current": "mA"}, "the units.json of a recording"),
+    "numbers.json": ({"electrical": {"electronics": 20.0}}, "a numbers.json of the energy model"),
+}
+
+
+def put(folder: Path, name: str) -> Path:
+    """One of the files."""
+    path = folder / name
+    path.write_text(json.dumps(FILES[name][0]), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize(
+    "command",
+    ["impact --model", "walk --model", "mission --model", "train --model", "play --agent zero --model",
+     "learn . --out o --bouc-wen", "diagnose . --model", "asset apply a.usda",
+     "robot fit-device a.usda --joint a --model"],
+)  # fmt: skip
+def test_json_in_the_place_of_a_model(
+    command: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is named, with what belongs there; nothing is written."""
+    monkeypatch.chdir(tmp_path)
+    put(tmp_path, name)
+    (tmp_path / "a.usda").write_text("#usda 1.0\n", encoding="utf-8")
+    assert main([*command.split(), name]) == 2
+    line = capsys.readouterr().err
+    assert f"{name}: is {FILES[name][1]}, not a model.json; give the model.json that" in line
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.usda", name]
+
+
+@pytest.mark.parametrize("option", ["--policy", "--numbers", "--model"])
+def test_the_model_beside_is_proposed_for_a_model_alone(
+    option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A result of ``fit`` has a model.json beside it."""
+    path = put(tmp_path, "result.json")
+    (tmp_path / "model.json").write_text("{}", encoding="utf-8")
+    assert main(["walk", option, str(path)]) == 2
+    assert (f"did you mean {tmp_path / 'model.json'}?" in capsys.readouterr().err) == (option == "--model")
+
+
+def test_a_folder_in_the_place_of_a_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The model in it is proposed, where there is one."""
+    assert main(["impact", "--model", str(tmp_path)]) == 2
+    assert f"{tmp_path}: is a folder, no model.json; give the model.json" in capsys.readouterr().err
+    (tmp_path / "model.json").touch()
+    assert main(["impact", "--model", str(tmp_path)]) == 2
+    assert f"did you mean {tmp_path / 'model.json'}?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "content", "text"),
+    [
+        ("train --resume", b'{"electrical": {}}', "is a numbers.json of the energy model, no checkpoint"),
+        ("train --actuator mlp --actuator-model", b"PAR1....", "is a recording in Parquet, no network"),
+        ("impact --policy", b"#usda 1.0", "is a USD file, no policy"),
+        ("robot show", b'{"q": "deg"}', "is neither mr_go"),
+        ("robot fit-device --joint a", b'{"q": "deg"}', "is the units.json of a recording, no robot"),
+        ("asset diff a.usda", b'{"q": "deg"}', "is the units.json of a recording, no USD file"),
+    ],
+)
+def test_other_options(
+    option: str,
+    content: bytes,
+    text: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Policies, checkpoints, networks, robots and USD files too."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.usda").write_text("#usda 1.0\n", encoding="utf-8")
+    path = tmp_path / "file"
+    path.write_bytes(content)
+    assert main([*option.split(), str(path)]) == 2
+    assert text in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"{}", b'{"a": 1}', b"\xff\xfe", b"q,qd\n0,0\n"])
+def test_what_is_not_recognised_is_left_to_its_reader(content: bytes, tmp_path: Path) -> None:
+    """It says itself what is wrong."""
+    (tmp_path / "file").write_bytes(content)
+    assert kind_of(tmp_path / "file") == ("", "")
+
+
+def test_it_takes_less_than_a_second(tmp_path: Path) -> None:
+    """Of processor time, from the start of the program; no engine is loaded."""
+    path = put(tmp_path, "result.json")
+    code = (
+        "import sys, time; from mrwarp.cli import main; code = main(sys.argv[1:]);"
+        "loaded = {'torch', 'warp', 'newton', 'pxr'} & set(sys.modules); print(code, loaded, time.process_time())"
+    )
+    words = [sys.executable, "-c", code, "impact", "--model", str(path)]
+    answer = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    assert answer.startswith("2 set() ") and float(answer.split()[-1]) < 1.0
