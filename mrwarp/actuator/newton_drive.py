@@ -233,13 +233,13 @@ class DriveMR(DriveBase):
             SamplingRateError: the model was trained at another rate than 1/dt.
             OtherDeviceError: it learned another device than one of the drive's.
         """
-        own = {name: self.param(name).numpy() for name in FIELDS}
-        devices = [MrParams().replace(**{n: float(own[n][k]) for n in DEVICE}) for k in range(self.brake_bound.size)]
-        for device in dict.fromkeys(devices):
-            model.check_device(device.to_dict())
+        rows = np.unique(np.stack([self.param(name).numpy() for name in DEVICE], axis=1), axis=0)
+        devices = [dict(zip(DEVICE, row, strict=True)) for row in rows.tolist()]
+        for device in devices:
+            model.check_device(device)
         # its states are handed over twice in a step, so none is carried here
         self._learned = LearnedTorque(model, dt=dt, lstm_state=LstmState.WINDOW, threads=threads)
-        for name, value in with_bouc_wen(devices[0], model, self._effects):
+        for name, value in with_bouc_wen(MrParams().replace(**devices[0]), model, self._effects):
             if name in model.bouc_wen and name != "q_neutral":
                 self.param(name).fill_(value)
 
