@@ -81,13 +81,19 @@ def reconstruct(recording: Recording, *, rests: bool = True, smoothing: float = 
     runs = recording.trajectories
     sigma_q = angle_noise(runs)
     sigma_v, lag, error = float("inf"), 0.0, float("inf")
+    of_speed = [run for run in runs if run.q_integrated]
     if not any(run.qd_derived for run in runs):
         sigma_v = float(np.median([_velocity_noise(run) for run in runs]))
+    if not of_speed and np.isfinite(sigma_v):
         lag, error = _lag_of(recording, sigma_q)
         if lag < _LAG_T * error or lag < 1e-4:
             lag = 0.0
     qd, qdd, doubtful, still, reversing = [], [], [], [], []
+    known_q, known_v = sigma_q, sigma_v
     for run in runs:
+        # an integrated angle knows nothing that the velocity does not
+        sigma_q = float("inf") if run.q_integrated else known_q
+        sigma_v = min(known_v, _velocity_noise(run)) if run.q_integrated else known_v
         bandwidth = _bandwidth(run, sigma_q, sigma_v) / smoothing
         v = run.qd
         if lag > 0.0:

@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from mrwarp.options.json_file import JsonFileError, read_json_file
-
 COLUMNS = ("t", "q", "qd", "current", "torque")
 """Columns of a recording; ``qd`` may be missing, ``trajectory`` and ``temperature`` may be added."""
 
@@ -29,35 +27,6 @@ UNITS = {"t": "s", "q": "rad", "qd": "rad/s", "current": "A", "torque": "N·m", 
 
 DEGREES = 180.0 / np.pi
 """Degrees in a radian."""
-
-_RAD, _NM = 1.0 / DEGREES, "N·m"
-_CONVERSIONS: dict[str, dict[str, tuple[float, str]]] = {
-    "t": {"s": (1.0, "s"), "ms": (1e-3, "s"), "us": (1e-6, "s"), "µs": (1e-6, "s")},
-    "q": {
-        "rad": (1.0, "rad"),
-        **dict.fromkeys(("deg", "degree", "degrees", "°"), (_RAD, "rad")),
-        **{"mrad": (1e-3, "rad"), "m": (1.0, "m"), "mm": (1e-3, "m")},
-    },
-    "qd": {
-        "rad/s": (1.0, "rad/s"),
-        **dict.fromkeys(("deg/s", "°/s"), (_RAD, "rad/s")),
-        **{"mrad/s": (1e-3, "rad/s"), "rpm": (2.0 * np.pi / 60.0, "rad/s"), "m/s": (1.0, "m/s"), "mm/s": (1e-3, "m/s")},
-    },
-    # any other unit of the control input is carried by its name
-    "current": {"A": (1.0, "A"), "mA": (1e-3, "A"), "V": (1.0, "V"), "mV": (1e-3, "V")},
-    "torque": {
-        **dict.fromkeys(("N·m", "Nm", "N*m", "N.m", "N m"), (1.0, _NM)),
-        **dict.fromkeys(("mN·m", "mNm", "mN*m"), (1e-3, _NM)),
-        **dict.fromkeys(("kN·m", "kNm"), (1e3, _NM)),
-        **{"N": (1.0, "N"), "mN": (1e-3, "N"), "kN": (1e3, "N")},
-        **{"A": (1.0, "A"), "mA": (1e-3, "A"), "V": (1.0, "V")},  # a drive's own estimate: carried, not converted
-    },
-    "temperature": dict.fromkeys(("degC", "°C", "C", "K"), (1.0, "degC")),
-}
-"""Unit as declared to its factor and the unit that is kept."""
-
-MAX_UNIT = 20
-"""Longest unit [characters]; units stand in messages, pictures and model files."""
 
 NO_INPUT = "none"
 """Unit of the control input of a device that has none: its column may be left out and then counts as 0."""
@@ -103,7 +72,7 @@ class Repair:
     trajectory: str
     """Trajectory, or file, that it happened to."""
     kind: str
-    """``resampled``, ``split``, ``left_out`` or ``saturated``."""
+    """``resampled``, ``unwrapped``, ``integrated``, ``shifted``, ``split``, ``left_out`` or ``saturated``."""
     count: int
     """Intervals, gaps or samples that are concerned."""
     at: tuple[float, ...] = ()
@@ -132,6 +101,8 @@ class Trajectory:
     """Temperature [degC], if it was recorded."""
     qd_derived: bool = False
     """True where qd was derived from q by zero-phase differentiation."""
+    q_integrated: bool = False
+    """True where q was integrated from qd: it begins at 0, and an offset of the velocity drifts in it."""
     qd_half: int | None = None
     """Samples on each side of the window that it was derived with, if it was when the recording was read."""
     lost: np.ndarray | None = None
@@ -163,17 +134,23 @@ class Recording:
     """What all files say alike about how they were made (the virtual bench writes its effects and seed)."""
     repairs: tuple[Repair, ...] = ()
     """What was put right or left out when it was read."""
+    declared: frozenset[str] = frozenset()
+    """Columns whose unit was declared, so that its values are believed."""
 
     def repaired(self, most: int = 4) -> list[str]:
-        """What was put right or left out, one line each; beyond ``most`` of a kind their number only."""
+        """What was put right or left out, one line each; beyond ``most`` of a kind their number only.
+
+        What is the same of several trajectories is one line.
+        """
         found = []
         for kind in dict.fromkeys(repair.kind for repair in self.repairs):
             of = [repair for repair in self.repairs if repair.kind == kind]
-            found += [f"{repair.trajectory}: {repair.text}" for repair in of[:most]]
-            if len(of) > most:
-                found.append(
-                    f"{kind.replace('_', ' ')}: {len(of) - most} more of {len(of)}, {sum(r.count for r in of)} in all"
-                )
+            same = {text: [r.trajectory for r in of if r.text == text] for text in dict.fromkeys(r.text for r in of)}
+            for text, (first, *others) in list(same.items())[:most]:
+                found.append(f"{first}{f' and {len(others)} more' if others else ''}: {text}")
+            left = sum(map(len, list(same.values())[most:]))
+            if left:
+                found.append(f"{kind.replace('_', ' ')}: {left} more of {len(of)}, {sum(r.count for r in of)} in all")
         return found
 
     @property
@@ -200,58 +177,3 @@ class Holding:
     """Units of both as held here."""
     header: dict[str, Any] = field(default_factory=dict)
     """What the file says about how it was made."""
-
-
-@dataclass(frozen=True)
-class Units:
-    """What ``units.json`` declares, completed."""
-
-    declared: dict[str, str]
-    trusted: bool = False
-    """Values are not compared with what is plausible."""
-
-    def base(self, key: str) -> str:
-        """Unit that the values have after :meth:`convert`."""
-        return _CONVERSIONS[key].get(self.declared[key], (1.0, self.declared[key]))[1]
-
-    def convert(self, key: str, values: np.ndarray) -> np.ndarray:
-        """Values in the unit that is kept."""
-        if self.declared[key] == "K":
-            return values - 273.15
-        return values * _CONVERSIONS[key].get(self.declared[key], (1.0, ""))[0]
-
-
-def read_units(folder: Path) -> Units:
-    """The units of a folder's recordings."""
-    path = folder / "units.json"
-    declared: Any = {}
-    if path.is_file():
-        try:
-            declared = read_json_file(path, "repair or remove it")
-        except JsonFileError as error:
-            raise RecordingError(str(error)) from None
-        if not isinstance(declared, dict):
-            raise RecordingError(f'{path}: must hold one object, e.g. {{"q": "deg", "current": "mA"}}')
-    trusted = declared.pop("trust_units", False)
-    if not isinstance(trusted, bool):
-        raise RecordingError(f"{path}: trust_units = {trusted!r} must be true or false")
-    for key, unit in declared.items():
-        if key not in _CONVERSIONS:
-            raise RecordingError(f"{path}: there is no column {key!r}; known: {', '.join(_CONVERSIONS)}")
-        if key == "current" and isinstance(unit, str) and unit.isprintable() and len(unit) <= MAX_UNIT:
-            declared[key] = unit.strip() or "1"
-        elif not isinstance(unit, str) or unit not in _CONVERSIONS[key]:
-            known = ", ".join(_CONVERSIONS[key])
-            known += f", or any text of at most {MAX_UNIT} characters" if key == "current" else ""
-            raise RecordingError(f"{path}: the unit {unit!r} of {key} is not known; use one of {known}")
-    if "q" in declared and "qd" not in declared:
-        declared["qd"] = ("deg" if declared["q"] in ("degree", "degrees") else declared["q"]) + "/s"
-    result = Units({**UNITS, **declared}, trusted)
-    linear = result.base("q") == "m"
-    for key, *wanted in (("qd", "m/s" if linear else "rad/s"), ("torque", "N" if linear else "N·m", "A", "V")):
-        if result.base(key) not in wanted:
-            units = result.declared
-            raise RecordingError(
-                f"{path}: q in {units['q']} does not go with {key} in {units[key]}; declare {key} in {wanted[0]}"
-            )
-    return result

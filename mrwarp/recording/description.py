@@ -77,9 +77,8 @@ def notes(recording: Recording) -> list[str]:
             "against positive velocity (eq. 14); if the sensor counts the other way, flip its sign"
         )
     if recording.units["q"] == "rad" and (round_ := max(map(turns, runs))) > TURNS:
-        found.append(
-            f"up to {round_:.0f} turns in one direction: taken as a rotation in rad; declare deg if it is that"
-        )
+        undeclared = "" if "q" in recording.declared else "; declare the unit of q if it is not rad"
+        found.append(f"up to {round_:.0f} turns in one direction: taken as a shaft that goes round{undeclared}")
     odd = [run.id for run in runs if not run.qd_derived and not 0.7 < derivative_ratio(run) < 1.4]
     if odd:
         found.append(

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mrwarp.recording.angle import integrated, unwrapped
 from mrwarp.recording.data import (
     COLUMNS,
     DEGREES,
@@ -22,13 +24,12 @@ from mrwarp.recording.data import (
     RecordingError,
     Repair,
     Trajectory,
-    Units,
-    read_units,
 )
 from mrwarp.recording.differentiate import differentiate, quiet_half
 from mrwarp.recording.resample import UnevenError, even_pieces
 from mrwarp.recording.saturation import mark_saturated
 from mrwarp.recording.tables import MAX_BYTES, SUFFIXES, Table, read_table, suffix_of
+from mrwarp.recording.units import PER, Units, read_units
 from mrwarp.recording.write import save_holding, save_recording
 
 __all__ = [
@@ -56,6 +57,9 @@ A brake sticks about as it slides: 1 to 1.5 for MR fluids; the paper's device ha
 
 TURNS = 4.0
 """Turns in one direction from which an angle is that of a motor or shaft that goes round."""
+
+EPOCH = 1e8
+"""Time [s] from which stamps count from 1970, not from the start of a recording: three years."""
 
 _PLAUSIBLE = {
     # base unit: largest plausible value, unit that larger values are likely in, where the limit comes from
@@ -88,12 +92,17 @@ def load_recording(path: str | Path, *, skip_bad: bool = False) -> Recording:
     trajectories: list[Trajectory] = []
     repairs: list[Repair] = []
     refused: list[RecordingError] = []
+    origin = 0.0
     for file in files:
         try:
             table = read_table(file, required, left)
             left -= table.size
+            if not origin and (origin := _epoch(table, units)):
+                when = datetime.fromtimestamp(origin, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+                text = f"t is the time since 1970: it counts from {when} here"
+                repairs.append(Repair(trajectory=path.name, kind="shifted", count=1, text=text))
             stem = file.name.removesuffix(suffix_of(file))
-            found, done = _checked_trajectories(table, units, stem, path.is_dir())
+            found, done = _checked_trajectories(table, units, stem, path.is_dir(), origin)
         except RecordingError as error:
             if len(files) == 1:
                 raise
@@ -117,6 +126,7 @@ def load_recording(path: str | Path, *, skip_bad: bool = False) -> Recording:
         source=path,
         header=_common([trajectory.header for trajectory in trajectories]),
         repairs=tuple(repairs),
+        declared=units.given,
     )
     return mark_saturated(recording)
 
@@ -211,37 +221,74 @@ def _common(headers: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return {k: v for k, v in first.items() if all(k in h and h[k] == v for h in headers[1:])}
 
 
+def _epoch(table: Table, units: Units) -> float:
+    """The whole second at which a table begins whose clock counts from 1970; 0 for any other clock."""
+    t = units.convert("t", table.columns["t"])
+    first = float(np.floor(t.min())) if len(t) and np.isfinite(t).all() else 0.0
+    return first if EPOCH < first < 1e3 * EPOCH else 0.0
+
+
 def _checked_trajectories(
-    table: Table, units: Units, stem: str, in_folder: bool
+    table: Table, units: Units, stem: str, in_folder: bool, origin: float
 ) -> tuple[list[Trajectory], list[Repair]]:
     """The trajectories of one file, converted and checked; the file's name ``stem`` begins their ids in a folder."""
     _check_finite(table)
     columns = {name: units.convert(name, values) for name, values in table.columns.items()}
+    columns["t"] = columns["t"] - origin if origin else columns["t"]
     if "current" not in columns:
         columns["current"] = np.zeros(len(columns["t"]))
-    flag = bool(table.header.get("qd_derived", False))
-    parts, repairs = [], []
+    flags = {flag: bool(table.header.get(flag, False)) for flag in ("qd_derived", "q_integrated")}
+    parts, repairs, turned = [], [], False
     for name, rows in _groups(table):
         label = stem if name is None else f"{stem}/{name}" if in_folder else name
-        found, done = _even_parts(table, {key: values[rows] for key, values in columns.items()}, rows, name, label)
+        run = {key: values[rows] for key, values in columns.items()}
+        if "q" in run:
+            run["q"], wraps, period = unwrapped(run["q"], units.periods())
+            if wraps:
+                turned = True
+                repairs.append(_unwrapped(label, wraps, period, units))
+        found, done = _even_parts(table, run, rows, name, label)
         repairs += done
         for own, part in found:
-            dt = (part["t"][-1] - part["t"][0]) / (len(part["t"]) - 1)
-            derived = "qd" not in part
-            half = quiet_half(part["q"], dt) if derived else None
-            parts.append(
-                Trajectory(
-                    id=own,
-                    qd=differentiate(part["q"], dt, half) if derived else part.pop("qd"),
-                    qd_half=half,
-                    qd_derived=derived or flag,
-                    header=table.header,
-                    **part,
+            trajectory = _trajectory(own, part, table.header, flags)
+            parts.append(trajectory)
+            if "q" not in run:
+                text = (
+                    "there is no angle: q was integrated from qd and begins at 0, and an offset of qd would let it "
+                    "drift; what depends on the place (C, q_offset) is not to be trusted"
                 )
-            )
+                repairs.append(Repair(trajectory=own, kind="integrated", count=len(trajectory.t), text=text))
     if not units.trusted:
-        _check_units(table, parts, units)
+        _check_units(table, parts, units, turned)
     return parts, repairs
+
+
+def _trajectory(name: str, part: dict[str, np.ndarray], header: dict[str, Any], flags: dict[str, bool]) -> Trajectory:
+    """A trajectory of evenly sampled columns; its velocity is derived, or its angle integrated, where it is missing."""
+    part, half = dict(part), None
+    derived, integral = "qd" not in part, "q" not in part
+    dt = (part["t"][-1] - part["t"][0]) / (len(part["t"]) - 1)
+    if derived:
+        half = quiet_half(part["q"], dt)
+        part["qd"] = differentiate(part["q"], dt, half)
+    if integral:
+        part["q"] = integrated(part["qd"], dt)
+    return Trajectory(
+        id=name,
+        qd_derived=derived or flags["qd_derived"],
+        q_integrated=integral or flags["q_integrated"],
+        qd_half=half,
+        header=header,
+        **part,
+    )
+
+
+def _unwrapped(label: str, wraps: int, period: float, units: Units) -> Repair:
+    """What is said of an angle that was unwrapped."""
+    turn = np.isclose(period, 2.0 * np.pi)
+    after = "a turn" if turn else f"{period / units.convert('q', np.ones(1))[0]:g} counts"
+    text = f"the {'angle' if turn else 'encoder'} begins again after {after} ({wraps} times): it goes on from its start"
+    return Repair(trajectory=label, kind="unwrapped", count=wraps, text=text)
 
 
 def _check_finite(table: Table) -> None:
@@ -304,19 +351,21 @@ def _even_parts(
     return parts, repairs
 
 
-def _check_units(table: Table, parts: list[Trajectory], units: Units) -> None:
-    """Refuse values that are clearly in another unit than declared."""
+def _check_units(table: Table, parts: list[Trajectory], units: Units, turned: bool) -> None:
+    """Refuse values that are clearly in another unit, where none was declared, and columns in two units."""
     largest = {
         "q": max(float(np.abs(part.q - np.median(part.q)).max()) for part in parts),
         "current": max(float(np.abs(part.current).max()) for part in parts),
         "torque": max(float(np.abs(part.torque).max()) for part in parts),
     }
-    if max(map(turns, parts)) > TURNS:
+    if turned or "q" not in table.columns or max(map(turns, parts)) > TURNS:
         largest.pop("q")  # a rotation: no joint is driven that far, in degrees either, without a turn back
-    for key, value in largest.items():
-        likely = _PLAUSIBLE.get(units.base(key), (np.inf, ""))[1]
-        remedy = f'convert them, or declare the unit in units.json beside the file: {{"{key}": "{likely}"}}'
-        _check_plausible(table, key, value, units.base(key), remedy)
+    for key in largest.keys() - units.given:
+        likely, more = _PLAUSIBLE.get(units.base(key), (np.inf, ""))[1], ""
+        if key == "q" and (table.columns["q"] == np.rint(table.columns["q"])).all():
+            more = f', or, if these are encoder counts, {{"q": "counts", "{next(iter(PER))}": ...}}'
+        remedy = f'convert them, or declare the unit in units.json beside the file: {{"{key}": "{likely}"}}{more}'
+        _check_plausible(table, key, largest[key], units.base(key), remedy)
     if units.base("q") != "rad":
         return
     for part in parts:

@@ -14,7 +14,25 @@ FILLED_SAMPLES, FILLED_SECONDS = 5, 0.020
 """A gap of up to this many samples, or this long [s], is filled in; a longer one splits the trajectory."""
 
 MAX_FILLED = 0.10
-"""Largest share of samples that may be filled in."""
+"""Largest share of samples that may be filled in where a regular clock lost them."""
+
+_ON_TICK, _MOSTLY, _SOME = 0.1, 0.9, 0.02
+"""A clock that loses samples leaves intervals of one, two, three ... of its own: how far they may be from whole
+numbers, which share of them must be so near, and the least share of each kind. Two kinds alone are the logger's own."""
+
+_ALTERNATES = 0.5
+"""Ratio of what neighbours predict wrongly of a sample, by the stamps over by an even clock, below which the stamps are
+the times at which the samples were taken, although none is far from even: then they are put on a grid."""
+
+_LATE = 0.6
+"""Share of an interval by which two intervals in a row must be too long for a lost sample; less is jitter."""
+
+_AGREE = 0.02
+"""Share by which the interval from rounded numbers of intervals, which is exact for little jitter, may be off the one
+from pairs of intervals, which bears any: a jitter of half an interval is rounded either way."""
+
+_TYPICAL = 45.0
+"""Percentile of the intervals where the logger's own is looked for: of two that are as common, the shorter."""
 
 _WHERE = 10
 """Most places that are named."""
@@ -52,10 +70,8 @@ class Piece:
             found.append(f"time stamps rounded to {self.rounded:.3g} s spread evenly at {rate:.5g} Hz")
         if self.moved:
             places = ", ".join(f"{t:.4g}" for t in self.at[:3]) + (", ..." if len(self.at) > 3 else "")
-            found.append(
-                f"{self.moved} uneven intervals resampled at {rate:.5g} Hz, {self.filled} lost samples filled in "
-                f"(at {places} s)"
-            )
+            filled = f", {self.filled} lost samples filled in" if self.filled else ""
+            found.append(f"{self.moved} uneven intervals resampled at {rate:.5g} Hz{filled} (at {places} s)")
         return "; ".join(found)
 
 
@@ -96,7 +112,9 @@ def even_pieces(columns: dict[str, np.ndarray]) -> tuple[list[Piece], list[tuple
         odd = np.abs(step - np.median(step)) > MAX_JITTER * np.median(step)
     repeated = {"rounded": rounded, "repeated": len(twice)}
     if not odd.any():
-        return [Piece(columns=columns, **repeated)], []
+        if not _by_stamps(columns):
+            return [Piece(columns=columns, **repeated)], []
+        odd = np.abs(step - np.median(step)) > _ON_TICK * np.median(step)
     dt = _interval(step)
     cuts = np.flatnonzero(step > max((FILLED_SAMPLES + 1.5) * dt, FILLED_SECONDS + dt))
     bounds = [0, *(cuts + 1), len(t)]
@@ -109,6 +127,32 @@ def even_pieces(columns: dict[str, np.ndarray]) -> tuple[list[Piece], list[tuple
     return pieces, gaps
 
 
+def _by_stamps(columns: dict[str, np.ndarray]) -> bool:
+    """Whether the motion is smooth over the stamps and rough over an even clock.
+
+    Each sample is predicted by the cubic through its four neighbours; a stamp that is only written late makes no
+    motion smoother.
+    """
+    t, x = columns["t"], columns.get("q", columns.get("qd"))
+    step = np.diff(t)
+    if x is None or len(t) < 5 or np.abs(step - np.median(step)).max() < _ON_TICK * np.median(step):
+        return False
+    even = np.arange(len(t), dtype=float)
+    stamped, regular = (float(np.abs(_beside(clock, x) - x[2:-2]).mean()) for clock in (t, even))
+    return stamped < _ALTERNATES * regular
+
+
+def _beside(t: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Each sample by the cubic through two neighbours on both sides (Lagrange), shape (N - 4,)."""
+    count, places = len(t) - 4, (0, 1, 3, 4)
+    at, found = t[2:-2], np.zeros(count)
+    for j in places:
+        own = t[j : j + count]
+        weights = [(at - t[m : m + count]) / (own - t[m : m + count]) for m in places if m != j]
+        found += np.prod(weights, axis=0) * x[j : j + count]
+    return found
+
+
 def _on_grid(part: dict[str, np.ndarray], dt: float, odd: np.ndarray, row: int, **found: float) -> Piece:
     """A stretch without long gaps, interpolated where its intervals are uneven."""
     t = part["t"]
@@ -117,29 +161,56 @@ def _on_grid(part: dict[str, np.ndarray], dt: float, odd: np.ndarray, row: int, 
     count = max(round((t[-1] - t[0]) / dt), 1) + 1
     missing = max(count - len(t), 0)
     if missing > MAX_FILLED * count:
-        raise UnevenError(
-            f"uneven sampling: {100.0 * missing / count:.0f} % of the samples are missing, at most "
-            f"{100.0 * MAX_FILLED:g} % are filled in; log at an even rate, or resample it yourself",
-            row + int(np.flatnonzero(odd)[0]) + 1,
-        )
+        if _loses(np.diff(t) / dt):
+            raise UnevenError(
+                f"uneven sampling: {100.0 * missing / count:.0f} % of the samples are missing, at most "
+                f"{100.0 * MAX_FILLED:g} % are filled in; log at an even rate, or resample it yourself",
+                row + int(np.flatnonzero(odd)[0]) + 1,
+            )
+        count, missing = len(t), 0  # the intervals themselves differ: as many samples as were taken
     grid = np.linspace(t[0], t[-1], count)
-    columns = {
-        # local cubics, which hardly overshoot; steps of the control input stay between their levels
-        name: grid if name == "t" else np.interp(grid, t, x) if name == "current" else Akima1DInterpolator(t, x)(grid)
-        for name, x in part.items()
-    }
+    columns = {name: grid if name == "t" else _resampled(name, t, x, grid) for name, x in part.items()}
     at = tuple(float(x) for x in t[:-1][odd][:_WHERE])
     return Piece(columns=columns, moved=int(odd.sum()), filled=missing, at=at, **found)  # pyright: ignore[reportArgumentType]
 
 
+def _resampled(name: str, t: np.ndarray, x: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """A column at other times: a commanded control input is held, a measured one taken linearly.
+
+    All else goes by local cubics, which hardly overshoot. A command is told by staying as it is from most samples to
+    the next; between two of its levels it never was.
+    """
+    if name != "current":
+        return Akima1DInterpolator(t, x)(grid)
+    if 2 * np.count_nonzero(np.diff(x)) < len(x):
+        first = 1e-6 * (grid[1] - grid[0])  # a grid point at a stamp may lie a rounding before it
+        return x[np.maximum(np.searchsorted(t, grid + first, side="right") - 1, 0)]
+    return np.interp(grid, t, x)
+
+
+def _loses(intervals: np.ndarray) -> bool:
+    """Whether intervals, in those of the clock, are whole numbers of more than two kinds: samples were lost."""
+    whole = np.rint(intervals)
+    kinds, counts = np.unique(whole[whole > 0.0], return_counts=True)
+    on = np.abs(intervals - whole) < _ON_TICK
+    return float(on.mean()) > _MOSTLY and int((counts > _SOME * len(intervals)).sum()) > 2
+
+
 def _interval(step: np.ndarray) -> float:
     """The logger's own interval: a sample that came late and the next one count as two, a lost one as one more."""
+    dt = float(np.percentile(step, _TYPICAL, method="lower"))
     usual = step[step <= 2.5 * np.median(step)]
-    dt = float(usual.mean())
+    rounded = float(usual.mean())
     for _ in range(3):
-        count = np.rint(usual / dt).sum()
-        dt = float(usual.sum() / count) if count > 0 else dt
-    return dt
+        count = np.rint(usual / rounded).sum()
+        rounded = float(usual.sum() / count) if count > 0 else rounded
+    usual = step[step <= 2.5 * dt]
+    padded = np.pad(usual, 1, mode="edge")
+    beside = np.minimum(padded[:-2], padded[2:])
+    for _ in range(3):  # an interval is long by a lost sample, or by a late one: then the next is short
+        lost = np.floor((usual + beside) / dt + 1.0 - _LATE) - np.maximum(np.rint(beside / dt), 1.0) - 1.0
+        dt = float(usual.sum() / (len(usual) + np.where(usual > 1.5 * dt, np.maximum(lost, 0.0), 0.0).sum()))
+    return rounded if abs(rounded - dt) < _AGREE * dt else dt
 
 
 def _backwards(t: np.ndarray, k: int) -> str:

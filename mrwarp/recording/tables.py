@@ -30,6 +30,7 @@ MAX_BYTES = 2**29
 _ALIASES = {
     "t": ("time", "timestamp", "t [s]", "time [s]"),
     "q": ("theta", "position", "angle", "displacement", "pos"),
+    "qd": ("speed", "velocity", "omega", "vel", "dq", "rpm"),
     "current": ("i", "i_coil", "coil_current", "amps"),
     "torque": ("tau", "force", "moment"),
 }
@@ -193,21 +194,30 @@ def _read_parquet(file: Path, required: Sequence[str], limit: int, keep: Callabl
 def _check_names(table: Table, names: list[str], line: str, required: Sequence[str]) -> None:
     """Refuse missing and double columns, with the likely reason."""
     missing = [name for name in required if name not in names]
+    if missing == ["q"] and "qd" in names and not _near(names, "q"):
+        missing = []  # it is integrated
     if missing:
         if len(names) == 1 and re.search(r"[;\t]", line):
             hint = "columns must be separated by commas, numbers written with a decimal point"
         elif all(re.fullmatch(r"[-+.\deE]+", name) for name in names):
             hint = f"the first line must name the columns: {', '.join(required)}"
         else:
-            near = [name for name in names if name.lower() in (missing[0], *_ALIASES[missing[0]])]
+            near = _near(names, missing[0])
             hint = f"rename {near[0]!r} to {missing[0]!r}" if near else f"add it [{UNITS[missing[0]]}]"
             if not near and missing[0] == "current":
                 hint += ', or declare {"current": "none"} in units.json for a device without a control input'
+            if not near and missing[0] == "q" and (speeds := _near(names, "qd")):
+                hint = f"rename {speeds[0]!r} to 'qd' and it is integrated"
         found = ", ".join(name if name.isprintable() else repr(name) for name in names)[:200]
         raise table.refuse(f"column {missing[0]!r} is missing (found: {found}); {hint}")
     double = [name for name in names if names.count(name) > 1]
     if double:
         raise table.refuse(f"two columns are called {double[0]!r}; remove or rename one")
+
+
+def _near(names: list[str], name: str) -> list[str]:
+    """Columns that are likely meant by a name."""
+    return [each for each in names if each.lower() in (name, *_ALIASES[name])]
 
 
 def _with_columns(table: Table, content: pa.Table) -> Table:

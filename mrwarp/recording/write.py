@@ -23,9 +23,9 @@ from mrwarp.recording.data import (
     Recording,
     RecordingError,
     Trajectory,
-    read_units,
 )
 from mrwarp.recording.tables import suffix_of
+from mrwarp.recording.units import read_units
 from mrwarp.run_dir import write_bytes
 
 
@@ -77,7 +77,8 @@ def _write_runs(runs: Sequence[Trajectory], file: Path, header: dict[str, Any], 
     """Write trajectories end to end, beside other columns."""
     names = [*COLUMNS, "temperature"] if all(run.temperature is not None for run in runs) else COLUMNS
     columns |= {name: np.concatenate([getattr(run, name) for run in runs]) for name in names}
-    _write(columns, file, {**header, "qd_derived": True} if any(run.qd_derived for run in runs) else header)
+    made = {flag: True for flag in ("qd_derived", "q_integrated") if any(getattr(run, flag) for run in runs)}
+    _write(columns, file, {**header, **made})
 
 
 def _write(columns: Mapping[str, Any], file: Path, header: dict[str, Any]) -> None:

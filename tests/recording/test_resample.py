@@ -144,3 +144,41 @@ def test_a_shaft_that_goes_round_is_no_angle_in_degrees(tmp_path: Path) -> None:
     data = columns(2000)
     data["q"], data["qd"] = 6.3 * data["t"], np.full(2000, 6.3)
     assert load_recording(write(tmp_path / "a.csv", data)).trajectories[0].q[-1] > 60.0
+
+
+@pytest.mark.parametrize(
+    ("kinds", "share"),
+    [((4.2e-3, 10e-3), 0.16), ((10.7e-3, 20e-3), 0.2), ((10.7e-3, 20e-3), 0.5), ((5e-3, 10e-3), 0.4)],
+)
+def test_two_typical_intervals_are_resampled(kinds: tuple[float, float], share: float) -> None:
+    """Nothing is missing where a logger takes its time by turns: as many samples, true to the motion."""
+    step = np.random.default_rng(3).choice(kinds, 600, p=[1.0 - share, share])
+    t = np.concatenate([[0.0], np.cumsum(step)])
+    levels = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2])
+    current = levels[(t / 0.31).astype(int) % 7]
+    (piece,), gaps = even_pieces({"t": t, "q": np.sin(7.0 * t), "current": current})
+    grid = piece.columns["t"]
+    assert not gaps and len(grid) == len(t) and piece.filled == 0 and np.ptp(np.diff(grid)) < 1e-12
+    assert np.abs(piece.columns["q"] - np.sin(7.0 * grid)).max() < 2e-3
+    # a command is held: no level that was never asked for, and each as it was at that time, up to the stamps
+    assert np.isin(piece.columns["current"], levels).all()
+    wrong = piece.columns["current"] != levels[(grid / 0.31).astype(int) % 7]
+    assert wrong.mean() < 0.06
+
+
+def test_a_measured_current_is_interpolated() -> None:
+    """What changes with every sample is no command."""
+    t = np.cumsum(np.random.default_rng(4).choice([4.2e-3, 10e-3], 400))
+    (piece,), _ = even_pieces({"t": t, "q": np.sin(t), "current": np.sin(5.0 * t)})
+    assert np.abs(piece.columns["current"] - np.sin(5.0 * piece.columns["t"])).max() < 2e-3
+
+
+@pytest.mark.parametrize("tick", [0.5e-3, None])
+def test_jitter_of_a_quarter_of_an_interval_loses_no_samples(tick: float | None) -> None:
+    """Stamps that stray by a quarter of an interval both ways, on a coarse clock or not: still 500 Hz, nothing lost."""
+    rng, n = np.random.default_rng(5), 3000
+    stray = rng.integers(-1, 2, n) * tick if tick else rng.uniform(-0.5e-3, 0.5e-3, n)
+    t = np.arange(n) * 2e-3 + stray
+    (piece,), _ = even_pieces({"t": t, "q": np.sin(7.0 * t), "current": np.zeros(n)})
+    assert np.mean(np.diff(piece.columns["t"])) == pytest.approx(2e-3, rel=1e-3) and piece.filled <= 1
+    assert np.abs(piece.columns["q"] - np.sin(7.0 * piece.columns["t"])).max() < 3e-5

@@ -1,0 +1,233 @@
+"""Units of recorded columns: what ``units.json`` declares, and the factors to the units that are kept."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mrwarp.options.json_file import JsonFileError, read_json_file
+from mrwarp.recording.data import DEGREES, NO_INPUT, UNITS, RecordingError
+
+_RAD, _NM = 1.0 / DEGREES, "N·m"
+_CONVERSIONS: dict[str, dict[str, tuple[float, str]]] = {
+    "t": {"s": (1.0, "s"), "ms": (1e-3, "s"), "us": (1e-6, "s"), "µs": (1e-6, "s")},
+    "q": {
+        "rad": (1.0, "rad"),
+        **dict.fromkeys(("deg", "degree", "degrees", "°"), (_RAD, "rad")),
+        **{"mrad": (1e-3, "rad"), "m": (1.0, "m"), "mm": (1e-3, "m")},
+    },
+    "qd": {
+        "rad/s": (1.0, "rad/s"),
+        **dict.fromkeys(("deg/s", "°/s"), (_RAD, "rad/s")),
+        **{"mrad/s": (1e-3, "rad/s"), "rpm": (2.0 * np.pi / 60.0, "rad/s"), "m/s": (1.0, "m/s"), "mm/s": (1e-3, "m/s")},
+    },
+    # any other unit of the control input is carried by its name
+    "current": {"A": (1.0, "A"), "mA": (1e-3, "A"), "V": (1.0, "V"), "mV": (1e-3, "V")},
+    "torque": {
+        **dict.fromkeys(("N·m", "Nm", "N*m", "N.m", "N m"), (1.0, _NM)),
+        **dict.fromkeys(("mN·m", "mNm", "mN*m"), (1e-3, _NM)),
+        **dict.fromkeys(("kN·m", "kNm"), (1e3, _NM)),
+        **{"N": (1.0, "N"), "mN": (1e-3, "N"), "kN": (1e3, "N")},
+        **{"A": (1.0, "A"), "mA": (1e-3, "A"), "V": (1.0, "V")},  # a drive's own estimate: carried, not converted
+    },
+    "temperature": dict.fromkeys(("degC", "°C", "C", "K"), (1.0, "degC")),
+}
+"""Unit as declared to its factor and the unit that is kept."""
+
+MAX_UNIT = 20
+"""Longest unit [characters]; units stand in messages, pictures and model files."""
+
+PER = {"counts_per_revolution": (2.0 * np.pi, "rad"), "counts_per_metre": (1.0, "m")}
+"""Entries of units.json that say how large an encoder's counts are: what that many counts are, and its unit."""
+
+_COUNTS = re.compile(r"(?:counts?|ticks?)(?:\s*/\s*(\d+(?:\.\d+)?))?")
+"""``counts``, or ``counts/4096`` with the counts of a revolution."""
+
+_CONTROL = ("A", "mA", "V", "mV", "bar", "mbar", "Pa", "hPa", "kPa", "MPa", "psi", "N", "N·m", NO_INPUT)
+"""Units of a control input that the program knows; any other is one of its own, unless it is nearly one of these."""
+
+_OWN = ("barg", "bara", "psig", "psia", "mN", "kN", "mN·m", "kN·m", "mbarg")
+"""Units of a control input that are near those and are meant."""
+
+_SPELT = {
+    "A": ("amp", "amps", "ampere", "amperes"),
+    "mA": ("mamp", "mamps", "milliamp", "milliamps", "milliampere", "milliamperes"),
+    "V": ("volt", "volts"),
+    "mV": ("mvolt", "mvolts", "millivolt", "millivolts"),
+    "bar": ("bars",),
+    "kPa": ("kilopascal",),
+    "MPa": ("megapascal",),
+    "psi": (),
+    NO_INPUT: (),
+    _NM: ("nm", "n*m", "n.m", "n m", "newton metre", "newton metres", "newton meter", "newton meters"),
+    "N": ("newton", "newtons"),
+    "mN·m": ("millinewton metre", "millinewton metres"),
+    "rad": ("radian", "radians"),
+    "deg": ("degs",),
+    "deg/s": ("deg/sec", "degrees/s", "degree/s", "dps"),
+    "rpm": ("rev/min", "1/min"),
+    "rad/s": ("rad/sec", "radians/s"),
+    "s": ("sec", "second", "seconds"),
+    "ms": ("msec", "millisecond", "milliseconds"),
+    "us": ("usec", "microsecond", "microseconds"),
+    "mm": ("millimetre", "millimetres", "millimeter", "millimeters"),
+    "m": ("metre", "metres", "meter", "meters"),
+    "degC": ("celsius",),
+    "K": ("kelvin",),
+}
+"""Units as people write them besides."""
+
+_NEAR = 0.8
+"""Least similarity (difflib's ratio) of two spellings of a unit: ``miliamp`` has 0.93, ``steps`` and ``amps`` 0.44."""
+
+
+@dataclass(frozen=True)
+class Units:
+    """What ``units.json`` declares, completed."""
+
+    declared: dict[str, str]
+    given: frozenset[str] = frozenset()
+    """Columns whose unit the file names; all where their values are trusted."""
+    trusted: bool = False
+    """Columns are not compared with each other, either."""
+    count: tuple[float, str] | None = None
+    """Angle or displacement of one encoder count, and its unit."""
+
+    def _conversion(self, key: str) -> tuple[float, str]:
+        unit = self.declared[key]
+        if self.count and unit in ("counts", "counts/s"):
+            return self.count[0], self.count[1] + unit.removeprefix("counts")
+        return _CONVERSIONS[key].get(unit, (1.0, unit))
+
+    def base(self, key: str) -> str:
+        """Unit that the values have after :meth:`convert`."""
+        return self._conversion(key)[1]
+
+    def convert(self, key: str, values: np.ndarray) -> np.ndarray:
+        """Values in the unit that is kept."""
+        if self.declared[key] == "K":
+            return values - 273.15
+        return values * self._conversion(key)[0]
+
+    def periods(self) -> list[float]:
+        """Lengths after which a reading of ``q`` may begin again: a turn, and what a counter of 16 or 32 bits holds."""
+        turn = [2.0 * np.pi] if self.base("q") == "rad" else []
+        counter = (
+            [self.count[0] * 2.0**bits for bits in (16, 32)] if self.count and self.declared["q"] == "counts" else []
+        )
+        return turn + counter
+
+
+def read_units(folder: Path) -> Units:
+    """The units of a folder's recordings.
+
+    Raises:
+        RecordingError: ``units.json`` is refused; the message names the entry and what may stand there.
+    """
+    path = folder / "units.json"
+    declared: Any = {}
+    if path.is_file():
+        try:
+            declared = read_json_file(path, "repair or remove it")
+        except JsonFileError as error:
+            raise RecordingError(str(error)) from None
+        if not isinstance(declared, dict):
+            raise RecordingError(f'{path}: must hold one object, e.g. {{"q": "deg", "current": "mA"}}')
+    trusted = declared.pop("trust_units", False)
+    if not isinstance(trusted, bool):
+        raise RecordingError(f"{path}: trust_units = {trusted!r} must be true or false")
+    count = _count(path, declared)
+    for key, unit in declared.items():
+        if key not in _CONVERSIONS:
+            raise RecordingError(f"{path}: there is no column {key!r}; known: {', '.join(_CONVERSIONS)}")
+        if key in ("q", "qd") and count and unit == ("counts" if key == "q" else "counts/s"):
+            continue
+        declared[key] = _known_unit(path, key, unit, trusted)
+    given = frozenset(UNITS if trusted else declared)
+    if "q" in declared and "qd" not in declared:
+        declared["qd"] = ("deg" if declared["q"] in ("degree", "degrees") else declared["q"]) + "/s"
+    if "qd" in declared and "q" not in declared and Units(declared, count=count).base("qd") == "m/s":
+        declared["q"] = "m"
+    result = Units({**UNITS, **declared}, given, trusted, count)
+    linear = result.base("q") == "m"
+    for key, *wanted in (("qd", "m/s" if linear else "rad/s"), ("torque", "N" if linear else "N·m", "A", "V")):
+        if result.base(key) not in wanted:
+            units = result.declared
+            raise RecordingError(
+                f"{path}: q in {units['q']} does not go with {key} in {units[key]}; declare {key} in {wanted[0]}"
+            )
+    return result
+
+
+def _known_unit(path: Path, key: str, unit: Any, trusted: bool) -> str:
+    """A declared unit; one that is not known is refused, of the control input where it is nearly a known one."""
+    known = _CONVERSIONS[key]
+    if isinstance(unit, str) and unit in known:
+        return unit
+    near = _near(unit, _CONTROL if key == "current" else known) if isinstance(unit, str) else []
+    meant = f": did you mean {' or '.join(near)}?" if near else ""
+    if key == "current" and isinstance(unit, str) and unit.isprintable() and len(unit) <= MAX_UNIT:
+        if not near or trusted:
+            return unit.strip() or "1"
+        raise RecordingError(
+            f'{path}: the unit {unit!r} of current{meant} Declare {{"current": "{near[0]}"}}; where {unit!r} is a unit '
+            'of its own, add "trust_units": true'
+        )
+    names = ", ".join(known) + (f", or any text of at most {MAX_UNIT} characters" if key == "current" else "")
+    if key in ("q", "qd"):
+        names += f', or {"counts" if key == "q" else "counts/s"} with "{next(iter(PER))}"'
+    raise RecordingError(f"{path}: the unit {unit!r} of {key} is not known{meant or ';'} use one of {names}")
+
+
+def _near(unit: str, known: Collection[str]) -> list[str]:
+    """Known units that a text nearly is, nearest first; none for one that is meant as it stands."""
+    text = unit.strip()
+    if text in known or text in _OWN:
+        return []
+    text = text.casefold()
+    spelt = {name: (name.casefold(), *_SPELT.get(name, ())) for name in known}
+    exact = [name for name, texts in spelt.items() if text in texts]
+    near = difflib.get_close_matches(text, [each for texts in spelt.values() for each in texts], n=3, cutoff=_NEAR)
+    return exact or [name for name, texts in spelt.items() if near and near[0] in texts]
+
+
+def _count(path: Path, declared: dict[str, Any]) -> tuple[float, str] | None:
+    """Size of an encoder's count and its unit; its entries are taken out of what is declared.
+
+    Raises:
+        RecordingError: counts whose size is not declared, or a size that is no number above 0.
+    """
+    sizes = {key: declared.pop(key) for key in PER if key in declared}
+    for key in ("q", "qd"):
+        unit = declared.get(key)
+        found = _COUNTS.fullmatch(unit.strip().removesuffix("/s").strip().lower()) if isinstance(unit, str) else None
+        if found:
+            declared[key] = "counts" if key == "q" else "counts/s"
+            if found[1]:
+                sizes.setdefault("counts_per_revolution", float(found[1]))
+    if sizes and not {"q", "qd"} & set(declared):
+        declared["q"] = "counts"
+    named = next((key for key in ("q", "qd") if str(declared.get(key)).startswith("counts")), None)
+    if not named and not sizes:
+        return None
+    example = '{"q": "counts", "counts_per_revolution": 4096}'
+    if not named or len(sizes) > 1:
+        raise RecordingError(f"{path}: {', '.join(sizes)} do not go with these units; declare {example}")
+    if not sizes:
+        raise RecordingError(
+            f"{path}: {named} is in counts: how many are there in one revolution of the joint? Declare {example} (four "
+            "for each line of a quadrature encoder, times the gear's ratio where the encoder is on the motor; of a "
+            'linear scale "counts_per_metre")'
+        )
+    ((key, number),) = sizes.items()
+    if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number) or number <= 0:
+        raise RecordingError(f"{path}: {key} = {number!r} must be a number above 0, e.g. {example}")
+    whole, unit = PER[key]
+    return whole / number, unit

@@ -1,0 +1,106 @@
+"""Angles that wrap and angles that only a speed tells."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrwarp import cli
+from mrwarp.identify.kinematics import reconstruct
+from mrwarp.recording.angle import unwrapped
+from mrwarp.recording.load import RecordingError, load_recording, save_recording
+from tests.recording.recordings import columns, write
+
+TURN = 2.0 * np.pi
+
+
+def _swing() -> dict[str, np.ndarray]:
+    """A joint that swings by 1.3 turns, at 200 Hz for 4 s."""
+    data = columns(800)
+    data.pop("qd")
+    return {**data, "q": 8.2 * np.sin(2.0 * np.pi * 0.5 * data["t"]) + 0.4, "torque": (0.5 + data["current"]) * np.tanh(
+        np.cos(2.0 * np.pi * 0.5 * data["t"]) / 0.1)}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("units", "per", "lowest", "period"),
+    [({"q": "deg"}, 180.0 / np.pi, -180.0, 360.0), ({"q": "deg"}, 180.0 / np.pi, 0.0, 360.0), ({}, 1.0, -np.pi, TURN),
+     ({}, 1.0, 0.0, TURN), ({"q": "counts/4096"}, 4096 / TURN, 0.0, 4096.0),
+     ({"q": "counts/30000"}, 30000 / TURN, -32768.0, 65536.0)],
+)  # fmt: skip
+def test_an_angle_that_wraps_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], units: dict[str, str], per: float, lowest: float, period: float
+) -> None:
+    """Degrees, radians or counts, signed or not: the swing comes back, and a note says so."""
+    data = _swing()
+    read = np.rint(data["q"] * per) if "counts" in units.get("q", "") else data["q"] * per
+    (tmp_path / "units.json").write_text(json.dumps(units))
+    path = write(tmp_path / "a.csv", {**data, "q": (read - lowest) % period + lowest})
+    recording = load_recording(path)
+    (run,), (repair,) = recording.trajectories, recording.repairs
+    np.testing.assert_allclose(run.q - run.q[0], data["q"] - data["q"][0], atol=1.1 / max(per, 1e6 * (per < 60)))
+    assert repair.kind == "unwrapped" and repair.count > 2
+    assert np.abs(run.qd).max() < 27.0
+    assert cli.main(["check", str(path)]) == 0
+    assert "begins again after" in capsys.readouterr().out
+
+
+def test_only_wraps_are_unwrapped() -> None:
+    """Swings of less than a turn, steps, single wrong samples and noise stay as they are."""
+    t = np.arange(400) * 0.005
+    rng = np.random.default_rng(0)
+    spike = np.sin(t)
+    spike[70] += 5.0
+    for q in (3.0 * np.sin(TURN * t), np.where(t < 1.0, -2.5, 2.5), spike, 2.0 * rng.normal(size=400)):
+        assert unwrapped(q, [TURN])[1] == 0 and unwrapped(q, [TURN])[0] is q
+    fast = 0.3 * TURN * np.arange(400)  # a shaft that turns by a third of a turn from sample to sample
+    np.testing.assert_allclose(unwrapped(fast % TURN, [TURN])[0], fast, atol=1e-9)
+
+
+def test_a_speed_without_an_angle_is_integrated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Speed alone, in rpm: the angle is its integral from 0, `check` says so, and the file that is written tells it."""
+    data = columns(400)
+    q, rng = data.pop("q"), np.random.default_rng(1)
+    (tmp_path / "units.json").write_text('{"qd": "rpm"}')
+    noisy = data["qd"] + 0.05 * rng.normal(size=400)
+    path = write(tmp_path / "a.csv", {**data, "qd": noisy * 60.0 / TURN})
+    recording = load_recording(path)
+    (run,) = recording.trajectories
+    assert run.q_integrated and not run.qd_derived and run.q[0] == 0.0
+    np.testing.assert_allclose(run.q, q - q[0], atol=0.02)  # four standard deviations of the walk
+    assert [repair.kind for repair in recording.repairs] == ["integrated"]
+    assert cli.main(["check", str(path)]) == 0
+    assert "there is no angle: q was integrated from qd" in capsys.readouterr().out
+    save_recording(recording, tmp_path / "out" / "b.csv")
+    assert load_recording(tmp_path / "out" / "b.csv").trajectories[0].q_integrated
+    # what is not known by the angle is smoothed as by the speed alone
+    left = reconstruct(recording).qd - data["qd"]
+    assert np.std(left[20:-20]) < 0.6 * 0.05
+
+
+def test_a_speed_by_another_name_or_an_angle_by_another_is_asked_for(tmp_path: Path) -> None:
+    """An angle that is there under another name is not integrated from the speed."""
+    data = columns()
+    q = data.pop("q")
+    with pytest.raises(RecordingError, match="rename 'position' to 'q'"):
+        load_recording(write(tmp_path / "a.csv", {**data, "position": q}))
+    speed = data.pop("qd")
+    with pytest.raises(RecordingError, match="rename 'speed' to 'qd' and it is integrated"):
+        load_recording(write(tmp_path / "b.csv", {**data, "speed": speed}))
+
+
+def test_times_since_1970_count_from_the_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Files of one clock keep their distance, and no place is called 1.79e+09."""
+    start = 1_790_000_000.25
+    for k in range(2):
+        data = columns(400)
+        keep = np.delete(np.arange(400), [50, 51])
+        write(tmp_path / f"{k}.csv", {name: x[keep] + (start + 60.0 * k) * (name == "t") for name, x in data.items()})
+    first, second = load_recording(tmp_path).trajectories
+    assert first.t[0] == pytest.approx(0.25) and second.t[0] == pytest.approx(60.25)
+    assert cli.main(["check", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert "e+09" not in out and "it counts from 2026-09-21" in out
