@@ -13,6 +13,7 @@ from importlib.metadata import version
 
 from mrwarp.options.command_line import CommandLine, OptionError, Options, parse
 from mrwarp.options.command_table import COMMANDS, Command, Group
+from mrwarp.options.extras import missing_extra
 from mrwarp.run_dir import FolderError, one_line
 from mrwarp.runtime import closest, exit_code, one_of_several, one_voice, quiet_libraries
 
@@ -70,7 +71,7 @@ def _run(command: Command, line: CommandLine) -> int:
                 options.check()
                 check_models(options)
         if options.engines:
-            quiet_libraries(gpu=options.on_gpu)
+            quiet_libraries(gpu=options.on_gpu, networks=options.networks)
         with options.claimed():
             return options.run(line)
     except SystemExit as leaving:  # after --help
@@ -90,6 +91,10 @@ def _run(command: Command, line: CommandLine) -> int:
             remedy = "make room or name another folder, then run it again"
             return _refuse(line.prog, f"{one_line(error)}; {remedy}", 1)
         return _refuse(line.prog, f"{one_line(error)}; name another", 2)
+    except ModuleNotFoundError as error:
+        if not (remedy := missing_extra(error)):
+            raise
+        return _refuse(line.prog, remedy, 2)
     except Exception as error:
         code = exit_code(error)
         if code is None or sys.flags.dev_mode:  # `python -X dev -m mrwarp` shows where it was raised

@@ -81,12 +81,13 @@ def _silent_stderr() -> Iterator[None]:
         os.close(nowhere)
 
 
-def quiet_libraries(*, gpu: bool = True) -> None:
+def quiet_libraries(*, gpu: bool = True, networks: bool = True) -> None:
     """Silence the libraries' start-up notes, and keep torch on one thread as :func:`one_torch_thread` does.
 
-    Without ``gpu`` Warp does not complain that there is none.
+    Args:
+        gpu: Let Warp complain if there is no GPU.
+        networks: Load torch, which not every command needs and not every installation has.
     """
-    import torch
     import warp as wp
 
     wp.config.log_level = wp.LOG_WARNING
@@ -94,8 +95,11 @@ def quiet_libraries(*, gpu: bool = True) -> None:
         with _silent_stderr():
             wp.init()
     logging.getLogger("newton").setLevel(logging.WARNING)
-    torch.set_num_threads(1)
-    leave_compiler_out(torch)
+    if networks:
+        import torch
+
+        torch.set_num_threads(1)
+        leave_compiler_out(torch)
 
 
 def leave_compiler_out(torch: Any) -> None:

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -14,7 +15,7 @@ from tyro.conf import UseAppendAction
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.run_dir import check_writable, write_result
-from mrwarp.runtime import ProgressLine
+from mrwarp.runtime import ProgressLine, quiet_libraries
 
 if TYPE_CHECKING:
     from mrwarp.bench.virtual_bench import BenchCfg, BenchData
@@ -30,6 +31,7 @@ class Bench(Options):
     Writes DIR/fit, DIR/evaluation, DIR/holding.csv, DIR/bench.png and DIR/result.json.
     """
 
+    networks = False  # unless a policy gives the motion
     out: opt.Folder = Path("runs/bench")
     """output folder"""
     overwrite: opt.Flag = False
@@ -51,7 +53,7 @@ class Bench(Options):
     policy: opt.OptionalFile = None
     """take the calf motion from this walking policy (.onnx)"""
     asset: opt.OptionalFile = None
-    """bench asset (default: mr_bench.usda)"""
+    """bench asset, such as assets/usd/mr_bench.usda (default: the paper's device)"""
     format: Literal["csv", "parquet"] = "csv"
     """file type"""
     progress: bool = True
@@ -78,22 +80,23 @@ class Bench(Options):
 
     def _cfg(self) -> BenchCfg:
         from mrwarp.bench.bench_effects import Effects
-        from mrwarp.bench.virtual_bench import BenchCfg
-        from mrwarp.params import MrParams
-        from mrwarp.usd.asset import load_bench
+        from mrwarp.bench.virtual_bench import BenchCfg, bench_device
 
+        device = bench_device()
+        if self.asset is not None:
+            from mrwarp.usd.asset import load_bench
+
+            device = load_bench(self.asset).actuators[0].mr or device
         return BenchCfg(
             **self.chosen("trajectories", "samples", "evaluation_samples", "policy", "seed"),
             effects=Effects.defaults(self.scale_effects).replace(**dict(self.effect)),
-            params=load_bench(self.asset).actuators[0].mr or MrParams(),
+            params=device,
         )
 
     def _run(self, cfg: BenchCfg, line: CommandLine) -> int:
         from mrwarp.bench import session_report, virtual_bench
         from mrwarp.bench.bench_effects import LOG_DT, SUBSTEPS
         from mrwarp.recording.load import HOLDING_FILE
-        from mrwarp.rl.policy import OnnxPolicy
-        from mrwarp.trials.walking import calf_motion
 
         started, shown = time.perf_counter(), ProgressLine(sys.stderr)
 
@@ -101,13 +104,18 @@ class Bench(Options):
             if self.progress:
                 shown(text, share)
 
-        actor = None if cfg.policy is None else OnnxPolicy(cfg.policy)
+        actor = None
+        if cfg.policy is not None:
+            quiet_libraries(gpu=False)
+            from mrwarp.rl.policy import OnnxPolicy
+            from mrwarp.trials.walking import calf_motion
+
+            actor = partial(calf_motion, OnnxPolicy(cfg.policy), str(cfg.policy))
         try:
             pool = None
             if actor is not None:
                 show(0.0, "walking")
-                seconds = cfg.longest + 10.0
-                pool = calf_motion(actor, str(cfg.policy), seconds=seconds, dt=LOG_DT / SUBSTEPS, seed=cfg.seed)
+                pool = actor(seconds=cfg.longest + 10.0, dt=LOG_DT / SUBSTEPS, seed=cfg.seed)
             data = virtual_bench.run_bench(cfg, show, pool)
             self._write(data, show)
             show(1.0, "comparing with eq. 14")

@@ -72,7 +72,7 @@ class Diagnose(Options):
         progress = Stopwatch()
         try:
             given = self._read(progress)
-            quiet_libraries(gpu=False)
+            quiet_libraries(gpu=False, networks=self.learn or self.impact)
             from mrwarp.diagnose.countdown import Countdown
             from mrwarp.diagnose.report.diagnosis_page import render
             from mrwarp.diagnose.report.overview_pictures import draw

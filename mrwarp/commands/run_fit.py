@@ -36,9 +36,11 @@ class Check(Options):
         """0 when it is good to use; a RecordingError says what is wrong with it."""
         from mrwarp.recording.description import describe, notes
         from mrwarp.recording.load import find_holding, load_holding, load_recording
-        from mrwarp.robot_logs import bag, robot_log
+        from mrwarp.robot_logs import robot_log
 
         if robot_log.is_robot_log(self.data):
+            from mrwarp.robot_logs import bag
+
             log = bag.open_log(self.data, skip_bad=self.skip_bad)
             print("\n".join([*robot_log.describe(log), *(f"note: {note}" for note in log.notes)]))
             return 0
@@ -98,7 +100,7 @@ class Fit(Options):
         if unseen is not None:
             check_same_units(unseen, recording)
 
-        quiet_libraries(gpu=False)
+        quiet_libraries(gpu=False, networks=False)
         from mrwarp.identify import fit_report
         from mrwarp.identify.damper import fit_extended
         from mrwarp.identify.fit import fit, read_holding
@@ -245,6 +247,7 @@ class Learn(Options):
 class Monitor(Options):
     """Follow a device's health through a folder of calibration records, one file or folder each, in order of names."""
 
+    networks = False
     data: opt.Data
     """folder of records"""
     out: opt.Folder = Path("runs/monitor")

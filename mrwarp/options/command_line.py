@@ -93,6 +93,9 @@ class Options:
     engines: ClassVar[bool] = True
     """Whether it loads Warp or torch, whose start-up notes are silenced."""
 
+    networks: ClassVar[bool] = True
+    """Whether it loads torch then; what recordings need does not."""
+
     renamed: ClassVar[dict[str, str]] = {}
     """New name of each option that had another one, without the hyphens."""
 

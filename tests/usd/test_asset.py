@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd
 
+from mrwarp.bench.virtual_bench import bench_device
 from mrwarp.params import MrParams
 from mrwarp.usd.asset import check_currents, load_bench, load_robot
 from mrwarp.usd.edit import edit_asset
@@ -215,7 +216,7 @@ def test_load_bench():
     """The bench has one free-turning joint of 0.01 kg·m2 with the paper's device and no motor."""
     asset = load_bench()
     params = asset.actuators[0].mr
-    assert params == MrParams().replace(q_neutral=0.0, kp_base=0.0, kp_low=0.0, kd=0.0, tau_limit=1e4)
+    assert params == bench_device() == MrParams().replace(q_neutral=0.0, kp_base=0.0, kp_low=0.0, kd=0.0, tau_limit=1e4)
     model = to_mujoco(asset.stage)
     assert model.nv == 1
     assert not model.jnt_limited[0]

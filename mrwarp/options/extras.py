@@ -1,0 +1,21 @@
+"""Which extra of the package brings a library: ``pip install mrwarp`` alone has what recordings need."""
+
+from __future__ import annotations
+
+EXTRAS = {
+    **dict.fromkeys(("newton", "newton_usd_schemas", "mujoco", "mujoco_warp", "pxr", "trimesh", "torch"), "sim"),
+    **dict.fromkeys(("rsl_rl", "tensordict", "safetensors", "onnx", "onnxruntime"), "sim"),
+    **dict.fromkeys(("tensorboard", "onnxscript"), "train"),
+    "rerun": "view",
+    "rosbags": "logs",
+    "ray": "sweep",
+}
+"""Extra by the name under which a library is imported."""
+
+
+def missing_extra(error: ImportError) -> str:
+    """One line on how to install the library that could not be imported; empty where no extra brings it."""
+    library = (error.name or "").partition(".")[0]
+    if library not in EXTRAS:
+        return ""
+    return f"needs {library}, which is not installed: pip install 'mrwarp[{EXTRAS[library]}]'"

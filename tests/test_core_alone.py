@@ -1,0 +1,113 @@
+"""What recordings need runs in an environment with the core's dependencies alone; what needs more says what."""
+
+import importlib.metadata
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+from mrwarp.options.extras import EXTRAS
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+MAX_DIRECT = 10
+"""Direct dependencies of the core."""
+
+
+def closure(requirements: list[str]) -> dict[str, importlib.metadata.Distribution]:
+    """Installed distributions that requirements need here, without extras, by name."""
+    found: dict[str, importlib.metadata.Distribution] = {}
+    todo = [Requirement(text) for text in requirements]
+    while todo:
+        asked = todo.pop()
+        name = asked.name.lower().replace("_", "-")
+        if name in found or (asked.marker and not asked.marker.evaluate({"extra": ""})):
+            continue
+        found[name] = importlib.metadata.distribution(name)
+        todo += [Requirement(text) for text in found[name].requires or []]
+    return found
+
+
+@pytest.fixture(scope="module")
+def core(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with nothing but mrwarp and what its core depends on, as links to what is installed."""
+    site = tmp_path_factory.mktemp("core")
+    for folder in ("mrwarp", "policies", "models", "assets"):
+        (site / folder).symlink_to(ROOT / folder)
+    for distribution in closure(PROJECT["dependencies"]).values():
+        for file in distribution.files or []:
+            top = file.parts[0]
+            if top != ".." and top != "__pycache__" and not (site / top).is_symlink():
+                (site / top).symlink_to(Path(str(distribution.locate_file(top))))
+    return site
+
+
+def run(core: Path, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """A command of mrwarp with the core alone: no site-packages."""
+    env = {**os.environ, "PYTHONPATH": str(core)}
+    line = [sys.executable, "-S", "-m", "mrwarp", *words]
+    return subprocess.run(line, cwd=folder, env=env, capture_output=True, text=True, check=False)
+
+
+def test_the_core_is_small() -> None:
+    """Few direct dependencies, and none of the heavy engines among what they bring."""
+    assert len(PROJECT["dependencies"]) <= MAX_DIRECT
+    heavy = {"torch", "newton", "rerun-sdk", "rsl-rl-lib", "onnx", "onnxruntime", "mujoco", "usd-core", "pandas"}
+    assert not heavy & closure(PROJECT["dependencies"]).keys()
+
+
+def test_recordings_need_the_core_alone(core: Path, tmp_path: Path) -> None:
+    """Record, check and fit; the model is written."""
+    bench = "bench --out bench --trajectories 4 --samples 3000 --evaluation-samples 0 --scale-effects 0"
+    for words in (bench, "check bench/fit", "fit bench/fit --out fit"):
+        done = run(core, tmp_path, *words.split())
+        assert done.returncode == 0, f"{words}: {done.stderr}"
+    assert (tmp_path / "fit" / "model.json").is_file()
+
+
+@pytest.mark.slow
+def test_a_diagnosis_needs_the_core_alone(core: Path, tmp_path: Path) -> None:
+    """A coil's lag is found, and the report is whole."""
+    bench = "bench --out bench --trajectories 8 --samples 6000 --evaluation-samples 0 --scale-effects 0"
+    effects = "--effect coil_lag=0.02 --effect torque_noise=0.02"
+    for words in (f"{bench} {effects}", "diagnose bench/fit --out found"):
+        done = run(core, tmp_path, *words.split())
+        assert done.returncode == 0, f"{words}: {done.stderr}"
+    assert "coil_lag" in (tmp_path / "found" / "result.json").read_text(encoding="utf-8")
+    assert (tmp_path / "found" / "report.html").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "library", "extra"),
+    [("walk", "torch", "sim"), ("asset show", "newton_usd_schemas", "sim"), ("bench --policy p.onnx", "torch", "sim")],
+)
+def test_a_missing_extra_is_named_in_one_line(core: Path, tmp_path: Path, words: str, library: str, extra: str) -> None:
+    """Exit code 2, one line with the library and the command that installs it; nothing is written."""
+    (tmp_path / "p.onnx").write_bytes(b"")
+    done = run(core, tmp_path, *words.split())
+    assert done.returncode == 2, done.stderr
+    assert (
+        done.stderr.strip()
+        .splitlines()[-1]
+        .endswith(f"needs {library}, which is not installed: pip install 'mrwarp[{extra}]'")
+    )
+    assert [path.name for path in tmp_path.iterdir()] == ["p.onnx"]
+
+
+def test_every_library_of_an_extra_has_its_extra() -> None:
+    """The table of the message and pyproject.toml agree: each extra exists, and brings what it is named for."""
+    named = {
+        "rsl_rl": "rsl-rl-lib",
+        "pxr": "usd-core",
+        "rerun": "rerun-sdk",
+        "newton_usd_schemas": "newton-usd-schemas",
+    }
+    brought = {"mujoco_warp": "newton", "tensordict": "rsl-rl-lib"}  # as dependencies of these
+    for library, extra in EXTRAS.items():
+        names = [Requirement(text).name for text in PROJECT["optional-dependencies"][extra]]
+        assert brought.get(library) or named.get(library, library) in names, (library, extra)
