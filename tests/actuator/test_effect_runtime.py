@@ -9,6 +9,7 @@ import warp as wp
 from mrwarp.actuator.effect_runtime import values_row
 from mrwarp.actuator.mr_actuator import ActuatorInputs, Coupling, MrActuator, MrActuatorCfg, ZStep
 from mrwarp.effects.catalogue import CATALOGUE, SLOTS, column_of
+from mrwarp.effects.law import STRAIN_TIME
 from mrwarp.effects.replay_kernel import BASE, HEAT_TIMES, effect_replay_kernel
 from mrwarp.model_file import Effect, make_effect
 from mrwarp.params import MrParams
@@ -211,6 +212,25 @@ def replayed(effects: tuple[Effect, ...], command: np.ndarray, heat: np.ndarray)
     return tau.numpy()[0]
 
 
+def assert_same_torque(found: np.ndarray, want: np.ndarray, names: list[str]) -> None:
+    """Equal to a few roundings of the largest torque; with all effects a little more in the steps that end a gap.
+
+    There the device moves by what is left of the step, and backlash takes a gap as closed within 1e-5 of its half. Dry
+    friction behind it is wound up by that way at its strength / (speed * STRAIN_TIME), 5e-4 N·m in all.
+    """
+    off, rounding = np.abs(found - want), 16.0 * np.finfo(np.float32).eps * max(np.abs(want).max(), 1.0)
+    if "backlash" in names and len(names) > 1:
+        rubs = [STRENGTHS[name] for name in names if "speed" in STRENGTHS[name]]
+        stiffness = sum(
+            abs(strength.get(part, 0.0)) / (strength["speed"] * STRAIN_TIME)
+            for strength in rubs
+            for part in ("torque", "coulomb", "F1", "F2")
+        )
+        assert np.mean(off > rounding) < 0.01, "gaps end in fewer steps"
+        rounding += 1e-5 * STRENGTHS["backlash"]["half_gap"] * stiffness
+    assert off.max() <= rounding
+
+
 @pytest.mark.parametrize("names", [[name] for name in MECHANISMS] + [MECHANISMS], ids=lambda names: "+".join(names))
 def test_simulated_torque_is_that_of_the_diagnosis(names: list[str]) -> None:
     """Along a prescribed motion each effect, and all together, gives the torque of the kernel that names it."""
@@ -219,8 +239,7 @@ def test_simulated_torque_is_that_of_the_diagnosis(names: list[str]) -> None:
     plain, _, _ = simulated((make_effect("coil_lag", {"time_constant": 0.0}),))
     want = replayed(effects, command, heat)
     assert np.abs(tau - plain).max() > 0.02 * np.abs(want).max(), "the effect is too weak to test anything"
-    # a spring and a gap are solved for, and either path rounds on its own
-    np.testing.assert_allclose(tau, want, rtol=0, atol=2e-5 * max(np.abs(want).max(), 1.0))
+    assert_same_torque(tau, want, names)
 
 
 def test_a_gear_carries_what_accelerates_the_load_behind_it() -> None:

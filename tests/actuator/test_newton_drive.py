@@ -24,7 +24,7 @@ from mrwarp.model_file import Effect, FittedOn, Model, Parameter, make_effect, s
 from mrwarp.params import MrParams, ParameterError
 from mrwarp.usd.asset import JointActuator, load_bench
 from mrwarp.usd.open_stage import ASSETS
-from tests.actuator.test_effect_runtime import MECHANISMS, OPEN, effect, massless, motion, replayed
+from tests.actuator.test_effect_runtime import MECHANISMS, OPEN, assert_same_torque, effect, massless, motion, replayed
 
 ORIGIN = FittedOn(source="bench", trajectories=3, samples=2000, rate=200.0)
 DT = 0.005
@@ -466,8 +466,7 @@ def test_drive_with_effects_gives_the_torque_of_the_diagnosis(names: list[str], 
         commands.append(rig.now.drive_state.current.numpy()[0])
     want = replayed(effects, np.array(commands), np.array(heats))
     opposing = -np.sign(motion(4.0)[1]) * np.abs(want)
-    # float32: where a gap ends, rounding of the seventeen mechanisms before it is amplified
-    np.testing.assert_allclose(efforts, opposing, rtol=0, atol=3e-5 * np.abs(want).max())
+    assert_same_torque(np.array(efforts), opposing, names)
 
 
 def test_inertia_of_a_model_file_is_armature(tmp_path: Path) -> None:
