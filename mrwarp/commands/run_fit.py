@@ -34,8 +34,9 @@ class Check(Options):
 
     def run(self, line: CommandLine) -> int:
         """0 when it is good to use; a RecordingError says what is wrong with it."""
+        from mrwarp.identify.contradictions import contradictions
         from mrwarp.recording.description import describe, notes
-        from mrwarp.recording.load import find_holding, load_holding, load_recording
+        from mrwarp.recording.load import RecordingError, find_holding, load_holding, load_recording
         from mrwarp.robot_logs import robot_log
 
         if robot_log.is_robot_log(self.data):
@@ -45,14 +46,26 @@ class Check(Options):
             print("\n".join([*robot_log.describe(log), *(f"note: {note}" for note in log.notes)]))
             return 0
         recording, beside = load_recording(self.data, skip_bad=self.skip_bad), find_holding(self.data)
-        lines = describe(recording)
+        recording, turned = _signs_turned(recording)
+        wrong = contradictions(recording)
+        lines = describe(recording, "cannot be used" if wrong else "good")
         if beside:
             holding = load_holding(beside, recording)
             count = f"{len(holding.current)} tests at {len({*holding.current})} currents"
             unit = recording.units["torque"]
             lines.append(f"break-away    {count}, up to {holding.torque.max():.4g} {unit} ({beside})")
-        print("\n".join([*lines, *(f"note: {note}" for note in notes(recording))]))
+        print("\n".join([*lines, *(f"note: {note}" for note in [*turned, *notes(recording)])]))
+        if wrong:
+            raise RecordingError(f"{self.data}: {wrong[0]}")
         return 0
+
+
+def _signs_turned(recording: Recording) -> tuple[Recording, list[str]]:
+    """The recording that ``check``, ``fit`` and ``diagnose`` judge, and what was turned in it."""
+    from mrwarp.diagnose.recording_faults import turned_signs
+
+    mended, fault = turned_signs(recording)
+    return mended, [fault.sentence] if fault else []
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +107,8 @@ class Fit(Options):
         progress = Stopwatch()
         progress(f"reading {self.data}")
         recording = self._kept(load_recording(self.data, skip_bad=self.skip_bad))
-        for note in recording.repaired():
+        recording, turned = _signs_turned(recording)
+        for note in [*recording.repaired(), *turned]:
             progress(f"note: {note}")
         unseen = load_recording(self.predict, skip_bad=self.skip_bad) if self.predict else None
         if unseen is not None:

@@ -6,15 +6,15 @@ import numpy as np
 
 from mrwarp.diagnose.held_out import HeldOut
 from mrwarp.diagnose.problem import Problem
+from mrwarp.diagnose.recording_faults import turned_signs
 from mrwarp.diagnose.result import Diagnosis, Error, NextExperiment
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import both, title
-from mrwarp.identify.contradictions import EXPLAINS_NOTHING, contradictions, explains_nothing
+from mrwarp.identify.checks.unexplained import EXPLAINS_NOTHING, explains_nothing
+from mrwarp.identify.contradictions import MIN_TRAJECTORIES, contradictions
 from mrwarp.recording.data import Recording, quantity, true_names
 from mrwarp.recording.saturation import CLIPPED, at_limit
 
-MIN_TRAJECTORIES = 3
-"""Fewest trajectories: with fewer nothing can be predicted by the others."""
 MIN_SECONDS = 10.0
 """Shortest recording, all trajectories together [s]."""
 MIN_SAMPLES = 1500
@@ -40,7 +40,7 @@ def hindrances(recording: Recording) -> list[str]:
             f"too little data: {seconds:.3g} s, {recording.samples} samples; a cause needs at least {MIN_SECONDS:g} s "
             f"and {MIN_SAMPLES} samples; {STANDARD}"
         )
-    wrong = contradictions(recording)
+    wrong = contradictions(turned_signs(recording)[0])
     torque = np.concatenate([run.torque for run in runs])
     clipped, limit = max((at_limit(torque), torque.max()), (at_limit(-torque), torque.min()))
     if clipped > CLIPPED and not wrong and all(run.lost is None for run in runs):
@@ -81,7 +81,8 @@ def doubts(found: HeldOut, selection: Selection, problem: Problem) -> list[str]:
             f"device and one set-up; {STANDARD}"
         ]
     if after >= EXPLAINS_NOTHING:
-        return [f"{explains_nothing(after, 'eqs. 14 and 15 and every effect of the catalogue explain')}; {STANDARD}"]
+        reason = explains_nothing(after, problem.motion, problem.units, every_effect=True)
+        return [reason if reason.endswith("try again") else f"{reason}; {STANDARD}"]
     return []
 
 
@@ -92,6 +93,11 @@ def gaps(recording: Recording) -> list[str]:
     top = float(np.abs(current).max())
     levels = np.unique(np.round(current / (top or 1.0), 2))
     name, found = quantity("current", recording.units), []
+    if any(run.q_integrated for run in runs):
+        found.append(
+            "the angle was not logged but integrated from the velocity: it begins at 0 in each run and may drift, so "
+            "what depends on the place (stiffness, cogging, friction over the angle) is not certain; log the angle"
+        )
     if len(levels) == 1:
         found.append(
             f"the {name} is {current[0]:.3g} throughout: nothing that depends on it can be known (coil lag, command "

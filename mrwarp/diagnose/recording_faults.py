@@ -22,8 +22,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mrwarp.identify.boosting import foretold
+from mrwarp.identify.checks.shared_fit import LEAST_GROUP, RunTable, SharedFit
 from mrwarp.identify.dataset import Motion
-from mrwarp.identify.shared_fit import LEAST_GROUP, RunTable, SharedFit
 from mrwarp.recording.data import quantity
 from mrwarp.recording.load import Recording, Trajectory
 
@@ -91,6 +91,14 @@ def recording_faults(recording: Recording) -> tuple[Recording, tuple[RecordingFa
                 table = RunTable(recording)
         table.take(recording)
     return recording, tuple(found)
+
+
+def turned_signs(recording: Recording) -> tuple[Recording, RecordingFault | None]:
+    """The recording with the torque turned of the few runs that fit the others with the other sign only."""
+    if len(recording.trajectories) < _LEAST_RUNS or not (table := RunTable(recording)).usable:
+        return recording, None
+    fault = _reversed_runs(recording, table)
+    return (recording if fault is None else _mended(recording, fault)), fault
 
 
 def zeros_about(recording: Recording, zeros: Mapping[str, float], moved: Sequence[str]) -> RecordingFault:

@@ -5,14 +5,21 @@ A fit always ends somewhere. These checks say where its numbers would mean nothi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.optimize import nnls
 
-from mrwarp.recording.data import Recording, RecordingError, quantity, with_unit
+from mrwarp.identify.checks.unexplained import EXPLAINS_NOTHING, explains_nothing
+from mrwarp.recording.data import Recording, RecordingError, Trajectory, quantity, with_unit
 from mrwarp.recording.differentiate import differentiate
 
-EXPLAINS_NOTHING = 0.9
-"""NRMSE from which a model explains next to nothing."""
+if TYPE_CHECKING:
+    from mrwarp.identify.dataset import Dataset
+
+MIN_TRAJECTORIES = 3
+"""Fewest trajectories of which one can be predicted by the others."""
 _FOLLOWED = 0.02
 """Part of the torque's variance that motion and current must predict, by the plainest laws of a passive joint."""
 _BY_CURRENT = 1e-3
@@ -25,6 +32,11 @@ _NOISE = 1.2
 """Ratio of the current's change from sample to sample to its spread from which it is noise: 1.41 where it is white."""
 _COIL = ("A", "V")
 """Units of a control input that is a size and acts on the torque; a flag, a load or a pressure need not."""
+_TURNED = 0.5
+"""Part of what plain laws leave of a run's torque that they may leave at most when its sign is turned."""
+_JUMP, _BESIDE = 0.5, 0.02
+"""Least jump of the angle between two samples that no joint makes, and largest 95th percentile of its other steps, in
+ranges of the run's angle."""
 _BELONG = 0.5
 """Least correlation of qd with dq/dt, and least ratio of the two; at most its inverse."""
 
@@ -41,9 +53,11 @@ def contradictions(recording: Recording) -> list[str]:
     reach = float(np.median([np.ptp(run.q) for run in runs]))
     moves = reach > 8.0 * noise  # sixteen standard deviations
     if not moves:
+        size = f" (the angle covers {reach:.2g} {units['q']}, its noise {noise:.2g})" if reach > 0.0 else ""
         found.append(
-            "the joint does not move: friction, hysteresis and everything else in the torque shows along motion only; "
-            "move it by at least ten times what it takes to make it yield, at 0.5 to 2 Hz and several amplitudes"
+            f"the joint does not move beyond its noise{size}: friction, hysteresis and everything else in the torque "
+            "shows along motion only; move it by at least ten times what it takes to make it yield, at 0.5 to 2 Hz and "
+            "several amplitudes"
         )
     if float(np.ptp(torque)) == 0.0:
         return [*found, f"the torque is {torque[0]:.4g} throughout: is the sensor connected? Then record again"]
@@ -52,7 +66,7 @@ def contradictions(recording: Recording) -> list[str]:
             f"the {current_name} is negative throughout ({current.min():.4g} to {current.max():.4g}): eq. 14 counts it "
             "as a size; turn its sign and try again"
         )
-    if found or (wrong := _wrong_velocity(recording)):
+    if found or (wrong := _jumps(recording) or _wrong_velocity(recording)):
         return found or [wrong]
     copies = {"q": q, "qd": qd, "current": current}
     for name, x in copies.items():
@@ -86,13 +100,39 @@ def refuse_contradictions(recording: Recording) -> None:
         raise RecordingError(f"{recording.source or 'recording'}: {reason}")
 
 
-def explains_nothing(nrmse: float, what: str = "eqs. 14 and 15 explain") -> str:
-    """What to check where even the best model misses most of the torque."""
-    return (
-        f"{what} next to nothing of the torque (NRMSE {100.0 * nrmse:.1f} %): check that it was measured at this "
-        "joint, that the columns belong together, and that the bench prescribed the motion; in a log of a walking "
-        "robot the motion answers to the torque"
-    )
+def refuse_unexplained(recording: Recording, data: Dataset, nrmse: float, held_out: float) -> None:
+    """Refuse a model that explains next to nothing, of the recording or of trajectories left out in turn.
+
+    Args:
+        recording: What was fitted.
+        data: Its samples.
+        nrmse: Error of the fit over the torque's standard deviation.
+        held_out: The same of trajectories that took no part; it counts where there are :data:`MIN_TRAJECTORIES`.
+
+    Raises:
+        RecordingError: with what the torque follows instead.
+    """
+    worst = max(nrmse, held_out) if len(recording.trajectories) >= MIN_TRAJECTORIES else nrmse
+    if worst >= EXPLAINS_NOTHING:
+        raise RecordingError(f"{recording.source or 'recording'}: {explains_nothing(worst, data, recording.units)}")
+
+
+def _jumps(recording: Recording) -> str:
+    """Whether the angle jumps, as it does where it begins again or where two runs stand in one file."""
+    for run in recording.trajectories:
+        steps, reach = np.abs(np.diff(run.q)), float(np.ptp(run.q))
+        at = np.flatnonzero(steps > _JUMP * reach)
+        at = at[(at >= 3) & (at + 4 < len(run.q))]
+        stays = [abs(np.median(run.q[k + 1 : k + 5]) - np.median(run.q[k - 3 : k + 1])) > _JUMP * reach for k in at]
+        if any(stays) and np.percentile(steps, 95) < _BESIDE * reach:
+            k = int(at[np.argmax(stays)])
+            name, unit = quantity("q", recording.units), recording.units["q"]
+            return (
+                f"the {name} of {run.id!r} jumps by {steps[k]:.3g} {unit} from one sample to the next at "
+                f"{run.t[k]:.4g} s ({sum(stays)} such jumps), as no joint does: a reading that begins again, which has "
+                "to go on, or two runs in one file, which need a 'trajectory' column; put it right, and try again"
+            )
+    return ""
 
 
 def _wrong_velocity(recording: Recording) -> str:
@@ -125,14 +165,13 @@ def _unrelated(
 ) -> list[str]:
     """Whether the torque has a turned sign, or nothing to do with the motion, or with a current that changes."""
     qdd = np.concatenate([np.gradient(run.qd, run.dt) for run in recording.trajectories])
-    free, passive = [np.ones_like(q), q], [qd, np.sign(qd), qdd]
-    by_current = [current * np.sign(qd), current * qd]
-    unexplained = _left(torque, free, passive)
-    with_current = _left(torque, [*free, current], [*passive, *by_current])
-    # a constant load does not count, unless the motion goes one way only: then its mean is what resists
-    powers = [(torque - mean) * qd for mean in (torque.mean(), 0.0)]
+    if turned := _opposed(recording.trajectories):
+        return [_opposed_text(recording, turned)]
+    free, passive = _plain_laws(q, qd, qdd, current)
+    unexplained = _left(torque, free[:2], passive[:3])
+    with_current = _left(torque, free, passive)
     name, torque_name = quantity("current", recording.units), quantity("torque", recording.units)
-    if all(float(power.sum()) < -_DRIVES * float(np.abs(power).sum()) for power in powers):
+    if _resists(torque, qd) < -_DRIVES:
         return [
             f"the {torque_name} drives the motion instead of resisting it: its sign, or that of the "
             f"{quantity('q', recording.units)}, is turned against eq. 14, or the motion answers to the {torque_name} "
@@ -152,6 +191,47 @@ def _unrelated(
             "Then record again"
         ]
     return []
+
+
+def _resists(torque: np.ndarray, qd: np.ndarray) -> float:
+    """Part of the power, in size, that a torque takes from the motion; negative where it drives it.
+
+    A constant load does not count, unless the motion goes one way only: then its mean is what resists.
+    """
+    powers = [(torque - mean) * qd for mean in (torque.mean(), 0.0)]
+    return max(float(power.sum()) / max(float(np.abs(power).sum()), 1e-300) for power in powers)
+
+
+def _opposed(runs: Sequence[Trajectory]) -> list[str]:
+    """Runs whose torque drives the motion while that of others resists it, and that are passive with the other sign."""
+    powers = [_resists(run.torque, run.qd) for run in runs]
+    if max(powers) < _DRIVES:
+        return []
+    turned = []
+    for run in (run for run, power in zip(runs, powers, strict=True) if power < -_DRIVES):
+        free, passive = _plain_laws(run.q, run.qd, np.gradient(run.qd, run.dt), run.current)
+        if _left(-run.torque, free, passive) < _TURNED * _left(run.torque, free, passive):
+            turned.append(run.id)
+    return turned
+
+
+def _plain_laws(
+    q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, current: np.ndarray
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Columns of the plainest laws of a passive joint: those of either sign, and those that only resist."""
+    direction = np.sign(qd)
+    return [np.ones_like(q), q, current], [qd, direction, qdd, current * direction, current * qd]
+
+
+def _opposed_text(recording: Recording, turned: list[str]) -> str:
+    """What is said of runs with the other sign."""
+    named = ", ".join(turned[:4]) + (", ..." if len(turned) > 4 else "")
+    name, angle = (quantity(key, recording.units) for key in ("torque", "q"))
+    return (
+        f"runs of opposite sign: the {name} of {named} ({len(turned)} of {len(recording.trajectories)}) drives the "
+        f"motion, that of the others resists it; turn the sign of the {name}, or of the {angle}, in these (eq. 14: "
+        "positive against positive velocity), or leave them out, and try again"
+    )
 
 
 def _left(torque: np.ndarray, free: list[np.ndarray], passive: list[np.ndarray]) -> float:

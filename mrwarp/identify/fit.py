@@ -15,7 +15,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import least_squares
 
-from mrwarp.identify.contradictions import EXPLAINS_NOTHING, explains_nothing, refuse_contradictions
+from mrwarp.identify.contradictions import refuse_contradictions, refuse_unexplained
 from mrwarp.identify.dataset import Dataset, Scales, rms
 from mrwarp.identify.intervals import Estimate, assess
 from mrwarp.identify.parameters import (
@@ -26,7 +26,7 @@ from mrwarp.identify.parameters import (
     STEEPEST,
     shape_parameters,
 )
-from mrwarp.identify.projection import FEW, Point, Progress, Structure, search
+from mrwarp.identify.projection import FEW, Point, Progress, Structure, held_out_ratio, search
 from mrwarp.identify.replay import Replay
 from mrwarp.model_file import Effect
 from mrwarp.params import BoucWenParams
@@ -139,7 +139,7 @@ def fit(
         RecordingError: too few break-away torques for eq. 18, columns that contradict each other, or a model that
             explains next to nothing.
     """
-    log, where = progress or (lambda text: None), recording.source or "recording"
+    log = progress or (lambda text: None)
     refuse_contradictions(recording)
     at_rest = {} if holding is None else fit_holding(holding.current, holding.torque)
     scales = Scales.of(recording)
@@ -156,8 +156,7 @@ def fit(
     runs, error = recording.trajectories, np.abs(point.simulated - samples.torque) * samples.counts
     plain = error <= np.quantile(error, 0.98)  # without single spikes
     missed = rms(error[plain]) / (float(samples.torque[plain].std()) or 1.0)
-    if missed > EXPLAINS_NOTHING:
-        raise RecordingError(f"{where}: {explains_nothing(missed)}")
+    refuse_unexplained(recording, samples, missed, missed * held_out_ratio(structure, point, len(runs)))
     return FitResult(
         estimates={name: assessment.estimates[name] for name in PARAMETERS} | at_rest,
         combinations={name: e for name, e in assessment.estimates.items() if name not in PARAMETERS},
@@ -230,8 +229,16 @@ def _notes(
         notes.append(
             f"only {len(recording.trajectories)} trajectories: intervals leave out errors that last a whole trajectory"
         )
-    if any(run.qd_derived for run in recording.trajectories):
+    return notes + made_motion(recording)
+
+
+def made_motion(recording: Recording) -> list[str]:
+    """What of the motion was not measured."""
+    runs, notes = recording.trajectories, []
+    if any(run.qd_derived for run in runs):
         notes.append("the velocity was derived from q by zero-phase differentiation")
+    if any(run.q_integrated for run in runs):
+        notes.append("the angle was integrated from qd: D, C and whatever depends on the place are not to be trusted")
     return notes
 
 

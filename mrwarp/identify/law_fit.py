@@ -18,17 +18,17 @@ from scipy import stats
 
 from mrwarp.effects.catalogue import HYSTERESIS, KNOWN
 from mrwarp.effects.replay_kernel import BASE
-from mrwarp.identify.contradictions import EXPLAINS_NOTHING, explains_nothing, refuse_contradictions
+from mrwarp.identify.contradictions import refuse_contradictions, refuse_unexplained
 from mrwarp.identify.dataset import Motion, Scales, rms
-from mrwarp.identify.fit import FitResult, fit_holding, misfit
+from mrwarp.identify.fit import FitResult, fit_holding, made_motion, misfit
 from mrwarp.identify.intervals import Estimate
-from mrwarp.identify.least_squares import Quadratic, Rules, minimise, ridge_solve
+from mrwarp.identify.least_squares import Quadratic, Rules, leave_out, minimise, ridge_solve
 from mrwarp.identify.parameters import LINEAR, SHAPE, Parameters, Slot, factor_of, jacobian, row_column
 from mrwarp.identify.projection import Progress
 from mrwarp.identify.replay import EffectReplay, null_row
 from mrwarp.model_file import Effect, Model, Parameter, effect_unit
 from mrwarp.params import BoucWenParams
-from mrwarp.recording.load import Holding, Recording, RecordingError
+from mrwarp.recording.load import Holding, Recording
 
 _STARTS_ON = 12_000
 """Samples on which starts are searched."""
@@ -62,17 +62,19 @@ class Solution:
         return self.parts[:, -1, -1]
 
     @cached_property
+    def _left_out(self) -> tuple[np.ndarray, np.ndarray]:
+        columns = [*self.free, -1]
+        return leave_out(self.parts[:, columns][:, :, columns])
+
+    @property
     def moves(self) -> np.ndarray:
         """What each trajectory left out moves the free coordinates by, shape (T, F)."""
-        a, b = self.parts[:, self.free][:, :, self.free], self.parts[:, self.free, -1]
-        return ridge_solve(a.sum(axis=0) - a, b.sum(axis=0) - b)
+        return self._left_out[0]
 
-    @cached_property
+    @property
     def held_out(self) -> np.ndarray:
         """Squared error of each trajectory by the fit to the others, shape (T,)."""
-        a, b = self.parts[:, self.free][:, :, self.free], self.parts[:, self.free, -1]
-        d = self.moves
-        return self.loss - 2.0 * np.einsum("ti,ti->t", b, d) + np.einsum("ti,tij,tj->t", d, a, d)
+        return self._left_out[1]
 
 
 class LawSearch:
@@ -185,7 +187,7 @@ def fit_law(
     Raises:
         RecordingError: columns that contradict each other, or a model that explains next to nothing.
     """
-    log, where = progress or (lambda text: None), recording.source or "recording"
+    log = progress or (lambda text: None)
     refuse_contradictions(recording)
     at_rest = {} if holding is None else fit_holding(holding.current, holding.torque)
     motion = Motion.of(recording)
@@ -221,14 +223,11 @@ def fit_law(
         simulated = best.torque + np.repeat(zeros, np.diff(motion.start))
     else:
         best, simulated = plain, plain.torque
-    missed = rms(simulated - motion.torque) / (float(motion.torque.std()) or 1.0)
-    if missed > EXPLAINS_NOTHING:
-        raise RecordingError(f"{where}: {explains_nothing(missed)}")
-    if any(run.qd_derived for run in runs):
-        warnings.append("the velocity was derived from q by zero-phase differentiation")
+    std, weight = float(motion.torque.std()) or 1.0, search.weight
+    held = float(np.sqrt(best.held_out.sum() / weight.sum())) / std
+    refuse_unexplained(recording, motion, rms(simulated - motion.torque) / std, held)
+    warnings += made_motion(recording)
     estimates, effects = outer_numbers(best, scales, recording.units, (0, 3) if offsets else ())
-    weight = search.weight
-    held = float(np.sqrt(best.held_out.sum() / weight.sum())) / (float(motion.torque.std()) or 1.0)
     return FitResult(
         estimates=estimates | at_rest,
         combinations={},

@@ -141,6 +141,20 @@ def ridge_solve(gram: np.ndarray, moment: np.ndarray, ridge: float = 1e-9) -> np
     return np.linalg.solve(normal, (moment / scale)[..., None])[..., 0] / scale
 
 
+def leave_out(parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What the fit to the other trajectories says of each, linearised at the optimum.
+
+    Args:
+        parts: Gram matrices of [derivatives, mismatch] of the trajectories, shape (T, P + 1, P + 1).
+
+    Returns:
+        Change of the parameters, shape (T, P), and squared error of the trajectory, shape (T,).
+    """
+    a, b = parts[:, :-1, :-1], parts[:, :-1, -1]
+    d = ridge_solve(a.sum(axis=0) - a, b.sum(axis=0) - b)
+    return d, parts[:, -1, -1] - 2.0 * np.einsum("ti,ti->t", b, d) + np.einsum("ti,tij,tj->t", d, a, d)
+
+
 def bounded_solve(gram: np.ndarray, moment: np.ndarray, bounded: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least squares from normal equations with some unknowns >= 0: smallest solution where columns are dependent.
 

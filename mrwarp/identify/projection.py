@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mrwarp.identify.dataset import Dataset
-from mrwarp.identify.least_squares import Quadratic, Rules, bounded_solve, minimise
+from mrwarp.identify.least_squares import Quadratic, Rules, bounded_solve, leave_out, minimise
 from mrwarp.identify.replay import Replay
 
 _STEP = 1e-2
@@ -208,6 +208,19 @@ def search(
     if outliers > 1e-4 and not robust:
         warnings.append(f"{100 * outliers:.2f} % of the samples are single spikes: consider --robust")
     return point, warnings
+
+
+def held_out_ratio(structure: Structure, point: Point, trajectories: int) -> float:
+    """RMS error of trajectories that are left out in turn, over that of the fit to all of them, linearised."""
+    size = len(point.linear)
+    inside = (point.theta > structure.low + 1e-9) & (point.theta < structure.high - 1e-9)
+    free = [*np.flatnonzero(point.free), *(size + np.flatnonzero(inside)), -1]
+    clusters = point.gram.reshape(trajectories, -1, *point.gram.shape[1:]).sum(axis=1)
+    into = np.eye(clusters.shape[1])
+    into[:size, -1] = -point.linear  # the last column becomes the mismatch
+    parts = into.T @ clusters @ into
+    _, losses = leave_out(parts[:, free][:, :, free])
+    return float(np.sqrt(losses.sum() / max(float(parts[:, -1, -1].sum()), 1e-300)))
 
 
 def search_starts(structure: Structure, replay: Replay, *, limit: int = _SUBSET, seed: int = 0) -> list[Point]:

@@ -11,14 +11,14 @@ from mrwarp.recording.differentiate import HALF_WIDTH, frequency_response, half_
 from mrwarp.recording.load import TURNS, Recording, derivative_ratio, turns
 
 
-def describe(recording: Recording) -> list[str]:
-    """Sizes, rates, ranges with units, and the header."""
+def describe(recording: Recording, verdict: str = "good") -> list[str]:
+    """Sizes, rates, ranges with units, and the header; the ``verdict`` stands in the first line."""
     runs, units = recording.trajectories, recording.units
     lengths = [len(run.t) for run in runs]
     rates = ", ".join(f"{rate:g}" for rate in sorted({float(f"{1.0 / run.dt:.4g}") for run in runs}))
     seconds = sum(len(run.t) * run.dt for run in runs)
     lines = [
-        f"{recording.source}: good",
+        f"{recording.source}: {verdict}",
         f"trajectories  {len(runs)} of {min(lengths)} to {max(lengths)} samples",
         f"samples       {recording.samples} at {rates} Hz, {seconds:.4g} s",
     ]

@@ -47,6 +47,8 @@ def walking_log(runs: int = 8, seconds: float = 4.0, dt: float = 0.005) -> Recor
 
 
 WRONG = {
+    "some torques turned": (changed(lambda r: {"torque": r.torque * (-1.0) ** int(r.id[-1])}), "of opposite sign"),
+    "angle jumps": (changed(lambda r: {"q": r.q + 4.0 * (r.t > 2.0)}), "jumps by"),
     "torque sign turned": (changed(lambda r: {"torque": -r.torque}), "drives the motion"),
     "angle sign turned": (changed(lambda r: {"q": -r.q, "qd": -r.qd}), "drives the motion"),
     "q and qd swapped": (changed(lambda r: {"q": r.qd, "qd": r.q}), "qd is not the derivative"),

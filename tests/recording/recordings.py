@@ -14,7 +14,8 @@ def columns(n: int = 200, dt: float = 0.005) -> dict[str, np.ndarray]:
     """A plausible trajectory."""
     t = np.arange(n) * dt
     q, qd = 0.5 * np.sin(2 * np.pi * t), np.pi * np.cos(2 * np.pi * t)
-    return {"t": t, "q": q, "qd": qd, "current": np.where(t < 0.5, 0.0, 1.0), "torque": np.tanh(qd)}
+    current = np.where(t < 0.5, 0.0, 1.0)
+    return {"t": t, "q": q, "qd": qd, "current": current, "torque": (0.5 + 0.5 * current) * np.tanh(qd)}
 
 
 def write(path: Path, data: dict[str, np.ndarray]) -> Path:

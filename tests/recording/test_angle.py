@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from mrwarp import cli
+from mrwarp.diagnose.data_checks import gaps
+from mrwarp.identify.fit import made_motion
 from mrwarp.identify.kinematics import reconstruct
 from mrwarp.recording.angle import unwrapped
 from mrwarp.recording.load import RecordingError, load_recording, save_recording
@@ -68,6 +70,7 @@ def test_a_speed_without_an_angle_is_integrated(tmp_path: Path, capsys: pytest.C
     noisy = data["qd"] + 0.05 * rng.normal(size=400)
     path = write(tmp_path / "a.csv", {**data, "qd": noisy * 60.0 / TURN})
     recording = load_recording(path)
+    assert all("integrated" in said[0] for said in (gaps(recording), made_motion(recording)))
     (run,) = recording.trajectories
     assert run.q_integrated and not run.qd_derived and run.q[0] == 0.0
     np.testing.assert_allclose(run.q, q - q[0], atol=0.02)  # four standard deviations of the walk

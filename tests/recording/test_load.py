@@ -184,16 +184,35 @@ def test_check_explains_a_good_recording(tmp_path: Path, capsys: pytest.CaptureF
     """Counts, rate, ranges with units, currents, header, and what to know before using it."""
     data = columns()
     data.pop("qd")
-    data["torque"] = -data["torque"]
     path = write(tmp_path / "a.csv", data)
     path.write_text("# seed: 7\n" + path.read_text())
     assert cli.main(["check", str(path)]) == 0
     out = capsys.readouterr().out
     for part in (
         "trajectories  1 of 200", "at 200 Hz", "-0.5 to 0.5 rad", "levels 0, 1 A; 1 changes",
-        "derived from q in 1 of 1 trajectories: zero phase", "seed          7", "flip its sign", "record several",
+        "derived from q in 1 of 1 trajectories: zero phase", "seed          7", "record several",
     ):  # fmt: skip
         assert part in out, part
+
+
+def test_check_does_not_call_good_what_fit_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """A turned sign and one file of three with another: shown, refused by check, fit and diagnose with one reason."""
+    from mrwarp.diagnose import diagnose
+
+    for k in range(3):
+        data = columns(800)
+        write(tmp_path / f"{k}.csv", {**data, "torque": data["torque"] * (-1.0 if k == 1 else 1.0)})
+    one = load_recording(tmp_path / "1.csv")
+    for path, words in ((tmp_path / "1.csv", "drives the motion instead"), (tmp_path, "runs of opposite sign")):
+        for command in ("check", "fit"):
+            out = ["--out", str(tmp_path / "out")] if command == "fit" else []
+            assert cli.main([command, str(path), *out]) == 2
+            shown = capsys.readouterr()
+            assert words in shown.err and len(shown.err.splitlines()) == 1 and ": good" not in shown.out
+            assert command != "check" or "cannot be used" in shown.out
+    assert not (tmp_path / "out").exists()
+    assert "the torque of 1 (1 of 3) drives" in diagnose(load_recording(tmp_path)).cannot_know[-1]
+    assert one.trajectories[0].id == "1"
 
 
 # --- public sets ---

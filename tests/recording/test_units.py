@@ -101,7 +101,8 @@ def test_a_declared_unit_is_believed(tmp_path: Path, capsys: pytest.CaptureFixtu
     swing = {**data, "q": 190.0 * scale * data["q"], "qd": 190.0 * scale * data["qd"]}
     (tmp_path / "swing").mkdir()
     load_recording(_declared(tmp_path / "swing", swing, units))
-    on = {**data, "q": 40.0 * scale * data["t"], "qd": np.full(2000, 40.0 * scale)}
+    on = {**data, "q": 40.0 * scale * data["t"], "qd": np.full(2000, 40.0 * scale),
+          "torque": 0.5 + 0.5 * data["current"] + 0.05 * np.sin(7.0 * data["t"])}  # fmt: skip
     assert cli.main(["check", str(_declared(tmp_path, on, units))]) == 0
     out = capsys.readouterr().out
     assert "turns in one direction: taken as a shaft that goes round" in out and "; declare" not in out

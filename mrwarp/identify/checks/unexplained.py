@@ -1,0 +1,128 @@
+"""Why a model explains next to nothing of a torque: what the torque follows instead, as far as plain means show it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mrwarp.recording.data import quantity, with_unit
+
+if TYPE_CHECKING:
+    from mrwarp.identify.dataset import Dataset
+
+EXPLAINS_NOTHING = 0.9
+"""NRMSE from which a model explains next to nothing: four fifths of the torque's variance are left."""
+_HARDLY = 100.0
+"""Range of the angle, in standard deviations of its noise, below which a joint hardly moves."""
+_NOISY = 0.5
+"""Share of the torque's variance that differs from sample to sample from which it is noise mostly."""
+_FOLLOWS = 0.5
+"""Share of what plain laws leave of the torque that something must predict if the torque is to follow it."""
+_PER_BIN, _BINS = 20, (20, 720)
+"""Samples for each bin over the angle, and fewest and most bins: a cogging of 72 per turn has ten bins a period."""
+_BLOCKS = 10
+"""Blocks of a run that take turns in predicting each other: a place comes again in both, if it does at all."""
+_SOFT = 0.05
+"""Share of the usual speed over which dry friction turns its direction."""
+
+
+def explains_nothing(nrmse: float, data: Dataset, units: Mapping[str, str], *, every_effect: bool = False) -> str:
+    """What to check where even the best model misses most of the torque.
+
+    Args:
+        nrmse: Its error over the torque's standard deviation.
+        data: The samples.
+        units: Units of the recording.
+        every_effect: Whether the model was the best with every effect of the catalogue, not eqs. 14 and 15 alone.
+    """
+    what = "eqs. 14 and 15 and every effect of the catalogue explain" if every_effect else "eqs. 14 and 15 explain"
+    name = quantity("torque", units)
+    return f"{what} next to nothing of the {name} (NRMSE {100.0 * nrmse:.1f} %): {_reason(data, units, every_effect)}"
+
+
+def _reason(data: Dataset, units: Mapping[str, str], every_effect: bool) -> str:
+    """The likeliest reason, with what to do about it."""
+    angle, torque = quantity("q", units), quantity("torque", units)
+    reach = [float(np.ptp(data.q[part])) for part in data.parts]
+    noise = [_white(data.q[part]) for part in data.parts]
+    if np.median(reach) < _HARDLY * np.median(noise):
+        covered = with_unit(f"{np.median(reach) * data.scales.q:.2g}", units["q"])
+        times = np.median(reach) / np.median(noise)
+        return (
+            f"the joint hardly moves (the {angle} covers {covered}, {times:.0f} times its noise); move it by at least "
+            "ten times what it takes to make it yield, and try again"
+        )
+    rough = float(np.mean([_white(data.torque[part]) ** 2 for part in data.parts]))
+    if rough > _NOISY * float(data.torque.var()):
+        own = with_unit(f"{np.sqrt(rough) * data.scales.torque:.2g}", units["torque"])
+        return (
+            f"the {torque} hardly rises above its own noise ({own} from sample to sample): move the joint further, "
+            f"raise the {quantity('current', units)}, or use a sensor of a smaller range, and try again"
+        )
+    named = "" if every_effect else "; eq. 14 has no such term: mrwarp diagnose looks for it, and writes the model"
+    rest = _beside(data)
+    qdd = np.concatenate([np.gradient(data.qd[part], dt) for part, dt in zip(data.parts, data.dt, strict=True)])
+    if (share := _followed(rest, _beside(data, qdd))) > _FOLLOWS:
+        return (
+            f"{100.0 * share:.0f} % of what they leave goes with the acceleration, as an inertia's {torque} does{named}"
+        )
+    in_all, in_each = (_followed(rest, rest - _by_place(data, units, rest, own=own)) for own in (False, True))
+    if in_all > _FOLLOWS:
+        return (
+            f"{100.0 * in_all:.0f} % of what they leave comes again at the same {angle} in all runs, as cogging or a "
+            f"weight's {torque} does{named}"
+        )
+    if in_each > _FOLLOWS:
+        return (
+            f"{100.0 * in_each:.0f} % of what they leave comes again at the same {angle} within each run, but "
+            f"{100.0 * max(in_all, 0.0):.0f} % from run to run: a load that depends on the place, such as a weight "
+            f"or a spring, and differs between runs; keep it the same, or take it out of the {torque}, and try again"
+        )
+    return (
+        "check that it was measured at this joint, that the columns belong together, and that the bench prescribed the "
+        "motion; in a log of a walking robot the motion answers to the torque"
+    )
+
+
+def _white(x: np.ndarray) -> float:
+    """Standard deviation of white noise by second differences."""
+    return float(np.diff(x, 2).std()) / np.sqrt(6.0) if len(x) > 2 else 0.0
+
+
+def _followed(whole: np.ndarray, left: np.ndarray) -> float:
+    """Share of the variance that is gone."""
+    return 1.0 - float(left.var()) / max(float(whole.var()), 1e-300)
+
+
+def _beside(data: Dataset, *more: np.ndarray) -> np.ndarray:
+    """The torque without what the plainest laws of a passive joint, and more columns, say, shape (N,)."""
+    rubs = np.tanh(data.qd / (_SOFT * (float(np.percentile(np.abs(data.qd), 95)) or 1.0)))
+    columns = [np.ones_like(rubs), data.qd, rubs, data.q, data.current, data.current * rubs, data.current * data.qd]
+    table = np.column_stack([*columns, *more])
+    table = table / np.maximum(np.abs(table).max(axis=0), 1e-300)
+    return data.torque - table @ np.linalg.lstsq(table, data.torque, rcond=1e-9)[0]
+
+
+def _by_place(data: Dataset, units: Mapping[str, str], rest: np.ndarray, *, own: bool) -> np.ndarray:
+    """What the mean at the same place says of a rest: in the other half of the runs, or of the ``own`` run's blocks."""
+    turn = 2.0 * np.pi / data.scales.q if units["q"] == "rad" else np.inf
+    runs, out = data.parts, np.zeros_like(rest)
+    groups = [[run] for run in runs] if own or len(runs) < 2 else [runs]
+    for group in groups:
+        at = np.concatenate([np.arange(run.start, run.stop) for run in group])
+        if len(group) > 1:
+            half = np.concatenate([np.full(run.stop - run.start, k % 2) for k, run in enumerate(group)])
+        else:
+            half = np.arange(len(at)) * _BLOCKS // len(at) % 2
+        q = data.q[at]
+        place = q % turn if np.ptp(q) > turn else q - q.min()
+        bins = int(np.clip(len(at) // _PER_BIN, *_BINS))
+        index = np.minimum((place / max(float(place.max()), 1e-300) * bins).astype(int), bins - 1)
+        for k in (0, 1):
+            others, mine = half != k, half == k
+            counts = np.bincount(index[others], minlength=bins)
+            means = np.bincount(index[others], rest[at][others], minlength=bins) / np.maximum(counts, 1)
+            out[at[mine]] = means[index[mine]]
+    return out
