@@ -10,7 +10,7 @@ from mrwarp.diagnose.recording_faults import turned_signs
 from mrwarp.diagnose.result import Diagnosis, Error, NextExperiment
 from mrwarp.diagnose.search import Selection
 from mrwarp.diagnose.verdict_text import both, title
-from mrwarp.identify.checks.unexplained import EXPLAINS_NOTHING, explains_nothing
+from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, explains_nothing
 from mrwarp.identify.contradictions import MIN_TRAJECTORIES, contradictions
 from mrwarp.recording.data import Recording, quantity, true_names
 from mrwarp.recording.saturation import CLIPPED, at_limit

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import nnls
 
-from mrwarp.identify.checks.unexplained import EXPLAINS_NOTHING, explains_nothing
+from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, explains_nothing
 from mrwarp.recording.data import Recording, RecordingError, Trajectory, quantity, with_unit
 from mrwarp.recording.differentiate import differentiate
 

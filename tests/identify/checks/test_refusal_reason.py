@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from mrwarp.identify.checks.unexplained import EXPLAINS_NOTHING, explains_nothing
+from mrwarp.identify.checks.refusal_reason import EXPLAINS_NOTHING, explains_nothing
 from mrwarp.identify.contradictions import refuse_unexplained
 from mrwarp.identify.dataset import Dataset
 from mrwarp.identify.fit import fit
