@@ -34,8 +34,10 @@ class Import(Options):
     """the robot's file"""
     out: opt.File
     """USD file to write (.usda, .usdc)"""
+    base: Literal["fixed", "free"] | None = None
+    """whether the trunk is held, as an arm's base, or floats (default: as the file says, or asked)"""
     pose: ANGLES = ()
-    """neutral angles [rad] (default: the first keyframe, else a solved stance)"""
+    """neutral angles [rad] (default: a keyframe in which the robot stands, else a solved stance)"""
     kp: POSITIVE = ()
     """gains [N·m/rad] (default: the file's position actuators, else 1.5/rad of the torque limit)"""
     kd: NOT_NEGATIVE = ()
@@ -45,9 +47,9 @@ class Import(Options):
     armature: NOT_NEGATIVE = ()
     """rotor inertias at the joints [kg·m²] (default: the file's, else 5 ms of Kd)"""
     unlimited: Annotated[tuple[str, ...], opt.some(str, "JOINT")] = ()
-    """joints that may turn without limits"""
+    """joints that may turn without limits, which is not noted then"""
     feet: Annotated[tuple[str, ...], opt.some(str, "BODY")] = ()
-    """last bodies of the legs (default: the ends of chains that hang lowest)"""
+    """last bodies of the legs (default: the ends of chains that stand in --pose or a keyframe, else hang lowest)"""
     fix: Annotated[tuple[str, ...], opt.some(str, "JOINT")] = ()
     """joints that are held at their neutral angle, as those of arms"""
     gait: Literal["trot", "alternate", "tripod"] | None = None
@@ -63,8 +65,9 @@ class Import(Options):
 
     def run(self, line: CommandLine) -> int:
         """0 done, 2 on bad input."""
+        from mrwarp.robots.drives import Choices
         from mrwarp.robots.foreign import prim_pattern
-        from mrwarp.robots.legs import Choices, understand
+        from mrwarp.robots.legs import understand
         from mrwarp.robots.read_robot import read_robot
         from mrwarp.robots.urdf import Meshes
         from mrwarp.usd.asset import ROBOT_SUFFIXES
@@ -91,7 +94,7 @@ class Import(Options):
             fix=tuple(map(prim_pattern, self.fix)),
             forward=self.forward,
         )
-        robot = read_robot(self.file, Meshes(packages=self.packages, skip=self.skip_meshes))
+        robot = read_robot(self.file, Meshes(packages=self.packages, skip=self.skip_meshes), self.base)
         understood = understand(robot, choices)
         print(f"{self.file} is understood; trying it out in the simulation ...", flush=True)
         from mrwarp.robots.robot_table import layout_lines

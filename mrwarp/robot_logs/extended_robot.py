@@ -14,8 +14,9 @@ from pxr import Usd
 
 from mrwarp.robot_logs.robot_log import LogError
 from mrwarp.robot_logs.robot_verdict import RobotDiagnosis
+from mrwarp.robots.drives import Choices
 from mrwarp.robots.foreign import RobotFileError
-from mrwarp.robots.legs import Choices, understand
+from mrwarp.robots.legs import understand
 from mrwarp.robots.read_robot import read_robot
 from mrwarp.robots.write_robot import save_checked, write_checked
 from mrwarp.run_dir import plain, write_text

@@ -10,8 +10,16 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from mrwarp.robots.guesses import Guess
+
 FREE_LIMIT = 20.0 * math.pi
-"""A joint whose limits are further apart counts as one without limits [rad]."""
+"""Limits that are further apart are none of a joint: they are in degrees, or stand for no limits [rad]."""
+
+NO_LIMITS = 1440.0
+"""Limits that are further apart stand for no limits, as 1e10 does: two turns each way, were they in degrees."""
+
+BASES = ("fixed", "free")
+"""Whether a robot's root stands still or floats."""
 
 SHAPES = ("sphere", "capsule", "cylinder", "box", "mesh")
 """Kinds of shapes that are taken over."""
@@ -63,7 +71,7 @@ class Joint:
     torque_limit: float | None = None
     """Of the file's actuator [N·m]; None: it has none."""
     home: float | None = None
-    """Angle in the file's keyframe [rad]; None: it has no keyframe."""
+    """Angle in the file's first keyframe [rad]; None: it has no keyframe."""
 
     def place(self, q: float) -> RigidTransform:
         """The child in the parent's frame, at an angle [rad] or, of a slide, a way [m]."""
@@ -121,6 +129,17 @@ class Coupling:
         return f"take it out there, or say --fix {self.joints[0]}"
 
 
+@dataclass(frozen=True, kw_only=True)
+class Keyframe:
+    """A pose of the file, in which the robot need not stand."""
+
+    name: str
+    angles: Mapping[str, float]
+    """[rad], by joint."""
+    lean: float
+    """How far the root leans from upright [rad]."""
+
+
 @dataclass(kw_only=True)
 class ForeignRobot:
     """What a file says."""
@@ -133,9 +152,13 @@ class ForeignRobot:
     root: int
     """The body that floats, or that stands on the ground."""
     floating: bool
+    base_said: str
+    """Who says whether the root floats: ``file``, ``user``, or nobody, which is an empty text."""
     couplings: list[Coupling] = field(default_factory=list)
     """What makes it more than a tree."""
-    notes: list[str] = field(default_factory=list)
+    keyframes: list[Keyframe] = field(default_factory=list)
+    """Poses of the file, first the one that is called a stance."""
+    notes: list[Guess] = field(default_factory=list)
     """What was left out."""
 
     @property
@@ -157,6 +180,14 @@ class ForeignRobot:
         for joint in self.joints if joints is None else joints:  # parents come first
             found[joint.child] = found[joint.parent] * joint.place(q.get(joint.name, 0.0))
         return [found.get(i, found[self.root]) for i in range(len(self.bodies))]
+
+    def carried(self, joint: Joint) -> set[int]:
+        """Bodies that a joint carries."""
+        found = {joint.child}
+        for other in self.joints:  # parents come first
+            if other.parent in found:
+                found.add(other.child)
+        return found
 
     def fixed(self, angles: Mapping[str, float]) -> ForeignRobot:
         """The robot with some joints held at angles [rad]: what they carried is part of the body before them."""

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from mrwarp.robots.foreign import (
-    FREE_LIMIT,
+    NO_LIMITS,
     SHAPES,
     Body,
     Coupling,
@@ -22,6 +22,7 @@ from mrwarp.robots.foreign import (
     Shape,
     prim_names,
 )
+from mrwarp.robots.guesses import Guess, Subject
 from mrwarp.run_dir import one_line
 from mrwarp.runtime import quiet_libraries, silent
 
@@ -29,12 +30,13 @@ KINDS = {"REVOLUTE": "hinge", "PRISMATIC": "slide"}
 """Kinds of joints by the field's words; others keep Newton's, in small letters."""
 
 
-def read_by_newton(path: Path, add: Callable[[Any], Any]) -> ForeignRobot:
+def read_by_newton(path: Path, add: Callable[[Any], Any], base: str | None) -> ForeignRobot:
     """Read a URDF or USD file.
 
     Args:
         path: The file.
         add: Puts its content into a builder.
+        base: One of :data:`BASES`, in place of what the file says.
 
     Raises:
         RobotFileError: it cannot be read, has no bodies or two trunks, or joins the world by a joint.
@@ -52,7 +54,7 @@ def read_by_newton(path: Path, add: Callable[[Any], Any]) -> ForeignRobot:
         text = one_line(error)
         more = ", or say --skip-meshes" if text.startswith("Mesh file") else ""
         raise RobotFileError(f"{path}: Newton cannot read it ({text}); correct it there{more}") from None
-    return _robot(path, builder)
+    return _robot(path, builder, base)
 
 
 def add_stage(builder: Any, stage: Any) -> None:
@@ -63,7 +65,7 @@ def add_stage(builder: Any, stage: Any) -> None:
     builder.add_usd(stage, collapse_fixed_joints=True, schema_resolvers=resolvers)
 
 
-def _robot(path: Path, builder: Any) -> ForeignRobot:
+def _robot(path: Path, builder: Any, base: str | None) -> ForeignRobot:
     """The builder's content."""
     if not builder.body_label:
         raise RobotFileError(f"{path}: there is no body that could move; is it a robot's file?")
@@ -89,8 +91,14 @@ def _robot(path: Path, builder: Any) -> ForeignRobot:
         elif parent < 0:
             if root is not None:
                 raise RobotFileError(f"{path}: {bodies[root].name} and {bodies[child].name} are two trunks; remove one")
-            root, floating = child, kind == JointType.FREE
+            root, floating = child, base == "free" or (base is None and kind == JointType.FREE)
             if kind in (JointType.REVOLUTE, JointType.PRISMATIC):
+                if base == "free":
+                    raise RobotFileError(
+                        f"{path}: --base free: {labels[i]} joins {bodies[child].name} to the world, so that no base is "
+                        "left to float; put a body between them there, or leave --base out"
+                    )
+                floating = False
                 root = len(bodies)
                 bodies.append(Body(name="base", mass=0.0, com=np.zeros(3), inertia=np.zeros((3, 3))))
                 joints.append(_joint(builder, i, root, child, names[i]))
@@ -104,7 +112,8 @@ def _robot(path: Path, builder: Any) -> ForeignRobot:
     if root is None:
         raise RobotFileError(f"{path}: no body is the root of the others; is it a robot's file?")
     shapes, notes = _shapes(builder)
-    placed = _transform(builder.body_q[root]).rotation if floating else Rotation.identity()
+    whole = root < len(builder.body_q)  # else it is the world, and has no place
+    placed = _transform(builder.body_q[root]).rotation if whole else Rotation.identity()
     return ForeignRobot(
         path=path,
         name=prim_names([path.stem])[0],
@@ -113,6 +122,7 @@ def _robot(path: Path, builder: Any) -> ForeignRobot:
         shapes=shapes,
         root=root,
         floating=floating,
+        base_said="user" if base else "file",
         couplings=couplings,
         notes=notes,
     ).upright(placed)
@@ -143,7 +153,7 @@ def _joint(builder: Any, i: int, parent: int, child: int, name: str) -> Joint:
         in_parent=_transform(builder.joint_X_p[i]),
         in_child=_transform(builder.joint_X_c[i]),
         axis=axis / max(float(np.linalg.norm(axis)), 1e-9),
-        limits=(low, high) if low < high and high - low <= FREE_LIMIT else None,
+        limits=(low, high) if low < high and high - low <= NO_LIMITS else None,
         armature=float(builder.joint_armature[dof]),
         kp=kp or None,
         kd=kd or None,
@@ -151,7 +161,7 @@ def _joint(builder: Any, i: int, parent: int, child: int, name: str) -> Joint:
     )
 
 
-def _shapes(builder: Any) -> tuple[list[Shape], list[str]]:
+def _shapes(builder: Any) -> tuple[list[Shape], list[Guess]]:
     from newton import GeoType, ShapeFlags
 
     shapes, left_out = [], 0
@@ -177,7 +187,8 @@ def _shapes(builder: Any) -> tuple[list[Shape], list[str]]:
                 faces=None if mesh is None else np.array(mesh.indices).reshape(-1, 3),
             )
         )
-    return shapes, [f"{left_out} shapes of other kinds were left out"] if left_out else []
+    text = f"{left_out} shapes of other kinds were left out"
+    return shapes, [Guess(subject=Subject.OMITTED, text=text)] if left_out else []
 
 
 def _transform(value: Any) -> RigidTransform:

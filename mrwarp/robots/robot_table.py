@@ -9,7 +9,7 @@ from pxr import Usd, UsdGeom
 
 from mrwarp.usd.asset import RobotAsset, masses
 from mrwarp.usd.robot import MR_GO
-from mrwarp.usd.robot_layout import NO_LIMIT, read_notes
+from mrwarp.usd.robot_layout import NO_LIMIT, WEIGHTLESS, read_notes
 
 MIRROR = 0.2
 """How far a leg's mirror image may be from another leg that it mirrors, as a share of the feet's distance from the
@@ -23,8 +23,10 @@ def layout_lines(asset: RobotAsset) -> Iterator[str]:
     total, devices = masses(asset), sum(a.mr is not None for a in asset.actuators)
     mass, own = sum(total.values()), total[layout.trunk]
     what = f"{mass:.2f} kg, trunk {layout.trunk} ({own:.2f} kg), {len(layout.legs)} legs"
-    if not layout.legs:  # its base stands still: any mass stands for it
+    if not layout.legs and asset.stage.GetPrimAtPath(base.AppendChild(layout.trunk)).HasAttribute(WEIGHTLESS):
         what = f"{mass - own:.2f} kg on {layout.trunk}, which stands still, 0 legs"
+    elif not layout.legs:
+        what = f"{mass:.2f} kg, {mass - own:.2f} kg of it on {layout.trunk} ({own:.2f} kg), which stands still, 0 legs"
     yield f"{asset.path.name}: {what}, {len(layout.joints)} joints, {devices} MR devices"
     width = max(len(name) for name in layout.joints)
     head = f"{'joint':{width}s}  {'leg':8s} {'stance':>8s} {'limits [rad]':>16s}"
@@ -66,6 +68,11 @@ def layout_lines(asset: RobotAsset) -> Iterator[str]:
             f"no gates: {why} {', '.join(bare[:3])}{' and others' if bare[3:] else ''}; the coil gets its current all "
             "the time, and the device holds wherever the joint is slow"
         )
+    yield from guess_lines(asset)
+
+
+def guess_lines(asset: RobotAsset) -> Iterator[str]:
+    """What was guessed when the robot was imported, first what would change it most."""
     for note in read_notes(asset.stage):
         yield f"note: {note}"
 

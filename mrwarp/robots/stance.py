@@ -18,6 +18,10 @@ CROUCH, UPRIGHT = 0.73, 0.90
 knee bears half the weight, that of Unitree's H1 (hip 0.4, knee 0.8 rad: 0.89) and G1 (0.31, 0.67 rad: 0.91) in public
 policies; with feet that reach forwards a straight leg has 0.96."""
 
+NEARLY_LEVEL, BENT = 0.003, (0.4, 0.95)
+"""Grounds of legs that differ by less than this are one [m]; and how far a leg bends or stretches so that its foot is
+on the common ground, as a share of its reach."""
+
 PARALLEL = 0.9
 """Cosine from which on two axes of a leg count as parallel: they bend it in one plane."""
 
@@ -36,6 +40,8 @@ class Foot:
     """The file's own sphere; None: one was put where the leg is lowest."""
     sole: bool = False
     """Whether all shapes of the body, and of what it carries, bear the load."""
+    box: Shape | None = None
+    """The box that stands for a sole that is a mesh."""
 
 
 class _Plane:
@@ -61,6 +67,7 @@ class _Plane:
         self.lateral = lateral * (-1.0 if lateral[1] < -1e-6 else 1.0)
         self.forward = np.cross(self.lateral, [0.0, 0.0, 1.0])
         points = [*(self.point(poses, joint) for joint in self.bends), self.sole(poses)]
+        self.hip = float(points[0][2])
         links = np.diff(points, axis=0)
         self.reach = float(np.linalg.norm(links - np.outer(links @ axes[most], axes[most]), axis=1).sum())
         self.beside = float((points[-1] - points[0]) @ self.lateral)
@@ -77,6 +84,15 @@ class _Plane:
     def sole(self, poses: Sequence[RigidTransform]) -> np.ndarray:
         """The foot's place [m]."""
         return poses[self.foot.body].apply(self.foot.centre)
+
+
+def _shares(planes: Sequence[_Plane]) -> list[float]:
+    """Share of its reach at which each leg stands, so that all stand on one ground though their hips be not level."""
+    share = UPRIGHT if len(planes) == 2 else CROUCH
+    grounds = [plane.hip - share * plane.reach for plane in planes]
+    if np.ptp(grounds) <= NEARLY_LEVEL:
+        return [share] * len(planes)
+    return [float(np.clip((plane.hip - np.mean(grounds)) / plane.reach, *BENT)) for plane in planes]
 
 
 def solve_stance(
@@ -100,9 +116,9 @@ def solve_stance(
         stretched: Angles with which the legs hang stretched [rad].
         chosen: Angles that the user gave [rad].
     """
-    pose, share = dict(pose), UPRIGHT if len(legs) == 2 else CROUCH
-    for leg, foot in zip(legs, feet, strict=True):
-        plane = _Plane(robot, leg, foot, stretched)
+    pose = dict(pose)
+    planes = [_Plane(robot, leg, foot, stretched) for leg, foot in zip(legs, feet, strict=True)]
+    for plane, share in zip(planes, _shares(planes), strict=True):
         free = [joint for joint in plane.joints if joint.name not in chosen]
         if not free:
             continue
@@ -113,7 +129,7 @@ def solve_stance(
         def angles(q: np.ndarray, free: Sequence[Joint] = free) -> dict[str, float]:
             return {**pose, **{joint.name: float(x) for joint, x in zip(free, q, strict=True)}}
 
-        def miss(q: np.ndarray, plane: _Plane = plane) -> np.ndarray:
+        def miss(q: np.ndarray, plane: _Plane = plane, share: float = share) -> np.ndarray:
             poses = plane.poses(angles(q))
             away = (plane.sole(poses) - plane.point(poses, plane.bends[0])) / plane.reach
             up = poses[plane.foot.body].rotation.apply(plane.up)
@@ -156,10 +172,7 @@ def standing_torques(robot: ForeignRobot, feet: Sequence[Foot], pose: Mapping[st
     forces = even + np.linalg.lstsq(balance, wanted - balance @ even, rcond=None)[0]
     torques = {}
     for joint in robot.joints:
-        carried = {joint.child}
-        for other in robot.joints:  # parents come first
-            if other.parent in carried:
-                carried.add(other.child)
+        carried = robot.carried(joint)
         frame = poses[joint.parent] * joint.in_parent
         moment = sum(np.cross(centres[b] - frame.translation, [0.0, 0.0, -weights[b]]) for b in carried)
         for foot, point, force in zip(feet, points, forces, strict=True):

@@ -32,14 +32,29 @@ class Urdf:
 
     text: str
     """XML whose meshes have absolute paths."""
-    floating: bool
-    """Whether it floats: its root link is not called world."""
+    base: str | None
+    """Whether its root floats or is held, one of :data:`BASES`; None: hinges or sliders join it to the link world."""
+    base_said: bool
+    """Whether the file says so, by such a link."""
+    mount: tuple[list[float], list[float]]
+    """Where the link world bears the root: place [m] and roll, pitch, yaw [rad]."""
+    notes: list[str]
+    """What was taken of the base."""
     mimics: dict[str, str]
     """Joints that follow another one, and which."""
 
 
-def checked_urdf(path: Path, meshes: Meshes) -> Urdf:
+GROUND = "world"
+"""The link that stands still, by convention."""
+
+
+def checked_urdf(path: Path, meshes: Meshes, base: str | None) -> Urdf:
     """Check names, tree, limits and meshes of a URDF.
+
+    Args:
+        path: The file.
+        meshes: Where its meshes are, or that all are left out.
+        base: One of :data:`BASES`, in place of what the file says.
 
     Raises:
         RobotFileError: it is no URDF; names are missing or stand twice; links are not one tree; limits are turned
@@ -54,7 +69,9 @@ def checked_urdf(path: Path, meshes: Meshes) -> Urdf:
     if next((e for e in root.iter() if "xacro" in e.tag), None) is not None:
         raise RobotFileError(f"{path}: it holds xacro macros; expand them first: xacro {path.name} > robot.urdf")
     _check_numbers(path, root)
-    root_link = _check_tree(path, root)
+    notes = _add_ground(root)
+    mount, said = ([0.0] * 3, [0.0] * 3), _check_tree(path, root) == GROUND
+    base = (base or "free") if not said else _off_the_ground(path, root, base, mount)
     for limit in root.iterfind("joint[@type='continuous']/limit"):  # it has none there, but Newton would take them
         for which in ("lower", "upper"):
             limit.attrib.pop(which, None)
@@ -66,9 +83,50 @@ def checked_urdf(path: Path, meshes: Meshes) -> Urdf:
     followed = {j.get("name", ""): j.find("mimic") for j in root.findall("joint")}
     return Urdf(
         text=ET.tostring(root, encoding="unicode"),
-        floating=root_link != "world",
+        base=base,
+        base_said=said,
+        mount=mount,
+        notes=notes,
         mimics={name: mimic.get("joint", "") for name, mimic in followed.items() if mimic is not None},
     )
+
+
+def _add_ground(root: ET.Element) -> list[str]:
+    """Add the link that stands still, where a joint names it and the file lacks it; returns a note."""
+    named = [joint for joint in root.iterfind("joint") for end in joint.iterfind("parent") if end.get("link") == GROUND]
+    if not named or any(link.get("name") == GROUND for link in root.iterfind("link")):
+        return []
+    ET.SubElement(root, "link", name=GROUND)
+    return [f"joint {named[0].get('name')} names a link {GROUND} that the file lacks: it was taken as the ground"]
+
+
+def _off_the_ground(
+    path: Path, root: ET.Element, base: str | None, mount: tuple[list[float], list[float]]
+) -> str | None:
+    """Take the ground off, and its one joint that is fixed or floating, whose place goes into ``mount``.
+
+    Returns:
+        Whether the root floats or is held; None: other joints lead to the ground, which stays.
+
+    Raises:
+        RobotFileError: the user lets a robot float which such joints join to the ground.
+    """
+    own = [joint for joint in root.iterfind("joint") for end in joint.iterfind("parent") if end.get("link") == GROUND]
+    kinds = [joint.get("type") for joint in own]
+    if kinds not in (["fixed"], ["floating"]):
+        if base == "free":
+            names = ", ".join(str(joint.get("name")) for joint in own)
+            raise RobotFileError(
+                f"{path}: --base free: {names} join the robot to the link {GROUND}, so that no base is left to float; "
+                "leave --base out"
+            )
+        return None
+    for origin in own[0].iterfind("origin"):
+        for numbers, name in zip(mount, ("xyz", "rpy"), strict=True):
+            numbers[:] = [float(word) for word in origin.get(name, "0 0 0").split()]
+    root.remove(own[0])
+    root.remove(next(link for link in root.iterfind("link") if link.get("name") == GROUND))
+    return base or {"fixed": "fixed", "floating": "free"}[kinds[0] or ""]
 
 
 TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")

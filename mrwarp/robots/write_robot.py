@@ -13,11 +13,11 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from mrwarp.env.asset_trial import convert
-from mrwarp.robots.foreign import Joint, Shape
+from mrwarp.robots.foreign import Body, Joint, Shape
 from mrwarp.robots.legs import Foot, UnderstoodRobot
 from mrwarp.usd.asset import RobotAsset, load_robot
 from mrwarp.usd.open_stage import AssetError
-from mrwarp.usd.robot_layout import NO_LIMIT, write_layout
+from mrwarp.usd.robot_layout import NO_LIMIT, WEIGHTLESS, write_layout
 
 FRICTION_OF_CONSTRAINTS = {"mjc:solimpfriction": (0.9999, 0.9999, 0.001, 0.5, 2.0), "mjc:solreffriction": (0.01, 1.0)}
 """How stiff MuJoCo's dry friction is, which carries the brake of an MR device; see ``assets/usd/mr_go.usda``."""
@@ -56,7 +56,8 @@ def write_checked(understood: UnderstoodRobot, path: Path, *, source: str) -> Ro
     poses = robot.poses({})
     feet = {foot.body: (leg, foot) for leg, foot in zip(layout.legs, understood.feet, strict=True)}
     for k, body in enumerate(robot.bodies):
-        if k == robot.root and not robot.floating:  # it stands still: any mass does
+        weightless = k == robot.root and not robot.floating and not _is_solid(body)
+        if weightless:  # it stands still: any mass does
             body = replace(body, mass=1.0, inertia=0.01 * np.eye(3))
         prim = UsdGeom.Xform.Define(stage, f"{base}/{body.name}").GetPrim()
         _apply(prim, "PhysicsRigidBodyAPI", "PhysicsMassAPI")
@@ -64,6 +65,8 @@ def write_checked(understood: UnderstoodRobot, path: Path, *, source: str) -> Ro
         moments, axes = np.linalg.eigh(body.inertia)
         turn = Rotation.from_matrix(axes * np.sign(np.linalg.det(axes)))
         _set(prim, "physics:mass", TYPES.Float, body.mass)
+        if weightless:
+            _set(prim, WEIGHTLESS, TYPES.Bool, True)
         _set(prim, "physics:centerOfMass", TYPES.Point3f, Gf.Vec3f(*map(float, body.com)))
         _set(prim, "physics:diagonalInertia", TYPES.Float3, Gf.Vec3f(*map(float, moments)))
         _set(prim, "physics:principalAxes", TYPES.Quatf, Gf.Quatf(_quat(turn)))
@@ -91,6 +94,12 @@ def write_checked(understood: UnderstoodRobot, path: Path, *, source: str) -> Ro
             _set(motor, f"newton:{attribute}", TYPES.Float, value)
     write_layout(stage, layout, understood.notes)
     return save_checked(stage.GetRootLayer(), path)
+
+
+def _is_solid(body: Body) -> bool:
+    """Whether a body has a mass, and an inertia that a body can have."""
+    moments = np.linalg.eigvalsh(body.inertia)
+    return body.mass > 0.0 and 0.0 < moments[0] and moments[2] <= moments[0] + moments[1]
 
 
 def save_checked(layer: Sdf.Layer, path: Path) -> RobotAsset:

@@ -37,6 +37,9 @@ NO_LIMIT = 7200.0
 NOTES = "mrwarp:notes"
 """Attribute of the default prim."""
 
+WEIGHTLESS = "mrwarp:weightless"
+"""Attribute of a trunk that stands still and whose mass the robot's file does not give: its own mass says nothing."""
+
 
 def read_layout(stage: Usd.Stage, file: Path) -> Layout:
     """The layout that a stage holds.

@@ -63,3 +63,36 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
         return path
 
     return write
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Callable[..., Path]:
+    """Writes a robot of its legs."""
+
+    def write(
+        inner: str,
+        *,
+        limit: float = 30.0,
+        kp: float = 40.0,
+        root: str = "",
+        more: str = "",
+        free: bool = True,
+        head: str = "",
+        passive: str = "nothing",
+        **_: object,
+    ) -> Path:
+        names = [part.split('"')[0] for part in inner.split('<joint name="')[1:]]
+        names = [name for name in names if passive not in name]
+        servo = f'kp="{kp}" forcerange="-{limit} {limit}"'
+        servos = "".join(f'<position joint="{name}" {servo}/>' for name in names)
+        path = tmp_path / "strange.xml"
+        path.write_text(
+            f'<mujoco><compiler angle="radian"/>{head}<worldbody><body name="trunk" pos="0 0 1" {root}>'
+            f"{'<freejoint/>' * free}"
+            '<inertial pos="0 0 0" mass="8" diaginertia="0.1 0.1 0.1"/><geom type="box" size="0.12 0.1 0.045"/>'
+            f"{inner}</body></worldbody><actuator>{servos}</actuator>{more}</mujoco>",
+            encoding="utf-8",
+        )
+        return path
+
+    return write

@@ -10,6 +10,9 @@ import trimesh
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 
 from mrwarp.cli import main
+from mrwarp.robots.drives import Choices
+from mrwarp.robots.legs import understand
+from mrwarp.robots.read_robot import read_robot
 from mrwarp.usd.asset import RobotAsset, load_robot, masses
 
 PLACES = {"LF": (0.2, 0.1), "RF": (0.2, -0.1), "LH": (-0.2, 0.1), "RH": (-0.2, -0.1)}
@@ -279,10 +282,6 @@ BAD_DOGS: dict[str, tuple[dict, tuple[str, ...]]] = {
         ("link a", "after itself", "closed loop"),
     ),
     "a mesh without a name": ({"more": camera("")}, ("link camera", "without filename", "--skip-meshes")),
-    "a wheel": (
-        {"more": EXTRA.format(kind="continuous", limit=LIMIT)},  # which the format ignores there
-        ("spin", "no limits", "--unlimited spin"),
-    ),
     "an inertia of no body": (
         {"more": EXTRA.format(kind="revolute", limit=LIMIT).replace('izz="0.01"', 'izz="0.03"')},
         ("body extra", "0.01, 0.01, 0.03", "none is larger"),
@@ -296,6 +295,17 @@ def test_bad_urdf_robots(what: str, tmp_path: Path, capsys: pytest.CaptureFixtur
     """Each names the place and what to write."""
     choices, parts = BAD_DOGS[what]
     refused(urdf(tmp_path, **choices), parts, capsys)
+
+
+def test_joints_without_limits_turn_freely(tmp_path: Path) -> None:
+    """Of a URDF's continuous joint, whose limits the format ignores, and of a USD joint; each is noted, unless said."""
+    spins = urdf(tmp_path, EXTRA.format(kind="continuous", limit=LIMIT))
+    drops = usd(tmp_path, lambda stage: _drop(stage, "/dog/trunk/LF_HAA", "physics:lowerLimit"))
+    for path, name in ((spins, "spin"), (drops, "LF_HAA")):
+        found = understand(read_robot(path), Choices())
+        assert [joint.name for joint in found.robot.joints if joint.limits is None] == [name]
+        assert any(f"no limits for {name}:" in note and "--unlimited" in note for note in found.notes)
+        assert not any("no limits" in n for n in understand(read_robot(path), Choices(unlimited=(name,))).notes)
 
 
 def test_a_gripper_is_held_where_it_is(tmp_path: Path) -> None:
@@ -339,7 +349,6 @@ BAD_USD: dict[str, tuple[Callable[[Usd.Stage], None], tuple[str, ...]]] = {
     "a closed loop": (_tie, ("joint tie", "LF_shank and RF_shank", "loop")),
     "centimetres": (lambda stage: UsdGeom.SetStageMetersPerUnit(stage, 0.01), ("metersPerUnit is 0.01", "metres")),
     "y up": (lambda stage: UsdGeom.SetStageUpAxis(stage, "Y"), ("upAxis is Y", "Z up")),
-    "no limits": (lambda stage: _drop(stage, "/dog/trunk/LF_HAA", "physics:lowerLimit"), ("LF_HAA", "--unlimited")),
     "no torque limit": (
         lambda stage: _drop(stage, "/dog/trunk/LF_HAA", "drive:angular:physics:maxForce"),
         ("LF_HAA", "--torque-limit"),

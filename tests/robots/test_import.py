@@ -182,10 +182,10 @@ BAD = {
     "a gait of other robots": ({}, ["--gait", "tripod"], ("tripod", "6 legs", "4")),
     "a stance beyond limits": ({}, ["--pose", "*_knee=0.5"], ("_knee", "0.500 rad", "-2.600 to -0.400")),
     "a foot that is none": ({}, ["--feet", "torso"], ("torso", "leg_a_lower")),
-    "a joint without limits": (
+    "a joint without a motor": (
         {"tail": JOINT.format(kind="hinge", inertial='<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>')},
         [],
-        ("extra", "no limits", "--unlimited extra"),
+        ("extra", "no torque limit where other joints have an actuator", "--fix extra", "--torque-limit 'extra=NM'"),
     ),
     "a body without mass": ({"tail": JOINT.format(kind="hinge", inertial="")}, [], ("mass",)),
     "a mesh that is missing": (

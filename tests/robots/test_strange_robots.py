@@ -13,8 +13,9 @@ import pytest
 
 from mrwarp.cli import main
 from mrwarp.env.sim_model import build_scene
+from mrwarp.robots.drives import Choices
 from mrwarp.robots.foreign import RobotFileError
-from mrwarp.robots.legs import Choices, UnderstoodRobot, understand
+from mrwarp.robots.legs import UnderstoodRobot, understand
 from mrwarp.robots.read_robot import read_robot
 from mrwarp.usd.asset import load_robot
 
@@ -85,28 +86,6 @@ def key(knee: float, pitch: float) -> str:
     return f'<keyframe><key name="rest" qpos="0 0 1 1 0 0 0 {f"0 {pitch} {knee} " * 4}"/></keyframe>'
 
 
-@pytest.fixture
-def file(tmp_path: Path) -> Callable[..., Path]:
-    """Writes a robot of its legs."""
-
-    def write(
-        inner: str, *, limit: float = 30.0, kp: float = 40.0, root: str = "", more: str = "", **_: object
-    ) -> Path:
-        names = [part.split('"')[0] for part in inner.split('<joint name="')[1:]]
-        servo = f'kp="{kp}" forcerange="-{limit} {limit}"'
-        servos = "".join(f'<position joint="{name}" {servo}/>' for name in names)
-        path = tmp_path / "strange.xml"
-        path.write_text(
-            f'<mujoco><compiler angle="radian"/><worldbody><body name="trunk" pos="0 0 1" {root}><freejoint/>'
-            '<inertial pos="0 0 0" mass="8" diaginertia="0.1 0.1 0.1"/><geom type="box" size="0.12 0.1 0.045"/>'
-            f"{inner}</body></worldbody><actuator>{servos}</actuator>{more}</mujoco>",
-            encoding="utf-8",
-        )
-        return path
-
-    return write
-
-
 def legs_of(found: UnderstoodRobot) -> dict[str, tuple[str, ...]]:
     """Joints by leg."""
     return {leg.name: leg.joints for leg in found.layout.legs}
@@ -162,7 +141,7 @@ ROBOTS: dict[str, tuple[dict, Choices, Sequence[str], Sequence[str]]] = {
         {"inner": "".join(leg(name, *at, shank=WHEEL.replace("{}", name)) for name, at in PLACES.items())},
         Choices(unlimited=("*_spin",)),
         ("FL", "FR", "RL", "RR"),
-        ("FL_roll", "FL_pitch", "FL_knee", "FL_spin"),
+        ("FL_roll", "FL_pitch", "FL_knee"),
     ),
     "two joints a leg": (
         {"inner": "".join(leg(name, *at) for name, at in PLACES.items())},

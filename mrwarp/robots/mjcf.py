@@ -1,0 +1,387 @@
+"""A robot's MJCF, as MuJoCo compiles it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import trimesh
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from mrwarp.robots.foreign import (
+    NO_LIMITS,
+    Body,
+    Coupling,
+    ForeignRobot,
+    Joint,
+    Keyframe,
+    RobotFileError,
+    Shape,
+    joined,
+    prim_names,
+)
+from mrwarp.robots.guesses import Guess, Subject
+from mrwarp.run_dir import one_line
+from mrwarp.runtime import silent
+
+GEOMS = {
+    mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
+    mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
+    mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
+    mujoco.mjtGeom.mjGEOM_BOX: "box",
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID: "mesh",
+    mujoco.mjtGeom.mjGEOM_MESH: "mesh",
+}
+"""Kinds of geoms that are taken over, and as what."""
+
+KINDS = {
+    mujoco.mjtJoint.mjJNT_HINGE: "hinge",
+    mujoco.mjtJoint.mjJNT_SLIDE: "slide",
+    mujoco.mjtJoint.mjJNT_BALL: "ball",
+    mujoco.mjtJoint.mjJNT_FREE: "free",
+}
+"""Kinds of joints by the field's words."""
+
+
+SPLIT = 0.01
+"""Share of a body's mass and inertia that each link has which is put between two of its joints."""
+
+STANCES = ("home", "stand", "standing", "default")
+"""Names of keyframes that are a stance, tried before others."""
+
+
+def read_mjcf(path: Path, skip_meshes: bool, base: str | None) -> ForeignRobot:
+    """Read an MJCF.
+
+    Args:
+        path: The file.
+        skip_meshes: Whether all meshes are left out.
+        base: One of :data:`BASES` in place of what the file says; None: a free joint lets it float.
+
+    Raises:
+        RobotFileError: MuJoCo cannot compile it, a value is NaN, there are two trunks or none, or the base slides.
+    """
+    warned: list[str] = []
+    mujoco.set_mju_user_warning(warned.append)  # else it writes MUJOCO_LOG.TXT
+    try:
+        with silent():
+            spec = mujoco.MjSpec.from_file(str(path))
+            _strip(spec, skip_meshes)
+            model = spec.compile()
+    except Exception as error:  # ValueError of the compiler, but also of what reads meshes
+        text = one_line(error)
+        remedy = "correct it there"
+        if "Error opening file" in text:
+            remedy = "put it there" if "'include'" in text else "put it there, or say --skip-meshes"
+        raise RobotFileError(f"{path}: MuJoCo cannot read it ({text}); {remedy}") from None
+    finally:
+        mujoco.set_mju_user_warning(None)
+    if any("NaN" in text for text in warned):  # it stands for a default there
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        line = next((k for k, text in enumerate(lines, 1) if re.search(r"\bnan\b", text, re.IGNORECASE)), None)
+        where = f", line {line}" if line else " or a file that it includes"
+        raise RobotFileError(f"{path}{where}: a value is NaN; write a number in its place")
+    return _Compiled(path, model, base).robot()
+
+
+def _strip(spec: mujoco.MjSpec, meshes: bool) -> None:
+    """Take out what is not read, whether its files are there or not: textures, height fields, meshes if asked."""
+    for geom in list(spec.geoms):
+        if geom.hfieldname or (meshes and geom.meshname):
+            spec.delete(geom)
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    for element in (*spec.textures, *spec.hfields, *(spec.meshes if meshes else ())):
+        spec.delete(element)
+
+
+class _Compiled:
+    """A compiled model as bodies between which joints are: bodies without a joint belong to the one before them."""
+
+    def __init__(self, path: Path, model: mujoco.MjModel, base: str | None) -> None:
+        self.path, self.model, self.base = path, model, base
+        self.labels = [model.body(i).name or f"body_{i}" for i in range(model.nbody)]
+        self.joint_labels = [model.joint(i).name or f"joint_{i}" for i in range(model.njnt)]
+        self.paired = {*model.pair_geom1, *model.pair_geom2}
+        self.root, self.floating = self._root()
+        # body that each belongs to, and its place there; -1: scenery
+        self.owner = np.full(model.nbody, -1)
+        self.place = [RigidTransform.identity()] * model.nbody
+        for i in range(model.nbody):
+            parent = model.body_parentid[i]
+            if i == self.root or (model.body_jntnum[i] and self.owner[parent] >= 0):
+                self.owner[i] = i
+            elif i:
+                self.owner[i] = self.owner[parent]
+                self.place[i] = self.place[parent] * _transform(model.body_pos[i], model.body_quat[i])
+
+    def _root(self) -> tuple[int, bool]:
+        """The body that floats, or would; else the world, of which the base is a part."""
+        model = self.model
+        free = [int(model.jnt_bodyid[j]) for j in range(model.njnt) if self._kind(j) == mujoco.mjtJoint.mjJNT_FREE]
+        anchored = [
+            i for i in range(1, model.nbody) if model.body_jntnum[i] and not model.body_weldid[model.body_parentid[i]]
+        ]
+        if not anchored:
+            raise RobotFileError(f"{self.path}: there is no body that could move; is it a robot's file?")
+        tops = {self._top(i) for i in anchored}
+        if len(tops) > 1 and (free or self.base == "free"):
+            first, second = (self.labels[i] for i in sorted(tops, key=lambda i: i not in free)[:2])
+            raise RobotFileError(f"{self.path}: {first} and {second} are two trunks; remove one")
+        if not free and self.base == "free":
+            (top,) = tops
+            if self.model.body_jntnum[top]:
+                joint = self.joint_labels[self.model.body_jntadr[top]]
+                raise RobotFileError(
+                    f"{self.path}: --base free: {joint} joins {self.labels[top]} to the world, so that no base is left "
+                    "to float; put a body between them there, or leave --base out"
+                )
+            return top, True
+        return (free[0], self.base != "fixed") if free else (0, False)
+
+    def _top(self, body: int) -> int:
+        """The body of the world that bears a body, or is it."""
+        while self.model.body_parentid[body]:
+            body = int(self.model.body_parentid[body])
+        return body
+
+    def _kind(self, joint: int) -> mujoco.mjtJoint:
+        return mujoco.mjtJoint(self.model.jnt_type[joint])
+
+    def robot(self) -> ForeignRobot:
+        """Bodies, joints, shapes, couplings and notes.
+
+        Between the joints of one body links are put that have a part of its mass.
+
+        Raises:
+            RobotFileError: the base slides.
+        """
+        model = self.model
+        own = [i for i in range(model.nbody) if self.owner[i] == i]
+        number = {body: k for k, body in enumerate(own)}
+        labels = [self.labels[i] for i in own]
+        if not self.root:  # the root is what bears the first moving body
+            bearer = int(model.body_parentid[own[1]])
+            labels[0] = self.labels[bearer] if bearer else "base"
+        moving = {i: self._joints_of(i) for i in own if i != self.root}
+        links = {j: (len(own) + k, i) for k, (i, j) in enumerate((i, j) for i in moving for j in moving[i][:-1])}
+        labels += [f"{self.labels[i]}_{self.joint_labels[j]}" for j, (_, i) in links.items()]
+        bodies = [self._body(i, name) for i, name in zip(own, prim_names(labels), strict=False)]
+        for name, (_, i) in zip(prim_names(labels)[len(own) :], links.values(), strict=True):
+            body = bodies[number[i]]
+            bodies.append(replace(body, name=name, mass=SPLIT * body.mass, inertia=SPLIT * body.inertia))
+        for i, found in moving.items():
+            left, body = 1.0 - SPLIT * (len(found) - 1), bodies[number[i]]
+            bodies[number[i]] = replace(body, mass=left * body.mass, inertia=left * body.inertia)
+        order = [j for found in moving.values() for j in found]
+        names = dict(zip(order, prim_names([self.joint_labels[j] for j in order]), strict=True))
+        by_joint: dict[int, Joint] = {}
+        for i, found in moving.items():
+            parent = number[int(self.owner[model.body_parentid[i]])]
+            for j in found:
+                child = links[j][0] if j in links else number[i]
+                by_joint[j] = self._joint(j, parent, child, names[j])
+                parent = child
+        joints = list(by_joint.values())
+        shapes = [s for g in range(model.ngeom) if (s := self._shape(g, number)) is not None]
+        notes = [*self._actuators(by_joint), *self._left_out(by_joint)]
+        if several := [self.labels[i] for i, found in moving.items() if found[1:]]:
+            more = " and others" if several[3:] else ""
+            notes.append(
+                f"links of {SPLIT:.0%} of the body's mass were put between the joints of {', '.join(several[:3])}{more}"
+            )
+        placed = Rotation.from_quat(model.body_quat[self.root], scalar_first=True)
+        return ForeignRobot(
+            path=self.path,
+            name=prim_names([self.path.stem])[0],
+            bodies=bodies,
+            joints=joints,
+            shapes=shapes,
+            root=number[self.root],
+            floating=self.floating,
+            base_said="user" if self.base else "file" if self.root else "",
+            couplings=list(self._couplings(by_joint)),
+            keyframes=self._keyframes(by_joint),
+            notes=[Guess(subject=Subject.OMITTED, text=text) for text in notes],
+        ).upright(placed if self.root else Rotation.identity())
+
+    def _body(self, i: int, name: str) -> Body:
+        """A body with all that is welded to it."""
+        body = Body(name=name, mass=0.0, com=np.zeros(3), inertia=np.zeros((3, 3)))
+        bearing = {self._top(j) for j in range(1, self.model.nbody) if self.model.body_jntnum[j]}
+        for k in range(1, self.model.nbody):
+            if self.owner[k] == i and self._top(k) in bearing:  # else it is scenery
+                axes = _transform(self.model.body_ipos[k], self.model.body_iquat[k])
+                turn = axes.rotation.as_matrix()
+                part = Body(
+                    name=name,
+                    mass=float(self.model.body_mass[k]),
+                    com=axes.translation,
+                    inertia=turn @ np.diag(self.model.body_inertia[k]) @ turn.T,
+                )
+                body = joined(body, part, self.place[k])
+        return body
+
+    def _joints_of(self, i: int) -> range:
+        """A body's joints, from the one before it on.
+
+        Raises:
+            RobotFileError: it is a base that slides.
+        """
+        first = int(self.model.body_jntadr[i])
+        found = range(first, first + int(self.model.body_jntnum[i]))
+        slides = any(self._kind(j) != mujoco.mjtJoint.mjJNT_HINGE for j in found)
+        if found[1:] and slides and not self.model.body_parentid[i]:
+            raise RobotFileError(
+                f"{self.path}: body {self.labels[i]} has {len(found)} joints, "
+                f"{', '.join(self.joint_labels[j] for j in found)}; put a <freejoint/> in their place"
+            )
+        return found
+
+    def _joint(self, j: int, parent: int, child: int, name: str) -> Joint:
+        model, i = self.model, int(self.model.jnt_bodyid[j])
+        before = int(model.body_parentid[i])
+        anchor, axis = RigidTransform.from_translation(model.jnt_pos[j]), np.array(model.jnt_axis[j])
+        kind, dof, rest = self._kind(j), int(model.jnt_dofadr[j]), float(model.qpos0[model.jnt_qposadr[j]])
+        in_parent = anchor
+        if j == model.body_jntadr[i]:
+            in_parent = self.place[before] * _transform(model.body_pos[i], model.body_quat[i]) * anchor
+        if kind == mujoco.mjtJoint.mjJNT_HINGE:
+            in_parent = in_parent * RigidTransform.from_rotation(Rotation.from_rotvec(-rest * axis))
+        elif kind == mujoco.mjtJoint.mjJNT_SLIDE:
+            in_parent = in_parent * RigidTransform.from_translation(-rest * axis)
+        low, high = (float(x) for x in model.jnt_range[j])
+        forced = bool(model.jnt_actfrclimited[j])
+        return Joint(
+            name=name,
+            kind=KINDS[kind],
+            parent=parent,
+            child=child,
+            in_parent=in_parent,
+            in_child=anchor,
+            axis=axis / np.linalg.norm(axis),
+            limits=(low, high) if model.jnt_limited[j] and 0.0 < high - low <= NO_LIMITS else None,
+            armature=float(model.dof_armature[dof]),
+            kd=float(model.dof_damping[dof]) or None,
+            torque_limit=float(np.abs(model.jnt_actfrcrange[j]).max()) if forced else None,
+        )
+
+    def _actuators(self, joints: dict[int, Joint]) -> Iterator[str]:
+        """Take gains and torque limits from the actuators."""
+        model, others = self.model, []
+        for k in range(model.nu):
+            joint = joints.get(int(model.actuator_trnid[k, 0]))
+            if model.actuator_trntype[k] != mujoco.mjtTrn.mjTRN_JOINT or joint is None:
+                others.append(model.actuator(k).name or f"actuator_{k}")
+                continue
+            gear, bias = abs(float(model.actuator_gear[k, 0])), model.actuator_biasprm[k]
+            affine = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
+            stiff, damped = affine and bias[1] < 0.0, affine and bias[2] < 0.0
+            if stiff:
+                joint.kp = float(-bias[1]) * gear**2
+            if damped:
+                joint.kd = (joint.kd or 0.0) + float(-bias[2]) * gear**2
+            joint.armature += float(model.actuator_armature[k]) * gear**2
+            limit = None
+            if model.actuator_forcelimited[k]:
+                limit = float(np.abs(model.actuator_forcerange[k]).max()) * gear
+            elif model.actuator_ctrllimited[k] and not affine:
+                limit = float(np.abs(model.actuator_ctrlrange[k]).max() * abs(model.actuator_gainprm[k, 0])) * gear
+            if limit is not None:
+                joint.torque_limit = min(limit, joint.torque_limit or limit)
+        if others:
+            yield f"actuators of tendons and sites were left out: {', '.join(others[:4])}"
+
+    def _keyframes(self, joints: dict[int, Joint]) -> list[Keyframe]:
+        """The file's keyframes, first the one that is called a stance; its angles are the joints' home."""
+        model, up = self.model, np.array([0.0, 0.0, 1.0])
+        drawn = Rotation.from_quat(model.body_quat[self.root], scalar_first=True) if self.root else Rotation.identity()
+        found = []
+        for k in range(model.nkey):
+            qpos, lean = model.key_qpos[k], 0.0
+            if self.root:
+                first = int(model.body_jntadr[self.root])
+                free = first >= 0 and self._kind(first) == mujoco.mjtJoint.mjJNT_FREE
+                at = int(model.jnt_qposadr[first]) + 3 if free else 0
+                placed = Rotation.from_quat(qpos[at : at + 4], scalar_first=True) if free else drawn
+                lean = float(np.arccos(np.clip((placed * drawn.inv()).apply(up) @ up, -1.0, 1.0)))
+            angles = {joint.name: float(qpos[model.jnt_qposadr[j]]) for j, joint in joints.items()}
+            found.append(Keyframe(name=model.key(k).name or f"number {k}", angles=angles, lean=lean))
+        ranks = {name: k for k, name in enumerate(STANCES)}
+        found.sort(key=lambda key: ranks.get(key.name, len(STANCES)))
+        for joint in joints.values() if found else ():
+            joint.home = found[0].angles[joint.name]
+        return found
+
+    def _left_out(self, joints: dict[int, Joint]) -> Iterator[str]:
+        model = self.model
+        if springs := [joint.name for j, joint in joints.items() if model.jnt_stiffness[j] > 0.0]:
+            yield f"springs of joints were left out: {', '.join(springs[:4])}"
+        if model.ntendon:
+            yield f"{model.ntendon} tendons were left out"
+        renamed = [
+            f"{label} is {joint.name}" for j, joint in joints.items() if (label := self.joint_labels[j]) != joint.name
+        ]
+        if renamed:
+            yield f"names that USD takes: {', '.join(renamed[:4])}{' and others' if renamed[4:] else ''}"
+
+    def _shape(self, g: int, number: dict[int, int]) -> Shape | None:
+        model, body, kind = self.model, int(self.model.geom_bodyid[g]), mujoco.mjtGeom(self.model.geom_type[g])
+        if self.owner[body] < 0 or body == 0 or kind not in GEOMS:
+            return None
+        points = faces = None
+        if kind == mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = model.mesh(model.geom_dataid[g])
+            vertices, triangles = int(mesh.vertadr[0]), int(mesh.faceadr[0])
+            points = np.array(model.mesh_vert[vertices : vertices + int(mesh.vertnum[0])], dtype=float)
+            faces = np.array(model.mesh_face[triangles : triangles + int(mesh.facenum[0])])
+        elif kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            ball: Any = trimesh.creation.icosphere(subdivisions=2)
+            points, faces = np.array(ball.vertices) * model.geom_size[g], np.array(ball.faces)
+        return Shape(
+            kind=GEOMS[kind],
+            body=number[self.owner[body]],
+            pose=self.place[body] * _transform(model.geom_pos[g], model.geom_quat[g]),
+            size=np.array(model.geom_size[g]),
+            collides=bool(model.geom_contype[g] or model.geom_conaffinity[g] or g in self.paired),
+            friction=float(model.geom_friction[g, 0]),
+            points=points,
+            faces=faces,
+        )
+
+    def _bears(self, joint: int, body: int) -> bool:
+        """Whether a joint lies between the root and a body."""
+        while body and body != self.model.jnt_bodyid[joint]:
+            body = int(self.model.body_parentid[body])
+        return bool(body)
+
+    def _couplings(self, joints: dict[int, Joint]) -> Iterator[Coupling]:
+        """What ties bodies or joints together beside the tree."""
+        model = self.model
+        for k in range(model.neq):
+            if not model.eq_active0[k]:
+                continue
+            kind, ends = mujoco.mjtEq(model.eq_type[k]), [int(model.eq_obj1id[k]), int(model.eq_obj2id[k])]
+            tag = kind.name.removeprefix("mjEQ_").lower()
+            if kind == mujoco.mjtEq.mjEQ_JOINT:
+                tied = [joints[j].name for j in ends if j in joints]
+                yield Coupling(text=f"<{tag}> ties {' to '.join(tied)}", joints=tuple(tied))
+            elif kind in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
+                bodies = model.eq_objtype[k] == mujoco.mjtObj.mjOBJ_BODY
+                found = ends if bodies else [int(model.site_bodyid[i]) for i in ends]
+                between = " and ".join(self.labels[i] for i in found)
+                ways = [{j: joint.name for j, joint in joints.items() if self._bears(j, body)} for body in found]
+                names = tuple(name for j, name in (ways[0] | ways[1]).items() if (j in ways[0]) != (j in ways[1]))
+                yield Coupling(text=f"<{tag}> closes a loop between {between}", joints=names, loop=True)
+            else:
+                yield Coupling(text=f"an equality <{tag}> ties bodies together")
+
+
+def _transform(pos: np.ndarray, quat: np.ndarray) -> RigidTransform:
+    """MuJoCo's position and quaternion, whose real part comes first."""
+    return RigidTransform.from_components(pos, Rotation.from_quat(quat, scalar_first=True))
