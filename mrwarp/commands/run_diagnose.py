@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from mrwarp.commands.run_fit import Averaged
 from mrwarp.options import option_types as opt
-from mrwarp.options.command_line import CommandLine, Options
+from mrwarp.options.command_line import CommandLine
 from mrwarp.run_dir import check_writable, write_text
 from mrwarp.runtime import Stopwatch, core_count, quiet_libraries, text_table
 
@@ -24,12 +24,13 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Diagnose(Options):
+class Diagnose(opt.LogOptions):
     """Show what the simulation of a measured joint gets wrong, name the cause, extend the model, measure the gain."""
 
     engines = False  # before the data are read
     data: opt.Data
-    """recording: a CSV or Parquet file, or a folder of them; or a robot's log, a folder with log.json"""
+    """recording: a CSV or Parquet file, or a folder of them; or a robot's log: a folder with log.json, a bag, a data
+    set of LeRobot, a .pt of PACE, a CSV of Isaac Sim's system identification"""
     out: opt.Folder = Path("runs/diagnose")
     """output folder"""
     robot: Annotated[str | None, opt.one(str, "ROBOT")] = None
@@ -65,7 +66,8 @@ class Diagnose(Options):
 
         if self.robot is not None or is_robot_log(self.data):
             return self._diagnose_robot(line)
-        own = {"--live": self.live, "--rrd": self.rrd, "--policy": self.policy, "--device": self.device != "cpu"}
+        own = {"--live": self.live, "--rrd": self.rrd, "--policy": self.policy, "--device": self.device != "cpu",
+               "--map": self.map, "--units": self.units}  # fmt: skip
         if option := next((name for name, given in own.items() if given), ""):
             raise ValueError(f"{option}: {self.data} is the recording of a joint, no robot's log; leave it out")
 
@@ -94,8 +96,8 @@ class Diagnose(Options):
     def _diagnose_robot(self, line: CommandLine) -> int:
         """The same for a robot's log."""
         quiet_libraries(gpu=self.device != "cpu")
-        from mrwarp.robot_logs.bag import open_log
         from mrwarp.robot_logs.extended_robot import write_extended
+        from mrwarp.robot_logs.open_log import open_log
         from mrwarp.robot_logs.report import log_page, log_pictures
         from mrwarp.robot_logs.report.compared_replays import compare
         from mrwarp.robot_logs.report.log_view import log_view
@@ -116,7 +118,7 @@ class Diagnose(Options):
         progress = Stopwatch()
         try:
             progress(f"reading {self.data}")
-            log = open_log(self.data, skip_bad=self.skip_bad)
+            log = open_log(self.data, skip_bad=self.skip_bad, **self.said)
             robot = robot_of(log, self.robot)
             if self.policy is not None:
                 check_walker(self.policy, robot, log.base)

@@ -23,12 +23,13 @@ Averaged = Annotated[float, opt.one(opt.within(0.0, 60.0, "s"), "S")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Check(Options):
+class Check(opt.LogOptions):
     """Explain a recording; 0 when it is good to use, 2 when it is refused."""
 
     engines = False
     data: opt.Data
-    """CSV or Parquet file, or a folder of them; or a robot's log, a folder with log.json"""
+    """CSV or Parquet file, or a folder of them; or a robot's log: a folder with log.json, a bag, a data set of LeRobot,
+    a .pt of PACE, a CSV of Isaac Sim's system identification"""
     skip_bad: opt.Flag = False
     """leave out files of a folder that cannot be used, by name"""
 
@@ -40,11 +41,15 @@ class Check(Options):
         from mrwarp.robot_logs import robot_log
 
         if robot_log.is_robot_log(self.data):
-            from mrwarp.robot_logs import bag
+            from mrwarp.robot_logs.open_log import open_log
 
-            log = bag.open_log(self.data, skip_bad=self.skip_bad)
+            log = open_log(self.data, skip_bad=self.skip_bad, **self.said)
             print("\n".join([*robot_log.describe(log), *(f"note: {note}" for note in log.notes)]))
             return 0
+        if self.said:
+            raise ValueError(
+                f"--map and --units: {self.data} is the recording of a joint, no robot's log; leave them out"
+            )
         recording, beside = load_recording(self.data, skip_bad=self.skip_bad), find_holding(self.data)
         recording, turned = _signs_turned(recording)
         wrong = contradictions(recording)

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import Positional
-
 from mrwarp.options import option_types as opt
 from mrwarp.options.command_line import CommandLine, Options
 from mrwarp.run_dir import write_result
@@ -40,21 +38,23 @@ def row_rate(text: str) -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImportLog(Options):
-    """Write a ROS 2 bag or an MCAP file as a robot's log: log.json and a table, as 'mrwarp diagnose' reads them.
+class ImportLog(opt.LogOptions):
+    """Write a bag or another project's log as a robot's log: log.json and tables, as 'mrwarp diagnose' reads them.
 
-    JointState, Imu, Odometry, PoseStamped and Unitree's LowState and LowCmd are found by themselves. A map (JSON) says
-    what a bag does not: {"robot": "go2.xml", "command": "/topic", "joints": {"name in the bag": "the robot's name"},
-    "kp": 20, "kd": {"FL_hip_joint": 0.5}, "tau_is": "estimate"}; all keys: docs/robot_logs.md.
+    Read are ROS 1 and 2 bags and MCAP, LeRobot's data sets (versions 2 and 3), PACE's .pt files, and the CSV of Isaac
+    Sim's system identification. Of a bag, JointState, Imu, Odometry, PoseStamped and Unitree's LowState and LowCmd are
+    found by themselves. A map (JSON) says what files do not: {"robot": "go2.xml", "command": "/topic", "joints":
+    {"name in the log": "the robot's name"}, "kp": 20, "kd": {"FL_hip_joint": 0.5}, "tau_is": "estimate", "units":
+    {"q": "deg"}}; all keys: docs/robot_logs.md.
     """
 
     engines = False
-    bag: Positional[opt.File]
-    """folder of a ROS 2 bag, or an .mcap, .db3 or .bag file"""
+    data: opt.Data
+    """folder of a ROS 2 bag, or an .mcap, .db3 or .bag file; folder of a data set; a .pt or .csv file, or a folder"""
     out: opt.Folder = Path("runs/log")
     """output folder"""
-    map: opt.OptionalFile = None
-    """what the bag does not say (default: map.json beside it, if there is one)"""
+    skip_bad: opt.Flag = False
+    """leave out recordings that cannot be used, by name"""
     format: Literal["csv", "parquet"] = "csv"
     """file type"""
     overwrite: opt.Flag = False
@@ -62,16 +62,22 @@ class ImportLog(Options):
 
     def run(self, line: CommandLine) -> int:
         """0 when the log is written, 2 on bad input."""
-        from mrwarp.robot_logs.bag import read_bag, read_map, topics_used
-        from mrwarp.robot_logs.robot_log import describe
+        from mrwarp.robot_logs.open_log import open_log
+        from mrwarp.robot_logs.robot_log import describe, is_robot_log, sources
         from mrwarp.robot_logs.save_log import save_log
 
         _check_free(self.out, self.overwrite)
-        log = read_bag(self.bag, read_map(self.map) if self.map else None)
+        if not is_robot_log(self.data):
+            raise ValueError(
+                f"{self.data}: is no log that is known: a bag, LeRobot's data set (a folder with meta/info.json), "
+                "PACE's .pt, or Isaac Sim's CSV (time, q1, q2, ...)"
+            )
+        log = open_log(self.data, skip_bad=self.skip_bad, **self.said)
         names = save_log(log, self.out, self.format)
-        figures = {"files": names, "seconds": log.seconds, "topics": log.header["source"], "notes": log.notes}
+        source = log.header.get("source", {})
+        figures = {"files": names, "seconds": log.seconds, "topics": source, "notes": log.notes}
         write_result(self.out, figures, seed=0, command=str(line))
-        print("\n".join([*topics_used(log), *describe(log), *(f"note: {note}" for note in log.notes)]))
+        print("\n".join([*sources(log), *describe(log), *(f"note: {note}" for note in log.notes)]))
         print(f"{', '.join(names)} in {self.out}; look at it with: mrwarp check {self.out}")
         return 0
 

@@ -175,6 +175,29 @@ class RobotOptions(Options):
     """another USD file than assets/usd/mr_go.usda"""
 
 
+def unit_of(text: str) -> tuple[str, str]:
+    """A channel of a robot's log and its unit, such as ``q=deg``."""
+    channel, _, unit = text.partition("=")
+    if not (channel and unit):
+        raise ValueError(f"{text!r} is not CHANNEL=UNIT, such as q=deg")
+    return channel, unit
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogOptions(Options):
+    """What files of a robot's log do not say, for every command that reads one."""
+
+    map: OptionalFile = None
+    """of a bag or another project's log: what its files do not say (default: map.json next to them, if it is there)"""
+    units: Annotated[tuple[tuple[str, str], ...], some(unit_of, "CHANNEL=UNIT")] = ()
+    """of another project's log: units of its channels, such as q=deg; commands and speeds follow q"""
+
+    @property
+    def said(self) -> dict[str, Any]:
+        """Both, as ``mrwarp.robot_logs.open_log.open_log`` takes them; empty where neither is given."""
+        return ({"map_file": self.map} if self.map else {}) | ({"units": dict(self.units)} if self.units else {})
+
+
 VIEW = create_mutex_group(required=False, title="view")
 
 

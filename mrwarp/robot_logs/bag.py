@@ -7,9 +7,8 @@ does not say (which topic commands, gains, the robot's own joint names) stands i
 from __future__ import annotations
 
 import difflib
-import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,14 +18,9 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from mrwarp.robot_logs.robot_log import MIN_SAMPLES, LogError, LogRun, RobotLog, check_run, is_bag, load_log, make_log
-from mrwarp.run_dir import no_file, one_line
-
-MAP_FILE = "map.json"
-"""A map beside a bag, which is read with it."""
-
-MAP_KEYS = ("robot", "base", "state", "command", "imu", "pose", "joints", "feet", "kp", "kd", "tau_is", "clock")
-"""What a map may hold; anything else goes into log.json as it is, if it begins with ``x_``."""
+from mrwarp.robot_logs.mapped_log import joints_of_map, map_of
+from mrwarp.robot_logs.robot_log import MIN_SAMPLES, LogError, LogRun, RobotLog, check_run, factors, make_log
+from mrwarp.run_dir import one_line
 
 MAX_MESSAGES = 20_000_000
 """Most messages that are read of a bag: 5 hours of state and commands at 500 Hz."""
@@ -91,33 +85,6 @@ class _Series:
         return t, whole
 
 
-def read_map(path: Path) -> dict[str, Any]:
-    """Read a map.
-
-    Raises:
-        LogError: it is no JSON object, or holds keys that mean nothing.
-    """
-    if not path.is_file():
-        raise LogError(f"{path}: {no_file(path, 'map')}; write one, see docs/robot_logs.md")
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise LogError(f"{path}: is no JSON ({one_line(error)}); correct it") from None
-    if not isinstance(found, dict):
-        raise LogError(f'{path}: holds a {type(found).__name__}; needed is an object such as {{"command": "/topic"}}')
-    for key in found:
-        if key not in MAP_KEYS and not key.startswith("x_"):
-            near = difflib.get_close_matches(key, MAP_KEYS, 1)
-            hint = f"is it {near[0]}? " if near else ""
-            raise LogError(f"{path}: {key!r} means nothing; {hint}keys: {', '.join(MAP_KEYS)}")
-    return found
-
-
-def open_log(path: Path, *, skip_bad: bool = False) -> RobotLog:
-    """Read a log, be it a folder with ``log.json`` or a bag; raises as :func:`read_bag` and ``load_log``."""
-    return read_bag(path) if is_bag(path) else load_log(path, skip_bad=skip_bad)
-
-
 def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> RobotLog:
     """Read a bag as a log of one recording.
 
@@ -130,8 +97,7 @@ def read_bag(path: Path, mapping: Mapping[str, Any] | None = None) -> RobotLog:
     """
     if not path.exists():
         raise LogError(f"{path}: there is no such bag; check the path")
-    beside = (path if path.is_dir() else path.parent) / MAP_FILE
-    chosen = dict(mapping if mapping is not None else read_map(beside) if beside.is_file() else {})
+    chosen = dict(map_of(path) if mapping is None else mapping)
     try:
         with AnyReader([path], default_typestore=typestore()) as reader:
             return _read(path, reader, chosen)
@@ -279,7 +245,7 @@ def _joined(
             f"{path}: {role['state']} holds {len(t)} messages, {MIN_SAMPLES} or more are needed; record longer"
         )
     source = names.get(role["state"]) or list(UNITREE_JOINTS)
-    joints, columns = _joints(path, m, source, state["q"].shape[1])
+    joints, columns = joints_of_map(path, m, source, state["q"].shape[1])
     joint = {c: state[c][:, columns] for c in ("q", "qd", "tau", "temperature") if c in state}
     base, notes = {c: state[c] for c in ("quat", "gyro", "acc") if c in state}, []
     half = 0.5 * float(np.median(np.diff(t)))
@@ -312,8 +278,10 @@ def _joined(
     if "foot" in state:
         feet = dict(zip(m.get("feet", UNITREE_FEET), state["foot"].T, strict=False))
     keep = slice(first, None)
+    factor = factors(f"{path}: the map or --units", m.get("units") or {})
     run = LogRun(
-        id=path.stem or path.name, t=t[keep] - t[first], joint={c: x[keep] for c, x in joint.items()},
+        id=path.stem or path.name, t=t[keep] - t[first],
+        joint={c: factor.get(c, 1.0) * x[keep] for c, x in joint.items()},
         base={c: x[keep] for c, x in base.items()}, feet={f: x[keep] for f, x in feet.items()},
         battery=state["battery"][keep] if "battery" in state else None,
     )  # fmt: skip
@@ -338,31 +306,6 @@ def _switched_off(joint: dict[str, np.ndarray]) -> None:
             joint[gain] = np.where(off, 0.0, joint[gain])
 
 
-def _joints(path: Path, m: Mapping[str, Any], source: list[str], width: int) -> tuple[tuple[str, ...], list[int]]:
-    """The robot's own joint names and the columns of the state that hold them."""
-    given = m.get("joints")
-    if given is None:
-        given = {name: name for name in source[:width]}
-    if isinstance(given, list):  # names in the order of the motors; null leaves one out
-        if len(given) > width:
-            raise LogError(f"{path}: the map names {len(given)} joints, the state has {width}; name as many")
-        pairs = [(name, k) for k, name in enumerate(given) if name]
-    elif isinstance(given, dict):
-        pairs = []
-        for theirs, ours in given.items():
-            if theirs not in source:
-                near = difflib.get_close_matches(str(theirs), source, 1)
-                hint = f"is it {near[0]}?" if near else f"joints: {', '.join(source)}"
-                raise LogError(f"{path}: the map's joint {theirs!r} is not in the bag; {hint}")
-            if ours:
-                pairs.append((ours, source.index(theirs)))
-    else:
-        raise LogError(
-            f'{path}: the map\'s joints = {str(given)[:60]}; write {{"name in the bag": "the robot\'s name"}}'
-        )
-    return tuple(name for name, _ in pairs), [k for _, k in pairs]
-
-
 def _pick(path: Path, topic: str, wanted: Sequence[str], told: list[str]) -> list[int]:
     for name in wanted:
         if name not in told:
@@ -384,8 +327,3 @@ def _turned(quat: np.ndarray, v: np.ndarray) -> np.ndarray:
     w, u = quat[:, :1], quat[:, 1:]
     side = 2.0 * np.cross(u, v)
     return v + w * side + np.cross(u, side)
-
-
-def topics_used(log: RobotLog) -> Iterable[str]:
-    """Which topic became what, for the terminal."""
-    return (f"{role:13s} {topic}" for role, topic in dict(log.header["source"]).items())

@@ -13,10 +13,8 @@ import numpy as np
 
 from mrwarp.recording.data import DEGREES, RecordingError
 from mrwarp.recording.tables import MAX_BYTES, SUFFIXES, Table, read_table, suffix_of
+from mrwarp.robot_logs.kinds import LOG_FILE, kind_of
 from mrwarp.run_dir import no_file, one_line
-
-LOG_FILE = "log.json"
-"""What describes a folder of recordings as a robot's log."""
 
 JOINT_CHANNELS = (
     "q", "q_des", "qd", "qd_des", "tau_ff", "tau", "kp", "kd", "current", "current_cmd", "temperature"
@@ -122,14 +120,9 @@ class RobotLog:
         return float(sum(run.t[-1] - run.t[0] for run in self.runs))
 
 
-def is_bag(path: Path) -> bool:
-    """Whether a path is a bag: an .mcap, .db3 or .bag file, or the folder of a ROS 2 bag."""
-    return path.suffix in (".mcap", ".db3", ".bag") or (path / "metadata.yaml").is_file()
-
-
 def is_robot_log(path: Path) -> bool:
-    """Whether a path is a robot's log, or a bag of one, rather than a recording of one joint."""
-    return (path / LOG_FILE).is_file() or path.name == LOG_FILE or is_bag(path)
+    """Whether a path is a robot's log, in any form, rather than a recording of one joint."""
+    return kind_of(path) is not None
 
 
 def load_log(path: Path, *, skip_bad: bool = False) -> RobotLog:
@@ -176,8 +169,8 @@ def make_log(
     Raises:
         LogError: base, gains or the meaning of ``tau`` are missing or cannot be.
     """
-    bag, base = is_bag(path), header.get("base")
-    where = f"{path}: the map" if bag else str(path / LOG_FILE)
+    mapped, base = kind_of(path) not in ("own", None), header.get("base")
+    where = f"{path}: the map" if mapped else str(path / LOG_FILE)
     if base is None and "robot" in header:
         base = "free" if any(run.base for run in runs) else "fixed"
         notes = [*notes, f"log.json names no base: taken as {base}"]
@@ -200,14 +193,14 @@ def make_log(
         for run in runs:
             varies = "kp" in run.joint and np.isfinite(run.joint["kp"][:, k]).all()
             if _filled(run, "q_des", k) and not np.isfinite(kp[k]) and not varies:
-                raise LogError(_no_gain(path, joint, bag))
+                raise LogError(_no_gain(path, joint, mapped))
     undamped = [
         joint
         for k, joint in enumerate(joints)
         if not np.isfinite(kd[k]) and any(_filled(run, "q_des", k) and not _filled(run, "kd", k) for run in runs)
     ]
     if undamped:
-        given = "the map" if bag else "log.json"
+        given = "the map" if mapped else "log.json"
         notes = [*notes, f"Kd of {', '.join(undamped)} is taken as 0: {given} gives none; kd of {given} does"]
     if base == "free" and not any("quat" in run.base for run in runs):
         notes = [*notes, "the trunk floats, but its orientation (quat) was not logged: it is taken as level at first"]
@@ -222,13 +215,13 @@ def _filled(run: LogRun, channel: str, k: int) -> bool:
     return channel in run.joint and bool(np.isfinite(run.joint[channel][:, k]).any())
 
 
-def _no_gain(path: Path, joint: str, bag: bool) -> str:
+def _no_gain(path: Path, joint: str, mapped: bool) -> str:
     """Refusal of a joint whose command is a target, with where its gain goes."""
-    if not bag:
+    if not mapped:
         return f"{path / LOG_FILE}: {joint} has q_des but no gain; add it to kp, or a column kp.{joint}"
     return (
         f'{path}: {joint} has targets but no gain; a map gives it, {{"kp": {{"{joint}": NUMBER}}}}, or one number '
-        "for all joints, by --map MAP.json of 'mrwarp log import', or as map.json in the bag's folder"
+        "for all joints, by --map MAP.json, or as map.json in the bag's folder or next to the files"
     )
 
 
@@ -264,16 +257,23 @@ def _units(path: Path, header: Mapping[str, Any]) -> dict[str, float]:
     declared = header.get("units") or {}
     if not isinstance(declared, dict):
         raise LogError(f'{path / LOG_FILE}: units = {str(declared)[:60]}; write an object such as {{"q": "deg"}}')
+    return factors(f"{path / LOG_FILE}: units", declared)
+
+
+def factors(where: str, declared: Mapping[str, Any]) -> dict[str, float]:
+    """Factor of each channel to the unit that is kept, see :data:`UNITS`.
+
+    Raises:
+        LogError: there is no such channel, or no such unit of it; ``where`` begins the message.
+    """
     found = {}
     for channel, unit in declared.items():
         if channel not in UNITS:
             near = difflib.get_close_matches(str(channel), UNITS, 1)
             hint = f"is it {near[0]}? " if near else ""
-            raise LogError(
-                f"{path / LOG_FILE}: units: there is no channel {channel!r}; {hint}channels: {', '.join(UNITS)}"
-            )
+            raise LogError(f"{where}: there is no channel {channel!r}; {hint}channels: {', '.join(UNITS)}")
         if unit not in UNITS[channel]:
-            raise LogError(f"{path / LOG_FILE}: units: {channel} in {unit!r}; allowed: {', '.join(UNITS[channel])}")
+            raise LogError(f"{where}: {channel} in {unit!r}; allowed: {', '.join(UNITS[channel])}")
         found[channel] = UNITS[channel][unit]
     return found
 
@@ -449,6 +449,11 @@ def _check_finite(table: Table, name: str, values: np.ndarray, t: np.ndarray, no
     raise table.refuse(
         f"{'no number' if np.isnan(values[row]) else 'infinite'}; fill it in or {hint}", row=row, column=name
     )
+
+
+def sources(log: RobotLog) -> list[str]:
+    """Which topic or file became what, for the terminal."""
+    return [f"{role:13s} {source}" for role, source in dict(log.header.get("source") or {}).items()]
 
 
 def describe(log: RobotLog) -> list[str]:
