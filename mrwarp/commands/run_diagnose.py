@@ -97,7 +97,7 @@ class Diagnose(opt.LogOptions):
         """The same for a robot's log."""
         quiet_libraries(gpu=self.device != "cpu")
         from mrwarp.robot_logs.extended_robot import write_extended
-        from mrwarp.robot_logs.open_log import open_log
+        from mrwarp.robot_logs.forms.open_log import open_log
         from mrwarp.robot_logs.report import log_page, log_pictures
         from mrwarp.robot_logs.report.compared_replays import compare
         from mrwarp.robot_logs.report.log_view import log_view

@@ -41,7 +41,7 @@ class Check(opt.LogOptions):
         from mrwarp.robot_logs import robot_log
 
         if robot_log.is_robot_log(self.data):
-            from mrwarp.robot_logs.open_log import open_log
+            from mrwarp.robot_logs.forms.open_log import open_log
 
             log = open_log(self.data, skip_bad=self.skip_bad, **self.said)
             print("\n".join([*robot_log.describe(log), *(f"note: {note}" for note in log.notes)]))

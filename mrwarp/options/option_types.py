@@ -194,7 +194,7 @@ class LogOptions(Options):
 
     @property
     def said(self) -> dict[str, Any]:
-        """Both, as ``mrwarp.robot_logs.open_log.open_log`` takes them; empty where neither is given."""
+        """Both, as ``mrwarp.robot_logs.forms.open_log.open_log`` takes them; empty where neither is given."""
         return ({"map_file": self.map} if self.map else {}) | ({"units": dict(self.units)} if self.units else {})
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,9 @@ LONGEST_STEP = 0.0011
 LEVEL = 0.002
 """Feet that are no further than this above the lowest one bear load, where the log has no forces of feet [m]: one that
 is about to land moves at the robot's speed."""
+
+FEWEST_LEGS = 4
+"""Limbs from which a URDF, in which no base floats, is taken as a robot with legs: tables have one or two arms."""
 
 STIFF_FRICTION = ([0.01, 1.0], [0.9999, 0.9999, 0.001, 0.5, 2.0])
 """solref and solimp of dry friction: MuJoCo's own let a joint creep below some 0.1 rad/s as if it were viscous."""
@@ -80,6 +83,8 @@ class ReplayModel:
     """Address of each joint in qvel; shape (J,)."""
     free: bool
     """Whether the trunk floats; then its pose is the first 7 of qpos."""
+    legged: bool
+    """Whether the robot could walk: its description floats, or is a URDF, which does not say so, with many limbs."""
     trunk: int
     """Body that floats, or that the first joints hang on."""
     feet: tuple[int, ...]
@@ -152,6 +157,7 @@ def replay_model(path: Path, log: RobotLog, device: str = "cpu") -> ReplayModel:
     """
     spec, drives, params, prefix = _spec(path)
     roots = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
+    floats = bool(roots)
     if log.base == "fixed":
         for joint in roots:
             spec.delete(joint)
@@ -164,7 +170,7 @@ def replay_model(path: Path, log: RobotLog, device: str = "cpu") -> ReplayModel:
     for joint in log.joints:
         if joint not in known:
             near = difflib.get_close_matches(joint, known, 1)
-            hint = f"; is it {near[0]}?" if near else ""
+            hint = f"; is it {near[0]}?" if near else "; name the log's joints as the robot does, in joints of a map"
             raise LogError(f"{path}: the log's joint {joint} is not among the robot's ({', '.join(known)}){hint}")
     limits = _torque_limits(spec) | drives
     for item in [*spec.actuators, *spec.sensors, *spec.keys]:
@@ -192,7 +198,7 @@ def replay_model(path: Path, log: RobotLog, device: str = "cpu") -> ReplayModel:
     trunk = int(model.jnt_bodyid[int(np.argmax(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE))]) if free else 0
     if not free:
         trunk = int(model.body_parentid[model.jnt_bodyid[ids[0]]])
-    return ReplayModel(
+    found = ReplayModel(
         path=path,
         spec=spec,
         model=model,
@@ -200,6 +206,7 @@ def replay_model(path: Path, log: RobotLog, device: str = "cpu") -> ReplayModel:
         q_adr=model.jnt_qposadr[ids],
         v_adr=model.jnt_dofadr[ids],
         free=free,
+        legged=free or floats,
         trunk=trunk,
         feet=_feet(model) if free else (),
         prefix=prefix,
@@ -210,6 +217,8 @@ def replay_model(path: Path, log: RobotLog, device: str = "cpu") -> ReplayModel:
         device=device,
         sink=_sink(model, _feet(model)) if free else np.zeros(0),
     )
+    many = path.suffix == ".urdf" and len(set(found.limbs.values())) >= FEWEST_LEGS
+    return replace(found, legged=True) if many else found
 
 
 def _devices(log: RobotLog, params: dict[str, MrParams]) -> Devices:

@@ -33,7 +33,7 @@ from mrwarp.robot_logs.selection import (
     sizes,
 )
 from mrwarp.robot_logs.unexplained import joined, listed, outside, pushes, steady
-from mrwarp.robot_logs.unknowable import cannot_know, friction_that_holds, next_experiment
+from mrwarp.robot_logs.unknowable import cannot_know, friction_that_holds, motions_of, next_experiment
 from mrwarp.robot_logs.windows import LEAST_WINDOWS, Windows, cut_windows
 
 FIT_SECONDS, SECONDS = 10.0, 60.0
@@ -192,7 +192,8 @@ def diagnose_log(
             f"at {_when(log, groups, evidence.keep)}"
         )
     holds = friction_that_holds(evidence, model, log, groups, parameters, theta)
-    unknown = cannot_know(evidence, parameters, model, log, now, holds)
+    shown = [d for f in both for d in (f.direction, *f.alternatives)]
+    unknown = cannot_know(evidence, parameters, model, log, now, holds, shown)
     return RobotDiagnosis(
         verdict=VERDICTS[bool(causes), unexplained is not None],
         sentence=sentence_of(causes, unexplained),
@@ -200,7 +201,7 @@ def diagnose_log(
         suspects=tuple(suspects),
         unexplained=unexplained,
         cannot_know=unknown,
-        next_experiment=next_experiment(causes, unknown),
+        next_experiment=next_experiment(causes, unknown, motions_of(model)),
         baseline=Error(rmse=errors["all"][0], nrmse=1.0, unit="healthy error"),
         extended=Error(
             rmse=errors["all"][1], nrmse=errors["all"][1] / max(errors["all"][0], 1e-12), unit="healthy error"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from mrwarp.robot_logs.evidence import Evidence, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
 from mrwarp.robot_logs.robot_verdict import NamedCause
-from mrwarp.robot_logs.selection import NAMED_ODDS, Posterior, bounds_of
+from mrwarp.robot_logs.selection import NAMED_ODDS, Direction, Posterior, bounds_of
 from mrwarp.robot_logs.windows import Windows, foot_slipped
 
 GROUND = (
@@ -76,6 +76,22 @@ MOTIONS = {
 }
 """Motion that shows a cause; on the ground mostly a walk, for windows of a robot at rest repeat each other."""
 
+ARM_MOTIONS = MOTIONS | {
+    "link_mass": Shown("swing the link slowly through its range", {"slow": 20.0}),
+    "rotor_inertia": Shown("move the joint to and fro at 3 to 8 Hz", {"chirp": 15.0}),
+    "motor_strength": Shown("swing the links slowly with a known weight at the end", {"slow": 20.0}),
+    "torque_limit": Shown("step the targets so far that the joint cannot give the torque", {"steps": 10.0}),
+    "kp": Shown("step the targets by 0.1 rad at uneven times", {"steps": 10.0}),
+    "encoder_offset": Shown("turn the joint slowly to a stop of known angle and back", {"slow": 10.0}),
+    "coil_dead": Shown("turn the joint at several speeds with the devices switched on", {"chirp": 15.0}),
+    "coil_lag": Shown("sweep the joint with changing currents of the devices, and log them", {"chirp": 15.0}),
+    "device_strength": Shown("turn the joint at several speeds with the devices switched on", {"chirp": 15.0}),
+}
+"""The same of a robot that cannot walk, as an arm on a table."""
+
+OF_A_BASE = ("trunk_mass", "trunk_com", "link_length")
+"""Those of :data:`GROUND` that such a robot has, too: it has no feet, and no inertial sensor moves with it."""
+
 NOT_LOOKED_FOR = {
     "backlash": "a motor's encoder hardly shows play; reverse the joint on a bench under a load that changes sign",
     "hysteresis_law": "a walk hardly shows a device's memory; record the joint on a bench, where laws are compared",
@@ -122,12 +138,20 @@ def friction_that_holds(
 
 def cannot_know(
     evidence: Evidence, parameters: list[Parameter], model: ReplayModel, log: RobotLog, now: Posterior,
-    holds: float | None = None,
+    holds: float | None = None, shown: Sequence[Direction] = (),
 ) -> tuple[str, ...]:  # fmt: skip
     """Causes that no size of interest would have shown in this log, each with the motion to record.
 
-    ``holds`` is the friction of the ground beyond which none would have, see :func:`friction_that_holds`.
+    Args:
+        evidence: What the log says.
+        parameters: P parameters.
+        model: The robot.
+        log: Its log.
+        now: The parameters after the selection.
+        holds: Friction of the ground beyond which none would have shown, see :func:`friction_that_holds`.
+        shown: Causes that the verdict speaks of: named ones, their alternatives and suspects. The log shows them.
     """
+    motions, spoken_of = motions_of(model), {k for d in shown for k in d.members}
     asked = np.zeros(log.kp.shape, dtype=bool)
     for run in log.runs:  # one without commands may have had any
         asked |= (run.joint.get("current_cmd", np.ones((1, 1))) > 0.0).any(axis=0)
@@ -137,7 +161,7 @@ def cannot_know(
         if p.cause not in MOTIONS or p.field == "limit" or (p.field == "mu" and holds is not None):
             continue
         information = 1.0 / now.covariance[k, k] - now.precision[k, k]
-        sure = (
+        sure = k in spoken_of or (
             (p.field not in COIL or asked[p.index])
             and information > 0.0
             and 1.0 / np.sqrt(max(information, 1e-30)) < max(2.0 * p.fault, 2.0 * p.least)
@@ -147,23 +171,26 @@ def cannot_know(
             unseen.setdefault(p.cause, []).append(p.where)
     found = []
     if not model.free:
-        found += [f"{cause}: the robot's base was fixed; {MOTIONS[cause].what}" for cause in GROUND]
-        if "tau" not in evidence.sigma:
-            found.append(f"motor_strength of robot: {ALIKE}; {MOTIONS['motor_strength'].what}")
+        if model.legged:
+            found += [f"{cause}: the robot's base was fixed; {motions[cause].what}" for cause in GROUND]
+        else:
+            found += [f"{cause}: no motion shows it while the robot's base is fixed" for cause in OF_A_BASE]
+        if "tau" not in evidence.sigma and not any(d.cause == "motor_strength" and d.where == "robot" for d in shown):
+            found.append(f"motor_strength of robot: {ALIKE}; {motions['motor_strength'].what}")
     for cause, places in unseen.items():
         where = "" if not known[cause] or places == ["robot"] else f" of {', '.join(places)}"
-        found.append(f"{cause}{where}: no size would have shown in this log; {MOTIONS[cause].what}")
+        found.append(f"{cause}{where}: no size would have shown in this log; {motions[cause].what}")
     for cause, why in NOT_LOOKED_FOR.items():
         if cause == "backlash" or model.devices:
             found.append(f"{cause}: not looked for in robot logs; {why}")
-    limits = [p for p in parameters if p.field == "limit"]
+    limits = [p for k, p in enumerate(parameters) if p.field == "limit" and k not in spoken_of]
     if above := [
         f"{p.where} beyond {model.asked[p.index]:.3g} N·m" for p in limits
         if model.asked[p.index] < (1.0 - p.fault) * _limit(model, p.index)
     ]:  # fmt: skip
-        found.append(f"torque_limit of {', '.join(above)}: no more was asked for; {MOTIONS['torque_limit'].what}")
-    if holds is not None:
-        found.append(f"ground_friction of robot beyond {holds:.2g}: no foot slipped; {MOTIONS['ground_friction'].what}")
+        found.append(f"torque_limit of {', '.join(above)}: no more was asked for; {motions['torque_limit'].what}")
+    if holds is not None and not any(d.cause == "ground_friction" for d in shown):
+        found.append(f"ground_friction of robot beyond {holds:.2g}: no foot slipped; {motions['ground_friction'].what}")
     if log.tau_is == "command":
         found.append("tau is the command: it says nothing of what the motors gave; log a measured torque or current")
     return tuple(found)
@@ -174,22 +201,32 @@ def _limit(model: ReplayModel, joint: int) -> float:
     return float(model.model.actuator_forcerange[joint, 1]) if model.limited[joint] else np.inf
 
 
-def next_experiment(causes: Sequence[NamedCause], unknown: Sequence[str]) -> NextExperiment | None:
-    """The motion that tells the first cause from its alternatives, or shows the first of what cannot be known."""
+def motions_of(model: ReplayModel) -> Mapping[str, Shown]:
+    """Motion that shows a cause of this robot, by the cause."""
+    return MOTIONS if model.free or model.legged else ARM_MOTIONS
+
+
+def next_experiment(
+    causes: Sequence[NamedCause], unknown: Sequence[str], motions: Mapping[str, Shown] = MOTIONS
+) -> NextExperiment | None:
+    """The motion that tells the first cause from its alternatives, or shows the first of what cannot be known.
+
+    ``unknown`` are sentences of :func:`cannot_know`, ``motions`` those of the robot, see :func:`motions_of`.
+    """
     for cause in causes:
         rivals = [x.partition(" of ")[0] for x in cause.alternatives]
         if rivals:
-            return _experiment(rivals[0], (cause.name, *rivals))
+            return _experiment(rivals[0], (cause.name, *rivals), motions)
     for text in unknown:
         name = text.partition(":")[0].partition(" of ")[0]
-        if name in MOTIONS:
-            same = [x.partition(":")[0] for x in unknown if x.endswith(MOTIONS[name].what)]
-            return _experiment(name, tuple(x.partition(" of ")[0] for x in same))
+        if name in motions and text.endswith(motions[name].what):
+            same = [x.partition(":")[0] for x in unknown if x.endswith(motions[name].what)]
+            return _experiment(name, tuple(x.partition(" of ")[0] for x in same), motions)
     return None
 
 
-def _experiment(cause: str, separates: tuple[str, ...]) -> NextExperiment:
-    shown = MOTIONS[cause]
+def _experiment(cause: str, separates: tuple[str, ...], motions: Mapping[str, Shown]) -> NextExperiment:
+    shown = motions[cause]
     return NextExperiment(
         what=shown.what, seconds=shown.seconds, separates=separates, kind=cause, settings=dict(shown.record)
     )

@@ -84,6 +84,7 @@ def test_a_healthy_log_has_no_cause(tmp_path: Path) -> None:
     assert (d.verdict, d.causes) == ("none", ())
     assert not np.any(d.theta)
     assert {"trunk_mass", "backlash"} <= {text.partition(":")[0] for text in d.cannot_know}
+    assert d.next_experiment is not None and "walk" not in "".join((d.next_experiment.what, *d.cannot_know))
 
 
 @pytest.mark.slow

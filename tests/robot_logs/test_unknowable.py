@@ -9,21 +9,88 @@ import pytest
 
 from mrwarp.resources import DEFAULT_POLICY
 from mrwarp.robot_logs import unknowable
-from mrwarp.robot_logs.causes import Parameter
+from mrwarp.robot_logs.causes import Field, Parameter
 from mrwarp.robot_logs.replay_model import replay_model
 from mrwarp.robot_logs.robot_log import load_log
-from mrwarp.robot_logs.unknowable import MOTIONS, cannot_know, friction_that_holds, next_experiment
+from mrwarp.robot_logs.selection import Direction
+from mrwarp.robot_logs.unknowable import (
+    ARM_MOTIONS,
+    MOTIONS,
+    Shown,
+    cannot_know,
+    friction_that_holds,
+    motions_of,
+    next_experiment,
+)
+from mrwarp.robot_logs.unknowable import GROUND as GROUND_CAUSES
 from mrwarp.robot_logs.virtual.motions import AIR, GROUND
 from mrwarp.robot_logs.virtual.record_log import LogCfg, record
 from mrwarp.robot_logs.windows import foot_slipped
 
 
+@pytest.mark.parametrize("motions", [MOTIONS, ARM_MOTIONS])
 @pytest.mark.parametrize("cause", MOTIONS)
-def test_a_proposed_motion_can_be_recorded(cause: str) -> None:
+def test_a_proposed_motion_can_be_recorded(cause: str, motions: dict[str, Shown]) -> None:
     """``mrwarp log record`` takes its motions together: all on the ground, or all in the air."""
-    record = MOTIONS[cause].record
+    record = motions[cause].record
     assert set(record) <= set(AIR) or set(record) <= set(GROUND)
-    assert MOTIONS[cause].what.endswith(f", {sum(record.values()):.0f} s")
+    assert motions[cause].what.endswith(f", {sum(record.values()):.0f} s")
+    if motions is ARM_MOTIONS and cause not in GROUND_CAUSES:
+        assert set(record) <= set(AIR) and "walk" not in motions[cause].how and "trunk" not in motions[cause].how
+
+
+def _gain(name: str, where: str, index: int, *, field: Field = "kp") -> Parameter:
+    return Parameter(
+        cause=name, where=where, name="gain", unit="1", field=field, index=index, step=0.05, spread=0.02, least=0.04,
+        fault=0.3, nominal=1.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("legged", [False, True])
+def test_advice_fits_the_robot(legged: bool) -> None:
+    """An arm on a table cannot walk, and has neither feet nor an inertial sensor; a held quadruped can be put down."""
+    p = [_gain("kp", "elbow", 0), _gain("motor_strength", "elbow", 0), _gain("encoder_offset", "elbow", 0)]
+    now = SimpleNamespace(covariance=np.eye(3), precision=np.eye(3))
+    log = SimpleNamespace(runs=[], kp=np.ones(1), tau_is="none")
+    model = SimpleNamespace(free=False, legged=legged, devices=())
+    found = cannot_know(SimpleNamespace(sigma={}), p, model, log, now)
+    names = {text.partition(":")[0] for text in found}
+    assert {"kp", "motor_strength", "encoder_offset", "trunk_mass"} <= names
+    assert any("walk" in text for text in found) == legged and ("ground_friction" in names) == legged
+    proposed = next_experiment((), found, motions_of(model))
+    assert proposed is not None and proposed.what in "".join(found)
+    assert proposed.settings == ({"walk": 20.0} if legged else {"slow": 20.0})
+    rival = SimpleNamespace(name="motor_strength", alternatives=("kp of elbow",))
+    proposed = next_experiment((rival,), found, motions_of(model))
+    assert proposed is not None and proposed.settings == ({"walk": 20.0} if legged else {"steps": 10.0})
+
+
+@pytest.mark.parametrize(
+    ("shown", "left"),
+    [
+        ([], {"kp", "torque_limit of elbow beyond 1 N·m, wrist beyond 1 N·m", "motor_strength of robot"}),
+        ([("kp", "elbow", (0,))], {"kp of wrist", "torque_limit of elbow beyond 1 N·m, wrist beyond 1 N·m",
+                                   "motor_strength of robot"}),
+        ([("kp", "robot", (0, 1)), ("motor_strength", "robot", ())],
+         {"torque_limit of elbow beyond 1 N·m, wrist beyond 1 N·m"}),
+        ([("torque_limit", "wrist", (3,))], {"kp", "torque_limit of elbow beyond 1 N·m", "motor_strength of robot"}),
+    ],
+)  # fmt: skip
+def test_what_the_verdict_speaks_of_has_shown_in_the_log(
+    shown: list[tuple[str, str, tuple[int, ...]]], left: set[str]
+) -> None:
+    """A named Kp of one joint stood next to "kp: no size would have shown in this log", and a limit likewise."""
+    p = [_gain("kp", "elbow", 0), _gain("kp", "wrist", 1)]
+    p += [_gain("torque_limit", "elbow", 0, field="limit"), _gain("torque_limit", "wrist", 1, field="limit")]
+    now = SimpleNamespace(covariance=np.eye(4), precision=np.eye(4))
+    log = SimpleNamespace(runs=[], kp=np.ones(2), tau_is="none")
+    model = SimpleNamespace(
+        free=False, legged=False, devices=(), asked=np.ones(2), limited=np.zeros(2, dtype=bool),
+    )  # fmt: skip
+    named = [Direction(cause=cause, where=where, members=members) for cause, where, members in shown]
+    found = cannot_know(SimpleNamespace(sigma={}), p, model, log, now, shown=named)
+    speak = {text.partition(":")[0] for text in found if text.startswith(("kp", "torque_limit", "motor_strength"))}
+    assert speak == left
 
 
 @pytest.mark.parametrize(("amps", "known"), [([0.0, 0.0], False), ([0.0, 0.8], True)])

@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from mrwarp.recording.tables import MAX_BYTES
-from mrwarp.robot_logs.mapped_log import Columns, Source, log_of
+from mrwarp.robot_logs.forms.mapped_log import Columns, Source, log_of
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
 from mrwarp.run_dir import one_line
 
@@ -44,7 +44,7 @@ INDEX = ("timestamp", "episode_index", "frame_index")
 
 
 def read_lerobot(path: Path, m: Mapping[str, Any], *, skip_bad: bool = False) -> RobotLog:
-    """Read a data set; arguments and errors as of :func:`mrwarp.robot_logs.mapped_log.log_of`."""
+    """Read a data set; arguments and errors as of :func:`mrwarp.robot_logs.forms.mapped_log.log_of`."""
     file, info = path / "meta" / "info.json", _info(path / "meta" / "info.json")
     features = info["features"]
     layout = _layout(file, features, m)

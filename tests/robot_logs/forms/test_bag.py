@@ -13,8 +13,8 @@ from rosbags.typesys.store import Typestore
 
 from mrwarp.cli import main
 from mrwarp.recording.data import RecordingError
-from mrwarp.robot_logs.bag import UNITREE_JOINTS, read_bag, typestore
-from mrwarp.robot_logs.open_log import open_log
+from mrwarp.robot_logs.forms.bag import UNITREE_JOINTS, read_bag, typestore
+from mrwarp.robot_logs.forms.open_log import open_log
 from mrwarp.robot_logs.robot_log import is_robot_log, load_log
 from tests.messages import tells
 

@@ -13,7 +13,7 @@ import pytest
 
 from mrwarp.cli import main
 from mrwarp.recording.data import RecordingError
-from mrwarp.robot_logs.open_log import open_log
+from mrwarp.robot_logs.forms.open_log import open_log
 from mrwarp.robot_logs.robot_log import is_robot_log, load_log
 from tests.messages import tells
 

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from mrwarp.recording.tables import MAX_BYTES, read_table
+from mrwarp.robot_logs.forms.mapped_log import Columns, Source, log_of
 from mrwarp.robot_logs.kinds import PICKLES, head_of, joints_numbered, numbered_tables_in, tensors_in
-from mrwarp.robot_logs.mapped_log import Columns, Source, log_of
 from mrwarp.robot_logs.robot_log import LogError, RobotLog
 from mrwarp.run_dir import one_line
 
@@ -29,7 +29,7 @@ RADIANS = {"q": "rad"}
 
 
 def read_pace(path: Path, m: Mapping[str, Any], *, skip_bad: bool = False) -> RobotLog:
-    """Read PACE's files; arguments and errors as of :func:`mrwarp.robot_logs.mapped_log.log_of`."""
+    """Read PACE's files; arguments and errors as of :func:`mrwarp.robot_logs.forms.mapped_log.log_of`."""
     recordings, names = [], None
     for file in tensors_in(path):
         own, found = _pace(file)
@@ -80,7 +80,7 @@ def _pace(file: Path) -> tuple[list[str] | None, Columns]:
 
 
 def read_isaac(path: Path, m: Mapping[str, Any], *, skip_bad: bool = False) -> RobotLog:
-    """Read CSV files of numbered joints; arguments and errors as of :func:`mrwarp.robot_logs.mapped_log.log_of`."""
+    """Read CSV files of numbered joints; arguments and errors as :func:`~mrwarp.robot_logs.forms.mapped_log.log_of`."""
     recordings, left = [], MAX_BYTES
     for file in numbered_tables_in(path):
         names = head_of(file)

@@ -18,7 +18,7 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from mrwarp.robot_logs.mapped_log import joints_of_map, map_of
+from mrwarp.robot_logs.forms.mapped_log import joints_of_map, map_of
 from mrwarp.robot_logs.robot_log import MIN_SAMPLES, LogError, LogRun, RobotLog, check_run, factors, make_log
 from mrwarp.run_dir import one_line
 

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from mrwarp.robot_logs.forms.bag import read_bag
+from mrwarp.robot_logs.forms.lerobot import read_lerobot
+from mrwarp.robot_logs.forms.mapped_log import map_of
+from mrwarp.robot_logs.forms.sysid_files import read_isaac, read_pace
 from mrwarp.robot_logs.kinds import kind_of
-from mrwarp.robot_logs.mapped_log import map_of
 from mrwarp.robot_logs.robot_log import LogError, RobotLog, load_log
 
 
@@ -32,13 +35,7 @@ def open_log(
         return load_log(path, skip_bad=skip_bad)
     m = map_of(path, map_file, units)
     if kind == "bag":
-        from mrwarp.robot_logs.bag import read_bag
-
         return read_bag(path, m)
     if kind == "lerobot":
-        from mrwarp.robot_logs.lerobot import read_lerobot
-
         return read_lerobot(path, m, skip_bad=skip_bad)
-    from mrwarp.robot_logs.sysid_files import read_isaac, read_pace
-
     return (read_pace if kind == "pace" else read_isaac)(path, m, skip_bad=skip_bad)

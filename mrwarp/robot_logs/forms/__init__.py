@@ -1,0 +1,1 @@
+"""Logs in forms of other programs: bags of ROS, data sets of LeRobot, files of identification tools."""
