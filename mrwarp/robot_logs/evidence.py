@@ -14,26 +14,12 @@ import numpy as np
 
 from mrwarp.robot_logs.causes import Parameter
 from mrwarp.robot_logs.replay_model import ReplayModel
+from mrwarp.robot_logs.slopes import START_SPREAD, Slopes, slopes_of
 from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances, side_by_side
 from mrwarp.robot_logs.windows import Windows
 
-START_SPREAD = 1.0
-"""Standard deviation of a window's start, in the steps of :func:`mrwarp.robot_logs.window_replay.nuisances`."""
-
-DERIVATIVE_STEP = 0.0051
-"""Longest physics step of the replays from which derivatives are taken [s]; mismatches are those of the fine step."""
-
-CENTRAL = ("kp", "kd", "strength", "scale", "mass", "armature")
-"""Fields with central derivatives: a factor on all torques and masses changes nothing, but their curvature would."""
-
-CENTRAL_SHARE = 0.1
-"""Their steps, in the parameters' own."""
-
 ROUNDS = 4
 """Times that channels are weighed anew by what is left in them."""
-
-AT_ONCE = 3200
-"""Windows times robots that are replayed before their readings are put by."""
 
 TRUSTED = 0.5
 """A step that gains less than this share of what the derivatives promise calls for new ones."""
@@ -52,41 +38,9 @@ count less, the more is left in them than in the median one: small errors of som
 CURRENT = "current"
 """Channel of the coils' currents."""
 
-CREEP = 0.004
-"""Standard deviation of a slow drift of joints of a robot on its feet, over a window [rad/s]: in simulations and on
-soft soles feet that stick creep, and how fast none agree on. The virtual robot's hips drift by up to 0.002 rad/s while
-it stands."""
-
-LEAN = 0.002
-"""Standard deviation of an inertial unit's roll and pitch, over a window, beside those of the session [rad]: its filter
-wanders, the virtual robot's by as much."""
-
 LEAST_LEFT = {"q": 3e-4, "quat": 5e-4}
 """Least that counts as left in a channel of a robot on its feet [rad]: no simulation of standing feet is better, and of
 a robot at rest smaller errors would be blamed on causes."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Slopes:
-    """Derivatives of the replays of a group's W windows, all N readings of a window in one row, channel by channel."""
-
-    layout: dict[str, tuple[int, int]]
-    """Samples and columns of each channel, by name."""
-    j: np.ndarray
-    """By parameter, shape (W, P, N)."""
-    z: np.ndarray
-    """By the window's start, per step of it, and by what wanders in a window of a free robot, shape (W, Z, N)."""
-
-    def scale(self, sigma: dict[str, np.ndarray]) -> np.ndarray:
-        """What is left in each channel, one number a reading, shape (N,)."""
-        return np.concatenate([np.tile(sigma[name], samples) for name, (samples, _) in self.layout.items()])
-
-    def channels(self, x: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-        """Rows of readings by channel: (..., N) to (..., S, C)."""
-        at = 0
-        for name, (samples, columns) in self.layout.items():
-            yield name, x[..., at : at + samples * columns].reshape(*x.shape[:-1], samples, columns)
-            at += samples * columns
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,7 +123,7 @@ def gather(
         theta: Values about which derivatives are taken, shape (P,).
         log: Told of progress.
     """
-    slopes = [_slopes(model, windows, parameters, theta, log) for windows in groups]
+    slopes = [slopes_of(model, windows, parameters, theta, log) for windows in groups]
     rows = [_mismatch(Replay(model, w), parameters, np.tile(theta, (w.count, 1)), np.arange(w.count)) for w in groups]
     rows = [np.nan_to_num(x, posinf=0.0, neginf=0.0) for x in rows]
     alone = _currents_alone(slopes, rows)
@@ -184,7 +138,7 @@ def gather(
     prior = np.diag([1.0 / (p.spread**2 + p.fault**2) for p in parameters])
     distinct = np.concatenate([w.distinct for w in groups])
     for round_ in range(ROUNDS):
-        pieces = [_reduced(x, r, sigma) for x, r in zip(slopes, rows, strict=True)]
+        pieces = [x.reduced(r, sigma) for x, r in zip(slopes, rows, strict=True)]
         a, b, c = (np.concatenate([p[i] for p in pieces]) for i in range(3))
         b, c = _to_origin(a, b, c, theta)
         best, weight, keep = _weighed(a, b, c, prior, distinct)
@@ -261,6 +215,34 @@ def losses(
             z = slopes.z[w] / sigma
             totals.append(r @ r - (z @ r) @ _best_start(z, r))
     return np.array(totals), {name: np.concatenate(x) for name, x in squares.items()}
+
+
+def left_by_each(
+    evidence: Evidence, model: ReplayModel, groups: Sequence[Windows], parameters: list[Parameter], thetas: np.ndarray
+) -> np.ndarray:
+    """Weighted squared mismatch of H robots, (H, P), as the replay has it; in units of a likelihood, shape (H,).
+
+    All of them are replayed at once, and those that break are infinitely far off.
+    """
+    found, first, done = np.zeros(len(thetas)), 0, 0
+    for windows, slopes in zip(groups, evidence.slopes, strict=True):
+        own = np.flatnonzero(evidence.keep[first : first + windows.count])
+        first += windows.count
+        if not len(own):
+            continue
+        sigma = slopes.scale(evidence.sigma)
+        every = np.repeat(thetas, len(own), axis=0)
+        left = _mismatch(Replay(model, windows), parameters, every, np.tile(own, len(thetas))) / sigma
+        weight = evidence.weight[done : done + len(own)]
+        done += len(own)
+        for k, w in enumerate(own):
+            z, r = slopes.z[w] / sigma, left[k :: len(own)]
+            whole = np.isfinite(r).all(axis=1)
+            r = np.where(whole[:, None], r, 0.0)
+            start = _best_start(z, r.T)
+            loss = (r**2).sum(axis=1) - ((r @ z.T) * start.T).sum(axis=1)
+            found += weight[k] * np.where(whole, loss, np.inf)
+    return found / evidence.scale
 
 
 def _kept(
@@ -351,49 +333,6 @@ def _mismatch(replay: Replay, parameters: list[Parameter], theta: np.ndarray, ow
     )
 
 
-def _slopes(model, windows, parameters, theta, log) -> Slopes:  # noqa: ANN001
-    """Derivatives of a group's replays, many hypotheses at once."""
-    replay = Replay(model, windows.coarse(max(1, int(np.floor(DERIVATIVE_STEP / windows.h + 1e-6)))))
-    steps, count, total = nuisances(model), windows.count, len(parameters)
-    central = [k for k, p in enumerate(parameters) if p.field in CENTRAL]
-    ahead = np.diag([(CENTRAL_SHARE if p.field in CENTRAL else 1.0) * p.step for p in parameters])
-    zero = np.zeros((1, total))
-    values = theta + np.concatenate([ahead, -ahead[central], zero, np.zeros((len(steps), total))])
-    starts = np.zeros((len(values), len(steps)))
-    starts[len(values) - len(steps) :] = np.diag(steps)
-    rows, at_once = [], max(1, AT_ONCE // count, replay.at_once // count)
-    for first in range(0, len(values), at_once):
-        part = np.arange(first, min(first + at_once, len(values)))
-        log(f"replaying {count} windows: {first} of {len(values)} robots")
-        changes = Hypotheses.of(parameters, np.repeat(values[part], count, axis=0), model)
-        rows.append(replay.left(changes, np.tile(np.arange(count), len(part)), np.repeat(starts[part], count, axis=0)))
-    x = np.concatenate(rows).reshape(len(values), count, -1)  # mismatches fall by what readings rise
-    j = (x[total + len(central)] - x[:total]) / np.diag(ahead)[:, None, None].astype(np.float32)
-    j[central] = 0.5 * (x[total : total + len(central)] - x[central]) / np.diag(ahead)[central, None, None]
-    z = x[total + len(central)] - x[total + len(central) + 1 :]
-    if model.free:
-        z = np.concatenate([z, _wandering(windows)])
-    for values in (j, z):
-        np.nan_to_num(values, copy=False, posinf=0.0, neginf=0.0)
-    seen = windows.measured
-    layout = {name: x.shape[1:] for name, x in mismatch(seen, seen).items()}
-    return Slopes(layout=layout, j=np.ascontiguousarray(j.swapaxes(0, 1)), z=np.ascontiguousarray(z.swapaxes(0, 1)))
-
-
-def _wandering(windows: Windows) -> np.ndarray:
-    """Readings that drift in a window beside all else, by :data:`CREEP` of each joint and :data:`LEAN`, (Z, W, N)."""
-    layout = {name: x.shape for name, x in mismatch(windows.measured, windows.measured).items()}
-    wander: list[tuple[int, dict]] = [(j, {"q": CREEP * windows.t, "qd": CREEP}) for j in range(windows.q.shape[1])]
-    wander += [(k, {"quat": LEAN}) for k in range(2) if "quat" in layout]
-    rows = []
-    for column, sizes in wander:
-        drift = {name: np.zeros(shape) for name, shape in layout.items()}
-        for name in sizes.keys() & drift.keys():
-            drift[name][..., column] = sizes[name]
-        rows.append(side_by_side(drift))
-    return np.stack(rows)
-
-
 def _rms(slopes: Sequence[Slopes], rows: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
     """Root mean square by channel over the middle of the windows, shape (C,), of mismatches (W, N)."""
     found: dict[str, list[np.ndarray]] = {}
@@ -430,21 +369,6 @@ def _middle(squares: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(np.where(counts, squares, 0.0).sum(axis=0) / counts.sum(axis=0), 1e-16))
 
 
-def _reduced(slopes: Slopes, rows: np.ndarray, sigma: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Quadratic forms of a group's windows about its theta: shapes (W, P, P), (W, P), (W,)."""
-    count, params, _ = slopes.j.shape
-    scale = slopes.scale(sigma)
-    a, b, c = np.zeros((count, params, params)), np.zeros((count, params)), np.zeros(count)
-    for w in range(count):
-        x = np.concatenate([slopes.j[w], rows[w : w + 1], slopes.z[w]]) / scale  # float64: the start takes most of it
-        g = x @ x.T
-        across, start = g[: params + 1, params + 1 :], g[params + 1 :, params + 1 :]
-        start = start + np.eye(len(start)) / START_SPREAD**2
-        left = g[: params + 1, : params + 1] - across @ np.linalg.solve(start, across.T)
-        a[w], b[w], c[w] = left[:params, :params], left[:params, params], left[params, params]
-    return a, b, c
-
-
 def _left(slopes: Slopes, rows: np.ndarray, keep: np.ndarray, sigma: dict, change: np.ndarray) -> np.ndarray:
     """Mismatch that is left at a change of the parameters and the best starts of windows that count, (W, N)."""
     scale, found = slopes.scale(sigma), []
@@ -455,7 +379,10 @@ def _left(slopes: Slopes, rows: np.ndarray, keep: np.ndarray, sigma: dict, chang
 
 
 def _best_start(z: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Likeliest start of a window, in steps, shape (Z,), by its derivatives (Z, N) and what is left in it (N,)."""
+    """Likeliest start of a window, in steps, shape (Z,), by its derivatives (Z, N) and what is left in it (N,).
+
+    Of what H robots leave in it, shape (N, H), the starts are the columns.
+    """
     return np.linalg.solve(z @ z.T + np.eye(len(z)) / START_SPREAD**2, z @ r)
 
 

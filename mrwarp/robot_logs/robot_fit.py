@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from mrwarp.robot_logs.causes import FLOOR, ORDINARY, SESSION, Parameter
-from mrwarp.robot_logs.evidence import Evidence, fit, gather, losses, replayed
+from mrwarp.robot_logs.evidence import Evidence, fit, gather, left_by_each, replayed
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_proof import foretelling
 from mrwarp.robot_logs.selection import (
@@ -238,9 +238,8 @@ def _loudest(
         elif p.field == "limit" and p.index in (short := _short_of_torque(model, groups)):
             own[k] = [short[p.index] / abs(p.step)]
 
-    def seen(x: np.ndarray) -> float:
-        each = np.tile(x, (len(described.c), 1))
-        return float(described.weight @ losses(described, model, groups, parameters, each)[0] / described.scale)
+    def seen(*robots: np.ndarray) -> list[float]:
+        return left_by_each(described, model, groups, parameters, np.array(robots)).tolist()
 
     payload = payload_of(parameters)
 
@@ -251,27 +250,33 @@ def _loudest(
         both = parts @ (a / described.scale + prior) @ parts.T
         change = np.linalg.solve(both, parts @ pull / described.scale) @ parts
 
-        def gain(x: np.ndarray) -> float:
-            return here - seen(x) - float(x @ prior @ x) + float(theta @ usual @ theta)
+        def gains(*robots: np.ndarray) -> list[float]:
+            own = float(theta @ usual @ theta)
+            return [here - left - float(x @ prior @ x) + own for x, left in zip(robots, seen(*robots), strict=True)]
 
-        best = max((np.clip(theta + times * change, low, high) for times in MULTIPLES), key=gain)
+        tried = [np.clip(theta + times * change, low, high) for times in MULTIPLES]
+        best = tried[int(np.argmax(gains(*tried)))]
         best = searched(best, members, model, groups, parameters, described, prior, low, high)
-        return best if gain(best) > least else None
+        return best if gains(best)[0] > least else None
 
-    here = seen(theta)
+    (here,) = seen(theta)
     for pick in range(PICKS):
         pull = replayed(described, model, groups, parameters, theta)[1].b.sum(axis=0) - a @ theta
         score = changes @ pull
-        best, taken = 0.0, None
+        tried: list[tuple[np.ndarray, Direction, float]] = []
         loud = np.argsort(-(score**2) / information)[:LOUD].tolist()
         for k in dict.fromkeys([*loud, *own]):
             d, prior = directions[k], prior_of(parameters, [directions[k]])
             along = plain[k] if k in own else changes[k]
             for size in own.get(k, [times * score[k] / information[k] for times in MULTIPLES]):
                 new = np.clip(theta + size * along, low, high)
-                gain = here - seen(new) - new @ prior @ new + theta @ usual @ theta
-                if gain > best:
-                    best, taken = gain, (new, d)
+                tried.append((new, d, float(new @ prior @ new)))
+        gains = [
+            here - left - unlikely + float(theta @ usual @ theta)
+            for (_, _, unlikely), left in zip(tried, seen(*(new for new, _, _ in tried)), strict=True)
+        ]
+        best = max([0.0, *gains])
+        taken = tried[gains.index(best)][:2] if best > 0.0 else None
         # rather than a heavy link: of one at a hip a weight on the trunk is the likelier reason
         margin = 2.0 * NAMED_ODDS * (-1.0 if taken is not None and taken[1].cause == "link_mass" else 1.0)
         if not pick and payload and (weight := heavier(best + margin)) is not None:
@@ -282,7 +287,7 @@ def _loudest(
         # of its best size: what a pick leaves by its size, others would be blamed for
         new = searched(new, list(d.members), model, groups, parameters, described, prior_of(parameters, [d]), low, high)
         alone = np.where(session & ~plain[directions.index(d)].astype(bool), 0.0, new - theta)
-        theta, here = new, seen(new)
+        theta, (here,) = new, seen(new)
         if d.cause not in ORDINARY and alone @ usual @ alone > 2.0 * NAMED_ODDS:
             return theta, [d]
     return theta, []

@@ -14,10 +14,11 @@ import numpy as np
 
 from mrwarp.diagnose.result import Unexplained
 from mrwarp.robot_logs.causes import Parameter
-from mrwarp.robot_logs.evidence import DERIVATIVE_STEP, START_SPREAD, Evidence
+from mrwarp.robot_logs.evidence import Evidence
 from mrwarp.robot_logs.replay_model import ReplayModel
 from mrwarp.robot_logs.robot_log import RobotLog
 from mrwarp.robot_logs.selection import Direction
+from mrwarp.robot_logs.slopes import DERIVATIVE_STEP, START_SPREAD
 from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances
 from mrwarp.robot_logs.windows import Windows
 

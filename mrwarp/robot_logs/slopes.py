@@ -1,0 +1,197 @@
+"""Derivatives of replays by parameters and starts, and the quadratic forms of windows that follow from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mrwarp.robot_logs.causes import Parameter
+from mrwarp.robot_logs.replay_model import ReplayModel
+from mrwarp.robot_logs.window_replay import Hypotheses, Replay, mismatch, nuisances, side_by_side
+from mrwarp.robot_logs.windows import Windows
+
+START_SPREAD = 1.0
+"""Standard deviation of a window's start, in the steps of :func:`mrwarp.robot_logs.window_replay.nuisances`."""
+
+DERIVATIVE_STEP = 0.0051
+"""Longest physics step of the replays from which derivatives are taken [s]; mismatches are those of the fine step."""
+
+CENTRAL = ("kp", "kd", "strength", "scale", "mass", "armature")
+"""Fields with central derivatives: a factor on all torques and masses changes nothing, but their curvature would."""
+
+CENTRAL_SHARE = 0.1
+"""Their steps, in the parameters' own."""
+
+AT_ONCE = 3200
+"""Windows times robots that are replayed before their readings are put by."""
+
+CREEP = 0.004
+"""Standard deviation of a slow drift of joints of a robot on its feet, over a window [rad/s]: in simulations and on
+soft soles feet that stick creep, and how fast none agree on. The virtual robot's hips drift by up to 0.002 rad/s while
+it stands."""
+
+LEAN = 0.002
+"""Standard deviation of an inertial unit's roll and pitch, over a window, beside those of the session [rad]: its filter
+wanders, the virtual robot's by as much."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slopes:
+    """Derivatives of the replays of a group's W windows, all N readings of a window in one row, channel by channel."""
+
+    layout: dict[str, tuple[int, int]]
+    """Samples and columns of each channel, by name."""
+    j: np.ndarray
+    """By parameter, shape (W, P, N)."""
+    z: np.ndarray
+    """By the window's start, per step of it, and by what wanders in a window of a free robot, shape (W, Z, N)."""
+
+    def scale(self, sigma: dict[str, np.ndarray]) -> np.ndarray:
+        """What is left in each channel, one number a reading, shape (N,)."""
+        return np.concatenate([np.tile(sigma[name], samples) for name, (samples, _) in self.layout.items()])
+
+    def channels(self, x: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+        """Rows of readings by channel: (..., N) to (..., S, C)."""
+        at = 0
+        for name, (samples, columns) in self.layout.items():
+            yield name, x[..., at : at + samples * columns].reshape(*x.shape[:-1], samples, columns)
+            at += samples * columns
+
+    @cached_property
+    def blocks(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Readings that the same numbers move: those parameters, those of the start, and the readings, by index."""
+        groups: dict[bytes, tuple[np.ndarray, list[np.ndarray]]] = {}
+        at = 0
+        moved = [dict(self.channels(x)) for x in (self.j, self.z)]
+        for name, (samples, columns) in self.layout.items():
+            by = np.concatenate([(x[name] != 0.0).any(axis=(0, 2)) for x in moved])  # (P + Z, C)
+            for c in range(columns):
+                _, readings = groups.setdefault(by[:, c].tobytes(), (by[:, c], []))
+                readings.append(at + c + columns * np.arange(samples))
+            at += samples * columns
+        count = self.j.shape[1]
+        return [
+            (np.flatnonzero(by[:count]), np.flatnonzero(by[count:]), np.sort(np.concatenate(readings)))
+            for by, readings in groups.values()
+        ]
+
+    def reduced(
+        self, rows: np.ndarray, sigma: dict[str, np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+        """Quadratic forms of the windows about their theta, the starts eliminated.
+
+        Args:
+            rows: Mismatch of each window, shape (W, N).
+            sigma: What is left in each channel, by name, shape (C,).
+
+        Returns:
+            Information (W, P, P), score (W, P), and weighted squared mismatch, (W,).
+        """
+        count, params, starts = *self.j.shape[:2], self.z.shape[1]
+        scale, size = self.scale(sigma), params + 1 + starts
+        a, b, c = np.zeros((count, params, params)), np.zeros((count, params)), np.zeros(count)
+        for w in range(count):
+            g = np.zeros((size, size))
+            for own, start, readings in self.blocks:
+                parts = self.j[w][np.ix_(own, readings)], rows[w : w + 1, readings], self.z[w][np.ix_(start, readings)]
+                x = np.concatenate(parts) / scale[readings]  # float64: the start takes most of it
+                at = np.concatenate([own, [params], params + 1 + start])
+                g[np.ix_(at, at)] += x @ x.T
+            across, start = g[: params + 1, params + 1 :], g[params + 1 :, params + 1 :]
+            start = start + np.eye(starts) / START_SPREAD**2
+            left = g[: params + 1, : params + 1] - across @ np.linalg.solve(start, across.T)
+            a[w], b[w], c[w] = left[:params, :params], left[:params, params], left[params, params]
+        return a, b, c
+
+
+def slopes_of(
+    model: ReplayModel, windows: Windows, parameters: list[Parameter], theta: np.ndarray, log: Callable[[str], None]
+) -> Slopes:  # fmt: skip
+    """Derivatives of a group's replays about ``theta``, (P,), many hypotheses at once.
+
+    Limbs that do not move each other share replays: one robot has a number of each of them changed.
+    """
+    replay = Replay(model, windows.coarse(max(1, int(np.floor(DERIVATIVE_STEP / windows.h + 1e-6)))))
+    steps, count, total = nuisances(model), windows.count, len(parameters)
+    central = [k for k, p in enumerate(parameters) if p.field in CENTRAL]
+    ahead = np.diag([(CENTRAL_SHARE if p.field in CENTRAL else 1.0) * p.step for p in parameters])
+    changes = np.concatenate([ahead, -ahead[central], np.zeros((len(steps), total))])
+    starts = np.concatenate([np.zeros((total + len(central), len(steps))), np.diag(steps)])
+    seen, limbs = windows.measured, _Limbs(model)
+    layout = {name: x.shape[1:] for name, x in mismatch(seen, seen).items()}
+    places = [p.where for p in parameters]
+    places += [places[k] for k in central] + (["robot"] * len(steps) if model.free else list(model.joints) * 2)
+    robot = limbs.shared(places)
+    values, begins = (np.zeros((robot.max() + 2, x.shape[1])) for x in (changes, starts))
+    np.add.at(values, robot, changes)
+    np.add.at(begins, robot, starts)
+    values += theta  # the last robot is unchanged
+    rows, at_once = [], max(1, AT_ONCE // count, replay.at_once // count)
+    for first in range(0, len(values), at_once):
+        part = np.arange(first, min(first + at_once, len(values)))
+        log(f"replaying {count} windows: {first} of {len(values)} robots")
+        own = Hypotheses.of(parameters, np.repeat(values[part], count, axis=0), model)
+        rows.append(replay.left(own, np.tile(np.arange(count), len(part)), np.repeat(begins[part], count, axis=0)))
+    x = np.concatenate(rows).reshape(len(values), count, -1)
+    rise = x[-1] - x[robot]  # mismatches fall by what readings rise
+    for place, of_one in zip(places, rise, strict=True):
+        of_one[:, ~limbs.moved(place, layout)] = 0.0
+    j, z = rise[:total] / np.diag(ahead)[:, None, None].astype(np.float32), rise[total + len(central) :]
+    j[central] = 0.5 * (rise[central] - rise[total : total + len(central)]) / np.diag(ahead)[central, None, None]
+    if model.free:
+        z = np.concatenate([z, _wandering(windows)])
+    for values in (j, z):
+        np.nan_to_num(values, copy=False, posinf=0.0, neginf=0.0)
+    return Slopes(layout=layout, j=np.ascontiguousarray(j.swapaxes(0, 1)), z=np.ascontiguousarray(z.swapaxes(0, 1)))
+
+
+class _Limbs:
+    """Limbs of a held robot that do not move each other; of other robots there are none.
+
+    A constraint or a tendon between joints may tie limbs together: such a robot has none either.
+    """
+
+    def __init__(self, model: ReplayModel) -> None:
+        tied = model.free or model.model.neq > 0 or model.model.ntendon > 0
+        self._of, self._joints = {} if tied else model.limbs, model.joints
+
+    def shared(self, places: Sequence[str]) -> np.ndarray:
+        """Robot in which each of N numbers is changed, by their places, shape (N,): in each at most one of a limb."""
+        found, robots, used = np.zeros(len(places), dtype=int), 0, dict.fromkeys(self._of.values(), 0)
+        common: list[int] = []
+        for k, place in enumerate(places):
+            limb = self._of.get(place)
+            if limb is not None and used[limb] < len(common):
+                found[k] = common[used[limb]]
+            else:
+                found[k], robots = robots, robots + 1
+                common += [robots - 1] if limb is not None else []
+            if limb is not None:
+                used[limb] += 1
+        return found
+
+    def moved(self, place: str, layout: dict[str, tuple[int, int]]) -> np.ndarray:
+        """Whether each of a window's N readings is of what a place moves, shape (N,)."""
+        limb = self._of.get(place)
+        own = np.array([limb is None or self._of.get(joint) == limb for joint in self._joints])
+        return np.concatenate([
+            np.tile(own if columns == len(own) else np.ones(columns, dtype=bool), samples)
+            for samples, columns in layout.values()
+        ])  # fmt: skip
+
+
+def _wandering(windows: Windows) -> np.ndarray:
+    """Readings that drift in a window beside all else, by :data:`CREEP` of each joint and :data:`LEAN`, (Z, W, N)."""
+    layout = {name: x.shape for name, x in mismatch(windows.measured, windows.measured).items()}
+    wander: list[tuple[int, dict]] = [(j, {"q": CREEP * windows.t, "qd": CREEP}) for j in range(windows.q.shape[1])]
+    wander += [(k, {"quat": LEAN}) for k in range(2) if "quat" in layout]
+    rows = []
+    for column, sizes in wander:
+        drift = {name: np.zeros(shape) for name, shape in layout.items()}
+        for name in sizes.keys() & drift.keys():
+            drift[name][..., column] = sizes[name]
+        rows.append(side_by_side(drift))
+    return np.stack(rows)

@@ -1,0 +1,82 @@
+"""Derivatives of replays: limbs that do not move each other share robots, and forms are of what moves a reading."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrwarp.robot_logs import slopes
+from mrwarp.robot_logs.causes import parameters_of
+from mrwarp.robot_logs.replay_model import ReplayModel, replay_model
+from mrwarp.robot_logs.robot_log import load_log
+from mrwarp.robot_logs.slopes import START_SPREAD, Slopes, slopes_of
+from mrwarp.robot_logs.window_replay import Hypotheses
+from mrwarp.robot_logs.windows import cut_windows
+
+LIMBS = ("left", "right", "rear")
+
+
+def _log(folder: Path, *, tied: bool) -> Path:
+    """Three limbs of two joints on a held body, which swing; an equality may tie two of them together."""
+    limbs = "".join(
+        f'<body name="{limb} upper" pos="0 {0.2 * k} 0"><joint name="{limb} hip" axis="0 1 0" armature="0.01"/>'
+        '<geom type="capsule" size="0.02" fromto="0 0 0 0 0 -0.2" mass="0.5"/>'
+        f'<body name="{limb} lower" pos="0 0 -0.2"><joint name="{limb} knee" axis="0 1 0" armature="0.01"/>'
+        '<geom type="capsule" size="0.02" fromto="0 0 0 0 0 -0.2" mass="0.3"/></body></body>'
+        for k, limb in enumerate(LIMBS)
+    )
+    tie = '<equality><joint joint1="left hip" joint2="right hip"/></equality>' if tied else ""
+    folder.mkdir()
+    (folder / "robot.xml").write_text(f"<mujoco><worldbody>{limbs}</worldbody>{tie}</mujoco>")
+    (folder / "log.json").write_text(json.dumps({"robot": "robot.xml", "base": "fixed", "kp": 10, "kd": 0.3}))
+    t, joints = 0.005 * np.arange(260), [f"{limb} {part}" for limb in LIMBS for part in ("hip", "knee")]
+    q = 0.4 * np.sin(6.0 * t[:, None] + np.arange(6)) + np.random.default_rng(0).normal(0.0, 1e-3, (len(t), 6))
+    names = ["t", *(f"q.{j}" for j in joints), *(f"q_des.{j}" for j in joints)]
+    np.savetxt(folder / "run.csv", np.column_stack([t, q, q]), delimiter=",", header=",".join(names), comments="")
+    return folder
+
+
+def _derivatives(path: Path, monkeypatch: pytest.MonkeyPatch, *, apart: bool = False) -> tuple[Slopes, int]:
+    """Of all numbers, about a robot that is a little off; and how many robots were replayed."""
+    if apart:
+        monkeypatch.setattr(ReplayModel, "limbs", {})
+    log = load_log(path)
+    model = replay_model(path / "robot.xml", log)
+    parameters, (windows, *_) = parameters_of(model, log), cut_windows(model, log)
+    robots, of = [0], Hypotheses.of
+    count = staticmethod(lambda p, x, m: robots.append(robots.pop() + len(x)) or of(p, x, m))
+    with monkeypatch.context() as patched:
+        patched.setattr(slopes.Hypotheses, "of", count)
+        found = slopes_of(model, windows, parameters, np.array([0.01 * p.fault for p in parameters]), lambda _: None)
+    return found, robots[0] // windows.count
+
+
+def test_limbs_share_replays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A third of the robots give the same derivatives; limbs that a constraint ties together share none."""
+    path = _log(tmp_path / "apart", tied=False)
+    (ours, few), (alone, many) = _derivatives(path, monkeypatch), _derivatives(path, monkeypatch, apart=True)
+    assert few < 0.4 * many
+    size = np.abs(alone.j).max(axis=(0, 2), keepdims=True)
+    np.testing.assert_allclose(ours.j / size, alone.j / size, atol=2e-3)
+    np.testing.assert_allclose(ours.z, alone.z, atol=1e-5)
+    monkeypatch.undo()
+    assert _derivatives(_log(tmp_path / "tied", tied=True), monkeypatch)[1] == many
+
+
+def test_forms_are_those_of_all_readings_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Readings that other numbers move are multiplied by themselves; their sum is the whole."""
+    found, _ = _derivatives(_log(tmp_path / "log", tied=False), monkeypatch)
+    assert len(found.blocks) >= len(LIMBS)
+    rng = np.random.default_rng(1)
+    rows = rng.normal(0.0, 1e-3, (len(found.j), found.j.shape[-1]))
+    sigma = {name: rng.uniform(1e-3, 2e-3, columns) for name, (_, columns) in found.layout.items()}
+    a, b, c = found.reduced(rows, sigma)
+    for w, r in enumerate(rows / found.scale(sigma)):
+        j, z = found.j[w] / found.scale(sigma), found.z[w] / found.scale(sigma)
+        free = np.eye(len(r)) - z.T @ np.linalg.solve(z @ z.T + np.eye(len(z)) / START_SPREAD**2, z)
+        np.testing.assert_allclose(a[w], j @ free @ j.T, rtol=1e-6, atol=1e-6 * np.abs(a[w]).max())
+        np.testing.assert_allclose(b[w], j @ free @ r, rtol=1e-6, atol=1e-6 * np.abs(b[w]).max())
+        assert c[w] == pytest.approx(r @ free @ r, rel=1e-6)
