@@ -48,7 +48,6 @@ INPUTS = {
             "predict",
             "holding",
             "file",
-            "bag",
             "map",
             "start_from",
             "policies",

@@ -237,7 +237,7 @@ def left_by_each(
         done += len(own)
         for k, w in enumerate(own):
             z, r = slopes.z[w] / sigma, left[k :: len(own)]
-            whole = np.isfinite(r).all(axis=1)
+            whole = np.asarray(np.isfinite(r).all(axis=1))
             r = np.where(whole[:, None], r, 0.0)
             start = _best_start(z, r.T)
             loss = (r**2).sum(axis=1) - ((r @ z.T) * start.T).sum(axis=1)
