@@ -7,7 +7,7 @@ others predict it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +24,7 @@ from mrwarp.identify.parameters import (
     LINEAR,
     SHAPE,
     SHAPE_PART,
+    YIELDING,
     Parameters,
     jacobian,
     shape_coordinates,
@@ -161,7 +162,11 @@ def fit_model(
         iterations=iterations,
         predicted=lambda gain, loss: gain < tolerance * loss and gain < 0.02 * parameters.size,
     )
-    x, best = minimise(evaluate, x, parameters.low, parameters.high, reach=parameters.reach(1.0, 0.7), rules=rules)
+    reach = parameters.reach(1.0, 0.7)
+    if set(YIELDING) & set(parameters.effects) and not parameters.law:
+        x, best = _by_sliding_torque(evaluate, x, parameters, reach, rules)
+    else:
+        x, best = minimise(evaluate, x, parameters.low, parameters.high, reach=reach, rules=rules)
     torque, slopes, equations = best.content
     # coordinates of eqs. 14 and 15 that are not at a bound and push against it, and all of the effects
     at_low, at_high = x <= parameters.low + 1e-9, x >= parameters.high - 1e-9
@@ -174,6 +179,38 @@ def fit_model(
     # what stands is the loss at x; the linear model only says what leaving a trajectory out adds to it
     loss = equations.parts[:, -1, -1]
     return Fit(parameters, x, torque, slopes, loss, loss + outside - inside, equations, free)
+
+
+def _by_sliding_torque(
+    evaluate: Callable[[np.ndarray], Quadratic], x: np.ndarray, p: Parameters, reach: np.ndarray, rules: Rules
+) -> tuple[np.ndarray, Quadratic]:
+    """Least squares in K0/(beta + gamma) and K1/(beta + gamma) instead of K0 and K1.
+
+    Behind play or a spring a device may be stiffer than any data show: K and beta then grow together, along a curve
+    that a step in K and log(beta + gamma) leaves at once. The torque at which the device slides stays what it is.
+    """
+    stiff, rate = [LINEAR.index("K0"), LINEAR.index("K1")], SHAPE_PART.start + SHAPE.index("beta")
+
+    def outer(y: np.ndarray) -> np.ndarray:
+        x = y.copy()
+        x[stiff] *= np.exp(y[rate])
+        return x
+
+    def about(y: np.ndarray) -> Quadratic:
+        x = outer(y)
+        found, turn = evaluate(x), np.eye(len(x))
+        turn[stiff, stiff] = np.exp(y[rate])
+        turn[stiff, rate] = x[stiff]
+        return replace(found, normal=turn.T @ found.normal @ turn, descent=turn.T @ found.descent)
+
+    y = np.clip(x, p.low, p.high)
+    y[stiff] *= np.exp(-y[rate])
+    y, best = minimise(about, y, p.low, p.high, reach=reach, rules=rules)
+    # the derivatives stand in K0 and K1
+    back = np.eye(len(y))
+    back[stiff, stiff] = np.exp(-y[rate])
+    back[stiff, rate] = -y[stiff]
+    return outer(y), replace(best, normal=back.T @ best.normal @ back, descent=back.T @ best.descent)
 
 
 def refit(problem: Problem, fit: Fit, *, tolerance: float = 1e-5) -> Fit:

@@ -50,6 +50,8 @@ class Path:
     """Its acceleration [rad/s²]."""
     qd_before: wp.float32
     """Velocity at the step's begin [rad/s]."""
+    joint_speed: wp.float32
+    """Speed by which the hysteresis weakens where the shaft's is another, behind play and a spring; else 0 [rad/s]."""
     qdd_before: wp.float32
     """Acceleration at the step's begin [rad/s²]."""
     path_1: wp.float32

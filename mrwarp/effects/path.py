@@ -12,7 +12,7 @@ import warp as wp
 
 from mrwarp.effects.catalogue import CATALOGUE, COLUMN, HYSTERESIS, SLOT, SLOTS, SOURCES, column_of
 from mrwarp.effects.law import Path
-from mrwarp.kernels.bouc_wen import bouc_wen_exact
+from mrwarp.kernels.bouc_wen import bouc_wen_behind_play, bouc_wen_exact, bouc_wen_release
 from mrwarp.kernels.mr_joint import JointParams, displacement
 
 _CURRENT = [law for law in CATALOGUE.values() if law.stage == "current"]
@@ -42,6 +42,50 @@ def current_path(s: Path, values: wp.array2d[float], row: int, memory: wp.array2
         s = wp.static(_CURRENT[i].law)(
             s, values, row, wp.static(COLUMN[_CURRENT[i].name]), memory, line, wp.static(SLOT[_CURRENT[i].name])
         )
+    return s
+
+
+@wp.func
+def play_and_spring(s: Path, values: wp.array2d[float], row: int, memory: wp.array2d[float], line: int) -> Path:
+    """The shaft's path where play and an elastic element in series stand before it, beside eq. 15.
+
+    On a reversal the element unwinds in contact, then the gap opens without torque, then the element is wound the other
+    way. Each part of the step on one side of a reversal is solved by itself.
+    """
+    gap, compliance, difference = values[row, _HALF_GAP], values[row, _COMPLIANCE], values[row, _DIFFERENCE]
+    ratio = compliance * s.stiffness / (1.0 + s.alpha * wp.abs(s.qd))
+    before, turn = float(memory[line, _WOUND]), float(0.0)
+    wound = float(before)
+    if s.begins == 1:
+        side = wp.sign(s.z)
+        if s.z == 0.0:  # a record that begins under way
+            side = wp.sign(s.qd) * wp.where(s.qd == 0.0, 0.0, 1.0)
+        wound = side * gap + ratio * (1.0 + difference * side) * s.z
+    else:
+        if s.path_1 != 0.0:  # share of the step before the reversal, at one acceleration
+            turn = wp.sqrt(wp.abs(s.path_1)) / (wp.sqrt(wp.abs(s.path_1)) + wp.sqrt(wp.abs(s.path_2)))
+        z = float(s.z)
+        for i in range(2):
+            path, share = wp.where(i == 0, s.path_1, s.path_2), wp.where(i == 0, turn, 1.0 - turn)
+            if share > 0.0:
+                wound = wound + path
+                # where the shaft would stand without stress says on which side the element is wound
+                side = wound - bouc_wen_release(z, s.beta - s.gamma, 0.0, 0.0, 0.0, s.dt)
+                uneven = 1.0 + difference * wp.sign(side)
+                drag = compliance * uneven * s.viscosity / (share * s.dt)
+                way = bouc_wen_behind_play(wound, z, ratio * uneven, drag, gap, s.beta, s.gamma)
+                wound = wound - way
+                z = bouc_wen_exact(way, z, s.beta, s.gamma, 1.0)
+                if i == 0:
+                    s.path_1 = way
+                else:
+                    s.path_2 = way
+        s.joint_speed = wp.abs(s.qd)
+        s.qd = s.qd - (wound - before) / s.dt
+    s.engaged = wp.where(wp.abs(wound) > gap or s.begins == 1, 1.0, 0.0)
+    s.qd = s.engaged * s.qd
+    s.qdd = s.engaged * s.qdd
+    memory[line, _WOUND] = wound
     return s
 
 
@@ -87,7 +131,9 @@ def motion_path(
     if s.begins == 1:
         s.path_1 = 0.0
         s.path_2 = 0.0
-    if law == 0:
+    if law == 0 and values[row, _HALF_GAP] > 0.0 and values[row, _COMPLIANCE] > 0.0:
+        s = play_and_spring(s, values, row, memory, line)
+    elif law == 0:
         for i in range(wp.static(len(_SHAFT))):
             s = wp.static(_SHAFT[i].law)(
                 s, values, row, wp.static(COLUMN[_SHAFT[i].name]), memory, line, wp.static(SLOT[_SHAFT[i].name])
@@ -275,7 +321,7 @@ def law_path(
 @wp.func
 def path_torque(p: JointParams, s: Path) -> float:
     """tau_BW of eq. 14 with the effects' factors, and what they add [N·m]."""
-    weakening = 1.0 + p.alpha * wp.abs(s.qd)
+    weakening = 1.0 + p.alpha * wp.where(s.joint_speed > 0.0, s.joint_speed, wp.abs(s.qd))
     if s.weakening != 1.0:
         weakening = wp.pow(weakening, s.weakening)
     loop = s.yield_gain * (p.K0 + p.K1 * s.field) / weakening * s.z

@@ -13,8 +13,9 @@ torque is positive, ``c*(1 - d)`` where it is negative; behind play that is play
 Each step finds the shaft's way at which both bear the same, within a bracket that holds it whatever the step's length;
 no mass and no time step are in it. D, C*q_c, I1*I and the torques of other effects act at the joint. Drag and
 weakening are those of the joint's speed: weakened by its own, a shaft without mass would stick and slip. Behind play
-(:mod:`mrwarp.effects.backlash`) the element is wound by what the gap lets through. Beside another hysteresis than eq.
-15's the shaft's speed is found with that law (:func:`mrwarp.effects.path.law_behind_shaft`), and drag is the shaft's.
+(:mod:`mrwarp.effects.backlash`) both are solved together (:func:`mrwarp.effects.path.play_and_spring`), and drag is the
+shaft's. Beside another hysteresis than eq. 15's the shaft's speed is found with that law
+(:func:`mrwarp.effects.path.law_behind_shaft`), and drag is the shaft's.
 """
 
 import warp as wp

@@ -116,6 +116,47 @@ def bouc_wen_behind_spring(wound: float, z: float, ratio: float, beta: float, ga
 
 
 @wp.func
+def bouc_wen_behind_play(
+    wound: float, z: float, ratio: float, drag: float, half_gap: float, beta: float, gamma: float
+) -> float:
+    """Signed path of a shaft without mass behind play and a spring in series [rad].
+
+    With ``w = wound - path`` the spring bears ``w - clip(w, half_gap)``, which the device's ``ratio*z + drag*path``
+    balances. The former falls along the path and the latter rises, so the path is one, between 0 and where the spring
+    would stand with z as it is, on the far side of the gap: Newton's steps that leave this bracket halve it.
+
+    Args:
+        wound: Way from the shaft to the joint if the shaft stood still [rad].
+        z: z of eq. 15 before the step [rad].
+        ratio: Stiffness of the hysteresis over that of the spring [1].
+        drag: Viscosity over the spring's stiffness and the step [1].
+        half_gap: Half of the play [rad].
+        beta: Of eq. 15 [1/rad].
+        gamma: Of eq. 15 [1/rad].
+    """
+    miss = wound - clip(wound, half_gap) - ratio * z
+    ahead = wp.where(miss < 0.0, wound - ratio * z - half_gap, wound - ratio * z + half_gap)
+    low, high = wp.min(ahead, 0.0), wp.max(ahead, 0.0)
+    rounding = 3.0e-7 * (ratio * wp.abs(z) + wp.abs(wound))
+    path, reached = float(0.0), float(z)
+    for _ in range(24):
+        if wp.abs(miss) <= rounding:
+            return path
+        if miss > 0.0:
+            low = path
+        else:
+            high = path
+        closed = wp.where(wp.abs(wound - path) > half_gap, 1.0, 0.0)
+        path += miss / wp.max(closed + ratio * bouc_wen_slope(miss, reached, beta, gamma) + drag, 1.0e-6)
+        if path <= low or path >= high:
+            path = 0.5 * (low + high)
+        reached = bouc_wen_exact(path, z, beta, gamma, 1.0)
+        left = wound - path
+        miss = left - clip(left, half_gap) - ratio * reached - drag * path
+    return path
+
+
+@wp.func
 def bouc_wen_torque(
     qd: float,
     q_c: float,

@@ -70,6 +70,33 @@ def test_fit_recovers_an_effect_with_the_joint(effect: str) -> None:
     assert fit.loss.sum() == pytest.approx(fit.equations.count, abs=4.0 * np.sqrt(2.0 * fit.equations.count))
 
 
+def test_a_brake_stiffer_than_data_show_is_found_behind_play_and_a_spring() -> None:
+    """Dry friction behind play and a spring, by its balance alone; a fit that begins with a soft loop finds both.
+
+    K and beta then have to grow a hundredfold together, with the torque at which the brake slides unchanged.
+    """
+    at = known.motion(50, runs=6, seconds=2.0, dt=0.002)
+    gap, compliance, slips = 0.003, 1.0 / 600.0, 0.15 + 2.5 * at.current
+    torque = np.zeros(len(at.q))
+    for part in at.parts:
+        shaft = at.q[part.start] - gap * np.sign(at.qd[part.start])  # the motion closes the play
+        for k in range(part.start, part.stop):
+            reach = gap + compliance * slips[k]
+            shaft = min(max(shaft, at.q[k] - reach), at.q[k] + reach)
+            apart = at.q[k] - shaft
+            torque[k] = (apart - min(max(apart, -gap), gap)) / compliance
+    torque += 0.02 * np.random.default_rng(50).normal(size=len(torque))
+    problem = known.posed(replace(at, torque=torque), sigma=0.02)
+    layout = problem.parameters(("backlash", "series_compliance"))
+    numbers = {"backlash": {"half_gap": 0.7 * gap}, "series_compliance": {"compliance": 0.7 * compliance}}
+    soft = {"D": 0.0, "B": 0.1, "C": 0.0, "I1": 0.0, "K0": 15.0, "K1": 250.0, "alpha": 0.1, "beta": 100.0, "gamma": 0.0}
+    fit = fit_model(problem, layout, known.vector(layout, numbers, **soft))
+    found = fit.parameters.values(fit.x)
+    assert found["backlash"]["half_gap"] == pytest.approx(gap, rel=0.07)
+    assert found["series_compliance"]["compliance"] == pytest.approx(compliance, rel=0.07)
+    assert np.std(torque - fit.torque) < 0.05 * np.std(torque)
+
+
 @pytest.mark.parametrize(
     "effect",
     [

@@ -141,6 +141,61 @@ def test_series_compliance_with_different_sides() -> None:
     assert error < 0.02 < 0.06 < without
 
 
+def behind_play_and_spring(shaft: Shaft, base: dict[str, float], gap: float, compliance: float) -> np.ndarray:
+    """Torque of a light shaft with the stress of eq. 15, behind a spring that pushes only outside of its play."""
+    mass, k = 2e-7, 1.0 / compliance
+    fine = np.arange(round(shaft.time[-1] / STEP)) * STEP
+    driven, speeds = (np.interp(fine, shaft.time, x).tolist() for x in (shaft.q, shaft.qd))
+    y, v, z, borne = driven[0] - gap * np.sign(speeds[0]), 0.0, 0.0, []  # the play is closed by the motion
+    for x, speed in zip(driven, speeds, strict=True):
+        apart = x - y
+        pushes = k * (apart - min(max(apart, -gap), gap))
+        rubs = 2.0 * np.sqrt(mass * k) * (speed - v) if pushes else 0.0
+        weakened = base["K0"] / (1.0 + base["alpha"] * abs(speed))
+        v = (v + STEP / mass * (pushes + rubs - weakened * z)) / (1.0 + STEP / mass * base["B"])
+        y += STEP * v
+        z += STEP * (v - base["beta"] * abs(v) * z - base["gamma"] * v * abs(z))
+        borne.append(pushes)
+    return np.interp(shaft.time, fine, borne)
+
+
+@pytest.mark.parametrize("viscosity", [0.02, 0.3])
+def test_play_and_a_spring_before_a_device(viscosity: float) -> None:
+    """On a reversal the spring unwinds in contact, then the play opens, then the spring is wound the other way."""
+    shaft = Shaft.swinging(seconds=1.5, dt=0.0005)
+    base = {"K0": 20.0, "B": viscosity, "alpha": 0.3, "beta": 16.5, "gamma": -2.5}
+    gap, compliance = 0.01, 0.03
+    want = behind_play_and_spring(shaft, base, gap, compliance)
+    found = torque(shaft, base, {"backlash": {"half_gap": gap}, "series_compliance": {"compliance": compliance}})
+    late = slice(200, None)  # the device begins without stress, the swing at full speed
+    assert np.mean(np.abs(want[late]) < 1e-3) > 0.02  # the play is open now and then
+    assert np.sqrt(np.mean((found - want)[late] ** 2)) < 0.02 * want[late].std()
+
+
+def before_dry_friction(shaft: Shaft, slips: float, gap: float, compliance: float) -> np.ndarray:
+    """Torque of a brake that does not turn below ``slips``, behind play and a spring, by its balance alone."""
+    y, borne = float(shaft.q[0]), []
+    for x in shaft.q.tolist():
+        reach = gap + compliance * slips
+        y = min(max(y, x - reach), x + reach)
+        borne.append((x - y - min(max(x - y, -gap), gap)) / compliance)
+    return np.array(borne)
+
+
+@pytest.mark.parametrize("stiffness", [1e4, 1e6])
+def test_play_and_a_spring_before_a_stiff_brake(stiffness: float) -> None:
+    """However stiff eq. 15 is, the way of a reversal is that of the spring and the play: 2*(T*c + b)."""
+    shaft = Shaft.swinging(seconds=1.5, dt=0.001)
+    gap, compliance = 0.0026, 1.0 / 600.0
+    want = before_dry_friction(shaft, 4.0, gap, compliance)
+    effects = {"backlash": {"half_gap": gap}, "series_compliance": {"compliance": compliance}}
+    found = torque(shaft, {"K0": 4.0 * stiffness, "beta": stiffness, "gamma": 0.0}, effects)
+    late = slice(100, None)
+    assert np.sqrt(np.mean((found - want)[late] ** 2)) < 0.03 * want.std()
+    without = torque(shaft, {"K0": 4.0 * stiffness, "beta": stiffness, "gamma": 0.0})
+    assert np.sqrt(np.mean((without - want)[late] ** 2)) > 0.1 * want.std()
+
+
 def test_friction_that_differs_by_direction_is_that_of_a_band() -> None:
     """A band round a drum pulls with e^(mu*phi) one way and e^(-mu*phi) the other, and with nothing in a gap."""
     shaft = Shaft.swinging(seconds=2.0, dt=0.001)
