@@ -27,6 +27,7 @@ from mrwarp.identify.parameters import (
     YIELDING,
     Parameters,
     jacobian,
+    row_column,
     shape_coordinates,
 )
 from mrwarp.identify.replay import EffectReplay
@@ -43,8 +44,10 @@ _OF_A_COMMAND = ("coil_lag", "command_delay")
 _BENT, _BENT_T = 0.05, 4.0
 """Least gain, as a share of what a model leaves, and its least ratio to its standard error, for a bent law."""
 _HARMONIC_T = 2.0
-"""That ratio for further harmonics, all that bends where a joint turns on and on: a line at one place of the spectrum
-stands in for nothing else, as the bend of a law may."""
+"""That ratio for further harmonics, all that bends where a joint turns all the way round: a line at one place of the
+spectrum stands in for nothing else, as the bend of a law may."""
+_LINE = 0.02
+"""Least gain of a further harmonic, as a share of what the model leaves without it."""
 _CARRIED_T = 1.0
 """That ratio for the inertia behind a gear: where an inertia is known to be there, some of it is."""
 
@@ -241,7 +244,7 @@ def reported_fit(problem: Problem, fit: Fit) -> Fit:
     if bends:
         bent = plain_fit(problem, fit, bent=True)
         gain, t = gain_and_t(plain.loo_loss, bent.loo_loss)
-        least_t = _HARMONIC_T if problem.motion.ranges.turns > 1.0 else _BENT_T
+        least_t = _HARMONIC_T if problem.motion.ranges.turns >= 1.0 else _BENT_T
         if all(p.carried for p in bends):
             least_t = _CARRIED_T
         if gain > _BENT * plain.total and (t > least_t or by_ratio(plain.loo_loss, bent.loo_loss) > _BENT_T):
@@ -254,24 +257,81 @@ def reported_fit(problem: Problem, fit: Fit) -> Fit:
 def _with_harmonics(problem: Problem, fit: Fit, plain: Fit) -> Fit:
     """The model with the number of repetitions of further harmonics known.
 
-    Where a joint turns on and on what the model leaves shows them; else twice the first one's number may be one.
+    Where a joint turns all the way round what the model leaves shows them, one after the other as long as each
+    predicts; else twice the first one's number may be one.
     """
     parameters, ranges, choices = fit.parameters, problem.motion.ranges, dict(fit.parameters.choices)
     for effect in fit.effects:
         counts = [p for p in KNOWN[effect].parameters if p.repeats]
         more = [p for p in counts if p.form and (effect, p.name) not in choices]
-        if more and ranges.turns <= 1.0:
+        if more and ranges.turns < 1.0:
             choices[effect, more[0].name] = 2.0 * parameters.values(fit.x)[effect][counts[0].name]
         elif more:
-            first, known = counts[0], [choices[effect, p.name] for p in counts if (effect, p.name) in choices]
-            limits, left = (first.low(ranges), first.high(ranges)), problem.motion.torque - plain.torque
-            lines = angle_lines(problem.motion, left, *limits, count=len(more), given=tuple(known))
-            choices |= {(effect, p.name): line for p, line in zip(more, lines, strict=False)}
-    return (
-        fit
-        if len(choices) == len(parameters.choices)
-        else replace(fit, parameters=replace(parameters, choices=choices))
-    )
+            choices |= {(effect, name): line for name, line in _lines_that_predict(problem, plain, effect).items()}
+    return fit if choices == parameters.choices else replace(fit, parameters=replace(parameters, choices=choices))
+
+
+def _lines_that_predict(problem: Problem, fit: Fit, effect: str) -> dict[str, float]:
+    """Numbers of repetitions along the angle: the known ones, tuned, and further lines, each better on unseen runs.
+
+    What the model leaves shows the next line; its sine and cosine pass through the model's own sensor. Each line's
+    number of repetitions is tuned with all else: the error of a strong one would stand as weak lines next to it.
+    """
+    ranges, mismatch = problem.motion.ranges, problem.motion.torque - fit.torque
+    first, *others = (p for p in KNOWN[effect].parameters if p.repeats)
+    now = fit.parameters.values(fit.x)[effect]
+    lines = {p.name: now[p.name] for p in (first, *others) if (effect, p.name) in fit.parameters.choices}
+    columns = [_by_repetitions(problem, fit, effect, {name: line}) for name, line in lines.items()]
+    tuning = {name: k for k, name in enumerate(lines)}
+    solution, loss = _beside(problem, fit, columns)
+    for p in others:
+        if p.name in lines:
+            continue
+        left = mismatch - solution @ np.vstack([fit.slopes[fit.free], *columns])
+        limits, given = (first.low(ranges), first.high(ranges)), (now[first.name], *lines.values())
+        if not (found := angle_lines(problem.motion, left, *limits, given=given)):
+            break
+        parts = [x.name for x in KNOWN[effect].parameters if x.beside == p.name]
+        numbers = [{p.name: found[0], **{x: float(x == part) for x in parts}} for part in parts]
+        waves = list(_torques(problem, fit, effect, numbers) - fit.torque)
+        sizes, after = _beside(problem, fit, [*columns, *waves])
+        gain, t = gain_and_t(loss, after)
+        if gain < max(CHI2, _LINE * float(loss.sum())) or t < _HARMONIC_T:
+            break
+        lines[p.name], tuning[p.name] = found[0], len(columns) + len(waves)
+        whole = {p.name: found[0], **dict(zip(parts, sizes[-len(parts) :], strict=True))}
+        columns += [*waves, _by_repetitions(problem, fit, effect, whole)]
+        solution, loss = _beside(problem, fit, columns)
+    apart = 0.5 * np.pi / ranges.q  # a quarter of what tells two lines apart
+    steps = {name: float(np.clip(solution[len(fit.free) + k], -apart, apart)) for name, k in tuning.items()}
+    return {name: line + steps[name] for name, line in lines.items()}
+
+
+def _beside(problem: Problem, fit: Fit, columns: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """What a model's free derivatives and ``columns`` take of its mismatch, and the leave-one-out losses, (T,)."""
+    size = len(fit.x)
+    rows = np.array(columns).reshape(-1, len(fit.torque))
+    blocks = [fit.slopes, rows, (problem.motion.torque - fit.torque)[None]]
+    equations = problem.equations(blocks, fit.torque, derivatives=True)
+    solution, _, outside = losses(equations, [*fit.free, *range(size, size + len(rows))], size + len(rows))
+    return solution, outside
+
+
+def _torques(problem: Problem, fit: Fit, effect: str, numbers: Sequence[Mapping[str, float]]) -> np.ndarray:
+    """Torque of a model with some numbers of an effect changed, shape (C, N)."""
+    rows = np.repeat(fit.row[None], len(numbers), axis=0)
+    for row, changed in zip(rows, numbers, strict=True):
+        for name, value in changed.items():
+            row[row_column(effect, name)] = value
+    return problem.replay.torque(rows).astype(float)
+
+
+def _by_repetitions(problem: Problem, fit: Fit, effect: str, line: Mapping[str, float]) -> np.ndarray:
+    """Derivative of a model's torque by the number of repetitions of a line, which ``line`` holds first, shape (N,)."""
+    name, value = next(iter(line.items()))
+    step = 0.02 / problem.motion.ranges.q
+    ahead, behind = _torques(problem, fit, effect, [{**line, name: value + step}, {**line, name: value - step}])
+    return (ahead - behind) / (2.0 * step)
 
 
 def threshold(fit: Fit) -> float:

@@ -54,16 +54,6 @@ _LOW_SPEED = 0.25
 _ROUNDS = 6
 """Searches at most: each after the first leaves out the suspects of those before."""
 
-_SLOWEST = {"command_delay": 0.05, "coil_lag": 2.0, "torque_sensor_lag": 0.02, "velocity_lag": 0.02}
-"""Longest possible lag [s]. A driver and its bus wait some milliseconds; the coil of a large damper takes 0.1 s,
-and the field of one whose iron carries eddy currents a second. A sensor that lags 20 ms passes 8 Hz: a bench that
-records motion does not have it."""
-_LAGS = {
-    "command_delay": "no driver waits that long",
-    "coil_lag": "no coil is that slow",
-    "torque_sensor_lag": "such a sensor would pass less than 8 Hz",
-    "velocity_lag": "such a velocity would pass less than 8 Hz",
-}
 _LARGER = (1.0, 1.7, 2.8)
 """Factors of the gap from which play is fitted anew."""
 _CORNERS = ("torque_sensor_lag", "velocity_lag")
@@ -72,6 +62,8 @@ _SHORT = "it is shorter than a sample: beside a law of this shape it may only ro
 """Why one that is shorter is no cause there."""
 _UNSEEN = 0.1
 """Part of a sample below which such a lag is not told from the way of a yielding shaft, which nobody sees."""
+_HIDDEN_BY_PLAY = "it gives way by less than the path between samples, in which nobody sees when play closes"
+"""Why a spring beside play is no cause there; play that is none itself hides nothing."""
 _POSITIVE = {
     "rotor_inertia": "an inertia is above 0",
     "compliance_with_backlash": "a stiffness is above 0",
@@ -200,6 +192,8 @@ def _doubts(selection: Selection, models: Models) -> dict[str, Doubt]:
         return {}
     problem, fit = models.problem, models.reported(selection.final)
     reasons = {e: _size_doubt(e, fit, problem) or _interval_doubt(e, fit) for e in selection.named}
+    if reasons.get("backlash"):
+        reasons = {e: "" if reason == _HIDDEN_BY_PLAY else reason for e, reason in reasons.items()}
     if not any(reasons.values()):  # beside what cannot be, nothing else has its true size
         after = held_out_squares(problem, fit)
         for effect in selection.named:
@@ -303,8 +297,9 @@ def _size_doubt(effect: str, fit: Fit, problem: Problem) -> str:
     """Why no device has an effect of such a size, or nothing."""
     first, ranges, torque = fit.parameters.own(effect)[0], problem.motion.ranges, problem.motion.torque
     value = dict(fit.parameters.items())[first].value(fit.x[first])
-    if value > _SLOWEST.get(effect, np.inf):
-        return f"{1e3 * value:.3g} ms are not possible: {_LAGS[effect]} (at most {1e3 * _SLOWEST[effect]:.0f} ms)"
+    parameter = KNOWN[effect].parameters[0]
+    if value > (most := parameter.most(ranges)):
+        return f"{1e3 * value:.3g} ms are not possible: {parameter.beyond} (at most {1e3 * most:.0f} ms)"
     if problem.misfit and effect in _CORNERS and value < ranges.dt:
         return _SHORT
     if effect in _CORNERS and value < _UNSEEN * ranges.dt and set(YIELDING) & set(fit.effects):
@@ -314,7 +309,7 @@ def _size_doubt(effect: str, fit: Fit, problem: Problem) -> str:
         and "backlash" in fit.effects
         and value * ranges.torque < 0.5 * ranges.qd * ranges.dt
     ):
-        return "it gives way by less than the path between samples, in which nobody sees when play closes"
+        return _HIDDEN_BY_PLAY
     if effect == "temperature_drift":
         value = max(fit.x[i] for i, slot in fit.parameters.items() if slot.effect == effect and slot.linear)
     if effect in _POSITIVE and value <= 0.0:

@@ -189,10 +189,10 @@ def _starts(problem: Problem, base: Fit, effect: str) -> list[_Trial]:
 
 
 def _lines(problem: Problem, base: Fit, effect: str) -> list[_Trial]:
-    """Starts of an effect that repeats along the angle, of a joint that turns on and on: lines of the mismatch."""
+    """Starts of an effect that repeats along the angle where a joint turns all the way round: lines of the mismatch."""
     ranges, found = problem.motion.ranges, []
     for p in CATALOGUE[effect].parameters:
-        if p.repeats and not p.form and ranges.turns > 1.0:
+        if p.repeats and not p.form and ranges.turns >= 1.0:
             left = problem.motion.torque - base.torque
             for line in angle_lines(problem.motion, left, p.low(ranges), p.high(ranges), count=_LINES):
                 known = {**base.parameters.choices, (effect, p.name): line}

@@ -1,13 +1,13 @@
-"""Cogging: ``A*sin(N*q) + B*cos(N*q)``, and up to four more harmonics, each with its own size and phase.
+"""Cogging: ``A*sin(N*q) + B*cos(N*q)``, and up to seven more harmonics, each with its own size and phase.
 
-The further harmonics are looked for in what the strongest one leaves, where a joint turns on and on.
+The further harmonics are looked for in what the stronger ones leave, where a joint turns all the way round.
 """
 
 import warp as wp
 
 from mrwarp.effects.law import EffectLaw, EffectParameter, Path
 
-HARMONICS = 5
+HARMONICS = 8
 """Most harmonics, the strongest included."""
 
 
@@ -45,7 +45,7 @@ LAW = EffectLaw(
     name="cogging",
     title="cogging",
     sentence="A torque that repeats along the angle.",
-    equation="A*sin(N*q) + B*cos(N*q), and as much for up to four more N",
+    equation="A*sin(N*q) + B*cos(N*q), and as much for up to seven more N",
     kind="mechanism",
     stage="torque",
     parameters=(
@@ -57,8 +57,8 @@ LAW = EffectLaw(
             scale=(-1, 0, 0),
             negative=False,
             low=lambda r: 3.0 / r.q,
-            # of a joint that turns on and on: nine samples a period at its typical speed
-            high=lambda r: max(120.0 / r.q, 0.7 / (r.qd * r.dt) if r.turns > 1.0 else 0.0),
+            # of a joint that turns all the way round: nine samples a period at its typical speed
+            high=lambda r: max(120.0 / r.q, 0.7 / (r.qd * r.dt) if r.turns >= 1.0 else 0.0),
             repeats=True,
             starts=lambda r: tuple((6.0 + 1.6 * k) / r.q for k in range(50)),
         ),

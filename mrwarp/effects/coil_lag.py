@@ -45,6 +45,9 @@ LAW = EffectLaw(
             negative=False,
             low=lambda r: 1e-4,
             high=lambda r: 0.5,
+            # the coil of a large damper takes 0.1 s, the field of one whose iron carries eddy currents a second
+            most=lambda r: 2.0,
+            beyond="no coil is that slow",
             starts=lambda r: (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.03, 0.08),
         ),
         EffectParameter(name="hold", unit="1", choices=(0.0, 1.0)),

@@ -28,6 +28,8 @@ LAW = EffectLaw(
             negative=False,
             low=lambda r: 2e-4,
             high=lambda r: 0.2,
+            most=lambda r: 0.05,  # a driver and its bus wait some milliseconds
+            beyond="no driver waits that long",
             starts=lambda r: (0.001, 0.0025, 0.005, 0.0075, 0.01, 0.015, 0.02, 0.03, 0.06),
         ),
     ),

@@ -108,13 +108,15 @@ class Ranges:
     dt: float = 0.005
     """Sampling interval [s]."""
     turns: float = 0.0
-    """Full turns that a joint makes; 0 for a linear motion."""
+    """Full turns that a joint makes, one that lacks a twentieth too; 0 for a linear motion."""
     session: float = 600.0
     """Length of the session [s]."""
     load: bool = False
     """Whether the control input is a load or a pressure, which makes no field: K1 of eq. 14 is 0."""
     carried: bool = False
     """Whether the control input is a load, in the unit of a torque or force."""
+    drive: bool = False
+    """Whether the torque is a drive's own report, its current or voltage, and no sensor's reading."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,6 +133,10 @@ class EffectParameter:
     low: Callable[[Ranges], float] = lambda r: -float("inf")
     high: Callable[[Ranges], float] = lambda r: float("inf")
     """Where it is searched."""
+    most: Callable[[Ranges], float] = lambda r: float("inf")
+    """Largest value that a device can have: a fit beyond it stands for something else."""
+    beyond: str = ""
+    """Why it cannot be larger, in words."""
     starts: Callable[[Ranges], tuple[float, ...]] | None = None
     """Values from which a non-linear parameter is searched; None: the torque is smooth in it at its null value."""
     beside: str = ""

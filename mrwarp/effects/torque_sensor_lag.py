@@ -44,15 +44,19 @@ LAW = EffectLaw(
             unit="s",
             negative=False,
             low=lambda r: 1e-4,
-            high=lambda r: 0.1,
-            starts=lambda r: (0.0006, 0.0015, 0.003, 0.006, 0.015),
+            high=lambda r: 1.0 if r.drive else 0.1,
+            # a sensor that lags 20 ms passes 8 Hz: a bench that records motion does not have it; the current that a
+            # drive reports is filtered for a display
+            most=lambda r: 0.5 if r.drive else 0.02,
+            beyond="such a reading would pass hardly any of the motion",
+            starts=lambda r: (0.0006, 0.0015, 0.003, 0.006, 0.015, *((0.04, 0.1, 0.25) if r.drive else ())),
             resolution=SAMPLING_RESOLUTION,
         ),
         EffectParameter(name="hold", unit="1", choices=(0.0, 1.0)),
     ),
     law=torque_sensor_lag_law,
     states=2,
-    source="low-pass of a bridge amplifier",
+    source="low-pass of a bridge amplifier, or of the current that a drive reports",
     depends_on=("memory",),
     remedy="log the torque with more bandwidth",
 )

@@ -31,6 +31,8 @@ LAW = EffectLaw(
             negative=False,
             low=lambda r: 1e-4,
             high=lambda r: 0.1,
+            most=lambda r: 0.02,  # as of a torque's sensor
+            beyond="such a velocity would pass less than 8 Hz",
             starts=lambda r: (0.0007, 0.002, 0.005, 0.012),
         ),
     ),

@@ -1,7 +1,8 @@
 """Lines in a mismatch over the angle: how often per unit of angle something repeats, strongest first.
 
-A joint that turns many times sees harmonics far closer than a grid of starts could be; the spectrum over the angle
-shows them. The mismatch is summed into narrow bins of the angle, whose Fourier transform is that over the samples.
+A joint that turns many times sees harmonics far closer than a grid of starts could be, one that turns once more of them
+than starts are tried; the spectrum over the angle shows them. The mismatch is summed into narrow bins of the angle,
+whose Fourier transform is that over the samples.
 """
 
 from __future__ import annotations
@@ -18,6 +19,9 @@ _LOOKED_AT = 12
 _APART = 0.5
 """Repetitions per turn by which two lines differ at least: nearer ones are one, whose size drifts from turn to turn."""
 
+_ONE_WAY = 0.1
+"""Part of the samples up to which a joint that turns the other way counts as one that does not."""
+
 
 def angle_lines(
     samples: Dataset, mismatch: np.ndarray, low: float, high: float, *, count: int = 1, given: tuple[float, ...] = ()
@@ -32,7 +36,7 @@ def angle_lines(
         count: Number of lines.
         given: Lines that are known already.
     """
-    q, found = samples.q - samples.q.min(), list(given)
+    q, found, parts = samples.q - samples.q.min(), list(given), _directions(samples)
     reach = float(q.max()) or 1.0
     apart = max(2.0 * np.pi / reach, _APART * samples.scales.q)
     spacing = 0.5 * np.pi / high
@@ -40,10 +44,11 @@ def angle_lines(
     size = _FINE * (int(reach / spacing) + 1)
     periods = 2.0 * np.pi * np.arange(size // 2 + 1) / (size * spacing)
     counts = samples.counts
-    table = np.vstack([_within_runs(samples, mismatch[None]), *(_waves(samples, n) for n in found)])
+    table = np.vstack([_within_runs(samples, mismatch[None]), *(_waves(samples, parts, n) for n in found)])
     while len(found) < len(given) + count:
         left = _left(table, counts)
-        power = np.abs(np.fft.rfft(np.bincount(cell, weights=left * counts, minlength=size // _FINE), size))
+        sums = [np.bincount(cell, weights=left * counts * part, minlength=size // _FINE) for part in parts]
+        power = np.hypot.reduce(np.abs(np.fft.rfft(sums, size)), axis=0)
         power[(periods < low) | (periods > high)] = 0.0
         for n in found:
             power[np.abs(periods - n) < apart] = 0.0
@@ -52,13 +57,15 @@ def angle_lines(
             break
         width = float(periods[1] - periods[0])
         looked_at = periods[peaks[np.argsort(power[peaks])[::-1][:_LOOKED_AT]]]
-        best = float(max(looked_at, key=lambda n: _gain(samples, left, float(n))))
+        best = float(max(looked_at, key=lambda n: _gain(samples, parts, left, float(n))))
         bounds = (best - width, best + width)
-        fine = minimize_scalar(lambda n, x=left: -_gain(samples, x, n), bounds=bounds, options={"xatol": 1e-3 * width})
+        fine = minimize_scalar(
+            lambda n, x=left: -_gain(samples, parts, x, n), bounds=bounds, options={"xatol": 1e-3 * width}
+        )
         if -fine.fun <= 0.0:
             break
         found.append(float(fine.x))
-        table = np.vstack([table, _waves(samples, found[-1])])
+        table = np.vstack([table, _waves(samples, parts, found[-1])])
     return found[len(given) :]
 
 
@@ -70,13 +77,24 @@ def _within_runs(samples: Dataset, rows: np.ndarray) -> np.ndarray:
     return rows
 
 
-def _waves(samples: Dataset, periods: float) -> np.ndarray:
-    return _within_runs(samples, np.stack([np.sin(periods * samples.q), np.cos(periods * samples.q)]))
+def _directions(samples: Dataset) -> np.ndarray:
+    """1 where the joint turns forward and where it turns back, else 0, each a row if a tenth of the samples do so.
+
+    A torque that lags has another phase one way than the other; together a line would be the weaker, the finer it is.
+    """
+    forward = samples.qd >= 0.0
+    share = float(forward.mean())
+    return np.stack([forward, ~forward] if _ONE_WAY < share < 1.0 - _ONE_WAY else [np.ones(len(forward))]).astype(float)
 
 
-def _gain(samples: Dataset, left: np.ndarray, periods: float) -> float:
-    """What a sine of any phase takes from the sum of squares."""
-    waves, counts = _waves(samples, periods), samples.counts
+def _waves(samples: Dataset, parts: np.ndarray, periods: float) -> np.ndarray:
+    waves = np.stack([np.sin(periods * samples.q), np.cos(periods * samples.q)])
+    return _within_runs(samples, (parts[:, None] * waves).reshape(-1, waves.shape[1]))
+
+
+def _gain(samples: Dataset, parts: np.ndarray, left: np.ndarray, periods: float) -> float:
+    """What a sine of any phase, by direction of motion, takes from the sum of squares."""
+    waves, counts = _waves(samples, parts, periods), samples.counts
     moment = waves @ (left * counts)
     return float(moment @ np.linalg.pinv(waves * counts @ waves.T) @ moment)
 

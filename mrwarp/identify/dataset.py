@@ -28,6 +28,8 @@ _GOLDEN = 0.618
 """The golden section."""
 _MOVING = 0.05
 """Part of the typical speed above which the joint moves."""
+_WHOLE = 0.95
+"""Part of a turn that counts as a whole one."""
 
 DIMENSIONS: dict[str, tuple[int, int, int]] = {
     **dict.fromkeys(("q_neutral", "q_offset", "q_center", "z_max"), (1, 0, 0)),
@@ -214,9 +216,10 @@ class Motion(Dataset):
             torque=float(data.torque.std()) or 1.0,
             dt=float(np.median(data.dt)),
             session=float(time.max()) or 1.0,
-            turns=float(np.ptp(data.q) * scales.q // (2.0 * np.pi)) if recording.units["q"] == "rad" else 0.0,
+            turns=_turns(float(np.ptp(data.q)) * scales.q) if recording.units["q"] == "rad" else 0.0,
             load=is_load(recording.units),
             carried=is_load(recording.units) and quantity("current", recording.units) != "pressure",
+            drive=quantity("torque", recording.units) in ("motor current", "motor voltage"),
         )
         slid = _slid(data, time)
         return cls(
@@ -315,6 +318,11 @@ class Motion(Dataset):
         first = self.qd[self.start[:-1]]
         begin = np.where(np.abs(first) > _MOVING * self.ranges.qd, np.sign(first), 0.0)
         return dataclasses.replace(self, begin=begin)
+
+
+def _turns(way: float) -> float:
+    """Full turns within a range of angles [rad]; a sweep over one turn may end a little short of it."""
+    return float(way // (_WHOLE * 2.0 * np.pi))
 
 
 def session_clock(recording: Recording) -> np.ndarray:
