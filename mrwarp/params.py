@@ -127,6 +127,11 @@ class BoucWenParams(ParamGroup):
         """Bound 1/(beta + gamma) of |z| under monotonic loading [rad]."""
         return 1.0 / (self.beta + self.gamma)
 
+    @property
+    def euler_rate(self) -> float:
+        """Rate of eq. 15 [1/rad]: on a longer path in one step than its inverse, Euler's step overshoots."""
+        return max(self.beta - self.gamma, self.beta + self.gamma)
+
     def sliding_torque(self, current: float) -> float:
         """Torque of slow steady sliding [N·m] at a current [A]: eq. 14's hysteresis at |z| = ``z_bound`` and qd = 0."""
         return (self.K0 + self.K1 * abs(current)) * self.z_bound

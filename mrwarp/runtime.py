@@ -13,6 +13,7 @@ import logging
 import os
 import sys
 import time
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -81,6 +82,21 @@ def _silent_stderr() -> Iterator[None]:
         os.close(nowhere)
 
 
+class DeviceWarning(UserWarning):
+    """What a user should know of a simulated device; a command prints it as a line without a place in the code."""
+
+
+_USUAL_WARNING = warnings.formatwarning
+
+
+def _one_line_warning(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+) -> str:
+    if category is DeviceWarning:
+        return f"warning: {message}\n"
+    return _USUAL_WARNING(message, category, filename, lineno, line)
+
+
 def quiet_libraries(*, gpu: bool = True, networks: bool = True) -> None:
     """Silence the libraries' start-up notes, and keep torch on one thread as :func:`one_torch_thread` does.
 
@@ -90,6 +106,7 @@ def quiet_libraries(*, gpu: bool = True, networks: bool = True) -> None:
     """
     import warp as wp
 
+    warnings.formatwarning = _one_line_warning
     wp.config.log_level = wp.LOG_WARNING
     if not gpu and gpu_count() == 0:
         with _silent_stderr():

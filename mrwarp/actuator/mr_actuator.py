@@ -10,6 +10,7 @@ Stages, in the order of the paper: gate (eqs. 5, 8), coil, history (eq. 12), Bou
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -27,6 +28,7 @@ from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.kernels.mr_joint import FIELDS, JointParams
 from mrwarp.model_file import Effect
 from mrwarp.params import MrParams
+from mrwarp.runtime import DeviceWarning
 
 
 class DrivenJoint(Protocol):
@@ -74,7 +76,7 @@ class MrActuatorCfg:
     """How the device acts on the joint."""
     hold_current: HoldCurrent = HoldCurrent.SUPPORT
     """Current while the holding gate is open."""
-    z_step: ZStep = ZStep.EULER
+    z_step: ZStep = ZStep.EXACT
     """Step of the hysteresis state."""
     sal: bool = True
     """Whether the gates may open (SAL on); False closes both branches."""
@@ -112,6 +114,25 @@ class ActuatorInputs:
     closed where it is negative; None leaves the current to the gates."""
 
 
+FASTEST = 30.0
+"""Speed that joints of legged robots reach [rad/s]: Go1's hips turn at up to 30.1 rad/s (its public description)."""
+
+
+def warn_of_overshoot(rate: float, dt: float) -> None:
+    """Say so where Euler's step overshoots at a speed that joints reach; Python shows the same text once.
+
+    Args:
+        rate: Largest :attr:`mrwarp.params.BoucWenParams.euler_rate` of the devices [1/rad].
+        dt: Step [s].
+    """
+    if rate * FASTEST * dt > 1.0:
+        text = (
+            f"the Euler step of eq. 15 overshoots above {1.0 / (rate * dt):.3g} rad/s: there the devices bear more than "
+            "their sliding torque; the exact step does not (z_step, --z-step exact)"
+        )
+        warnings.warn(text, DeviceWarning, stacklevel=3)
+
+
 class MrActuator:
     """Motor and MR device of every joint, batched over environments.
 
@@ -128,6 +149,7 @@ class MrActuator:
     Attributes:
         coil: Current of the coil at the step's end [A], shape (E, M).
         current: Current that the laws take [A], shape (E, M): the mean over the step, after the effects.
+        euler_rate: Largest rate of eq. 15 [1/rad], see :func:`warn_of_overshoot`.
         effects: Values and states of the devices' effects; None if no device has one that acts in the kernels. Then
             the kernels are those of the plain laws.
     """
@@ -163,7 +185,9 @@ class MrActuator:
         self.kp = self._array(np.tile([j.kp for j in joints], (rows, 1)), float)
         self.kd = self._array(np.tile([j.kd for j in joints], (rows, 1)), float)
         self.tau_limit = self._array(np.tile([j.tau_limit for j in joints], (rows, 1)), float)
-        self.params = self._param_array([joints[i].mr for i in self.mr_joints], rows)
+        devices = [mr for joint in joints if (mr := joint.mr) is not None]
+        self.params = self._param_array(devices, rows)
+        self.euler_rate = max((mr.bouc_wen.euler_rate for mr in devices), default=0.0)
         self.effects = None
         effects = [joints[i].effects for i in self.mr_joints]
         if any(in_kernels(found) for found in effects):
@@ -194,6 +218,8 @@ class MrActuator:
         if residual is not None:
             residual.bind(self.ring, self.head, self.m_dyn, self.tau_dyn)
         self.dt, self.cfg, self.residual = dt, cfg, residual
+        if cfg.z_step is ZStep.EULER:
+            warn_of_overshoot(self.euler_rate, dt)
         self._record_launches()
 
     def step(self) -> None:
@@ -337,10 +363,10 @@ class MrActuator:
     def _array(self, values: np.ndarray, dtype: type) -> wp.array:
         return wp.array(np.ascontiguousarray(values), dtype=dtype, device=self.device)
 
-    def _param_array(self, params: Sequence[MrParams | None], rows: int) -> wp.array:
+    def _param_array(self, params: Sequence[MrParams], rows: int) -> wp.array:
         values = np.zeros((rows, len(params)), dtype=_RECORD)
         for slot, mr in enumerate(params):
-            for name, value in mr or ():
+            for name, value in mr:
                 values[name][:, slot] = value
         return wp.array(values, dtype=JointParams, device=self.device)
 

@@ -54,7 +54,7 @@ from mrwarp.nn.network_file import DEVICE, LearnedModel
 from mrwarp.params import MrParams, ParameterError
 
 _CHOICES = {"coupling": Coupling, "hold_current": HoldCurrent, "z_step": ZStep}
-_DEFAULTS = {"coupling": Coupling.EXPLICIT, "hold_current": HoldCurrent.SUPPORT, "z_step": ZStep.EULER}
+_DEFAULTS = {"coupling": Coupling.EXPLICIT, "hold_current": HoldCurrent.SUPPORT, "z_step": ZStep.EXACT}
 _BY_LOWER = {spec.name.lower(): spec.name for spec in MrParams.specs()}
 _WHERE = "DriveMR"
 _Choice = TypeVar("_Choice", Coupling, HoldCurrent, ZStep)
@@ -187,7 +187,7 @@ class DriveMR(DriveBase):
         *,
         coupling: Coupling = Coupling.EXPLICIT,
         hold_current: HoldCurrent = HoldCurrent.SUPPORT,
-        z_step: ZStep = ZStep.EULER,
+        z_step: ZStep = ZStep.EXACT,
         effects: Iterable[Effect] = (),
         **params: wp.array,
     ) -> None:
@@ -208,6 +208,8 @@ class DriveMR(DriveBase):
         )
         for name, array in params.items():
             wp.copy(self.param(name), array)
+        beta, gamma = (params[name].numpy() for name in ("beta", "gamma"))
+        self._joints.euler_rate = float(np.maximum(beta - gamma, beta + gamma).max())
         self.brake_bound: wp.array = wp.zeros(count, dtype=float, device=device)
         self._fresh = wp.zeros(count, dtype=wp.bool, device=device)
         self._learned: LearnedTorque | None = None

@@ -24,7 +24,7 @@ push_force = opt.within(-1e4, 1e4, "N")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Impact(opt.ViewOptions, opt.RobotOptions):
+class Impact(opt.ViewOptions, opt.SteppedRobot):
     """Hit walking robots at random gait phases; the same trials are repeated with each current."""
 
     out: opt.Folder = Path("runs/impact")
@@ -142,6 +142,7 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
         self.out.mkdir(parents=True, exist_ok=True)
         for coupling in couplings:
             push = {"force": force, "duration": self.duration or 0.2, "seconds": 2.0, "coupling": coupling}
+            push["z_step"] = self.z_step
             scene, trace = fixed_base.move(arm, currents, **push)
             rows = fixed_base.figures(scene, trace, currents)
             result["couplings"][coupling.value] = {"by_current": rows}
@@ -159,7 +160,7 @@ class Impact(opt.ViewOptions, opt.RobotOptions):
         from mrwarp.env.natural_units import scales_of
         from mrwarp.trials.impact import ImpactCfg, ImpactKind, ImpactSweep, fixed_current_env
 
-        robot = {**self.chosen("payload", "asset", "model"), "robot": self.robot or policy.file or "mr_go"}
+        robot = {**self.chosen("payload", "asset", "model", "z_step"), "robot": self.robot or policy.file or "mr_go"}
         given = {name: value for name, value in self.chosen("speed", "force", "duration").items() if value is not None}
         cfg = ImpactCfg(
             **self.chosen("trials", "seed"),

@@ -89,6 +89,8 @@ class Play(opt.RobotOptions):
     """how the device acts"""
     hold_current: HoldCurrent | None = None
     """current while holding"""
+    z_step: ZStep | None = None
+    """step of the hysteresis state (default: the policy's with its own devices, else exact)"""
 
     def check(self) -> None:
         """Refuse also a robot that the policy was not made for."""
@@ -122,6 +124,7 @@ class Play(opt.RobotOptions):
             raise ValueError("--agent sine: is for an arm; a robot with legs takes --policy, or --agent zero or random")
         currents = taken_currents(asset.actuators, self.current, opt.CURRENTS)
         options = {"seconds": self.seconds, "coupling": self.coupling or Coupling.CONSTRAINT}
+        options["z_step"] = self._z_step({})
         scene, trace = fixed_base.move(asset, currents, target=fixed_base.sine, **options)
         rows = fixed_base.figures(scene, trace, currents)
         print("\n".join(fixed_base.lines(rows, "carriage" if fixed_base.has_rail(asset) else "last link")))
@@ -243,7 +246,7 @@ class Play(opt.RobotOptions):
             current=CurrentCommand(task.get("current", "fixed")),
             coil_lag=task.get("coil_lag"),
             hold_speed=task.get("hold_speed"),
-            z_step=ZStep(task.get("z_step", "euler")),
+            z_step=self._z_step(task),
             sal=task.get("sal", True) if self.sal is None else self.sal == "on",
             terrain=chosen("terrain", "flat"),
         )
@@ -252,6 +255,17 @@ class Play(opt.RobotOptions):
             if not (isinstance(theirs, int | float) and math.isclose(theirs, ours)):
                 raise ValueError(f"{self.policy}: made for {name} = {theirs}, this version has {ours}")
         return replace(cfg, currents=self.current)
+
+    def _z_step(self, task: dict[str, Any]) -> ZStep:
+        """The step that is asked for, else the policy's: files of earlier versions that name none had Euler's.
+
+        Devices that the policy was not trained with take the exact one.
+        """
+        if self.z_step is not None:
+            return self.z_step
+        named = {name: getattr(self, name) for name in ("robot", "asset", "model")}
+        others = any(value is not None and value != task.get(name) for name, value in named.items())
+        return ZStep.EXACT if others or not task else ZStep(task.get("z_step", "euler"))
 
 
 def make_agent(name: str, env: Any) -> Callable[[Any], Any]:

@@ -59,7 +59,7 @@ class Learning(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Train(opt.ViewOptions, opt.RobotOptions, Learning):
+class Train(opt.ViewOptions, opt.SteppedRobot, Learning):
     """Train a robot on legs, with MR devices at its joints, to walk, until the walking gate is met."""
 
     device: str = "cpu"
@@ -94,8 +94,6 @@ class Train(opt.ViewOptions, opt.RobotOptions, Learning):
     """time constant of the coils [s] (default: the devices' own)"""
     hold_speed: Annotated[float | None, opt.one(opt.positive, "W")] = None
     """speed below which a device may hold [rad/s] (default: the devices' own eps_hold)"""
-    z_step: ZStep = ZStep.EULER
-    """step of the hysteresis state: the paper's, or the closed form for constant speed"""
     sal: Literal["on", "off"] = "on"
     """whether the gates may open"""
     terrain: Annotated[str, opt.one_of(TERRAINS)] = "flat"
@@ -297,7 +295,7 @@ def resumed(options: Train, typed: set[str], ranks: Ranks) -> Train:
             "hold_current": HoldCurrent(task["hold_current"]),
             "current": CurrentCommand(task.get("current", "fixed")),  # files of earlier versions have none
             **{name: task.get(name) for name in ("coil_lag", "hold_speed")},
-            "z_step": ZStep(task["z_step"]),
+            "z_step": ZStep(task.get("z_step", "euler")),  # as above
             "residual_engine": ResidualEngine(task.get("residual_engine") or "kernels"),
             "sal": "on" if task["sal"] else "off",
             "randomize": kinds[json.dumps(task["randomize"])],

@@ -57,7 +57,7 @@ Distance = Annotated[float, opt.one(opt.within(0.01, 1e4, "m"), "M")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class EnergyOptions(opt.RobotOptions):
+class EnergyOptions(opt.SteppedRobot):
     """What the measurements of energy share: policies, devices and the numbers of the models."""
 
     policy: opt.OptionalFile = None
@@ -89,7 +89,7 @@ class EnergyOptions(opt.RobotOptions):
         """The task that the options ask for."""
         from mrwarp.env.cfg import make_walk_cfg
 
-        env = make_walk_cfg(**self.chosen("coupling", "asset", "model", "threads"), **self._coils())
+        env = make_walk_cfg(**self.chosen("coupling", "asset", "model", "z_step", "threads"), **self._coils())
         return replace(env, currents=(self.current,), actuator=replace(env.actuator, damping=self.branches == "both"))
 
     def _coils(self) -> dict[str, Any]:

@@ -141,7 +141,7 @@ def make_walk_cfg(
     extrapolate: bool = False,
     coupling: Coupling = Coupling.CONSTRAINT,
     hold_current: HoldCurrent = HoldCurrent.SUPPORT,
-    z_step: ZStep = ZStep.EULER,
+    z_step: ZStep = ZStep.EXACT,
     sal: bool = True,
     current: CurrentCommand = CurrentCommand.FIXED,
     coil_lag: float | None = None,

@@ -11,6 +11,7 @@ from typing import Annotated, Any, TypeVar
 from tyro.conf import FlagCreatePairsOff, Positional, create_mutex_group
 from tyro.constructors import PrimitiveConstructorSpec
 
+from mrwarp.enums import ZStep
 from mrwarp.options.command_line import Options
 from mrwarp.params import with_unit
 
@@ -173,6 +174,15 @@ class RobotOptions(Options):
     """model.json: identified joint with its effects, on all MR joints (default: the asset's own numbers)"""
     asset: OptionalText = None
     """another USD file than assets/usd/mr_go.usda"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SteppedRobot(RobotOptions):
+    """A robot whose devices take a step that the command chooses, not a policy."""
+
+    z_step: ZStep = ZStep.EXACT
+    """step of the hysteresis state: its closed form, or the paper's Euler step, which makes the devices of fast joints
+    too strong"""
 
 
 def unit_of(text: str) -> tuple[str, str]:

@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from mrwarp import paper
+from mrwarp.enums import ZStep
 from mrwarp.reproduce import impacts
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, compare, over_seeds, seeds_of
@@ -196,7 +197,7 @@ def table5(job: Job) -> Findings:
         cfg = ImpactCfg(
             kind=ImpactKind.DROP,
             trials=len(paths) * settings.impacts,
-            env=fixed_current_env(threads=settings.threads),
+            env=fixed_current_env(z_step=ZStep.EULER, threads=settings.threads),
             seed=settings.seed,
             phases=impacts.FR_RL_STANCE,
             variants=tuple(impacts.device_variant(torque, amps) for torque, amps in STRIKES),

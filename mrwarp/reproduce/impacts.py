@@ -18,7 +18,7 @@ import numpy as np
 import torch
 
 from mrwarp import paper
-from mrwarp.enums import Coupling
+from mrwarp.enums import Coupling, ZStep
 from mrwarp.nn.network_file import shipped_model
 from mrwarp.params import BoucWenParams, HoldParams
 from mrwarp.reproduce import paper_checks
@@ -315,6 +315,7 @@ def config(reading: Reading, settings: Settings, *, trials: int = 0, duration: f
         env=impact.fixed_current_env(
             holding=reading.holding,
             coupling=Coupling.CONSTRAINT if reading.brake else Coupling.EXPLICIT,
+            z_step=ZStep.EULER,
             threads=settings.threads,
             actuator_model="pg_rlstm" if learned else "bouc_wen",
             actuator_file=shipped_model("pg_rlstm") if learned else None,
@@ -432,7 +433,7 @@ def simulate_drops(job: Job) -> Findings:
             variants=tuple(device_variant(torque, amps) for amps in CURRENT_GROUPS),
             trials=policies * settings.impacts,
             gains=gains,
-            env=impact.fixed_current_env(threads=settings.threads),
+            env=impact.fixed_current_env(z_step=ZStep.EULER, threads=settings.threads),
             phases=FR_RL_STANCE,
             seed=settings.seed,
         )

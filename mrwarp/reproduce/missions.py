@@ -11,7 +11,7 @@ from mrwarp import paper
 from mrwarp.energy import consistency
 from mrwarp.energy.power import BatteryCfg, ElectricalCfg
 from mrwarp.energy.thermal import ThermalCfg
-from mrwarp.enums import Coupling
+from mrwarp.enums import Coupling, ZStep
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.paper import PaperValue
 from mrwarp.reproduce import walks
@@ -61,7 +61,7 @@ def simulate(job: Job) -> Findings:
     """Simulate a window of every phase, one per policy, or repetitions of a single one."""
     settings = job.settings
     seeds = settings.policy_seeds if settings.policy_seeds > 1 else settings.rollouts
-    env = make_walk_cfg(coupling=Coupling.EXPLICIT, threads=settings.threads)
+    env = make_walk_cfg(coupling=Coupling.EXPLICIT, z_step=ZStep.EULER, threads=settings.threads)
     cfg = MissionCfg(window=settings.window, seeds=seeds, env=env, seed=settings.seed)
     return job.save(Windows(phases=measure(cfg, ensembles(settings.policies), job.report)))
 

@@ -30,7 +30,7 @@ from scipy import stats
 
 from mrwarp import paper
 from mrwarp.energy.model_numbers import calibrate
-from mrwarp.enums import Coupling
+from mrwarp.enums import Coupling, ZStep
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.options.json_file import read_json_file
 from mrwarp.reproduce import impacts, walks
@@ -317,7 +317,8 @@ def _trained(job: Job) -> Came:
 def _walked(job: Job) -> Came:
     """Table 6's policies with the load, and at the pace."""
     settings, found = job.settings, {}
-    env, n = make_walk_cfg(coupling=Coupling.EXPLICIT, threads=settings.threads), settings.policy_seeds
+    env = make_walk_cfg(coupling=Coupling.EXPLICIT, z_step=ZStep.EULER, threads=settings.threads)
+    n = settings.policy_seeds
     policies = ensembles(settings.policies)
     base = WalkCfg(
         robots=walks.SAL, trials=n * settings.rollouts, distance=settings.distance, seed=settings.seed + 1, env=env
@@ -371,7 +372,7 @@ def _dropped(job: Job) -> Came:
         trials=len(settings.impacted) * settings.impacts,
         gains=PUBLIC_GAINS,
         mass=MassCfg(mass=LIGHT),
-        env=fixed_current_env(threads=settings.threads),
+        env=fixed_current_env(z_step=ZStep.EULER, threads=settings.threads),
         phases=FR_RL_STANCE,
         seed=settings.seed + 1,
     )

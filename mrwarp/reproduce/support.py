@@ -12,7 +12,7 @@ import numpy as np
 
 from mrwarp import paper
 from mrwarp.energy.power import ElectricalCfg
-from mrwarp.enums import Coupling, HoldCurrent
+from mrwarp.enums import Coupling, HoldCurrent, ZStep
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.env.vec_env import WalkEnv
 from mrwarp.reproduce import impacts, walks
@@ -68,7 +68,7 @@ def compute(job: Job) -> Findings:
     """Reductions of COT and shares held under every choice, and speeds beyond 0.5 m/s."""
     settings = job.settings
     cfg = walks.read(job).calibrated().cfg
-    env = make_walk_cfg(coupling=Coupling.EXPLICIT, threads=settings.threads)
+    env = make_walk_cfg(coupling=Coupling.EXPLICIT, z_step=ZStep.EULER, threads=settings.threads)
     paths = settings.policies
     base = WalkCfg(trials=len(paths["mr_go"]), distance=settings.window, seed=settings.seed, robots=("mr_go",), env=env)
     off = _costs(walk(base, {"mr_go": Ensemble(paths["mr_go"])}), cfg)

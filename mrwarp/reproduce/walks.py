@@ -10,7 +10,7 @@ import numpy as np
 from mrwarp import paper
 from mrwarp.energy.model_numbers import Calibration, MeasuredPower, calibrate
 from mrwarp.energy.power import JointLoad
-from mrwarp.enums import Coupling
+from mrwarp.enums import Coupling, ZStep
 from mrwarp.env.cfg import make_walk_cfg
 from mrwarp.reproduce.cache import Job
 from mrwarp.reproduce.comparison import Findings, seeds_of
@@ -117,7 +117,7 @@ def lost(counts: Mapping[str, tuple[int, int, int]]) -> list[str]:
 def simulate(job: Job) -> Findings:
     """Walk all conditions with every variant of SAL, and stand."""
     settings = job.settings
-    env = make_walk_cfg(threads=settings.threads)
+    env = make_walk_cfg(z_step=ZStep.EULER, threads=settings.threads)
     own = ensembles(settings.policies)
     policies = {
         "both": own,

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from mrwarp.enums import ZStep
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.rl.policy import OnnxPolicy
 from mrwarp.runtime import text_table
@@ -290,7 +291,7 @@ def _plant(step: str, threads: int) -> tuple[EnvCfg, float]:
         return make_walk_cfg(robot="go1", actuator_model="none", sal=False, threads=threads), 0.0
     if step == "mass":
         return make_walk_cfg(actuator_model="none", sal=False, threads=threads), 0.0
-    env = make_walk_cfg(threads=threads)
+    env = make_walk_cfg(z_step=ZStep.EULER, threads=threads)
     if step == "drag":
         return env, 0.0
     branches = replace(env.actuator, damping=step != "holding", holding=step != "damping")

@@ -20,6 +20,7 @@ from mrwarp.enums import (  # noqa: F401  (the names of the plants, declared whe
     PUBLIC,
     TRAINABLE,
     Coupling,
+    ZStep,
 )
 from mrwarp.env.cfg import EnvCfg, make_walk_cfg
 from mrwarp.options.json_file import read_json_file
@@ -138,7 +139,7 @@ def plant_cfg(
     randomize: str = RANDOMIZE,
     power_price: float = POWER_PRICE,
 ) -> EnvCfg:
-    """The walking task on a plant.
+    """The walking task on a plant, with the paper's Euler step.
 
     Observations, actions, rewards, commands and randomisation are the same for all of ``plan.PLANTS``; for ``PUBLIC``
     but for the weight of the height; and for all of ``paper.ROBOTS`` and ``EXPLICIT``, which in addition pay
@@ -162,6 +163,7 @@ def plant_cfg(
         threads=threads,
         randomize=randomize,
         coupling=Coupling.EXPLICIT if plant == EXPLICIT else Coupling.CONSTRAINT,
+        z_step=ZStep.EULER,
     )
     if plant == PUBLIC:
         return replace(cfg, gains=PUBLIC_GAINS, rewards=replace(cfg.rewards, height=HEIGHT))

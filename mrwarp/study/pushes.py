@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from tensordict import TensorDict
 
+from mrwarp.enums import ZStep
 from mrwarp.env.cfg import EnvCfg
 from mrwarp.env.gait import legs_of
 from mrwarp.rl.policy import OnnxPolicy
@@ -165,7 +166,10 @@ class Pusher:
         if self._sweep is None:
             cfg = self.cfg
             terrain = "rough" if self.ground == "rough" else "flat"
-            env = replace(fixed_current_env(holding=True, threads=cfg.threads, terrain=terrain), randomize=None)
+            env = replace(
+                fixed_current_env(holding=True, z_step=ZStep.EULER, threads=cfg.threads, terrain=terrain),
+                randomize=None,
+            )
             impact = ImpactCfg(
                 variants=tuple(arm for arm in arms(cfg).values() for _ in range(1 + DIRECTIONS)),
                 trials=cfg.trials, speed=0.0 if self.ground == "standing" else 0.5, warmup=2.0, window=cfg.seconds,

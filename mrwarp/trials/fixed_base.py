@@ -17,7 +17,7 @@ import numpy as np
 import warp as wp
 
 from mrwarp.actuator.mr_actuator import MrActuatorCfg
-from mrwarp.enums import Coupling
+from mrwarp.enums import Coupling, ZStep
 from mrwarp.env.sim import ActuatedSim, SimCfg
 from mrwarp.env.sim_model import Scene, build_scene
 from mrwarp.paper import GRAVITY
@@ -138,6 +138,7 @@ def move(
     *,
     seconds: float,
     coupling: Coupling = Coupling.CONSTRAINT,
+    z_step: ZStep = ZStep.EXACT,
     target: Callable[[Scene], Callable[[float], np.ndarray]] | None = None,
     force: Sequence[float] | None = None,
     duration: float = 0.2,
@@ -149,12 +150,13 @@ def move(
         currents: Current of the devices in each copy [A].
         seconds: Time that is recorded [s].
         coupling: How the devices act.
+        z_step: Step of the hysteresis state.
         target: Targets over time; None keeps the neutral stance, :data:`SETTLE` before the record begins.
         force: Push at the last link's or the carriage's centre of mass [N], world frame; None is no push.
         duration: How long the push lasts [s].
     """
     scene = build_scene(asset, dt=0.005, coupling=coupling, ground=has_rail(asset))
-    sim = ActuatedSim(scene, SimCfg(num_envs=len(currents)), MrActuatorCfg(coupling=coupling))
+    sim = ActuatedSim(scene, SimCfg(num_envs=len(currents)), MrActuatorCfg(coupling=coupling, z_step=z_step))
     count, neutral = len(currents), np.array(scene.layout.default_q)
     qpos = np.tile(on_the_ground(scene), (count, 1))
     sim.reset(None, wp.array(qpos, dtype=float), None)

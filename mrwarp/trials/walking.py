@@ -11,6 +11,7 @@ import torch
 from scipy.interpolate import CubicHermiteSpline
 from tensordict import TensorDict
 
+from mrwarp.enums import ZStep
 from mrwarp.env.cfg import EnvCfg, make_play_cfg, make_walk_cfg
 from mrwarp.env.natural_units import Scales
 from mrwarp.env.vec_env import WalkEnv
@@ -277,6 +278,8 @@ def _rms(values: torch.Tensor) -> float:
 def calf_motion(actor: Policy, name: str, *, seconds: float, dt: float, seed: int = 0) -> list[np.ndarray]:
     """Calf angles of walking robots about the neutral stance [rad], each of shape (T,), for the virtual bench.
 
+    The robots are the paper's, with its Euler step.
+
     Args:
         actor: The policy.
         name: What the policy is called in messages.
@@ -287,7 +290,7 @@ def calf_motion(actor: Policy, name: str, *, seconds: float, dt: float, seed: in
     Raises:
         ValueError: a robot fell.
     """
-    env = make_env(make_walk_cfg(seed=seed), len(CALF_MOTION_SPEEDS), seed)
+    env = make_env(make_walk_cfg(seed=seed, z_step=ZStep.EULER), len(CALF_MOTION_SPEEDS), seed)
     command = torch.zeros(env.num_envs, 3, device=env.device)
     command[:, 0] = torch.tensor(CALF_MOTION_SPEEDS, device=env.device)
     env.set_command(command)

@@ -175,11 +175,12 @@ def one_tau_dyn(current: float, factor: float) -> np.ndarray:
 
 
 def test_set_param_doubles_the_part_that_current_makes():
-    """tau_dyn(I) - tau_dyn(0) is proportional to K1; its value by hand is K1*I/(1 + alpha*|qd|)*z with z = qd*dt."""
+    """tau_dyn(I) - tau_dyn(0) is proportional to K1; its value by hand is K1*I/(1 + alpha*|qd|)*z with z of eq. 15."""
     single = one_tau_dyn(1.2, 1.0) - one_tau_dyn(0.0, 1.0)
     double = one_tau_dyn(1.2, 2.0) - one_tau_dyn(0.0, 2.0)
-    # z = 2*0.005 after one Euler step from 0; K1 = 10.413315 and 5 of the two devices
-    by_hand = np.array([10.413315, 5.0]) * 1.2 / (1 + 0.7777051 * 2) * 0.01
+    # z after a path of 2*0.005 rad from 0; K1 = 10.413315 and 5 of the two devices
+    z = -np.expm1(-(16.50618 - 10.53036) * 0.01) / (16.50618 - 10.53036)
+    by_hand = np.array([10.413315, 5.0]) * 1.2 / (1 + 0.7777051 * 2) * z
     np.testing.assert_allclose(single, np.tile(by_hand, (4, 1)), rtol=0, atol=2e-7)
     np.testing.assert_allclose(double, 2 * single, rtol=0, atol=4e-7)
 

@@ -158,7 +158,8 @@ def test_drive_equals_actuator(coupling: Coupling, hold_current: HoldCurrent, z_
 def test_current_part_is_linear() -> None:
     """Without a foot load the device follows mr_current; its part is -sgn(qd)*(I1 + K1/(1 + a|qd|)*z)*I, eq. 14.
 
-    Loading from z = 0 at constant speed: one Euler step gives z = qd*dt, and tau_BW > 0 for these numbers.
+    Loading from z = 0 at constant speed: a step gives z = (1 - exp(-(beta + gamma)*qd*dt))/(beta + gamma), and tau_BW is
+    above 0 for these numbers.
     """
     bouc_wen = MrParams().bouc_wen
     current, speed = np.array([0.0, 0.6, 1.2]), 3.0
@@ -168,9 +169,10 @@ def test_current_part_is_linear() -> None:
     rig.state.joint_qd.fill_(speed)
     rig.control.mr_current.assign(current.astype(np.float32))
     tau = rig.step()
-    factor = bouc_wen.I1 + bouc_wen.K1 / (1.0 + bouc_wen.alpha * speed) * speed * DT
+    z = -np.expm1(-speed * DT / bouc_wen.z_bound) * bouc_wen.z_bound
+    factor = bouc_wen.I1 + bouc_wen.K1 / (1.0 + bouc_wen.alpha * speed) * z
     motor = np.clip(25.0 * 1.5 - 0.6 * speed, -35.55, 35.55)
-    off = bouc_wen.D + bouc_wen.B * speed + bouc_wen.K0 / (1.0 + bouc_wen.alpha * speed) * speed * DT
+    off = bouc_wen.D + bouc_wen.B * speed + bouc_wen.K0 / (1.0 + bouc_wen.alpha * speed) * z
     assert off > 0.1
     # one rounding of an effort of some 35 N·m is 2e-6
     np.testing.assert_allclose(tau[1:] - tau[0], -factor * current[1:], atol=2e-5)

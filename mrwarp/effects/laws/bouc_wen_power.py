@@ -5,28 +5,35 @@ import warp as wp
 from mrwarp.effects.law import EffectParameter, Path
 from mrwarp.effects.laws.hysteresis import hysteresis_law, rate
 
+PART = wp.constant(0.125)
+"""Largest change of h in a part of a way."""
+PARTS = wp.constant(32)
+"""Most parts of a way: the loop's whole height of 2 takes 16, and 27 where f falls steeply."""
+
 
 @wp.func
 def bouc_wen_power_path(h: float, way: float, share: float, n: float) -> float:
-    """h after a signed way in units of the elastic travel, by midpoints of parts that are short against it."""
-    parts = int(wp.clamp(wp.ceil(4.0 * wp.abs(way)), 1.0, 10.0))
-    step = wp.clamp(way, -6.0, 6.0) / float(parts)
-    z = float(h)
+    """h after a signed way in units of the elastic travel.
+
+    With u = h in the direction of the way, ``du/ds = f(u) = 1 - u^n``, and ``1 + (2*share - 1)*|u|^n`` where the stress
+    is taken back. f falls with u down to f(1) = 0, so u rises to 1 and no further. The way is taken in parts that
+    change u by :data:`PART` at most, each the solution of f's tangent (an exponential Rosenbrock step, second order).
+    """
     if way == 0.0:
-        return z
-    for _ in range(parts):
-        if step * z > 0.0 and wp.abs(z) > 0.99999:  # yielded
+        return h
+    u, left = wp.sign(way) * h, wp.abs(way)
+    for _ in range(PARTS):
+        if left <= 0.0 or u > 0.99999:  # yielded
             break
-        middle = wp.clamp(z + 0.5 * bouc_wen_power_step(z, step, share, n), -1.0, 1.0)
-        z = wp.clamp(z + bouc_wen_power_step(middle, step, share, n), -1.0, 1.0)
-    return z
-
-
-@wp.func
-def bouc_wen_power_step(h: float, step: float, share: float, n: float) -> float:
-    """Change of h along a step."""
-    power = wp.pow(wp.max(wp.abs(h), 1.0e-9), n - 1.0)
-    return step - (share * wp.abs(step) * h + (1.0 - share) * step * wp.abs(h)) * power
+        power = wp.pow(wp.max(wp.abs(u), 1.0e-9), n - 1.0)
+        loss = wp.where(u < 0.0, 1.0 - 2.0 * share, 1.0)
+        f, fall = 1.0 - loss * power * wp.abs(u), n * wp.abs(loss) * power
+        part = wp.min(left, PART / f)
+        x = fall * part
+        reach = wp.where(x > 1.0e-3, (1.0 - wp.exp(-x)) / wp.max(x, 1.0e-3), 1.0 - 0.5 * x)
+        u = wp.min(u + part * f * reach, 1.0)
+        left -= part
+    return wp.sign(way) * u
 
 
 @wp.func
