@@ -27,6 +27,7 @@ from mrwarp.kernels.launch import Launch, in_one_thread, record
 from mrwarp.kernels.learned_torque import FEATURES, WINDOW
 from mrwarp.kernels.mr_joint import FIELDS, JointParams
 from mrwarp.model_file import Effect
+from mrwarp.nn.network_file import LearnedModel
 from mrwarp.params import MrParams
 from mrwarp.runtime import DeviceWarning
 
@@ -127,8 +128,8 @@ def warn_of_overshoot(rate: float, dt: float) -> None:
     """
     if rate * FASTEST * dt > 1.0:
         text = (
-            f"the Euler step of eq. 15 overshoots above {1.0 / (rate * dt):.3g} rad/s: there the devices bear more than "
-            "their sliding torque; the exact step does not (z_step, --z-step exact)"
+            f"the Euler step of eq. 15 overshoots above {1.0 / (rate * dt):.3g} rad/s: there the devices bear more "
+            "than their sliding torque; the exact step does not (z_step, --z-step exact)"
         )
         warnings.warn(text, DeviceWarning, stacklevel=3)
 
@@ -220,6 +221,11 @@ class MrActuator:
         self.dt, self.cfg, self.residual = dt, cfg, residual
         if cfg.z_step is ZStep.EULER:
             warn_of_overshoot(self.euler_rate, dt)
+        trained = residual.model if residual is not None else None
+        if isinstance(trained, LearnedModel) and trained.is_residual and trained.z_step != cfg.z_step.value:
+            text = f"the {trained.kind} network was trained on top of the {trained.z_step} step of eq. 15"
+            remedy = f"give that (--z-step {trained.z_step}), or train it again"
+            warnings.warn(f"{text} and runs on the {cfg.z_step.value} one: {remedy}", DeviceWarning, stacklevel=2)
         self._record_launches()
 
     def step(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 from dataclasses import asdict, dataclass, replace
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -279,6 +280,7 @@ def resumed(options: Train, typed: set[str], ranks: Ranks) -> Train:
     content = checkpoint.load(path)
     try:
         asked = {name: getattr(options, name) for name in AS_TYPED if name in typed}
+        asked = {name: value.value if isinstance(value, Enum) else value for name, value in asked.items()}
         checkpoint.check_same(path, content, asked)
 
         from mrwarp.env.events import make_randomize_cfg

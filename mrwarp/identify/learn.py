@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mrwarp.enums import ZStep
 from mrwarp.identify.contradictions import refuse_contradictions
 from mrwarp.identify.dataset import rms
 from mrwarp.identify.law_fit import model_torque
@@ -48,6 +49,7 @@ def learn(
     bouc_wen: Mapping[str, float] | None = None,
     physical: Model | None = None,
     baseline: Sequence[np.ndarray] | None = None,
+    z_step: ZStep = ZStep.EXACT,
     cfg: FitCfg | None = None,
     report: Report | None = None,
 ) -> Learned:
@@ -60,6 +62,7 @@ def learn(
         physical: An identified joint in their place, with its hysteresis law and effects.
         baseline: Torque of another physical model along each trajectory, in place of Bouc-Wen's for ``pg_rlstm``; such
             a model predicts with that baseline only and does not run in the loop.
+        z_step: Step of eq. 15 in tau_BW, which the simulation has to take too.
         cfg: The recipe; its seed also divides the trajectories and draws the weights.
         report: Called after every epoch.
 
@@ -73,7 +76,7 @@ def learn(
     samples = SAMPLES[kind]
     x, y = features(recording, bouc_wen), [run.torque for run in recording.trajectories]
     if kind == "pg_rlstm":  # eq. 17
-        below = baseline or physical_torque(recording, bouc_wen, physical)
+        below = baseline or physical_torque(recording, bouc_wen, physical, z_step)
         y = [measured - tau for measured, tau in zip(y, below, strict=True)]
     long = [k for k in range(len(x)) if len(x[k]) >= samples]
     if len(long) < 2:
@@ -110,6 +113,7 @@ def learn(
         bouc_wen={} if own_baseline else bouc_wen,
         device={} if own_baseline else {name: bouc_wen[name] for name in network_file.DEVICE},
         beside=acting(physical.effects) if physical and kind == "pg_rlstm" and not own_baseline else {},
+        z_step=z_step.value,
         source=str(recording.source or ""),
         seed=cfg.seed,
         training=figures,
@@ -204,18 +208,23 @@ def features(recording: Recording, bouc_wen: Mapping[str, float]) -> list[np.nda
     ]
 
 
-def bouc_wen_torque(recording: Recording, bouc_wen: Mapping[str, float]) -> list[np.ndarray]:
-    """tau_BW along each trajectory [N·m], by the paper's Euler step: what the loop computes at 200 Hz."""
-    return simulate(bench_parameters(bouc_wen), recording, exact=False, substeps=0)
+def bouc_wen_torque(
+    recording: Recording, bouc_wen: Mapping[str, float], z_step: ZStep = ZStep.EXACT
+) -> list[np.ndarray]:
+    """tau_BW along each trajectory [N·m] by a step that holds the newest velocity: what the loop computes at 200 Hz."""
+    return simulate(bench_parameters(bouc_wen), recording, exact=z_step is ZStep.EXACT, substeps=0)
 
 
 def physical_torque(
-    recording: Recording, bouc_wen: Mapping[str, float], physical: Model | None = None
+    recording: Recording,
+    bouc_wen: Mapping[str, float],
+    physical: Model | None = None,
+    z_step: ZStep = ZStep.EXACT,
 ) -> list[np.ndarray]:
     """Torque of a joint along each trajectory [N·m]: with its law and effects if it has any, else tau_BW."""
     if physical is not None and acting(physical.effects):
         return model_torque(physical, recording)
-    return bouc_wen_torque(recording, bouc_wen)
+    return bouc_wen_torque(recording, bouc_wen, z_step)
 
 
 def predict(
@@ -241,7 +250,7 @@ def predict(
     model.check_rate(sampling_interval(recording))
     tau = [network_file.torque_of(model, x, lstm_state) for x in features(recording, model.bouc_wen)]
     if model.is_residual:
-        physical = baseline or bouc_wen_torque(recording, model.bouc_wen)
+        physical = baseline or bouc_wen_torque(recording, model.bouc_wen, ZStep(model.z_step))
         tau = [a + b for a, b in zip(tau, physical, strict=True)]
     return tau
 

@@ -16,6 +16,7 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
+from mrwarp.enums import ZStep
 from mrwarp.nn.models import FEATURES, SAMPLES, LstmState, LstmTorque, TorqueNet, make_net
 from mrwarp.resources import META, MODELS, shipped_model  # noqa: F401  (where networks are looked for)
 from mrwarp.run_dir import atomic_write, no_file, one_line
@@ -62,6 +63,8 @@ class LearnedModel:
     device: dict[str, float] = field(default_factory=dict)
     """Of which device it is: the :data:`DEVICE` parameters of the joint that was recorded. ``bouc_wen`` may be another
     fit of it. Files of earlier versions have none: theirs is ``bouc_wen``."""
+    z_step: str = ZStep.EXACT.value
+    """Step of eq. 15 in the torque that ``pg_rlstm`` was trained on top of, a :class:`mrwarp.enums.ZStep`."""
     source: str = ""
     """Recording it was trained on."""
     seed: int = 0
@@ -151,6 +154,7 @@ def load(path: str | Path) -> LearnedModel:
             bouc_wen={str(k): float(v) for k, v in meta["bouc_wen"].items()},
             beside={str(k): {str(n): float(x) for n, x in v.items()} for k, v in meta.get("beside", {}).items()},
             device={str(k): float(v) for k, v in meta.get("device", {}).items()},
+            z_step=ZStep(meta.get("z_step", "euler")).value,  # files of earlier versions name none
             source=str(meta["source"]),
             seed=int(meta["seed"]),
             training=dict(meta["training"]),

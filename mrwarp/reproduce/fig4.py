@@ -17,6 +17,7 @@ import numpy as np
 from mrwarp import paper
 from mrwarp.bench.bench_effects import Effects
 from mrwarp.bench.virtual_bench import BenchCfg, BenchData, run_bench
+from mrwarp.enums import ZStep
 from mrwarp.identify import learn
 from mrwarp.identify.fit import fit
 from mrwarp.identify.replay import simulate
@@ -58,7 +59,7 @@ def compute(job: Job) -> Findings:
     models = {name: network_file.load(path) for name, path in zip(SAMPLES, networks(SAMPLES), strict=True)}
     job.report("networks", 0.8)
     torque = {name: learn.predict(model, data) for name, model in models.items()}
-    torque["bouc_wen"] = learn.bouc_wen_torque(data, models["pg_rlstm"].bouc_wen)
+    torque["bouc_wen"] = learn.bouc_wen_torque(data, models["pg_rlstm"].bouc_wen, ZStep.EULER)
     found = {name: learn.summary(learn.errors(torque[name], data)) for name in COLOURS}
     blind = conventional(session.fit)
     found_blind = learn.summary(learn.errors(simulate(blind, data, exact=False, substeps=0), data))
@@ -296,10 +297,12 @@ def _train(name: str, data: BenchData, bouc_wen: dict[str, float] | None, recipe
     if name == "bouc_wen":
         print("fitting bouc_wen", flush=True)
         fitted = learn.bench_parameters(fit(data.fit, exact=False, substeps=0, seed=recipe.seed).values)
-        torque, made = learn.bouc_wen_torque(data.evaluation, fitted), {"bouc_wen": fitted}
+        torque, made = learn.bouc_wen_torque(data.evaluation, fitted, ZStep.EULER), {"bouc_wen": fitted}
     else:
         print(f"training {name}", flush=True)
-        learned = learn.learn(data.fit, kind=name, bouc_wen=bouc_wen, cfg=recipe, report=print_epoch)
+        learned = learn.learn(
+            data.fit, kind=name, bouc_wen=bouc_wen, z_step=ZStep.EULER, cfg=recipe, report=print_epoch
+        )
         if learned.history.stopped == "interrupted":
             raise KeyboardInterrupt
         torque, made = learn.predict(learned.model, data.evaluation), {"training": learned.figures}

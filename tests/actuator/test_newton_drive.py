@@ -158,8 +158,8 @@ def test_drive_equals_actuator(coupling: Coupling, hold_current: HoldCurrent, z_
 def test_current_part_is_linear() -> None:
     """Without a foot load the device follows mr_current; its part is -sgn(qd)*(I1 + K1/(1 + a|qd|)*z)*I, eq. 14.
 
-    Loading from z = 0 at constant speed: a step gives z = (1 - exp(-(beta + gamma)*qd*dt))/(beta + gamma), and tau_BW is
-    above 0 for these numbers.
+    Loading from z = 0 at constant speed: a step gives z = (1 - exp(-(beta + gamma)*qd*dt))/(beta + gamma), and tau_BW
+    is above 0 for these numbers.
     """
     bouc_wen = MrParams().bouc_wen
     current, speed = np.array([0.0, 0.6, 1.2]), 3.0

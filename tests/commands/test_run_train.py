@@ -181,7 +181,8 @@ def test_resuming_takes_folder_and_options_from_the_checkpoint(
             assert main(["train", "--resume", str(kept), option, "8"]) == 2
         assert f"{kept}: trained with {said}; resume the same task" in capsys.readouterr().err
     assert kept.read_bytes() == before
-    assert main(["train", "--resume", str(kept), "--iterations", "2"]) == 0
+    same = ["--coupling", "explicit", "--z-step", "exact"]  # typed again
+    assert main(["train", "--resume", str(kept), "--iterations", "2", *same]) == 0
     assert f"going on from {kept}, update 1, with its options, in {out}" in capsys.readouterr().out
     content = checkpoint.load(kept)
     assert (content["iteration"], content["seed"], content["task"]["coupling"]) == (2, 7, "explicit")
